@@ -1,0 +1,3 @@
+#![no_std]
+#![forbid(unsafe_code)]
+//! Motor control, shaker, supervisor and link of a Flix-Walker, without a chip

@@ -1,0 +1,2 @@
+#![forbid(unsafe_code)]
+//! Drives, watches and records a Flix-Walker from a computer

@@ -1,0 +1,2 @@
+//! The simulated robot's command line.
+fn main() {}

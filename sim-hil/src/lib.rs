@@ -1,0 +1,2 @@
+#![forbid(unsafe_code)]
+//! A simulated Flix-Walker under the robot's real software
