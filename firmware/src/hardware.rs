@@ -1,0 +1,119 @@
+//! The border between the robot's software and whatever carries it: a chip or a simulator.
+//!
+//! Everything that crosses in the fast loop is an integer, so that host, ESP32 and ESP32-C6
+//! compute the same bits. Motors are listed top, bottom.
+
+use core::num::NonZeroU16;
+
+/// A wrapping angle: the whole `u32` is one turn, counted counter-clockwise about body +z.
+pub type Turn = u32;
+
+/// One reading of an absolute angle encoder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EncoderReading {
+    /// Angle of the rotor, left-aligned: a 12-bit encoder fills the upper 12 bits.
+    pub angle: Turn,
+    /// Microseconds between the moment that the angle was sampled and this tick.
+    pub age_us: u16,
+}
+
+/// What an encoder gave in this tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Encoder {
+    /// A new reading.
+    Reading(EncoderReading),
+    /// The bus is slower than the loop and nothing new came: predict.
+    Pending,
+    /// It does not answer, its check sum is wrong, or its magnet is missing.
+    Failed,
+}
+
+/// All that the fast loop learns of the world in one tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sensors {
+    /// Top and bottom encoder.
+    pub encoders: [Encoder; 2],
+    /// Raw counts of the phase current amplifiers, phases A and B of each motor. Positive counts
+    /// above the zero count are current into the motor, up to a sign that alignment finds.
+    /// `None` where the board has no usable current sense.
+    pub phase_current: Option<[[i16; 2]; 2]>,
+    /// Raw counts of the battery divider, where there is one.
+    pub bus_voltage: Option<u16>,
+}
+
+/// A share of the PWM period, 0 to `u16::MAX`.
+
+pub type Duty = u16;
+
+/// What one three-phase bridge does until the next tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Bridge {
+    /// Let go: coasts where the board can, else all low sides on.
+    Off,
+    /// High-side share of each phase, A B C.
+    Duty([Duty; 3]),
+}
+
+/// What the hardware does until the next tick: the top and the bottom motor's bridge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Actuation {
+    /// Top, bottom.
+    pub bridges: [Bridge; 2],
+}
+
+impl Actuation {
+    /// Both motors let go.
+    pub const OFF: Self = Self { bridges: [Bridge::Off; 2] };
+}
+
+/// How the phase currents are measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CurrentSense {
+    /// Microamperes per count.
+    pub microamperes_per_count: u16,
+    /// Count at no current, as designed; the true one is measured at rest.
+    pub zero_count: i16,
+    /// Counts outside this range are clipped by the amplifier or the converter.
+    pub valid_counts: (i16, i16),
+}
+
+/// What the software has to know of the electronics that carry it. Data, one constant a board.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hardware {
+    /// For people, for example `MKS DUAL FOC V3.3 PLUS`.
+    pub name: &'static str,
+    /// `None` runs the motors in voltage mode: no sense, or one that clips negative currents.
+    pub current_sense: Option<CurrentSense>,
+    /// Microvolts of the bus per count of the divider; `None` where the board has no divider.
+    pub bus_microvolts_per_count: Option<NonZeroU16>,
+    /// Time in each PWM period in which neither switch of a phase conducts, nanoseconds.
+    pub dead_time_ns: u16,
+    /// PWM frequency, hertz.
+    pub pwm_frequency_hz: u32,
+    /// Whether an unpowered bridge lets the motor coast (else it brakes it).
+    pub can_coast: bool,
+}
+
+/// Ticks of the fast loop per second.
+pub const TICK_RATE_HZ: u32 = 10_000;
+
+/// Where settings survive power-off: a flash partition, a file, an array.
+///
+/// The robot encodes and checks (version, checksum) the bytes itself; the store only keeps them,
+/// and must lose neither the old nor the new when power goes in the middle of a write.
+pub trait SettingsStore {
+    /// Why reading or writing failed.
+    type Error: core::fmt::Debug;
+
+    /// Copies what was last written into `buffer`; `None` when nothing ever was.
+    ///
+    /// # Errors
+    /// When the store cannot be read, or holds more than fits.
+    fn load(&mut self, buffer: &mut [u8]) -> Result<Option<usize>, Self::Error>;
+
+    /// Replaces what is kept.
+    ///
+    /// # Errors
+    /// When it cannot be written; what was kept before is kept still.
+    fn save(&mut self, bytes: &[u8]) -> Result<(), Self::Error>;
+}
