@@ -1,2 +1,4 @@
 #![forbid(unsafe_code)]
 //! Drives, watches and records a Flix-Walker from a computer
+
+pub mod plot;

@@ -1,0 +1,176 @@
+//! Axes: where ticks stand, what they say, and how data become pixels.
+
+/// How values are spread along an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) enum Scale {
+    /// Equal steps, equal lengths.
+    #[default]
+    Linear,
+    /// Equal factors, equal lengths. Values at or below zero are not drawn.
+    Logarithmic,
+}
+
+/// One axis: a range of data on a range of pixels.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Axis {
+    low: f64,
+    high: f64,
+    scale: Scale,
+    from: f64,
+    to: f64,
+}
+
+impl Axis {
+    /// The axis that shows `range` (widened where it is empty) from pixel `from` to pixel `to`.
+    pub(super) fn new(range: (f64, f64), scale: Scale, from: f64, to: f64) -> Self {
+        let (low, high) = match scale {
+            Scale::Linear => range,
+            Scale::Logarithmic => {
+                (range.0.max(f64::MIN_POSITIVE).log10(), range.1.max(f64::MIN_POSITIVE).log10())
+            }
+        };
+        let (low, high) = if low.is_finite() && high.is_finite() && low < high {
+            (low, high)
+        } else {
+            let middle = if low.is_finite() { low } else { 0.0 };
+            let margin = (middle.abs() * 0.05).max(0.5);
+            (middle - margin, middle + margin)
+        };
+        Self { low, high, scale, from, to }
+    }
+
+    /// The pixel of a value; `None` where it has none.
+    pub(super) fn pixel(&self, value: f64) -> Option<f64> {
+        let value = match self.scale {
+            Scale::Linear => value,
+            Scale::Logarithmic if value > 0.0 => value.log10(),
+            Scale::Logarithmic => return None,
+        };
+        let pixel = self.from + (value - self.low) / (self.high - self.low) * (self.to - self.from);
+        pixel.is_finite().then_some(pixel)
+    }
+
+    /// Ticks at least `spacing` pixels apart: pixel and text.
+    pub(super) fn ticks(&self, spacing: f64) -> Vec<(f64, String)> {
+        let count = ((self.to - self.from).abs() / spacing).max(1.0);
+        let values = match self.scale {
+            Scale::Linear => linear_ticks(self.low, self.high, count),
+            Scale::Logarithmic => logarithmic_ticks(self.low, self.high, count),
+        };
+        values
+            .into_iter()
+            .filter_map(|(value, text)| self.pixel(value).map(|pixel| (pixel, text)))
+            .collect()
+    }
+}
+
+/// The range of finite values with a margin of `share` on both sides; `None` without values.
+pub(super) fn range_of(
+    values: impl Iterator<Item = f64>,
+    scale: Scale,
+    share: f64,
+) -> Option<(f64, f64)> {
+    let usable = values.filter(|v| v.is_finite() && (scale == Scale::Linear || *v > 0.0));
+    let (low, high) =
+        usable.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+    if low > high {
+        return None;
+    }
+    Some(match scale {
+        Scale::Linear => {
+            let margin = (high - low) * share;
+            (low - margin, high + margin)
+        }
+        Scale::Logarithmic => {
+            let factor = (high / low).powf(share);
+            (low / factor, high * factor)
+        }
+    })
+}
+
+fn linear_ticks(low: f64, high: f64, count: f64) -> Vec<(f64, String)> {
+    let rough = (high - low) / count;
+    let decade = 10f64.powf(rough.log10().floor());
+    let step = [1.0, 2.0, 2.5, 5.0, 10.0]
+        .iter()
+        .map(|m| m * decade)
+        .find(|s| *s >= rough * (1.0 - 1e-9))
+        .unwrap_or(10.0 * decade);
+    let decimals = decimals_of(step);
+    let first = (low / step - 1e-9).ceil() as i64;
+    let last = (high / step + 1e-9).floor() as i64;
+    (first..=last).map(|i| i as f64 * step).map(|value| (value, number(value, decimals))).collect()
+}
+
+fn logarithmic_ticks(low: f64, high: f64, count: f64) -> Vec<(f64, String)> {
+    let decades = high - low;
+    let mantissas: &[f64] = if decades * 3.0 <= count { &[1.0, 2.0, 5.0] } else { &[1.0] };
+    let every = (decades / count).ceil().max(1.0) as i32;
+    (low.floor() as i32..=high.ceil() as i32)
+        .filter(|exponent| exponent.rem_euclid(every) == 0)
+        .flat_map(|exponent| mantissas.iter().map(move |m| m * 10f64.powi(exponent)))
+        .filter(|value| (low - 1e-9..=high + 1e-9).contains(&value.log10()))
+        .map(|value| (value, compact(value)))
+        .collect()
+}
+
+fn decimals_of(step: f64) -> usize {
+    (0..12)
+        .find(|d| {
+            let scaled = step * 10f64.powi(*d);
+            (scaled - scaled.round()).abs() < 1e-6 * scaled
+        })
+        .map_or(12, |d| d as usize)
+}
+
+/// A number with a true minus sign and no negative zero.
+pub(super) fn number(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(rest) if rest.chars().all(|c| c == '0' || c == '.') => rest.to_owned(),
+        Some(rest) => format!("\u{2212}{rest}"),
+        None => text,
+    }
+}
+
+/// A number in as few letters as it needs: `0.001`, `20`, `1e6`.
+fn compact(value: f64) -> String {
+    if (1e-4..1e6).contains(&value) {
+        number(value, decimals_of(value))
+    } else {
+        format!("{value:e}").replace('-', "\u{2212}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn texts(axis: &Axis, spacing: f64) -> Vec<String> {
+        axis.ticks(spacing).into_iter().map(|(_, text)| text).collect()
+    }
+
+    #[test]
+    fn linear_ticks_are_round_numbers_inside_the_range() {
+        let axis = Axis::new((-0.31, 0.52), Scale::Linear, 0.0, 400.0);
+        assert_eq!(texts(&axis, 80.0), ["\u{2212}0.2", "0.0", "0.2", "0.4"]);
+    }
+
+    #[test]
+    fn logarithmic_ticks_are_powers_of_ten_over_many_decades() {
+        let axis = Axis::new((0.001, 100.0), Scale::Logarithmic, 0.0, 400.0);
+        assert_eq!(texts(&axis, 60.0), ["0.001", "0.01", "0.1", "1", "10", "100"]);
+    }
+
+    #[test]
+    fn an_empty_range_still_has_an_axis() {
+        let axis = Axis::new((3.0, 3.0), Scale::Linear, 0.0, 100.0);
+        assert_eq!(axis.pixel(3.0), Some(50.0));
+    }
+
+    #[test]
+    fn values_without_a_logarithm_have_no_pixel() {
+        let axis = Axis::new((0.1, 10.0), Scale::Logarithmic, 0.0, 100.0);
+        assert_eq!((axis.pixel(0.0), axis.pixel(1.0)), (None, Some(50.0)));
+    }
+}

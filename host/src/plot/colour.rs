@@ -1,0 +1,60 @@
+//! Colours that stay apart on paper, on screens and for colour-blind readers.
+
+/// Red, green, blue, each 0 to 255.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Colour(pub u8, pub u8, pub u8);
+
+/// First choice of a series.
+pub const BLUE: Colour = Colour(0x1f, 0x6f, 0xeb);
+/// Second choice of a series.
+pub const ORANGE: Colour = Colour(0xe6, 0x6a, 0x00);
+/// Third choice of a series.
+pub const GREEN: Colour = Colour(0x00, 0x8f, 0x6b);
+/// A limit, a fault, a stop.
+pub const RED: Colour = Colour(0xd0, 0x2b, 0x3c);
+/// Fourth choice of a series.
+pub const PURPLE: Colour = Colour(0x80, 0x4f, 0xd8);
+/// Fifth choice of a series.
+pub const SKY: Colour = Colour(0x29, 0xa9, 0xd6);
+/// Sixth choice of a series.
+pub const OLIVE: Colour = Colour(0x8d, 0x8a, 0x00);
+/// A reference or a set value.
+pub const GREY: Colour = Colour(0x8a, 0x93, 0x9f);
+/// Text.
+pub const INK: Colour = Colour(0x1c, 0x23, 0x2e);
+/// Labels of axes and other quiet text.
+pub const MUTED: Colour = Colour(0x5b, 0x65, 0x73);
+/// The frame of a plot.
+pub const FRAME: Colour = Colour(0xb6, 0xbd, 0xc7);
+/// The grid.
+pub const GRID: Colour = Colour(0xe7, 0xea, 0xee);
+/// Paper.
+pub const WHITE: Colour = Colour(0xff, 0xff, 0xff);
+
+/// The colours that series take in turn.
+pub const CYCLE: [Colour; 7] = [BLUE, ORANGE, GREEN, PURPLE, RED, SKY, OLIVE];
+
+impl Colour {
+    /// The colour `share` (0 to 1) of the way from this one to `other`.
+    #[must_use]
+    pub fn towards(self, other: Colour, share: f64) -> Colour {
+        let blend = |a: u8, b: u8| {
+            (f64::from(a) + (f64::from(b) - f64::from(a)) * share.clamp(0.0, 1.0)).round() as u8
+        };
+        Colour(blend(self.0, other.0), blend(self.1, other.1), blend(self.2, other.2))
+    }
+
+    /// Relative luminance, 0 (black) to 1 (white): decides whether text on this colour is dark or light.
+    #[must_use]
+    pub fn luminance(self) -> f64 {
+        // Rec. 709 weights on gamma-encoded values: near enough to choose the ink.
+        (0.2126 * f64::from(self.0) + 0.7152 * f64::from(self.1) + 0.0722 * f64::from(self.2))
+            / 255.0
+    }
+
+    /// The ink that reads well on this colour.
+    #[must_use]
+    pub fn ink(self) -> Colour {
+        if self.luminance() > 0.55 { INK } else { WHITE }
+    }
+}

@@ -1,0 +1,137 @@
+//! Figures: the same picture as SVG and PNG, on any machine.
+//!
+//! A figure is plain data ([`Chart`], [`Track`], [`HeatMaps`]) that knows how to draw itself. It is drawn once, as
+//! SVG, with `plotters`; the PNG is that SVG rasterised with an embedded font (DejaVu Sans), so both files show the
+//! same picture and a machine without fonts draws it too. Nothing here reads data or decides what to show.
+//!
+//! Lengths inside a figure are logical pixels (CSS pixels of the SVG); the PNG has [`PNG_DENSITY`] of its own pixels
+//! for each. Data values are `f64` in whatever unit the axis label names; points that are not finite break a line.
+//!
+//! ```
+//! use flix_host::plot::{Chart, Figure, Panel, Series, colour};
+//!
+//! let sine = (0..200).map(|i| f64::from(i) * 0.05).map(|t| (t, t.sin()));
+//! let figure = Chart::new("A sine", "Time (s)")
+//!     .panel(Panel::new("Amplitude (V)").series(Series::line("sine", sine).colour(colour::BLUE)));
+//! assert!(figure.svg()?.starts_with("<svg"));
+//! # Ok::<(), flix_host::plot::PlotError>(())
+//! ```
+
+mod axis;
+mod canvas;
+mod chart;
+pub mod colour;
+mod heatmap;
+mod series;
+mod track;
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
+
+use resvg::{tiny_skia, usvg};
+
+pub use canvas::Canvas;
+pub use chart::{Chart, Panel};
+pub use colour::Colour;
+pub use heatmap::{HeatMap, HeatMaps, Palette};
+pub use series::{Series, Stroke};
+pub use track::{Mark, Outline, Track};
+
+/// Pixels of the PNG for each logical pixel of the figure: sharp on dense screens and in print.
+pub const PNG_DENSITY: f32 = 2.0;
+
+/// Why a figure was not made.
+#[derive(Debug, thiserror::Error)]
+pub enum PlotError {
+    /// The drawing backend refused an operation.
+    #[error("the figure could not be drawn: {0}")]
+    Draw(String),
+    /// The SVG could not be turned into pixels.
+    #[error("the figure could not be turned into a PNG: {0}")]
+    Rasterise(String),
+    /// A file or folder could not be written.
+    #[error("cannot write {}: {source}; check that the folder exists and may be written to", path.display())]
+    Write {
+        /// What was being written.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+/// Where [`Figure::write`] put the two files.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Written {
+    /// The vector picture.
+    pub svg: PathBuf,
+    /// The same picture in pixels.
+    pub png: PathBuf,
+}
+
+/// A picture that can be drawn.
+pub trait Figure {
+    /// Width and height in logical pixels.
+    fn size(&self) -> (f64, f64);
+
+    /// Draws everything onto an empty white canvas of [`size`](Self::size).
+    fn draw(&self, canvas: &Canvas<'_>) -> Result<(), PlotError>;
+
+    /// The picture as one SVG document.
+    fn svg(&self) -> Result<String, PlotError> {
+        Canvas::render(self.size(), |canvas| self.draw(canvas))
+    }
+
+    /// The picture as PNG bytes, [`PNG_DENSITY`] pixels to the logical pixel.
+    fn png(&self) -> Result<Vec<u8>, PlotError> {
+        rasterise(&self.svg()?)
+    }
+
+    /// Writes `name.svg` and `name.png` into `folder`, which is made if it is missing.
+    fn write(&self, folder: &Path, name: &str) -> Result<Written, PlotError> {
+        let written = Written {
+            svg: folder.join(format!("{name}.svg")),
+            png: folder.join(format!("{name}.png")),
+        };
+        let failed = |path: &Path| {
+            let path = path.to_owned();
+            move |source| PlotError::Write { path, source }
+        };
+        let svg = self.svg()?;
+        std::fs::create_dir_all(folder).map_err(failed(folder))?;
+        std::fs::write(&written.svg, &svg).map_err(failed(&written.svg))?;
+        std::fs::write(&written.png, rasterise(&svg)?).map_err(failed(&written.png))?;
+        Ok(written)
+    }
+}
+
+/// Turns an SVG document into PNG bytes with the embedded fonts; no font of the machine is looked at.
+pub fn rasterise(svg: &str) -> Result<Vec<u8>, PlotError> {
+    let failed = |e: &dyn std::fmt::Display| PlotError::Rasterise(e.to_string());
+    let options = usvg::Options { fontdb: embedded_fonts(), ..usvg::Options::default() };
+    let tree = usvg::Tree::from_str(svg, &options).map_err(|e| failed(&e))?;
+    let pixels = |logical: f32| (logical * PNG_DENSITY).ceil().max(1.0) as u32;
+    let mut map = tiny_skia::Pixmap::new(pixels(tree.size().width()), pixels(tree.size().height()))
+        .ok_or_else(|| failed(&"it is too large"))?;
+    map.fill(tiny_skia::Color::WHITE);
+    resvg::render(
+        &tree,
+        tiny_skia::Transform::from_scale(PNG_DENSITY, PNG_DENSITY),
+        &mut map.as_mut(),
+    );
+    map.encode_png().map_err(|e| failed(&e))
+}
+
+fn embedded_fonts() -> Arc<usvg::fontdb::Database> {
+    static FONTS: OnceLock<Arc<usvg::fontdb::Database>> = OnceLock::new();
+    FONTS
+        .get_or_init(|| {
+            let mut fonts = usvg::fontdb::Database::new();
+            fonts.load_font_data(dejavu::sans::regular().to_vec());
+            fonts.load_font_data(dejavu::sans::bold().to_vec());
+            Arc::new(fonts)
+        })
+        .clone()
+}
+
+#[cfg(test)]
+mod tests;
