@@ -1,2 +1,5 @@
 //! The operator's command line.
-fn main() {}
+
+fn main() -> std::process::ExitCode {
+    flix_host::cli::main()
+}

@@ -1,0 +1,31 @@
+//! `flix completions`: what the shell needs to complete commands, options and values.
+
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+use clap_complete::Shell;
+
+use super::{Cli, Error, Exit};
+
+/// Print a shell's completion script.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix completions bash > ~/.local/share/bash-completion/completions/flix
+  flix completions zsh > ~/.zfunc/_flix
+  flix completions fish > ~/.config/fish/completions/flix.fish")]
+pub struct Args {
+    /// The shell.
+    shell: Shell,
+}
+
+/// Prints the script.
+///
+/// # Errors
+/// When stdout cannot be written.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let mut script = Vec::new();
+    clap_complete::generate(args.shell, &mut Cli::description(), "flix", &mut script);
+    io::stdout().write_all(&script).map_err(Error::usage)?;
+    Ok(Exit::Done.into())
+}

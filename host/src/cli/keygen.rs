@@ -1,0 +1,43 @@
+//! `flix keygen`: a new pre-shared key.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use super::{Error, Exit};
+use crate::keys::{Keyring, SharedKey};
+
+/// Make a new key, in a file that only you can read.
+///
+/// The key itself is never shown. Give the same file to the robot (`flix provision`,
+/// `flix-sim serve --key`) and to every operator (`--key`).
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix keygen walker.key              a key in a file
+  flix keygen --robot walker-1        a key in your own keyring, found by the robot's name")]
+#[group(required = true)]
+pub struct Args {
+    /// File to write; must not exist yet.
+    file: Option<PathBuf>,
+    /// Keep the key in your keyring under this robot's name.
+    #[arg(long, value_name = "NAME", conflicts_with = "file")]
+    robot: Option<String>,
+}
+
+/// Makes the key and says where it is.
+///
+/// # Errors
+/// When the file exists already or cannot be written.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let key = SharedKey::generate()?;
+    let path = match (&args.robot, &args.file) {
+        (Some(name), _) => Keyring::of_user()?.store(name, &key)?,
+        (None, Some(path)) => {
+            key.write_new(path)?;
+            path.clone()
+        }
+        (None, None) => return Err(Error::usage("name a FILE or a --robot for the key")),
+    };
+    println!("{}", path.display());
+    Ok(Exit::Done.into())
+}

@@ -1,0 +1,156 @@
+//! The `flix` command line: one file a subcommand, each with `Args` and `run`.
+//!
+//! # Exit codes
+//!
+//! | code | meaning |
+//! |---|---|
+//! | 0 | done |
+//! | 2 | usage: an option, a file or a value is wrong |
+//! | 10 | no answer from the robot |
+//! | 20 | the robot refused: other key, other version, or another operator holds it |
+//! | 30 | the robot has a fault, or is in a state that does not allow the command |
+//! | 40 | interrupted; the robot was told to stop first |
+//!
+//! Failures are one sentence on stderr that says what to do. With `--json` stdout carries JSON
+//! alone.
+
+pub mod completions;
+pub mod interrupt;
+pub mod keygen;
+
+use std::fmt;
+use std::process::ExitCode;
+
+use clap::{CommandFactory, Parser, Subcommand};
+
+use crate::keys::KeyError;
+
+/// How a command ended; the numbers are a contract with scripts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Exit {
+    /// All done.
+    Done = 0,
+    /// An option, a file or a value is wrong.
+    Usage = 2,
+    /// The robot did not answer, or fell silent.
+    NoAnswer = 10,
+    /// The robot refused this operator.
+    Refused = 20,
+    /// The robot has a fault or cannot do this in its state.
+    RobotFault = 30,
+    /// A signal, or a closed terminal.
+    Interrupted = 40,
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(exit as u8)
+    }
+}
+
+/// Why a command failed: the exit code for scripts, the sentence for people.
+#[derive(Debug)]
+pub struct Error {
+    /// What scripts see.
+    pub exit: Exit,
+    /// What people see.
+    pub sentence: String,
+}
+
+impl Error {
+    /// Ends with this code and this sentence.
+    pub fn new(exit: Exit, sentence: impl fmt::Display) -> Self {
+        Self { exit, sentence: sentence.to_string() }
+    }
+
+    /// An option, a file or a value is wrong.
+    pub fn usage(sentence: impl fmt::Display) -> Self {
+        Self::new(Exit::Usage, sentence)
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.sentence)
+    }
+}
+
+impl std::error::Error for Error {}
+
+impl From<KeyError> for Error {
+    fn from(error: KeyError) -> Self {
+        Self::usage(error)
+    }
+}
+
+/// Drives, watches and records a Flix-Walker.
+#[derive(Debug, Parser)]
+#[command(
+    name = "flix",
+    version,
+    propagate_version = true,
+    subcommand_required = true,
+    arg_required_else_help = true,
+    after_help = EXAMPLES
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  flix teleop 127.0.0.1                                   drive with the keyboard
+  flix drive walker-1 --frequency -30 --direction 30 --for 5s
+  flix status walker-1 --json | jq .state
+  flix stop walker-1
+
+Exit codes: 0 done, 2 usage, 10 no answer, 20 refused (key, version or another operator),
+30 robot fault, 40 interrupted (the robot was told to stop first).";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Keygen(keygen::Args),
+    Completions(completions::Args),
+}
+
+impl Cli {
+    /// Does what was asked.
+    ///
+    /// # Errors
+    /// With the exit code and the sentence to show.
+    pub fn run(&self) -> Result<ExitCode, Error> {
+        match &self.command {
+            Command::Keygen(args) => keygen::run(args),
+            Command::Completions(args) => completions::run(args),
+        }
+    }
+
+    /// The whole command line as data, for completions and tests.
+    #[must_use]
+    pub fn description() -> clap::Command {
+        Self::command()
+    }
+}
+
+/// Parses the command line, runs it, and says what went wrong.
+pub fn main() -> ExitCode {
+    match Cli::parse().run() {
+        Ok(code) => code,
+        Err(error) => {
+            eprintln!("flix: {error}");
+            error.exit.into()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::description().debug_assert();
+    }
+}

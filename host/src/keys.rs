@@ -1,0 +1,458 @@
+//! Keys of robots: made here, kept in files that only their owner can read, never shown.
+//!
+//! A key file holds the 256-bit pre-shared key of one robot as 64 hexadecimal digits on one line.
+//! The user's own keys live in the *keyring*, one file a robot:
+//! `$XDG_CONFIG_HOME/flix/robots/NAME.key` (`~/.config/flix/robots/NAME.key`). Beside a key may
+//! stand `NAME.address` for a robot with a fixed address.
+//!
+//! A file that anybody but its owner can read is refused, as ssh does with its keys.
+
+use std::fmt;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read, Write};
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+
+use zeroize::Zeroizing;
+
+/// Bytes of a pre-shared key.
+pub const KEY_LENGTH: usize = 32;
+
+/// The name under which `flix-sim serve` keeps the key of the simulated robot, which is also the
+/// key for every address of this machine itself.
+pub const SIMULATED_ROBOT: &str = "simulated";
+
+/// Names the file with the key, before the keyring is asked.
+pub const KEY_FILE_VARIABLE: &str = "FLIX_KEY_FILE";
+
+/// Much more than a key file has; keeps a wrong path (a film, a device) from being read whole.
+const LONGEST_KEY_FILE: u64 = 4096;
+
+/// The 256-bit secret that a robot and its operators share. Wiped from memory when dropped;
+/// `Debug` does not show it and there is no `Display`.
+#[derive(Clone, PartialEq, Eq)]
+pub struct SharedKey(Zeroizing<[u8; KEY_LENGTH]>);
+
+impl fmt::Debug for SharedKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("SharedKey(..)")
+    }
+}
+
+/// A key could not be made, read or kept.
+#[derive(Debug, thiserror::Error)]
+pub enum KeyError {
+    /// The operating system gave no randomness.
+    #[error("the operating system gave no random numbers for a key: {0}")]
+    Random(getrandom::Error),
+    /// Anybody but its owner can read the file.
+    #[error(
+        "the key file {} can be read by others (mode {mode:03o}): run `chmod 600 {}`, and make a new key if somebody may have read it",
+        path.display(), path.display()
+    )]
+    Exposed {
+        /// The file.
+        path: PathBuf,
+        /// Its permission bits.
+        mode: u32,
+    },
+    /// Not a key.
+    #[error(
+        "{} is not a key file: it must hold 64 hexadecimal digits; `flix keygen {}.new` makes one",
+        path.display(), path.display()
+    )]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A key must not be overwritten by accident.
+    #[error(
+        "{} exists already: a key that a robot knows would be lost; move the file away first",
+        path.display()
+    )]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// No key is known for this robot.
+    #[error(
+        "there is no key for {robot}: give one with --key FILE or {KEY_FILE_VARIABLE}, or provision the robot with `flix provision`{}",
+        known(names)
+    )]
+    Unknown {
+        /// As the operator wrote it.
+        robot: String,
+        /// Robots whose keys are in the keyring.
+        names: Vec<String>,
+    },
+    /// A robot's name becomes a file's name.
+    #[error(
+        "`{0}` cannot be a robot's name: use 1 to 31 letters, digits and hyphens, beginning and ending with a letter or digit"
+    )]
+    Name(String),
+    /// Neither of the variables that lead to the user's directory is set.
+    #[error("there is no home directory to keep keys in: set HOME or XDG_CONFIG_HOME")]
+    NoHome,
+    /// The file system did not do it.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file or directory.
+        path: PathBuf,
+        /// What it said.
+        source: io::Error,
+    },
+}
+
+fn known(names: &[String]) -> String {
+    match names {
+        [] => String::new(),
+        names => format!(" (known robots: {})", names.join(", ")),
+    }
+}
+
+fn at(path: &Path) -> impl FnOnce(io::Error) -> KeyError + '_ {
+    |source| KeyError::Io { path: path.to_owned(), source }
+}
+
+impl SharedKey {
+    /// A new key from the operating system's random numbers.
+    ///
+    /// # Errors
+    /// When the operating system has none to give.
+    pub fn generate() -> Result<Self, KeyError> {
+        let mut bytes = Zeroizing::new([0; KEY_LENGTH]);
+        getrandom::fill(bytes.as_mut_slice()).map_err(KeyError::Random)?;
+        Ok(Self(bytes))
+    }
+
+    /// Takes these bytes for a key.
+    #[must_use]
+    pub fn from_bytes(bytes: [u8; KEY_LENGTH]) -> Self {
+        Self(Zeroizing::new(bytes))
+    }
+
+    /// The secret itself.
+    #[must_use]
+    pub fn as_bytes(&self) -> &[u8; KEY_LENGTH] {
+        &self.0
+    }
+
+    /// Reads a key file.
+    ///
+    /// # Errors
+    /// When it cannot be read, holds no key, or can be read by others than its owner.
+    pub fn read(path: &Path) -> Result<Self, KeyError> {
+        let file = File::open(path).map_err(at(path))?;
+        refuse_exposed(path, &file)?;
+        let mut text = Zeroizing::new(String::new());
+        file.take(LONGEST_KEY_FILE).read_to_string(&mut text).map_err(|error| {
+            if error.kind() == io::ErrorKind::InvalidData {
+                KeyError::Malformed { path: path.to_owned() }
+            } else {
+                at(path)(error)
+            }
+        })?;
+        Self::from_hexadecimal(text.trim())
+            .ok_or_else(|| KeyError::Malformed { path: path.to_owned() })
+    }
+
+    /// Writes a new key file that only its owner can read.
+    ///
+    /// # Errors
+    /// When the file exists already or cannot be written.
+    pub fn write_new(&self, path: &Path) -> Result<(), KeyError> {
+        let mut options = OpenOptions::new();
+        options.write(true).create_new(true).mode(0o600);
+        let mut file = options.open(path).map_err(|error| {
+            if error.kind() == io::ErrorKind::AlreadyExists {
+                KeyError::Exists { path: path.to_owned() }
+            } else {
+                at(path)(error)
+            }
+        })?;
+        let mut text = self.to_hexadecimal();
+        text.push('\n');
+        file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(at(path))
+    }
+
+    fn from_hexadecimal(text: &str) -> Option<Self> {
+        let digits = text.as_bytes();
+        if digits.len() != 2 * KEY_LENGTH {
+            return None;
+        }
+        let mut bytes = Zeroizing::new([0; KEY_LENGTH]);
+        for (byte, pair) in bytes.iter_mut().zip(digits.chunks_exact(2)) {
+            let [high, low] = [pair[0], pair[1]].map(|digit| char::from(digit).to_digit(16));
+            *byte = u8::try_from(high? * 16 + low?).ok()?;
+        }
+        Some(Self(bytes))
+    }
+
+    fn to_hexadecimal(&self) -> Zeroizing<String> {
+        let digit = |value: u8| char::from_digit(u32::from(value), 16).unwrap_or('0');
+        let mut text = Zeroizing::new(String::with_capacity(2 * KEY_LENGTH + 1));
+        for byte in self.as_bytes() {
+            text.push(digit(byte >> 4));
+            text.push(digit(byte & 15));
+        }
+        text
+    }
+}
+
+fn refuse_exposed(path: &Path, file: &File) -> Result<(), KeyError> {
+    let mode = file.metadata().map_err(at(path))?.permissions().mode() & 0o777;
+    if mode & 0o077 == 0 { Ok(()) } else { Err(KeyError::Exposed { path: path.to_owned(), mode }) }
+}
+
+/// The user's keys, one file a robot.
+#[derive(Debug, Clone)]
+pub struct Keyring {
+    directory: PathBuf,
+}
+
+impl Keyring {
+    /// The keys of the user who runs this program. Nothing is created yet.
+    ///
+    /// # Errors
+    /// When neither `XDG_CONFIG_HOME` nor the home directory is known.
+    pub fn of_user() -> Result<Self, KeyError> {
+        let configuration = std::env::var_os("XDG_CONFIG_HOME")
+            .map(PathBuf::from)
+            .filter(|path| path.is_absolute())
+            .or_else(|| std::env::home_dir().map(|home| home.join(".config")))
+            .ok_or(KeyError::NoHome)?;
+        Ok(Self::in_directory(configuration.join("flix").join("robots")))
+    }
+
+    /// The keys in this directory.
+    #[must_use]
+    pub fn in_directory(directory: PathBuf) -> Self {
+        Self { directory }
+    }
+
+    /// Names of the robots whose keys are kept, sorted.
+    #[must_use]
+    pub fn names(&self) -> Vec<String> {
+        let Ok(entries) = fs::read_dir(&self.directory) else { return Vec::new() };
+        let mut names: Vec<String> = entries
+            .filter_map(|entry| {
+                let path = entry.ok()?.path();
+                let is_key = path.extension()? == "key";
+                is_key.then(|| path.file_stem()?.to_str().map(str::to_owned))?
+            })
+            .collect();
+        names.sort();
+        names
+    }
+
+    /// Whether a key of this robot is kept.
+    #[must_use]
+    pub fn contains(&self, name: &str) -> bool {
+        check_name(name).is_ok() && self.key_file(name).exists()
+    }
+
+    /// Where the key of this robot is, or would be.
+    #[must_use]
+    pub fn key_file(&self, name: &str) -> PathBuf {
+        self.directory.join(format!("{name}.key"))
+    }
+
+    fn address_file(&self, name: &str) -> PathBuf {
+        self.directory.join(format!("{name}.address"))
+    }
+
+    /// The key of this robot.
+    ///
+    /// # Errors
+    /// When there is none, or it cannot be used.
+    pub fn key(&self, name: &str) -> Result<SharedKey, KeyError> {
+        if self.contains(name) {
+            SharedKey::read(&self.key_file(name))
+        } else {
+            Err(KeyError::Unknown { robot: name.to_owned(), names: self.names() })
+        }
+    }
+
+    /// Keeps the key of a new robot, and returns its file.
+    ///
+    /// # Errors
+    /// When the name cannot be a robot's, the robot has a key already, or the file cannot be
+    /// written.
+    pub fn store(&self, name: &str, key: &SharedKey) -> Result<PathBuf, KeyError> {
+        check_name(name)?;
+        self.create_directory()?;
+        let path = self.key_file(name);
+        key.write_new(&path)?;
+        Ok(path)
+    }
+
+    /// The key of this robot; the first time, a new one is made and kept.
+    ///
+    /// # Errors
+    /// As for [`Keyring::key`] and [`Keyring::store`].
+    pub fn key_or_new(&self, name: &str) -> Result<SharedKey, KeyError> {
+        if self.contains(name) {
+            return self.key(name);
+        }
+        let key = SharedKey::generate()?;
+        match self.store(name, &key) {
+            Ok(_) => Ok(key),
+            // Another program was quicker.
+            Err(KeyError::Exists { .. }) => self.key(name),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Remembers the fixed address (`host` or `host:port`) of a robot.
+    ///
+    /// # Errors
+    /// When the name cannot be a robot's or the file cannot be written.
+    pub fn store_address(&self, name: &str, address: &str) -> Result<(), KeyError> {
+        check_name(name)?;
+        self.create_directory()?;
+        let path = self.address_file(name);
+        fs::write(&path, format!("{address}\n")).map_err(at(&path))
+    }
+
+    /// The fixed address of this robot, where one was remembered.
+    #[must_use]
+    pub fn address(&self, name: &str) -> Option<String> {
+        check_name(name).ok()?;
+        let text = fs::read_to_string(self.address_file(name)).ok()?;
+        Some(text.trim().to_owned()).filter(|address| !address.is_empty())
+    }
+
+    /// The robot that was remembered with this address.
+    #[must_use]
+    pub fn name_at(&self, address: &str) -> Option<String> {
+        self.names().into_iter().find(|name| self.address(name).as_deref() == Some(address))
+    }
+
+    fn create_directory(&self) -> Result<(), KeyError> {
+        let mut builder = fs::DirBuilder::new();
+        builder.recursive(true).mode(0o700);
+        builder.create(&self.directory).map_err(at(&self.directory))
+    }
+}
+
+/// A robot's name is a host name's label, so that it serves in mDNS and as a file's name.
+///
+/// # Errors
+/// When it is not.
+pub fn check_name(name: &str) -> Result<(), KeyError> {
+    let inside = |character: char| character.is_ascii_alphanumeric() || character == '-';
+    let good = (1..=31).contains(&name.len())
+        && name.chars().all(inside)
+        && !name.starts_with('-')
+        && !name.ends_with('-');
+    if good { Ok(()) } else { Err(KeyError::Name(name.to_owned())) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn keyring() -> (tempfile::TempDir, Keyring) {
+        let directory = tempfile::tempdir().unwrap();
+        let keyring = Keyring::in_directory(directory.path().join("flix/robots"));
+        (directory, keyring)
+    }
+
+    #[test]
+    fn a_kept_key_comes_back() {
+        let (_directory, keyring) = keyring();
+        let key = SharedKey::generate().unwrap();
+        keyring.store("walker-1", &key).unwrap();
+        assert_eq!(keyring.key("walker-1").unwrap(), key);
+    }
+
+    #[test]
+    fn two_generated_keys_differ() {
+        assert_ne!(SharedKey::generate().unwrap(), SharedKey::generate().unwrap());
+    }
+
+    #[test]
+    fn debug_output_does_not_show_the_key() {
+        let key = SharedKey::from_bytes([0xab; KEY_LENGTH]);
+        assert_eq!(format!("{key:?}"), "SharedKey(..)");
+    }
+
+    #[test]
+    fn key_files_are_for_their_owner_alone() {
+        let (_directory, keyring) = keyring();
+        let path = keyring.store("walker", &SharedKey::generate().unwrap()).unwrap();
+        assert_eq!(fs::metadata(path).unwrap().permissions().mode() & 0o777, 0o600);
+    }
+
+    #[test]
+    fn a_key_that_others_can_read_is_refused_with_what_to_do() {
+        let (_directory, keyring) = keyring();
+        let path = keyring.store("walker", &SharedKey::generate().unwrap()).unwrap();
+        for mode in [0o644, 0o640, 0o604, 0o660] {
+            fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
+            let sentence = keyring.key("walker").unwrap_err().to_string();
+            assert!(sentence.contains("chmod 600"), "{mode:o}: {sentence}");
+        }
+    }
+
+    #[test]
+    fn a_key_is_never_overwritten() {
+        let (_directory, keyring) = keyring();
+        let first = SharedKey::generate().unwrap();
+        keyring.store("walker", &first).unwrap();
+        let again = keyring.store("walker", &SharedKey::generate().unwrap());
+        assert!(matches!(again, Err(KeyError::Exists { .. })));
+        assert_eq!(keyring.key("walker").unwrap(), first);
+    }
+
+    #[test]
+    fn files_that_hold_no_key_are_refused() {
+        let (_directory, keyring) = keyring();
+        let path = keyring.store("walker", &SharedKey::generate().unwrap()).unwrap();
+        let long = "0".repeat(66);
+        let sign = format!("+{}", "0".repeat(63));
+        for content in
+            ["", "0123", "not a key at all", &long, &sign, "\u{fffd}".repeat(22).as_str()]
+        {
+            fs::write(&path, content).unwrap();
+            fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
+            assert!(
+                matches!(keyring.key("walker"), Err(KeyError::Malformed { .. })),
+                "{content:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn an_unknown_robot_is_answered_with_what_to_do_and_the_known_ones() {
+        let (_directory, keyring) = keyring();
+        keyring.store("walker", &SharedKey::generate().unwrap()).unwrap();
+        let sentence = keyring.key("wanderer").unwrap_err().to_string();
+        assert!(sentence.contains("--key") && sentence.contains("walker"), "{sentence}");
+    }
+
+    #[test]
+    fn names_that_would_leave_the_directory_are_refused() {
+        let (_directory, keyring) = keyring();
+        for name in ["", "../walker", "a/b", "a.b", "-a", "a-", "ä", &"a".repeat(32)] {
+            let key = SharedKey::from_bytes([1; KEY_LENGTH]);
+            assert!(matches!(keyring.store(name, &key), Err(KeyError::Name(_))), "{name:?}");
+        }
+    }
+
+    #[test]
+    fn the_first_use_makes_a_key_and_the_second_finds_it() {
+        let (_directory, keyring) = keyring();
+        let key = keyring.key_or_new(SIMULATED_ROBOT).unwrap();
+        assert_eq!(keyring.key_or_new(SIMULATED_ROBOT).unwrap(), key);
+    }
+
+    #[test]
+    fn a_fixed_address_leads_to_its_robot() {
+        let (_directory, keyring) = keyring();
+        keyring.store("walker", &SharedKey::generate().unwrap()).unwrap();
+        keyring.store_address("walker", "10.0.0.7").unwrap();
+        assert_eq!(keyring.name_at("10.0.0.7").as_deref(), Some("walker"));
+        assert_eq!(keyring.name_at("10.0.0.8"), None);
+    }
+}
