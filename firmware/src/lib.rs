@@ -2,5 +2,9 @@
 #![forbid(unsafe_code)]
 //! Motor control, shaker, supervisor and link of a Flix-Walker, without a chip.
 
+#[cfg(test)]
+extern crate std;
+
 pub mod control;
 pub mod hardware;
+pub mod settings;

@@ -206,6 +206,11 @@ pub enum Refusal {
     LinkUnproven,
     /// The settings could not be written.
     Storage,
+    /// The setting takes whole numbers alone.
+    NotWhole {
+        /// Which setting.
+        name: Name,
+    },
 }
 
 impl fmt::Display for Refusal {
@@ -221,6 +226,7 @@ impl fmt::Display for Refusal {
             Self::Stopped => f.write_str("the robot was stopped: clear the stop first"),
             Self::LinkUnproven => f.write_str("the link has not been steady for half a second yet"),
             Self::Storage => f.write_str("the robot could not write its settings"),
+            Self::NotWhole { name } => write!(f, "{name} must be a whole number"),
         }
     }
 }

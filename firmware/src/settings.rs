@@ -1,0 +1,625 @@
+//! What can be tuned: one table, from which storing, listing and checking follow.
+//!
+//! A setting has a name, a unit, a range, a default and a sentence. **To add one, add its line to
+//! the table below**: it is then a field of [`Settings`], in `flix parameters list`, checked and
+//! stored. Settings of each motor exist twice, `top_...` and `bottom_...`, and are arrays in
+//! [`Settings`]. Values are `f32` in the unit named; NaN and infinities are outside every range.
+//!
+//! Where one value bounds another ([`ORDERED`]), the range that a setting accepts narrows
+//! accordingly, and that narrowed range is what lists and refusals show.
+//!
+//! Stored settings are a list of (hash of name, value) with a format version and a CRC-32. A
+//! setting that is new in a firmware therefore starts at its default and keeps the others; only
+//! bytes that are damaged, or a value that is out of range now, make the whole default.
+//!
+//! Deadlines and what follows from them are constants, not settings: see [`crate::link`].
+
+use core::fmt;
+
+use crc::{CRC_32_ISO_HDLC, Crc};
+use flix_protocol::message::{Parameter, Refusal};
+use heapless::{String, Vec};
+use serde::{Deserialize, Serialize};
+
+use crate::control::{Alignment, AlignmentParameters, MotorParameters, Parameters};
+use crate::hardware::SettingsStore;
+
+/// Version of the stored form, not of the table.
+pub const FORMAT_VERSION: u16 = 1;
+/// Most bytes that settings take in a [`SettingsStore`].
+pub const STORED_LENGTH: usize = 8 + COUNT * 9;
+/// How many settings there are.
+pub const COUNT: usize = TABLE.len();
+
+/// Everything about a setting but its value.
+#[derive(Debug)]
+pub struct Setting {
+    /// For example `current_limit`; at most 32 bytes.
+    pub name: &'static str,
+    /// Symbol of the unit, `1` for plain numbers and switches.
+    pub unit: &'static str,
+    /// Smallest accepted value.
+    pub minimum: f32,
+    /// Largest accepted value.
+    pub maximum: f32,
+    /// Value of a new robot.
+    pub default: f32,
+    /// Whether only whole numbers make sense.
+    pub whole: bool,
+    /// What it does and where its default comes from.
+    pub description: &'static str,
+    read: fn(&Settings) -> f32,
+    write: fn(&mut Settings, f32),
+}
+
+/// Makes the struct and the table from lines of
+/// `name: unit, kind, minimum..=maximum, default, description;` where kind is `real` or `whole`.
+macro_rules! settings {
+    (
+        each motor { $($each:ident: $each_unit:literal, $each_kind:ident, $each_minimum:literal ..= $each_maximum:literal, $each_default:literal, $each_description:literal;)* }
+        robot { $($name:ident: $unit:literal, $kind:ident, $minimum:literal ..= $maximum:literal, $default:literal, $description:literal;)* }
+    ) => {
+        /// The value of every setting, in the unit that the table names. Motors: top, bottom.
+        #[derive(Debug, Clone, Copy, PartialEq)]
+        pub struct Settings {
+            $(#[doc = concat!($each_description, " In ", $each_unit, ".")] pub $each: [f32; 2],)*
+            $(#[doc = concat!($description, " In ", $unit, ".")] pub $name: f32,)*
+        }
+
+        impl Settings {
+            /// A new robot's.
+            pub const DEFAULT: Self = Self {
+                $($each: [$each_default; 2],)*
+                $($name: $default,)*
+            };
+        }
+
+        /// All settings, in the order in which they are listed: those of each motor first.
+        pub static TABLE: &[Setting] = &[
+            $(
+                settings!(@entry concat!("top_", stringify!($each)), $each_unit, $each_kind, $each_minimum, $each_maximum, $each_default, concat!("Top motor: ", $each_description), $each[0]),
+                settings!(@entry concat!("bottom_", stringify!($each)), $each_unit, $each_kind, $each_minimum, $each_maximum, $each_default, concat!("Bottom motor: ", $each_description), $each[1]),
+            )*
+            $(settings!(@entry stringify!($name), $unit, $kind, $minimum, $maximum, $default, $description, $name),)*
+        ];
+    };
+    (@entry $name:expr, $unit:literal, $kind:ident, $minimum:literal, $maximum:literal, $default:literal, $description:expr, $field:ident $([$motor:literal])?) => {
+        Setting {
+            name: $name,
+            unit: $unit,
+            minimum: $minimum,
+            maximum: $maximum,
+            default: $default,
+            whole: settings!(@whole $kind),
+            description: $description,
+            read: |settings| settings.$field$([$motor])?,
+            write: |settings, value| settings.$field$([$motor])? = value,
+        }
+    };
+    (@whole real) => { false };
+    (@whole whole) => { true };
+}
+
+settings! {
+    each motor {
+        phase_resistance: "ohm", real, 0.02 ..= 30.0, 2.5, "Resistance from terminal to star point. Assumed: the paper names no motor.";
+        phase_inductance: "mH", real, 0.005 ..= 20.0, 1.0, "Inductance from terminal to star point. Assumed.";
+        flux_linkage: "mWb", real, 0.2 ..= 30.0, 3.0, "Flux linkage of the magnets: peak phase back-EMF per electrical rad/s. Assumed.";
+        encoder_zero: "deg", real, -180.0 ..= 360.0, 0.0, "Clockwise angle of the eccentric mass from forward where the encoder reads zero.";
+        encoder_clockwise: "1", whole, 0.0 ..= 1.0, 0.0, "1 when the encoder counts clockwise seen from above.";
+        aligned: "1", whole, 0.0 ..= 1.0, 0.0, "1 when alignment has found the values below; 0 makes the next arming align.";
+        electrical_offset: "deg", real, -180.0 ..= 360.0, 0.0, "Electrical angle at rotor angle zero. Found by alignment.";
+        phases_reversed: "1", whole, 0.0 ..= 1.0, 0.0, "1 when the electrical angle falls as the rotor turns clockwise. Found by alignment.";
+        current_inverted: "1", whole, 0.0 ..= 1.0, 0.0, "1 when the current sense counts down for current into the motor. Found by alignment.";
+        encoder_cosine_1: "deg", real, -10.0 ..= 10.0, 0.0, "Encoder error, cosine once a turn. Found by alignment.";
+        encoder_sine_1: "deg", real, -10.0 ..= 10.0, 0.0, "Encoder error, sine once a turn. Found by alignment.";
+        encoder_cosine_2: "deg", real, -10.0 ..= 10.0, 0.0, "Encoder error, cosine twice a turn. Found by alignment.";
+        encoder_sine_2: "deg", real, -10.0 ..= 10.0, 0.0, "Encoder error, sine twice a turn. Found by alignment.";
+    }
+    robot {
+        pole_pairs: "1", whole, 1.0 ..= 32.0, 7.0, "Pole pairs of both motors. Assumed.";
+        rotor_inertia: "g cm2", real, 1.0 ..= 10000.0, 105.0, "Inertia of one rotor about its shaft: 12 g at 28 mm (paper, Table II) and the bell.";
+        current_limit: "A", real, 0.1 ..= 20.0, 2.0, "Phase current that is never asked for more of.";
+        over_current: "A", real, 0.2 ..= 30.0, 2.6, "Phase current that trips the over-current fault; below the 3.3 A that 0.01 ohm with a gain of 50 can show.";
+        alignment_current: "A", real, 0.05 ..= 5.0, 0.8, "Phase current that turns the rotors while aligning.";
+        current_bandwidth: "Hz", real, 50.0 ..= 1500.0, 700.0, "Bandwidth of the current loops.";
+        position_bandwidth: "Hz", real, 1.0 ..= 60.0, 25.0, "Natural frequency of the loops that hold f and theta.";
+        tracker_bandwidth: "Hz", real, 10.0 ..= 500.0, 120.0, "Natural frequency of the encoder trackers.";
+        frequency_ramp: "Hz/s", real, 1.0 ..= 1000.0, 200.0, "Steepest change of f.";
+        direction_ramp: "deg/s", real, 10.0 ..= 10000.0, 900.0, "Fastest change of theta.";
+        encoder_latency: "us", real, 0.0 ..= 2000.0, 0.0, "How much older a fresh encoder reading is than it says.";
+        actuation_delay: "us", real, 0.0 ..= 500.0, 50.0, "From the current sample of a tick to the middle of the interval in which its duties act.";
+        nominal_voltage: "V", real, 5.0 ..= 30.0, 11.1, "Bus voltage taken where the board cannot measure it: 3.7 V a cell.";
+        battery_low: "V", real, 4.0 ..= 30.0, 9.9, "Bus voltage below which the battery is reported low: 3.3 V a cell.";
+        under_voltage: "V", real, 4.0 ..= 30.0, 9.0, "Bus voltage that trips the under-voltage fault: 3.0 V a cell.";
+        over_voltage: "V", real, 6.0 ..= 40.0, 14.0, "Bus voltage that trips the over-voltage fault: more than a full pack can have.";
+        over_speed: "Hz", real, 10.0 ..= 200.0, 45.0, "Rotor speed that trips the over-speed fault: no command asks for more than 35 Hz.";
+        telemetry_rate: "Hz", real, 1.0 ..= 100.0, 50.0, "Telemetry datagrams a second.";
+    }
+}
+
+/// Pairs of settings of which the first must not exceed the second.
+pub const ORDERED: &[(&str, &str)] = &[
+    ("alignment_current", "current_limit"),
+    ("current_limit", "over_current"),
+    ("under_voltage", "battery_low"),
+    ("battery_low", "over_voltage"),
+];
+
+/// Why a setting was not changed. Nothing changed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum SetError {
+    /// No setting has this name.
+    Unknown,
+    /// NaN, infinite or outside what is accepted now.
+    OutOfRange {
+        /// Which setting.
+        name: &'static str,
+        /// Smallest value accepted now.
+        minimum: f32,
+        /// Largest value accepted now.
+        maximum: f32,
+    },
+    /// Between two whole numbers.
+    NotWhole {
+        /// Which setting.
+        name: &'static str,
+    },
+}
+
+impl fmt::Display for SetError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unknown => f.write_str("no setting has this name"),
+            Self::OutOfRange { name, minimum, maximum } => {
+                write!(f, "{name} must be from {minimum} to {maximum}")
+            }
+            Self::NotWhole { name } => write!(f, "{name} must be a whole number"),
+        }
+    }
+}
+
+impl core::error::Error for SetError {}
+
+impl From<SetError> for Refusal {
+    fn from(error: SetError) -> Self {
+        match error {
+            SetError::Unknown => Self::UnknownParameter,
+            SetError::OutOfRange { name, minimum, maximum } => {
+                Self::OutOfRange { name: text(name), minimum, maximum }
+            }
+            SetError::NotWhole { name } => Self::NotWhole { name: text(name) },
+        }
+    }
+}
+
+/// Why stored settings were not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LoadError {
+    /// The store failed.
+    Store,
+    /// Damaged, cut short, or out of range.
+    Damaged,
+    /// Written by a firmware with another [`FORMAT_VERSION`].
+    Version,
+}
+
+impl fmt::Display for LoadError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Store => "the settings could not be read",
+            Self::Damaged => "the stored settings are damaged",
+            Self::Version => "the stored settings are of another version",
+        })
+    }
+}
+
+impl core::error::Error for LoadError {}
+
+/// Settings could not be written; what was stored before is stored still.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SaveError;
+
+impl fmt::Display for SaveError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the settings could not be written")
+    }
+}
+
+impl core::error::Error for SaveError {}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+impl Settings {
+    /// Value of a setting by name.
+    #[must_use]
+    pub fn get(&self, name: &str) -> Option<f32> {
+        TABLE.iter().find(|setting| setting.name == name).map(|setting| (setting.read)(self))
+    }
+
+    /// Changes one setting.
+    ///
+    /// # Errors
+    /// When there is none of this name, or the value is not acceptable beside the other values.
+    pub fn set(&mut self, name: &str, value: f32) -> Result<(), SetError> {
+        let setting = TABLE.iter().find(|setting| setting.name == name).ok_or(SetError::Unknown)?;
+        let (minimum, maximum) = self.range(setting);
+        if !(value >= minimum && value <= maximum) {
+            return Err(SetError::OutOfRange { name: setting.name, minimum, maximum });
+        }
+        if setting.whole && value as i32 as f32 != value {
+            return Err(SetError::NotWhole { name: setting.name });
+        }
+        (setting.write)(self, value);
+        Ok(())
+    }
+
+    /// The setting at a position of the list, as it is told to an operator.
+    #[must_use]
+    pub fn parameter(&self, index: usize) -> Option<Parameter> {
+        let setting = TABLE.get(index)?;
+        let (minimum, maximum) = self.range(setting);
+        Some(Parameter {
+            index: u16::try_from(index).ok()?,
+            name: text(setting.name),
+            unit: text(setting.unit),
+            value: (setting.read)(self),
+            default: setting.default,
+            minimum,
+            maximum,
+        })
+    }
+
+    /// Position of a setting in the list.
+    #[must_use]
+    pub fn position(name: &str) -> Option<usize> {
+        TABLE.iter().position(|setting| setting.name == name)
+    }
+
+    /// What a setting accepts now: its own range, narrowed by [`ORDERED`].
+    fn range(&self, setting: &Setting) -> (f32, f32) {
+        let value = |name| self.get(name);
+        let minimum = ORDERED
+            .iter()
+            .filter(|(_, upper)| *upper == setting.name)
+            .filter_map(|(lower, _)| value(lower))
+            .fold(setting.minimum, f32::max);
+        let maximum = ORDERED
+            .iter()
+            .filter(|(lower, _)| *lower == setting.name)
+            .filter_map(|(_, upper)| value(upper))
+            .fold(setting.maximum, f32::min);
+        (minimum, maximum)
+    }
+
+    /// Whether each value is one that [`Settings::set`] accepts.
+    fn is_valid(&self) -> bool {
+        let mut copy = *self;
+        TABLE.iter().all(|setting| copy.set(setting.name, (setting.read)(self)).is_ok())
+    }
+
+    /// Reads what was saved. `Ok(None)` when nothing ever was.
+    ///
+    /// # Errors
+    /// When the store fails or what it holds cannot be trusted.
+    pub fn load<S: SettingsStore>(store: &mut S) -> Result<Option<Self>, LoadError> {
+        let mut buffer = [0; STORED_LENGTH];
+        match store.load(&mut buffer) {
+            Err(_) => Err(LoadError::Store),
+            Ok(None) => Ok(None),
+            Ok(Some(length)) => {
+                Self::decode(buffer.get(..length).ok_or(LoadError::Damaged)?).map(Some)
+            }
+        }
+    }
+
+    /// Keeps these settings over power-off.
+    ///
+    /// # Errors
+    /// When the store fails.
+    pub fn save<S: SettingsStore>(&self, store: &mut S) -> Result<(), SaveError> {
+        let mut buffer = [0; STORED_LENGTH];
+        let bytes = self.encode(&mut buffer).map_err(|_| SaveError)?;
+        store.save(bytes).map_err(|_| SaveError)
+    }
+
+    /// The values as the fast half takes them, in SI units.
+    #[must_use]
+    pub fn parameters(&self) -> Parameters {
+        Parameters {
+            motors: [0, 1].map(|motor| self.motor_parameters(motor)),
+            pole_pairs: self.pole_pairs as u8,
+            rotor_inertia: self.rotor_inertia * KG_M2_PER_G_CM2,
+            current_limit: self.current_limit,
+            over_current: self.over_current,
+            alignment_current: self.alignment_current,
+            current_bandwidth: self.current_bandwidth,
+            position_bandwidth: self.position_bandwidth,
+            tracker_bandwidth: self.tracker_bandwidth,
+            frequency_ramp: self.frequency_ramp,
+            direction_ramp: self.direction_ramp,
+            encoder_latency_us: self.encoder_latency,
+            actuation_delay_us: self.actuation_delay,
+            bus_nominal: self.nominal_voltage,
+            bus_low: self.battery_low,
+            under_voltage: self.under_voltage,
+            over_voltage: self.over_voltage,
+            over_speed: self.over_speed,
+        }
+    }
+
+    fn motor_parameters(&self, motor: usize) -> MotorParameters {
+        MotorParameters {
+            phase_resistance: self.phase_resistance[motor],
+            phase_inductance: self.phase_inductance[motor] * MILLI,
+            flux_linkage: self.flux_linkage[motor] * MILLI,
+            encoder_zero_deg: self.encoder_zero[motor],
+            encoder_inverted: self.encoder_clockwise[motor] != 0.0,
+            alignment: AlignmentParameters {
+                known: self.aligned[motor] != 0.0,
+                electrical_offset_deg: self.electrical_offset[motor],
+                reversed: self.phases_reversed[motor] != 0.0,
+                current_inverted: self.current_inverted[motor] != 0.0,
+                eccentricity_deg: [
+                    self.encoder_cosine_1[motor],
+                    self.encoder_sine_1[motor],
+                    self.encoder_cosine_2[motor],
+                    self.encoder_sine_2[motor],
+                ],
+            },
+        }
+    }
+
+    /// Takes over what alignment found: top, bottom.
+    pub fn learn(&mut self, alignment: [Alignment; 2]) {
+        for (motor, found) in alignment.into_iter().map(AlignmentParameters::from).enumerate() {
+            let [cosine_1, sine_1, cosine_2, sine_2] = found
+                .eccentricity_deg
+                .map(|part| part.clamp(-LARGEST_ECCENTRICITY_DEG, LARGEST_ECCENTRICITY_DEG));
+            self.aligned[motor] = switch(found.known);
+            self.electrical_offset[motor] = found.electrical_offset_deg;
+            self.phases_reversed[motor] = switch(found.reversed);
+            self.current_inverted[motor] = switch(found.current_inverted);
+            self.encoder_cosine_1[motor] = cosine_1;
+            self.encoder_sine_1[motor] = sine_1;
+            self.encoder_cosine_2[motor] = cosine_2;
+            self.encoder_sine_2[motor] = sine_2;
+        }
+    }
+
+    fn encode<'a>(&self, buffer: &'a mut [u8]) -> postcard::Result<&'a [u8]> {
+        let values =
+            TABLE.iter().map(|setting| (name_hash(setting.name), (setting.read)(self))).collect();
+        let stored = Stored { version: FORMAT_VERSION, values };
+        postcard::to_slice_crc32(&stored, buffer, CRC.digest()).map(|bytes| &*bytes)
+    }
+
+    fn decode(bytes: &[u8]) -> Result<Self, LoadError> {
+        let stored: Stored =
+            postcard::from_bytes_crc32(bytes, CRC.digest()).map_err(|_| LoadError::Damaged)?;
+        if stored.version != FORMAT_VERSION {
+            return Err(LoadError::Version);
+        }
+        let mut settings = Self::DEFAULT;
+        for (hash, value) in stored.values {
+            if let Some(setting) = TABLE.iter().find(|setting| name_hash(setting.name) == hash) {
+                (setting.write)(&mut settings, value);
+            }
+        }
+        if settings.is_valid() { Ok(settings) } else { Err(LoadError::Damaged) }
+    }
+}
+
+/// The range of the encoder error's terms in the table.
+const LARGEST_ECCENTRICITY_DEG: f32 = 10.0;
+const MILLI: f32 = 1e-3;
+const KG_M2_PER_G_CM2: f32 = 1e-7;
+
+const fn switch(on: bool) -> f32 {
+    if on { 1.0 } else { 0.0 }
+}
+
+#[derive(Serialize, Deserialize)]
+struct Stored {
+    version: u16,
+    values: Vec<(u32, f32), COUNT>,
+}
+
+static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+
+/// FNV-1a: names are few and a test shows that none collide.
+fn name_hash(name: &str) -> u32 {
+    name.bytes().fold(0x811c_9dc5, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193))
+}
+
+/// As much of a text as fits. The table's texts all fit, which a test shows.
+pub(crate) fn text<const N: usize>(text: &str) -> String<N> {
+    let mut out = String::new();
+    for character in text.chars() {
+        if out.push(character).is_err() {
+            break;
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Keeps bytes as a flash partition would.
+    #[derive(Default)]
+    struct Memory(Option<std::vec::Vec<u8>>);
+
+    impl SettingsStore for Memory {
+        type Error = ();
+
+        fn load(&mut self, buffer: &mut [u8]) -> Result<Option<usize>, ()> {
+            let Some(bytes) = &self.0 else { return Ok(None) };
+            buffer.get_mut(..bytes.len()).ok_or(())?.copy_from_slice(bytes);
+            Ok(Some(bytes.len()))
+        }
+
+        fn save(&mut self, bytes: &[u8]) -> Result<(), ()> {
+            self.0 = Some(bytes.to_vec());
+            Ok(())
+        }
+    }
+
+    fn tuned() -> Settings {
+        let mut settings = Settings::DEFAULT;
+        settings.set("top_phase_resistance", 1.25).unwrap();
+        settings.set("bottom_encoder_zero", -90.0).unwrap();
+        settings.set("over_speed", 60.0).unwrap();
+        settings
+    }
+
+    fn saved(settings: &Settings) -> Memory {
+        let mut store = Memory::default();
+        settings.save(&mut store).unwrap();
+        store
+    }
+
+    #[test]
+    fn every_default_is_accepted_by_its_own_range() {
+        assert!(Settings::DEFAULT.is_valid());
+    }
+
+    #[test]
+    fn every_setting_can_be_told_to_an_operator_uncut() {
+        for (index, setting) in TABLE.iter().enumerate() {
+            let told = Settings::DEFAULT.parameter(index).unwrap();
+            assert_eq!((told.name.as_str(), told.unit.as_str()), (setting.name, setting.unit));
+        }
+    }
+
+    #[test]
+    fn no_two_names_have_one_hash() {
+        let hashes: std::collections::HashSet<u32> =
+            TABLE.iter().map(|setting| name_hash(setting.name)).collect();
+        assert_eq!(hashes.len(), COUNT);
+    }
+
+    #[test]
+    fn settings_survive_power_off() {
+        assert_eq!(Settings::load(&mut saved(&tuned())), Ok(Some(tuned())));
+    }
+
+    #[test]
+    fn a_new_robot_has_nothing_stored() {
+        assert_eq!(Settings::load(&mut Memory::default()), Ok(None));
+    }
+
+    #[test]
+    fn any_damaged_bit_is_noticed() {
+        let intact = saved(&tuned()).0.unwrap();
+        for bit in 0..intact.len() * 8 {
+            let mut damaged = intact.clone();
+            damaged[bit / 8] ^= 1 << (bit % 8);
+            let loaded = Settings::load(&mut Memory(Some(damaged)));
+            assert_eq!(loaded, Err(LoadError::Damaged), "bit {bit}");
+        }
+    }
+
+    #[test]
+    fn settings_cut_short_anywhere_are_noticed() {
+        let intact = saved(&tuned()).0.unwrap();
+        for length in 0..intact.len() {
+            let loaded = Settings::load(&mut Memory(Some(intact[..length].to_vec())));
+            assert_eq!(loaded, Err(LoadError::Damaged), "{length} bytes");
+        }
+    }
+
+    fn store_of(version: u16, values: &[(u32, f32)]) -> Memory {
+        let stored = Stored { version, values: values.iter().copied().collect() };
+        let mut buffer = [0; STORED_LENGTH];
+        let bytes = postcard::to_slice_crc32(&stored, &mut buffer, CRC.digest()).unwrap();
+        Memory(Some(bytes.to_vec()))
+    }
+
+    #[test]
+    fn another_format_version_is_named() {
+        let loaded = Settings::load(&mut store_of(FORMAT_VERSION + 1, &[]));
+        assert_eq!(loaded, Err(LoadError::Version));
+    }
+
+    #[test]
+    fn a_setting_that_is_new_in_this_firmware_starts_at_its_default() {
+        let older = store_of(
+            FORMAT_VERSION,
+            &[(name_hash("over_speed"), 60.0), (name_hash("a_setting_of_old"), 1.0)],
+        )
+        .0;
+        let expected = Settings { over_speed: 60.0, ..Settings::DEFAULT };
+        assert_eq!(Settings::load(&mut Memory(older)), Ok(Some(expected)));
+    }
+
+    #[test]
+    fn a_stored_value_that_is_no_number_or_out_of_range_is_damage() {
+        for value in [f32::NAN, f32::INFINITY, -1.0, 1e9] {
+            let mut store = store_of(FORMAT_VERSION, &[(name_hash("over_speed"), value)]);
+            assert_eq!(Settings::load(&mut store), Err(LoadError::Damaged), "{value}");
+        }
+    }
+
+    #[test]
+    fn numbers_that_make_no_sense_are_refused_with_the_range_and_change_nothing() {
+        let refusal = SetError::OutOfRange { name: "over_speed", minimum: 10.0, maximum: 200.0 };
+        for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 9.99, 200.01] {
+            let mut settings = Settings::DEFAULT;
+            let outcome = settings.set("over_speed", value);
+            assert_eq!((outcome, settings), (Err(refusal), Settings::DEFAULT), "{value}");
+        }
+    }
+
+    #[test]
+    fn a_value_that_another_bounds_is_refused_beyond_it() {
+        let over_current = Settings::DEFAULT.over_current;
+        let outcome = Settings::default().set("current_limit", over_current + 0.1);
+        let Err(SetError::OutOfRange { maximum, .. }) = outcome else {
+            panic!("accepted: {outcome:?}")
+        };
+        assert_eq!(maximum, over_current);
+    }
+
+    #[test]
+    fn half_a_pole_pair_is_refused() {
+        let outcome = Settings::default().set("pole_pairs", 7.5);
+        assert_eq!(outcome, Err(SetError::NotWhole { name: "pole_pairs" }));
+    }
+
+    #[test]
+    fn an_unknown_name_is_refused() {
+        assert_eq!(Settings::default().set("warp_factor", 9.0), Err(SetError::Unknown));
+    }
+
+    #[test]
+    fn what_alignment_found_reaches_the_fast_half_again() {
+        let mut settings = Settings::DEFAULT;
+        let found = Alignment {
+            electrical_offset: 0x4000_0000,
+            reversed: true,
+            current_inverted: true,
+            eccentricity: [1 << 24, -(1 << 23), 0, 0],
+        };
+        settings.learn([found; 2]);
+        let expected = AlignmentParameters::from(found);
+        assert_eq!(settings.parameters().motors.map(|motor| motor.alignment), [expected; 2]);
+    }
+
+    #[test]
+    fn whatever_alignment_finds_can_be_stored() {
+        let mut settings = Settings::DEFAULT;
+        let extreme = Alignment {
+            electrical_offset: u32::MAX,
+            eccentricity: [i32::MAX; 4],
+            ..Alignment::default()
+        };
+        settings.learn([extreme; 2]);
+        assert_eq!(Settings::load(&mut saved(&settings)), Ok(Some(settings)));
+    }
+}
