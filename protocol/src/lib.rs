@@ -19,3 +19,10 @@
 pub mod message;
 pub mod shaker;
 pub mod units;
+
+/// UDP port on which a robot listens unless told otherwise: 1, then "flix" on a telephone's keys.
+/// Not assigned by IANA, and below the ports that systems hand out by themselves.
+pub const DEFAULT_PORT: u16 = 13549;
+
+/// DNS-SD service type under which robots announce themselves on the local network.
+pub const SERVICE_TYPE: &str = "_flix._udp.local.";
