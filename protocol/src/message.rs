@@ -136,6 +136,33 @@ pub struct ToRobot {
     pub command: Command,
 }
 
+/// What to answer to an authentic command that cannot be read: its request number, and the range
+/// when it was a setpoint outside every range (NaN, infinite, absurd), [`Refusal::Malformed`]
+/// otherwise. `None` when not even the request number can be read.
+///
+/// Never panics.
+#[must_use]
+pub fn unreadable(plain: &[u8]) -> Option<(u32, Refusal)> {
+    let (request, rest) = postcard::take_from_bytes::<u32>(plain).ok()?;
+    let refusal = postcard::from_bytes::<UncheckedSetpoint>(rest).ok().and_then(|setpoint| {
+        let UncheckedSetpoint::Setpoint(frequency, direction) = setpoint;
+        let frequency = Hertz::new(frequency).and_then(|f| Setpoint::new(f, Degrees::ZERO));
+        let direction = Degrees::new(direction).and_then(|theta| Setpoint::new(Hertz::ZERO, theta));
+        match (frequency, direction) {
+            (Err(_), _) => Some(Refusal::frequency()),
+            (_, Err(_)) => Some(Refusal::direction()),
+            _ => None,
+        }
+    });
+    Some((request, refusal.unwrap_or(Refusal::Malformed)))
+}
+
+/// [`Command::Setpoint`] before its numbers are checked; the same bytes.
+#[derive(Deserialize)]
+enum UncheckedSetpoint {
+    Setpoint(f32, f32),
+}
+
 /// What the robot sends.
 // Telemetry is the largest and by far the most frequent; nothing is kept in collections.
 #[allow(clippy::large_enum_variant, reason = "sent and dropped, never stored")]
@@ -211,6 +238,35 @@ pub enum Refusal {
         /// Which setting.
         name: Name,
     },
+}
+
+impl Refusal {
+    /// The shaking frequency was out of range.
+    #[must_use]
+    pub fn frequency() -> Self {
+        Self::out_of_range("shaking frequency", -MAXIMUM_FREQUENCY.get(), MAXIMUM_FREQUENCY.get())
+    }
+
+    /// The shaking direction was out of range.
+    #[must_use]
+    pub fn direction() -> Self {
+        Self::out_of_range("shaking direction", -MAXIMUM_DIRECTION.get(), MAXIMUM_DIRECTION.get())
+    }
+
+    /// A value was out of this range. A name longer than [`NAME_LENGTH`] is cut.
+    #[must_use]
+    pub fn out_of_range(name: &str, minimum: f32, maximum: f32) -> Self {
+        let mut kept = Name::new();
+        // Cutting is all that a full buffer means here.
+        let _ = name.chars().try_for_each(|character| kept.push(character));
+        Self::OutOfRange { name: kept, minimum, maximum }
+    }
+}
+
+impl From<OutOfRange> for Refusal {
+    fn from(error: OutOfRange) -> Self {
+        Self::out_of_range(error.quantity, error.minimum, error.maximum)
+    }
 }
 
 impl fmt::Display for Refusal {
@@ -421,8 +477,10 @@ pub struct LinkQuality {
     pub lost: u32,
     /// Datagrams dropped, by reason.
     pub dropped: Dropped,
-    /// Microseconds since the last valid command.
+    /// Microseconds since the last valid command; `u32::MAX` when there was none.
     pub silence_us: u32,
+    /// Received radio power, dBm; none where there is no radio or it cannot tell.
+    pub signal_dbm: Option<i8>,
 }
 
 /// Datagrams dropped since power-up, by reason.
@@ -442,6 +500,96 @@ pub struct Dropped {
     pub session: u32,
     /// A second operator while the first is heard.
     pub busy: u32,
+    /// The robot has no key yet.
+    pub unprovisioned: u32,
+}
+
+impl Dropped {
+    /// Counts one more. Stays at `u32::MAX` rather than start over.
+    pub const fn count(&mut self, reason: DropReason) {
+        let counter = match reason {
+            DropReason::Malformed => &mut self.malformed,
+            DropReason::Version => &mut self.version,
+            DropReason::Forged => &mut self.forged,
+            DropReason::Replayed => &mut self.replayed,
+            DropReason::Stale => &mut self.stale,
+            DropReason::Session => &mut self.session,
+            DropReason::Busy => &mut self.busy,
+            DropReason::Unprovisioned => &mut self.unprovisioned,
+        };
+        *counter = counter.saturating_add(1);
+    }
+
+    /// How many were dropped for this reason.
+    #[must_use]
+    pub const fn get(&self, reason: DropReason) -> u32 {
+        match reason {
+            DropReason::Malformed => self.malformed,
+            DropReason::Version => self.version,
+            DropReason::Forged => self.forged,
+            DropReason::Replayed => self.replayed,
+            DropReason::Stale => self.stale,
+            DropReason::Session => self.session,
+            DropReason::Busy => self.busy,
+            DropReason::Unprovisioned => self.unprovisioned,
+        }
+    }
+
+    /// How many were dropped for any reason.
+    #[must_use]
+    pub fn total(&self) -> u64 {
+        DropReason::ALL.into_iter().map(|reason| u64::from(self.get(reason))).sum()
+    }
+}
+
+/// Why a datagram was dropped; each has its counter in [`Dropped`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum DropReason {
+    /// Not a datagram of this protocol: too short, too long, unknown kind.
+    Malformed,
+    /// Of another version of the protocol.
+    Version,
+    /// The tag did not fit: another key, forged or damaged.
+    Forged,
+    /// Seen before, or older than the replay window.
+    Replayed,
+    /// Older than a command already obeyed (or a telemetry already shown).
+    Stale,
+    /// Of a session that is not the present one.
+    Session,
+    /// A second operator while the first is heard.
+    Busy,
+    /// The robot has no key yet.
+    Unprovisioned,
+}
+
+impl DropReason {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::Malformed,
+        Self::Version,
+        Self::Forged,
+        Self::Replayed,
+        Self::Stale,
+        Self::Session,
+        Self::Busy,
+        Self::Unprovisioned,
+    ];
+}
+
+impl fmt::Display for DropReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Malformed => "malformed",
+            Self::Version => "other version",
+            Self::Forged => "forged",
+            Self::Replayed => "replayed",
+            Self::Stale => "stale",
+            Self::Session => "other session",
+            Self::Busy => "busy",
+            Self::Unprovisioned => "unprovisioned",
+        })
+    }
 }
 
 /// How the robot is.
@@ -503,6 +651,8 @@ pub enum Event {
     Stopped,
     /// An operator took over.
     OperatorConnected,
+    /// The operator said goodbye.
+    OperatorLeft,
     /// No valid command for this step of the failsafe ladder.
     LinkLate,
     /// Commands stayed away: ramping down.

@@ -1,0 +1,473 @@
+//! The operator's end.
+
+use core::fmt;
+use core::time::Duration;
+
+use heapless::{Deque, Vec};
+
+use super::channel::{Channel, Plain, SendError};
+use super::key::{Entropy, Key, SessionKeys, Signer};
+use super::{
+    CONFIRM_PATIENCE, CONNECT_PATIENCE, HANDSHAKE_RETRY, HINT_PATIENCE, HOLDER_SILENCE,
+    PROTOCOL_VERSION, VERSION,
+};
+use crate::frame::{self, Datagram, Frame, HandshakeFrame, Nonce, RefusalReason};
+use crate::message::{DropReason, Dropped, ToOperator, ToRobot};
+use crate::units::Instant;
+
+/// Why there is no session.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum ConnectError {
+    /// Nothing came back.
+    NoAnswer,
+    /// The robot does not hold this key.
+    WrongKey,
+    /// The robot speaks another version: its number. The same number means that one end was
+    /// changed without counting up.
+    OtherVersion(u16),
+    /// Another operator holds the robot.
+    Busy,
+    /// The robot has no key yet.
+    Unprovisioned,
+}
+
+impl fmt::Display for ConnectError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoAnswer => f.write_str(
+                "the robot does not answer: check that it is on, its address, and that both are on one network",
+            ),
+            Self::WrongKey => f.write_str(
+                "the robot has another key: use its key file, or provision it again over its serial port",
+            ),
+            Self::OtherVersion(robot) if *robot > PROTOCOL_VERSION => write!(
+                f,
+                "the robot speaks version {robot} of the protocol and this program {PROTOCOL_VERSION}: update this program"
+            ),
+            Self::OtherVersion(robot) if *robot < PROTOCOL_VERSION => write!(
+                f,
+                "the robot speaks version {robot} of the protocol and this program {PROTOCOL_VERSION}: update the robot's firmware"
+            ),
+            Self::OtherVersion(robot) => write!(
+                f,
+                "the robot speaks another build of version {robot} of the protocol: update the robot's firmware and this program to one release"
+            ),
+            Self::Busy => f.write_str(
+                "another operator holds the robot: wait until it lets go or is silent for a second",
+            ),
+            Self::Unprovisioned => {
+                f.write_str("the robot has no key yet: provision it over its serial port")
+            }
+        }
+    }
+}
+
+impl core::error::Error for ConnectError {}
+
+impl ConnectError {
+    /// Whether trying longer is of no use.
+    const fn is_lasting(self) -> bool {
+        matches!(self, Self::WrongKey | Self::OtherVersion(_) | Self::Unprovisioned)
+    }
+}
+
+/// How the operator's end stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Status {
+    /// A handshake is under way.
+    Connecting,
+    /// The session stands, and the robot was heard within [`HOLDER_SILENCE`].
+    Connected,
+    /// The session stands, but the robot has been silent for so long. It may come back;
+    /// [`OperatorSession::connect`] starts over.
+    Silent(Duration),
+    /// The robot said goodbye.
+    Left,
+    /// The handshake failed; [`OperatorSession::connect`] tries again.
+    Failed(ConnectError),
+}
+
+/// What a datagram meant to the operator.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "handled and dropped, never stored")]
+pub enum OperatorReceived {
+    /// The handshake goes on: see what [`OperatorSession::poll`] has to send.
+    Progress,
+    /// The robot is ours.
+    Connected,
+    /// The robot speaks.
+    Message(ToOperator),
+    /// The robot said goodbye; the session is over.
+    Left,
+    /// Nothing; counted in [`OperatorSession::health`].
+    Dropped(DropReason),
+}
+
+/// How good the link is, as the operator sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct LinkHealth {
+    /// Between the newest answered command and its reply.
+    pub round_trip: Option<Duration>,
+    /// Sealed datagrams accepted in the present session.
+    pub accepted: u64,
+    /// Datagrams of the present session that the robot sent and that did not arrive, or not yet.
+    pub lost: u64,
+    /// Datagrams dropped since this end was made, by reason.
+    pub dropped: Dropped,
+}
+
+impl LinkHealth {
+    /// Share of the robot's datagrams that did not arrive, from 0 to 1.
+    #[must_use]
+    pub fn loss(&self) -> f32 {
+        let sent = self.accepted + self.lost;
+        if sent == 0 { 0.0 } else { self.lost as f32 / sent as f32 }
+    }
+}
+
+/// How many unanswered commands are remembered for timing them.
+const TIMED_COMMANDS: usize = 32;
+
+/// The operator's end of the link.
+///
+/// Call [`OperatorSession::poll`] whenever [`OperatorSession::poll_at`] has come, and send what it
+/// gives. Never panics on any datagram.
+pub struct OperatorSession {
+    key: Key,
+    signer: Signer,
+    entropy: Entropy,
+    phase: Phase,
+    dropped: Dropped,
+    round_trip: Option<Duration>,
+    /// Request numbers and when they were sent, oldest first.
+    timed: Deque<(u32, Instant), TIMED_COMMANDS>,
+}
+
+enum Phase {
+    Greeting(Greeting),
+    Confirming { greeting: Greeting, robot_nonce: Nonce, since: Instant, opening: Session },
+    Established(Session),
+    Left,
+    Failed(ConnectError),
+}
+
+/// One attempt to connect.
+#[derive(Clone, Copy)]
+struct Greeting {
+    client_nonce: Nonce,
+    since: Instant,
+    send_at: Instant,
+    /// The newest refusal, and when the first lasting one came.
+    hint: Option<(ConnectError, Instant)>,
+}
+
+struct Session {
+    channel: Channel,
+    heard: Instant,
+    newest_telemetry: Option<u64>,
+}
+
+impl OperatorSession {
+    /// Begins to connect at once.
+    ///
+    /// `entropy` comes from the operating system's random source, fresh for every session object.
+    #[must_use]
+    pub fn new(key: Key, entropy: [u8; 32], now: Instant) -> Self {
+        let signer = Signer::new(&key);
+        let mut entropy = Entropy::new(entropy);
+        let phase = Phase::Greeting(Greeting::new(&mut entropy, now));
+        Self {
+            key,
+            signer,
+            entropy,
+            phase,
+            dropped: Dropped::default(),
+            round_trip: None,
+            timed: Deque::new(),
+        }
+    }
+
+    /// Forgets the present session, if any, and begins to connect.
+    pub fn connect(&mut self, now: Instant) {
+        self.timed.clear();
+        self.phase = Phase::Greeting(Greeting::new(&mut self.entropy, now));
+    }
+
+    /// How it stands.
+    #[must_use]
+    pub fn status(&self, now: Instant) -> Status {
+        match &self.phase {
+            Phase::Greeting(_) | Phase::Confirming { .. } => Status::Connecting,
+            Phase::Established(session) => {
+                let silence = now.since(session.heard);
+                if silence < HOLDER_SILENCE { Status::Connected } else { Status::Silent(silence) }
+            }
+            Phase::Left => Status::Left,
+            Phase::Failed(error) => Status::Failed(*error),
+        }
+    }
+
+    /// How good the link is.
+    #[must_use]
+    pub fn health(&self) -> LinkHealth {
+        let (accepted, lost) = match &self.phase {
+            Phase::Established(session) => {
+                (session.channel.window().accepted(), session.channel.window().missing())
+            }
+            _ => (0, 0),
+        };
+        LinkHealth { round_trip: self.round_trip, accepted, lost, dropped: self.dropped }
+    }
+
+    /// When [`OperatorSession::poll`] next has something to do; `None` once the handshake is over.
+    #[must_use]
+    pub fn poll_at(&self) -> Option<Instant> {
+        match &self.phase {
+            Phase::Greeting(greeting) | Phase::Confirming { greeting, .. } => {
+                Some(greeting.send_at.min(greeting.gives_up_at()))
+            }
+            _ => None,
+        }
+    }
+
+    /// The handshake's datagram that is due, if one is. Call again until it gives `None`.
+    pub fn poll(&mut self, now: Instant) -> Option<HandshakeFrame> {
+        if let Phase::Confirming { greeting, since, .. } = &self.phase
+            && now.since(*since) >= CONFIRM_PATIENCE
+        {
+            let client_nonce = self.entropy.nonce();
+            self.phase = Phase::Greeting(Greeting { client_nonce, send_at: now, ..*greeting });
+        }
+        let (Phase::Greeting(greeting) | Phase::Confirming { greeting, .. }) = &mut self.phase
+        else {
+            return None;
+        };
+        if now >= greeting.gives_up_at() {
+            let error = greeting.hint.map_or(ConnectError::NoAnswer, |(error, _)| error);
+            self.phase = Phase::Failed(error);
+            return None;
+        }
+        if now < greeting.send_at {
+            return None;
+        }
+        greeting.send_at = now + HANDSHAKE_RETRY;
+        let client_nonce = greeting.client_nonce;
+        let tag = |signed: &[u8]| self.signer.tag(signed, &[]);
+        Some(match &self.phase {
+            Phase::Confirming { robot_nonce, .. } => {
+                frame::confirm(&client_nonce, robot_nonce, tag)
+            }
+            _ => frame::hello(VERSION, &client_nonce, tag),
+        })
+    }
+
+    /// Takes a datagram from the robot's address.
+    pub fn receive(&mut self, now: Instant, datagram: &[u8]) -> OperatorReceived {
+        let received = match Datagram::parse(datagram) {
+            Some(datagram) => self.parsed(now, datagram),
+            None => Err(DropReason::Malformed),
+        };
+        received.unwrap_or_else(|reason| {
+            self.dropped.count(reason);
+            OperatorReceived::Dropped(reason)
+        })
+    }
+
+    /// Seals a command.
+    ///
+    /// # Errors
+    /// When there is no session, or the command does not fit.
+    pub fn send(&mut self, now: Instant, command: &ToRobot) -> Result<Frame, SendError> {
+        let Phase::Established(session) = &mut self.phase else {
+            return Err(SendError::NoSession);
+        };
+        let frame = session.channel.seal(command)?;
+        if self.timed.is_full() {
+            self.timed.pop_front();
+        }
+        let remembered = self.timed.push_back((command.request, now));
+        debug_assert!(remembered.is_ok(), "one was taken out of a full queue");
+        Ok(frame)
+    }
+
+    /// Ends the session and makes the datagram that tells the robot so.
+    ///
+    /// # Errors
+    /// When there is no session.
+    pub fn goodbye(&mut self) -> Result<Frame, SendError> {
+        let Phase::Established(session) = &mut self.phase else {
+            return Err(SendError::NoSession);
+        };
+        let frame = session.channel.seal_goodbye();
+        self.phase = Phase::Left;
+        frame
+    }
+
+    fn parsed(
+        &mut self,
+        now: Instant,
+        datagram: Datagram<'_>,
+    ) -> Result<OperatorReceived, DropReason> {
+        match datagram {
+            Datagram::Challenge { robot_nonce, signed, tag } => {
+                let (Phase::Greeting(greeting) | Phase::Confirming { greeting, .. }) = &self.phase
+                else {
+                    return Err(DropReason::Session);
+                };
+                if !self.signer.verify(signed, &[&greeting.client_nonce], &tag) {
+                    return Err(DropReason::Forged);
+                }
+                if let Phase::Confirming { robot_nonce: known, .. } = &self.phase
+                    && *known == robot_nonce
+                {
+                    return Err(DropReason::Replayed);
+                }
+                let keys = SessionKeys::derive(&self.key, &greeting.client_nonce, &robot_nonce);
+                self.phase = Phase::Confirming {
+                    greeting: Greeting { send_at: now, hint: None, ..*greeting },
+                    robot_nonce,
+                    since: now,
+                    opening: Session {
+                        channel: Channel::operator(&keys),
+                        heard: now,
+                        newest_telemetry: None,
+                    },
+                };
+                Ok(OperatorReceived::Progress)
+            }
+            Datagram::Accept { session, signed, tag } => {
+                let Phase::Confirming { greeting, robot_nonce, opening, .. } = &self.phase else {
+                    return Err(DropReason::Session);
+                };
+                if session != opening.channel.session() {
+                    return Err(DropReason::Session);
+                }
+                let context = [&greeting.client_nonce, robot_nonce];
+                if !self.signer.verify(signed, &context, &tag) {
+                    return Err(DropReason::Forged);
+                }
+                self.establish(now);
+                Ok(OperatorReceived::Connected)
+            }
+            Datagram::Refusal { reason, version, client_nonce, signed, tag } => {
+                let is_authentic = self.signer.verify_any_version(signed, &tag);
+                let error = match reason {
+                    RefusalReason::Version => ConnectError::OtherVersion(version.number),
+                    RefusalReason::Key => ConnectError::WrongKey,
+                    RefusalReason::Busy => ConnectError::Busy,
+                    RefusalReason::Unprovisioned => ConnectError::Unprovisioned,
+                };
+                self.hint(now, error, &client_nonce, is_authentic)
+            }
+            Datagram::Sealed { session, counter, header, ciphertext, tag } => {
+                // A sealed datagram of the session that is about to open says what Accept says.
+                let (Phase::Confirming { opening: open, .. } | Phase::Established(open)) =
+                    &mut self.phase
+                else {
+                    return Err(DropReason::Session);
+                };
+                if session != open.channel.session() {
+                    return Err(DropReason::Session);
+                }
+                let plain = open.channel.open(counter, header, ciphertext, &tag)?;
+                self.establish(now);
+                self.opened(now, counter, &plain)
+            }
+            Datagram::Hello { .. } | Datagram::Confirm { .. } => Err(DropReason::Malformed),
+        }
+    }
+
+    fn establish(&mut self, now: Instant) {
+        let phase = core::mem::replace(&mut self.phase, Phase::Left);
+        self.phase = match phase {
+            Phase::Confirming { opening: mut session, .. } | Phase::Established(mut session) => {
+                session.heard = now;
+                Phase::Established(session)
+            }
+            other => other,
+        };
+    }
+
+    /// Remembers a refusal of the present attempt.
+    fn hint(
+        &mut self,
+        now: Instant,
+        error: ConnectError,
+        client_nonce: &Nonce,
+        is_authentic: bool,
+    ) -> Result<OperatorReceived, DropReason> {
+        let (Phase::Greeting(greeting) | Phase::Confirming { greeting, .. }) = &mut self.phase
+        else {
+            return Err(DropReason::Session);
+        };
+        if *client_nonce != greeting.client_nonce {
+            return Err(DropReason::Session);
+        }
+        // A robot that is busy holds our key, so its refusal carries a good tag.
+        if error == ConnectError::Busy && !is_authentic {
+            return Err(DropReason::Forged);
+        }
+        let since = match greeting.hint {
+            Some((known, since)) if known == error => since,
+            _ => now,
+        };
+        greeting.hint = Some((error, since));
+        Ok(OperatorReceived::Progress)
+    }
+
+    fn opened(
+        &mut self,
+        now: Instant,
+        counter: u64,
+        plain: &Plain,
+    ) -> Result<OperatorReceived, DropReason> {
+        if plain.is_empty() {
+            self.phase = Phase::Left;
+            return Ok(OperatorReceived::Left);
+        }
+        let message = postcard::from_bytes(plain).map_err(|_| DropReason::Malformed)?;
+        match &message {
+            ToOperator::Telemetry(_) => {
+                if let Phase::Established(session) = &mut self.phase {
+                    if session.newest_telemetry.is_some_and(|newest| counter < newest) {
+                        return Err(DropReason::Stale);
+                    }
+                    session.newest_telemetry = Some(counter);
+                }
+            }
+            ToOperator::Reply(reply) => self.time_reply(now, reply.request),
+            ToOperator::Event(_) => {}
+        }
+        Ok(OperatorReceived::Message(message))
+    }
+
+    /// Takes the round trip of a reply, unless the command was sent more than once: then nobody
+    /// knows which one was answered (Karn's rule).
+    fn time_reply(&mut self, now: Instant, request: u32) {
+        let sent: Vec<Instant, 2> = self
+            .timed
+            .iter()
+            .filter(|(number, _)| *number == request)
+            .map(|(_, at)| *at)
+            .take(2)
+            .collect();
+        if let [at] = sent[..] {
+            self.round_trip = Some(now.since(at));
+        }
+        self.timed.retain(|(number, _)| *number != request);
+    }
+}
+
+impl Greeting {
+    fn new(entropy: &mut Entropy, now: Instant) -> Self {
+        Self { client_nonce: entropy.nonce(), since: now, send_at: now, hint: None }
+    }
+
+    fn gives_up_at(&self) -> Instant {
+        let patience = self.since + CONNECT_PATIENCE;
+        match self.hint {
+            Some((error, since)) if error.is_lasting() => patience.min(since + HINT_PATIENCE),
+            _ => patience,
+        }
+    }
+}

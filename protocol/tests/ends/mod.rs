@@ -1,0 +1,130 @@
+//! A robot's end and an operator's end, joined without loss, in virtual time.
+
+#![allow(dead_code, reason = "each test file uses its own part")]
+
+use core::net::{IpAddr, Ipv4Addr, SocketAddr};
+use core::time::Duration;
+
+use flix_protocol::message::{
+    Command, Dropped, LinkQuality, LoopTiming, MotorTelemetry, Setpoint, State, Telemetry,
+    ToOperator, ToRobot,
+};
+use flix_protocol::session::{
+    Key, OperatorReceived, OperatorSession, RobotReceived, RobotSession, Status,
+};
+use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio};
+
+pub(crate) const OPERATOR: SocketAddr =
+    SocketAddr::new(IpAddr::V4(Ipv4Addr::new(192, 168, 4, 2)), 4000);
+pub(crate) const SECOND_OPERATOR: SocketAddr =
+    SocketAddr::new(IpAddr::V4(Ipv4Addr::new(192, 168, 4, 3)), 4000);
+
+pub(crate) fn key(number: u8) -> Key {
+    Key::new([number; 32])
+}
+
+pub(crate) fn command(request: u32, command: Command) -> ToRobot {
+    ToRobot { request, command }
+}
+
+pub(crate) fn setpoint(frequency: f32, direction: f32) -> Command {
+    Command::Setpoint(
+        Setpoint::new(Hertz::new(frequency).unwrap(), Degrees::new(direction).unwrap()).unwrap(),
+    )
+}
+
+pub(crate) fn telemetry(time: u64) -> ToOperator {
+    let motor = MotorTelemetry {
+        angle: Degrees::ZERO,
+        speed: Hertz::ZERO,
+        current_d: Amperes::ZERO,
+        current_q: Amperes::ZERO,
+    };
+    ToOperator::Telemetry(Telemetry {
+        time: Instant::from_micros(time),
+        state: State::Disarmed,
+        faults: Default::default(),
+        first_fault: None,
+        stopped: false,
+        link_late: false,
+        setpoint: Setpoint::REST,
+        frequency: Hertz::ZERO,
+        direction: Degrees::ZERO,
+        motors: [motor; 2],
+        bus_voltage: None,
+        modulation: Ratio::ZERO,
+        timing: LoopTiming::default(),
+        link: LinkQuality { dropped: Dropped::default(), ..Default::default() },
+    })
+}
+
+pub(crate) struct Ends {
+    pub(crate) now: Instant,
+    pub(crate) robot: RobotSession,
+    pub(crate) operator: OperatorSession,
+}
+
+impl Ends {
+    pub(crate) fn new(robot: Option<Key>, operator: Key) -> Self {
+        let now = Instant::from_micros(1_000);
+        Self {
+            now,
+            robot: RobotSession::new(robot, [11; 32]),
+            operator: OperatorSession::new(operator, [22; 32], now),
+        }
+    }
+
+    pub(crate) fn connected() -> Self {
+        let mut ends = Self::new(Some(key(1)), key(1));
+        assert_eq!(ends.run(), Status::Connected);
+        ends
+    }
+
+    pub(crate) fn wait(&mut self, duration: Duration) {
+        self.now = self.now + duration;
+    }
+
+    pub(crate) fn to_robot(&mut self, datagram: &[u8]) -> RobotReceived {
+        self.robot.receive(self.now, OPERATOR, datagram)
+    }
+
+    pub(crate) fn to_operator(&mut self, datagram: &[u8]) -> OperatorReceived {
+        self.operator.receive(self.now, datagram)
+    }
+
+    /// Lets the handshake go on until it is over.
+    pub(crate) fn run(&mut self) -> Status {
+        let (now, status) = connect(self.now, &mut self.operator, &mut self.robot, OPERATOR);
+        self.now = now;
+        status
+    }
+}
+
+/// Lets a handshake go on until it is over.
+pub(crate) fn connect(
+    mut now: Instant,
+    operator: &mut OperatorSession,
+    robot: &mut RobotSession,
+    address: SocketAddr,
+) -> (Instant, Status) {
+    while let Some(at) = operator.poll_at() {
+        now = now.max(at);
+        while let Some(frame) = operator.poll(now) {
+            if let Some(answer) = answer(robot.receive(now, address, &frame), frame.len()) {
+                operator.receive(now, &answer);
+            }
+        }
+    }
+    (now, operator.status(now))
+}
+
+/// What a robot sends back, never more than it was sent.
+pub(crate) fn answer(received: RobotReceived, asked: usize) -> Option<Vec<u8>> {
+    let answer = match received {
+        RobotReceived::Answer(frame) | RobotReceived::Connected(frame) => Some(frame),
+        RobotReceived::Dropped(_, frame) => frame,
+        _ => None,
+    };
+    assert!(answer.as_ref().is_none_or(|answer| answer.len() <= asked), "amplification");
+    answer.map(|frame| frame.to_vec())
+}
