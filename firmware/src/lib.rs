@@ -7,4 +7,6 @@ extern crate std;
 
 pub mod control;
 pub mod hardware;
+pub mod link;
+pub mod robot;
 pub mod settings;
