@@ -5,6 +5,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod board;
 pub mod control;
 pub mod hardware;
 pub mod link;
