@@ -16,13 +16,13 @@ const ENCODERS: [&str; 3] = ["encoder-as5600", "encoder-mt6701", "encoder-as5047
 
 /// What the features ask for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Choice {
+pub(crate) struct Choice {
     /// Chip feature.
-    pub chip: &'static str,
+    pub(crate) chip: &'static str,
     /// Board feature.
-    pub board: &'static str,
+    pub(crate) board: &'static str,
     /// Encoder feature, where it is not the board's own.
-    pub encoder: Option<&'static str>,
+    pub(crate) encoder: Option<&'static str>,
 }
 
 /// The one of `known` that is asked for, or a sentence when there are several.
@@ -40,7 +40,7 @@ fn at_most_one(
 }
 
 /// Reads the features. `None` where no chip is asked for: the library is built for this computer.
-pub fn choose(has: &dyn Fn(&str) -> bool) -> Result<Option<Choice>, String> {
+pub(crate) fn choose(has: &dyn Fn(&str) -> bool) -> Result<Option<Choice>, String> {
     let Some(chip) = at_most_one(&CHIPS, has, "chip")? else { return Ok(None) };
     let board = match at_most_one(&BOARDS.map(|(board, ..)| board), has, "board")? {
         Some(board) => board,
