@@ -23,7 +23,12 @@
 //! World ENU with the floor at z = 0; body FLU with its origin in the middle of the plate. Rotor angles are
 //! about body +z, relative to the body, zero along +x.
 
+pub mod battery;
+pub mod electronics;
+pub mod inverter;
 pub mod lane;
+pub mod motor;
+pub mod sensor;
 pub mod spatial;
 
 mod body;
