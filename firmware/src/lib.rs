@@ -5,9 +5,12 @@
 #[cfg(test)]
 extern crate std;
 
-pub mod board;
+mod alignment;
 pub mod control;
+pub mod encoder;
+mod fixed;
+pub mod foc;
 pub mod hardware;
-pub mod link;
-pub mod robot;
 pub mod settings;
+pub mod shaker;
+pub mod supervisor;

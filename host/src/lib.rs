@@ -2,7 +2,5 @@
 //! Drives, watches and records a Flix-Walker from a computer
 
 pub mod cli;
-pub mod interrupt;
 pub mod keys;
-pub mod link;
 pub mod plot;

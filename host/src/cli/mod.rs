@@ -15,6 +15,7 @@
 //! alone.
 
 pub mod completions;
+pub mod interrupt;
 pub mod keygen;
 
 use std::fmt;

@@ -1,1 +1,0 @@
-//! The status LED: one blink pattern a state, readable from across a room.

@@ -1,1 +1,0 @@
-//! Wi-Fi: connects, stays connected, and carries the library's network task.
