@@ -2,5 +2,9 @@
 //! Drives, watches and records a Flix-Walker from a computer
 
 pub mod cli;
+pub mod interrupt;
 pub mod keys;
+pub mod link;
+pub mod nav;
 pub mod plot;
+pub mod pose;

@@ -1,0 +1,262 @@
+//! Where the robot is between poses, where it will be when a command reaches it, and how its modes
+//! really move today.
+//!
+//! The estimate is rolled on with the mode table and pulled to every measured pose with a gain of
+//! `1 - exp(-dt / `[`FILTER_TIME`]`)`: the body shakes at up to 35 Hz, and the camera samples that
+//! shaking. A pose far from the estimate means that somebody moved the robot: it is believed at
+//! once.
+//!
+//! The walk is chaotic and floors differ, so the means of the table are corrected while driving:
+//! over each [`WINDOW`] of steady motion in one mode the measured motion pulls that mode's by
+//! `WINDOW / `[`LEARNING_TIME`], within limits around the table.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use flix_protocol::units::Instant;
+
+use super::geometry::{PlanarPose, Twist, wrap};
+use super::modes::{Mode, ModeTable, Spread};
+use super::motion::{Gait, Motion, REST, Response, motions};
+
+/// Time constant of the pose filter, s: two periods of the slowest useful shaking (some 20 Hz).
+const FILTER_TIME: f64 = 0.1;
+/// Steady motion that one correction of a mode is measured over, s.
+const WINDOW: f64 = 0.5;
+/// Time in a mode after which its corrected motion is mostly measured, s.
+const LEARNING_TIME: f64 = 4.0;
+/// A jump further than this is a push, m.
+const PUSHED_BY: f64 = 0.06;
+/// A turn further than this is a push, rad.
+const TURNED_BY: f64 = 0.5;
+/// Longest step of the prediction, s.
+const STEP: f64 = 0.02;
+/// Corrections stay within this many spreads of the table's mean, or these floors if larger.
+const SPREADS: f64 = 3.0;
+const SPEED_FLOOR: f64 = 0.02;
+const YAW_FLOOR: f64 = 0.3;
+const SHARE_OF_MEAN: f64 = 0.5;
+
+/// See the module's text.
+#[derive(Debug, Clone)]
+pub struct Estimator {
+    motions: Vec<Motion>,
+    modes: Vec<Mode>,
+    response: Response,
+    latency: Duration,
+    gait: Gait,
+    pose: PlanarPose,
+    time: Option<Instant>,
+    pending: VecDeque<(Instant, usize)>,
+    window: Option<(Instant, PlanarPose)>,
+}
+
+impl Estimator {
+    /// A robot at rest, nowhere yet. `latency`: from a command's sending to the robot's obeying.
+    #[must_use]
+    pub fn new(table: &ModeTable, response: Response, latency: Duration) -> Self {
+        Self {
+            motions: motions(table),
+            modes: table.modes().to_vec(),
+            response,
+            latency,
+            gait: Gait::at_rest(),
+            pose: PlanarPose::default(),
+            time: None,
+            pending: VecDeque::new(),
+            window: None,
+        }
+    }
+
+    /// The motions as corrected so far; standing still first.
+    #[must_use]
+    pub fn motions(&self) -> &[Motion] {
+        &self.motions
+    }
+
+    /// How the robot follows commands.
+    #[must_use]
+    pub fn response(&self) -> &Response {
+        &self.response
+    }
+
+    /// The estimate at the time of the last pose; `None` before the first.
+    #[must_use]
+    pub fn pose(&self) -> Option<PlanarPose> {
+        self.time.map(|_| self.pose)
+    }
+
+    /// A command leaves for the robot.
+    pub fn command(&mut self, now: Instant, mode: usize) {
+        let last = self.pending.back().map_or(self.gait.mode(), |p| p.1);
+        if mode != last {
+            self.pending.push_back((now + self.latency, mode));
+        }
+    }
+
+    /// A trusted pose arrived.
+    pub fn observe(&mut self, time: Instant, measured: PlanarPose) {
+        let Some(previous) = self.time else {
+            (self.pose, self.time) = (measured, Some(time));
+            return;
+        };
+        if time <= previous {
+            return;
+        }
+        let elapsed = time.since(previous).as_secs_f64();
+        (self.pose, self.gait) = self.rolled(time);
+        while self.pending.front().is_some_and(|p| p.0 <= time) {
+            self.pending.pop_front();
+        }
+        self.time = Some(time);
+        self.correct(measured, elapsed);
+        self.learn(time);
+    }
+
+    /// Pose and gait at a later moment, if nothing new is commanded.
+    #[must_use]
+    pub fn predicted(&self, at: Instant) -> (PlanarPose, Gait) {
+        self.rolled(at)
+    }
+
+    fn rolled(&self, until: Instant) -> (PlanarPose, Gait) {
+        let (mut pose, mut gait) = (self.pose, self.gait);
+        let Some(mut now) = self.time else {
+            return (pose, gait);
+        };
+        let due = self.pending.iter().filter(|p| p.0 <= until);
+        for (moment, mode) in due {
+            self.roll(&mut pose, &mut gait, moment.since(now).as_secs_f64());
+            gait = gait.commanded(*mode, &self.motions, &self.response);
+            now = now.max(*moment);
+        }
+        self.roll(&mut pose, &mut gait, until.since(now).as_secs_f64());
+        (pose, gait)
+    }
+
+    fn roll(&self, pose: &mut PlanarPose, gait: &mut Gait, seconds: f64) {
+        let steps = (seconds / STEP).ceil();
+        for _ in 0..steps as u32 {
+            gait.advance(pose, seconds / steps, &self.motions, &self.response);
+        }
+    }
+
+    fn correct(&mut self, measured: PlanarPose, elapsed: f64) {
+        let turned = wrap(measured.heading - self.pose.heading);
+        let pushed = self.pose.distance_to((measured.x, measured.y)) > PUSHED_BY;
+        if pushed || turned.abs() > TURNED_BY {
+            self.pose = measured;
+            self.window = None;
+            return;
+        }
+        let gain = 1.0 - (-elapsed / FILTER_TIME).exp();
+        self.pose.x += gain * (measured.x - self.pose.x);
+        self.pose.y += gain * (measured.y - self.pose.y);
+        self.pose.heading += gain * turned;
+    }
+
+    fn learn(&mut self, now: Instant) {
+        let mode = self.gait.mode();
+        if mode == REST || !self.gait.is_steady() {
+            self.window = None;
+            return;
+        }
+        let (since, from) = *self.window.get_or_insert((now, self.pose));
+        let seconds = now.since(since).as_secs_f64();
+        if seconds < WINDOW {
+            return;
+        }
+        self.window = Some((now, self.pose));
+        let measured = mean_twist(&from, &self.pose, seconds);
+        let gain = (seconds / LEARNING_TIME).min(1.0);
+        let known = &self.modes[mode - 1];
+        let twist = &mut self.motions[mode].twist;
+        twist.forward = pulled(twist.forward, measured.forward, gain, known.forward, SPEED_FLOOR);
+        twist.lateral = pulled(twist.lateral, measured.lateral, gain, known.lateral, SPEED_FLOOR);
+        twist.yaw = pulled(twist.yaw, measured.yaw, gain, known.yaw, YAW_FLOOR);
+    }
+}
+
+fn pulled(present: f64, measured: f64, gain: f64, known: Spread, floor: f64) -> f64 {
+    let room = (SPREADS * known.spread).max(SHARE_OF_MEAN * known.mean.abs()).max(floor);
+    (present + gain * (measured - present)).clamp(known.mean - room, known.mean + room)
+}
+
+/// The constant motion in the body frame that leads from one pose to the other in `seconds`.
+#[must_use]
+pub fn mean_twist(from: &PlanarPose, to: &PlanarPose, seconds: f64) -> Twist {
+    let turn = to.heading - from.heading;
+    let (sin, cos) = (from.heading + turn / 2.0).sin_cos();
+    let (dx, dy) = ((to.x - from.x) / seconds, (to.y - from.y) / seconds);
+    Twist { forward: cos * dx + sin * dy, lateral: cos * dy - sin * dx, yaw: turn / seconds }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::modes::tests::model_w;
+    use super::*;
+
+    const RESPONSE: Response =
+        Response { frequency_ramp: 60.0, direction_slew: 360.0, settling: 0.1 };
+    const LEFT: usize = 3;
+
+    fn at(seconds: f64) -> Instant {
+        Instant::from_micros((seconds * 1e6) as u64)
+    }
+
+    fn estimator() -> Estimator {
+        let mut estimator = Estimator::new(&model_w(), RESPONSE, Duration::from_millis(50));
+        estimator.observe(at(0.0), PlanarPose::default());
+        estimator
+    }
+
+    #[test]
+    fn a_command_changes_nothing_before_its_latency_has_passed() {
+        let mut estimator = estimator();
+        estimator.command(at(0.0), LEFT);
+        assert_eq!(estimator.predicted(at(0.05)).0, PlanarPose::default());
+        assert!(estimator.predicted(at(1.5)).0.heading > 0.5);
+    }
+
+    #[test]
+    fn a_push_is_believed_at_once() {
+        let mut estimator = estimator();
+        let pushed = PlanarPose { x: 0.4, y: -0.1, heading: 2.0 };
+        estimator.observe(at(0.01), pushed);
+        assert_eq!(estimator.pose(), Some(pushed));
+    }
+
+    #[test]
+    fn shaking_in_the_poses_is_smoothed() {
+        let mut estimator = estimator();
+        let mut worst = 0f64;
+        for i in 1..400 {
+            let t = f64::from(i) * 0.005;
+            let shaking = 0.003 * (std::f64::consts::TAU * 30.0 * t).sin();
+            estimator.observe(at(t), PlanarPose { x: shaking, y: 0.0, heading: 0.0 });
+            worst = worst.max(estimator.pose().unwrap().x.abs());
+        }
+        assert!(worst < 0.0006, "{worst}");
+    }
+
+    #[test]
+    fn a_mode_that_turns_slower_than_its_table_is_learnt() {
+        let mut estimator = estimator();
+        estimator.command(at(0.0), LEFT);
+        let mut pose = PlanarPose::default();
+        for i in 1..1200 {
+            pose = pose.moved(Twist { forward: 0.0, lateral: 0.0, yaw: 1.5 }, 0.01);
+            estimator.observe(at(f64::from(i) * 0.01), pose);
+        }
+        let learnt = estimator.motions()[LEFT].twist.yaw;
+        assert!((learnt - 1.5).abs() < 0.1, "{learnt}");
+    }
+
+    #[test]
+    fn the_mean_motion_of_an_arc_is_the_arcs() {
+        let twist = Twist { forward: 0.1, lateral: 0.02, yaw: 0.7 };
+        let from = PlanarPose { x: 1.0, y: 2.0, heading: 2.5 };
+        let found = mean_twist(&from, &from.moved(twist, 0.5), 0.5);
+        assert!((found.forward - 0.1).abs() < 1e-9 && (found.lateral - 0.02).abs() < 1e-9);
+    }
+}

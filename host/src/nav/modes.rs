@@ -1,0 +1,346 @@
+//! The mode table: which commands there are, and how the robot moves under each.
+//!
+//! A robot of this kind is steered by choosing a pair (f, theta); what each pair does is learnt by
+//! driving it and watching (`flix identify`) and kept as TOML:
+//!
+//! ```toml
+//! robot = "flix-1"
+//! source = "identified over 8 s a mode"
+//!
+//! [[mode]]
+//! name = "forward"
+//! frequency_hz = -30.0
+//! direction_deg = 30.0
+//! forward_m_s = { mean = 0.084, spread = 0.012 }
+//! lateral_m_s = { mean = 0.002, spread = 0.008 }
+//! yaw_rad_s = { mean = 0.36, spread = 0.12 }
+//! ```
+//!
+//! Speeds are in the body frame FLU (lateral and yaw positive to the left).
+
+use std::path::{Path, PathBuf};
+
+use flix_protocol::message::Setpoint;
+use flix_protocol::units::{Degrees, Hertz, OutOfRange};
+use serde::{Deserialize, Serialize};
+
+use super::geometry::Twist;
+
+/// The pairs of Tables III and IV (Right Strafing from Table IV), by name: what a new robot is
+/// identified with.
+pub const PAPER_PAIRS: [(&str, f32, f32); 9] = [
+    ("forward", -30.0, 30.0),
+    ("forward-2", -35.0, 30.0),
+    ("left", -30.0, 90.0),
+    ("left-2", -30.0, 60.0),
+    ("right", 30.0, 90.0),
+    ("right-2", -35.0, -30.0),
+    ("strafe-left", 30.0, 30.0),
+    ("strafe-left-2", 35.0, 0.0),
+    ("strafe-right", -30.0, -60.0),
+];
+
+/// A measured speed: its mean over several runs and the standard deviation between them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Spread {
+    /// Mean.
+    pub mean: f64,
+    /// Standard deviation of one run's mean.
+    pub spread: f64,
+}
+
+/// One pair and what it does.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mode {
+    /// A short name, unique in its table.
+    pub name: String,
+    /// The command.
+    pub setpoint: Setpoint,
+    /// Speed along the body's x, m/s.
+    pub forward: Spread,
+    /// Speed along the body's y (left), m/s.
+    pub lateral: Spread,
+    /// Yaw rate (left), rad/s.
+    pub yaw: Spread,
+}
+
+/// All modes of one robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModeTable {
+    /// Which robot.
+    pub robot: String,
+    /// How and when it was learnt.
+    pub source: String,
+    /// At least one mode.
+    modes: Vec<Mode>,
+}
+
+/// Why a mode table was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ModeTableError {
+    /// The file cannot be read.
+    #[error("cannot read the mode table {}: {source}; learn one with `flix identify`", path.display())]
+    Read {
+        /// Where it was looked for.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file cannot be written.
+    #[error("cannot write the mode table {}: {source}", path.display())]
+    Write {
+        /// Where it should go.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Not TOML, a key missing, unknown or of another type.
+    #[error("the mode table is not understood: {0}")]
+    Syntax(String),
+    /// A pair that the robot would refuse.
+    #[error("mode \"{mode}\": {source}")]
+    Pair {
+        /// Its name.
+        mode: String,
+        /// The range.
+        source: OutOfRange,
+    },
+    /// A speed that no robot of this kind has.
+    #[error(
+        "mode \"{mode}\": {key} of {value} is outside {minimum} to {maximum}; speeds are in m/s and rad/s"
+    )]
+    Speed {
+        /// Its name.
+        mode: String,
+        /// Which speed.
+        key: &'static str,
+        /// The refused value.
+        value: f64,
+        /// Smallest accepted value.
+        minimum: f64,
+        /// Largest accepted value.
+        maximum: f64,
+    },
+    /// Two modes of one name.
+    #[error("two modes are called \"{0}\": give each its own name")]
+    Twice(String),
+    /// Nothing in it.
+    #[error("the mode table has no modes: learn them with `flix identify`")]
+    Empty,
+}
+
+/// Fastest credible walking speed of a 220 mm robot, m/s: some ten times the paper's.
+const FASTEST: f64 = 2.0;
+/// Fastest credible yaw rate, rad/s.
+const FASTEST_TURN: f64 = 30.0;
+
+impl Mode {
+    /// The mean motion.
+    #[must_use]
+    pub fn twist(&self) -> Twist {
+        Twist { forward: self.forward.mean, lateral: self.lateral.mean, yaw: self.yaw.mean }
+    }
+}
+
+impl ModeTable {
+    /// Checks and keeps `modes`.
+    ///
+    /// # Errors
+    /// When there is none, a name comes twice, or a speed is not credible.
+    pub fn new(robot: &str, source: &str, modes: Vec<Mode>) -> Result<Self, ModeTableError> {
+        if modes.is_empty() {
+            return Err(ModeTableError::Empty);
+        }
+        for (index, mode) in modes.iter().enumerate() {
+            if modes[..index].iter().any(|other| other.name == mode.name) {
+                return Err(ModeTableError::Twice(mode.name.clone()));
+            }
+            for (key, speed, limit) in [
+                ("forward_m_s", mode.forward, FASTEST),
+                ("lateral_m_s", mode.lateral, FASTEST),
+                ("yaw_rad_s", mode.yaw, FASTEST_TURN),
+            ] {
+                credible(mode, key, speed.mean, -limit, limit)?;
+                credible(mode, key, speed.spread, 0.0, limit)?;
+            }
+        }
+        Ok(Self { robot: robot.to_owned(), source: source.to_owned(), modes })
+    }
+
+    /// Reads TOML.
+    ///
+    /// # Errors
+    /// When it is not such a table; the message names the key.
+    pub fn from_toml(text: &str) -> Result<Self, ModeTableError> {
+        let file: TableFile =
+            toml::from_str(text).map_err(|e| ModeTableError::Syntax(e.to_string()))?;
+        let modes = file.mode.into_iter().map(Mode::try_from).collect::<Result<_, _>>()?;
+        Self::new(&file.robot, &file.source, modes)
+    }
+
+    /// Writes TOML, which [`ModeTable::from_toml`] reads back.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        let file = TableFile {
+            robot: self.robot.clone(),
+            source: self.source.clone(),
+            mode: self.modes.iter().map(ModeFile::from).collect(),
+        };
+        // Plain strings and numbers always have a TOML form.
+        toml::to_string(&file).unwrap_or_default()
+    }
+
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// When it cannot be read or is no mode table.
+    pub fn load(path: &Path) -> Result<Self, ModeTableError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| ModeTableError::Read { path: path.to_owned(), source })?;
+        Self::from_toml(&text)
+    }
+
+    /// Writes a file, making its folder where needed.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), ModeTableError> {
+        let failed = |source| ModeTableError::Write { path: path.to_owned(), source };
+        if let Some(folder) = path.parent().filter(|f| !f.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder).map_err(failed)?;
+        }
+        std::fs::write(path, self.to_toml()).map_err(failed)
+    }
+
+    /// The modes, in the table's order.
+    #[must_use]
+    pub fn modes(&self) -> &[Mode] {
+        &self.modes
+    }
+}
+
+fn credible(
+    mode: &Mode,
+    key: &'static str,
+    value: f64,
+    minimum: f64,
+    maximum: f64,
+) -> Result<(), ModeTableError> {
+    if (minimum..=maximum).contains(&value) {
+        Ok(())
+    } else {
+        Err(ModeTableError::Speed { mode: mode.name.clone(), key, value, minimum, maximum })
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TableFile {
+    #[serde(default)]
+    robot: String,
+    #[serde(default)]
+    source: String,
+    #[serde(default)]
+    mode: Vec<ModeFile>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ModeFile {
+    name: String,
+    frequency_hz: f32,
+    direction_deg: f32,
+    forward_m_s: Spread,
+    lateral_m_s: Spread,
+    yaw_rad_s: Spread,
+}
+
+impl From<&Mode> for ModeFile {
+    fn from(mode: &Mode) -> Self {
+        Self {
+            name: mode.name.clone(),
+            frequency_hz: mode.setpoint.frequency().get(),
+            direction_deg: mode.setpoint.direction().get(),
+            forward_m_s: mode.forward,
+            lateral_m_s: mode.lateral,
+            yaw_rad_s: mode.yaw,
+        }
+    }
+}
+
+impl TryFrom<ModeFile> for Mode {
+    type Error = ModeTableError;
+
+    fn try_from(file: ModeFile) -> Result<Self, ModeTableError> {
+        let setpoint = Hertz::new(file.frequency_hz)
+            .and_then(|f| Setpoint::new(f, Degrees::new(file.direction_deg)?))
+            .map_err(|source| ModeTableError::Pair { mode: file.name.clone(), source })?;
+        Ok(Self {
+            name: file.name,
+            setpoint,
+            forward: file.forward_m_s,
+            lateral: file.lateral_m_s,
+            yaw: file.yaw_rad_s,
+        })
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// The modes of walking model W as MuJoCo walks them (mean of seeds), with the scatter of
+    /// single runs that its chaos shows.
+    pub(in crate::nav) fn model_w() -> ModeTable {
+        let speeds = [
+            (0.084, 0.002, 0.36),
+            (0.081, 0.025, -0.32),
+            (-0.013, -0.018, 1.95),
+            (0.031, -0.003, 1.49),
+            (-0.015, 0.019, -1.94),
+            (0.003, 0.001, -0.32),
+            (0.013, 0.019, 0.14),
+            (-0.004, 0.035, -0.01),
+            (0.011, -0.038, 0.19),
+        ];
+        let modes = PAPER_PAIRS.iter().zip(speeds).map(|((name, f, theta), speed)| Mode {
+            name: (*name).to_owned(),
+            setpoint: Setpoint::new(Hertz::saturating(*f), Degrees::saturating(*theta)).unwrap(),
+            forward: Spread { mean: speed.0, spread: 0.01 },
+            lateral: Spread { mean: speed.1, spread: 0.01 },
+            yaw: Spread { mean: speed.2, spread: 0.1 },
+        });
+        ModeTable::new("W", "MuJoCo at 0.1 ms", modes.collect()).unwrap()
+    }
+
+    #[test]
+    fn a_table_survives_its_file() {
+        let table = model_w();
+        assert_eq!(ModeTable::from_toml(&table.to_toml()).unwrap(), table);
+    }
+
+    fn refusal(change: impl Fn(String) -> String) -> String {
+        ModeTable::from_toml(&change(model_w().to_toml())).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_pair_out_of_range_is_refused_with_its_range() {
+        let said = refusal(|t| t.replacen("frequency_hz = -30.0", "frequency_hz = -300.0", 1));
+        assert!(said.contains("forward") && said.contains("-35"), "{said}");
+    }
+
+    #[test]
+    fn speeds_in_millimetres_are_refused() {
+        let said = refusal(|t| t.replacen("mean = 0.084", "mean = 84.0", 1));
+        assert!(said.contains("forward_m_s") && said.contains("m/s"), "{said}");
+    }
+
+    #[test]
+    fn unknown_keys_nan_and_double_names_are_refused() {
+        assert!(refusal(|t| t.replacen("yaw_rad_s", "yaw_deg_s", 1)).contains("yaw_deg_s"));
+        assert!(refusal(|t| t.replacen("mean = 0.084", "mean = nan", 1)).contains("NaN"));
+        assert!(refusal(|t| t.replacen("\"left\"", "\"forward\"", 1)).contains("two modes"));
+        assert!(refusal(|_| String::new()).contains("no modes"));
+    }
+}

@@ -1,0 +1,230 @@
+//! What the robot will do next: rotors that ramp, and the gait that follows them.
+//!
+//! A command does not move the robot at once. It arrives after the link's latency; then the rotors
+//! ramp to the new f and slew to the new theta; then the gait settles. While the rotors keep their
+//! sense the motion passes evenly from the old to the new. Through a reversal it fades with
+//! (f/f0)^2, as the shaking force does, and comes back the same way.
+
+use super::geometry::{PlanarPose, Twist};
+use super::modes::ModeTable;
+
+/// How fast the robot follows a command.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Response {
+    /// Ramp of the shaking frequency, Hz/s.
+    pub frequency_ramp: f64,
+    /// Slew of the shaking direction, degrees/s.
+    pub direction_slew: f64,
+    /// Time that the gait takes to settle once the rotors are there, s.
+    pub settling: f64,
+}
+
+/// A mode as prediction needs it. Index 0 of every list is standing still.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion {
+    /// f, Hz.
+    pub frequency: f64,
+    /// theta, degrees.
+    pub direction: f64,
+    /// Expected steady motion.
+    pub twist: Twist,
+}
+
+/// Index of standing still.
+pub const REST: usize = 0;
+
+/// The motions of a table, standing still first.
+#[must_use]
+pub fn motions(table: &ModeTable) -> Vec<Motion> {
+    let rest = Motion { frequency: 0.0, direction: 0.0, twist: Twist::REST };
+    let modes = table.modes().iter().map(|mode| Motion {
+        frequency: f64::from(mode.setpoint.frequency().get()),
+        direction: f64::from(mode.setpoint.direction().get()),
+        twist: mode.twist(),
+    });
+    std::iter::once(rest).chain(modes).collect()
+}
+
+/// Rotors and gait on their way to a mode.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gait {
+    mode: usize,
+    elapsed: f64,
+    duration: f64,
+    from_frequency: f64,
+    from_direction: f64,
+    from_twist: Twist,
+}
+
+impl Gait {
+    /// Standing still.
+    #[must_use]
+    pub fn at_rest() -> Self {
+        Self {
+            mode: REST,
+            elapsed: 0.0,
+            duration: 0.0,
+            from_frequency: 0.0,
+            from_direction: 0.0,
+            from_twist: Twist::REST,
+        }
+    }
+
+    /// The mode it is in or on the way to.
+    #[must_use]
+    pub fn mode(&self) -> usize {
+        self.mode
+    }
+
+    /// Whether the motion is the mode's own.
+    #[must_use]
+    pub fn is_steady(&self) -> bool {
+        self.elapsed >= self.duration
+    }
+
+    /// The same gait as another command reaches it.
+    #[must_use]
+    pub fn commanded(self, mode: usize, motions: &[Motion], response: &Response) -> Self {
+        if mode == self.mode {
+            return self;
+        }
+        let target = &motions[mode];
+        let (from_frequency, from_direction) = self.rotors(motions, response);
+        // At rest, and on the way there, theta is kept: there is no line of force to turn.
+        let direction = if mode == REST { from_direction } else { target.direction };
+        let ramp = (target.frequency - from_frequency).abs() / response.frequency_ramp;
+        let slew = turn_of_line(from_direction, direction) / response.direction_slew;
+        Self {
+            mode,
+            elapsed: 0.0,
+            duration: ramp.max(if from_frequency == 0.0 { 0.0 } else { slew }) + response.settling,
+            from_frequency,
+            from_direction: if from_frequency == 0.0 { direction } else { from_direction },
+            from_twist: self.twist(motions, response),
+        }
+    }
+
+    /// f (Hz) and theta (degrees) now.
+    fn rotors(&self, motions: &[Motion], response: &Response) -> (f64, f64) {
+        let target = &motions[self.mode];
+        if self.is_steady() {
+            return (target.frequency, target.direction);
+        }
+        let change = target.frequency - self.from_frequency;
+        let ramped = (response.frequency_ramp * self.elapsed).min(change.abs());
+        let share = (self.elapsed / self.duration).min(1.0);
+        let direction = if self.mode == REST { self.from_direction } else { target.direction };
+        (
+            self.from_frequency + ramped.copysign(change),
+            self.from_direction + (direction - self.from_direction) * share,
+        )
+    }
+
+    /// The motion now.
+    #[must_use]
+    pub fn twist(&self, motions: &[Motion], response: &Response) -> Twist {
+        let target = &motions[self.mode];
+        if self.is_steady() {
+            return target.twist;
+        }
+        if self.from_frequency * target.frequency > 0.0 {
+            let share = self.elapsed / self.duration;
+            return self.from_twist.scaled(1.0 - share).plus(target.twist.scaled(share));
+        }
+        let (frequency, _) = self.rotors(motions, response);
+        let force = |whole: f64| if whole == 0.0 { 0.0 } else { (frequency / whole).powi(2) };
+        if frequency * self.from_frequency > 0.0 {
+            self.from_twist.scaled(force(self.from_frequency).min(1.0))
+        } else {
+            let share = (self.elapsed / self.duration).min(1.0);
+            target.twist.scaled(force(target.frequency).min(1.0).min(share))
+        }
+    }
+
+    /// Moves `pose` and the gait on by `seconds` (one step: below some 0.1 s).
+    pub fn advance(
+        &mut self,
+        pose: &mut PlanarPose,
+        seconds: f64,
+        motions: &[Motion],
+        response: &Response,
+    ) {
+        let before = self.twist(motions, response);
+        self.elapsed += seconds;
+        let after = self.twist(motions, response);
+        *pose = pose.moved(before.plus(after).scaled(0.5), seconds);
+    }
+}
+
+/// Angle between two lines of force, degrees: they repeat every half turn.
+fn turn_of_line(a: f64, b: f64) -> f64 {
+    let turn = (a - b).rem_euclid(180.0);
+    turn.min(180.0 - turn)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::modes::tests::model_w;
+    use super::*;
+
+    const RESPONSE: Response =
+        Response { frequency_ramp: 60.0, direction_slew: 360.0, settling: 0.1 };
+    const FORWARD: usize = 1;
+    const LEFT: usize = 3;
+    const RIGHT: usize = 5;
+
+    fn steady(mode: usize, motions: &[Motion]) -> Gait {
+        let mut gait = Gait::at_rest().commanded(mode, motions, &RESPONSE);
+        gait.elapsed = 10.0;
+        gait
+    }
+
+    #[test]
+    fn a_reversal_takes_the_ramp_through_zero() {
+        let motions = motions(&model_w());
+        let turn = steady(LEFT, &motions).commanded(RIGHT, &motions, &RESPONSE);
+        assert!((turn.duration - (60.0 / 60.0 + 0.1)).abs() < 1e-9, "{turn:?}");
+    }
+
+    #[test]
+    fn in_the_middle_of_a_reversal_the_robot_stands() {
+        let motions = motions(&model_w());
+        let mut turn = steady(LEFT, &motions).commanded(RIGHT, &motions, &RESPONSE);
+        turn.elapsed = 0.5;
+        assert!(turn.twist(&motions, &RESPONSE).yaw.abs() < 1e-9);
+    }
+
+    #[test]
+    fn from_forward_to_left_only_theta_slews() {
+        let motions = motions(&model_w());
+        let turn = steady(FORWARD, &motions).commanded(LEFT, &motions, &RESPONSE);
+        assert!((turn.duration - (60.0 / 360.0 + 0.1)).abs() < 1e-9, "{turn:?}");
+    }
+
+    #[test]
+    fn plus_and_minus_ninety_degrees_are_no_way_apart() {
+        assert_eq!(turn_of_line(90.0, -90.0), 0.0);
+    }
+
+    #[test]
+    fn an_interrupted_ramp_goes_on_from_where_it_is() {
+        let motions = motions(&model_w());
+        let mut gait = Gait::at_rest().commanded(FORWARD, &motions, &RESPONSE);
+        gait.elapsed = 0.25;
+        let stopped = gait.commanded(REST, &motions, &RESPONSE);
+        assert!((stopped.from_frequency + 15.0).abs() < 1e-9);
+        let before = gait.twist(&motions, &RESPONSE);
+        assert_eq!(stopped.twist(&motions, &RESPONSE), before);
+    }
+
+    #[test]
+    fn a_steady_gait_moves_as_its_table_says() {
+        let motions = motions(&model_w());
+        let mut gait = steady(LEFT, &motions);
+        let mut pose = PlanarPose::default();
+        for _ in 0..100 {
+            gait.advance(&mut pose, 0.01, &motions, &RESPONSE);
+        }
+        assert!((pose.heading - 1.95).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,409 @@
+//! Paths on the floor, measured by arc length.
+//!
+//! A path is a chain of points [`SPACING`] apart (or a little less), each with the direction of
+//! travel. Places on it are arc lengths `s` in metres from its start; on a closed path `s` goes on
+//! growing lap after lap.
+
+use super::geometry::PlanarPose;
+
+/// Largest distance of two neighbouring points, m: a fortieth of the robot's length.
+pub const SPACING: f64 = 0.005;
+
+/// Longest path, m: keeps a mistyped unit from eating the memory.
+const LONGEST: f64 = 10_000.0;
+
+/// Where a path is at some arc length.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathPoint {
+    /// East, m.
+    pub x: f64,
+    /// North, m.
+    pub y: f64,
+    /// Direction of travel, counter-clockwise from x, rad.
+    pub tangent: f64,
+}
+
+/// A point's place beside a path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Projection {
+    /// Arc length of the nearest point of the path, m.
+    pub arc_length: f64,
+    /// Distance from it, m, positive when the point is left of the path.
+    pub error: f64,
+    /// Direction of travel there, rad.
+    pub tangent: f64,
+}
+
+/// A path that the robot shall follow.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Path {
+    name: String,
+    points: Vec<PathPoint>,
+    spacing: f64,
+    closed: bool,
+}
+
+/// Why a path was refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PathError {
+    /// A size that is no size.
+    #[error("{what} of {value} m is not a size: give a number from 0.01 to 100 m")]
+    Size {
+        /// Which measure.
+        what: &'static str,
+        /// The refused value, m.
+        value: f64,
+    },
+    /// One point is no path.
+    #[error("a path needs at least two points apart from each other; this one has {0}")]
+    TooFewPoints(usize),
+    /// Longer than any room.
+    #[error("the path is {0:.0} m long: give the points in metres")]
+    TooLong(f64),
+    /// A line that holds no point.
+    #[error("line {line} (\"{text}\") is not a point: write x,y in metres, such as 0.5,-0.25")]
+    NotAPoint {
+        /// Its number, from 1.
+        line: usize,
+        /// What stands there.
+        text: String,
+    },
+}
+
+impl Path {
+    /// A figure eight (lemniscate of Gerono) around the origin, `width` along x and `height` along
+    /// y, m. It starts in the middle, towards +x and +y.
+    ///
+    /// # Errors
+    /// When a size is not from 0.01 to 100 m.
+    pub fn figure_eight(width: f64, height: f64) -> Result<Self, PathError> {
+        let (a, b) = (size("a width", width)? / 2.0, size("a height", height)? / 2.0);
+        Self::sampled("figure eight", move |t| (a * t.sin(), b * (2.0 * t).sin()))
+    }
+
+    /// A circle around the origin, counter-clockwise from (radius, 0), m.
+    ///
+    /// # Errors
+    /// When the radius is not from 0.01 to 100 m.
+    pub fn circle(radius: f64) -> Result<Self, PathError> {
+        let radius = size("a radius", radius)?;
+        Self::sampled("circle", move |t| (radius * t.cos(), radius * t.sin()))
+    }
+
+    /// A square around the origin, counter-clockwise from the middle of its right side, m.
+    ///
+    /// # Errors
+    /// When the side is not from 0.01 to 100 m.
+    pub fn square(side: f64) -> Result<Self, PathError> {
+        let h = size("a side", side)? / 2.0;
+        Self::through("square", &[(h, 0.0), (h, h), (-h, h), (-h, -h), (h, -h)], true)
+    }
+
+    /// Straight lines from point to point, m; `closed` returns from the last to the first.
+    ///
+    /// # Errors
+    /// When fewer than two points differ, one is not a number, or the path is over 10 km.
+    pub fn through(name: &str, corners: &[(f64, f64)], closed: bool) -> Result<Self, PathError> {
+        if let Some(bad) = corners.iter().find(|p| !(p.0.is_finite() && p.1.is_finite())) {
+            let text = format!("{},{}", bad.0, bad.1);
+            return Err(PathError::NotAPoint { line: 0, text });
+        }
+        let mut chain: Vec<(f64, f64)> = corners.to_vec();
+        if closed {
+            chain.extend(corners.first().copied());
+        }
+        chain.dedup_by(|a, b| distance(*a, *b) < 1e-9);
+        if chain.len() < 2 {
+            return Err(PathError::TooFewPoints(chain.len()));
+        }
+        Self::resampled(name, &chain, closed)
+    }
+
+    /// Waypoints from a text: one `x,y` a line in metres (comma, semicolon or blanks between), empty
+    /// lines, `#` comments and one heading line allowed. A last point equal to the first closes it.
+    ///
+    /// # Errors
+    /// When a line holds no point, or as for [`Path::through`].
+    pub fn from_text(name: &str, text: &str) -> Result<Self, PathError> {
+        let mut points = Vec::new();
+        let meaningful = text
+            .lines()
+            .enumerate()
+            .map(|(number, line)| (number + 1, line.split('#').next().unwrap_or_default().trim()));
+        for (index, (line, content)) in meaningful.filter(|(_, l)| !l.is_empty()).enumerate() {
+            match point(content) {
+                Some(point) => points.push(point),
+                // A table may name its columns first.
+                None if index == 0 && content.chars().any(char::is_alphabetic) => {}
+                None => return Err(PathError::NotAPoint { line, text: content.to_owned() }),
+            }
+        }
+        let closed = points.len() > 3
+            && points.first().zip(points.last()).is_some_and(|(a, b)| distance(*a, *b) < 1e-6);
+        if closed {
+            points.pop();
+        }
+        Self::through(name, &points, closed)
+    }
+
+    /// The same path turned about the origin by `heading` (rad) and then moved to `at` (m).
+    #[must_use]
+    pub fn placed(mut self, at: (f64, f64), heading: f64) -> Self {
+        let (sin, cos) = heading.sin_cos();
+        for point in &mut self.points {
+            let (x, y) = (point.x, point.y);
+            point.x = at.0 + cos * x - sin * y;
+            point.y = at.1 + sin * x + cos * y;
+            point.tangent += heading;
+        }
+        self
+    }
+
+    /// What it is called.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Length of one lap, m.
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        let steps = if self.closed { self.points.len() } else { self.points.len() - 1 };
+        steps as f64 * self.spacing
+    }
+
+    /// Whether its end is its start.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        self.closed
+    }
+
+    /// Its points in order.
+    #[must_use]
+    pub fn points(&self) -> &[PathPoint] {
+        &self.points
+    }
+
+    /// The pose of a robot that stands at the start and faces along the path.
+    #[must_use]
+    pub fn start(&self) -> PlanarPose {
+        let PathPoint { x, y, tangent } = self.at(0.0);
+        PlanarPose { x, y, heading: tangent }
+    }
+
+    /// The corners (lowest x and y, highest x and y) of the box around it, m.
+    #[must_use]
+    pub fn bounds(&self) -> ((f64, f64), (f64, f64)) {
+        self.points.iter().fold(
+            ((f64::INFINITY, f64::INFINITY), (f64::NEG_INFINITY, f64::NEG_INFINITY)),
+            |(low, high), p| ((low.0.min(p.x), low.1.min(p.y)), (high.0.max(p.x), high.1.max(p.y))),
+        )
+    }
+
+    /// The point at an arc length; an open path is held at its ends.
+    #[must_use]
+    pub fn at(&self, arc_length: f64) -> PathPoint {
+        self.points[self.index((arc_length / self.spacing).round() as i64)]
+    }
+
+    /// The nearest point of the whole path, in its first lap.
+    #[must_use]
+    pub fn nearest(&self, (x, y): (f64, f64)) -> Projection {
+        let squared = |p: &PathPoint| (p.x - x).powi(2) + (p.y - y).powi(2);
+        let nearest = (0..self.points.len())
+            .min_by(|a, b| squared(&self.points[*a]).total_cmp(&squared(&self.points[*b])))
+            .unwrap_or(0);
+        self.beside((x, y), nearest as i64)
+    }
+
+    /// The nearest point that is reached from `near` without leaving the neighbourhood: the place
+    /// of a robot that was at `near` a moment ago. Other branches of the path, as in the middle of
+    /// a figure eight, are not taken for this one.
+    #[must_use]
+    pub fn follow(&self, (x, y): (f64, f64), near: f64) -> Projection {
+        /// Points that a search looks beyond a rise, so that corners do not hold it.
+        const PATIENCE: i64 = 4;
+        let squared = |index: i64| {
+            let p = &self.points[self.index(index)];
+            (p.x - x).powi(2) + (p.y - y).powi(2)
+        };
+        let start = (near / self.spacing).round() as i64;
+        let (mut best, mut least) = (start, squared(start));
+        for direction in [1, -1] {
+            let mut candidate = start + direction;
+            while (candidate - best).abs() <= PATIENCE && (candidate - start).abs() < self.reach() {
+                let here = squared(candidate);
+                if here < least {
+                    (best, least) = (candidate, here);
+                }
+                candidate += direction;
+            }
+        }
+        self.beside((x, y), best)
+    }
+
+    /// How many points a search may walk: never more than half a lap.
+    fn reach(&self) -> i64 {
+        (self.points.len() / 2).max(2) as i64
+    }
+
+    fn beside(&self, (x, y): (f64, f64), index: i64) -> Projection {
+        let index = if self.closed { index } else { index.clamp(0, self.points.len() as i64 - 1) };
+        let PathPoint { x: px, y: py, tangent } = self.points[self.index(index)];
+        let (sin, cos) = tangent.sin_cos();
+        let (dx, dy) = (x - px, y - py);
+        let along = cos * dx + sin * dy;
+        let across = cos * dy - sin * dx;
+        let shift = along.clamp(-self.spacing / 2.0, self.spacing / 2.0);
+        Projection {
+            arc_length: index as f64 * self.spacing + shift,
+            error: across.hypot(along - shift).copysign(across),
+            tangent,
+        }
+    }
+
+    fn index(&self, index: i64) -> usize {
+        let count = self.points.len() as i64;
+        let index = if self.closed { index.rem_euclid(count) } else { index.clamp(0, count - 1) };
+        index as usize
+    }
+
+    fn sampled(name: &str, curve: impl Fn(f64) -> (f64, f64)) -> Result<Self, PathError> {
+        const SAMPLES: u32 = 20_000;
+        let chain: Vec<_> = (0..=SAMPLES)
+            .map(|i| curve(f64::from(i) / f64::from(SAMPLES) * std::f64::consts::TAU))
+            .collect();
+        Self::resampled(name, &chain, true)
+    }
+
+    /// Equally spaced points along a chain of at least two points.
+    fn resampled(name: &str, chain: &[(f64, f64)], closed: bool) -> Result<Self, PathError> {
+        let length: f64 = chain.windows(2).map(|p| distance(p[0], p[1])).sum();
+        if length >= LONGEST {
+            return Err(PathError::TooLong(length));
+        }
+        let steps = (length / SPACING).ceil().max(2.0) as usize;
+        let spacing = length / steps as f64;
+        let count = if closed { steps } else { steps + 1 };
+        let mut points = Vec::with_capacity(count);
+        let (mut segment, mut behind) = (0, 0.0);
+        for index in 0..count {
+            let wanted = index as f64 * spacing;
+            while segment + 2 < chain.len()
+                && behind + distance(chain[segment], chain[segment + 1]) < wanted - 1e-12
+            {
+                behind += distance(chain[segment], chain[segment + 1]);
+                segment += 1;
+            }
+            let (a, b) = (chain[segment], chain[segment + 1]);
+            let share = ((wanted - behind) / distance(a, b)).clamp(0.0, 1.0);
+            points.push(PathPoint {
+                x: a.0 + (b.0 - a.0) * share,
+                y: a.1 + (b.1 - a.1) * share,
+                tangent: (b.1 - a.1).atan2(b.0 - a.0),
+            });
+        }
+        Ok(Self { name: name.to_owned(), points, spacing, closed })
+    }
+}
+
+fn distance(a: (f64, f64), b: (f64, f64)) -> f64 {
+    (b.0 - a.0).hypot(b.1 - a.1)
+}
+
+fn size(what: &'static str, value: f64) -> Result<f64, PathError> {
+    if (0.01..=100.0).contains(&value) { Ok(value) } else { Err(PathError::Size { what, value }) }
+}
+
+fn point(line: &str) -> Option<(f64, f64)> {
+    let mut numbers = line
+        .split(|c: char| c == ',' || c == ';' || c.is_whitespace())
+        .filter(|part| !part.is_empty())
+        .map(|part| part.parse::<f64>().ok().filter(|n| n.is_finite()));
+    let (x, y) = (numbers.next()??, numbers.next()??);
+    numbers.next().is_none().then_some((x, y))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_figure_eight_has_the_asked_width_and_height() {
+        let ((x0, y0), (x1, y1)) = Path::figure_eight(1.6, 0.8).unwrap().bounds();
+        assert!((x1 - x0 - 1.6).abs() < 1e-4 && (y1 - y0 - 0.8).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_circle_is_as_long_as_geometry_says() {
+        let length = Path::circle(0.5).unwrap().length();
+        assert!((length - std::f64::consts::PI).abs() < 1e-6, "{length}");
+    }
+
+    #[test]
+    fn following_keeps_to_its_branch_at_the_crossing_of_the_eight() {
+        let path = Path::figure_eight(1.6, 0.8).unwrap();
+        let half = path.length() / 2.0;
+        // In the middle the second branch passes through the same point half a lap later.
+        let first = path.follow((0.001, 0.0), 0.02).arc_length;
+        let second = path.follow((0.001, 0.0), half - 0.02).arc_length;
+        assert!(first.abs() < 0.01 && (second - half).abs() < 0.01, "{first} {second}");
+    }
+
+    #[test]
+    fn arc_length_grows_lap_after_lap() {
+        let path = Path::circle(0.3).unwrap();
+        let mut s = 0.0;
+        for step in 0..1000 {
+            let angle = f64::from(step) * 0.02;
+            s = path.follow((0.3 * angle.cos(), 0.3 * angle.sin()), s).arc_length;
+        }
+        assert!((s - 0.3 * 0.02 * 999.0).abs() < 0.01, "{s}");
+    }
+
+    #[test]
+    fn the_error_is_positive_on_the_left_and_measures_the_distance() {
+        let path = Path::through("line", &[(0.0, 0.0), (1.0, 0.0)], false).unwrap();
+        let left = path.nearest((0.5012, 0.04));
+        let beyond = path.nearest((1.03, -0.04));
+        assert!((left.error - 0.04).abs() < 1e-9 && (left.arc_length - 0.5012).abs() < 1e-9);
+        assert!((beyond.error + 0.05).abs() < 2e-3, "{beyond:?}");
+    }
+
+    #[test]
+    fn corners_are_passed() {
+        let path = Path::square(1.0).unwrap();
+        let around = path.follow((0.46, 0.52), 0.45);
+        assert!((around.arc_length - 0.54).abs() < 0.01, "{around:?}");
+    }
+
+    #[test]
+    fn waypoints_are_read_with_heading_comments_and_closing_point() {
+        let text = "x,y\n0,0 # start\n\n1;0\n1 1\n0,1\n0,0\n";
+        let path = Path::from_text("room", text).unwrap();
+        assert!(path.is_closed() && (path.length() - 4.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_bad_line_is_named() {
+        let error = Path::from_text("room", "0,0\n1,oops\n").unwrap_err();
+        assert_eq!(error, PathError::NotAPoint { line: 2, text: "1,oops".into() });
+    }
+
+    #[test]
+    fn sizes_that_are_no_sizes_are_refused() {
+        for bad in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e6] {
+            assert!(Path::circle(bad).is_err() && Path::figure_eight(1.0, bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_placed_path_is_the_same_path_elsewhere() {
+        let path = Path::circle(0.5).unwrap();
+        let length = path.length();
+        let placed = path.placed((3.0, 4.0), 1.0);
+        let start = placed.start();
+        assert!((start.x - 3.0 - 0.5 * 1f64.cos()).abs() < 1e-9);
+        assert!((placed.length() - length).abs() < 1e-12);
+    }
+}

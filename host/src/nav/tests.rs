@@ -1,0 +1,385 @@
+//! Whole runs on a kinematic robot: chaotic speeds, ramping rotors, a link with latency and loss,
+//! noisy poses. Virtual time.
+
+use std::collections::VecDeque;
+use std::f64::consts::{PI, TAU};
+use std::time::Duration;
+
+use flix_protocol::units::Instant;
+
+use super::modes::tests::model_w;
+use super::*;
+use crate::pose::{Pose, PoseSample};
+
+/// Standard normal numbers from a seed (SplitMix64, Box and Muller).
+struct Chance(u64);
+
+impl Chance {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn normal(&mut self) -> f64 {
+        (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (TAU * self.uniform()).cos()
+    }
+}
+
+/// A link towards the robot.
+#[derive(Clone, Copy)]
+struct Link {
+    latency: Duration,
+    loss: f64,
+}
+
+const GOOD: Link = Link { latency: Duration::from_millis(20), loss: 0.05 };
+const BAD: Link = Link { latency: Duration::from_millis(100), loss: 0.20 };
+
+/// A robot that moves as the table says, with its own constant errors and wandering speeds.
+struct Walker {
+    truth: Vec<Motion>,
+    response: Response,
+    gait: Gait,
+    pose: PlanarPose,
+    wander: [f64; 3],
+    chance: Chance,
+    link: Link,
+    underway: VecDeque<(Instant, usize)>,
+}
+
+/// Scatter of the speeds: constant error of each mode and wandering, as shares and floors.
+const MODE_ERROR: f64 = 0.15;
+const WANDER_SPEED: f64 = 0.02;
+const WANDER_YAW: f64 = 0.5;
+const WANDER_TIME: f64 = 0.5;
+const STEP: Duration = Duration::from_millis(5);
+
+impl Walker {
+    fn new(seed: u64, link: Link, pose: PlanarPose) -> Self {
+        let mut chance = Chance(seed.wrapping_mul(0x1234_5678_9abc_def1) + 1);
+        let mut truth = motions(&model_w());
+        for motion in &mut truth[1..] {
+            motion.twist.forward *= 1.0 + MODE_ERROR * chance.normal();
+            motion.twist.lateral *= 1.0 + MODE_ERROR * chance.normal();
+            motion.twist.yaw *= 1.0 + MODE_ERROR * chance.normal();
+        }
+        let response = Response { frequency_ramp: 50.0, direction_slew: 300.0, settling: 0.15 };
+        Self {
+            truth,
+            response,
+            gait: Gait::at_rest(),
+            pose,
+            wander: [0.0; 3],
+            chance,
+            link,
+            underway: VecDeque::new(),
+        }
+    }
+
+    fn send(&mut self, now: Instant, mode: usize) {
+        if self.chance.uniform() >= self.link.loss {
+            self.underway.push_back((now + self.link.latency, mode));
+        }
+    }
+
+    fn step(&mut self, now: Instant) {
+        while self.underway.front().is_some_and(|c| c.0 <= now) {
+            if let Some((_, mode)) = self.underway.pop_front() {
+                self.gait = self.gait.commanded(mode, &self.truth, &self.response);
+            }
+        }
+        let dt = STEP.as_secs_f64();
+        self.gait.advance(&mut self.pose, dt, &self.truth, &self.response);
+        for (value, sigma) in self.wander.iter_mut().zip([WANDER_SPEED, WANDER_SPEED, WANDER_YAW]) {
+            let kick = sigma * (2.0 * dt / WANDER_TIME).sqrt() * self.chance.normal();
+            *value += -*value * dt / WANDER_TIME + kick;
+        }
+        if self.gait.mode() != REST {
+            let [forward, lateral, yaw] = self.wander;
+            self.pose = self.pose.moved(Twist { forward, lateral, yaw }, dt);
+        }
+    }
+
+    fn sample(&mut self, now: Instant) -> PoseSample {
+        let shaking = if self.gait.mode() == REST { 0.0 } else { 1.0 };
+        let mut noisy = |value: f64, sigma: f64| value + sigma * self.chance.normal();
+        let pose = PlanarPose {
+            x: noisy(self.pose.x, 0.0005 + 0.001 * shaking),
+            y: noisy(self.pose.y, 0.0005 + 0.001 * shaking),
+            heading: noisy(self.pose.heading, 0.003 + 0.02 * shaking),
+        };
+        PoseSample { time: now, pose: Pose::planar(pose, 0.06), valid: true }
+    }
+}
+
+struct Run {
+    navigator: Navigator,
+    walker: Walker,
+    now: Instant,
+    last: Decision,
+}
+
+impl Run {
+    fn new(
+        task: Task,
+        controller: ControllerKind,
+        link: Link,
+        seed: u64,
+        pose: PlanarPose,
+    ) -> Self {
+        let settings = Settings { controller, latency: link.latency, ..Settings::for_task(&task) };
+        Self {
+            navigator: Navigator::new(task, &model_w(), settings).unwrap(),
+            walker: Walker::new(seed, link, pose),
+            now: Instant::START,
+            last: Decision::Rest(Resting::NoPoseYet),
+        }
+    }
+
+    fn mode(&self) -> usize {
+        match self.last {
+            Decision::Drive { mode, .. } => mode + 1,
+            _ => REST,
+        }
+    }
+
+    /// Poses at 100 Hz, commands at 50 Hz.
+    fn step(&mut self) {
+        self.now = self.now + STEP;
+        self.walker.step(self.now);
+        let tick = self.now.as_micros() / STEP.as_micros() as u64;
+        if tick.is_multiple_of(2) {
+            let sample = self.walker.sample(self.now);
+            self.navigator.observe(&sample);
+        }
+        if tick.is_multiple_of(4) {
+            self.last = self.navigator.decide(self.now);
+            let mode = self.mode();
+            self.walker.send(self.now, mode);
+        }
+    }
+
+    fn seconds(&self) -> f64 {
+        self.now.as_micros() as f64 * 1e-6
+    }
+
+    fn until_end(&mut self, longest: f64) {
+        while self.seconds() < longest
+            && !matches!(self.last, Decision::Finished | Decision::Stopped(_))
+        {
+            self.step();
+        }
+    }
+}
+
+fn eight(laps: u32) -> Task {
+    Task::Follow { path: Path::figure_eight(1.6, 0.8).unwrap(), laps }
+}
+
+/// RMS path error (mm) and duration (s) of two laps.
+fn track(controller: ControllerKind, link: Link, seed: u64) -> (f64, f64) {
+    let start = PlanarPose { x: 0.0, y: 0.0, heading: 0.0 };
+    let mut run = Run::new(eight(2), controller, link, seed, start);
+    run.until_end(3000.0);
+    assert_eq!(run.last, Decision::Finished, "seed {seed}, {:?}", run.navigator.progress());
+    (run.navigator.progress().error_rms * 1e3, run.seconds())
+}
+
+/// For each push: error at rest (mm) and time to get there (s); `None` where it did not arrive.
+fn pushes(link: Link, count: u32, seed: u64) -> Vec<Option<(f64, f64)>> {
+    let task = Task::Reach { point: (0.0, 0.0), stay: true };
+    let mut run = Run::new(task, ControllerKind::Predictive, link, seed, PlanarPose::default());
+    let mut chance = Chance(seed ^ 0xabcd);
+    (0..count)
+        .map(|_| {
+            let (bearing, distance) = (TAU * chance.uniform(), 0.5 * chance.uniform().sqrt());
+            run.walker.pose = PlanarPose {
+                x: distance * bearing.cos(),
+                y: distance * bearing.sin(),
+                heading: TAU * chance.uniform() - PI,
+            };
+            arrival(&mut run)
+        })
+        .collect()
+}
+
+/// Waits until the robot has rested for a second.
+fn arrival(run: &mut Run) -> Option<(f64, f64)> {
+    let begin = run.seconds();
+    let mut rested = 0.0;
+    while run.seconds() - begin < 120.0 {
+        run.step();
+        let rests = run.last == Decision::Rest(Resting::Arrived);
+        rested = if rests { rested + STEP.as_secs_f64() } else { 0.0 };
+        if rested > 1.0 {
+            let error = run.walker.pose.distance_to((0.0, 0.0)) * 1e3;
+            return Some((error, run.seconds() - begin - 1.0));
+        }
+    }
+    None
+}
+
+#[test]
+fn follows_the_figure_eight_within_40_mm_over_two_laps() {
+    for seed in 0..4 {
+        let (rms, seconds) = track(ControllerKind::Predictive, GOOD, seed);
+        println!("seed {seed}: {rms:.1} mm, {seconds:.0} s");
+        assert!(rms <= 40.0 && seconds < 300.0, "seed {seed}: {rms:.1} mm in {seconds:.0} s");
+    }
+}
+
+#[test]
+fn a_bad_link_at_most_doubles_the_path_error() {
+    let mean =
+        |link| (0..4).map(|s| track(ControllerKind::Predictive, link, s).0).sum::<f64>() / 4.0;
+    let (good, bad) = (mean(GOOD), mean(BAD));
+    println!("good {good:.1} mm, bad {bad:.1} mm");
+    assert!(bad <= 2.0 * good, "{bad:.1} mm against {good:.1} mm");
+}
+
+#[test]
+fn returns_home_from_twenty_pushes_of_twenty() {
+    for (link, seed) in [(GOOD, 1), (GOOD, 2), (BAD, 3), (BAD, 4)] {
+        let arrivals: Vec<_> = pushes(link, 20, seed).into_iter().flatten().collect();
+        let worst = arrivals.iter().map(|a| a.0).fold(0.0, f64::max);
+        let mut seconds: Vec<_> = arrivals.iter().map(|a| a.1).collect();
+        seconds.sort_by(f64::total_cmp);
+        println!(
+            "seed {seed}: {} of 20, worst {worst:.0} mm, median {:.1} s",
+            arrivals.len(),
+            seconds[10]
+        );
+        assert!(
+            arrivals.len() == 20 && worst <= 50.0 && seconds[10] < 60.0,
+            "seed {seed}: {arrivals:?}"
+        );
+    }
+}
+
+#[test]
+fn the_papers_controller_finishes_the_eight_too() {
+    let (rms, seconds) = track(ControllerKind::TwoState, GOOD, 1);
+    println!("two-state: {rms:.1} mm, {seconds:.0} s");
+    assert!(rms < 100.0);
+}
+
+/// A run on the figure eight that has joined its path.
+fn under_way() -> Run {
+    let mut run = Run::new(eight(2), ControllerKind::Predictive, GOOD, 1, PlanarPose::default());
+    while run.seconds() < 5.0 {
+        run.step();
+    }
+    assert!(run.navigator.progress().joined && run.mode() != REST);
+    run
+}
+
+fn after(run: &Run, milliseconds: u64) -> Instant {
+    run.now + Duration::from_millis(milliseconds)
+}
+
+#[test]
+fn a_pose_older_than_100_ms_stops_the_robot_and_a_fresh_one_lets_it_go_on() {
+    let mut run = under_way();
+    let too_old = run.navigator.decide(after(&run, 111));
+    assert_eq!(too_old, Decision::Rest(Resting::PoseTooOld));
+    let later = after(&run, 300);
+    let fresh = run.walker.sample(later);
+    run.navigator.observe(&fresh);
+    assert!(matches!(run.navigator.decide(later), Decision::Drive { .. }));
+}
+
+#[test]
+fn poses_that_are_not_trusted_do_not_keep_the_robot_walking() {
+    let mut run = under_way();
+    for milliseconds in 1..=111 {
+        let time = after(&run, milliseconds);
+        let sample = run.walker.sample(time);
+        let lost = Pose { orientation: [0.0; 4], ..sample.pose };
+        run.navigator.observe(&PoseSample { valid: false, ..sample });
+        run.navigator.observe(&PoseSample { pose: lost, ..sample });
+    }
+    let decision = run.navigator.decide(after(&run, 111));
+    assert_eq!(decision, Decision::Rest(Resting::PoseTooOld));
+}
+
+#[test]
+fn poses_lost_for_long_end_the_run() {
+    let mut run = under_way();
+    let end = run.navigator.decide(after(&run, 6000));
+    assert!(matches!(end, Decision::Stopped(Stop::PoseLost { .. })), "{end:?}");
+    let fresh = run.walker.sample(after(&run, 6010));
+    run.navigator.observe(&fresh);
+    assert_eq!(run.navigator.decide(after(&run, 6010)), end, "an ended run stays ended");
+}
+
+#[test]
+fn without_any_pose_the_robot_never_moves() {
+    let settings = Settings::for_task(&eight(1));
+    let mut navigator = Navigator::new(eight(1), &model_w(), settings).unwrap();
+    for milliseconds in 0..4000 {
+        let decision = navigator.decide(Instant::from_micros(milliseconds * 1000));
+        assert_eq!(decision, Decision::Rest(Resting::NoPoseYet));
+    }
+}
+
+#[test]
+fn outside_the_fence_the_run_ends_and_says_where() {
+    let mut run = under_way();
+    run.walker.pose.x = 2.0;
+    let sample = run.walker.sample(after(&run, 10));
+    run.navigator.observe(&sample);
+    let Decision::Stopped(stop) = run.navigator.decide(after(&run, 10)) else {
+        panic!("still going");
+    };
+    assert!(stop.to_string().contains("2.00"), "{stop}");
+}
+
+#[test]
+fn too_far_from_the_path_the_run_ends_and_says_how_far() {
+    let mut run = under_way();
+    run.walker.pose = PlanarPose { x: 0.0, y: 0.8, heading: 0.0 };
+    let sample = run.walker.sample(after(&run, 10));
+    run.navigator.observe(&sample);
+    let decision = run.navigator.decide(after(&run, 10));
+    assert!(matches!(decision, Decision::Stopped(Stop::OffPath { .. })), "{decision:?}");
+}
+
+#[test]
+fn a_mode_is_kept_for_its_minimum_dwell() {
+    let mut run = under_way();
+    let (mut since, mut mode) = (run.now, run.mode());
+    let mut shortest = Duration::MAX;
+    while run.seconds() < 60.0 {
+        run.step();
+        if run.mode() != mode {
+            shortest = shortest.min(run.now.since(since));
+            (since, mode) = (run.now, run.mode());
+        }
+    }
+    assert!(shortest >= Duration::from_millis(300), "{shortest:?}");
+}
+
+#[test]
+fn a_pushed_robot_finds_back_to_its_path_and_ends_its_laps() {
+    let mut run = Run::new(eight(1), ControllerKind::Predictive, GOOD, 7, PlanarPose::default());
+    while run.seconds() < 20.0 {
+        run.step();
+    }
+    run.walker.pose.y += 0.25;
+    run.walker.pose.heading += 2.5;
+    run.until_end(400.0);
+    assert_eq!(run.last, Decision::Finished, "{:?}", run.navigator.progress());
+}
+
+#[test]
+fn waypoints_are_walked_to_the_last_one_once() {
+    let path = Path::through("room", &[(0.0, 0.0), (0.5, 0.0), (0.5, 0.4)], false).unwrap();
+    let task = Task::Follow { path, laps: 1 };
+    let mut run = Run::new(task, ControllerKind::Predictive, GOOD, 3, PlanarPose::default());
+    run.until_end(200.0);
+    assert_eq!(run.last, Decision::Finished);
+    assert!(run.walker.pose.distance_to((0.5, 0.4)) < 0.06, "{:?}", run.walker.pose);
+}
