@@ -447,6 +447,95 @@ pub(crate) fn text<const N: usize>(text: &str) -> String<N> {
     out
 }
 
+/// The settings in force, what is stored, and the store.
+pub struct Tuning<S> {
+    store: S,
+    present: Settings,
+    stored: Settings,
+    loaded: Result<(), LoadError>,
+    learnt: bool,
+    revision: u16,
+}
+
+impl<S: SettingsStore> Tuning<S> {
+    /// Reads what is stored. When that cannot be trusted the defaults are in force, and
+    /// [`Tuning::loaded`] tells why.
+    pub fn new(mut store: S) -> Self {
+        let (settings, loaded) = match Settings::load(&mut store) {
+            Ok(settings) => (settings.unwrap_or_default(), Ok(())),
+            Err(error) => (Settings::DEFAULT, Err(error)),
+        };
+        Self { store, present: settings, stored: settings, loaded, learnt: false, revision: 0 }
+    }
+
+    /// Whether what was stored could be read at power-up.
+    ///
+    /// # Errors
+    /// When the defaults are in force instead of what was stored.
+    pub const fn loaded(&self) -> Result<(), LoadError> {
+        self.loaded
+    }
+
+    /// In force.
+    #[must_use]
+    pub const fn settings(&self) -> &Settings {
+        &self.present
+    }
+
+    /// Changes one setting until power-off.
+    ///
+    /// # Errors
+    /// As for [`Settings::set`].
+    pub fn set(&mut self, name: &str, value: f32) -> Result<(), SetError> {
+        self.present.set(name, value)?;
+        self.revision = self.revision.wrapping_add(1);
+        Ok(())
+    }
+
+    /// Puts the defaults in force until power-off.
+    pub fn reset(&mut self) {
+        self.present = Settings::DEFAULT;
+        self.revision = self.revision.wrapping_add(1);
+    }
+
+    /// Changes whenever an operator changes settings: what the fast half learns it knows already.
+    #[must_use]
+    pub const fn revision(&self) -> u16 {
+        self.revision
+    }
+
+    /// Keeps what is in force over power-off.
+    ///
+    /// # Errors
+    /// When the store fails.
+    pub fn save(&mut self) -> Result<(), SaveError> {
+        self.present.save(&mut self.store)?;
+        self.stored = self.present;
+        self.learnt = false;
+        Ok(())
+    }
+
+    /// Takes over what alignment found: top, bottom.
+    pub fn learn(&mut self, alignment: [Alignment; 2]) {
+        self.present.learn(alignment);
+        self.stored.learn(alignment);
+        self.learnt = true;
+    }
+
+    /// Keeps what alignment found over power-off, without the settings that are only being tried.
+    /// Tells whether there was anything to write. Writing flash can take milliseconds: call it
+    /// while the motors are let go.
+    ///
+    /// # Errors
+    /// When the store fails; it is not tried again until the next alignment.
+    pub fn save_learnt(&mut self) -> Result<bool, SaveError> {
+        if !core::mem::take(&mut self.learnt) {
+            return Ok(false);
+        }
+        self.stored.save(&mut self.store).map(|()| true)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -609,6 +698,17 @@ mod tests {
         settings.learn([found; 2]);
         let expected = AlignmentParameters::from(found);
         assert_eq!(settings.parameters().motors.map(|motor| motor.alignment), [expected; 2]);
+    }
+
+    #[test]
+    fn what_alignment_found_is_kept_without_settings_that_are_only_being_tried() {
+        let mut tuning = Tuning::new(Memory::default());
+        tuning.set("over_speed", 60.0).unwrap();
+        tuning.learn([Alignment { reversed: true, ..Alignment::default() }; 2]);
+        assert_eq!(tuning.save_learnt(), Ok(true));
+        let stored = Settings::load(&mut tuning.store).unwrap().unwrap();
+        let kept = (stored.aligned, stored.phases_reversed, stored.over_speed);
+        assert_eq!(kept, ([1.0; 2], [1.0; 2], Settings::DEFAULT.over_speed));
     }
 
     #[test]

@@ -7,16 +7,13 @@
 //!
 //! A file that anybody but its owner can read is refused, as ssh does with its keys.
 
-use std::fmt;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
+use flix_protocol::session::{self, Key};
 use zeroize::Zeroizing;
-
-/// Bytes of a pre-shared key.
-pub const KEY_LENGTH: usize = 32;
 
 /// The name under which `flix-sim serve` keeps the key of the simulated robot, which is also the
 /// key for every address of this machine itself.
@@ -27,17 +24,6 @@ pub const KEY_FILE_VARIABLE: &str = "FLIX_KEY_FILE";
 
 /// Much more than a key file has; keeps a wrong path (a film, a device) from being read whole.
 const LONGEST_KEY_FILE: u64 = 4096;
-
-/// The 256-bit secret that a robot and its operators share. Wiped from memory when dropped;
-/// `Debug` does not show it and there is no `Display`.
-#[derive(Clone, PartialEq, Eq)]
-pub struct SharedKey(Zeroizing<[u8; KEY_LENGTH]>);
-
-impl fmt::Debug for SharedKey {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("SharedKey(..)")
-    }
-}
 
 /// A key could not be made, read or kept.
 #[derive(Debug, thiserror::Error)]
@@ -58,12 +44,14 @@ pub enum KeyError {
     },
     /// Not a key.
     #[error(
-        "{} is not a key file: it must hold 64 hexadecimal digits; `flix keygen {}.new` makes one",
+        "{} is not a key file: {source}; `flix keygen {}.new` makes one",
         path.display(), path.display()
     )]
     Malformed {
         /// The file.
         path: PathBuf,
+        /// What is wrong with it.
+        source: session::KeyError,
     },
     /// A key must not be overwritten by accident.
     #[error(
@@ -114,89 +102,47 @@ fn at(path: &Path) -> impl FnOnce(io::Error) -> KeyError + '_ {
     |source| KeyError::Io { path: path.to_owned(), source }
 }
 
-impl SharedKey {
-    /// A new key from the operating system's random numbers.
-    ///
-    /// # Errors
-    /// When the operating system has none to give.
-    pub fn generate() -> Result<Self, KeyError> {
-        let mut bytes = Zeroizing::new([0; KEY_LENGTH]);
-        getrandom::fill(bytes.as_mut_slice()).map_err(KeyError::Random)?;
-        Ok(Self(bytes))
-    }
+/// A new key from the operating system's random numbers.
+///
+/// # Errors
+/// When the operating system has none to give.
+pub fn generate() -> Result<Key, KeyError> {
+    let mut bytes = Zeroizing::new([0; 32]);
+    getrandom::fill(bytes.as_mut_slice()).map_err(KeyError::Random)?;
+    Ok(Key::new(*bytes))
+}
 
-    /// Takes these bytes for a key.
-    #[must_use]
-    pub fn from_bytes(bytes: [u8; KEY_LENGTH]) -> Self {
-        Self(Zeroizing::new(bytes))
-    }
+/// Reads a key file.
+///
+/// # Errors
+/// When it cannot be read, holds no key, or can be read by others than its owner.
+pub fn read(path: &Path) -> Result<Key, KeyError> {
+    let file = File::open(path).map_err(at(path))?;
+    refuse_exposed(path, &file)?;
+    let mut text = Zeroizing::new(String::new());
+    file.take(LONGEST_KEY_FILE).read_to_string(&mut text).map_err(at(path))?;
+    text.parse().map_err(|source| KeyError::Malformed { path: path.to_owned(), source })
+}
 
-    /// The secret itself.
-    #[must_use]
-    pub fn as_bytes(&self) -> &[u8; KEY_LENGTH] {
-        &self.0
-    }
-
-    /// Reads a key file.
-    ///
-    /// # Errors
-    /// When it cannot be read, holds no key, or can be read by others than its owner.
-    pub fn read(path: &Path) -> Result<Self, KeyError> {
-        let file = File::open(path).map_err(at(path))?;
-        refuse_exposed(path, &file)?;
-        let mut text = Zeroizing::new(String::new());
-        file.take(LONGEST_KEY_FILE).read_to_string(&mut text).map_err(|error| {
-            if error.kind() == io::ErrorKind::InvalidData {
-                KeyError::Malformed { path: path.to_owned() }
-            } else {
-                at(path)(error)
-            }
-        })?;
-        Self::from_hexadecimal(text.trim())
-            .ok_or_else(|| KeyError::Malformed { path: path.to_owned() })
-    }
-
-    /// Writes a new key file that only its owner can read.
-    ///
-    /// # Errors
-    /// When the file exists already or cannot be written.
-    pub fn write_new(&self, path: &Path) -> Result<(), KeyError> {
-        let mut options = OpenOptions::new();
-        options.write(true).create_new(true).mode(0o600);
-        let mut file = options.open(path).map_err(|error| {
-            if error.kind() == io::ErrorKind::AlreadyExists {
-                KeyError::Exists { path: path.to_owned() }
-            } else {
-                at(path)(error)
-            }
-        })?;
-        let mut text = self.to_hexadecimal();
-        text.push('\n');
-        file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(at(path))
-    }
-
-    fn from_hexadecimal(text: &str) -> Option<Self> {
-        let digits = text.as_bytes();
-        if digits.len() != 2 * KEY_LENGTH {
-            return None;
+/// Writes a new key file that only its owner can read.
+///
+/// # Errors
+/// When the file exists already or cannot be written.
+pub fn write_new(path: &Path, key: &Key) -> Result<(), KeyError> {
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true).mode(0o600);
+    let mut file = options.open(path).map_err(|error| {
+        if error.kind() == io::ErrorKind::AlreadyExists {
+            KeyError::Exists { path: path.to_owned() }
+        } else {
+            at(path)(error)
         }
-        let mut bytes = Zeroizing::new([0; KEY_LENGTH]);
-        for (byte, pair) in bytes.iter_mut().zip(digits.chunks_exact(2)) {
-            let [high, low] = [pair[0], pair[1]].map(|digit| char::from(digit).to_digit(16));
-            *byte = u8::try_from(high? * 16 + low?).ok()?;
-        }
-        Some(Self(bytes))
-    }
-
-    fn to_hexadecimal(&self) -> Zeroizing<String> {
-        let digit = |value: u8| char::from_digit(u32::from(value), 16).unwrap_or('0');
-        let mut text = Zeroizing::new(String::with_capacity(2 * KEY_LENGTH + 1));
-        for byte in self.as_bytes() {
-            text.push(digit(byte >> 4));
-            text.push(digit(byte & 15));
-        }
-        text
-    }
+    })?;
+    let text = key.to_text();
+    file.write_all(text.as_slice())
+        .and_then(|()| file.write_all(b"\n"))
+        .and_then(|()| file.sync_all())
+        .map_err(at(path))
 }
 
 fn refuse_exposed(path: &Path, file: &File) -> Result<(), KeyError> {
@@ -265,9 +211,9 @@ impl Keyring {
     ///
     /// # Errors
     /// When there is none, or it cannot be used.
-    pub fn key(&self, name: &str) -> Result<SharedKey, KeyError> {
+    pub fn key(&self, name: &str) -> Result<Key, KeyError> {
         if self.contains(name) {
-            SharedKey::read(&self.key_file(name))
+            read(&self.key_file(name))
         } else {
             Err(KeyError::Unknown { robot: name.to_owned(), names: self.names() })
         }
@@ -278,11 +224,11 @@ impl Keyring {
     /// # Errors
     /// When the name cannot be a robot's, the robot has a key already, or the file cannot be
     /// written.
-    pub fn store(&self, name: &str, key: &SharedKey) -> Result<PathBuf, KeyError> {
+    pub fn store(&self, name: &str, key: &Key) -> Result<PathBuf, KeyError> {
         check_name(name)?;
         self.create_directory()?;
         let path = self.key_file(name);
-        key.write_new(&path)?;
+        write_new(&path, key)?;
         Ok(path)
     }
 
@@ -290,11 +236,11 @@ impl Keyring {
     ///
     /// # Errors
     /// As for [`Keyring::key`] and [`Keyring::store`].
-    pub fn key_or_new(&self, name: &str) -> Result<SharedKey, KeyError> {
+    pub fn key_or_new(&self, name: &str) -> Result<Key, KeyError> {
         if self.contains(name) {
             return self.key(name);
         }
-        let key = SharedKey::generate()?;
+        let key = generate()?;
         match self.store(name, &key) {
             Ok(_) => Ok(key),
             // Another program was quicker.
@@ -361,33 +307,27 @@ mod tests {
     #[test]
     fn a_kept_key_comes_back() {
         let (_directory, keyring) = keyring();
-        let key = SharedKey::generate().unwrap();
+        let key = generate().unwrap();
         keyring.store("walker-1", &key).unwrap();
         assert_eq!(keyring.key("walker-1").unwrap(), key);
     }
 
     #[test]
     fn two_generated_keys_differ() {
-        assert_ne!(SharedKey::generate().unwrap(), SharedKey::generate().unwrap());
-    }
-
-    #[test]
-    fn debug_output_does_not_show_the_key() {
-        let key = SharedKey::from_bytes([0xab; KEY_LENGTH]);
-        assert_eq!(format!("{key:?}"), "SharedKey(..)");
+        assert_ne!(generate().unwrap(), generate().unwrap());
     }
 
     #[test]
     fn key_files_are_for_their_owner_alone() {
         let (_directory, keyring) = keyring();
-        let path = keyring.store("walker", &SharedKey::generate().unwrap()).unwrap();
+        let path = keyring.store("walker", &generate().unwrap()).unwrap();
         assert_eq!(fs::metadata(path).unwrap().permissions().mode() & 0o777, 0o600);
     }
 
     #[test]
     fn a_key_that_others_can_read_is_refused_with_what_to_do() {
         let (_directory, keyring) = keyring();
-        let path = keyring.store("walker", &SharedKey::generate().unwrap()).unwrap();
+        let path = keyring.store("walker", &generate().unwrap()).unwrap();
         for mode in [0o644, 0o640, 0o604, 0o660] {
             fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
             let sentence = keyring.key("walker").unwrap_err().to_string();
@@ -398,9 +338,9 @@ mod tests {
     #[test]
     fn a_key_is_never_overwritten() {
         let (_directory, keyring) = keyring();
-        let first = SharedKey::generate().unwrap();
+        let first = generate().unwrap();
         keyring.store("walker", &first).unwrap();
-        let again = keyring.store("walker", &SharedKey::generate().unwrap());
+        let again = keyring.store("walker", &generate().unwrap());
         assert!(matches!(again, Err(KeyError::Exists { .. })));
         assert_eq!(keyring.key("walker").unwrap(), first);
     }
@@ -408,7 +348,7 @@ mod tests {
     #[test]
     fn files_that_hold_no_key_are_refused() {
         let (_directory, keyring) = keyring();
-        let path = keyring.store("walker", &SharedKey::generate().unwrap()).unwrap();
+        let path = keyring.store("walker", &generate().unwrap()).unwrap();
         let long = "0".repeat(66);
         let sign = format!("+{}", "0".repeat(63));
         for content in
@@ -426,7 +366,7 @@ mod tests {
     #[test]
     fn an_unknown_robot_is_answered_with_what_to_do_and_the_known_ones() {
         let (_directory, keyring) = keyring();
-        keyring.store("walker", &SharedKey::generate().unwrap()).unwrap();
+        keyring.store("walker", &generate().unwrap()).unwrap();
         let sentence = keyring.key("wanderer").unwrap_err().to_string();
         assert!(sentence.contains("--key") && sentence.contains("walker"), "{sentence}");
     }
@@ -435,7 +375,7 @@ mod tests {
     fn names_that_would_leave_the_directory_are_refused() {
         let (_directory, keyring) = keyring();
         for name in ["", "../walker", "a/b", "a.b", "-a", "a-", "ä", &"a".repeat(32)] {
-            let key = SharedKey::from_bytes([1; KEY_LENGTH]);
+            let key = Key::new([1; 32]);
             assert!(matches!(keyring.store(name, &key), Err(KeyError::Name(_))), "{name:?}");
         }
     }
@@ -450,7 +390,7 @@ mod tests {
     #[test]
     fn a_fixed_address_leads_to_its_robot() {
         let (_directory, keyring) = keyring();
-        keyring.store("walker", &SharedKey::generate().unwrap()).unwrap();
+        keyring.store("walker", &generate().unwrap()).unwrap();
         keyring.store_address("walker", "10.0.0.7").unwrap();
         assert_eq!(keyring.name_at("10.0.0.7").as_deref(), Some("walker"));
         assert_eq!(keyring.name_at("10.0.0.8"), None);

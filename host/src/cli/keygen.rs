@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use super::{Error, Exit};
-use crate::keys::{Keyring, SharedKey};
+use crate::keys::{self, Keyring};
 
 /// Make a new key, in a file that only you can read.
 ///
@@ -29,11 +29,11 @@ pub struct Args {
 /// # Errors
 /// When the file exists already or cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let key = SharedKey::generate()?;
+    let key = keys::generate()?;
     let path = match (&args.robot, &args.file) {
         (Some(name), _) => Keyring::of_user()?.store(name, &key)?,
         (None, Some(path)) => {
-            key.write_new(path)?;
+            keys::write_new(path, &key)?;
             path.clone()
         }
         (None, None) => return Err(Error::usage("name a FILE or a --robot for the key")),

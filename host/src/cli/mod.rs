@@ -15,7 +15,6 @@
 //! alone.
 
 pub mod completions;
-pub mod interrupt;
 pub mod keygen;
 
 use std::fmt;

@@ -1,0 +1,136 @@
+//! The encoders on their buses.
+//!
+//! SPI encoders answer within the tick. An AS5600 takes 54 microseconds on its bus, more than the
+//! loop can wait for: a thread below the loop reads both in turn and leaves what it got, with
+//! the time at which it was sampled, for the loop to find.
+
+use esp_hal::Blocking;
+use esp_hal::gpio::Output;
+use esp_hal::gpio::{InputConfig, Pull};
+use esp_hal::spi::Mode;
+use esp_hal::spi::master::{Config, Spi};
+use esp_hal::time::Rate;
+use flix_firmware::board::encoder::{
+    AS5047P_READ_ANGLE, AS5047P_READ_DIAGNOSTICS, as5047p, as5047p_is_healthy, mt6701,
+};
+use flix_firmware::board::{EncoderKind, SpiPins};
+use flix_firmware::hardware::{Encoder, EncoderReading, Turn};
+use flix_protocol::units::Instant;
+
+use crate::bridge::{output, pin};
+use crate::mailbox::Mailbox;
+
+/// A reading, or the lack of one, and when.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sample {
+    /// The angle; `None` when the encoder failed.
+    pub(crate) angle: Option<Turn>,
+    /// When it was sampled.
+    pub(crate) time: Instant,
+}
+
+impl Sample {
+    /// As the fast loop wants it.
+    fn at(self, now: Instant) -> Encoder {
+        let Some(angle) = self.angle else { return Encoder::Failed };
+        let age = now.as_micros().saturating_sub(self.time.as_micros());
+        let age_us = u16::try_from(age).unwrap_or(u16::MAX);
+        Encoder::Reading(EncoderReading { angle, age_us })
+    }
+}
+
+/// Samples of the top and the bottom encoder, from whoever reads the bus.
+pub(crate) static SAMPLES: [Mailbox<Sample>; 2] = [const { Mailbox::new() }; 2];
+
+/// How the fast loop gets at the encoders.
+pub(crate) enum Encoders {
+    /// Read in the tick.
+    Spi(SpiEncoders),
+    /// Read elsewhere, found in [`SAMPLES`].
+    Mailboxes,
+}
+
+impl Encoders {
+    /// Top and bottom, for the tick at `now`.
+    pub(crate) fn read(&mut self, now: Instant) -> [Encoder; 2] {
+        match self {
+            Self::Spi(spi) => spi.read(now),
+            Self::Mailboxes => [0, 1].map(|motor| {
+                SAMPLES[motor].take().map_or(Encoder::Pending, |sample| sample.at(now))
+            }),
+        }
+    }
+}
+
+/// SPI clock: both encoders allow 10 MHz and more; wires to the motors are long.
+const SPI_CLOCK: Rate = Rate::from_mhz(8);
+/// One exchange with an AS5047P in so many asks for its diagnostics.
+const DIAGNOSTICS_EVERY: u16 = 64;
+
+/// Two SPI encoders on one bus.
+pub(crate) struct SpiEncoders {
+    bus: Spi<'static, Blocking>,
+    selects: [Output<'static>; 2],
+    kind: EncoderKind,
+    exchanges: u16,
+    healthy: [bool; 2],
+}
+
+impl SpiEncoders {
+    /// Takes the bus. Both kinds put data out on the rising edge: mode 1.
+    pub(crate) fn new(
+        unit: impl esp_hal::spi::master::Instance + 'static,
+        pins: SpiPins,
+        kind: EncoderKind,
+    ) -> Option<Self> {
+        let config = Config::default().with_frequency(SPI_CLOCK).with_mode(Mode::_1);
+        let mut miso = esp_hal::gpio::Flex::new(pin(pins.miso));
+        // Nobody there reads as ones.
+        miso.apply_input_config(&InputConfig::default().with_pull(Pull::Up));
+        miso.set_input_enable(true);
+        let bus = Spi::new(unit, config)
+            .ok()?
+            .with_sck(pin(pins.sclk))
+            .with_mosi(pin(pins.mosi))
+            .with_miso(miso.peripheral_input());
+        let mut selects = pins.selects.map(output);
+        selects.iter_mut().for_each(Output::set_high);
+        Some(Self { bus, selects, kind, exchanges: 0, healthy: [true; 2] })
+    }
+
+    fn exchange<const N: usize>(&mut self, motor: usize, mut frame: [u8; N]) -> Option<[u8; N]> {
+        let select = &mut self.selects[motor];
+        select.set_low();
+        let outcome = self.bus.transfer(&mut frame);
+        select.set_high();
+        outcome.ok().map(|()| frame)
+    }
+
+    fn read(&mut self, now: Instant) -> [Encoder; 2] {
+        self.exchanges = (self.exchanges + 1) % DIAGNOSTICS_EVERY;
+        [0, 1].map(|motor| match self.kind {
+            EncoderKind::Mt6701 => {
+                let angle = self.exchange(motor, [0; 3]).and_then(mt6701);
+                Sample { angle, time: now }.at(now)
+            }
+            _ => self.read_as5047p(motor, now),
+        })
+    }
+
+    /// An exchange answers the command of the one before.
+    fn read_as5047p(&mut self, motor: usize, now: Instant) -> Encoder {
+        let command = match self.exchanges {
+            0 => AS5047P_READ_DIAGNOSTICS,
+            _ => AS5047P_READ_ANGLE,
+        };
+        let answer = self.exchange(motor, command);
+        if self.exchanges == 1 {
+            self.healthy[motor] = answer.is_some_and(as5047p_is_healthy);
+            return if self.healthy[motor] { Encoder::Pending } else { Encoder::Failed };
+        }
+        let angle = answer.and_then(as5047p).filter(|_| self.healthy[motor]);
+        // The angle was latched when the exchange before ended, one tick ago.
+        let latched = now.as_micros().saturating_sub(crate::fast::TICK_MICROSECONDS);
+        Sample { angle, time: Instant::from_micros(latched) }.at(now)
+    }
+}

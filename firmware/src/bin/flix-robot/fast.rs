@@ -1,0 +1,126 @@
+//! The fast loop: a timer interrupt wakes it 10,000 times a second, above everything else.
+
+use core::cell::RefCell;
+
+use critical_section::Mutex;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use esp_hal::Blocking;
+use esp_hal::interrupt::Priority;
+use esp_hal::peripherals::{FROM_CPU_INTR2, TIMG1};
+use esp_hal::time::Duration;
+use esp_hal::timer::PeriodicTimer;
+use esp_hal::timer::timg::{MwdtStage, TimerGroup, Wdt};
+use esp_rtos::embassy::InterruptExecutor;
+use flix_firmware::control::{Configuration, Control, Order, Report};
+use flix_firmware::hardware::{Sensors, TICK_RATE_HZ};
+use flix_protocol::units::Instant;
+use static_cell::StaticCell;
+
+use crate::chip::Electronics;
+use crate::encoders::Encoders;
+use crate::mailbox::Mailbox;
+
+/// Microseconds from tick to tick.
+pub(crate) const TICK_MICROSECONDS: u64 = 1_000_000 / TICK_RATE_HZ as u64;
+/// The chip starts anew when the loop has not run for so long.
+const WATCHDOG: Duration = Duration::from_millis(200);
+/// A report is left every so many ticks: a thousand times a second.
+const REPORT_EVERY: u32 = 10;
+
+/// What the tasks want of the loop.
+pub(crate) static ORDER: Mailbox<Order> = Mailbox::new();
+/// A configuration to take over while the motors are let go.
+pub(crate) static CONFIGURATION: Mailbox<Configuration> = Mailbox::new();
+/// How the loop is.
+pub(crate) static REPORT: Mailbox<Report> = Mailbox::new();
+
+/// The timer, for its interrupt to acknowledge.
+static TIMER: Mutex<RefCell<Option<PeriodicTimer<'static, Blocking>>>> =
+    Mutex::new(RefCell::new(None));
+/// The timer's interrupt to the loop.
+static TICK: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+static EXECUTOR: StaticCell<InterruptExecutor<2>> = StaticCell::new();
+
+/// What the loop works with.
+pub(crate) struct Loop {
+    /// What decides.
+    pub(crate) control: Control,
+    /// Bridges and converters.
+    pub(crate) electronics: Electronics,
+    /// Encoders.
+    pub(crate) encoders: Encoders,
+}
+
+/// Microseconds since the chip started.
+pub(crate) fn now() -> Instant {
+    Instant::from_micros(esp_hal::time::Instant::now().duration_since_epoch().as_micros())
+}
+
+/// Starts the loop on the core that calls, and its watchdog.
+pub(crate) fn start(
+    timers: TIMG1<'static>,
+    software_interrupt: FROM_CPU_INTR2<'static>,
+    work: Loop,
+) {
+    let group = TimerGroup::new(timers);
+    let mut watchdog = group.wdt;
+    watchdog.set_timeout(MwdtStage::Stage0, WATCHDOG);
+    watchdog.enable();
+
+    let executor = EXECUTOR.init(InterruptExecutor::new(software_interrupt));
+    let spawner = executor.start(Priority::Priority3);
+    if let Ok(task) = run(work, watchdog) {
+        spawner.spawn(task);
+    }
+
+    let mut timer = PeriodicTimer::new(group.timer0);
+    timer.set_interrupt_handler(on_timer);
+    timer.listen();
+    // A period that the timer cannot count would leave the loop asleep, and the watchdog bite.
+    let _ = timer.start(Duration::from_micros(TICK_MICROSECONDS));
+    critical_section::with(|token| TIMER.borrow_ref_mut(token).replace(timer));
+}
+
+#[esp_hal::handler(priority = Priority::Priority3)]
+fn on_timer() {
+    critical_section::with(|token| {
+        if let Some(timer) = TIMER.borrow_ref_mut(token).as_mut() {
+            timer.clear_interrupt();
+        }
+    });
+    TICK.signal(());
+}
+
+#[embassy_executor::task]
+async fn run(mut work: Loop, mut watchdog: Wdt<TIMG1<'static>>) {
+    let mut order = Order::default();
+    let mut until_report = REPORT_EVERY;
+    loop {
+        TICK.wait().await;
+        if let Some(newest) = ORDER.newest() {
+            order = newest;
+        }
+        if let Some(configuration) = CONFIGURATION.take()
+            && !work.control.configure(&configuration)
+            && CONFIGURATION.newest().is_none()
+        {
+            // Not while the rotors turn: kept for later, unless a newer one came.
+            CONFIGURATION.put(configuration);
+        }
+        let now = now();
+        let sensors = Sensors {
+            encoders: work.encoders.read(now),
+            phase_current: work.electronics.phase_current(),
+            bus_voltage: work.electronics.bus_voltage(),
+        };
+        let actuation = work.control.tick(now, &sensors, &order);
+        work.electronics.apply(&actuation);
+        watchdog.feed();
+        until_report -= 1;
+        if until_report == 0 {
+            until_report = REPORT_EVERY;
+            REPORT.put(work.control.report());
+        }
+    }
+}

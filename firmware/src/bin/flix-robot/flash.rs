@@ -1,0 +1,1 @@
+//! The settings' partition in flash.

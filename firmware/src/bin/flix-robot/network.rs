@@ -1,0 +1,1 @@
+//! Wi-Fi: connects, stays connected, and carries the library's network task.

@@ -1,0 +1,647 @@
+//! The boards as data: which pin does what, how current is measured, whether the motors can coast.
+//!
+//! A board is one constant here. The chip files beside this one (`esp32.rs`, `esp32s3.rs`,
+//! `esp32c6.rs`) belong to the chip binary, not to the library; they take their pins from these
+//! constants. [`Board::check`] holds a board against what its chip can do: at compile time for
+//! the board that is built, in the tests for all of them.
+//!
+//! Terms: *top* and *bottom* are the rotors and their motors, in this order everywhere; the
+//! vendors' "motor 0" drives the top one. A pin is the chip's GPIO number.
+//!
+//! Sources: the vendors' schematics and examples (MKS, DengFOC), the ESP32, ESP32-S3 and
+//! ESP32-C6 data sheets (pin tables, ADC chapter).
+
+pub mod encoder;
+pub mod store;
+
+use core::num::NonZeroU16;
+
+use crate::hardware::{CurrentSense, Hardware};
+
+/// A GPIO number.
+pub type Pin = u8;
+
+/// The chips that carry a robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Chip {
+    /// Two Xtensa LX6 cores, the paper's chip.
+    Esp32,
+    /// Two Xtensa LX7 cores.
+    Esp32S3,
+    /// One RISC-V core, no floating point.
+    Esp32C6,
+}
+
+impl Chip {
+    /// Name of the cargo feature that selects the chip.
+    #[must_use]
+    pub const fn feature(self) -> &'static str {
+        match self {
+            Self::Esp32 => "esp32",
+            Self::Esp32S3 => "esp32s3",
+            Self::Esp32C6 => "esp32c6",
+        }
+    }
+
+    /// Whether the pin exists, can drive, and is free: not wired to the flash chip inside the
+    /// module, to USB, or to the serial port.
+    #[must_use]
+    pub const fn can_drive(self, pin: Pin) -> bool {
+        match self {
+            // 6 to 11 carry the flash, 34 to 39 have no output stage, 20, 24, 28 to 31 do not
+            // exist, 1 and 3 are the serial port.
+            Self::Esp32 => matches!(pin, 0 | 2 | 4 | 5 | 12..=19 | 21..=23 | 25..=27 | 32..=33),
+            // 26 to 32 carry the flash, 33 to 37 the octal PSRAM of some modules, 19 and 20 USB,
+            // 43 and 44 are the serial port.
+            Self::Esp32S3 => matches!(pin, 0..=18 | 21 | 38..=42 | 45..=48),
+            // 24 to 30 carry the flash, 12 and 13 USB, 16 and 17 are the serial port.
+            Self::Esp32C6 => matches!(pin, 0..=11 | 15 | 18..=23),
+        }
+    }
+
+    /// Channel of ADC1 on the pin. ADC2 is not used: on the ESP32 it collides with Wi-Fi.
+    #[must_use]
+    pub const fn adc1_channel(self, pin: Pin) -> Option<u8> {
+        match (self, pin) {
+            (Self::Esp32, 36..=39) => Some(pin - 36),
+            (Self::Esp32, 32..=35) => Some(pin - 28),
+            (Self::Esp32S3, 1..=10) => Some(pin - 1),
+            (Self::Esp32C6, 0..=6) => Some(pin),
+            _ => None,
+        }
+    }
+
+    /// Whether two AS5600 can be read: they share one address, so each needs its own I2C master.
+    #[must_use]
+    pub const fn has_two_i2c_masters(self) -> bool {
+        !matches!(self, Self::Esp32C6)
+    }
+
+    /// Whether four conversions fit into one tick. Those of the C6 take 40 microseconds each.
+    #[must_use]
+    pub const fn samples_currents_in_a_tick(self) -> bool {
+        !matches!(self, Self::Esp32C6)
+    }
+}
+
+/// The encoders that the firmware reads.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EncoderKind {
+    /// 12 bits, I2C at 1 MHz, one fixed address.
+    As5600,
+    /// 14 bits, read over SPI (SSI frame with CRC-6).
+    Mt6701,
+    /// 14 bits, SPI with parity.
+    As5047p,
+}
+
+/// Pins of one three-phase bridge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BridgePins {
+    /// PWM of phases A, B, C.
+    pub phases: [Pin; 3],
+    /// High lets the bridge drive; `None` where the driver has no such input.
+    pub enable: Option<Pin>,
+    /// ADC1 pins of the current amplifiers on phases A and B.
+    pub currents: Option<[Pin; 2]>,
+}
+
+/// Pins of one I2C master.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct I2cPins {
+    /// Data.
+    pub sda: Pin,
+    /// Clock.
+    pub scl: Pin,
+}
+
+/// Pins of the SPI bus that both encoders share.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SpiPins {
+    /// Clock.
+    pub sclk: Pin,
+    /// From the encoders.
+    pub miso: Pin,
+    /// To the encoders; the MT6701 does not listen.
+    pub mosi: Pin,
+    /// Chip selects of the top and the bottom encoder, active low.
+    pub selects: [Pin; 2],
+}
+
+/// A battery divider and the ADC1 pin that reads it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Divider {
+    /// ADC1 pin.
+    pub pin: Pin,
+    /// Whether the pin is taken from a current amplifier, whose output then has to be cut.
+    pub replaces_current_sense: bool,
+}
+
+/// A board, whole.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Board {
+    /// Name of the cargo feature that selects it.
+    pub feature: &'static str,
+    /// The chip on it.
+    pub chip: Chip,
+    /// What the robot's software has to know.
+    pub hardware: Hardware,
+    /// Top, bottom.
+    pub bridges: [BridgePins; 2],
+    /// The encoder that the vendor sells with it.
+    pub encoder: EncoderKind,
+    /// One I2C bus an encoder: top, bottom. `None` where the chip has one master only.
+    pub i2c: Option<[I2cPins; 2]>,
+    /// The SPI bus, where SPI encoders are used instead.
+    pub spi: SpiPins,
+    /// Where a battery divider can be added.
+    pub divider_option: Divider,
+    /// The divider in use. None of the known boards has one.
+    pub divider: Option<Divider>,
+    /// Where the amplifiers of added driver boards can be read; for generic boards.
+    pub current_option: Option<[[Pin; 2]; 2]>,
+    /// An LED, lit when high: on the board or added with a resistor.
+    pub status_led: Pin,
+}
+
+/// PWM frequency, above what people hear and well above the 10 kHz loop.
+pub const PWM_FREQUENCY_HZ: u32 = 25_000;
+
+/// Built-in interlock of the L6234, nominal (ST application note AN1088).
+const L6234_DEAD_TIME_NS: u16 = 300;
+/// Built-in interlock of the EG2133, order of magnitude: not stated for every lot. On the small
+/// side, where compensating it cannot overshoot.
+const EG2133_DEAD_TIME_NS: u16 = 100;
+/// Drivers on a generic board are not known: no compensation.
+const UNKNOWN_DEAD_TIME_NS: u16 = 0;
+
+/// Millivolts of a full-scale conversion (4095 counts) at the widest attenuation, nominal.
+const ADC_FULL_SCALE_MILLIVOLTS: u32 = 3_300;
+/// Largest count of a 12-bit conversion.
+const ADC_LARGEST_COUNT: u32 = 4_095;
+/// Counts nearer to the rails than this are clipped: the ESP32's converter is flat below 0.1 V.
+const ADC_RAIL_COUNTS: i16 = 96;
+/// Shunt in series with a phase, milliohms.
+const SHUNT_MILLIOHMS: u32 = 10;
+
+/// Divider that the battery option asks for, kiloohms: 13 V give 2.3 V, inside the linear range.
+const DIVIDER_UPPER_KILOOHMS: u32 = 100;
+/// The resistor to ground.
+const DIVIDER_LOWER_KILOOHMS: u32 = 22;
+
+/// Sense around half the supply (1.65 V) with an amplifier of the given gain.
+const fn bidirectional_sense(gain: u32) -> CurrentSense {
+    let nanovolts_per_count = ADC_FULL_SCALE_MILLIVOLTS * 1_000_000 / ADC_LARGEST_COUNT;
+    let microamperes_per_count = nanovolts_per_count / (SHUNT_MILLIOHMS * gain);
+    assert!(microamperes_per_count <= u16::MAX as u32);
+    CurrentSense {
+        microamperes_per_count: microamperes_per_count as u16,
+        zero_count: (ADC_LARGEST_COUNT as i16).div_euclid(2) + 1,
+        valid_counts: (ADC_RAIL_COUNTS, ADC_LARGEST_COUNT as i16 - ADC_RAIL_COUNTS),
+    }
+}
+
+/// Microvolts of the battery per count behind the divider option.
+const DIVIDER_MICROVOLTS_PER_COUNT: u16 = {
+    let at_pin = ADC_FULL_SCALE_MILLIVOLTS * 1_000 / ADC_LARGEST_COUNT;
+    let at_battery =
+        at_pin * (DIVIDER_UPPER_KILOOHMS + DIVIDER_LOWER_KILOOHMS) / DIVIDER_LOWER_KILOOHMS;
+    assert!(at_battery <= u16::MAX as u32);
+    at_battery as u16
+};
+
+/// The pin map that the dual-motor ESP32 boards share.
+const fn dual_esp32(
+    feature: &'static str,
+    name: &'static str,
+    current_sense: Option<CurrentSense>,
+    enables: Option<[Pin; 2]>,
+    dead_time_ns: u16,
+) -> Board {
+    let (top_enable, bottom_enable) = match enables {
+        Some([top, bottom]) => (Some(top), Some(bottom)),
+        None => (None, None),
+    };
+    Board {
+        feature,
+        chip: Chip::Esp32,
+        hardware: Hardware {
+            name,
+            current_sense,
+            bus_microvolts_per_count: None,
+            dead_time_ns,
+            pwm_frequency_hz: PWM_FREQUENCY_HZ,
+            can_coast: enables.is_some(),
+        },
+        bridges: [
+            BridgePins {
+                phases: [32, 33, 25],
+                enable: top_enable,
+                currents: if current_sense.is_some() { Some([39, 36]) } else { None },
+            },
+            BridgePins {
+                phases: [26, 27, 14],
+                enable: bottom_enable,
+                currents: if current_sense.is_some() { Some([35, 34]) } else { None },
+            },
+        ],
+        encoder: EncoderKind::As5600,
+        i2c: Some([I2cPins { sda: 19, scl: 18 }, I2cPins { sda: 23, scl: 5 }]),
+        // The second select is the bottom encoder's index pin, free with SPI encoders.
+        spi: SpiPins { sclk: 18, miso: 19, mosi: 23, selects: [5, 13] },
+        // All ADC1 pins that the module brings out are taken: the option costs one amplifier.
+        divider_option: Divider { pin: 34, replaces_current_sense: true },
+        divider: None,
+        current_option: None,
+        status_led: 2,
+    }
+}
+
+/// MKS DUAL FOC V3.1: L6234. REF of its INA181A2 is tied to ground, so negative currents clip,
+/// and the motors run in voltage mode.
+pub const MKS_DUAL_FOC_V3_1: Board =
+    dual_esp32("mks-dual-foc-v3-1", "MKS DUAL FOC V3.1", None, Some([22, 12]), L6234_DEAD_TIME_NS);
+
+/// MKS DUAL FOC V3.3 PLUS: EG2133 without an enable (it brakes), INA240A2 (x50) around 1.65 V.
+pub const MKS_DUAL_FOC_V3_3_PLUS: Board = dual_esp32(
+    "mks-dual-foc-v3-3-plus",
+    "MKS DUAL FOC V3.3 PLUS",
+    Some(bidirectional_sense(50)),
+    None,
+    EG2133_DEAD_TIME_NS,
+);
+
+/// MKS ESP32 FOC V1.0: EG2133 without an enable. The amplifier's marking says x20, the vendor's
+/// code implies x50. Taken at its marking: should it be x50, currents are over-estimated 2.5
+/// times, which errs on the gentle side.
+pub const MKS_ESP32_FOC_V1_0: Board = dual_esp32(
+    "mks-esp32-foc-v1-0",
+    "MKS ESP32 FOC V1.0",
+    Some(bidirectional_sense(20)),
+    None,
+    EG2133_DEAD_TIME_NS,
+);
+
+/// DengFOC V3.01: L6234 with both enables wired (the vendor's library drives only pin 12).
+pub const DENGFOC_V3_01: Board = dual_esp32(
+    "dengfoc-v3-01",
+    "DengFOC V3.01",
+    Some(bidirectional_sense(50)),
+    Some([22, 12]),
+    L6234_DEAD_TIME_NS,
+);
+
+/// An ESP32-S3 development board and two driver boards with three PWM inputs and an enable.
+pub const GENERIC_ESP32S3: Board = Board {
+    feature: "generic-esp32s3",
+    chip: Chip::Esp32S3,
+    hardware: Hardware {
+        name: "generic ESP32-S3",
+        current_sense: None,
+        bus_microvolts_per_count: None,
+        dead_time_ns: UNKNOWN_DEAD_TIME_NS,
+        pwm_frequency_hz: PWM_FREQUENCY_HZ,
+        can_coast: true,
+    },
+    bridges: [
+        BridgePins { phases: [11, 12, 13], enable: Some(15), currents: None },
+        BridgePins { phases: [14, 21, 47], enable: Some(16), currents: None },
+    ],
+    encoder: EncoderKind::As5600,
+    i2c: Some([I2cPins { sda: 8, scl: 9 }, I2cPins { sda: 17, scl: 18 }]),
+    spi: SpiPins { sclk: 40, miso: 41, mosi: 42, selects: [10, 7] },
+    divider_option: Divider { pin: 6, replaces_current_sense: false },
+    divider: None,
+    current_option: Some([[1, 2], [4, 5]]),
+    status_led: 38,
+};
+
+/// An ESP32-C6 development board and two driver boards with three PWM inputs and an enable.
+/// Voltage mode: its conversions are too slow for phase currents.
+pub const GENERIC_ESP32C6: Board = Board {
+    feature: "generic-esp32c6",
+    chip: Chip::Esp32C6,
+    hardware: Hardware {
+        name: "generic ESP32-C6",
+        current_sense: None,
+        bus_microvolts_per_count: None,
+        dead_time_ns: UNKNOWN_DEAD_TIME_NS,
+        pwm_frequency_hz: PWM_FREQUENCY_HZ,
+        can_coast: true,
+    },
+    bridges: [
+        BridgePins { phases: [18, 19, 20], enable: Some(10), currents: None },
+        BridgePins { phases: [21, 22, 23], enable: Some(11), currents: None },
+    ],
+    encoder: EncoderKind::Mt6701,
+    i2c: None,
+    spi: SpiPins { sclk: 6, miso: 2, mosi: 7, selects: [3, 1] },
+    divider_option: Divider { pin: 0, replaces_current_sense: false },
+    divider: None,
+    current_option: None,
+    status_led: 15,
+};
+
+/// Every board.
+pub const BOARDS: [&Board; 6] = [
+    &MKS_DUAL_FOC_V3_1,
+    &MKS_DUAL_FOC_V3_3_PLUS,
+    &MKS_ESP32_FOC_V1_0,
+    &DENGFOC_V3_01,
+    &GENERIC_ESP32S3,
+    &GENERIC_ESP32C6,
+];
+
+/// Why a board cannot be what it says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BoardError {
+    /// A pin has two uses.
+    PinUsedTwice(Pin),
+    /// A pin that has to drive cannot.
+    CannotDrive(Pin),
+    /// A pin that has to be measured is not on ADC1.
+    NotOnAdc1(Pin),
+    /// Two AS5600 need two I2C masters.
+    OneI2cMaster,
+    /// Currents are asked for where the chip cannot sample them in time.
+    TooSlowForCurrents,
+}
+
+impl core::fmt::Display for BoardError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::PinUsedTwice(pin) => write!(f, "GPIO {pin} has two uses"),
+            Self::CannotDrive(pin) => write!(f, "GPIO {pin} cannot be an output"),
+            Self::NotOnAdc1(pin) => write!(f, "GPIO {pin} is not an input of ADC1"),
+            Self::OneI2cMaster => f.write_str(
+                "two AS5600 share one address and need two I2C masters: take SPI encoders",
+            ),
+            Self::TooSlowForCurrents => {
+                f.write_str("the chip cannot sample four phase currents in one tick")
+            }
+        }
+    }
+}
+
+impl core::error::Error for BoardError {}
+
+/// Pins by number, to see whether one is used twice.
+struct PinSet(u64);
+
+impl PinSet {
+    const fn insert(self, pin: Pin) -> Result<Self, BoardError> {
+        if self.0 >> pin & 1 == 1 {
+            return Err(BoardError::PinUsedTwice(pin));
+        }
+        Ok(Self(self.0 | 1 << pin))
+    }
+
+    const fn insert_output(self, pin: Pin, chip: Chip) -> Result<Self, BoardError> {
+        if !chip.can_drive(pin) {
+            return Err(BoardError::CannotDrive(pin));
+        }
+        self.insert(pin)
+    }
+
+    const fn insert_analog(self, pin: Pin, chip: Chip) -> Result<Self, BoardError> {
+        if chip.adc1_channel(pin).is_none() {
+            return Err(BoardError::NotOnAdc1(pin));
+        }
+        self.insert(pin)
+    }
+}
+
+/// `?` for constant functions.
+macro_rules! attempt {
+    ($result:expr) => {
+        match $result {
+            Ok(value) => value,
+            Err(error) => return Err(error),
+        }
+    };
+}
+
+impl Board {
+    /// The board that a cargo feature names; the constants of the binary are built with it.
+    #[must_use]
+    pub const fn named(feature: &str) -> Option<&'static Self> {
+        let mut index = 0;
+        while index < BOARDS.len() {
+            if same(BOARDS[index].feature, feature) {
+                return Some(BOARDS[index]);
+            }
+            index += 1;
+        }
+        None
+    }
+
+    /// The board with a battery divider (100 kiloohms over 22 kiloohms) on its option pin. Where
+    /// that pin belongs to a current amplifier, the motors then run in voltage mode.
+    #[must_use]
+    pub const fn with_battery_divider(mut self) -> Self {
+        self.divider = Some(self.divider_option);
+        self.hardware.bus_microvolts_per_count = NonZeroU16::new(DIVIDER_MICROVOLTS_PER_COUNT);
+        if self.divider_option.replaces_current_sense {
+            self.hardware.current_sense = None;
+            self.bridges[0].currents = None;
+            self.bridges[1].currents = None;
+        }
+        self
+    }
+
+    /// A generic board whose driver boards measure the currents of phases A and B at 0.5 V/A
+    /// around 1.65 V (0.01 ohm and x50). Boards with amplifiers of their own stay as they are.
+    #[must_use]
+    pub const fn with_current_sense(mut self) -> Self {
+        if let Some([top, bottom]) = self.current_option {
+            self.hardware.current_sense = Some(bidirectional_sense(50));
+            self.bridges[0].currents = Some(top);
+            self.bridges[1].currents = Some(bottom);
+        }
+        self
+    }
+
+    /// The board with other encoders than those it is sold with.
+    #[must_use]
+    pub const fn with_encoder(mut self, encoder: EncoderKind) -> Self {
+        self.encoder = encoder;
+        self
+    }
+
+    /// Holds the board against its chip.
+    ///
+    /// # Errors
+    /// When a pin is used twice, cannot do what is asked of it, or the chip lacks a bus.
+    pub const fn check(&self) -> Result<(), BoardError> {
+        let mut pins = PinSet(0);
+        let mut motor = 0;
+        while motor < self.bridges.len() {
+            let bridge = &self.bridges[motor];
+            let mut phase = 0;
+            while phase < bridge.phases.len() {
+                pins = attempt!(pins.insert_output(bridge.phases[phase], self.chip));
+                phase += 1;
+            }
+            if let Some(enable) = bridge.enable {
+                pins = attempt!(pins.insert_output(enable, self.chip));
+            }
+            if let Some([a, b]) = bridge.currents {
+                if !self.chip.samples_currents_in_a_tick() {
+                    return Err(BoardError::TooSlowForCurrents);
+                }
+                pins = attempt!(pins.insert_analog(a, self.chip));
+                pins = attempt!(pins.insert_analog(b, self.chip));
+            }
+            motor += 1;
+        }
+        if let Some(divider) = self.divider {
+            pins = attempt!(pins.insert_analog(divider.pin, self.chip));
+        }
+        pins = attempt!(pins.insert_output(self.status_led, self.chip));
+        pins = match self.encoder {
+            EncoderKind::As5600 => {
+                let Some([top, bottom]) = self.i2c else {
+                    return Err(BoardError::OneI2cMaster);
+                };
+                pins = attempt!(pins.insert_output(top.sda, self.chip));
+                pins = attempt!(pins.insert_output(top.scl, self.chip));
+                pins = attempt!(pins.insert_output(bottom.sda, self.chip));
+                attempt!(pins.insert_output(bottom.scl, self.chip))
+            }
+            EncoderKind::Mt6701 | EncoderKind::As5047p => {
+                pins = attempt!(pins.insert_output(self.spi.sclk, self.chip));
+                pins = attempt!(pins.insert(self.spi.miso));
+                pins = attempt!(pins.insert_output(self.spi.mosi, self.chip));
+                pins = attempt!(pins.insert_output(self.spi.selects[0], self.chip));
+                attempt!(pins.insert_output(self.spi.selects[1], self.chip))
+            }
+        };
+        let PinSet(_) = pins;
+        Ok(())
+    }
+}
+
+impl EncoderKind {
+    /// The encoder that a cargo feature names.
+    #[must_use]
+    pub const fn named(feature: &str) -> Option<Self> {
+        if same(feature, "encoder-as5600") {
+            Some(Self::As5600)
+        } else if same(feature, "encoder-mt6701") {
+            Some(Self::Mt6701)
+        } else if same(feature, "encoder-as5047p") {
+            Some(Self::As5047p)
+        } else {
+            None
+        }
+    }
+}
+
+/// Whether two strings are equal, in constant functions.
+const fn same(left: &str, right: &str) -> bool {
+    let (left, right) = (left.as_bytes(), right.as_bytes());
+    if left.len() != right.len() {
+        return false;
+    }
+    let mut index = 0;
+    while index < left.len() {
+        if left[index] != right[index] {
+            return false;
+        }
+        index += 1;
+    }
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every board with every option that it offers.
+    fn variants() -> impl Iterator<Item = Board> {
+        BOARDS.into_iter().flat_map(|board| {
+            let currents = board.with_current_sense();
+            [*board, board.with_battery_divider(), currents, currents.with_battery_divider()]
+                .into_iter()
+                .flat_map(|board| {
+                    [EncoderKind::As5600, EncoderKind::Mt6701, EncoderKind::As5047p]
+                        .map(|encoder| board.with_encoder(encoder))
+                })
+        })
+    }
+
+    #[test]
+    fn every_board_fits_its_chip_with_every_option() {
+        for board in variants() {
+            let needs_two_masters = board.encoder == EncoderKind::As5600;
+            let expected = if needs_two_masters && !board.chip.has_two_i2c_masters() {
+                Err(BoardError::OneI2cMaster)
+            } else {
+                Ok(())
+            };
+            assert_eq!(board.check(), expected, "{} {:?}", board.feature, board.encoder);
+        }
+    }
+
+    #[test]
+    fn a_pin_with_two_uses_is_refused() {
+        let mut board = MKS_DUAL_FOC_V3_3_PLUS;
+        board.bridges[1].phases[0] = board.bridges[0].phases[2];
+        assert_eq!(board.check(), Err(BoardError::PinUsedTwice(25)));
+    }
+
+    #[test]
+    fn an_input_only_pin_cannot_switch_a_phase() {
+        let mut board = MKS_DUAL_FOC_V3_3_PLUS;
+        board.bridges[0].phases[1] = 35;
+        assert_eq!(board.check(), Err(BoardError::CannotDrive(35)));
+    }
+
+    #[test]
+    fn currents_are_measured_on_adc1_alone() {
+        let mut board = DENGFOC_V3_01;
+        board.bridges[0].currents = Some([4, 36]);
+        assert_eq!(board.check(), Err(BoardError::NotOnAdc1(4)));
+    }
+
+    #[test]
+    fn a_board_without_an_enable_brakes() {
+        for board in variants() {
+            let has_enables = board.bridges.iter().all(|bridge| bridge.enable.is_some());
+            assert_eq!(board.hardware.can_coast, has_enables, "{}", board.feature);
+        }
+    }
+
+    #[test]
+    fn sense_that_clips_runs_in_voltage_mode() {
+        assert_eq!(MKS_DUAL_FOC_V3_1.hardware.current_sense, None);
+    }
+
+    #[test]
+    fn current_is_told_exactly_where_it_is_measured() {
+        for board in variants() {
+            let measured = board.bridges.iter().all(|bridge| bridge.currents.is_some());
+            assert_eq!(board.hardware.current_sense.is_some(), measured, "{}", board.feature);
+        }
+    }
+
+    #[test]
+    fn fifty_fold_sense_reads_1_6_milliamperes_a_count() {
+        let sense = MKS_DUAL_FOC_V3_3_PLUS.hardware.current_sense.map(|s| s.microamperes_per_count);
+        assert_eq!(sense, Some(1_611));
+    }
+
+    #[test]
+    fn a_full_three_cell_battery_stays_in_the_linear_range() {
+        let full = 12_600_000 / u32::from(DIVIDER_MICROVOLTS_PER_COUNT);
+        assert!((2_000..3_100).contains(&full), "{full} counts");
+    }
+
+    #[test]
+    fn every_board_is_found_by_its_feature() {
+        for board in BOARDS {
+            assert_eq!(Board::named(board.feature), Some(board));
+        }
+        assert_eq!(Board::named("mks"), None);
+    }
+}

@@ -1,0 +1,470 @@
+//! The robot's end of the link: what operators say becomes an [`Order`] for the fast half, and what
+//! the fast half reports becomes replies, telemetry and events.
+//!
+//! - **Who**: only the operator that holds the session of [`flix_protocol::session`]. Whenever a
+//!   session begins or is left, the robot ramps down and disarms: nobody inherits a running robot.
+//! - **When**: arming is explicit, and wants a link that was steady for [`PROVING_TIME`]. From then
+//!   on each setpoint is also a sign of life; the fast half itself watches their age
+//!   ([`Order::heard`]), so that its deadlines hold even when this half hangs.
+//! - **What is refused** changes nothing, and the refusal says what would be accepted.
+//! - **Events** carry numbers that count up by one. At most [`EVENTS`] wait for an operator, the
+//!   oldest go first, and the gap in the numbers tells.
+//!
+//! Time and datagrams come in as arguments, datagrams go out: no clock, no socket, no allocation,
+//! and no panic on any input.
+
+use core::net::SocketAddr;
+use core::time::Duration;
+
+use flix_protocol::frame::{Frame, HandshakeFrame};
+use flix_protocol::message::{
+    Command, Event, EventReport, Faults, Identity, LoopTiming, MotorTelemetry, Outcome,
+    PARAMETERS_PER_REPLY, ParameterCommand, Refusal, Reply, Setpoint, State, Telemetry, ToOperator,
+    ToRobot,
+};
+use flix_protocol::session::{Key, RobotReceived, RobotSession};
+use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
+use heapless::{Deque, Vec};
+
+use crate::control::{MotorReport, Order, Report, SPEED_PER_HERTZ, TURN_PER_DEGREE};
+use crate::hardware::{Hardware, SettingsStore};
+use crate::settings::{self, Settings, Tuning, text};
+
+/// For how long the link must have been steady before the robot arms.
+///
+/// Twice the deadline at which a running robot stops: whoever arms has shown that it can keep it.
+pub const PROVING_TIME: Duration = Duration::from_millis(500);
+/// Longest gap between two valid commands of a steady link: the failsafe ladder's first step.
+pub const STEADY_GAP: Duration = Duration::from_millis(100);
+/// Events that wait for an operator.
+pub const EVENTS: usize = 32;
+/// Replies that wait to be sent. The network task sends after each datagram that it receives.
+const REPLIES: usize = 4;
+/// Handshake datagrams that wait to be sent.
+const ANSWERS: usize = 4;
+
+/// The robot's end of the link.
+pub struct Link {
+    session: RobotSession,
+    identity: Identity,
+    signal_dbm: Option<i8>,
+    order: Order,
+    setpoint: Setpoint,
+    report: Report,
+    steadiness: Steadiness,
+    stop_asked: Option<Instant>,
+    answers: Deque<(SocketAddr, HandshakeFrame), ANSWERS>,
+    replies: Deque<Reply, REPLIES>,
+    events: Events,
+    telemetry_due: Instant,
+}
+
+impl Link {
+    /// Nobody connected. Without a key every operator is refused.
+    ///
+    /// `report` is the fast half's first. `entropy` comes from a hardware random source, fresh at
+    /// every start.
+    #[must_use]
+    pub fn new(identity: Identity, key: Option<Key>, entropy: [u8; 32], report: Report) -> Self {
+        let mut events = Events::default();
+        events.push(report.time, Event::Started);
+        Self {
+            session: RobotSession::new(key, entropy),
+            identity,
+            signal_dbm: None,
+            order: Order::default(),
+            setpoint: Setpoint::REST,
+            report,
+            steadiness: Steadiness::default(),
+            stop_asked: None,
+            answers: Deque::new(),
+            replies: Deque::new(),
+            events,
+            telemetry_due: report.time,
+        }
+    }
+
+    /// What the fast half is asked for.
+    #[must_use]
+    pub const fn order(&self) -> &Order {
+        &self.order
+    }
+
+    /// Whether the robot has a key.
+    #[must_use]
+    pub const fn is_provisioned(&self) -> bool {
+        self.session.is_provisioned()
+    }
+
+    /// Takes another key, or none: ends the session and disarms.
+    pub fn set_key(&mut self, key: Option<Key>) {
+        self.session.set_key(key);
+        self.change_operator();
+    }
+
+    /// What the robot answers to [`Command::Identify`] from now on.
+    pub fn set_identity(&mut self, identity: Identity) {
+        self.identity = identity;
+    }
+
+    /// Radio power as last received, for telemetry.
+    pub fn set_signal(&mut self, dbm: Option<i8>) {
+        self.signal_dbm = dbm;
+    }
+
+    /// Tells the operator that something happened in the slow half.
+    pub fn tell(&mut self, now: Instant, event: Event) {
+        self.events.push(now, event);
+    }
+
+    /// Takes a datagram that came from `from`. What there is to send in turn comes out of
+    /// [`Link::transmit`]. Never panics.
+    pub fn receive<S: SettingsStore>(
+        &mut self,
+        now: Instant,
+        from: SocketAddr,
+        datagram: &[u8],
+        tuning: &mut Tuning<S>,
+    ) {
+        match self.session.receive(now, from, datagram) {
+            RobotReceived::Answer(answer) | RobotReceived::Dropped(_, Some(answer)) => {
+                push_newest(&mut self.answers, (from, answer));
+            }
+            RobotReceived::Connected(answer) => {
+                self.change_operator();
+                self.telemetry_due = now;
+                self.events.push(now, Event::OperatorConnected);
+                push_newest(&mut self.answers, (from, answer));
+            }
+            RobotReceived::Command(ToRobot { request, command }) => {
+                self.steadiness.heard(now);
+                let outcome = self.obey(now, command, tuning).unwrap_or_else(Outcome::Refused);
+                push_newest(&mut self.replies, Reply { request, outcome });
+            }
+            RobotReceived::Refused { request, refusal } => {
+                let outcome = Outcome::Refused(refusal);
+                push_newest(&mut self.replies, Reply { request, outcome });
+            }
+            RobotReceived::Left => {
+                self.change_operator();
+                self.events.push(now, Event::OperatorLeft);
+            }
+            RobotReceived::Dropped(_, None) => {}
+        }
+    }
+
+    /// The next datagram to send, and to whom; `None` when there is none for now.
+    pub fn transmit(
+        &mut self,
+        now: Instant,
+        settings: &Settings,
+        frame: &mut Frame,
+    ) -> Option<SocketAddr> {
+        if let Some((to, answer)) = self.answers.pop_front() {
+            frame.clear();
+            frame.extend_from_slice(&answer).ok()?;
+            return Some(to);
+        }
+        self.session.peer(now)?;
+        let message = self.next_message(now, settings)?;
+        let (to, sealed) = self.session.send(now, &message).ok()?;
+        *frame = sealed;
+        Some(to)
+    }
+
+    /// When [`Link::transmit`] has something to send, unless a datagram or a report changes that;
+    /// `None` while nobody listens.
+    #[must_use]
+    pub fn poll_at(&self, now: Instant) -> Option<Instant> {
+        if !self.answers.is_empty() {
+            return Some(now);
+        }
+        self.session.peer(now)?;
+        let waiting = !self.replies.is_empty() || !self.events.queue.is_empty();
+        Some(if waiting { now } else { self.telemetry_due.max(now) })
+    }
+
+    /// Takes over how the fast half is, and notes what happened since it was last observed.
+    pub fn observe(&mut self, report: &Report) {
+        let last = core::mem::replace(&mut self.report, *report);
+        if self.stop_asked.is_some_and(|asked| report.time > asked) {
+            self.stop_asked = None;
+        }
+        let now = report.time;
+        let (new, old) = (&report.events, &last.events);
+        let voltage = report.bus_voltage.map_or(Volts::ZERO, volts);
+        let counted = [
+            (new.cleared.wrapping_sub(old.cleared), Event::Cleared),
+            (new.stopped.wrapping_sub(old.stopped), Event::Stopped),
+            (new.link_late.wrapping_sub(old.link_late), Event::LinkLate),
+            (new.command_deadline.wrapping_sub(old.command_deadline), Event::CommandDeadline),
+            (new.link_lost.wrapping_sub(old.link_lost), Event::LinkLost),
+            (new.battery_low.wrapping_sub(old.battery_low), Event::BatteryLow(voltage)),
+        ];
+        for (count, event) in counted {
+            for _ in 0..count {
+                self.events.push(now, event);
+            }
+        }
+        for fault in report.faults.iter().filter(|fault| !last.faults.contains(*fault)) {
+            self.events.push(now, Event::Fault(fault));
+        }
+        if report.state != last.state {
+            self.events.push(now, Event::State(report.state));
+        }
+        if !matches!(report.state, State::Armed | State::Running) {
+            self.setpoint = Setpoint::REST;
+        }
+    }
+
+    /// Another operator, or none: the robot is theirs only from arming on.
+    fn change_operator(&mut self) {
+        self.disarm();
+        self.steadiness = Steadiness::default();
+        self.replies.clear();
+    }
+
+    fn disarm(&mut self) {
+        self.order.disarm = self.order.disarm.wrapping_add(1);
+        self.setpoint = Setpoint::REST;
+    }
+
+    fn obey<S: SettingsStore>(
+        &mut self,
+        now: Instant,
+        command: Command,
+        tuning: &mut Tuning<S>,
+    ) -> Result<Outcome, Refusal> {
+        match command {
+            Command::Setpoint(setpoint) => self.shake(now, setpoint)?,
+            Command::Arm => self.arm(now)?,
+            Command::Disarm => self.disarm(),
+            Command::Stop => self.stop(now),
+            Command::Clear => self.order.clear = self.order.clear.wrapping_add(1),
+            Command::Parameter(command) => return self.tune(now, command, tuning),
+            Command::Identify => return Ok(Outcome::Identity(self.identity.clone())),
+            Command::Ping(number) => return Ok(Outcome::Pong(number)),
+        }
+        Ok(Outcome::Done)
+    }
+
+    /// A setpoint in range is a sign of life even where it cannot be obeyed, as while aligning.
+    fn shake(&mut self, now: Instant, setpoint: Setpoint) -> Result<(), Refusal> {
+        setpoint.check()?;
+        self.order.heard = now;
+        self.check_cleared()?;
+        match self.report.state {
+            State::Armed | State::Running => {
+                self.order.set(&setpoint, now);
+                self.setpoint = setpoint;
+                Ok(())
+            }
+            state => Err(Refusal::State(state)),
+        }
+    }
+
+    /// Idempotent while armed.
+    fn arm(&mut self, now: Instant) -> Result<(), Refusal> {
+        self.check_cleared()?;
+        match self.report.state {
+            State::Aligning | State::Armed | State::Running => return Ok(()),
+            State::Disarmed => {}
+            state => return Err(Refusal::State(state)),
+        }
+        if !self.steadiness.is_proven(now) {
+            return Err(Refusal::LinkUnproven);
+        }
+        self.order.heard = now;
+        self.order.arm = self.order.arm.wrapping_add(1);
+        Ok(())
+    }
+
+    fn stop(&mut self, now: Instant) {
+        self.order.stop = self.order.stop.wrapping_add(1);
+        self.stop_asked = Some(now);
+        self.setpoint = Setpoint::REST;
+    }
+
+    fn check_cleared(&self) -> Result<(), Refusal> {
+        if self.report.stopped || self.stop_asked.is_some() {
+            Err(Refusal::Stopped)
+        } else if self.report.faults != Faults::NONE {
+            Err(Refusal::Faulted(self.report.faults))
+        } else {
+            Ok(())
+        }
+    }
+
+    fn tune<S: SettingsStore>(
+        &mut self,
+        now: Instant,
+        command: ParameterCommand,
+        tuning: &mut Tuning<S>,
+    ) -> Result<Outcome, Refusal> {
+        match command {
+            ParameterCommand::Get(name) => return told(tuning.settings(), &name),
+            ParameterCommand::List(first) => return Ok(list(tuning.settings(), first)),
+            ParameterCommand::Set(name, value) => {
+                self.check_idle()?;
+                tuning.set(&name, value)?;
+                return told(tuning.settings(), &name);
+            }
+            ParameterCommand::Reset => {
+                self.check_idle()?;
+                tuning.reset();
+            }
+            ParameterCommand::Save => {
+                self.check_idle()?;
+                tuning.save().map_err(|_| Refusal::Storage)?;
+                self.events.push(now, Event::SettingsSaved);
+            }
+        }
+        Ok(Outcome::Done)
+    }
+
+    /// Settings change, and flash is written, only while the motors are let go.
+    fn check_idle(&self) -> Result<(), Refusal> {
+        match self.report.state {
+            State::Disarmed | State::Faulted => Ok(()),
+            state => Err(Refusal::State(state)),
+        }
+    }
+
+    fn next_message(&mut self, now: Instant, settings: &Settings) -> Option<ToOperator> {
+        if let Some(reply) = self.replies.pop_front() {
+            return Some(ToOperator::Reply(reply));
+        }
+        if let Some(event) = self.events.queue.pop_front() {
+            return Some(ToOperator::Event(event));
+        }
+        if now < self.telemetry_due {
+            return None;
+        }
+        let interval = Duration::from_secs_f32(1.0 / settings.telemetry_rate);
+        let next = self.telemetry_due + interval;
+        self.telemetry_due = if next > now { next } else { now + interval };
+        Some(ToOperator::Telemetry(self.telemetry(now)))
+    }
+
+    fn telemetry(&mut self, now: Instant) -> Telemetry {
+        self.order.period = self.order.period.wrapping_add(1);
+        let report = &self.report;
+        let mut link = self.session.quality(now);
+        link.signal_dbm = self.signal_dbm;
+        Telemetry {
+            time: report.time,
+            state: report.state,
+            faults: report.faults,
+            first_fault: report.first_fault,
+            stopped: report.stopped,
+            link_late: report.link_late,
+            setpoint: self.setpoint,
+            frequency: hertz(report.frequency),
+            direction: degrees(report.direction),
+            motors: report.motors.map(motor),
+            bus_voltage: report.bus_voltage.map(volts),
+            modulation: Ratio::saturating(f32::from(report.modulation) / f32::from(u16::MAX)),
+            timing: LoopTiming {
+                ticks: report.timing.ticks,
+                longest_interval_us: report.timing.longest_interval_us,
+                overruns: report.timing.overruns,
+            },
+            link,
+        }
+    }
+}
+
+/// Who the robot says it is: its name and board, cut to what fits, and this firmware's version.
+#[must_use]
+pub fn identity(name: &str, hardware: &Hardware) -> Identity {
+    Identity {
+        name: text(name),
+        board: text(hardware.name),
+        version: text(env!("CARGO_PKG_VERSION")),
+    }
+}
+
+fn told(settings: &Settings, name: &str) -> Result<Outcome, Refusal> {
+    Settings::position(name)
+        .and_then(|index| settings.parameter(index))
+        .map(Outcome::Parameter)
+        .ok_or(Refusal::UnknownParameter)
+}
+
+fn list(settings: &Settings, first: u16) -> Outcome {
+    let first = usize::from(first);
+    let entries: Vec<_, PARAMETERS_PER_REPLY> = (first..first + PARAMETERS_PER_REPLY)
+        .filter_map(|index| settings.parameter(index))
+        .collect();
+    Outcome::Parameters { total: settings::COUNT as u16, entries }
+}
+
+/// When full, the oldest goes.
+fn push_newest<T, const N: usize>(queue: &mut Deque<T, N>, item: T) {
+    if queue.is_full() {
+        queue.pop_front();
+    }
+    // Just made room.
+    let _ = queue.push_back(item);
+}
+
+/// For how long commands have come without a gap.
+#[derive(Debug, Clone, Copy, Default)]
+struct Steadiness {
+    /// Since when, and when the last one came.
+    run: Option<(Instant, Instant)>,
+}
+
+impl Steadiness {
+    fn heard(&mut self, now: Instant) {
+        self.run = match self.run {
+            Some((since, last)) if now.since(last) <= STEADY_GAP => Some((since, now)),
+            _ => Some((now, now)),
+        };
+    }
+
+    fn is_proven(&self, now: Instant) -> bool {
+        self.run.is_some_and(|(since, last)| {
+            now.since(last) <= STEADY_GAP && now.since(since) >= PROVING_TIME
+        })
+    }
+}
+
+/// Events on the way to the operator.
+#[derive(Debug, Default)]
+struct Events {
+    next: u32,
+    queue: Deque<EventReport, EVENTS>,
+}
+
+impl Events {
+    fn push(&mut self, time: Instant, event: Event) {
+        push_newest(&mut self.queue, EventReport { number: self.next, time, event });
+        self.next = self.next.wrapping_add(1);
+    }
+}
+
+fn motor(motor: MotorReport) -> MotorTelemetry {
+    MotorTelemetry {
+        angle: degrees(motor.angle as i32),
+        speed: hertz(motor.speed),
+        current_d: amperes(motor.current_d),
+        current_q: amperes(motor.current_q),
+    }
+}
+
+fn hertz(speed: i32) -> Hertz {
+    Hertz::saturating(speed as f32 / SPEED_PER_HERTZ)
+}
+
+fn degrees(turn: i32) -> Degrees {
+    Degrees::saturating(turn as f32 / TURN_PER_DEGREE)
+}
+
+fn amperes(current: i32) -> Amperes {
+    Amperes::saturating(current as f32 / 65536.0)
+}
+
+fn volts(voltage: i32) -> Volts {
+    Volts::saturating(voltage as f32 / 65536.0)
+}

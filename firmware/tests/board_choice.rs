@@ -1,0 +1,74 @@
+//! The features of the chip binary: sensible defaults, and one sentence where they contradict.
+#![allow(missing_docs)]
+
+#[path = "../board_choice.rs"]
+mod board_choice;
+
+use board_choice::{Choice, choose};
+use flix_firmware::board::{BOARDS, Board, EncoderKind};
+
+fn chosen(features: &[&str]) -> Result<Option<Choice>, String> {
+    choose(&|feature| features.contains(&feature))
+}
+
+#[test]
+fn the_host_chooses_no_board() {
+    assert_eq!(chosen(&[]), Ok(None));
+}
+
+#[test]
+fn the_esp32_defaults_to_the_v3_3_plus() {
+    let choice = chosen(&["esp32"]).unwrap().unwrap();
+    assert_eq!(choice.board, "mks-dual-foc-v3-3-plus");
+}
+
+#[test]
+fn every_board_can_be_chosen_on_its_chip_and_on_no_other() {
+    for board in BOARDS {
+        for chip in ["esp32", "esp32s3", "esp32c6"] {
+            let choice = chosen(&[chip, board.feature]);
+            if board.chip.feature() == chip {
+                assert_eq!(choice.unwrap().unwrap().board, board.feature);
+            } else {
+                let sentence = choice.unwrap_err();
+                assert!(sentence.contains(board.chip.feature()), "{sentence}");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_default_is_a_board_of_that_chip() {
+    for chip in ["esp32", "esp32s3", "esp32c6"] {
+        let choice = chosen(&[chip]).unwrap().unwrap();
+        assert_eq!(Board::named(choice.board).unwrap().chip.feature(), chip);
+    }
+}
+
+#[test]
+fn two_of_a_kind_are_refused() {
+    for features in [
+        &["esp32", "esp32c6"][..],
+        &["esp32", "dengfoc-v3-01", "mks-dual-foc-v3-1"],
+        &["esp32", "encoder-mt6701", "encoder-as5047p"],
+    ] {
+        assert!(chosen(features).is_err(), "{features:?}");
+    }
+}
+
+#[test]
+fn two_as5600_on_one_i2c_master_are_refused() {
+    assert!(chosen(&["esp32c6", "encoder-as5600"]).unwrap_err().contains("encoder-mt6701"));
+}
+
+#[test]
+fn encoder_features_name_encoders() {
+    for (feature, kind) in [
+        ("encoder-as5600", EncoderKind::As5600),
+        ("encoder-mt6701", EncoderKind::Mt6701),
+        ("encoder-as5047p", EncoderKind::As5047p),
+    ] {
+        let choice = chosen(&["esp32", feature]).unwrap().unwrap();
+        assert_eq!(choice.encoder.and_then(EncoderKind::named), Some(kind));
+    }
+}

@@ -1,0 +1,430 @@
+//! The client without a clock or a socket.
+
+use std::collections::VecDeque;
+
+use flix_protocol::frame::Frame;
+use flix_protocol::message::{
+    Command, EventReport, Outcome, Refusal, Reply, Setpoint, Telemetry, ToOperator, ToRobot,
+};
+use flix_protocol::session::{
+    ConnectError, Key, LinkHealth, OperatorReceived, OperatorSession, SendError, Status,
+};
+use flix_protocol::units::Instant;
+
+use super::statistics::Statistics;
+use super::{KEEP_ALIVE, REQUEST_PATIENCE, REQUEST_RETRY, SILENCE, STOP_RETRY};
+
+/// Something that the client's owner may want to know.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "few are ever waiting")]
+pub enum Update {
+    /// The robot is ours.
+    Connected,
+    /// The robot could not be reached, or refused.
+    Failed(ConnectError),
+    /// The robot fell silent; what was held is forgotten, and the client connects anew.
+    Lost,
+    /// The robot said goodbye.
+    Left,
+    /// The answer to a request.
+    Answer {
+        /// As [`Client::request`] returned it.
+        request: u32,
+        /// What became of it.
+        outcome: Outcome,
+    },
+    /// A request was given up: no answer in time, or overtaken by a stop or a lost session.
+    Unanswered {
+        /// As [`Client::request`] returned it.
+        request: u32,
+    },
+    /// The robot will not do what is held. Told once for each reason.
+    SetpointRefused(Refusal),
+    /// The robot has stopped, or is on the way to it, and stays so.
+    StopAcknowledged,
+    /// How the robot is.
+    Telemetry(Telemetry),
+    /// Something happened to the robot.
+    Event(EventReport),
+}
+
+/// How far a stop has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StopState {
+    /// None was asked for.
+    None,
+    /// Asked for, and not acknowledged yet.
+    Sending,
+    /// The robot has it.
+    Acknowledged,
+}
+
+/// A request on its way.
+#[derive(Debug, Clone)]
+struct Pending {
+    message: ToRobot,
+    is_sent: bool,
+    send_at: Instant,
+    give_up_at: Instant,
+}
+
+/// The operator's end of the link.
+///
+/// After every call, and whenever [`Client::transmit_at`] has come: call [`Client::transmit`] until
+/// it gives `None`, send what it gives, and look at [`Client::update`]. Never panics on any
+/// datagram.
+pub struct Client {
+    session: OperatorSession,
+    was_established: bool,
+    has_failed: bool,
+    held: Option<Setpoint>,
+    refusal: Option<Refusal>,
+    stop: StopState,
+    stop_number: u32,
+    stop_at: Instant,
+    pending: VecDeque<Pending>,
+    next_number: u32,
+    keep_alive_at: Instant,
+    heard: Instant,
+    telemetry: Option<Telemetry>,
+    is_driving: bool,
+    statistics: Statistics,
+    farewell: Option<Frame>,
+    updates: VecDeque<Update>,
+}
+
+impl Client {
+    /// Begins to connect at once. `entropy` comes from the operating system, fresh for every
+    /// client; a simulation takes it from its seed.
+    #[must_use]
+    pub fn new(key: Key, entropy: [u8; 32], now: Instant) -> Self {
+        Self {
+            session: OperatorSession::new(key, entropy, now),
+            was_established: false,
+            has_failed: false,
+            held: None,
+            refusal: None,
+            stop: StopState::None,
+            stop_number: 0,
+            stop_at: now,
+            pending: VecDeque::new(),
+            next_number: 0,
+            keep_alive_at: now,
+            heard: now,
+            telemetry: None,
+            is_driving: false,
+            statistics: Statistics::default(),
+            farewell: None,
+            updates: VecDeque::new(),
+        }
+    }
+
+    /// Tries again after [`Update::Failed`] or [`Update::Left`].
+    pub fn connect(&mut self, now: Instant) {
+        self.has_failed = false;
+        self.was_established = false;
+        self.session.connect(now);
+    }
+
+    /// From now on, the robot shall shake so. Repeated as sign of life until
+    /// [`Client::release`], a stop or a lost session.
+    pub fn hold(&mut self, now: Instant, setpoint: Setpoint) {
+        if self.stop == StopState::Sending || self.held == Some(setpoint) {
+            return;
+        }
+        self.held = Some(setpoint);
+        self.is_driving = true;
+        self.refusal = None;
+        // At once: the operator waits for nothing.
+        self.keep_alive_at = now;
+    }
+
+    /// Holds nothing any more: pings keep the session alive, and the robot's command deadline
+    /// passes.
+    pub fn release(&mut self) {
+        self.held = None;
+        self.refusal = None;
+    }
+
+    /// What is held.
+    #[must_use]
+    pub const fn held(&self) -> Option<Setpoint> {
+        self.held
+    }
+
+    /// Sends a command until it is answered, and returns its number. The answer, or that there is
+    /// none, comes as an update.
+    ///
+    /// Setpoints are better [held](Client::hold), and stops better [repeated](Client::stop).
+    pub fn request(&mut self, now: Instant, command: Command) -> u32 {
+        if matches!(command, Command::Clear) && self.stop == StopState::Acknowledged {
+            self.stop = StopState::None;
+        }
+        self.is_driving |= matches!(command, Command::Arm);
+        let request = self.number();
+        self.pending.push_back(Pending {
+            message: ToRobot { request, command },
+            is_sent: false,
+            send_at: now,
+            give_up_at: now + REQUEST_PATIENCE,
+        });
+        request
+    }
+
+    /// Stops the robot: forgets what is held or asked, and repeats stop until it is acknowledged.
+    pub fn stop(&mut self, now: Instant) {
+        self.release();
+        self.abandon_requests();
+        if self.stop != StopState::Sending {
+            self.stop = StopState::Sending;
+            self.stop_number = self.number();
+        }
+        self.stop_at = now;
+    }
+
+    /// Whether this client has armed or moved the robot and has not been told since that it is
+    /// stopped or disarmed: whoever ends now must stop it first.
+    #[must_use]
+    pub const fn is_driving(&self) -> bool {
+        self.is_driving
+    }
+
+    /// How far the stop has come.
+    #[must_use]
+    pub const fn stop_state(&self) -> StopState {
+        self.stop
+    }
+
+    /// Says goodbye: the next operator need not wait.
+    pub fn leave(&mut self) {
+        self.farewell = self.session.goodbye().ok();
+        self.session_ended();
+    }
+
+    /// How the connection stands.
+    #[must_use]
+    pub fn status(&self, now: Instant) -> Status {
+        self.session.status(now)
+    }
+
+    /// Whether the robot is ours and was heard of late.
+    #[must_use]
+    pub fn is_connected(&self, now: Instant) -> bool {
+        self.status(now) == Status::Connected
+    }
+
+    /// The newest telemetry of the present session.
+    #[must_use]
+    pub const fn telemetry(&self) -> Option<&Telemetry> {
+        self.telemetry.as_ref()
+    }
+
+    /// Round trips and losses of commands.
+    #[must_use]
+    pub const fn statistics(&self) -> &Statistics {
+        &self.statistics
+    }
+
+    /// What the session counts: datagrams that did not arrive here, and those dropped, by reason.
+    #[must_use]
+    pub fn health(&self) -> LinkHealth {
+        self.session.health()
+    }
+
+    /// What happened next, oldest first.
+    pub fn update(&mut self) -> Option<Update> {
+        self.updates.pop_front()
+    }
+
+    /// Takes a datagram from the robot's address.
+    pub fn receive(&mut self, now: Instant, datagram: &[u8]) {
+        let received = self.session.receive(now, datagram);
+        if matches!(received, OperatorReceived::Connected | OperatorReceived::Message(_)) {
+            self.heard = now;
+            self.note_established(now);
+        }
+        match received {
+            OperatorReceived::Message(ToOperator::Reply(reply)) => self.replied(now, reply),
+            OperatorReceived::Message(ToOperator::Telemetry(telemetry)) => {
+                self.telemetry = Some(telemetry);
+                self.updates.push_back(Update::Telemetry(telemetry));
+            }
+            OperatorReceived::Message(ToOperator::Event(event)) => {
+                self.updates.push_back(Update::Event(event));
+            }
+            OperatorReceived::Left => {
+                self.session_ended();
+                self.updates.push_back(Update::Left);
+            }
+            OperatorReceived::Connected
+            | OperatorReceived::Progress
+            | OperatorReceived::Dropped(_) => {}
+        }
+    }
+
+    /// The next datagram to send, if one is due.
+    pub fn transmit(&mut self, now: Instant) -> Option<Frame> {
+        self.statistics.expire(now);
+        if let Some(frame) = self.farewell.take() {
+            return Some(frame);
+        }
+        self.give_up_on_silence(now);
+        if let Some(frame) = self.session.poll(now) {
+            return Frame::from_slice(&frame).ok();
+        }
+        self.note_failure(now);
+        self.give_up_on_requests(now);
+        if !self.was_established {
+            return None;
+        }
+        let message = self.due(now)?;
+        match self.session.send(now, &message) {
+            Ok(frame) => Some(frame),
+            // Every command fits a datagram (a test of the protocol), so only this is left.
+            Err(SendError::NoSession | SendError::TooLong | SendError::Exhausted) => {
+                self.session_ended();
+                self.updates.push_back(Update::Lost);
+                self.session.connect(now);
+                None
+            }
+        }
+    }
+
+    /// When [`Client::transmit`] next has something to do.
+    #[must_use]
+    pub fn transmit_at(&self) -> Option<Instant> {
+        if self.farewell.is_some() {
+            return Some(Instant::START);
+        }
+        let give_up = self.pending.iter().map(|pending| pending.give_up_at).min();
+        if !self.was_established {
+            return [self.session.poll_at(), give_up].into_iter().flatten().min();
+        }
+        let stop = (self.stop == StopState::Sending).then_some(self.stop_at);
+        let request = self.pending.iter().map(|pending| pending.send_at).min();
+        let request = request.filter(|_| self.stop != StopState::Sending);
+        [Some(self.keep_alive_at), stop, request, give_up, Some(self.heard + SILENCE)]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+
+    /// The message that is due, most urgent first.
+    fn due(&mut self, now: Instant) -> Option<ToRobot> {
+        if self.stop == StopState::Sending {
+            if now >= self.stop_at {
+                self.stop_at = now + STOP_RETRY;
+                return Some(ToRobot { request: self.stop_number, command: Command::Stop });
+            }
+        } else if let Some(pending) = self.pending.iter_mut().find(|it| now >= it.send_at) {
+            let number = pending.message.request;
+            if pending.is_sent {
+                self.statistics.repeated(number);
+            } else {
+                self.statistics.sent(number, now);
+            }
+            pending.is_sent = true;
+            pending.send_at = now + REQUEST_RETRY;
+            return Some(pending.message.clone());
+        }
+        if now < self.keep_alive_at {
+            return None;
+        }
+        // A fixed rate; after a pause it starts anew rather than catch up.
+        let next = self.keep_alive_at + KEEP_ALIVE;
+        self.keep_alive_at = if next > now { next } else { now + KEEP_ALIVE };
+        let request = self.number();
+        self.statistics.sent(request, now);
+        let command = self.held.map_or(Command::Ping(request), Command::Setpoint);
+        Some(ToRobot { request, command })
+    }
+
+    fn replied(&mut self, now: Instant, reply: Reply) {
+        let Reply { request, outcome } = reply;
+        self.statistics.replied(request, now);
+        if self.stop == StopState::Sending && request == self.stop_number {
+            if outcome == Outcome::Done {
+                self.acknowledge_stop();
+            }
+        } else if let Some(place) =
+            self.pending.iter().position(|pending| pending.message.request == request)
+        {
+            let disarm = |pending: Pending| pending.message.command == Command::Disarm;
+            if self.pending.remove(place).is_some_and(disarm) && outcome == Outcome::Done {
+                self.is_driving = false;
+            }
+            self.updates.push_back(Update::Answer { request, outcome });
+        } else if let (Outcome::Refused(refusal), Some(_)) = (outcome, self.held)
+            && self.refusal.as_ref() != Some(&refusal)
+        {
+            self.refusal = Some(refusal.clone());
+            self.updates.push_back(Update::SetpointRefused(refusal));
+        }
+    }
+
+    fn acknowledge_stop(&mut self) {
+        if self.stop == StopState::Sending {
+            self.stop = StopState::Acknowledged;
+            self.is_driving = false;
+            self.updates.push_back(Update::StopAcknowledged);
+        }
+    }
+
+    fn note_established(&mut self, now: Instant) {
+        if !self.was_established {
+            self.was_established = true;
+            self.keep_alive_at = now;
+            self.updates.push_back(Update::Connected);
+        }
+    }
+
+    fn note_failure(&mut self, now: Instant) {
+        if let Status::Failed(error) = self.session.status(now)
+            && !self.has_failed
+        {
+            self.has_failed = true;
+            self.abandon_requests();
+            self.updates.push_back(Update::Failed(error));
+        }
+    }
+
+    fn give_up_on_silence(&mut self, now: Instant) {
+        if self.was_established && now.since(self.heard) >= SILENCE {
+            self.session_ended();
+            self.updates.push_back(Update::Lost);
+            self.session.connect(now);
+        }
+    }
+
+    fn give_up_on_requests(&mut self, now: Instant) {
+        let updates = &mut self.updates;
+        self.pending.retain(|pending| {
+            let is_alive = now < pending.give_up_at;
+            if !is_alive {
+                updates.push_back(Update::Unanswered { request: pending.message.request });
+            }
+            is_alive
+        });
+    }
+
+    fn session_ended(&mut self) {
+        self.was_established = false;
+        self.has_failed = false;
+        self.telemetry = None;
+        self.release();
+        self.abandon_requests();
+        self.statistics.abandon();
+    }
+
+    fn abandon_requests(&mut self) {
+        let updates = &mut self.updates;
+        for pending in self.pending.drain(..) {
+            updates.push_back(Update::Unanswered { request: pending.message.request });
+        }
+    }
+
+    fn number(&mut self) -> u32 {
+        self.next_number = self.next_number.wrapping_add(1);
+        self.next_number
+    }
+}

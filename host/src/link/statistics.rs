@@ -1,0 +1,154 @@
+//! Round trips and losses of a link.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use flix_protocol::units::Instant;
+
+use super::ANSWER_TIME;
+
+/// Round trips that are remembered: over a minute at the rate of the keep-alive.
+const REMEMBERED: usize = 4096;
+
+/// How a link has done so far, as its operator sees it.
+#[derive(Debug, Clone, Default)]
+pub struct Statistics {
+    waiting: VecDeque<(u32, Instant)>,
+    round_trips: VecDeque<Duration>,
+    answered: u64,
+    unanswered: u64,
+}
+
+impl Statistics {
+    /// A command of this number was sent for the first time.
+    pub(super) fn sent(&mut self, number: u32, now: Instant) {
+        self.waiting.push_back((number, now));
+    }
+
+    /// A command was sent again: its reply will say nothing about time.
+    pub(super) fn repeated(&mut self, number: u32) {
+        self.waiting.retain(|(waiting, _)| *waiting != number);
+    }
+
+    /// A reply came.
+    pub(super) fn replied(&mut self, number: u32, now: Instant) {
+        let Some(place) = self.waiting.iter().position(|(waiting, _)| *waiting == number) else {
+            return;
+        };
+        if let Some((_, at)) = self.waiting.remove(place) {
+            self.answered += 1;
+            if self.round_trips.len() == REMEMBERED {
+                self.round_trips.pop_front();
+            }
+            self.round_trips.push_back(now.since(at));
+        }
+    }
+
+    /// Gives up waiting for replies that are overdue.
+    pub(super) fn expire(&mut self, now: Instant) {
+        while self.waiting.front().is_some_and(|(_, at)| now.since(*at) >= ANSWER_TIME) {
+            self.waiting.pop_front();
+            self.unanswered += 1;
+        }
+    }
+
+    /// Nothing more is to come of what was sent: another session begins.
+    pub(super) fn abandon(&mut self) {
+        self.unanswered += self.waiting.len() as u64;
+        self.waiting.clear();
+    }
+
+    /// Commands with a reply.
+    #[must_use]
+    pub const fn answered(&self) -> u64 {
+        self.answered
+    }
+
+    /// Commands without a reply within [`ANSWER_TIME`].
+    #[must_use]
+    pub const fn unanswered(&self) -> u64 {
+        self.unanswered
+    }
+
+    /// Share of commands whose reply never came, from 0 to 1.
+    #[must_use]
+    pub fn loss(&self) -> f64 {
+        let sent = self.answered + self.unanswered;
+        if sent == 0 { 0.0 } else { self.unanswered as f64 / sent as f64 }
+    }
+
+    /// The newest round trip.
+    #[must_use]
+    pub fn last_round_trip(&self) -> Option<Duration> {
+        self.round_trips.back().copied()
+    }
+
+    /// The round trip that this share (0 to 1) of the remembered ones does not exceed.
+    #[must_use]
+    pub fn round_trip_quantile(&self, share: f64) -> Option<Duration> {
+        quantile(self.round_trips.iter().copied().collect(), share)
+    }
+}
+
+/// Nearest-rank quantile. `None` of nothing.
+#[must_use]
+pub fn quantile(mut values: Vec<Duration>, share: f64) -> Option<Duration> {
+    let last = values.len().checked_sub(1)?;
+    values.sort_unstable();
+    let rank = (share.clamp(0.0, 1.0) * values.len() as f64).ceil() as usize;
+    Some(values[rank.saturating_sub(1).min(last)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(milliseconds: u64) -> Instant {
+        Instant::from_micros(milliseconds * 1000)
+    }
+
+    #[test]
+    fn quantiles_are_nearest_ranks() {
+        let values = |count: u64| (1..=count).rev().map(Duration::from_millis).collect::<Vec<_>>();
+        assert_eq!(quantile(values(100), 0.5), Some(Duration::from_millis(50)));
+        assert_eq!(quantile(values(100), 0.99), Some(Duration::from_millis(99)));
+        assert_eq!(quantile(values(100), 1.0), Some(Duration::from_millis(100)));
+        assert_eq!(quantile(values(1), 0.0), Some(Duration::from_millis(1)));
+        assert_eq!(quantile(Vec::new(), 0.5), None);
+    }
+
+    #[test]
+    fn a_repeated_command_is_not_timed() {
+        let mut statistics = Statistics::default();
+        statistics.sent(1, at(0));
+        statistics.repeated(1);
+        statistics.replied(1, at(500));
+        assert_eq!(statistics.last_round_trip(), None);
+    }
+
+    #[test]
+    fn one_of_four_without_a_reply_is_a_loss_of_a_quarter() {
+        let mut statistics = Statistics::default();
+        for number in 0..4 {
+            statistics.sent(number, at(u64::from(number)));
+        }
+        for number in [0, 1, 3] {
+            statistics.replied(number, at(10));
+        }
+        statistics.expire(at(2000));
+        assert!((statistics.loss() - 0.25).abs() < 1e-12);
+    }
+
+    #[test]
+    fn memory_is_bounded_on_a_link_that_runs_for_days() {
+        let mut statistics = Statistics::default();
+        for number in 0..100_000 {
+            statistics.sent(number, at(u64::from(number)));
+            statistics.expire(at(u64::from(number)));
+            if number % 3 == 0 {
+                statistics.replied(number, at(u64::from(number)));
+            }
+        }
+        assert!(statistics.waiting.len() < 2000 && statistics.round_trips.len() <= REMEMBERED);
+    }
+}

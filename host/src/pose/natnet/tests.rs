@@ -1,0 +1,181 @@
+use std::f64::consts::PI;
+use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use flix_protocol::units::Instant;
+use natnet::{PlannedBody, SyntheticServer, Version};
+
+use super::*;
+use crate::nav::PlanarPose;
+use crate::pose::{PoseSample, PoseSource};
+
+const LAYOUTS: [Version; 4] = [
+    Version::new(3, 0, 0, 0),
+    Version::new(3, 1, 0, 0),
+    Version::new(4, 0, 0, 0),
+    Version::new(4, 1, 0, 0),
+];
+
+fn some_pose() -> Pose {
+    Pose::planar(PlanarPose { x: 1.25, y: -0.5, heading: 0.7 }, 0.0625)
+}
+
+fn close(a: &Pose, b: &Pose) -> bool {
+    let pairs = a.position.iter().zip(&b.position).chain(a.orientation.iter().zip(&b.orientation));
+    pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-6)
+}
+
+#[test]
+fn motives_y_up_becomes_our_z_up() {
+    // Half a metre above the floor, one metre towards Motive's -z, turned to the left by 90 degrees
+    // about the vertical (Motive's y).
+    let half = (PI / 4.0) as f32;
+    let pose = UpAxis::Y.to_pose([0.0, 0.5, -1.0], [0.0, half.sin(), 0.0, half.cos()]);
+    let seen = pose.on_the_floor();
+    assert!((pose.position[2] - 0.5).abs() < 1e-6 && (seen.y - 1.0).abs() < 1e-6);
+    assert!((seen.heading - PI / 2.0).abs() < 1e-6, "{seen:?}");
+}
+
+#[test]
+fn a_pose_survives_every_layout_and_axis() {
+    for version in LAYOUTS {
+        for up in [UpAxis::Y, UpAxis::Z] {
+            let (position, orientation) = up.from_pose(&some_pose());
+            let body = PlannedBody::tracked(7, position, orientation);
+            let wire = SyntheticServer::new(version, 1000).datagram(42, 0.5, &[body]).unwrap();
+            let read = NatNetReading::from_datagram(&wire, version, Some(7), up).unwrap().unwrap();
+            let (pose, valid) = read.body.unwrap();
+            assert!(valid && read.frame == 42 && close(&pose, &some_pose()), "{version:?} {up}");
+        }
+    }
+}
+
+fn read(bodies: &[PlannedBody], body: Option<i32>) -> NatNetReading {
+    let wire = SyntheticServer::new(Version::V4_1, 1000).datagram(1, 0.0, bodies).unwrap();
+    NatNetReading::from_datagram(&wire, Version::V4_1, body, UpAxis::Z).unwrap().unwrap()
+}
+
+#[test]
+fn a_body_that_is_not_tracked_is_not_valid() {
+    let reading = read(&[PlannedBody::dropout(7)], Some(7));
+    assert!(!reading.body.unwrap().1);
+}
+
+#[test]
+fn a_pose_that_is_not_finite_is_not_valid() {
+    let body = PlannedBody::tracked(7, [f32::NAN, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]);
+    assert!(!read(&[body], Some(7)).body.unwrap().1);
+}
+
+#[test]
+fn another_body_is_not_taken_for_the_robot() {
+    let body = PlannedBody::tracked(8, [0.0; 3], [0.0, 0.0, 0.0, 1.0]);
+    assert_eq!(read(&[body], Some(7)).body, None);
+}
+
+#[test]
+fn damaged_datagrams_are_errors_and_never_poses() {
+    let body = PlannedBody::tracked(7, [0.0; 3], [0.0, 0.0, 0.0, 1.0]);
+    let wire = SyntheticServer::new(Version::V4_1, 1000).datagram(1, 0.0, &[body]).unwrap();
+    for length in 4..wire.len() {
+        let cut = NatNetReading::from_datagram(&wire[..length], Version::V4_1, None, UpAxis::Z);
+        assert!(cut.is_err(), "{length} of {} bytes were read as {cut:?}", wire.len());
+    }
+}
+
+/// Runs a server beside `client` until the client is done.
+fn beside_a_server<T>(settings: ServerSettings, client: impl FnOnce(SocketAddrV4) -> T) -> T {
+    let mut server =
+        NatNetServer::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), settings).unwrap();
+    let SocketAddr::V4(address) = server.local_addr().unwrap() else { panic!("IPv4") };
+    let done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let begin = std::time::Instant::now();
+            while !done.load(Ordering::Relaxed) && begin.elapsed() < Duration::from_secs(20) {
+                let now = Instant::from_micros(begin.elapsed().as_micros() as u64);
+                server.serve(now).unwrap();
+                server.stream(begin.elapsed().as_secs_f64(), Some(&some_pose())).unwrap();
+                std::thread::yield_now();
+            }
+        });
+        let result = client(address);
+        done.store(true, Ordering::Relaxed);
+        result
+    })
+}
+
+fn to(server: SocketAddrV4, body: Body) -> NatNetSettings {
+    NatNetSettings {
+        server,
+        interface: Ipv4Addr::LOCALHOST,
+        body,
+        up: UpAxis::Y,
+        timeout: Duration::from_secs(5),
+    }
+}
+
+fn first_pose(source: &mut NatNetSource) -> PoseSample {
+    let begin = std::time::Instant::now();
+    loop {
+        let now = Instant::from_micros(begin.elapsed().as_micros() as u64);
+        if let Some(sample) = source.poll(now).unwrap() {
+            return sample;
+        }
+        assert!(begin.elapsed() < Duration::from_secs(10), "{:?}", source.statistics());
+        std::thread::yield_now();
+    }
+}
+
+#[test]
+fn a_unicast_stream_of_every_layout_is_followed() {
+    for version in LAYOUTS {
+        let settings = ServerSettings { version, multicast: None, ..ServerSettings::default() };
+        let sample = beside_a_server(settings, |server| {
+            let mut source =
+                NatNetSource::connect(to(server, Body::Name("flix-walker".into()))).unwrap();
+            first_pose(&mut source)
+        });
+        assert!(sample.valid && close(&sample.pose, &some_pose()), "{version:?}");
+    }
+}
+
+#[test]
+fn a_multicast_stream_is_followed_by_two_at_once() {
+    // A group and port of its own: another test run on this computer must not be heard.
+    let port = 20_000 + (std::process::id() % 20_000) as u16;
+    let settings = ServerSettings {
+        multicast: Some((Ipv4Addr::new(239, 255, 42, 77), port)),
+        ..ServerSettings::default()
+    };
+    beside_a_server(settings, |server| {
+        let mut first = NatNetSource::connect(to(server, Body::Only)).unwrap();
+        let mut second = NatNetSource::connect(to(server, Body::Number(1))).unwrap();
+        assert!(first_pose(&mut first).valid && first_pose(&mut second).valid);
+    });
+}
+
+#[test]
+fn a_wrong_name_is_answered_with_the_names_there_are() {
+    let settings = ServerSettings { multicast: None, ..ServerSettings::default() };
+    let said = beside_a_server(settings, |server| {
+        NatNetSource::connect(to(server, Body::Name("drone".into()))).err().unwrap().to_string()
+    });
+    assert!(said.contains("drone") && said.contains("flix-walker"), "{said}");
+}
+
+#[test]
+fn a_silent_server_is_explained() {
+    let nobody = std::net::UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+    let SocketAddr::V4(address) = nobody.local_addr().unwrap() else { panic!("IPv4") };
+    let settings = NatNetSettings { timeout: Duration::from_millis(50), ..to(address, Body::Only) };
+    let said = NatNetSource::connect(settings).err().unwrap().to_string();
+    assert!(said.contains("loopback") && said.contains("firewall"), "{said}");
+}
+
+#[test]
+fn a_body_is_named_by_number_or_name() {
+    assert_eq!("3".parse(), Ok(Body::Number(3)));
+    assert_eq!("robot 3".parse(), Ok(Body::Name("robot 3".into())));
+}

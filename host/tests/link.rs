@@ -1,0 +1,317 @@
+//! The client's promises, in virtual time against a robot's end of the link.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+mod support;
+
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use flix_host::link::{Client, KEEP_ALIVE, StopState, Update};
+use flix_protocol::message::{Command, Outcome, Refusal, Setpoint, State};
+use flix_protocol::session::ConnectError;
+use flix_protocol::units::{Degrees, Hertz, Instant};
+use support::{FakeRobot, key, seeded_loss};
+
+const OPERATOR: &str = "10.0.0.1:5000";
+const TICK: Duration = Duration::from_millis(1);
+
+/// Operator and robot, with a network between them that is late and loses.
+struct World {
+    now: Instant,
+    client: Client,
+    robot: FakeRobot,
+    latency: Duration,
+    lose: Box<dyn FnMut() -> bool>,
+    is_cut: bool,
+    to_robot: Vec<(Instant, Vec<u8>)>,
+    to_client: Vec<(Instant, Vec<u8>)>,
+    updates: Vec<Update>,
+}
+
+impl World {
+    fn new() -> Self {
+        let now = Instant::from_micros(1_000_000);
+        Self {
+            now,
+            client: Client::new(key(), [9; 32], now),
+            robot: FakeRobot::new(Some(key())),
+            latency: Duration::from_millis(5),
+            lose: Box::new(|| false),
+            is_cut: false,
+            to_robot: Vec::new(),
+            to_client: Vec::new(),
+            updates: Vec::new(),
+        }
+    }
+
+    fn connected() -> Self {
+        let mut world = Self::new();
+        world.run(Duration::from_millis(600));
+        assert!(world.client.is_connected(world.now));
+        world
+    }
+
+    fn armed() -> Self {
+        let mut world = Self::connected();
+        world.client.request(world.now, Command::Arm);
+        world.run(Duration::from_millis(50));
+        assert_eq!(world.robot.state, State::Armed);
+        world
+    }
+
+    fn run(&mut self, duration: Duration) {
+        let end = self.now + duration;
+        while self.now < end {
+            self.step();
+        }
+    }
+
+    fn step(&mut self) {
+        let operator: SocketAddr = OPERATOR.parse().unwrap();
+        while let Some(frame) = self.client.transmit(self.now) {
+            if !(self.is_cut || (self.lose)()) {
+                self.to_robot.push((self.now + self.latency, frame.to_vec()));
+            }
+        }
+        let mut answers = self.robot.tick(self.now);
+        for datagram in arrived(&mut self.to_robot, self.now) {
+            answers.extend(self.robot.receive(self.now, operator, &datagram));
+        }
+        for (_, datagram) in answers {
+            if !(self.is_cut || (self.lose)()) {
+                self.to_client.push((self.now + self.latency, datagram));
+            }
+        }
+        for datagram in arrived(&mut self.to_client, self.now) {
+            self.client.receive(self.now, &datagram);
+        }
+        while let Some(update) = self.client.update() {
+            if !matches!(update, Update::Telemetry(_)) {
+                self.updates.push(update);
+            }
+        }
+        self.now = self.now + TICK;
+    }
+
+    fn answer(&self, wanted: u32) -> Option<&Outcome> {
+        self.updates.iter().find_map(|update| match update {
+            Update::Answer { request, outcome } if *request == wanted => Some(outcome),
+            _ => None,
+        })
+    }
+}
+
+fn arrived(queue: &mut Vec<(Instant, Vec<u8>)>, now: Instant) -> Vec<Vec<u8>> {
+    queue.extract_if(.., |(at, _)| *at <= now).map(|(_, datagram)| datagram).collect()
+}
+
+fn setpoint(frequency: f32, direction: f32) -> Setpoint {
+    Setpoint::new(Hertz::new(frequency).unwrap(), Degrees::new(direction).unwrap()).unwrap()
+}
+
+#[test]
+fn what_is_held_is_repeated_at_a_fixed_rate() {
+    let mut world = World::armed();
+    let before = world.robot.commands.len();
+    world.client.hold(world.now, setpoint(-30.0, 30.0));
+    world.run(Duration::from_secs(1));
+    let setpoints = world.robot.commands[before..]
+        .iter()
+        .filter(|command| matches!(command, Command::Setpoint(_)))
+        .count();
+    let expected = usize::try_from(Duration::from_secs(1).as_millis() / KEEP_ALIVE.as_millis());
+    assert!(setpoints.abs_diff(expected.unwrap()) <= 1, "{setpoints} setpoints in a second");
+    assert_eq!(world.robot.setpoint, setpoint(-30.0, 30.0));
+}
+
+#[test]
+fn a_new_setpoint_leaves_at_once() {
+    let mut world = World::armed();
+    world.client.hold(world.now, setpoint(10.0, 0.0));
+    world.run(Duration::from_millis(107));
+    world.client.hold(world.now, setpoint(20.0, 0.0));
+    assert!(world.client.transmit_at().unwrap() <= world.now);
+    world.run(world.latency + 2 * TICK);
+    assert_eq!(world.robot.setpoint, setpoint(20.0, 0.0));
+}
+
+#[test]
+fn a_request_is_answered_under_heavy_loss() {
+    for seed in 0..50 {
+        let mut world = World::connected();
+        world.lose = Box::new(seeded_loss(seed, 0.3));
+        let request = world.client.request(world.now, Command::Identify);
+        world.run(Duration::from_secs(2));
+        assert!(matches!(world.answer(request), Some(Outcome::Identity(_))), "seed {seed}");
+    }
+}
+
+#[test]
+fn a_request_without_an_answer_is_given_up_and_told_once() {
+    let mut world = World::connected();
+    world.is_cut = true;
+    let request = world.client.request(world.now, Command::Identify);
+    world.run(Duration::from_secs(5));
+    let told = world.updates.iter().filter(|it| **it == Update::Unanswered { request }).count();
+    assert_eq!(told, 1);
+}
+
+#[test]
+fn stop_is_repeated_until_it_is_acknowledged() {
+    for seed in 0..50 {
+        let mut world = World::armed();
+        world.client.hold(world.now, setpoint(-30.0, 90.0));
+        world.run(Duration::from_millis(100));
+        world.lose = Box::new(seeded_loss(seed, 0.6));
+        world.client.stop(world.now);
+        world.run(Duration::from_secs(1));
+        assert!(world.robot.stopped, "seed {seed}");
+        assert_eq!(world.client.stop_state(), StopState::Acknowledged, "seed {seed}");
+    }
+}
+
+#[test]
+fn an_acknowledged_stop_is_not_repeated() {
+    let mut world = World::armed();
+    world.client.stop(world.now);
+    world.run(Duration::from_millis(100));
+    let stops = |world: &World| {
+        world.robot.commands.iter().filter(|command| **command == Command::Stop).count()
+    };
+    let acknowledged = stops(&world);
+    world.run(Duration::from_secs(1));
+    assert_eq!(stops(&world), acknowledged);
+}
+
+#[test]
+fn stop_overtakes_what_was_asked_before() {
+    let mut world = World::connected();
+    let arm = world.client.request(world.now, Command::Arm);
+    world.client.stop(world.now);
+    world.run(Duration::from_secs(1));
+    assert!(!world.robot.commands.contains(&Command::Arm));
+    assert!(world.updates.contains(&Update::Unanswered { request: arm }));
+}
+
+#[test]
+fn stop_survives_a_lost_session() {
+    let mut world = World::armed();
+    world.is_cut = true;
+    world.client.stop(world.now);
+    world.run(Duration::from_millis(2500));
+    assert_eq!(world.client.stop_state(), StopState::Sending);
+    world.is_cut = false;
+    world.run(Duration::from_secs(1));
+    assert!(world.robot.stopped);
+    assert_eq!(world.client.stop_state(), StopState::Acknowledged);
+}
+
+#[test]
+fn a_robot_that_comes_back_is_not_started_again() {
+    let mut world = World::armed();
+    world.client.hold(world.now, setpoint(-30.0, 30.0));
+    world.run(Duration::from_millis(100));
+    world.is_cut = true;
+    world.run(Duration::from_millis(1500));
+    assert!(world.updates.contains(&Update::Lost));
+    world.is_cut = false;
+    world.run(Duration::from_secs(1));
+    assert!(world.client.is_connected(world.now), "it comes back by itself");
+    assert_eq!(world.client.held(), None);
+    assert_eq!(world.robot.state, State::Disarmed);
+}
+
+#[test]
+fn a_refused_setpoint_is_told_once() {
+    let mut world = World::connected();
+    world.client.hold(world.now, setpoint(10.0, 0.0));
+    world.run(Duration::from_secs(1));
+    let told: Vec<_> = world
+        .updates
+        .iter()
+        .filter(|update| matches!(update, Update::SetpointRefused(_)))
+        .collect();
+    assert_eq!(told, [&Update::SetpointRefused(Refusal::State(State::Disarmed))]);
+}
+
+#[test]
+fn round_trips_are_measured_and_losses_counted() {
+    let mut world = World::connected();
+    world.latency = Duration::from_millis(20);
+    world.run(Duration::from_secs(30));
+    let half = world.client.statistics().round_trip_quantile(0.5).unwrap();
+    assert!(half.abs_diff(Duration::from_millis(40)) <= 3 * TICK, "{half:?}");
+    assert!(world.client.statistics().loss() < 1e-9);
+
+    world.lose = Box::new(seeded_loss(1, 0.1));
+    let before = world.client.statistics().unanswered();
+    world.run(Duration::from_secs(60));
+    let lost = (world.client.statistics().unanswered() - before) as f64 / (60.0 * 50.0);
+    assert!((lost - 0.19).abs() < 0.03, "0.1 each way is 0.19 there and back: {lost}");
+}
+
+#[test]
+fn goodbye_lets_the_next_operator_in_at_once() {
+    let mut world = World::connected();
+    world.client.leave();
+    world.run(Duration::from_millis(20));
+    let next: SocketAddr = "10.0.0.2:5000".parse().unwrap();
+    let mut second = Client::new(key(), [4; 32], world.now);
+    for _ in 0..4 {
+        while let Some(frame) = second.transmit(world.now) {
+            for (to, datagram) in world.robot.receive(world.now, next, &frame) {
+                assert_eq!(to, next);
+                second.receive(world.now, &datagram);
+            }
+        }
+    }
+    assert!(second.is_connected(world.now));
+}
+
+#[test]
+fn after_goodbye_nothing_is_sent() {
+    let mut world = World::connected();
+    world.client.leave();
+    world.run(Duration::from_millis(20));
+    let commands = world.robot.commands.len();
+    world.run(Duration::from_secs(5));
+    assert_eq!(world.robot.commands.len(), commands);
+    assert!(!world.client.is_connected(world.now));
+}
+
+#[test]
+fn a_robot_with_another_key_is_reported_as_such() {
+    let mut world = World::new();
+    world.robot = FakeRobot::new(Some(flix_protocol::session::Key::new([8; 32])));
+    world.run(Duration::from_secs(4));
+    assert!(world.updates.contains(&Update::Failed(ConnectError::WrongKey)));
+}
+
+#[test]
+fn nobody_there_is_reported_as_no_answer() {
+    let mut world = World::new();
+    world.is_cut = true;
+    world.run(Duration::from_secs(4));
+    assert!(world.updates.contains(&Update::Failed(ConnectError::NoAnswer)));
+}
+
+#[test]
+fn transmit_at_never_lets_a_due_datagram_wait() {
+    let mut world = World::armed();
+    world.lose = Box::new(seeded_loss(5, 0.2));
+    world.client.hold(world.now, setpoint(-30.0, 30.0));
+    for step in 0..3000 {
+        if step == 700 {
+            world.client.request(world.now, Command::Identify);
+        }
+        if step == 1500 {
+            world.client.stop(world.now);
+        }
+        let due = world.client.transmit_at();
+        if let Some(frame) = world.client.transmit(world.now) {
+            assert!(due.is_some_and(|at| at <= world.now), "step {step}: {due:?}");
+            world.to_robot.push((world.now + world.latency, frame.to_vec()));
+        }
+        world.step();
+    }
+}

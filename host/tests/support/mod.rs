@@ -1,0 +1,346 @@
+//! A robot's end of the link with just enough of a robot behind it to test operators.
+#![allow(dead_code, unreachable_pub, reason = "every test file uses its part")]
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::net::{SocketAddr, UdpSocket};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use flix_protocol::message::{
+    Command, Event, EventReport, Fault, Faults, Identity, LoopTiming, MotorTelemetry, Outcome,
+    Parameter, ParameterCommand, Refusal, Reply, Setpoint, State, Telemetry, ToOperator, ToRobot,
+};
+use flix_protocol::session::{Key, RobotReceived, RobotSession};
+use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
+
+/// The key that robot and operator share in tests.
+pub fn key() -> Key {
+    Key::new([7; 32])
+}
+
+const TELEMETRY_INTERVAL: Duration = Duration::from_millis(20);
+const LINK_PROOF: Duration = Duration::from_millis(500);
+const COMMAND_DEADLINE: Duration = Duration::from_millis(250);
+const DISARM: Duration = Duration::from_secs(1);
+
+/// Datagrams with where they go.
+pub type Datagrams = Vec<(SocketAddr, Vec<u8>)>;
+
+/// A robot without a body: it is at once what it is told to be.
+pub struct FakeRobot {
+    session: RobotSession,
+    pub state: State,
+    pub stopped: bool,
+    pub faults: Faults,
+    pub setpoint: Setpoint,
+    pub parameters: Vec<Parameter>,
+    /// All commands that were obeyed or refused, in order.
+    pub commands: Vec<Command>,
+    /// Latches this fault as soon as it runs.
+    pub fault_when_running: Option<Fault>,
+    proven_since: Option<Instant>,
+    telemetry_at: Instant,
+    events: u32,
+}
+
+impl FakeRobot {
+    pub fn new(key: Option<Key>) -> Self {
+        Self {
+            session: RobotSession::new(key, [3; 32]),
+            state: State::Disarmed,
+            stopped: false,
+            faults: Faults::NONE,
+            setpoint: Setpoint::REST,
+            parameters: parameters(),
+            commands: Vec::new(),
+            fault_when_running: None,
+            proven_since: None,
+            telemetry_at: Instant::START,
+            events: 0,
+        }
+    }
+
+    pub fn receive(&mut self, now: Instant, from: SocketAddr, datagram: &[u8]) -> Datagrams {
+        match self.session.receive(now, from, datagram) {
+            RobotReceived::Answer(frame) | RobotReceived::Dropped(_, Some(frame)) => {
+                vec![(from, frame.to_vec())]
+            }
+            RobotReceived::Connected(frame) => {
+                self.proven_since = Some(now);
+                let mut datagrams = vec![(from, frame.to_vec())];
+                datagrams.extend(self.tell(now, Event::OperatorConnected));
+                datagrams
+            }
+            RobotReceived::Command(ToRobot { request, command }) => {
+                let outcome = self.obey(now, &command);
+                self.commands.push(command);
+                self.send(now, &ToOperator::Reply(Reply { request, outcome }))
+            }
+            RobotReceived::Refused { request, refusal } => {
+                let outcome = Outcome::Refused(refusal);
+                self.send(now, &ToOperator::Reply(Reply { request, outcome }))
+            }
+            RobotReceived::Left => {
+                self.state = State::Disarmed;
+                Vec::new()
+            }
+            RobotReceived::Dropped(_, None) => Vec::new(),
+        }
+    }
+
+    pub fn tick(&mut self, now: Instant) -> Datagrams {
+        let silence = self.session.silence(now).unwrap_or(Duration::MAX);
+        if silence > COMMAND_DEADLINE && self.state == State::Running {
+            self.setpoint = Setpoint::REST;
+            self.state = State::Armed;
+        }
+        if silence > DISARM && self.state == State::Armed {
+            self.state = State::Disarmed;
+        }
+        let mut datagrams = Vec::new();
+        if let (Some(fault), State::Running) = (self.fault_when_running, self.state) {
+            self.faults = self.faults.with(fault);
+            self.state = State::Faulted;
+            self.setpoint = Setpoint::REST;
+            datagrams.extend(self.tell(now, Event::Fault(fault)));
+        }
+        if now >= self.telemetry_at {
+            self.telemetry_at = now + TELEMETRY_INTERVAL;
+            let telemetry = self.telemetry(now);
+            datagrams.extend(self.send(now, &ToOperator::Telemetry(telemetry)));
+        }
+        datagrams
+    }
+
+    fn send(&mut self, now: Instant, message: &ToOperator) -> Datagrams {
+        self.session
+            .send(now, message)
+            .map(|(to, frame)| (to, frame.to_vec()))
+            .into_iter()
+            .collect()
+    }
+
+    fn tell(&mut self, now: Instant, event: Event) -> Datagrams {
+        self.events += 1;
+        let report = EventReport { number: self.events, time: now, event };
+        self.send(now, &ToOperator::Event(report))
+    }
+
+    fn obey(&mut self, now: Instant, command: &Command) -> Outcome {
+        match command {
+            Command::Stop => {
+                self.stopped = true;
+                self.setpoint = Setpoint::REST;
+                if self.state != State::Faulted {
+                    self.state = State::Disarmed;
+                }
+                Outcome::Done
+            }
+            Command::Clear => {
+                self.stopped = false;
+                self.faults = Faults::NONE;
+                if self.state == State::Faulted {
+                    self.state = State::Disarmed;
+                }
+                Outcome::Done
+            }
+            Command::Disarm => {
+                self.state = State::Disarmed;
+                self.setpoint = Setpoint::REST;
+                Outcome::Done
+            }
+            Command::Arm => self.arm(now),
+            Command::Setpoint(setpoint) => self.shake(*setpoint),
+            Command::Parameter(command) => self.parameter(command),
+            Command::Identify => Outcome::Identity(Identity {
+                name: "fake".try_into().unwrap(),
+                board: "none".try_into().unwrap(),
+                version: "0.1.0".try_into().unwrap(),
+            }),
+            Command::Ping(number) => Outcome::Pong(*number),
+        }
+    }
+
+    fn arm(&mut self, now: Instant) -> Outcome {
+        if self.stopped {
+            Outcome::Refused(Refusal::Stopped)
+        } else if !self.faults.is_empty() {
+            Outcome::Refused(Refusal::Faulted(self.faults))
+        } else if self.proven_since.is_none_or(|since| now.since(since) < LINK_PROOF) {
+            Outcome::Refused(Refusal::LinkUnproven)
+        } else {
+            self.state = State::Armed;
+            Outcome::Done
+        }
+    }
+
+    fn shake(&mut self, setpoint: Setpoint) -> Outcome {
+        if let Err(error) = setpoint.check() {
+            return Outcome::Refused(error.into());
+        }
+        match self.state {
+            State::Armed | State::Running => {
+                self.setpoint = setpoint;
+                let rests = setpoint == Setpoint::REST;
+                self.state = if rests { State::Armed } else { State::Running };
+                Outcome::Done
+            }
+            _ if self.stopped => Outcome::Refused(Refusal::Stopped),
+            State::Faulted => Outcome::Refused(Refusal::Faulted(self.faults)),
+            state => Outcome::Refused(Refusal::State(state)),
+        }
+    }
+
+    fn parameter(&mut self, command: &ParameterCommand) -> Outcome {
+        let unknown = Outcome::Refused(Refusal::UnknownParameter);
+        match command {
+            ParameterCommand::Get(name) => {
+                let found = self.parameters.iter().find(|parameter| parameter.name == *name);
+                found.map_or(unknown, |parameter| Outcome::Parameter(parameter.clone()))
+            }
+            ParameterCommand::Set(name, value) => {
+                let found = self.parameters.iter_mut().find(|parameter| parameter.name == *name);
+                let Some(parameter) = found else { return unknown };
+                let (minimum, maximum) = (parameter.minimum, parameter.maximum);
+                if !(minimum..=maximum).contains(value) {
+                    return Outcome::Refused(Refusal::out_of_range(name, minimum, maximum));
+                }
+                parameter.value = *value;
+                Outcome::Parameter(parameter.clone())
+            }
+            ParameterCommand::List(from) => Outcome::Parameters {
+                total: u16::try_from(self.parameters.len()).unwrap(),
+                entries: self.parameters.iter().skip(usize::from(*from)).take(4).cloned().collect(),
+            },
+            ParameterCommand::Save => Outcome::Done,
+            ParameterCommand::Reset => {
+                for parameter in &mut self.parameters {
+                    parameter.value = parameter.default;
+                }
+                Outcome::Done
+            }
+        }
+    }
+
+    pub fn telemetry(&self, now: Instant) -> Telemetry {
+        Telemetry {
+            time: now,
+            state: self.state,
+            faults: self.faults,
+            first_fault: self.faults.iter().next(),
+            stopped: self.stopped,
+            link_late: false,
+            setpoint: self.setpoint,
+            frequency: self.setpoint.frequency(),
+            direction: self.setpoint.direction(),
+            motors: [1.0, -1.0].map(|sign| MotorTelemetry {
+                angle: Degrees::saturating(10.0 * sign),
+                speed: Hertz::saturating(sign * self.setpoint.frequency().get()),
+                current_d: Amperes::ZERO,
+                current_q: Amperes::saturating(0.3 * sign),
+            }),
+            bus_voltage: Some(Volts::saturating(11.4)),
+            modulation: Ratio::saturating(0.4),
+            timing: LoopTiming {
+                ticks: now.as_micros() / 100,
+                longest_interval_us: 101,
+                ..LoopTiming::default()
+            },
+            link: self.session.quality(now),
+        }
+    }
+}
+
+fn parameters() -> Vec<Parameter> {
+    let rows = [
+        ("current_limit", "A", 1.5, 0.1, 3.0),
+        ("frequency_slew", "Hz/s", 100.0, 1.0, 500.0),
+        ("direction_slew", "deg/s", 720.0, 10.0, 3600.0),
+        ("battery_cut_off", "V", 9.6, 6.0, 12.0),
+        ("loop_gain", "1", 1.0, 0.1, 10.0),
+        ("pole_pairs", "1", 7.0, 1.0, 20.0),
+    ];
+    (0u16..)
+        .zip(rows)
+        .map(|(index, (name, unit, default, minimum, maximum))| Parameter {
+            index,
+            name: name.try_into().unwrap(),
+            unit: unit.try_into().unwrap(),
+            value: default,
+            default,
+            minimum,
+            maximum,
+        })
+        .collect()
+}
+
+/// A fake robot on a loopback socket, in a thread of its own, until dropped.
+pub struct ServedRobot {
+    pub address: SocketAddr,
+    robot: Arc<Mutex<FakeRobot>>,
+    ends: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl ServedRobot {
+    /// `lose` says of each datagram, in either direction, whether the network loses it.
+    pub fn new(robot: FakeRobot, mut lose: impl FnMut() -> bool + Send + 'static) -> Self {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket.set_read_timeout(Some(Duration::from_millis(2))).unwrap();
+        let address = socket.local_addr().unwrap();
+        let robot = Arc::new(Mutex::new(robot));
+        let ends = Arc::new(AtomicBool::new(false));
+        let (shared, stop) = (Arc::clone(&robot), Arc::clone(&ends));
+        let thread = std::thread::spawn(move || {
+            let start = std::time::Instant::now();
+            let mut buffer = [0; 600];
+            while !stop.load(Ordering::SeqCst) {
+                let received = socket.recv_from(&mut buffer);
+                let now = Instant::START + start.elapsed();
+                let mut robot = shared.lock().unwrap();
+                let mut answers = Datagrams::new();
+                if let Ok((length, from)) = received
+                    && !lose()
+                {
+                    answers.extend(robot.receive(now, from, &buffer[..length]));
+                }
+                answers.extend(robot.tick(now));
+                for (to, datagram) in answers {
+                    if !lose() {
+                        let _ = socket.send_to(&datagram, to);
+                    }
+                }
+            }
+        });
+        Self { address, robot, ends, thread: Some(thread) }
+    }
+
+    pub fn steady(robot: FakeRobot) -> Self {
+        Self::new(robot, || false)
+    }
+
+    pub fn robot(&self) -> std::sync::MutexGuard<'_, FakeRobot> {
+        self.robot.lock().unwrap()
+    }
+}
+
+impl Drop for ServedRobot {
+    fn drop(&mut self) {
+        self.ends.store(true, Ordering::SeqCst);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Loses this share of datagrams, the same ones every time.
+pub fn seeded_loss(seed: u64, share: f64) -> impl FnMut() -> bool + Send {
+    let mut state = seed.wrapping_mul(2).wrapping_add(1);
+    move || {
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((state >> 33) as f64) < share * f64::from(1u32 << 31)
+    }
+}

@@ -1,0 +1,167 @@
+//! A three-phase bridge, averaged over its PWM period.
+//!
+//! A phase stands at `duty x bus`, less what dead time takes: while neither switch conducts the current's
+//! sign decides (Holtz 1992), which takes `dead time x PWM frequency` of the bus from the side that
+//! drives the current. Near zero current the ripple crosses zero within the period and the loss fades.
+//! A bridge that is let go feeds what current there is back to the bus through its diodes, until it is
+//! spent or the motor's back EMF no longer exceeds the bus.
+
+use flix_firmware::hardware::{Bridge, Duty, Hardware};
+
+use super::motor::{Motor, Sweep, Terminal};
+
+/// Voltage across a conducting body diode, V (silicon, at a few hundred milliamperes).
+const DIODE_DROP: f64 = 0.7;
+
+/// What matters of a bridge.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InverterParameters {
+    /// Time in each PWM period in which neither switch of a phase conducts, s.
+    pub dead_time: f64,
+    /// PWM frequency, Hz.
+    pub pwm_frequency: f64,
+    /// From the tick's samples to the first edge that its duties shape, s: computation and the wait
+    /// for the next PWM period.
+    pub latency: f64,
+    /// Whether an unpowered bridge lets the motor coast; else all low sides are on.
+    pub can_coast: bool,
+}
+
+impl InverterParameters {
+    /// The bridge of this board: duties take effect with the next PWM period.
+    #[must_use]
+    pub fn of(hardware: &Hardware) -> Self {
+        let pwm_frequency = f64::from(hardware.pwm_frequency_hz);
+        Self {
+            dead_time: f64::from(hardware.dead_time_ns) * 1e-9,
+            pwm_frequency,
+            latency: 1.0 / pwm_frequency,
+            can_coast: hardware.can_coast,
+        }
+    }
+}
+
+/// What the bridge does to the motor during a sub-step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Drive {
+    /// What the wires are connected to.
+    pub(super) terminals: [Terminal; 3],
+    /// Share of each phase's charge that the bus gives.
+    pub(super) from_bus: [f64; 3],
+    /// Whether diodes carry the current, which then cannot reverse.
+    pub(super) by_diodes: bool,
+}
+
+impl InverterParameters {
+    pub(super) fn drive(&self, bridge: Bridge, bus: f64, motor: &Motor, sweep: &Sweep) -> Drive {
+        match bridge {
+            Bridge::Duty(duties) => Drive::switched(self.shares(duties, bus, motor), bus),
+            Bridge::Off if self.can_coast => freewheel(bus, motor.phase_currents(), sweep),
+            Bridge::Off => Drive::switched([0.0; 3], bus),
+        }
+    }
+
+    /// Share of the PWM period that each phase spends at the bus.
+    fn shares(&self, duties: [Duty; 3], bus: f64, motor: &Motor) -> [f64; 3] {
+        let lost = self.dead_time * self.pwm_frequency;
+        // Half the peak-to-peak ripple of a phase at mid duty.
+        let ripple = bus / (8.0 * motor.parameters().inductance * self.pwm_frequency);
+        let currents = motor.phase_currents();
+        core::array::from_fn(|phase| {
+            let duty = f64::from(duties[phase]) / f64::from(Duty::MAX);
+            let switches = duties[phase] > 0 && duties[phase] < Duty::MAX;
+            let side = (currents[phase] / ripple).clamp(-1.0, 1.0);
+            if switches { (duty - lost * side).clamp(0.0, 1.0) } else { duty }
+        })
+    }
+}
+
+impl Drive {
+    fn switched(shares: [f64; 3], bus: f64) -> Self {
+        Self {
+            terminals: shares.map(|share| Some(share * bus)),
+            from_bus: shares,
+            by_diodes: false,
+        }
+    }
+
+    fn by_diodes(bus: f64, rails: [Option<Rail>; 3]) -> Self {
+        Self {
+            terminals: rails.map(|rail| {
+                rail.map(|rail| match rail {
+                    Rail::Low => -DIODE_DROP,
+                    Rail::High => bus + DIODE_DROP,
+                })
+            }),
+            from_bus: rails.map(|rail| if rail == Some(Rail::High) { 1.0 } else { 0.0 }),
+            by_diodes: true,
+        }
+    }
+}
+
+/// The side of the bus to which a diode leads.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Rail {
+    Low,
+    High,
+}
+
+/// Where the diodes hold the wires of a motor that was let go.
+fn freewheel(bus: f64, currents: [f64; 3], sweep: &Sweep) -> Drive {
+    let rails = currents.map(|current| match current {
+        into_motor if into_motor > CURRENT_IS_NONE => Some(Rail::Low),
+        out_of_motor if out_of_motor < -CURRENT_IS_NONE => Some(Rail::High),
+        _ => None,
+    });
+    if rails.iter().any(Option::is_some) {
+        return Drive::by_diodes(bus, rails);
+    }
+    Drive::by_diodes(bus, rectify(bus, Motor::back_emf(sweep)))
+}
+
+/// Without current, diodes start to conduct only when the back EMF between two phases exceeds the bus.
+fn rectify(bus: f64, emf: [f64; 3]) -> [Option<Rail>; 3] {
+    let phase_of = |better: fn(f64, f64) -> bool| {
+        (1..3).fold(0, |best, phase| if better(emf[phase], emf[best]) { phase } else { best })
+    };
+    let (top, bottom) = (phase_of(|a, b| a > b), phase_of(|a, b| a < b));
+    let mut rails = [None; 3];
+    if emf[top] - emf[bottom] > bus + 2.0 * DIODE_DROP {
+        rails[top] = Some(Rail::High);
+        rails[bottom] = Some(Rail::Low);
+    }
+    rails
+}
+
+/// Below this a diode's current counts as spent, A.
+const CURRENT_IS_NONE: f64 = 1e-6;
+
+/// Diodes carry current one way only: a phase that would reverse stops.
+pub(super) fn block_reversed(motor: &mut Motor, drive: &Drive) {
+    let mut currents = motor.phase_currents();
+    let mut stopped = false;
+    for (phase, current) in currents.iter_mut().enumerate() {
+        let out_of_motor = drive.from_bus[phase] > 0.0;
+        let reversed = if out_of_motor { *current > 0.0 } else { *current < 0.0 };
+        if drive.terminals[phase].is_none() || reversed {
+            stopped |= reversed;
+            *current = 0.0;
+        }
+    }
+    if stopped {
+        motor.set_phase_currents(balanced(currents));
+    }
+}
+
+/// At most two phases still flow: their currents are opposite, of the mean size.
+fn balanced(mut currents: [f64; 3]) -> [f64; 3] {
+    let flowing = currents.iter().filter(|current| **current != 0.0).count();
+    if flowing < 2 {
+        return [0.0; 3];
+    }
+    let common = currents.iter().sum::<f64>() / 2.0;
+    for current in currents.iter_mut().filter(|current| **current != 0.0) {
+        *current -= common;
+    }
+    currents
+}
