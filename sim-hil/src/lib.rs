@@ -1,6 +1,9 @@
 #![forbid(unsafe_code)]
 //! A simulated Flix-Walker under the robot's real software
 
+pub mod channel;
 pub mod model;
+pub mod operation;
 pub mod plant;
+pub mod robot;
 pub mod view;

@@ -220,7 +220,7 @@ impl BusSensor {
 }
 
 /// Uniform in [0, 1).
-pub(super) fn unit(random: &mut impl Rng) -> f64 {
+pub(crate) fn unit(random: &mut impl Rng) -> f64 {
     (random.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
 }
 

@@ -1,0 +1,263 @@
+//! Operators and a simulated robot on a simulated network, all in one virtual time.
+//!
+//! Each operator is the real client of [`flix_host::link`] with a [`Channel`] either way. What it asks travels as
+//! sealed datagrams through protocol, session and the robot's software, as it would on the air.
+
+use core::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::time::Duration;
+
+use flix_host::link::{Client, Update};
+use flix_protocol::frame::Frame;
+use flix_protocol::message::{
+    Command, Faults, Outcome, ParameterCommand, Refusal, Setpoint, State,
+};
+use flix_protocol::session::{ConnectError, Key};
+use flix_protocol::units::Instant;
+use rand::{Rng, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use crate::channel::{Channel, ChannelParameters};
+use crate::plant::{Diverged, Mechanics};
+use crate::robot::{SimulatedRobot, Truth};
+
+/// How long an operator waits for what he asked: connecting, arming (which may align first), answers.
+pub const PATIENCE: Duration = Duration::from_secs(20);
+
+/// The simulation did not do what its operator asked.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum OperationError {
+    /// The plant's state is useless.
+    #[error(transparent)]
+    Diverged(#[from] Diverged),
+    /// No session.
+    #[error("no session with the simulated robot: {0}")]
+    Connect(ConnectError),
+    /// The robot will not.
+    #[error("the simulated robot refused: {0}")]
+    Refused(Refusal),
+    /// A fault.
+    #[error("the simulated robot has a fault: {0}")]
+    Faulted(Faults),
+    /// It took too long.
+    #[error("the simulated robot did not get to {awaited} within {} s", PATIENCE.as_secs())]
+    TooLate {
+        /// What was waited for.
+        awaited: &'static str,
+    },
+    /// It has no setting of this name, or the answer was of another kind.
+    #[error("the simulated robot answered something else than was asked")]
+    OtherAnswer,
+}
+
+/// One operator and his network.
+pub struct Operator {
+    /// Where the robot sees him.
+    pub address: SocketAddr,
+    /// The client.
+    pub client: Client,
+    /// Towards the robot.
+    pub to_robot: Channel,
+    /// Back.
+    pub to_operator: Channel,
+}
+
+impl Operator {
+    fn exchange<M: Mechanics>(&mut self, now: Instant, robot: &mut SimulatedRobot<M>) {
+        while let Some(datagram) = self.to_operator.receive(now) {
+            self.client.receive(now, &datagram);
+        }
+        if self.client.transmit_at().is_some_and(|at| at <= now) {
+            while let Some(datagram) = self.client.transmit(now) {
+                self.to_robot.send(now, &datagram);
+            }
+        }
+        while let Some(datagram) = self.to_robot.receive(now) {
+            robot.receive(self.address, &datagram);
+        }
+    }
+}
+
+/// Operators and a robot.
+pub struct Operation<M> {
+    /// The robot.
+    pub robot: SimulatedRobot<M>,
+    /// Those who want to drive it; the first is who the methods here speak for.
+    pub operators: Vec<Operator>,
+    random: Xoshiro256PlusPlus,
+}
+
+impl<M: Mechanics> Operation<M> {
+    /// One operator, who begins to connect at once with the robot's key.
+    #[must_use]
+    pub fn new(robot: SimulatedRobot<M>, network: ChannelParameters) -> Self {
+        // Another stream than the plant's and the robot's own.
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(robot.parameters().seed);
+        random.long_jump();
+        let key = robot.parameters().key.clone().unwrap_or_else(|| Key::new([0; 32]));
+        let mut operation = Self { robot, operators: Vec::new(), random };
+        operation.add_operator(key, network);
+        operation
+    }
+
+    /// One operator more; returns his index.
+    pub fn add_operator(&mut self, key: Key, network: ChannelParameters) -> usize {
+        let index = self.operators.len();
+        let mut entropy = [0; 32];
+        self.random.fill_bytes(&mut entropy);
+        // Of the range for documentation (RFC 5737).
+        let host = Ipv4Addr::new(192, 0, 2, 10 + (index % 200) as u8);
+        self.operators.push(Operator {
+            address: SocketAddr::new(IpAddr::V4(host), 40_000),
+            client: Client::new(key, entropy, self.robot.now()),
+            to_robot: Channel::new(network, self.random.next_u64()),
+            to_operator: Channel::new(network, self.random.next_u64()),
+        });
+        index
+    }
+
+    /// Time since the simulation began.
+    #[must_use]
+    pub fn now(&self) -> Instant {
+        self.robot.now()
+    }
+
+    /// The first operator's client.
+    pub fn client(&mut self) -> &mut Client {
+        &mut self.operators[0].client
+    }
+
+    /// One tick of everything.
+    ///
+    /// # Errors
+    /// When the mechanics diverge.
+    pub fn tick(&mut self) -> Result<(), Diverged> {
+        let now = self.robot.now();
+        for operator in &mut self.operators {
+            operator.exchange(now, &mut self.robot);
+        }
+        let mut frame = Frame::new();
+        while let Some(to) = self.robot.transmit(&mut frame) {
+            for operator in self.operators.iter_mut().filter(|operator| operator.address == to) {
+                operator.to_operator.send(now, &frame);
+            }
+        }
+        self.robot.tick()
+    }
+
+    /// Runs for so long and shows the plant's truth after every tick.
+    ///
+    /// # Errors
+    /// When the mechanics diverge.
+    pub fn run(
+        &mut self,
+        duration: Duration,
+        mut watch: impl FnMut(&Truth),
+    ) -> Result<(), Diverged> {
+        let end = self.now() + duration;
+        while self.now() < end {
+            self.tick()?;
+            watch(&self.robot.truth());
+        }
+        Ok(())
+    }
+
+    /// Runs until the first operator is told something that `pick` takes.
+    fn await_update<T>(
+        &mut self,
+        awaited: &'static str,
+        mut pick: impl FnMut(&Update) -> Option<T>,
+    ) -> Result<T, OperationError> {
+        let end = self.now() + PATIENCE;
+        while self.now() < end {
+            while let Some(update) = self.client().update() {
+                if let Some(found) = pick(&update) {
+                    return Ok(found);
+                }
+                if let Update::Failed(error) = update {
+                    return Err(OperationError::Connect(error));
+                }
+            }
+            self.tick()?;
+        }
+        Err(OperationError::TooLate { awaited })
+    }
+
+    /// Runs until the session stands.
+    ///
+    /// # Errors
+    /// When the robot refuses or does not answer.
+    pub fn connect(&mut self) -> Result<(), OperationError> {
+        self.await_update("a session", |update| matches!(update, Update::Connected).then_some(()))
+    }
+
+    /// Asks and runs until the answer is there.
+    ///
+    /// # Errors
+    /// When there is none; a refusal, too, is an answer.
+    pub fn ask(&mut self, command: Command) -> Result<Outcome, OperationError> {
+        let now = self.now();
+        let asked = self.client().request(now, command);
+        self.await_update("an answer", |update| match update {
+            Update::Answer { request, outcome } if *request == asked => Some(outcome.clone()),
+            _ => None,
+        })
+    }
+
+    /// Value of a setting.
+    ///
+    /// # Errors
+    /// When the robot has none of this name, or does not answer.
+    pub fn setting(&mut self, name: &str) -> Result<f64, OperationError> {
+        let name = name.try_into().map_err(|_| OperationError::OtherAnswer)?;
+        match self.ask(Command::Parameter(ParameterCommand::Get(name)))? {
+            Outcome::Parameter(parameter) => Ok(f64::from(parameter.value)),
+            Outcome::Refused(refusal) => Err(OperationError::Refused(refusal)),
+            _ => Err(OperationError::OtherAnswer),
+        }
+    }
+
+    /// Connects, proves the link, arms, and runs until the robot says that it is armed: after aligning, if it has to.
+    ///
+    /// # Errors
+    /// When the robot refuses or a fault comes up.
+    pub fn arm(&mut self) -> Result<(), OperationError> {
+        let now = self.now();
+        if !self.client().is_connected(now) {
+            self.connect()?;
+        }
+        let end = self.now() + PATIENCE;
+        loop {
+            match self.ask(Command::Arm)? {
+                Outcome::Done => break,
+                Outcome::Refused(Refusal::LinkUnproven) if self.now() < end => {
+                    self.run(Duration::from_millis(50), |_| {})?;
+                }
+                Outcome::Refused(refusal) => return Err(OperationError::Refused(refusal)),
+                _ => return Err(OperationError::OtherAnswer),
+            }
+        }
+        self.await_state(State::Armed)
+    }
+
+    /// Runs until telemetry shows this state.
+    ///
+    /// # Errors
+    /// When a fault comes up instead, or it takes too long.
+    pub fn await_state(&mut self, state: State) -> Result<(), OperationError> {
+        // What was told before this was asked is old.
+        while self.client().update().is_some() {}
+        self.await_update("the awaited state", |update| match update {
+            Update::Telemetry(telemetry) if telemetry.state == state => Some(Ok(())),
+            Update::Telemetry(telemetry) if telemetry.state == State::Faulted => {
+                Some(Err(OperationError::Faulted(telemetry.faults)))
+            }
+            _ => None,
+        })?
+    }
+
+    /// From now on the robot shall shake so; nothing has happened yet when this returns.
+    pub fn hold(&mut self, setpoint: Setpoint) {
+        let now = self.now();
+        self.client().hold(now, setpoint);
+    }
+}

@@ -1,0 +1,352 @@
+//! The simulated robot: the robot's own software and its plant in lock step, in virtual time.
+//!
+//! In each tick the software is given what the sensors show, and the plant then moves for 100 us under
+//! what it decided. Nothing in the software knows that it is simulated. Things that go wrong
+//! ([`Disturbance`]) act on what passes between the two, or on the plant.
+
+use core::net::SocketAddr;
+use std::num::NonZeroU16;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use flix_firmware::board::DENGFOC_V3_01;
+use flix_firmware::control::Report;
+use flix_firmware::hardware::{Actuation, Hardware, Sensors, SettingsStore, TICK_RATE_HZ};
+use flix_firmware::robot::Robot;
+use flix_protocol::frame::Frame;
+use flix_protocol::session::Key;
+use flix_protocol::shaker;
+use flix_protocol::units::Instant;
+use rand::{Rng, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use crate::plant::electronics::{Electronics, ElectronicsParameters};
+use crate::plant::{Diverged, Mechanics};
+
+/// The board of the simulated robot: DengFOC V3.01 (bridges that coast, current sense both ways) with a
+/// battery divider of 100 and 22 kiloohms added.
+pub const SIMULATED_BOARD: Hardware = Hardware {
+    name: "simulated DengFOC V3.01",
+    bus_microvolts_per_count: NonZeroU16::new(4_464),
+    ..DENGFOC_V3_01.hardware
+};
+
+/// Microseconds of a tick.
+const TICK_US: u64 = 1_000_000 / TICK_RATE_HZ as u64;
+
+/// What a simulated robot is, besides its mechanics.
+#[derive(Clone)]
+pub struct RobotParameters {
+    /// Electrical part; its board is what the software is told about.
+    pub electronics: ElectronicsParameters,
+    /// What the robot calls itself.
+    pub name: &'static str,
+    /// The key that operators need.
+    pub key: Option<Key>,
+    /// What its flash holds at power-up.
+    pub flash: Flash,
+    /// All chance comes from here.
+    pub seed: u64,
+}
+
+impl RobotParameters {
+    /// A new robot on the simulated board.
+    #[must_use]
+    pub fn new(key: Key, seed: u64) -> Self {
+        Self {
+            electronics: ElectronicsParameters::on(SIMULATED_BOARD),
+            name: "simulated",
+            key: Some(key),
+            flash: Flash::default(),
+            seed,
+        }
+    }
+}
+
+/// The robot's settings memory; clones share one content, which so survives a reboot.
+#[derive(Debug, Clone, Default)]
+pub struct Flash(Arc<Mutex<Option<Vec<u8>>>>);
+
+/// What is stored does not fit the buffer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the flash holds {stored} bytes, the buffer takes {room}")]
+pub struct FlashError {
+    stored: usize,
+    room: usize,
+}
+
+impl Flash {
+    /// Overwrites the content, as wear or a power failure would.
+    pub fn overwrite(&self, bytes: Option<Vec<u8>>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = bytes;
+    }
+
+    /// What it holds.
+    #[must_use]
+    pub fn content(&self) -> Option<Vec<u8>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+impl SettingsStore for Flash {
+    type Error = FlashError;
+
+    fn load(&mut self, buffer: &mut [u8]) -> Result<Option<usize>, FlashError> {
+        let Some(bytes) = self.content() else { return Ok(None) };
+        let too_long = FlashError { stored: bytes.len(), room: buffer.len() };
+        buffer.get_mut(..bytes.len()).ok_or(too_long)?.copy_from_slice(&bytes);
+        Ok(Some(bytes.len()))
+    }
+
+    fn save(&mut self, bytes: &[u8]) -> Result<(), FlashError> {
+        self.overwrite(Some(bytes.to_vec()));
+        Ok(())
+    }
+}
+
+/// Whether the robot's processor does its work in a tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Processor {
+    /// It does.
+    Runs,
+    /// It hangs: the bridges keep doing what they were told last.
+    Hangs,
+    /// It is without power or in its boot loader: the bridges are off. When it runs again the software starts anew.
+    Restarts,
+}
+
+/// Something that goes wrong with the hardware. Each method is asked once a tick, in this order.
+pub trait Disturbance {
+    /// Whether the processor works.
+    fn processor(&mut self, _now: Instant) -> Processor {
+        Processor::Runs
+    }
+    /// Changes what the sensors show.
+    fn sensors(&mut self, _now: Instant, _sensors: &mut Sensors) {}
+    /// Changes what the bridges are told.
+    fn actuation(&mut self, _now: Instant, _actuation: &mut Actuation) {}
+    /// Changes motors and battery.
+    fn electronics(&mut self, _now: Instant, _electronics: &mut Electronics) {}
+}
+
+/// How the plant truly is: what no sensor shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Truth {
+    /// When.
+    pub time: Instant,
+    /// Shaking phase, rad, clockwise positive; counts on over full turns.
+    pub phase: f64,
+    /// Shaking direction theta, rad, positive to the right; not wrapped.
+    pub direction: f64,
+    /// Angles of top and bottom rotor about body +z, rad, not wrapped.
+    pub rotor_angle: [f64; 2],
+    /// Speeds of top and bottom rotor about body +z, rad/s.
+    pub rotor_speed: [f64; 2],
+    /// Currents of phases A, B, C of top and bottom motor, A.
+    pub phase_currents: [[f64; 3]; 2],
+    /// Currents (d, q) of top and bottom motor in their rotors' frames, q about body +z, A.
+    pub rotor_frame_currents: [[f64; 2]; 2],
+    /// Bus voltage, V.
+    pub bus_voltage: f64,
+    /// Force of the rotors on the body, body frame FLU, N.
+    pub shaker_force: [f64; 3],
+}
+
+impl Truth {
+    /// Momentary shaking frequency, Hz.
+    #[must_use]
+    pub fn frequency(&self) -> f64 {
+        let [top, bottom] = self.rotor_speed;
+        -(top - bottom) / 2.0 / core::f64::consts::TAU
+    }
+
+    /// Largest phase current of both motors, A.
+    #[must_use]
+    pub fn largest_current(&self) -> f64 {
+        self.phase_currents
+            .iter()
+            .flatten()
+            .fold(0.0, |largest, current| current.abs().max(largest))
+    }
+}
+
+/// The robot's own software on a simulated plant.
+pub struct SimulatedRobot<M> {
+    parameters: RobotParameters,
+    software: Robot<Flash>,
+    mechanics: M,
+    electronics: Electronics,
+    disturbances: Vec<Box<dyn Disturbance + Send>>,
+    actuation: Actuation,
+    ticks: u64,
+    started: u64,
+    is_restarting: bool,
+    entropy: Xoshiro256PlusPlus,
+}
+
+impl<M: Mechanics> SimulatedRobot<M> {
+    /// At power-up, on these mechanics.
+    #[must_use]
+    pub fn new(parameters: RobotParameters, mechanics: M) -> Self {
+        // Another stream than the plant's.
+        let mut entropy = Xoshiro256PlusPlus::seed_from_u64(parameters.seed);
+        entropy.jump();
+        Self {
+            software: power_up(&parameters, &mut entropy),
+            electronics: Electronics::new(&parameters.electronics, parameters.seed),
+            mechanics,
+            disturbances: Vec::new(),
+            actuation: Actuation::OFF,
+            ticks: 0,
+            started: 0,
+            is_restarting: false,
+            parameters,
+            entropy,
+        }
+    }
+
+    /// From now on this, too, goes wrong.
+    pub fn disturb(&mut self, disturbance: impl Disturbance + Send + 'static) {
+        self.disturbances.push(Box::new(disturbance));
+    }
+
+    /// Time since the simulation began.
+    #[must_use]
+    pub fn now(&self) -> Instant {
+        Instant::from_micros(self.ticks * TICK_US)
+    }
+
+    /// Time as the robot's software counts it, from its last start.
+    fn software_time(&self) -> Instant {
+        Instant::from_micros((self.ticks - self.started) * TICK_US)
+    }
+
+    /// One tick of software and plant.
+    ///
+    /// # Errors
+    /// When the mechanics diverge.
+    pub fn tick(&mut self) -> Result<(), Diverged> {
+        let now = self.now();
+        for disturbance in &mut self.disturbances {
+            disturbance.electronics(now, &mut self.electronics);
+        }
+        let mut sensors = self.electronics.sense(&self.mechanics);
+        let mut processor = Processor::Runs;
+        for disturbance in &mut self.disturbances {
+            processor = processor.max(disturbance.processor(now));
+            disturbance.sensors(now, &mut sensors);
+        }
+        self.run_software(processor, &sensors);
+        let mut actuation = self.actuation;
+        for disturbance in &mut self.disturbances {
+            disturbance.actuation(now, &mut actuation);
+        }
+        self.electronics.advance(&actuation, &mut self.mechanics)?;
+        self.ticks += 1;
+        Ok(())
+    }
+
+    fn run_software(&mut self, processor: Processor, sensors: &Sensors) {
+        match processor {
+            Processor::Runs => {
+                if self.is_restarting {
+                    self.is_restarting = false;
+                    self.started = self.ticks;
+                    self.software = power_up(&self.parameters, &mut self.entropy);
+                }
+                self.actuation = self.software.tick(self.software_time(), sensors);
+            }
+            Processor::Hangs => {}
+            Processor::Restarts => {
+                self.is_restarting = true;
+                self.actuation = Actuation::OFF;
+            }
+        }
+    }
+
+    /// A datagram has come to the robot's network interface.
+    pub fn receive(&mut self, from: SocketAddr, datagram: &[u8]) {
+        if !self.is_restarting {
+            self.software.receive(self.software_time(), from, datagram);
+        }
+    }
+
+    /// The next datagram that the robot sends now, and to whom.
+    pub fn transmit(&mut self, frame: &mut Frame) -> Option<SocketAddr> {
+        let now = self.software_time();
+        if self.is_restarting || self.software.poll_at(now).is_none_or(|at| at > now) {
+            return None;
+        }
+        self.software.transmit(now, frame)
+    }
+
+    /// What the software believes.
+    #[must_use]
+    pub fn report(&self) -> Report {
+        self.software.report()
+    }
+
+    /// The robot's own software.
+    #[must_use]
+    pub fn software(&self) -> &Robot<Flash> {
+        &self.software
+    }
+
+    /// What it was built from.
+    #[must_use]
+    pub fn parameters(&self) -> &RobotParameters {
+        &self.parameters
+    }
+
+    /// The mechanics.
+    #[must_use]
+    pub fn mechanics(&self) -> &M {
+        &self.mechanics
+    }
+
+    /// The mechanics, to push.
+    pub fn mechanics_mut(&mut self) -> &mut M {
+        &mut self.mechanics
+    }
+
+    /// Motors, bridges and battery.
+    #[must_use]
+    pub fn electronics(&self) -> &Electronics {
+        &self.electronics
+    }
+
+    /// What the bridges were told last.
+    #[must_use]
+    pub fn actuation(&self) -> Actuation {
+        self.actuation
+    }
+
+    /// How the plant truly is.
+    #[must_use]
+    pub fn truth(&self) -> Truth {
+        let rotor_angle = self.mechanics.rotor_angle();
+        let (phase, direction) = shaker::phase_and_direction(rotor_angle);
+        Truth {
+            time: self.now(),
+            phase,
+            direction,
+            rotor_angle,
+            rotor_speed: self.mechanics.rotor_speed(),
+            phase_currents: self.electronics.phase_currents(),
+            rotor_frame_currents: self.electronics.rotor_frame_currents(rotor_angle),
+            bus_voltage: self.electronics.battery().bus_voltage(),
+            shaker_force: self.mechanics.shaker_force(),
+        }
+    }
+}
+
+fn power_up(parameters: &RobotParameters, entropy: &mut Xoshiro256PlusPlus) -> Robot<Flash> {
+    let mut fresh = [0; 32];
+    entropy.fill_bytes(&mut fresh);
+    Robot::new(
+        parameters.electronics.hardware,
+        parameters.name,
+        parameters.key.clone(),
+        fresh,
+        parameters.flash.clone(),
+    )
+}
