@@ -17,14 +17,25 @@
 //!
 //! Rotor angles inside are clockwise from forward, as `theta` and `f` are.
 
+#[cfg(test)]
+mod bench;
 mod parameters;
+#[cfg(test)]
+mod tests;
 
 pub use parameters::{AlignmentParameters, Configuration, MotorParameters, Parameters};
 
 use flix_protocol::message::{Fault, Faults, Setpoint, State};
 use flix_protocol::units::Instant;
 
-use crate::hardware::{Actuation, Hardware, Sensors, TICK_RATE_HZ, Turn};
+use crate::alignment::{Aligner, Observation, Progress};
+use crate::encoder::{TABLE_LENGTH, Tracker};
+use crate::fixed::{magnitude, multiply_high};
+use crate::foc::current::{CurrentLoop, Input};
+use crate::foc::modulation::Bus;
+use crate::hardware::{Actuation, Bridge, Sensors, TICK_RATE_HZ, Turn};
+use crate::shaker::{Rotors, Shaker, Target};
+use crate::supervisor::{Conditions, Drive, Supervisor};
 
 /// 2^-32 turn per tick.
 pub type Speed = i32;
@@ -161,43 +172,162 @@ pub struct Report {
     pub events: EventCounters,
 }
 
+/// Nominal time between ticks, microseconds.
+const TICK_US: u32 = 1_000_000 / TICK_RATE_HZ;
+/// A tick later than this is late: half as long again, microseconds.
+const LATE_US: u32 = TICK_US + TICK_US / 2;
+/// A gap beyond which references and trackers are of no use any more: 3 ms.
+const LONGEST_GAP_US: u32 = 3_000;
+/// Late ticks within [`LATE_FORGIVEN_TICKS`] each that are a fault.
+const LATE_LIMIT: u32 = 10;
+/// Ticks in time that make up for one late tick.
+const LATE_FORGIVEN_TICKS: u32 = 100;
+/// Consecutive samples above the limit that are an over-current: one alone may be a spike.
+const OVER_CURRENT_TICKS: u32 = 2;
+/// Ticks for which the bus must be too low: 20 ms, longer than a sag of one turn.
+const UNDER_VOLTAGE_TICKS: u32 = 200;
+/// Ticks for which the bus must be too high: 1 ms.
+const OVER_VOLTAGE_TICKS: u32 = 10;
+/// Ticks at more than nine tenths of the current without movement: 0.2 s.
+const STALL_TICKS: u32 = 2_000;
+/// Slower than this is no movement: 1 Hz.
+const STALLED: Speed = hertz(100);
+/// Twice theta may be off by this much: 15 degrees of theta.
+const LARGEST_SUM_ERROR: i32 = (30.0 * TURN_PER_DEGREE) as i32;
+/// Ticks for which theta may be further off, or the phase slip: 0.1 s.
+const UNLOCKED_TICKS: u32 = 1_000;
+/// Ticks for which f may stay away from what is asked for with the motors at their limits: 1 s.
+const DROOP_TICKS: u32 = 10_000;
+/// f may be off by this much: 1 Hz.
+const LARGEST_DROOP: Speed = hertz(100);
+/// Ticks for which a motor may differ from its model: 10 ms.
+const RESIDUAL_TICKS: u32 = 100;
+/// Ticks of slow rotors that count as rest: 10 ms.
+const REST_TICKS: u32 = 100;
+/// Slower than this is at rest: 0.3 Hz.
+const AT_REST: Speed = hertz(30);
+/// The bus voltage is averaged over 2^5 ticks.
+const BUS_FILTER_SHIFT: u32 = 5;
+/// f is averaged over 2^8 ticks, about one turn.
+const FREQUENCY_FILTER_SHIFT: u32 = 8;
+/// The battery must recover by this much before it is warned of again: 0.3 V.
+const BATTERY_HYSTERESIS: i32 = 19_661;
+/// What changes slowly is worked out one tick in so many.
+const SLOW_TICKS: u32 = 16;
+
+/// Hundredths of a hertz as a [`Speed`].
+const fn hertz(hundredths: i64) -> Speed {
+    (hundredths * (1 << 32) / (100 * TICK_RATE_HZ as i64)) as Speed
+}
+
+/// Counts ticks in which something is wrong; falls at the same rate when it is not.
+#[derive(Debug, Clone, Copy, Default)]
+struct Suspicion(u32);
+
+impl Suspicion {
+    /// Counts a tick; whether `limit` is reached.
+    #[inline(always)]
+    const fn count(&mut self, wrong: bool, limit: u32) -> bool {
+        if wrong {
+            self.0 += (self.0 < limit) as u32;
+        } else {
+            self.0 = self.0.saturating_sub(1);
+        }
+        self.0 >= limit
+    }
+}
+
+/// What is suspected but not sure yet.
+#[derive(Debug, Clone, Copy, Default)]
+struct Suspicions {
+    over_current: Suspicion,
+    under_voltage: Suspicion,
+    over_voltage: Suspicion,
+    stall: [Suspicion; 2],
+    unlocked: Suspicion,
+    droop: Suspicion,
+    residual: Suspicion,
+}
+
+/// What the bridges do at present.
+#[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "one exists, in a static; nothing is allocated")]
+enum Activity {
+    /// Let go or braking.
+    Idle,
+    Aligning(Aligner),
+    /// Alignment is done; its eccentricity goes into the tables, one entry a tick.
+    Learning(usize),
+    Shaking,
+}
+
 /// The fast half.
 #[derive(Debug, Clone)]
 pub struct Control {
     configuration: Configuration,
-    report: Report,
+    supervisor: Supervisor,
+    trackers: [Tracker; 2],
+    loops: [CurrentLoop; 2],
+    shaker: Shaker,
+    activity: Activity,
+    bus: Bus,
+    bus_voltage: i32,
+    battery_low: bool,
+    /// Counts at no current, 2^-4.
+    zeros: [[i32; 2]; 2],
+    /// Currents of phases A and B, 2^-16 A.
+    currents: [[i32; 2]; 2],
+    suspicions: Suspicions,
+    aligned: bool,
+    /// A fault that alignment found, for the next tick.
+    misaligned: Faults,
+    still: u32,
+    lateness: u32,
+    time: Instant,
+    /// 2^-4 of [`Report::frequency`].
+    frequency: i32,
+    largest_voltage: i32,
+    timing: Timing,
+    period: u8,
+    alignments: u8,
 }
 
 impl Control {
     /// Disarmed, at power-up.
     #[must_use]
-    pub fn new(_hardware: &Hardware, configuration: Configuration) -> Self {
+    pub fn new(configuration: Configuration) -> Self {
+        let rotors = Rotors { angles: [0; 2], speeds: [0; 2] };
         Self {
+            supervisor: Supervisor::new(),
+            trackers: [Tracker::new(); 2],
+            loops: [CurrentLoop::default(); 2],
+            shaker: Shaker::at_rest(&rotors),
+            activity: Activity::Idle,
+            bus: Bus::new(configuration.bus_nominal, configuration.dead_share),
+            bus_voltage: configuration.bus_nominal,
+            battery_low: false,
+            zeros: [[configuration.zero_design; 2]; 2],
+            currents: [[0; 2]; 2],
+            suspicions: Suspicions::default(),
+            aligned: false,
+            misaligned: Faults::NONE,
+            still: 0,
+            lateness: 0,
+            time: Instant::START,
+            frequency: 0,
+            largest_voltage: 0,
+            timing: Timing::default(),
+            period: 0,
+            alignments: 0,
             configuration,
-            report: Report {
-                time: Instant::START,
-                state: State::Disarmed,
-                faults: Faults::NONE,
-                first_fault: None,
-                stopped: false,
-                link_late: false,
-                frequency: 0,
-                direction: 0,
-                motors: [MotorReport::default(); 2],
-                bus_voltage: None,
-                modulation: 0,
-                timing: Timing::default(),
-                alignments: 0,
-                alignment: [Alignment::default(); 2],
-                events: EventCounters::default(),
-            },
         }
     }
 
-    /// Takes over a new configuration; only while disarmed or faulted with the rotors at rest.
+    /// Takes over a new configuration; only while disarmed or faulted, with the rotors at rest.
     /// Tells whether it did.
     pub fn configure(&mut self, configuration: &Configuration) -> bool {
-        let idle = matches!(self.report.state, State::Disarmed | State::Faulted);
+        let idle = matches!(self.supervisor.state(), State::Disarmed | State::Faulted)
+            && self.still >= REST_TICKS;
         if idle {
             self.configuration = *configuration;
         }
@@ -206,19 +336,345 @@ impl Control {
 
     /// Latches a fault that the slow half found (settings).
     pub fn raise(&mut self, fault: Fault) {
-        self.report.faults = self.report.faults.with(fault);
-        self.report.first_fault.get_or_insert(fault);
+        self.supervisor.raise(Faults::NONE.with(fault));
     }
 
-    /// One tick. Never panics.
-    pub fn tick(&mut self, now: Instant, _sensors: &Sensors, _order: &Order) -> Actuation {
-        self.report.time = now;
-        Actuation::OFF
+    /// One tick: sensors and order in, bridges out. Integers alone; never panics.
+    #[inline]
+    pub fn tick(&mut self, now: Instant, sensors: &Sensors, order: &Order) -> Actuation {
+        let late = self.keep_time(now, order.period);
+        self.measure_bus(sensors.bus_voltage);
+        let [top, bottom] = sensors.encoders;
+        self.trackers[0].update(&self.configuration.encoders[0], top);
+        self.trackers[1].update(&self.configuration.encoders[1], bottom);
+        let clipped = self.measure_currents(sensors);
+        let rotors = self.rotors();
+
+        let conditions = Conditions {
+            present: self.faults(late, clipped, order),
+            at_rest: self.at_rest(&rotors),
+            aligned: core::mem::take(&mut self.aligned),
+        };
+        let drive = self.supervisor.update(now, order, &conditions);
+        self.frequency +=
+            (rotors.frequency() - (self.frequency >> 4)) >> (FREQUENCY_FILTER_SHIFT - 4);
+        match drive {
+            Drive::Shake(frequency, turn) => {
+                let target = Target { frequency, direction: turn.then_some(order.direction) };
+                self.shake(&rotors, &target)
+            }
+            Drive::Align => self.align(sensors),
+            Drive::Brake => self.let_go(Bridge::BRAKE),
+            Drive::Off => self.let_go(Bridge::Off),
+        }
     }
 
     /// How it is, as of the last tick.
     #[must_use]
     pub fn report(&self) -> Report {
-        self.report
+        let rotors = self.rotors();
+        let mut motors = [MotorReport::default(); 2];
+        for (index, motor) in motors.iter_mut().enumerate() {
+            let current = self.loops[index % 2].current();
+            *motor = MotorReport {
+                angle: rotors.angles[index % 2],
+                speed: rotors.speeds[index % 2],
+                current_d: current.d,
+                current_q: self.clockwise(index, current.q),
+            };
+        }
+        let modulation = i64::from(self.largest_voltage) * i64::from(u16::MAX)
+            / i64::from(self.bus.limit.max(1));
+        Report {
+            time: self.time,
+            state: self.supervisor.state(),
+            faults: self.supervisor.faults(),
+            first_fault: self.supervisor.first_fault(),
+            stopped: self.supervisor.stopped(),
+            link_late: self.supervisor.link_late(),
+            frequency: self.frequency >> 4,
+            direction: rotors.direction(),
+            motors,
+            bus_voltage: (self.configuration.bus_per_count != 0).then_some(self.bus_voltage),
+            modulation: modulation.clamp(0, i64::from(u16::MAX)) as u16,
+            timing: self.timing,
+            alignments: self.alignments,
+            alignment: self.configuration.alignment,
+            events: self.supervisor.events(),
+        }
+    }
+
+    #[inline(always)]
+    fn rotors(&self) -> Rotors {
+        let [top, bottom] = &self.trackers;
+        Rotors { angles: [top.angle(), bottom.angle()], speeds: [top.speed(), bottom.speed()] }
+    }
+
+    /// A motor's torque-making current counted clockwise, or back.
+    #[inline(always)]
+    fn clockwise(&self, index: usize, current: i32) -> i32 {
+        if self.configuration.alignment[index % 2].reversed {
+            current.wrapping_neg()
+        } else {
+            current
+        }
+    }
+
+    /// Moves everything that predicts over ticks that never came; whether the loop is late beyond
+    /// forgiveness.
+    #[inline(always)]
+    fn keep_time(&mut self, now: Instant, period: u8) -> bool {
+        let interval = (now.as_micros() as u32).wrapping_sub(self.time.as_micros() as u32);
+        let first = self.timing.ticks == 0;
+        self.time = now;
+        self.timing.ticks = self.timing.ticks.wrapping_add(1);
+        if period != self.period {
+            self.period = period;
+            self.timing.longest_interval_us = 0;
+            self.largest_voltage = 0;
+        }
+        self.timing.longest_interval_us = self.timing.longest_interval_us.max(interval);
+        if interval <= LATE_US || first {
+            self.lateness = self.lateness.saturating_sub(1);
+            return false;
+        }
+        self.miss(interval)
+    }
+
+    #[cold]
+    fn miss(&mut self, interval: u32) -> bool {
+        self.timing.overruns = self.timing.overruns.saturating_add(1);
+        self.lateness = self.lateness.saturating_add(LATE_FORGIVEN_TICKS);
+        let missed = (interval.saturating_add(TICK_US / 2) / TICK_US).saturating_sub(1);
+        for tracker in &mut self.trackers {
+            tracker.skip(missed);
+        }
+        self.shaker.skip(missed);
+        interval > LONGEST_GAP_US || self.lateness >= LATE_LIMIT * LATE_FORGIVEN_TICKS
+    }
+
+    #[inline(always)]
+    fn measure_bus(&mut self, counts: Option<u16>) {
+        if let Some(counts) = counts {
+            let voltage = multiply_high(i32::from(counts) << 14, self.configuration.bus_per_count);
+            self.bus_voltage += (voltage - self.bus_voltage) >> BUS_FILTER_SHIFT;
+        }
+        if (self.timing.ticks as u32).is_multiple_of(SLOW_TICKS) {
+            self.bus = Bus::new(self.bus_voltage, self.configuration.dead_share);
+            let low = self.bus_voltage < self.configuration.bus_low;
+            if low && !self.battery_low {
+                self.supervisor.warn_battery();
+            }
+            let recovered = self.bus_voltage > self.configuration.bus_low + BATTERY_HYSTERESIS;
+            self.battery_low = low || (self.battery_low && !recovered);
+        }
+    }
+
+    /// Counts to amperes; whether an amplifier is at the end of its range.
+    #[inline(always)]
+    fn measure_currents(&mut self, sensors: &Sensors) -> bool {
+        let Some(counts) = sensors.phase_current else { return false };
+        let (low, high) = self.configuration.valid_counts;
+        let mut clipped = false;
+        let scale = self.configuration.current_per_count;
+        let motors = self.currents.iter_mut().zip(&self.zeros).zip(&self.configuration.alignment);
+        for (((currents, zeros), alignment), counts) in motors.zip(counts) {
+            for ((current, zero), count) in currents.iter_mut().zip(zeros).zip(counts) {
+                clipped |= count < low || count > high;
+                let centred = i32::from(count) * 16 - zero;
+                let signed = if alignment.current_inverted { -centred } else { centred };
+                *current = multiply_high(signed << 11, scale);
+            }
+        }
+        clipped
+    }
+
+    /// Faults whose cause is there now.
+    #[inline(always)]
+    fn faults(&mut self, late: bool, clipped: bool, order: &Order) -> Faults {
+        let mut faults = core::mem::take(&mut self.misaligned);
+        let limit = self.configuration.over_current;
+        let excess = clipped
+            || self.currents.iter().any(|[a, b]| {
+                magnitude(*a).max(magnitude(*b)).max(magnitude(a.wrapping_add(*b))) > limit
+            });
+        let suspicions = &mut self.suspicions;
+        if suspicions.over_current.count(excess, OVER_CURRENT_TICKS) {
+            faults = faults.with(Fault::OverCurrent);
+        }
+        if late {
+            faults = faults.with(Fault::LoopOverrun);
+        }
+        for tracker in &self.trackers {
+            if tracker.lost() {
+                faults = faults.with(Fault::EncoderLost);
+            }
+            if magnitude(tracker.speed()) > self.configuration.over_speed {
+                faults = faults.with(Fault::OverSpeed);
+            }
+        }
+        let low = self.bus_voltage < self.configuration.under_voltage;
+        if suspicions.under_voltage.count(low, UNDER_VOLTAGE_TICKS) {
+            faults = faults.with(Fault::UnderVoltage);
+        }
+        let high = self.bus_voltage > self.configuration.over_voltage;
+        if suspicions.over_voltage.count(high, OVER_VOLTAGE_TICKS) {
+            faults = faults.with(Fault::OverVoltage);
+        }
+        if matches!(self.activity, Activity::Shaking) {
+            self.shaking_faults(faults, order)
+        } else {
+            faults
+        }
+    }
+
+    /// Faults that show only while the rotors are controlled.
+    #[inline(always)]
+    fn shaking_faults(&mut self, mut faults: Faults, order: &Order) -> Faults {
+        let suspicions = &mut self.suspicions;
+        let pressed = self.shaker.limited();
+        for (tracker, stall) in self.trackers.iter().zip(&mut suspicions.stall) {
+            if stall.count(pressed && magnitude(tracker.speed()) < STALLED, STALL_TICKS) {
+                faults = faults.with(Fault::Stall);
+            }
+        }
+        let unlocked =
+            self.shaker.slipping() || magnitude(self.shaker.sum_error()) > LARGEST_SUM_ERROR;
+        let droop = order.frequency.wrapping_sub(self.shaker.frequency());
+        let drooping = pressed && magnitude(droop) > LARGEST_DROOP;
+        if suspicions.unlocked.count(unlocked, UNLOCKED_TICKS)
+            | suspicions.droop.count(drooping, DROOP_TICKS)
+        {
+            faults = faults.with(Fault::PhaseLockLost);
+        }
+        let bound = self.configuration.largest_residual;
+        let off = self.loops.iter().any(|current_loop| {
+            let residual = current_loop.residual();
+            magnitude(residual.d).max(magnitude(residual.q)) > bound
+        });
+        if suspicions.residual.count(off, RESIDUAL_TICKS) {
+            faults = faults.with(Fault::CurrentSense);
+        }
+        faults
+    }
+
+    /// Whether the rotors have been slow for a while, and nobody wants them to turn.
+    #[inline(always)]
+    fn at_rest(&mut self, rotors: &Rotors) -> bool {
+        let [top, bottom] = rotors.speeds;
+        let slow = magnitude(top) < AT_REST && magnitude(bottom) < AT_REST;
+        self.still = if slow { self.still.saturating_add(1) } else { 0 };
+        let standing = !matches!(self.activity, Activity::Shaking) || self.shaker.standing();
+        self.still >= REST_TICKS && standing
+    }
+
+    #[inline(always)]
+    fn shake(&mut self, rotors: &Rotors, target: &Target) -> Actuation {
+        if !matches!(self.activity, Activity::Shaking) {
+            self.begin_shaking(rotors);
+        }
+        let limited = self.loops[0].limited() || self.loops[1].limited();
+        let currents = self.shaker.update(&self.configuration.shaker, rotors, target, limited);
+        Actuation {
+            bridges: [
+                self.drive(0, rotors.angles[0], rotors.speeds[0], currents[0]),
+                self.drive(1, rotors.angles[1], rotors.speeds[1], currents[1]),
+            ],
+        }
+    }
+
+    #[cold]
+    fn begin_shaking(&mut self, rotors: &Rotors) {
+        self.activity = Activity::Shaking;
+        self.loops = [CurrentLoop::default(); 2];
+        self.shaker = Shaker::at_rest(rotors);
+        self.suspicions = Suspicions::default();
+    }
+
+    /// One motor: a clockwise current to its bridge.
+    #[inline(always)]
+    fn drive(&mut self, index: usize, angle: Turn, speed: Speed, current: i32) -> Bridge {
+        let configuration = &self.configuration;
+        let input = Input {
+            phases: configuration.sensed.then_some(self.currents[index]),
+            angle: configuration.electrical_angle(index, angle),
+            speed: speed.wrapping_mul(configuration.signed_pole_pairs(index)),
+            current_q: self.clockwise(index, current),
+        };
+        let current_loop = &mut self.loops[index];
+        let duties = current_loop.update(&configuration.motors[index], &self.bus, &input);
+        self.largest_voltage = self.largest_voltage.max(magnitude(current_loop.voltage().q));
+        Bridge::Duty(duties)
+    }
+
+    fn let_go(&mut self, bridge: Bridge) -> Actuation {
+        if !matches!(self.activity, Activity::Idle) {
+            self.activity = Activity::Idle;
+            self.loops = [CurrentLoop::default(); 2];
+        }
+        Actuation { bridges: [bridge; 2] }
+    }
+
+    #[inline(never)]
+    fn align(&mut self, sensors: &Sensors) -> Actuation {
+        if let Activity::Learning(entry) = self.activity {
+            return self.learn(entry);
+        }
+        if !matches!(self.activity, Activity::Aligning(_)) {
+            self.begin_aligning();
+        }
+        let Activity::Aligning(aligner) = &mut self.activity else { return Actuation::OFF };
+        let observation = Observation {
+            trackers: &self.trackers,
+            counts: sensors
+                .phase_current
+                .filter(|_| self.configuration.sensed)
+                .map(|motors| motors.map(|phases| phases.map(|count| i32::from(count) * 16))),
+            bus: &self.bus,
+        };
+        let (bridges, progress) = aligner.update(&self.configuration, &observation);
+        match progress {
+            Progress::Busy => {}
+            Progress::Failed(fault) => self.misaligned = Faults::NONE.with(fault),
+            Progress::Done => {
+                self.zeros = aligner.zeros();
+                if aligner.full() {
+                    self.configuration.alignment = aligner.results();
+                    self.configuration.aligned = true;
+                    self.activity = Activity::Learning(0);
+                } else {
+                    self.aligned = true;
+                }
+            }
+        }
+        Actuation { bridges }
+    }
+
+    #[cold]
+    fn begin_aligning(&mut self) {
+        let full = !self.configuration.aligned;
+        if full {
+            for encoder in &mut self.configuration.encoders {
+                encoder.eccentricity = [0; TABLE_LENGTH];
+            }
+        }
+        self.activity = Activity::Aligning(Aligner::new(full, &self.configuration));
+    }
+
+    /// One entry of both eccentricity tables; the motors brake meanwhile.
+    fn learn(&mut self, entry: usize) -> Actuation {
+        for (encoder, alignment) in
+            self.configuration.encoders.iter_mut().zip(&self.configuration.alignment)
+        {
+            encoder.learn_entry(entry, &alignment.eccentricity);
+        }
+        if entry + 1 < TABLE_LENGTH {
+            self.activity = Activity::Learning(entry + 1);
+        } else {
+            self.activity = Activity::Idle;
+            self.aligned = true;
+            self.alignments = self.alignments.wrapping_add(1);
+        }
+        Actuation { bridges: [Bridge::BRAKE; 2] }
     }
 }

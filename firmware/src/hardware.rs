@@ -42,7 +42,6 @@ pub struct Sensors {
 }
 
 /// A share of the PWM period, 0 to `u16::MAX`.
-
 pub type Duty = u16;
 
 /// What one three-phase bridge does until the next tick.
@@ -52,6 +51,11 @@ pub enum Bridge {
     Off,
     /// High-side share of each phase, A B C.
     Duty([Duty; 3]),
+}
+
+impl Bridge {
+    /// All low sides on: the shorted motor brakes itself, in about a tenth of a second.
+    pub const BRAKE: Self = Self::Duty([0; 3]);
 }
 
 /// What the hardware does until the next tick: the top and the bottom motor's bridge.

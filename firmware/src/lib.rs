@@ -5,9 +5,15 @@
 #[cfg(test)]
 extern crate std;
 
+mod alignment;
 pub mod board;
 pub mod control;
+pub mod encoder;
+mod fixed;
+pub mod foc;
 pub mod hardware;
 pub mod link;
 pub mod robot;
 pub mod settings;
+pub mod shaker;
+pub mod supervisor;

@@ -57,7 +57,7 @@ impl<S: SettingsStore> Robot<S> {
     ) -> Self {
         let tuning = Tuning::new(store);
         let parameters = tuning.settings().parameters();
-        let mut control = Control::new(&hardware, Configuration::new(&parameters, &hardware));
+        let mut control = Control::new(Configuration::new(&parameters, &hardware));
         let mut link = Link::new(identity(name, &hardware), key, entropy, control.report());
         if tuning.loaded().is_err() {
             link.tell(control.report().time, Event::SettingsDefaulted);

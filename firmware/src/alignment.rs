@@ -1,0 +1,440 @@
+//! Finding the electrical angle: phase order, electrical offset, sign and zero of the current
+//! sense, and the encoders' eccentricity, for both motors at once.
+//!
+//! With the bridges off the current amplifiers' zero is averaged. Then a voltage vector, as much as
+//! drives the alignment current through a resting motor, pulls each rotor along for a whole turn
+//! forward and back. The rotor follows the field like a compass needle, so the field *is* the
+//! angle reference:
+//!
+//! - the sense in which the encoder follows is the phase order;
+//! - the mean of angle minus field over both ways is the electrical offset (friction and speed act
+//!   the other way on the way back and cancel, and so does cogging over a whole turn);
+//! - its first and second harmonic over the turn are what the encoder's magnet adds;
+//! - a rotor that lags by a quarter electrical turn does not follow: missing magnet, open phase;
+//! - currents that do not follow the voltage are a broken current sense.
+//!
+//! Where all that is known from before, the field pulls only a quarter electrical turn, as a check
+//! that encoder, phases and sense still agree with what is remembered.
+
+use flix_protocol::message::Fault;
+
+use crate::control::{Alignment, Configuration};
+use crate::encoder::Tracker;
+use crate::fixed::{magnitude, multiply_high};
+use crate::foc::modulation::Bus;
+use crate::foc::transform::{Direction, Stator, inverse_clarke, park};
+use crate::hardware::{Bridge, Turn};
+
+/// Ticks over which the current zero is averaged: 0.1 s.
+const ZERO_TICKS: u32 = 1 << 10;
+/// Ticks for the voltage to build up, and again to let the rotor swing out: 0.15 s each.
+const RAMP_TICKS: u32 = 1_500;
+/// The field's speed: 2^-13 turn per tick, 1.22 Hz.
+const SWEEP_RATE: u32 = 1 << 19;
+/// Ticks in which the field gathers this speed.
+const GATHER_TICKS: u32 = 1 << 10;
+/// Ticks at full speed before and after the part that counts.
+const LEAD_TICKS: u32 = 1 << 9;
+/// Ticks of a whole turn at full speed, those that count.
+const TURN_TICKS: u32 = 1 << 13;
+/// The part that counts begins here,
+const WINDOW_BEGIN: u32 = GATHER_TICKS + LEAD_TICKS;
+/// ends here,
+const WINDOW_END: u32 = WINDOW_BEGIN + TURN_TICKS;
+/// and one way is over here.
+const WAY_TICKS: u32 = WINDOW_END + LEAD_TICKS + GATHER_TICKS;
+/// Ticks of the check's quarter electrical turn: 0.15 s.
+const CHECK_TICKS: u32 = 1_500;
+/// Ticks that the rotor may take to come to rest beforehand: 2 s.
+const REST_TICKS: u32 = 20_000;
+/// Ticks that both rotors must have been slow to count as at rest: 50 ms.
+const STILL_TICKS: u32 = 500;
+/// A rotor slower than this is at rest: 0.5 Hz.
+const STILL: i32 = 214_748;
+/// A quarter electrical turn: a rotor that lags this far has lost the field.
+const QUARTER: i64 = 1 << 30;
+/// A rotor in the check may be off by this much: an eighth electrical turn.
+const CHECK_TOLERANCE: i32 = 1 << 29;
+
+/// Currents are summed with so many more bits than they have.
+const CURRENT_SHIFT: u32 = 8;
+
+/// What the motors told in one tick.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Observation<'a> {
+    /// Top, bottom.
+    pub(crate) trackers: &'a [Tracker; 2],
+    /// Counts of phases A and B in 2^-4, no zero subtracted.
+    pub(crate) counts: Option<[[i32; 2]; 2]>,
+    /// Battery side of the bridges.
+    pub(crate) bus: &'a Bus,
+}
+
+/// How far alignment is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Progress {
+    /// Not done yet.
+    Busy,
+    /// Done; both results are valid.
+    Done,
+    /// Given up.
+    Failed(Fault),
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    Rest,
+    Zero,
+    Ramp,
+    Forward,
+    Back,
+    Check,
+}
+
+/// Fourier sums over the part of the sweep that counts.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sweep {
+    /// Angle minus field where the part that counts began.
+    origin: i32,
+    /// Sum of the lag behind it.
+    lag: i64,
+    /// Sums of lag times cosine and sine of one and two angles.
+    harmonics: [i64; 4],
+    /// Sums of current times the cosine of the field seen from phase A, B, C.
+    currents: [i64; 3],
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Motor {
+    zero_sum: [i32; 2],
+    /// Electrical angle of the field at field position zero.
+    base: Turn,
+    /// Uncorrected rotor angle when the field began to move.
+    start: Turn,
+    sweep: Sweep,
+    result: Alignment,
+}
+
+/// Aligns both motors.
+#[derive(Debug, Clone)]
+pub(crate) struct Aligner {
+    full: bool,
+    stage: Stage,
+    tick: u32,
+    still: u32,
+    /// Mechanical angle of the field.
+    field: Turn,
+    motors: [Motor; 2],
+    zeros: [[i32; 2]; 2],
+}
+
+impl Aligner {
+    /// From the beginning; `full` looks for everything, else what is remembered is checked.
+    pub(crate) fn new(full: bool, configuration: &Configuration) -> Self {
+        let motors = configuration.alignment.map(|result| Motor { result, ..Motor::default() });
+        Self { full, stage: Stage::Rest, tick: 0, still: 0, field: 0, motors, zeros: [[0; 2]; 2] }
+    }
+
+    /// Counts at no current of phases A and B, 2^-4 count.
+    pub(crate) const fn zeros(&self) -> [[i32; 2]; 2] {
+        self.zeros
+    }
+
+    /// Whether everything was looked for, so that [`Aligner::results`] is news.
+    pub(crate) const fn full(&self) -> bool {
+        self.full
+    }
+
+    /// What was found.
+    pub(crate) fn results(&self) -> [Alignment; 2] {
+        self.motors.map(|motor| motor.result)
+    }
+
+    /// One tick. Never panics.
+    pub(crate) fn update(
+        &mut self,
+        configuration: &Configuration,
+        observation: &Observation<'_>,
+    ) -> ([Bridge; 2], Progress) {
+        let progress = match self.stage {
+            Stage::Rest => self.rest(observation),
+            Stage::Zero => self.average_zero(configuration, observation),
+            Stage::Ramp => self.ramp(configuration, observation),
+            Stage::Forward => self.sweep(configuration, observation, true),
+            Stage::Back => self.sweep(configuration, observation, false),
+            Stage::Check => self.check(configuration, observation),
+        };
+        self.tick = self.tick.wrapping_add(1);
+        (self.bridges(configuration, observation.bus), progress)
+    }
+
+    fn enter(&mut self, stage: Stage) {
+        self.stage = stage;
+        // `update` counts on to zero at once.
+        self.tick = u32::MAX;
+    }
+
+    /// Waits until both rotors stand.
+    fn rest(&mut self, observation: &Observation<'_>) -> Progress {
+        let still = observation
+            .trackers
+            .iter()
+            .all(|tracker| tracker.settled() && magnitude(tracker.speed()) < STILL);
+        self.still = if still { self.still + 1 } else { 0 };
+        if self.still >= STILL_TICKS {
+            self.enter(Stage::Zero);
+        } else if self.tick >= REST_TICKS {
+            return Progress::Failed(Fault::Alignment);
+        }
+        Progress::Busy
+    }
+
+    fn average_zero(
+        &mut self,
+        configuration: &Configuration,
+        observation: &Observation<'_>,
+    ) -> Progress {
+        let Some(counts) = observation.counts else {
+            self.enter(Stage::Ramp);
+            return Progress::Busy;
+        };
+        for (motor, counts) in self.motors.iter_mut().zip(counts) {
+            for (sum, count) in motor.zero_sum.iter_mut().zip(counts) {
+                *sum = sum.saturating_add(count);
+            }
+        }
+        if self.tick + 1 >= ZERO_TICKS {
+            for (zeros, motor) in self.zeros.iter_mut().zip(&self.motors) {
+                *zeros = motor.zero_sum.map(|sum| sum / ZERO_TICKS as i32);
+            }
+            let off = |zero: &i32| {
+                magnitude(zero.wrapping_sub(configuration.zero_design))
+                    > configuration.zero_tolerance
+            };
+            if self.zeros.iter().flatten().any(off) {
+                return Progress::Failed(Fault::CurrentSense);
+            }
+            self.enter(Stage::Ramp);
+        }
+        Progress::Busy
+    }
+
+    /// Voltage up and the rotor drawn to the field; in the check it should be there already.
+    fn ramp(&mut self, configuration: &Configuration, observation: &Observation<'_>) -> Progress {
+        if self.tick == 0 {
+            for (index, motor) in self.motors.iter_mut().enumerate() {
+                let angle = observation.trackers[index % 2].angle();
+                motor.start = angle;
+                motor.base =
+                    if self.full { 0 } else { configuration.electrical_angle(index, angle) };
+            }
+        }
+        let swung_out = if self.full { 2 * RAMP_TICKS } else { RAMP_TICKS };
+        if self.tick >= swung_out {
+            self.enter(if self.full { Stage::Forward } else { Stage::Check });
+        }
+        Progress::Busy
+    }
+
+    /// One way of the sweep.
+    fn sweep(
+        &mut self,
+        configuration: &Configuration,
+        observation: &Observation<'_>,
+        forward: bool,
+    ) -> Progress {
+        if forward && self.tick == 0 {
+            for (motor, tracker) in self.motors.iter_mut().zip(observation.trackers) {
+                motor.start = tracker.angle();
+            }
+        }
+        if forward && self.tick == WINDOW_BEGIN && !self.find_order(observation) {
+            return Progress::Failed(Fault::Alignment);
+        }
+        let counts = self.tick >= WINDOW_BEGIN && self.tick < WINDOW_END;
+        if counts && !self.accumulate(configuration, observation) {
+            return Progress::Failed(Fault::Alignment);
+        }
+        let to_end = WAY_TICKS.saturating_sub(self.tick);
+        let rate = SWEEP_RATE.min(self.tick.min(to_end).saturating_mul(SWEEP_RATE / GATHER_TICKS));
+        self.field =
+            if forward { self.field.wrapping_add(rate) } else { self.field.wrapping_sub(rate) };
+        if self.tick >= WAY_TICKS {
+            if forward {
+                self.enter(Stage::Back);
+            } else {
+                return self.conclude(configuration, observation.counts.is_some());
+            }
+        }
+        Progress::Busy
+    }
+
+    /// Which way each rotor went in the lead; false when one did not go as far as the field.
+    fn find_order(&mut self, observation: &Observation<'_>) -> bool {
+        let field = self.field as i32;
+        self.motors.iter_mut().zip(observation.trackers).all(|(motor, tracker)| {
+            let travel = tracker.angle().wrapping_sub(motor.start) as i32;
+            motor.result.reversed = travel < 0;
+            motor.sweep.origin = tracker.angle().wrapping_sub(motor.along(self.field)) as i32;
+            let shortfall = magnitude(magnitude(travel).saturating_sub(field));
+            shortfall < field / 2
+        })
+    }
+
+    /// Adds a tick to the sums; false when a rotor lost the field.
+    fn accumulate(&mut self, configuration: &Configuration, observation: &Observation<'_>) -> bool {
+        let field = self.field;
+        let electrical = field.wrapping_mul(configuration.pole_pairs);
+        let mut follows = true;
+        for (index, motor) in self.motors.iter_mut().enumerate() {
+            let angle = observation.trackers[index % 2].angle();
+            let lag = angle.wrapping_sub(motor.along(field)).wrapping_sub(motor.sweep.origin as u32)
+                as i32;
+            let electrical_lag = i64::from(lag) * i64::from(configuration.pole_pairs);
+            follows &= electrical_lag.abs() < QUARTER;
+            motor.sweep.add_lag(angle, lag);
+            if let Some(counts) = observation.counts {
+                motor.sweep.add_currents(electrical, counts[index % 2], self.zeros[index % 2]);
+            }
+        }
+        follows
+    }
+
+    /// Works out the results.
+    fn conclude(&mut self, configuration: &Configuration, sensed: bool) -> Progress {
+        for motor in &mut self.motors {
+            let Sweep { origin, lag, harmonics, currents } = motor.sweep;
+            let samples = i64::from(2 * TURN_TICKS);
+            let mean = origin.wrapping_add((lag / samples) as i32);
+            let offset = (mean as u32).wrapping_mul(configuration.pole_pairs);
+            motor.result.electrical_offset =
+                if motor.result.reversed { offset } else { offset.wrapping_neg() };
+            // Sums hold half the products; a Fourier coefficient is twice the mean.
+            motor.result.eccentricity = harmonics.map(|sum| (4 * sum / samples) as i32);
+            if sensed {
+                let expected = configuration.alignment_counts;
+                let amplitudes = currents.map(|sum| (4 * sum / samples) as i32 >> CURRENT_SHIFT);
+                let inverted = amplitudes.iter().all(|amplitude| *amplitude < 0);
+                let agree = amplitudes.iter().all(|amplitude| {
+                    let along = if inverted { -amplitude } else { *amplitude };
+                    along > expected / 2 && along < expected.saturating_mul(2)
+                });
+                if !agree {
+                    return Progress::Failed(Fault::CurrentSense);
+                }
+                motor.result.current_inverted = inverted;
+            }
+        }
+        Progress::Done
+    }
+
+    /// Pulls the rotors a quarter electrical turn and looks whether they and the currents follow.
+    fn check(&mut self, configuration: &Configuration, observation: &Observation<'_>) -> Progress {
+        if self.tick <= CHECK_TICKS {
+            let quarter = (QUARTER as u32) / configuration.pole_pairs.max(1);
+            self.field = self.field.wrapping_add(quarter / CHECK_TICKS);
+            return Progress::Busy;
+        }
+        if self.tick < 2 * CHECK_TICKS {
+            return Progress::Busy;
+        }
+        for (index, motor) in self.motors.iter().enumerate() {
+            let angle = observation.trackers[index % 2].angle();
+            let field = motor.electrical(configuration, self.field);
+            let rotor = configuration.electrical_angle(index, angle);
+            if magnitude(field.wrapping_sub(rotor) as i32) > CHECK_TOLERANCE {
+                return Progress::Failed(Fault::Alignment);
+            }
+            if let Some(counts) = observation.counts {
+                let [a, b] = centred(counts[index % 2], self.zeros[index % 2]);
+                let current = park(crate::foc::transform::clarke(a, b), Direction::new(field));
+                let along = if motor.result.current_inverted { -current.d } else { current.d };
+                let expected = configuration.alignment_counts;
+                if along < expected / 2 || along > expected.saturating_mul(2) {
+                    return Progress::Failed(Fault::CurrentSense);
+                }
+            }
+        }
+        Progress::Done
+    }
+
+    /// The field as duties.
+    fn bridges(&self, configuration: &Configuration, bus: &Bus) -> [Bridge; 2] {
+        if self.stage == Stage::Rest {
+            return [Bridge::BRAKE; 2];
+        }
+        if self.stage == Stage::Zero {
+            return [Bridge::Off; 2];
+        }
+        let share = if self.stage == Stage::Ramp {
+            (self.tick.min(RAMP_TICKS) * ((1 << 30) / RAMP_TICKS)) as i32
+        } else {
+            1 << 30
+        };
+        let mut bridges = [Bridge::Off; 2];
+        for ((bridge, motor), voltage) in
+            bridges.iter_mut().zip(&self.motors).zip(configuration.alignment_voltage)
+        {
+            let direction = Direction::new(motor.electrical(configuration, self.field));
+            // 2^-31 times 2^-30 leaves an eighth of it after two upper halves.
+            let along = |component: i32, size: i32| {
+                multiply_high(multiply_high(component, share), size << 3)
+            };
+            let field = |size: i32| {
+                inverse_clarke(Stator {
+                    alpha: along(direction.cosine, size),
+                    beta: along(direction.sine, size),
+                })
+            };
+            let current = field(configuration.alignment_current);
+            let mut phases = field(voltage);
+            for (phase, current) in phases.iter_mut().zip(current) {
+                *phase += bus.dead_time_compensation(current);
+            }
+            *bridge = Bridge::Duty(bus.duties(phases));
+        }
+        bridges
+    }
+}
+
+impl Motor {
+    /// Electrical angle of the field at this mechanical position.
+    fn electrical(&self, configuration: &Configuration, field: Turn) -> Turn {
+        let turned = field.wrapping_mul(configuration.pole_pairs);
+        self.base.wrapping_add(turned)
+    }
+
+    /// The field's mechanical position counted the way the rotor goes.
+    fn along(&self, field: Turn) -> Turn {
+        if self.result.reversed { field.wrapping_neg() } else { field }
+    }
+}
+
+impl Sweep {
+    fn add_lag(&mut self, angle: Turn, lag: i32) {
+        self.lag += i64::from(lag);
+        let first = Direction::new(angle);
+        let second = Direction::new(angle.wrapping_mul(2));
+        let factors = [first.cosine, first.sine, second.cosine, second.sine];
+        for (sum, factor) in self.harmonics.iter_mut().zip(factors) {
+            *sum += i64::from(multiply_high(lag, factor));
+        }
+    }
+
+    fn add_currents(&mut self, electrical: Turn, counts: [i32; 2], zeros: [i32; 2]) {
+        /// A third of a turn.
+        const THIRD: Turn = 1_431_655_765;
+        let [a, b] = centred(counts, zeros);
+        let phases = [a, b, -a - b];
+        let lags = [0, THIRD, THIRD.wrapping_mul(2)];
+        for ((sum, phase), lag) in self.currents.iter_mut().zip(phases).zip(lags) {
+            let cosine = Direction::new(electrical.wrapping_sub(lag)).cosine;
+            *sum += i64::from(multiply_high(phase << CURRENT_SHIFT, cosine));
+        }
+    }
+}
+
+/// Counts about their zero, 2^-4.
+const fn centred(counts: [i32; 2], zeros: [i32; 2]) -> [i32; 2] {
+    [counts[0].wrapping_sub(zeros[0]), counts[1].wrapping_sub(zeros[1])]
+}

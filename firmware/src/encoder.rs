@@ -1,0 +1,201 @@
+//! From encoder readings to the rotor's angle and speed.
+//!
+//! A reading is turned clockwise, corrected by a table for the magnet's eccentricity, brought
+//! forward by its age at the present speed, and followed by a phase-locked loop of second order:
+//!
+//! ```text
+//! angle' = angle + speed
+//! error  = reading - angle'            accepted if below 1/32 turn
+//! angle  = angle' + 2 zeta w T n error
+//! speed  = speed + (w T)^2 n error     n: ticks since the reading before
+//! ```
+//!
+//! It follows a steady speed without error, and predicts where no reading came. All arithmetic
+//! wraps with the turn.
+
+use crate::control::Speed;
+use crate::fixed::{multiply_high, within};
+use crate::foc::transform::Direction;
+use crate::hardware::{Encoder, EncoderReading, TICK_RATE_HZ, Turn};
+
+/// Entries of the eccentricity table: between them a second harmonic of 1 degree is interpolated
+/// to within 0.005 degree.
+pub(crate) const TABLE_LENGTH: usize = 64;
+/// A reading further from the prediction is not believed, 2^-32 turn: 1/32 turn. The largest torque
+/// moves a rotor by a hundredth of it before the loop follows.
+const PLAUSIBLE: i32 = 1 << 27;
+/// Ticks without a believable reading after which the encoder is lost: 3 ms.
+pub const LOST_AFTER_TICKS: u16 = 30;
+/// Ticks after a first reading in which every reading is believed: 20 ms.
+const SETTLING_TICKS: u16 = 200;
+/// Fastest speed that is followed: 75 Hz.
+const FASTEST: i32 = (75 * (1 << 32_u64) / TICK_RATE_HZ as u64) as i32;
+/// Oldest reading that is brought forward, microseconds.
+const OLDEST_US: i32 = 3_000;
+/// Most ticks between readings that raise the gain of the next.
+const LARGEST_WEIGHT: i32 = 4;
+
+/// An encoder and how to follow it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EncoderModel {
+    /// Whether it counts clockwise seen from above.
+    pub clockwise: bool,
+    /// Clockwise angle of the eccentric mass from forward at reading zero.
+    pub zero: Turn,
+    /// Constant delay of every reading, microseconds.
+    pub latency_us: i32,
+    /// `2 zeta w T` in 2^-32.
+    pub angle_gain: i32,
+    /// `(w T)^2` in 2^-32.
+    pub speed_gain: i32,
+    /// What the encoder reads too much, by its uncorrected angle, 2^-32 turn.
+    pub eccentricity: [i32; TABLE_LENGTH],
+}
+
+impl EncoderModel {
+    /// Clockwise angle of the rotor, with the magnet's eccentricity still in.
+    #[inline(always)]
+    #[must_use]
+    pub const fn uncorrected(&self, reading: Turn) -> Turn {
+        let clockwise = if self.clockwise { reading } else { reading.wrapping_neg() };
+        clockwise.wrapping_add(self.zero)
+    }
+
+    /// Works out one entry of the table from cosine and sine of the first and second harmonic.
+    pub(crate) fn learn_entry(&mut self, entry: usize, harmonics: &[i32; 4]) {
+        let angle = (entry as u32).wrapping_mul(1 << (32 - TABLE_LENGTH.trailing_zeros()));
+        let first = Direction::new(angle);
+        let second = Direction::new(angle.wrapping_mul(2));
+        let factors = [first.cosine, first.sine, second.cosine, second.sine];
+        let sum = harmonics.iter().zip(factors).fold(0_i32, |sum, (harmonic, factor)| {
+            sum.wrapping_add(multiply_high(harmonic.wrapping_mul(2), factor))
+        });
+        if let Some(slot) = self.eccentricity.get_mut(entry) {
+            *slot = sum;
+        }
+    }
+
+    /// What the encoder reads too much at this uncorrected angle.
+    #[inline(always)]
+    #[must_use]
+    pub const fn correction(&self, angle: Turn) -> i32 {
+        const ENTRY_BITS: u32 = TABLE_LENGTH.trailing_zeros();
+        let index = (angle >> (32 - ENTRY_BITS)) as usize;
+        let (here, next) = (
+            self.eccentricity[index % TABLE_LENGTH],
+            self.eccentricity[(index + 1) % TABLE_LENGTH],
+        );
+        // Position between the two entries in 2^-31.
+        let fraction = ((angle << ENTRY_BITS) >> 1) as i32;
+        here.wrapping_add(multiply_high(next.wrapping_sub(here), fraction) << 1)
+    }
+}
+
+/// Follows one rotor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Tracker {
+    angle: Turn,
+    speed: Speed,
+    silence: u16,
+    settling: u16,
+}
+
+impl Tracker {
+    /// Knows nothing yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { angle: 0, speed: 0, silence: LOST_AFTER_TICKS, settling: 0 }
+    }
+
+    /// Angle of the rotor at the last tick, clockwise from forward.
+    #[inline(always)]
+    #[must_use]
+    pub const fn angle(&self) -> Turn {
+        self.angle
+    }
+
+    /// Speed of the rotor, clockwise positive.
+    #[inline(always)]
+    #[must_use]
+    pub const fn speed(&self) -> Speed {
+        self.speed
+    }
+
+    /// Whether believable readings stayed away for too long.
+    #[inline(always)]
+    #[must_use]
+    pub const fn lost(&self) -> bool {
+        self.silence >= LOST_AFTER_TICKS
+    }
+
+    /// Whether angle and speed can be relied on.
+    #[inline(always)]
+    #[must_use]
+    pub const fn settled(&self) -> bool {
+        !self.lost() && self.settling == 0
+    }
+
+    /// Moves on by ticks that the loop missed.
+    pub const fn skip(&mut self, ticks: u32) {
+        self.angle = self.angle.wrapping_add((self.speed as u32).wrapping_mul(ticks));
+    }
+
+    /// One tick. Never panics.
+    #[inline]
+    pub fn update(&mut self, model: &EncoderModel, encoder: Encoder) {
+        self.angle = self.angle.wrapping_add(self.speed as u32);
+        self.settling = self.settling.saturating_sub(1);
+        if let Encoder::Reading(reading) = encoder {
+            self.correct(model, reading);
+        } else {
+            self.miss();
+        }
+    }
+
+    /// No believable reading came. Once lost, nothing is known of the speed.
+    #[inline(always)]
+    fn miss(&mut self) {
+        self.silence = self.silence.saturating_add(1);
+        if self.lost() {
+            self.speed = 0;
+        }
+    }
+
+    #[inline(always)]
+    fn correct(&mut self, model: &EncoderModel, reading: EncoderReading) {
+        let uncorrected = model.uncorrected(reading.angle);
+        let sampled = uncorrected.wrapping_sub(model.correction(uncorrected) as u32);
+        if self.lost() {
+            *self = Self { angle: sampled, speed: 0, silence: 0, settling: SETTLING_TICKS };
+            return;
+        }
+        let measured = sampled.wrapping_add(self.travel(model, reading.age_us) as u32);
+        let error = measured.wrapping_sub(self.angle) as i32;
+        if self.settling == 0 && within(error, PLAUSIBLE) != error {
+            self.miss();
+            return;
+        }
+        let weight = (self.silence as i32 + 1).min(LARGEST_WEIGHT);
+        self.silence = 0;
+        let error = within(error, PLAUSIBLE).wrapping_mul(weight);
+        self.angle = self.angle.wrapping_add(multiply_high(error, model.angle_gain) as u32);
+        let speed = self.speed.wrapping_add(multiply_high(error, model.speed_gain));
+        self.speed = within(speed, FASTEST);
+    }
+
+    /// How far the rotor went since a reading of this age.
+    #[inline(always)]
+    const fn travel(&self, model: &EncoderModel, age_us: u16) -> i32 {
+        /// One tick per microsecond, 2^-26.
+        const TICKS_PER_MICROSECOND: i32 = ((1 << 26) / (1_000_000 / TICK_RATE_HZ)) as i32;
+        let age = model.latency_us.wrapping_add(age_us as i32);
+        let age = if age > OLDEST_US { OLDEST_US } else { age };
+        multiply_high(self.speed << 6, age.wrapping_mul(TICKS_PER_MICROSECOND))
+    }
+}
+
+impl Default for Tracker {
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,167 @@
+//! Space-vector modulation with an over-modulation limit and dead-time compensation.
+
+use crate::fixed::{multiply_high, within};
+use crate::foc::transform::{Stator, inverse_clarke};
+use crate::hardware::Duty;
+
+/// Largest phase voltage asked for, as a share of the bus, in 2^-16: 0.6.
+///
+/// 1/sqrt(3) = 0.577 is the inner circle of the hexagon that a bridge can reach, 2/3 its corners.
+/// Up to 0.6 the corners add 4 % of voltage and the flats are cut by at most 4 %, which is less
+/// ripple than an encoder's noise makes.
+const LIMIT: i32 = 39_322;
+/// Current at which dead-time compensation is at its full value, 2^-16 A: 60 mA. Below, the current
+/// itself swings through zero within a PWM period and the error shrinks with it.
+const KNEE: i32 = 3_932;
+/// A bus below this reads as this: 1 V, 2^-16 V.
+const LOWEST_BUS: i32 = 1 << 16;
+/// A bus above this reads as this: 60 V, 2^-16 V.
+const HIGHEST_BUS: i32 = 60 << 16;
+
+/// What the bridge can do with the present bus voltage.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Bus {
+    /// Bus voltage, 2^-16 V.
+    pub voltage: i32,
+    /// Largest phase voltage, 2^-16 V.
+    pub limit: i32,
+    /// Half of it, the most that d may take.
+    pub(crate) limit_d: i32,
+    /// 2^40 / voltage.
+    reciprocal: i32,
+    /// 2^39 / limit.
+    pub(crate) reciprocal_limit: i32,
+    /// Voltage lost to dead time, 2^-16 V.
+    dead_voltage: i32,
+    /// The same over the knee, V/A in 2^-24.
+    dead_slope: i32,
+}
+
+impl Bus {
+    /// From its voltage and the share of a PWM period that dead time takes (2^-31). The only
+    /// divisions of the fast loop; every few ticks is often enough. Never panics.
+    #[must_use]
+    pub const fn new(voltage: i32, dead_share: i32) -> Self {
+        let voltage = if voltage < LOWEST_BUS {
+            LOWEST_BUS
+        } else if voltage > HIGHEST_BUS {
+            HIGHEST_BUS
+        } else {
+            voltage
+        };
+        let limit = multiply_high(voltage << 4, LIMIT << 12);
+        let reciprocal = ((u32::MAX / (voltage as u32 >> 4)) << 4) as i32;
+        let dead_voltage = multiply_high(voltage << 1, dead_share);
+        Self {
+            voltage,
+            limit,
+            limit_d: limit >> 1,
+            reciprocal,
+            // 2^39 / (0.6 voltage) = reciprocal x 5/6.
+            reciprocal_limit: multiply_high(reciprocal, 1_789_569_706) << 1,
+            dead_voltage,
+            // (V 2^16 / A 2^16) in 2^-24; the knee is a constant, so no division happens.
+            dead_slope: dead_voltage.saturating_mul((1 << 24) / KNEE),
+        }
+    }
+
+    /// What must be added to a phase's voltage that carries this current (into the motor), to make
+    /// up for dead time.
+    #[inline(always)]
+    #[must_use]
+    pub const fn dead_time_compensation(&self, current: i32) -> i32 {
+        within(multiply_high(current.wrapping_shl(8), self.dead_slope), self.dead_voltage)
+    }
+
+    /// Duties that give these phase voltages, up to a common part: the middle of the largest and
+    /// the smallest is put at half the bus, which is space-vector modulation. Clipped to the bus.
+    #[inline(always)]
+    #[must_use]
+    pub const fn duties(&self, phases: [i32; 3]) -> [Duty; 3] {
+        let [a, b, c] = phases;
+        let (low, high) = if a < b { (a, b) } else { (b, a) };
+        let low = if c < low { c } else { low };
+        let high = if c > high { c } else { high };
+        let common = low.wrapping_add(high) >> 1;
+        [
+            self.duty(a.wrapping_sub(common)),
+            self.duty(b.wrapping_sub(common)),
+            self.duty(c.wrapping_sub(common)),
+        ]
+    }
+
+    #[inline(always)]
+    const fn duty(&self, voltage: i32) -> Duty {
+        let share = multiply_high(voltage.wrapping_shl(8), self.reciprocal).wrapping_add(1 << 15);
+        if share < 0 {
+            0
+        } else if share > Duty::MAX as i32 {
+            Duty::MAX
+        } else {
+            share as Duty
+        }
+    }
+
+    /// Duties for a voltage in the stator frame, without compensation.
+    #[inline(always)]
+    #[must_use]
+    pub const fn space_vector(&self, voltage: Stator) -> [Duty; 3] {
+        self.duties(inverse_clarke(voltage))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::foc::transform::Direction;
+
+    const TWELVE_VOLTS: i32 = 12 << 16;
+
+    fn line_voltages(duties: [Duty; 3]) -> [f64; 3] {
+        let phase = duties.map(|duty| f64::from(duty) / 65_536.0 * 12.0);
+        [phase[0] - phase[1], phase[1] - phase[2], phase[2] - phase[0]]
+    }
+
+    #[test]
+    fn gives_the_line_voltages_that_were_asked_for_up_to_the_inner_circle() {
+        let bus = Bus::new(TWELVE_VOLTS, 0);
+        let radius = (0.577 * f64::from(TWELVE_VOLTS)) as i32;
+        for step in 0..720_u32 {
+            let direction = Direction::new(step.wrapping_mul(5_965_232));
+            let vector = Stator {
+                alpha: multiply_high(radius * 2, direction.cosine),
+                beta: multiply_high(radius * 2, direction.sine),
+            };
+            let phases = inverse_clarke(vector).map(|phase| f64::from(phase) / 65_536.0);
+            let want = [phases[0] - phases[1], phases[1] - phases[2], phases[2] - phases[0]];
+            for (have, want) in line_voltages(bus.space_vector(vector)).iter().zip(want) {
+                assert!((have - want).abs() < 0.002, "step {step}: {have} for {want}");
+            }
+        }
+    }
+
+    #[test]
+    fn clips_at_the_bus_beyond_the_hexagon() {
+        let bus = Bus::new(TWELVE_VOLTS, 0);
+        let duties = bus.space_vector(Stator { alpha: 40 << 16, beta: 0 });
+        assert_eq!(duties, [Duty::MAX, 0, 0]);
+    }
+
+    #[test]
+    fn dead_time_is_made_up_for_with_the_sign_of_the_current() {
+        // 1.25 % of 12 V are 0.15 V.
+        let bus = Bus::new(TWELVE_VOLTS, (0.0125 * 2_147_483_648.0) as i32);
+        let full = bus.dead_time_compensation(1 << 16);
+        assert!((full - 9_830).abs() < 4, "{full}");
+        assert!((bus.dead_time_compensation(-(1 << 16)) + full).abs() < 2);
+        assert_eq!(bus.dead_time_compensation(0), 0);
+    }
+
+    #[test]
+    fn no_bus_voltage_is_too_small_or_too_large() {
+        for voltage in [i32::MIN, -1, 0, 1, i32::MAX] {
+            let bus = Bus::new(voltage, i32::MAX);
+            assert!(bus.limit > 0 && bus.reciprocal > 0);
+        }
+    }
+}

@@ -1,0 +1,495 @@
+//! From (f, theta) to the currents of two motors.
+//!
+//! # Coordinates
+//!
+//! With the rotors' clockwise angles `top` and `bottom` (paper, section II-E), the shaker is
+//! controlled in sum and difference, each of which wraps with one turn:
+//!
+//! ```text
+//! sum        = top + bottom = 2 theta      the line of force repeats every half turn of theta
+//! difference = top - bottom = 2 phase      d(phase)/dt = f
+//! ```
+//!
+//! So theta turns the short way through +-90 degrees with no special case, and f reverses through
+//! zero with theta held.
+//!
+//! # Law
+//!
+//! Both coordinates follow smooth references with the same law, in units of acceleration:
+//!
+//! ```text
+//! u = reference'' + kp e + kd e' + ki integral(e) + periodic
+//! i_top = (J / K_t) (u_sum + u_difference) / 2,   i_bottom = (J / K_t) (u_sum - u_difference) / 2
+//! ```
+//!
+//! The *periodic* part makes up for what the shaking drives back into the rotors. A base of mass M
+//! moves by `a = -(2 m l w^2 / M) cos(phase)`, which turns the rotors with a torque
+//! `(m l w)^2 / M sin(2 phase)`; gravity on a tilted base, and a body that rocks, add a part at
+//! `phase`. Base and legs vary, so both parts are learnt in both coordinates. The complex amplitude
+//! `A` of each harmonic `h` grows by
+//!
+//! ```text
+//! A += mu D(j h w) e exp(-j h phase),    D(j w) = kp - w^2 + j w kd
+//! ```
+//!
+//! where `D` is the inverse of the closed loop's response from torque to error: at every speed the
+//! error of that harmonic decays at the rate `mu`. The second harmonic of the difference scales
+//! with `w^2` as the equation above says, so that it stays right while f changes.
+
+use crate::control::Speed;
+use crate::fixed::{magnitude, multiply_high, within};
+use crate::hardware::{TICK_RATE_HZ, Turn};
+
+/// How fast a ramp closes in on its end, 1/s: the last `ramp / 50` are approached exponentially.
+const FREQUENCY_APPROACH: i64 = 50;
+/// The same for theta.
+const DIRECTION_APPROACH: i64 = 20;
+/// A ramp's slope builds up over this many ticks.
+const SLOPE_TICKS: i32 = 64;
+/// A difference of f below this is none: 0.001 Hz.
+const SAME_FREQUENCY: i32 = 430;
+/// Largest error of a coordinate that is acted on: 1/16 turn.
+const LARGEST_ERROR: i32 = 1 << 28;
+/// Largest error of a coordinate's speed that is acted on: 19.5 Hz.
+const LARGEST_SPEED_ERROR: i32 = 1 << 23;
+/// Largest error that the periodic part learns from: 1/128 turn.
+const LARGEST_LESSON: i32 = 1 << 25;
+/// The phase reference waits for rotors that lag by more than this: 1/8 turn of the difference.
+const LARGEST_LAG: i32 = 1 << 29;
+/// Below this f nothing periodic is learnt: 5 Hz.
+const SLOWEST_LESSON: Speed = hertz(5);
+/// f to which the second harmonic of the difference is normalised: 35 Hz.
+const NORMAL_FREQUENCY: i64 = hertz(35) as i64;
+/// Largest integral, 2^-48 turn per tick^2.
+const LARGEST_INTEGRAL: i32 = i32::MAX >> 1;
+/// Largest acceleration of a coordinate, 2^-40 turn per tick^2: 12 times what two amperes give.
+pub(crate) const LARGEST_ACCELERATION: i32 = 1 << 27;
+/// One in this many ticks works out what changes slowly.
+const SCHEDULE_TICKS: u8 = 16;
+/// All of the headroom, 2^-15.
+const FULL_HEADROOM: i32 = 1 << 15;
+/// Below this a reference counts as standing: 0.01 Hz.
+const STANDING: Speed = hertz(1) / 100;
+
+/// Whole hertz as a [`Speed`].
+const fn hertz(frequency: i64) -> Speed {
+    (frequency * (1 << 32) / TICK_RATE_HZ as i64) as Speed
+}
+
+/// `1/s` as a factor per tick in 2^-32.
+const fn per_second(rate: i64) -> i32 {
+    (rate * (1 << 32) / TICK_RATE_HZ as i64) as i32
+}
+
+/// Gains and limits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ShakerModel {
+    /// `kp` per tick^2, 2^-40.
+    pub proportional: i32,
+    /// `kd` per tick, 2^-32.
+    pub derivative: i32,
+    /// `ki` per tick^3, 2^-48.
+    pub integral: i32,
+    /// `J / (2 K_t)` of top and bottom: 2^-16 A per (2^-40 turn per tick^2), in 2^-32.
+    pub current_per_acceleration: [i32; 2],
+    /// Largest sum of magnitudes of `u`, 2^-40 turn per tick^2.
+    pub largest_acceleration: i32,
+    /// Largest current, 2^-16 A.
+    pub current_limit: i32,
+    /// Steepest change of f, 2^-32 turn per tick^2.
+    pub frequency_ramp: i32,
+    /// Fastest change of the sum (twice theta), 2^-32 turn per tick.
+    pub sum_ramp: i32,
+}
+
+/// One of the two coordinates: integral and learnt amplitudes, all in 2^-48 turn per tick^2.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Coordinate {
+    integral: i32,
+    /// First and second harmonic.
+    amplitudes: [Amplitude; 2],
+}
+
+/// `real cos - imaginary sin` of a harmonic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Amplitude {
+    real: i32,
+    imaginary: i32,
+}
+
+/// Cosine and sine of a harmonic, 2^-31.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Harmonic {
+    cosine: i32,
+    sine: i32,
+}
+
+impl Amplitude {
+    /// Present value in 2^-40 turn per tick^2.
+    #[inline(always)]
+    const fn value(self, harmonic: Harmonic) -> i32 {
+        multiply_high(self.real, harmonic.cosine)
+            .wrapping_sub(multiply_high(self.imaginary, harmonic.sine))
+            >> 7
+    }
+
+    /// Learns from an error; `weight` in 1/4.
+    #[inline(always)]
+    const fn learn(&mut self, error: i32, direction: Amplitude, weight: i32) {
+        let real = multiply_high(error, direction.real).wrapping_mul(weight);
+        let imaginary = multiply_high(error, direction.imaginary).wrapping_mul(weight);
+        self.real = self.real.saturating_add(real);
+        self.imaginary = self.imaginary.saturating_add(imaginary);
+    }
+}
+
+/// `D(j h w)` per tick^2 in 2^-38; worked out every [`SCHEDULE_TICKS`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct InverseResponse {
+    real: i32,
+    imaginary: i32,
+}
+
+impl InverseResponse {
+    fn new(model: &ShakerModel, frequency: Speed, harmonic: i32) -> Self {
+        /// pi in 2^-29.
+        const PI: i32 = 1_686_629_713;
+        // w = 2 pi h f in rad per tick, 2^-31: f pi h, since f is in 2^-32 turn.
+        let omega = multiply_high(frequency, PI).wrapping_mul(harmonic) << 3;
+        Self {
+            real: (model.proportional >> 2).wrapping_sub(multiply_high(omega, omega) << 8),
+            imaginary: multiply_high(omega, model.derivative) << 7,
+        }
+    }
+
+    /// `D exp(-j h phase)`, 2^-37.
+    #[inline(always)]
+    const fn lesson(self, harmonic: Harmonic) -> Amplitude {
+        let Harmonic { cosine, sine } = harmonic;
+        Amplitude {
+            real: multiply_high(self.real, cosine)
+                .wrapping_add(multiply_high(self.imaginary, sine)),
+            imaginary: multiply_high(self.imaginary, cosine)
+                .wrapping_sub(multiply_high(self.real, sine)),
+        }
+    }
+}
+
+/// Where the rotors are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Rotors {
+    /// Top and bottom, clockwise from forward.
+    pub angles: [Turn; 2],
+    /// Clockwise positive.
+    pub speeds: [Speed; 2],
+}
+
+impl Rotors {
+    const fn sum(&self) -> Turn {
+        self.angles[0].wrapping_add(self.angles[1])
+    }
+
+    const fn difference(&self) -> Turn {
+        self.angles[0].wrapping_sub(self.angles[1])
+    }
+
+    /// theta, within a quarter turn either side.
+    #[must_use]
+    pub const fn direction(&self) -> i32 {
+        self.sum() as i32 / 2
+    }
+
+    /// f.
+    #[must_use]
+    pub const fn frequency(&self) -> Speed {
+        self.speeds[0].wrapping_sub(self.speeds[1]) / 2
+    }
+}
+
+/// What the shaker is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Target {
+    /// f.
+    pub frequency: Speed,
+    /// theta; `None` keeps what it is.
+    pub direction: Option<i32>,
+}
+
+/// References, feedback and what was learnt.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shaker {
+    phase: Turn,
+    frequency: Speed,
+    frequency_slope: i32,
+    sum: Turn,
+    sum_speed: Speed,
+    sum_coordinate: Coordinate,
+    difference_coordinate: Coordinate,
+    inverse_responses: [InverseResponse; 2],
+    /// `(f / 35 Hz)^2` in 2^-26, and its inverse in 1/4.
+    square: i32,
+    inverse_square: i32,
+    headroom: i32,
+    countdown: u8,
+    limited: bool,
+    sum_error: i32,
+    difference_error: i32,
+}
+
+impl Shaker {
+    /// At rest with the rotors where they are; whatever was learnt is forgotten.
+    #[must_use]
+    pub fn at_rest(rotors: &Rotors) -> Self {
+        Self {
+            phase: rotors.difference() >> 1,
+            frequency: 0,
+            frequency_slope: 0,
+            sum: rotors.sum(),
+            sum_speed: 0,
+            sum_coordinate: Coordinate::default(),
+            difference_coordinate: Coordinate::default(),
+            inverse_responses: [InverseResponse::default(); 2],
+            square: 0,
+            inverse_square: 0,
+            headroom: FULL_HEADROOM,
+            countdown: 0,
+            limited: false,
+            sum_error: 0,
+            difference_error: 0,
+        }
+    }
+
+    /// Reference of f in this tick.
+    #[must_use]
+    pub const fn frequency(&self) -> Speed {
+        self.frequency
+    }
+
+    /// Whether the references stand still.
+    #[must_use]
+    pub const fn standing(&self) -> bool {
+        magnitude(self.frequency) < STANDING && magnitude(self.sum_speed) < STANDING
+    }
+
+    /// By how much twice theta is off, 2^-32 turn.
+    #[must_use]
+    pub const fn sum_error(&self) -> i32 {
+        self.sum_error
+    }
+
+    /// By how much twice the phase is off, 2^-32 turn.
+    #[must_use]
+    pub const fn difference_error(&self) -> i32 {
+        self.difference_error
+    }
+
+    /// Whether the rotors lag so far behind that the phase reference waits for them.
+    #[must_use]
+    pub const fn slipping(&self) -> bool {
+        magnitude(self.difference_error) >= LARGEST_LAG
+    }
+
+    /// Whether current or voltage were at their limits in the last tick.
+    #[must_use]
+    pub const fn limited(&self) -> bool {
+        self.limited
+    }
+
+    /// Moves the references on by ticks that the loop missed.
+    pub const fn skip(&mut self, ticks: u32) {
+        self.phase = self.phase.wrapping_add((self.frequency as u32).wrapping_mul(ticks));
+        self.sum = self.sum.wrapping_add((self.sum_speed as u32).wrapping_mul(ticks));
+    }
+
+    /// One tick: the clockwise currents of top and bottom motor, 2^-16 A. `voltage_limited`: either
+    /// motor got less voltage than it wanted in the tick before. Never panics.
+    #[inline]
+    pub fn update(
+        &mut self,
+        model: &ShakerModel,
+        rotors: &Rotors,
+        target: &Target,
+        voltage_limited: bool,
+    ) -> [i32; 2] {
+        self.limited |= voltage_limited;
+        self.follow_headroom();
+        let acceleration_difference = self.ramp_frequency(model, target.frequency);
+        let acceleration_sum = self.ramp_direction(model, target.direction);
+        if self.countdown == 0 {
+            self.schedule(model);
+        }
+        self.countdown = self.countdown.wrapping_sub(1) & (SCHEDULE_TICKS - 1);
+
+        self.sum_error = self.sum.wrapping_sub(rotors.sum()) as i32;
+        self.difference_error = self.wait_for(rotors);
+        let [top, bottom] = rotors.speeds;
+        let sum_speed_error = self.sum_speed.wrapping_sub(top).wrapping_sub(bottom);
+        let difference_speed_error =
+            self.frequency.wrapping_mul(2).wrapping_sub(top).wrapping_add(bottom);
+
+        let first = harmonic(self.phase);
+        let second = double(first);
+        let (periodic_sum, periodic_difference) = self.periodic(first, second);
+        let u_sum = acceleration_sum
+            + feedback(model, self.sum_error, sum_speed_error)
+            + (self.sum_coordinate.integral >> 8)
+            + periodic_sum;
+        let u_difference = acceleration_difference
+            + feedback(model, self.difference_error, difference_speed_error)
+            + (self.difference_coordinate.integral >> 8)
+            + periodic_difference;
+
+        // theta first: what it takes is not there for f.
+        let bound = model.largest_acceleration;
+        let sum = within(u_sum, bound - (bound >> 2));
+        let difference = within(u_difference, bound - magnitude(sum));
+        self.limited = sum != u_sum || difference != u_difference;
+        if !self.limited && !voltage_limited {
+            self.learn(model, first, second);
+        }
+        let [top_gain, bottom_gain] = model.current_per_acceleration;
+        [
+            within(multiply_high(sum + difference, top_gain), model.current_limit),
+            within(multiply_high(sum - difference, bottom_gain), model.current_limit),
+        ]
+    }
+
+    /// Ramps give way when the motors are at their limits: the headroom falls within a
+    /// millisecond and comes back within 50.
+    #[inline(always)]
+    fn follow_headroom(&mut self) {
+        if self.limited {
+            self.headroom -= self.headroom >> 4;
+        } else {
+            self.headroom += (FULL_HEADROOM - self.headroom) >> 7;
+        }
+    }
+
+    /// Moves f and phase on; the acceleration of the difference, 2^-40.
+    #[inline(always)]
+    fn ramp_frequency(&mut self, model: &ShakerModel, target: Speed) -> i32 {
+        let gap = target.wrapping_sub(self.frequency);
+        if magnitude(gap) < SAME_FREQUENCY {
+            self.frequency = target;
+            self.frequency_slope = 0;
+        } else {
+            let steepest = (model.frequency_ramp * self.headroom) >> 15;
+            let slope = within(multiply_high(gap, per_second(FREQUENCY_APPROACH)), steepest);
+            let change = slope - self.frequency_slope;
+            self.frequency_slope += within(change, model.frequency_ramp / SLOPE_TICKS);
+            self.frequency = self.frequency.wrapping_add(self.frequency_slope);
+        }
+        self.phase = self.phase.wrapping_add(self.frequency as u32);
+        self.frequency_slope << 9
+    }
+
+    /// Moves theta on, the short way; the acceleration of the sum, 2^-40.
+    #[inline(always)]
+    fn ramp_direction(&mut self, model: &ShakerModel, direction: Option<i32>) -> i32 {
+        let Some(direction) = direction else {
+            let change = self.change_sum_speed(model, 0);
+            return change << 8;
+        };
+        let gap = (direction as u32).wrapping_mul(2).wrapping_sub(self.sum) as i32;
+        let wanted = within(multiply_high(gap, per_second(DIRECTION_APPROACH)), model.sum_ramp);
+        self.change_sum_speed(model, wanted) << 8
+    }
+
+    #[inline(always)]
+    fn change_sum_speed(&mut self, model: &ShakerModel, wanted: Speed) -> i32 {
+        let steepest = multiply_high(model.sum_ramp, per_second(DIRECTION_APPROACH));
+        let change = within(wanted - self.sum_speed, steepest + 1);
+        self.sum_speed += change;
+        self.sum = self.sum.wrapping_add(self.sum_speed as u32);
+        change
+    }
+
+    /// Error of the difference; beyond [`LARGEST_LAG`] the reference gives way, and f with it.
+    #[inline(always)]
+    fn wait_for(&mut self, rotors: &Rotors) -> i32 {
+        let error = self.phase.wrapping_mul(2).wrapping_sub(rotors.difference()) as i32;
+        let held = within(error, LARGEST_LAG);
+        if held != error {
+            self.phase = self.phase.wrapping_sub((error.wrapping_sub(held) / 2) as u32);
+            self.frequency -= (self.frequency - rotors.frequency()) >> 6;
+        }
+        held
+    }
+
+    /// The periodic parts of sum and difference, 2^-40.
+    #[inline(always)]
+    fn periodic(&self, first: Harmonic, second: Harmonic) -> (i32, i32) {
+        let [sum_first, sum_second] = self.sum_coordinate.amplitudes;
+        let [difference_first, difference_second] = self.difference_coordinate.amplitudes;
+        let driven_back = multiply_high(difference_second.value(second) << 6, self.square);
+        (
+            sum_first.value(first) + sum_second.value(second),
+            difference_first.value(first) + driven_back,
+        )
+    }
+
+    #[inline(always)]
+    fn learn(&mut self, model: &ShakerModel, first: Harmonic, second: Harmonic) {
+        let (sum_error, difference_error) = (self.sum_error, self.difference_error);
+        let sum = &mut self.sum_coordinate;
+        let difference = &mut self.difference_coordinate;
+        let integral = |error| multiply_high(within(error, LARGEST_ERROR), model.integral);
+        sum.integral = within(sum.integral.saturating_add(integral(sum_error)), LARGEST_INTEGRAL);
+        difference.integral = within(
+            difference.integral.saturating_add(integral(difference_error)),
+            LARGEST_INTEGRAL,
+        );
+        if self.inverse_square == 0 {
+            return;
+        }
+        let sum_error = within(sum_error, LARGEST_LESSON);
+        let difference_error = within(difference_error, LARGEST_LESSON);
+        let [first_response, second_response] = self.inverse_responses;
+        let lesson = first_response.lesson(first);
+        sum.amplitudes[0].learn(sum_error, lesson, 4);
+        difference.amplitudes[0].learn(difference_error, lesson, 4);
+        let lesson = second_response.lesson(second);
+        sum.amplitudes[1].learn(sum_error, lesson, 4);
+        difference.amplitudes[1].learn(difference_error, lesson, self.inverse_square);
+    }
+
+    /// What depends on f alone.
+    fn schedule(&mut self, model: &ShakerModel) {
+        self.inverse_responses =
+            [1, 2].map(|harmonic| InverseResponse::new(model, self.frequency, harmonic));
+        // f / 35 Hz in 2^-14.
+        let ratio = (i64::from(self.frequency) * (1 << 14) / NORMAL_FREQUENCY) as i32;
+        let square = ratio.wrapping_mul(ratio);
+        self.square = square >> 2;
+        self.inverse_square = if magnitude(self.frequency) < SLOWEST_LESSON {
+            0
+        } else {
+            ((1 << 30) / (square | 1)).min(64)
+        };
+    }
+}
+
+/// `kp e + kd e'`, 2^-40.
+#[inline(always)]
+const fn feedback(model: &ShakerModel, error: i32, speed_error: i32) -> i32 {
+    let error = within(error, LARGEST_ERROR);
+    let speed_error = within(speed_error, LARGEST_SPEED_ERROR);
+    multiply_high(error, model.proportional) + multiply_high(speed_error << 8, model.derivative)
+}
+
+/// Of an angle.
+#[inline(always)]
+fn harmonic(angle: Turn) -> Harmonic {
+    let (cosine, sine) = idsp::cossin(angle as i32);
+    Harmonic { cosine, sine }
+}
+
+/// Of twice the angle.
+#[inline(always)]
+const fn double(first: Harmonic) -> Harmonic {
+    let Harmonic { cosine, sine } = first;
+    Harmonic {
+        cosine: multiply_high(cosine, cosine).wrapping_sub(multiply_high(sine, sine)) << 1,
+        sine: multiply_high(cosine, sine) << 2,
+    }
+}

@@ -1,0 +1,369 @@
+//! Who may move, when, and what stops it.
+//!
+//! ```text
+//!            arm                aligned            setpoint, f not 0
+//! Disarmed --------> Aligning ---------> Armed <---------------------> Running
+//!    ^                  |                  |      f = 0, at rest          |
+//!    |                  | disarm, stop     | disarm, stop, link lost      | disarm, stop, link silent
+//!    +------------------+------------------+------------ Stopping <-------+
+//!    |  clear, at rest                              (at rest)
+//! Faulted <------------------ any fault, from any state
+//! ```
+//!
+//! The failsafe ladder counts from the last valid command: after [`LINK_LATE`] the operator is
+//! warned, after [`COMMAND_DEADLINE`] both rotors ramp down together, after [`LINK_LOST`] the
+//! motors are disarmed. (moteus stops after 0.1 s, Crazyflie after 0.5 and 2 s, PX4 offboard after
+//! 1 s, Betaflight holds for 0.3 s and drops after 1.5 s.)
+//!
+//! # How each fault stops the rotors
+//!
+//! An eccentric rotor coasts for seconds, so letting go is not a stop. With all low sides on, a
+//! motor brakes itself within 0.3 s from 35 Hz; that needs neither encoder nor current sense nor
+//! battery, feeds nothing back into the bus, and slows both rotors alike. So all faults brake,
+//! except two: under-voltage, where nothing is wrong with control, ramps down phase-locked; and
+//! over-current first lets go until the current is gone.
+
+use flix_protocol::message::{Fault, Faults, State};
+use flix_protocol::units::Instant;
+
+use crate::control::{EventCounters, Order, Speed};
+
+/// Microseconds without a valid command after which the operator is warned: two missed commands
+/// at 20 Hz.
+pub const LINK_LATE_US: u64 = 100_000;
+/// Microseconds without a valid command after which the rotors ramp down: a person's reaction time.
+pub const COMMAND_DEADLINE_US: u64 = 250_000;
+/// Microseconds without a valid command after which the motors are disarmed; as PX4's offboard
+/// mode.
+pub const LINK_LOST_US: u64 = 1_000_000;
+
+/// Ticks that a ramp down may take before the motors brake instead: 0.4 s. From 35 Hz it takes
+/// 0.25 s.
+const LONGEST_RAMP_TICKS: u16 = 4_000;
+/// Ticks that a fault brakes for at least, whatever the encoders say: 0.5 s.
+const BRAKE_TICKS: u16 = 5_000;
+/// Ticks for which an over-current lets go before it brakes: 2 ms, six electrical time constants.
+const LET_GO_TICKS: u16 = 20;
+
+/// What the motors are to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Drive {
+    /// Let go.
+    Off,
+    /// Short the motors.
+    Brake,
+    /// Find the electrical angles.
+    Align,
+    /// Follow this f; `false`: keep theta as it is.
+    Shake(Speed, bool),
+}
+
+/// What the supervisor looks at in every tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Conditions {
+    /// Faults whose cause is there in this tick.
+    pub present: Faults,
+    /// Whether both rotors stand.
+    pub at_rest: bool,
+    /// Whether alignment finished in the last tick.
+    pub aligned: bool,
+}
+
+/// Why the rotors ramp down.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Reason {
+    /// No commands: may go on when they come back.
+    Deadline,
+    /// Told to, or gone for too long.
+    Final,
+}
+
+/// The state machine.
+#[derive(Debug, Clone)]
+pub struct Supervisor {
+    state: State,
+    faults: Faults,
+    first_fault: Option<Fault>,
+    stopped: bool,
+    link_late: bool,
+    link_lost: bool,
+    reason: Reason,
+    /// Ticks in this state, saturating.
+    ticks: u16,
+    seen: Order,
+    armed_at_setpoint: u16,
+    ramp_down: bool,
+    events: EventCounters,
+}
+
+impl Supervisor {
+    /// Disarmed, at power-up.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            state: State::Disarmed,
+            faults: Faults::NONE,
+            first_fault: None,
+            stopped: false,
+            link_late: false,
+            link_lost: false,
+            reason: Reason::Final,
+            ticks: 0,
+            seen: Order::default(),
+            armed_at_setpoint: 0,
+            ramp_down: false,
+            events: EventCounters::default(),
+        }
+    }
+
+    /// Where it stands.
+    #[must_use]
+    pub const fn state(&self) -> State {
+        self.state
+    }
+
+    /// Latched faults.
+    #[must_use]
+    pub const fn faults(&self) -> Faults {
+        self.faults
+    }
+
+    /// The first of them.
+    #[must_use]
+    pub const fn first_fault(&self) -> Option<Fault> {
+        self.first_fault
+    }
+
+    /// Whether a stop is latched.
+    #[must_use]
+    pub const fn stopped(&self) -> bool {
+        self.stopped
+    }
+
+    /// Whether commands are late while the motors are not let go.
+    #[must_use]
+    pub const fn link_late(&self) -> bool {
+        self.link_late
+    }
+
+    /// What happened since power-up.
+    #[must_use]
+    pub const fn events(&self) -> EventCounters {
+        self.events
+    }
+
+    /// Counts a low battery.
+    pub const fn warn_battery(&mut self) {
+        self.events.battery_low = self.events.battery_low.wrapping_add(1);
+    }
+
+    /// Whether motors are, or may at once be, driven.
+    #[must_use]
+    pub const fn driving(&self) -> bool {
+        matches!(self.state, State::Aligning | State::Armed | State::Running | State::Stopping)
+    }
+
+    /// Latches faults; the lowest bit of the first to come is the first cause.
+    #[inline]
+    pub fn raise(&mut self, faults: Faults) {
+        if faults.is_empty() {
+            return;
+        }
+        if self.first_fault.is_none() {
+            self.first_fault = faults.iter().next();
+        }
+        for fault in faults.iter() {
+            self.faults = self.faults.with(fault);
+        }
+        if self.state != State::Faulted {
+            // A ramp down needs both rotors under control; alignment has none to ramp down.
+            self.ramp_down = self.state != State::Aligning && self.state != State::Disarmed;
+            self.enter(State::Faulted);
+        }
+    }
+
+    /// One tick. Never panics.
+    #[inline]
+    pub fn update(&mut self, now: Instant, order: &Order, conditions: &Conditions) -> Drive {
+        self.ticks = self.ticks.saturating_add(1);
+        if !conditions.present.is_empty() && self.state != State::Disarmed {
+            self.raise(conditions.present);
+        }
+        if self.commanded(order) {
+            self.obey(now, order, conditions);
+        }
+        if self.driving() {
+            self.climb_ladder(now, order);
+        } else {
+            self.link_late = false;
+            self.link_lost = false;
+        }
+        self.advance(order, conditions)
+    }
+
+    fn enter(&mut self, state: State) {
+        self.state = state;
+        self.ticks = 0;
+    }
+
+    #[inline(always)]
+    fn commanded(&self, order: &Order) -> bool {
+        let edges =
+            |order: &Order| u32::from_le_bytes([order.arm, order.disarm, order.stop, order.clear]);
+        edges(order) != edges(&self.seen)
+    }
+
+    /// Stop before disarm before clear before arm, should they come in one tick.
+    #[inline(never)]
+    fn obey(&mut self, now: Instant, order: &Order, conditions: &Conditions) {
+        let seen = core::mem::replace(&mut self.seen, *order);
+        if order.stop != seen.stop {
+            if !self.stopped {
+                self.events.stopped = self.events.stopped.wrapping_add(1);
+            }
+            self.stopped = true;
+            self.let_down();
+        }
+        if order.disarm != seen.disarm {
+            self.let_down();
+        }
+        if order.clear != seen.clear {
+            self.clear(conditions);
+        }
+        if order.arm != seen.arm {
+            self.arm(now, order);
+        }
+    }
+
+    fn arm(&mut self, now: Instant, order: &Order) {
+        let heard = now.since(order.heard).as_micros() < u128::from(LINK_LATE_US);
+        if self.state == State::Disarmed && !self.stopped && heard {
+            self.armed_at_setpoint = order.setpoints;
+            self.enter(State::Aligning);
+        }
+    }
+
+    /// To rest and disarmed, from wherever it is.
+    fn let_down(&mut self) {
+        match self.state {
+            State::Disarmed | State::Faulted => {}
+            State::Aligning => self.enter(State::Disarmed),
+            State::Armed | State::Running => {
+                self.reason = Reason::Final;
+                self.enter(State::Stopping);
+            }
+            State::Stopping => self.reason = Reason::Final,
+        }
+    }
+
+    /// Forgets the stop and the faults whose cause is gone.
+    fn clear(&mut self, conditions: &Conditions) {
+        let moving = matches!(self.state, State::Running | State::Stopping);
+        if !moving {
+            self.stopped = false;
+        }
+        if self.state == State::Faulted && self.ticks >= BRAKE_TICKS {
+            let mut left = Faults::NONE;
+            for fault in self.faults.iter().filter(|fault| conditions.present.contains(*fault)) {
+                left = left.with(fault);
+            }
+            self.faults = left;
+            if left.is_empty() {
+                self.first_fault = None;
+                self.enter(State::Disarmed);
+            } else if !self.first_fault.is_some_and(|first| left.contains(first)) {
+                self.first_fault = left.iter().next();
+            }
+        }
+        self.events.cleared = self.events.cleared.wrapping_add(1);
+    }
+
+    #[inline]
+    fn climb_ladder(&mut self, now: Instant, order: &Order) {
+        let silence = now.as_micros().saturating_sub(order.heard.as_micros());
+        let late = silence >= LINK_LATE_US;
+        if late && !self.link_late {
+            self.events.link_late = self.events.link_late.wrapping_add(1);
+        }
+        self.link_late = late;
+        if !late {
+            self.link_lost = false;
+            return;
+        }
+        if silence >= COMMAND_DEADLINE_US && self.state == State::Running {
+            self.events.command_deadline = self.events.command_deadline.wrapping_add(1);
+            self.reason = Reason::Deadline;
+            self.enter(State::Stopping);
+        }
+        if silence >= LINK_LOST_US && !self.link_lost {
+            self.link_lost = true;
+            self.events.link_lost = self.events.link_lost.wrapping_add(1);
+            self.let_down();
+        }
+    }
+
+    /// What the state does, and where it leads when that is done.
+    #[inline]
+    fn advance(&mut self, order: &Order, conditions: &Conditions) -> Drive {
+        match self.state {
+            State::Disarmed => Drive::Off,
+            State::Aligning => {
+                if conditions.aligned {
+                    self.enter(State::Armed);
+                    return Drive::Shake(0, false);
+                }
+                Drive::Align
+            }
+            State::Armed => {
+                let asked = order.setpoints != self.armed_at_setpoint && order.frequency != 0;
+                if asked && !self.link_late {
+                    self.enter(State::Running);
+                    return Drive::Shake(order.frequency, true);
+                }
+                Drive::Shake(0, false)
+            }
+            State::Running => {
+                if order.frequency == 0 && conditions.at_rest {
+                    self.enter(State::Armed);
+                }
+                Drive::Shake(order.frequency, true)
+            }
+            State::Stopping => self.stop(conditions),
+            State::Faulted => self.make_safe(conditions),
+        }
+    }
+
+    fn stop(&mut self, conditions: &Conditions) -> Drive {
+        let back = self.reason == Reason::Deadline && !self.link_late;
+        if back {
+            self.enter(State::Running);
+        } else if conditions.at_rest {
+            self.enter(match self.reason {
+                Reason::Deadline => State::Armed,
+                Reason::Final => State::Disarmed,
+            });
+        } else if self.ticks > LONGEST_RAMP_TICKS {
+            return Drive::Brake;
+        }
+        Drive::Shake(0, false)
+    }
+
+    fn make_safe(&mut self, conditions: &Conditions) -> Drive {
+        let only = |fault| self.faults == Faults::NONE.with(fault);
+        let safe = self.ticks >= BRAKE_TICKS && (conditions.at_rest || self.ticks == u16::MAX);
+        let let_go = self.first_fault == Some(Fault::OverCurrent) && self.ticks < LET_GO_TICKS;
+        if safe || let_go {
+            Drive::Off
+        } else if self.ramp_down && only(Fault::UnderVoltage) && self.ticks < LONGEST_RAMP_TICKS {
+            Drive::Shake(0, false)
+        } else {
+            Drive::Brake
+        }
+    }
+}
+
+impl Default for Supervisor {
+    fn default() -> Self {
+        Self::new()
+    }
+}
