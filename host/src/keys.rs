@@ -12,6 +12,7 @@ use std::io::{self, Read, Write};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
+use flix_protocol::provision;
 use flix_protocol::session::{self, Key};
 use zeroize::Zeroizing;
 
@@ -286,12 +287,7 @@ impl Keyring {
 /// # Errors
 /// When it is not.
 pub fn check_name(name: &str) -> Result<(), KeyError> {
-    let inside = |character: char| character.is_ascii_alphanumeric() || character == '-';
-    let good = (1..=31).contains(&name.len())
-        && name.chars().all(inside)
-        && !name.starts_with('-')
-        && !name.ends_with('-');
-    if good { Ok(()) } else { Err(KeyError::Name(name.to_owned())) }
+    if provision::is_name(name) { Ok(()) } else { Err(KeyError::Name(name.to_owned())) }
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@
 
 pub mod frame;
 pub mod message;
+pub mod provision;
 pub mod session;
 pub mod shaker;
 pub mod units;

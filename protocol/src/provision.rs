@@ -1,0 +1,421 @@
+//! Giving a robot its name, network and key over its serial port.
+//!
+//! Physical access is the credential: whoever holds the cable may do this, in every state in which
+//! the motors are let go. The port also carries the robot's log as text, so a message is a frame
+//! that text cannot imitate:
+//!
+//! ```text
+//! 0x00   COBS( version u8, message in postcard, CRC-32 little-endian )   0x00
+//! ```
+//!
+//! COBS leaves no zero inside, so a reader that fell into the middle finds the next frame.
+//! [`write_frame`] makes frames; [`FrameReader`] picks them out of whatever comes and never panics.
+//! The operator asks with [`Request`]; the robot answers each with one [`Answer`].
+
+use core::fmt;
+
+use heapless::{String, Vec};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use zeroize::Zeroize;
+
+use crate::message::{Identity, NAME_LENGTH, Name};
+use crate::session::Key;
+
+/// Counted up with every change of these messages. An end drops frames of another version.
+pub const PROVISION_VERSION: u8 = 1;
+
+/// Baud rate of the robot's serial port, that of the chip's boot log. 8 data bits, no parity, one
+/// stop bit.
+pub const BAUD_RATE: u32 = 115_200;
+
+/// Longest network name, bytes (IEEE 802.11).
+pub const NETWORK_LENGTH: usize = 32;
+/// Longest network password, bytes (WPA2: 63 characters; 64 hexadecimal digits for a raw key).
+pub const PASSWORD_LENGTH: usize = 64;
+
+/// Longest frame with both its zeros, bytes.
+pub const MAXIMUM_FRAME: usize = 256;
+
+const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+const CRC_LENGTH: usize = 4;
+
+/// What the operator asks over the serial port.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "sent once, never stored")]
+pub enum Request {
+    /// Who are you, and have you a key?
+    Identify,
+    /// Take this, keep it over power-off, and join the network with it.
+    Provision(Provisioning),
+    /// Forget name, network and key: back to the state of a new robot.
+    Forget,
+}
+
+/// Everything that makes a robot somebody's own. `Debug` shows neither key nor password, and both
+/// are wiped from memory when dropped.
+#[derive(Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Provisioning {
+    name: Name,
+    network: String<NETWORK_LENGTH>,
+    password: Vec<u8, PASSWORD_LENGTH>,
+    address: Option<FixedAddress>,
+    key: [u8; 32],
+}
+
+/// Where the robot is, on a network without DHCP.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FixedAddress {
+    /// IPv4 address of the robot.
+    pub address: [u8; 4],
+    /// Leading bits of the address that are the network's, 0 to 32.
+    pub prefix_length: u8,
+    /// IPv4 address of the gateway, where there is one.
+    pub gateway: Option<[u8; 4]>,
+}
+
+/// A value was refused for provisioning.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ProvisioningError {
+    /// The name is empty, too long, or not a host name's label.
+    Name,
+    /// The network's name is empty or longer than [`NETWORK_LENGTH`] bytes.
+    Network,
+    /// The password is not UTF-8, or neither empty (an open network) nor of 8 to
+    /// [`PASSWORD_LENGTH`] bytes.
+    Password,
+    /// More than 32 bits of network.
+    Address,
+}
+
+impl fmt::Display for ProvisioningError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Name => write!(
+                f,
+                "a robot's name is 1 to {LONGEST_LABEL} letters, digits and hyphens, and neither begins nor ends with a hyphen"
+            ),
+            Self::Network => write!(f, "a network's name is 1 to {NETWORK_LENGTH} bytes long"),
+            Self::Password => write!(
+                f,
+                "a network's password is {SHORTEST_PASSWORD} to {PASSWORD_LENGTH} bytes long, or empty for an open network"
+            ),
+            Self::Address => f.write_str("an address has a network part of 0 to 32 bits"),
+        }
+    }
+}
+
+impl core::error::Error for ProvisioningError {}
+
+/// WPA2's shortest password.
+const SHORTEST_PASSWORD: usize = 8;
+/// Longest robot's name; one less than fits, so that it also serves as a C string.
+const LONGEST_LABEL: usize = NAME_LENGTH - 1;
+
+/// Whether this can be a robot's name: a label of a host name, so that it serves in mDNS too.
+#[must_use]
+pub fn is_name(name: &str) -> bool {
+    (1..=LONGEST_LABEL).contains(&name.len())
+        && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-')
+        && !name.starts_with('-')
+        && !name.ends_with('-')
+}
+
+impl Provisioning {
+    /// Checks the values.
+    ///
+    /// # Errors
+    /// When one of them cannot be used.
+    pub fn new(
+        name: &str,
+        network: &str,
+        password: &str,
+        address: Option<FixedAddress>,
+        key: &Key,
+    ) -> Result<Self, ProvisioningError> {
+        let provisioning = Self {
+            name: name.try_into().map_err(|_| ProvisioningError::Name)?,
+            network: network.try_into().map_err(|_| ProvisioningError::Network)?,
+            password: Vec::from_slice(password.as_bytes())
+                .map_err(|_| ProvisioningError::Password)?,
+            address,
+            key: *key.as_bytes(),
+        };
+        provisioning.check().map(|()| provisioning)
+    }
+
+    /// What came over the wire has to be checked again before it is kept.
+    ///
+    /// # Errors
+    /// As for [`Provisioning::new`].
+    pub fn check(&self) -> Result<(), ProvisioningError> {
+        if !is_name(&self.name) {
+            return Err(ProvisioningError::Name);
+        }
+        if self.network.is_empty() {
+            return Err(ProvisioningError::Network);
+        }
+        let length = self.password.len();
+        if (1..SHORTEST_PASSWORD).contains(&length) || core::str::from_utf8(&self.password).is_err()
+        {
+            return Err(ProvisioningError::Password);
+        }
+        match self.address {
+            Some(address) if address.prefix_length > 32 => Err(ProvisioningError::Address),
+            _ => Ok(()),
+        }
+    }
+
+    /// The robot's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The network to join (SSID).
+    #[must_use]
+    pub fn network(&self) -> &str {
+        &self.network
+    }
+
+    /// The network's password; empty for an open network.
+    #[must_use]
+    pub fn password(&self) -> &str {
+        core::str::from_utf8(&self.password).unwrap_or_default()
+    }
+
+    /// The fixed address; none to ask for one by DHCP.
+    #[must_use]
+    pub const fn address(&self) -> Option<FixedAddress> {
+        self.address
+    }
+
+    /// The key that operators must hold.
+    #[must_use]
+    pub const fn key(&self) -> Key {
+        Key::new(self.key)
+    }
+}
+
+impl fmt::Debug for Provisioning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Provisioning")
+            .field("name", &self.name)
+            .field("network", &self.network)
+            .field("address", &self.address)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Drop for Provisioning {
+    fn drop(&mut self) {
+        self.password.as_mut_slice().zeroize();
+        self.key.zeroize();
+    }
+}
+
+/// What the robot answers over the serial port.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Answer {
+    /// To [`Request::Identify`].
+    Identity {
+        /// Who answers.
+        identity: Identity,
+        /// Whether it has a key already.
+        has_key: bool,
+    },
+    /// Kept.
+    Done,
+    /// Nothing was changed.
+    Refused(ProvisionRefusal),
+}
+
+/// Why a robot did not take what it was given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ProvisionRefusal {
+    /// A value cannot be used.
+    Malformed,
+    /// The motors are not let go.
+    Driving,
+    /// It could not be written.
+    Storage,
+}
+
+impl fmt::Display for ProvisionRefusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Malformed => "the robot cannot use one of the values",
+            Self::Driving => "the motors are on: disarm the robot first",
+            Self::Storage => "the robot could not write its storage",
+        })
+    }
+}
+
+/// Makes a frame of a message, zeros included. `None` when the frame would be longer than
+/// [`MAXIMUM_FRAME`], which no [`Request`] or [`Answer`] is.
+#[must_use]
+pub fn write_frame(message: &impl Serialize) -> Option<Vec<u8, MAXIMUM_FRAME>> {
+    let mut plain = [0; MAXIMUM_FRAME];
+    plain[0] = PROVISION_VERSION;
+    let length = 1 + postcard::to_slice(message, &mut plain[1..]).ok()?.len();
+    let sum = CRC.checksum(&plain[..length]).to_le_bytes();
+    plain.get_mut(length..length + CRC_LENGTH)?.copy_from_slice(&sum);
+    let plain_length = length + CRC_LENGTH;
+
+    let mut frame = Vec::new();
+    // COBS adds one byte to every 254, and there are two zeros.
+    frame.resize_default(MAXIMUM_FRAME).ok()?;
+    if plain_length + plain_length / 254 + 3 > MAXIMUM_FRAME {
+        plain.zeroize();
+        return None;
+    }
+    let encoded = cobs::encode(&plain[..plain_length], &mut frame[1..]);
+    plain.zeroize();
+    frame.truncate(encoded + 2);
+    frame[encoded + 1] = 0;
+    Some(frame)
+}
+
+/// Picks frames out of a stream of bytes that also carries text.
+#[derive(Default)]
+pub struct FrameReader {
+    bytes: Vec<u8, MAXIMUM_FRAME>,
+    is_too_long: bool,
+}
+
+impl FrameReader {
+    /// Nothing read yet.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Takes the next byte. Returns the message when it completes a frame whose version and check
+    /// sum are right. Never panics.
+    pub fn push<T: DeserializeOwned>(&mut self, byte: u8) -> Option<T> {
+        if byte != 0 {
+            self.is_too_long |= self.bytes.push(byte).is_err();
+            return None;
+        }
+        let message = if self.is_too_long { None } else { decode(&mut self.bytes) };
+        self.bytes.as_mut_slice().zeroize();
+        self.bytes.clear();
+        self.is_too_long = false;
+        message
+    }
+}
+
+fn decode<T: DeserializeOwned>(bytes: &mut [u8]) -> Option<T> {
+    if bytes.is_empty() {
+        return None;
+    }
+    let length = cobs::decode_in_place(bytes).ok()?;
+    let (content, sum) = bytes.get(..length)?.split_last_chunk::<CRC_LENGTH>()?;
+    if CRC.checksum(content).to_le_bytes() != *sum {
+        return None;
+    }
+    let (&version, message) = content.split_first()?;
+    if version != PROVISION_VERSION {
+        return None;
+    }
+    postcard::from_bytes(message).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::format;
+    use std::string::String as Text;
+    use std::vec::Vec as List;
+
+    use super::*;
+
+    fn longest() -> Provisioning {
+        let address =
+            FixedAddress { address: [255; 4], prefix_length: 24, gateway: Some([255; 4]) };
+        let (name, network, password) = ["n".repeat(31), "w".repeat(32), "p".repeat(64)].into();
+        Provisioning::new(&name, &network, &password, Some(address), &Key::new([0xa5; 32])).unwrap()
+    }
+
+    fn read<T: DeserializeOwned>(bytes: &[u8]) -> List<T> {
+        let mut reader = FrameReader::new();
+        bytes.iter().filter_map(|byte| reader.push(*byte)).collect()
+    }
+
+    #[test]
+    fn the_longest_request_fits_a_frame_and_comes_back() {
+        let request = Request::Provision(longest());
+        assert_eq!(read::<Request>(&write_frame(&request).unwrap()), [request]);
+    }
+
+    #[test]
+    fn frames_are_found_in_the_midst_of_a_log() {
+        let mut bytes = List::from(*b"I (31) boot: ESP-IDF v5\r\nhalf a frame\0\0 and \xff\xfe");
+        bytes.extend_from_slice(&write_frame(&Answer::Done).unwrap());
+        bytes.extend_from_slice(b"more log\n");
+        let identity = Identity {
+            name: "walker".try_into().unwrap(),
+            board: "board".try_into().unwrap(),
+            version: "0.1.0".try_into().unwrap(),
+        };
+        let identity = Answer::Identity { identity, has_key: true };
+        bytes.extend_from_slice(&write_frame(&identity).unwrap());
+        assert_eq!(read::<Answer>(&bytes), [Answer::Done, identity]);
+    }
+
+    #[test]
+    fn one_flipped_bit_anywhere_drops_the_frame() {
+        let frame = write_frame(&Request::Provision(longest())).unwrap();
+        for place in 1..frame.len() - 1 {
+            for bit in 0..8 {
+                let mut damaged = frame.clone();
+                damaged[place] ^= 1 << bit;
+                assert_eq!(read::<Request>(&damaged), [], "byte {place}, bit {bit}");
+            }
+        }
+    }
+
+    #[test]
+    fn random_bytes_are_no_frame_and_no_panic() {
+        let mut state = 1u64;
+        let mut reader = FrameReader::new();
+        for _ in 0..2_000_000 {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            // Zeros often enough that frames of all lengths occur.
+            let byte = if state >> 58 == 0 { 0 } else { (state >> 33) as u8 };
+            assert_eq!(reader.push::<Request>(byte), None);
+        }
+    }
+
+    #[test]
+    fn a_frame_after_an_endless_line_is_read() {
+        let mut bytes = List::from([b'x'; 10_000]);
+        bytes.extend_from_slice(&write_frame(&Request::Identify).unwrap());
+        assert_eq!(read::<Request>(&bytes), [Request::Identify]);
+    }
+
+    #[test]
+    fn debug_output_shows_neither_key_nor_password() {
+        let text = format!("{:?}", Request::Provision(longest()));
+        assert!(!text.contains("ppp") && !text.contains("165") && !text.contains("a5"), "{text}");
+    }
+
+    #[test]
+    fn values_that_no_network_takes_are_refused() {
+        let key = Key::new([1; 32]);
+        let refused = |name: &str, network: &str, password: &str| {
+            Provisioning::new(name, network, password, None, &key).unwrap_err()
+        };
+        for name in ["", "-a", "a-", "a.b", "ä", &Text::from("a").repeat(32)] {
+            assert_eq!(refused(name, "lab", "password"), ProvisioningError::Name, "{name}");
+        }
+        for network in ["", &"w".repeat(33)] {
+            assert_eq!(refused("walker", network, "password"), ProvisioningError::Network);
+        }
+        for password in ["short", &"p".repeat(65)] {
+            assert_eq!(refused("walker", "lab", password), ProvisioningError::Password);
+        }
+        assert!(Provisioning::new("walker", "open", "", None, &key).is_ok());
+    }
+}
