@@ -13,6 +13,10 @@ mod fixed;
 pub mod foc;
 pub mod hardware;
 pub mod link;
+#[cfg(feature = "net")]
+pub mod mdns;
+#[cfg(feature = "net")]
+pub mod net;
 pub mod robot;
 pub mod settings;
 pub mod shaker;

@@ -1,0 +1,225 @@
+//! The network task, for any driver of embassy-net.
+//!
+//! It carries datagrams between UDP sockets and the slow half, and wakes it in time. It never
+//! waits for the network: with no link, no address or no room in a socket, datagrams are dropped as
+//! the network itself would drop them, and the exchange with the fast half goes on.
+//!
+//! - Handshakes leave through a socket of their own, because they go to addresses that anybody can
+//!   invent: one that does not exist would hold up everything behind it.
+//! - A socket that has been full for [`STALL`] waits for an address that does not answer, and is
+//!   emptied.
+//! - mDNS is answered at most every [`DISCOVERY_INTERVAL`], and the robot announces itself whenever
+//!   it gets an address.
+
+use core::net::{Ipv4Addr, SocketAddr};
+use core::task::Poll;
+
+use embassy_futures::select::select3;
+use embassy_futures::{poll_once, yield_now};
+use embassy_net::udp::{PacketMetadata, UdpSocket};
+use embassy_net::{IpEndpoint, Stack};
+use embassy_time::{Duration, Instant as Moment, Timer};
+use flix_protocol::DEFAULT_PORT;
+use flix_protocol::frame::{Datagram, Frame, MAXIMUM_DATAGRAM};
+use flix_protocol::units::Instant;
+
+use crate::mdns::{self, ANSWER_LENGTH, Responder};
+
+/// How often orders and reports are exchanged with the fast half, whatever the network does.
+pub const EXCHANGE_INTERVAL: Duration = Duration::from_millis(5);
+/// How long a socket may be full before it is emptied.
+pub const STALL: Duration = Duration::from_millis(200);
+/// Shortest time between two answers to mDNS.
+pub const DISCOVERY_INTERVAL: Duration = Duration::from_millis(100);
+/// Sockets that the task needs in the stack's resources.
+pub const SOCKETS: usize = 3;
+
+/// Datagrams taken before the others get a turn: a flood must not starve the rest of the chip.
+const BURST: usize = 16;
+/// Longer than any datagram that Ethernet carries, so that too long ones arrive and are counted.
+const RECEIVE_LENGTH: usize = 1536;
+/// The announcement is repeated once after a second (RFC 6762, section 8.3).
+const ANNOUNCEMENT_REPEAT: Duration = Duration::from_secs(1);
+/// Hop limit of mDNS (RFC 6762, section 11).
+const DISCOVERY_HOP_LIMIT: u8 = 255;
+
+/// The robot, as the network task sees it: its slow half, and the clock and mailboxes of the chip.
+pub trait Station {
+    /// Time since power-up, of the clock that the fast half runs on.
+    fn now(&self) -> Instant;
+    /// Hands over orders and configurations to the fast half, and takes its report.
+    fn exchange(&mut self);
+    /// A datagram came.
+    fn receive(&mut self, from: SocketAddr, datagram: &[u8]);
+    /// The next datagram to send, and to whom.
+    fn transmit(&mut self, frame: &mut Frame) -> Option<SocketAddr>;
+    /// When there will be something to transmit.
+    fn poll_at(&self) -> Option<Instant>;
+}
+
+/// Serves operators on [`DEFAULT_PORT`] for ever. `name` is what the robot is found under.
+///
+/// The stack needs room for [`SOCKETS`] sockets. The link may go and come back at any time.
+pub async fn serve(stack: Stack<'_>, name: &str, station: &mut impl Station) -> ! {
+    let (mut received, mut receive_meta) = ([0; 8 * MAXIMUM_DATAGRAM], [PacketMetadata::EMPTY; 16]);
+    let (mut sent, mut send_meta) = ([0; 8 * MAXIMUM_DATAGRAM], [PacketMetadata::EMPTY; 8]);
+    let session =
+        UdpSocket::new(stack, &mut receive_meta, &mut received, &mut send_meta, &mut sent);
+    let (mut none, mut no_meta) = ([0; 0], [PacketMetadata::EMPTY; 0]);
+    let (mut sent, mut send_meta) = ([0; MAXIMUM_DATAGRAM], [PacketMetadata::EMPTY; 4]);
+    let handshake = UdpSocket::new(stack, &mut no_meta, &mut none, &mut send_meta, &mut sent);
+    let (mut received, mut receive_meta) = ([0; RECEIVE_LENGTH], [PacketMetadata::EMPTY; 4]);
+    let (mut sent, mut send_meta) = ([0; 2 * ANSWER_LENGTH], [PacketMetadata::EMPTY; 2]);
+    let discovery =
+        UdpSocket::new(stack, &mut receive_meta, &mut received, &mut send_meta, &mut sent);
+
+    // The session's socket comes first: what arrives goes to the first that listens on a port.
+    let mut session = Outlet::open(session, DEFAULT_PORT);
+    let mut handshake = Outlet::open(handshake, DEFAULT_PORT);
+    let mut discovery = Discovery::open(stack, name, discovery);
+    let mut datagram = [0; RECEIVE_LENGTH];
+    let mut frame = Frame::new();
+    loop {
+        let due = Timer::after(until_due(station).min(EXCHANGE_INTERVAL));
+        select3(session.socket.wait_recv_ready(), discovery.outlet.socket.wait_recv_ready(), due)
+            .await;
+        station.exchange();
+        for _ in 0..BURST {
+            let Some((from, length)) = session.take(&mut datagram) else { break };
+            station.receive(from, &datagram[..length]);
+            flush(station, &mut session, &mut handshake, &mut frame);
+        }
+        // A stop must not wait for the next round.
+        station.exchange();
+        flush(station, &mut session, &mut handshake, &mut frame);
+        discovery.serve(&mut datagram);
+        yield_now().await;
+    }
+}
+
+fn until_due(station: &impl Station) -> Duration {
+    let wait = station.poll_at().map(|due| due.since(station.now()).as_micros());
+    wait.and_then(|wait| u64::try_from(wait).ok()).map_or(Duration::MAX, Duration::from_micros)
+}
+
+fn flush<'a>(
+    station: &mut impl Station,
+    session: &mut Outlet<'a>,
+    handshake: &mut Outlet<'a>,
+    frame: &mut Frame,
+) {
+    while let Some(to) = station.transmit(frame) {
+        let sealed = matches!(Datagram::parse(frame), Some(Datagram::Sealed { .. }));
+        let outlet = if sealed { &mut *session } else { &mut *handshake };
+        outlet.send(frame, to);
+    }
+}
+
+/// A socket that is never waited for.
+struct Outlet<'a> {
+    socket: UdpSocket<'a>,
+    port: u16,
+    full_since: Option<Moment>,
+}
+
+impl<'a> Outlet<'a> {
+    fn open(socket: UdpSocket<'a>, port: u16) -> Self {
+        let mut outlet = Self { socket, port, full_since: None };
+        outlet.bind();
+        outlet
+    }
+
+    fn bind(&mut self) {
+        // Fails only for port 0 and open sockets.
+        let _ = self.socket.bind(self.port);
+    }
+
+    /// What has arrived, if anything has.
+    fn take(&mut self, datagram: &mut [u8]) -> Option<(SocketAddr, usize)> {
+        match poll_once(self.socket.recv_from(datagram)) {
+            Poll::Ready(Ok((length, metadata))) => {
+                let from = metadata.endpoint;
+                Some((SocketAddr::new(from.addr.into(), from.port), length))
+            }
+            Poll::Ready(Err(_)) | Poll::Pending => None,
+        }
+    }
+
+    /// Sends, or drops where there is no room. Nothing came by IPv6, so nothing goes there.
+    fn send(&mut self, datagram: &[u8], to: SocketAddr) {
+        let SocketAddr::V4(to) = to else { return };
+        if poll_once(self.socket.send_to(datagram, IpEndpoint::from(to))).is_ready() {
+            self.full_since = None;
+            return;
+        }
+        let since = *self.full_since.get_or_insert_with(Moment::now);
+        if since.elapsed() >= STALL {
+            self.socket.close();
+            self.bind();
+            self.full_since = None;
+        }
+    }
+}
+
+/// Answers and announces over mDNS.
+struct Discovery<'a> {
+    stack: Stack<'a>,
+    responder: Responder,
+    outlet: Outlet<'a>,
+    address: Option<Ipv4Addr>,
+    announce_again: Option<Moment>,
+    quiet_until: Moment,
+}
+
+impl<'a> Discovery<'a> {
+    fn open(stack: Stack<'a>, name: &str, mut socket: UdpSocket<'a>) -> Self {
+        socket.set_hop_limit(Some(DISCOVERY_HOP_LIMIT));
+        // Fails only when the stack has no room for a group: then the robot is not found, but
+        // works.
+        let _ = stack.join_multicast_group(mdns::GROUP);
+        Self {
+            stack,
+            responder: Responder::new(name, DEFAULT_PORT),
+            outlet: Outlet::open(socket, mdns::PORT),
+            address: None,
+            announce_again: None,
+            quiet_until: Moment::from_ticks(0),
+        }
+    }
+
+    fn serve(&mut self, query: &mut [u8; RECEIVE_LENGTH]) {
+        let address = self.stack.config_v4().map(|config| config.address.address());
+        let is_new = address != self.address;
+        self.address = address;
+        let received = self.outlet.take(query);
+        let Some(address) = address else { return };
+        if is_new {
+            self.announce(address);
+            self.announce_again = Some(Moment::now() + ANNOUNCEMENT_REPEAT);
+        } else if self.announce_again.is_some_and(|at| Moment::now() >= at) {
+            self.announce(address);
+            self.announce_again = None;
+        }
+        if let Some((from, length)) = received
+            && Moment::now() >= self.quiet_until
+        {
+            self.answer(address, from, &query[..length]);
+        }
+    }
+
+    fn announce(&mut self, address: Ipv4Addr) {
+        let mut answer = [0; ANSWER_LENGTH];
+        if let Some(length) = self.responder.announcement(address, &mut answer) {
+            let everybody = SocketAddr::from((mdns::GROUP, mdns::PORT));
+            self.outlet.send(&answer[..length], everybody);
+        }
+    }
+
+    fn answer(&mut self, address: Ipv4Addr, from: SocketAddr, query: &[u8]) {
+        let mut answer = [0; ANSWER_LENGTH];
+        if let Some((to, length)) = self.responder.answer(address, from, query, &mut answer) {
+            self.outlet.send(&answer[..length], to);
+            self.quiet_until = Moment::now() + DISCOVERY_INTERVAL;
+        }
+    }
+}
