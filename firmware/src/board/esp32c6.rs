@@ -1,46 +1,94 @@
 //! ESP32-C6: one core, one MCPWM unit whose outputs A drive the top bridge and B the bottom one.
+//!
+//! Its converter has to settle for 40 microseconds a conversion, so it reads the battery alone,
+//! one step of a conversion a tick, and the motors run in voltage mode.
 
 use esp_hal::Blocking;
-use esp_hal::analog::adc::{Adc, AdcConfig, AdcPin, Attenuation};
-use esp_hal::mcpwm::operator::PwmPin;
-use esp_hal::peripherals::{ADC1, GPIO0, MCPWM0};
+use esp_hal::analog::adc::{Adc, AdcChannel, AdcConfig, Attenuation, RegisterAccess};
+use esp_hal::peripherals::{
+    ADC1, FLASH, FROM_CPU_INTR0, FROM_CPU_INTR2, GPIO0, LP_ANA, MCPWM0, Peripherals, SPI2, TIMG0,
+    TIMG1, WIFI,
+};
+use esp_storage::FlashStorage;
+use flix_firmware::board::EncoderKind;
+use flix_firmware::control::Control;
 use flix_firmware::hardware::Actuation;
 
 use crate::bridge::{self, ThreePhase, pin};
 use crate::choice::BOARD;
+use crate::encoders::{Encoders, SpiEncoders};
+use crate::fast::{self, Loop};
+
+/// The chip, shared out.
+pub(crate) struct Parts {
+    /// For the scheduler.
+    pub(crate) scheduler: (TIMG0<'static>, FROM_CPU_INTR0<'static>),
+    /// For the settings.
+    pub(crate) flash: FLASH<'static>,
+    /// For the network.
+    pub(crate) wifi: WIFI<'static>,
+    /// For the fast loop.
+    pub(crate) fast: FastParts,
+}
+
+/// What the fast loop owns.
+pub(crate) struct FastParts {
+    pwm: MCPWM0<'static>,
+    converter: (ADC1<'static>, GPIO0<'static>),
+    spi: SPI2<'static>,
+    timers: TIMG1<'static>,
+    software_interrupt: FROM_CPU_INTR2<'static>,
+}
+
+/// Shares the chip out.
+pub(crate) fn share_out(chip: Peripherals) -> Parts {
+    Parts {
+        scheduler: (chip.TIMG0, chip.FROM_CPU_INTR0),
+        flash: chip.FLASH,
+        wifi: chip.WIFI,
+        fast: FastParts {
+            pwm: chip.MCPWM0,
+            converter: (chip.ADC1, chip.GPIO0),
+            spi: chip.SPI2,
+            timers: chip.TIMG1,
+            software_interrupt: chip.FROM_CPU_INTR2,
+        },
+    }
+}
+
+/// Starts the fast loop above everything else on the only core.
+pub(crate) fn start_fast_loop(parts: FastParts, control: Control) {
+    let encoders = match BOARD.encoder {
+        // `Board::check` refuses them on this chip.
+        EncoderKind::As5600 => Encoders::Mailboxes,
+        kind => {
+            SpiEncoders::new(parts.spi, BOARD.spi, kind).map_or(Encoders::Mailboxes, Encoders::Spi)
+        }
+    };
+    let electronics = Electronics::new(parts.pwm, parts.converter);
+    fast::start(parts.timers, parts.software_interrupt, Loop { control, electronics, encoders });
+}
 
 /// Bridges and converters.
 pub(crate) struct Electronics {
     top: ThreePhase<MCPWM0<'static>, true>,
     bottom: ThreePhase<MCPWM0<'static>, false>,
+    battery: Option<Battery>,
 }
 
 impl Electronics {
-    /// Takes the unit.
-    pub(crate) fn new(unit: MCPWM0<'static>) -> Self {
+    fn new(unit: MCPWM0<'static>, (converter, divider): (ADC1<'static>, GPIO0<'static>)) -> Self {
         let pwm = bridge::start(unit);
         let [top, bottom] = BOARD.bridges;
-        let (top_a, bottom_a) = pwm.operator0.with_pins(
-            pin(top.phases[0]),
-            bridge::phase(),
-            pin(bottom.phases[0]),
-            bridge::phase(),
-        );
-        let (top_b, bottom_b) = pwm.operator1.with_pins(
-            pin(top.phases[1]),
-            bridge::phase(),
-            pin(bottom.phases[1]),
-            bridge::phase(),
-        );
-        let (top_c, bottom_c) = pwm.operator2.with_pins(
-            pin(top.phases[2]),
-            bridge::phase(),
-            pin(bottom.phases[2]),
-            bridge::phase(),
-        );
+        let pins = |phase: usize| (pin(top.phases[phase]), pin(bottom.phases[phase]));
+        let (a, b, c) = (pins(0), pins(1), pins(2));
+        let (top_a, bottom_a) = pwm.operator0.with_pins(a.0, bridge::phase(), a.1, bridge::phase());
+        let (top_b, bottom_b) = pwm.operator1.with_pins(b.0, bridge::phase(), b.1, bridge::phase());
+        let (top_c, bottom_c) = pwm.operator2.with_pins(c.0, bridge::phase(), c.1, bridge::phase());
         Self {
             top: ThreePhase::new(top_a, top_b, top_c, top.enable),
             bottom: ThreePhase::new(bottom_a, bottom_b, bottom_c, bottom.enable),
+            battery: BOARD.divider.map(|_| Battery::new(converter, divider)),
         }
     }
 
@@ -51,16 +99,79 @@ impl Electronics {
         self.bottom.apply(bottom);
     }
 
-    /// None: conversions take too long here.
+    /// None: voltage mode.
     pub(crate) fn phase_current(&mut self) -> Option<[[i16; 2]; 2]> {
         None
     }
 
     /// Counts of the divider.
     pub(crate) fn bus_voltage(&mut self) -> Option<u16> {
-        None
+        self.battery.as_mut().and_then(Battery::step)
     }
 }
 
+const _: () = assert!(
+    matches!(BOARD.divider_option.pin, 0),
+    "the divider of the generic ESP32-C6 is wired to GPIO 0 below"
+);
+
+/// Where a conversion stands.
+#[derive(Clone, Copy)]
+enum Conversion {
+    Start,
+    /// Started once; the converter wants to be told again when it has settled.
+    Settle,
+    Finish,
+}
+
+/// The divider, one step of a conversion a tick.
+struct Battery {
+    _converter: Adc<'static, ADC1<'static>, Blocking>,
+    channel: u8,
+    conversion: Conversion,
+    counts: Option<u16>,
+}
+
+impl Battery {
+    fn new(converter: ADC1<'static>, divider: GPIO0<'static>) -> Self {
+        let channel = divider.adc_channel();
+        let mut config = AdcConfig::new();
+        config.enable_pin(divider, Attenuation::_11dB);
+        let converter = Adc::new(converter, config);
+        ADC1::calibration_init();
+        Self { _converter: converter, channel, conversion: Conversion::Start, counts: None }
+    }
+
+    fn step(&mut self) -> Option<u16> {
+        self.conversion = match self.conversion {
+            Conversion::Start => {
+                ADC1::config_onetime_sample(self.channel, Attenuation::_11dB as u8);
+                ADC1::start_onetime_sample();
+                Conversion::Settle
+            }
+            Conversion::Settle => {
+                ADC1::start_onetime_sample();
+                Conversion::Finish
+            }
+            Conversion::Finish if ADC1::is_done() => {
+                self.counts = Some(ADC1::read_data());
+                ADC1::reset();
+                Conversion::Start
+            }
+            Conversion::Finish => Conversion::Finish,
+        };
+        self.counts
+    }
+}
+
+/// There is no other core.
+pub(crate) fn share_with_other_core(flash: FlashStorage<'static>) -> FlashStorage<'static> {
+    flash
+}
+
 /// A supply that sags resets the chip, which lets go of the bridges.
-pub(crate) fn reset_on_brown_out() {}
+pub(crate) fn reset_on_brown_out() {
+    LP_ANA::regs()
+        .bod_mode0_cntl()
+        .modify(|_, w| w.bod_mode0_reset_sel().set_bit().bod_mode0_reset_ena().set_bit());
+}

@@ -12,8 +12,9 @@ use esp_hal::time::Duration;
 use esp_hal::timer::PeriodicTimer;
 use esp_hal::timer::timg::{MwdtStage, TimerGroup, Wdt};
 use esp_rtos::embassy::InterruptExecutor;
-use flix_firmware::control::{Configuration, Control, Order, Report};
+use flix_firmware::control::{Control, Order, Report};
 use flix_firmware::hardware::{Sensors, TICK_RATE_HZ};
+use flix_firmware::robot::Offer;
 use flix_protocol::units::Instant;
 use static_cell::StaticCell;
 
@@ -25,13 +26,17 @@ use crate::mailbox::Mailbox;
 pub(crate) const TICK_MICROSECONDS: u64 = 1_000_000 / TICK_RATE_HZ as u64;
 /// The chip starts anew when the loop has not run for so long.
 const WATCHDOG: Duration = Duration::from_millis(200);
+/// While flash is erased, during which no code runs from it: ten times what a sector may take.
+const PATIENT_WATCHDOG: Duration = Duration::from_secs(4);
 /// A report is left every so many ticks: a thousand times a second.
 const REPORT_EVERY: u32 = 10;
 
 /// What the tasks want of the loop.
 pub(crate) static ORDER: Mailbox<Order> = Mailbox::new();
 /// A configuration to take over while the motors are let go.
-pub(crate) static CONFIGURATION: Mailbox<Configuration> = Mailbox::new();
+pub(crate) static CONFIGURATION: Mailbox<Offer> = Mailbox::new();
+/// Revision of the configuration that was taken over last.
+pub(crate) static CONFIGURED: Mailbox<u16> = Mailbox::new();
 /// How the loop is.
 pub(crate) static REPORT: Mailbox<Report> = Mailbox::new();
 
@@ -55,6 +60,18 @@ pub(crate) struct Loop {
 /// Microseconds since the chip started.
 pub(crate) fn now() -> Instant {
     Instant::from_micros(esp_hal::time::Instant::now().duration_since_epoch().as_micros())
+}
+
+/// Runs `work`, during which the loop may stand still, with a watchdog that waits for it.
+pub(crate) fn with_patient_watchdog<R>(work: impl FnOnce() -> R) -> R {
+    // The loop owns the driver, which has no state: both write the same registers.
+    let mut watchdog = Wdt::<TIMG1<'static>>::new();
+    watchdog.set_timeout(MwdtStage::Stage0, PATIENT_WATCHDOG);
+    watchdog.feed();
+    let result = work();
+    watchdog.feed();
+    watchdog.set_timeout(MwdtStage::Stage0, WATCHDOG);
+    result
 }
 
 /// Starts the loop on the core that calls, and its watchdog.
@@ -95,18 +112,21 @@ fn on_timer() {
 #[embassy_executor::task]
 async fn run(mut work: Loop, mut watchdog: Wdt<TIMG1<'static>>) {
     let mut order = Order::default();
+    let mut offered: Option<Offer> = None;
     let mut until_report = REPORT_EVERY;
     loop {
         TICK.wait().await;
         if let Some(newest) = ORDER.newest() {
             order = newest;
         }
-        if let Some(configuration) = CONFIGURATION.take()
-            && !work.control.configure(&configuration)
-            && CONFIGURATION.newest().is_none()
+        if let Some(newest) = CONFIGURATION.take() {
+            offered = Some(newest);
+        }
+        if let Some(Offer { revision, configuration }) = offered
+            && work.control.configure(&configuration)
         {
-            // Not while the rotors turn: kept for later, unless a newer one came.
-            CONFIGURATION.put(configuration);
+            offered = None;
+            CONFIGURED.put(revision);
         }
         let now = now();
         let sensors = Sensors {

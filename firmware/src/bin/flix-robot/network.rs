@@ -1,1 +1,102 @@
-//! Wi-Fi: connects, stays connected, and carries the library's network task.
+//! Wi-Fi: connects, connects again when it is lost, and never blocks anything else meanwhile.
+
+use embassy_net::{Config, Ipv4Cidr, Runner, StaticConfigV4};
+use embassy_time::{Duration, Instant, Timer};
+use esp_println::println;
+use esp_radio::wifi::sta::StationConfig;
+use esp_radio::wifi::{
+    AuthenticationMethodConfig, Config as WifiConfig, Interface, PowerSaveMode, WifiController,
+};
+
+use crate::credentials::Credentials;
+use crate::mailbox::Mailbox;
+
+/// Wait after the first failed attempt; doubled after each further one.
+const SHORTEST_WAIT: Duration = Duration::from_millis(500);
+/// Never longer than this: a robot that comes back into range should not sulk.
+const LONGEST_WAIT: Duration = Duration::from_secs(8);
+/// A connection that held so long was a good one: start again with the shortest wait.
+const GOOD_CONNECTION: Duration = Duration::from_secs(30);
+/// How often the radio's power is read.
+const SIGNAL_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Radio power as last received, dBm.
+pub(crate) static SIGNAL: Mailbox<i8> = Mailbox::new();
+
+/// The network's name and password for the driver; `None` when they are longer than Wi-Fi allows.
+fn station(credentials: &Credentials) -> Option<WifiConfig> {
+    let authentication = if credentials.password.is_empty() {
+        AuthenticationMethodConfig::Open
+    } else {
+        AuthenticationMethodConfig::WpaWpa2Personal(credentials.password.as_str().try_into().ok()?)
+    };
+    let station = StationConfig::default()
+        .with_ssid(credentials.network.as_str().try_into().ok()?)
+        .with_authentication(authentication);
+    Some(WifiConfig::Station(station))
+}
+
+/// DHCP, or the fixed address of provisioning.
+pub(crate) fn addresses(credentials: &Credentials) -> Config {
+    match credentials.address {
+        None => Config::dhcpv4(embassy_net::DhcpConfig::default()),
+        Some(fixed) => Config::ipv4_static(StaticConfigV4 {
+            address: Ipv4Cidr::new(fixed.address, fixed.prefix.min(32)),
+            gateway: fixed.gateway,
+            dns_servers: Default::default(),
+        }),
+    }
+}
+
+/// The network stack.
+#[embassy_executor::task]
+pub(crate) async fn run_stack(mut runner: Runner<'static, Interface>) {
+    runner.run().await;
+}
+
+/// Keeps the station connected for ever.
+#[embassy_executor::task]
+pub(crate) async fn stay_connected(
+    mut controller: WifiController<'static>,
+    credentials: &'static Credentials,
+) {
+    let Some(station) = station(credentials) else {
+        println!("wi-fi: the network's name or password is too long: provision the robot again");
+        return;
+    };
+    // Modem sleep was seen to add up to half a second to a datagram.
+    if controller.set_power_saving(PowerSaveMode::None).is_err() {
+        println!("wi-fi: power saving cannot be switched off: expect late commands");
+    }
+    let mut wait = SHORTEST_WAIT;
+    loop {
+        let connected = match controller.set_config(&station) {
+            Ok(()) => controller.connect_async().await.is_ok(),
+            Err(_) => false,
+        };
+        if connected {
+            println!("wi-fi: connected to {}", credentials.network);
+            let since = Instant::now();
+            watch(&mut controller).await;
+            println!("wi-fi: lost");
+            if since.elapsed() > GOOD_CONNECTION {
+                wait = SHORTEST_WAIT;
+            }
+        } else {
+            println!("wi-fi: cannot connect, next attempt in {} ms", wait.as_millis());
+        }
+        Timer::after(wait).await;
+        wait = (wait * 2).min(LONGEST_WAIT);
+    }
+}
+
+/// Reads the radio's power until the connection is gone.
+async fn watch(controller: &mut WifiController<'static>) {
+    while controller.is_connected() {
+        if let Some(dbm) = controller.rssi().ok().and_then(|dbm| i8::try_from(dbm).ok()) {
+            SIGNAL.put(dbm);
+        }
+        Timer::after(SIGNAL_INTERVAL).await;
+    }
+    SIGNAL.take();
+}
