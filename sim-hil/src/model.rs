@@ -209,7 +209,7 @@ impl Legs {
 pub struct Leg {
     /// Sense of the twist about the beam's axis (from root to foot): 1 or -1.
     pub twist_hand: f64,
-    /// Tangential friction coefficient, 0 to 3. Source: paper, section III-B (0.508 fr, 0.646 fl, 0.553 rr,
+    /// Tangential friction coefficient, 0.01 to 3. Source: paper, section III-B (0.508 fr, 0.646 fl, 0.553 rr,
     /// 0.451 rl; 0.54 on average).
     pub friction: f64,
     /// Factor on the bending stiffness (error set X), 0.1 to 10.
@@ -424,6 +424,13 @@ impl RobotModel {
         ]
     }
 
+    /// Height of the body's origin when the robot stands on straight legs, m; 0 without legs.
+    pub fn standing_height(&self) -> f64 {
+        self.legs.map_or(0.0, |l| {
+            1e-3 * (0.5 * self.plate.thickness_mm + l.length_mm + l.foot.height_mm)
+        })
+    }
+
     fn check_feet_apart(&self, legs: &Legs) -> Result<(), ModelError> {
         let (sx, sy) = legs.foot.size_xy_mm();
         for a in 0..4 {
@@ -535,7 +542,7 @@ impl Legs {
             let mut add =
                 |key: &str, v, low, high| add(&format!("legs.{name}.{key}"), v, low, high);
             add("twist_hand", leg.twist_hand, -1.0, 1.0);
-            add("friction", leg.friction, 0.0, 3.0);
+            add("friction", leg.friction, 0.01, 3.0);
             add("bend_stiffness_factor", leg.bend_stiffness_factor, 0.1, 10.0);
             add("twist_stiffness_factor", leg.twist_stiffness_factor, 0.1, 10.0);
             add("bend_damping_factor", leg.bend_damping_factor, 0.0, 10.0);

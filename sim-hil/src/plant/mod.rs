@@ -31,9 +31,13 @@ pub mod motor;
 pub mod sensor;
 pub mod spatial;
 
-mod body;
+mod build;
+mod leg;
+mod pack;
+mod robot;
+mod system;
 
-pub use body::{BodyState, Drive, Energy, Plant, Wrench};
+pub use robot::{BodyState, Drive, Energy, LegView, Plant, Wrench};
 
 /// The moving part as the electrical part sees it.
 pub trait Mechanics {

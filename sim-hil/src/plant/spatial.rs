@@ -87,6 +87,134 @@ impl<F: Lane> SubAssign for Vec3<F> {
     }
 }
 
+/// Numbers of the body as numbers of legs, and back.
+///
+/// A single robot has its body in one number and its four legs in four lanes; a batch has four robots in
+/// the lanes of both.
+pub trait Spread<L: Lane>: Lane {
+    /// The same for every leg.
+    fn spread(self) -> L;
+    /// The sum over the legs: front pair plus rear pair, so that a mirrored robot adds the same numbers.
+    fn gather<const GROUPS: usize>(legs: [L; GROUPS]) -> Self;
+}
+
+impl Spread<f64> for f64 {
+    #[inline(always)]
+    fn spread(self) -> f64 {
+        self
+    }
+    #[inline(always)]
+    fn gather<const GROUPS: usize>(legs: [f64; GROUPS]) -> f64 {
+        (legs[0] + legs[1]) + (legs[2] + legs[3])
+    }
+}
+
+impl Spread<super::lane::Quad> for f64 {
+    #[inline(always)]
+    fn spread(self) -> super::lane::Quad {
+        super::lane::Quad([self; 4])
+    }
+    #[inline(always)]
+    fn gather<const GROUPS: usize>(legs: [super::lane::Quad; GROUPS]) -> Self {
+        let [fl, fr, rl, rr] = legs[0].0;
+        (fl + fr) + (rl + rr)
+    }
+}
+
+impl Spread<super::lane::Quad> for super::lane::Quad {
+    #[inline(always)]
+    fn spread(self) -> Self {
+        self
+    }
+    #[inline(always)]
+    fn gather<const GROUPS: usize>(legs: [Self; GROUPS]) -> Self {
+        (legs[0] + legs[1]) + (legs[2] + legs[3])
+    }
+}
+
+impl<F: Lane> Vec3<F> {
+    /// The same vector for every leg.
+    #[inline(always)]
+    pub fn spread<L: Lane>(self) -> Vec3<L>
+    where
+        F: Spread<L>,
+    {
+        Vec3([self.0[0].spread(), self.0[1].spread(), self.0[2].spread()])
+    }
+}
+
+impl<F: Lane> Spatial<F> {
+    /// The same vector for every leg.
+    #[inline(always)]
+    pub fn spread<L: Lane>(self) -> Spatial<L>
+    where
+        F: Spread<L>,
+    {
+        Spatial::new(self.angular.spread(), self.linear.spread())
+    }
+    /// The sum over the legs.
+    #[inline(always)]
+    pub fn gather<L: Lane, const G: usize>(legs: &[Spatial<L>; G]) -> Self
+    where
+        F: Spread<L>,
+    {
+        let mut sum = Self::zero();
+        for i in 0..3 {
+            let mut angular = [L::splat(0.0); G];
+            let mut linear = [L::splat(0.0); G];
+            for g in 0..G {
+                angular[g] = legs[g].angular.0[i];
+                linear[g] = legs[g].linear.0[i];
+            }
+            sum.angular.0[i] = F::gather(angular);
+            sum.linear.0[i] = F::gather(linear);
+        }
+        sum
+    }
+}
+
+impl<F: Lane> Mat3<F> {
+    /// The same matrix for every leg.
+    #[inline(always)]
+    pub fn spread<L: Lane>(&self) -> Mat3<L>
+    where
+        F: Spread<L>,
+    {
+        Mat3([Vec3(self.0[0]).spread().0, Vec3(self.0[1]).spread().0, Vec3(self.0[2]).spread().0])
+    }
+}
+
+impl<F: Lane> Articulated<F> {
+    /// The sum over the legs.
+    #[inline(always)]
+    pub fn gather<L: Lane, const G: usize>(legs: &[Articulated<L>; G]) -> Self
+    where
+        F: Spread<L>,
+    {
+        let mut sum = Self::zero();
+        for i in 0..6 {
+            let mut angular = [L::splat(0.0); G];
+            let mut linear = [L::splat(0.0); G];
+            for g in 0..G {
+                angular[g] = legs[g].angular.0[i];
+                linear[g] = legs[g].linear.0[i];
+            }
+            sum.angular.0[i] = F::gather(angular);
+            sum.linear.0[i] = F::gather(linear);
+        }
+        for i in 0..3 {
+            for j in 0..3 {
+                let mut coupling = [L::splat(0.0); G];
+                for g in 0..G {
+                    coupling[g] = legs[g].coupling.0[i][j];
+                }
+                sum.coupling.0[i][j] = F::gather(coupling);
+            }
+        }
+        sum
+    }
+}
+
 /// A 3 x 3 matrix, `self.0[row][column]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mat3<F>(pub [[F; 3]; 3]);
@@ -329,6 +457,11 @@ pub struct RigidInertia<F> {
 }
 
 impl<F: Lane> RigidInertia<F> {
+    /// Nothing.
+    #[inline(always)]
+    pub fn zero() -> Self {
+        RigidInertia { mass: F::splat(0.0), moment: Vec3::zero(), inertia: Sym3::zero() }
+    }
     /// A body of `mass` at `center` with `inertia` about its centre of mass.
     #[inline(always)]
     pub fn new(mass: F, center: Vec3<F>, inertia: Sym3<F>) -> Self {

@@ -1,0 +1,506 @@
+//! Soft legs as pseudo-rigid bodies, and their feet on the floor.
+//!
+//! A leg is three rigid segments; each hangs on a bending hinge (local x) and a twisting hinge (local y,
+//! the beam's axis, from root to foot). The foot is fixed to the last segment. The contact law is in
+//! [`Foot`].
+
+use super::lane::{Lane, sin_cos};
+use super::spatial::{Articulated, Mat3, RigidInertia, Spatial, Sym3, Vec3};
+
+/// Friction directions of a contact point: two tangents, torsion, two rolling axes.
+pub const FRICTIONS: usize = 5;
+/// Contact points of a foot: its four lowest corners.
+pub const CORNERS: usize = 4;
+
+/// What a leg is made of; constant during a run. One lane may be one leg or one robot.
+#[derive(Clone, Copy, Debug)]
+pub struct LegModel<F> {
+    /// Root in body axes, m.
+    pub root: Vec3<F>,
+    /// Axes of the first hinge in body axes.
+    pub frame: Mat3<F>,
+    /// Cosine and sine of the twist offset above each segment.
+    pub twist: [[F; 2]; 3],
+    /// Stiffness of each hinge, N m/rad: bend, twist, bend, twist, bend, twist from the root.
+    pub stiffness: [F; 6],
+    /// Damping of each hinge, N m s/rad.
+    pub damping: [F; 6],
+    /// Length of a segment, m.
+    pub segment: F,
+    /// Mass of a segment, kg.
+    pub mass: F,
+    /// Principal inertia of a segment about its centre, kg m^2.
+    pub inertia: Vec3<F>,
+    /// Mass of the last segment with its foot, kg.
+    pub end_mass: F,
+    /// Their centre of mass from the last hinge, segment axes, m.
+    pub end_center: Vec3<F>,
+    /// Their inertia about it, segment axes, kg m^2.
+    pub end_inertia: Sym3<F>,
+    /// Centre of the foot from the last hinge, segment axes, m.
+    pub foot_center: Vec3<F>,
+    /// Half extents of the foot: one column an axis, segment axes, m.
+    pub foot_half: Mat3<F>,
+    /// How the foot meets the floor.
+    pub foot: Foot<F>,
+}
+
+/// The contact law of one foot.
+///
+/// Each corner below the floor is held by ten edges of a friction pyramid, `n + m t` and `n - m t` for each
+/// friction direction `t` with its coefficient `m`. An edge pushes with
+///
+/// ```text
+/// f = -(a + b v + k r) / R,  never pulls
+/// ```
+///
+/// where `a` and `v` are the foot's acceleration and velocity along the edge and `r` the penetration
+/// (negative) plus, along tangents, `m` times the strain of the grip: compliance, damping and a virtual mass
+/// in one. Without the grip this is MuJoCo's law, which creeps under a steady push.
+#[derive(Clone, Copy, Debug)]
+pub struct Foot<F> {
+    /// Coefficients: two tangents (1), torsion, two rolling (m).
+    pub friction: [F; FRICTIONS],
+    /// Damping rate b, 1/s.
+    pub damping: F,
+    /// Stiffness rate k, 1/s^2.
+    pub stiffness: F,
+    /// Regularisation of an edge at (1 - d)/d = 1, 1/kg.
+    pub regularisation: F,
+    /// Impedance at touch, at full width, and the width in m.
+    pub impedance: [F; 3],
+}
+
+/// Where a leg is.
+#[derive(Clone, Copy, Debug)]
+pub struct LegState<F> {
+    /// Hinge angles, rad: bend, twist, bend, twist, bend, twist from the root.
+    pub angle: [F; 6],
+    /// Hinge speeds, rad/s.
+    pub speed: [F; 6],
+    /// Hinge accelerations of the last step, rad/s^2.
+    pub acceleration: [F; 6],
+    /// 1 where an edge pushed in the last step, else 0: `[corner][direction][plus, minus]`.
+    pub active: [[[F; 2]; FRICTIONS]; CORNERS],
+    /// Strain of the grip at each corner along world x and y, m.
+    pub grip: [[F; 2]; CORNERS],
+    /// Force of the floor on the foot in the last step, N, world axes.
+    pub force: Vec3<F>,
+}
+
+impl<F: Lane> LegState<F> {
+    /// Straight and at rest.
+    pub fn straight() -> Self {
+        let o = F::splat(0.0);
+        LegState {
+            angle: [o; 6],
+            speed: [o; 6],
+            acceleration: [o; 6],
+            active: [[[o; 2]; FRICTIONS]; CORNERS],
+            grip: [[o; 2]; CORNERS],
+            force: Vec3::zero(),
+        }
+    }
+}
+
+/// A corner inside one step.
+#[derive(Clone, Copy, Debug)]
+struct Corner<F> {
+    /// Where it touches, from the body's origin, world axes.
+    at: Vec3<F>,
+    /// 1/R; zero in the air.
+    weight: F,
+    /// `b v_n + k r`.
+    normal: F,
+    /// `m (b v_t + k s)` for each direction.
+    tangent: [F; FRICTIONS],
+}
+
+/// A leg inside one step: everything that does not depend on the acceleration sought.
+#[derive(Clone, Copy, Debug)]
+pub struct LegStep<F> {
+    /// Hinge axes as motions.
+    pub axis: [Spatial<F>; 6],
+    /// Inertia of each segment.
+    inertia: [RigidInertia<F>; 3],
+    /// Force that each segment needs when no unknown accelerates.
+    bias: [Spatial<F>; 3],
+    /// Velocity of the foot.
+    pub velocity: Spatial<F>,
+    /// Orientation of each segment.
+    pub frame: [Mat3<F>; 3],
+    /// The three hinges and the tip, from the body's origin, world axes.
+    pub point: [Vec3<F>; 4],
+    /// Torque on each hinge.
+    torque: [F; 6],
+    /// Resistance of each hinge to an acceleration.
+    pivot: [F; 6],
+    corner: [Corner<F>; CORNERS],
+    touching: bool,
+    /// `1 + b h/2 + k h^2/4`.
+    lead: F,
+    contact: Articulated<F>,
+    contact_bias: Spatial<F>,
+    /// Elimination: `I S`, `I S / D`, `u / D` of each hinge.
+    reach: [Spatial<F>; 6],
+    share: [Spatial<F>; 6],
+    drive: [F; 6],
+}
+
+#[inline(always)]
+fn turn_x<F: Lane>(m: &Mat3<F>, c: F, s: F) -> Mat3<F> {
+    let (y, z) = (m.column(1), m.column(2));
+    Mat3::from_columns(m.column(0), y.scale(c) + z.scale(s), z.scale(c) - y.scale(s))
+}
+
+#[inline(always)]
+fn turn_y<F: Lane>(m: &Mat3<F>, c: F, s: F) -> Mat3<F> {
+    let (x, z) = (m.column(0), m.column(2));
+    Mat3::from_columns(x.scale(c) - z.scale(s), m.column(1), z.scale(c) + x.scale(s))
+}
+
+/// The body inside a step, as the legs see it.
+#[derive(Clone, Copy, Debug)]
+pub struct BodyStep<F> {
+    /// Orientation.
+    pub frame: Mat3<F>,
+    /// Velocity in the middle of the step, extrapolated.
+    pub velocity: Spatial<F>,
+    /// Velocity at its start.
+    pub start: Spatial<F>,
+    /// Acceleration without unknowns, weight included.
+    pub bias: Spatial<F>,
+    /// Height of the origin over the floor.
+    pub height: F,
+    /// Step length.
+    pub step: F,
+    /// Is there a floor at all?
+    pub floor: bool,
+}
+
+impl<F: Lane> LegStep<F> {
+    /// Kinematics and known forces of a leg in the middle of a step.
+    ///
+    /// `push` is a wrench at the tip (couple, force), world axes.
+    #[inline(always)]
+    pub fn new(m: &LegModel<F>, s: &mut LegState<F>, body: &BodyStep<F>, push: Spatial<F>) -> Self {
+        let c = F::splat;
+        let half = body.step * c(0.5);
+        let quarter = half * half;
+        let mut frame = body.frame.product(&m.frame);
+        let mut point = body.frame.apply(m.root);
+        let mut velocity = body.velocity;
+        let mut acceleration = body.bias;
+        let mut axis = [Spatial::zero(); 6];
+        let mut inertia = [RigidInertia::zero(); 3];
+        let mut bias = [Spatial::zero(); 3];
+        let mut frames = [frame; 3];
+        let mut points = [point; 4];
+        for k in 0..3 {
+            let (b, t) = (2 * k, 2 * k + 1);
+            points[k] = point;
+            let [ct, st] = m.twist[k];
+            frame = turn_y(&frame, ct, st);
+            axis[b] = Spatial::rotation_about(frame.column(0), point);
+            let (sb, cb) = sin_cos(s.angle[b] + half * s.speed[b]);
+            frame = turn_x(&frame, cb, sb);
+            axis[t] = Spatial::rotation_about(frame.column(1), point);
+            let (st, ct) = sin_cos(s.angle[t] + half * s.speed[t]);
+            frame = turn_y(&frame, ct, st);
+            for j in [b, t] {
+                let spin = axis[j].scale(s.speed[j] + half * s.acceleration[j]);
+                acceleration += velocity.cross_motion(spin);
+                velocity += spin;
+            }
+            inertia[k] = if k < 2 {
+                let center = point + frame.column(1).scale(m.segment * c(0.5));
+                RigidInertia::new(m.mass, center, Sym3::turned(&frame, m.inertia))
+            } else {
+                let center = point + frame.apply(m.end_center);
+                RigidInertia::new(m.end_mass, center, m.end_inertia.rotated(&frame))
+            };
+            bias[k] =
+                inertia[k].apply(acceleration) + velocity.cross_force(inertia[k].apply(velocity));
+            frames[k] = frame;
+            point += frame.column(1).scale(m.segment);
+        }
+        points[3] = point;
+        bias[2] = bias[2] - Spatial::new(push.angular + point.cross(push.linear), push.linear);
+        let mut torque = [c(0.0); 6];
+        let mut pivot = [c(0.0); 6];
+        // The foot's velocity at the start of the step, for the contact law.
+        let mut start = body.start;
+        for j in 0..6 {
+            torque[j] =
+                -(m.stiffness[j] * (s.angle[j] + half * s.speed[j])) - m.damping[j] * s.speed[j];
+            pivot[j] = half * m.damping[j] + quarter * m.stiffness[j];
+            start += axis[j].scale(s.speed[j]);
+        }
+        let mut leg = LegStep {
+            axis,
+            inertia,
+            bias,
+            velocity: start,
+            frame: frames,
+            point: points,
+            torque,
+            pivot,
+            corner: [Corner {
+                at: Vec3::zero(),
+                weight: c(0.0),
+                normal: c(0.0),
+                tangent: [c(0.0); FRICTIONS],
+            }; CORNERS],
+            touching: false,
+            lead: c(1.0) + m.foot.damping * half + m.foot.stiffness * quarter,
+            contact: Articulated::zero(),
+            contact_bias: Spatial::zero(),
+            reach: [Spatial::zero(); 6],
+            share: [Spatial::zero(); 6],
+            drive: [c(0.0); 6],
+        };
+        if body.floor {
+            leg.touch(m, s, body.height);
+        }
+        leg
+    }
+
+    /// Finds the corners below the floor and their known terms.
+    #[inline(always)]
+    fn touch(&mut self, m: &LegModel<F>, s: &mut LegState<F>, height: F) {
+        let c = F::splat;
+        let o = c(0.0);
+        let frame = &self.frame[2];
+        let center = self.point[2] + frame.apply(m.foot_center);
+        let x = frame.apply(m.foot_half.column(0));
+        let y = frame.apply(m.foot_half.column(1));
+        let z = frame.apply(m.foot_half.column(2));
+        let offsets = [x + y - z, x - y - z, y - x - z, -(x + y + z)];
+        let mut lowest = o;
+        for j in 0..CORNERS {
+            // Of each pair of opposite corners the lower one.
+            let sign = (-offsets[j].0[2]).negative_then(c(-1.0), c(1.0));
+            let mut at = center + offsets[j].scale(sign);
+            let gap = at.0[2] + height;
+            lowest = lowest.min(gap);
+            at.0[2] -= gap * c(0.5);
+            let v = self.velocity.linear + self.velocity.angular.cross(at);
+            let w = self.velocity.angular;
+            let [d0, d1, width] = m.foot.impedance;
+            let ratio = (gap.abs() / width).min(c(1.0));
+            // MuJoCo's default sigmoid: two parabolas that meet half-way.
+            let rise = (ratio - c(0.5)).negative_then(
+                c(2.0) * ratio * ratio,
+                c(1.0) - c(2.0) * (c(1.0) - ratio) * (c(1.0) - ratio),
+            );
+            let d = d0 + (d1 - d0) * rise;
+            let weight = gap.negative_then(d / ((c(1.0) - d) * m.foot.regularisation), o);
+            let b = m.foot.damping;
+            let mu = &m.foot.friction;
+            let k = m.foot.stiffness;
+            self.corner[j] = Corner {
+                at,
+                weight,
+                normal: b * v.0[2] + k * gap,
+                tangent: [
+                    mu[0] * (b * v.0[0] + k * s.grip[j][0]),
+                    mu[1] * (b * v.0[1] + k * s.grip[j][1]),
+                    mu[2] * (b * w.0[2]),
+                    mu[3] * (b * w.0[0]),
+                    mu[4] * (b * w.0[1]),
+                ],
+            };
+        }
+        self.touching = lowest.any_negative();
+    }
+
+    /// The contact's share of the equations for the present choice of active edges.
+    #[inline(always)]
+    pub fn grip(&mut self, m: &LegModel<F>, s: &LegState<F>) {
+        if !self.touching {
+            return;
+        }
+        // Opposite corners in pairs, so that a mirrored robot adds the same numbers.
+        let (c0, b0) = self.held(0, m, s);
+        let (c1, b1) = self.held(1, m, s);
+        let (c2, b2) = self.held(2, m, s);
+        let (c3, b3) = self.held(3, m, s);
+        self.contact = (c0 + c1) + (c2 + c3);
+        self.contact_bias = (b0 + b1) + (b2 + b3);
+    }
+
+    /// One corner's share.
+    #[inline(always)]
+    fn held(&self, j: usize, m: &LegModel<F>, s: &LegState<F>) -> (Articulated<F>, Spatial<F>) {
+        let o = F::splat(0.0);
+        let mu = &m.foot.friction;
+        let p = &self.corner[j];
+        let mut count = o;
+        let mut normal = o;
+        let mut cross = [o; FRICTIONS];
+        let mut own = [o; FRICTIONS];
+        let mut force = [o; FRICTIONS];
+        for i in 0..FRICTIONS {
+            let [plus, minus] = s.active[j][i];
+            let (sum, difference) = (plus + minus, plus - minus);
+            count += sum;
+            normal += sum * p.normal + difference * p.tangent[i];
+            cross[i] = mu[i] * difference;
+            own[i] = mu[i] * mu[i] * sum;
+            force[i] = mu[i] * (difference * p.normal + sum * p.tangent[i]);
+        }
+        let w = p.weight;
+        let g = w * self.lead;
+        // Force by linear motion (symmetric), force by angular motion (z row), couple by angular motion.
+        let l = Sym3([g * own[0], o, g * cross[0], g * own[1], g * cross[1], g * count]);
+        let turn = Vec3([g * cross[3], g * cross[4], g * cross[2]]);
+        let r = p.at;
+        // M = L [r]: row i of L, cross-multiplied. Force by rotation about the origin: B - L [r].
+        let [rx, ry, rz] = r.0;
+        let cross_r = |a: Vec3<F>| a.cross(r); // a^T [r] = (a x r)^T
+        let rows = [
+            Vec3([l.0[0], l.0[1], l.0[2]]),
+            Vec3([l.0[1], l.0[3], l.0[4]]),
+            Vec3([l.0[2], l.0[4], l.0[5]]),
+        ];
+        let by_turn = [-cross_r(rows[0]), -cross_r(rows[1]), turn - cross_r(rows[2])];
+        // Couple by rotation: A + [r] (B - L[r]) + (-B^T [r]); only the z row of B is there.
+        let cz = turn;
+        let couple = |i: usize, k: usize, a: F| {
+            // ([r] Q)_ik with Q = by_turn
+            let rq = match i {
+                0 => ry * by_turn[2].0[k] - rz * by_turn[1].0[k],
+                1 => rz * by_turn[0].0[k] - rx * by_turn[2].0[k],
+                _ => rx * by_turn[1].0[k] - ry * by_turn[0].0[k],
+            };
+            // -(B^T [r])_ik = -cz_i (e_z^T [r])_k, e_z^T [r] = (-ry, rx, 0)
+            let br = match k {
+                0 => cz.0[i] * ry,
+                1 => -(cz.0[i] * rx),
+                _ => o,
+            };
+            a + rq + br
+        };
+        let contact = Articulated {
+            angular: Sym3([
+                couple(0, 0, g * own[3]),
+                couple(0, 1, o),
+                couple(0, 2, o),
+                couple(1, 1, g * own[4]),
+                couple(1, 2, o),
+                couple(2, 2, g * own[2]),
+            ]),
+            coupling: Mat3::from_columns(by_turn[0], by_turn[1], by_turn[2]),
+            linear: l,
+        };
+        let f = Vec3([w * force[0], w * force[1], w * normal]);
+        let t = Vec3([w * force[3], w * force[4], w * force[2]]);
+        (contact, Spatial::new(t + r.cross(f), f))
+    }
+
+    /// Eliminates the hinges from foot to root: what the body feels of this leg.
+    #[inline(always)]
+    pub fn eliminate(&mut self) -> (Articulated<F>, Spatial<F>) {
+        let mut inertia = self.inertia[2].articulated() + self.contact;
+        let mut bias = self.bias[2] + self.contact_bias;
+        for j in (0..6).rev() {
+            let axis = self.axis[j];
+            let reach = inertia.apply(axis);
+            let inverse = F::splat(1.0) / (axis.dot(reach) + self.pivot[j]);
+            let share = reach.scale(inverse);
+            let drive = self.torque[j] - axis.dot(bias);
+            inertia = inertia.without(reach, share);
+            bias += share.scale(drive);
+            self.reach[j] = reach;
+            self.share[j] = share;
+            self.drive[j] = drive * inverse;
+            if j == 4 || j == 2 {
+                let link = j / 2 - 1;
+                inertia = inertia + self.inertia[link].articulated();
+                bias += self.bias[link];
+            }
+        }
+        (inertia, bias)
+    }
+
+    /// Hinge accelerations under the body's; returns the foot's.
+    #[inline(always)]
+    pub fn solve(&self, s: &mut LegState<F>, body: Spatial<F>) -> Spatial<F> {
+        let mut x = body;
+        for j in 0..6 {
+            let a = self.drive[j] - self.share[j].dot(x);
+            s.acceleration[j] = a;
+            x += self.axis[j].scale(a);
+        }
+        x
+    }
+
+    /// Sets which edges push under the foot's acceleration `x`; true if that differs from before.
+    #[inline(always)]
+    pub fn choose(&self, m: &LegModel<F>, s: &mut LegState<F>, x: Spatial<F>) -> bool {
+        if !self.touching {
+            return false;
+        }
+        let c = F::splat;
+        let (o, one) = (c(0.0), c(1.0));
+        let mu = &m.foot.friction;
+        let mut changed = o;
+        for j in 0..CORNERS {
+            let p = &self.corner[j];
+            let a = x.linear + x.angular.cross(p.at);
+            let w = x.angular.0;
+            let slides = [a.0[0], a.0[1], w[2], w[0], w[1]];
+            let normal = self.lead * a.0[2] + p.normal;
+            let here = (-p.weight).negative_then(one, o);
+            for i in 0..FRICTIONS {
+                let t = mu[i] * self.lead * slides[i] + p.tangent[i];
+                let plus = (normal + t).negative_then(here, o);
+                let minus = (normal - t).negative_then(here, o);
+                let [old_plus, old_minus] = s.active[j][i];
+                changed -= (plus - old_plus).abs() + (minus - old_minus).abs();
+                s.active[j][i] = [plus, minus];
+            }
+        }
+        changed.any_negative()
+    }
+
+    /// Ends the step: hinges and grip move on. Returns energy lost in the hinges and given to the floor, J.
+    #[inline(always)]
+    pub fn finish(&self, m: &LegModel<F>, s: &mut LegState<F>, x: Spatial<F>, h: F) -> (F, F) {
+        let half = h * F::splat(0.5);
+        let mut lost = F::splat(0.0);
+        for j in 0..6 {
+            let old = s.speed[j];
+            let mean = old + half * s.acceleration[j];
+            s.speed[j] = old + h * s.acceleration[j];
+            s.angle[j] += h * mean;
+            lost += m.damping[j] * mean * mean;
+        }
+        let mut given = F::splat(0.0);
+        s.force = Vec3::zero();
+        if self.touching {
+            let wrench = self.contact.apply(x) + self.contact_bias;
+            given = wrench.dot(self.velocity + x.scale(half));
+            s.force = -wrench.linear;
+        }
+        (lost * h, given * h)
+    }
+
+    /// Moments about world axes and forces needed to ask where the tip and foot are: the foot's centre and
+    /// axes (columns, half extents) from the body's origin.
+    #[inline(always)]
+    pub fn foot(&self, m: &LegModel<F>) -> (Vec3<F>, Mat3<F>) {
+        let frame = &self.frame[2];
+        (self.point[2] + frame.apply(m.foot_center), frame.product(&m.foot_half))
+    }
+
+    /// Inertia and velocity of each segment, given the body's velocity.
+    pub fn parts(&self, s: &LegState<F>, body: Spatial<F>) -> [(RigidInertia<F>, Spatial<F>); 3] {
+        let mut v = body;
+        core::array::from_fn(|k| {
+            v += self.axis[2 * k].scale(s.speed[2 * k]);
+            v += self.axis[2 * k + 1].scale(s.speed[2 * k + 1]);
+            (self.inertia[k], v)
+        })
+    }
+}

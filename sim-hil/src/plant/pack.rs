@@ -1,0 +1,83 @@
+//! Single robots into lanes and out again.
+
+use super::lane::{Lane, Quad};
+use super::leg::{Foot, LegModel, LegState};
+use super::spatial::{Mat3, RigidInertia, Spatial, Sym3, Vec3};
+use super::system::Rotor;
+
+/// Something made of lanes, each of which can be read and set alone.
+pub trait Pack {
+    /// The same thing made of single numbers.
+    type Single;
+    /// Every lane alike.
+    fn all(single: &Self::Single) -> Self;
+    /// Sets one lane.
+    fn set(&mut self, lane: usize, single: &Self::Single);
+    /// Reads one lane.
+    fn get(&self, lane: usize) -> Self::Single;
+}
+
+macro_rules! pack_number {
+    ($($lane:ty),+) => {$(
+        impl Pack for $lane {
+            type Single = f64;
+            fn all(single: &f64) -> Self {
+                Self::splat(*single)
+            }
+            fn set(&mut self, lane: usize, single: &f64) {
+                *self = self.with_lane(lane, *single);
+            }
+            fn get(&self, lane: usize) -> f64 {
+                self.lane(lane)
+            }
+        }
+    )+};
+}
+pack_number!(f64, Quad);
+
+impl<P: Pack, const N: usize> Pack for [P; N] {
+    type Single = [P::Single; N];
+    fn all(single: &Self::Single) -> Self {
+        core::array::from_fn(|i| P::all(&single[i]))
+    }
+    fn set(&mut self, lane: usize, single: &Self::Single) {
+        for (p, s) in self.iter_mut().zip(single) {
+            p.set(lane, s);
+        }
+    }
+    fn get(&self, lane: usize) -> Self::Single {
+        core::array::from_fn(|i| self[i].get(lane))
+    }
+}
+
+macro_rules! pack_struct {
+    ($($name:ident { $($field:tt),+ })+) => {$(
+        impl<F: Pack<Single = f64>> Pack for $name<F> {
+            type Single = $name<f64>;
+            fn all(single: &Self::Single) -> Self {
+                $name { $($field: Pack::all(&single.$field)),+ }
+            }
+            fn set(&mut self, lane: usize, single: &Self::Single) {
+                $(self.$field.set(lane, &single.$field);)+
+            }
+            fn get(&self, lane: usize) -> Self::Single {
+                $name { $($field: self.$field.get(lane)),+ }
+            }
+        }
+    )+};
+}
+
+pack_struct! {
+    Vec3 { 0 }
+    Mat3 { 0 }
+    Sym3 { 0 }
+    Spatial { angular, linear }
+    RigidInertia { mass, moment, inertia }
+    Rotor { angle, turns, speed, acceleration }
+    Foot { friction, damping, stiffness, regularisation, impedance }
+    LegState { angle, speed, acceleration, active, grip, force }
+    LegModel {
+        root, frame, twist, stiffness, damping, segment, mass, inertia, end_mass, end_center,
+        end_inertia, foot_center, foot_half, foot
+    }
+}

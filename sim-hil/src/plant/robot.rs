@@ -1,0 +1,533 @@
+//! One robot, and four at a time.
+
+use super::build;
+use super::lane::{Lane, Quad, sin_cos};
+use super::leg::{LegModel, LegState, LegStep};
+use super::pack::Pack;
+use super::spatial::{Mat3, RigidInertia, Spatial, Sym3, Vec3};
+use super::system::{Constants, State, advance, multiply, rotation};
+use super::{Diverged, Mechanics, Part};
+use crate::model::{GRAVITY, ModelError, RobotModel};
+
+/// Bodies faster than this, m/s or 0.01 rad/s, are no motion of this robot.
+const SPEED_LIMIT: f64 = 100.0;
+/// A rotor faster than this, rad/s (1600 Hz), is none either.
+const ROTOR_SPEED_LIMIT: f64 = 1e4;
+/// A leg whose hinges are bent by more than this in all, rad, has wound itself up.
+const HINGE_LIMIT: f64 = 6.0;
+
+/// What turns the rotors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Drive {
+    /// The torques given to [`Mechanics::step`].
+    Torque,
+    /// Kinematically ideal: the angles are prescribed, the reaction on the body is exact, torques given
+    /// are ignored.
+    Ideal {
+        /// Shaking frequency, Hz, positive when the top rotor turns clockwise seen from above.
+        frequency_hz: f64,
+        /// Direction of the line of force, rad, positive to the right.
+        theta_rad: f64,
+    },
+}
+
+/// Force and couple.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Wrench {
+    /// N.
+    pub force: [f64; 3],
+    /// N m.
+    pub torque: [f64; 3],
+}
+
+impl Wrench {
+    fn spatial(&self) -> Spatial<f64> {
+        Spatial::new(Vec3(self.torque), Vec3(self.force))
+    }
+}
+
+/// Pose and velocity of the body's origin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BodyState {
+    /// World position, m.
+    pub position: [f64; 3],
+    /// Unit quaternion w, x, y, z from body to world.
+    pub orientation: [f64; 4],
+    /// World velocity, m/s.
+    pub velocity: [f64; 3],
+    /// World angular velocity, rad/s.
+    pub angular_velocity: [f64; 3],
+}
+
+impl BodyState {
+    /// Heading about world z, rad, positive to the left, -pi to pi.
+    pub fn yaw(&self) -> f64 {
+        let [w, x, y, z] = self.orientation;
+        (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z))
+    }
+}
+
+/// Where the energy is and where it went, J since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Energy {
+    /// Kinetic, of everything that moves.
+    pub kinetic: f64,
+    /// Of height (over the floor) and of bent hinges.
+    pub potential: f64,
+    /// Brought in by the motors' torques.
+    pub motor_work: f64,
+    /// Brought in by pushes on the body.
+    pub push_work: f64,
+    /// Lost in the planar base's damping.
+    pub base_loss: f64,
+    /// Lost in the legs' hinges.
+    pub leg_loss: f64,
+    /// Given to the floor: lost in impact and friction, or stored in the compressed contact.
+    pub contact_loss: f64,
+}
+
+impl Energy {
+    /// What came in and is neither here nor accounted for, J: zero but for the error of the integration.
+    pub fn balance(&self, start: &Energy) -> f64 {
+        let now = self.kinetic + self.potential - start.kinetic - start.potential;
+        let came = self.motor_work + self.push_work - start.motor_work - start.push_work;
+        let went = self.base_loss + self.leg_loss + self.contact_loss
+            - start.base_loss
+            - start.leg_loss
+            - start.contact_loss;
+        came - went - now
+    }
+}
+
+/// A leg to look at: world positions in m, forces in N.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LegView {
+    /// The three hinges from the root, then the tip.
+    pub joints: [[f64; 3]; 4],
+    /// Axes of the last segment: columns x, y (along the beam), z.
+    pub tip_axes: [[f64; 3]; 3],
+    /// Centre of the foot.
+    pub foot_center: [f64; 3],
+    /// Half extents of the foot as vectors: along its own x, y, z.
+    pub foot_half: [[f64; 3]; 3],
+    /// Hinge angles, rad: bend, twist, bend, twist, bend, twist from the root.
+    pub angles: [f64; 6],
+    /// Hinge speeds, rad/s.
+    pub speeds: [f64; 6],
+    /// Force of the floor on the foot in the last step.
+    pub floor_force: [f64; 3],
+    /// Velocity of the foot's centre, m/s.
+    pub foot_velocity: [f64; 3],
+}
+
+/// One robot, or a shaker on a stand.
+#[derive(Clone, Debug)]
+pub struct Plant {
+    constants: Constants<f64, Quad, 1>,
+    state: State<f64, Quad, 1>,
+    drive: Drive,
+    time: f64,
+}
+
+impl Plant {
+    /// A plant at rest at the origin, legs straight, soles on the floor, rotors forward.
+    ///
+    /// # Errors
+    /// If the model is refused ([`RobotModel::check`]).
+    pub fn new(model: &RobotModel) -> Result<Self, ModelError> {
+        model.check()?;
+        let plain = build::constants(model);
+        let constants = Constants {
+            base: plain.base,
+            inertia: plain.inertia,
+            rotor_mass: plain.rotor_mass,
+            rotor_arm: plain.rotor_arm,
+            bell_inertia: plain.bell_inertia,
+            rotor_height: plain.rotor_height,
+            shaker_height: plain.shaker_height,
+            legs: plain.legs.map(|each| {
+                let mut lanes: LegModel<Quad> = Pack::all(&each[0]);
+                for (lane, leg) in each.iter().enumerate() {
+                    lanes.set(lane, leg);
+                }
+                [lanes]
+            }),
+            floor: plain.floor,
+            ideal: false,
+        };
+        Ok(Plant { constants, state: build::state(model), drive: Drive::Torque, time: 0.0 })
+    }
+
+    /// Chooses what turns the rotors. An ideal drive puts them at once where `theta` says, at speed; the
+    /// phase runs on if it was ideal before.
+    pub fn set_drive(&mut self, drive: Drive) {
+        use core::f64::consts::TAU;
+        self.constants.ideal = matches!(drive, Drive::Ideal { .. });
+        if let Drive::Ideal { frequency_hz, theta_rad } = drive {
+            let phase = match self.drive {
+                Drive::Ideal { .. } => {
+                    let [top, bottom] = self.rotor_angle();
+                    0.5 * (top - bottom)
+                }
+                Drive::Torque => 0.0,
+            };
+            for (rotor, sign) in self.state.rotors.iter_mut().zip([1.0, -1.0]) {
+                let angle = sign * phase - theta_rad;
+                rotor.turns = (angle / TAU).round();
+                rotor.angle = angle - rotor.turns * TAU;
+                rotor.speed = -(sign * TAU * frequency_hz);
+                rotor.acceleration = 0.0;
+            }
+        }
+        self.drive = drive;
+    }
+
+    /// Takes the floor away, or puts it back.
+    pub fn set_floor(&mut self, floor: bool) {
+        self.constants.floor = floor && self.constants.legs.is_some();
+    }
+
+    /// Simulated time, s.
+    pub fn time(&self) -> f64 {
+        self.time
+    }
+
+    /// Newton steps that the contact took since the start.
+    pub fn newton_steps(&self) -> u64 {
+        self.state.newton
+    }
+
+    /// Pose and velocity of the body.
+    pub fn body(&self) -> BodyState {
+        let s = &self.state;
+        BodyState {
+            position: s.position.0,
+            orientation: s.orientation,
+            velocity: s.velocity.linear.0,
+            angular_velocity: s.velocity.angular.0,
+        }
+    }
+
+    /// A force and a couple on the body at its origin, world axes, until changed.
+    pub fn set_push(&mut self, push: Wrench) {
+        self.state.push = push.spatial();
+    }
+
+    /// A force and a couple on a leg's tip (the end of its last segment), world axes, until changed.
+    pub fn set_tip_push(&mut self, leg: usize, push: Wrench) {
+        self.state.tip_push[0].set(leg, &push.spatial());
+    }
+
+    /// Puts the body elsewhere: an offset in the world (m), and a turn to the left (rad) about the vertical
+    /// through its origin. Velocities turn with it.
+    pub fn displace(&mut self, offset: [f64; 3], turn: f64) {
+        let s = &mut self.state;
+        s.position += Vec3(offset);
+        let (sin, cos) = sin_cos(0.5 * turn);
+        let q = [cos, 0.0, 0.0, sin];
+        s.orientation = multiply(q, s.orientation);
+        let r = rotation(q);
+        s.velocity = Spatial::new(r.apply(s.velocity.angular), r.apply(s.velocity.linear));
+        s.acceleration = Spatial::zero();
+    }
+
+    /// Disturbs the start: up to 1 mm sideways, forward and up, 5 mrad of tilt and heading, 5 mrad in every
+    /// hinge, the same for the same seed. `mirrored` gives the mirror image of the same disturbance, for
+    /// comparing a robot with its mirrored run.
+    pub fn disturb(&mut self, seed: u64, mirrored: bool) {
+        let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0x5DEE_CE66_D1CE_4E5B;
+        let mut random = || {
+            // SplitMix64 (Steele, Lea, Flood 2014).
+            state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+            let mut z = state;
+            z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+            z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+            z ^= z >> 31;
+            (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        };
+        let flip = if mirrored { -1.0 } else { 1.0 };
+        let offset = [1e-3 * random(), 1e-3 * flip * random(), 0.5e-3 * (1.0 + random())];
+        let (roll, pitch, yaw) = (5e-3 * flip * random(), 5e-3 * random(), 5e-3 * flip * random());
+        let s = &mut self.state;
+        s.position += Vec3(offset);
+        let tilt = Vec3([roll, pitch, yaw]);
+        s.orientation = super::system::turned(s.orientation, tilt, 1.0);
+        if self.constants.legs.is_some() {
+            for leg in 0..4 {
+                let target = if mirrored { leg ^ 1 } else { leg };
+                for j in 0..6 {
+                    s.legs[0].angle[j].set(target, &(5e-3 * flip * random()));
+                }
+            }
+        }
+    }
+
+    /// Force (without weight) and torque (with the rotors' weight, about the shaker's middle) of the
+    /// rotors on the body, body axes, in the middle of the last step: the paper's equations 3 and 4 when
+    /// the base stands still.
+    pub fn shaker_wrench(&self) -> Wrench {
+        let (s, r) = (&self.state, &self.state.middle);
+        let weight = Vec3([0.0, 0.0, 2.0 * self.constants.rotor_mass * GRAVITY]);
+        let center = r.column(2).scale(self.constants.shaker_height);
+        Wrench {
+            force: r.apply_transposed(s.shaker.linear + weight).0,
+            torque: r.apply_transposed(s.shaker.angular - center.cross(s.shaker.linear)).0,
+        }
+    }
+
+    /// Motor torques of the last step, N m: those given, or those that the ideal drive needed.
+    pub fn motor_torque(&self) -> [f64; 2] {
+        self.state.motor_torque
+    }
+
+    /// The legs to look at, in the order of [`crate::model::LEGS`]; none on a bench.
+    pub fn legs(&self) -> Option<[LegView; 4]> {
+        let models = self.constants.legs.as_ref()?;
+        Some(core::array::from_fn(|i| {
+            let model = models[0].get(i);
+            let state = self.state.legs[0].get(i);
+            let step = self.still(&model, &state);
+            let (center, half) = step.foot(&model);
+            let world = |v: Vec3<f64>| (v + self.state.position).0;
+            LegView {
+                joints: step.point.map(world),
+                tip_axes: columns(&step.frame[2]),
+                foot_center: world(center),
+                foot_half: columns(&half),
+                angles: state.angle,
+                speeds: state.speed,
+                floor_force: state.force.0,
+                foot_velocity: (step.velocity.linear + step.velocity.angular.cross(center)).0,
+            }
+        }))
+    }
+
+    fn still(&self, model: &LegModel<f64>, state: &LegState<f64>) -> LegStep<f64> {
+        let s = &self.state;
+        let body = super::leg::BodyStep {
+            frame: rotation(s.orientation),
+            velocity: s.velocity,
+            start: s.velocity,
+            bias: Spatial::zero(),
+            height: s.position.0[2],
+            step: 0.0,
+            floor: false,
+        };
+        LegStep::new(model, &mut state.clone(), &body, Spatial::zero())
+    }
+
+    /// Everything that moves, about the body's origin in world axes, with the velocity of each part.
+    fn parts(&self) -> Vec<(RigidInertia<f64>, Spatial<f64>)> {
+        let (c, s) = (&self.constants, &self.state);
+        let r = rotation(s.orientation);
+        let mut parts = vec![(
+            RigidInertia {
+                mass: c.inertia.mass,
+                moment: r.apply(c.inertia.moment),
+                inertia: c.inertia.inertia.rotated(&r),
+            },
+            s.velocity,
+        )];
+        let up = r.column(2);
+        for (rotor, height) in s.rotors.iter().zip(c.rotor_height) {
+            let (sin, cos) = sin_cos(rotor.angle);
+            let at = r.apply(Vec3([c.rotor_arm * cos, c.rotor_arm * sin, height]));
+            let spin = Spatial::rotation_about(up, Vec3::zero()).scale(rotor.speed);
+            let inertia = RigidInertia::new(c.rotor_mass, at, Sym3::outer(up, c.bell_inertia));
+            parts.push((inertia, s.velocity + spin));
+        }
+        if let Some(models) = &c.legs {
+            for i in 0..4 {
+                let (model, state) = (models[0].get(i), s.legs[0].get(i));
+                parts.extend(self.still(&model, &state).parts(&state, s.velocity));
+            }
+        }
+        parts
+    }
+
+    /// Mass (kg), centre of mass (world, m) and inertia about it (kg m^2, world axes: xx, xy, xz, yy, yz,
+    /// zz) of the whole robot as it stands.
+    pub fn mass_properties(&self) -> (f64, [f64; 3], [f64; 6]) {
+        let sum = self.parts().iter().fold(RigidInertia::zero(), |sum, part| sum + part.0);
+        let center = sum.moment.scale(1.0 / sum.mass);
+        let about = sum.inertia - Sym3::point_mass(sum.mass, center);
+        (sum.mass, (center + self.state.position).0, about.0)
+    }
+
+    /// Where the energy is and went.
+    pub fn energy(&self) -> Energy {
+        let s = &self.state;
+        let (mut kinetic, mut potential) = (0.0, 0.0);
+        for (inertia, velocity) in self.parts() {
+            kinetic += 0.5 * velocity.dot(inertia.apply(velocity));
+            potential += GRAVITY * (inertia.moment.0[2] + inertia.mass * s.position.0[2]);
+        }
+        if let Some(models) = &self.constants.legs {
+            for i in 0..4 {
+                let (model, state) = (models[0].get(i), s.legs[0].get(i));
+                for j in 0..6 {
+                    potential += 0.5 * model.stiffness[j] * state.angle[j] * state.angle[j];
+                }
+            }
+        }
+        let [motor_work, push_work, base_loss, leg_loss, contact_loss] = s.work;
+        Energy { kinetic, potential, motor_work, push_work, base_loss, leg_loss, contact_loss }
+    }
+
+    fn diverged(&self) -> Option<Part> {
+        let s = &self.state;
+        let bad = |v: f64, limit: f64| !(v.abs() <= limit);
+        let body = s.velocity.linear.0.iter().any(|v| bad(*v, SPEED_LIMIT))
+            || s.velocity.angular.0.iter().any(|v| bad(*v, 100.0 * SPEED_LIMIT));
+        if body {
+            return Some(Part::Body);
+        }
+        if let Some(i) = (0..2).find(|i| bad(s.rotors[*i].speed, ROTOR_SPEED_LIMIT)) {
+            return Some(Part::Rotor(i));
+        }
+        let mut bent = Quad::splat(0.0);
+        for angle in &s.legs[0].angle {
+            bent += angle.abs();
+        }
+        (0..4).find(|i| bad(bent.lane(*i), HINGE_LIMIT)).map(Part::Leg)
+    }
+}
+
+fn columns(m: &Mat3<f64>) -> [[f64; 3]; 3] {
+    [m.column(0).0, m.column(1).0, m.column(2).0]
+}
+
+impl Mechanics for Plant {
+    fn step(&mut self, motor_torque: [f64; 2], dt: f64) -> Result<(), Diverged> {
+        advance(&self.constants, &mut self.state, motor_torque, dt);
+        self.time += dt;
+        match self.diverged() {
+            None => Ok(()),
+            Some(part) => Err(Diverged { time: self.time, part }),
+        }
+    }
+    fn rotor_angle(&self) -> [f64; 2] {
+        self.state.rotors.map(|r| r.angle + core::f64::consts::TAU * r.turns)
+    }
+    fn rotor_speed(&self) -> [f64; 2] {
+        self.state.rotors.map(|r| r.speed)
+    }
+    fn shaker_force(&self) -> [f64; 3] {
+        self.shaker_wrench().force
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Base;
+
+    fn plant(name: &str) -> Plant {
+        Plant::new(&RobotModel::named(name).unwrap()).unwrap()
+    }
+
+    fn run(p: &mut Plant, seconds: f64, step: f64) {
+        for _ in 0..(seconds / step).round() as usize {
+            p.step([0.0; 2], step).unwrap();
+        }
+    }
+
+    /// Largest force along theta and across it, and torque about z, over one turn at least.
+    fn amplitude(f: f64, theta_deg: f64) -> (f64, f64, f64) {
+        let mut p = plant("bench-fixed");
+        let theta = theta_deg.to_radians();
+        p.set_drive(Drive::Ideal { frequency_hz: f, theta_rad: theta });
+        let (mut along, mut across, mut yaw) = (0.0f64, 0.0f64, 0.0f64);
+        for _ in 0..10_000 {
+            p.step([0.0; 2], 1e-5).unwrap();
+            let [x, y, _] = p.shaker_force();
+            // To the right is -y.
+            along = along.max((x * theta.cos() - y * theta.sin()).abs());
+            across = across.max((x * theta.sin() + y * theta.cos()).abs());
+            yaw = yaw.max(p.shaker_wrench().torque[2].abs());
+        }
+        (along, across, yaw)
+    }
+
+    #[test]
+    fn the_shaker_on_a_stand_gives_the_papers_force_along_theta_and_none_across() {
+        for (f, force) in [(10.0, 2.653), (-20.0, 10.612), (30.0, 23.877), (-35.0, 32.499)] {
+            for theta in [-60.0, 0.0, 30.0, 90.0] {
+                let (along, across, yaw) = amplitude(f, theta);
+                assert!((along / force - 1.0).abs() < 1e-3, "{f} {theta}: {along}");
+                assert!(across < 1e-3 * force && yaw < 1e-3 * force * 0.028);
+            }
+        }
+    }
+
+    #[test]
+    fn energy_of_a_driven_bench_balances_within_a_thousandth() {
+        let mut p = plant("bench-planar");
+        let start = p.energy();
+        for i in 0..40_000 {
+            let t = f64::from(i) * 1e-5;
+            p.step([4e-3 - 1e-3 * (9.0 * t).sin(), -3e-3], 1e-5).unwrap();
+        }
+        let e = p.energy();
+        assert!(e.motor_work > 0.1, "{e:?}");
+        assert!(e.balance(&start).abs() < 1e-3 * e.motor_work, "{e:?}");
+    }
+
+    #[test]
+    fn energy_of_a_walk_balances_within_a_hundredth() {
+        let mut p = plant("W");
+        p.set_drive(Drive::Ideal { frequency_hz: -30.0, theta_rad: 0.5 });
+        let start = p.energy();
+        run(&mut p, 2.0, 1e-4);
+        let e = p.energy();
+        assert!(e.leg_loss > 0.0 && e.contact_loss > 0.0);
+        assert!(e.balance(&start).abs() < 0.01 * e.motor_work, "{e:?}");
+    }
+
+    #[test]
+    fn a_mirrored_robot_walks_the_mirror_image_bit_for_bit() {
+        let walk = |f: f64, theta: f64, mirrored: bool| {
+            let mut p = plant("A");
+            p.disturb(3, mirrored);
+            p.set_drive(Drive::Ideal { frequency_hz: f, theta_rad: theta });
+            run(&mut p, 0.5, 1e-4);
+            p.body().position
+        };
+        let [x, y, z] = walk(30.0, 0.5, false);
+        assert_eq!(walk(-30.0, -0.5, true), [x, -y, z]);
+    }
+
+    #[test]
+    fn a_clamped_leg_bends_as_far_as_its_hinges_say() {
+        let mut model = RobotModel::named("A").unwrap();
+        model.base = Base::Fixed;
+        let mut p = Plant::new(&model).unwrap();
+        p.set_floor(false);
+        run(&mut p, 1.0, 1e-4);
+        let tip = |p: &Plant| p.legs().unwrap()[0].joints[3];
+        let from = tip(&p);
+        p.set_tip_push(0, Wrench { force: [0.2, 0.0, 0.0], torque: [0.0; 3] });
+        run(&mut p, 1.0, 1e-4);
+        let to = tip(&p);
+        assert!((1e3 * (to[0] - from[0]) - 0.157).abs() < 0.00157);
+        assert!((1e3 * (to[1] - from[1]) - 0.104).abs() < 0.00104);
+    }
+
+    #[test]
+    fn dropped_from_20_mm_the_robot_comes_to_rest_at_its_height_under_its_weight() {
+        let mut p = plant("A");
+        p.displace([0.0, 0.0, 0.02], 0.0);
+        run(&mut p, 2.0, 1e-4);
+        assert!((1e3 * p.body().position[2] - 56.65).abs() < 0.2);
+        let load: f64 = p.legs().unwrap().iter().map(|l| l.floor_force[2]).sum();
+        assert!((load / (0.35 * GRAVITY) - 1.0).abs() < 1e-6, "{load}");
+    }
+
+    #[test]
+    fn an_exploding_step_is_reported_with_time_and_part() {
+        let mut p = plant("A");
+        p.set_push(Wrench { force: [1e9, 0.0, 0.0], torque: [0.0; 3] });
+        let error = p.step([0.0; 2], 1e-3).unwrap_err();
+        assert_eq!((error.time, error.part), (1e-3, Part::Body));
+    }
+}
