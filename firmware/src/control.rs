@@ -71,7 +71,27 @@ pub struct Order {
     pub period: u8,
 }
 
+/// The counters of an [`Order`] that ask once: equal counters, nothing left to obey.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Requests {
+    /// [`Order::arm`].
+    pub arm: u8,
+    /// [`Order::disarm`].
+    pub disarm: u8,
+    /// [`Order::stop`].
+    pub stop: u8,
+    /// [`Order::clear`].
+    pub clear: u8,
+}
+
 impl Order {
+    /// What it asks for once.
+    #[must_use]
+    pub const fn requests(&self) -> Requests {
+        let Self { arm, disarm, stop, clear, .. } = *self;
+        Requests { arm, disarm, stop, clear }
+    }
+
     /// Takes over a setpoint, which is in range by its type, at the moment it was heard.
     pub fn set(&mut self, setpoint: &Setpoint, now: Instant) {
         self.frequency = (setpoint.frequency().get() * SPEED_PER_HERTZ) as i32;
@@ -151,6 +171,8 @@ pub struct Report {
     pub stopped: bool,
     /// Whether commands are late.
     pub link_late: bool,
+    /// What was obeyed last: requests that differ are still on their way.
+    pub obeyed: Requests,
     /// f as measured, averaged over some turns.
     pub frequency: Speed,
     /// theta as measured.
@@ -392,6 +414,7 @@ impl Control {
             first_fault: self.supervisor.first_fault(),
             stopped: self.supervisor.stopped(),
             link_late: self.supervisor.link_late(),
+            obeyed: self.supervisor.obeyed(),
             frequency: self.frequency >> 4,
             direction: rotors.direction(),
             motors,

@@ -29,13 +29,14 @@ use heapless::{Deque, Vec};
 use crate::control::{MotorReport, Order, Report, SPEED_PER_HERTZ, TURN_PER_DEGREE};
 use crate::hardware::{Hardware, SettingsStore};
 use crate::settings::{self, Settings, Tuning, text};
+use crate::supervisor::LINK_LATE_US;
 
 /// For how long the link must have been steady before the robot arms.
 ///
 /// Twice the deadline at which a running robot stops: whoever arms has shown that it can keep it.
 pub const PROVING_TIME: Duration = Duration::from_millis(500);
-/// Longest gap between two valid commands of a steady link: the failsafe ladder's first step.
-pub const STEADY_GAP: Duration = Duration::from_millis(100);
+/// Valid commands of a steady link come in less than this: the failsafe ladder's first step.
+pub const STEADY_GAP: Duration = Duration::from_micros(LINK_LATE_US);
 /// Events that wait for an operator.
 pub const EVENTS: usize = 32;
 /// Replies that wait to be sent. The network task sends after each datagram that it receives.
@@ -50,9 +51,10 @@ pub struct Link {
     signal_dbm: Option<i8>,
     order: Order,
     setpoint: Setpoint,
+    /// Told to ramp down and let go, and not there yet.
+    lets_down: bool,
     report: Report,
     steadiness: Steadiness,
-    stop_asked: Option<Instant>,
     answers: Deque<(SocketAddr, HandshakeFrame), ANSWERS>,
     replies: Deque<Reply, REPLIES>,
     events: Events,
@@ -74,9 +76,9 @@ impl Link {
             signal_dbm: None,
             order: Order::default(),
             setpoint: Setpoint::REST,
+            lets_down: false,
             report,
             steadiness: Steadiness::default(),
-            stop_asked: None,
             answers: Deque::new(),
             replies: Deque::new(),
             events,
@@ -187,9 +189,6 @@ impl Link {
     /// Takes over how the fast half is, and notes what happened since it was last observed.
     pub fn observe(&mut self, report: &Report) {
         let last = core::mem::replace(&mut self.report, *report);
-        if self.stop_asked.is_some_and(|asked| report.time > asked) {
-            self.stop_asked = None;
-        }
         let now = report.time;
         let (new, old) = (&report.events, &last.events);
         let voltage = report.bus_voltage.map_or(Volts::ZERO, volts);
@@ -212,8 +211,13 @@ impl Link {
         if report.state != last.state {
             self.events.push(now, Event::State(report.state));
         }
-        if !matches!(report.state, State::Armed | State::Running) {
+        if matches!(report.state, State::Disarmed | State::Aligning | State::Faulted) {
             self.setpoint = Setpoint::REST;
+        }
+        let obeyed =
+            report.obeyed.disarm == self.order.disarm && report.obeyed.stop == self.order.stop;
+        if obeyed && is_idle(report.state) {
+            self.lets_down = false;
         }
     }
 
@@ -222,11 +226,6 @@ impl Link {
         self.disarm();
         self.steadiness = Steadiness::default();
         self.replies.clear();
-    }
-
-    fn disarm(&mut self) {
-        self.order.disarm = self.order.disarm.wrapping_add(1);
-        self.setpoint = Setpoint::REST;
     }
 
     fn obey<S: SettingsStore>(
@@ -239,8 +238,8 @@ impl Link {
             Command::Setpoint(setpoint) => self.shake(now, setpoint)?,
             Command::Arm => self.arm(now)?,
             Command::Disarm => self.disarm(),
-            Command::Stop => self.stop(now),
-            Command::Clear => self.order.clear = self.order.clear.wrapping_add(1),
+            Command::Stop => self.stop(),
+            Command::Clear => self.clear()?,
             Command::Parameter(command) => return self.tune(now, command, tuning),
             Command::Identify => return Ok(Outcome::Identity(self.identity.clone())),
             Command::Ping(number) => return Ok(Outcome::Pong(number)),
@@ -253,8 +252,9 @@ impl Link {
         setpoint.check()?;
         self.order.heard = now;
         self.check_cleared()?;
-        match self.report.state {
-            State::Armed | State::Running => {
+        match self.state() {
+            // One that only waits for commands goes on when they come back.
+            State::Armed | State::Running | State::Stopping if !self.lets_down => {
                 self.order.set(&setpoint, now);
                 self.setpoint = setpoint;
                 Ok(())
@@ -266,7 +266,7 @@ impl Link {
     /// Idempotent while armed.
     fn arm(&mut self, now: Instant) -> Result<(), Refusal> {
         self.check_cleared()?;
-        match self.report.state {
+        match self.state() {
             State::Aligning | State::Armed | State::Running => return Ok(()),
             State::Disarmed => {}
             state => return Err(Refusal::State(state)),
@@ -279,14 +279,34 @@ impl Link {
         Ok(())
     }
 
-    fn stop(&mut self, now: Instant) {
-        self.order.stop = self.order.stop.wrapping_add(1);
-        self.stop_asked = Some(now);
+    fn disarm(&mut self) {
+        self.order.disarm = self.order.disarm.wrapping_add(1);
+        self.lets_down = true;
         self.setpoint = Setpoint::REST;
     }
 
+    fn stop(&mut self) {
+        self.order.stop = self.order.stop.wrapping_add(1);
+        self.lets_down = true;
+        self.setpoint = Setpoint::REST;
+    }
+
+    /// A latched stop is forgotten only when the rotors have come to rest.
+    fn clear(&mut self) -> Result<(), Refusal> {
+        if self.lets_down {
+            return Err(Refusal::State(State::Stopping));
+        }
+        self.order.clear = self.order.clear.wrapping_add(1);
+        Ok(())
+    }
+
+    /// As reported, but a robot that was just told to let down does so already.
+    fn state(&self) -> State {
+        if self.lets_down { State::Stopping } else { self.report.state }
+    }
+
     fn check_cleared(&self) -> Result<(), Refusal> {
-        if self.report.stopped || self.stop_asked.is_some() {
+        if self.report.stopped || self.order.stop != self.report.obeyed.stop {
             Err(Refusal::Stopped)
         } else if self.report.faults != Faults::NONE {
             Err(Refusal::Faulted(self.report.faults))
@@ -324,10 +344,7 @@ impl Link {
 
     /// Settings change, and flash is written, only while the motors are let go.
     fn check_idle(&self) -> Result<(), Refusal> {
-        match self.report.state {
-            State::Disarmed | State::Faulted => Ok(()),
-            state => Err(Refusal::State(state)),
-        }
+        if is_idle(self.report.state) { Ok(()) } else { Err(Refusal::State(self.report.state)) }
     }
 
     fn next_message(&mut self, now: Instant, settings: &Settings) -> Option<ToOperator> {
@@ -384,6 +401,11 @@ pub fn identity(name: &str, hardware: &Hardware) -> Identity {
     }
 }
 
+/// The motors are let go.
+pub(crate) const fn is_idle(state: State) -> bool {
+    matches!(state, State::Disarmed | State::Faulted)
+}
+
 fn told(settings: &Settings, name: &str) -> Result<Outcome, Refusal> {
     Settings::position(name)
         .and_then(|index| settings.parameter(index))
@@ -418,14 +440,14 @@ struct Steadiness {
 impl Steadiness {
     fn heard(&mut self, now: Instant) {
         self.run = match self.run {
-            Some((since, last)) if now.since(last) <= STEADY_GAP => Some((since, now)),
+            Some((since, last)) if now.since(last) < STEADY_GAP => Some((since, now)),
             _ => Some((now, now)),
         };
     }
 
     fn is_proven(&self, now: Instant) -> bool {
         self.run.is_some_and(|(since, last)| {
-            now.since(last) <= STEADY_GAP && now.since(since) >= PROVING_TIME
+            now.since(last) < STEADY_GAP && now.since(since) >= PROVING_TIME
         })
     }
 }

@@ -19,13 +19,13 @@
 use core::net::SocketAddr;
 
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{Event, Fault, State};
+use flix_protocol::message::{Event, Fault};
 use flix_protocol::session::Key;
 use flix_protocol::units::Instant;
 
 use crate::control::{Configuration, Control, Order, Report};
 use crate::hardware::{Actuation, Hardware, Sensors, SettingsStore};
-use crate::link::{Link, identity};
+use crate::link::{Link, identity, is_idle};
 use crate::settings::{Settings, Tuning};
 
 /// What a robot without a key says at boot; the operator's program says the same.
@@ -174,8 +174,7 @@ impl<S: SettingsStore> SlowHalf<S> {
             self.alignments = report.alignments;
             self.tuning.learn(report.alignment);
         }
-        let idle = matches!(report.state, State::Disarmed | State::Faulted);
-        if idle && self.tuning.save_learnt() == Ok(true) {
+        if is_idle(report.state) && self.tuning.save_learnt() == Ok(true) {
             self.link.tell(report.time, Event::SettingsSaved);
         }
     }

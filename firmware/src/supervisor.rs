@@ -26,7 +26,7 @@
 use flix_protocol::message::{Fault, Faults, State};
 use flix_protocol::units::Instant;
 
-use crate::control::{EventCounters, Order, Speed};
+use crate::control::{EventCounters, Order, Requests, Speed};
 
 /// Microseconds without a valid command after which the operator is warned: two missed commands
 /// at 20 Hz.
@@ -146,6 +146,12 @@ impl Supervisor {
         self.link_late
     }
 
+    /// What was obeyed last.
+    #[must_use]
+    pub const fn obeyed(&self) -> Requests {
+        self.seen.requests()
+    }
+
     /// What happened since power-up.
     #[must_use]
     pub const fn events(&self) -> EventCounters {
@@ -213,24 +219,27 @@ impl Supervisor {
         edges(order) != edges(&self.seen)
     }
 
-    /// Stop before disarm before clear before arm, should they come in one tick.
+    /// Counters do not tell which request came last: those that come in one tick are obeyed on
+    /// the safe side. A stop is not cleared, and who is let down is not armed.
     #[inline(never)]
     fn obey(&mut self, now: Instant, order: &Order, conditions: &Conditions) {
         let seen = core::mem::replace(&mut self.seen, *order);
-        if order.stop != seen.stop {
+        let stop = order.stop != seen.stop;
+        let disarm = order.disarm != seen.disarm;
+        if stop {
             if !self.stopped {
                 self.events.stopped = self.events.stopped.wrapping_add(1);
             }
             self.stopped = true;
             self.let_down();
         }
-        if order.disarm != seen.disarm {
+        if disarm {
             self.let_down();
         }
-        if order.clear != seen.clear {
+        if order.clear != seen.clear && !stop {
             self.clear(conditions);
         }
-        if order.arm != seen.arm {
+        if order.arm != seen.arm && !stop && !disarm {
             self.arm(now, order);
         }
     }
