@@ -17,7 +17,7 @@ use core::fmt;
 use heapless::{String, Vec};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use zeroize::Zeroize;
+use zeroize::{Zeroize, Zeroizing};
 
 use crate::message::{Identity, NAME_LENGTH, Name};
 use crate::session::Key;
@@ -36,6 +36,8 @@ pub const PASSWORD_LENGTH: usize = 64;
 
 /// Longest frame with both its zeros, bytes.
 pub const MAXIMUM_FRAME: usize = 256;
+/// A whole frame. Wiped from memory when dropped: it may hold a key.
+pub type SerialFrame = Zeroizing<Vec<u8, MAXIMUM_FRAME>>;
 
 const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 const CRC_LENGTH: usize = 4;
@@ -84,8 +86,10 @@ pub enum ProvisioningError {
     /// The password is not UTF-8, or neither empty (an open network) nor of 8 to
     /// [`PASSWORD_LENGTH`] bytes.
     Password,
-    /// More than 32 bits of network.
+    /// A fixed address with more than 32 bits of network.
     Address,
+    /// The key is all zeros: empty memory, not a key.
+    Key,
 }
 
 impl fmt::Display for ProvisioningError {
@@ -101,6 +105,7 @@ impl fmt::Display for ProvisioningError {
                 "a network's password is {SHORTEST_PASSWORD} to {PASSWORD_LENGTH} bytes long, or empty for an open network"
             ),
             Self::Address => f.write_str("an address has a network part of 0 to 32 bits"),
+            Self::Key => f.write_str("the key is all zeros: make a new one"),
         }
     }
 }
@@ -159,6 +164,9 @@ impl Provisioning {
         if (1..SHORTEST_PASSWORD).contains(&length) || core::str::from_utf8(&self.password).is_err()
         {
             return Err(ProvisioningError::Password);
+        }
+        if self.key == [0; 32] {
+            return Err(ProvisioningError::Key);
         }
         match self.address {
             Some(address) if address.prefix_length > 32 => Err(ProvisioningError::Address),
@@ -254,23 +262,21 @@ impl fmt::Display for ProvisionRefusal {
 /// Makes a frame of a message, zeros included. `None` when the frame would be longer than
 /// [`MAXIMUM_FRAME`], which no [`Request`] or [`Answer`] is.
 #[must_use]
-pub fn write_frame(message: &impl Serialize) -> Option<Vec<u8, MAXIMUM_FRAME>> {
-    let mut plain = [0; MAXIMUM_FRAME];
+pub fn write_frame(message: &impl Serialize) -> Option<SerialFrame> {
+    let mut plain = Zeroizing::new([0; MAXIMUM_FRAME]);
     plain[0] = PROVISION_VERSION;
     let length = 1 + postcard::to_slice(message, &mut plain[1..]).ok()?.len();
     let sum = CRC.checksum(&plain[..length]).to_le_bytes();
     plain.get_mut(length..length + CRC_LENGTH)?.copy_from_slice(&sum);
     let plain_length = length + CRC_LENGTH;
 
-    let mut frame = Vec::new();
+    let mut frame = SerialFrame::new(Vec::new());
     // COBS adds one byte to every 254, and there are two zeros.
     frame.resize_default(MAXIMUM_FRAME).ok()?;
     if plain_length + plain_length / 254 + 3 > MAXIMUM_FRAME {
-        plain.zeroize();
         return None;
     }
     let encoded = cobs::encode(&plain[..plain_length], &mut frame[1..]);
-    plain.zeroize();
     frame.truncate(encoded + 2);
     frame[encoded + 1] = 0;
     Some(frame)
@@ -279,7 +285,7 @@ pub fn write_frame(message: &impl Serialize) -> Option<Vec<u8, MAXIMUM_FRAME>> {
 /// Picks frames out of a stream of bytes that also carries text.
 #[derive(Default)]
 pub struct FrameReader {
-    bytes: Vec<u8, MAXIMUM_FRAME>,
+    bytes: SerialFrame,
     is_too_long: bool,
 }
 
@@ -298,8 +304,7 @@ impl FrameReader {
             return None;
         }
         let message = if self.is_too_long { None } else { decode(&mut self.bytes) };
-        self.bytes.as_mut_slice().zeroize();
-        self.bytes.clear();
+        self.bytes.zeroize();
         self.is_too_long = false;
         message
     }
@@ -417,5 +422,7 @@ mod tests {
             assert_eq!(refused("walker", "lab", password), ProvisioningError::Password);
         }
         assert!(Provisioning::new("walker", "open", "", None, &key).is_ok());
+        let no_key = Provisioning::new("walker", "open", "", None, &Key::new([0; 32]));
+        assert_eq!(no_key, Err(ProvisioningError::Key));
     }
 }

@@ -1,0 +1,58 @@
+//! Serial frames: found after any noise, refused when damaged in any way.
+
+use flix_protocol::provision::{FrameReader, Provisioning, Request, write_frame};
+use flix_protocol::session::Key;
+use proptest::prelude::*;
+
+fn request() -> impl Strategy<Value = Request> {
+    let provisioning =
+        ("[a-zA-Z0-9]{1,31}", "[ -~]{1,32}", "[ -~]{8,64}", prop::array::uniform32(1_u8..))
+            .prop_map(|(name, network, password, key)| {
+                Provisioning::new(&name, &network, &password, None, &Key::new(key)).unwrap()
+            });
+    prop_oneof![
+        Just(Request::Identify),
+        Just(Request::Forget),
+        provisioning.prop_map(Request::Provision),
+    ]
+}
+
+fn read(bytes: &[u8]) -> Vec<Request> {
+    let mut reader = FrameReader::new();
+    bytes.iter().filter_map(|&byte| reader.push(byte)).collect()
+}
+
+proptest! {
+    #[test]
+    fn noise_never_becomes_a_request(bytes in prop::collection::vec(any::<u8>(), 0..2000)) {
+        prop_assert_eq!(read(&bytes), []);
+    }
+
+    #[test]
+    fn a_request_is_found_after_any_noise(
+        noise in prop::collection::vec(any::<u8>(), 0..600),
+        request in request(),
+    ) {
+        let stream = [noise.as_slice(), &write_frame(&request).unwrap()].concat();
+        prop_assert_eq!(read(&stream), [request]);
+    }
+
+    #[test]
+    fn a_frame_cut_short_or_with_bytes_changed_is_no_request(
+        request in request(),
+        changes in prop::collection::vec((any::<prop::sample::Index>(), 1_u8..), 1..4),
+        cut in any::<prop::sample::Index>(),
+    ) {
+        let frame = write_frame(&request).unwrap();
+        let mut changed = frame.to_vec();
+        // The delimiters stay: without them there is no frame to damage.
+        let inner = 1..frame.len() - 1;
+        for (place, flip) in changes {
+            changed[inner.start + place.index(inner.len())] ^= flip;
+        }
+        prop_assume!(changed != frame.as_slice());
+        prop_assert_eq!(read(&changed), []);
+        let short = &frame[..1 + cut.index(inner.len())];
+        prop_assert_eq!(read(&[short, &[0]].concat()), []);
+    }
+}
