@@ -17,6 +17,7 @@ pub mod link;
 pub mod mdns;
 #[cfg(feature = "net")]
 pub mod net;
+pub mod provision;
 pub mod robot;
 pub mod settings;
 pub mod shaker;

@@ -4,8 +4,9 @@
 //! - **Who**: only the operator that holds the session of [`flix_protocol::session`]. Whenever a
 //!   session begins or is left, the robot ramps down and disarms: nobody inherits a running robot.
 //! - **When**: arming is explicit, and wants a link that was steady for [`PROVING_TIME`]. From then
-//!   on each setpoint is also a sign of life; the fast half itself watches their age
-//!   ([`Order::heard`]), so that its deadlines hold even when this half hangs.
+//!   on commands are signs of life: any command while the rotors rest, setpoints alone while they
+//!   are asked to shake. The fast half itself watches their age ([`Order::heard`]), so that its
+//!   deadlines hold even when this half hangs.
 //! - **What is refused** changes nothing, and the refusal says what would be accepted.
 //! - **Events** carry numbers that count up by one. At most [`EVENTS`] wait for an operator, the
 //!   oldest go first, and the gap in the numbers tells.
@@ -140,6 +141,9 @@ impl Link {
             }
             RobotReceived::Command(ToRobot { request, command }) => {
                 self.steadiness.heard(now);
+                if self.order.frequency == 0 {
+                    self.order.heard = now;
+                }
                 let outcome = self.obey(now, command, tuning).unwrap_or_else(Outcome::Refused);
                 push_newest(&mut self.replies, Reply { request, outcome });
             }
@@ -274,6 +278,7 @@ impl Link {
         if !self.steadiness.is_proven(now) {
             return Err(Refusal::LinkUnproven);
         }
+        self.order.frequency = 0;
         self.order.heard = now;
         self.order.arm = self.order.arm.wrapping_add(1);
         Ok(())

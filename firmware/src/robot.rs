@@ -31,6 +31,9 @@ use crate::settings::{Settings, Tuning};
 /// What a robot without a key says at boot; the operator's program says the same.
 pub const UNPROVISIONED: &str = "this robot has no key yet and refuses the network; connect it by USB and run: flix provision --port PORT --ssid NETWORK";
 
+/// What a robot is called that nobody has named yet.
+pub const UNNAMED: &str = "flix-walker";
+
 /// Ticks between two reports to the slow half: 1 ms, far below every deadline.
 const REPORT_INTERVAL: u8 = 10;
 

@@ -1,0 +1,314 @@
+//! The serial port's side of [`flix_protocol::provision`]: whose robot this is, stored and told.
+//!
+//! Bytes of the serial port come in one at a time, frames go out; log text around them does no
+//! harm. The key goes into the store and to the link, and never out again.
+//!
+//! Name, network and key have a store of their own, beside that of the settings: damaged settings
+//! leave the robot in the hands of its owner, who can then be told.
+
+use core::fmt;
+
+use crc::{CRC_32_ISO_HDLC, Crc};
+use flix_protocol::message::State;
+use flix_protocol::provision::{
+    Answer, FrameReader, MAXIMUM_FRAME, ProvisionRefusal, Provisioning, Request, write_frame,
+};
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+use zeroize::Zeroizing;
+
+use crate::hardware::{Hardware, SettingsStore};
+use crate::link::{identity, is_idle};
+use crate::robot::UNNAMED;
+use crate::settings::{LoadError, SaveError};
+
+/// Version of the stored form.
+pub const FORMAT_VERSION: u16 = 1;
+/// Most bytes that the stored form takes in a [`SettingsStore`].
+pub const STORED_LENGTH: usize = 256;
+
+static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+
+#[derive(Serialize, Deserialize)]
+struct Stored {
+    version: u16,
+    provisioning: Option<Provisioning>,
+}
+
+/// What to do after a request.
+#[derive(Debug)]
+pub struct Response {
+    /// Send it over the serial port, in one piece.
+    pub frame: Vec<u8, MAXIMUM_FRAME>,
+    /// Whether [`Provisioner::provisioning`] changed: take over network, name and key.
+    pub changed: bool,
+}
+
+/// Keeps whose robot this is.
+pub struct Provisioner<S> {
+    store: S,
+    hardware: Hardware,
+    provisioning: Option<Provisioning>,
+    loaded: Result<(), LoadError>,
+    reader: FrameReader,
+}
+
+impl<S: SettingsStore> Provisioner<S> {
+    /// Reads what is stored. When that cannot be trusted the robot is nobody's, and
+    /// [`Provisioner::loaded`] tells why.
+    pub fn new(mut store: S, hardware: Hardware) -> Self {
+        let (provisioning, loaded) = match load(&mut store) {
+            Ok(provisioning) => (provisioning, Ok(())),
+            Err(error) => (None, Err(error)),
+        };
+        Self { store, hardware, provisioning, loaded, reader: FrameReader::new() }
+    }
+
+    /// Whether what was stored could be read at power-up.
+    ///
+    /// # Errors
+    /// When it could not, and the robot must be provisioned again.
+    pub const fn loaded(&self) -> Result<(), LoadError> {
+        self.loaded
+    }
+
+    /// Network, name and key; `None` while the robot is nobody's.
+    #[must_use]
+    pub const fn provisioning(&self) -> Option<&Provisioning> {
+        self.provisioning.as_ref()
+    }
+
+    /// What the robot is called.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.provisioning.as_ref().map_or(UNNAMED, Provisioning::name)
+    }
+
+    /// Takes the next byte of the serial port; responds when a request ends with it. `state` is
+    /// where the supervisor stands: nothing changes while the motors turn. Never panics.
+    pub fn receive(&mut self, byte: u8, state: State) -> Option<Response> {
+        match self.reader.push(byte)? {
+            Request::Identify => respond(&Answer::Identity {
+                identity: identity(self.name(), &self.hardware),
+                has_key: self.provisioning.is_some(),
+            }),
+            Request::Provision(provisioning) => self.change(Some(provisioning), state),
+            Request::Forget => self.change(None, state),
+        }
+    }
+
+    /// Stores first, and changes only when that worked.
+    fn change(&mut self, provisioning: Option<Provisioning>, state: State) -> Option<Response> {
+        if !is_idle(state) {
+            return respond(&Answer::Refused(ProvisionRefusal::Driving));
+        }
+        if provisioning.as_ref().is_some_and(|provisioning| provisioning.check().is_err()) {
+            return respond(&Answer::Refused(ProvisionRefusal::Malformed));
+        }
+        let stored = Stored { version: FORMAT_VERSION, provisioning };
+        if save(&mut self.store, &stored).is_err() {
+            return respond(&Answer::Refused(ProvisionRefusal::Storage));
+        }
+        self.provisioning = stored.provisioning;
+        self.loaded = Ok(());
+        respond(&Answer::Done).map(|response| Response { changed: true, ..response })
+    }
+}
+
+impl<S> fmt::Debug for Provisioner<S> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Provisioner")
+            .field("provisioning", &self.provisioning)
+            .finish_non_exhaustive()
+    }
+}
+
+fn respond(answer: &Answer) -> Option<Response> {
+    let frame = Vec::from_slice(&write_frame(answer)?).ok()?;
+    Some(Response { frame, changed: false })
+}
+
+fn load<S: SettingsStore>(store: &mut S) -> Result<Option<Provisioning>, LoadError> {
+    let mut buffer = Zeroizing::new([0; STORED_LENGTH]);
+    let Some(length) = store.load(&mut *buffer).map_err(|_| LoadError::Store)? else {
+        return Ok(None);
+    };
+    let bytes = buffer.get(..length).ok_or(LoadError::Damaged)?;
+    let stored: Stored =
+        postcard::from_bytes_crc32(bytes, CRC.digest()).map_err(|_| LoadError::Damaged)?;
+    if stored.version != FORMAT_VERSION {
+        return Err(LoadError::Version);
+    }
+    match &stored.provisioning {
+        Some(provisioning) if provisioning.check().is_err() => Err(LoadError::Damaged),
+        _ => Ok(stored.provisioning),
+    }
+}
+
+fn save<S: SettingsStore>(store: &mut S, stored: &Stored) -> Result<(), SaveError> {
+    let mut buffer = Zeroizing::new([0; STORED_LENGTH]);
+    let bytes = postcard::to_slice_crc32(stored, &mut *buffer, CRC.digest());
+    store.save(bytes.map_err(|_| SaveError)?).map_err(|_| SaveError)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::board::DENGFOC_V3_01;
+    use flix_protocol::session::Key;
+    use std::format;
+
+    #[derive(Default)]
+    struct Memory {
+        bytes: Option<std::vec::Vec<u8>>,
+        is_worn: bool,
+    }
+
+    impl SettingsStore for &mut Memory {
+        type Error = ();
+
+        fn load(&mut self, buffer: &mut [u8]) -> Result<Option<usize>, ()> {
+            let Some(bytes) = &self.bytes else { return Ok(None) };
+            buffer.get_mut(..bytes.len()).ok_or(())?.copy_from_slice(bytes);
+            Ok(Some(bytes.len()))
+        }
+
+        fn save(&mut self, bytes: &[u8]) -> Result<(), ()> {
+            if self.is_worn {
+                return Err(());
+            }
+            self.bytes = Some(bytes.to_vec());
+            Ok(())
+        }
+    }
+
+    const KEY: [u8; 32] = *b"a key that nobody else may learn";
+
+    fn mine() -> Provisioning {
+        Provisioning::new("daisy", "workshop", "correct horse", None, &Key::new(KEY)).unwrap()
+    }
+
+    fn robot(memory: &mut Memory) -> Provisioner<&mut Memory> {
+        Provisioner::new(memory, DENGFOC_V3_01.hardware)
+    }
+
+    /// Sends bytes to the robot and reads its answers as the computer would.
+    fn exchange<S: SettingsStore>(
+        robot: &mut Provisioner<S>,
+        bytes: &[u8],
+        state: State,
+    ) -> std::vec::Vec<Answer> {
+        let mut reader = FrameReader::new();
+        let responses: std::vec::Vec<_> =
+            bytes.iter().filter_map(|byte| robot.receive(*byte, state)).collect();
+        let out = responses.iter().flat_map(|response| response.frame.iter());
+        out.filter_map(|byte| reader.push(*byte)).collect()
+    }
+
+    fn ask<S: SettingsStore>(
+        robot: &mut Provisioner<S>,
+        request: &Request,
+        state: State,
+    ) -> Answer {
+        let mut answers = exchange(robot, &write_frame(request).unwrap(), state);
+        assert_eq!(answers.len(), 1);
+        answers.remove(0)
+    }
+
+    fn provision(memory: &mut Memory) {
+        let answer = ask(&mut robot(memory), &Request::Provision(mine()), State::Disarmed);
+        assert_eq!(answer, Answer::Done);
+    }
+
+    fn holds_key(bytes: &[u8]) -> bool {
+        bytes.windows(8).any(|window| KEY.windows(8).any(|part| part == window))
+    }
+
+    #[test]
+    fn a_provisioned_robot_is_its_owners_after_power_off_too() {
+        let mut memory = Memory::default();
+        provision(&mut memory);
+        assert_eq!(robot(&mut memory).provisioning(), Some(&mine()));
+    }
+
+    #[test]
+    fn a_robot_says_whether_it_has_an_owner() {
+        let mut memory = Memory::default();
+        let has_key = |memory: &mut Memory| {
+            let answer = ask(&mut robot(memory), &Request::Identify, State::Running);
+            matches!(answer, Answer::Identity { has_key: true, .. })
+        };
+        let before = has_key(&mut memory);
+        provision(&mut memory);
+        assert_eq!([before, has_key(&mut memory)], [false, true]);
+    }
+
+    #[test]
+    fn a_request_is_found_among_log_text() {
+        let mut memory = Memory::default();
+        let mut bytes = b"boot: 3 sectors\r\n".to_vec();
+        bytes.extend_from_slice(&write_frame(&Request::Identify).unwrap());
+        bytes.extend_from_slice(b"\r\nmore text");
+        let answers = exchange(&mut robot(&mut memory), &bytes, State::Disarmed);
+        assert!(matches!(answers.as_slice(), [Answer::Identity { .. }]), "{answers:?}");
+    }
+
+    #[test]
+    fn the_key_never_comes_out() {
+        let mut memory = Memory::default();
+        let mut robot = robot(&mut memory);
+        let mut out = std::vec::Vec::new();
+        for request in [Request::Provision(mine()), Request::Identify] {
+            for byte in write_frame(&request).unwrap().iter() {
+                if let Some(response) = robot.receive(*byte, State::Disarmed) {
+                    out.extend_from_slice(&response.frame);
+                }
+            }
+        }
+        out.extend_from_slice(format!("{robot:?}").as_bytes());
+        assert!(!out.is_empty() && !holds_key(&out));
+    }
+
+    #[test]
+    fn nothing_changes_while_the_motors_turn() {
+        let mut memory = Memory::default();
+        let mut robot = robot(&mut memory);
+        let answer = ask(&mut robot, &Request::Provision(mine()), State::Running);
+        let refused = Answer::Refused(ProvisionRefusal::Driving);
+        assert_eq!((answer, robot.provisioning()), (refused, None));
+    }
+
+    #[test]
+    fn a_memory_that_fails_leaves_the_robot_as_it_was() {
+        let mut memory = Memory { is_worn: true, ..Memory::default() };
+        let mut robot = robot(&mut memory);
+        let answer = ask(&mut robot, &Request::Provision(mine()), State::Disarmed);
+        let refused = Answer::Refused(ProvisionRefusal::Storage);
+        assert_eq!((answer, robot.provisioning()), (refused, None));
+    }
+
+    #[test]
+    fn a_robot_that_is_given_away_forgets() {
+        let mut memory = Memory::default();
+        provision(&mut memory);
+        let held = holds_key(memory.bytes.as_ref().unwrap());
+        ask(&mut robot(&mut memory), &Request::Forget, State::Disarmed);
+        let holds = holds_key(memory.bytes.as_ref().unwrap());
+        assert_eq!((held, holds, robot(&mut memory).provisioning()), (true, false, None));
+    }
+
+    #[test]
+    fn any_damaged_bit_makes_the_robot_nobodys_and_says_so() {
+        let mut memory = Memory::default();
+        provision(&mut memory);
+        let intact = memory.bytes.unwrap();
+        for bit in 0..intact.len() * 8 {
+            let mut bytes = intact.clone();
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            let mut memory = Memory { bytes: Some(bytes), is_worn: false };
+            let robot = robot(&mut memory);
+            let found = (robot.provisioning(), robot.loaded());
+            assert_eq!(found, (None, Err(LoadError::Damaged)), "bit {bit}");
+        }
+    }
+}
