@@ -1,0 +1,453 @@
+//! The wire format, byte for byte: a change of it is seen here before a robot sees it.
+//!
+//! `golden.txt` holds one line for each message: its name and its bytes in hexadecimal. After a
+//! change that is meant, count up `PROTOCOL_VERSION` where old ends would misunderstand it, then
+//! write the file anew and read its difference:
+//!
+//! ```text
+//! FLIX_REGENERATE_GOLDEN=1 cargo test -p flix-protocol --test golden
+//! git diff protocol/tests/golden.txt
+//! ```
+//!
+//! The names come from matches without a wildcard, so a new variant does not compile until it is
+//! named here, and does not pass until an example of it is listed.
+
+mod ends;
+
+use std::collections::BTreeSet;
+use std::fmt::Write;
+
+use ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, key, setpoint, telemetry};
+use flix_protocol::frame::MAXIMUM_MESSAGE;
+use flix_protocol::message::*;
+use flix_protocol::provision::{
+    Answer, FixedAddress, ProvisionRefusal, Provisioning, Request, write_frame,
+};
+use flix_protocol::session::{RobotReceived, RobotSession};
+use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+/// A name for each kind of command.
+fn command_name(command: &Command) -> &'static str {
+    match command {
+        Command::Setpoint(_) => "setpoint",
+        Command::Arm => "arm",
+        Command::Disarm => "disarm",
+        Command::Stop => "stop",
+        Command::Clear => "clear",
+        Command::Parameter(ParameterCommand::Get(_)) => "parameter-get",
+        Command::Parameter(ParameterCommand::Set(..)) => "parameter-set",
+        Command::Parameter(ParameterCommand::List(_)) => "parameter-list",
+        Command::Parameter(ParameterCommand::Save) => "parameter-save",
+        Command::Parameter(ParameterCommand::Reset) => "parameter-reset",
+        Command::Identify => "identify",
+        Command::Ping(_) => "ping",
+    }
+}
+const COMMANDS: usize = 12;
+
+fn commands() -> Vec<Command> {
+    vec![
+        setpoint(-30.0, 60.0),
+        Command::Arm,
+        Command::Disarm,
+        Command::Stop,
+        Command::Clear,
+        Command::Parameter(ParameterCommand::Get(name("current_limit"))),
+        Command::Parameter(ParameterCommand::Set(name("current_limit"), 2.5)),
+        Command::Parameter(ParameterCommand::List(300)),
+        Command::Parameter(ParameterCommand::Save),
+        Command::Parameter(ParameterCommand::Reset),
+        Command::Identify,
+        Command::Ping(0xDEAD_BEEF),
+    ]
+}
+
+fn refusal_name(refusal: &Refusal) -> &'static str {
+    match refusal {
+        Refusal::Malformed => "malformed",
+        Refusal::OutOfRange { .. } => "out-of-range",
+        Refusal::NotWhole { .. } => "not-whole",
+        Refusal::UnknownParameter => "unknown-parameter",
+        Refusal::State(_) => "state",
+        Refusal::Faulted(_) => "faulted",
+        Refusal::Stopped => "stopped",
+        Refusal::LinkUnproven => "link-unproven",
+        Refusal::Storage => "storage",
+    }
+}
+const REFUSALS: usize = 9;
+
+fn refusals() -> Vec<Refusal> {
+    vec![
+        Refusal::Malformed,
+        Refusal::frequency(),
+        Refusal::NotWhole { name: name("pole_pairs") },
+        Refusal::UnknownParameter,
+        Refusal::State(State::Running),
+        Refusal::Faulted(Faults::NONE.with(Fault::OverCurrent).with(Fault::Settings)),
+        Refusal::Stopped,
+        Refusal::LinkUnproven,
+        Refusal::Storage,
+    ]
+}
+
+fn outcome_name(outcome: &Outcome) -> String {
+    match outcome {
+        Outcome::Done => "done".into(),
+        Outcome::Refused(refusal) => format!("refused-{}", refusal_name(refusal)),
+        Outcome::Parameter(_) => "parameter".into(),
+        Outcome::Parameters { .. } => "parameters".into(),
+        Outcome::Identity(_) => "identity".into(),
+        Outcome::Pong(_) => "pong".into(),
+    }
+}
+const OUTCOMES: usize = 5 + REFUSALS;
+
+fn outcomes() -> Vec<Outcome> {
+    let parameter = |index| Parameter {
+        index,
+        name: name("current_limit"),
+        unit: "A".try_into().unwrap(),
+        value: 2.5,
+        default: 2.0,
+        minimum: 0.1,
+        maximum: 3.0,
+    };
+    let mut outcomes = vec![
+        Outcome::Done,
+        Outcome::Parameter(parameter(3)),
+        Outcome::Parameters {
+            total: 40,
+            entries: [parameter(3), parameter(4)].into_iter().collect(),
+        },
+        Outcome::Identity(Identity {
+            name: name("flix-7"),
+            board: name("MKS DUAL FOC V3.3 PLUS"),
+            version: "0.1.0".try_into().unwrap(),
+        }),
+        Outcome::Pong(0xDEAD_BEEF),
+    ];
+    outcomes.extend(refusals().into_iter().map(Outcome::Refused));
+    outcomes
+}
+
+fn event_name(event: &Event) -> String {
+    match event {
+        Event::Started => "started".into(),
+        Event::State(state) => format!("state-{state}"),
+        Event::Fault(fault) => format!("fault-{}", fault.to_string().replace(' ', "-")),
+        Event::Cleared => "cleared".into(),
+        Event::Stopped => "stopped".into(),
+        Event::OperatorConnected => "operator-connected".into(),
+        Event::OperatorLeft => "operator-left".into(),
+        Event::LinkLate => "link-late".into(),
+        Event::CommandDeadline => "command-deadline".into(),
+        Event::LinkLost => "link-lost".into(),
+        Event::SettingsSaved => "settings-saved".into(),
+        Event::SettingsDefaulted => "settings-defaulted".into(),
+        Event::BatteryLow(_) => "battery-low".into(),
+    }
+}
+const STATES: usize = 6;
+const EVENTS: usize = 11 + STATES + Fault::ALL.len();
+
+fn events() -> Vec<Event> {
+    let mut events = vec![
+        Event::Started,
+        Event::Cleared,
+        Event::Stopped,
+        Event::OperatorConnected,
+        Event::OperatorLeft,
+        Event::LinkLate,
+        Event::CommandDeadline,
+        Event::LinkLost,
+        Event::SettingsSaved,
+        Event::SettingsDefaulted,
+        Event::BatteryLow(Volts::new(9.5).unwrap()),
+        Event::State(State::Disarmed),
+        Event::State(State::Aligning),
+        Event::State(State::Armed),
+        Event::State(State::Running),
+        Event::State(State::Stopping),
+        Event::State(State::Faulted),
+    ];
+    events.extend(Fault::ALL.map(Event::Fault));
+    events
+}
+
+fn name(text: &str) -> Name {
+    text.try_into().unwrap()
+}
+
+/// Telemetry with a different number in every field.
+fn running() -> ToOperator {
+    let motor = |first: f32| MotorTelemetry {
+        angle: Degrees::new(first).unwrap(),
+        speed: Hertz::new(first + 1.0).unwrap(),
+        current_d: Amperes::new(first + 2.0).unwrap(),
+        current_q: Amperes::new(first + 3.0).unwrap(),
+    };
+    ToOperator::Telemetry(Telemetry {
+        time: Instant::from_micros(1_234_567),
+        state: State::Running,
+        faults: Faults::NONE.with(Fault::Stall),
+        first_fault: Some(Fault::Stall),
+        stopped: true,
+        link_late: false,
+        setpoint: Setpoint::new(Hertz::new(-30.0).unwrap(), Degrees::new(60.0).unwrap()).unwrap(),
+        frequency: Hertz::new(-29.75).unwrap(),
+        direction: Degrees::new(59.5).unwrap(),
+        motors: [motor(10.0), motor(20.0)],
+        bus_voltage: Some(Volts::new(11.5).unwrap()),
+        modulation: Ratio::new(0.75).unwrap(),
+        timing: LoopTiming { ticks: 70_000, longest_interval_us: 130, overruns: 2 },
+        link: LinkQuality {
+            accepted: 300,
+            lost: 4,
+            dropped: Dropped {
+                malformed: 5,
+                version: 6,
+                forged: 7,
+                replayed: 8,
+                stale: 9,
+                session: 10,
+                busy: 11,
+                unprovisioned: 12,
+            },
+            silence_us: 13_000,
+            signal_dbm: Some(-61),
+        },
+    })
+}
+
+/// Name and bytes, in the order of the file.
+#[derive(Default)]
+struct Golden(Vec<(String, Vec<u8>)>);
+
+impl Golden {
+    fn raw(&mut self, name: impl Into<String>, bytes: &[u8]) {
+        let name = name.into();
+        assert!(self.0.iter().all(|(known, _)| *known != name), "{name} is listed twice");
+        self.0.push((name, bytes.to_vec()));
+    }
+
+    /// Adds a message, after looking that it comes back from its bytes.
+    fn message<T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug>(
+        &mut self,
+        name: impl Into<String>,
+        message: &T,
+    ) {
+        let mut buffer = [0; MAXIMUM_MESSAGE];
+        let bytes = postcard::to_slice(message, &mut buffer).expect("every message fits");
+        assert_eq!(postcard::from_bytes::<T>(bytes).as_ref(), Ok(message));
+        self.raw(name, bytes);
+    }
+
+    fn text(&self) -> String {
+        self.0.iter().fold(String::new(), |mut text, (name, bytes)| {
+            write!(text, "{name} ").unwrap();
+            bytes.iter().for_each(|byte| write!(text, "{byte:02x}").unwrap());
+            text + "\n"
+        })
+    }
+
+    fn count(&self, prefix: &str) -> usize {
+        let names: BTreeSet<_> = self.0.iter().map(|(name, _)| name).collect();
+        names.iter().filter(|name| name.starts_with(prefix)).count()
+    }
+}
+
+fn messages(golden: &mut Golden) {
+    for (request, example) in (1..).zip(commands()) {
+        golden.message(
+            format!("command/{}", command_name(&example)),
+            &command(request * 100, example),
+        );
+    }
+    for (request, outcome) in (1..).zip(outcomes()) {
+        golden.message(
+            format!("reply/{}", outcome_name(&outcome)),
+            &ToOperator::Reply(Reply { request: request * 100, outcome }),
+        );
+    }
+    golden.message("telemetry/at-rest", &telemetry(0));
+    golden.message("telemetry/running", &running());
+    for (number, event) in (1..).zip(events()) {
+        let time = Instant::from_micros(u64::from(number) * 1_000_000);
+        golden.message(
+            format!("event/{}", event_name(&event)),
+            &ToOperator::Event(EventReport { number, time, event }),
+        );
+    }
+    assert_eq!(golden.count("command/"), COMMANDS, "every command is listed");
+    assert_eq!(golden.count("reply/"), OUTCOMES, "every outcome is listed");
+    assert_eq!(golden.count("event/"), EVENTS, "every event is listed");
+}
+
+/// A whole session with fixed entropy at both ends.
+fn datagrams(golden: &mut Golden) {
+    let mut ends = Ends::new(Some(key(1)), key(1));
+    let hello = ends.operator.poll(ends.now).unwrap();
+    golden.raw("datagram/hello", &hello);
+
+    let mut refuse = |name: &str, mut robot: RobotSession, hello: &[u8]| {
+        let refusal = answer(robot.receive(ends.now, OPERATOR, hello), hello.len()).unwrap();
+        golden.raw(format!("datagram/refusal-{name}"), &refusal);
+    };
+    refuse("key", RobotSession::new(Some(key(2)), [3; 32]), &hello);
+    refuse("unprovisioned", RobotSession::new(None, [3; 32]), &hello);
+    let mut other_version = hello.clone();
+    other_version[4] ^= 0x80;
+    refuse("version", RobotSession::new(Some(key(1)), [3; 32]), &other_version);
+
+    let challenge = answer(ends.to_robot(&hello), hello.len()).unwrap();
+    golden.raw("datagram/challenge", &challenge);
+    ends.to_operator(&challenge);
+    let confirm = ends.operator.poll(ends.now).unwrap();
+    golden.raw("datagram/confirm", &confirm);
+    let accept = answer(ends.to_robot(&confirm), confirm.len()).unwrap();
+    golden.raw("datagram/accept", &accept);
+    ends.to_operator(&accept);
+    let busy = answer(ends.robot.receive(ends.now, SECOND_OPERATOR, &hello), hello.len()).unwrap();
+    golden.raw("datagram/refusal-busy", &busy);
+
+    let arm = command(7, Command::Arm);
+    let sealed = ends.operator.send(ends.now, &arm).unwrap();
+    golden.raw("datagram/sealed-command", &sealed);
+    assert_eq!(ends.to_robot(&sealed), RobotReceived::Command(arm));
+    golden.raw("datagram/sealed-telemetry", &ends.robot.send(ends.now, &running()).unwrap().1);
+    golden.raw("datagram/operator-goodbye", &ends.operator.goodbye().unwrap());
+    golden.raw("datagram/robot-goodbye", &ends.robot.goodbye(ends.now).unwrap().1);
+}
+
+fn serial(golden: &mut Golden) {
+    let address = FixedAddress {
+        address: [192, 168, 4, 9],
+        prefix_length: 24,
+        gateway: Some([192, 168, 4, 1]),
+    };
+    let provision =
+        |address| Provisioning::new("flix-7", "lab", "correct horse", address, &key(0xA5)).unwrap();
+    let identity = Identity {
+        name: name("flix-7"),
+        board: name("MKS DUAL FOC V3.3 PLUS"),
+        version: "0.1.0".try_into().unwrap(),
+    };
+    for request in [
+        Request::Identify,
+        Request::Provision(provision(None)),
+        Request::Provision(provision(Some(address))),
+        Request::Forget,
+    ] {
+        let name = match &request {
+            Request::Identify => "identify",
+            Request::Provision(provisioning) if provisioning.address().is_some() => {
+                "provision-fixed-address"
+            }
+            Request::Provision(_) => "provision",
+            Request::Forget => "forget",
+        };
+        golden.raw(format!("serial/{name}"), &write_frame(&request).unwrap());
+    }
+    for answer in [
+        Answer::Identity { identity, has_key: true },
+        Answer::Done,
+        Answer::Refused(ProvisionRefusal::Malformed),
+        Answer::Refused(ProvisionRefusal::Driving),
+        Answer::Refused(ProvisionRefusal::Storage),
+    ] {
+        let name = match &answer {
+            Answer::Identity { .. } => "identity",
+            Answer::Done => "done",
+            Answer::Refused(ProvisionRefusal::Malformed) => "refused-malformed",
+            Answer::Refused(ProvisionRefusal::Driving) => "refused-driving",
+            Answer::Refused(ProvisionRefusal::Storage) => "refused-storage",
+        };
+        golden.raw(format!("serial/answer-{name}"), &write_frame(&answer).unwrap());
+    }
+}
+
+#[test]
+fn every_message_has_the_bytes_that_were_agreed() {
+    let mut golden = Golden::default();
+    messages(&mut golden);
+    datagrams(&mut golden);
+    serial(&mut golden);
+
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden.txt");
+    if std::env::var_os("FLIX_REGENERATE_GOLDEN").is_some() {
+        std::fs::write(path, golden.text()).unwrap();
+    }
+    let agreed = std::fs::read_to_string(path).unwrap();
+    for (line, agreed) in golden.text().lines().zip(agreed.lines()) {
+        assert_eq!(line, agreed, "the wire format changed: see the head of this file");
+    }
+    assert_eq!(golden.text().len(), agreed.len(), "messages were added or taken away");
+}
+
+/// Longest value of every field, so that the bound holds whatever the robot measures.
+#[test]
+fn the_longest_messages_fit_a_datagram() {
+    let name: Name = "n".repeat(NAME_LENGTH).as_str().try_into().unwrap();
+    let parameter = Parameter {
+        index: u16::MAX,
+        name: name.clone(),
+        unit: "u".repeat(8).as_str().try_into().unwrap(),
+        value: f32::MIN,
+        default: f32::MIN,
+        minimum: f32::MIN,
+        maximum: f32::MAX,
+    };
+    let ToOperator::Telemetry(mut longest) = running() else { unreachable!() };
+    let most = u32::MAX;
+    longest.time = Instant::from_micros(u64::MAX);
+    longest.faults = Fault::ALL.into_iter().fold(Faults::NONE, Faults::with);
+    longest.timing = LoopTiming { ticks: u64::MAX, longest_interval_us: most, overruns: most };
+    longest.link = LinkQuality {
+        accepted: most,
+        lost: most,
+        dropped: Dropped {
+            malformed: most,
+            version: most,
+            forged: most,
+            replayed: most,
+            stale: most,
+            session: most,
+            busy: most,
+            unprovisioned: most,
+        },
+        silence_us: most,
+        signal_dbm: Some(i8::MIN),
+    };
+    let reply = |outcome| ToOperator::Reply(Reply { request: most, outcome });
+    let mut ends = Ends::connected();
+    for message in [
+        ToOperator::Telemetry(longest),
+        reply(Outcome::Parameter(parameter.clone())),
+        reply(Outcome::Parameters {
+            total: u16::MAX,
+            entries: std::iter::repeat_n(parameter, PARAMETERS_PER_REPLY).collect(),
+        }),
+        reply(Outcome::Identity(Identity {
+            name: name.clone(),
+            board: name.clone(),
+            version: "v".repeat(16).as_str().try_into().unwrap(),
+        })),
+        reply(Outcome::Refused(Refusal::OutOfRange {
+            name: name.clone(),
+            minimum: f32::MIN,
+            maximum: f32::MAX,
+        })),
+    ] {
+        let (_, frame) = ends.robot.send(ends.now, &message).expect("it fits");
+        assert_eq!(
+            ends.to_operator(&frame),
+            flix_protocol::session::OperatorReceived::Message(message)
+        );
+    }
+    let longest = command(most, Command::Parameter(ParameterCommand::Set(name, f32::MAX)));
+    let frame = ends.operator.send(ends.now, &longest).expect("it fits");
+    assert_eq!(ends.to_robot(&frame), RobotReceived::Command(longest));
+}
