@@ -1,13 +1,29 @@
-//! Two ends on a virtual network in virtual time.
+//! What a session promises, between two ends in virtual time.
 
 mod ends;
 
+use core::net::SocketAddr;
 use core::time::Duration;
 
-use ends::{Ends, OPERATOR, command, key, telemetry};
-use flix_protocol::message::Command;
-use flix_protocol::session::{ConnectError, OperatorReceived, RobotReceived, Status};
+use ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, connect, key, setpoint, telemetry};
+use flix_protocol::frame::SEALED_HEADER;
+use flix_protocol::message::{
+    Command, DropReason, MAXIMUM_FREQUENCY, Outcome, Refusal, Reply, ToOperator,
+};
+use flix_protocol::session::{
+    CONNECT_PATIENCE, COOKIE_EPOCH, ConnectError, HINT_PATIENCE, HOLDER_SILENCE, Key, KeyError,
+    OperatorReceived, OperatorSession, RobotReceived, RobotSession, SESSION_EXPIRY, SendError,
+    Status, VERSION,
+};
 use flix_protocol::units::Instant;
+
+const TICK: Duration = Duration::from_micros(1);
+
+fn second_operator(now: Instant) -> OperatorSession {
+    OperatorSession::new(key(1), [33; 32], now)
+}
+
+// Connecting
 
 #[test]
 fn the_right_key_connects_and_both_ends_are_heard() {
@@ -16,7 +32,7 @@ fn the_right_key_connects_and_both_ends_are_heard() {
     assert_eq!(ends.to_robot(&frame), RobotReceived::Command(command(7, Command::Arm)));
     let (peer, frame) = ends.robot.send(ends.now, &telemetry(5)).unwrap();
     assert_eq!(peer, OPERATOR);
-    assert_eq!(ends.operator.receive(ends.now, &frame), OperatorReceived::Message(telemetry(5)));
+    assert_eq!(ends.to_operator(&frame), OperatorReceived::Message(telemetry(5)));
     assert_eq!(ends.robot.quality(ends.now).dropped.total(), 0);
 }
 
@@ -24,11 +40,476 @@ fn the_right_key_connects_and_both_ends_are_heard() {
 fn a_wrong_key_is_refused_with_that_sentence() {
     let mut ends = Ends::new(Some(key(1)), key(2));
     assert_eq!(ends.run(), Status::Failed(ConnectError::WrongKey));
-    assert!(ends.now < Instant::START + Duration::from_secs(1), "without long waiting");
+    assert!(ends.now < Instant::START + 2 * HINT_PATIENCE, "without long waiting");
+    assert!(ConnectError::WrongKey.to_string().contains("another key"));
 }
 
 #[test]
 fn a_robot_without_a_key_refuses_everybody() {
     let mut ends = Ends::new(None, key(1));
     assert_eq!(ends.run(), Status::Failed(ConnectError::Unprovisioned));
+    assert!(ends.robot.quality(ends.now).dropped.unprovisioned > 0);
+}
+
+#[test]
+fn silence_is_reported_as_no_answer_after_the_patience() {
+    let mut ends = Ends::new(Some(key(1)), key(1));
+    let began = ends.now;
+    let mut hellos = 0;
+    while let Some(at) = ends.operator.poll_at() {
+        ends.now = at;
+        while ends.operator.poll(at).is_some() {
+            hellos += 1;
+        }
+    }
+    assert_eq!(ends.operator.status(ends.now), Status::Failed(ConnectError::NoAnswer));
+    assert_eq!(ends.now.since(began), CONNECT_PATIENCE);
+    assert_eq!(hellos, 30, "one each 100 ms");
+    assert_eq!(ends.operator.poll(ends.now), None);
+    ends.operator.connect(ends.now);
+    assert_eq!(ends.run(), Status::Connected, "and it can be tried again");
+}
+
+#[test]
+fn another_version_is_named_and_told_which_end_to_update() {
+    // A hello of another version: the version's bytes follow magic and kind.
+    let mut ends = Ends::new(Some(key(1)), key(1));
+    let mut hello = ends.operator.poll(ends.now).unwrap();
+    hello[4] = hello[4].wrapping_add(1);
+    let RobotReceived::Dropped(DropReason::Version, Some(mut refusal)) = ends.to_robot(&hello)
+    else {
+        panic!("refused for its version");
+    };
+    // The refusal of a robot of a later version: reason and version follow magic and kind.
+    refusal[5..7].copy_from_slice(&(VERSION.number + 4).to_le_bytes());
+    ends.to_operator(&refusal);
+    while let Some(at) = ends.operator.poll_at() {
+        ends.now = at;
+        let _ = ends.operator.poll(at);
+    }
+    let Status::Failed(error) = ends.operator.status(ends.now) else { panic!("refused") };
+    assert_eq!(error, ConnectError::OtherVersion(VERSION.number + 4));
+    assert!(error.to_string().ends_with("update this program"), "{error}");
+}
+
+#[test]
+fn a_forged_refusal_does_not_keep_an_operator_from_its_robot() {
+    let mut ends = Ends::new(Some(key(1)), key(1));
+    let hello = ends.operator.poll(ends.now).unwrap();
+    let mut stranger = RobotSession::new(Some(key(9)), [9; 32]);
+    let forged = answer(stranger.receive(ends.now, OPERATOR, &hello), hello.len()).unwrap();
+    ends.to_operator(&forged);
+    assert_eq!(ends.run(), Status::Connected);
+}
+
+#[test]
+fn a_refusal_for_somebody_else_is_ignored() {
+    let mut ends = Ends::new(Some(key(2)), key(1));
+    let hello = second_operator(ends.now).poll(ends.now).unwrap();
+    let refusal = answer(ends.to_robot(&hello), hello.len()).unwrap();
+    assert_eq!(ends.to_operator(&refusal), OperatorReceived::Dropped(DropReason::Session));
+}
+
+#[test]
+fn a_lost_accept_is_said_again_and_nothing_starts_over() {
+    let mut ends = Ends::new(Some(key(1)), key(1));
+    let hello = ends.operator.poll(ends.now).unwrap();
+    let challenge = answer(ends.to_robot(&hello), hello.len()).unwrap();
+    ends.to_operator(&challenge);
+    let confirm = ends.operator.poll(ends.now).unwrap();
+    let RobotReceived::Connected(lost) = ends.to_robot(&confirm) else { panic!("connected") };
+    ends.wait(Duration::from_millis(100));
+    let again = ends.operator.poll(ends.now).unwrap();
+    assert_eq!(ends.to_robot(&again), RobotReceived::Answer(lost.clone()));
+    assert_eq!(ends.to_operator(&lost), OperatorReceived::Connected);
+}
+
+#[test]
+fn the_robots_first_message_says_what_a_lost_accept_would_have_said() {
+    let mut ends = Ends::new(Some(key(1)), key(1));
+    let hello = ends.operator.poll(ends.now).unwrap();
+    let challenge = answer(ends.to_robot(&hello), hello.len()).unwrap();
+    ends.to_operator(&challenge);
+    let confirm = ends.operator.poll(ends.now).unwrap();
+    ends.to_robot(&confirm);
+    let (_, frame) = ends.robot.send(ends.now, &telemetry(1)).unwrap();
+    assert_eq!(ends.to_operator(&frame), OperatorReceived::Message(telemetry(1)));
+    assert_eq!(ends.operator.status(ends.now), Status::Connected);
+}
+
+#[test]
+fn every_session_has_new_keys() {
+    let mut ends = Ends::connected();
+    let first = ends.operator.send(ends.now, &command(1, Command::Arm)).unwrap();
+    ends.operator.connect(ends.now);
+    ends.run();
+    let second = ends.operator.send(ends.now, &command(1, Command::Arm)).unwrap();
+    assert_ne!(first[4..8], second[4..8], "another session id");
+    assert_ne!(first[SEALED_HEADER..], second[SEALED_HEADER..], "another ciphertext");
+}
+
+// One operator at a time
+
+#[test]
+fn a_second_operator_waits_until_the_first_is_silent_for_one_second() {
+    let mut ends = Ends::connected();
+    let silent_since = ends.now;
+    let mut second = second_operator(ends.now);
+    let hello = second.poll(ends.now).unwrap();
+    let before = silent_since + (HOLDER_SILENCE - TICK);
+    let received = ends.robot.receive(before, SECOND_OPERATOR, &hello);
+    assert!(matches!(received, RobotReceived::Dropped(DropReason::Busy, Some(_))), "{received:?}");
+    let after = silent_since + HOLDER_SILENCE;
+    let received = ends.robot.receive(after, SECOND_OPERATOR, &hello);
+    assert!(matches!(received, RobotReceived::Answer(_)), "{received:?}");
+}
+
+#[test]
+fn a_second_operator_is_told_that_the_robot_is_busy() {
+    let mut ends = Ends::connected();
+    let mut second = second_operator(ends.now);
+    while let Some(at) = second.poll_at() {
+        ends.now = at;
+        let frame = ends.operator.send(at, &command(1, Command::Ping(1))).unwrap();
+        ends.to_robot(&frame);
+        while let Some(frame) = second.poll(at) {
+            let received = ends.robot.receive(at, SECOND_OPERATOR, &frame);
+            second.receive(at, &answer(received, frame.len()).unwrap());
+        }
+    }
+    assert_eq!(second.status(ends.now), Status::Failed(ConnectError::Busy));
+    assert_eq!(ends.robot.peer(ends.now), Some(OPERATOR), "the first keeps the robot");
+}
+
+#[test]
+fn a_challenge_won_while_the_robot_was_free_does_not_take_it_from_its_holder() {
+    let mut ends = Ends::new(Some(key(1)), key(1));
+    let mut second = second_operator(ends.now);
+    let hello = second.poll(ends.now).unwrap();
+    let challenge = answer(ends.robot.receive(ends.now, SECOND_OPERATOR, &hello), 64).unwrap();
+    second.receive(ends.now, &challenge);
+    let confirm = second.poll(ends.now).unwrap();
+    ends.run();
+    let received = ends.robot.receive(ends.now, SECOND_OPERATOR, &confirm);
+    assert!(matches!(received, RobotReceived::Dropped(..)), "{received:?}");
+    assert_eq!(ends.robot.peer(ends.now), Some(OPERATOR));
+}
+
+#[test]
+fn an_operator_that_died_is_replaced_in_one_attempt() {
+    let mut ends = Ends::connected();
+    let mut second = second_operator(ends.now);
+    let (now, status) = connect(ends.now, &mut second, &mut ends.robot, SECOND_OPERATOR);
+    assert_eq!(status, Status::Connected);
+    assert_eq!(ends.robot.peer(now), Some(SECOND_OPERATOR));
+}
+
+#[test]
+fn the_holder_itself_may_connect_again_at_once() {
+    let mut ends = Ends::connected();
+    let began = ends.now;
+    ends.operator.connect(ends.now);
+    assert_eq!(ends.run(), Status::Connected);
+    assert_eq!(ends.now, began);
+}
+
+#[test]
+fn goodbye_frees_the_robot_at_once() {
+    let mut ends = Ends::connected();
+    let began = ends.now;
+    let goodbye = ends.operator.goodbye().unwrap();
+    assert_eq!(ends.to_robot(&goodbye), RobotReceived::Left);
+    assert_eq!(ends.robot.send(ends.now, &telemetry(1)), Err(SendError::NoSession));
+    let mut second = second_operator(ends.now);
+    let (now, status) = connect(ends.now, &mut second, &mut ends.robot, SECOND_OPERATOR);
+    assert_eq!((now, status), (began, Status::Connected));
+}
+
+#[test]
+fn a_replayed_goodbye_does_not_end_the_next_session() {
+    let mut ends = Ends::connected();
+    let goodbye = ends.operator.goodbye().unwrap();
+    ends.to_robot(&goodbye);
+    ends.operator.connect(ends.now);
+    ends.run();
+    assert_eq!(ends.to_robot(&goodbye), RobotReceived::Dropped(DropReason::Session, None));
+}
+
+#[test]
+fn a_robot_that_leaves_says_so() {
+    let mut ends = Ends::connected();
+    let (_, goodbye) = ends.robot.goodbye(ends.now).unwrap();
+    assert_eq!(ends.to_operator(&goodbye), OperatorReceived::Left);
+    assert_eq!(ends.operator.status(ends.now), Status::Left);
+}
+
+#[test]
+fn a_silent_session_is_forgotten() {
+    let mut ends = Ends::connected();
+    ends.wait(SESSION_EXPIRY - TICK);
+    assert!(ends.robot.send(ends.now, &telemetry(1)).is_ok());
+    ends.wait(TICK);
+    assert_eq!(ends.robot.send(ends.now, &telemetry(1)), Err(SendError::NoSession));
+    let late = ends.operator.send(ends.now, &command(1, Command::Arm)).unwrap();
+    assert_eq!(ends.to_robot(&late), RobotReceived::Dropped(DropReason::Session, None));
+}
+
+#[test]
+fn the_operator_sees_when_the_robot_falls_silent() {
+    let mut ends = Ends::connected();
+    ends.wait(HOLDER_SILENCE - TICK);
+    assert_eq!(ends.operator.status(ends.now), Status::Connected);
+    ends.wait(TICK);
+    assert_eq!(ends.operator.status(ends.now), Status::Silent(HOLDER_SILENCE));
+}
+
+#[test]
+fn another_key_ends_the_session_of_a_live_robot() {
+    let mut ends = Ends::connected();
+    let frame = ends.operator.send(ends.now, &command(1, Command::Arm)).unwrap();
+    ends.robot.set_key(Some(key(2)));
+    assert_eq!(ends.to_robot(&frame), RobotReceived::Dropped(DropReason::Session, None));
+    ends.operator.connect(ends.now);
+    assert_eq!(ends.run(), Status::Failed(ConnectError::WrongKey));
+    let mut owner = OperatorSession::new(key(2), [44; 32], ends.now);
+    let (_, status) = connect(ends.now, &mut owner, &mut ends.robot, OPERATOR);
+    assert_eq!(status, Status::Connected);
+}
+
+// Newest wins
+
+#[test]
+fn a_command_older_than_one_obeyed_is_stale() {
+    let mut ends = Ends::connected();
+    let older = ends.operator.send(ends.now, &command(1, setpoint(30.0, 0.0))).unwrap();
+    let newer = ends.operator.send(ends.now, &command(2, setpoint(10.0, 0.0))).unwrap();
+    assert_eq!(ends.to_robot(&newer), RobotReceived::Command(command(2, setpoint(10.0, 0.0))));
+    assert_eq!(ends.to_robot(&older), RobotReceived::Dropped(DropReason::Stale, None));
+    assert_eq!(ends.robot.quality(ends.now).dropped.stale, 1);
+}
+
+#[test]
+fn a_stop_is_honoured_however_late() {
+    let mut ends = Ends::connected();
+    let stop = ends.operator.send(ends.now, &command(1, Command::Stop)).unwrap();
+    let newer = ends.operator.send(ends.now, &command(2, setpoint(10.0, 0.0))).unwrap();
+    ends.to_robot(&newer);
+    assert_eq!(ends.to_robot(&stop), RobotReceived::Command(command(1, Command::Stop)));
+    assert_eq!(
+        ends.to_robot(&stop),
+        RobotReceived::Dropped(DropReason::Replayed, None),
+        "but once alone: a replayed stop would be a way to stop any robot"
+    );
+}
+
+#[test]
+fn a_late_stop_does_not_let_older_commands_in() {
+    let mut ends = Ends::connected();
+    let stop = ends.operator.send(ends.now, &command(1, Command::Stop)).unwrap();
+    let older = ends.operator.send(ends.now, &command(2, Command::Arm)).unwrap();
+    let newer = ends.operator.send(ends.now, &command(3, Command::Disarm)).unwrap();
+    ends.to_robot(&newer);
+    ends.to_robot(&stop);
+    assert_eq!(ends.to_robot(&older), RobotReceived::Dropped(DropReason::Stale, None));
+}
+
+#[test]
+fn telemetry_older_than_what_was_shown_is_stale_but_replies_are_not() {
+    let mut ends = Ends::connected();
+    let reply = ToOperator::Reply(Reply { request: 1, outcome: Outcome::Done });
+    let (_, late_reply) = ends.robot.send(ends.now, &reply).unwrap();
+    let (_, older) = ends.robot.send(ends.now, &telemetry(1)).unwrap();
+    let (_, newer) = ends.robot.send(ends.now, &telemetry(2)).unwrap();
+    ends.to_operator(&newer);
+    assert_eq!(ends.to_operator(&older), OperatorReceived::Dropped(DropReason::Stale));
+    assert_eq!(ends.to_operator(&late_reply), OperatorReceived::Message(reply));
+}
+
+// What cannot be
+
+/// Request 7 for a setpoint of these numbers, whatever they are.
+fn unchecked_setpoint(frequency: f32, direction: f32) -> Vec<u8> {
+    [[7, 0].as_slice(), &frequency.to_le_bytes(), &direction.to_le_bytes()].concat()
+}
+
+#[test]
+fn numbers_that_are_no_setpoint_are_refused_with_the_range() {
+    let mut ends = Ends::connected();
+    for (frequency, direction, refusal) in [
+        (f32::NAN, 0.0, Refusal::frequency()),
+        (f32::INFINITY, 0.0, Refusal::frequency()),
+        (1e9, 0.0, Refusal::frequency()),
+        (0.0, f32::NAN, Refusal::direction()),
+        (0.0, f32::NEG_INFINITY, Refusal::direction()),
+        (0.0, 400.0, Refusal::direction()),
+    ] {
+        let plain = unchecked_setpoint(frequency, direction);
+        let frame = ends.operator.send_bytes(&plain).unwrap();
+        assert_eq!(ends.to_robot(&frame), RobotReceived::Refused { request: 7, refusal });
+    }
+    assert_eq!(
+        Refusal::frequency().to_string(),
+        format!(
+            "shaking frequency must be from {} to {}",
+            -MAXIMUM_FREQUENCY.get(),
+            MAXIMUM_FREQUENCY.get()
+        )
+    );
+}
+
+#[test]
+fn an_unknown_command_is_refused_as_malformed() {
+    let mut ends = Ends::connected();
+    let frame = ends.operator.send_bytes(&[7, 99]).unwrap();
+    let refused = RobotReceived::Refused { request: 7, refusal: Refusal::Malformed };
+    assert_eq!(ends.to_robot(&frame), refused);
+}
+
+// Replays
+
+#[test]
+fn an_old_confirm_never_opens_a_session_again() {
+    let mut ends = Ends::new(Some(key(1)), key(1));
+    let hello = ends.operator.poll(ends.now).unwrap();
+    let challenge = answer(ends.to_robot(&hello), hello.len()).unwrap();
+    ends.to_operator(&challenge);
+    let confirm = ends.operator.poll(ends.now).unwrap();
+    assert!(matches!(ends.to_robot(&confirm), RobotReceived::Connected(_)));
+    ends.robot.end();
+    assert_eq!(ends.to_robot(&confirm), RobotReceived::Dropped(DropReason::Replayed, None));
+}
+
+#[test]
+fn a_kept_confirm_goes_stale_with_its_epoch() {
+    let mut ends = Ends::new(Some(key(1)), key(1));
+    let hello = ends.operator.poll(ends.now).unwrap();
+    let challenge = answer(ends.to_robot(&hello), hello.len()).unwrap();
+    ends.to_operator(&challenge);
+    let confirm = ends.operator.poll(ends.now).unwrap();
+    ends.wait(2 * COOKIE_EPOCH);
+    assert_eq!(ends.to_robot(&confirm), RobotReceived::Dropped(DropReason::Replayed, None));
+}
+
+#[test]
+fn a_confirm_from_another_address_is_worth_nothing() {
+    let mut ends = Ends::new(Some(key(1)), key(1));
+    let hello = ends.operator.poll(ends.now).unwrap();
+    let challenge = answer(ends.to_robot(&hello), hello.len()).unwrap();
+    ends.to_operator(&challenge);
+    let confirm = ends.operator.poll(ends.now).unwrap();
+    for thief in [SECOND_OPERATOR, SocketAddr::new(OPERATOR.ip(), OPERATOR.port() + 1)] {
+        let received = ends.robot.receive(ends.now, thief, &confirm);
+        assert_eq!(received, RobotReceived::Dropped(DropReason::Replayed, None));
+    }
+}
+
+#[test]
+fn datagrams_of_a_rolled_back_session_are_dropped() {
+    let mut ends = Ends::connected();
+    let old = ends.operator.send(ends.now, &command(1, setpoint(35.0, 0.0))).unwrap();
+    ends.operator.connect(ends.now);
+    ends.run();
+    assert_eq!(ends.to_robot(&old), RobotReceived::Dropped(DropReason::Session, None));
+}
+
+#[test]
+fn what_one_robot_was_sent_moves_no_other_even_with_the_same_key() {
+    let mut ends = Ends::connected();
+    let mut other_robot = RobotSession::new(Some(key(1)), [12; 32]);
+    let mut other_operator = second_operator(ends.now);
+    connect(ends.now, &mut other_operator, &mut other_robot, OPERATOR);
+    let mut frame = ends.operator.send(ends.now, &command(1, setpoint(35.0, 0.0))).unwrap();
+    let theirs = other_operator.send(ends.now, &command(1, Command::Arm)).unwrap();
+    let dropped = RobotReceived::Dropped(DropReason::Session, None);
+    assert_eq!(other_robot.receive(ends.now, OPERATOR, &frame), dropped);
+    // Spliced: the other session's header before this session's body.
+    frame[..SEALED_HEADER].copy_from_slice(&theirs[..SEALED_HEADER]);
+    let dropped = RobotReceived::Dropped(DropReason::Forged, None);
+    assert_eq!(other_robot.receive(ends.now, OPERATOR, &frame), dropped);
+}
+
+#[test]
+fn a_datagram_reflected_to_its_sender_is_dropped() {
+    let mut ends = Ends::connected();
+    let frame = ends.operator.send(ends.now, &command(1, Command::Arm)).unwrap();
+    assert_eq!(ends.to_operator(&frame), OperatorReceived::Dropped(DropReason::Forged));
+    let (_, frame) = ends.robot.send(ends.now, &telemetry(1)).unwrap();
+    assert_eq!(ends.to_robot(&frame), RobotReceived::Dropped(DropReason::Forged, None));
+}
+
+#[test]
+fn a_session_belongs_to_the_address_that_opened_it() {
+    let mut ends = Ends::connected();
+    let frame = ends.operator.send(ends.now, &command(1, Command::Arm)).unwrap();
+    let received = ends.robot.receive(ends.now, SECOND_OPERATOR, &frame);
+    assert_eq!(received, RobotReceived::Dropped(DropReason::Session, None));
+}
+
+// Health
+
+#[test]
+fn gaps_and_silence_are_counted() {
+    let mut ends = Ends::connected();
+    let frames: Vec<_> = (0..5)
+        .map(|request| ends.operator.send(ends.now, &command(request, Command::Arm)).unwrap())
+        .collect();
+    assert_eq!(ends.robot.quality(ends.now).silence_us, u32::MAX, "no command yet");
+    ends.to_robot(&frames[0]);
+    ends.to_robot(&frames[4]);
+    ends.wait(Duration::from_millis(7));
+    let quality = ends.robot.quality(ends.now);
+    assert_eq!((quality.lost, quality.silence_us), (3, 7_000));
+    ends.to_robot(&frames[2]);
+    assert_eq!(ends.robot.quality(ends.now).lost, 2, "late, not lost");
+
+    for time in 0..4 {
+        let (_, frame) = ends.robot.send(ends.now, &telemetry(time)).unwrap();
+        if time % 2 == 1 {
+            ends.to_operator(&frame);
+        }
+    }
+    let health = ends.operator.health();
+    assert_eq!((health.accepted, health.lost, health.loss()), (2, 2, 0.5));
+}
+
+#[test]
+fn a_reply_tells_the_round_trip_unless_its_command_was_repeated() {
+    let mut ends = Ends::connected();
+    let reply = |request| ToOperator::Reply(Reply { request, outcome: Outcome::Done });
+    ends.operator.send(ends.now, &command(1, Command::Ping(1))).unwrap();
+    ends.wait(Duration::from_millis(12));
+    let (_, frame) = ends.robot.send(ends.now, &reply(1)).unwrap();
+    ends.to_operator(&frame);
+    assert_eq!(ends.operator.health().round_trip, Some(Duration::from_millis(12)));
+    for _ in 0..2 {
+        ends.operator.send(ends.now, &command(2, Command::Stop)).unwrap();
+        ends.wait(Duration::from_millis(50));
+    }
+    let (_, frame) = ends.robot.send(ends.now, &reply(2)).unwrap();
+    ends.to_operator(&frame);
+    assert_eq!(ends.operator.health().round_trip, Some(Duration::from_millis(12)));
+}
+
+// Keys
+
+#[test]
+fn a_key_comes_back_from_its_text_and_is_never_shown() {
+    let key = Key::new(core::array::from_fn(|place| place as u8 * 7));
+    let text = key.to_text();
+    let text = core::str::from_utf8(&*text).unwrap();
+    assert_eq!(text.parse(), Ok(key.clone()));
+    assert_eq!(format!(" {}\n", text.to_uppercase()).parse(), Ok(key.clone()));
+    assert_eq!(format!("{key:?}"), "Key(secret)");
+}
+
+#[test]
+fn text_that_is_no_key_is_refused_with_its_fault() {
+    let parse = |text: &str| text.parse::<Key>().unwrap_err();
+    assert_eq!(parse(""), KeyError::Length(0));
+    assert_eq!(parse(&"a".repeat(63)), KeyError::Length(63));
+    assert_eq!(parse(&"a".repeat(65)), KeyError::Length(65));
+    assert_eq!(parse(&("a".repeat(10) + "g" + &"a".repeat(53))), KeyError::Digit(10));
+    assert_eq!(parse(&("a".repeat(62) + "ä")), KeyError::Digit(62));
+    assert_eq!(parse(&("a".repeat(62) + "+1")), KeyError::Digit(62));
+    assert_eq!(parse(&"0".repeat(64)), KeyError::Zero);
 }

@@ -80,6 +80,12 @@ impl Channel {
         self.seal_bytes(plain)
     }
 
+    /// Seals any bytes.
+    pub(super) fn seal_copy(&mut self, plain: &[u8]) -> Result<Frame, SendError> {
+        let mut plain = Plain::from_slice(plain).map_err(|_| SendError::TooLong)?;
+        self.seal_bytes(&mut plain)
+    }
+
     /// Seals the empty message that says goodbye.
     pub(super) fn seal_goodbye(&mut self) -> Result<Frame, SendError> {
         self.seal_bytes(&mut [])

@@ -290,6 +290,18 @@ impl OperatorSession {
         Ok(frame)
     }
 
+    /// Seals bytes that need not be a command. A robot answers what it cannot read with a refusal;
+    /// this is how to see that.
+    ///
+    /// # Errors
+    /// As for [`OperatorSession::send`].
+    pub fn send_bytes(&mut self, plain: &[u8]) -> Result<Frame, SendError> {
+        let Phase::Established(session) = &mut self.phase else {
+            return Err(SendError::NoSession);
+        };
+        session.channel.seal_copy(plain)
+    }
+
     /// Ends the session and makes the datagram that tells the robot so.
     ///
     /// # Errors
