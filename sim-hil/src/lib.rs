@@ -6,4 +6,5 @@ pub mod model;
 pub mod operation;
 pub mod plant;
 pub mod robot;
+pub mod study;
 pub mod view;

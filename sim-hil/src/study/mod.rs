@@ -1,0 +1,287 @@
+//! Studies: many independent cells, computed in parallel, never lost.
+//!
+//! A [`Study`] lists its cells and computes a batch of them. [`run`] does the rest: it takes the
+//! cells of its [`Shard`], skips those that an earlier, interrupted run already finished, computes
+//! the others on all cores with a progress bar, writes each batch to the journal as it ends, and at
+//! last writes one Parquet file. [`merge`] joins the Parquet files of shards into that of the whole.
+//!
+//! ```text
+//! cells of the study -> those of the shard -> those not in cells.csv -> computed -> cells.csv
+//!                                                                  all there? -> results.parquet
+//! ```
+//!
+//! What a result depends on (parameters, model, version of this crate) is hashed into a
+//! [`Fingerprint`]; results of another fingerprint are refused, never mixed.
+
+mod journal;
+mod shard;
+mod table;
+
+pub use journal::JournalError;
+pub use shard::{Shard, ShardError};
+pub use table::{Table, TableError, merge};
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use flix_host::interrupt::Interrupt;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use journal::Journal;
+
+/// One column of a study's table.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Column {
+    /// Name with its unit, for example `forward_m_s`.
+    pub name: String,
+    /// Whether the values are text; numbers otherwise.
+    pub text: bool,
+}
+
+impl Column {
+    /// A column of numbers.
+    pub fn number(name: impl Into<String>) -> Self {
+        Self { name: name.into(), text: false }
+    }
+
+    /// A column of words.
+    pub fn text(name: impl Into<String>) -> Self {
+        Self { name: name.into(), text: true }
+    }
+}
+
+/// One entry of a row.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Value {
+    /// For a column of numbers.
+    Number(f64),
+    /// For a column of words.
+    Text(String),
+}
+
+impl From<f64> for Value {
+    fn from(number: f64) -> Self {
+        Self::Number(number)
+    }
+}
+
+impl From<&str> for Value {
+    fn from(text: &str) -> Self {
+        Self::Text(text.to_owned())
+    }
+}
+
+impl Value {
+    /// The number, if it is one.
+    #[must_use]
+    pub const fn number(&self) -> Option<f64> {
+        match self {
+            Self::Number(number) => Some(*number),
+            Self::Text(_) => None,
+        }
+    }
+
+    /// The text, if it is one.
+    #[must_use]
+    pub fn as_text(&self) -> Option<&str> {
+        match self {
+            Self::Number(_) => None,
+            Self::Text(text) => Some(text),
+        }
+    }
+}
+
+/// One row: a value a column.
+pub type Row = Vec<Value>;
+
+/// What all results of a table depend on, as a hash.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Fingerprint(String);
+
+impl fmt::Display for Fingerprint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// Many independent cells.
+pub trait Study: Sync {
+    /// For files and people, for example `mobility`.
+    fn name(&self) -> &'static str;
+
+    /// Everything that results depend on and that the caller can change, models included.
+    fn parameters(&self) -> serde_json::Value;
+
+    /// The columns of the table.
+    fn columns(&self) -> Vec<Column>;
+
+    /// How many cells there are.
+    fn cells(&self) -> usize;
+
+    /// How many cells are best computed together.
+    fn batch(&self) -> usize {
+        1
+    }
+
+    /// Computes these cells, one row each, in order. Must not depend on which cells come together.
+    ///
+    /// # Errors
+    /// With what went wrong, as a sentence.
+    fn compute(&self, cells: &[usize]) -> Result<Vec<Row>, String>;
+
+    /// The hash of name, parameters, columns and program version.
+    fn fingerprint(&self) -> Fingerprint {
+        let identity = serde_json::json!({
+            "study": self.name(),
+            "parameters": self.parameters(),
+            "columns": self.columns(),
+            "version": env!("CARGO_PKG_VERSION"),
+        });
+        let digest = Sha256::digest(identity.to_string().as_bytes());
+        Fingerprint(digest.iter().take(8).map(|byte| format!("{byte:02x}")).collect())
+    }
+}
+
+/// Where and how to run a study.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Folder for everything that the study writes; made when missing.
+    pub folder: PathBuf,
+    /// Which of the cells to compute.
+    pub shard: Shard,
+    /// Forget what an earlier run left in the folder.
+    pub restart: bool,
+    /// Ends the run between two batches, with all finished cells kept.
+    pub interrupt: Interrupt,
+}
+
+/// Why a study did not end with a table.
+#[derive(Debug, thiserror::Error)]
+pub enum StudyError {
+    /// The journal failed.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+    /// The table failed.
+    #[error(transparent)]
+    Table(#[from] TableError),
+    /// A cell could not be computed.
+    #[error("a cell of the study failed: {sentence}; the {finished} finished cells are kept")]
+    Cell {
+        /// What went wrong.
+        sentence: String,
+        /// Cells that are safe.
+        finished: usize,
+    },
+    /// Somebody asked to end.
+    #[error(
+        "interrupted with {finished} of {cells} cells finished; run the same command again to go on"
+    )]
+    Interrupted {
+        /// Cells that are safe.
+        finished: usize,
+        /// Cells of the shard.
+        cells: usize,
+    },
+}
+
+impl Options {
+    /// Name of the folder's files for this shard.
+    fn path(&self, stem: &str, extension: &str) -> PathBuf {
+        self.folder.join(format!("{stem}{}.{extension}", self.shard.suffix()))
+    }
+}
+
+/// Computes what is missing and returns the whole table of the shard, rows in order of cells.
+///
+/// # Errors
+/// See [`StudyError`]; finished cells are on the disk whatever happens, and the same call goes on
+/// from there.
+pub fn run(study: &dyn Study, options: &Options) -> Result<Table, StudyError> {
+    let fingerprint = study.fingerprint();
+    let columns = study.columns();
+    let cells: Vec<usize> =
+        (0..study.cells()).filter(|cell| options.shard.contains(*cell)).collect();
+    let journal_path = options.path("cells", "csv");
+    let (journal, finished) =
+        Journal::open(&journal_path, study.name(), &fingerprint, &columns, options.restart)?;
+    let mut rows = finished;
+    rows.retain(|cell, _| options.shard.contains(*cell) && *cell < study.cells());
+    let missing: Vec<usize> =
+        cells.iter().copied().filter(|cell| !rows.contains_key(cell)).collect();
+
+    let bar = progress(study.name(), cells.len(), rows.len());
+    let journal = Mutex::new(journal);
+    let computed: Vec<Result<Vec<(usize, Row)>, StudyError>> = missing
+        .chunks(study.batch().max(1))
+        .collect::<Vec<_>>()
+        .into_par_iter()
+        .map(|batch| {
+            if options.interrupt.is_raised() {
+                return Ok(Vec::new());
+            }
+            let rows = study
+                .compute(batch)
+                .map_err(|sentence| StudyError::Cell { sentence, finished: 0 })?;
+            let rows: Vec<(usize, Row)> = batch.iter().copied().zip(rows).collect();
+            journal.lock().unwrap_or_else(std::sync::PoisonError::into_inner).append(&rows)?;
+            bar.inc(batch.len() as u64);
+            Ok(rows)
+        })
+        .collect();
+
+    let mut failure = None;
+    for batch in computed {
+        match batch {
+            Ok(batch) => rows.extend(batch),
+            Err(error) => failure = failure.or(Some(error)),
+        }
+    }
+    match failure {
+        Some(StudyError::Cell { sentence, .. }) => {
+            return Err(StudyError::Cell { sentence, finished: rows.len() });
+        }
+        Some(other) => return Err(other),
+        None if rows.len() < cells.len() => {
+            return Err(StudyError::Interrupted { finished: rows.len(), cells: cells.len() });
+        }
+        None => bar.finish_and_clear(),
+    }
+    let table = Table {
+        study: study.name().to_owned(),
+        fingerprint,
+        shard: options.shard,
+        cells: study.cells(),
+        parameters: study.parameters(),
+        columns,
+        rows,
+    };
+    table.write(&options.path("results", "parquet"))?;
+    Ok(table)
+}
+
+/// A bar with time left, on stderr, and none where stderr is no terminal.
+#[must_use]
+pub fn progress(name: &str, length: usize, finished: usize) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(length as u64), ProgressDrawTarget::stderr());
+    if let Ok(style) = ProgressStyle::with_template(
+        "{prefix:>14} [{bar:32}] {pos}/{len} cells, {elapsed} so far, {eta} left",
+    ) {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar.set_prefix(name.to_owned());
+    bar.set_position(finished as u64);
+    bar.reset_eta();
+    bar
+}
+
+/// Makes the folder of `path`.
+fn make_folder(path: &Path) -> std::io::Result<()> {
+    path.parent().map_or(Ok(()), std::fs::create_dir_all)
+}
+
+#[cfg(test)]
+mod tests;

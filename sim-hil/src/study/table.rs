@@ -1,0 +1,283 @@
+//! The table of a study as one Parquet file, and the joining of shards.
+//!
+//! The file carries study, fingerprint, shard, number of cells and parameters as key-value
+//! metadata, so that it explains itself and strangers are refused.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use parquet::basic::{ConvertedType, Repetition, Type as Physical};
+use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
+use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::WriterProperties;
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::file::writer::SerializedFileWriter;
+use parquet::record::Field;
+use parquet::schema::types::Type;
+
+use super::{Column, Fingerprint, Row, Shard, Value, make_folder};
+
+/// Rows of a study, or of one shard of it, with what they belong to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Table {
+    /// Name of the study.
+    pub study: String,
+    /// What the results depend on.
+    pub fingerprint: Fingerprint,
+    /// Which cells are in it.
+    pub shard: Shard,
+    /// Cells of the whole study.
+    pub cells: usize,
+    /// What the caller chose.
+    pub parameters: serde_json::Value,
+    /// Meaning of the rows' values.
+    pub columns: Vec<Column>,
+    /// By cell.
+    pub rows: BTreeMap<usize, Row>,
+}
+
+/// Why a table could not be written, read or merged.
+#[derive(Debug, thiserror::Error)]
+pub enum TableError {
+    /// The file cannot be opened or made.
+    #[error("cannot open {}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file cannot be written or read as Parquet.
+    #[error("{} is no whole Parquet table: {source}", path.display())]
+    Parquet {
+        /// The file.
+        path: PathBuf,
+        /// What the library said.
+        source: ParquetError,
+    },
+    /// The Parquet file is not of a study.
+    #[error("{} was not written by a study: it lacks {what}", path.display())]
+    Stranger {
+        /// The file.
+        path: PathBuf,
+        /// What is missing or unreadable.
+        what: String,
+    },
+    /// Nothing to merge.
+    #[error("there is nothing to merge: name the results-*.parquet files of all shards")]
+    Nothing,
+    /// A shard of something else.
+    #[error(
+        "{} is a shard of {found}, the others are of {expected}: merge only shards of one study, one set of parameters and one version",
+        path.display()
+    )]
+    Other {
+        /// The file.
+        path: PathBuf,
+        /// What it is of.
+        found: String,
+        /// What the first is of.
+        expected: String,
+    },
+    /// The same cell came twice.
+    #[error("{} holds cell {cell}, which another shard holds too: name every shard once", path.display())]
+    Twice {
+        /// The file.
+        path: PathBuf,
+        /// The cell.
+        cell: usize,
+    },
+    /// Cells are missing.
+    #[error(
+        "{missing} of {cells} cells are in none of the shards, the first is cell {first}: run or name the shards that hold them"
+    )]
+    Missing {
+        /// How many.
+        missing: usize,
+        /// The first of them.
+        first: usize,
+        /// Of how many.
+        cells: usize,
+    },
+}
+
+impl Table {
+    /// Values of one column of numbers, in order of cells; empty when there is no such column.
+    #[must_use]
+    pub fn numbers(&self, name: &str) -> Vec<f64> {
+        let index = self.columns.iter().position(|column| column.name == name && !column.text);
+        index.map_or_else(Vec::new, |index| {
+            self.rows.values().filter_map(|row| row.get(index)?.number()).collect()
+        })
+    }
+
+    /// Words of one column of text, in order of cells; empty when there is no such column.
+    #[must_use]
+    pub fn texts(&self, name: &str) -> Vec<&str> {
+        let index = self.columns.iter().position(|column| column.name == name && column.text);
+        index.map_or_else(Vec::new, |index| {
+            self.rows.values().filter_map(|row| row.get(index)?.as_text()).collect()
+        })
+    }
+
+    /// Writes the table. It appears whole or not at all.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), TableError> {
+        let file_failed = |source| TableError::File { path: path.to_owned(), source };
+        let partial = path.with_extension("parquet.partial");
+        make_folder(path).map_err(file_failed)?;
+        let file = File::create(&partial).map_err(file_failed)?;
+        self.write_to(file)
+            .map_err(|source| TableError::Parquet { path: path.to_owned(), source })?;
+        std::fs::rename(&partial, path).map_err(file_failed)
+    }
+
+    fn write_to(&self, file: File) -> Result<(), ParquetError> {
+        let mut fields = vec![Arc::new(
+            Type::primitive_type_builder("cell", Physical::INT64)
+                .with_repetition(Repetition::REQUIRED)
+                .build()?,
+        )];
+        for column in &self.columns {
+            let builder = if column.text {
+                Type::primitive_type_builder(&column.name, Physical::BYTE_ARRAY)
+                    .with_converted_type(ConvertedType::UTF8)
+            } else {
+                Type::primitive_type_builder(&column.name, Physical::DOUBLE)
+            };
+            fields.push(Arc::new(builder.with_repetition(Repetition::REQUIRED).build()?));
+        }
+        let schema = Arc::new(Type::group_type_builder("study").with_fields(fields).build()?);
+        let entry = |key: &str, value: String| KeyValue::new(key.to_owned(), Some(value));
+        let properties = WriterProperties::builder()
+            .set_key_value_metadata(Some(vec![
+                entry("study", self.study.clone()),
+                entry("fingerprint", self.fingerprint.to_string()),
+                entry("shard", self.shard.to_string()),
+                entry("cells", self.cells.to_string()),
+                entry("parameters", self.parameters.to_string()),
+            ]))
+            .build();
+        let mut writer = SerializedFileWriter::new(file, schema, Arc::new(properties))?;
+        let mut group = writer.next_row_group()?;
+
+        let cells: Vec<i64> = self.rows.keys().map(|cell| *cell as i64).collect();
+        if let Some(mut column) = group.next_column()? {
+            column.typed::<Int64Type>().write_batch(&cells, None, None)?;
+            column.close()?;
+        }
+        for column in &self.columns {
+            let Some(mut out) = group.next_column()? else { break };
+            if column.text {
+                let words: Vec<ByteArray> =
+                    self.texts(&column.name).into_iter().map(ByteArray::from).collect();
+                out.typed::<ByteArrayType>().write_batch(&words, None, None)?;
+            } else {
+                let numbers = self.numbers(&column.name);
+                out.typed::<DoubleType>().write_batch(&numbers, None, None)?;
+            }
+            out.close()?;
+        }
+        group.close()?;
+        writer.close()?;
+        Ok(())
+    }
+
+    /// Reads a table that [`Table::write`] wrote.
+    ///
+    /// # Errors
+    /// When the file is missing, damaged, or of something else.
+    pub fn read(path: &Path) -> Result<Self, TableError> {
+        let file = File::open(path)
+            .map_err(|source| TableError::File { path: path.to_owned(), source })?;
+        let damaged = |source| TableError::Parquet { path: path.to_owned(), source };
+        let stranger =
+            |what: &str| TableError::Stranger { path: path.to_owned(), what: what.to_owned() };
+        let reader = SerializedFileReader::new(file).map_err(damaged)?;
+        let metadata = reader.metadata().file_metadata();
+        let entry = |key: &str| {
+            metadata
+                .key_value_metadata()
+                .and_then(|entries| entries.iter().find(|entry| entry.key == key))
+                .and_then(|entry| entry.value.clone())
+                .ok_or_else(|| stranger(key))
+        };
+        let columns = metadata
+            .schema_descr()
+            .columns()
+            .iter()
+            .skip(1)
+            .map(|column| Column {
+                name: column.name().to_owned(),
+                text: column.physical_type() == Physical::BYTE_ARRAY,
+            })
+            .collect();
+        let mut rows = BTreeMap::new();
+        for record in reader.get_row_iter(None).map_err(damaged)? {
+            let record = record.map_err(damaged)?;
+            let mut cell = None;
+            let mut row = Row::new();
+            for (index, (_, field)) in record.get_column_iter().enumerate() {
+                match field {
+                    Field::Long(number) if index == 0 => cell = usize::try_from(*number).ok(),
+                    Field::Double(number) => row.push(Value::Number(*number)),
+                    Field::Str(text) => row.push(Value::Text(text.clone())),
+                    _ => return Err(stranger("a table of numbers and words")),
+                }
+            }
+            rows.insert(cell.ok_or_else(|| stranger("the cell column"))?, row);
+        }
+        Ok(Self {
+            study: entry("study")?,
+            fingerprint: Fingerprint(entry("fingerprint")?),
+            shard: entry("shard")?.parse().map_err(|_| stranger("a readable shard"))?,
+            cells: entry("cells")?.parse().map_err(|_| stranger("a readable number of cells"))?,
+            parameters: serde_json::from_str(&entry("parameters")?)
+                .map_err(|_| stranger("readable parameters"))?,
+            columns,
+            rows,
+        })
+    }
+}
+
+/// Joins the tables of all shards into that of the whole study.
+///
+/// # Errors
+/// When a file is of another study, other parameters or another version, when a cell is there
+/// twice, or when cells are missing.
+pub fn merge(paths: &[PathBuf]) -> Result<Table, TableError> {
+    let mut whole: Option<Table> = None;
+    for path in paths {
+        let shard = Table::read(path)?;
+        let Some(merged) = &mut whole else {
+            whole = Some(shard);
+            continue;
+        };
+        let identity = |table: &Table| format!("{} {}", table.study, table.fingerprint);
+        if identity(merged) != identity(&shard) {
+            return Err(TableError::Other {
+                path: path.clone(),
+                found: identity(&shard),
+                expected: identity(merged),
+            });
+        }
+        for (cell, row) in shard.rows {
+            if merged.rows.insert(cell, row).is_some() {
+                return Err(TableError::Twice { path: path.clone(), cell });
+            }
+        }
+    }
+    let mut whole = whole.ok_or(TableError::Nothing)?;
+    let mut missing = (0..whole.cells).filter(|cell| !whole.rows.contains_key(cell));
+    if let Some(first) = missing.next() {
+        let missing = 1 + missing.count();
+        return Err(TableError::Missing { missing, first, cells: whole.cells });
+    }
+    whole.shard = Shard::WHOLE;
+    Ok(whole)
+}

@@ -1,0 +1,150 @@
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::*;
+
+/// Squares of the cells' numbers, counted, failing from one cell on when told.
+struct Squares {
+    cells: usize,
+    scale: f64,
+    computed: AtomicUsize,
+    interrupt_after: usize,
+    interrupt: Interrupt,
+}
+
+impl Squares {
+    fn new(cells: usize) -> Self {
+        Self {
+            cells,
+            scale: 1.0,
+            computed: AtomicUsize::new(0),
+            interrupt_after: usize::MAX,
+            interrupt: Interrupt::never(),
+        }
+    }
+}
+
+impl Study for Squares {
+    fn name(&self) -> &'static str {
+        "squares"
+    }
+    fn parameters(&self) -> serde_json::Value {
+        serde_json::json!({ "scale": self.scale })
+    }
+    fn columns(&self) -> Vec<Column> {
+        vec![Column::text("parity"), Column::number("square")]
+    }
+    fn cells(&self) -> usize {
+        self.cells
+    }
+    fn batch(&self) -> usize {
+        3
+    }
+    fn compute(&self, cells: &[usize]) -> Result<Vec<Row>, String> {
+        if self.computed.fetch_add(cells.len(), Ordering::SeqCst) >= self.interrupt_after {
+            self.interrupt.raise();
+        }
+        Ok(cells
+            .iter()
+            .map(|&cell| {
+                let parity = if cell % 2 == 0 { "even, \"so\"" } else { "odd" };
+                vec![parity.into(), (self.scale * (cell * cell) as f64 / 3.0).into()]
+            })
+            .collect())
+    }
+}
+
+fn options(folder: &Path, shard: &str) -> Options {
+    Options {
+        folder: folder.to_owned(),
+        shard: shard.parse().unwrap(),
+        restart: false,
+        interrupt: Interrupt::never(),
+    }
+}
+
+#[test]
+fn shards_merged_equal_one_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = run(&Squares::new(20), &options(folder.path(), "1/1")).unwrap();
+    let mut files = Vec::new();
+    for index in 1..=3 {
+        let options = options(folder.path(), &format!("{index}/3"));
+        run(&Squares::new(20), &options).unwrap();
+        files.push(options.path("results", "parquet"));
+    }
+    assert_eq!(merge(&files).unwrap(), whole);
+    assert_eq!(Table::read(&folder.path().join("results.parquet")).unwrap(), whole);
+}
+
+#[test]
+fn an_interrupted_study_goes_on_where_it_ended() {
+    let folder = tempfile::tempdir().unwrap();
+    let first = Squares { interrupt_after: 6, ..Squares::new(300) };
+    let stopped = run(
+        &first,
+        &Options { interrupt: first.interrupt.clone(), ..options(folder.path(), "1/1") },
+    );
+    let Err(StudyError::Interrupted { finished, cells: 300 }) = stopped else {
+        panic!("must be interrupted, was {stopped:?}")
+    };
+    let second = Squares::new(300);
+    let table = run(&second, &options(folder.path(), "1/1")).unwrap();
+    assert_eq!((table.rows.len(), second.computed.into_inner()), (300, 300 - finished));
+}
+
+#[test]
+fn a_row_cut_off_by_a_kill_is_computed_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = run(&Squares::new(5), &options(folder.path(), "1/1")).unwrap();
+    let journal = folder.path().join("cells.csv");
+    let text = std::fs::read_to_string(&journal).unwrap();
+    std::fs::write(&journal, &text[..text.len() - 2]).unwrap();
+    let again = Squares::new(5);
+    assert_eq!(run(&again, &options(folder.path(), "1/1")).unwrap(), whole);
+    assert_eq!(again.computed.into_inner(), 1);
+}
+
+#[test]
+fn cells_of_other_parameters_are_refused_and_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    run(&Squares::new(5), &options(folder.path(), "1/1")).unwrap();
+    let other = Squares { scale: 2.0, ..Squares::new(5) };
+    let refused = run(&other, &options(folder.path(), "1/1"));
+    assert!(matches!(refused, Err(StudyError::Journal(JournalError::Other { .. }))));
+    let again = Squares::new(5);
+    run(&again, &options(folder.path(), "1/1")).unwrap();
+    assert_eq!(again.computed.into_inner(), 0);
+}
+
+#[test]
+fn a_shard_of_other_parameters_is_refused_by_name() {
+    let (one, two) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    run(&Squares::new(4), &options(one.path(), "1/2")).unwrap();
+    run(&Squares { scale: 2.0, ..Squares::new(4) }, &options(two.path(), "2/2")).unwrap();
+    let files =
+        [one.path().join("results-1-of-2.parquet"), two.path().join("results-2-of-2.parquet")];
+    let Err(TableError::Other { path, .. }) = merge(&files) else { panic!("must be refused") };
+    assert_eq!(path, files[1]);
+}
+
+#[test]
+fn a_missing_shard_is_told_with_its_first_cell() {
+    let folder = tempfile::tempdir().unwrap();
+    run(&Squares::new(9), &options(folder.path(), "1/2")).unwrap();
+    let merged = merge(&[folder.path().join("results-1-of-2.parquet")]);
+    assert!(matches!(merged, Err(TableError::Missing { missing: 4, first: 1, cells: 9 })));
+}
+
+#[test]
+fn a_file_of_something_else_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("results.parquet");
+    std::fs::write(&path, "not parquet").unwrap();
+    assert!(matches!(Table::read(&path), Err(TableError::Parquet { .. })));
+}
+
+#[test]
+fn slices_are_counted_from_one() {
+    assert!("0/2".parse::<Shard>().is_err() && "3/2".parse::<Shard>().is_err());
+    assert!("x".parse::<Shard>().is_err() && "2/2".parse::<Shard>().is_ok());
+}
