@@ -2,6 +2,7 @@
 //! Drives, watches and records a Flix-Walker from a computer
 
 pub mod cli;
+pub mod explain;
 pub mod interrupt;
 pub mod keys;
 pub mod link;

@@ -1,10 +1,10 @@
 //! `flix completions`: what the shell needs to complete commands, options and values.
 
-use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap_complete::Shell;
 
+use super::output::print;
 use super::{Cli, Error, Exit};
 
 /// Print a shell's completion script.
@@ -26,6 +26,6 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut Cli::description(), "flix", &mut script);
-    io::stdout().write_all(&script).map_err(Error::usage)?;
+    print(&String::from_utf8_lossy(&script))?;
     Ok(Exit::Done.into())
 }

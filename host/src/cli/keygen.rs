@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use super::output::print;
 use super::{Error, Exit};
 use crate::keys::{self, Keyring};
 
@@ -38,6 +39,6 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         }
         (None, None) => return Err(Error::usage("name a FILE or a --robot for the key")),
     };
-    println!("{}", path.display());
+    print(&format!("{}\n", path.display()))?;
     Ok(Exit::Done.into())
 }

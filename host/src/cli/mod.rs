@@ -14,15 +14,28 @@
 //! Failures are one sentence on stderr that says what to do. With `--json` stdout carries JSON
 //! alone.
 
+pub mod clear;
 pub mod completions;
+pub mod discover;
+pub mod drive;
 pub mod keygen;
+pub mod link_test;
+pub mod output;
+pub mod parameters;
+pub mod robot;
+pub mod status;
+pub mod stop;
 
 use std::fmt;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
+use flix_protocol::message::Refusal;
+use flix_protocol::session::ConnectError;
+
 use crate::keys::KeyError;
+use crate::link::udp::LinkError;
 
 /// How a command ended; the numbers are a contract with scripts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,6 +90,30 @@ impl fmt::Display for Error {
 
 impl std::error::Error for Error {}
 
+impl From<LinkError> for Error {
+    fn from(error: LinkError) -> Self {
+        let exit = match &error {
+            LinkError::Network(_)
+            | LinkError::Random(_)
+            | LinkError::Connect(ConnectError::NoAnswer)
+            | LinkError::Silent
+            | LinkError::Left
+            | LinkError::Unanswered
+            | LinkError::Refused(Refusal::LinkUnproven) => Exit::NoAnswer,
+            LinkError::Connect(_) | LinkError::Refused(Refusal::Malformed) => Exit::Refused,
+            LinkError::Refused(
+                Refusal::OutOfRange { .. } | Refusal::NotWhole { .. } | Refusal::UnknownParameter,
+            ) => Exit::Usage,
+            LinkError::Refused(_)
+            | LinkError::Faulted { .. }
+            | LinkError::State { .. }
+            | LinkError::StillStopped => Exit::RobotFault,
+            LinkError::Interrupted => Exit::Interrupted,
+        };
+        Self::new(exit, error)
+    }
+}
+
 impl From<KeyError> for Error {
     fn from(error: KeyError) -> Self {
         Self::usage(error)
@@ -110,6 +147,13 @@ Exit codes: 0 done, 2 usage, 10 no answer, 20 refused (key, version or another o
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Drive(drive::Args),
+    Status(status::Args),
+    Stop(stop::Args),
+    Clear(clear::Args),
+    Parameters(parameters::Args),
+    LinkTest(link_test::Args),
+    Discover(discover::Args),
     Keygen(keygen::Args),
     Completions(completions::Args),
 }
@@ -121,6 +165,13 @@ impl Cli {
     /// With the exit code and the sentence to show.
     pub fn run(&self) -> Result<ExitCode, Error> {
         match &self.command {
+            Command::Drive(args) => drive::run(args),
+            Command::Status(args) => status::run(args),
+            Command::Stop(args) => stop::run(args),
+            Command::Clear(args) => clear::run(args),
+            Command::Parameters(args) => parameters::run(args),
+            Command::LinkTest(args) => link_test::run(args),
+            Command::Discover(args) => discover::run(args),
             Command::Keygen(args) => keygen::run(args),
             Command::Completions(args) => completions::run(args),
         }

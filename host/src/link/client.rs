@@ -38,7 +38,7 @@ pub enum Update {
         /// As [`Client::request`] returned it.
         request: u32,
     },
-    /// The robot will not do what is held. Told once for each reason.
+    /// The robot will not shake as held. Told once for each reason.
     SetpointRefused(Refusal),
     /// The robot has stopped, or is on the way to it, and stays so.
     StopAcknowledged,
@@ -155,12 +155,19 @@ impl Client {
     /// Sends a command until it is answered, and returns its number. The answer, or that there is
     /// none, comes as an update.
     ///
-    /// Setpoints are better [held](Client::hold), and stops better [repeated](Client::stop).
+    /// Setpoints are better [held](Client::hold), and stops better [repeated](Client::stop). With
+    /// [`Command::Arm`] rest is held, unless something else is: an armed robot wants setpoints as
+    /// sign of life.
     pub fn request(&mut self, now: Instant, command: Command) -> u32 {
         if matches!(command, Command::Clear) && self.stop == StopState::Acknowledged {
             self.stop = StopState::None;
         }
-        self.is_driving |= matches!(command, Command::Arm);
+        if command == Command::Arm {
+            self.is_driving = true;
+            if self.held.is_none() && self.stop != StopState::Sending {
+                self.hold(now, Setpoint::REST);
+            }
+        }
         let request = self.number();
         self.pending.push_back(Pending {
             message: ToRobot { request, command },
@@ -354,7 +361,8 @@ impl Client {
                 self.is_driving = false;
             }
             self.updates.push_back(Update::Answer { request, outcome });
-        } else if let (Outcome::Refused(refusal), Some(_)) = (outcome, self.held)
+        } else if let (Outcome::Refused(refusal), Some(held)) = (outcome, self.held)
+            && held != Setpoint::REST
             && self.refusal.as_ref() != Some(&refusal)
         {
             self.refusal = Some(refusal.clone());

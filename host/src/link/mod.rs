@@ -23,6 +23,7 @@
 //! *Unanswered*: no reply within [`ANSWER_TIME`]; either direction may have lost it.
 
 mod client;
+pub mod discovery;
 pub mod statistics;
 pub mod udp;
 

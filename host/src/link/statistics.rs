@@ -11,60 +11,77 @@ use super::ANSWER_TIME;
 const REMEMBERED: usize = 4096;
 
 /// How a link has done so far, as its operator sees it.
+///
+/// A command is counted once it is [`ANSWER_TIME`] old, answered or not, so that the counts are of
+/// the same commands.
 #[derive(Debug, Clone, Default)]
 pub struct Statistics {
-    waiting: VecDeque<(u32, Instant)>,
+    recent: VecDeque<Sent>,
     round_trips: VecDeque<Duration>,
     answered: u64,
     unanswered: u64,
 }
 
+#[derive(Debug, Clone)]
+struct Sent {
+    number: u32,
+    at: Instant,
+    is_answered: bool,
+}
+
 impl Statistics {
     /// A command of this number was sent for the first time.
-    pub(super) fn sent(&mut self, number: u32, now: Instant) {
-        self.waiting.push_back((number, now));
+    pub(super) fn sent(&mut self, number: u32, at: Instant) {
+        self.recent.push_back(Sent { number, at, is_answered: false });
     }
 
-    /// A command was sent again: its reply will say nothing about time.
+    /// A command was sent again: its reply will say nothing about time or loss.
     pub(super) fn repeated(&mut self, number: u32) {
-        self.waiting.retain(|(waiting, _)| *waiting != number);
+        self.recent.retain(|sent| sent.number != number);
     }
 
     /// A reply came.
     pub(super) fn replied(&mut self, number: u32, now: Instant) {
-        let Some(place) = self.waiting.iter().position(|(waiting, _)| *waiting == number) else {
+        let Some(sent) = self.recent.iter_mut().find(|sent| sent.number == number) else { return };
+        if sent.is_answered {
             return;
-        };
-        if let Some((_, at)) = self.waiting.remove(place) {
-            self.answered += 1;
-            if self.round_trips.len() == REMEMBERED {
-                self.round_trips.pop_front();
-            }
-            self.round_trips.push_back(now.since(at));
         }
+        sent.is_answered = true;
+        if self.round_trips.len() == REMEMBERED {
+            self.round_trips.pop_front();
+        }
+        self.round_trips.push_back(now.since(sent.at));
     }
 
-    /// Gives up waiting for replies that are overdue.
+    /// Counts the commands that are old enough.
     pub(super) fn expire(&mut self, now: Instant) {
-        while self.waiting.front().is_some_and(|(_, at)| now.since(*at) >= ANSWER_TIME) {
-            self.waiting.pop_front();
-            self.unanswered += 1;
+        while self.recent.front().is_some_and(|sent| now.since(sent.at) >= ANSWER_TIME) {
+            self.count_oldest();
         }
     }
 
     /// Nothing more is to come of what was sent: another session begins.
     pub(super) fn abandon(&mut self) {
-        self.unanswered += self.waiting.len() as u64;
-        self.waiting.clear();
+        while !self.recent.is_empty() {
+            self.count_oldest();
+        }
     }
 
-    /// Commands with a reply.
+    fn count_oldest(&mut self) {
+        match self.recent.pop_front() {
+            Some(Sent { is_answered: true, .. }) => self.answered += 1,
+            Some(_) => self.unanswered += 1,
+            None => {}
+        }
+    }
+
+    /// Commands with a reply within [`ANSWER_TIME`].
     #[must_use]
     pub const fn answered(&self) -> u64 {
         self.answered
     }
 
-    /// Commands without a reply within [`ANSWER_TIME`].
+    /// Commands without.
     #[must_use]
     pub const fn unanswered(&self) -> u64 {
         self.unanswered
@@ -149,6 +166,6 @@ mod tests {
                 statistics.replied(number, at(u64::from(number)));
             }
         }
-        assert!(statistics.waiting.len() < 2000 && statistics.round_trips.len() <= REMEMBERED);
+        assert!(statistics.recent.len() < 2000 && statistics.round_trips.len() <= REMEMBERED);
     }
 }

@@ -5,11 +5,12 @@ use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::time::Duration;
 
 use flix_protocol::frame::MAXIMUM_DATAGRAM;
-use flix_protocol::message::{Command, Outcome, Refusal};
+use flix_protocol::message::{Command, Fault, Faults, Outcome, Refusal, State, Telemetry};
 use flix_protocol::session::{ConnectError, Key};
 use flix_protocol::units::Instant;
 
 use super::{Client, StopState, Update};
+use crate::explain;
 use crate::interrupt::Interrupt;
 
 /// How long a program that ends by accident repeats stop before it gives up on an acknowledgement.
@@ -17,6 +18,16 @@ use crate::interrupt::Interrupt;
 pub const FAREWELL_PATIENCE: Duration = Duration::from_millis(500);
 /// How long a program that was asked to end repeats stop.
 pub const STOP_PATIENCE: Duration = Duration::from_secs(2);
+/// How long a robot may take to prove its link and to align its motors.
+pub const ARM_PATIENCE: Duration = Duration::from_secs(20);
+/// How long a robot may take to ramp down, twice over.
+pub const DISARM_PATIENCE: Duration = Duration::from_secs(2);
+/// How long clearing is repeated: faults brake for half a second before they can be forgotten.
+pub const CLEAR_PATIENCE: Duration = Duration::from_secs(3);
+/// Interval at which arming and clearing are tried again.
+const TRY_AGAIN: Duration = Duration::from_millis(100);
+/// Telemetry this long after a reply tells of the state that the reply spoke of.
+const TELEMETRY_LAG: Duration = Duration::from_millis(500);
 /// Longest wait for a datagram before interruptions are looked at again.
 const LONGEST_WAIT: Duration = Duration::from_millis(20);
 /// The shortest timeout worth asking of the operating system.
@@ -44,11 +55,41 @@ pub enum LinkError {
     #[error("the robot did not answer within {} s: the link loses too much; see `flix link-test`", super::REQUEST_PATIENCE.as_secs())]
     Unanswered,
     /// The robot will not.
-    #[error("the robot refused: {0}")]
+    #[error("the robot refused: {0}{hint}", hint = hint(.0))]
     Refused(Refusal),
+    /// The robot has a fault.
+    #[error("the robot has a fault: {}; `flix clear` forgets it once its cause is gone", describe(*.first, *.all))]
+    Faulted {
+        /// The cause of the rest.
+        first: Option<Fault>,
+        /// All that are latched.
+        all: Faults,
+    },
+    /// The robot did not come into the state that was asked for, or left it by itself.
+    #[error("the robot is {actual} where it should be {wanted}: see `flix status`")]
+    State {
+        /// As asked.
+        wanted: State,
+        /// As it is.
+        actual: State,
+    },
+    /// A stop stands, and the robot will not forget it.
+    #[error("the stop stands still: the rotors have not come to rest; see `flix status`")]
+    StillStopped,
     /// A signal.
     #[error("interrupted")]
     Interrupted,
+}
+
+fn hint(refusal: &Refusal) -> String {
+    explain::refusal(refusal).map_or_else(String::new, |hint| format!("; {hint}"))
+}
+
+fn describe(first: Option<Fault>, all: Faults) -> String {
+    let Some(first) = first.or_else(|| all.iter().next()) else { return all.to_string() };
+    let others = all.without(first);
+    let and = if others.is_empty() { String::new() } else { format!(", then {others}") };
+    format!("{first} ({}){and}", explain::fault(first))
 }
 
 /// A robot on the network.
@@ -210,6 +251,102 @@ impl Connection {
         }
     }
 
+    /// Waits until telemetry fulfils this, for at most `patience`. `None` when it did not.
+    ///
+    /// # Errors
+    /// As for [`Connection::wait_for`].
+    pub fn wait_for_telemetry(
+        &mut self,
+        patience: Duration,
+        mut is_wanted: impl FnMut(&Telemetry) -> bool,
+    ) -> Result<Option<Telemetry>, LinkError> {
+        self.wait_for(patience, |_, update| match update {
+            Update::Telemetry(telemetry) if is_wanted(telemetry) => Some(*telemetry),
+            _ => None,
+        })
+    }
+
+    /// Arms the robot: waits until the link is proven and the motors are aligned. From here on the
+    /// robot holds its rotors at rest until [`Client::hold`] says otherwise.
+    ///
+    /// # Errors
+    /// As for [`Connection::ask`]; when a fault comes up.
+    pub fn arm(&mut self) -> Result<(), LinkError> {
+        let deadline = self.now() + ARM_PATIENCE;
+        loop {
+            match self.ask(Command::Arm) {
+                Ok(_) => break,
+                Err(LinkError::Refused(Refusal::LinkUnproven)) if self.now() < deadline => {
+                    self.wait_for(TRY_AGAIN, |_, _| None::<()>)?;
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        let asked = std::time::Instant::now();
+        let mut actual = State::Disarmed;
+        let patience = deadline.since(self.now());
+        let ended = self.wait_for(patience, |_, update| {
+            let Update::Telemetry(telemetry) = update else { return None };
+            actual = telemetry.state;
+            match telemetry.state {
+                State::Armed | State::Running => Some(Ok(())),
+                State::Faulted => Some(Err(faulted(telemetry))),
+                // Telemetry from before the reply, at first.
+                State::Disarmed if asked.elapsed() < TELEMETRY_LAG => None,
+                State::Disarmed => {
+                    Some(Err(LinkError::State { wanted: State::Armed, actual: telemetry.state }))
+                }
+                State::Aligning | State::Stopping => None,
+            }
+        })?;
+        match ended {
+            Some(result) => result,
+            None => Err(LinkError::State { wanted: State::Armed, actual }),
+        }
+    }
+
+    /// Brings the rotors to rest and lets go of the motors.
+    ///
+    /// # Errors
+    /// As for [`Connection::ask`]; when the robot does not come to rest in time.
+    pub fn disarm(&mut self) -> Result<(), LinkError> {
+        self.client.release();
+        self.ask(Command::Disarm)?;
+        let mut actual = State::Stopping;
+        let disarmed = self.wait_for_telemetry(DISARM_PATIENCE, |telemetry| {
+            actual = telemetry.state;
+            matches!(telemetry.state, State::Disarmed | State::Faulted)
+        })?;
+        match disarmed {
+            Some(_) => Ok(()),
+            None => Err(LinkError::State { wanted: State::Disarmed, actual }),
+        }
+    }
+
+    /// Makes the robot forget stop and faults.
+    ///
+    /// # Errors
+    /// As for [`Connection::ask`]; when the cause of a fault is still there.
+    pub fn clear(&mut self) -> Result<(), LinkError> {
+        let deadline = self.now() + CLEAR_PATIENCE;
+        loop {
+            self.ask(Command::Clear)?;
+            let mut last = None;
+            let cleared = self.wait_for_telemetry(TELEMETRY_LAG, |telemetry| {
+                last = Some(*telemetry);
+                !telemetry.stopped && telemetry.faults.is_empty()
+            })?;
+            match last {
+                _ if cleared.is_some() => return Ok(()),
+                _ if self.now() < deadline => {}
+                Some(telemetry) if !telemetry.faults.is_empty() => {
+                    return Err(faulted(&telemetry));
+                }
+                _ => return Err(LinkError::StillStopped),
+            }
+        }
+    }
+
     /// Stops the robot: repeats stop until it is acknowledged, for at most `patience`, through
     /// interruptions and lost sessions. Returns whether it was acknowledged.
     pub fn stop(&mut self, patience: Duration) -> bool {
@@ -249,6 +386,12 @@ impl Drop for Connection {
         }
         self.leave();
     }
+}
+
+/// The faults that telemetry reports, as an error.
+#[must_use]
+pub const fn faulted(telemetry: &Telemetry) -> LinkError {
+    LinkError::Faulted { first: telemetry.first_fault, all: telemetry.faults }
 }
 
 /// Nothing came in time, or nobody listens there yet: trying again is right.

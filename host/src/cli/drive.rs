@@ -1,0 +1,357 @@
+//! `flix drive`: shake so for so long.
+
+use std::fmt::Write;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use flix_protocol::message::{Setpoint, State, Telemetry};
+use flix_protocol::units::{Degrees, Hertz, OutOfRange};
+use serde::Serialize;
+
+use super::output::{milliseconds, print, print_json, progress};
+use super::robot::RobotArgs;
+use super::{Error, Exit};
+use crate::interrupt::Interrupt;
+use crate::link::Update;
+use crate::link::udp::{Connection, LinkError, STOP_PATIENCE, faulted};
+
+/// f counts as reached within this.
+const FREQUENCY_REACHED_HZ: f32 = 0.5;
+/// theta counts as reached within this.
+const DIRECTION_REACHED_DEG: f32 = 5.0;
+/// How often the progress bar moves.
+const SLICE: Duration = Duration::from_millis(100);
+
+/// Arm the robot, shake at one frequency and direction for a time, and disarm it.
+///
+/// Ctrl-C, SIGTERM and a closed terminal stop the robot before the program ends.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+The five modes of the paper's Table IV:
+  forward       --frequency -30 --direction 30
+  left turn     --frequency -30 --direction 90
+  right turn    --frequency 30 --direction 90
+  strafe left   --frequency 30 --direction 30
+  strafe right  --frequency -30 --direction -60
+
+Example:
+  flix drive walker-1 --frequency -30 --direction 30 --for 5s")]
+pub struct Args {
+    #[command(flatten)]
+    robot: RobotArgs,
+    /// Shaking frequency, -35 to 35 Hz; positive: the top rotor turns clockwise seen from above.
+    #[arg(long, value_name = "HZ", allow_hyphen_values = true, value_parser = frequency)]
+    frequency: Hertz,
+    /// Shaking direction, -90 to 90 degrees from forward; positive: to the right.
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = direction)]
+    direction: Degrees,
+    /// How long, for example 5s or 1500ms.
+    #[arg(long = "for", value_name = "TIME", value_parser = humantime::parse_duration)]
+    duration: Duration,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+fn frequency(text: &str) -> Result<Hertz, String> {
+    let check =
+        |value| Hertz::new(value).and_then(|it| Setpoint::new(it, Degrees::ZERO).map(|_| it));
+    parse(text, check, "shaking frequency", -flix_protocol::message::MAXIMUM_FREQUENCY.get())
+}
+
+fn direction(text: &str) -> Result<Degrees, String> {
+    let check =
+        |value| Degrees::new(value).and_then(|it| Setpoint::new(Hertz::ZERO, it).map(|_| it));
+    parse(text, check, "shaking direction", -flix_protocol::message::MAXIMUM_DIRECTION.get())
+}
+
+/// The sentence always names the range that a command accepts, not the wider one of the unit.
+fn parse<T>(
+    text: &str,
+    check: impl Fn(f32) -> Result<T, OutOfRange>,
+    quantity: &str,
+    minimum: f32,
+) -> Result<T, String> {
+    let maximum = -minimum;
+    let value: f32 = text.trim().parse().map_err(|_| {
+        format!("`{text}` is not a number; the {quantity} is from {minimum} to {maximum}")
+    })?;
+    check(value).map_err(|error| {
+        let unit = error.unit;
+        format!("{quantity} {value} {unit} is outside {minimum} to {maximum} {unit}")
+    })
+}
+
+/// Drives.
+///
+/// # Errors
+/// When the robot cannot be reached, refuses, has a fault, or somebody interrupts; the robot is
+/// stopped then.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    if args.duration.is_zero() {
+        return Err(Error::usage("a drive takes longer than nothing: for example --for 5s"));
+    }
+    let setpoint = Setpoint::new(args.frequency, args.direction).map_err(Error::usage)?;
+    let interrupt = Interrupt::listen().map_err(Error::usage)?;
+    let mut connection = args.robot.connect(&interrupt)?;
+    let held = match drive(&mut connection, setpoint, args.duration) {
+        Ok(held) => held,
+        Err(LinkError::Interrupted) => return Err(stop(&mut connection)),
+        Err(error) => return Err(error.into()),
+    };
+    let report = Report::new(args, &held, &connection);
+    connection.leave();
+    if args.json {
+        print_json(&report)?
+    } else {
+        print(&describe(&report))?
+    }
+    Ok(Exit::Done.into())
+}
+
+/// Stops the robot for somebody who interrupted, and says how that went.
+pub fn stop(connection: &mut Connection) -> Error {
+    let is_stopped = connection.stop(STOP_PATIENCE);
+    connection.leave();
+    let sentence = if is_stopped {
+        "interrupted: the robot was told to stop and has confirmed it; `flix clear` makes it ready again"
+    } else {
+        "interrupted: the robot was told to stop and has not confirmed it; without commands it stops by itself"
+    };
+    Error::new(Exit::Interrupted, sentence)
+}
+
+fn drive(
+    connection: &mut Connection,
+    setpoint: Setpoint,
+    duration: Duration,
+) -> Result<Held, LinkError> {
+    connection.arm()?;
+    let mut held = Held::new(setpoint);
+    let (client, now) = connection.operate();
+    client.hold(now, setpoint);
+    let bar = progress(duration);
+    let start = Instant::now();
+    let mut has_run = false;
+    while start.elapsed() < duration {
+        let left = duration.saturating_sub(start.elapsed());
+        let trouble = connection.wait_for(left.min(SLICE), |_, update| match update {
+            Update::SetpointRefused(refusal) => Some(LinkError::Refused(refusal.clone())),
+            Update::Telemetry(telemetry) => {
+                held.add(start.elapsed(), telemetry);
+                let is_running = matches!(telemetry.state, State::Running | State::Armed);
+                has_run |= is_running;
+                match telemetry.state {
+                    State::Faulted => Some(faulted(telemetry)),
+                    actual if has_run && !is_running => {
+                        Some(LinkError::State { wanted: State::Running, actual })
+                    }
+                    _ => None,
+                }
+            }
+            _ => None,
+        })?;
+        if let Some(error) = trouble {
+            return Err(error);
+        }
+        bar.set_position(u64::try_from(start.elapsed().as_millis()).unwrap_or(u64::MAX));
+    }
+    bar.finish_and_clear();
+    connection.disarm()?;
+    Ok(held)
+}
+
+/// How well the robot held what it was told, from its own telemetry.
+#[derive(Debug, Clone)]
+struct Held {
+    setpoint: Setpoint,
+    settled_after: Option<Duration>,
+    samples: u32,
+    frequency_sum: f64,
+    frequency_square: f64,
+    direction_sum: f64,
+    direction_square: f64,
+    peak_current: f32,
+    bus_voltage: Option<f32>,
+}
+
+impl Held {
+    fn new(setpoint: Setpoint) -> Self {
+        Self {
+            setpoint,
+            settled_after: None,
+            samples: 0,
+            frequency_sum: 0.0,
+            frequency_square: 0.0,
+            direction_sum: 0.0,
+            direction_square: 0.0,
+            peak_current: 0.0,
+            bus_voltage: None,
+        }
+    }
+
+    /// Errors count from the moment that f and theta are reached.
+    fn add(&mut self, at: Duration, telemetry: &Telemetry) {
+        let motors = telemetry.motors.iter();
+        let current = |current_d: f32, current_q: f32| current_d.hypot(current_q);
+        self.peak_current = motors
+            .map(|motor| current(motor.current_d.get(), motor.current_q.get()))
+            .fold(self.peak_current, f32::max);
+        self.bus_voltage = telemetry.bus_voltage.map(|voltage| voltage.get());
+        let frequency = telemetry.frequency.get() - self.setpoint.frequency().get();
+        // Rotors at rest have no direction.
+        let direction = if self.setpoint.frequency() == Hertz::ZERO {
+            0.0
+        } else {
+            line_difference(telemetry.direction.get() - self.setpoint.direction().get())
+        };
+        if self.settled_after.is_none()
+            && telemetry.setpoint == self.setpoint
+            && frequency.abs() <= FREQUENCY_REACHED_HZ
+            && direction.abs() <= DIRECTION_REACHED_DEG
+        {
+            self.settled_after = Some(at);
+        }
+        if self.settled_after.is_some() {
+            self.samples += 1;
+            self.frequency_sum += f64::from(frequency);
+            self.frequency_square += f64::from(frequency).powi(2);
+            self.direction_sum += f64::from(direction);
+            self.direction_square += f64::from(direction).powi(2);
+        }
+    }
+
+    fn figures(&self) -> Option<Figures> {
+        let count = f64::from(self.samples);
+        (self.samples > 0).then(|| Figures {
+            frequency_hz: f64::from(self.setpoint.frequency().get()) + self.frequency_sum / count,
+            frequency_rms_error_hz: (self.frequency_square / count).sqrt(),
+            direction_deg: f64::from(self.setpoint.direction().get()) + self.direction_sum / count,
+            direction_rms_error_deg: (self.direction_square / count).sqrt(),
+        })
+    }
+}
+
+/// Two directions half a turn apart are one line of force.
+fn line_difference(degrees: f32) -> f32 {
+    (degrees + 90.0).rem_euclid(180.0) - 90.0
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    commanded: Commanded,
+    seconds: f64,
+    settled_after_s: Option<f64>,
+    held: Option<Figures>,
+    peak_current_a: f32,
+    bus_voltage_v: Option<f32>,
+    link: Link,
+}
+
+#[derive(Debug, Serialize)]
+struct Commanded {
+    frequency_hz: f32,
+    direction_deg: f32,
+}
+
+#[derive(Debug, Serialize)]
+struct Figures {
+    frequency_hz: f64,
+    frequency_rms_error_hz: f64,
+    direction_deg: f64,
+    direction_rms_error_deg: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct Link {
+    round_trip_p50_ms: Option<f64>,
+    round_trip_p99_ms: Option<f64>,
+    loss: f64,
+}
+
+impl Report {
+    fn new(args: &Args, held: &Held, connection: &Connection) -> Self {
+        let statistics = connection.client().statistics();
+        let quantile = |share| statistics.round_trip_quantile(share).map(milliseconds);
+        Self {
+            commanded: Commanded {
+                frequency_hz: args.frequency.get(),
+                direction_deg: args.direction.get(),
+            },
+            seconds: args.duration.as_secs_f64(),
+            settled_after_s: held.settled_after.map(|it| it.as_secs_f64()),
+            held: held.figures(),
+            peak_current_a: held.peak_current,
+            bus_voltage_v: held.bus_voltage,
+            link: Link {
+                round_trip_p50_ms: quantile(0.5),
+                round_trip_p99_ms: quantile(0.99),
+                loss: statistics.loss(),
+            },
+        }
+    }
+}
+
+fn describe(report: &Report) -> String {
+    let mut text = String::new();
+    let Report { commanded, held, .. } = report;
+    // Writing to a string does not fail.
+    let _ = match held {
+        Some(held) => writeln!(
+            text,
+            "f      {:7.2} Hz  held {:7.2} Hz  within {:.3} Hz RMS\n\
+             theta  {:7.1} deg held {:7.1} deg within {:.2} deg RMS\n\
+             reached after {:.2} s; {} s in all; peak current {:.2} A",
+            commanded.frequency_hz,
+            held.frequency_hz,
+            held.frequency_rms_error_hz,
+            commanded.direction_deg,
+            held.direction_deg,
+            held.direction_rms_error_deg,
+            report.settled_after_s.unwrap_or_default(),
+            report.seconds,
+            report.peak_current_a,
+        ),
+        None => writeln!(
+            text,
+            "f {:.2} Hz and theta {:.1} deg were not reached within {} s; peak current {:.2} A",
+            commanded.frequency_hz, commanded.direction_deg, report.seconds, report.peak_current_a,
+        ),
+    };
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_that_cannot_be_driven_are_refused_with_the_range() {
+        for text in ["36", "-35.1", "NaN", "nan", "inf", "-inf", "1e9", "1e99", "", "fast", "30Hz"]
+        {
+            let sentence = frequency(text).unwrap_err();
+            assert!(sentence.contains("-35 to 35"), "{text}: {sentence}");
+        }
+        for text in ["91", "-90.5", "NaN", "-inf", "400", "left"] {
+            let sentence = direction(text).unwrap_err();
+            assert!(sentence.contains("-90 to 90"), "{text}: {sentence}");
+        }
+    }
+
+    #[test]
+    fn the_whole_range_can_be_driven() {
+        for text in ["-35", "35", "0", "-0", "29.5", "+30"] {
+            assert!(frequency(text).is_ok(), "{text}");
+        }
+        for text in ["-90", "90", "0.25"] {
+            assert!(direction(text).is_ok(), "{text}");
+        }
+    }
+
+    #[test]
+    fn opposite_directions_are_one_line() {
+        for (degrees, expected) in [(0.0, 0.0), (180.0, 0.0), (-179.0, 1.0), (95.0, -85.0)] {
+            assert!((line_difference(degrees) - expected).abs() < 1e-4, "{degrees}");
+        }
+    }
+}

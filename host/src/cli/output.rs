@@ -1,0 +1,49 @@
+//! What commands print.
+
+use std::io::{self, Write};
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+use super::Error;
+
+/// Prints a text on stdout. A reader that has gone away (`| head`) is not an error.
+///
+/// # Errors
+/// When stdout cannot be written.
+pub fn print(text: &str) -> Result<(), Error> {
+    let mut stdout = io::stdout().lock();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            Err(Error::usage(format_args!("stdout cannot be written: {error}")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Prints a value as one JSON document on stdout.
+///
+/// # Errors
+/// As for [`print`].
+pub fn print_json(value: &impl Serialize) -> Result<(), Error> {
+    let mut text = serde_json::to_string_pretty(value).map_err(Error::usage)?;
+    text.push('\n');
+    print(&text)
+}
+
+/// A bar on stderr that fills in `duration`; hidden when stderr is not a terminal.
+#[must_use]
+pub fn progress(duration: Duration) -> ProgressBar {
+    let style = ProgressStyle::with_template("{bar:40} {elapsed} of {msg}");
+    let bar = ProgressBar::new(u64::try_from(duration.as_millis()).unwrap_or(u64::MAX));
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.set_message(format!("{} s", duration.as_secs_f32()));
+    bar
+}
+
+/// Milliseconds with a fraction.
+#[must_use]
+pub fn milliseconds(duration: Duration) -> f64 {
+    duration.as_secs_f64() * 1e3
+}

@@ -1,0 +1,310 @@
+//! `flix parameters`: read, change and keep the robot's settings.
+
+mod file;
+
+use std::fmt::Write;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::Subcommand;
+use flix_protocol::message::{Command, Name, Outcome, Parameter, ParameterCommand};
+use serde::Serialize;
+
+use super::output::{print, print_json};
+use super::robot::RobotArgs;
+use super::{Error, Exit};
+use crate::interrupt::Interrupt;
+use crate::link::udp::{Connection, LinkError};
+use file::Change;
+
+/// Read, change and keep the robot's settings.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix parameters list walker-1
+  flix parameters get walker-1 current_limit
+  flix parameters set walker-1 current_limit 1.5 --save
+  flix parameters export walker-1 walker-1.toml
+  flix parameters import walker-1 walker-1.toml --save")]
+pub struct Args {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Show all settings with unit, range and default.
+    List {
+        #[command(flatten)]
+        robot: RobotArgs,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Show one setting.
+    Get {
+        #[command(flatten)]
+        robot: RobotArgs,
+        /// Its name.
+        name: String,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Change one setting; until power-off, unless saved.
+    Set {
+        #[command(flatten)]
+        robot: RobotArgs,
+        /// Its name.
+        name: String,
+        /// The new value, in the setting's unit.
+        #[arg(allow_hyphen_values = true, value_parser = number)]
+        value: f32,
+        /// Keep all settings over power-off.
+        #[arg(long)]
+        save: bool,
+    },
+    /// Keep all settings over power-off.
+    Save {
+        #[command(flatten)]
+        robot: RobotArgs,
+    },
+    /// Back to the settings of a new robot.
+    Reset {
+        #[command(flatten)]
+        robot: RobotArgs,
+        /// Keep them over power-off.
+        #[arg(long)]
+        save: bool,
+    },
+    /// Write all settings to a TOML file.
+    Export {
+        #[command(flatten)]
+        robot: RobotArgs,
+        /// The file; without it, stdout.
+        file: Option<PathBuf>,
+    },
+    /// Set everything that a TOML file says. The file is checked whole before anything is set.
+    Import {
+        #[command(flatten)]
+        robot: RobotArgs,
+        /// The file, as `export` writes it; settings that it leaves out stay as they are.
+        file: PathBuf,
+        /// Keep all settings over power-off.
+        #[arg(long)]
+        save: bool,
+    },
+}
+
+fn number(text: &str) -> Result<f32, String> {
+    match text.trim().parse::<f32>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => Err(format!("`{text}` is not a number")),
+    }
+}
+
+/// Does what was asked.
+///
+/// # Errors
+/// When the robot cannot be reached or refuses; when a name, a value or a file is wrong.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let interrupt = Interrupt::listen().map_err(Error::usage)?;
+    let robot = args.action.robot();
+    match &args.action {
+        Action::List { json, .. } => {
+            let parameters = list(&mut robot.connect(&interrupt)?)?;
+            show(&parameters, *json)?;
+        }
+        Action::Get { name, json, .. } => {
+            let name = wire_name(name)?;
+            let parameter = get(&mut robot.connect(&interrupt)?, name)?;
+            if *json {
+                print_json(&Row::from(&parameter))?;
+            } else {
+                print(&format!("{}\n", with_unit(parameter.value, &parameter.unit)))?;
+            }
+        }
+        Action::Set { name, value, save, .. } => {
+            let name = wire_name(name)?;
+            let mut connection = robot.connect(&interrupt)?;
+            set(&mut connection, name, *value)?;
+            save_if(&mut connection, *save)?;
+        }
+        Action::Save { .. } => save_if(&mut robot.connect(&interrupt)?, true)?,
+        Action::Reset { save, .. } => {
+            let mut connection = robot.connect(&interrupt)?;
+            connection.ask(Command::Parameter(ParameterCommand::Reset))?;
+            save_if(&mut connection, *save)?;
+        }
+        Action::Export { file, .. } => {
+            let mut connection = robot.connect(&interrupt)?;
+            let text = file::write(&super::status::ask(&mut connection)?, &list(&mut connection)?);
+            match file {
+                Some(path) => fs::write(path, text).map_err(|error| cannot_use(path, &error))?,
+                None => print(&text)?,
+            }
+        }
+        Action::Import { file, save, .. } => {
+            let text = fs::read_to_string(file).map_err(|error| cannot_use(file, &error))?;
+            let wanted = file::read(file, &text).map_err(Error::usage)?;
+            let mut connection = robot.connect(&interrupt)?;
+            let changed = import(&mut connection, file, &wanted)?;
+            save_if(&mut connection, *save)?;
+            print(&format!("{changed} of {} settings changed\n", wanted.len()))?;
+        }
+    }
+    Ok(Exit::Done.into())
+}
+
+impl Action {
+    const fn robot(&self) -> &RobotArgs {
+        match self {
+            Self::List { robot, .. }
+            | Self::Get { robot, .. }
+            | Self::Set { robot, .. }
+            | Self::Save { robot }
+            | Self::Reset { robot, .. }
+            | Self::Export { robot, .. }
+            | Self::Import { robot, .. } => robot,
+        }
+    }
+}
+
+fn cannot_use(path: &Path, error: &std::io::Error) -> Error {
+    Error::usage(format_args!("{}: {error}", path.display()))
+}
+
+fn wire_name(name: &str) -> Result<Name, Error> {
+    name.try_into().map_err(|_| {
+        Error::usage(format_args!(
+            "the robot has no setting `{name}`; `flix parameters list` shows all names"
+        ))
+    })
+}
+
+/// All settings, in the robot's order.
+fn list(connection: &mut Connection) -> Result<Vec<Parameter>, LinkError> {
+    let mut parameters = Vec::new();
+    loop {
+        let first = u16::try_from(parameters.len()).unwrap_or(u16::MAX);
+        let command = Command::Parameter(ParameterCommand::List(first));
+        let Outcome::Parameters { total, entries } = connection.ask(command)? else {
+            return Err(LinkError::Unanswered);
+        };
+        if entries.is_empty() {
+            return Ok(parameters);
+        }
+        parameters.extend(entries);
+        if parameters.len() >= usize::from(total) {
+            return Ok(parameters);
+        }
+    }
+}
+
+fn get(connection: &mut Connection, name: Name) -> Result<Parameter, LinkError> {
+    match connection.ask(Command::Parameter(ParameterCommand::Get(name)))? {
+        Outcome::Parameter(parameter) => Ok(parameter),
+        _ => Err(LinkError::Unanswered),
+    }
+}
+
+fn set(connection: &mut Connection, name: Name, value: f32) -> Result<(), LinkError> {
+    connection.ask(Command::Parameter(ParameterCommand::Set(name, value))).map(drop)
+}
+
+fn save_if(connection: &mut Connection, wanted: bool) -> Result<(), LinkError> {
+    if wanted {
+        connection.ask(Command::Parameter(ParameterCommand::Save))?;
+    }
+    Ok(())
+}
+
+/// Sets what differs, and returns how many. Either all is set or, as far as the robot can still be
+/// reached, nothing.
+fn import(
+    connection: &mut Connection,
+    path: &Path,
+    wanted: &[(String, f32)],
+) -> Result<usize, Error> {
+    let present = list(connection)?;
+    let mut left = file::check(path, wanted, &present).map_err(Error::usage)?;
+    let count = left.len();
+    let mut done = Vec::new();
+    // Some settings bound each other, so the order matters and is not known: go round as long as
+    // that helps.
+    while !left.is_empty() {
+        let before = done.len();
+        let mut refusal = None;
+        for change in std::mem::take(&mut left) {
+            match set(connection, change.name.clone(), change.new) {
+                Ok(()) => done.push(change),
+                Err(error @ LinkError::Refused(_)) => {
+                    refusal = Some(error);
+                    left.push(change);
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
+        if let Some(error) = refusal.filter(|_| done.len() == before) {
+            undo(connection, &done);
+            return Err(error.into());
+        }
+    }
+    Ok(count)
+}
+
+/// Puts back what was set, newest first, so that every step was once in force.
+fn undo(connection: &mut Connection, done: &[Change]) {
+    for change in done.iter().rev() {
+        // What fails here is told by the error that led here.
+        let _ = set(connection, change.name.clone(), change.old);
+    }
+}
+
+#[derive(Debug, Serialize)]
+struct Row<'a> {
+    name: &'a str,
+    unit: &'a str,
+    value: f32,
+    default: f32,
+    minimum: f32,
+    maximum: f32,
+}
+
+impl<'a> From<&'a Parameter> for Row<'a> {
+    fn from(parameter: &'a Parameter) -> Self {
+        Self {
+            name: &parameter.name,
+            unit: &parameter.unit,
+            value: parameter.value,
+            default: parameter.default,
+            minimum: parameter.minimum,
+            maximum: parameter.maximum,
+        }
+    }
+}
+
+fn with_unit(value: f32, unit: &str) -> String {
+    if unit == "1" { value.to_string() } else { format!("{value} {unit}") }
+}
+
+fn show(parameters: &[Parameter], json: bool) -> Result<(), Error> {
+    if json {
+        return print_json(&parameters.iter().map(Row::from).collect::<Vec<_>>());
+    }
+    let width = parameters.iter().map(|parameter| parameter.name.len()).max().unwrap_or(0);
+    let mut text = String::new();
+    for parameter in parameters {
+        let Parameter { name, unit, value, default, minimum, maximum, .. } = parameter;
+        let mark = if value == default { ' ' } else { '*' };
+        let value = with_unit(*value, unit);
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            text,
+            "{name:<width$} {mark} {value:<14} {minimum} to {maximum}, default {default}"
+        );
+    }
+    text.push_str("* differs from the default\n");
+    print(&text)
+}

@@ -1,0 +1,107 @@
+//! Robots that announce themselves on the local network (mDNS and DNS-SD).
+
+use std::collections::BTreeMap;
+use std::net::{IpAddr, SocketAddr};
+use std::time::{Duration, Instant};
+
+use flix_protocol::SERVICE_TYPE;
+use mdns_sd::{ResolvedService, ServiceDaemon, ServiceEvent};
+
+use crate::interrupt::Interrupt;
+
+/// How long a robot may take to answer a question for its name: mDNS answers within 0.1 s, and asks
+/// again after 1 s.
+pub const FIND_PATIENCE: Duration = Duration::from_millis(2500);
+/// How often interruptions are looked at.
+const SLICE: Duration = Duration::from_millis(50);
+
+/// A robot that was heard.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct Found {
+    /// Its name, as it was provisioned.
+    pub name: String,
+    /// Its addresses, IPv4 first.
+    pub addresses: Vec<IpAddr>,
+    /// Where it listens.
+    pub port: u16,
+    /// What it says of itself, for example `board` and `version`. Not authenticated.
+    pub properties: BTreeMap<String, String>,
+}
+
+impl Found {
+    /// Where to send datagrams.
+    #[must_use]
+    pub fn socket_address(&self) -> Option<SocketAddr> {
+        self.addresses.first().map(|address| SocketAddr::new(*address, self.port))
+    }
+}
+
+/// Multicast did not work.
+#[derive(Debug, thiserror::Error)]
+#[error("looking for robots failed: {0}; give the robot's address instead of its name")]
+pub struct DiscoveryError(#[from] mdns_sd::Error);
+
+/// Listens for this long, and returns every robot heard, by name.
+///
+/// # Errors
+/// When multicast does not work on this machine.
+pub fn browse(duration: Duration, interrupt: &Interrupt) -> Result<Vec<Found>, DiscoveryError> {
+    let mut robots = BTreeMap::new();
+    listen(duration, interrupt, |found| {
+        robots.insert(found.name.clone(), found);
+        false
+    })?;
+    Ok(robots.into_values().collect())
+}
+
+/// Looks for one robot by its name, for at most [`FIND_PATIENCE`].
+///
+/// # Errors
+/// When multicast does not work on this machine.
+pub fn find(name: &str, interrupt: &Interrupt) -> Result<Option<Found>, DiscoveryError> {
+    let mut wanted = None;
+    listen(FIND_PATIENCE, interrupt, |found| {
+        if found.name.eq_ignore_ascii_case(name) && found.socket_address().is_some() {
+            wanted = Some(found);
+        }
+        wanted.is_some()
+    })?;
+    Ok(wanted)
+}
+
+/// Hands over every robot heard until `enough` says so or the time is over.
+fn listen(
+    duration: Duration,
+    interrupt: &Interrupt,
+    mut enough: impl FnMut(Found) -> bool,
+) -> Result<(), DiscoveryError> {
+    let daemon = ServiceDaemon::new()?;
+    let events = daemon.browse(SERVICE_TYPE)?;
+    let deadline = Instant::now() + duration;
+    while Instant::now() < deadline && !interrupt.is_raised() {
+        if let Ok(ServiceEvent::ServiceResolved(service)) = events.recv_timeout(SLICE)
+            && enough(found(&service))
+        {
+            break;
+        }
+    }
+    // The daemon's thread ends by itself when asked; nothing depends on when.
+    let _ = daemon.shutdown();
+    Ok(())
+}
+
+fn found(service: &ResolvedService) -> Found {
+    let name = service.fullname.strip_suffix(&format!(".{SERVICE_TYPE}"));
+    let mut addresses: Vec<IpAddr> =
+        service.addresses.iter().map(mdns_sd::ScopedIp::to_ip_addr).collect();
+    addresses.sort();
+    let properties = service.txt_properties.iter();
+    Found {
+        name: name.unwrap_or(&service.fullname).to_owned(),
+        addresses,
+        port: service.port,
+        properties: properties
+            .map(|property| (property.key().to_owned(), property.val_str().to_owned()))
+            .collect(),
+    }
+}

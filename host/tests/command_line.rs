@@ -1,0 +1,456 @@
+//! The `flix` command line against a robot on loopback: exit codes, sentences, JSON, signals.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+mod support;
+
+use std::net::{SocketAddr, UdpSocket};
+use std::path::PathBuf;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use flix_host::interrupt::Interrupt;
+use flix_host::keys;
+use flix_host::link::udp::Connection;
+use flix_protocol::message::{Fault, Faults, State};
+use flix_protocol::session::Key;
+use flix_protocol::units::Hertz;
+use support::{FakeRobot, ServedRobot, key, seeded_loss};
+
+/// An operator's account: a home of its own, and a key file.
+struct Operator {
+    home: tempfile::TempDir,
+    key: PathBuf,
+}
+
+impl Operator {
+    fn new() -> Self {
+        Self::with_key(&key())
+    }
+
+    fn with_key(secret: &Key) -> Self {
+        let home = tempfile::tempdir().unwrap();
+        let key = home.path().join("robot.key");
+        keys::write_new(&key, secret).unwrap();
+        Self { home, key }
+    }
+
+    /// `flix` with these words, then the key.
+    fn command(&self, words: &[&str]) -> Command {
+        let mut command = self.command_without_key(words);
+        command.arg("--key").arg(&self.key);
+        command
+    }
+
+    fn command_without_key(&self, words: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_flix"));
+        command
+            .args(words)
+            .env("XDG_CONFIG_HOME", self.home.path())
+            .env("HOME", self.home.path())
+            .env_remove("FLIX_KEY_FILE")
+            .stdin(Stdio::null());
+        command
+    }
+
+    fn flix(&self, words: &[&str]) -> Ended {
+        Ended(self.command(words).output().unwrap())
+    }
+}
+
+struct Ended(Output);
+
+impl Ended {
+    fn code(&self) -> i32 {
+        self.0.status.code().unwrap()
+    }
+
+    fn stdout(&self) -> String {
+        String::from_utf8(self.0.stdout.clone()).unwrap()
+    }
+
+    fn stderr(&self) -> String {
+        String::from_utf8(self.0.stderr.clone()).unwrap()
+    }
+
+    fn json(&self) -> serde_json::Value {
+        serde_json::from_str(&self.stdout()).unwrap()
+    }
+
+    #[track_caller]
+    fn expect(self, code: i32, words: &[&str]) -> Self {
+        let said = self.stderr();
+        assert_eq!(self.code(), code, "stderr: {said}");
+        for word in words {
+            assert!(said.contains(word), "`{word}` is missing in: {said}");
+        }
+        if code != 0 {
+            assert_eq!(self.stdout(), "", "a failure prints nothing on stdout");
+        }
+        self
+    }
+}
+
+fn serve(robot: FakeRobot) -> (ServedRobot, String) {
+    let served = ServedRobot::steady(robot);
+    let address = served.address.to_string();
+    (served, address)
+}
+
+fn robot() -> FakeRobot {
+    FakeRobot::new(Some(key()))
+}
+
+const FORWARD: [&str; 6] = ["--frequency", "-30", "--direction", "30", "--for", "300ms"];
+
+fn drive<'a>(address: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    [&["drive", address][..], &FORWARD, more].concat()
+}
+
+#[test]
+fn drive_shakes_as_told_and_leaves_the_robot_disarmed() {
+    let (served, address) = serve(robot());
+    let ended = Operator::new().flix(&drive(&address, &["--json"])).expect(0, &[]);
+    let json = ended.json();
+    assert_eq!(json["commanded"]["frequency_hz"], -30.0);
+    assert_eq!(json["commanded"]["direction_deg"], 30.0);
+    assert!((json["held"]["frequency_hz"].as_f64().unwrap() + 30.0).abs() < 0.01);
+    assert_eq!(served.robot().state, State::Disarmed);
+    assert!(!served.robot().stopped, "a finished drive is no stop");
+}
+
+#[test]
+fn drive_gets_through_a_link_that_loses_a_fifth() {
+    let served = ServedRobot::new(robot(), seeded_loss(3, 0.2));
+    let address = served.address.to_string();
+    Operator::new().flix(&drive(&address, &[])).expect(0, &[]);
+}
+
+#[test]
+fn numbers_out_of_range_are_usage_and_name_the_range() {
+    let operator = Operator::new();
+    for (frequency, direction, range) in [
+        ("36", "0", "-35 to 35"),
+        ("-35.5", "0", "-35 to 35"),
+        ("NaN", "0", "-35 to 35"),
+        ("-inf", "0", "-35 to 35"),
+        ("30", "91", "-90 to 90"),
+        ("30", "-nan", "-90 to 90"),
+    ] {
+        let words = [
+            "drive",
+            "127.0.0.1:9",
+            "--frequency",
+            frequency,
+            "--direction",
+            direction,
+            "--for",
+            "1s",
+        ];
+        operator.flix(&words).expect(2, &[range]);
+    }
+}
+
+#[test]
+fn a_robot_with_another_key_is_refused_with_a_sentence() {
+    let (_served, address) = serve(robot());
+    let other = Operator::with_key(&Key::new([8; 32]));
+    for words in [drive(&address, &[]), vec!["status", &address], vec!["stop", &address]] {
+        other.flix(&words).expect(20, &["key"]);
+    }
+}
+
+#[test]
+fn a_robot_without_a_key_is_refused_with_what_to_do() {
+    let (_served, address) = serve(FakeRobot::new(None));
+    Operator::new().flix(&["status", &address]).expect(20, &["no key yet", "provision"]);
+}
+
+#[test]
+fn nobody_there_is_no_answer() {
+    let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let address = silent.local_addr().unwrap().to_string();
+    Operator::new().flix(&["status", &address]).expect(10, &["does not answer"]);
+}
+
+#[test]
+fn a_name_that_nobody_knows_is_no_answer() {
+    let name = "no-such-robot.invalid";
+    Operator::new().flix(&["status", name]).expect(10, &[name, "flix discover"]);
+}
+
+#[test]
+fn a_robot_of_another_version_is_refused_with_what_to_update() {
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let address = socket.local_addr().unwrap().to_string();
+    let refuser = std::thread::spawn(move || refuse_version(&socket, 2));
+    Operator::new().flix(&["status", &address]).expect(20, &["version 2", "update this program"]);
+    refuser.join().unwrap();
+}
+
+/// Answers every Hello for a while as a robot of this version would; see `flix_protocol::frame`.
+fn refuse_version(socket: &UdpSocket, version: u16) {
+    socket.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
+    let start = Instant::now();
+    let mut hello = [0; 600];
+    while start.elapsed() < Duration::from_secs(2) {
+        let Ok((64, operator)) = socket.recv_from(&mut hello) else { continue };
+        let mut refusal = b"flx\x05\x01".to_vec();
+        refusal.extend(version.to_le_bytes());
+        refusal.extend(77u64.to_le_bytes());
+        refusal.extend(&hello[14..30]);
+        refusal.extend([0; 16]);
+        socket.send_to(&refusal, operator).unwrap();
+    }
+}
+
+#[test]
+fn a_robot_that_another_operator_holds_is_refused_as_busy() {
+    let (_served, address) = serve(robot());
+    let first = hold_session(address.parse().unwrap());
+    Operator::new().flix(&["status", &address]).expect(20, &["another operator"]);
+    first.0.raise();
+    first.1.join().unwrap();
+    Operator::new().flix(&["status", &address]).expect(0, &[]);
+}
+
+/// Another operator, who stays until the flag is raised.
+fn hold_session(address: SocketAddr) -> (Interrupt, std::thread::JoinHandle<()>) {
+    let ends = Interrupt::never();
+    let mut connection = Connection::open(address, key(), ends.clone()).unwrap();
+    connection.wait_until_connected().unwrap();
+    let thread = std::thread::spawn(move || {
+        let _ = connection.wait_for(Duration::from_secs(60), |_, _| None::<()>);
+    });
+    (ends, thread)
+}
+
+#[test]
+fn every_way_to_end_a_drive_stops_the_robot_first() {
+    for signal in ["INT", "TERM", "HUP"] {
+        let (served, address) = serve(robot());
+        let operator = Operator::new();
+        let words = drive(&address, &[]);
+        let mut command = operator.command(&[&words[..words.len() - 1], &["60s"]].concat());
+        let child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        wait_until(|| served.robot().state == State::Running);
+        kill(signal, child.id());
+        let ended = Ended(child.wait_with_output().unwrap());
+        ended.expect(40, &["told to stop", "confirmed"]);
+        assert!(served.robot().stopped, "SIG{signal}");
+        assert_eq!(served.robot().state, State::Disarmed, "SIG{signal}");
+    }
+}
+
+#[test]
+fn an_interrupted_drive_ends_even_when_the_robot_is_gone() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let words = drive(&address, &[]);
+    let mut command = operator.command(&[&words[..words.len() - 1], &["60s"]].concat());
+    let child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    wait_until(|| served.robot().state == State::Running);
+    drop(served);
+    kill("INT", child.id());
+    let start = Instant::now();
+    Ended(child.wait_with_output().unwrap()).expect(40, &["has not confirmed"]);
+    assert!(start.elapsed() < Duration::from_secs(5));
+}
+
+fn kill(signal: &str, process: u32) {
+    let signal = format!("-{signal}");
+    assert!(Command::new("kill").args([&signal, &process.to_string()]).status().unwrap().success());
+}
+
+#[track_caller]
+fn wait_until(condition: impl Fn() -> bool) {
+    let start = Instant::now();
+    while !condition() {
+        assert!(start.elapsed() < Duration::from_secs(10), "it did not come about");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn a_fault_ends_the_drive_with_its_name_and_what_to_do() {
+    let mut stalls = robot();
+    stalls.fault_when_running = Some(Fault::Stall);
+    let (_served, address) = serve(stalls);
+    Operator::new().flix(&drive(&address, &[])).expect(30, &["stall", "free the rotor"]);
+}
+
+#[test]
+fn a_stopped_robot_is_driven_again_only_after_clear() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    operator.flix(&["stop", &address]).expect(0, &[]);
+    assert!(served.robot().stopped);
+    operator.flix(&drive(&address, &[])).expect(30, &["flix clear"]);
+    operator.flix(&["clear", &address]).expect(0, &[]);
+    operator.flix(&drive(&address, &[])).expect(0, &[]);
+}
+
+#[test]
+fn status_tells_faults_in_plain_words_with_the_first_cause() {
+    let mut ill = robot();
+    ill.faults = Faults::NONE.with(Fault::OverCurrent).with(Fault::Stall);
+    ill.state = State::Faulted;
+    let (_served, address) = serve(ill);
+    let operator = Operator::new();
+    let json = operator.flix(&["status", &address, "--json"]).expect(0, &[]).json();
+    assert_eq!(json["state"], "faulted");
+    assert_eq!(json["first_fault"], "over-current");
+    assert_eq!(json["faults"][1]["name"], "stall");
+    assert_eq!(json["link"]["robot"]["dropped"]["forged"], 0);
+    let text = operator.flix(&["status", &address]).expect(0, &[]).stdout();
+    assert!(text.contains("first: over-current") && text.contains("free the rotor"), "{text}");
+}
+
+#[test]
+fn status_counts_dropped_datagrams_by_reason() {
+    let (_served, address) = serve(robot());
+    let stranger = UdpSocket::bind("127.0.0.1:0").unwrap();
+    for _ in 0..5 {
+        stranger.send_to(b"junk", &address).unwrap();
+    }
+    let json = Operator::new().flix(&["status", &address, "--json"]).expect(0, &[]).json();
+    assert_eq!(json["link"]["robot"]["dropped"]["malformed"], 5);
+}
+
+#[test]
+fn link_test_measures_round_trip_and_loss() {
+    let served = ServedRobot::new(robot(), seeded_loss(11, 0.1));
+    let address = served.address.to_string();
+    let words = ["link-test", &address, "--for", "3s", "--json"];
+    let json = Operator::new().flix(&words).expect(0, &[]).json();
+    let loss = json["loss"].as_f64().unwrap();
+    assert!((0.08..0.32).contains(&loss), "0.19 there and back: {loss}");
+    let (half, most) = (&json["round_trip_ms"]["p50"], &json["round_trip_ms"]["p99"]);
+    assert!(half.as_f64().unwrap() <= most.as_f64().unwrap());
+}
+
+#[test]
+fn exported_settings_come_back_by_import() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let file = operator.home.path().join("walker.toml");
+    let file = file.to_str().unwrap();
+    operator.flix(&["parameters", "set", &address, "current_limit", "2.25"]).expect(0, &[]);
+    operator.flix(&["parameters", "export", &address, file]).expect(0, &[]);
+    operator.flix(&["parameters", "reset", &address]).expect(0, &[]);
+    assert!((served.robot().parameters[0].value - 1.5).abs() < 1e-6);
+    operator.flix(&["parameters", "import", &address, file]).expect(0, &[]);
+    assert!((served.robot().parameters[0].value - 2.25).abs() < 1e-6);
+    let shown = operator.flix(&["parameters", "get", &address, "current_limit"]).expect(0, &[]);
+    assert_eq!(shown.stdout(), "2.25 A\n");
+}
+
+#[test]
+fn a_file_with_one_wrong_value_sets_nothing() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let file = operator.home.path().join("wrong.toml");
+    std::fs::write(&file, "[settings]\ncurrent_limit = 2.0\nloop_gain = 99.0\n").unwrap();
+    let words = ["parameters", "import", &address, file.to_str().unwrap()];
+    operator.flix(&words).expect(2, &["loop_gain", "0.1 to 10", "nothing was set"]);
+    assert!((served.robot().parameters[0].value - 1.5).abs() < 1e-6);
+}
+
+#[test]
+fn a_value_out_of_range_is_usage_and_names_the_range() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    let set = |value| operator.flix(&["parameters", "set", &address, "current_limit", value]);
+    set("-5").expect(2, &["0.1 to 3"]);
+    set("NaN").expect(2, &["not a number"]);
+    let unknown = ["parameters", "get", &address, "colour"];
+    operator.flix(&unknown).expect(2, &["flix parameters list"]);
+}
+
+#[test]
+fn all_settings_are_listed() {
+    let (_served, address) = serve(robot());
+    let json =
+        Operator::new().flix(&["parameters", "list", &address, "--json"]).expect(0, &[]).json();
+    let names: Vec<_> = json.as_array().unwrap().iter().map(|it| &it["name"]).collect();
+    assert_eq!(names.len(), 6);
+    assert_eq!(names[5], "pole_pairs");
+}
+
+#[test]
+fn without_a_key_one_sentence_says_what_to_do() {
+    let operator = Operator::new();
+    let output = operator.command_without_key(&["status", "10.0.0.7"]).output().unwrap();
+    let ended = Ended(output).expect(2, &["10.0.0.7", "--key", "FLIX_KEY_FILE", "flix provision"]);
+    assert_eq!(ended.stderr().lines().count(), 1);
+}
+
+#[test]
+fn the_key_file_can_be_named_by_the_environment() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    let mut command = operator.command_without_key(&["status", &address]);
+    let output = command.env("FLIX_KEY_FILE", &operator.key).output().unwrap();
+    Ended(output).expect(0, &[]);
+}
+
+#[test]
+fn the_keyring_opens_a_robot_by_its_name() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    let keyring = keys::Keyring::in_directory(operator.home.path().join("flix/robots"));
+    keyring.store("walker", &key()).unwrap();
+    keyring.store_address("walker", &address).unwrap();
+    let output = operator.command_without_key(&["status", "walker"]).output().unwrap();
+    Ended(output).expect(0, &[]);
+}
+
+#[test]
+fn a_key_file_that_others_can_read_is_refused() {
+    use std::os::unix::fs::PermissionsExt;
+    let operator = Operator::new();
+    std::fs::set_permissions(&operator.key, std::fs::Permissions::from_mode(0o644)).unwrap();
+    operator.flix(&["status", "127.0.0.1:9"]).expect(2, &["chmod 600"]);
+}
+
+#[test]
+fn keygen_makes_a_private_file_and_does_not_show_the_key() {
+    use std::os::unix::fs::PermissionsExt;
+    let operator = Operator::new();
+    let file = operator.home.path().join("new.key");
+    let output =
+        operator.command_without_key(&["keygen", file.to_str().unwrap()]).output().unwrap();
+    let ended = Ended(output).expect(0, &[]);
+    let secret = std::fs::read_to_string(&file).unwrap();
+    assert!(!ended.stdout().contains(secret.trim()) && !ended.stderr().contains(secret.trim()));
+    assert_eq!(std::fs::metadata(&file).unwrap().permissions().mode() & 0o777, 0o600);
+    let again = operator.command_without_key(&["keygen", file.to_str().unwrap()]).output().unwrap();
+    Ended(again).expect(2, &["exists already"]);
+}
+
+#[test]
+fn every_shell_gets_its_completions() {
+    let operator = Operator::new();
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let output = operator.command_without_key(&["completions", shell]).output().unwrap();
+        assert!(Ended(output).expect(0, &[]).stdout().contains("link-test"), "{shell}");
+    }
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let operator = Operator::new();
+    let mut command = operator.command_without_key(&["completions", "bash"]);
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    Ended(child.wait_with_output().unwrap()).expect(0, &[]);
+}
+
+#[test]
+fn a_frequency_of_zero_is_driven_too() {
+    let (served, address) = serve(robot());
+    let words =
+        ["drive", &address, "--frequency", "0", "--direction", "-90", "--for", "200ms", "--json"];
+    let json = Operator::new().flix(&words).expect(0, &[]).json();
+    assert_eq!(json["held"]["frequency_hz"], 0.0);
+    assert_eq!(served.robot().setpoint.frequency(), Hertz::ZERO);
+}
