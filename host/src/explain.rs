@@ -43,7 +43,7 @@ pub const fn state(state: State) -> &'static str {
         State::Armed => "armed: holding the rotors at rest",
         State::Running => "running",
         State::Stopping => "stopping: both rotors ramp down",
-        State::Faulted => "faulted: the motors are let go",
+        State::Faulted => "faulted: the motors are not driven",
     }
 }
 

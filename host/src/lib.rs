@@ -9,3 +9,4 @@ pub mod link;
 pub mod nav;
 pub mod plot;
 pub mod pose;
+pub mod teleop;

@@ -25,6 +25,7 @@ pub mod parameters;
 pub mod robot;
 pub mod status;
 pub mod stop;
+pub mod teleop;
 
 use std::fmt;
 use std::process::ExitCode;
@@ -147,6 +148,7 @@ Exit codes: 0 done, 2 usage, 10 no answer, 20 refused (key, version or another o
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Teleop(teleop::Args),
     Drive(drive::Args),
     Status(status::Args),
     Stop(stop::Args),
@@ -165,6 +167,7 @@ impl Cli {
     /// With the exit code and the sentence to show.
     pub fn run(&self) -> Result<ExitCode, Error> {
         match &self.command {
+            Command::Teleop(args) => teleop::run(args),
             Command::Drive(args) => drive::run(args),
             Command::Status(args) => status::run(args),
             Command::Stop(args) => stop::run(args),

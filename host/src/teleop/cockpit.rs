@@ -1,0 +1,428 @@
+//! What the operator sees and has asked for: the state between link and screen.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use flix_protocol::message::{
+    Command, Identity, MAXIMUM_DIRECTION, MAXIMUM_FREQUENCY, Outcome, ParameterCommand, Refusal,
+    Setpoint, State, Telemetry,
+};
+use flix_protocol::session::ConnectError;
+use flix_protocol::units::{Degrees, Hertz, Instant};
+
+use super::keyboard::Action;
+use crate::explain;
+use crate::link::{Client, Update};
+
+/// Interval of the histories.
+pub const HISTORY_INTERVAL: Duration = Duration::from_millis(200);
+/// Points that are kept: wider than terminals are.
+pub const HISTORY_LENGTH: usize = 400;
+/// Lines of the log that are kept.
+const LOG_LENGTH: usize = 200;
+/// The rotors are shown this many times slower than they turn: 30 Hz as one turn a second.
+pub const SLOW_MOTION: f32 = 30.0;
+/// Below this the rotors are shown where they are.
+const REAL_TIME_BELOW_HZ: f32 = 1.0;
+/// How long arming is tried again while the link is being proven.
+const PROVING_PATIENCE: Duration = Duration::from_secs(3);
+/// Silence after which it is shown: a few telemetry intervals.
+const SHOWN_SILENCE: Duration = Duration::from_millis(150);
+/// Current at the end of the gauge while the robot's limit is not known, A.
+const ASSUMED_CURRENT_LIMIT: f32 = 3.0;
+/// The setting that ends the current's gauge.
+const CURRENT_LIMIT: &str = "current_limit";
+
+/// How the link stands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Link {
+    /// Well.
+    Connected,
+    /// Nothing heard for so long.
+    Silent(Duration),
+    /// Trying to come back.
+    Connecting,
+    /// The last try failed, and the next is under way.
+    Failed(ConnectError),
+}
+
+/// How serious a line of the log is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Weight {
+    /// Good to know.
+    Note,
+    /// Something did not go as asked.
+    Warning,
+    /// A fault, or a lost robot.
+    Alarm,
+}
+
+/// A line of the log.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Line {
+    /// Since the program's start.
+    pub at: Duration,
+    /// How serious.
+    pub weight: Weight,
+    /// What happened.
+    pub text: String,
+}
+
+/// One point of the histories.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Hz.
+    pub frequency: f32,
+    /// Degrees.
+    pub direction: f32,
+    /// Amplitude of the current vector of top and bottom motor, A.
+    pub currents: [f32; 2],
+    /// V, where it is measured.
+    pub battery: Option<f32>,
+}
+
+/// The state between link and screen.
+#[derive(Debug, Clone)]
+pub struct Cockpit {
+    /// As the operator named it.
+    pub robot: String,
+    /// What the robot says it is.
+    pub identity: Option<Identity>,
+    /// How the link stands.
+    pub link: Link,
+    /// Newest round trip.
+    pub round_trip: Option<Duration>,
+    /// Share of unanswered commands, from 0 to 1.
+    pub loss: f64,
+    /// The newest.
+    pub telemetry: Option<Telemetry>,
+    /// What the operator wants the shaker to do.
+    pub wanted: Setpoint,
+    /// Whether a stop is on its way and not acknowledged yet.
+    pub is_stopping: bool,
+    /// End of the current's gauge, A.
+    pub current_limit: f32,
+    /// Oldest first.
+    pub history: VecDeque<Sample>,
+    /// Oldest first.
+    pub log: VecDeque<Line>,
+    /// Shaking phase in slow motion, degrees clockwise.
+    pub phase: f32,
+    start: Instant,
+    heard: Instant,
+    sampled: Instant,
+    animated: Instant,
+    arming: Option<Arming>,
+    asked: Vec<u32>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Arming {
+    request: u32,
+    give_up_at: Instant,
+}
+
+impl Cockpit {
+    /// Nothing known yet.
+    #[must_use]
+    pub fn new(robot: &str, now: Instant) -> Self {
+        Self {
+            robot: robot.to_owned(),
+            identity: None,
+            link: Link::Connecting,
+            round_trip: None,
+            loss: 0.0,
+            telemetry: None,
+            wanted: Setpoint::REST,
+            is_stopping: false,
+            current_limit: ASSUMED_CURRENT_LIMIT,
+            history: VecDeque::new(),
+            log: VecDeque::new(),
+            phase: 0.0,
+            start: now,
+            heard: now,
+            sampled: now,
+            animated: now,
+            arming: None,
+            asked: Vec::new(),
+        }
+    }
+
+    /// A session begins: asks the robot who it is.
+    pub fn connected(&mut self, client: &mut Client, now: Instant) {
+        self.link = Link::Connected;
+        self.heard = now;
+        self.note(now, Weight::Note, "connected: Enter arms, the space bar always stops");
+        let limit = CURRENT_LIMIT.try_into().map(ParameterCommand::Get).map(Command::Parameter);
+        self.asked = [Some(Command::Identify), limit.ok()]
+            .into_iter()
+            .flatten()
+            .map(|command| client.request(now, command))
+            .collect();
+    }
+
+    /// Does what the operator wants, save leaving.
+    pub fn act(&mut self, action: Action, client: &mut Client, now: Instant) {
+        match action {
+            Action::Stop | Action::Interrupt => {
+                self.let_go();
+                self.is_stopping = true;
+                client.stop(now);
+                self.note(now, Weight::Warning, "stop");
+            }
+            Action::Arm => self.arm(client, now),
+            Action::Disarm | Action::Quit => {
+                self.let_go();
+                client.release();
+                client.request(now, Command::Disarm);
+            }
+            Action::Clear => {
+                client.request(now, Command::Clear);
+            }
+            Action::Walk(mode) => {
+                if self.want(mode.setpoint(), client, now) {
+                    self.note(now, Weight::Note, mode.name());
+                }
+            }
+            Action::Rest => {
+                self.want(Setpoint::REST, client, now);
+            }
+            Action::Frequency(step) => self.adjust(step, 0.0, client, now),
+            Action::Direction(step) => self.adjust(0.0, step, client, now),
+        }
+    }
+
+    /// Takes in what happened on the link.
+    pub fn observe(&mut self, update: &Update, client: &mut Client, now: Instant) {
+        match update {
+            Update::Connected => self.connected(client, now),
+            Update::Telemetry(telemetry) => self.heard(telemetry, client, now),
+            Update::Event(report) => {
+                use flix_protocol::message::Event;
+                let weight = match report.event {
+                    Event::Fault(_) | Event::LinkLost | Event::SettingsDefaulted => Weight::Alarm,
+                    Event::Stopped
+                    | Event::LinkLate
+                    | Event::CommandDeadline
+                    | Event::BatteryLow(_) => Weight::Warning,
+                    _ => Weight::Note,
+                };
+                self.note(now, weight, &explain::event(&report.event));
+            }
+            Update::Answer { request, outcome } => self.answered(*request, outcome, client, now),
+            Update::Unanswered { request } => {
+                if self.arming.is_some_and(|arming| arming.request == *request) {
+                    self.arming = None;
+                }
+            }
+            // The state says it already.
+            Update::SetpointRefused(Refusal::Faulted(_) | Refusal::Stopped) => {
+                self.let_go();
+                client.release();
+            }
+            Update::SetpointRefused(refusal) => {
+                self.note(now, Weight::Warning, &format!("not done: {refusal}"));
+                self.let_go();
+                client.release();
+            }
+            Update::StopAcknowledged => {
+                self.is_stopping = false;
+                self.note(now, Weight::Note, "the robot has confirmed the stop; c clears it");
+            }
+            Update::Lost => self.lost("the robot fell silent: it stops by itself", now),
+            Update::Left => {
+                self.lost("the robot ended the session", now);
+                client.connect(now);
+            }
+            Update::Failed(error) => {
+                if self.link != Link::Failed(*error) {
+                    self.note(now, Weight::Alarm, &error.to_string());
+                }
+                self.link = Link::Failed(*error);
+                client.connect(now);
+            }
+        }
+    }
+
+    /// Lets time pass: link figures, histories and slow motion.
+    pub fn tick(&mut self, client: &Client, now: Instant) {
+        let statistics = client.statistics();
+        (self.round_trip, self.loss) = (statistics.last_round_trip(), statistics.loss());
+        if matches!(self.link, Link::Connected | Link::Silent(_)) {
+            let silence = now.since(self.heard);
+            self.link =
+                if silence < SHOWN_SILENCE { Link::Connected } else { Link::Silent(silence) };
+        }
+        self.animate(now);
+        while now.since(self.sampled) >= HISTORY_INTERVAL {
+            self.sampled = self.sampled + HISTORY_INTERVAL;
+            if let Some(sample) = self.telemetry.as_ref().map(Sample::of) {
+                if self.history.len() == HISTORY_LENGTH {
+                    self.history.pop_front();
+                }
+                self.history.push_back(sample);
+            }
+        }
+    }
+
+    /// Whether what is shown is older than a few telemetry intervals.
+    #[must_use]
+    pub fn is_stale(&self) -> bool {
+        self.link != Link::Connected
+    }
+
+    /// Angles at which the rotors are shown, degrees clockwise from forward; in slow motion while
+    /// they turn quickly.
+    #[must_use]
+    pub fn shown_rotors(&self) -> Option<[f32; 2]> {
+        let telemetry = self.telemetry.as_ref()?;
+        if is_quick(telemetry) {
+            let theta = telemetry.direction.get();
+            Some([theta + self.phase, theta - self.phase])
+        } else {
+            Some(telemetry.motors.map(|motor| motor.angle.get()))
+        }
+    }
+
+    /// Whether the rotors are shown in slow motion.
+    #[must_use]
+    pub fn is_slow_motion(&self) -> bool {
+        self.telemetry.as_ref().is_some_and(is_quick)
+    }
+
+    fn animate(&mut self, now: Instant) {
+        let passed = now.since(self.animated).as_secs_f32();
+        self.animated = now;
+        if let Some(telemetry) = &self.telemetry {
+            let step = 360.0 * telemetry.frequency.get() * passed / SLOW_MOTION;
+            self.phase = (self.phase + step).rem_euclid(360.0);
+        }
+    }
+
+    fn arm(&mut self, client: &mut Client, now: Instant) {
+        match &self.telemetry {
+            Some(telemetry) if telemetry.stopped => {
+                self.note(now, Weight::Warning, "stopped: press c to clear it first");
+            }
+            Some(telemetry) if telemetry.state == State::Faulted => {
+                self.note(now, Weight::Warning, "faulted: press c to clear it first");
+            }
+            _ => {
+                let request = client.request(now, Command::Arm);
+                self.arming = Some(Arming { request, give_up_at: now + PROVING_PATIENCE });
+            }
+        }
+    }
+
+    fn answered(&mut self, request: u32, outcome: &Outcome, client: &mut Client, now: Instant) {
+        let arming = self.arming.filter(|arming| arming.request == request);
+        match outcome {
+            Outcome::Identity(identity) if self.asked.contains(&request) => {
+                self.identity = Some(identity.clone());
+            }
+            Outcome::Parameter(parameter) if self.asked.contains(&request) => {
+                self.current_limit = parameter.value;
+            }
+            Outcome::Refused(Refusal::LinkUnproven)
+                if arming.is_some_and(|arming| now < arming.give_up_at) =>
+            {
+                let request = client.request(now, Command::Arm);
+                self.arming = arming.map(|arming| Arming { request, ..arming });
+            }
+            Outcome::Refused(refusal) => {
+                if arming.is_some() {
+                    self.arming = None;
+                    self.let_go();
+                    client.release();
+                }
+                // A robot without this setting is none the worse.
+                if !self.asked.contains(&request) {
+                    self.note(now, Weight::Warning, &format!("not done: {refusal}"));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn heard(&mut self, telemetry: &Telemetry, client: &mut Client, now: Instant) {
+        self.heard = now;
+        self.link = Link::Connected;
+        self.telemetry = Some(*telemetry);
+        self.arming = self.arming.filter(|arming| now < arming.give_up_at);
+        match telemetry.state {
+            State::Aligning | State::Armed | State::Running => self.arming = None,
+            // A robot that let go by itself is not started again by what was wanted before.
+            State::Disarmed | State::Stopping | State::Faulted if self.arming.is_none() => {
+                self.let_go();
+                client.release();
+            }
+            _ => {}
+        }
+    }
+
+    /// Wants a setpoint of the robot, if it is in a state to obey.
+    fn want(&mut self, setpoint: Setpoint, client: &mut Client, now: Instant) -> bool {
+        let state = self.telemetry.as_ref().map(|telemetry| telemetry.state);
+        let can_obey = matches!(state, Some(State::Armed | State::Running));
+        if can_obey && !self.is_stopping {
+            self.wanted = setpoint;
+            client.hold(now, setpoint);
+        } else {
+            self.note(now, Weight::Warning, "not armed: press Enter first");
+        }
+        can_obey
+    }
+
+    fn adjust(&mut self, frequency: f32, direction: f32, client: &mut Client, now: Instant) {
+        let limit = |value: f32, most: f32| value.clamp(-most, most);
+        let frequency =
+            limit(tenths(self.wanted.frequency().get() + frequency), MAXIMUM_FREQUENCY.get());
+        let direction = limit(self.wanted.direction().get() + direction, MAXIMUM_DIRECTION.get());
+        let setpoint = Setpoint::new(Hertz::saturating(frequency), Degrees::saturating(direction));
+        if let Ok(setpoint) = setpoint {
+            self.want(setpoint, client, now);
+        }
+    }
+
+    fn let_go(&mut self) {
+        self.wanted = Setpoint::REST;
+    }
+
+    fn lost(&mut self, text: &str, now: Instant) {
+        self.let_go();
+        self.arming = None;
+        self.link = Link::Connecting;
+        self.note(now, Weight::Alarm, text);
+    }
+
+    fn note(&mut self, now: Instant, weight: Weight, text: &str) {
+        if self.log.len() == LOG_LENGTH {
+            self.log.pop_front();
+        }
+        self.log.push_back(Line { at: now.since(self.start), weight, text: text.to_owned() });
+    }
+}
+
+impl Sample {
+    /// What is drawn of telemetry.
+    #[must_use]
+    pub fn of(telemetry: &Telemetry) -> Self {
+        Self {
+            frequency: telemetry.frequency.get(),
+            direction: telemetry.direction.get(),
+            currents: telemetry
+                .motors
+                .map(|motor| motor.current_d.get().hypot(motor.current_q.get())),
+            battery: telemetry.bus_voltage.map(|voltage| voltage.get()),
+        }
+    }
+}
+
+fn is_quick(telemetry: &Telemetry) -> bool {
+    telemetry.frequency.get().abs() >= REAL_TIME_BELOW_HZ
+}
+
+/// Keeps a hundred fine steps from leaving a tail of digits.
+fn tenths(value: f32) -> f32 {
+    (value * 10.0).round() / 10.0
+}
