@@ -34,7 +34,7 @@ use crate::fixed::{magnitude, multiply_high};
 use crate::foc::current::{CurrentLoop, Input};
 use crate::foc::modulation::Bus;
 use crate::hardware::{Actuation, Bridge, Sensors, TICK_RATE_HZ, Turn};
-use crate::shaker::{Rotors, Shaker, Target};
+use crate::shaker::{Rotors, STRIDE, Shaker, Target};
 use crate::supervisor::{Conditions, Drive, Supervisor};
 
 /// 2^-32 turn per tick.
@@ -208,8 +208,8 @@ const LATE_FORGIVEN_TICKS: u32 = 100;
 const OVER_CURRENT_TICKS: u32 = 2;
 /// Ticks for which the bus must be too low: 20 ms, longer than a sag of one turn.
 const UNDER_VOLTAGE_TICKS: u32 = 200;
-/// Ticks for which the bus must be too high: 1 ms.
-const OVER_VOLTAGE_TICKS: u32 = 10;
+/// Ticks for which the bus must be too high: 3.2 ms.
+const OVER_VOLTAGE_TICKS: u32 = 32;
 /// Ticks at more than nine tenths of the current without movement: 0.2 s.
 const STALL_TICKS: u32 = 2_000;
 /// Slower than this is no movement: 1 Hz.
@@ -228,21 +228,21 @@ const RESIDUAL_TICKS: u32 = 100;
 const REST_TICKS: u32 = 100;
 /// Slower than this is at rest: 0.3 Hz.
 const AT_REST: Speed = hertz(30);
-/// The bus voltage is averaged over 2^5 ticks.
-const BUS_FILTER_SHIFT: u32 = 5;
-/// f is averaged over 2^8 ticks, about one turn.
-const FREQUENCY_FILTER_SHIFT: u32 = 8;
+/// The bus voltage is averaged over 2 surveys.
+const BUS_FILTER_SHIFT: u32 = 1;
+/// f is averaged over 2^4 surveys, about one turn.
+const FREQUENCY_FILTER_SHIFT: u32 = 4;
 /// The battery must recover by this much before it is warned of again: 0.3 V.
 const BATTERY_HYSTERESIS: i32 = 19_661;
-/// What changes slowly is worked out one tick in so many.
-const SLOW_TICKS: u32 = 16;
+/// What builds up slowly is looked at in one tick of so many.
+const SURVEY_TICKS: u32 = 16;
 
 /// Hundredths of a hertz as a [`Speed`].
 const fn hertz(hundredths: i64) -> Speed {
     (hundredths * (1 << 32) / (100 * TICK_RATE_HZ as i64)) as Speed
 }
 
-/// Counts ticks in which something is wrong; falls at the same rate when it is not.
+/// Counts looks at which something is wrong; falls at the same rate when it is not.
 #[derive(Debug, Clone, Copy, Default)]
 struct Suspicion(u32);
 
@@ -262,7 +262,6 @@ impl Suspicion {
 /// What is suspected but not sure yet.
 #[derive(Debug, Clone, Copy, Default)]
 struct Suspicions {
-    over_current: Suspicion,
     under_voltage: Suspicion,
     over_voltage: Suspicion,
     stall: [Suspicion; 2],
@@ -299,14 +298,20 @@ pub struct Control {
     zeros: [[i32; 2]; 2],
     /// Currents of phases A and B, 2^-16 A.
     currents: [[i32; 2]; 2],
+    /// Clockwise currents, 2^-16 A.
+    wanted: [i32; 2],
+    over_current: Suspicion,
     suspicions: Suspicions,
+    /// Faults of the last survey.
+    present: Faults,
+    at_rest: bool,
     aligned: bool,
     /// A fault that alignment found, for the next tick.
     misaligned: Faults,
     still: u32,
     lateness: u32,
     time: Instant,
-    /// 2^-4 of [`Report::frequency`].
+    /// [`Report::frequency`], 2^-4.
     frequency: i32,
     largest_voltage: i32,
     timing: Timing,
@@ -330,7 +335,11 @@ impl Control {
             battery_low: false,
             zeros: [[configuration.zero_design; 2]; 2],
             currents: [[0; 2]; 2],
+            wanted: [0; 2],
+            over_current: Suspicion::default(),
             suspicions: Suspicions::default(),
+            present: Faults::NONE,
+            at_rest: false,
             aligned: false,
             misaligned: Faults::NONE,
             still: 0,
@@ -365,25 +374,34 @@ impl Control {
     #[inline]
     pub fn tick(&mut self, now: Instant, sensors: &Sensors, order: &Order) -> Actuation {
         let late = self.keep_time(now, order.period);
-        self.measure_bus(sensors.bus_voltage);
         let [top, bottom] = sensors.encoders;
         self.trackers[0].update(&self.configuration.encoders[0], top);
         self.trackers[1].update(&self.configuration.encoders[1], bottom);
-        let clipped = self.measure_currents(sensors);
+        let excess = self.measure_currents(sensors);
         let rotors = self.rotors();
-
+        let count = self.timing.ticks as u32;
+        if count % SURVEY_TICKS == 1 {
+            self.survey(sensors, order, &rotors);
+        }
+        let mut present = self.present;
+        if self.over_current.count(excess, OVER_CURRENT_TICKS) {
+            present = present.with(Fault::OverCurrent);
+        }
+        if late {
+            present = present.with(Fault::LoopOverrun);
+        }
+        if self.trackers[0].lost() | self.trackers[1].lost() {
+            present = present.with(Fault::EncoderLost);
+        }
         let conditions = Conditions {
-            present: self.faults(late, clipped, order),
-            at_rest: self.at_rest(&rotors),
+            present,
+            at_rest: self.at_rest,
             aligned: core::mem::take(&mut self.aligned),
         };
-        let drive = self.supervisor.update(now, order, &conditions);
-        self.frequency +=
-            (rotors.frequency() - (self.frequency >> 4)) >> (FREQUENCY_FILTER_SHIFT - 4);
-        match drive {
+        match self.supervisor.update(now, order, &conditions) {
             Drive::Shake(frequency, turn) => {
                 let target = Target { frequency, direction: turn.then_some(order.direction) };
-                self.shake(&rotors, &target)
+                self.shake(&rotors, &target, count.is_multiple_of(STRIDE))
             }
             Drive::Align => self.align(sensors),
             Drive::Brake => self.let_go(Bridge::BRAKE),
@@ -402,7 +420,7 @@ impl Control {
                 angle: rotors.angles[index % 2],
                 speed: rotors.speeds[index % 2],
                 current_d: current.d,
-                current_q: self.clockwise(index, current.q),
+                current_q: current.q.wrapping_mul(self.configuration.clockwise[index % 2]),
             };
         }
         let modulation = i64::from(self.largest_voltage) * i64::from(u16::MAX)
@@ -415,7 +433,7 @@ impl Control {
             stopped: self.supervisor.stopped(),
             link_late: self.supervisor.link_late(),
             obeyed: self.supervisor.obeyed(),
-            frequency: self.frequency >> 4,
+            frequency: self.frequency >> FREQUENCY_FILTER_SHIFT,
             direction: rotors.direction(),
             motors,
             bus_voltage: (self.configuration.bus_per_count != 0).then_some(self.bus_voltage),
@@ -433,22 +451,11 @@ impl Control {
         Rotors { angles: [top.angle(), bottom.angle()], speeds: [top.speed(), bottom.speed()] }
     }
 
-    /// A motor's torque-making current counted clockwise, or back.
-    #[inline(always)]
-    fn clockwise(&self, index: usize, current: i32) -> i32 {
-        if self.configuration.alignment[index % 2].reversed {
-            current.wrapping_neg()
-        } else {
-            current
-        }
-    }
-
     /// Moves everything that predicts over ticks that never came; whether the loop is late beyond
     /// forgiveness.
     #[inline(always)]
     fn keep_time(&mut self, now: Instant, period: u8) -> bool {
         let interval = (now.as_micros() as u32).wrapping_sub(self.time.as_micros() as u32);
-        let first = self.timing.ticks == 0;
         self.time = now;
         self.timing.ticks = self.timing.ticks.wrapping_add(1);
         if period != self.period {
@@ -457,15 +464,23 @@ impl Control {
             self.largest_voltage = 0;
         }
         self.timing.longest_interval_us = self.timing.longest_interval_us.max(interval);
-        if interval <= LATE_US || first {
-            self.lateness = self.lateness.saturating_sub(1);
-            return false;
+        if interval > LATE_US {
+            return self.miss(interval);
         }
-        self.miss(interval)
+        if self.lateness != 0 {
+            core::hint::cold_path();
+            self.lateness -= 1;
+        }
+        false
     }
 
     #[cold]
     fn miss(&mut self, interval: u32) -> bool {
+        if self.timing.ticks == 1 {
+            // There was none before.
+            self.timing.longest_interval_us = 0;
+            return false;
+        }
         self.timing.overruns = self.timing.overruns.saturating_add(1);
         self.lateness = self.lateness.saturating_add(LATE_FORGIVEN_TICKS);
         let missed = (interval.saturating_add(TICK_US / 2) / TICK_US).saturating_sub(1);
@@ -476,72 +491,65 @@ impl Control {
         interval > LONGEST_GAP_US || self.lateness >= LATE_LIMIT * LATE_FORGIVEN_TICKS
     }
 
+    /// Counts to amperes; whether a phase carries too much, or its amplifier cannot tell.
     #[inline(always)]
+    fn measure_currents(&mut self, sensors: &Sensors) -> bool {
+        let Some(counts) = sensors.phase_current else { return false };
+        let limit = self.configuration.over_current_counts;
+        let beyond = |count: i32| count.wrapping_add(limit) as u32 > limit.wrapping_mul(2) as u32;
+        let mut excess = false;
+        let scales = &self.configuration.current_per_count;
+        let motors = self.currents.iter_mut().zip(&self.zeros).zip(scales);
+        for (((currents, zeros), scale), [a, b]) in motors.zip(counts) {
+            let [zero_a, zero_b] = zeros;
+            let (a, b) = (i32::from(a) * 16 - zero_a, i32::from(b) * 16 - zero_b);
+            excess |= beyond(a) | beyond(b) | beyond(a + b);
+            *currents = [multiply_high(a << 11, *scale), multiply_high(b << 11, *scale)];
+        }
+        excess
+    }
+
+    /// What need not be looked at in every tick: bus, faults that build up, rest, averages.
+    #[inline(never)]
+    fn survey(&mut self, sensors: &Sensors, order: &Order, rotors: &Rotors) {
+        self.measure_bus(sensors.bus_voltage);
+        self.present = self.faults(order);
+        self.at_rest = self.rest(rotors);
+        self.frequency += rotors.frequency() - (self.frequency >> FREQUENCY_FILTER_SHIFT);
+        for current_loop in &self.loops {
+            self.largest_voltage = self.largest_voltage.max(magnitude(current_loop.voltage().q));
+        }
+    }
+
     fn measure_bus(&mut self, counts: Option<u16>) {
         if let Some(counts) = counts {
             let voltage = multiply_high(i32::from(counts) << 14, self.configuration.bus_per_count);
             self.bus_voltage += (voltage - self.bus_voltage) >> BUS_FILTER_SHIFT;
         }
-        if (self.timing.ticks as u32).is_multiple_of(SLOW_TICKS) {
-            self.bus = Bus::new(self.bus_voltage, self.configuration.dead_share);
-            let low = self.bus_voltage < self.configuration.bus_low;
-            if low && !self.battery_low {
-                self.supervisor.warn_battery();
-            }
-            let recovered = self.bus_voltage > self.configuration.bus_low + BATTERY_HYSTERESIS;
-            self.battery_low = low || (self.battery_low && !recovered);
+        self.bus = Bus::new(self.bus_voltage, self.configuration.dead_share);
+        let low = self.bus_voltage < self.configuration.bus_low;
+        if low && !self.battery_low {
+            self.supervisor.warn_battery();
         }
+        let recovered = self.bus_voltage > self.configuration.bus_low + BATTERY_HYSTERESIS;
+        self.battery_low = low || (self.battery_low && !recovered);
     }
 
-    /// Counts to amperes; whether an amplifier is at the end of its range.
-    #[inline(always)]
-    fn measure_currents(&mut self, sensors: &Sensors) -> bool {
-        let Some(counts) = sensors.phase_current else { return false };
-        let (low, high) = self.configuration.valid_counts;
-        let mut clipped = false;
-        let scale = self.configuration.current_per_count;
-        let motors = self.currents.iter_mut().zip(&self.zeros).zip(&self.configuration.alignment);
-        for (((currents, zeros), alignment), counts) in motors.zip(counts) {
-            for ((current, zero), count) in currents.iter_mut().zip(zeros).zip(counts) {
-                clipped |= count < low || count > high;
-                let centred = i32::from(count) * 16 - zero;
-                let signed = if alignment.current_inverted { -centred } else { centred };
-                *current = multiply_high(signed << 11, scale);
-            }
-        }
-        clipped
-    }
-
-    /// Faults whose cause is there now.
-    #[inline(always)]
-    fn faults(&mut self, late: bool, clipped: bool, order: &Order) -> Faults {
+    /// Faults whose cause is there now, but for those that every tick looks for.
+    fn faults(&mut self, order: &Order) -> Faults {
         let mut faults = core::mem::take(&mut self.misaligned);
-        let limit = self.configuration.over_current;
-        let excess = clipped
-            || self.currents.iter().any(|[a, b]| {
-                magnitude(*a).max(magnitude(*b)).max(magnitude(a.wrapping_add(*b))) > limit
-            });
-        let suspicions = &mut self.suspicions;
-        if suspicions.over_current.count(excess, OVER_CURRENT_TICKS) {
-            faults = faults.with(Fault::OverCurrent);
-        }
-        if late {
-            faults = faults.with(Fault::LoopOverrun);
-        }
         for tracker in &self.trackers {
-            if tracker.lost() {
-                faults = faults.with(Fault::EncoderLost);
-            }
             if magnitude(tracker.speed()) > self.configuration.over_speed {
                 faults = faults.with(Fault::OverSpeed);
             }
         }
+        let suspicions = &mut self.suspicions;
         let low = self.bus_voltage < self.configuration.under_voltage;
-        if suspicions.under_voltage.count(low, UNDER_VOLTAGE_TICKS) {
+        if suspicions.under_voltage.count(low, UNDER_VOLTAGE_TICKS / SURVEY_TICKS) {
             faults = faults.with(Fault::UnderVoltage);
         }
         let high = self.bus_voltage > self.configuration.over_voltage;
-        if suspicions.over_voltage.count(high, OVER_VOLTAGE_TICKS) {
+        if suspicions.over_voltage.count(high, OVER_VOLTAGE_TICKS / SURVEY_TICKS) {
             faults = faults.with(Fault::OverVoltage);
         }
         if matches!(self.activity, Activity::Shaking) {
@@ -552,12 +560,12 @@ impl Control {
     }
 
     /// Faults that show only while the rotors are controlled.
-    #[inline(always)]
     fn shaking_faults(&mut self, mut faults: Faults, order: &Order) -> Faults {
         let suspicions = &mut self.suspicions;
         let pressed = self.shaker.limited();
         for (tracker, stall) in self.trackers.iter().zip(&mut suspicions.stall) {
-            if stall.count(pressed && magnitude(tracker.speed()) < STALLED, STALL_TICKS) {
+            let stalled = pressed && magnitude(tracker.speed()) < STALLED;
+            if stall.count(stalled, STALL_TICKS / SURVEY_TICKS) {
                 faults = faults.with(Fault::Stall);
             }
         }
@@ -565,8 +573,8 @@ impl Control {
             self.shaker.slipping() || magnitude(self.shaker.sum_error()) > LARGEST_SUM_ERROR;
         let droop = order.frequency.wrapping_sub(self.shaker.frequency());
         let drooping = pressed && magnitude(droop) > LARGEST_DROOP;
-        if suspicions.unlocked.count(unlocked, UNLOCKED_TICKS)
-            | suspicions.droop.count(drooping, DROOP_TICKS)
+        if suspicions.unlocked.count(unlocked, UNLOCKED_TICKS / SURVEY_TICKS)
+            | suspicions.droop.count(drooping, DROOP_TICKS / SURVEY_TICKS)
         {
             faults = faults.with(Fault::PhaseLockLost);
         }
@@ -575,33 +583,34 @@ impl Control {
             let residual = current_loop.residual();
             magnitude(residual.d).max(magnitude(residual.q)) > bound
         });
-        if suspicions.residual.count(off, RESIDUAL_TICKS) {
+        if suspicions.residual.count(off, RESIDUAL_TICKS / SURVEY_TICKS) {
             faults = faults.with(Fault::CurrentSense);
         }
         faults
     }
 
     /// Whether the rotors have been slow for a while, and nobody wants them to turn.
-    #[inline(always)]
-    fn at_rest(&mut self, rotors: &Rotors) -> bool {
+    fn rest(&mut self, rotors: &Rotors) -> bool {
         let [top, bottom] = rotors.speeds;
         let slow = magnitude(top) < AT_REST && magnitude(bottom) < AT_REST;
-        self.still = if slow { self.still.saturating_add(1) } else { 0 };
+        self.still = if slow { self.still.saturating_add(SURVEY_TICKS) } else { 0 };
         let standing = !matches!(self.activity, Activity::Shaking) || self.shaker.standing();
         self.still >= REST_TICKS && standing
     }
 
     #[inline(always)]
-    fn shake(&mut self, rotors: &Rotors, target: &Target) -> Actuation {
+    fn shake(&mut self, rotors: &Rotors, target: &Target, outer: bool) -> Actuation {
         if !matches!(self.activity, Activity::Shaking) {
             self.begin_shaking(rotors);
         }
-        let limited = self.loops[0].limited() || self.loops[1].limited();
-        let currents = self.shaker.update(&self.configuration.shaker, rotors, target, limited);
+        if outer {
+            let limited = self.loops[0].limited() | self.loops[1].limited();
+            self.wanted = self.shaker.update(&self.configuration.shaker, rotors, target, limited);
+        }
         Actuation {
             bridges: [
-                self.drive(0, rotors.angles[0], rotors.speeds[0], currents[0]),
-                self.drive(1, rotors.angles[1], rotors.speeds[1], currents[1]),
+                self.drive(0, rotors.angles[0], rotors.speeds[0]),
+                self.drive(1, rotors.angles[1], rotors.speeds[1]),
             ],
         }
     }
@@ -611,23 +620,21 @@ impl Control {
         self.activity = Activity::Shaking;
         self.loops = [CurrentLoop::default(); 2];
         self.shaker = Shaker::at_rest(rotors);
+        self.wanted = [0; 2];
         self.suspicions = Suspicions::default();
     }
 
-    /// One motor: a clockwise current to its bridge.
+    /// One motor: its wanted current to its bridge.
     #[inline(always)]
-    fn drive(&mut self, index: usize, angle: Turn, speed: Speed, current: i32) -> Bridge {
+    fn drive(&mut self, index: usize, angle: Turn, speed: Speed) -> Bridge {
         let configuration = &self.configuration;
         let input = Input {
             phases: configuration.sensed.then_some(self.currents[index]),
             angle: configuration.electrical_angle(index, angle),
-            speed: speed.wrapping_mul(configuration.signed_pole_pairs(index)),
-            current_q: self.clockwise(index, current),
+            speed: speed.wrapping_mul(configuration.signed_pole_pairs[index]),
+            current_q: self.wanted[index].wrapping_mul(configuration.clockwise[index]),
         };
-        let current_loop = &mut self.loops[index];
-        let duties = current_loop.update(&configuration.motors[index], &self.bus, &input);
-        self.largest_voltage = self.largest_voltage.max(magnitude(current_loop.voltage().q));
-        Bridge::Duty(duties)
+        Bridge::Duty(self.loops[index].update(&configuration.motors[index], &self.bus, &input))
     }
 
     fn let_go(&mut self, bridge: Bridge) -> Actuation {
@@ -662,7 +669,7 @@ impl Control {
             Progress::Done => {
                 self.zeros = aligner.zeros();
                 if aligner.full() {
-                    self.configuration.alignment = aligner.results();
+                    self.configuration.apply(aligner.results());
                     self.configuration.aligned = true;
                     self.activity = Activity::Learning(0);
                 } else {

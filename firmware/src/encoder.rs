@@ -38,8 +38,8 @@ const LARGEST_WEIGHT: i32 = 4;
 /// An encoder and how to follow it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EncoderModel {
-    /// Whether it counts clockwise seen from above.
-    pub clockwise: bool,
+    /// +1 where it counts clockwise seen from above, else -1.
+    pub sense: i32,
     /// Clockwise angle of the eccentric mass from forward at reading zero.
     pub zero: Turn,
     /// Constant delay of every reading, microseconds.
@@ -57,8 +57,7 @@ impl EncoderModel {
     #[inline(always)]
     #[must_use]
     pub const fn uncorrected(&self, reading: Turn) -> Turn {
-        let clockwise = if self.clockwise { reading } else { reading.wrapping_neg() };
-        clockwise.wrapping_add(self.zero)
+        reading.wrapping_mul(self.sense as u32).wrapping_add(self.zero)
     }
 
     /// Works out one entry of the table from cosine and sine of the first and second harmonic.
@@ -144,7 +143,10 @@ impl Tracker {
     #[inline]
     pub fn update(&mut self, model: &EncoderModel, encoder: Encoder) {
         self.angle = self.angle.wrapping_add(self.speed as u32);
-        self.settling = self.settling.saturating_sub(1);
+        if self.settling != 0 {
+            core::hint::cold_path();
+            self.settling -= 1;
+        }
         if let Encoder::Reading(reading) = encoder {
             self.correct(model, reading);
         } else {
@@ -175,12 +177,21 @@ impl Tracker {
             self.miss();
             return;
         }
-        let weight = (self.silence as i32 + 1).min(LARGEST_WEIGHT);
-        self.silence = 0;
-        let error = within(error, PLAUSIBLE).wrapping_mul(weight);
+        let error = within(error, PLAUSIBLE).wrapping_mul(self.weight());
         self.angle = self.angle.wrapping_add(multiply_high(error, model.angle_gain) as u32);
         let speed = self.speed.wrapping_add(multiply_high(error, model.speed_gain));
         self.speed = within(speed, FASTEST);
+    }
+
+    /// Ticks since the reading before.
+    #[inline(always)]
+    fn weight(&mut self) -> i32 {
+        if self.silence == 0 {
+            return 1;
+        }
+        core::hint::cold_path();
+        let silence = core::mem::take(&mut self.silence);
+        (i32::from(silence) + 1).min(LARGEST_WEIGHT)
     }
 
     /// How far the rotor went since a reading of this age.

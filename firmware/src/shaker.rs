@@ -15,7 +15,8 @@
 //!
 //! # Law
 //!
-//! Both coordinates follow smooth references with the same law, in units of acceleration:
+//! Both coordinates follow smooth references with the same law, in units of acceleration, every
+//! fourth tick:
 //!
 //! ```text
 //! u = reference'' + kp e + kd e' + ki integral(e) + periodic
@@ -37,15 +38,15 @@
 //! with `w^2` as the equation above says, so that it stays right while f changes.
 
 use crate::control::Speed;
-use crate::fixed::{magnitude, multiply_high, within};
+use crate::fixed::{cosine_sine, magnitude, multiply_high, within};
 use crate::hardware::{TICK_RATE_HZ, Turn};
 
 /// How fast a ramp closes in on its end, 1/s: the last `ramp / 50` are approached exponentially.
 const FREQUENCY_APPROACH: i64 = 50;
 /// The same for theta.
 const DIRECTION_APPROACH: i64 = 20;
-/// A ramp's slope builds up over this many ticks.
-const SLOPE_TICKS: i32 = 64;
+/// A ramp's slope builds up over this many updates.
+const SLOPE_UPDATES: i32 = 16;
 /// A difference of f below this is none: 0.001 Hz.
 const SAME_FREQUENCY: i32 = 430;
 /// Largest error of a coordinate that is acted on: 1/16 turn.
@@ -64,8 +65,14 @@ const NORMAL_FREQUENCY: i64 = hertz(35) as i64;
 const LARGEST_INTEGRAL: i32 = i32::MAX >> 1;
 /// Largest acceleration of a coordinate, 2^-40 turn per tick^2: 12 times what two amperes give.
 pub(crate) const LARGEST_ACCELERATION: i32 = 1 << 27;
-/// One in this many ticks works out what changes slowly.
-const SCHEDULE_TICKS: u8 = 16;
+/// Ticks between two updates: the position loops are fifty times slower than the current loops.
+pub const STRIDE: u32 = 4;
+/// The same, for what is signed.
+const STEP: i32 = STRIDE as i32;
+/// One in this many updates works out what changes slowly.
+const SCHEDULE_UPDATES: u8 = 4;
+/// Weight of a lesson, given every eighth tick: errors of a harmonic decay in 0.1 s.
+const LESSON_WEIGHT: i32 = 32;
 /// All of the headroom, 2^-15.
 const FULL_HEADROOM: i32 = 1 << 15;
 /// Below this a reference counts as standing: 0.01 Hz.
@@ -110,6 +117,14 @@ struct Coordinate {
     amplitudes: [Amplitude; 2],
 }
 
+impl Coordinate {
+    #[inline(always)]
+    fn integrate(&mut self, model: &ShakerModel, error: i32) {
+        let step = multiply_high(within(error, LARGEST_ERROR), model.integral) * STEP;
+        self.integral = within(self.integral + step, LARGEST_INTEGRAL);
+    }
+}
+
 /// `real cos - imaginary sin` of a harmonic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct Amplitude {
@@ -133,7 +148,7 @@ impl Amplitude {
             >> 7
     }
 
-    /// Learns from an error; `weight` in 1/4.
+    /// Learns from an error.
     #[inline(always)]
     const fn learn(&mut self, error: i32, direction: Amplitude, weight: i32) {
         let real = multiply_high(error, direction.real).wrapping_mul(weight);
@@ -143,7 +158,7 @@ impl Amplitude {
     }
 }
 
-/// `D(j h w)` per tick^2 in 2^-38; worked out every [`SCHEDULE_TICKS`].
+/// `D(j h w)` per tick^2 in 2^-38; worked out every [`SCHEDULE_UPDATES`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct InverseResponse {
     real: i32,
@@ -226,7 +241,7 @@ pub struct Shaker {
     sum_coordinate: Coordinate,
     difference_coordinate: Coordinate,
     inverse_responses: [InverseResponse; 2],
-    /// `(f / 35 Hz)^2` in 2^-26, and its inverse in 1/4.
+    /// `(f / 35 Hz)^2` in 2^-26, and the weight of a lesson over it; zero when f is too low.
     square: i32,
     inverse_square: i32,
     headroom: i32,
@@ -301,8 +316,8 @@ impl Shaker {
         self.sum = self.sum.wrapping_add((self.sum_speed as u32).wrapping_mul(ticks));
     }
 
-    /// One tick: the clockwise currents of top and bottom motor, 2^-16 A. `voltage_limited`: either
-    /// motor got less voltage than it wanted in the tick before. Never panics.
+    /// Every [`STRIDE`] ticks: the clockwise currents of top and bottom motor, 2^-16 A.
+    /// `voltage_limited`: either motor got less voltage than it wanted. Never panics.
     #[inline]
     pub fn update(
         &mut self,
@@ -318,7 +333,7 @@ impl Shaker {
         if self.countdown == 0 {
             self.schedule(model);
         }
-        self.countdown = self.countdown.wrapping_sub(1) & (SCHEDULE_TICKS - 1);
+        self.countdown = self.countdown.wrapping_sub(1) & (SCHEDULE_UPDATES - 1);
 
         self.sum_error = self.sum.wrapping_sub(rotors.sum()) as i32;
         self.difference_error = self.wait_for(rotors);
@@ -359,9 +374,9 @@ impl Shaker {
     #[inline(always)]
     fn follow_headroom(&mut self) {
         if self.limited {
-            self.headroom -= self.headroom >> 4;
+            self.headroom -= self.headroom >> 2;
         } else {
-            self.headroom += (FULL_HEADROOM - self.headroom) >> 7;
+            self.headroom += (FULL_HEADROOM - self.headroom) >> 5;
         }
     }
 
@@ -376,10 +391,10 @@ impl Shaker {
             let steepest = (model.frequency_ramp * self.headroom) >> 15;
             let slope = within(multiply_high(gap, per_second(FREQUENCY_APPROACH)), steepest);
             let change = slope - self.frequency_slope;
-            self.frequency_slope += within(change, model.frequency_ramp / SLOPE_TICKS);
-            self.frequency = self.frequency.wrapping_add(self.frequency_slope);
+            self.frequency_slope += within(change, model.frequency_ramp / SLOPE_UPDATES);
+            self.frequency = self.frequency.wrapping_add(self.frequency_slope * STEP);
         }
-        self.phase = self.phase.wrapping_add(self.frequency as u32);
+        self.phase = self.phase.wrapping_add((self.frequency as u32).wrapping_mul(STRIDE));
         self.frequency_slope << 9
     }
 
@@ -388,19 +403,19 @@ impl Shaker {
     fn ramp_direction(&mut self, model: &ShakerModel, direction: Option<i32>) -> i32 {
         let Some(direction) = direction else {
             let change = self.change_sum_speed(model, 0);
-            return change << 8;
+            return change << 6;
         };
         let gap = (direction as u32).wrapping_mul(2).wrapping_sub(self.sum) as i32;
         let wanted = within(multiply_high(gap, per_second(DIRECTION_APPROACH)), model.sum_ramp);
-        self.change_sum_speed(model, wanted) << 8
+        self.change_sum_speed(model, wanted) << 6
     }
 
     #[inline(always)]
     fn change_sum_speed(&mut self, model: &ShakerModel, wanted: Speed) -> i32 {
         let steepest = multiply_high(model.sum_ramp, per_second(DIRECTION_APPROACH));
-        let change = within(wanted - self.sum_speed, steepest + 1);
+        let change = within(wanted - self.sum_speed, (steepest + 1) * STEP);
         self.sum_speed += change;
-        self.sum = self.sum.wrapping_add(self.sum_speed as u32);
+        self.sum = self.sum.wrapping_add((self.sum_speed as u32).wrapping_mul(STRIDE));
         change
     }
 
@@ -411,7 +426,7 @@ impl Shaker {
         let held = within(error, LARGEST_LAG);
         if held != error {
             self.phase = self.phase.wrapping_sub((error.wrapping_sub(held) / 2) as u32);
-            self.frequency -= (self.frequency - rotors.frequency()) >> 6;
+            self.frequency -= (self.frequency - rotors.frequency()) >> 4;
         }
         held
     }
@@ -428,29 +443,29 @@ impl Shaker {
         )
     }
 
+    /// Integrals in every update, the two harmonics in turn.
     #[inline(always)]
     fn learn(&mut self, model: &ShakerModel, first: Harmonic, second: Harmonic) {
         let (sum_error, difference_error) = (self.sum_error, self.difference_error);
         let sum = &mut self.sum_coordinate;
         let difference = &mut self.difference_coordinate;
-        let integral = |error| multiply_high(within(error, LARGEST_ERROR), model.integral);
-        sum.integral = within(sum.integral.saturating_add(integral(sum_error)), LARGEST_INTEGRAL);
-        difference.integral = within(
-            difference.integral.saturating_add(integral(difference_error)),
-            LARGEST_INTEGRAL,
-        );
+        sum.integrate(model, sum_error);
+        difference.integrate(model, difference_error);
         if self.inverse_square == 0 {
             return;
         }
         let sum_error = within(sum_error, LARGEST_LESSON);
         let difference_error = within(difference_error, LARGEST_LESSON);
         let [first_response, second_response] = self.inverse_responses;
-        let lesson = first_response.lesson(first);
-        sum.amplitudes[0].learn(sum_error, lesson, 4);
-        difference.amplitudes[0].learn(difference_error, lesson, 4);
-        let lesson = second_response.lesson(second);
-        sum.amplitudes[1].learn(sum_error, lesson, 4);
-        difference.amplitudes[1].learn(difference_error, lesson, self.inverse_square);
+        if self.countdown & 1 == 0 {
+            let lesson = first_response.lesson(first);
+            sum.amplitudes[0].learn(sum_error, lesson, LESSON_WEIGHT);
+            difference.amplitudes[0].learn(difference_error, lesson, LESSON_WEIGHT);
+        } else {
+            let lesson = second_response.lesson(second);
+            sum.amplitudes[1].learn(sum_error, lesson, LESSON_WEIGHT);
+            difference.amplitudes[1].learn(difference_error, lesson, self.inverse_square);
+        }
     }
 
     /// What depends on f alone.
@@ -464,7 +479,7 @@ impl Shaker {
         self.inverse_square = if magnitude(self.frequency) < SLOWEST_LESSON {
             0
         } else {
-            ((1 << 30) / (square | 1)).min(64)
+            (LESSON_WEIGHT << 24).wrapping_div(square >> 4 | 1).min(16 * LESSON_WEIGHT)
         };
     }
 }
@@ -480,7 +495,7 @@ const fn feedback(model: &ShakerModel, error: i32, speed_error: i32) -> i32 {
 /// Of an angle.
 #[inline(always)]
 fn harmonic(angle: Turn) -> Harmonic {
-    let (cosine, sine) = idsp::cossin(angle as i32);
+    let (cosine, sine) = cosine_sine(angle);
     Harmonic { cosine, sine }
 }
 

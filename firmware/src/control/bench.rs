@@ -216,12 +216,20 @@ impl Bench {
 
     /// One tick.
     pub(crate) fn tick(&mut self) {
+        self.tick_with(Control::tick);
+    }
+
+    /// One tick through something that calls [`Control::tick`].
+    pub(crate) fn tick_with(
+        &mut self,
+        tick: impl Fn(&mut Control, Instant, &Sensors, &Order) -> Actuation,
+    ) {
         let sensors = self.sensors();
         let now = Instant::from_micros(self.now_us);
         if self.keep_alive {
             self.order.heard = now;
         }
-        self.last = self.control.tick(now, &sensors, &self.order);
+        self.last = tick(&mut self.control, now, &sensors, &self.order);
         let dt = 1e-4 / f64::from(SUB_STEPS);
         for _ in 0..SUB_STEPS {
             self.step(dt);

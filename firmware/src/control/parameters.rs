@@ -5,7 +5,7 @@ use core::f64::consts::TAU;
 
 use crate::control::{Alignment, SPEED_PER_HERTZ, Speed, TURN_PER_DEGREE};
 use crate::encoder::{EncoderModel, TABLE_LENGTH};
-use crate::fixed::scaled;
+use crate::fixed::{magnitude, scaled};
 use crate::foc::current::Model;
 use crate::hardware::{Hardware, TICK_RATE_HZ, Turn};
 use crate::shaker::{LARGEST_ACCELERATION, ShakerModel};
@@ -156,15 +156,19 @@ pub struct Configuration {
     pub(crate) alignment: [Alignment; 2],
     pub(crate) aligned: bool,
     pub(crate) pole_pairs: u32,
-    /// 2^-16 A per (2^-4 count), in 2^-21.
-    pub(crate) current_per_count: i32,
+    /// Pole pairs with the sign of the phase order.
+    pub(crate) signed_pole_pairs: [i32; 2],
+    /// +1 where a positive current turns the rotor clockwise, else -1.
+    pub(crate) clockwise: [i32; 2],
+    /// 2^-16 A per (2^-4 count), in 2^-21, with the sign of the current sense.
+    pub(crate) current_per_count: [i32; 2],
     /// Counts at no current as designed, and how far they may be off, 2^-4.
     pub(crate) zero_design: i32,
     pub(crate) zero_tolerance: i32,
-    pub(crate) valid_counts: (i16, i16),
     pub(crate) sensed: bool,
-    /// 2^-16 A.
-    pub(crate) over_current: i32,
+    /// Counts of a phase from zero that are an over-current: the limit, or the end of the range of
+    /// amplifier and converter where that is nearer, 2^-4.
+    pub(crate) over_current_counts: i32,
     /// 2^-16 V.
     pub(crate) alignment_voltage: [i32; 2],
     /// 2^-16 A.
@@ -211,22 +215,29 @@ impl Configuration {
             sense.map_or(0.0, |sense| f64::from(sense.microamperes_per_count) * 1e-6);
         let valid_counts = sense.map_or((i16::MIN, i16::MAX), |sense| sense.valid_counts);
         let range = f64::from(valid_counts.1) - f64::from(valid_counts.0);
+        let zero = sense.map_or(0, |sense| i32::from(sense.zero_count));
+        let reach = (i32::from(valid_counts.1) - zero).min(zero - i32::from(valid_counts.0));
+        let over_current = match sense {
+            Some(_) => scaled(f64::from(parameters.over_current) / amperes_per_count, 4),
+            None => i32::MAX / 4,
+        };
         let bus =
             hardware.bus_microvolts_per_count.map_or(0.0, |scale| f64::from(scale.get()) * 1e-6);
         let dead_time = f64::from(hardware.dead_time_ns) * 1e-9;
-        Self {
+        let mut configuration = Self {
             shaker: shaker(parameters),
-            motors: parameters.motors.map(|motor| current_loop(parameters, &motor)),
+            motors: parameters.motors.map(|motor| Self::current_loop(parameters, &motor)),
             encoders: parameters.motors.map(|motor| encoder(parameters, &motor)),
             alignment: parameters.motors.map(|motor| motor.alignment.into()),
             aligned: parameters.motors.iter().all(|motor| motor.alignment.known),
             pole_pairs: u32::from(parameters.pole_pairs.max(1)),
-            current_per_count: scaled(amperes_per_count * 4096.0, 21),
-            zero_design: sense.map_or(0, |sense| i32::from(sense.zero_count) * 16),
+            signed_pole_pairs: [0; 2],
+            clockwise: [1; 2],
+            current_per_count: [scaled(amperes_per_count * 4096.0, 21); 2],
+            zero_design: zero * 16,
             zero_tolerance: scaled(ZERO_SHARE * range, 4),
-            valid_counts,
             sensed: sense.is_some(),
-            over_current: amperes(parameters.over_current),
+            over_current_counts: over_current.min(reach * 16),
             alignment_voltage: parameters
                 .motors
                 .map(|motor| volts(motor.phase_resistance * parameters.alignment_current)),
@@ -244,21 +255,46 @@ impl Configuration {
             largest_residual: scaled(RESIDUAL_SHARE * f64::from(parameters.bus_nominal), 16),
             dead_share: scaled(dead_time * f64::from(hardware.pwm_frequency_hz), 31),
             over_speed: (parameters.over_speed * SPEED_PER_HERTZ) as i32,
+        };
+        configuration.apply(configuration.alignment);
+        configuration
+    }
+
+    /// Takes over what an alignment found, but for the eccentricity tables.
+    pub(crate) fn apply(&mut self, alignment: [Alignment; 2]) {
+        self.alignment = alignment;
+        for (index, found) in alignment.iter().enumerate() {
+            let sign = |negative: bool| if negative { -1 } else { 1 };
+            let scale = &mut self.current_per_count[index % 2];
+            *scale = magnitude(*scale) * sign(found.current_inverted);
+            self.clockwise[index % 2] = sign(found.reversed);
+            self.signed_pole_pairs[index % 2] = self.pole_pairs as i32 * sign(found.reversed);
         }
     }
 
-    /// Pole pairs with the sign of the phase order: rotor angle to electrical angle.
-    #[inline(always)]
-    pub(crate) const fn signed_pole_pairs(&self, index: usize) -> i32 {
-        let pairs = self.pole_pairs as i32;
-        if self.alignment[index % 2].reversed { -pairs } else { pairs }
+    /// The current loop of one of the motors.
+    #[must_use]
+    pub fn current_loop(parameters: &Parameters, motor: &MotorParameters) -> Model {
+        let bandwidth = TAU * f64::from(parameters.current_bandwidth);
+        let resistance = f64::from(motor.phase_resistance);
+        let inductance = f64::from(motor.phase_inductance);
+        // Electrical radians per second in one 2^-32 turn per tick, times 2^32.
+        let speed = TAU * RATE;
+        Model {
+            proportional: scaled(inductance * bandwidth, 24),
+            integral: scaled(resistance * bandwidth / RATE, 24),
+            resistance: scaled(resistance, 24),
+            reactance: scaled(speed * inductance, 22),
+            back_emf: scaled(speed * f64::from(motor.flux_linkage), 16),
+            lead: scaled(TAU * f64::from(parameters.actuation_delay_us) * 1e-6 * RATE, 28),
+        }
     }
 
     /// Electrical angle at this rotor angle.
     #[inline(always)]
     pub(crate) const fn electrical_angle(&self, index: usize, angle: Turn) -> Turn {
         angle
-            .wrapping_mul(self.signed_pole_pairs(index) as u32)
+            .wrapping_mul(self.signed_pole_pairs[index % 2] as u32)
             .wrapping_add(self.alignment[index % 2].electrical_offset)
     }
 }
@@ -279,23 +315,6 @@ impl From<AlignmentParameters> for Alignment {
 /// N m per ampere of torque-making current.
 fn torque_constant(parameters: &Parameters, motor: &MotorParameters) -> f64 {
     1.5 * f64::from(parameters.pole_pairs) * f64::from(motor.flux_linkage)
-}
-
-fn current_loop(parameters: &Parameters, motor: &MotorParameters) -> Model {
-    let bandwidth = TAU * f64::from(parameters.current_bandwidth);
-    let resistance = f64::from(motor.phase_resistance);
-    let inductance = f64::from(motor.phase_inductance);
-    // Electrical radians per second in one 2^-32 turn per tick, times 2^32.
-    let speed = TAU * RATE;
-    // Without a sense the loop has nothing to act on: its error is always zero.
-    Model {
-        proportional: scaled(inductance * bandwidth, 24),
-        integral: scaled(resistance * bandwidth / RATE, 24),
-        resistance: scaled(resistance, 24),
-        reactance: scaled(speed * inductance, 22),
-        back_emf: scaled(speed * f64::from(motor.flux_linkage), 16),
-        lead: scaled(TAU * f64::from(parameters.actuation_delay_us) * 1e-6 * RATE, 25),
-    }
 }
 
 fn shaker(parameters: &Parameters) -> ShakerModel {
@@ -325,7 +344,7 @@ fn shaker(parameters: &Parameters) -> ShakerModel {
 fn encoder(parameters: &Parameters, motor: &MotorParameters) -> EncoderModel {
     let natural = TAU * f64::from(parameters.tracker_bandwidth) / RATE;
     let mut model = EncoderModel {
-        clockwise: motor.encoder_inverted,
+        sense: if motor.encoder_inverted { 1 } else { -1 },
         zero: (motor.encoder_zero_deg * TURN_PER_DEGREE) as i64 as Turn,
         latency_us: parameters.encoder_latency_us as i32,
         angle_gain: scaled(2.0 * TRACKER_DAMPING * natural, 32),

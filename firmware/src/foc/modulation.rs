@@ -1,6 +1,6 @@
 //! Space-vector modulation with an over-modulation limit and dead-time compensation.
 
-use crate::fixed::{multiply_high, within};
+use crate::fixed::multiply_high;
 use crate::foc::transform::{Stator, inverse_clarke};
 use crate::hardware::Duty;
 
@@ -13,8 +13,8 @@ const LIMIT: i32 = 39_322;
 /// Current at which dead-time compensation is at its full value, 2^-16 A: 60 mA. Below, the current
 /// itself swings through zero within a PWM period and the error shrinks with it.
 const KNEE: i32 = 3_932;
-/// A bus below this reads as this: 1 V, 2^-16 V.
-const LOWEST_BUS: i32 = 1 << 16;
+/// A bus below this reads as this: 4 V, 2^-16 V.
+const LOWEST_BUS: i32 = 4 << 16;
 /// A bus above this reads as this: 60 V, 2^-16 V.
 const HIGHEST_BUS: i32 = 60 << 16;
 
@@ -27,13 +27,13 @@ pub struct Bus {
     pub limit: i32,
     /// Half of it, the most that d may take.
     pub(crate) limit_d: i32,
-    /// 2^40 / voltage.
+    /// What is left for q when d takes a quarter: 0.968 of it.
+    pub(crate) limit_q: i32,
+    /// 2^48 / voltage.
     reciprocal: i32,
     /// 2^39 / limit.
     pub(crate) reciprocal_limit: i32,
-    /// Voltage lost to dead time, 2^-16 V.
-    dead_voltage: i32,
-    /// The same over the knee, V/A in 2^-24.
+    /// Voltage lost to dead time over the knee, V/A in 2^-12.
     dead_slope: i32,
 }
 
@@ -50,18 +50,18 @@ impl Bus {
             voltage
         };
         let limit = multiply_high(voltage << 4, LIMIT << 12);
-        let reciprocal = ((u32::MAX / (voltage as u32 >> 4)) << 4) as i32;
+        let reciprocal = ((u32::MAX / (voltage as u32 >> 4)) << 12) as i32;
         let dead_voltage = multiply_high(voltage << 1, dead_share);
         Self {
             voltage,
             limit,
             limit_d: limit >> 1,
+            limit_q: limit - (limit >> 5),
             reciprocal,
-            // 2^39 / (0.6 voltage) = reciprocal x 5/6.
-            reciprocal_limit: multiply_high(reciprocal, 1_789_569_706) << 1,
-            dead_voltage,
-            // (V 2^16 / A 2^16) in 2^-24; the knee is a constant, so no division happens.
-            dead_slope: dead_voltage.saturating_mul((1 << 24) / KNEE),
+            // 2^39 / (0.6 voltage) = reciprocal x 5/6 / 2^8.
+            reciprocal_limit: multiply_high(reciprocal, 1_789_569_706) >> 7,
+            // The knee is a constant, so no division happens.
+            dead_slope: multiply_high(dead_voltage << 4, (1 << 30) / KNEE * 1024),
         }
     }
 
@@ -70,7 +70,10 @@ impl Bus {
     #[inline(always)]
     #[must_use]
     pub const fn dead_time_compensation(&self, current: i32) -> i32 {
-        within(multiply_high(current.wrapping_shl(8), self.dead_slope), self.dead_voltage)
+        // Most often beyond the knee, either way: no branch.
+        let bent = if current < -KNEE { -KNEE } else { current };
+        let bent = if bent > KNEE { KNEE } else { bent };
+        bent.wrapping_mul(self.dead_slope) >> 12
     }
 
     /// Duties that give these phase voltages, up to a common part: the middle of the largest and
@@ -92,14 +95,12 @@ impl Bus {
 
     #[inline(always)]
     const fn duty(&self, voltage: i32) -> Duty {
-        let share = multiply_high(voltage.wrapping_shl(8), self.reciprocal).wrapping_add(1 << 15);
-        if share < 0 {
-            0
-        } else if share > Duty::MAX as i32 {
-            Duty::MAX
-        } else {
-            share as Duty
+        let share = multiply_high(voltage, self.reciprocal).wrapping_add(1 << 15);
+        if share as u32 <= Duty::MAX as u32 {
+            return share as Duty;
         }
+        core::hint::cold_path();
+        if share < 0 { 0 } else { Duty::MAX }
     }
 
     /// Duties for a voltage in the stator frame, without compensation.

@@ -1,6 +1,6 @@
 //! Clarke and Park transforms and their inverses.
 
-use crate::fixed::multiply_high;
+use crate::fixed::{cosine_sine, multiply_high};
 use crate::hardware::Turn;
 
 /// 1/sqrt(3) in 2^-31.
@@ -36,11 +36,11 @@ pub struct Direction {
 }
 
 impl Direction {
-    /// Of an electrical angle. Error at most 1e-5 (crate `idsp`).
+    /// Of an electrical angle. Error at most 2.3e-5.
     #[inline(always)]
     #[must_use]
-    pub fn new(angle: Turn) -> Self {
-        let (cosine, sine) = idsp::cossin(angle as i32);
+    pub const fn new(angle: Turn) -> Self {
+        let (cosine, sine) = cosine_sine(angle);
         Self { cosine, sine }
     }
 }
@@ -85,19 +85,16 @@ pub const fn inverse_park(vector: Rotor, direction: Direction) -> Stator {
     }
 }
 
-/// Turns a vector of the rotor frame ahead by a small angle, in 2^-31 rad, at most 0.4 rad: there
-/// the cosine is wrong by at most 1.1e-3 and the sine by 1e-4.
+/// Turns a vector of the rotor frame ahead by a small angle, in 2^-32 rad: by three shears, which
+/// keep its length to first order. At 0.15 rad the result is wrong by 6e-4 of the vector, at 0.1 rad
+/// by 2e-4.
 #[inline(always)]
 #[must_use]
 pub const fn turn_ahead(vector: Rotor, angle: i32) -> Rotor {
-    // cos = 1 - a^2/2, sin = a - a^3/6; the product of two 2^-31 is 2^-30, that is half.
-    let half_square = multiply_high(angle, angle);
-    let quarter_cube = multiply_high(angle, half_square);
-    let sixth = (quarter_cube >> 1).wrapping_add(quarter_cube >> 3).wrapping_add(quarter_cube >> 5);
-    let direction =
-        Direction { cosine: i32::MAX.wrapping_sub(half_square), sine: angle.wrapping_sub(sixth) };
-    let turned = inverse_park(vector, direction);
-    Rotor { d: turned.alpha, q: turned.beta }
+    let half = angle >> 1;
+    let d = vector.d.wrapping_sub(multiply_high(vector.q, half));
+    let q = vector.q.wrapping_add(multiply_high(d, angle));
+    Rotor { d: d.wrapping_sub(multiply_high(q, half)), q }
 }
 
 #[cfg(test)]
@@ -126,14 +123,13 @@ mod tests {
     #[test]
     fn turning_ahead_is_the_same_as_a_larger_angle() {
         let vector = Rotor { d: -200_000, q: 400_000 };
-        for milliradians in -300..=300 {
+        for milliradians in -150..=150 {
             let angle = f64::from(milliradians) / 1000.0;
-            let turned = turn_ahead(vector, (angle * 2_147_483_648.0) as i32);
+            let turned = turn_ahead(vector, (angle * 4_294_967_296.0) as i32);
             let d = -200_000.0 * angle.cos() - 400_000.0 * angle.sin();
             let q = -200_000.0 * angle.sin() + 400_000.0 * angle.cos();
-            assert!(
-                (f64::from(turned.d) - d).abs() < 400.0 && (f64::from(turned.q) - q).abs() < 400.0
-            );
+            let error = (f64::from(turned.d) - d).hypot(f64::from(turned.q) - q);
+            assert!(error < 6e-4 * 447_214.0, "{angle}: {error}");
         }
     }
 }

@@ -1,0 +1,91 @@
+//! The current loop, in integers, against the same loop in double precision.
+
+#![allow(missing_docs, reason = "a test")]
+
+#[path = "support/rows.rs"]
+mod rows;
+
+use flix_firmware::control::Parameters;
+use flix_firmware::foc::current::{CurrentLoop, Input};
+use std::f64::consts::TAU;
+
+/// The loop as a book would write it: volts, amperes, radians.
+#[derive(Default)]
+struct Reference {
+    integral: [f64; 2],
+    limited: usize,
+}
+
+impl Reference {
+    fn update(&mut self, input: &Input) -> [f64; 3] {
+        let parameters = Parameters::default();
+        let motor = parameters.motors[0];
+        let (resistance, inductance) =
+            (f64::from(motor.phase_resistance), f64::from(motor.phase_inductance));
+        let flux = f64::from(motor.flux_linkage);
+        let bandwidth = TAU * f64::from(parameters.current_bandwidth);
+        let angle = f64::from(input.angle) / 4_294_967_296.0 * TAU;
+        let omega = f64::from(input.speed) / 4_294_967_296.0 * TAU * 1e4;
+        let wanted = f64::from(input.current_q) / 65_536.0;
+
+        let [a, b] =
+            input.phases.map(|phases| phases.map(|i| f64::from(i) / 65_536.0)).unwrap_or_default();
+        let (alpha, beta) = (a, (a + 2.0 * b) / 3_f64.sqrt());
+        let (sine, cosine) = angle.sin_cos();
+        let d = alpha * cosine + beta * sine;
+        let q = beta * cosine - alpha * sine;
+        let errors = [-d, wanted - q];
+        let feed_forward = [
+            -omega * inductance * wanted,
+            resistance * wanted + omega * inductance * d + omega * flux,
+        ];
+        let mut demand = [0.0; 2];
+        for axis in 0..2 {
+            demand[axis] =
+                inductance * bandwidth * errors[axis] + self.integral[axis] + feed_forward[axis];
+        }
+        let limit = 0.6 * rows::BUS;
+        let given_d = demand[0].clamp(-limit / 2.0, limit / 2.0);
+        let room = (limit * limit - given_d * given_d).sqrt();
+        let given = [given_d, demand[1].clamp(-room, room)];
+        self.limited += usize::from(given != demand);
+        for axis in 0..2 {
+            self.integral[axis] +=
+                resistance * bandwidth / 1e4 * errors[axis] + (given[axis] - demand[axis]) / 4.0;
+        }
+
+        let ahead = angle + omega * f64::from(parameters.actuation_delay_us) * 1e-6;
+        let (sine, cosine) = ahead.sin_cos();
+        let (alpha, beta) =
+            (given[0] * cosine - given[1] * sine, given[0] * sine + given[1] * cosine);
+        let half = beta * 3_f64.sqrt() / 2.0;
+        let knee = 3_932.0 / 65_536.0;
+        let lost = rows::BUS * rows::DEAD_SHARE;
+        let dead = |current: f64| (current / knee).clamp(-1.0, 1.0) * lost;
+        let phases =
+            [alpha + dead(a), half - alpha / 2.0 + dead(b), -half - alpha / 2.0 + dead(-a - b)];
+        let most = phases.iter().fold(f64::MIN, |most, phase| most.max(*phase));
+        let least = phases.iter().fold(f64::MAX, |least, phase| least.min(*phase));
+        phases.map(|phase| ((phase - (most + least) / 2.0) / rows::BUS + 0.5).clamp(0.0, 1.0))
+    }
+}
+
+#[test]
+fn duties_are_those_of_double_precision_within_a_thousandth() {
+    let (model, bus) = (rows::model(), rows::bus());
+    let (mut fixed, mut reference) = (CurrentLoop::default(), Reference::default());
+    let mut worst = 0.0_f64;
+    for input in rows::rows() {
+        let duties = fixed.update(&model, &bus, &input);
+        for (duty, wanted) in duties.into_iter().zip(reference.update(&input)) {
+            worst = worst.max((f64::from(duty) / 65_536.0 - wanted).abs());
+        }
+    }
+    println!(
+        "largest duty error {worst:.6}, {} of {} rows at the voltage limit",
+        reference.limited,
+        rows::COUNT
+    );
+    assert!(worst < 1e-3, "{worst}");
+    assert!((500..9_500).contains(&reference.limited), "{}", reference.limited);
+}
