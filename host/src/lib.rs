@@ -7,6 +7,8 @@ pub mod interrupt;
 pub mod keys;
 pub mod link;
 pub mod nav;
+pub mod pilot;
 pub mod plot;
 pub mod pose;
+pub mod record;
 pub mod teleop;

@@ -16,16 +16,23 @@
 
 pub mod clear;
 pub mod completions;
+pub mod course;
 pub mod discover;
+pub mod doctor;
 pub mod drive;
+pub mod home;
+pub mod identify;
 pub mod keygen;
 pub mod link_test;
 pub mod output;
 pub mod parameters;
 pub mod robot;
+pub mod runs;
 pub mod status;
 pub mod stop;
 pub mod teleop;
+pub mod track;
+pub mod walk;
 
 use std::fmt;
 use std::process::ExitCode;
@@ -157,6 +164,11 @@ enum Command {
     LinkTest(link_test::Args),
     Discover(discover::Args),
     Keygen(keygen::Args),
+    Track(track::Args),
+    Home(home::Args),
+    Identify(identify::Args),
+    Doctor(doctor::Args),
+    Runs(runs::Args),
     Completions(completions::Args),
 }
 
@@ -176,6 +188,11 @@ impl Cli {
             Command::LinkTest(args) => link_test::run(args),
             Command::Discover(args) => discover::run(args),
             Command::Keygen(args) => keygen::run(args),
+            Command::Track(args) => track::run(args),
+            Command::Home(args) => home::run(args),
+            Command::Identify(args) => identify::run(args),
+            Command::Doctor(args) => doctor::run(args),
+            Command::Runs(args) => runs::run(args),
             Command::Completions(args) => completions::run(args),
         }
     }

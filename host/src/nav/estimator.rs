@@ -68,6 +68,11 @@ impl Estimator {
         }
     }
 
+    /// Another latency, for commands from now on.
+    pub fn set_latency(&mut self, latency: Duration) {
+        self.latency = latency;
+    }
+
     /// The motions as corrected so far; standing still first.
     #[must_use]
     pub fn motions(&self) -> &[Motion] {

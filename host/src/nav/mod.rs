@@ -19,6 +19,7 @@ mod navigator;
 mod path;
 pub mod predictive;
 mod safety;
+mod survey;
 pub mod two_state;
 
 pub use estimator::{Estimator, mean_twist};
@@ -31,6 +32,7 @@ pub use navigator::{
 };
 pub use path::{Path, PathError, PathPoint, Projection, SPACING};
 pub use safety::{Fence, NotAFence, Stop};
+pub use survey::{Survey, SurveySettings};
 
 #[cfg(test)]
 mod tests;

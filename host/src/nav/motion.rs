@@ -19,6 +19,14 @@ pub struct Response {
     pub settling: f64,
 }
 
+impl Default for Response {
+    /// A little slower than the robot's own ramps (settings `frequency_ramp` of 200 Hz/s and
+    /// `direction_ramp` of 900 degrees/s by default), because their ends are rounded.
+    fn default() -> Self {
+        Self { frequency_ramp: 150.0, direction_slew: 600.0, settling: 0.15 }
+    }
+}
+
 /// A mode as prediction needs it. Index 0 of every list is standing still.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {

@@ -163,7 +163,7 @@ impl Settings {
         Self {
             controller: ControllerKind::default(),
             latency: Duration::from_millis(25),
-            response: Response { frequency_ramp: 60.0, direction_slew: 360.0, settling: 0.1 },
+            response: Response::default(),
             decision_period: Duration::from_millis(100),
             minimum_dwell: Duration::from_millis(300),
             pose_deadline: Duration::from_millis(100),
@@ -223,10 +223,31 @@ impl Navigator {
         self.progress
     }
 
+    /// Whether the robot was told to stand and, as far as known, does.
+    #[must_use]
+    pub fn is_resting(&self) -> bool {
+        let newest = self.trusted.unwrap_or(Instant::START);
+        self.started.is_some()
+            && self.trusted.is_some()
+            && self.mode == REST
+            && self.estimator.predicted(newest).1.is_steady()
+    }
+
+    /// Ends the run well: the next decision is [`Decision::Finished`].
+    pub fn conclude(&mut self) {
+        self.finished = true;
+    }
+
     /// The filtered pose; `None` before the first.
     #[must_use]
     pub fn pose(&self) -> Option<PlanarPose> {
         self.estimator.pose()
+    }
+
+    /// From sending a command to the robot's obeying it, as measured on the link.
+    pub fn set_latency(&mut self, latency: Duration) {
+        self.settings.latency = latency;
+        self.estimator.set_latency(latency);
     }
 
     /// A pose came in. Poses that are not trusted, not sound or from the past are not used.

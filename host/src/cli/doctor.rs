@@ -1,0 +1,314 @@
+//! `flix doctor`: what is wrong with this set-up, in sentences.
+
+use std::process::ExitCode;
+use std::time::{Duration, Instant as Clock};
+
+use flix_protocol::message::{Command, Outcome, State};
+use flix_protocol::units::Instant;
+
+use super::output::{print, print_json};
+use super::robot::RobotArgs;
+use super::walk::PoseArgs;
+use super::{Error, Exit};
+use crate::interrupt::Interrupt;
+use crate::link::udp::Connection;
+use crate::pose::PoseSource;
+use crate::pose::natnet::{NatNetSource, NatNetStatistics};
+
+/// How long poses and telemetry are watched.
+const WATCH: Duration = Duration::from_secs(2);
+/// A three-cell battery below this is nearly empty, V.
+const LOW_BATTERY: f32 = 10.5;
+/// Fewer poses a second than this make a poor controller.
+const FEW_POSES: f64 = 50.0;
+/// A clock that runs differently by more than this share is worth a word.
+const CLOCK_DRIFT: f64 = 0.02;
+/// Round trips above this are long.
+const LONG_ROUND_TRIP: Duration = Duration::from_millis(100);
+
+/// Tell what is wrong with a set-up: robot, link, battery, clock, and poses.
+///
+/// Nothing moves. The exit code is 0 when all is well, and that of the first trouble otherwise.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix doctor walker-1 --natnet-server 192.168.1.5
+  flix doctor 127.0.0.1 --json")]
+pub struct Args {
+    #[command(flatten)]
+    robot: RobotArgs,
+    #[command(flatten)]
+    poses: PoseArgs,
+    /// Do not look for poses.
+    #[arg(long)]
+    no_poses: bool,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// One thing that was looked at.
+#[derive(Debug, Clone, serde::Serialize)]
+struct Finding {
+    what: &'static str,
+    ok: bool,
+    sentence: String,
+    #[serde(skip)]
+    exit: Option<Exit>,
+}
+
+impl Finding {
+    fn good(what: &'static str, sentence: impl std::fmt::Display) -> Self {
+        Self { what, ok: true, sentence: sentence.to_string(), exit: None }
+    }
+
+    fn bad(what: &'static str, exit: Exit, sentence: impl std::fmt::Display) -> Self {
+        Self { what, ok: false, sentence: sentence.to_string(), exit: Some(exit) }
+    }
+}
+
+/// Looks at everything and says what it found.
+///
+/// # Errors
+/// When something is wrong; all of it was printed by then.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let interrupt = Interrupt::listen().map_err(Error::usage)?;
+    let mut findings = look_at_robot(&args.robot, &interrupt);
+    if !args.no_poses {
+        findings.extend(look_at_poses(&args.poses, &interrupt));
+    }
+    if args.json {
+        print_json(&findings)?;
+    } else {
+        let mut text = String::new();
+        for finding in &findings {
+            let mark = if finding.ok { "ok" } else { "!!" };
+            text.push_str(&format!("{mark}  {:<9} {}\n", finding.what, finding.sentence));
+        }
+        print(&text)?;
+    }
+    let trouble = findings.iter().filter_map(|f| f.exit).collect::<Vec<_>>();
+    match trouble.first() {
+        None => Ok(Exit::Done.into()),
+        Some(exit) => {
+            Err(Error::new(*exit, format_args!("{} found to mend", count(trouble.len()))))
+        }
+    }
+}
+
+fn count(things: usize) -> String {
+    if things == 1 { "1 thing".to_owned() } else { format!("{things} things") }
+}
+
+fn look_at_robot(robot: &RobotArgs, interrupt: &Interrupt) -> Vec<Finding> {
+    let mut connection = match robot.connect(interrupt) {
+        Ok(connection) => connection,
+        // The sentence names key, version, second operator or silence.
+        Err(error) => return vec![Finding::bad("robot", error.exit, error.sentence)],
+    };
+    let mut findings = vec![identity(&mut connection)];
+    let begin = Clock::now();
+    let first = connection.client().telemetry().map(|t| t.time);
+    while begin.elapsed() < WATCH && !interrupt.is_raised() {
+        if let Err(error) = connection.step(Duration::from_millis(20)) {
+            findings.push(Finding::bad("link", Exit::NoAnswer, error));
+            return findings;
+        }
+        while connection.operate().0.update().is_some() {}
+    }
+    findings.push(link(&connection));
+    findings.extend(telemetry(&connection, first, begin.elapsed()));
+    connection.leave();
+    findings
+}
+
+fn identity(connection: &mut Connection) -> Finding {
+    match connection.ask(Command::Identify) {
+        Ok(Outcome::Identity(identity)) => Finding::good(
+            "robot",
+            format_args!(
+                "{} on {}, firmware {}; key and version fit",
+                identity.name, identity.board, identity.version
+            ),
+        ),
+        Ok(_) => Finding::bad("robot", Exit::Refused, "it answers something else than was asked"),
+        Err(error) => Finding::bad("robot", Exit::NoAnswer, error),
+    }
+}
+
+fn link(connection: &Connection) -> Finding {
+    let statistics = connection.client().statistics();
+    let (Some(middle), Some(late)) =
+        (statistics.round_trip_quantile(0.5), statistics.round_trip_quantile(0.99))
+    else {
+        return Finding::bad("link", Exit::NoAnswer, "no round trip came back");
+    };
+    let sentence = format!(
+        "round trip {:.1} ms, 99 % within {:.1} ms, {:.1} % of the commands unanswered",
+        middle.as_secs_f64() * 1e3,
+        late.as_secs_f64() * 1e3,
+        statistics.loss() * 1e2
+    );
+    if late > LONG_ROUND_TRIP || statistics.loss() > 0.2 {
+        let advice = "move nearer to the access point or to a quieter channel";
+        return Finding::bad("link", Exit::NoAnswer, format_args!("{sentence}: {advice}"));
+    }
+    Finding::good("link", sentence)
+}
+
+fn telemetry(connection: &Connection, first: Option<Instant>, watched: Duration) -> Vec<Finding> {
+    let Some(telemetry) = connection.client().telemetry() else {
+        return vec![Finding::bad("state", Exit::NoAnswer, "the robot sends no telemetry")];
+    };
+    let mut findings = Vec::new();
+    findings.push(if telemetry.state == State::Faulted {
+        let advice = "mend the cause, then `flix clear`";
+        Finding::bad(
+            "state",
+            Exit::RobotFault,
+            format_args!("faulted: {}; {advice}", telemetry.faults),
+        )
+    } else if telemetry.stopped {
+        Finding::bad("state", Exit::RobotFault, "a stop is latched: `flix clear` makes it ready")
+    } else {
+        Finding::good("state", format_args!("{}, no faults", telemetry.state))
+    });
+    findings.push(match telemetry.bus_voltage {
+        Some(volts) if volts.get() < LOW_BATTERY => Finding::bad(
+            "battery",
+            Exit::RobotFault,
+            format_args!("{:.1} V: charge it", volts.get()),
+        ),
+        Some(volts) => Finding::good("battery", format_args!("{:.1} V", volts.get())),
+        None => Finding::good("battery", "this board does not measure it: watch the time"),
+    });
+    if let Some(first) = first {
+        let ratio = telemetry.time.since(first).as_secs_f64() / watched.as_secs_f64();
+        findings.push(if (ratio - 1.0).abs() > CLOCK_DRIFT + 0.1 / watched.as_secs_f64() {
+            let sentence = format_args!("the robot's clock runs at {ratio:.3} of ours");
+            Finding::bad("clock", Exit::RobotFault, sentence)
+        } else {
+            Finding::good(
+                "clock",
+                format_args!("runs with ours ({} overruns)", telemetry.timing.overruns),
+            )
+        });
+    }
+    findings
+}
+
+fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
+    let mut source = match NatNetSource::connect(args.settings()) {
+        Ok(source) => source,
+        Err(error) => return vec![Finding::bad("poses", Exit::NoAnswer, error)],
+    };
+    let info = source.server();
+    let stream = if info.connection.multicast {
+        format!("multicast {}:{}", info.multicast_group(), info.connection.data_port)
+    } else {
+        "unicast".to_owned()
+    };
+    let mut findings = vec![Finding::good(
+        "server",
+        format_args!("{}, NatNet {}, {stream}", info.application_name, info.protocol_version),
+    )];
+    let begin = Clock::now();
+    let mut newest = None;
+    while begin.elapsed() < WATCH && !interrupt.is_raised() {
+        let now =
+            Instant::from_micros(u64::try_from(begin.elapsed().as_micros()).unwrap_or(u64::MAX));
+        match source.poll(now) {
+            Ok(Some(sample)) => newest = Some(sample),
+            Ok(None) => std::thread::sleep(Duration::from_millis(1)),
+            Err(error) => return vec![Finding::bad("poses", Exit::NoAnswer, error)],
+        }
+    }
+    let watched = begin.elapsed().as_secs_f64();
+    findings.push(judge_stream(source.statistics(), watched, source.bodies()));
+    if let Some(sample) = newest.filter(|s| s.valid) {
+        let floor = sample.pose.on_the_floor();
+        let height = sample.pose.position[2];
+        let place = format!(
+            "at {:.3},{:.3} m, {:.3} m high, heading {:.0} degrees",
+            floor.x,
+            floor.y,
+            height,
+            floor.heading.to_degrees()
+        );
+        findings.push(if (-0.05..=0.3).contains(&height) {
+            Finding::good("pose", place)
+        } else {
+            let advice =
+                "a robot on the floor is below 0.3 m: set --up as in Motive, and the ground plane";
+            Finding::bad("pose", Exit::Usage, format_args!("{place}: {advice}"))
+        });
+    }
+    findings
+}
+
+fn judge_stream(seen: NatNetStatistics, watched: f64, bodies: &[(String, i32)]) -> Finding {
+    let bad = |sentence: String| Finding::bad("poses", Exit::NoAnswer, sentence);
+    let names: Vec<_> = bodies.iter().map(|(name, id)| format!("\"{name}\" ({id})")).collect();
+    if seen.datagrams == 0 {
+        return bad("the server answers, but no frame arrives: is Motive live and not paused, is its \
+                    streaming interface the card that reaches this computer (not loopback), and does no \
+                    firewall hold back UDP port 1511? With several network cards here, name one with --interface"
+            .to_owned());
+    }
+    if seen.unreadable > seen.frames {
+        return bad(format!(
+            "{} datagrams could not be read: another NatNet version streams than is announced",
+            seen.unreadable
+        ));
+    }
+    if seen.without_body == seen.frames {
+        return bad(format!(
+            "{} frames, none with the robot's rigid body; streamed are {}: choose with --body",
+            seen.frames,
+            if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+        ));
+    }
+    if seen.untracked > 0 {
+        return bad(format!(
+            "the cameras lost the robot in {} of {} frames: clean or add markers, check occlusion",
+            seen.untracked, seen.frames
+        ));
+    }
+    let rate = seen.frames as f64 / watched;
+    if rate < FEW_POSES {
+        return bad(format!("{rate:.0} poses a second are few: set Motive to 100 or more"));
+    }
+    Finding::good(
+        "poses",
+        format_args!("{rate:.0} a second, all tracked, {} lost on the way", seen.lost),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen() -> NatNetStatistics {
+        NatNetStatistics { datagrams: 240, frames: 240, ..NatNetStatistics::default() }
+    }
+
+    #[test]
+    fn a_good_stream_is_found_good() {
+        assert!(judge_stream(seen(), 2.0, &[]).ok);
+    }
+
+    #[test]
+    fn every_trouble_of_a_stream_has_its_own_advice() {
+        let bodies = [("drone".to_owned(), 4)];
+        for (statistics, advice) in [
+            (NatNetStatistics::default(), "loopback"),
+            (NatNetStatistics { without_body: 240, ..seen() }, "\"drone\" (4)"),
+            (NatNetStatistics { untracked: 3, ..seen() }, "markers"),
+            (NatNetStatistics { frames: 20, ..seen() }, "few"),
+            (NatNetStatistics { frames: 0, unreadable: 240, ..seen() }, "version"),
+        ] {
+            let finding = judge_stream(statistics, 2.0, &bodies);
+            assert!(!finding.ok && finding.sentence.contains(advice), "{finding:?}");
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! `flix home`: return to a point, and stay there if asked to.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use super::course::{SteeringArgs, facts, names, point, results};
+use super::output::print;
+use super::robot::RobotArgs;
+use super::walk::{PoseArgs, Walk, record, verdict};
+use super::{Error, Exit};
+use crate::nav::{ModeTable, Navigator, Task};
+use crate::pilot::Pilot;
+
+/// Walk to a point and rest there.
+///
+/// With --stay the robot goes back whenever it is pushed away, until you press Ctrl-C.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix home walker-1 --modes walker-1.modes.toml --natnet-server 192.168.1.5
+  flix home walker-1 --to 0.5,0 --stay")]
+pub struct Args {
+    #[command(flatten)]
+    robot: RobotArgs,
+    /// The point, m.
+    #[arg(long, value_name = "X,Y", default_value = "0,0", allow_hyphen_values = true, value_parser = point)]
+    to: (f64, f64),
+    /// Hold the place until interrupted.
+    #[arg(long)]
+    stay: bool,
+    #[command(flatten)]
+    steering: SteeringArgs,
+    #[command(flatten)]
+    poses: PoseArgs,
+    /// The robot's mode table, from `flix identify`.
+    #[arg(long, value_name = "FILE", default_value = "modes.toml")]
+    modes: PathBuf,
+    /// Folder for the record.
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    out: PathBuf,
+}
+
+/// Goes home.
+///
+/// # Errors
+/// When something is missing, or the run ended early; the sentence says why.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let task = Task::Reach { point: args.to, stay: args.stay };
+    let settings = args.steering.settings(&task);
+    let table = ModeTable::load(&args.modes)?;
+    let setup = facts(&settings);
+    let navigator = Navigator::new(task, &table, settings).map_err(Error::usage)?;
+    let mut walk = Walk::open(&args.robot, &args.poses)?;
+    let mut recorder = record(&args.out, &mut walk, "home", setup)?;
+    recorder.attach(walk.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
+    let mut pilot = Pilot::new(navigator, names(&table), Some(recorder));
+    let (ending, seconds) = walk.drive(&mut pilot, |pilot| {
+        format!("{:<24} {:>4.0} mm away", pilot.doing(), pilot.helm().progress().error * 1e3)
+    })?;
+    walk.leave();
+    let error = pilot.helm().progress().error * 1e3;
+    let numbers = results(pilot.helm(), seconds);
+    let (_, file) = pilot.finish(numbers)?;
+    verdict(&ending, file.as_ref())?;
+    print(&format!("arrived within {error:.0} mm after {seconds:.1} s\n"))?;
+    Ok(Exit::Done.into())
+}

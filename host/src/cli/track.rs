@@ -1,0 +1,104 @@
+//! `flix track`: follow a path.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use super::course::{CourseArgs, facts, names, results};
+use super::output::{print, print_json};
+use super::robot::RobotArgs;
+use super::walk::{PoseArgs, Walk, record, verdict};
+use super::{Error, Exit};
+use crate::nav::{ModeTable, ModeTableError, Navigator, Task};
+use crate::pilot::Pilot;
+
+/// Follow a path, with poses from motion capture.
+///
+/// The robot is armed, driven, and left disarmed. Lost poses, the fence and too large an error stop
+/// it; Ctrl-C, SIGTERM and a closed terminal too.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix track walker-1 figure8 --modes walker-1.modes.toml --natnet-server 192.168.1.5
+  flix track 127.0.0.1 circle --radius 0.3 --laps 1        (against flix-sim serve --natnet)
+  flix track walker-1 room.csv --at 0.5,0.2 --turned 90")]
+pub struct Args {
+    #[command(flatten)]
+    robot: RobotArgs,
+    #[command(flatten)]
+    course: CourseArgs,
+    #[command(flatten)]
+    poses: PoseArgs,
+    /// The robot's mode table, from `flix identify`.
+    #[arg(long, value_name = "FILE", default_value = "modes.toml")]
+    modes: PathBuf,
+    /// Folder for the record.
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    out: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+impl From<ModeTableError> for Error {
+    fn from(error: ModeTableError) -> Self {
+        Self::usage(error)
+    }
+}
+
+/// Follows the path.
+///
+/// # Errors
+/// When something is missing, or the run ended early; the sentence says why.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let task = args.course.task()?;
+    let settings = args.course.settings(&task)?;
+    let table = ModeTable::load(&args.modes)?;
+    let name = match &task {
+        Task::Follow { path, .. } => format!("track-{}", path.name()),
+        Task::Reach { .. } => "reach".to_owned(),
+    };
+    let setup = facts(&settings);
+    let navigator = Navigator::new(task.clone(), &table, settings).map_err(Error::usage)?;
+    let mut walk = Walk::open(&args.robot, &args.poses)?;
+    let mut recorder = record(&args.out, &mut walk, &name, setup)?;
+    if let Task::Follow { path, .. } = &task {
+        recorder.path_to_follow(walk.now(), path)?;
+    }
+    recorder.attach(walk.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
+    let mut pilot = Pilot::new(navigator, names(&table), Some(recorder));
+    let (ending, seconds) = walk.drive(&mut pilot, |pilot| {
+        let progress = pilot.helm().progress();
+        format!(
+            "{:<24} {:.2} laps, error {:>4.0} mm now, {:.0} mm RMS",
+            pilot.doing(),
+            progress.laps,
+            progress.error * 1e3,
+            progress.error_rms * 1e3
+        )
+    })?;
+    walk.leave();
+    let numbers = results(pilot.helm(), seconds);
+    let (_, file) = pilot.finish(numbers.clone())?;
+    verdict(&ending, file.as_ref())?;
+    if args.json {
+        let mut report = serde_json::Map::new();
+        for (key, value) in &numbers {
+            report.insert(
+                key.clone(),
+                value.parse::<f64>().map_or_else(|_| value.clone().into(), Into::into),
+            );
+        }
+        report.insert("record".into(), serde_json::json!(file));
+        print_json(&report)?;
+    } else {
+        let mut text = String::new();
+        for (key, value) in &numbers {
+            text.push_str(&format!("{key:>20}  {value}\n"));
+        }
+        if let Some(file) = file {
+            text.push_str(&format!("{:>20}  {}\n", "record", file.display()));
+        }
+        print(&text)?;
+    }
+    Ok(Exit::Done.into())
+}

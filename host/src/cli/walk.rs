@@ -1,0 +1,226 @@
+//! A run in real time: link, poses, record and progress around a [`Pilot`].
+
+use std::collections::BTreeMap;
+use std::net::{Ipv4Addr, SocketAddrV4};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+use flix_protocol::message::Command;
+use flix_protocol::units::Instant;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::robot::RobotArgs;
+use super::{Error, Exit};
+use crate::interrupt::Interrupt;
+use crate::link::udp::{Connection, LinkError};
+use crate::pilot::{Ending, Helm, Pilot};
+use crate::pose::natnet::{Body, COMMAND_PORT, NatNetSettings, NatNetSource, UpAxis};
+use crate::pose::{PoseError, PoseSource};
+use crate::record::{Recorder, RunDescription};
+
+/// Longest wait for the robot's datagrams before poses are looked at again.
+const SLICE: Duration = Duration::from_millis(2);
+
+/// Where poses come from.
+#[derive(Debug, Clone, clap::Args)]
+pub struct PoseArgs {
+    /// Source of poses.
+    #[arg(long, value_name = "SOURCE", default_value = "natnet", value_parser = ["natnet"])]
+    pub pose: String,
+    /// Motive's computer (or the simulator's), and its command port.
+    #[arg(long, value_name = "HOST[:PORT]", default_value = "127.0.0.1", value_parser = server)]
+    pub natnet_server: SocketAddrV4,
+    /// Address of the network card here that reaches it.
+    #[arg(long, value_name = "ADDRESS")]
+    pub interface: Option<Ipv4Addr>,
+    /// The robot's rigid body: its name or streaming number; not needed if there is only one.
+    #[arg(long, value_name = "BODY", value_parser = body)]
+    pub body: Option<Body>,
+    /// Motive's up axis, y or z, as in its streaming settings.
+    #[arg(long, value_name = "AXIS", default_value = "y")]
+    pub up: UpAxis,
+}
+
+fn body(text: &str) -> Result<Body, std::convert::Infallible> {
+    text.parse()
+}
+
+fn server(text: &str) -> Result<SocketAddrV4, String> {
+    if let Ok(address) = text.parse::<SocketAddrV4>() {
+        return Ok(address);
+    }
+    text.parse::<Ipv4Addr>().map(|ip| SocketAddrV4::new(ip, COMMAND_PORT)).map_err(|_| {
+        format!(
+            "\"{text}\" is not an IPv4 address: write 192.168.1.5 or 192.168.1.5:{COMMAND_PORT}"
+        )
+    })
+}
+
+impl PoseArgs {
+    /// As the source wants it.
+    #[must_use]
+    pub fn settings(&self) -> NatNetSettings {
+        let own = if self.natnet_server.ip().is_loopback() {
+            Ipv4Addr::LOCALHOST
+        } else {
+            Ipv4Addr::UNSPECIFIED
+        };
+        NatNetSettings {
+            server: self.natnet_server,
+            interface: self.interface.unwrap_or(own),
+            body: self.body.clone().unwrap_or_default(),
+            up: self.up,
+            timeout: Duration::from_secs(2),
+        }
+    }
+
+    /// Connects to the source.
+    ///
+    /// # Errors
+    /// In sentences that say what to change.
+    pub fn open(&self) -> Result<NatNetSource, Error> {
+        NatNetSource::connect(self.settings()).map_err(|error| Error::new(Exit::NoAnswer, error))
+    }
+}
+
+/// Robot and poses, both there.
+pub struct Walk {
+    connection: Connection,
+    source: NatNetSource,
+    interrupt: Interrupt,
+}
+
+impl From<PoseError> for Error {
+    fn from(error: PoseError) -> Self {
+        Self::new(Exit::NoAnswer, error)
+    }
+}
+
+impl Walk {
+    /// Poses first: without them the robot is not woken.
+    ///
+    /// # Errors
+    /// When either is missing.
+    pub fn open(robot: &RobotArgs, poses: &PoseArgs) -> Result<Self, Error> {
+        let interrupt = Interrupt::listen().map_err(Error::usage)?;
+        let source = poses.open()?;
+        let connection = robot.begin(&interrupt)?;
+        Ok(Self { connection, source, interrupt })
+    }
+
+    /// The latency is measured before the run begins only if the link stands; a fixed one wins.
+    ///
+    /// Drives to the end of the run. `tell` words the progress bar's message.
+    ///
+    /// # Errors
+    /// When the network or the pose source fails; the robot is stopped then.
+    pub fn drive<H: Helm>(
+        &mut self,
+        pilot: &mut Pilot<H>,
+        tell: impl Fn(&Pilot<H>) -> String,
+    ) -> Result<(Ending, f64), Error> {
+        let bar = ProgressBar::new_spinner();
+        if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {msg}") {
+            bar.set_style(style);
+        }
+        let mut poses = Vec::new();
+        loop {
+            self.connection.step(SLICE)?;
+            let (client, now) = self.connection.operate();
+            poses.clear();
+            while let Some(sample) = self.source.poll(now)? {
+                poses.push(sample);
+            }
+            if self.interrupt.is_raised() {
+                pilot.interrupt(now, client);
+            }
+            let ending = pilot.step(now, client, &poses);
+            bar.set_message(tell(pilot));
+            bar.tick();
+            if let Some(ending) = ending {
+                bar.finish_and_clear();
+                let seconds = now.since(pilot.driving_since().unwrap_or(now)).as_secs_f64();
+                return Ok((ending, seconds));
+            }
+        }
+    }
+
+    /// Clears what the run left latched on purpose? No: a stop stays until the operator clears it.
+    /// Only says goodbye.
+    pub fn leave(mut self) {
+        self.connection.leave();
+    }
+
+    /// Name of what streams the poses, for the record.
+    #[must_use]
+    pub fn pose_server(&self) -> String {
+        let info = self.source.server();
+        format!("{} (NatNet {})", info.application_name, info.protocol_version)
+    }
+
+    /// Board and firmware of the robot, for the record.
+    ///
+    /// # Errors
+    /// When it does not answer.
+    pub fn identity(&mut self) -> Result<BTreeMap<String, String>, Error> {
+        self.connection.wait_until_connected()?;
+        let outcome = self.connection.ask(Command::Identify)?;
+        let mut facts = BTreeMap::new();
+        if let flix_protocol::message::Outcome::Identity(identity) = outcome {
+            facts.insert("robot".into(), identity.name.to_string());
+            facts.insert("board".into(), identity.board.to_string());
+            facts.insert("firmware".into(), identity.version.to_string());
+        }
+        Ok(facts)
+    }
+
+    /// The run's clock starts with the connection.
+    #[must_use]
+    pub fn now(&self) -> Instant {
+        self.connection.now()
+    }
+}
+
+/// Begins a record whose clock is the walk's.
+///
+/// # Errors
+/// When the file cannot be made.
+pub fn record(
+    out: &Path,
+    walk: &mut Walk,
+    name: &str,
+    settings: BTreeMap<String, String>,
+) -> Result<Recorder, Error> {
+    let mut versions = walk.identity()?;
+    versions.insert("flix".into(), env!("CARGO_PKG_VERSION").into());
+    let robot = versions.remove("robot").unwrap_or_default();
+    let run = BTreeMap::from([
+        ("robot".into(), robot),
+        ("poses".into(), walk.pose_server()),
+        ("clock".into(), "real time".into()),
+    ]);
+    let elapsed = Duration::from_micros(walk.now().as_micros());
+    let started = SystemTime::now() - elapsed;
+    let description = RunDescription { name: name.to_owned(), run, settings, versions };
+    Ok(Recorder::create(out, started, &description)?)
+}
+
+/// What scripts and people are told when a run did not finish.
+///
+/// # Errors
+/// For every ending but the good one.
+pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
+    let exit = match ending {
+        Ending::Finished => return Ok(()),
+        Ending::Interrupted => Exit::Interrupted,
+        Ending::NoSession(error) => return Err(LinkError::Connect(error.clone()).into()),
+        Ending::Lost => Exit::NoAnswer,
+        Ending::Refused(refusal) => return Err(LinkError::Refused(refusal.clone()).into()),
+        Ending::Stopped(_) | Ending::Faulted(_) | Ending::NotReady(_) => Exit::RobotFault,
+    };
+    let sentence = match record {
+        Some(file) => format!("{ending} (record: {})", file.display()),
+        None => ending.to_string(),
+    };
+    Err(Error::new(exit, sentence))
+}

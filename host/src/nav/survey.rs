@@ -1,0 +1,260 @@
+//! Learning the mode table: drive each mode for a while, watch, and keep mean and spread.
+//!
+//! The modes take turns, round after round, so that a warming motor or an emptying battery touches
+//! all of them alike. The first [`SETTLING`] of each stretch is not counted: the rotors ramp and the
+//! gait settles. The rest is cut into windows of [`WINDOW`]; the motion of a stretch is the mean of
+//! its windows, taken in the body frame, and the spread of a mode is the standard deviation between
+//! its stretches.
+
+use std::time::Duration;
+
+use flix_protocol::message::Setpoint;
+use flix_protocol::units::Instant;
+
+use super::estimator::mean_twist;
+use super::geometry::{PlanarPose, Twist, wrap};
+use super::modes::{Mode, ModeTable, ModeTableError, Spread};
+use super::navigator::{Decision, Resting};
+use super::safety::{Fence, Stop};
+use crate::pose::PoseSample;
+
+/// Begin of a stretch that is not counted.
+const SETTLING: Duration = Duration::from_millis(1000);
+/// Length of a window: short enough that a turning robot's arc is nearly its chord.
+const WINDOW: Duration = Duration::from_millis(250);
+/// Standing still between two stretches.
+const PAUSE: Duration = Duration::from_millis(700);
+/// Spread of a mode that was driven only once, as a share of its speed.
+const UNKNOWN_SPREAD: f64 = 0.3;
+
+/// What is to be learnt.
+#[derive(Debug, Clone)]
+pub struct SurveySettings {
+    /// Names and pairs.
+    pub pairs: Vec<(String, Setpoint)>,
+    /// How long each stretch lasts.
+    pub stretch: Duration,
+    /// Stretches of each mode.
+    pub rounds: u32,
+    /// Where the robot may be.
+    pub fence: Fence,
+    /// A pose older than this stops the robot.
+    pub pose_deadline: Duration,
+    /// A survey without trusted poses ends after this long.
+    pub pose_patience: Duration,
+}
+
+/// A survey under way.
+#[derive(Debug, Clone)]
+pub struct Survey {
+    settings: SurveySettings,
+    stretches: Vec<Vec<Twist>>,
+    current: u32,
+    begun: Option<Instant>,
+    started: Option<Instant>,
+    trusted: Option<(Instant, PlanarPose)>,
+    window: Option<(Instant, PlanarPose)>,
+    seen: Vec<Twist>,
+    stop: Option<Stop>,
+}
+
+impl Survey {
+    /// Nothing driven yet.
+    #[must_use]
+    pub fn new(settings: SurveySettings) -> Self {
+        let stretches = vec![Vec::new(); settings.pairs.len()];
+        Self {
+            settings,
+            stretches,
+            current: 0,
+            begun: None,
+            started: None,
+            trusted: None,
+            window: None,
+            seen: Vec::new(),
+            stop: None,
+        }
+    }
+
+    /// Stretches driven, and all of them.
+    #[must_use]
+    pub fn progress(&self) -> (u32, u32) {
+        (self.current, self.total())
+    }
+
+    /// A pose came in; untrusted ones are not used.
+    pub fn observe(&mut self, sample: &PoseSample) {
+        let late = self.trusted.is_some_and(|(newest, _)| sample.time <= newest);
+        if late || !sample.valid || !sample.pose.is_sound() {
+            return;
+        }
+        let pose = sample.pose.on_the_floor();
+        self.trusted = Some((sample.time, pose));
+        let Some(begun) = self.begun else { return };
+        let driven = sample.time.since(begun);
+        if driven < SETTLING || driven > self.settings.stretch {
+            self.window = None;
+            return;
+        }
+        let (since, from) = *self.window.get_or_insert((sample.time, pose));
+        let elapsed = sample.time.since(since);
+        if elapsed >= WINDOW {
+            let to =
+                PlanarPose { heading: from.heading + wrap(pose.heading - from.heading), ..pose };
+            self.seen.push(mean_twist(&from, &to, elapsed.as_secs_f64()));
+            self.window = Some((sample.time, pose));
+        }
+    }
+
+    /// What the robot shall do now.
+    pub fn decide(&mut self, now: Instant) -> Decision {
+        let started = *self.started.get_or_insert(now);
+        if let Some(stop) = self.stop {
+            return Decision::Stopped(stop);
+        }
+        if self.current >= self.total() {
+            return Decision::Finished;
+        }
+        let age = now.since(self.trusted.map_or(started, |(time, _)| time));
+        if self.trusted.is_none() || age > self.settings.pose_deadline {
+            return self.wait_for_pose(age);
+        }
+        if let Some((_, pose)) = self.trusted
+            && !self.settings.fence.holds((pose.x, pose.y))
+        {
+            return self
+                .end(Stop::OutsideFence { at: (pose.x, pose.y), fence: self.settings.fence });
+        }
+        self.drive(now)
+    }
+
+    fn drive(&mut self, now: Instant) -> Decision {
+        let begun = *self.begun.get_or_insert(now);
+        let driven = now.since(begun);
+        if driven < self.settings.stretch {
+            let mode = self.current as usize % self.settings.pairs.len();
+            return Decision::Drive { mode, setpoint: self.settings.pairs[mode].1 };
+        }
+        if driven >= self.settings.stretch + PAUSE {
+            self.keep_stretch();
+        }
+        Decision::Rest(Resting::Arrived)
+    }
+
+    /// The stretch is over; the next one begins with the next decision.
+    fn keep_stretch(&mut self) {
+        let mode = self.current as usize % self.settings.pairs.len();
+        if !self.seen.is_empty() {
+            let share = 1.0 / self.seen.len() as f64;
+            let sum = self.seen.drain(..).fold(Twist::REST, Twist::plus);
+            self.stretches[mode].push(sum.scaled(share));
+        }
+        self.current += 1;
+        (self.begun, self.window) = (None, None);
+    }
+
+    fn wait_for_pose(&mut self, waited: Duration) -> Decision {
+        // A stretch with a hole is driven again.
+        (self.begun, self.window) = (None, None);
+        self.seen.clear();
+        if waited > self.settings.pose_patience {
+            return self.end(Stop::PoseLost { waited });
+        }
+        let reason = if self.trusted.is_none() { Resting::NoPoseYet } else { Resting::PoseTooOld };
+        Decision::Rest(reason)
+    }
+
+    fn end(&mut self, stop: Stop) -> Decision {
+        self.stop = Some(stop);
+        Decision::Stopped(stop)
+    }
+
+    fn total(&self) -> u32 {
+        self.settings.rounds * self.settings.pairs.len() as u32
+    }
+
+    /// What was learnt; modes without a single stretch are left out.
+    ///
+    /// # Errors
+    /// When nothing was learnt, or something that no robot does.
+    pub fn table(&self, robot: &str, source: &str) -> Result<ModeTable, ModeTableError> {
+        let driven = self.settings.pairs.iter().zip(&self.stretches).filter(|(_, s)| !s.is_empty());
+        let modes = driven.map(|((name, setpoint), stretches)| Mode {
+            name: name.clone(),
+            setpoint: *setpoint,
+            forward: spread(stretches.iter().map(|t| t.forward)),
+            lateral: spread(stretches.iter().map(|t| t.lateral)),
+            yaw: spread(stretches.iter().map(|t| t.yaw)),
+        });
+        ModeTable::new(robot, source, modes.collect())
+    }
+}
+
+/// Mean and standard deviation.
+fn spread(values: impl Iterator<Item = f64> + Clone) -> Spread {
+    let count = values.clone().count() as f64;
+    let mean = values.clone().sum::<f64>() / count;
+    let squares: f64 = values.map(|v| (v - mean).powi(2)).sum();
+    let spread =
+        if count > 1.0 { (squares / (count - 1.0)).sqrt() } else { UNKNOWN_SPREAD * mean.abs() };
+    // A ten-thousandth is far below what one can measure, and keeps the file readable.
+    let rounded = |v: f64| (v * 1e4).round() / 1e4;
+    Spread { mean: rounded(mean), spread: rounded(spread) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::modes::tests::model_w;
+    use super::*;
+    use crate::pose::Pose;
+
+    /// A survey of a robot that does exactly what model W's table says.
+    fn survey(rounds: u32) -> Survey {
+        let table = model_w();
+        let mut survey = Survey::new(SurveySettings {
+            pairs: table.modes().iter().map(|m| (m.name.clone(), m.setpoint)).collect(),
+            stretch: Duration::from_secs(4),
+            rounds,
+            fence: Fence { low: (-3.0, -3.0), high: (3.0, 3.0) },
+            pose_deadline: Duration::from_millis(100),
+            pose_patience: Duration::from_secs(2),
+        });
+        let mut pose = PlanarPose::default();
+        for step in 0..200_000 {
+            let now = Instant::from_micros(step * 5000);
+            match survey.decide(now) {
+                Decision::Drive { mode, .. } => {
+                    pose = pose.moved(table.modes()[mode].twist(), 0.005);
+                }
+                Decision::Rest(_) => {}
+                Decision::Finished | Decision::Stopped(_) => break,
+            }
+            let sample = PoseSample { time: now, pose: Pose::planar(pose, 0.05), valid: true };
+            survey.observe(&sample);
+        }
+        survey
+    }
+
+    #[test]
+    fn learns_the_speeds_that_the_robot_has() {
+        let table = survey(2).table("w", "test").unwrap();
+        for (learnt, true_mode) in table.modes().iter().zip(model_w().modes()) {
+            let (l, t) = (learnt.twist(), true_mode.twist());
+            let error = (l.forward - t.forward).abs() + (l.lateral - t.lateral).abs();
+            assert!(error < 2e-3 && (l.yaw - t.yaw).abs() < 2e-2, "{}: {l:?} {t:?}", learnt.name);
+        }
+    }
+
+    #[test]
+    fn all_modes_take_their_turn_in_every_round() {
+        assert_eq!(survey(3).progress(), (27, 27));
+    }
+
+    #[test]
+    fn lost_poses_end_the_survey() {
+        let mut survey = survey(1);
+        survey.current = 0;
+        let end = survey.decide(Instant::from_micros(2_000_000_000));
+        assert!(matches!(end, Decision::Stopped(Stop::PoseLost { .. })), "{end:?}");
+    }
+}

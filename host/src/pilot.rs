@@ -1,0 +1,426 @@
+//! A whole run: takes the robot, arms it, drives it by a [`Helm`], and leaves it stopped and disarmed.
+//!
+//! The pilot has no clock and no socket. Whoever runs it moves datagrams in and out of the
+//! [`Client`] and calls [`Pilot::step`] some hundred times a second, with the poses that came; the
+//! simulator does so in virtual time, `flix track` in real time.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::time::Duration;
+
+use flix_protocol::message::{Command, Faults, Outcome, Refusal, Setpoint, State, Telemetry};
+use flix_protocol::session::ConnectError;
+use flix_protocol::units::Instant;
+
+use crate::link::{Client, StopState, Update};
+use crate::nav::{Decision, Navigator, PlanarPose, Progress, Resting, Stop, Survey};
+use crate::pose::PoseSample;
+use crate::record::{Level, RecordError, Recorder};
+
+/// Longest time for getting ready: the link, alignment of the motors.
+pub const READY_PATIENCE: Duration = Duration::from_secs(20);
+/// Longest time for coming to rest and disarming at the end.
+pub const END_PATIENCE: Duration = Duration::from_secs(3);
+/// How often arming is asked for while the link is not proven yet.
+const ARM_RETRY: Duration = Duration::from_millis(100);
+/// Rows of navigation in the record: one each.
+const RECORD_PERIOD: Duration = Duration::from_millis(50);
+/// A robot that shakes slower than this stands, Hz.
+const RESTING_FREQUENCY: f32 = 1.0;
+
+/// Who decides where to drive.
+pub trait Helm {
+    /// A pose came in.
+    fn observe(&mut self, sample: &PoseSample);
+    /// What the robot shall do now.
+    fn decide(&mut self, now: Instant) -> Decision;
+    /// From a command's leaving to the robot's obeying it, as measured on the link.
+    fn set_latency(&mut self, _latency: Duration) {}
+    /// Filtered pose and path error, if there is something of the kind.
+    fn progress(&self) -> Option<(PlanarPose, Progress)> {
+        None
+    }
+}
+
+impl Helm for Navigator {
+    fn observe(&mut self, sample: &PoseSample) {
+        self.observe(sample);
+    }
+
+    fn decide(&mut self, now: Instant) -> Decision {
+        self.decide(now)
+    }
+
+    fn set_latency(&mut self, latency: Duration) {
+        self.set_latency(latency);
+    }
+
+    fn progress(&self) -> Option<(PlanarPose, Progress)> {
+        self.pose().map(|pose| (pose, self.progress()))
+    }
+}
+
+impl Helm for Survey {
+    fn observe(&mut self, sample: &PoseSample) {
+        self.observe(sample);
+    }
+
+    fn decide(&mut self, now: Instant) -> Decision {
+        self.decide(now)
+    }
+}
+
+/// How a run ended. The robot is stopped or disarmed, or does so by itself because it hears nothing.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Ending {
+    /// All done.
+    Finished,
+    /// The helm ended it.
+    Stopped(Stop),
+    /// Somebody asked to end.
+    Interrupted,
+    /// No session.
+    NoSession(ConnectError),
+    /// The robot fell silent or said goodbye.
+    Lost,
+    /// The robot will not.
+    Refused(Refusal),
+    /// A fault of the robot.
+    Faulted(Faults),
+    /// The robot did not get ready, or left the state that driving needs.
+    NotReady(State),
+}
+
+impl fmt::Display for Ending {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Finished => f.write_str("finished"),
+            Self::Stopped(stop) => write!(f, "{stop}"),
+            Self::Interrupted => f.write_str("interrupted; the robot was told to stop"),
+            Self::NoSession(error) => write!(f, "{error}"),
+            Self::Lost => f.write_str(
+                "the robot fell silent and stops by itself: check its battery and the network",
+            ),
+            Self::Refused(refusal) => write!(f, "the robot refused: {refusal}"),
+            Self::Faulted(faults) => write!(f, "the robot has a fault: {faults}"),
+            Self::NotReady(state) => write!(f, "the robot is {state} and cannot be driven"),
+        }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Phase {
+    Connecting,
+    /// Asks for something before the next arming.
+    Asking {
+        request: u32,
+    },
+    /// Waits until arming is asked for again.
+    Waiting {
+        until: Instant,
+    },
+    Readying,
+    Driving,
+    /// Comes to rest after a good end.
+    Resting,
+    Disarming {
+        request: u32,
+    },
+    /// Stops after a bad one.
+    Stopping,
+    Over,
+}
+
+/// See the module's text.
+pub struct Pilot<H> {
+    helm: H,
+    names: Vec<String>,
+    phase: Phase,
+    since: Option<Instant>,
+    ending: Option<Ending>,
+    is_cleared: bool,
+    latency: Option<Duration>,
+    recorder: Option<Recorder>,
+    record_error: Option<RecordError>,
+    recorded: Option<Instant>,
+    told: Option<(Setpoint, String)>,
+    driving_since: Option<Instant>,
+}
+
+impl<H: Helm> Pilot<H> {
+    /// A run that has not begun. `names`: of the modes that the helm's decisions number.
+    #[must_use]
+    pub fn new(helm: H, names: Vec<String>, recorder: Option<Recorder>) -> Self {
+        Self {
+            helm,
+            names,
+            phase: Phase::Connecting,
+            since: None,
+            ending: None,
+            is_cleared: false,
+            latency: None,
+            recorder,
+            record_error: None,
+            recorded: None,
+            told: None,
+            driving_since: None,
+        }
+    }
+
+    /// Fixes the link's latency instead of measuring it.
+    #[must_use]
+    pub fn with_latency(mut self, latency: Duration) -> Self {
+        self.latency = Some(latency);
+        self
+    }
+
+    /// Who decides.
+    #[must_use]
+    pub fn helm(&self) -> &H {
+        &self.helm
+    }
+
+    /// Who decides, to be told something.
+    pub fn helm_mut(&mut self) -> &mut H {
+        &mut self.helm
+    }
+
+    /// When the robot was armed and driving began.
+    #[must_use]
+    pub fn driving_since(&self) -> Option<Instant> {
+        self.driving_since
+    }
+
+    /// What is held now: the mode's name, or why the robot rests.
+    #[must_use]
+    pub fn doing(&self) -> &str {
+        self.told.as_ref().map_or("getting ready", |(_, name)| name)
+    }
+
+    /// Ends the run; [`Pilot::step`] must go on until it says that it is over.
+    pub fn interrupt(&mut self, now: Instant, client: &mut Client) {
+        if self.ending.is_none() {
+            self.fail(now, client, Ending::Interrupted);
+        }
+    }
+
+    /// Completes the record, with these results, and returns the helm.
+    ///
+    /// # Errors
+    /// When a row, or the end, could not be written. The helm is lost then, the robot is not.
+    pub fn finish(
+        mut self,
+        results: BTreeMap<String, String>,
+    ) -> Result<(H, Option<std::path::PathBuf>), RecordError> {
+        if let Some(error) = self.record_error {
+            return Err(error);
+        }
+        let Some(mut recorder) = self.recorder.take() else { return Ok((self.helm, None)) };
+        recorder.results(results)?;
+        Ok((self.helm, Some(recorder.finish()?)))
+    }
+
+    /// Goes on: takes what the link and the pose source told, and says what to hold. `Some` once
+    /// the run is over and the robot was seen stopped or disarmed (or cannot be heard any more).
+    pub fn step(
+        &mut self,
+        now: Instant,
+        client: &mut Client,
+        poses: &[PoseSample],
+    ) -> Option<Ending> {
+        for sample in poses {
+            self.helm.observe(sample);
+            self.record(|recorder| recorder.pose(sample));
+        }
+        while let Some(update) = client.update() {
+            self.take(now, client, update);
+        }
+        let begun = *self.since.get_or_insert(now);
+        match &self.phase {
+            Phase::Waiting { until } if now >= *until => self.ask(now, client, Command::Arm),
+            Phase::Driving => self.drive(now, client),
+            Phase::Resting => self.rest(now, client, begun),
+            Phase::Disarming { .. } if now.since(begun) > END_PATIENCE => {
+                self.fail_silently(now, client);
+            }
+            Phase::Stopping => {
+                let acknowledged = client.stop_state() == StopState::Acknowledged;
+                if acknowledged || now.since(begun) > END_PATIENCE {
+                    self.phase = Phase::Over;
+                }
+            }
+            Phase::Connecting | Phase::Asking { .. } | Phase::Waiting { .. } | Phase::Readying
+                if now.since(begun) > READY_PATIENCE =>
+            {
+                let state = client.telemetry().map_or(State::Disarmed, |t| t.state);
+                self.fail(now, client, Ending::NotReady(state));
+            }
+            _ => {}
+        }
+        if self.phase == Phase::Over { self.ending.clone() } else { None }
+    }
+
+    fn enter(&mut self, now: Instant, phase: Phase) {
+        self.phase = phase;
+        self.since = Some(now);
+    }
+
+    /// Getting ready has one patience over all its phases.
+    fn ask(&mut self, now: Instant, client: &mut Client, command: Command) {
+        self.phase = Phase::Asking { request: client.request(now, command) };
+    }
+
+    fn take(&mut self, now: Instant, client: &mut Client, update: Update) {
+        match update {
+            Update::Telemetry(telemetry) => self.hear(now, client, &telemetry),
+            Update::Event(report) => self.record(|recorder| recorder.event(now, &report)),
+            Update::Connected if self.phase == Phase::Connecting => {
+                self.ask(now, client, Command::Arm);
+            }
+            Update::Failed(error) => self.lose(Ending::NoSession(error)),
+            Update::Lost | Update::Left => self.lose(Ending::Lost),
+            Update::Answer { request, outcome } => self.answered(now, client, request, &outcome),
+            Update::SetpointRefused(refusal) if self.phase == Phase::Driving => {
+                self.fail(now, client, Ending::Refused(refusal));
+            }
+            Update::Unanswered { request } => match self.phase {
+                Phase::Asking { request: asked } if asked == request => {
+                    self.ask(now, client, Command::Arm);
+                }
+                Phase::Disarming { request: asked } if asked == request => {
+                    self.fail_silently(now, client);
+                }
+                _ => {}
+            },
+            _ => {}
+        }
+    }
+
+    fn hear(&mut self, now: Instant, client: &mut Client, telemetry: &Telemetry) {
+        self.record(|recorder| recorder.telemetry(now, telemetry));
+        match (&self.phase, telemetry.state) {
+            (Phase::Readying | Phase::Driving | Phase::Resting, State::Faulted) => {
+                self.fail(now, client, Ending::Faulted(telemetry.faults));
+            }
+            (Phase::Readying, State::Armed | State::Running) => {
+                let measured = client.statistics().round_trip_quantile(0.5).map(|trip| trip / 2);
+                if let Some(latency) = self.latency.or(measured) {
+                    self.helm.set_latency(latency);
+                }
+                self.driving_since = Some(now);
+                self.enter(now, Phase::Driving);
+            }
+            (Phase::Driving, State::Disarmed) => {
+                self.fail(now, client, Ending::NotReady(telemetry.state));
+            }
+            (Phase::Disarming { .. }, State::Disarmed) => self.phase = Phase::Over,
+            _ => {}
+        }
+    }
+
+    fn answered(&mut self, now: Instant, client: &mut Client, request: u32, outcome: &Outcome) {
+        let Phase::Asking { request: asked } = self.phase else { return };
+        if asked != request {
+            return;
+        }
+        match outcome {
+            Outcome::Refused(Refusal::LinkUnproven) => {
+                self.phase = Phase::Waiting { until: now + ARM_RETRY };
+            }
+            // Starting a run is as explicit as clearing an earlier stop; faults stay.
+            Outcome::Refused(Refusal::Stopped) if !self.is_cleared => {
+                self.is_cleared = true;
+                client.request(now, Command::Clear);
+                self.phase = Phase::Waiting { until: now + ARM_RETRY };
+            }
+            Outcome::Refused(refusal) => {
+                self.fail(now, client, Ending::Refused(refusal.clone()));
+            }
+            _ => self.phase = Phase::Readying,
+        }
+    }
+
+    fn drive(&mut self, now: Instant, client: &mut Client) {
+        let decision = self.helm.decide(now);
+        self.note_progress(now);
+        match decision {
+            Decision::Drive { mode, setpoint } => {
+                let name = self.names.get(mode).cloned().unwrap_or_default();
+                self.tell(now, client, setpoint, name);
+            }
+            Decision::Rest(reason) => {
+                let name = match reason {
+                    Resting::NoPoseYet => "rest: no pose yet",
+                    Resting::PoseTooOld => "rest: the pose is too old",
+                    Resting::Arrived => "rest",
+                };
+                self.tell(now, client, Setpoint::REST, name.to_owned());
+            }
+            Decision::Finished => {
+                self.ending = Some(Ending::Finished);
+                self.tell(now, client, Setpoint::REST, "rest: finished".to_owned());
+                self.enter(now, Phase::Resting);
+            }
+            Decision::Stopped(stop) => self.fail(now, client, Ending::Stopped(stop)),
+        }
+    }
+
+    fn rest(&mut self, now: Instant, client: &mut Client, begun: Instant) {
+        let stands =
+            client.telemetry().is_some_and(|t| t.frequency.get().abs() < RESTING_FREQUENCY);
+        let patience_is_over = now.since(begun) > END_PATIENCE;
+        // The newest telemetry may be older than the command to rest.
+        if (stands && now.since(begun) > 2 * RECORD_PERIOD) || patience_is_over {
+            client.release();
+            let request = client.request(now, Command::Disarm);
+            self.enter(now, Phase::Disarming { request });
+        }
+    }
+
+    fn tell(&mut self, now: Instant, client: &mut Client, setpoint: Setpoint, name: String) {
+        client.hold(now, setpoint);
+        if self.told.as_ref().is_none_or(|told| *told != (setpoint, name.clone())) {
+            self.record(|recorder| recorder.command(now, &setpoint, &name));
+            self.told = Some((setpoint, name));
+        }
+    }
+
+    fn note_progress(&mut self, now: Instant) {
+        if self.recorded.is_some_and(|last| now.since(last) < RECORD_PERIOD) {
+            return;
+        }
+        self.recorded = Some(now);
+        if let Some((pose, progress)) = self.helm.progress() {
+            self.record(|recorder| recorder.navigation(now, &pose, &progress));
+        }
+    }
+
+    fn fail(&mut self, now: Instant, client: &mut Client, ending: Ending) {
+        let sentence = ending.to_string();
+        self.record(|recorder| recorder.log(now, Level::Error, &sentence));
+        self.ending = Some(ending);
+        self.fail_silently(now, client);
+    }
+
+    /// Stops, and waits for the acknowledgement.
+    fn fail_silently(&mut self, now: Instant, client: &mut Client) {
+        client.stop(now);
+        self.enter(now, Phase::Stopping);
+    }
+
+    /// There is nobody to tell any more: the robot's own deadline stops it.
+    fn lose(&mut self, ending: Ending) {
+        self.ending.get_or_insert(ending);
+        self.phase = Phase::Over;
+    }
+
+    fn record(&mut self, write: impl FnOnce(&mut Recorder) -> Result<(), RecordError>) {
+        if self.record_error.is_some() {
+            return;
+        }
+        if let Some(recorder) = &mut self.recorder {
+            // A full disk must not stop a robot's control; it is said at the end.
+            self.record_error = write(recorder).err();
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! Pictures of a run.
+
+use super::{CommandRow, Run, TelemetryRow};
+use crate::plot::{Chart, Outline, Panel, Series, Stroke, Track, colour};
+
+/// The robot's plate, m (paper, Table I).
+const PLATE: (f64, f64) = (0.22, 0.12);
+/// Robots drawn along a track.
+const SNAPSHOTS: usize = 12;
+
+/// The track on the floor: path, robot, where it stood now and then.
+#[must_use]
+pub fn track(run: &Run) -> Track {
+    let trusted: Vec<_> =
+        run.poses.iter().filter(|p| p.valid).map(|p| p.pose.pose().on_the_floor()).collect();
+    let mut figure = Track::new(title(run, "Track"), "m").subtitle(subtitle(run));
+    for index in snapshots(trusted.len()) {
+        let pose = trusted[index];
+        let (sin, cos) = pose.heading.sin_cos();
+        let place = |x: f64, y: f64| (pose.x + cos * x - sin * y, pose.y + sin * x + cos * y);
+        let (l, w) = (PLATE.0 / 2.0, PLATE.1 / 2.0);
+        figure = figure.outline(Outline {
+            // A plate with a nose, so that the heading is seen.
+            corners: vec![
+                place(-l, w),
+                place(l * 0.7, w),
+                place(l, 0.0),
+                place(l * 0.7, -w),
+                place(-l, -w),
+            ],
+            colour: colour::SKY,
+            filling: 0.10,
+        });
+    }
+    if let Some(path) = &run.path {
+        let points = path.poses.iter().map(|p| p.pose().on_the_floor()).map(|p| (p.x, p.y));
+        figure =
+            figure.series(Series::line("path", points).stroke(Stroke::Dashed).colour(colour::GREY));
+    }
+    let walked = trusted.iter().map(|p| (p.x, p.y));
+    figure = figure.series(Series::line("robot", walked).colour(colour::BLUE));
+    if let (Some(first), Some(last)) = (trusted.first(), trusted.last()) {
+        figure = figure.mark((first.x, first.y), "start", colour::GREEN).mark(
+            (last.x, last.y),
+            "end",
+            colour::RED,
+        );
+    }
+    figure
+}
+
+fn snapshots(count: usize) -> Vec<usize> {
+    let last = count.saturating_sub(1);
+    (0..SNAPSHOTS.min(count))
+        .map(|i| i * last / SNAPSHOTS.min(count).max(2).saturating_sub(1))
+        .collect()
+}
+
+/// Everything over time: error, heading, f, theta, currents, battery.
+#[must_use]
+pub fn timeline(run: &Run) -> Chart {
+    let mut chart = Chart::new(title(run, "Timeline"), "Time (s)").subtitle(subtitle(run));
+    if !run.navigation.is_empty() {
+        let error = run.navigation.iter().map(|n| (run.time(&n.timestamp), n.error_m * 1e3));
+        let rms = run.navigation.iter().map(|n| (run.time(&n.timestamp), n.error_rms_m * 1e3));
+        let heading = run
+            .navigation
+            .iter()
+            .map(|n| (run.time(&n.timestamp), crate::nav::wrap(n.heading_rad).to_degrees()));
+        chart = chart
+            .panel(
+                Panel::new("Error (mm)")
+                    .series(Series::line("now", error).width(1.2))
+                    .series(Series::line("RMS so far", rms).stroke(Stroke::Dashed)),
+            )
+            .panel(
+                Panel::new("Heading (°)")
+                    .height(110.0)
+                    .range(-185.0, 185.0)
+                    .series(Series::line("", broken_at_wraps(heading)).width(1.2)),
+            );
+    }
+    if !run.commands.is_empty() || !run.telemetry.is_empty() {
+        chart = chart
+            .panel(set_and_held(run, "Frequency f (Hz)", |c| c.frequency_hz, |t| t.frequency_hz))
+            .panel(set_and_held(run, "Direction θ (°)", |c| c.direction_deg, |t| t.direction_deg));
+    }
+    if !run.telemetry.is_empty() {
+        chart = chart
+            .panel(
+                Panel::new("Current q (A)")
+                    .series(told(run, "top", |t| Some(t.top.current_q_a)))
+                    .series(told(run, "bottom", |t| Some(t.bottom.current_q_a))),
+            )
+            .panel(
+                Panel::new("Battery (V)")
+                    .height(90.0)
+                    .series(told(run, "", |t| t.bus_voltage_v).colour(colour::GREEN)),
+            );
+    }
+    chart
+}
+
+fn set_and_held(
+    run: &Run,
+    label: &str,
+    set: fn(&CommandRow) -> f64,
+    held: fn(&TelemetryRow) -> f64,
+) -> Panel {
+    let commands = run.commands.iter().map(|c| (run.time(&c.timestamp), set(c)));
+    Panel::new(label)
+        .height(110.0)
+        .series(Series::line("commanded", commands).stroke(Stroke::Step).colour(colour::GREY))
+        .series(told(run, "held", move |t| Some(held(t))).colour(colour::ORANGE).width(1.2))
+}
+
+fn told(run: &Run, label: &str, value: impl Fn(&TelemetryRow) -> Option<f64>) -> Series {
+    let points =
+        run.telemetry.iter().map(|t| (run.time(&t.timestamp), value(t).unwrap_or(f64::NAN)));
+    Series::line(label, points).width(1.2)
+}
+
+/// A heading that goes over the top comes back at the bottom: no line between.
+fn broken_at_wraps(points: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
+    let mut broken: Vec<(f64, f64)> = Vec::new();
+    for (time, angle) in points {
+        if broken.last().is_some_and(|(_, last)| (angle - last).abs() > 180.0) {
+            broken.push((time, f64::NAN));
+        }
+        broken.push((time, angle));
+    }
+    broken
+}
+
+fn title(run: &Run, what: &str) -> String {
+    let name = run.fact("run", "name").replace('-', " ");
+    if name.is_empty() { what.to_owned() } else { format!("{what}: {name}") }
+}
+
+fn subtitle(run: &Run) -> String {
+    let mut parts =
+        vec![run.fact("run", "robot").to_owned(), run.fact("run", "started").to_owned()];
+    let rms = run.fact("results", "path_error_rms_mm");
+    if !rms.is_empty() {
+        parts.push(format!("path error {rms} mm RMS"));
+    }
+    parts.retain(|part| !part.is_empty());
+    parts.join(" · ")
+}

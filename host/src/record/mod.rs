@@ -1,0 +1,36 @@
+//! Records of runs: one MCAP file each, open to Foxglove and every other MCAP reader as it is.
+//!
+//! Messages are JSON with JSON schemas. Where Foxglove has a well-known schema the record uses it:
+//!
+//! | topic | schema | what |
+//! |---|---|---|
+//! | `/pose` | `foxglove.PoseInFrame` | poses as they came, ENU |
+//! | `/path` | `foxglove.PosesInFrame` | the path to follow |
+//! | `/log` | `foxglove.Log` | events |
+//! | `/command` | `flix.Command` | f, theta and the mode's name |
+//! | `/navigation` | `flix.Navigation` | filtered pose, path error |
+//! | `/telemetry` | `flix.Telemetry` | the robot as it reports itself |
+//!
+//! The file also carries the metadata `run`, `settings` and `versions`, and attachments such as the
+//! mode table. [`Recorder`] writes, [`Run`] reads back, [`figures`] and [`csv`] show.
+
+pub mod csv;
+pub mod figures;
+mod message;
+mod reader;
+mod writer;
+
+pub use message::{
+    CommandRow, LogRow, MotorRow, NavigationRow, PathRow, PoseFields, PoseRow, TelemetryRow,
+    Timestamp,
+};
+pub use reader::{ReadError, Run, RunSummary, list};
+pub use writer::{Level, RecordError, Recorder, RunDescription};
+
+/// Folder of the records inside the output folder.
+pub const FOLDER: &str = "runs";
+/// Ending of their names.
+pub const ENDING: &str = "mcap";
+
+#[cfg(test)]
+mod tests;

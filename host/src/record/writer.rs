@@ -1,0 +1,362 @@
+//! Writing a run.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path as FilePath, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use flix_protocol::message::{EventReport, Setpoint, Telemetry};
+use flix_protocol::units::Instant;
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{Attachment, WriteOptions, Writer};
+use serde::Serialize;
+
+use super::message::{
+    CommandRow, LogRow, NavigationRow, PathRow, PoseRow, TelemetryRow, Timestamp,
+};
+use super::{ENDING, FOLDER};
+use crate::nav::{Path, PlanarPose, Progress};
+use crate::pose::PoseSample;
+
+/// What a run is, beside what happens in it.
+#[derive(Debug, Clone, Default)]
+pub struct RunDescription {
+    /// What is done, for the file's name: `track-figure-eight`.
+    pub name: String,
+    /// Facts about the run: robot, task, program.
+    pub run: BTreeMap<String, String>,
+    /// Everything it was set to.
+    pub settings: BTreeMap<String, String>,
+    /// Versions of what takes part.
+    pub versions: BTreeMap<String, String>,
+}
+
+/// How serious an event is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Level {
+    /// As expected.
+    Information,
+    /// Worth a look.
+    Warning,
+    /// The run ended early.
+    Error,
+}
+
+/// The record could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// The file system.
+    #[error("cannot write the record {}: {source}; check the folder and the space on its disk", path.display())]
+    File {
+        /// Which file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The format.
+    #[error("cannot write the record: {0}")]
+    Format(#[from] mcap::McapError),
+    /// A row that has no JSON form, such as one that is not a number.
+    #[error("cannot write the record: {0}")]
+    Row(#[from] serde_json::Error),
+}
+
+/// A kind of row: topic, schema's name, schema.
+struct Channel {
+    topic: &'static str,
+    schema: &'static str,
+    text: &'static str,
+}
+
+const POSE: usize = 0;
+const PATH: usize = 1;
+const LOG: usize = 2;
+const COMMAND: usize = 3;
+const NAVIGATION: usize = 4;
+const TELEMETRY: usize = 5;
+
+const CHANNELS: [Channel; 6] = [
+    Channel {
+        topic: "/pose",
+        schema: "foxglove.PoseInFrame",
+        text: include_str!("schemas/PoseInFrame.json"),
+    },
+    Channel {
+        topic: "/path",
+        schema: "foxglove.PosesInFrame",
+        text: include_str!("schemas/PosesInFrame.json"),
+    },
+    Channel { topic: "/log", schema: "foxglove.Log", text: include_str!("schemas/Log.json") },
+    Channel {
+        topic: "/command",
+        schema: "flix.Command",
+        text: include_str!("schemas/Command.json"),
+    },
+    Channel {
+        topic: "/navigation",
+        schema: "flix.Navigation",
+        text: include_str!("schemas/Navigation.json"),
+    },
+    Channel {
+        topic: "/telemetry",
+        schema: "flix.Telemetry",
+        text: include_str!("schemas/Telemetry.json"),
+    },
+];
+
+/// Writes one run. Times are of the run's own clock, whose start is the moment given to
+/// [`Recorder::create`]. Dropped without [`Recorder::finish`], the file is completed all the same.
+pub struct Recorder {
+    path: PathBuf,
+    writer: Writer<BufWriter<File>>,
+    channels: [u16; CHANNELS.len()],
+    counts: [u32; CHANNELS.len()],
+    start_nanos: u64,
+}
+
+impl Recorder {
+    /// Begins the record `OUT/runs/DATE-NAME.mcap`.
+    ///
+    /// # Errors
+    /// When the file cannot be made.
+    pub fn create(
+        out: &FilePath,
+        started: SystemTime,
+        description: &RunDescription,
+    ) -> Result<Self, RecordError> {
+        let folder = out.join(FOLDER);
+        std::fs::create_dir_all(&folder)
+            .map_err(|source| RecordError::File { path: folder.clone(), source })?;
+        let (path, file) = new_file(&folder, started, &description.name)?;
+        Self::begin(path, file, started, description)
+    }
+
+    fn begin(
+        path: PathBuf,
+        file: File,
+        started: SystemTime,
+        description: &RunDescription,
+    ) -> Result<Self, RecordError> {
+        let mut writer = WriteOptions::new()
+            .compression(None)
+            .library(concat!("flix ", env!("CARGO_PKG_VERSION")))
+            .create(BufWriter::new(file))?;
+        let mut channels = [0; CHANNELS.len()];
+        for (id, channel) in channels.iter_mut().zip(&CHANNELS) {
+            let schema =
+                writer.add_schema(channel.schema, "jsonschema", channel.text.as_bytes())?;
+            *id = writer.add_channel(schema, channel.topic, "json", &BTreeMap::new())?;
+        }
+        let mut run = description.run.clone();
+        run.insert("name".into(), description.name.clone());
+        run.insert("started".into(), humantime::format_rfc3339_millis(started).to_string());
+        for (name, metadata) in [
+            ("run", &run),
+            ("settings", &description.settings),
+            ("versions", &description.versions),
+        ] {
+            writer.write_metadata(&Metadata { name: name.into(), metadata: metadata.clone() })?;
+        }
+        let since_1970 = started.duration_since(UNIX_EPOCH).unwrap_or_default();
+        let start_nanos = u64::try_from(since_1970.as_nanos()).unwrap_or(u64::MAX);
+        Ok(Self { path, writer, channels, counts: [0; CHANNELS.len()], start_nanos })
+    }
+
+    /// Where the record is.
+    #[must_use]
+    pub fn path(&self) -> &FilePath {
+        &self.path
+    }
+
+    /// A pose came in.
+    ///
+    /// # Errors
+    /// When it cannot be written, as for all rows.
+    pub fn pose(&mut self, sample: &PoseSample) -> Result<(), RecordError> {
+        if !sample.pose.position.iter().chain(&sample.pose.orientation).all(|n| n.is_finite()) {
+            return self.log(sample.time, Level::Warning, "a pose that is no number was not used");
+        }
+        let row = PoseRow::new(self.timestamp(sample.time), sample);
+        self.write(POSE, sample.time, &row)
+    }
+
+    /// The path to follow.
+    ///
+    /// # Errors
+    /// As for [`Recorder::pose`].
+    pub fn path_to_follow(&mut self, now: Instant, path: &Path) -> Result<(), RecordError> {
+        let row = PathRow::new(self.timestamp(now), path);
+        self.write(PATH, now, &row)
+    }
+
+    /// Something happened.
+    ///
+    /// # Errors
+    /// As for [`Recorder::pose`].
+    pub fn log(&mut self, now: Instant, level: Level, message: &str) -> Result<(), RecordError> {
+        let level = match level {
+            Level::Information => 2,
+            Level::Warning => 3,
+            Level::Error => 4,
+        };
+        let row = LogRow {
+            timestamp: self.timestamp(now),
+            level,
+            message: message.to_owned(),
+            name: "flix".to_owned(),
+            file: String::new(),
+            line: 0,
+        };
+        self.write(LOG, now, &row)
+    }
+
+    /// The robot tells an event; `now` is when it arrived.
+    ///
+    /// # Errors
+    /// As for [`Recorder::pose`].
+    pub fn event(&mut self, now: Instant, report: &EventReport) -> Result<(), RecordError> {
+        use flix_protocol::message::Event;
+        let level = match report.event {
+            Event::Fault(_) => Level::Error,
+            Event::LinkLate | Event::CommandDeadline | Event::LinkLost | Event::BatteryLow(_) => {
+                Level::Warning
+            }
+            _ => Level::Information,
+        };
+        let told = report.time.as_micros() as f64 * 1e-6;
+        self.log(now, level, &format!("robot at {told:.3} s: {:?}", report.event))
+    }
+
+    /// A command left for the robot.
+    ///
+    /// # Errors
+    /// As for [`Recorder::pose`].
+    pub fn command(
+        &mut self,
+        now: Instant,
+        setpoint: &Setpoint,
+        mode: &str,
+    ) -> Result<(), RecordError> {
+        let row = CommandRow::new(self.timestamp(now), setpoint, mode);
+        self.write(COMMAND, now, &row)
+    }
+
+    /// How the run goes.
+    ///
+    /// # Errors
+    /// As for [`Recorder::pose`].
+    pub fn navigation(
+        &mut self,
+        now: Instant,
+        pose: &PlanarPose,
+        progress: &Progress,
+    ) -> Result<(), RecordError> {
+        let row = NavigationRow::new(self.timestamp(now), pose, progress);
+        self.write(NAVIGATION, now, &row)
+    }
+
+    /// Telemetry arrived.
+    ///
+    /// # Errors
+    /// As for [`Recorder::pose`].
+    pub fn telemetry(&mut self, now: Instant, telemetry: &Telemetry) -> Result<(), RecordError> {
+        let row = TelemetryRow::new(self.timestamp(now), telemetry);
+        self.write(TELEMETRY, now, &row)
+    }
+
+    /// Puts a file into the record.
+    ///
+    /// # Errors
+    /// As for [`Recorder::pose`].
+    pub fn attach(
+        &mut self,
+        now: Instant,
+        name: &str,
+        media_type: &str,
+        content: &[u8],
+    ) -> Result<(), RecordError> {
+        let time = self.nanos(now);
+        Ok(self.writer.attach(&Attachment {
+            log_time: time,
+            create_time: time,
+            name: name.to_owned(),
+            media_type: media_type.to_owned(),
+            data: Cow::Borrowed(content),
+        })?)
+    }
+
+    /// Keeps the results of the run, such as `path_error_rms_mm`.
+    ///
+    /// # Errors
+    /// As for [`Recorder::pose`].
+    pub fn results(&mut self, results: BTreeMap<String, String>) -> Result<(), RecordError> {
+        Ok(self.writer.write_metadata(&Metadata { name: "results".into(), metadata: results })?)
+    }
+
+    /// Completes the file and says where it is.
+    ///
+    /// # Errors
+    /// When the rest cannot be written.
+    pub fn finish(mut self) -> Result<PathBuf, RecordError> {
+        self.writer.finish()?;
+        Ok(self.path)
+    }
+
+    fn nanos(&self, now: Instant) -> u64 {
+        self.start_nanos.saturating_add(now.as_micros().saturating_mul(1000))
+    }
+
+    fn timestamp(&self, now: Instant) -> Timestamp {
+        Timestamp::from_nanos(self.nanos(now))
+    }
+
+    fn write(
+        &mut self,
+        channel: usize,
+        now: Instant,
+        row: &impl Serialize,
+    ) -> Result<(), RecordError> {
+        let time = self.nanos(now);
+        let header = MessageHeader {
+            channel_id: self.channels[channel],
+            sequence: self.counts[channel],
+            log_time: time,
+            publish_time: time,
+        };
+        self.counts[channel] = self.counts[channel].wrapping_add(1);
+        Ok(self.writer.write_to_known_channel(&header, &serde_json::to_vec(row)?)?)
+    }
+}
+
+/// A file that was not there before: two runs of one second get two files.
+fn new_file(
+    folder: &FilePath,
+    started: SystemTime,
+    name: &str,
+) -> Result<(PathBuf, File), RecordError> {
+    let date: String = humantime::format_rfc3339_seconds(started)
+        .to_string()
+        .chars()
+        .filter_map(|c| match c {
+            '-' | ':' | 'Z' => None,
+            'T' => Some('-'),
+            c => Some(c),
+        })
+        .collect();
+    let name: String =
+        name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+    let mut attempt = 1;
+    loop {
+        let suffix = if attempt == 1 { String::new() } else { format!("-{attempt}") };
+        let path = folder.join(format!("{date}-{name}{suffix}.{ENDING}"));
+        match File::create_new(&path) {
+            Ok(file) => return Ok((path, file)),
+            Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists && attempt < 1000 => {
+                attempt += 1
+            }
+            Err(source) => return Err(RecordError::File { path, source }),
+        }
+    }
+}
