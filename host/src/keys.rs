@@ -250,6 +250,21 @@ impl Keyring {
         }
     }
 
+    /// Keeps another key for a robot that has one; at every moment one of the two is kept.
+    ///
+    /// # Errors
+    /// As for [`Keyring::store`].
+    pub fn replace(&self, name: &str, key: &Key) -> Result<(), KeyError> {
+        check_name(name)?;
+        self.create_directory()?;
+        let new = self.directory.join(format!("{name}.new"));
+        if new.exists() {
+            fs::remove_file(&new).map_err(at(&new))?;
+        }
+        write_new(&new, key)?;
+        fs::rename(&new, self.key_file(name)).map_err(at(&new))
+    }
+
     /// Remembers the fixed address (`host` or `host:port`) of a robot.
     ///
     /// # Errors
@@ -381,6 +396,17 @@ mod tests {
         let (_directory, keyring) = keyring();
         let key = keyring.key_or_new(SIMULATED_ROBOT).unwrap();
         assert_eq!(keyring.key_or_new(SIMULATED_ROBOT).unwrap(), key);
+    }
+
+    #[test]
+    fn a_replaced_key_is_as_private_as_a_new_one() {
+        let (_directory, keyring) = keyring();
+        let path = keyring.store("walker", &generate().unwrap()).unwrap();
+        let key = generate().unwrap();
+        keyring.replace("walker", &key).unwrap();
+        assert_eq!(keyring.key("walker").unwrap(), key);
+        assert_eq!(fs::metadata(path).unwrap().permissions().mode() & 0o777, 0o600);
+        assert_eq!(keyring.names(), ["walker"]);
     }
 
     #[test]

@@ -26,6 +26,7 @@ pub mod keygen;
 pub mod link_test;
 pub mod output;
 pub mod parameters;
+pub mod provision;
 pub mod robot;
 pub mod runs;
 pub mod status;
@@ -163,6 +164,7 @@ enum Command {
     Parameters(parameters::Args),
     LinkTest(link_test::Args),
     Discover(discover::Args),
+    Provision(provision::Args),
     Keygen(keygen::Args),
     Track(track::Args),
     Home(home::Args),
@@ -187,6 +189,7 @@ impl Cli {
             Command::Parameters(args) => parameters::run(args),
             Command::LinkTest(args) => link_test::run(args),
             Command::Discover(args) => discover::run(args),
+            Command::Provision(args) => provision::run(args),
             Command::Keygen(args) => keygen::run(args),
             Command::Track(args) => track::run(args),
             Command::Home(args) => home::run(args),

@@ -24,6 +24,7 @@
 
 mod client;
 pub mod discovery;
+pub mod serial;
 pub mod statistics;
 pub mod udp;
 

@@ -1,0 +1,152 @@
+//! The robot's serial port: names, networks and keys, by whoever holds the cable.
+//!
+//! [`flix_protocol::provision`] defines the frames. The port also carries the robot's log, which
+//! is skipped here, and opening it may restart the robot, so questions are repeated.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use flix_protocol::message::Identity;
+use flix_protocol::provision::{
+    Answer, BAUD_RATE, FrameReader, ProvisionRefusal, Request, write_frame,
+};
+use serial2::SerialPort;
+use zeroize::Zeroize;
+
+use crate::interrupt::Interrupt;
+
+/// How long a robot may take to answer: it may be starting.
+pub const PATIENCE: Duration = Duration::from_secs(8);
+/// Interval at which a question is repeated; longer than writing to flash takes.
+const RETRY: Duration = Duration::from_millis(700);
+/// How often interruptions are looked at.
+const SLICE: Duration = Duration::from_millis(50);
+
+/// The robot could not be reached over its serial port, or would not.
+#[derive(Debug, thiserror::Error)]
+pub enum SerialError {
+    /// The port would not be opened.
+    #[error(
+        "the serial port {} cannot be opened: {source}; check its name (`ls /dev/tty*`), and that you may use it (group `dialout`)",
+        port.display()
+    )]
+    Open {
+        /// Which.
+        port: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The port failed later.
+    #[error("the serial port failed: {0}; check the cable")]
+    Port(#[from] io::Error),
+    /// Nobody there.
+    #[error(
+        "no robot answers at this port: check the cable, that the robot's firmware is flashed, and that no other program has the port open"
+    )]
+    NoAnswer,
+    /// The robot will not.
+    #[error("the robot refused: {0}")]
+    Refused(ProvisionRefusal),
+    /// The robot answers something else than was asked.
+    #[error(
+        "the robot answers another question: update its firmware and this program to one release"
+    )]
+    Confused,
+    /// A signal.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+/// A robot at the other end of a serial cable.
+pub struct SerialRobot {
+    port: SerialPort,
+    interrupt: Interrupt,
+}
+
+impl SerialRobot {
+    /// Opens the port.
+    ///
+    /// # Errors
+    /// When the operating system refuses.
+    pub fn open(port: &Path, interrupt: Interrupt) -> Result<Self, SerialError> {
+        let opened = SerialPort::open(port, BAUD_RATE).and_then(|mut opened| {
+            opened.set_read_timeout(SLICE)?;
+            Ok(opened)
+        });
+        opened
+            .map(|opened| Self { port: opened, interrupt })
+            .map_err(|source| SerialError::Open { port: port.to_owned(), source })
+    }
+
+    /// Asks who it is, and whether it has a key.
+    ///
+    /// # Errors
+    /// When it does not answer.
+    pub fn identify(&self) -> Result<(Identity, bool), SerialError> {
+        match self.ask(&Request::Identify)? {
+            Answer::Identity { identity, has_key } => Ok((identity, has_key)),
+            Answer::Refused(refusal) => Err(SerialError::Refused(refusal)),
+            Answer::Done => Err(SerialError::Confused),
+        }
+    }
+
+    /// Has something done: provisioning, or forgetting it.
+    ///
+    /// # Errors
+    /// When the robot does not answer, or refuses; it has kept what it had then.
+    pub fn order(&self, request: &Request) -> Result<(), SerialError> {
+        match self.ask(request)? {
+            Answer::Done => Ok(()),
+            Answer::Refused(refusal) => Err(SerialError::Refused(refusal)),
+            Answer::Identity { .. } => Err(SerialError::Confused),
+        }
+    }
+
+    fn ask(&self, request: &Request) -> Result<Answer, SerialError> {
+        let mut frame = write_frame(request).ok_or(SerialError::Confused)?;
+        let answer = self.repeat(&frame, matches!(request, Request::Identify));
+        frame.as_mut_slice().zeroize();
+        answer
+    }
+
+    /// Sends a frame until an answer of its kind comes. A late answer to an earlier question is
+    /// passed over.
+    fn repeat(&self, frame: &[u8], wants_identity: bool) -> Result<Answer, SerialError> {
+        self.port.discard_input_buffer()?;
+        let mut reader = FrameReader::new();
+        let (start, mut sent) = (Instant::now(), None::<Instant>);
+        let mut bytes = [0; 256];
+        while start.elapsed() < PATIENCE {
+            if self.interrupt.is_raised() {
+                return Err(SerialError::Interrupted);
+            }
+            if sent.is_none_or(|at| at.elapsed() >= RETRY) {
+                self.port.write_all(frame)?;
+                sent = Some(Instant::now());
+            }
+            let length = match self.port.read(&mut bytes) {
+                Ok(length) => length,
+                Err(error) if is_transient(&error) => 0,
+                Err(error) => return Err(error.into()),
+            };
+            let mut answers = bytes[..length].iter().filter_map(|byte| reader.push(*byte));
+            let fits = |answer: &Answer| match answer {
+                Answer::Identity { .. } => wants_identity,
+                Answer::Done => !wants_identity,
+                Answer::Refused(_) => true,
+            };
+            if let Some(answer) = answers.find(fits) {
+                return Ok(answer);
+            }
+        }
+        Err(SerialError::NoAnswer)
+    }
+}
+
+fn is_transient(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted
+    )
+}

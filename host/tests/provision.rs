@@ -1,0 +1,302 @@
+//! `flix provision` on a pseudo-terminal with a robot's serial end behind it.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::fs::{self, File};
+use std::io::{Read, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::path::PathBuf;
+use std::process::{Command, Output, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+
+use flix_host::keys::Keyring;
+use flix_protocol::message::Identity;
+use flix_protocol::provision::{
+    Answer, FrameReader, ProvisionRefusal, Provisioning, Request, write_frame,
+};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+
+/// A robot at the other end of a cable, which also logs to it.
+struct CabledRobot {
+    port: PathBuf,
+    kept: Arc<Mutex<Option<Provisioning>>>,
+    asked: Arc<Mutex<Vec<Request>>>,
+    ends: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl CabledRobot {
+    fn new() -> Self {
+        Self::with_trouble(0, None)
+    }
+
+    /// Is deaf to its first `deaf` requests, then refuses with this, if anything.
+    fn with_trouble(mut deaf: u32, refusal: Option<ProvisionRefusal>) -> Self {
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        grantpt(&master).unwrap();
+        unlockpt(&master).unwrap();
+        let port = PathBuf::from(ptsname(&master, Vec::new()).unwrap().into_string().unwrap());
+        // As long as one end stays open here, the cable is never cut.
+        let held = File::options().read(true).write(true).open(&port).unwrap();
+        let kept = Arc::new(Mutex::new(None));
+        let asked = Arc::new(Mutex::new(Vec::new()));
+        let ends = Arc::new(AtomicBool::new(false));
+        let (shared, log, stop) = (Arc::clone(&kept), Arc::clone(&asked), Arc::clone(&ends));
+        let thread = std::thread::spawn(move || {
+            let mut master = File::from(master);
+            let mut reader = FrameReader::new();
+            let mut bytes = [0; 64];
+            while !stop.load(Ordering::SeqCst) {
+                let Ok(length) = master.read(&mut bytes) else { break };
+                let mut requests: Vec<Request> = Vec::new();
+                requests.extend(bytes[..length].iter().filter_map(|byte| reader.push(*byte)));
+                for request in requests {
+                    log.lock().unwrap().push(request.clone());
+                    if deaf > 0 {
+                        deaf -= 1;
+                        master.write_all(b"I (42) boot: not there yet\r\n").unwrap();
+                        continue;
+                    }
+                    let answer = answer(&mut shared.lock().unwrap(), request, refusal);
+                    master.write_all(b"I (99) flix: answering\r\n").unwrap();
+                    master.write_all(&write_frame(&answer).unwrap()).unwrap();
+                }
+            }
+            drop(held);
+        });
+        Self { port, kept, asked, ends, thread: Some(thread) }
+    }
+
+    fn kept(&self) -> Provisioning {
+        self.kept.lock().unwrap().clone().unwrap()
+    }
+}
+
+fn answer(
+    kept: &mut Option<Provisioning>,
+    request: Request,
+    refusal: Option<ProvisionRefusal>,
+) -> Answer {
+    match (request, refusal) {
+        (Request::Identify, _) => Answer::Identity {
+            identity: Identity {
+                name: kept.as_ref().map_or("", Provisioning::name).try_into().unwrap(),
+                board: "bench".try_into().unwrap(),
+                version: "0.1.0".try_into().unwrap(),
+            },
+            has_key: kept.is_some(),
+        },
+        (_, Some(refusal)) => Answer::Refused(refusal),
+        (Request::Provision(provisioning), None) => {
+            *kept = Some(provisioning);
+            Answer::Done
+        }
+        (Request::Forget, None) => {
+            *kept = None;
+            Answer::Done
+        }
+    }
+}
+
+impl Drop for CabledRobot {
+    fn drop(&mut self) {
+        self.ends.store(true, Ordering::SeqCst);
+        // Wakes the thread.
+        let _ = File::options().write(true).open(&self.port).and_then(|mut it| it.write_all(b"\n"));
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+struct Operator {
+    home: tempfile::TempDir,
+}
+
+impl Operator {
+    fn new() -> Self {
+        Self { home: tempfile::tempdir().unwrap() }
+    }
+
+    fn keyring(&self) -> Keyring {
+        Keyring::in_directory(self.home.path().join("flix/robots"))
+    }
+
+    fn provision(&self, robot: &CabledRobot, words: &[&str]) -> Output {
+        Command::new(env!("CARGO_BIN_EXE_flix"))
+            .args(["provision", "--port", robot.port.to_str().unwrap()])
+            .args(words)
+            .env("XDG_CONFIG_HOME", self.home.path())
+            .env("HOME", self.home.path())
+            .env("FLIX_NETWORK_PASSWORD", "correct horse")
+            .stdin(Stdio::null())
+            .output()
+            .unwrap()
+    }
+
+    #[track_caller]
+    fn provisions(&self, robot: &CabledRobot, words: &[&str]) -> String {
+        let output = self.provision(robot, words);
+        let said = String::from_utf8(output.stdout).unwrap();
+        let complaint = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(0), "{complaint}");
+        said + &complaint
+    }
+
+    #[track_caller]
+    fn fails(&self, robot: &CabledRobot, words: &[&str], code: i32, word: &str) {
+        let output = self.provision(robot, words);
+        let complaint = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{complaint}");
+        assert!(complaint.contains(word), "`{word}` is missing in: {complaint}");
+    }
+}
+
+#[test]
+fn a_new_robot_gets_name_network_password_and_the_key_that_is_kept() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    let kept = robot.kept();
+    assert_eq!(
+        (kept.name(), kept.network(), kept.password()),
+        ("walker-1", "lab", "correct horse")
+    );
+    assert_eq!(operator.keyring().key("walker-1").unwrap(), kept.key());
+}
+
+#[test]
+fn neither_key_nor_password_is_shown() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    let said = operator.provisions(&robot, &["--ssid", "lab"]);
+    let text = robot.kept().key().to_text();
+    let key = std::str::from_utf8(text.as_slice()).unwrap();
+    assert!(!said.contains(key) && !said.contains("correct horse"), "{said}");
+}
+
+#[test]
+fn the_key_file_is_for_its_owner_alone() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab", "--name", "rover"]);
+    let mode = fs::metadata(operator.keyring().key_file("rover")).unwrap().permissions().mode();
+    assert_eq!(mode & 0o777, 0o600);
+}
+
+#[test]
+fn a_robot_that_is_still_starting_is_asked_again() {
+    let (operator, robot) = (Operator::new(), CabledRobot::with_trouble(2, None));
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    assert!(robot.asked.lock().unwrap().len() >= 4);
+}
+
+#[test]
+fn another_network_keeps_name_and_key() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab", "--name", "rover"]);
+    let first = robot.kept();
+    operator.provisions(&robot, &["--ssid", "home"]);
+    let second = robot.kept();
+    assert_eq!((second.name(), second.network()), ("rover", "home"));
+    assert_eq!(first.key(), second.key());
+}
+
+#[test]
+fn a_key_is_rotated_on_demand_and_the_robot_has_what_is_kept() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    let first = robot.kept().key();
+    operator.provisions(&robot, &["--ssid", "lab", "--new-key"]);
+    assert_ne!(first, robot.kept().key());
+    assert_eq!(operator.keyring().key("walker-1").unwrap(), robot.kept().key());
+}
+
+#[test]
+fn a_refused_rotation_keeps_the_old_key() {
+    let operator = Operator::new();
+    let robot = CabledRobot::new();
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    let first = operator.keyring().key("walker-1").unwrap();
+    let driving = CabledRobot::with_trouble(0, Some(ProvisionRefusal::Driving));
+    let words = ["--ssid", "lab", "--name", "walker-1", "--new-key"];
+    operator.fails(&driving, &words, 30, "disarm");
+    assert_eq!(operator.keyring().key("walker-1").unwrap(), first);
+}
+
+#[test]
+fn two_robots_never_share_a_key() {
+    let operator = Operator::new();
+    let (first, second) = (CabledRobot::new(), CabledRobot::new());
+    operator.provisions(&first, &["--ssid", "lab", "--name", "rover"]);
+    operator.fails(&second, &["--ssid", "lab", "--name", "rover"], 2, "another --name");
+    operator.provisions(&second, &["--ssid", "lab"]);
+    assert_ne!(first.kept().key(), second.kept().key());
+}
+
+#[test]
+fn a_fixed_address_is_sent_and_remembered() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    let words = ["--ssid", "lab", "--address", "10.0.0.7/24", "--gateway", "10.0.0.1"];
+    operator.provisions(&robot, &words);
+    let address = robot.kept().address().unwrap();
+    assert_eq!((address.address, address.prefix_length), ([10, 0, 0, 7], 24));
+    assert_eq!(address.gateway, Some([10, 0, 0, 1]));
+    assert_eq!(operator.keyring().address("walker-1").as_deref(), Some("10.0.0.7"));
+}
+
+#[test]
+fn the_password_can_come_from_a_file() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    let file = operator.home.path().join("password");
+    fs::write(&file, "from a file\n").unwrap();
+    operator.provisions(&robot, &["--ssid", "lab", "--password-file", file.to_str().unwrap()]);
+    assert_eq!(robot.kept().password(), "from a file");
+}
+
+#[test]
+fn an_open_network_has_no_password() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "café", "--open"]);
+    assert_eq!((robot.kept().network(), robot.kept().password()), ("café", ""));
+}
+
+#[test]
+fn a_robot_forgets_before_it_is_given_away() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    operator.provisions(&robot, &["--forget"]);
+    assert!(robot.kept.lock().unwrap().is_none());
+}
+
+#[test]
+fn values_that_no_robot_takes_are_usage() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    for (words, word) in [
+        (&["--ssid", ""][..], "network"),
+        (&["--ssid", &"x".repeat(33)], "network"),
+        (&["--ssid", "lab", "--name", "a b"], "name"),
+        (&["--ssid", "lab", "--address", "10.0.0.7"], "10.0.0.7/24"),
+        (&["--ssid", "lab", "--password-file", "/nonexistent"], "/nonexistent"),
+    ] {
+        operator.fails(&robot, words, 2, word);
+    }
+    assert!(robot.kept.lock().unwrap().is_none());
+}
+
+#[test]
+fn a_port_that_is_not_there_is_usage_with_what_to_look_for() {
+    let operator = Operator::new();
+    let output = Command::new(env!("CARGO_BIN_EXE_flix"))
+        .args(["provision", "--port", "/dev/ttyNONE", "--ssid", "lab"])
+        .env("XDG_CONFIG_HOME", operator.home.path())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8(output.stderr).unwrap().contains("dialout"));
+}
+
+#[test]
+fn a_silent_port_is_no_answer() {
+    let operator = Operator::new();
+    let robot = CabledRobot::with_trouble(u32::MAX, None);
+    operator.fails(&robot, &["--ssid", "lab"], 10, "no robot answers");
+}
