@@ -1,0 +1,568 @@
+//! What holds for every unit, message, counter and network, tried on values that nobody chose.
+
+mod ends;
+
+use std::collections::{BTreeSet, VecDeque};
+
+use core::time::Duration;
+
+use ends::{Ends, OPERATOR, answer, command, key, setpoint};
+use flix_protocol::frame::{Datagram, MAXIMUM_MESSAGE};
+use flix_protocol::message::*;
+use flix_protocol::session::{
+    OperatorReceived, OperatorSession, REPLAY_WINDOW, ReplayWindow, RobotReceived, RobotSession,
+    Status,
+};
+use flix_protocol::units::*;
+use proptest::prelude::*;
+use proptest::sample::select;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+// Units
+
+/// Any bits, and often the interesting ones.
+fn number() -> impl Strategy<Value = f32> {
+    prop_oneof![
+        any::<u32>().prop_map(f32::from_bits),
+        -2000.0_f32..2000.0,
+        select(vec![f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -0.0, 1e-40, f32::MAX, f32::MIN]),
+    ]
+}
+
+macro_rules! unit_promises {
+    ($($name:ident: $unit:ident;)*) => {$(
+        proptest! {
+            #[test]
+            fn $name(value in number()) {
+                let (minimum, maximum) = ($unit::MINIMUM.get(), $unit::MAXIMUM.get());
+                let in_range = (minimum..=maximum).contains(&value);
+                prop_assert_eq!($unit::new(value).is_ok(), in_range);
+                prop_assert!((minimum..=maximum).contains(&$unit::saturating(value).get()));
+                if in_range {
+                    prop_assert_eq!($unit::saturating(value).get(), value);
+                }
+                // What comes over the wire is checked alike.
+                let wire = postcard::from_bytes::<$unit>(&value.to_le_bytes());
+                prop_assert_eq!(wire.ok().map($unit::get), in_range.then_some(value));
+            }
+        }
+    )*};
+}
+
+unit_promises! {
+    hertz_are_in_range: Hertz;
+    degrees_are_in_range: Degrees;
+    volts_are_in_range: Volts;
+    amperes_are_in_range: Amperes;
+    metres_are_in_range: Metres;
+    speeds_are_in_range: MetresPerSecond;
+    angular_rates_are_in_range: RadiansPerSecond;
+    temperatures_are_in_range: Celsius;
+    ratios_are_in_range: Ratio;
+}
+
+proptest! {
+    #[test]
+    fn a_setpoint_exists_only_within_what_the_robot_can_do(f in -40.0_f32..40.0, theta in -100.0_f32..100.0) {
+        let made = Setpoint::new(Hertz::new(f).unwrap(), Degrees::new(theta).unwrap());
+        prop_assert_eq!(made.is_ok(), f.abs() <= 35.0 && theta.abs() <= 90.0);
+    }
+
+    #[test]
+    fn time_adds_up_and_saturates(start in any::<u64>(), length in any::<u64>()) {
+        let start = Instant::from_micros(start);
+        let end = start + Duration::from_micros(length);
+        prop_assert_eq!(end.as_micros(), start.as_micros().saturating_add(length));
+        prop_assert_eq!(start.since(end), Duration::ZERO);
+        prop_assert_eq!(start + end.since(start), end);
+    }
+}
+
+// Messages
+
+fn text<const LENGTH: usize>() -> impl Strategy<Value = heapless::String<LENGTH>> {
+    "\\PC{0,32}".prop_map(|text| {
+        let mut kept = heapless::String::new();
+        let _ = text.chars().try_for_each(|character| kept.push(character));
+        kept
+    })
+}
+
+fn finite() -> impl Strategy<Value = f32> {
+    any::<f32>().prop_filter("finite", |value| value.is_finite())
+}
+
+fn hertz() -> impl Strategy<Value = Hertz> {
+    any::<f32>().prop_map(Hertz::saturating)
+}
+
+fn degrees() -> impl Strategy<Value = Degrees> {
+    any::<f32>().prop_map(Degrees::saturating)
+}
+
+fn amperes() -> impl Strategy<Value = Amperes> {
+    any::<f32>().prop_map(Amperes::saturating)
+}
+
+fn volts() -> impl Strategy<Value = Volts> {
+    any::<f32>().prop_map(Volts::saturating)
+}
+
+fn instant() -> impl Strategy<Value = Instant> {
+    any::<u64>().prop_map(Instant::from_micros)
+}
+
+fn any_setpoint() -> impl Strategy<Value = Setpoint> {
+    (-35.0_f32..=35.0, -90.0_f32..=90.0).prop_map(|(f, theta)| {
+        Setpoint::new(Hertz::new(f).unwrap(), Degrees::new(theta).unwrap()).unwrap()
+    })
+}
+
+fn any_command() -> impl Strategy<Value = Command> {
+    prop_oneof![
+        any_setpoint().prop_map(Command::Setpoint),
+        select(vec![
+            Command::Arm,
+            Command::Disarm,
+            Command::Stop,
+            Command::Clear,
+            Command::Identify,
+            Command::Parameter(ParameterCommand::Save),
+            Command::Parameter(ParameterCommand::Reset),
+        ]),
+        text().prop_map(|name| Command::Parameter(ParameterCommand::Get(name))),
+        (text(), finite())
+            .prop_map(|(name, value)| Command::Parameter(ParameterCommand::Set(name, value))),
+        any::<u16>().prop_map(|first| Command::Parameter(ParameterCommand::List(first))),
+        any::<u32>().prop_map(Command::Ping),
+    ]
+}
+
+fn fault() -> impl Strategy<Value = Fault> {
+    select(Fault::ALL.to_vec())
+}
+
+fn faults() -> impl Strategy<Value = Faults> {
+    prop::collection::vec(fault(), 0..5)
+        .prop_map(|faults| faults.into_iter().fold(Faults::NONE, Faults::with))
+}
+
+fn state() -> impl Strategy<Value = State> {
+    select(vec![
+        State::Disarmed,
+        State::Aligning,
+        State::Armed,
+        State::Running,
+        State::Stopping,
+        State::Faulted,
+    ])
+}
+
+fn parameter() -> impl Strategy<Value = Parameter> {
+    (any::<u16>(), text(), text(), [finite(), finite(), finite(), finite()]).prop_map(
+        |(index, name, unit, [value, default, minimum, maximum])| Parameter {
+            index,
+            name,
+            unit,
+            value,
+            default,
+            minimum,
+            maximum,
+        },
+    )
+}
+
+fn refusal() -> impl Strategy<Value = Refusal> {
+    prop_oneof![
+        select(vec![
+            Refusal::Malformed,
+            Refusal::UnknownParameter,
+            Refusal::Stopped,
+            Refusal::LinkUnproven,
+            Refusal::Storage,
+        ]),
+        (text(), finite(), finite()).prop_map(|(name, minimum, maximum)| Refusal::OutOfRange {
+            name,
+            minimum,
+            maximum
+        }),
+        text().prop_map(|name| Refusal::NotWhole { name }),
+        state().prop_map(Refusal::State),
+        faults().prop_map(Refusal::Faulted),
+    ]
+}
+
+fn outcome() -> impl Strategy<Value = Outcome> {
+    prop_oneof![
+        Just(Outcome::Done),
+        refusal().prop_map(Outcome::Refused),
+        parameter().prop_map(Outcome::Parameter),
+        (any::<u16>(), prop::collection::vec(parameter(), 0..=PARAMETERS_PER_REPLY)).prop_map(
+            |(total, entries)| Outcome::Parameters {
+                total,
+                entries: entries.into_iter().collect()
+            }
+        ),
+        (text(), text(), text()).prop_map(|(name, board, version)| Outcome::Identity(Identity {
+            name,
+            board,
+            version
+        })),
+        any::<u32>().prop_map(Outcome::Pong),
+    ]
+}
+
+fn telemetry() -> impl Strategy<Value = Telemetry> {
+    let motor = || {
+        (degrees(), hertz(), amperes(), amperes()).prop_map(
+            |(angle, speed, current_d, current_q)| MotorTelemetry {
+                angle,
+                speed,
+                current_d,
+                current_q,
+            },
+        )
+    };
+    let dropped = any::<[u32; 8]>().prop_map(
+        |[malformed, version, forged, replayed, stale, session, busy, unprovisioned]| Dropped {
+            malformed,
+            version,
+            forged,
+            replayed,
+            stale,
+            session,
+            busy,
+            unprovisioned,
+        },
+    );
+    let link = (any::<[u32; 3]>(), dropped, any::<Option<i8>>()).prop_map(
+        |([accepted, lost, silence_us], dropped, signal_dbm)| LinkQuality {
+            accepted,
+            lost,
+            dropped,
+            silence_us,
+            signal_dbm,
+        },
+    );
+    let timing =
+        (any::<u64>(), any::<[u32; 2]>()).prop_map(|(ticks, [longest_interval_us, overruns])| {
+            LoopTiming { ticks, longest_interval_us, overruns }
+        });
+    (
+        (instant(), state(), faults(), prop::option::of(fault()), any::<[bool; 2]>()),
+        (any_setpoint(), hertz(), degrees(), [motor(), motor()]),
+        (prop::option::of(volts()), any::<f32>(), timing, link),
+    )
+        .prop_map(|(standing, motion, (bus_voltage, modulation, timing, link))| {
+            let (time, state, faults, first_fault, [stopped, link_late]) = standing;
+            let (setpoint, frequency, direction, motors) = motion;
+            Telemetry {
+                time,
+                state,
+                faults,
+                first_fault,
+                stopped,
+                link_late,
+                setpoint,
+                frequency,
+                direction,
+                motors,
+                bus_voltage,
+                modulation: Ratio::saturating(modulation),
+                timing,
+                link,
+            }
+        })
+}
+
+fn event() -> impl Strategy<Value = Event> {
+    prop_oneof![
+        select(vec![
+            Event::Started,
+            Event::Cleared,
+            Event::Stopped,
+            Event::OperatorConnected,
+            Event::OperatorLeft,
+            Event::LinkLate,
+            Event::CommandDeadline,
+            Event::LinkLost,
+            Event::SettingsSaved,
+            Event::SettingsDefaulted,
+        ]),
+        state().prop_map(Event::State),
+        fault().prop_map(Event::Fault),
+        volts().prop_map(Event::BatteryLow),
+    ]
+}
+
+fn to_operator() -> impl Strategy<Value = ToOperator> {
+    prop_oneof![
+        (any::<u32>(), outcome())
+            .prop_map(|(request, outcome)| ToOperator::Reply(Reply { request, outcome })),
+        telemetry().prop_map(ToOperator::Telemetry),
+        (any::<u32>(), instant(), event()).prop_map(|(number, time, event)| ToOperator::Event(
+            EventReport { number, time, event }
+        )),
+    ]
+}
+
+fn comes_back<T: Serialize + DeserializeOwned>(message: &T) -> T {
+    let mut buffer = [0; MAXIMUM_MESSAGE];
+    let bytes = postcard::to_slice(message, &mut buffer).expect("every message fits a datagram");
+    postcard::from_bytes(bytes).expect("what was written can be read")
+}
+
+proptest! {
+    #[test]
+    fn every_command_comes_back_from_its_bytes(request in any::<u32>(), kind in any_command()) {
+        let message = command(request, kind);
+        prop_assert_eq!(comes_back(&message), message);
+    }
+
+    #[test]
+    fn every_message_to_the_operator_fits_and_comes_back(message in to_operator()) {
+        prop_assert_eq!(comes_back(&message), message);
+    }
+
+    #[test]
+    fn an_unreadable_setpoint_is_answered_with_the_range_that_it_left(
+        request in any::<u32>(),
+        f in number(),
+        theta in number(),
+    ) {
+        let mut buffer = [0; 32];
+        let length = postcard::to_slice(&request, &mut buffer).unwrap().len();
+        let plain =
+            [&buffer[..length], &[0], &f.to_le_bytes(), &theta.to_le_bytes()].concat();
+        let refusal = match postcard::from_bytes::<ToRobot>(&plain) {
+            Err(_) => unreadable(&plain),
+            Ok(_) => return Ok(()),
+        };
+        let expected =
+            if Hertz::new(f).is_err() || f.abs() > 35.0 { Refusal::frequency() } else { Refusal::direction() };
+        prop_assert_eq!(refusal, Some((request, expected)));
+    }
+
+    #[test]
+    fn no_bytes_make_the_decoders_panic(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
+        let _ = Datagram::parse(&bytes);
+        let _ = postcard::from_bytes::<ToRobot>(&bytes);
+        let _ = postcard::from_bytes::<ToOperator>(&bytes);
+        let _ = unreadable(&bytes);
+    }
+
+    #[test]
+    fn a_set_of_faults_holds_what_was_put_in(inside in prop::collection::vec(fault(), 0..12)) {
+        let set = inside.iter().copied().fold(Faults::NONE, Faults::with);
+        for fault in Fault::ALL {
+            prop_assert_eq!(set.contains(fault), inside.contains(&fault));
+            prop_assert!(!set.without(fault).contains(fault));
+        }
+        prop_assert_eq!(set.iter().count(), inside.iter().collect::<std::collections::HashSet<_>>().len());
+    }
+}
+
+// Replay window
+
+/// The window as one would explain it: everything seen, and how far behind the newest is too far.
+#[derive(Default)]
+struct ExplainedWindow {
+    seen: BTreeSet<u64>,
+}
+
+impl ExplainedWindow {
+    fn accept(&mut self, counter: u64) -> bool {
+        let is_recent = self.seen.last().is_none_or(|newest| {
+            u128::from(counter) + u128::from(REPLAY_WINDOW) > u128::from(*newest)
+        });
+        counter != u64::MAX && is_recent && self.seen.insert(counter)
+    }
+}
+
+/// Counters that cluster, as a network's do, from anywhere up to the very end.
+fn counters() -> impl Strategy<Value = Vec<u64>> {
+    let start = prop_oneof![Just(0), any::<u64>(), (u64::MAX - 400)..=u64::MAX];
+    let step = prop_oneof![0..4_u64, 0..300_u64, Just(REPLAY_WINDOW), Just(REPLAY_WINDOW - 1)];
+    (start, prop::collection::vec((step, any::<bool>()), 0..300)).prop_map(|(start, steps)| {
+        let mut newest = start;
+        steps
+            .into_iter()
+            .map(|(step, ahead)| {
+                if ahead {
+                    newest = newest.saturating_add(step);
+                    newest
+                } else {
+                    newest.saturating_sub(step)
+                }
+            })
+            .collect()
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
+    #[test]
+    fn the_replay_window_lets_through_what_its_explanation_does(counters in counters()) {
+        let (mut window, mut explained) = (ReplayWindow::new(), ExplainedWindow::default());
+        for counter in counters {
+            let is_new = window.is_new(counter);
+            prop_assert_eq!(window.accept(counter), explained.accept(counter), "{}", counter);
+            prop_assert_eq!(is_new && !window.is_new(counter), is_new, "once alone");
+            prop_assert_eq!(window.newest(), explained.seen.last().copied());
+            prop_assert_eq!(window.accepted(), explained.seen.len() as u64);
+            let sent = explained.seen.last().map_or(0, |newest| newest + 1);
+            prop_assert_eq!(window.missing(), sent - window.accepted());
+        }
+    }
+}
+
+#[test]
+fn the_last_counter_is_refused_so_that_none_ever_wraps() {
+    let mut window = ReplayWindow::new();
+    assert!(window.accept(u64::MAX - 1));
+    assert!(!window.accept(u64::MAX));
+    assert!(!window.accept(0) && !window.accept(u64::MAX - 1));
+    assert!(window.accept(u64::MAX - 2), "and what is behind still arrives");
+}
+
+// Sessions on a bad network
+
+/// What the network does to the next datagram.
+#[derive(Debug, Clone, Copy)]
+enum Fate {
+    Arrives,
+    Lost,
+    /// Arrives twice.
+    Doubled,
+    /// Arrives after so many others.
+    Late(usize),
+}
+
+fn fate() -> impl Strategy<Value = Fate> {
+    prop_oneof![
+        3 => Just(Fate::Arrives),
+        2 => Just(Fate::Lost),
+        1 => Just(Fate::Doubled),
+        2 => (1..40_usize).prop_map(Fate::Late),
+    ]
+}
+
+/// A network that gives datagrams back in the order of their fates.
+struct Network {
+    fates: VecDeque<Fate>,
+    queue: Vec<(usize, Vec<u8>)>,
+    sent: usize,
+}
+
+impl Network {
+    fn new(fates: Vec<Fate>) -> Self {
+        Self { fates: fates.into(), queue: Vec::new(), sent: 0 }
+    }
+
+    fn send(&mut self, datagram: &[u8]) -> Vec<Vec<u8>> {
+        self.sent += 1;
+        let fate = self.fates.pop_front().unwrap_or(Fate::Arrives);
+        let due = match fate {
+            Fate::Late(by) => self.sent + by,
+            _ => self.sent,
+        };
+        let copies = match fate {
+            Fate::Lost => 0,
+            Fate::Doubled => 2,
+            _ => 1,
+        };
+        self.queue.extend(std::iter::repeat_n((due, datagram.to_vec()), copies));
+        let sent = self.sent;
+        self.queue.extract_if(.., |(due, _)| *due <= sent).map(|(_, datagram)| datagram).collect()
+    }
+}
+
+proptest! {
+    #[test]
+    fn commands_arrive_unchanged_at_most_once_and_never_backwards(
+        fates in prop::collection::vec(fate(), 200),
+        kinds in prop::collection::vec(prop_oneof![4 => any_command(), 1 => Just(Command::Stop)], 200),
+    ) {
+        let mut ends = Ends::connected();
+        let mut network = Network::new(fates);
+        let mut delivered: Vec<ToRobot> = Vec::new();
+        let mut received_in_all = 0;
+        for (request, kind) in (0..).zip(&kinds) {
+            let frame = ends.operator.send(ends.now, &command(request, kind.clone())).unwrap();
+            for datagram in network.send(&frame) {
+                received_in_all += 1;
+                match ends.to_robot(&datagram) {
+                    RobotReceived::Command(command) => delivered.push(command),
+                    RobotReceived::Dropped(reason, None) => {
+                        prop_assert!(matches!(reason, DropReason::Stale | DropReason::Replayed));
+                    }
+                    other => prop_assert!(false, "{:?}", other),
+                }
+            }
+        }
+        let requests: BTreeSet<_> = delivered.iter().map(|command| command.request).collect();
+        prop_assert_eq!(requests.len(), delivered.len(), "once each");
+        for command in &delivered {
+            prop_assert_eq!(&command.command, &kinds[command.request as usize]);
+        }
+        let ordered: Vec<_> =
+            delivered.iter().filter(|command| command.command != Command::Stop).collect();
+        prop_assert!(ordered.is_sorted_by_key(|command| command.request), "newest wins");
+        let dropped = ends.robot.quality(ends.now).dropped;
+        prop_assert_eq!(delivered.len() as u64 + dropped.total(), received_in_all, "each counted");
+    }
+
+    #[test]
+    fn every_stop_that_arrives_within_the_window_is_honoured(
+        fates in prop::collection::vec(fate(), 100),
+        place in 0_u32..100,
+    ) {
+        let mut ends = Ends::connected();
+        let arrives = !matches!(fates[place as usize], Fate::Lost);
+        let mut network = Network::new(fates);
+        let mut honoured = 0;
+        // Long enough that whatever is late comes in.
+        for request in 0..150 {
+            let kind = if request == place { Command::Stop } else { setpoint(30.0, 0.0) };
+            let frame = ends.operator.send(ends.now, &command(request, kind)).unwrap();
+            for datagram in network.send(&frame) {
+                let received = ends.to_robot(&datagram);
+                honoured +=
+                    u32::from(received == RobotReceived::Command(command(place, Command::Stop)));
+            }
+        }
+        prop_assert_eq!(honoured, u32::from(arrives));
+    }
+
+    #[test]
+    fn a_handshake_completes_on_a_network_that_loses_doubles_and_delays(
+        there in prop::collection::vec(fate(), 12),
+        back in prop::collection::vec(fate(), 12),
+        entropy in any::<[u8; 32]>(),
+    ) {
+        let mut now = Instant::from_micros(5);
+        let mut robot = RobotSession::new(Some(key(1)), entropy);
+        let mut operator = OperatorSession::new(key(1), [22; 32], now);
+        let (mut there, mut back) = (Network::new(there), Network::new(back));
+        while let Some(at) = operator.poll_at() {
+            now = now.max(at);
+            while let Some(frame) = operator.poll(now) {
+                for datagram in there.send(&frame) {
+                    let Some(answer) = answer(robot.receive(now, OPERATOR, &datagram), datagram.len())
+                    else { continue };
+                    for datagram in back.send(&answer) {
+                        operator.receive(now, &datagram);
+                    }
+                }
+            }
+        }
+        prop_assert_eq!(operator.status(now), Status::Connected);
+        let frame = operator.send(now, &command(1, Command::Arm)).unwrap();
+        let received = robot.receive(now, OPERATOR, &frame);
+        prop_assert_eq!(received, RobotReceived::Command(command(1, Command::Arm)));
+        let (_, frame) = robot.send(now, &ends::telemetry(1)).unwrap();
+        prop_assert_eq!(operator.receive(now, &frame), OperatorReceived::Message(ends::telemetry(1)));
+    }
+}
