@@ -5,7 +5,7 @@
 //!
 //! | kind | from | bytes | fields after magic and kind |
 //! |---|---|---|---|
-//! | 1 Hello | operator | 64 | version u16, schema key u64, client nonce 16, zeros 18, tag |
+//! | 1 Hello | operator | 62 | version u16, schema key u64, client nonce 16, zeros 16, tag |
 //! | 2 Challenge | robot | 36 | robot nonce 16, tag |
 //! | 3 Confirm | operator | 52 | client nonce 16, robot nonce 16, tag |
 //! | 4 Accept | robot | 24 | session u32, tag |
@@ -43,8 +43,8 @@ pub const SEALED_HEADER: usize = MAGIC.len() + 1 + 4 + 8;
 /// Longest plain message that fits a sealed datagram, bytes.
 pub const MAXIMUM_MESSAGE: usize = MAXIMUM_DATAGRAM - SEALED_HEADER - TAG_LENGTH;
 
-const HELLO_LENGTH: usize = MAXIMUM_HANDSHAKE;
-const HELLO_RESERVED: usize = 18;
+/// Makes Hello longer than any answer, and short enough for its tag to take two rounds of SHA-256.
+const HELLO_RESERVED: usize = 16;
 
 /// A random number used once.
 pub type Nonce = [u8; NONCE_LENGTH];
@@ -146,7 +146,7 @@ pub enum Datagram<'a> {
         client_nonce: Nonce,
         /// All that the tag covers.
         signed: &'a [u8],
-        /// Over `signed`, with the robot's key; zeros from a robot that has none.
+        /// Over `signed`, with the robot's key; zeros where no key can be held in common.
         tag: Tag,
     },
     /// A message of a session.
@@ -261,9 +261,7 @@ pub(crate) fn hello(
     sign: impl FnOnce(&[u8]) -> Tag,
 ) -> HandshakeFrame {
     let (number, schema_key) = (version.number.to_le_bytes(), version.schema_key.to_le_bytes());
-    let frame = handshake(HELLO, &[&number, &schema_key, client_nonce, &[0; HELLO_RESERVED]], sign);
-    debug_assert_eq!(frame.len(), HELLO_LENGTH);
-    frame
+    handshake(HELLO, &[&number, &schema_key, client_nonce, &[0; HELLO_RESERVED]], sign)
 }
 
 pub(crate) fn challenge(robot_nonce: &Nonce, sign: impl FnOnce(&[u8]) -> Tag) -> HandshakeFrame {

@@ -103,6 +103,15 @@ fn a_forged_refusal_does_not_keep_an_operator_from_its_robot() {
 }
 
 #[test]
+fn busy_is_believed_only_from_a_robot_with_the_key() {
+    let mut ends = Ends::new(Some(key(2)), key(1));
+    let hello = ends.operator.poll(ends.now).unwrap();
+    let mut refusal = answer(ends.to_robot(&hello), hello.len()).unwrap();
+    refusal[4] = flix_protocol::frame::RefusalReason::Busy as u8;
+    assert_eq!(ends.to_operator(&refusal), OperatorReceived::Dropped(DropReason::Forged));
+}
+
+#[test]
 fn a_refusal_for_somebody_else_is_ignored() {
     let mut ends = Ends::new(Some(key(2)), key(1));
     let hello = second_operator(ends.now).poll(ends.now).unwrap();
@@ -186,7 +195,8 @@ fn a_challenge_won_while_the_robot_was_free_does_not_take_it_from_its_holder() {
     let mut ends = Ends::new(Some(key(1)), key(1));
     let mut second = second_operator(ends.now);
     let hello = second.poll(ends.now).unwrap();
-    let challenge = answer(ends.robot.receive(ends.now, SECOND_OPERATOR, &hello), 64).unwrap();
+    let challenge =
+        answer(ends.robot.receive(ends.now, SECOND_OPERATOR, &hello), hello.len()).unwrap();
     second.receive(ends.now, &challenge);
     let confirm = second.poll(ends.now).unwrap();
     ends.run();

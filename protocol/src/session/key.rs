@@ -12,7 +12,7 @@ use zeroize::{Zeroize, ZeroizeOnDrop, Zeroizing};
 use super::VERSION;
 use crate::frame::{Nonce, TAG_LENGTH, Tag};
 
-type HmacSha256 = Hmac<Sha256>;
+pub(super) type HmacSha256 = Hmac<Sha256>;
 
 /// Characters in the text form of a key.
 pub const KEY_TEXT_LENGTH: usize = 64;

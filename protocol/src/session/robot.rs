@@ -3,10 +3,8 @@
 use core::net::{IpAddr, SocketAddr};
 use core::time::Duration;
 
-use zeroize::Zeroizing;
-
 use super::channel::{Channel, SendError};
-use super::key::{Entropy, Key, SessionKeys, Signer, keyed, same, tag};
+use super::key::{Entropy, HmacSha256, Key, SessionKeys, Signer, keyed, same, tag};
 use super::{COOKIE_EPOCH, HOLDER_SILENCE, SESSION_EXPIRY, VERSION};
 use crate::frame::{self, Datagram, Frame, HandshakeFrame, Nonce, RefusalReason, Tag, Version};
 use crate::message::{
@@ -45,7 +43,7 @@ pub enum RobotReceived {
 pub struct RobotSession {
     identity: Option<(Key, Signer)>,
     entropy: Entropy,
-    cookie_secret: Zeroizing<[u8; 32]>,
+    cookies: Cookies,
     holder: Option<Holder>,
     accepted: u32,
     dropped: Dropped,
@@ -70,7 +68,7 @@ impl RobotSession {
     pub fn new(key: Option<Key>, entropy: [u8; 32]) -> Self {
         let mut entropy = Entropy::new(entropy);
         Self {
-            cookie_secret: entropy.secret(),
+            cookies: Cookies::new(&mut entropy),
             entropy,
             identity: key.map(with_signer),
             holder: None,
@@ -84,7 +82,7 @@ impl RobotSession {
     pub fn set_key(&mut self, key: Option<Key>) {
         self.identity = key.map(with_signer);
         self.end();
-        self.cookie_secret = self.entropy.secret();
+        self.cookies = Cookies::new(&mut self.entropy);
     }
 
     /// Ends the present session, if any, and wipes its keys. To tell its holder, send
@@ -196,7 +194,7 @@ impl RobotSession {
         if self.is_held_against(now, from) {
             return self.refuse(RefusalReason::Busy, client_nonce);
         }
-        let robot_nonce = self.cookie(epoch(now), from, client_nonce);
+        let robot_nonce = self.cookies.nonce(now, from, client_nonce);
         let tag = |signed: &[u8]| signer.tag(signed, &[client_nonce]);
         RobotReceived::Answer(frame::challenge(&robot_nonce, tag))
     }
@@ -224,7 +222,7 @@ impl RobotSession {
             // The Accept was lost: say it again. Nothing starts over.
             return RobotReceived::Answer(accept(signer, holder));
         }
-        if !self.is_fresh_cookie(now, from, client_nonce, robot_nonce) {
+        if !self.cookies.is_fresh(now, from, client_nonce, robot_nonce) {
             return RobotReceived::Dropped(DropReason::Replayed, None);
         }
         if self.is_held_against(now, from) {
@@ -240,7 +238,7 @@ impl RobotSession {
         };
         let answer = accept(signer, &holder);
         self.holder = Some(holder);
-        self.cookie_secret = self.entropy.secret();
+        self.cookies = Cookies::new(&mut self.entropy);
         RobotReceived::Connected(answer)
     }
 
@@ -297,9 +295,10 @@ impl RobotSession {
     }
 
     fn refuse(&self, reason: RefusalReason, client_nonce: &Nonce) -> RobotReceived {
+        // Whoever has another key cannot verify a tag, and a flood should not be paid for.
         let tag = |signed: &[u8]| match &self.identity {
-            Some((_, signer)) => signer.tag_any_version(signed),
-            None => Tag::default(),
+            Some((_, signer)) if reason != RefusalReason::Key => signer.tag_any_version(signed),
+            _ => Tag::default(),
         };
         let answer = frame::refusal(reason, VERSION, client_nonce, tag);
         let reason = match reason {
@@ -310,19 +309,25 @@ impl RobotSession {
         };
         RobotReceived::Dropped(reason, Some(answer))
     }
+}
 
-    /// The nonce that this robot gives to this peer for this client nonce in this epoch.
-    fn cookie(&self, epoch: u64, peer: SocketAddr, client_nonce: &Nonce) -> Nonce {
-        let address = match peer.ip() {
-            IpAddr::V4(address) => address.to_ipv6_mapped(),
-            IpAddr::V6(address) => address,
-        };
-        let secret = keyed(&self.cookie_secret);
-        let (epoch, port) = (epoch.to_le_bytes(), peer.port().to_le_bytes());
-        tag(&secret, &[&epoch, &address.octets(), &port, client_nonce])
+/// Gives nonces that it need not remember.
+struct Cookies(HmacSha256);
+
+impl Cookies {
+    /// With a new secret: no earlier nonce is good any more.
+    fn new(entropy: &mut Entropy) -> Self {
+        Self(keyed(&entropy.secret()))
     }
 
-    fn is_fresh_cookie(
+    /// The nonce for this peer and this client nonce now.
+    fn nonce(&self, now: Instant, peer: SocketAddr, client_nonce: &Nonce) -> Nonce {
+        self.nonce_of(epoch(now), peer, client_nonce)
+    }
+
+    /// Whether this nonce was given to this peer for this client nonce in this epoch or the one
+    /// before. In constant time.
+    fn is_fresh(
         &self,
         now: Instant,
         peer: SocketAddr,
@@ -332,7 +337,16 @@ impl RobotSession {
         let present = epoch(now);
         [present, present.saturating_sub(1)]
             .iter()
-            .any(|&epoch| same(&self.cookie(epoch, peer, client_nonce), robot_nonce))
+            .any(|&epoch| same(&self.nonce_of(epoch, peer, client_nonce), robot_nonce))
+    }
+
+    fn nonce_of(&self, epoch: u64, peer: SocketAddr, client_nonce: &Nonce) -> Nonce {
+        let address = match peer.ip() {
+            IpAddr::V4(address) => address.to_ipv6_mapped(),
+            IpAddr::V6(address) => address,
+        };
+        let (epoch, port) = (epoch.to_le_bytes(), peer.port().to_le_bytes());
+        tag(&self.0, &[&epoch, &address.octets(), &port, client_nonce])
     }
 }
 
