@@ -272,7 +272,8 @@ impl Link {
         self.check_cleared()?;
         match self.state() {
             State::Aligning | State::Armed | State::Running => return Ok(()),
-            State::Disarmed => {}
+            State::Disarmed if !self.lets_down => {}
+            State::Disarmed => return Err(Refusal::State(State::Stopping)),
             state => return Err(Refusal::State(state)),
         }
         if !self.steadiness.is_proven(now) {
@@ -307,7 +308,8 @@ impl Link {
 
     /// As reported, but a robot that was just told to let down does so already.
     fn state(&self) -> State {
-        if self.lets_down { State::Stopping } else { self.report.state }
+        let state = self.report.state;
+        if self.lets_down && !is_idle(state) { State::Stopping } else { state }
     }
 
     fn check_cleared(&self) -> Result<(), Refusal> {

@@ -1,0 +1,456 @@
+//! The network task on a network without hardware: two embassy-net stacks, a wire that can be cut
+//! and that loses frames, embassy's own executor, and virtual time.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::cell::{Cell, RefCell};
+use std::future::Future;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::pin::Pin;
+use std::rc::Rc;
+use std::sync::Mutex;
+
+use embassy_executor::Executor;
+use embassy_futures::join::{join, join4};
+use embassy_futures::select::{Either, select};
+use embassy_futures::yield_now;
+use embassy_net::udp::{PacketMetadata, UdpSocket};
+use embassy_net::{Config, IpEndpoint, Ipv4Cidr, Stack, StackResources, StaticConfigV4};
+use embassy_net_driver_channel::driver::{HardwareAddress, LinkState};
+use embassy_net_driver_channel::{Device, Runner, State};
+use embassy_time::{Duration, MockDriver, Timer};
+use flix_firmware::board::DENGFOC_V3_01;
+use flix_firmware::control::Control;
+use flix_firmware::hardware::{Encoder, EncoderReading, Sensors, SettingsStore};
+use flix_firmware::mdns;
+use flix_firmware::net::{self, Station};
+use flix_firmware::robot::{Robot, SlowHalf};
+use flix_protocol::DEFAULT_PORT;
+use flix_protocol::frame::Frame;
+use flix_protocol::message::{Command, Outcome, ToOperator, ToRobot};
+use flix_protocol::session::{Key, OperatorReceived, OperatorSession, Status};
+use flix_protocol::units::Instant;
+
+const MTU: usize = 1514;
+const ROBOT: Ipv4Addr = Ipv4Addr::new(10, 0, 0, 1);
+const OPERATOR: Ipv4Addr = Ipv4Addr::new(10, 0, 0, 2);
+const TICK: Duration = Duration::from_micros(100);
+/// Turns that all tasks get in each tick: a datagram needs six from end to end.
+const TURNS: usize = 12;
+
+/// Virtual time is one for the whole process.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+type Driver = Device<'static, MTU>;
+
+struct NoStore;
+
+impl SettingsStore for NoStore {
+    type Error = ();
+    fn load(&mut self, _buffer: &mut [u8]) -> Result<Option<usize>, ()> {
+        Ok(None)
+    }
+    fn save(&mut self, _bytes: &[u8]) -> Result<(), ()> {
+        Ok(())
+    }
+}
+
+/// What the wire does with frames.
+#[derive(Default)]
+struct Wire {
+    is_cut: Cell<bool>,
+    /// One frame in so many is lost; 0 for none.
+    loses_one_in: Cell<u32>,
+    random: Cell<u32>,
+}
+
+impl Wire {
+    fn loses(&self) -> bool {
+        let random = self.random.get().wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        self.random.set(random);
+        let one_in = self.loses_one_in.get();
+        self.is_cut.get() || (one_in > 0 && (random >> 8).is_multiple_of(one_in))
+    }
+}
+
+/// The robot's two halves, with the fast one's ticks counted.
+struct Brain {
+    control: RefCell<Control>,
+    slow: RefCell<SlowHalf<NoStore>>,
+    ticks: Cell<u64>,
+}
+
+impl Brain {
+    fn new(key: Option<Key>) -> Self {
+        let robot = Robot::new(DENGFOC_V3_01.hardware, "daisy", key, [1; 32], NoStore);
+        let (control, slow) = robot.into_halves();
+        Self { control: control.into(), slow: slow.into(), ticks: Cell::new(0) }
+    }
+
+    /// Standing still, nothing wrong.
+    fn tick(&self) {
+        let zero = DENGFOC_V3_01.hardware.current_sense.map_or(0, |sense| sense.zero_count);
+        let reading = Encoder::Reading(EncoderReading { angle: 0, age_us: 0 });
+        let sensors = Sensors {
+            encoders: [reading; 2],
+            phase_current: Some([[zero; 2]; 2]),
+            bus_voltage: None,
+        };
+        let order = self.slow.borrow().order();
+        self.control.borrow_mut().tick(now(), &sensors, &order);
+        self.ticks.set(self.ticks.get() + 1);
+    }
+}
+
+struct ChipStation(Rc<Brain>);
+
+impl Station for ChipStation {
+    fn now(&self) -> Instant {
+        now()
+    }
+    fn exchange(&mut self) {
+        let report = self.0.control.borrow().report();
+        self.0.slow.borrow_mut().observe(&report);
+    }
+    fn receive(&mut self, from: SocketAddr, datagram: &[u8]) {
+        self.0.slow.borrow_mut().receive(now(), from, datagram);
+    }
+    fn transmit(&mut self, frame: &mut Frame) -> Option<SocketAddr> {
+        self.0.slow.borrow_mut().transmit(now(), frame)
+    }
+    fn poll_at(&self) -> Option<Instant> {
+        self.0.slow.borrow().poll_at(now())
+    }
+}
+
+fn now() -> Instant {
+    Instant::from_micros(embassy_time::Instant::now().as_micros())
+}
+
+/// What a test plays with.
+struct World {
+    stack: Stack<'static>,
+    wire: Rc<Wire>,
+    brain: Rc<Brain>,
+    links: [embassy_net_driver_channel::StateRunner<'static>; 2],
+}
+
+impl World {
+    fn socket(&self, port: u16) -> UdpSocket<'static> {
+        let buffer = || Box::leak(vec![0; 65_536].into_boxed_slice());
+        let metadata = || Box::leak(vec![PacketMetadata::EMPTY; 256].into_boxed_slice());
+        let mut socket = UdpSocket::new(self.stack, metadata(), buffer(), metadata(), buffer());
+        socket.bind(port).unwrap();
+        socket
+    }
+
+    fn plug(&self, is_plugged: bool) {
+        self.wire.is_cut.set(!is_plugged);
+        for link in self.links {
+            link.set_link_state(if is_plugged { LinkState::Up } else { LinkState::Down });
+        }
+    }
+}
+
+fn stack(
+    address: Ipv4Addr,
+    number: u8,
+) -> (Stack<'static>, embassy_net::Runner<'static, Driver>, Runner<'static, MTU>) {
+    let state = Box::leak(Box::new(State::<MTU, 32, 32>::new()));
+    let hardware = HardwareAddress::Ethernet([2, 0, 0, 0, 0, number]);
+    let (runner, device) = embassy_net_driver_channel::new(state, hardware);
+    runner.state_runner().set_link_state(LinkState::Up);
+    let config = Config::ipv4_static(StaticConfigV4 {
+        address: Ipv4Cidr::new(address, 24),
+        gateway: None,
+        dns_servers: Default::default(),
+    });
+    let resources = Box::leak(Box::new(StackResources::<8>::new()));
+    let (stack, stack_runner) = embassy_net::new(device, config, resources, u64::from(number));
+    (stack, stack_runner, runner)
+}
+
+/// Carries frames one way.
+async fn carry(
+    wire: Rc<Wire>,
+    mut from: embassy_net_driver_channel::TxRunner<'static, MTU>,
+    mut to: embassy_net_driver_channel::RxRunner<'static, MTU>,
+) {
+    loop {
+        let frame = from.tx_buf().await.to_vec();
+        from.tx_done();
+        if !wire.loses()
+            && let Some(buffer) = to.try_rx_buf()
+        {
+            buffer[..frame.len()].copy_from_slice(&frame);
+            to.rx_done(frame.len());
+        }
+        yield_now().await;
+    }
+}
+
+/// One for each test: embassy's tasks live in statics, and a place is not given back here.
+#[embassy_executor::task(pool_size = 16)]
+async fn run(future: Pin<Box<dyn Future<Output = ()>>>) {
+    future.await;
+}
+
+/// Runs a scenario in virtual time until it is over.
+fn play<Scenario>(key: Option<Key>, scenario: impl FnOnce(World) -> Scenario)
+where
+    Scenario: Future<Output = ()> + 'static,
+{
+    let _guard = ONE_AT_A_TIME.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    MockDriver::get().reset();
+    let (robot_stack, mut robot_runner, robot_wire) = stack(ROBOT, 1);
+    let (operator_stack, mut operator_runner, operator_wire) = stack(OPERATOR, 2);
+    let (robot_link, robot_rx, robot_tx) = robot_wire.split();
+    let (operator_link, operator_rx, operator_tx) = operator_wire.split();
+    let (wire, brain) = (Rc::new(Wire::default()), Rc::new(Brain::new(key)));
+    let world = World {
+        stack: operator_stack,
+        wire: wire.clone(),
+        brain: brain.clone(),
+        links: [robot_link, operator_link],
+    };
+    let over = Rc::new(Cell::new(false));
+    let (is_over, scenario) = (over.clone(), scenario(world));
+    let mut station = ChipStation(brain.clone());
+    let everything = async move {
+        let clock = async {
+            loop {
+                for _ in 0..TURNS {
+                    yield_now().await;
+                }
+                brain.tick();
+                MockDriver::get().advance(TICK);
+            }
+        };
+        let wires =
+            join(carry(wire.clone(), robot_tx, operator_rx), carry(wire, operator_tx, robot_rx));
+        let stacks = join(robot_runner.run(), operator_runner.run());
+        let robot = net::serve(robot_stack, "daisy", &mut station);
+        select(scenario, join4(wires, stacks, robot, clock)).await;
+        is_over.set(true);
+    };
+    let executor = Box::leak(Box::new(Executor::new()));
+    executor.run_until(|spawner| spawner.spawn(run(Box::pin(everything)).unwrap()), || over.get());
+}
+
+fn key() -> Key {
+    Key::new([3; 32])
+}
+
+/// An operator who commands over a socket.
+struct Operator {
+    session: OperatorSession,
+    socket: UdpSocket<'static>,
+    outcomes: Vec<Outcome>,
+    telemetry: usize,
+}
+
+impl Operator {
+    fn new(world: &World) -> Self {
+        Self {
+            session: OperatorSession::new(key(), [9; 32], now()),
+            socket: world.socket(40_000),
+            outcomes: Vec::new(),
+            telemetry: 0,
+        }
+    }
+
+    async fn send(&self, datagram: &[u8]) {
+        let robot = IpEndpoint::new(ROBOT.into(), DEFAULT_PORT);
+        self.socket.send_to(datagram, robot).await.unwrap();
+    }
+
+    /// Takes part for a millisecond.
+    async fn live(&mut self) {
+        if let Some(frame) = self.session.poll(now()) {
+            self.send(&frame).await;
+        }
+        let mut buffer = [0; 1536];
+        let pause = Timer::after(Duration::from_millis(1));
+        if let Either::First(Ok((length, _))) =
+            select(self.socket.recv_from(&mut buffer), pause).await
+        {
+            match self.session.receive(now(), &buffer[..length]) {
+                OperatorReceived::Message(ToOperator::Reply(reply)) => {
+                    self.outcomes.push(reply.outcome);
+                }
+                OperatorReceived::Message(ToOperator::Telemetry(_)) => self.telemetry += 1,
+                _ => {}
+            }
+        }
+    }
+
+    /// Takes part until the session stands; how long that took, microseconds.
+    async fn connect(&mut self) -> u64 {
+        let begun = now().as_micros();
+        while self.session.status(now()) != Status::Connected {
+            if self.session.poll_at().is_none() {
+                self.session.connect(now());
+            }
+            self.live().await;
+        }
+        now().as_micros() - begun
+    }
+
+    /// Takes part for so long and pings every 20 ms.
+    async fn ping_for(&mut self, milliseconds: u64) {
+        let end = now().as_micros() + milliseconds * 1000;
+        let mut next = 0;
+        let mut number = 0;
+        while now().as_micros() < end {
+            if now().as_micros() >= next {
+                next = now().as_micros() + 20_000;
+                number += 1;
+                let command = ToRobot { request: number, command: Command::Ping(number) };
+                if let Ok(frame) = self.session.send(now(), &command) {
+                    self.send(&frame).await;
+                }
+            }
+            self.live().await;
+        }
+    }
+}
+
+#[test]
+fn an_operator_is_connected_within_100_ms() {
+    play(Some(key()), |world| async move {
+        let took = Operator::new(&world).connect().await;
+        assert!(took < 100_000, "{took} us");
+    });
+}
+
+#[test]
+fn commands_are_answered_and_telemetry_flows() {
+    play(Some(key()), |world| async move {
+        let mut operator = Operator::new(&world);
+        operator.connect().await;
+        operator.ping_for(1_000).await;
+        let (answers, told) = (operator.outcomes.len(), operator.telemetry);
+        assert!(answers >= 48 && told >= 48, "{answers} answers, {told} telemetry");
+    });
+}
+
+#[test]
+fn a_third_of_all_frames_may_be_lost() {
+    play(Some(key()), |world| async move {
+        world.wire.loses_one_in.set(3);
+        let mut operator = Operator::new(&world);
+        let took = operator.connect().await;
+        operator.ping_for(2_000).await;
+        let answers = operator.outcomes.len();
+        assert!(took < 3_000_000 && answers > 20, "{took} us, {answers} answers");
+    });
+}
+
+#[test]
+fn a_network_that_was_gone_for_a_minute_comes_back_without_a_restart() {
+    play(Some(key()), |world| async move {
+        let mut operator = Operator::new(&world);
+        operator.connect().await;
+        operator.ping_for(200).await;
+        world.plug(false);
+        Timer::after(Duration::from_secs(60)).await;
+        world.plug(true);
+        operator.session.connect(now());
+        let took = operator.connect().await;
+        operator.outcomes.clear();
+        operator.ping_for(200).await;
+        let answers = operator.outcomes.len();
+        assert!(took < 3_000_000 && answers > 5, "{took} us, {answers} answers");
+    });
+}
+
+/// Throws junk at the robot, as fast as the wire takes it.
+async fn flood(socket: UdpSocket<'static>, thrown: Rc<Cell<u64>>) {
+    let robot = IpEndpoint::new(ROBOT.into(), DEFAULT_PORT);
+    let mut junk = [0x5a; 64];
+    loop {
+        for _ in 0..2 {
+            thrown.set(thrown.get() + 1);
+            junk[..8].copy_from_slice(&thrown.get().to_le_bytes());
+            socket.send_to(&junk, robot).await.unwrap();
+        }
+        Timer::after(TICK).await;
+    }
+}
+
+#[test]
+fn a_flood_of_junk_keeps_nobody_out() {
+    play(Some(key()), |world| async move {
+        let mut operator = Operator::new(&world);
+        let thrown = Rc::new(Cell::new(0));
+        let work = async {
+            let took = operator.connect().await;
+            operator.ping_for(1_000).await;
+            took
+        };
+        let junk = flood(world.socket(666), thrown.clone());
+        let Either::First(took) = select(work, junk).await else { unreachable!() };
+        let answers = operator.outcomes.len();
+        assert!(thrown.get() > 10_000, "{} datagrams", thrown.get());
+        assert!(took < 1_000_000 && answers > 25, "{took} us, {answers} answers");
+    });
+}
+
+#[test]
+fn the_fast_loop_keeps_time_in_a_flood() {
+    play(Some(key()), |world| async move {
+        let brain = world.brain.clone();
+        let junk = flood(world.socket(666), Rc::new(Cell::new(0)));
+        select(Timer::after(Duration::from_secs(1)), junk).await;
+        let timing = brain.control.borrow().report().timing;
+        assert_eq!((timing.overruns, timing.ticks), (0, brain.ticks.get()));
+    });
+}
+
+#[test]
+fn addresses_that_nobody_has_hold_up_no_session() {
+    play(Some(key()), |world| async move {
+        let mut operator = Operator::new(&world);
+        operator.connect().await;
+        // What a hello from such an address leaves behind: an answer that cannot be delivered.
+        for number in 100..200_u8 {
+            let from = SocketAddr::from(([10, 0, 0, number], 1));
+            let hello = OperatorSession::new(Key::new([4; 32]), [number; 32], now()).poll(now());
+            world.brain.slow.borrow_mut().receive(now(), from, &hello.unwrap());
+        }
+        operator.ping_for(1_000).await;
+        let answers = operator.outcomes.len();
+        assert!(answers >= 45, "{answers} answers");
+    });
+}
+
+#[test]
+fn a_robot_without_a_key_lets_nobody_in() {
+    play(None, |world| async move {
+        let mut operator = Operator::new(&world);
+        let end = now().as_micros() + 3_500_000;
+        while now().as_micros() < end {
+            operator.live().await;
+        }
+        assert!(operator.session.status(now()) != Status::Connected);
+    });
+}
+
+#[test]
+fn a_robot_tells_its_name_to_who_looks_for_robots() {
+    play(Some(key()), |world| async move {
+        world.stack.join_multicast_group(mdns::GROUP).unwrap();
+        let socket = world.socket(mdns::PORT);
+        // What it announced by itself does not count.
+        Timer::after(Duration::from_secs(2)).await;
+        let mut buffer = [0; 1536];
+        while socket.may_recv() {
+            socket.recv_from(&mut buffer).await.unwrap();
+        }
+        let query = b"\0\0\0\0\0\x01\0\0\0\0\0\0\x05_flix\x04_udp\x05local\0\0\x0c\0\x01";
+        let everybody = IpEndpoint::new(mdns::GROUP.into(), mdns::PORT);
+        socket.send_to(query, everybody).await.unwrap();
+        let (length, _) = socket.recv_from(&mut buffer).await.unwrap();
+        let told = &buffer[..length];
+        assert!(told.windows(5).any(|part| part == b"daisy"), "{told:?}");
+    });
+}

@@ -1,0 +1,240 @@
+//! An operator whose datagrams arrive in the tick in which they are sent.
+
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use flix_protocol::frame::Frame;
+use flix_protocol::message::{
+    Command, Event, EventReport, LinkQuality, Outcome, Reply, Setpoint, State, Telemetry,
+    ToOperator, ToRobot,
+};
+use flix_protocol::session::{Key, OperatorReceived, OperatorSession};
+use flix_protocol::units::{Degrees, Hertz, Instant};
+use flix_sim::model::RobotModel;
+use flix_sim::plant::Plant;
+use flix_sim::robot::{Flash, RobotParameters, SimulatedRobot};
+
+pub(crate) const TICK: Duration = Duration::from_micros(100);
+/// How often the operators here repeat themselves.
+const KEEP_ALIVE: Duration = Duration::from_millis(20);
+/// Longer than any alignment.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// The operator's end of a session, and what came out of it.
+pub(crate) struct Operator {
+    pub(crate) address: SocketAddr,
+    pub(crate) session: OperatorSession,
+    requests: u32,
+    pub(crate) replies: Vec<Reply>,
+    pub(crate) events: Vec<EventReport>,
+    pub(crate) telemetry: Vec<Telemetry>,
+    pub(crate) is_connected: bool,
+}
+
+impl Operator {
+    pub(crate) fn new(key: Key, number: u8, now: Instant) -> Self {
+        Self {
+            address: SocketAddr::from(([192, 0, 2, number], 40_000)),
+            session: OperatorSession::new(key, [number; 32], now),
+            requests: 0,
+            replies: Vec::new(),
+            events: Vec::new(),
+            telemetry: Vec::new(),
+            is_connected: false,
+        }
+    }
+
+    /// The sealed datagram of a command.
+    pub(crate) fn seal(&mut self, now: Instant, command: Command) -> Frame {
+        self.requests += 1;
+        self.session.send(now, &ToRobot { request: self.requests, command }).unwrap()
+    }
+
+    fn receive(&mut self, now: Instant, datagram: &[u8]) {
+        match self.session.receive(now, datagram) {
+            OperatorReceived::Connected => self.is_connected = true,
+            OperatorReceived::Message(ToOperator::Reply(reply)) => self.replies.push(reply),
+            OperatorReceived::Message(ToOperator::Event(event)) => self.events.push(event),
+            OperatorReceived::Message(ToOperator::Telemetry(telemetry)) => {
+                self.telemetry.push(telemetry);
+            }
+            OperatorReceived::Left => self.is_connected = false,
+            OperatorReceived::Progress | OperatorReceived::Dropped(_) => {}
+        }
+    }
+}
+
+/// A robot and one operator.
+pub(crate) struct Bench {
+    pub(crate) robot: SimulatedRobot<Plant>,
+    pub(crate) operator: Operator,
+}
+
+pub(crate) fn key() -> Key {
+    Key::new([7; 32])
+}
+
+pub(crate) fn setpoint(frequency: f32, direction: f32) -> Setpoint {
+    Setpoint::new(Hertz::new(frequency).unwrap(), Degrees::new(direction).unwrap()).unwrap()
+}
+
+impl Bench {
+    pub(crate) fn new() -> Self {
+        Self::with_flash(Flash::default())
+    }
+
+    pub(crate) fn with_flash(flash: Flash) -> Self {
+        let mechanics = Plant::new(&RobotModel::named("bench-fixed").unwrap()).unwrap();
+        let parameters = RobotParameters { flash, ..RobotParameters::new(key(), 1) };
+        let robot = SimulatedRobot::new(parameters, mechanics);
+        let operator = Operator::new(key(), 1, robot.now());
+        Self { robot, operator }
+    }
+
+    /// With a session, nothing commanded yet.
+    pub(crate) fn connected() -> Self {
+        let mut bench = Self::new();
+        bench.connect();
+        bench
+    }
+
+    /// Armed, at rest.
+    pub(crate) fn armed() -> Self {
+        let mut bench = Self::connected();
+        bench.arm();
+        bench
+    }
+
+    /// Shaking at 20 Hz for a while.
+    pub(crate) fn shaking() -> Self {
+        let mut bench = Self::armed();
+        bench.hold(Command::Setpoint(setpoint(20.0, 0.0)), Duration::from_millis(600));
+        assert_eq!(bench.state(), State::Running);
+        bench
+    }
+
+    pub(crate) fn now(&self) -> Instant {
+        self.robot.now()
+    }
+
+    pub(crate) fn state(&self) -> State {
+        self.robot.report().state
+    }
+
+    /// Largest speed of a rotor, Hz, by the plant.
+    pub(crate) fn speed(&self) -> f64 {
+        let speeds = self.robot.truth().rotor_speed;
+        speeds.iter().fold(0.0, |most, speed: &f64| speed.abs().max(most)) / std::f64::consts::TAU
+    }
+
+    pub(crate) fn connect(&mut self) {
+        let end = self.now() + PATIENCE;
+        while !self.operator.is_connected {
+            assert!(self.now() < end, "no session");
+            self.shake_hands();
+            self.tick();
+        }
+    }
+
+    /// Carries the operator's handshake, if one is due.
+    fn shake_hands(&mut self) {
+        let now = self.now();
+        if let Some(frame) = self.operator.session.poll(now) {
+            self.robot.receive(self.operator.address, &frame);
+            self.listen();
+        }
+    }
+
+    pub(crate) fn arm(&mut self) {
+        self.hold(Command::Ping(0), Duration::from_millis(600));
+        assert_eq!(self.say(Command::Arm), Outcome::Done);
+        let end = self.now() + PATIENCE;
+        while self.state() != State::Armed {
+            assert!(self.now() < end, "{:?}", self.robot.report());
+            self.hold(Command::Ping(0), KEEP_ALIVE);
+        }
+    }
+
+    /// One tick; what the robot sends is heard.
+    pub(crate) fn tick(&mut self) {
+        self.listen();
+        self.robot.tick().unwrap();
+    }
+
+    fn listen(&mut self) {
+        let now = self.now();
+        let mut frame = Frame::new();
+        while let Some(to) = self.robot.transmit(&mut frame) {
+            if to == self.operator.address {
+                self.operator.receive(now, &frame);
+            }
+        }
+    }
+
+    /// Ticks for so long with nobody saying anything.
+    pub(crate) fn wait(&mut self, duration: Duration) {
+        let end = self.now() + duration;
+        while self.now() < end {
+            self.tick();
+        }
+    }
+
+    /// Ticks for so long with a command repeated at once and every 20 ms.
+    pub(crate) fn hold(&mut self, command: Command, duration: Duration) {
+        let end = self.now() + duration;
+        while self.now() < end {
+            self.say(command.clone());
+            let next = (self.now() + KEEP_ALIVE).min(end);
+            while self.now() < next {
+                self.tick();
+            }
+        }
+    }
+
+    /// Commands, now, and hears the answer.
+    pub(crate) fn say(&mut self, command: Command) -> Outcome {
+        let frame = self.operator.seal(self.now(), command);
+        self.robot.receive(self.operator.address, &frame);
+        let request = self.operator.requests;
+        self.listen();
+        let mut replies = self.operator.replies.iter().rev();
+        let reply = replies.find(|reply| reply.request == request);
+        reply.expect("every command is answered at once").outcome.clone()
+    }
+
+    /// The newest telemetry, after waiting for it.
+    pub(crate) fn telemetry(&mut self) -> Telemetry {
+        self.operator.telemetry.clear();
+        while self.operator.telemetry.is_empty() {
+            self.tick();
+        }
+        self.operator.telemetry[0]
+    }
+
+    /// What the robot counts.
+    pub(crate) fn quality(&mut self) -> LinkQuality {
+        self.telemetry().link
+    }
+
+    pub(crate) fn events(&self) -> Vec<Event> {
+        self.operator.events.iter().map(|report| report.event).collect()
+    }
+
+    /// Power off and on.
+    pub(crate) fn restart(&mut self) {
+        let flash = self.robot.parameters().flash.clone();
+        *self = Self::with_flash(flash);
+        self.connect();
+    }
+}
+
+impl Bench {
+    /// Commands, and ticks for 2 ms while the robot's own datagrams wait.
+    pub(crate) fn hold_deaf(&mut self, command: Command) {
+        let frame = self.operator.seal(self.now(), command);
+        self.robot.receive(self.operator.address, &frame);
+        for _ in 0..20 {
+            self.robot.tick().unwrap();
+        }
+    }
+}

@@ -1,0 +1,14 @@
+//! What the robot's link promises, at the exact tick, on the shaker on a fixed base.
+//!
+//! One file a promise; [`bench`] puts datagrams into the robot with no network in between.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+mod arming;
+mod bad_datagrams;
+mod bench;
+mod events;
+mod failsafe_ladder;
+mod operators;
+mod refused_commands;
+mod settings;
+mod stop_latch;

@@ -1,0 +1,133 @@
+//! Settings over the link, and what becomes of damaged ones.
+
+use std::time::Duration;
+
+use flix_firmware::settings::{self, Settings};
+use flix_protocol::message::{
+    Command, Event, Fault, Name, Outcome, ParameterCommand, Refusal, State,
+};
+use flix_sim::robot::Flash;
+
+use crate::bench::Bench;
+
+fn name(name: &str) -> Name {
+    Name::try_from(name).unwrap()
+}
+
+fn set(setting: &str, value: f32) -> Command {
+    Command::Parameter(ParameterCommand::Set(name(setting), value))
+}
+
+fn value(bench: &mut Bench, setting: &str) -> f32 {
+    match bench.say(Command::Parameter(ParameterCommand::Get(name(setting)))) {
+        Outcome::Parameter(parameter) => parameter.value,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn all_settings_are_listed_page_by_page() {
+    let mut bench = Bench::connected();
+    let mut listed = Vec::new();
+    loop {
+        let first = u16::try_from(listed.len()).unwrap();
+        match bench.say(Command::Parameter(ParameterCommand::List(first))) {
+            Outcome::Parameters { total, entries } => {
+                assert_eq!(usize::from(total), settings::COUNT);
+                if entries.is_empty() {
+                    break;
+                }
+                listed.extend(entries);
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+    let names: Vec<_> = listed.iter().map(|parameter| parameter.name.as_str()).collect();
+    let expected: Vec<_> = settings::TABLE.iter().map(|setting| setting.name).collect();
+    assert_eq!(names, expected);
+}
+
+#[test]
+fn a_setting_is_tried_until_power_off_and_kept_when_saved() {
+    let mut bench = Bench::connected();
+    bench.say(set("over_speed", 60.0));
+    let tried = value(&mut bench, "over_speed");
+    bench.restart();
+    let forgotten = value(&mut bench, "over_speed");
+    bench.say(set("over_speed", 60.0));
+    assert_eq!(bench.say(Command::Parameter(ParameterCommand::Save)), Outcome::Done);
+    bench.restart();
+    let kept = value(&mut bench, "over_speed");
+    assert_eq!([tried, forgotten, kept], [60.0, Settings::DEFAULT.over_speed, 60.0]);
+}
+
+#[test]
+fn settings_do_not_change_while_the_motors_are_driven() {
+    let mut bench = Bench::armed();
+    let before = value(&mut bench, "over_speed");
+    let outcome = bench.say(set("over_speed", 60.0));
+    assert_eq!(outcome, Outcome::Refused(Refusal::State(State::Armed)));
+    assert_eq!(value(&mut bench, "over_speed"), before);
+}
+
+#[test]
+fn a_changed_setting_is_obeyed_by_the_fast_loop() {
+    let mut bench = Bench::connected();
+    bench.wait(Duration::from_millis(20));
+    bench.say(set("over_speed", 15.0));
+    bench.arm();
+    bench.hold(Command::Setpoint(crate::bench::setpoint(20.0, 0.0)), Duration::from_millis(600));
+    assert_eq!(bench.robot.report().first_fault, Some(Fault::OverSpeed));
+}
+
+#[test]
+fn what_alignment_found_is_kept_over_power_off() {
+    let mut bench = Bench::armed();
+    bench.say(Command::Disarm);
+    bench.hold(Command::Ping(0), Duration::from_millis(200));
+    bench.restart();
+    let aligned = [value(&mut bench, "top_aligned"), value(&mut bench, "bottom_aligned")];
+    assert_eq!(aligned, [1.0, 1.0]);
+}
+
+/// A robot whose flash holds what it should not.
+fn corrupt() -> Bench {
+    let flash = Flash::default();
+    flash.overwrite(Some(vec![0x5a; 100]));
+    let mut bench = Bench::with_flash(flash);
+    bench.connect();
+    bench.hold(Command::Ping(0), Duration::from_millis(1_000));
+    bench
+}
+
+#[test]
+fn damaged_settings_are_replaced_by_defaults_and_told() {
+    let mut bench = corrupt();
+    assert!(bench.events().contains(&Event::SettingsDefaulted));
+    assert_eq!(value(&mut bench, "over_speed"), Settings::DEFAULT.over_speed);
+}
+
+#[test]
+fn a_robot_with_damaged_settings_does_not_arm() {
+    let mut bench = corrupt();
+    let Outcome::Refused(Refusal::Faulted(faults)) = bench.say(Command::Arm) else {
+        panic!("armed");
+    };
+    assert!(faults.contains(Fault::Settings));
+}
+
+#[test]
+fn a_robot_with_damaged_settings_arms_once_they_are_cleared() {
+    let mut bench = corrupt();
+    assert_eq!(bench.say(Command::Clear), Outcome::Done);
+    bench.arm();
+    assert_eq!(bench.state(), State::Armed);
+}
+
+#[test]
+fn settings_too_long_for_this_firmware_are_damage_too() {
+    let flash = Flash::default();
+    flash.overwrite(Some(vec![0; 10_000]));
+    let bench = Bench::with_flash(flash);
+    assert_eq!(bench.robot.software().settings(), &Settings::DEFAULT);
+}
