@@ -9,6 +9,12 @@ use super::spatial::{Articulated, Mat3, RigidInertia, Spatial, Sym3, Vec3};
 
 /// Friction directions of a contact point: two tangents, torsion, two rolling axes.
 pub const FRICTIONS: usize = 5;
+/// A corner slower than this, m/s,
+pub const REST_SPEED: f64 = 0.02;
+/// for this long, s (longer than a shaking period from 20 Hz on), comes to stand;
+pub const REST_TIME: f64 = 0.05;
+/// one faster than this, m/s, slides.
+pub const SLIDE_SPEED: f64 = 0.3;
 /// Contact points of a foot: its four lowest corners.
 pub const CORNERS: usize = 4;
 
@@ -47,16 +53,22 @@ pub struct LegModel<F> {
 
 /// The contact law of one foot.
 ///
-/// Each corner below the floor is held by ten edges of a friction pyramid, `n + m t` and `n - m t` for each
-/// friction direction `t` with its coefficient `m`. An edge pushes with
+/// Each of its four lowest corners that is below the floor is held by ten edges of a friction pyramid,
+/// `n + m t` and `n - m t` for each friction direction `t` with its coefficient `m`. An edge pushes with
 ///
 /// ```text
 /// f = -(a + b v + k r) / R,  never pulls
 /// ```
 ///
-/// where `a` and `v` are the foot's acceleration and velocity along the edge and `r` the penetration
-/// (negative) plus, along tangents, `m` times the strain of the grip: compliance, damping and a virtual mass
-/// in one. Without the grip this is MuJoCo's law, which creeps under a steady push.
+/// where `a` and `v` are the corner's acceleration and velocity along the edge and `r` the penetration
+/// (negative): compliance, damping and a virtual mass in one. That is MuJoCo's law. It regularises friction,
+/// so that under a steady push a foot creeps for ever.
+///
+/// A corner that has crept slower than [`REST_SPEED`] for [`REST_TIME`] therefore comes to **stand**: the
+/// edges of its friction directions stay in pairs, a spring of the same `k` with the strain of its grip
+/// joins them, and Coulomb's circle `|T| <= m N` limits the sum. It holds without creep what friction can
+/// hold, gives way beyond that, and slides again above [`SLIDE_SPEED`]. (Friction that grows while surfaces
+/// rest is the usual finding: Dieterich 1979.)
 #[derive(Clone, Copy, Debug)]
 pub struct Foot<F> {
     /// Coefficients: two tangents (1), torsion, two rolling (m).
@@ -82,8 +94,12 @@ pub struct LegState<F> {
     pub acceleration: [F; 6],
     /// 1 where an edge pushed in the last step, else 0: `[corner][direction][plus, minus]`.
     pub active: [[[F; 2]; FRICTIONS]; CORNERS],
-    /// Strain of the grip at each corner along world x and y, m.
+    /// How long each corner has been slow on the floor, s; it stands from [`REST_TIME`] on.
+    pub rest: [F; CORNERS],
+    /// Strain of a standing corner's grip along world x and y, m.
     pub grip: [[F; 2]; CORNERS],
+    /// Share of its friction that a standing corner's limit leaves: tangents, torsion, two rolling axes.
+    pub share: [[F; 4]; CORNERS],
     /// Force of the floor on the foot in the last step, N, world axes.
     pub force: Vec3<F>,
 }
@@ -97,7 +113,9 @@ impl<F: Lane> LegState<F> {
             speed: [o; 6],
             acceleration: [o; 6],
             active: [[[o; 2]; FRICTIONS]; CORNERS],
+            rest: [o; CORNERS],
             grip: [[o; 2]; CORNERS],
+            share: [[F::splat(1.0); 4]; CORNERS],
             force: Vec3::zero(),
         }
     }
@@ -112,8 +130,12 @@ struct Corner<F> {
     weight: F,
     /// `b v_n + k r`.
     normal: F,
-    /// `m (b v_t + k s)` for each direction.
+    /// `m (b v + k s)` for each friction direction.
     tangent: [F; FRICTIONS],
+    /// Velocity along world x and y at the start of the step.
+    slide: [F; 2],
+    /// Normal force over `weight`.
+    load: F,
 }
 
 /// A leg inside one step: everything that does not depend on the acceleration sought.
@@ -137,6 +159,8 @@ pub struct LegStep<F> {
     pivot: [F; 6],
     corner: [Corner<F>; CORNERS],
     touching: bool,
+    /// Half the step.
+    half: F,
     /// `1 + b h/2 + k h^2/4`.
     lead: F,
     contact: Articulated<F>,
@@ -250,8 +274,11 @@ impl<F: Lane> LegStep<F> {
                 weight: c(0.0),
                 normal: c(0.0),
                 tangent: [c(0.0); FRICTIONS],
+                slide: [c(0.0); 2],
+                load: c(0.0),
             }; CORNERS],
             touching: false,
+            half,
             lead: c(1.0) + m.foot.damping * half + m.foot.stiffness * quarter,
             contact: Articulated::zero(),
             contact_bias: Spatial::zero(),
@@ -303,12 +330,14 @@ impl<F: Lane> LegStep<F> {
                 weight,
                 normal: b * v.0[2] + k * gap,
                 tangent: [
-                    mu[0] * (b * v.0[0] + k * s.grip[j][0]),
-                    mu[1] * (b * v.0[1] + k * s.grip[j][1]),
+                    mu[0] * (b * v.0[0] + k * (s.grip[j][0] + self.half * v.0[0])),
+                    mu[1] * (b * v.0[1] + k * (s.grip[j][1] + self.half * v.0[1])),
                     mu[2] * (b * w.0[2]),
                     mu[3] * (b * w.0[0]),
                     mu[4] * (b * w.0[1]),
                 ],
+                slide: [v.0[0], v.0[1]],
+                load: o,
             };
         }
         self.touching = lowest.any_negative();
@@ -346,8 +375,9 @@ impl<F: Lane> LegStep<F> {
             count += sum;
             normal += sum * p.normal + difference * p.tangent[i];
             cross[i] = mu[i] * difference;
-            own[i] = mu[i] * mu[i] * sum;
-            force[i] = mu[i] * (difference * p.normal + sum * p.tangent[i]);
+            let share = s.share[j][i.saturating_sub(1)];
+            own[i] = mu[i] * mu[i] * sum * share;
+            force[i] = mu[i] * (difference * p.normal + sum * p.tangent[i] * share);
         }
         let w = p.weight;
         let g = w * self.lead;
@@ -437,7 +467,7 @@ impl<F: Lane> LegStep<F> {
 
     /// Sets which edges push under the foot's acceleration `x`; true if that differs from before.
     #[inline(always)]
-    pub fn choose(&self, m: &LegModel<F>, s: &mut LegState<F>, x: Spatial<F>) -> bool {
+    pub fn choose(&mut self, m: &LegModel<F>, s: &mut LegState<F>, x: Spatial<F>) -> bool {
         if !self.touching {
             return false;
         }
@@ -446,20 +476,26 @@ impl<F: Lane> LegStep<F> {
         let mu = &m.foot.friction;
         let mut changed = o;
         for j in 0..CORNERS {
-            let p = &self.corner[j];
+            let p = self.corner[j];
+            let mut load = o;
             let a = x.linear + x.angular.cross(p.at);
             let w = x.angular.0;
             let slides = [a.0[0], a.0[1], w[2], w[0], w[1]];
             let normal = self.lead * a.0[2] + p.normal;
             let here = (-p.weight).negative_then(one, o);
+            let slides_now = s.rest[j] - c(REST_TIME);
             for i in 0..FRICTIONS {
                 let t = mu[i] * self.lead * slides[i] + p.tangent[i];
+                // The edges of a standing corner push in pairs.
+                let t = slides_now.negative_then(t, o);
                 let plus = (normal + t).negative_then(here, o);
                 let minus = (normal - t).negative_then(here, o);
                 let [old_plus, old_minus] = s.active[j][i];
                 changed -= (plus - old_plus).abs() + (minus - old_minus).abs();
                 s.active[j][i] = [plus, minus];
+                load -= (plus + minus) * normal + (plus - minus) * t;
             }
+            self.corner[j].load = load;
         }
         changed.any_negative()
     }
@@ -483,6 +519,7 @@ impl<F: Lane> LegStep<F> {
             given = wrench.dot(self.velocity + x.scale(half));
             s.force = -wrench.linear;
         }
+        self.strain(m, s, x, h);
         (lost * h, given * h)
     }
 
@@ -492,6 +529,58 @@ impl<F: Lane> LegStep<F> {
     pub fn foot(&self, m: &LegModel<F>) -> (Vec3<F>, Mat3<F>) {
         let frame = &self.frame[2];
         (self.point[2] + frame.apply(m.foot_center), frame.product(&m.foot_half))
+    }
+
+    /// Moves each corner's rest and grip on.
+    #[inline(always)]
+    fn strain(&self, m: &LegModel<F>, s: &mut LegState<F>, x: Spatial<F>, h: F) {
+        let c = F::splat;
+        let (o, one) = (c(0.0), c(1.0));
+        let mu = &m.foot.friction;
+        let c4 = &self.corner;
+        let carried = (c4[0].load + c4[1].load) + (c4[2].load + c4[3].load);
+        for j in 0..CORNERS {
+            let p = &self.corner[j];
+            let a = x.linear + x.angular.cross(p.at);
+            let w = x.angular.0;
+            let v = [
+                p.slide[0] + self.half * a.0[0],
+                p.slide[1] + self.half * a.0[1],
+            ];
+            let square = v[0] * v[0] + v[1] * v[1];
+            let standing = c(REST_TIME) - s.rest[j];
+            let limit = standing.negative_then(c(SLIDE_SPEED), c(REST_SPEED));
+            let slow = square - limit * limit;
+            // A corner that lifts while the foot stands keeps its rest.
+            let rest = (-carried).negative_then(slow.negative_then(s.rest[j] + h, o), o);
+            s.rest[j] = rest;
+            let stands = c(REST_TIME) - rest;
+            // `weight`-free: friction T = 2 m^2 y share, limit m N.
+            let full = [
+                c(2.0) * mu[0] * mu[0],
+                c(2.0) * mu[2] * mu[2],
+                c(2.0) * mu[3] * mu[3],
+                c(2.0) * mu[4] * mu[4],
+            ];
+            let along = |i: usize, a: F| self.lead * mu[i] * a + p.tangent[i];
+            let (tx, ty) = (along(0, a.0[0]), along(1, a.0[1]));
+            let pull = [
+                c(2.0) * mu[0] * (tx * tx + ty * ty).sqrt(),
+                c(2.0) * mu[2] * along(2, w[2]).abs(),
+                c(2.0) * mu[3] * along(3, w[0]).abs(),
+                c(2.0) * mu[4] * along(4, w[1]).abs(),
+            ];
+            let limit = [mu[0], mu[2], mu[3], mu[4]];
+            for i in 0..4 {
+                let share = one.min(limit[i] * p.load / (pull[i] + c(1e-12)));
+                s.share[j][i] = stands.negative_then(share, one);
+            }
+            let strain = [s.grip[j][0] + h * v[0], s.grip[j][1] + h * v[1]];
+            let length = (strain[0] * strain[0] + strain[1] * strain[1]).sqrt();
+            let most = mu[0] * p.load / (full[0] * m.foot.stiffness);
+            let keep = stands.negative_then(one.min(most / (length + c(1e-12))), o);
+            s.grip[j] = [strain[0] * keep, strain[1] * keep];
+        }
     }
 
     /// Inertia and velocity of each segment, given the body's velocity.

@@ -33,10 +33,12 @@ pub mod spatial;
 
 mod build;
 mod leg;
+mod linear;
 mod pack;
 mod robot;
 mod system;
 
+pub use linear::{FREEDOMS, Linear};
 pub use robot::{BodyState, Drive, Energy, LegView, Plant, Wrench};
 
 /// The moving part as the electrical part sees it.

@@ -302,6 +302,28 @@ impl Plant {
         }))
     }
 
+    pub(super) fn has_legs(&self) -> bool {
+        self.constants.legs.is_some()
+    }
+
+    /// Constants of one leg of a robot that has legs.
+    pub(super) fn leg_model(&self, leg: usize) -> LegModel<f64> {
+        let legs = self.constants.legs.as_ref();
+        legs.expect("only asked of a robot with legs")[0].get(leg)
+    }
+
+    pub(super) fn state_mut(&mut self) -> &mut State<f64, Quad, 1> {
+        &mut self.state
+    }
+
+    /// Holds the body where it is and takes the floor away.
+    pub fn clamp(&mut self) {
+        self.constants.base = super::system::BaseJoint::Fixed;
+        self.constants.floor = false;
+        self.state.velocity = Spatial::zero();
+        self.state.acceleration = Spatial::zero();
+    }
+
     fn still(&self, model: &LegModel<f64>, state: &LegState<f64>) -> LegStep<f64> {
         let s = &self.state;
         let body = super::leg::BodyStep {
@@ -317,7 +339,7 @@ impl Plant {
     }
 
     /// Everything that moves, about the body's origin in world axes, with the velocity of each part.
-    fn parts(&self) -> Vec<(RigidInertia<f64>, Spatial<f64>)> {
+    pub(super) fn parts(&self) -> Vec<(RigidInertia<f64>, Spatial<f64>)> {
         let (c, s) = (&self.constants, &self.state);
         let r = rotation(s.orientation);
         let mut parts = vec![(
