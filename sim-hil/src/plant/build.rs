@@ -87,7 +87,8 @@ fn foot_mobility(c: &PlainConstants, model: &RobotModel, leg: usize) -> f64 {
     let speed = |force: Vec3<f64>| {
         let mut s: PlainState = state(model);
         s.tip_push[leg] = Spatial::new(lever.cross(force), force);
-        advance(&floating, &mut s, [0.0; 2], step);
+        let mut steps = [LegStep::blank(); 4];
+        advance(&floating, &mut s, &mut steps, [0.0; 2], step);
         let view = still(&floating, &s, leg);
         let at = view.foot(&legs[leg]).0;
         view.velocity.linear + view.velocity.angular.cross(at)
@@ -113,9 +114,10 @@ pub fn still(c: &PlainConstants, s: &PlainState, leg: usize) -> LegStep<f64> {
         step: 0.0,
         floor: false,
     };
-    let mut state = s.legs[leg];
     let legs = c.legs.as_ref().expect("only asked of a model with legs");
-    LegStep::new(&legs[leg], &mut state, &body, Spatial::zero())
+    let mut step = LegStep::blank();
+    step.prepare(&legs[leg], &s.legs[leg], &body, Spatial::zero());
+    step
 }
 
 /// Axes of the last segment in body axes when the leg is straight.

@@ -165,8 +165,7 @@ pub struct LegStep<F> {
     lead: F,
     contact: Articulated<F>,
     contact_bias: Spatial<F>,
-    /// Elimination: `I S`, `I S / D`, `u / D` of each hinge.
-    reach: [Spatial<F>; 6],
+    /// Elimination: `I S / D`, `u / D` of each hinge.
     share: [Spatial<F>; 6],
     drive: [F; 6],
 }
@@ -203,11 +202,47 @@ pub struct BodyStep<F> {
 }
 
 impl<F: Lane> LegStep<F> {
+    /// Room for a step.
+    pub fn blank() -> Self {
+        let o = F::splat(0.0);
+        LegStep {
+            axis: [Spatial::zero(); 6],
+            inertia: [RigidInertia::zero(); 3],
+            bias: [Spatial::zero(); 3],
+            velocity: Spatial::zero(),
+            frame: [Mat3::zero(); 3],
+            point: [Vec3::zero(); 4],
+            torque: [o; 6],
+            pivot: [o; 6],
+            corner: [Corner {
+                at: Vec3::zero(),
+                weight: o,
+                normal: o,
+                tangent: [o; FRICTIONS],
+                slide: [o; 2],
+                load: o,
+            }; CORNERS],
+            touching: false,
+            half: o,
+            lead: o,
+            contact: Articulated::zero(),
+            contact_bias: Spatial::zero(),
+            share: [Spatial::zero(); 6],
+            drive: [o; 6],
+        }
+    }
+
     /// Kinematics and known forces of a leg in the middle of a step.
     ///
     /// `push` is a wrench at the tip (couple, force), world axes.
     #[inline(always)]
-    pub fn new(m: &LegModel<F>, s: &mut LegState<F>, body: &BodyStep<F>, push: Spatial<F>) -> Self {
+    pub fn prepare(
+        &mut self,
+        m: &LegModel<F>,
+        s: &LegState<F>,
+        body: &BodyStep<F>,
+        push: Spatial<F>,
+    ) {
         let c = F::splat;
         let half = body.step * c(0.5);
         let quarter = half * half;
@@ -215,89 +250,65 @@ impl<F: Lane> LegStep<F> {
         let mut point = body.frame.apply(m.root);
         let mut velocity = body.velocity;
         let mut acceleration = body.bias;
-        let mut axis = [Spatial::zero(); 6];
-        let mut inertia = [RigidInertia::zero(); 3];
-        let mut bias = [Spatial::zero(); 3];
-        let mut frames = [frame; 3];
-        let mut points = [point; 4];
+        // The foot's velocity at the start of the step, for the contact law.
+        let mut start = body.start;
         for k in 0..3 {
             let (b, t) = (2 * k, 2 * k + 1);
-            points[k] = point;
+            self.point[k] = point;
             let [ct, st] = m.twist[k];
             frame = turn_y(&frame, ct, st);
-            axis[b] = Spatial::rotation_about(frame.column(0), point);
+            self.axis[b] = Spatial::rotation_about(frame.column(0), point);
             let (sb, cb) = sin_cos(s.angle[b] + half * s.speed[b]);
             frame = turn_x(&frame, cb, sb);
-            axis[t] = Spatial::rotation_about(frame.column(1), point);
+            self.axis[t] = Spatial::rotation_about(frame.column(1), point);
             let (st, ct) = sin_cos(s.angle[t] + half * s.speed[t]);
             frame = turn_y(&frame, ct, st);
             for j in [b, t] {
-                let spin = axis[j].scale(s.speed[j] + half * s.acceleration[j]);
+                let spin = self.axis[j].scale(s.speed[j] + half * s.acceleration[j]);
                 acceleration += velocity.cross_motion(spin);
                 velocity += spin;
+                start += self.axis[j].scale(s.speed[j]);
+                self.torque[j] = -(m.stiffness[j] * (s.angle[j] + half * s.speed[j]))
+                    - m.damping[j] * s.speed[j];
+                self.pivot[j] = half * m.damping[j] + quarter * m.stiffness[j];
             }
-            inertia[k] = if k < 2 {
+            let inertia = if k < 2 {
                 let center = point + frame.column(1).scale(m.segment * c(0.5));
                 RigidInertia::new(m.mass, center, Sym3::turned(&frame, m.inertia))
             } else {
                 let center = point + frame.apply(m.end_center);
                 RigidInertia::new(m.end_mass, center, m.end_inertia.rotated(&frame))
             };
-            bias[k] =
-                inertia[k].apply(acceleration) + velocity.cross_force(inertia[k].apply(velocity));
-            frames[k] = frame;
+            self.bias[k] =
+                inertia.apply(acceleration) + velocity.cross_force(inertia.apply(velocity));
+            self.inertia[k] = inertia;
+            self.frame[k] = frame;
             point += frame.column(1).scale(m.segment);
         }
-        points[3] = point;
-        bias[2] = bias[2] - Spatial::new(push.angular + point.cross(push.linear), push.linear);
-        let mut torque = [c(0.0); 6];
-        let mut pivot = [c(0.0); 6];
-        // The foot's velocity at the start of the step, for the contact law.
-        let mut start = body.start;
-        for j in 0..6 {
-            torque[j] =
-                -(m.stiffness[j] * (s.angle[j] + half * s.speed[j])) - m.damping[j] * s.speed[j];
-            pivot[j] = half * m.damping[j] + quarter * m.stiffness[j];
-            start += axis[j].scale(s.speed[j]);
-        }
-        let mut leg = LegStep {
-            axis,
-            inertia,
-            bias,
-            velocity: start,
-            frame: frames,
-            point: points,
-            torque,
-            pivot,
-            corner: [Corner {
-                at: Vec3::zero(),
-                weight: c(0.0),
-                normal: c(0.0),
-                tangent: [c(0.0); FRICTIONS],
-                slide: [c(0.0); 2],
-                load: c(0.0),
-            }; CORNERS],
-            touching: false,
-            half,
-            lead: c(1.0) + m.foot.damping * half + m.foot.stiffness * quarter,
-            contact: Articulated::zero(),
-            contact_bias: Spatial::zero(),
-            reach: [Spatial::zero(); 6],
-            share: [Spatial::zero(); 6],
-            drive: [c(0.0); 6],
-        };
+        self.point[3] = point;
+        self.bias[2] =
+            self.bias[2] - Spatial::new(push.angular + point.cross(push.linear), push.linear);
+        self.velocity = start;
+        self.half = half;
+        self.lead = c(1.0) + m.foot.damping * half + m.foot.stiffness * quarter;
+        self.touching = false;
+        self.contact = Articulated::zero();
+        self.contact_bias = Spatial::zero();
         if body.floor {
-            leg.touch(m, s, body.height);
+            self.touch(m, s, body.height);
+        } else {
+            for corner in &mut self.corner {
+                corner.load = c(0.0);
+            }
         }
-        leg
     }
 
     /// Finds the corners below the floor and their known terms.
     #[inline(always)]
-    fn touch(&mut self, m: &LegModel<F>, s: &mut LegState<F>, height: F) {
+    fn touch(&mut self, m: &LegModel<F>, s: &LegState<F>, height: F) {
         let c = F::splat;
         let o = c(0.0);
-        let frame = &self.frame[2];
+        let frame = self.frame[2];
         let center = self.point[2] + frame.apply(m.foot_center);
         let x = frame.apply(m.foot_half.column(0));
         let y = frame.apply(m.foot_half.column(1));
@@ -441,7 +452,6 @@ impl<F: Lane> LegStep<F> {
             let drive = self.torque[j] - axis.dot(bias);
             inertia = inertia.without(reach, share);
             bias += share.scale(drive);
-            self.reach[j] = reach;
             self.share[j] = share;
             self.drive[j] = drive * inverse;
             if j == 4 || j == 2 {
@@ -543,10 +553,7 @@ impl<F: Lane> LegStep<F> {
             let p = &self.corner[j];
             let a = x.linear + x.angular.cross(p.at);
             let w = x.angular.0;
-            let v = [
-                p.slide[0] + self.half * a.0[0],
-                p.slide[1] + self.half * a.0[1],
-            ];
+            let v = [p.slide[0] + self.half * a.0[0], p.slide[1] + self.half * a.0[1]];
             let square = v[0] * v[0] + v[1] * v[1];
             let standing = c(REST_TIME) - s.rest[j];
             let limit = standing.negative_then(c(SLIDE_SPEED), c(REST_SPEED));

@@ -125,8 +125,27 @@ pub struct LegView {
 pub struct Plant {
     constants: Constants<f64, Quad, 1>,
     state: State<f64, Quad, 1>,
+    /// Working memory of a step.
+    scratch: [LegStep<Quad>; 1],
+    arch: pulp::Arch,
     drive: Drive,
     time: f64,
+}
+
+/// A step, compiled once for every vector unit that the machine may have.
+struct Step<'a> {
+    plant: &'a mut Plant,
+    torque: [f64; 2],
+    step: f64,
+}
+
+impl pulp::NullaryFnOnce for Step<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn call(self) {
+        let p = self.plant;
+        advance(&p.constants, &mut p.state, &mut p.scratch, self.torque, self.step);
+    }
 }
 
 impl Plant {
@@ -155,7 +174,14 @@ impl Plant {
             floor: plain.floor,
             ideal: false,
         };
-        Ok(Plant { constants, state: build::state(model), drive: Drive::Torque, time: 0.0 })
+        Ok(Plant {
+            constants,
+            state: build::state(model),
+            scratch: [LegStep::blank()],
+            arch: pulp::Arch::new(),
+            drive: Drive::Torque,
+            time: 0.0,
+        })
     }
 
     /// Chooses what turns the rotors. An ideal drive puts them at once where `theta` says, at speed; the
@@ -335,7 +361,9 @@ impl Plant {
             step: 0.0,
             floor: false,
         };
-        LegStep::new(model, &mut state.clone(), &body, Spatial::zero())
+        let mut step = LegStep::blank();
+        step.prepare(model, state, &body, Spatial::zero());
+        step
     }
 
     /// Everything that moves, about the body's origin in world axes, with the velocity of each part.
@@ -421,7 +449,8 @@ fn columns(m: &Mat3<f64>) -> [[f64; 3]; 3] {
 
 impl Mechanics for Plant {
     fn step(&mut self, motor_torque: [f64; 2], dt: f64) -> Result<(), Diverged> {
-        advance(&self.constants, &mut self.state, motor_torque, dt);
+        let arch = self.arch;
+        arch.dispatch(Step { plant: self, torque: motor_torque, step: dt });
         self.time += dt;
         match self.diverged() {
             None => Ok(()),

@@ -147,6 +147,7 @@ impl<B: Lane> Rotor<B> {
 pub fn advance<B, L, const G: usize>(
     c: &Constants<B, L, G>,
     s: &mut State<B, L, G>,
+    steps: &mut [LegStep<L>; G],
     torque: [B; 2],
     h: B,
 ) where
@@ -192,7 +193,7 @@ pub fn advance<B, L, const G: usize>(
 
     let x = match &c.legs {
         None => base_acceleration(&c.base, &matrix, rest, old, h),
-        Some(legs) => advance_legs(c, s, legs, &body, &matrix, rest, h),
+        Some(legs) => advance_legs(c, s, steps, legs, &body, &matrix, rest, h),
     };
 
     let mut shaker = Spatial::zero();
@@ -232,6 +233,7 @@ pub fn advance<B, L, const G: usize>(
 fn advance_legs<B, L, const G: usize>(
     c: &Constants<B, L, G>,
     s: &mut State<B, L, G>,
+    steps: &mut [LegStep<L>; G],
     legs: &[LegModel<L>; G],
     body: &BodyStep<B>,
     matrix: &Articulated<B>,
@@ -252,8 +254,9 @@ where
         step: h.spread(),
         floor: body.floor,
     };
-    let mut steps: [LegStep<L>; G] =
-        core::array::from_fn(|g| LegStep::new(&legs[g], &mut s.legs[g], &seen, s.tip_push[g]));
+    for g in 0..G {
+        steps[g].prepare(&legs[g], &s.legs[g], &seen, s.tip_push[g]);
+    }
     let mut round = 0;
     loop {
         let mut inertia = [Articulated::zero(); G];
