@@ -3,6 +3,7 @@
 
 pub mod channel;
 pub mod model;
+pub mod mujoco;
 pub mod operation;
 pub mod plant;
 pub mod robot;

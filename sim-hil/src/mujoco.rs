@@ -26,7 +26,9 @@ pub fn mjcf(model: &RobotModel, step: f64) -> String {
     line(
         &mut out,
         2,
-        &format!("<geom name=\"floor\" type=\"plane\" pos=\"0 0 {floor}\" size=\"5 5 0.1\" contype=\"1\" conaffinity=\"0\"/>"),
+        &format!(
+            "<geom name=\"floor\" type=\"plane\" pos=\"0 0 {floor}\" size=\"5 5 0.1\" contype=\"1\" conaffinity=\"0\"/>"
+        ),
     );
     body(&mut out, model);
     line(&mut out, 1, "</worldbody>");
@@ -89,11 +91,7 @@ fn shown(out: &mut String, depth: usize, size: [f64; 3], at: [f64; 3], color: &s
 /// The body, its fixed parts as bodies without joints, rotors and legs.
 fn body(out: &mut String, model: &RobotModel) {
     let mm = |v: f64| 1e-3 * v;
-    line(
-        out,
-        2,
-        &format!("<body name=\"body\" pos=\"0 0 {}\">", model.standing_height()),
-    );
+    line(out, 2, &format!("<body name=\"body\" pos=\"0 0 {}\">", model.standing_height()));
     match model.base {
         Base::Fixed => {}
         Base::Planar { damping_n_s_m, yaw_damping_n_m_s } => {
@@ -105,7 +103,9 @@ fn body(out: &mut String, model: &RobotModel) {
                 line(
                     out,
                     3,
-                    &format!("<joint name=\"{name}\" type=\"{kind}\" axis=\"{axis}\" damping=\"{damping}\"/>"),
+                    &format!(
+                        "<joint name=\"{name}\" type=\"{kind}\" axis=\"{axis}\" damping=\"{damping}\"/>"
+                    ),
                 );
             }
         }
@@ -240,11 +240,8 @@ fn foot(out: &mut String, model: &RobotModel, legs: &Legs, index: usize, segment
         FootAxis::Along => (sx * shift, 0.0),
     };
     let height = 1e-3 * foot.height_mm;
-    let at = [
-        dx * body_x[0] + dy * body_y[0],
-        segment + 0.5 * height,
-        dx * body_x[2] + dy * body_y[2],
-    ];
+    let at =
+        [dx * body_x[0] + dy * body_y[0], segment + 0.5 * height, dx * body_x[2] + dy * body_y[2]];
     let (long, wide) = foot.size_xy_mm();
     let size = [1e-3 * long, 1e-3 * wide, height];
     let mass = 1e-3 * foot.mass_g;
