@@ -22,7 +22,7 @@ use crate::control::{Alignment, Configuration};
 use crate::encoder::Tracker;
 use crate::fixed::{magnitude, multiply_high};
 use crate::foc::modulation::Bus;
-use crate::foc::transform::{Direction, Stator, inverse_clarke, park};
+use crate::foc::transform::{Direction, Stator, clarke, inverse_clarke, park};
 use crate::hardware::{Bridge, Turn};
 
 /// Ticks over which the current zero is averaged: 0.1 s.
@@ -43,8 +43,8 @@ const WINDOW_BEGIN: u32 = GATHER_TICKS + LEAD_TICKS;
 const WINDOW_END: u32 = WINDOW_BEGIN + TURN_TICKS;
 /// and one way is over here.
 const WAY_TICKS: u32 = WINDOW_END + LEAD_TICKS + GATHER_TICKS;
-/// Ticks of the check's quarter electrical turn: 0.15 s.
-const CHECK_TICKS: u32 = 1_500;
+/// Ticks of the check's quarter electrical turn, and again to swing out: 0.1 s each.
+const CHECK_TICKS: u32 = 1_000;
 /// Ticks that the rotor may take to come to rest beforehand: 2 s.
 const REST_TICKS: u32 = 20_000;
 /// Ticks that both rotors must have been slow to count as at rest: 50 ms.
@@ -231,6 +231,9 @@ impl Aligner {
         }
         let swung_out = if self.full { 2 * RAMP_TICKS } else { RAMP_TICKS };
         if self.tick >= swung_out {
+            if !self.full && !self.follows(configuration, observation) {
+                return Progress::Failed(Fault::Alignment);
+            }
             self.enter(if self.full { Stage::Forward } else { Stage::Check });
         }
         Progress::Busy
@@ -338,24 +341,31 @@ impl Aligner {
         if self.tick < 2 * CHECK_TICKS {
             return Progress::Busy;
         }
-        for (index, motor) in self.motors.iter().enumerate() {
-            let angle = observation.trackers[index % 2].angle();
-            let field = motor.electrical(configuration, self.field);
-            let rotor = configuration.electrical_angle(index, angle);
-            if magnitude(field.wrapping_sub(rotor) as i32) > CHECK_TOLERANCE {
-                return Progress::Failed(Fault::Alignment);
-            }
-            if let Some(counts) = observation.counts {
-                let [a, b] = centred(counts[index % 2], self.zeros[index % 2]);
-                let current = park(crate::foc::transform::clarke(a, b), Direction::new(field));
-                let along = if motor.result.current_inverted { -current.d } else { current.d };
-                let expected = configuration.alignment_counts;
-                if along < expected / 2 || along > expected.saturating_mul(2) {
-                    return Progress::Failed(Fault::CurrentSense);
-                }
+        if !self.follows(configuration, observation) {
+            return Progress::Failed(Fault::Alignment);
+        }
+        let Some(counts) = observation.counts else { return Progress::Done };
+        for ((motor, counts), zeros) in self.motors.iter().zip(counts).zip(self.zeros) {
+            let [a, b] = centred(counts, zeros);
+            let field = Direction::new(motor.electrical(configuration, self.field));
+            let current = park(clarke(a, b), field);
+            let along = if motor.result.current_inverted { -current.d } else { current.d };
+            let expected = configuration.alignment_counts;
+            if along < expected / 2 || along > expected.saturating_mul(2) {
+                return Progress::Failed(Fault::CurrentSense);
             }
         }
         Progress::Done
+    }
+
+    /// Whether both rotors stand where the field is, as far as what is remembered tells.
+    fn follows(&self, configuration: &Configuration, observation: &Observation<'_>) -> bool {
+        self.motors.iter().enumerate().all(|(index, motor)| {
+            let angle = observation.trackers[index % 2].angle();
+            let field = motor.electrical(configuration, self.field);
+            let rotor = configuration.electrical_angle(index, angle);
+            magnitude(field.wrapping_sub(rotor) as i32) <= CHECK_TOLERANCE
+        })
     }
 
     /// The field as duties.

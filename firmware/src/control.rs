@@ -210,8 +210,12 @@ const OVER_CURRENT_TICKS: u32 = 2;
 const UNDER_VOLTAGE_TICKS: u32 = 200;
 /// Ticks for which the bus must be too high: 3.2 ms.
 const OVER_VOLTAGE_TICKS: u32 = 32;
-/// Ticks at more than nine tenths of the current without movement: 0.2 s.
+/// Ticks at the current limit without movement: 0.2 s.
 const STALL_TICKS: u32 = 2_000;
+/// Ticks without movement while f goes on: 20 ms.
+const BLOCKED_TICKS: u32 = 200;
+/// f goes on from here: 5 Hz.
+const GOING_ON: Speed = hertz(500);
 /// Slower than this is no movement: 1 Hz.
 const STALLED: Speed = hertz(100);
 /// Twice theta may be off by this much: 15 degrees of theta.
@@ -265,6 +269,7 @@ struct Suspicions {
     under_voltage: Suspicion,
     over_voltage: Suspicion,
     stall: [Suspicion; 2],
+    blocked: [Suspicion; 2],
     unlocked: Suspicion,
     droop: Suspicion,
     residual: Suspicion,
@@ -563,9 +568,13 @@ impl Control {
     fn shaking_faults(&mut self, mut faults: Faults, order: &Order) -> Faults {
         let suspicions = &mut self.suspicions;
         let pressed = self.shaker.limited();
-        for (tracker, stall) in self.trackers.iter().zip(&mut suspicions.stall) {
-            let stalled = pressed && magnitude(tracker.speed()) < STALLED;
-            if stall.count(stalled, STALL_TICKS / SURVEY_TICKS) {
+        let going_on = magnitude(self.shaker.frequency()) > GOING_ON;
+        let counts = suspicions.stall.iter_mut().zip(&mut suspicions.blocked);
+        for (tracker, (stall, blocked)) in self.trackers.iter().zip(counts) {
+            let still = magnitude(tracker.speed()) < STALLED;
+            if stall.count(still && pressed, STALL_TICKS / SURVEY_TICKS)
+                | blocked.count(still && going_on, BLOCKED_TICKS / SURVEY_TICKS)
+            {
                 faults = faults.with(Fault::Stall);
             }
         }

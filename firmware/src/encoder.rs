@@ -10,11 +10,12 @@
 //! speed  = speed + (w T)^2 n error     n: ticks since the reading before
 //! ```
 //!
-//! It follows a steady speed without error, and predicts where no reading came. All arithmetic
+//! A reading that stays the same while the rotor turns quickly is not believed either: the encoder is
+//! stuck. The loop follows a steady speed without error, and predicts where no reading came. All arithmetic
 //! wraps with the turn.
 
 use crate::control::Speed;
-use crate::fixed::{multiply_high, within};
+use crate::fixed::{magnitude, multiply_high, within};
 use crate::foc::transform::Direction;
 use crate::hardware::{Encoder, EncoderReading, TICK_RATE_HZ, Turn};
 
@@ -24,6 +25,9 @@ pub(crate) const TABLE_LENGTH: usize = 64;
 /// A reading further from the prediction is not believed, 2^-32 turn: 1/32 turn. The largest torque
 /// moves a rotor by a hundredth of it before the loop follows.
 const PLAUSIBLE: i32 = 1 << 27;
+/// From this speed on, two readings in a row are never the same unless the encoder is stuck: 10 Hz are
+/// four steps of a 12-bit encoder a tick.
+const MOVING: i32 = (10 * (1 << 32_u64) / TICK_RATE_HZ as u64) as i32;
 /// Ticks without a believable reading after which the encoder is lost: 3 ms.
 pub const LOST_AFTER_TICKS: u16 = 30;
 /// Ticks after a first reading in which every reading is believed: 20 ms.
@@ -95,6 +99,7 @@ impl EncoderModel {
 pub struct Tracker {
     angle: Turn,
     speed: Speed,
+    last_reading: Turn,
     silence: u16,
     settling: u16,
 }
@@ -103,7 +108,7 @@ impl Tracker {
     /// Knows nothing yet.
     #[must_use]
     pub const fn new() -> Self {
-        Self { angle: 0, speed: 0, silence: LOST_AFTER_TICKS, settling: 0 }
+        Self { angle: 0, speed: 0, last_reading: 0, silence: LOST_AFTER_TICKS, settling: 0 }
     }
 
     /// Angle of the rotor at the last tick, clockwise from forward.
@@ -168,12 +173,21 @@ impl Tracker {
         let uncorrected = model.uncorrected(reading.angle);
         let sampled = uncorrected.wrapping_sub(model.correction(uncorrected) as u32);
         if self.lost() {
-            *self = Self { angle: sampled, speed: 0, silence: 0, settling: SETTLING_TICKS };
+            *self = Self {
+                angle: sampled,
+                speed: 0,
+                last_reading: reading.angle,
+                silence: 0,
+                settling: SETTLING_TICKS,
+            };
             return;
         }
         let measured = sampled.wrapping_add(self.travel(model, reading.age_us) as u32);
         let error = measured.wrapping_sub(self.angle) as i32;
-        if self.settling == 0 && within(error, PLAUSIBLE) != error {
+        let repeated = reading.angle == self.last_reading && magnitude(self.speed) > MOVING;
+        self.last_reading = reading.angle;
+        if repeated || (self.settling == 0 && within(error, PLAUSIBLE) != error) {
+            core::hint::cold_path();
             self.miss();
             return;
         }

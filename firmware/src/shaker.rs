@@ -57,6 +57,10 @@ const LARGEST_SPEED_ERROR: i32 = 1 << 23;
 const LARGEST_LESSON: i32 = 1 << 25;
 /// The phase reference waits for rotors that lag by more than this: 1/8 turn of the difference.
 const LARGEST_LAG: i32 = 1 << 29;
+/// With the voltage at its limit and twice theta off by more than this, f gives way: 3 degrees.
+const THETA_SUFFERS: i32 = (3 * (1 << 32_u64) / 360_u64) as i32;
+/// It gives way by 2^-10 of itself in each update: 85 Hz/s from 35 Hz.
+const GIVING_WAY_SHIFT: u32 = 10;
 /// Below this f nothing periodic is learnt: 5 Hz.
 const SLOWEST_LESSON: Speed = hertz(5);
 /// f to which the second harmonic of the difference is normalised: 35 Hz.
@@ -326,8 +330,10 @@ impl Shaker {
         target: &Target,
         voltage_limited: bool,
     ) -> [i32; 2] {
-        self.limited |= voltage_limited;
         self.follow_headroom();
+        if voltage_limited {
+            self.give_way();
+        }
         let acceleration_difference = self.ramp_frequency(model, target.frequency);
         let acceleration_sum = self.ramp_direction(model, target.direction);
         if self.countdown == 0 {
@@ -358,8 +364,8 @@ impl Shaker {
         let bound = model.largest_acceleration;
         let sum = within(u_sum, bound - (bound >> 2));
         let difference = within(u_difference, bound - magnitude(sum));
-        self.limited = sum != u_sum || difference != u_difference;
-        if !self.limited && !voltage_limited {
+        self.limited = voltage_limited | (sum != u_sum) | (difference != u_difference);
+        if !self.limited {
             self.learn(model, first, second);
         }
         let [top_gain, bottom_gain] = model.current_per_acceleration;
@@ -369,7 +375,7 @@ impl Shaker {
         ]
     }
 
-    /// Ramps give way when the motors are at their limits: the headroom falls within a
+    /// Ramps upwards give way when the motors are at their limits: the headroom falls within a
     /// millisecond and comes back within 50.
     #[inline(always)]
     fn follow_headroom(&mut self) {
@@ -377,6 +383,15 @@ impl Shaker {
             self.headroom -= self.headroom >> 2;
         } else {
             self.headroom += (FULL_HEADROOM - self.headroom) >> 5;
+        }
+    }
+
+    /// A battery too flat for this f costs theta first, since the motors differ: f gives way until
+    /// theta is right again.
+    #[cold]
+    fn give_way(&mut self) {
+        if magnitude(self.sum_error) > THETA_SUFFERS {
+            self.frequency -= self.frequency >> GIVING_WAY_SHIFT;
         }
     }
 
@@ -388,7 +403,10 @@ impl Shaker {
             self.frequency = target;
             self.frequency_slope = 0;
         } else {
-            let steepest = (model.frequency_ramp * self.headroom) >> 15;
+            // Slowing down takes less voltage than going on: it needs no headroom.
+            let slows = (gap ^ self.frequency) < 0;
+            let headroom = if slows { FULL_HEADROOM } else { self.headroom };
+            let steepest = (model.frequency_ramp * headroom) >> 15;
             let slope = within(multiply_high(gap, per_second(FREQUENCY_APPROACH)), steepest);
             let change = slope - self.frequency_slope;
             self.frequency_slope += within(change, model.frequency_ramp / SLOPE_UPDATES);

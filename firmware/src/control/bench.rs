@@ -39,7 +39,8 @@ pub(crate) struct Motor {
     /// Rad, electrical.
     pub(crate) offset: f64,
     pub(crate) reversed: bool,
-    pub(crate) open: Option<usize>,
+    /// Phase A's wire is broken.
+    pub(crate) open: bool,
     /// Amplitude and phase of the first and second harmonic, rad.
     pub(crate) eccentricity: [(f64, f64); 2],
     pub(crate) encoder_alive: bool,
@@ -63,7 +64,7 @@ impl Motor {
             cogging: 0.8e-3,
             offset: 1.0,
             reversed: false,
-            open: None,
+            open: false,
             eccentricity: [(0.012, 0.7), (0.004, 2.0)],
             encoder_alive: true,
             encoder_stuck: None,
@@ -111,7 +112,7 @@ impl Motor {
                     let drop = voltage[axis] - emf[axis] - self.resistance * self.current[axis];
                     self.current[axis] += drop / self.inductance * dt;
                 }
-                if self.open == Some(0) {
+                if self.open {
                     self.current[0] = 0.0;
                 }
             }
@@ -133,6 +134,10 @@ pub(crate) struct Bench {
     pub(crate) encoder_age_us: u16,
     pub(crate) encoder_every: u64,
     pub(crate) keep_alive: bool,
+    /// Counts added to what both motors' phase A shows.
+    pub(crate) sense_offset: i16,
+    /// What the amplifiers show instead, all four.
+    pub(crate) sense_dead: Option<i16>,
     pub(crate) last: Actuation,
     base_damping: f64,
     base: [f64; 2],
@@ -161,6 +166,8 @@ impl Bench {
             encoder_age_us: 40,
             encoder_every: 1,
             keep_alive: true,
+            sense_offset: 0,
+            sense_dead: None,
             last: Actuation::OFF,
             base_damping: 2.0,
             base: [0.0; 2],
@@ -205,6 +212,10 @@ impl Bench {
             for phase in 0..2 {
                 let noise = self.noise(0.005);
                 counts[index][phase] = (2060.0 + (phases[phase] + noise) / 1.611e-3).round() as i16;
+            }
+            counts[index][0] += self.sense_offset;
+            if let Some(dead) = self.sense_dead {
+                counts[index] = [dead; 2];
             }
         }
         Sensors {

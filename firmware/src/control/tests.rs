@@ -1,8 +1,9 @@
 //! What the fast half promises, on the bench.
 
+use crate::control::Parameters;
 use crate::control::bench::{Bench, HARDWARE, parameters};
 use crate::hardware::Bridge;
-use flix_protocol::message::{Fault, State};
+use flix_protocol::message::{Fault, Faults, State};
 
 const FREE: Option<f64> = Some(0.35);
 const PAIRS: [(f32, f32); 6] =
@@ -157,4 +158,247 @@ fn a_dead_encoder_is_named_and_nothing_spins() {
     bench.order.arm += 1;
     bench.until(State::Faulted);
     assert_eq!(bench.control.report().first_fault, Some(Fault::EncoderLost));
+}
+
+/// Lets something go wrong at 35 Hz and checks the promise of every fault: named, latched, rotors
+/// at rest within 0.6 s of being knowable, current below its limit.
+fn goes_wrong(expected: Fault, knowable_s: f64, break_it: impl Fn(&mut Bench)) -> Bench {
+    let mut bench = running(FREE, 35.0, 30.0);
+    bench.peak_current = 0.0;
+    break_it(&mut bench);
+    bench.run(knowable_s + 0.6);
+    let report = bench.control.report();
+    assert_eq!(report.first_fault, Some(expected), "{}", report.faults);
+    assert_eq!(report.state, State::Faulted);
+    assert!(bench.fastest() < 0.5, "still at {} Hz", bench.fastest());
+    assert!(bench.peak_current < 2.0, "{} A", bench.peak_current);
+    bench.order.arm += 1;
+    bench.run(0.1);
+    assert_eq!(bench.state(), State::Faulted, "latched");
+    bench
+}
+
+#[test]
+fn a_stuck_encoder_is_a_lost_one() {
+    goes_wrong(Fault::EncoderLost, 0.01, |bench| bench.motors[1].encoder_stuck = Some(123 << 20));
+}
+
+#[test]
+fn an_empty_battery_ramps_down_phase_locked() {
+    let mut bench = running(FREE, 35.0, 30.0);
+    bench.bus = 8.9;
+    for _ in 0..5_500 {
+        bench.tick();
+        let locked = bench.direction_error(30.0).abs() < 5.0;
+        assert!(locked || bench.frequency().abs() < 3.0, "{}", bench.direction_error(30.0));
+    }
+    assert_eq!(bench.control.report().first_fault, Some(Fault::UnderVoltage));
+    assert!(bench.fastest() < 0.5);
+}
+
+#[test]
+fn a_bus_above_its_limit_is_over_voltage() {
+    goes_wrong(Fault::OverVoltage, 0.02, |bench| bench.bus = 15.0);
+}
+
+#[test]
+fn a_blocked_rotor_stalls_or_loses_its_lock() {
+    let mut bench = running(FREE, 30.0, 0.0);
+    bench.motors[0].blocked = true;
+    bench.run(1.0);
+    let first = bench.control.report().first_fault;
+    assert!(matches!(first, Some(Fault::Stall | Fault::PhaseLockLost)), "{first:?}");
+    assert!(bench.fastest() < 0.5);
+    assert!(bench.peak_current < 2.0, "{} A", bench.peak_current);
+}
+
+#[test]
+fn a_rotor_blocked_from_the_start_is_a_stall() {
+    let mut bench = armed(FREE);
+    bench.motors[0].blocked = true;
+    bench.command(20.0, 0.0);
+    bench.run(1.0);
+    let first = bench.control.report().first_fault;
+    assert!(matches!(first, Some(Fault::Stall | Fault::PhaseLockLost)), "{first:?}");
+}
+
+#[test]
+fn dead_current_amplifiers_are_a_fault() {
+    let mut bench = running(FREE, 35.0, 30.0);
+    bench.sense_dead = Some(2060);
+    bench.run(0.7);
+    let first = bench.control.report().first_fault;
+    assert_eq!(first, Some(Fault::CurrentSense));
+    assert!(bench.fastest() < 0.5);
+}
+
+#[test]
+fn amplifiers_at_their_stop_are_an_over_current() {
+    let bench = goes_wrong(Fault::OverCurrent, 0.001, |bench| bench.sense_dead = Some(4095));
+    assert!(bench.now_us > 0);
+}
+
+#[test]
+fn a_loop_that_stands_still_is_an_overrun() {
+    goes_wrong(Fault::LoopOverrun, 0.001, |bench| bench.now_us += 5_000);
+}
+
+#[test]
+fn a_single_late_tick_is_forgiven() {
+    let mut bench = running(FREE, 30.0, 30.0);
+    for _ in 0..20 {
+        bench.now_us += 100;
+        bench.run(0.02);
+    }
+    let report = bench.control.report();
+    assert_eq!((report.state, report.timing.overruns), (State::Running, 20));
+}
+
+#[test]
+fn an_open_phase_is_named_in_alignment_and_nothing_spins() {
+    let mut bench = Bench::new(FREE);
+    bench.motors[0].open = true;
+    bench.run(0.05);
+    bench.order.arm += 1;
+    bench.until(State::Faulted);
+    let first = bench.control.report().first_fault;
+    assert!(matches!(first, Some(Fault::Alignment | Fault::CurrentSense)), "{first:?}");
+    assert!(bench.fastest() < 3.0);
+}
+
+#[test]
+fn a_missing_magnet_is_named_in_alignment() {
+    let mut bench = Bench::new(FREE);
+    bench.motors[1].encoder_stuck = Some(77 << 20);
+    bench.run(0.05);
+    bench.order.arm += 1;
+    bench.until(State::Faulted);
+    assert_eq!(bench.control.report().first_fault, Some(Fault::Alignment));
+}
+
+#[test]
+fn a_current_zero_far_off_is_named_in_alignment() {
+    let mut bench = Bench::new(FREE);
+    bench.sense_offset = 600;
+    bench.run(0.05);
+    bench.order.arm += 1;
+    bench.until(State::Faulted);
+    assert_eq!(bench.control.report().first_fault, Some(Fault::CurrentSense));
+}
+
+#[test]
+fn a_remembered_alignment_is_checked_and_arms_in_half_a_second() {
+    let mut first = armed(FREE);
+    let found = first.control.report().alignment;
+    let mut remembered = parameters(|_| {});
+    for (motor, found) in remembered.motors.iter_mut().zip(found) {
+        motor.alignment = found.into();
+    }
+    let mut bench = Bench::with(FREE, remembered, HARDWARE);
+    bench.run(0.05);
+    bench.order.arm += 1;
+    bench.run(0.6);
+    assert_eq!(bench.state(), State::Armed);
+    bench.command(30.0, 30.0);
+    bench.run(0.5);
+    let held = bench.hold(30.0, 30.0, 0.5);
+    assert!(held.frequency < 0.01 && held.direction < 0.15, "{held:?}");
+    // The same memory on a motor whose wires were swapped since.
+    first = Bench::with(FREE, remembered, HARDWARE);
+    first.motors[1].reversed = true;
+    first.run(0.05);
+    first.order.arm += 1;
+    first.until(State::Faulted);
+    assert_eq!(first.control.report().first_fault, Some(Fault::Alignment));
+}
+
+#[test]
+fn a_cleared_fault_arms_again() {
+    let mut bench = goes_wrong(Fault::LoopOverrun, 0.001, |bench| bench.now_us += 5_000);
+    bench.run(0.5);
+    bench.order.clear += 1;
+    bench.run(0.01);
+    assert_eq!(bench.state(), State::Disarmed);
+    bench.order.arm += 1;
+    bench.until(State::Armed);
+}
+
+#[test]
+fn a_fault_whose_cause_stays_is_not_cleared() {
+    let mut bench = goes_wrong(Fault::OverVoltage, 0.02, |bench| bench.bus = 15.0);
+    bench.run(0.5);
+    bench.order.clear += 1;
+    bench.run(0.01);
+    assert_eq!(bench.control.report().first_fault, Some(Fault::OverVoltage));
+    bench.bus = 12.0;
+    bench.run(0.1);
+    bench.order.clear += 1;
+    bench.run(0.01);
+    assert_eq!(bench.state(), State::Disarmed);
+}
+
+/// The state in the tick that falls on this age of the last command.
+fn silent_for(bench: &mut Bench, microseconds: u64) -> (State, bool) {
+    let heard = bench.order.heard.as_micros();
+    while bench.now_us <= heard + microseconds {
+        bench.tick();
+    }
+    let report = bench.control.report();
+    (report.state, report.link_late)
+}
+
+#[test]
+fn the_ladder_warns_ramps_and_disarms_to_the_tick() {
+    let mut bench = running(FREE, 30.0, 30.0);
+    bench.keep_alive = false;
+    assert_eq!(silent_for(&mut bench, 99_900), (State::Running, false));
+    assert_eq!(silent_for(&mut bench, 100_000), (State::Running, true));
+    assert_eq!(silent_for(&mut bench, 249_900), (State::Running, true));
+    assert_eq!(silent_for(&mut bench, 250_000), (State::Stopping, true));
+    assert_eq!(silent_for(&mut bench, 999_900), (State::Armed, true));
+    assert!(bench.fastest() < 0.5);
+    let (state, _) = silent_for(&mut bench, 1_000_100);
+    assert!(matches!(state, State::Stopping | State::Disarmed), "{state}");
+    assert_eq!(silent_for(&mut bench, 1_100_000), (State::Disarmed, false));
+    let events = bench.control.report().events;
+    assert_eq!((events.link_late, events.command_deadline, events.link_lost), (1, 1, 1));
+}
+
+#[test]
+fn commands_that_come_back_before_the_disarm_go_on() {
+    let mut bench = running(FREE, 30.0, 30.0);
+    bench.keep_alive = false;
+    bench.run(0.3);
+    assert_eq!(bench.state(), State::Stopping);
+    bench.keep_alive = true;
+    bench.run(0.5);
+    assert_eq!(bench.state(), State::Running);
+    assert!((bench.frequency() - 30.0).abs() < 0.2);
+}
+
+#[test]
+fn rests_after_arming_until_the_first_setpoint() {
+    let mut bench = Bench::new(FREE);
+    bench.command(30.0, 0.0);
+    bench.arm();
+    bench.run(0.3);
+    assert_eq!(bench.state(), State::Armed, "a setpoint from before arming moves nothing");
+    assert!(bench.fastest() < 0.5);
+}
+
+#[test]
+fn a_battery_too_flat_for_f_costs_f_and_not_theta() {
+    let weak = Parameters { under_voltage: 6.0, ..parameters(|_| {}) };
+    let mut bench = Bench::with(FREE, weak, HARDWARE);
+    bench.arm();
+    bench.bus = 8.0;
+    bench.command(35.0, 30.0);
+    bench.run(0.6);
+    let held = bench.hold(35.0, 30.0, 0.3);
+    assert!(held.direction < 3.0 && held.frequency > 0.5, "{held:?}");
+    assert_eq!(bench.control.report().faults, Faults::NONE);
+    bench.bus = 12.0;
+    bench.run(0.5);
+    let held = bench.hold(35.0, 30.0, 0.3);
+    assert!(held.frequency < 0.01 && held.direction < 0.15, "{held:?}");
 }
