@@ -63,8 +63,8 @@ const THETA_SUFFERS: i32 = (3 * (1 << 32_u64) / 360_u64) as i32;
 const GIVING_WAY_SHIFT: u32 = 10;
 /// Below this f nothing periodic is learnt: 5 Hz.
 const SLOWEST_LESSON: Speed = hertz(5);
-/// f to which the second harmonic of the difference is normalised: 35 Hz.
-const NORMAL_FREQUENCY: i64 = hertz(35) as i64;
+/// One over the f to which the second harmonic of the difference is normalised: 2^40 / 35 Hz.
+const INVERSE_NORMAL_FREQUENCY: i32 = ((1_u64 << 40) / hertz(35) as u64) as i32;
 /// Largest integral, 2^-48 turn per tick^2.
 const LARGEST_INTEGRAL: i32 = i32::MAX >> 1;
 /// Largest acceleration of a coordinate, 2^-40 turn per tick^2: 12 times what two amperes give.
@@ -491,7 +491,7 @@ impl Shaker {
         self.inverse_responses =
             [1, 2].map(|harmonic| InverseResponse::new(model, self.frequency, harmonic));
         // f / 35 Hz in 2^-14.
-        let ratio = (i64::from(self.frequency) * (1 << 14) / NORMAL_FREQUENCY) as i32;
+        let ratio = multiply_high(self.frequency.wrapping_shl(6), INVERSE_NORMAL_FREQUENCY);
         let square = ratio.wrapping_mul(ratio);
         self.square = square >> 2;
         self.inverse_square = if magnitude(self.frequency) < SLOWEST_LESSON {

@@ -245,7 +245,8 @@ impl Supervisor {
     }
 
     fn arm(&mut self, now: Instant, order: &Order) {
-        let heard = now.since(order.heard).as_micros() < u128::from(LINK_LATE_US);
+        let silence = now.as_micros().saturating_sub(order.heard.as_micros());
+        let heard = silence < LINK_LATE_US;
         if self.state == State::Disarmed && !self.stopped && heard {
             self.armed_at_setpoint = order.setpoints;
             self.enter(State::Aligning);
