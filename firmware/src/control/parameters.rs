@@ -8,6 +8,7 @@ use crate::encoder::{EncoderModel, TABLE_LENGTH};
 use crate::fixed::{magnitude, scaled};
 use crate::foc::current::Model;
 use crate::hardware::{Hardware, TICK_RATE_HZ, Turn};
+use crate::settings::Settings;
 use crate::shaker::{LARGEST_ACCELERATION, ShakerModel};
 
 /// What alignment found out about one motor, in the units of settings.
@@ -24,17 +25,6 @@ pub struct AlignmentParameters {
     /// Error of the encoder, mechanical degrees: cosine and sine of the first, then of the second
     /// harmonic of the rotor angle.
     pub eccentricity_deg: [f32; 4],
-}
-
-impl AlignmentParameters {
-    /// Not aligned yet.
-    pub const UNKNOWN: Self = Self {
-        known: false,
-        electrical_offset_deg: 0.0,
-        reversed: false,
-        current_inverted: false,
-        eccentricity_deg: [0.0; 4],
-    };
 }
 
 impl From<Alignment> for AlignmentParameters {
@@ -108,42 +98,10 @@ pub struct Parameters {
     pub over_speed: f32,
 }
 
-impl Default for MotorParameters {
-    /// The assumed gimbal motor: the paper names none.
-    fn default() -> Self {
-        Self {
-            phase_resistance: 2.5,
-            phase_inductance: 1.0e-3,
-            flux_linkage: 3.0e-3,
-            encoder_zero_deg: 0.0,
-            encoder_inverted: false,
-            alignment: AlignmentParameters::UNKNOWN,
-        }
-    }
-}
-
 impl Default for Parameters {
+    /// Those of a new robot: the table of settings has the values and their reasons.
     fn default() -> Self {
-        Self {
-            motors: [MotorParameters::default(); 2],
-            pole_pairs: 7,
-            rotor_inertia: 1.05e-5,
-            current_limit: 2.0,
-            over_current: 2.6,
-            alignment_current: 0.8,
-            current_bandwidth: 700.0,
-            position_bandwidth: 25.0,
-            tracker_bandwidth: 120.0,
-            frequency_ramp: 200.0,
-            direction_ramp: 900.0,
-            encoder_latency_us: 0.0,
-            actuation_delay_us: 50.0,
-            bus_nominal: 11.1,
-            bus_low: 9.9,
-            under_voltage: 9.0,
-            over_voltage: 14.0,
-            over_speed: 45.0,
-        }
+        Settings::DEFAULT.parameters()
     }
 }
 
