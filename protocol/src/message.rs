@@ -186,6 +186,7 @@ pub struct Reply {
 }
 
 /// What became of a command.
+#[allow(clippy::large_enum_variant, reason = "sent and dropped, never stored")]
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub enum Outcome {
     /// Accepted.

@@ -7,6 +7,8 @@
 //! cargo bolero test -p flix-protocol robot_survives_any_datagrams -T 10min
 //! ```
 
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 mod ends;
 
 use core::time::Duration;
@@ -151,8 +153,8 @@ fn a_handshake_survives_any_datagrams() {
             if let Some(bytes) = noise.next() {
                 for kind in 0..8 {
                     let datagram = [b"flx".as_slice(), &[kind], bytes].concat();
-                    ends.to_operator(&datagram);
-                    ends.to_robot(&datagram);
+                    ends.operator_hears(&datagram);
+                    ends.robot_hears(&datagram);
                     ends.robot.receive(ends.now, SECOND_OPERATOR, &datagram);
                 }
             }
@@ -161,10 +163,10 @@ fn a_handshake_survives_any_datagrams() {
             ends.now = ends.now.max(at);
             while let Some(frame) = ends.operator.poll(ends.now) {
                 disturb(&mut ends);
-                let answer = ends::answer(ends.to_robot(&frame), frame.len());
+                let answer = ends::answer(ends.robot_hears(&frame), frame.len());
                 disturb(&mut ends);
                 if let Some(answer) = answer {
-                    ends.to_operator(&answer);
+                    ends.operator_hears(&answer);
                 }
             }
         }

@@ -12,6 +12,8 @@
 //! The names come from matches without a wildcard, so a new variant does not compile until it is
 //! named here, and does not pass until an example of it is listed.
 
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 mod ends;
 
 use std::collections::BTreeSet;
@@ -302,21 +304,21 @@ fn datagrams(golden: &mut Golden) {
     other_version[4] ^= 0x80;
     refuse("version", RobotSession::new(Some(key(1)), [3; 32]), &other_version);
 
-    let challenge = answer(ends.to_robot(&hello), hello.len()).unwrap();
+    let challenge = answer(ends.robot_hears(&hello), hello.len()).unwrap();
     golden.raw("datagram/challenge", &challenge);
-    ends.to_operator(&challenge);
+    ends.operator_hears(&challenge);
     let confirm = ends.operator.poll(ends.now).unwrap();
     golden.raw("datagram/confirm", &confirm);
-    let accept = answer(ends.to_robot(&confirm), confirm.len()).unwrap();
+    let accept = answer(ends.robot_hears(&confirm), confirm.len()).unwrap();
     golden.raw("datagram/accept", &accept);
-    ends.to_operator(&accept);
+    ends.operator_hears(&accept);
     let busy = answer(ends.robot.receive(ends.now, SECOND_OPERATOR, &hello), hello.len()).unwrap();
     golden.raw("datagram/refusal-busy", &busy);
 
     let arm = command(7, Command::Arm);
     let sealed = ends.operator.send(ends.now, &arm).unwrap();
     golden.raw("datagram/sealed-command", &sealed);
-    assert_eq!(ends.to_robot(&sealed), RobotReceived::Command(arm));
+    assert_eq!(ends.robot_hears(&sealed), RobotReceived::Command(arm));
     golden.raw("datagram/sealed-telemetry", &ends.robot.send(ends.now, &running()).unwrap().1);
     golden.raw("datagram/operator-goodbye", &ends.operator.goodbye().unwrap());
     golden.raw("datagram/robot-goodbye", &ends.robot.goodbye(ends.now).unwrap().1);
@@ -443,11 +445,11 @@ fn the_longest_messages_fit_a_datagram() {
     ] {
         let (_, frame) = ends.robot.send(ends.now, &message).expect("it fits");
         assert_eq!(
-            ends.to_operator(&frame),
+            ends.operator_hears(&frame),
             flix_protocol::session::OperatorReceived::Message(message)
         );
     }
     let longest = command(most, Command::Parameter(ParameterCommand::Set(name, f32::MAX)));
     let frame = ends.operator.send(ends.now, &longest).expect("it fits");
-    assert_eq!(ends.to_robot(&frame), RobotReceived::Command(longest));
+    assert_eq!(ends.robot_hears(&frame), RobotReceived::Command(longest));
 }

@@ -1,5 +1,7 @@
 //! What a session promises, between two ends in virtual time.
 
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 mod ends;
 
 use core::net::SocketAddr;
@@ -29,10 +31,10 @@ fn second_operator(now: Instant) -> OperatorSession {
 fn the_right_key_connects_and_both_ends_are_heard() {
     let mut ends = Ends::connected();
     let frame = ends.operator.send(ends.now, &command(7, Command::Arm)).unwrap();
-    assert_eq!(ends.to_robot(&frame), RobotReceived::Command(command(7, Command::Arm)));
+    assert_eq!(ends.robot_hears(&frame), RobotReceived::Command(command(7, Command::Arm)));
     let (peer, frame) = ends.robot.send(ends.now, &telemetry(5)).unwrap();
     assert_eq!(peer, OPERATOR);
-    assert_eq!(ends.to_operator(&frame), OperatorReceived::Message(telemetry(5)));
+    assert_eq!(ends.operator_hears(&frame), OperatorReceived::Message(telemetry(5)));
     assert_eq!(ends.robot.quality(ends.now).dropped.total(), 0);
 }
 
@@ -76,13 +78,13 @@ fn another_version_is_named_and_told_which_end_to_update() {
     let mut ends = Ends::new(Some(key(1)), key(1));
     let mut hello = ends.operator.poll(ends.now).unwrap();
     hello[4] = hello[4].wrapping_add(1);
-    let RobotReceived::Dropped(DropReason::Version, Some(mut refusal)) = ends.to_robot(&hello)
+    let RobotReceived::Dropped(DropReason::Version, Some(mut refusal)) = ends.robot_hears(&hello)
     else {
         panic!("refused for its version");
     };
     // The refusal of a robot of a later version: reason and version follow magic and kind.
     refusal[5..7].copy_from_slice(&(VERSION.number + 4).to_le_bytes());
-    ends.to_operator(&refusal);
+    ends.operator_hears(&refusal);
     while let Some(at) = ends.operator.poll_at() {
         ends.now = at;
         let _ = ends.operator.poll(at);
@@ -98,7 +100,7 @@ fn a_forged_refusal_does_not_keep_an_operator_from_its_robot() {
     let hello = ends.operator.poll(ends.now).unwrap();
     let mut stranger = RobotSession::new(Some(key(9)), [9; 32]);
     let forged = answer(stranger.receive(ends.now, OPERATOR, &hello), hello.len()).unwrap();
-    ends.to_operator(&forged);
+    ends.operator_hears(&forged);
     assert_eq!(ends.run(), Status::Connected);
 }
 
@@ -106,43 +108,43 @@ fn a_forged_refusal_does_not_keep_an_operator_from_its_robot() {
 fn busy_is_believed_only_from_a_robot_with_the_key() {
     let mut ends = Ends::new(Some(key(2)), key(1));
     let hello = ends.operator.poll(ends.now).unwrap();
-    let mut refusal = answer(ends.to_robot(&hello), hello.len()).unwrap();
+    let mut refusal = answer(ends.robot_hears(&hello), hello.len()).unwrap();
     refusal[4] = flix_protocol::frame::RefusalReason::Busy as u8;
-    assert_eq!(ends.to_operator(&refusal), OperatorReceived::Dropped(DropReason::Forged));
+    assert_eq!(ends.operator_hears(&refusal), OperatorReceived::Dropped(DropReason::Forged));
 }
 
 #[test]
 fn a_refusal_for_somebody_else_is_ignored() {
     let mut ends = Ends::new(Some(key(2)), key(1));
     let hello = second_operator(ends.now).poll(ends.now).unwrap();
-    let refusal = answer(ends.to_robot(&hello), hello.len()).unwrap();
-    assert_eq!(ends.to_operator(&refusal), OperatorReceived::Dropped(DropReason::Session));
+    let refusal = answer(ends.robot_hears(&hello), hello.len()).unwrap();
+    assert_eq!(ends.operator_hears(&refusal), OperatorReceived::Dropped(DropReason::Session));
 }
 
 #[test]
 fn a_lost_accept_is_said_again_and_nothing_starts_over() {
     let mut ends = Ends::new(Some(key(1)), key(1));
     let hello = ends.operator.poll(ends.now).unwrap();
-    let challenge = answer(ends.to_robot(&hello), hello.len()).unwrap();
-    ends.to_operator(&challenge);
+    let challenge = answer(ends.robot_hears(&hello), hello.len()).unwrap();
+    ends.operator_hears(&challenge);
     let confirm = ends.operator.poll(ends.now).unwrap();
-    let RobotReceived::Connected(lost) = ends.to_robot(&confirm) else { panic!("connected") };
+    let RobotReceived::Connected(lost) = ends.robot_hears(&confirm) else { panic!("connected") };
     ends.wait(Duration::from_millis(100));
     let again = ends.operator.poll(ends.now).unwrap();
-    assert_eq!(ends.to_robot(&again), RobotReceived::Answer(lost.clone()));
-    assert_eq!(ends.to_operator(&lost), OperatorReceived::Connected);
+    assert_eq!(ends.robot_hears(&again), RobotReceived::Answer(lost.clone()));
+    assert_eq!(ends.operator_hears(&lost), OperatorReceived::Connected);
 }
 
 #[test]
 fn the_robots_first_message_says_what_a_lost_accept_would_have_said() {
     let mut ends = Ends::new(Some(key(1)), key(1));
     let hello = ends.operator.poll(ends.now).unwrap();
-    let challenge = answer(ends.to_robot(&hello), hello.len()).unwrap();
-    ends.to_operator(&challenge);
+    let challenge = answer(ends.robot_hears(&hello), hello.len()).unwrap();
+    ends.operator_hears(&challenge);
     let confirm = ends.operator.poll(ends.now).unwrap();
-    ends.to_robot(&confirm);
+    ends.robot_hears(&confirm);
     let (_, frame) = ends.robot.send(ends.now, &telemetry(1)).unwrap();
-    assert_eq!(ends.to_operator(&frame), OperatorReceived::Message(telemetry(1)));
+    assert_eq!(ends.operator_hears(&frame), OperatorReceived::Message(telemetry(1)));
     assert_eq!(ends.operator.status(ends.now), Status::Connected);
 }
 
@@ -180,7 +182,7 @@ fn a_second_operator_is_told_that_the_robot_is_busy() {
     while let Some(at) = second.poll_at() {
         ends.now = at;
         let frame = ends.operator.send(at, &command(1, Command::Ping(1))).unwrap();
-        ends.to_robot(&frame);
+        ends.robot_hears(&frame);
         while let Some(frame) = second.poll(at) {
             let received = ends.robot.receive(at, SECOND_OPERATOR, &frame);
             second.receive(at, &answer(received, frame.len()).unwrap());
@@ -228,7 +230,7 @@ fn goodbye_frees_the_robot_at_once() {
     let mut ends = Ends::connected();
     let began = ends.now;
     let goodbye = ends.operator.goodbye().unwrap();
-    assert_eq!(ends.to_robot(&goodbye), RobotReceived::Left);
+    assert_eq!(ends.robot_hears(&goodbye), RobotReceived::Left);
     assert_eq!(ends.robot.send(ends.now, &telemetry(1)), Err(SendError::NoSession));
     let mut second = second_operator(ends.now);
     let (now, status) = connect(ends.now, &mut second, &mut ends.robot, SECOND_OPERATOR);
@@ -239,17 +241,17 @@ fn goodbye_frees_the_robot_at_once() {
 fn a_replayed_goodbye_does_not_end_the_next_session() {
     let mut ends = Ends::connected();
     let goodbye = ends.operator.goodbye().unwrap();
-    ends.to_robot(&goodbye);
+    ends.robot_hears(&goodbye);
     ends.operator.connect(ends.now);
     ends.run();
-    assert_eq!(ends.to_robot(&goodbye), RobotReceived::Dropped(DropReason::Session, None));
+    assert_eq!(ends.robot_hears(&goodbye), RobotReceived::Dropped(DropReason::Session, None));
 }
 
 #[test]
 fn a_robot_that_leaves_says_so() {
     let mut ends = Ends::connected();
     let (_, goodbye) = ends.robot.goodbye(ends.now).unwrap();
-    assert_eq!(ends.to_operator(&goodbye), OperatorReceived::Left);
+    assert_eq!(ends.operator_hears(&goodbye), OperatorReceived::Left);
     assert_eq!(ends.operator.status(ends.now), Status::Left);
 }
 
@@ -261,7 +263,7 @@ fn a_silent_session_is_forgotten() {
     ends.wait(TICK);
     assert_eq!(ends.robot.send(ends.now, &telemetry(1)), Err(SendError::NoSession));
     let late = ends.operator.send(ends.now, &command(1, Command::Arm)).unwrap();
-    assert_eq!(ends.to_robot(&late), RobotReceived::Dropped(DropReason::Session, None));
+    assert_eq!(ends.robot_hears(&late), RobotReceived::Dropped(DropReason::Session, None));
 }
 
 #[test]
@@ -278,7 +280,7 @@ fn another_key_ends_the_session_of_a_live_robot() {
     let mut ends = Ends::connected();
     let frame = ends.operator.send(ends.now, &command(1, Command::Arm)).unwrap();
     ends.robot.set_key(Some(key(2)));
-    assert_eq!(ends.to_robot(&frame), RobotReceived::Dropped(DropReason::Session, None));
+    assert_eq!(ends.robot_hears(&frame), RobotReceived::Dropped(DropReason::Session, None));
     ends.operator.connect(ends.now);
     assert_eq!(ends.run(), Status::Failed(ConnectError::WrongKey));
     let mut owner = OperatorSession::new(key(2), [44; 32], ends.now);
@@ -293,8 +295,8 @@ fn a_command_older_than_one_obeyed_is_stale() {
     let mut ends = Ends::connected();
     let older = ends.operator.send(ends.now, &command(1, setpoint(30.0, 0.0))).unwrap();
     let newer = ends.operator.send(ends.now, &command(2, setpoint(10.0, 0.0))).unwrap();
-    assert_eq!(ends.to_robot(&newer), RobotReceived::Command(command(2, setpoint(10.0, 0.0))));
-    assert_eq!(ends.to_robot(&older), RobotReceived::Dropped(DropReason::Stale, None));
+    assert_eq!(ends.robot_hears(&newer), RobotReceived::Command(command(2, setpoint(10.0, 0.0))));
+    assert_eq!(ends.robot_hears(&older), RobotReceived::Dropped(DropReason::Stale, None));
     assert_eq!(ends.robot.quality(ends.now).dropped.stale, 1);
 }
 
@@ -303,10 +305,10 @@ fn a_stop_is_honoured_however_late() {
     let mut ends = Ends::connected();
     let stop = ends.operator.send(ends.now, &command(1, Command::Stop)).unwrap();
     let newer = ends.operator.send(ends.now, &command(2, setpoint(10.0, 0.0))).unwrap();
-    ends.to_robot(&newer);
-    assert_eq!(ends.to_robot(&stop), RobotReceived::Command(command(1, Command::Stop)));
+    ends.robot_hears(&newer);
+    assert_eq!(ends.robot_hears(&stop), RobotReceived::Command(command(1, Command::Stop)));
     assert_eq!(
-        ends.to_robot(&stop),
+        ends.robot_hears(&stop),
         RobotReceived::Dropped(DropReason::Replayed, None),
         "but once alone: a replayed stop would be a way to stop any robot"
     );
@@ -318,9 +320,9 @@ fn a_late_stop_does_not_let_older_commands_in() {
     let stop = ends.operator.send(ends.now, &command(1, Command::Stop)).unwrap();
     let older = ends.operator.send(ends.now, &command(2, Command::Arm)).unwrap();
     let newer = ends.operator.send(ends.now, &command(3, Command::Disarm)).unwrap();
-    ends.to_robot(&newer);
-    ends.to_robot(&stop);
-    assert_eq!(ends.to_robot(&older), RobotReceived::Dropped(DropReason::Stale, None));
+    ends.robot_hears(&newer);
+    ends.robot_hears(&stop);
+    assert_eq!(ends.robot_hears(&older), RobotReceived::Dropped(DropReason::Stale, None));
 }
 
 #[test]
@@ -330,9 +332,9 @@ fn telemetry_older_than_what_was_shown_is_stale_but_replies_are_not() {
     let (_, late_reply) = ends.robot.send(ends.now, &reply).unwrap();
     let (_, older) = ends.robot.send(ends.now, &telemetry(1)).unwrap();
     let (_, newer) = ends.robot.send(ends.now, &telemetry(2)).unwrap();
-    ends.to_operator(&newer);
-    assert_eq!(ends.to_operator(&older), OperatorReceived::Dropped(DropReason::Stale));
-    assert_eq!(ends.to_operator(&late_reply), OperatorReceived::Message(reply));
+    ends.operator_hears(&newer);
+    assert_eq!(ends.operator_hears(&older), OperatorReceived::Dropped(DropReason::Stale));
+    assert_eq!(ends.operator_hears(&late_reply), OperatorReceived::Message(reply));
 }
 
 // What cannot be
@@ -355,7 +357,7 @@ fn numbers_that_are_no_setpoint_are_refused_with_the_range() {
     ] {
         let plain = unchecked_setpoint(frequency, direction);
         let frame = ends.operator.send_bytes(&plain).unwrap();
-        assert_eq!(ends.to_robot(&frame), RobotReceived::Refused { request: 7, refusal });
+        assert_eq!(ends.robot_hears(&frame), RobotReceived::Refused { request: 7, refusal });
     }
     assert_eq!(
         Refusal::frequency().to_string(),
@@ -372,7 +374,7 @@ fn an_unknown_command_is_refused_as_malformed() {
     let mut ends = Ends::connected();
     let frame = ends.operator.send_bytes(&[7, 99]).unwrap();
     let refused = RobotReceived::Refused { request: 7, refusal: Refusal::Malformed };
-    assert_eq!(ends.to_robot(&frame), refused);
+    assert_eq!(ends.robot_hears(&frame), refused);
 }
 
 // Replays
@@ -381,31 +383,31 @@ fn an_unknown_command_is_refused_as_malformed() {
 fn an_old_confirm_never_opens_a_session_again() {
     let mut ends = Ends::new(Some(key(1)), key(1));
     let hello = ends.operator.poll(ends.now).unwrap();
-    let challenge = answer(ends.to_robot(&hello), hello.len()).unwrap();
-    ends.to_operator(&challenge);
+    let challenge = answer(ends.robot_hears(&hello), hello.len()).unwrap();
+    ends.operator_hears(&challenge);
     let confirm = ends.operator.poll(ends.now).unwrap();
-    assert!(matches!(ends.to_robot(&confirm), RobotReceived::Connected(_)));
+    assert!(matches!(ends.robot_hears(&confirm), RobotReceived::Connected(_)));
     ends.robot.end();
-    assert_eq!(ends.to_robot(&confirm), RobotReceived::Dropped(DropReason::Replayed, None));
+    assert_eq!(ends.robot_hears(&confirm), RobotReceived::Dropped(DropReason::Replayed, None));
 }
 
 #[test]
 fn a_kept_confirm_goes_stale_with_its_epoch() {
     let mut ends = Ends::new(Some(key(1)), key(1));
     let hello = ends.operator.poll(ends.now).unwrap();
-    let challenge = answer(ends.to_robot(&hello), hello.len()).unwrap();
-    ends.to_operator(&challenge);
+    let challenge = answer(ends.robot_hears(&hello), hello.len()).unwrap();
+    ends.operator_hears(&challenge);
     let confirm = ends.operator.poll(ends.now).unwrap();
     ends.wait(2 * COOKIE_EPOCH);
-    assert_eq!(ends.to_robot(&confirm), RobotReceived::Dropped(DropReason::Replayed, None));
+    assert_eq!(ends.robot_hears(&confirm), RobotReceived::Dropped(DropReason::Replayed, None));
 }
 
 #[test]
 fn a_confirm_from_another_address_is_worth_nothing() {
     let mut ends = Ends::new(Some(key(1)), key(1));
     let hello = ends.operator.poll(ends.now).unwrap();
-    let challenge = answer(ends.to_robot(&hello), hello.len()).unwrap();
-    ends.to_operator(&challenge);
+    let challenge = answer(ends.robot_hears(&hello), hello.len()).unwrap();
+    ends.operator_hears(&challenge);
     let confirm = ends.operator.poll(ends.now).unwrap();
     for thief in [SECOND_OPERATOR, SocketAddr::new(OPERATOR.ip(), OPERATOR.port() + 1)] {
         let received = ends.robot.receive(ends.now, thief, &confirm);
@@ -419,7 +421,7 @@ fn datagrams_of_a_rolled_back_session_are_dropped() {
     let old = ends.operator.send(ends.now, &command(1, setpoint(35.0, 0.0))).unwrap();
     ends.operator.connect(ends.now);
     ends.run();
-    assert_eq!(ends.to_robot(&old), RobotReceived::Dropped(DropReason::Session, None));
+    assert_eq!(ends.robot_hears(&old), RobotReceived::Dropped(DropReason::Session, None));
 }
 
 #[test]
@@ -442,9 +444,9 @@ fn what_one_robot_was_sent_moves_no_other_even_with_the_same_key() {
 fn a_datagram_reflected_to_its_sender_is_dropped() {
     let mut ends = Ends::connected();
     let frame = ends.operator.send(ends.now, &command(1, Command::Arm)).unwrap();
-    assert_eq!(ends.to_operator(&frame), OperatorReceived::Dropped(DropReason::Forged));
+    assert_eq!(ends.operator_hears(&frame), OperatorReceived::Dropped(DropReason::Forged));
     let (_, frame) = ends.robot.send(ends.now, &telemetry(1)).unwrap();
-    assert_eq!(ends.to_robot(&frame), RobotReceived::Dropped(DropReason::Forged, None));
+    assert_eq!(ends.robot_hears(&frame), RobotReceived::Dropped(DropReason::Forged, None));
 }
 
 #[test]
@@ -464,18 +466,18 @@ fn gaps_and_silence_are_counted() {
         .map(|request| ends.operator.send(ends.now, &command(request, Command::Arm)).unwrap())
         .collect();
     assert_eq!(ends.robot.quality(ends.now).silence_us, u32::MAX, "no command yet");
-    ends.to_robot(&frames[0]);
-    ends.to_robot(&frames[4]);
+    ends.robot_hears(&frames[0]);
+    ends.robot_hears(&frames[4]);
     ends.wait(Duration::from_millis(7));
     let quality = ends.robot.quality(ends.now);
     assert_eq!((quality.lost, quality.silence_us), (3, 7_000));
-    ends.to_robot(&frames[2]);
+    ends.robot_hears(&frames[2]);
     assert_eq!(ends.robot.quality(ends.now).lost, 2, "late, not lost");
 
     for time in 0..4 {
         let (_, frame) = ends.robot.send(ends.now, &telemetry(time)).unwrap();
         if time % 2 == 1 {
-            ends.to_operator(&frame);
+            ends.operator_hears(&frame);
         }
     }
     let health = ends.operator.health();
@@ -489,14 +491,14 @@ fn a_reply_tells_the_round_trip_unless_its_command_was_repeated() {
     ends.operator.send(ends.now, &command(1, Command::Ping(1))).unwrap();
     ends.wait(Duration::from_millis(12));
     let (_, frame) = ends.robot.send(ends.now, &reply(1)).unwrap();
-    ends.to_operator(&frame);
+    ends.operator_hears(&frame);
     assert_eq!(ends.operator.health().round_trip, Some(Duration::from_millis(12)));
     for _ in 0..2 {
         ends.operator.send(ends.now, &command(2, Command::Stop)).unwrap();
         ends.wait(Duration::from_millis(50));
     }
     let (_, frame) = ends.robot.send(ends.now, &reply(2)).unwrap();
-    ends.to_operator(&frame);
+    ends.operator_hears(&frame);
     assert_eq!(ends.operator.health().round_trip, Some(Duration::from_millis(12)));
 }
 

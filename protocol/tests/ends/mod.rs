@@ -84,11 +84,11 @@ impl Ends {
         self.now = self.now + duration;
     }
 
-    pub(crate) fn to_robot(&mut self, datagram: &[u8]) -> RobotReceived {
+    pub(crate) fn robot_hears(&mut self, datagram: &[u8]) -> RobotReceived {
         self.robot.receive(self.now, OPERATOR, datagram)
     }
 
-    pub(crate) fn to_operator(&mut self, datagram: &[u8]) -> OperatorReceived {
+    pub(crate) fn operator_hears(&mut self, datagram: &[u8]) -> OperatorReceived {
         self.operator.receive(self.now, datagram)
     }
 
