@@ -1,7 +1,10 @@
 #![forbid(unsafe_code)]
 //! A simulated Flix-Walker under the robot's real software
 
+pub mod accuracy;
 pub mod channel;
+pub mod cli;
+pub mod measure;
 pub mod model;
 pub mod mujoco;
 pub mod operation;

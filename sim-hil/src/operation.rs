@@ -216,7 +216,8 @@ impl<M: Mechanics> Operation<M> {
         }
     }
 
-    /// Connects, proves the link, arms, and runs until the robot says that it is armed: after aligning, if it has to.
+    /// Connects, proves the link, arms, and runs until the robot says that it is armed: after
+    /// aligning, if it has to. From then on rest is held.
     ///
     /// # Errors
     /// When the robot refuses or a fault comes up.
@@ -236,18 +237,20 @@ impl<M: Mechanics> Operation<M> {
                 _ => return Err(OperationError::OtherAnswer),
             }
         }
-        self.await_state(State::Armed)
+        // Rest, held, is the sign of life that keeps the robot armed.
+        self.hold(Setpoint::REST);
+        self.await_state(&[State::Armed, State::Running])
     }
 
-    /// Runs until telemetry shows this state.
+    /// Runs until telemetry shows one of these states.
     ///
     /// # Errors
     /// When a fault comes up instead, or it takes too long.
-    pub fn await_state(&mut self, state: State) -> Result<(), OperationError> {
+    pub fn await_state(&mut self, states: &[State]) -> Result<(), OperationError> {
         // What was told before this was asked is old.
         while self.client().update().is_some() {}
         self.await_update("the awaited state", |update| match update {
-            Update::Telemetry(telemetry) if telemetry.state == state => Some(Ok(())),
+            Update::Telemetry(telemetry) if states.contains(&telemetry.state) => Some(Ok(())),
             Update::Telemetry(telemetry) if telemetry.state == State::Faulted => {
                 Some(Err(OperationError::Faulted(telemetry.faults)))
             }

@@ -44,15 +44,24 @@ pub struct RobotParameters {
     pub key: Option<Key>,
     /// What its flash holds at power-up.
     pub flash: Flash,
-    /// All chance comes from here.
+    /// All chance of the plant comes from here.
     pub seed: u64,
+    /// What the robot's own random source starts from; from the seed in virtual time, from the operating system on a
+    /// real network.
+    pub entropy: [u8; 32],
 }
 
 impl RobotParameters {
     /// A new robot on the simulated board.
     #[must_use]
     pub fn new(key: Key, seed: u64) -> Self {
+        let mut entropy = [0; 32];
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+        // Another stream than the plant's.
+        random.jump();
+        random.fill_bytes(&mut entropy);
         Self {
+            entropy,
             electronics: ElectronicsParameters::on(SIMULATED_BOARD),
             name: "simulated",
             key: Some(key),
@@ -187,9 +196,7 @@ impl<M: Mechanics> SimulatedRobot<M> {
     /// At power-up, on these mechanics.
     #[must_use]
     pub fn new(parameters: RobotParameters, mechanics: M) -> Self {
-        // Another stream than the plant's.
-        let mut entropy = Xoshiro256PlusPlus::seed_from_u64(parameters.seed);
-        entropy.jump();
+        let mut entropy = Xoshiro256PlusPlus::from_seed(parameters.entropy);
         Self {
             software: power_up(&parameters, &mut entropy),
             electronics: Electronics::new(&parameters.electronics, parameters.seed),

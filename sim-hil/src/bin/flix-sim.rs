@@ -1,2 +1,11 @@
 //! The simulated robot's command line.
-fn main() {}
+#![forbid(unsafe_code)]
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use flix_sim::cli::{Cli, run};
+
+fn main() -> ExitCode {
+    run(Cli::parse())
+}

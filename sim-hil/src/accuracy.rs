@@ -1,0 +1,278 @@
+//! The matrix of figures that the robot promises: f and theta held on a fixed and on a yielding base, and steps.
+//!
+//! Each base and frequency is one run of a robot from power-up: it is connected to, aligns, arms and
+//! is then led through all directions, by the real client over a quiet Wi-Fi network. Figures are the plant's truth.
+
+use std::time::Duration;
+
+use flix_protocol::message::Setpoint;
+use flix_protocol::session::Key;
+use flix_protocol::units::{Degrees, Hertz};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::channel::ChannelParameters;
+use crate::measure::{Band, HoldMeter, StepMeter};
+use crate::model::{ModelError, RobotModel};
+use crate::operation::{Operation, OperationError};
+use crate::plant::Plant;
+use crate::robot::{RobotParameters, SimulatedRobot};
+
+/// Held frequencies, Hz.
+pub const FREQUENCIES: [f32; 8] = [-35.0, -30.0, -20.0, -10.0, 10.0, 20.0, 30.0, 35.0];
+/// Held directions, degrees.
+pub const DIRECTIONS: [f32; 7] = [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0];
+/// What the shaker stands on.
+pub const BASES: [Base; 2] = [Base::Fixed, Base::Free];
+
+/// f, averaged over each turn: largest root mean square error, Hz.
+pub const FREQUENCY_LIMIT_HZ: f64 = 0.05;
+/// theta at every tick: largest root mean square error, degrees.
+pub const DIRECTION_LIMIT_DEG: f64 = 1.0;
+/// Line of force: largest error, degrees.
+pub const FORCE_LIMIT_DEG: f64 = 1.0;
+/// Force across the line: largest share of that along it.
+pub const ACROSS_LIMIT: f64 = 0.02;
+/// When a step counts as settled.
+pub const STEP_BAND: Band = Band { frequency_hz: 0.2, direction_deg: 3.0 };
+/// Longest time to settle, s.
+pub const SETTLE_LIMIT_S: f64 = 0.5;
+
+/// Time for a new setpoint before it is measured: twice what a step may take.
+const SETTLING: Duration = Duration::from_secs(1);
+/// Time for which a setpoint is measured: 20 turns at 10 Hz.
+const MEASURING: Duration = Duration::from_secs(2);
+/// Time for which a step is watched.
+const WATCHING: Duration = Duration::from_millis(1500);
+
+/// What the shaker stands on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Base {
+    /// A stand that does not move.
+    Fixed,
+    /// A body of 350 g that slides in the plane.
+    Free,
+}
+
+impl Base {
+    /// Name of its model.
+    #[must_use]
+    pub const fn model(self) -> &'static str {
+        match self {
+            Self::Fixed => "bench-fixed",
+            Self::Free => "bench-planar",
+        }
+    }
+}
+
+impl std::fmt::Display for Base {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::Fixed => "fixed",
+            Self::Free => "free",
+        })
+    }
+}
+
+/// A robot on a bench could not be measured.
+#[derive(Debug, thiserror::Error)]
+pub enum AccuracyError {
+    /// The bench.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The run.
+    #[error(transparent)]
+    Operation(#[from] OperationError),
+}
+
+impl From<crate::plant::Diverged> for AccuracyError {
+    fn from(error: crate::plant::Diverged) -> Self {
+        Self::Operation(error.into())
+    }
+}
+
+/// One held setpoint.
+#[derive(Debug, Clone, Serialize)]
+pub struct HoldResult {
+    /// What the shaker stood on.
+    pub base: Base,
+    /// Commanded.
+    pub f_hz: f64,
+    /// Commanded.
+    pub theta_deg: f64,
+    /// See [`FREQUENCY_LIMIT_HZ`].
+    pub f_rms_hz: f64,
+    /// See [`DIRECTION_LIMIT_DEG`].
+    pub theta_rms_deg: f64,
+    /// See [`FORCE_LIMIT_DEG`].
+    pub force_error_deg: f64,
+    /// See [`ACROSS_LIMIT`].
+    pub across_axis: f64,
+}
+
+impl HoldResult {
+    /// Whether all figures are within their limits.
+    #[must_use]
+    pub fn passes(&self) -> bool {
+        self.f_rms_hz <= FREQUENCY_LIMIT_HZ
+            && self.theta_rms_deg <= DIRECTION_LIMIT_DEG
+            && self.force_error_deg.abs() <= FORCE_LIMIT_DEG
+            && self.across_axis <= ACROSS_LIMIT
+    }
+}
+
+/// One step.
+#[derive(Debug, Clone, Serialize)]
+pub struct StepResult {
+    /// What was done.
+    pub name: String,
+    /// From the operator's command until f and theta were near for good; none when they never were.
+    pub settle_s: Option<f64>,
+    /// Largest phase current of both motors.
+    pub peak_current_a: f64,
+    /// The robot's own setting.
+    pub current_limit_a: f64,
+}
+
+impl StepResult {
+    /// Whether it settled in time and within the current limit.
+    #[must_use]
+    pub fn passes(&self) -> bool {
+        self.settle_s.is_some_and(|settled| settled <= SETTLE_LIMIT_S)
+            && self.peak_current_a <= self.current_limit_a
+    }
+}
+
+/// All figures.
+#[derive(Debug, Clone, Serialize)]
+pub struct Accuracy {
+    /// Held setpoints.
+    pub hold: Vec<HoldResult>,
+    /// Steps.
+    pub steps: Vec<StepResult>,
+    /// Whether all are within their limits.
+    pub pass: bool,
+}
+
+/// A change of setpoint.
+#[derive(Debug, Clone, Copy)]
+pub struct Step {
+    /// For reports.
+    pub name: &'static str,
+    /// From (f, theta), Hz and degrees.
+    pub from: (f32, f32),
+    /// To.
+    pub to: (f32, f32),
+}
+
+/// The steps that are measured, on both bases.
+pub const STEPS: [Step; 3] = [
+    Step { name: "10 to 35 Hz", from: (10.0, 0.0), to: (35.0, 0.0) },
+    Step { name: "+30 to -30 Hz", from: (30.0, 0.0), to: (-30.0, 0.0) },
+    Step { name: "theta 0 to 90 degrees at 30 Hz", from: (30.0, 0.0), to: (30.0, 90.0) },
+];
+
+/// How many independent runs [`measure`] makes.
+pub const RUNS: usize = BASES.len() * (FREQUENCIES.len() + STEPS.len());
+
+/// A setpoint from plain numbers, limited to what a robot can be asked for.
+#[must_use]
+pub fn setpoint(frequency: f32, direction: f32) -> Setpoint {
+    Setpoint::new(Hertz::saturating(frequency), Degrees::saturating(direction))
+        .unwrap_or(Setpoint::REST)
+}
+
+/// An operator on a quiet network and a robot of this seed on this base, powered up.
+///
+/// # Errors
+/// When the model is damaged.
+pub fn bench(base: Base, seed: u64) -> Result<Operation<Plant>, ModelError> {
+    let mechanics = Plant::new(&RobotModel::named(base.model())?)?;
+    let parameters = RobotParameters::new(Key::new([0x5a; 32]), seed);
+    let robot = SimulatedRobot::new(parameters, mechanics);
+    Ok(Operation::new(robot, ChannelParameters::QUIET_WIFI))
+}
+
+/// All figures of the robot of this seed. `done` is called after each of [`RUNS`] runs.
+///
+/// # Errors
+/// When a robot cannot be brought to run: that, too, is a failure of its promises.
+pub fn measure(seed: u64, done: impl Fn() + Sync) -> Result<Accuracy, AccuracyError> {
+    let cells: Vec<(Base, f32)> =
+        BASES.into_iter().flat_map(|base| FREQUENCIES.map(|frequency| (base, frequency))).collect();
+    let hold = cells.par_iter().map(|&(base, frequency)| {
+        let figures = hold_all_directions(base, frequency, seed);
+        done();
+        figures
+    });
+    let changes: Vec<(Base, Step)> =
+        BASES.into_iter().flat_map(|base| STEPS.map(|step| (base, step))).collect();
+    let steps = changes.par_iter().map(|&(base, step)| {
+        let figures = measure_step(base, step, seed);
+        done();
+        figures
+    });
+    let (hold, steps) = rayon::join(
+        || hold.collect::<Result<Vec<_>, _>>(),
+        || steps.collect::<Result<Vec<_>, _>>(),
+    );
+    let (hold, steps) = (hold?.concat(), steps?);
+    let pass = hold.iter().all(HoldResult::passes) && steps.iter().all(StepResult::passes);
+    Ok(Accuracy { hold, steps, pass })
+}
+
+/// One run: this frequency through all directions.
+///
+/// # Errors
+/// As for [`measure`].
+pub fn hold_all_directions(
+    base: Base,
+    frequency: f32,
+    seed: u64,
+) -> Result<Vec<HoldResult>, AccuracyError> {
+    let mut operation = bench(base, seed)?;
+    operation.arm()?;
+    DIRECTIONS
+        .into_iter()
+        .map(|direction| {
+            let setpoint = setpoint(frequency, direction);
+            operation.hold(setpoint);
+            operation.run(SETTLING, |_| {})?;
+            let mut meter = HoldMeter::new(setpoint);
+            operation.run(MEASURING, |truth| meter.watch(truth))?;
+            let figures = meter.figures();
+            Ok(HoldResult {
+                base,
+                f_hz: f64::from(frequency),
+                theta_deg: f64::from(direction),
+                f_rms_hz: figures.frequency_rms_hz,
+                theta_rms_deg: figures.direction_rms_deg,
+                force_error_deg: figures.force_error_deg,
+                across_axis: figures.across_axis,
+            })
+        })
+        .collect()
+}
+
+/// One run: one step.
+///
+/// # Errors
+/// As for [`measure`].
+pub fn measure_step(base: Base, step: Step, seed: u64) -> Result<StepResult, AccuracyError> {
+    let mut operation = bench(base, seed)?;
+    let current_limit_a = operation.connect().and_then(|()| operation.setting("current_limit"))?;
+    operation.arm()?;
+    operation.hold(setpoint(step.from.0, step.from.1));
+    operation.run(SETTLING, |_| {})?;
+    let target = setpoint(step.to.0, step.to.1);
+    let mut meter = StepMeter::new(target, STEP_BAND);
+    operation.hold(target);
+    operation.run(WATCHING, |truth| meter.watch(truth))?;
+    Ok(StepResult {
+        name: format!("{}, {base} base", step.name),
+        settle_s: meter.settled_after(),
+        peak_current_a: meter.peak_current(),
+        current_limit_a,
+    })
+}

@@ -1,0 +1,325 @@
+//! `flix-sim demo`: the paper's modes and a reversal, commanded through protocol and session.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Duration;
+
+use flix_host::plot::{Chart, Figure, Panel, Series, Stroke, Written, colour};
+use flix_protocol::message::Setpoint;
+use indicatif::ProgressBar;
+
+use super::{Error, progress};
+use crate::accuracy::{ACROSS_LIMIT, DIRECTION_LIMIT_DEG};
+use crate::accuracy::{
+    Base, FORCE_LIMIT_DEG, FREQUENCY_LIMIT_HZ, SETTLE_LIMIT_S, STEP_BAND, bench, setpoint,
+};
+use crate::measure::{Hold, HoldMeter, StepMeter, line_error};
+use crate::operation::Operation;
+use crate::plant::Plant;
+use crate::robot::Truth;
+
+/// Shake through the paper's five modes and a reversal.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "Examples:\n  flix-sim demo\n  flix-sim demo --seed 7 --out /tmp/flix")]
+pub struct Args {
+    /// Which robot: its motors, wiring, sensor errors and noise.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Folder for the pictures.
+    #[arg(long, default_value = "out")]
+    out: PathBuf,
+}
+
+impl Default for Args {
+    fn default() -> Self {
+        Self { seed: 1, out: PathBuf::from("out") }
+    }
+}
+
+/// A stretch of the demo.
+struct Scene {
+    name: &'static str,
+    frequency: f32,
+    direction: f32,
+}
+
+/// Table IV of the paper, then the sense of the last pair reversed.
+const SCENES: [Scene; 6] = [
+    Scene { name: "linear translation", frequency: -30.0, direction: 30.0 },
+    Scene { name: "left turn", frequency: -30.0, direction: 90.0 },
+    Scene { name: "right turn", frequency: 30.0, direction: 90.0 },
+    Scene { name: "left strafing", frequency: 30.0, direction: 30.0 },
+    Scene { name: "right strafing", frequency: -30.0, direction: -60.0 },
+    Scene { name: "reversal", frequency: 30.0, direction: -60.0 },
+];
+
+/// Time from a command until its scene is measured.
+const SETTLING: Duration = Duration::from_millis(700);
+/// Time for which a scene is measured.
+const MEASURING: Duration = Duration::from_millis(800);
+
+/// What became of a scene.
+struct Shown {
+    name: &'static str,
+    setpoint: Setpoint,
+    began_s: f64,
+    settled_s: Option<f64>,
+    figures: Hold,
+    peak_current: f64,
+}
+
+impl Shown {
+    fn passes(&self, current_limit: f64) -> bool {
+        self.settled_s.is_some_and(|settled| settled <= SETTLE_LIMIT_S)
+            && self.figures.frequency_rms_hz <= FREQUENCY_LIMIT_HZ
+            && self.figures.direction_rms_deg <= DIRECTION_LIMIT_DEG
+            && self.figures.force_error_deg.abs() <= FORCE_LIMIT_DEG
+            && self.figures.across_axis <= ACROSS_LIMIT
+            && self.peak_current <= current_limit
+    }
+}
+
+/// # Errors
+/// When the robot could not be brought to run, or the pictures not written.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let started = std::time::Instant::now();
+    let mut operation = bench(Base::Free, args.seed)?;
+    let bar = progress(SCENES.len() as u64 + 1, "simulating");
+    operation.connect()?;
+    let current_limit = operation.setting("current_limit")?;
+    operation.arm()?;
+    bar.inc(1);
+    let mut recorder = Recorder::default();
+    let shown = show_scenes(&mut operation, &mut recorder, &bar)?;
+    bar.finish_and_clear();
+    let simulated = operation.now().as_micros() as f64 * 1e-6;
+    let times = simulated / started.elapsed().as_secs_f64();
+    let written = draw(&recorder, &shown, current_limit, args)?;
+    print!("{}", table(&shown, current_limit));
+    println!("{simulated:.1} s simulated, {times:.0} times faster than real time.");
+    println!("Picture: {} (and .png beside it)", shorten(&written.svg).display());
+    let all_pass = shown.iter().all(|scene| scene.passes(current_limit));
+    Ok(if all_pass { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn shorten(path: &Path) -> &Path {
+    path.strip_prefix("./").unwrap_or(path)
+}
+
+fn show_scenes(
+    operation: &mut Operation<Plant>,
+    recorder: &mut Recorder,
+    bar: &ProgressBar,
+) -> Result<Vec<Shown>, Error> {
+    SCENES
+        .iter()
+        .map(|scene| {
+            let setpoint = setpoint(scene.frequency, scene.direction);
+            let began_s = operation.now().as_micros() as f64 * 1e-6;
+            let mut step = StepMeter::new(setpoint, STEP_BAND);
+            let mut hold = HoldMeter::new(setpoint);
+            operation.hold(setpoint);
+            operation.run(SETTLING, |truth| {
+                step.watch(truth);
+                recorder.watch(truth, setpoint);
+            })?;
+            operation.run(MEASURING, |truth| {
+                step.watch(truth);
+                hold.watch(truth);
+                recorder.watch(truth, setpoint);
+            })?;
+            bar.inc(1);
+            Ok(Shown {
+                name: scene.name,
+                setpoint,
+                began_s,
+                settled_s: step.settled_after(),
+                figures: hold.figures(),
+                peak_current: step.peak_current(),
+            })
+        })
+        .collect()
+}
+
+fn table(shown: &[Shown], current_limit: f64) -> String {
+    let mut text = String::from(
+        "                       commanded           held: rms error       line of    force  settled  largest\n\
+         mode                 f (Hz)  theta (deg)  f (Hz)  theta (deg)  force (deg)  across    in (s)  current (A)\n",
+    );
+    for scene in shown {
+        let (f, theta) = (scene.setpoint.frequency().get(), scene.setpoint.direction().get());
+        let figures = &scene.figures;
+        text += &format!(
+            "{:19} {f:>7.0} {theta:>12.0} {:>7.3} {:>12.2} {:>12.2} {:>6.1} % {:>9} {:>12.2}{}\n",
+            scene.name,
+            figures.frequency_rms_hz,
+            figures.direction_rms_deg,
+            f64::from(theta) + figures.force_error_deg,
+            100.0 * figures.across_axis,
+            scene.settled_s.map_or_else(|| "never".to_owned(), |s| format!("{s:.2}")),
+            scene.peak_current,
+            if scene.passes(current_limit) { "" } else { "  <-- outside" },
+        );
+    }
+    text + &format!(
+        "limit {FREQUENCY_LIMIT_HZ:>42.3} {DIRECTION_LIMIT_DEG:>12.2} {:>12} {:>6.1} % {SETTLE_LIMIT_S:>9.2} {current_limit:>12.2}\n\n",
+        format!("+-{FORCE_LIMIT_DEG:.0}"),
+        100.0 * ACROSS_LIMIT,
+    )
+}
+
+/// Gathers what is drawn: one [`Row`] for each [`ROW`].
+#[derive(Default)]
+struct Recorder {
+    rows: Vec<Row>,
+    gathering: Gathering,
+}
+
+/// Time that a drawn point stands for.
+const ROW: Duration = Duration::from_millis(5);
+/// Rows in a turn at 30 Hz: over it the force is one line, and the yielding body's ripple averages out.
+const ROWS_OF_A_TURN: usize = 7;
+
+/// Means and extremes over [`ROW`].
+#[derive(Clone, Copy, Default)]
+struct Row {
+    time: f64,
+    commanded: (f64, f64),
+    frequency: f64,
+    direction: f64,
+    torque_current: [f64; 2],
+    largest_current: [f64; 2],
+    force: [f64; 3],
+}
+
+#[derive(Default)]
+struct Gathering {
+    row: Row,
+    ticks: u32,
+    phase: Option<(f64, f64)>,
+}
+
+impl Recorder {
+    fn watch(&mut self, truth: &Truth, setpoint: Setpoint) {
+        let time = truth.time.as_micros() as f64 * 1e-6;
+        let gathering = &mut self.gathering;
+        let (began, phase) = *gathering.phase.get_or_insert((time, truth.phase));
+        let row = &mut gathering.row;
+        gathering.ticks += 1;
+        for motor in 0..2 {
+            row.torque_current[motor] += truth.rotor_frame_currents[motor][1];
+            let largest = truth.phase_currents[motor].iter().fold(0.0, |m: f64, i| m.max(i.abs()));
+            row.largest_current[motor] = row.largest_current[motor].max(largest);
+        }
+        let [forward, left, _] = truth.shaker_force;
+        row.force[0] += forward * forward;
+        row.force[1] -= forward * left;
+        row.force[2] += left * left;
+        if time - began < ROW.as_secs_f64() {
+            return;
+        }
+        row.time = time;
+        row.commanded =
+            (f64::from(setpoint.frequency().get()), f64::from(setpoint.direction().get()));
+        row.frequency = (truth.phase - phase) / (time - began) / core::f64::consts::TAU;
+        row.direction = truth.direction;
+        row.torque_current = row.torque_current.map(|sum| sum / f64::from(gathering.ticks));
+        self.rows.push(*row);
+        self.gathering = Gathering { phase: Some((time, truth.phase)), ..Gathering::default() };
+    }
+
+    /// Points of something that each row has.
+    fn points(&self, of: impl Fn(&Row) -> f64) -> Vec<(f64, f64)> {
+        self.rows.iter().map(|row| (row.time, of(row))).collect()
+    }
+
+    /// Mean over a turn of the current that makes torque, A.
+    fn torque_currents(&self, motor: usize) -> Vec<(f64, f64)> {
+        self.rows
+            .windows(ROWS_OF_A_TURN)
+            .map(|rows| {
+                let sum: f64 = rows.iter().map(|row| row.torque_current[motor]).sum();
+                (rows[ROWS_OF_A_TURN / 2].time, sum / ROWS_OF_A_TURN as f64)
+            })
+            .collect()
+    }
+
+    /// Principal axis of the force over a turn, degrees to the right of forward, near the command.
+    fn lines_of_force(&self) -> Vec<(f64, f64)> {
+        self.rows
+            .windows(ROWS_OF_A_TURN)
+            .map(|rows| {
+                let sum = |part: usize| rows.iter().map(|row| row.force[part]).sum::<f64>();
+                let axis = 0.5 * (2.0 * sum(1)).atan2(sum(0) - sum(2));
+                let middle = rows[ROWS_OF_A_TURN / 2];
+                (middle.time, near(axis, middle.commanded.1))
+            })
+            .collect()
+    }
+}
+
+/// A direction of a line, in degrees within a quarter turn of the commanded one.
+fn near(direction: f64, commanded_deg: f64) -> f64 {
+    commanded_deg + line_error(direction, commanded_deg.to_radians()).to_degrees()
+}
+
+fn draw(
+    recorder: &Recorder,
+    shown: &[Shown],
+    current_limit: f64,
+    args: &Args,
+) -> Result<Written, Error> {
+    let end = recorder.rows.last().map_or(0.0, |row| row.time);
+    let with_scenes = |mut panel: Panel| {
+        for (index, scene) in shown.iter().enumerate() {
+            let until = shown.get(index + 1).map_or(end, |next| next.began_s);
+            let shade = if index % 2 == 0 { colour::BLUE } else { colour::MUTED };
+            panel = panel.span(scene.began_s, until, scene.name, shade);
+        }
+        panel
+    };
+    let commanded = |of: fn(&Row) -> f64| {
+        Series::line("commanded", recorder.points(of)).colour(colour::MUTED).stroke(Stroke::Dashed)
+    };
+    let frequency = with_scenes(Panel::new("f (Hz)").range(-48.0, 48.0))
+        .series(commanded(|row| row.commanded.0))
+        .series(Series::line("held", recorder.points(|row| row.frequency)).colour(colour::BLUE));
+    let direction = Panel::new("theta (degrees, right positive)")
+        .series(commanded(|row| row.commanded.1))
+        .series(
+            Series::line("held", recorder.points(|row| near(row.direction, row.commanded.1)))
+                .colour(colour::BLUE),
+        )
+        .series(Series::line("line of force", recorder.lines_of_force()).colour(colour::ORANGE));
+    let error = Panel::new("theta error (degrees)")
+        .range(-6.0, 6.0)
+        .rule(DIRECTION_LIMIT_DEG, "rms limit")
+        .rule(-DIRECTION_LIMIT_DEG, "")
+        .series(
+            Series::line(
+                "",
+                recorder.points(|row| near(row.direction, row.commanded.1) - row.commanded.1),
+            )
+            .colour(colour::BLUE),
+        );
+    let torque = Panel::new("torque current i_q, mean over a turn (A)")
+        .series(Series::line("top", recorder.torque_currents(0)))
+        .series(Series::line("bottom", recorder.torque_currents(1)));
+    let current = Panel::new("largest phase current (A)")
+        .range(0.0, 1.1 * current_limit)
+        .rule(current_limit, "limit")
+        .series(Series::line("top", recorder.points(|row| row.largest_current[0])))
+        .series(Series::line("bottom", recorder.points(|row| row.largest_current[1])));
+    let chart = Chart::new("Five walking modes and a reversal", "Time since power-up (s)")
+        .subtitle(format!(
+            "Robot of seed {} on a sliding 350 g body: the plant's truth, means over {} ms",
+            args.seed,
+            ROW.as_millis()
+        ))
+        .panel(frequency)
+        .panel(direction)
+        .panel(error)
+        .panel(torque)
+        .panel(current);
+    Ok(chart.write(&args.out, "demo")?)
+}

@@ -1,0 +1,238 @@
+//! `flix-sim serve`: the simulated robot on the network, in real time.
+
+use std::io;
+use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::{Duration, Instant as WallClock};
+
+use flix_host::interrupt::Interrupt;
+use flix_host::keys::{self, Keyring, SIMULATED_ROBOT};
+use flix_protocol::DEFAULT_PORT;
+use flix_protocol::frame::{Frame, MAXIMUM_DATAGRAM};
+use flix_protocol::message::{Faults, State};
+use flix_protocol::session::Key;
+
+use super::Error;
+use crate::model::RobotModel;
+use crate::plant::{Mechanics, Plant};
+use crate::robot::{RobotParameters, SimulatedRobot};
+
+/// Be a robot on the network, in real time.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  flix-sim serve\n  flix-sim serve --listen 0.0.0.0:13549 --key lab.key\n\n\
+                  Then, in another terminal: flix teleop 127.0.0.1"
+)]
+pub struct Args {
+    /// Where to listen: this machine only, unless told.
+    #[arg(long, value_name = "ADDR", default_value_t = SocketAddr::from((Ipv4Addr::LOCALHOST, DEFAULT_PORT)))]
+    listen: SocketAddr,
+    /// Key file of the robot; unless told, the key `simulated` of your keyring, made when there is none.
+    #[arg(long, value_name = "FILE")]
+    key: Option<PathBuf>,
+    /// What the robot is: bench-fixed, bench-planar, or a whole robot where the machine is quick enough.
+    #[arg(long, default_value = "bench-planar")]
+    model: String,
+    /// Which robot: its motors, wiring, sensor errors and noise.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// The robot cannot be on the network.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// The address cannot be had.
+    #[error(
+        "cannot listen on {address}: {source}; is another robot served there? Choose another with --listen"
+    )]
+    Listen {
+        /// Which.
+        address: SocketAddr,
+        /// Why.
+        source: io::Error,
+    },
+    /// The network failed later.
+    #[error("the network failed: {0}")]
+    Network(#[from] io::Error),
+}
+
+/// Ticks that are made up for at once: 1 ms.
+const BATCH: u32 = 10;
+/// Behind by more than this, the robot's time is put off instead of being made up for.
+const LARGEST_LAG: Duration = Duration::from_millis(50);
+/// Missed real time is told at most this often.
+const COMPLAINT_INTERVAL: Duration = Duration::from_secs(5);
+
+/// # Errors
+/// When address, key or model cannot be used, the network fails or the model diverges.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let key = match &args.key {
+        Some(file) => keys::read(file)?,
+        None => Keyring::of_user()?.key_or_new(SIMULATED_ROBOT)?,
+    };
+    let interrupt = Interrupt::listen().map_err(ServeError::Network)?;
+    let listen = |address| UdpSocket::bind(address);
+    let socket = listen(args.listen)
+        .map_err(|source| ServeError::Listen { address: args.listen, source })?;
+    let robot = robot(args, key)?;
+    introduce(args, &socket).map_err(ServeError::Network)?;
+    serve(robot, &socket, &interrupt)?;
+    println!("The robot is switched off.");
+    Ok(ExitCode::SUCCESS)
+}
+
+fn robot(args: &Args, key: Key) -> Result<SimulatedRobot<Plant>, Error> {
+    let mechanics = Plant::new(&RobotModel::named(&args.model)?)?;
+    let mut parameters = RobotParameters::new(key, args.seed);
+    // Sessions of an earlier run must not be replayed, though the plant is the same.
+    parameters.entropy = keys::generate().map(|random| *random.as_bytes())?;
+    Ok(SimulatedRobot::new(parameters, mechanics))
+}
+
+fn introduce(args: &Args, socket: &UdpSocket) -> io::Result<()> {
+    let address = socket.local_addr()?;
+    println!("A simulated Flix-Walker ({}, seed {}) listens on {address}.", args.model, args.seed);
+    let host = if address.ip().is_unspecified() {
+        Ipv4Addr::LOCALHOST.to_string()
+    } else {
+        address.ip().to_string()
+    };
+    let robot = if address.port() == DEFAULT_PORT {
+        host
+    } else {
+        SocketAddr::new(address.ip(), address.port()).to_string()
+    };
+    let key =
+        args.key.as_ref().map_or_else(String::new, |file| format!(" --key {}", file.display()));
+    println!("In another terminal:\n");
+    println!("    cargo run --release -p flix-host -- teleop {robot}{key}\n");
+    println!("Ctrl-C switches the robot off.");
+    Ok(())
+}
+
+/// Runs until interrupted.
+fn serve<M: Mechanics>(
+    mut robot: SimulatedRobot<M>,
+    socket: &UdpSocket,
+    interrupt: &Interrupt,
+) -> Result<(), Error> {
+    let mut clock = RealTime::started();
+    let mut changes = Changes::default();
+    let mut datagram = [0; MAXIMUM_DATAGRAM + 1];
+    let mut frame = Frame::new();
+    while !interrupt.is_raised() {
+        wait_for_datagrams(socket, clock.until(robot.now()), &mut datagram, |from, bytes| {
+            robot.receive(from, bytes);
+        })
+        .map_err(ServeError::Network)?;
+        clock.catch_up(robot.now());
+        while clock.is_due(robot.now()) {
+            for _ in 0..BATCH {
+                robot.tick()?;
+            }
+            while let Some(to) = robot.transmit(&mut frame) {
+                // A datagram that cannot be sent is a datagram lost: the session deals with it.
+                let _ = socket.send_to(&frame, to);
+            }
+        }
+        let report = robot.report();
+        changes.tell(report.state, report.faults);
+    }
+    Ok(())
+}
+
+/// Gives every datagram that comes until `wait` is over, or that is there already.
+fn wait_for_datagrams(
+    socket: &UdpSocket,
+    wait: Duration,
+    buffer: &mut [u8],
+    mut take: impl FnMut(SocketAddr, &[u8]),
+) -> io::Result<()> {
+    socket.set_nonblocking(wait.is_zero())?;
+    if !wait.is_zero() {
+        socket.set_read_timeout(Some(wait))?;
+    }
+    loop {
+        match socket.recv_from(buffer) {
+            Ok((length, from)) => take(from, &buffer[..length]),
+            Err(error) => match error.kind() {
+                io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => return Ok(()),
+                // An operator that is gone (its port answers "unreachable") or a signal.
+                io::ErrorKind::ConnectionReset
+                | io::ErrorKind::ConnectionRefused
+                | io::ErrorKind::Interrupted => {}
+                _ => return Err(error),
+            },
+        }
+        socket.set_nonblocking(true)?;
+    }
+}
+
+/// The robot's time against the wall clock.
+struct RealTime {
+    start: WallClock,
+    /// Real time that the robot did not live through.
+    put_off: Duration,
+    complained: Option<WallClock>,
+    missed: Duration,
+}
+
+impl RealTime {
+    fn started() -> Self {
+        Self {
+            start: WallClock::now(),
+            put_off: Duration::ZERO,
+            complained: None,
+            missed: Duration::ZERO,
+        }
+    }
+
+    fn now(&self) -> Duration {
+        self.start.elapsed().saturating_sub(self.put_off)
+    }
+
+    fn is_due(&self, robot: flix_protocol::units::Instant) -> bool {
+        self.now() >= Duration::from_micros(robot.as_micros())
+    }
+
+    fn until(&self, robot: flix_protocol::units::Instant) -> Duration {
+        Duration::from_micros(robot.as_micros()).saturating_sub(self.now())
+    }
+
+    /// Puts the robot's time off when it is hopelessly behind, and says so.
+    fn catch_up(&mut self, robot: flix_protocol::units::Instant) {
+        let lag = self.now().saturating_sub(Duration::from_micros(robot.as_micros()));
+        if lag > LARGEST_LAG {
+            self.put_off += lag;
+            self.missed += lag;
+        }
+        let may_complain = self.complained.is_none_or(|at| at.elapsed() >= COMPLAINT_INTERVAL);
+        if !self.missed.is_zero() && may_complain {
+            eprintln!(
+                "flix-sim: this machine is too slow or too busy for real time: the robot's clock lost {} ms",
+                self.missed.as_millis()
+            );
+            self.complained = Some(WallClock::now());
+            self.missed = Duration::ZERO;
+        }
+    }
+}
+
+/// What was told last.
+#[derive(Default)]
+struct Changes(Option<(State, Faults)>);
+
+impl Changes {
+    fn tell(&mut self, state: State, faults: Faults) {
+        if self.0 == Some((state, faults)) {
+            return;
+        }
+        self.0 = Some((state, faults));
+        if faults.is_empty() {
+            println!("The robot is {state}.");
+        } else {
+            println!("The robot is {state}; faults: {faults}.");
+        }
+    }
+}
