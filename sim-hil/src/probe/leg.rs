@@ -1,0 +1,133 @@
+//! One leg, clamped at its root, loaded at its tip and let go: the paper's release test (section II-C).
+
+use serde::Serialize;
+
+use super::signal::extremes;
+use super::{ProbeError, norm, require_legs};
+use crate::model::RobotModel;
+use crate::plant::{LegView, Mechanics, Plant, Wrench};
+
+/// Time for which the released leg is watched, s.
+const RING: f64 = 1.0;
+/// Swings below this share of the first are lost in rounding.
+const FAINTEST: f64 = 1e-7;
+
+/// Static deflection and ring-down of a leg's tip (end of its last segment). World axes: x forward, y left,
+/// z up.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct LegProbe {
+    /// From the unloaded rest to the loaded one, mm.
+    pub displacement_mm: [f64; 3],
+    /// Rotation vector of the same, degrees.
+    pub rotation_deg: [f64; 3],
+    /// After the load is let go.
+    pub ring_down: RingDown,
+}
+
+/// The slowest-dying oscillation after release.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct RingDown {
+    /// Natural (undamped) frequency, Hz.
+    pub frequency_hz: f64,
+    /// Frequency that is seen: the natural one times sqrt(1 - damping_ratio^2), Hz.
+    pub damped_frequency_hz: f64,
+    /// Share of critical damping.
+    pub damping_ratio: f64,
+}
+
+/// Loads the tip of one leg (in the order of [`crate::model::LEGS`]) with a wrench in world axes, waits
+/// until it rests, lets go, and watches. The body is held, the floor taken away; the foot stays on.
+///
+/// # Errors
+/// When the model is refused or has no legs, when the leg cannot bear the load, or when the load is too small
+/// to see a ring-down.
+pub fn leg(model: &RobotModel, leg: usize, load: Wrench, step: f64) -> Result<LegProbe, ProbeError> {
+    require_legs(model)?;
+    let mut plant = Plant::new(model)?;
+    plant.load_clamped_leg(leg, Wrench::default(), step)?;
+    let free = view(&plant, leg);
+    plant.load_clamped_leg(leg, load, step)?;
+    let loaded = view(&plant, leg);
+    let displacement: [f64; 3] = core::array::from_fn(|i| loaded.joints[3][i] - free.joints[3][i]);
+
+    plant.set_tip_push(leg, Wrench::default());
+    let twist = rotation_between(&free, &loaded);
+    // The signal that shows the release best: along the displacement, or about the rotation.
+    let bent = norm(displacement) / TIP_REACH > norm(twist);
+    let mut signal = Vec::with_capacity((RING / step) as usize);
+    for _ in 0..(RING / step) as usize {
+        plant.step([0.0; 2], step)?;
+        let now = view(&plant, leg);
+        signal.push(if bent {
+            (0..3).map(|i| (now.joints[3][i] - free.joints[3][i]) * displacement[i]).sum::<f64>()
+        } else {
+            let turned = rotation_between(&free, &now);
+            (0..3).map(|i| turned[i] * twist[i]).sum::<f64>()
+        });
+    }
+    let start = if bent { norm(displacement).powi(2) } else { norm(twist).powi(2) };
+    Ok(LegProbe {
+        displacement_mm: displacement.map(|c| c * 1e3),
+        rotation_deg: twist.map(f64::to_degrees),
+        ring_down: ring_down(&signal, start, step).ok_or(ProbeError::Still)?,
+    })
+}
+
+/// A length that makes displacements and rotations comparable: that of a leg, m (paper, table II).
+const TIP_REACH: f64 = 0.05;
+
+fn view(plant: &Plant, leg: usize) -> LegView {
+    plant.legs().map(|legs| legs[leg]).expect("asked only of models with legs")
+}
+
+/// Rotation vector that turns the first tip into the second, rad; exact below half a turn.
+fn rotation_between(from: &LegView, to: &LegView) -> [f64; 3] {
+    let axes = |view: &LegView| {
+        nalgebra::Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_columns(
+            &view.tip_axes.map(nalgebra::Vector3::from),
+        ))
+    };
+    (axes(to) * axes(from).inverse()).scaled_axis().into()
+}
+
+/// Period and decay of the last swings that are well above rounding: by then only the slowest-dying mode is
+/// left.
+fn ring_down(signal: &[f64], start: f64, step: f64) -> Option<RingDown> {
+    let swings: Vec<(f64, f64)> = extremes(signal)
+        .into_iter()
+        .take_while(|(_, height)| height.abs() > FAINTEST * start)
+        .collect();
+    let pairs = swings.len().checked_sub(1).filter(|pairs| *pairs >= 1)?;
+    // The later half, in which the faster modes have died.
+    let (first, last) = (swings[pairs / 2], swings[pairs]);
+    let halves = (pairs - pairs / 2) as f64;
+    let damped = core::f64::consts::TAU * halves / 2.0 / ((last.0 - first.0) * step);
+    let decay = (first.1 / last.1).abs().ln() / ((last.0 - first.0) * step);
+    let natural = damped.hypot(decay);
+    Some(RingDown {
+        frequency_hz: natural / core::f64::consts::TAU,
+        damped_frequency_hz: damped / core::f64::consts::TAU,
+        damping_ratio: decay / natural,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ring_down_of_two_modes_is_that_of_the_slower_dying_one() {
+        let (omega, zeta) = (270.0, 0.3);
+        let signal: Vec<f64> = (0..4000)
+            .map(|i| {
+                let t = f64::from(i) * 1e-4;
+                let slow = (-zeta * omega * t).exp() * (omega * (1.0f64 - zeta * zeta).sqrt() * t).cos();
+                slow + 0.4 * (-260.0 * t).exp() * (900.0 * t).cos()
+            })
+            .collect();
+        let found = ring_down(&signal, 1.0, 1e-4).unwrap();
+        let expected = omega / core::f64::consts::TAU;
+        assert!((found.frequency_hz / expected - 1.0).abs() < 0.005, "{found:?}");
+        assert!((found.damping_ratio / zeta - 1.0).abs() < 0.01, "{found:?}");
+    }
+}

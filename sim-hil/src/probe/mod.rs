@@ -1,0 +1,59 @@
+//! What an engineer asks of the mechanics: how it rests, bends, rings and shakes.
+//!
+//! Each probe takes a [`RobotModel`](crate::model::RobotModel), runs the plant itself, and returns
+//! plain numbers whose names carry their units; `flix-sim` prints them as tables or JSON.
+
+mod leg;
+mod modes;
+mod rest;
+mod shake;
+mod signal;
+
+pub use leg::{LegProbe, RingDown, leg};
+pub use modes::{Clamp, Mode, Modes, modes};
+pub use rest::{FootLoads, Rest, rest};
+pub(crate) use shake::turn_between;
+pub use shake::{ShakeBase, Shaken, shake};
+
+use crate::model::ModelError;
+use crate::plant::Diverged;
+
+/// Why a probe has no result.
+#[derive(Debug, thiserror::Error)]
+pub enum ProbeError {
+    /// The model is refused.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The plant's state is useless.
+    #[error(transparent)]
+    Diverged(#[from] Diverged),
+    /// The probe is about legs.
+    #[error("the model {name} has no legs: choose one that has, for example A or W")]
+    NoLegs {
+        /// Name of the model.
+        name: String,
+    },
+    /// Nothing moved enough to measure.
+    #[error("the leg did not ring: give a force or a torque large enough to bend it")]
+    Still,
+    /// The matrices of the model have no modes.
+    #[error("the model {name} has no modes: its mass matrix cannot be inverted")]
+    Singular {
+        /// Name of the model.
+        name: String,
+    },
+}
+
+/// Refuses models without legs.
+fn require_legs(model: &crate::model::RobotModel) -> Result<(), ProbeError> {
+    if model.legs.is_some() {
+        Ok(())
+    } else {
+        Err(ProbeError::NoLegs { name: model.name.clone() })
+    }
+}
+
+/// Length of a vector.
+fn norm(v: [f64; 3]) -> f64 {
+    v.iter().map(|c| c * c).sum::<f64>().sqrt()
+}

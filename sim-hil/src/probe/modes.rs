@@ -1,0 +1,192 @@
+//! Natural frequencies, damping ratios and shapes of small motions.
+
+use nalgebra::{DMatrix, DVector};
+use serde::Serialize;
+
+use super::{ProbeError, require_legs};
+use crate::model::RobotModel;
+use crate::plant::{Linear, Plant};
+
+/// What is held.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Clamp {
+    /// Nothing: the robot floats.
+    None,
+    /// One leg at its root, in the order of [`crate::model::LEGS`]; its foot is free.
+    Leg(usize),
+    /// The ends of each foot's long edge.
+    Feet,
+}
+
+/// One way to swing.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Mode {
+    /// Natural (undamped) frequency, Hz.
+    pub frequency_hz: f64,
+    /// Share of critical damping; 1 and more does not swing.
+    pub damping_ratio: f64,
+    /// Undamped shape in the coordinates of [`Modes::coordinates`], largest entry 1.
+    pub shape: Vec<f64>,
+}
+
+/// All of them.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Modes {
+    /// In rising frequency, motions that no spring resists left out.
+    pub modes: Vec<Mode>,
+    /// Motions that no spring resists.
+    pub rigid_motions: usize,
+    /// Names of the coordinates of the shapes.
+    pub coordinates: Vec<String>,
+}
+
+/// Below this share of the highest eigenvalue a motion has no spring.
+const RIGID: f64 = 1e-9;
+
+/// Linearises the model as it stands, straight legs, without contact, and finds its modes.
+///
+/// # Errors
+/// When the model is refused or has no legs.
+pub fn modes(model: &RobotModel, clamp: Clamp) -> Result<Modes, ProbeError> {
+    require_legs(model)?;
+    let linear = Plant::new(model)?.linearise();
+    let names = coordinates();
+    let basis = allowed(&linear, clamp);
+    let reduce = |rows: &[Vec<f64>]| basis.transpose() * matrix(rows) * &basis;
+    let (mass, stiffness, damping) =
+        (reduce(&linear.mass), reduce(&linear.stiffness), reduce(&linear.damping));
+    let singular = || ProbeError::Singular { name: model.name.clone() };
+
+    // M = L L^T; in the coordinates L^T q the problem is symmetric.
+    let factor = mass.cholesky().ok_or_else(singular)?.l();
+    let inverse = factor.clone().try_inverse().ok_or_else(singular)?;
+    let eigen = (&inverse * stiffness * inverse.transpose()).symmetric_eigen();
+    let largest = eigen.eigenvalues.max();
+    let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
+    order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+    let damped = &inverse * damping * inverse.transpose();
+
+    let elastic: Vec<usize> =
+        order.iter().copied().filter(|i| eigen.eigenvalues[*i] > RIGID * largest).collect();
+    // Damping couples the undamped modes: the damped ones are eigenvalues of the whole.
+    let pairs = damped_modes(&eigen.eigenvalues, &eigen.eigenvectors, &damped, &elastic);
+    let modes = elastic
+        .iter()
+        .zip(pairs)
+        .map(|(index, (natural, ratio))| {
+            let vector = &basis * (inverse.transpose() * eigen.eigenvectors.column(*index));
+            Mode {
+                frequency_hz: natural / core::f64::consts::TAU,
+                damping_ratio: ratio,
+                shape: normalised(&vector),
+            }
+        })
+        .collect();
+    Ok(Modes { modes, rigid_motions: order.len() - elastic.len(), coordinates: names })
+}
+
+/// Natural frequency (rad/s) and damping ratio of each mode, in rising frequency.
+fn damped_modes(
+    eigenvalues: &DVector<f64>,
+    vectors: &DMatrix<f64>,
+    damping: &DMatrix<f64>,
+    elastic: &[usize],
+) -> Vec<(f64, f64)> {
+    let n = elastic.len();
+    let shapes = DMatrix::from_columns(
+        &elastic.iter().map(|i| vectors.column(*i).into_owned()).collect::<Vec<_>>(),
+    );
+    let modal = shapes.transpose() * damping * &shapes;
+    let mut state = DMatrix::zeros(2 * n, 2 * n);
+    for i in 0..n {
+        state[(i, n + i)] = 1.0;
+        state[(n + i, i)] = -eigenvalues[elastic[i]];
+        for j in 0..n {
+            state[(n + i, n + j)] = -modal[(i, j)];
+        }
+    }
+    let roots = state.complex_eigenvalues();
+    let mut pairs: Vec<(f64, f64)> = roots
+        .iter()
+        .filter(|root| root.im > 0.0)
+        .map(|root| (root.norm(), -root.re / root.norm()))
+        .collect();
+    // Overdamped modes are two real roots each: the geometric mean is the natural frequency.
+    let mut real: Vec<f64> = roots.iter().filter(|root| root.im == 0.0).map(|r| -r.re).collect();
+    real.sort_by(f64::total_cmp);
+    let half = real.len() / 2;
+    for (slow, fast) in real[..half].iter().zip(real[half..].iter().rev()) {
+        let natural = (slow * fast).abs().sqrt();
+        pairs.push((natural, 0.5 * (slow + fast) / natural));
+    }
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    pairs
+}
+
+/// A basis of the motions that the clamp allows.
+fn allowed(linear: &Linear, clamp: Clamp) -> DMatrix<f64> {
+    let n = linear.mass.len();
+    let unit = DMatrix::<f64>::identity(n, n);
+    match clamp {
+        Clamp::None => unit,
+        Clamp::Leg(leg) => unit.columns(8 + 6 * leg, 6).into_owned(),
+        Clamp::Feet => {
+            // The null space of the pinned points' velocities.
+            let pinned = matrix(&linear.sole_ends);
+            let square = pinned.transpose() * &pinned;
+            let eigen = square.symmetric_eigen();
+            let largest = eigen.eigenvalues.max();
+            let free: Vec<_> = (0..n)
+                .filter(|i| eigen.eigenvalues[*i] < 1e-12 * largest)
+                .map(|i| eigen.eigenvectors.column(i).into_owned())
+                .collect();
+            DMatrix::from_columns(&free)
+        }
+    }
+}
+
+fn matrix(rows: &[Vec<f64>]) -> DMatrix<f64> {
+    let columns = rows.first().map_or(0, Vec::len);
+    DMatrix::from_fn(rows.len(), columns, |i, j| rows[i][j])
+}
+
+fn normalised(vector: &DVector<f64>) -> Vec<f64> {
+    let largest = vector.iter().copied().fold(0.0, |m: f64, c| if c.abs() > m.abs() { c } else { m });
+    vector.iter().map(|c| c / largest).collect()
+}
+
+fn coordinates() -> Vec<String> {
+    let body = ["roll", "pitch", "yaw", "x", "y", "z", "top rotor", "bottom rotor"];
+    let hinges = ["bend 1", "twist 1", "bend 2", "twist 2", "bend 3", "twist 3"];
+    let legs = crate::model::LEGS
+        .into_iter()
+        .flat_map(|leg| hinges.into_iter().map(move |hinge| format!("{leg} {hinge}")));
+    body.into_iter().map(str::to_owned).chain(legs).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_mode_of_a_clamped_leg_is_that_of_the_reference() {
+        let model = RobotModel::named("A").unwrap();
+        let first = &modes(&model, Clamp::Leg(0)).unwrap().modes[0];
+        assert!((first.frequency_hz / 43.0 - 1.0).abs() < 0.01, "{first:?}");
+        assert!((first.damping_ratio / 0.305 - 1.0).abs() < 0.03, "{first:?}");
+    }
+
+    #[test]
+    fn a_floating_robot_has_six_rigid_motions_and_two_free_rotors() {
+        let model = RobotModel::named("A").unwrap();
+        let all = modes(&model, Clamp::None).unwrap();
+        assert_eq!((all.rigid_motions, all.modes.len()), (8, 24));
+    }
+
+    #[test]
+    fn pinned_feet_leave_ten_modes_and_the_rotors() {
+        let model = RobotModel::named("A").unwrap();
+        let all = modes(&model, Clamp::Feet).unwrap();
+        assert_eq!((all.rigid_motions, all.modes.len()), (2, 10));
+    }
+}

@@ -1,0 +1,240 @@
+//! One walk: the robot shaken at a steady f and theta, and how fast it goes.
+//!
+//! At 30 Hz the shaking force is seven times the weight and the walk is chaotic: one run says little. So a
+//! walk is repeated with its start disturbed ([`Plant::disturb`]) from several seeds, and reported as mean
+//! and spread.
+
+use std::time::Duration;
+
+use flix_protocol::message::Setpoint;
+use flix_protocol::session::Key;
+use serde::Serialize;
+
+use crate::channel::ChannelParameters;
+use crate::model::{GRAVITY, ModelError, RobotModel};
+use crate::operation::{Operation, OperationError};
+use crate::plant::{Diverged, Drive, Mechanics, Plant};
+use crate::probe::turn_between;
+use crate::robot::{RobotParameters, SimulatedRobot};
+
+/// Step of the ideal drive unless told, s. The firmware's drive steps with its own 10 kHz tick.
+pub const DEFAULT_STEP: f64 = 1e-4;
+/// Time that the firmware has to come up to f and theta before the walk is measured, s: the promise of a
+/// step of the setpoint.
+const RUN_UP: Duration = Duration::from_millis(500);
+
+/// What turns the rotors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WalkDrive {
+    /// The robot's own software through motors, battery and an operator's link.
+    Firmware,
+    /// Exactly as commanded, as in the paper's simulation.
+    Ideal,
+}
+
+/// What to walk.
+#[derive(Debug, Clone, Copy)]
+pub struct Walk {
+    /// f and theta.
+    pub setpoint: Setpoint,
+    /// Time that is measured, s.
+    pub seconds: f64,
+    /// What turns the rotors.
+    pub drive: WalkDrive,
+    /// Step of the ideal drive, s.
+    pub step: f64,
+}
+
+/// What came of one walk.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Walked {
+    /// Mean speed along the body's own forward axis, m/s.
+    pub forward_m_s: f64,
+    /// Mean speed along the body's own leftward axis, m/s.
+    pub lateral_m_s: f64,
+    /// Mean yaw rate, rad/s, left positive.
+    pub yaw_rad_s: f64,
+    /// Energy spent while measured, J: from the battery, or by ideal motors on the rotors.
+    pub energy_j: f64,
+    /// Horizontal path of the body, smoothed over the shaking, m.
+    pub path_m: f64,
+    /// Energy over weight times path.
+    pub cost_of_transport: f64,
+}
+
+/// A quantity over several seeds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spread {
+    /// Mean.
+    pub mean: f64,
+    /// Standard deviation between seeds; zero for one.
+    pub spread: f64,
+}
+
+impl Spread {
+    /// Mean and sample standard deviation.
+    #[must_use]
+    pub fn of(values: &[f64]) -> Self {
+        let count = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / count;
+        let square = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+        Self { mean, spread: if values.len() > 1 { (square / (count - 1.0)).sqrt() } else { 0.0 } }
+    }
+}
+
+/// Why there was no walk.
+#[derive(Debug, thiserror::Error)]
+pub enum WalkError {
+    /// The model is refused.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The model cannot walk.
+    #[error("the model {name} has no legs or does not stand free: choose one that can walk, for example A or W")]
+    NoLegs {
+        /// Name of the model.
+        name: String,
+    },
+    /// The plant's state is useless.
+    #[error(transparent)]
+    Diverged(#[from] Diverged),
+    /// The robot's software did not do as it was told.
+    #[error(transparent)]
+    Operation(#[from] OperationError),
+}
+
+/// Walks once. `watch` sees the plant after every step that is measured.
+///
+/// # Errors
+/// See [`WalkError`].
+pub fn walk(
+    model: &RobotModel,
+    walk: &Walk,
+    seed: u64,
+    watch: impl FnMut(&Plant),
+) -> Result<Walked, WalkError> {
+    if model.legs.is_none() || model.base != crate::model::Base::Free {
+        return Err(WalkError::NoLegs { name: model.name.clone() });
+    }
+    let mut plant = Plant::new(model)?;
+    plant.disturb(seed, false);
+    match walk.drive {
+        WalkDrive::Ideal => ideally(plant, walk, watch),
+        WalkDrive::Firmware => by_firmware(plant, walk, seed, watch),
+    }
+}
+
+fn ideally(
+    mut plant: Plant,
+    walk: &Walk,
+    mut watch: impl FnMut(&Plant),
+) -> Result<Walked, WalkError> {
+    plant.set_drive(Drive::Ideal {
+        frequency_hz: f64::from(walk.setpoint.frequency().get()),
+        theta_rad: f64::from(walk.setpoint.direction().get()).to_radians(),
+    });
+    let mut odometer = Odometer::start(&plant);
+    let work = plant.energy().motor_work;
+    for _ in 0..(walk.seconds / walk.step).round() as usize {
+        plant.step([0.0; 2], walk.step)?;
+        odometer.add(&plant, walk.step);
+        watch(&plant);
+    }
+    Ok(odometer.finish(&plant, plant.energy().motor_work - work))
+}
+
+fn by_firmware(
+    plant: Plant,
+    walk: &Walk,
+    seed: u64,
+    mut watch: impl FnMut(&Plant),
+) -> Result<Walked, WalkError> {
+    let parameters = RobotParameters::new(Key::new([0x5a; 32]), seed);
+    let robot = SimulatedRobot::new(parameters, plant);
+    let mut operation = Operation::new(robot, ChannelParameters::QUIET_WIFI);
+    operation.arm()?;
+    operation.hold(walk.setpoint);
+    operation.run(RUN_UP, |_| {})?;
+    let mut odometer = Odometer::start(operation.robot.mechanics());
+    let spent = operation.robot.electronics().battery().delivered();
+    let end = operation.now() + Duration::from_secs_f64(walk.seconds);
+    while operation.now() < end {
+        operation.tick()?;
+        odometer.add(operation.robot.mechanics(), crate::plant::electronics::TICK);
+        watch(operation.robot.mechanics());
+    }
+    let report = operation.robot.report();
+    if !report.faults.is_empty() {
+        return Err(OperationError::Faulted(report.faults).into());
+    }
+    let spent = operation.robot.electronics().battery().delivered() - spent;
+    Ok(odometer.finish(operation.robot.mechanics(), spent))
+}
+
+/// Sums up motion in the body's own axes.
+#[derive(Debug, Clone)]
+struct Odometer {
+    position: [f64; 2],
+    yaw: f64,
+    seconds: f64,
+    forward: f64,
+    left: f64,
+    turned: f64,
+    /// Where the smoothed path was sampled last, and when.
+    mark: ([f64; 2], f64),
+    path: f64,
+}
+
+/// Interval of the smoothed path, s: long against the shaking, short against any turn.
+const PATH_INTERVAL: f64 = 0.25;
+
+impl Odometer {
+    fn start(plant: &Plant) -> Self {
+        let body = plant.body();
+        let position = [body.position[0], body.position[1]];
+        Self {
+            position,
+            yaw: body.yaw(),
+            seconds: 0.0,
+            forward: 0.0,
+            left: 0.0,
+            turned: 0.0,
+            mark: (position, 0.0),
+            path: 0.0,
+        }
+    }
+
+    fn add(&mut self, plant: &Plant, interval: f64) {
+        let body = plant.body();
+        let turn = turn_between(self.yaw, body.yaw());
+        let (sin, cos) = (self.yaw + 0.5 * turn).sin_cos();
+        let [dx, dy] = [body.position[0] - self.position[0], body.position[1] - self.position[1]];
+        self.forward += cos * dx + sin * dy;
+        self.left += cos * dy - sin * dx;
+        self.turned += turn;
+        self.seconds += interval;
+        self.position = [body.position[0], body.position[1]];
+        self.yaw = body.yaw();
+        if self.seconds - self.mark.1 >= PATH_INTERVAL {
+            self.close_path();
+        }
+    }
+
+    fn close_path(&mut self) {
+        let [dx, dy] = [self.position[0] - self.mark.0[0], self.position[1] - self.mark.0[1]];
+        self.path += dx.hypot(dy);
+        self.mark = (self.position, self.seconds);
+    }
+
+    fn finish(mut self, plant: &Plant, energy: f64) -> Walked {
+        self.close_path();
+        let (mass, ..) = plant.mass_properties();
+        Walked {
+            forward_m_s: self.forward / self.seconds,
+            lateral_m_s: self.left / self.seconds,
+            yaw_rad_s: self.turned / self.seconds,
+            energy_j: energy,
+            path_m: self.path,
+            cost_of_transport: energy / (mass * GRAVITY * self.path),
+        }
+    }
+}
