@@ -9,6 +9,8 @@ pub mod model;
 pub mod mujoco;
 pub mod operation;
 pub mod plant;
+pub mod probe;
 pub mod robot;
 pub mod study;
 pub mod view;
+pub mod walk;

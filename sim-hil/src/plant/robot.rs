@@ -104,8 +104,8 @@ impl Energy {
 pub struct LegView {
     /// The three hinges from the root, then the tip.
     pub joints: [[f64; 3]; 4],
-    /// Axes of the last segment: columns x, y (along the beam), z.
-    pub tip_axes: [[f64; 3]; 3],
+    /// Axes of the three segments from the root: columns x, y (along the beam), z.
+    pub axes: [[[f64; 3]; 3]; 3],
     /// Centre of the foot.
     pub foot_center: [f64; 3],
     /// Half extents of the foot as vectors: along its own x, y, z.
@@ -317,7 +317,7 @@ impl Plant {
             let world = |v: Vec3<f64>| (v + self.state.position).0;
             LegView {
                 joints: step.point.map(world),
-                tip_axes: columns(&step.frame[2]),
+                axes: step.frame.each_ref().map(columns),
                 foot_center: world(center),
                 foot_half: columns(&half),
                 angles: state.angle,

@@ -84,7 +84,7 @@ fn view(plant: &Plant, leg: usize) -> LegView {
 fn rotation_between(from: &LegView, to: &LegView) -> [f64; 3] {
     let axes = |view: &LegView| {
         nalgebra::Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_columns(
-            &view.tip_axes.map(nalgebra::Vector3::from),
+            &view.axes[2].map(nalgebra::Vector3::from),
         ))
     };
     (axes(to) * axes(from).inverse()).scaled_axis().into()

@@ -6,6 +6,12 @@
 //!
 //! Lengths in metres, forces in newtons, world frame ENU, quaternions `[w, x, y, z]`.
 
+mod robot;
+
+pub use robot::RobotView;
+
+use std::path::{Path, PathBuf};
+
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
@@ -125,6 +131,19 @@ impl Recording {
         Ok(PAGE.replace("{{title}}", &title).replace("{{recording}}", &json))
     }
 
+    /// Writes the replay to a file, and returns its path.
+    ///
+    /// # Errors
+    /// As [`Recording::to_html`], and when the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<PathBuf, RecordingError> {
+        let html = self.to_html()?;
+        path.parent()
+            .map_or(Ok(()), std::fs::create_dir_all)
+            .and_then(|()| std::fs::write(path, html))
+            .map_err(|source| RecordingError::Write { path: path.to_owned(), source })?;
+        Ok(path.to_owned())
+    }
+
     fn pack(&self) -> Result<Vec<u8>, RecordingError> {
         let numbers = 1 + 7 * self.parts.len() + 6 * self.arrows.len();
         let mut bytes = Vec::with_capacity(self.frames.len() * numbers * 4);
@@ -156,6 +175,14 @@ pub enum RecordingError {
     Mismatch {
         /// Index of the frame.
         frame: usize,
+    },
+    /// The file could not be written.
+    #[error("cannot write {}: {source}; check that the folder may be written to", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
     },
     /// The data could not be written as JSON.
     #[error("the recording could not be encoded: {0}")]

@@ -1,0 +1,233 @@
+//! `flix-sim walk`: shake the whole robot at one f and theta and see where it goes.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::ValueEnum;
+use flix_host::plot::{Figure, Outline, Series, Track, colour};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use serde::Serialize;
+
+use super::arguments::{ModelArgs, SetpointArgs, parse_seconds};
+use super::{Error, progress};
+use crate::model::RobotModel;
+use crate::plant::Plant;
+use crate::view::{Caption, Frame, Recording, RobotView};
+use crate::walk::{DEFAULT_STEP, Spread, Walk, WalkDrive, Walked, walk};
+
+/// Frames of the replay in all, at most: what a browser loads at once.
+const FRAMES: f64 = 4000.0;
+/// Shortest time between two frames, s: some 16 frames a turn at 30 Hz.
+const FRAME_INTERVAL: f64 = 2e-3;
+/// Outlines of the robot on the track.
+const OUTLINES: usize = 6;
+
+/// Walk: mean speeds over several seeds, a picture of the track, a replay.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  flix-sim walk --frequency -30 --direction 30\n  flix-sim walk --frequency 30 --direction 90 --seconds 20 --seeds 16 --drive ideal\n  flix-sim walk --frequency 35 --direction 0 --model my-robot.toml --json"
+)]
+pub struct Args {
+    #[command(flatten)]
+    setpoint: SetpointArgs,
+    /// How long to walk
+    #[arg(long, value_name = "TIME", default_value = "8", value_parser = parse_seconds)]
+    seconds: f64,
+    /// How many walks, each with its start disturbed by up to 1 mm
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    seeds: u64,
+    /// The first seed
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    first_seed: u64,
+    #[command(flatten)]
+    model: ModelArgs,
+    /// What turns the rotors
+    #[arg(long, value_enum, default_value_t = DriveArg::Firmware)]
+    drive: DriveArg,
+    /// Step of the ideal drive; the firmware's is its own 0.1 ms
+    #[arg(long, value_name = "TIME", value_parser = parse_seconds)]
+    step: Option<f64>,
+    /// Folder for the picture and the replay
+    #[arg(long, value_name = "DIR", default_value = "out/walk")]
+    out: PathBuf,
+    /// Write JSON, and nothing else; no picture, no replay
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum DriveArg {
+    /// The robot's own software through motors and battery.
+    Firmware,
+    /// Exactly as commanded, as in the paper's simulation.
+    Ideal,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    model: String,
+    frequency_hz: f32,
+    direction_deg: f32,
+    seconds: f64,
+    seeds: u64,
+    first_seed: u64,
+    forward_m_s: Spread,
+    lateral_m_s: Spread,
+    yaw_rad_s: Spread,
+    energy_j: Spread,
+    cost_of_transport: Spread,
+}
+
+/// # Errors
+/// When f or theta is out of range, the model is refused, or a walk fails.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let model = args.model.load()?;
+    let setpoint = args.setpoint.check()?;
+    let what = Walk {
+        setpoint,
+        seconds: args.seconds,
+        drive: match args.drive {
+            DriveArg::Firmware => WalkDrive::Firmware,
+            DriveArg::Ideal => WalkDrive::Ideal,
+        },
+        step: args.step.unwrap_or(DEFAULT_STEP),
+    };
+    let bar = progress(args.seeds, "walking");
+    let seeds: Vec<u64> = (0..args.seeds).map(|index| args.first_seed.wrapping_add(index)).collect();
+    let walked: Vec<(Walked, Option<Film>)> = seeds
+        .into_par_iter()
+        .map(|seed| {
+            let mut film = (seed == args.first_seed && !args.json).then(|| Film::new(&model, args));
+            let walked = walk(&model, &what, seed, |plant| {
+                if let Some(film) = &mut film {
+                    film.shoot(plant);
+                }
+            })?;
+            bar.inc(1);
+            Ok((walked, film))
+        })
+        .collect::<Result<_, crate::walk::WalkError>>()?;
+    bar.finish_and_clear();
+
+    let spread = |of: fn(&Walked) -> f64| {
+        Spread::of(&walked.iter().map(|(walked, _)| of(walked)).collect::<Vec<_>>())
+    };
+    let report = Report {
+        model: model.name.clone(),
+        frequency_hz: args.setpoint.frequency,
+        direction_deg: args.setpoint.direction,
+        seconds: args.seconds,
+        seeds: args.seeds,
+        first_seed: args.first_seed,
+        forward_m_s: spread(|w| w.forward_m_s),
+        lateral_m_s: spread(|w| w.lateral_m_s),
+        yaw_rad_s: spread(|w| w.yaw_rad_s),
+        energy_j: spread(|w| w.energy_j),
+        cost_of_transport: spread(|w| w.cost_of_transport),
+    };
+    if args.json {
+        println!("{}", serde_json::to_string(&report)?);
+        return Ok(ExitCode::SUCCESS);
+    }
+    print!("{}", table(&report));
+    for film in walked.into_iter().filter_map(|(_, film)| film) {
+        film.write(&model, args)?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn table(report: &Report) -> String {
+    let row = |name: &str, value: &Spread, unit: &str| {
+        format!("{name:20}{:>10.4} ± {:<8.4} {unit}\n", value.mean, value.spread)
+    };
+    format!(
+        "Model {} at {} Hz, {} degrees: {} walks of {} s (seeds from {})\n\n",
+        report.model,
+        report.frequency_hz,
+        report.direction_deg,
+        report.seeds,
+        report.seconds,
+        report.first_seed
+    ) + &row("forward", &report.forward_m_s, "m/s")
+        + &row("lateral (left +)", &report.lateral_m_s, "m/s")
+        + &row("yaw rate (left +)", &report.yaw_rad_s, "rad/s")
+        + &row("energy", &report.energy_j, "J")
+        + &row("cost of transport", &report.cost_of_transport, "")
+}
+
+/// What is kept of the first walk to look at.
+struct Film {
+    view: RobotView,
+    start: Option<f64>,
+    interval: f64,
+    frames: Vec<Frame>,
+    track: Vec<(f64, f64, f64)>,
+}
+
+impl Film {
+    fn new(model: &RobotModel, args: &Args) -> Self {
+        Self {
+            view: RobotView::new(model),
+            start: None,
+            interval: FRAME_INTERVAL.max(args.seconds / FRAMES),
+            frames: Vec::new(),
+            track: Vec::new(),
+        }
+    }
+
+    fn shoot(&mut self, plant: &Plant) {
+        let start = *self.start.get_or_insert(plant.time());
+        let time = plant.time() - start;
+        if time >= self.interval * self.frames.len() as f64 {
+            let body = plant.body();
+            self.frames.push(self.view.frame(plant, time));
+            self.track.push((body.position[0], body.position[1], body.yaw()));
+        }
+    }
+
+    fn write(self, model: &RobotModel, args: &Args) -> Result<(), Error> {
+        let title = format!(
+            "Model {} at {} Hz, {}\u{b0}",
+            model.name, args.setpoint.frequency, args.setpoint.direction
+        );
+        let line = Series::line("middle of the body", self.track.iter().map(|(x, y, _)| (*x, *y)));
+        let mut map = Track::new(title.clone(), "m")
+            .subtitle(format!("seed {}, {} s, seen from above", args.first_seed, args.seconds))
+            .series(line.colour(colour::BLUE));
+        for index in 0..OUTLINES {
+            let last = self.track.len().saturating_sub(1);
+            if let Some(pose) = self.track.get(index * last / (OUTLINES - 1)) {
+                map = map.outline(outline(model, *pose));
+            }
+        }
+        let picture = map.write(&args.out, "track")?;
+        let recording = Recording {
+            title: title.clone(),
+            parts: self.view.parts(),
+            arrows: self.view.arrows(),
+            captions: vec![Caption { time: 0.0, text: format!("{} s, seed {}", args.seconds, args.first_seed) }],
+            frames: self.frames,
+            ..Recording::default()
+        };
+        let page = recording.write(&args.out.join("replay.html"))?;
+        println!("\ntrack   {}\nreplay  {}", picture.png.display(), page.display());
+        Ok(())
+    }
+}
+
+/// The plate seen from above.
+fn outline(model: &RobotModel, (x, y, yaw): (f64, f64, f64)) -> Outline {
+    let (length, width) = (0.5e-3 * model.plate.length_mm, 0.5e-3 * model.plate.width_mm);
+    let (sin, cos) = yaw.sin_cos();
+    // A nose shows which way is forward.
+    let corners = [(-1.0, -1.0), (0.8, -1.0), (1.0, 0.0), (0.8, 1.0), (-1.0, 1.0)];
+    Outline {
+        corners: corners
+            .into_iter()
+            .map(|(u, v)| (u * length, v * width))
+            .map(|(u, v)| (x + cos * u - sin * v, y + sin * u + cos * v))
+            .collect(),
+        colour: colour::GREY,
+        filling: 0.12,
+    }
+}
