@@ -4,8 +4,14 @@
 //! `--json` standard output carries JSON alone; progress goes to standard error, and only to a terminal.
 
 pub mod accuracy;
+pub mod arguments;
 pub mod demo;
+pub mod leg;
+pub mod modes;
+pub mod rest;
 pub mod serve;
+pub mod shake;
+pub mod walk;
 
 use std::process::ExitCode;
 use std::time::Duration;
@@ -29,6 +35,16 @@ enum Command {
     Serve(serve::Args),
     /// Measure how well f and theta are held, over all of them.
     Accuracy(accuracy::Args),
+    /// Walk at one f and theta: speeds over several seeds, a picture, a replay.
+    Walk(walk::Args),
+    /// Drop the robot, let it rest, weigh it.
+    Rest(rest::Args),
+    /// Bend one leg and let it ring.
+    Leg(leg::Args),
+    /// List natural frequencies, damping ratios and shapes.
+    Modes(modes::Args),
+    /// Tell the amplitudes of the shaker's forces and of the body's motion.
+    Shake(shake::Args),
 }
 
 /// Why a command failed: one sentence for people.
@@ -52,9 +68,36 @@ pub enum Error {
     /// The robot cannot be on the network.
     #[error(transparent)]
     Serve(#[from] serve::ServeError),
+    /// f or theta cannot be asked for.
+    #[error("{0}; the robot takes -35 to 35 Hz and -90 to 90 degrees")]
+    Setpoint(#[from] flix_protocol::units::OutOfRange),
+    /// The robot did not walk.
+    #[error(transparent)]
+    Walk(#[from] crate::walk::WalkError),
+    /// The mechanics gave no answer.
+    #[error(transparent)]
+    Probe(#[from] crate::probe::ProbeError),
+    /// A replay was not written.
+    #[error(transparent)]
+    Recording(#[from] crate::view::RecordingError),
     /// JSON was not written.
     #[error("cannot write JSON: {0}")]
     Json(#[from] serde_json::Error),
+}
+
+impl Error {
+    /// Whether the command line, or a file that it names, is wrong.
+    fn is_usage(&self) -> bool {
+        use crate::probe::ProbeError;
+        use crate::walk::WalkError;
+        matches!(
+            self,
+            Self::Setpoint(_)
+                | Self::Model(_)
+                | Self::Probe(ProbeError::Model(_) | ProbeError::NoLegs { .. })
+                | Self::Walk(WalkError::Model(_) | WalkError::NoLegs { .. })
+        )
+    }
 }
 
 impl From<crate::plant::Diverged> for Error {
@@ -70,10 +113,15 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Demo(args) => demo::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Accuracy(args) => accuracy::run(&args),
+        Command::Walk(args) => walk::run(&args),
+        Command::Rest(args) => rest::run(&args),
+        Command::Leg(args) => leg::run(&args),
+        Command::Modes(args) => modes::run(&args),
+        Command::Shake(args) => shake::run(&args),
     };
     outcome.unwrap_or_else(|error| {
         eprintln!("flix-sim: {error}");
-        ExitCode::FAILURE
+        if error.is_usage() { ExitCode::from(2) } else { ExitCode::FAILURE }
     })
 }
 
