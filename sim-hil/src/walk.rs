@@ -89,7 +89,9 @@ pub enum WalkError {
     #[error(transparent)]
     Model(#[from] ModelError),
     /// The model cannot walk.
-    #[error("the model {name} has no legs or does not stand free: choose one that can walk, for example A or W")]
+    #[error(
+        "the model {name} has no legs or does not stand free: choose one that can walk, for example A or W"
+    )]
     NoLegs {
         /// Name of the model.
         name: String,

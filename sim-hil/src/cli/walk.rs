@@ -93,7 +93,8 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         step: args.step.unwrap_or(DEFAULT_STEP),
     };
     let bar = progress(args.seeds, "walking");
-    let seeds: Vec<u64> = (0..args.seeds).map(|index| args.first_seed.wrapping_add(index)).collect();
+    let seeds: Vec<u64> =
+        (0..args.seeds).map(|index| args.first_seed.wrapping_add(index)).collect();
     let walked: Vec<(Walked, Option<Film>)> = seeds
         .into_par_iter()
         .map(|seed| {
@@ -205,7 +206,10 @@ impl Film {
             title: title.clone(),
             parts: self.view.parts(),
             arrows: self.view.arrows(),
-            captions: vec![Caption { time: 0.0, text: format!("{} s, seed {}", args.seconds, args.first_seed) }],
+            captions: vec![Caption {
+                time: 0.0,
+                text: format!("{} s, seed {}", args.seconds, args.first_seed),
+            }],
             frames: self.frames,
             ..Recording::default()
         };

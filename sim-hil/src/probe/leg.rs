@@ -41,7 +41,12 @@ pub struct RingDown {
 /// # Errors
 /// When the model is refused or has no legs, when the leg cannot bear the load, or when the load is too small
 /// to see a ring-down.
-pub fn leg(model: &RobotModel, leg: usize, load: Wrench, step: f64) -> Result<LegProbe, ProbeError> {
+pub fn leg(
+    model: &RobotModel,
+    leg: usize,
+    load: Wrench,
+    step: f64,
+) -> Result<LegProbe, ProbeError> {
     require_legs(model)?;
     let mut plant = Plant::new(model)?;
     plant.load_clamped_leg(leg, Wrench::default(), step)?;
@@ -121,7 +126,8 @@ mod tests {
         let signal: Vec<f64> = (0..4000)
             .map(|i| {
                 let t = f64::from(i) * 1e-4;
-                let slow = (-zeta * omega * t).exp() * (omega * (1.0f64 - zeta * zeta).sqrt() * t).cos();
+                let slow =
+                    (-zeta * omega * t).exp() * (omega * (1.0f64 - zeta * zeta).sqrt() * t).cos();
                 slow + 0.4 * (-260.0 * t).exp() * (900.0 * t).cos()
             })
             .collect();

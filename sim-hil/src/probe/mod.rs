@@ -46,11 +46,7 @@ pub enum ProbeError {
 
 /// Refuses models without legs.
 fn require_legs(model: &crate::model::RobotModel) -> Result<(), ProbeError> {
-    if model.legs.is_some() {
-        Ok(())
-    } else {
-        Err(ProbeError::NoLegs { name: model.name.clone() })
-    }
+    if model.legs.is_some() { Ok(()) } else { Err(ProbeError::NoLegs { name: model.name.clone() }) }
 }
 
 /// Length of a vector.

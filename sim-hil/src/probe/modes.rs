@@ -151,7 +151,8 @@ fn matrix(rows: &[Vec<f64>]) -> DMatrix<f64> {
 }
 
 fn normalised(vector: &DVector<f64>) -> Vec<f64> {
-    let largest = vector.iter().copied().fold(0.0, |m: f64, c| if c.abs() > m.abs() { c } else { m });
+    let largest =
+        vector.iter().copied().fold(0.0, |m: f64, c| if c.abs() > m.abs() { c } else { m });
     vector.iter().map(|c| c / largest).collect()
 }
 

@@ -52,7 +52,9 @@ mod tests {
         let samples: Vec<f64> = (0..2000)
             .map(|i| {
                 let t = f64::from(i) * 1e-4;
-                3.0 - 4.9 * t * t + 0.7 * t + 0.002 * (core::f64::consts::TAU * 30.0 * t + 0.4).sin()
+                3.0 - 4.9 * t * t
+                    + 0.7 * t
+                    + 0.002 * (core::f64::consts::TAU * 30.0 * t + 0.4).sin()
             })
             .collect();
         assert!((amplitude_at(&samples, 1e-4, 30.0) - 0.002).abs() < 1e-7);

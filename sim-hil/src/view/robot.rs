@@ -104,7 +104,8 @@ impl RobotView {
             });
         }
         let shaking = turn * nalgebra::Vector3::from(plant.shaker_force());
-        let mut forces = vec![Force { at: world([0.0, 0.0, m.shaker.z_mm]), vector: shaking.into() }];
+        let mut forces =
+            vec![Force { at: world([0.0, 0.0, m.shaker.z_mm]), vector: shaking.into() }];
         for leg in plant.legs().into_iter().flatten() {
             for segment in 0..3 {
                 let (top, bottom) = (leg.joints[segment], leg.joints[segment + 1]);
@@ -117,7 +118,10 @@ impl RobotView {
                 let length = half.iter().map(|c| c * c).sum::<f64>().sqrt();
                 half.map(|c| c / length)
             });
-            poses.push(Pose { position: leg.foot_center, orientation: from_axes(long_first(axes, &leg.foot_half)) });
+            poses.push(Pose {
+                position: leg.foot_center,
+                orientation: from_axes(long_first(axes, &leg.foot_half)),
+            });
             forces.push(Force { at: leg.foot_center, vector: leg.floor_force });
         }
         Frame { time, poses, forces }
