@@ -238,6 +238,14 @@ const BUS_FILTER_SHIFT: u32 = 1;
 const FREQUENCY_FILTER_SHIFT: u32 = 4;
 /// The battery must recover by this much before it is warned of again: 0.3 V.
 const BATTERY_HYSTERESIS: i32 = 19_661;
+/// Ticks for which a phase must carry next to nothing while the others do: 0.1 s.
+const OPEN_PHASE_TICKS: u32 = 1_000;
+/// A phase is open when its peak is below this share of the largest, 2^-3.
+const OPEN_PHASE_SHIFT: u32 = 3;
+/// Peaks below this tell nothing: 0.15 A.
+const TELLING_CURRENT: i32 = 9_830;
+/// Peaks fade within 2^5 surveys, 50 ms, several electrical turns.
+const PEAK_SHIFT: u32 = 5;
 /// What builds up slowly is looked at in one tick of so many.
 const SURVEY_TICKS: u32 = 16;
 
@@ -273,6 +281,9 @@ struct Suspicions {
     unlocked: Suspicion,
     droop: Suspicion,
     residual: Suspicion,
+    open_phase: [Suspicion; 2],
+    /// Fading peaks of the phase currents, 2^-16 A.
+    peaks: [[i32; 3]; 2],
 }
 
 /// What the bridges do at present.
@@ -587,6 +598,10 @@ impl Control {
         {
             faults = faults.with(Fault::PhaseLockLost);
         }
+        if self.open_phase(going_on) {
+            faults = faults.with(Fault::Alignment);
+        }
+        let suspicions = &mut self.suspicions;
         let bound = self.configuration.largest_residual;
         let off = self.loops.iter().any(|current_loop| {
             let residual = current_loop.residual();
@@ -596,6 +611,22 @@ impl Control {
             faults = faults.with(Fault::CurrentSense);
         }
         faults
+    }
+
+    /// Whether a phase carries next to nothing while its motor turns and the others carry.
+    fn open_phase(&mut self, going_on: bool) -> bool {
+        let Suspicions { open_phase, peaks, .. } = &mut self.suspicions;
+        let mut found = false;
+        for ((peaks, suspicion), [a, b]) in peaks.iter_mut().zip(open_phase).zip(self.currents) {
+            for (peak, current) in peaks.iter_mut().zip([a, b, a.wrapping_add(b)]) {
+                *peak = (*peak - (*peak >> PEAK_SHIFT)).max(magnitude(current));
+            }
+            let [a, b, c] = *peaks;
+            let (least, most) = (a.min(b).min(c), a.max(b).max(c));
+            let open = going_on && most > TELLING_CURRENT && least < most >> OPEN_PHASE_SHIFT;
+            found |= suspicion.count(open, OPEN_PHASE_TICKS / SURVEY_TICKS);
+        }
+        found
     }
 
     /// Whether the rotors have been slow for a while, and nobody wants them to turn.

@@ -402,3 +402,32 @@ fn a_battery_too_flat_for_f_costs_f_and_not_theta() {
     let held = bench.hold(35.0, 30.0, 0.3);
     assert!(held.frequency < 0.01 && held.direction < 0.15, "{held:?}");
 }
+
+#[test]
+fn a_phase_that_opens_while_running_stops_the_rotors() {
+    let mut bench = running(FREE, 30.0, 30.0);
+    bench.peak_current = 0.0;
+    bench.motors[0].open = true;
+    bench.run(1.0);
+    let report = bench.control.report();
+    assert_eq!(report.first_fault, Some(Fault::Alignment), "{}", report.faults);
+    assert!(bench.fastest() < 0.5, "still at {} Hz", bench.fastest());
+    assert!(bench.peak_current < 2.0, "{} A", bench.peak_current);
+}
+
+#[test]
+fn survives_an_offset_of_the_current_sense() {
+    let mut bench = running(FREE, 30.0, 30.0);
+    bench.sense_offset = 60;
+    bench.run(0.2);
+    let held = bench.hold(30.0, 30.0, 0.5);
+    assert!(held.frequency < 0.05 && held.direction < 0.5, "{held:?}");
+}
+
+#[test]
+fn survives_a_sag_of_the_battery() {
+    let mut bench = running(FREE, 30.0, 30.0);
+    bench.bus = 9.6;
+    let held = bench.hold(30.0, 30.0, 0.5);
+    assert!(held.frequency < 0.05 && held.direction < 0.5, "{held:?}");
+}
