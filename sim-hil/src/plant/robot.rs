@@ -244,6 +244,16 @@ impl Plant {
         self.state.tip_push[0].set(leg, &push.spatial());
     }
 
+    /// Bends a leg: its hinge angles, rad, from the root (bend, twist, bend, twist, bend, twist), at rest.
+    pub fn set_hinges(&mut self, leg: usize, angles: [f64; 6]) {
+        let state = &mut self.state.legs[0];
+        for (j, angle) in angles.iter().enumerate() {
+            state.angle[j].set(leg, angle);
+            state.speed[j].set(leg, &0.0);
+            state.acceleration[j].set(leg, &0.0);
+        }
+    }
+
     /// Puts the body elsewhere: an offset in the world (m), and a turn to the left (rad) about the vertical
     /// through its origin. Velocities turn with it.
     pub fn displace(&mut self, offset: [f64; 3], turn: f64) {
