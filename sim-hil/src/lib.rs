@@ -12,5 +12,6 @@ pub mod plant;
 pub mod probe;
 pub mod robot;
 pub mod study;
+pub mod validate;
 pub mod view;
 pub mod walk;

@@ -6,11 +6,13 @@
 pub mod accuracy;
 pub mod arguments;
 pub mod demo;
+pub mod export_mjcf;
 pub mod leg;
 pub mod modes;
 pub mod rest;
 pub mod serve;
 pub mod shake;
+pub mod validate;
 pub mod walk;
 
 use std::process::ExitCode;
@@ -45,6 +47,10 @@ enum Command {
     Modes(modes::Args),
     /// Tell the amplitudes of the shaker's forces and of the body's motion.
     Shake(shake::Args),
+    /// Compute every figure of the reference table and tell whether they agree.
+    Validate(validate::Args),
+    /// Write the model for MuJoCo.
+    ExportMjcf(export_mjcf::Args),
 }
 
 /// Why a command failed: one sentence for people.
@@ -80,6 +86,14 @@ pub enum Error {
     /// A replay was not written.
     #[error(transparent)]
     Recording(#[from] crate::view::RecordingError),
+    /// A file was not written.
+    #[error("cannot write {}: {error}", path.display())]
+    Write {
+        /// Which.
+        path: std::path::PathBuf,
+        /// What the system said.
+        error: std::io::Error,
+    },
     /// JSON was not written.
     #[error("cannot write JSON: {0}")]
     Json(#[from] serde_json::Error),
@@ -118,6 +132,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Leg(args) => leg::run(&args),
         Command::Modes(args) => modes::run(&args),
         Command::Shake(args) => shake::run(&args),
+        Command::Validate(args) => validate::run(&args),
+        Command::ExportMjcf(args) => export_mjcf::run(&args),
     };
     outcome.unwrap_or_else(|error| {
         eprintln!("flix-sim: {error}");

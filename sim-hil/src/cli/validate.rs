@@ -1,0 +1,79 @@
+//! `flix-sim validate`: every figure beside what it must agree with.
+
+use std::process::ExitCode;
+
+use super::Error;
+use super::arguments::{Vector, parse_leg};
+use crate::validate::{Options, Report, validate};
+
+/// Compute every figure of the reference table, or others, and tell whether they agree.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Without options the figures are those of reference model A. For the same figures from MuJoCo:\n  python3 sim-hil/validation/validate.py\n\nExamples:\n  flix-sim validate --json\n  flix-sim validate --model W --leg rr --force 0,0.1,0 --frequency 25"
+)]
+pub struct Args {
+    /// Model: a TOML file or a shipped name
+    #[arg(long, default_value = "A")]
+    model: String,
+    /// Frequency of the shaker on a stand, Hz; may be given several times
+    #[arg(long, value_name = "HZ", allow_hyphen_values = true)]
+    frequency: Vec<f64>,
+    /// Direction of the shaker, degrees to the right
+    #[arg(long, value_name = "DEGREES", default_value_t = 30.0, allow_hyphen_values = true)]
+    direction: f64,
+    /// Which leg is loaded: fl, fr, rl, rr
+    #[arg(long, default_value = "fl", value_parser = parse_leg)]
+    leg: usize,
+    /// Force on its tip, N
+    #[arg(long, value_name = "X,Y,Z", default_value = "0.2,0,0", allow_hyphen_values = true)]
+    force: Vector,
+    /// Torque on its tip, N m
+    #[arg(long, value_name = "X,Y,Z", default_value = "0,0,0", allow_hyphen_values = true)]
+    torque: Vector,
+    /// Write JSON, and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// # Errors
+/// When the model is refused, has no legs, or the motion diverges.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let model = crate::model::RobotModel::named(&args.model)?;
+    let mut options = Options {
+        direction_deg: args.direction,
+        leg: args.leg,
+        force: args.force.0,
+        torque: args.torque.0,
+        ..Options::default()
+    };
+    if !args.frequency.is_empty() {
+        options.frequencies_hz.clone_from(&args.frequency);
+    }
+    let report = validate(&model, &options)?;
+    if args.json {
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        print!("{}", table(&report));
+    }
+    Ok(if report.pass { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn table(report: &Report) -> String {
+    let mut text = format!(
+        "Model {}\n\n{:58}{:>12}{:>12}{:>12}\n",
+        report.model, "", "here", "reference", "within"
+    );
+    for row in &report.rows {
+        let number = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.4e}"));
+        let mark = if row.pass { "" } else { "  NOT MET" };
+        text += &format!(
+            "{:58}{:>12}{:>12}{:>12} {}{mark}\n",
+            row.name,
+            number(Some(row.value)),
+            number(row.reference),
+            number(row.tolerance),
+            row.unit
+        );
+    }
+    text
+}

@@ -1,0 +1,287 @@
+#!/usr/bin/env python3
+"""Checks the simulator against MuJoCo.
+
+Exports a model with `flix-sim export-mjcf`, computes every row of `flix-sim validate` with MuJoCo instead, and
+prints both beside each other and beside the reference table. Needs `pip install mujoco` (4.0).
+
+    python3 sim-hil/validation/validate.py
+    python3 sim-hil/validation/validate.py --model W --leg rr --force 0,0.1,0 --frequency 25
+    python3 sim-hil/validation/validate.py --model W --walk 8      # the nine locomotion modes, 8 seeds
+"""
+
+import argparse
+import json
+import math
+import re
+import subprocess
+import sys
+
+import mujoco
+import numpy as np
+
+GRAVITY = 9.81
+LEGS = ["fl", "fr", "rl", "rr"]
+# Agreement between both engines: relative, and absolute in the row's unit.
+TOLERANCE = {
+    "centre of mass": (0.0, 0.05),
+    "moment of inertia": (0.002, 0.0),
+    "first mode, damping": (0.03, 0.0),
+    "first mode": (0.01, 0.0),
+    "leg": (0.01, 2e-4),
+    "dropped": (0.0, 0.2),
+    "floor's force": (0.005, 0.0),
+    "shaker": (0.002, 0.0),
+}
+# Paper, tables III and IV: name, f in Hz, theta in degrees.
+MODES = [
+    ("forward", -30, 30),
+    ("forward II", -35, 30),
+    ("left", -30, 90),
+    ("left II", -30, 60),
+    ("right", 30, 90),
+    ("right II", -35, -30),
+    ("strafe left", 30, 30),
+    ("strafe left II", 35, 0),
+    ("strafe right", -30, -60),
+]
+
+
+def flix_sim(program, *arguments):
+    """Runs the simulator; its JSON says itself whether a row fails."""
+    done = subprocess.run([*program, *arguments], capture_output=True, text=True)
+    if done.returncode not in (0, 1) or not done.stdout:
+        sys.exit(f"{' '.join(program)} failed: {done.stderr.strip()}")
+    return done.stdout
+
+
+def held(xml):
+    """The model with its body welded to the world, without contact."""
+    model = mujoco.MjModel.from_xml_string(re.sub(r"<freejoint[^>]*/>", "", xml))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    return model
+
+
+def ideal(model, data, f, theta):
+    """Rotors at constant speed whatever acts on them: nothing turns an infinite inertia."""
+    for name, sign in (("top", 1.0), ("bottom", -1.0)):
+        joint = model.joint(name)
+        model.dof_armature[joint.dofadr[0]] = 1e6
+        data.qpos[joint.qposadr[0]] = -theta
+        data.qvel[joint.dofadr[0]] = -sign * 2 * math.pi * f
+
+
+def shaker_rows(xml, f, theta):
+    model = held(xml)
+    data = mujoco.MjData(model)
+    ideal(model, data, f, theta)
+    omega = 2 * math.pi * f
+    middle = 0.5 * (model.body("top").pos + model.body("bottom").pos) + model.body("body").pos
+    c, s = math.cos(theta), math.sin(theta)
+    count = 400
+    along = across = vertical = sine = cosine = 0.0
+    for i in range(count):
+        phase = 2 * math.pi * i / count
+        for name, sign in (("top", 1.0), ("bottom", -1.0)):
+            data.qpos[model.joint(name).qposadr[0]] = -theta - sign * phase
+        mujoco.mj_forward(model, data)
+        mujoco.mj_rnePostConstraint(model, data)
+        force, torque = np.zeros(3), np.zeros(3)
+        for name in ("top", "bottom"):
+            body = model.body(name).id
+            wrench = -data.cfrc_int[body]
+            lever = data.subtree_com[model.body_rootid[body]] - middle
+            force += wrench[3:]
+            torque += wrench[:3] + np.cross(lever, wrench[3:])
+        along = max(along, abs(force[0] * c - force[1] * s))
+        across = max(across, abs(force[0] * s + force[1] * c))
+        vertical = max(vertical, abs(torque[2]))
+        sine += (torque[0] * c - torque[1] * s) * math.sin(phase) * math.copysign(1, omega)
+        cosine += (torque[0] * s + torque[1] * c) * math.cos(phase)
+    name = f"shaker on a stand at {f:g} Hz: "
+    return {
+        name + "force along theta": along,
+        name + "force across theta": across,
+        name + "torque about z": vertical,
+        name + "torque h m w^2 l": abs(2 * sine / count),
+        name + "cosine torque of gravity": abs(2 * cosine / count),
+    }
+
+
+def standing_rows(xml):
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    mass = model.body_mass
+    center = (mass[:, None] * data.xipos).sum(0) / mass.sum()
+    inertia = np.zeros((3, 3))
+    for body in range(1, model.nbody):
+        turn = data.ximat[body].reshape(3, 3)
+        r = data.xipos[body] - center
+        inertia += turn @ np.diag(model.body_inertia[body]) @ turn.T
+        inertia += mass[body] * (r @ r * np.eye(3) - np.outer(r, r))
+    rows = {
+        "centre of mass above the soles": 1e3 * center[2],
+        "centre of mass forward of the centre": 1e3 * center[0],
+    }
+    for i, axis in enumerate("xyz"):
+        rows[f"moment of inertia about {axis}"] = inertia[i, i]
+    return rows
+
+
+def leg_rows(xml, leg, force, torque):
+    model = held(xml)
+    tip, foot = model.site(f"{leg}_tip"), model.body(f"{leg}_foot")
+    name = f"leg {leg} clamped, with its foot"
+    rows = mode_rows(model, leg, f"{name}: first mode")
+    # The table's leg has its foot along x, where the model has it across.
+    along = held(xml)
+    x, y, z = along.body_inertia[foot.id]
+    along.body_inertia[foot.id] = [min(x, y), max(x, y), z]
+    rows |= mode_rows(along, leg, f"{name} along x: first mode")
+
+    model.body_mass[foot.id] = 1e-4
+    model.body_inertia[foot.id] *= 1e-4 / 3e-3
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    def bent(force, torque):
+        data = mujoco.MjData(model)
+        for _ in range(10_000):
+            data.qfrc_applied[:] = 0
+            mujoco.mj_forward(model, data)
+            mujoco.mj_applyFT(
+                model, data, force, torque, data.site_xpos[tip.id],
+                model.site_bodyid[tip.id], data.qfrc_applied,
+            )
+            mujoco.mj_step(model, data)
+        mujoco.mj_forward(model, data)
+        return data.site_xpos[tip.id].copy()
+
+    moved = 1e3 * (bent(force, torque) - bent(np.zeros(3), np.zeros(3)))
+    for i, axis in enumerate("xyz"):
+        rows[f"leg {leg} clamped, loaded: tip along {axis}"] = moved[i]
+    return rows
+
+
+def mode_rows(model, leg, name):
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    joints = [model.joint(f"{leg}{k}_{kind}") for k in range(3) for kind in ("bend", "twist")]
+    at = [joint.dofadr[0] for joint in joints]
+    inverse = np.linalg.inv(full[np.ix_(at, at)])
+    stiffness = np.diag([joint.stiffness[0] for joint in joints])
+    damping = np.diag([joint.damping[0] for joint in joints])
+    system = np.block([[np.zeros((6, 6)), np.eye(6)], [-inverse @ stiffness, -inverse @ damping]])
+    first = min((v for v in np.linalg.eigvals(system) if v.imag > 0), key=abs)
+    return {name: abs(first) / (2 * math.pi), f"{name}, damping": -first.real / abs(first)}
+
+
+def rest_rows(xml):
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    data.qpos[2] += 0.02
+    for _ in range(round(2 / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+    load, wrench = 0.0, np.zeros(6)
+    for i in range(data.ncon):
+        mujoco.mj_contactForce(model, data, i, wrench)
+        load += wrench[0]
+    return {
+        "dropped from 20 mm, at rest: plate's height": 1e3 * data.qpos[2],
+        "floor's force at rest": load,
+    }
+
+
+def walk(xml, f, theta, seed, seconds):
+    """Mean forward, lateral and yaw speed from a start disturbed by up to 1 mm."""
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    random = np.random.default_rng(seed)
+    data.qpos[:2] += 1e-3 * random.uniform(-1, 1, 2)
+    data.qpos[2] += 1e-3 * random.uniform(0, 1)
+    ideal(model, data, f, theta)
+    forward = lateral = yaw = last = 0.0
+    steps = round(seconds / model.opt.timestep)
+    for i in range(steps):
+        mujoco.mj_step(model, data)
+        w, x, y, z = data.qpos[3:7]
+        heading = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        yaw += (heading - last + math.pi) % (2 * math.pi) - math.pi
+        last = heading
+        c, s = math.cos(heading), math.sin(heading)
+        forward += data.qvel[0] * c + data.qvel[1] * s
+        lateral += data.qvel[1] * c - data.qvel[0] * s
+    return forward / steps, lateral / steps, yaw / seconds
+
+
+def walks(program, xml, model, seeds, seconds):
+    print(f"{'':16}{'f':>5}{'theta':>7}   MuJoCo: forward, lateral, yaw    here")
+    for name, f, theta in MODES:
+        theirs = np.array([walk(xml, f, math.radians(theta), s, seconds) for s in range(seeds)])
+        ours = json.loads(
+            flix_sim(
+                program, "walk", "--model", model, "--drive", "ideal", "--json", f"--frequency={f}",
+                f"--direction={theta}", "--seconds", str(seconds), "--seeds", str(seeds),
+            )
+        )
+        here = [ours[k]["mean"] for k in ("forward_m_s", "lateral_m_s", "yaw_rad_s")]
+        cells = "  ".join(f"{v:7.3f}" for v in [*theirs.mean(0), *here])
+        print(f"{name:16}{f:5}{theta:7}   {cells}", flush=True)
+
+
+def tolerance(name, value):
+    relative, absolute = next(v for k, v in TOLERANCE.items() if k in name)
+    # What is nil is compared with the row that it is a small part of; 1e-3 N or N m is nil here.
+    return max(relative * abs(value), absolute, 1e-3 if name.startswith("shaker") else 0.0)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--program", default="cargo run --release -q --bin flix-sim --", help="how to run flix-sim")
+    parser.add_argument("--model", default="A", help="a shipped name or a TOML file")
+    parser.add_argument("--frequency", type=float, action="append", help="Hz; several allowed")
+    parser.add_argument("--direction", type=float, default=30.0, help="degrees to the right")
+    parser.add_argument("--leg", default="fl", choices=LEGS)
+    parser.add_argument("--force", default="0.2,0,0", help="N, X,Y,Z")
+    parser.add_argument("--torque", default="0,0,0", help="N m, X,Y,Z")
+    parser.add_argument("--walk", type=int, metavar="SEEDS", help="walk the nine modes instead")
+    parser.add_argument("--seconds", type=float, default=8.0)
+    parser.add_argument("--json", action="store_true")
+    a = parser.parse_args()
+    program = a.program.split()
+    xml = flix_sim(program, "export-mjcf", "--model", a.model)
+    if a.walk:
+        return walks(program, xml, a.model, a.walk, a.seconds)
+    frequencies = a.frequency or [10.0, 20.0, 30.0, 35.0]
+    force, torque = (np.array([float(v) for v in t.split(",")]) for t in (a.force, a.torque))
+    theirs = {}
+    for f in frequencies:
+        theirs |= shaker_rows(xml, f, math.radians(a.direction))
+    theirs |= standing_rows(xml) | leg_rows(xml, a.leg, force, torque) | rest_rows(xml)
+    options = [f"--frequency={f}" for f in frequencies]
+    options += [f"--direction={a.direction}", "--leg", a.leg, f"--force={a.force}", f"--torque={a.torque}"]
+    report = json.loads(flix_sim(program, "validate", "--json", "--model", a.model, *options))
+    rows = []
+    for row in report["rows"]:
+        value = theirs.get(row["name"])
+        agrees = value is None or abs(value - row["value"]) <= tolerance(row["name"], value)
+        reference = row["reference"]
+        if value is not None and reference is not None:
+            agrees = agrees and abs(value - reference) <= row["tolerance"]
+        rows.append({**row, "mujoco": value, "pass": bool(agrees and row["pass"])})
+    passed = all(row["pass"] for row in rows)
+    if a.json:
+        print(json.dumps({"model": report["model"], "rows": rows, "pass": passed}))
+    else:
+        print(f"{'':58}{'here':>12}{'MuJoCo':>12}{'reference':>12}")
+        for row in rows:
+            cells = "".join(
+                f"{'-':>12}" if row[k] is None else f"{row[k]:12.4e}" for k in ("value", "mujoco", "reference")
+            )
+            print(f"{row['name']:58}{cells} {row['unit']}{'' if row['pass'] else '  NOT MET'}")
+    return 0 if passed else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
