@@ -22,3 +22,4 @@ pub mod robot;
 pub mod settings;
 pub mod shaker;
 pub mod supervisor;
+pub mod trace;

@@ -1,5 +1,140 @@
-//! Processor in the loop.
-use crate::run::Error;
+//! Processor in the loop: the fast half on an emulated RV32IMAC against a trace from the simulator.
+
+use std::process::Command;
+
+use crate::run::{self, Error};
+use crate::toolchain;
+
+/// Most instructions of half of all ticks, both motors: 12.5 % of the ESP32-C6 at 10 kHz.
+const MEDIAN_CEILING: u32 = 2_000;
+/// Most instructions of any tick: under 20 % of the ESP32-C6 at 10 kHz.
+const WORST_CEILING: u32 = 3_000;
+
+/// What the image counted of one candidate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Counts {
+    median: u32,
+    p99: u32,
+    worst: u32,
+    ticks: u32,
+}
+
+/// Reads a line `NAME median N p99 N worst N ticks N` of the image's output.
+fn counts(output: &str, name: &str) -> Option<Counts> {
+    let words: Vec<_> = output
+        .lines()
+        .map(|line| line.split_whitespace().collect::<Vec<_>>())
+        .find(|words| words.first() == Some(&name))?;
+    let value = |key: &str| {
+        let place = words.iter().position(|word| *word == key)?;
+        words.get(place + 1)?.parse().ok()
+    };
+    Some(Counts {
+        median: value("median")?,
+        p99: value("p99")?,
+        worst: value("worst")?,
+        ticks: value("ticks")?,
+    })
+}
+
+/// Builds what is missing, records, replays, compares, counts.
 pub(crate) fn run() -> Result<(), Error> {
+    if !run::succeeds(run::command("qemu-system-riscv32").arg("--version")) {
+        let sentence = "qemu-system-riscv32 is not installed: run `cargo xtask setup`";
+        if std::env::var_os("CI").is_some() {
+            return Err(Error::Sentence(sentence.into()));
+        }
+        println!("skipped: {sentence}");
+        return Ok(());
+    }
+    let directory = run::target_directory().join("xtask/pil");
+    let trace = directory.join("trace.bin");
+    run::write(&trace, [])?;
+    run::run(
+        toolchain::cargo()
+            .args(["run", "--quiet", "--release", "--package", "flix-sim"])
+            .args(["--example", "record-trace", "--"])
+            .arg(&trace),
+    )?;
+    run::run(toolchain::riscv("build")?.args(["--package", "flix-firmware"]).args([
+        "--bin",
+        "pil",
+        "--features",
+        "pil",
+    ]))?;
+    let mut emulator = Command::new("qemu-system-riscv32");
+    emulator
+        .args(["-M", "virt", "-bios", "none", "-nographic", "-icount", "shift=0"])
+        .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
+        .arg(toolchain::riscv_binary("pil"))
+        .current_dir(&directory)
+        .stdin(std::process::Stdio::null());
+    let output = run::output(&mut emulator)?;
+    report(&output)
+}
+
+/// Prints the table; an error where a promise does not hold.
+fn report(output: &str) -> Result<(), Error> {
+    let incomplete = || Error::Sentence(format!("the image did not finish; it said:\n{output}"));
+    let differences: u32 = output
+        .lines()
+        .find_map(|line| line.strip_prefix("differences "))
+        .and_then(|number| number.trim().parse().ok())
+        .ok_or_else(incomplete)?;
+    let ours = counts(output, "tick").ok_or_else(incomplete)?;
+    let peer = counts(output, "foc").ok_or_else(incomplete)?;
+    println!("| RV32IMAC, instructions per tick, both motors | median | 99 % | worst | ceilings |");
+    println!("|---|---:|---:|---:|---|");
+    println!(
+        "| this firmware: sensors to duties, supervisor included | {} | {} | {} | {MEDIAN_CEILING} / {WORST_CEILING} |",
+        ours.median, ours.p99, ours.worst
+    );
+    println!(
+        "| crate `foc` 0.3: two current loops and modulation alone | {} | {} | {} | |",
+        peer.median, peer.p99, peer.worst
+    );
+    if differences != 0 {
+        return Err(Error::Sentence(format!(
+            "{differences} of {} ticks decided otherwise than on this computer:\n{output}",
+            ours.ticks
+        )));
+    }
+    println!("{} ticks, every outcome bit for bit the same as on this computer", ours.ticks);
+    if ours.median > MEDIAN_CEILING || ours.worst > WORST_CEILING {
+        return Err(Error::Sentence("the tick takes more instructions than its ceilings".into()));
+    }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = "differences 0\n\
+        tick median 1500 p99 1700 worst 2900 ticks 60000\n\
+        foc median 2400 p99 2500 worst 2600 ticks 60000\n";
+
+    #[test]
+    fn a_good_run_passes() {
+        assert!(report(GOOD).is_ok());
+    }
+
+    #[test]
+    fn a_difference_fails() {
+        let output = GOOD.replace("differences 0", "differences 1");
+        assert!(report(&output).unwrap_err().to_string().contains("1 of 60000"));
+    }
+
+    #[test]
+    fn a_tick_above_its_ceiling_fails() {
+        for (good, bad) in [("worst 2900", "worst 3001"), ("median 1500", "median 2001")] {
+            assert!(report(&GOOD.replace(good, bad)).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn an_image_that_stops_early_fails() {
+        assert!(report("differences 0\n").is_err());
+        assert!(report("panic: here\n").is_err());
+    }
 }

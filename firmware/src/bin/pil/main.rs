@@ -1,0 +1,190 @@
+#![no_std]
+#![no_main]
+//! The fast half on an emulated RV32IMAC processor: replays a recorded trace
+//! ([`flix_firmware::trace`]) from the file `trace.bin` in QEMU's working directory, compares every
+//! outcome bit for bit, and counts instructions.
+//!
+//! With QEMU's `-icount shift=0` the counter `minstret` is exact and the same in every run. Beside
+//! it, as a peer, the crate `foc` does its two updates on the same currents and angles: current
+//! loops and modulation alone, without what the tick does besides.
+
+use fixed::types::I16F16;
+use flix_firmware::control::{Configuration, Control};
+use flix_firmware::hardware::{Encoder, Sensors};
+use flix_firmware::settings::Settings;
+use flix_firmware::trace::{HEADER_LENGTH, Header, Outcome, ROW_LENGTH, Row};
+use foc::Foc;
+use foc::pid::PIController;
+use foc::pwm::SpaceVector;
+use riscv_rt::entry;
+use semihosting::fs::File;
+use semihosting::io::Read;
+use semihosting::{println, process};
+
+/// Counts above this are put together: the table is about a tick of at most 3,000.
+const LARGEST_COUNT: usize = 16_384;
+
+/// How often a tick took how many instructions.
+struct Counts {
+    histogram: [u32; LARGEST_COUNT],
+    ticks: u32,
+}
+
+impl Counts {
+    const fn new() -> Self {
+        Self { histogram: [0; LARGEST_COUNT], ticks: 0 }
+    }
+
+    fn add(&mut self, instructions: u32) {
+        let slot = (instructions as usize).min(LARGEST_COUNT - 1);
+        self.histogram[slot] += 1;
+        self.ticks += 1;
+    }
+
+    /// Instructions that this share of the ticks, in thousandths, did not exceed.
+    fn quantile(&self, thousandths: u64) -> usize {
+        let wanted = (u64::from(self.ticks) * thousandths).div_ceil(1000).max(1);
+        let mut seen = 0;
+        for (instructions, &ticks) in self.histogram.iter().enumerate() {
+            seen += u64::from(ticks);
+            if seen >= wanted {
+                return instructions;
+            }
+        }
+        LARGEST_COUNT
+    }
+
+    fn print(&self, name: &str) {
+        println!(
+            "{name} median {} p99 {} worst {} ticks {}",
+            self.quantile(500),
+            self.quantile(990),
+            self.quantile(1000),
+            self.ticks
+        );
+    }
+}
+
+/// Instructions retired, its lower half: a tick is far below its range.
+#[inline(always)]
+fn instructions() -> u32 {
+    riscv::register::minstret::read() as u32
+}
+
+/// Instructions that counting itself takes.
+fn overhead() -> u32 {
+    let start = instructions();
+    instructions().wrapping_sub(start)
+}
+
+/// The peer's two motors.
+struct Peer {
+    motors: [Foc<SpaceVector, 3200>; 2],
+    angles: [I16F16; 2],
+}
+
+impl Peer {
+    fn new() -> Self {
+        let controller = || PIController::new(I16F16::lit("1.5"), I16F16::lit("0.5"));
+        Self {
+            motors: [0, 1].map(|_| Foc::new(controller(), controller())),
+            angles: [I16F16::ZERO; 2],
+        }
+    }
+
+    /// What the peer wants to know, in its units: prepared outside of what is counted.
+    fn inputs(&mut self, sensors: &Sensors) -> [[I16F16; 2]; 2] {
+        for (angle, encoder) in self.angles.iter_mut().zip(sensors.encoders) {
+            if let Encoder::Reading(reading) = encoder {
+                // Seven pole pairs; an angle of the circle in radians, from -pi to pi.
+                let electrical = reading.angle.wrapping_mul(7) as i32;
+                *angle = I16F16::from_bits(electrical >> 15) * I16F16::PI;
+            }
+        }
+        let counts = sensors.phase_current.unwrap_or([[2048; 2]; 2]);
+        counts.map(|phases| phases.map(|count| I16F16::from_bits((i32::from(count) - 2048) * 106)))
+    }
+
+    #[inline(never)]
+    fn tick(&mut self, currents: [[I16F16; 2]; 2]) -> [[u16; 3]; 2] {
+        let [top, bottom] = &mut self.motors;
+        let torque = I16F16::lit("0.5");
+        let interval = I16F16::lit("0.0001");
+        [
+            top.update(currents[0], self.angles[0], torque, interval),
+            bottom.update(currents[1], self.angles[1], torque, interval),
+        ]
+    }
+}
+
+/// The tick, as the chips call it: one function, not spread into the replay.
+#[inline(never)]
+fn tick(control: &mut Control, row: &Row) -> flix_firmware::hardware::Actuation {
+    control.tick(row.now, &row.sensors, &row.order)
+}
+
+/// Where the trace failed.
+enum Failure {
+    /// Not there, cut short, or no trace.
+    Trace,
+}
+
+fn replay(ours: &mut Counts, peers: &mut Counts) -> Result<u32, Failure> {
+    let mut file = File::open(c"trace.bin").map_err(|_| Failure::Trace)?;
+    let mut header = [0; HEADER_LENGTH];
+    file.read_exact(&mut header).map_err(|_| Failure::Trace)?;
+    let header = Header::from_bytes(&header).map_err(|_| Failure::Trace)?;
+    let parameters = Settings::DEFAULT.parameters();
+    let mut control = Control::new(Configuration::new(&parameters, &header.hardware));
+    let mut peer = Peer::new();
+    let overhead = overhead();
+    let mut differences = 0;
+    let mut bytes = [0; ROW_LENGTH];
+    while file.read_exact(&mut bytes).is_ok() {
+        let row = Row::from_bytes(&bytes).map_err(|_| Failure::Trace)?;
+        let start = instructions();
+        let actuation = core::hint::black_box(tick(&mut control, &row));
+        ours.add(instructions().wrapping_sub(start).wrapping_sub(overhead));
+        let outcome = Outcome::after(&control, actuation);
+        if outcome != row.outcome {
+            if differences == 0 {
+                println!("first difference at {} us", row.now.as_micros());
+                println!("  there {:?}", row.outcome);
+                println!("  here  {outcome:?}");
+            }
+            differences += 1;
+        }
+        let currents = peer.inputs(&row.sensors);
+        let start = instructions();
+        core::hint::black_box(peer.tick(core::hint::black_box(currents)));
+        peers.add(instructions().wrapping_sub(start).wrapping_sub(overhead));
+    }
+    Ok(differences)
+}
+
+#[entry]
+fn main() -> ! {
+    static OURS: static_cell::ConstStaticCell<Counts> =
+        static_cell::ConstStaticCell::new(Counts::new());
+    static PEERS: static_cell::ConstStaticCell<Counts> =
+        static_cell::ConstStaticCell::new(Counts::new());
+    let (ours, peers) = (OURS.take(), PEERS.take());
+    match replay(ours, peers) {
+        Ok(differences) => {
+            println!("differences {differences}");
+            ours.print("tick");
+            peers.print("foc");
+            process::exit(0)
+        }
+        Err(Failure::Trace) => {
+            println!("trace.bin cannot be read as a trace");
+            process::exit(2)
+        }
+    }
+}
+
+#[panic_handler]
+fn on_panic(info: &core::panic::PanicInfo) -> ! {
+    println!("panic: {info}");
+    process::exit(3)
+}

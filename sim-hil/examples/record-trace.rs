@@ -1,0 +1,137 @@
+//! Records what the fast half of a simulated robot is shown and what it decides: power-up,
+//! alignment, five seconds through all five walking modes with a reversal, and a lost magnet at the end.
+//!
+//! `cargo run -p flix-sim --example record-trace -- FILE`
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Parser;
+use flix_firmware::control::{Configuration, Control, Order};
+use flix_firmware::hardware::{Encoder, TICK_RATE_HZ};
+use flix_firmware::settings::Settings;
+use flix_firmware::trace::{Header, Outcome, Row};
+use flix_protocol::message::{Setpoint, State};
+use flix_protocol::units::{Degrees, Hertz, Instant};
+use flix_sim::model::RobotModel;
+use flix_sim::plant::body::Plant;
+use flix_sim::plant::electronics::{Electronics, ElectronicsParameters};
+use flix_sim::robot::SIMULATED_BOARD;
+
+/// f, Hz, and theta, degrees: forward, left, right, strafe left, strafe right (paper, Table III;
+/// the last from Table IV). From left to right the rotors reverse.
+const MODES: [(f32, f32); 5] =
+    [(-30.0, 30.0), (-30.0, 90.0), (30.0, 90.0), (30.0, 30.0), (-30.0, -60.0)];
+/// Ticks of each mode: a second.
+const MODE_TICKS: u64 = TICK_RATE_HZ as u64;
+/// Ticks with a lost magnet at the end.
+const FAULT_TICKS: u64 = TICK_RATE_HZ as u64 / 5;
+/// Ticks within which alignment must be done.
+const PATIENCE_TICKS: u64 = 20 * TICK_RATE_HZ as u64;
+/// Ticks of rest before arming.
+const REST_TICKS: u64 = TICK_RATE_HZ as u64 / 5;
+/// Microseconds of a tick.
+const TICK_US: u64 = 1_000_000 / TICK_RATE_HZ as u64;
+/// Chance of sensors and mounting.
+const SEED: u64 = 7;
+
+/// Records a trace of the fast half.
+#[derive(Parser)]
+struct Arguments {
+    /// The file to write.
+    file: PathBuf,
+}
+
+/// The fast half on a plant, with its recorder.
+struct Recording<W> {
+    control: Control,
+    order: Order,
+    electronics: Electronics,
+    plant: Plant,
+    tick: u64,
+    magnet_lost: bool,
+    trace: W,
+}
+
+impl<W: Write> Recording<W> {
+    fn tick(&mut self) -> Result<(), Box<dyn std::error::Error>> {
+        let now = Instant::from_micros(self.tick * TICK_US);
+        let mut sensors = self.electronics.sense(&self.plant);
+        if self.magnet_lost {
+            sensors.encoders[0] = Encoder::Failed;
+        }
+        // The operator never falls silent.
+        self.order.heard = now;
+        let actuation = self.control.tick(now, &sensors, &self.order);
+        let outcome = Outcome::after(&self.control, actuation);
+        self.trace.write_all(&Row { now, sensors, order: self.order, outcome }.to_bytes())?;
+        self.electronics.advance(&actuation, &mut self.plant)?;
+        self.tick += 1;
+        Ok(())
+    }
+
+    fn ticks(&mut self, count: u64) -> Result<(), Box<dyn std::error::Error>> {
+        (0..count).try_for_each(|_| self.tick())
+    }
+
+    fn until(&mut self, state: State) -> Result<(), Box<dyn std::error::Error>> {
+        let end = self.tick + PATIENCE_TICKS;
+        while self.control.report().state != state {
+            if self.tick == end {
+                let report = self.control.report();
+                return Err(format!(
+                    "the robot is {} instead of {state}, {:?}",
+                    report.state, report.first_fault
+                )
+                .into());
+            }
+            self.tick()?;
+        }
+        Ok(())
+    }
+}
+
+fn record(file: &PathBuf) -> Result<u64, Box<dyn std::error::Error>> {
+    let mut trace = BufWriter::new(File::create(file)?);
+    trace.write_all(&Header { hardware: SIMULATED_BOARD }.to_bytes())?;
+    let parameters = Settings::DEFAULT.parameters();
+    let mut recording = Recording {
+        control: Control::new(Configuration::new(&parameters, &SIMULATED_BOARD)),
+        order: Order::default(),
+        electronics: Electronics::new(&ElectronicsParameters::on(SIMULATED_BOARD), SEED),
+        plant: Plant::new(&RobotModel::named("W")?)?,
+        tick: 0,
+        magnet_lost: false,
+        trace,
+    };
+    recording.ticks(REST_TICKS)?;
+    recording.order.arm = recording.order.arm.wrapping_add(1);
+    recording.until(State::Armed)?;
+    for (frequency, direction) in MODES {
+        let setpoint = Setpoint::new(Hertz::new(frequency)?, Degrees::new(direction)?)?;
+        let now = Instant::from_micros(recording.tick * TICK_US);
+        recording.order.set(&setpoint, now);
+        recording.ticks(MODE_TICKS)?;
+    }
+    recording.magnet_lost = true;
+    recording.until(State::Faulted)?;
+    recording.ticks(FAULT_TICKS)?;
+    recording.trace.flush()?;
+    Ok(recording.tick)
+}
+
+fn main() -> ExitCode {
+    let Arguments { file } = Arguments::parse();
+    match record(&file) {
+        Ok(ticks) => {
+            println!("{}: {ticks} ticks", file.display());
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            eprintln!("error: {}: {error}", file.display());
+            ExitCode::FAILURE
+        }
+    }
+}
