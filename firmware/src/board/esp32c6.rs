@@ -6,8 +6,8 @@
 use esp_hal::Blocking;
 use esp_hal::analog::adc::{Adc, AdcChannel, AdcConfig, Attenuation, RegisterAccess};
 use esp_hal::peripherals::{
-    ADC1, FLASH, FROM_CPU_INTR0, FROM_CPU_INTR2, GPIO0, LP_ANA, MCPWM0, Peripherals, SPI2, TIMG0,
-    TIMG1, WIFI,
+    ADC1, FLASH, FROM_CPU_INTR0, FROM_CPU_INTR2, GPIO0, GPIO16, GPIO17, LP_ANA, MCPWM0,
+    Peripherals, SPI2, TIMG0, TIMG1, UART0, WIFI,
 };
 use esp_storage::FlashStorage;
 use flix_firmware::board::EncoderKind;
@@ -27,8 +27,20 @@ pub(crate) struct Parts {
     pub(crate) flash: FLASH<'static>,
     /// For the network.
     pub(crate) wifi: WIFI<'static>,
+    /// For provisioning and the log.
+    pub(crate) serial: SerialParts,
     /// For the fast loop.
     pub(crate) fast: FastParts,
+}
+
+/// The serial port that the board's USB connector leads to.
+pub(crate) struct SerialParts {
+    /// The unit.
+    pub(crate) unit: UART0<'static>,
+    /// Into the chip.
+    pub(crate) receive: GPIO17<'static>,
+    /// Out of the chip.
+    pub(crate) transmit: GPIO16<'static>,
 }
 
 /// What the fast loop owns.
@@ -46,6 +58,7 @@ pub(crate) fn share_out(chip: Peripherals) -> Parts {
         scheduler: (chip.TIMG0, chip.FROM_CPU_INTR0),
         flash: chip.FLASH,
         wifi: chip.WIFI,
+        serial: SerialParts { unit: chip.UART0, receive: chip.GPIO17, transmit: chip.GPIO16 },
         fast: FastParts {
             pwm: chip.MCPWM0,
             converter: (chip.ADC1, chip.GPIO0),

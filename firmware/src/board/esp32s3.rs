@@ -3,8 +3,8 @@
 use esp_hal::Blocking;
 use esp_hal::analog::adc::{Adc, AdcConfig, AdcPin, Attenuation};
 use esp_hal::peripherals::{
-    ADC1, CPU_CTRL, FLASH, FROM_CPU_INTR0, FROM_CPU_INTR2, GPIO1, GPIO2, GPIO4, GPIO5, GPIO6, I2C0,
-    I2C1, LPWR, MCPWM0, MCPWM1, Peripherals, SPI3, TIMG0, TIMG1, WIFI,
+    ADC1, CPU_CTRL, FLASH, FROM_CPU_INTR0, FROM_CPU_INTR2, GPIO1, GPIO2, GPIO4, GPIO5, GPIO6,
+    GPIO43, GPIO44, I2C0, I2C1, LPWR, MCPWM0, MCPWM1, Peripherals, SPI3, TIMG0, TIMG1, UART0, WIFI,
 };
 use flix_firmware::control::Control;
 use flix_firmware::hardware::Actuation;
@@ -23,8 +23,20 @@ pub(crate) struct Parts {
     pub(crate) flash: FLASH<'static>,
     /// For the network.
     pub(crate) wifi: WIFI<'static>,
+    /// For provisioning and the log.
+    pub(crate) serial: SerialParts,
     /// For the fast loop.
     pub(crate) fast: FastParts,
+}
+
+/// The serial port that the board's USB connector leads to.
+pub(crate) struct SerialParts {
+    /// The unit.
+    pub(crate) unit: UART0<'static>,
+    /// Into the chip.
+    pub(crate) receive: GPIO44<'static>,
+    /// Out of the chip.
+    pub(crate) transmit: GPIO43<'static>,
 }
 
 /// What core 1 owns.
@@ -60,6 +72,7 @@ pub(crate) fn share_out(chip: Peripherals) -> Parts {
         scheduler: (chip.TIMG0, chip.FROM_CPU_INTR0),
         flash: chip.FLASH,
         wifi: chip.WIFI,
+        serial: SerialParts { unit: chip.UART0, receive: chip.GPIO44, transmit: chip.GPIO43 },
         fast: FastParts {
             core: chip.CPU_CTRL,
             pwm: (chip.MCPWM0, chip.MCPWM1),

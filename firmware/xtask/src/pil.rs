@@ -52,7 +52,7 @@ pub(crate) fn run() -> Result<(), Error> {
     run::write(&trace, [])?;
     run::run(
         toolchain::cargo()
-            .args(["run", "--quiet", "--release", "--package", "flix-sim"])
+            .args(["run", "--quiet", "--package", "flix-sim"])
             .args(["--example", "record-trace", "--"])
             .arg(&trace),
     )?;

@@ -13,7 +13,7 @@ use crate::fast;
 /// Key of the robot's settings.
 pub(crate) const SETTINGS: u8 = 0;
 /// Key of network, name and key.
-pub(crate) const CREDENTIALS: u8 = 1;
+pub(crate) const PROVISIONING: u8 = 1;
 
 /// The chip's flash. While a sector is erased, up to 400 ms, no code runs from it on any core, so
 /// the watchdog is told to wait; the robot writes only while its motors are let go.

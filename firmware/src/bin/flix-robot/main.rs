@@ -21,7 +21,6 @@ mod dual_core;
 
 mod bridge;
 mod choice;
-mod credentials;
 mod encoders;
 mod fast;
 mod flash;
@@ -29,13 +28,13 @@ mod light;
 mod mailbox;
 mod network;
 mod panic;
+mod serial;
 mod slow;
 
 use core::cell::RefCell;
 
 use embassy_executor::Spawner;
 use embassy_net::StackResources;
-use embedded_storage::nor_flash::NorFlash;
 use esp_hal::clock::CpuClock;
 use esp_hal::rng::Rng;
 use esp_hal::timer::timg::TimerGroup;
@@ -43,28 +42,26 @@ use esp_println::println;
 use esp_radio::wifi::{ControllerConfig, Interface, WifiController};
 use esp_storage::FlashStorage;
 use flix_firmware::board::store::{Entry, FlashStore};
+use flix_firmware::net;
+use flix_firmware::provision::Provisioner;
 use flix_firmware::robot::{Robot, UNPROVISIONED};
+use flix_protocol::provision::Provisioning;
 use static_cell::StaticCell;
 
 use choice::BOARD;
-use credentials::Credentials;
 use flash::Flash;
-use slow::Exchange;
 
 esp_bootloader_esp_idf::esp_app_desc!();
 
 /// What Wi-Fi may allocate. The driver takes some 50 KiB connected; the rest is for bursts.
 const HEAP_BYTES: usize = 72 * 1024;
-/// Sockets: the robot's, DHCP's, mDNS's, and one to spare.
-const SOCKETS: usize = 4;
-/// What a robot is called that nobody has named yet.
-const UNNAMED: &str = "flix-walker";
+/// Sockets: the network task's, and DHCP's.
+const SOCKETS: usize = net::SOCKETS + 1;
 
 #[esp_rtos::main]
 async fn main(spawner: Spawner) {
     static STORE: StaticCell<RefCell<FlashStore<Flash>>> = StaticCell::new();
-    static CREDENTIALS: StaticCell<Credentials> = StaticCell::new();
-    static SOCKET_STORAGE: StaticCell<StackResources<SOCKETS>> = StaticCell::new();
+    static PROVISIONING: StaticCell<Provisioning> = StaticCell::new();
 
     let clocks = esp_hal::Config::default().with_cpu_clock(CpuClock::max());
     let parts = chip::share_out(esp_hal::init(clocks));
@@ -79,62 +76,64 @@ async fn main(spawner: Spawner) {
     // Without a table the store has no room: settings then stay at their defaults, with a fault.
     let region = flash.region().unwrap_or(0..0);
     let store = &*STORE.init(RefCell::new(FlashStore::new(flash, region)));
-    let credentials = load_credentials(store).map(|found| &*CREDENTIALS.init(found));
+    let provisioner = Provisioner::new(Entry::new(store, flash::PROVISIONING), BOARD.hardware);
+    if let Err(error) = provisioner.loaded() {
+        println!("provisioning: {error}: provision the robot again");
+    }
+    let provisioning = provisioner.provisioning().cloned().map(|found| &*PROVISIONING.init(found));
 
     // Random numbers are only random while the radio runs.
-    let radio = credentials.and_then(|_| {
+    let radio = provisioning.and_then(|_| {
         WifiController::new(parts.wifi, ControllerConfig::default())
             .inspect_err(|error| println!("wi-fi: does not start: {error:?}"))
             .ok()
     });
     let mut entropy = [0; 32];
     Rng::new().read(&mut entropy);
-    let robot = Robot::new(
+    let (control, slow) = Robot::new(
         BOARD.hardware,
-        credentials.map_or(UNNAMED, |credentials| credentials.name.as_str()),
-        credentials.and_then(Credentials::key),
+        provisioner.name(),
+        provisioning.map(Provisioning::key),
         entropy,
         Entry::new(store, flash::SETTINGS),
-    );
-    let (control, slow) = robot.into_halves();
-    let provisioned = slow.is_provisioned();
-    if let Ok(task) = light::blink(bridge::output(BOARD.status_led), provisioned) {
-        spawner.spawn(task);
-    }
+    )
+    .into_halves();
     chip::start_fast_loop(parts.fast, control);
+    let light = light::blink(bridge::output(BOARD.status_led), provisioning.is_some());
+    if let (Ok(light), Ok(serial)) = (light, serial::serve(parts.serial, provisioner)) {
+        spawner.spawn(light);
+        spawner.spawn(serial);
+    }
+    match (provisioning, radio) {
+        (Some(provisioning), Some(radio)) => operate(spawner, slow, provisioning, radio).await,
+        _ => {
+            println!("{UNPROVISIONED}");
+            slow::Robot::new(slow).run_alone().await
+        }
+    }
+}
 
-    let exchange = Exchange::new(slow);
-    let (Some(credentials), Some(radio)) = (credentials, radio) else {
-        println!("{UNPROVISIONED}");
-        exchange.run_alone().await
-    };
+/// Serves operators on the network for ever.
+async fn operate(
+    spawner: Spawner,
+    slow: flix_firmware::robot::SlowHalf<Entry<'static, Flash>>,
+    provisioning: &'static Provisioning,
+    radio: WifiController<'static>,
+) -> ! {
+    static RESOURCES: StaticCell<StackResources<SOCKETS>> = StaticCell::new();
     let seed = u64::from(Rng::new().random()) << 32 | u64::from(Rng::new().random());
     let (stack, runner) = embassy_net::new(
         Interface::station(),
-        network::addresses(credentials),
-        SOCKET_STORAGE.init(StackResources::new()),
+        network::addresses(provisioning),
+        RESOURCES.init(StackResources::new()),
         seed,
     );
-    if let (Ok(stack_task), Ok(wifi_task)) =
-        (network::run_stack(runner), network::stay_connected(radio, credentials))
-    {
-        spawner.spawn(stack_task);
-        spawner.spawn(wifi_task);
+    let tasks = (network::run_stack(runner), network::stay_connected(radio, provisioning));
+    if let (Ok(stack), Ok(wifi)) = tasks {
+        spawner.spawn(stack);
+        spawner.spawn(wifi);
     }
-    exchange.run(stack).await
-}
-
-/// Network, name and key, where provisioning has left them.
-fn load_credentials<F: NorFlash>(store: &RefCell<FlashStore<F>>) -> Option<Credentials> {
-    let mut buffer = [0; credentials::STORED_LENGTH];
-    match store.borrow_mut().load(flash::CREDENTIALS, &mut buffer) {
-        Ok(Some(length)) => Credentials::parse(&buffer[..length]),
-        Ok(None) => None,
-        Err(error) => {
-            println!("flash: {error}");
-            None
-        }
-    }
+    net::serve(stack, provisioning.name(), &mut slow::Robot::new(slow)).await
 }
 
 /// What a person at the serial port should know of this board before the motors move.

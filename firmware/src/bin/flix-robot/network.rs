@@ -8,7 +8,8 @@ use esp_radio::wifi::{
     AuthenticationMethodConfig, Config as WifiConfig, Interface, PowerSaveMode, WifiController,
 };
 
-use crate::credentials::Credentials;
+use flix_protocol::provision::Provisioning;
+
 use crate::mailbox::Mailbox;
 
 /// Wait after the first failed attempt; doubled after each further one.
@@ -24,25 +25,24 @@ const SIGNAL_INTERVAL: Duration = Duration::from_secs(1);
 pub(crate) static SIGNAL: Mailbox<i8> = Mailbox::new();
 
 /// The network's name and password for the driver; `None` when they are longer than Wi-Fi allows.
-fn station(credentials: &Credentials) -> Option<WifiConfig> {
-    let authentication = if credentials.password.is_empty() {
-        AuthenticationMethodConfig::Open
-    } else {
-        AuthenticationMethodConfig::WpaWpa2Personal(credentials.password.as_str().try_into().ok()?)
+fn station(provisioning: &Provisioning) -> Option<WifiConfig> {
+    let authentication = match provisioning.password() {
+        "" => AuthenticationMethodConfig::Open,
+        password => AuthenticationMethodConfig::WpaWpa2Personal(password.try_into().ok()?),
     };
     let station = StationConfig::default()
-        .with_ssid(credentials.network.as_str().try_into().ok()?)
+        .with_ssid(provisioning.network().try_into().ok()?)
         .with_authentication(authentication);
     Some(WifiConfig::Station(station))
 }
 
-/// DHCP, or the fixed address of provisioning.
-pub(crate) fn addresses(credentials: &Credentials) -> Config {
-    match credentials.address {
+/// DHCP, or the fixed address of provisioning, whose prefix was checked when it was stored.
+pub(crate) fn addresses(provisioning: &Provisioning) -> Config {
+    match provisioning.address() {
         None => Config::dhcpv4(embassy_net::DhcpConfig::default()),
         Some(fixed) => Config::ipv4_static(StaticConfigV4 {
-            address: Ipv4Cidr::new(fixed.address, fixed.prefix.min(32)),
-            gateway: fixed.gateway,
+            address: Ipv4Cidr::new(fixed.address.into(), fixed.prefix_length),
+            gateway: fixed.gateway.map(Into::into),
             dns_servers: Default::default(),
         }),
     }
@@ -58,9 +58,9 @@ pub(crate) async fn run_stack(mut runner: Runner<'static, Interface>) {
 #[embassy_executor::task]
 pub(crate) async fn stay_connected(
     mut controller: WifiController<'static>,
-    credentials: &'static Credentials,
+    provisioning: &'static Provisioning,
 ) {
-    let Some(station) = station(credentials) else {
+    let Some(station) = station(provisioning) else {
         println!("wi-fi: the network's name or password is too long: provision the robot again");
         return;
     };
@@ -75,7 +75,7 @@ pub(crate) async fn stay_connected(
             Err(_) => false,
         };
         if connected {
-            println!("wi-fi: connected to {}", credentials.network);
+            println!("wi-fi: connected to {}", provisioning.network());
             let since = Instant::now();
             watch(&mut controller).await;
             println!("wi-fi: lost");

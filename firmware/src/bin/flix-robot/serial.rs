@@ -1,0 +1,54 @@
+//! The serial port, where the robot learns whose it is. The log goes out over the same port.
+
+use embassy_time::{Duration, Timer};
+use esp_hal::Async;
+use esp_hal::uart::{Config, Uart};
+use esp_println::println;
+use flix_firmware::board::store::Entry;
+use flix_firmware::provision::Provisioner;
+use flix_protocol::message::State;
+use flix_protocol::provision::BAUD_RATE;
+
+use crate::chip::SerialParts;
+use crate::fast::REPORT;
+use crate::flash::Flash;
+
+/// Bytes taken at once.
+const CHUNK: usize = 64;
+/// Rest between the answer and the restart, for the last bytes to leave.
+const REST: Duration = Duration::from_millis(200);
+
+/// The port; `None` when it cannot be had at its speed.
+fn port(parts: SerialParts) -> Option<Uart<'static, Async>> {
+    let config = Config::default().with_baudrate(BAUD_RATE);
+    let port = Uart::new(parts.unit, config).ok()?;
+    Some(port.with_rx(parts.receive).with_tx(parts.transmit).into_async())
+}
+
+/// Answers requests for ever. A robot that learnt something new about itself starts anew with it;
+/// it takes such requests only while its motors are let go.
+#[embassy_executor::task]
+pub(crate) async fn serve(parts: SerialParts, mut provisioner: Provisioner<Entry<'static, Flash>>) {
+    let Some(mut port) = port(parts) else {
+        println!("serial port: cannot be used for provisioning");
+        return;
+    };
+    let mut chunk = [0; CHUNK];
+    loop {
+        // An error is lost bytes; the frame that they were part of is refused by its check sum.
+        let Ok(length) = port.read_async(&mut chunk).await else { continue };
+        for byte in &chunk[..length] {
+            let state = REPORT.newest().map_or(State::Disarmed, |report| report.state);
+            let Some(response) = provisioner.receive(*byte, state) else { continue };
+            let mut rest = &response.frame[..];
+            while let Ok(written @ 1..) = port.write_async(rest).await {
+                rest = &rest[written..];
+            }
+            if response.changed {
+                Timer::after(REST).await;
+                println!("\nprovisioning: changed, starting anew");
+                esp_hal::system::software_reset();
+            }
+        }
+    }
+}
