@@ -43,6 +43,7 @@ fn link_processor_in_the_loop() {
         println!("cargo::error={} cannot be written: {error}", memory.display());
     }
     println!("cargo::rustc-link-search={}", std::path::Path::new(&out).display());
+    println!("cargo::rustc-link-arg-bin=pil=-Tmemory.x");
     println!("cargo::rustc-link-arg-bin=pil=-Tlink.x");
     println!("cargo::rustc-link-arg-bin=fast-tick=-efast_tick");
     println!("cargo::rustc-link-arg-bin=fast-tick=--gc-sections");

@@ -162,6 +162,7 @@ fn replay(ours: &mut Counts, peers: &mut Counts) -> Result<u32, Failure> {
     Ok(differences)
 }
 
+/// Where riscv-rt leads.
 #[entry]
 fn main() -> ! {
     static OURS: static_cell::ConstStaticCell<Counts> =
