@@ -16,7 +16,7 @@ use flix_firmware::trace::{Header, Outcome, Row};
 use flix_protocol::message::{Setpoint, State};
 use flix_protocol::units::{Degrees, Hertz, Instant};
 use flix_sim::model::RobotModel;
-use flix_sim::plant::body::Plant;
+use flix_sim::plant::Plant;
 use flix_sim::plant::electronics::{Electronics, ElectronicsParameters};
 use flix_sim::robot::SIMULATED_BOARD;
 
