@@ -222,6 +222,20 @@ fn a_robot_that_comes_back_is_not_started_again() {
 }
 
 #[test]
+fn a_robot_that_ramps_down_hears_setpoints_all_the_way() {
+    let mut world = World::armed();
+    world.client.hold(world.now, setpoint(-30.0, 30.0));
+    world.run(Duration::from_millis(100));
+    world.client.release();
+    world.robot.state = State::Stopping;
+    world.run(Duration::from_millis(100));
+    let before = world.robot.commands.len();
+    world.run(Duration::from_millis(100));
+    let heard = &world.robot.commands[before..];
+    assert!(heard.len() >= 4 && heard.iter().all(|it| *it == Command::Setpoint(Setpoint::REST)));
+}
+
+#[test]
 fn a_refused_setpoint_is_told_once() {
     let mut world = World::connected();
     world.client.hold(world.now, setpoint(10.0, 0.0));

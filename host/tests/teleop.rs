@@ -7,6 +7,7 @@ use std::net::SocketAddr;
 use std::time::Duration;
 
 use flix_host::link::Client;
+use flix_host::teleop::cockpit::Sample;
 use flix_host::teleop::keyboard::{Action, Mode};
 use flix_host::teleop::{Cockpit, view};
 use flix_protocol::message::{Fault, Setpoint, State};
@@ -153,6 +154,17 @@ fn f_and_theta_move_in_steps_and_stay_in_range() {
     assert_eq!(desk.robot.setpoint.direction().get(), 90.0);
     desk.press(Action::Frequency(0.1));
     assert_eq!(desk.robot.setpoint.frequency().get(), -34.9);
+}
+
+#[test]
+fn a_line_of_force_at_90_degrees_does_not_seem_to_jump() {
+    let mut desk = Desk::armed();
+    desk.press(Action::Walk(Mode::LeftTurn));
+    let mut telemetry = desk.robot.telemetry(desk.now);
+    for (measured, shown) in [(89.5, 89.5), (-89.5, 90.5), (90.0, 90.0), (-90.0, 90.0)] {
+        telemetry.direction = flix_protocol::units::Degrees::saturating(measured);
+        assert_eq!(Sample::of(&telemetry).direction, shown);
+    }
 }
 
 #[test]

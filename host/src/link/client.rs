@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, EventReport, Outcome, Refusal, Reply, Setpoint, Telemetry, ToOperator, ToRobot,
+    Command, EventReport, Outcome, Refusal, Reply, Setpoint, State, Telemetry, ToOperator, ToRobot,
 };
 use flix_protocol::session::{
     ConnectError, Key, LinkHealth, OperatorReceived, OperatorSession, SendError, Status,
@@ -342,8 +342,14 @@ impl Client {
         self.keep_alive_at = if next > now { next } else { now + KEEP_ALIVE };
         let request = self.number();
         self.statistics.sent(request, now);
-        let command = self.held.map_or(Command::Ping(request), Command::Setpoint);
+        let command = self.sign_of_life().map_or(Command::Ping(request), Command::Setpoint);
         Some(ToRobot { request, command })
+    }
+
+    /// What is held; rest while the robot ramps down, so that it does not find the link late.
+    fn sign_of_life(&self) -> Option<Setpoint> {
+        let state = self.telemetry.as_ref().map(|telemetry| telemetry.state);
+        self.held.or_else(|| (state == Some(State::Stopping)).then_some(Setpoint::REST))
     }
 
     fn replied(&mut self, now: Instant, reply: Reply) {

@@ -409,13 +409,21 @@ impl Sample {
     pub fn of(telemetry: &Telemetry) -> Self {
         Self {
             frequency: telemetry.frequency.get(),
-            direction: telemetry.direction.get(),
+            direction: near_commanded(telemetry),
             currents: telemetry
                 .motors
                 .map(|motor| motor.current_d.get().hypot(motor.current_q.get())),
             battery: telemetry.bus_voltage.map(|voltage| voltage.get()),
         }
     }
+}
+
+/// theta, or the same line of force half a turn on, whichever is nearer to what is commanded: else
+/// a turn at 90 degrees would seem to jump between +90 and -90.
+fn near_commanded(telemetry: &Telemetry) -> f32 {
+    let commanded = telemetry.setpoint.direction().get();
+    let difference = telemetry.direction.get() - commanded;
+    commanded + (difference + 90.0).rem_euclid(180.0) - 90.0
 }
 
 fn is_quick(telemetry: &Telemetry) -> bool {
