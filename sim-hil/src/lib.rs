@@ -4,6 +4,7 @@
 pub mod accuracy;
 pub mod channel;
 pub mod cli;
+pub mod course;
 pub mod measure;
 pub mod model;
 pub mod mujoco;

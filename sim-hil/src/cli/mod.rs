@@ -15,6 +15,10 @@ pub mod shake;
 pub mod validate;
 pub mod walk;
 
+pub mod conditions;
+pub mod home;
+pub mod identify;
+pub mod track;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -51,6 +55,12 @@ enum Command {
     Validate(validate::Args),
     /// Write the model for MuJoCo.
     ExportMjcf(export_mjcf::Args),
+    /// Follow a path, in virtual time.
+    Track(track::Args),
+    /// Return to the origin after pushes, in virtual time.
+    Home(home::Args),
+    /// Learn a mode table, in virtual time.
+    Identify(identify::Args),
 }
 
 /// Why a command failed: one sentence for people.
@@ -97,9 +107,26 @@ pub enum Error {
     /// JSON was not written.
     #[error("cannot write JSON: {0}")]
     Json(#[from] serde_json::Error),
+    /// What was asked for cannot be done, or did not come about.
+    #[error("{0}")]
+    Refused(String),
+    /// As the host's programs say it.
+    #[error(transparent)]
+    Host(#[from] flix_host::cli::Error),
+    /// The record was not written.
+    #[error(transparent)]
+    Record(#[from] flix_host::record::RecordError),
+    /// The record could not be read back.
+    #[error(transparent)]
+    Read(#[from] flix_host::record::ReadError),
 }
 
 impl Error {
+    /// A sentence of something that has its own words.
+    pub fn refused(sentence: impl std::fmt::Display) -> Self {
+        Self::Refused(sentence.to_string())
+    }
+
     /// Whether the command line, or a file that it names, is wrong.
     fn is_usage(&self) -> bool {
         use crate::probe::ProbeError;
@@ -107,6 +134,8 @@ impl Error {
         matches!(
             self,
             Self::Setpoint(_)
+                | Self::Host(_)
+                | Self::Refused(_)
                 | Self::Model(_)
                 | Self::Probe(ProbeError::Model(_) | ProbeError::NoLegs { .. })
                 | Self::Walk(WalkError::Model(_) | WalkError::NoLegs { .. })
@@ -125,6 +154,9 @@ impl From<crate::plant::Diverged> for Error {
 pub fn run(cli: Cli) -> ExitCode {
     let outcome = match cli.command.unwrap_or(Command::Demo(demo::Args::default())) {
         Command::Demo(args) => demo::run(&args),
+        Command::Track(args) => track::run(&args),
+        Command::Home(args) => home::run(&args),
+        Command::Identify(args) => identify::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Accuracy(args) => accuracy::run(&args),
         Command::Walk(args) => walk::run(&args),

@@ -1,0 +1,60 @@
+//! `flix-sim identify`: learn the mode table of a simulated robot, in virtual time.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::SystemTime;
+
+use flix_host::cli::identify::{SurveyArgs, describe};
+use flix_host::nav::PlanarPose;
+use flix_host::pilot::{Ending, Pilot};
+use flix_host::record::Recorder;
+
+use super::conditions::{LoopArgs, description};
+use super::{Error, progress};
+use crate::course::Course;
+
+/// Drive every mode of the simulated robot for some seconds and write its mode table.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix-sim identify --model W --rounds 4 --modes out/W.modes.toml
+  flix-sim identify --only forward,left,right --seconds 4")]
+pub struct Args {
+    #[command(flatten)]
+    survey: SurveyArgs,
+    #[command(flatten)]
+    conditions: LoopArgs,
+    /// Folder for the record, and for the table unless told.
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    out: PathBuf,
+}
+
+/// # Errors
+/// When the model is refused, the simulation diverges, or files cannot be written.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let (survey, names) = args.survey.survey()?;
+    let about = description("identify", args.conditions.facts());
+    let recorder = Recorder::create(&args.out, SystemTime::now(), &about)?;
+    let pilot = Pilot::new(survey, names, Some(recorder));
+    let mut course = Course::new(&args.conditions.conditions(PlanarPose::default())?, pilot)?;
+    let bar = progress(u64::from(course.pilot().helm().progress().1), "stretches");
+    let ending = loop {
+        if let Some(ending) = course.step()? {
+            break ending;
+        }
+        bar.set_position(u64::from(course.pilot().helm().progress().0));
+    };
+    bar.finish_and_clear();
+    let (survey, _) = course.into_pilot().finish(std::collections::BTreeMap::new())?;
+    if ending != Ending::Finished {
+        return Err(Error::refused(ending));
+    }
+    let model = &args.conditions.model;
+    let source = format!("{}; simulated, seed {}", args.survey.source(), args.conditions.seed);
+    let table = survey.table(model, &source).map_err(Error::refused)?;
+    let file = args.conditions.modes.clone().unwrap_or_else(|| args.out.join("modes.toml"));
+    table.save(&file).map_err(Error::refused)?;
+    print!("{}", describe(&table));
+    println!("\nwritten to {}", file.display());
+    Ok(ExitCode::SUCCESS)
+}

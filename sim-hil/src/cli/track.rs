@@ -1,0 +1,165 @@
+//! `flix-sim track`: follow a path, in virtual time.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::{Duration, SystemTime};
+
+use flix_host::cli::course::{CourseArgs, facts, names, results};
+use flix_host::nav::{Navigator, Path, Task};
+use flix_host::pilot::{Ending, Pilot};
+use flix_host::plot::Figure;
+use flix_host::record::{Recorder, Run, figures};
+use serde::Serialize;
+
+use super::conditions::{LoopArgs, description, duration};
+use super::{Error, progress};
+use crate::course::Course;
+
+/// Follow a path with the whole simulated robot: the host's navigation, protocol, the robot's
+/// software and its plant, in virtual time.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix-sim track figure8
+  flix-sim track figure8 --controller two-state --json
+  flix-sim track circle --radius 0.3 --loss 0.2 --latency 100ms")]
+pub struct Args {
+    #[command(flatten)]
+    course: CourseArgs,
+    #[command(flatten)]
+    conditions: LoopArgs,
+    /// Robot's time after which the run is given up.
+    #[arg(long, value_name = "TIME", default_value = "30m", value_parser = duration)]
+    patience: Duration,
+    /// Folder for record and pictures.
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    out: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// How a run went.
+#[derive(Debug, Serialize)]
+pub struct Report {
+    /// What was followed.
+    pub path: String,
+    /// Who steered.
+    pub controller: String,
+    /// All chance.
+    pub seed: u64,
+    /// Whether all laps were walked.
+    pub finished: bool,
+    /// How the run ended.
+    pub ending: String,
+    /// Root mean square of the distance from the path, mm.
+    pub path_error_rms_mm: f64,
+    /// Largest distance from it, mm.
+    pub path_error_peak_mm: f64,
+    /// Laps walked.
+    pub laps: f64,
+    /// Robot's time from arming to the end, s.
+    pub seconds: f64,
+    /// Given by the battery, J.
+    pub energy_j: f64,
+    /// Changes of mode.
+    pub mode_switches: u32,
+    /// The MCAP.
+    pub record: PathBuf,
+    /// The picture of the track.
+    pub plot: PathBuf,
+}
+
+/// # Errors
+/// When the path, model or table is refused, the simulation diverges, or files cannot be written.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let task = args.course.task()?;
+    let Task::Follow { path, laps } = &task else { return Ok(ExitCode::FAILURE) };
+    let report = follow(args, &task, path, *laps)?;
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&report)?);
+    } else {
+        print_report(&report);
+    }
+    Ok(if report.finished { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn follow(args: &Args, task: &Task, path: &Path, laps: u32) -> Result<Report, Error> {
+    let table = args.conditions.table()?;
+    let mut settings = args.course.settings(task)?;
+    settings.latency = args.conditions.latency;
+    let mut setup = facts(&settings);
+    setup.extend(args.conditions.facts());
+    let about = description(&format!("track-{}", path.name()), setup);
+    let navigator = Navigator::new(task.clone(), &table, settings).map_err(Error::refused)?;
+    let mut recorder = Recorder::create(&args.out, SystemTime::now(), &about)?;
+    let begin = flix_protocol::units::Instant::START;
+    recorder.path_to_follow(begin, path)?;
+    recorder.attach(begin, "modes.toml", "application/toml", table.to_toml().as_bytes())?;
+    let pilot = Pilot::new(navigator, names(&table), Some(recorder));
+    let mut course = Course::new(&args.conditions.conditions(path.start())?, pilot)?;
+    let bar = progress((f64::from(laps) * path.length() * 1e3) as u64, "mm walked");
+    let ending = loop {
+        if let Some(ending) = course.step()? {
+            break ending;
+        }
+        if course.now().since(begin) > args.patience {
+            course.interrupt();
+        }
+        bar.set_position((course.pilot().helm().progress().arc_length.max(0.0) * 1e3) as u64);
+    };
+    bar.finish_and_clear();
+    finish(args, course, &ending, path)
+}
+
+fn finish(
+    args: &Args,
+    mut course: Course<Navigator>,
+    ending: &Ending,
+    path: &Path,
+) -> Result<Report, Error> {
+    let begun = course.pilot().driving_since().unwrap_or(course.now());
+    let seconds = course.now().since(begun).as_secs_f64();
+    let energy = course.energy();
+    let pilot = course.into_pilot();
+    let numbers = results(pilot.helm(), seconds);
+    let (navigator, record) = pilot.finish(numbers)?;
+    let record = record.unwrap_or_default();
+    let run = Run::read(&record)?;
+    let stem = record.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    let folder = record.parent().map(PathBuf::from).unwrap_or_default();
+    let plot = figures::track(&run).write(&folder, &format!("{stem}-track"))?;
+    figures::timeline(&run).write(&folder, &format!("{stem}-timeline"))?;
+    let progress = navigator.progress();
+    Ok(Report {
+        path: path.name().to_owned(),
+        controller: navigator.settings().controller.to_string(),
+        seed: args.conditions.seed,
+        finished: *ending == Ending::Finished,
+        ending: ending.to_string(),
+        path_error_rms_mm: progress.error_rms * 1e3,
+        path_error_peak_mm: progress.error_peak * 1e3,
+        laps: progress.laps,
+        seconds,
+        energy_j: energy,
+        mode_switches: progress.switches,
+        record,
+        plot: plot.png,
+    })
+}
+
+fn print_report(report: &Report) {
+    println!(
+        "{} ({} controller, seed {}): {}",
+        report.path, report.controller, report.seed, report.ending
+    );
+    println!(
+        "  path error  {:.1} mm RMS, {:.1} mm at most",
+        report.path_error_rms_mm, report.path_error_peak_mm
+    );
+    println!("  laps        {:.2} in {:.1} s of the robot's time", report.laps, report.seconds);
+    println!("  energy      {:.1} J from the battery", report.energy_j);
+    println!("  modes       changed {} times", report.mode_switches);
+    println!("  plot        {}", report.plot.display());
+    println!("  record      {}", report.record.display());
+}
