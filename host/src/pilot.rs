@@ -237,6 +237,8 @@ impl<H: Helm> Pilot<H> {
         }
         let begun = *self.since.get_or_insert(now);
         match &self.phase {
+            // The session may stand since before the run.
+            Phase::Connecting if client.is_connected(now) => self.ask(now, client, Command::Arm),
             Phase::Waiting { until } if now >= *until => self.ask(now, client, Command::Arm),
             Phase::Driving => self.drive(now, client),
             Phase::Resting => self.rest(now, client, begun),
@@ -274,9 +276,6 @@ impl<H: Helm> Pilot<H> {
         match update {
             Update::Telemetry(telemetry) => self.hear(now, client, &telemetry),
             Update::Event(report) => self.record(|recorder| recorder.event(now, &report)),
-            Update::Connected if self.phase == Phase::Connecting => {
-                self.ask(now, client, Command::Arm);
-            }
             Update::Failed(error) => self.lose(Ending::NoSession(error)),
             Update::Lost | Update::Left => self.lose(Ending::Lost),
             Update::Answer { request, outcome } => self.answered(now, client, request, &outcome),

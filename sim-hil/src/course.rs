@@ -10,6 +10,7 @@ use std::time::Duration;
 use flix_host::nav::{ModeTable, PlanarPose};
 use flix_host::pilot::{Ending, Helm, Pilot};
 use flix_host::pose::{Pose, PoseSample};
+use flix_protocol::message::State;
 use flix_protocol::session::Key;
 use flix_protocol::units::Instant;
 use rand::SeedableRng;
@@ -57,9 +58,10 @@ pub struct Course<H> {
 }
 
 /// Simulated cameras.
-struct Eyes {
+pub(crate) struct Eyes {
     random: Xoshiro256PlusPlus,
     under_way: VecDeque<(Instant, PoseSample)>,
+    covered: bool,
 }
 
 impl<H: Helm> Course<H> {
@@ -80,14 +82,10 @@ impl<H: Helm> Course<H> {
             loss: conditions.loss,
             ..ChannelParameters::PERFECT
         };
-        let mut random = Xoshiro256PlusPlus::seed_from_u64(conditions.seed);
-        // Another stream than the plant's, the robot's and the network's.
-        random.long_jump();
-        random.long_jump();
         Ok(Self {
             operation: Operation::new(robot, network),
             pilot,
-            eyes: Eyes { random, under_way: VecDeque::new() },
+            eyes: Eyes::new(conditions.seed),
         })
     }
 
@@ -127,6 +125,18 @@ impl<H: Helm> Course<H> {
         self.operation.robot.mechanics_mut().displace([offset.0, offset.1, 0.0], turn);
     }
 
+    /// Covers the cameras, or uncovers them: poses go on coming, but are not valid.
+    pub fn cover_cameras(&mut self, covered: bool) {
+        self.eyes.covered = covered;
+    }
+
+    /// Where the robot's supervisor stands, and how fast the robot shakes, Hz.
+    #[must_use]
+    pub fn robot(&self) -> (State, f64) {
+        let robot = &self.operation.robot;
+        (robot.report().state, robot.truth().frequency())
+    }
+
     /// Asks the pilot to end the run.
     pub fn interrupt(&mut self) {
         let now = self.now();
@@ -150,17 +160,31 @@ impl<H: Helm> Course<H> {
 }
 
 impl Eyes {
-    fn look(&mut self, now: Instant, robot: &SimulatedRobot<Plant>) {
+    /// Cameras whose noise comes from this seed.
+    pub(crate) fn new(seed: u64) -> Self {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+        // Another stream than the plant's, the robot's and the network's.
+        random.long_jump();
+        random.long_jump();
+        Self { random, under_way: VecDeque::new(), covered: false }
+    }
+
+    /// The robot's pose as they measure it.
+    pub(crate) fn measure(&mut self, robot: &SimulatedRobot<Plant>) -> Pose {
         let body = robot.mechanics().body();
         let mut noisy = |value: f64, sigma: f64| {
             let chance: f64 = StandardNormal.sample(&mut self.random);
             value + sigma * chance
         };
         let position = body.position.map(|coordinate| noisy(coordinate, POSITION_NOISE));
-        let turned =
-            Pose::planar(PlanarPose { x: 0.0, y: 0.0, heading: noisy(0.0, HEADING_NOISE) }, 0.0);
-        let orientation = product(turned.orientation, body.orientation);
-        let sample = PoseSample { time: now, pose: Pose { position, orientation }, valid: true };
+        let heading = noisy(0.0, HEADING_NOISE);
+        let turned = Pose::planar(PlanarPose { x: 0.0, y: 0.0, heading }, 0.0);
+        Pose { position, orientation: product(turned.orientation, body.orientation) }
+    }
+
+    fn look(&mut self, now: Instant, robot: &SimulatedRobot<Plant>) {
+        let pose = self.measure(robot);
+        let sample = PoseSample { time: now, pose, valid: !self.covered };
         self.under_way.push_back((now + POSE_DELAY, sample));
     }
 

@@ -108,8 +108,6 @@ impl Walk {
         Ok(Self { connection, source, interrupt })
     }
 
-    /// The latency is measured before the run begins only if the link stands; a fixed one wins.
-    ///
     /// Drives to the end of the run. `tell` words the progress bar's message.
     ///
     /// # Errors
@@ -145,8 +143,7 @@ impl Walk {
         }
     }
 
-    /// Clears what the run left latched on purpose? No: a stop stays until the operator clears it.
-    /// Only says goodbye.
+    /// Says goodbye. A stop stays latched until the next run or `flix clear`.
     pub fn leave(mut self) {
         self.connection.leave();
     }

@@ -8,14 +8,17 @@ use std::time::{Duration, Instant as WallClock};
 
 use flix_host::interrupt::Interrupt;
 use flix_host::keys::{self, Keyring, SIMULATED_ROBOT};
+use flix_host::pose::natnet::{NatNetServer, ServerSettings};
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::frame::{Frame, MAXIMUM_DATAGRAM};
 use flix_protocol::message::{Faults, State};
 use flix_protocol::session::Key;
+use flix_protocol::units::Instant;
 
 use super::Error;
+use crate::course::{Eyes, POSE_PERIOD};
 use crate::model::RobotModel;
-use crate::plant::{Mechanics, Plant};
+use crate::plant::Plant;
 use crate::robot::{RobotParameters, SimulatedRobot};
 
 /// Be a robot on the network, in real time.
@@ -34,6 +37,9 @@ pub struct Args {
     /// What the robot is: bench-fixed, bench-planar, or a whole robot where the machine is quick enough.
     #[arg(long, default_value = "bench-planar")]
     model: String,
+    /// Streams the robot's pose as OptiTrack does; answers at this address, 127.0.0.1:1510 unless told.
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:1510")]
+    natnet: Option<SocketAddr>,
     /// Which robot: its motors, wiring, sensor errors and noise.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -76,8 +82,9 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let socket = listen(args.listen)
         .map_err(|source| ServeError::Listen { address: args.listen, source })?;
     let robot = robot(args, key)?;
+    let cameras = args.natnet.map(|address| Cameras::open(address, args.seed)).transpose()?;
     introduce(args, &socket).map_err(ServeError::Network)?;
-    serve(robot, &socket, &interrupt)?;
+    serve(robot, &socket, cameras, &interrupt)?;
     println!("The robot is switched off.");
     Ok(ExitCode::SUCCESS)
 }
@@ -112,9 +119,10 @@ fn introduce(args: &Args, socket: &UdpSocket) -> io::Result<()> {
 }
 
 /// Runs until interrupted.
-fn serve<M: Mechanics>(
-    mut robot: SimulatedRobot<M>,
+fn serve(
+    mut robot: SimulatedRobot<Plant>,
     socket: &UdpSocket,
+    mut cameras: Option<Cameras>,
     interrupt: &Interrupt,
 ) -> Result<(), Error> {
     let mut clock = RealTime::started();
@@ -131,6 +139,9 @@ fn serve<M: Mechanics>(
             for _ in 0..BATCH {
                 robot.tick()?;
             }
+            if let Some(cameras) = &mut cameras {
+                cameras.show(&robot).map_err(ServeError::Network)?;
+            }
             while let Some(to) = robot.transmit(&mut frame) {
                 // A datagram that cannot be sent is a datagram lost: the session deals with it.
                 let _ = socket.send_to(&frame, to);
@@ -140,6 +151,37 @@ fn serve<M: Mechanics>(
         changes.tell(report.state, report.faults);
     }
     Ok(())
+}
+
+/// A motion-capture system that watches the robot.
+struct Cameras {
+    server: NatNetServer,
+    eyes: Eyes,
+    next: Instant,
+}
+
+impl Cameras {
+    /// On this computer alone the stream goes to each client by itself: loopback has no multicast
+    /// everywhere.
+    fn open(address: SocketAddr, seed: u64) -> Result<Self, ServeError> {
+        let usual = ServerSettings::default();
+        let multicast = usual.multicast.filter(|_| !address.ip().is_loopback());
+        let server = NatNetServer::bind(address, ServerSettings { multicast, ..usual })
+            .map_err(|source| ServeError::Listen { address, source })?;
+        println!("Its pose is streamed as OptiTrack does, by NatNet at {address}.");
+        Ok(Self { server, eyes: Eyes::new(seed), next: Instant::START })
+    }
+
+    fn show(&mut self, robot: &SimulatedRobot<Plant>) -> io::Result<()> {
+        let now = robot.now();
+        self.server.serve(now)?;
+        if now < self.next {
+            return Ok(());
+        }
+        self.next = now + POSE_PERIOD;
+        let pose = self.eyes.measure(robot);
+        self.server.stream(now.as_micros() as f64 * 1e-6, Some(&pose))
+    }
 }
 
 /// Gives every datagram that comes until `wait` is over, or that is there already.
