@@ -50,7 +50,7 @@ pub(crate) fn command(program: impl AsRef<std::ffi::OsStr>) -> Command {
 
 fn name(command: &Command) -> String {
     let program = Path::new(command.get_program());
-    let program = program.file_name().unwrap_or_else(|| program.as_os_str());
+    let program = program.file_name().unwrap_or(program.as_os_str());
     let words = command.get_args().take(2).map(|argument| argument.to_string_lossy());
     std::iter::once(program.to_string_lossy()).chain(words).collect::<Vec<_>>().join(" ")
 }

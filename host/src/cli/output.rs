@@ -25,7 +25,7 @@ pub fn print(text: &str) -> Result<(), Error> {
 /// Prints a value as one JSON document on stdout.
 ///
 /// # Errors
-/// As for [`print`].
+/// As for [`print()`].
 pub fn print_json(value: &impl Serialize) -> Result<(), Error> {
     let mut text = serde_json::to_string_pretty(value).map_err(Error::usage)?;
     text.push('\n');

@@ -210,7 +210,7 @@ pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
     let exit = match ending {
         Ending::Finished => return Ok(()),
         Ending::Interrupted => Exit::Interrupted,
-        Ending::NoSession(error) => return Err(LinkError::Connect(error.clone()).into()),
+        Ending::NoSession(error) => return Err(LinkError::Connect(*error).into()),
         Ending::Lost => Exit::NoAnswer,
         Ending::Refused(refusal) => return Err(LinkError::Refused(refusal.clone()).into()),
         Ending::Stopped(_) | Ending::Faulted(_) | Ending::NotReady(_) => Exit::RobotFault,

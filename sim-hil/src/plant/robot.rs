@@ -436,7 +436,7 @@ impl Plant {
 
     fn diverged(&self) -> Option<Part> {
         let s = &self.state;
-        let bad = |v: f64, limit: f64| !(v.abs() <= limit);
+        let bad = |v: f64, limit: f64| v.is_nan() || v.abs() > limit;
         let body = s.velocity.linear.0.iter().any(|v| bad(*v, SPEED_LIMIT))
             || s.velocity.angular.0.iter().any(|v| bad(*v, 100.0 * SPEED_LIMIT));
         if body {

@@ -605,7 +605,7 @@ pub fn solve6<F: Lane>(a: &[[F; 6]; 6], b: [F; 6]) -> [F; 6] {
     let mut x = b;
     for i in 0..6 {
         for k in 0..i {
-            x[i] = x[i] - l[i][k] * inverse[k] * x[k];
+            x[i] -= l[i][k] * inverse[k] * x[k];
         }
     }
     for i in 0..6 {
@@ -613,7 +613,7 @@ pub fn solve6<F: Lane>(a: &[[F; 6]; 6], b: [F; 6]) -> [F; 6] {
     }
     for i in (0..6).rev() {
         for k in (i + 1)..6 {
-            x[i] = x[i] - l[k][i] * inverse[i] * x[k];
+            x[i] -= l[k][i] * inverse[i] * x[k];
         }
     }
     x
