@@ -10,8 +10,8 @@
 //! Faulted <------------------ any fault, from any state
 //! ```
 //!
-//! The failsafe ladder counts from the last valid command: after [`LINK_LATE`] the operator is
-//! warned, after [`COMMAND_DEADLINE`] both rotors ramp down together, after [`LINK_LOST`] the
+//! The failsafe ladder counts from the last valid command: after [`LINK_LATE_US`] the operator is
+//! warned, after [`COMMAND_DEADLINE_US`] both rotors ramp down together, after [`LINK_LOST_US`] the
 //! motors are disarmed. (moteus stops after 0.1 s, Crazyflie after 0.5 and 2 s, PX4 offboard after
 //! 1 s, Betaflight holds for 0.3 s and drops after 1.5 s.)
 //!

@@ -9,8 +9,8 @@ use crate::plant::{LegView, Mechanics, Plant, Wrench};
 
 /// Time for which the released leg is watched, s.
 const RING: f64 = 1.0;
-/// Swings below this share of the first are lost in rounding.
-const FAINTEST: f64 = 1e-7;
+/// Swings below this share of the first are lost in what is left of settling.
+const FAINTEST: f64 = 1e-4;
 
 /// Static deflection and ring-down of a leg's tip (end of its last segment). World axes: x forward, y left,
 /// z up.
