@@ -27,7 +27,8 @@ use crate::hardware::{Bridge, Turn};
 
 /// Ticks over which the current zero is averaged: 0.1 s.
 const ZERO_TICKS: u32 = 1 << 10;
-/// Ticks for the voltage to build up, and again to let the rotor swing out: 0.15 s each.
+/// Ticks for the voltage to build up, for the field to turn to where it begins, and to let the
+/// rotor swing out: 0.15 s each.
 const RAMP_TICKS: u32 = 1_500;
 /// The field's speed: 2^-13 turn per tick, 1.22 Hz.
 const SWEEP_RATE: u32 = 1 << 19;
@@ -229,7 +230,16 @@ impl Aligner {
                     if self.full { 0 } else { configuration.electrical_angle(index, angle) };
             }
         }
-        let swung_out = if self.full { 2 * RAMP_TICKS } else { RAMP_TICKS };
+        if self.full {
+            // A rotor opposite to the field feels no torque and may stay there: from a quarter
+            // turn before, the field draws those too.
+            let moved = self.tick.saturating_sub(RAMP_TICKS).min(RAMP_TICKS);
+            let short = (RAMP_TICKS - moved) * (QUARTER as u32 / RAMP_TICKS);
+            for motor in &mut self.motors {
+                motor.base = short.wrapping_neg();
+            }
+        }
+        let swung_out = if self.full { 3 * RAMP_TICKS } else { RAMP_TICKS };
         if self.tick >= swung_out {
             if !self.full && !self.follows(configuration, observation) {
                 return Progress::Failed(Fault::Alignment);
