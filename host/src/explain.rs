@@ -49,15 +49,19 @@ pub const fn state(state: State) -> &'static str {
 
 /// What to do about a refusal, beyond what it says itself.
 #[must_use]
-pub const fn refusal(refusal: &Refusal) -> Option<&'static str> {
-    match refusal {
-        Refusal::Stopped | Refusal::Faulted(_) => {
-            Some("see `flix status`, and `flix clear` makes the robot ready again")
+pub fn refusal(refusal: &Refusal) -> Option<String> {
+    let hint = match refusal {
+        Refusal::Stopped => "`flix clear` makes the robot ready again",
+        Refusal::Faulted(faults) => {
+            return faults.iter().next().map(|first| {
+                format!("{}; then `flix clear` makes the robot ready again", fault(first))
+            });
         }
-        Refusal::UnknownParameter => Some("`flix parameters list` shows all names"),
-        Refusal::State(_) => Some("disarm it first: `flix stop`, then `flix clear`"),
-        _ => None,
-    }
+        Refusal::UnknownParameter => "`flix parameters list` shows all names",
+        Refusal::State(_) => "disarm it first: `flix stop`, then `flix clear`",
+        _ => return None,
+    };
+    Some(hint.to_owned())
 }
 
 /// An event as a line of a log.

@@ -193,7 +193,7 @@ fn refuse_version(socket: &UdpSocket, version: u16) {
     let start = Instant::now();
     let mut hello = [0; 600];
     while start.elapsed() < Duration::from_secs(2) {
-        let Ok((64, operator)) = socket.recv_from(&mut hello) else { continue };
+        let Ok((62, operator)) = socket.recv_from(&mut hello) else { continue };
         let mut refusal = b"flx\x05\x01".to_vec();
         refusal.extend(version.to_le_bytes());
         refusal.extend(77u64.to_le_bytes());

@@ -350,13 +350,16 @@ fn too_far_from_the_path_the_run_ends_and_says_how_far() {
 #[test]
 fn a_mode_is_kept_for_its_minimum_dwell() {
     let mut run = under_way();
-    let (mut since, mut mode) = (run.now, run.mode());
+    // The mode under way began before: only modes whose beginning was seen are timed.
+    let (mut since, mut mode) = (None, run.mode());
     let mut shortest = Duration::MAX;
     while run.seconds() < 60.0 {
         run.step();
         if run.mode() != mode {
-            shortest = shortest.min(run.now.since(since));
-            (since, mode) = (run.now, run.mode());
+            if let Some(since) = since {
+                shortest = shortest.min(run.now.since(since));
+            }
+            (since, mode) = (Some(run.now), run.mode());
         }
     }
     assert!(shortest >= Duration::from_millis(300), "{shortest:?}");
