@@ -123,8 +123,8 @@ settings! {
         over_current: "A", real, 0.2 ..= 30.0, 2.6, "Phase current that trips the over-current fault; below the 3.3 A that 0.01 ohm with a gain of 50 can show.";
         alignment_current: "A", real, 0.05 ..= 5.0, 0.8, "Phase current that turns the rotors while aligning.";
         current_bandwidth: "Hz", real, 50.0 ..= 1500.0, 700.0, "Bandwidth of the current loops.";
-        position_bandwidth: "Hz", real, 1.0 ..= 60.0, 25.0, "Natural frequency of the loops that hold f and theta.";
-        tracker_bandwidth: "Hz", real, 10.0 ..= 500.0, 120.0, "Natural frequency of the encoder trackers.";
+        position_bandwidth: "Hz", real, 1.0 ..= 60.0, 20.0, "Natural frequency of the loops that hold f and theta.";
+        tracker_bandwidth: "Hz", real, 10.0 ..= 500.0, 125.0, "Natural frequency of the encoder trackers.";
         frequency_ramp: "Hz/s", real, 1.0 ..= 1000.0, 200.0, "Steepest change of f.";
         direction_ramp: "deg/s", real, 10.0 ..= 10000.0, 900.0, "Fastest change of theta.";
         encoder_latency: "us", real, 0.0 ..= 2000.0, 0.0, "How much older a fresh encoder reading is than it says.";
