@@ -5,7 +5,7 @@
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -93,7 +93,7 @@ impl<W: Write> Recording<W> {
     }
 }
 
-fn record(file: &PathBuf) -> Result<u64, Box<dyn std::error::Error>> {
+fn record(file: &Path) -> Result<u64, Box<dyn std::error::Error>> {
     let mut trace = BufWriter::new(File::create(file)?);
     trace.write_all(&Header { hardware: SIMULATED_BOARD }.to_bytes())?;
     let parameters = Settings::DEFAULT.parameters();
