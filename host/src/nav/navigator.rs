@@ -117,7 +117,7 @@ pub struct Progress {
     pub error_peak: f64,
     /// Arc length made good on the path, m.
     pub arc_length: f64,
-    /// The same in laps, or in shares of an open path.
+    /// The same in laps since the path was joined, or in shares of an open path.
     pub laps: f64,
     /// Whether the path was joined: the robot came as near as [`JOINED_WITHIN`].
     pub joined: bool,
@@ -146,6 +146,8 @@ pub struct Navigator {
     trusted: Option<Instant>,
     measured: PlanarPose,
     squares: (f64, f64),
+    /// Arc length at which a closed path was joined.
+    joined_at: f64,
     progress: Progress,
     stop: Option<Stop>,
     finished: bool,
@@ -199,6 +201,7 @@ impl Navigator {
             trusted: None,
             measured: PlanarPose::default(),
             squares: (0.0, 0.0),
+            joined_at: 0.0,
             progress: Progress::default(),
             stop: None,
             finished: false,
@@ -330,7 +333,7 @@ impl Navigator {
     fn is_done(&self, now: Instant) -> bool {
         match &self.task {
             Task::Follow { path, laps } if path.is_closed() => {
-                self.progress.arc_length >= f64::from(*laps) * path.length()
+                self.progress.laps >= f64::from(*laps)
             }
             Task::Follow { path, .. } => {
                 let left = path.length() - self.progress.arc_length;
@@ -432,14 +435,18 @@ impl Navigator {
         let progress = &mut self.progress;
         match &self.task {
             Task::Follow { path, .. } => {
-                let place = if first || !progress.joined {
-                    path.nearest(at)
+                let joining = first || !progress.joined;
+                let place = if joining {
+                    path.join(&self.measured)
                 } else {
                     path.follow(at, progress.arc_length)
                 };
                 progress.error = place.error;
                 progress.arc_length = place.arc_length;
-                progress.laps = place.arc_length / path.length();
+                if joining && path.is_closed() {
+                    self.joined_at = place.arc_length;
+                }
+                progress.laps = (place.arc_length - self.joined_at) / path.length();
                 progress.joined |= place.error.abs() < JOINED_WITHIN;
             }
             Task::Reach { point, .. } => {

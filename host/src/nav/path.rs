@@ -216,6 +216,22 @@ impl Path {
         self.beside((x, y), nearest as i64)
     }
 
+    /// The place on the whole path, in its first lap, of a robot that is about to follow it: near,
+    /// and facing along it. Where branches cross, the one that the robot faces.
+    #[must_use]
+    pub fn join(&self, pose: &PlanarPose) -> Projection {
+        /// Distance that facing the wrong way counts for, m.
+        const TURN: f64 = 0.1;
+        let price = |p: &PathPoint| {
+            let squared = (p.x - pose.x).powi(2) + (p.y - pose.y).powi(2);
+            squared + TURN * TURN * (1.0 - (p.tangent - pose.heading).cos())
+        };
+        let best = (0..self.points.len())
+            .min_by(|a, b| price(&self.points[*a]).total_cmp(&price(&self.points[*b])))
+            .unwrap_or(0);
+        self.beside((pose.x, pose.y), best as i64)
+    }
+
     /// The nearest point that is reached from `near` without leaving the neighbourhood: the place
     /// of a robot that was at `near` a moment ago. Other branches of the path, as in the middle of
     /// a figure eight, are not taken for this one.
@@ -348,6 +364,15 @@ mod tests {
         let first = path.follow((0.001, 0.0), 0.02).arc_length;
         let second = path.follow((0.001, 0.0), half - 0.02).arc_length;
         assert!(first.abs() < 0.01 && (second - half).abs() < 0.01, "{first} {second}");
+    }
+
+    #[test]
+    fn at_the_crossing_a_robot_joins_the_branch_that_it_faces() {
+        let path = Path::figure_eight(1.6, 0.8).unwrap();
+        let half = path.length() / 2.0;
+        let joined = |heading| path.join(&PlanarPose { x: 0.001, y: 0.0, heading }).arc_length;
+        let first = joined(0.8).min(path.length() - joined(0.8));
+        assert!(first < 0.05 && (joined(2.4) - half).abs() < 0.05, "{first} {}", joined(2.4));
     }
 
     #[test]
