@@ -645,7 +645,11 @@ impl Control {
         }
         if outer {
             let limited = self.loops[0].limited() | self.loops[1].limited();
-            self.wanted = self.shaker.update(&self.configuration.shaker, rotors, target, limited);
+            let demand = self.shaker.update(&self.configuration.shaker, rotors, target, limited);
+            self.wanted = demand.currents;
+            for (tracker, change) in self.trackers.iter_mut().zip(demand.speed_changes) {
+                tracker.foresee(change);
+            }
         }
         Actuation {
             bridges: [

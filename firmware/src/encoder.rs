@@ -139,6 +139,13 @@ impl Tracker {
         !self.lost() && self.settling == 0
     }
 
+    /// The motors are about to change the rotor's speed by this much. Untold, the speed would lag
+    /// behind a ramp by `2 zeta / omega` of the tracker: 2.3 ms at 125 Hz.
+    #[inline(always)]
+    pub const fn foresee(&mut self, change: Speed) {
+        self.speed = self.speed.wrapping_add(change);
+    }
+
     /// Moves on by ticks that the loop missed.
     pub const fn skip(&mut self, ticks: u32) {
         self.angle = self.angle.wrapping_add((self.speed as u32).wrapping_mul(ticks));

@@ -234,6 +234,15 @@ pub struct Target {
     pub direction: Option<i32>,
 }
 
+/// What the shaker wants of top and bottom motor in the next [`STRIDE`] ticks, clockwise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Demand {
+    /// 2^-16 A.
+    pub currents: [i32; 2],
+    /// By how much the references change the rotors' speeds, for those who estimate them.
+    pub speed_changes: [Speed; 2],
+}
+
 /// References, feedback and what was learnt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shaker {
@@ -320,8 +329,8 @@ impl Shaker {
         self.sum = self.sum.wrapping_add((self.sum_speed as u32).wrapping_mul(ticks));
     }
 
-    /// Every [`STRIDE`] ticks: the clockwise currents of top and bottom motor, 2^-16 A.
-    /// `voltage_limited`: either motor got less voltage than it wanted. Never panics.
+    /// Every [`STRIDE`] ticks. `voltage_limited`: either motor got less voltage than it wanted.
+    /// Never panics.
     #[inline]
     pub fn update(
         &mut self,
@@ -329,7 +338,7 @@ impl Shaker {
         rotors: &Rotors,
         target: &Target,
         voltage_limited: bool,
-    ) -> [i32; 2] {
+    ) -> Demand {
         self.follow_headroom();
         if voltage_limited {
             self.give_way();
@@ -369,10 +378,16 @@ impl Shaker {
             self.learn(model, first, second);
         }
         let [top_gain, bottom_gain] = model.current_per_acceleration;
-        [
-            within(multiply_high(sum + difference, top_gain), model.current_limit),
-            within(multiply_high(sum - difference, bottom_gain), model.current_limit),
-        ]
+        // Half of STRIDE ticks of acceleration: from 2^-40 to 2^-32.
+        let [sum_change, difference_change] = [acceleration_sum, acceleration_difference]
+            .map(|acceleration| (acceleration * (STEP / 2)) >> 8);
+        Demand {
+            currents: [
+                within(multiply_high(sum + difference, top_gain), model.current_limit),
+                within(multiply_high(sum - difference, bottom_gain), model.current_limit),
+            ],
+            speed_changes: [sum_change + difference_change, sum_change - difference_change],
+        }
     }
 
     /// Ramps upwards give way when the motors are at their limits: the headroom falls within a
