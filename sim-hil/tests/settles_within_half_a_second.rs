@@ -5,7 +5,7 @@ use flix_sim::accuracy::{BASES, STEPS, measure_step};
 
 #[test]
 fn every_step_settles_in_time_and_within_the_current_limit() {
-    for seed in [1, 7] {
+    for seed in [1, 7, 19, 439] {
         for base in BASES {
             for step in STEPS {
                 let figures = measure_step(base, step, seed).unwrap();
