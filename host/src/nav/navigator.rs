@@ -61,7 +61,8 @@ pub struct Settings {
     pub response: Response,
     /// Time between two decisions.
     pub decision_period: Duration,
-    /// Shortest stay in a mode: the rotors are not thrown about.
+    /// Shortest stay in a mode, which also lasts until the robot moves as the mode does: the rotors
+    /// are not thrown about.
     pub minimum_dwell: Duration,
     /// A pose older than this stops the robot.
     pub pose_deadline: Duration,
@@ -352,7 +353,9 @@ impl Navigator {
     fn may_change(&self, now: Instant) -> bool {
         let due =
             self.decided.is_none_or(|decided| now.since(decided) >= self.settings.decision_period);
-        due && (self.mode == REST || now.since(self.mode_since) >= self.settings.minimum_dwell)
+        let (_, gait) = self.estimator.predicted(now);
+        let dwelt = now.since(self.mode_since) >= self.settings.minimum_dwell && gait.is_steady();
+        due && (self.mode == REST || dwelt)
     }
 
     fn command(&mut self, now: Instant, mode: usize) {

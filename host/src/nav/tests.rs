@@ -347,22 +347,43 @@ fn too_far_from_the_path_the_run_ends_and_says_how_far() {
     assert!(matches!(decision, Decision::Stopped(Stop::OffPath { .. })), "{decision:?}");
 }
 
-#[test]
-fn a_mode_is_kept_for_its_minimum_dwell() {
+/// Modes of a minute's run whose beginning was seen: the one before, itself, and how long it was kept.
+fn stays() -> Vec<(usize, usize, Duration)> {
     let mut run = under_way();
-    // The mode under way began before: only modes whose beginning was seen are timed.
-    let (mut since, mut mode) = (None, run.mode());
-    let mut shortest = Duration::MAX;
+    let (mut stays, mut begun, mut mode) = (Vec::new(), None, run.mode());
     while run.seconds() < 60.0 {
         run.step();
         if run.mode() != mode {
-            if let Some(since) = since {
-                shortest = shortest.min(run.now.since(since));
+            if let Some((before, since)) = begun {
+                stays.push((before, mode, run.now.since(since)));
             }
-            (since, mode) = (Some(run.now), run.mode());
+            begun = Some((mode, run.now));
+            mode = run.mode();
         }
     }
-    assert!(shortest >= Duration::from_millis(300), "{shortest:?}");
+    stays
+}
+
+#[test]
+fn a_mode_is_kept_for_its_minimum_dwell() {
+    let shortest = stays().iter().map(|stay| stay.2).min();
+    assert!(shortest >= Some(Duration::from_millis(300)), "{shortest:?}");
+}
+
+#[test]
+fn a_reversal_is_never_taken_back_half_way() {
+    let motions = motions(&model_w());
+    let frequency = |mode: usize| motions[mode].frequency;
+    let ramp =
+        |from, to| (frequency(to) - frequency(from)).abs() / Response::default().frequency_ramp;
+    let reversals: Vec<_> = stays()
+        .into_iter()
+        .filter(|(from, to, _)| frequency(*from) * frequency(*to) < 0.0)
+        .collect();
+    assert!(!reversals.is_empty());
+    for (from, to, kept) in reversals {
+        assert!(kept.as_secs_f64() >= ramp(from, to), "{from} to {to}: {kept:?}");
+    }
 }
 
 #[test]
