@@ -96,7 +96,13 @@ impl<H: Helm> Course<H> {
     }
 
     /// Who drives.
-    pub fn pilot(&mut self) -> &mut Pilot<H> {
+    #[must_use]
+    pub fn pilot(&self) -> &Pilot<H> {
+        &self.pilot
+    }
+
+    /// Who drives, to be told something.
+    pub fn pilot_mut(&mut self) -> &mut Pilot<H> {
         &mut self.pilot
     }
 
@@ -109,8 +115,14 @@ impl<H: Helm> Course<H> {
     /// Where the robot truly is.
     #[must_use]
     pub fn truth(&self) -> PlanarPose {
-        let body = self.operation.robot.mechanics().body();
+        let body = self.plant().body();
         PlanarPose { x: body.position[0], y: body.position[1], heading: body.yaw() }
+    }
+
+    /// The robot's mechanics, to be looked at.
+    #[must_use]
+    pub fn plant(&self) -> &Plant {
+        self.operation.robot.mechanics()
     }
 
     /// Energy that the battery gave so far, J.

@@ -13,7 +13,7 @@ const SNAPSHOTS: usize = 12;
 pub fn track(run: &Run) -> Track {
     let trusted: Vec<_> =
         run.poses.iter().filter(|p| p.valid).map(|p| p.pose.pose().on_the_floor()).collect();
-    let mut figure = Track::new(title(run, "Track"), "m").subtitle(subtitle(run));
+    let mut figure = Track::new(title(run, "seen from above"), "m").subtitle(subtitle(run));
     for index in snapshots(trusted.len()) {
         let pose = trusted[index];
         let (sin, cos) = pose.heading.sin_cos();
@@ -40,9 +40,12 @@ pub fn track(run: &Run) -> Track {
     let walked = trusted.iter().map(|p| (p.x, p.y));
     figure = figure.series(Series::line("robot", walked).colour(colour::BLUE));
     if let (Some(first), Some(last)) = (trusted.first(), trusted.last()) {
-        figure = figure.mark((first.x, first.y), "start", colour::GREEN).mark(
+        // Two labels on one spot cannot be read.
+        let apart = first.distance_to((last.x, last.y)) > PLATE.0;
+        let (start, end) = if apart { ("start", "end") } else { ("", "start and end") };
+        figure = figure.mark((first.x, first.y), start, colour::GREEN).mark(
             (last.x, last.y),
-            "end",
+            end,
             colour::RED,
         );
     }
@@ -59,7 +62,7 @@ fn snapshots(count: usize) -> Vec<usize> {
 /// Everything over time: error, heading, f, theta, currents, battery.
 #[must_use]
 pub fn timeline(run: &Run) -> Chart {
-    let mut chart = Chart::new(title(run, "Timeline"), "Time (s)").subtitle(subtitle(run));
+    let mut chart = Chart::new(title(run, "over time"), "Time (s)").subtitle(subtitle(run));
     if !run.navigation.is_empty() {
         let error = run.navigation.iter().map(|n| (run.time(&n.timestamp), n.error_m * 1e3));
         let rms = run.navigation.iter().map(|n| (run.time(&n.timestamp), n.error_rms_m * 1e3));
@@ -134,7 +137,9 @@ fn broken_at_wraps(points: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> 
 
 fn title(run: &Run, what: &str) -> String {
     let name = run.fact("run", "name").replace('-', " ");
-    if name.is_empty() { what.to_owned() } else { format!("{what}: {name}") }
+    let mut letters = if name.is_empty() { "run".chars() } else { name.chars() };
+    let first: String = letters.next().into_iter().flat_map(char::to_uppercase).collect();
+    format!("{first}{}, {what}", letters.as_str())
 }
 
 fn subtitle(run: &Run) -> String {

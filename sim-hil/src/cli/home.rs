@@ -148,7 +148,7 @@ fn wait_for_rest(course: &mut Course<Navigator>, patience: Duration) -> Waited {
 
 /// Lets the pilot end the run well.
 fn conclude(course: &mut Course<Navigator>) -> Result<Ending, Error> {
-    course.pilot().helm_mut().conclude();
+    course.pilot_mut().helm_mut().conclude();
     loop {
         if let Some(ending) = course.step()? {
             return Ok(ending);
@@ -158,7 +158,7 @@ fn conclude(course: &mut Course<Navigator>) -> Result<Ending, Error> {
 
 fn report(
     args: &Args,
-    mut course: Course<Navigator>,
+    course: Course<Navigator>,
     errors: Vec<f64>,
     seconds: Vec<f64>,
     ending: &Ending,

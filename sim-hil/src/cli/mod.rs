@@ -35,7 +35,7 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Shake through the paper's five modes and a reversal; tell and plot how well they are held.
+    /// Shake through the paper's five modes, then walk a figure eight; tell, plot and replay it.
     Demo(demo::Args),
     /// Be a robot on the network, in real time.
     Serve(serve::Args),

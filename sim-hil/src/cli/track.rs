@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime};
 
+use clap::{Args as _, FromArgMatches as _};
 use flix_host::cli::course::{CourseArgs, facts, names, results};
 use flix_host::nav::{Navigator, Path, Task};
 use flix_host::pilot::{Ending, Pilot};
@@ -13,7 +14,8 @@ use serde::Serialize;
 
 use super::conditions::{LoopArgs, description, duration};
 use super::{Error, progress};
-use crate::course::Course;
+use crate::course::{Course, POSE_PERIOD};
+use crate::view::Film;
 
 /// Follow a path with the whole simulated robot: the host's navigation, protocol, the robot's
 /// software and its plant, in virtual time.
@@ -29,14 +31,26 @@ pub struct Args {
     #[command(flatten)]
     conditions: LoopArgs,
     /// Robot's time after which the run is given up.
-    #[arg(long, value_name = "TIME", default_value = "30m", value_parser = duration)]
+    #[arg(long, value_name = "TIME", default_value = "1h", value_parser = duration)]
     patience: Duration,
-    /// Folder for record and pictures.
+    /// Folder for record, pictures and replay.
     #[arg(long, value_name = "DIR", default_value = "out")]
     out: PathBuf,
-    /// Print JSON.
+    /// Print JSON, and make no replay.
     #[arg(long)]
     json: bool,
+}
+
+impl Args {
+    /// `flix-sim track PATH --seed SEED --out OUT`.
+    pub(super) fn of(path: &str, seed: u64, out: &std::path::Path) -> Self {
+        let command = Self::augment_args(clap::Command::new("track"));
+        let mut args = Self::from_arg_matches(&command.get_matches_from(["track", path]))
+            .expect("every option but the path has a default");
+        args.conditions.seed = seed;
+        args.out = out.to_owned();
+        args
+    }
 }
 
 /// How a run went.
@@ -68,25 +82,34 @@ pub struct Report {
     pub record: PathBuf,
     /// The picture of the track.
     pub plot: PathBuf,
+    /// The page that replays it, unless JSON was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub replay: Option<PathBuf>,
 }
 
 /// # Errors
-/// When the path, model or table is refused, the simulation diverges, or files cannot be written.
+/// See [`follow`].
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let task = args.course.task()?;
-    let Task::Follow { path, laps } = &task else { return Ok(ExitCode::FAILURE) };
-    let report = follow(args, &task, path, *laps)?;
+    let report = follow(args)?;
     if args.json {
         println!("{}", serde_json::to_string_pretty(&report)?);
     } else {
-        print_report(&report);
+        print!("{}", report.to_text());
     }
     Ok(if report.finished { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-fn follow(args: &Args, task: &Task, path: &Path, laps: u32) -> Result<Report, Error> {
+/// Walks to the end and writes record, pictures and replay.
+///
+/// # Errors
+/// When the path, model or table is refused, the simulation diverges, or files cannot be written.
+pub(super) fn follow(args: &Args) -> Result<Report, Error> {
+    let task = args.course.task()?;
+    let Task::Follow { path, laps } = &task else {
+        return Err(Error::refused("this is no path to follow"));
+    };
     let table = args.conditions.table()?;
-    let mut settings = args.course.settings(task)?;
+    let mut settings = args.course.settings(&task)?;
     settings.latency = args.conditions.latency;
     let mut setup = facts(&settings);
     setup.extend(args.conditions.facts());
@@ -97,11 +120,18 @@ fn follow(args: &Args, task: &Task, path: &Path, laps: u32) -> Result<Report, Er
     recorder.path_to_follow(begin, path)?;
     recorder.attach(begin, "modes.toml", "application/toml", table.to_toml().as_bytes())?;
     let pilot = Pilot::new(navigator, names(&table), Some(recorder));
-    let mut course = Course::new(&args.conditions.conditions(path.start())?, pilot)?;
-    let bar = progress((f64::from(laps) * path.length() * 1e3) as u64, "mm walked");
+    let conditions = args.conditions.conditions(path.start())?;
+    // A frame for every pose: often enough to see in which sense the rotors turn.
+    let mut film = (!args.json).then(|| Film::new(&conditions.model, POSE_PERIOD.as_secs_f64()));
+    let mut course = Course::new(&conditions, pilot)?;
+    let bar = progress((f64::from(*laps) * path.length() * 1e3) as u64, "mm walked");
     let ending = loop {
         if let Some(ending) = course.step()? {
             break ending;
+        }
+        if let Some(film) = &mut film {
+            film.caption(course.plant(), course.pilot().doing());
+            film.shoot(course.plant());
         }
         if course.now().since(begin) > args.patience {
             course.interrupt();
@@ -109,14 +139,15 @@ fn follow(args: &Args, task: &Task, path: &Path, laps: u32) -> Result<Report, Er
         bar.set_position((course.pilot().helm().progress().arc_length.max(0.0) * 1e3) as u64);
     };
     bar.finish_and_clear();
-    finish(args, course, &ending, path)
+    finish(args, course, &ending, path, film)
 }
 
 fn finish(
     args: &Args,
-    mut course: Course<Navigator>,
+    course: Course<Navigator>,
     ending: &Ending,
     path: &Path,
+    film: Option<Film>,
 ) -> Result<Report, Error> {
     let begun = course.pilot().driving_since().unwrap_or(course.now());
     let seconds = course.now().since(begun).as_secs_f64();
@@ -130,6 +161,14 @@ fn finish(
     let folder = record.parent().map(PathBuf::from).unwrap_or_default();
     let plot = figures::track(&run).write(&folder, &format!("{stem}-track"))?;
     figures::timeline(&run).write(&folder, &format!("{stem}-timeline"))?;
+    let replay = film
+        .map(|film| {
+            let mut recording =
+                film.into_recording(format!("Model {}: {}", args.conditions.model, path.name()));
+            recording.reference = path.points().iter().map(|p| [p.x, p.y]).collect();
+            recording.write(&folder.join(format!("{stem}-replay.html")))
+        })
+        .transpose()?;
     let progress = navigator.progress();
     Ok(Report {
         path: path.name().to_owned(),
@@ -145,21 +184,33 @@ fn finish(
         mode_switches: progress.switches,
         record,
         plot: plot.png,
+        replay,
     })
 }
 
-fn print_report(report: &Report) {
-    println!(
-        "{} ({} controller, seed {}): {}",
-        report.path, report.controller, report.seed, report.ending
-    );
-    println!(
-        "  path error  {:.1} mm RMS, {:.1} mm at most",
-        report.path_error_rms_mm, report.path_error_peak_mm
-    );
-    println!("  laps        {:.2} in {:.1} s of the robot's time", report.laps, report.seconds);
-    println!("  energy      {:.1} J from the battery", report.energy_j);
-    println!("  modes       changed {} times", report.mode_switches);
-    println!("  plot        {}", report.plot.display());
-    println!("  record      {}", report.record.display());
+impl Report {
+    /// For people.
+    pub(super) fn to_text(&self) -> String {
+        let mut text = format!(
+            "{} ({} controller, seed {}): {}\n",
+            self.path, self.controller, self.seed, self.ending
+        );
+        let mut row = |name: &str, value: String| text.push_str(&format!("  {name:11} {value}\n"));
+        row(
+            "path error",
+            format!(
+                "{:.1} mm RMS, {:.1} mm at most",
+                self.path_error_rms_mm, self.path_error_peak_mm
+            ),
+        );
+        row("laps", format!("{:.2} in {:.1} s of the robot's time", self.laps, self.seconds));
+        row("energy", format!("{:.0} J from the battery", self.energy_j));
+        row("modes", format!("changed {} times", self.mode_switches));
+        row("plot", self.plot.display().to_string());
+        if let Some(replay) = &self.replay {
+            row("replay", replay.display().to_string());
+        }
+        row("record", format!("{} (MCAP)", self.record.display()));
+        text
+    }
 }

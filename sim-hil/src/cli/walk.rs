@@ -11,12 +11,9 @@ use serde::Serialize;
 use super::arguments::{ModelArgs, SetpointArgs, parse_seconds};
 use super::{Error, progress};
 use crate::model::RobotModel;
-use crate::plant::Plant;
-use crate::view::{Caption, Frame, Recording, RobotView};
+use crate::view::Film;
 use crate::walk::{DEFAULT_STEP, Spread, Walk, WalkDrive, Walked, walk};
 
-/// Frames of the replay in all, at most: what a browser loads at once.
-const FRAMES: f64 = 4000.0;
 /// Shortest time between two frames, s: some 16 frames a turn at 30 Hz.
 const FRAME_INTERVAL: f64 = 2e-3;
 /// Outlines of the robot on the track.
@@ -92,15 +89,18 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         },
         step: args.step.unwrap_or(DEFAULT_STEP),
     };
+    let caption = format!("{} s, seed {}", args.seconds, args.first_seed);
     let bar = progress(args.seeds, "walking");
     let seeds: Vec<u64> =
         (0..args.seeds).map(|index| args.first_seed.wrapping_add(index)).collect();
     let walked: Vec<(Walked, Option<Film>)> = seeds
         .into_par_iter()
         .map(|seed| {
-            let mut film = (seed == args.first_seed && !args.json).then(|| Film::new(&model, args));
+            let mut film =
+                (seed == args.first_seed && !args.json).then(|| Film::new(&model, FRAME_INTERVAL));
             let walked = walk(&model, &what, seed, |plant| {
                 if let Some(film) = &mut film {
+                    film.caption(plant, &caption);
                     film.shoot(plant);
                 }
             })?;
@@ -132,7 +132,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     }
     print!("{}", table(&report));
     for film in walked.into_iter().filter_map(|(_, film)| film) {
-        film.write(&model, args)?;
+        write(film, &model, args)?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -156,67 +156,27 @@ fn table(report: &Report) -> String {
         + &row("cost of transport", &report.cost_of_transport, "")
 }
 
-/// What is kept of the first walk to look at.
-struct Film {
-    view: RobotView,
-    start: Option<f64>,
-    interval: f64,
-    frames: Vec<Frame>,
-    track: Vec<(f64, f64, f64)>,
-}
-
-impl Film {
-    fn new(model: &RobotModel, args: &Args) -> Self {
-        Self {
-            view: RobotView::new(model),
-            start: None,
-            interval: FRAME_INTERVAL.max(args.seconds / FRAMES),
-            frames: Vec::new(),
-            track: Vec::new(),
+/// Writes what is to be seen of the first walk.
+fn write(film: Film, model: &RobotModel, args: &Args) -> Result<(), Error> {
+    let title = format!(
+        "Model {} at {} Hz, {}\u{b0}",
+        model.name, args.setpoint.frequency, args.setpoint.direction
+    );
+    let track: Vec<_> = film.track().collect();
+    let line = Series::line("middle of the body", track.iter().map(|(x, y, _)| (*x, *y)));
+    let mut map = Track::new(title.clone(), "m")
+        .subtitle(format!("seed {}, {} s, seen from above", args.first_seed, args.seconds))
+        .series(line.colour(colour::BLUE));
+    for index in 0..OUTLINES {
+        let last = track.len().saturating_sub(1);
+        if let Some(pose) = track.get(index * last / (OUTLINES - 1)) {
+            map = map.outline(outline(model, *pose));
         }
     }
-
-    fn shoot(&mut self, plant: &Plant) {
-        let start = *self.start.get_or_insert(plant.time());
-        let time = plant.time() - start;
-        if time >= self.interval * self.frames.len() as f64 {
-            let body = plant.body();
-            self.frames.push(self.view.frame(plant, time));
-            self.track.push((body.position[0], body.position[1], body.yaw()));
-        }
-    }
-
-    fn write(self, model: &RobotModel, args: &Args) -> Result<(), Error> {
-        let title = format!(
-            "Model {} at {} Hz, {}\u{b0}",
-            model.name, args.setpoint.frequency, args.setpoint.direction
-        );
-        let line = Series::line("middle of the body", self.track.iter().map(|(x, y, _)| (*x, *y)));
-        let mut map = Track::new(title.clone(), "m")
-            .subtitle(format!("seed {}, {} s, seen from above", args.first_seed, args.seconds))
-            .series(line.colour(colour::BLUE));
-        for index in 0..OUTLINES {
-            let last = self.track.len().saturating_sub(1);
-            if let Some(pose) = self.track.get(index * last / (OUTLINES - 1)) {
-                map = map.outline(outline(model, *pose));
-            }
-        }
-        let picture = map.write(&args.out, "track")?;
-        let recording = Recording {
-            title: title.clone(),
-            parts: self.view.parts(),
-            arrows: self.view.arrows(),
-            captions: vec![Caption {
-                time: 0.0,
-                text: format!("{} s, seed {}", args.seconds, args.first_seed),
-            }],
-            frames: self.frames,
-            ..Recording::default()
-        };
-        let page = recording.write(&args.out.join("replay.html"))?;
-        println!("\ntrack   {}\nreplay  {}", picture.png.display(), page.display());
-        Ok(())
-    }
+    let picture = map.write(&args.out, "track")?;
+    let page = film.into_recording(title).write(&args.out.join("replay.html"))?;
+    println!("\ntrack   {}\nreplay  {}", picture.png.display(), page.display());
+    Ok(())
 }
 
 /// The plate seen from above.

@@ -6,8 +6,10 @@
 //!
 //! Lengths in metres, forces in newtons, world frame ENU, quaternions `[w, x, y, z]`.
 
+mod film;
 mod robot;
 
+pub use film::Film;
 pub use robot::RobotView;
 
 use std::path::{Path, PathBuf};
@@ -48,6 +50,15 @@ pub struct Pose {
     pub position: [f64; 3],
     /// Unit quaternion, `[w, x, y, z]`.
     pub orientation: [f64; 4],
+}
+
+impl Pose {
+    /// Heading on the floor, counter-clockwise from x, rad.
+    #[must_use]
+    pub fn yaw(&self) -> f64 {
+        let [w, x, y, z] = self.orientation;
+        (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z))
+    }
 }
 
 /// Where a force acts and how strongly.
