@@ -65,8 +65,9 @@ pub enum KeyError {
     },
     /// No key is known for this robot.
     #[error(
-        "there is no key for {robot}: give one with --key FILE or {KEY_FILE_VARIABLE}, or provision the robot with `flix provision`{}",
-        known(names)
+        "there is no key for {robot}: give one with --key FILE or {KEY_FILE_VARIABLE}, or provision the robot with `flix provision`{}{}",
+        known(names),
+        simulated(robot)
     )]
     Unknown {
         /// As the operator wrote it.
@@ -97,6 +98,10 @@ fn known(names: &[String]) -> String {
         [] => String::new(),
         names => format!(" (known robots: {})", names.join(", ")),
     }
+}
+
+fn simulated(robot: &str) -> &'static str {
+    if robot == SIMULATED_ROBOT { "; `flix-sim serve` makes its own when it starts" } else { "" }
 }
 
 fn at(path: &Path) -> impl FnOnce(io::Error) -> KeyError + '_ {

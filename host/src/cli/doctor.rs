@@ -7,7 +7,7 @@ use flix_protocol::message::{Command, Outcome, State};
 use flix_protocol::units::Instant;
 
 use super::output::{print, print_json};
-use super::robot::RobotArgs;
+use super::robot::{FieldRobotArgs, RobotArgs};
 use super::walk::PoseArgs;
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
@@ -33,10 +33,10 @@ const LONG_ROUND_TRIP: Duration = Duration::from_millis(100);
 #[command(after_help = "\
 Examples:
   flix doctor walker-1 --natnet-server 192.168.1.5
-  flix doctor 127.0.0.1 --json")]
+  flix doctor --json                                       (against flix-sim serve --natnet)")]
 pub struct Args {
     #[command(flatten)]
-    robot: RobotArgs,
+    robot: FieldRobotArgs,
     #[command(flatten)]
     poses: PoseArgs,
     /// Do not look for poses.
@@ -73,7 +73,7 @@ impl Finding {
 /// When something is wrong; all of it was printed by then.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
-    let mut findings = look_at_robot(&args.robot, &interrupt);
+    let mut findings = look_at_robot(&args.robot.robot(), &interrupt);
     if !args.no_poses {
         findings.extend(look_at_poses(&args.poses, &interrupt));
     }

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use super::course::{SteeringArgs, facts, names, point, results};
 use super::output::print;
-use super::robot::RobotArgs;
+use super::robot::FieldRobotArgs;
 use super::walk::{PoseArgs, Walk, record, verdict};
 use super::{Error, Exit};
 use crate::nav::{ModeTable, Navigator, Task};
@@ -21,7 +21,7 @@ Examples:
   flix home walker-1 --to 0.5,0 --stay")]
 pub struct Args {
     #[command(flatten)]
-    robot: RobotArgs,
+    robot: FieldRobotArgs,
     /// The point, m.
     #[arg(long, value_name = "X,Y", default_value = "0,0", allow_hyphen_values = true, value_parser = point)]
     to: (f64, f64),
@@ -50,7 +50,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let table = ModeTable::load(&args.modes)?;
     let setup = facts(&settings);
     let navigator = Navigator::new(task, &table, settings).map_err(Error::usage)?;
-    let mut walk = Walk::open(&args.robot, &args.poses)?;
+    let mut walk = Walk::open(&args.robot.robot(), &args.poses)?;
     let mut recorder = record(&args.out, &mut walk, "home", setup)?;
     recorder.attach(walk.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
     let mut pilot = Pilot::new(navigator, names(&table), Some(recorder));

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use super::course::pairs;
 use super::output::print;
-use super::robot::RobotArgs;
+use super::robot::FieldRobotArgs;
 use super::walk::{PoseArgs, Walk, record, verdict};
 use super::{Error, Exit};
 use crate::nav::{Fence, ModeTable, Survey, SurveySettings};
@@ -76,10 +76,10 @@ impl SurveyArgs {
 #[command(after_help = "\
 Examples:
   flix identify walker-1 --natnet-server 192.168.1.5 --modes walker-1.modes.toml
-  flix identify 127.0.0.1 --rounds 1 --seconds 4s          (against flix-sim serve --natnet)")]
+  flix identify --rounds 1 --seconds 4s                    (against flix-sim serve --natnet)")]
 pub struct Args {
     #[command(flatten)]
-    robot: RobotArgs,
+    robot: FieldRobotArgs,
     #[command(flatten)]
     survey: SurveyArgs,
     #[command(flatten)]
@@ -122,7 +122,7 @@ pub fn describe(table: &ModeTable) -> String {
 /// When something is missing, or the run ended early; the sentence says why.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (survey, names) = args.survey.survey()?;
-    let mut walk = Walk::open(&args.robot, &args.poses)?;
+    let mut walk = Walk::open(&args.robot.robot(), &args.poses)?;
     let facts = BTreeMap::from([("survey".into(), args.survey.source())]);
     let recorder = record(&args.out, &mut walk, "identify", facts)?;
     let mut pilot = Pilot::new(survey, names, Some(recorder));
@@ -133,7 +133,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     walk.leave();
     let (survey, file) = pilot.finish(BTreeMap::new())?;
     verdict(&ending, file.as_ref())?;
-    let table = survey.table(&args.robot.robot, &args.survey.source())?;
+    let table = survey.table(&args.robot.robot().robot, &args.survey.source())?;
     table.save(&args.modes)?;
     print(&format!("{}\nwritten to {}\n", describe(&table), args.modes.display()))?;
     Ok(Exit::Done.into())

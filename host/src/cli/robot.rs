@@ -23,6 +23,29 @@ pub struct RobotArgs {
     pub key: Option<PathBuf>,
 }
 
+/// As [`RobotArgs`], for commands that are tried on the simulated robot before they meet a real one.
+#[derive(Debug, Clone, clap::Args)]
+pub struct FieldRobotArgs {
+    /// Address (HOST or HOST:PORT), or the name of a provisioned robot; unless told, the simulated one
+    /// on this computer.
+    #[arg(value_name = "ROBOT", env = ROBOT_VARIABLE, default_value = SIMULATED_ROBOT)]
+    robot: String,
+    /// Key file; without it, the robot's key in your keyring.
+    #[arg(long, value_name = "FILE", env = KEY_FILE_VARIABLE)]
+    key: Option<PathBuf>,
+}
+
+/// Names the robot for the commands that walk.
+const ROBOT_VARIABLE: &str = "FLIX_ROBOT";
+
+impl FieldRobotArgs {
+    /// The robot that is meant.
+    #[must_use]
+    pub fn robot(&self) -> RobotArgs {
+        RobotArgs { robot: self.robot.clone(), key: self.key.clone() }
+    }
+}
+
 impl RobotArgs {
     /// Finds the robot and its key, and connects.
     ///

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use super::course::{CourseArgs, facts, names, results};
 use super::output::{print, print_json};
-use super::robot::RobotArgs;
+use super::robot::FieldRobotArgs;
 use super::walk::{PoseArgs, Walk, record, verdict};
 use super::{Error, Exit};
 use crate::nav::{ModeTable, ModeTableError, Navigator, Task};
@@ -16,14 +16,17 @@ use crate::pilot::Pilot;
 /// The robot is armed, driven, and left disarmed. Lost poses, the fence and too large an error stop
 /// it; Ctrl-C, SIGTERM and a closed terminal too.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "\
+#[command(
+    allow_missing_positional = true,
+    after_help = "\
 Examples:
   flix track walker-1 figure8 --modes walker-1.modes.toml --natnet-server 192.168.1.5
-  flix track 127.0.0.1 circle --radius 0.3 --laps 1        (against flix-sim serve --natnet)
-  flix track walker-1 room.csv --at 0.5,0.2 --turned 90")]
+  flix track circle --radius 0.3 --laps 1                  (against flix-sim serve --natnet)
+  flix track walker-1 room.csv --at 0.5,0.2 --turned 90"
+)]
 pub struct Args {
     #[command(flatten)]
-    robot: RobotArgs,
+    robot: FieldRobotArgs,
     #[command(flatten)]
     course: CourseArgs,
     #[command(flatten)]
@@ -59,7 +62,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     };
     let setup = facts(&settings);
     let navigator = Navigator::new(task.clone(), &table, settings).map_err(Error::usage)?;
-    let mut walk = Walk::open(&args.robot, &args.poses)?;
+    let mut walk = Walk::open(&args.robot.robot(), &args.poses)?;
     let mut recorder = record(&args.out, &mut walk, &name, setup)?;
     if let Task::Follow { path, .. } = &task {
         recorder.path_to_follow(walk.now(), path)?;

@@ -24,7 +24,7 @@ use crate::robot::{RobotParameters, SimulatedRobot};
 /// Be a robot on the network, in real time.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  flix-sim serve\n  flix-sim serve --listen 0.0.0.0:13549 --key lab.key\n\n\
+    after_help = "Examples:\n  flix-sim serve\n  flix-sim serve --listen 0.0.0.0:13549 --key lab.key\n  flix-sim serve --natnet\n\n\
                   Then, in another terminal: flix teleop 127.0.0.1"
 )]
 pub struct Args {
@@ -34,8 +34,8 @@ pub struct Args {
     /// Key file of the robot; unless told, the key `simulated` of your keyring, made when there is none.
     #[arg(long, value_name = "FILE")]
     key: Option<PathBuf>,
-    /// What the robot is: bench-fixed, bench-planar, or a whole robot where the machine is quick enough.
-    #[arg(long, default_value = "bench-planar")]
+    /// What the robot is: the whole robot W, another model that can walk, bench-fixed or bench-planar.
+    #[arg(long, default_value = "W")]
     model: String,
     /// Streams the robot's pose as OptiTrack does; answers at this address, 127.0.0.1:1510 unless told.
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:1510")]
@@ -113,7 +113,12 @@ fn introduce(args: &Args, socket: &UdpSocket) -> io::Result<()> {
     let key =
         args.key.as_ref().map_or_else(String::new, |file| format!(" --key {}", file.display()));
     println!("In another terminal:\n");
-    println!("    cargo run --release -p flix-host -- teleop {robot}{key}\n");
+    println!("    cargo run --release -p flix-host -- teleop {robot}{key}");
+    if args.natnet.is_some() {
+        println!("    cargo run --release -p flix-host -- identify {robot}{key}");
+        println!("    cargo run --release -p flix-host -- track {robot} figure8{key}");
+    }
+    println!();
     println!("Ctrl-C switches the robot off.");
     Ok(())
 }
