@@ -24,7 +24,8 @@ pub const DEFAULT_STEP: f64 = 1e-4;
 const RUN_UP: Duration = Duration::from_millis(500);
 
 /// What turns the rotors.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum WalkDrive {
     /// The robot's own software through motors, battery and an operator's link.
     Firmware,

@@ -12,6 +12,7 @@ pub mod modes;
 pub mod rest;
 pub mod serve;
 pub mod shake;
+pub mod study;
 pub mod validate;
 pub mod walk;
 
@@ -20,10 +21,10 @@ pub mod home;
 pub mod identify;
 pub mod track;
 use std::process::ExitCode;
-use std::time::Duration;
 
 use clap::{Parser, Subcommand};
-use indicatif::{ProgressBar, ProgressStyle};
+
+pub(crate) use crate::study::progress;
 
 /// A simulated Flix-Walker under the robot's own software.
 #[derive(Debug, Parser)]
@@ -61,6 +62,8 @@ enum Command {
     Home(home::Args),
     /// Learn a mode table, in virtual time.
     Identify(identify::Args),
+    /// Repeat the paper's studies, each with one command.
+    Study(study::Args),
 }
 
 /// Why a command failed: one sentence for people.
@@ -113,6 +116,18 @@ pub enum Error {
     /// As the host's programs say it.
     #[error(transparent)]
     Host(#[from] flix_host::cli::Error),
+    /// A study did not end.
+    #[error(transparent)]
+    Study(#[from] crate::study::StudyError),
+    /// A table of a study was not read, written or merged.
+    #[error(transparent)]
+    Table(#[from] crate::study::TableError),
+    /// A calibration did not end.
+    #[error(transparent)]
+    Calibration(#[from] crate::study::calibrate::CalibrationError),
+    /// A laboratory's table is refused.
+    #[error(transparent)]
+    Measured(#[from] crate::study::measured::MeasuredError),
     /// The record was not written.
     #[error(transparent)]
     Record(#[from] flix_host::record::RecordError),
@@ -137,6 +152,7 @@ impl Error {
                 | Self::Host(_)
                 | Self::Refused(_)
                 | Self::Model(_)
+                | Self::Measured(_)
                 | Self::Probe(ProbeError::Model(_) | ProbeError::NoLegs { .. })
                 | Self::Walk(WalkError::Model(_) | WalkError::NoLegs { .. })
         )
@@ -157,6 +173,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Track(args) => track::run(&args),
         Command::Home(args) => home::run(&args),
         Command::Identify(args) => identify::run(&args),
+        Command::Study(args) => study::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Accuracy(args) => accuracy::run(&args),
         Command::Walk(args) => walk::run(&args),
@@ -171,16 +188,4 @@ pub fn run(cli: Cli) -> ExitCode {
         eprintln!("flix-sim: {error}");
         if error.is_usage() { ExitCode::from(2) } else { ExitCode::FAILURE }
     })
-}
-
-/// A progress bar on standard error; invisible when that is no terminal.
-pub(crate) fn progress(steps: u64, what: &'static str) -> ProgressBar {
-    let bar = ProgressBar::new(steps).with_message(what);
-    if let Ok(style) =
-        ProgressStyle::with_template("{msg} [{bar:40}] {pos}/{len} {elapsed} (left: {eta})")
-    {
-        bar.set_style(style.progress_chars("=> "));
-    }
-    bar.enable_steady_tick(Duration::from_millis(200));
-    bar
 }

@@ -13,8 +13,14 @@
 //! What a result depends on (parameters, model, version of this crate) is hashed into a
 //! [`Fingerprint`]; results of another fingerprint are refused, never mixed.
 
+pub mod calibrate;
+pub mod cmaes;
+pub mod figure;
 mod journal;
+pub mod measured;
+pub mod modes;
 mod shard;
+pub mod sweep;
 mod table;
 
 pub use journal::JournalError;
@@ -24,9 +30,10 @@ pub use table::{Table, TableError, merge};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::time::Duration;
 
 use flix_host::interrupt::Interrupt;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressStyle};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -213,7 +220,9 @@ pub fn run(study: &dyn Study, options: &Options) -> Result<Table, StudyError> {
     let missing: Vec<usize> =
         cells.iter().copied().filter(|cell| !rows.contains_key(cell)).collect();
 
-    let bar = progress(study.name(), cells.len(), rows.len());
+    let bar = progress(cells.len() as u64, study.name());
+    bar.set_position(rows.len() as u64);
+    bar.reset_eta();
     let journal = Mutex::new(journal);
     let computed: Vec<Result<Vec<(usize, Row)>, StudyError>> = missing
         .chunks(study.batch().max(1))
@@ -263,24 +272,30 @@ pub fn run(study: &dyn Study, options: &Options) -> Result<Table, StudyError> {
     Ok(table)
 }
 
-/// A bar with time left, on stderr, and none where stderr is no terminal.
+/// A bar with time left on standard error; invisible when that is no terminal.
 #[must_use]
-pub fn progress(name: &str, length: usize, finished: usize) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(Some(length as u64), ProgressDrawTarget::stderr());
-    if let Ok(style) = ProgressStyle::with_template(
-        "{prefix:>14} [{bar:32}] {pos}/{len} cells, {elapsed} so far, {eta} left",
-    ) {
+pub fn progress(steps: u64, what: &'static str) -> ProgressBar {
+    let bar = ProgressBar::new(steps).with_message(what);
+    if let Ok(style) =
+        ProgressStyle::with_template("{msg} [{bar:40}] {pos}/{len} {elapsed} (left: {eta})")
+    {
         bar.set_style(style.progress_chars("=> "));
     }
-    bar.set_prefix(name.to_owned());
-    bar.set_position(finished as u64);
-    bar.reset_eta();
+    bar.enable_steady_tick(Duration::from_millis(200));
     bar
 }
 
-/// Makes the folder of `path`.
-fn make_folder(path: &Path) -> std::io::Result<()> {
+/// Makes the folder that `path` is to lie in.
+pub(crate) fn make_folder(path: &Path) -> std::io::Result<()> {
     path.parent().map_or(Ok(()), std::fs::create_dir_all)
+}
+
+/// Writes a file that appears whole or not at all.
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    make_folder(path)?;
+    let partial = path.with_added_extension("partial");
+    std::fs::write(&partial, bytes)?;
+    std::fs::rename(partial, path)
 }
 
 #[cfg(test)]

@@ -148,8 +148,7 @@ impl Recording {
     /// As [`Recording::to_html`], and when the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<PathBuf, RecordingError> {
         let html = self.to_html()?;
-        path.parent()
-            .map_or(Ok(()), std::fs::create_dir_all)
+        crate::study::make_folder(path)
             .and_then(|()| std::fs::write(path, html))
             .map_err(|source| RecordingError::Write { path: path.to_owned(), source })?;
         Ok(path.to_owned())

@@ -1,0 +1,283 @@
+//! `flix-sim study calibrate`: the robot that fits.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::ValueEnum;
+use flix_host::plot::{Chart, Figure, Panel, Series};
+
+use super::listen;
+use crate::cli::arguments::{ModelArgs, parse_seconds};
+use crate::cli::{Error, progress};
+use crate::model::RobotModel;
+use crate::study::calibrate::{
+    self, Fit, Generation, Goal, Progress, Settings, unknowns, values, write_model,
+};
+use crate::study::measured;
+use crate::study::modes::{PaperMode, paper_modes, score_modes, shuffled_modes};
+use crate::study::sweep::{SECONDS, Sweep, Variant, cells};
+use crate::study::{Options, Shard};
+use crate::walk::{DEFAULT_STEP, WalkDrive};
+
+/// First seed of the walks that judge the result: none of the search's.
+const FRESH_SEED: u64 = 1_000_001;
+
+/// Fit the open choices, the paper's error set, or both; judge the result with fresh seeds.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Each generation tries every candidate on the same, new samples: scattered robots, disturbed starts, each\nstep in turn. The result is the middle of the final distribution. Interrupted, the same command goes on.\n\nA laboratory's speeds are a CSV with the columns f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s.\n\nExamples:\n  flix-sim study calibrate --generations 60\n  flix-sim study calibrate --measured speeds.csv --fit both --hold-out 3,7\n  flix-sim study calibrate --shuffle 1 --generations 15    # what chance reaches"
+)]
+pub struct Args {
+    #[command(flatten)]
+    model: ModelArgs,
+    /// Mean speeds of a prototype; without it the modes of tables III and IV are fitted
+    #[arg(long, value_name = "CSV")]
+    measured: Option<PathBuf>,
+    /// Fit an invented table instead: the same motions dealt to the pairs at random
+    #[arg(long, value_name = "SEED", conflicts_with = "measured")]
+    shuffle: Option<u64>,
+    /// Rows to leave out of the fit and to report, counted from 1
+    #[arg(long, value_name = "ROWS", value_delimiter = ',')]
+    hold_out: Vec<usize>,
+    /// What may be changed [default: open for modes, both for measured speeds]
+    #[arg(long, value_enum)]
+    fit: Option<FitArg>,
+    /// Length of the search
+    #[arg(long, value_name = "N", default_value_t = 60)]
+    generations: u64,
+    /// Scattered robots that each candidate is tried as
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    samples: u16,
+    /// How far every number of the model scatters, as a share
+    #[arg(long, value_name = "SHARE", default_value_t = 0.02, value_parser = super::parse_scatter)]
+    scatter: f64,
+    /// Steps of the simulation, taken in turn
+    #[arg(long, value_name = "TIMES", value_delimiter = ',', default_values_t = [DEFAULT_STEP, 0.5 * DEFAULT_STEP], value_parser = parse_seconds)]
+    step: Vec<f64>,
+    /// How long each walk of the search is
+    #[arg(long, value_name = "TIME", default_value_t = SECONDS, value_parser = parse_seconds)]
+    seconds: f64,
+    /// Walks of each row that judge the result
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    fresh_seeds: u64,
+    /// Of everything random in the search
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=1_000_000))]
+    seed: u64,
+    /// A first look: short, coarse walks and few generations
+    #[arg(long)]
+    quick: bool,
+    /// Folder for the search, the model and the figure
+    #[arg(long, value_name = "DIR", default_value = "out/study/calibrate")]
+    out: PathBuf,
+    /// Forget what an earlier search left there
+    #[arg(long)]
+    restart: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum FitArg {
+    /// What the paper leaves open, left and right alike.
+    Open,
+    /// The paper's error set X.
+    Errors,
+    /// Both.
+    Both,
+}
+
+/// # Errors
+/// When the model or a table is refused, the search was interrupted, or files cannot be written.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let goals = goals(args)?;
+    let (fitted, held) = split(goals, &args.hold_out)?;
+    let settings = settings(args, fitted)?;
+    let bar = progress(settings.generations, "calibrating");
+    let outcome = calibrate::calibrate(&settings, |so_far: &Progress| {
+        bar.set_position(so_far.search.generation());
+        if so_far.history.is_empty() || bar.length() == Some(so_far.search.generation()) {
+            bar.reset_eta();
+        }
+    });
+    bar.finish_and_clear();
+    let (mut model, so_far) = outcome?;
+    model.name = "calibrated".to_owned();
+    print!("{}", chosen(&settings, &so_far));
+    let judged = judge(args, &settings, &model, &held)?;
+    print!("\n{judged}");
+    let path = args.out.join("calibrated.toml");
+    write_model(&path, &model, &origin(args, &judged))
+        .map_err(|error| Error::Write { path: path.clone(), error })?;
+    let figure = course(&so_far.history).write(&args.out, "calibration")?;
+    println!("\nmodel   {}\nfigure  {}", path.display(), figure.png.display());
+    Ok(ExitCode::SUCCESS)
+}
+
+fn goals(args: &Args) -> Result<Vec<Goal>, Error> {
+    Ok(match (&args.measured, args.shuffle) {
+        (Some(path), _) => measured::speeds(path)?.into_iter().map(Goal::Measured).collect(),
+        (None, Some(seed)) => shuffled_modes(seed).into_iter().map(Goal::Mode).collect(),
+        (None, None) => paper_modes().into_iter().map(Goal::Mode).collect(),
+    })
+}
+
+/// Rows that are fitted, rows that are held out.
+fn split(goals: Vec<Goal>, hold_out: &[usize]) -> Result<(Vec<Goal>, Vec<Goal>), Error> {
+    let rows = goals.len();
+    if let Some(row) = hold_out.iter().find(|row| !(1..=rows).contains(row)) {
+        return Err(Error::refused(format!(
+            "there is no row {row} to hold out: rows are 1 to {rows}"
+        )));
+    }
+    let (held, fitted): (Vec<_>, Vec<_>) =
+        goals.into_iter().enumerate().partition(|(index, _)| hold_out.contains(&(index + 1)));
+    if fitted.is_empty() {
+        return Err(Error::refused("all rows are held out: leave some to fit"));
+    }
+    let goals = |rows: Vec<(usize, Goal)>| rows.into_iter().map(|(_, goal)| goal).collect();
+    Ok((goals(fitted), goals(held)))
+}
+
+fn settings(args: &Args, goals: Vec<Goal>) -> Result<Settings, Error> {
+    let fit = match args.fit {
+        Some(FitArg::Open) => Fit::Open,
+        Some(FitArg::Errors) => Fit::Errors,
+        Some(FitArg::Both) => Fit::Both,
+        None if args.measured.is_some() => Fit::Both,
+        None => Fit::Open,
+    };
+    let settings = Settings {
+        base: args.model.load()?,
+        fit,
+        goals,
+        samples: usize::from(args.samples),
+        scatter: args.scatter,
+        steps: args.step.clone(),
+        seconds: args.seconds,
+        generations: args.generations,
+        seed: args.seed,
+        checkpoint: args.out.join("search.toml"),
+        restart: args.restart,
+        interrupt: listen()?,
+    };
+    Ok(if args.quick {
+        Settings { samples: 1, steps: vec![5e-4], seconds: 0.5, generations: 2, ..settings }
+    } else {
+        settings
+    })
+}
+
+/// What the search chose.
+fn chosen(settings: &Settings, so_far: &Progress) -> String {
+    let unknowns = unknowns(settings.fit);
+    let values = values(&unknowns, &so_far.search.mean());
+    let mut text = format!("{:26}{:>10}{:>22}\n", "unknown", "chosen", "searched");
+    for (unknown, value) in unknowns.iter().zip(values) {
+        let range = format!("{} .. {}", unknown.low, unknown.high);
+        text += &format!("{:26}{value:>10.4}{range:>22}\n", unknown.name);
+    }
+    text
+}
+
+/// Walks with fresh seeds: at each step, as built and scattered.
+fn judge(
+    args: &Args,
+    settings: &Settings,
+    model: &RobotModel,
+    held: &[Goal],
+) -> Result<String, Error> {
+    let mut text = String::new();
+    let seconds = if args.quick { settings.seconds } else { SECONDS };
+    let conditions: Vec<(f64, f64)> = settings
+        .steps
+        .iter()
+        .map(|step| (*step, 0.0))
+        .chain(settings.steps.first().map(|step| (*step, settings.scatter)))
+        .collect();
+    for (step, scatter) in conditions {
+        for (kind, goals) in [("fitted", settings.goals.as_slice()), ("held-out", held)] {
+            if goals.is_empty() {
+                continue;
+            }
+            let sweep = Sweep {
+                name: "judgement",
+                variants: vec![Variant { name: "calibrated".to_owned(), model: model.clone() }],
+                pairs: goals.iter().map(Goal::pair).collect(),
+                seeds: if args.quick { 1 } else { args.fresh_seeds },
+                first_seed: FRESH_SEED,
+                seconds,
+                step,
+                drive: WalkDrive::Ideal,
+                scatter,
+                mirrored: false,
+            };
+            let table = crate::study::run(
+                &sweep,
+                &Options {
+                    folder: args.out.join("judgement"),
+                    shard: Shard::WHOLE,
+                    restart: true,
+                    interrupt: settings.interrupt.clone(),
+                },
+            )?;
+            let what = format!(
+                "{kind} rows, {} fresh seeds, {} ms, scatter {} %",
+                sweep.seeds,
+                1e3 * step,
+                100.0 * scatter
+            );
+            text += &verdict(&what, goals, &cells(&table), sweep.seeds);
+        }
+    }
+    Ok(text)
+}
+
+fn verdict(what: &str, goals: &[Goal], cells: &[crate::study::sweep::Cell], seeds: u64) -> String {
+    let modes: Vec<PaperMode> = goals
+        .iter()
+        .filter_map(|goal| match goal {
+            Goal::Mode(mode) => Some(mode.clone()),
+            Goal::Measured(_) => None,
+        })
+        .collect();
+    if modes.is_empty() {
+        let square: f64 = goals.iter().zip(cells).map(|(goal, cell)| goal.loss(cell.mean())).sum();
+        return format!("{what}: RMSE {:.4} m/s\n", (square / goals.len() as f64).sqrt());
+    }
+    let rows = score_modes(&modes, cells);
+    let mean = |of: fn(&crate::study::modes::ModeRow) -> usize| {
+        rows.iter().map(of).sum::<usize>() as f64 / seeds as f64
+    };
+    let each: Vec<String> =
+        rows.iter().map(|row| format!("{} {}/{}", row.mode, row.hits, row.seeds)).collect();
+    format!(
+        "{what}: of {} modes {:.2} signs, {:.2} hits ({})\n",
+        rows.len(),
+        mean(|row| row.signs),
+        mean(|row| row.hits),
+        each.join(", ")
+    )
+}
+
+/// Where the model comes from, for the head of its file.
+fn origin(args: &Args, judged: &str) -> String {
+    let command: Vec<String> = std::env::args().skip(1).collect();
+    format!(
+        "Calibrated from model {} by\n    flix-sim {}\n{judged}",
+        args.model.model,
+        command.join(" ")
+    )
+}
+
+/// Loss over the generations.
+fn course(history: &[Generation]) -> Chart {
+    let line = |label: &str, of: fn(&Generation) -> f64| {
+        Series::line(label, history.iter().enumerate().map(|(i, g)| (i as f64, of(g))))
+    };
+    Chart::new("Calibration", "generation")
+        .subtitle("each generation on its own samples")
+        .panel(
+            Panel::new("mean loss of a row")
+                .series(line("middle of the distribution", |g| g.middle))
+                .series(line("best candidate", |g| g.best)),
+        )
+        .panel(Panel::new("step, as a share of the ranges").series(line("", |g| g.sigma)))
+}

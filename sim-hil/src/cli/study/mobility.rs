@@ -1,0 +1,143 @@
+//! `flix-sim study mobility`: which motion each f and theta gives.
+
+use std::process::ExitCode;
+
+use serde::Serialize;
+
+use super::SweepArgs;
+use crate::cli::Error;
+use crate::study::figure;
+use crate::study::modes::{ModeRow, classify, paper_modes, score_modes};
+use crate::study::sweep::{Cell, DIRECTIONS, FREQUENCIES, Sweep, Variant, cells, grid};
+
+/// Walk over the grid of f and theta: maps of the three speeds, the modes found, the paper's modes scored.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "A mode counts as a sign when the paper's component has its sign, and as a hit when it is also the\nlargest of |forward|, |lateral| and 0.1 m x |yaw rate| and exceeds 0.01 m/s.\n\nExamples:\n  flix-sim study mobility\n  flix-sim study mobility --table3 --model W --seeds 8 --first-seed 100 --json\n  flix-sim study mobility --shard 1/8 --seeds 64 --out /shared/mobility"
+)]
+pub struct Args {
+    #[command(flatten)]
+    sweep: SweepArgs,
+    /// Walk the nine modes of table III alone (Right Strafing from table IV)
+    #[arg(long)]
+    table3: bool,
+    /// Write JSON, and nothing else; no figure
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    model: String,
+    seeds: u64,
+    first_seed: u64,
+    seconds: f64,
+    step_s: f64,
+    scatter: f64,
+    rows: Vec<ModeRow>,
+    /// Modes with the right sign, on average over the seeds.
+    mean_signs: f64,
+    /// Modes that are hits, on average over the seeds.
+    mean_hits: f64,
+}
+
+/// # Errors
+/// When the model is refused, a walk fails, or files cannot be written.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let model = args.sweep.model()?;
+    let variants = vec![Variant { name: "baseline".to_owned(), model }];
+    let pairs = if args.table3 {
+        paper_modes().iter().map(|mode| (mode.f_hz, mode.theta_deg)).collect()
+    } else {
+        grid()
+    };
+    let name = if args.table3 { "table3" } else { "mobility" };
+    let sweep = args.sweep.sweep(name, variants, pairs);
+    let Some(table) = args.sweep.run.run(&sweep)? else { return Ok(ExitCode::SUCCESS) };
+    let cells = cells(&table);
+    let report = report(&sweep, &cells);
+    if args.json {
+        println!("{}", serde_json::to_string(&report)?);
+        return Ok(ExitCode::SUCCESS);
+    }
+    if !args.table3 {
+        println!("{}", found_modes(&cells));
+    }
+    print!("{}", text(&report));
+    for written in figure::draw(&table, &args.sweep.run.folder(&sweep))? {
+        println!("\nfigure  {}", written.png.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn report(sweep: &Sweep, cells: &[Cell]) -> Report {
+    let rows = score_modes(&paper_modes(), cells);
+    let mean =
+        |of: fn(&ModeRow) -> usize| rows.iter().map(of).sum::<usize>() as f64 / sweep.seeds as f64;
+    Report {
+        model: sweep.variants[0].model.name.clone(),
+        seeds: sweep.seeds,
+        first_seed: sweep.first_seed,
+        seconds: sweep.seconds,
+        step_s: sweep.step,
+        scatter: sweep.scatter,
+        mean_signs: mean(|row| row.signs),
+        mean_hits: mean(|row| row.hits),
+        rows,
+    }
+}
+
+fn text(report: &Report) -> String {
+    let mut text = format!(
+        "Model {}, {} walks of {} s at {} ms (seeds from {}), scatter {} %\n\n{:15}{:>6}{:>7}{:>7}{:>6}{:>10}{:>10}{:>10}\n",
+        report.model,
+        report.seeds,
+        report.seconds,
+        1e3 * report.step_s,
+        report.first_seed,
+        100.0 * report.scatter,
+        "mode",
+        "f",
+        "theta",
+        "signs",
+        "hits",
+        "forward",
+        "lateral",
+        "yaw"
+    );
+    for row in &report.rows {
+        text += &format!(
+            "{:15}{:>6}{:>7}{:>7}{:>6}{:>10.4}{:>10.4}{:>10.4}\n",
+            row.mode,
+            row.f_hz,
+            row.theta_deg,
+            row.signs,
+            row.hits,
+            row.forward_m_s,
+            row.lateral_m_s,
+            row.yaw_rad_s
+        );
+    }
+    text + &format!(
+        "\nof {} modes, on average {:.2} have the right sign and {:.2} are hits\n",
+        report.rows.len(),
+        report.mean_signs,
+        report.mean_hits
+    )
+}
+
+/// The grid with the word for each pair's mean motion.
+fn found_modes(cells: &[Cell]) -> String {
+    let mut text = format!("{:>6}", "");
+    for theta in DIRECTIONS {
+        text += &format!("{:>14}", format!("{theta}\u{b0}"));
+    }
+    for f in FREQUENCIES.iter().rev() {
+        text += &format!("\n{:>6}", format!("{f} Hz"));
+        for theta in DIRECTIONS {
+            let cell = cells.iter().find(|cell| (cell.f_hz, cell.theta_deg) == (*f, theta));
+            text += &format!("{:>14}", cell.map_or("", |cell| classify(cell.mean())));
+        }
+    }
+    text + "\n"
+}

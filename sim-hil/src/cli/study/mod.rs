@@ -1,0 +1,190 @@
+//! `flix-sim study`: the paper's studies, one command each.
+
+pub mod calibrate;
+pub mod mobility;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Subcommand, ValueEnum};
+use flix_host::interrupt::Interrupt;
+
+use super::Error;
+use super::arguments::{ModelArgs, parse_seconds};
+use crate::model::{Base, RobotModel};
+use crate::study::sweep::{SECONDS, Sweep, Variant};
+use crate::study::{self, Options, Shard, Study, Table};
+use crate::walk::{DEFAULT_STEP, WalkDrive, WalkError};
+
+/// Repeat the paper's studies, each with one command.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Map f and theta to motion (figures 3b and 4), score the modes of table III.
+    Mobility(mobility::Args),
+    /// Fit the robot to measured speeds, or to the modes of tables III and IV (section II-D).
+    Calibrate(calibrate::Args),
+}
+
+/// # Errors
+/// As the study says.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    match &args.command {
+        Command::Mobility(args) => mobility::run(args),
+        Command::Calibrate(args) => calibrate::run(args),
+    }
+}
+
+/// Where a study is kept, and which part of it is computed.
+#[derive(Debug, Clone, clap::Args)]
+pub struct RunArgs {
+    /// Compute this slice of the cells alone; `flix-sim study merge` joins them
+    #[arg(long, value_name = "I/N", default_value_t = Shard::WHOLE)]
+    pub shard: Shard,
+    /// Folder for cells, table and figure [default: one for each study and its parameters, under out/study]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Forget what an earlier run left there
+    #[arg(long)]
+    pub restart: bool,
+}
+
+impl RunArgs {
+    /// Where this study is kept.
+    #[must_use]
+    pub fn folder(&self, study: &dyn Study) -> PathBuf {
+        self.out.clone().unwrap_or_else(|| {
+            PathBuf::from("out/study").join(study.name()).join(study.fingerprint().to_string())
+        })
+    }
+
+    /// Computes what is missing of the slice. None, after saying what is next, when that is not the whole.
+    ///
+    /// # Errors
+    /// When the study did not end; finished cells are kept.
+    pub fn run(&self, study: &dyn Study) -> Result<Option<Table>, Error> {
+        let options = Options {
+            folder: self.folder(study),
+            shard: self.shard,
+            restart: self.restart,
+            interrupt: listen()?,
+        };
+        let table = study::run(study, &options)?;
+        if self.shard == Shard::WHOLE {
+            return Ok(Some(table));
+        }
+        println!(
+            "slice {} of {} is in {}; when all are there: flix-sim study merge {}/results-*.parquet",
+            self.shard,
+            study.name(),
+            options.folder.display(),
+            options.folder.display()
+        );
+        Ok(None)
+    }
+}
+
+/// Ctrl-C as a flag.
+///
+/// # Errors
+/// When the system refuses.
+pub fn listen() -> Result<Interrupt, Error> {
+    Interrupt::listen().map_err(|error| Error::refused(format!("cannot listen to Ctrl-C: {error}")))
+}
+
+/// How the robot is walked in a study.
+#[derive(Debug, Clone, clap::Args)]
+pub struct SweepArgs {
+    /// Which robot.
+    #[command(flatten)]
+    pub model: ModelArgs,
+    /// Walks of each pair, each with its start disturbed by up to 1 mm
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub seeds: u64,
+    /// The first seed
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub first_seed: u64,
+    /// How long to walk
+    #[arg(long, value_name = "TIME", default_value_t = SECONDS, value_parser = parse_seconds)]
+    pub seconds: f64,
+    /// What turns the rotors
+    #[arg(long, value_enum, default_value_t = DriveArg::Ideal)]
+    pub drive: DriveArg,
+    /// Step of the ideal drive; the firmware's is its own 0.1 ms
+    #[arg(long, value_name = "TIME", default_value_t = DEFAULT_STEP, value_parser = parse_seconds)]
+    pub step: f64,
+    /// Scatter every number of the model by this share, anew for each seed, for example 0.02
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = parse_scatter)]
+    pub scatter: f64,
+    /// Read f and theta as the paper's equations say it (left, counter-clockwise), not its text
+    #[arg(long)]
+    pub mirrored: bool,
+    /// A first look: one short, coarse walk of each pair
+    #[arg(long)]
+    pub quick: bool,
+    /// Where it is kept.
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// What turns the rotors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum DriveArg {
+    /// Exactly as commanded, as in the paper's simulation.
+    Ideal,
+    /// The robot's own software through motors and battery.
+    Firmware,
+}
+
+/// A share by which numbers may scatter.
+fn parse_scatter(text: &str) -> Result<f64, String> {
+    text.parse::<f64>()
+        .ok()
+        .filter(|share| (0.0..=0.2).contains(share))
+        .ok_or_else(|| format!("{text:?} is no share from 0 to 0.2"))
+}
+
+impl SweepArgs {
+    /// The model, which has to walk.
+    ///
+    /// # Errors
+    /// When it is refused or has no legs.
+    pub fn model(&self) -> Result<RobotModel, Error> {
+        let model = self.model.load()?;
+        if model.legs.is_none() || model.base != Base::Free {
+            return Err(WalkError::NoLegs { name: model.name }.into());
+        }
+        Ok(model)
+    }
+
+    /// The walks of these variants.
+    #[must_use]
+    pub fn sweep(
+        &self,
+        name: &'static str,
+        variants: Vec<Variant>,
+        pairs: Vec<(f64, f64)>,
+    ) -> Sweep {
+        let sweep = Sweep {
+            name,
+            variants,
+            pairs,
+            seeds: self.seeds,
+            first_seed: self.first_seed,
+            seconds: self.seconds,
+            step: self.step,
+            drive: match self.drive {
+                DriveArg::Ideal => WalkDrive::Ideal,
+                DriveArg::Firmware => WalkDrive::Firmware,
+            },
+            scatter: self.scatter,
+            mirrored: self.mirrored,
+        };
+        if self.quick { Sweep { seeds: 1, seconds: 0.5, step: 5e-4, ..sweep } } else { sweep }
+    }
+}

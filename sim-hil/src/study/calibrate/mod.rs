@@ -1,0 +1,363 @@
+//! Calibration of the whole robot (paper, section II-D): the open choices and the error set X, fitted to measured
+//! speeds or to the modes of Tables III and IV.
+//!
+//! What is minimised is an **expectation**: each generation draws new samples, each with its own start and with
+//! every number of the model scattered, at each of the steps in turn; all candidates of a generation meet the
+//! same samples. So neither a lucky seed nor a knife-edge nor a step size is fitted, and the result is the
+//! middle of the final distribution, not the luckiest candidate.
+//!
+//! - Given measured speeds, the loss of a walk is its squared error (equation 6), yaw rates times [`LEVER`].
+//! - Given modes, it is `ln(1 + exp((m0 - m)/s))` of the margin `m` ([`PaperMode::margin`]): nothing is gained
+//!   by exceeding a mode that is safe, and the worst mode weighs most.
+
+mod unknowns;
+
+pub use unknowns::{Fit, Unknown, apply, point, scattered, unknowns, values};
+
+use std::path::{Path, PathBuf};
+
+use flix_host::interrupt::Interrupt;
+use flix_host::nav::Twist;
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use super::cmaes::{Cmaes, inside};
+use super::measured::Measured;
+use super::modes::{LEVER, PaperMode};
+use super::sweep::setpoint;
+use super::write_whole;
+use crate::model::RobotModel;
+use crate::walk::{Walk, WalkDrive, walk};
+
+/// Margin from which a mode counts as safe, as a share.
+const SAFE_MARGIN: f64 = 0.15;
+/// Softness of the loss around it.
+const SOFTNESS: f64 = 0.1;
+/// First step of the search, as a share of the ranges.
+const FIRST_STEP: f64 = 0.15;
+
+/// What to fit.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub enum Goal {
+    /// A mode of a table.
+    Mode(PaperMode),
+    /// Speeds of a prototype.
+    Measured(Measured),
+}
+
+impl Goal {
+    /// Hz and degrees.
+    #[must_use]
+    pub const fn pair(&self) -> (f64, f64) {
+        match self {
+            Self::Mode(mode) => (mode.f_hz, mode.theta_deg),
+            Self::Measured(row) => (row.f_hz, row.theta_deg),
+        }
+    }
+
+    /// How badly a walk fits, 0 or more.
+    #[must_use]
+    pub fn loss(&self, motion: Twist) -> f64 {
+        match self {
+            Self::Mode(mode) => ((SAFE_MARGIN - mode.margin(motion)) / SOFTNESS).exp().ln_1p(),
+            Self::Measured(row) => row.square_error(motion),
+        }
+    }
+
+    /// The loss of a walk that did not come about.
+    const fn worst(&self) -> f64 {
+        match self {
+            Self::Mode(_) => (SAFE_MARGIN + 1.0) / SOFTNESS,
+            Self::Measured(_) => 1.0,
+        }
+    }
+}
+
+/// How to search.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Where the search begins, and what is not searched.
+    pub base: RobotModel,
+    /// What may be changed.
+    pub fit: Fit,
+    /// What is fitted.
+    pub goals: Vec<Goal>,
+    /// Scattered robots that every candidate is tried as, a generation.
+    pub samples: usize,
+    /// How far their numbers scatter, as a share.
+    pub scatter: f64,
+    /// Steps of the simulation, s, taken in turn.
+    pub steps: Vec<f64>,
+    /// Time of a walk, s.
+    pub seconds: f64,
+    /// Generations in all.
+    pub generations: u64,
+    /// Of everything random.
+    pub seed: u64,
+    /// Where the search is kept after each generation.
+    pub checkpoint: PathBuf,
+    /// Forget what is kept there.
+    pub restart: bool,
+    /// Ends the search at once; the generation under way is lost.
+    pub interrupt: Interrupt,
+}
+
+/// A generation that is behind.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Generation {
+    /// Mean loss of a row at the middle of the distribution.
+    pub middle: f64,
+    /// The same at the best candidate, on this generation's samples.
+    pub best: f64,
+    /// Step size as a share of the ranges.
+    pub sigma: f64,
+}
+
+/// What is kept.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Of the settings.
+    fingerprint: String,
+    /// One a generation.
+    pub history: Vec<Generation>,
+    /// The search.
+    pub search: Cmaes,
+}
+
+/// Why there is no calibration.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrationError {
+    /// The checkpoint cannot be kept.
+    #[error("cannot keep the search in {}: {source}", path.display())]
+    Keep {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The checkpoint is of another search, or damaged.
+    #[error(
+        "{} does not hold this search ({reason}): choose another folder with --out, or --restart to forget it",
+        path.display()
+    )]
+    Other {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// Somebody asked to end. Whole generations are kept.
+    #[error("interrupted after {0} generations; run the same command again to go on")]
+    Interrupted(u64),
+    /// Nothing to walk with.
+    #[error("the model {0} has no legs: calibrate one that walks, for example W")]
+    NoLegs(String),
+}
+
+/// Searches to the end, or goes on with what is kept. `told` hears of every generation.
+///
+/// # Errors
+/// See [`CalibrationError`]; finished generations are kept.
+pub fn calibrate(
+    settings: &Settings,
+    mut told: impl FnMut(&Progress),
+) -> Result<(RobotModel, Progress), CalibrationError> {
+    if settings.base.legs.is_none() {
+        return Err(CalibrationError::NoLegs(settings.base.name.clone()));
+    }
+    let unknowns = unknowns(settings.fit);
+    let mut progress = begin(settings, &unknowns)?;
+    told(&progress);
+    while progress.search.generation() < settings.generations {
+        let points = progress.search.ask();
+        let mut tried: Vec<Vec<f64>> = points.iter().map(|point| inside(point)).collect();
+        tried.push(progress.search.mean());
+        let generation = progress.search.generation();
+        let mut losses = losses(settings, &unknowns, &tried, generation);
+        if settings.interrupt.is_raised() {
+            return Err(CalibrationError::Interrupted(generation));
+        }
+        let middle = losses.pop().unwrap_or(f64::NAN);
+        progress.history.push(Generation {
+            middle,
+            best: losses.iter().copied().fold(f64::INFINITY, f64::min),
+            sigma: progress.search.sigma(),
+        });
+        progress.search.tell(&points, &losses);
+        keep(settings, &progress)?;
+        told(&progress);
+    }
+    Ok((apply(&unknowns, &settings.base, &progress.search.mean()), progress))
+}
+
+/// Mean loss of a row for each point, all on the samples of this generation; of no use once interrupted. A point
+/// that is no robot (its feet touch) counts as the worst.
+fn losses(
+    settings: &Settings,
+    unknowns: &[Unknown],
+    points: &[Vec<f64>],
+    generation: u64,
+) -> Vec<f64> {
+    let tasks: Vec<(usize, usize)> = (0..points.len())
+        .flat_map(|point| (0..settings.samples).map(move |sample| (point, sample)))
+        .collect();
+    let each: Vec<f64> = tasks
+        .into_par_iter()
+        .map(|(point, sample)| {
+            if settings.interrupt.is_raised() {
+                return f64::NAN;
+            }
+            let seed = sample_seed(settings.seed, generation, sample);
+            let model = apply(unknowns, &settings.base, &points[point]);
+            let step = settings.steps[sample % settings.steps.len()];
+            sample_loss(settings, &scattered(&model, settings.scatter, seed), step, seed)
+        })
+        .collect();
+    each.chunks(settings.samples)
+        .map(|samples| samples.iter().sum::<f64>() / samples.len() as f64)
+        .collect()
+}
+
+/// Seeds of the search's samples are odd multiples of a large number: far from those that people choose to check.
+fn sample_seed(seed: u64, generation: u64, sample: usize) -> u64 {
+    (seed << 40) ^ (generation << 16) ^ (sample as u64) ^ 0xC0DE_0000_0000_0000
+}
+
+fn sample_loss(settings: &Settings, model: &RobotModel, step: f64, seed: u64) -> f64 {
+    let losses = settings.goals.iter().map(|goal| {
+        motion(model, goal.pair(), settings.seconds, step, seed)
+            .map_or(goal.worst(), |motion| goal.loss(motion))
+    });
+    losses.sum::<f64>() / settings.goals.len() as f64
+}
+
+/// One walk with the ideal drive; none when it did not come about.
+fn motion(
+    model: &RobotModel,
+    (f, theta): (f64, f64),
+    seconds: f64,
+    step: f64,
+    seed: u64,
+) -> Option<Twist> {
+    let what = Walk { setpoint: setpoint(f, theta).ok()?, seconds, drive: WalkDrive::Ideal, step };
+    let walked = walk(model, &what, seed, |_| {}).ok()?;
+    Some(Twist { forward: walked.forward_m_s, lateral: walked.lateral_m_s, yaw: walked.yaw_rad_s })
+}
+
+/// Everything that the course of a search depends on but its length, as a hash.
+fn fingerprint(settings: &Settings, unknowns: &[Unknown]) -> String {
+    let ranges: Vec<_> = unknowns.iter().map(|u| (&u.name, u.low, u.high)).collect();
+    let identity = serde_json::json!({
+        "base": settings.base, "goals": settings.goals, "ranges": ranges, "samples": settings.samples,
+        "scatter": settings.scatter, "steps": settings.steps, "seconds": settings.seconds,
+        "seed": settings.seed, "version": env!("CARGO_PKG_VERSION"),
+    });
+    let digest = Sha256::digest(identity.to_string().as_bytes());
+    digest.iter().take(8).map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn begin(settings: &Settings, unknowns: &[Unknown]) -> Result<Progress, CalibrationError> {
+    let fingerprint = fingerprint(settings, unknowns);
+    let path = &settings.checkpoint;
+    if path.exists() && !settings.restart {
+        let other = |reason: String| CalibrationError::Other { path: path.clone(), reason };
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| CalibrationError::Keep { path: path.clone(), source })?;
+        let kept: Progress = toml::from_str(&text).map_err(|error| other(error.to_string()))?;
+        if kept.fingerprint != fingerprint {
+            return Err(other("other settings or another version".to_owned()));
+        }
+        return Ok(kept);
+    }
+    let start = point(unknowns, &settings.base);
+    Ok(Progress {
+        fingerprint,
+        history: Vec::new(),
+        search: Cmaes::new(&start, FIRST_STEP, settings.seed),
+    })
+}
+
+fn keep(settings: &Settings, progress: &Progress) -> Result<(), CalibrationError> {
+    let failed = |source| CalibrationError::Keep { path: settings.checkpoint.clone(), source };
+    let text = toml::to_string(progress).map_err(|e| failed(std::io::Error::other(e)))?;
+    write_whole(&settings.checkpoint, text.as_bytes()).map_err(failed)
+}
+
+/// Writes a calibrated model with where it comes from above it.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_model(path: &Path, model: &RobotModel, origin: &str) -> std::io::Result<()> {
+    let comment: String = origin.lines().map(|line| format!("# {line}\n")).collect();
+    let text = toml::to_string(model).map_err(std::io::Error::other)?;
+    write_whole(path, format!("{comment}{text}").as_bytes())
+}
+
+impl Measured {
+    /// Squared error of equation 6, in (m/s)^2, yaw rates times [`LEVER`].
+    fn square_error(&self, motion: Twist) -> f64 {
+        ((self.motion.forward - motion.forward).powi(2)
+            + (self.motion.lateral - motion.lateral).powi(2)
+            + (LEVER * (self.motion.yaw - motion.yaw)).powi(2))
+            / 3.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::modes::paper_modes;
+
+    fn settings(folder: &Path) -> Settings {
+        Settings {
+            base: RobotModel::named("W").unwrap(),
+            fit: Fit::Open,
+            goals: paper_modes().into_iter().take(1).map(Goal::Mode).collect(),
+            samples: 2,
+            scatter: 0.02,
+            steps: vec![5e-4, 2.5e-4],
+            seconds: 0.05,
+            generations: 2,
+            seed: 1,
+            checkpoint: folder.join("search.toml"),
+            restart: false,
+            interrupt: Interrupt::never(),
+        }
+    }
+
+    #[test]
+    fn a_search_goes_on_from_its_checkpoint_to_the_same_model() {
+        let (whole, parts) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let once = calibrate(&settings(whole.path()), |_| {}).unwrap();
+        let first = Settings { generations: 1, ..settings(parts.path()) };
+        calibrate(&first, |_| {}).unwrap();
+        let again = calibrate(&settings(parts.path()), |_| {}).unwrap();
+        assert_eq!(once, again);
+    }
+
+    #[test]
+    fn a_checkpoint_of_other_settings_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        calibrate(&settings(folder.path()), |_| {}).unwrap();
+        let other = Settings { scatter: 0.05, ..settings(folder.path()) };
+        assert!(matches!(calibrate(&other, |_| {}), Err(CalibrationError::Other { .. })));
+    }
+
+    #[test]
+    fn a_mode_that_is_missed_costs_more_than_one_that_is_just_met() {
+        let goal = Goal::Mode(paper_modes().remove(0));
+        let walks = [0.2, 0.012, 0.0, -0.1]
+            .map(|forward| goal.loss(Twist { forward, lateral: 0.0, yaw: 0.0 }));
+        assert!(walks.is_sorted() && walks[0] < 0.01 && walks[3] > 5.0, "{walks:?}");
+    }
+
+    #[test]
+    fn a_written_model_reads_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("models/w.toml");
+        let model = RobotModel::named("W").unwrap();
+        write_model(&path, &model, "two\nlines").unwrap();
+        assert_eq!(RobotModel::named(path.to_str().unwrap()).unwrap(), model);
+    }
+}

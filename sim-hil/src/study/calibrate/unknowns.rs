@@ -1,0 +1,363 @@
+//! What a calibration may change, and how models scatter.
+//!
+//! Two sets. The **open choices** are what the paper leaves open, left and right alike; their ranges are those
+//! worth searching. The **errors** are the paper's set X (equation 5): per leg four factors and the friction,
+//! the body's mass and its two offsets, each relative to what the model had.
+
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use serde_json::Value;
+
+use crate::model::{LEGS, Leg, Legs, RobotModel};
+
+type Read = fn(&RobotModel, usize) -> f64;
+type Write = fn(&mut RobotModel, usize, f64);
+
+/// One number of the model that a search may choose.
+#[derive(Clone)]
+pub struct Unknown {
+    /// Name with its unit.
+    pub name: String,
+    /// Lowest value searched.
+    pub low: f64,
+    /// Highest value searched.
+    pub high: f64,
+    /// Value of a model that is not yet changed.
+    read: Read,
+    /// Changes a model.
+    write: Write,
+    /// Which leg, for what legs have of their own.
+    leg: usize,
+}
+
+/// Which numbers a calibration fits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fit {
+    /// The open choices.
+    Open,
+    /// The error set X.
+    Errors,
+    /// Both.
+    Both,
+}
+
+/// Single-leg stiffness and damping before the whole robot is calibrated (paper, section II-C, S*):
+/// bend and twist in N m/rad, bend and twist in N m s/rad.
+const IDENTIFIED: [f64; 4] = [1.062_072, 2.212_09, 0.0024, 0.001_83];
+
+fn legs(model: &RobotModel) -> &Legs {
+    model.legs.as_ref().expect("only models with legs are calibrated")
+}
+
+fn legs_mut(model: &mut RobotModel) -> &mut Legs {
+    model.legs.as_mut().expect("only models with legs are calibrated")
+}
+
+fn pair_mut(model: &mut RobotModel, rear: bool) -> [&mut Leg; 2] {
+    let [fl, fr, rl, rr] = legs_mut(model).each_mut();
+    if rear { [rl, rr] } else { [fl, fr] }
+}
+
+fn leg_mut(model: &mut RobotModel, leg: usize) -> &mut Leg {
+    let [fl, fr, rl, rr] = legs_mut(model).each_mut();
+    match leg {
+        0 => fl,
+        1 => fr,
+        2 => rl,
+        _ => rr,
+    }
+}
+
+/// The unknowns of a fit.
+#[must_use]
+pub fn unknowns(fit: Fit) -> Vec<Unknown> {
+    let mut all = Vec::new();
+    if fit != Fit::Errors {
+        all.extend(open());
+    }
+    if fit != Fit::Open {
+        all.extend(errors());
+    }
+    all
+}
+
+/// What the paper leaves open.
+fn open() -> Vec<Unknown> {
+    let table: [(&str, f64, f64, Read, Write); 19] = [
+        ("hinge_deg", -80.0, -60.0, |m, _| legs(m).hinge_deg, |m, _, v| legs_mut(m).hinge_deg = v),
+        ("rotor_z_mm", 15.0, 22.0, |m, _| m.shaker.z_mm, |m, _, v| m.shaker.z_mm = v),
+        ("core_x_mm", 5.0, 12.0, |m, _| m.core.x_mm, |m, _, v| m.core.x_mm = v),
+        ("core_z_mm", 30.0, 45.0, |m, _| m.core.z_mm, |m, _, v| m.core.z_mm = v),
+        (
+            "battery_z_mm",
+            -2.0,
+            10.0,
+            |m, _| m.battery.z_mm,
+            |m, _, v| (m.battery.z_mm, m.electronics.z_mm) = (v, v),
+        ),
+        (
+            "contact_time_ms",
+            3.5,
+            4.5,
+            |m, _| m.contact.time_constant_ms,
+            |m, _, v| m.contact.time_constant_ms = v,
+        ),
+        (
+            "contact_damping_ratio",
+            1.3,
+            1.8,
+            |m, _| m.contact.damping_ratio,
+            |m, _, v| m.contact.damping_ratio = v,
+        ),
+        (
+            "friction_front",
+            0.6,
+            0.8,
+            |m, _| legs(m).fl.friction,
+            |m, _, v| pair_mut(m, false).into_iter().for_each(|leg| leg.friction = v),
+        ),
+        (
+            "friction_rear",
+            0.6,
+            0.8,
+            |m, _| legs(m).rl.friction,
+            |m, _, v| pair_mut(m, true).into_iter().for_each(|leg| leg.friction = v),
+        ),
+        (
+            "bend_stiffness_factor",
+            1.0,
+            1.2,
+            |m, _| legs(m).bend_stiffness_n_m_rad / IDENTIFIED[0],
+            |m, _, v| legs_mut(m).bend_stiffness_n_m_rad = v * IDENTIFIED[0],
+        ),
+        (
+            "twist_stiffness_factor",
+            0.6,
+            0.8,
+            |m, _| legs(m).twist_stiffness_n_m_rad / IDENTIFIED[1],
+            |m, _, v| legs_mut(m).twist_stiffness_n_m_rad = v * IDENTIFIED[1],
+        ),
+        (
+            "damping_factor",
+            1.5,
+            2.4,
+            |m, _| legs(m).bend_damping_n_m_s_rad / IDENTIFIED[2],
+            |m, _, v| {
+                legs_mut(m).bend_damping_n_m_s_rad = v * IDENTIFIED[2];
+                legs_mut(m).twist_damping_n_m_s_rad = v * IDENTIFIED[3];
+            },
+        ),
+        (
+            "front_stiffness_share",
+            0.1,
+            0.3,
+            |m, _| legs(m).fl.bend_stiffness_factor - 1.0,
+            |m, _, v| {
+                for (rear, factor) in [(false, 1.0 + v), (true, 1.0 - v)] {
+                    for leg in pair_mut(m, rear) {
+                        leg.bend_stiffness_factor = factor;
+                        leg.twist_stiffness_factor = factor;
+                    }
+                }
+            },
+        ),
+        (
+            "foot_mass_g",
+            4.0,
+            5.2,
+            |m, _| legs(m).foot.mass_g,
+            |m, _, v| legs_mut(m).foot.mass_g = v,
+        ),
+        (
+            "foot_height_mm",
+            9.0,
+            11.0,
+            |m, _| legs(m).foot.height_mm,
+            |m, _, v| legs_mut(m).foot.height_mm = v,
+        ),
+        ("root_x_mm", 104.0, 110.0, |m, _| legs(m).root_x_mm, |m, _, v| legs_mut(m).root_x_mm = v),
+        ("root_y_mm", 47.0, 51.0, |m, _| legs(m).root_y_mm, |m, _, v| legs_mut(m).root_y_mm = v),
+        (
+            "foot_shift_front_mm",
+            -15.0,
+            15.0,
+            |m, _| legs(m).fl.foot_shift_mm,
+            |m, _, v| pair_mut(m, false).into_iter().for_each(|leg| leg.foot_shift_mm = v),
+        ),
+        (
+            "foot_shift_rear_mm",
+            -15.0,
+            15.0,
+            |m, _| legs(m).rl.foot_shift_mm,
+            |m, _, v| pair_mut(m, true).into_iter().for_each(|leg| leg.foot_shift_mm = v),
+        ),
+    ];
+    table
+        .into_iter()
+        .map(|(name, low, high, read, write)| Unknown {
+            name: name.to_owned(),
+            low,
+            high,
+            read,
+            write,
+            leg: 0,
+        })
+        .collect()
+}
+
+/// The paper's error set X.
+fn errors() -> Vec<Unknown> {
+    let factors: [(&str, Write); 5] = [
+        ("bend_stiffness", |m, leg, v| leg_mut(m, leg).bend_stiffness_factor *= v),
+        ("twist_stiffness", |m, leg, v| leg_mut(m, leg).twist_stiffness_factor *= v),
+        ("bend_damping", |m, leg, v| leg_mut(m, leg).bend_damping_factor *= v),
+        ("twist_damping", |m, leg, v| leg_mut(m, leg).twist_damping_factor *= v),
+        ("friction", |m, leg, v| leg_mut(m, leg).friction *= v),
+    ];
+    let mut all = Vec::new();
+    for (leg, name) in LEGS.iter().enumerate() {
+        all.extend(factors.map(|(what, write)| Unknown {
+            name: format!("{name}_{what}_error"),
+            low: 0.8,
+            high: 1.2,
+            read: |_, _| 1.0,
+            write,
+            leg,
+        }));
+    }
+    let body: [(&str, f64, f64, f64, Write); 3] = [
+        ("mass_error", 0.95, 1.05, 1.0, |m, _, v| m.body.total_mass_g *= v),
+        ("mass_x_mm", -5.0, 5.0, 0.0, |m, _, v| m.body.offset_x_mm += v),
+        ("mass_y_mm", -5.0, 5.0, 0.0, |m, _, v| m.body.offset_y_mm += v),
+    ];
+    all.extend(body.map(|(name, low, high, neutral, write)| Unknown {
+        name: name.to_owned(),
+        low,
+        high,
+        read: if neutral == 1.0 { |_, _| 1.0 } else { |_, _| 0.0 },
+        write,
+        leg: 0,
+    }));
+    all
+}
+
+/// A model as a point of the unit cube: 0 the lowest value of a range, 1 the highest. Values outside go to the
+/// nearest wall.
+#[must_use]
+pub fn point(unknowns: &[Unknown], model: &RobotModel) -> Vec<f64> {
+    unknowns
+        .iter()
+        .map(|u| (((u.read)(model, u.leg) - u.low) / (u.high - u.low)).clamp(0.0, 1.0))
+        .collect()
+}
+
+/// The unknowns' values at a point of the unit cube, with as many digits as anybody could measure.
+#[must_use]
+pub fn values(unknowns: &[Unknown], point: &[f64]) -> Vec<f64> {
+    let round = |value: f64| (value * 1e4).round() / 1e4;
+    unknowns.iter().zip(point).map(|(u, x)| round(u.low + x * (u.high - u.low))).collect()
+}
+
+/// The model at a point of the unit cube.
+#[must_use]
+pub fn apply(unknowns: &[Unknown], base: &RobotModel, point: &[f64]) -> RobotModel {
+    let mut model = base.clone();
+    for (unknown, value) in unknowns.iter().zip(values(unknowns, point)) {
+        (unknown.write)(&mut model, unknown.leg, value);
+    }
+    model
+}
+
+/// Draws beyond this many standard deviations are drawn to it, so that no value leaves its allowed range.
+const WIDEST_DRAW: f64 = 2.0;
+
+/// The model with every number of it multiplied by its own `1 + share * normal`: how the same robot comes out when
+/// it is built again. The same for the same seed.
+#[must_use]
+pub fn scattered(model: &RobotModel, share: f64, seed: u64) -> RobotModel {
+    if share == 0.0 {
+        return model.clone();
+    }
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let mut scatter = |value: f64| {
+        let normal: f64 = StandardNormal.sample(&mut random);
+        value * (1.0 + share * normal.clamp(-WIDEST_DRAW, WIDEST_DRAW))
+    };
+    let scattered = serde_json::to_value(model).ok().and_then(|mut tree| {
+        scatter_numbers(&mut tree, &mut scatter);
+        serde_json::from_value::<RobotModel>(tree).ok()
+    });
+    scattered.filter(|model| model.check().is_ok()).unwrap_or_else(|| model.clone())
+}
+
+fn scatter_numbers(tree: &mut Value, scatter: &mut impl FnMut(f64) -> f64) {
+    match tree {
+        Value::Number(number) => {
+            if let Some(value) = number.as_f64() {
+                *tree = Value::from(scatter(value));
+            }
+        }
+        Value::Array(items) => items.iter_mut().for_each(|item| scatter_numbers(item, scatter)),
+        Value::Object(entries) => {
+            for (key, item) in entries.iter_mut() {
+                // A sense is no measure.
+                if key != "twist_hand" {
+                    scatter_numbers(item, scatter);
+                }
+            }
+        }
+        Value::Null | Value::Bool(_) | Value::String(_) => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn walker() -> RobotModel {
+        RobotModel::named("W").unwrap()
+    }
+
+    #[test]
+    fn a_model_comes_back_from_its_own_point() {
+        let unknowns = unknowns(Fit::Both);
+        let model = walker();
+        let back = apply(&unknowns, &model, &point(&unknowns, &model));
+        let off = |a: f64, b: f64| (a / b - 1.0).abs();
+        assert!(off(legs(&back).bend_stiffness_n_m_rad, 1.2036) < 1e-3);
+        assert_eq!(back.shaker.z_mm, model.shaker.z_mm);
+        assert_eq!(legs(&back).rr.foot_shift_mm, legs(&model).rr.foot_shift_mm);
+    }
+
+    #[test]
+    fn the_searched_ranges_are_of_robots_but_where_feet_would_touch() {
+        let unknowns = unknowns(Fit::Both);
+        let corner = |at: f64| apply(&unknowns, &walker(), &vec![at; unknowns.len()]).check();
+        assert!(corner(1.0).is_ok());
+        assert!(corner(0.0).unwrap_err().to_string().contains("feet fl and fr"));
+    }
+
+    #[test]
+    fn every_unknown_changes_the_model_and_no_other_unknown_undoes_it() {
+        let unknowns = unknowns(Fit::Both);
+        let middle = apply(&unknowns, &walker(), &vec![0.5; unknowns.len()]);
+        for i in 0..unknowns.len() {
+            let mut point = vec![0.5; unknowns.len()];
+            point[i] = 0.9;
+            assert_ne!(apply(&unknowns, &walker(), &point), middle, "{}", unknowns[i].name);
+        }
+    }
+
+    #[test]
+    fn scatter_moves_every_number_but_senses_and_stays_a_robot() {
+        let model = walker();
+        for seed in 0..50 {
+            let other = scattered(&model, 0.02, seed);
+            assert_ne!(other.plate.mass_g, model.plate.mass_g);
+            assert_ne!(other.contact.damping_ratio, model.contact.damping_ratio);
+            assert_eq!(legs(&other).fl.twist_hand, legs(&model).fl.twist_hand);
+            assert!((legs(&other).rr.friction / 0.694 - 1.0).abs() <= 0.04 + 1e-12);
+        }
+    }
+}

@@ -1,0 +1,208 @@
+//! Walks of several variants of a robot over several pairs (f, theta) and seeds: what mobility and sensitivity
+//! are made of.
+//!
+//! One cell is one walk. A table of a sweep explains itself ([`cells`] needs nothing else), so that figures are
+//! drawn alike from one run and from merged shards.
+
+use flix_host::nav::Twist;
+use flix_protocol::message::Setpoint;
+use flix_protocol::units::{Degrees, Hertz};
+use serde_json::json;
+
+use super::calibrate::scattered;
+use super::{Column, Row, Study, Table, Value};
+use crate::model::RobotModel;
+use crate::walk::{Spread, Walk, WalkDrive, walk};
+
+/// Frequencies of the grid, Hz.
+pub const FREQUENCIES: [f64; 8] = [-35.0, -30.0, -20.0, -10.0, 10.0, 20.0, 30.0, 35.0];
+/// Directions of the grid, degrees.
+pub const DIRECTIONS: [f64; 7] = [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0];
+/// Time that the paper walks, s.
+pub const SECONDS: f64 = 8.0;
+/// Walks that are computed together: few enough to lose little, enough to write seldom.
+const BATCH: usize = 4;
+
+/// A robot, or a changed one.
+#[derive(Debug, Clone)]
+pub struct Variant {
+    /// What is changed, for people.
+    pub name: String,
+    /// The robot.
+    pub model: RobotModel,
+}
+
+/// The walks.
+#[derive(Debug, Clone)]
+pub struct Sweep {
+    /// Of the study.
+    pub name: &'static str,
+    /// The first is the reference.
+    pub variants: Vec<Variant>,
+    /// f in Hz and theta in degrees.
+    pub pairs: Vec<(f64, f64)>,
+    /// Walks of each pair, each with its start disturbed.
+    pub seeds: u64,
+    /// The first of their seeds.
+    pub first_seed: u64,
+    /// Time of a walk, s.
+    pub seconds: f64,
+    /// Step of the ideal drive, s.
+    pub step: f64,
+    /// What turns the rotors.
+    pub drive: WalkDrive,
+    /// How far every number of the model is scattered, anew for every seed, as a share; 0 for not at all.
+    pub scatter: f64,
+    /// Read f and theta as the paper's equations say it with y to the left (both negated) instead of as its
+    /// text does.
+    pub mirrored: bool,
+}
+
+/// All pairs of the grid.
+#[must_use]
+pub fn grid() -> Vec<(f64, f64)> {
+    FREQUENCIES.iter().flat_map(|f| DIRECTIONS.map(|theta| (*f, theta))).collect()
+}
+
+/// The means and spreads of one pair of one variant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cell {
+    /// Name of the variant.
+    pub variant: String,
+    /// Hz.
+    pub f_hz: f64,
+    /// Degrees.
+    pub theta_deg: f64,
+    /// The walks, a seed each.
+    pub walks: Vec<Twist>,
+}
+
+impl Cell {
+    /// Mean and spread of forward, lateral and yaw speed (m/s, m/s, rad/s).
+    #[must_use]
+    pub fn spreads(&self) -> [Spread; 3] {
+        let of =
+            |pick: fn(&Twist) -> f64| Spread::of(&self.walks.iter().map(pick).collect::<Vec<_>>());
+        [of(|w| w.forward), of(|w| w.lateral), of(|w| w.yaw)]
+    }
+
+    /// The mean motion.
+    #[must_use]
+    pub fn mean(&self) -> Twist {
+        let [forward, lateral, yaw] = self.spreads().map(|spread| spread.mean);
+        Twist { forward, lateral, yaw }
+    }
+}
+
+/// Pairs of all variants, in order, from the table of a sweep.
+#[must_use]
+pub fn cells(table: &Table) -> Vec<Cell> {
+    let variants = table.texts("variant");
+    let [f, theta, forward, lateral, yaw] =
+        ["f_hz", "theta_deg", "forward_m_s", "lateral_m_s", "yaw_rad_s"]
+            .map(|name| table.numbers(name));
+    let mut cells: Vec<Cell> = Vec::new();
+    for i in 0..variants.len() {
+        let motion = Twist { forward: forward[i], lateral: lateral[i], yaw: yaw[i] };
+        match cells.last_mut() {
+            Some(cell)
+                if cell.variant == variants[i]
+                    && (cell.f_hz, cell.theta_deg) == (f[i], theta[i]) =>
+            {
+                cell.walks.push(motion);
+            }
+            _ => cells.push(Cell {
+                variant: variants[i].to_owned(),
+                f_hz: f[i],
+                theta_deg: theta[i],
+                walks: vec![motion],
+            }),
+        }
+    }
+    cells
+}
+
+/// f and theta as the robot takes them.
+///
+/// # Errors
+/// When one is out of range.
+pub fn setpoint(f_hz: f64, theta_deg: f64) -> Result<Setpoint, flix_protocol::units::OutOfRange> {
+    Setpoint::new(Hertz::new(f_hz as f32)?, Degrees::new(theta_deg as f32)?)
+}
+
+impl Sweep {
+    fn walk(&self, cell: usize) -> Result<Row, String> {
+        let per_variant = self.pairs.len() * self.seeds as usize;
+        let variant = &self.variants[cell / per_variant];
+        let (f, theta) = self.pairs[cell % per_variant / self.seeds as usize];
+        let seed = self.first_seed.wrapping_add((cell % self.seeds as usize) as u64);
+        let sense = if self.mirrored { -1.0 } else { 1.0 };
+        let told = |error: &dyn std::fmt::Display| {
+            format!("{} at {f} Hz, {theta} degrees, seed {seed}: {error}", variant.name)
+        };
+        let what = Walk {
+            setpoint: setpoint(sense * f, sense * theta).map_err(|error| told(&error))?,
+            seconds: self.seconds,
+            drive: self.drive,
+            step: self.step,
+        };
+        let model = scattered(&variant.model, self.scatter, seed);
+        let walked = walk(&model, &what, seed, |_| {}).map_err(|error| told(&error))?;
+        Ok(vec![
+            Value::Text(variant.name.clone()),
+            f.into(),
+            theta.into(),
+            (seed as f64).into(),
+            walked.forward_m_s.into(),
+            walked.lateral_m_s.into(),
+            walked.yaw_rad_s.into(),
+        ])
+    }
+}
+
+impl Study for Sweep {
+    fn name(&self) -> &'static str {
+        self.name
+    }
+
+    fn parameters(&self) -> serde_json::Value {
+        let variants: Vec<_> =
+            self.variants.iter().map(|v| json!({ "name": v.name, "model": v.model })).collect();
+        json!({
+            "model": self.variants.first().map(|v| v.model.name.clone()),
+            "variants": variants,
+            "pairs": self.pairs,
+            "seeds": self.seeds,
+            "first_seed": self.first_seed,
+            "seconds": self.seconds,
+            "step_s": self.step,
+            "drive": self.drive,
+            "scatter": self.scatter,
+            "mirrored": self.mirrored,
+        })
+    }
+
+    fn columns(&self) -> Vec<Column> {
+        vec![
+            Column::text("variant"),
+            Column::number("f_hz"),
+            Column::number("theta_deg"),
+            Column::number("seed"),
+            Column::number("forward_m_s"),
+            Column::number("lateral_m_s"),
+            Column::number("yaw_rad_s"),
+        ]
+    }
+
+    fn cells(&self) -> usize {
+        self.variants.len() * self.pairs.len() * self.seeds as usize
+    }
+
+    fn batch(&self) -> usize {
+        BATCH
+    }
+
+    fn compute(&self, cells: &[usize]) -> Result<Vec<Row>, String> {
+        cells.iter().map(|cell| self.walk(*cell)).collect()
+    }
+}
