@@ -17,7 +17,7 @@ use crate::plant::{Diverged, Drive, Mechanics, Plant};
 use crate::probe::turn_between;
 use crate::robot::{RobotParameters, SimulatedRobot};
 
-/// Step of the ideal drive unless told, s. The firmware's drive steps with its own 10 kHz tick.
+/// Step unless told, s: the firmware's own 10 kHz tick.
 pub const DEFAULT_STEP: f64 = 1e-4;
 /// Time that the firmware has to come up to f and theta before the walk is measured, s: the promise of a
 /// step of the setpoint.
@@ -42,7 +42,7 @@ pub struct Walk {
     pub seconds: f64,
     /// What turns the rotors.
     pub drive: WalkDrive,
-    /// Step of the ideal drive, s.
+    /// Step, s; under the firmware at most its tick.
     pub step: f64,
 }
 
@@ -120,6 +120,7 @@ pub fn walk(
     }
     let mut plant = Plant::new(model)?;
     plant.disturb(seed, false);
+    plant.set_longest_step(walk.step);
     match walk.drive {
         WalkDrive::Ideal => ideally(plant, walk, watch),
         WalkDrive::Firmware => by_firmware(plant, walk, seed, watch),

@@ -12,7 +12,7 @@ use super::arguments::{ModelArgs, SetpointArgs, parse_seconds};
 use super::{Error, progress};
 use crate::model::RobotModel;
 use crate::view::Film;
-use crate::walk::{DEFAULT_STEP, Spread, Walk, WalkDrive, Walked, walk};
+use crate::walk::{Spread, Walk, WalkDrive, Walked, walk};
 
 /// Shortest time between two frames, s: some 16 frames a turn at 30 Hz.
 const FRAME_INTERVAL: f64 = 2e-3;
@@ -41,9 +41,9 @@ pub struct Args {
     /// What turns the rotors
     #[arg(long, value_enum, default_value_t = DriveArg::Firmware)]
     drive: DriveArg,
-    /// Step of the ideal drive; the firmware's is its own 0.1 ms
-    #[arg(long, value_name = "TIME", value_parser = parse_seconds)]
-    step: Option<f64>,
+    /// Step; under the firmware's drive at most its own tick of 0.1 ms
+    #[arg(long, value_name = "TIME", default_value = "0.1ms", value_parser = parse_seconds)]
+    step: f64,
     /// Folder for the picture and the replay
     #[arg(long, value_name = "DIR", default_value = "out/walk")]
     out: PathBuf,
@@ -87,7 +87,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             DriveArg::Firmware => WalkDrive::Firmware,
             DriveArg::Ideal => WalkDrive::Ideal,
         },
-        step: args.step.unwrap_or(DEFAULT_STEP),
+        step: args.step,
     };
     let caption = format!("{} s, seed {}", args.seconds, args.first_seed);
     let bar = progress(args.seeds, "walking");

@@ -130,6 +130,7 @@ pub struct Plant {
     arch: pulp::Arch,
     drive: Drive,
     time: f64,
+    longest_step: f64,
 }
 
 /// A step, compiled once for every vector unit that the machine may have.
@@ -181,7 +182,13 @@ impl Plant {
             arch: pulp::Arch::new(),
             drive: Drive::Torque,
             time: 0.0,
+            longest_step: f64::INFINITY,
         })
+    }
+
+    /// Longer steps are taken in equal parts from now on, s.
+    pub fn set_longest_step(&mut self, step: f64) {
+        self.longest_step = step;
     }
 
     /// Chooses what turns the rotors. An ideal drive puts them at once where `theta` says, at speed; the
@@ -460,7 +467,11 @@ fn columns(m: &Mat3<f64>) -> [[f64; 3]; 3] {
 impl Mechanics for Plant {
     fn step(&mut self, motor_torque: [f64; 2], dt: f64) -> Result<(), Diverged> {
         let arch = self.arch;
-        arch.dispatch(Step { plant: self, torque: motor_torque, step: dt });
+        // A hair of rounding is no step more.
+        let parts = (dt / self.longest_step - 1e-9).ceil().max(1.0);
+        for _ in 0..parts as u32 {
+            arch.dispatch(Step { plant: self, torque: motor_torque, step: dt / parts });
+        }
         self.time += dt;
         match self.diverged() {
             None => Ok(()),
