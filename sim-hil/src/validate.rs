@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::model::{Base, FootAxis, GRAVITY, LEGS, RobotModel};
 use crate::plant::{Diverged, Drive, Mechanics, Plant, Wrench};
-use crate::probe::{Clamp, ProbeError, modes};
+use crate::probe::{Clamp, ProbeError, ShakeBase, modes, shake};
 
 /// What to compute.
 #[derive(Clone, Debug)]
@@ -77,6 +77,7 @@ pub fn validate(model: &RobotModel, options: &Options) -> Result<Report, ProbeEr
     let mut rows = Rows { rows: Vec::new(), known: model.name == "A" };
     for &f in &options.frequencies_hz {
         shaker(&mut rows, model, f, options)?;
+        floating(&mut rows, model, f, options)?;
     }
     standing(&mut rows, model)?;
     leg(&mut rows, model, options)?;
@@ -165,6 +166,26 @@ fn shaker(
         (share * cosine).abs(),
         Some((weight, 1e-3 * weight)),
     );
+    Ok(())
+}
+
+fn floating(
+    rows: &mut Rows,
+    model: &RobotModel,
+    f: f64,
+    options: &Options,
+) -> Result<(), ProbeError> {
+    let setpoint = crate::accuracy::setpoint(f as f32, options.direction_deg as f32);
+    let shaken = shake(model, setpoint, ShakeBase::Air, options.step)?;
+    let ([x, y, _], [roll, pitch, _]) = (shaken.displacement_mm, shaken.rotation_deg);
+    for (what, unit, value) in [
+        ("along x", "mm", x),
+        ("along y", "mm", y),
+        ("in roll", "deg", roll),
+        ("in pitch", "deg", pitch),
+    ] {
+        rows.add(&format!("in the air at {f} Hz: body {what}"), unit, value, None);
+    }
     Ok(())
 }
 

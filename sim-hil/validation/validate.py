@@ -30,6 +30,7 @@ TOLERANCE = {
     "leg": (0.01, 2e-4),
     "dropped": (0.0, 0.2),
     "floor's force": (0.005, 0.0),
+    "in the air": (0.01, 0.01),
     "shaker": (0.002, 0.0),
 }
 # Paper, tables III and IV: name, f in Hz, theta in degrees.
@@ -104,6 +105,44 @@ def shaker_rows(xml, f, theta):
         name + "torque about z": vertical,
         name + "torque h m w^2 l": abs(2 * sine / count),
         name + "cosine torque of gravity": abs(2 * cosine / count),
+    }
+
+
+def floating_rows(xml, f, theta):
+    """Amplitudes of the body in free space, from the start without momentum, so that it does not tumble."""
+    model = mujoco.MjModel.from_xml_string(xml)
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    model.opt.gravity[:] = 0
+    data = mujoco.MjData(model)
+    mass = np.zeros((model.nv, model.nv))
+    ideal(model, data, f, theta)
+    endless = model.dof_armature.copy()
+    model.dof_armature[:] = 0
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, mass)
+    model.dof_armature[:] = endless
+    data.qvel[:6] = -np.linalg.solve(mass[:6, :6], mass[:6, 6:] @ data.qvel[6:])
+    period = 1 / abs(f)
+    model.opt.timestep = period / math.ceil(period / model.opt.timestep)
+    count = round(math.ceil(abs(f)) * period / model.opt.timestep)
+    mujoco.mj_step(model, data, round(1 / model.opt.timestep))
+    poses = []
+    for _ in range(count):
+        mujoco.mj_step(model, data)
+        w, x, y, z = data.qpos[3:7]
+        roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+        poses.append([*data.qpos[:2], roll, math.asin(2 * (w * y - z * x))])
+    t = np.arange(count) * model.opt.timestep
+    phase = 2 * math.pi * f * t
+    basis = np.stack([np.ones(count), t, t * t, np.cos(phase), np.sin(phase)], 1)
+    fit = np.linalg.lstsq(basis, np.array(poses), rcond=None)[0]
+    x, y, roll, pitch = np.hypot(fit[3], fit[4])
+    name = f"in the air at {f:g} Hz: body "
+    return {
+        name + "along x": 1e3 * x,
+        name + "along y": 1e3 * y,
+        name + "in roll": math.degrees(roll),
+        name + "in pitch": math.degrees(pitch),
     }
 
 
@@ -258,6 +297,7 @@ def main():
     theirs = {}
     for f in frequencies:
         theirs |= shaker_rows(xml, f, math.radians(a.direction))
+        theirs |= floating_rows(xml, f, math.radians(a.direction))
     theirs |= standing_rows(xml) | leg_rows(xml, a.leg, force, torque) | rest_rows(xml)
     options = [f"--frequency={f}" for f in frequencies]
     options += [f"--direction={a.direction}", "--leg", a.leg, f"--force={a.force}", f"--torque={a.torque}"]

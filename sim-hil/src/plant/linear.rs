@@ -70,6 +70,22 @@ impl Plant {
         Linear { mass, stiffness, damping, sole_ends }
     }
 
+    /// Gives the body the velocity with which the whole has neither momentum nor angular momentum, so
+    /// that in the air it shakes about where it is instead of tumbling away.
+    pub fn balance_momentum(&mut self) {
+        let linear = self.linearise();
+        let speeds = self.rotor_speed();
+        let mass = nalgebra::Matrix6::from_fn(|i, j| linear.mass[i][j]);
+        let spinning = nalgebra::Vector6::from_fn(|i, _| {
+            linear.mass[i][6] * speeds[0] + linear.mass[i][7] * speeds[1]
+        });
+        if let Some(factor) = mass.cholesky() {
+            let v = factor.solve(&-spinning);
+            self.state_mut().velocity =
+                Spatial::new(Vec3([v[0], v[1], v[2]]), Vec3([v[3], v[4], v[5]]));
+        }
+    }
+
     /// Velocity of every part (in the order of [`Plant::parts`]) when one coordinate moves at unit speed.
     fn moving(&self, coordinate: usize) -> Vec<Spatial<f64>> {
         let mut still = self.clone();

@@ -67,6 +67,10 @@ pub fn shake(
     let theta = f64::from(setpoint.direction().get()).to_radians();
     plant.set_drive(Drive::Ideal { frequency_hz: frequency, theta_rad: theta });
 
+    if base == ShakeBase::Air {
+        plant.balance_momentum();
+    }
+
     // A whole number of steps a period, so that whole periods are sampled.
     let rate = frequency.abs();
     let steps_a_period = (1.0 / (rate * step)).ceil().max(1.0);
