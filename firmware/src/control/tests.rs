@@ -23,14 +23,20 @@ fn running(base: Option<f64>, frequency: f32, direction: f32) -> Bench {
     bench
 }
 
+/// Commands, waits, and holds the truth against it.
+#[track_caller]
+fn assert_holds(bench: &mut Bench, frequency: f32, direction: f32) {
+    bench.command(frequency, direction);
+    bench.run(0.5);
+    let held = bench.hold(frequency.into(), direction.into(), 0.5);
+    assert!(held.frequency < 0.01 && held.direction < 0.15, "{frequency} {direction} {held:?}");
+}
+
 #[test]
 fn holds_frequency_and_direction_on_a_fixed_base() {
     let mut bench = armed(None);
     for (frequency, direction) in PAIRS {
-        bench.command(frequency, direction);
-        bench.run(0.5);
-        let held = bench.hold(frequency.into(), direction.into(), 0.5);
-        assert!(held.frequency < 0.01 && held.direction < 0.15, "{frequency} {direction} {held:?}");
+        assert_holds(&mut bench, frequency, direction);
     }
 }
 
@@ -38,10 +44,7 @@ fn holds_frequency_and_direction_on_a_fixed_base() {
 fn holds_frequency_and_direction_on_a_base_that_drives_back() {
     let mut bench = armed(FREE);
     for (frequency, direction) in PAIRS {
-        bench.command(frequency, direction);
-        bench.run(0.5);
-        let held = bench.hold(frequency.into(), direction.into(), 0.5);
-        assert!(held.frequency < 0.01 && held.direction < 0.15, "{frequency} {direction} {held:?}");
+        assert_holds(&mut bench, frequency, direction);
     }
 }
 
@@ -70,10 +73,7 @@ fn works_with_swapped_wires_on_one_motor() {
     let mut bench = Bench::new(FREE);
     bench.motors[0].reversed = true;
     bench.arm();
-    bench.command(30.0, 30.0);
-    bench.run(0.5);
-    let held = bench.hold(30.0, 30.0, 0.5);
-    assert!(held.frequency < 0.01 && held.direction < 0.15, "{held:?}");
+    assert_holds(&mut bench, 30.0, 30.0);
 }
 
 #[test]
@@ -104,10 +104,7 @@ fn works_in_voltage_mode_without_a_current_sense() {
     let hardware = crate::hardware::Hardware { current_sense: None, ..HARDWARE };
     let mut bench = Bench::with(FREE, parameters(|_| {}), hardware);
     bench.arm();
-    bench.command(30.0, -30.0);
-    bench.run(0.5);
-    let held = bench.hold(30.0, -30.0, 0.5);
-    assert!(held.frequency < 0.01 && held.direction < 0.15, "{held:?}");
+    assert_holds(&mut bench, 30.0, -30.0);
 }
 
 #[test]
@@ -299,10 +296,7 @@ fn a_remembered_alignment_is_checked_and_arms_in_half_a_second() {
     bench.order.arm += 1;
     bench.run(0.6);
     assert_eq!(bench.state(), State::Armed);
-    bench.command(30.0, 30.0);
-    bench.run(0.5);
-    let held = bench.hold(30.0, 30.0, 0.5);
-    assert!(held.frequency < 0.01 && held.direction < 0.15, "{held:?}");
+    assert_holds(&mut bench, 30.0, 30.0);
     // The same memory on a motor whose wires were swapped since.
     first = Bench::with(FREE, remembered, HARDWARE);
     first.motors[1].reversed = true;
