@@ -433,8 +433,8 @@ impl RobotModel {
 
     fn check_feet_apart(&self, legs: &Legs) -> Result<(), ModelError> {
         let (sx, sy) = legs.foot.size_xy_mm();
-        for a in 0..4 {
-            for b in 0..a {
+        for (a, one) in LEGS.iter().enumerate() {
+            for (b, other) in LEGS.iter().enumerate().take(a) {
                 let (p, q) = (self.foot_center(legs, a), self.foot_center(legs, b));
                 let apart = (1e3 * (p[0] - q[0]).abs() >= sx) || (1e3 * (p[1] - q[1]).abs() >= sy);
                 if !apart {
@@ -442,8 +442,7 @@ impl RobotModel {
                         key: "legs.foot.length_mm".to_owned(),
                         value: legs.foot.length_mm,
                         reason: format!(
-                            "the feet {} and {} lie inside each other; shorten them or move the roots apart",
-                            LEGS[b], LEGS[a]
+                            "the feet {other} and {one} lie inside each other; shorten them or move the roots apart",
                         ),
                     });
                 }

@@ -23,6 +23,9 @@
 //! World ENU with the floor at z = 0; body FLU with its origin in the middle of the plate. Rotor angles are
 //! about body +z, relative to the body, zero along +x.
 
+// Matrix algebra reads best with the indices and the symbols of its formulas.
+#![allow(clippy::needless_range_loop, clippy::too_many_arguments)]
+
 pub mod battery;
 pub mod electronics;
 pub mod inverter;
