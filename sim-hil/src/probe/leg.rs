@@ -78,8 +78,49 @@ pub fn leg(
     })
 }
 
+/// Where the tip is, from its unloaded rest: m, and a rotation vector in rad. World axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TipMotion {
+    /// Displacement, m.
+    pub position: [f64; 3],
+    /// Rotation vector, rad.
+    pub rotation: [f64; 3],
+}
+
+/// Motion of a clamped leg's tip after a load on it is let go: at the release, then after every step.
+///
+/// # Errors
+/// As [`leg`].
+pub fn release(
+    model: &RobotModel,
+    leg: usize,
+    load: Wrench,
+    step: f64,
+    steps: usize,
+) -> Result<Vec<TipMotion>, ProbeError> {
+    require_legs(model)?;
+    let mut plant = Plant::new(model)?;
+    plant.load_clamped_leg(leg, Wrench::default(), step)?;
+    let free = view(&plant, leg);
+    plant.load_clamped_leg(leg, load, step)?;
+    plant.set_tip_push(leg, Wrench::default());
+    let moved = |plant: &Plant| {
+        let now = view(plant, leg);
+        TipMotion {
+            position: core::array::from_fn(|i| now.joints[3][i] - free.joints[3][i]),
+            rotation: rotation_between(&free, &now),
+        }
+    };
+    let mut motion = vec![moved(&plant)];
+    for _ in 0..steps {
+        plant.step([0.0; 2], step)?;
+        motion.push(moved(&plant));
+    }
+    Ok(motion)
+}
+
 /// A length that makes displacements and rotations comparable: that of a leg, m (paper, table II).
-const TIP_REACH: f64 = 0.05;
+pub const TIP_REACH: f64 = 0.05;
 
 fn view(plant: &Plant, leg: usize) -> LegView {
     plant.legs().map(|legs| legs[leg]).expect("asked only of models with legs")

@@ -9,7 +9,7 @@ mod rest;
 mod shake;
 mod signal;
 
-pub use leg::{LegProbe, RingDown, leg};
+pub use leg::{LegProbe, RingDown, TIP_REACH, TipMotion, leg, release};
 pub use modes::{Clamp, Mode, Modes, modes};
 pub use rest::{FootLoads, Rest, rest};
 pub(crate) use shake::turn_between;

@@ -17,6 +17,7 @@ pub mod calibrate;
 pub mod cmaes;
 pub mod figure;
 mod journal;
+pub mod leg;
 pub mod measured;
 pub mod modes;
 mod shard;

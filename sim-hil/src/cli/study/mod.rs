@@ -1,6 +1,7 @@
 //! `flix-sim study`: the paper's studies, one command each.
 
 pub mod calibrate;
+pub mod leg;
 pub mod mobility;
 
 use std::path::PathBuf;
@@ -27,6 +28,8 @@ pub struct Args {
 enum Command {
     /// Map f and theta to motion (figures 3b and 4), score the modes of table III.
     Mobility(mobility::Args),
+    /// Identify stiffness and damping of a leg from release tests (section II-C, figure 3a).
+    Leg(leg::Args),
     /// Fit the robot to measured speeds, or to the modes of tables III and IV (section II-D).
     Calibrate(calibrate::Args),
 }
@@ -36,6 +39,7 @@ enum Command {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     match &args.command {
         Command::Mobility(args) => mobility::run(args),
+        Command::Leg(args) => leg::run(args),
         Command::Calibrate(args) => calibrate::run(args),
     }
 }

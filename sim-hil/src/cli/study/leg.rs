@@ -1,0 +1,170 @@
+//! `flix-sim study leg`: stiffness and damping of one leg from release tests.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use flix_host::plot::{Chart, Figure, Panel, Series, Stroke, colour};
+use serde::Serialize;
+
+use crate::cli::arguments::{ModelArgs, parse_leg};
+use crate::cli::{Error, progress};
+use crate::study::leg::{
+    GENERATIONS, Identified, Load, NAMES, Rig, Sample, Stiffness, add_noise, identify, read, to_csv,
+};
+use crate::study::write_whole;
+
+/// Find {k_bend, k_twist, b_bend, b_twist} from release tests at -60, 0 and 60 degrees.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Without --measured the tests are simulated with the model's own values and noise, so that what is found can\nbe compared with the truth. A laboratory's tests are a CSV with the columns\nload_deg,t_s,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg: the tip from its unloaded rest, from the release on.\n\nExamples:\n  flix-sim study leg\n  flix-sim study leg --noise-mm 0.2 --noise-deg 1 --seed 7 --json\n  flix-sim study leg --measured tests.csv --load 5 --lever-mm 10"
+)]
+pub struct Args {
+    #[command(flatten)]
+    model: ModelArgs,
+    /// Which leg: fl, fr, rl, rr
+    #[arg(long, default_value = "fl", value_parser = parse_leg)]
+    leg: usize,
+    /// Release tests of a laboratory
+    #[arg(long, value_name = "CSV")]
+    measured: Option<PathBuf>,
+    /// Pull on the tip before the release, N
+    #[arg(long, value_name = "N", default_value_t = Load::USUAL.force_n, value_parser = parse_load)]
+    load: f64,
+    /// How far beside the beam's axis the load is attached, to the left seen along the pull, mm
+    #[arg(long, value_name = "MM", default_value_t = 1e3 * Load::USUAL.lever_m, value_parser = parse_lever, allow_hyphen_values = true)]
+    lever_mm: f64,
+    /// Noise of the simulated tests, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.1, value_parser = parse_noise)]
+    noise_mm: f64,
+    /// Noise of the simulated tests, degrees
+    #[arg(long, value_name = "DEG", default_value_t = 0.3, value_parser = parse_noise)]
+    noise_deg: f64,
+    /// Of the noise and the search
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Folder for the tests and the figure
+    #[arg(long, value_name = "DIR", default_value = "out/study/leg")]
+    out: PathBuf,
+    /// Write JSON, and nothing else; no figure
+    #[arg(long)]
+    json: bool,
+}
+
+fn parse_load(text: &str) -> Result<f64, String> {
+    text.parse::<f64>()
+        .ok()
+        .filter(|load| (0.01..=50.0).contains(load))
+        .ok_or_else(|| format!("{text:?} is no force from 0.01 to 50 N"))
+}
+
+fn parse_lever(text: &str) -> Result<f64, String> {
+    text.parse::<f64>()
+        .ok()
+        .filter(|lever| (-100.0..=100.0).contains(lever))
+        .ok_or_else(|| format!("{text:?} is no lever from -100 to 100 mm"))
+}
+
+fn parse_noise(text: &str) -> Result<f64, String> {
+    text.parse::<f64>()
+        .ok()
+        .filter(|noise| (0.0..=10.0).contains(noise))
+        .ok_or_else(|| format!("{text:?} is no noise from 0 to 10"))
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    #[serde(flatten)]
+    found: Identified,
+    /// What the simulated tests were made with.
+    truth: Option<Stiffness>,
+}
+
+/// # Errors
+/// When the model or the table is refused, or the leg cannot bear the load.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let load = Load { force_n: args.load, lever_m: 1e-3 * args.lever_mm };
+    let rig = Rig::new(&args.model.load()?, args.leg, load)?;
+    let (tests, truth) = match &args.measured {
+        Some(path) => (read(path)?, None),
+        None => {
+            let truth = rig.own();
+            let mut tests = match truth {
+                Some(values) => rig.simulate(values, &Rig::moments())?,
+                None => Vec::new(),
+            };
+            add_noise(&mut tests, args.noise_mm, args.noise_deg, args.seed);
+            (tests, truth)
+        }
+    };
+    let bar = progress(GENERATIONS, "identifying");
+    let found = identify(&rig, &tests, args.seed, |generation| bar.set_position(generation))?;
+    bar.finish_and_clear();
+    let report = Report { found, truth };
+    if args.json {
+        println!("{}", serde_json::to_string(&report)?);
+        return Ok(ExitCode::SUCCESS);
+    }
+    print!("{}", text(&report));
+    let path = args.out.join("tests.csv");
+    write_whole(&path, to_csv(&tests).as_bytes())
+        .map_err(|error| Error::Write { path: path.clone(), error })?;
+    let fit = rig.simulate(found.values, &tests)?;
+    let figure = figure(&tests, &fit, &report).write(&args.out, "leg")?;
+    println!("\ntests   {}\nfigure  {}", path.display(), figure.png.display());
+    Ok(ExitCode::SUCCESS)
+}
+
+fn text(report: &Report) -> String {
+    let mut text =
+        format!("{:10}{:>12}{:>10}{:>12}{:>9}\n", "", "found", "+- (%)", "truth", "off (%)");
+    for i in 0..4 {
+        let unit = if i < 2 { "N m/rad" } else { "N m s/rad" };
+        let value = report.found.values[i];
+        let truth = report.truth.map_or_else(String::new, |truth| {
+            format!("{:>12.5}{:>9.2}", truth[i], 100.0 * (value / truth[i] - 1.0))
+        });
+        text += &format!(
+            "{:10}{value:>12.5}{:>10.2}{truth:21} {unit}\n",
+            NAMES[i],
+            100.0 * report.found.uncertainty[i]
+        );
+    }
+    text + &format!(
+        "\ndeviation {:.3} mm, {:.3} degrees a coordinate (rms)\n",
+        report.found.rmse_mm, report.found.rmse_deg
+    )
+}
+
+/// Figure 3a: end-point position and rotation, measured and fitted.
+fn figure(tests: &[Sample], fit: &[Sample], report: &Report) -> Chart {
+    let [k_bend, k_twist, b_bend, b_twist] = report.found.values;
+    let chart = Chart::new("Release of a twisted beam: dots measured, lines fitted", "time (ms)")
+        .subtitle(format!(
+            "k_bend {k_bend:.4}, k_twist {k_twist:.4} N m/rad, b_bend {b_bend:.5}, b_twist {b_twist:.5} N m s/rad"
+        ));
+    let coordinates: [(&str, fn(&Sample) -> f64); 6] = [
+        ("x (mm)", |s| 1e3 * s.tip.position[0]),
+        ("y (mm)", |s| 1e3 * s.tip.position[1]),
+        ("z (mm)", |s| 1e3 * s.tip.position[2]),
+        ("rotation about x (\u{b0})", |s| s.tip.rotation[0].to_degrees()),
+        ("rotation about y (\u{b0})", |s| s.tip.rotation[1].to_degrees()),
+        ("rotation about z (\u{b0})", |s| s.tip.rotation[2].to_degrees()),
+    ];
+    coordinates.into_iter().fold(chart, |chart, (label, of)| {
+        let mut panel = Panel::new(label).height(105.0);
+        for (samples, stroke) in [(tests, Stroke::Dots), (fit, Stroke::Solid)] {
+            let by_load = samples.chunk_by(|a, b| a.load_deg == b.load_deg);
+            for (test, shade) in by_load.zip(colour::CYCLE.into_iter().cycle()) {
+                // One entry a load in the legend.
+                let name = match stroke {
+                    Stroke::Solid => format!("{}\u{b0}", test[0].load_deg),
+                    _ => String::new(),
+                };
+                let points = test.iter().map(|sample| (1e3 * sample.t, of(sample)));
+                panel = panel
+                    .series(Series::line(name, points).stroke(stroke).colour(shade).width(1.2));
+            }
+        }
+        chart.panel(panel)
+    })
+}
