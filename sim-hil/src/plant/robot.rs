@@ -215,6 +215,13 @@ impl Plant {
         self.drive = drive;
     }
 
+    /// Turns both rotors on, against each other, by an angle of the phase: rad, positive like f.
+    pub fn advance_phase(&mut self, phase: f64) {
+        for (rotor, sign) in self.state.rotors.iter_mut().zip([1.0, -1.0]) {
+            rotor.angle -= sign * phase;
+        }
+    }
+
     /// Takes the floor away, or puts it back.
     pub fn set_floor(&mut self, floor: bool) {
         self.constants.floor = floor && self.constants.legs.is_some();

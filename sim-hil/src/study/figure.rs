@@ -2,21 +2,27 @@
 
 use std::path::Path;
 
-use flix_host::nav::Twist;
-use flix_host::plot::{Figure, HeatMap, HeatMaps, PlotError, Written};
+use flix_host::plot::{
+    Chart, Colour, Figure, HeatMap, HeatMaps, Panel, PlotError, Series, Stroke, Written, colour,
+};
 
 use super::Table;
-use super::modes::paper_modes;
+use super::actuation::CYCLES;
+use super::modes::{Component, paper_modes};
+use super::sensitivity::{Candidate, index, robustness};
 use super::sweep::{Cell, cells};
 
-/// Reads a speed off a motion.
-type Speed = fn(Twist) -> f64;
-
-/// The three speeds with their names and units.
-const SPEEDS: [(&str, Speed); 3] = [
-    ("longitudinal speed (m/s)", |motion| motion.forward),
-    ("lateral speed, left + (m/s)", |motion| motion.lateral),
-    ("turning speed, left + (rad/s)", |motion| motion.yaw),
+/// The three speeds with their names, units, and place in [`Cell::spreads`].
+const SPEEDS: [(&str, usize); 3] = [
+    ("longitudinal speed (m/s)", 0),
+    ("lateral speed, left + (m/s)", 1),
+    ("turning speed, left + (rad/s)", 2),
+];
+/// The same without units.
+const KINDS: [(&str, Component); 3] = [
+    ("longitudinal", Component::Forward),
+    ("lateral", Component::Lateral),
+    ("turning", Component::Yaw),
 ];
 
 /// Draws the figures of a table, as SVG and PNG, into a folder.
@@ -24,9 +30,19 @@ const SPEEDS: [(&str, Speed); 3] = [
 /// # Errors
 /// When they cannot be drawn or written.
 pub fn draw(table: &Table, folder: &Path) -> Result<Vec<Written>, PlotError> {
-    let cells = cells(table);
     match table.study.as_str() {
-        "mobility" => Ok(vec![mobility(table, &cells).write(folder, "mobility")?]),
+        "mobility" => Ok(vec![mobility(table, &cells(table)).write(folder, "mobility")?]),
+        "sensitivity-mass" | "sensitivity-friction" => {
+            let cells = cells(table);
+            Ok(vec![
+                speeds(table, &cells).write(folder, "speeds")?,
+                indices(table, &cells).write(folder, "index")?,
+            ])
+        }
+        "actuation" => Ok(vec![
+            peak_force(table).write(folder, "force")?,
+            cycles(table).write(folder, "cycle")?,
+        ]),
         _ => Ok(Vec::new()),
     }
 }
@@ -40,31 +56,154 @@ fn axis(cells: &[Cell], of: fn(&Cell) -> f64) -> Vec<f64> {
 }
 
 /// A map over the pairs of `cells`: f to the right, theta upwards.
-fn map(title: &str, cells: &[Cell], value: impl Fn(&Cell) -> f64) -> HeatMap {
+fn map(
+    title: impl Into<String>,
+    cells: &[Cell],
+    value: impl Fn(f64, f64) -> Option<f64>,
+) -> HeatMap {
     let (x, y) = (axis(cells, |c| c.f_hz), axis(cells, |c| c.theta_deg));
-    let at = |f: f64, theta: f64| {
-        cells.iter().find(|c| (c.f_hz, c.theta_deg) == (f, theta)).map_or(f64::NAN, &value)
-    };
-    let values = y.iter().map(|theta| x.iter().map(|f| at(*f, *theta)).collect()).collect();
+    let row = |theta: &f64| x.iter().map(|f| value(*f, *theta).unwrap_or(f64::NAN)).collect();
+    let values = y.iter().map(row).collect();
     HeatMap::new(title, x, y, values).labels("f (Hz)", "\u{3b8} (\u{b0})")
+}
+
+/// A map of one of the three mean speeds of these cells.
+fn speed_map(title: impl Into<String>, cells: &[Cell], which: usize) -> HeatMap {
+    map(title, cells, |f, theta| {
+        let cell = cells.iter().find(|c| (c.f_hz, c.theta_deg) == (f, theta))?;
+        Some(cell.spreads()[which].mean)
+    })
+}
+
+/// Marks a pair of a map of `cells`.
+fn mark(map: HeatMap, cells: &[Cell], (f, theta): (f64, f64), label: String) -> HeatMap {
+    let column = axis(cells, |c| c.f_hz).iter().position(|x| *x == f);
+    let row = axis(cells, |c| c.theta_deg).iter().position(|y| *y == theta);
+    match column.zip(row) {
+        Some((column, row)) => map.mark(column, row, label),
+        None => map,
+    }
 }
 
 /// Figure 3b: maps of the three speeds, the paper's modes marked with their numbers.
 fn mobility(table: &Table, cells: &[Cell]) -> HeatMaps {
-    let (x, y) = (axis(cells, |c| c.f_hz), axis(cells, |c| c.theta_deg));
     let figure = HeatMaps::new(format!("Mobility of model {}", name(table)), 3)
         .subtitle(format!("{}; rings: the modes of table III by number", conditions(table)));
-    SPEEDS.iter().fold(figure, |figure, (title, of)| {
-        let map = map(title, cells, |cell| of(cell.mean()));
-        let marked = paper_modes().iter().enumerate().fold(map, |map, (number, mode)| {
-            let column = x.iter().position(|f| *f == mode.f_hz);
-            let row = y.iter().position(|theta| *theta == mode.theta_deg);
-            match column.zip(row) {
-                Some((column, row)) => map.mark(column, row, (number + 1).to_string()),
-                None => map,
-            }
+    SPEEDS.iter().fold(figure, |figure, (title, which)| {
+        let map = speed_map(*title, cells, *which);
+        figure.map(paper_modes().iter().enumerate().fold(map, |map, (number, mode)| {
+            mark(map, cells, (mode.f_hz, mode.theta_deg), (number + 1).to_string())
+        }))
+    })
+}
+
+/// Figures 5a and 5d: the three speeds of every changed robot, alike in their colours.
+fn speeds(table: &Table, cells: &[Cell]) -> HeatMaps {
+    let figure = HeatMaps::new(format!("Speeds of model {}, changed", name(table)), 3)
+        .subtitle(conditions(table));
+    let limit = |which: usize| {
+        cells.iter().map(|c| c.spreads()[which].mean.abs()).fold(f64::MIN_POSITIVE, f64::max)
+    };
+    cells.chunk_by(|a, b| a.variant == b.variant).fold(figure, |figure, variant| {
+        SPEEDS.iter().fold(figure, |figure, (title, which)| {
+            let title = format!("{}: {title}", variant[0].variant);
+            let map = speed_map(title, variant, *which);
+            figure.map(map.limits(-limit(*which), limit(*which)).cell(42.0, 22.0))
+        })
+    })
+}
+
+/// Figures 5b and 5e: the index I.
+fn indices(table: &Table, cells: &[Cell]) -> HeatMaps {
+    let figure = HeatMaps::new(format!("Performance index I of model {}", name(table)), 3)
+        .subtitle(format!("{}; colours end at +-10", conditions(table)));
+    KINDS.iter().fold(figure, |figure, (kind, component)| {
+        let map = map(*kind, cells, |f, theta| index(cells, f, theta, *component));
+        figure.map(map.limits(-10.0, 10.0).decimals(1))
+    })
+}
+
+/// Figure 5f: P of the pairs that are fast enough, the chosen ones marked.
+#[must_use]
+pub fn selection(
+    robot: &str,
+    mass: &[Cell],
+    friction: &[Cell],
+    least: f64,
+    chosen: &[(String, Candidate)],
+) -> HeatMaps {
+    let baseline: Vec<Cell> =
+        mass.iter().filter(|cell| cell.variant == "baseline").cloned().collect();
+    let figure = HeatMaps::new(format!("Robustness index P of model {robot}"), 3).subtitle(format!(
+        "red positive, blue negative direction; grey: slower than {least} m/s; colours end at +-10"
+    ));
+    KINDS.iter().fold(figure, |figure, (kind, component)| {
+        let map = map(*kind, &baseline, |f, theta| {
+            let cell = baseline.iter().find(|c| (c.f_hz, c.theta_deg) == (f, theta))?;
+            let fast = component.of(cell.mean()).abs() >= least;
+            robustness(mass, friction, (f, theta), *component).filter(|_| fast)
         });
-        figure.map(marked)
+        let own = chosen.iter().filter(|(_, candidate)| candidate.component == *component);
+        figure.map(own.fold(map.limits(-10.0, 10.0).decimals(1), |map, (label, candidate)| {
+            mark(map, &baseline, (candidate.cell.f_hz, candidate.cell.theta_deg), label.clone())
+        }))
+    })
+}
+
+/// Rows of an actuation table as f, theta, phase, force, its direction, torque, its direction.
+fn moments(table: &Table) -> Vec<[f64; 7]> {
+    let columns: Vec<Vec<f64>> = table.columns.iter().map(|c| table.numbers(&c.name)).collect();
+    (0..table.rows.len()).map(|i| core::array::from_fn(|c| columns[c][i])).collect()
+}
+
+/// Figure 3d: the largest force of a turn at each frequency.
+fn peak_force(table: &Table) -> Chart {
+    let rows = moments(table);
+    let ahead: Vec<[f64; 7]> = rows.into_iter().filter(|r| r[0] > 0.0 && r[1] == 0.0).collect();
+    let mut peaks: Vec<(f64, f64)> = ahead
+        .chunk_by(|a, b| a[0] == b[0])
+        .map(|turn| (turn[0][0], turn.iter().map(|r| r[3]).fold(0.0, f64::max)))
+        .collect();
+    peaks.sort_by(|a, b| a.0.total_cmp(&b.0));
+    Chart::new("Largest shaking force", "f (Hz)")
+        .panel(
+            Panel::new("force (N)")
+                .height(300.0)
+                .series(Series::line("", peaks).stroke(Stroke::Marked).colour(colour::BLUE)),
+        )
+        .width(640.0)
+}
+
+/// Figure 3e: direction of force and torque over one turn, their magnitude as colour.
+fn cycles(table: &Table) -> Chart {
+    let rows = moments(table);
+    let chart = Chart::new("Shaking force and torque over one turn", "phase (\u{b0})").subtitle(
+        "height: direction, positive to the right; colour: magnitude, from pale (none) to dark (largest)",
+    );
+    CYCLES.iter().fold(chart, |chart, (f, theta)| {
+        let turn: Vec<&[f64; 7]> = rows.iter().filter(|r| r[0] == *f && r[1] == *theta).collect();
+        [(3, "force", colour::BLUE), (5, "torque", colour::ORANGE)].into_iter().fold(
+            chart,
+            |chart, (which, kind, dark)| {
+                let label = format!("{kind} at {f} Hz, {theta}\u{b0} (\u{b0})");
+                let panel = Panel::new(label).height(84.0).range(-190.0, 190.0);
+                chart.panel(shaded(panel, &turn, which, dark))
+            },
+        )
+    })
+}
+
+/// Shades of magnitude.
+const SHADES: usize = 8;
+
+/// Dots at the direction (column after the magnitude), darker where the magnitude is larger.
+fn shaded(panel: Panel, turn: &[&[f64; 7]], which: usize, dark: Colour) -> Panel {
+    let largest = turn.iter().map(|r| r[which]).fold(f64::MIN_POSITIVE, f64::max);
+    let shade = |value: f64| ((value / largest * SHADES as f64) as usize).min(SHADES - 1);
+    (0..SHADES).fold(panel, |panel, step| {
+        let dots = turn.iter().filter(|r| shade(r[which]) == step).map(|r| (r[2], r[which + 1]));
+        let tone = colour::GRID.towards(dark, (step + 1) as f64 / SHADES as f64);
+        panel.series(Series::line("", dots).stroke(Stroke::Dots).colour(tone).width(2.4))
     })
 }
 
@@ -77,7 +216,7 @@ fn name(table: &Table) -> &str {
 fn conditions(table: &Table) -> String {
     let of = |key: &str| &table.parameters[key];
     format!(
-        "{} walks of {} s, {} drive, {} ms a step",
+        "seeds: {}, {} s each, {} drive, {} ms a step",
         of("seeds"),
         of("seconds"),
         of("drive").as_str().unwrap_or("?"),

@@ -13,6 +13,7 @@
 //! What a result depends on (parameters, model, version of this crate) is hashed into a
 //! [`Fingerprint`]; results of another fingerprint are refused, never mixed.
 
+pub mod actuation;
 pub mod calibrate;
 pub mod cmaes;
 pub mod figure;
@@ -20,7 +21,9 @@ mod journal;
 pub mod leg;
 pub mod measured;
 pub mod modes;
+pub mod sensitivity;
 mod shard;
+pub mod statements;
 pub mod sweep;
 mod table;
 

@@ -206,3 +206,83 @@ impl Study for Sweep {
         cells.iter().map(|cell| self.walk(*cell)).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use flix_host::interrupt::Interrupt;
+
+    use super::*;
+    use crate::study::{Options, merge, run};
+
+    fn short(seeds: u64) -> Sweep {
+        let model = RobotModel::named("W").unwrap();
+        Sweep {
+            name: "mobility",
+            variants: vec![Variant { name: "baseline".to_owned(), model }],
+            pairs: vec![(30.0, 0.0), (-30.0, 90.0)],
+            seeds,
+            first_seed: 5,
+            seconds: 0.05,
+            step: 5e-4,
+            drive: WalkDrive::Ideal,
+            scatter: 0.02,
+            mirrored: false,
+        }
+    }
+
+    #[test]
+    fn slices_of_walks_merged_equal_one_run_bit_for_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        let options = |shard: &str| Options {
+            folder: folder.path().to_owned(),
+            shard: shard.parse().unwrap(),
+            restart: false,
+            interrupt: Interrupt::never(),
+        };
+        let whole = run(&short(3), &options("1/1")).unwrap();
+        let slices: Vec<_> = (1..=4)
+            .map(|index| {
+                run(&short(3), &options(&format!("{index}/4"))).unwrap();
+                folder.path().join(format!("results-{index}-of-4.parquet"))
+            })
+            .collect();
+        assert_eq!(merge(&slices).unwrap(), whole);
+    }
+
+    #[test]
+    fn a_slice_of_other_walks_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let options = |name: &str, shard: &str| Options {
+            folder: folder.path().join(name),
+            shard: shard.parse().unwrap(),
+            restart: false,
+            interrupt: Interrupt::never(),
+        };
+        run(&short(3), &options("a", "1/2")).unwrap();
+        run(&short(2), &options("b", "2/2")).unwrap();
+        let files = [
+            folder.path().join("a/results-1-of-2.parquet"),
+            folder.path().join("b/results-2-of-2.parquet"),
+        ];
+        assert!(merge(&files).unwrap_err().to_string().contains("is a shard of"));
+    }
+
+    #[test]
+    fn walks_of_a_pair_are_told_apart_by_their_seeds() {
+        let sweep = short(2);
+        let rows = sweep.compute(&[0, 1, 2]).unwrap();
+        let seed = |row: &Row| row[3].number();
+        assert_eq!((seed(&rows[0]), seed(&rows[1])), (Some(5.0), Some(6.0)));
+        assert_ne!(rows[0][4..], rows[1][4..]);
+        assert_eq!(rows[2][1].number(), Some(-30.0));
+    }
+
+    #[test]
+    fn the_mirrored_reading_negates_f_and_theta() {
+        let (text, equations) = (short(1), Sweep { mirrored: true, ..short(1) });
+        let swapped = Sweep { pairs: vec![(-30.0, 0.0), (30.0, -90.0)], ..short(1) };
+        let speeds = |sweep: &Sweep| sweep.compute(&[1]).unwrap()[0][4..].to_vec();
+        assert_eq!(speeds(&equations), speeds(&swapped));
+        assert_ne!(speeds(&equations), speeds(&text));
+    }
+}

@@ -142,7 +142,8 @@ fn figure(tests: &[Sample], fit: &[Sample], report: &Report) -> Chart {
         .subtitle(format!(
             "k_bend {k_bend:.4}, k_twist {k_twist:.4} N m/rad, b_bend {b_bend:.5}, b_twist {b_twist:.5} N m s/rad"
         ));
-    let coordinates: [(&str, fn(&Sample) -> f64); 6] = [
+    type Coordinate = fn(&Sample) -> f64;
+    let coordinates: [(&str, Coordinate); 6] = [
         ("x (mm)", |s| 1e3 * s.tip.position[0]),
         ("y (mm)", |s| 1e3 * s.tip.position[1]),
         ("z (mm)", |s| 1e3 * s.tip.position[2]),

@@ -2,15 +2,20 @@
 
 use std::process::ExitCode;
 
+use flix_host::plot::{Figure, Series, Track, colour};
+use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;
 
-use super::SweepArgs;
+use super::{SweepArgs, show};
 use crate::cli::Error;
-use crate::study::figure;
 use crate::study::modes::{ModeRow, classify, paper_modes, score_modes};
-use crate::study::sweep::{Cell, DIRECTIONS, FREQUENCIES, Sweep, Variant, cells, grid};
+use crate::study::sweep::{Cell, DIRECTIONS, FREQUENCIES, Sweep, Variant, cells, grid, setpoint};
+use crate::walk::{Walk, walk};
 
-/// Walk over the grid of f and theta: maps of the three speeds, the modes found, the paper's modes scored.
+/// Interval of the points of a track, s: smooth over the shaking.
+const TRACK_INTERVAL: f64 = 0.1;
+
+/// Walk over the grid of f and theta: maps of the three speeds, tracks of the paper's modes and their scores.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "A mode counts as a sign when the paper's component has its sign, and as a hit when it is also the\nlargest of |forward|, |lateral| and 0.1 m x |yaw rate| and exceeds 0.01 m/s.\n\nExamples:\n  flix-sim study mobility\n  flix-sim study mobility --table3 --model W --seeds 8 --first-seed 100 --json\n  flix-sim study mobility --shard 1/8 --seeds 64 --out /shared/mobility"
@@ -64,8 +69,11 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         println!("{}", found_modes(&cells));
     }
     print!("{}", text(&report));
-    for written in figure::draw(&table, &args.sweep.run.folder(&sweep))? {
-        println!("\nfigure  {}", written.png.display());
+    println!();
+    let folder = args.sweep.run.folder(&sweep);
+    show(&table, &folder)?;
+    if !args.table3 {
+        println!("figure  {}", tracks(&sweep)?.write(&folder, "tracks")?.png.display());
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -140,4 +148,39 @@ fn found_modes(cells: &[Cell]) -> String {
         }
     }
     text + "\n"
+}
+
+/// Figure 4a: the way of each of the paper's modes, all from one place.
+fn tracks(sweep: &Sweep) -> Result<Track, Error> {
+    let model = &sweep.variants[0].model;
+    let ways: Vec<(String, Vec<(f64, f64)>)> = paper_modes()
+        .par_iter()
+        .map(|mode| {
+            let what = Walk {
+                setpoint: setpoint(mode.f_hz, mode.theta_deg)?,
+                seconds: sweep.seconds,
+                drive: sweep.drive,
+                step: sweep.step,
+            };
+            let mut way = Vec::new();
+            let mut next = 0.0;
+            walk(model, &what, sweep.first_seed, |plant| {
+                if plant.time() >= next {
+                    let [x, y, _] = plant.body().position;
+                    way.push((x, y));
+                    next = plant.time() + TRACK_INTERVAL;
+                }
+            })?;
+            Ok((mode.name.clone(), way))
+        })
+        .collect::<Result<_, Error>>()?;
+    let figure = Track::new(format!("Ways of model {}", model.name), "m").subtitle(format!(
+        "the modes of table III, {} s each, seed {}; forward is to the right at the start",
+        sweep.seconds, sweep.first_seed
+    ));
+    Ok(ways.into_iter().enumerate().fold(figure, |figure, (number, (name, way))| {
+        let end = way.last().copied().unwrap_or_default();
+        let shade = colour::CYCLE[number % colour::CYCLE.len()];
+        figure.series(Series::line("", way).colour(shade)).mark(end, name, shade)
+    }))
 }

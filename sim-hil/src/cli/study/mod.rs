@@ -1,10 +1,15 @@
 //! `flix-sim study`: the paper's studies, one command each.
 
+pub mod actuation;
+pub mod all;
 pub mod calibrate;
 pub mod leg;
+pub mod merge;
 pub mod mobility;
+pub mod select;
+pub mod sensitivity;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Subcommand, ValueEnum};
@@ -14,7 +19,7 @@ use super::Error;
 use super::arguments::{ModelArgs, parse_seconds};
 use crate::model::{Base, RobotModel};
 use crate::study::sweep::{SECONDS, Sweep, Variant};
-use crate::study::{self, Options, Shard, Study, Table};
+use crate::study::{self, Options, Shard, Study, Table, figure};
 use crate::walk::{DEFAULT_STEP, WalkDrive, WalkError};
 
 /// Repeat the paper's studies, each with one command.
@@ -26,22 +31,50 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Map f and theta to motion (figures 3b and 4), score the modes of table III.
-    Mobility(mobility::Args),
+    /// Force and torque of the shaker (figures 3d and 3e).
+    Actuation(actuation::Args),
     /// Identify stiffness and damping of a leg from release tests (section II-C, figure 3a).
     Leg(leg::Args),
+    /// Map f and theta to motion (figures 3b and 4), score the modes of table III.
+    Mobility(mobility::Args),
+    /// Change mass or friction and see what becomes of the walks (figures 5a to 5e).
+    Sensitivity(sensitivity::Args),
+    /// Choose robust pairs (figure 5f, table IV); check the claims of section III-B.
+    Select(select::Args),
     /// Fit the robot to measured speeds, or to the modes of tables III and IV (section II-D).
     Calibrate(calibrate::Args),
+    /// Join the slices of a study.
+    Merge(merge::Args),
+    /// Run every study.
+    All(all::Args),
 }
 
 /// # Errors
 /// As the study says.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    match &args.command {
-        Command::Mobility(args) => mobility::run(args),
+    run_command(&args.command)
+}
+
+fn run_command(command: &Command) -> Result<ExitCode, Error> {
+    match command {
+        Command::Actuation(args) => actuation::run(args),
         Command::Leg(args) => leg::run(args),
+        Command::Mobility(args) => mobility::run(args),
+        Command::Sensitivity(args) => sensitivity::run(args),
+        Command::Select(args) => select::run(args),
         Command::Calibrate(args) => calibrate::run(args),
+        Command::Merge(args) => merge::run(args),
+        Command::All(args) => all::run(args),
     }
+}
+
+/// Draws the figures of a table and tells where everything is.
+fn show(table: &Table, folder: &Path) -> Result<(), Error> {
+    println!("{} rows  {}", table.rows.len(), folder.join("results.parquet").display());
+    for written in figure::draw(table, folder)? {
+        println!("figure  {}", written.png.display());
+    }
+    Ok(())
 }
 
 /// Where a study is kept, and which part of it is computed.

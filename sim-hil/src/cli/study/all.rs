@@ -1,0 +1,59 @@
+//! `flix-sim study all`: every study, one after the other.
+
+use std::process::ExitCode;
+use std::time::Instant;
+
+use clap::Parser;
+
+use crate::cli::Error;
+
+/// Run every study with one command.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "The search of `calibrate` is part of --quick alone: in full it takes hours and has a command of its own.\n\nExamples:\n  flix-sim study all --quick\n  flix-sim study all --model calibrated"
+)]
+pub struct Args {
+    /// Which robot: a model file (TOML), or the name of a shipped one
+    #[arg(long, value_name = "FILE|NAME", default_value = "W")]
+    model: String,
+    /// A first look: short, coarse walks
+    #[arg(long)]
+    quick: bool,
+}
+
+#[derive(Debug, Parser)]
+struct Line {
+    #[command(subcommand)]
+    command: super::Command,
+}
+
+/// The studies, as they are typed; the bool tells those that walk and know `--quick`.
+const STUDIES: [(&str, bool); 7] = [
+    ("actuation", false),
+    ("leg", false),
+    ("mobility", true),
+    ("sensitivity mass", true),
+    ("sensitivity friction", true),
+    ("select", true),
+    ("select --statements", true),
+];
+
+/// # Errors
+/// Of the first study that fails.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let start = Instant::now();
+    let quick = |walks: bool| if args.quick && walks { " --quick" } else { "" };
+    let mut lines: Vec<String> =
+        STUDIES.iter().map(|(study, walks)| format!("{study}{}", quick(*walks))).collect();
+    if args.quick {
+        lines.push("calibrate --quick --restart --out out/study/calibrate-quick".to_owned());
+    }
+    for line in lines {
+        println!("\n== flix-sim study {line} --model {}\n", args.model);
+        let words = ["study"].into_iter().chain(line.split(' ')).chain(["--model", &args.model]);
+        let parsed = Line::try_parse_from(words).map_err(Error::refused)?;
+        super::run_command(&parsed.command)?;
+    }
+    println!("\nall studies took {:.0} s", start.elapsed().as_secs_f64());
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,140 @@
+//! `flix-sim study select`: which pairs to steer with, and what the paper says about robustness.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use flix_host::plot::Figure;
+
+use super::{SweepArgs, sensitivity};
+use crate::cli::Error;
+use crate::study::sensitivity::{Candidate, Change, LEAST_SPEED, candidates, mode_table};
+use crate::study::statements::{Statement, Verdict, statements};
+use crate::study::sweep::{Cell, cells};
+use crate::study::{Shard, figure};
+
+/// Pairs listed for each kind of motion.
+const LISTED: usize = 3;
+
+/// Choose robust pairs by index P from both sensitivity studies; write a mode table.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Uses what `study sensitivity` computed with the same options, and computes what is missing.\n\nExamples:\n  flix-sim study select\n  flix-sim study select --model W --modes out/W.modes.toml\n  flix-sim study select --statements        # the paper's sensitivity section, claim by claim"
+)]
+pub struct Args {
+    #[command(flatten)]
+    sweep: SweepArgs,
+    /// Least speed of a mode's own component, m/s, yaw rates times 0.1 m
+    #[arg(long, value_name = "SPEED", default_value_t = LEAST_SPEED)]
+    least: f64,
+    /// Where the mode table goes [default: modes.toml beside the figure]
+    #[arg(long, value_name = "FILE")]
+    modes: Option<PathBuf>,
+    /// Check the claims of the paper's sensitivity section instead
+    #[arg(long)]
+    statements: bool,
+}
+
+/// # Errors
+/// When the model is refused, a walk fails, or files cannot be written.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    if args.sweep.run.shard != Shard::WHOLE {
+        return Err(Error::refused(
+            "select needs all walks: shard `study sensitivity` instead, then merge",
+        ));
+    }
+    let model = args.sweep.model()?;
+    let walked = |change, name: &str| -> Result<(Vec<Cell>, PathBuf), Error> {
+        let sweep = sensitivity::sweep(&args.sweep, &model, change);
+        let mut run = args.sweep.run.clone();
+        run.out = run.out.map(|folder| folder.join(name));
+        let folder = run.folder(&sweep);
+        let table = run.run(&sweep)?.ok_or_else(|| Error::refused("not all walks are there"))?;
+        Ok((cells(&table), folder))
+    };
+    let (mass, folder) = walked(Change::Mass, "mass")?;
+    let (friction, _) = walked(Change::Friction, "friction")?;
+    if args.statements {
+        print!("{}", claims(&model.name, &statements(&mass, &friction)));
+        return Ok(ExitCode::SUCCESS);
+    }
+    let kinds = candidates(&mass, &friction, args.least);
+    let labelled = labels(&kinds);
+    print!("{}", text(&labelled, args.least));
+    let figure = figure::selection(&model.name, &mass, &friction, args.least, &labelled)
+        .write(&folder, "selection")?;
+    let path = args.modes.clone().unwrap_or_else(|| folder.join("modes.toml"));
+    let source = format!(
+        "flix-sim study select: index P over {} seeds of {} s, least speed {} m/s",
+        args.sweep.seeds, args.sweep.seconds, args.least
+    );
+    let table = mode_table(&model.name, &source, &kinds).map_err(Error::refused)?;
+    table.save(&path).map_err(Error::refused)?;
+    println!("\nmodes   {}\nfigure  {}", path.display(), figure.png.display());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The best of each kind, lettered like the paper's: A, A', A'' for the first kind and so on.
+fn labels(kinds: &[(&'static str, Vec<Candidate>)]) -> Vec<(String, Candidate)> {
+    let lettered = kinds.iter().zip('A'..='Z').flat_map(|((_, found), letter)| {
+        found.iter().take(LISTED).enumerate().map(move |(rank, candidate)| {
+            (format!("{letter}{}", "'".repeat(rank)), candidate.clone())
+        })
+    });
+    lettered.collect()
+}
+
+fn text(labelled: &[(String, Candidate)], least: f64) -> String {
+    let mut text = format!(
+        "{:5}{:14}{:>6}{:>7}{:>9}{:>10}{:>10}{:>10}\n",
+        "", "motion", "f", "theta", "P", "forward", "lateral", "yaw"
+    );
+    for (label, candidate) in labelled {
+        let mean = candidate.cell.mean();
+        text += &format!(
+            "{label:5}{:14}{:>6}{:>7}{:>9.2}{:>10.4}{:>10.4}{:>10.4}{}\n",
+            candidate.component.word(candidate.component.of(mean)),
+            candidate.cell.f_hz,
+            candidate.cell.theta_deg,
+            candidate.index,
+            mean.forward,
+            mean.lateral,
+            mean.yaw,
+            if candidate.fast { String::new() } else { format!("  below {least} m/s") }
+        );
+    }
+    text
+}
+
+fn claims(model: &str, statements: &[Statement]) -> String {
+    let mut text = format!(
+        "What the paper's section III-B says, and what model {model} does (left is positive):\n\n{:84}{:>17}{:>17}\n",
+        "", "from", "to"
+    );
+    for statement in statements {
+        let [before, after] =
+            statement.values.map(|v| format!("{:+.3} \u{b1} {:.3}", v.mean, v.spread));
+        let mark = if statement.contradicts_itself { "*" } else { "" };
+        text += &format!(
+            "{:84}{before:>17}{after:>17}  {}{mark}\n",
+            statement.claim, statement.verdict
+        );
+    }
+    let count = |contradicts, verdict| {
+        let same = |s: &&Statement| s.contradicts_itself == contradicts && s.verdict == verdict;
+        statements.iter().filter(same).count()
+    };
+    let sums = |contradicts| {
+        format!(
+            "{} hold, {} fail, {} are unclear (within two standard errors)",
+            count(contradicts, Verdict::Holds),
+            count(contradicts, Verdict::Fails),
+            count(contradicts, Verdict::Unclear)
+        )
+    };
+    let plain = statements.iter().filter(|s| !s.contradicts_itself).count();
+    text + &format!(
+        "\n{plain} claims: {}\n* where the paper's word and sign contradict each other, by the word: {}\n",
+        sums(false),
+        sums(true)
+    )
+}

@@ -1,0 +1,56 @@
+//! `flix-sim study sensitivity`: how far walks change with mass and friction.
+
+use std::process::ExitCode;
+
+use clap::ValueEnum;
+
+use super::{SweepArgs, show};
+use crate::cli::Error;
+use crate::model::RobotModel;
+use crate::study::sensitivity::{Change, variants};
+use crate::study::sweep::{Sweep, grid};
+
+/// Walk the grid with 50 g at an edge, or with other friction on the left; speeds and index I.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "mass: 50 g at the front, rear, left and right edge, 12 mm inside.\nfriction: left feet by -10, +10, -58 and +58 %; right feet by -10 % (in no index).\n\nExamples:\n  flix-sim study sensitivity mass\n  flix-sim study sensitivity friction --model W --seeds 8\n  flix-sim study sensitivity mass --shard 3/16 --out /shared/mass"
+)]
+pub struct Args {
+    /// What is changed
+    #[arg(value_enum)]
+    change: ChangeArg,
+    #[command(flatten)]
+    sweep: SweepArgs,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum ChangeArg {
+    /// Where mass is.
+    Mass,
+    /// How slippery the floor is under the left feet.
+    Friction,
+}
+
+/// The walks of one change.
+#[must_use]
+pub fn sweep(args: &SweepArgs, model: &RobotModel, change: Change) -> Sweep {
+    let name = match change {
+        Change::Mass => "sensitivity-mass",
+        Change::Friction => "sensitivity-friction",
+    };
+    args.sweep(name, variants(model, change), grid())
+}
+
+/// # Errors
+/// When the model is refused, a walk fails, or files cannot be written.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let change = match args.change {
+        ChangeArg::Mass => Change::Mass,
+        ChangeArg::Friction => Change::Friction,
+    };
+    let sweep = sweep(&args.sweep, &args.sweep.model()?, change);
+    if let Some(table) = args.sweep.run.run(&sweep)? {
+        show(&table, &args.sweep.run.folder(&sweep))?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
