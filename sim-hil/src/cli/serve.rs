@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant as WallClock};
 
+use flix_firmware::control::Report;
 use flix_host::interrupt::Interrupt;
 use flix_host::keys::{self, Keyring, SIMULATED_ROBOT};
 use flix_host::pose::natnet::{NatNetServer, ServerSettings};
@@ -84,7 +85,8 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let robot = robot(args, key)?;
     let cameras = args.natnet.map(|address| Cameras::open(address, args.seed)).transpose()?;
     introduce(args, &socket).map_err(ServeError::Network)?;
-    serve(robot, &socket, cameras, &interrupt)?;
+    let mut changes = Changes::default();
+    serve(robot, &socket, cameras, &interrupt, |report| changes.tell(report.state, report.faults))?;
     println!("The robot is switched off.");
     Ok(ExitCode::SUCCESS)
 }
@@ -123,22 +125,26 @@ fn introduce(args: &Args, socket: &UdpSocket) -> io::Result<()> {
     Ok(())
 }
 
-/// Runs until interrupted.
-fn serve(
+/// Is this robot at this socket, in real time, until interrupted. `told` sees how it is, again and again.
+///
+/// # Errors
+/// When the network fails or the model diverges.
+pub fn serve(
     mut robot: SimulatedRobot<Plant>,
     socket: &UdpSocket,
     mut cameras: Option<Cameras>,
     interrupt: &Interrupt,
+    mut told: impl FnMut(&Report),
 ) -> Result<(), Error> {
+    socket.set_nonblocking(true).map_err(ServeError::Network)?;
     let mut clock = RealTime::started();
-    let mut changes = Changes::default();
     let mut datagram = [0; MAXIMUM_DATAGRAM + 1];
     let mut frame = Frame::new();
     while !interrupt.is_raised() {
-        wait_for_datagrams(socket, clock.until(robot.now()), &mut datagram, |from, bytes| {
-            robot.receive(from, bytes);
-        })
-        .map_err(ServeError::Network)?;
+        // Sleeping is exact to some 0.1 ms; a socket's own timeout is rounded up to several.
+        std::thread::sleep(clock.until(robot.now()));
+        take_datagrams(socket, &mut datagram, |from, bytes| robot.receive(from, bytes))
+            .map_err(ServeError::Network)?;
         clock.catch_up(robot.now());
         while clock.is_due(robot.now()) {
             for _ in 0..BATCH {
@@ -152,14 +158,13 @@ fn serve(
                 let _ = socket.send_to(&frame, to);
             }
         }
-        let report = robot.report();
-        changes.tell(report.state, report.faults);
+        told(&robot.report());
     }
     Ok(())
 }
 
 /// A motion-capture system that watches the robot.
-struct Cameras {
+pub struct Cameras {
     server: NatNetServer,
     eyes: Eyes,
     next: Instant,
@@ -189,22 +194,17 @@ impl Cameras {
     }
 }
 
-/// Gives every datagram that comes until `wait` is over, or that is there already.
-fn wait_for_datagrams(
+/// Gives every datagram that has come.
+fn take_datagrams(
     socket: &UdpSocket,
-    wait: Duration,
     buffer: &mut [u8],
     mut take: impl FnMut(SocketAddr, &[u8]),
 ) -> io::Result<()> {
-    socket.set_nonblocking(wait.is_zero())?;
-    if !wait.is_zero() {
-        socket.set_read_timeout(Some(wait))?;
-    }
     loop {
         match socket.recv_from(buffer) {
             Ok((length, from)) => take(from, &buffer[..length]),
             Err(error) => match error.kind() {
-                io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => return Ok(()),
+                io::ErrorKind::WouldBlock => return Ok(()),
                 // An operator that is gone (its port answers "unreachable") or a signal.
                 io::ErrorKind::ConnectionReset
                 | io::ErrorKind::ConnectionRefused
@@ -212,7 +212,6 @@ fn wait_for_datagrams(
                 _ => return Err(error),
             },
         }
-        socket.set_nonblocking(true)?;
     }
 }
 
