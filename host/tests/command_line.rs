@@ -11,9 +11,12 @@ use std::time::{Duration, Instant};
 use flix_host::interrupt::Interrupt;
 use flix_host::keys;
 use flix_host::link::udp::Connection;
-use flix_protocol::message::{Fault, Faults, State};
+use flix_host::nav::PlanarPose;
+use flix_host::pose::Pose;
+use flix_host::pose::natnet::{NatNetServer, ServerSettings};
+use flix_protocol::message::{Fault, Faults, Setpoint, State};
 use flix_protocol::session::Key;
-use flix_protocol::units::Hertz;
+use flix_protocol::units::{Degrees, Hertz};
 use support::{FakeRobot, ServedRobot, key, seeded_loss};
 
 /// An operator's account: a home of its own, and a key file.
@@ -254,6 +257,97 @@ fn an_interrupted_drive_ends_even_when_the_robot_is_gone() {
     let start = Instant::now();
     Ended(child.wait_with_output().unwrap()).expect(40, &["has not confirmed"]);
     assert!(start.elapsed() < Duration::from_secs(5));
+}
+
+#[test]
+fn every_way_to_end_a_walk_stops_the_robot_first() {
+    let cameras = Cameras::start();
+    for signal in ["INT", "TERM", "HUP"] {
+        let (served, address) = serve(robot());
+        let operator = Operator::new();
+        let modes = operator.home.path().join("modes.toml");
+        std::fs::write(&modes, MODES).unwrap();
+        let mut command = operator.command(&["track", &address, "circle", "--pose", "natnet"]);
+        command.args(["--natnet-server", &cameras.address, "--modes"]).arg(&modes);
+        command.arg("--out").arg(operator.home.path());
+        let child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        wait_until(|| served.robot().state == State::Running);
+        kill(signal, child.id());
+        Ended(child.wait_with_output().unwrap()).expect(40, &["told to stop", ".mcap"]);
+        assert!(served.robot().stopped, "SIG{signal}");
+        assert_eq!(served.robot().state, State::Disarmed, "SIG{signal}");
+    }
+}
+
+#[test]
+fn a_program_that_panics_stops_the_robot_first() {
+    let (served, address) = serve(robot());
+    let mut connection =
+        Connection::open(address.parse().unwrap(), key(), Interrupt::never()).unwrap();
+    let program = std::thread::spawn(move || {
+        connection.wait_until_connected().unwrap();
+        connection.arm().unwrap();
+        let (client, now) = connection.operate();
+        client.hold(now, Setpoint::new(Hertz::saturating(30.0), Degrees::ZERO).unwrap());
+        connection
+            .wait_for_telemetry(Duration::from_secs(5), |it| it.state == State::Running)
+            .unwrap();
+        panic!("this test is about a program that breaks");
+    });
+    program.join().unwrap_err();
+    assert!(served.robot().stopped);
+    assert_eq!(served.robot().state, State::Disarmed);
+}
+
+/// One mode is enough to walk away with.
+const MODES: &str = r#"
+robot = "test"
+source = "made up"
+
+[[mode]]
+name = "forward"
+frequency_hz = -30.0
+direction_deg = 30.0
+forward_m_s = { mean = 0.08, spread = 0.01 }
+lateral_m_s = { mean = 0.0, spread = 0.01 }
+yaw_rad_s = { mean = 0.3, spread = 0.1 }
+"#;
+
+/// Motion capture of a robot that stands on a circle of 0.4 m.
+struct Cameras {
+    address: String,
+    ends: Interrupt,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Cameras {
+    fn start() -> Self {
+        let settings = ServerSettings { multicast: None, ..ServerSettings::default() };
+        let mut server = NatNetServer::bind(([127, 0, 0, 1], 0).into(), settings).unwrap();
+        let address = server.local_addr().unwrap().to_string();
+        let ends = Interrupt::never();
+        let end = ends.clone();
+        let thread = std::thread::spawn(move || {
+            let begin = Instant::now();
+            let pose = Pose::planar(PlanarPose { x: 0.4, y: 0.0, heading: 1.5 }, 0.06);
+            while !end.is_raised() {
+                let time = begin.elapsed();
+                server.serve(flix_protocol::units::Instant::START + time).unwrap();
+                server.stream(time.as_secs_f64(), Some(&pose)).unwrap();
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        });
+        Self { address, ends, thread: Some(thread) }
+    }
+}
+
+impl Drop for Cameras {
+    fn drop(&mut self) {
+        self.ends.raise();
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
 }
 
 fn kill(signal: &str, process: u32) {

@@ -44,6 +44,15 @@ fn until_walking(course: &mut Course<Navigator>) {
     }
 }
 
+/// Where the robot is after a second, once the run has ended.
+fn at_last(course: &mut Course<Navigator>) -> (State, f64) {
+    for _ in 0..100 {
+        course.step().unwrap();
+    }
+    let (state, frequency) = course.robot();
+    (state, frequency.abs())
+}
+
 #[test]
 fn follows_a_circle_within_40_mm_and_ends_disarmed() {
     let path = Path::circle(0.3).unwrap();
@@ -67,16 +76,13 @@ fn comes_home_from_any_heading_within_50_mm() {
 }
 
 #[test]
-fn an_interrupted_run_leaves_the_robot_stopped() {
+fn an_interrupted_run_leaves_the_robot_stopped_and_disarmed() {
     let mut course = course(home(), 4, PlanarPose { x: 0.4, y: 0.0, heading: 0.0 });
     until_walking(&mut course);
     course.interrupt();
     assert_eq!(until_end(&mut course, 60), Ending::Interrupted);
-    for _ in 0..100 {
-        course.step().unwrap();
-    }
-    let (state, frequency) = course.robot();
-    assert!(frequency.abs() < 1.0 && state != State::Running, "{state}, {frequency} Hz");
+    let (state, frequency) = at_last(&mut course);
+    assert!(state == State::Disarmed && frequency < 1.0, "{state}, {frequency} Hz");
 }
 
 #[test]
@@ -90,4 +96,29 @@ fn poses_that_are_not_trusted_any_more_bring_the_robot_to_rest() {
     assert!(course.robot().1.abs() < 1.0, "{} Hz", course.robot().1);
     let ending = until_end(&mut course, 60);
     assert!(matches!(ending, Ending::Stopped(Stop::PoseLost { .. })), "{ending:?}");
+}
+
+#[test]
+fn carried_over_the_fence_the_robot_is_stopped_and_disarmed() {
+    let mut course = course(home(), 6, PlanarPose { x: 0.4, y: 0.0, heading: 0.0 });
+    until_walking(&mut course);
+    course.push((0.0, 2.0), 0.0);
+    let ending = until_end(&mut course, 60);
+    assert!(matches!(ending, Ending::Stopped(Stop::OutsideFence { .. })), "{ending:?}");
+    let (state, frequency) = at_last(&mut course);
+    assert!(state == State::Disarmed && frequency < 1.0, "{state}, {frequency} Hz");
+}
+
+#[test]
+fn too_far_off_its_path_the_robot_is_stopped_and_disarmed() {
+    let path = Path::figure_eight(1.6, 0.8).unwrap();
+    let start = path.start();
+    let mut course = course(Task::Follow { path, laps: 1 }, 7, start);
+    until_walking(&mut course);
+    // South of the crossing: half a metre from the nearest branch, and inside the fence.
+    course.push((0.0, -0.7), 0.0);
+    let ending = until_end(&mut course, 60);
+    assert!(matches!(ending, Ending::Stopped(Stop::OffPath { .. })), "{ending:?}");
+    let (state, frequency) = at_last(&mut course);
+    assert!(state == State::Disarmed && frequency < 1.0, "{state}, {frequency} Hz");
 }
