@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 use std::time::{Duration, Instant as Clock};
 
-use flix_protocol::message::{Command, Outcome, State};
+use flix_protocol::message::{Command, Outcome, State, Telemetry};
 use flix_protocol::units::Instant;
 
 use super::output::{print, print_json};
@@ -23,6 +23,8 @@ const LOW_BATTERY: f32 = 10.5;
 const FEW_POSES: f64 = 50.0;
 /// A clock that runs differently by more than this share is worth a word.
 const CLOCK_DRIFT: f64 = 0.02;
+/// Telemetry may come earlier or later by so much, s.
+const TELEMETRY_JITTER: f64 = 0.1;
 /// Round trips above this are long.
 const LONG_ROUND_TRIP: Duration = Duration::from_millis(100);
 
@@ -160,41 +162,41 @@ fn telemetry(connection: &Connection, first: Option<Instant>, watched: Duration)
     let Some(telemetry) = connection.client().telemetry() else {
         return vec![Finding::bad("state", Exit::NoAnswer, "the robot sends no telemetry")];
     };
-    let mut findings = Vec::new();
-    findings.push(if telemetry.state == State::Faulted {
-        let advice = "mend the cause, then `flix clear`";
-        Finding::bad(
-            "state",
-            Exit::RobotFault,
-            format_args!("faulted: {}; {advice}", telemetry.faults),
-        )
+    let clock = first.map(|first| judge_clock(telemetry, telemetry.time.since(first), watched));
+    [judge_state(telemetry), judge_battery(telemetry)].into_iter().chain(clock).collect()
+}
+
+fn judge_state(telemetry: &Telemetry) -> Finding {
+    let bad = |sentence: String| Finding::bad("state", Exit::RobotFault, sentence);
+    if telemetry.state == State::Faulted || !telemetry.faults.is_empty() {
+        bad(format!("faulted: {}; mend the cause, then `flix clear`", telemetry.faults))
     } else if telemetry.stopped {
-        Finding::bad("state", Exit::RobotFault, "a stop is latched: `flix clear` makes it ready")
+        bad("a stop is latched: `flix clear` makes it ready".to_owned())
     } else {
         Finding::good("state", format_args!("{}, no faults", telemetry.state))
-    });
-    findings.push(match telemetry.bus_voltage {
-        Some(volts) if volts.get() < LOW_BATTERY => Finding::bad(
-            "battery",
-            Exit::RobotFault,
-            format_args!("{:.1} V: charge it", volts.get()),
-        ),
-        Some(volts) => Finding::good("battery", format_args!("{:.1} V", volts.get())),
-        None => Finding::good("battery", "this board does not measure it: watch the time"),
-    });
-    if let Some(first) = first {
-        let ratio = telemetry.time.since(first).as_secs_f64() / watched.as_secs_f64();
-        findings.push(if (ratio - 1.0).abs() > CLOCK_DRIFT + 0.1 / watched.as_secs_f64() {
-            let sentence = format_args!("the robot's clock runs at {ratio:.3} of ours");
-            Finding::bad("clock", Exit::RobotFault, sentence)
-        } else {
-            Finding::good(
-                "clock",
-                format_args!("runs with ours ({} overruns)", telemetry.timing.overruns),
-            )
-        });
     }
-    findings
+}
+
+fn judge_battery(telemetry: &Telemetry) -> Finding {
+    match telemetry.bus_voltage.map(|volts| volts.get()) {
+        Some(volts) if volts < LOW_BATTERY => {
+            let sentence = format_args!("{volts:.1} V: charge it");
+            Finding::bad("battery", Exit::RobotFault, sentence)
+        }
+        Some(volts) => Finding::good("battery", format_args!("{volts:.1} V")),
+        None => Finding::good("battery", "this board does not measure it: watch the time"),
+    }
+}
+
+/// How long `watched` took on the robot's clock.
+fn judge_clock(telemetry: &Telemetry, told: Duration, watched: Duration) -> Finding {
+    let ratio = told.as_secs_f64() / watched.as_secs_f64();
+    if (ratio - 1.0).abs() > CLOCK_DRIFT + TELEMETRY_JITTER / watched.as_secs_f64() {
+        let advice = "its processor falls behind, or the link delays telemetry";
+        let sentence = format_args!("the robot's clock runs at {ratio:.2} of ours: {advice}");
+        return Finding::bad("clock", Exit::RobotFault, sentence);
+    }
+    Finding::good("clock", format_args!("runs with ours ({} overruns)", telemetry.timing.overruns))
 }
 
 fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
@@ -310,5 +312,27 @@ mod tests {
             let finding = judge_stream(statistics, 2.0, &bodies);
             assert!(!finding.ok && finding.sentence.contains(advice), "{finding:?}");
         }
+    }
+
+    #[test]
+    fn every_trouble_of_a_robot_has_its_own_advice() {
+        use crate::record::tests::telemetry;
+        use flix_protocol::message::{Fault, Faults};
+        use flix_protocol::units::Volts;
+        let well = Telemetry { faults: Faults::NONE, first_fault: None, ..telemetry(1.0) };
+        let faults = Faults::NONE.with(Fault::Stall);
+        let empty = Volts::new(9.7).ok();
+        let two = Duration::from_secs(2);
+        for (finding, advice) in [
+            (judge_state(&Telemetry { state: State::Faulted, faults, ..well }), "flix clear"),
+            (judge_state(&Telemetry { stopped: true, ..well }), "latched"),
+            (judge_battery(&Telemetry { bus_voltage: empty, ..well }), "9.7 V: charge"),
+            (judge_clock(&well, two / 2, two), "0.50 of ours"),
+        ] {
+            assert!(!finding.ok && finding.sentence.contains(advice), "{finding:?}");
+        }
+        assert!(
+            judge_state(&well).ok && judge_battery(&well).ok && judge_clock(&well, two, two).ok
+        );
     }
 }

@@ -86,7 +86,7 @@ pub fn timeline(run: &Run) -> Chart {
     if !run.commands.is_empty() || !run.telemetry.is_empty() {
         chart = chart
             .panel(set_and_held(run, "Frequency f (Hz)", |c| c.frequency_hz, |t| t.frequency_hz))
-            .panel(set_and_held(run, "Direction θ (°)", |c| c.direction_deg, |t| t.direction_deg));
+            .panel(set_and_held(run, "Direction θ (°)", |c| c.direction_deg, line_held));
     }
     if !run.telemetry.is_empty() {
         chart = chart
@@ -115,6 +115,12 @@ fn set_and_held(
         .height(110.0)
         .series(Series::line("commanded", commands).stroke(Stroke::Step).colour(colour::GREY))
         .series(told(run, "held", move |t| Some(held(t))).colour(colour::ORANGE).width(1.2))
+}
+
+/// A line of force repeats every half turn: the held one as it lies next to the commanded one, degrees.
+fn line_held(row: &TelemetryRow) -> f64 {
+    let commanded = row.commanded_direction_deg;
+    commanded + (row.direction_deg - commanded + 90.0).rem_euclid(180.0) - 90.0
 }
 
 fn told(run: &Run, label: &str, value: impl Fn(&TelemetryRow) -> Option<f64>) -> Series {

@@ -33,4 +33,4 @@ pub const FOLDER: &str = "runs";
 pub const ENDING: &str = "mcap";
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

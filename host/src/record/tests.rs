@@ -21,7 +21,7 @@ fn at(seconds: f64) -> Instant {
     Instant::from_micros((seconds * 1e6) as u64)
 }
 
-fn telemetry(seconds: f64) -> Telemetry {
+pub(crate) fn telemetry(seconds: f64) -> Telemetry {
     let motor = MotorTelemetry {
         angle: Degrees::saturating(10.0),
         speed: Hertz::saturating(30.0),

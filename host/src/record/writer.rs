@@ -17,6 +17,7 @@ use super::message::{
     CommandRow, LogRow, NavigationRow, PathRow, PoseRow, TelemetryRow, Timestamp,
 };
 use super::{ENDING, FOLDER};
+use crate::explain;
 use crate::nav::{Path, PlanarPose, Progress};
 use crate::pose::PoseSample;
 
@@ -226,7 +227,7 @@ impl Recorder {
             _ => Level::Information,
         };
         let told = report.time.as_micros() as f64 * 1e-6;
-        self.log(now, level, &format!("robot at {told:.3} s: {:?}", report.event))
+        self.log(now, level, &format!("robot at {told:.3} s: {}", explain::event(&report.event)))
     }
 
     /// A command left for the robot.

@@ -69,7 +69,7 @@ pub enum NatNetError {
     },
     /// Nobody answered.
     #[error(
-        "no answer from {0}: start Motive there, switch on its data streaming, let UDP ports 1510 and 1511 \
+        "no answer from {0}: start Motive there (or `flix-sim serve --natnet`), switch on its data streaming, let UDP ports 1510 and 1511 \
          through its firewall, and set its streaming interface to the network card that reaches this \
          computer, not to loopback"
     )]
