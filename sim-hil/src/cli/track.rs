@@ -88,7 +88,7 @@ pub struct Report {
 }
 
 /// # Errors
-/// See [`follow`].
+/// When the path, model or table is refused, the simulation diverges, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let report = follow(args)?;
     if args.json {
