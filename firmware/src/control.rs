@@ -224,8 +224,9 @@ const LARGEST_SUM_ERROR: i32 = (30.0 * TURN_PER_DEGREE) as i32;
 const UNLOCKED_TICKS: u32 = 1_000;
 /// Ticks for which f may stay away from what is asked for with the motors at their limits: 1 s.
 const DROOP_TICKS: u32 = 10_000;
-/// f may be off by this much: 1 Hz.
-const LARGEST_DROOP: Speed = hertz(100);
+/// f may be off by this much: 10 Hz. A walking body that swings against its rotors at 35 Hz takes up to 8 Hz
+/// for a second (seen in simulation); theta is held meanwhile, and telemetry tells f.
+const LARGEST_DROOP: Speed = hertz(1_000);
 /// Ticks for which a motor may differ from its model: 10 ms.
 const RESIDUAL_TICKS: u32 = 100;
 /// Ticks of slow rotors that count as rest: 10 ms.
