@@ -119,6 +119,7 @@ settings! {
     robot {
         pole_pairs: "1", whole, 1.0 ..= 32.0, 7.0, "Pole pairs of both motors. Assumed.";
         rotor_inertia: "g cm2", real, 1.0 ..= 10000.0, 105.0, "Inertia of one rotor about its shaft: 12 g at 28 mm (paper, Table II) and the bell.";
+        current_scale: "1", real, 0.1 ..= 10.0, 1.0, "True phase current over what the board's description reads: 0.4 where amplifiers taken for x20 are x50.";
         current_limit: "A", real, 0.1 ..= 20.0, 2.0, "Phase current that is never asked for more of.";
         over_current: "A", real, 0.2 ..= 30.0, 2.6, "Phase current that trips the over-current fault; below the 3.3 A that 0.01 ohm with a gain of 50 can show.";
         alignment_current: "A", real, 0.05 ..= 5.0, 0.8, "Phase current that turns the rotors while aligning.";
@@ -334,6 +335,7 @@ impl Settings {
             motors: [0, 1].map(|motor| self.motor_parameters(motor)),
             pole_pairs: self.pole_pairs as u8,
             rotor_inertia: self.rotor_inertia * KG_M2_PER_G_CM2,
+            current_scale: self.current_scale,
             current_limit: self.current_limit,
             over_current: self.over_current,
             alignment_current: self.alignment_current,

@@ -78,18 +78,20 @@ impl<W: Write> Recording<W> {
 
     fn until(&mut self, state: State) -> Result<(), Box<dyn std::error::Error>> {
         let end = self.tick + PATIENCE_TICKS;
-        while self.control.report().state != state {
-            if self.tick == end {
-                let report = self.control.report();
-                return Err(format!(
-                    "the robot is {} instead of {state}, {:?}",
-                    report.state, report.first_fault
-                )
-                .into());
-            }
+        while self.control.report().state != state && self.tick < end {
             self.tick()?;
         }
-        Ok(())
+        self.expect(state)
+    }
+
+    /// A walk that ended early would be a trace of rest.
+    fn expect(&self, state: State) -> Result<(), Box<dyn std::error::Error>> {
+        let report = self.control.report();
+        if report.state == state {
+            return Ok(());
+        }
+        let fault = report.first_fault;
+        Err(format!("the robot is {} instead of {state}, {fault:?}", report.state).into())
     }
 }
 
@@ -114,6 +116,7 @@ fn record(file: &Path) -> Result<u64, Box<dyn std::error::Error>> {
         let now = Instant::from_micros(recording.tick * TICK_US);
         recording.order.set(&setpoint, now);
         recording.ticks(MODE_TICKS)?;
+        recording.expect(State::Running)?;
     }
     recording.magnet_lost = true;
     recording.until(State::Faulted)?;

@@ -3,19 +3,22 @@
 use esp_hal::Blocking;
 use esp_hal::i2c::master::{Config, I2c, SoftwareTimeout};
 use esp_hal::mcpwm::PwmPeripheral;
-use esp_hal::peripherals::CPU_CTRL;
+use esp_hal::peripherals::{CPU_CTRL, FROM_CPU_INTR2, I2C0, I2C1, MCPWM0, MCPWM1, SPI3, TIMG1};
 use esp_hal::system::{CpuControl, Stack};
 use esp_hal::time::{Duration, Rate};
 use esp_println::println;
 use esp_storage::FlashStorage;
 use flix_firmware::board::encoder::{AS5600_ADDRESS, AS5600_STATUS_REGISTER, as5600};
 use flix_firmware::board::{BridgePins, EncoderKind, I2cPins};
+use flix_firmware::control::Control;
+use flix_firmware::hardware::Actuation;
 use static_cell::StaticCell;
 
 use crate::bridge::{self, ThreePhase, pin};
+use crate::chip::Analog;
 use crate::choice::BOARD;
 use crate::encoders::{Encoders, SAMPLES, Sample, SpiEncoders};
-use crate::fast;
+use crate::fast::{self, Loop};
 
 /// Stack of core 1: the fast loop and the encoders; interrupts nest three deep at most.
 const STACK_BYTES: usize = 12 * 1024;
@@ -24,13 +27,61 @@ const I2C_CLOCK: Rate = Rate::from_mhz(1);
 /// A reading takes 54 microseconds; one that takes this long is a failure.
 const I2C_PATIENCE: Duration = Duration::from_millis(1);
 
-/// Runs `work` on core 1, which has no scheduler.
-pub(crate) fn start(core: CPU_CTRL<'static>, work: impl FnOnce() + Send + 'static) {
+/// What core 1 owns.
+pub(crate) struct FastParts {
+    pub(crate) core: CPU_CTRL<'static>,
+    pub(crate) pwm: (MCPWM0<'static>, MCPWM1<'static>),
+    pub(crate) analog: Analog,
+    pub(crate) encoders: EncoderUnits,
+    pub(crate) timers: TIMG1<'static>,
+    pub(crate) software_interrupt: FROM_CPU_INTR2<'static>,
+}
+
+/// Starts the fast loop on core 1, which has no scheduler, and what reads I2C encoders below it.
+pub(crate) fn start_fast_loop(parts: FastParts, control: Control) {
     static STACK: StaticCell<Stack<STACK_BYTES>> = StaticCell::new();
+    let FastParts { core, pwm, analog, encoders, timers, software_interrupt } = parts;
+    let work = move || {
+        let (encoders, i2c) = encoders.start();
+        let electronics = Electronics::new(pwm, analog);
+        fast::start(timers, software_interrupt, Loop { control, electronics, encoders });
+        read_i2c_for_ever(i2c)
+    };
     match CpuControl::new(core).start_app_core(STACK.init_with(Stack::new), work) {
         // Dropping it would park the core.
         Ok(guard) => core::mem::forget(guard),
         Err(error) => println!("core 1 does not start: {error:?}"),
+    }
+}
+
+/// Bridges and converters.
+pub(crate) struct Electronics {
+    top: ThreePhase<MCPWM0<'static>, true>,
+    bottom: ThreePhase<MCPWM1<'static>, true>,
+    analog: Analog,
+}
+
+impl Electronics {
+    fn new((top, bottom): (MCPWM0<'static>, MCPWM1<'static>), analog: Analog) -> Self {
+        let [top_pins, bottom_pins] = BOARD.bridges;
+        Self { top: bridge(top, top_pins), bottom: bridge(bottom, bottom_pins), analog }
+    }
+
+    /// Until the next tick.
+    pub(crate) fn apply(&mut self, actuation: &Actuation) {
+        let [top, bottom] = actuation.bridges;
+        self.top.apply(top);
+        self.bottom.apply(bottom);
+    }
+
+    /// Counts of phases A and B of the top, then of the bottom motor.
+    pub(crate) fn phase_current(&mut self) -> Option<[[i16; 2]; 2]> {
+        BOARD.hardware.current_sense.and_then(|_| self.analog.currents())
+    }
+
+    /// Counts of the divider.
+    pub(crate) fn bus_voltage(&mut self) -> Option<u16> {
+        BOARD.divider.and_then(|_| self.analog.divider())
     }
 }
 
@@ -46,41 +97,27 @@ fn bridge<PWM: PwmPeripheral + 'static>(unit: PWM, pins: BridgePins) -> ThreePha
     )
 }
 
-/// Both bridges of the board, a unit each.
-pub(crate) fn bridges<Top: PwmPeripheral + 'static, Bottom: PwmPeripheral + 'static>(
-    top: Top,
-    bottom: Bottom,
-) -> (ThreePhase<Top, true>, ThreePhase<Bottom, true>) {
-    let [top_pins, bottom_pins] = BOARD.bridges;
-    (bridge(top, top_pins), bridge(bottom, bottom_pins))
-}
-
 /// Flash is written with this core's neighbour parked.
 pub(crate) fn share_with_other_core(flash: FlashStorage<'static>) -> FlashStorage<'static> {
     flash.multicore_auto_park()
 }
 
 /// The units that encoders can be on.
-pub(crate) struct EncoderUnits<Top, Bottom, Spi> {
+pub(crate) struct EncoderUnits {
     /// I2C master of the top encoder.
-    pub(crate) top: Top,
+    pub(crate) top: I2C0<'static>,
     /// I2C master of the bottom encoder.
-    pub(crate) bottom: Bottom,
+    pub(crate) bottom: I2C1<'static>,
     /// Bus of both SPI encoders.
-    pub(crate) spi: Spi,
+    pub(crate) spi: SPI3<'static>,
 }
 
 /// Both I2C encoders' buses; `None` where a bus cannot be had, or the encoders are not on I2C.
-pub(crate) type I2cBuses = [Option<I2c<'static, Blocking>>; 2];
+type I2cBuses = [Option<I2c<'static, Blocking>>; 2];
 
-impl<Top, Bottom, Spi> EncoderUnits<Top, Bottom, Spi>
-where
-    Top: esp_hal::i2c::master::Instance + 'static,
-    Bottom: esp_hal::i2c::master::Instance + 'static,
-    Spi: esp_hal::spi::master::Instance + 'static,
-{
+impl EncoderUnits {
     /// Takes the units that the board's encoders need.
-    pub(crate) fn start(self) -> (Encoders, I2cBuses) {
+    fn start(self) -> (Encoders, I2cBuses) {
         match (BOARD.encoder, BOARD.i2c) {
             (EncoderKind::As5600, Some([top, bottom])) => {
                 (Encoders::Mailboxes, [i2c(self.top, top), i2c(self.bottom, bottom)])
@@ -104,7 +141,7 @@ fn i2c(
 }
 
 /// Reads both AS5600 in turn, below the fast loop, and leaves what they say for it.
-pub(crate) fn read_i2c_for_ever(mut buses: I2cBuses) -> ! {
+fn read_i2c_for_ever(mut buses: I2cBuses) -> ! {
     loop {
         for (bus, mailbox) in buses.iter_mut().zip(&SAMPLES) {
             let Some(bus) = bus else { continue };

@@ -5,10 +5,8 @@
 
 use esp_hal::Blocking;
 use esp_hal::analog::adc::{Adc, AdcChannel, AdcConfig, Attenuation, RegisterAccess};
-use esp_hal::peripherals::{
-    ADC1, FLASH, FROM_CPU_INTR0, FROM_CPU_INTR2, GPIO0, GPIO16, GPIO17, LP_ANA, MCPWM0,
-    Peripherals, SPI2, TIMG0, TIMG1, UART0, WIFI,
-};
+use esp_hal::gpio::Pin;
+use esp_hal::peripherals::{ADC1, FROM_CPU_INTR2, GPIO0, LP_ANA, MCPWM0, Peripherals, SPI2, TIMG1};
 use esp_storage::FlashStorage;
 use flix_firmware::board::EncoderKind;
 use flix_firmware::control::Control;
@@ -18,30 +16,7 @@ use crate::bridge::{self, ThreePhase, pin};
 use crate::choice::BOARD;
 use crate::encoders::{Encoders, SpiEncoders};
 use crate::fast::{self, Loop};
-
-/// The chip, shared out.
-pub(crate) struct Parts {
-    /// For the scheduler.
-    pub(crate) scheduler: (TIMG0<'static>, FROM_CPU_INTR0<'static>),
-    /// For the settings.
-    pub(crate) flash: FLASH<'static>,
-    /// For the network.
-    pub(crate) wifi: WIFI<'static>,
-    /// For provisioning and the log.
-    pub(crate) serial: SerialParts,
-    /// For the fast loop.
-    pub(crate) fast: FastParts,
-}
-
-/// The serial port that the board's USB connector leads to.
-pub(crate) struct SerialParts {
-    /// The unit.
-    pub(crate) unit: UART0<'static>,
-    /// Into the chip.
-    pub(crate) receive: GPIO17<'static>,
-    /// Out of the chip.
-    pub(crate) transmit: GPIO16<'static>,
-}
+use crate::parts::{Parts, SerialParts};
 
 /// What the fast loop owns.
 pub(crate) struct FastParts {
@@ -53,12 +28,16 @@ pub(crate) struct FastParts {
 }
 
 /// Shares the chip out.
-pub(crate) fn share_out(chip: Peripherals) -> Parts {
+pub(crate) fn share_out(chip: Peripherals) -> Parts<FastParts> {
     Parts {
         scheduler: (chip.TIMG0, chip.FROM_CPU_INTR0),
         flash: chip.FLASH,
         wifi: chip.WIFI,
-        serial: SerialParts { unit: chip.UART0, receive: chip.GPIO17, transmit: chip.GPIO16 },
+        serial: SerialParts {
+            unit: chip.UART0,
+            receive: chip.GPIO17.degrade(),
+            transmit: chip.GPIO16.degrade(),
+        },
         fast: FastParts {
             pwm: chip.MCPWM0,
             converter: (chip.ADC1, chip.GPIO0),

@@ -65,6 +65,8 @@ pub struct Parameters {
     pub pole_pairs: u8,
     /// Inertia of one rotor about its axis, eccentric mass included, kg m^2.
     pub rotor_inertia: f32,
+    /// True phase current over what [`CurrentSense`](crate::hardware::CurrentSense) reads.
+    pub current_scale: f32,
     /// Phase current that is never exceeded, ampere.
     pub current_limit: f32,
     /// Phase current that trips [`flix_protocol::message::Fault::OverCurrent`], ampere.
@@ -169,8 +171,8 @@ impl Configuration {
         let amperes = |value: f32| scaled(f64::from(value), 16);
         let volts = amperes;
         let sense = hardware.current_sense;
-        let amperes_per_count =
-            sense.map_or(0.0, |sense| f64::from(sense.microamperes_per_count) * 1e-6);
+        let microamperes = sense.map_or(0.0, |sense| f64::from(sense.microamperes_per_count));
+        let amperes_per_count = microamperes * 1e-6 * f64::from(parameters.current_scale);
         let valid_counts = sense.map_or((i16::MIN, i16::MAX), |sense| sense.valid_counts);
         let range = f64::from(valid_counts.1) - f64::from(valid_counts.0);
         let zero = sense.map_or(0, |sense| i32::from(sense.zero_count));

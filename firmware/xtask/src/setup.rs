@@ -15,9 +15,9 @@ const DEBIAN_COMPILER: [&str; 4] =
 const DEBIAN_QEMU: &str = "qemu-system-misc";
 /// The image maker, from PyPI, where espflash is not installed.
 const ESPTOOL: &str = "esptool==5.*";
-/// The security archive, where the machine's sources do not name it.
-const SECURITY_ARCHIVE: &str = "deb http://deb.debian.org/debian-security bookworm-security main\n";
-/// How long rustup may try: a machine that cannot reach it should not wait for it.
+/// Where the security archive is named, if the machine's sources do not name it.
+const SECURITY_LIST: &str = "/etc/apt/sources.list.d/flix-walker-security.list";
+/// How long rustup may try to bring one thing: a machine that cannot reach it should not wait.
 const RUSTUP_PATIENCE: Duration = Duration::from_secs(90);
 
 /// Brings everything that `build esp32c6`, `check`, `image`, `pil` and `size` need.
@@ -28,13 +28,14 @@ pub(crate) fn setup() -> Result<(), Error> {
 }
 
 fn compiler() -> Result<(), Error> {
-    let complete = || toolchain::stock_has_riscv() && toolchain::stock_has_sources();
-    if !complete() {
-        for arguments in [["target", "add", RISCV_TARGET], ["component", "add", "rust-src"]] {
-            patiently(run::command("rustup").args(arguments), RUSTUP_PATIENCE);
-        }
+    if !toolchain::stock_has_riscv() {
+        patiently(run::command("rustup").args(["target", "add", RISCV_TARGET]), RUSTUP_PATIENCE);
     }
-    if complete() {
+    // Who could not bring the one would not bring the other.
+    if toolchain::stock_has_riscv() && !toolchain::stock_has_sources() {
+        patiently(run::command("rustup").args(["component", "add", "rust-src"]), RUSTUP_PATIENCE);
+    }
+    if toolchain::stock_has_riscv() && toolchain::stock_has_sources() {
         println!("compiler: rustup's, with {RISCV_TARGET} and its sources");
         return Ok(());
     }
@@ -110,25 +111,51 @@ fn patiently(command: &mut Command, patience: Duration) {
     let _ = child.wait();
 }
 
+/// A command with the rights to install.
+fn as_root(program: &str) -> Command {
+    let user = run::command("id").arg("-u").output();
+    if user.is_ok_and(|user| user.stdout.trim_ascii() == b"0") {
+        return run::command(program);
+    }
+    let mut command = run::command("sudo");
+    command.arg(program);
+    command
+}
+
+fn apt_get(arguments: &[&str]) -> Result<(), Error> {
+    let mut command = as_root("env");
+    run::run(command.args(["DEBIAN_FRONTEND=noninteractive", "apt-get", "-qq"]).args(arguments))
+}
+
 /// Brings the package lists up to date, with the security archive where the package needs it.
 fn refresh_packages(wanted: &str) -> Result<(), Error> {
-    run::run(run::command("apt-get").args(["update", "-qq"]))?;
-    let simulated = |wanted: &str| {
-        run::succeeds(run::command("apt-get").args(["install", "--simulate", "-qq", wanted]))
-    };
-    if !simulated(wanted) {
-        let list = PathBuf::from("/etc/apt/sources.list.d/flix-walker-security.list");
-        run::write(&list, SECURITY_ARCHIVE)?;
-        run::run(run::command("apt-get").args(["update", "-qq"]))?;
+    apt_get(&["update"])?;
+    let simulation = ["install", "--simulate", "-qq", wanted];
+    if run::succeeds(run::command("apt-get").args(simulation)) {
+        return Ok(());
     }
-    Ok(())
+    let archive = security_archive()?;
+    println!("naming Debian's security archive in {SECURITY_LIST}");
+    run::run(as_root("sh").args(["-c", r#"echo "$0" > "$1""#, &archive, SECURITY_LIST]))?;
+    apt_get(&["update"])
+}
+
+/// The line that names the security archive of this machine's Debian.
+fn security_archive() -> Result<String, Error> {
+    let release = run::read("/etc/os-release".as_ref())?;
+    let release = String::from_utf8_lossy(&release);
+    let value = |key: &str| release.lines().find_map(|line| line.strip_prefix(key));
+    match (value("ID="), value("VERSION_CODENAME=")) {
+        (Some("debian"), Some(codename)) => {
+            Ok(format!("deb http://deb.debian.org/debian-security {codename}-security main"))
+        }
+        _ => Err(Error::Sentence(format!(
+            "neither rustup nor this system's packages bring what is needed; \
+             with a network, `rustup target add {RISCV_TARGET}` does"
+        ))),
+    }
 }
 
 fn install(packages: &[&str]) -> Result<(), Error> {
-    run::run(
-        run::command("apt-get")
-            .args(["install", "-y", "-qq", "--no-install-recommends"])
-            .args(packages)
-            .env("DEBIAN_FRONTEND", "noninteractive"),
-    )
+    apt_get(&[&["install", "-y", "--no-install-recommends"], packages].concat())
 }

@@ -203,8 +203,13 @@ fn stand_in_check(chip: Chip) -> Result<Command, Error> {
     // Build scripts see the file's name as the target.
     let file = run::target_directory().join("xtask").join(format!("{}.json", chip.target()));
     run::write(&file, specification)?;
+    // Of its own: build scripts look at the variables of a command that builds `core`, and would
+    // run anew, all that follows from them with them, whenever the other kind of command had been.
+    let directory = run::target_directory().join("xtask/stand-in");
     command
         .args(["check", "--profile", PROFILE, "-Zbuild-std=core,alloc", "-Zjson-target-spec"])
+        .arg("--target-dir")
+        .arg(&directory)
         .arg("--target")
         .arg(&file)
         .env("RUSTFLAGS", "--cfg target_arch=\"xtensa\" -Aexplicit_builtin_cfgs_in_flags");

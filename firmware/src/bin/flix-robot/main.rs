@@ -18,6 +18,8 @@ mod chip;
 #[cfg(not(feature = "esp32c6"))]
 #[path = "../../board/dual_core.rs"]
 mod dual_core;
+#[path = "../../board/parts.rs"]
+mod parts;
 
 mod bridge;
 mod choice;

@@ -13,6 +13,7 @@ use flix_firmware::control::{Configuration, Control};
 use flix_firmware::hardware::{Encoder, Sensors};
 use flix_firmware::settings::Settings;
 use flix_firmware::trace::{HEADER_LENGTH, Header, Outcome, ROW_LENGTH, Row};
+use flix_protocol::message::State;
 use foc::Foc;
 use foc::pid::PIController;
 use foc::pwm::SpaceVector;
@@ -129,7 +130,17 @@ enum Failure {
     Trace,
 }
 
-fn replay(ours: &mut Counts, peers: &mut Counts) -> Result<u32, Failure> {
+/// What is counted.
+struct Counted {
+    /// Our tick.
+    all: Counts,
+    /// Of these, those in which the rotors are held in motion.
+    running: Counts,
+    /// The peer's two updates.
+    peer: Counts,
+}
+
+fn replay(counted: &mut Counted) -> Result<u32, Failure> {
     let mut file = File::open(c"trace.bin").map_err(|_| Failure::Trace)?;
     let mut header = [0; HEADER_LENGTH];
     file.read_exact(&mut header).map_err(|_| Failure::Trace)?;
@@ -144,7 +155,11 @@ fn replay(ours: &mut Counts, peers: &mut Counts) -> Result<u32, Failure> {
         let row = Row::from_bytes(&bytes).map_err(|_| Failure::Trace)?;
         let start = instructions();
         let actuation = core::hint::black_box(tick(&mut control, &row));
-        ours.add(instructions().wrapping_sub(start).wrapping_sub(overhead));
+        let spent = instructions().wrapping_sub(start).wrapping_sub(overhead);
+        counted.all.add(spent);
+        if row.outcome.state == State::Running as u8 {
+            counted.running.add(spent);
+        }
         let outcome = Outcome::after(&control, actuation);
         if outcome != row.outcome {
             if differences == 0 {
@@ -157,7 +172,7 @@ fn replay(ours: &mut Counts, peers: &mut Counts) -> Result<u32, Failure> {
         let currents = peer.inputs(&row.sensors);
         let start = instructions();
         core::hint::black_box(peer.tick(core::hint::black_box(currents)));
-        peers.add(instructions().wrapping_sub(start).wrapping_sub(overhead));
+        counted.peer.add(instructions().wrapping_sub(start).wrapping_sub(overhead));
     }
     Ok(differences)
 }
@@ -165,16 +180,19 @@ fn replay(ours: &mut Counts, peers: &mut Counts) -> Result<u32, Failure> {
 /// Where riscv-rt leads.
 #[entry]
 fn main() -> ! {
-    static OURS: static_cell::ConstStaticCell<Counts> =
-        static_cell::ConstStaticCell::new(Counts::new());
-    static PEERS: static_cell::ConstStaticCell<Counts> =
-        static_cell::ConstStaticCell::new(Counts::new());
-    let (ours, peers) = (OURS.take(), PEERS.take());
-    match replay(ours, peers) {
+    static COUNTED: static_cell::ConstStaticCell<Counted> =
+        static_cell::ConstStaticCell::new(Counted {
+            all: Counts::new(),
+            running: Counts::new(),
+            peer: Counts::new(),
+        });
+    let counted = COUNTED.take();
+    match replay(counted) {
         Ok(differences) => {
             println!("differences {differences}");
-            ours.print("tick");
-            peers.print("foc");
+            counted.all.print("tick");
+            counted.running.print("running");
+            counted.peer.print("foc");
             process::exit(0)
         }
         Err(Failure::Trace) => {
