@@ -12,6 +12,12 @@ const BOARDS: [(&str, &str, bool); 6] = [
 ];
 
 const CHIPS: [&str; 3] = ["esp32", "esp32s3", "esp32c6"];
+/// What the compiler calls the chips.
+const TARGETS: [(&str, &str); 3] = [
+    ("esp32", "xtensa-esp32-none-elf"),
+    ("esp32s3", "xtensa-esp32s3-none-elf"),
+    ("esp32c6", "riscv32imac-unknown-none-elf"),
+];
 const ENCODERS: [&str; 3] = ["encoder-as5600", "encoder-mt6701", "encoder-as5047p"];
 
 /// What the features ask for.
@@ -40,8 +46,11 @@ fn at_most_one(
 }
 
 /// Reads the features. `None` where no chip is asked for: the library is built for this computer.
-pub(crate) fn choose(has: &dyn Fn(&str) -> bool) -> Result<Option<Choice>, String> {
+pub(crate) fn choose(has: &dyn Fn(&str) -> bool, target: &str) -> Result<Option<Choice>, String> {
     let Some(chip) = at_most_one(&CHIPS, has, "chip")? else { return Ok(None) };
+    if !TARGETS.contains(&(chip, target)) {
+        return Err(format!("{target} is not the {chip}: use cargo xtask build {chip}"));
+    }
     let board = match at_most_one(&BOARDS.map(|(board, ..)| board), has, "board")? {
         Some(board) => board,
         None => match BOARDS.iter().find(|(_, on, default)| *on == chip && *default) {

@@ -13,7 +13,8 @@ fn has_feature(feature: &str) -> bool {
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rerun-if-changed=board_choice.rs");
-    match board_choice::choose(&has_feature) {
+    let target = env::var("TARGET").unwrap_or_default();
+    match board_choice::choose(&has_feature, &target) {
         Ok(None) => {}
         Ok(Some(choice)) => {
             println!("cargo::rustc-env=FLIX_BOARD={}", choice.board);

@@ -7,8 +7,20 @@ mod board_choice;
 use board_choice::{Choice, choose};
 use flix_firmware::board::{BOARDS, Board, EncoderKind};
 
+/// On the target of the first feature, which is the chip.
 fn chosen(features: &[&str]) -> Result<Option<Choice>, String> {
-    choose(&|feature| features.contains(&feature))
+    let target = match features.first() {
+        Some(&"esp32c6") => "riscv32imac-unknown-none-elf",
+        Some(chip) => &format!("xtensa-{chip}-none-elf"),
+        None => "x86_64-unknown-linux-gnu",
+    };
+    choose(&|feature| features.contains(&feature), target)
+}
+
+#[test]
+fn a_chip_is_not_built_for_this_computer() {
+    let refusal = choose(&|feature| feature == "esp32", "x86_64-unknown-linux-gnu").unwrap_err();
+    assert!(refusal.contains("cargo xtask build esp32"), "{refusal}");
 }
 
 #[test]
