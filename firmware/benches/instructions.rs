@@ -18,7 +18,7 @@ use flix_protocol::units::Instant;
 pub(crate) use flix_firmware::{control, hardware};
 
 #[path = "../src/control/bench.rs"]
-#[allow(dead_code)]
+#[expect(dead_code, reason = "the unit tests use the rest of it")]
 mod bench;
 #[path = "../tests/support/rows.rs"]
 mod rows;

@@ -272,8 +272,8 @@ pub const MKS_DUAL_FOC_V3_3_PLUS: Board = dual_esp32(
 );
 
 /// MKS ESP32 FOC V1.0: EG2133 without an enable. The amplifier's marking says x20, the vendor's
-/// code implies x50. Taken at its marking: should it be x50, currents are over-estimated 2.5
-/// times, which errs on the gentle side.
+/// code implies x50. Taken at its marking; should it be x50, alignment sees 2.5 times the current
+/// that it asked for and ends in a fault, and the setting `current_scale` puts it right.
 pub const MKS_ESP32_FOC_V1_0: Board = dual_esp32(
     "mks-esp32-foc-v1-0",
     "MKS ESP32 FOC V1.0",

@@ -134,6 +134,8 @@ pub(crate) struct Bench {
     pub(crate) encoder_age_us: u16,
     pub(crate) encoder_every: u64,
     pub(crate) keep_alive: bool,
+    /// Each motor's encoder watches the other rotor.
+    pub(crate) encoders_swapped: bool,
     /// Counts added to what both motors' phase A shows.
     pub(crate) sense_offset: i16,
     /// What the amplifiers show instead, all four.
@@ -166,6 +168,7 @@ impl Bench {
             encoder_age_us: 40,
             encoder_every: 1,
             keep_alive: true,
+            encoders_swapped: false,
             sense_offset: 0,
             sense_dead: None,
             last: Actuation::OFF,
@@ -217,6 +220,9 @@ impl Bench {
             if let Some(dead) = self.sense_dead {
                 counts[index] = [dead; 2];
             }
+        }
+        if self.encoders_swapped {
+            encoders.swap(0, 1);
         }
         Sensors {
             encoders,

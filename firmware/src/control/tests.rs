@@ -2,7 +2,7 @@
 
 use crate::control::Parameters;
 use crate::control::bench::{Bench, HARDWARE, parameters};
-use crate::hardware::Bridge;
+use crate::hardware::{Bridge, CurrentSense, Hardware};
 use flix_protocol::message::{Fault, Faults, State};
 
 const FREE: Option<f64> = Some(0.35);
@@ -101,7 +101,7 @@ fn turns_theta_the_short_way_through_ninety_degrees_without_losing_f() {
 
 #[test]
 fn works_in_voltage_mode_without_a_current_sense() {
-    let hardware = crate::hardware::Hardware { current_sense: None, ..HARDWARE };
+    let hardware = Hardware { current_sense: None, ..HARDWARE };
     let mut bench = Bench::with(FREE, parameters(|_| {}), hardware);
     bench.arm();
     assert_holds(&mut bench, 30.0, -30.0);
@@ -284,6 +284,18 @@ fn a_missing_magnet_is_named_in_alignment() {
 }
 
 #[test]
+fn encoders_of_each_others_motors_are_a_fault_at_the_first_command() {
+    let mut bench = Bench::new(FREE);
+    bench.encoders_swapped = true;
+    bench.arm();
+    bench.command(5.0, 0.0);
+    bench.run(1.0);
+    let first = bench.control.report().first_fault;
+    assert!(matches!(first, Some(Fault::PhaseLockLost | Fault::CurrentSense)), "{first:?}");
+    assert!(bench.fastest() < 0.5, "still at {} Hz", bench.fastest());
+}
+
+#[test]
 fn a_current_zero_far_off_is_named_in_alignment() {
     let mut bench = Bench::new(FREE);
     bench.sense_offset = 600;
@@ -291,6 +303,39 @@ fn a_current_zero_far_off_is_named_in_alignment() {
     bench.order.arm += 1;
     bench.until(State::Faulted);
     assert_eq!(bench.control.report().first_fault, Some(Fault::CurrentSense));
+}
+
+/// Aligns with amplifiers of which the board's description reads 2.5 times their gain.
+fn aligned_with_misread_gain(current_scale: f32) -> Bench {
+    let sense = HARDWARE.current_sense.map(|sense| CurrentSense {
+        microamperes_per_count: sense.microamperes_per_count / 2 * 5,
+        ..sense
+    });
+    let hardware = Hardware { current_sense: sense, ..HARDWARE };
+    let mut bench =
+        Bench::with(FREE, Parameters { current_scale, ..Parameters::default() }, hardware);
+    bench.run(0.05);
+    bench.order.arm += 1;
+    while matches!(bench.state(), State::Disarmed | State::Aligning) {
+        bench.tick();
+    }
+    bench
+}
+
+#[test]
+fn amplifiers_of_another_gain_are_named_in_alignment() {
+    let report = aligned_with_misread_gain(1.0).control.report();
+    assert_eq!(report.first_fault, Some(Fault::CurrentSense));
+}
+
+#[test]
+fn the_scale_of_the_current_sense_sets_a_misread_gain_right() {
+    let mut bench = aligned_with_misread_gain(0.4);
+    assert_eq!(bench.state(), State::Armed);
+    bench.command(30.0, 30.0);
+    bench.run(0.5);
+    let held = bench.hold(30.0, 30.0, 0.5);
+    assert!(held.frequency < 0.01 && held.direction < 0.15, "{held:?}");
 }
 
 #[test]
