@@ -115,8 +115,13 @@ pub(crate) fn size() -> Result<(), Error> {
     row("of this, code and data loaded", used.memory_loaded, None);
     row("of this, heap", used.heap, None);
     row("memory: left for the stack", used.stack, None);
+    verdict(file, memory)
+}
+
+/// An error where a ceiling is exceeded.
+fn verdict(flash: u64, memory: u64) -> Result<(), Error> {
     for (what, bytes, ceiling) in
-        [("flash image", file, FLASH_CEILING), ("static memory", memory, MEMORY_CEILING)]
+        [("flash image", flash, FLASH_CEILING), ("static memory", memory, MEMORY_CEILING)]
     {
         if bytes > ceiling {
             return Err(Error::Sentence(format!(
@@ -126,4 +131,22 @@ pub(crate) fn size() -> Result<(), Error> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_image_at_its_ceilings_passes() {
+        assert!(verdict(FLASH_CEILING, MEMORY_CEILING).is_ok());
+    }
+
+    #[test]
+    fn a_byte_above_a_ceiling_fails_and_is_told() {
+        for (flash, memory) in [(FLASH_CEILING + 1, 0), (0, MEMORY_CEILING + 1)] {
+            let told = verdict(flash, memory).unwrap_err().to_string();
+            assert!(told.contains("1 more than its ceiling"), "{told}");
+        }
+    }
 }
