@@ -25,6 +25,8 @@ const FEW_POSES: f64 = 50.0;
 const CLOCK_DRIFT: f64 = 0.02;
 /// Telemetry may come earlier or later by so much, s.
 const TELEMETRY_JITTER: f64 = 0.1;
+/// Markers of a robot on the floor are so high, m: its plate is 0.06 m above its soles.
+const HEIGHTS: std::ops::RangeInclusive<f64> = 0.01..=0.3;
 /// Round trips above this are long.
 const LONG_ROUND_TRIP: Duration = Duration::from_millis(100);
 
@@ -237,11 +239,11 @@ fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
             height,
             floor.heading.to_degrees()
         );
-        findings.push(if (-0.05..=0.3).contains(&height) {
+        findings.push(if HEIGHTS.contains(&height) {
             Finding::good("pose", place)
         } else {
             let advice =
-                "a robot on the floor is below 0.3 m: set --up as in Motive, and the ground plane";
+                "on the floor its markers are 0.01 to 0.3 m high: set --up as in Motive, and the ground plane";
             Finding::bad("pose", Exit::Usage, format_args!("{place}: {advice}"))
         });
     }
