@@ -7,6 +7,7 @@ prints both beside each other and beside the reference table. Needs `pip install
     python3 sim-hil/validation/validate.py
     python3 sim-hil/validation/validate.py --model W --leg rr --force 0,0.1,0 --frequency 25
     python3 sim-hil/validation/validate.py --model W --walk 8      # the nine locomotion modes, 8 seeds
+    python3 sim-hil/validation/validate.py --model calibrated --walk 4 --step-ms 0.05
 """
 
 import argparse
@@ -33,18 +34,21 @@ TOLERANCE = {
     "in the air": (0.01, 0.01),
     "shaker": (0.002, 0.0),
 }
-# Paper, tables III and IV: name, f in Hz, theta in degrees.
+# Paper, tables III and IV: name, f in Hz, theta in degrees, which of forward, lateral, yaw dominates, its sign.
 MODES = [
-    ("forward", -30, 30),
-    ("forward II", -35, 30),
-    ("left", -30, 90),
-    ("left II", -30, 60),
-    ("right", 30, 90),
-    ("right II", -35, -30),
-    ("strafe left", 30, 30),
-    ("strafe left II", 35, 0),
-    ("strafe right", -30, -60),
+    ("forward", -30, 30, 0, 1),
+    ("forward II", -35, 30, 0, 1),
+    ("left", -30, 90, 2, 1),
+    ("left II", -30, 60, 2, 1),
+    ("right", 30, 90, 2, -1),
+    ("right II", -35, -30, 2, -1),
+    ("strafe left", 30, 30, 1, 1),
+    ("strafe left II", 35, 0, 1, 1),
+    ("strafe right", -30, -60, 1, -1),
 ]
+# Makes a speed of a yaw rate, m; what is slower than this is no mode, m/s.
+LEVER = 0.1
+LEAST_SPEED = 0.01
 
 
 def flix_sim(program, *arguments):
@@ -254,9 +258,17 @@ def walk(xml, f, theta, seed, seconds):
     return forward / steps, lateral / steps, yaw / seconds
 
 
+def is_hit(motion, component, sign):
+    """Whether the named component has its sign, is the largest, and is no creep."""
+    speeds = np.asarray(motion) * [1, 1, LEVER]
+    rivals = np.abs(np.delete(speeds, component))
+    return sign * speeds[component] > max(*rivals, LEAST_SPEED)
+
+
 def walks(program, xml, model, seeds, seconds):
-    print(f"{'':16}{'f':>5}{'theta':>7}   MuJoCo: forward, lateral, yaw    here")
-    for name, f, theta in MODES:
+    print(f"{'':16}{'f':>5}{'theta':>7}   MuJoCo: forward, lateral, yaw    here{'hits of both':>33}")
+    total = np.zeros(2)
+    for name, f, theta, component, sign in MODES:
         theirs = np.array([walk(xml, f, math.radians(theta), s, seconds) for s in range(seeds)])
         ours = json.loads(
             flix_sim(
@@ -266,7 +278,11 @@ def walks(program, xml, model, seeds, seconds):
         )
         here = [ours[k]["mean"] for k in ("forward_m_s", "lateral_m_s", "yaw_rad_s")]
         cells = "  ".join(f"{v:7.3f}" for v in [*theirs.mean(0), *here])
-        print(f"{name:16}{f:5}{theta:7}   {cells}", flush=True)
+        hits = np.array([is_hit(motion, component, sign) for motion in (theirs.mean(0), here)])
+        total += hits
+        marks = "  ".join("hit " if hit else "miss" for hit in hits)
+        print(f"{name:16}{f:5}{theta:7}   {cells}   {marks}", flush=True)
+    print(f"hits of {len(MODES)}: MuJoCo {total[0]:.0f}, here {total[1]:.0f}")
 
 
 def tolerance(name, value):
@@ -286,10 +302,11 @@ def main():
     parser.add_argument("--torque", default="0,0,0", help="N m, X,Y,Z")
     parser.add_argument("--walk", type=int, metavar="SEEDS", help="walk the nine modes instead")
     parser.add_argument("--seconds", type=float, default=8.0)
+    parser.add_argument("--step-ms", type=float, default=0.1, help="MuJoCo's step")
     parser.add_argument("--json", action="store_true")
     a = parser.parse_args()
     program = a.program.split()
-    xml = flix_sim(program, "export-mjcf", "--model", a.model)
+    xml = flix_sim(program, "export-mjcf", "--model", a.model, "--step-ms", f"{a.step_ms:g}")
     if a.walk:
         return walks(program, xml, a.model, a.walk, a.seconds)
     frequencies = a.frequency or [10.0, 20.0, 30.0, 35.0]

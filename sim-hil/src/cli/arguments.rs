@@ -10,7 +10,7 @@ use crate::model::{LEGS, ModelError, RobotModel};
 /// Which robot to simulate.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ModelArgs {
-    /// A model file (TOML), or the name of a shipped one: A, W, bench-fixed, bench-planar
+    /// A model file (TOML), or the name of a shipped one: A, W, calibrated, bench-fixed, bench-planar
     #[arg(long, value_name = "FILE|NAME", default_value = "W")]
     pub model: String,
 }

@@ -145,6 +145,8 @@ impl Error {
     /// Whether the command line, or a file that it names, is wrong.
     fn is_usage(&self) -> bool {
         use crate::probe::ProbeError;
+        use crate::study::TableError;
+        use crate::study::calibrate::CalibrationError;
         use crate::walk::WalkError;
         matches!(
             self,
@@ -153,6 +155,14 @@ impl Error {
                 | Self::Refused(_)
                 | Self::Model(_)
                 | Self::Measured(_)
+                | Self::Calibration(CalibrationError::NoLegs(_) | CalibrationError::Other { .. })
+                | Self::Table(
+                    TableError::Nothing
+                        | TableError::Stranger { .. }
+                        | TableError::Other { .. }
+                        | TableError::Twice { .. }
+                        | TableError::Missing { .. }
+                )
                 | Self::Probe(ProbeError::Model(_) | ProbeError::NoLegs { .. })
                 | Self::Walk(WalkError::Model(_) | WalkError::NoLegs { .. })
         )

@@ -91,10 +91,12 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (fitted, held) = split(goals, &args.hold_out)?;
     let settings = settings(args, fitted)?;
     let bar = progress(settings.generations, "calibrating");
+    let mut resumed = false;
     let outcome = calibrate::calibrate(&settings, |so_far: &Progress| {
         bar.set_position(so_far.search.generation());
-        if so_far.history.is_empty() || bar.length() == Some(so_far.search.generation()) {
+        if !resumed {
             bar.reset_eta();
+            resumed = true;
         }
     });
     bar.finish_and_clear();

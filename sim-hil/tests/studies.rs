@@ -1,0 +1,73 @@
+//! Promises of `flix-sim study` as it is typed.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn study(folder: &Path, words: &str) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_flix-sim"))
+        .current_dir(folder)
+        .arg("study")
+        .args(words.split(' '))
+        .output()
+        .expect("cargo built the program that it tests")
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn table_3_is_told_as_json_with_a_count_of_signs_and_hits_for_each_of_nine_modes() {
+    let folder = tempfile::tempdir().unwrap();
+    let words =
+        "mobility --table3 --model W --seeds 2 --first-seed 9 --seconds 0.1 --step 0.5ms --json";
+    let output = study(folder.path(), words);
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let rows = report["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 9);
+    for row in rows {
+        let count = |key: &str| row[key].as_u64().unwrap();
+        assert!(count("seeds") == 2 && count("hits") <= count("signs") && count("signs") <= 2);
+        for key in ["f_hz", "theta_deg", "forward_m_s", "lateral_m_s", "yaw_rad_s"] {
+            assert!(row[key].is_f64(), "{key} of {row}");
+        }
+    }
+    assert_eq!(
+        (&rows[8]["mode"], &rows[8]["theta_deg"]),
+        (&"strafe-right".into(), &(-60.0).into())
+    );
+}
+
+#[test]
+fn merged_slices_draw_the_figure_of_the_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    for slice in ["1/3", "2/3", "3/3"] {
+        let output = study(folder.path(), &format!("mobility --quick --out all --shard {slice}"));
+        assert!(output.status.success(), "{}", said(&output));
+    }
+    let files = "all/results-1-of-3.parquet all/results-2-of-3.parquet all/results-3-of-3.parquet";
+    assert!(study(folder.path(), &format!("merge {files}")).status.success());
+    assert!(study(folder.path(), "mobility --quick --out whole").status.success());
+    let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    assert_eq!(read("all/mobility.svg"), read("whole/mobility.svg"));
+}
+
+#[test]
+fn a_slice_of_another_study_is_refused_as_a_wrong_file() {
+    let folder = tempfile::tempdir().unwrap();
+    study(folder.path(), "mobility --quick --out a --shard 1/2");
+    study(folder.path(), "mobility --quick --out b --shard 2/2 --first-seed 2");
+    let output = study(folder.path(), "merge a/results-1-of-2.parquet b/results-2-of-2.parquet");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(said(&output).contains("b/results-2-of-2.parquet is a shard of mobility"));
+}
+
+#[test]
+fn a_bad_number_of_a_laboratory_is_named_with_line_and_column() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = "f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s\n30,0,0.1,0,nan\n";
+    std::fs::write(folder.path().join("lab.csv"), table).unwrap();
+    let output = study(folder.path(), "calibrate --measured lab.csv");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(said(&output).contains("lab.csv, line 2, column 5: \"nan\""), "{}", said(&output));
+}
