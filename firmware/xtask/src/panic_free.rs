@@ -11,6 +11,11 @@ const HANDLER: &str = "flix_panic_is_reachable";
 /// The tick, as that image calls it.
 const TICK: &str = "fast_tick";
 
+/// Whether a symbol marks a place for the assembler alone: a local label, or code begun or ended.
+fn is_mark(name: &str) -> bool {
+    name.is_empty() || name.starts_with(['.', '$'])
+}
+
 /// Names of the symbols that an image defines.
 fn symbols(elf: &[u8]) -> Result<Vec<String>, Error> {
     let file = object::File::parse(elf)
@@ -18,7 +23,8 @@ fn symbols(elf: &[u8]) -> Result<Vec<String>, Error> {
     let kinds = [SymbolKind::Text, SymbolKind::Unknown];
     let defined =
         file.symbols().filter(|symbol| !symbol.is_undefined() && kinds.contains(&symbol.kind()));
-    Ok(defined.filter_map(|symbol| symbol.name().ok().map(str::to_owned)).collect())
+    let names = defined.filter_map(|symbol| symbol.name().ok());
+    Ok(names.filter(|name| !is_mark(name)).map(str::to_owned).collect())
 }
 
 /// Builds the tick alone and looks.
