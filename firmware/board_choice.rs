@@ -1,8 +1,8 @@
 //! Which chip, board and options the cargo features ask for, or one sentence on why they cannot
-//! be had together. Shared by the build script and its test.
+//! be had together. Shared by the build script, its test and `cargo xtask`.
 
 /// Boards, the chip that each carries, and whether it is the chip's default.
-const BOARDS: [(&str, &str, bool); 6] = [
+pub(crate) const BOARDS: [(&str, &str, bool); 6] = [
     ("mks-dual-foc-v3-1", "esp32", false),
     ("mks-dual-foc-v3-3-plus", "esp32", true),
     ("mks-esp32-foc-v1-0", "esp32", false),

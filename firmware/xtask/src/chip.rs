@@ -1,6 +1,12 @@
 //! The chips, their targets, and the options that become cargo features.
 
+#[path = "../../board_choice.rs"]
+#[expect(dead_code, reason = "the build script chooses; here boards are listed")]
+mod board_choice;
+
 use clap::{Args, ValueEnum};
+
+use board_choice::BOARDS;
 
 /// A chip that the firmware is built for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -32,18 +38,9 @@ impl Chip {
         }
     }
 
-    /// Boards that carry the chip, the default first.
-    pub(crate) fn boards(self) -> &'static [&'static str] {
-        match self {
-            Self::Esp32 => &[
-                "mks-dual-foc-v3-3-plus",
-                "mks-dual-foc-v3-1",
-                "mks-esp32-foc-v1-0",
-                "dengfoc-v3-01",
-            ],
-            Self::Esp32s3 => &["generic-esp32s3"],
-            Self::Esp32c6 => &["generic-esp32c6"],
-        }
+    /// Boards that carry the chip.
+    fn boards(self) -> impl Iterator<Item = &'static str> {
+        BOARDS.iter().filter(move |(_, chip, _)| *chip == self.name()).map(|(board, ..)| *board)
     }
 
     /// Encoders that the chip can read two of, the default first.
@@ -98,10 +95,8 @@ impl Options {
         if !self.is_default() {
             return vec![self.clone()];
         }
-        let boards = chip
-            .boards()
-            .iter()
-            .map(|board| Self { board: Some((*board).into()), ..Self::default() });
+        let boards =
+            chip.boards().map(|board| Self { board: Some(board.into()), ..Self::default() });
         let encoders = chip
             .encoders()
             .iter()
