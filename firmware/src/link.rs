@@ -19,9 +19,9 @@ use core::time::Duration;
 
 use flix_protocol::frame::{Frame, HandshakeFrame};
 use flix_protocol::message::{
-    Command, Event, EventReport, Faults, Identity, LoopTiming, MotorTelemetry, Outcome,
-    PARAMETERS_PER_REPLY, ParameterCommand, Refusal, Reply, Setpoint, State, Telemetry, ToOperator,
-    ToRobot,
+    Command, Event, EventReport, Faults, Identity, LinkQuality, LoopTiming, MotorTelemetry,
+    Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Refusal, Reply, Setpoint, State, Telemetry,
+    ToOperator, ToRobot,
 };
 use flix_protocol::session::{Key, RobotReceived, RobotSession};
 use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
@@ -97,6 +97,18 @@ impl Link {
     #[must_use]
     pub const fn is_provisioned(&self) -> bool {
         self.session.is_provisioned()
+    }
+
+    /// Who holds the session.
+    #[must_use]
+    pub fn operator(&self, now: Instant) -> Option<SocketAddr> {
+        self.session.peer(now)
+    }
+
+    /// How well the robot hears.
+    #[must_use]
+    pub fn quality(&self, now: Instant) -> LinkQuality {
+        LinkQuality { signal_dbm: self.signal_dbm, ..self.session.quality(now) }
     }
 
     /// Takes another key, or none: ends the session and disarms.
@@ -372,9 +384,8 @@ impl Link {
 
     fn telemetry(&mut self, now: Instant) -> Telemetry {
         self.order.period = self.order.period.wrapping_add(1);
+        let link = self.quality(now);
         let report = &self.report;
-        let mut link = self.session.quality(now);
-        link.signal_dbm = self.signal_dbm;
         Telemetry {
             time: report.time,
             state: report.state,

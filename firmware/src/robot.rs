@@ -19,7 +19,7 @@
 use core::net::SocketAddr;
 
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{Event, Fault};
+use flix_protocol::message::{Event, Fault, LinkQuality};
 use flix_protocol::session::Key;
 use flix_protocol::units::Instant;
 
@@ -121,6 +121,29 @@ impl<S: SettingsStore> Robot<S> {
         self.slow.settings()
     }
 
+    /// As [`SlowHalf::order`].
+    #[must_use]
+    pub const fn order(&self) -> Order {
+        self.slow.order()
+    }
+
+    /// As [`SlowHalf::operator`].
+    #[must_use]
+    pub fn operator(&self, now: Instant) -> Option<SocketAddr> {
+        self.slow.operator(now)
+    }
+
+    /// As [`SlowHalf::quality`].
+    #[must_use]
+    pub fn quality(&self, now: Instant) -> LinkQuality {
+        self.slow.quality(now)
+    }
+
+    /// As [`SlowHalf::provision`].
+    pub fn provision(&mut self, name: &str, key: Option<Key>) {
+        self.slow.provision(name, key);
+    }
+
     /// The two halves, for a fast loop with a priority or a core of its own.
     #[must_use]
     pub fn into_halves(self) -> (Control, SlowHalf<S>) {
@@ -202,6 +225,18 @@ impl<S: SettingsStore> SlowHalf<S> {
     #[must_use]
     pub const fn settings(&self) -> &Settings {
         self.tuning.settings()
+    }
+
+    /// Who holds the session.
+    #[must_use]
+    pub fn operator(&self, now: Instant) -> Option<SocketAddr> {
+        self.link.operator(now)
+    }
+
+    /// How well the robot hears, and what it dropped.
+    #[must_use]
+    pub fn quality(&self, now: Instant) -> LinkQuality {
+        self.link.quality(now)
     }
 
     /// Whether the robot has a key; without one it refuses the network, see [`UNPROVISIONED`].

@@ -40,7 +40,7 @@ pub const LINK_LOST_US: u64 = 1_000_000;
 /// Ticks that a ramp down may take before the motors brake instead: 0.4 s. From 35 Hz it takes
 /// 0.25 s.
 const LONGEST_RAMP_TICKS: u16 = 4_000;
-/// Ticks that a fault brakes for at least, whatever the encoders say: 0.5 s.
+/// Ticks for which motors that are not driven brake at least, whatever the encoders say: 0.5 s.
 const BRAKE_TICKS: u16 = 5_000;
 /// Ticks for which an over-current lets go before it brakes: 2 ms, six electrical time constants.
 const LET_GO_TICKS: u16 = 20;
@@ -316,7 +316,7 @@ impl Supervisor {
     #[inline]
     fn advance(&mut self, order: &Order, conditions: &Conditions) -> Drive {
         match self.state {
-            State::Disarmed => Drive::Off,
+            State::Disarmed => self.rest(conditions),
             State::Aligning => {
                 if conditions.aligned {
                     self.enter(State::Armed);
@@ -352,22 +352,32 @@ impl Supervisor {
                 Reason::Deadline => State::Armed,
                 Reason::Final => State::Disarmed,
             });
+        } else if self.ticks > LONGEST_RAMP_TICKS + BRAKE_TICKS {
+            // Encoders that see no rest where there must be one.
+            self.enter(State::Disarmed);
+            return Drive::Brake;
         } else if self.ticks > LONGEST_RAMP_TICKS {
             return Drive::Brake;
         }
         Drive::Shake(0, false)
     }
 
+    /// Lets go of rotors that stand, and brakes those that do not: a robot that restarts in the
+    /// middle of a run finds them spinning.
+    fn rest(&self, conditions: &Conditions) -> Drive {
+        let stands = conditions.at_rest || self.ticks == u16::MAX;
+        if self.ticks >= BRAKE_TICKS && stands { Drive::Off } else { Drive::Brake }
+    }
+
     fn make_safe(&mut self, conditions: &Conditions) -> Drive {
         let only = |fault| self.faults == Faults::NONE.with(fault);
-        let safe = self.ticks >= BRAKE_TICKS && (conditions.at_rest || self.ticks == u16::MAX);
         let let_go = self.first_fault == Some(Fault::OverCurrent) && self.ticks < LET_GO_TICKS;
-        if safe || let_go {
+        if let_go {
             Drive::Off
         } else if self.ramp_down && only(Fault::UnderVoltage) && self.ticks < LONGEST_RAMP_TICKS {
             Drive::Shake(0, false)
         } else {
-            Drive::Brake
+            self.rest(conditions)
         }
     }
 }

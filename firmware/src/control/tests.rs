@@ -1,9 +1,11 @@
 //! What the fast half promises, on the bench.
 
-use crate::control::Parameters;
 use crate::control::bench::{Bench, HARDWARE, parameters};
+use crate::control::{Order, Parameters};
 use crate::hardware::{Bridge, CurrentSense, Hardware};
+use crate::supervisor::{Conditions, Supervisor};
 use flix_protocol::message::{Fault, Faults, State};
+use flix_protocol::units::Instant;
 
 const FREE: Option<f64> = Some(0.35);
 const PAIRS: [(f32, f32); 6] =
@@ -133,6 +135,20 @@ fn stop_brings_the_rotors_to_rest_together_and_is_latched() {
     bench.order.arm += 1;
     bench.run(0.1);
     assert_eq!(bench.state(), State::Disarmed, "the stop is latched");
+}
+
+#[test]
+fn a_robot_that_restarts_while_its_rotors_spin_brakes_them() {
+    let mut bench = running(FREE, 35.0, 30.0);
+    let started = Bench::new(FREE);
+    bench.control = started.control;
+    bench.order = started.order;
+    // The tracker knows nothing yet.
+    bench.motors[1].encoder_alive = false;
+    bench.run(0.5);
+    assert_eq!((bench.state(), bench.fastest() < 0.5), (State::Disarmed, true));
+    bench.run(0.1);
+    assert_eq!(bench.last.bridges, [Bridge::Off; 2]);
 }
 
 #[test]
@@ -406,7 +422,7 @@ fn the_ladder_warns_ramps_and_disarms_to_the_tick() {
     assert_eq!(silent_for(&mut bench, 250_000), (State::Stopping, true));
     assert_eq!(silent_for(&mut bench, 999_900), (State::Armed, true));
     assert!(bench.fastest() < 0.5);
-    let (state, _) = silent_for(&mut bench, 1_000_100);
+    let (state, _) = silent_for(&mut bench, 1_000_000);
     assert!(matches!(state, State::Stopping | State::Disarmed), "{state}");
     assert_eq!(silent_for(&mut bench, 1_100_000), (State::Disarmed, false));
     let events = bench.control.report().events;
@@ -423,6 +439,26 @@ fn commands_that_come_back_before_the_disarm_go_on() {
     bench.run(0.5);
     assert_eq!(bench.state(), State::Running);
     assert!((bench.frequency() - 30.0).abs() < 0.2);
+}
+
+#[test]
+fn encoders_that_see_no_rest_do_not_keep_a_stopped_robot_armed() {
+    let mut supervisor = Supervisor::new();
+    let mut order = Order { arm: 1, ..Order::default() };
+    let conditions = Conditions { present: Faults::NONE, at_rest: false, aligned: true };
+    supervisor.update(Instant::START, &order, &conditions);
+    supervisor.update(Instant::START, &order, &conditions);
+    order.disarm = 1;
+    let mut update = || {
+        supervisor.update(Instant::START, &order, &conditions);
+        supervisor.state()
+    };
+    let first = update();
+    let ticks = (0..20_000).take_while(|_| update() == State::Stopping).count();
+    assert_eq!(first, State::Stopping);
+    // Ramps down for 0.4 s, then brakes for 0.5 s.
+    assert!((8_990..=9_010).contains(&ticks), "{ticks}");
+    assert_eq!(supervisor.state(), State::Disarmed);
 }
 
 #[test]
