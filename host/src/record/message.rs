@@ -1,6 +1,8 @@
 //! The rows of a record, as they stand in the file.
 
-use flix_protocol::message::{MotorTelemetry, Setpoint, Telemetry};
+use std::collections::BTreeMap;
+
+use flix_protocol::message::{DropReason, MotorTelemetry, Setpoint, Telemetry};
 use serde::{Deserialize, Serialize};
 
 use crate::nav::{Path, PlanarPose, Progress};
@@ -141,6 +143,9 @@ pub struct TelemetryRow {
     pub state: String,
     /// Latched faults.
     pub faults: Vec<String>,
+    /// The first of them: the cause of the rest. None in records older than this column.
+    #[serde(default)]
+    pub first_fault: Option<String>,
     /// Whether a stop is latched.
     pub stopped: bool,
     /// Whether commands are late.
@@ -169,6 +174,9 @@ pub struct TelemetryRow {
     pub accepted: u32,
     /// Commands that never reached it.
     pub lost: u32,
+    /// Datagrams that it dropped, by reason. Empty in records older than this column.
+    #[serde(default)]
+    pub dropped: BTreeMap<String, u32>,
     /// Time since its last valid command.
     pub silence_us: u32,
 }
@@ -270,6 +278,7 @@ impl TelemetryRow {
             robot_time_s: telemetry.time.as_micros() as f64 * 1e-6,
             state: telemetry.state.to_string(),
             faults: telemetry.faults.iter().map(|fault| fault.to_string()).collect(),
+            first_fault: telemetry.first_fault.map(|fault| fault.to_string()),
             stopped: telemetry.stopped,
             link_late: telemetry.link_late,
             commanded_frequency_hz: telemetry.setpoint.frequency().get().into(),
@@ -284,6 +293,10 @@ impl TelemetryRow {
             overruns: telemetry.timing.overruns,
             accepted: telemetry.link.accepted,
             lost: telemetry.link.lost,
+            dropped: DropReason::ALL
+                .into_iter()
+                .map(|reason| (reason.to_string(), telemetry.link.dropped.get(reason)))
+                .collect(),
             silence_us: telemetry.link.silence_us,
         }
     }

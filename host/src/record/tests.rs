@@ -4,7 +4,8 @@ use std::process::Command;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use flix_protocol::message::{
-    Event, EventReport, Fault, Faults, MotorTelemetry, Setpoint, State, Telemetry,
+    Dropped, Event, EventReport, Fault, Faults, LinkQuality, MotorTelemetry, Setpoint, State,
+    Telemetry,
 };
 use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
 
@@ -42,7 +43,10 @@ pub(crate) fn telemetry(seconds: f64) -> Telemetry {
         bus_voltage: Some(Volts::saturating(11.8)),
         modulation: Ratio::saturating(0.7),
         timing: Default::default(),
-        link: Default::default(),
+        link: LinkQuality {
+            dropped: Dropped { forged: 3, ..Default::default() },
+            ..Default::default()
+        },
     }
 }
 
@@ -101,6 +105,8 @@ fn what_was_recorded_is_read_back() {
     assert_eq!(run.fact("results", "path_error_rms_mm"), "7.1");
     assert_eq!(run.attachments, [("modes.toml".to_owned(), 8)]);
     assert_eq!(run.telemetry[0].faults, ["stall"]);
+    assert_eq!(run.telemetry[0].first_fault.as_deref(), Some("stall"));
+    assert_eq!(run.telemetry[0].dropped["forged"], 3);
 }
 
 #[test]
