@@ -5,7 +5,7 @@
 
 use std::time::Duration;
 
-use flix_protocol::message::Setpoint;
+use flix_protocol::message::{Command, Setpoint, State};
 use flix_protocol::session::Key;
 use flix_protocol::units::{Degrees, Hertz};
 use rayon::prelude::*;
@@ -188,10 +188,35 @@ pub fn setpoint(frequency: f32, direction: f32) -> Setpoint {
 /// # Errors
 /// When the model is damaged.
 pub fn bench(base: Base, seed: u64) -> Result<Operation<Plant>, ModelError> {
+    bench_knowing(base, seed, None, ChannelParameters::QUIET_WIFI)
+}
+
+/// As [`bench`], on another network and with this in the robot's flash.
+///
+/// # Errors
+/// When the model is damaged.
+pub fn bench_knowing(
+    base: Base,
+    seed: u64,
+    flash: Option<Vec<u8>>,
+    network: ChannelParameters,
+) -> Result<Operation<Plant>, ModelError> {
     let mechanics = Plant::new(&RobotModel::named(base.model())?)?;
     let parameters = RobotParameters::new(Key::new([0x5a; 32]), seed);
-    let robot = SimulatedRobot::new(parameters, mechanics);
-    Ok(Operation::new(robot, ChannelParameters::QUIET_WIFI))
+    parameters.flash.overwrite(flash);
+    Ok(Operation::new(SimulatedRobot::new(parameters, mechanics), network))
+}
+
+/// What the flash of the robot of this seed on this base holds once it was aligned.
+///
+/// # Errors
+/// When it cannot be armed.
+pub fn learnt(base: Base, seed: u64) -> Result<Option<Vec<u8>>, AccuracyError> {
+    let mut operation = bench(base, seed)?;
+    operation.arm()?;
+    operation.ask(Command::Disarm)?;
+    operation.await_state(&[State::Disarmed])?;
+    Ok(operation.robot.parameters().flash.content())
 }
 
 /// All figures of the robot of this seed. `done` is called after each of [`RUNS`] runs.

@@ -1,4 +1,4 @@
-//! A network that carries datagrams one way, in virtual time: late, out of order, twice, or not at all.
+//! A network that carries datagrams one way, in virtual time: late, out of order, twice, damaged, or not at all.
 //!
 //! Each datagram is delayed by `delay` and by up to `jitter` more, each on its own, so that a later one can
 //! arrive earlier. All chance comes from a seed.
@@ -24,12 +24,40 @@ pub struct ChannelParameters {
     pub loss: f64,
     /// Share of datagrams that arrive twice, 0 to 1.
     pub duplication: f64,
+    /// Share of datagrams that arrive [`HELD_BACK`] later, behind those sent after them, 0 to 1.
+    pub reordering: f64,
+    /// Share of datagrams that arrive with one bit flipped, 0 to 1.
+    pub corruption: f64,
+    /// Times in which nothing arrives.
+    pub bursts: Option<Bursts>,
+}
+
+/// How much later a datagram arrives that others overtake: three at 50 Hz.
+pub const HELD_BACK: Duration = Duration::from_millis(60);
+
+/// Bursts in which all is lost. Each burst and each gap is from half to one and a half of its mean.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bursts {
+    /// Mean length of a burst.
+    pub length: Duration,
+    /// Mean time between two bursts.
+    pub gap: Duration,
 }
 
 impl ChannelParameters {
     /// Arrives at once, all of it.
-    pub const PERFECT: Self =
-        Self { delay: Duration::ZERO, jitter: Duration::ZERO, loss: 0.0, duplication: 0.0 };
+    pub const PERFECT: Self = Self {
+        delay: Duration::ZERO,
+        jitter: Duration::ZERO,
+        loss: 0.0,
+        duplication: 0.0,
+        reordering: 0.0,
+        corruption: 0.0,
+        bursts: None,
+    };
+
+    /// Nothing arrives.
+    pub const CUT: Self = Self { loss: 1.0, ..Self::PERFECT };
 
     /// A quiet Wi-Fi network in one room. Assumed: 1 to 4 ms each way, 1 % lost after the radio's own
     /// repetitions.
@@ -37,7 +65,7 @@ impl ChannelParameters {
         delay: Duration::from_millis(1),
         jitter: Duration::from_millis(3),
         loss: 0.01,
-        duplication: 0.0,
+        ..Self::PERFECT
     };
 }
 
@@ -50,6 +78,8 @@ pub struct Channel {
     /// Earliest first; datagrams due at one moment in the order in which they were sent.
     under_way: BinaryHeap<Reverse<(Instant, u64, Vec<u8>)>>,
     sent: u64,
+    /// Whether a burst is on, and until when that stays so.
+    burst: (bool, Instant),
 }
 
 impl Channel {
@@ -61,12 +91,13 @@ impl Channel {
             random: Xoshiro256PlusPlus::seed_from_u64(seed),
             under_way: BinaryHeap::new(),
             sent: 0,
+            burst: (true, Instant::START),
         }
     }
 
     /// Takes a datagram at one end.
     pub fn send(&mut self, now: Instant, datagram: &[u8]) {
-        if unit(&mut self.random) < self.parameters.loss {
+        if unit(&mut self.random) < self.parameters.loss || self.is_in_burst(now) {
             return;
         }
         self.deliver(now, datagram);
@@ -76,9 +107,36 @@ impl Channel {
     }
 
     fn deliver(&mut self, now: Instant, datagram: &[u8]) {
-        let wait = self.parameters.delay + self.parameters.jitter.mul_f64(unit(&mut self.random));
-        self.under_way.push(Reverse((now + wait, self.sent, datagram.to_vec())));
+        let mut wait =
+            self.parameters.delay + self.parameters.jitter.mul_f64(unit(&mut self.random));
+        if self.happens(self.parameters.reordering) {
+            wait += HELD_BACK;
+        }
+        let mut datagram = datagram.to_vec();
+        if self.happens(self.parameters.corruption) {
+            let bit = (unit(&mut self.random) * (8 * datagram.len()) as f64) as usize;
+            if let Some(byte) = datagram.get_mut(bit / 8) {
+                *byte ^= 1 << (bit % 8);
+            }
+        }
+        self.under_way.push(Reverse((now + wait, self.sent, datagram)));
         self.sent += 1;
+    }
+
+    /// Asks chance only where there is one, so that a trouble that is absent changes no other.
+    fn happens(&mut self, share: f64) -> bool {
+        share > 0.0 && unit(&mut self.random) < share
+    }
+
+    fn is_in_burst(&mut self, now: Instant) -> bool {
+        let Some(bursts) = self.parameters.bursts else { return false };
+        while self.burst.1 <= now {
+            let is_on = !self.burst.0;
+            let mean = if is_on { bursts.length } else { bursts.gap };
+            let start = if self.burst.1 == Instant::START { now } else { self.burst.1 };
+            self.burst = (is_on, start + mean.mul_f64(0.5 + unit(&mut self.random)));
+        }
+        self.burst.0
     }
 
     /// The next datagram that has arrived at the other end by now.
@@ -143,6 +201,40 @@ mod tests {
         distinct.dedup();
         assert!(is_reordered && (140..180).contains(&distinct.len()));
         assert!(arrived.len() > distinct.len() + 50);
+    }
+
+    #[test]
+    fn bursts_lose_all_for_their_length_and_nothing_between() {
+        let bursts = Bursts { length: Duration::from_millis(20), gap: Duration::from_millis(40) };
+        let parameters = ChannelParameters { bursts: Some(bursts), ..ChannelParameters::PERFECT };
+        let arrived = arrivals(parameters, 5);
+        let gaps: Vec<u64> = arrived
+            .windows(2)
+            .map(|pair| pair[1].0 - pair[0].0 - 1)
+            .filter(|lost| *lost > 0)
+            .collect();
+        assert!(gaps.len() >= 2 && gaps.iter().all(|lost| (9..=31).contains(lost)), "{gaps:?}");
+    }
+
+    #[test]
+    fn a_datagram_held_back_is_overtaken_by_those_of_60_ms() {
+        let parameters = ChannelParameters { reordering: 0.2, ..ChannelParameters::PERFECT };
+        let late: Vec<u64> =
+            arrivals(parameters, 6).iter().map(|(at, sent)| at - u64::from(*sent)).collect();
+        assert!(late.iter().all(|late| *late == 0 || *late == 60));
+        assert!((20..60).contains(&late.iter().filter(|late| **late > 0).count()));
+    }
+
+    #[test]
+    fn a_damaged_datagram_differs_in_one_bit() {
+        let parameters = ChannelParameters { corruption: 1.0, ..ChannelParameters::PERFECT };
+        let mut channel = Channel::new(parameters, 7);
+        let sent = [0x5a; 40];
+        channel.send(Instant::START, &sent);
+        let arrived = channel.receive(Instant::START).unwrap();
+        let flipped: u32 =
+            arrived.iter().zip(sent).map(|(arrived, sent)| (arrived ^ sent).count_ones()).sum();
+        assert_eq!((arrived.len(), flipped), (40, 1));
     }
 
     #[test]

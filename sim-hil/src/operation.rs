@@ -49,6 +49,15 @@ pub enum OperationError {
     OtherAnswer,
 }
 
+/// Which way a datagram goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Towards {
+    /// To the robot.
+    Robot,
+    /// To the operator.
+    Operator,
+}
+
 /// One operator and his network.
 pub struct Operator {
     /// Where the robot sees him.
@@ -59,19 +68,56 @@ pub struct Operator {
     pub to_robot: Channel,
     /// Back.
     pub to_operator: Channel,
+    /// What his client tells the time by.
+    pub clock: Clock,
+}
+
+/// A clock that may run fast or slow. It was right when it was last set.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Clock {
+    set: Instant,
+    showed: Instant,
+    rate: f64,
+}
+
+impl Clock {
+    /// Always right.
+    pub const TRUE: Self = Self { set: Instant::START, showed: Instant::START, rate: 1.0 };
+
+    /// From now on it shows `rate` seconds for each second, more than 0.
+    pub fn run_at(&mut self, rate: f64, now: Instant) {
+        *self = Self { set: now, showed: self.read(now), rate };
+    }
+
+    /// What it shows.
+    #[must_use]
+    pub fn read(&self, now: Instant) -> Instant {
+        if self.rate == 1.0 {
+            return self.showed + now.since(self.set);
+        }
+        self.showed + now.since(self.set).mul_f64(self.rate)
+    }
 }
 
 impl Operator {
-    fn exchange<M: Mechanics>(&mut self, now: Instant, robot: &mut SimulatedRobot<M>) {
+    fn exchange<M: Mechanics>(
+        &mut self,
+        now: Instant,
+        robot: &mut SimulatedRobot<M>,
+        overhear: &mut impl FnMut(Towards, &[u8]),
+    ) {
+        let shown = self.clock.read(now);
         while let Some(datagram) = self.to_operator.receive(now) {
-            self.client.receive(now, &datagram);
+            overhear(Towards::Operator, &datagram);
+            self.client.receive(shown, &datagram);
         }
-        if self.client.transmit_at().is_some_and(|at| at <= now) {
-            while let Some(datagram) = self.client.transmit(now) {
+        if self.client.transmit_at().is_some_and(|at| at <= shown) {
+            while let Some(datagram) = self.client.transmit(shown) {
                 self.to_robot.send(now, &datagram);
             }
         }
         while let Some(datagram) = self.to_robot.receive(now) {
+            overhear(Towards::Robot, &datagram);
             robot.receive(self.address, &datagram);
         }
     }
@@ -111,6 +157,7 @@ impl<M: Mechanics> Operation<M> {
             client: Client::new(key, entropy, self.robot.now()),
             to_robot: Channel::new(network, self.random.next_u64()),
             to_operator: Channel::new(network, self.random.next_u64()),
+            clock: Clock::TRUE,
         });
         index
     }
@@ -119,6 +166,11 @@ impl<M: Mechanics> Operation<M> {
     #[must_use]
     pub fn now(&self) -> Instant {
         self.robot.now()
+    }
+
+    /// What the first operator's clock shows.
+    fn shown(&self) -> Instant {
+        self.operators[0].clock.read(self.now())
     }
 
     /// The first operator's client.
@@ -131,9 +183,20 @@ impl<M: Mechanics> Operation<M> {
     /// # Errors
     /// When the mechanics diverge.
     pub fn tick(&mut self) -> Result<(), Diverged> {
+        self.tick_overheard(|_, _| {})
+    }
+
+    /// One tick of everything; `overhear` is shown each datagram that arrives.
+    ///
+    /// # Errors
+    /// When the mechanics diverge.
+    pub fn tick_overheard(
+        &mut self,
+        mut overhear: impl FnMut(Towards, &[u8]),
+    ) -> Result<(), Diverged> {
         let now = self.robot.now();
         for operator in &mut self.operators {
-            operator.exchange(now, &mut self.robot);
+            operator.exchange(now, &mut self.robot, &mut overhear);
         }
         let mut frame = Frame::new();
         while let Some(to) = self.robot.transmit(&mut frame) {
@@ -195,7 +258,7 @@ impl<M: Mechanics> Operation<M> {
     /// # Errors
     /// When there is none; a refusal, too, is an answer.
     pub fn ask(&mut self, command: Command) -> Result<Outcome, OperationError> {
-        let now = self.now();
+        let now = self.shown();
         let asked = self.client().request(now, command);
         self.await_update("an answer", |update| match update {
             Update::Answer { request, outcome } if *request == asked => Some(outcome.clone()),
@@ -222,7 +285,7 @@ impl<M: Mechanics> Operation<M> {
     /// # Errors
     /// When the robot refuses or a fault comes up.
     pub fn arm(&mut self) -> Result<(), OperationError> {
-        let now = self.now();
+        let now = self.shown();
         if !self.client().is_connected(now) {
             self.connect()?;
         }
@@ -260,7 +323,7 @@ impl<M: Mechanics> Operation<M> {
 
     /// From now on the robot shall shake so; nothing has happened yet when this returns.
     pub fn hold(&mut self, setpoint: Setpoint) {
-        let now = self.now();
+        let now = self.shown();
         self.client().hold(now, setpoint);
     }
 }

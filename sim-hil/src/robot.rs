@@ -13,6 +13,7 @@ use flix_firmware::control::Report;
 use flix_firmware::hardware::{Actuation, Hardware, Sensors, SettingsStore, TICK_RATE_HZ};
 use flix_firmware::robot::Robot;
 use flix_protocol::frame::Frame;
+use flix_protocol::message::LinkQuality;
 use flix_protocol::session::Key;
 use flix_protocol::shaker;
 use flix_protocol::units::Instant;
@@ -117,6 +118,8 @@ impl SettingsStore for Flash {
 pub enum Processor {
     /// It does.
     Runs,
+    /// Its slow half hangs: the fast loop goes on, but no datagram is taken and none is sent.
+    IsDeaf,
     /// It hangs: the bridges keep doing what they were told last.
     Hangs,
     /// It is without power or in its boot loader: the bridges are off. When it runs again the software starts anew.
@@ -135,6 +138,8 @@ pub trait Disturbance {
     fn actuation(&mut self, _now: Instant, _actuation: &mut Actuation) {}
     /// Changes motors and battery.
     fn electronics(&mut self, _now: Instant, _electronics: &mut Electronics) {}
+    /// Undoes what it did to motors and battery.
+    fn mend(&mut self, _electronics: &mut Electronics) {}
 }
 
 /// How the plant truly is: what no sensor shows.
@@ -188,7 +193,7 @@ pub struct SimulatedRobot<M> {
     actuation: Actuation,
     ticks: u64,
     started: u64,
-    is_restarting: bool,
+    processor: Processor,
     entropy: Xoshiro256PlusPlus,
 }
 
@@ -205,7 +210,7 @@ impl<M: Mechanics> SimulatedRobot<M> {
             actuation: Actuation::OFF,
             ticks: 0,
             started: 0,
-            is_restarting: false,
+            processor: Processor::Runs,
             parameters,
             entropy,
         }
@@ -214,6 +219,19 @@ impl<M: Mechanics> SimulatedRobot<M> {
     /// From now on this, too, goes wrong.
     pub fn disturb(&mut self, disturbance: impl Disturbance + Send + 'static) {
         self.disturbances.push(Box::new(disturbance));
+    }
+
+    /// Mends all that went wrong; nothing more does.
+    pub fn mend(&mut self) {
+        for mut disturbance in self.disturbances.drain(..) {
+            disturbance.mend(&mut self.electronics);
+        }
+    }
+
+    /// Whether the processor did its work in the last tick.
+    #[must_use]
+    pub fn processor(&self) -> Processor {
+        self.processor
     }
 
     /// Time since the simulation began.
@@ -253,26 +271,23 @@ impl<M: Mechanics> SimulatedRobot<M> {
     }
 
     fn run_software(&mut self, processor: Processor, sensors: &Sensors) {
+        let before = core::mem::replace(&mut self.processor, processor);
         match processor {
-            Processor::Runs => {
-                if self.is_restarting {
-                    self.is_restarting = false;
+            Processor::Runs | Processor::IsDeaf => {
+                if before == Processor::Restarts {
                     self.started = self.ticks;
                     self.software = power_up(&self.parameters, &mut self.entropy);
                 }
                 self.actuation = self.software.tick(self.software_time(), sensors);
             }
             Processor::Hangs => {}
-            Processor::Restarts => {
-                self.is_restarting = true;
-                self.actuation = Actuation::OFF;
-            }
+            Processor::Restarts => self.actuation = Actuation::OFF,
         }
     }
 
     /// A datagram has come to the robot's network interface.
     pub fn receive(&mut self, from: SocketAddr, datagram: &[u8]) {
-        if !self.is_restarting {
+        if self.processor == Processor::Runs {
             self.software.receive(self.software_time(), from, datagram);
         }
     }
@@ -280,10 +295,29 @@ impl<M: Mechanics> SimulatedRobot<M> {
     /// The next datagram that the robot sends now, and to whom.
     pub fn transmit(&mut self, frame: &mut Frame) -> Option<SocketAddr> {
         let now = self.software_time();
-        if self.is_restarting || self.software.poll_at(now).is_none_or(|at| at > now) {
+        let is_silent = self.processor != Processor::Runs;
+        if is_silent || self.software.poll_at(now).is_none_or(|at| at > now) {
             return None;
         }
         self.software.transmit(now, frame)
+    }
+
+    /// Who holds the session with the robot.
+    #[must_use]
+    pub fn operator(&self) -> Option<SocketAddr> {
+        self.software.operator(self.software_time())
+    }
+
+    /// How well the robot hears, and what it dropped.
+    #[must_use]
+    pub fn link_quality(&self) -> LinkQuality {
+        self.software.quality(self.software_time())
+    }
+
+    /// Gives the live robot another key, as over its cable.
+    pub fn change_key(&mut self, key: Key) {
+        self.software.provision(self.parameters.name, Some(key.clone()));
+        self.parameters.key = Some(key);
     }
 
     /// What the software believes.
@@ -319,6 +353,11 @@ impl<M: Mechanics> SimulatedRobot<M> {
     #[must_use]
     pub fn electronics(&self) -> &Electronics {
         &self.electronics
+    }
+
+    /// Swaps the battery for one with this share of its charge, 0 to 1.
+    pub fn swap_battery(&mut self, charge: f64) {
+        self.electronics.battery_mut().recharge(charge);
     }
 
     /// What the bridges were told last.

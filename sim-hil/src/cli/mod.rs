@@ -4,14 +4,17 @@
 //! `--json` standard output carries JSON alone; progress goes to standard error, and only to a terminal.
 
 pub mod accuracy;
+pub mod adversary;
 pub mod arguments;
 pub mod demo;
 pub mod export_mjcf;
+pub mod faults;
 pub mod leg;
 pub mod modes;
 pub mod rest;
 pub mod serve;
 pub mod shake;
+pub mod soak;
 pub mod study;
 pub mod validate;
 pub mod walk;
@@ -42,6 +45,12 @@ enum Command {
     Serve(serve::Args),
     /// Measure how well f and theta are held, over all of them.
     Accuracy(accuracy::Args),
+    /// Let everything go wrong in every mode at every time, and tell what the robot does.
+    Faults(faults::Args),
+    /// Attack live robots over their link, and tell what came of it.
+    Adversary(adversary::Args),
+    /// Let robots live through hours of trouble in virtual time.
+    Soak(soak::Args),
     /// Walk at one f and theta: speeds over several seeds, a picture, a replay.
     Walk(walk::Args),
     /// Drop the robot, let it rest, weigh it.
@@ -186,6 +195,9 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Study(args) => study::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Accuracy(args) => accuracy::run(&args),
+        Command::Faults(args) => faults::run(&args),
+        Command::Adversary(args) => adversary::run(&args),
+        Command::Soak(args) => soak::run(&args),
         Command::Walk(args) => walk::run(&args),
         Command::Rest(args) => rest::run(&args),
         Command::Leg(args) => leg::run(&args),
@@ -198,4 +210,16 @@ pub fn run(cli: Cli) -> ExitCode {
         eprintln!("flix-sim: {error}");
         if error.is_usage() { ExitCode::from(2) } else { ExitCode::FAILURE }
     })
+}
+
+/// The name of a variant in words: `EarlierSession` is `earlier session`.
+pub(crate) fn words(variant: &impl core::fmt::Debug) -> String {
+    let mut text = String::new();
+    for letter in format!("{variant:?}").chars() {
+        if letter.is_uppercase() && !text.is_empty() {
+            text.push(' ');
+        }
+        text.extend(letter.to_lowercase());
+    }
+    text
 }

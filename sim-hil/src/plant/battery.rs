@@ -109,6 +109,11 @@ impl Battery {
         self.disturbance = volts;
     }
 
+    /// Charges it to this share of its capacity, 0 to 1.
+    pub fn recharge(&mut self, charge: f64) {
+        self.charge = charge.clamp(0.0, 1.0);
+    }
+
     /// Lets the bridge draw `charge` coulombs from the bus during a sub-step.
     pub(super) fn draw(&mut self, charge: f64, bus_decay: &BusDecay) {
         let BusDecay { seconds, factor } = *bus_decay;

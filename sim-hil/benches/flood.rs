@@ -1,0 +1,113 @@
+//! How long a handshake takes on loopback while a stranger sends the robot 10,000 datagrams a second.
+//!
+//! Starts `flix-sim serve`, floods it with noise and with Hellos under another key, and connects over and over. Prints
+//! one line; the limit is 1 s for each handshake.
+
+use std::io::{BufRead, BufReader};
+use std::net::{SocketAddr, UdpSocket};
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use flix_host::interrupt::Interrupt;
+use flix_host::keys;
+use flix_host::link::udp::Connection;
+use flix_protocol::session::{Key, OperatorSession};
+
+/// Datagrams sent at once, and how often: 10,000 a second.
+const BATCH: u64 = 10;
+const PAUSE: Duration = Duration::from_millis(1);
+/// Handshakes that are timed.
+const HANDSHAKES: usize = 50;
+
+/// A robot in a process of its own, ended with this value.
+struct Robot {
+    process: Child,
+    address: SocketAddr,
+}
+
+impl Robot {
+    fn start(key_file: &std::path::Path) -> Self {
+        let mut process = Command::new(env!("CARGO_BIN_EXE_flix-sim"))
+            .args(["serve", "--listen", "127.0.0.1:0", "--key"])
+            .arg(key_file)
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("flix-sim was built");
+        let output = process.stdout.take().expect("it was piped");
+        let mut line = String::new();
+        BufReader::new(output).read_line(&mut line).expect("it introduces itself");
+        let address = line.trim_end().trim_end_matches('.').rsplit(' ').next().unwrap_or_default();
+        let address = address.parse().expect("the line ends with the address");
+        Self { process, address }
+    }
+}
+
+impl Drop for Robot {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// Keeps its rate: what a slow moment held back is sent after it.
+fn flood(robot: SocketAddr, ends: &AtomicBool, sent: &AtomicU64) {
+    let socket = UdpSocket::bind("127.0.0.1:0").expect("a port is free");
+    let now = flix_protocol::units::Instant::START;
+    let began = Instant::now();
+    for round in 0_u64.. {
+        if ends.load(Ordering::Relaxed) {
+            break;
+        }
+        for number in 0..BATCH {
+            let mut entropy = [0; 32];
+            entropy[..8].copy_from_slice(&(round * BATCH + number).to_le_bytes());
+            let hello = OperatorSession::new(Key::new([1; 32]), entropy, now).poll(now);
+            let datagram = hello.filter(|_| number % 2 == 0).map(|hello| hello.to_vec());
+            // A full buffer drops it, as a network would.
+            let _ = socket.send_to(&datagram.unwrap_or_else(|| vec![0xa5; 100]), robot);
+            sent.fetch_add(1, Ordering::Relaxed);
+        }
+        thread::sleep((PAUSE * (round as u32 + 1)).saturating_sub(began.elapsed()));
+    }
+}
+
+fn main() {
+    let folder = tempfile::tempdir().expect("a directory");
+    let key_file = folder.path().join("robot.key");
+    let key = keys::generate().expect("randomness");
+    keys::write_new(&key_file, &key).expect("a key file");
+    let robot = Robot::start(&key_file);
+
+    let ends = Arc::new(AtomicBool::new(false));
+    let sent = Arc::new(AtomicU64::new(0));
+    let stranger = thread::spawn({
+        let (address, ends, sent) = (robot.address, ends.clone(), sent.clone());
+        move || flood(address, &ends, &sent)
+    });
+    let began = Instant::now();
+    let mut times: Vec<Duration> = (0..HANDSHAKES)
+        .map(|_| {
+            let start = Instant::now();
+            let mut connection =
+                Connection::open(robot.address, key.clone(), Interrupt::never()).expect("a socket");
+            connection.wait_until_connected().expect("the operator gets through");
+            let took = start.elapsed();
+            connection.leave();
+            // The robot hears the goodbye.
+            thread::sleep(Duration::from_millis(20));
+            took
+        })
+        .collect();
+    let rate = sent.load(Ordering::Relaxed) as f64 / began.elapsed().as_secs_f64();
+    ends.store(true, Ordering::Relaxed);
+    stranger.join().expect("the stranger only sends");
+    times.sort_unstable();
+    println!(
+        "handshake under {rate:.0} datagrams/s on loopback: median {:.1} ms, longest {:.1} ms of {HANDSHAKES}",
+        1e3 * times[HANDSHAKES / 2].as_secs_f64(),
+        1e3 * times[HANDSHAKES - 1].as_secs_f64(),
+    );
+}

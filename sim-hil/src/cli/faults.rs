@@ -1,0 +1,94 @@
+//! `flix-sim faults`: what the robot does when something goes wrong.
+
+use std::process::ExitCode;
+
+use super::{Error, progress};
+use crate::fault::matrix::{CASES, CELLS, Cell, Matrix, Outcome, REST_LIMIT_S, measure};
+
+/// Let everything go wrong in every mode at every time, and tell what the robot does.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:\n  flix-sim faults\n  flix-sim faults --seed 7 --json")]
+pub struct Args {
+    /// Which robot: its motors, wiring, sensor errors and noise.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Write every cell of the matrix as JSON, and nothing else.
+    #[arg(long)]
+    json: bool,
+}
+
+/// # Errors
+/// When a robot could not be brought to run while all was well.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let bar = progress(CELLS as u64, "breaking");
+    let matrix = measure(args.seed, || bar.inc(1))?;
+    bar.finish_and_clear();
+    if args.json {
+        println!("{}", serde_json::to_string(&matrix)?);
+    } else {
+        print!("{}", table(&matrix));
+    }
+    Ok(if matrix.pass { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn table(matrix: &Matrix) -> String {
+    let mut text = format!(
+        "Robot of seed {}; the worst of {} cells a fault (mode, onset, base), the plant's truth:\n\n",
+        matrix.seed,
+        CELLS / CASES.len(),
+    );
+    text += "fault                                held rested   safe (s)  current (A)  phase (deg)  \
+             f rms (Hz)  theta rms (deg)  first fault\n";
+    for case in &CASES {
+        let cells: Vec<&Cell> =
+            matrix.cells.iter().filter(|cell| cell.fault == case.name).collect();
+        text += &row(case.name, &cells);
+    }
+    text += &format!("{:51}{REST_LIMIT_S:>8.3}\n\n", "limit");
+    for cell in matrix.cells.iter().filter(|cell| !cell.pass) {
+        text += &format!(
+            "outside: {}, {} base, f {} Hz, theta {} degrees, {:?}: {:?}, safe {:?} s, f {:?} Hz, \
+             theta {:.2} degrees, phase {:?} degrees, {:.2} A, {}, {:?}\n",
+            cell.fault,
+            cell.base,
+            cell.f_hz,
+            cell.theta_deg,
+            cell.onset,
+            cell.outcome,
+            cell.safe_s,
+            cell.f_rms_hz,
+            cell.theta_rms_deg,
+            cell.phase_error_deg,
+            cell.largest_current_a,
+            cell.state,
+            cell.first_fault,
+        );
+    }
+    text + if matrix.pass { "All promises kept.\n" } else { "Not all promises kept.\n" }
+}
+
+fn row(name: &str, cells: &[&Cell]) -> String {
+    let count = |outcome| cells.iter().filter(|cell| cell.outcome == outcome).count();
+    let worst = |decimals: usize, figure: &dyn Fn(&Cell) -> Option<f64>| {
+        let figures = cells.iter().filter_map(|cell| figure(cell));
+        let largest = figures.reduce(f64::max);
+        largest.map_or_else(|| "-".to_owned(), |largest| format!("{largest:.decimals$}"))
+    };
+    let held = |cell: &Cell| cell.outcome == Outcome::Held;
+    let mut faults: Vec<&str> =
+        cells.iter().filter_map(|cell| cell.first_fault.as_deref()).collect();
+    faults.sort_unstable();
+    faults.dedup();
+    format!(
+        "{name:36} {:>4} {:>6} {:>10} {:>12} {:>12} {:>11} {:>16}  {}{}\n",
+        count(Outcome::Held),
+        count(Outcome::Rested),
+        worst(3, &|cell| cell.safe_s),
+        worst(2, &|cell| Some(cell.largest_current_a)),
+        worst(1, &|cell| cell.phase_error_deg),
+        worst(4, &|cell| cell.f_rms_hz.filter(|_| held(cell))),
+        worst(3, &|cell| held(cell).then_some(cell.theta_rms_deg)),
+        faults.join(", "),
+        if cells.iter().all(|cell| cell.pass) { "" } else { "  <-- outside" },
+    )
+}

@@ -1,0 +1,111 @@
+//! What breaks in the robot itself: encoders, wires, amplifiers, battery, processor.
+
+use flix_firmware::hardware::{Encoder, EncoderReading, Sensors, Turn};
+use flix_protocol::units::Instant;
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use crate::plant::electronics::Electronics;
+use crate::robot::{Disturbance, Processor};
+
+/// What breaks. Motors are 0 top, 1 bottom.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum HardwareFault {
+    /// The encoder of this motor repeats one reading.
+    EncoderStuck(usize),
+    /// The encoder of this motor does not answer.
+    EncoderLost(usize),
+    /// The readings of both encoders have this much more noise, degrees RMS.
+    EncoderNoise(f64),
+    /// The wire of a phase (0 to 2) of this motor breaks.
+    OpenPhase(usize, usize),
+    /// The amplifier of phase A of this motor reads so many counts too much.
+    CurrentOffset(usize, i16),
+    /// The battery's open-circuit voltage falls by this, V.
+    BusSag(f64),
+    /// The processor does something else than its work.
+    Processor(Processor),
+}
+
+/// A fault that comes at a time and goes at another.
+#[derive(Debug, Clone)]
+pub struct Injected {
+    fault: HardwareFault,
+    from: Instant,
+    until: Instant,
+    is_active: bool,
+    random: Xoshiro256PlusPlus,
+    /// Where the encoder got stuck.
+    stuck: Option<Turn>,
+}
+
+impl Injected {
+    /// From this time on, and before that time.
+    #[must_use]
+    pub fn new(fault: HardwareFault, from: Instant, until: Instant, seed: u64) -> Self {
+        let random = Xoshiro256PlusPlus::seed_from_u64(seed);
+        Self { fault, from, until, is_active: false, random, stuck: None }
+    }
+
+    fn set(&mut self, is_active: bool, electronics: &mut Electronics) {
+        if core::mem::replace(&mut self.is_active, is_active) == is_active {
+            return;
+        }
+        match self.fault {
+            HardwareFault::OpenPhase(motor, phase) => {
+                electronics.motor_mut(motor).break_wire(phase, is_active);
+            }
+            HardwareFault::BusSag(volts) => {
+                electronics.battery_mut().disturb(if is_active { -volts } else { 0.0 });
+            }
+            _ => {}
+        }
+    }
+
+    fn disturb_encoder(&mut self, index: usize, encoder: &mut Encoder) {
+        let Encoder::Reading(EncoderReading { angle, .. }) = encoder else { return };
+        match self.fault {
+            HardwareFault::EncoderStuck(motor) if motor == index && self.is_active => {
+                *angle = *self.stuck.get_or_insert(*angle);
+            }
+            HardwareFault::EncoderLost(motor) if motor == index && self.is_active => {
+                *encoder = Encoder::Failed;
+            }
+            HardwareFault::EncoderNoise(degrees) if self.is_active => {
+                let error: f64 = StandardNormal.sample(&mut self.random);
+                let turns = error * degrees / 360.0;
+                *angle = angle.wrapping_add((turns * 2f64.powi(32)) as i64 as Turn);
+            }
+            _ => {}
+        }
+    }
+}
+
+impl Disturbance for Injected {
+    fn electronics(&mut self, now: Instant, electronics: &mut Electronics) {
+        self.set((self.from..self.until).contains(&now), electronics);
+    }
+
+    fn mend(&mut self, electronics: &mut Electronics) {
+        self.set(false, electronics);
+    }
+
+    fn processor(&mut self, _now: Instant) -> Processor {
+        match self.fault {
+            HardwareFault::Processor(processor) if self.is_active => processor,
+            _ => Processor::Runs,
+        }
+    }
+
+    fn sensors(&mut self, _now: Instant, sensors: &mut Sensors) {
+        for (index, encoder) in sensors.encoders.iter_mut().enumerate() {
+            self.disturb_encoder(index, encoder);
+        }
+        if let (HardwareFault::CurrentOffset(motor, counts), true, Some(currents)) =
+            (self.fault, self.is_active, &mut sensors.phase_current)
+        {
+            currents[motor][0] = currents[motor][0].saturating_add(counts);
+        }
+    }
+}

@@ -1,0 +1,457 @@
+//! Every fault in every mode at every time: what the robot does.
+//!
+//! Each cell is a run of its own: a robot that knows its alignment is connected to over a quiet Wi-Fi network, armed
+//! and told to shake, and then something goes wrong and stays so, unless said. It is then in order when both rotors
+//! come to rest for good within [`REST_LIMIT_S`] of the moment at which the robot could know, or when f and theta are
+//! held within the limits of [`crate::accuracy`]; each [`Case`] says which. Figures are the plant's truth.
+
+use std::time::Duration;
+
+use flix_firmware::supervisor::COMMAND_DEADLINE_US;
+use flix_protocol::message::{Fault, State};
+use flix_protocol::units::Instant;
+use rand::{Rng, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::hardware::{HardwareFault, Injected};
+use crate::accuracy::{
+    AccuracyError, BASES, Base, DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ, bench_knowing, learnt,
+    setpoint,
+};
+use crate::channel::{Bursts, ChannelParameters};
+use crate::measure::{HoldMeter, line_error};
+use crate::operation::Operation;
+use crate::plant::Plant;
+use crate::plant::sensor::unit;
+use crate::robot::{Processor, SimulatedRobot, Truth};
+
+/// The five pairs (f in Hz, theta in degrees) of the paper's Table IV.
+pub const MODES: [(f32, f32); 5] =
+    [(-30.0, 30.0), (-30.0, 90.0), (30.0, 90.0), (30.0, 30.0), (-30.0, -60.0)];
+
+/// Longest time from when the cause can be known until both rotors are at rest, s.
+pub const REST_LIMIT_S: f64 = 0.6;
+/// Farthest that theta may run away while the rotors ramp down under control, degrees.
+pub const PHASE_LIMIT_DEG: f64 = 5.0;
+/// Rotors slower than this are at rest, Hz.
+const REST_HZ: f64 = 0.5;
+/// Rotors slower than this have no direction to speak of, Hz.
+const TELLING_HZ: f64 = 2.0;
+
+/// Time for which f settles before something goes wrong, or after.
+const SETTLING: Duration = Duration::from_secs(1);
+/// Time for which is watched what came of it.
+const WATCHING: Duration = Duration::from_millis(2_500);
+/// Time that the boot loader and the start of the software take. Assumed: what an ESP32 takes from flash.
+const BOOT_TIME: Duration = Duration::from_millis(300);
+/// Chance moves the onset by up to one turn of the rotors and one command.
+const DITHER: Duration = Duration::from_millis(50);
+
+/// When something goes wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Onset {
+    /// While f rises from rest.
+    Starting,
+    /// While f and theta are held.
+    Holding,
+    /// While f is on its way from one sense to the other.
+    Reversing,
+}
+
+/// All of them.
+pub const ONSETS: [Onset; 3] = [Onset::Starting, Onset::Holding, Onset::Reversing];
+
+/// Longest time between a command and the onset in its ramp.
+const INTO_THE_RAMP: Duration = Duration::from_millis(80);
+
+/// What goes wrong.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Cause {
+    /// The network, both ways.
+    Link(ChannelParameters),
+    /// The operator's clock shows so many seconds a second.
+    Clock(f64),
+    /// The robot.
+    Hardware(HardwareFault),
+}
+
+/// What the robot makes of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Promise {
+    /// f and theta are held.
+    Holds,
+    /// The rotors ramp down together, theta kept.
+    RampsDown,
+    /// The rotors come to rest.
+    Rests,
+    /// One of these: a robot on a stand that does not yield needs so little torque that it may turn on with a
+    /// broken wire.
+    HoldsOrRests,
+}
+
+/// A row of the matrix.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Case {
+    /// For people and for the snapshot.
+    pub name: &'static str,
+    /// What goes wrong.
+    pub cause: Cause,
+    /// For how long.
+    pub lasts: Duration,
+    /// How long after the onset the robot can know.
+    pub knowable_after: Duration,
+    /// What the robot makes of it.
+    pub promise: Promise,
+}
+
+/// For good.
+const STAYS: Duration = Duration::from_secs(3_600);
+/// A robot can tell commands that stay away from commands that are late when their deadline is over.
+const DEADLINE: Duration = Duration::from_micros(COMMAND_DEADLINE_US);
+const WIFI: ChannelParameters = ChannelParameters::QUIET_WIFI;
+
+const fn link(name: &'static str, network: ChannelParameters) -> Case {
+    Case {
+        name,
+        cause: Cause::Link(network),
+        lasts: STAYS,
+        knowable_after: Duration::ZERO,
+        promise: Promise::Holds,
+    }
+}
+
+const fn hardware(name: &'static str, fault: HardwareFault, promise: Promise) -> Case {
+    Case {
+        name,
+        cause: Cause::Hardware(fault),
+        lasts: STAYS,
+        knowable_after: Duration::ZERO,
+        promise,
+    }
+}
+
+const fn millis(milliseconds: u64) -> Duration {
+    Duration::from_millis(milliseconds)
+}
+
+/// All that goes wrong.
+pub const CASES: [Case; 28] = [
+    link("loss of 30 %", ChannelParameters { loss: 0.3, ..WIFI }),
+    link(
+        "bursts of 120 ms",
+        ChannelParameters {
+            bursts: Some(Bursts { length: millis(120), gap: millis(300) }),
+            ..WIFI
+        },
+    ),
+    link("delay of 150 ms", ChannelParameters { delay: millis(150), ..WIFI }),
+    link("jitter of 100 ms", ChannelParameters { jitter: millis(100), ..WIFI }),
+    link(
+        "loss of 30 % and jitter of 100 ms",
+        ChannelParameters { loss: 0.3, jitter: millis(100), ..WIFI },
+    ),
+    link("reordering of 30 %", ChannelParameters { reordering: 0.3, ..WIFI }),
+    link("duplication of 50 %", ChannelParameters { duplication: 0.5, ..WIFI }),
+    link("corruption of 30 %", ChannelParameters { corruption: 0.3, ..WIFI }),
+    Case { lasts: millis(180), ..link("partition of 180 ms", ChannelParameters::CUT) },
+    Case {
+        knowable_after: DEADLINE,
+        promise: Promise::RampsDown,
+        ..link("partition", ChannelParameters::CUT)
+    },
+    Case { cause: Cause::Clock(1.05), ..link("operator's clock 5 % fast", WIFI) },
+    Case { cause: Cause::Clock(0.95), ..link("operator's clock 5 % slow", WIFI) },
+    hardware("top encoder stuck", HardwareFault::EncoderStuck(0), Promise::Rests),
+    hardware("bottom encoder stuck", HardwareFault::EncoderStuck(1), Promise::Rests),
+    hardware("top encoder lost", HardwareFault::EncoderLost(0), Promise::Rests),
+    hardware("bottom encoder lost", HardwareFault::EncoderLost(1), Promise::Rests),
+    Case {
+        lasts: millis(2),
+        ..hardware("top encoder lost for 2 ms", HardwareFault::EncoderLost(0), Promise::Holds)
+    },
+    hardware("encoders noisy by 0.2 degrees", HardwareFault::EncoderNoise(0.2), Promise::Holds),
+    hardware("encoders noisy by 20 degrees", HardwareFault::EncoderNoise(20.0), Promise::Rests),
+    hardware("top phase A open", HardwareFault::OpenPhase(0, 0), Promise::HoldsOrRests),
+    hardware("bottom phase C open", HardwareFault::OpenPhase(1, 2), Promise::HoldsOrRests),
+    hardware("current offset of 0.1 A", HardwareFault::CurrentOffset(0, 62), Promise::Holds),
+    hardware("current offset of 1 A", HardwareFault::CurrentOffset(1, 620), Promise::Holds),
+    hardware("bus sag of 1 V", HardwareFault::BusSag(1.0), Promise::HoldsOrRests),
+    hardware("bus sag of 4 V", HardwareFault::BusSag(4.0), Promise::Rests),
+    Case {
+        knowable_after: DEADLINE,
+        ..hardware(
+            "network task stalls",
+            HardwareFault::Processor(Processor::IsDeaf),
+            Promise::RampsDown,
+        )
+    },
+    Case {
+        lasts: millis(5),
+        ..hardware(
+            "fast loop stalls for 5 ms",
+            HardwareFault::Processor(Processor::Hangs),
+            Promise::Rests,
+        )
+    },
+    Case {
+        lasts: BOOT_TIME,
+        knowable_after: BOOT_TIME,
+        ..hardware(
+            "reboot in the middle of a run",
+            HardwareFault::Processor(Processor::Restarts),
+            Promise::Rests,
+        )
+    },
+];
+
+/// What the robot did.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Outcome {
+    /// Held f and theta.
+    Held,
+    /// Came to rest.
+    Rested,
+    /// Neither.
+    Neither,
+}
+
+/// One cell of the matrix.
+#[derive(Debug, Clone, Serialize)]
+pub struct Cell {
+    /// Name of the [`Case`].
+    pub fault: &'static str,
+    /// What the shaker stood on.
+    pub base: Base,
+    /// Commanded when it went wrong.
+    pub f_hz: f64,
+    /// Commanded.
+    pub theta_deg: f64,
+    /// When it went wrong.
+    pub onset: Onset,
+    /// What is promised.
+    pub promise: Promise,
+    /// What the robot did.
+    pub outcome: Outcome,
+    /// From when the cause could be known until both rotors were at rest for good; 0 when they were already.
+    pub safe_s: Option<f64>,
+    /// Largest phase current of both motors from the onset on.
+    pub largest_current_a: f64,
+    /// How far theta ran away while the rotors came to rest; none when they did not.
+    pub phase_error_deg: Option<f64>,
+    /// f over each turn, root mean square error once settled; none without a whole turn.
+    pub f_rms_hz: Option<f64>,
+    /// theta at every tick, root mean square error once settled.
+    pub theta_rms_deg: f64,
+    /// Where the supervisor stood at the end.
+    pub state: String,
+    /// What it named as the first cause.
+    pub first_fault: Option<String>,
+    /// Whether the promise was kept.
+    pub pass: bool,
+}
+
+/// The whole matrix.
+#[derive(Debug, Clone, Serialize)]
+pub struct Matrix {
+    /// Which robot.
+    pub seed: u64,
+    /// All cells.
+    pub cells: Vec<Cell>,
+    /// Whether every promise was kept.
+    pub pass: bool,
+}
+
+/// How many cells there are.
+pub const CELLS: usize = CASES.len() * BASES.len() * MODES.len() * ONSETS.len();
+
+/// The whole matrix of the robot of this seed. `done` is called after each of [`CELLS`] cells.
+///
+/// # Errors
+/// When the robot cannot even be armed while all is well.
+pub fn measure(seed: u64, done: impl Fn() + Sync) -> Result<Matrix, AccuracyError> {
+    let flashes: Vec<_> =
+        BASES.par_iter().map(|base| learnt(*base, seed)).collect::<Result<_, _>>()?;
+    let mut places = Vec::with_capacity(CELLS);
+    for case in &CASES {
+        for (base, flash) in BASES.into_iter().zip(&flashes) {
+            for mode in MODES {
+                places.extend(ONSETS.map(|onset| Place { case, base, mode, onset, seed, flash }));
+            }
+        }
+    }
+    let run = |place: &Place| {
+        let cell = place.run();
+        done();
+        cell
+    };
+    let cells: Vec<Cell> = places.par_iter().map(run).collect::<Result<_, _>>()?;
+    let pass = cells.iter().all(|cell| cell.pass);
+    Ok(Matrix { seed, cells, pass })
+}
+
+/// Where in the matrix.
+struct Place<'a> {
+    case: &'a Case,
+    base: Base,
+    mode: (f32, f32),
+    onset: Onset,
+    seed: u64,
+    flash: &'a Option<Vec<u8>>,
+}
+
+impl Place<'_> {
+    fn run(&self) -> Result<Cell, AccuracyError> {
+        let mut random = self.random();
+        let (frequency, direction) = self.mode;
+        let mut operation = bench_knowing(self.base, self.seed, self.flash.clone(), WIFI)?;
+        operation.arm()?;
+        if self.onset == Onset::Reversing {
+            operation.hold(setpoint(-frequency, direction));
+            operation.run(SETTLING, |_| {})?;
+        }
+        operation.hold(setpoint(frequency, direction));
+        let lead = if self.onset == Onset::Holding { SETTLING } else { INTO_THE_RAMP };
+        operation.run(lead + DITHER.mul_f64(unit(&mut random)), |_| {})?;
+
+        let onset = operation.now();
+        self.inject(&mut operation, onset, random.next_u64());
+        let settled = onset + if self.onset == Onset::Holding { Duration::ZERO } else { SETTLING };
+        let mut watch = Watch::new(setpoint(frequency, direction), settled);
+        let end = onset + WATCHING;
+        let mended = onset + self.case.lasts;
+        while operation.now() < end {
+            if operation.now() == mended {
+                set_network(&mut operation, WIFI);
+            }
+            operation.tick()?;
+            watch.see(&operation.robot);
+        }
+        Ok(self.judge(&operation.robot, &watch, onset))
+    }
+
+    /// Of its own for each cell.
+    fn random(&self) -> Xoshiro256PlusPlus {
+        let mut text: Vec<u8> = self.case.name.bytes().collect();
+        text.extend(format!("{:?}{:?}{:?}", self.base, self.mode, self.onset).bytes());
+        // FNV-1a.
+        let hash = text.iter().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+            (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+        });
+        Xoshiro256PlusPlus::seed_from_u64(hash ^ self.seed)
+    }
+
+    fn inject(&self, operation: &mut Operation<Plant>, now: Instant, seed: u64) {
+        match self.case.cause {
+            Cause::Link(network) => set_network(operation, network),
+            Cause::Clock(rate) => operation.operators[0].clock.run_at(rate, now),
+            Cause::Hardware(fault) => {
+                let until = now + self.case.lasts;
+                operation.robot.disturb(Injected::new(fault, now, until, seed));
+            }
+        }
+    }
+
+    fn judge(&self, robot: &SimulatedRobot<Plant>, watch: &Watch, onset: Instant) -> Cell {
+        let report = robot.report();
+        let figures = watch.hold.figures();
+        let current_limit = f64::from(robot.software().settings().current_limit);
+        let knowable = onset + self.case.knowable_after;
+        let safe_s = watch.rested.map(|at| at.since(knowable).as_secs_f64());
+        // An amplifier that lies takes its error with it into the limit.
+        let is_told = !matches!(self.case.cause, Cause::Hardware(HardwareFault::CurrentOffset(..)));
+        let is_held = figures.frequency_rms_hz <= FREQUENCY_LIMIT_HZ
+            && figures.direction_rms_deg <= DIRECTION_LIMIT_DEG
+            && (watch.largest_current <= current_limit || !is_told);
+        let is_safe = safe_s.is_some_and(|seconds| seconds <= REST_LIMIT_S);
+        let phase_error_deg = watch.rested.map(|_| watch.phase_error.to_degrees());
+        let pass = match self.case.promise {
+            Promise::Holds => is_held,
+            Promise::RampsDown => {
+                is_safe && phase_error_deg.is_some_and(|error| error <= PHASE_LIMIT_DEG)
+            }
+            Promise::Rests => is_safe,
+            Promise::HoldsOrRests => is_held || is_safe,
+        };
+        Cell {
+            fault: self.case.name,
+            base: self.base,
+            f_hz: f64::from(self.mode.0),
+            theta_deg: f64::from(self.mode.1),
+            onset: self.onset,
+            promise: self.case.promise,
+            outcome: match () {
+                () if is_held => Outcome::Held,
+                () if watch.rested.is_some() => Outcome::Rested,
+                () => Outcome::Neither,
+            },
+            safe_s,
+            largest_current_a: watch.largest_current,
+            phase_error_deg,
+            f_rms_hz: Some(figures.frequency_rms_hz).filter(|rms| rms.is_finite()),
+            theta_rms_deg: figures.direction_rms_deg,
+            state: report.state.to_string(),
+            first_fault: report.first_fault.map(|fault: Fault| fault.to_string()),
+            pass,
+        }
+    }
+}
+
+fn set_network(operation: &mut Operation<Plant>, network: ChannelParameters) {
+    for operator in &mut operation.operators {
+        operator.to_robot.parameters = network;
+        operator.to_operator.parameters = network;
+    }
+}
+
+/// Looks at every tick from the onset on.
+struct Watch {
+    hold: HoldMeter,
+    settled: Instant,
+    /// Since when both rotors have been at rest.
+    rested: Option<Instant>,
+    /// theta when the robot began to come to rest, rad.
+    kept: Option<f64>,
+    phase_error: f64,
+    largest_current: f64,
+}
+
+impl Watch {
+    fn new(setpoint: flix_protocol::message::Setpoint, settled: Instant) -> Self {
+        Self {
+            hold: HoldMeter::new(setpoint),
+            settled,
+            rested: None,
+            kept: None,
+            phase_error: 0.0,
+            largest_current: 0.0,
+        }
+    }
+
+    fn see(&mut self, robot: &SimulatedRobot<Plant>) {
+        let truth = robot.truth();
+        self.largest_current = self.largest_current.max(truth.largest_current());
+        if truth.time >= self.settled {
+            self.hold.watch(&truth);
+        }
+        let is_coming_to_rest = !matches!(robot.report().state, State::Armed | State::Running);
+        if is_coming_to_rest && !slower_than(&truth, TELLING_HZ) {
+            let kept = *self.kept.get_or_insert(truth.direction);
+            self.phase_error = self.phase_error.max(line_error(truth.direction, kept).abs());
+        }
+        if slower_than(&truth, REST_HZ) {
+            self.rested.get_or_insert(truth.time);
+        } else {
+            self.rested = None;
+        }
+    }
+}
+
+/// Whether both rotors are.
+fn slower_than(truth: &Truth, hertz: f64) -> bool {
+    truth.rotor_speed.iter().all(|speed| speed.abs() < hertz * core::f64::consts::TAU)
+}

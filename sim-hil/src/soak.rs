@@ -1,0 +1,787 @@
+//! Days of trouble in virtual time.
+//!
+//! Robots live side by side, each with two operators who hold its key and one who does not. Life goes in episodes:
+//! for some seconds chance commands, breaks the hardware, spoils network and clocks; then all is mended, and the first
+//! operator has to get the robot shaking again. In every tick, [`Rule`]s are checked against the plant's truth.
+
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use flix_firmware::hardware::TICK_RATE_HZ;
+use flix_host::link::Update;
+use flix_protocol::message::{Command, ParameterCommand, Setpoint, State};
+use flix_protocol::session::{HOLDER_SILENCE, Key};
+use flix_protocol::units::Instant;
+use rand::{Rng, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::accuracy::{AccuracyError, BASES, bench_knowing, learnt, setpoint};
+use crate::channel::{Bursts, ChannelParameters};
+use crate::fault::hardware::{HardwareFault, Injected};
+use crate::measure::line_error;
+use crate::operation::{Operation, Operator};
+use crate::plant::Plant;
+use crate::plant::sensor::unit;
+use crate::robot::{Processor, Truth};
+
+/// What must hold in every tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rule {
+    /// With sound hardware no phase carries more than the setting `current_limit`; with an amplifier or an encoder
+    /// that lies, none more than `over_current` for longer than the trip takes.
+    Current,
+    /// No rotor spins for longer than the ramp takes while the robot is disarmed or faulted.
+    SpinsDisarmed,
+    /// Nobody takes the robot from an operator who was heard less than a second ago, and nobody without the key ever.
+    TwoOperators,
+    /// The fast loop is late only when the processor was made to hang.
+    LateTick,
+    /// No state that leads to another lasts.
+    StuckState,
+    /// When all is mended, the first operator gets the robot to shake as he wants.
+    Recovery,
+}
+
+/// All of them.
+pub const RULES: [Rule; 6] = [
+    Rule::Current,
+    Rule::SpinsDisarmed,
+    Rule::TwoOperators,
+    Rule::LateTick,
+    Rule::StuckState,
+    Rule::Recovery,
+];
+
+/// The process may grow by this between the first and the last quarter, bytes: a few pages of each allocator arena.
+pub const GROWTH_LIMIT: u64 = 2 << 20;
+/// Longest time for coming to rest once let down, s: as in the matrix of faults.
+const REST_LIMIT: Duration = Duration::from_millis(600);
+/// Rotors slower than this are at rest, Hz.
+const REST_HZ: f64 = 0.5;
+/// What a trip of the current may take, with what the windings then still carry.
+const TRIP_TIME: Duration = Duration::from_millis(1);
+/// After hardware was mended it counts as sound once what it did has died away.
+const AFTERMATH: Duration = Duration::from_millis(700);
+/// Longest time from arming to the first answer of alignment.
+const ALIGNING_LIMIT: Duration = Duration::from_secs(15);
+/// Longest time for ramping down, and then braking.
+const STOPPING_LIMIT: Duration = Duration::from_secs(1);
+/// Longest time from when all is mended until the robot shakes as wanted.
+const RECOVERY_LIMIT: Duration = Duration::from_secs(30);
+/// Time that a restart takes.
+const BOOT_TIME: Duration = Duration::from_millis(300);
+/// The chip's watchdog restarts a loop that hangs for so long.
+const WATCHDOG: Duration = Duration::from_millis(200);
+/// Mean time between two things that chance does.
+const PACE: f64 = 0.25;
+/// A robot's life is at most so long; there are at least two at a time.
+const LONGEST_LIFE: Duration = Duration::from_secs(3_600);
+
+/// What came of it.
+#[derive(Debug, Clone, Serialize)]
+pub struct Verdict {
+    /// Which robots.
+    pub seed: u64,
+    /// Virtual time of all robots together.
+    pub virtual_hours: f64,
+    /// How many.
+    pub robots: u64,
+    /// Times that all was mended and the robot had to shake again.
+    pub episodes: u64,
+    /// Commands given.
+    pub commands: u64,
+    /// Times that networks or clocks changed.
+    pub link_troubles: u64,
+    /// Times that hardware broke.
+    pub hardware_faults: u64,
+    /// Restarts of the robot's software.
+    pub restarts: u64,
+    /// Longest time from when all was mended until the robot shook as wanted.
+    pub longest_recovery_s: f64,
+    /// Largest phase current while the hardware was sound.
+    pub largest_current_a: f64,
+    /// Times that each rule was broken.
+    pub violations: BTreeMap<Rule, u64>,
+    /// The first few, in words.
+    pub examples: Vec<String>,
+    /// Lives that ended in a panic.
+    pub panics: u64,
+    /// By how much the process grew from the first to the last quarter; none where the system does not tell.
+    pub growth_bytes: Option<i64>,
+    /// Whether no rule was broken, nothing panicked, and memory stayed flat.
+    pub pass: bool,
+}
+
+/// So much virtual time, shared by several robots. `done` is told each virtual second.
+///
+/// # Errors
+/// When a robot cannot be armed while all is well, or diverges.
+pub fn measure(
+    seed: u64,
+    total: Duration,
+    done: impl Fn(u64) + Sync,
+) -> Result<Verdict, AccuracyError> {
+    let robots = total.as_secs().div_ceil(LONGEST_LIFE.as_secs()).max(2);
+    let length = total / robots as u32;
+    let memory = Memory::new(total);
+    let lives: Vec<Option<Account>> = (0..robots)
+        .into_par_iter()
+        .map(|robot| {
+            let live = || {
+                Life::new(seed.wrapping_mul(1_000_003).wrapping_add(robot))?.live(length, &|| {
+                    memory.look();
+                    done(1);
+                })
+            };
+            match catch_unwind(AssertUnwindSafe(live)) {
+                Ok(account) => account.map(Some),
+                Err(_) => Ok(None),
+            }
+        })
+        .collect::<Result<_, AccuracyError>>()?;
+    let panics = lives.iter().filter(|life| life.is_none()).count() as u64;
+    let mut sum = Account::default();
+    for account in lives.into_iter().flatten() {
+        sum.add(account);
+    }
+    let growth_bytes = memory.growth();
+    let is_flat = growth_bytes.is_none_or(|growth| growth <= GROWTH_LIMIT as i64);
+    let pass = sum.violations == [0; RULES.len()] && panics == 0 && is_flat && sum.episodes > 0;
+    Ok(Verdict {
+        seed,
+        virtual_hours: (length * robots as u32).as_secs_f64() / 3_600.0,
+        robots,
+        episodes: sum.episodes,
+        commands: sum.commands,
+        link_troubles: sum.link_troubles,
+        hardware_faults: sum.hardware_faults,
+        restarts: sum.restarts,
+        longest_recovery_s: sum.longest_recovery.as_secs_f64(),
+        largest_current_a: sum.largest_current,
+        violations: RULES.into_iter().zip(sum.violations).collect(),
+        examples: sum.examples,
+        panics,
+        growth_bytes,
+        pass,
+    })
+}
+
+/// Resident memory of this process, largest in the first and in the last quarter of the virtual time.
+struct Memory {
+    total: u64,
+    seconds: AtomicU64,
+    early: AtomicU64,
+    late: AtomicU64,
+}
+
+impl Memory {
+    fn new(total: Duration) -> Self {
+        let [seconds, early, late] = [0, 0, 0].map(AtomicU64::new);
+        Self { total: total.as_secs(), seconds, early, late }
+    }
+
+    /// Once a virtual second of any robot.
+    fn look(&self) {
+        let seconds = self.seconds.fetch_add(1, Ordering::Relaxed);
+        let quarter = match seconds * 4 / self.total.max(1) {
+            0 => &self.early,
+            3 => &self.late,
+            _ => return,
+        };
+        if let Some(resident) = resident() {
+            quarter.fetch_max(resident, Ordering::Relaxed);
+        }
+    }
+
+    fn growth(&self) -> Option<i64> {
+        let [early, late] = [&self.early, &self.late].map(|size| size.load(Ordering::Relaxed));
+        (early > 0 && late > 0).then(|| late as i64 - early as i64)
+    }
+}
+
+/// Bytes, where the system tells (Linux).
+fn resident() -> Option<u64> {
+    /// Of every system that this is run on.
+    const PAGE: u64 = 4_096;
+    let text = std::fs::read_to_string("/proc/self/statm").ok()?;
+    Some(text.split(' ').nth(1)?.parse::<u64>().ok()? * PAGE)
+}
+
+/// What happened in one life.
+#[derive(Debug, Clone, Default)]
+struct Account {
+    episodes: u64,
+    commands: u64,
+    link_troubles: u64,
+    hardware_faults: u64,
+    restarts: u64,
+    longest_recovery: Duration,
+    largest_current: f64,
+    violations: [u64; RULES.len()],
+    examples: Vec<String>,
+}
+
+impl Account {
+    /// Examples that are kept.
+    const EXAMPLES: usize = 10;
+
+    fn add(&mut self, other: Self) {
+        self.episodes += other.episodes;
+        self.commands += other.commands;
+        self.link_troubles += other.link_troubles;
+        self.hardware_faults += other.hardware_faults;
+        self.restarts += other.restarts;
+        self.longest_recovery = self.longest_recovery.max(other.longest_recovery);
+        self.largest_current = self.largest_current.max(other.largest_current);
+        for (sum, more) in self.violations.iter_mut().zip(other.violations) {
+            *sum += more;
+        }
+        self.examples.extend(other.examples);
+        self.examples.truncate(Self::EXAMPLES);
+    }
+
+    fn broken(&mut self, rule: Rule, what: impl FnOnce() -> String) {
+        self.violations[rule as usize] += 1;
+        if self.examples.len() < Self::EXAMPLES {
+            self.examples.push(what());
+        }
+    }
+}
+
+/// One robot, those who want it, and all that goes wrong with it.
+struct Life {
+    operation: Operation<Plant>,
+    random: Xoshiro256PlusPlus,
+    seed: u64,
+    watch: Watch,
+    /// When the last hardware fault ends, and which it is.
+    breakage: Option<(HardwareFault, Instant)>,
+    /// When each operator, who failed or left, tries again.
+    retry: [Option<Instant>; 3],
+    account: Account,
+    next_second: Instant,
+}
+
+impl Life {
+    fn new(seed: u64) -> Result<Self, AccuracyError> {
+        let base = BASES[(seed % 2) as usize];
+        let flash = learnt(base, seed)?;
+        let mut operation = bench_knowing(base, seed, flash, ChannelParameters::QUIET_WIFI)?;
+        let key = operation.robot.parameters().key.clone().unwrap_or_else(|| Key::new([0; 32]));
+        operation.add_operator(key, ChannelParameters::QUIET_WIFI);
+        operation.add_operator(Key::new([0x66; 32]), ChannelParameters::QUIET_WIFI);
+        Ok(Self {
+            random: Xoshiro256PlusPlus::seed_from_u64(seed ^ 0x50a4),
+            seed,
+            watch: Watch::new(operation.now()),
+            operation,
+            breakage: None,
+            retry: [None; 3],
+            account: Account::default(),
+            next_second: Instant::from_micros(1_000_000),
+        })
+    }
+
+    fn live(mut self, length: Duration, second: &dyn Fn()) -> Result<Account, AccuracyError> {
+        let end = self.operation.now() + length;
+        while self.operation.now() < end {
+            self.suffer(second)?;
+            self.mend(second)?;
+            self.recover(second)?;
+        }
+        Ok(self.account)
+    }
+
+    fn below(&mut self, limit: u64) -> u64 {
+        self.random.next_u64() % limit
+    }
+
+    fn between(&mut self, lowest: f64, highest: f64) -> f64 {
+        lowest + (highest - lowest) * unit(&mut self.random)
+    }
+
+    /// Some seconds in which chance does something all the time.
+    fn suffer(&mut self, second: &dyn Fn()) -> Result<(), AccuracyError> {
+        self.seclude(ChannelParameters::QUIET_WIFI);
+        let end = self.operation.now() + Duration::from_secs_f64(self.between(4.0, 20.0));
+        while self.operation.now() < end {
+            match self.below(10) {
+                0 => self.spoil_link(),
+                1 => self.spoil_clock(),
+                2 | 3 => self.break_hardware(),
+                _ => self.command(),
+            }
+            let pause = -PACE * (1.0 - unit(&mut self.random)).ln();
+            self.run(Duration::from_secs_f64(pause.min(3.0)), second)?;
+        }
+        Ok(())
+    }
+
+    fn run(&mut self, duration: Duration, second: &dyn Fn()) -> Result<(), AccuracyError> {
+        let end = self.operation.now() + duration;
+        while self.operation.now() < end {
+            self.tick(second)?;
+        }
+        Ok(())
+    }
+
+    fn tick(&mut self, second: &dyn Fn()) -> Result<(), AccuracyError> {
+        self.operation.tick()?;
+        self.listen();
+        self.watch.see(&mut self.operation, self.breakage, &mut self.account);
+        if self.operation.now() >= self.next_second {
+            self.next_second = self.next_second + Duration::from_secs(1);
+            second();
+        }
+        Ok(())
+    }
+
+    /// Operators read what they are told, and try again when they failed.
+    fn listen(&mut self) {
+        let now = self.operation.now();
+        for (operator, retry) in self.operation.operators.iter_mut().zip(&mut self.retry) {
+            while let Some(update) = operator.client.update() {
+                if matches!(update, Update::Failed(_) | Update::Left) {
+                    *retry = Some(now + Duration::from_millis(500));
+                }
+            }
+            if retry.is_some_and(|at| at <= now) {
+                *retry = None;
+                operator.client.connect(operator.clock.read(now));
+            }
+        }
+    }
+
+    fn command(&mut self) {
+        let who = if self.below(4) == 0 { 1 } else { 0 };
+        let setpoint = setpoint(self.between(-35.0, 35.0) as f32, self.between(-90.0, 90.0) as f32);
+        let what = self.below(24);
+        let rate = self.between(-5.0, 60.0) as f32;
+        let operator = &mut self.operation.operators[who];
+        let now = operator.clock.read(self.watch.now);
+        let client = &mut operator.client;
+        let name = |text: &str| text.try_into().unwrap_or_default();
+        let request = match what {
+            0..=7 => {
+                client.hold(now, setpoint);
+                None
+            }
+            8 => {
+                client.hold(now, Setpoint::REST);
+                None
+            }
+            9 => {
+                client.release();
+                None
+            }
+            10 => {
+                client.stop(now);
+                None
+            }
+            11 => {
+                client.leave();
+                self.retry[who] = Some(self.watch.now + Duration::from_millis(300));
+                None
+            }
+            12 => Some(Command::Disarm),
+            13..=15 => Some(Command::Clear),
+            16..=19 => Some(Command::Arm),
+            20 => Some(Command::Parameter(ParameterCommand::List(0))),
+            21 => Some(Command::Parameter(ParameterCommand::Set(name("telemetry_rate"), rate))),
+            22 => Some(Command::Parameter(ParameterCommand::Save)),
+            _ => Some(Command::Identify),
+        };
+        if let Some(command) = request {
+            client.request(now, command);
+        }
+        self.account.commands += 1;
+    }
+
+    fn spoil_link(&mut self) {
+        let who = self.below(3) as usize;
+        let network = match self.below(4) {
+            0 => ChannelParameters::QUIET_WIFI,
+            1 => ChannelParameters::CUT,
+            _ => {
+                let milliseconds = |of: &mut Self, most: f64| {
+                    Duration::from_secs_f64(1e-3 * of.between(0.0, most))
+                };
+                let bursts = Bursts {
+                    length: milliseconds(self, 400.0),
+                    gap: Duration::from_millis(50) + milliseconds(self, 1_000.0),
+                };
+                ChannelParameters {
+                    delay: milliseconds(self, 150.0),
+                    jitter: milliseconds(self, 200.0),
+                    loss: self.between(0.0, 0.6),
+                    duplication: self.between(0.0, 0.5),
+                    reordering: self.between(0.0, 0.5),
+                    corruption: self.between(0.0, 0.5),
+                    bursts: (self.below(2) == 0).then_some(bursts),
+                }
+            }
+        };
+        let ways = self.below(3);
+        let operator = &mut self.operation.operators[who];
+        if ways != 0 {
+            operator.to_robot.parameters = network;
+        }
+        if ways != 1 {
+            operator.to_operator.parameters = network;
+        }
+        self.account.link_troubles += 1;
+    }
+
+    fn spoil_clock(&mut self) {
+        let (who, rate) = (self.below(3) as usize, self.between(0.9, 1.1));
+        self.operation.operators[who].clock.run_at(rate, self.watch.now);
+        self.account.link_troubles += 1;
+    }
+
+    /// One thing at a time: what two at once do to each other is for the tests of each.
+    fn break_hardware(&mut self) {
+        let now = self.watch.now;
+        if self.breakage.is_some_and(|(_, until)| now <= until) {
+            return;
+        }
+        self.operation.robot.mend();
+        let motor = self.below(2) as usize;
+        let mut lasts = Duration::from_secs_f64(self.between(0.0, 1.0).powi(3) * 3.0);
+        let fault = match self.below(9) {
+            0 => HardwareFault::EncoderStuck(motor),
+            1 => HardwareFault::EncoderLost(motor),
+            2 => HardwareFault::EncoderNoise(self.between(0.0, 2.0).exp2().powi(2)),
+            3 => HardwareFault::OpenPhase(motor, self.below(3) as usize),
+            4 => HardwareFault::CurrentOffset(motor, self.between(-700.0, 700.0) as i16),
+            5 => HardwareFault::BusSag(self.between(-3.0, 6.0)),
+            6 => HardwareFault::Processor(Processor::IsDeaf),
+            7 => {
+                lasts = lasts.min(WATCHDOG);
+                HardwareFault::Processor(Processor::Hangs)
+            }
+            _ => {
+                lasts = BOOT_TIME;
+                self.account.restarts += 1;
+                HardwareFault::Processor(Processor::Restarts)
+            }
+        };
+        let (seed, mut until) = (self.random.next_u64(), now + lasts);
+        self.operation.robot.disturb(Injected::new(fault, now, until, seed));
+        if lasts == WATCHDOG {
+            let restart = HardwareFault::Processor(Processor::Restarts);
+            let hung = until;
+            until = until + BOOT_TIME;
+            self.operation.robot.disturb(Injected::new(restart, hung, until, seed));
+            self.account.restarts += 1;
+        }
+        self.breakage = Some((fault, until));
+        self.account.hardware_faults += 1;
+    }
+
+    /// All is well again, and only the first operator is left. The battery is swapped for a charged one.
+    fn mend(&mut self, second: &dyn Fn()) -> Result<(), AccuracyError> {
+        while self.breakage.is_some_and(|(_, until)| self.watch.now <= until) {
+            self.tick(second)?;
+        }
+        self.operation.robot.mend();
+        self.operation.robot.swap_battery(0.9);
+        let now = self.watch.now;
+        for operator in &mut self.operation.operators {
+            operator.clock.run_at(1.0, now);
+            operator.to_robot.parameters = ChannelParameters::QUIET_WIFI;
+            operator.to_operator.parameters = ChannelParameters::QUIET_WIFI;
+        }
+        self.seclude(ChannelParameters::CUT);
+        self.retry = [None; 3];
+        if !self.operation.operators[0].client.is_connected(self.shown()) {
+            self.retry[0] = Some(now + Duration::from_millis(500));
+        }
+        Ok(())
+    }
+
+    /// Puts all operators but the first on this network.
+    fn seclude(&mut self, network: ChannelParameters) {
+        for operator in &mut self.operation.operators[1..] {
+            operator.to_robot.parameters = network;
+            operator.to_operator.parameters = network;
+        }
+    }
+
+    /// What the first operator's clock shows.
+    fn shown(&self) -> Instant {
+        self.operation.operators[0].clock.read(self.operation.now())
+    }
+
+    /// Time for which f and theta must be near before the robot counts as shaking as wanted.
+    const NEAR_FOR: Duration = Duration::from_millis(300);
+
+    fn recover(&mut self, second: &dyn Fn()) -> Result<(), AccuracyError> {
+        let began = self.operation.now();
+        let frequency = if self.below(2) == 0 { 25.0 } else { -25.0 };
+        let direction = self.between(-90.0, 90.0) as f32;
+        let wanted = setpoint(frequency, direction);
+        let mut near_since = None;
+        self.account.episodes += 1;
+        loop {
+            let now = self.operation.now();
+            let is_due = (now.as_micros() - began.as_micros()).is_multiple_of(100_000);
+            if is_due {
+                self.insist(wanted);
+            }
+            self.tick(second)?;
+            let truth = self.operation.robot.truth();
+            if is_near(&truth, wanted) {
+                let since = *near_since.get_or_insert(now);
+                if now.since(since) >= Self::NEAR_FOR {
+                    break;
+                }
+            } else {
+                near_since = None;
+            }
+            if now.since(began) > RECOVERY_LIMIT {
+                let seed = self.seed;
+                let robot = &self.operation.robot;
+                let report = robot.report();
+                self.account.broken(Rule::Recovery, || {
+                    format!(
+                        "robot {seed}, {:.3} s: still {} with {:?}, stopped {}, held by {:?}, f {:.2} Hz",
+                        now.as_micros() as f64 * 1e-6,
+                        report.state,
+                        report.faults,
+                        report.stopped,
+                        robot.operator(),
+                        truth.frequency(),
+                    )
+                });
+                break;
+            }
+        }
+        let took = self.operation.now().since(began);
+        self.account.longest_recovery = self.account.longest_recovery.max(took);
+        Ok(())
+    }
+
+    /// What a patient operator does next.
+    fn insist(&mut self, wanted: Setpoint) {
+        let now = self.shown();
+        let client = self.operation.client();
+        let Some(told) = client.telemetry().copied() else { return };
+        if told.stopped || !told.faults.is_empty() {
+            client.request(now, Command::Clear);
+        } else if told.state == State::Disarmed {
+            client.request(now, Command::Arm);
+        } else if matches!(told.state, State::Armed | State::Running) {
+            client.hold(now, wanted);
+        }
+    }
+}
+
+fn is_near(truth: &Truth, wanted: Setpoint) -> bool {
+    let direction = f64::from(wanted.direction().get()).to_radians();
+    (truth.frequency() - f64::from(wanted.frequency().get())).abs() < 1.0
+        && line_error(truth.direction, direction).abs().to_degrees() < 5.0
+}
+
+/// Checks the rules.
+struct Watch {
+    now: Instant,
+    /// Since when each of these goes on.
+    excess: Option<Instant>,
+    spinning: Option<Instant>,
+    state: (State, Instant),
+    /// Until when the hardware does not count as sound.
+    unsound_until: Instant,
+    hung: bool,
+    holder: Option<core::net::SocketAddr>,
+    silence: Duration,
+    /// A rule that was just broken, so that it counts once.
+    reported: [bool; RULES.len()],
+}
+
+impl Watch {
+    fn new(now: Instant) -> Self {
+        Self {
+            now,
+            excess: None,
+            spinning: None,
+            state: (State::Disarmed, now),
+            unsound_until: now,
+            hung: false,
+            holder: None,
+            silence: Duration::MAX,
+            reported: [false; RULES.len()],
+        }
+    }
+
+    fn see(
+        &mut self,
+        operation: &mut Operation<Plant>,
+        breakage: Option<(HardwareFault, Instant)>,
+        account: &mut Account,
+    ) {
+        self.now = operation.now();
+        let truth = operation.robot.truth();
+        let processor = operation.robot.processor();
+        if let Some((_, until)) = breakage {
+            self.unsound_until = until + AFTERMATH;
+        }
+        if processor == Processor::Hangs {
+            self.hung = true;
+        } else if processor == Processor::Restarts {
+            self.hung = false;
+        }
+        let broken = [
+            self.current(operation, &truth, breakage, account),
+            self.spins_disarmed(operation, &truth),
+            self.two_operators(operation),
+            !self.hung
+                && processor != Processor::Restarts
+                && operation.robot.report().timing.overruns > 0,
+            self.stuck_state(operation),
+            false,
+        ];
+        for (rule, is_broken) in RULES.into_iter().zip(broken) {
+            let was_broken = core::mem::replace(&mut self.reported[rule as usize], is_broken);
+            if is_broken && !was_broken {
+                let report = operation.robot.report();
+                account.broken(rule, || {
+                    format!(
+                        "{rule:?} at {:.4} s of robot {}: {} with {}, {:.2} A, rotors at {:.1?} rad/s, \
+                         broken: {breakage:?}",
+                        self.now.as_micros() as f64 * 1e-6,
+                        operation.robot.parameters().seed,
+                        report.state,
+                        report.faults,
+                        truth.largest_current(),
+                        truth.rotor_speed,
+                    )
+                });
+            }
+        }
+    }
+
+    fn current(
+        &mut self,
+        operation: &Operation<Plant>,
+        truth: &Truth,
+        breakage: Option<(HardwareFault, Instant)>,
+        account: &mut Account,
+    ) -> bool {
+        let settings = operation.robot.software().settings();
+        let current = truth.largest_current();
+        if self.now > self.unsound_until {
+            account.largest_current = account.largest_current.max(current);
+            return current > f64::from(settings.current_limit);
+        }
+        // What an amplifier reads too much or too little, the robot cannot know.
+        let error = match breakage {
+            Some((HardwareFault::CurrentOffset(_, counts), _)) => {
+                f64::from(counts.unsigned_abs()) * amperes_per_count(operation)
+            }
+            _ => 0.0,
+        };
+        // A bridge that nobody tells anything any more does what it will.
+        let hangs = matches!(breakage, Some((HardwareFault::Processor(Processor::Hangs), _)));
+        if current <= f64::from(settings.over_current) + error || hangs {
+            self.excess = None;
+            return false;
+        }
+        let since = *self.excess.get_or_insert(self.now);
+        self.now.since(since) > TRIP_TIME
+    }
+
+    fn spins_disarmed(&mut self, operation: &Operation<Plant>, truth: &Truth) -> bool {
+        let robot = &operation.robot;
+        let is_let_down = matches!(robot.report().state, State::Disarmed | State::Faulted)
+            && robot.processor() <= Processor::IsDeaf;
+        let limit = REST_HZ * core::f64::consts::TAU;
+        let spins = truth.rotor_speed.iter().any(|speed| speed.abs() > limit);
+        if !(is_let_down && spins) {
+            self.spinning = None;
+            return false;
+        }
+        let since = *self.spinning.get_or_insert(self.now);
+        self.now.since(since) > REST_LIMIT
+    }
+
+    fn two_operators(&mut self, operation: &Operation<Plant>) -> bool {
+        let holder = operation.robot.operator();
+        let silence = core::mem::replace(
+            &mut self.silence,
+            Duration::from_micros(operation.robot.link_quality().silence_us.into()),
+        );
+        let before = core::mem::replace(&mut self.holder, holder);
+        let tick = Duration::from_micros(1_000_000 / u64::from(TICK_RATE_HZ));
+        let is_taken = before.is_some() && holder.is_some() && before != holder;
+        // Who said goodbye does not believe to be connected any more.
+        let believes = |operator: &Operator| {
+            Some(operator.address) == before
+                && operator.client.is_connected(operator.clock.read(self.now))
+        };
+        let is_robbed = silence.saturating_add(tick) < HOLDER_SILENCE
+            && operation.operators.iter().any(believes);
+        let stranger = operation.operators[2].address;
+        (is_taken && is_robbed) || holder == Some(stranger)
+    }
+
+    fn stuck_state(&mut self, operation: &Operation<Plant>) -> bool {
+        let state = operation.robot.report().state;
+        if state != self.state.0 || operation.robot.processor() > Processor::IsDeaf {
+            self.state = (state, self.now);
+        }
+        let limit = match state {
+            State::Aligning => ALIGNING_LIMIT,
+            State::Stopping => STOPPING_LIMIT,
+            State::Disarmed | State::Armed | State::Running | State::Faulted => return false,
+        };
+        self.now.since(self.state.1) > limit
+    }
+}
+
+fn amperes_per_count(operation: &Operation<Plant>) -> f64 {
+    let hardware = &operation.robot.parameters().electronics.hardware;
+    hardware.current_sense.map_or(0.0, |sense| f64::from(sense.microamperes_per_count) * 1e-6)
+}
+
+#[cfg(test)]
+mod tests {
+    use flix_firmware::hardware::Actuation;
+
+    use super::*;
+    use crate::robot::Disturbance;
+
+    #[test]
+    fn two_robots_live_through_a_minute_of_trouble() {
+        let verdict = measure(1, Duration::from_secs(60), |_| ()).unwrap();
+        let broken: u64 = verdict.violations.values().sum();
+        assert_eq!((broken, verdict.panics), (0, 0), "{:#?}", verdict.examples);
+        assert!(verdict.hardware_faults > 10 && verdict.episodes > 1, "{verdict:?}");
+    }
+
+    /// A bridge that lost its supply: whatever it is told, it lets go.
+    struct LetGo;
+
+    impl Disturbance for LetGo {
+        fn actuation(&mut self, _now: Instant, actuation: &mut Actuation) {
+            *actuation = Actuation::OFF;
+        }
+    }
+
+    /// What checks the rules must be able to see them broken.
+    #[test]
+    fn rotors_that_nothing_brakes_are_seen_to_spin_disarmed() {
+        let mut life = Life::new(2).unwrap();
+        life.seclude(ChannelParameters::CUT);
+        life.operation.arm().unwrap();
+        life.operation.hold(setpoint(30.0, 0.0));
+        life.run(Duration::from_secs(1), &|| ()).unwrap();
+        life.operation.robot.disturb(LetGo);
+        life.run(Duration::from_secs(3), &|| ()).unwrap();
+        assert_eq!(life.account.violations[Rule::SpinsDisarmed as usize], 1);
+    }
+}
