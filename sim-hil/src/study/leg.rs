@@ -8,8 +8,8 @@
 //! are our reading, and load and lever are parameters. Without a lever nothing twists and k_twist stays unknown.
 //!
 //! Searched is S = {k_bend, k_twist, b_bend, b_twist} with the least square error of position and rotation
-//! (equation 2; rotations times the beam's length): CMA-ES over the logarithms finds the valley, Gauss-Newton its
-//! bottom, and its matrix tells how certain each value is.
+//! (equation 2; rotations times the beam's length): CMA-ES over the logarithms finds the valley,
+//! Levenberg-Marquardt its bottom, and its matrix tells how certain each value is.
 
 use std::path::Path;
 
@@ -42,9 +42,11 @@ pub const COLUMNS: [&str; 8] =
 /// Searched ranges of stiffness, N m/rad, and damping, N m s/rad: a decade and more around any soft beam's.
 const RANGES: [(f64, f64); 4] = [(0.1, 20.0), (0.1, 20.0), (1e-4, 0.1), (1e-4, 0.1)];
 /// Generations of the first search.
-pub const GENERATIONS: u64 = 20;
-/// Most steps of the second.
-const REFINEMENTS: usize = 12;
+pub const GENERATIONS: u64 = 40;
+/// Most steps of the second, those that do not better it included.
+const REFINEMENTS: usize = 30;
+/// Damping of its first step, as a share of each value's own curvature.
+const FIRST_DAMPING: f64 = 1e-3;
 /// Relative change by which derivatives are taken.
 const NUDGE: f64 = 1e-3;
 
@@ -297,18 +299,23 @@ pub fn identify(
 
     let mut values = decode(&search.mean());
     let mut left = deviation(values)?;
-    let mut information = Matrix4::zeros();
+    let (mut information, mut pull) = normal_equations(&deviation, values, &left)?;
+    let mut damping = FIRST_DAMPING;
     for _ in 0..REFINEMENTS {
-        let slopes = slopes(&deviation, values, &left)?;
-        information = Matrix4::from_fn(|i, j| dot(&slopes[i], &slopes[j]));
-        let pull = Vector4::from_fn(|i, _| -dot(&slopes[i], &left));
-        let Some(step) = information.cholesky().map(|factor| factor.solve(&pull)) else { break };
-        let next: Stiffness = core::array::from_fn(|i| values[i] * step[i].clamp(-0.5, 0.5).exp());
+        let damped = information + Matrix4::from_diagonal(&information.diagonal()) * damping;
+        let Some(step) = damped.cholesky().map(|factor| factor.solve(&pull)) else { break };
+        let next: Stiffness = core::array::from_fn(|i| {
+            let (low, high) = RANGES[i];
+            (values[i] * step[i].clamp(-0.5, 0.5).exp()).clamp(low, high)
+        });
         let next_left = deviation(next)?;
-        if square(&next_left) >= square(&left) {
-            break;
+        if square(&next_left) < square(&left) {
+            (values, left) = (next, next_left);
+            (information, pull) = normal_equations(&deviation, values, &left)?;
+            damping *= 0.1;
+        } else {
+            damping *= 10.0;
         }
-        (values, left) = (next, next_left);
         if step.amax() < 1e-5 {
             break;
         }
@@ -325,6 +332,17 @@ pub fn identify(
         rmse_mm: 1e3 * rms(0),
         rmse_deg: (rms(3) / TIP_REACH).to_degrees(),
     })
+}
+
+/// Curvature of half the square error by the logarithms of the values, and its slope downhill.
+fn normal_equations(
+    deviation: &(impl Fn(Stiffness) -> Result<Vec<f64>, ProbeError> + Sync),
+    values: Stiffness,
+    left: &[f64],
+) -> Result<(Matrix4<f64>, Vector4<f64>), ProbeError> {
+    let slopes = slopes(deviation, values, left)?;
+    let curvature = Matrix4::from_fn(|i, j| dot(&slopes[i], &slopes[j]));
+    Ok((curvature, Vector4::from_fn(|i, _| -dot(&slopes[i], left))))
 }
 
 /// Derivatives of the deviations by the logarithm of each value.
@@ -371,7 +389,7 @@ mod tests {
     #[test]
     fn recovers_another_leg_within_two_percent_from_noisy_tests() {
         let truth = [0.7, 1.1, 0.004, 0.003];
-        let found = recovered(truth, 2);
+        let found = recovered(truth, 6);
         for i in 0..4 {
             assert!((found.values[i] / truth[i] - 1.0).abs() < 0.02, "{}: {found:?}", NAMES[i]);
         }
