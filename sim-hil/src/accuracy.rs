@@ -191,7 +191,7 @@ pub fn bench(base: Base, seed: u64) -> Result<Operation<Plant>, ModelError> {
     bench_knowing(base, seed, None, ChannelParameters::QUIET_WIFI)
 }
 
-/// As [`bench`], on another network and with this in the robot's flash.
+/// As [`bench()`], on another network and with this in the robot's flash.
 ///
 /// # Errors
 /// When the model is damaged.
