@@ -8,28 +8,20 @@
 //! ```
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+#[path = "support/no_store.rs"]
+mod no_store;
+
 use core::net::SocketAddr;
 
 use bolero::{TypeGenerator, check};
 use flix_firmware::board::DENGFOC_V3_01;
-use flix_firmware::hardware::{Actuation, Bridge, Encoder, EncoderReading, Sensors, SettingsStore};
+use flix_firmware::hardware::{Actuation, Bridge, Encoder, EncoderReading, Sensors};
 use flix_firmware::robot::Robot;
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{Command, State, ToRobot};
 use flix_protocol::session::{Key, OperatorSession, Status};
 use flix_protocol::units::Instant;
-
-struct NoStore;
-
-impl SettingsStore for NoStore {
-    type Error = ();
-    fn load(&mut self, _buffer: &mut [u8]) -> Result<Option<usize>, ()> {
-        Ok(None)
-    }
-    fn save(&mut self, _bytes: &[u8]) -> Result<(), ()> {
-        Ok(())
-    }
-}
+use no_store::NoStore;
 
 /// Rotors at rest, no current, a full battery.
 const AT_REST: Sensors = {

@@ -2,6 +2,9 @@
 //! and that loses frames, embassy's own executor, and virtual time.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
+#[path = "support/no_store.rs"]
+mod no_store;
+
 use std::cell::{Cell, RefCell};
 use std::future::Future;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -20,7 +23,7 @@ use embassy_net_driver_channel::{Device, Runner, State};
 use embassy_time::{Duration, MockDriver, Timer};
 use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::control::Control;
-use flix_firmware::hardware::{Encoder, EncoderReading, Sensors, SettingsStore};
+use flix_firmware::hardware::{Encoder, EncoderReading, Sensors};
 use flix_firmware::mdns;
 use flix_firmware::net::{self, Station};
 use flix_firmware::robot::{Robot, SlowHalf};
@@ -29,6 +32,7 @@ use flix_protocol::frame::Frame;
 use flix_protocol::message::{Command, Outcome, ToOperator, ToRobot};
 use flix_protocol::session::{Key, OperatorReceived, OperatorSession, Status};
 use flix_protocol::units::Instant;
+use no_store::NoStore;
 
 const MTU: usize = 1514;
 const ROBOT: Ipv4Addr = Ipv4Addr::new(10, 0, 0, 1);
@@ -41,18 +45,6 @@ const TURNS: usize = 12;
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 type Driver = Device<'static, MTU>;
-
-struct NoStore;
-
-impl SettingsStore for NoStore {
-    type Error = ();
-    fn load(&mut self, _buffer: &mut [u8]) -> Result<Option<usize>, ()> {
-        Ok(None)
-    }
-    fn save(&mut self, _bytes: &[u8]) -> Result<(), ()> {
-        Ok(())
-    }
-}
 
 /// What the wire does with frames.
 #[derive(Default)]

@@ -27,7 +27,7 @@ use serde::Serialize;
 
 use crate::accuracy::{AccuracyError, Base, bench_knowing, learnt, setpoint};
 use crate::channel::ChannelParameters;
-use crate::fault::hardware::{HardwareFault, Injected};
+use crate::fault::hardware::{BOOT_TIME, HardwareFault, Injected};
 use crate::operation::{Operation, Towards};
 use crate::plant::Plant;
 use crate::plant::sensor::unit;
@@ -103,8 +103,6 @@ const LIFE: Duration = Duration::from_secs(9);
 const TURN: Duration = Duration::from_millis(7_500);
 /// Datagrams a life when there are enough for several: 100,000 a second, ten times a flood.
 const DATAGRAMS_A_LIFE: u64 = 900_000;
-/// Time that a restart takes.
-const BOOT_TIME: Duration = Duration::from_millis(300);
 /// Each way.
 const NETWORK: ChannelParameters =
     ChannelParameters { delay: Duration::from_millis(2), ..ChannelParameters::PERFECT };

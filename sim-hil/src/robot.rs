@@ -173,6 +173,12 @@ impl Truth {
         -(top - bottom) / 2.0 / core::f64::consts::TAU
     }
 
+    /// Whether both rotors turn slower than this, Hz.
+    #[must_use]
+    pub fn is_slower_than(&self, hertz: f64) -> bool {
+        self.rotor_speed.iter().all(|speed| speed.abs() < hertz * core::f64::consts::TAU)
+    }
+
     /// Largest phase current of both motors, A.
     #[must_use]
     pub fn largest_current(&self) -> f64 {

@@ -21,7 +21,8 @@ use serde::Serialize;
 
 use crate::accuracy::{AccuracyError, BASES, bench_knowing, learnt, setpoint};
 use crate::channel::{Bursts, ChannelParameters};
-use crate::fault::hardware::{HardwareFault, Injected};
+use crate::fault::hardware::{BOOT_TIME, HardwareFault, Injected};
+use crate::fault::matrix::{REST_HZ, REST_LIMIT_S};
 use crate::measure::line_error;
 use crate::operation::{Operation, Operator};
 use crate::plant::Plant;
@@ -59,10 +60,6 @@ pub const RULES: [Rule; 6] = [
 
 /// The process may grow by this between the first and the last quarter, bytes: a few pages of each allocator arena.
 pub const GROWTH_LIMIT: u64 = 2 << 20;
-/// Longest time for coming to rest once let down, s: as in the matrix of faults.
-const REST_LIMIT: Duration = Duration::from_millis(600);
-/// Rotors slower than this are at rest, Hz.
-const REST_HZ: f64 = 0.5;
 /// What a trip of the current may take, with what the windings then still carry.
 const TRIP_TIME: Duration = Duration::from_millis(1);
 /// After hardware was mended it counts as sound once what it did has died away.
@@ -73,8 +70,6 @@ const ALIGNING_LIMIT: Duration = Duration::from_secs(15);
 const STOPPING_LIMIT: Duration = Duration::from_secs(1);
 /// Longest time from when all is mended until the robot shakes as wanted.
 const RECOVERY_LIMIT: Duration = Duration::from_secs(30);
-/// Time that a restart takes.
-const BOOT_TIME: Duration = Duration::from_millis(300);
 /// The chip's watchdog restarts a loop that hangs for so long.
 const WATCHDOG: Duration = Duration::from_millis(200);
 /// Mean time between two things that chance does.
@@ -699,14 +694,12 @@ impl Watch {
         let robot = &operation.robot;
         let is_let_down = matches!(robot.report().state, State::Disarmed | State::Faulted)
             && robot.processor() <= Processor::IsDeaf;
-        let limit = REST_HZ * core::f64::consts::TAU;
-        let spins = truth.rotor_speed.iter().any(|speed| speed.abs() > limit);
-        if !(is_let_down && spins) {
+        if !is_let_down || truth.is_slower_than(REST_HZ) {
             self.spinning = None;
             return false;
         }
         let since = *self.spinning.get_or_insert(self.now);
-        self.now.since(since) > REST_LIMIT
+        self.now.since(since).as_secs_f64() > REST_LIMIT_S
     }
 
     fn two_operators(&mut self, operation: &Operation<Plant>) -> bool {

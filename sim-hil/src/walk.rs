@@ -11,7 +11,7 @@ use flix_protocol::session::Key;
 use serde::Serialize;
 
 use crate::channel::ChannelParameters;
-use crate::model::{GRAVITY, ModelError, RobotModel};
+use crate::model::{Base, GRAVITY, ModelError, RobotModel};
 use crate::operation::{Operation, OperationError};
 use crate::plant::{Diverged, Drive, Mechanics, Plant};
 use crate::probe::turn_between;
@@ -105,6 +105,17 @@ pub enum WalkError {
     Operation(#[from] OperationError),
 }
 
+/// Refuses a model that cannot walk.
+///
+/// # Errors
+/// When it has no legs or does not stand free.
+pub fn require_walker(model: &RobotModel) -> Result<(), WalkError> {
+    if model.legs.is_none() || model.base != Base::Free {
+        return Err(WalkError::NoLegs { name: model.name.clone() });
+    }
+    Ok(())
+}
+
 /// Walks once. `watch` sees the plant after every step that is measured.
 ///
 /// # Errors
@@ -115,9 +126,7 @@ pub fn walk(
     seed: u64,
     watch: impl FnMut(&Plant),
 ) -> Result<Walked, WalkError> {
-    if model.legs.is_none() || model.base != crate::model::Base::Free {
-        return Err(WalkError::NoLegs { name: model.name.clone() });
-    }
+    require_walker(model)?;
     let mut plant = Plant::new(model)?;
     plant.disturb(seed, false);
     plant.set_longest_step(walk.step);

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use super::{Error, progress};
+use super::{Error, progress, tell};
 use crate::accuracy::{
     ACROSS_LIMIT, Accuracy, BASES, DIRECTION_LIMIT_DEG, FORCE_LIMIT_DEG, FREQUENCY_LIMIT_HZ,
     HoldResult, RUNS, SETTLE_LIMIT_S, measure,
@@ -26,12 +26,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let bar = progress(RUNS as u64, "measuring");
     let accuracy = measure(args.seed, || bar.inc(1))?;
     bar.finish_and_clear();
-    if args.json {
-        println!("{}", serde_json::to_string(&accuracy)?);
-    } else {
-        print!("{}", table(&accuracy, args.seed));
-    }
-    Ok(if accuracy.pass { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    tell(&accuracy, accuracy.pass, args.json, || table(&accuracy, args.seed))
 }
 
 fn table(accuracy: &Accuracy, seed: u64) -> String {

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use super::{Error, progress, words};
+use super::{Error, progress, tell, words};
 use crate::adversary::{HANDSHAKE_LIMIT_S, Verdict, measure};
 
 /// Attack live robots over their link, and tell what came of it.
@@ -35,12 +35,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         bar.inc(datagrams + bytes)
     })?;
     bar.finish_and_clear();
-    if args.json {
-        println!("{}", serde_json::to_string(&verdict)?);
-    } else {
-        print!("{}", table(&verdict));
-    }
-    Ok(if verdict.pass { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    tell(&verdict, verdict.pass, args.json, || table(&verdict))
 }
 
 fn table(verdict: &Verdict) -> String {

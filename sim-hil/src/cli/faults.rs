@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use super::{Error, progress};
+use super::{Error, progress, tell};
 use crate::fault::matrix::{CASES, CELLS, Cell, Matrix, Outcome, REST_LIMIT_S, measure};
 
 /// Let everything go wrong in every mode at every time, and tell what the robot does.
@@ -23,12 +23,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let bar = progress(CELLS as u64, "breaking");
     let matrix = measure(args.seed, || bar.inc(1))?;
     bar.finish_and_clear();
-    if args.json {
-        println!("{}", serde_json::to_string(&matrix)?);
-    } else {
-        print!("{}", table(&matrix));
-    }
-    Ok(if matrix.pass { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    tell(&matrix, matrix.pass, args.json, || table(&matrix))
 }
 
 fn table(matrix: &Matrix) -> String {

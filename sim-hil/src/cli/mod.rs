@@ -6,9 +6,12 @@
 pub mod accuracy;
 pub mod adversary;
 pub mod arguments;
+pub mod conditions;
 pub mod demo;
 pub mod export_mjcf;
 pub mod faults;
+pub mod home;
+pub mod identify;
 pub mod leg;
 pub mod modes;
 pub mod rest;
@@ -16,13 +19,10 @@ pub mod serve;
 pub mod shake;
 pub mod soak;
 pub mod study;
+pub mod track;
 pub mod validate;
 pub mod walk;
 
-pub mod conditions;
-pub mod home;
-pub mod identify;
-pub mod track;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -73,6 +73,21 @@ enum Command {
     Identify(identify::Args),
     /// Repeat the paper's studies, each with one command.
     Study(study::Args),
+}
+
+/// Prints figures as one line of JSON, or as `text` for people; the exit code says whether all promises were kept.
+fn tell(
+    figures: &impl serde::Serialize,
+    pass: bool,
+    json: bool,
+    text: impl FnOnce() -> String,
+) -> Result<ExitCode, Error> {
+    if json {
+        println!("{}", serde_json::to_string(figures)?);
+    } else {
+        print!("{}", text());
+    }
+    Ok(if pass { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Why a command failed: one sentence for people.

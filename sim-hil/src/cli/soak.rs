@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
-use super::{Error, progress, words};
+use super::{Error, progress, tell, words};
 use crate::soak::{GROWTH_LIMIT, Verdict, measure};
 
 /// Let robots live through hours of random commands, faults and link trouble, in virtual time.
@@ -58,12 +58,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let machine_s = began.elapsed().as_secs_f64();
     bar.finish_and_clear();
     let told = Told { times_real_time: total.as_secs_f64() / machine_s, verdict, machine_s };
-    if args.json {
-        println!("{}", serde_json::to_string(&told)?);
-    } else {
-        print!("{}", table(&told));
-    }
-    Ok(if told.verdict.pass { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    tell(&told, told.verdict.pass, args.json, || table(&told))
 }
 
 fn table(told: &Told) -> String {

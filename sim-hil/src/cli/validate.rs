@@ -2,8 +2,8 @@
 
 use std::process::ExitCode;
 
-use super::Error;
 use super::arguments::{Vector, parse_leg};
+use super::{Error, tell};
 use crate::validate::{Options, Report, validate};
 
 /// Compute every figure of the reference table, or others, and tell whether they agree.
@@ -50,12 +50,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         options.frequencies_hz.clone_from(&args.frequency);
     }
     let report = validate(&model, &options)?;
-    if args.json {
-        println!("{}", serde_json::to_string(&report)?);
-    } else {
-        print!("{}", table(&report));
-    }
-    Ok(if report.pass { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    tell(&report, report.pass, args.json, || table(&report))
 }
 
 fn table(report: &Report) -> String {

@@ -1,5 +1,7 @@
 //! What breaks in the robot itself: encoders, wires, amplifiers, battery, processor.
 
+use core::time::Duration;
+
 use flix_firmware::hardware::{Encoder, EncoderReading, Sensors, Turn};
 use flix_protocol::units::Instant;
 use rand::SeedableRng;
@@ -8,6 +10,9 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::plant::electronics::Electronics;
 use crate::robot::{Disturbance, Processor};
+
+/// Time that the boot loader and the start of the software take. Assumed: what an ESP32 takes from flash.
+pub const BOOT_TIME: Duration = Duration::from_millis(300);
 
 /// What breaks. Motors are 0 top, 1 bottom.
 #[derive(Debug, Clone, Copy, PartialEq)]

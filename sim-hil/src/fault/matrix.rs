@@ -15,7 +15,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::hardware::{HardwareFault, Injected};
+use super::hardware::{BOOT_TIME, HardwareFault, Injected};
 use crate::accuracy::{
     AccuracyError, BASES, Base, DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ, bench_knowing, learnt,
     setpoint,
@@ -25,7 +25,7 @@ use crate::measure::{HoldMeter, line_error};
 use crate::operation::Operation;
 use crate::plant::Plant;
 use crate::plant::sensor::unit;
-use crate::robot::{Processor, SimulatedRobot, Truth};
+use crate::robot::{Processor, SimulatedRobot};
 
 /// The five pairs (f in Hz, theta in degrees) of the paper's Table IV.
 pub const MODES: [(f32, f32); 5] =
@@ -36,7 +36,7 @@ pub const REST_LIMIT_S: f64 = 0.6;
 /// Farthest that theta may run away while the rotors ramp down under control, degrees.
 pub const PHASE_LIMIT_DEG: f64 = 5.0;
 /// Rotors slower than this are at rest, Hz.
-const REST_HZ: f64 = 0.5;
+pub const REST_HZ: f64 = 0.5;
 /// Rotors slower than this have no direction to speak of, Hz.
 const TELLING_HZ: f64 = 2.0;
 
@@ -44,8 +44,6 @@ const TELLING_HZ: f64 = 2.0;
 const SETTLING: Duration = Duration::from_secs(1);
 /// Time for which is watched what came of it.
 const WATCHING: Duration = Duration::from_millis(2_500);
-/// Time that the boot loader and the start of the software take. Assumed: what an ESP32 takes from flash.
-const BOOT_TIME: Duration = Duration::from_millis(300);
 /// Chance moves the onset by up to one turn of the rotors and one command.
 const DITHER: Duration = Duration::from_millis(50);
 
@@ -439,19 +437,14 @@ impl Watch {
             self.hold.watch(&truth);
         }
         let is_coming_to_rest = !matches!(robot.report().state, State::Armed | State::Running);
-        if is_coming_to_rest && !slower_than(&truth, TELLING_HZ) {
+        if is_coming_to_rest && !truth.is_slower_than(TELLING_HZ) {
             let kept = *self.kept.get_or_insert(truth.direction);
             self.phase_error = self.phase_error.max(line_error(truth.direction, kept).abs());
         }
-        if slower_than(&truth, REST_HZ) {
+        if truth.is_slower_than(REST_HZ) {
             self.rested.get_or_insert(truth.time);
         } else {
             self.rested = None;
         }
     }
-}
-
-/// Whether both rotors are.
-fn slower_than(truth: &Truth, hertz: f64) -> bool {
-    truth.rotor_speed.iter().all(|speed| speed.abs() < hertz * core::f64::consts::TAU)
 }

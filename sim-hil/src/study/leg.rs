@@ -370,29 +370,26 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    fn recovered(truth: Stiffness, seed: u64) -> Identified {
+    fn assert_recovered(truth: Stiffness, seed: u64) {
         let rig = Rig::new(&RobotModel::named("A").unwrap(), 0, Load::USUAL).unwrap();
         let mut samples = rig.simulate(truth, &Rig::moments()).unwrap();
         add_noise(&mut samples, 0.1, 0.3, seed);
-        identify(&rig, &samples, seed, |_| {}).unwrap()
+        let found = identify(&rig, &samples, seed, |_| {}).unwrap();
+        for i in 0..4 {
+            assert!((found.values[i] / truth[i] - 1.0).abs() < 0.02, "{}: {found:?}", NAMES[i]);
+        }
     }
 
     #[test]
     fn recovers_the_papers_leg_within_two_percent_from_noisy_tests() {
         let truth = [1.062_072, 2.212_09, 0.0024, 0.001_83];
-        let found = recovered(truth, 1);
-        for i in 0..4 {
-            assert!((found.values[i] / truth[i] - 1.0).abs() < 0.02, "{}: {found:?}", NAMES[i]);
-        }
+        assert_recovered(truth, 1);
     }
 
     #[test]
     fn recovers_another_leg_within_two_percent_from_noisy_tests() {
         let truth = [0.7, 1.1, 0.004, 0.003];
-        let found = recovered(truth, 6);
-        for i in 0..4 {
-            assert!((found.values[i] / truth[i] - 1.0).abs() < 0.02, "{}: {found:?}", NAMES[i]);
-        }
+        assert_recovered(truth, 6);
     }
 
     #[test]

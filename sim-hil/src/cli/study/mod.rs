@@ -17,10 +17,10 @@ use flix_host::interrupt::Interrupt;
 
 use super::Error;
 use super::arguments::{ModelArgs, parse_seconds};
-use crate::model::{Base, RobotModel};
+use crate::model::RobotModel;
 use crate::study::sweep::{SECONDS, Sweep, Variant};
 use crate::study::{self, Options, Shard, Study, Table, figure};
-use crate::walk::{DEFAULT_STEP, WalkDrive, WalkError};
+use crate::walk::{DEFAULT_STEP, WalkDrive, require_walker};
 
 /// Repeat the paper's studies, each with one command.
 #[derive(Debug, clap::Args)]
@@ -193,9 +193,7 @@ impl SweepArgs {
     /// When it is refused or has no legs.
     pub fn model(&self) -> Result<RobotModel, Error> {
         let model = self.model.load()?;
-        if model.legs.is_none() || model.base != Base::Free {
-            return Err(WalkError::NoLegs { name: model.name }.into());
-        }
+        require_walker(&model)?;
         Ok(model)
     }
 
