@@ -37,10 +37,11 @@ impl Robot {
             .spawn()
             .expect("flix-sim was built");
         let output = process.stdout.take().expect("it was piped");
-        let mut line = String::new();
-        BufReader::new(output).read_line(&mut line).expect("it introduces itself");
-        let address = line.trim_end().trim_end_matches('.').rsplit(' ').next().unwrap_or_default();
-        let address = address.parse().expect("the line ends with the address");
+        let address = BufReader::new(output)
+            .lines()
+            .map_while(Result::ok)
+            .find_map(|line| line.trim_end_matches('.').rsplit_once(" listens on ")?.1.parse().ok())
+            .expect("it says where it listens");
         Self { process, address }
     }
 }

@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use anstream::print;
+
 use super::Error;
 use crate::model::RobotModel;
 use crate::mujoco::mjcf;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime};
 
+use anstream::println;
 use flix_host::cli::course::{SteeringArgs, facts, names, results};
 use flix_host::nav::{Navigator, PlanarPose, Task};
 use flix_host::pilot::{Ending, Pilot};

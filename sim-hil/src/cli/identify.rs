@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::SystemTime;
 
+use anstream::{print, println};
 use flix_host::cli::identify::{SurveyArgs, describe};
 use flix_host::nav::PlanarPose;
 use flix_host::pilot::{Ending, Pilot};

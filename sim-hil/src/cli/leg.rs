@@ -2,6 +2,8 @@
 
 use std::process::ExitCode;
 
+use anstream::{print, println};
+
 use super::Error;
 use super::arguments::{ModelArgs, Vector, parse_leg};
 use crate::model::LEGS;

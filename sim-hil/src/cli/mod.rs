@@ -25,6 +25,7 @@ pub mod walk;
 
 use std::process::ExitCode;
 
+use anstream::{print, println};
 use clap::{Parser, Subcommand};
 
 pub(crate) use crate::study::progress;

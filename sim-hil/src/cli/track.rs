@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime};
 
+use anstream::{print, println};
 use clap::{Args as _, FromArgMatches as _};
 use flix_host::cli::course::{CourseArgs, facts, names, results};
 use flix_host::nav::{Navigator, Path, Task};

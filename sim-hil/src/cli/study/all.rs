@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 use std::time::Instant;
 
+use anstream::println;
 use clap::Parser;
 
 use crate::cli::Error;

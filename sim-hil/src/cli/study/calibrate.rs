@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use anstream::{print, println};
 use clap::ValueEnum;
 use flix_host::plot::{Chart, Figure, Panel, Series};
 
@@ -11,7 +12,7 @@ use crate::cli::arguments::{ModelArgs, parse_seconds};
 use crate::cli::{Error, progress};
 use crate::model::RobotModel;
 use crate::study::calibrate::{
-    self, Fit, Generation, Goal, Progress, Settings, unknowns, values, write_model,
+    self, Fit, Generation, Goal, Progress, Settings, Start, unknowns, values, write_model,
 };
 use crate::study::measured;
 use crate::study::modes::{PaperMode, paper_modes, score_modes, shuffled_modes};
@@ -25,7 +26,7 @@ const FRESH_SEED: u64 = 1_000_001;
 /// Fit the open choices, the paper's error set, or both; judge the result with fresh seeds.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Each generation tries every candidate on the same, new samples: scattered robots, disturbed starts, each\nstep in turn. The result is the middle of the final distribution. Interrupted, the same command goes on.\n\nA laboratory's speeds are a CSV with the columns f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s.\n\nExamples:\n  flix-sim study calibrate --generations 60\n  flix-sim study calibrate --measured speeds.csv --fit both --hold-out 3,7\n  flix-sim study calibrate --shuffle 1 --generations 15    # what chance reaches"
+    after_help = "Each generation tries every candidate on the same, new samples: scattered robots, disturbed starts, each\nstep in turn. The result is the middle of the final distribution. Interrupted, the same command goes on.\n\nA laboratory's speeds are a CSV with the columns f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s.\n\nExamples:\n  flix-sim study calibrate --generations 60\n  flix-sim study calibrate --measured speeds.csv --fit both --hold-out 3,7\n  flix-sim study calibrate --start middle --shuffle 1    # what chance reaches on an invented table"
 )]
 pub struct Args {
     #[command(flatten)]
@@ -33,6 +34,9 @@ pub struct Args {
     /// Mean speeds of a prototype; without it the modes of tables III and IV are fitted
     #[arg(long, value_name = "CSV")]
     measured: Option<PathBuf>,
+    /// Where the search begins
+    #[arg(long, value_enum, default_value = "model")]
+    start: StartArg,
     /// Fit an invented table instead: the same motions dealt to the pairs at random
     #[arg(long, value_name = "SEED", conflicts_with = "measured")]
     shuffle: Option<u64>,
@@ -82,6 +86,14 @@ enum FitArg {
     Errors,
     /// Both.
     Both,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum StartArg {
+    /// At the model.
+    Model,
+    /// In the middle of the ranges: fitted to nothing.
+    Middle,
 }
 
 /// # Errors
@@ -148,6 +160,10 @@ fn settings(args: &Args, goals: Vec<Goal>) -> Result<Settings, Error> {
     };
     let settings = Settings {
         base: args.model.load()?,
+        start: match args.start {
+            StartArg::Model => Start::Model,
+            StartArg::Middle => Start::Middle,
+        },
         fit,
         goals,
         samples: usize::from(args.samples),

@@ -2,6 +2,7 @@
 
 use std::process::ExitCode;
 
+use anstream::{print, println};
 use flix_host::plot::{Figure, Series, Track, colour};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;

@@ -12,6 +12,7 @@ pub mod sensitivity;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use anstream::println;
 use clap::{Subcommand, ValueEnum};
 use flix_host::interrupt::Interrupt;
 

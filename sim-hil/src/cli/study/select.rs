@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use anstream::{print, println};
 use flix_host::plot::Figure;
 
 use super::{SweepArgs, sensitivity};

@@ -74,11 +74,22 @@ impl Goal {
     }
 }
 
+/// Where a search begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum Start {
+    /// At the model.
+    Model,
+    /// In the middle of the ranges, which is a robot that nobody has fitted to anything.
+    Middle,
+}
+
 /// How to search.
 #[derive(Debug, Clone)]
 pub struct Settings {
-    /// Where the search begins, and what is not searched.
+    /// What is not searched.
     pub base: RobotModel,
+    /// Where the search begins.
+    pub start: Start,
     /// What may be changed.
     pub fit: Fit,
     /// What is fitted.
@@ -249,7 +260,7 @@ fn motion(
 fn fingerprint(settings: &Settings, unknowns: &[Unknown]) -> String {
     let ranges: Vec<_> = unknowns.iter().map(|u| (&u.name, u.low, u.high)).collect();
     let identity = serde_json::json!({
-        "base": settings.base, "goals": settings.goals, "ranges": ranges, "samples": settings.samples,
+        "base": settings.base, "start": settings.start, "goals": settings.goals, "ranges": ranges, "samples": settings.samples,
         "scatter": settings.scatter, "steps": settings.steps, "seconds": settings.seconds,
         "seed": settings.seed, "version": env!("CARGO_PKG_VERSION"),
     });
@@ -270,7 +281,10 @@ fn begin(settings: &Settings, unknowns: &[Unknown]) -> Result<Progress, Calibrat
         }
         return Ok(kept);
     }
-    let start = point(unknowns, &settings.base);
+    let start = match settings.start {
+        Start::Model => point(unknowns, &settings.base),
+        Start::Middle => vec![0.5; unknowns.len()],
+    };
     Ok(Progress {
         fingerprint,
         history: Vec::new(),
@@ -312,6 +326,7 @@ mod tests {
     fn settings(folder: &Path) -> Settings {
         Settings {
             base: RobotModel::named("W").unwrap(),
+            start: Start::Model,
             fit: Fit::Open,
             goals: paper_modes().into_iter().take(1).map(Goal::Mode).collect(),
             samples: 2,
@@ -342,6 +357,17 @@ mod tests {
         calibrate(&settings(folder.path()), |_| {}).unwrap();
         let other = Settings { scatter: 0.05, ..settings(folder.path()) };
         assert!(matches!(calibrate(&other, |_| {}), Err(CalibrationError::Other { .. })));
+    }
+
+    #[test]
+    fn a_search_from_the_middle_knows_nothing_of_what_it_changes_in_the_model() {
+        let from = |shaker_z_mm, folder: &Path| {
+            let mut settings = Settings { start: Start::Middle, ..settings(folder) };
+            settings.base.shaker.z_mm = shaker_z_mm;
+            calibrate(&settings, |_| {}).unwrap().0
+        };
+        let (one, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        assert_eq!(from(16.0, one.path()), from(21.0, other.path()));
     }
 
     #[test]

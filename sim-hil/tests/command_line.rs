@@ -1,13 +1,16 @@
-//! Promises of `flix-sim study` as it is typed.
+//! Promises of `flix-sim` as it is typed.
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+
+fn flix_sim(folder: &Path, words: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_flix-sim"));
+    command.current_dir(folder).args(words.split(' '));
+    command
+}
 
 fn study(folder: &Path, words: &str) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_flix-sim"))
-        .current_dir(folder)
-        .arg("study")
-        .args(words.split(' '))
+    flix_sim(folder, &format!("study {words}"))
         .output()
         .expect("cargo built the program that it tests")
 }
@@ -70,4 +73,14 @@ fn a_bad_number_of_a_laboratory_is_named_with_line_and_column() {
     let output = study(folder.path(), "calibrate --measured lab.csv");
     assert_eq!(output.status.code(), Some(2));
     assert!(said(&output).contains("lab.csv, line 2, column 5: \"nan\""), "{}", said(&output));
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut command = flix_sim(folder.path(), "export-mjcf --model A");
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
 }
