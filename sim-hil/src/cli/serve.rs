@@ -144,8 +144,12 @@ pub fn serve(
     while !interrupt.is_raised() {
         // Sleeping is exact to some 0.1 ms; a socket's own timeout is rounded up to several.
         std::thread::sleep(clock.until(robot.now()));
-        take_datagrams(socket, &mut datagram, |from, bytes| robot.receive(from, bytes))
-            .map_err(ServeError::Network)?;
+        // Each is answered before the next is taken, as on the robot: among a stranger's many, no answer is lost.
+        take_datagrams(socket, &mut datagram, |from, bytes| {
+            robot.receive(from, bytes);
+            send_due(&mut robot, socket, &mut frame);
+        })
+        .map_err(ServeError::Network)?;
         clock.catch_up(robot.now());
         while clock.is_due(robot.now()) {
             for _ in 0..BATCH {
@@ -154,10 +158,7 @@ pub fn serve(
             if let Some(cameras) = &mut cameras {
                 cameras.show(&robot).map_err(ServeError::Network)?;
             }
-            while let Some(to) = robot.transmit(&mut frame) {
-                // A datagram that cannot be sent is a datagram lost: the session deals with it.
-                let _ = socket.send_to(&frame, to);
-            }
+            send_due(&mut robot, socket, &mut frame);
         }
         told(&robot.report());
     }
@@ -192,6 +193,14 @@ impl Cameras {
         self.next = now + POSE_PERIOD;
         let pose = self.eyes.measure(robot);
         self.server.stream(now.as_micros() as f64 * 1e-6, Some(&pose))
+    }
+}
+
+/// Sends what the robot has to say now.
+fn send_due(robot: &mut SimulatedRobot<Plant>, socket: &UdpSocket, frame: &mut Frame) {
+    while let Some(to) = robot.transmit(frame) {
+        // A datagram that cannot be sent is a datagram lost: the session deals with it.
+        let _ = socket.send_to(frame, to);
     }
 }
 
@@ -281,5 +290,47 @@ impl Changes {
         } else {
             println!("The robot is {state}; faults: {faults}.");
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use flix_protocol::session::{OperatorReceived, OperatorSession};
+
+    use super::*;
+
+    #[test]
+    fn an_operator_is_answered_among_strangers_who_are_all_there_first() {
+        let key = Key::new([3; 32]);
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let [operator, stranger] = [(); 2].map(|()| {
+            let one = UdpSocket::bind("127.0.0.1:0").unwrap();
+            one.connect(socket.local_addr().unwrap()).unwrap();
+            one
+        });
+        let mut session = OperatorSession::new(key.clone(), [1; 32], Instant::START);
+        operator.send(&session.poll(Instant::START).unwrap()).unwrap();
+        for number in 0..50 {
+            let mut other = OperatorSession::new(Key::new([4; 32]), [number; 32], Instant::START);
+            stranger.send(&other.poll(Instant::START).unwrap()).unwrap();
+        }
+
+        let mechanics = Plant::new(&RobotModel::named("A").unwrap()).unwrap();
+        let robot = SimulatedRobot::new(RobotParameters::new(key, 1), mechanics);
+        let interrupt = Interrupt::never();
+        let mut rounds = 0;
+        serve(robot, &socket, None, &interrupt, |_| {
+            rounds += 1;
+            if rounds == 2 {
+                interrupt.raise();
+            }
+        })
+        .unwrap();
+
+        let mut answer = [0; MAXIMUM_DATAGRAM];
+        operator.set_nonblocking(true).unwrap();
+        let length = operator.recv(&mut answer).unwrap();
+        let received = session.receive(Instant::START, &answer[..length]);
+        assert_eq!(received, OperatorReceived::Progress);
     }
 }
