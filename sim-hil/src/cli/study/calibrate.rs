@@ -12,7 +12,7 @@ use crate::cli::arguments::{ModelArgs, parse_seconds};
 use crate::cli::{Error, progress};
 use crate::model::RobotModel;
 use crate::study::calibrate::{
-    self, Fit, Generation, Goal, Progress, Settings, Start, unknowns, values, write_model,
+    self, Fit, Generation, Goal, Progress, Settings, Start, WIDEST, unknowns, values, write_model,
 };
 use crate::study::measured;
 use crate::study::modes::{PaperMode, paper_modes, score_modes, shuffled_modes};
@@ -26,7 +26,7 @@ const FRESH_SEED: u64 = 1_000_001;
 /// Fit the open choices, the paper's error set, or both; judge the result with fresh seeds.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Each generation tries every candidate on the same, new samples: scattered robots, disturbed starts, each\nstep in turn. The result is the middle of the final distribution. Interrupted, the same command goes on.\n\nA laboratory's speeds are a CSV with the columns f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s.\n\nExamples:\n  flix-sim study calibrate --generations 60\n  flix-sim study calibrate --measured speeds.csv --fit both --hold-out 3,7\n  flix-sim study calibrate --start middle --shuffle 1    # what chance reaches on an invented table"
+    after_help = "Each generation tries every candidate on the same, new samples: scattered robots, disturbed starts, each\nstep in turn. The result is the middle of the final distribution. Interrupted, the same command goes on.\n\nA laboratory's speeds are a CSV with the columns f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s.\n\nExamples:\n  flix-sim study calibrate --generations 60\n  flix-sim study calibrate --measured speeds.csv --fit both --hold-out 3,7\n  flix-sim study calibrate --start anywhere --widen 3 --shuffle 1    # what chance reaches on an invented table"
 )]
 pub struct Args {
     #[command(flatten)]
@@ -46,6 +46,9 @@ pub struct Args {
     /// What may be changed [default: open for modes, both for measured speeds]
     #[arg(long, value_enum)]
     fit: Option<FitArg>,
+    /// How much wider than usual the searched ranges are, about their middles
+    #[arg(long, value_name = "TIMES", default_value_t = 1.0, value_parser = parse_widen)]
+    widen: f64,
     /// Length of the search
     #[arg(long, value_name = "N", default_value_t = 60)]
     generations: u64,
@@ -92,8 +95,15 @@ enum FitArg {
 enum StartArg {
     /// At the model.
     Model,
-    /// In the middle of the ranges: fitted to nothing.
-    Middle,
+    /// Anywhere in the ranges, by the seed: fitted to nothing.
+    Anywhere,
+}
+
+fn parse_widen(text: &str) -> Result<f64, String> {
+    text.parse::<f64>()
+        .ok()
+        .filter(|times| (1.0..=WIDEST).contains(times))
+        .ok_or_else(|| format!("{text:?} is no number from 1 to {WIDEST}"))
 }
 
 /// # Errors
@@ -162,9 +172,10 @@ fn settings(args: &Args, goals: Vec<Goal>) -> Result<Settings, Error> {
         base: args.model.load()?,
         start: match args.start {
             StartArg::Model => Start::Model,
-            StartArg::Middle => Start::Middle,
+            StartArg::Anywhere => Start::Anywhere,
         },
         fit,
+        widen: args.widen,
         goals,
         samples: usize::from(args.samples),
         scatter: args.scatter,
@@ -185,7 +196,7 @@ fn settings(args: &Args, goals: Vec<Goal>) -> Result<Settings, Error> {
 
 /// What the search chose.
 fn chosen(settings: &Settings, so_far: &Progress) -> String {
-    let unknowns = unknowns(settings.fit);
+    let unknowns = unknowns(settings.fit, settings.widen);
     let values = values(&unknowns, &so_far.search.mean());
     let mut text = format!("{:26}{:>10}{:>22}\n", "unknown", "chosen", "searched");
     for (unknown, value) in unknowns.iter().zip(values) {

@@ -12,12 +12,14 @@
 
 mod unknowns;
 
-pub use unknowns::{Fit, Unknown, apply, point, scattered, unknowns, values};
+pub use unknowns::{Fit, Unknown, WIDEST, apply, point, scattered, unknowns, values};
 
 use std::path::{Path, PathBuf};
 
 use flix_host::interrupt::Interrupt;
 use flix_host::nav::Twist;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -79,8 +81,8 @@ impl Goal {
 pub enum Start {
     /// At the model.
     Model,
-    /// In the middle of the ranges, which is a robot that nobody has fitted to anything.
-    Middle,
+    /// Anywhere in the ranges, by the seed: at a robot that nobody has fitted to anything.
+    Anywhere,
 }
 
 /// How to search.
@@ -92,6 +94,8 @@ pub struct Settings {
     pub start: Start,
     /// What may be changed.
     pub fit: Fit,
+    /// How much wider than usual the ranges are.
+    pub widen: f64,
     /// What is fitted.
     pub goals: Vec<Goal>,
     /// Scattered robots that every candidate is tried as, a generation.
@@ -177,7 +181,7 @@ pub fn calibrate(
     if settings.base.legs.is_none() {
         return Err(CalibrationError::NoLegs(settings.base.name.clone()));
     }
-    let unknowns = unknowns(settings.fit);
+    let unknowns = unknowns(settings.fit, settings.widen);
     let mut progress = begin(settings, &unknowns)?;
     told(&progress);
     while progress.search.generation() < settings.generations {
@@ -283,13 +287,24 @@ fn begin(settings: &Settings, unknowns: &[Unknown]) -> Result<Progress, Calibrat
     }
     let start = match settings.start {
         Start::Model => point(unknowns, &settings.base),
-        Start::Middle => vec![0.5; unknowns.len()],
+        Start::Anywhere => anywhere(settings, unknowns),
     };
     Ok(Progress {
         fingerprint,
         history: Vec::new(),
         search: Cmaes::new(&start, FIRST_STEP, settings.seed),
     })
+}
+
+/// A random point that is a robot, or the model's own where there is hardly any.
+fn anywhere(settings: &Settings, unknowns: &[Unknown]) -> Vec<f64> {
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(settings.seed);
+    // Another stream than that of the search.
+    random.jump();
+    (0..1_000)
+        .map(|_| unknowns.iter().map(|_| random.random()).collect::<Vec<f64>>())
+        .find(|point| apply(unknowns, &settings.base, point).check().is_ok())
+        .unwrap_or_else(|| point(unknowns, &settings.base))
 }
 
 fn keep(settings: &Settings, progress: &Progress) -> Result<(), CalibrationError> {
@@ -328,6 +343,7 @@ mod tests {
             base: RobotModel::named("W").unwrap(),
             start: Start::Model,
             fit: Fit::Open,
+            widen: 1.0,
             goals: paper_modes().into_iter().take(1).map(Goal::Mode).collect(),
             samples: 2,
             scatter: 0.02,
@@ -360,14 +376,16 @@ mod tests {
     }
 
     #[test]
-    fn a_search_from_the_middle_knows_nothing_of_what_it_changes_in_the_model() {
-        let from = |shaker_z_mm, folder: &Path| {
-            let mut settings = Settings { start: Start::Middle, ..settings(folder) };
+    fn a_search_from_anywhere_knows_nothing_of_what_it_changes_in_the_model() {
+        let from = |seed, shaker_z_mm| {
+            let folder = tempfile::tempdir().unwrap();
+            let mut settings =
+                Settings { start: Start::Anywhere, widen: WIDEST, seed, ..settings(folder.path()) };
             settings.base.shaker.z_mm = shaker_z_mm;
             calibrate(&settings, |_| {}).unwrap().0
         };
-        let (one, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-        assert_eq!(from(16.0, one.path()), from(21.0, other.path()));
+        assert_eq!(from(1, 16.0), from(1, 21.0));
+        assert_ne!(from(1, 16.0), from(2, 16.0));
     }
 
     #[test]

@@ -69,15 +69,23 @@ fn leg_mut(model: &mut RobotModel, leg: usize) -> &mut Leg {
     }
 }
 
-/// The unknowns of a fit.
+/// Widest multiple of the ranges in which all values still are those of things (no mass below zero).
+pub const WIDEST: f64 = 3.0;
+
+/// The unknowns of a fit, each range made `widen` times as wide about its middle (1 to [`WIDEST`]).
 #[must_use]
-pub fn unknowns(fit: Fit) -> Vec<Unknown> {
+pub fn unknowns(fit: Fit, widen: f64) -> Vec<Unknown> {
     let mut all = Vec::new();
     if fit != Fit::Errors {
         all.extend(open());
     }
     if fit != Fit::Open {
         all.extend(errors());
+    }
+    for unknown in &mut all {
+        let further = (widen - 1.0) / 2.0 * (unknown.high - unknown.low);
+        unknown.low -= further;
+        unknown.high += further;
     }
     all
 }
@@ -321,7 +329,7 @@ mod tests {
 
     #[test]
     fn a_model_comes_back_from_its_own_point() {
-        let unknowns = unknowns(Fit::Both);
+        let unknowns = unknowns(Fit::Both, 1.0);
         let model = walker();
         let back = apply(&unknowns, &model, &point(&unknowns, &model));
         let off = |a: f64, b: f64| (a / b - 1.0).abs();
@@ -332,15 +340,29 @@ mod tests {
 
     #[test]
     fn the_searched_ranges_are_of_robots_but_where_feet_would_touch() {
-        let unknowns = unknowns(Fit::Both);
+        let unknowns = unknowns(Fit::Both, 1.0);
         let corner = |at: f64| apply(&unknowns, &walker(), &vec![at; unknowns.len()]).check();
         assert!(corner(1.0).is_ok());
         assert!(corner(0.0).unwrap_err().to_string().contains("feet fl and fr"));
     }
 
     #[test]
+    fn the_widest_ranges_keep_their_middles_and_hold_no_mass_or_stiffness_below_zero() {
+        let usual = unknowns(Fit::Both, 1.0);
+        for (wide, usual) in unknowns(Fit::Both, WIDEST).iter().zip(&usual) {
+            let width = |u: &Unknown| u.high - u.low;
+            assert!((width(wide) / width(usual) - WIDEST).abs() < 1e-9, "{}", wide.name);
+            assert!((wide.low + wide.high - usual.low - usual.high).abs() < 1e-9, "{}", wide.name);
+            // What may go below zero already does, or is a place or a share.
+            let is_signed = ["x_mm", "y_mm", "z_mm", "share", "shift"];
+            let is_signed = is_signed.iter().any(|part| wide.name.contains(part));
+            assert!(is_signed || usual.low < 0.0 || wide.low > 0.0, "{}", wide.name);
+        }
+    }
+
+    #[test]
     fn every_unknown_changes_the_model_and_no_other_unknown_undoes_it() {
-        let unknowns = unknowns(Fit::Both);
+        let unknowns = unknowns(Fit::Both, 1.0);
         let middle = apply(&unknowns, &walker(), &vec![0.5; unknowns.len()]);
         for i in 0..unknowns.len() {
             let mut point = vec![0.5; unknowns.len()];
