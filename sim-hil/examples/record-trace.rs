@@ -1,5 +1,5 @@
 //! Records what the fast half of a simulated robot is shown and what it decides: power-up,
-//! alignment, five seconds through all five walking modes with a reversal, and a lost magnet at the end.
+//! alignment, a second in each of the five walking modes (one step reverses the rotors), and a lost magnet at the end.
 //!
 //! `cargo run -p flix-sim --example record-trace -- FILE`
 
@@ -15,15 +15,12 @@ use flix_firmware::settings::Settings;
 use flix_firmware::trace::{Header, Outcome, Row};
 use flix_protocol::message::{Setpoint, State};
 use flix_protocol::units::{Degrees, Hertz, Instant};
+use flix_sim::fault::matrix::MODES;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
 use flix_sim::plant::electronics::{Electronics, ElectronicsParameters};
 use flix_sim::robot::SIMULATED_BOARD;
 
-/// f, Hz, and theta, degrees: forward, left, right, strafe left, strafe right (paper, Table III;
-/// the last from Table IV). From left to right the rotors reverse.
-const MODES: [(f32, f32); 5] =
-    [(-30.0, 30.0), (-30.0, 90.0), (30.0, 90.0), (30.0, 30.0), (-30.0, -60.0)];
 /// Ticks of each mode: a second.
 const MODE_TICKS: u64 = TICK_RATE_HZ as u64;
 /// Ticks with a lost magnet at the end.

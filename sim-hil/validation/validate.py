@@ -265,7 +265,7 @@ def is_hit(motion, component, sign):
     return sign * speeds[component] > max(*rivals, LEAST_SPEED)
 
 
-def walks(program, xml, model, seeds, seconds):
+def walks(program, xml, model, seeds, seconds, step_ms):
     print(f"{'':16}{'f':>5}{'theta':>7}   MuJoCo: forward, lateral, yaw    here{'hits of both':>33}")
     total = np.zeros(2)
     for name, f, theta, component, sign in MODES:
@@ -273,7 +273,7 @@ def walks(program, xml, model, seeds, seconds):
         ours = json.loads(
             flix_sim(
                 program, "walk", "--model", model, "--drive", "ideal", "--json", f"--frequency={f}",
-                f"--direction={theta}", "--seconds", str(seconds), "--seeds", str(seeds),
+                f"--direction={theta}", "--seconds", str(seconds), "--seeds", str(seeds), "--step", f"{step_ms:g}ms",
             )
         )
         here = [ours[k]["mean"] for k in ("forward_m_s", "lateral_m_s", "yaw_rad_s")]
@@ -302,13 +302,13 @@ def main():
     parser.add_argument("--torque", default="0,0,0", help="N m, X,Y,Z")
     parser.add_argument("--walk", type=int, metavar="SEEDS", help="walk the nine modes instead")
     parser.add_argument("--seconds", type=float, default=8.0)
-    parser.add_argument("--step-ms", type=float, default=0.1, help="MuJoCo's step")
+    parser.add_argument("--step-ms", type=float, default=0.1, help="MuJoCo's step, and of walks ours")
     parser.add_argument("--json", action="store_true")
     a = parser.parse_args()
     program = a.program.split()
     xml = flix_sim(program, "export-mjcf", "--model", a.model, "--step-ms", f"{a.step_ms:g}")
     if a.walk:
-        return walks(program, xml, a.model, a.walk, a.seconds)
+        return walks(program, xml, a.model, a.walk, a.seconds, a.step_ms)
     frequencies = a.frequency or [10.0, 20.0, 30.0, 35.0]
     force, torque = (np.array([float(v) for v in t.split(",")]) for t in (a.force, a.torque))
     theirs = {}

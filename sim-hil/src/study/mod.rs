@@ -298,8 +298,12 @@ pub(crate) fn make_folder(path: &Path) -> std::io::Result<()> {
 pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     make_folder(path)?;
     let partial = path.with_added_extension("partial");
-    std::fs::write(&partial, bytes)?;
-    std::fs::rename(partial, path)
+    std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, path)).inspect_err(
+        |_| {
+            // What is left of it is of no use to anybody.
+            let _ = std::fs::remove_file(&partial);
+        },
+    )
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::record::Field;
 use parquet::schema::types::Type;
 
-use super::{Column, Fingerprint, Row, Shard, Value, make_folder};
+use super::{Column, Fingerprint, Row, Shard, Value, write_whole};
 
 /// Rows of a study, or of one shard of it, with what they belong to.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,8 +42,8 @@ pub struct Table {
 /// Why a table could not be written, read or merged.
 #[derive(Debug, thiserror::Error)]
 pub enum TableError {
-    /// The file cannot be opened or made.
-    #[error("cannot open {}: {source}", path.display())]
+    /// The file cannot be read or written.
+    #[error("cannot read or write {}: {source}", path.display())]
     File {
         /// The file.
         path: PathBuf,
@@ -128,16 +128,14 @@ impl Table {
     /// # Errors
     /// When the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), TableError> {
-        let file_failed = |source| TableError::File { path: path.to_owned(), source };
-        let partial = path.with_extension("parquet.partial");
-        make_folder(path).map_err(file_failed)?;
-        let file = File::create(&partial).map_err(file_failed)?;
-        self.write_to(file)
+        let bytes = self
+            .to_parquet()
             .map_err(|source| TableError::Parquet { path: path.to_owned(), source })?;
-        std::fs::rename(&partial, path).map_err(file_failed)
+        write_whole(path, &bytes)
+            .map_err(|source| TableError::File { path: path.to_owned(), source })
     }
 
-    fn write_to(&self, file: File) -> Result<(), ParquetError> {
+    fn to_parquet(&self) -> Result<Vec<u8>, ParquetError> {
         let mut fields = vec![Arc::new(
             Type::primitive_type_builder("cell", Physical::INT64)
                 .with_repetition(Repetition::REQUIRED)
@@ -163,7 +161,7 @@ impl Table {
                 entry("parameters", self.parameters.to_string()),
             ]))
             .build();
-        let mut writer = SerializedFileWriter::new(file, schema, Arc::new(properties))?;
+        let mut writer = SerializedFileWriter::new(Vec::new(), schema, Arc::new(properties))?;
         let mut group = writer.next_row_group()?;
 
         let cells: Vec<i64> = self.rows.keys().map(|cell| *cell as i64).collect();
@@ -184,8 +182,7 @@ impl Table {
             out.close()?;
         }
         group.close()?;
-        writer.close()?;
-        Ok(())
+        writer.into_inner()
     }
 
     /// Reads a table that [`Table::write`] wrote.
