@@ -1,12 +1,11 @@
 //! `flix home`: return to a point, and stay there if asked to.
 
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 use super::course::{SteeringArgs, facts, names, point, results};
 use super::output::print;
 use super::robot::FieldRobotArgs;
-use super::walk::{PoseArgs, Walk, record, verdict};
+use super::walk::{FileArgs, PoseArgs, Walk, record, verdict};
 use super::{Error, Exit};
 use crate::nav::{ModeTable, Navigator, Task};
 use crate::pilot::Pilot;
@@ -32,12 +31,8 @@ pub struct Args {
     steering: SteeringArgs,
     #[command(flatten)]
     poses: PoseArgs,
-    /// The robot's mode table, from `flix identify`.
-    #[arg(long, value_name = "FILE", default_value = "modes.toml")]
-    modes: PathBuf,
-    /// Folder for the record.
-    #[arg(long, value_name = "DIR", default_value = "out")]
-    out: PathBuf,
+    #[command(flatten)]
+    files: FileArgs,
 }
 
 /// Goes home.
@@ -47,11 +42,11 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let task = Task::Reach { point: args.to, stay: args.stay };
     let settings = args.steering.settings(&task);
-    let table = ModeTable::load(&args.modes)?;
+    let table = ModeTable::load(&args.files.modes)?;
     let setup = facts(&settings);
     let navigator = Navigator::new(task, &table, settings).map_err(Error::usage)?;
     let mut walk = Walk::open(&args.robot.robot(), &args.poses)?;
-    let mut recorder = record(&args.out, &mut walk, "home", setup)?;
+    let mut recorder = record(&args.files.out, &mut walk, "home", setup)?;
     recorder.attach(walk.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
     let mut pilot = Pilot::new(navigator, names(&table), Some(recorder));
     let (ending, seconds) = walk.drive(&mut pilot, |pilot| {

@@ -1,14 +1,13 @@
 //! `flix identify`: learn how each mode moves this robot.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use super::course::pairs;
 use super::output::print;
 use super::robot::FieldRobotArgs;
-use super::walk::{PoseArgs, Walk, record, verdict};
+use super::walk::{FileArgs, PoseArgs, Walk, record, verdict};
 use super::{Error, Exit};
 use crate::nav::{Fence, ModeTable, Survey, SurveySettings};
 use crate::pilot::Pilot;
@@ -84,12 +83,8 @@ pub struct Args {
     survey: SurveyArgs,
     #[command(flatten)]
     poses: PoseArgs,
-    /// The table to write.
-    #[arg(long, value_name = "FILE", default_value = "modes.toml")]
-    modes: PathBuf,
-    /// Folder for the record.
-    #[arg(long, value_name = "DIR", default_value = "out")]
-    out: PathBuf,
+    #[command(flatten)]
+    files: FileArgs,
 }
 
 /// A table for people.
@@ -124,7 +119,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (survey, names) = args.survey.survey()?;
     let mut walk = Walk::open(&args.robot.robot(), &args.poses)?;
     let facts = BTreeMap::from([("survey".into(), args.survey.source())]);
-    let recorder = record(&args.out, &mut walk, "identify", facts)?;
+    let recorder = record(&args.files.out, &mut walk, "identify", facts)?;
     let mut pilot = Pilot::new(survey, names, Some(recorder));
     let (ending, _) = walk.drive(&mut pilot, |pilot| {
         let (done, all) = pilot.helm().progress();
@@ -134,7 +129,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (survey, file) = pilot.finish(BTreeMap::new())?;
     verdict(&ending, file.as_ref())?;
     let table = survey.table(&args.robot.robot().robot, &args.survey.source())?;
-    table.save(&args.modes)?;
-    print(&format!("{}\nwritten to {}\n", describe(&table), args.modes.display()))?;
+    table.save(&args.files.modes)?;
+    print(&format!("{}\nwritten to {}\n", describe(&table), args.files.modes.display()))?;
     Ok(Exit::Done.into())
 }

@@ -1,12 +1,11 @@
 //! `flix track`: follow a path.
 
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 use super::course::{CourseArgs, facts, names, results};
 use super::output::{print, print_json};
 use super::robot::FieldRobotArgs;
-use super::walk::{PoseArgs, Walk, record, verdict};
+use super::walk::{FileArgs, PoseArgs, Walk, record, verdict};
 use super::{Error, Exit};
 use crate::nav::{ModeTable, ModeTableError, Navigator, Task};
 use crate::pilot::Pilot;
@@ -31,12 +30,8 @@ pub struct Args {
     course: CourseArgs,
     #[command(flatten)]
     poses: PoseArgs,
-    /// The robot's mode table, from `flix identify`.
-    #[arg(long, value_name = "FILE", default_value = "modes.toml")]
-    modes: PathBuf,
-    /// Folder for the record.
-    #[arg(long, value_name = "DIR", default_value = "out")]
-    out: PathBuf,
+    #[command(flatten)]
+    files: FileArgs,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -55,7 +50,7 @@ impl From<ModeTableError> for Error {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let task = args.course.task()?;
     let settings = args.course.settings(&task)?;
-    let table = ModeTable::load(&args.modes)?;
+    let table = ModeTable::load(&args.files.modes)?;
     let name = match &task {
         Task::Follow { path, .. } => format!("track-{}", path.name()),
         Task::Reach { .. } => "reach".to_owned(),
@@ -63,7 +58,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let setup = facts(&settings);
     let navigator = Navigator::new(task.clone(), &table, settings).map_err(Error::usage)?;
     let mut walk = Walk::open(&args.robot.robot(), &args.poses)?;
-    let mut recorder = record(&args.out, &mut walk, &name, setup)?;
+    let mut recorder = record(&args.files.out, &mut walk, &name, setup)?;
     if let Task::Follow { path, .. } = &task {
         recorder.path_to_follow(walk.now(), path)?;
     }

@@ -41,6 +41,17 @@ pub struct PoseArgs {
     pub up: UpAxis,
 }
 
+/// What a run reads and leaves behind.
+#[derive(Debug, Clone, clap::Args)]
+pub struct FileArgs {
+    /// The robot's mode table: `flix identify` writes it, the others read it.
+    #[arg(long, value_name = "FILE", default_value = "modes.toml")]
+    pub modes: PathBuf,
+    /// Folder for the record.
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    pub out: PathBuf,
+}
+
 fn body(text: &str) -> Result<Body, std::convert::Infallible> {
     text.parse()
 }

@@ -14,7 +14,7 @@ use crate::model::RobotModel;
 /// Robot, link and chance.
 #[derive(Debug, Clone, clap::Args)]
 pub struct LoopArgs {
-    /// The robot: A, W, or a file.
+    /// The robot: A, W, calibrated, or a file.
     #[arg(long, value_name = "MODEL", default_value = "W")]
     pub model: String,
     /// Its mode table, which `identify` writes and others read; the shipped one of model W unless told.

@@ -89,7 +89,7 @@ fn foot_mobility(c: &PlainConstants, model: &RobotModel, leg: usize) -> f64 {
         s.tip_push[leg] = Spatial::new(lever.cross(force), force);
         let mut steps = [LegStep::blank(); 4];
         advance(&floating, &mut s, &mut steps, [0.0; 2], step);
-        let view = still(&floating, &s, leg);
+        let view = s.still(&legs[leg], &s.legs[leg]);
         let at = view.foot(&legs[leg]).0;
         view.velocity.linear + view.velocity.angular.cross(at)
     };
@@ -101,23 +101,6 @@ fn foot_mobility(c: &PlainConstants, model: &RobotModel, leg: usize) -> f64 {
         sum += (speed(Vec3(force)) - speed(-Vec3(force))).0[i] / (2.0 * step);
     }
     sum / 3.0
-}
-
-/// A leg as it stands now.
-pub fn still(c: &PlainConstants, s: &PlainState, leg: usize) -> LegStep<f64> {
-    let body = super::leg::BodyStep {
-        frame: super::system::rotation(s.orientation),
-        velocity: s.velocity,
-        start: s.velocity,
-        bias: Spatial::zero(),
-        height: s.position.0[2],
-        step: 0.0,
-        floor: false,
-    };
-    let legs = c.legs.as_ref().expect("only asked of a model with legs");
-    let mut step = LegStep::blank();
-    step.prepare(&legs[leg], &s.legs[leg], &body, Spatial::zero());
-    step
 }
 
 /// Axes of the last segment in body axes when the leg is straight.

@@ -2,7 +2,7 @@
 
 use super::build;
 use super::lane::{Lane, Quad, sin_cos};
-use super::leg::{LegModel, LegState, LegStep};
+use super::leg::{LegModel, LegStep};
 use super::pack::Pack;
 use super::spatial::{Mat3, RigidInertia, Spatial, Sym3, Vec3};
 use super::system::{Constants, State, advance, multiply, rotation};
@@ -336,7 +336,7 @@ impl Plant {
         Some(core::array::from_fn(|i| {
             let model = models[0].get(i);
             let state = self.state.legs[0].get(i);
-            let step = self.still(&model, &state);
+            let step = self.state.still(&model, &state);
             let (center, half) = step.foot(&model);
             let world = |v: Vec3<f64>| (v + self.state.position).0;
             LegView {
@@ -374,22 +374,6 @@ impl Plant {
         self.state.acceleration = Spatial::zero();
     }
 
-    fn still(&self, model: &LegModel<f64>, state: &LegState<f64>) -> LegStep<f64> {
-        let s = &self.state;
-        let body = super::leg::BodyStep {
-            frame: rotation(s.orientation),
-            velocity: s.velocity,
-            start: s.velocity,
-            bias: Spatial::zero(),
-            height: s.position.0[2],
-            step: 0.0,
-            floor: false,
-        };
-        let mut step = LegStep::blank();
-        step.prepare(model, state, &body, Spatial::zero());
-        step
-    }
-
     /// Everything that moves, about the body's origin in world axes, with the velocity of each part.
     pub(super) fn parts(&self) -> Vec<(RigidInertia<f64>, Spatial<f64>)> {
         let (c, s) = (&self.constants, &self.state);
@@ -413,7 +397,7 @@ impl Plant {
         if let Some(models) = &c.legs {
             for i in 0..4 {
                 let (model, state) = (models[0].get(i), s.legs[0].get(i));
-                parts.extend(self.still(&model, &state).parts(&state, s.velocity));
+                parts.extend(s.still(&model, &state).parts(&state, s.velocity));
             }
         }
         parts

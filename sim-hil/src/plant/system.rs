@@ -88,6 +88,24 @@ pub struct State<B, L, const G: usize> {
     pub newton: u64,
 }
 
+impl<L, const G: usize> State<f64, L, G> {
+    /// A leg of this body as it stands now.
+    pub fn still(&self, model: &LegModel<f64>, state: &LegState<f64>) -> LegStep<f64> {
+        let body = BodyStep {
+            frame: rotation(self.orientation),
+            velocity: self.velocity,
+            start: self.velocity,
+            bias: Spatial::zero(),
+            height: self.position.0[2],
+            step: 0.0,
+            floor: false,
+        };
+        let mut step = LegStep::blank();
+        step.prepare(model, state, &body, Spatial::zero());
+        step
+    }
+}
+
 /// A rotor inside one step.
 #[derive(Clone, Copy, Debug)]
 struct RotorStep<B> {
