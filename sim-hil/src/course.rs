@@ -32,8 +32,11 @@ pub const POSITION_NOISE: f64 = 0.5e-3;
 /// Standard deviation of the heading, rad: of markers 150 mm apart.
 pub const HEADING_NOISE: f64 = 5e-3;
 
-/// The mode table that comes with a model: learnt by `flix-sim identify` on the shipped model W.
-const TABLE_OF_W: &str = include_str!("../models/W.modes.toml");
+/// The mode tables that come with models: learnt on them by `flix-sim identify`.
+const TABLES: [(&str, &str); 2] = [
+    ("W", include_str!("../models/W.modes.toml")),
+    ("calibrated", include_str!("../models/calibrated.modes.toml")),
+];
 
 /// What a run is made of, besides who drives.
 #[derive(Debug, Clone)]
@@ -221,11 +224,24 @@ fn product(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
 /// # Errors
 /// When the model has none; the sentence says how to learn one.
 pub fn shipped_table(model: &str) -> Result<ModeTable, String> {
-    match model {
-        "W" => ModeTable::from_toml(TABLE_OF_W).map_err(|e| e.to_string()),
-        other => Err(format!(
-            "model {other} has no mode table: learn one with \
-             `flix-sim identify --model {other} --modes FILE` and name it with --modes"
-        )),
+    let Some((_, table)) = TABLES.iter().find(|(name, _)| *name == model) else {
+        return Err(format!(
+            "model {model} has no mode table: learn one with \
+             `flix-sim identify --model {model} --modes FILE` and name it with --modes"
+        ));
+    };
+    ModeTable::from_toml(table).map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_shipped_table_is_that_of_its_model_and_a_model_without_one_is_told_how() {
+        for (model, _) in TABLES {
+            assert_eq!(shipped_table(model).unwrap().robot, model);
+        }
+        assert!(shipped_table("A").unwrap_err().contains("flix-sim identify --model A"));
     }
 }

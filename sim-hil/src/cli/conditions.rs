@@ -17,7 +17,7 @@ pub struct LoopArgs {
     /// The robot: A, W, calibrated, or a file.
     #[arg(long, value_name = "MODEL", default_value = "W")]
     pub model: String,
-    /// Its mode table, which `identify` writes and others read; the shipped one of model W unless told.
+    /// Its mode table, which `identify` writes and others read; the one shipped with W or calibrated unless told.
     #[arg(long, value_name = "FILE")]
     pub modes: Option<PathBuf>,
     /// Of the link, each way.
