@@ -74,8 +74,9 @@ const RECOVERY_LIMIT: Duration = Duration::from_secs(30);
 const WATCHDOG: Duration = Duration::from_millis(200);
 /// Mean time between two things that chance does.
 const PACE: f64 = 0.25;
-/// A robot's life is at most so long; there are at least two at a time.
-const LONGEST_LIFE: Duration = Duration::from_secs(3_600);
+/// A robot's life is at most so long: more than the 71.6 minutes in which 32 bits of microseconds come round. There are
+/// at least two at a time.
+const LONGEST_LIFE: Duration = Duration::from_secs(7_200);
 
 /// What came of it.
 #[derive(Debug, Clone, Serialize)]
