@@ -88,7 +88,7 @@ fn mark(map: HeatMap, cells: &[Cell], (f, theta): (f64, f64), label: String) -> 
 /// Figure 3b: maps of the three speeds, the paper's modes marked with their numbers.
 fn mobility(table: &Table, cells: &[Cell]) -> HeatMaps {
     let figure = HeatMaps::new(format!("Mobility of model {}", name(table)), 3)
-        .subtitle(format!("{}; rings: the modes of table III by number", conditions(table)));
+        .subtitle(format!("{}; frames: the modes of table III by number", conditions(table)));
     SPEEDS.iter().fold(figure, |figure, (title, which)| {
         let map = speed_map(*title, cells, *which);
         figure.map(paper_modes().iter().enumerate().fold(map, |map, (number, mode)| {
