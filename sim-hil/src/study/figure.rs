@@ -39,10 +39,9 @@ pub fn draw(table: &Table, folder: &Path) -> Result<Vec<Written>, PlotError> {
                 indices(table, &cells).write(folder, "index")?,
             ])
         }
-        "actuation" => Ok(vec![
-            peak_force(table).write(folder, "force")?,
-            cycles(table).write(folder, "cycle")?,
-        ]),
+        "actuation" => {
+            Ok(vec![peaks(table).write(folder, "force")?, cycles(table).write(folder, "cycle")?])
+        }
         _ => Ok(Vec::new()),
     }
 }
@@ -116,7 +115,7 @@ fn speeds(table: &Table, cells: &[Cell]) -> HeatMaps {
 /// Figures 5b and 5e: the index I.
 fn indices(table: &Table, cells: &[Cell]) -> HeatMaps {
     let figure = HeatMaps::new(format!("Performance index I of model {}", name(table)), 3)
-        .subtitle(format!("{}; colours end at +-10", conditions(table)));
+        .subtitle(format!("{}; colours end at \u{b1}10", conditions(table)));
     KINDS.iter().fold(figure, |figure, (kind, component)| {
         let map = map(*kind, cells, |f, theta| index(cells, f, theta, *component));
         figure.map(map.limits(-10.0, 10.0).decimals(1))
@@ -135,7 +134,7 @@ pub fn selection(
     let baseline: Vec<Cell> =
         mass.iter().filter(|cell| cell.variant == "baseline").cloned().collect();
     let figure = HeatMaps::new(format!("Robustness index P of model {robot}"), 3).subtitle(format!(
-        "red positive, blue negative direction; grey: slower than {least} m/s; colours end at +-10"
+        "red positive, blue negative direction; grey: slower than {least} m/s; colours end at \u{b1}10"
     ));
     KINDS.iter().fold(figure, |figure, (kind, component)| {
         let map = map(*kind, &baseline, |f, theta| {
@@ -156,21 +155,23 @@ fn moments(table: &Table) -> Vec<[f64; 7]> {
     (0..table.rows.len()).map(|i| core::array::from_fn(|c| columns[c][i])).collect()
 }
 
-/// Figure 3d: the largest force of a turn at each frequency.
-fn peak_force(table: &Table) -> Chart {
+/// Figure 3d: the largest force and torque of a turn at each frequency.
+fn peaks(table: &Table) -> Chart {
     let rows = moments(table);
     let ahead: Vec<[f64; 7]> = rows.into_iter().filter(|r| r[0] > 0.0 && r[1] == 0.0).collect();
-    let mut peaks: Vec<(f64, f64)> = ahead
-        .chunk_by(|a, b| a[0] == b[0])
-        .map(|turn| (turn[0][0], turn.iter().map(|r| r[3]).fold(0.0, f64::max)))
-        .collect();
-    peaks.sort_by(|a, b| a.0.total_cmp(&b.0));
-    Chart::new("Largest shaking force", "f (Hz)")
-        .panel(
-            Panel::new("force (N)")
-                .height(300.0)
-                .series(Series::line("", peaks).stroke(Stroke::Marked).colour(colour::BLUE)),
-        )
+    let panel = |which: usize, label: &str, colour: Colour| {
+        let mut peaks: Vec<(f64, f64)> = ahead
+            .chunk_by(|a, b| a[0] == b[0])
+            .map(|turn| (turn[0][0], turn.iter().map(|r| r[which]).fold(0.0, f64::max)))
+            .collect();
+        peaks.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Panel::new(label)
+            .height(220.0)
+            .series(Series::line("", peaks).stroke(Stroke::Marked).colour(colour))
+    };
+    Chart::new("Largest shaking force and torque of a turn", "f (Hz)")
+        .panel(panel(3, "force (N)", colour::BLUE))
+        .panel(panel(5, "torque (N m)", colour::ORANGE))
         .width(640.0)
 }
 
@@ -186,7 +187,7 @@ fn cycles(table: &Table) -> Chart {
             chart,
             |chart, (which, kind, dark)| {
                 let label = format!("{kind} at {f} Hz, {theta}\u{b0} (\u{b0})");
-                let panel = Panel::new(label).height(84.0).range(-190.0, 190.0);
+                let panel = Panel::new(label).height(84.0).range(-200.0, 200.0);
                 chart.panel(shaded(panel, &turn, which, dark))
             },
         )
