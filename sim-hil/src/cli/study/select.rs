@@ -107,8 +107,9 @@ fn text(labelled: &[(String, Candidate)], least: f64) -> String {
 }
 
 fn claims(model: &str, statements: &[Statement]) -> String {
+    let width = statements.iter().map(|s| s.claim.chars().count()).max().unwrap_or_default();
     let mut text = format!(
-        "What the paper's section III-B says, and what model {model} does (left is positive):\n\n{:84}{:>17}{:>17}\n",
+        "What the paper's section III-B says, and what model {model} does (left is positive):\n\n{:width$}{:>17}{:>17}\n",
         "", "from", "to"
     );
     for statement in statements {
@@ -116,7 +117,7 @@ fn claims(model: &str, statements: &[Statement]) -> String {
             statement.values.map(|v| format!("{:+.3} \u{b1} {:.3}", v.mean, v.spread));
         let mark = if statement.contradicts_itself { "*" } else { "" };
         text += &format!(
-            "{:84}{before:>17}{after:>17}  {}{mark}\n",
+            "{:width$}{before:>17}{after:>17}  {}{mark}\n",
             statement.claim, statement.verdict
         );
     }
