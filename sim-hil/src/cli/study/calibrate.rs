@@ -215,12 +215,10 @@ fn judge(
 ) -> Result<String, Error> {
     let mut text = String::new();
     let seconds = if args.quick { settings.seconds } else { SECONDS };
-    let conditions: Vec<(f64, f64)> = settings
-        .steps
-        .iter()
-        .map(|step| (*step, 0.0))
-        .chain(settings.steps.first().map(|step| (*step, settings.scatter)))
-        .collect();
+    let mut conditions: Vec<(f64, f64)> = settings.steps.iter().map(|step| (*step, 0.0)).collect();
+    if settings.scatter > 0.0 {
+        conditions.extend(settings.steps.first().map(|step| (*step, settings.scatter)));
+    }
     for (step, scatter) in conditions {
         for (kind, goals) in [("fitted", settings.goals.as_slice()), ("held-out", held)] {
             if goals.is_empty() {
