@@ -1,5 +1,6 @@
 //! Arguments that several commands share.
 
+use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use flix_protocol::message::Setpoint;
@@ -93,6 +94,23 @@ pub fn parse_seconds(text: &str) -> Result<f64, String> {
         .map(|value| value * scale)
         .filter(|seconds| seconds.is_finite() && *seconds > 0.0)
         .ok_or_else(|| format!("{text:?} is no time: give for example 0.1ms, 50us or 8s"))
+}
+
+/// Reads a number within limits; `what` it is and its unit, with a space before it, are for the refusal.
+///
+/// # Errors
+/// When it is no number or beyond them.
+pub fn parse_within(
+    text: &str,
+    limits: RangeInclusive<f64>,
+    what: &str,
+    unit: &str,
+) -> Result<f64, String> {
+    let (low, high) = (limits.start(), limits.end());
+    text.parse::<f64>()
+        .ok()
+        .filter(|number| limits.contains(number))
+        .ok_or_else(|| format!("{text:?} is no {what} from {low} to {high}{unit}"))
 }
 
 #[cfg(test)]

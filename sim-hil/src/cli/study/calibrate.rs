@@ -4,11 +4,10 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anstream::{print, println};
-use clap::ValueEnum;
 use flix_host::plot::{Chart, Figure, Panel, Series};
 
 use super::listen;
-use crate::cli::arguments::{ModelArgs, parse_seconds};
+use crate::cli::arguments::{ModelArgs, parse_seconds, parse_within};
 use crate::cli::{Error, progress};
 use crate::model::RobotModel;
 use crate::study::calibrate::{
@@ -36,7 +35,7 @@ pub struct Args {
     measured: Option<PathBuf>,
     /// Where the search begins
     #[arg(long, value_enum, default_value = "model")]
-    start: StartArg,
+    start: Start,
     /// Fit an invented table instead: the same motions dealt to the pairs at random
     #[arg(long, value_name = "SEED", conflicts_with = "measured")]
     shuffle: Option<u64>,
@@ -45,7 +44,7 @@ pub struct Args {
     hold_out: Vec<usize>,
     /// What may be changed [default: open for modes, both for measured speeds]
     #[arg(long, value_enum)]
-    fit: Option<FitArg>,
+    fit: Option<Fit>,
     /// How much wider than usual the searched ranges are, about their middles
     #[arg(long, value_name = "TIMES", default_value_t = 1.0, value_parser = parse_widen)]
     widen: f64,
@@ -81,29 +80,8 @@ pub struct Args {
     restart: bool,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum FitArg {
-    /// What the paper leaves open, left and right alike.
-    Open,
-    /// The paper's error set X.
-    Errors,
-    /// Both.
-    Both,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum StartArg {
-    /// At the model.
-    Model,
-    /// Anywhere in the ranges, by the seed: fitted to nothing.
-    Anywhere,
-}
-
 fn parse_widen(text: &str) -> Result<f64, String> {
-    text.parse::<f64>()
-        .ok()
-        .filter(|times| (1.0..=WIDEST).contains(times))
-        .ok_or_else(|| format!("{text:?} is no number from 1 to {WIDEST}"))
+    parse_within(text, 1.0..=WIDEST, "number", "")
 }
 
 /// # Errors
@@ -161,20 +139,11 @@ fn split(goals: Vec<Goal>, hold_out: &[usize]) -> Result<(Vec<Goal>, Vec<Goal>),
 }
 
 fn settings(args: &Args, goals: Vec<Goal>) -> Result<Settings, Error> {
-    let fit = match args.fit {
-        Some(FitArg::Open) => Fit::Open,
-        Some(FitArg::Errors) => Fit::Errors,
-        Some(FitArg::Both) => Fit::Both,
-        None if args.measured.is_some() => Fit::Both,
-        None => Fit::Open,
-    };
+    let usual = if args.measured.is_some() { Fit::Both } else { Fit::Open };
     let settings = Settings {
         base: args.model.load()?,
-        start: match args.start {
-            StartArg::Model => Start::Model,
-            StartArg::Anywhere => Start::Anywhere,
-        },
-        fit,
+        start: args.start,
+        fit: args.fit.unwrap_or(usual),
         widen: args.widen,
         goals,
         samples: usize::from(args.samples),

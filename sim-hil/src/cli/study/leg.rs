@@ -7,7 +7,7 @@ use anstream::{print, println};
 use flix_host::plot::{Chart, Figure, Panel, Series, Stroke, colour};
 use serde::Serialize;
 
-use crate::cli::arguments::{ModelArgs, parse_leg};
+use crate::cli::arguments::{ModelArgs, parse_leg, parse_within};
 use crate::cli::{Error, progress};
 use crate::study::leg::{
     GENERATIONS, Identified, Load, NAMES, Rig, Sample, Stiffness, add_noise, identify, read, to_csv,
@@ -52,24 +52,15 @@ pub struct Args {
 }
 
 fn parse_load(text: &str) -> Result<f64, String> {
-    text.parse::<f64>()
-        .ok()
-        .filter(|load| (0.01..=50.0).contains(load))
-        .ok_or_else(|| format!("{text:?} is no force from 0.01 to 50 N"))
+    parse_within(text, 0.01..=50.0, "force", " N")
 }
 
 fn parse_lever(text: &str) -> Result<f64, String> {
-    text.parse::<f64>()
-        .ok()
-        .filter(|lever| (-100.0..=100.0).contains(lever))
-        .ok_or_else(|| format!("{text:?} is no lever from -100 to 100 mm"))
+    parse_within(text, -100.0..=100.0, "lever", " mm")
 }
 
 fn parse_noise(text: &str) -> Result<f64, String> {
-    text.parse::<f64>()
-        .ok()
-        .filter(|noise| (0.0..=10.0).contains(noise))
-        .ok_or_else(|| format!("{text:?} is no noise from 0 to 10"))
+    parse_within(text, 0.0..=10.0, "noise", "")
 }
 
 #[derive(Debug, Serialize)]

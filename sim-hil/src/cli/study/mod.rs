@@ -17,7 +17,7 @@ use clap::{Subcommand, ValueEnum};
 use flix_host::interrupt::Interrupt;
 
 use super::Error;
-use super::arguments::{ModelArgs, parse_seconds};
+use super::arguments::{ModelArgs, parse_seconds, parse_within};
 use crate::model::RobotModel;
 use crate::study::sweep::{SECONDS, Sweep, Variant};
 use crate::study::{self, Options, Shard, Study, Table, figure};
@@ -181,10 +181,7 @@ pub enum DriveArg {
 
 /// A share by which numbers may scatter.
 fn parse_scatter(text: &str) -> Result<f64, String> {
-    text.parse::<f64>()
-        .ok()
-        .filter(|share| (0.0..=0.2).contains(share))
-        .ok_or_else(|| format!("{text:?} is no share from 0 to 0.2"))
+    parse_within(text, 0.0..=0.2, "share", "")
 }
 
 impl SweepArgs {

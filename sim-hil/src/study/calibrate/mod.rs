@@ -77,11 +77,11 @@ impl Goal {
 }
 
 /// Where a search begins.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, clap::ValueEnum)]
 pub enum Start {
     /// At the model.
     Model,
-    /// Anywhere in the ranges, by the seed: at a robot that nobody has fitted to anything.
+    /// Anywhere in the ranges, by the seed: fitted to nothing.
     Anywhere,
 }
 
@@ -264,7 +264,8 @@ fn motion(
 fn fingerprint(settings: &Settings, unknowns: &[Unknown]) -> String {
     let ranges: Vec<_> = unknowns.iter().map(|u| (&u.name, u.low, u.high)).collect();
     let identity = serde_json::json!({
-        "base": settings.base, "start": settings.start, "goals": settings.goals, "ranges": ranges, "samples": settings.samples,
+        "base": settings.base, "start": settings.start, "goals": settings.goals, "ranges": ranges,
+        "samples": settings.samples,
         "scatter": settings.scatter, "steps": settings.steps, "seconds": settings.seconds,
         "seed": settings.seed, "version": env!("CARGO_PKG_VERSION"),
     });

@@ -32,11 +32,11 @@ pub struct Unknown {
 }
 
 /// Which numbers a calibration fits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Fit {
-    /// The open choices.
+    /// What the paper leaves open, left and right alike.
     Open,
-    /// The error set X.
+    /// The paper's error set X.
     Errors,
     /// Both.
     Both,
