@@ -18,11 +18,11 @@ use flix_host::link::udp::Connection;
 use flix_protocol::message::Setpoint;
 use flix_protocol::session::Key;
 use flix_protocol::units::Instant;
-use flix_sim::accuracy::setpoint;
 use flix_sim::cli::serve::serve;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
-use flix_sim::robot::{Disturbance, RobotParameters, SimulatedRobot};
+use flix_sim::rig::bench::setpoint;
+use flix_sim::rig::robot::{Disturbance, RobotParameters, SimulatedRobot};
 
 /// Commands that are timed.
 const COMMANDS: usize = 200;

@@ -8,7 +8,7 @@ use std::process::Command;
 use std::time::Instant;
 
 use flix_sim::model::RobotModel;
-use flix_sim::mujoco::mjcf;
+use flix_sim::model::mjcf::mjcf;
 use flix_sim::plant::{Drive, Mechanics, Plant};
 
 /// Runs the exported model for `steps` steps and prints microseconds a step.

@@ -4,7 +4,7 @@
 
 use std::time::{Duration, Instant};
 
-use flix_sim::accuracy::{Base, bench, setpoint};
+use flix_sim::rig::bench::{Base, bench, setpoint};
 
 /// Virtual time that is timed, after a first stretch that warms up.
 const STRETCH: Duration = Duration::from_secs(20);

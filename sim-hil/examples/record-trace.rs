@@ -15,11 +15,11 @@ use flix_firmware::settings::Settings;
 use flix_firmware::trace::{Header, Outcome, Row};
 use flix_protocol::message::{Setpoint, State};
 use flix_protocol::units::{Degrees, Hertz, Instant};
-use flix_sim::fault::matrix::MODES;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
 use flix_sim::plant::electronics::{Electronics, ElectronicsParameters};
-use flix_sim::robot::SIMULATED_BOARD;
+use flix_sim::reliability::fault_matrix::MODES;
+use flix_sim::rig::robot::SIMULATED_BOARD;
 
 /// Ticks of each mode: a second.
 const MODE_TICKS: u64 = TICK_RATE_HZ as u64;

@@ -6,9 +6,11 @@ use std::num::NonZeroU16;
 use flix_firmware::hardware::{
     Actuation, Bridge, CurrentSense, Duty, Encoder, Hardware, TICK_RATE_HZ,
 };
+use flix_sim::plant::electronics::motor::MotorParameters;
+use flix_sim::plant::electronics::sensor::{
+    AS5600, AmplifierParameters, EncoderParameters, MT6701,
+};
 use flix_sim::plant::electronics::{Electronics, ElectronicsParameters, TICK};
-use flix_sim::plant::motor::MotorParameters;
-use flix_sim::plant::sensor::{AS5600, AmplifierParameters, EncoderParameters, MT6701};
 use flix_sim::plant::{Diverged, Mechanics};
 
 /// Two wheels on a fixed axis, turned by the motors alone.

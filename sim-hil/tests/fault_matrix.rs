@@ -14,7 +14,7 @@
 
 use std::collections::BTreeSet;
 
-use flix_sim::fault::matrix::{Cell, measure};
+use flix_sim::reliability::fault_matrix::{Cell, measure};
 
 const HEADER: &str = "fault,base,f_hz,theta_deg,onset,outcome,state,first_fault,safe_s,largest_current_a,phase_error_deg";
 /// Leading columns that say which cell it is, what the robot did and where it ended.

@@ -1,7 +1,8 @@
 //! f within 0.05 Hz and theta within 1 degree (root mean square), the line of force within 1 degree and 2 %
 //! across: at every commanded pair, on a fixed and on a yielding base, by the plant's truth.
 
-use flix_sim::accuracy::{BASES, Base, FREQUENCIES, hold_all_directions};
+use flix_sim::reliability::accuracy::{FREQUENCIES, hold_all_directions};
+use flix_sim::rig::bench::{BASES, Base};
 use rayon::prelude::*;
 
 fn failures(seed: u64, bases: &[Base], frequencies: &[f32]) -> Vec<String> {

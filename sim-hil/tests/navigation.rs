@@ -8,7 +8,7 @@ use flix_host::cli::course::names;
 use flix_host::nav::{ControllerKind, Navigator, Path, PlanarPose, Settings, Stop, Task};
 use flix_host::pilot::{Ending, Pilot};
 use flix_protocol::message::State;
-use flix_sim::course::{Conditions, Course, shipped_table};
+use flix_sim::experiment::course::{Conditions, Course, shipped_table};
 use flix_sim::model::RobotModel;
 
 const LATENCY: Duration = Duration::from_millis(20);

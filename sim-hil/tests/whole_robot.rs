@@ -4,13 +4,14 @@
 use core::time::Duration;
 
 use flix_protocol::session::Key;
-use flix_sim::accuracy::{DIRECTIONS, setpoint};
-use flix_sim::channel::ChannelParameters;
+use flix_sim::experiment::walk::{DEFAULT_STEP, Walk, WalkDrive, walk};
 use flix_sim::model::RobotModel;
-use flix_sim::operation::Operation;
 use flix_sim::plant::{Mechanics, Plant};
-use flix_sim::robot::{RobotParameters, SimulatedRobot};
-use flix_sim::walk::{DEFAULT_STEP, Walk, WalkDrive, walk};
+use flix_sim::reliability::accuracy::DIRECTIONS;
+use flix_sim::rig::bench::setpoint;
+use flix_sim::rig::channel::ChannelParameters;
+use flix_sim::rig::operation::Operation;
+use flix_sim::rig::robot::{RobotParameters, SimulatedRobot};
 use rayon::prelude::*;
 
 #[test]

@@ -3,10 +3,11 @@
 use std::process::ExitCode;
 
 use super::{Error, progress, tell};
-use crate::accuracy::{
-    ACROSS_LIMIT, Accuracy, BASES, DIRECTION_LIMIT_DEG, FORCE_LIMIT_DEG, FREQUENCY_LIMIT_HZ,
-    HoldResult, RUNS, SETTLE_LIMIT_S, measure,
+use crate::reliability::accuracy::{
+    ACROSS_LIMIT, Accuracy, DIRECTION_LIMIT_DEG, FORCE_LIMIT_DEG, FREQUENCY_LIMIT_HZ, HoldResult,
+    RUNS, SETTLE_LIMIT_S, measure,
 };
+use crate::rig::bench::{BASES, Base};
 
 /// Measure how well f and theta are held, over all of them.
 #[derive(Debug, clap::Args)]
@@ -71,7 +72,7 @@ fn table(accuracy: &Accuracy, seed: u64) -> String {
     text + if accuracy.pass { "All within limits.\n" } else { "Not all within limits.\n" }
 }
 
-fn worst<'a>(base: crate::accuracy::Base, of: impl Iterator<Item = &'a HoldResult>) -> String {
+fn worst<'a>(base: Base, of: impl Iterator<Item = &'a HoldResult>) -> String {
     let largest = of.fold([0.0_f64; 4], |largest, hold| {
         [
             largest[0].max(hold.f_rms_hz),

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use super::{Error, progress, tell, words};
-use crate::adversary::{HANDSHAKE_LIMIT_S, Verdict, measure};
+use crate::reliability::adversary::{HANDSHAKE_LIMIT_S, Verdict, measure};
 
 /// Attack live robots over their link, and tell what came of it.
 ///

@@ -8,7 +8,7 @@ use flix_host::nav::{ModeTable, PlanarPose};
 use flix_host::record::RunDescription;
 
 use super::Error;
-use crate::course::{Conditions, shipped_table};
+use crate::experiment::course::{Conditions, shipped_table};
 use crate::model::RobotModel;
 
 /// Robot, link and chance.

@@ -10,14 +10,15 @@ use flix_protocol::message::Setpoint;
 use indicatif::ProgressBar;
 
 use super::{Error, progress, track};
-use crate::accuracy::{ACROSS_LIMIT, DIRECTION_LIMIT_DEG};
-use crate::accuracy::{
-    Base, FORCE_LIMIT_DEG, FREQUENCY_LIMIT_HZ, SETTLE_LIMIT_S, STEP_BAND, bench, setpoint,
-};
-use crate::measure::{Hold, HoldMeter, StepMeter, line_error};
-use crate::operation::Operation;
+use crate::experiment::metrics::{Hold, HoldMeter, StepMeter, line_error};
 use crate::plant::Plant;
-use crate::robot::Truth;
+use crate::reliability::accuracy::{
+    ACROSS_LIMIT, DIRECTION_LIMIT_DEG, FORCE_LIMIT_DEG, FREQUENCY_LIMIT_HZ, SETTLE_LIMIT_S,
+    STEP_BAND,
+};
+use crate::rig::bench::{Base, bench, setpoint};
+use crate::rig::operation::Operation;
+use crate::rig::robot::Truth;
 
 /// Shake through the paper's five modes and a reversal, then walk a figure eight.
 #[derive(Debug, Clone, clap::Args)]

@@ -7,7 +7,7 @@ use anstream::print;
 
 use super::Error;
 use crate::model::RobotModel;
-use crate::mujoco::mjcf;
+use crate::model::mjcf::mjcf;
 
 /// Write the model as MJCF, so that MuJoCo can check it or go on with it.
 #[derive(Debug, clap::Args)]

@@ -3,7 +3,9 @@
 use std::process::ExitCode;
 
 use super::{Error, progress, tell};
-use crate::fault::matrix::{CASES, CELLS, Cell, Matrix, Outcome, REST_LIMIT_S, measure};
+use crate::reliability::fault_matrix::{
+    CASES, CELLS, Cell, Matrix, Outcome, REST_LIMIT_S, measure,
+};
 
 /// Let everything go wrong in every mode at every time, and tell what the robot does.
 #[derive(Debug, clap::Args)]

@@ -17,8 +17,9 @@ use serde::Serialize;
 
 use super::conditions::{LoopArgs, description, duration};
 use super::{Error, progress};
-use crate::course::{Course, POSE_PERIOD};
-use crate::plant::sensor::unit;
+use crate::experiment::course::Course;
+use crate::plant::electronics::sensor::unit;
+use crate::rig::motion_capture::POSE_PERIOD;
 
 /// Farthest push, m.
 const FARTHEST: f64 = 0.5;

@@ -12,7 +12,7 @@ use flix_host::record::Recorder;
 
 use super::conditions::{LoopArgs, description};
 use super::{Error, progress};
-use crate::course::Course;
+use crate::experiment::course::Course;
 
 /// Drive every mode of the simulated robot for some seconds and write its mode table.
 #[derive(Debug, clap::Args)]

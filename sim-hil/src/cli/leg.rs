@@ -6,10 +6,10 @@ use anstream::{print, println};
 
 use super::Error;
 use super::arguments::{ModelArgs, Vector, parse_leg};
+use crate::experiment::probe::{self, LegProbe};
+use crate::experiment::walk::DEFAULT_STEP;
 use crate::model::LEGS;
 use crate::plant::Wrench;
-use crate::probe::{self, LegProbe};
-use crate::walk::DEFAULT_STEP;
 
 /// Load the tip of one clamped leg, then let go and watch it ring.
 #[derive(Debug, clap::Args)]

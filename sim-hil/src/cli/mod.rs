@@ -96,10 +96,10 @@ fn tell(
 pub enum Error {
     /// A simulated robot could not be brought to run.
     #[error(transparent)]
-    Accuracy(#[from] crate::accuracy::AccuracyError),
+    Bench(#[from] crate::rig::bench::BenchError),
     /// The simulation did not go on.
     #[error(transparent)]
-    Operation(#[from] crate::operation::OperationError),
+    Operation(#[from] crate::rig::operation::OperationError),
     /// A model is damaged.
     #[error(transparent)]
     Model(#[from] crate::model::ModelError),
@@ -117,10 +117,10 @@ pub enum Error {
     Setpoint(#[from] flix_protocol::units::OutOfRange),
     /// The robot did not walk.
     #[error(transparent)]
-    Walk(#[from] crate::walk::WalkError),
+    Walk(#[from] crate::experiment::walk::WalkError),
     /// The mechanics gave no answer.
     #[error(transparent)]
-    Probe(#[from] crate::probe::ProbeError),
+    Probe(#[from] crate::experiment::probe::ProbeError),
     /// A replay was not written.
     #[error(transparent)]
     Recording(#[from] crate::view::RecordingError),
@@ -169,10 +169,10 @@ impl Error {
 
     /// Whether the command line, or a file that it names, is wrong.
     fn is_usage(&self) -> bool {
-        use crate::probe::ProbeError;
+        use crate::experiment::probe::ProbeError;
+        use crate::experiment::walk::WalkError;
         use crate::study::TableError;
         use crate::study::calibrate::CalibrationError;
-        use crate::walk::WalkError;
         matches!(
             self,
             Self::Setpoint(_)

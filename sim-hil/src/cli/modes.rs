@@ -7,7 +7,7 @@ use clap::ValueEnum;
 
 use super::Error;
 use super::arguments::{ModelArgs, parse_leg};
-use crate::probe::{self, Clamp, Modes};
+use crate::experiment::probe::{self, Clamp, Modes};
 
 /// List the natural frequencies, damping ratios and shapes of small motions.
 #[derive(Debug, clap::Args)]

@@ -6,8 +6,8 @@ use anstream::{print, println};
 
 use super::Error;
 use super::arguments::ModelArgs;
-use crate::probe::{self, Rest};
-use crate::walk::DEFAULT_STEP;
+use crate::experiment::probe::{self, Rest};
+use crate::experiment::walk::DEFAULT_STEP;
 
 /// Drop the robot from 20 mm, wait until it rests, and weigh it.
 #[derive(Debug, clap::Args)]

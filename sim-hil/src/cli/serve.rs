@@ -18,10 +18,10 @@ use flix_protocol::session::Key;
 use flix_protocol::units::Instant;
 
 use super::Error;
-use crate::course::{Eyes, POSE_PERIOD};
 use crate::model::RobotModel;
 use crate::plant::Plant;
-use crate::robot::{RobotParameters, SimulatedRobot};
+use crate::rig::motion_capture::{MotionCapture, POSE_PERIOD};
+use crate::rig::robot::{RobotParameters, SimulatedRobot};
 
 /// Be a robot on the network, in real time.
 #[derive(Debug, clap::Args)]
@@ -168,7 +168,7 @@ pub fn serve(
 /// A motion-capture system that watches the robot.
 pub struct Cameras {
     server: NatNetServer,
-    eyes: Eyes,
+    cameras: MotionCapture,
     next: Instant,
 }
 
@@ -181,7 +181,7 @@ impl Cameras {
         let server = NatNetServer::bind(address, ServerSettings { multicast, ..usual })
             .map_err(|source| ServeError::Listen { address, source })?;
         println!("Its pose is streamed as OptiTrack does, by NatNet at {address}.");
-        Ok(Self { server, eyes: Eyes::new(seed), next: Instant::START })
+        Ok(Self { server, cameras: MotionCapture::new(seed), next: Instant::START })
     }
 
     fn show(&mut self, robot: &SimulatedRobot<Plant>) -> io::Result<()> {
@@ -191,7 +191,7 @@ impl Cameras {
             return Ok(());
         }
         self.next = now + POSE_PERIOD;
-        let pose = self.eyes.measure(robot);
+        let pose = self.cameras.measure(robot);
         self.server.stream(now.as_micros() as f64 * 1e-6, Some(&pose))
     }
 }

@@ -7,8 +7,8 @@ use clap::ValueEnum;
 
 use super::Error;
 use super::arguments::{ModelArgs, SetpointArgs, parse_seconds};
-use crate::probe::{self, ShakeBase, Shaken};
-use crate::walk::DEFAULT_STEP;
+use crate::experiment::probe::{self, ShakeBase, Shaken};
+use crate::experiment::walk::DEFAULT_STEP;
 
 /// Turn the rotors steadily and tell the amplitudes of forces and of the body's motion.
 #[derive(Debug, clap::Args)]

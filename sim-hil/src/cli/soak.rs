@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use super::{Error, progress, tell, words};
-use crate::soak::{GROWTH_LIMIT, Verdict, measure};
+use crate::reliability::soak::{GROWTH_LIMIT, Verdict, measure};
 
 /// Let robots live through hours of random commands, faults and link trouble, in virtual time.
 ///

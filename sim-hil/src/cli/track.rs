@@ -15,7 +15,8 @@ use serde::Serialize;
 
 use super::conditions::{LoopArgs, description, duration};
 use super::{Error, progress};
-use crate::course::{Course, POSE_PERIOD};
+use crate::experiment::course::Course;
+use crate::rig::motion_capture::POSE_PERIOD;
 use crate::view::Film;
 
 /// Follow a path with the whole simulated robot: the host's navigation, protocol, the robot's

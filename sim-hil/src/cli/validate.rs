@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use super::arguments::{Vector, parse_leg};
 use super::{Error, tell};
-use crate::validate::{Options, Report, validate};
+use crate::experiment::validation::{Options, Report, validate};
 
 /// Compute every figure of the reference table, or others, and tell whether they agree.
 #[derive(Debug, clap::Args)]

@@ -11,9 +11,9 @@ use serde::Serialize;
 
 use super::arguments::{ModelArgs, SetpointArgs, parse_seconds};
 use super::{Error, progress};
+use crate::experiment::walk::{Spread, Walk, WalkDrive, Walked, walk};
 use crate::model::RobotModel;
 use crate::view::Film;
-use crate::walk::{Spread, Walk, WalkDrive, Walked, walk};
 
 /// Shortest time between two frames, s: some 16 frames a turn at 30 Hz.
 const FRAME_INTERVAL: f64 = 2e-3;
@@ -108,7 +108,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             bar.inc(1);
             Ok((walked, film))
         })
-        .collect::<Result<_, crate::walk::WalkError>>()?;
+        .collect::<Result<_, crate::experiment::walk::WalkError>>()?;
     bar.finish_and_clear();
 
     let spread = |of: fn(&Walked) -> f64| {

@@ -1,48 +1,11 @@
-//! The moving part: rotors on a base, and four soft legs under it.
+//! The physics under the robot's software: what moves ([`mechanics`]) and what drives and measures it ([`electronics`]).
 //!
-//! One kind of model serves every case (see [`crate::model::RobotModel`]): a tree whose base joint is
-//! fixed, planar or free, with two rotors and, if the model has them, four legs of six hinges.
-//!
-//! # Equations
-//!
-//! Unknown is the acceleration `x` of the generalised velocities. The step is the implicit midpoint rule,
-//! linearised: geometry and forces are taken at the predicted middle of the step, `q + h/2 v`, hinge
-//! springs and dampers and the contact law also at the velocity and position that `x` will bring there:
-//!
-//! ```text
-//! (M + h/2 D + h^2/4 K) x = tau - bias(q_m, v_m) - K q_m - D v + contact(q_m, v, x)
-//! v' = v + h x        q' = q + h/2 (v + v')
-//! ```
-//!
-//! It is of second order, adds no damping of its own, and is stable for any stiffness. `M` is never
-//! formed: legs and rotors are eliminated towards the body (Featherstone's articulated bodies), the body's
-//! six equations are solved, and the legs follow.
-//!
-//! # Axes
-//!
-//! World ENU with the floor at z = 0; body FLU with its origin in the middle of the plate. Rotor angles are
-//! about body +z, relative to the body, zero along +x.
+//! The two meet in [`Mechanics`] alone: torques go one way, rotor angles and speeds the other.
 
-// Matrix algebra reads best with the indices and the symbols of its formulas.
-#![allow(clippy::needless_range_loop, clippy::too_many_arguments)]
-
-pub mod battery;
 pub mod electronics;
-pub mod inverter;
-pub mod lane;
-pub mod motor;
-pub mod sensor;
-pub mod spatial;
+pub mod mechanics;
 
-mod build;
-mod leg;
-mod linear;
-mod pack;
-mod robot;
-mod system;
-
-pub use linear::{FREEDOMS, Linear};
-pub use robot::{BodyState, Drive, Energy, LegView, Plant, Wrench};
+pub use mechanics::{BodyState, Drive, Energy, FREEDOMS, LegView, Linear, Plant, Wrench};
 
 /// The moving part as the electrical part sees it.
 pub trait Mechanics {

@@ -22,9 +22,9 @@ use serde::Serialize;
 
 use super::cmaes::{Cmaes, inside};
 use super::measured::{self, MeasuredError};
+use crate::experiment::probe::{ProbeError, TIP_REACH, TipMotion, release};
 use crate::model::RobotModel;
 use crate::plant::Wrench;
-use crate::probe::{ProbeError, TIP_REACH, TipMotion, release};
 
 /// Angles of the paper's three loads, degrees.
 pub const LOADS_DEG: [f64; 3] = [-60.0, 0.0, 60.0];

@@ -168,7 +168,8 @@ pub fn mode_table(
     source: &str,
     kinds: &[(&'static str, Vec<Candidate>)],
 ) -> Result<ModeTable, ModeTableError> {
-    let spread = |s: crate::walk::Spread| nav::Spread { mean: s.mean, spread: s.spread };
+    let spread =
+        |s: crate::experiment::walk::Spread| nav::Spread { mean: s.mean, spread: s.spread };
     let modes = kinds.iter().filter_map(|(kind, found)| {
         let cell = &found.first()?.cell;
         let [forward, lateral, yaw] = cell.spreads().map(spread);

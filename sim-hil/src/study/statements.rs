@@ -7,7 +7,7 @@
 use super::modes::Component;
 use super::sensitivity::{CONTROL, find};
 use super::sweep::{Cell, DIRECTIONS};
-use crate::walk::Spread;
+use crate::experiment::walk::Spread;
 
 /// A claim, and what the robot does.
 #[derive(Debug, Clone, PartialEq)]

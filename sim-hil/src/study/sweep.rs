@@ -11,8 +11,8 @@ use serde_json::json;
 
 use super::calibrate::scattered;
 use super::{Column, Row, Study, Table, Value};
+use crate::experiment::walk::{Spread, Walk, WalkDrive, walk};
 use crate::model::RobotModel;
-use crate::walk::{Spread, Walk, WalkDrive, walk};
 
 /// Frequencies of the grid, Hz.
 pub const FREQUENCIES: [f64; 8] = [-35.0, -30.0, -20.0, -10.0, 10.0, 20.0, 30.0, 35.0];

@@ -12,7 +12,7 @@ use flix_protocol::session::{Key, OperatorReceived, OperatorSession};
 use flix_protocol::units::{Degrees, Hertz, Instant};
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
-use flix_sim::robot::{Flash, RobotParameters, SimulatedRobot};
+use flix_sim::rig::robot::{Flash, RobotParameters, SimulatedRobot};
 
 pub(crate) const TICK: Duration = Duration::from_micros(100);
 /// How often the operators here repeat themselves.

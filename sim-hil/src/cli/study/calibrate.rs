@@ -9,6 +9,7 @@ use flix_host::plot::{Chart, Figure, Panel, Series};
 use super::listen;
 use crate::cli::arguments::{ModelArgs, parse_seconds, parse_within};
 use crate::cli::{Error, progress};
+use crate::experiment::walk::{DEFAULT_STEP, WalkDrive};
 use crate::model::RobotModel;
 use crate::study::calibrate::{
     self, Fit, Generation, Goal, Progress, Settings, Start, WIDEST, unknowns, values, write_model,
@@ -17,7 +18,6 @@ use crate::study::measured;
 use crate::study::modes::{PaperMode, paper_modes, score_modes, shuffled_modes};
 use crate::study::sweep::{SECONDS, Sweep, Variant, cells};
 use crate::study::{Options, Shard};
-use crate::walk::{DEFAULT_STEP, WalkDrive};
 
 /// First seed of the walks that judge the result: none of the search's.
 const FRESH_SEED: u64 = 1_000_001;

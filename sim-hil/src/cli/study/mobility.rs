@@ -9,9 +9,9 @@ use serde::Serialize;
 
 use super::{SweepArgs, show};
 use crate::cli::Error;
+use crate::experiment::walk::{Walk, walk};
 use crate::study::modes::{ModeRow, classify, paper_modes, score_modes};
 use crate::study::sweep::{Cell, DIRECTIONS, FREQUENCIES, Sweep, Variant, cells, grid, setpoint};
-use crate::walk::{Walk, walk};
 
 /// Interval of the points of a track, s: smooth over the shaking.
 const TRACK_INTERVAL: f64 = 0.1;

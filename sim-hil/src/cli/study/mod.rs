@@ -18,10 +18,10 @@ use flix_host::interrupt::Interrupt;
 
 use super::Error;
 use super::arguments::{ModelArgs, parse_seconds, parse_within};
+use crate::experiment::walk::{DEFAULT_STEP, WalkDrive, require_walker};
 use crate::model::RobotModel;
 use crate::study::sweep::{SECONDS, Sweep, Variant};
 use crate::study::{self, Options, Shard, Study, Table, figure};
-use crate::walk::{DEFAULT_STEP, WalkDrive, require_walker};
 
 /// Repeat the paper's studies, each with one command.
 #[derive(Debug, clap::Args)]

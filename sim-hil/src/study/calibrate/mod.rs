@@ -29,8 +29,8 @@ use super::measured::Measured;
 use super::modes::{LEVER, PaperMode};
 use super::sweep::setpoint;
 use super::write_whole;
+use crate::experiment::walk::{Walk, WalkDrive, walk};
 use crate::model::RobotModel;
-use crate::walk::{Walk, WalkDrive, walk};
 
 /// Margin from which a mode counts as safe, as a share.
 const SAFE_MARGIN: f64 = 0.15;

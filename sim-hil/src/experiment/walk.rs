@@ -10,12 +10,12 @@ use flix_protocol::message::Setpoint;
 use flix_protocol::session::Key;
 use serde::Serialize;
 
-use crate::channel::ChannelParameters;
+use crate::experiment::probe::turn_between;
 use crate::model::{Base, GRAVITY, ModelError, RobotModel};
-use crate::operation::{Operation, OperationError};
 use crate::plant::{Diverged, Drive, Mechanics, Plant};
-use crate::probe::turn_between;
-use crate::robot::{RobotParameters, SimulatedRobot};
+use crate::rig::channel::ChannelParameters;
+use crate::rig::operation::{Operation, OperationError};
+use crate::rig::robot::{RobotParameters, SimulatedRobot};
 
 /// Step unless told, s: the firmware's own 10 kHz tick.
 pub const DEFAULT_STEP: f64 = 1e-4;

@@ -16,9 +16,9 @@ use flix_protocol::units::Instant;
 use rand::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::channel::{Channel, ChannelParameters};
 use crate::plant::{Diverged, Mechanics};
-use crate::robot::{SimulatedRobot, Truth};
+use crate::rig::channel::{Channel, ChannelParameters};
+use crate::rig::robot::{SimulatedRobot, Truth};
 
 /// How long an operator waits for what he asked: connecting, arming (which may align first), answers.
 pub const PATIENCE: Duration = Duration::from_secs(20);

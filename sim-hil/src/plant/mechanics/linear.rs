@@ -1,10 +1,10 @@
 //! The robot's small motions about where it stands: mass, stiffness and damping matrices.
 
-use super::Mechanics;
 use super::pack::Pack;
 use super::robot::Plant;
+use super::robot::Wrench;
 use super::spatial::{Spatial, Vec3};
-use super::{Diverged, Wrench};
+use crate::plant::{Diverged, Mechanics};
 
 /// Number of degrees of freedom with legs.
 pub const FREEDOMS: usize = 32;

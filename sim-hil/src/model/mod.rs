@@ -12,6 +12,8 @@
 
 use serde::{Deserialize, Serialize};
 
+pub mod mjcf;
+
 /// The four legs, in the order of every array in this crate.
 pub const LEGS: [&str; 4] = ["fl", "fr", "rl", "rr"];
 
@@ -332,11 +334,11 @@ pub struct RobotModel {
 pub const NAMES: [&str; 5] = ["A", "W", "calibrated", "bench-fixed", "bench-planar"];
 
 const SHIPPED: [&str; 5] = [
-    include_str!("../models/A.toml"),
-    include_str!("../models/W.toml"),
-    include_str!("../models/calibrated.toml"),
-    include_str!("../models/bench-fixed.toml"),
-    include_str!("../models/bench-planar.toml"),
+    include_str!("../../models/A.toml"),
+    include_str!("../../models/W.toml"),
+    include_str!("../../models/calibrated.toml"),
+    include_str!("../../models/bench-fixed.toml"),
+    include_str!("../../models/bench-planar.toml"),
 ];
 
 impl RobotModel {

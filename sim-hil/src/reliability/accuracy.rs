@@ -5,26 +5,16 @@
 
 use std::time::Duration;
 
-use flix_protocol::message::{Command, Setpoint, State};
-use flix_protocol::session::Key;
-use flix_protocol::units::{Degrees, Hertz};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::channel::ChannelParameters;
-use crate::measure::{Band, HoldMeter, StepMeter};
-use crate::model::{ModelError, RobotModel};
-use crate::operation::{Operation, OperationError};
-use crate::plant::Plant;
-use crate::robot::{RobotParameters, SimulatedRobot};
+use crate::experiment::metrics::{Band, HoldMeter, StepMeter};
+use crate::rig::bench::{BASES, Base, BenchError, bench, setpoint};
 
 /// Held frequencies, Hz.
 pub const FREQUENCIES: [f32; 8] = [-35.0, -30.0, -20.0, -10.0, 10.0, 20.0, 30.0, 35.0];
 /// Held directions, degrees.
 pub const DIRECTIONS: [f32; 7] = [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0];
-/// What the shaker stands on.
-pub const BASES: [Base; 2] = [Base::Fixed, Base::Free];
-
 /// f, averaged over each turn: largest root mean square error, Hz.
 pub const FREQUENCY_LIMIT_HZ: f64 = 0.05;
 /// theta at every tick: largest root mean square error, degrees.
@@ -44,53 +34,6 @@ const SETTLING: Duration = Duration::from_secs(1);
 const MEASURING: Duration = Duration::from_secs(2);
 /// Time for which a step is watched.
 const WATCHING: Duration = Duration::from_millis(1500);
-
-/// What the shaker stands on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Base {
-    /// A stand that does not move.
-    Fixed,
-    /// A body of 350 g that slides in the plane.
-    Free,
-}
-
-impl Base {
-    /// Name of its model.
-    #[must_use]
-    pub const fn model(self) -> &'static str {
-        match self {
-            Self::Fixed => "bench-fixed",
-            Self::Free => "bench-planar",
-        }
-    }
-}
-
-impl std::fmt::Display for Base {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.pad(match self {
-            Self::Fixed => "fixed",
-            Self::Free => "free",
-        })
-    }
-}
-
-/// A robot on a bench could not be measured.
-#[derive(Debug, thiserror::Error)]
-pub enum AccuracyError {
-    /// The bench.
-    #[error(transparent)]
-    Model(#[from] ModelError),
-    /// The run.
-    #[error(transparent)]
-    Operation(#[from] OperationError),
-}
-
-impl From<crate::plant::Diverged> for AccuracyError {
-    fn from(error: crate::plant::Diverged) -> Self {
-        Self::Operation(error.into())
-    }
-}
 
 /// One held setpoint.
 #[derive(Debug, Clone, Serialize)]
@@ -176,54 +119,11 @@ pub const STEPS: [Step; 3] = [
 /// How many independent runs [`measure`] makes.
 pub const RUNS: usize = BASES.len() * (FREQUENCIES.len() + STEPS.len());
 
-/// A setpoint from plain numbers, limited to what a robot can be asked for.
-#[must_use]
-pub fn setpoint(frequency: f32, direction: f32) -> Setpoint {
-    Setpoint::new(Hertz::saturating(frequency), Degrees::saturating(direction))
-        .unwrap_or(Setpoint::REST)
-}
-
-/// An operator on a quiet network and a robot of this seed on this base, powered up.
-///
-/// # Errors
-/// When the model is damaged.
-pub fn bench(base: Base, seed: u64) -> Result<Operation<Plant>, ModelError> {
-    bench_knowing(base, seed, None, ChannelParameters::QUIET_WIFI)
-}
-
-/// As [`bench()`], on another network and with this in the robot's flash.
-///
-/// # Errors
-/// When the model is damaged.
-pub fn bench_knowing(
-    base: Base,
-    seed: u64,
-    flash: Option<Vec<u8>>,
-    network: ChannelParameters,
-) -> Result<Operation<Plant>, ModelError> {
-    let mechanics = Plant::new(&RobotModel::named(base.model())?)?;
-    let parameters = RobotParameters::new(Key::new([0x5a; 32]), seed);
-    parameters.flash.overwrite(flash);
-    Ok(Operation::new(SimulatedRobot::new(parameters, mechanics), network))
-}
-
-/// What the flash of the robot of this seed on this base holds once it was aligned.
-///
-/// # Errors
-/// When it cannot be armed.
-pub fn learnt(base: Base, seed: u64) -> Result<Option<Vec<u8>>, AccuracyError> {
-    let mut operation = bench(base, seed)?;
-    operation.arm()?;
-    operation.ask(Command::Disarm)?;
-    operation.await_state(&[State::Disarmed])?;
-    Ok(operation.robot.parameters().flash.content())
-}
-
 /// All figures of the robot of this seed. `done` is called after each of [`RUNS`] runs.
 ///
 /// # Errors
 /// When a robot cannot be brought to run: that, too, is a failure of its promises.
-pub fn measure(seed: u64, done: impl Fn() + Sync) -> Result<Accuracy, AccuracyError> {
+pub fn measure(seed: u64, done: impl Fn() + Sync) -> Result<Accuracy, BenchError> {
     let cells: Vec<(Base, f32)> =
         BASES.into_iter().flat_map(|base| FREQUENCIES.map(|frequency| (base, frequency))).collect();
     let hold = cells.par_iter().map(|&(base, frequency)| {
@@ -255,7 +155,7 @@ pub fn hold_all_directions(
     base: Base,
     frequency: f32,
     seed: u64,
-) -> Result<Vec<HoldResult>, AccuracyError> {
+) -> Result<Vec<HoldResult>, BenchError> {
     let mut operation = bench(base, seed)?;
     operation.arm()?;
     DIRECTIONS
@@ -284,7 +184,7 @@ pub fn hold_all_directions(
 ///
 /// # Errors
 /// As for [`measure`].
-pub fn measure_step(base: Base, step: Step, seed: u64) -> Result<StepResult, AccuracyError> {
+pub fn measure_step(base: Base, step: Step, seed: u64) -> Result<StepResult, BenchError> {
     let mut operation = bench(base, seed)?;
     let current_limit_a = operation.connect().and_then(|()| operation.setting("current_limit"))?;
     operation.arm()?;

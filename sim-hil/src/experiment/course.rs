@@ -1,41 +1,27 @@
 //! The closed loop in virtual time: cameras, navigation, link, the robot's software and its plant.
 //!
 //! The host's own [`Pilot`] drives, exactly as `flix track` does in real time; only clock, network
-//! and cameras are simulated. Poses are taken every [`POSE_PERIOD`], are wrong by [`POSITION_NOISE`]
-//! and [`HEADING_NOISE`], and arrive [`POSE_DELAY`] later.
+//! and cameras are simulated. See [`crate::rig::motion_capture`] for what the cameras measure.
 
-use std::collections::VecDeque;
 use std::time::Duration;
 
 use flix_host::nav::{ModeTable, PlanarPose};
 use flix_host::pilot::{Ending, Helm, Pilot};
-use flix_host::pose::{Pose, PoseSample};
 use flix_protocol::message::State;
 use flix_protocol::session::Key;
 use flix_protocol::units::Instant;
-use rand::SeedableRng;
-use rand_distr::{Distribution, StandardNormal};
-use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::channel::ChannelParameters;
 use crate::model::{ModelError, RobotModel};
-use crate::operation::Operation;
 use crate::plant::{Diverged, Plant};
-use crate::robot::{RobotParameters, SimulatedRobot};
-
-/// From one camera frame to the next: OptiTrack at 100 Hz.
-pub const POSE_PERIOD: Duration = Duration::from_millis(10);
-/// From exposure to arrival: OptiTrack states 5 to 10 ms for its Prime cameras.
-pub const POSE_DELAY: Duration = Duration::from_millis(8);
-/// Standard deviation of each coordinate, m: OptiTrack states 0.2 to 0.3 mm in a small volume; doubled.
-pub const POSITION_NOISE: f64 = 0.5e-3;
-/// Standard deviation of the heading, rad: of markers 150 mm apart.
-pub const HEADING_NOISE: f64 = 5e-3;
+use crate::rig::channel::ChannelParameters;
+use crate::rig::motion_capture::{MotionCapture, POSE_PERIOD};
+use crate::rig::operation::Operation;
+use crate::rig::robot::{RobotParameters, SimulatedRobot};
 
 /// The mode tables that come with models: learnt on them by `flix-sim identify`.
 const TABLES: [(&str, &str); 2] = [
-    ("W", include_str!("../models/W.modes.toml")),
-    ("calibrated", include_str!("../models/calibrated.modes.toml")),
+    ("W", include_str!("../../models/W.modes.toml")),
+    ("calibrated", include_str!("../../models/calibrated.modes.toml")),
 ];
 
 /// What a run is made of, besides who drives.
@@ -57,14 +43,7 @@ pub struct Conditions {
 pub struct Course<H> {
     operation: Operation<Plant>,
     pilot: Pilot<H>,
-    eyes: Eyes,
-}
-
-/// Simulated cameras.
-pub(crate) struct Eyes {
-    random: Xoshiro256PlusPlus,
-    under_way: VecDeque<(Instant, PoseSample)>,
-    covered: bool,
+    cameras: MotionCapture,
 }
 
 impl<H: Helm> Course<H> {
@@ -88,7 +67,7 @@ impl<H: Helm> Course<H> {
         Ok(Self {
             operation: Operation::new(robot, network),
             pilot,
-            eyes: Eyes::new(conditions.seed),
+            cameras: MotionCapture::new(conditions.seed),
         })
     }
 
@@ -142,7 +121,7 @@ impl<H: Helm> Course<H> {
 
     /// Covers the cameras, or uncovers them: poses go on coming, but are not valid.
     pub fn cover_cameras(&mut self, covered: bool) {
-        self.eyes.covered = covered;
+        self.cameras.covered = covered;
     }
 
     /// Where the robot's supervisor stands, and how fast the robot shakes, Hz.
@@ -168,55 +147,10 @@ impl<H: Helm> Course<H> {
             self.operation.tick()?;
         }
         let now = self.now();
-        self.eyes.look(now, &self.operation.robot);
-        let poses = self.eyes.seen(now);
+        self.cameras.look(now, &self.operation.robot);
+        let poses = self.cameras.seen(now);
         Ok(self.pilot.step(now, self.operation.client(), &poses))
     }
-}
-
-impl Eyes {
-    /// Cameras whose noise comes from this seed.
-    pub(crate) fn new(seed: u64) -> Self {
-        let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-        // Another stream than the plant's, the robot's and the network's.
-        random.long_jump();
-        random.long_jump();
-        Self { random, under_way: VecDeque::new(), covered: false }
-    }
-
-    /// The robot's pose as they measure it.
-    pub(crate) fn measure(&mut self, robot: &SimulatedRobot<Plant>) -> Pose {
-        let body = robot.mechanics().body();
-        let mut noisy = |value: f64, sigma: f64| {
-            let chance: f64 = StandardNormal.sample(&mut self.random);
-            value + sigma * chance
-        };
-        let position = body.position.map(|coordinate| noisy(coordinate, POSITION_NOISE));
-        let heading = noisy(0.0, HEADING_NOISE);
-        let turned = Pose::planar(PlanarPose { x: 0.0, y: 0.0, heading }, 0.0);
-        Pose { position, orientation: product(turned.orientation, body.orientation) }
-    }
-
-    fn look(&mut self, now: Instant, robot: &SimulatedRobot<Plant>) {
-        let pose = self.measure(robot);
-        let sample = PoseSample { time: now, pose, valid: !self.covered };
-        self.under_way.push_back((now + POSE_DELAY, sample));
-    }
-
-    fn seen(&mut self, now: Instant) -> Vec<PoseSample> {
-        let ready = self.under_way.iter().take_while(|(due, _)| *due <= now).count();
-        self.under_way.drain(..ready).map(|(_, sample)| sample).collect()
-    }
-}
-
-/// The turn `b`, then the turn `a`; quaternions w, x, y, z.
-fn product(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
-    [
-        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
-        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
-        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
-    ]
 }
 
 /// The table of a shipped model, learnt on it.

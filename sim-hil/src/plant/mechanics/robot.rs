@@ -6,8 +6,8 @@ use super::leg::{LegModel, LegStep};
 use super::pack::Pack;
 use super::spatial::{Mat3, RigidInertia, Spatial, Sym3, Vec3};
 use super::system::{Constants, State, advance, multiply, rotation};
-use super::{Diverged, Mechanics, Part};
 use crate::model::{GRAVITY, ModelError, RobotModel};
+use crate::plant::{Diverged, Mechanics, Part};
 
 /// Bodies faster than this, m/s or 0.01 rad/s, are no motion of this robot.
 const SPEED_LIMIT: f64 = 100.0;

@@ -3,7 +3,7 @@
 //! Each cell is a run of its own: a robot that knows its alignment is connected to over a quiet Wi-Fi network, armed
 //! and told to shake, and then something goes wrong and stays so, unless said. It is then in order when both rotors
 //! come to rest for good within [`REST_LIMIT_S`] of the moment at which the robot could know, or when f and theta are
-//! held within the limits of [`crate::accuracy`]; each [`Case`] says which. Figures are the plant's truth.
+//! held within the limits of [`crate::reliability::accuracy`]; each [`Case`] says which. Figures are the plant's truth.
 
 use std::time::Duration;
 
@@ -15,17 +15,15 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::hardware::{BOOT_TIME, HardwareFault, Injected};
-use crate::accuracy::{
-    AccuracyError, BASES, Base, DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ, bench_knowing, learnt,
-    setpoint,
-};
-use crate::channel::{Bursts, ChannelParameters};
-use crate::measure::{HoldMeter, line_error};
-use crate::operation::Operation;
+use crate::experiment::metrics::{HoldMeter, line_error};
 use crate::plant::Plant;
-use crate::plant::sensor::unit;
-use crate::robot::{Processor, SimulatedRobot};
+use crate::plant::electronics::sensor::unit;
+use crate::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
+use crate::rig::bench::{BASES, Base, BenchError, bench_knowing, learnt, setpoint};
+use crate::rig::channel::{Bursts, ChannelParameters};
+use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault, Injected};
+use crate::rig::operation::Operation;
+use crate::rig::robot::{Processor, SimulatedRobot};
 
 /// The five pairs (f in Hz, theta in degrees) of the paper's Table IV.
 pub const MODES: [(f32, f32); 5] =
@@ -271,7 +269,7 @@ pub const CELLS: usize = CASES.len() * BASES.len() * MODES.len() * ONSETS.len();
 ///
 /// # Errors
 /// When the robot cannot even be armed while all is well.
-pub fn measure(seed: u64, done: impl Fn() + Sync) -> Result<Matrix, AccuracyError> {
+pub fn measure(seed: u64, done: impl Fn() + Sync) -> Result<Matrix, BenchError> {
     let flashes: Vec<_> =
         BASES.par_iter().map(|base| learnt(*base, seed)).collect::<Result<_, _>>()?;
     let mut places = Vec::with_capacity(CELLS);
@@ -303,7 +301,7 @@ struct Place<'a> {
 }
 
 impl Place<'_> {
-    fn run(&self) -> Result<Cell, AccuracyError> {
+    fn run(&self) -> Result<Cell, BenchError> {
         let mut random = self.random();
         let (frequency, direction) = self.mode;
         let mut operation = bench_knowing(self.base, self.seed, self.flash.clone(), WIFI)?;

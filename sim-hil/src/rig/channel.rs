@@ -11,7 +11,7 @@ use flix_protocol::units::Instant;
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::plant::sensor::unit;
+use crate::plant::electronics::sensor::unit;
 
 /// How a network treats datagrams.
 #[derive(Debug, Clone, Copy, PartialEq)]

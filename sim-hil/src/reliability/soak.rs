@@ -19,15 +19,15 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::accuracy::{AccuracyError, BASES, bench_knowing, learnt, setpoint};
-use crate::channel::{Bursts, ChannelParameters};
-use crate::fault::hardware::{BOOT_TIME, HardwareFault, Injected};
-use crate::fault::matrix::{REST_HZ, REST_LIMIT_S};
-use crate::measure::line_error;
-use crate::operation::{Operation, Operator};
+use crate::experiment::metrics::line_error;
 use crate::plant::Plant;
-use crate::plant::sensor::unit;
-use crate::robot::{Processor, Truth};
+use crate::plant::electronics::sensor::unit;
+use crate::reliability::fault_matrix::{REST_HZ, REST_LIMIT_S};
+use crate::rig::bench::{BASES, BenchError, bench_knowing, learnt, setpoint};
+use crate::rig::channel::{Bursts, ChannelParameters};
+use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault, Injected};
+use crate::rig::operation::{Operation, Operator};
+use crate::rig::robot::{Processor, Truth};
 
 /// What must hold in every tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -121,7 +121,7 @@ pub fn measure(
     seed: u64,
     total: Duration,
     done: impl Fn(u64) + Sync,
-) -> Result<Verdict, AccuracyError> {
+) -> Result<Verdict, BenchError> {
     let robots = total.as_secs().div_ceil(LONGEST_LIFE.as_secs()).max(2);
     let length = total / robots as u32;
     let memory = Memory::new(total);
@@ -139,7 +139,7 @@ pub fn measure(
                 Err(_) => Ok(None),
             }
         })
-        .collect::<Result<_, AccuracyError>>()?;
+        .collect::<Result<_, BenchError>>()?;
     let panics = lives.iter().filter(|life| life.is_none()).count() as u64;
     let mut sum = Account::default();
     for account in lives.into_iter().flatten() {
@@ -264,7 +264,7 @@ struct Life {
 }
 
 impl Life {
-    fn new(seed: u64) -> Result<Self, AccuracyError> {
+    fn new(seed: u64) -> Result<Self, BenchError> {
         let base = BASES[(seed % 2) as usize];
         let flash = learnt(base, seed)?;
         let mut operation = bench_knowing(base, seed, flash, ChannelParameters::QUIET_WIFI)?;
@@ -283,7 +283,7 @@ impl Life {
         })
     }
 
-    fn live(mut self, length: Duration, second: &dyn Fn()) -> Result<Account, AccuracyError> {
+    fn live(mut self, length: Duration, second: &dyn Fn()) -> Result<Account, BenchError> {
         let end = self.operation.now() + length;
         while self.operation.now() < end {
             self.suffer(second)?;
@@ -302,7 +302,7 @@ impl Life {
     }
 
     /// Some seconds in which chance does something all the time.
-    fn suffer(&mut self, second: &dyn Fn()) -> Result<(), AccuracyError> {
+    fn suffer(&mut self, second: &dyn Fn()) -> Result<(), BenchError> {
         self.seclude(ChannelParameters::QUIET_WIFI);
         let end = self.operation.now() + Duration::from_secs_f64(self.between(4.0, 20.0));
         while self.operation.now() < end {
@@ -318,7 +318,7 @@ impl Life {
         Ok(())
     }
 
-    fn run(&mut self, duration: Duration, second: &dyn Fn()) -> Result<(), AccuracyError> {
+    fn run(&mut self, duration: Duration, second: &dyn Fn()) -> Result<(), BenchError> {
         let end = self.operation.now() + duration;
         while self.operation.now() < end {
             self.tick(second)?;
@@ -326,7 +326,7 @@ impl Life {
         Ok(())
     }
 
-    fn tick(&mut self, second: &dyn Fn()) -> Result<(), AccuracyError> {
+    fn tick(&mut self, second: &dyn Fn()) -> Result<(), BenchError> {
         self.operation.tick()?;
         self.listen();
         self.watch.see(&mut self.operation, self.breakage, &mut self.account);
@@ -480,7 +480,7 @@ impl Life {
     }
 
     /// All is well again, and only the first operator is left. The battery is swapped for a charged one.
-    fn mend(&mut self, second: &dyn Fn()) -> Result<(), AccuracyError> {
+    fn mend(&mut self, second: &dyn Fn()) -> Result<(), BenchError> {
         while self.breakage.is_some_and(|(_, until)| self.watch.now <= until) {
             self.tick(second)?;
         }
@@ -516,7 +516,7 @@ impl Life {
     /// Time for which f and theta must be near before the robot counts as shaking as wanted.
     const NEAR_FOR: Duration = Duration::from_millis(300);
 
-    fn recover(&mut self, second: &dyn Fn()) -> Result<(), AccuracyError> {
+    fn recover(&mut self, second: &dyn Fn()) -> Result<(), BenchError> {
         let began = self.operation.now();
         let frequency = if self.below(2) == 0 { 25.0 } else { -25.0 };
         let direction = self.between(-90.0, 90.0) as f32;
@@ -747,7 +747,7 @@ mod tests {
     use flix_firmware::hardware::Actuation;
 
     use super::*;
-    use crate::robot::Disturbance;
+    use crate::rig::robot::Disturbance;
 
     #[test]
     fn two_robots_live_through_a_minute_of_trouble() {

@@ -10,14 +10,19 @@ use flix_firmware::hardware::{
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::battery::{Battery, BatteryParameters, BusDecay, PAPER_BATTERY};
-use super::inverter::{InverterParameters, block_reversed};
-use super::motor::{ASSUMED_MOTOR, Decay, Motor, MotorParameters};
-use super::sensor::{
+use self::battery::{Battery, BatteryParameters, BusDecay, PAPER_BATTERY};
+use self::inverter::{InverterParameters, block_reversed};
+use self::motor::{ASSUMED_MOTOR, Decay, Motor, MotorParameters};
+use self::sensor::{
     AS5600, AmplifierParameters, BusSensor, CurrentSensor, Encoder, EncoderParameters,
     INLINE_AMPLIFIER, unit,
 };
 use super::{Diverged, Mechanics};
+
+pub mod battery;
+pub mod inverter;
+pub mod motor;
+pub mod sensor;
 
 /// Sub-steps of the electrical circuits in each tick. The fastest of them, the bus capacitor, has a time constant
 /// of 40 us.
@@ -315,7 +320,7 @@ impl Chain {
         &mut self,
         inverter: &InverterParameters,
         bus: f64,
-        sweep: &super::motor::Sweep,
+        sweep: &motor::Sweep,
         ledger: &mut Ledger,
     ) -> (f64, f64) {
         let drive = inverter.drive(self.bridge, bus, &self.motor, sweep);

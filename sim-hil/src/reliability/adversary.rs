@@ -25,13 +25,13 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::accuracy::{AccuracyError, Base, bench_knowing, learnt, setpoint};
-use crate::channel::ChannelParameters;
-use crate::fault::hardware::{BOOT_TIME, HardwareFault, Injected};
-use crate::operation::{Operation, Towards};
 use crate::plant::Plant;
-use crate::plant::sensor::unit;
-use crate::robot::Processor;
+use crate::plant::electronics::sensor::unit;
+use crate::rig::bench::{Base, BenchError, bench_knowing, learnt, setpoint};
+use crate::rig::channel::ChannelParameters;
+use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault, Injected};
+use crate::rig::operation::{Operation, Towards};
+use crate::rig::robot::Processor;
 
 /// What the attacker sends, each as often as the others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -153,7 +153,7 @@ pub fn measure(
     datagrams: u64,
     bytes: u64,
     done: impl Fn(u64, u64) + Sync,
-) -> Result<Verdict, AccuracyError> {
+) -> Result<Verdict, BenchError> {
     let flash = learnt(Base::Free, seed)?;
     // One for each turn at least.
     let lives = datagrams.div_ceil(DATAGRAMS_A_LIFE).max(2);
@@ -164,7 +164,7 @@ pub fn measure(
             let turn = if life % 2 == 0 { Turn::KeyChange } else { Turn::Restart };
             let account = Life::new(seed, life, turn, flash.clone())?.live(share)?;
             done(account.kinds.iter().sum(), 0);
-            Ok::<_, AccuracyError>(account)
+            Ok::<_, BenchError>(account)
         })
         .collect::<Result<_, _>>()?;
     let pieces = bytes.div_ceil(FUZZED_AT_ONCE);
@@ -261,12 +261,7 @@ struct Life {
 }
 
 impl Life {
-    fn new(
-        seed: u64,
-        number: u64,
-        turn: Turn,
-        flash: Option<Vec<u8>>,
-    ) -> Result<Self, AccuracyError> {
+    fn new(seed: u64, number: u64, turn: Turn, flash: Option<Vec<u8>>) -> Result<Self, BenchError> {
         let twin = || bench_knowing(Base::Free, seed, flash.clone(), NETWORK);
         let (mut attacked, mut calm) = (twin()?, twin()?);
         // An earlier session, for the attacker to have heard; the twin has it too.
@@ -285,7 +280,7 @@ impl Life {
         Ok(Self { turn, attacked, calm, attacker })
     }
 
-    fn live(mut self, datagrams: u64) -> Result<Account, AccuracyError> {
+    fn live(mut self, datagrams: u64) -> Result<Account, BenchError> {
         let born = self.attacked.now();
         let ticks = LIFE.as_micros() as u64 / 100;
         let mut account = Account {
@@ -356,7 +351,7 @@ impl Life {
 }
 
 /// What a session of one second says to the robot.
-fn overhear_session(operation: &mut Operation<Plant>) -> Result<Vec<Vec<u8>>, AccuracyError> {
+fn overhear_session(operation: &mut Operation<Plant>) -> Result<Vec<Vec<u8>>, BenchError> {
     let mut heard = Vec::new();
     let mut overhear = |operation: &mut Operation<Plant>, until: Instant| {
         while operation.now() < until {
@@ -366,7 +361,7 @@ fn overhear_session(operation: &mut Operation<Plant>) -> Result<Vec<Vec<u8>>, Ac
                 }
             })?;
         }
-        Ok::<_, AccuracyError>(())
+        Ok::<_, BenchError>(())
     };
     let start = operation.now();
     overhear(operation, start + Duration::from_millis(700))?;

@@ -1,0 +1,7 @@
+//! Experiments: what is asked of one robot, and how the answer is measured.
+
+pub mod course;
+pub mod metrics;
+pub mod probe;
+pub mod validation;
+pub mod walk;

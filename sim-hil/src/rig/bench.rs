@@ -1,0 +1,105 @@
+//! The bench: a shaker without legs on a stand, and an operator on a network before it.
+
+use flix_protocol::message::{Command, Setpoint, State};
+use flix_protocol::session::Key;
+use flix_protocol::units::{Degrees, Hertz};
+use serde::Serialize;
+
+use crate::model::{ModelError, RobotModel};
+use crate::plant::Plant;
+use crate::rig::channel::ChannelParameters;
+use crate::rig::operation::{Operation, OperationError};
+use crate::rig::robot::{RobotParameters, SimulatedRobot};
+
+/// What the shaker stands on.
+pub const BASES: [Base; 2] = [Base::Fixed, Base::Free];
+
+/// What the shaker stands on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Base {
+    /// A stand that does not move.
+    Fixed,
+    /// A body of 350 g that slides in the plane.
+    Free,
+}
+
+impl Base {
+    /// Name of its model.
+    #[must_use]
+    pub const fn model(self) -> &'static str {
+        match self {
+            Self::Fixed => "bench-fixed",
+            Self::Free => "bench-planar",
+        }
+    }
+}
+
+impl std::fmt::Display for Base {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::Fixed => "fixed",
+            Self::Free => "free",
+        })
+    }
+}
+
+/// A robot on a bench could not be brought to run.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchError {
+    /// The bench.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The run.
+    #[error(transparent)]
+    Operation(#[from] OperationError),
+}
+
+impl From<crate::plant::Diverged> for BenchError {
+    fn from(error: crate::plant::Diverged) -> Self {
+        Self::Operation(error.into())
+    }
+}
+
+/// A setpoint from plain numbers, limited to what a robot can be asked for.
+#[must_use]
+pub fn setpoint(frequency: f32, direction: f32) -> Setpoint {
+    Setpoint::new(Hertz::saturating(frequency), Degrees::saturating(direction))
+        .unwrap_or(Setpoint::REST)
+}
+
+/// An operator on a quiet network and a robot of this seed on this base, powered up.
+///
+/// # Errors
+/// When the model is damaged.
+pub fn bench(base: Base, seed: u64) -> Result<Operation<Plant>, ModelError> {
+    bench_knowing(base, seed, None, ChannelParameters::QUIET_WIFI)
+}
+
+/// As [`bench()`], on another network and with this in the robot's flash.
+///
+/// # Errors
+/// When the model is damaged.
+pub fn bench_knowing(
+    base: Base,
+    seed: u64,
+    flash: Option<Vec<u8>>,
+    network: ChannelParameters,
+) -> Result<Operation<Plant>, ModelError> {
+    let mechanics = Plant::new(&RobotModel::named(base.model())?)?;
+    let parameters = RobotParameters::new(Key::new([0x5a; 32]), seed);
+    parameters.flash.overwrite(flash);
+    Ok(Operation::new(SimulatedRobot::new(parameters, mechanics), network))
+}
+
+/// What the flash of the robot of this seed on this base holds once it was aligned.
+///
+/// # Errors
+/// When it cannot be armed.
+pub fn learnt(base: Base, seed: u64) -> Result<Option<Vec<u8>>, BenchError> {
+    let mut operation = bench(base, seed)?;
+    operation.arm()?;
+    operation.ask(Command::Disarm)?;
+    operation.await_state(&[State::Disarmed])?;
+    Ok(operation.robot.parameters().flash.content())
+}

@@ -1,0 +1,10 @@
+//! The test rig: a simulated robot, its network and cameras, what breaks in it, and the operators who drive it.
+//!
+//! Nothing in the robot's software or in the operator's client knows that it is simulated. All chance comes from seeds.
+
+pub mod bench;
+pub mod channel;
+pub mod hardware_fault;
+pub mod motion_capture;
+pub mod operation;
+pub mod robot;

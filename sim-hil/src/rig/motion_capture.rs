@@ -1,0 +1,81 @@
+//! Motion capture by cameras around the floor.
+//!
+//! Poses are taken every [`POSE_PERIOD`], are wrong by [`POSITION_NOISE`] and [`HEADING_NOISE`], and arrive
+//! [`POSE_DELAY`] later.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use flix_host::nav::PlanarPose;
+use flix_host::pose::{Pose, PoseSample};
+use flix_protocol::units::Instant;
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use crate::plant::Plant;
+use crate::rig::robot::SimulatedRobot;
+
+/// From one camera frame to the next: OptiTrack at 100 Hz.
+pub const POSE_PERIOD: Duration = Duration::from_millis(10);
+/// From exposure to arrival: OptiTrack states 5 to 10 ms for its Prime cameras.
+pub const POSE_DELAY: Duration = Duration::from_millis(8);
+/// Standard deviation of each coordinate, m: OptiTrack states 0.2 to 0.3 mm in a small volume; doubled.
+pub const POSITION_NOISE: f64 = 0.5e-3;
+/// Standard deviation of the heading, rad: of markers 150 mm apart.
+pub const HEADING_NOISE: f64 = 5e-3;
+
+/// Simulated cameras.
+pub struct MotionCapture {
+    random: Xoshiro256PlusPlus,
+    under_way: VecDeque<(Instant, PoseSample)>,
+    /// Whether the cameras are covered: poses go on coming, but are not valid.
+    pub covered: bool,
+}
+
+impl MotionCapture {
+    /// Cameras whose noise comes from this seed.
+    pub fn new(seed: u64) -> Self {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+        // Another stream than the plant's, the robot's and the network's.
+        random.long_jump();
+        random.long_jump();
+        Self { random, under_way: VecDeque::new(), covered: false }
+    }
+
+    /// The robot's pose as they measure it.
+    pub fn measure(&mut self, robot: &SimulatedRobot<Plant>) -> Pose {
+        let body = robot.mechanics().body();
+        let mut noisy = |value: f64, sigma: f64| {
+            let chance: f64 = StandardNormal.sample(&mut self.random);
+            value + sigma * chance
+        };
+        let position = body.position.map(|coordinate| noisy(coordinate, POSITION_NOISE));
+        let heading = noisy(0.0, HEADING_NOISE);
+        let turned = Pose::planar(PlanarPose { x: 0.0, y: 0.0, heading }, 0.0);
+        Pose { position, orientation: product(turned.orientation, body.orientation) }
+    }
+
+    /// Exposes one frame.
+    pub fn look(&mut self, now: Instant, robot: &SimulatedRobot<Plant>) {
+        let pose = self.measure(robot);
+        let sample = PoseSample { time: now, pose, valid: !self.covered };
+        self.under_way.push_back((now + POSE_DELAY, sample));
+    }
+
+    /// The frames that have arrived by now.
+    pub fn seen(&mut self, now: Instant) -> Vec<PoseSample> {
+        let ready = self.under_way.iter().take_while(|(due, _)| *due <= now).count();
+        self.under_way.drain(..ready).map(|(_, sample)| sample).collect()
+    }
+}
+
+/// The turn `b`, then the turn `a`; quaternions w, x, y, z.
+fn product(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+    [
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+    ]
+}
