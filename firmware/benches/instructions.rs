@@ -9,15 +9,15 @@
 
 use std::process::{Command, ExitCode};
 
-use flix_firmware::foc::current::{CurrentLoop, Input, Model};
-use flix_firmware::foc::modulation::Bus;
+use flix_firmware::fast::foc::current::{CurrentLoop, Input, Model};
+use flix_firmware::fast::foc::modulation::Bus;
 use flix_firmware::hardware::{Actuation, Duty, Sensors};
 use flix_protocol::units::Instant;
 
-// The shaker of the unit tests speaks of `crate::control` and `crate::hardware`.
-pub(crate) use flix_firmware::{control, hardware};
+// The shaker of the unit tests names the library `crate`.
+pub(crate) use flix_firmware::{exchange, fast, hardware};
 
-#[path = "../src/control/bench.rs"]
+#[path = "../src/fast/control/bench.rs"]
 #[expect(dead_code, reason = "the unit tests use the rest of it")]
 mod bench;
 #[path = "../tests/support/rows.rs"]
@@ -32,10 +32,10 @@ const PATH_LIMIT: f64 = 300.0;
 
 #[inline(never)]
 fn whole_tick(
-    control: &mut control::Control,
+    control: &mut fast::control::Control,
     now: Instant,
     sensors: &Sensors,
-    order: &control::Order,
+    order: &exchange::Order,
 ) -> Actuation {
     control.tick(now, sensors, order)
 }

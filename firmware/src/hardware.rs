@@ -100,6 +100,10 @@ pub struct Hardware {
 
 /// Ticks of the fast loop per second.
 pub const TICK_RATE_HZ: u32 = 10_000;
+/// Time from tick to tick, microseconds.
+pub const TICK_US: u32 = 1_000_000 / TICK_RATE_HZ;
+/// Time from tick to tick.
+pub const TICK: core::time::Duration = core::time::Duration::from_micros(TICK_US as u64);
 
 /// Where settings survive power-off: a flash partition, a file, an array.
 ///

@@ -5,12 +5,9 @@
 #[cfg(test)]
 extern crate std;
 
-mod alignment;
 pub mod board;
-pub mod control;
-pub mod encoder;
-mod fixed;
-pub mod foc;
+pub mod exchange;
+pub mod fast;
 pub mod hardware;
 pub mod link;
 #[cfg(feature = "net")]
@@ -20,6 +17,4 @@ pub mod net;
 pub mod provision;
 pub mod robot;
 pub mod settings;
-pub mod shaker;
-pub mod supervisor;
 pub mod trace;

@@ -17,6 +17,7 @@
 use core::net::SocketAddr;
 use core::time::Duration;
 
+use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::{Frame, HandshakeFrame};
 use flix_protocol::message::{
     Command, Event, EventReport, Faults, Identity, LinkQuality, LoopTiming, MotorTelemetry,
@@ -27,17 +28,11 @@ use flix_protocol::session::{Key, RobotReceived, RobotSession};
 use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
 use heapless::{Deque, Vec};
 
-use crate::control::{MotorReport, Order, Report, SPEED_PER_HERTZ, TURN_PER_DEGREE};
+use crate::exchange::{MotorReport, Order, Report};
+use crate::fast::units::{SPEED_PER_HERTZ, TURN_PER_DEGREE};
 use crate::hardware::{Hardware, SettingsStore};
 use crate::settings::{self, Settings, Tuning, text};
-use crate::supervisor::LINK_LATE_US;
 
-/// For how long the link must have been steady before the robot arms.
-///
-/// Twice the deadline at which a running robot stops: whoever arms has shown that it can keep it.
-pub const PROVING_TIME: Duration = Duration::from_millis(500);
-/// Valid commands of a steady link come in less than this: the failsafe ladder's first step.
-pub const STEADY_GAP: Duration = Duration::from_micros(LINK_LATE_US);
 /// Events that wait for an operator.
 pub const EVENTS: usize = 32;
 /// Replies that wait to be sent. The network task sends after each datagram that it receives.
@@ -458,14 +453,14 @@ struct Steadiness {
 impl Steadiness {
     fn heard(&mut self, now: Instant) {
         self.run = match self.run {
-            Some((since, last)) if now.since(last) < STEADY_GAP => Some((since, now)),
+            Some((since, last)) if now.since(last) < LINK_LATE => Some((since, now)),
             _ => Some((now, now)),
         };
     }
 
     fn is_proven(&self, now: Instant) -> bool {
         self.run.is_some_and(|(since, last)| {
-            now.since(last) < STEADY_GAP && now.since(since) >= PROVING_TIME
+            now.since(last) < LINK_LATE && now.since(since) >= PROVING_TIME
         })
     }
 }

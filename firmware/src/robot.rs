@@ -23,7 +23,9 @@ use flix_protocol::message::{Event, Fault, LinkQuality};
 use flix_protocol::session::Key;
 use flix_protocol::units::Instant;
 
-use crate::control::{Configuration, Control, Order, Report};
+use crate::exchange::{Order, Report};
+use crate::fast::configuration::Configuration;
+use crate::fast::control::Control;
 use crate::hardware::{Actuation, Hardware, Sensors, SettingsStore};
 use crate::link::{Link, identity, is_idle};
 use crate::settings::{Settings, Tuning};

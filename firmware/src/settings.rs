@@ -21,7 +21,8 @@ use flix_protocol::message::{Parameter, Refusal};
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
-use crate::control::{Alignment, AlignmentParameters, MotorParameters, Parameters};
+use crate::fast::alignment::Alignment;
+use crate::fast::configuration::{AlignmentParameters, MotorParameters, Parameters};
 use crate::hardware::SettingsStore;
 
 /// Version of the stored form, not of the table.

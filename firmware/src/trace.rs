@@ -9,7 +9,8 @@ use core::num::NonZeroU16;
 
 use flix_protocol::units::Instant;
 
-use crate::control::{Control, Order};
+use crate::exchange::Order;
+use crate::fast::control::Control;
 use crate::hardware::{
     Actuation, Bridge, CurrentSense, Encoder, EncoderReading, Hardware, Sensors,
 };

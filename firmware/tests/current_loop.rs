@@ -5,8 +5,8 @@
 #[path = "support/rows.rs"]
 mod rows;
 
-use flix_firmware::control::Parameters;
-use flix_firmware::foc::current::{CurrentLoop, Input};
+use flix_firmware::fast::configuration::Parameters;
+use flix_firmware::fast::foc::current::{CurrentLoop, Input};
 use std::f64::consts::TAU;
 
 /// The loop as a book would write it: volts, amperes, radians.

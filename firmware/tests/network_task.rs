@@ -22,7 +22,7 @@ use embassy_net_driver_channel::driver::{HardwareAddress, LinkState};
 use embassy_net_driver_channel::{Device, Runner, State};
 use embassy_time::{Duration, MockDriver, Timer};
 use flix_firmware::board::DENGFOC_V3_01;
-use flix_firmware::control::Control;
+use flix_firmware::fast::control::Control;
 use flix_firmware::hardware::{Encoder, EncoderReading, Sensors};
 use flix_firmware::mdns;
 use flix_firmware::net::{self, Station};

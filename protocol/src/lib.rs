@@ -16,6 +16,7 @@
 //!   Half a turn added to theta only shifts the phase: +90 and -90 degrees are one line of force.
 //! - Motors and rotors are always listed top, bottom. Legs are `fl fr rl rr`.
 
+pub mod failsafe;
 pub mod frame;
 pub mod message;
 pub mod provision;

@@ -9,8 +9,10 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Parser;
-use flix_firmware::control::{Configuration, Control, Order};
-use flix_firmware::hardware::{Encoder, TICK_RATE_HZ};
+use flix_firmware::exchange::Order;
+use flix_firmware::fast::configuration::Configuration;
+use flix_firmware::fast::control::Control;
+use flix_firmware::hardware::{Encoder, TICK_RATE_HZ, TICK_US};
 use flix_firmware::settings::Settings;
 use flix_firmware::trace::{Header, Outcome, Row};
 use flix_protocol::message::{Setpoint, State};
@@ -29,8 +31,6 @@ const FAULT_TICKS: u64 = TICK_RATE_HZ as u64 / 5;
 const PATIENCE_TICKS: u64 = 20 * TICK_RATE_HZ as u64;
 /// Ticks of rest before arming.
 const REST_TICKS: u64 = TICK_RATE_HZ as u64 / 5;
-/// Microseconds of a tick.
-const TICK_US: u64 = 1_000_000 / TICK_RATE_HZ as u64;
 /// Chance of sensors and mounting.
 const SEED: u64 = 7;
 
@@ -54,7 +54,7 @@ struct Recording<W> {
 
 impl<W: Write> Recording<W> {
     fn tick(&mut self) -> Result<(), Box<dyn std::error::Error>> {
-        let now = Instant::from_micros(self.tick * TICK_US);
+        let now = Instant::from_micros(self.tick * u64::from(TICK_US));
         let mut sensors = self.electronics.sense(&self.plant);
         if self.magnet_lost {
             sensors.encoders[0] = Encoder::Failed;
@@ -110,7 +110,7 @@ fn record(file: &Path) -> Result<u64, Box<dyn std::error::Error>> {
     recording.until(State::Armed)?;
     for (frequency, direction) in MODES {
         let setpoint = Setpoint::new(Hertz::new(frequency)?, Degrees::new(direction)?)?;
-        let now = Instant::from_micros(recording.tick * TICK_US);
+        let now = Instant::from_micros(recording.tick * u64::from(TICK_US));
         recording.order.set(&setpoint, now);
         recording.ticks(MODE_TICKS)?;
         recording.expect(State::Running)?;

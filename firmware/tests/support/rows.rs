@@ -1,8 +1,8 @@
 //! Inputs of the current loop over its whole operating range, from a fixed seed.
 
-use flix_firmware::control::{Configuration, Parameters};
-use flix_firmware::foc::current::{Input, Model};
-use flix_firmware::foc::modulation::Bus;
+use flix_firmware::fast::configuration::{Configuration, Parameters};
+use flix_firmware::fast::foc::current::{Input, Model};
+use flix_firmware::fast::foc::modulation::Bus;
 
 /// How many there are.
 pub(crate) const COUNT: usize = 10_000;

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant as WallClock};
 
 use anstream::println;
-use flix_firmware::control::Report;
+use flix_firmware::exchange::Report;
 use flix_host::interrupt::Interrupt;
 use flix_host::keys::{self, Keyring, SIMULATED_ROBOT};
 use flix_host::pose::natnet::{NatNetServer, ServerSettings};

@@ -7,7 +7,6 @@
 
 use std::time::Duration;
 
-use flix_firmware::supervisor::COMMAND_DEADLINE_US;
 use flix_protocol::message::{Fault, State};
 use flix_protocol::units::Instant;
 use rand::{Rng, SeedableRng};
@@ -107,7 +106,7 @@ pub struct Case {
 /// For good.
 const STAYS: Duration = Duration::from_secs(3_600);
 /// A robot can tell commands that stay away from commands that are late when their deadline is over.
-const DEADLINE: Duration = Duration::from_micros(COMMAND_DEADLINE_US);
+const DEADLINE: Duration = flix_protocol::failsafe::COMMAND_DEADLINE;
 const WIFI: ChannelParameters = ChannelParameters::QUIET_WIFI;
 
 const fn link(name: &'static str, network: ChannelParameters) -> Case {

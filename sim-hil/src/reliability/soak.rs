@@ -9,7 +9,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use flix_firmware::hardware::TICK_RATE_HZ;
+use flix_firmware::hardware::TICK;
 use flix_host::link::Update;
 use flix_protocol::message::{Command, ParameterCommand, Setpoint, State};
 use flix_protocol::session::{HOLDER_SILENCE, Key};
@@ -710,14 +710,13 @@ impl Watch {
             Duration::from_micros(operation.robot.link_quality().silence_us.into()),
         );
         let before = core::mem::replace(&mut self.holder, holder);
-        let tick = Duration::from_micros(1_000_000 / u64::from(TICK_RATE_HZ));
         let is_taken = before.is_some() && holder.is_some() && before != holder;
         // Who said goodbye does not believe to be connected any more.
         let believes = |operator: &Operator| {
             Some(operator.address) == before
                 && operator.client.is_connected(operator.clock.read(self.now))
         };
-        let is_robbed = silence.saturating_add(tick) < HOLDER_SILENCE
+        let is_robbed = silence.saturating_add(TICK) < HOLDER_SILENCE
             && operation.operators.iter().any(believes);
         let stranger = operation.operators[2].address;
         (is_taken && is_robbed) || holder == Some(stranger)

@@ -9,8 +9,8 @@ use std::num::NonZeroU16;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use flix_firmware::board::DENGFOC_V3_01;
-use flix_firmware::control::Report;
-use flix_firmware::hardware::{Actuation, Hardware, Sensors, SettingsStore, TICK_RATE_HZ};
+use flix_firmware::exchange::Report;
+use flix_firmware::hardware::{Actuation, Hardware, Sensors, SettingsStore, TICK_US};
 use flix_firmware::robot::Robot;
 use flix_protocol::frame::Frame;
 use flix_protocol::message::LinkQuality;
@@ -30,9 +30,6 @@ pub const SIMULATED_BOARD: Hardware = Hardware {
     bus_microvolts_per_count: NonZeroU16::new(4_464),
     ..DENGFOC_V3_01.hardware
 };
-
-/// Microseconds of a tick.
-const TICK_US: u64 = 1_000_000 / TICK_RATE_HZ as u64;
 
 /// What a simulated robot is, besides its mechanics.
 #[derive(Clone)]
@@ -243,12 +240,12 @@ impl<M: Mechanics> SimulatedRobot<M> {
     /// Time since the simulation began.
     #[must_use]
     pub fn now(&self) -> Instant {
-        Instant::from_micros(self.ticks * TICK_US)
+        Instant::from_micros(self.ticks * u64::from(TICK_US))
     }
 
     /// Time as the robot's software counts it, from its last start.
     fn software_time(&self) -> Instant {
-        Instant::from_micros((self.ticks - self.started) * TICK_US)
+        Instant::from_micros((self.ticks - self.started) * u64::from(TICK_US))
     }
 
     /// One tick of software and plant.

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use flix_firmware::link::{PROVING_TIME, STEADY_GAP};
+use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME};
 use flix_protocol::message::{Command, Outcome, Refusal, State};
 
 use crate::bench::{Bench, TICK, setpoint};
@@ -31,7 +31,7 @@ fn a_silence_of_one_tick_less_than_100_ms_is_forgiven() {
     let mut bench = Bench::connected();
     prove(&mut bench, PROVING_TIME / 2);
     bench.say(Command::Ping(1));
-    bench.wait(STEADY_GAP - TICK);
+    bench.wait(LINK_LATE - TICK);
     prove(&mut bench, PROVING_TIME / 2);
     assert_eq!(bench.say(Command::Arm), Outcome::Done);
 }
@@ -41,7 +41,7 @@ fn a_silence_of_100_ms_starts_the_proof_over() {
     let mut bench = Bench::connected();
     prove(&mut bench, PROVING_TIME / 2);
     bench.say(Command::Ping(1));
-    bench.wait(STEADY_GAP);
+    bench.wait(LINK_LATE);
     prove(&mut bench, PROVING_TIME / 2);
     assert_eq!(bench.say(Command::Arm), Outcome::Refused(Refusal::LinkUnproven));
 }

@@ -14,7 +14,7 @@ use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
 use flix_sim::rig::robot::{Flash, RobotParameters, SimulatedRobot};
 
-pub(crate) const TICK: Duration = Duration::from_micros(100);
+pub(crate) use flix_firmware::hardware::TICK;
 /// How often the operators here repeat themselves.
 const KEEP_ALIVE: Duration = Duration::from_millis(20);
 /// Longer than any alignment.

@@ -3,56 +3,53 @@
 
 use std::time::Duration;
 
-use flix_firmware::supervisor::{COMMAND_DEADLINE_US, LINK_LATE_US, LINK_LOST_US};
+use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LATE, LINK_LOST};
 use flix_protocol::message::{Command, Event, State};
 
 use crate::bench::{Bench, TICK, setpoint};
 
 /// A robot that shakes, heard of for the last time so long before its last tick.
-fn silent_for(microseconds: u64) -> Bench {
+fn silent_for(silence: Duration) -> Bench {
     let mut bench = Bench::shaking();
     bench.say(Command::Setpoint(setpoint(20.0, 0.0)));
     // The tick at the moment of the command, and all after it.
-    bench.wait(Duration::from_micros(microseconds) + TICK);
+    bench.wait(silence + TICK);
     bench
 }
 
 #[test]
 fn the_operator_is_warned_after_100_ms_and_not_before() {
-    let late = |microseconds| silent_for(microseconds).robot.report().link_late;
-    let before = late(LINK_LATE_US - 100);
-    assert_eq!([before, late(LINK_LATE_US)], [false, true]);
+    let late = |silence| silent_for(silence).robot.report().link_late;
+    let before = late(LINK_LATE - TICK);
+    assert_eq!([before, late(LINK_LATE)], [false, true]);
 }
 
 #[test]
 fn the_rotors_ramp_down_after_250_ms_and_not_before() {
-    let before = silent_for(COMMAND_DEADLINE_US - 100).state();
-    assert_eq!(
-        [before, silent_for(COMMAND_DEADLINE_US).state()],
-        [State::Running, State::Stopping]
-    );
+    let before = silent_for(COMMAND_DEADLINE - TICK).state();
+    assert_eq!([before, silent_for(COMMAND_DEADLINE).state()], [State::Running, State::Stopping]);
 }
 
 #[test]
 fn the_robot_is_disarmed_after_a_second_and_not_before() {
-    let disarmed = |microseconds| {
-        let bench = silent_for(microseconds);
+    let disarmed = |silence| {
+        let bench = silent_for(silence);
         // At rest already, so letting go takes one tick.
         matches!(bench.state(), State::Disarmed | State::Stopping)
     };
-    let before = disarmed(LINK_LOST_US - 100);
-    assert_eq!([before, disarmed(LINK_LOST_US)], [false, true]);
+    let before = disarmed(LINK_LOST - TICK);
+    assert_eq!([before, disarmed(LINK_LOST)], [false, true]);
 }
 
 #[test]
 fn both_rotors_are_at_rest_600_ms_after_the_last_command() {
-    let speed = silent_for(600_000).speed();
+    let speed = silent_for(Duration::from_millis(600)).speed();
     assert!(speed < 0.5, "{speed} Hz");
 }
 
 #[test]
 fn theta_is_held_while_the_rotors_ramp_down() {
-    let mut bench = silent_for(COMMAND_DEADLINE_US);
+    let mut bench = silent_for(COMMAND_DEADLINE);
     let mut largest_error = 0.0_f64;
     while bench.state() == State::Stopping && bench.speed() > 1.0 {
         bench.tick();
@@ -65,7 +62,7 @@ fn theta_is_held_while_the_rotors_ramp_down() {
 
 #[test]
 fn commands_that_come_back_in_time_are_obeyed_again() {
-    let mut bench = silent_for(COMMAND_DEADLINE_US + 50_000);
+    let mut bench = silent_for(COMMAND_DEADLINE + Duration::from_millis(50));
     bench.hold(Command::Setpoint(setpoint(15.0, 0.0)), Duration::from_millis(800));
     let frequency = bench.robot.truth().frequency();
     assert!((frequency - 15.0).abs() < 0.5, "{frequency} Hz");
@@ -87,7 +84,7 @@ fn pings_do_not_start_a_robot_that_ramped_down() {
 
 #[test]
 fn each_step_is_told_once_and_in_order() {
-    let mut bench = silent_for(LINK_LOST_US);
+    let mut bench = silent_for(LINK_LOST);
     bench.wait(Duration::from_millis(10));
     let mut told = bench.events();
     told.retain(|event| {

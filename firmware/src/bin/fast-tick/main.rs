@@ -3,7 +3,8 @@
 //! The fast tick and nothing else, for `cargo xtask panic-free`: linked with all that it can reach.
 //! Were a panic among that, the handler below would be linked too, and found by its name.
 
-use flix_firmware::control::{Control, Order};
+use flix_firmware::exchange::Order;
+use flix_firmware::fast::control::Control;
 use flix_firmware::hardware::{Actuation, Sensors};
 use flix_protocol::units::Instant;
 

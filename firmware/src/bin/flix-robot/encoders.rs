@@ -14,7 +14,7 @@ use flix_firmware::board::encoder::{
     AS5047P_READ_ANGLE, AS5047P_READ_DIAGNOSTICS, as5047p, as5047p_is_healthy, mt6701,
 };
 use flix_firmware::board::{EncoderKind, SpiPins};
-use flix_firmware::hardware::{Encoder, EncoderReading, Turn};
+use flix_firmware::hardware::{Encoder, EncoderReading, TICK_US, Turn};
 use flix_protocol::units::Instant;
 
 use crate::bridge::{output, pin};
@@ -130,7 +130,7 @@ impl SpiEncoders {
         }
         let angle = answer.and_then(as5047p).filter(|_| self.healthy[motor]);
         // The angle was latched when the exchange before ended, one tick ago.
-        let latched = now.as_micros().saturating_sub(crate::fast::TICK_MICROSECONDS);
+        let latched = now.as_micros().saturating_sub(TICK_US.into());
         Sample { angle, time: Instant::from_micros(latched) }.at(now)
     }
 }

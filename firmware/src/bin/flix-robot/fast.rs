@@ -12,18 +12,17 @@ use esp_hal::time::Duration;
 use esp_hal::timer::PeriodicTimer;
 use esp_hal::timer::timg::{MwdtStage, TimerGroup, Wdt};
 use esp_rtos::embassy::InterruptExecutor;
-use flix_firmware::control::{Control, Order, Report};
-use flix_firmware::hardware::{Sensors, TICK_RATE_HZ};
+use flix_firmware::exchange::{Order, Report};
+use flix_firmware::fast::control::Control;
+use flix_firmware::hardware::{Sensors, TICK_US};
 use flix_firmware::robot::Offer;
-use flix_protocol::units::Instant;
 use static_cell::StaticCell;
 
 use crate::chip::Electronics;
+use crate::clock::now;
 use crate::encoders::Encoders;
 use crate::mailbox::Mailbox;
 
-/// Microseconds from tick to tick.
-pub(crate) const TICK_MICROSECONDS: u64 = 1_000_000 / TICK_RATE_HZ as u64;
 /// The chip starts anew when the loop has not run for so long.
 const WATCHDOG: Duration = Duration::from_millis(200);
 /// While flash is erased, during which no code runs from it: ten times what a sector may take.
@@ -55,11 +54,6 @@ pub(crate) struct Loop {
     pub(crate) electronics: Electronics,
     /// Encoders.
     pub(crate) encoders: Encoders,
-}
-
-/// Microseconds since the chip started.
-pub(crate) fn now() -> Instant {
-    Instant::from_micros(esp_hal::time::Instant::now().duration_since_epoch().as_micros())
 }
 
 /// Runs `work`, during which the loop may stand still, with a watchdog that waits for it.
@@ -95,7 +89,7 @@ pub(crate) fn start(
     timer.set_interrupt_handler(on_timer);
     timer.listen();
     // A period that the timer cannot count would leave the loop asleep, and the watchdog bite.
-    let _ = timer.start(Duration::from_micros(TICK_MICROSECONDS));
+    let _ = timer.start(Duration::from_micros(TICK_US.into()));
     critical_section::with(|token| TIMER.borrow_ref_mut(token).replace(timer));
 }
 

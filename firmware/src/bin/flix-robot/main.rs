@@ -11,18 +11,10 @@
 //! Fast loop and tasks exchange whole values through [`mailbox`]; neither waits for the other.
 //! A panic, a brown-out and a fast loop that stops for 200 ms all end with the bridges let go.
 
-#[cfg_attr(feature = "esp32", path = "../../board/esp32.rs")]
-#[cfg_attr(feature = "esp32s3", path = "../../board/esp32s3.rs")]
-#[cfg_attr(feature = "esp32c6", path = "../../board/esp32c6.rs")]
-mod chip;
-#[cfg(not(feature = "esp32c6"))]
-#[path = "../../board/dual_core.rs"]
-mod dual_core;
-#[path = "../../board/parts.rs"]
-mod parts;
-
 mod bridge;
+mod chip;
 mod choice;
+mod clock;
 mod encoders;
 mod fast;
 mod flash;
@@ -51,6 +43,7 @@ use flix_protocol::provision::Provisioning;
 use static_cell::StaticCell;
 
 use choice::BOARD;
+use fast::Loop;
 use flash::Flash;
 
 esp_bootloader_esp_idf::esp_app_desc!();
@@ -100,7 +93,9 @@ async fn main(spawner: Spawner) {
         Entry::new(store, flash::SETTINGS),
     )
     .into_halves();
-    chip::start_fast_loop(parts.fast, control);
+    chip::start_fast_loop(parts.fast, |electronics, encoders, timers, software_interrupt| {
+        fast::start(timers, software_interrupt, Loop { control, electronics, encoders });
+    });
     let light = light::blink(bridge::output(BOARD.status_led), provisioning.is_some());
     if let (Ok(light), Ok(serial)) = (light, serial::serve(parts.serial, provisioner)) {
         spawner.spawn(light);

@@ -9,9 +9,9 @@ use flix_firmware::provision::Provisioner;
 use flix_protocol::message::State;
 use flix_protocol::provision::BAUD_RATE;
 
+use crate::chip::SerialParts;
 use crate::fast::REPORT;
 use crate::flash::Flash;
-use crate::parts::SerialParts;
 
 /// Bytes taken at once.
 const CHUNK: usize = 64;

@@ -11,6 +11,7 @@ use flix_protocol::frame::Frame;
 use flix_protocol::message::State;
 use flix_protocol::units::Instant;
 
+use crate::clock::now;
 use crate::fast;
 use crate::network::SIGNAL;
 
@@ -51,7 +52,7 @@ impl<S: SettingsStore> Robot<S> {
 
 impl<S: SettingsStore> Station for Robot<S> {
     fn now(&self) -> Instant {
-        fast::now()
+        now()
     }
 
     fn exchange(&mut self) {
@@ -71,14 +72,14 @@ impl<S: SettingsStore> Station for Robot<S> {
     }
 
     fn receive(&mut self, from: SocketAddr, datagram: &[u8]) {
-        self.slow.receive(fast::now(), from, datagram);
+        self.slow.receive(now(), from, datagram);
     }
 
     fn transmit(&mut self, frame: &mut Frame) -> Option<SocketAddr> {
-        self.slow.transmit(fast::now(), frame)
+        self.slow.transmit(now(), frame)
     }
 
     fn poll_at(&self) -> Option<Instant> {
-        self.slow.poll_at(fast::now())
+        self.slow.poll_at(now())
     }
 }

@@ -9,7 +9,8 @@
 //! loops and modulation alone, without what the tick does besides.
 
 use fixed::types::I16F16;
-use flix_firmware::control::{Configuration, Control};
+use flix_firmware::fast::configuration::Configuration;
+use flix_firmware::fast::control::Control;
 use flix_firmware::hardware::{Encoder, Sensors};
 use flix_firmware::settings::Settings;
 use flix_firmware::trace::{HEADER_LENGTH, Header, Outcome, ROW_LENGTH, Row};

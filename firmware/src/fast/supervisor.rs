@@ -10,10 +10,9 @@
 //! Faulted <------------------ any fault, from any state
 //! ```
 //!
-//! The failsafe ladder counts from the last valid command: after [`LINK_LATE_US`] the operator is
-//! warned, after [`COMMAND_DEADLINE_US`] both rotors ramp down together, after [`LINK_LOST_US`] the
-//! motors are disarmed. (moteus stops after 0.1 s, Crazyflie after 0.5 and 2 s, PX4 offboard after
-//! 1 s, Betaflight holds for 0.3 s and drops after 1.5 s.)
+//! The failsafe ladder counts from the last valid command: after [`LINK_LATE`] the operator is
+//! warned, after [`COMMAND_DEADLINE`] both rotors ramp down together, after [`LINK_LOST`] the motors
+//! are disarmed.
 //!
 //! # How each fault stops the rotors
 //!
@@ -23,20 +22,19 @@
 //! except two: under-voltage, where nothing is wrong with control, ramps down phase-locked; and
 //! over-current first lets go until the current is gone.
 
+use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LATE, LINK_LOST};
 use flix_protocol::message::{Fault, Faults, State};
 use flix_protocol::units::Instant;
 
-use crate::control::{EventCounters, Order, Requests, Speed};
+use crate::exchange::{EventCounters, Order, Requests};
+use crate::fast::units::Speed;
 
-/// Microseconds without a valid command after which the operator is warned: two missed commands
-/// at 20 Hz.
-pub const LINK_LATE_US: u64 = 100_000;
-/// Microseconds without a valid command after which the rotors ramp down: a person's reaction time.
-pub const COMMAND_DEADLINE_US: u64 = 250_000;
-/// Microseconds without a valid command after which the motors are disarmed; as PX4's offboard
-/// mode.
-pub const LINK_LOST_US: u64 = 1_000_000;
-
+/// [`LINK_LATE`] in microseconds.
+const LINK_LATE_US: u64 = LINK_LATE.as_micros() as u64;
+/// [`COMMAND_DEADLINE`] in microseconds.
+const COMMAND_DEADLINE_US: u64 = COMMAND_DEADLINE.as_micros() as u64;
+/// [`LINK_LOST`] in microseconds.
+const LINK_LOST_US: u64 = LINK_LOST.as_micros() as u64;
 /// Ticks that a ramp down may take before the motors brake instead: 0.4 s. From 35 Hz it takes
 /// 0.25 s.
 const LONGEST_RAMP_TICKS: u16 = 4_000;

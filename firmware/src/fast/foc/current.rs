@@ -5,11 +5,11 @@
 //! Without a current sense the same code runs in voltage mode: the reference is taken for the
 //! measurement, so that only the feed-forward remains.
 
-use crate::fixed::{multiply_high, within};
-use crate::foc::modulation::Bus;
-use crate::foc::transform::{
+use crate::fast::foc::modulation::Bus;
+use crate::fast::foc::transform::{
     Direction, Rotor, clarke, inverse_clarke, inverse_park, park, turn_ahead,
 };
+use crate::fast::units::{multiply_high, within};
 use crate::hardware::{Duty, Turn};
 
 /// How quickly a held voltage limit pulls the integrators back: a quarter of the excess a tick.

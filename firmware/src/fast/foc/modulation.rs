@@ -1,7 +1,7 @@
 //! Space-vector modulation with an over-modulation limit and dead-time compensation.
 
-use crate::fixed::multiply_high;
-use crate::foc::transform::{Stator, inverse_clarke};
+use crate::fast::foc::transform::{Stator, inverse_clarke};
+use crate::fast::units::multiply_high;
 use crate::hardware::Duty;
 
 /// Largest phase voltage asked for, as a share of the bus, in 2^-16: 0.6.
@@ -114,7 +114,7 @@ impl Bus {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::foc::transform::Direction;
+    use crate::fast::foc::transform::Direction;
 
     const TWELVE_VOLTS: i32 = 12 << 16;
 

@@ -19,183 +19,24 @@
 
 #[cfg(test)]
 mod bench;
-mod parameters;
 #[cfg(test)]
 mod tests;
 
-pub use parameters::{AlignmentParameters, Configuration, MotorParameters, Parameters};
-
-use flix_protocol::message::{Fault, Faults, Setpoint, State};
+use flix_protocol::message::{Fault, Faults, State};
 use flix_protocol::units::Instant;
 
-use crate::alignment::{Aligner, Observation, Progress};
-use crate::encoder::{TABLE_LENGTH, Tracker};
-use crate::fixed::{magnitude, multiply_high};
-use crate::foc::current::{CurrentLoop, Input};
-use crate::foc::modulation::Bus;
-use crate::hardware::{Actuation, Bridge, Sensors, TICK_RATE_HZ, Turn};
-use crate::shaker::{Rotors, STRIDE, Shaker, Target};
-use crate::supervisor::{Conditions, Drive, Supervisor};
+use crate::exchange::{MotorReport, Order, Report, Timing};
+use crate::fast::aligner::{Aligner, Observation, Progress};
+use crate::fast::configuration::Configuration;
+use crate::fast::foc::current::{CurrentLoop, Input};
+use crate::fast::foc::modulation::Bus;
+use crate::fast::shaker::{Rotors, STRIDE, Shaker, Target};
+use crate::fast::supervisor::{Conditions, Drive, Supervisor};
+use crate::fast::tracker::{TABLE_LENGTH, Tracker};
+use crate::fast::units::{Speed, TURN_PER_DEGREE};
+use crate::fast::units::{magnitude, multiply_high};
+use crate::hardware::{Actuation, Bridge, Sensors, TICK_RATE_HZ, TICK_US, Turn};
 
-/// 2^-32 turn per tick.
-pub type Speed = i32;
-
-/// 2^32 / 10 kHz: one hertz as a [`Speed`].
-pub(crate) const SPEED_PER_HERTZ: f32 = 4_294_967_296.0 / TICK_RATE_HZ as f32;
-/// One degree as a [`Turn`].
-pub(crate) const TURN_PER_DEGREE: f32 = 4_294_967_296.0 / 360.0;
-
-/// What the slow half wants, handed over whole in every tick.
-///
-/// The counters wrap; a change asks once for what they count.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Order {
-    /// f.
-    pub frequency: Speed,
-    /// theta, clockwise from forward, within a quarter turn either side.
-    pub direction: i32,
-    /// Counts setpoints obeyed: after arming the rotors rest until the first new one.
-    pub setpoints: u16,
-    /// When the last valid command came.
-    pub heard: Instant,
-    /// Counts arm commands.
-    pub arm: u8,
-    /// Counts disarm commands.
-    pub disarm: u8,
-    /// Counts stop commands.
-    pub stop: u8,
-    /// Counts clear commands.
-    pub clear: u8,
-    /// Counts telemetry sent: starts a new measuring period of [`Timing::longest_interval_us`] and
-    /// [`Report::modulation`].
-    pub period: u8,
-}
-
-/// The counters of an [`Order`] that ask once: equal counters, nothing left to obey.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Requests {
-    /// [`Order::arm`].
-    pub arm: u8,
-    /// [`Order::disarm`].
-    pub disarm: u8,
-    /// [`Order::stop`].
-    pub stop: u8,
-    /// [`Order::clear`].
-    pub clear: u8,
-}
-
-impl Order {
-    /// What it asks for once.
-    #[must_use]
-    pub const fn requests(&self) -> Requests {
-        let Self { arm, disarm, stop, clear, .. } = *self;
-        Requests { arm, disarm, stop, clear }
-    }
-
-    /// Takes over a setpoint, which is in range by its type, at the moment it was heard.
-    pub fn set(&mut self, setpoint: &Setpoint, now: Instant) {
-        self.frequency = (setpoint.frequency().get() * SPEED_PER_HERTZ) as i32;
-        self.direction = (setpoint.direction().get() * TURN_PER_DEGREE) as i32;
-        self.setpoints = self.setpoints.wrapping_add(1);
-        self.heard = now;
-    }
-}
-
-/// What alignment found out about one motor.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Alignment {
-    /// Electrical angle at rotor angle zero.
-    pub electrical_offset: Turn,
-    /// Whether the electrical angle falls when the rotor turns clockwise.
-    pub reversed: bool,
-    /// Whether the current amplifiers count down when current flows into the motor.
-    pub current_inverted: bool,
-    /// Error of the encoder by rotor angle, 2^-32 turn: cosine and sine of the first, then of the
-    /// second harmonic.
-    pub eccentricity: [i32; 4],
-}
-
-/// How the fast loop keeps time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Timing {
-    /// Ticks since power-up.
-    pub ticks: u64,
-    /// Longest interval between two ticks in this measuring period, microseconds.
-    pub longest_interval_us: u32,
-    /// Ticks that came too late, since power-up.
-    pub overruns: u32,
-}
-
-/// One motor as the fast half sees it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct MotorReport {
-    /// Rotor angle, clockwise from forward.
-    pub angle: Turn,
-    /// Clockwise positive.
-    pub speed: Speed,
-    /// Current that makes no torque, 2^-16 A.
-    pub current_d: i32,
-    /// Current that makes torque, clockwise positive, 2^-16 A.
-    pub current_q: i32,
-}
-
-/// Things that happened, each a wrapping counter.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct EventCounters {
-    /// Faults and stop were forgotten.
-    pub cleared: u8,
-    /// A stop was latched.
-    pub stopped: u8,
-    /// No valid command for the first step of the ladder.
-    pub link_late: u8,
-    /// For the second: ramping down.
-    pub command_deadline: u8,
-    /// For the third: disarmed.
-    pub link_lost: u8,
-    /// The battery fell below its warning threshold.
-    pub battery_low: u8,
-}
-
-/// How the fast half is, for telemetry, events and settings.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Report {
-    /// Time of the tick.
-    pub time: Instant,
-    /// Where the supervisor stands.
-    pub state: State,
-    /// Latched faults.
-    pub faults: Faults,
-    /// The first of them.
-    pub first_fault: Option<Fault>,
-    /// Whether a stop is latched.
-    pub stopped: bool,
-    /// Whether commands are late.
-    pub link_late: bool,
-    /// What was obeyed last: requests that differ are still on their way.
-    pub obeyed: Requests,
-    /// f as measured, averaged over some turns.
-    pub frequency: Speed,
-    /// theta as measured.
-    pub direction: i32,
-    /// Top, bottom.
-    pub motors: [MotorReport; 2],
-    /// 2^-16 V, where the board measures it.
-    pub bus_voltage: Option<i32>,
-    /// Largest phase voltage of this measuring period as a share of what the bridge can give;
-    /// `u16::MAX` is all.
-    pub modulation: u16,
-    /// Fast loop.
-    pub timing: Timing,
-    /// Counts finished alignments.
-    pub alignments: u8,
-    /// What the last finished alignment found, to be kept in the settings.
-    pub alignment: [Alignment; 2],
-    /// What happened.
-    pub events: EventCounters,
-}
-
-/// Nominal time between ticks, microseconds.
-const TICK_US: u32 = 1_000_000 / TICK_RATE_HZ;
 /// A tick later than this is late: half as long again, microseconds.
 const LATE_US: u32 = TICK_US + TICK_US / 2;
 /// A gap beyond which references and trackers are of no use any more: 3 ms.

@@ -5,10 +5,14 @@ use esp_hal::analog::adc::{Adc, AdcChannel, AdcConfig, AdcPin, Attenuation};
 use esp_hal::gpio::Pin;
 use esp_hal::peripherals::{ADC1, GPIO34, GPIO35, GPIO36, GPIO39, LPWR, Peripherals};
 
+use super::dual_core::{self, Converters, EncoderUnits};
+pub(crate) use super::dual_core::{share_with_other_core, start_fast_loop};
+use super::parts::{Parts, SerialParts};
 use crate::choice::BOARD;
-pub(crate) use crate::dual_core::{Electronics, share_with_other_core, start_fast_loop};
-use crate::dual_core::{EncoderUnits, FastParts};
-use crate::parts::{Parts, SerialParts};
+
+/// Bridges and converters.
+pub(crate) type Electronics = dual_core::Electronics<Analog>;
+type FastParts = dual_core::FastParts<Analog>;
 
 const _: () = {
     let [top, bottom] = BOARD.bridges;
@@ -65,9 +69,10 @@ impl Analog {
         let converter = Adc::new(converter, config);
         Self { converter, top_a, top_b, bottom_a, bottom_b_or_divider }
     }
+}
 
-    /// Counts of phases A and B of the top, then of the bottom motor.
-    pub(crate) fn currents(&mut self) -> Option<[[i16; 2]; 2]> {
+impl Converters for Analog {
+    fn currents(&mut self) -> Option<[[i16; 2]; 2]> {
         let converter = &mut self.converter;
         Some([
             [read(converter, &mut self.top_a)?, read(converter, &mut self.top_b)?],
@@ -75,8 +80,7 @@ impl Analog {
         ])
     }
 
-    /// Counts of the divider.
-    pub(crate) fn divider(&mut self) -> Option<u16> {
+    fn divider(&mut self) -> Option<u16> {
         read(&mut self.converter, &mut self.bottom_b_or_divider).map(i16::cast_unsigned)
     }
 }

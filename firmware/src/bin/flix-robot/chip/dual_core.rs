@@ -10,15 +10,13 @@ use esp_println::println;
 use esp_storage::FlashStorage;
 use flix_firmware::board::encoder::{AS5600_ADDRESS, AS5600_STATUS_REGISTER, as5600};
 use flix_firmware::board::{BridgePins, EncoderKind, I2cPins};
-use flix_firmware::control::Control;
 use flix_firmware::hardware::Actuation;
 use static_cell::StaticCell;
 
 use crate::bridge::{self, ThreePhase, pin};
-use crate::chip::Analog;
 use crate::choice::BOARD;
+use crate::clock::now;
 use crate::encoders::{Encoders, SAMPLES, Sample, SpiEncoders};
-use crate::fast::{self, Loop};
 
 /// Stack of core 1: the fast loop and the encoders; interrupts nest three deep at most.
 const STACK_BYTES: usize = 12 * 1024;
@@ -27,8 +25,16 @@ const I2C_CLOCK: Rate = Rate::from_mhz(1);
 /// A reading takes 54 microseconds; one that takes this long is a failure.
 const I2C_PATIENCE: Duration = Duration::from_millis(1);
 
+/// What measures currents and battery; the pins of each chip have types of their own.
+pub(crate) trait Converters {
+    /// Counts of phases A and B of the top, then of the bottom motor.
+    fn currents(&mut self) -> Option<[[i16; 2]; 2]>;
+    /// Counts of the divider.
+    fn divider(&mut self) -> Option<u16>;
+}
+
 /// What core 1 owns.
-pub(crate) struct FastParts {
+pub(crate) struct FastParts<Analog> {
     pub(crate) core: CPU_CTRL<'static>,
     pub(crate) pwm: (MCPWM0<'static>, MCPWM1<'static>),
     pub(crate) analog: Analog,
@@ -38,13 +44,18 @@ pub(crate) struct FastParts {
 }
 
 /// Starts the fast loop on core 1, which has no scheduler, and what reads I2C encoders below it.
-pub(crate) fn start_fast_loop(parts: FastParts, control: Control) {
+pub(crate) fn start_fast_loop<Analog: Converters + Send + 'static>(
+    parts: FastParts<Analog>,
+    start: impl FnOnce(Electronics<Analog>, Encoders, TIMG1<'static>, FROM_CPU_INTR2<'static>)
+    + Send
+    + 'static,
+) {
     static STACK: StaticCell<Stack<STACK_BYTES>> = StaticCell::new();
     let FastParts { core, pwm, analog, encoders, timers, software_interrupt } = parts;
     let work = move || {
         let (encoders, i2c) = encoders.start();
         let electronics = Electronics::new(pwm, analog);
-        fast::start(timers, software_interrupt, Loop { control, electronics, encoders });
+        start(electronics, encoders, timers, software_interrupt);
         read_i2c_for_ever(i2c)
     };
     match CpuControl::new(core).start_app_core(STACK.init_with(Stack::new), work) {
@@ -55,13 +66,13 @@ pub(crate) fn start_fast_loop(parts: FastParts, control: Control) {
 }
 
 /// Bridges and converters.
-pub(crate) struct Electronics {
+pub(crate) struct Electronics<Analog> {
     top: ThreePhase<MCPWM0<'static>, true>,
     bottom: ThreePhase<MCPWM1<'static>, true>,
     analog: Analog,
 }
 
-impl Electronics {
+impl<Analog: Converters> Electronics<Analog> {
     fn new((top, bottom): (MCPWM0<'static>, MCPWM1<'static>), analog: Analog) -> Self {
         let [top_pins, bottom_pins] = BOARD.bridges;
         Self { top: bridge(top, top_pins), bottom: bridge(bottom, bottom_pins), analog }
@@ -146,10 +157,10 @@ fn read_i2c_for_ever(mut buses: I2cBuses) -> ! {
         for (bus, mailbox) in buses.iter_mut().zip(&SAMPLES) {
             let Some(bus) = bus else { continue };
             let mut frame = [0; 3];
-            let before = fast::now();
+            let before = now();
             let outcome = bus.write_read(AS5600_ADDRESS, &[AS5600_STATUS_REGISTER], &mut frame);
             // The angle is latched as its first byte is read, about in the middle.
-            let half = fast::now().as_micros().saturating_sub(before.as_micros()) / 2;
+            let half = now().as_micros().saturating_sub(before.as_micros()) / 2;
             let time = flix_protocol::units::Instant::from_micros(before.as_micros() + half);
             let angle = outcome.ok().and_then(|()| as5600(frame));
             mailbox.put(Sample { angle, time });

@@ -5,10 +5,14 @@ use esp_hal::analog::adc::{Adc, AdcChannel, AdcConfig, AdcPin, Attenuation};
 use esp_hal::gpio::Pin;
 use esp_hal::peripherals::{ADC1, GPIO1, GPIO2, GPIO4, GPIO5, GPIO6, LPWR, Peripherals};
 
+use super::dual_core::{self, Converters, EncoderUnits};
+pub(crate) use super::dual_core::{share_with_other_core, start_fast_loop};
+use super::parts::{Parts, SerialParts};
 use crate::choice::BOARD;
-pub(crate) use crate::dual_core::{Electronics, share_with_other_core, start_fast_loop};
-use crate::dual_core::{EncoderUnits, FastParts};
-use crate::parts::{Parts, SerialParts};
+
+/// Bridges and converters.
+pub(crate) type Electronics = dual_core::Electronics<Analog>;
+type FastParts = dual_core::FastParts<Analog>;
 
 const _: () = {
     let [top, bottom] = BOARD.bridges;
@@ -67,9 +71,10 @@ impl Analog {
         let converter = Adc::new(converter, config);
         Self { converter, top_a, top_b, bottom_a, bottom_b, battery }
     }
+}
 
-    /// Counts of phases A and B of the top, then of the bottom motor.
-    pub(crate) fn currents(&mut self) -> Option<[[i16; 2]; 2]> {
+impl Converters for Analog {
+    fn currents(&mut self) -> Option<[[i16; 2]; 2]> {
         let converter = &mut self.converter;
         Some([
             [read(converter, &mut self.top_a)?, read(converter, &mut self.top_b)?],
@@ -77,8 +82,7 @@ impl Analog {
         ])
     }
 
-    /// Counts of the divider.
-    pub(crate) fn divider(&mut self) -> Option<u16> {
+    fn divider(&mut self) -> Option<u16> {
         read(&mut self.converter, &mut self.battery).map(i16::cast_unsigned)
     }
 }

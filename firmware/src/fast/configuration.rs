@@ -3,13 +3,14 @@
 
 use core::f64::consts::TAU;
 
-use crate::control::{Alignment, SPEED_PER_HERTZ, Speed, TURN_PER_DEGREE};
-use crate::encoder::{EncoderModel, TABLE_LENGTH};
-use crate::fixed::{magnitude, scaled};
-use crate::foc::current::Model;
+use crate::fast::alignment::Alignment;
+use crate::fast::foc::current::Model;
+use crate::fast::shaker::{LARGEST_ACCELERATION, ShakerModel};
+use crate::fast::tracker::{EncoderModel, TABLE_LENGTH};
+use crate::fast::units::{SPEED_PER_HERTZ, Speed, TURN_PER_DEGREE};
+use crate::fast::units::{magnitude, scaled};
 use crate::hardware::{Hardware, TICK_RATE_HZ, Turn};
 use crate::settings::Settings;
-use crate::shaker::{LARGEST_ACCELERATION, ShakerModel};
 
 /// What alignment found out about one motor, in the units of settings.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -14,10 +14,10 @@
 //! stuck. The loop follows a steady speed without error, and predicts where no reading came. All arithmetic
 //! wraps with the turn.
 
-use crate::control::Speed;
-use crate::fixed::{magnitude, multiply_high, within};
-use crate::foc::transform::Direction;
-use crate::hardware::{Encoder, EncoderReading, TICK_RATE_HZ, Turn};
+use crate::fast::foc::transform::Direction;
+use crate::fast::units::Speed;
+use crate::fast::units::{magnitude, multiply_high, within};
+use crate::hardware::{Encoder, EncoderReading, TICK_RATE_HZ, TICK_US, Turn};
 
 /// Entries of the eccentricity table: between them a second harmonic of 1 degree is interpolated
 /// to within 0.005 degree.
@@ -219,7 +219,7 @@ impl Tracker {
     #[inline(always)]
     const fn travel(&self, model: &EncoderModel, age_us: u16) -> i32 {
         /// One tick per microsecond, 2^-26.
-        const TICKS_PER_MICROSECOND: i32 = ((1 << 26) / (1_000_000 / TICK_RATE_HZ)) as i32;
+        const TICKS_PER_MICROSECOND: i32 = ((1 << 26) / TICK_US) as i32;
         let age = model.latency_us.wrapping_add(age_us as i32);
         let age = if age > OLDEST_US { OLDEST_US } else { age };
         multiply_high(self.speed << 6, age.wrapping_mul(TICKS_PER_MICROSECOND))

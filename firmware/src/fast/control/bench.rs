@@ -5,7 +5,9 @@
 use core::num::NonZeroU16;
 use std::f64::consts::TAU;
 
-use crate::control::{Configuration, Control, MotorParameters, Order, Parameters};
+use crate::exchange::Order;
+use crate::fast::configuration::{Configuration, MotorParameters, Parameters};
+use crate::fast::control::Control;
 use crate::hardware::{
     Actuation, Bridge, CurrentSense, Encoder, EncoderReading, Hardware, Sensors,
 };

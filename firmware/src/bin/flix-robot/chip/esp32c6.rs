@@ -9,14 +9,12 @@ use esp_hal::gpio::Pin;
 use esp_hal::peripherals::{ADC1, FROM_CPU_INTR2, GPIO0, LP_ANA, MCPWM0, Peripherals, SPI2, TIMG1};
 use esp_storage::FlashStorage;
 use flix_firmware::board::EncoderKind;
-use flix_firmware::control::Control;
 use flix_firmware::hardware::Actuation;
 
+use super::parts::{Parts, SerialParts};
 use crate::bridge::{self, ThreePhase, pin};
 use crate::choice::BOARD;
 use crate::encoders::{Encoders, SpiEncoders};
-use crate::fast::{self, Loop};
-use crate::parts::{Parts, SerialParts};
 
 /// What the fast loop owns.
 pub(crate) struct FastParts {
@@ -49,7 +47,10 @@ pub(crate) fn share_out(chip: Peripherals) -> Parts<FastParts> {
 }
 
 /// Starts the fast loop above everything else on the only core.
-pub(crate) fn start_fast_loop(parts: FastParts, control: Control) {
+pub(crate) fn start_fast_loop(
+    parts: FastParts,
+    start: impl FnOnce(Electronics, Encoders, TIMG1<'static>, FROM_CPU_INTR2<'static>),
+) {
     let encoders = match BOARD.encoder {
         // `Board::check` refuses them on this chip.
         EncoderKind::As5600 => Encoders::Mailboxes,
@@ -58,7 +59,7 @@ pub(crate) fn start_fast_loop(parts: FastParts, control: Control) {
         }
     };
     let electronics = Electronics::new(parts.pwm, parts.converter);
-    fast::start(parts.timers, parts.software_interrupt, Loop { control, electronics, encoders });
+    start(electronics, encoders, parts.timers, parts.software_interrupt);
 }
 
 /// Bridges and converters.

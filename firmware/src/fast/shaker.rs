@@ -37,8 +37,8 @@
 //! error of that harmonic decays at the rate `mu`. The second harmonic of the difference scales
 //! with `w^2` as the equation above says, so that it stays right while f changes.
 
-use crate::control::Speed;
-use crate::fixed::{cosine_sine, magnitude, multiply_high, within};
+use crate::fast::units::Speed;
+use crate::fast::units::{cosine_sine, magnitude, multiply_high, within};
 use crate::hardware::{TICK_RATE_HZ, Turn};
 
 /// How fast a ramp closes in on its end, 1/s: the last `ramp / 50` are approached exponentially.

@@ -1,9 +1,10 @@
 //! What the fast half promises, on the bench.
 
-use crate::control::bench::{Bench, HARDWARE, parameters};
-use crate::control::{Order, Parameters};
+use crate::exchange::Order;
+use crate::fast::configuration::Parameters;
+use crate::fast::control::bench::{Bench, HARDWARE, parameters};
+use crate::fast::supervisor::{Conditions, Supervisor};
 use crate::hardware::{Bridge, CurrentSense, Hardware};
-use crate::supervisor::{Conditions, Supervisor};
 use flix_protocol::message::{Fault, Faults, State};
 use flix_protocol::units::Instant;
 

@@ -3,6 +3,16 @@
 //! Nothing here panics. A 32 x 32 product of which only the upper 32 bits are kept is one
 //! instruction on RV32IM (`mulh`) and on Xtensa (`mulsh`), so scales are chosen to need just that.
 
+use crate::hardware::TICK_RATE_HZ;
+
+/// 2^-32 turn per tick.
+pub type Speed = i32;
+
+/// 2^32 / 10 kHz: one hertz as a [`Speed`].
+pub(crate) const SPEED_PER_HERTZ: f32 = 4_294_967_296.0 / TICK_RATE_HZ as f32;
+/// One degree as a [`Turn`].
+pub(crate) const TURN_PER_DEGREE: f32 = 4_294_967_296.0 / 360.0;
+
 /// Upper half of the product: `a b / 2^32`, rounded down. Never overflows.
 #[inline(always)]
 pub(crate) const fn multiply_high(a: i32, b: i32) -> i32 {

@@ -1,6 +1,6 @@
 //! Clarke and Park transforms and their inverses.
 
-use crate::fixed::{cosine_sine, multiply_high};
+use crate::fast::units::{cosine_sine, multiply_high};
 use crate::hardware::Turn;
 
 /// 1/sqrt(3) in 2^-31.

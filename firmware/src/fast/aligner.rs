@@ -18,11 +18,12 @@
 
 use flix_protocol::message::Fault;
 
-use crate::control::{Alignment, Configuration};
-use crate::encoder::Tracker;
-use crate::fixed::{magnitude, multiply_high};
-use crate::foc::modulation::Bus;
-use crate::foc::transform::{Direction, Stator, clarke, inverse_clarke, park};
+use crate::fast::alignment::Alignment;
+use crate::fast::configuration::Configuration;
+use crate::fast::foc::modulation::Bus;
+use crate::fast::foc::transform::{Direction, Stator, clarke, inverse_clarke, park};
+use crate::fast::tracker::Tracker;
+use crate::fast::units::{magnitude, multiply_high};
 use crate::hardware::{Bridge, Turn};
 
 /// Ticks over which the current zero is averaged: 0.1 s.

@@ -1,0 +1,11 @@
+//! The fast half: encoders and currents in, duties out, 10,000 times a second, in integers alone.
+
+mod aligner;
+pub mod alignment;
+pub mod configuration;
+pub mod control;
+pub mod foc;
+pub mod shaker;
+pub mod supervisor;
+pub mod tracker;
+pub(crate) mod units;
