@@ -8,4 +8,4 @@ pub mod foc;
 pub mod shaker;
 pub mod supervisor;
 pub mod tracker;
-pub(crate) mod units;
+pub mod units;

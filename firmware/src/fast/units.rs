@@ -9,9 +9,9 @@ use crate::hardware::TICK_RATE_HZ;
 pub type Speed = i32;
 
 /// 2^32 / 10 kHz: one hertz as a [`Speed`].
-pub(crate) const SPEED_PER_HERTZ: f32 = 4_294_967_296.0 / TICK_RATE_HZ as f32;
-/// One degree as a [`Turn`].
-pub(crate) const TURN_PER_DEGREE: f32 = 4_294_967_296.0 / 360.0;
+pub const SPEED_PER_HERTZ: f32 = 4_294_967_296.0 / TICK_RATE_HZ as f32;
+/// One degree as an angle, 2^-32 turn.
+pub const TURN_PER_DEGREE: f32 = 4_294_967_296.0 / 360.0;
 
 /// Upper half of the product: `a b / 2^32`, rounded down. Never overflows.
 #[inline(always)]
