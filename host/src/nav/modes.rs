@@ -40,14 +40,25 @@ pub const PAPER_PAIRS: [(&str, f32, f32); 9] = [
     ("strafe-right", -30.0, -60.0),
 ];
 
-/// A measured speed: its mean over several runs and the standard deviation between them.
+/// A measured quantity: its mean over several runs and the standard deviation between them.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Spread {
     /// Mean.
     pub mean: f64,
-    /// Standard deviation of one run's mean.
+    /// Standard deviation of one run's mean, 0 for a single run.
     pub spread: f64,
+}
+
+impl Spread {
+    /// Returns mean and sample standard deviation of at least one value.
+    #[must_use]
+    pub fn of(values: &[f64]) -> Self {
+        let count = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / count;
+        let square = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+        Self { mean, spread: if values.len() > 1 { (square / (count - 1.0)).sqrt() } else { 0.0 } }
+    }
 }
 
 /// One pair and what it does.

@@ -182,21 +182,18 @@ impl Survey {
         let modes = driven.map(|((name, setpoint), stretches)| Mode {
             name: name.clone(),
             setpoint: *setpoint,
-            forward: spread(stretches.iter().map(|t| t.forward)),
-            lateral: spread(stretches.iter().map(|t| t.lateral)),
-            yaw: spread(stretches.iter().map(|t| t.yaw)),
+            forward: spread(stretches, |t| t.forward),
+            lateral: spread(stretches, |t| t.lateral),
+            yaw: spread(stretches, |t| t.yaw),
         });
         ModeTable::new(robot, source, modes.collect())
     }
 }
 
-/// Mean and standard deviation.
-fn spread(values: impl Iterator<Item = f64> + Clone) -> Spread {
-    let count = values.clone().count() as f64;
-    let mean = values.clone().sum::<f64>() / count;
-    let squares: f64 = values.map(|v| (v - mean).powi(2)).sum();
-    let spread =
-        if count > 1.0 { (squares / (count - 1.0)).sqrt() } else { UNKNOWN_SPREAD * mean.abs() };
+/// Returns mean and standard deviation of one component; of a single stretch the usual share of its mean.
+fn spread(stretches: &[Twist], component: fn(&Twist) -> f64) -> Spread {
+    let Spread { mean, spread } = Spread::of(&stretches.iter().map(component).collect::<Vec<_>>());
+    let spread = if stretches.len() > 1 { spread } else { UNKNOWN_SPREAD * mean.abs() };
     // A ten-thousandth is far below what one can measure, and keeps the file readable.
     let rounded = |v: f64| (v * 1e4).round() / 1e4;
     Spread { mean: rounded(mean), spread: rounded(spread) }
