@@ -92,10 +92,11 @@ fn main() {
     let mut operator = Connection::open(address, key, Interrupt::never()).expect("loopback");
     operator.wait_until_connected().expect("a session");
     operator.arm().expect("the robot arms");
+    let walking = setpoint(-30.0, 30.0).expect("within the robot's range");
     let mut time = |setpoint| time_a_command(&mut operator, &is_asked, &changes, setpoint);
     let false_alarms = (0..CONTROLS).filter_map(|_| time(Setpoint::REST)).count();
     let mut delays: Vec<Duration> =
-        (0..COMMANDS).map(|_| time(setpoint(-30.0, 30.0)).unwrap_or(PATIENCE)).collect();
+        (0..COMMANDS).map(|_| time(walking).unwrap_or(PATIENCE)).collect();
     operator.disarm().expect("the robot disarms");
     interrupt.raise();
     server.join().expect("the robot is switched off");

@@ -15,7 +15,7 @@ fn main() {
     for base in [Base::Fixed, Base::Free] {
         let mut operation = bench(base, 1).expect("a shipped model");
         operation.arm().expect("the robot arms");
-        operation.hold(setpoint(30.0, 30.0));
+        operation.hold(setpoint(30.0, 30.0).expect("within the robot's range"));
         let mut run = || {
             let start = Instant::now();
             operation.run(STRETCH, |_| {}).expect("the plant does not diverge");

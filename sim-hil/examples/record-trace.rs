@@ -15,12 +15,13 @@ use flix_firmware::fast::control::Control;
 use flix_firmware::hardware::{Encoder, TICK_RATE_HZ, TICK_US};
 use flix_firmware::settings::Settings;
 use flix_firmware::trace::{Header, Outcome, Row};
-use flix_protocol::message::{Setpoint, State};
-use flix_protocol::units::{Degrees, Hertz, Instant};
+use flix_protocol::message::State;
+use flix_protocol::units::Instant;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
 use flix_sim::plant::electronics::{Electronics, ElectronicsParameters};
 use flix_sim::reliability::fault_matrix::MODES;
+use flix_sim::rig::bench::setpoint;
 use flix_sim::rig::robot::SIMULATED_BOARD;
 
 /// Ticks of each mode: a second.
@@ -109,7 +110,7 @@ fn record(file: &Path) -> Result<u64, Box<dyn std::error::Error>> {
     recording.order.arm = recording.order.arm.wrapping_add(1);
     recording.until(State::Armed)?;
     for (frequency, direction) in MODES {
-        let setpoint = Setpoint::new(Hertz::new(frequency)?, Degrees::new(direction)?)?;
+        let setpoint = setpoint(frequency, direction)?;
         let now = Instant::from_micros(recording.tick * u64::from(TICK_US));
         recording.order.set(&setpoint, now);
         recording.ticks(MODE_TICKS)?;

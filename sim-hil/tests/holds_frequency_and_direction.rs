@@ -1,11 +1,11 @@
 //! f within 0.05 Hz and theta within 1 degree (root mean square), the line of force within 1 degree and 2 %
 //! across: at every commanded pair, on a fixed and on a yielding base, by the plant's truth.
 
-use flix_sim::reliability::accuracy::{FREQUENCIES, hold_all_directions};
-use flix_sim::rig::bench::{BASES, Base};
+use flix_sim::reliability::accuracy::hold_all_directions;
+use flix_sim::rig::bench::{BASES, Base, FREQUENCIES};
 use rayon::prelude::*;
 
-fn failures(seed: u64, bases: &[Base], frequencies: &[f32]) -> Vec<String> {
+fn failures(seed: u64, bases: &[Base], frequencies: &[f64]) -> Vec<String> {
     let runs: Vec<_> =
         bases.iter().flat_map(|base| frequencies.iter().map(move |f| (*base, *f))).collect();
     runs.par_iter()

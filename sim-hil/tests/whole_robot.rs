@@ -7,8 +7,7 @@ use flix_protocol::session::Key;
 use flix_sim::experiment::walk::{DEFAULT_STEP, Walk, WalkDrive, walk};
 use flix_sim::model::RobotModel;
 use flix_sim::plant::{Mechanics, Plant};
-use flix_sim::reliability::accuracy::DIRECTIONS;
-use flix_sim::rig::bench::setpoint;
+use flix_sim::rig::bench::{DIRECTIONS, setpoint};
 use flix_sim::rig::channel::ChannelParameters;
 use flix_sim::rig::operation::Operation;
 use flix_sim::rig::robot::{RobotParameters, SimulatedRobot};
@@ -25,7 +24,7 @@ fn what_the_battery_gives_goes_into_copper_friction_legs_and_floor_within_a_hund
         (operation.robot.electronics().ledger(plant.rotor_angle()), plant.energy())
     };
     let (electrical, mechanical) = books(&operation);
-    operation.hold(setpoint(-30.0, 30.0));
+    operation.hold(setpoint(-30.0, 30.0).unwrap());
     operation.run(Duration::from_secs(3), |_| {}).unwrap();
     let (electrical_end, mechanical_end) = books(&operation);
 
@@ -48,14 +47,14 @@ fn at_full_speed_in_every_direction_it_stays_on_its_feet() {
     // Higher than it can hop: 35 Hz lift the feet by a few millimetres.
     const HIGHEST: f64 = 0.10;
     let model = RobotModel::named("W").unwrap();
-    let runs: Vec<(f32, f32, u64)> = [-35.0, 35.0]
+    let runs: Vec<(f64, f64, u64)> = [-35.0, 35.0]
         .into_iter()
         .flat_map(|f| DIRECTIONS.map(|theta| (f, theta)))
         .flat_map(|(f, theta)| (1..=16).map(move |seed| (f, theta, seed)))
         .collect();
     runs.into_par_iter().for_each(|(f, theta, seed)| {
         let what = Walk {
-            setpoint: setpoint(f, theta),
+            setpoint: setpoint(f, theta).unwrap(),
             seconds: 8.0,
             drive: WalkDrive::Ideal,
             step: DEFAULT_STEP,

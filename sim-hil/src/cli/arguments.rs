@@ -4,9 +4,9 @@ use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use flix_protocol::message::Setpoint;
-use flix_protocol::units::{Degrees, Hertz};
 
 use crate::model::{LEGS, ModelError, RobotModel};
+use crate::rig::bench::setpoint;
 
 /// Which robot to simulate.
 #[derive(Debug, Clone, clap::Args)]
@@ -43,7 +43,7 @@ impl SetpointArgs {
     /// # Errors
     /// When one is not a number or out of range; the sentence names the range.
     pub fn check(self) -> Result<Setpoint, flix_protocol::units::OutOfRange> {
-        Setpoint::new(Hertz::new(self.frequency)?, Degrees::new(self.direction)?)
+        setpoint(self.frequency.into(), self.direction.into())
     }
 }
 

@@ -41,8 +41,8 @@ impl Default for Args {
 /// A stretch of the demo.
 struct Scene {
     name: &'static str,
-    frequency: f32,
-    direction: f32,
+    frequency: f64,
+    direction: f64,
 }
 
 /// Table IV of the paper, then the sense of the last pair reversed.
@@ -121,7 +121,7 @@ fn show_scenes(
     SCENES
         .iter()
         .map(|scene| {
-            let setpoint = setpoint(scene.frequency, scene.direction);
+            let setpoint = setpoint(scene.frequency, scene.direction)?;
             let began_s = operation.now().as_micros() as f64 * 1e-6;
             let mut step = StepMeter::new(setpoint, STEP_BAND);
             let mut hold = HoldMeter::new(setpoint);

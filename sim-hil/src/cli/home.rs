@@ -11,14 +11,13 @@ use flix_host::nav::{Navigator, PlanarPose, Task};
 use flix_host::pilot::{Ending, Pilot};
 use flix_host::record::Recorder;
 use flix_protocol::units::Instant;
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
 
 use super::conditions::{LoopArgs, description, duration};
 use super::{Error, progress};
 use crate::experiment::course::Course;
-use crate::plant::electronics::sensor::unit;
 use crate::rig::motion_capture::POSE_PERIOD;
 
 /// Farthest push, m.
@@ -106,8 +105,9 @@ fn push_around(args: &Args, mut course: Course<Navigator>) -> Result<Report, Err
         if ending.is_some() {
             break;
         }
-        let (bearing, distance) = (TAU * unit(&mut random), FARTHEST * unit(&mut random).sqrt());
-        let turn = TAU * unit(&mut random) - PI;
+        let (bearing, distance) =
+            (TAU * random.random::<f64>(), FARTHEST * random.random::<f64>().sqrt());
+        let turn = TAU * random.random::<f64>() - PI;
         course.push((distance * bearing.cos(), distance * bearing.sin()), turn);
         match wait_for_rest(&mut course, args.patience)? {
             Ok(taken) => {

@@ -188,7 +188,9 @@ impl Error {
                         | TableError::Twice { .. }
                         | TableError::Missing { .. }
                 )
-                | Self::Probe(ProbeError::Model(_) | ProbeError::NoLegs { .. })
+                | Self::Probe(
+                    ProbeError::Model(_) | ProbeError::Setpoint(_) | ProbeError::NoLegs { .. }
+                )
                 | Self::Walk(WalkError::Model(_) | WalkError::NoLegs { .. })
         )
     }

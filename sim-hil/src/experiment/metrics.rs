@@ -218,12 +218,12 @@ impl StepMeter {
 #[cfg(test)]
 mod tests {
     use flix_protocol::shaker;
-    use flix_protocol::units::{Degrees, Hertz, Instant};
+    use flix_protocol::units::Instant;
 
     use super::*;
 
-    fn setpoint(frequency: f32, direction: f32) -> Setpoint {
-        Setpoint::new(Hertz::new(frequency).unwrap(), Degrees::new(direction).unwrap()).unwrap()
+    fn setpoint(frequency: f64, direction: f64) -> Setpoint {
+        crate::rig::bench::setpoint(frequency, direction).unwrap()
     }
 
     /// A shaker that turns as told.
@@ -244,7 +244,7 @@ mod tests {
         }
     }
 
-    fn hold(frequency: f32, direction: f32, is: impl Fn(f64) -> (f64, f64)) -> Hold {
+    fn hold(frequency: f64, direction: f64, is: impl Fn(f64) -> (f64, f64)) -> Hold {
         let mut meter = HoldMeter::new(setpoint(frequency, direction));
         for tick in 0..20_000 {
             let (phase, theta) = is(tick as f64 * 1e-4);
@@ -255,8 +255,8 @@ mod tests {
 
     #[test]
     fn a_perfect_shaker_has_no_error_in_either_sense() {
-        for (f, theta) in [(30.0_f32, 60.0_f32), (-35.0, -90.0), (10.0, 90.0)] {
-            let of = |t| (TAU * f64::from(f) * t + 1.0, f64::from(theta).to_radians() + PI);
+        for (f, theta) in [(30.0_f64, 60.0_f64), (-35.0, -90.0), (10.0, 90.0)] {
+            let of = |t| (TAU * f * t + 1.0, theta.to_radians() + PI);
             let figures = hold(f, theta, of);
             assert!(figures.frequency_rms_hz < 1e-6 && figures.direction_rms_deg < 1e-9);
             assert!(figures.force_error_deg.abs() < 1e-9 && figures.across_axis < 1e-9);

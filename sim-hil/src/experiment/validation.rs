@@ -9,6 +9,7 @@ use serde::Serialize;
 use crate::experiment::probe::{Clamp, ProbeError, ShakeBase, modes, shake};
 use crate::model::{Base, FootAxis, GRAVITY, LEGS, RobotModel};
 use crate::plant::{Diverged, Drive, Mechanics, Plant, Wrench};
+use crate::rig::bench::setpoint;
 
 /// What to compute.
 #[derive(Clone, Debug)]
@@ -175,7 +176,7 @@ fn floating(
     f: f64,
     options: &Options,
 ) -> Result<(), ProbeError> {
-    let setpoint = crate::rig::bench::setpoint(f as f32, options.direction_deg as f32);
+    let setpoint = setpoint(f, options.direction_deg)?;
     let shaken = shake(model, setpoint, ShakeBase::Air, options.step)?;
     let ([x, y, _], [roll, pitch, _]) = (shaken.displacement_mm, shaken.rotation_deg);
     for (what, unit, value) in [

@@ -6,11 +6,12 @@
 
 use std::time::Duration;
 
+pub use flix_host::nav::Spread;
+use flix_host::nav::wrap;
 use flix_protocol::message::Setpoint;
 use flix_protocol::session::Key;
 use serde::Serialize;
 
-use crate::experiment::probe::turn_between;
 use crate::model::{Base, GRAVITY, ModelError, RobotModel};
 use crate::plant::{Diverged, Drive, Mechanics, Plant};
 use crate::rig::channel::ChannelParameters;
@@ -61,26 +62,6 @@ pub struct Walked {
     pub path_m: f64,
     /// Energy over weight times path.
     pub cost_of_transport: f64,
-}
-
-/// A quantity over several seeds.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Spread {
-    /// Mean.
-    pub mean: f64,
-    /// Standard deviation between seeds; zero for one.
-    pub spread: f64,
-}
-
-impl Spread {
-    /// Mean and sample standard deviation.
-    #[must_use]
-    pub fn of(values: &[f64]) -> Self {
-        let count = values.len() as f64;
-        let mean = values.iter().sum::<f64>() / count;
-        let square = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
-        Self { mean, spread: if values.len() > 1 { (square / (count - 1.0)).sqrt() } else { 0.0 } }
-    }
 }
 
 /// Why there was no walk.
@@ -218,7 +199,7 @@ impl Odometer {
 
     fn add(&mut self, plant: &Plant, interval: f64) {
         let body = plant.body();
-        let turn = turn_between(self.yaw, body.yaw());
+        let turn = wrap(body.yaw() - self.yaw);
         let (sin, cos) = (self.yaw + 0.5 * turn).sin_cos();
         let [dx, dy] = [body.position[0] - self.position[0], body.position[1] - self.position[1]];
         self.forward += cos * dx + sin * dy;

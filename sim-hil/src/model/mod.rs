@@ -13,6 +13,9 @@
 use serde::{Deserialize, Serialize};
 
 pub mod mjcf;
+mod scatter;
+
+pub use scatter::scattered;
 
 /// The four legs, in the order of every array in this crate.
 pub const LEGS: [&str; 4] = ["fl", "fr", "rl", "rr"];

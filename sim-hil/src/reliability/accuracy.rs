@@ -9,12 +9,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::experiment::metrics::{Band, HoldMeter, StepMeter};
-use crate::rig::bench::{BASES, Base, BenchError, bench, setpoint};
+use crate::rig::bench::{BASES, Base, BenchError, DIRECTIONS, FREQUENCIES, bench, setpoint};
 
-/// Held frequencies, Hz.
-pub const FREQUENCIES: [f32; 8] = [-35.0, -30.0, -20.0, -10.0, 10.0, 20.0, 30.0, 35.0];
-/// Held directions, degrees.
-pub const DIRECTIONS: [f32; 7] = [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0];
 /// f, averaged over each turn: largest root mean square error, Hz.
 pub const FREQUENCY_LIMIT_HZ: f64 = 0.05;
 /// theta at every tick: largest root mean square error, degrees.
@@ -104,9 +100,9 @@ pub struct Step {
     /// For reports.
     pub name: &'static str,
     /// From (f, theta), Hz and degrees.
-    pub from: (f32, f32),
+    pub from: (f64, f64),
     /// To.
-    pub to: (f32, f32),
+    pub to: (f64, f64),
 }
 
 /// The steps that are measured, on both bases.
@@ -124,7 +120,7 @@ pub const RUNS: usize = BASES.len() * (FREQUENCIES.len() + STEPS.len());
 /// # Errors
 /// When a robot cannot be brought to run: that, too, is a failure of its promises.
 pub fn measure(seed: u64, done: impl Fn() + Sync) -> Result<Accuracy, BenchError> {
-    let cells: Vec<(Base, f32)> =
+    let cells: Vec<(Base, f64)> =
         BASES.into_iter().flat_map(|base| FREQUENCIES.map(|frequency| (base, frequency))).collect();
     let hold = cells.par_iter().map(|&(base, frequency)| {
         let figures = hold_all_directions(base, frequency, seed);
@@ -153,7 +149,7 @@ pub fn measure(seed: u64, done: impl Fn() + Sync) -> Result<Accuracy, BenchError
 /// As for [`measure`].
 pub fn hold_all_directions(
     base: Base,
-    frequency: f32,
+    frequency: f64,
     seed: u64,
 ) -> Result<Vec<HoldResult>, BenchError> {
     let mut operation = bench(base, seed)?;
@@ -161,7 +157,7 @@ pub fn hold_all_directions(
     DIRECTIONS
         .into_iter()
         .map(|direction| {
-            let setpoint = setpoint(frequency, direction);
+            let setpoint = setpoint(frequency, direction)?;
             operation.hold(setpoint);
             operation.run(SETTLING, |_| {})?;
             let mut meter = HoldMeter::new(setpoint);
@@ -169,8 +165,8 @@ pub fn hold_all_directions(
             let figures = meter.figures();
             Ok(HoldResult {
                 base,
-                f_hz: f64::from(frequency),
-                theta_deg: f64::from(direction),
+                f_hz: frequency,
+                theta_deg: direction,
                 f_rms_hz: figures.frequency_rms_hz,
                 theta_rms_deg: figures.direction_rms_deg,
                 force_error_deg: figures.force_error_deg,
@@ -188,9 +184,9 @@ pub fn measure_step(base: Base, step: Step, seed: u64) -> Result<StepResult, Ben
     let mut operation = bench(base, seed)?;
     let current_limit_a = operation.connect().and_then(|()| operation.setting("current_limit"))?;
     operation.arm()?;
-    operation.hold(setpoint(step.from.0, step.from.1));
+    operation.hold(setpoint(step.from.0, step.from.1)?);
     operation.run(SETTLING, |_| {})?;
-    let target = setpoint(step.to.0, step.to.1);
+    let target = setpoint(step.to.0, step.to.1)?;
     let mut meter = StepMeter::new(target, STEP_BAND);
     operation.hold(target);
     operation.run(WATCHING, |truth| meter.watch(truth))?;

@@ -19,14 +19,13 @@ use flix_protocol::message::{
 };
 use flix_protocol::provision::{Answer, FrameReader, Request};
 use flix_protocol::session::{Key, OperatorSession};
-use flix_protocol::units::Instant;
-use rand::{Rng, SeedableRng};
+use flix_protocol::units::{Instant, OutOfRange};
+use rand::{Rng, RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::plant::Plant;
-use crate::plant::electronics::sensor::unit;
 use crate::rig::bench::{Base, BenchError, bench_knowing, learnt, setpoint};
 use crate::rig::channel::ChannelParameters;
 use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault, Injected};
@@ -296,7 +295,7 @@ impl Life {
         let mut sent = 0;
         for tick in 0..ticks {
             for operation in [&mut self.attacked, &mut self.calm] {
-                script(operation, tick, self.turn, born);
+                script(operation, tick, self.turn, born)?;
             }
             while sent * ticks < datagrams * (tick + 1) {
                 self.attack(&mut account);
@@ -368,7 +367,7 @@ fn overhear_session(operation: &mut Operation<Plant>) -> Result<Vec<Vec<u8>>, Be
     let now = operation.now();
     operation.client().request(now, Command::Arm);
     overhear(operation, now + Duration::from_millis(1_500))?;
-    operation.hold(setpoint(30.0, 0.0));
+    operation.hold(setpoint(30.0, 0.0)?);
     let now = operation.now();
     overhear(operation, now + Duration::from_millis(300))?;
     operation.client().leave();
@@ -380,23 +379,28 @@ fn overhear_session(operation: &mut Operation<Plant>) -> Result<Vec<Vec<u8>>, Be
 }
 
 /// What the operator, and fate, do in this tick of a life.
-fn script(operation: &mut Operation<Plant>, tick: u64, turn: Turn, born: Instant) {
+fn script(
+    operation: &mut Operation<Plant>,
+    tick: u64,
+    turn: Turn,
+    born: Instant,
+) -> Result<(), OutOfRange> {
     let now = operation.now();
     let milliseconds = tick / 10;
     if !tick.is_multiple_of(10) {
-        return;
+        return Ok(());
     }
     let is_disarmed =
         operation.client().telemetry().is_some_and(|told| told.state == State::Disarmed);
     let may_arm = (700..2_000).contains(&milliseconds) || (5_700..6_500).contains(&milliseconds);
     match milliseconds {
-        2_000 => operation.hold(setpoint(30.0, 30.0)),
-        3_500 => operation.hold(setpoint(-30.0, -60.0)),
+        2_000 => operation.hold(setpoint(30.0, 30.0)?),
+        3_500 => operation.hold(setpoint(-30.0, -60.0)?),
         5_000 => operation.client().stop(now),
         5_600 => {
             operation.client().request(now, Command::Clear);
         }
-        6_600 => operation.hold(setpoint(-30.0, 90.0)),
+        6_600 => operation.hold(setpoint(-30.0, 90.0)?),
         _ if may_arm && is_disarmed && milliseconds.is_multiple_of(100) => {
             operation.client().request(now, Command::Arm);
         }
@@ -413,6 +417,7 @@ fn script(operation: &mut Operation<Plant>, tick: u64, turn: Turn, born: Instant
     }
     // Nobody reads them here.
     while operation.client().update().is_some() {}
+    Ok(())
 }
 
 /// Has seen everything, and makes datagrams of it.
@@ -637,7 +642,7 @@ impl Fuzzer {
 
     /// Takes the session now and then, as its holder may at any time, and says these bytes in it.
     fn misuse_the_key(&mut self, operation: &mut Operation<Plant>, now: Instant, input: &[u8]) {
-        if unit(&mut self.attacker.random) < 0.001 {
+        if self.attacker.random.random::<f64>() < 0.001 {
             self.insider.connect(now);
         }
         while let Some(frame) = self.insider.poll(now) {
@@ -682,12 +687,12 @@ mod tests {
         let mut differ = Divergence::default();
         for tick in 0..25_000 {
             for operation in [&mut life.attacked, &mut life.calm] {
-                script(operation, tick, Turn::Restart, Instant::START);
+                script(operation, tick, Turn::Restart, Instant::START).unwrap();
                 operation.tick().unwrap();
             }
             if tick == 22_000 {
                 assert_eq!(Divergence::between(&life.attacked, &life.calm), differ);
-                life.attacked.hold(setpoint(30.0, 31.0));
+                life.attacked.hold(setpoint(30.0, 31.0).unwrap());
             }
         }
         differ = Divergence::between(&life.attacked, &life.calm);

@@ -9,14 +9,13 @@ use std::time::Duration;
 
 use flix_protocol::message::{Fault, State};
 use flix_protocol::units::Instant;
-use rand::{Rng, SeedableRng};
+use rand::{Rng, RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::experiment::metrics::{HoldMeter, line_error};
 use crate::plant::Plant;
-use crate::plant::electronics::sensor::unit;
 use crate::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
 use crate::rig::bench::{BASES, Base, BenchError, bench_knowing, learnt, setpoint};
 use crate::rig::channel::{Bursts, ChannelParameters};
@@ -25,7 +24,7 @@ use crate::rig::operation::Operation;
 use crate::rig::robot::{Processor, SimulatedRobot};
 
 /// The five pairs (f in Hz, theta in degrees) of the paper's Table IV.
-pub const MODES: [(f32, f32); 5] =
+pub const MODES: [(f64, f64); 5] =
     [(-30.0, 30.0), (-30.0, 90.0), (30.0, 90.0), (30.0, 30.0), (-30.0, -60.0)];
 
 /// Longest time from when the cause can be known until both rotors are at rest, s.
@@ -293,7 +292,7 @@ pub fn measure(seed: u64, done: impl Fn() + Sync) -> Result<Matrix, BenchError> 
 struct Place<'a> {
     case: &'a Case,
     base: Base,
-    mode: (f32, f32),
+    mode: (f64, f64),
     onset: Onset,
     seed: u64,
     flash: &'a Option<Vec<u8>>,
@@ -306,17 +305,17 @@ impl Place<'_> {
         let mut operation = bench_knowing(self.base, self.seed, self.flash.clone(), WIFI)?;
         operation.arm()?;
         if self.onset == Onset::Reversing {
-            operation.hold(setpoint(-frequency, direction));
+            operation.hold(setpoint(-frequency, direction)?);
             operation.run(SETTLING, |_| {})?;
         }
-        operation.hold(setpoint(frequency, direction));
+        operation.hold(setpoint(frequency, direction)?);
         let lead = if self.onset == Onset::Holding { SETTLING } else { INTO_THE_RAMP };
-        operation.run(lead + DITHER.mul_f64(unit(&mut random)), |_| {})?;
+        operation.run(lead + DITHER.mul_f64(random.random::<f64>()), |_| {})?;
 
         let onset = operation.now();
         self.inject(&mut operation, onset, random.next_u64());
         let settled = onset + if self.onset == Onset::Holding { Duration::ZERO } else { SETTLING };
-        let mut watch = Watch::new(setpoint(frequency, direction), settled);
+        let mut watch = Watch::new(setpoint(frequency, direction)?, settled);
         let end = onset + WATCHING;
         let mended = onset + self.case.lasts;
         while operation.now() < end {
@@ -375,8 +374,8 @@ impl Place<'_> {
         Cell {
             fault: self.case.name,
             base: self.base,
-            f_hz: f64::from(self.mode.0),
-            theta_deg: f64::from(self.mode.1),
+            f_hz: self.mode.0,
+            theta_deg: self.mode.1,
             onset: self.onset,
             promise: self.case.promise,
             outcome: match () {

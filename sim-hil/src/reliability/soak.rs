@@ -13,15 +13,14 @@ use flix_firmware::hardware::TICK;
 use flix_host::link::Update;
 use flix_protocol::message::{Command, ParameterCommand, Setpoint, State};
 use flix_protocol::session::{HOLDER_SILENCE, Key};
-use flix_protocol::units::Instant;
-use rand::{Rng, SeedableRng};
+use flix_protocol::units::{Instant, OutOfRange};
+use rand::{Rng, RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::experiment::metrics::line_error;
 use crate::plant::Plant;
-use crate::plant::electronics::sensor::unit;
 use crate::reliability::fault_matrix::{REST_HZ, REST_LIMIT_S};
 use crate::rig::bench::{BASES, BenchError, bench_knowing, learnt, setpoint};
 use crate::rig::channel::{Bursts, ChannelParameters};
@@ -298,7 +297,7 @@ impl Life {
     }
 
     fn between(&mut self, lowest: f64, highest: f64) -> f64 {
-        lowest + (highest - lowest) * unit(&mut self.random)
+        lowest + (highest - lowest) * self.random.random::<f64>()
     }
 
     /// Some seconds in which chance does something all the time.
@@ -310,9 +309,9 @@ impl Life {
                 0 => self.spoil_link(),
                 1 => self.spoil_clock(),
                 2 | 3 => self.break_hardware(),
-                _ => self.command(),
+                _ => self.command()?,
             }
-            let pause = -PACE * (1.0 - unit(&mut self.random)).ln();
+            let pause = -PACE * (1.0 - self.random.random::<f64>()).ln();
             self.run(Duration::from_secs_f64(pause.min(3.0)), second)?;
         }
         Ok(())
@@ -353,9 +352,9 @@ impl Life {
         }
     }
 
-    fn command(&mut self) {
+    fn command(&mut self) -> Result<(), OutOfRange> {
         let who = if self.below(4) == 0 { 1 } else { 0 };
-        let setpoint = setpoint(self.between(-35.0, 35.0) as f32, self.between(-90.0, 90.0) as f32);
+        let setpoint = setpoint(self.between(-35.0, 35.0), self.between(-90.0, 90.0))?;
         let what = self.below(24);
         let rate = self.between(-5.0, 60.0) as f32;
         let operator = &mut self.operation.operators[who];
@@ -396,6 +395,7 @@ impl Life {
             client.request(now, command);
         }
         self.account.commands += 1;
+        Ok(())
     }
 
     fn spoil_link(&mut self) {
@@ -519,8 +519,7 @@ impl Life {
     fn recover(&mut self, second: &dyn Fn()) -> Result<(), BenchError> {
         let began = self.operation.now();
         let frequency = if self.below(2) == 0 { 25.0 } else { -25.0 };
-        let direction = self.between(-90.0, 90.0) as f32;
-        let wanted = setpoint(frequency, direction);
+        let wanted = setpoint(frequency, self.between(-90.0, 90.0))?;
         let mut near_since = None;
         self.account.episodes += 1;
         loop {
@@ -771,7 +770,7 @@ mod tests {
         let mut life = Life::new(2).unwrap();
         life.seclude(ChannelParameters::CUT);
         life.operation.arm().unwrap();
-        life.operation.hold(setpoint(30.0, 0.0));
+        life.operation.hold(setpoint(30.0, 0.0).unwrap());
         life.run(Duration::from_secs(1), &|| ()).unwrap();
         life.operation.robot.disturb(LetGo);
         life.run(Duration::from_secs(3), &|| ()).unwrap();

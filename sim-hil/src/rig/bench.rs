@@ -2,7 +2,7 @@
 
 use flix_protocol::message::{Command, Setpoint, State};
 use flix_protocol::session::Key;
-use flix_protocol::units::{Degrees, Hertz};
+use flix_protocol::units::{Degrees, Hertz, OutOfRange};
 use serde::Serialize;
 
 use crate::model::{ModelError, RobotModel};
@@ -11,6 +11,10 @@ use crate::rig::channel::ChannelParameters;
 use crate::rig::operation::{Operation, OperationError};
 use crate::rig::robot::{RobotParameters, SimulatedRobot};
 
+/// Frequencies of the paper's grid, Hz (figure 3b).
+pub const FREQUENCIES: [f64; 8] = [-35.0, -30.0, -20.0, -10.0, 10.0, 20.0, 30.0, 35.0];
+/// Directions of the paper's grid, degrees (figure 3b).
+pub const DIRECTIONS: [f64; 7] = [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0];
 /// What the shaker stands on.
 pub const BASES: [Base; 2] = [Base::Fixed, Base::Free];
 
@@ -53,6 +57,9 @@ pub enum BenchError {
     /// The run.
     #[error(transparent)]
     Operation(#[from] OperationError),
+    /// f or theta.
+    #[error(transparent)]
+    Setpoint(#[from] OutOfRange),
 }
 
 impl From<crate::plant::Diverged> for BenchError {
@@ -61,11 +68,12 @@ impl From<crate::plant::Diverged> for BenchError {
     }
 }
 
-/// A setpoint from plain numbers, limited to what a robot can be asked for.
-#[must_use]
-pub fn setpoint(frequency: f32, direction: f32) -> Setpoint {
-    Setpoint::new(Hertz::saturating(frequency), Degrees::saturating(direction))
-        .unwrap_or(Setpoint::REST)
+/// Returns the setpoint of a shaking frequency (-35 to 35 Hz) and a direction (-90 to 90 degrees, right positive).
+///
+/// # Errors
+/// When one of them is no number or out of its range.
+pub fn setpoint(frequency_hz: f64, direction_deg: f64) -> Result<Setpoint, OutOfRange> {
+    Setpoint::new(Hertz::new(frequency_hz as f32)?, Degrees::new(direction_deg as f32)?)
 }
 
 /// An operator on a quiet network and a robot of this seed on this base, powered up.

@@ -8,10 +8,8 @@ use std::collections::BinaryHeap;
 use std::time::Duration;
 
 use flix_protocol::units::Instant;
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-
-use crate::plant::electronics::sensor::unit;
 
 /// How a network treats datagrams.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -97,24 +95,24 @@ impl Channel {
 
     /// Takes a datagram at one end.
     pub fn send(&mut self, now: Instant, datagram: &[u8]) {
-        if unit(&mut self.random) < self.parameters.loss || self.is_in_burst(now) {
+        if self.random.random::<f64>() < self.parameters.loss || self.is_in_burst(now) {
             return;
         }
         self.deliver(now, datagram);
-        if unit(&mut self.random) < self.parameters.duplication {
+        if self.random.random::<f64>() < self.parameters.duplication {
             self.deliver(now, datagram);
         }
     }
 
     fn deliver(&mut self, now: Instant, datagram: &[u8]) {
         let mut wait =
-            self.parameters.delay + self.parameters.jitter.mul_f64(unit(&mut self.random));
+            self.parameters.delay + self.parameters.jitter.mul_f64(self.random.random::<f64>());
         if self.happens(self.parameters.reordering) {
             wait += HELD_BACK;
         }
         let mut datagram = datagram.to_vec();
         if self.happens(self.parameters.corruption) {
-            let bit = (unit(&mut self.random) * (8 * datagram.len()) as f64) as usize;
+            let bit = (self.random.random::<f64>() * (8 * datagram.len()) as f64) as usize;
             if let Some(byte) = datagram.get_mut(bit / 8) {
                 *byte ^= 1 << (bit % 8);
             }
@@ -125,7 +123,7 @@ impl Channel {
 
     /// Asks chance only where there is one, so that a trouble that is absent changes no other.
     fn happens(&mut self, share: f64) -> bool {
-        share > 0.0 && unit(&mut self.random) < share
+        share > 0.0 && self.random.random::<f64>() < share
     }
 
     fn is_in_burst(&mut self, now: Instant) -> bool {
@@ -134,7 +132,7 @@ impl Channel {
             let is_on = !self.burst.0;
             let mean = if is_on { bursts.length } else { bursts.gap };
             let start = if self.burst.1 == Instant::START { now } else { self.burst.1 };
-            self.burst = (is_on, start + mean.mul_f64(0.5 + unit(&mut self.random)));
+            self.burst = (is_on, start + mean.mul_f64(0.5 + self.random.random::<f64>()));
         }
         self.burst.0
     }

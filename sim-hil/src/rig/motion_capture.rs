@@ -14,6 +14,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::plant::Plant;
+use crate::plant::mechanics::multiply;
 use crate::rig::robot::SimulatedRobot;
 
 /// From one camera frame to the next: OptiTrack at 100 Hz.
@@ -53,7 +54,7 @@ impl MotionCapture {
         let position = body.position.map(|coordinate| noisy(coordinate, POSITION_NOISE));
         let heading = noisy(0.0, HEADING_NOISE);
         let turned = Pose::planar(PlanarPose { x: 0.0, y: 0.0, heading }, 0.0);
-        Pose { position, orientation: product(turned.orientation, body.orientation) }
+        Pose { position, orientation: multiply(turned.orientation, body.orientation) }
     }
 
     /// Exposes one frame.
@@ -68,14 +69,4 @@ impl MotionCapture {
         let ready = self.under_way.iter().take_while(|(due, _)| *due <= now).count();
         self.under_way.drain(..ready).map(|(_, sample)| sample).collect()
     }
-}
-
-/// The turn `b`, then the turn `a`; quaternions w, x, y, z.
-fn product(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
-    [
-        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
-        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
-        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
-    ]
 }

@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 use flix_host::nav::Twist;
 use serde::Serialize;
 
+use crate::rig::bench::setpoint;
+
 /// Why a table was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum MeasuredError {
@@ -147,7 +149,7 @@ pub fn speeds(path: &Path) -> Result<Vec<Measured>, MeasuredError> {
     let names = ["f_hz", "theta_deg", "forward_m_s", "lateral_m_s", "yaw_rad_s"];
     let rows = read(path, names, 3)?;
     for (index, [f, theta, ..]) in rows.iter().enumerate() {
-        if let Err(error) = super::sweep::setpoint(*f, *theta) {
+        if let Err(error) = setpoint(*f, *theta) {
             let reason = format!("row {} of numbers: {error}", index + 1);
             return Err(MeasuredError::Whole { path: path.to_owned(), reason });
         }

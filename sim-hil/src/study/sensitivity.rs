@@ -14,8 +14,9 @@
 use flix_host::nav::{self, ModeTable, ModeTableError};
 
 use super::modes::{Component, classify};
-use super::sweep::{Cell, Variant, setpoint};
+use super::sweep::{Cell, Variant};
 use crate::model::{Load, RobotModel};
+use crate::rig::bench::setpoint;
 
 /// Mass of the paper's load, g.
 const LOAD_G: f64 = 50.0;
@@ -168,11 +169,9 @@ pub fn mode_table(
     source: &str,
     kinds: &[(&'static str, Vec<Candidate>)],
 ) -> Result<ModeTable, ModeTableError> {
-    let spread =
-        |s: crate::experiment::walk::Spread| nav::Spread { mean: s.mean, spread: s.spread };
     let modes = kinds.iter().filter_map(|(kind, found)| {
         let cell = &found.first()?.cell;
-        let [forward, lateral, yaw] = cell.spreads().map(spread);
+        let [forward, lateral, yaw] = cell.spreads();
         let name = match *kind {
             "turn left" => "left".to_owned(),
             "turn right" => "right".to_owned(),

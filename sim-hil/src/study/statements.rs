@@ -6,8 +6,9 @@
 
 use super::modes::Component;
 use super::sensitivity::{CONTROL, find};
-use super::sweep::{Cell, DIRECTIONS};
+use super::sweep::Cell;
 use crate::experiment::walk::Spread;
+use crate::rig::bench::DIRECTIONS;
 
 /// A claim, and what the robot does.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,19 +5,13 @@
 //! drawn alike from one run and from merged shards.
 
 use flix_host::nav::Twist;
-use flix_protocol::message::Setpoint;
-use flix_protocol::units::{Degrees, Hertz};
 use serde_json::json;
 
-use super::calibrate::scattered;
 use super::{Column, Row, Study, Table, Value};
 use crate::experiment::walk::{Spread, Walk, WalkDrive, walk};
-use crate::model::RobotModel;
+use crate::model::{RobotModel, scattered};
+use crate::rig::bench::{DIRECTIONS, FREQUENCIES, setpoint};
 
-/// Frequencies of the grid, Hz.
-pub const FREQUENCIES: [f64; 8] = [-35.0, -30.0, -20.0, -10.0, 10.0, 20.0, 30.0, 35.0];
-/// Directions of the grid, degrees.
-pub const DIRECTIONS: [f64; 7] = [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0];
 /// Time that the paper walks, s.
 pub const SECONDS: f64 = 8.0;
 /// Walks that are computed together: few enough to lose little, enough to write seldom.
@@ -120,14 +114,6 @@ pub fn cells(table: &Table) -> Vec<Cell> {
         }
     }
     cells
-}
-
-/// f and theta as the robot takes them.
-///
-/// # Errors
-/// When one is out of range.
-pub fn setpoint(f_hz: f64, theta_deg: f64) -> Result<Setpoint, flix_protocol::units::OutOfRange> {
-    Setpoint::new(Hertz::new(f_hz as f32)?, Degrees::new(theta_deg as f32)?)
 }
 
 impl Sweep {

@@ -9,7 +9,7 @@ use flix_protocol::message::{
     ToOperator, ToRobot,
 };
 use flix_protocol::session::{Key, OperatorReceived, OperatorSession};
-use flix_protocol::units::{Degrees, Hertz, Instant};
+use flix_protocol::units::Instant;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
 use flix_sim::rig::robot::{Flash, RobotParameters, SimulatedRobot};
@@ -74,8 +74,8 @@ pub(crate) fn key() -> Key {
     Key::new([7; 32])
 }
 
-pub(crate) fn setpoint(frequency: f32, direction: f32) -> Setpoint {
-    Setpoint::new(Hertz::new(frequency).unwrap(), Degrees::new(direction).unwrap()).unwrap()
+pub(crate) fn setpoint(frequency: f64, direction: f64) -> Setpoint {
+    flix_sim::rig::bench::setpoint(frequency, direction).unwrap()
 }
 
 impl Bench {

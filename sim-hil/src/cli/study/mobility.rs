@@ -10,8 +10,9 @@ use serde::Serialize;
 use super::{SweepArgs, show};
 use crate::cli::Error;
 use crate::experiment::walk::{Walk, walk};
+use crate::rig::bench::{DIRECTIONS, FREQUENCIES, setpoint};
 use crate::study::modes::{ModeRow, classify, paper_modes, score_modes};
-use crate::study::sweep::{Cell, DIRECTIONS, FREQUENCIES, Sweep, Variant, cells, grid, setpoint};
+use crate::study::sweep::{Cell, Sweep, Variant, cells, grid};
 
 /// Interval of the points of a track, s: smooth over the shaking.
 const TRACK_INTERVAL: f64 = 0.1;

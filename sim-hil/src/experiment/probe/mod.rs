@@ -12,8 +12,9 @@ mod signal;
 pub use leg::{LegProbe, RingDown, TIP_REACH, TipMotion, leg, release};
 pub use modes::{Clamp, Mode, Modes, modes};
 pub use rest::{FootLoads, Rest, rest};
-pub(crate) use shake::turn_between;
 pub use shake::{ShakeBase, Shaken, shake};
+
+use flix_protocol::units::OutOfRange;
 
 use crate::model::ModelError;
 use crate::plant::Diverged;
@@ -27,6 +28,9 @@ pub enum ProbeError {
     /// The plant's state is useless.
     #[error(transparent)]
     Diverged(#[from] Diverged),
+    /// f or theta is out of range.
+    #[error(transparent)]
+    Setpoint(#[from] OutOfRange),
     /// The probe is about legs.
     #[error("the model {name} has no legs: choose one that has, for example A or W")]
     NoLegs {

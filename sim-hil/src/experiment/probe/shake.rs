@@ -1,5 +1,6 @@
 //! The shaker at a steady frequency: forces on the body, and what the body makes of them.
 
+use flix_host::nav::wrap;
 use flix_protocol::message::Setpoint;
 use serde::Serialize;
 
@@ -90,7 +91,7 @@ pub fn shake(
     for _ in 0..count {
         plant.step([0.0; 2], step)?;
         let (body, wrench) = (plant.body(), plant.shaker_wrench());
-        yaw += turn_between(yaw, body.yaw());
+        yaw += wrap(body.yaw() - yaw);
         let [roll, pitch] = roll_pitch(body.orientation);
         let rotation = [roll, pitch, yaw];
         let values = [body.position, rotation, wrench.force, wrench.torque];
@@ -119,10 +120,4 @@ pub fn shake(
 fn roll_pitch([w, x, y, z]: [f64; 4]) -> [f64; 2] {
     let sine = 2.0 * (w * y - z * x);
     [(2.0 * (w * x + y * z)).atan2(1.0 - 2.0 * (x * x + y * y)), sine.clamp(-1.0, 1.0).asin()]
-}
-
-/// The short way from one heading to another, rad.
-pub(crate) fn turn_between(from: f64, to: f64) -> f64 {
-    use core::f64::consts::{PI, TAU};
-    (to - from + PI).rem_euclid(TAU) - PI
 }

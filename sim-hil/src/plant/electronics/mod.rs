@@ -7,7 +7,7 @@
 use flix_firmware::hardware::{
     Actuation, Bridge, Encoder as EncoderOutput, Hardware, Sensors, TICK_RATE_HZ,
 };
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use self::battery::{Battery, BatteryParameters, BusDecay, PAPER_BATTERY};
@@ -15,7 +15,7 @@ use self::inverter::{InverterParameters, block_reversed};
 use self::motor::{ASSUMED_MOTOR, Decay, Motor, MotorParameters};
 use self::sensor::{
     AS5600, AmplifierParameters, BusSensor, CurrentSensor, Encoder, EncoderParameters,
-    INLINE_AMPLIFIER, unit,
+    INLINE_AMPLIFIER,
 };
 use super::{Diverged, Mechanics};
 
@@ -131,10 +131,10 @@ impl Electronics {
     pub fn new(parameters: &ElectronicsParameters, seed: u64) -> Self {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
         let motors = different_motors(parameters, &mut random);
-        let inverted = unit(&mut random) < 0.5;
+        let inverted = random.random::<f64>() < 0.5;
         let chains = motors.map(|motor| Chain::built(parameters, motor, inverted, &mut random));
         let (lowest, highest) = parameters.charge;
-        let charge = lowest + (highest - lowest) * unit(&mut random);
+        let charge = lowest + (highest - lowest) * random.random::<f64>();
         let mut electronics = Self {
             inverter: InverterParameters::of(&parameters.hardware),
             bus_decay: BusDecay::new(&parameters.battery, SUB_STEP),
@@ -301,8 +301,8 @@ impl Chain {
         inverted: bool,
         random: &mut Xoshiro256PlusPlus,
     ) -> Self {
-        let electrical_offset = core::f64::consts::TAU * unit(random);
-        let swapped = unit(random) < 0.5;
+        let electrical_offset = core::f64::consts::TAU * random.random::<f64>();
+        let swapped = random.random::<f64>() < 0.5;
         Self {
             decay: Decay::new(&motor, SUB_STEP),
             motor: Motor::new(motor, electrical_offset, swapped),
@@ -346,7 +346,7 @@ fn different_motors(
     random: &mut Xoshiro256PlusPlus,
 ) -> [MotorParameters; 2] {
     let half = 0.5 * parameters.motor_difference;
-    let mut side = || if unit(random) < 0.5 { half } else { -half };
+    let mut side = || if random.random::<f64>() < 0.5 { half } else { -half };
     let (resistance, flux, friction) = (side(), side(), side());
     [1.0, -1.0].map(|sign| {
         let mut motor = parameters.motor;

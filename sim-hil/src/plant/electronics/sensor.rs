@@ -13,7 +13,7 @@ use std::f64::consts::TAU;
 use std::num::NonZeroU16;
 
 use flix_firmware::hardware::{self, CurrentSense, EncoderReading};
-use rand::Rng;
+use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 
 /// A kind of angle encoder.
@@ -78,12 +78,12 @@ impl Encoder {
     /// One of its kind, mounted as well as chance has it.
     #[must_use]
     pub fn mounted(parameters: EncoderParameters, random: &mut impl Rng) -> Self {
-        let mut symmetric = |limit: f64| limit * (2.0 * unit(random) - 1.0);
+        let mut symmetric = |limit: f64| limit * (2.0 * random.random::<f64>() - 1.0);
         let zero = symmetric(parameters.zero_error);
         let age_error = symmetric(parameters.age_error_us);
-        let harmonics = parameters
-            .eccentricity
-            .map(|largest| (largest * (0.5 + 0.5 * unit(random)), TAU * unit(random)));
+        let harmonics = parameters.eccentricity.map(|largest| {
+            (largest * (0.5 + 0.5 * random.random::<f64>()), TAU * random.random::<f64>())
+        });
         Self {
             parameters,
             harmonics,
@@ -166,7 +166,7 @@ impl CurrentSensor {
         inverted: bool,
         random: &mut impl Rng,
     ) -> Self {
-        let mut symmetric = |limit: f64| limit * (2.0 * unit(random) - 1.0);
+        let mut symmetric = |limit: f64| limit * (2.0 * random.random::<f64>() - 1.0);
         let counts_per_ampere =
             1e6 / f64::from(sense.microamperes_per_count) * if inverted { -1.0 } else { 1.0 };
         Self {
@@ -206,7 +206,7 @@ impl BusSensor {
     /// A divider as chance has it.
     #[must_use]
     pub fn built(microvolts_per_count: NonZeroU16, random: &mut impl Rng) -> Self {
-        let gain = 1.0 + BUS_GAIN_ERROR * (2.0 * unit(random) - 1.0);
+        let gain = 1.0 + BUS_GAIN_ERROR * (2.0 * random.random::<f64>() - 1.0);
         Self {
             counts_per_volt: gain * 1e6 / f64::from(microvolts_per_count.get()),
             noise: BUS_NOISE,
@@ -217,11 +217,6 @@ impl BusSensor {
     pub fn read(&self, volts: f64, random: &mut impl Rng) -> u16 {
         (self.counts_per_volt * volts + self.noise * gaussian(random)).round() as u16
     }
-}
-
-/// Uniform in [0, 1).
-pub(crate) fn unit(random: &mut impl Rng) -> f64 {
-    (random.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
 }
 
 fn gaussian(random: &mut impl Rng) -> f64 {

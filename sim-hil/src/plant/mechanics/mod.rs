@@ -38,3 +38,4 @@ mod system;
 
 pub use linear::{FREEDOMS, Linear};
 pub use robot::{BodyState, Drive, Energy, LegView, Plant, Wrench};
+pub use system::{multiply, rotation};

@@ -1,5 +1,8 @@
 //! One robot, and four at a time.
 
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
+
 use super::build;
 use super::lane::{Lane, Quad, sin_cos};
 use super::leg::{LegModel, LegStep};
@@ -285,16 +288,9 @@ impl Plant {
     /// hinge, the same for the same seed. `mirrored` gives the mirror image of the same disturbance, for
     /// comparing a robot with its mirrored run.
     pub fn disturb(&mut self, seed: u64, mirrored: bool) {
-        let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0x5DEE_CE66_D1CE_4E5B;
-        let mut random = || {
-            // SplitMix64 (Steele, Lea, Flood 2014).
-            state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-            let mut z = state;
-            z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-            z ^= z >> 31;
-            (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-        };
+        let mixed = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0x5DEE_CE66_D1CE_4E5B;
+        let mut source = SplitMix64::seed_from_u64(mixed);
+        let mut random = || 2.0 * source.random::<f64>() - 1.0;
         let flip = if mirrored { -1.0 } else { 1.0 };
         let offset = [1e-3 * random(), 1e-3 * flip * random(), 0.5e-3 * (1.0 + random())];
         let (roll, pitch, yaw) = (5e-3 * flip * random(), 5e-3 * random(), 5e-3 * flip * random());

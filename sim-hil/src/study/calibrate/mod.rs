@@ -12,7 +12,7 @@
 
 mod unknowns;
 
-pub use unknowns::{Fit, Unknown, WIDEST, apply, point, scattered, unknowns, values};
+pub use unknowns::{Fit, Unknown, WIDEST, apply, point, unknowns, values};
 
 use std::path::{Path, PathBuf};
 
@@ -27,10 +27,10 @@ use sha2::{Digest, Sha256};
 use super::cmaes::{Cmaes, inside};
 use super::measured::Measured;
 use super::modes::{LEVER, PaperMode};
-use super::sweep::setpoint;
 use super::write_whole;
 use crate::experiment::walk::{Walk, WalkDrive, walk};
-use crate::model::RobotModel;
+use crate::model::{RobotModel, scattered};
+use crate::rig::bench::setpoint;
 
 /// Margin from which a mode counts as safe, as a share.
 const SAFE_MARGIN: f64 = 0.15;

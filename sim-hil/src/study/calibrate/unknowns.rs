@@ -1,13 +1,8 @@
-//! What a calibration may change, and how models scatter.
+//! What a calibration may change.
 //!
 //! Two sets. The **open choices** are what the paper leaves open, left and right alike; their ranges are those
 //! worth searching. The **errors** are the paper's set X (equation 5): per leg four factors and the friction,
 //! the body's mass and its two offsets, each relative to what the model had.
-
-use rand::SeedableRng;
-use rand_distr::{Distribution, StandardNormal};
-use rand_xoshiro::Xoshiro256PlusPlus;
-use serde_json::Value;
 
 use crate::model::{LEGS, Leg, Legs, RobotModel};
 
@@ -277,48 +272,6 @@ pub fn apply(unknowns: &[Unknown], base: &RobotModel, point: &[f64]) -> RobotMod
     model
 }
 
-/// Draws beyond this many standard deviations are drawn to it, so that no value leaves its allowed range.
-const WIDEST_DRAW: f64 = 2.0;
-
-/// The model with every number of it multiplied by its own `1 + share * normal`: how the same robot comes out when
-/// it is built again. The same for the same seed.
-#[must_use]
-pub fn scattered(model: &RobotModel, share: f64, seed: u64) -> RobotModel {
-    if share == 0.0 {
-        return model.clone();
-    }
-    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let mut scatter = |value: f64| {
-        let normal: f64 = StandardNormal.sample(&mut random);
-        value * (1.0 + share * normal.clamp(-WIDEST_DRAW, WIDEST_DRAW))
-    };
-    let scattered = serde_json::to_value(model).ok().and_then(|mut tree| {
-        scatter_numbers(&mut tree, &mut scatter);
-        serde_json::from_value::<RobotModel>(tree).ok()
-    });
-    scattered.filter(|model| model.check().is_ok()).unwrap_or_else(|| model.clone())
-}
-
-fn scatter_numbers(tree: &mut Value, scatter: &mut impl FnMut(f64) -> f64) {
-    match tree {
-        Value::Number(number) => {
-            if let Some(value) = number.as_f64() {
-                *tree = Value::from(scatter(value));
-            }
-        }
-        Value::Array(items) => items.iter_mut().for_each(|item| scatter_numbers(item, scatter)),
-        Value::Object(entries) => {
-            for (key, item) in entries.iter_mut() {
-                // A sense is no measure.
-                if key != "twist_hand" {
-                    scatter_numbers(item, scatter);
-                }
-            }
-        }
-        Value::Null | Value::Bool(_) | Value::String(_) => {}
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -368,18 +321,6 @@ mod tests {
             let mut point = vec![0.5; unknowns.len()];
             point[i] = 0.9;
             assert_ne!(apply(&unknowns, &walker(), &point), middle, "{}", unknowns[i].name);
-        }
-    }
-
-    #[test]
-    fn scatter_moves_every_number_but_senses_and_stays_a_robot() {
-        let model = walker();
-        for seed in 0..50 {
-            let other = scattered(&model, 0.02, seed);
-            assert_ne!(other.plate.mass_g, model.plate.mass_g);
-            assert_ne!(other.contact.damping_ratio, model.contact.damping_ratio);
-            assert_eq!(legs(&other).fl.twist_hand, legs(&model).fl.twist_hand);
-            assert!((legs(&other).rr.friction / 0.694 - 1.0).abs() <= 0.04 + 1e-12);
         }
     }
 }
