@@ -35,7 +35,7 @@ const HISTORY: usize = 1_000;
 /// How long a command is held; a change that takes longer is none.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// Sees what the bridges are told, in the robot's own tick.
+/// Sees the orders of the bridges, in the robot's own tick.
 struct Probe {
     is_asked: Arc<AtomicBool>,
     changed: Sender<WallClock>,

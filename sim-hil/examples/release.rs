@@ -1,4 +1,4 @@
-//! Where the tip of model A's clamped front-left leg is, mm along x, 20 ms after it was let go with 0.1 rad in
+//! Where the tip of model A's clamped front-left leg is, mm along x, 20 ms after its release from 0.1 rad in
 //! every bending hinge, for the steps (in ms) given: one part of `validation/convergence.py`.
 
 use std::error::Error;

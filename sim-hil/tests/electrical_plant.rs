@@ -250,7 +250,7 @@ fn charge_falls_by_what_was_drawn_and_voltage_falls_with_charge() {
     assert!(electronics.battery().open_circuit_voltage() < voltage);
 }
 
-/// Holds both wheels under a torque of the field alone and tells how far they crept.
+/// Holds both wheels under a torque of the field alone and returns how far they crept.
 fn creep_under(torque: f64, seconds: f64) -> f64 {
     let mut parameters = ideal();
     parameters.motor.cogging_torque = 0.0;

@@ -45,7 +45,7 @@ struct Scene {
     direction: f64,
 }
 
-/// Table IV of the paper, then the sense of the last pair reversed.
+/// Table IV of the paper, then the last pair with its frequency reversed.
 const SCENES: [Scene; 6] = [
     Scene { name: "linear translation", frequency: -30.0, direction: 30.0 },
     Scene { name: "left turn", frequency: -30.0, direction: 90.0 },

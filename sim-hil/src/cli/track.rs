@@ -123,7 +123,7 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     recorder.attach(begin, "modes.toml", "application/toml", table.to_toml().as_bytes())?;
     let pilot = Pilot::new(navigator, names(&table), Some(recorder));
     let conditions = args.conditions.conditions(path.start())?;
-    // A frame for every pose: often enough to see in which sense the rotors turn.
+    // A frame for every pose: often enough to see which way the rotors turn.
     let mut film = (!args.json).then(|| Film::new(&conditions.model, POSE_PERIOD.as_secs_f64()));
     let mut course = Course::new(&conditions, pilot)?;
     let bar = progress((f64::from(*laps) * path.length() * 1e3) as u64, "mm walked");

@@ -83,7 +83,7 @@ impl<H: Helm> Course<H> {
         &self.pilot
     }
 
-    /// Who drives, to be told something.
+    /// Returns who drives, to be given an order.
     pub fn pilot_mut(&mut self) -> &mut Pilot<H> {
         &mut self.pilot
     }

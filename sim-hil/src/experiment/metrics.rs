@@ -73,19 +73,19 @@ impl HoldMeter {
 
     /// Notes each moment at which another whole turn is complete.
     fn watch_turns(&mut self, before: &Truth, now: &Truth) {
-        let sense = self.frequency.signum();
-        let (from, to) = (before.phase * sense, now.phase * sense);
-        let next = self.next_turn * sense;
+        let sign = self.frequency.signum();
+        let (from, to) = (before.phase * sign, now.phase * sign);
+        let next = self.next_turn * sign;
         if to < next || to <= from {
             return;
         }
         let [before_s, now_s] = [before, now].map(|truth| truth.time.as_micros() as f64 * 1e-6);
         let crossed = before_s + (now_s - before_s) * ((next - from) / (to - from)).clamp(0.0, 1.0);
         if let Some(began) = self.turn_began.replace(crossed) {
-            let error = sense / (crossed - began) - self.frequency;
+            let error = sign / (crossed - began) - self.frequency;
             self.turns.add(error * error);
         }
-        self.next_turn += TAU * sense;
+        self.next_turn += TAU * sign;
     }
 
     /// The figures so far.
@@ -226,7 +226,7 @@ mod tests {
         crate::rig::bench::setpoint(frequency, direction).unwrap()
     }
 
-    /// A shaker that turns as told.
+    /// A shaker that turns as commanded.
     fn truth(tick: u64, phase: f64, direction: f64) -> Truth {
         let rotor_angle = shaker::rotor_angles(phase, direction);
         let force =
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn a_perfect_shaker_has_no_error_in_either_sense() {
+    fn a_perfect_shaker_has_no_error_in_either_direction() {
         for (f, theta) in [(30.0_f64, 60.0_f64), (-35.0, -90.0), (10.0, 90.0)] {
             let of = |t| (TAU * f * t + 1.0, theta.to_radians() + PI);
             let figures = hold(f, theta, of);

@@ -18,7 +18,7 @@ use crate::rig::channel::ChannelParameters;
 use crate::rig::operation::{Operation, OperationError};
 use crate::rig::robot::{RobotParameters, SimulatedRobot};
 
-/// Step unless told, s: the firmware's own 10 kHz tick.
+/// Default step, s: the firmware's own 10 kHz tick.
 pub const DEFAULT_STEP: f64 = 1e-4;
 /// Time that the firmware has to come up to f and theta before the walk is measured, s: the promise of a
 /// step of the setpoint.
@@ -47,7 +47,7 @@ pub struct Walk {
     pub step: f64,
 }
 
-/// What came of one walk.
+/// Result of one walk.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Walked {
     /// Mean speed along the body's own forward axis, m/s.
@@ -81,7 +81,7 @@ pub enum WalkError {
     /// The plant's state is useless.
     #[error(transparent)]
     Diverged(#[from] Diverged),
-    /// The robot's software did not do as it was told.
+    /// The robot's software did not do as it was commanded.
     #[error(transparent)]
     Operation(#[from] OperationError),
 }

@@ -175,7 +175,7 @@ pub struct Legs {
     /// right ones, -180 to 180. Open in the paper.
     pub hinge_deg: f64,
     /// Twist about the beam between each segment and the one above it, degrees, each -180 to 180; a leg's
-    /// `twist_hand` gives the sense. Source: paper, section II-C (0, 45, 45).
+    /// `twist_hand` gives the direction sign. Source: paper, section II-C (0, 45, 45).
     pub twist_deg: [f64; 3],
     /// Stiffness of each bending hinge, N m/rad, 0.01 to 100. Source: paper, S* (1.062072).
     pub bend_stiffness_n_m_rad: f64,
@@ -212,7 +212,7 @@ impl Legs {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Leg {
-    /// Sense of the twist about the beam's axis (from root to foot): 1 or -1.
+    /// Direction sign of the twist about the beam's axis (from root to foot): 1 or -1.
     pub twist_hand: f64,
     /// Tangential friction coefficient, 0.01 to 3. Source: paper, section III-B (0.508 fr, 0.646 fl, 0.553 rr,
     /// 0.451 rl; 0.54 on average).

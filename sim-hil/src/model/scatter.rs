@@ -39,7 +39,7 @@ fn scatter_numbers(tree: &mut Value, scatter: &mut impl FnMut(f64) -> f64) {
         Value::Array(items) => items.iter_mut().for_each(|item| scatter_numbers(item, scatter)),
         Value::Object(entries) => {
             for (key, item) in entries.iter_mut() {
-                // A sense is no measure.
+                // A direction sign is not scattered.
                 if key != "twist_hand" {
                     scatter_numbers(item, scatter);
                 }
@@ -54,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn scatter_moves_every_number_but_senses_and_stays_a_robot() {
+    fn scatter_moves_every_number_but_direction_signs_and_stays_a_robot() {
         let model = RobotModel::named("W").unwrap();
         for seed in 0..50 {
             let other = scattered(&model, 0.02, seed);

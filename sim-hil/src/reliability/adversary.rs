@@ -1,6 +1,6 @@
 //! Somebody on the network who sees everything, sends anything from any address, and does not have the key.
 //!
-//! Two robots of one seed live the same life, tick by tick: each is connected to, armed, shaken, reversed, stopped,
+//! Two robots of one seed go through the same [`Scenario`], tick by tick: each is connected to, armed, shaken, reversed, stopped,
 //! armed again, and at last given another key or restarted in the middle of a run. One of them is under attack. Whatever
 //! the attack does, the two must stay the same to the last bit: a tick in which what the robot obeys differs is an
 //! accepted forgery, one in which the plant differs is a movement caused.
@@ -87,7 +87,7 @@ pub const KINDS: [Kind; 15] = [
     Kind::SecondOperator,
 ];
 
-/// How the last stretch of the robot's life begins.
+/// How the last stretch of a scenario begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Turn {
     /// Another key is given to the live robot; its operator goes on with the old one.
@@ -96,12 +96,12 @@ enum Turn {
     Restart,
 }
 
-/// Length of a life.
-const LIFE: Duration = Duration::from_secs(9);
-/// When it takes its last turn.
+/// Length of a scenario.
+const LENGTH: Duration = Duration::from_secs(9);
+/// Time of its last turn.
 const TURN: Duration = Duration::from_millis(7_500);
-/// Datagrams a life when there are enough for several: 100,000 a second, ten times a flood.
-const DATAGRAMS_A_LIFE: u64 = 900_000;
+/// Datagrams in a scenario when there are enough for several: 100,000 a second, ten times a flood.
+const DATAGRAMS_PER_SCENARIO: u64 = 900_000;
 /// Each way.
 const NETWORK: ChannelParameters =
     ChannelParameters { delay: Duration::from_millis(2), ..ChannelParameters::PERFECT };
@@ -112,7 +112,7 @@ const FUZZED_AT_ONCE: u64 = 5_000_000;
 /// Longest fuzzed input: longer than any datagram.
 const LONGEST_FUZZED: usize = MAXIMUM_DATAGRAM + 88;
 
-/// What came of it.
+/// Verdict of an attack.
 #[derive(Debug, Clone, Serialize)]
 pub struct Verdict {
     /// Which robots.
@@ -123,7 +123,7 @@ pub struct Verdict {
     pub kinds: BTreeMap<Kind, u64>,
     /// What the robots dropped, by reason, whoever sent it.
     pub dropped: BTreeMap<String, u64>,
-    /// Ticks in which a robot obeyed something that its twin did not; a life ends with its first.
+    /// Ticks in which a robot obeyed something that its twin did not; a scenario ends with its first.
     pub accepted_forgeries: u64,
     /// Ticks in which a robot moved otherwise than its twin.
     pub movements: u64,
@@ -142,8 +142,8 @@ pub struct Verdict {
 /// Longest time that a handshake may take under a flood, s.
 pub const HANDSHAKE_LIMIT_S: f64 = 1.0;
 
-/// Sends so many datagrams at robots, and feeds them so many bytes. `done` is told what was sent or fed since it was
-/// last called: datagrams, bytes.
+/// Sends so many datagrams at robots, and feeds them so many bytes. `done` is called with what was sent or fed since
+/// its last call: datagrams, bytes.
 ///
 /// # Errors
 /// When a robot cannot be armed even without an attack.
@@ -155,13 +155,13 @@ pub fn measure(
 ) -> Result<Verdict, BenchError> {
     let flash = learnt(Base::Free, seed)?;
     // One for each turn at least.
-    let lives = datagrams.div_ceil(DATAGRAMS_A_LIFE).max(2);
-    let accounts: Vec<Account> = (0..lives)
+    let scenarios = datagrams.div_ceil(DATAGRAMS_PER_SCENARIO).max(2);
+    let accounts: Vec<Account> = (0..scenarios)
         .into_par_iter()
-        .map(|life| {
-            let share = datagrams / lives + u64::from(life < datagrams % lives);
-            let turn = if life % 2 == 0 { Turn::KeyChange } else { Turn::Restart };
-            let account = Life::new(seed, life, turn, flash.clone())?.live(share)?;
+        .map(|number| {
+            let share = datagrams / scenarios + u64::from(number < datagrams % scenarios);
+            let turn = if number % 2 == 0 { Turn::KeyChange } else { Turn::Restart };
+            let account = Scenario::new(seed, number, turn, flash.clone())?.run(share)?;
             done(account.kinds.iter().sum(), 0);
             Ok::<_, BenchError>(account)
         })
@@ -220,7 +220,7 @@ fn add(sum: &mut Dropped, more: &Dropped) {
     sum.unprovisioned += more.unprovisioned;
 }
 
-/// What happened in one life.
+/// What happened in one scenario.
 #[derive(Debug, Clone)]
 struct Account {
     kinds: [u64; KINDS.len()],
@@ -252,14 +252,14 @@ impl Divergence {
 }
 
 /// A robot under attack, its twin, and the attacker.
-struct Life {
+struct Scenario {
     turn: Turn,
     attacked: Operation<Plant>,
     calm: Operation<Plant>,
     attacker: Attacker,
 }
 
-impl Life {
+impl Scenario {
     fn new(seed: u64, number: u64, turn: Turn, flash: Option<Vec<u8>>) -> Result<Self, BenchError> {
         let twin = || bench_knowing(Base::Free, seed, flash.clone(), NETWORK);
         let (mut attacked, mut calm) = (twin()?, twin()?);
@@ -279,9 +279,9 @@ impl Life {
         Ok(Self { turn, attacked, calm, attacker })
     }
 
-    fn live(mut self, datagrams: u64) -> Result<Account, BenchError> {
-        let born = self.attacked.now();
-        let ticks = LIFE.as_micros() as u64 / 100;
+    fn run(mut self, datagrams: u64) -> Result<Account, BenchError> {
+        let start = self.attacked.now();
+        let ticks = LENGTH.as_micros() as u64 / 100;
         let mut account = Account {
             kinds: [0; KINDS.len()],
             dropped: Dropped::default(),
@@ -295,13 +295,13 @@ impl Life {
         let mut sent = 0;
         for tick in 0..ticks {
             for operation in [&mut self.attacked, &mut self.calm] {
-                script(operation, tick, self.turn, born)?;
+                script(operation, tick, self.turn, start)?;
             }
             while sent * ticks < datagrams * (tick + 1) {
                 self.attack(&mut account);
                 sent += 1;
             }
-            if self.attacked.now() == born + TURN && self.turn == Turn::Restart {
+            if self.attacked.now() == start + TURN && self.turn == Turn::Restart {
                 // A restart starts the robot's counters over.
                 add(&mut account.dropped, &self.attacked.robot.link_quality().dropped);
             }
@@ -316,7 +316,7 @@ impl Life {
             }
             let now = self.attacked.now();
             if account.handshake_s.is_infinite() && self.attacked.client().is_connected(now) {
-                account.handshake_s = now.since(born).as_secs_f64();
+                account.handshake_s = now.since(start).as_secs_f64();
             }
             let frequency = self.attacked.robot.truth().frequency();
             shaken[0] |= frequency > 25.0;
@@ -337,7 +337,7 @@ impl Life {
         let kind = KINDS[which];
         let datagram = self.attacker.datagram(kind, now);
         account.kinds[which] += 1;
-        // The operator, too, is lied to.
+        // The operator, too, gets forged datagrams.
         if self.attacker.below(8) == 0 && kind != Kind::Reflected {
             let datagram = self.attacker.datagram(Kind::Flipped, now);
             self.attacked.client().receive(now, &datagram);
@@ -378,12 +378,12 @@ fn overhear_session(operation: &mut Operation<Plant>) -> Result<Vec<Vec<u8>>, Be
     Ok(heard)
 }
 
-/// What the operator, and fate, do in this tick of a life.
+/// What the operator, and fate, do in this tick of a scenario.
 fn script(
     operation: &mut Operation<Plant>,
     tick: u64,
     turn: Turn,
-    born: Instant,
+    start: Instant,
 ) -> Result<(), OutOfRange> {
     let now = operation.now();
     let milliseconds = tick / 10;
@@ -391,7 +391,7 @@ fn script(
         return Ok(());
     }
     let is_disarmed =
-        operation.client().telemetry().is_some_and(|told| told.state == State::Disarmed);
+        operation.client().telemetry().is_some_and(|telemetry| telemetry.state == State::Disarmed);
     let may_arm = (700..2_000).contains(&milliseconds) || (5_700..6_500).contains(&milliseconds);
     match milliseconds {
         2_000 => operation.hold(setpoint(30.0, 30.0)?),
@@ -406,7 +406,7 @@ fn script(
         }
         _ => {}
     }
-    if now == born + TURN {
+    if now == start + TURN {
         match turn {
             Turn::KeyChange => operation.robot.change_key(Key::new([0xc4; 32])),
             Turn::Restart => {
@@ -664,7 +664,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_is_accepted_and_nothing_moves_in_two_lives_under_attack() {
+    fn nothing_is_accepted_and_nothing_moves_in_two_scenarios_under_attack() {
         let verdict = measure(3, 60_000, 300_000, |_, _| ()).unwrap();
         assert!(verdict.pass, "{verdict:?}");
         assert_eq!((verdict.datagrams, verdict.fuzzed_bytes), (60_000, 300_000));
@@ -679,23 +679,23 @@ mod tests {
         assert!(names.iter().all(|name| ["stale", "unprovisioned"].contains(name)), "{names:?}");
     }
 
-    /// What tells twins apart must be able to.
+    /// The comparison of the twins can fail.
     #[test]
     fn one_command_more_makes_twins_differ() {
         let flash = learnt(Base::Free, 5).unwrap();
-        let mut life = Life::new(5, 0, Turn::Restart, flash).unwrap();
+        let mut scenario = Scenario::new(5, 0, Turn::Restart, flash).unwrap();
         let mut differ = Divergence::default();
         for tick in 0..25_000 {
-            for operation in [&mut life.attacked, &mut life.calm] {
+            for operation in [&mut scenario.attacked, &mut scenario.calm] {
                 script(operation, tick, Turn::Restart, Instant::START).unwrap();
                 operation.tick().unwrap();
             }
             if tick == 22_000 {
-                assert_eq!(Divergence::between(&life.attacked, &life.calm), differ);
-                life.attacked.hold(setpoint(30.0, 31.0).unwrap());
+                assert_eq!(Divergence::between(&scenario.attacked, &scenario.calm), differ);
+                scenario.attacked.hold(setpoint(30.0, 31.0).unwrap());
             }
         }
-        differ = Divergence::between(&life.attacked, &life.calm);
+        differ = Divergence::between(&scenario.attacked, &scenario.calm);
         assert_eq!(differ, Divergence { obeyed: true, moved: true });
     }
 }

@@ -1,7 +1,7 @@
 //! Every fault in every mode at every time: what the robot does.
 //!
 //! Each cell is a run of its own: a robot that knows its alignment is connected to over a quiet Wi-Fi network, armed
-//! and told to shake, and then something goes wrong and stays so, unless said. It is then in order when both rotors
+//! and commanded to shake, and then something goes wrong and stays so, unless said. It is then in order when both rotors
 //! come to rest for good within [`REST_LIMIT_S`] of the moment at which the robot could know, or when f and theta are
 //! held within the limits of [`crate::reliability::accuracy`]; each [`Case`] says which. Figures are the plant's truth.
 
@@ -38,7 +38,7 @@ const TELLING_HZ: f64 = 2.0;
 
 /// Time for which f settles before something goes wrong, or after.
 const SETTLING: Duration = Duration::from_secs(1);
-/// Time for which is watched what came of it.
+/// Time for which the robot is watched after the onset.
 const WATCHING: Duration = Duration::from_millis(2_500);
 /// Chance moves the onset by up to one turn of the rotors and one command.
 const DITHER: Duration = Duration::from_millis(50);
@@ -51,7 +51,7 @@ pub enum Onset {
     Starting,
     /// While f and theta are held.
     Holding,
-    /// While f is on its way from one sense to the other.
+    /// While f is on its way from one sign to the other.
     Reversing,
 }
 
@@ -104,7 +104,7 @@ pub struct Case {
 
 /// For good.
 const STAYS: Duration = Duration::from_secs(3_600);
-/// A robot can tell commands that stay away from commands that are late when their deadline is over.
+/// The robot knows that commands stay away, and are not merely late, once their deadline is over.
 const DEADLINE: Duration = flix_protocol::failsafe::COMMAND_DEADLINE;
 const WIFI: ChannelParameters = ChannelParameters::QUIET_WIFI;
 

@@ -1,8 +1,8 @@
-//! Days of trouble in virtual time.
+//! Soak test: hours of random commands, faults and link trouble in virtual time.
 //!
-//! Robots live side by side, each with two operators who hold its key and one who does not. Life goes in episodes:
-//! for some seconds chance commands, breaks the hardware, spoils network and clocks; then all is mended, and the first
-//! operator has to get the robot shaking again. In every tick, [`Rule`]s are checked against the plant's truth.
+//! Several robots run side by side, each with two operators who hold its key and one who does not. A [`Scenario`] goes
+//! in episodes: for some seconds chance commands, breaks the hardware, spoils network and clocks; then all is mended,
+//! and the first operator has to get the robot shaking again. In every tick, [`Rule`]s are checked against the plant's truth.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -73,11 +73,11 @@ const RECOVERY_LIMIT: Duration = Duration::from_secs(30);
 const WATCHDOG: Duration = Duration::from_millis(200);
 /// Mean time between two things that chance does.
 const PACE: f64 = 0.25;
-/// A robot's life is at most so long: more than the 71.6 minutes in which 32 bits of microseconds come round. There are
+/// Longest scenario of one robot: more than the 71.6 minutes in which 32 bits of microseconds come round. There are
 /// at least two at a time.
-const LONGEST_LIFE: Duration = Duration::from_secs(7_200);
+const LONGEST_SCENARIO: Duration = Duration::from_secs(7_200);
 
-/// What came of it.
+/// Verdict of a soak test.
 #[derive(Debug, Clone, Serialize)]
 pub struct Verdict {
     /// Which robots.
@@ -104,15 +104,15 @@ pub struct Verdict {
     pub violations: BTreeMap<Rule, u64>,
     /// The first few, in words.
     pub examples: Vec<String>,
-    /// Lives that ended in a panic.
+    /// Scenarios that ended in a panic.
     pub panics: u64,
-    /// By how much the process grew from the first to the last quarter; none where the system does not tell.
+    /// By how much the process grew from the first to the last quarter; none where the system does not report it.
     pub growth_bytes: Option<i64>,
     /// Whether no rule was broken, nothing panicked, and memory stayed flat.
     pub pass: bool,
 }
 
-/// So much virtual time, shared by several robots. `done` is told each virtual second.
+/// Runs several robots for this virtual time in all. `done` is called after each virtual second.
 ///
 /// # Errors
 /// When a robot cannot be armed while all is well, or diverges.
@@ -121,27 +121,30 @@ pub fn measure(
     total: Duration,
     done: impl Fn(u64) + Sync,
 ) -> Result<Verdict, BenchError> {
-    let robots = total.as_secs().div_ceil(LONGEST_LIFE.as_secs()).max(2);
+    let robots = total.as_secs().div_ceil(LONGEST_SCENARIO.as_secs()).max(2);
     let length = total / robots as u32;
     let memory = Memory::new(total);
-    let lives: Vec<Option<Account>> = (0..robots)
+    let accounts: Vec<Option<Account>> = (0..robots)
         .into_par_iter()
         .map(|robot| {
-            let live = || {
-                Life::new(seed.wrapping_mul(1_000_003).wrapping_add(robot))?.live(length, &|| {
-                    memory.look();
-                    done(1);
-                })
+            let scenario = || {
+                Scenario::new(seed.wrapping_mul(1_000_003).wrapping_add(robot))?.run(
+                    length,
+                    &|| {
+                        memory.look();
+                        done(1);
+                    },
+                )
             };
-            match catch_unwind(AssertUnwindSafe(live)) {
+            match catch_unwind(AssertUnwindSafe(scenario)) {
                 Ok(account) => account.map(Some),
                 Err(_) => Ok(None),
             }
         })
         .collect::<Result<_, BenchError>>()?;
-    let panics = lives.iter().filter(|life| life.is_none()).count() as u64;
+    let panics = accounts.iter().filter(|account| account.is_none()).count() as u64;
     let mut sum = Account::default();
-    for account in lives.into_iter().flatten() {
+    for account in accounts.into_iter().flatten() {
         sum.add(account);
     }
     let growth_bytes = memory.growth();
@@ -199,7 +202,7 @@ impl Memory {
     }
 }
 
-/// Bytes, where the system tells (Linux).
+/// Returns the resident memory of this process in bytes, where the system reports it (Linux).
 fn resident() -> Option<u64> {
     /// Of every system that this is run on.
     const PAGE: u64 = 4_096;
@@ -207,7 +210,7 @@ fn resident() -> Option<u64> {
     Some(text.split(' ').nth(1)?.parse::<u64>().ok()? * PAGE)
 }
 
-/// What happened in one life.
+/// What happened in one scenario.
 #[derive(Debug, Clone, Default)]
 struct Account {
     episodes: u64,
@@ -249,7 +252,7 @@ impl Account {
 }
 
 /// One robot, those who want it, and all that goes wrong with it.
-struct Life {
+struct Scenario {
     operation: Operation<Plant>,
     random: Xoshiro256PlusPlus,
     seed: u64,
@@ -262,7 +265,7 @@ struct Life {
     next_second: Instant,
 }
 
-impl Life {
+impl Scenario {
     fn new(seed: u64) -> Result<Self, BenchError> {
         let base = BASES[(seed % 2) as usize];
         let flash = learnt(base, seed)?;
@@ -282,10 +285,10 @@ impl Life {
         })
     }
 
-    fn live(mut self, length: Duration, second: &dyn Fn()) -> Result<Account, BenchError> {
+    fn run(mut self, length: Duration, second: &dyn Fn()) -> Result<Account, BenchError> {
         let end = self.operation.now() + length;
         while self.operation.now() < end {
-            self.suffer(second)?;
+            self.inject(second)?;
             self.mend(second)?;
             self.recover(second)?;
         }
@@ -300,9 +303,9 @@ impl Life {
         lowest + (highest - lowest) * self.random.random::<f64>()
     }
 
-    /// Some seconds in which chance does something all the time.
-    fn suffer(&mut self, second: &dyn Fn()) -> Result<(), BenchError> {
-        self.seclude(ChannelParameters::QUIET_WIFI);
+    /// Injects random commands, faults and link trouble for some seconds.
+    fn inject(&mut self, second: &dyn Fn()) -> Result<(), BenchError> {
+        self.isolate(ChannelParameters::QUIET_WIFI);
         let end = self.operation.now() + Duration::from_secs_f64(self.between(4.0, 20.0));
         while self.operation.now() < end {
             match self.below(10) {
@@ -312,12 +315,12 @@ impl Life {
                 _ => self.command()?,
             }
             let pause = -PACE * (1.0 - self.random.random::<f64>()).ln();
-            self.run(Duration::from_secs_f64(pause.min(3.0)), second)?;
+            self.advance(Duration::from_secs_f64(pause.min(3.0)), second)?;
         }
         Ok(())
     }
 
-    fn run(&mut self, duration: Duration, second: &dyn Fn()) -> Result<(), BenchError> {
+    fn advance(&mut self, duration: Duration, second: &dyn Fn()) -> Result<(), BenchError> {
         let end = self.operation.now() + duration;
         while self.operation.now() < end {
             self.tick(second)?;
@@ -336,7 +339,7 @@ impl Life {
         Ok(())
     }
 
-    /// Operators read what they are told, and try again when they failed.
+    /// Lets the operators read their updates, and connect again after a failure.
     fn listen(&mut self) {
         let now = self.operation.now();
         for (operator, retry) in self.operation.operators.iter_mut().zip(&mut self.retry) {
@@ -492,7 +495,7 @@ impl Life {
             operator.to_robot.parameters = ChannelParameters::QUIET_WIFI;
             operator.to_operator.parameters = ChannelParameters::QUIET_WIFI;
         }
-        self.seclude(ChannelParameters::CUT);
+        self.isolate(ChannelParameters::CUT);
         self.retry = [None; 3];
         if !self.operation.operators[0].client.is_connected(self.shown()) {
             self.retry[0] = Some(now + Duration::from_millis(500));
@@ -501,7 +504,7 @@ impl Life {
     }
 
     /// Puts all operators but the first on this network.
-    fn seclude(&mut self, network: ChannelParameters) {
+    fn isolate(&mut self, network: ChannelParameters) {
         for operator in &mut self.operation.operators[1..] {
             operator.to_robot.parameters = network;
             operator.to_operator.parameters = network;
@@ -565,12 +568,12 @@ impl Life {
     fn insist(&mut self, wanted: Setpoint) {
         let now = self.shown();
         let client = self.operation.client();
-        let Some(told) = client.telemetry().copied() else { return };
-        if told.stopped || !told.faults.is_empty() {
+        let Some(telemetry) = client.telemetry().copied() else { return };
+        if telemetry.stopped || !telemetry.faults.is_empty() {
             client.request(now, Command::Clear);
-        } else if told.state == State::Disarmed {
+        } else if telemetry.state == State::Disarmed {
             client.request(now, Command::Arm);
-        } else if matches!(told.state, State::Armed | State::Running) {
+        } else if matches!(telemetry.state, State::Armed | State::Running) {
             client.hold(now, wanted);
         }
     }
@@ -680,7 +683,7 @@ impl Watch {
             }
             _ => 0.0,
         };
-        // A bridge that nobody tells anything any more does what it will.
+        // A bridge that gets no orders is under no limit.
         let hangs = matches!(breakage, Some((HardwareFault::Processor(Processor::Hangs), _)));
         if current <= f64::from(settings.over_current) + error || hangs {
             self.excess = None;
@@ -692,9 +695,9 @@ impl Watch {
 
     fn spins_disarmed(&mut self, operation: &Operation<Plant>, truth: &Truth) -> bool {
         let robot = &operation.robot;
-        let is_let_down = matches!(robot.report().state, State::Disarmed | State::Faulted)
+        let is_off = matches!(robot.report().state, State::Disarmed | State::Faulted)
             && robot.processor() <= Processor::IsDeaf;
-        if !is_let_down || truth.is_slower_than(REST_HZ) {
+        if !is_off || truth.is_slower_than(REST_HZ) {
             self.spinning = None;
             return false;
         }
@@ -748,17 +751,17 @@ mod tests {
     use crate::rig::robot::Disturbance;
 
     #[test]
-    fn two_robots_live_through_a_minute_of_trouble() {
+    fn two_robots_come_through_a_minute_of_trouble() {
         let verdict = measure(1, Duration::from_secs(60), |_| ()).unwrap();
         let broken: u64 = verdict.violations.values().sum();
         assert_eq!((broken, verdict.panics), (0, 0), "{:#?}", verdict.examples);
         assert!(verdict.hardware_faults > 10 && verdict.episodes > 1, "{verdict:?}");
     }
 
-    /// A bridge that lost its supply: whatever it is told, it lets go.
-    struct LetGo;
+    /// Bridges without supply: they coast, whatever they are ordered.
+    struct Unsupplied;
 
-    impl Disturbance for LetGo {
+    impl Disturbance for Unsupplied {
         fn actuation(&mut self, _now: Instant, actuation: &mut Actuation) {
             *actuation = Actuation::OFF;
         }
@@ -767,13 +770,13 @@ mod tests {
     /// What checks the rules must be able to see them broken.
     #[test]
     fn rotors_that_nothing_brakes_are_seen_to_spin_disarmed() {
-        let mut life = Life::new(2).unwrap();
-        life.seclude(ChannelParameters::CUT);
-        life.operation.arm().unwrap();
-        life.operation.hold(setpoint(30.0, 0.0).unwrap());
-        life.run(Duration::from_secs(1), &|| ()).unwrap();
-        life.operation.robot.disturb(LetGo);
-        life.run(Duration::from_secs(3), &|| ()).unwrap();
-        assert_eq!(life.account.violations[Rule::SpinsDisarmed as usize], 1);
+        let mut scenario = Scenario::new(2).unwrap();
+        scenario.isolate(ChannelParameters::CUT);
+        scenario.operation.arm().unwrap();
+        scenario.operation.hold(setpoint(30.0, 0.0).unwrap());
+        scenario.advance(Duration::from_secs(1), &|| ()).unwrap();
+        scenario.operation.robot.disturb(Unsupplied);
+        scenario.advance(Duration::from_secs(3), &|| ()).unwrap();
+        assert_eq!(scenario.account.violations[Rule::SpinsDisarmed as usize], 1);
     }
 }

@@ -68,7 +68,7 @@ pub struct Operator {
     pub to_robot: Channel,
     /// Back.
     pub to_operator: Channel,
-    /// What his client tells the time by.
+    /// The clock of his client.
     pub clock: Clock,
 }
 
@@ -224,7 +224,7 @@ impl<M: Mechanics> Operation<M> {
         Ok(())
     }
 
-    /// Runs until the first operator is told something that `pick` takes.
+    /// Runs until the first operator gets an update that `pick` takes.
     fn await_update<T>(
         &mut self,
         awaited: &'static str,
@@ -310,7 +310,7 @@ impl<M: Mechanics> Operation<M> {
     /// # Errors
     /// When a fault comes up instead, or it takes too long.
     pub fn await_state(&mut self, states: &[State]) -> Result<(), OperationError> {
-        // What was told before this was asked is old.
+        // Updates from before this request are old.
         while self.client().update().is_some() {}
         self.await_update("the awaited state", |update| match update {
             Update::Telemetry(telemetry) if states.contains(&telemetry.state) => Some(Ok(())),

@@ -34,7 +34,7 @@ pub const SIMULATED_BOARD: Hardware = Hardware {
 /// What a simulated robot is, besides its mechanics.
 #[derive(Clone)]
 pub struct RobotParameters {
-    /// Electrical part; its board is what the software is told about.
+    /// Electrical part; its board is what the software is built for.
     pub electronics: ElectronicsParameters,
     /// What the robot calls itself.
     pub name: &'static str,
@@ -117,7 +117,7 @@ pub enum Processor {
     Runs,
     /// Its slow half hangs: the fast loop goes on, but no datagram is taken and none is sent.
     IsDeaf,
-    /// It hangs: the bridges keep doing what they were told last.
+    /// It hangs: the bridges keep their last orders.
     Hangs,
     /// It is without power or in its boot loader: the bridges are off. When it runs again the software starts anew.
     Restarts,
@@ -131,7 +131,7 @@ pub trait Disturbance {
     }
     /// Changes what the sensors show.
     fn sensors(&mut self, _now: Instant, _sensors: &mut Sensors) {}
-    /// Changes what the bridges are told.
+    /// Changes the orders of the bridges.
     fn actuation(&mut self, _now: Instant, _actuation: &mut Actuation) {}
     /// Changes motors and battery.
     fn electronics(&mut self, _now: Instant, _electronics: &mut Electronics) {}
@@ -363,7 +363,7 @@ impl<M: Mechanics> SimulatedRobot<M> {
         self.electronics.battery_mut().recharge(charge);
     }
 
-    /// What the bridges were told last.
+    /// Returns the last orders of the bridges.
     #[must_use]
     pub fn actuation(&self) -> Actuation {
         self.actuation

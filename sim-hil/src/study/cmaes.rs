@@ -136,7 +136,7 @@ impl Cmaes {
         (eigen.eigenvectors, eigen.eigenvalues.map(|value| value.max(1e-20).sqrt()))
     }
 
-    /// Points of this generation, not mirrored: the same until [`Cmaes::tell`].
+    /// Points of this generation, not mirrored: the same until [`Cmaes::update`].
     #[must_use]
     pub fn ask(&self) -> Vec<Vec<f64>> {
         let n = self.mean.len();
@@ -156,7 +156,7 @@ impl Cmaes {
 
     /// Moves on with the values of the points of [`Cmaes::ask`], in order. What is not a number counts as the
     /// worst.
-    pub fn tell(&mut self, points: &[Vec<f64>], values: &[f64]) {
+    pub fn update(&mut self, points: &[Vec<f64>], values: &[f64]) {
         let n = self.mean.len();
         let c = Constants::new(n);
         let mut order: Vec<usize> = (0..points.len().min(values.len())).collect();
@@ -211,7 +211,7 @@ mod tests {
         for generation in 0..generations {
             let points = search.ask();
             let values: Vec<f64> = points.iter().map(|p| value(p, generation)).collect();
-            search.tell(&points, &values);
+            search.update(&points, &values);
         }
         search.mean().iter().zip(goal).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
     }
@@ -240,7 +240,7 @@ mod tests {
         let advance = |search: &mut Cmaes| {
             let points = search.ask();
             let values: Vec<f64> = points.iter().map(|p| p.iter().map(|x| x * x).sum()).collect();
-            search.tell(&points, &values);
+            search.update(&points, &values);
         };
         let mut whole = Cmaes::new(&[0.3, 0.9, 0.1], 0.1, 1);
         advance(&mut whole);

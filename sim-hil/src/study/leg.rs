@@ -2,14 +2,14 @@
 //!
 //! A leg is clamped at its root and hangs down, its foot on (without the foot's inertia the beam's torsion would
 //! be over within a camera's frame). A load pulls its tip across the beam, at an angle about the beam's axis from
-//! body x towards body y, attached beside the axis by a lever in the direction of the pull's left; then it is let
-//! go. Measured are the tip's displacement and rotation vector from the unloaded rest, in world axes. The paper
+//! body x towards body y, attached beside the axis by a lever in the direction of the pull's left; then it is
+//! released. Measured are the tip's displacement and rotation vector from the unloaded rest, in world axes. The paper
 //! gives neither the plane in which it counts -60, 0 and 60 degrees, nor the load, nor where it is attached: these
 //! are our reading, and load and lever are parameters. Without a lever nothing twists and k_twist stays unknown.
 //!
 //! Searched is S = {k_bend, k_twist, b_bend, b_twist} with the least square error of position and rotation
 //! (equation 2; rotations times the beam's length): CMA-ES over the logarithms finds the valley,
-//! Levenberg-Marquardt its bottom, and its matrix tells how certain each value is.
+//! Levenberg-Marquardt its bottom, and its matrix gives the uncertainty of each value.
 
 use std::path::Path;
 
@@ -269,7 +269,7 @@ fn decode(point: &[f64]) -> Stiffness {
     })
 }
 
-/// Finds S. `told` hears of every generation of the first search.
+/// Finds S. `report` is called after every generation of the first search.
 ///
 /// # Errors
 /// When no leg of the searched ranges bears the load.
@@ -277,7 +277,7 @@ pub fn identify(
     rig: &Rig,
     measured: &[Sample],
     seed: u64,
-    mut told: impl FnMut(u64),
+    mut report: impl FnMut(u64),
 ) -> Result<Identified, ProbeError> {
     let deviation = |values: Stiffness| -> Result<Vec<f64>, ProbeError> {
         Ok(deviations(&rig.simulate(values, measured)?, measured))
@@ -293,8 +293,8 @@ pub fn identify(
                 deviation(decode(&inside(point))).map_or(f64::INFINITY, |d| square(&d))
             })
             .collect();
-        search.tell(&points, &values);
-        told(search.generation());
+        search.update(&points, &values);
+        report(search.generation());
     }
 
     let mut values = decode(&search.mean());

@@ -122,18 +122,18 @@ impl Sweep {
         let variant = &self.variants[cell / per_variant];
         let (f, theta) = self.pairs[cell % per_variant / self.seeds as usize];
         let seed = self.first_seed.wrapping_add((cell % self.seeds as usize) as u64);
-        let sense = if self.mirrored { -1.0 } else { 1.0 };
-        let told = |error: &dyn std::fmt::Display| {
+        let sign = if self.mirrored { -1.0 } else { 1.0 };
+        let failed = |error: &dyn std::fmt::Display| {
             format!("{} at {f} Hz, {theta} degrees, seed {seed}: {error}", variant.name)
         };
         let what = Walk {
-            setpoint: setpoint(sense * f, sense * theta).map_err(|error| told(&error))?,
+            setpoint: setpoint(sign * f, sign * theta).map_err(|error| failed(&error))?,
             seconds: self.seconds,
             drive: self.drive,
             step: self.step,
         };
         let model = scattered(&variant.model, self.scatter, seed);
-        let walked = walk(&model, &what, seed, |_| {}).map_err(|error| told(&error))?;
+        let walked = walk(&model, &what, seed, |_| {}).map_err(|error| failed(&error))?;
         Ok(vec![
             Value::Text(variant.name.clone()),
             f.into(),

@@ -2,7 +2,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::*;
 
-/// Squares of the cells' numbers, counted, failing from one cell on when told.
+/// Squares of the cells' numbers, counted, failing from one cell on when asked to.
 struct Squares {
     cells: usize,
     scale: f64,

@@ -32,15 +32,15 @@ fn an_operator_who_was_not_there_sees_how_much_he_missed() {
     let mut bench = Bench::connected();
     bench.wait(Duration::from_millis(5));
     bench.operator.events.clear();
-    // Each stop that is cleared makes two events; nobody is told of them.
+    // Each stop that is cleared makes two events; nobody gets them.
     for _ in 0..EVENTS {
         bench.hold_deaf(Command::Stop);
         bench.hold_deaf(Command::Clear);
     }
     bench.wait(Duration::from_millis(5));
-    let told = numbers(&bench);
-    assert_eq!(told.len(), EVENTS);
-    assert!(told[0] > 3, "the oldest are gone: {told:?}");
+    let reported = numbers(&bench);
+    assert_eq!(reported.len(), EVENTS);
+    assert!(reported[0] > 3, "the oldest are gone: {reported:?}");
 }
 
 #[test]
@@ -48,6 +48,6 @@ fn telemetry_comes_as_often_as_it_is_set() {
     let mut bench = Bench::armed();
     bench.operator.telemetry.clear();
     bench.hold(Command::Setpoint(setpoint(10.0, 0.0)), Duration::from_secs(1));
-    let told = bench.operator.telemetry.len();
-    assert!((49..=51).contains(&told), "{told}");
+    let reported = bench.operator.telemetry.len();
+    assert!((49..=51).contains(&reported), "{reported}");
 }

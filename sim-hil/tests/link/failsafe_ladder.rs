@@ -86,9 +86,9 @@ fn pings_do_not_start_a_robot_that_ramped_down() {
 fn each_step_is_told_once_and_in_order() {
     let mut bench = silent_for(LINK_LOST);
     bench.wait(Duration::from_millis(10));
-    let mut told = bench.events();
-    told.retain(|event| {
+    let mut events = bench.events();
+    events.retain(|event| {
         matches!(event, Event::LinkLate | Event::CommandDeadline | Event::LinkLost)
     });
-    assert_eq!(told, [Event::LinkLate, Event::CommandDeadline, Event::LinkLost]);
+    assert_eq!(events, [Event::LinkLate, Event::CommandDeadline, Event::LinkLost]);
 }

@@ -8,7 +8,7 @@ use flix_protocol::session::HOLDER_SILENCE;
 
 use crate::bench::{Bench, Operator, TICK, key, setpoint};
 
-/// Lets a stranger try to connect for so long while the first operator holds his setpoint. Tells
+/// Lets a stranger try to connect for so long while the first operator holds his setpoint. Returns
 /// whether the stranger got in.
 fn intrude(bench: &mut Bench, duration: Duration) -> bool {
     let mut stranger = Operator::new(key(), 2, bench.now());

@@ -1,4 +1,4 @@
-//! One leg, clamped at its root, loaded at its tip and let go: the paper's release test (section II-C).
+//! One leg, clamped at its root, loaded at its tip and released: the paper's release test (section II-C).
 
 use serde::Serialize;
 
@@ -20,7 +20,7 @@ pub struct LegProbe {
     pub displacement_mm: [f64; 3],
     /// Rotation vector of the same, degrees.
     pub rotation_deg: [f64; 3],
-    /// After the load is let go.
+    /// After the release.
     pub ring_down: RingDown,
 }
 
@@ -36,7 +36,7 @@ pub struct RingDown {
 }
 
 /// Loads the tip of one leg (in the order of [`crate::model::LEGS`]) with a wrench in world axes, waits
-/// until it rests, lets go, and watches. The body is held, the floor taken away; the foot stays on.
+/// until it rests, releases it, and watches. The body is held, the floor taken away; the foot stays on.
 ///
 /// # Errors
 /// When the model is refused or has no legs, when the leg cannot bear the load, or when the load is too small
@@ -87,7 +87,7 @@ pub struct TipMotion {
     pub rotation: [f64; 3],
 }
 
-/// Motion of a clamped leg's tip after a load on it is let go: at the release, then after every step.
+/// Motion of a clamped leg's tip after a load on it is released: at the release, then after every step.
 ///
 /// # Errors
 /// As [`leg`].

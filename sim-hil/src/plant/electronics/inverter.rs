@@ -3,7 +3,7 @@
 //! A phase stands at `duty x bus`, less what dead time takes: while neither switch conducts the current's
 //! sign decides (Holtz 1992), which takes `dead time x PWM frequency` of the bus from the side that
 //! drives the current. Near zero current the ripple crosses zero within the period and the loss fades.
-//! A bridge that is let go feeds what current there is back to the bus through its diodes, until it is
+//! A coasting bridge feeds what current there is back to the bus through its diodes, until it is
 //! spent or the motor's back EMF no longer exceeds the bus.
 
 use flix_firmware::hardware::{Bridge, Duty, Hardware};
@@ -106,7 +106,7 @@ enum Rail {
     High,
 }
 
-/// Where the diodes hold the wires of a motor that was let go.
+/// Where the diodes hold the wires of a coasting motor.
 fn freewheel(bus: f64, currents: [f64; 3], sweep: &Sweep) -> Drive {
     let rails = currents.map(|current| match current {
         into_motor if into_motor > CURRENT_IS_NONE => Some(Rail::Low),

@@ -87,7 +87,7 @@ struct Chain {
     decay: Decay,
     encoder: Encoder,
     current_sensor: Option<CurrentSensor>,
-    /// What the bridge was told in the tick before.
+    /// Order of the bridge in the tick before.
     bridge: Bridge,
 }
 
@@ -98,7 +98,7 @@ pub struct Ledger {
     pub battery: f64,
     /// Heat in the battery and its leads.
     pub battery_heat: f64,
-    /// Heat in the diodes of bridges that were let go.
+    /// Heat in the diodes of coasting bridges.
     pub diodes: f64,
     /// Heat in the windings.
     pub copper: f64,
@@ -152,7 +152,7 @@ impl Electronics {
         electronics
     }
 
-    /// What the robot's software is told at the start of a tick.
+    /// Returns what the robot's software reads at the start of a tick.
     pub fn sense(&mut self, mechanics: &impl Mechanics) -> Sensors {
         let (angle, speed) = (mechanics.rotor_angle(), mechanics.rotor_speed());
         let (ticks, random) = (self.ticks, &mut self.random);

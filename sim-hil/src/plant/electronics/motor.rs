@@ -148,7 +148,7 @@ impl Motor {
         self.open[phase] = broken;
     }
 
-    /// Electrical angle at this rotor angle, in the sense of the phase order, rad.
+    /// Electrical angle at this rotor angle, in the direction of the phase order, rad.
     fn electrical_angle(&self, rotor_angle: f64) -> f64 {
         self.phase_order
             * (f64::from(self.parameters.pole_pairs) * rotor_angle + self.electrical_offset)

@@ -65,7 +65,7 @@ pub struct LegModel<F> {
 /// so that under a steady push a foot creeps for ever.
 ///
 /// A corner that has crept slower than [`REST_SPEED`] for [`REST_TIME`] therefore comes to **stand**: the
-/// edges of its friction directions stay in pairs, a spring of the same `k` with the strain of its grip
+/// edges of its friction directions stay in pairs, a spring of the same `k` of its tangential strain
 /// joins them, and Coulomb's circle `|T| <= m N` limits the sum. It holds without creep what friction can
 /// hold, gives way beyond that, and slides again above [`SLIDE_SPEED`]. (Friction that grows while surfaces
 /// rest is the usual finding: Dieterich 1979.)
@@ -96,8 +96,8 @@ pub struct LegState<F> {
     pub active: [[[F; 2]; FRICTIONS]; CORNERS],
     /// How long each corner has been slow on the floor, s; it stands from [`REST_TIME`] on.
     pub rest: [F; CORNERS],
-    /// Strain of a standing corner's grip along world x and y, m.
-    pub grip: [[F; 2]; CORNERS],
+    /// Tangential strain of a standing corner along world x and y, m.
+    pub tangential_strain: [[F; 2]; CORNERS],
     /// Share of its friction that a standing corner's limit leaves: tangents, torsion, two rolling axes.
     pub share: [[F; 4]; CORNERS],
     /// Force of the floor on the foot in the last step, N, world axes.
@@ -114,7 +114,7 @@ impl<F: Lane> LegState<F> {
             acceleration: [o; 6],
             active: [[[o; 2]; FRICTIONS]; CORNERS],
             rest: [o; CORNERS],
-            grip: [[o; 2]; CORNERS],
+            tangential_strain: [[o; 2]; CORNERS],
             share: [[F::splat(1.0); 4]; CORNERS],
             force: Vec3::zero(),
         }
@@ -155,8 +155,8 @@ pub struct LegStep<F> {
     pub point: [Vec3<F>; 4],
     /// Torque on each hinge.
     torque: [F; 6],
-    /// Resistance of each hinge to an acceleration.
-    pivot: [F; 6],
+    /// Joint-space inertia that stiffness and damping of each hinge add in an implicit step, kg m^2.
+    implicit_inertia: [F; 6],
     corner: [Corner<F>; CORNERS],
     touching: bool,
     /// Half the step.
@@ -213,7 +213,7 @@ impl<F: Lane> LegStep<F> {
             frame: [Mat3::zero(); 3],
             point: [Vec3::zero(); 4],
             torque: [o; 6],
-            pivot: [o; 6],
+            implicit_inertia: [o; 6],
             corner: [Corner {
                 at: Vec3::zero(),
                 weight: o,
@@ -270,7 +270,7 @@ impl<F: Lane> LegStep<F> {
                 start += self.axis[j].scale(s.speed[j]);
                 self.torque[j] = -(m.stiffness[j] * (s.angle[j] + half * s.speed[j]))
                     - m.damping[j] * s.speed[j];
-                self.pivot[j] = half * m.damping[j] + quarter * m.stiffness[j];
+                self.implicit_inertia[j] = half * m.damping[j] + quarter * m.stiffness[j];
             }
             let inertia = if k < 2 {
                 let center = point + frame.column(1).scale(m.segment * c(0.5));
@@ -341,8 +341,8 @@ impl<F: Lane> LegStep<F> {
                 weight,
                 normal: b * v.0[2] + k * gap,
                 tangent: [
-                    mu[0] * (b * v.0[0] + k * (s.grip[j][0] + self.half * v.0[0])),
-                    mu[1] * (b * v.0[1] + k * (s.grip[j][1] + self.half * v.0[1])),
+                    mu[0] * (b * v.0[0] + k * (s.tangential_strain[j][0] + self.half * v.0[0])),
+                    mu[1] * (b * v.0[1] + k * (s.tangential_strain[j][1] + self.half * v.0[1])),
                     mu[2] * (b * w.0[2]),
                     mu[3] * (b * w.0[0]),
                     mu[4] * (b * w.0[1]),
@@ -354,9 +354,9 @@ impl<F: Lane> LegStep<F> {
         self.touching = lowest.any_negative();
     }
 
-    /// The contact's share of the equations for the present choice of active edges.
+    /// Assembles the contact's share of the equations for the present choice of active edges.
     #[inline(always)]
-    pub fn grip(&mut self, m: &LegModel<F>, s: &LegState<F>) {
+    pub fn assemble_contact(&mut self, m: &LegModel<F>, s: &LegState<F>) {
         if !self.touching {
             return;
         }
@@ -447,7 +447,7 @@ impl<F: Lane> LegStep<F> {
         for j in (0..6).rev() {
             let axis = self.axis[j];
             let reach = inertia.apply(axis);
-            let inverse = F::splat(1.0) / (axis.dot(reach) + self.pivot[j]);
+            let inverse = F::splat(1.0) / (axis.dot(reach) + self.implicit_inertia[j]);
             let share = reach.scale(inverse);
             let drive = self.torque[j] - axis.dot(bias);
             inertia = inertia.without(reach, share);
@@ -510,7 +510,7 @@ impl<F: Lane> LegStep<F> {
         changed.any_negative()
     }
 
-    /// Ends the step: hinges and grip move on. Returns energy lost in the hinges and given to the floor, J.
+    /// Ends the step: hinges and tangential strain move on. Returns energy lost in the hinges and given to the floor, J.
     #[inline(always)]
     pub fn finish(&self, m: &LegModel<F>, s: &mut LegState<F>, x: Spatial<F>, h: F) -> (F, F) {
         let half = h * F::splat(0.5);
@@ -541,7 +541,7 @@ impl<F: Lane> LegStep<F> {
         (self.point[2] + frame.apply(m.foot_center), frame.product(&m.foot_half))
     }
 
-    /// Moves each corner's rest and grip on.
+    /// Updates each corner's time of rest and tangential strain.
     #[inline(always)]
     fn strain(&self, m: &LegModel<F>, s: &mut LegState<F>, x: Spatial<F>, h: F) {
         let c = F::splat;
@@ -582,11 +582,12 @@ impl<F: Lane> LegStep<F> {
                 let share = one.min(limit[i] * p.load / (pull[i] + c(1e-12)));
                 s.share[j][i] = stands.negative_then(share, one);
             }
-            let strain = [s.grip[j][0] + h * v[0], s.grip[j][1] + h * v[1]];
+            let strain =
+                [s.tangential_strain[j][0] + h * v[0], s.tangential_strain[j][1] + h * v[1]];
             let length = (strain[0] * strain[0] + strain[1] * strain[1]).sqrt();
             let most = mu[0] * p.load / (full[0] * m.foot.stiffness);
             let keep = stands.negative_then(one.min(most / (length + c(1e-12))), o);
-            s.grip[j] = [strain[0] * keep, strain[1] * keep];
+            s.tangential_strain[j] = [strain[0] * keep, strain[1] * keep];
         }
     }
 

@@ -75,7 +75,7 @@ pack_struct! {
     RigidInertia { mass, moment, inertia }
     Rotor { angle, turns, speed, acceleration }
     Foot { friction, damping, stiffness, regularisation, impedance }
-    LegState { angle, speed, acceleration, active, rest, grip, share, force }
+    LegState { angle, speed, acceleration, active, rest, tangential_strain, share, force }
     LegModel {
         root, frame, twist, stiffness, damping, segment, mass, inertia, end_mass, end_center,
         end_inertia, foot_center, foot_half, foot

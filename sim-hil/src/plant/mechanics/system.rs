@@ -113,7 +113,8 @@ struct RotorStep<B> {
     inertia: RigidInertia<B>,
     bias: Spatial<B>,
     reach: Spatial<B>,
-    pivot: B,
+    /// Joint-space inertia, kg m^2.
+    joint_inertia: B,
     drive: B,
 }
 
@@ -143,7 +144,7 @@ impl<B: Lane> RotorStep<B> {
             inertia,
             bias,
             reach,
-            pivot: axis.dot(reach),
+            joint_inertia: axis.dot(reach),
             drive: torque - axis.dot(bias),
         }
     }
@@ -203,7 +204,7 @@ pub fn advance<B, L, const G: usize>(
         matrix = matrix + r.inertia.articulated();
         rest += r.bias;
         if !c.ideal {
-            let share = r.reach.scale(B::splat(1.0) / r.pivot);
+            let share = r.reach.scale(B::splat(1.0) / r.joint_inertia);
             matrix = matrix.without(r.reach, share);
             rest += share.scale(r.drive);
         }
@@ -220,7 +221,7 @@ pub fn advance<B, L, const G: usize>(
         let (acceleration, used) = if c.ideal {
             (B::splat(0.0), r.axis.dot(r.inertia.apply(x) + r.bias))
         } else {
-            ((r.drive - r.reach.dot(x)) / r.pivot, torque[i])
+            ((r.drive - r.reach.dot(x)) / r.joint_inertia, torque[i])
         };
         shaker = shaker - (r.inertia.apply(x + r.axis.scale(acceleration)) + r.bias);
         let rotor = &mut s.rotors[i];
@@ -280,7 +281,7 @@ where
         let mut inertia = [Articulated::zero(); G];
         let mut bias = [Spatial::zero(); G];
         for g in 0..G {
-            steps[g].grip(&legs[g], &s.legs[g]);
+            steps[g].assemble_contact(&legs[g], &s.legs[g]);
             (inertia[g], bias[g]) = steps[g].eliminate();
         }
         let a = *matrix + Articulated::gather(&inertia);

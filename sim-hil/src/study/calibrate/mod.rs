@@ -170,20 +170,20 @@ pub enum CalibrationError {
     NoLegs(String),
 }
 
-/// Searches to the end, or goes on with what is kept. `told` hears of every generation.
+/// Searches to the end, or goes on with what is kept. `report` is called after every generation.
 ///
 /// # Errors
 /// See [`CalibrationError`]; finished generations are kept.
 pub fn calibrate(
     settings: &Settings,
-    mut told: impl FnMut(&Progress),
+    mut report: impl FnMut(&Progress),
 ) -> Result<(RobotModel, Progress), CalibrationError> {
     if settings.base.legs.is_none() {
         return Err(CalibrationError::NoLegs(settings.base.name.clone()));
     }
     let unknowns = unknowns(settings.fit, settings.widen);
     let mut progress = begin(settings, &unknowns)?;
-    told(&progress);
+    report(&progress);
     while progress.search.generation() < settings.generations {
         let points = progress.search.ask();
         let mut tried: Vec<Vec<f64>> = points.iter().map(|point| inside(point)).collect();
@@ -199,9 +199,9 @@ pub fn calibrate(
             best: losses.iter().copied().fold(f64::INFINITY, f64::min),
             sigma: progress.search.sigma(),
         });
-        progress.search.tell(&points, &losses);
+        progress.search.update(&points, &losses);
         keep(settings, &progress)?;
-        told(&progress);
+        report(&progress);
     }
     Ok((apply(&unknowns, &settings.base, &progress.search.mean()), progress))
 }
