@@ -86,7 +86,7 @@ fn main() {
     let server = {
         let interrupt = interrupt.clone();
         std::thread::spawn(move || {
-            serve(robot, &socket, None, &interrupt, |_| ()).expect("it serves")
+            serve(robot, &socket, None, &interrupt, |_| Ok(())).expect("it serves")
         })
     };
     let mut operator = Connection::open(address, key, Interrupt::never()).expect("loopback");

@@ -2,62 +2,66 @@
 
 use std::process::ExitCode;
 
-use super::{Error, progress, tell, words};
+use super::Error;
+use super::output::{print_verdict, progress, row, table, words};
 use crate::reliability::adversary::{HANDSHAKE_LIMIT_S, Verdict, measure};
 
-/// Attack live robots over their link, and tell what came of it.
+/// Attack live robots over their link and count what the attack achieves
 ///
-/// Each robot has a twin that is left alone; the two must stay the same to the last bit.
+/// Each robot has a twin that is not attacked; the two must stay the same to the last bit.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  flix-sim adversary\n  flix-sim adversary --datagrams 500000 --bytes 5000000 --json"
 )]
 pub struct Args {
-    /// How many datagrams the attacker sends.
+    /// Number of datagrams that the attacker sends
     #[arg(long, default_value_t = 10_000_000)]
     datagrams: u64,
-    /// How many bytes decoders, sessions and the robot are fed.
+    /// Number of bytes fed to decoders, sessions and the robot
     #[arg(long, default_value_t = 100_000_000)]
     bytes: u64,
-    /// Which robots, and which attack.
+    /// Seed of the robots and of the attack
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Write the figures as JSON, and nothing else.
+    /// Print JSON only
     #[arg(long)]
     json: bool,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When a robot could not be armed even without an attack.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let bar = progress(args.datagrams + args.bytes, "attacking");
-    let verdict = measure(args.seed, args.datagrams, args.bytes, |datagrams, bytes| {
+    let measured = measure(args.seed, args.datagrams, args.bytes, |datagrams, bytes| {
         bar.inc(datagrams + bytes)
-    })?;
+    });
     bar.finish_and_clear();
-    tell(&verdict, verdict.pass, args.json, || table(&verdict))
+    print_verdict(measured, |verdict| verdict.pass, args.json, text)
 }
 
-fn table(verdict: &Verdict) -> String {
-    let mut text =
-        format!("{} datagrams against robots of seed {}:\n\n", verdict.datagrams, verdict.seed);
-    for (kind, count) in &verdict.kinds {
-        text += &format!("{:18} {count:>12}\n", words(kind));
-    }
-    text += "\ndropped for being\n";
-    for (name, count) in &verdict.dropped {
-        text += &format!("{:18} {count:>12}\n", name.replace('_', " "));
-    }
-    text += &format!(
-        "\nforgeries accepted {:>12}   limit 0\nmovements caused   {:>12}   limit 0\n\
-         handshake, s       {:>12.3}   limit {HANDSHAKE_LIMIT_S}\nticks missed       {:>12}   limit 0\n\
-         panics             {:>12}   limit 0, in {} fuzzed bytes\n\n",
-        verdict.accepted_forgeries,
-        verdict.movements,
-        verdict.handshake_s,
-        verdict.overruns,
-        verdict.panics,
+fn text(verdict: &Verdict) -> String {
+    let mut sent = vec![row!["sent", "datagrams"]];
+    sent.extend(verdict.kinds.iter().map(|(kind, count)| row![words(kind), count]));
+    let mut dropped = vec![row!["dropped as", "datagrams"]];
+    dropped.extend(verdict.dropped.iter().map(|(it, count)| row![it.replace('_', " "), count]));
+    let figures = [
+        row!["figure", "measured", "limit"],
+        row!["forgeries accepted", verdict.accepted_forgeries, 0],
+        row!["movements caused", verdict.movements, 0],
+        row!["handshake (s)", format!("{:.3}", verdict.handshake_s), HANDSHAKE_LIMIT_S],
+        row!["ticks missed", verdict.overruns, 0],
+        row!["panics", verdict.panics, 0],
+    ];
+    format!(
+        "{} datagrams and {} fuzzed bytes against robots of seed {}:\n\n{}\n{}\n{}\n{}\n",
+        verdict.datagrams,
         verdict.fuzzed_bytes,
-    );
-    text + if verdict.pass { "Nobody got in, nothing moved.\n" } else { "Not all within limits.\n" }
+        verdict.seed,
+        table(&sent),
+        table(&dropped),
+        table(&figures),
+        if verdict.pass { "Nobody got in, nothing moved." } else { "Not all within limits." }
+    )
 }

@@ -2,16 +2,17 @@
 
 use std::ops::RangeInclusive;
 use std::str::FromStr;
+use std::time::Duration;
 
 use flix_protocol::message::Setpoint;
 
 use crate::model::{LEGS, ModelError, RobotModel};
 use crate::rig::bench::setpoint;
 
-/// Which robot to simulate.
+/// Robot to simulate.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ModelArgs {
-    /// A model file (TOML), or the name of a shipped one: A, W, calibrated, bench-fixed, bench-planar
+    /// Model: a TOML file or the name of a shipped one (A, W, calibrated, bench-fixed, bench-planar)
     #[arg(long, value_name = "FILE|NAME", default_value = "W")]
     pub model: String,
 }
@@ -77,23 +78,21 @@ pub fn parse_leg(text: &str) -> Result<usize, String> {
         .ok_or_else(|| format!("{text:?} is no leg: choose one of {}", LEGS.join(", ")))
 }
 
-/// A duration in seconds from text like `0.1ms`, `50us`, `8s`, or a plain number of seconds.
+/// Reads a time above 0 and up to a day: `50us`, `0.1ms`, `8s`, `10m`, or a plain number of seconds.
 ///
 /// # Errors
-/// When it is not a positive time.
-pub fn parse_seconds(text: &str) -> Result<f64, String> {
-    let text = text.trim();
-    let (number, scale) = [("us", 1e-6), ("ms", 1e-3), ("s", 1.0)]
-        .into_iter()
-        .find_map(|(unit, scale)| text.strip_suffix(unit).map(|number| (number, scale)))
-        .unwrap_or((text, 1.0));
-    number
-        .trim()
-        .parse::<f64>()
-        .ok()
-        .map(|value| value * scale)
-        .filter(|seconds| seconds.is_finite() && *seconds > 0.0)
-        .ok_or_else(|| format!("{text:?} is no time: give for example 0.1ms, 50us or 8s"))
+/// When it is no such time.
+pub fn parse_time(text: &str) -> Result<Duration, String> {
+    const LONGEST: Duration = Duration::from_secs(86_400);
+    let time = match text.parse::<f64>() {
+        Ok(seconds) => Duration::try_from_secs_f64(seconds).ok(),
+        Err(_) => humantime::parse_duration(text).ok(),
+    };
+    time.filter(|time| !time.is_zero() && *time <= LONGEST).ok_or_else(|| {
+        format!(
+            "{text:?} is no time above 0 and up to a day: write for example 50us, 0.1ms, 8s or 10m"
+        )
+    })
 }
 
 /// Reads a number within limits; `what` it is and its unit, with a space before it, are for the refusal.
@@ -119,9 +118,9 @@ mod tests {
 
     #[test]
     fn times_have_units() {
-        assert_eq!(parse_seconds("0.1ms"), Ok(1e-4));
-        assert_eq!(parse_seconds("8"), Ok(8.0));
-        assert!(parse_seconds("-1s").is_err() && parse_seconds("NaN").is_err());
+        assert_eq!(parse_time("0.1ms").map(|time| time.as_secs_f64()), Ok(1e-4));
+        assert_eq!(parse_time("8"), parse_time("8s"));
+        assert!(["-1s", "-1", "NaN", "0s", "2days"].into_iter().all(|it| parse_time(it).is_err()));
     }
 
     #[test]

@@ -8,44 +8,31 @@ use flix_host::nav::{ModeTable, PlanarPose};
 use flix_host::record::RunDescription;
 
 use super::Error;
+use super::arguments::{ModelArgs, parse_time, parse_within};
 use crate::experiment::course::{Conditions, shipped_table};
-use crate::model::RobotModel;
 
-/// Robot, link and chance.
+/// Robot, link and seed of a closed-loop run.
 #[derive(Debug, Clone, clap::Args)]
 pub struct LoopArgs {
-    /// The robot: A, W, calibrated, or a file.
-    #[arg(long, value_name = "MODEL", default_value = "W")]
-    pub model: String,
-    /// Its mode table, which `identify` writes and others read; the one shipped with W or calibrated unless told.
+    /// Robot.
+    #[command(flatten)]
+    pub model: ModelArgs,
+    /// Mode table, which `identify` writes and others read [default: the one shipped with W or calibrated]
     #[arg(long, value_name = "FILE")]
     pub modes: Option<PathBuf>,
-    /// Of the link, each way.
-    #[arg(long, value_name = "TIME", default_value = "20ms", value_parser = duration)]
+    /// Latency of the link, each way
+    #[arg(long, value_name = "TIME", default_value = "20ms", value_parser = parse_time)]
     pub latency: Duration,
-    /// Share of datagrams lost, each way, 0 to 0.9.
-    #[arg(long, value_name = "SHARE", default_value_t = 0.05, value_parser = share)]
+    /// Share of datagrams lost, each way, 0 to 0.9
+    #[arg(long, value_name = "SHARE", default_value_t = 0.05, value_parser = parse_loss)]
     pub loss: f64,
-    /// All chance comes from here.
+    /// Seed of everything random
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
 }
 
-/// Reads `20ms`, `5s`, `10m`.
-///
-/// # Errors
-/// When it is no time, or longer than a day.
-pub fn duration(text: &str) -> Result<Duration, String> {
-    let time =
-        humantime::parse_duration(text).map_err(|e| format!("{e}; write 20ms, 5s or 10m"))?;
-    if time <= Duration::from_secs(86_400) { Ok(time) } else { Err("more than a day".into()) }
-}
-
-fn share(text: &str) -> Result<f64, String> {
-    text.parse::<f64>()
-        .ok()
-        .filter(|share| (0.0..=0.9).contains(share))
-        .ok_or_else(|| format!("\"{text}\" is not a share from 0 to 0.9"))
+fn parse_loss(text: &str) -> Result<f64, String> {
+    parse_within(text, 0.0..=0.9, "share", "")
 }
 
 impl LoopArgs {
@@ -56,7 +43,7 @@ impl LoopArgs {
     pub fn table(&self) -> Result<ModeTable, Error> {
         match &self.modes {
             Some(file) => ModeTable::load(file).map_err(Error::refused),
-            None => shipped_table(&self.model).map_err(Error::refused),
+            None => shipped_table(&self.model.model).map_err(Error::refused),
         }
     }
 
@@ -66,7 +53,7 @@ impl LoopArgs {
     /// When the model is refused.
     pub fn conditions(&self, start: PlanarPose) -> Result<Conditions, Error> {
         Ok(Conditions {
-            model: RobotModel::named(&self.model)?,
+            model: self.model.load()?,
             seed: self.seed,
             latency: self.latency,
             loss: self.loss,
@@ -78,7 +65,7 @@ impl LoopArgs {
     #[must_use]
     pub fn facts(&self) -> BTreeMap<String, String> {
         BTreeMap::from([
-            ("model".into(), self.model.clone()),
+            ("model".into(), self.model.model.clone()),
             ("seed".into(), self.seed.to_string()),
             ("link_latency_ms".into(), (self.latency.as_secs_f64() * 1e3).to_string()),
             ("link_loss".into(), self.loss.to_string()),

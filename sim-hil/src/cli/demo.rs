@@ -4,12 +4,12 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use anstream::{print, println};
 use flix_host::plot::{Chart, Figure, Panel, Series, Stroke, Written, colour};
 use flix_protocol::message::Setpoint;
 use indicatif::ProgressBar;
 
-use super::{Error, progress, track};
+use super::output::{mark, print, progress, row, table};
+use super::{Error, track};
 use crate::experiment::metrics::{Hold, HoldMeter, StepMeter, line_error};
 use crate::plant::Plant;
 use crate::reliability::accuracy::{
@@ -20,11 +20,11 @@ use crate::rig::bench::{Base, bench, setpoint};
 use crate::rig::operation::Operation;
 use crate::rig::robot::Truth;
 
-/// Shake through the paper's five modes and a reversal, then walk a figure eight.
+/// Shake through the paper's five walking modes and a reversal, then walk a figure eight
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:\n  flix-sim demo\n  flix-sim demo --seed 7 --out /tmp/flix")]
 pub struct Args {
-    /// Which robot: its motors, wiring, sensor errors and noise.
+    /// Seed of the robot: its motors, wiring, sensor errors and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Folder for pictures, replay and record.
@@ -84,14 +84,16 @@ impl Shown {
     }
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When the robot could not be brought to run, or the pictures not written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    println!("The shaker on a sliding body holds f and theta:\n");
+    print("The shaker on a sliding body holds f and theta:\n\n")?;
     let holds = shake(args)?;
-    println!("\nThe whole robot walks, over a link that is 20 ms late and loses 5 %:\n");
+    print("\nThe whole robot walks, over a link that is 20 ms late and loses 5 %:\n\n")?;
     let report = track::follow(&track::Args::of("figure8", args.seed, &args.out))?;
-    print!("{}", report.to_text());
+    print(&report.to_text())?;
     let follows = report.finished && report.path_error_rms_mm <= PATH_ERROR_LIMIT_MM;
     Ok(if holds && follows { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
@@ -108,8 +110,8 @@ fn shake(args: &Args) -> Result<bool, Error> {
     let shown = show_scenes(&mut operation, &mut recorder, &bar)?;
     bar.finish_and_clear();
     let written = draw(&recorder, &shown, current_limit, args)?;
-    print!("{}", table(&shown, current_limit));
-    println!("plot {}", written.png.display());
+    print(&text(&shown, current_limit))?;
+    print(&format!("plot {}\n", written.png.display()))?;
     Ok(shown.iter().all(|scene| scene.passes(current_limit)))
 }
 
@@ -148,31 +150,46 @@ fn show_scenes(
         .collect()
 }
 
-fn table(shown: &[Shown], current_limit: f64) -> String {
-    let mut text = String::from(
-        "                       commanded           held: rms error       line of    force  settled  largest\n\
-         mode                 f (Hz)  theta (deg)  f (Hz)  theta (deg)  force (deg)  across    in (s)  current (A)\n",
-    );
-    for scene in shown {
+fn text(shown: &[Shown], current_limit: f64) -> String {
+    let mut rows = vec![row![
+        "walking mode",
+        "f (Hz)",
+        "theta (deg)",
+        "f rms (Hz)",
+        "theta rms (deg)",
+        "force (deg)",
+        "across (%)",
+        "settled (s)",
+        "current (A)",
+    ]];
+    rows.extend(shown.iter().map(|scene| {
         let (f, theta) = (scene.setpoint.frequency().get(), scene.setpoint.direction().get());
         let figures = &scene.figures;
-        text += &format!(
-            "{:19} {f:>7.0} {theta:>12.0} {:>7.3} {:>12.2} {:>12.2} {:>6.1} % {:>9} {:>12.2}{}\n",
+        row![
             scene.name,
-            figures.frequency_rms_hz,
-            figures.direction_rms_deg,
-            f64::from(theta) + figures.force_error_deg,
-            100.0 * figures.across_axis,
+            f,
+            theta,
+            format!("{:.3}", figures.frequency_rms_hz),
+            format!("{:.2}", figures.direction_rms_deg),
+            format!("{:.2}", f64::from(theta) + figures.force_error_deg),
+            format!("{:.1}", 100.0 * figures.across_axis),
             scene.settled_s.map_or_else(|| "never".to_owned(), |s| format!("{s:.2}")),
-            scene.peak_current,
-            if scene.passes(current_limit) { "" } else { "  <-- outside" },
-        );
-    }
-    text + &format!(
-        "limit {FREQUENCY_LIMIT_HZ:>42.3} {DIRECTION_LIMIT_DEG:>12.2} {:>12} {:>6.1} % {SETTLE_LIMIT_S:>9.2} {current_limit:>12.2}\n\n",
+            format!("{:.2}", scene.peak_current),
+            mark(scene.passes(current_limit)),
+        ]
+    }));
+    rows.push(row![
+        "limit",
+        "",
+        "",
+        format!("{FREQUENCY_LIMIT_HZ:.3}"),
+        format!("{DIRECTION_LIMIT_DEG:.2}"),
         format!("+-{FORCE_LIMIT_DEG:.0}"),
-        100.0 * ACROSS_LIMIT,
-    )
+        format!("{:.1}", 100.0 * ACROSS_LIMIT),
+        format!("{SETTLE_LIMIT_S:.2}"),
+        format!("{current_limit:.2}"),
+    ]);
+    table(&rows) + "\n"
 }
 
 /// Gathers what is drawn: one [`Row`] for each [`ROW`].

@@ -2,46 +2,58 @@
 
 use std::process::ExitCode;
 
-use super::{Error, progress, tell};
+use super::Error;
+use super::output::{mark, print_verdict, progress, row, table};
 use crate::reliability::fault_matrix::{
     CASES, CELLS, Cell, Matrix, Outcome, REST_LIMIT_S, measure,
 };
 
-/// Let everything go wrong in every mode at every time, and tell what the robot does.
+/// Inject every fault in every walking mode at every onset and report what the robot does
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  flix-sim faults\n  flix-sim faults --seed 7 --json")]
 pub struct Args {
-    /// Which robot: its motors, wiring, sensor errors and noise.
+    /// Seed of the robot: its motors, wiring, sensor errors and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Write every cell of the matrix as JSON, and nothing else.
+    /// Print every cell of the matrix as JSON only
     #[arg(long)]
     json: bool,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When a robot could not be brought to run while all was well.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let bar = progress(CELLS as u64, "breaking");
-    let matrix = measure(args.seed, || bar.inc(1))?;
+    let measured = measure(args.seed, || bar.inc(1));
     bar.finish_and_clear();
-    tell(&matrix, matrix.pass, args.json, || table(&matrix))
+    print_verdict(measured, |matrix| matrix.pass, args.json, text)
 }
 
-fn table(matrix: &Matrix) -> String {
+fn text(matrix: &Matrix) -> String {
+    let mut rows = vec![row![
+        "fault",
+        "held",
+        "rested",
+        "safe (s)",
+        "current (A)",
+        "phase (deg)",
+        "f rms (Hz)",
+        "theta rms (deg)",
+        "first fault",
+    ]];
+    rows.extend(CASES.iter().map(|case| {
+        let of_case = matrix.cells.iter().filter(|cell| cell.fault == case.name);
+        worst(case.name, &of_case.collect::<Vec<_>>())
+    }));
+    rows.push(row!["limit", "", "", format!("{REST_LIMIT_S:.3}")]);
     let mut text = format!(
-        "Robot of seed {}; the worst of {} cells a fault (mode, onset, base), the plant's truth:\n\n",
+        "Robot of seed {}; the worst of {} cells a fault (mode, onset, base), the plant's truth:\n\n{}\n",
         matrix.seed,
         CELLS / CASES.len(),
+        table(&rows),
     );
-    text += "fault                                held rested   safe (s)  current (A)  phase (deg)  \
-             f rms (Hz)  theta rms (deg)  first fault\n";
-    for case in &CASES {
-        let cells: Vec<&Cell> =
-            matrix.cells.iter().filter(|cell| cell.fault == case.name).collect();
-        text += &row(case.name, &cells);
-    }
-    text += &format!("{:51}{REST_LIMIT_S:>8.3}\n\n", "limit");
     for cell in matrix.cells.iter().filter(|cell| !cell.pass) {
         text += &format!(
             "outside: {}, {} base, f {} Hz, theta {} degrees, {:?}: {:?}, safe {:?} s, f {:?} Hz, \
@@ -64,7 +76,8 @@ fn table(matrix: &Matrix) -> String {
     text + if matrix.pass { "All promises kept.\n" } else { "Not all promises kept.\n" }
 }
 
-fn row(name: &str, cells: &[&Cell]) -> String {
+/// Returns the row of one fault: the worst of its cells.
+fn worst(name: &str, cells: &[&Cell]) -> Vec<String> {
     let count = |outcome| cells.iter().filter(|cell| cell.outcome == outcome).count();
     let worst = |decimals: usize, figure: &dyn Fn(&Cell) -> Option<f64>| {
         let figures = cells.iter().filter_map(|cell| figure(cell));
@@ -76,8 +89,8 @@ fn row(name: &str, cells: &[&Cell]) -> String {
         cells.iter().filter_map(|cell| cell.first_fault.as_deref()).collect();
     faults.sort_unstable();
     faults.dedup();
-    format!(
-        "{name:36} {:>4} {:>6} {:>10} {:>12} {:>12} {:>11} {:>16}  {}{}\n",
+    row![
+        name,
         count(Outcome::Held),
         count(Outcome::Rested),
         worst(3, &|cell| cell.safe_s),
@@ -86,6 +99,6 @@ fn row(name: &str, cells: &[&Cell]) -> String {
         worst(4, &|cell| cell.f_rms_hz.filter(|_| held(cell))),
         worst(3, &|cell| held(cell).then_some(cell.theta_rms_deg)),
         faults.join(", "),
-        if cells.iter().all(|cell| cell.pass) { "" } else { "  <-- outside" },
-    )
+        mark(cells.iter().all(|cell| cell.pass)),
+    ]
 }

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime};
 
-use anstream::println;
 use flix_host::cli::course::{SteeringArgs, facts, names, results};
 use flix_host::nav::{Navigator, PlanarPose, Task};
 use flix_host::pilot::{Ending, Pilot};
@@ -15,8 +14,10 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
 
-use super::conditions::{LoopArgs, description, duration};
-use super::{Error, progress};
+use super::Error;
+use super::arguments::parse_time;
+use super::conditions::{LoopArgs, description};
+use super::output::{print, progress};
 use crate::experiment::course::Course;
 use crate::rig::motion_capture::POSE_PERIOD;
 
@@ -27,23 +28,24 @@ const HOME_WITHIN_MM: f64 = 50.0;
 /// It has to rest for so long.
 const REST: Duration = Duration::from_secs(1);
 
-/// Hold the origin with the whole simulated robot, which is pushed away again and again: up to half
-/// a metre, to any heading.
+/// Return to the origin after pushes, in virtual time
+///
+/// Somebody pushes the whole simulated robot away, by up to half a metre, and turns it to any heading.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
   flix-sim home --pushes 20
   flix-sim home --pushes 20 --seed 7 --loss 0.2 --latency 100ms --json")]
 pub struct Args {
-    /// How often it is pushed.
+    /// Number of pushes
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pushes: u32,
     #[command(flatten)]
     steering: SteeringArgs,
     #[command(flatten)]
     conditions: LoopArgs,
-    /// Robot's time after which a return is given up.
-    #[arg(long, value_name = "TIME", default_value = "5m", value_parser = duration)]
+    /// Robot's time after which a return is given up
+    #[arg(long, value_name = "TIME", default_value = "5m", value_parser = parse_time)]
     patience: Duration,
     /// Folder for the record.
     #[arg(long, value_name = "DIR", default_value = "out")]
@@ -66,6 +68,8 @@ struct Report {
     record: PathBuf,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When model or table is refused, the simulation diverges, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
@@ -86,11 +90,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let pilot = Pilot::new(navigator, names(&table), Some(recorder));
     let course = Course::new(&args.conditions.conditions(PlanarPose::default())?, pilot)?;
     let report = push_around(args, course)?;
-    if args.json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
-    } else {
-        print_report(&report);
-    }
+    print(&if args.json { serde_json::to_string_pretty(&report)? + "\n" } else { text(&report) })?;
     let all = report.arrived == report.pushes as usize;
     Ok(if all { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
@@ -186,10 +186,15 @@ fn report(
     })
 }
 
-fn print_report(report: &Report) {
+fn text(report: &Report) -> String {
     let worst = report.final_error_mm.iter().copied().fold(0.0, f64::max);
-    println!("{} of {} pushes ended at home ({})", report.arrived, report.pushes, report.ending);
-    println!("  final error  {worst:.1} mm at most");
-    println!("  time         {:.1} s (median)", report.median_seconds);
-    println!("  record       {}", report.record.display());
+    format!(
+        "{} of {} pushes ended at home ({})\n  final error  {worst:.1} mm at most\n  \
+         time         {:.1} s (median)\n  record       {}\n",
+        report.arrived,
+        report.pushes,
+        report.ending,
+        report.median_seconds,
+        report.record.display()
+    )
 }

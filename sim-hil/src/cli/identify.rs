@@ -1,20 +1,20 @@
-//! `flix-sim identify`: learn the mode table of a simulated robot, in virtual time.
+//! `flix-sim identify`: the mode table of a simulated robot, identified in virtual time.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::SystemTime;
 
-use anstream::{print, println};
 use flix_host::cli::identify::{SurveyArgs, describe};
 use flix_host::nav::PlanarPose;
 use flix_host::pilot::{Ending, Pilot};
 use flix_host::record::Recorder;
 
+use super::Error;
 use super::conditions::{LoopArgs, description};
-use super::{Error, progress};
+use super::output::{print, progress};
 use crate::experiment::course::Course;
 
-/// Drive every mode of the simulated robot for some seconds and write its mode table.
+/// Identify the walking modes of a simulated robot and write its mode table, in virtual time
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -25,11 +25,13 @@ pub struct Args {
     survey: SurveyArgs,
     #[command(flatten)]
     conditions: LoopArgs,
-    /// Folder for the record, and for the table unless told.
+    /// Folder for the record, and for the table without --modes
     #[arg(long, value_name = "DIR", default_value = "out")]
     out: PathBuf,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When the model is refused, the simulation diverges, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
@@ -50,12 +52,12 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if ending != Ending::Finished {
         return Err(Error::refused(ending));
     }
-    let model = &args.conditions.model;
+    let model = &args.conditions.model.model;
     let source = format!("{}; simulated, seed {}", args.survey.source(), args.conditions.seed);
     let table = survey.table(model, &source).map_err(Error::refused)?;
     let file = args.conditions.modes.clone().unwrap_or_else(|| args.out.join("modes.toml"));
     table.save(&file).map_err(Error::refused)?;
-    print!("{}", describe(&table));
-    println!("\nwritten to {}", file.display());
+    print(&describe(&table))?;
+    print(&format!("\nwritten to {}\n", file.display()))?;
     Ok(ExitCode::SUCCESS)
 }

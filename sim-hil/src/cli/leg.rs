@@ -2,22 +2,21 @@
 
 use std::process::ExitCode;
 
-use anstream::{print, println};
-
 use super::Error;
 use super::arguments::{ModelArgs, Vector, parse_leg};
+use super::output::{print_figures, row, table};
 use crate::experiment::probe::{self, LegProbe};
 use crate::experiment::walk::DEFAULT_STEP;
 use crate::model::LEGS;
 use crate::plant::Wrench;
 
-/// Load the tip of one clamped leg, then let go and watch it ring.
+/// Load the tip of one clamped leg, release it and measure how it rings
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Axes: x forward, y left, z up. The tip is the end of the beam; the foot stays on.\n\nExamples:\n  flix-sim leg --force 0.2,0,0 --model A\n  flix-sim leg --leg rr --torque 0,0,0.01 --json"
 )]
 pub struct Args {
-    /// Which leg: fl, fr, rl, rr
+    /// Leg: fl, fr, rl or rr
     #[arg(long, default_value = "fl", value_parser = parse_leg)]
     leg: usize,
     /// Force on the tip, N
@@ -28,38 +27,40 @@ pub struct Args {
     torque: Vector,
     #[command(flatten)]
     model: ModelArgs,
-    /// Write JSON, and nothing else
+    /// Print JSON only
     #[arg(long)]
     json: bool,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When the model is refused, has no legs, or the leg cannot bear the load.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.model.load()?;
     let load = Wrench { force: args.force.0, torque: args.torque.0 };
     let found = probe::leg(&model, args.leg, load, DEFAULT_STEP)?;
-    if args.json {
-        println!("{}", serde_json::to_string(&found)?);
-    } else {
-        print!("{}", report(args, &model.name, &found));
-    }
-    Ok(ExitCode::SUCCESS)
+    print_figures(&found, true, args.json, || text(args, &model.name, &found))
 }
 
-fn report(args: &Args, model: &str, found: &LegProbe) -> String {
-    let row = |name: &str, v: [f64; 3], unit: &str| {
-        format!("{name:24}{:>10.4}{:>10.4}{:>10.4} {unit}\n", v[0], v[1], v[2])
+fn text(args: &Args, model: &str, found: &LegProbe) -> String {
+    let row = |name: &str, [x, y, z]: [f64; 3], unit: &str| {
+        row![name, format!("{x:.4}"), format!("{y:.4}"), format!("{z:.4}"), unit]
     };
     let ring = found.ring_down;
-    format!("Leg {} of model {model}, clamped at its root\n\n", LEGS[args.leg])
-        + &format!("{:24}{:>10}{:>10}{:>10}\n", "", "x", "y", "z")
-        + &row("force on the tip", args.force.0, "N")
-        + &row("torque on the tip", args.torque.0, "N m")
-        + &row("displacement", found.displacement_mm, "mm")
-        + &row("rotation", found.rotation_deg, "deg")
-        + &format!(
-            "\nlet go: rings at {:.2} Hz (natural {:.2} Hz), damping ratio {:.4}\n",
-            ring.damped_frequency_hz, ring.frequency_hz, ring.damping_ratio
-        )
+    format!(
+        "Leg {} of model {model}, clamped at its root\n\n{}\n\
+         released: rings at {:.2} Hz (natural {:.2} Hz), damping ratio {:.4}\n",
+        LEGS[args.leg],
+        table(&[
+            row!["", "x", "y", "z"],
+            row("force on the tip", args.force.0, "N"),
+            row("torque on the tip", args.torque.0, "N m"),
+            row("displacement", found.displacement_mm, "mm"),
+            row("rotation", found.rotation_deg, "deg"),
+        ]),
+        ring.damped_frequency_hz,
+        ring.frequency_hz,
+        ring.damping_ratio
+    )
 }

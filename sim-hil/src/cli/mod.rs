@@ -8,12 +8,13 @@ pub mod adversary;
 pub mod arguments;
 pub mod conditions;
 pub mod demo;
+pub mod eigenmodes;
 pub mod export_mjcf;
 pub mod faults;
 pub mod home;
 pub mod identify;
 pub mod leg;
-pub mod modes;
+pub(crate) mod output;
 pub mod rest;
 pub mod serve;
 pub mod shake;
@@ -25,10 +26,7 @@ pub mod walk;
 
 use std::process::ExitCode;
 
-use anstream::{print, println};
 use clap::{Parser, Subcommand};
-
-pub(crate) use crate::study::progress;
 
 /// A simulated Flix-Walker under the robot's own software.
 #[derive(Debug, Parser)]
@@ -40,55 +38,41 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Shake through the paper's five modes, then walk a figure eight; tell, plot and replay it.
+    /// Shake through the paper's five walking modes, then walk a figure eight: figures, plot, replay
     Demo(demo::Args),
-    /// Be a robot on the network, in real time.
+    /// Serve a simulated robot on the network, in real time
     Serve(serve::Args),
-    /// Measure how well f and theta are held, over all of them.
+    /// Measure how well f and theta are held over their whole range
     Accuracy(accuracy::Args),
-    /// Let everything go wrong in every mode at every time, and tell what the robot does.
+    /// Inject every fault in every walking mode at every onset and report what the robot does
     Faults(faults::Args),
-    /// Attack live robots over their link, and tell what came of it.
+    /// Attack live robots over their link and count what the attack achieves
     Adversary(adversary::Args),
-    /// Let robots live through hours of trouble in virtual time.
+    /// Run robots through hours of random commands, faults and link trouble, in virtual time
     Soak(soak::Args),
-    /// Walk at one f and theta: speeds over several seeds, a picture, a replay.
+    /// Walk at one f and theta: mean speeds over several seeds, a picture of the track, a replay
     Walk(walk::Args),
-    /// Drop the robot, let it rest, weigh it.
+    /// Drop the robot from 20 mm, wait until it rests, and weigh it
     Rest(rest::Args),
-    /// Bend one leg and let it ring.
+    /// Load the tip of one clamped leg, release it and measure how it rings
     Leg(leg::Args),
-    /// List natural frequencies, damping ratios and shapes.
-    Modes(modes::Args),
-    /// Tell the amplitudes of the shaker's forces and of the body's motion.
+    /// List natural frequencies, damping ratios and shapes of small motions
+    #[command(alias = "modes")]
+    Eigenmodes(eigenmodes::Args),
+    /// Report the amplitudes of the shaker's forces and of the body's motion
     Shake(shake::Args),
-    /// Compute every figure of the reference table and tell whether they agree.
+    /// Compute every figure of the reference table, or others, and check whether they agree
     Validate(validate::Args),
-    /// Write the model for MuJoCo.
+    /// Write the model as MJCF for MuJoCo
     ExportMjcf(export_mjcf::Args),
-    /// Follow a path, in virtual time.
+    /// Follow a path with the whole simulated robot, in virtual time
     Track(track::Args),
-    /// Return to the origin after pushes, in virtual time.
+    /// Return to the origin after pushes, in virtual time
     Home(home::Args),
-    /// Learn a mode table, in virtual time.
+    /// Identify the walking modes of a simulated robot and write its mode table, in virtual time
     Identify(identify::Args),
-    /// Repeat the paper's studies, each with one command.
+    /// Repeat the paper's studies, one command each
     Study(study::Args),
-}
-
-/// Prints figures as one line of JSON, or as `text` for people; the exit code says whether all promises were kept.
-fn tell(
-    figures: &impl serde::Serialize,
-    pass: bool,
-    json: bool,
-    text: impl FnOnce() -> String,
-) -> Result<ExitCode, Error> {
-    if json {
-        println!("{}", serde_json::to_string(figures)?);
-    } else {
-        print!("{}", text());
-    }
-    Ok(if pass { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Why a command failed: one sentence for people.
@@ -202,7 +186,7 @@ impl From<crate::plant::Diverged> for Error {
     }
 }
 
-/// Runs what the command line asks for, and tells on standard error why it could not.
+/// Runs what the command line asks for, and prints on standard error why it could not.
 #[must_use]
 pub fn run(cli: Cli) -> ExitCode {
     let outcome = match cli.command.unwrap_or(Command::Demo(demo::Args::default())) {
@@ -219,7 +203,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Walk(args) => walk::run(&args),
         Command::Rest(args) => rest::run(&args),
         Command::Leg(args) => leg::run(&args),
-        Command::Modes(args) => modes::run(&args),
+        Command::Eigenmodes(args) => eigenmodes::run(&args),
         Command::Shake(args) => shake::run(&args),
         Command::Validate(args) => validate::run(&args),
         Command::ExportMjcf(args) => export_mjcf::run(&args),
@@ -228,16 +212,4 @@ pub fn run(cli: Cli) -> ExitCode {
         eprintln!("flix-sim: {error}");
         if error.is_usage() { ExitCode::from(2) } else { ExitCode::FAILURE }
     })
-}
-
-/// The name of a variant in words: `EarlierSession` is `earlier session`.
-pub(crate) fn words(variant: &impl core::fmt::Debug) -> String {
-    let mut text = String::new();
-    for letter in format!("{variant:?}").chars() {
-        if letter.is_uppercase() && !text.is_empty() {
-            text.push(' ');
-        }
-        text.extend(letter.to_lowercase());
-    }
-    text
 }

@@ -2,38 +2,34 @@
 
 use std::process::ExitCode;
 
-use anstream::{print, println};
-
 use super::Error;
 use super::arguments::ModelArgs;
+use super::output::print_figures;
 use crate::experiment::probe::{self, Rest};
 use crate::experiment::walk::DEFAULT_STEP;
 
-/// Drop the robot from 20 mm, wait until it rests, and weigh it.
+/// Drop the robot from 20 mm, wait until it rests, and weigh it
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  flix-sim rest\n  flix-sim rest --model A --json")]
 pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
-    /// Write JSON, and nothing else
+    /// Print JSON only
     #[arg(long)]
     json: bool,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When the model is refused or has no legs.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.model.load()?;
     let found = probe::rest(&model, DEFAULT_STEP)?;
-    if args.json {
-        println!("{}", serde_json::to_string(&found)?);
-    } else {
-        print!("{}", report(&model.name, &found));
-    }
-    Ok(ExitCode::SUCCESS)
+    print_figures(&found, true, args.json, || text(&model.name, &found))
 }
 
-fn report(model: &str, found: &Rest) -> String {
+fn text(model: &str, found: &Rest) -> String {
     let (loads, center, inertia) =
         (found.foot_loads_n, found.centre_of_mass_mm, found.inertia_kg_m2);
     format!("Model {model}, {:.1} g\n\n", found.mass_g)

@@ -6,7 +6,6 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant as WallClock};
 
-use anstream::println;
 use flix_firmware::exchange::Report;
 use flix_host::interrupt::Interrupt;
 use flix_host::keys::{self, Keyring, SIMULATED_ROBOT};
@@ -18,31 +17,31 @@ use flix_protocol::session::Key;
 use flix_protocol::units::Instant;
 
 use super::Error;
-use crate::model::RobotModel;
+use super::arguments::ModelArgs;
+use super::output::print;
 use crate::plant::Plant;
 use crate::rig::motion_capture::{MotionCapture, POSE_PERIOD};
 use crate::rig::robot::{RobotParameters, SimulatedRobot};
 
-/// Be a robot on the network, in real time.
+/// Serve a simulated robot on the network, in real time
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  flix-sim serve\n  flix-sim serve --listen 0.0.0.0:13549 --key lab.key\n  flix-sim serve --natnet\n\n\
                   Then, in another terminal: flix teleop 127.0.0.1"
 )]
 pub struct Args {
-    /// Where to listen: this machine only, unless told.
+    /// Address to listen on; the default is this machine alone
     #[arg(long, value_name = "ADDR", default_value_t = SocketAddr::from((Ipv4Addr::LOCALHOST, DEFAULT_PORT)))]
     listen: SocketAddr,
-    /// Key file of the robot; unless told, the key `simulated` of your keyring, made when there is none.
+    /// Key file of the robot [default: the key `simulated` of your keyring, made when there is none]
     #[arg(long, value_name = "FILE")]
     key: Option<PathBuf>,
-    /// What the robot is: the whole robot W, another model that can walk, bench-fixed or bench-planar.
-    #[arg(long, default_value = "W")]
-    model: String,
-    /// Streams the robot's pose as OptiTrack does; answers at this address, 127.0.0.1:1510 unless told.
+    #[command(flatten)]
+    model: ModelArgs,
+    /// Stream the robot's pose as OptiTrack does (NatNet), from this address or from 127.0.0.1:1510
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:1510")]
     natnet: Option<SocketAddr>,
-    /// Which robot: its motors, wiring, sensor errors and noise.
+    /// Seed of the robot: its motors, wiring, sensor errors and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
@@ -69,9 +68,11 @@ pub enum ServeError {
 const BATCH: u32 = 10;
 /// Behind by more than this, the robot's time is put off instead of being made up for.
 const LARGEST_LAG: Duration = Duration::from_millis(50);
-/// Missed real time is told at most this often.
+/// Shortest time between two reports of missed real time.
 const COMPLAINT_INTERVAL: Duration = Duration::from_secs(5);
 
+/// Runs the command.
+///
 /// # Errors
 /// When address, key or model cannot be used, the network fails or the model diverges.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
@@ -85,24 +86,25 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         .map_err(|source| ServeError::Listen { address: args.listen, source })?;
     let robot = robot(args, key)?;
     let cameras = args.natnet.map(|address| Cameras::open(address, args.seed)).transpose()?;
-    introduce(args, &socket).map_err(ServeError::Network)?;
+    introduce(args, &socket)?;
     let mut changes = Changes::default();
-    serve(robot, &socket, cameras, &interrupt, |report| changes.tell(report.state, report.faults))?;
-    println!("The robot is switched off.");
+    serve(robot, &socket, cameras, &interrupt, |report| {
+        changes.report(report.state, report.faults)
+    })?;
+    print("The robot is switched off.\n")?;
     Ok(ExitCode::SUCCESS)
 }
 
 fn robot(args: &Args, key: Key) -> Result<SimulatedRobot<Plant>, Error> {
-    let mechanics = Plant::new(&RobotModel::named(&args.model)?)?;
+    let mechanics = Plant::new(&args.model.load()?)?;
     let mut parameters = RobotParameters::new(key, args.seed);
     // Sessions of an earlier run must not be replayed, though the plant is the same.
     parameters.entropy = keys::generate().map(|random| *random.as_bytes())?;
     Ok(SimulatedRobot::new(parameters, mechanics))
 }
 
-fn introduce(args: &Args, socket: &UdpSocket) -> io::Result<()> {
-    let address = socket.local_addr()?;
-    println!("A simulated Flix-Walker ({}, seed {}) listens on {address}.", args.model, args.seed);
+fn introduce(args: &Args, socket: &UdpSocket) -> Result<(), Error> {
+    let address = socket.local_addr().map_err(ServeError::Network)?;
     let host = if address.ip().is_unspecified() {
         Ipv4Addr::LOCALHOST.to_string()
     } else {
@@ -115,18 +117,21 @@ fn introduce(args: &Args, socket: &UdpSocket) -> io::Result<()> {
     };
     let key =
         args.key.as_ref().map_or_else(String::new, |file| format!(" --key {}", file.display()));
-    println!("In another terminal:\n");
-    println!("    cargo run --release -p flix-host -- teleop {robot}{key}");
-    if args.natnet.is_some() {
-        println!("    cargo run --release -p flix-host -- identify {robot}{key}");
-        println!("    cargo run --release -p flix-host -- track {robot} figure8{key}");
+    let mut text = format!(
+        "A simulated Flix-Walker ({}, seed {}) listens on {address}.\nIn another terminal:\n\n",
+        args.model.model, args.seed
+    );
+    let follow = ["identify {}", "track {} figure8"];
+    for command in
+        ["teleop {}"].into_iter().chain(follow.into_iter().filter(|_| args.natnet.is_some()))
+    {
+        let command = command.replace("{}", &robot);
+        text += &format!("    cargo run --release -p flix-host -- {command}{key}\n");
     }
-    println!();
-    println!("Ctrl-C switches the robot off.");
-    Ok(())
+    Ok(print(&(text + "\nCtrl-C switches the robot off.\n"))?)
 }
 
-/// Is this robot at this socket, in real time, until interrupted. `told` sees how it is, again and again.
+/// Serves this robot at this socket, in real time, until interrupted. `watch` sees its report about every millisecond.
 ///
 /// # Errors
 /// When the network fails or the model diverges.
@@ -135,7 +140,7 @@ pub fn serve(
     socket: &UdpSocket,
     mut cameras: Option<Cameras>,
     interrupt: &Interrupt,
-    mut told: impl FnMut(&Report),
+    mut watch: impl FnMut(&Report) -> Result<(), Error>,
 ) -> Result<(), Error> {
     socket.set_nonblocking(true).map_err(ServeError::Network)?;
     let mut clock = RealTime::started();
@@ -160,7 +165,7 @@ pub fn serve(
             }
             send_due(&mut robot, socket, &mut frame);
         }
-        told(&robot.report());
+        watch(&robot.report())?;
     }
     Ok(())
 }
@@ -175,12 +180,12 @@ pub struct Cameras {
 impl Cameras {
     /// On this computer alone the stream goes to each client by itself: loopback has no multicast
     /// everywhere.
-    fn open(address: SocketAddr, seed: u64) -> Result<Self, ServeError> {
+    fn open(address: SocketAddr, seed: u64) -> Result<Self, Error> {
         let usual = ServerSettings::default();
         let multicast = usual.multicast.filter(|_| !address.ip().is_loopback());
         let server = NatNetServer::bind(address, ServerSettings { multicast, ..usual })
             .map_err(|source| ServeError::Listen { address, source })?;
-        println!("Its pose is streamed as OptiTrack does, by NatNet at {address}.");
+        print(&format!("Its pose is streamed as OptiTrack does, by NatNet at {address}.\n"))?;
         Ok(Self { server, cameras: MotionCapture::new(seed), next: Instant::START })
     }
 
@@ -275,21 +280,18 @@ impl RealTime {
     }
 }
 
-/// What was told last.
+/// What was reported last.
 #[derive(Default)]
 struct Changes(Option<(State, Faults)>);
 
 impl Changes {
-    fn tell(&mut self, state: State, faults: Faults) {
+    fn report(&mut self, state: State, faults: Faults) -> Result<(), Error> {
         if self.0 == Some((state, faults)) {
-            return;
+            return Ok(());
         }
         self.0 = Some((state, faults));
-        if faults.is_empty() {
-            println!("The robot is {state}.");
-        } else {
-            println!("The robot is {state}; faults: {faults}.");
-        }
+        let faults = if faults.is_empty() { String::new() } else { format!("; faults: {faults}") };
+        Ok(print(&format!("The robot is {state}{faults}.\n"))?)
     }
 }
 
@@ -298,6 +300,7 @@ mod tests {
     use flix_protocol::session::{OperatorReceived, OperatorSession};
 
     use super::*;
+    use crate::model::RobotModel;
 
     #[test]
     fn an_operator_is_answered_among_strangers_who_are_all_there_first() {
@@ -324,6 +327,7 @@ mod tests {
             if rounds == 2 {
                 interrupt.raise();
             }
+            Ok(())
         })
         .unwrap();
 

@@ -1,16 +1,17 @@
 //! `flix-sim shake`: what the shaker does to the body.
 
 use std::process::ExitCode;
+use std::time::Duration;
 
-use anstream::{print, println};
 use clap::ValueEnum;
 
 use super::Error;
-use super::arguments::{ModelArgs, SetpointArgs, parse_seconds};
+use super::arguments::{ModelArgs, SetpointArgs, parse_time};
+use super::output::{print_figures, row, table};
 use crate::experiment::probe::{self, ShakeBase, Shaken};
 use crate::experiment::walk::DEFAULT_STEP;
 
-/// Turn the rotors steadily and tell the amplitudes of forces and of the body's motion.
+/// Report the amplitudes of the shaker's forces and of the body's motion
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  flix-sim shake --frequency 30 --direction 0 --base fixed\n  flix-sim shake --frequency -30 --direction 45 --base air --model A --json"
@@ -18,15 +19,15 @@ use crate::experiment::walk::DEFAULT_STEP;
 pub struct Args {
     #[command(flatten)]
     setpoint: SetpointArgs,
-    /// What the body stands on: a test stand, nothing, or its own feet
+    /// Base under the body
     #[arg(long, value_enum, default_value_t = On::Fixed)]
     base: On,
-    /// Step of the simulation
-    #[arg(long, value_name = "TIME", value_parser = parse_seconds)]
-    step: Option<f64>,
+    /// Step of the simulation [default: 0.1ms]
+    #[arg(long, value_name = "TIME", value_parser = parse_time)]
+    step: Option<Duration>,
     #[command(flatten)]
     model: ModelArgs,
-    /// Write JSON, and nothing else
+    /// Print JSON only
     #[arg(long)]
     json: bool,
 }
@@ -41,6 +42,8 @@ enum On {
     Floor,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When f or theta is out of range, or the model is refused.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
@@ -50,27 +53,25 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         On::Air => ShakeBase::Air,
         On::Floor => ShakeBase::Floor,
     };
-    let step = args.step.unwrap_or(DEFAULT_STEP);
+    let step = args.step.map_or(DEFAULT_STEP, |step| step.as_secs_f64());
     let found = probe::shake(&model, args.setpoint.check()?, base, step)?;
-    if args.json {
-        println!("{}", serde_json::to_string(&found)?);
-    } else {
-        print!("{}", report(&found));
-    }
-    Ok(ExitCode::SUCCESS)
+    print_figures(&found, true, args.json, || text(&found))
 }
 
-fn report(found: &Shaken) -> String {
-    let row = |name: &str, v: [f64; 3], unit: &str| {
-        format!("{name:28}{:>11.5}{:>11.5}{:>11.5} {unit}\n", v[0], v[1], v[2])
+fn text(found: &Shaken) -> String {
+    let row = |name: &str, [x, y, z]: [f64; 3], unit: &str| {
+        row![name, format!("{x:.5}"), format!("{y:.5}"), format!("{z:.5}"), unit]
     };
-    format!("{:28}{:>11}{:>11}{:>11}\n", "amplitude", "x", "y", "z")
-        + &row("force of the rotors", found.force_n, "N")
-        + &row("torque of the rotors", found.torque_nm, "N m")
-        + &row("displacement of the body", found.displacement_mm, "mm")
-        + &row("rotation of the body", found.rotation_deg, "deg")
-        + &format!(
-            "\npeak force along theta {:.4} N, across it {:.6} N\n",
-            found.peak_force_along_n, found.peak_force_across_n
-        )
+    format!(
+        "{}\npeak force along theta {:.4} N, across it {:.6} N\n",
+        table(&[
+            row!["amplitude", "x", "y", "z"],
+            row("force of the rotors", found.force_n, "N"),
+            row("torque of the rotors", found.torque_nm, "N m"),
+            row("displacement of the body", found.displacement_mm, "mm"),
+            row("rotation of the body", found.rotation_deg, "deg"),
+        ]),
+        found.peak_force_along_n,
+        found.peak_force_across_n
+    )
 }

@@ -1,100 +1,91 @@
-//! `flix-sim soak`: hours of trouble, in virtual time.
+//! `flix-sim soak`: hours of random commands, faults and link trouble, in virtual time.
 
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
-use super::{Error, progress, tell, words};
+use super::Error;
+use super::arguments::parse_within;
+use super::output::{print_verdict, progress, row, table, words};
 use crate::reliability::soak::{GROWTH_LIMIT, Verdict, measure};
 
-/// Let robots live through hours of random commands, faults and link trouble, in virtual time.
+/// Run robots through hours of random commands, faults and link trouble, in virtual time
 ///
 /// In every tick: no current above its limit, nothing spinning while disarmed, never two operators, no late tick, no
-/// stuck state. Now and then all is mended, and the robot has to shake as it is told.
+/// stuck state. Now and then all is mended, and the robot has to shake as commanded.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  flix-sim soak --hours 0.167\n  flix-sim soak --hours 24 --seed 7 --json"
 )]
 pub struct Args {
-    /// Virtual time of all robots together, hours; at least a minute.
-    #[arg(long, default_value_t = 1.0, value_parser = hours)]
+    /// Virtual time of all robots together, hours; a minute to a year
+    #[arg(long, default_value_t = 1.0, value_parser = parse_hours)]
     hours: f64,
-    /// Which robots, and what happens to them.
+    /// Seed of the robots and of what happens to them
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Write the figures as JSON, and nothing else.
+    /// Print JSON only
     #[arg(long)]
     json: bool,
 }
 
-fn hours(text: &str) -> Result<f64, String> {
-    /// A minute, and a year.
-    const RANGE: core::ops::RangeInclusive<f64> = 1.0 / 60.0..=8_760.0;
-    let hours: f64 = text.parse().map_err(|_| format!("{text} is no number of hours"))?;
-    if RANGE.contains(&hours) {
-        Ok(hours)
-    } else {
-        Err(format!("{hours} is outside {:.4} to {} hours", RANGE.start(), RANGE.end()))
-    }
+fn parse_hours(text: &str) -> Result<f64, String> {
+    parse_within(text, 1.0 / 60.0..=8_760.0, "number of hours", "")
 }
 
-/// The verdict with what it took.
+/// The verdict with the time that it took.
 #[derive(Serialize)]
-struct Told {
+struct Report {
     #[serde(flatten)]
     verdict: Verdict,
     machine_s: f64,
     times_real_time: f64,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When a robot could not be armed while all was well, or diverged.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let total = Duration::from_secs_f64(3_600.0 * args.hours);
-    let bar = progress(total.as_secs(), "living");
+    let bar = progress(total.as_secs(), "running");
     let began = Instant::now();
-    let verdict = measure(args.seed, total, |seconds| bar.inc(seconds))?;
+    let verdict = measure(args.seed, total, |seconds| bar.inc(seconds));
     let machine_s = began.elapsed().as_secs_f64();
     bar.finish_and_clear();
-    let told = Told { times_real_time: total.as_secs_f64() / machine_s, verdict, machine_s };
-    tell(&told, told.verdict.pass, args.json, || table(&told))
+    let times_real_time = total.as_secs_f64() / machine_s;
+    let measured = verdict.map(|verdict| Report { verdict, machine_s, times_real_time });
+    print_verdict(measured, |report| report.verdict.pass, args.json, text)
 }
 
-fn table(told: &Told) -> String {
-    let Told { verdict, machine_s, times_real_time } = told;
-    let mut text = format!(
-        "{} robots of seed {} lived {:.2} hours in {machine_s:.0} s, {times_real_time:.0} times real time:\n\n",
-        verdict.robots, verdict.seed, verdict.virtual_hours,
-    );
-    for (what, count) in [
-        ("commands", verdict.commands),
-        ("troubles of the link", verdict.link_troubles),
-        ("hardware faults", verdict.hardware_faults),
-        ("restarts", verdict.restarts),
-        ("recoveries asked for", verdict.episodes),
-        ("panics", verdict.panics),
-    ] {
-        text += &format!("{what:24} {count:>10}\n");
-    }
-    text += &format!(
-        "{:24} {:>10.2} s\n{:24} {:>10.2} A, hardware sound\n",
-        "longest recovery",
-        verdict.longest_recovery_s,
-        "largest current",
-        verdict.largest_current_a,
-    );
+fn text(Report { verdict, machine_s, times_real_time }: &Report) -> String {
+    let mut figures = vec![
+        row!["figure", "measured", ""],
+        row!["commands", verdict.commands],
+        row!["link troubles", verdict.link_troubles],
+        row!["hardware faults", verdict.hardware_faults],
+        row!["restarts", verdict.restarts],
+        row!["recoveries", verdict.episodes],
+        row!["panics", verdict.panics],
+        row!["longest recovery", format!("{:.2}", verdict.longest_recovery_s), "s"],
+        row!["largest current", format!("{:.2}", verdict.largest_current_a), "A, hardware sound"],
+    ];
     if let Some(growth) = verdict.growth_bytes {
-        let kib = growth / 1024;
-        text +=
-            &format!("{:24} {kib:>10} KiB   limit {}\n", "memory grown by", GROWTH_LIMIT / 1024);
+        let limit = format!("KiB, limit {}", GROWTH_LIMIT / 1024);
+        figures.push(row!["growth of memory", growth / 1024, limit]);
     }
-    text += "\nrules broken\n";
-    for (rule, count) in &verdict.violations {
-        text += &format!("{:24} {count:>10}\n", words(rule));
-    }
-    for example in &verdict.examples {
-        text += &format!("  {example}\n");
-    }
-    text + if verdict.pass { "\nNo rule broken.\n" } else { "\nNot all is well.\n" }
+    let mut rules = vec![row!["rule", "broken"]];
+    rules.extend(verdict.violations.iter().map(|(rule, count)| row![words(rule), count]));
+    let examples: String = verdict.examples.iter().map(|it| format!("  {it}\n")).collect();
+    format!(
+        "{} robots of seed {} ran for {:.2} hours in {machine_s:.0} s, {times_real_time:.0} times real time:\n\n\
+         {}\n{}{examples}\n{}\n",
+        verdict.robots,
+        verdict.seed,
+        verdict.virtual_hours,
+        table(&figures),
+        table(&rules),
+        if verdict.pass { "No rule broken." } else { "Rules were broken." }
+    )
 }

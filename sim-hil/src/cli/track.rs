@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime};
 
-use anstream::{print, println};
 use clap::{Args as _, FromArgMatches as _};
 use flix_host::cli::course::{CourseArgs, facts, names, results};
 use flix_host::nav::{Navigator, Path, Task};
@@ -13,14 +12,17 @@ use flix_host::plot::Figure;
 use flix_host::record::{Recorder, Run, figures};
 use serde::Serialize;
 
-use super::conditions::{LoopArgs, description, duration};
-use super::{Error, progress};
+use super::Error;
+use super::arguments::parse_time;
+use super::conditions::{LoopArgs, description};
+use super::output::{print, progress};
 use crate::experiment::course::Course;
 use crate::rig::motion_capture::POSE_PERIOD;
 use crate::view::Film;
 
-/// Follow a path with the whole simulated robot: the host's navigation, protocol, the robot's
-/// software and its plant, in virtual time.
+/// Follow a path with the whole simulated robot, in virtual time
+///
+/// The host's navigation drives the robot's software and its plant over the real protocol.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -32,13 +34,13 @@ pub struct Args {
     course: CourseArgs,
     #[command(flatten)]
     conditions: LoopArgs,
-    /// Robot's time after which the run is given up.
-    #[arg(long, value_name = "TIME", default_value = "1h", value_parser = duration)]
+    /// Robot's time after which the run is given up
+    #[arg(long, value_name = "TIME", default_value = "1h", value_parser = parse_time)]
     patience: Duration,
     /// Folder for record, pictures and replay.
     #[arg(long, value_name = "DIR", default_value = "out")]
     out: PathBuf,
-    /// Print JSON, and make no replay.
+    /// Print JSON only; write no replay
     #[arg(long)]
     json: bool,
 }
@@ -89,15 +91,17 @@ pub struct Report {
     pub replay: Option<PathBuf>,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When the path, model or table is refused, the simulation diverges, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let report = follow(args)?;
-    if args.json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
+    print(&if args.json {
+        serde_json::to_string_pretty(&report)? + "\n"
     } else {
-        print!("{}", report.to_text());
-    }
+        report.to_text()
+    })?;
     Ok(if report.finished { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
@@ -165,8 +169,11 @@ fn finish(
     figures::timeline(&run).write(&folder, &format!("{stem}-timeline"))?;
     let replay = film
         .map(|film| {
-            let mut recording =
-                film.into_recording(format!("Model {}: {}", args.conditions.model, path.name()));
+            let mut recording = film.into_recording(format!(
+                "Model {}: {}",
+                args.conditions.model.model,
+                path.name()
+            ));
             recording.reference = path.points().iter().map(|p| [p.x, p.y]).collect();
             recording.write(&folder.join(format!("{stem}-replay.html")))
         })

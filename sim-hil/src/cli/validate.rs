@@ -2,26 +2,27 @@
 
 use std::process::ExitCode;
 
+use super::Error;
 use super::arguments::{Vector, parse_leg};
-use super::{Error, tell};
+use super::output::{mark, print_figures, row, table};
 use crate::experiment::validation::{Options, Report, validate};
 
-/// Compute every figure of the reference table, or others, and tell whether they agree.
+/// Compute every figure of the reference table, or others, and check whether they agree
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Without options the figures are those of reference model A. For the same figures from MuJoCo:\n  python3 sim-hil/validation/validate.py\n\nExamples:\n  flix-sim validate --json\n  flix-sim validate --model W --leg rr --force 0,0.1,0 --frequency 25"
 )]
 pub struct Args {
-    /// Model: a TOML file or a shipped name
+    /// Model: a TOML file or the name of a shipped one
     #[arg(long, default_value = "A")]
     model: String,
     /// Frequency of the shaker on a stand, Hz; may be given several times
     #[arg(long, value_name = "HZ", allow_hyphen_values = true)]
     frequency: Vec<f64>,
     /// Direction of the shaker, degrees to the right
-    #[arg(long, value_name = "DEGREES", default_value_t = 30.0, allow_hyphen_values = true)]
+    #[arg(long, value_name = "DEG", default_value_t = 30.0, allow_hyphen_values = true)]
     direction: f64,
-    /// Which leg is loaded: fl, fr, rl, rr
+    /// Leg that is loaded: fl, fr, rl or rr
     #[arg(long, default_value = "fl", value_parser = parse_leg)]
     leg: usize,
     /// Force on its tip, N
@@ -30,11 +31,13 @@ pub struct Args {
     /// Torque on its tip, N m
     #[arg(long, value_name = "X,Y,Z", default_value = "0,0,0", allow_hyphen_values = true)]
     torque: Vector,
-    /// Write JSON, and nothing else
+    /// Print JSON only
     #[arg(long)]
     json: bool,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When the model is refused, has no legs, or the motion diverges.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
@@ -50,25 +53,15 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         options.frequencies_hz.clone_from(&args.frequency);
     }
     let report = validate(&model, &options)?;
-    tell(&report, report.pass, args.json, || table(&report))
+    print_figures(&report, report.pass, args.json, || text(&report))
 }
 
-fn table(report: &Report) -> String {
-    let mut text = format!(
-        "Model {}\n\n{:58}{:>12}{:>12}{:>12}\n",
-        report.model, "", "here", "reference", "within"
-    );
-    for row in &report.rows {
-        let number = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.4e}"));
-        let mark = if row.pass { "" } else { "  NOT MET" };
-        text += &format!(
-            "{:58}{:>12}{:>12}{:>12} {}{mark}\n",
-            row.name,
-            number(Some(row.value)),
-            number(row.reference),
-            number(row.tolerance),
-            row.unit
-        );
-    }
-    text
+fn text(report: &Report) -> String {
+    let number = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.4e}"));
+    let mut rows = vec![row!["", "here", "reference", "within"]];
+    rows.extend(report.rows.iter().map(|it| {
+        let (value, reference) = (number(Some(it.value)), number(it.reference));
+        row![it.name, value, reference, number(it.tolerance), it.unit, mark(it.pass)]
+    }));
+    format!("Model {}\n\n{}", report.model, table(&rows))
 }

@@ -2,15 +2,16 @@
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 
-use anstream::{print, println};
 use clap::ValueEnum;
 use flix_host::plot::{Figure, Outline, Series, Track, colour};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
-use super::arguments::{ModelArgs, SetpointArgs, parse_seconds};
-use super::{Error, progress};
+use super::Error;
+use super::arguments::{ModelArgs, SetpointArgs, parse_time};
+use super::output::{print, print_figures, progress, row, table};
 use crate::experiment::walk::{Spread, Walk, WalkDrive, Walked, walk};
 use crate::model::RobotModel;
 use crate::view::Film;
@@ -20,7 +21,7 @@ const FRAME_INTERVAL: f64 = 2e-3;
 /// Outlines of the robot on the track.
 const OUTLINES: usize = 6;
 
-/// Walk: mean speeds over several seeds, a picture of the track, a replay.
+/// Walk at one f and theta: mean speeds over several seeds, a picture of the track, a replay
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  flix-sim walk --frequency -30 --direction 30\n  flix-sim walk --frequency 30 --direction 90 --seconds 20 --seeds 16 --drive ideal\n  flix-sim walk --frequency 35 --direction 0 --model my-robot.toml --json"
@@ -28,10 +29,10 @@ const OUTLINES: usize = 6;
 pub struct Args {
     #[command(flatten)]
     setpoint: SetpointArgs,
-    /// How long to walk
-    #[arg(long, value_name = "TIME", default_value = "8", value_parser = parse_seconds)]
-    seconds: f64,
-    /// How many walks, each with its start disturbed by up to 1 mm
+    /// Time of a walk
+    #[arg(long, value_name = "TIME", default_value = "8s", value_parser = parse_time)]
+    seconds: Duration,
+    /// Number of walks, each with its start disturbed by up to 1 mm
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     seeds: u64,
     /// The first seed
@@ -43,12 +44,12 @@ pub struct Args {
     #[arg(long, value_enum, default_value_t = DriveArg::Firmware)]
     drive: DriveArg,
     /// Step; under the firmware's drive at most its own tick of 0.1 ms
-    #[arg(long, value_name = "TIME", default_value = "0.1ms", value_parser = parse_seconds)]
-    step: f64,
+    #[arg(long, value_name = "TIME", default_value = "0.1ms", value_parser = parse_time)]
+    step: Duration,
     /// Folder for the picture and the replay
     #[arg(long, value_name = "DIR", default_value = "out/walk")]
     out: PathBuf,
-    /// Write JSON, and nothing else; no picture, no replay
+    /// Print JSON only; draw no picture, write no replay
     #[arg(long)]
     json: bool,
 }
@@ -76,6 +77,8 @@ struct Report {
     cost_of_transport: Spread,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When f or theta is out of range, the model is refused, or a walk fails.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
@@ -83,14 +86,14 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let setpoint = args.setpoint.check()?;
     let what = Walk {
         setpoint,
-        seconds: args.seconds,
+        seconds: args.seconds.as_secs_f64(),
         drive: match args.drive {
             DriveArg::Firmware => WalkDrive::Firmware,
             DriveArg::Ideal => WalkDrive::Ideal,
         },
-        step: args.step,
+        step: args.step.as_secs_f64(),
     };
-    let caption = format!("{} s, seed {}", args.seconds, args.first_seed);
+    let caption = format!("{} s, seed {}", what.seconds, args.first_seed);
     let bar = progress(args.seeds, "walking");
     let seeds: Vec<u64> =
         (0..args.seeds).map(|index| args.first_seed.wrapping_add(index)).collect();
@@ -118,7 +121,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         model: model.name.clone(),
         frequency_hz: args.setpoint.frequency,
         direction_deg: args.setpoint.direction,
-        seconds: args.seconds,
+        seconds: what.seconds,
         seeds: args.seeds,
         first_seed: args.first_seed,
         forward_m_s: spread(|w| w.forward_m_s),
@@ -127,34 +130,37 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         energy_j: spread(|w| w.energy_j),
         cost_of_transport: spread(|w| w.cost_of_transport),
     };
-    if args.json {
-        println!("{}", serde_json::to_string(&report)?);
+    if !args.json {
+        print(&text(&report))?;
+        for film in walked.into_iter().filter_map(|(_, film)| film) {
+            write(film, &model, args)?;
+        }
         return Ok(ExitCode::SUCCESS);
     }
-    print!("{}", table(&report));
-    for film in walked.into_iter().filter_map(|(_, film)| film) {
-        write(film, &model, args)?;
-    }
-    Ok(ExitCode::SUCCESS)
+    print_figures(&report, true, true, String::new)
 }
 
-fn table(report: &Report) -> String {
+fn text(report: &Report) -> String {
     let row = |name: &str, value: &Spread, unit: &str| {
-        format!("{name:20}{:>10.4} ± {:<8.4} {unit}\n", value.mean, value.spread)
+        row![name, format!("{:.4}", value.mean), format!("\u{b1} {:.4}", value.spread), unit]
     };
     format!(
-        "Model {} at {} Hz, {} degrees: {} walks of {} s (seeds from {})\n\n",
+        "Model {} at {} Hz, {} degrees: {} walks of {} s (seeds from {})\n\n{}",
         report.model,
         report.frequency_hz,
         report.direction_deg,
         report.seeds,
         report.seconds,
-        report.first_seed
-    ) + &row("forward", &report.forward_m_s, "m/s")
-        + &row("lateral (left +)", &report.lateral_m_s, "m/s")
-        + &row("yaw rate (left +)", &report.yaw_rad_s, "rad/s")
-        + &row("energy", &report.energy_j, "J")
-        + &row("cost of transport", &report.cost_of_transport, "")
+        report.first_seed,
+        table(&[
+            row!["", "mean", "between seeds"],
+            row("forward", &report.forward_m_s, "m/s"),
+            row("lateral (left +)", &report.lateral_m_s, "m/s"),
+            row("yaw rate (left +)", &report.yaw_rad_s, "rad/s"),
+            row("energy", &report.energy_j, "J"),
+            row("cost of transport", &report.cost_of_transport, ""),
+        ])
+    )
 }
 
 /// Writes what is to be seen of the first walk.
@@ -166,7 +172,11 @@ fn write(film: Film, model: &RobotModel, args: &Args) -> Result<(), Error> {
     let track: Vec<_> = film.track().collect();
     let line = Series::line("middle of the body", track.iter().map(|(x, y, _)| (*x, *y)));
     let mut map = Track::new(title.clone(), "m")
-        .subtitle(format!("seed {}, {} s, seen from above", args.first_seed, args.seconds))
+        .subtitle(format!(
+            "seed {}, {} s, seen from above",
+            args.first_seed,
+            args.seconds.as_secs_f64()
+        ))
         .series(line.colour(colour::BLUE));
     for index in 0..OUTLINES {
         let last = track.len().saturating_sub(1);
@@ -176,7 +186,7 @@ fn write(film: Film, model: &RobotModel, args: &Args) -> Result<(), Error> {
     }
     let picture = map.write(&args.out, "track")?;
     let page = film.into_recording(title).write(&args.out.join("replay.html"))?;
-    println!("\ntrack   {}\nreplay  {}", picture.png.display(), page.display());
+    print(&format!("\ntrack   {}\nreplay  {}\n", picture.png.display(), page.display()))?;
     Ok(())
 }
 

@@ -6,7 +6,7 @@
 
 use serde::Serialize;
 
-use crate::experiment::probe::{Clamp, ProbeError, ShakeBase, modes, shake};
+use crate::experiment::probe::{Clamp, ProbeError, ShakeBase, eigenmodes, shake};
 use crate::model::{Base, FootAxis, GRAVITY, LEGS, RobotModel};
 use crate::plant::{Diverged, Drive, Mechanics, Plant, Wrench};
 use crate::rig::bench::setpoint;
@@ -224,25 +224,25 @@ fn leg(rows: &mut Rows, model: &RobotModel, options: &Options) -> Result<(), Pro
         let agree = reference.filter(|_| usual).map(|r: f64| (r, 0.01 * r));
         rows.table(&name, "mm", 1e3 * (to[i] - from[i]), agree);
     }
-    mode(rows, model, index, "with its foot", None)?;
+    eigenmode(rows, model, index, "with its foot", None)?;
     let mut rig = model.clone();
     if let Some(legs) = &mut rig.legs {
         legs.foot.axis = FootAxis::Along;
     }
-    mode(rows, &rig, index, "with its foot along x", Some((43.0, 0.305)))
+    eigenmode(rows, &rig, index, "with its foot along x", Some((43.0, 0.305)))
 }
 
-/// The slowest mode of a clamped leg. The table's is that of a leg alone whose foot lies along its first
+/// Adds the slowest eigenmode of a clamped leg. The table's is that of a leg alone whose foot lies along its first
 /// hinge; under the robot the foot lies across.
-fn mode(
+fn eigenmode(
     rows: &mut Rows,
     model: &RobotModel,
     leg: usize,
     how: &str,
     table: Option<(f64, f64)>,
 ) -> Result<(), ProbeError> {
-    let found = modes(model, Clamp::Leg(leg))?;
-    if let Some(first) = found.modes.first() {
+    let found = eigenmodes(model, Clamp::Leg(leg))?;
+    if let Some(first) = found.eigenmodes.first() {
         let name = format!("leg {} clamped, {how}: first mode", LEGS[leg]);
         let table = table.filter(|_| leg == 0);
         let frequency = table.map(|(f, _)| (f, 0.01 * f));

@@ -7,7 +7,7 @@ use crate::cli::Error;
 use crate::cli::arguments::ModelArgs;
 use crate::study::actuation::Actuation;
 
-/// Force and torque of the shaker against frequency and over one turn, the body held.
+/// Compute force and torque of the shaker over frequency and over one turn, the body held
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  flix-sim study actuation\n  flix-sim study actuation --model my-robot.toml"
@@ -19,6 +19,8 @@ pub struct Args {
     run: RunArgs,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When the model is refused or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {

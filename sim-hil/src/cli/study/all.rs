@@ -3,21 +3,21 @@
 use std::process::ExitCode;
 use std::time::Instant;
 
-use anstream::println;
 use clap::Parser;
 
 use crate::cli::Error;
+use crate::cli::arguments::ModelArgs;
+use crate::cli::output::print;
 
-/// Run every study with one command.
+/// Run every study
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "The search of `calibrate` is part of --quick alone: in full it takes hours and has a command of its own.\n\nExamples:\n  flix-sim study all --quick\n  flix-sim study all --model calibrated"
 )]
 pub struct Args {
-    /// Which robot: a model file (TOML), or the name of a shipped one
-    #[arg(long, value_name = "FILE|NAME", default_value = "W")]
-    model: String,
-    /// A first look: short, coarse walks
+    #[command(flatten)]
+    model: ModelArgs,
+    /// Take a first look: short, coarse walks
     #[arg(long)]
     quick: bool,
 }
@@ -28,7 +28,7 @@ struct Line {
     command: super::Command,
 }
 
-/// The studies, as they are typed; the bool tells those that walk and know `--quick`.
+/// The studies, as they are typed; the bool is set for those that walk and know `--quick`.
 const STUDIES: [(&str, bool); 7] = [
     ("actuation", false),
     ("leg", false),
@@ -39,6 +39,8 @@ const STUDIES: [(&str, bool); 7] = [
     ("select --statements", true),
 ];
 
+/// Runs the command.
+///
 /// # Errors
 /// Of the first study that fails.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
@@ -50,11 +52,12 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         lines.push("calibrate --quick --restart --out out/study/calibrate-quick".to_owned());
     }
     for line in lines {
-        println!("\n== flix-sim study {line} --model {}\n", args.model);
-        let words = ["study"].into_iter().chain(line.split(' ')).chain(["--model", &args.model]);
+        print(&format!("\n== flix-sim study {line} --model {}\n\n", args.model.model))?;
+        let words =
+            ["study"].into_iter().chain(line.split(' ')).chain(["--model", &args.model.model]);
         let parsed = Line::try_parse_from(words).map_err(Error::refused)?;
         super::run_command(&parsed.command)?;
     }
-    println!("\nall studies took {:.0} s", start.elapsed().as_secs_f64());
+    print(&format!("\nall studies took {:.0} s\n", start.elapsed().as_secs_f64()))?;
     Ok(ExitCode::SUCCESS)
 }

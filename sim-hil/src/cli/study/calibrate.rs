@@ -2,14 +2,15 @@
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 
-use anstream::{print, println};
 use flix_host::plot::{Chart, Figure, Panel, Series};
 
 use super::listen;
-use crate::cli::arguments::{ModelArgs, parse_seconds, parse_within};
-use crate::cli::{Error, progress};
-use crate::experiment::walk::{DEFAULT_STEP, WalkDrive};
+use crate::cli::Error;
+use crate::cli::arguments::{ModelArgs, parse_time, parse_within};
+use crate::cli::output::{print, progress, row, table};
+use crate::experiment::walk::WalkDrive;
 use crate::model::RobotModel;
 use crate::study::calibrate::{
     self, Fit, Generation, Goal, Progress, Settings, Start, WIDEST, unknowns, values, write_model,
@@ -22,7 +23,7 @@ use crate::study::{Options, Shard};
 /// First seed of the walks that judge the result: none of the search's.
 const FRESH_SEED: u64 = 1_000_001;
 
-/// Fit the open choices, the paper's error set, or both; judge the result with fresh seeds.
+/// Fit the open choices, the paper's error set, or both; judge the result with fresh seeds
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Each generation tries every candidate on the same, new samples: scattered robots, disturbed starts, each\nstep in turn. The result is the middle of the final distribution. Interrupted, the same command goes on.\n\nA laboratory's speeds are a CSV with the columns f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s.\n\nExamples:\n  flix-sim study calibrate --generations 60\n  flix-sim study calibrate --measured speeds.csv --fit both --hold-out 3,7\n  flix-sim study calibrate --start anywhere --widen 3 --shuffle 1    # what chance reaches on an invented table"
@@ -42,13 +43,13 @@ pub struct Args {
     /// Rows to leave out of the fit and to report, counted from 1
     #[arg(long, value_name = "ROWS", value_delimiter = ',')]
     hold_out: Vec<usize>,
-    /// What may be changed [default: open for modes, both for measured speeds]
+    /// What the search may change [default: open for modes, both for measured speeds]
     #[arg(long, value_enum)]
     fit: Option<Fit>,
     /// How much wider than usual the searched ranges are, about their middles
     #[arg(long, value_name = "TIMES", default_value_t = 1.0, value_parser = parse_widen)]
     widen: f64,
-    /// Length of the search
+    /// Number of generations
     #[arg(long, value_name = "N", default_value_t = 60)]
     generations: u64,
     /// Scattered robots that each candidate is tried as
@@ -58,18 +59,18 @@ pub struct Args {
     #[arg(long, value_name = "SHARE", default_value_t = 0.02, value_parser = super::parse_scatter)]
     scatter: f64,
     /// Steps of the simulation, taken in turn
-    #[arg(long, value_name = "TIMES", value_delimiter = ',', default_values_t = [DEFAULT_STEP, 0.5 * DEFAULT_STEP], value_parser = parse_seconds)]
-    step: Vec<f64>,
-    /// How long each walk of the search is
-    #[arg(long, value_name = "TIME", default_value_t = SECONDS, value_parser = parse_seconds)]
-    seconds: f64,
+    #[arg(long, value_name = "TIMES", value_delimiter = ',', default_values = ["0.1ms", "0.05ms"], value_parser = parse_time)]
+    step: Vec<Duration>,
+    /// Time of each walk of the search
+    #[arg(long, value_name = "TIME", default_value = "8s", value_parser = parse_time)]
+    seconds: Duration,
     /// Walks of each row that judge the result
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u64).range(1..=1000))]
     fresh_seeds: u64,
-    /// Of everything random in the search
+    /// Seed of everything random in the search
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=1_000_000))]
     seed: u64,
-    /// A first look: short, coarse walks and few generations
+    /// Take a first look: short, coarse walks and few generations
     #[arg(long)]
     quick: bool,
     /// Folder for the search, the model and the figure
@@ -84,6 +85,8 @@ fn parse_widen(text: &str) -> Result<f64, String> {
     parse_within(text, 1.0..=WIDEST, "number", "")
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When the model or a table is refused, the search was interrupted, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
@@ -102,14 +105,14 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     bar.finish_and_clear();
     let (mut model, so_far) = outcome?;
     model.name = "calibrated".to_owned();
-    print!("{}", chosen(&settings, &so_far));
+    print(&chosen(&settings, &so_far))?;
     let judged = judge(args, &settings, &model, &held)?;
-    print!("\n{judged}");
+    print(&format!("\n{judged}"))?;
     let path = args.out.join("calibrated.toml");
     write_model(&path, &model, &origin(args, &judged))
         .map_err(|error| Error::Write { path: path.clone(), error })?;
     let figure = course(&so_far.history).write(&args.out, "calibration")?;
-    println!("\nmodel   {}\nfigure  {}", path.display(), figure.png.display());
+    print(&format!("\nmodel   {}\nfigure  {}\n", path.display(), figure.png.display()))?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -148,8 +151,8 @@ fn settings(args: &Args, goals: Vec<Goal>) -> Result<Settings, Error> {
         goals,
         samples: usize::from(args.samples),
         scatter: args.scatter,
-        steps: args.step.clone(),
-        seconds: args.seconds,
+        steps: args.step.iter().map(Duration::as_secs_f64).collect(),
+        seconds: args.seconds.as_secs_f64(),
         generations: args.generations,
         seed: args.seed,
         checkpoint: args.out.join("search.toml"),
@@ -167,12 +170,11 @@ fn settings(args: &Args, goals: Vec<Goal>) -> Result<Settings, Error> {
 fn chosen(settings: &Settings, so_far: &Progress) -> String {
     let unknowns = unknowns(settings.fit, settings.widen);
     let values = values(&unknowns, &so_far.search.mean());
-    let mut text = format!("{:26}{:>10}{:>22}\n", "unknown", "chosen", "searched");
-    for (unknown, value) in unknowns.iter().zip(values) {
-        let range = format!("{} .. {}", unknown.low, unknown.high);
-        text += &format!("{:26}{value:>10.4}{range:>22}\n", unknown.name);
-    }
-    text
+    let mut rows = vec![row!["unknown", "chosen", "lowest", "highest"]];
+    rows.extend(unknowns.iter().zip(values).map(|(unknown, value)| {
+        row![unknown.name, format!("{value:.4}"), unknown.low, unknown.high]
+    }));
+    table(&rows)
 }
 
 /// Walks with fresh seeds: at each step, as built and scattered.

@@ -3,18 +3,18 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anstream::{print, println};
 use flix_host::plot::{Chart, Figure, Panel, Series, Stroke, colour};
 use serde::Serialize;
 
+use crate::cli::Error;
 use crate::cli::arguments::{ModelArgs, parse_leg, parse_within};
-use crate::cli::{Error, progress};
+use crate::cli::output::{print, print_figures, progress, row, table};
 use crate::study::leg::{
     GENERATIONS, Identified, Load, NAMES, Rig, Sample, Stiffness, add_noise, identify, read, to_csv,
 };
 use crate::study::write_whole;
 
-/// Find {k_bend, k_twist, b_bend, b_twist} from release tests at -60, 0 and 60 degrees.
+/// Identify {k_bend, k_twist, b_bend, b_twist} of a leg from release tests at -60, 0 and 60 degrees
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Without --measured the tests are simulated with the model's own values and noise, so that what is found can\nbe compared with the truth. A laboratory's tests are a CSV with the columns\nload_deg,t_s,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg: the tip from its unloaded rest, from the release on.\n\nExamples:\n  flix-sim study leg\n  flix-sim study leg --noise-mm 0.2 --noise-deg 1 --seed 7 --json\n  flix-sim study leg --measured tests.csv --load 5 --lever-mm 40"
@@ -22,7 +22,7 @@ use crate::study::write_whole;
 pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
-    /// Which leg: fl, fr, rl, rr
+    /// Leg: fl, fr, rl or rr
     #[arg(long, default_value = "fl", value_parser = parse_leg)]
     leg: usize,
     /// Release tests of a laboratory
@@ -31,7 +31,7 @@ pub struct Args {
     /// Pull on the tip before the release, N
     #[arg(long, value_name = "N", default_value_t = Load::USUAL.force_n, value_parser = parse_load)]
     load: f64,
-    /// How far beside the beam's axis the load is attached, to the left seen along the pull, mm
+    /// Distance of the load from the beam's axis, to the left seen along the pull, mm
     #[arg(long, value_name = "MM", default_value_t = 1e3 * Load::USUAL.lever_m, value_parser = parse_lever, allow_hyphen_values = true)]
     lever_mm: f64,
     /// Noise of the simulated tests, mm
@@ -40,13 +40,13 @@ pub struct Args {
     /// Noise of the simulated tests, degrees
     #[arg(long, value_name = "DEG", default_value_t = 0.3, value_parser = parse_noise)]
     noise_deg: f64,
-    /// Of the noise and the search
+    /// Seed of the noise and of the search
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Folder for the tests and the figure
     #[arg(long, value_name = "DIR", default_value = "out/study/leg")]
     out: PathBuf,
-    /// Write JSON, and nothing else; no figure
+    /// Print JSON only; draw no figure
     #[arg(long)]
     json: bool,
 }
@@ -71,6 +71,8 @@ struct Report {
     truth: Option<Stiffness>,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When the model or the table is refused, or the leg cannot bear the load.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
@@ -93,37 +95,39 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     bar.finish_and_clear();
     let report = Report { found, truth };
     if args.json {
-        println!("{}", serde_json::to_string(&report)?);
-        return Ok(ExitCode::SUCCESS);
+        return print_figures(&report, true, true, String::new);
     }
-    print!("{}", text(&report));
+    print(&text(&report))?;
     let path = args.out.join("tests.csv");
     write_whole(&path, to_csv(&tests).as_bytes())
         .map_err(|error| Error::Write { path: path.clone(), error })?;
     let fit = rig.simulate(found.values, &tests)?;
     let figure = figure(&tests, &fit, &report).write(&args.out, "leg")?;
-    println!("\ntests   {}\nfigure  {}", path.display(), figure.png.display());
+    print(&format!("\ntests   {}\nfigure  {}\n", path.display(), figure.png.display()))?;
     Ok(ExitCode::SUCCESS)
 }
 
 fn text(report: &Report) -> String {
-    let mut text =
-        format!("{:10}{:>12}{:>10}{:>12}{:>9}\n", "", "found", "+- (%)", "truth", "off (%)");
+    let mut rows = vec![row!["", "found", "+- (%)", "truth", "off (%)", ""]];
     for i in 0..4 {
-        let unit = if i < 2 { "N m/rad" } else { "N m s/rad" };
         let value = report.found.values[i];
-        let truth = report.truth.map_or_else(String::new, |truth| {
-            format!("{:>12.5}{:>9.2}", truth[i], 100.0 * (value / truth[i] - 1.0))
+        let (truth, off) = report.truth.map_or_else(Default::default, |truth| {
+            (format!("{:.5}", truth[i]), format!("{:.2}", 100.0 * (value / truth[i] - 1.0)))
         });
-        text += &format!(
-            "{:10}{value:>12.5}{:>10.2}{truth:21} {unit}\n",
+        rows.push(row![
             NAMES[i],
-            100.0 * report.found.uncertainty[i]
-        );
+            format!("{value:.5}"),
+            format!("{:.2}", 100.0 * report.found.uncertainty[i]),
+            truth,
+            off,
+            if i < 2 { "N m/rad" } else { "N m s/rad" }
+        ]);
     }
-    text + &format!(
-        "\ndeviation {:.3} mm, {:.3} degrees a coordinate (rms)\n",
-        report.found.rmse_mm, report.found.rmse_deg
+    format!(
+        "{}\ndeviation {:.3} mm, {:.3} degrees a coordinate (rms)\n",
+        table(&rows),
+        report.found.rmse_mm,
+        report.found.rmse_deg
     )
 }
 

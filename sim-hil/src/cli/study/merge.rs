@@ -7,13 +7,13 @@ use super::show;
 use crate::cli::Error;
 use crate::study;
 
-/// Join the results of all slices of a study, and draw its figures.
+/// Join the results of all slices of a study and draw its figures
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Slices of another study, other parameters or another version are refused.\n\nExample:\n  flix-sim study merge /shared/mobility/results-*.parquet --out /shared/mobility"
 )]
 pub struct Args {
-    /// The results-I-of-N.parquet files of all slices
+    /// results-I-of-N.parquet files of all slices
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Folder for the whole table and its figures [default: that of the first file]
@@ -21,6 +21,8 @@ pub struct Args {
     out: Option<PathBuf>,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When slices are missing, twice, or of something else.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {

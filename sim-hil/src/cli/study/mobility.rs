@@ -2,13 +2,13 @@
 
 use std::process::ExitCode;
 
-use anstream::{print, println};
 use flix_host::plot::{Figure, Series, Track, colour};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;
 
 use super::{SweepArgs, show};
 use crate::cli::Error;
+use crate::cli::output::{print, print_figures, row, table};
 use crate::experiment::walk::{Walk, walk};
 use crate::rig::bench::{DIRECTIONS, FREQUENCIES, setpoint};
 use crate::study::modes::{ModeRow, classify, paper_modes, score_modes};
@@ -17,7 +17,7 @@ use crate::study::sweep::{Cell, Sweep, Variant, cells, grid};
 /// Interval of the points of a track, s: smooth over the shaking.
 const TRACK_INTERVAL: f64 = 0.1;
 
-/// Walk over the grid of f and theta: maps of the three speeds, tracks of the paper's modes and their scores.
+/// Walk over the grid of f and theta: maps of the three speeds, tracks of the paper's walking modes and their scores
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "A mode counts as a sign when the paper's component has its sign, and as a hit when it is also the\nlargest of |forward|, |lateral| and 0.1 m x |yaw rate| and exceeds 0.01 m/s.\n\nExamples:\n  flix-sim study mobility\n  flix-sim study mobility --table3 --model W --seeds 8 --first-seed 100 --json\n  flix-sim study mobility --shard 1/8 --seeds 64 --out /shared/mobility"
@@ -25,10 +25,10 @@ const TRACK_INTERVAL: f64 = 0.1;
 pub struct Args {
     #[command(flatten)]
     sweep: SweepArgs,
-    /// Walk the nine modes of table III alone (Right Strafing from table IV)
+    /// Walk the nine modes of table III only (Right Strafing from table IV)
     #[arg(long)]
     table3: bool,
-    /// Write JSON, and nothing else; no figure
+    /// Print JSON only; draw no figure
     #[arg(long)]
     json: bool,
 }
@@ -48,6 +48,8 @@ struct Report {
     mean_hits: f64,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When the model is refused, a walk fails, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
@@ -64,18 +66,16 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let cells = cells(&table);
     let report = report(&sweep, &cells);
     if args.json {
-        println!("{}", serde_json::to_string(&report)?);
-        return Ok(ExitCode::SUCCESS);
+        return print_figures(&report, true, true, String::new);
     }
     if !args.table3 {
-        println!("{}", found_modes(&cells));
+        print(&(found_modes(&cells) + "\n"))?;
     }
-    print!("{}", text(&report));
-    println!();
+    print(&(text(&report) + "\n"))?;
     let folder = args.sweep.run.folder(&sweep);
     show(&table, &folder)?;
     if !args.table3 {
-        println!("figure  {}", tracks(&sweep)?.write(&folder, "tracks")?.png.display());
+        print(&format!("figure  {}\n", tracks(&sweep)?.write(&folder, "tracks")?.png.display()))?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -98,58 +98,49 @@ fn report(sweep: &Sweep, cells: &[Cell]) -> Report {
 }
 
 fn text(report: &Report) -> String {
-    let mut text = format!(
-        "Model {}, {} walks of {} s at {} ms (seeds from {}), scatter {} %\n\n{:15}{:>6}{:>7}{:>7}{:>6}{:>10}{:>10}{:>10}\n",
+    let mut rows = vec![row![
+        "mode",
+        "f (Hz)",
+        "theta (deg)",
+        "signs",
+        "hits",
+        "forward (m/s)",
+        "lateral (m/s)",
+        "yaw (rad/s)"
+    ]];
+    rows.extend(report.rows.iter().map(|it| {
+        let [forward, lateral, yaw] =
+            [it.forward_m_s, it.lateral_m_s, it.yaw_rad_s].map(|speed| format!("{speed:.4}"));
+        row![it.mode, it.f_hz, it.theta_deg, it.signs, it.hits, forward, lateral, yaw]
+    }));
+    format!(
+        "Model {}, {} walks of {} s at {} ms (seeds from {}), scatter {} %\n\n{}\n\
+         of {} modes, on average {:.2} have the right sign and {:.2} are hits\n",
         report.model,
         report.seeds,
         report.seconds,
         1e3 * report.step_s,
         report.first_seed,
         100.0 * report.scatter,
-        "mode",
-        "f",
-        "theta",
-        "signs",
-        "hits",
-        "forward",
-        "lateral",
-        "yaw"
-    );
-    for row in &report.rows {
-        text += &format!(
-            "{:15}{:>6}{:>7}{:>7}{:>6}{:>10.4}{:>10.4}{:>10.4}\n",
-            row.mode,
-            row.f_hz,
-            row.theta_deg,
-            row.signs,
-            row.hits,
-            row.forward_m_s,
-            row.lateral_m_s,
-            row.yaw_rad_s
-        );
-    }
-    text + &format!(
-        "\nof {} modes, on average {:.2} have the right sign and {:.2} are hits\n",
+        table(&rows),
         report.rows.len(),
         report.mean_signs,
         report.mean_hits
     )
 }
 
-/// The grid with the word for each pair's mean motion.
+/// Returns the grid with the word for each pair's mean motion.
 fn found_modes(cells: &[Cell]) -> String {
-    let mut text = format!("{:>6}", "");
-    for theta in DIRECTIONS {
-        text += &format!("{:>14}", format!("{theta}\u{b0}"));
-    }
-    for f in FREQUENCIES.iter().rev() {
-        text += &format!("\n{:>6}", format!("{f} Hz"));
-        for theta in DIRECTIONS {
+    let directions = DIRECTIONS.map(|theta| format!("{theta}\u{b0}"));
+    let mut rows = vec![[row![""], directions.to_vec()].concat()];
+    rows.extend(FREQUENCIES.iter().rev().map(|f| {
+        let words = DIRECTIONS.map(|theta| {
             let cell = cells.iter().find(|cell| (cell.f_hz, cell.theta_deg) == (*f, theta));
-            text += &format!("{:>14}", cell.map_or("", |cell| classify(cell.mean())));
-        }
-    }
-    text + "\n"
+            cell.map_or("", |cell| classify(cell.mean())).to_owned()
+        });
+        [row![format!("{f} Hz")], words.to_vec()].concat()
+    }));
+    table(&rows)
 }
 
 /// Figure 4a: the way of each of the paper's modes, all from one place.

@@ -11,19 +11,20 @@ pub mod sensitivity;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 
-use anstream::println;
 use clap::{Subcommand, ValueEnum};
 use flix_host::interrupt::Interrupt;
 
 use super::Error;
-use super::arguments::{ModelArgs, parse_seconds, parse_within};
-use crate::experiment::walk::{DEFAULT_STEP, WalkDrive, require_walker};
+use super::arguments::{ModelArgs, parse_time, parse_within};
+use super::output::print;
+use crate::experiment::walk::{WalkDrive, require_walker};
 use crate::model::RobotModel;
-use crate::study::sweep::{SECONDS, Sweep, Variant};
+use crate::study::sweep::{Sweep, Variant};
 use crate::study::{self, Options, Shard, Study, Table, figure};
 
-/// Repeat the paper's studies, each with one command.
+/// Repeat the paper's studies, one command each
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(subcommand)]
@@ -32,13 +33,13 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Force and torque of the shaker (figures 3d and 3e).
+    /// Compute force and torque of the shaker (figures 3d and 3e)
     Actuation(actuation::Args),
     /// Identify stiffness and damping of a leg from release tests (section II-C, figure 3a).
     Leg(leg::Args),
     /// Map f and theta to motion (figures 3b and 4), score the modes of table III.
     Mobility(mobility::Args),
-    /// Change mass or friction and see what becomes of the walks (figures 5a to 5e).
+    /// Change mass or friction and compare the walks (figures 5a to 5e)
     Sensitivity(sensitivity::Args),
     /// Choose robust pairs (figure 5f, table IV); check the claims of section III-B.
     Select(select::Args),
@@ -50,6 +51,8 @@ enum Command {
     All(all::Args),
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// As the study says.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
@@ -69,11 +72,11 @@ fn run_command(command: &Command) -> Result<ExitCode, Error> {
     }
 }
 
-/// Draws the figures of a table and tells where everything is.
+/// Draws the figures of a table and prints where everything is.
 fn show(table: &Table, folder: &Path) -> Result<(), Error> {
-    println!("{} rows  {}", table.rows.len(), folder.join("results.parquet").display());
+    print(&format!("{} rows  {}\n", table.rows.len(), folder.join("results.parquet").display()))?;
     for written in figure::draw(table, folder)? {
-        println!("figure  {}", written.png.display());
+        print(&format!("figure  {}\n", written.png.display()))?;
     }
     Ok(())
 }
@@ -81,7 +84,7 @@ fn show(table: &Table, folder: &Path) -> Result<(), Error> {
 /// Where a study is kept, and which part of it is computed.
 #[derive(Debug, Clone, clap::Args)]
 pub struct RunArgs {
-    /// Compute this slice of the cells alone; `flix-sim study merge` joins them
+    /// Compute this slice of the cells only; `flix-sim study merge` joins slices
     #[arg(long, value_name = "I/N", default_value_t = Shard::WHOLE)]
     pub shard: Shard,
     /// Folder for cells, table and figure [default: one for each study and its parameters, under out/study]
@@ -116,13 +119,13 @@ impl RunArgs {
         if self.shard == Shard::WHOLE {
             return Ok(Some(table));
         }
-        println!(
-            "slice {} of {} is in {}; when all are there: flix-sim study merge {}/results-*.parquet",
+        print(&format!(
+            "slice {} of {} is in {}; when all are there: flix-sim study merge {}/results-*.parquet\n",
             self.shard,
             study.name(),
             options.folder.display(),
             options.folder.display()
-        );
+        ))?;
         Ok(None)
     }
 }
@@ -138,7 +141,7 @@ pub fn listen() -> Result<Interrupt, Error> {
 /// How the robot is walked in a study.
 #[derive(Debug, Clone, clap::Args)]
 pub struct SweepArgs {
-    /// Which robot.
+    /// Robot.
     #[command(flatten)]
     pub model: ModelArgs,
     /// Walks of each pair, each with its start disturbed by up to 1 mm
@@ -147,25 +150,25 @@ pub struct SweepArgs {
     /// The first seed
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub first_seed: u64,
-    /// How long to walk
-    #[arg(long, value_name = "TIME", default_value_t = SECONDS, value_parser = parse_seconds)]
-    pub seconds: f64,
+    /// Time of a walk
+    #[arg(long, value_name = "TIME", default_value = "8s", value_parser = parse_time)]
+    pub seconds: Duration,
     /// What turns the rotors
     #[arg(long, value_enum, default_value_t = DriveArg::Ideal)]
     pub drive: DriveArg,
     /// Step of the ideal drive; the firmware's is its own 0.1 ms
-    #[arg(long, value_name = "TIME", default_value_t = DEFAULT_STEP, value_parser = parse_seconds)]
-    pub step: f64,
+    #[arg(long, value_name = "TIME", default_value = "0.1ms", value_parser = parse_time)]
+    pub step: Duration,
     /// Scatter every number of the model by this share, anew for each seed, for example 0.02
     #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = parse_scatter)]
     pub scatter: f64,
-    /// Read f and theta as the paper's equations say it (left, counter-clockwise), not its text
+    /// Read f and theta as the paper's equations state them (left, counter-clockwise), not its text
     #[arg(long)]
     pub mirrored: bool,
-    /// A first look: one short, coarse walk of each pair
+    /// Take a first look: one short, coarse walk of each pair
     #[arg(long)]
     pub quick: bool,
-    /// Where it is kept.
+    /// Folder and slice.
     #[command(flatten)]
     pub run: RunArgs,
 }
@@ -209,8 +212,8 @@ impl SweepArgs {
             pairs,
             seeds: self.seeds,
             first_seed: self.first_seed,
-            seconds: self.seconds,
-            step: self.step,
+            seconds: self.seconds.as_secs_f64(),
+            step: self.step.as_secs_f64(),
             drive: match self.drive {
                 DriveArg::Ideal => WalkDrive::Ideal,
                 DriveArg::Firmware => WalkDrive::Firmware,

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anstream::{print, println};
 use flix_host::plot::Figure;
 
 use super::{SweepArgs, sensitivity};
 use crate::cli::Error;
+use crate::cli::output::{print, row, table};
 use crate::study::sensitivity::{Candidate, Change, LEAST_SPEED, candidates, mode_table};
 use crate::study::statements::{Statement, Verdict, statements};
 use crate::study::sweep::{Cell, cells};
@@ -16,7 +16,7 @@ use crate::study::{Shard, figure};
 /// Pairs listed for each kind of motion.
 const LISTED: usize = 3;
 
-/// Choose robust pairs by index P from both sensitivity studies; write a mode table.
+/// Choose robust pairs by index P from both sensitivity studies; write a mode table
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Uses what `study sensitivity` computed with the same options, and computes what is missing.\n\nExamples:\n  flix-sim study select\n  flix-sim study select --model W --modes out/W.modes.toml\n  flix-sim study select --statements        # the paper's sensitivity section, claim by claim"
@@ -27,7 +27,7 @@ pub struct Args {
     /// Least speed of a mode's own component, m/s, yaw rates times 0.1 m
     #[arg(long, value_name = "SPEED", default_value_t = LEAST_SPEED)]
     least: f64,
-    /// Where the mode table goes [default: modes.toml beside the figure]
+    /// File of the mode table [default: modes.toml beside the figure]
     #[arg(long, value_name = "FILE")]
     modes: Option<PathBuf>,
     /// Check the claims of the paper's sensitivity section instead
@@ -35,6 +35,8 @@ pub struct Args {
     statements: bool,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When the model is refused, a walk fails, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
@@ -55,22 +57,24 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (mass, folder) = walked(Change::Mass, "mass")?;
     let (friction, _) = walked(Change::Friction, "friction")?;
     if args.statements {
-        print!("{}", claims(&model.name, &statements(&mass, &friction)));
+        print(&claims(&model.name, &statements(&mass, &friction)))?;
         return Ok(ExitCode::SUCCESS);
     }
     let kinds = candidates(&mass, &friction, args.least);
     let labelled = labels(&kinds);
-    print!("{}", text(&labelled, args.least));
+    print(&text(&labelled, args.least))?;
     let figure = figure::selection(&model.name, &mass, &friction, args.least, &labelled)
         .write(&folder, "selection")?;
     let path = args.modes.clone().unwrap_or_else(|| folder.join("modes.toml"));
     let source = format!(
         "flix-sim study select: index P over {} seeds of {} s, least speed {} m/s",
-        args.sweep.seeds, args.sweep.seconds, args.least
+        args.sweep.seeds,
+        args.sweep.seconds.as_secs_f64(),
+        args.least
     );
     let table = mode_table(&model.name, &source, &kinds).map_err(Error::refused)?;
     table.save(&path).map_err(Error::refused)?;
-    println!("\nmodes   {}\nfigure  {}", path.display(), figure.png.display());
+    print(&format!("\nmodes   {}\nfigure  {}\n", path.display(), figure.png.display()))?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -85,42 +89,42 @@ fn labels(kinds: &[(&'static str, Vec<Candidate>)]) -> Vec<(String, Candidate)> 
 }
 
 fn text(labelled: &[(String, Candidate)], least: f64) -> String {
-    let mut text = format!(
-        "{:5}{:14}{:>6}{:>7}{:>9}{:>10}{:>10}{:>10}\n",
-        "", "motion", "f", "theta", "P", "forward", "lateral", "yaw"
-    );
-    for (label, candidate) in labelled {
+    let mut rows = vec![row![
+        "",
+        "motion",
+        "f (Hz)",
+        "theta (deg)",
+        "P",
+        "forward (m/s)",
+        "lateral (m/s)",
+        "yaw (rad/s)"
+    ]];
+    rows.extend(labelled.iter().map(|(label, candidate)| {
         let mean = candidate.cell.mean();
-        text += &format!(
-            "{label:5}{:14}{:>6}{:>7}{:>9.2}{:>10.4}{:>10.4}{:>10.4}{}\n",
+        let [forward, lateral, yaw] =
+            [mean.forward, mean.lateral, mean.yaw].map(|speed| format!("{speed:.4}"));
+        row![
+            label,
             candidate.component.word(candidate.component.of(mean)),
             candidate.cell.f_hz,
             candidate.cell.theta_deg,
-            candidate.index,
-            mean.forward,
-            mean.lateral,
-            mean.yaw,
-            if candidate.fast { String::new() } else { format!("  below {least} m/s") }
-        );
-    }
-    text
+            format!("{:.2}", candidate.index),
+            forward,
+            lateral,
+            yaw,
+            if candidate.fast { String::new() } else { format!("below {least} m/s") }
+        ]
+    }));
+    table(&rows)
 }
 
 fn claims(model: &str, statements: &[Statement]) -> String {
-    let width = statements.iter().map(|s| s.claim.chars().count()).max().unwrap_or_default();
-    let mut text = format!(
-        "What the paper's section III-B says, and what model {model} does (left is positive):\n\n{:width$}{:>17}{:>17}\n",
-        "", "from", "to"
-    );
-    for statement in statements {
-        let [before, after] =
-            statement.values.map(|v| format!("{:+.3} \u{b1} {:.3}", v.mean, v.spread));
-        let mark = if statement.contradicts_itself { "*" } else { "" };
-        text += &format!(
-            "{:width$}{before:>17}{after:>17}  {}{mark}\n",
-            statement.claim, statement.verdict
-        );
-    }
+    let mut rows = vec![row!["claim", "from", "to"]];
+    rows.extend(statements.iter().map(|it| {
+        let [before, after] = it.values.map(|v| format!("{:+.3} \u{b1} {:.3}", v.mean, v.spread));
+        let mark = if it.contradicts_itself { "*" } else { "" };
+        row![it.claim, before, after, format!("{}{mark}", it.verdict)]
+    }));
     let count = |contradicts, verdict| {
         let same = |s: &&Statement| s.contradicts_itself == contradicts && s.verdict == verdict;
         statements.iter().filter(same).count()
@@ -134,8 +138,10 @@ fn claims(model: &str, statements: &[Statement]) -> String {
         )
     };
     let plain = statements.iter().filter(|s| !s.contradicts_itself).count();
-    text + &format!(
-        "\n{plain} claims: {}\n* where the paper's word and sign contradict each other, by the word: {}\n",
+    format!(
+        "What the paper's section III-B says, and what model {model} does (left is positive):\n\n{}\n\
+         {plain} claims: {}\n* where the paper's word and sign contradict each other, by the word: {}\n",
+        table(&rows),
         sums(false),
         sums(true)
     )

@@ -10,7 +10,7 @@ use crate::model::RobotModel;
 use crate::study::sensitivity::{Change, variants};
 use crate::study::sweep::{Sweep, grid};
 
-/// Walk the grid with 50 g at an edge, or with other friction on the left; speeds and index I.
+/// Walk the grid with 50 g at an edge, or with other friction on the left: speeds and index I
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "mass: 50 g at the front, rear, left and right edge, 12 mm inside.\nfriction: left feet by -10, +10, -58 and +58 %; right feet by -10 % (in no index).\n\nExamples:\n  flix-sim study sensitivity mass\n  flix-sim study sensitivity friction --model W --seeds 8\n  flix-sim study sensitivity mass --shard 3/16 --out /shared/mass"
@@ -41,6 +41,8 @@ pub fn sweep(args: &SweepArgs, model: &RobotModel, change: Change) -> Sweep {
     args.sweep(name, variants(model, change), grid())
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When the model is refused, a walk fails, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {

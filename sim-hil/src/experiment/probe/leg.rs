@@ -136,7 +136,7 @@ fn rotation_between(from: &LegView, to: &LegView) -> [f64; 3] {
     (axes(to) * axes(from).inverse()).scaled_axis().into()
 }
 
-/// Period and decay of the last swings that are well above rounding: by then only the slowest-dying mode is
+/// Period and decay of the last swings that are well above rounding: by then only the slowest-dying eigenmode is
 /// left.
 fn ring_down(signal: &[f64], start: f64, step: f64) -> Option<RingDown> {
     let swings: Vec<(f64, f64)> = extremes(signal)
@@ -144,7 +144,7 @@ fn ring_down(signal: &[f64], start: f64, step: f64) -> Option<RingDown> {
         .take_while(|(_, height)| height.abs() > FAINTEST * start)
         .collect();
     let pairs = swings.len().checked_sub(1).filter(|pairs| *pairs >= 1)?;
-    // The later half, in which the faster modes have died.
+    // The later half, in which the faster eigenmodes have died.
     let (first, last) = (swings[pairs / 2], swings[pairs]);
     let halves = (pairs - pairs / 2) as f64;
     let damped = core::f64::consts::TAU * halves / 2.0 / ((last.0 - first.0) * step);

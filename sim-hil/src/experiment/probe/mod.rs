@@ -1,16 +1,16 @@
-//! What an engineer asks of the mechanics: how it rests, bends, rings and shakes.
+//! Probes of the mechanics: how it rests, bends, rings and shakes.
 //!
 //! Each probe takes a [`RobotModel`](crate::model::RobotModel), runs the plant itself, and returns
 //! plain numbers whose names carry their units; `flix-sim` prints them as tables or JSON.
 
+mod eigenmodes;
 mod leg;
-mod modes;
 mod rest;
 mod shake;
 mod signal;
 
+pub use eigenmodes::{Clamp, Eigenmode, Eigenmodes, eigenmodes};
 pub use leg::{LegProbe, RingDown, TIP_REACH, TipMotion, leg, release};
-pub use modes::{Clamp, Mode, Modes, modes};
 pub use rest::{FootLoads, Rest, rest};
 pub use shake::{ShakeBase, Shaken, shake};
 
@@ -40,8 +40,8 @@ pub enum ProbeError {
     /// Nothing moved enough to measure.
     #[error("the leg did not ring: give a force or a torque large enough to bend it")]
     Still,
-    /// The matrices of the model have no modes.
-    #[error("the model {name} has no modes: its mass matrix cannot be inverted")]
+    /// The matrices of the model have no eigenmodes.
+    #[error("the model {name} has no eigenmodes: its mass matrix cannot be inverted")]
     Singular {
         /// Name of the model.
         name: String,

@@ -1,29 +1,29 @@
-//! `flix-sim modes`: natural frequencies, damping and shapes.
+//! `flix-sim eigenmodes`: natural frequencies, damping ratios and shapes of small motions.
 
 use std::process::ExitCode;
 
-use anstream::{print, println};
 use clap::ValueEnum;
 
 use super::Error;
 use super::arguments::{ModelArgs, parse_leg};
-use crate::experiment::probe::{self, Clamp, Modes};
+use super::output::{print_figures, row, table};
+use crate::experiment::probe::{self, Clamp, Eigenmodes};
 
-/// List the natural frequencies, damping ratios and shapes of small motions.
+/// List natural frequencies, damping ratios and shapes of small motions
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  flix-sim modes --clamp feet\n  flix-sim modes --clamp leg --leg fl --model A --json"
+    after_help = "Examples:\n  flix-sim eigenmodes --clamp feet\n  flix-sim eigenmodes --clamp leg --leg fl --model A --json"
 )]
 pub struct Args {
-    /// What is held: one leg at its root, or the ends of each foot's long edge; nothing unless told
+    /// What is held: one leg at its root, or the ends of each foot's long edge [default: nothing]
     #[arg(long, value_enum)]
     clamp: Option<Held>,
-    /// Which leg, with --clamp leg: fl, fr, rl, rr
+    /// Leg of --clamp leg: fl, fr, rl or rr
     #[arg(long, default_value = "fl", value_parser = parse_leg)]
     leg: usize,
     #[command(flatten)]
     model: ModelArgs,
-    /// Write JSON, and nothing else
+    /// Print JSON only
     #[arg(long)]
     json: bool,
 }
@@ -36,6 +36,8 @@ enum Held {
     Feet,
 }
 
+/// Runs the command.
+///
 /// # Errors
 /// When the model is refused or has no legs.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
@@ -45,25 +47,16 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         Some(Held::Leg) => Clamp::Leg(args.leg),
         Some(Held::Feet) => Clamp::Feet,
     };
-    let found = probe::modes(&model, clamp)?;
-    if args.json {
-        println!("{}", serde_json::to_string(&found)?);
-    } else {
-        print!("{}", report(&model.name, &found));
-    }
-    Ok(ExitCode::SUCCESS)
+    let found = probe::eigenmodes(&model, clamp)?;
+    print_figures(&found, true, args.json, || text(&model.name, &found))
 }
 
 /// Share of the largest entry from which a coordinate is named.
 const NAMED: f64 = 0.35;
 
-fn report(model: &str, found: &Modes) -> String {
-    let mut text = format!(
-        "Model {model}: {} modes, {} motions that no spring resists\n\n  f (Hz)   damping ratio   moves most\n",
-        found.modes.len(),
-        found.rigid_motions
-    );
-    for mode in &found.modes {
+fn text(model: &str, found: &Eigenmodes) -> String {
+    let mut rows = vec![row!["f (Hz)", "damping ratio", "moves most"]];
+    for mode in &found.eigenmodes {
         let mut named: Vec<(f64, &str)> = mode
             .shape
             .iter()
@@ -74,12 +67,16 @@ fn report(model: &str, found: &Modes) -> String {
         named.sort_by(|a, b| b.0.abs().total_cmp(&a.0.abs()));
         let names: Vec<String> =
             named.iter().take(4).map(|(share, name)| format!("{name} {share:+.2}")).collect();
-        text += &format!(
-            "{:>8.2} {:>15.4}   {}\n",
-            mode.frequency_hz,
-            mode.damping_ratio,
+        rows.push(row![
+            format!("{:.2}", mode.frequency_hz),
+            format!("{:.4}", mode.damping_ratio),
             names.join(", ")
-        );
+        ]);
     }
-    text
+    format!(
+        "Model {model}: {} eigenmodes, {} rigid motions\n\n{}",
+        found.eigenmodes.len(),
+        found.rigid_motions,
+        table(&rows)
+    )
 }

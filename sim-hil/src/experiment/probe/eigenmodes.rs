@@ -18,22 +18,23 @@ pub enum Clamp {
     Feet,
 }
 
-/// One way to swing.
+/// One eigenmode of small motions.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Mode {
+pub struct Eigenmode {
     /// Natural (undamped) frequency, Hz.
     pub frequency_hz: f64,
     /// Share of critical damping; 1 and more does not swing.
     pub damping_ratio: f64,
-    /// Undamped shape in the coordinates of [`Modes::coordinates`], largest entry 1.
+    /// Undamped shape in the coordinates of [`Eigenmodes::coordinates`], largest entry 1.
     pub shape: Vec<f64>,
 }
 
-/// All of them.
+/// All eigenmodes of a robot.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Modes {
-    /// In rising frequency, motions that no spring resists left out.
-    pub modes: Vec<Mode>,
+pub struct Eigenmodes {
+    /// Eigenmodes in rising frequency, without the rigid motions.
+    #[serde(rename = "modes")]
+    pub eigenmodes: Vec<Eigenmode>,
     /// Motions that no spring resists.
     pub rigid_motions: usize,
     /// Names of the coordinates of the shapes.
@@ -45,11 +46,11 @@ const HELD: f64 = 1e-9;
 /// Below this share of the highest eigenvalue a motion has no spring.
 const RIGID: f64 = 1e-9;
 
-/// Linearises the model as it stands, straight legs, without contact, and finds its modes.
+/// Linearises the model as it stands (legs straight, no contact) and finds its eigenmodes.
 ///
 /// # Errors
 /// When the model is refused or has no legs.
-pub fn modes(model: &RobotModel, clamp: Clamp) -> Result<Modes, ProbeError> {
+pub fn eigenmodes(model: &RobotModel, clamp: Clamp) -> Result<Eigenmodes, ProbeError> {
     require_legs(model)?;
     let linear = Plant::new(model)?.linearise();
     let names = coordinates();
@@ -66,29 +67,29 @@ pub fn modes(model: &RobotModel, clamp: Clamp) -> Result<Modes, ProbeError> {
     let largest = eigen.eigenvalues.max();
     let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
     order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
-    let damped = &inverse * damping * inverse.transpose();
+    let dissipation = &inverse * damping * inverse.transpose();
 
     let elastic: Vec<usize> =
         order.iter().copied().filter(|i| eigen.eigenvalues[*i] > RIGID * largest).collect();
-    // Damping couples the undamped modes: the damped ones are eigenvalues of the whole.
-    let pairs = damped_modes(&eigen.eigenvalues, &eigen.eigenvectors, &damped, &elastic);
-    let modes = elastic
+    // Damping couples the undamped eigenmodes: the damped ones are eigenvalues of the whole.
+    let pairs = damped(&eigen.eigenvalues, &eigen.eigenvectors, &dissipation, &elastic);
+    let eigenmodes = elastic
         .iter()
         .zip(pairs)
         .map(|(index, (natural, ratio))| {
             let vector = &basis * (inverse.transpose() * eigen.eigenvectors.column(*index));
-            Mode {
+            Eigenmode {
                 frequency_hz: natural / core::f64::consts::TAU,
                 damping_ratio: ratio,
                 shape: normalised(&vector),
             }
         })
         .collect();
-    Ok(Modes { modes, rigid_motions: order.len() - elastic.len(), coordinates: names })
+    Ok(Eigenmodes { eigenmodes, rigid_motions: order.len() - elastic.len(), coordinates: names })
 }
 
-/// Natural frequency (rad/s) and damping ratio of each mode, in rising frequency.
-fn damped_modes(
+/// Natural frequency (rad/s) and damping ratio of each eigenmode, in rising frequency.
+fn damped(
     eigenvalues: &DVector<f64>,
     vectors: &DMatrix<f64>,
     damping: &DMatrix<f64>,
@@ -113,7 +114,7 @@ fn damped_modes(
         .filter(|root| root.im > 0.0)
         .map(|root| (root.norm(), -root.re / root.norm()))
         .collect();
-    // Overdamped modes are two real roots each: the geometric mean is the natural frequency.
+    // Overdamped eigenmodes are two real roots each: the geometric mean is the natural frequency.
     let mut real: Vec<f64> = roots.iter().filter(|root| root.im == 0.0).map(|r| -r.re).collect();
     real.sort_by(f64::total_cmp);
     let half = real.len() / 2;
@@ -169,13 +170,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_mode_of_a_clamped_leg_is_that_of_the_reference() {
+    fn the_first_eigenmode_of_a_clamped_leg_is_that_of_the_reference() {
         // The reference's foot lies along the body.
         let mut model = RobotModel::named("A").unwrap();
         if let Some(legs) = &mut model.legs {
             legs.foot.axis = crate::model::FootAxis::Along;
         }
-        let first = &modes(&model, Clamp::Leg(0)).unwrap().modes[0];
+        let first = &eigenmodes(&model, Clamp::Leg(0)).unwrap().eigenmodes[0];
         assert!((first.frequency_hz / 43.0 - 1.0).abs() < 0.01, "{first:?}");
         assert!((first.damping_ratio / 0.305 - 1.0).abs() < 0.03, "{first:?}");
     }
@@ -183,8 +184,8 @@ mod tests {
     #[test]
     fn a_floating_robot_has_six_rigid_motions_and_two_free_rotors() {
         let model = RobotModel::named("A").unwrap();
-        let all = modes(&model, Clamp::None).unwrap();
-        assert_eq!((all.rigid_motions, all.modes.len()), (8, 24));
+        let all = eigenmodes(&model, Clamp::None).unwrap();
+        assert_eq!((all.rigid_motions, all.eigenmodes.len()), (8, 24));
     }
 
     #[test]
@@ -192,8 +193,8 @@ mod tests {
         // 24 velocities are held, but the ends of an edge keep their distance by themselves (4), and
         // four straight legs hold heave, roll and pitch of one plate (1): 32 - 19 are left.
         for name in ["A", "W"] {
-            let all = modes(&RobotModel::named(name).unwrap(), Clamp::Feet).unwrap();
-            assert_eq!((all.rigid_motions, all.modes.len()), (2, 11), "{name}");
+            let all = eigenmodes(&RobotModel::named(name).unwrap(), Clamp::Feet).unwrap();
+            assert_eq!((all.rigid_motions, all.eigenmodes.len()), (2, 11), "{name}");
         }
     }
 }

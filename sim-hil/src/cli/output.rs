@@ -1,0 +1,101 @@
+//! What commands print: figures as JSON for programs, tables for people.
+
+use std::process::ExitCode;
+
+use comfy_table::{CellAlignment, Table, presets};
+use serde::Serialize;
+
+use super::Error;
+pub(crate) use crate::study::progress;
+pub(crate) use flix_host::cli::output::print;
+
+/// Prints figures as one line of JSON, or as `text` for people; the exit code states whether all promises were kept.
+pub(crate) fn print_figures(
+    figures: &impl Serialize,
+    pass: bool,
+    json: bool,
+    text: impl FnOnce() -> String,
+) -> Result<ExitCode, Error> {
+    print(&if json { serde_json::to_string(figures)? + "\n" } else { text() })?;
+    Ok(if pass { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Prints the figures of robots that were measured. When one could not be brought to run, its JSON, too, says so.
+pub(crate) fn print_verdict<F: Serialize>(
+    measured: Result<F, impl Into<Error>>,
+    pass: impl FnOnce(&F) -> bool,
+    json: bool,
+    text: impl FnOnce(&F) -> String,
+) -> Result<ExitCode, Error> {
+    match measured {
+        Ok(figures) => print_figures(&figures, pass(&figures), json, || text(&figures)),
+        Err(error) if json => print_figures(&failure(&error.into()), false, true, String::new),
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// Returns the figures of a robot that could not be measured.
+fn failure(error: &Error) -> serde_json::Value {
+    serde_json::json!({ "pass": false, "error": error.to_string() })
+}
+
+/// The cells of a row of [`table`], each by its `Display`.
+macro_rules! row {
+    ($($cell:expr),* $(,)?) => { vec![$($cell.to_string()),*] };
+}
+pub(crate) use row;
+
+/// Lays rows out in columns without borders, the headings first. Columns with a number in them stand to the right.
+pub(crate) fn table(rows: &[Vec<String>]) -> String {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).add_rows(rows);
+    for (index, column) in table.column_iter_mut().enumerate() {
+        let cells = rows.iter().skip(1).filter_map(|row| row.get(index));
+        let is_number =
+            |cell: &String| cell.starts_with(|c: char| c.is_ascii_digit() || "+-".contains(c));
+        if cells.clone().any(is_number) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+        column.set_padding((0, 2));
+    }
+    table.trim_fmt() + "\n"
+}
+
+/// Returns the last cell of a row of figures: a mark when they are outside their limits.
+pub(crate) const fn mark(passes: bool) -> &'static str {
+    if passes { "" } else { "<-- outside" }
+}
+
+/// Returns the name of a variant in words: `EarlierSession` is `earlier session`.
+pub(crate) fn words(variant: &impl core::fmt::Debug) -> String {
+    let mut text = String::new();
+    for letter in format!("{variant:?}").chars() {
+        if letter.is_uppercase() && !text.is_empty() {
+            text.push(' ');
+        }
+        text.extend(letter.to_lowercase());
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rig::operation::OperationError;
+
+    #[test]
+    fn a_robot_that_cannot_be_brought_to_run_fails_in_json_too() {
+        let error = OperationError::TooLate { awaited: "a session" }.into();
+        let json = failure(&error);
+        assert_eq!((&json["pass"], &json["error"]), (&false.into(), &error.to_string().into()));
+        let measured: Result<(), OperationError> = Err(OperationError::OtherAnswer);
+        let exit = print_verdict(measured, |()| true, true, |()| String::new()).unwrap();
+        assert_eq!(exit, ExitCode::FAILURE);
+    }
+
+    #[test]
+    fn numbers_stand_to_the_right_and_text_to_the_left() {
+        let rows = [row!["fault", "safe (s)"], row!["a", 0.25], row!["longer", "never"]];
+        assert_eq!(table(&rows), "fault  safe (s)\na          0.25\nlonger    never\n");
+    }
+}
