@@ -1,5 +1,57 @@
 #![forbid(unsafe_code)]
-//! A simulated Flix-Walker under the robot's real software
+//! A simulated Flix-Walker under the robot's own software.
+//!
+//! The firmware that flies ([`flix_firmware::robot::Robot`]) and the client that drives ([`flix_host::link::Client`])
+//! run here unchanged; motors, bridges, battery, sensors, body, legs, floor, network and cameras are simulated. Time is
+//! virtual, and everything random comes from seeds: the same call gives the same bits.
+//!
+//! # Layers
+//!
+//! Each wing uses those above it in this table, never one below.
+//!
+//! | wing | what it holds |
+//! |---|---|
+//! | [`model`] | the robot as data: TOML with units in the names, ranges checked; MJCF for MuJoCo |
+//! | [`plant`] | the physics: [`plant::mechanics`] (rotors, body, four soft legs, contact), [`plant::electronics`] (motors, bridges, battery, sensors) |
+//! | [`rig`] | the robot's software on the plant, its network, cameras, hardware faults, operators; the bench |
+//! | [`experiment`] | a walk, a closed loop, probes of the mechanics, the metrics, the reference table |
+//! | [`reliability`] | what is promised, measured: accuracy, fault matrix, soak test, adversary |
+//! | [`study`] | the paper's studies: thousands of walks in parallel, resumable, as Parquet and figures |
+//! | [`view`] | a replay of a run for the browser |
+//! | [`cli`] | the commands of `flix-sim`, one file each |
+//!
+//! Two journeys through them:
+//!
+//! - a model file to a physics step: `model` (TOML, checked) -> `plant::mechanics::build` (constants and state) ->
+//!   `plant::mechanics::system` (one implicit step of all legs at once);
+//! - a pose to a command: `rig::motion_capture` (cameras) -> `experiment::course` -> `flix_host::pilot` (navigation) ->
+//!   `rig::operation` (client and network) -> `rig::robot` (the firmware, on its plant).
+//!
+//! # Example
+//!
+//! A tenth of a second of the model W at 30 Hz, shaken sideways, with the rotors turned exactly as commanded
+//! ([`experiment::walk::WalkDrive::Firmware`] puts the robot's software and its motors in between):
+//!
+//! ```
+//! use flix_sim::experiment::walk::{DEFAULT_STEP, Walk, WalkDrive, walk};
+//! use flix_sim::model::RobotModel;
+//! use flix_sim::rig::bench::setpoint;
+//!
+//! let model = RobotModel::named("W")?;
+//! let what = Walk {
+//!     setpoint: setpoint(30.0, 90.0)?,
+//!     seconds: 0.1,
+//!     drive: WalkDrive::Ideal,
+//!     step: DEFAULT_STEP,
+//! };
+//! let mut highest = 0.0_f64;
+//! let walked = walk(&model, &what, 1, |plant| highest = highest.max(plant.body().position[2]))?;
+//! assert!(walked.path_m < 0.1 && highest < 0.1);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! `examples/own-controller.rs` drives the closed loop with a controller of its own, `examples/own-model.rs` walks a
+//! changed robot.
 
 pub mod cli;
 pub mod experiment;

@@ -13,6 +13,7 @@ use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
+use flix_firmware::hardware::TICK_RATE_HZ;
 use flix_protocol::frame::{Datagram, MAXIMUM_DATAGRAM, MAXIMUM_MESSAGE};
 use flix_protocol::message::{
     Command, DropReason, Dropped, State, ToOperator, ToRobot, unreadable,
@@ -96,6 +97,8 @@ enum Turn {
     Restart,
 }
 
+/// Ticks in a millisecond.
+const TICKS_PER_MS: u64 = TICK_RATE_HZ as u64 / 1_000;
 /// Length of a scenario.
 const LENGTH: Duration = Duration::from_secs(9);
 /// Time of its last turn.
@@ -281,7 +284,7 @@ impl Scenario {
 
     fn run(mut self, datagrams: u64) -> Result<Account, BenchError> {
         let start = self.attacked.now();
-        let ticks = LENGTH.as_micros() as u64 / 100;
+        let ticks = LENGTH.as_millis() as u64 * TICKS_PER_MS;
         let mut account = Account {
             kinds: [0; KINDS.len()],
             dropped: Dropped::default(),
@@ -386,8 +389,8 @@ fn script(
     start: Instant,
 ) -> Result<(), OutOfRange> {
     let now = operation.now();
-    let milliseconds = tick / 10;
-    if !tick.is_multiple_of(10) {
+    let milliseconds = tick / TICKS_PER_MS;
+    if !tick.is_multiple_of(TICKS_PER_MS) {
         return Ok(());
     }
     let is_disarmed =

@@ -1,5 +1,7 @@
 //! A film of a run: a frame now and then, to be made into a [`Recording`].
 
+use flix_host::nav::PlanarPose;
+
 use super::{Caption, Frame, Recording, RobotView};
 use crate::model::RobotModel;
 use crate::plant::Plant;
@@ -61,12 +63,9 @@ impl Film {
         }
     }
 
-    /// Where the body was: x and y (m) and yaw (rad), one for every frame.
-    pub fn track(&self) -> impl ExactSizeIterator<Item = (f64, f64, f64)> + '_ {
-        self.frames.iter().map(|frame| {
-            let body = frame.poses[0];
-            (body.position[0], body.position[1], body.yaw())
-        })
+    /// Returns the body's pose on the floor in every frame.
+    pub fn track(&self) -> impl ExactSizeIterator<Item = PlanarPose> + '_ {
+        self.frames.iter().map(|frame| frame.poses[0].on_the_floor())
     }
 
     /// All of it, with a title.

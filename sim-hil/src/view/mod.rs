@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
+use flix_host::pose::Pose;
 use serde::Serialize;
 
 /// The page, with one place for the title and one for the data.
@@ -41,24 +42,6 @@ pub struct Arrow {
     pub colour: [u8; 3],
     /// Metres of arrow per newton.
     pub scale: f64,
-}
-
-/// Where a part is.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pose {
-    /// Centre of the box, metres.
-    pub position: [f64; 3],
-    /// Unit quaternion, `[w, x, y, z]`.
-    pub orientation: [f64; 4],
-}
-
-impl Pose {
-    /// Heading on the floor, counter-clockwise from x, rad.
-    #[must_use]
-    pub fn yaw(&self) -> f64 {
-        let [w, x, y, z] = self.orientation;
-        (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z))
-    }
 }
 
 /// Where a force acts and how strongly.
@@ -148,7 +131,8 @@ impl Recording {
     /// As [`Recording::to_html`], and when the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<PathBuf, RecordingError> {
         let html = self.to_html()?;
-        crate::study::make_folder(path)
+        path.parent()
+            .map_or(Ok(()), std::fs::create_dir_all)
             .and_then(|()| std::fs::write(path, html))
             .map_err(|source| RecordingError::Write { path: path.to_owned(), source })?;
         Ok(path.to_owned())

@@ -1,7 +1,11 @@
 //! The simulated robot as boxes and arrows.
 
-use super::{Arrow, Force, Frame, Part, Pose};
+use flix_host::pose::Pose;
+
+use super::{Arrow, Force, Frame, Part};
 use crate::model::{LEGS, RobotModel};
+use crate::plant::mechanics::spatial::Vec3;
+use crate::plant::mechanics::{multiply, rotation};
 use crate::plant::{Mechanics, Plant};
 
 const PLATE: [u8; 3] = [70, 76, 88];
@@ -76,15 +80,9 @@ impl RobotView {
     pub fn frame(&self, plant: &Plant, time: f64) -> Frame {
         let m = &self.model;
         let body = plant.body();
-        let turn = nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(
-            body.orientation[0],
-            body.orientation[1],
-            body.orientation[2],
-            body.orientation[3],
-        ));
-        let world = |mm: [f64; 3]| -> [f64; 3] {
-            let turned = turn * nalgebra::Vector3::from(mm.map(|c| c * 1e-3));
-            core::array::from_fn(|i| body.position[i] + turned[i])
+        let turn = rotation(body.orientation);
+        let world = |mm: [f64; 3]| {
+            (Vec3(body.position) + turn.apply(Vec3(mm.map(|c| c * 1e-3)))).0
         };
         let fixed = |mm| Pose { position: world(mm), orientation: body.orientation };
         let mut poses = vec![
@@ -96,16 +94,16 @@ impl RobotView {
         let heights = [0.5, -0.5].map(|side| m.shaker.z_mm + side * m.shaker.spacing_mm);
         for (angle, height) in plant.rotor_angle().into_iter().zip(heights) {
             let (sin, cos) = angle.sin_cos();
-            let spin = nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, angle);
+            let (half_sin, half_cos) = (0.5 * angle).sin_cos();
             let middle = 0.5 * m.shaker.arm_mm;
             poses.push(Pose {
                 position: world([middle * cos, middle * sin, height]),
-                orientation: components(&(turn * spin)),
+                orientation: multiply(body.orientation, [half_cos, 0.0, 0.0, half_sin]),
             });
         }
-        let shaking = turn * nalgebra::Vector3::from(plant.shaker_force());
+        let shaking = turn.apply(Vec3(plant.shaker_force())).0;
         let mut forces =
-            vec![Force { at: world([0.0, 0.0, m.shaker.z_mm]), vector: shaking.into() }];
+            vec![Force { at: world([0.0, 0.0, m.shaker.z_mm]), vector: shaking }];
         for leg in plant.legs().into_iter().flatten() {
             for segment in 0..3 {
                 let (top, bottom) = (leg.joints[segment], leg.joints[segment + 1]);
@@ -147,9 +145,6 @@ fn long_first(axes: [[f64; 3]; 3], half: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
 fn from_axes(axes: [[f64; 3]; 3]) -> [f64; 4] {
     let matrix = nalgebra::Matrix3::from_columns(&axes.map(nalgebra::Vector3::from));
     let rotation = nalgebra::Rotation3::from_matrix_unchecked(matrix);
-    components(&nalgebra::UnitQuaternion::from_rotation_matrix(&rotation))
-}
-
-fn components(q: &nalgebra::UnitQuaternion<f64>) -> [f64; 4] {
+    let q = nalgebra::UnitQuaternion::from_rotation_matrix(&rotation);
     [q.w, q.i, q.j, q.k]
 }

@@ -32,7 +32,6 @@ where
         middle: Mat3::splat([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
         motor_torque: [c(0.0); 2],
         work: [c(0.0); 5],
-        newton: 0,
     }
 }
 

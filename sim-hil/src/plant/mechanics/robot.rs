@@ -235,11 +235,6 @@ impl Plant {
         self.time
     }
 
-    /// Newton steps that the contact took since the start.
-    pub fn newton_steps(&self) -> u64 {
-        self.state.newton
-    }
-
     /// Pose and velocity of the body.
     pub fn body(&self) -> BodyState {
         let s = &self.state;

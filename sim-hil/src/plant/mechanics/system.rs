@@ -84,8 +84,6 @@ pub struct State<B, L, const G: usize> {
     pub motor_torque: [B; 2],
     /// Energies so far, J: motors, pushes, base damping, hinges, floor.
     pub work: [B; 5],
-    /// Newton steps taken so far.
-    pub newton: u64,
 }
 
 impl<L, const G: usize> State<f64, L, G> {
@@ -297,7 +295,6 @@ where
             }
         }
         if !changed {
-            s.newton += round as u64;
             let (mut lost, mut given) = ([L::splat(0.0); G], [L::splat(0.0); G]);
             for g in 0..G {
                 (lost[g], given[g]) =
