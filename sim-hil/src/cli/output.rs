@@ -96,6 +96,6 @@ mod tests {
     #[test]
     fn numbers_stand_to_the_right_and_text_to_the_left() {
         let rows = [row!["fault", "safe (s)"], row!["a", 0.25], row!["longer", "never"]];
-        assert_eq!(table(&rows), "fault  safe (s)\na          0.25\nlonger    never\n");
+        assert_eq!(table(&rows), "fault   safe (s)\na           0.25\nlonger     never\n");
     }
 }

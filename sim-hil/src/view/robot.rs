@@ -81,9 +81,7 @@ impl RobotView {
         let m = &self.model;
         let body = plant.body();
         let turn = rotation(body.orientation);
-        let world = |mm: [f64; 3]| {
-            (Vec3(body.position) + turn.apply(Vec3(mm.map(|c| c * 1e-3)))).0
-        };
+        let world = |mm: [f64; 3]| (Vec3(body.position) + turn.apply(Vec3(mm.map(|c| c * 1e-3)))).0;
         let fixed = |mm| Pose { position: world(mm), orientation: body.orientation };
         let mut poses = vec![
             fixed([0.0; 3]),
@@ -102,8 +100,7 @@ impl RobotView {
             });
         }
         let shaking = turn.apply(Vec3(plant.shaker_force())).0;
-        let mut forces =
-            vec![Force { at: world([0.0, 0.0, m.shaker.z_mm]), vector: shaking }];
+        let mut forces = vec![Force { at: world([0.0, 0.0, m.shaker.z_mm]), vector: shaking }];
         for leg in plant.legs().into_iter().flatten() {
             for segment in 0..3 {
                 let (top, bottom) = (leg.joints[segment], leg.joints[segment + 1]);
