@@ -1,6 +1,6 @@
 //! Somebody on the network who sees everything, sends anything from any address, and does not have the key.
 //!
-//! Two robots of one seed go through the same [`Scenario`], tick by tick: each is connected to, armed, shaken, reversed, stopped,
+//! Two robots of one seed go through the same scenario, tick by tick: each is connected to, armed, shaken, reversed, stopped,
 //! armed again, and at last given another key or restarted in the middle of a run. One of them is under attack. Whatever
 //! the attack does, the two must stay the same to the last bit: a tick in which what the robot obeys differs is an
 //! accepted forgery, one in which the plant differs is a movement caused.

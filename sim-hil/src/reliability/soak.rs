@@ -1,6 +1,6 @@
 //! Soak test: hours of random commands, faults and link trouble in virtual time.
 //!
-//! Several robots run side by side, each with two operators who hold its key and one who does not. A [`Scenario`] goes
+//! Several robots run side by side, each with two operators who hold its key and one who does not. A scenario goes
 //! in episodes: for some seconds chance commands, breaks the hardware, spoils network and clocks; then all is mended,
 //! and the first operator has to get the robot shaking again. In every tick, [`Rule`]s are checked against the plant's truth.
 
