@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use super::Error;
-use super::output::{mark, print_verdict, progress, row, table};
+use super::output::{headings, mark, print_verdict, progress, row, table};
 use crate::reliability::accuracy::{
     ACROSS_LIMIT, Accuracy, DIRECTION_LIMIT_DEG, FORCE_LIMIT_DEG, FREQUENCY_LIMIT_HZ, HoldResult,
     RUNS, SETTLE_LIMIT_S, measure,
@@ -34,15 +34,8 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 }
 
 fn text(accuracy: &Accuracy, seed: u64) -> String {
-    let mut held = vec![row![
-        "base",
-        "f (Hz)",
-        "theta (deg)",
-        "f rms (Hz)",
-        "theta rms (deg)",
-        "force (deg)",
-        "across (%)",
-    ]];
+    let mut held =
+        vec![headings("base|f (Hz)|theta (deg)|f rms (Hz)|theta rms (deg)|force (deg)|across (%)")];
     held.extend(accuracy.hold.iter().map(|hold| {
         let mut row = row![hold.base, hold.f_hz, hold.theta_deg];
         row.extend(figures([

@@ -8,7 +8,7 @@ use flix_host::plot::{Chart, Figure, Panel, Series, Stroke, Written, colour};
 use flix_protocol::message::Setpoint;
 use indicatif::ProgressBar;
 
-use super::output::{mark, print, progress, row, table};
+use super::output::{headings, mark, print, progress, row, table};
 use super::{Error, track};
 use crate::experiment::metrics::{Hold, HoldMeter, StepMeter, line_error};
 use crate::plant::Plant;
@@ -151,17 +151,9 @@ fn show_scenes(
 }
 
 fn text(shown: &[Shown], current_limit: f64) -> String {
-    let mut rows = vec![row![
-        "walking mode",
-        "f (Hz)",
-        "theta (deg)",
-        "f rms (Hz)",
-        "theta rms (deg)",
-        "force (deg)",
-        "across (%)",
-        "settled (s)",
-        "current (A)",
-    ]];
+    let mut rows = vec![headings(
+        "walking mode|f (Hz)|theta (deg)|f rms (Hz)|theta rms (deg)|force (deg)|across (%)|settled (s)|current (A)",
+    )];
     rows.extend(shown.iter().map(|scene| {
         let (f, theta) = (scene.setpoint.frequency().get(), scene.setpoint.direction().get());
         let figures = &scene.figures;

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use super::Error;
-use super::output::{mark, print_verdict, progress, row, table};
+use super::output::{headings, mark, print_verdict, progress, row, table};
 use crate::reliability::fault_matrix::{
     CASES, CELLS, Cell, Matrix, Outcome, REST_LIMIT_S, measure,
 };
@@ -32,17 +32,9 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 }
 
 fn text(matrix: &Matrix) -> String {
-    let mut rows = vec![row![
-        "fault",
-        "held",
-        "rested",
-        "safe (s)",
-        "current (A)",
-        "phase (deg)",
-        "f rms (Hz)",
-        "theta rms (deg)",
-        "first fault",
-    ]];
+    let mut rows = vec![headings(
+        "fault|held|rested|safe (s)|current (A)|phase (deg)|f rms (Hz)|theta rms (deg)|first fault",
+    )];
     rows.extend(CASES.iter().map(|case| {
         let of_case = matrix.cells.iter().filter(|cell| cell.fault == case.name);
         worst(case.name, &of_case.collect::<Vec<_>>())

@@ -45,6 +45,11 @@ macro_rules! row {
 }
 pub(crate) use row;
 
+/// Returns the first row of a [`table`] from its headings with bars between.
+pub(crate) fn headings(names: &str) -> Vec<String> {
+    names.split('|').map(str::to_owned).collect()
+}
+
 /// Lays rows out in columns without borders, the headings first. Columns with a number in them stand to the right.
 pub(crate) fn table(rows: &[Vec<String>]) -> String {
     let mut table = Table::new();

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::{SweepArgs, show};
 use crate::cli::Error;
-use crate::cli::output::{print, print_figures, row, table};
+use crate::cli::output::{headings, print, print_figures, row, table};
 use crate::experiment::walk::{Walk, walk};
 use crate::rig::bench::{DIRECTIONS, FREQUENCIES, setpoint};
 use crate::study::modes::{ModeRow, classify, paper_modes, score_modes};
@@ -98,16 +98,9 @@ fn report(sweep: &Sweep, cells: &[Cell]) -> Report {
 }
 
 fn text(report: &Report) -> String {
-    let mut rows = vec![row![
-        "mode",
-        "f (Hz)",
-        "theta (deg)",
-        "signs",
-        "hits",
-        "forward (m/s)",
-        "lateral (m/s)",
-        "yaw (rad/s)"
-    ]];
+    let mut rows = vec![headings(
+        "mode|f (Hz)|theta (deg)|signs|hits|forward (m/s)|lateral (m/s)|yaw (rad/s)",
+    )];
     rows.extend(report.rows.iter().map(|it| {
         let [forward, lateral, yaw] =
             [it.forward_m_s, it.lateral_m_s, it.yaw_rad_s].map(|speed| format!("{speed:.4}"));

@@ -7,7 +7,7 @@ use flix_host::plot::Figure;
 
 use super::{SweepArgs, sensitivity};
 use crate::cli::Error;
-use crate::cli::output::{print, row, table};
+use crate::cli::output::{headings, print, row, table};
 use crate::study::sensitivity::{Candidate, Change, LEAST_SPEED, candidates, mode_table};
 use crate::study::statements::{Statement, Verdict, statements};
 use crate::study::sweep::{Cell, cells};
@@ -89,16 +89,8 @@ fn labels(kinds: &[(&'static str, Vec<Candidate>)]) -> Vec<(String, Candidate)> 
 }
 
 fn text(labelled: &[(String, Candidate)], least: f64) -> String {
-    let mut rows = vec![row![
-        "",
-        "motion",
-        "f (Hz)",
-        "theta (deg)",
-        "P",
-        "forward (m/s)",
-        "lateral (m/s)",
-        "yaw (rad/s)"
-    ]];
+    let mut rows =
+        vec![headings("|motion|f (Hz)|theta (deg)|P|forward (m/s)|lateral (m/s)|yaw (rad/s)")];
     rows.extend(labelled.iter().map(|(label, candidate)| {
         let mean = candidate.cell.mean();
         let [forward, lateral, yaw] =
@@ -119,7 +111,7 @@ fn text(labelled: &[(String, Candidate)], least: f64) -> String {
 }
 
 fn claims(model: &str, statements: &[Statement]) -> String {
-    let mut rows = vec![row!["claim", "from", "to"]];
+    let mut rows = vec![headings("claim|from|to")];
     rows.extend(statements.iter().map(|it| {
         let [before, after] = it.values.map(|v| format!("{:+.3} \u{b1} {:.3}", v.mean, v.spread));
         let mark = if it.contradicts_itself { "*" } else { "" };
