@@ -3,8 +3,6 @@
 use std::process::ExitCode;
 use std::time::Duration;
 
-use clap::ValueEnum;
-
 use super::Error;
 use super::arguments::{ModelArgs, SetpointArgs, parse_time};
 use super::output::{print_figures, row, table};
@@ -20,8 +18,8 @@ pub struct Args {
     #[command(flatten)]
     setpoint: SetpointArgs,
     /// Base under the body
-    #[arg(long, value_enum, default_value_t = On::Fixed)]
-    base: On,
+    #[arg(long, value_enum, default_value_t = ShakeBase::Fixed)]
+    base: ShakeBase,
     /// Step of the simulation [default: 0.1ms]
     #[arg(long, value_name = "TIME", value_parser = parse_time)]
     step: Option<Duration>,
@@ -32,29 +30,14 @@ pub struct Args {
     json: bool,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum On {
-    /// The body is held; forces are those on a test stand.
-    Fixed,
-    /// The body floats.
-    Air,
-    /// The body stands on its feet.
-    Floor,
-}
-
 /// Runs the command.
 ///
 /// # Errors
 /// When f or theta is out of range, or the model is refused.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.model.load()?;
-    let base = match args.base {
-        On::Fixed => ShakeBase::Fixed,
-        On::Air => ShakeBase::Air,
-        On::Floor => ShakeBase::Floor,
-    };
     let step = args.step.map_or(DEFAULT_STEP, |step| step.as_secs_f64());
-    let found = probe::shake(&model, args.setpoint.check()?, base, step)?;
+    let found = probe::shake(&model, args.setpoint.check()?, args.base, step)?;
     print_figures(&found, true, args.json, || text(&found))
 }
 

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use clap::ValueEnum;
 use flix_host::nav::PlanarPose;
 use flix_host::plot::{Figure, Outline, Series, Track, colour};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
@@ -42,8 +41,8 @@ pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
     /// What turns the rotors
-    #[arg(long, value_enum, default_value_t = DriveArg::Firmware)]
-    drive: DriveArg,
+    #[arg(long, value_enum, default_value_t = WalkDrive::Firmware)]
+    drive: WalkDrive,
     /// Step; under the firmware's drive at most its own tick of 0.1 ms
     #[arg(long, value_name = "TIME", default_value = "0.1ms", value_parser = parse_time)]
     step: Duration,
@@ -53,14 +52,6 @@ pub struct Args {
     /// Print JSON only; draw no picture, write no replay
     #[arg(long)]
     json: bool,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum DriveArg {
-    /// The robot's own software through motors and battery.
-    Firmware,
-    /// Exactly as commanded, as in the paper's simulation.
-    Ideal,
 }
 
 #[derive(Debug, Serialize)]
@@ -88,10 +79,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let what = Walk {
         setpoint,
         seconds: args.seconds.as_secs_f64(),
-        drive: match args.drive {
-            DriveArg::Firmware => WalkDrive::Firmware,
-            DriveArg::Ideal => WalkDrive::Ideal,
-        },
+        drive: args.drive,
         step: args.step.as_secs_f64(),
     };
     let caption = format!("{} s, seed {}", what.seconds, args.first_seed);

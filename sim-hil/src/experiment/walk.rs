@@ -25,10 +25,10 @@ pub const DEFAULT_STEP: f64 = 1e-4;
 const RUN_UP: Duration = Duration::from_millis(500);
 
 /// What turns the rotors.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum WalkDrive {
-    /// The robot's own software through motors, battery and an operator's link.
+    /// The robot's own software, through an operator's link, motors and battery.
     Firmware,
     /// Exactly as commanded, as in the paper's simulation.
     Ideal,

@@ -32,7 +32,7 @@ pub const CONTROL: &str = "right friction -10 %";
 const NO_DEVIATION: f64 = 1e-9;
 
 /// What is changed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Change {
     /// 50 g at one of the four edges.
     Mass,

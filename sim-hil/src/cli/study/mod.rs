@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use clap::{Subcommand, ValueEnum};
+use clap::Subcommand;
 use flix_host::interrupt::Interrupt;
 
 use super::Error;
@@ -154,8 +154,8 @@ pub struct SweepArgs {
     #[arg(long, value_name = "TIME", default_value = "8s", value_parser = parse_time)]
     pub seconds: Duration,
     /// What turns the rotors
-    #[arg(long, value_enum, default_value_t = DriveArg::Ideal)]
-    pub drive: DriveArg,
+    #[arg(long, value_enum, default_value_t = WalkDrive::Ideal)]
+    pub drive: WalkDrive,
     /// Step of the ideal drive; the firmware's is its own 0.1 ms
     #[arg(long, value_name = "TIME", default_value = "0.1ms", value_parser = parse_time)]
     pub step: Duration,
@@ -171,15 +171,6 @@ pub struct SweepArgs {
     /// Folder and slice.
     #[command(flatten)]
     pub run: RunArgs,
-}
-
-/// What turns the rotors.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum DriveArg {
-    /// Exactly as commanded, as in the paper's simulation.
-    Ideal,
-    /// The robot's own software through motors and battery.
-    Firmware,
 }
 
 /// A share by which numbers may scatter.
@@ -214,10 +205,7 @@ impl SweepArgs {
             first_seed: self.first_seed,
             seconds: self.seconds.as_secs_f64(),
             step: self.step.as_secs_f64(),
-            drive: match self.drive {
-                DriveArg::Ideal => WalkDrive::Ideal,
-                DriveArg::Firmware => WalkDrive::Firmware,
-            },
+            drive: self.drive,
             scatter: self.scatter,
             mirrored: self.mirrored,
         };

@@ -2,8 +2,6 @@
 
 use std::process::ExitCode;
 
-use clap::ValueEnum;
-
 use super::{SweepArgs, show};
 use crate::cli::Error;
 use crate::model::RobotModel;
@@ -18,17 +16,9 @@ use crate::study::sweep::{Sweep, grid};
 pub struct Args {
     /// What is changed
     #[arg(value_enum)]
-    change: ChangeArg,
+    change: Change,
     #[command(flatten)]
     sweep: SweepArgs,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum ChangeArg {
-    /// Where mass is.
-    Mass,
-    /// How slippery the floor is under the left feet.
-    Friction,
 }
 
 /// The walks of one change.
@@ -46,11 +36,7 @@ pub fn sweep(args: &SweepArgs, model: &RobotModel, change: Change) -> Sweep {
 /// # Errors
 /// When the model is refused, a walk fails, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let change = match args.change {
-        ChangeArg::Mass => Change::Mass,
-        ChangeArg::Friction => Change::Friction,
-    };
-    let sweep = sweep(&args.sweep, &args.sweep.model()?, change);
+    let sweep = sweep(&args.sweep, &args.sweep.model()?, args.change);
     if let Some(table) = args.sweep.run.run(&sweep)? {
         show(&table, &args.sweep.run.folder(&sweep))?;
     }

@@ -15,11 +15,11 @@ const RUN_IN: f64 = 1.0;
 const MEASURED: f64 = 1.0;
 
 /// What the body stands on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum ShakeBase {
-    /// Nothing moves: a test stand.
+    /// A test stand: the body is held.
     Fixed,
-    /// It floats, legs and all.
+    /// Nothing: the body floats, legs and all.
     Air,
     /// Its own feet.
     Floor,
