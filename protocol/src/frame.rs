@@ -1,4 +1,4 @@
-//! Datagrams: what is where, in bytes.
+//! Layout of the datagrams, in bytes.
 //!
 //! Every datagram begins with [`MAGIC`] and a kind. Integers are little-endian. A tag is 16 bytes:
 //! the first half of an HMAC-SHA256 during the handshake, a Poly1305 tag afterwards.
@@ -12,18 +12,20 @@
 //! | 5 Refusal | robot | 47 | reason u8, version u16, schema key u64, client nonce 16, tag |
 //! | 6 Sealed | both | 32 to 512 | session u32, counter u64, ciphertext, tag |
 //!
-//! Hello's first 14 bytes and the whole of Refusal are the same in every version for ever, so that
-//! ends of different versions can tell each other so. No answer is longer than what it answers: the
-//! robot amplifies nothing.
+//! The first 14 bytes of Hello and the whole of Refusal are the same in every version, so that
+//! ends of different versions can report that they differ. No answer is longer than the datagram
+//! that it answers: the robot amplifies nothing.
 //!
-//! Here is only the layout; [`crate::session`] says what the datagrams mean and what protects them.
-//! Parsing never panics and never copies.
+//! This module knows the layout only; [`crate::session`] defines what the datagrams mean and what
+//! protects them. Parsing never panics and never copies.
+
+use core::ops::Range;
 
 use heapless::Vec;
 
 /// Longest datagram, bytes.
 pub const MAXIMUM_DATAGRAM: usize = 512;
-/// Any datagram.
+/// A datagram.
 pub type Frame = Vec<u8, MAXIMUM_DATAGRAM>;
 
 /// Longest datagram of the handshake, bytes.
@@ -38,17 +40,22 @@ pub const MAGIC: [u8; 3] = *b"flx";
 pub const NONCE_LENGTH: usize = 16;
 /// Bytes in a tag.
 pub const TAG_LENGTH: usize = 16;
+/// Bytes of magic and kind, with which every datagram begins.
+pub const HEAD: usize = MAGIC.len() + 1;
+/// Place of the counter in a sealed datagram, behind head and session.
+pub const SEALED_COUNTER: Range<usize> = HEAD + 4..HEAD + 4 + 8;
 /// Bytes before the ciphertext of a sealed datagram: authenticated, not encrypted.
-pub const SEALED_HEADER: usize = MAGIC.len() + 1 + 4 + 8;
+pub const SEALED_HEADER: usize = SEALED_COUNTER.end;
 /// Longest plain message that fits a sealed datagram, bytes.
 pub const MAXIMUM_MESSAGE: usize = MAXIMUM_DATAGRAM - SEALED_HEADER - TAG_LENGTH;
 
-/// Makes Hello longer than any answer, and short enough for its tag to take two rounds of SHA-256.
+/// Zeros in Hello. They make it longer than any answer, and leave it short enough for its tag to
+/// take two rounds of SHA-256.
 const HELLO_RESERVED: usize = 16;
 
 /// A random number used once.
 pub type Nonce = [u8; NONCE_LENGTH];
-/// Proof that a datagram was made by a holder of the key.
+/// Authentication tag: only a holder of the key can make it.
 pub type Tag = [u8; TAG_LENGTH];
 
 const HELLO: u8 = 1;
@@ -56,15 +63,28 @@ const CHALLENGE: u8 = 2;
 const CONFIRM: u8 = 3;
 const ACCEPT: u8 = 4;
 const REFUSAL: u8 = 5;
-const SEALED: u8 = 6;
+/// Kind of a sealed datagram, whose length varies from [`SEALED_HEADER`] + [`TAG_LENGTH`] to
+/// [`MAXIMUM_DATAGRAM`].
+pub const SEALED: u8 = 6;
 
-/// Why the robot will not talk.
+const VERSION_LENGTH: usize = 2 + 8;
+
+/// Kind and length of each datagram of the handshake, bytes.
+pub const HANDSHAKE_LENGTHS: [(u8, usize); 5] = [
+    (HELLO, HEAD + VERSION_LENGTH + NONCE_LENGTH + HELLO_RESERVED + TAG_LENGTH),
+    (CHALLENGE, HEAD + NONCE_LENGTH + TAG_LENGTH),
+    (CONFIRM, HEAD + 2 * NONCE_LENGTH + TAG_LENGTH),
+    (ACCEPT, HEAD + 4 + TAG_LENGTH),
+    (REFUSAL, HEAD + 1 + VERSION_LENGTH + NONCE_LENGTH + TAG_LENGTH),
+];
+
+/// Why the robot refuses a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum RefusalReason {
-    /// The robot speaks another version.
+    /// The robot uses another version.
     Version = 1,
-    /// The tag did not fit the robot's key.
+    /// The tag does not fit the robot's key.
     Key = 2,
     /// Another operator holds the robot.
     Busy = 3,
@@ -87,85 +107,85 @@ impl RefusalReason {
 /// Version number and schema hash of one end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Version {
-    /// Counted up by hand when meaning changes though the schema does not.
+    /// Incremented by hand when a meaning changes and the schema does not.
     pub number: u16,
     /// Hash over the schema of all messages.
     pub schema_key: u64,
 }
 
-/// The parts of a datagram, as received: nothing in it is trusted yet.
+/// The fields of a datagram, as received: nothing in it is trusted yet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Datagram<'a> {
-    /// "I would like to talk."
+    /// The operator asks for a session.
     Hello {
-        /// What the operator speaks.
+        /// Version of the operator.
         version: Version,
-        /// Fresh, from the operator.
+        /// Fresh nonce of the operator.
         client_nonce: Nonce,
-        /// All that the tag covers.
+        /// All bytes that the tag covers.
         signed: &'a [u8],
-        /// Over `signed`.
+        /// Tag over `signed`.
         tag: Tag,
     },
-    /// "Show that you are there now."
+    /// The robot asks the operator to prove that it is present now.
     Challenge {
         /// The robot's cookie.
         robot_nonce: Nonce,
-        /// All that the tag covers, save what both ends know.
+        /// The bytes that the tag covers, without those that both ends know.
         signed: &'a [u8],
-        /// Over `signed` and the client nonce.
+        /// Tag over `signed` and the client nonce.
         tag: Tag,
     },
-    /// "I am."
+    /// The operator proves that it is present.
     Confirm {
-        /// As in Hello.
+        /// The nonce of Hello.
         client_nonce: Nonce,
-        /// As in Challenge.
+        /// The nonce of Challenge.
         robot_nonce: Nonce,
-        /// All that the tag covers.
+        /// All bytes that the tag covers.
         signed: &'a [u8],
-        /// Over `signed`.
+        /// Tag over `signed`.
         tag: Tag,
     },
-    /// "The robot is yours."
+    /// The robot opens the session.
     Accept {
-        /// Names the session in each sealed datagram.
+        /// Number of the session, repeated in each sealed datagram.
         session: u32,
-        /// All that the tag covers, save what both ends know.
+        /// The bytes that the tag covers, without those that both ends know.
         signed: &'a [u8],
-        /// Over `signed` and both nonces.
+        /// Tag over `signed` and both nonces.
         tag: Tag,
     },
-    /// "No."
+    /// The robot refuses a session.
     Refusal {
-        /// Why.
+        /// The reason.
         reason: RefusalReason,
-        /// What the robot speaks.
+        /// Version of the robot.
         version: Version,
-        /// Of the Hello or Confirm that is refused.
+        /// The nonce of the Hello or Confirm that is refused.
         client_nonce: Nonce,
-        /// All that the tag covers.
+        /// All bytes that the tag covers.
         signed: &'a [u8],
-        /// Over `signed`, with the robot's key; zeros where no key can be held in common.
+        /// Tag over `signed` with the robot's key; zeros where the two ends cannot hold one key.
         tag: Tag,
     },
     /// A message of a session.
     Sealed {
-        /// Which session.
+        /// Number of the session.
         session: u32,
-        /// Counts up with every datagram of one sender in one session.
+        /// Number of the datagram: each sender counts up in each session.
         counter: u64,
         /// Header: authenticated, not encrypted.
         header: &'a [u8],
         /// Ciphertext.
         ciphertext: &'a [u8],
-        /// Over header and ciphertext.
+        /// Tag over header and ciphertext.
         tag: Tag,
     },
 }
 
 impl<'a> Datagram<'a> {
-    /// Takes a datagram apart. `None` when it has not exactly the shape of its kind.
+    /// Parses a datagram. `None` when it does not have exactly the layout of its kind.
     #[must_use]
     pub fn parse(bytes: &'a [u8]) -> Option<Self> {
         if bytes.len() > MAXIMUM_DATAGRAM {
@@ -211,7 +231,7 @@ impl<'a> Datagram<'a> {
     }
 }
 
-/// Reads fields off the front.
+/// Reads fields from the front.
 struct Fields<'a>(&'a [u8]);
 
 impl Fields<'_> {
@@ -290,12 +310,12 @@ pub(crate) fn refusal(
     handshake(REFUSAL, &[&[reason as u8], &number, &schema_key, client_nonce], sign)
 }
 
-/// Header of a sealed datagram.
+/// Returns the header of a sealed datagram.
 pub(crate) fn sealed_header(session: u32, counter: u64) -> [u8; SEALED_HEADER] {
     let mut header = [0; SEALED_HEADER];
     header[..3].copy_from_slice(&MAGIC);
     header[3] = SEALED;
-    header[4..8].copy_from_slice(&session.to_le_bytes());
-    header[8..].copy_from_slice(&counter.to_le_bytes());
+    header[HEAD..SEALED_COUNTER.start].copy_from_slice(&session.to_le_bytes());
+    header[SEALED_COUNTER].copy_from_slice(&counter.to_le_bytes());
     header
 }

@@ -2,10 +2,59 @@
 #![forbid(unsafe_code)]
 //! Units, messages, frames and authenticated sessions between a Flix-Walker and its operator.
 //!
+//! # Layers
+//!
+//! | module | what it defines |
+//! |---|---|
+//! | [`units`] | physical quantities and moments as types with ranges |
+//! | [`message`] | commands, replies, telemetry and events |
+//! | [`frame`] | the layout of datagrams in bytes |
+//! | [`session`] | handshake, encryption, replay protection: who may command the robot |
+//! | [`provision`] | name, network and key of a robot, over its serial port |
+//! | [`shaker`] | the two rotors' angles from phase and theta, and back |
+//!
+//! Everything is sans-IO: time, addresses and datagrams come in as arguments, and what to send is
+//! returned. Nothing reads a clock, owns a socket, allocates, or panics on any input.
+//!
+//! # Example
+//!
+//! Both ends of the link on one thread: the handshake, then one sealed command.
+//!
+//! ```
+//! use flix_protocol::message::{Command, Setpoint, ToRobot};
+//! use flix_protocol::session::{Key, OperatorSession, RobotReceived, RobotSession};
+//! use flix_protocol::units::Instant;
+//!
+//! let now = Instant::from_micros(1_000);
+//! let operator_address = ([192, 168, 4, 2], 4000).into();
+//! let key = Key::new([7; 32]);
+//! // In earnest, the two seeds are fresh random numbers.
+//! let mut robot = RobotSession::new(Some(key.clone()), [1; 32]);
+//! let mut operator = OperatorSession::new(key, [2; 32], now);
+//!
+//! // Hello, Challenge; Confirm, Accept.
+//! while let Some(datagram) = operator.poll(now) {
+//!     match robot.receive(now, operator_address, &datagram) {
+//!         RobotReceived::Answer(answer) | RobotReceived::Connected(answer) => {
+//!             operator.receive(now, &answer);
+//!         }
+//!         other => panic!("unexpected: {other:?}"),
+//!     }
+//! }
+//!
+//! let walk = Command::Setpoint(Setpoint::from_numbers(-30.0, 30.0)?);
+//! let command = ToRobot { request: 1, command: walk };
+//! let datagram = operator.send(now, &command)?;
+//! assert_eq!(robot.receive(now, operator_address, &datagram), RobotReceived::Command(command));
+//! # Ok::<(), Box<dyn core::error::Error>>(())
+//! ```
+//!
 //! # Conventions, fixed here for all crates
 //!
+//! - Lengths are in metres, times in seconds, angles in radians unless a type or name states
+//!   another unit. People read and write theta in degrees.
 //! - Body frame FLU: x forward, y left, z up; yaw positive to the left (ROS REP 103). World frame
-//!   ENU.
+//!   ENU: x east, y north, z up; headings counter-clockwise from x.
 //! - Shaking direction `theta`: degrees in [-90, 90] from forward, **positive to the right**.
 //!   Shaking frequency `f`: Hz in [-35, 35], **positive when the top rotor turns clockwise seen
 //!   from above**. Both are compass-like: counted clockwise (paper, section II-E, text).
@@ -24,7 +73,7 @@ pub mod session;
 pub mod shaker;
 pub mod units;
 
-/// UDP port on which a robot listens unless told otherwise: 1, then "flix" on a telephone's keys.
+/// Default UDP port of a robot: 1, then "flix" on a telephone's keys.
 /// Not assigned by IANA, and below the ports that systems hand out by themselves.
 pub const DEFAULT_PORT: u16 = 13549;
 

@@ -1,16 +1,16 @@
-//! Giving a robot its name, network and key over its serial port.
+//! Provisioning: name, network and key of a robot, over its serial port.
 //!
-//! Physical access is the credential: whoever holds the cable may do this, in every state in which
-//! the motors are let go. The port also carries the robot's log as text, so a message is a frame
-//! that text cannot imitate:
+//! Physical access is the credential: the serial cable is enough, in every state in which the
+//! motors coast. The port also carries the robot's log as text, so a message is a frame that text
+//! cannot imitate:
 //!
 //! ```text
 //! 0x00   COBS( version u8, message in postcard, CRC-32 little-endian )   0x00
 //! ```
 //!
-//! COBS leaves no zero inside, so a reader that fell into the middle finds the next frame.
-//! [`write_frame`] makes frames; [`FrameReader`] picks them out of whatever comes and never panics.
-//! The operator asks with [`Request`]; the robot answers each with one [`Answer`].
+//! COBS leaves no zero inside, so a reader that starts in the middle finds the next frame.
+//! [`write_frame`] writes frames; [`FrameReader`] finds them in any stream of bytes and never
+//! panics. The operator sends a [`Request`]; the robot answers each with one [`Answer`].
 
 use core::fmt;
 
@@ -22,7 +22,7 @@ use zeroize::{Zeroize, Zeroizing};
 use crate::message::{Identity, NAME_LENGTH, Name};
 use crate::session::Key;
 
-/// Counted up with every change of these messages. An end drops frames of another version.
+/// Version of these messages, incremented with every change. Both ends drop frames of another version.
 pub const PROVISION_VERSION: u8 = 1;
 
 /// Baud rate of the robot's serial port, that of the chip's boot log. 8 data bits, no parity, one
@@ -42,20 +42,20 @@ pub type SerialFrame = Zeroizing<Vec<u8, MAXIMUM_FRAME>>;
 const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 const CRC_LENGTH: usize = 4;
 
-/// What the operator asks over the serial port.
+/// A request of the operator over the serial port.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "sent once, never stored")]
 pub enum Request {
-    /// Who are you, and have you a key?
+    /// Report the identity, and whether there is a key.
     Identify,
-    /// Take this, keep it over power-off, and join the network with it.
+    /// Store this in flash, and join the network with it.
     Provision(Provisioning),
-    /// Forget name, network and key: back to the state of a new robot.
+    /// Erase name, network and key: return to the state of a new robot.
     Forget,
 }
 
-/// Everything that makes a robot somebody's own. `Debug` shows neither key nor password, and both
-/// are wiped from memory when dropped.
+/// Name, network and key of a robot. `Debug` shows neither key nor password, and both are wiped
+/// from memory when dropped.
 #[derive(Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Provisioning {
     name: Name,
@@ -65,12 +65,12 @@ pub struct Provisioning {
     key: [u8; 32],
 }
 
-/// Where the robot is, on a network without DHCP.
+/// Address of the robot on a network without DHCP.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FixedAddress {
     /// IPv4 address of the robot.
     pub address: [u8; 4],
-    /// Leading bits of the address that are the network's, 0 to 32.
+    /// Length of the network part of the address, 0 to 32 bits.
     pub prefix_length: u8,
     /// IPv4 address of the gateway, where there is one.
     pub gateway: Option<[u8; 4]>,
@@ -117,7 +117,7 @@ const SHORTEST_PASSWORD: usize = 8;
 /// Longest robot's name; one less than fits, so that it also serves as a C string.
 const LONGEST_LABEL: usize = NAME_LENGTH - 1;
 
-/// Whether this can be a robot's name: a label of a host name, so that it serves in mDNS too.
+/// Returns whether this can be a robot's name: a label of a host name, as mDNS needs it.
 #[must_use]
 pub fn is_name(name: &str) -> bool {
     (1..=LONGEST_LABEL).contains(&name.len())
@@ -149,7 +149,7 @@ impl Provisioning {
         provisioning.check().map(|()| provisioning)
     }
 
-    /// What came over the wire has to be checked again before it is kept.
+    /// Checks values that came over the wire, before they are stored.
     ///
     /// # Errors
     /// As for [`Provisioning::new`].
@@ -174,31 +174,31 @@ impl Provisioning {
         }
     }
 
-    /// The robot's name.
+    /// Returns the robot's name.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The network to join (SSID).
+    /// Returns the network to join (SSID).
     #[must_use]
     pub fn network(&self) -> &str {
         &self.network
     }
 
-    /// The network's password; empty for an open network.
+    /// Returns the network's password; empty for an open network.
     #[must_use]
     pub fn password(&self) -> &str {
         core::str::from_utf8(&self.password).unwrap_or_default()
     }
 
-    /// The fixed address; none to ask for one by DHCP.
+    /// Returns the fixed address; none to request one by DHCP.
     #[must_use]
     pub const fn address(&self) -> Option<FixedAddress> {
         self.address
     }
 
-    /// The key that operators must hold.
+    /// Returns the key that operators must hold.
     #[must_use]
     pub const fn key(&self) -> Key {
         Key::new(self.key)
@@ -222,30 +222,30 @@ impl Drop for Provisioning {
     }
 }
 
-/// What the robot answers over the serial port.
+/// An answer of the robot over the serial port.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Answer {
     /// To [`Request::Identify`].
     Identity {
-        /// Who answers.
+        /// Name, board and firmware.
         identity: Identity,
-        /// Whether it has a key already.
+        /// Whether the robot has a key.
         has_key: bool,
     },
-    /// Kept.
+    /// Stored.
     Done,
-    /// Nothing was changed.
+    /// Refused; nothing was changed.
     Refused(ProvisionRefusal),
 }
 
-/// Why a robot did not take what it was given.
+/// Why a robot refused a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ProvisionRefusal {
     /// A value cannot be used.
     Malformed,
-    /// The motors are not let go.
+    /// The motors do not coast.
     Driving,
-    /// It could not be written.
+    /// The storage could not be written.
     Storage,
 }
 
@@ -259,7 +259,7 @@ impl fmt::Display for ProvisionRefusal {
     }
 }
 
-/// Makes a frame of a message, zeros included. `None` when the frame would be longer than
+/// Returns the frame of a message, zeros included. `None` when the frame would be longer than
 /// [`MAXIMUM_FRAME`], which no [`Request`] or [`Answer`] is.
 #[must_use]
 pub fn write_frame(message: &impl Serialize) -> Option<SerialFrame> {
@@ -282,7 +282,7 @@ pub fn write_frame(message: &impl Serialize) -> Option<SerialFrame> {
     Some(frame)
 }
 
-/// Picks frames out of a stream of bytes that also carries text.
+/// Finds frames in a stream of bytes that also carries text.
 #[derive(Default)]
 pub struct FrameReader {
     bytes: SerialFrame,
@@ -290,14 +290,14 @@ pub struct FrameReader {
 }
 
 impl FrameReader {
-    /// Nothing read yet.
+    /// Creates a reader that has read nothing yet.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Takes the next byte. Returns the message when it completes a frame whose version and check
-    /// sum are right. Never panics.
+    /// Reads the next byte. Returns the message when it completes a frame with the right version
+    /// and check sum. Never panics.
     pub fn push<T: DeserializeOwned>(&mut self, byte: u8) -> Option<T> {
         if byte != 0 {
             self.is_too_long |= self.bytes.push(byte).is_err();

@@ -1,16 +1,16 @@
-//! From the shaker's coordinates (phase, theta) to the rotors' angles and back.
+//! Converts the shaker's coordinates (phase, theta) to the rotors' angles and back.
 //!
-//! Clockwise angles are the robot's own (`theta` positive to the right); the body frame FLU
-//! counts counter-clockwise. All angles in radians, of any size: nothing is wrapped.
+//! `phase` and `theta` count clockwise (`theta` positive to the right); angles in the body frame
+//! FLU count counter-clockwise. All angles are in radians, of any size: nothing is wrapped.
 
-/// Angles of the rotors about body +z (FLU, counter-clockwise), top and bottom, at shaking phase
-/// `phase = omega t` and direction `theta` (both clockwise). Radians.
+/// Returns the angles of the rotors about body +z (FLU, counter-clockwise), top and bottom, at
+/// shaking phase `phase = omega t` and direction `theta` (both clockwise). Radians.
 #[must_use]
 pub fn rotor_angles(phase: f64, theta: f64) -> [f64; 2] {
     [-(phase + theta), -(theta - phase)]
 }
 
-/// `(phase, theta)`, clockwise, of rotors at these angles about body +z. Radians.
+/// Returns `(phase, theta)`, clockwise, of rotors at these angles about body +z. Radians.
 ///
 /// The inverse of [`rotor_angles`]; a full turn added to one rotor shifts both results by half a
 /// turn, which is the same line of force.
@@ -20,7 +20,8 @@ pub fn phase_and_direction(rotor_angles: [f64; 2]) -> (f64, f64) {
     ((top - bottom) / 2.0, (top + bottom) / 2.0)
 }
 
-/// Direction of the line of force of two rotors, degrees clockwise from forward, in [-90, 90).
+/// Returns the direction of the line of force of two rotors, degrees clockwise from forward, in
+/// [-90, 90).
 #[must_use]
 pub fn line_of_force(rotor_angles: [f64; 2]) -> f64 {
     let (_, theta) = phase_and_direction(rotor_angles);

@@ -1,10 +1,9 @@
 //! Physical quantities as types.
 //!
 //! A quantity is a finite `f32` in the unit that its type names. Constructors refuse NaN,
-//! infinities and values outside the type's range, and so does deserialisation: a value that
-//! exists is a value that makes sense. The ranges here say what is physically sensible for a
-//! machine of this kind; what a *command* may ask for is narrower and lives in
-//! [`Setpoint`](crate::message::Setpoint).
+//! infinities and values outside the type's range, and so does deserialisation: every value that
+//! exists is valid. The ranges here are what is physically sensible for a machine of this kind;
+//! the range of a *command* is narrower and belongs to [`Setpoint`](crate::message::Setpoint).
 
 use core::fmt;
 
@@ -14,7 +13,7 @@ use serde::{Deserialize, Serialize};
 /// A number was refused as a quantity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutOfRange {
-    /// What was to be made, for example `frequency`.
+    /// The quantity, for example `frequency`.
     pub quantity: &'static str,
     /// Symbol of the unit, for example `Hz`.
     pub unit: &'static str,
@@ -59,7 +58,7 @@ macro_rules! quantities {
         pub struct $name(f32);
 
         impl $name {
-            /// Nothing of it.
+            /// Zero.
             pub const ZERO: Self = Self(0.0);
             /// Symbol of the unit.
             pub const UNIT: &'static str = $unit;
@@ -76,14 +75,14 @@ macro_rules! quantities {
                 within($quantity, $unit, value, $minimum, $maximum).map(Self)
             }
 
-            /// The nearest value of the type; NaN becomes zero. For measurements, which are
-            /// what they are and must be reportable.
+            /// Returns the nearest value of the type; NaN becomes zero. For measurements, which
+            /// must be reported whatever they are.
             #[must_use]
             pub const fn saturating(value: f32) -> Self {
                 if value.is_nan() { Self(0.0) } else { Self(value.clamp($minimum, $maximum)) }
             }
 
-            /// The number, in the type's unit.
+            /// Returns the number, in the type's unit.
             #[must_use]
             pub const fn get(self) -> f32 {
                 self.0
@@ -113,9 +112,9 @@ macro_rules! quantities {
 }
 
 quantities! {
-    /// A frequency, or a rate of turns. The sign of a shaking frequency is the sense of the rotors.
+    /// A frequency, or turns per second. The sign of a shaking frequency is the direction of the rotors.
     Hertz: "frequency", "Hz", -1000.0 ..= 1000.0;
-    /// An angle as people and the paper speak of it. Inside the fast loop angles are wrapping
+    /// An angle as people and the paper write it. Inside the fast loop angles are wrapping
     /// integers instead.
     Degrees: "angle", "deg", -360.0 ..= 360.0;
     /// An electric potential.
@@ -134,9 +133,9 @@ quantities! {
     Ratio: "ratio", "1", 0.0 ..= 1.0;
 }
 
-/// A moment, counted in microseconds since the robot's (or the program's) own start.
+/// A moment, in microseconds since the start of the robot (or of the program).
 ///
-/// Moments of two machines do not compare.
+/// Moments of two machines cannot be compared.
 #[derive(
     Debug,
     Clone,
@@ -157,19 +156,19 @@ impl Instant {
     /// The start.
     pub const START: Self = Self(0);
 
-    /// A moment so many microseconds after the start.
+    /// Returns the moment this many microseconds after the start.
     #[must_use]
     pub const fn from_micros(microseconds: u64) -> Self {
         Self(microseconds)
     }
 
-    /// Microseconds since the start.
+    /// Returns the microseconds since the start.
     #[must_use]
     pub const fn as_micros(self) -> u64 {
         self.0
     }
 
-    /// Time since `earlier`; zero when `earlier` is later.
+    /// Returns the time since `earlier`; zero when `earlier` is later.
     #[must_use]
     pub const fn since(self, earlier: Self) -> core::time::Duration {
         core::time::Duration::from_micros(self.0.saturating_sub(earlier.0))

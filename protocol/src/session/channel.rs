@@ -1,4 +1,4 @@
-//! Sealing and opening the datagrams of one session.
+//! Seals and opens the datagrams of one session.
 
 use core::fmt;
 
@@ -11,14 +11,14 @@ use super::replay::ReplayWindow;
 use crate::frame::{Frame, MAXIMUM_MESSAGE, SEALED_HEADER, TAG_LENGTH, Tag, sealed_header};
 use crate::message::DropReason;
 
-/// A message was not sealed.
+/// Why a message was not sealed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SendError {
     /// There is no session.
     NoSession,
     /// The message is longer than a datagram holds.
     TooLong,
-    /// All 2^64 counters of the session are used: connect again.
+    /// All 2^64 counters of the session are used.
     Exhausted,
 }
 
@@ -34,7 +34,7 @@ impl fmt::Display for SendError {
 
 impl core::error::Error for SendError {}
 
-/// A plain message, as it came out of a sealed datagram. Empty: goodbye.
+/// A plain message, as opened from a sealed datagram. Empty: goodbye.
 pub(super) type Plain = heapless::Vec<u8, MAXIMUM_MESSAGE>;
 
 /// One end of a session.
@@ -80,13 +80,13 @@ impl Channel {
         self.seal_bytes(plain)
     }
 
-    /// Seals any bytes.
+    /// Seals a copy of these bytes.
     pub(super) fn seal_copy(&mut self, plain: &[u8]) -> Result<Frame, SendError> {
         let mut plain = Plain::from_slice(plain).map_err(|_| SendError::TooLong)?;
         self.seal_bytes(&mut plain)
     }
 
-    /// Seals the empty message that says goodbye.
+    /// Seals the empty message that closes the session.
     pub(super) fn seal_goodbye(&mut self) -> Result<Frame, SendError> {
         self.seal_bytes(&mut [])
     }
@@ -135,7 +135,8 @@ impl Channel {
 const _: () =
     assert!(SEALED_HEADER + MAXIMUM_MESSAGE + TAG_LENGTH == crate::frame::MAXIMUM_DATAGRAM);
 
-/// Keys serve one direction of one session, so the counter alone makes the nonce unique.
+/// Returns the nonce of a counter. Each key serves one direction of one session, so the counter
+/// makes it unique.
 fn nonce(counter: u64) -> chacha20poly1305::Nonce {
     let mut nonce = [0; 12];
     nonce[4..].copy_from_slice(&counter.to_le_bytes());

@@ -29,7 +29,7 @@ pub struct Key([u8; 32]);
 pub enum KeyError {
     /// Not 64 characters long; this many bytes.
     Length(usize),
-    /// Something else than a hexadecimal digit at this place, counted from 0.
+    /// Not a hexadecimal digit at this place, counted from 0.
     Digit(usize),
     /// All zeros: a place-holder, not a key.
     Zero,
@@ -47,7 +47,7 @@ impl fmt::Display for KeyError {
             Self::Digit(place) => {
                 write!(
                     f,
-                    "a key is {KEY_TEXT_LENGTH} hexadecimal digits, and character {} is none",
+                    "a key is {KEY_TEXT_LENGTH} hexadecimal digits, and character {} is not one",
                     place + 1
                 )
             }
@@ -59,19 +59,19 @@ impl fmt::Display for KeyError {
 impl core::error::Error for KeyError {}
 
 impl Key {
-    /// A key from 32 bytes of a cryptographic random source.
+    /// Makes a key from 32 bytes of a cryptographic random source.
     #[must_use]
     pub const fn new(bytes: [u8; 32]) -> Self {
         Self(bytes)
     }
 
-    /// The bytes, for storage.
+    /// Returns the bytes, for storage.
     #[must_use]
     pub const fn as_bytes(&self) -> &[u8; 32] {
         &self.0
     }
 
-    /// 64 lower-case hexadecimal digits (ASCII), wiped from memory when dropped.
+    /// Returns 64 lower-case hexadecimal digits (ASCII), wiped from memory when dropped.
     #[must_use]
     pub fn to_text(&self) -> Zeroizing<[u8; KEY_TEXT_LENGTH]> {
         const DIGITS: &[u8; 16] = b"0123456789abcdef";
@@ -109,7 +109,7 @@ impl fmt::Debug for Key {
 }
 
 impl PartialEq for Key {
-    /// In constant time.
+    /// Compares in constant time.
     fn eq(&self, other: &Self) -> bool {
         self.0.ct_eq(&other.0).into()
     }
@@ -117,7 +117,7 @@ impl PartialEq for Key {
 
 impl Eq for Key {}
 
-/// First 16 bytes of HMAC-SHA256 over the parts. `mac` holds the key, already absorbed.
+/// Returns the first 16 bytes of HMAC-SHA256 over the parts. `mac` has absorbed the key.
 pub(super) fn tag(mac: &HmacSha256, parts: &[&[u8]]) -> Tag {
     let mut mac = mac.clone();
     for part in parts {
@@ -135,7 +135,7 @@ pub(super) fn same(left: &Tag, right: &Tag) -> bool {
 
 /// Makes the tags of the handshake.
 ///
-/// What is signed begins with magic and kind, so no tag of one kind fits another.
+/// The signed bytes begin with magic and kind, so no tag of one kind fits another.
 #[derive(Clone)]
 pub(super) struct Signer(HmacSha256);
 
@@ -146,8 +146,8 @@ impl Signer {
         Self(keyed(&signing_key))
     }
 
-    /// Tag over the datagram so far, the schema key that its sender believes in, and context that
-    /// the datagram does not carry.
+    /// Returns the tag over the datagram so far, the schema key of its sender, and context that the
+    /// datagram does not carry.
     pub(super) fn tag(&self, signed: &[u8], context: &[&Nonce]) -> Tag {
         let schema_key = VERSION.schema_key.to_le_bytes();
         let [first, second] = [context.first(), context.get(1)]
@@ -155,23 +155,23 @@ impl Signer {
         tag(&self.0, &[signed, &schema_key, first, second])
     }
 
-    /// Tag of a refusal, which carries its sender's version itself.
+    /// Returns the tag of a refusal, which carries the version of its sender.
     pub(super) fn tag_any_version(&self, signed: &[u8]) -> Tag {
         tag(&self.0, &[signed])
     }
 
-    /// Whether the tag of a refusal fits. In constant time.
+    /// Returns whether the tag of a refusal fits, in constant time.
     pub(super) fn verify_any_version(&self, signed: &[u8], claimed: &Tag) -> bool {
         same(&self.tag_any_version(signed), claimed)
     }
 
-    /// Whether the tag fits. In constant time.
+    /// Returns whether the tag fits, in constant time.
     pub(super) fn verify(&self, signed: &[u8], context: &[&Nonce], claimed: &Tag) -> bool {
         same(&self.tag(signed, context), claimed)
     }
 }
 
-/// HMAC-SHA256 with its key absorbed.
+/// Returns HMAC-SHA256 that has absorbed this key.
 pub(super) fn keyed(key: &[u8; 32]) -> HmacSha256 {
     HmacSha256::new_from_slice(key).expect("HMAC takes a key of any length")
 }
@@ -180,7 +180,7 @@ fn expand(derivation: &Hkdf<Sha256>, info: &[u8], output: &mut [u8]) {
     derivation.expand(info, output).expect("HKDF-SHA256 gives up to 8160 bytes");
 }
 
-/// What one session is made of.
+/// Keys and number of one session.
 #[derive(Zeroize, ZeroizeOnDrop)]
 pub(super) struct SessionKeys {
     pub(super) to_robot: [u8; 32],
@@ -204,7 +204,7 @@ impl SessionKeys {
     }
 }
 
-/// `flix session `, what for, schema key.
+/// Returns the HKDF info: `flix session `, purpose, schema key.
 fn info(purpose: u8) -> [u8; 22] {
     let mut info = *b"flix session ?________";
     info[13] = purpose;
@@ -212,7 +212,7 @@ fn info(purpose: u8) -> [u8; 22] {
     info
 }
 
-/// A stream of secrets from one seed. Who learns its state learns nothing about earlier output.
+/// A stream of secrets from one seed. Its state reveals nothing about earlier output.
 #[derive(Zeroize, ZeroizeOnDrop)]
 pub(super) struct Entropy([u8; 32]);
 
@@ -221,7 +221,7 @@ impl Entropy {
         Self(seed)
     }
 
-    /// 32 bytes that nobody can guess.
+    /// Returns 32 unpredictable bytes.
     pub(super) fn secret(&mut self) -> Zeroizing<[u8; 32]> {
         let derivation = Hkdf::new(None, &self.0);
         let mut secret = Zeroizing::new([0; 32]);
@@ -230,7 +230,7 @@ impl Entropy {
         secret
     }
 
-    /// A fresh nonce.
+    /// Returns a fresh nonce.
     pub(super) fn nonce(&mut self) -> Nonce {
         let mut nonce = [0; 16];
         nonce.copy_from_slice(&self.secret()[..16]);

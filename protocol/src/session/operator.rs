@@ -1,4 +1,4 @@
-//! The operator's end.
+//! The operator's end of a session.
 
 use core::fmt;
 use core::time::Duration;
@@ -18,12 +18,12 @@ use crate::units::Instant;
 /// Why there is no session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum ConnectError {
-    /// Nothing came back.
+    /// No answer arrived.
     NoAnswer,
     /// The robot does not hold this key.
     WrongKey,
-    /// The robot speaks another version: its number. The same number means that one end was
-    /// changed without counting up.
+    /// The robot uses another version: its number. The same number means that one end was changed
+    /// without incrementing it.
     OtherVersion(u16),
     /// Another operator holds the robot.
     Busy,
@@ -42,18 +42,18 @@ impl fmt::Display for ConnectError {
             ),
             Self::OtherVersion(robot) if *robot > PROTOCOL_VERSION => write!(
                 f,
-                "the robot speaks version {robot} of the protocol and this program {PROTOCOL_VERSION}: update this program"
+                "the robot uses version {robot} of the protocol and this program {PROTOCOL_VERSION}: update this program"
             ),
             Self::OtherVersion(robot) if *robot < PROTOCOL_VERSION => write!(
                 f,
-                "the robot speaks version {robot} of the protocol and this program {PROTOCOL_VERSION}: update the robot's firmware"
+                "the robot uses version {robot} of the protocol and this program {PROTOCOL_VERSION}: update the robot's firmware"
             ),
             Self::OtherVersion(robot) => write!(
                 f,
-                "the robot speaks another build of version {robot} of the protocol: update the robot's firmware and this program to one release"
+                "the robot uses another build of version {robot} of the protocol: update the robot's firmware and this program to one release"
             ),
             Self::Busy => f.write_str(
-                "another operator holds the robot: wait until it lets go or is silent for a second",
+                "another operator holds the robot: wait until it disconnects or is silent for a second",
             ),
             Self::Unprovisioned => {
                 f.write_str("the robot has no key yet: provision it over its serial port")
@@ -65,59 +65,59 @@ impl fmt::Display for ConnectError {
 impl core::error::Error for ConnectError {}
 
 impl ConnectError {
-    /// Whether trying longer is of no use.
+    /// Returns whether a longer attempt cannot help.
     const fn is_lasting(self) -> bool {
         matches!(self, Self::WrongKey | Self::OtherVersion(_) | Self::Unprovisioned)
     }
 }
 
-/// How the operator's end stands.
+/// State of the connection, as the operator sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Status {
     /// A handshake is under way.
     Connecting,
     /// The session stands, and the robot was heard within [`HOLDER_SILENCE`].
     Connected,
-    /// The session stands, but the robot has been silent for so long. It may come back;
+    /// The session stands, and the robot has been silent for this long. It may come back;
     /// [`OperatorSession::connect`] starts over.
     Silent(Duration),
-    /// The robot said goodbye.
+    /// The robot closed the session.
     Left,
     /// The handshake failed; [`OperatorSession::connect`] tries again.
     Failed(ConnectError),
 }
 
-/// What a datagram meant to the operator.
+/// Meaning of a datagram for the operator.
 #[derive(Debug, Clone, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "handled and dropped, never stored")]
 pub enum OperatorReceived {
-    /// The handshake goes on: see what [`OperatorSession::poll`] has to send.
+    /// The handshake continues: send what [`OperatorSession::poll`] returns.
     Progress,
-    /// The robot is ours.
+    /// The session is open.
     Connected,
-    /// The robot speaks.
+    /// A message of the robot.
     Message(ToOperator),
-    /// The robot said goodbye; the session is over.
+    /// The robot closed the session.
     Left,
-    /// Nothing; counted in [`OperatorSession::health`].
+    /// Dropped, and counted in [`OperatorSession::health`].
     Dropped(DropReason),
 }
 
-/// How good the link is, as the operator sees it.
+/// Quality of the link, as the operator sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LinkHealth {
-    /// Between the newest answered command and its reply.
+    /// Time between the newest answered command and its reply.
     pub round_trip: Option<Duration>,
     /// Sealed datagrams accepted in the present session.
     pub accepted: u64,
-    /// Datagrams of the present session that the robot sent and that did not arrive, or not yet.
+    /// Datagrams of the present session that the robot sent and that have not arrived.
     pub lost: u64,
-    /// Datagrams dropped since this end was made, by reason.
+    /// Datagrams dropped since this end was created, by reason.
     pub dropped: Dropped,
 }
 
 impl LinkHealth {
-    /// Share of the robot's datagrams that did not arrive, from 0 to 1.
+    /// Returns the share of the robot's datagrams that did not arrive, from 0 to 1.
     #[must_use]
     pub fn loss(&self) -> f32 {
         let sent = self.accepted + self.lost;
@@ -125,13 +125,13 @@ impl LinkHealth {
     }
 }
 
-/// How many unanswered commands are remembered for timing them.
+/// Most unanswered commands that are timed at once.
 const TIMED_COMMANDS: usize = 32;
 
 /// The operator's end of the link.
 ///
-/// Call [`OperatorSession::poll`] whenever [`OperatorSession::poll_at`] has come, and send what it
-/// gives. Never panics on any datagram.
+/// Call [`OperatorSession::poll`] at the time of [`OperatorSession::poll_at`], and send what it
+/// returns. Never panics on any datagram.
 pub struct OperatorSession {
     key: Key,
     signer: Signer,
@@ -168,7 +168,7 @@ struct Session {
 }
 
 impl OperatorSession {
-    /// Begins to connect at once.
+    /// Creates an end that begins to connect at once.
     ///
     /// `entropy` comes from the operating system's random source, fresh for every session object.
     #[must_use]
@@ -187,13 +187,13 @@ impl OperatorSession {
         }
     }
 
-    /// Forgets the present session, if any, and begins to connect.
+    /// Drops the present session, if any, and begins to connect.
     pub fn connect(&mut self, now: Instant) {
         self.timed.clear();
         self.phase = Phase::Greeting(Greeting::new(&mut self.entropy, now));
     }
 
-    /// How it stands.
+    /// Returns the state of the connection.
     #[must_use]
     pub fn status(&self, now: Instant) -> Status {
         match &self.phase {
@@ -207,7 +207,7 @@ impl OperatorSession {
         }
     }
 
-    /// How good the link is.
+    /// Returns the quality of the link.
     #[must_use]
     pub fn health(&self) -> LinkHealth {
         let (accepted, lost) = match &self.phase {
@@ -219,7 +219,7 @@ impl OperatorSession {
         LinkHealth { round_trip: self.round_trip, accepted, lost, dropped: self.dropped }
     }
 
-    /// When [`OperatorSession::poll`] next has something to do; `None` once the handshake is over.
+    /// Returns when [`OperatorSession::poll`] is due next; `None` once the handshake is over.
     #[must_use]
     pub fn poll_at(&self) -> Option<Instant> {
         match &self.phase {
@@ -230,7 +230,7 @@ impl OperatorSession {
         }
     }
 
-    /// The handshake's datagram that is due, if one is. Call again until it gives `None`.
+    /// Returns the datagram of the handshake that is due, if any. Call again until it returns `None`.
     pub fn poll(&mut self, now: Instant) -> Option<HandshakeFrame> {
         if let Phase::Confirming { greeting, since, .. } = &self.phase
             && now.since(*since) >= CONFIRM_PATIENCE
@@ -261,7 +261,7 @@ impl OperatorSession {
         })
     }
 
-    /// Takes a datagram from the robot's address.
+    /// Receives a datagram from the robot's address.
     pub fn receive(&mut self, now: Instant, datagram: &[u8]) -> OperatorReceived {
         let received = match Datagram::parse(datagram) {
             Some(datagram) => self.parsed(now, datagram),
@@ -290,8 +290,8 @@ impl OperatorSession {
         Ok(frame)
     }
 
-    /// Seals bytes that need not be a command. A robot answers what it cannot read with a refusal;
-    /// this is how to see that.
+    /// Seals bytes that need not be a command, for tests of how a robot answers what it cannot
+    /// read.
     ///
     /// # Errors
     /// As for [`OperatorSession::send`].
@@ -302,7 +302,7 @@ impl OperatorSession {
         session.channel.seal_copy(plain)
     }
 
-    /// Ends the session and makes the datagram that tells the robot so.
+    /// Ends the session and returns the datagram that informs the robot.
     ///
     /// # Errors
     /// When there is no session.
@@ -400,7 +400,7 @@ impl OperatorSession {
         };
     }
 
-    /// Remembers a refusal of the present attempt.
+    /// Records a refusal of the present attempt.
     fn hint(
         &mut self,
         now: Instant,
@@ -453,8 +453,8 @@ impl OperatorSession {
         Ok(OperatorReceived::Message(message))
     }
 
-    /// Takes the round trip of a reply, unless the command was sent more than once: then nobody
-    /// knows which one was answered (Karn's rule).
+    /// Measures the round trip of a reply, unless the command was sent more than once: then it is
+    /// unknown which one was answered (Karn's rule).
     fn time_reply(&mut self, now: Instant, request: u32) {
         let sent: Vec<Instant, 2> = self
             .timed

@@ -1,9 +1,10 @@
-//! Lets each counter through once.
+//! Accepts each counter once.
 
-/// How far behind the newest counter a datagram may come and still be told from a replay.
+/// Largest distance behind the newest counter at which a datagram is distinguished from a replay.
 pub const REPLAY_WINDOW: u64 = 128;
 
-/// Which of the newest [`REPLAY_WINDOW`] counters were seen (RFC 6479's idea, in one integer).
+/// The set of the newest [`REPLAY_WINDOW`] counters that were seen (the idea of RFC 6479, in one
+/// integer).
 ///
 /// Counters run from 0 to `u64::MAX - 1`; `u64::MAX` is always refused, so that the window never
 /// wraps. Never panics.
@@ -18,13 +19,13 @@ pub struct ReplayWindow {
 }
 
 impl ReplayWindow {
-    /// Nothing seen yet.
+    /// Creates a window that has seen no counter.
     #[must_use]
     pub const fn new() -> Self {
         Self { next: 0, seen: 0, accepted: 0 }
     }
 
-    /// Whether this counter is new. Call before spending time on the datagram.
+    /// Returns whether this counter is new. Cheap: call it before the datagram is decrypted.
     #[must_use]
     pub const fn is_new(&self, counter: u64) -> bool {
         if counter >= self.next {
@@ -34,8 +35,8 @@ impl ReplayWindow {
         age < REPLAY_WINDOW && self.seen >> age & 1 == 0
     }
 
-    /// Remembers this counter; call once the datagram is known to be authentic. Returns whether it
-    /// was new; changes nothing when not.
+    /// Records this counter, once the datagram is known to be authentic. Returns whether it was
+    /// new; changes nothing when it was not.
     pub const fn accept(&mut self, counter: u64) -> bool {
         if !self.is_new(counter) {
             return false;
@@ -50,19 +51,19 @@ impl ReplayWindow {
         true
     }
 
-    /// How many counters up to the newest were never seen: lost, or still on the way.
+    /// Returns how many counters up to the newest were not seen: lost, or still under way.
     #[must_use]
     pub const fn missing(&self) -> u64 {
         self.next - self.accepted
     }
 
-    /// How many different counters were seen.
+    /// Returns how many different counters were seen.
     #[must_use]
     pub const fn accepted(&self) -> u64 {
         self.accepted
     }
 
-    /// The newest counter seen.
+    /// Returns the newest counter seen.
     #[must_use]
     pub const fn newest(&self) -> Option<u64> {
         self.next.checked_sub(1)

@@ -1,4 +1,4 @@
-//! The robot's end.
+//! The robot's end of a session.
 
 use core::net::{IpAddr, SocketAddr};
 use core::time::Duration;
@@ -12,33 +12,33 @@ use crate::message::{
 };
 use crate::units::Instant;
 
-/// What a datagram meant to the robot.
+/// Meaning of a datagram for the robot.
 #[derive(Debug, Clone, PartialEq)]
 pub enum RobotReceived {
-    /// A handshake goes on: send this back to where the datagram came from.
+    /// The handshake continues: send this back to the sender of the datagram.
     Answer(HandshakeFrame),
-    /// An operator took over: send this back to where the datagram came from.
+    /// An operator opened a session: send this back to the sender of the datagram.
     Connected(HandshakeFrame),
-    /// The operator commands. Authentic, not replayed, and newer than every command before
-    /// (a `Stop` may be older).
+    /// A command: authentic, not replayed, and newer than every command before (a `Stop` may be
+    /// older).
     Command(ToRobot),
-    /// Authentic, but it asks for what cannot be: answer the request with this refusal.
+    /// An authentic command that cannot be done: answer the request with this refusal.
     Refused {
         /// [`ToRobot::request`].
         request: u32,
-        /// Why.
+        /// The reason.
         refusal: Refusal,
     },
-    /// The operator said goodbye; the session is over.
+    /// The operator closed the session.
     Left,
-    /// Nothing. Counted in [`RobotSession::quality`]; when there is a frame, send it back to where
-    /// the datagram came from.
+    /// Dropped, and counted in [`RobotSession::quality`]. When there is a frame, send it back to
+    /// the sender of the datagram.
     Dropped(DropReason, Option<HandshakeFrame>),
 }
 
-/// The robot's end of the link: authenticates, and holds at most one session.
+/// The robot's end of the link: authenticates operators, and holds at most one session.
 ///
-/// Its size is constant, and nothing that is not authentic changes it, save the counters of dropped
+/// Its size is constant. A datagram that is not authentic changes only the counters of dropped
 /// datagrams. Never panics on any datagram.
 pub struct RobotSession {
     identity: Option<(Key, Signer)>,
@@ -50,7 +50,7 @@ pub struct RobotSession {
     last_command: Option<Instant>,
 }
 
-/// Who holds the session.
+/// The operator that holds the session.
 struct Holder {
     peer: SocketAddr,
     client_nonce: Nonce,
@@ -61,7 +61,7 @@ struct Holder {
 }
 
 impl RobotSession {
-    /// A robot that nobody holds. Without a key it refuses everybody.
+    /// Creates the end of a robot without a session. Without a key it refuses all operators.
     ///
     /// `entropy` comes from a hardware random source, fresh at every start.
     #[must_use]
@@ -78,39 +78,39 @@ impl RobotSession {
         }
     }
 
-    /// Takes another key, or none. The present session ends, unanswered.
+    /// Sets another key, or none. The present session ends without an answer.
     pub fn set_key(&mut self, key: Option<Key>) {
         self.identity = key.map(with_signer);
         self.end();
         self.cookies = Cookies::new(&mut self.entropy);
     }
 
-    /// Ends the present session, if any, and wipes its keys. To tell its holder, send
-    /// [`RobotSession::goodbye`] before.
+    /// Ends the present session, if any, and wipes its keys. Send [`RobotSession::goodbye`] first
+    /// to inform its holder.
     pub fn end(&mut self) {
         self.holder = None;
     }
 
-    /// Whether the robot has a key.
+    /// Returns whether the robot has a key.
     #[must_use]
     pub const fn is_provisioned(&self) -> bool {
         self.identity.is_some()
     }
 
-    /// Who holds the session. Messages go there.
+    /// Returns the address of the operator that holds the session: messages go there.
     #[must_use]
     pub fn peer(&self, now: Instant) -> Option<SocketAddr> {
         let holder = self.holder.as_ref()?;
         (now.since(holder.heard) < SESSION_EXPIRY).then_some(holder.peer)
     }
 
-    /// Time since the last valid command of any session; `None` when there was none.
+    /// Returns the time since the last valid command of any session; `None` when there was none.
     #[must_use]
     pub fn silence(&self, now: Instant) -> Option<Duration> {
         self.last_command.map(|at| now.since(at))
     }
 
-    /// How well the robot hears. Radio power is for the board to add.
+    /// Returns how well the robot receives. The board adds the radio power.
     #[must_use]
     pub fn quality(&self, now: Instant) -> LinkQuality {
         let clamp = |number: u64| u32::try_from(number).unwrap_or(u32::MAX);
@@ -125,7 +125,7 @@ impl RobotSession {
         }
     }
 
-    /// Takes a datagram that came from `from`.
+    /// Receives a datagram from this address.
     pub fn receive(&mut self, now: Instant, from: SocketAddr, datagram: &[u8]) -> RobotReceived {
         if self.peer(now).is_none() {
             self.end();
@@ -149,10 +149,10 @@ impl RobotSession {
         received
     }
 
-    /// Seals a message to the operator. Returns where to send it.
+    /// Seals a message to the operator. Returns the address to send it to.
     ///
     /// # Errors
-    /// When nobody holds the session, or the message does not fit.
+    /// When there is no session, or the message does not fit.
     pub fn send(
         &mut self,
         now: Instant,
@@ -163,10 +163,10 @@ impl RobotSession {
         Ok((peer, holder.channel.seal(message)?))
     }
 
-    /// Ends the session and makes the datagram that tells its holder so.
+    /// Ends the session and returns the datagram that informs its holder.
     ///
     /// # Errors
-    /// When nobody holds the session.
+    /// When there is no session.
     pub fn goodbye(&mut self, now: Instant) -> Result<(SocketAddr, Frame), SendError> {
         let peer = self.peer(now).ok_or(SendError::NoSession)?;
         let mut holder = self.holder.take().ok_or(SendError::NoSession)?;
@@ -219,7 +219,7 @@ impl RobotSession {
             && same(&holder.client_nonce, client_nonce)
             && same(&holder.robot_nonce, robot_nonce)
         {
-            // The Accept was lost: say it again. Nothing starts over.
+            // The Accept was lost: send it again. Nothing starts over.
             return RobotReceived::Answer(accept(signer, holder));
         }
         if !self.cookies.is_fresh(now, from, client_nonce, robot_nonce) {
@@ -287,7 +287,7 @@ impl RobotSession {
         }
     }
 
-    /// Whether somebody else holds the session and was heard of late.
+    /// Returns whether another operator holds the session and was received recently.
     fn is_held_against(&self, now: Instant, from: SocketAddr) -> bool {
         self.holder
             .as_ref()
@@ -295,7 +295,7 @@ impl RobotSession {
     }
 
     fn refuse(&self, reason: RefusalReason, client_nonce: &Nonce) -> RobotReceived {
-        // Whoever has another key cannot verify a tag, and a flood should not be paid for.
+        // An operator with another key cannot verify a tag, and a flood should cost nothing.
         let tag = |signed: &[u8]| match &self.identity {
             Some((_, signer)) if reason != RefusalReason::Key => signer.tag_any_version(signed),
             _ => Tag::default(),
@@ -311,22 +311,22 @@ impl RobotSession {
     }
 }
 
-/// Gives nonces that it need not remember.
+/// Makes nonces that need not be stored.
 struct Cookies(HmacSha256);
 
 impl Cookies {
-    /// With a new secret: no earlier nonce is good any more.
+    /// Creates cookies with a new secret: all earlier nonces become invalid.
     fn new(entropy: &mut Entropy) -> Self {
         Self(keyed(&entropy.secret()))
     }
 
-    /// The nonce for this peer and this client nonce now.
+    /// Returns the nonce for this peer and this client nonce now.
     fn nonce(&self, now: Instant, peer: SocketAddr, client_nonce: &Nonce) -> Nonce {
         self.nonce_of(epoch(now), peer, client_nonce)
     }
 
-    /// Whether this nonce was given to this peer for this client nonce in this epoch or the one
-    /// before. In constant time.
+    /// Returns whether this nonce was made for this peer and this client nonce in this epoch or the
+    /// one before, in constant time.
     fn is_fresh(
         &self,
         now: Instant,
@@ -361,7 +361,7 @@ fn accept(signer: &Signer, holder: &Holder) -> HandshakeFrame {
     })
 }
 
-/// Number of the cookie's epoch.
+/// Returns the number of the cookie's epoch.
 const fn epoch(now: Instant) -> u64 {
     now.as_micros() / COOKIE_EPOCH.as_micros() as u64
 }

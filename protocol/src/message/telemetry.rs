@@ -1,0 +1,135 @@
+//! What the robot reports of itself: telemetry many times a second, and events.
+
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::fault::{Fault, Faults};
+use super::link::LinkQuality;
+use super::names::names;
+use super::setpoint::Setpoint;
+use crate::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
+
+/// State of the supervisor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum State {
+    /// The motors coast.
+    Disarmed,
+    /// The robot finds the electrical angles and the zero of the current sensors.
+    Aligning,
+    /// The robot holds the rotors at rest, ready for a setpoint.
+    Armed,
+    /// The robot shakes, or ramps to its setpoint.
+    Running,
+    /// Both rotors ramp down together.
+    Stopping,
+    /// A fault is latched; the motors are not driven.
+    Faulted,
+}
+
+names!(State {
+    Disarmed: "disarmed",
+    Aligning: "aligning",
+    Armed: "armed",
+    Running: "running",
+    Stopping: "stopping",
+    Faulted: "faulted",
+});
+
+/// One motor with its rotor, as measured.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
+pub struct MotorTelemetry {
+    /// Angle of the rotor (arm of the eccentric mass) from forward, clockwise seen from above.
+    pub angle: Degrees,
+    /// Speed in turns per second, clockwise positive.
+    pub speed: Hertz,
+    /// Direct current, which makes no torque.
+    pub current_d: Amperes,
+    /// Quadrature current, which makes torque.
+    pub current_q: Amperes,
+}
+
+/// Timing of the fast loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
+pub struct LoopTiming {
+    /// Ticks since power-up.
+    pub ticks: u64,
+    /// Longest interval between two ticks since the previous telemetry, microseconds.
+    pub longest_interval_us: u32,
+    /// Late ticks since power-up.
+    pub overruns: u32,
+}
+
+/// The state of the robot at one moment.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Telemetry {
+    /// Time on the robot's clock.
+    pub time: Instant,
+    /// State of the supervisor.
+    pub state: State,
+    /// Latched faults.
+    pub faults: Faults,
+    /// The first of them: the cause of the rest.
+    pub first_fault: Option<Fault>,
+    /// Whether a stop is latched.
+    pub stopped: bool,
+    /// Whether commands are late: the first step of the failsafe ladder.
+    pub link_late: bool,
+    /// The commanded pair.
+    pub setpoint: Setpoint,
+    /// Measured f, over the last turn.
+    pub frequency: Hertz,
+    /// Measured theta.
+    pub direction: Degrees,
+    /// Top motor, bottom motor.
+    pub motors: [MotorTelemetry; 2],
+    /// Voltage on the battery side of the bridge; none where the board does not measure it.
+    pub bus_voltage: Option<Volts>,
+    /// Largest recent duty, as a share of the bridge's range.
+    pub modulation: Ratio,
+    /// Timing of the fast loop.
+    pub timing: LoopTiming,
+    /// How well the robot receives the operator.
+    pub link: LinkQuality,
+}
+
+/// An event with its number and time. Each is sent once, in order.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
+pub struct EventReport {
+    /// Counts up by one; a gap shows that some were lost.
+    pub number: u32,
+    /// Time on the robot's clock.
+    pub time: Instant,
+    /// What happened.
+    pub event: Event,
+}
+
+/// Something that happened to the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
+pub enum Event {
+    /// The robot started.
+    Started,
+    /// The supervisor changed state.
+    State(State),
+    /// A fault was latched.
+    Fault(Fault),
+    /// Latched faults and stop were cleared.
+    Cleared,
+    /// A stop was latched.
+    Stopped,
+    /// An operator opened a session.
+    OperatorConnected,
+    /// The operator closed its session.
+    OperatorLeft,
+    /// Commands are late: the first step of the failsafe ladder.
+    LinkLate,
+    /// The command deadline passed: the rotors ramp down.
+    CommandDeadline,
+    /// The link is lost: the robot disarms.
+    LinkLost,
+    /// Settings were written.
+    SettingsSaved,
+    /// Stored settings were damaged; the defaults are in force.
+    SettingsDefaulted,
+    /// The battery is low.
+    BatteryLow(Volts),
+}
