@@ -1,17 +1,17 @@
-//! What the robot reports, in plain words with what to do.
+//! Explains what the robot reports, in plain words, with what to do.
 
 use flix_protocol::message::{Event, Fault, Refusal, State};
 
-/// What a fault means and what to do about it.
+/// Returns what a fault means and what to do.
 #[must_use]
 pub const fn fault(fault: Fault) -> &'static str {
     match fault {
         Fault::OverCurrent => {
-            "a phase drew more current than the driver stands: look for a blocked rotor or a short"
+            "a phase current was above the limit of the driver: look for a blocked rotor or a short circuit"
         }
         Fault::UnderVoltage => "the battery is empty: charge it",
         Fault::OverVoltage => {
-            "the supply is above what the driver stands: check the battery and braking energy"
+            "the supply is above the limit of the driver: check the battery and the braking energy"
         }
         Fault::OverSpeed => {
             "a rotor turned faster than any command: check that its mass and magnet are tight"
@@ -19,9 +19,9 @@ pub const fn fault(fault: Fault) -> &'static str {
         Fault::EncoderLost => {
             "an angle sensor does not answer: check its cable and the magnet's distance"
         }
-        Fault::Stall => "full current and no movement: free the rotor",
+        Fault::Stall => "the rotor does not move at full current: free the rotor",
         Fault::PhaseLockLost => "the rotors did not follow f and theta: free them, or ask for less",
-        Fault::LoopOverrun => "the processor fell behind: update the firmware, and report it",
+        Fault::LoopOverrun => "the processor was too slow: update the firmware, and report it",
         Fault::Alignment => {
             "a motor did not follow its alignment: check its phases, magnet and encoder"
         }
@@ -34,12 +34,12 @@ pub const fn fault(fault: Fault) -> &'static str {
     }
 }
 
-/// A state as one says it.
+/// Returns a state with what the motors do in it.
 #[must_use]
 pub const fn state(state: State) -> &'static str {
     match state {
-        State::Disarmed => "disarmed: the motors are let go",
-        State::Aligning => "aligning: finding the motors' angles",
+        State::Disarmed => "disarmed: the motors coast",
+        State::Aligning => "aligning: finding the angles of the motors",
         State::Armed => "armed: holding the rotors at rest",
         State::Running => "running",
         State::Stopping => "stopping: both rotors ramp down",
@@ -47,7 +47,7 @@ pub const fn state(state: State) -> &'static str {
     }
 }
 
-/// What to do about a refusal, beyond what it says itself.
+/// Returns what to do about a refusal.
 #[must_use]
 pub fn refusal(refusal: &Refusal) -> Option<String> {
     let hint = match refusal {
@@ -58,13 +58,24 @@ pub fn refusal(refusal: &Refusal) -> Option<String> {
             });
         }
         Refusal::UnknownParameter => "`flix parameters list` shows all names",
-        Refusal::State(_) => "disarm it first: `flix stop`, then `flix clear`",
+        Refusal::State(state) => blocking(*state),
         _ => return None,
     };
     Some(hint.to_owned())
 }
 
-/// An event as a line of a log.
+/// Returns what to do when a command is refused in this state.
+const fn blocking(state: State) -> &'static str {
+    match state {
+        State::Disarmed => "arm it first: `flix teleop` and `flix drive` do so",
+        State::Aligning => "wait a second until the motors are aligned, then try again",
+        State::Stopping => "wait a second until the rotors are at rest, then try again",
+        State::Armed | State::Running => "disarm it first: `flix stop`, then `flix clear`",
+        State::Faulted => "`flix status` shows the fault; `flix clear` clears it",
+    }
+}
+
+/// Returns an event as a line of a log.
 #[must_use]
 pub fn event(event: &Event) -> String {
     match event {
@@ -81,5 +92,25 @@ pub fn event(event: &Event) -> String {
         Event::SettingsSaved => "settings saved".to_owned(),
         Event::SettingsDefaulted => "stored settings were damaged: defaults in force".to_owned(),
         Event::BatteryLow(voltage) => format!("battery low: {:.1} V", voltage.get()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refusal_in_each_state_has_the_hint_of_that_state() {
+        for (state, hint) in [
+            (State::Disarmed, "arm it first"),
+            (State::Aligning, "wait a second until the motors are aligned"),
+            (State::Armed, "`flix stop`, then `flix clear`"),
+            (State::Running, "`flix stop`, then `flix clear`"),
+            (State::Stopping, "wait a second until the rotors are at rest"),
+            (State::Faulted, "`flix clear` clears it"),
+        ] {
+            let found = refusal(&Refusal::State(state)).unwrap();
+            assert!(found.contains(hint), "{state}: {found}");
+        }
     }
 }

@@ -1,7 +1,6 @@
-//! Ctrl-C, SIGTERM and a closed terminal as a flag that every loop looks at.
+//! Ctrl-C, SIGTERM and a closed terminal as a flag that every loop checks.
 //!
-//! Nothing is done in the signal handler: whoever drives a robot tells it to stop first, and only
-//! then ends.
+//! The signal handler only sets the flag: a program that drives a robot first stops it, then ends.
 
 use std::io;
 use std::sync::Arc;
@@ -9,12 +8,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
-/// Whether somebody wants this program to end.
+/// A request to end this program.
 #[derive(Debug, Clone)]
 pub struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
-    /// Takes SIGINT, SIGTERM and SIGHUP for the rest of the program's life.
+    /// Handles SIGINT, SIGTERM and SIGHUP from now on.
     ///
     /// # Errors
     /// When the operating system refuses the handlers.
@@ -26,18 +25,18 @@ impl Interrupt {
         Ok(Self(raised))
     }
 
-    /// Nobody has asked yet, and no signal is listened to: for tests and for loops within loops.
+    /// Creates a flag that no signal raises, for tests and for loops within loops.
     #[must_use]
     pub fn never() -> Self {
         Self(Arc::default())
     }
 
-    /// Asks from inside the program.
+    /// Requests the end from inside the program.
     pub fn raise(&self) {
         self.0.store(true, Ordering::SeqCst);
     }
 
-    /// Whether somebody has asked.
+    /// Returns whether the end was requested.
     #[must_use]
     pub fn is_raised(&self) -> bool {
         self.0.load(Ordering::SeqCst)

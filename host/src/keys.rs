@@ -1,11 +1,11 @@
-//! Keys of robots: made here, kept in files that only their owner can read, never shown.
+//! Keys of robots: made here, stored in files that only their owner can read, never shown.
 //!
 //! A key file holds the 256-bit pre-shared key of one robot as 64 hexadecimal digits on one line.
-//! The user's own keys live in the *keyring*, one file a robot:
-//! `$XDG_CONFIG_HOME/flix/robots/NAME.key` (`~/.config/flix/robots/NAME.key`). Beside a key may
-//! stand `NAME.address` for a robot with a fixed address.
+//! The keys of the user are in the *keyring*, one file per robot:
+//! `$XDG_CONFIG_HOME/flix/robots/NAME.key` (`~/.config/flix/robots/NAME.key`). Beside a
+//! key, `NAME.address` holds the address of a robot with a fixed one.
 //!
-//! A file that anybody but its owner can read is refused, as ssh does with its keys.
+//! A file that other users can read is refused, as ssh does.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
@@ -16,25 +16,26 @@ use flix_protocol::provision;
 use flix_protocol::session::{self, Key};
 use zeroize::Zeroizing;
 
-/// The name under which `flix-sim serve` keeps the key of the simulated robot, which is also the
-/// key for every address of this machine itself.
+/// Name of the simulated robot, under which `flix-sim serve` stores its key. It is also the key for
+/// every address of this machine.
 pub const SIMULATED_ROBOT: &str = "simulated";
 
-/// Names the file with the key, before the keyring is asked.
+/// Environment variable that names the key file; it comes before the keyring.
 pub const KEY_FILE_VARIABLE: &str = "FLIX_KEY_FILE";
 
-/// Much more than a key file has; keeps a wrong path (a film, a device) from being read whole.
+/// Longest file that is read as a key file, bytes: a wrong path (a film, a device) must not be read
+/// whole.
 const LONGEST_KEY_FILE: u64 = 4096;
 
-/// A key could not be made, read or kept.
+/// Why a key could not be made, read or stored.
 #[derive(Debug, thiserror::Error)]
 pub enum KeyError {
     /// The operating system gave no randomness.
     #[error("the operating system gave no random numbers for a key: {0}")]
     Random(getrandom::Error),
-    /// Anybody but its owner can read the file.
+    /// Other users can read the file.
     #[error(
-        "the key file {} can be read by others (mode {mode:03o}): run `chmod 600 {}`, and make a new key if somebody may have read it",
+        "the key file {} can be read by others (mode {mode:03o}): run `chmod 600 {}`, and make a new key if it may have been read",
         path.display(), path.display()
     )]
     Exposed {
@@ -51,10 +52,10 @@ pub enum KeyError {
     Malformed {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The error in its text.
         source: session::KeyError,
     },
-    /// A key must not be overwritten by accident.
+    /// The file exists: a key must not be overwritten by accident.
     #[error(
         "{} exists already: a key that a robot knows would be lost; move the file away first",
         path.display()
@@ -63,32 +64,32 @@ pub enum KeyError {
         /// The file.
         path: PathBuf,
     },
-    /// No key is known for this robot.
+    /// There is no key for this robot.
     #[error(
         "there is no key for {robot}: give one with --key FILE or {KEY_FILE_VARIABLE}, or provision the robot with `flix provision`{}{}",
         known(names),
         simulated(robot)
     )]
     Unknown {
-        /// As the operator wrote it.
+        /// The robot, as the operator wrote it.
         robot: String,
         /// Robots whose keys are in the keyring.
         names: Vec<String>,
     },
-    /// A robot's name becomes a file's name.
+    /// The name cannot be a robot's name, which is also the name of a file.
     #[error(
         "`{0}` cannot be a robot's name: use 1 to 31 letters, digits and hyphens, beginning and ending with a letter or digit"
     )]
     Name(String),
-    /// Neither of the variables that lead to the user's directory is set.
+    /// No environment variable leads to the directory of the user.
     #[error("there is no home directory to keep keys in: set HOME or XDG_CONFIG_HOME")]
     NoHome,
-    /// The file system did not do it.
+    /// A file or directory could not be used.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file or directory.
         path: PathBuf,
-        /// What it said.
+        /// The error of the operating system.
         source: io::Error,
     },
 }
@@ -108,10 +109,10 @@ fn at(path: &Path) -> impl FnOnce(io::Error) -> KeyError + '_ {
     |source| KeyError::Io { path: path.to_owned(), source }
 }
 
-/// A new key from the operating system's random numbers.
+/// Makes a key from random numbers of the operating system.
 ///
 /// # Errors
-/// When the operating system has none to give.
+/// When the operating system has no random numbers.
 pub fn generate() -> Result<Key, KeyError> {
     let mut bytes = Zeroizing::new([0; 32]);
     getrandom::fill(bytes.as_mut_slice()).map_err(KeyError::Random)?;
@@ -121,7 +122,7 @@ pub fn generate() -> Result<Key, KeyError> {
 /// Reads a key file.
 ///
 /// # Errors
-/// When it cannot be read, holds no key, or can be read by others than its owner.
+/// When it cannot be read, is not a key file, or other users can read it.
 pub fn read(path: &Path) -> Result<Key, KeyError> {
     let file = File::open(path).map_err(at(path))?;
     refuse_exposed(path, &file)?;
@@ -156,14 +157,14 @@ fn refuse_exposed(path: &Path, file: &File) -> Result<(), KeyError> {
     if mode & 0o077 == 0 { Ok(()) } else { Err(KeyError::Exposed { path: path.to_owned(), mode }) }
 }
 
-/// The user's keys, one file a robot.
+/// The keys of the user, one file per robot.
 #[derive(Debug, Clone)]
 pub struct Keyring {
     directory: PathBuf,
 }
 
 impl Keyring {
-    /// The keys of the user who runs this program. Nothing is created yet.
+    /// Returns the keyring of the user who runs this program. Creates nothing.
     ///
     /// # Errors
     /// When neither `XDG_CONFIG_HOME` nor the home directory is known.
@@ -176,13 +177,13 @@ impl Keyring {
         Ok(Self::in_directory(configuration.join("flix").join("robots")))
     }
 
-    /// The keys in this directory.
+    /// Returns the keyring in this directory.
     #[must_use]
     pub fn in_directory(directory: PathBuf) -> Self {
         Self { directory }
     }
 
-    /// Names of the robots whose keys are kept, sorted.
+    /// Returns the names of the robots with a key, sorted.
     #[must_use]
     pub fn names(&self) -> Vec<String> {
         let Ok(entries) = fs::read_dir(&self.directory) else { return Vec::new() };
@@ -197,13 +198,13 @@ impl Keyring {
         names
     }
 
-    /// Whether a key of this robot is kept.
+    /// Returns whether there is a key of this robot.
     #[must_use]
     pub fn contains(&self, name: &str) -> bool {
         check_name(name).is_ok() && self.key_file(name).exists()
     }
 
-    /// Where the key of this robot is, or would be.
+    /// Returns the path of the key of this robot, whether it exists or not.
     #[must_use]
     pub fn key_file(&self, name: &str) -> PathBuf {
         self.directory.join(format!("{name}.key"))
@@ -213,7 +214,7 @@ impl Keyring {
         self.directory.join(format!("{name}.address"))
     }
 
-    /// The key of this robot.
+    /// Returns the key of this robot.
     ///
     /// # Errors
     /// When there is none, or it cannot be used.
@@ -225,7 +226,7 @@ impl Keyring {
         }
     }
 
-    /// Keeps the key of a new robot, and returns its file.
+    /// Stores the key of a new robot, and returns its file.
     ///
     /// # Errors
     /// When the name cannot be a robot's, the robot has a key already, or the file cannot be
@@ -238,7 +239,7 @@ impl Keyring {
         Ok(path)
     }
 
-    /// The key of this robot; the first time, a new one is made and kept.
+    /// Returns the key of this robot; makes and stores it when there is none.
     ///
     /// # Errors
     /// As for [`Keyring::key`] and [`Keyring::store`].
@@ -249,13 +250,13 @@ impl Keyring {
         let key = generate()?;
         match self.store(name, &key) {
             Ok(_) => Ok(key),
-            // Another program was quicker.
+            // Another program was faster.
             Err(KeyError::Exists { .. }) => self.key(name),
             Err(error) => Err(error),
         }
     }
 
-    /// Keeps another key for a robot that has one; at every moment one of the two is kept.
+    /// Replaces the key of a robot; at every moment one of the two is stored.
     ///
     /// # Errors
     /// As for [`Keyring::store`].
@@ -270,7 +271,7 @@ impl Keyring {
         fs::rename(&new, self.key_file(name)).map_err(at(&new))
     }
 
-    /// Remembers the fixed address (`host` or `host:port`) of a robot.
+    /// Stores the fixed address (`host` or `host:port`) of a robot.
     ///
     /// # Errors
     /// When the name cannot be a robot's or the file cannot be written.
@@ -281,7 +282,7 @@ impl Keyring {
         fs::write(&path, format!("{address}\n")).map_err(at(&path))
     }
 
-    /// The fixed address of this robot, where one was remembered.
+    /// Returns the fixed address of this robot, if one is stored.
     #[must_use]
     pub fn address(&self, name: &str) -> Option<String> {
         check_name(name).ok()?;
@@ -289,7 +290,7 @@ impl Keyring {
         Some(text.trim().to_owned()).filter(|address| !address.is_empty())
     }
 
-    /// The robot that was remembered with this address.
+    /// Returns the robot with this fixed address.
     #[must_use]
     pub fn name_at(&self, address: &str) -> Option<String> {
         self.names().into_iter().find(|name| self.address(name).as_deref() == Some(address))
@@ -302,7 +303,7 @@ impl Keyring {
     }
 }
 
-/// A robot's name is a host name's label, so that it serves in mDNS and as a file's name.
+/// Checks the name of a robot: a label of a host name, as mDNS and file names need it.
 ///
 /// # Errors
 /// When it is not.

@@ -1,8 +1,8 @@
-//! A whole run: takes the robot, arms it, drives it by a [`Helm`], and leaves it stopped and disarmed.
+//! A whole run: connects, arms the robot, drives it by a [`Helm`], and leaves it at rest and disarmed.
 //!
-//! The pilot has no clock and no socket. Whoever runs it moves datagrams in and out of the
-//! [`Client`] and calls [`Pilot::step`] some hundred times a second, with the poses that came; the
-//! simulator does so in virtual time, `flix track` in real time.
+//! The pilot has no clock and no socket. Its owner moves datagrams in and out of the [`Client`] and
+//! calls [`Pilot::step`] some hundred times a second, with the poses that have arrived: the simulator
+//! in virtual time, `flix track` in real time.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -13,30 +13,30 @@ use flix_protocol::session::ConnectError;
 use flix_protocol::units::Instant;
 
 use crate::link::{Client, StopState, Update};
-use crate::nav::{Decision, Navigator, PlanarPose, Progress, Resting, Stop, Survey};
+use crate::nav::{Decision, Identification, Navigator, PlanarPose, Progress, Resting, Stop};
 use crate::pose::PoseSample;
 use crate::record::{Level, RecordError, Recorder};
 
-/// Longest time for getting ready: the link, alignment of the motors.
+/// Longest time for preparation: link and alignment of the motors.
 pub const READY_PATIENCE: Duration = Duration::from_secs(20);
 /// Longest time for coming to rest and disarming at the end.
 pub const END_PATIENCE: Duration = Duration::from_secs(3);
-/// How often arming is asked for while the link is not proven yet.
+/// Interval at which arming is requested again while the link is not proven.
 const ARM_RETRY: Duration = Duration::from_millis(100);
-/// Rows of navigation in the record: one each.
+/// Interval of the navigation rows in the record.
 const RECORD_PERIOD: Duration = Duration::from_millis(50);
-/// A robot that shakes slower than this stands, Hz.
+/// Shaking frequency below which a robot is at rest, Hz.
 const RESTING_FREQUENCY: f32 = 1.0;
 
-/// Who decides where to drive.
+/// What decides where to drive.
 pub trait Helm {
-    /// A pose came in.
+    /// Takes a pose.
     fn observe(&mut self, sample: &PoseSample);
-    /// What the robot shall do now.
+    /// Returns what to command now.
     fn decide(&mut self, now: Instant) -> Decision;
-    /// From a command's leaving to the robot's obeying it, as measured on the link.
+    /// Sets the time from sending a command until the robot obeys it, as measured on the link.
     fn set_latency(&mut self, _latency: Duration) {}
-    /// Filtered pose and path error, if there is something of the kind.
+    /// Returns the filtered pose and the progress, if the helm has them.
     fn progress(&self) -> Option<(PlanarPose, Progress)> {
         None
     }
@@ -60,7 +60,7 @@ impl Helm for Navigator {
     }
 }
 
-impl Helm for Survey {
+impl Helm for Identification {
     fn observe(&mut self, sample: &PoseSample) {
         self.observe(sample);
     }
@@ -70,24 +70,24 @@ impl Helm for Survey {
     }
 }
 
-/// How a run ended. The robot is stopped or disarmed, or does so by itself because it hears nothing.
+/// How a run ended. The robot is stopped or disarmed, or stops by itself because it receives nothing.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Ending {
-    /// All done.
+    /// The task is done.
     Finished,
     /// The helm ended it.
     Stopped(Stop),
-    /// Somebody asked to end.
+    /// The program was interrupted.
     Interrupted,
-    /// No session.
+    /// There was no session.
     NoSession(ConnectError),
-    /// The robot fell silent or said goodbye.
+    /// The robot fell silent or closed the session.
     Lost,
-    /// The robot will not.
+    /// The robot refused a command.
     Refused(Refusal),
-    /// A fault of the robot.
+    /// The robot has a fault.
     Faulted(Faults),
-    /// The robot did not get ready, or left the state that driving needs.
+    /// The robot did not become ready, or left the state that driving needs.
     NotReady(State),
 }
 
@@ -96,7 +96,7 @@ impl fmt::Display for Ending {
         match self {
             Self::Finished => f.write_str("finished"),
             Self::Stopped(stop) => write!(f, "{stop}"),
-            Self::Interrupted => f.write_str("interrupted; the robot was told to stop"),
+            Self::Interrupted => f.write_str("interrupted; the robot was stopped"),
             Self::NoSession(error) => write!(f, "{error}"),
             Self::Lost => f.write_str(
                 "the robot fell silent and stops by itself: check its battery and the network",
@@ -111,27 +111,27 @@ impl fmt::Display for Ending {
 #[derive(Debug, Clone, PartialEq)]
 enum Phase {
     Connecting,
-    /// Asks for something before the next arming.
+    /// Waits for the answer to a request before the next arming.
     Asking {
         request: u32,
     },
-    /// Waits until arming is asked for again.
+    /// Waits until arming is requested again.
     Waiting {
         until: Instant,
     },
     Readying,
     Driving,
-    /// Comes to rest after a good end.
+    /// Comes to rest after a successful end.
     Resting,
     Disarming {
         request: u32,
     },
-    /// Stops after a bad one.
+    /// Stops after a failed run.
     Stopping,
     Over,
 }
 
-/// See the module's text.
+/// Pilot of one run; see the module's documentation.
 pub struct Pilot<H> {
     helm: H,
     names: Vec<String>,
@@ -143,12 +143,12 @@ pub struct Pilot<H> {
     recorder: Option<Recorder>,
     record_error: Option<RecordError>,
     recorded: Option<Instant>,
-    told: Option<(Setpoint, String)>,
+    commanded: Option<(Setpoint, String)>,
     driving_since: Option<Instant>,
 }
 
 impl<H: Helm> Pilot<H> {
-    /// A run that has not begun. `names`: of the modes that the helm's decisions number.
+    /// Creates a run that has not begun. `names`: of the modes, in the order of the helm's indices.
     #[must_use]
     pub fn new(helm: H, names: Vec<String>, recorder: Option<Recorder>) -> Self {
         Self {
@@ -162,7 +162,7 @@ impl<H: Helm> Pilot<H> {
             recorder,
             record_error: None,
             recorded: None,
-            told: None,
+            commanded: None,
             driving_since: None,
         }
     }
@@ -174,30 +174,30 @@ impl<H: Helm> Pilot<H> {
         self
     }
 
-    /// Who decides.
+    /// Returns the helm.
     #[must_use]
     pub fn helm(&self) -> &H {
         &self.helm
     }
 
-    /// Who decides, to be told something.
+    /// Returns the helm, to change it.
     pub fn helm_mut(&mut self) -> &mut H {
         &mut self.helm
     }
 
-    /// When the robot was armed and driving began.
+    /// Returns when the robot was armed and driving began.
     #[must_use]
     pub fn driving_since(&self) -> Option<Instant> {
         self.driving_since
     }
 
-    /// What is held now: the mode's name, or why the robot rests.
+    /// Returns what is commanded now: the name of the mode, or why the robot rests.
     #[must_use]
     pub fn doing(&self) -> &str {
-        self.told.as_ref().map_or("getting ready", |(_, name)| name)
+        self.commanded.as_ref().map_or("getting ready", |(_, name)| name)
     }
 
-    /// Ends the run; [`Pilot::step`] must go on until it says that it is over.
+    /// Ends the run; call [`Pilot::step`] until it returns the ending.
     pub fn interrupt(&mut self, now: Instant, client: &mut Client) {
         if self.ending.is_none() {
             self.fail(now, client, Ending::Interrupted);
@@ -220,8 +220,8 @@ impl<H: Helm> Pilot<H> {
         Ok((self.helm, Some(recorder.finish()?)))
     }
 
-    /// Goes on: takes what the link and the pose source told, and says what to hold. `Some` once
-    /// the run is over and the robot was seen stopped or disarmed (or cannot be heard any more).
+    /// Takes what has arrived from link and pose source, and commands the robot. Returns the ending
+    /// once the run is over and the robot is stopped or disarmed (or no longer received).
     pub fn step(
         &mut self,
         now: Instant,
@@ -267,7 +267,7 @@ impl<H: Helm> Pilot<H> {
         self.since = Some(now);
     }
 
-    /// Getting ready has one patience over all its phases.
+    /// Sends a request of the preparation, whose phases share one patience.
     fn ask(&mut self, now: Instant, client: &mut Client, command: Command) {
         self.phase = Phase::Asking { request: client.request(now, command) };
     }
@@ -345,7 +345,7 @@ impl<H: Helm> Pilot<H> {
         match decision {
             Decision::Drive { mode, setpoint } => {
                 let name = self.names.get(mode).cloned().unwrap_or_default();
-                self.tell(now, client, setpoint, name);
+                self.command(now, client, setpoint, name);
             }
             Decision::Rest(reason) => {
                 let name = match reason {
@@ -353,11 +353,11 @@ impl<H: Helm> Pilot<H> {
                     Resting::PoseTooOld => "rest: the pose is too old",
                     Resting::Arrived => "rest",
                 };
-                self.tell(now, client, Setpoint::REST, name.to_owned());
+                self.command(now, client, Setpoint::REST, name.to_owned());
             }
             Decision::Finished => {
                 self.ending = Some(Ending::Finished);
-                self.tell(now, client, Setpoint::REST, "rest: finished".to_owned());
+                self.command(now, client, Setpoint::REST, "rest: finished".to_owned());
                 self.enter(now, Phase::Resting);
             }
             Decision::Stopped(stop) => self.fail(now, client, Ending::Stopped(stop)),
@@ -365,22 +365,22 @@ impl<H: Helm> Pilot<H> {
     }
 
     fn rest(&mut self, now: Instant, client: &mut Client, begun: Instant) {
-        let stands =
+        let is_at_rest =
             client.telemetry().is_some_and(|t| t.frequency.get().abs() < RESTING_FREQUENCY);
         let patience_is_over = now.since(begun) > END_PATIENCE;
         // The newest telemetry may be older than the command to rest.
-        if (stands && now.since(begun) > 2 * RECORD_PERIOD) || patience_is_over {
+        if (is_at_rest && now.since(begun) > 2 * RECORD_PERIOD) || patience_is_over {
             client.release();
             let request = client.request(now, Command::Disarm);
             self.enter(now, Phase::Disarming { request });
         }
     }
 
-    fn tell(&mut self, now: Instant, client: &mut Client, setpoint: Setpoint, name: String) {
+    fn command(&mut self, now: Instant, client: &mut Client, setpoint: Setpoint, name: String) {
         client.hold(now, setpoint);
-        if self.told.as_ref().is_none_or(|told| *told != (setpoint, name.clone())) {
+        if self.commanded.as_ref().is_none_or(|last| *last != (setpoint, name.clone())) {
             self.record(|recorder| recorder.command(now, &setpoint, &name));
-            self.told = Some((setpoint, name));
+            self.commanded = Some((setpoint, name));
         }
     }
 
@@ -407,7 +407,7 @@ impl<H: Helm> Pilot<H> {
         self.enter(now, Phase::Stopping);
     }
 
-    /// There is nobody to tell any more: the robot's own deadline stops it.
+    /// Ends without a stop, because the link is gone: the robot's own deadline stops it.
     fn lose(&mut self, ending: Ending) {
         self.ending.get_or_insert(ending);
         self.phase = Phase::Over;
@@ -418,7 +418,7 @@ impl<H: Helm> Pilot<H> {
             return;
         }
         if let Some(recorder) = &mut self.recorder {
-            // A full disk must not stop a robot's control; it is said at the end.
+            // A full disk must not stop the control of a robot; it is reported at the end.
             self.record_error = write(recorder).err();
         }
     }

@@ -110,7 +110,7 @@ fn drive<'a>(address: &'a str, more: &[&'a str]) -> Vec<&'a str> {
 }
 
 #[test]
-fn drive_shakes_as_told_and_leaves_the_robot_disarmed() {
+fn drive_shakes_as_commanded_and_leaves_the_robot_disarmed() {
     let (served, address) = serve(robot());
     let ended = Operator::new().flix(&drive(&address, &["--json"])).expect(0, &[]);
     let json = ended.json();
@@ -238,7 +238,7 @@ fn every_way_to_end_a_drive_stops_the_robot_first() {
         wait_until(|| served.robot().state == State::Running);
         kill(signal, child.id());
         let ended = Ended(child.wait_with_output().unwrap());
-        ended.expect(40, &["told to stop", "confirmed"]);
+        ended.expect(40, &["interrupted", "has acknowledged the stop"]);
         assert!(served.robot().stopped, "SIG{signal}");
         assert_eq!(served.robot().state, State::Disarmed, "SIG{signal}");
     }
@@ -255,7 +255,7 @@ fn an_interrupted_drive_ends_even_when_the_robot_is_gone() {
     drop(served);
     kill("INT", child.id());
     let start = Instant::now();
-    Ended(child.wait_with_output().unwrap()).expect(40, &["has not confirmed"]);
+    Ended(child.wait_with_output().unwrap()).expect(40, &["has not acknowledged"]);
     assert!(start.elapsed() < Duration::from_secs(5));
 }
 
@@ -273,7 +273,7 @@ fn every_way_to_end_a_walk_stops_the_robot_first() {
         let child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         wait_until(|| served.robot().state == State::Running);
         kill(signal, child.id());
-        Ended(child.wait_with_output().unwrap()).expect(40, &["told to stop", ".mcap"]);
+        Ended(child.wait_with_output().unwrap()).expect(40, &["the robot was stopped", ".mcap"]);
         assert!(served.robot().stopped, "SIG{signal}");
         assert_eq!(served.robot().state, State::Disarmed, "SIG{signal}");
     }
@@ -445,7 +445,7 @@ fn a_file_with_one_wrong_value_sets_nothing() {
     let file = operator.home.path().join("wrong.toml");
     std::fs::write(&file, "[settings]\ncurrent_limit = 2.0\nloop_gain = 99.0\n").unwrap();
     let words = ["parameters", "import", &address, file.to_str().unwrap()];
-    operator.flix(&words).expect(2, &["loop_gain", "0.1 to 10", "nothing was set"]);
+    operator.flix(&words).expect(2, &["loop_gain", "0.1 to 10", "nothing was changed"]);
     assert!((served.robot().parameters[0].value - 1.5).abs() < 1e-6);
 }
 

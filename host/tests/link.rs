@@ -9,7 +9,7 @@ use std::time::Duration;
 use flix_host::link::{Client, KEEP_ALIVE, StopState, Update};
 use flix_protocol::message::{Command, Outcome, Refusal, Setpoint, State};
 use flix_protocol::session::ConnectError;
-use flix_protocol::units::{Degrees, Hertz, Instant};
+use flix_protocol::units::Instant;
 use support::{FakeRobot, key, seeded_loss};
 
 const OPERATOR: &str = "10.0.0.1:5000";
@@ -106,7 +106,7 @@ fn arrived(queue: &mut Vec<(Instant, Vec<u8>)>, now: Instant) -> Vec<Vec<u8>> {
 }
 
 fn setpoint(frequency: f32, direction: f32) -> Setpoint {
-    Setpoint::new(Hertz::new(frequency).unwrap(), Degrees::new(direction).unwrap()).unwrap()
+    Setpoint::from_numbers(frequency, direction).unwrap()
 }
 
 #[test]
@@ -147,13 +147,13 @@ fn a_request_is_answered_under_heavy_loss() {
 }
 
 #[test]
-fn a_request_without_an_answer_is_given_up_and_told_once() {
+fn a_request_without_an_answer_is_given_up_and_reported_once() {
     let mut world = World::connected();
     world.is_cut = true;
     let request = world.client.request(world.now, Command::Identify);
     world.run(Duration::from_secs(5));
-    let told = world.updates.iter().filter(|it| **it == Update::Unanswered { request }).count();
-    assert_eq!(told, 1);
+    let reported = world.updates.iter().filter(|it| **it == Update::Unanswered { request }).count();
+    assert_eq!(reported, 1);
 }
 
 #[test]
@@ -236,16 +236,16 @@ fn a_robot_that_ramps_down_hears_setpoints_all_the_way() {
 }
 
 #[test]
-fn a_refused_setpoint_is_told_once() {
+fn a_refused_setpoint_is_reported_once() {
     let mut world = World::connected();
     world.client.hold(world.now, setpoint(10.0, 0.0));
     world.run(Duration::from_secs(1));
-    let told: Vec<_> = world
+    let reported: Vec<_> = world
         .updates
         .iter()
         .filter(|update| matches!(update, Update::SetpointRefused(_)))
         .collect();
-    assert_eq!(told, [&Update::SetpointRefused(Refusal::State(State::Disarmed))]);
+    assert_eq!(reported, [&Update::SetpointRefused(Refusal::State(State::Disarmed))]);
 }
 
 #[test]

@@ -97,7 +97,7 @@ fn a_walk_shows_setpoint_rotors_and_force() {
 }
 
 #[test]
-fn a_fault_is_told_in_plain_words_with_its_first_cause() {
+fn a_fault_is_shown_in_plain_words_with_its_first_cause() {
     let mut desk = Desk::armed();
     desk.robot.fault_when_running = Some(Fault::Stall);
     desk.press(Action::Walk(Mode::RightTurn));

@@ -5,7 +5,7 @@
 use std::time::Duration;
 
 use flix_host::cli::course::names;
-use flix_host::nav::{ControllerKind, Navigator, Path, PlanarPose, Settings, Stop, Task};
+use flix_host::nav::{ControllerKind, Navigator, Path, PlanarPose, Position, Settings, Stop, Task};
 use flix_host::pilot::{Ending, Pilot};
 use flix_protocol::message::State;
 use flix_sim::experiment::course::{Conditions, Course, shipped_table};
@@ -26,7 +26,7 @@ fn course(task: Task, seed: u64, start: PlanarPose) -> Course<Navigator> {
 }
 
 fn home() -> Task {
-    Task::Reach { point: (0.0, 0.0), stay: false }
+    Task::Reach { point: Position::ORIGIN, stay: false }
 }
 
 fn until_end(course: &mut Course<Navigator>, seconds: u64) -> Ending {
@@ -70,7 +70,7 @@ fn comes_home_from_any_heading_within_50_mm() {
         let start = PlanarPose { x: 0.3, y: -0.2, heading };
         let mut course = course(home(), seed, start);
         assert_eq!(until_end(&mut course, 120), Ending::Finished);
-        let error = course.truth().distance_to((0.0, 0.0));
+        let error = course.truth().distance_to(Position::ORIGIN);
         assert!(error < 0.05, "seed {seed}: {error}");
     }
 }

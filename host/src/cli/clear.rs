@@ -1,4 +1,4 @@
-//! `flix clear`: forget a latched stop and faults whose cause is gone.
+//! `flix clear`: clears a latched stop, and faults whose cause is gone.
 
 use std::process::ExitCode;
 
@@ -7,16 +7,16 @@ use super::robot::RobotArgs;
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 
-/// Make a stopped or faulted robot ready again.
+/// Clear a latched stop, and faults whose cause is gone.
 ///
-/// Nothing moves: the next command has to arm the robot.
+/// Nothing moves: the next command must arm the robot.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
     robot: RobotArgs,
 }
 
-/// Clears, and waits until the robot says so.
+/// Clears, and waits until the robot reports it.
 ///
 /// # Errors
 /// When the robot cannot be reached, or the cause of a fault is still there.

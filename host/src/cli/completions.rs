@@ -1,4 +1,4 @@
-//! `flix completions`: what the shell needs to complete commands, options and values.
+//! `flix completions`: prints a completion script for a shell.
 
 use std::process::ExitCode;
 
@@ -7,7 +7,7 @@ use clap_complete::Shell;
 use super::output::print;
 use super::{Cli, Error, Exit};
 
-/// Print a shell's completion script.
+/// Print the completion script of a shell.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:

@@ -1,20 +1,23 @@
-//! What is to be walked, as options: shared by every program that navigates.
+//! Options of a path and of steering, shared by every program that navigates.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use flix_protocol::message::Setpoint;
+
 use super::Error;
 use crate::nav::{
-    ControllerKind, Fence, ModeTable, Navigator, PAPER_PAIRS, Path, PathError, Settings, Task,
+    Area, ControllerKind, ModeTable, Navigator, PAPER_PAIRS, Path, PathError, PlanarPose, Position,
+    Settings, Task,
 };
 
-/// A path and how it is followed.
+/// Options of a path, and of how it is followed.
 #[derive(Debug, Clone, clap::Args)]
 pub struct CourseArgs {
-    /// `figure8`, `circle`, `square`, or a file of waypoints (one x,y a line, metres).
+    /// `figure8`, `circle`, `square`, or a file of waypoints (one x,y per line, metres).
     #[arg(value_name = "PATH")]
     pub path: String,
-    /// Laps of a closed path.
+    /// Number of laps of a closed path.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: u32,
     /// Width of the figure eight, m.
@@ -29,40 +32,29 @@ pub struct CourseArgs {
     /// Side of the square, m.
     #[arg(long, value_name = "M", default_value_t = 0.8)]
     pub side: f64,
-    /// Where the middle of the path (the origin of a file) is, m.
-    #[arg(long, value_name = "X,Y", default_value = "0,0", allow_hyphen_values = true, value_parser = point)]
-    pub at: (f64, f64),
-    /// Turns the path to the left by so many degrees.
+    /// Position of the middle of the path (of the origin of a file), m.
+    #[arg(long, value_name = "X,Y", default_value = "0,0", allow_hyphen_values = true)]
+    pub at: Position,
+    /// Angle by which the path is turned to the left, degrees.
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
     pub turned: f64,
-    /// Farther off the path than this the run ends, mm.
+    /// Distance from the path at which the run ends, mm.
     #[arg(long, value_name = "MM", default_value_t = 400.0)]
     pub error_limit: f64,
-    /// How it is steered.
+    /// Options of steering.
     #[command(flatten)]
     pub steering: SteeringArgs,
 }
 
-/// Who steers, and where the robot may be.
+/// Options of steering.
 #[derive(Debug, Clone, clap::Args)]
 pub struct SteeringArgs {
-    /// `predictive` chooses among all modes; `two-state` is the paper's.
+    /// Controller: `predictive` chooses among all modes, `two-state` is the paper's.
     #[arg(long, default_value = "predictive")]
     pub controller: ControllerKind,
-    /// Outside west,south,east,north (m) the run ends; half a metre around the path unless told.
+    /// Fence, m: outside it the run ends [default: 0.5 m around the path, 1.5 m around a point].
     #[arg(long, value_name = "W,S,E,N", allow_hyphen_values = true)]
-    pub fence: Option<Fence>,
-}
-
-/// Reads `x,y`.
-///
-/// # Errors
-/// When it is not two numbers.
-pub fn point(text: &str) -> Result<(f64, f64), String> {
-    let number = |part: &str| part.trim().parse::<f64>().ok().filter(|n| n.is_finite());
-    text.split_once(',')
-        .and_then(|(x, y)| number(x).zip(number(y)))
-        .ok_or_else(|| format!("\"{text}\" is not a point: write x,y in metres, such as 0.5,-0.2"))
+    pub fence: Option<Area>,
 }
 
 impl From<PathError> for Error {
@@ -72,10 +64,10 @@ impl From<PathError> for Error {
 }
 
 impl CourseArgs {
-    /// The path as asked for.
+    /// Returns the task of these options.
     ///
     /// # Errors
-    /// When a size is none, or the file is no list of waypoints.
+    /// When a size is out of range, or the file is not a list of waypoints.
     pub fn task(&self) -> Result<Task, Error> {
         let path = match self.path.as_str() {
             "figure8" => Path::figure_eight(self.width, self.height)?,
@@ -83,18 +75,18 @@ impl CourseArgs {
             "square" => Path::square(self.side)?,
             file => read_path(file)?,
         };
-        let path = path.placed(self.at, self.turned.to_radians());
+        let path = path.placed(PlanarPose::new(self.at, self.turned.to_radians()));
         Ok(Task::Follow { path, laps: self.laps })
     }
 
-    /// The settings as asked for.
+    /// Returns the settings of these options.
     ///
     /// # Errors
-    /// When the error limit is none.
+    /// When the error limit is not positive.
     pub fn settings(&self, task: &Task) -> Result<Settings, Error> {
         if !(self.error_limit > 0.0 && self.error_limit.is_finite()) {
             return Err(Error::usage(format_args!(
-                "an error limit of {} mm lets the robot nowhere: give a number above 0",
+                "an error limit of {} mm is out of range: give a number above 0",
                 self.error_limit
             )));
         }
@@ -103,7 +95,7 @@ impl CourseArgs {
 }
 
 impl SteeringArgs {
-    /// Settings for a task.
+    /// Returns the settings for a task.
     #[must_use]
     pub fn settings(&self, task: &Task) -> Settings {
         let settings = Settings::for_task(task);
@@ -124,7 +116,7 @@ fn read_path(file: &str) -> Result<Path, Error> {
     Ok(Path::from_text(&name, &text)?)
 }
 
-/// The settings as facts of a record.
+/// Returns the settings as facts of a record.
 #[must_use]
 pub fn facts(settings: &Settings) -> BTreeMap<String, String> {
     BTreeMap::from([
@@ -137,7 +129,7 @@ pub fn facts(settings: &Settings) -> BTreeMap<String, String> {
     ])
 }
 
-/// What a finished run of a path shows, as numbers.
+/// Returns the results of a run.
 #[must_use]
 pub fn results(navigator: &Navigator, seconds: f64) -> BTreeMap<String, String> {
     let progress = navigator.progress();
@@ -150,19 +142,17 @@ pub fn results(navigator: &Navigator, seconds: f64) -> BTreeMap<String, String> 
     ])
 }
 
-/// Names of a table's modes, in its order.
+/// Returns the names of the modes, in the order of the table.
 #[must_use]
 pub fn names(table: &ModeTable) -> Vec<String> {
     table.modes().iter().map(|mode| mode.name.clone()).collect()
 }
 
-/// The pairs of the paper, or those of them that are named.
+/// Returns the pairs of the paper, or those with these names.
 ///
 /// # Errors
 /// When a name is not one of the paper's modes.
-pub fn pairs(wanted: &[String]) -> Result<Vec<(String, flix_protocol::message::Setpoint)>, Error> {
-    use flix_protocol::message::Setpoint;
-    use flix_protocol::units::{Degrees, Hertz};
+pub fn pairs(wanted: &[String]) -> Result<Vec<(String, Setpoint)>, Error> {
     let known = PAPER_PAIRS.map(|(name, ..)| name);
     if let Some(stranger) = wanted.iter().find(|name| !known.contains(&name.as_str())) {
         return Err(Error::usage(format_args!(
@@ -170,13 +160,9 @@ pub fn pairs(wanted: &[String]) -> Result<Vec<(String, flix_protocol::message::S
             known.join(", ")
         )));
     }
-    PAPER_PAIRS
+    Ok(PAPER_PAIRS
         .iter()
         .filter(|(name, ..)| wanted.is_empty() || wanted.iter().any(|w| w == name))
-        .map(|(name, f, theta)| {
-            Setpoint::new(Hertz::saturating(*f), Degrees::saturating(*theta))
-                .map(|setpoint| ((*name).to_owned(), setpoint))
-                .map_err(Error::usage)
-        })
-        .collect()
+        .map(|(name, f, theta)| ((*name).to_owned(), Setpoint::saturating(*f, *theta)))
+        .collect())
 }

@@ -1,4 +1,4 @@
-//! `flix doctor`: what is wrong with this set-up, in sentences.
+//! `flix doctor`: finds what is wrong with a set-up, and reports it in sentences.
 
 use std::process::ExitCode;
 use std::time::{Duration, Instant as Clock};
@@ -15,24 +15,24 @@ use crate::link::udp::Connection;
 use crate::pose::PoseSource;
 use crate::pose::natnet::{NatNetSource, NatNetStatistics};
 
-/// How long poses and telemetry are watched.
+/// Time for which poses and telemetry are observed.
 const WATCH: Duration = Duration::from_secs(2);
 /// A three-cell battery below this is nearly empty, V.
 const LOW_BATTERY: f32 = 10.5;
-/// Fewer poses a second than this make a poor controller.
+/// Fewest poses per second for good control.
 const FEW_POSES: f64 = 50.0;
-/// A clock that runs differently by more than this share is worth a word.
+/// Largest difference of the two clocks, as a share.
 const CLOCK_DRIFT: f64 = 0.02;
-/// Telemetry may come earlier or later by so much, s.
+/// Jitter of the telemetry, s.
 const TELEMETRY_JITTER: f64 = 0.1;
-/// Markers of a robot on the floor are so high, m: its plate is 0.06 m above its soles.
+/// Height of the markers of a robot on the floor, m: its plate is 0.06 m above its soles.
 const HEIGHTS: std::ops::RangeInclusive<f64> = 0.01..=0.3;
-/// Round trips above this are long.
+/// Longest good round trip.
 const LONG_ROUND_TRIP: Duration = Duration::from_millis(100);
 
-/// Tell what is wrong with a set-up: robot, link, battery, clock, and poses.
+/// Check a set-up: robot, link, battery, clock, and poses.
 ///
-/// Nothing moves. The exit code is 0 when all is well, and that of the first trouble otherwise.
+/// Nothing moves. The exit code is 0 without a problem, and that of the first problem otherwise.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -43,7 +43,7 @@ pub struct Args {
     robot: FieldRobotArgs,
     #[command(flatten)]
     poses: PoseArgs,
-    /// Do not look for poses.
+    /// Do not check the poses.
     #[arg(long)]
     no_poses: bool,
     /// Print JSON.
@@ -51,7 +51,7 @@ pub struct Args {
     json: bool,
 }
 
-/// One thing that was looked at.
+/// Result of one check.
 #[derive(Debug, Clone, serde::Serialize)]
 struct Finding {
     what: &'static str,
@@ -71,10 +71,10 @@ impl Finding {
     }
 }
 
-/// Looks at everything and says what it found.
+/// Runs the command.
 ///
 /// # Errors
-/// When something is wrong; all of it was printed by then.
+/// When a check found a problem; all results were printed by then.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let mut findings = look_at_robot(&args.robot.robot(), &interrupt);
@@ -94,14 +94,12 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let trouble = findings.iter().filter_map(|f| f.exit).collect::<Vec<_>>();
     match trouble.first() {
         None => Ok(Exit::Done.into()),
-        Some(exit) => {
-            Err(Error::new(*exit, format_args!("{} found to mend", count(trouble.len()))))
-        }
+        Some(exit) => Err(Error::new(*exit, format_args!("{} found", count(trouble.len())))),
     }
 }
 
 fn count(things: usize) -> String {
-    if things == 1 { "1 thing".to_owned() } else { format!("{things} things") }
+    if things == 1 { "1 problem".to_owned() } else { format!("{things} problems") }
 }
 
 fn look_at_robot(robot: &RobotArgs, interrupt: &Interrupt) -> Vec<Finding> {
@@ -135,7 +133,7 @@ fn identity(connection: &mut Connection) -> Finding {
                 identity.name, identity.board, identity.version
             ),
         ),
-        Ok(_) => Finding::bad("robot", Exit::Refused, "it answers something else than was asked"),
+        Ok(_) => Finding::bad("robot", Exit::Refused, "its answer does not fit the request"),
         Err(error) => Finding::bad("robot", Exit::NoAnswer, error),
     }
 }
@@ -154,7 +152,7 @@ fn link(connection: &Connection) -> Finding {
         statistics.loss() * 1e2
     );
     if late > LONG_ROUND_TRIP || statistics.loss() > 0.2 {
-        let advice = "move nearer to the access point or to a quieter channel";
+        let advice = "move nearer to the access point, or use a channel with less traffic";
         return Finding::bad("link", Exit::NoAnswer, format_args!("{sentence}: {advice}"));
     }
     Finding::good("link", sentence)
@@ -171,9 +169,9 @@ fn telemetry(connection: &Connection, first: Option<Instant>, watched: Duration)
 fn judge_state(telemetry: &Telemetry) -> Finding {
     let bad = |sentence: String| Finding::bad("state", Exit::RobotFault, sentence);
     if telemetry.state == State::Faulted || !telemetry.faults.is_empty() {
-        bad(format!("faulted: {}; mend the cause, then `flix clear`", telemetry.faults))
+        bad(format!("faulted: {}; remove the cause, then `flix clear`", telemetry.faults))
     } else if telemetry.stopped {
-        bad("a stop is latched: `flix clear` makes it ready".to_owned())
+        bad("a stop is latched: `flix clear` clears it".to_owned())
     } else {
         Finding::good("state", format_args!("{}, no faults", telemetry.state))
     }
@@ -186,19 +184,24 @@ fn judge_battery(telemetry: &Telemetry) -> Finding {
             Finding::bad("battery", Exit::RobotFault, sentence)
         }
         Some(volts) => Finding::good("battery", format_args!("{volts:.1} V")),
-        None => Finding::good("battery", "this board does not measure it: watch the time"),
+        None => Finding::good("battery", "not measured on this board"),
     }
 }
 
-/// How long `watched` took on the robot's clock.
-fn judge_clock(telemetry: &Telemetry, told: Duration, watched: Duration) -> Finding {
-    let ratio = told.as_secs_f64() / watched.as_secs_f64();
+/// Compares the time on the robot's clock with the observed time.
+fn judge_clock(telemetry: &Telemetry, reported: Duration, watched: Duration) -> Finding {
+    let ratio = reported.as_secs_f64() / watched.as_secs_f64();
     if (ratio - 1.0).abs() > CLOCK_DRIFT + TELEMETRY_JITTER / watched.as_secs_f64() {
-        let advice = "its processor falls behind, or the link delays telemetry";
-        let sentence = format_args!("the robot's clock runs at {ratio:.2} of ours: {advice}");
+        let advice = "its processor is too slow, or the link delays telemetry";
+        let sentence = format_args!(
+            "the robot's clock runs at {ratio:.2} of the speed of this computer's: {advice}"
+        );
         return Finding::bad("clock", Exit::RobotFault, sentence);
     }
-    Finding::good("clock", format_args!("runs with ours ({} overruns)", telemetry.timing.overruns))
+    Finding::good(
+        "clock",
+        format_args!("runs as this computer's ({} overruns)", telemetry.timing.overruns),
+    )
 }
 
 fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
@@ -231,7 +234,7 @@ fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
     findings.push(judge_stream(source.statistics(), watched, source.bodies()));
     if let Some(sample) = newest.filter(|s| s.valid) {
         let floor = sample.pose.on_the_floor();
-        let height = sample.pose.position[2];
+        let height = sample.pose.position.z;
         let place = format!(
             "at {:.3},{:.3} m, {:.3} m high, heading {:.0} degrees",
             floor.x,
@@ -243,7 +246,7 @@ fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
             Finding::good("pose", place)
         } else {
             let advice =
-                "on the floor its markers are 0.01 to 0.3 m high: set --up as in Motive, and the ground plane";
+                "on the floor the markers are 0.01 to 0.3 m high: set --up as in Motive, and its ground plane";
             Finding::bad("pose", Exit::Usage, format_args!("{place}: {advice}"))
         });
     }
@@ -254,14 +257,14 @@ fn judge_stream(seen: NatNetStatistics, watched: f64, bodies: &[(String, i32)]) 
     let bad = |sentence: String| Finding::bad("poses", Exit::NoAnswer, sentence);
     let names: Vec<_> = bodies.iter().map(|(name, id)| format!("\"{name}\" ({id})")).collect();
     if seen.datagrams == 0 {
-        return bad("the server answers, but no frame arrives: is Motive live and not paused, is its \
-                    streaming interface the card that reaches this computer (not loopback), and does no \
-                    firewall hold back UDP port 1511? With several network cards here, name one with --interface"
+        return bad("the server answers, but no frame arrives: check that Motive is live and not paused, that its \
+                    streaming interface is the card that reaches this computer (not loopback), and that \
+                    no firewall blocks UDP port 1511; with several network cards here, name one with --interface"
             .to_owned());
     }
     if seen.unreadable > seen.frames {
         return bad(format!(
-            "{} datagrams could not be read: another NatNet version streams than is announced",
+            "{} datagrams could not be read: the stream has another NatNet version than the server announces",
             seen.unreadable
         ));
     }
@@ -280,12 +283,9 @@ fn judge_stream(seen: NatNetStatistics, watched: f64, bodies: &[(String, i32)]) 
     }
     let rate = seen.frames as f64 / watched;
     if rate < FEW_POSES {
-        return bad(format!("{rate:.0} poses a second are few: set Motive to 100 or more"));
+        return bad(format!("{rate:.0} poses per second are too few: set Motive to 100 or more"));
     }
-    Finding::good(
-        "poses",
-        format_args!("{rate:.0} a second, all tracked, {} lost on the way", seen.lost),
-    )
+    Finding::good("poses", format_args!("{rate:.0} per second, all tracked, {} lost", seen.lost))
 }
 
 #[cfg(test)]
@@ -329,7 +329,7 @@ mod tests {
             (judge_state(&Telemetry { state: State::Faulted, faults, ..well }), "flix clear"),
             (judge_state(&Telemetry { stopped: true, ..well }), "latched"),
             (judge_battery(&Telemetry { bus_voltage: empty, ..well }), "9.7 V: charge"),
-            (judge_clock(&well, two / 2, two), "0.50 of ours"),
+            (judge_clock(&well, two / 2, two), "0.50 of the speed"),
         ] {
             assert!(!finding.ok && finding.sentence.contains(advice), "{finding:?}");
         }

@@ -1,4 +1,4 @@
-//! `flix drive`: shake so for so long.
+//! `flix drive`: shakes with one pair for a time.
 
 use std::fmt::Write;
 use std::process::ExitCode;
@@ -10,16 +10,17 @@ use serde::Serialize;
 
 use super::output::{milliseconds, print, print_json, progress};
 use super::robot::RobotArgs;
+use super::time::duration;
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 use crate::link::Update;
 use crate::link::udp::{Connection, LinkError, STOP_PATIENCE, faulted};
 
-/// f counts as reached within this.
+/// Largest error of f that counts as reached, Hz.
 const FREQUENCY_REACHED_HZ: f32 = 0.5;
-/// theta counts as reached within this.
+/// Largest error of theta that counts as reached, degrees.
 const DIRECTION_REACHED_DEG: f32 = 5.0;
-/// How often the progress bar moves.
+/// Interval of the progress bar.
 const SLICE: Duration = Duration::from_millis(100);
 
 /// Arm the robot, shake at one frequency and direction for a time, and disarm it.
@@ -45,8 +46,8 @@ pub struct Args {
     /// Shaking direction, -90 to 90 degrees from forward; positive: to the right.
     #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = direction)]
     direction: Degrees,
-    /// How long, for example 5s or 1500ms.
-    #[arg(long = "for", value_name = "TIME", value_parser = humantime::parse_duration)]
+    /// Duration, for example 5, 5s or 1500ms.
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
     duration: Duration,
     /// Print JSON.
     #[arg(long)]
@@ -65,7 +66,7 @@ fn direction(text: &str) -> Result<Degrees, String> {
     parse(text, check, "shaking direction", -flix_protocol::message::MAXIMUM_DIRECTION.get())
 }
 
-/// The sentence always names the range that a command accepts, not the wider one of the unit.
+/// Parses a number. The error always names the range of a command, not the wider one of the unit.
 fn parse<T>(
     text: &str,
     check: impl Fn(f32) -> Result<T, OutOfRange>,
@@ -82,14 +83,14 @@ fn parse<T>(
     })
 }
 
-/// Drives.
+/// Runs the command.
 ///
 /// # Errors
-/// When the robot cannot be reached, refuses, has a fault, or somebody interrupts; the robot is
-/// stopped then.
+/// When the robot cannot be reached, refuses, has a fault, or the program is interrupted; the robot
+/// is stopped then.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if args.duration.is_zero() {
-        return Err(Error::usage("a drive takes longer than nothing: for example --for 5s"));
+        return Err(Error::usage("the duration must be longer than 0: for example --for 5s"));
     }
     let setpoint = Setpoint::new(args.frequency, args.direction).map_err(Error::usage)?;
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
@@ -109,14 +110,14 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     Ok(Exit::Done.into())
 }
 
-/// Stops the robot for somebody who interrupted, and says how that went.
+/// Stops the robot after an interruption. Returns the error that reports it.
 pub fn stop(connection: &mut Connection) -> Error {
     let is_stopped = connection.stop(STOP_PATIENCE);
     connection.leave();
     let sentence = if is_stopped {
-        "interrupted: the robot was told to stop and has confirmed it; `flix clear` makes it ready again"
+        "interrupted: the robot has acknowledged the stop; `flix clear` makes it ready again"
     } else {
-        "interrupted: the robot was told to stop and has not confirmed it; without commands it stops by itself"
+        "interrupted: stop was sent, and the robot has not acknowledged it; without commands it stops by itself"
     };
     Error::new(Exit::Interrupted, sentence)
 }
@@ -161,7 +162,7 @@ fn drive(
     Ok(held)
 }
 
-/// How well the robot held what it was told, from its own telemetry.
+/// How well the robot held the commanded pair, from its own telemetry.
 #[derive(Debug, Clone)]
 struct Held {
     setpoint: Setpoint,
@@ -190,7 +191,7 @@ impl Held {
         }
     }
 
-    /// Errors count from the moment that f and theta are reached.
+    /// Adds a telemetry. Errors count from the moment that f and theta are reached.
     fn add(&mut self, at: Duration, telemetry: &Telemetry) {
         let motors = telemetry.motors.iter();
         let current = |current_d: f32, current_q: f32| current_d.hypot(current_q);
@@ -232,7 +233,8 @@ impl Held {
     }
 }
 
-/// Two directions half a turn apart are one line of force.
+/// Returns the difference of two directions, degrees in [-90, 90): half a turn apart they are one
+/// line of force.
 fn line_difference(degrees: f32) -> f32 {
     (degrees + 90.0).rem_euclid(180.0) - 90.0
 }

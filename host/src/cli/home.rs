@@ -1,18 +1,18 @@
-//! `flix home`: return to a point, and stay there if asked to.
+//! `flix home`: walks to a point, and stays there on request.
 
 use std::process::ExitCode;
 
-use super::course::{SteeringArgs, facts, names, point, results};
+use super::course::{SteeringArgs, facts, names, results};
 use super::output::print;
 use super::robot::FieldRobotArgs;
 use super::walk::{FileArgs, PoseArgs, Walk, record, verdict};
 use super::{Error, Exit};
-use crate::nav::{ModeTable, Navigator, Task};
+use crate::nav::{ModeTable, Navigator, Position, Task};
 use crate::pilot::Pilot;
 
 /// Walk to a point and rest there.
 ///
-/// With --stay the robot goes back whenever it is pushed away, until you press Ctrl-C.
+/// With --stay the robot returns whenever it is pushed away, until you press Ctrl-C.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -21,10 +21,10 @@ Examples:
 pub struct Args {
     #[command(flatten)]
     robot: FieldRobotArgs,
-    /// The point, m.
-    #[arg(long, value_name = "X,Y", default_value = "0,0", allow_hyphen_values = true, value_parser = point)]
-    to: (f64, f64),
-    /// Hold the place until interrupted.
+    /// Position to walk to, m.
+    #[arg(long, value_name = "X,Y", default_value = "0,0", allow_hyphen_values = true)]
+    to: Position,
+    /// Stay at the point until interrupted.
     #[arg(long)]
     stay: bool,
     #[command(flatten)]
@@ -35,10 +35,10 @@ pub struct Args {
     files: FileArgs,
 }
 
-/// Goes home.
+/// Runs the command.
 ///
 /// # Errors
-/// When something is missing, or the run ended early; the sentence says why.
+/// When something is missing, or the run ended early.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let task = Task::Reach { point: args.to, stay: args.stay };
     let settings = args.steering.settings(&task);

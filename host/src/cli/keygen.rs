@@ -1,4 +1,4 @@
-//! `flix keygen`: a new pre-shared key.
+//! `flix keygen`: makes a new pre-shared key.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -18,14 +18,14 @@ Examples:
   flix keygen --robot walker-1        a key in your own keyring, found by the robot's name")]
 #[group(required = true)]
 pub struct Args {
-    /// File to write; must not exist yet.
+    /// File to write; it must not exist.
     file: Option<PathBuf>,
-    /// Keep the key in your keyring under this robot's name.
+    /// Store the key in your keyring under this name of a robot.
     #[arg(long, value_name = "NAME", conflicts_with = "file")]
     robot: Option<String>,
 }
 
-/// Makes the key and says where it is.
+/// Makes the key and prints its path.
 ///
 /// # Errors
 /// When the file exists already or cannot be written.

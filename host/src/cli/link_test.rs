@@ -1,4 +1,4 @@
-//! `flix link-test`: how good is the link?
+//! `flix link-test`: measures the quality of the link.
 
 use std::fmt::Write;
 use std::process::ExitCode;
@@ -8,12 +8,13 @@ use serde::Serialize;
 
 use super::output::{milliseconds, print, print_json, progress};
 use super::robot::RobotArgs;
+use super::time::duration;
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 use crate::link::udp::{Connection, LinkError};
 use crate::link::{ANSWER_TIME, KEEP_ALIVE};
 
-/// How often the progress bar moves.
+/// Interval of the progress bar.
 const SLICE: Duration = Duration::from_millis(100);
 /// Loss above which commands may come late: at 30 % three in a row are lost every second.
 const POOR_LOSS: f64 = 0.1;
@@ -29,8 +30,8 @@ Examples:
 pub struct Args {
     #[command(flatten)]
     robot: RobotArgs,
-    /// How long to measure.
-    #[arg(long = "for", value_name = "TIME", default_value = "5s", value_parser = humantime::parse_duration)]
+    /// Duration of the measurement.
+    #[arg(long = "for", value_name = "TIME", default_value = "5s", value_parser = duration)]
     duration: Duration,
     /// Print JSON.
     #[arg(long)]
@@ -60,7 +61,7 @@ struct RoundTrip {
     maximum: Option<f64>,
 }
 
-/// Measures and reports.
+/// Runs the command.
 ///
 /// # Errors
 /// When the robot cannot be reached.
@@ -131,8 +132,8 @@ fn describe(report: &Report) -> String {
     row("round trip, p90", ms(p90));
     row("round trip, p99", ms(p99));
     row("round trip, longest", ms(maximum));
-    row("lost on the way there", report.lost_to_robot.to_string());
-    row("lost on the way back", report.lost_from_robot.to_string());
+    row("lost to the robot", report.lost_to_robot.to_string());
+    row("lost from the robot", report.lost_from_robot.to_string());
     if let Some(power) = report.signal_dbm {
         row("radio power", format!("{power} dBm"));
     }
@@ -142,9 +143,9 @@ fn describe(report: &Report) -> String {
 
 fn verdict(report: &Report) -> &'static str {
     if report.loss > POOR_LOSS {
-        "poor: too much is lost; go nearer, or to a free channel"
+        "poor: the loss is high; move nearer, or use a free channel"
     } else if report.round_trip_ms.p99.is_none_or(|p99| p99 > POOR_ROUND_TRIP_MS) {
-        "poor: answers are late; look for other traffic, or power saving on the way"
+        "poor: answers are late; look for other traffic, or for power saving in the network"
     } else {
         "good"
     }

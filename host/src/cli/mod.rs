@@ -1,4 +1,4 @@
-//! The `flix` command line: one file a subcommand, each with `Args` and `run`.
+//! The `flix` command line: one file per command, each with `Args` and `run`.
 //!
 //! # Exit codes
 //!
@@ -9,10 +9,9 @@
 //! | 10 | no answer from the robot |
 //! | 20 | the robot refused: other key, other version, or another operator holds it |
 //! | 30 | the robot has a fault, or is in a state that does not allow the command |
-//! | 40 | interrupted; the robot was told to stop first |
+//! | 40 | interrupted; the robot was stopped first |
 //!
-//! Failures are one sentence on stderr that says what to do. With `--json` stdout carries JSON
-//! alone.
+//! A failure is one sentence on stderr that says what to do. With `--json`, stdout carries JSON only.
 
 pub mod clear;
 pub mod completions;
@@ -32,6 +31,7 @@ pub mod runs;
 pub mod status;
 pub mod stop;
 pub mod teleop;
+pub mod time;
 pub mod track;
 pub mod walk;
 
@@ -46,11 +46,11 @@ use flix_protocol::session::ConnectError;
 use crate::keys::KeyError;
 use crate::link::udp::LinkError;
 
-/// How a command ended; the numbers are a contract with scripts.
+/// Exit code of a command: a contract with scripts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Exit {
-    /// All done.
+    /// The command is done.
     Done = 0,
     /// An option, a file or a value is wrong.
     Usage = 2,
@@ -70,22 +70,22 @@ impl From<Exit> for ExitCode {
     }
 }
 
-/// Why a command failed: the exit code for scripts, the sentence for people.
+/// Why a command failed: an exit code for scripts, a sentence for people.
 #[derive(Debug)]
 pub struct Error {
-    /// What scripts see.
+    /// Exit code for scripts.
     pub exit: Exit,
-    /// What people see.
+    /// Sentence for people.
     pub sentence: String,
 }
 
 impl Error {
-    /// Ends with this code and this sentence.
+    /// Makes an error from an exit code and a sentence.
     pub fn new(exit: Exit, sentence: impl fmt::Display) -> Self {
         Self { exit, sentence: sentence.to_string() }
     }
 
-    /// An option, a file or a value is wrong.
+    /// Makes an error about a wrong option, file or value.
     pub fn usage(sentence: impl fmt::Display) -> Self {
         Self::new(Exit::Usage, sentence)
     }
@@ -129,7 +129,7 @@ impl From<KeyError> for Error {
     }
 }
 
-/// Drives, watches and records a Flix-Walker.
+/// Drive, watch and record a Flix-Walker
 #[derive(Debug, Parser)]
 #[command(
     name = "flix",
@@ -152,7 +152,7 @@ Examples:
   flix stop walker-1
 
 Exit codes: 0 done, 2 usage, 10 no answer, 20 refused (key, version or another operator),
-30 robot fault, 40 interrupted (the robot was told to stop first).";
+30 robot fault, 40 interrupted (the robot was stopped first).";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -175,10 +175,10 @@ enum Command {
 }
 
 impl Cli {
-    /// Does what was asked.
+    /// Runs the command.
     ///
     /// # Errors
-    /// With the exit code and the sentence to show.
+    /// When the command fails; with the exit code and the sentence to show.
     pub fn run(&self) -> Result<ExitCode, Error> {
         match &self.command {
             Command::Teleop(args) => teleop::run(args),
@@ -200,14 +200,14 @@ impl Cli {
         }
     }
 
-    /// The whole command line as data, for completions and tests.
+    /// Returns the command line as data, for completions and tests.
     #[must_use]
     pub fn description() -> clap::Command {
         Self::command()
     }
 }
 
-/// Parses the command line, runs it, and says what went wrong.
+/// Parses the command line, runs it, and reports an error.
 pub fn main() -> ExitCode {
     match Cli::parse().run() {
         Ok(code) => code,

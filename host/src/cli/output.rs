@@ -1,14 +1,15 @@
-//! What commands print.
+//! Output of the commands: texts, JSON, tables and progress bars.
 
 use std::io::{self, Write};
 use std::time::Duration;
 
+use comfy_table::{CellAlignment, Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::Error;
 
-/// Prints a text on stdout. A reader that has gone away (`| head`) is not an error.
+/// Prints a text on stdout. A reader that has closed the pipe (`| head`) is not an error.
 ///
 /// # Errors
 /// When stdout cannot be written.
@@ -32,7 +33,43 @@ pub fn print_json(value: &impl Serialize) -> Result<(), Error> {
     print(&text)
 }
 
-/// A bar on stderr that fills in `duration`; hidden when stderr is not a terminal.
+/// A column of a [`table`].
+#[derive(Debug, Clone, Copy)]
+pub struct Column(&'static str, CellAlignment);
+
+impl Column {
+    /// A column of texts, which begin at one edge.
+    #[must_use]
+    pub const fn left(heading: &'static str) -> Self {
+        Self(heading, CellAlignment::Left)
+    }
+
+    /// A column of numbers, which end at one edge.
+    #[must_use]
+    pub const fn right(heading: &'static str) -> Self {
+        Self(heading, CellAlignment::Right)
+    }
+}
+
+/// Returns a table without lines: each column is as wide as its widest cell, with two spaces
+/// between columns. Columns that all have an empty heading give no heading line.
+pub fn table<const COLUMNS: usize>(
+    columns: [Column; COLUMNS],
+    rows: impl IntoIterator<Item = [String; COLUMNS]>,
+) -> String {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING);
+    if columns.iter().any(|Column(heading, _)| !heading.is_empty()) {
+        table.set_header(columns.map(|Column(heading, _)| heading));
+    }
+    table.add_rows(rows);
+    for (column, Column(_, alignment)) in table.column_iter_mut().zip(columns) {
+        column.set_padding((0, 2)).set_cell_alignment(alignment);
+    }
+    format!("{}\n", table.trim_fmt())
+}
+
+/// Returns a bar on stderr that fills in `duration`; hidden when stderr is not a terminal.
 #[must_use]
 pub fn progress(duration: Duration) -> ProgressBar {
     let style = ProgressStyle::with_template("{bar:40} {elapsed} of {msg}");
@@ -42,7 +79,7 @@ pub fn progress(duration: Duration) -> ProgressBar {
     bar
 }
 
-/// Milliseconds with a fraction.
+/// Returns milliseconds with a fraction.
 #[must_use]
 pub fn milliseconds(duration: Duration) -> f64 {
     duration.as_secs_f64() * 1e3

@@ -1,4 +1,4 @@
-//! `flix provision`: a robot becomes yours, over its serial port.
+//! `flix provision`: gives a robot its name, network and key over its serial port.
 
 use std::fs;
 use std::net::Ipv4Addr;
@@ -17,36 +17,36 @@ use crate::interrupt::Interrupt;
 use crate::keys::{self, Keyring};
 use crate::link::serial::{SerialError, SerialRobot};
 
-/// Holds the network's password, before it is asked for.
+/// Environment variable with the network's password.
 const PASSWORD_VARIABLE: &str = "FLIX_NETWORK_PASSWORD";
 
 /// Give a robot its name, network and key, over its serial port.
 ///
-/// The key is made here, kept in your keyring for this robot alone, and never shown. The network's
-/// password is taken from --password-file, the variable FLIX_NETWORK_PASSWORD, or asked for
-/// without showing it.
+/// The key is made here, stored in your keyring for this robot only, and never shown. The network's
+/// password comes from --password-file, from the variable FLIX_NETWORK_PASSWORD, or from a prompt
+/// that does not show it.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
   flix provision --port /dev/ttyUSB0 --ssid lab
   flix provision --port /dev/ttyUSB0 --ssid lab --name walker-2 --password-file lab.password
   flix provision --port /dev/ttyUSB0 --ssid lab --address 10.0.0.7/24
-  flix provision --port /dev/ttyUSB0 --ssid lab --new-key       somebody may know the old key
+  flix provision --port /dev/ttyUSB0 --ssid lab --new-key       the old key may be known
   flix provision --port /dev/ttyUSB0 --forget                   before giving the robot away")]
 pub struct Args {
-    /// The robot's serial port.
+    /// Serial port of the robot.
     #[arg(long, value_name = "PORT")]
     port: PathBuf,
-    /// The network to join.
+    /// Network to join.
     #[arg(long, value_name = "NETWORK", required_unless_present = "forget")]
     ssid: Option<String>,
-    /// The robot's name; without it the name that it has, or the next free `walker-N`.
+    /// Name of the robot [default: its present name, or the next free `walker-N`].
     #[arg(long, value_name = "NAME")]
     name: Option<String>,
     /// File with the network's password on its first line.
     #[arg(long, value_name = "FILE", conflicts_with = "open")]
     password_file: Option<PathBuf>,
-    /// The network has no password.
+    /// Join a network without a password.
     #[arg(long)]
     open: bool,
     /// Fixed address, for a network without DHCP.
@@ -55,15 +55,15 @@ pub struct Args {
     /// Gateway of that network.
     #[arg(long, value_name = "IPV4", requires = "address")]
     gateway: Option<Ipv4Addr>,
-    /// Make a new key even though this robot has one already; the old one opens it no more.
+    /// Make a new key for a robot that has one; the old key becomes invalid.
     #[arg(long)]
     new_key: bool,
-    /// Make the robot forget name, network and key.
+    /// Erase name, network and key from the robot.
     #[arg(long, conflicts_with_all = ["ssid", "name", "address", "new_key", "open"])]
     forget: bool,
 }
 
-/// An address with its network's size, as `10.0.0.7/24`.
+/// An address with the length of its network part, such as `10.0.0.7/24`.
 #[derive(Debug, Clone, Copy)]
 struct Network {
     address: Ipv4Addr,
@@ -79,12 +79,13 @@ impl FromStr for Network {
             Some(Self { address: address.parse().ok()?, prefix_length })
         });
         parts.ok_or_else(|| {
-            "write an IPv4 address and the bits of its network, for example 10.0.0.7/24".to_owned()
+            "write an IPv4 address and the length of its network part, for example 10.0.0.7/24"
+                .to_owned()
         })
     }
 }
 
-/// Provisions.
+/// Runs the command.
 ///
 /// # Errors
 /// When a value cannot be used, the port cannot be opened, or the robot does not answer or refuses.
@@ -98,7 +99,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         }
         None => {
             robot.order(&Request::Forget)?;
-            print("the robot has forgotten its name, network and key\n")?;
+            print("name, network and key are erased from the robot\n")?;
         }
     }
     Ok(Exit::Done.into())
@@ -110,7 +111,7 @@ fn provision(
     robot: &SerialRobot,
     keyring: &Keyring,
 ) -> Result<String, Error> {
-    // What can be checked is checked before anybody types a password.
+    // Check everything else before the password is typed.
     let placeholder = Key::new([1; 32]);
     let check = |name: &str| Provisioning::new(name, network, "", None, &placeholder);
     check(args.name.as_deref().unwrap_or("walker")).map_err(Error::usage)?;
@@ -145,7 +146,7 @@ fn provision(
 
 fn explain(error: ProvisioningError, password: &str) -> Error {
     match error {
-        // Says how long it is, not what it is.
+        // The message shows the length, not the password.
         ProvisioningError::Password => {
             Error::usage(format_args!("{error}; this one has {}", password.len()))
         }
@@ -153,7 +154,7 @@ fn explain(error: ProvisioningError, password: &str) -> Error {
     }
 }
 
-/// The name that robot and keyring agree on, else the first free one.
+/// Returns the name on which robot and keyring agree, else the first free one.
 fn known_or_next_name(identity: &Identity, has_key: bool, keyring: &Keyring) -> String {
     if has_key && keyring.contains(&identity.name) {
         return identity.name.to_string();
@@ -164,7 +165,7 @@ fn known_or_next_name(identity: &Identity, has_key: bool, keyring: &Keyring) -> 
         .unwrap_or_else(|| "walker".to_owned())
 }
 
-/// A key, and whether the keyring has it already.
+/// A key, and whether it replaces one in the keyring.
 struct KeyInHand {
     name: String,
     key: Key,
@@ -172,8 +173,8 @@ struct KeyInHand {
 }
 
 impl KeyInHand {
-    /// The robot's own key stays its key when it changes networks. A key is never shared by two
-    /// robots.
+    /// Returns the key of the robot, which stays when the network changes, or a new one. Two robots
+    /// never share a key.
     fn find_or_make(
         args: &Args,
         name: &str,
@@ -183,7 +184,7 @@ impl KeyInHand {
         let owned = |key, replaces| Ok(Self { name: name.to_owned(), key, replaces });
         if !keyring.contains(name) {
             let key = keys::generate()?;
-            // Kept before the robot has it: a robot whose key is lost has to be provisioned anew.
+            // Stored before the robot has it: a robot whose key is lost must be provisioned again.
             keyring.store(name, &key)?;
             return owned(key, false);
         }
@@ -199,7 +200,7 @@ impl KeyInHand {
         )))
     }
 
-    /// The robot has the key: from now on it is the one.
+    /// Stores the key after the robot has accepted it.
     fn keep(&self, keyring: &Keyring) -> Result<PathBuf, Error> {
         if self.replaces {
             keyring.replace(&self.name, &self.key)?;

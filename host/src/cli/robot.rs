@@ -1,4 +1,4 @@
-//! Which robot: from what the operator wrote to an address and a key.
+//! Options that name a robot, and the search for its address and key.
 
 use std::net::{IpAddr, SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
@@ -12,34 +12,34 @@ use crate::keys::{self, KEY_FILE_VARIABLE, KeyError, Keyring, SIMULATED_ROBOT};
 use crate::link::discovery;
 use crate::link::udp::Connection;
 
-/// The robot to talk to, and the key that opens it.
+/// Options that name a robot and its key.
 #[derive(Debug, Clone, clap::Args)]
 pub struct RobotArgs {
     /// Address (HOST or HOST:PORT), or the name of a provisioned robot.
     #[arg(value_name = "ROBOT")]
     pub robot: String,
-    /// Key file; without it, the robot's key in your keyring.
+    /// Key file [default: the robot's key in your keyring].
     #[arg(long, value_name = "FILE", env = KEY_FILE_VARIABLE)]
     pub key: Option<PathBuf>,
 }
 
-/// As [`RobotArgs`], for commands that are tried on the simulated robot before they meet a real one.
+/// As [`RobotArgs`], with the simulated robot as default, on which a run is tried first.
 #[derive(Debug, Clone, clap::Args)]
 pub struct FieldRobotArgs {
-    /// Address (HOST or HOST:PORT), or the name of a provisioned robot; unless told, the simulated one
-    /// on this computer.
+    /// Address (HOST or HOST:PORT), or the name of a provisioned robot. `simulated` is the simulator on
+    /// this computer.
     #[arg(value_name = "ROBOT", env = ROBOT_VARIABLE, default_value = SIMULATED_ROBOT)]
     robot: String,
-    /// Key file; without it, the robot's key in your keyring.
+    /// Key file [default: the robot's key in your keyring].
     #[arg(long, value_name = "FILE", env = KEY_FILE_VARIABLE)]
     key: Option<PathBuf>,
 }
 
-/// Names the robot for the commands that walk.
+/// Environment variable that names the robot for commands that walk.
 const ROBOT_VARIABLE: &str = "FLIX_ROBOT";
 
 impl FieldRobotArgs {
-    /// The robot that is meant.
+    /// Returns the options of the robot.
     #[must_use]
     pub fn robot(&self) -> RobotArgs {
         RobotArgs { robot: self.robot.clone(), key: self.key.clone() }
@@ -50,7 +50,7 @@ impl RobotArgs {
     /// Finds the robot and its key, and connects.
     ///
     /// # Errors
-    /// When there is no usable key (usage), nobody answers, or the robot refuses.
+    /// When there is no usable key (usage), no robot answers, or the robot refuses.
     pub fn connect(&self, interrupt: &Interrupt) -> Result<Connection, Error> {
         let mut connection = self.begin(interrupt)?;
         connection.wait_until_connected()?;
@@ -68,8 +68,8 @@ impl RobotArgs {
         Ok(Connection::open(address, key, interrupt.clone())?)
     }
 
-    /// The key: the file that was named, else that of the robot's name or address in the keyring.
-    /// Every address of this machine itself is the simulated robot's.
+    /// Returns the key: the named file, else that of the robot's name or address in the keyring.
+    /// Every address of this machine belongs to the simulated robot.
     fn find_key(&self, keyring: &Keyring) -> Result<Key, KeyError> {
         if let Some(path) = &self.key {
             return keys::read(path);
@@ -123,12 +123,12 @@ fn not_found(robot: &str) -> Error {
     Error::new(
         Exit::NoAnswer,
         format_args!(
-            "no robot or machine called `{robot}` was found: check the name, that it is on and in this network, or give its address; `flix discover` lists the robots that can be heard"
+            "no robot or machine called `{robot}` was found: check the name, that it is on and in this network, or give its address; `flix discover` lists the robots in the network"
         ),
     )
 }
 
-/// IPv4 first: robots have nothing else.
+/// Resolves a host name. IPv4 comes first: robots have no IPv6.
 fn resolve(host: &str, port: u16) -> Option<SocketAddr> {
     let addresses: Vec<SocketAddr> = (host, port).to_socket_addrs().ok()?.collect();
     addresses.iter().find(|address| address.is_ipv4()).or(addresses.first()).copied()
@@ -139,7 +139,7 @@ fn is_this_machine(host: &str) -> bool {
         || host.parse().is_ok_and(|address: IpAddr| address.is_loopback())
 }
 
-/// `host`, `host:port`, `[v6]:port` or a bare IPv6 address.
+/// Splits `host`, `host:port`, `[v6]:port` or a bare IPv6 address into host and port.
 fn split_port(text: &str) -> Result<(&str, Option<u16>), String> {
     let wrong = |what: &str| {
         Err(format!("`{text}` is not a robot: {what}; write HOST, HOST:PORT, or a robot's name"))

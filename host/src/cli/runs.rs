@@ -1,10 +1,11 @@
-//! `flix runs`: what was recorded.
+//! `flix runs`: lists, shows, plots and exports the records of runs.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
 
+use super::output::{Column, print, table};
 use super::{Error, Exit};
 use crate::plot::{Figure, PlotError};
 use crate::record::{ReadError, RecordError, Run, csv, figures, list};
@@ -21,7 +22,7 @@ Examples:
   flix runs plot last              SVG and PNG beside the record
   flix runs export-csv 20261121 --to tables")]
 pub struct Args {
-    /// Folder that programs write to.
+    /// Folder of the output.
     #[arg(long, value_name = "DIR", default_value = "out", global = true)]
     out: PathBuf,
     #[command(subcommand)]
@@ -30,36 +31,36 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Action {
-    /// All runs, the oldest first.
+    /// List all runs, the oldest first.
     List {
-        /// As JSON.
+        /// Print JSON.
         #[arg(long)]
         json: bool,
     },
-    /// What one run was and how it went.
+    /// Show the settings and results of a run.
     Show {
-        /// `last`, a part of its name, or its file.
+        /// Run: `last`, a part of its name, or its file.
         #[arg(default_value = "last")]
         run: String,
-        /// As JSON.
+        /// Print JSON.
         #[arg(long)]
         json: bool,
     },
-    /// Draw its track and its timeline, as SVG and PNG.
+    /// Plot the track and the timeline of a run, as SVG and PNG.
     Plot {
-        /// `last`, a part of its name, or its file.
+        /// Run: `last`, a part of its name, or its file.
         #[arg(default_value = "last")]
         run: String,
-        /// Folder for the pictures; beside the record unless told.
+        /// Folder for the figures [default: beside the record].
         #[arg(long, value_name = "DIR")]
         to: Option<PathBuf>,
     },
-    /// Write its rows as tables, one CSV file a topic.
+    /// Export the rows of a run as tables, one CSV file per topic.
     ExportCsv {
-        /// `last`, a part of its name, or its file.
+        /// Run: `last`, a part of its name, or its file.
         #[arg(default_value = "last")]
         run: String,
-        /// Folder for the tables; beside the record unless told.
+        /// Folder for the tables [default: beside the record].
         #[arg(long, value_name = "DIR")]
         to: Option<PathBuf>,
     },
@@ -83,14 +84,14 @@ impl From<PlotError> for Error {
     }
 }
 
-/// Does what was asked of the records.
+/// Runs the command.
 ///
 /// # Errors
-/// When a record is missing, cannot be read, or its pictures and tables cannot be written.
+/// When a record is missing, cannot be read, or its figures and tables cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     match &args.action {
         Action::List { json } => list_runs(&args.out, *json)?,
-        Action::Show { run, json } => show(&Run::find(&args.out, run)?, *json),
+        Action::Show { run, json } => show(&Run::find(&args.out, run)?, *json)?,
         Action::Plot { run, to } => {
             let run = Run::find(&args.out, run)?;
             let (folder, stem) = beside(&run, to.as_ref());
@@ -99,20 +100,20 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
                 ("timeline", &figures::timeline(&run)),
             ] {
                 let written = figure.write(&folder, &format!("{stem}-{kind}"))?;
-                println!("{}\n{}", written.svg.display(), written.png.display());
+                print(&format!("{}\n{}\n", written.svg.display(), written.png.display()))?;
             }
         }
         Action::ExportCsv { run, to } => {
             let run = Run::find(&args.out, run)?;
             for file in csv::export(&run, &beside(&run, to.as_ref()).0)? {
-                println!("{}", file.display());
+                print(&format!("{}\n", file.display()))?;
             }
         }
     }
     Ok(Exit::Done.into())
 }
 
-/// The folder for what is made of a run, and its name.
+/// Returns the folder for the output of a run, and the stem of its file names.
 fn beside(run: &Run, to: Option<&PathBuf>) -> (PathBuf, String) {
     let own = run.file.parent().map(PathBuf::from).unwrap_or_default();
     let stem =
@@ -125,43 +126,38 @@ fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
     if as_json {
         let rows: Vec<Value> =
             runs.iter().map(|r| json!({ "file": r.file, "bytes": r.bytes })).collect();
-        println!("{}", Value::from(rows));
-        return Ok(());
+        return print(&format!("{}\n", Value::from(rows)));
     }
     if runs.is_empty() {
-        println!("no runs below {}", out.display());
+        return print(&format!("no runs below {}\n", out.display()));
     }
-    for run in runs {
-        println!("{:>9.1} kB  {}", run.bytes as f64 / 1e3, run.file.display());
-    }
-    Ok(())
+    let size = |bytes: u64| format!("{:.1} kB", bytes as f64 / 1e3);
+    let rows = runs.iter().map(|run| [size(run.bytes), run.file.display().to_string()]);
+    print(&table([Column::right(""), Column::left("")], rows))
 }
 
-fn show(run: &Run, as_json: bool) {
+fn show(run: &Run, as_json: bool) -> Result<(), Error> {
     if as_json {
-        println!("{}", description(run));
-        return;
+        return print(&format!("{}\n", description(run)));
     }
-    println!("{}", run.file.display());
-    println!("{:>14}  {:.1} s", "duration", run.seconds());
-    for (topic, rows) in counts(run) {
-        println!("{topic:>14}  {rows} rows");
-    }
-    for (name, bytes) in &run.attachments {
-        println!("{:>14}  {name}, {bytes} bytes", "attached");
-    }
+    let columns = || [Column::right(""), Column::left("")];
+    let mut head = vec![["duration".to_owned(), format!("{:.1} s", run.seconds())]];
+    head.extend(counts(run).map(|(topic, rows)| [topic.to_owned(), format!("{rows} rows")]));
+    let attached = run.attachments.iter().map(|(name, bytes)| format!("{name}, {bytes} bytes"));
+    head.extend(attached.map(|file| ["attached".to_owned(), file]));
+    let mut text = format!("{}\n{}", run.file.display(), table(columns(), head));
     for (group, facts) in &run.facts {
-        println!("\n{group}");
-        for (name, value) in facts {
-            println!("{name:>24}  {value}");
-        }
+        let rows = facts.iter().map(|(name, value)| [name.clone(), value.clone()]);
+        text += &format!("\n{group}\n{}", table(columns(), rows));
     }
     if !run.events.is_empty() {
-        println!("\nevents");
+        let rows = run
+            .events
+            .iter()
+            .map(|event| [format!("{:.3} s", run.time(&event.timestamp)), event.message.clone()]);
+        text += &format!("\nevents\n{}", table(columns(), rows));
     }
-    for event in &run.events {
-        println!("{:>12.3} s  {}", run.time(&event.timestamp), event.message);
-    }
+    print(&text)
 }
 
 fn counts(run: &Run) -> [(&'static str, usize); 5] {

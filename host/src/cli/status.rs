@@ -1,4 +1,4 @@
-//! `flix status`: how the robot is.
+//! `flix status`: shows the state of the robot.
 
 use std::fmt::Write;
 use std::process::ExitCode;
@@ -18,12 +18,12 @@ use crate::interrupt::Interrupt;
 use crate::link::Client;
 use crate::link::udp::{Connection, LinkError};
 
-/// How long telemetry may take to come; its lowest rate is one a second.
+/// Longest wait for telemetry; its lowest rate is one per second.
 const TELEMETRY_PATIENCE: Duration = Duration::from_secs(3);
 
-/// Show how the robot is: state, faults with their first cause, rotors, battery, link.
+/// Show the state of the robot: faults with their first cause, rotors, battery, link.
 ///
-/// The robot does not move, and is left as it was.
+/// The robot does not move, and its state does not change.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -37,7 +37,7 @@ pub struct Args {
     json: bool,
 }
 
-/// Asks and shows.
+/// Runs the command.
 ///
 /// # Errors
 /// When the robot cannot be reached.
@@ -54,7 +54,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     Ok(Exit::Done.into())
 }
 
-/// Everything that a robot tells of itself, with units in the names.
+/// The state of a robot, with units in the names.
 #[derive(Debug, Clone, Serialize)]
 pub struct Status {
     robot: Robot,
@@ -130,7 +130,7 @@ struct End {
     dropped: Map<String, Value>,
 }
 
-/// Asks a connected robot.
+/// Requests the state of a connected robot.
 ///
 /// # Errors
 /// When it does not answer.
@@ -148,7 +148,7 @@ pub fn ask(connection: &mut Connection) -> Result<Status, LinkError> {
 }
 
 impl Status {
-    /// The robot with its board and firmware.
+    /// Returns the robot with its board and firmware.
     #[must_use]
     pub fn robot_line(&self) -> String {
         let Robot { name, board, version } = &self.robot;
@@ -224,7 +224,7 @@ impl From<MotorTelemetry> for Motor {
     }
 }
 
-/// All reasons, those that never happened too, as keys that programs can rely on.
+/// Returns the counter of every reason, also of those that never happened.
 fn by_reason(dropped: &Dropped) -> Map<String, Value> {
     DropReason::ALL
         .into_iter()

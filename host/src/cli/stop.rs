@@ -1,4 +1,4 @@
-//! `flix stop`: the robot stops, and stays stopped until cleared.
+//! `flix stop`: stops the robot until it is cleared.
 
 use std::process::ExitCode;
 
@@ -11,24 +11,24 @@ use crate::interrupt::Interrupt;
 use crate::link::udp::{DISARM_PATIENCE, LinkError, STOP_PATIENCE};
 use crate::link::{StopState, Update};
 
-/// Stop the robot, whatever it does.
+/// Stop the robot, in every state.
 ///
-/// Repeated until the robot acknowledges it. Both rotors ramp down together, and the robot stays
-/// stopped until `flix clear`.
+/// Stop is repeated until the robot acknowledges it. Both rotors ramp down together, and the robot
+/// stays stopped until `flix clear`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
     robot: RobotArgs,
 }
 
-/// Stops, and waits until the rotors stand.
+/// Stops, and waits until the rotors are at rest.
 ///
 /// # Errors
 /// When the robot cannot be reached, refuses this operator, or does not come to rest.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let mut connection = args.robot.begin(&interrupt)?;
-    // Asked for before there is a session, so that it is the session's first message.
+    // Requested before there is a session, so that it is the first message of the session.
     let (client, now) = connection.operate();
     client.stop(now);
     connection.wait_until_connected()?;

@@ -1,4 +1,4 @@
-//! `flix teleop`: driving by hand.
+//! `flix teleop`: drives by hand.
 
 use std::process::ExitCode;
 
@@ -7,14 +7,14 @@ use super::{Error, Exit, drive};
 use crate::interrupt::Interrupt;
 use crate::teleop::screen::{self, Ending, ScreenError};
 
-/// Drive with the keyboard, and see how the robot is.
+/// Drive with the keyboard, and show the state of the robot.
 ///
-/// Works over SSH and from 80 by 24 characters on. Ctrl-C, a signal or a closed terminal stop the
-/// robot first.
+/// Works over SSH, in a terminal of at least 80 by 24 characters. Ctrl-C, a signal and a closed
+/// terminal stop the robot first.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Keys:
-  space          stop, always; stays stopped until c
+  space          stop, in every state; latched until c
   Enter          arm           Backspace   disarm           c   clear stop and faults
   w              forward       a / d       turn left / right
   q / e          strafe left / right       s   rest, and stay armed
@@ -29,7 +29,7 @@ pub struct Args {
 /// Drives until the operator leaves.
 ///
 /// # Errors
-/// When there is no terminal, the robot cannot be reached, or somebody interrupts.
+/// When there is no terminal, the robot cannot be reached, or the program is interrupted.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let mut connection = args.robot.connect(&interrupt)?;

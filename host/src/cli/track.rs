@@ -1,4 +1,4 @@
-//! `flix track`: follow a path.
+//! `flix track`: follows a path.
 
 use std::process::ExitCode;
 
@@ -12,8 +12,8 @@ use crate::pilot::Pilot;
 
 /// Follow a path, with poses from motion capture.
 ///
-/// The robot is armed, driven, and left disarmed. Lost poses, the fence and too large an error stop
-/// it; Ctrl-C, SIGTERM and a closed terminal too.
+/// The robot is armed, driven, and disarmed. Lost poses, the fence, a large path error, Ctrl-C,
+/// SIGTERM and a closed terminal stop it.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_missing_positional = true,
@@ -43,10 +43,10 @@ impl From<ModeTableError> for Error {
     }
 }
 
-/// Follows the path.
+/// Runs the command.
 ///
 /// # Errors
-/// When something is missing, or the run ended early; the sentence says why.
+/// When something is missing, or the run ended early.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let task = args.course.task()?;
     let settings = args.course.settings(&task)?;

@@ -18,33 +18,33 @@ use crate::pose::natnet::{Body, COMMAND_PORT, NatNetSettings, NatNetSource, UpAx
 use crate::pose::{PoseError, PoseSource};
 use crate::record::{Recorder, RunDescription};
 
-/// Longest wait for the robot's datagrams before poses are looked at again.
+/// Longest wait for datagrams of the robot between two checks for poses.
 const SLICE: Duration = Duration::from_millis(2);
 
-/// Where poses come from.
+/// Options of the pose source.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PoseArgs {
-    /// Source of poses.
+    /// Source of the poses.
     #[arg(long, value_name = "SOURCE", default_value = "natnet", value_parser = ["natnet"])]
     pub pose: String,
-    /// Motive's computer (or the simulator's), and its command port.
+    /// Address of Motive's computer (or of the simulator), and its command port.
     #[arg(long, value_name = "HOST[:PORT]", default_value = "127.0.0.1", value_parser = server)]
     pub natnet_server: SocketAddrV4,
-    /// Address of the network card here that reaches it.
+    /// Address of this computer's network card that reaches it.
     #[arg(long, value_name = "ADDRESS")]
     pub interface: Option<Ipv4Addr>,
-    /// The robot's rigid body: its name or streaming number; not needed if there is only one.
+    /// Name or streaming number of the robot's rigid body; not needed if there is only one.
     #[arg(long, value_name = "BODY", value_parser = body)]
     pub body: Option<Body>,
-    /// Motive's up axis, y or z, as in its streaming settings.
+    /// Up axis of Motive, y or z, as in its streaming settings.
     #[arg(long, value_name = "AXIS", default_value = "y")]
     pub up: UpAxis,
 }
 
-/// What a run reads and leaves behind.
+/// Options of the files of a run.
 #[derive(Debug, Clone, clap::Args)]
 pub struct FileArgs {
-    /// The robot's mode table: `flix identify` writes it, the others read it.
+    /// Mode table of the robot: `flix identify` writes it, the other commands read it.
     #[arg(long, value_name = "FILE", default_value = "modes.toml")]
     pub modes: PathBuf,
     /// Folder for the record.
@@ -68,7 +68,7 @@ fn server(text: &str) -> Result<SocketAddrV4, String> {
 }
 
 impl PoseArgs {
-    /// As the source wants it.
+    /// Returns the settings of the source.
     #[must_use]
     pub fn settings(&self) -> NatNetSettings {
         let own = if self.natnet_server.ip().is_loopback() {
@@ -88,13 +88,13 @@ impl PoseArgs {
     /// Connects to the source.
     ///
     /// # Errors
-    /// In sentences that say what to change.
+    /// When there is no stream; the message says what to change.
     pub fn open(&self) -> Result<NatNetSource, Error> {
         NatNetSource::connect(self.settings()).map_err(|error| Error::new(Exit::NoAnswer, error))
     }
 }
 
-/// Robot and poses, both there.
+/// A connected robot with its poses.
 pub struct Walk {
     connection: Connection,
     source: NatNetSource,
@@ -108,7 +108,7 @@ impl From<PoseError> for Error {
 }
 
 impl Walk {
-    /// Poses first: without them the robot is not woken.
+    /// Connects to the pose source, then to the robot.
     ///
     /// # Errors
     /// When either is missing.
@@ -119,14 +119,15 @@ impl Walk {
         Ok(Self { connection, source, interrupt })
     }
 
-    /// Drives to the end of the run. `tell` words the progress bar's message.
+    /// Drives to the end of the run. Returns the ending and the duration of driving, s. `message` is
+    /// the text of the progress bar.
     ///
     /// # Errors
     /// When the network or the pose source fails; the robot is stopped then.
     pub fn drive<H: Helm>(
         &mut self,
         pilot: &mut Pilot<H>,
-        tell: impl Fn(&Pilot<H>) -> String,
+        message: impl Fn(&Pilot<H>) -> String,
     ) -> Result<(Ending, f64), Error> {
         let bar = ProgressBar::new_spinner();
         if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {msg}") {
@@ -144,7 +145,7 @@ impl Walk {
                 pilot.interrupt(now, client);
             }
             let ending = pilot.step(now, client, &poses);
-            bar.set_message(tell(pilot));
+            bar.set_message(message(pilot));
             bar.tick();
             if let Some(ending) = ending {
                 bar.finish_and_clear();
@@ -154,19 +155,19 @@ impl Walk {
         }
     }
 
-    /// Says goodbye. A stop stays latched until the next run or `flix clear`.
+    /// Closes the session. A stop stays latched until the next run or `flix clear`.
     pub fn leave(mut self) {
         self.connection.leave();
     }
 
-    /// Name of what streams the poses, for the record.
+    /// Returns the name of the pose server, for the record.
     #[must_use]
     pub fn pose_server(&self) -> String {
         let info = self.source.server();
         format!("{} (NatNet {})", info.application_name, info.protocol_version)
     }
 
-    /// Board and firmware of the robot, for the record.
+    /// Returns name, board and firmware of the robot, for the record.
     ///
     /// # Errors
     /// When it does not answer.
@@ -182,14 +183,14 @@ impl Walk {
         Ok(facts)
     }
 
-    /// The run's clock starts with the connection.
+    /// Returns the time of the run, which starts with the connection.
     #[must_use]
     pub fn now(&self) -> Instant {
         self.connection.now()
     }
 }
 
-/// Begins a record whose clock is the walk's.
+/// Begins a record with the clock of the walk.
 ///
 /// # Errors
 /// When the file cannot be made.
@@ -213,10 +214,10 @@ pub fn record(
     Ok(Recorder::create(out, started, &description)?)
 }
 
-/// What scripts and people are told when a run did not finish.
+/// Returns an error for a run that did not finish.
 ///
 /// # Errors
-/// For every ending but the good one.
+/// For every ending except [`Ending::Finished`].
 pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
     let exit = match ending {
         Ending::Finished => return Ok(()),

@@ -14,48 +14,48 @@ use flix_protocol::units::Instant;
 use super::statistics::Statistics;
 use super::{KEEP_ALIVE, REQUEST_PATIENCE, REQUEST_RETRY, SILENCE, STOP_RETRY};
 
-/// Something that the client's owner may want to know.
+/// An event of the link, for the owner of the client.
 #[derive(Debug, Clone, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "few are ever waiting")]
 pub enum Update {
-    /// The robot is ours.
+    /// The session is open.
     Connected,
     /// The robot could not be reached, or refused.
     Failed(ConnectError),
-    /// The robot fell silent; what was held is forgotten, and the client connects anew.
+    /// The robot fell silent; the held setpoint is dropped, and the client connects again.
     Lost,
-    /// The robot said goodbye.
+    /// The robot closed the session.
     Left,
     /// The answer to a request.
     Answer {
-        /// As [`Client::request`] returned it.
+        /// The number that [`Client::request`] returned.
         request: u32,
-        /// What became of it.
+        /// The result.
         outcome: Outcome,
     },
-    /// A request was given up: no answer in time, or overtaken by a stop or a lost session.
+    /// A request ended without an answer: in time, or because of a stop or a lost session.
     Unanswered {
-        /// As [`Client::request`] returned it.
+        /// The number that [`Client::request`] returned.
         request: u32,
     },
-    /// The robot will not shake as held. Told once for each reason.
+    /// The robot refuses the held setpoint. Reported once for each reason.
     SetpointRefused(Refusal),
-    /// The robot has stopped, or is on the way to it, and stays so.
+    /// The robot has stopped, or ramps down, and the stop is latched.
     StopAcknowledged,
-    /// How the robot is.
+    /// Telemetry of the robot.
     Telemetry(Telemetry),
-    /// Something happened to the robot.
+    /// An event of the robot.
     Event(EventReport),
 }
 
-/// How far a stop has come.
+/// Progress of a stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopState {
-    /// None was asked for.
+    /// No stop was requested.
     None,
-    /// Asked for, and not acknowledged yet.
+    /// Requested, and not acknowledged yet.
     Sending,
-    /// The robot has it.
+    /// Acknowledged by the robot.
     Acknowledged,
 }
 
@@ -70,9 +70,8 @@ struct Pending {
 
 /// The operator's end of the link.
 ///
-/// After every call, and whenever [`Client::transmit_at`] has come: call [`Client::transmit`] until
-/// it gives `None`, send what it gives, and look at [`Client::update`]. Never panics on any
-/// datagram.
+/// After every call, and at the time of [`Client::transmit_at`]: call [`Client::transmit`] until it
+/// returns `None`, send what it returns, and take [`Client::update`]. Never panics on any datagram.
 pub struct Client {
     session: OperatorSession,
     was_established: bool,
@@ -94,7 +93,7 @@ pub struct Client {
 }
 
 impl Client {
-    /// Begins to connect at once. `entropy` comes from the operating system, fresh for every
+    /// Creates a client that begins to connect at once. `entropy` comes from the operating system, fresh for every
     /// client; a simulation takes it from its seed.
     #[must_use]
     pub fn new(key: Key, entropy: [u8; 32], now: Instant) -> Self {
@@ -119,15 +118,15 @@ impl Client {
         }
     }
 
-    /// Tries again after [`Update::Failed`] or [`Update::Left`].
+    /// Connects again after [`Update::Failed`] or [`Update::Left`].
     pub fn connect(&mut self, now: Instant) {
         self.has_failed = false;
         self.was_established = false;
         self.session.connect(now);
     }
 
-    /// From now on, the robot shall shake so. Repeated as sign of life until
-    /// [`Client::release`], a stop or a lost session.
+    /// Holds a setpoint: sends it now, and repeats it as sign of life until [`Client::release`], a
+    /// stop or a lost session.
     pub fn hold(&mut self, now: Instant, setpoint: Setpoint) {
         if self.stop == StopState::Sending || self.held == Some(setpoint) {
             return;
@@ -139,14 +138,14 @@ impl Client {
         self.keep_alive_at = now;
     }
 
-    /// Holds nothing any more: pings keep the session alive, and the robot's command deadline
+    /// Releases the held setpoint: pings keep the session alive, and the robot's command deadline
     /// passes.
     pub fn release(&mut self) {
         self.held = None;
         self.refusal = None;
     }
 
-    /// What is held.
+    /// Returns the held setpoint.
     #[must_use]
     pub const fn held(&self) -> Option<Setpoint> {
         self.held
@@ -178,7 +177,8 @@ impl Client {
         request
     }
 
-    /// Stops the robot: forgets what is held or asked, and repeats stop until it is acknowledged.
+    /// Stops the robot: drops held setpoint and pending requests, and repeats stop until it is
+    /// acknowledged.
     pub fn stop(&mut self, now: Instant) {
         self.release();
         self.abandon_requests();
@@ -189,61 +189,61 @@ impl Client {
         self.stop_at = now;
     }
 
-    /// Whether this client has armed or moved the robot and has not been told since that it is
-    /// stopped or disarmed: whoever ends now must stop it first.
+    /// Returns whether this client has armed or moved the robot, and the robot has not reported since
+    /// that it is stopped or disarmed. A program that ends now must stop it first.
     #[must_use]
     pub const fn is_driving(&self) -> bool {
         self.is_driving
     }
 
-    /// How far the stop has come.
+    /// Returns the progress of the stop.
     #[must_use]
     pub const fn stop_state(&self) -> StopState {
         self.stop
     }
 
-    /// Says goodbye: the next operator need not wait.
+    /// Closes the session, so that the next operator need not wait.
     pub fn leave(&mut self) {
         self.farewell = self.session.goodbye().ok();
         self.session_ended();
     }
 
-    /// How the connection stands.
+    /// Returns the state of the connection.
     #[must_use]
     pub fn status(&self, now: Instant) -> Status {
         self.session.status(now)
     }
 
-    /// Whether the robot is ours and was heard of late.
+    /// Returns whether the session is open and the robot was received recently.
     #[must_use]
     pub fn is_connected(&self, now: Instant) -> bool {
         self.status(now) == Status::Connected
     }
 
-    /// The newest telemetry of the present session.
+    /// Returns the newest telemetry of the present session.
     #[must_use]
     pub const fn telemetry(&self) -> Option<&Telemetry> {
         self.telemetry.as_ref()
     }
 
-    /// Round trips and losses of commands.
+    /// Returns round trips and losses of commands.
     #[must_use]
     pub const fn statistics(&self) -> &Statistics {
         &self.statistics
     }
 
-    /// What the session counts: datagrams that did not arrive here, and those dropped, by reason.
+    /// Returns the counters of the session: datagrams that did not arrive, and those dropped.
     #[must_use]
     pub fn health(&self) -> LinkHealth {
         self.session.health()
     }
 
-    /// What happened next, oldest first.
+    /// Returns the next update, oldest first.
     pub fn update(&mut self) -> Option<Update> {
         self.updates.pop_front()
     }
 
-    /// Takes a datagram from the robot's address.
+    /// Receives a datagram from the robot's address.
     pub fn receive(&mut self, now: Instant, datagram: &[u8]) {
         let received = self.session.receive(now, datagram);
         if matches!(received, OperatorReceived::Connected | OperatorReceived::Message(_)) {
@@ -269,7 +269,7 @@ impl Client {
         }
     }
 
-    /// The next datagram to send, if one is due.
+    /// Returns the next datagram to send, if one is due.
     pub fn transmit(&mut self, now: Instant) -> Option<Frame> {
         self.statistics.expire(now);
         if let Some(frame) = self.farewell.take() {
@@ -297,7 +297,7 @@ impl Client {
         }
     }
 
-    /// When [`Client::transmit`] next has something to do.
+    /// Returns when [`Client::transmit`] is due next.
     #[must_use]
     pub fn transmit_at(&self) -> Option<Instant> {
         if self.farewell.is_some() {
@@ -316,7 +316,7 @@ impl Client {
             .min()
     }
 
-    /// The message that is due, most urgent first.
+    /// Returns the message that is due, most urgent first.
     fn due(&mut self, now: Instant) -> Option<ToRobot> {
         if self.stop == StopState::Sending {
             if now >= self.stop_at {
@@ -337,7 +337,7 @@ impl Client {
         if now < self.keep_alive_at {
             return None;
         }
-        // A fixed rate; after a pause it starts anew rather than catch up.
+        // A fixed rate; after a pause it starts anew and does not catch up.
         let next = self.keep_alive_at + KEEP_ALIVE;
         self.keep_alive_at = if next > now { next } else { now + KEEP_ALIVE };
         let request = self.number();
@@ -346,7 +346,7 @@ impl Client {
         Some(ToRobot { request, command })
     }
 
-    /// What is held; rest while the robot ramps down, so that it does not find the link late.
+    /// Returns the held setpoint; rest while the robot ramps down, so that commands are not late.
     fn sign_of_life(&self) -> Option<Setpoint> {
         let state = self.telemetry.as_ref().map(|telemetry| telemetry.state);
         self.held.or_else(|| (state == Some(State::Stopping)).then_some(Setpoint::REST))

@@ -1,4 +1,4 @@
-//! Robots that announce themselves on the local network (mDNS and DNS-SD).
+//! Finds the robots that announce themselves on the local network (mDNS and DNS-SD).
 
 use std::collections::BTreeMap;
 use std::net::{IpAddr, SocketAddr};
@@ -9,39 +9,38 @@ use mdns_sd::{ResolvedService, ServiceDaemon, ServiceEvent};
 
 use crate::interrupt::Interrupt;
 
-/// How long a robot may take to answer a question for its name: mDNS answers within 0.1 s, and asks
-/// again after 1 s.
+/// Longest search for a name: mDNS answers within 0.1 s, and repeats its question after 1 s.
 pub const FIND_PATIENCE: Duration = Duration::from_millis(2500);
-/// How often interruptions are looked at.
+/// Interval of the checks for interruption.
 const SLICE: Duration = Duration::from_millis(50);
 
-/// A robot that was heard.
+/// A robot that was found.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Found {
     /// Its name, as it was provisioned.
     pub name: String,
     /// Its addresses, IPv4 first.
     pub addresses: Vec<IpAddr>,
-    /// Where it listens.
+    /// Its UDP port.
     pub port: u16,
-    /// What it says of itself, for example `board` and `version`. Not authenticated.
+    /// What it announces, for example `board` and `version`. Not authenticated.
     pub properties: BTreeMap<String, String>,
 }
 
 impl Found {
-    /// Where to send datagrams.
+    /// Returns the address for datagrams.
     #[must_use]
     pub fn socket_address(&self) -> Option<SocketAddr> {
         self.addresses.first().map(|address| SocketAddr::new(*address, self.port))
     }
 }
 
-/// Multicast did not work.
+/// Multicast does not work on this machine.
 #[derive(Debug, thiserror::Error)]
-#[error("looking for robots failed: {0}; give the robot's address instead of its name")]
+#[error("the search for robots failed: {0}; give the robot's address instead of its name")]
 pub struct DiscoveryError(#[from] mdns_sd::Error);
 
-/// Listens for this long, and returns every robot heard, by name.
+/// Searches for this time, and returns every robot found, by name.
 ///
 /// # Errors
 /// When multicast does not work on this machine.
@@ -54,7 +53,7 @@ pub fn browse(duration: Duration, interrupt: &Interrupt) -> Result<Vec<Found>, D
     Ok(robots.into_values().collect())
 }
 
-/// Looks for one robot by its name, for at most [`FIND_PATIENCE`].
+/// Searches for one robot by its name, for at most [`FIND_PATIENCE`].
 ///
 /// # Errors
 /// When multicast does not work on this machine.
@@ -69,7 +68,7 @@ pub fn find(name: &str, interrupt: &Interrupt) -> Result<Option<Found>, Discover
     Ok(wanted)
 }
 
-/// Hands over every robot heard until `enough` says so or the time is over.
+/// Passes every robot found to `enough`, until it returns true or the time is over.
 fn listen(
     duration: Duration,
     interrupt: &Interrupt,

@@ -1,25 +1,25 @@
-//! The operator's end of the link: from "shake so" to datagrams and back.
+//! The operator's end of the link: from setpoints to datagrams and back.
 //!
-//! [`Client`] is all of it without a clock or a socket: it takes time and datagrams as arguments
-//! and says what to send and what happened, so the simulator runs it in virtual time. [`udp`] puts
-//! it on a socket in real time.
+//! [`Client`] has no clock and no socket: it takes time and datagrams as arguments, and returns what
+//! to send and what happened. The simulator runs it in virtual time; [`udp`] runs it on a socket in
+//! real time.
 //!
 //! # What the client does by itself
 //!
-//! - **Sign of life**: every [`KEEP_ALIVE`] it sends the setpoint that is held, or a ping when none
-//!   is, so the robot's command deadline (100 ms late, 250 ms ramp down, 1 s disarmed) is met with
+//! - **Sign of life**: every [`KEEP_ALIVE`] it sends the held setpoint, or a ping when none is held,
+//!   so the robot's command deadline (100 ms late, 250 ms ramp down, 1 s disarmed) is met with
 //!   four datagrams to spare.
 //! - **Requests** (arm, parameters, ...) carry a number and are repeated every [`REQUEST_RETRY`]
 //!   until answered or [`REQUEST_PATIENCE`] is over. All commands are idempotent.
-//! - **Stop** overtakes everything: what was held or asked is forgotten, and stop is repeated every
-//!   [`STOP_RETRY`] until the robot acknowledges it, over reconnections too.
-//! - **Silence** of [`SILENCE`] ends the session. The client connects anew; what was held is
-//!   forgotten, because a robot that comes back must not start by itself.
+//! - **Stop** comes before everything: held setpoint and pending requests are dropped, and stop is
+//!   repeated every [`STOP_RETRY`] until the robot acknowledges it, also over reconnections.
+//! - **Silence** of [`SILENCE`] ends the session. The client connects again and drops the held
+//!   setpoint, because a robot that comes back must not start by itself.
 //!
 //! # Terms
 //!
 //! *Held*: the setpoint that is repeated. *Round trip*: from sending a command to its reply, only
-//! of commands sent once (Karn's rule: of a repeated one nobody knows which was answered).
+//! of commands sent once (Karn's rule: for a repeated one it is unknown which was answered).
 //! *Unanswered*: no reply within [`ANSWER_TIME`]; either direction may have lost it.
 
 mod client;
@@ -39,12 +39,12 @@ pub const KEEP_ALIVE: Duration = Duration::from_millis(20);
 /// Interval at which an unanswered request is repeated. Longer than the slowest ordinary round trip
 /// on Wi-Fi.
 pub const REQUEST_RETRY: Duration = Duration::from_millis(100);
-/// How long a request is repeated: 20 times, so that a link that loses 30 % each way fails one
-/// request in a million.
+/// Time for which a request is repeated: 20 times, so that a link that loses 30 % each way fails
+/// one request in a million.
 pub const REQUEST_PATIENCE: Duration = Duration::from_secs(2);
 /// Interval of stop until it is acknowledged.
 pub const STOP_RETRY: Duration = Duration::from_millis(20);
-/// Silence of the robot after which the session is given up: the robot, deaf as well, has disarmed.
+/// Silence of the robot after which the session ends: the robot, without commands, has disarmed.
 pub const SILENCE: Duration = HOLDER_SILENCE;
-/// A command without a reply for so long counts as unanswered.
+/// Time after which a command without a reply counts as unanswered.
 pub const ANSWER_TIME: Duration = Duration::from_secs(1);

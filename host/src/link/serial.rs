@@ -1,4 +1,4 @@
-//! The robot's serial port: names, networks and keys, by whoever holds the cable.
+//! Provisioning over the serial port of the robot: name, network and key.
 //!
 //! [`flix_protocol::provision`] defines the frames. The port also carries the robot's log, which
 //! is skipped here, and opening it may restart the robot, so questions are repeated.
@@ -16,44 +16,44 @@ use zeroize::Zeroize;
 
 use crate::interrupt::Interrupt;
 
-/// How long a robot may take to answer: it may be starting.
+/// Longest time to an answer: the robot may be starting.
 pub const PATIENCE: Duration = Duration::from_secs(8);
 /// Interval at which a question is repeated; longer than writing to flash takes.
 const RETRY: Duration = Duration::from_millis(700);
-/// How often interruptions are looked at.
+/// Interval of the checks for interruption.
 const SLICE: Duration = Duration::from_millis(50);
 
-/// The robot could not be reached over its serial port, or would not.
+/// Why the robot could not be provisioned over its serial port.
 #[derive(Debug, thiserror::Error)]
 pub enum SerialError {
-    /// The port would not be opened.
+    /// The port could not be opened.
     #[error(
         "the serial port {} cannot be opened: {source}; check its name (`ls /dev/tty*`), and that you may use it (group `dialout`)",
         port.display()
     )]
     Open {
-        /// Which.
+        /// The port.
         port: PathBuf,
-        /// Why.
+        /// The error of the operating system.
         source: io::Error,
     },
-    /// The port failed later.
+    /// The port failed.
     #[error("the serial port failed: {0}; check the cable")]
     Port(#[from] io::Error),
-    /// Nobody there.
+    /// No answer arrived.
     #[error(
         "no robot answers at this port: check the cable, that the robot's firmware is flashed, and that no other program has the port open"
     )]
     NoAnswer,
-    /// The robot will not.
+    /// The robot refused the request.
     #[error("the robot refused: {0}")]
     Refused(ProvisionRefusal),
-    /// The robot answers something else than was asked.
+    /// The answer does not belong to the request.
     #[error(
-        "the robot answers another question: update its firmware and this program to one release"
+        "the robot's answer does not fit the request: update its firmware and this program to one release"
     )]
     Confused,
-    /// A signal.
+    /// A signal arrived.
     #[error("interrupted")]
     Interrupted,
 }
@@ -79,7 +79,7 @@ impl SerialRobot {
             .map_err(|source| SerialError::Open { port: port.to_owned(), source })
     }
 
-    /// Asks who it is, and whether it has a key.
+    /// Requests the identity, and whether the robot has a key.
     ///
     /// # Errors
     /// When it does not answer.
@@ -91,10 +91,10 @@ impl SerialRobot {
         }
     }
 
-    /// Has something done: provisioning, or forgetting it.
+    /// Sends a request: to store name, network and key, or to erase them.
     ///
     /// # Errors
-    /// When the robot does not answer, or refuses; it has kept what it had then.
+    /// When the robot does not answer, or refuses; then nothing has changed.
     pub fn order(&self, request: &Request) -> Result<(), SerialError> {
         match self.ask(request)? {
             Answer::Done => Ok(()),

@@ -7,10 +7,10 @@ use flix_protocol::units::Instant;
 
 use super::ANSWER_TIME;
 
-/// Round trips that are remembered: over a minute at the rate of the keep-alive.
+/// Number of round trips stored: over a minute at the rate of the keep-alive.
 const REMEMBERED: usize = 4096;
 
-/// How a link has done so far, as its operator sees it.
+/// Statistics of a link, as its operator sees it.
 ///
 /// A command is counted once it is [`ANSWER_TIME`] old, answered or not, so that the counts are of
 /// the same commands.
@@ -30,17 +30,17 @@ struct Sent {
 }
 
 impl Statistics {
-    /// A command of this number was sent for the first time.
+    /// Records a command that was sent for the first time.
     pub(super) fn sent(&mut self, number: u32, at: Instant) {
         self.recent.push_back(Sent { number, at, is_answered: false });
     }
 
-    /// A command was sent again: its reply will say nothing about time or loss.
+    /// Records a repeated command: its reply says nothing about time or loss.
     pub(super) fn repeated(&mut self, number: u32) {
         self.recent.retain(|sent| sent.number != number);
     }
 
-    /// A reply came.
+    /// Records a reply.
     pub(super) fn replied(&mut self, number: u32, now: Instant) {
         let Some(sent) = self.recent.iter_mut().find(|sent| sent.number == number) else { return };
         if sent.is_answered {
@@ -60,7 +60,7 @@ impl Statistics {
         }
     }
 
-    /// Nothing more is to come of what was sent: another session begins.
+    /// Counts all commands, because another session begins and no more replies can arrive.
     pub(super) fn abandon(&mut self) {
         while !self.recent.is_empty() {
             self.count_oldest();
@@ -75,39 +75,39 @@ impl Statistics {
         }
     }
 
-    /// Commands with a reply within [`ANSWER_TIME`].
+    /// Returns the number of commands with a reply within [`ANSWER_TIME`].
     #[must_use]
     pub const fn answered(&self) -> u64 {
         self.answered
     }
 
-    /// Commands without.
+    /// Returns the number of commands without.
     #[must_use]
     pub const fn unanswered(&self) -> u64 {
         self.unanswered
     }
 
-    /// Share of commands whose reply never came, from 0 to 1.
+    /// Returns the share of commands without a reply, from 0 to 1.
     #[must_use]
     pub fn loss(&self) -> f64 {
         let sent = self.answered + self.unanswered;
         if sent == 0 { 0.0 } else { self.unanswered as f64 / sent as f64 }
     }
 
-    /// The newest round trip.
+    /// Returns the newest round trip.
     #[must_use]
     pub fn last_round_trip(&self) -> Option<Duration> {
         self.round_trips.back().copied()
     }
 
-    /// The round trip that this share (0 to 1) of the remembered ones does not exceed.
+    /// Returns the round trip that this share (0 to 1) of the stored ones does not exceed.
     #[must_use]
     pub fn round_trip_quantile(&self, share: f64) -> Option<Duration> {
         quantile(self.round_trips.iter().copied().collect(), share)
     }
 }
 
-/// Nearest-rank quantile. `None` of nothing.
+/// Returns the nearest-rank quantile; `None` without values.
 #[must_use]
 pub fn quantile(mut values: Vec<Duration>, share: f64) -> Option<Duration> {
     let last = values.len().checked_sub(1)?;

@@ -13,70 +13,70 @@ use super::{Client, StopState, Update};
 use crate::explain;
 use crate::interrupt::Interrupt;
 
-/// How long a program that ends by accident repeats stop before it gives up on an acknowledgement.
-/// The robot's own command deadline is 250 ms.
+/// Time for which a program that ends by accident repeats stop without an acknowledgement. The
+/// robot's own command deadline is 250 ms.
 pub const FAREWELL_PATIENCE: Duration = Duration::from_millis(500);
-/// How long a program that was asked to end repeats stop.
+/// Time for which a program that is interrupted repeats stop.
 pub const STOP_PATIENCE: Duration = Duration::from_secs(2);
-/// How long a robot may take to prove its link and to align its motors.
+/// Longest time in which a robot proves its link and aligns its motors.
 pub const ARM_PATIENCE: Duration = Duration::from_secs(20);
-/// How long a robot may take to ramp down, twice over.
+/// Twice the longest time in which a robot ramps down.
 pub const DISARM_PATIENCE: Duration = Duration::from_secs(2);
-/// How long clearing is repeated: faults brake for half a second before they can be forgotten.
+/// Time for which clearing is repeated: faults brake for half a second before they can be cleared.
 pub const CLEAR_PATIENCE: Duration = Duration::from_secs(3);
-/// Interval at which arming and clearing are tried again.
+/// Interval at which arming and clearing are repeated.
 const TRY_AGAIN: Duration = Duration::from_millis(100);
-/// Telemetry this long after a reply tells of the state that the reply spoke of.
+/// Time after a reply from which telemetry shows the state after the command.
 const TELEMETRY_LAG: Duration = Duration::from_millis(500);
-/// Longest wait for a datagram before interruptions are looked at again.
+/// Longest wait for a datagram between two checks for interruption.
 const LONGEST_WAIT: Duration = Duration::from_millis(20);
-/// The shortest timeout worth asking of the operating system.
+/// Shortest timeout that is requested from the operating system.
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
 
-/// What was asked of the robot did not come about.
+/// Why a request to the robot failed.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
-    /// The network did not do it.
+    /// The network failed.
     #[error("the network failed: {0}")]
     Network(#[from] io::Error),
     /// The operating system gave no randomness for the handshake.
     #[error("the operating system gave no random numbers for the handshake: {0}")]
     Random(#[from] getrandom::Error),
-    /// No session.
+    /// There is no session.
     #[error("{0}")]
     Connect(ConnectError),
-    /// The robot was there and is not heard any more.
+    /// The robot fell silent.
     #[error("the robot fell silent: it stops by itself; check its battery and the network")]
     Silent,
-    /// The robot said goodbye.
+    /// The robot closed the session.
     #[error("the robot ended the session: it restarts, or got another key")]
     Left,
-    /// No reply to this request, though the robot is there.
+    /// No reply to this request, although the session stands.
     #[error("the robot did not answer within {} s: the link loses too much; see `flix link-test`", super::REQUEST_PATIENCE.as_secs())]
     Unanswered,
-    /// The robot will not.
+    /// The robot refused the request.
     #[error("the robot refused: {0}{hint}", hint = hint(.0))]
     Refused(Refusal),
     /// The robot has a fault.
-    #[error("the robot has a fault: {}; `flix clear` forgets it once its cause is gone", describe(*.first, *.all))]
+    #[error("the robot has a fault: {}; `flix clear` clears it once its cause is gone", describe(*.first, *.all))]
     Faulted {
-        /// The cause of the rest.
+        /// The first fault: the cause of the rest.
         first: Option<Fault>,
-        /// All that are latched.
+        /// All latched faults.
         all: Faults,
     },
-    /// The robot did not come into the state that was asked for, or left it by itself.
+    /// The robot did not reach the requested state, or left it by itself.
     #[error("the robot is {actual} where it should be {wanted}: see `flix status`")]
     State {
-        /// As asked.
+        /// The requested state.
         wanted: State,
-        /// As it is.
+        /// The present state.
         actual: State,
     },
-    /// A stop stands, and the robot will not forget it.
-    #[error("the stop stands still: the rotors have not come to rest; see `flix status`")]
+    /// The robot does not clear the latched stop.
+    #[error("the stop is still latched: the rotors have not come to rest; see `flix status`")]
     StillStopped,
-    /// A signal.
+    /// A signal arrived.
     #[error("interrupted")]
     Interrupted,
 }
@@ -94,8 +94,8 @@ fn describe(first: Option<Fault>, all: Faults) -> String {
 
 /// A robot on the network.
 ///
-/// Dropped while it drives the robot, by an error or a panic too, it stops the robot first, for at
-/// most [`FAREWELL_PATIENCE`].
+/// When it is dropped while it drives the robot, also by an error or a panic, it first stops the
+/// robot, for at most [`FAREWELL_PATIENCE`].
 pub struct Connection {
     socket: UdpSocket,
     client: Client,
@@ -104,11 +104,11 @@ pub struct Connection {
 }
 
 impl Connection {
-    /// Begins to connect to the robot at this address. Waits that are interrupted end with
+    /// Begins to connect to the robot at this address. An interruption ends every wait with
     /// [`LinkError::Interrupted`].
     ///
     /// # Errors
-    /// When there is no socket or no randomness to be had.
+    /// When the operating system provides no socket or no random numbers.
     pub fn open(address: SocketAddr, key: Key, interrupt: Interrupt) -> Result<Self, LinkError> {
         let any: SocketAddr = match address {
             SocketAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
@@ -122,29 +122,29 @@ impl Connection {
         Ok(Self { socket, client, start: std::time::Instant::now(), interrupt })
     }
 
-    /// The client's present time.
+    /// Returns the present time of the client.
     #[must_use]
     pub fn now(&self) -> Instant {
         Instant::START + self.start.elapsed()
     }
 
-    /// What the client knows.
+    /// Returns the client.
     #[must_use]
     pub const fn client(&self) -> &Client {
         &self.client
     }
 
-    /// The client and its present time, to ask something of it.
+    /// Returns the client, to command it, and its present time.
     pub fn operate(&mut self) -> (&mut Client, Instant) {
         let now = self.now();
         (&mut self.client, now)
     }
 
-    /// Sends what is due, and takes what has come, waiting for at most `longest` for the first
+    /// Sends what is due, and receives what has arrived; waits for at most `longest` for the first
     /// datagram.
     ///
     /// # Errors
-    /// When the network fails in a way that trying again does not mend.
+    /// When the network fails permanently.
     pub fn step(&mut self, longest: Duration) -> Result<(), LinkError> {
         self.send_due()?;
         let now = self.now();
@@ -184,11 +184,11 @@ impl Connection {
         }
     }
 
-    /// Runs the link until `look` finds what it wants in an update, for at most `patience`.
-    /// `None` when the time is over.
+    /// Runs the link until `look` returns a value for an update, for at most `patience`. `None` when
+    /// the time is over.
     ///
     /// # Errors
-    /// When there is no session any more, the network fails, or somebody interrupts.
+    /// When the session ends, the network fails, or the program is interrupted.
     pub fn wait_for<T>(
         &mut self,
         patience: Duration,
@@ -218,7 +218,7 @@ impl Connection {
         }
     }
 
-    /// Waits until the robot is ours. How long is the session's to say
+    /// Waits until the session is open, as long as the session tries
     /// ([`flix_protocol::session::CONNECT_PATIENCE`]).
     ///
     /// # Errors
@@ -230,7 +230,7 @@ impl Connection {
         self.wait_for(patience, is_connected)?.ok_or(LinkError::Connect(ConnectError::NoAnswer))
     }
 
-    /// Asks something of the robot and waits for the answer. A refusal is an error.
+    /// Sends a request to the robot and waits for the answer. A refusal is an error.
     ///
     /// # Errors
     /// As for [`Connection::wait_for`]; when the robot refuses or does not answer.
@@ -251,7 +251,7 @@ impl Connection {
         }
     }
 
-    /// Waits until telemetry fulfils this, for at most `patience`. `None` when it did not.
+    /// Waits until telemetry fulfils a condition, for at most `patience`. `None` when it did not.
     ///
     /// # Errors
     /// As for [`Connection::wait_for`].
@@ -266,11 +266,11 @@ impl Connection {
         })
     }
 
-    /// Arms the robot: waits until the link is proven and the motors are aligned. From here on the
-    /// robot holds its rotors at rest until [`Client::hold`] says otherwise.
+    /// Arms the robot: waits until the link is proven and the motors are aligned. From then on the
+    /// robot holds its rotors at rest until [`Client::hold`] commands something else.
     ///
     /// # Errors
-    /// As for [`Connection::ask`]; when a fault comes up.
+    /// As for [`Connection::ask`]; when a fault is latched.
     pub fn arm(&mut self) -> Result<(), LinkError> {
         let deadline = self.now() + ARM_PATIENCE;
         loop {
@@ -305,7 +305,7 @@ impl Connection {
         }
     }
 
-    /// Brings the rotors to rest and lets go of the motors.
+    /// Brings the rotors to rest and lets the motors coast.
     ///
     /// # Errors
     /// As for [`Connection::ask`]; when the robot does not come to rest in time.
@@ -323,7 +323,7 @@ impl Connection {
         }
     }
 
-    /// Makes the robot forget stop and faults.
+    /// Clears the latched stop and faults.
     ///
     /// # Errors
     /// As for [`Connection::ask`]; when the cause of a fault is still there.
@@ -347,7 +347,7 @@ impl Connection {
         }
     }
 
-    /// Stops the robot: repeats stop until it is acknowledged, for at most `patience`, through
+    /// Stops the robot: repeats stop until it is acknowledged, for at most `patience`, also through
     /// interruptions and lost sessions. Returns whether it was acknowledged.
     pub fn stop(&mut self, patience: Duration) -> bool {
         let (client, now) = self.operate();
@@ -371,7 +371,7 @@ impl Connection {
         true
     }
 
-    /// Says goodbye, so that the next operator need not wait.
+    /// Closes the session, so that the next operator need not wait.
     pub fn leave(&mut self) {
         self.client.leave();
         // Nothing depends on it: without it the next operator waits for a second.
@@ -388,13 +388,13 @@ impl Drop for Connection {
     }
 }
 
-/// The faults that telemetry reports, as an error.
+/// Returns the faults that telemetry reports, as an error.
 #[must_use]
 pub const fn faulted(telemetry: &Telemetry) -> LinkError {
     LinkError::Faulted { first: telemetry.first_fault, all: telemetry.faults }
 }
 
-/// Nothing came in time, or nobody listens there yet: trying again is right.
+/// Returns whether the error passes: nothing arrived in time, or no program listens there yet.
 fn is_transient(error: &io::Error) -> bool {
     use io::ErrorKind as Kind;
     matches!(

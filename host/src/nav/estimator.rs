@@ -1,14 +1,13 @@
-//! Where the robot is between poses, where it will be when a command reaches it, and how its modes
-//! really move today.
+//! Estimates the pose between measurements, predicts it for the moment when a command arrives, and
+//! adapts the motion of each mode to what is measured.
 //!
-//! The estimate is rolled on with the mode table and pulled to every measured pose with a gain of
-//! `1 - exp(-dt / `[`FILTER_TIME`]`)`: the body shakes at up to 35 Hz, and the camera samples that
-//! shaking. A pose far from the estimate means that somebody moved the robot: it is believed at
-//! once.
+//! The estimate is predicted with the mode table and corrected with every measured pose, with a gain
+//! of `1 - exp(-dt / `[`FILTER_TIME`]`)`: the body shakes at up to 35 Hz, and the camera samples that
+//! shaking. A pose far from the estimate means that the robot was moved by hand: it is used at once.
 //!
-//! The walk is chaotic and floors differ, so the means of the table are corrected while driving:
-//! over each [`WINDOW`] of steady motion in one mode the measured motion pulls that mode's by
-//! `WINDOW / `[`LEARNING_TIME`], within limits around the table.
+//! The walk is chaotic and floors differ, so the means of the table are adapted while driving: after
+//! each [`WINDOW`] of steady motion in one mode, its motion moves towards the measured one by the
+//! share `WINDOW / `[`ADAPTATION_TIME`], within limits around the table.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -21,23 +20,23 @@ use super::motion::{Gait, Motion, REST, Response, motions};
 
 /// Time constant of the pose filter, s: two periods of the slowest useful shaking (some 20 Hz).
 const FILTER_TIME: f64 = 0.1;
-/// Steady motion that one correction of a mode is measured over, s.
+/// Steady motion over which one adaptation of a mode is measured, s.
 const WINDOW: f64 = 0.5;
-/// Time in a mode after which its corrected motion is mostly measured, s.
-const LEARNING_TIME: f64 = 4.0;
-/// A jump further than this is a push, m.
+/// Time in a mode after which its adapted motion is mostly measured, s.
+const ADAPTATION_TIME: f64 = 4.0;
+/// A larger jump than this is a push, m.
 const PUSHED_BY: f64 = 0.06;
-/// A turn further than this is a push, rad.
+/// A larger turn than this is a push, rad.
 const TURNED_BY: f64 = 0.5;
 /// Longest step of the prediction, s.
 const STEP: f64 = 0.02;
-/// Corrections stay within this many spreads of the table's mean, or these floors if larger.
+/// Adapted motions stay within this many spreads of the table's mean, or these floors if larger.
 const SPREADS: f64 = 3.0;
 const SPEED_FLOOR: f64 = 0.02;
 const YAW_FLOOR: f64 = 0.3;
 const SHARE_OF_MEAN: f64 = 0.5;
 
-/// See the module's text.
+/// Estimator of pose and motion; see the module's documentation.
 #[derive(Debug, Clone)]
 pub struct Estimator {
     motions: Vec<Motion>,
@@ -52,7 +51,8 @@ pub struct Estimator {
 }
 
 impl Estimator {
-    /// A robot at rest, nowhere yet. `latency`: from a command's sending to the robot's obeying.
+    /// Creates an estimator for a robot at rest. `latency`: from sending a command until the robot
+    /// obeys it.
     #[must_use]
     pub fn new(table: &ModeTable, response: Response, latency: Duration) -> Self {
         Self {
@@ -68,30 +68,30 @@ impl Estimator {
         }
     }
 
-    /// Another latency, for commands from now on.
+    /// Sets the latency of the following commands.
     pub fn set_latency(&mut self, latency: Duration) {
         self.latency = latency;
     }
 
-    /// The motions as corrected so far; standing still first.
+    /// Returns the motions as adapted so far, rest first.
     #[must_use]
     pub fn motions(&self) -> &[Motion] {
         &self.motions
     }
 
-    /// How the robot follows commands.
+    /// Returns the response of the robot to commands.
     #[must_use]
     pub fn response(&self) -> &Response {
         &self.response
     }
 
-    /// The estimate at the time of the last pose; `None` before the first.
+    /// Returns the estimate at the time of the last pose; `None` before the first.
     #[must_use]
     pub fn pose(&self) -> Option<PlanarPose> {
         self.time.map(|_| self.pose)
     }
 
-    /// A command leaves for the robot.
+    /// Records a command that is sent now.
     pub fn command(&mut self, now: Instant, mode: usize) {
         let last = self.pending.back().map_or(self.gait.mode(), |p| p.1);
         if mode != last {
@@ -99,7 +99,7 @@ impl Estimator {
         }
     }
 
-    /// A trusted pose arrived.
+    /// Takes a trusted pose.
     pub fn observe(&mut self, time: Instant, measured: PlanarPose) {
         let Some(previous) = self.time else {
             (self.pose, self.time) = (measured, Some(time));
@@ -109,22 +109,18 @@ impl Estimator {
             return;
         }
         let elapsed = time.since(previous).as_secs_f64();
-        (self.pose, self.gait) = self.rolled(time);
+        (self.pose, self.gait) = self.predicted(time);
         while self.pending.front().is_some_and(|p| p.0 <= time) {
             self.pending.pop_front();
         }
         self.time = Some(time);
         self.correct(measured, elapsed);
-        self.learn(time);
+        self.adapt(time);
     }
 
-    /// Pose and gait at a later moment, if nothing new is commanded.
+    /// Returns pose and gait at a later moment, if nothing new is commanded.
     #[must_use]
-    pub fn predicted(&self, at: Instant) -> (PlanarPose, Gait) {
-        self.rolled(at)
-    }
-
-    fn rolled(&self, until: Instant) -> (PlanarPose, Gait) {
+    pub fn predicted(&self, until: Instant) -> (PlanarPose, Gait) {
         let (mut pose, mut gait) = (self.pose, self.gait);
         let Some(mut now) = self.time else {
             return (pose, gait);
@@ -148,7 +144,7 @@ impl Estimator {
 
     fn correct(&mut self, measured: PlanarPose, elapsed: f64) {
         let turned = wrap(measured.heading - self.pose.heading);
-        let pushed = self.pose.distance_to((measured.x, measured.y)) > PUSHED_BY;
+        let pushed = self.pose.distance_to(measured.position()) > PUSHED_BY;
         if pushed || turned.abs() > TURNED_BY {
             self.pose = measured;
             self.window = None;
@@ -160,7 +156,7 @@ impl Estimator {
         self.pose.heading += gain * turned;
     }
 
-    fn learn(&mut self, now: Instant) {
+    fn adapt(&mut self, now: Instant) {
         let mode = self.gait.mode();
         if mode == REST || !self.gait.is_steady() {
             self.window = None;
@@ -173,7 +169,7 @@ impl Estimator {
         }
         self.window = Some((now, self.pose));
         let measured = mean_twist(&from, &self.pose, seconds);
-        let gain = (seconds / LEARNING_TIME).min(1.0);
+        let gain = (seconds / ADAPTATION_TIME).min(1.0);
         let known = &self.modes[mode - 1];
         let twist = &mut self.motions[mode].twist;
         twist.forward = pulled(twist.forward, measured.forward, gain, known.forward, SPEED_FLOOR);
@@ -187,7 +183,7 @@ fn pulled(present: f64, measured: f64, gain: f64, known: Spread, floor: f64) -> 
     (present + gain * (measured - present)).clamp(known.mean - room, known.mean + room)
 }
 
-/// The constant motion in the body frame that leads from one pose to the other in `seconds`.
+/// Returns the constant motion in the body frame that leads from one pose to the other in `seconds`.
 #[must_use]
 pub fn mean_twist(from: &PlanarPose, to: &PlanarPose, seconds: f64) -> Twist {
     let turn = to.heading - from.heading;
@@ -224,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_push_is_believed_at_once() {
+    fn a_push_is_used_at_once() {
         let mut estimator = estimator();
         let pushed = PlanarPose { x: 0.4, y: -0.1, heading: 2.0 };
         estimator.observe(at(0.01), pushed);
@@ -245,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mode_that_turns_slower_than_its_table_is_learnt() {
+    fn a_mode_that_turns_slower_than_its_table_is_adapted() {
         let mut estimator = estimator();
         estimator.command(at(0.0), LEFT);
         let mut pose = PlanarPose::default();
@@ -253,8 +249,8 @@ mod tests {
             pose = pose.moved(Twist { forward: 0.0, lateral: 0.0, yaw: 1.5 }, 0.01);
             estimator.observe(at(f64::from(i) * 0.01), pose);
         }
-        let learnt = estimator.motions()[LEFT].twist.yaw;
-        assert!((learnt - 1.5).abs() < 0.1, "{learnt}");
+        let adapted = estimator.motions()[LEFT].twist.yaw;
+        assert!((adapted - 1.5).abs() < 0.1, "{adapted}");
     }
 
     #[test]

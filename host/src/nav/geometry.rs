@@ -1,15 +1,29 @@
-//! Poses in the plane: ENU world frame, heading counter-clockwise from x (REP 103).
+//! Positions, poses and speeds in the plane.
+//!
+//! World frame ENU: x east, y north, metres; headings counter-clockwise from x, radians (REP 103).
+//! Speeds are in the body frame FLU: forward and left in m/s, yaw to the left in rad/s.
 
 use std::f64::consts::{PI, TAU};
+use std::fmt;
+use std::str::FromStr;
 
-/// Where a robot stands and which way it faces, seen from above.
+/// A point on the floor, m.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Position {
+    /// East, m.
+    pub x: f64,
+    /// North, m.
+    pub y: f64,
+}
+
+/// Position and heading of a robot, seen from above.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PlanarPose {
     /// East, m.
     pub x: f64,
     /// North, m.
     pub y: f64,
-    /// Counter-clockwise from x, rad; any size, [`wrap`] brings it to one turn.
+    /// Counter-clockwise from x, rad, of any size; [`wrap`] reduces it to one turn.
     pub heading: f64,
 }
 
@@ -24,28 +38,160 @@ pub struct Twist {
     pub yaw: f64,
 }
 
-/// The same angle in (-pi, pi]. Not finite stays not finite.
+/// Returns the same angle in (-pi, pi]. An angle that is not finite stays so.
 #[must_use]
 pub fn wrap(angle: f64) -> f64 {
     let turned = (angle + PI).rem_euclid(TAU) - PI;
     if turned <= -PI { PI } else { turned }
 }
 
+impl Position {
+    /// The origin of the world frame.
+    pub const ORIGIN: Self = Self::new(0.0, 0.0);
+
+    /// Makes a position from east and north, m.
+    #[must_use]
+    pub const fn new(x: f64, y: f64) -> Self {
+        Self { x, y }
+    }
+
+    /// Returns whether both coordinates are finite.
+    #[must_use]
+    pub fn is_finite(self) -> bool {
+        self.x.is_finite() && self.y.is_finite()
+    }
+
+    /// Returns the distance to another position, m.
+    #[must_use]
+    pub fn distance_to(self, other: Self) -> f64 {
+        (other.x - self.x).hypot(other.y - self.y)
+    }
+
+    /// Returns the square of the distance to another position, m^2.
+    #[must_use]
+    pub fn squared_distance_to(self, other: Self) -> f64 {
+        (self.x - other.x).powi(2) + (self.y - other.y).powi(2)
+    }
+
+    /// Returns the position `share` (0 to 1) of the way to another one.
+    #[must_use]
+    pub fn towards(self, other: Self, share: f64) -> Self {
+        Self::new(self.x + (other.x - self.x) * share, self.y + (other.y - self.y) * share)
+    }
+
+    /// Returns the direction to another position, rad counter-clockwise from x.
+    #[must_use]
+    pub fn bearing_to(self, other: Self) -> f64 {
+        (other.y - self.y).atan2(other.x - self.x)
+    }
+}
+
+/// A text was refused as a position.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("\"{0}\" is not a position: write x,y in metres, such as 0.5,-0.2")]
+pub struct NotAPosition(String);
+
+impl FromStr for Position {
+    type Err = NotAPosition;
+
+    /// Reads `x,y` in metres.
+    fn from_str(text: &str) -> Result<Self, NotAPosition> {
+        let number = |part: &str| part.trim().parse::<f64>().ok().filter(|n| n.is_finite());
+        text.split_once(',')
+            .and_then(|(x, y)| Some(Self::new(number(x)?, number(y)?)))
+            .ok_or_else(|| NotAPosition(text.to_owned()))
+    }
+}
+
+/// A rectangle along the axes of the world frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Area {
+    /// South-west corner.
+    pub low: Position,
+    /// North-east corner.
+    pub high: Position,
+}
+
+impl Area {
+    /// Returns the smallest area that contains these positions.
+    pub fn around(positions: impl IntoIterator<Item = Position>) -> Self {
+        let everywhere = Position::new(f64::INFINITY, f64::INFINITY);
+        let nothing = Self { low: everywhere, high: Position::new(-everywhere.x, -everywhere.y) };
+        positions.into_iter().fold(nothing, |Self { low, high }, p| Self {
+            low: Position::new(low.x.min(p.x), low.y.min(p.y)),
+            high: Position::new(high.x.max(p.x), high.y.max(p.y)),
+        })
+    }
+
+    /// Returns the area with a margin on all sides, m.
+    #[must_use]
+    pub fn widened(self, margin: f64) -> Self {
+        let Self { low, high } = self;
+        Self {
+            low: Position::new(low.x - margin, low.y - margin),
+            high: Position::new(high.x + margin, high.y + margin),
+        }
+    }
+
+    /// Returns whether a position is inside.
+    #[must_use]
+    pub fn contains(&self, Position { x, y }: Position) -> bool {
+        (self.low.x..=self.high.x).contains(&x) && (self.low.y..=self.high.y).contains(&y)
+    }
+}
+
+impl fmt::Display for Area {
+    /// Writes `west,south,east,north` in metres.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { low, high } = self;
+        write!(f, "{:.2},{:.2},{:.2},{:.2}", low.x, low.y, high.x, high.y)
+    }
+}
+
+/// A text was refused as an area.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("\"{0}\" is not an area: write west,south,east,north in metres, such as -1,-0.7,1,0.7")]
+pub struct NotAnArea(String);
+
+impl FromStr for Area {
+    type Err = NotAnArea;
+
+    /// Reads `west,south,east,north` in metres.
+    fn from_str(text: &str) -> Result<Self, NotAnArea> {
+        let numbers: Option<Vec<f64>> = text
+            .split(',')
+            .map(|part| part.trim().parse().ok().filter(|n: &f64| n.is_finite()))
+            .collect();
+        match numbers.as_deref() {
+            Some([x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => {
+                Ok(Self { low: Position::new(*x0, *y0), high: Position::new(*x1, *y1) })
+            }
+            _ => Err(NotAnArea(text.to_owned())),
+        }
+    }
+}
+
 impl PlanarPose {
-    /// Whether every part is a number.
+    /// Makes a pose from a position and a heading, rad.
     #[must_use]
-    pub fn is_finite(&self) -> bool {
-        self.x.is_finite() && self.y.is_finite() && self.heading.is_finite()
+    pub const fn new(Position { x, y }: Position, heading: f64) -> Self {
+        Self { x, y, heading }
     }
 
-    /// Distance to a point, m.
+    /// Returns the position without the heading.
     #[must_use]
-    pub fn distance_to(&self, (x, y): (f64, f64)) -> f64 {
-        (x - self.x).hypot(y - self.y)
+    pub const fn position(&self) -> Position {
+        Position::new(self.x, self.y)
     }
 
-    /// The pose after moving with a constant `twist` for `seconds` (midpoint rule: exact to third
-    /// order in the angle turned).
+    /// Returns the distance to a position, m.
+    #[must_use]
+    pub fn distance_to(&self, other: Position) -> f64 {
+        self.position().distance_to(other)
+    }
+
+    /// Returns the pose after motion with a constant `twist` for `seconds` (midpoint rule: exact to
+    /// third order in the angle turned).
     #[must_use]
     pub fn moved(&self, twist: Twist, seconds: f64) -> Self {
         let turn = twist.yaw * seconds;
@@ -57,24 +203,19 @@ impl PlanarPose {
         }
     }
 
-    /// This pose seen from `base`, in the frame of `base`.
+    /// Returns the world position of a point of the body, which is `x` forward and `y` left, m.
     #[must_use]
-    pub fn seen_from(&self, base: &Self) -> Self {
-        let (sin, cos) = base.heading.sin_cos();
-        let (dx, dy) = (self.x - base.x, self.y - base.y);
-        Self {
-            x: cos * dx + sin * dy,
-            y: -sin * dx + cos * dy,
-            heading: wrap(self.heading - base.heading),
-        }
+    pub fn place(&self, body: Position) -> Position {
+        let (sin, cos) = self.heading.sin_cos();
+        Position::new(self.x + cos * body.x - sin * body.y, self.y + sin * body.x + cos * body.y)
     }
 }
 
 impl Twist {
-    /// Standing still.
+    /// No motion.
     pub const REST: Self = Self { forward: 0.0, lateral: 0.0, yaw: 0.0 };
 
-    /// This twist times a factor.
+    /// Returns this twist times a factor.
     #[must_use]
     pub fn scaled(self, factor: f64) -> Self {
         Self {
@@ -84,7 +225,7 @@ impl Twist {
         }
     }
 
-    /// The sum of two twists.
+    /// Returns the sum of two twists.
     #[must_use]
     pub fn plus(self, other: Self) -> Self {
         Self {
@@ -94,13 +235,13 @@ impl Twist {
         }
     }
 
-    /// Speed over the floor, m/s.
+    /// Returns the speed over the floor, m/s.
     #[must_use]
     pub fn speed(self) -> f64 {
         self.forward.hypot(self.lateral)
     }
 
-    /// Direction of travel against the heading, rad to the left.
+    /// Returns the direction of travel relative to the heading, rad to the left.
     #[must_use]
     pub fn course(self) -> f64 {
         self.lateral.atan2(self.forward)
@@ -129,5 +270,25 @@ mod tests {
         let north = PlanarPose { x: 0.0, y: 0.0, heading: PI / 2.0 };
         let end = north.moved(Twist { forward: 0.0, lateral: 1.0, yaw: 0.0 }, 1.0);
         assert!((end.x + 1.0).abs() < 1e-12 && end.y.abs() < 1e-12);
+    }
+    #[test]
+    fn an_area_is_read_and_written_alike() {
+        let area: Area = "-1,-0.7, 1,0.7".parse().unwrap();
+        assert_eq!(area.to_string().parse::<Area>(), Ok(area));
+    }
+
+    #[test]
+    fn what_is_not_an_area_is_refused() {
+        for bad in ["", "1,2,3", "1,1,0,0", "0,0,nan,1", "a,b,c,d", "0,0,inf,1"] {
+            assert!(bad.parse::<Area>().is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn what_is_not_a_position_is_refused() {
+        assert_eq!("0.5, -0.2".parse(), Ok(Position::new(0.5, -0.2)));
+        for bad in ["", "1", "1,2,3", "nan,0", "a,b"] {
+            assert!(bad.parse::<Position>().is_err(), "{bad}");
+        }
     }
 }

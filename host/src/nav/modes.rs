@@ -1,7 +1,7 @@
-//! The mode table: which commands there are, and how the robot moves under each.
+//! The mode table: the commands of a robot, and its motion under each.
 //!
-//! A robot of this kind is steered by choosing a pair (f, theta); what each pair does is learnt by
-//! driving it and watching (`flix identify`) and kept as TOML:
+//! A robot of this kind is steered by the choice of a pair (f, theta). `flix identify` measures the
+//! motion that each pair causes, and stores it as TOML:
 //!
 //! ```toml
 //! robot = "flix-1"
@@ -21,13 +21,13 @@
 use std::path::{Path, PathBuf};
 
 use flix_protocol::message::Setpoint;
-use flix_protocol::units::{Degrees, Hertz, OutOfRange};
+use flix_protocol::units::OutOfRange;
 use serde::{Deserialize, Serialize};
 
 use super::geometry::Twist;
 
-/// The pairs of Tables III and IV (Right Strafing from Table IV), by name: what a new robot is
-/// identified with.
+/// The pairs of Tables III and IV (Right Strafing from Table IV) by name, with f in Hz and theta in
+/// degrees. A new robot is identified with these.
 pub const PAPER_PAIRS: [(&str, f32, f32); 9] = [
     ("forward", -30.0, 30.0),
     ("forward-2", -35.0, 30.0),
@@ -61,12 +61,12 @@ impl Spread {
     }
 }
 
-/// One pair and what it does.
+/// A pair (f, theta) and the motion that it causes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mode {
     /// A short name, unique in its table.
     pub name: String,
-    /// The command.
+    /// The commanded pair.
     pub setpoint: Setpoint,
     /// Speed along the body's x, m/s.
     pub forward: Spread,
@@ -79,9 +79,9 @@ pub struct Mode {
 /// All modes of one robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModeTable {
-    /// Which robot.
+    /// Name of the robot.
     pub robot: String,
-    /// How and when it was learnt.
+    /// How the table was made.
     pub source: String,
     /// At least one mode.
     modes: Vec<Mode>,
@@ -91,28 +91,28 @@ pub struct ModeTable {
 #[derive(Debug, thiserror::Error)]
 pub enum ModeTableError {
     /// The file cannot be read.
-    #[error("cannot read the mode table {}: {source}; learn one with `flix identify`", path.display())]
+    #[error("cannot read the mode table {}: {source}; make one with `flix identify`", path.display())]
     Read {
-        /// Where it was looked for.
+        /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// The file cannot be written.
     #[error("cannot write the mode table {}: {source}", path.display())]
     Write {
-        /// Where it should go.
+        /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// Not TOML, a key missing, unknown or of another type.
-    #[error("the mode table is not understood: {0}")]
+    /// Not TOML, or a key is missing, unknown or of another type.
+    #[error("the mode table cannot be parsed: {0}")]
     Syntax(String),
-    /// A pair that the robot would refuse.
+    /// A pair out of range.
     #[error("mode \"{mode}\": {source}")]
     Pair {
-        /// Its name.
+        /// Name of the mode.
         mode: String,
         /// The range.
         source: OutOfRange,
@@ -122,9 +122,9 @@ pub enum ModeTableError {
         "mode \"{mode}\": {key} of {value} is outside {minimum} to {maximum}; speeds are in m/s and rad/s"
     )]
     Speed {
-        /// Its name.
+        /// Name of the mode.
         mode: String,
-        /// Which speed.
+        /// Key of the speed.
         key: &'static str,
         /// The refused value.
         value: f64,
@@ -133,11 +133,11 @@ pub enum ModeTableError {
         /// Largest accepted value.
         maximum: f64,
     },
-    /// Two modes of one name.
+    /// Two modes with one name.
     #[error("two modes are called \"{0}\": give each its own name")]
     Twice(String),
-    /// Nothing in it.
-    #[error("the mode table has no modes: learn them with `flix identify`")]
+    /// No mode.
+    #[error("the mode table has no modes: identify them with `flix identify`")]
     Empty,
 }
 
@@ -147,7 +147,7 @@ const FASTEST: f64 = 2.0;
 const FASTEST_TURN: f64 = 30.0;
 
 impl Mode {
-    /// The mean motion.
+    /// Returns the mean motion.
     #[must_use]
     pub fn twist(&self) -> Twist {
         Twist { forward: self.forward.mean, lateral: self.lateral.mean, yaw: self.yaw.mean }
@@ -155,10 +155,10 @@ impl Mode {
 }
 
 impl ModeTable {
-    /// Checks and keeps `modes`.
+    /// Makes a table of checked modes.
     ///
     /// # Errors
-    /// When there is none, a name comes twice, or a speed is not credible.
+    /// When there is no mode, a name occurs twice, or a speed is not credible.
     pub fn new(robot: &str, source: &str, modes: Vec<Mode>) -> Result<Self, ModeTableError> {
         if modes.is_empty() {
             return Err(ModeTableError::Empty);
@@ -179,10 +179,10 @@ impl ModeTable {
         Ok(Self { robot: robot.to_owned(), source: source.to_owned(), modes })
     }
 
-    /// Reads TOML.
+    /// Parses a table from TOML.
     ///
     /// # Errors
-    /// When it is not such a table; the message names the key.
+    /// When it is not a mode table; the message names the key.
     pub fn from_toml(text: &str) -> Result<Self, ModeTableError> {
         let file: TableFile =
             toml::from_str(text).map_err(|e| ModeTableError::Syntax(e.to_string()))?;
@@ -190,7 +190,7 @@ impl ModeTable {
         Self::new(&file.robot, &file.source, modes)
     }
 
-    /// Writes TOML, which [`ModeTable::from_toml`] reads back.
+    /// Returns the table as TOML, which [`ModeTable::from_toml`] reads back.
     #[must_use]
     pub fn to_toml(&self) -> String {
         let file = TableFile {
@@ -205,14 +205,14 @@ impl ModeTable {
     /// Reads a file.
     ///
     /// # Errors
-    /// When it cannot be read or is no mode table.
+    /// When it cannot be read or is not a mode table.
     pub fn load(path: &Path) -> Result<Self, ModeTableError> {
         let text = std::fs::read_to_string(path)
             .map_err(|source| ModeTableError::Read { path: path.to_owned(), source })?;
         Self::from_toml(&text)
     }
 
-    /// Writes a file, making its folder where needed.
+    /// Writes a file, and creates its folder where needed.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -224,7 +224,7 @@ impl ModeTable {
         std::fs::write(path, self.to_toml()).map_err(failed)
     }
 
-    /// The modes, in the table's order.
+    /// Returns the modes, in the order of the table.
     #[must_use]
     pub fn modes(&self) -> &[Mode] {
         &self.modes
@@ -284,8 +284,7 @@ impl TryFrom<ModeFile> for Mode {
     type Error = ModeTableError;
 
     fn try_from(file: ModeFile) -> Result<Self, ModeTableError> {
-        let setpoint = Hertz::new(file.frequency_hz)
-            .and_then(|f| Setpoint::new(f, Degrees::new(file.direction_deg)?))
+        let setpoint = Setpoint::from_numbers(file.frequency_hz, file.direction_deg)
             .map_err(|source| ModeTableError::Pair { mode: file.name.clone(), source })?;
         Ok(Self {
             name: file.name,
@@ -317,7 +316,7 @@ pub(super) mod tests {
         ];
         let modes = PAPER_PAIRS.iter().zip(speeds).map(|((name, f, theta), speed)| Mode {
             name: (*name).to_owned(),
-            setpoint: Setpoint::new(Hertz::saturating(*f), Degrees::saturating(*theta)).unwrap(),
+            setpoint: Setpoint::saturating(*f, *theta),
             forward: Spread { mean: speed.0, spread: 0.01 },
             lateral: Spread { mean: speed.1, spread: 0.01 },
             yaw: Spread { mean: speed.2, spread: 0.1 },

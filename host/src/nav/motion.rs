@@ -1,47 +1,47 @@
-//! What the robot will do next: rotors that ramp, and the gait that follows them.
+//! Prediction of the motion: the rotors ramp, and the gait follows them.
 //!
-//! A command does not move the robot at once. It arrives after the link's latency; then the rotors
-//! ramp to the new f and slew to the new theta; then the gait settles. While the rotors keep their
-//! sense the motion passes evenly from the old to the new. Through a reversal it fades with
-//! (f/f0)^2, as the shaking force does, and comes back the same way.
+//! A command does not move the robot at once. It arrives after the latency of the link; then the
+//! rotors ramp to the new f and slew to the new theta; then the gait settles. While the sign of f
+//! stays, the motion changes evenly from the old to the new. Through a reversal it fades with
+//! (f/f0)^2, as the shaking force does, and returns the same way.
 
 use super::geometry::{PlanarPose, Twist};
 use super::modes::ModeTable;
 
-/// How fast the robot follows a command.
+/// Response of the robot to a command.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Response {
     /// Ramp of the shaking frequency, Hz/s.
     pub frequency_ramp: f64,
     /// Slew of the shaking direction, degrees/s.
     pub direction_slew: f64,
-    /// Time that the gait takes to settle once the rotors are there, s.
+    /// Settling time of the gait after the rotors have arrived, s.
     pub settling: f64,
 }
 
 impl Default for Response {
-    /// A little slower than the robot's own ramps (settings `frequency_ramp` of 200 Hz/s and
-    /// `direction_ramp` of 900 degrees/s by default), because their ends are rounded.
+    /// Returns a response slightly slower than the robot's ramps (settings `frequency_ramp`, default
+    /// 200 Hz/s, and `direction_ramp`, default 900 degrees/s), because their ends are rounded.
     fn default() -> Self {
         Self { frequency_ramp: 150.0, direction_slew: 600.0, settling: 0.15 }
     }
 }
 
-/// A mode as prediction needs it. Index 0 of every list is standing still.
+/// A mode as the prediction needs it. Index 0 of every list is rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {
-    /// f, Hz.
+    /// Shaking frequency f, Hz.
     pub frequency: f64,
-    /// theta, degrees.
+    /// Shaking direction theta, degrees.
     pub direction: f64,
     /// Expected steady motion.
     pub twist: Twist,
 }
 
-/// Index of standing still.
+/// Index of rest in every list of motions.
 pub const REST: usize = 0;
 
-/// The motions of a table, standing still first.
+/// Returns the motions of a table, rest first.
 #[must_use]
 pub fn motions(table: &ModeTable) -> Vec<Motion> {
     let rest = Motion { frequency: 0.0, direction: 0.0, twist: Twist::REST };
@@ -53,7 +53,7 @@ pub fn motions(table: &ModeTable) -> Vec<Motion> {
     std::iter::once(rest).chain(modes).collect()
 }
 
-/// Rotors and gait on their way to a mode.
+/// State of rotors and gait on the way to a mode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gait {
     mode: usize,
@@ -65,7 +65,7 @@ pub struct Gait {
 }
 
 impl Gait {
-    /// Standing still.
+    /// Returns the gait of a robot at rest.
     #[must_use]
     pub fn at_rest() -> Self {
         Self {
@@ -78,19 +78,19 @@ impl Gait {
         }
     }
 
-    /// The mode it is in or on the way to.
+    /// Returns the mode that is in force or under way.
     #[must_use]
     pub fn mode(&self) -> usize {
         self.mode
     }
 
-    /// Whether the motion is the mode's own.
+    /// Returns whether the motion is the steady motion of the mode.
     #[must_use]
     pub fn is_steady(&self) -> bool {
         self.elapsed >= self.duration
     }
 
-    /// The same gait as another command reaches it.
+    /// Returns this gait at the moment when another command reaches it.
     #[must_use]
     pub fn commanded(self, mode: usize, motions: &[Motion], response: &Response) -> Self {
         if mode == self.mode {
@@ -112,7 +112,7 @@ impl Gait {
         }
     }
 
-    /// f (Hz) and theta (degrees) now.
+    /// Returns the present f (Hz) and theta (degrees).
     fn rotors(&self, motions: &[Motion], response: &Response) -> (f64, f64) {
         let target = &motions[self.mode];
         if self.is_steady() {
@@ -128,7 +128,7 @@ impl Gait {
         )
     }
 
-    /// The motion now.
+    /// Returns the present motion.
     #[must_use]
     pub fn twist(&self, motions: &[Motion], response: &Response) -> Twist {
         let target = &motions[self.mode];
@@ -149,7 +149,7 @@ impl Gait {
         }
     }
 
-    /// Moves `pose` and the gait on by `seconds` (one step: below some 0.1 s).
+    /// Advances `pose` and the gait by `seconds` (one step: below some 0.1 s).
     pub fn advance(
         &mut self,
         pose: &mut PlanarPose,
@@ -164,7 +164,7 @@ impl Gait {
     }
 }
 
-/// Angle between two lines of force, degrees: they repeat every half turn.
+/// Returns the angle between two lines of force, which repeat every half turn, degrees.
 fn turn_of_line(a: f64, b: f64) -> f64 {
     let turn = (a - b).rem_euclid(180.0);
     turn.min(180.0 - turn)
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn in_the_middle_of_a_reversal_the_robot_stands() {
+    fn in_the_middle_of_a_reversal_the_robot_is_at_rest() {
         let motions = motions(&model_w());
         let mut turn = steady(LEFT, &motions).commanded(RIGHT, &motions, &RESPONSE);
         turn.elapsed = 0.5;
@@ -210,12 +210,12 @@ mod tests {
     }
 
     #[test]
-    fn plus_and_minus_ninety_degrees_are_no_way_apart() {
+    fn plus_and_minus_ninety_degrees_are_one_line_of_force() {
         assert_eq!(turn_of_line(90.0, -90.0), 0.0);
     }
 
     #[test]
-    fn an_interrupted_ramp_goes_on_from_where_it_is() {
+    fn an_interrupted_ramp_continues_from_where_it_is() {
         let motions = motions(&model_w());
         let mut gait = Gait::at_rest().commanded(FORWARD, &motions, &RESPONSE);
         gait.elapsed = 0.25;

@@ -1,8 +1,8 @@
-//! From poses to commands: tells what the robot shall do now.
+//! From poses to commands: decides what the robot does now.
 //!
-//! [`Navigator::observe`] takes poses as they come, [`Navigator::decide`] says what to command. Both
-//! may be called at any rate; `decide` thinks anew every [`Settings::decision_period`] and repeats
-//! itself in between. No clock, no socket, no thread.
+//! [`Navigator::observe`] takes poses as they arrive, [`Navigator::decide`] returns what to command.
+//! Both may be called at any rate: `decide` decides anew every [`Settings::decision_period`] and
+//! repeats its decision in between. No clock, no socket, no thread.
 
 use std::fmt;
 use std::str::FromStr;
@@ -12,127 +12,126 @@ use flix_protocol::message::Setpoint;
 use flix_protocol::units::Instant;
 
 use super::estimator::Estimator;
-use super::geometry::PlanarPose;
+use super::geometry::{Area, PlanarPose, Position};
 use super::modes::ModeTable;
 use super::motion::{REST, Response};
 use super::path::Path;
 use super::predictive::{Goal, Prospects};
-use super::safety::{Fence, Stop};
+use super::safety::Stop;
 use super::two_state::{LOOK_AHEAD, MissingTurn, TwoState};
 use crate::pose::PoseSample;
 
-/// What the robot shall do.
+/// The task of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Task {
-    /// Follow a path for so many laps (an open path: once, to its end).
+    /// Follow a path for a number of laps (an open path: once, to its end).
     Follow {
         /// The path.
         path: Path,
         /// Laps of a closed path.
         laps: u32,
     },
-    /// Come to a point and rest there; `stay` goes back whenever it is moved away.
+    /// Come to a point and rest there.
     Reach {
-        /// Where, m.
-        point: (f64, f64),
-        /// Whether to hold the place until told otherwise.
+        /// The point.
+        point: Position,
+        /// Whether to return to the point whenever the robot is moved away.
         stay: bool,
     },
 }
 
-/// Who chooses the modes.
+/// The controller that chooses the modes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ControllerKind {
-    /// Of all modes the one with the best predicted future.
+    /// Chooses the mode with the best predicted future.
     #[default]
     Predictive,
-    /// The paper's: turn left or turn right.
+    /// The paper's controller: turns left or right.
     TwoState,
 }
 
-/// Every number that navigation is tuned with.
+/// Tuning of navigation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// Who chooses.
+    /// The controller that chooses the modes.
     pub controller: ControllerKind,
-    /// From sending a command to the robot's obeying it.
+    /// Time from sending a command until the robot obeys it.
     pub latency: Duration,
-    /// How the robot follows a command.
+    /// Response of the robot to a command.
     pub response: Response,
     /// Time between two decisions.
     pub decision_period: Duration,
-    /// Shortest stay in a mode, which also lasts until the robot moves as the mode does: the rotors
-    /// are not thrown about.
+    /// Shortest time in a mode. A mode is also kept until its motion is steady, to spare the rotors.
     pub minimum_dwell: Duration,
     /// A pose older than this stops the robot.
     pub pose_deadline: Duration,
-    /// A run without trusted poses ends after this long.
+    /// Without trusted poses the run ends after this time.
     pub pose_patience: Duration,
-    /// Where the robot may be.
-    pub fence: Fence,
-    /// Farther off its path than this (m) the run ends.
+    /// The robot must stay inside.
+    pub fence: Area,
+    /// The run ends at this distance from the path, m.
     pub error_limit: f64,
-    /// Within this of its goal (m) the robot has arrived.
+    /// Distance from the goal at which the robot has arrived, m.
     pub arrival_radius: f64,
-    /// Moved farther than this from its goal (m), a robot that stays goes back.
+    /// Distance from the goal at which a robot that stays returns, m.
     pub return_radius: f64,
 }
 
 /// What to command now.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Decision {
-    /// Shake so, in the mode of this index in the table.
+    /// Command this mode.
     Drive {
         /// Index in [`ModeTable::modes`].
         mode: usize,
         /// Its pair.
         setpoint: Setpoint,
     },
-    /// Stand still for now.
+    /// Rest for now.
     Rest(Resting),
-    /// Done; stand still.
+    /// The task is done; rest.
     Finished,
-    /// Ended early; stop the robot.
+    /// The run ended early; stop the robot.
     Stopped(Stop),
 }
 
-/// Why the robot stands for now.
+/// Why the robot rests for now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Resting {
-    /// No pose yet.
+    /// No pose has arrived yet.
     NoPoseYet,
     /// The newest trusted pose is too old.
     PoseTooOld,
-    /// It is where it should be.
+    /// The robot is at its goal.
     Arrived,
 }
 
-/// How the run goes.
+/// Progress of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Progress {
     /// Distance from the path or the goal at the last pose, m; positive left of a path.
     pub error: f64,
-    /// Root mean square of the error over time since the path was joined, m.
+    /// Root mean square of the error over the time since the path was joined, m.
     pub error_rms: f64,
     /// Largest error since then, m.
     pub error_peak: f64,
-    /// Arc length made good on the path, m.
+    /// Arc length covered on the path, m.
     pub arc_length: f64,
-    /// The same in laps since the path was joined, or in shares of an open path.
+    /// Arc length in laps since the path was joined, or as a share of an open path.
     pub laps: f64,
-    /// Whether the path was joined: the robot came as near as [`JOINED_WITHIN`].
+    /// Whether the path was joined: the robot came within [`JOINED_WITHIN`] of it.
     pub joined: bool,
-    /// Changes of mode so far.
+    /// Number of changes of mode.
     pub switches: u32,
 }
 
-/// A robot nearer than this to its path is on it, m.
+/// Distance at which a robot has joined its path, m.
 pub const JOINED_WITHIN: f64 = 0.05;
 
-/// The end of an open path is approached as a point from here on, m.
+/// Distance before the end of an open path from which the end is approached as a point, m.
 const FINAL_APPROACH: f64 = 0.12;
 
-/// See the module's text.
+/// Navigator of one run; see the module's documentation.
 #[derive(Debug, Clone)]
 pub struct Navigator {
     task: Task,
@@ -146,7 +145,10 @@ pub struct Navigator {
     started: Option<Instant>,
     trusted: Option<Instant>,
     measured: PlanarPose,
-    squares: (f64, f64),
+    /// Integral of the squared error over time, m^2 s.
+    squared_error: f64,
+    /// Time since the path was joined, s.
+    joined_for: f64,
     /// Arc length at which a closed path was joined.
     joined_at: f64,
     progress: Progress,
@@ -155,13 +157,13 @@ pub struct Navigator {
 }
 
 impl Settings {
-    /// Settings for a task: defaults, with the fence half a metre around the path (or a metre and a
-    /// half around the goal).
+    /// Returns the default settings for a task. The fence is half a metre around the path, or a metre
+    /// and a half around the goal.
     #[must_use]
     pub fn for_task(task: &Task) -> Self {
         let fence = match task {
-            Task::Follow { path, .. } => Fence::around(path.bounds(), 0.5),
-            Task::Reach { point, .. } => Fence::around((*point, *point), 1.5),
+            Task::Follow { path, .. } => path.bounds().widened(0.5),
+            Task::Reach { point, .. } => Area::around([*point]).widened(1.5),
         };
         Self {
             controller: ControllerKind::default(),
@@ -180,7 +182,7 @@ impl Settings {
 }
 
 impl Navigator {
-    /// A navigator for one run.
+    /// Creates the navigator of a run.
     ///
     /// # Errors
     /// When the two-state controller is asked for and the table lacks one of its turns.
@@ -201,7 +203,8 @@ impl Navigator {
             started: None,
             trusted: None,
             measured: PlanarPose::default(),
-            squares: (0.0, 0.0),
+            squared_error: 0.0,
+            joined_for: 0.0,
             joined_at: 0.0,
             progress: Progress::default(),
             stop: None,
@@ -209,25 +212,25 @@ impl Navigator {
         })
     }
 
-    /// What it is doing.
+    /// Returns the task.
     #[must_use]
     pub fn task(&self) -> &Task {
         &self.task
     }
 
-    /// With which numbers.
+    /// Returns the settings.
     #[must_use]
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
 
-    /// How the run goes.
+    /// Returns the progress of the run.
     #[must_use]
     pub fn progress(&self) -> Progress {
         self.progress
     }
 
-    /// Whether the robot was told to stand and, as far as known, does.
+    /// Returns whether the robot was commanded to rest and, as far as known, is at rest.
     #[must_use]
     pub fn is_resting(&self) -> bool {
         let newest = self.trusted.unwrap_or(Instant::START);
@@ -237,24 +240,24 @@ impl Navigator {
             && self.estimator.predicted(newest).1.is_steady()
     }
 
-    /// Ends the run well: the next decision is [`Decision::Finished`].
+    /// Ends the run successfully: the next decision is [`Decision::Finished`].
     pub fn conclude(&mut self) {
         self.finished = true;
     }
 
-    /// The filtered pose; `None` before the first.
+    /// Returns the filtered pose; `None` before the first.
     #[must_use]
     pub fn pose(&self) -> Option<PlanarPose> {
         self.estimator.pose()
     }
 
-    /// From sending a command to the robot's obeying it, as measured on the link.
+    /// Sets the time from sending a command until the robot obeys it, as measured on the link.
     pub fn set_latency(&mut self, latency: Duration) {
         self.settings.latency = latency;
         self.estimator.set_latency(latency);
     }
 
-    /// A pose came in. Poses that are not trusted, not sound or from the past are not used.
+    /// Takes a pose. Poses that are not trusted, not sound or from the past are not used.
     pub fn observe(&mut self, sample: &PoseSample) {
         let late = self.trusted.is_some_and(|newest| sample.time <= newest);
         if late || !sample.valid || !sample.pose.is_sound() {
@@ -269,8 +272,7 @@ impl Navigator {
         self.measure_error(first, elapsed.min(self.settings.pose_deadline));
     }
 
-    /// What the robot shall do now. After [`Decision::Finished`] and [`Decision::Stopped`] it stays
-    /// with that.
+    /// Returns what to command now. [`Decision::Finished`] and [`Decision::Stopped`] are final.
     pub fn decide(&mut self, now: Instant) -> Decision {
         let started = *self.started.get_or_insert(now);
         if let Some(stop) = self.stop {
@@ -322,8 +324,8 @@ impl Navigator {
     }
 
     fn breach(&self) -> Option<Stop> {
-        let at = (self.measured.x, self.measured.y);
-        if !self.settings.fence.holds(at) {
+        let at = self.measured.position();
+        if !self.settings.fence.contains(at) {
             return Some(Stop::OutsideFence { at, fence: self.settings.fence });
         }
         let (error, limit) = (self.progress.error.abs(), self.settings.error_limit);
@@ -344,10 +346,10 @@ impl Navigator {
         }
     }
 
-    /// At rest within the radius of arrival.
-    fn has_arrived(&self, now: Instant, point: (f64, f64)) -> bool {
-        let stands = self.mode == REST && self.estimator.predicted(now).1.is_steady();
-        stands && self.measured.distance_to(point) <= self.settings.return_radius
+    /// Returns whether the robot rests within the return radius of a point.
+    fn has_arrived(&self, now: Instant, point: Position) -> bool {
+        let rests = self.mode == REST && self.estimator.predicted(now).1.is_steady();
+        rests && self.measured.distance_to(point) <= self.settings.return_radius
     }
 
     fn may_change(&self, now: Instant) -> bool {
@@ -369,7 +371,7 @@ impl Navigator {
 
     fn choose(&self, now: Instant) -> usize {
         match self.goal() {
-            Goal::Reach { point } if self.rests_well_at(now, point) => REST,
+            Goal::Reach { point } if self.should_rest_at(now, point) => REST,
             goal => match &self.two_state {
                 Some(controller) => self.turn_towards(controller, goal),
                 None => self.look_ahead(now, goal),
@@ -390,16 +392,16 @@ impl Navigator {
         }
     }
 
-    /// Whether to stand: a resting robot until it is out of the return radius, a walking one as
+    /// Returns whether to rest: a resting robot until it leaves the return radius, a walking one as
     /// soon as it would come to rest within the arrival radius.
-    fn rests_well_at(&self, now: Instant, point: (f64, f64)) -> bool {
+    fn should_rest_at(&self, now: Instant, point: Position) -> bool {
         if self.mode == REST {
             return self.measured.distance_to(point) <= self.settings.return_radius;
         }
         self.resting_place(now).distance_to(point) <= self.settings.arrival_radius
     }
 
-    /// Where the robot would come to rest if told so now.
+    /// Returns where the robot would come to rest if commanded now.
     fn resting_place(&self, now: Instant) -> PlanarPose {
         const STEP: f64 = 0.05;
         const LONGEST: u32 = 60;
@@ -418,10 +420,7 @@ impl Navigator {
     fn turn_towards(&self, controller: &TwoState, goal: Goal<'_>) -> usize {
         let pose = self.estimator.pose().unwrap_or(self.measured);
         let target = match goal {
-            Goal::Follow { path, arc_length } => {
-                let ahead = path.at(arc_length + LOOK_AHEAD);
-                (ahead.x, ahead.y)
-            }
+            Goal::Follow { path, arc_length } => path.at(arc_length + LOOK_AHEAD).position(),
             Goal::Reach { point } => point,
         };
         controller.choose(&pose, target, self.mode)
@@ -434,7 +433,6 @@ impl Navigator {
     }
 
     fn measure_error(&mut self, first: bool, elapsed: Duration) {
-        let at = (self.measured.x, self.measured.y);
         let progress = &mut self.progress;
         match &self.task {
             Task::Follow { path, .. } => {
@@ -442,7 +440,7 @@ impl Navigator {
                 let place = if joining {
                     path.join(&self.measured)
                 } else {
-                    path.follow(at, progress.arc_length)
+                    path.follow(self.measured.position(), progress.arc_length)
                 };
                 progress.error = place.error;
                 progress.arc_length = place.arc_length;
@@ -459,19 +457,18 @@ impl Navigator {
         }
         if progress.joined {
             let seconds = elapsed.as_secs_f64();
-            self.squares.0 += progress.error.powi(2) * seconds;
-            self.squares.1 += seconds;
+            self.squared_error += progress.error.powi(2) * seconds;
+            self.joined_for += seconds;
             progress.error_peak = progress.error_peak.max(progress.error.abs());
         }
-        if self.squares.1 > 0.0 {
-            progress.error_rms = (self.squares.0 / self.squares.1).sqrt();
+        if self.joined_for > 0.0 {
+            progress.error_rms = (self.squared_error / self.joined_for).sqrt();
         }
     }
 }
 
-fn end_of(path: &Path) -> (f64, f64) {
-    let end = path.at(path.length());
-    (end.x, end.y)
+fn end_of(path: &Path) -> Position {
+    path.at(path.length()).position()
 }
 
 impl fmt::Display for ControllerKind {
@@ -483,7 +480,7 @@ impl fmt::Display for ControllerKind {
     }
 }
 
-/// What was written names no controller.
+/// A text was refused as the name of a controller.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("there is no controller \"{0}\": choose predictive or two-state")]
 pub struct UnknownController(String);

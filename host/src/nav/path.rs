@@ -1,44 +1,33 @@
 //! Paths on the floor, measured by arc length.
 //!
-//! A path is a chain of points [`SPACING`] apart (or a little less), each with the direction of
-//! travel. Places on it are arc lengths `s` in metres from its start; on a closed path `s` goes on
-//! growing lap after lap.
+//! A path is a chain of poses at most [`SPACING`] apart, each facing along the path. A place on it
+//! is its arc length in metres from the start; on a closed path the arc length continues to grow
+//! lap after lap.
 
-use super::geometry::PlanarPose;
+use super::geometry::{Area, PlanarPose, Position};
 
-/// Largest distance of two neighbouring points, m: a fortieth of the robot's length.
+/// Largest distance between two neighbouring points, m: a fortieth of the robot's length.
 pub const SPACING: f64 = 0.005;
 
-/// Longest path, m: keeps a mistyped unit from eating the memory.
+/// Longest path, m: a wrong unit must not fill the memory.
 const LONGEST: f64 = 10_000.0;
 
-/// Where a path is at some arc length.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PathPoint {
-    /// East, m.
-    pub x: f64,
-    /// North, m.
-    pub y: f64,
-    /// Direction of travel, counter-clockwise from x, rad.
-    pub tangent: f64,
-}
-
-/// A point's place beside a path.
+/// The projection of a position onto a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Projection {
     /// Arc length of the nearest point of the path, m.
     pub arc_length: f64,
-    /// Distance from it, m, positive when the point is left of the path.
+    /// Distance from it, m, positive when the position is left of the path.
     pub error: f64,
-    /// Direction of travel there, rad.
+    /// Direction of travel there, rad counter-clockwise from x.
     pub tangent: f64,
 }
 
-/// A path that the robot shall follow.
+/// A path to follow.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Path {
     name: String,
-    points: Vec<PathPoint>,
+    points: Vec<PlanarPose>,
     spacing: f64,
     closed: bool,
 }
@@ -46,84 +35,86 @@ pub struct Path {
 /// Why a path was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PathError {
-    /// A size that is no size.
+    /// A size out of range.
     #[error("{what} of {value} m is not a size: give a number from 0.01 to 100 m")]
     Size {
-        /// Which measure.
+        /// The name of the measure.
         what: &'static str,
         /// The refused value, m.
         value: f64,
     },
-    /// One point is no path.
+    /// Fewer than two different points.
     #[error("a path needs at least two points apart from each other; this one has {0}")]
     TooFewPoints(usize),
-    /// Longer than any room.
+    /// Longer than 10 km.
     #[error("the path is {0:.0} m long: give the points in metres")]
     TooLong(f64),
-    /// A line that holds no point.
+    /// A line without a point.
     #[error("line {line} (\"{text}\") is not a point: write x,y in metres, such as 0.5,-0.25")]
     NotAPoint {
-        /// Its number, from 1.
+        /// Number of the line, from 1.
         line: usize,
-        /// What stands there.
+        /// Text of the line.
         text: String,
     },
 }
 
 impl Path {
-    /// A figure eight (lemniscate of Gerono) around the origin, `width` along x and `height` along
-    /// y, m. It starts in the middle, towards +x and +y.
+    /// Makes a figure eight (lemniscate of Gerono) around the origin, `width` along x and `height`
+    /// along y, m. It starts in the middle, towards +x and +y.
     ///
     /// # Errors
     /// When a size is not from 0.01 to 100 m.
     pub fn figure_eight(width: f64, height: f64) -> Result<Self, PathError> {
         let (a, b) = (size("a width", width)? / 2.0, size("a height", height)? / 2.0);
-        Self::sampled("figure eight", move |t| (a * t.sin(), b * (2.0 * t).sin()))
+        Self::sampled("figure eight", move |t| Position::new(a * t.sin(), b * (2.0 * t).sin()))
     }
 
-    /// A circle around the origin, counter-clockwise from (radius, 0), m.
+    /// Makes a circle around the origin, counter-clockwise from (radius, 0), m.
     ///
     /// # Errors
     /// When the radius is not from 0.01 to 100 m.
     pub fn circle(radius: f64) -> Result<Self, PathError> {
         let radius = size("a radius", radius)?;
-        Self::sampled("circle", move |t| (radius * t.cos(), radius * t.sin()))
+        Self::sampled("circle", move |t| Position::new(radius * t.cos(), radius * t.sin()))
     }
 
-    /// A square around the origin, counter-clockwise from the middle of its right side, m.
+    /// Makes a square around the origin, counter-clockwise from the middle of its right side, m.
     ///
     /// # Errors
     /// When the side is not from 0.01 to 100 m.
     pub fn square(side: f64) -> Result<Self, PathError> {
         let h = size("a side", side)? / 2.0;
-        Self::through("square", &[(h, 0.0), (h, h), (-h, h), (-h, -h), (h, -h)], true)
+        let corners = [(h, 0.0), (h, h), (-h, h), (-h, -h), (h, -h)];
+        Self::through("square", &corners.map(|(x, y)| Position::new(x, y)), true)
     }
 
-    /// Straight lines from point to point, m; `closed` returns from the last to the first.
+    /// Makes a path of straight lines between corners; `closed` returns from the last to the first.
     ///
     /// # Errors
     /// When fewer than two points differ, one is not a number, or the path is over 10 km.
-    pub fn through(name: &str, corners: &[(f64, f64)], closed: bool) -> Result<Self, PathError> {
-        if let Some(bad) = corners.iter().find(|p| !(p.0.is_finite() && p.1.is_finite())) {
-            let text = format!("{},{}", bad.0, bad.1);
+    pub fn through(name: &str, corners: &[Position], closed: bool) -> Result<Self, PathError> {
+        if let Some(bad) = corners.iter().find(|p| !p.is_finite()) {
+            let text = format!("{},{}", bad.x, bad.y);
             return Err(PathError::NotAPoint { line: 0, text });
         }
-        let mut chain: Vec<(f64, f64)> = corners.to_vec();
+        let mut chain = corners.to_vec();
         if closed {
             chain.extend(corners.first().copied());
         }
-        chain.dedup_by(|a, b| distance(*a, *b) < 1e-9);
+        chain.dedup_by(|a, b| a.distance_to(*b) < 1e-9);
         if chain.len() < 2 {
             return Err(PathError::TooFewPoints(chain.len()));
         }
         Self::resampled(name, &chain, closed)
     }
 
-    /// Waypoints from a text: one `x,y` a line in metres (comma, semicolon or blanks between), empty
-    /// lines, `#` comments and one heading line allowed. A last point equal to the first closes it.
+    /// Reads waypoints from a text: one `x,y` per line in metres (comma, semicolon or blanks
+    /// between). Empty lines, `#` comments and one heading line are allowed. A last point equal to
+    /// the first closes the path.
     ///
     /// # Errors
-    /// When a line holds no point, or as for [`Path::through`].
+    /// When a line is not a point, or as for [`Path::through`].
     pub fn from_text(name: &str, text: &str) -> Result<Self, PathError> {
         let mut points = Vec::new();
         let meaningful = text
@@ -133,116 +124,97 @@ impl Path {
         for (index, (line, content)) in meaningful.filter(|(_, l)| !l.is_empty()).enumerate() {
             match point(content) {
                 Some(point) => points.push(point),
-                // A table may name its columns first.
+                // The first line may name the columns.
                 None if index == 0 && content.chars().any(char::is_alphabetic) => {}
                 None => return Err(PathError::NotAPoint { line, text: content.to_owned() }),
             }
         }
         let closed = points.len() > 3
-            && points.first().zip(points.last()).is_some_and(|(a, b)| distance(*a, *b) < 1e-6);
+            && points.first().zip(points.last()).is_some_and(|(a, b)| a.distance_to(*b) < 1e-6);
         if closed {
             points.pop();
         }
         Self::through(name, &points, closed)
     }
 
-    /// The same path turned about the origin by `heading` (rad) and then moved to `at` (m).
+    /// Returns the path with its origin at `origin`, turned to the left by the heading of `origin`.
     #[must_use]
-    pub fn placed(mut self, at: (f64, f64), heading: f64) -> Self {
-        let (sin, cos) = heading.sin_cos();
+    pub fn placed(mut self, origin: PlanarPose) -> Self {
         for point in &mut self.points {
-            let (x, y) = (point.x, point.y);
-            point.x = at.0 + cos * x - sin * y;
-            point.y = at.1 + sin * x + cos * y;
-            point.tangent += heading;
+            let heading = point.heading + origin.heading;
+            *point = PlanarPose::new(origin.place(point.position()), heading);
         }
         self
     }
 
-    /// What it is called.
+    /// Returns the name of the path.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Length of one lap, m.
+    /// Returns the length of one lap, m.
     #[must_use]
     pub fn length(&self) -> f64 {
         let steps = if self.closed { self.points.len() } else { self.points.len() - 1 };
         steps as f64 * self.spacing
     }
 
-    /// Whether its end is its start.
+    /// Returns whether the path ends where it starts.
     #[must_use]
     pub fn is_closed(&self) -> bool {
         self.closed
     }
 
-    /// Its points in order.
+    /// Returns its points in order, each facing along the path.
     #[must_use]
-    pub fn points(&self) -> &[PathPoint] {
+    pub fn points(&self) -> &[PlanarPose] {
         &self.points
     }
 
-    /// The pose of a robot that stands at the start and faces along the path.
+    /// Returns the pose at the start.
     #[must_use]
     pub fn start(&self) -> PlanarPose {
-        let PathPoint { x, y, tangent } = self.at(0.0);
-        PlanarPose { x, y, heading: tangent }
+        self.at(0.0)
     }
 
-    /// The corners (lowest x and y, highest x and y) of the box around it, m.
+    /// Returns the smallest area that contains the path.
     #[must_use]
-    pub fn bounds(&self) -> ((f64, f64), (f64, f64)) {
-        self.points.iter().fold(
-            ((f64::INFINITY, f64::INFINITY), (f64::NEG_INFINITY, f64::NEG_INFINITY)),
-            |(low, high), p| ((low.0.min(p.x), low.1.min(p.y)), (high.0.max(p.x), high.1.max(p.y))),
-        )
+    pub fn bounds(&self) -> Area {
+        Area::around(self.points.iter().map(PlanarPose::position))
     }
 
-    /// The point at an arc length; an open path is held at its ends.
+    /// Returns the pose at an arc length; beyond its ends an open path returns its ends.
     #[must_use]
-    pub fn at(&self, arc_length: f64) -> PathPoint {
+    pub fn at(&self, arc_length: f64) -> PlanarPose {
         self.points[self.index((arc_length / self.spacing).round() as i64)]
     }
 
-    /// The nearest point of the whole path, in its first lap.
-    #[must_use]
-    pub fn nearest(&self, (x, y): (f64, f64)) -> Projection {
-        let squared = |p: &PathPoint| (p.x - x).powi(2) + (p.y - y).powi(2);
-        let nearest = (0..self.points.len())
-            .min_by(|a, b| squared(&self.points[*a]).total_cmp(&squared(&self.points[*b])))
-            .unwrap_or(0);
-        self.beside((x, y), nearest as i64)
-    }
-
-    /// The place on the whole path, in its first lap, of a robot that is about to follow it: near,
-    /// and facing along it. Where branches cross, the one that the robot faces.
+    /// Returns the place on the whole path, in its first lap, at which a robot should join it: near,
+    /// and facing along it. Where branches cross, this is the branch that the robot faces.
     #[must_use]
     pub fn join(&self, pose: &PlanarPose) -> Projection {
-        /// Distance that facing the wrong way counts for, m.
+        /// Distance that corresponds to facing the wrong way, m.
         const TURN: f64 = 0.1;
-        let price = |p: &PathPoint| {
-            let squared = (p.x - pose.x).powi(2) + (p.y - pose.y).powi(2);
-            squared + TURN * TURN * (1.0 - (p.tangent - pose.heading).cos())
+        let price = |p: &PlanarPose| {
+            let squared = p.position().squared_distance_to(pose.position());
+            squared + TURN * TURN * (1.0 - (p.heading - pose.heading).cos())
         };
         let best = (0..self.points.len())
             .min_by(|a, b| price(&self.points[*a]).total_cmp(&price(&self.points[*b])))
             .unwrap_or(0);
-        self.beside((pose.x, pose.y), best as i64)
+        self.beside(pose.position(), best as i64)
     }
 
-    /// The nearest point that is reached from `near` without leaving the neighbourhood: the place
-    /// of a robot that was at `near` a moment ago. Other branches of the path, as in the middle of
-    /// a figure eight, are not taken for this one.
+    /// Returns the nearest place that is reached from the arc length `near` along the path: the
+    /// place of a robot that was at `near` a moment ago. Other branches of the path, as in the
+    /// middle of a figure eight, are not considered.
     #[must_use]
-    pub fn follow(&self, (x, y): (f64, f64), near: f64) -> Projection {
-        /// Points that a search looks beyond a rise, so that corners do not hold it.
+    pub fn follow(&self, position: Position, near: f64) -> Projection {
+        /// Points that the search looks beyond a rise of the distance, to pass corners.
         const PATIENCE: i64 = 4;
-        let squared = |index: i64| {
-            let p = &self.points[self.index(index)];
-            (p.x - x).powi(2) + (p.y - y).powi(2)
-        };
+        let squared =
+            |index: i64| self.points[self.index(index)].position().squared_distance_to(position);
         let start = (near / self.spacing).round() as i64;
         let (mut best, mut least) = (start, squared(start));
         for direction in [1, -1] {
@@ -255,26 +227,27 @@ impl Path {
                 candidate += direction;
             }
         }
-        self.beside((x, y), best)
+        self.beside(position, best)
     }
 
-    /// How many points a search may walk: never more than half a lap.
+    /// Returns how many points a search may pass: at most half a lap.
     fn reach(&self) -> i64 {
         (self.points.len() / 2).max(2) as i64
     }
 
-    fn beside(&self, (x, y): (f64, f64), index: i64) -> Projection {
+    /// Projects a position onto the path at the point of this index.
+    fn beside(&self, position: Position, index: i64) -> Projection {
         let index = if self.closed { index } else { index.clamp(0, self.points.len() as i64 - 1) };
-        let PathPoint { x: px, y: py, tangent } = self.points[self.index(index)];
-        let (sin, cos) = tangent.sin_cos();
-        let (dx, dy) = (x - px, y - py);
+        let point = self.points[self.index(index)];
+        let (sin, cos) = point.heading.sin_cos();
+        let (dx, dy) = (position.x - point.x, position.y - point.y);
         let along = cos * dx + sin * dy;
         let across = cos * dy - sin * dx;
         let shift = along.clamp(-self.spacing / 2.0, self.spacing / 2.0);
         Projection {
             arc_length: index as f64 * self.spacing + shift,
             error: across.hypot(along - shift).copysign(across),
-            tangent,
+            tangent: point.heading,
         }
     }
 
@@ -284,7 +257,7 @@ impl Path {
         index as usize
     }
 
-    fn sampled(name: &str, curve: impl Fn(f64) -> (f64, f64)) -> Result<Self, PathError> {
+    fn sampled(name: &str, curve: impl Fn(f64) -> Position) -> Result<Self, PathError> {
         const SAMPLES: u32 = 20_000;
         let chain: Vec<_> = (0..=SAMPLES)
             .map(|i| curve(f64::from(i) / f64::from(SAMPLES) * std::f64::consts::TAU))
@@ -292,9 +265,9 @@ impl Path {
         Self::resampled(name, &chain, true)
     }
 
-    /// Equally spaced points along a chain of at least two points.
-    fn resampled(name: &str, chain: &[(f64, f64)], closed: bool) -> Result<Self, PathError> {
-        let length: f64 = chain.windows(2).map(|p| distance(p[0], p[1])).sum();
+    /// Makes a path of equally spaced points along a chain of at least two positions.
+    fn resampled(name: &str, chain: &[Position], closed: bool) -> Result<Self, PathError> {
+        let length: f64 = chain.windows(2).map(|p| p[0].distance_to(p[1])).sum();
         if length >= LONGEST {
             return Err(PathError::TooLong(length));
         }
@@ -306,38 +279,30 @@ impl Path {
         for index in 0..count {
             let wanted = index as f64 * spacing;
             while segment + 2 < chain.len()
-                && behind + distance(chain[segment], chain[segment + 1]) < wanted - 1e-12
+                && behind + chain[segment].distance_to(chain[segment + 1]) < wanted - 1e-12
             {
-                behind += distance(chain[segment], chain[segment + 1]);
+                behind += chain[segment].distance_to(chain[segment + 1]);
                 segment += 1;
             }
             let (a, b) = (chain[segment], chain[segment + 1]);
-            let share = ((wanted - behind) / distance(a, b)).clamp(0.0, 1.0);
-            points.push(PathPoint {
-                x: a.0 + (b.0 - a.0) * share,
-                y: a.1 + (b.1 - a.1) * share,
-                tangent: (b.1 - a.1).atan2(b.0 - a.0),
-            });
+            let share = ((wanted - behind) / a.distance_to(b)).clamp(0.0, 1.0);
+            points.push(PlanarPose::new(a.towards(b, share), a.bearing_to(b)));
         }
         Ok(Self { name: name.to_owned(), points, spacing, closed })
     }
-}
-
-fn distance(a: (f64, f64), b: (f64, f64)) -> f64 {
-    (b.0 - a.0).hypot(b.1 - a.1)
 }
 
 fn size(what: &'static str, value: f64) -> Result<f64, PathError> {
     if (0.01..=100.0).contains(&value) { Ok(value) } else { Err(PathError::Size { what, value }) }
 }
 
-fn point(line: &str) -> Option<(f64, f64)> {
+fn point(line: &str) -> Option<Position> {
     let mut numbers = line
         .split(|c: char| c == ',' || c == ';' || c.is_whitespace())
         .filter(|part| !part.is_empty())
         .map(|part| part.parse::<f64>().ok().filter(|n| n.is_finite()));
     let (x, y) = (numbers.next()??, numbers.next()??);
-    numbers.next().is_none().then_some((x, y))
+    numbers.next().is_none().then_some(Position::new(x, y))
 }
 
 #[cfg(test)]
@@ -346,8 +311,8 @@ mod tests {
 
     #[test]
     fn a_figure_eight_has_the_asked_width_and_height() {
-        let ((x0, y0), (x1, y1)) = Path::figure_eight(1.6, 0.8).unwrap().bounds();
-        assert!((x1 - x0 - 1.6).abs() < 1e-4 && (y1 - y0 - 0.8).abs() < 1e-4);
+        let Area { low, high } = Path::figure_eight(1.6, 0.8).unwrap().bounds();
+        assert!((high.x - low.x - 1.6).abs() < 1e-4 && (high.y - low.y - 0.8).abs() < 1e-4);
     }
 
     #[test]
@@ -361,8 +326,8 @@ mod tests {
         let path = Path::figure_eight(1.6, 0.8).unwrap();
         let half = path.length() / 2.0;
         // In the middle the second branch passes through the same point half a lap later.
-        let first = path.follow((0.001, 0.0), 0.02).arc_length;
-        let second = path.follow((0.001, 0.0), half - 0.02).arc_length;
+        let first = path.follow(Position::new(0.001, 0.0), 0.02).arc_length;
+        let second = path.follow(Position::new(0.001, 0.0), half - 0.02).arc_length;
         assert!(first.abs() < 0.01 && (second - half).abs() < 0.01, "{first} {second}");
     }
 
@@ -381,16 +346,17 @@ mod tests {
         let mut s = 0.0;
         for step in 0..1000 {
             let angle = f64::from(step) * 0.02;
-            s = path.follow((0.3 * angle.cos(), 0.3 * angle.sin()), s).arc_length;
+            s = path.follow(Position::new(0.3 * angle.cos(), 0.3 * angle.sin()), s).arc_length;
         }
         assert!((s - 0.3 * 0.02 * 999.0).abs() < 0.01, "{s}");
     }
 
     #[test]
     fn the_error_is_positive_on_the_left_and_measures_the_distance() {
-        let path = Path::through("line", &[(0.0, 0.0), (1.0, 0.0)], false).unwrap();
-        let left = path.nearest((0.5012, 0.04));
-        let beyond = path.nearest((1.03, -0.04));
+        let ends = [Position::ORIGIN, Position::new(1.0, 0.0)];
+        let path = Path::through("line", &ends, false).unwrap();
+        let left = path.follow(Position::new(0.5012, 0.04), 0.5);
+        let beyond = path.follow(Position::new(1.03, -0.04), 1.0);
         assert!((left.error - 0.04).abs() < 1e-9 && (left.arc_length - 0.5012).abs() < 1e-9);
         assert!((beyond.error + 0.05).abs() < 2e-3, "{beyond:?}");
     }
@@ -398,7 +364,7 @@ mod tests {
     #[test]
     fn corners_are_passed() {
         let path = Path::square(1.0).unwrap();
-        let around = path.follow((0.46, 0.52), 0.45);
+        let around = path.follow(Position::new(0.46, 0.52), 0.45);
         assert!((around.arc_length - 0.54).abs() < 0.01, "{around:?}");
     }
 
@@ -426,7 +392,7 @@ mod tests {
     fn a_placed_path_is_the_same_path_elsewhere() {
         let path = Path::circle(0.5).unwrap();
         let length = path.length();
-        let placed = path.placed((3.0, 4.0), 1.0);
+        let placed = path.placed(PlanarPose { x: 3.0, y: 4.0, heading: 1.0 });
         let start = placed.start();
         assert!((start.x - 3.0 - 0.5 * 1f64.cos()).abs() < 1e-9);
         assert!((placed.length() - length).abs() < 1e-12);

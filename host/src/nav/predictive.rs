@@ -1,72 +1,74 @@
-//! The default controller: of all modes, the one whose predicted future is best.
+//! The default controller: chooses the mode whose predicted future is best.
 //!
 //! It looks [`SEGMENTS`] segments of [`SEGMENT`] seconds ahead. In each segment the robot may be in
-//! any mode; every sequence is rolled through the robot's own response (ramps, reversals) and costs
+//! any mode; every sequence is simulated with the response of the robot (ramps, reversals) and costs
 //!
 //! ```text
-//! J = integral of error(t) dt  -  reward for progress  +  switches  +  what the end promises
+//! J = integral of error(t) dt  -  reward for progress  +  switches  +  terminal cost
 //! ```
 //!
-//! where the error counts squared near the path and linearly far from it. The sequences are grown
-//! segment by segment and only the best [`BEAM`] are kept. The first mode of the best one is
-//! driven, until the next decision. Hysteresis is the price of a switch; a minimum dwell is the
-//! navigator's.
+//! where the error counts squared near the path and linearly far from it. This is a beam search:
+//! the sequences grow segment by segment, and only the best [`BEAM`] are kept. The first mode of the
+//! best one is driven, until the next decision. The cost of a switch gives hysteresis; the navigator
+//! adds a minimum dwell.
 
-use super::geometry::{PlanarPose, wrap};
+use super::geometry::{PlanarPose, Position, Twist, wrap};
 use super::motion::{Gait, Motion, REST, Response};
 use super::path::{Path, Projection};
 
-/// Length of a segment, s: what a change of mode takes.
+/// Length of a segment, s: the time of a change of mode.
 pub const SEGMENT: f64 = 0.4;
-/// Segments looked ahead: 2.4 s, longer than half a turn.
+/// Number of segments: 2.4 s, longer than half a turn.
 pub const SEGMENTS: usize = 6;
-/// Sequences kept.
+/// Number of sequences kept.
 pub const BEAM: usize = 40;
 /// Steps of the prediction in a segment.
 const STEPS: usize = 4;
 const STEP: f64 = SEGMENT / STEPS as f64;
 
-/// Error that costs one second a second, m.
+/// Error that costs one second per second, m.
 const ERROR_SCALE: f64 = 0.025;
 /// Errors beyond this many scales count linearly.
 const LINEAR_FROM: f64 = 2.0;
-/// Worth of progress at full speed, seconds a second.
+/// Reward for progress at full speed, seconds per second.
 const PROGRESS: f64 = 2.0;
-/// Price of a switch, s.
+/// Cost of a switch, s.
 const SWITCH: f64 = 0.06;
 /// Weight of the course at the end, s.
 const COURSE: f64 = 2.0;
-/// Seconds for which the error at the end is taken to last.
+/// Time for which the error at the end is assumed to last, s.
 const TAIL: f64 = 0.6;
-/// The course aims back at the path from this far ahead, m.
+/// Distance ahead at which the course returns to the path, m.
 const RETURN_LENGTH: f64 = 0.12;
 
-/// What is to be reached.
+/// The goal of a decision.
 #[derive(Debug, Clone, Copy)]
 pub enum Goal<'a> {
-    /// Follow a path, being at this arc length now.
+    /// Follow a path from this arc length on.
     Follow {
         /// The path.
         path: &'a Path,
-        /// Arc length of the robot's place, m.
+        /// Arc length of the robot, m.
         arc_length: f64,
     },
-    /// Come to a point and stand there.
+    /// Come to a point and rest there.
     Reach {
-        /// Where, m.
-        point: (f64, f64),
+        /// The point.
+        point: Position,
     },
 }
 
-/// What the search may use.
+/// What the search knows about the robot.
 #[derive(Debug, Clone, Copy)]
 pub struct Prospects<'a> {
     /// Motions of all modes, standing still first.
     pub motions: &'a [Motion],
     /// How the robot follows commands.
     pub response: &'a Response,
-    /// Fastest translation of any mode, m/s, and its course against the heading, rad.
-    cruise: (f64, f64),
+    /// Fastest translation of any mode, m/s.
+    cruise_speed: f64,
+    /// Direction of that translation relative to the heading, rad.
+    cruise_course: f64,
     /// Fastest turn of any mode, rad/s.
     turn: f64,
 }
@@ -78,30 +80,32 @@ struct Node {
     arc_length: f64,
     first: usize,
     cost: f64,
-    promise: f64,
+    total: f64,
 }
 
 impl<'a> Prospects<'a> {
-    /// What these motions allow.
+    /// Prepares the search for these motions.
     #[must_use]
     pub fn new(motions: &'a [Motion], response: &'a Response) -> Self {
         let fastest = motions
             .iter()
-            .max_by(|a, b| a.twist.speed().total_cmp(&b.twist.speed()))
-            .map_or((1e-3, 0.0), |m| (m.twist.speed().max(1e-3), m.twist.course()));
+            .map(|motion| motion.twist)
+            .max_by(|a, b| a.speed().total_cmp(&b.speed()))
+            .unwrap_or(Twist::REST);
         let turn = motions.iter().map(|m| m.twist.yaw.abs()).fold(1e-2, f64::max);
-        Self { motions, response, cruise: fastest, turn }
+        let cruise_speed = fastest.speed().max(1e-3);
+        Self { motions, response, cruise_speed, cruise_course: fastest.course(), turn }
     }
 
-    /// The mode to be in now. `pose` and `gait`: as predicted for the moment when a command sent
-    /// now arrives.
+    /// Returns the mode to command now. `pose` and `gait`: as predicted for the moment when a
+    /// command sent now arrives.
     #[must_use]
     pub fn best_mode(&self, pose: PlanarPose, gait: Gait, goal: Goal<'_>) -> usize {
         let arc_length = match goal {
             Goal::Follow { arc_length, .. } => arc_length,
             Goal::Reach { .. } => 0.0,
         };
-        let start = Node { pose, gait, arc_length, first: REST, cost: 0.0, promise: 0.0 };
+        let start = Node { pose, gait, arc_length, first: REST, cost: 0.0, total: 0.0 };
         let mut beam = vec![start];
         let mut grown = Vec::with_capacity(BEAM * self.motions.len());
         for depth in 0..SEGMENTS {
@@ -111,14 +115,14 @@ impl<'a> Prospects<'a> {
                     grown.push(self.grow(node, mode, depth == 0, goal));
                 }
             }
-            grown.sort_unstable_by(|a, b| a.promise.total_cmp(&b.promise));
+            grown.sort_unstable_by(|a, b| a.total.total_cmp(&b.total));
             beam.clear();
             beam.extend(grown.iter().take(BEAM));
         }
         beam.first().map_or(REST, |best| best.first)
     }
 
-    /// Standing still leads nowhere on a path; it is how a point is held.
+    /// Returns the modes to try. Rest makes no progress on a path; it holds a point.
     fn candidates(&self, goal: Goal<'_>) -> std::ops::Range<usize> {
         match goal {
             Goal::Follow { .. } => 1..self.motions.len(),
@@ -137,57 +141,57 @@ impl<'a> Prospects<'a> {
         }
         for _ in 0..STEPS {
             next.gait.advance(&mut next.pose, STEP, self.motions, self.response);
-            next.cost += STEP * self.price(&mut next, goal);
+            next.cost += STEP * self.cost_rate(&mut next, goal);
         }
-        next.promise = next.cost + self.outlook(&next, goal);
+        next.total = next.cost + self.terminal_cost(&next, goal);
         next
     }
 
-    /// Cost of a second at this node.
-    fn price(&self, node: &mut Node, goal: Goal<'_>) -> f64 {
+    /// Returns the cost per second at this node.
+    fn cost_rate(&self, node: &mut Node, goal: Goal<'_>) -> f64 {
         match goal {
             Goal::Follow { path, .. } => {
-                let place = path.follow((node.pose.x, node.pose.y), node.arc_length);
+                let place = path.follow(node.pose.position(), node.arc_length);
                 let progress = (place.arc_length - node.arc_length) / STEP;
                 node.arc_length = place.arc_length;
-                robust(place.error) - PROGRESS * (progress / self.cruise.0).clamp(-2.0, 2.0)
+                robust(place.error) - PROGRESS * (progress / self.cruise_speed).clamp(-2.0, 2.0)
             }
             Goal::Reach { point } => robust(node.pose.distance_to(point)),
         }
     }
 
-    /// What is still to come after the last segment.
-    fn outlook(&self, node: &Node, goal: Goal<'_>) -> f64 {
+    /// Returns the estimated cost after the last segment.
+    fn terminal_cost(&self, node: &Node, goal: Goal<'_>) -> f64 {
         match goal {
             Goal::Follow { path, .. } => {
-                let place = path.follow((node.pose.x, node.pose.y), node.arc_length);
+                let place = path.follow(node.pose.position(), node.arc_length);
                 let astray = self.course_error(node, course_on(&place));
                 TAIL * robust(place.error) + COURSE * (1.0 - astray.cos())
             }
             Goal::Reach { point } => {
-                let (dx, dy) = (point.0 - node.pose.x, point.1 - node.pose.y);
-                let distance = dx.hypot(dy);
+                let distance = node.pose.distance_to(point);
                 // To turn first matters when there is some way to go.
-                let turning = self.course_error(node, dy.atan2(dx)).abs() / self.turn;
-                let way = distance / self.cruise.0;
+                let turning = self.course_error(node, node.pose.position().bearing_to(point)).abs()
+                    / self.turn;
+                let way = distance / self.cruise_speed;
                 let seconds = way + turning * (distance / RETURN_LENGTH).min(1.0);
                 0.5 * seconds * robust(distance)
             }
         }
     }
 
-    /// Angle between where the fastest mode would lead and where it should, rad.
+    /// Returns the angle from the course of the fastest mode to this course, rad.
     fn course_error(&self, node: &Node, course: f64) -> f64 {
-        wrap(course - node.pose.heading - self.cruise.1)
+        wrap(course - node.pose.heading - self.cruise_course)
     }
 }
 
-/// The direction that leads back to the path and along it.
+/// Returns the direction that leads back to the path and along it, rad.
 fn course_on(place: &Projection) -> f64 {
     place.tangent - (place.error / RETURN_LENGTH).atan()
 }
 
-/// Huber's function of an error in scales: square near zero, straight beyond.
+/// Returns Huber's function of an error in scales: square near zero, linear beyond.
 fn robust(error: f64) -> f64 {
     let scales = error.abs() / ERROR_SCALE;
     if scales <= LINEAR_FROM { scales * scales } else { LINEAR_FROM * (2.0 * scales - LINEAR_FROM) }
@@ -211,29 +215,32 @@ mod tests {
 
     #[test]
     fn at_its_goal_the_robot_rests() {
-        assert_eq!(best(PlanarPose::default(), Goal::Reach { point: (0.002, 0.0) }), "rest");
+        assert_eq!(
+            best(PlanarPose::default(), Goal::Reach { point: Position::new(0.002, 0.0) }),
+            "rest"
+        );
     }
 
     #[test]
     fn a_goal_behind_is_turned_to() {
-        let name = best(PlanarPose::default(), Goal::Reach { point: (-0.5, 0.1) });
+        let name = best(PlanarPose::default(), Goal::Reach { point: Position::new(-0.5, 0.1) });
         assert!(name.starts_with("left"), "{name}");
     }
 
     #[test]
     fn a_goal_ahead_is_walked_to() {
-        let name = best(PlanarPose::default(), Goal::Reach { point: (0.5, 0.0) });
+        let name = best(PlanarPose::default(), Goal::Reach { point: Position::new(0.5, 0.0) });
         assert!(name.starts_with("forward"), "{name}");
     }
 
     #[test]
     fn a_small_offset_to_the_right_is_strafed_away() {
         let pose = PlanarPose { x: 0.0, y: 0.05, heading: 0.0 };
-        assert_eq!(best(pose, Goal::Reach { point: (0.0, 0.0) }), "strafe-right");
+        assert_eq!(best(pose, Goal::Reach { point: Position::ORIGIN }), "strafe-right");
     }
 
     #[test]
-    fn the_price_of_errors_has_no_kink() {
+    fn the_cost_of_errors_has_no_kink() {
         let edge = LINEAR_FROM * ERROR_SCALE;
         let slope = |at: f64| (robust(at + 1e-9) - robust(at)) / 1e-9;
         assert!((slope(edge - 1e-6) / slope(edge + 1e-6) - 1.0).abs() < 1e-3);

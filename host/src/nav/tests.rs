@@ -9,7 +9,7 @@ use flix_protocol::units::Instant;
 
 use super::modes::tests::model_w;
 use super::*;
-use crate::pose::{Pose, PoseSample};
+use crate::pose::{Pose, PoseSample, Quaternion};
 
 /// Standard normal numbers from a seed (SplitMix64, Box and Muller).
 struct Chance(u64);
@@ -190,7 +190,7 @@ fn track(controller: ControllerKind, link: Link, seed: u64) -> (f64, f64) {
 
 /// For each push: error at rest (mm) and time to get there (s); `None` where it did not arrive.
 fn pushes(link: Link, count: u32, seed: u64) -> Vec<Option<(f64, f64)>> {
-    let task = Task::Reach { point: (0.0, 0.0), stay: true };
+    let task = Task::Reach { point: Position::ORIGIN, stay: true };
     let mut run = Run::new(task, ControllerKind::Predictive, link, seed, PlanarPose::default());
     let mut chance = Chance(seed ^ 0xabcd);
     (0..count)
@@ -215,7 +215,7 @@ fn arrival(run: &mut Run) -> Option<(f64, f64)> {
         let rests = run.last == Decision::Rest(Resting::Arrived);
         rested = if rests { rested + STEP.as_secs_f64() } else { 0.0 };
         if rested > 1.0 {
-            let error = run.walker.pose.distance_to((0.0, 0.0)) * 1e3;
+            let error = run.walker.pose.distance_to(Position::ORIGIN) * 1e3;
             return Some((error, run.seconds() - begin - 1.0));
         }
     }
@@ -297,7 +297,7 @@ fn poses_that_are_not_trusted_do_not_keep_the_robot_walking() {
     for milliseconds in 1..=111 {
         let time = after(&run, milliseconds);
         let sample = run.walker.sample(time);
-        let lost = Pose { orientation: [0.0; 4], ..sample.pose };
+        let lost = Pose { orientation: Quaternion::default(), ..sample.pose };
         run.navigator.observe(&PoseSample { valid: false, ..sample });
         run.navigator.observe(&PoseSample { pose: lost, ..sample });
     }
@@ -400,10 +400,11 @@ fn a_pushed_robot_finds_back_to_its_path_and_ends_its_laps() {
 
 #[test]
 fn waypoints_are_walked_to_the_last_one_once() {
-    let path = Path::through("room", &[(0.0, 0.0), (0.5, 0.0), (0.5, 0.4)], false).unwrap();
+    let corners = [(0.0, 0.0), (0.5, 0.0), (0.5, 0.4)].map(|(x, y)| Position::new(x, y));
+    let path = Path::through("room", &corners, false).unwrap();
     let task = Task::Follow { path, laps: 1 };
     let mut run = Run::new(task, ControllerKind::Predictive, GOOD, 3, PlanarPose::default());
     run.until_end(200.0);
     assert_eq!(run.last, Decision::Finished);
-    assert!(run.walker.pose.distance_to((0.5, 0.4)) < 0.06, "{:?}", run.walker.pose);
+    assert!(run.walker.pose.distance_to(Position::new(0.5, 0.4)) < 0.06, "{:?}", run.walker.pose);
 }

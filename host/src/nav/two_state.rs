@@ -1,12 +1,12 @@
 //! The paper's controller (section V-A): two states, turn left and turn right.
 //!
-//! The error is the desired heading less the heading. Above the dead band the robot turns left,
-//! below it right; inside, it goes on as it was. It advances because the two turns do not cancel:
-//! what is left when they alternate is a slow drift in one direction of the body (forward in the
-//! paper's robot; whichever the mode table says in another), and it is this direction that is kept
-//! on the desired one.
+//! The error is the desired heading minus the heading. Above the dead band the robot turns left,
+//! below it right; inside, it continues. It advances because the two turns do not cancel: while
+//! they alternate, the robot drifts slowly in one direction of the body (forward in the paper's
+//! robot; the mode table gives it for others). The controller keeps this direction on the desired
+//! one.
 
-use super::geometry::{PlanarPose, wrap};
+use super::geometry::{PlanarPose, Position, wrap};
 use super::modes::ModeTable;
 use super::motion::REST;
 
@@ -18,7 +18,7 @@ pub const RIGHT: &str = "right";
 /// Half the width of the dead band, rad.
 pub const DEAD_BAND: f64 = 0.12;
 
-/// How far ahead on a path the controller aims, m: two thirds of the robot's length.
+/// Distance ahead on a path at which the controller aims, m: two thirds of the robot's length.
 pub const LOOK_AHEAD: f64 = 0.15;
 
 /// The switching heading controller.
@@ -29,16 +29,16 @@ pub struct TwoState {
     drift: f64,
 }
 
-/// The table lacks a turn.
+/// The mode table lacks a turn.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "the two-state controller needs the modes \"left\" and \"right\" in the mode table; \
-     \"{0}\" is missing: learn them with `flix identify`"
+     \"{0}\" is missing: identify them with `flix identify`"
 )]
 pub struct MissingTurn(pub &'static str);
 
 impl TwoState {
-    /// The controller for a robot's turns.
+    /// Makes the controller for the turns of a robot.
     ///
     /// # Errors
     /// When the table has no mode of one of the two names.
@@ -54,10 +54,10 @@ impl TwoState {
         Ok(Self { left: left + 1, right: right + 1, drift })
     }
 
-    /// Left or right, so that the robot drifts towards `target`. `present`: the mode in force.
+    /// Returns the turn with which the robot drifts towards `target`. `present`: the mode in force.
     #[must_use]
-    pub fn choose(&self, pose: &PlanarPose, target: (f64, f64), present: usize) -> usize {
-        let desired = (target.1 - pose.y).atan2(target.0 - pose.x);
+    pub fn choose(&self, pose: &PlanarPose, target: Position, present: usize) -> usize {
+        let desired = pose.position().bearing_to(target);
         let error = wrap(desired - self.drift - pose.heading);
         let turning = present == self.left || present == self.right;
         if turning && present != REST && error.abs() <= DEAD_BAND {
@@ -82,7 +82,7 @@ mod tests {
     fn turns_towards_the_side_of_the_error_and_keeps_on_inside_the_dead_band() {
         let two_state = TwoState::new(&model_w()).unwrap();
         let facing = |heading| PlanarPose { x: 0.0, y: 0.0, heading: heading - two_state.drift };
-        let target = (1.0, 0.0);
+        let target = Position::new(1.0, 0.0);
         assert_eq!(two_state.choose(&facing(-0.3), target, RIGHT_INDEX), LEFT_INDEX);
         assert_eq!(two_state.choose(&facing(0.3), target, LEFT_INDEX), RIGHT_INDEX);
         assert_eq!(two_state.choose(&facing(0.05), target, LEFT_INDEX), LEFT_INDEX);

@@ -1,6 +1,6 @@
-//! Axes: where ticks stand, what they say, and how data become pixels.
+//! Axes: position and text of the ticks, and the conversion of data to pixels.
 
-/// How values are spread along an axis.
+/// Scale of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) enum Scale {
     /// Equal steps, equal lengths.
@@ -10,52 +10,82 @@ pub(super) enum Scale {
     Logarithmic,
 }
 
+/// A range of values.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Lowest value.
+    pub low: f64,
+    /// Highest value.
+    pub high: f64,
+}
+
+impl Limits {
+    /// Makes a range.
+    #[must_use]
+    pub const fn new(low: f64, high: f64) -> Self {
+        Self { low, high }
+    }
+
+    /// Returns the difference between highest and lowest value.
+    #[must_use]
+    pub fn span(self) -> f64 {
+        self.high - self.low
+    }
+
+    /// Returns the range with a margin on both sides.
+    #[must_use]
+    pub fn widened(self, margin: f64) -> Self {
+        Self::new(self.low - margin, self.high + margin)
+    }
+}
+
 /// One axis: a range of data on a range of pixels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Axis {
-    low: f64,
-    high: f64,
+    /// In the logarithm where the scale is logarithmic.
+    limits: Limits,
     scale: Scale,
     from: f64,
     to: f64,
 }
 
 impl Axis {
-    /// The axis that shows `range` (widened where it is empty) from pixel `from` to pixel `to`.
-    pub(super) fn new(range: (f64, f64), scale: Scale, from: f64, to: f64) -> Self {
-        let (low, high) = match scale {
-            Scale::Linear => range,
+    /// Makes the axis that shows `limits` (widened where they are equal) from pixel `from` to `to`.
+    pub(super) fn new(limits: Limits, scale: Scale, from: f64, to: f64) -> Self {
+        let Limits { low, high } = match scale {
+            Scale::Linear => limits,
             Scale::Logarithmic => {
-                (range.0.max(f64::MIN_POSITIVE).log10(), range.1.max(f64::MIN_POSITIVE).log10())
+                let log = |value: f64| value.max(f64::MIN_POSITIVE).log10();
+                Limits::new(log(limits.low), log(limits.high))
             }
         };
-        let (low, high) = if low.is_finite() && high.is_finite() && low < high {
-            (low, high)
+        let limits = if low.is_finite() && high.is_finite() && low < high {
+            Limits::new(low, high)
         } else {
             let middle = if low.is_finite() { low } else { 0.0 };
-            let margin = (middle.abs() * 0.05).max(0.5);
-            (middle - margin, middle + margin)
+            Limits::new(middle, middle).widened((middle.abs() * 0.05).max(0.5))
         };
-        Self { low, high, scale, from, to }
+        Self { limits, scale, from, to }
     }
 
-    /// The pixel of a value; `None` where it has none.
+    /// Returns the pixel of a value; `None` where it has none.
     pub(super) fn pixel(&self, value: f64) -> Option<f64> {
         let value = match self.scale {
             Scale::Linear => value,
             Scale::Logarithmic if value > 0.0 => value.log10(),
             Scale::Logarithmic => return None,
         };
-        let pixel = self.from + (value - self.low) / (self.high - self.low) * (self.to - self.from);
+        let pixel =
+            self.from + (value - self.limits.low) / self.limits.span() * (self.to - self.from);
         pixel.is_finite().then_some(pixel)
     }
 
-    /// Ticks at least `spacing` pixels apart: pixel and text.
+    /// Returns ticks at least `spacing` pixels apart: pixel and text.
     pub(super) fn ticks(&self, spacing: f64) -> Vec<(f64, String)> {
         let count = ((self.to - self.from).abs() / spacing).max(1.0);
         let values = match self.scale {
-            Scale::Linear => linear_ticks(self.low, self.high, count),
-            Scale::Logarithmic => logarithmic_ticks(self.low, self.high, count),
+            Scale::Linear => linear_ticks(self.limits, count),
+            Scale::Logarithmic => logarithmic_ticks(self.limits, count),
         };
         values
             .into_iter()
@@ -64,12 +94,12 @@ impl Axis {
     }
 }
 
-/// The range of finite values with a margin of `share` on both sides; `None` without values.
+/// Returns the range of finite values with a margin of `share` on both sides; `None` without values.
 pub(super) fn range_of(
     values: impl Iterator<Item = f64>,
     scale: Scale,
     share: f64,
-) -> Option<(f64, f64)> {
+) -> Option<Limits> {
     let usable = values.filter(|v| v.is_finite() && (scale == Scale::Linear || *v > 0.0));
     let (low, high) =
         usable.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
@@ -77,18 +107,15 @@ pub(super) fn range_of(
         return None;
     }
     Some(match scale {
-        Scale::Linear => {
-            let margin = (high - low) * share;
-            (low - margin, high + margin)
-        }
+        Scale::Linear => Limits::new(low, high).widened((high - low) * share),
         Scale::Logarithmic => {
             let factor = (high / low).powf(share);
-            (low / factor, high * factor)
+            Limits::new(low / factor, high * factor)
         }
     })
 }
 
-fn linear_ticks(low: f64, high: f64, count: f64) -> Vec<(f64, String)> {
+fn linear_ticks(Limits { low, high }: Limits, count: f64) -> Vec<(f64, String)> {
     let rough = (high - low) / count;
     let decade = 10f64.powf(rough.log10().floor());
     let step = [1.0, 2.0, 2.5, 5.0, 10.0]
@@ -102,7 +129,7 @@ fn linear_ticks(low: f64, high: f64, count: f64) -> Vec<(f64, String)> {
     (first..=last).map(|i| i as f64 * step).map(|value| (value, number(value, decimals))).collect()
 }
 
-fn logarithmic_ticks(low: f64, high: f64, count: f64) -> Vec<(f64, String)> {
+fn logarithmic_ticks(Limits { low, high }: Limits, count: f64) -> Vec<(f64, String)> {
     let decades = high - low;
     let mantissas: &[f64] = if decades * 3.0 <= count { &[1.0, 2.0, 5.0] } else { &[1.0] };
     let every = (decades / count).ceil().max(1.0) as i32;
@@ -123,7 +150,7 @@ fn decimals_of(step: f64) -> usize {
         .map_or(12, |d| d as usize)
 }
 
-/// A number with a true minus sign and no negative zero.
+/// Returns a number with a true minus sign and no negative zero.
 pub(super) fn number(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     match text.strip_prefix('-') {
@@ -133,7 +160,7 @@ pub(super) fn number(value: f64, decimals: usize) -> String {
     }
 }
 
-/// A number in as few letters as it needs: `0.001`, `20`, `1e6`.
+/// Returns a number in as few characters as it needs: `0.001`, `20`, `1e6`.
 fn compact(value: f64) -> String {
     if (1e-4..1e6).contains(&value) {
         number(value, decimals_of(value))
@@ -152,25 +179,25 @@ mod tests {
 
     #[test]
     fn linear_ticks_are_round_numbers_inside_the_range() {
-        let axis = Axis::new((-0.31, 0.52), Scale::Linear, 0.0, 400.0);
+        let axis = Axis::new(Limits::new(-0.31, 0.52), Scale::Linear, 0.0, 400.0);
         assert_eq!(texts(&axis, 80.0), ["\u{2212}0.2", "0.0", "0.2", "0.4"]);
     }
 
     #[test]
     fn logarithmic_ticks_are_powers_of_ten_over_many_decades() {
-        let axis = Axis::new((0.001, 100.0), Scale::Logarithmic, 0.0, 400.0);
+        let axis = Axis::new(Limits::new(0.001, 100.0), Scale::Logarithmic, 0.0, 400.0);
         assert_eq!(texts(&axis, 60.0), ["0.001", "0.01", "0.1", "1", "10", "100"]);
     }
 
     #[test]
     fn an_empty_range_still_has_an_axis() {
-        let axis = Axis::new((3.0, 3.0), Scale::Linear, 0.0, 100.0);
+        let axis = Axis::new(Limits::new(3.0, 3.0), Scale::Linear, 0.0, 100.0);
         assert_eq!(axis.pixel(3.0), Some(50.0));
     }
 
     #[test]
     fn values_without_a_logarithm_have_no_pixel() {
-        let axis = Axis::new((0.1, 10.0), Scale::Logarithmic, 0.0, 100.0);
+        let axis = Axis::new(Limits::new(0.1, 10.0), Scale::Logarithmic, 0.0, 100.0);
         assert_eq!((axis.pixel(0.0), axis.pixel(1.0)), (None, Some(50.0)));
     }
 }

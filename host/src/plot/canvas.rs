@@ -1,23 +1,43 @@
-//! Drawing primitives in logical pixels, on `plotters`' SVG backend.
+//! Writes the few shapes of a figure as SVG, in logical pixels.
 
-use plotters::coord::Shift;
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
-use plotters::style::{FontStyle, TextStyle, register_font};
+use std::fmt::Write;
 use std::sync::OnceLock;
 
-use super::{Colour, PlotError};
+use ab_glyph::{Font, FontRef};
 
-/// Steps of the backend's integer grid in one logical pixel: curves stay smooth in a backend of whole pixels.
-const STEPS: f64 = 8.0;
+use super::Colour;
 
-/// What the SVG asks for: the embedded font, then one of the same widths, then anything.
+/// Font family in the SVG: the embedded font, then one of the same widths, then any.
 const FONT: &str = "DejaVu Sans, Verdana, sans-serif";
 
-/// `plotters` takes the size of a font as its line height, which for it is 1.24 em.
-const LINE_HEIGHT_EM: f64 = 1.24;
+/// A point of the page, logical pixels, y downwards.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Pixel {
+    pub(super) x: f64,
+    pub(super) y: f64,
+}
 
-/// Where a text stands against its point.
+impl Pixel {
+    pub(super) const fn new(x: f64, y: f64) -> Self {
+        Self { x, y }
+    }
+
+    /// Returns the pixel `dx` to the right and `dy` below.
+    pub(super) fn moved(self, dx: f64, dy: f64) -> Self {
+        Self::new(self.x + dx, self.y + dy)
+    }
+}
+
+/// Width and height, logical pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Size {
+    /// Width, logical pixels.
+    pub width: f64,
+    /// Height, logical pixels.
+    pub height: f64,
+}
+
+/// Horizontal position of a text relative to its point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Align {
     /// The text begins at the point.
@@ -28,216 +48,181 @@ pub(super) enum Align {
     Right,
 }
 
-/// How a text looks.
+/// Style of a text.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Text {
-    /// Height of the font, logical pixels per em.
+    /// Size of the font, logical pixels per em.
     pub(super) size: f64,
     /// Colour.
     pub(super) colour: Colour,
     /// Weight.
     pub(super) bold: bool,
-    /// Horizontal place against the point; vertically a text is centred on it.
+    /// Horizontal alignment; vertically a text is centred on its point.
     pub(super) align: Align,
 }
 
-/// An empty page and the few strokes that every figure is made of.
-pub struct Canvas<'a> {
-    area: DrawingArea<SVGBackend<'a>, Shift>,
+/// Style of a line.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pen {
+    colour: Colour,
+    width: f64,
+    opacity: f64,
+    dashes: Option<[f64; 2]>,
 }
 
-/// A point, logical pixels, y downwards.
-pub(super) type Pixel = (f64, f64);
-
-impl Canvas<'_> {
-    /// An SVG document of `size` logical pixels on which `draw` has drawn.
-    pub(super) fn render(
-        size: (f64, f64),
-        draw: impl FnOnce(&Canvas<'_>) -> Result<(), PlotError>,
-    ) -> Result<String, PlotError> {
-        prepare_fonts()?;
-        let steps = ((size.0 * STEPS) as u32, (size.1 * STEPS) as u32);
-        let mut svg = String::new();
-        {
-            let canvas =
-                Canvas { area: SVGBackend::with_string(&mut svg, steps).into_drawing_area() };
-            canvas.area.fill(&WHITE).map_err(failed)?;
-            draw(&canvas)?;
-            canvas.area.present().map_err(failed)?;
-        }
-        // The backend counts in steps; a reader of the file wants the figure at its logical size.
-        let body = svg.split_once('>').map_or("", |(_, body)| body);
-        Ok(format!(
-            "<svg width=\"{}\" height=\"{}\" viewBox=\"0 0 {} {}\" stroke-linejoin=\"round\" \
-             stroke-linecap=\"round\" xmlns=\"http://www.w3.org/2000/svg\">{body}",
-            size.0, size.1, steps.0, steps.1
-        ))
+impl Pen {
+    /// A solid opaque line of this width, logical pixels.
+    pub(super) const fn new(colour: Colour, width: f64) -> Self {
+        Self { colour, width, opacity: 1.0, dashes: None }
     }
 
-    /// A polyline; `opacity` 0 to 1, `width` in logical pixels.
-    pub(super) fn line(
-        &self,
-        points: &[Pixel],
-        colour: Colour,
-        width: f64,
-        opacity: f64,
-    ) -> Result<(), PlotError> {
+    /// With this opacity, 0 to 1.
+    pub(super) const fn opacity(self, opacity: f64) -> Self {
+        Self { opacity, ..self }
+    }
+
+    /// In dashes and gaps of these lengths, logical pixels.
+    pub(super) const fn dashed(self, dash: f64, gap: f64) -> Self {
+        Self { dashes: Some([dash, gap]), ..self }
+    }
+}
+
+/// An SVG document under construction.
+pub struct Canvas {
+    svg: String,
+}
+
+impl Canvas {
+    /// Starts a white page.
+    pub(super) fn new(Size { width, height }: Size) -> Self {
+        let mut canvas = Self { svg: String::new() };
+        canvas.write(format_args!(
+            "<svg width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
+             font-family=\"{FONT}\" stroke-linejoin=\"round\" stroke-linecap=\"round\" \
+             xmlns=\"http://www.w3.org/2000/svg\">"
+        ));
+        canvas.rectangle(
+            Pixel::new(0.0, 0.0),
+            Pixel::new(width, height),
+            super::colour::WHITE,
+            1.0,
+        );
+        canvas
+    }
+
+    /// Ends the document and returns it.
+    pub(super) fn finish(mut self) -> String {
+        self.svg.push_str("</svg>\n");
+        self.svg
+    }
+
+    /// Draws a polyline.
+    pub(super) fn line(&mut self, points: &[Pixel], pen: Pen) {
         if points.len() < 2 {
-            return Ok(());
+            return;
         }
-        let style = shade(colour, opacity).stroke_width((width * STEPS).round().max(1.0) as u32);
-        self.area
-            .draw(&PathElement::new(points.iter().map(|p| step(*p)).collect::<Vec<_>>(), style))
-            .map_err(failed)
-    }
-
-    /// A polyline in dashes of `on` and gaps of `off` logical pixels.
-    pub(super) fn dashed(
-        &self,
-        points: &[Pixel],
-        (on, off): (f64, f64),
-        colour: Colour,
-        width: f64,
-    ) -> Result<(), PlotError> {
-        for dash in dashes(points, on, off) {
-            self.line(&dash, colour, width, 1.0)?;
+        let Pen { colour, width, opacity, dashes } = pen;
+        self.write(format_args!(
+            "<polyline fill=\"none\" stroke=\"{colour}\" stroke-width=\"{}\" stroke-opacity=\"{}\"",
+            rounded(width),
+            rounded(opacity)
+        ));
+        if let Some([dash, gap]) = dashes {
+            self.write(format_args!(" stroke-dasharray=\"{dash} {gap}\""));
         }
-        Ok(())
+        self.points(points);
     }
 
-    /// A filled polygon.
-    pub(super) fn polygon(
-        &self,
-        corners: &[Pixel],
-        colour: Colour,
-        opacity: f64,
-    ) -> Result<(), PlotError> {
-        let corners: Vec<_> = corners.iter().map(|p| step(*p)).collect();
-        self.area.draw(&Polygon::new(corners, shade(colour, opacity).filled())).map_err(failed)
+    /// Draws a filled polygon; `opacity` 0 to 1, as for all fillings.
+    pub(super) fn polygon(&mut self, corners: &[Pixel], colour: Colour, opacity: f64) {
+        self.write(format_args!(
+            "<polygon fill=\"{colour}\" fill-opacity=\"{}\"",
+            rounded(opacity)
+        ));
+        self.points(corners);
     }
 
-    /// A filled rectangle between two corners.
-    pub(super) fn rectangle(
-        &self,
-        a: Pixel,
-        b: Pixel,
-        colour: Colour,
-        opacity: f64,
-    ) -> Result<(), PlotError> {
-        self.area
-            .draw(&Rectangle::new([step(a), step(b)], shade(colour, opacity).filled()))
-            .map_err(failed)
+    /// Draws a filled rectangle between its upper left and its lower right corner.
+    pub(super) fn rectangle(&mut self, a: Pixel, b: Pixel, colour: Colour, opacity: f64) {
+        self.write(format_args!(
+            "<rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" fill=\"{colour}\" \
+             fill-opacity=\"{}\"/>\n",
+            rounded(a.x),
+            rounded(a.y),
+            rounded(b.x - a.x),
+            rounded(b.y - a.y),
+            rounded(opacity)
+        ));
     }
 
-    /// A filled disc.
-    pub(super) fn disc(
-        &self,
-        centre: Pixel,
-        radius: f64,
-        colour: Colour,
-        opacity: f64,
-    ) -> Result<(), PlotError> {
-        let radius = (radius * STEPS).round() as i32;
-        self.area
-            .draw(&Circle::new(step(centre), radius, shade(colour, opacity).filled()))
-            .map_err(failed)
+    /// Draws a filled disc.
+    pub(super) fn disc(&mut self, centre: Pixel, radius: f64, colour: Colour, opacity: f64) {
+        self.write(format_args!(
+            "<circle cx=\"{}\" cy=\"{}\" r=\"{}\" fill=\"{colour}\" fill-opacity=\"{}\"/>\n",
+            rounded(centre.x),
+            rounded(centre.y),
+            rounded(radius),
+            rounded(opacity)
+        ));
     }
 
-    /// One line of text, vertically centred on `at`.
-    pub(super) fn text(&self, at: Pixel, text: &str, look: Text) -> Result<(), PlotError> {
-        let align = match look.align {
-            Align::Left => HPos::Left,
-            Align::Centre => HPos::Center,
-            Align::Right => HPos::Right,
+    /// Writes one line of text, vertically centred on `at`.
+    pub(super) fn text(&mut self, at: Pixel, text: &str, Text { size, colour, bold, align }: Text) {
+        if text.is_empty() {
+            return;
+        }
+        let anchor = match align {
+            Align::Left => "start",
+            Align::Centre => "middle",
+            Align::Right => "end",
         };
-        let colour = shade(look.colour, 1.0);
-        let style = TextStyle::from(font(look.size * STEPS, look.bold))
-            .color(&colour)
-            .pos(Pos::new(align, VPos::Center));
-        self.area.draw_text(text, &style, step(at)).map_err(failed)
+        let weight = if bold { "bold" } else { "normal" };
+        self.write(format_args!(
+            "<text x=\"{}\" y=\"{}\" dy=\"0.5ex\" text-anchor=\"{anchor}\" font-size=\"{size}\" \
+             font-weight=\"{weight}\" fill=\"{colour}\">{}</text>\n",
+            rounded(at.x),
+            rounded(at.y),
+            escaped(text)
+        ));
     }
-}
 
-/// Width of a text in logical pixels.
-pub(super) fn text_width(text: &str, size: f64, bold: bool) -> f64 {
-    // Without the font (it is embedded, so this does not happen) half an em a letter is a fair guess.
-    font(size * STEPS, bold)
-        .box_size(text)
-        .map_or(text.chars().count() as f64 * size * 0.6, |(w, _)| f64::from(w) / STEPS)
-}
-
-fn font(size: f64, bold: bool) -> FontDesc<'static> {
-    let weight = if bold { FontStyle::Bold } else { FontStyle::Normal };
-    FontDesc::new(FontFamily::Name(FONT), size * LINE_HEIGHT_EM, weight)
-}
-
-fn prepare_fonts() -> Result<(), PlotError> {
-    static READY: OnceLock<bool> = OnceLock::new();
-    let ready = *READY.get_or_init(|| {
-        register_font(FONT, FontStyle::Normal, dejavu::sans::regular()).is_ok()
-            && register_font(FONT, FontStyle::Bold, dejavu::sans::bold()).is_ok()
-    });
-    if ready { Ok(()) } else { Err(PlotError::Draw("the embedded font is damaged".into())) }
-}
-
-fn step((x, y): Pixel) -> (i32, i32) {
-    ((x * STEPS).round() as i32, (y * STEPS).round() as i32)
-}
-
-fn shade(colour: Colour, opacity: f64) -> RGBAColor {
-    RGBAColor(colour.0, colour.1, colour.2, opacity)
-}
-
-fn failed<E: std::error::Error + Send + Sync>(error: DrawingAreaErrorKind<E>) -> PlotError {
-    PlotError::Draw(error.to_string())
-}
-
-/// Cuts a polyline into its dashes.
-fn dashes(points: &[Pixel], on: f64, off: f64) -> Vec<Vec<Pixel>> {
-    let mut dashes = Vec::new();
-    let mut dash: Vec<Pixel> = points.first().copied().into_iter().collect();
-    let (mut drawing, mut left) = (true, on);
-    for pair in points.windows(2) {
-        let (mut from, to) = (pair[0], pair[1]);
-        loop {
-            let length = (to.0 - from.0).hypot(to.1 - from.1);
-            if length < left {
-                left -= length;
-                if drawing {
-                    dash.push(to);
-                }
-                break;
-            }
-            let share = left / length;
-            from = (from.0 + (to.0 - from.0) * share, from.1 + (to.1 - from.1) * share);
-            if drawing {
-                dash.push(from);
-                dashes.push(std::mem::take(&mut dash));
-            } else {
-                dash = vec![from];
-            }
-            drawing = !drawing;
-            left = if drawing { on } else { off };
+    fn points(&mut self, points: &[Pixel]) {
+        self.svg.push_str(" points=\"");
+        for Pixel { x, y } in points {
+            self.write(format_args!("{},{} ", rounded(*x), rounded(*y)));
         }
+        self.svg.push_str("\"/>\n");
     }
-    if drawing && dash.len() > 1 {
-        dashes.push(dash);
+
+    fn write(&mut self, text: std::fmt::Arguments<'_>) {
+        // Writing to a string does not fail.
+        let _ = self.svg.write_fmt(text);
     }
-    dashes
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// A hundredth of a pixel is far below what can be seen, and keeps the file small.
+fn rounded(value: f64) -> f64 {
+    (value * 100.0).round() / 100.0
+}
 
-    #[test]
-    fn dashes_cover_their_share_of_the_line() {
-        let line = [(0.0, 0.0), (7.0, 0.0), (7.0, 13.0)];
-        let length: f64 = dashes(&line, 3.0, 2.0)
-            .iter()
-            .flat_map(|dash| dash.windows(2))
-            .map(|p| (p[1].0 - p[0].0).hypot(p[1].1 - p[0].1))
-            .sum();
-        assert!((length - 12.0).abs() < 1e-9, "{length}");
-    }
+/// Returns a text in which XML finds no markup.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
+
+/// Returns the width of a text in logical pixels.
+pub(super) fn text_width(text: &str, size: f64, bold: bool) -> f64 {
+    static FONTS: OnceLock<Option<[FontRef<'static>; 2]>> = OnceLock::new();
+    let fonts = FONTS.get_or_init(|| {
+        let font = |data| FontRef::try_from_slice(data).ok();
+        Some([font(dejavu::sans::regular())?, font(dejavu::sans::bold())?])
+    });
+    let ems = |font: &FontRef<'_>| -> Option<f32> {
+        let units = text.chars().map(|c| font.h_advance_unscaled(font.glyph_id(c))).sum::<f32>();
+        Some(units / font.units_per_em()?)
+    };
+    // Without the font (it is embedded) 0.6 em per letter is a fair estimate.
+    let estimate = text.chars().count() as f32 * 0.6;
+    let width = fonts.as_ref().and_then(|fonts| ems(&fonts[usize::from(bold)]));
+    f64::from(width.unwrap_or(estimate)) * size
 }

@@ -1,9 +1,9 @@
 //! Line charts: stacked panels over one horizontal axis.
 
-use super::axis::{Axis, Scale, range_of};
-use super::canvas::{Align, Canvas, Text, text_width};
+use super::axis::{Axis, Limits, Scale, range_of};
+use super::canvas::{Align, Canvas, Pen, Pixel, Size, Text, text_width};
 use super::series::{Frame, Series};
-use super::{Colour, Figure, PlotError, colour};
+use super::{Colour, Figure, colour};
 
 /// Size of the title, logical pixels per em.
 pub(super) const TITLE: f64 = 17.0;
@@ -26,7 +26,7 @@ pub struct Chart {
     title: String,
     subtitle: String,
     x_label: String,
-    x_range: Option<(f64, f64)>,
+    x_range: Option<Limits>,
     x_scale: Scale,
     panels: Vec<Panel>,
     width: f64,
@@ -37,14 +37,14 @@ pub struct Chart {
 pub struct Panel {
     label: String,
     series: Vec<Series>,
-    range: Option<(f64, f64)>,
+    range: Option<Limits>,
     scale: Scale,
     height: f64,
     rules: Vec<(f64, String)>,
     spans: Vec<Span>,
 }
 
-/// A stretch of the horizontal axis that is shaded and named.
+/// A shaded and named interval of the horizontal axis.
 #[derive(Debug, Clone)]
 struct Span {
     from: f64,
@@ -54,7 +54,7 @@ struct Span {
 }
 
 impl Chart {
-    /// An empty chart; `x_label` names the horizontal axis with its unit.
+    /// Creates an empty chart; `x_label` names the horizontal axis with its unit.
     pub fn new(title: impl Into<String>, x_label: impl Into<String>) -> Self {
         Self {
             title: title.into(),
@@ -67,28 +67,28 @@ impl Chart {
         }
     }
 
-    /// A quieter line under the title: what, when, with which settings.
+    /// Sets the smaller line under the title.
     #[must_use]
     pub fn subtitle(mut self, subtitle: impl Into<String>) -> Self {
         self.subtitle = subtitle.into();
         self
     }
 
-    /// Shows exactly this range instead of all data.
+    /// Sets the range of the horizontal axis; by default it shows all data.
     #[must_use]
     pub fn x_range(mut self, from: f64, to: f64) -> Self {
-        self.x_range = Some((from, to));
+        self.x_range = Some(Limits::new(from, to));
         self
     }
 
-    /// Spreads the horizontal axis logarithmically.
+    /// Makes the horizontal axis logarithmic.
     #[must_use]
     pub fn x_logarithmic(mut self) -> Self {
         self.x_scale = Scale::Logarithmic;
         self
     }
 
-    /// Makes the figure this wide (logical pixels; 1000 unless told).
+    /// Sets the width of the figure, logical pixels (default 1000).
     #[must_use]
     pub fn width(mut self, pixels: f64) -> Self {
         self.width = pixels;
@@ -102,15 +102,16 @@ impl Chart {
         self
     }
 
-    fn shown_x_range(&self) -> (f64, f64) {
-        let all = self.panels.iter().flat_map(|p| &p.series).flat_map(|s| &s.points).map(|p| p.0);
+    fn shown_x_range(&self) -> Limits {
+        let all = self.panels.iter().flat_map(|p| &p.series).flat_map(|s| &s.points).map(|p| p.x);
         let margin = if self.x_scale == Scale::Logarithmic { 0.03 } else { 0.0 };
-        self.x_range.or_else(|| range_of(all, self.x_scale, margin)).unwrap_or((0.0, 1.0))
+        let of_data = || range_of(all, self.x_scale, margin);
+        self.x_range.or_else(of_data).unwrap_or(Limits::new(0.0, 1.0))
     }
 }
 
 impl Panel {
-    /// An empty panel; `label` names its vertical axis with the unit.
+    /// Creates an empty panel; `label` names its vertical axis with the unit.
     pub fn new(label: impl Into<String>) -> Self {
         Self {
             label: label.into(),
@@ -123,71 +124,72 @@ impl Panel {
         }
     }
 
-    /// Adds a series; later ones lie on top.
+    /// Adds a series on top of the others.
     #[must_use]
     pub fn series(mut self, series: Series) -> Self {
         self.series.push(series);
         self
     }
 
-    /// Shows exactly this range instead of all data.
+    /// Sets the range of the vertical axis; by default it shows all data.
     #[must_use]
     pub fn range(mut self, low: f64, high: f64) -> Self {
-        self.range = Some((low, high));
+        self.range = Some(Limits::new(low, high));
         self
     }
 
-    /// Spreads the vertical axis logarithmically.
+    /// Makes the vertical axis logarithmic.
     #[must_use]
     pub fn logarithmic(mut self) -> Self {
         self.scale = Scale::Logarithmic;
         self
     }
 
-    /// Makes the panel this high (logical pixels; 150 unless told).
+    /// Sets the height of the panel, logical pixels (default 150).
     #[must_use]
     pub fn height(mut self, pixels: f64) -> Self {
         self.height = pixels;
         self
     }
 
-    /// A horizontal line at a limit or a target, with its name.
+    /// Adds a named horizontal line at a limit or a target.
     #[must_use]
     pub fn rule(mut self, at: f64, label: impl Into<String>) -> Self {
         self.rules.push((at, label.into()));
         self
     }
 
-    /// Shades a stretch of the horizontal axis and names it.
+    /// Adds a shaded and named interval of the horizontal axis.
     #[must_use]
     pub fn span(mut self, from: f64, to: f64, label: impl Into<String>, colour: Colour) -> Self {
         self.spans.push(Span { from, to, label: label.into(), colour });
         self
     }
 
-    fn shown_range(&self) -> (f64, f64) {
-        let values = self.series.iter().flat_map(|s| &s.points).map(|p| p.1);
+    fn shown_range(&self) -> Limits {
+        let values = self.series.iter().flat_map(|s| &s.points).map(|p| p.y);
         self.range
             .or_else(|| range_of(values.chain(self.rules.iter().map(|r| r.0)), self.scale, 0.06))
-            .unwrap_or((0.0, 1.0))
+            .unwrap_or(Limits::new(0.0, 1.0))
     }
 
-    fn draw(&self, canvas: &Canvas<'_>, x: &Axis, frame: Frame) -> Result<(), PlotError> {
+    fn draw(&self, canvas: &mut Canvas, x: &Axis, frame: Frame) {
         let y = Axis::new(self.shown_range(), self.scale, frame.bottom, frame.top);
-        self.draw_spans(canvas, x, frame)?;
-        draw_grid(canvas, (x, &y), frame)?;
+        self.draw_spans(canvas, x, frame);
+        draw_grid(canvas, (x, &y), frame);
         for (index, series) in self.series.iter().enumerate() {
-            series.draw(canvas, (x, &y), frame, colour_of(series, index), true)?;
+            series.draw(canvas, (x, &y), frame, colour_of(series, index), true);
         }
         for (at, label) in &self.rules {
-            draw_rule(canvas, &y, frame, *at, label)?;
+            draw_rule(canvas, &y, frame, *at, label);
         }
         let heading = frame.top - HEADING / 2.0 - 1.0;
-        canvas.text((frame.left, heading), &self.label, label_text(colour::INK, true))?;
-        draw_legend(canvas, &self.series, frame.right, heading)
+        let at = Pixel::new(frame.left, heading);
+        canvas.text(at, &self.label, label_text(colour::INK, true));
+        draw_legend(canvas, &self.series, frame.right, heading);
     }
 
-    fn draw_spans(&self, canvas: &Canvas<'_>, x: &Axis, frame: Frame) -> Result<(), PlotError> {
+    fn draw_spans(&self, canvas: &mut Canvas, x: &Axis, frame: Frame) {
         for span in &self.spans {
             let (Some(from), Some(to)) = (x.pixel(span.from), x.pixel(span.to)) else {
                 continue;
@@ -196,36 +198,38 @@ impl Panel {
             if from >= to {
                 continue;
             }
-            canvas.rectangle((from, frame.top), (to, frame.bottom), span.colour, 0.13)?;
+            let corners = (Pixel::new(from, frame.top), Pixel::new(to, frame.bottom));
+            canvas.rectangle(corners.0, corners.1, span.colour, 0.13);
             if text_width(&span.label, TICK, false) < to - from {
                 let look = Text { align: Align::Centre, ..tick_text(span.colour) };
-                canvas.text(((from + to) / 2.0, frame.top + 10.0), &span.label, look)?;
+                let at = Pixel::new((from + to) / 2.0, frame.top + 10.0);
+                canvas.text(at, &span.label, look);
             }
         }
-        Ok(())
     }
 }
 
 impl Figure for Chart {
-    fn size(&self) -> (f64, f64) {
+    fn size(&self) -> Size {
         let panels: f64 = self.panels.iter().map(|p| p.height + HEADING).sum();
-        (self.width, title_height(&self.title, &self.subtitle) + panels + FOOT + MARGIN / 2.0)
+        let title = title_height(&self.title, &self.subtitle);
+        Size { width: self.width, height: title + panels + FOOT + MARGIN / 2.0 }
     }
 
-    fn draw(&self, canvas: &Canvas<'_>) -> Result<(), PlotError> {
-        draw_title(canvas, &self.title, &self.subtitle)?;
+    fn draw(&self, canvas: &mut Canvas) {
+        draw_title(canvas, &self.title, &self.subtitle);
         let (left, right) = (MARGIN + TICK_COLUMN, self.width - MARGIN - 6.0);
         let x = Axis::new(self.shown_x_range(), self.x_scale, left, right);
         let mut top = title_height(&self.title, &self.subtitle);
         for panel in &self.panels {
             let frame =
                 Frame { left, right, top: top + HEADING, bottom: top + HEADING + panel.height };
-            panel.draw(canvas, &x, frame)?;
+            panel.draw(canvas, &x, frame);
             top = frame.bottom;
         }
-        draw_x_ticks(canvas, &x, top, 80.0)?;
+        draw_x_ticks(canvas, &x, top, 80.0);
         let look = Text { align: Align::Centre, ..label_text(colour::MUTED, false) };
-        canvas.text(((left + right) / 2.0, top + 34.0), &self.x_label, look)
+        canvas.text(Pixel::new((left + right) / 2.0, top + 34.0), &self.x_label, look);
     }
 }
 
@@ -234,15 +238,11 @@ pub(super) fn title_height(title: &str, subtitle: &str) -> f64 {
     MARGIN * 0.7 + line(title, 26.0) + line(subtitle, 20.0)
 }
 
-pub(super) fn draw_title(
-    canvas: &Canvas<'_>,
-    title: &str,
-    subtitle: &str,
-) -> Result<(), PlotError> {
+pub(super) fn draw_title(canvas: &mut Canvas, title: &str, subtitle: &str) {
     let look = Text { size: TITLE, ..label_text(colour::INK, true) };
-    canvas.text((MARGIN, MARGIN * 0.7 + 12.0), title, look)?;
+    canvas.text(Pixel::new(MARGIN, MARGIN * 0.7 + 12.0), title, look);
     let below = title_height(title, "");
-    canvas.text((MARGIN, below + 9.0), subtitle, label_text(colour::MUTED, false))
+    canvas.text(Pixel::new(MARGIN, below + 9.0), subtitle, label_text(colour::MUTED, false));
 }
 
 pub(super) fn label_text(colour: Colour, bold: bool) -> Text {
@@ -257,80 +257,60 @@ pub(super) fn colour_of(series: &Series, index: usize) -> Colour {
     series.colour.unwrap_or(colour::CYCLE[index % colour::CYCLE.len()])
 }
 
-/// Grid, the numbers of the vertical axis, and the frame.
-pub(super) fn draw_grid(
-    canvas: &Canvas<'_>,
-    (x, y): (&Axis, &Axis),
-    frame: Frame,
-) -> Result<(), PlotError> {
+/// Draws the grid, the numbers of the vertical axis, and the frame.
+pub(super) fn draw_grid(canvas: &mut Canvas, (x, y): (&Axis, &Axis), frame: Frame) {
     for (at, _) in x.ticks(80.0) {
-        canvas.line(&[(at, frame.top), (at, frame.bottom)], colour::GRID, 1.0, 1.0)?;
+        let ends = [Pixel::new(at, frame.top), Pixel::new(at, frame.bottom)];
+        canvas.line(&ends, Pen::new(colour::GRID, 1.0));
     }
     for (at, text) in y.ticks(34.0) {
-        canvas.line(&[(frame.left, at), (frame.right, at)], colour::GRID, 1.0, 1.0)?;
+        let ends = [Pixel::new(frame.left, at), Pixel::new(frame.right, at)];
+        canvas.line(&ends, Pen::new(colour::GRID, 1.0));
         let look = Text { align: Align::Right, ..tick_text(colour::MUTED) };
-        canvas.text((frame.left - 8.0, at), &text, look)?;
+        canvas.text(ends[0].moved(-8.0, 0.0), &text, look);
     }
     let Frame { left, top, right, bottom } = frame;
-    let outline = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)];
-    canvas.line(&outline, colour::FRAME, 1.0, 1.0)
+    let corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)];
+    canvas.line(&corners.map(|(x, y)| Pixel::new(x, y)), Pen::new(colour::FRAME, 1.0));
 }
 
-/// The numbers of the horizontal axis below `bottom`.
-pub(super) fn draw_x_ticks(
-    canvas: &Canvas<'_>,
-    x: &Axis,
-    bottom: f64,
-    spacing: f64,
-) -> Result<(), PlotError> {
+/// Draws the numbers of the horizontal axis below `bottom`.
+pub(super) fn draw_x_ticks(canvas: &mut Canvas, x: &Axis, bottom: f64, spacing: f64) {
     for (at, text) in x.ticks(spacing) {
-        canvas.line(&[(at, bottom), (at, bottom + 4.0)], colour::FRAME, 1.0, 1.0)?;
+        let ends = [Pixel::new(at, bottom), Pixel::new(at, bottom + 4.0)];
+        canvas.line(&ends, Pen::new(colour::FRAME, 1.0));
         let look = Text { align: Align::Centre, ..tick_text(colour::MUTED) };
-        canvas.text((at, bottom + 14.0), &text, look)?;
+        canvas.text(Pixel::new(at, bottom + 14.0), &text, look);
     }
-    Ok(())
 }
 
-/// Names the series in one row that ends at `right`.
-pub(super) fn draw_legend(
-    canvas: &Canvas<'_>,
-    series: &[Series],
-    right: f64,
-    y: f64,
-) -> Result<(), PlotError> {
+/// Draws the names of the series in one row that ends at `right`.
+pub(super) fn draw_legend(canvas: &mut Canvas, series: &[Series], right: f64, y: f64) {
     const SAMPLE: f64 = 20.0;
     let mut end = right;
     for (index, one) in series.iter().enumerate().rev().filter(|(_, s)| !s.label.is_empty()) {
         let begin = end - text_width(&one.label, LABEL, false) - SAMPLE - 6.0;
-        one.draw_sample(canvas, (begin, y), SAMPLE, colour_of(one, index))?;
-        canvas.text((begin + SAMPLE + 6.0, y), &one.label, label_text(colour::INK, false))?;
+        one.draw_sample(canvas, Pixel::new(begin, y), SAMPLE, colour_of(one, index));
+        let at = Pixel::new(begin + SAMPLE + 6.0, y);
+        canvas.text(at, &one.label, label_text(colour::INK, false));
         end = begin - 16.0;
     }
-    Ok(())
 }
 
-fn draw_rule(
-    canvas: &Canvas<'_>,
-    y: &Axis,
-    frame: Frame,
-    at: f64,
-    label: &str,
-) -> Result<(), PlotError> {
+fn draw_rule(canvas: &mut Canvas, y: &Axis, frame: Frame, at: f64, label: &str) {
     let Some(pixel) = y.pixel(at) else {
-        return Ok(());
+        return;
     };
     if pixel < frame.top || pixel > frame.bottom {
-        return Ok(());
+        return;
     }
-    canvas.dashed(&[(frame.left, pixel), (frame.right, pixel)], (2.0, 3.0), colour::RED, 1.1)?;
+    let ends = [Pixel::new(frame.left, pixel), Pixel::new(frame.right, pixel)];
+    canvas.line(&ends, Pen::new(colour::RED, 1.1).dashed(2.0, 3.0));
     let above = if pixel - frame.top > 18.0 { -9.0 } else { 10.0 };
     let width = text_width(label, TICK, false);
-    canvas.rectangle(
-        (frame.right - width - 8.0, pixel + above - 7.0),
-        (frame.right - 4.0, pixel + above + 7.0),
-        colour::WHITE,
-        0.8,
-    )?;
+    let middle = ends[1].moved(0.0, above);
+    let corners = (middle.moved(-width - 8.0, -7.0), middle.moved(-4.0, 7.0));
+    canvas.rectangle(corners.0, corners.1, colour::WHITE, 0.8);
     let look = Text { align: Align::Right, ..tick_text(colour::RED) };
-    canvas.text((frame.right - 6.0, pixel + above), label, look)
+    canvas.text(middle.moved(-6.0, 0.0), label, look);
 }

@@ -1,4 +1,6 @@
-//! Colours that stay apart on paper, on screens and for colour-blind readers.
+//! Colours that are distinct on paper, on screens and for colour-blind readers.
+
+use std::fmt;
 
 /// Red, green, blue, each 0 to 255.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,11 +33,18 @@ pub const GRID: Colour = Colour(0xe7, 0xea, 0xee);
 /// Paper.
 pub const WHITE: Colour = Colour(0xff, 0xff, 0xff);
 
-/// The colours that series take in turn.
+/// The colours of series, in turn.
 pub const CYCLE: [Colour; 7] = [BLUE, ORANGE, GREEN, PURPLE, RED, SKY, OLIVE];
 
+impl fmt::Display for Colour {
+    /// Writes `#rrggbb`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "#{:02x}{:02x}{:02x}", self.0, self.1, self.2)
+    }
+}
+
 impl Colour {
-    /// The colour `share` (0 to 1) of the way from this one to `other`.
+    /// Returns the colour `share` (0 to 1) of the way from this one to `other`.
     #[must_use]
     pub fn towards(self, other: Colour, share: f64) -> Colour {
         let blend = |a: u8, b: u8| {
@@ -44,7 +53,7 @@ impl Colour {
         Colour(blend(self.0, other.0), blend(self.1, other.1), blend(self.2, other.2))
     }
 
-    /// Relative luminance, 0 (black) to 1 (white): decides whether text on this colour is dark or light.
+    /// Returns the relative luminance, 0 (black) to 1 (white).
     #[must_use]
     pub fn luminance(self) -> f64 {
         // Rec. 709 weights on gamma-encoded values: near enough to choose the ink.
@@ -52,7 +61,7 @@ impl Colour {
             / 255.0
     }
 
-    /// The ink that reads well on this colour.
+    /// Returns a colour in which text is legible on this colour.
     #[must_use]
     pub fn ink(self) -> Colour {
         if self.luminance() > 0.55 { INK } else { WHITE }

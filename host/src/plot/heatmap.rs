@@ -1,8 +1,9 @@
-//! Heat maps: one coloured cell for every pair of two axes' values, such as frequency and direction.
+//! Heat maps: one coloured cell for each pair of values, such as frequency and direction.
 
-use super::canvas::{Align, Canvas, Text};
+use super::axis::{Limits, Scale, number, range_of};
+use super::canvas::{Align, Canvas, Pen, Pixel, Size, Text, text_width};
 use super::chart::{MARGIN, TICK, draw_title, label_text, tick_text, title_height};
-use super::{Colour, Figure, PlotError, axis::number, colour};
+use super::{Colour, Figure, colour};
 
 const TICK_COLUMN: f64 = 46.0;
 const HEADING: f64 = 28.0;
@@ -10,10 +11,10 @@ const FOOT: f64 = 46.0;
 const BAR: f64 = 12.0;
 const BAR_COLUMN: f64 = 70.0;
 
-/// How values become colours.
+/// Colours of a heat map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Palette {
-    /// Blue below zero, white at zero, red above it; limits are equal on both sides.
+    /// Blue below zero, white at zero, red above; the limits are equal on both sides.
     Diverging,
     /// Pale to dark from the lowest to the highest value.
     Sequential,
@@ -38,14 +39,14 @@ pub struct HeatMap {
     y: Vec<f64>,
     values: Vec<Vec<f64>>,
     palette: Palette,
-    limits: Option<(f64, f64)>,
+    limits: Option<Limits>,
     decimals: usize,
     marks: Vec<(usize, usize, String)>,
-    cell: (f64, f64),
+    cell: Size,
 }
 
 impl HeatMaps {
-    /// An empty figure of maps in rows of `columns`.
+    /// Creates an empty figure of maps in rows of `columns`.
     pub fn new(title: impl Into<String>, columns: usize) -> Self {
         Self {
             title: title.into(),
@@ -55,7 +56,7 @@ impl HeatMaps {
         }
     }
 
-    /// A quieter line under the title.
+    /// Sets the smaller line under the title.
     #[must_use]
     pub fn subtitle(mut self, subtitle: impl Into<String>) -> Self {
         self.subtitle = subtitle.into();
@@ -69,18 +70,18 @@ impl HeatMaps {
         self
     }
 
-    /// Width and height that every map gets.
-    fn slot(&self) -> (f64, f64) {
-        self.maps.iter().fold((0.0, 0.0), |slot, map| {
-            let size = map.size();
-            (f64::max(slot.0, size.0), f64::max(slot.1, size.1))
-        })
+    /// Returns the space of each map.
+    fn slot(&self) -> Size {
+        let largest = |side: fn(Size) -> f64| {
+            self.maps.iter().map(|map| side(map.size())).fold(0.0, f64::max)
+        };
+        Size { width: largest(|size| size.width), height: largest(|size| size.height) }
     }
 }
 
 impl HeatMap {
-    /// A map of `values[row][column]`, one row for every value of `y` (drawn from the bottom), one column for every
-    /// value of `x`. Cells that are missing or not finite stay grey.
+    /// Creates a map of `values[row][column]`: one row for each value of `y` (drawn from the bottom),
+    /// one column for each value of `x`. Cells that are missing or not finite stay grey.
     pub fn new(title: impl Into<String>, x: Vec<f64>, y: Vec<f64>, values: Vec<Vec<f64>>) -> Self {
         Self {
             title: title.into(),
@@ -93,49 +94,49 @@ impl HeatMap {
             limits: None,
             decimals: 2,
             marks: Vec::new(),
-            cell: (46.0, 30.0),
+            cell: Size { width: 46.0, height: 30.0 },
         }
     }
 
-    /// Names the axes with their units.
+    /// Sets the names of the axes, with their units.
     #[must_use]
     pub fn labels(mut self, x: impl Into<String>, y: impl Into<String>) -> Self {
         (self.x_label, self.y_label) = (x.into(), y.into());
         self
     }
 
-    /// Colours it another way.
+    /// Sets the colours.
     #[must_use]
     pub fn palette(mut self, palette: Palette) -> Self {
         self.palette = palette;
         self
     }
 
-    /// Colours for exactly this range instead of the values' own.
+    /// Sets the range of the colours; by default the range of the values.
     #[must_use]
     pub fn limits(mut self, low: f64, high: f64) -> Self {
-        self.limits = Some((low, high));
+        self.limits = Some(Limits::new(low, high));
         self
     }
 
-    /// Digits after the point in the cells (2 unless told).
+    /// Sets the digits after the point in the cells (default 2).
     #[must_use]
     pub fn decimals(mut self, decimals: usize) -> Self {
         self.decimals = decimals;
         self
     }
 
-    /// Puts a ring and a short name on the cell in `column`, `row`.
+    /// Adds a ring and a short name to the cell in `column`, `row`.
     #[must_use]
     pub fn mark(mut self, column: usize, row: usize, label: impl Into<String>) -> Self {
         self.marks.push((column, row, label.into()));
         self
     }
 
-    /// Width and height of a cell in logical pixels (46 by 30 unless told; below 30 wide no numbers are written).
+    /// Sets the size of a cell, logical pixels (default 46 by 30; below a width of 30 without numbers).
     #[must_use]
     pub fn cell(mut self, width: f64, height: f64) -> Self {
-        self.cell = (width, height);
+        self.cell = Size { width, height };
         self
     }
 
@@ -144,160 +145,148 @@ impl HeatMap {
         value.is_finite().then_some(value)
     }
 
-    fn shown_limits(&self) -> (f64, f64) {
-        let values = || self.values.iter().flatten().copied().filter(|v| v.is_finite());
-        let (low, high) = self.limits.unwrap_or_else(|| {
-            (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max))
-        });
-        let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
+    fn shown_limits(&self) -> Limits {
+        let values = || self.values.iter().flatten().copied();
+        let of_values = range_of(values(), Scale::Linear, 0.0);
+        let limits = self.limits.or(of_values).unwrap_or(Limits::new(0.0, 1.0));
         match self.palette {
-            Palette::Sequential if low < high => (low, high),
-            Palette::Sequential => (low - 0.5, low + 0.5),
+            Palette::Sequential if limits.span() > 0.0 => limits,
+            Palette::Sequential => Limits::new(limits.low, limits.low).widened(0.5),
             Palette::Diverging => {
-                let reach = low.abs().max(high.abs()).max(f64::MIN_POSITIVE);
-                (-reach, reach)
+                let reach = limits.low.abs().max(limits.high.abs()).max(f64::MIN_POSITIVE);
+                Limits::new(-reach, reach)
             }
         }
     }
 
-    fn size(&self) -> (f64, f64) {
-        (
-            TICK_COLUMN + self.cell.0 * self.x.len() as f64 + BAR_COLUMN,
-            HEADING + 18.0 + self.cell.1 * self.y.len() as f64 + FOOT,
-        )
+    /// Returns the size of all cells together.
+    fn grid(&self) -> Size {
+        let (columns, rows) = (self.x.len() as f64, self.y.len() as f64);
+        Size { width: self.cell.width * columns, height: self.cell.height * rows }
     }
 
-    fn draw(&self, canvas: &Canvas<'_>, (left, top): (f64, f64)) -> Result<(), PlotError> {
-        canvas.text(
-            (left + TICK_COLUMN, top + 10.0),
-            &self.title,
-            label_text(colour::INK, true),
-        )?;
-        canvas.text((left, top + HEADING), &self.y_label, label_text(colour::MUTED, false))?;
-        let origin = (left + TICK_COLUMN, top + HEADING + 12.0);
-        self.draw_cells(canvas, origin)?;
-        self.draw_labels(canvas, origin)?;
-        self.draw_bar(canvas, origin)
+    fn size(&self) -> Size {
+        let Size { width, height } = self.grid();
+        Size { width: TICK_COLUMN + width + BAR_COLUMN, height: HEADING + 18.0 + height + FOOT }
     }
 
-    /// Upper left corner of a cell.
-    fn corner(&self, origin: (f64, f64), column: usize, row: usize) -> (f64, f64) {
+    fn draw(&self, canvas: &mut Canvas, corner: Pixel) {
+        canvas.text(corner.moved(TICK_COLUMN, 10.0), &self.title, label_text(colour::INK, true));
+        canvas.text(corner.moved(0.0, HEADING), &self.y_label, label_text(colour::MUTED, false));
+        let origin = corner.moved(TICK_COLUMN, HEADING + 12.0);
+        self.draw_cells(canvas, origin);
+        self.draw_labels(canvas, origin);
+        self.draw_bar(canvas, origin);
+    }
+
+    /// Returns the upper left corner of a cell.
+    fn corner(&self, origin: Pixel, column: usize, row: usize) -> Pixel {
         let from_top = self.y.len() - 1 - row;
-        (origin.0 + column as f64 * self.cell.0, origin.1 + from_top as f64 * self.cell.1)
+        origin.moved(column as f64 * self.cell.width, from_top as f64 * self.cell.height)
     }
 
-    fn draw_cells(&self, canvas: &Canvas<'_>, origin: (f64, f64)) -> Result<(), PlotError> {
+    fn draw_cells(&self, canvas: &mut Canvas, origin: Pixel) {
         let limits = self.shown_limits();
         for row in 0..self.y.len() {
             for column in 0..self.x.len() {
-                let (x, y) = self.corner(origin, column, row);
-                let end = (x + self.cell.0 - 1.0, y + self.cell.1 - 1.0);
+                let Size { width, height } = self.cell;
+                let corner = self.corner(origin, column, row);
                 let value = self.value(column, row);
                 let shade = value.map_or(colour::GRID, |v| self.palette.colour(v, limits));
-                canvas.rectangle((x, y), end, shade, 1.0)?;
-                if let Some(value) = value.filter(|_| self.cell.0 >= 30.0) {
+                canvas.rectangle(corner, corner.moved(width - 1.0, height - 1.0), shade, 1.0);
+                if let Some(value) = value.filter(|_| width >= 30.0) {
                     let look =
                         Text { align: Align::Centre, size: TICK - 0.5, ..tick_text(shade.ink()) };
-                    let middle = (x + self.cell.0 / 2.0, y + self.cell.1 / 2.0);
-                    canvas.text(middle, &number(value, self.decimals), look)?;
+                    let middle = corner.moved(width / 2.0, height / 2.0);
+                    canvas.text(middle, &number(value, self.decimals), look);
                 }
             }
         }
-        self.draw_marks(canvas, origin)
+        self.draw_marks(canvas, origin);
     }
 
-    fn draw_marks(&self, canvas: &Canvas<'_>, origin: (f64, f64)) -> Result<(), PlotError> {
+    fn draw_marks(&self, canvas: &mut Canvas, origin: Pixel) {
         for (column, row, label) in &self.marks {
             if *column >= self.x.len() || *row >= self.y.len() {
                 continue;
             }
-            let (x, y) = self.corner(origin, *column, *row);
-            let (w, h) = (self.cell.0 - 1.0, self.cell.1 - 1.0);
-            let ring = [(x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y)];
-            canvas.line(&ring, colour::INK, 2.0, 1.0)?;
+            let corner = self.corner(origin, *column, *row);
+            let (w, h) = (self.cell.width - 1.0, self.cell.height - 1.0);
+            let ring = [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h), (0.0, 0.0)];
+            canvas.line(&ring.map(|(x, y)| corner.moved(x, y)), Pen::new(colour::INK, 2.0));
             let look = Text { size: TICK - 1.5, bold: true, ..tick_text(colour::INK) };
-            let tag = (x + 3.0, y + 6.5);
-            let width = super::canvas::text_width(label, TICK - 1.5, true);
-            canvas.rectangle(
-                (x + 1.0, y + 1.0),
-                (x + width + 5.0, y + 12.0),
-                colour::WHITE,
-                0.8,
-            )?;
-            canvas.text(tag, label, look)?;
+            let width = text_width(label, look.size, look.bold);
+            let (begin, end) = (corner.moved(1.0, 1.0), corner.moved(width + 5.0, 12.0));
+            canvas.rectangle(begin, end, colour::WHITE, 0.8);
+            canvas.text(corner.moved(3.0, 6.5), label, look);
         }
-        Ok(())
     }
 
-    fn draw_labels(&self, canvas: &Canvas<'_>, origin: (f64, f64)) -> Result<(), PlotError> {
-        let bottom = origin.1 + self.cell.1 * self.y.len() as f64;
-        let centre = |align| Text { align, ..tick_text(colour::MUTED) };
+    fn draw_labels(&self, canvas: &mut Canvas, origin: Pixel) {
+        let (cell, grid) = (self.cell, self.grid());
+        let look = |align| Text { align, ..tick_text(colour::MUTED) };
         for (column, value) in self.x.iter().enumerate() {
-            let at = (origin.0 + (column as f64 + 0.5) * self.cell.0, bottom + 11.0);
-            canvas.text(at, &short(*value), centre(Align::Centre))?;
+            let at = origin.moved((column as f64 + 0.5) * cell.width, grid.height + 11.0);
+            canvas.text(at, &short(*value), look(Align::Centre));
         }
         for (row, value) in self.y.iter().enumerate() {
-            let at = (origin.0 - 7.0, self.corner(origin, 0, row).1 + self.cell.1 / 2.0);
-            canvas.text(at, &short(*value), centre(Align::Right))?;
+            let at = self.corner(origin, 0, row).moved(-7.0, cell.height / 2.0);
+            canvas.text(at, &short(*value), look(Align::Right));
         }
-        let middle = origin.0 + self.cell.0 * self.x.len() as f64 / 2.0;
+        let below = origin.moved(grid.width / 2.0, grid.height + 30.0);
         let look = Text { align: Align::Centre, ..label_text(colour::MUTED, false) };
-        canvas.text((middle, bottom + 30.0), &self.x_label, look)
+        canvas.text(below, &self.x_label, look);
     }
 
-    fn draw_bar(&self, canvas: &Canvas<'_>, origin: (f64, f64)) -> Result<(), PlotError> {
+    fn draw_bar(&self, canvas: &mut Canvas, origin: Pixel) {
         const SLICES: usize = 64;
-        let (low, high) = self.shown_limits();
-        let height = self.cell.1 * self.y.len() as f64 - 1.0;
-        let left = origin.0 + self.cell.0 * self.x.len() as f64 + 10.0;
-        let value_at = |share: f64| high + (low - high) * share;
+        let limits = self.shown_limits();
+        let height = self.grid().height - 1.0;
+        let corner = origin.moved(self.grid().width + 10.0, 0.0);
+        let value_at = |share: f64| limits.high - limits.span() * share;
         for slice in 0..SLICES {
             let share = |i: usize| i as f64 / SLICES as f64;
-            let shade = self.palette.colour(value_at(share(slice)), (low, high));
-            canvas.rectangle(
-                (left, origin.1 + height * share(slice)),
-                (left + BAR, origin.1 + height * share(slice + 1) + 0.3),
-                shade,
-                1.0,
-            )?;
+            let shade = self.palette.colour(value_at(share(slice)), limits);
+            let begin = corner.moved(0.0, height * share(slice));
+            let end = corner.moved(BAR, height * share(slice + 1) + 0.3);
+            canvas.rectangle(begin, end, shade, 1.0);
         }
         for share in [0.0, 0.5, 1.0] {
-            let at = (left + BAR + 5.0, origin.1 + 5.0 + (height - 10.0) * share);
+            let at = corner.moved(BAR + 5.0, 5.0 + (height - 10.0) * share);
             let text = number(value_at(share), self.decimals);
-            canvas.text(at, &text, tick_text(colour::MUTED))?;
+            canvas.text(at, &text, tick_text(colour::MUTED));
         }
-        Ok(())
     }
 }
 
 impl Figure for HeatMaps {
-    fn size(&self) -> (f64, f64) {
+    fn size(&self) -> Size {
         let slot = self.slot();
-        let columns = self.columns.min(self.maps.len().max(1));
-        let rows = self.maps.len().div_ceil(self.columns);
-        (
-            slot.0 * columns as f64 + 2.0 * MARGIN,
-            title_height(&self.title, &self.subtitle) + slot.1 * rows as f64 + MARGIN,
-        )
+        let columns = self.columns.min(self.maps.len().max(1)) as f64;
+        let rows = self.maps.len().div_ceil(self.columns) as f64;
+        let title = title_height(&self.title, &self.subtitle);
+        Size {
+            width: slot.width * columns + 2.0 * MARGIN,
+            height: title + slot.height * rows + MARGIN,
+        }
     }
 
-    fn draw(&self, canvas: &Canvas<'_>) -> Result<(), PlotError> {
-        draw_title(canvas, &self.title, &self.subtitle)?;
+    fn draw(&self, canvas: &mut Canvas) {
+        draw_title(canvas, &self.title, &self.subtitle);
         let slot = self.slot();
         let top = title_height(&self.title, &self.subtitle) + MARGIN / 2.0;
         for (index, map) in self.maps.iter().enumerate() {
             let (row, column) = (index / self.columns, index % self.columns);
-            let corner = (MARGIN + slot.0 * column as f64, top + slot.1 * row as f64);
-            map.draw(canvas, corner)?;
+            let (x, y) = (slot.width * column as f64, slot.height * row as f64);
+            map.draw(canvas, Pixel::new(MARGIN + x, top + y));
         }
-        Ok(())
     }
 }
 
 impl Palette {
-    /// The colour of `value` where `limits` take the palette's two ends.
+    /// Returns the colour of `value`; `limits` are the two ends of the palette.
     #[must_use]
-    pub fn colour(self, value: f64, limits: (f64, f64)) -> Colour {
+    pub fn colour(self, value: f64, limits: Limits) -> Colour {
         let stops: &[Colour] = match self {
             // ColorBrewer RdBu (reversed) and YlGnBu: both safe for colour-blind readers.
             Palette::Diverging => &[
@@ -318,14 +307,14 @@ impl Palette {
                 Colour(0x12, 0x2a, 0x6b),
             ],
         };
-        let share = ((value - limits.0) / (limits.1 - limits.0)).clamp(0.0, 1.0);
+        let share = ((value - limits.low) / limits.span()).clamp(0.0, 1.0);
         let place = share * (stops.len() - 1) as f64;
         let index = (place as usize).min(stops.len() - 2);
         stops[index].towards(stops[index + 1], place - index as f64)
     }
 }
 
-/// An axis value without needless digits.
+/// Returns a value of an axis without superfluous digits.
 fn short(value: f64) -> String {
     let decimals = (0..4)
         .find(|d| {

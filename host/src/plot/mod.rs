@@ -1,11 +1,12 @@
 //! Figures: the same picture as SVG and PNG, on any machine.
 //!
-//! A figure is plain data ([`Chart`], [`Track`], [`HeatMaps`]) that knows how to draw itself. It is drawn once, as
-//! SVG, with `plotters`; the PNG is that SVG rasterised with an embedded font (DejaVu Sans), so both files show the
-//! same picture and a machine without fonts draws it too. Nothing here reads data or decides what to show.
+//! A figure is plain data ([`Chart`], [`Track`], [`HeatMaps`]) that draws itself once, as SVG
+//! ([`Canvas`]). The PNG is that SVG, rasterised with an embedded font (DejaVu Sans): both files show
+//! the same picture, also on a machine without fonts. Nothing here reads data or decides what to show.
 //!
-//! Lengths inside a figure are logical pixels (CSS pixels of the SVG); the PNG has [`PNG_DENSITY`] of its own pixels
-//! for each. Data values are `f64` in whatever unit the axis label names; points that are not finite break a line.
+//! Lengths inside a figure are logical pixels (CSS pixels of the SVG); the PNG has [`PNG_DENSITY`]
+//! pixels for each. Data are in the unit that the label of the axis names; points that are not finite
+//! break a line.
 //!
 //! ```
 //! use flix_host::plot::{Chart, Figure, Panel, Series, colour};
@@ -13,8 +14,7 @@
 //! let sine = (0..200).map(|i| f64::from(i) * 0.05).map(|t| (t, t.sin()));
 //! let figure = Chart::new("A sine", "Time (s)")
 //!     .panel(Panel::new("Amplitude (V)").series(Series::line("sine", sine).colour(colour::BLUE)));
-//! assert!(figure.svg()?.starts_with("<svg"));
-//! # Ok::<(), flix_host::plot::PlotError>(())
+//! assert!(figure.svg().starts_with("<svg"));
 //! ```
 
 mod axis;
@@ -30,11 +30,12 @@ use std::sync::{Arc, OnceLock};
 
 use resvg::{tiny_skia, usvg};
 
-pub use canvas::Canvas;
+pub use axis::Limits;
+pub use canvas::{Canvas, Size};
 pub use chart::{Chart, Panel};
 pub use colour::Colour;
 pub use heatmap::{HeatMap, HeatMaps, Palette};
-pub use series::{Series, Stroke};
+pub use series::{Point, Series, Stroke};
 pub use track::{Mark, Outline, Track};
 
 /// Pixels of the PNG for each logical pixel of the figure: sharp on dense screens and in print.
@@ -43,23 +44,20 @@ pub const PNG_DENSITY: f32 = 2.0;
 /// Why a figure was not made.
 #[derive(Debug, thiserror::Error)]
 pub enum PlotError {
-    /// The drawing backend refused an operation.
-    #[error("the figure could not be drawn: {0}")]
-    Draw(String),
-    /// The SVG could not be turned into pixels.
-    #[error("the figure could not be turned into a PNG: {0}")]
+    /// The SVG could not be rasterised.
+    #[error("the figure could not be converted to PNG: {0}")]
     Rasterise(String),
     /// A file or folder could not be written.
     #[error("cannot write {}: {source}; check that the folder exists and may be written to", path.display())]
     Write {
-        /// What was being written.
+        /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
 }
 
-/// Where [`Figure::write`] put the two files.
+/// The two files of [`Figure::write`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Written {
     /// The vector picture.
@@ -70,23 +68,31 @@ pub struct Written {
 
 /// A picture that can be drawn.
 pub trait Figure {
-    /// Width and height in logical pixels.
-    fn size(&self) -> (f64, f64);
+    /// Returns width and height.
+    fn size(&self) -> Size;
 
     /// Draws everything onto an empty white canvas of [`size`](Self::size).
-    fn draw(&self, canvas: &Canvas<'_>) -> Result<(), PlotError>;
+    fn draw(&self, canvas: &mut Canvas);
 
-    /// The picture as one SVG document.
-    fn svg(&self) -> Result<String, PlotError> {
-        Canvas::render(self.size(), |canvas| self.draw(canvas))
+    /// Returns the picture as one SVG document.
+    fn svg(&self) -> String {
+        let mut canvas = Canvas::new(self.size());
+        self.draw(&mut canvas);
+        canvas.finish()
     }
 
-    /// The picture as PNG bytes, [`PNG_DENSITY`] pixels to the logical pixel.
+    /// Returns the picture as PNG, with [`PNG_DENSITY`] pixels for each logical pixel.
+    ///
+    /// # Errors
+    /// When the picture is too large.
     fn png(&self) -> Result<Vec<u8>, PlotError> {
-        rasterise(&self.svg()?)
+        rasterise(&self.svg())
     }
 
-    /// Writes `name.svg` and `name.png` into `folder`, which is made if it is missing.
+    /// Writes `name.svg` and `name.png` into `folder`, which is created if it is missing.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
     fn write(&self, folder: &Path, name: &str) -> Result<Written, PlotError> {
         let written = Written {
             svg: folder.join(format!("{name}.svg")),
@@ -96,7 +102,7 @@ pub trait Figure {
             let path = path.to_owned();
             move |source| PlotError::Write { path, source }
         };
-        let svg = self.svg()?;
+        let svg = self.svg();
         std::fs::create_dir_all(folder).map_err(failed(folder))?;
         std::fs::write(&written.svg, &svg).map_err(failed(&written.svg))?;
         std::fs::write(&written.png, rasterise(&svg)?).map_err(failed(&written.png))?;
@@ -104,7 +110,10 @@ pub trait Figure {
     }
 }
 
-/// Turns an SVG document into PNG bytes with the embedded fonts; no font of the machine is looked at.
+/// Converts an SVG document to PNG with the embedded fonts; fonts of the machine are not used.
+///
+/// # Errors
+/// When it is not SVG, or too large.
 pub fn rasterise(svg: &str) -> Result<Vec<u8>, PlotError> {
     let failed = |e: &dyn std::fmt::Display| PlotError::Rasterise(e.to_string());
     let options = usvg::Options { fontdb: embedded_fonts(), ..usvg::Options::default() };

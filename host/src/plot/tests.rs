@@ -1,4 +1,5 @@
 use super::*;
+use crate::nav::Position;
 
 fn chart() -> Chart {
     let wave = |amplitude: f64| {
@@ -27,17 +28,19 @@ fn chart() -> Chart {
 fn track() -> Track {
     let eight = (0..=200)
         .map(|i| f64::from(i) / 200.0 * std::f64::consts::TAU)
-        .map(|t| (0.8 * t.sin(), 0.4 * (2.0 * t).sin()));
+        .map(|t| Position::new(0.8 * t.sin(), 0.4 * (2.0 * t).sin()));
     Track::new("Figure eight", "m")
         .subtitle("error 23 mm RMS over two laps")
         .series(Series::line("path", eight.clone()).stroke(Stroke::Dashed).colour(colour::GREY))
-        .series(Series::line("robot", eight.map(|(x, y)| (x + 0.02, y - 0.02))))
+        .series(Series::line("robot", eight.map(|p| Position::new(p.x + 0.02, p.y - 0.02))))
         .outline(Outline {
-            corners: vec![(-0.11, -0.06), (0.11, -0.06), (0.11, 0.06), (-0.11, 0.06)],
+            corners: [(-0.11, -0.06), (0.11, -0.06), (0.11, 0.06), (-0.11, 0.06)]
+                .map(|(x, y)| Position::new(x, y))
+                .to_vec(),
             colour: colour::ORANGE,
             filling: 0.3,
         })
-        .mark((0.0, 0.0), "start", colour::GREEN)
+        .mark(Position::ORIGIN, "start", colour::GREEN)
 }
 
 fn maps() -> HeatMaps {
@@ -65,7 +68,7 @@ fn keep(figure: &impl Figure, name: &str) {
 
 #[test]
 fn every_label_of_a_chart_stands_in_its_svg() {
-    let svg = chart().svg().unwrap();
+    let svg = chart().svg();
     keep(&chart(), "chart");
     for text in [
         "Held frequency and direction",
@@ -83,13 +86,13 @@ fn every_label_of_a_chart_stands_in_its_svg() {
 fn a_track_has_one_scale_on_both_axes() {
     let figure = Track::new("", "m").series(Series::line("", [(0.0, 0.0), (4.0, 0.0), (4.0, 3.0)]));
     keep(&track(), "track");
-    let (width, height) = figure.size();
+    let Size { width, height } = figure.size();
     assert!((0.6..0.95).contains(&(height / width)), "{width} x {height}");
 }
 
 #[test]
 fn a_heat_map_writes_every_cell() {
-    let svg = maps().svg().unwrap();
+    let svg = maps().svg();
     keep(&maps(), "maps");
     let cells = svg.matches("0.").count();
     assert!(cells >= 2 * 7 * 8, "{cells} numbers");
@@ -97,14 +100,29 @@ fn a_heat_map_writes_every_cell() {
 
 #[test]
 fn the_png_shows_text_without_any_font_of_the_machine() {
-    let blank = Chart::new("", "").panel(Panel::new("")).svg().unwrap();
-    let titled = Chart::new("", "").panel(Panel::new("MMMMMMMM")).svg().unwrap();
+    let blank = Chart::new("", "").panel(Panel::new("")).svg();
+    let titled = Chart::new("", "").panel(Panel::new("MMMMMMMM")).svg();
     let dark = |svg: &str| {
         let png = rasterise(svg).unwrap();
         let map = tiny_skia::Pixmap::decode_png(&png).unwrap();
         map.pixels().iter().filter(|p| p.red() < 100).count()
     };
     assert!(dark(&titled) > dark(&blank) + 300, "{} {}", dark(&titled), dark(&blank));
+}
+
+#[test]
+fn a_text_is_as_wide_as_it_is_measured() {
+    let look =
+        canvas::Text { size: 20.0, colour: colour::INK, bold: true, align: canvas::Align::Left };
+    let mut page = Canvas::new(Size { width: 400.0, height: 40.0 });
+    page.text(canvas::Pixel::new(0.0, 20.0), "MWMWMWMWM", look);
+    let map = tiny_skia::Pixmap::decode_png(&rasterise(&page.finish()).unwrap()).unwrap();
+    let last = (0..map.width()).rev().find(|x| map.pixel(*x, 40).is_some_and(|p| p.red() < 128));
+    let (drawn, measured) = (
+        f64::from(last.unwrap()) / f64::from(PNG_DENSITY),
+        canvas::text_width("MWMWMWMWM", look.size, look.bold),
+    );
+    assert!((drawn - measured).abs() < 3.0, "{drawn} px drawn, {measured} px measured");
 }
 
 #[test]
@@ -118,8 +136,7 @@ fn points_that_are_not_finite_break_the_line_and_nothing_else() {
         (4.0, 1.0),
         (5.0, 2.0),
     ];
-    let svg =
-        Chart::new("", "x").panel(Panel::new("y").series(Series::line("s", gap))).svg().unwrap();
+    let svg = Chart::new("", "x").panel(Panel::new("y").series(Series::line("s", gap))).svg();
     assert!(!svg.contains("NaN") && !svg.contains("inf"));
 }
 
@@ -130,7 +147,7 @@ fn a_chart_without_data_is_still_a_picture() {
 
 #[test]
 fn letters_that_mean_something_to_xml_are_escaped() {
-    let svg = Chart::new("a < b & \"c\"", "x").panel(Panel::new("y")).svg().unwrap();
+    let svg = Chart::new("a < b & \"c\"", "x").panel(Panel::new("y")).svg();
     assert!(svg.contains("a &lt; b &amp;"));
     assert!(rasterise(&svg).is_ok());
 }

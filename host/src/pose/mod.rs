@@ -1,45 +1,71 @@
-//! Where the robot is: poses from a motion-capture system or a simulator.
+//! Poses of the robot, from a motion-capture system or a simulator.
 //!
-//! Poses are in a world frame ENU with z up, m, and turn the body frame FLU (REP 103) into it.
-//! Every source delivers the same [`PoseSample`]; a sample that its source does not trust says so
-//! and is never used to move.
+//! A pose is in the world frame ENU (metres, z up); its orientation rotates the body frame FLU
+//! (REP 103) into the world. Every source delivers the same [`PoseSample`]; a sample that its source
+//! does not trust is marked and is never used to move.
 
 pub mod natnet;
 
 use flix_protocol::units::Instant;
+use serde::{Deserialize, Serialize};
 
 use crate::nav::{PlanarPose, wrap};
 
+/// A position in the world, m.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Vector {
+    /// East, m.
+    pub x: f64,
+    /// North, m.
+    pub y: f64,
+    /// Up, m.
+    pub z: f64,
+}
+
+/// A rotation as a unit quaternion. The default is all zeros, which is not a rotation: trackers
+/// report it for a body that they do not see.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Quaternion {
+    /// Factor of i.
+    pub x: f64,
+    /// Factor of j.
+    pub y: f64,
+    /// Factor of k.
+    pub z: f64,
+    /// Real part.
+    pub w: f64,
+}
+
 /// Position and attitude of the robot's body.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Pose {
-    /// East, north, up, m.
-    pub position: [f64; 3],
-    /// Unit quaternion w, x, y, z: turns body FLU into world ENU.
-    pub orientation: [f64; 4],
+    /// Position in the world ENU.
+    pub position: Vector,
+    /// Rotation from body FLU to world ENU.
+    pub orientation: Quaternion,
 }
 
 /// A pose at a moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseSample {
-    /// When the pose was taken, on the clock of the program that reads it.
+    /// Time of the pose, on the clock of the program that reads it.
     pub time: Instant,
     /// The pose.
     pub pose: Pose,
-    /// Whether the source trusts it: the rigid body was tracked.
+    /// Whether the source trusts the pose: the rigid body was tracked.
     pub valid: bool,
 }
 
-/// Something that tells poses as they come.
+/// A source of poses.
 pub trait PoseSource {
-    /// The next pose that arrived, if one did; never waits. `now` is the clock of the samples.
+    /// Returns the next pose that has arrived, if any. Never waits. `now` is the clock of the samples.
     ///
     /// # Errors
-    /// When the source is broken for good; a pose that is merely missing is `None`.
+    /// When the source has failed; a pose that is merely missing is `None`.
     fn poll(&mut self, now: Instant) -> Result<Option<PoseSample>, PoseError>;
 }
 
-/// Why a source of poses cannot go on.
+/// Why a source of poses failed.
 #[derive(Debug, thiserror::Error)]
 pub enum PoseError {
     /// The network failed.
@@ -47,28 +73,80 @@ pub enum PoseError {
     Network(#[from] std::io::Error),
 }
 
+impl Vector {
+    /// Returns the three coordinates x, y, z, m.
+    #[must_use]
+    pub const fn coordinates(self) -> [f64; 3] {
+        [self.x, self.y, self.z]
+    }
+}
+
+impl From<[f64; 3]> for Vector {
+    fn from([x, y, z]: [f64; 3]) -> Self {
+        Self { x, y, z }
+    }
+}
+
+impl Quaternion {
+    /// Returns the four components in the order w, x, y, z.
+    #[must_use]
+    pub const fn components(self) -> [f64; 4] {
+        [self.w, self.x, self.y, self.z]
+    }
+
+    /// Returns the rotation about z by this angle, rad counter-clockwise.
+    #[must_use]
+    pub fn about_z(angle: f64) -> Self {
+        let (sin, cos) = (angle / 2.0).sin_cos();
+        Self { x: 0.0, y: 0.0, z: sin, w: cos }
+    }
+
+    /// Returns the direction of the rotated x axis seen from above, rad counter-clockwise, from -pi
+    /// to pi.
+    #[must_use]
+    pub fn heading(self) -> f64 {
+        let Self { x, y, z, w } = self;
+        (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z))
+    }
+}
+
+impl From<[f64; 4]> for Quaternion {
+    /// From the components in the order w, x, y, z.
+    fn from([w, x, y, z]: [f64; 4]) -> Self {
+        Self { x, y, z, w }
+    }
+}
+
 impl Pose {
-    /// A robot that stands flat on the floor.
+    /// Returns the pose of a robot that is level, its body `height` m above the floor.
     #[must_use]
     pub fn planar(pose: PlanarPose, height: f64) -> Self {
-        let (sin, cos) = (pose.heading / 2.0).sin_cos();
-        Self { position: [pose.x, pose.y, height], orientation: [cos, 0.0, 0.0, sin] }
+        Self {
+            position: Vector { x: pose.x, y: pose.y, z: height },
+            orientation: Quaternion::about_z(pose.heading),
+        }
     }
 
-    /// The pose seen from above. The heading is where the body's x axis points.
+    /// Returns the pose seen from above. The heading is the direction of the body's x axis.
     #[must_use]
     pub fn on_the_floor(&self) -> PlanarPose {
-        let [w, x, y, z] = self.orientation;
-        let heading = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
-        PlanarPose { x: self.position[0], y: self.position[1], heading: wrap(heading) }
+        let Vector { x, y, .. } = self.position;
+        PlanarPose { x, y, heading: wrap(self.orientation.heading()) }
     }
 
-    /// Whether every number is finite and the quaternion is one.
+    /// Returns whether every number is finite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        let (position, orientation) = (self.position.coordinates(), self.orientation.components());
+        position.iter().chain(&orientation).all(|number| number.is_finite())
+    }
+
+    /// Returns whether every number is finite and the quaternion is a rotation.
     #[must_use]
     pub fn is_sound(&self) -> bool {
-        let norm: f64 = self.orientation.iter().map(|q| q * q).sum();
+        let norm: f64 = self.orientation.components().iter().map(|q| q * q).sum();
         // Motive sends single precision; a body it does not see has the zero quaternion.
-        self.position.iter().all(|p| p.is_finite()) && (norm - 1.0).abs() < 1e-2
+        self.is_finite() && (norm - 1.0).abs() < 1e-2
     }
 }
 
@@ -86,8 +164,8 @@ mod tests {
     }
 
     #[test]
-    fn a_quaternion_that_is_none_is_not_sound() {
-        let lost = Pose { position: [0.0; 3], orientation: [0.0; 4] };
+    fn a_quaternion_that_is_not_a_rotation_is_not_sound() {
+        let lost = Pose { position: Vector::default(), orientation: Quaternion::default() };
         assert!(!lost.is_sound() && Pose::planar(PlanarPose::default(), 0.0).is_sound());
     }
 }

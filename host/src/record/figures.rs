@@ -1,55 +1,46 @@
-//! Pictures of a run.
+//! Figures of a run.
 
 use super::{CommandRow, Run, TelemetryRow};
+use crate::nav::{PlanarPose, Position, wrap};
 use crate::plot::{Chart, Outline, Panel, Series, Stroke, Track, colour};
 
-/// The robot's plate, m (paper, Table I).
-const PLATE: (f64, f64) = (0.22, 0.12);
-/// Robots drawn along a track.
+/// Length and width of the robot's plate, m (paper, Table I).
+const PLATE: [f64; 2] = [0.22, 0.12];
+/// Number of robots drawn along a track.
 const SNAPSHOTS: usize = 12;
 
-/// The track on the floor: path, robot, where it stood now and then.
+/// Draws the track on the floor: the path, the way of the robot, and its pose at some moments.
 #[must_use]
 pub fn track(run: &Run) -> Track {
     let trusted: Vec<_> =
-        run.poses.iter().filter(|p| p.valid).map(|p| p.pose.pose().on_the_floor()).collect();
+        run.poses.iter().filter(|p| p.valid).map(|p| p.pose.on_the_floor()).collect();
     let mut figure = Track::new(title(run, "seen from above"), "m").subtitle(subtitle(run));
     for index in snapshots(trusted.len()) {
-        let pose = trusted[index];
-        let (sin, cos) = pose.heading.sin_cos();
-        let place = |x: f64, y: f64| (pose.x + cos * x - sin * y, pose.y + sin * x + cos * y);
-        let (l, w) = (PLATE.0 / 2.0, PLATE.1 / 2.0);
-        figure = figure.outline(Outline {
-            // A plate with a nose, so that the heading is seen.
-            corners: vec![
-                place(-l, w),
-                place(l * 0.7, w),
-                place(l, 0.0),
-                place(l * 0.7, -w),
-                place(-l, -w),
-            ],
-            colour: colour::SKY,
-            filling: 0.10,
-        });
+        figure = figure.outline(plate(&trusted[index]));
     }
     if let Some(path) = &run.path {
-        let points = path.poses.iter().map(|p| p.pose().on_the_floor()).map(|p| (p.x, p.y));
+        let points = path.poses.iter().map(|p| p.on_the_floor().position());
         figure =
             figure.series(Series::line("path", points).stroke(Stroke::Dashed).colour(colour::GREY));
     }
-    let walked = trusted.iter().map(|p| (p.x, p.y));
+    let walked = trusted.iter().map(PlanarPose::position);
     figure = figure.series(Series::line("robot", walked).colour(colour::BLUE));
     if let (Some(first), Some(last)) = (trusted.first(), trusted.last()) {
         // Two labels on one spot cannot be read.
-        let apart = first.distance_to((last.x, last.y)) > PLATE.0;
+        let apart = first.distance_to(last.position()) > PLATE[0];
         let (start, end) = if apart { ("start", "end") } else { ("", "start and end") };
-        figure = figure.mark((first.x, first.y), start, colour::GREEN).mark(
-            (last.x, last.y),
-            end,
-            colour::RED,
-        );
+        figure = figure.mark(first.position(), start, colour::GREEN);
+        figure = figure.mark(last.position(), end, colour::RED);
     }
     figure
+}
+
+/// Draws the plate of a robot, with a nose that shows the heading.
+fn plate(pose: &PlanarPose) -> Outline {
+    let [l, w] = PLATE.map(|side| side / 2.0);
+    let corners = [(-l, w), (l * 0.7, w), (l, 0.0), (l * 0.7, -w), (-l, -w)];
+    let corners = corners.map(|(x, y)| pose.place(Position::new(x, y))).to_vec();
+    Outline { corners, colour: colour::SKY, filling: 0.10 }
 }
 
 fn snapshots(count: usize) -> Vec<usize> {
@@ -59,7 +50,7 @@ fn snapshots(count: usize) -> Vec<usize> {
         .collect()
 }
 
-/// Everything over time: error, heading, f, theta, currents, battery.
+/// Draws everything over time: error, heading, f, theta, currents, battery.
 #[must_use]
 pub fn timeline(run: &Run) -> Chart {
     let mut chart = Chart::new(title(run, "over time"), "Time (s)").subtitle(subtitle(run));
@@ -69,7 +60,7 @@ pub fn timeline(run: &Run) -> Chart {
         let heading = run
             .navigation
             .iter()
-            .map(|n| (run.time(&n.timestamp), crate::nav::wrap(n.heading_rad).to_degrees()));
+            .map(|n| (run.time(&n.timestamp), wrap(n.heading_rad).to_degrees()));
         chart = chart
             .panel(
                 Panel::new("Error (mm)")
@@ -85,51 +76,56 @@ pub fn timeline(run: &Run) -> Chart {
     }
     if !run.commands.is_empty() || !run.telemetry.is_empty() {
         chart = chart
-            .panel(set_and_held(run, "Frequency f (Hz)", |c| c.frequency_hz, |t| t.frequency_hz))
-            .panel(set_and_held(run, "Direction θ (°)", |c| c.direction_deg, line_held));
+            .panel(commanded_and_held(
+                run,
+                "Frequency f (Hz)",
+                |c| c.frequency_hz,
+                |t| t.frequency_hz,
+            ))
+            .panel(commanded_and_held(run, "Direction θ (°)", |c| c.direction_deg, line_held));
     }
     if !run.telemetry.is_empty() {
         chart = chart
             .panel(
                 Panel::new("Current q (A)")
-                    .series(told(run, "top", |t| Some(t.top.current_q_a)))
-                    .series(told(run, "bottom", |t| Some(t.bottom.current_q_a))),
+                    .series(measured(run, "top", |t| Some(t.top.current_q_a)))
+                    .series(measured(run, "bottom", |t| Some(t.bottom.current_q_a))),
             )
             .panel(
                 Panel::new("Battery (V)")
                     .height(90.0)
-                    .series(told(run, "", |t| t.bus_voltage_v).colour(colour::GREEN)),
+                    .series(measured(run, "", |t| t.bus_voltage_v).colour(colour::GREEN)),
             );
     }
     chart
 }
 
-fn set_and_held(
+fn commanded_and_held(
     run: &Run,
     label: &str,
-    set: fn(&CommandRow) -> f64,
+    commanded: fn(&CommandRow) -> f64,
     held: fn(&TelemetryRow) -> f64,
 ) -> Panel {
-    let commands = run.commands.iter().map(|c| (run.time(&c.timestamp), set(c)));
+    let commands = run.commands.iter().map(|c| (run.time(&c.timestamp), commanded(c)));
     Panel::new(label)
         .height(110.0)
         .series(Series::line("commanded", commands).stroke(Stroke::Step).colour(colour::GREY))
-        .series(told(run, "held", move |t| Some(held(t))).colour(colour::ORANGE).width(1.2))
+        .series(measured(run, "held", move |t| Some(held(t))).colour(colour::ORANGE).width(1.2))
 }
 
-/// A line of force repeats every half turn: the held one as it lies next to the commanded one, degrees.
+/// Returns the measured line of force next to the commanded one, degrees: it repeats every half turn.
 fn line_held(row: &TelemetryRow) -> f64 {
     let commanded = row.commanded_direction_deg;
     commanded + (row.direction_deg - commanded + 90.0).rem_euclid(180.0) - 90.0
 }
 
-fn told(run: &Run, label: &str, value: impl Fn(&TelemetryRow) -> Option<f64>) -> Series {
+fn measured(run: &Run, label: &str, value: impl Fn(&TelemetryRow) -> Option<f64>) -> Series {
     let points =
         run.telemetry.iter().map(|t| (run.time(&t.timestamp), value(t).unwrap_or(f64::NAN)));
     Series::line(label, points).width(1.2)
 }
 
-/// A heading that goes over the top comes back at the bottom: no line between.
+/// Breaks the line where a heading wraps from one end of its range to the other.
 fn broken_at_wraps(points: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
     let mut broken: Vec<(f64, f64)> = Vec::new();
     for (time, angle) in points {

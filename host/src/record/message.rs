@@ -1,4 +1,4 @@
-//! The rows of a record, as they stand in the file.
+//! The rows of a record, as in the file.
 
 use std::collections::BTreeMap;
 
@@ -11,73 +11,49 @@ use crate::pose::{Pose, PoseSample};
 /// Name of the world frame in the records.
 const WORLD: &str = "world";
 
-/// A moment as Foxglove writes it: since 1970.
+/// A moment in the format of Foxglove: time since 1970.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Timestamp {
-    /// Whole seconds.
+    /// Seconds.
     pub sec: u32,
-    /// The rest, ns.
+    /// Nanoseconds.
     pub nsec: u32,
 }
 
-/// `foxglove.Vector3`, m.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(super) struct Vector {
-    x: f64,
-    y: f64,
-    z: f64,
-}
-
-/// `foxglove.Quaternion`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(super) struct Quaternion {
-    x: f64,
-    y: f64,
-    z: f64,
-    w: f64,
-}
-
-/// `foxglove.Pose`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct PoseFields {
-    position: Vector,
-    orientation: Quaternion,
-}
-
-/// A pose as it came.
+/// A pose as it arrived.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PoseRow {
-    /// When.
+    /// Time of the row.
     pub timestamp: Timestamp,
-    /// The world frame.
+    /// Name of the frame: the world.
     pub frame_id: String,
     /// The pose.
-    pub pose: PoseFields,
-    /// Whether the source trusted it.
+    pub pose: Pose,
+    /// Whether the source trusted the pose.
     pub valid: bool,
 }
 
 /// The path to follow.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PathRow {
-    /// When.
+    /// Time of the row.
     pub timestamp: Timestamp,
-    /// The world frame.
+    /// Name of the frame: the world.
     pub frame_id: String,
     /// Its points, each facing along it.
-    pub poses: Vec<PoseFields>,
+    pub poses: Vec<Pose>,
 }
 
 /// An event.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LogRow {
-    /// When.
+    /// Time of the row.
     pub timestamp: Timestamp,
     /// 1 debug, 2 information, 3 warning, 4 error.
     pub level: u8,
     /// What happened.
     pub message: String,
-    /// Who says so.
+    /// Source of the message.
     pub name: String,
     /// Unused; part of the schema.
     pub file: String,
@@ -85,61 +61,61 @@ pub struct LogRow {
     pub line: u32,
 }
 
-/// What was commanded.
+/// A command.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CommandRow {
-    /// When.
+    /// Time of the row.
     pub timestamp: Timestamp,
-    /// f.
+    /// Commanded f, Hz.
     pub frequency_hz: f64,
-    /// theta.
+    /// Commanded theta, degrees.
     pub direction_deg: f64,
     /// Name of the mode, or why the robot rests.
     pub mode: String,
 }
 
-/// What navigation makes of the poses.
+/// The estimate of navigation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct NavigationRow {
-    /// When.
+    /// Time of the row.
     pub timestamp: Timestamp,
-    /// Filtered.
+    /// Filtered position east, m.
     pub x_m: f64,
-    /// Filtered.
+    /// Filtered position north, m.
     pub y_m: f64,
-    /// Filtered.
+    /// Filtered heading, rad counter-clockwise from x.
     pub heading_rad: f64,
-    /// Distance from the path, left positive, or from the goal.
+    /// Distance from the path, positive to the left, or from the goal, m.
     pub error_m: f64,
-    /// Root mean square so far.
+    /// Root mean square of the error so far, m.
     pub error_rms_m: f64,
-    /// Made good on the path.
+    /// Arc length covered on the path, m.
     pub arc_length_m: f64,
-    /// The same in laps.
+    /// Arc length in laps.
     pub laps: f64,
 }
 
 /// One motor with its rotor.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MotorRow {
-    /// Rotor from forward, clockwise.
+    /// Angle of the rotor from forward, clockwise, degrees.
     pub angle_deg: f64,
-    /// Turns per second, clockwise positive.
+    /// Speed in turns per second, clockwise positive.
     pub speed_hz: f64,
-    /// Makes no torque.
+    /// Direct current, which makes no torque, A.
     pub current_d_a: f64,
-    /// Makes torque.
+    /// Quadrature current, which makes torque, A.
     pub current_q_a: f64,
 }
 
-/// The robot as it reports itself.
+/// Telemetry of the robot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TelemetryRow {
-    /// When it arrived.
+    /// Time of arrival.
     pub timestamp: Timestamp,
-    /// The robot's own clock.
+    /// Time on the robot's clock, s.
     pub robot_time_s: f64,
-    /// Where its supervisor stands.
+    /// State of the supervisor.
     pub state: String,
     /// Latched faults.
     pub faults: Vec<String>,
@@ -150,46 +126,46 @@ pub struct TelemetryRow {
     pub stopped: bool,
     /// Whether commands are late.
     pub link_late: bool,
-    /// f as asked for.
+    /// Commanded f, Hz.
     pub commanded_frequency_hz: f64,
-    /// theta as asked for.
+    /// Commanded theta, degrees.
     pub commanded_direction_deg: f64,
-    /// f as measured.
+    /// Measured f, Hz.
     pub frequency_hz: f64,
-    /// theta as measured.
+    /// Measured theta, degrees.
     pub direction_deg: f64,
     /// Top motor.
     pub top: MotorRow,
     /// Bottom motor.
     pub bottom: MotorRow,
-    /// Battery side of the bridge; none where it is not measured.
+    /// Voltage on the battery side of the bridge, V; none where it is not measured.
     pub bus_voltage_v: Option<f64>,
-    /// Largest duty of late, share of what the bridge can give.
+    /// Largest recent duty, as a share of the bridge's range.
     pub modulation: f64,
-    /// Longest interval between two ticks of the fast loop.
+    /// Longest interval between two ticks of the fast loop, microseconds.
     pub longest_interval_us: u32,
-    /// Ticks that came too late.
+    /// Late ticks.
     pub overruns: u32,
     /// Datagrams that the robot accepted.
     pub accepted: u32,
-    /// Commands that never reached it.
+    /// Commands that did not reach it.
     pub lost: u32,
     /// Datagrams that it dropped, by reason. Empty in records older than this column.
     #[serde(default)]
     pub dropped: BTreeMap<String, u32>,
-    /// Time since its last valid command.
+    /// Time since its last valid command, microseconds.
     pub silence_us: u32,
 }
 
 impl Timestamp {
-    /// A moment in nanoseconds since 1970; beyond the year 2106 it stays there.
+    /// Makes a timestamp from nanoseconds since 1970; after the year 2106 it stays at the end.
     #[must_use]
     pub fn from_nanos(nanos: u64) -> Self {
         let sec = u32::try_from(nanos / 1_000_000_000).unwrap_or(u32::MAX);
         Self { sec, nsec: (nanos % 1_000_000_000) as u32 }
     }
 
-    /// Seconds since `start`.
+    /// Returns the seconds since `start`.
     #[must_use]
     pub fn seconds_since(&self, start: &Self) -> f64 {
         f64::from(self.sec) - f64::from(start.sec)
@@ -197,35 +173,15 @@ impl Timestamp {
     }
 }
 
-impl From<&Pose> for PoseFields {
-    fn from(pose: &Pose) -> Self {
-        let [x, y, z] = pose.position;
-        let [w, qx, qy, qz] = pose.orientation;
-        Self { position: Vector { x, y, z }, orientation: Quaternion { x: qx, y: qy, z: qz, w } }
-    }
-}
-
-impl PoseFields {
-    /// The pose.
-    #[must_use]
-    pub fn pose(&self) -> Pose {
-        let (p, q) = (self.position, self.orientation);
-        Pose { position: [p.x, p.y, p.z], orientation: [q.w, q.x, q.y, q.z] }
-    }
-}
-
 impl PoseRow {
     pub(super) fn new(timestamp: Timestamp, sample: &PoseSample) -> Self {
-        let pose = PoseFields::from(&sample.pose);
-        Self { timestamp, frame_id: WORLD.to_owned(), pose, valid: sample.valid }
+        Self { timestamp, frame_id: WORLD.to_owned(), pose: sample.pose, valid: sample.valid }
     }
 }
 
 impl PathRow {
     pub(super) fn new(timestamp: Timestamp, path: &Path) -> Self {
-        let points =
-            path.points().iter().map(|p| PlanarPose { x: p.x, y: p.y, heading: p.tangent });
-        let mut poses: Vec<_> = points.map(|p| PoseFields::from(&Pose::planar(p, 0.0))).collect();
+        let mut poses: Vec<_> = path.points().iter().map(|p| Pose::planar(*p, 0.0)).collect();
         if path.is_closed() {
             poses.extend(poses.first().copied());
         }

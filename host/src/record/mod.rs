@@ -1,18 +1,18 @@
-//! Records of runs: one MCAP file each, open to Foxglove and every other MCAP reader as it is.
+//! Records of runs: one MCAP file each, for Foxglove and every other MCAP reader.
 //!
 //! Messages are JSON with JSON schemas. Where Foxglove has a well-known schema the record uses it:
 //!
 //! | topic | schema | what |
 //! |---|---|---|
-//! | `/pose` | `foxglove.PoseInFrame` | poses as they came, ENU |
+//! | `/pose` | `foxglove.PoseInFrame` | poses as they arrived, ENU |
 //! | `/path` | `foxglove.PosesInFrame` | the path to follow |
 //! | `/log` | `foxglove.Log` | events |
 //! | `/command` | `flix.Command` | f, theta and the mode's name |
 //! | `/navigation` | `flix.Navigation` | filtered pose, path error |
-//! | `/telemetry` | `flix.Telemetry` | the robot as it reports itself |
+//! | `/telemetry` | `flix.Telemetry` | telemetry of the robot |
 //!
 //! The file also carries the metadata `run`, `settings` and `versions`, and attachments such as the
-//! mode table. [`Recorder`] writes, [`Run`] reads back, [`figures`] and [`csv`] show.
+//! mode table. [`Recorder`] writes a record, [`Run`] reads it, [`figures`] and [`csv`] show it.
 
 pub mod csv;
 pub mod figures;
@@ -21,15 +21,14 @@ mod reader;
 mod writer;
 
 pub use message::{
-    CommandRow, LogRow, MotorRow, NavigationRow, PathRow, PoseFields, PoseRow, TelemetryRow,
-    Timestamp,
+    CommandRow, LogRow, MotorRow, NavigationRow, PathRow, PoseRow, TelemetryRow, Timestamp,
 };
 pub use reader::{ReadError, Run, RunSummary, list};
 pub use writer::{Level, RecordError, Recorder, RunDescription};
 
 /// Folder of the records inside the output folder.
 pub const FOLDER: &str = "runs";
-/// Ending of their names.
+/// File extension of a record.
 pub const ENDING: &str = "mcap";
 
 #[cfg(test)]

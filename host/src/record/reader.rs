@@ -1,4 +1,4 @@
-//! Reading a run back.
+//! Reads a record.
 
 use std::collections::BTreeMap;
 use std::path::{Path as FilePath, PathBuf};
@@ -14,19 +14,19 @@ use super::{ENDING, FOLDER};
 /// A whole run.
 #[derive(Debug, Clone, Default)]
 pub struct Run {
-    /// Where it was read from.
+    /// File of the record.
     pub file: PathBuf,
     /// Facts, settings, versions and results by the name of their group.
     pub facts: BTreeMap<String, BTreeMap<String, String>>,
     /// Names and sizes (bytes) of files in the record.
     pub attachments: Vec<(String, usize)>,
-    /// Poses as they came.
+    /// Poses as they arrived.
     pub poses: Vec<PoseRow>,
     /// The last path.
     pub path: Option<PathRow>,
     /// Commands.
     pub commands: Vec<CommandRow>,
-    /// What navigation made of it.
+    /// Estimates of navigation.
     pub navigation: Vec<NavigationRow>,
     /// Telemetry.
     pub telemetry: Vec<TelemetryRow>,
@@ -38,7 +38,7 @@ pub struct Run {
     last: u64,
 }
 
-/// One line about a run.
+/// File and size of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunSummary {
     /// Its file.
@@ -47,39 +47,39 @@ pub struct RunSummary {
     pub bytes: u64,
 }
 
-/// A record could not be read.
+/// Why a record could not be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
-    /// The file system.
+    /// The file could not be read.
     #[error("cannot read {}: {source}", path.display())]
     File {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// Not such a file, or damaged.
+    /// Not a record, or damaged.
     #[error("{} is not a record of a run: {reason}", path.display())]
     Format {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// What does not fit.
+        /// The error of the format.
         reason: String,
     },
-    /// No such run.
-    #[error("there is no run \"{name}\" in {}; `flix runs list` shows those there are", folder.display())]
+    /// There is no such run.
+    #[error("there is no run \"{name}\" in {}; `flix runs list` shows all", folder.display())]
     NoSuchRun {
-        /// What was asked for.
+        /// The requested name.
         name: String,
-        /// Where it was looked for.
+        /// The folder of the runs.
         folder: PathBuf,
     },
-    /// Not a single run.
+    /// There is no run.
     #[error("there is no run in {} yet", .0.display())]
     NoRuns(PathBuf),
 }
 
-/// All runs below an output folder, the oldest first.
+/// Returns all runs below an output folder, the oldest first.
 ///
 /// # Errors
 /// When the folder cannot be read; a missing one holds no runs.
@@ -129,10 +129,10 @@ impl Run {
         Self::read(&found.file)
     }
 
-    /// Reads a record, also one whose end is missing because its program was killed.
+    /// Reads a record, also one without its end because the program was killed.
     ///
     /// # Errors
-    /// When the file cannot be read or is no such record.
+    /// When the file cannot be read or is not a record.
     pub fn read(file: &FilePath) -> Result<Self, ReadError> {
         let bytes = std::fs::read(file)
             .map_err(|source| ReadError::File { path: file.to_owned(), source })?;
@@ -141,19 +141,19 @@ impl Run {
         Ok(run)
     }
 
-    /// The fact of this name in a group, or an empty text.
+    /// Returns the fact of this name in a group, or an empty text.
     #[must_use]
     pub fn fact(&self, group: &str, name: &str) -> &str {
         self.facts.get(group).and_then(|g| g.get(name)).map_or("", String::as_str)
     }
 
-    /// From the first to the last row, s.
+    /// Returns the time from the first to the last row, s.
     #[must_use]
     pub fn seconds(&self) -> f64 {
         self.last.saturating_sub(self.first.unwrap_or(self.last)) as f64 * 1e-9
     }
 
-    /// Seconds since the first row.
+    /// Returns the seconds from the first row to this time.
     #[must_use]
     pub fn time(&self, timestamp: &Timestamp) -> f64 {
         timestamp.seconds_since(&Timestamp::from_nanos(self.first.unwrap_or(0)))
@@ -166,7 +166,7 @@ impl Run {
         for message in stream {
             let message = match message {
                 Ok(message) => message,
-                // The tail of a file that was cut off; what came before it counts.
+                // The file was cut off here; the rows before are valid.
                 Err(_) if self.first.is_some() => break,
                 Err(e) => return Err(e.to_string()),
             };

@@ -99,7 +99,7 @@ fn what_was_recorded_is_read_back() {
         (run.poses.len(), run.commands.len(), run.telemetry.len(), run.events.len()),
         (600, 600, 600, 1)
     );
-    assert_eq!(run.poses[100].pose.pose(), sample(5.0).pose);
+    assert_eq!(run.poses[100].pose, sample(5.0).pose);
     assert!((run.seconds() - 29.95).abs() < 1e-6);
     assert_eq!(run.fact("settings", "latency"), "20ms");
     assert_eq!(run.fact("results", "path_error_rms_mm"), "7.1");
@@ -156,7 +156,7 @@ fn a_run_is_drawn() {
     figures::track(&run).write(&out, "run-track").unwrap();
     let timeline = figures::timeline(&run);
     timeline.write(&out, "run-timeline").unwrap();
-    let svg = timeline.svg().unwrap();
+    let svg = timeline.svg();
     for label in ["Heading", "Current q", "commanded", "held", "walker-1"] {
         assert!(svg.contains(label), "{label}");
     }

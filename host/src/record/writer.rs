@@ -1,4 +1,4 @@
-//! Writing a run.
+//! Writes a record.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -21,50 +21,50 @@ use crate::explain;
 use crate::nav::{Path, PlanarPose, Progress};
 use crate::pose::PoseSample;
 
-/// What a run is, beside what happens in it.
+/// Facts of a run that are known at its start.
 #[derive(Debug, Clone, Default)]
 pub struct RunDescription {
-    /// What is done, for the file's name: `track-figure-eight`.
+    /// Name of the run, for the file: `track-figure-eight`.
     pub name: String,
     /// Facts about the run: robot, task, program.
     pub run: BTreeMap<String, String>,
-    /// Everything it was set to.
+    /// All settings.
     pub settings: BTreeMap<String, String>,
-    /// Versions of what takes part.
+    /// Versions of programs and firmware.
     pub versions: BTreeMap<String, String>,
 }
 
-/// How serious an event is.
+/// Severity of an event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
-    /// As expected.
+    /// Expected.
     Information,
-    /// Worth a look.
+    /// Unusual.
     Warning,
     /// The run ended early.
     Error,
 }
 
-/// The record could not be written.
+/// Why a record could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// The file system.
+    /// The file could not be written.
     #[error("cannot write the record {}: {source}; check the folder and the space on its disk", path.display())]
     File {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// The format.
+    /// The MCAP writer failed.
     #[error("cannot write the record: {0}")]
     Format(#[from] mcap::McapError),
-    /// A row that has no JSON form, such as one that is not a number.
+    /// A row has no JSON form, because a value is not a number.
     #[error("cannot write the record: {0}")]
     Row(#[from] serde_json::Error),
 }
 
-/// A kind of row: topic, schema's name, schema.
+/// A kind of row: topic, name of the schema, schema.
 struct Channel {
     topic: &'static str,
     schema: &'static str,
@@ -107,8 +107,8 @@ const CHANNELS: [Channel; 6] = [
     },
 ];
 
-/// Writes one run. Times are of the run's own clock, whose start is the moment given to
-/// [`Recorder::create`]. Dropped without [`Recorder::finish`], the file is completed all the same.
+/// Writer of one record. Times are on the clock of the run, which starts at the moment given to
+/// [`Recorder::create`]. When it is dropped without [`Recorder::finish`], the file is completed too.
 pub struct Recorder {
     path: PathBuf,
     writer: Writer<BufWriter<File>>,
@@ -165,25 +165,25 @@ impl Recorder {
         Ok(Self { path, writer, channels, counts: [0; CHANNELS.len()], start_nanos })
     }
 
-    /// Where the record is.
+    /// Returns the path of the record.
     #[must_use]
     pub fn path(&self) -> &FilePath {
         &self.path
     }
 
-    /// A pose came in.
+    /// Records a pose.
     ///
     /// # Errors
     /// When it cannot be written, as for all rows.
     pub fn pose(&mut self, sample: &PoseSample) -> Result<(), RecordError> {
-        if !sample.pose.position.iter().chain(&sample.pose.orientation).all(|n| n.is_finite()) {
+        if !sample.pose.is_finite() {
             return self.log(sample.time, Level::Warning, "a pose that is no number was not used");
         }
         let row = PoseRow::new(self.timestamp(sample.time), sample);
         self.write(POSE, sample.time, &row)
     }
 
-    /// The path to follow.
+    /// Records the path to follow.
     ///
     /// # Errors
     /// As for [`Recorder::pose`].
@@ -192,7 +192,7 @@ impl Recorder {
         self.write(PATH, now, &row)
     }
 
-    /// Something happened.
+    /// Records a message.
     ///
     /// # Errors
     /// As for [`Recorder::pose`].
@@ -213,7 +213,7 @@ impl Recorder {
         self.write(LOG, now, &row)
     }
 
-    /// The robot tells an event; `now` is when it arrived.
+    /// Records an event of the robot, which arrived `now`.
     ///
     /// # Errors
     /// As for [`Recorder::pose`].
@@ -226,11 +226,12 @@ impl Recorder {
             }
             _ => Level::Information,
         };
-        let told = report.time.as_micros() as f64 * 1e-6;
-        self.log(now, level, &format!("robot at {told:.3} s: {}", explain::event(&report.event)))
+        let seconds = report.time.as_micros() as f64 * 1e-6;
+        let event = explain::event(&report.event);
+        self.log(now, level, &format!("robot at {seconds:.3} s: {event}"))
     }
 
-    /// A command left for the robot.
+    /// Records a command.
     ///
     /// # Errors
     /// As for [`Recorder::pose`].
@@ -244,7 +245,7 @@ impl Recorder {
         self.write(COMMAND, now, &row)
     }
 
-    /// How the run goes.
+    /// Records the estimate and the progress of navigation.
     ///
     /// # Errors
     /// As for [`Recorder::pose`].
@@ -258,7 +259,7 @@ impl Recorder {
         self.write(NAVIGATION, now, &row)
     }
 
-    /// Telemetry arrived.
+    /// Records telemetry.
     ///
     /// # Errors
     /// As for [`Recorder::pose`].
@@ -267,7 +268,7 @@ impl Recorder {
         self.write(TELEMETRY, now, &row)
     }
 
-    /// Puts a file into the record.
+    /// Attaches a file to the record.
     ///
     /// # Errors
     /// As for [`Recorder::pose`].
@@ -288,7 +289,7 @@ impl Recorder {
         })?)
     }
 
-    /// Keeps the results of the run, such as `path_error_rms_mm`.
+    /// Records the results of the run, such as `path_error_rms_mm`.
     ///
     /// # Errors
     /// As for [`Recorder::pose`].
@@ -296,10 +297,10 @@ impl Recorder {
         Ok(self.writer.write_metadata(&Metadata { name: "results".into(), metadata: results })?)
     }
 
-    /// Completes the file and says where it is.
+    /// Completes the file and returns its path.
     ///
     /// # Errors
-    /// When the rest cannot be written.
+    /// When the end cannot be written.
     pub fn finish(mut self) -> Result<PathBuf, RecordError> {
         self.writer.finish()?;
         Ok(self.path)
@@ -331,7 +332,7 @@ impl Recorder {
     }
 }
 
-/// A file that was not there before: two runs of one second get two files.
+/// Creates a new file: two runs of one second get two files.
 fn new_file(
     folder: &FilePath,
     started: SystemTime,

@@ -1,4 +1,4 @@
-//! What the operator sees and has asked for: the state between link and screen.
+//! The state between link and screen: what the operator sees and commands.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -14,55 +14,55 @@ use super::keyboard::Action;
 use crate::explain;
 use crate::link::{Client, Update};
 
-/// Interval of the histories.
+/// Interval between two points of the histories.
 pub const HISTORY_INTERVAL: Duration = Duration::from_millis(200);
-/// Points that are kept: wider than terminals are.
+/// Points in a history: more than a terminal is wide.
 pub const HISTORY_LENGTH: usize = 400;
-/// Lines of the log that are kept.
+/// Lines in the log.
 const LOG_LENGTH: usize = 200;
-/// The rotors are shown this many times slower than they turn: 30 Hz as one turn a second.
+/// Factor by which the rotors are shown slower than they turn: 30 Hz as one turn per second.
 pub const SLOW_MOTION: f32 = 30.0;
-/// Below this the rotors are shown where they are.
+/// Frequency below which the rotors are shown as they turn, Hz.
 const REAL_TIME_BELOW_HZ: f32 = 1.0;
-/// How long arming is tried again while the link is being proven.
+/// Time for which arming is repeated while the link is not proven.
 const PROVING_PATIENCE: Duration = Duration::from_secs(3);
-/// Silence after which it is shown: a few telemetry intervals.
+/// Silence that is shown: a few telemetry intervals.
 const SHOWN_SILENCE: Duration = Duration::from_millis(150);
-/// Current at the end of the gauge while the robot's limit is not known, A.
+/// Current at the end of the gauge while the limit of the robot is unknown, A.
 const ASSUMED_CURRENT_LIMIT: f32 = 3.0;
-/// The setting that ends the current's gauge.
+/// Setting at the end of the current's gauge.
 const CURRENT_LIMIT: &str = "current_limit";
 
-/// How the link stands.
+/// State of the link.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Link {
-    /// Well.
+    /// Connected.
     Connected,
-    /// Nothing heard for so long.
+    /// Silent for this time.
     Silent(Duration),
-    /// Trying to come back.
+    /// Connecting again.
     Connecting,
-    /// The last try failed, and the next is under way.
+    /// The last attempt failed; the next is under way.
     Failed(ConnectError),
 }
 
-/// How serious a line of the log is.
+/// Severity of a line of the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Weight {
-    /// Good to know.
+    /// Information.
     Note,
-    /// Something did not go as asked.
+    /// Something was not done.
     Warning,
-    /// A fault, or a lost robot.
+    /// A fault, or a lost link.
     Alarm,
 }
 
 /// A line of the log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Line {
-    /// Since the program's start.
+    /// Time since the start of the program.
     pub at: Duration,
-    /// How serious.
+    /// Severity.
     pub weight: Weight,
     /// What happened.
     pub text: String,
@@ -71,40 +71,40 @@ pub struct Line {
 /// One point of the histories.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// Hz.
+    /// f, Hz.
     pub frequency: f32,
-    /// Degrees.
+    /// theta, degrees.
     pub direction: f32,
     /// Amplitude of the current vector of top and bottom motor, A.
     pub currents: [f32; 2],
-    /// V, where it is measured.
+    /// Bus voltage, V, where it is measured.
     pub battery: Option<f32>,
 }
 
 /// The state between link and screen.
 #[derive(Debug, Clone)]
 pub struct Cockpit {
-    /// As the operator named it.
+    /// The robot, as the operator named it.
     pub robot: String,
-    /// What the robot says it is.
+    /// Identity of the robot.
     pub identity: Option<Identity>,
-    /// How the link stands.
+    /// State of the link.
     pub link: Link,
     /// Newest round trip.
     pub round_trip: Option<Duration>,
     /// Share of unanswered commands, from 0 to 1.
     pub loss: f64,
-    /// The newest.
+    /// Newest telemetry.
     pub telemetry: Option<Telemetry>,
-    /// What the operator wants the shaker to do.
+    /// The pair that the operator commands.
     pub wanted: Setpoint,
-    /// Whether a stop is on its way and not acknowledged yet.
+    /// Whether a stop was sent and is not acknowledged yet.
     pub is_stopping: bool,
     /// End of the current's gauge, A.
     pub current_limit: f32,
-    /// Oldest first.
+    /// History, oldest first.
     pub history: VecDeque<Sample>,
-    /// Oldest first.
+    /// Log, oldest first.
     pub log: VecDeque<Line>,
     /// Shaking phase in slow motion, degrees clockwise.
     pub phase: f32,
@@ -123,7 +123,7 @@ struct Arming {
 }
 
 impl Cockpit {
-    /// Nothing known yet.
+    /// Creates a cockpit that knows nothing yet.
     #[must_use]
     pub fn new(robot: &str, now: Instant) -> Self {
         Self {
@@ -148,7 +148,7 @@ impl Cockpit {
         }
     }
 
-    /// A session begins: asks the robot who it is.
+    /// Begins a session: requests the identity of the robot.
     pub fn connected(&mut self, client: &mut Client, now: Instant) {
         self.link = Link::Connected;
         self.heard = now;
@@ -161,18 +161,18 @@ impl Cockpit {
             .collect();
     }
 
-    /// Does what the operator wants, save leaving.
+    /// Does an action of the operator, except leaving.
     pub fn act(&mut self, action: Action, client: &mut Client, now: Instant) {
         match action {
             Action::Stop | Action::Interrupt => {
-                self.let_go();
+                self.rest();
                 self.is_stopping = true;
                 client.stop(now);
                 self.note(now, Weight::Warning, "stop");
             }
             Action::Arm => self.arm(client, now),
             Action::Disarm | Action::Quit => {
-                self.let_go();
+                self.rest();
                 client.release();
                 client.request(now, Command::Disarm);
             }
@@ -192,7 +192,7 @@ impl Cockpit {
         }
     }
 
-    /// Takes in what happened on the link.
+    /// Takes an update of the link.
     pub fn observe(&mut self, update: &Update, client: &mut Client, now: Instant) {
         match update {
             Update::Connected => self.connected(client, now),
@@ -215,19 +215,19 @@ impl Cockpit {
                     self.arming = None;
                 }
             }
-            // The state says it already.
+            // The state shows it already.
             Update::SetpointRefused(Refusal::Faulted(_) | Refusal::Stopped) => {
-                self.let_go();
+                self.rest();
                 client.release();
             }
             Update::SetpointRefused(refusal) => {
                 self.note(now, Weight::Warning, &format!("not done: {refusal}"));
-                self.let_go();
+                self.rest();
                 client.release();
             }
             Update::StopAcknowledged => {
                 self.is_stopping = false;
-                self.note(now, Weight::Note, "the robot has confirmed the stop; c clears it");
+                self.note(now, Weight::Note, "the robot has acknowledged the stop; c clears it");
             }
             Update::Lost => self.lost("the robot fell silent: it stops by itself", now),
             Update::Left => {
@@ -244,7 +244,7 @@ impl Cockpit {
         }
     }
 
-    /// Lets time pass: link figures, histories and slow motion.
+    /// Advances link figures, histories and slow motion to the present time.
     pub fn tick(&mut self, client: &Client, now: Instant) {
         let statistics = client.statistics();
         (self.round_trip, self.loss) = (statistics.last_round_trip(), statistics.loss());
@@ -265,13 +265,13 @@ impl Cockpit {
         }
     }
 
-    /// Whether what is shown is older than a few telemetry intervals.
+    /// Returns whether the telemetry is older than a few intervals.
     #[must_use]
     pub fn is_stale(&self) -> bool {
         self.link != Link::Connected
     }
 
-    /// Angles at which the rotors are shown, degrees clockwise from forward; in slow motion while
+    /// Returns the angles at which the rotors are shown, degrees clockwise from forward; in slow motion while
     /// they turn quickly.
     #[must_use]
     pub fn shown_rotors(&self) -> Option<[f32; 2]> {
@@ -284,7 +284,7 @@ impl Cockpit {
         }
     }
 
-    /// Whether the rotors are shown in slow motion.
+    /// Returns whether the rotors are shown in slow motion.
     #[must_use]
     pub fn is_slow_motion(&self) -> bool {
         self.telemetry.as_ref().is_some_and(is_quick)
@@ -332,10 +332,10 @@ impl Cockpit {
             Outcome::Refused(refusal) => {
                 if arming.is_some() {
                     self.arming = None;
-                    self.let_go();
+                    self.rest();
                     client.release();
                 }
-                // A robot without this setting is none the worse.
+                // A robot may lack this setting.
                 if !self.asked.contains(&request) {
                     self.note(now, Weight::Warning, &format!("not done: {refusal}"));
                 }
@@ -351,16 +351,16 @@ impl Cockpit {
         self.arming = self.arming.filter(|arming| now < arming.give_up_at);
         match telemetry.state {
             State::Aligning | State::Armed | State::Running => self.arming = None,
-            // A robot that let go by itself is not started again by what was wanted before.
+            // A robot that disarmed by itself must not start again from an earlier setpoint.
             State::Disarmed | State::Stopping | State::Faulted if self.arming.is_none() => {
-                self.let_go();
+                self.rest();
                 client.release();
             }
             _ => {}
         }
     }
 
-    /// Wants a setpoint of the robot, if it is in a state to obey.
+    /// Commands a setpoint, if the robot is armed.
     fn want(&mut self, setpoint: Setpoint, client: &mut Client, now: Instant) -> bool {
         let state = self.telemetry.as_ref().map(|telemetry| telemetry.state);
         let can_obey = matches!(state, Some(State::Armed | State::Running));
@@ -384,12 +384,12 @@ impl Cockpit {
         }
     }
 
-    fn let_go(&mut self) {
+    fn rest(&mut self) {
         self.wanted = Setpoint::REST;
     }
 
     fn lost(&mut self, text: &str, now: Instant) {
-        self.let_go();
+        self.rest();
         self.arming = None;
         self.link = Link::Connecting;
         self.note(now, Weight::Alarm, text);
@@ -404,7 +404,7 @@ impl Cockpit {
 }
 
 impl Sample {
-    /// What is drawn of telemetry.
+    /// Returns the point of a telemetry.
     #[must_use]
     pub fn of(telemetry: &Telemetry) -> Self {
         Self {
@@ -418,8 +418,8 @@ impl Sample {
     }
 }
 
-/// theta, or the same line of force half a turn on, whichever is nearer to what is commanded: else
-/// a turn at 90 degrees would seem to jump between +90 and -90.
+/// Returns theta as the line of force nearest to the commanded one, degrees: otherwise a turn at 90
+/// degrees would jump between +90 and -90.
 fn near_commanded(telemetry: &Telemetry) -> f32 {
     let commanded = telemetry.setpoint.direction().get();
     let difference = telemetry.direction.get() - commanded;
@@ -430,7 +430,7 @@ fn is_quick(telemetry: &Telemetry) -> bool {
     telemetry.frequency.get().abs() >= REAL_TIME_BELOW_HZ
 }
 
-/// Keeps a hundred fine steps from leaving a tail of digits.
+/// Rounds to tenths, so that rounding errors of many fine steps do not add up.
 fn tenths(value: f32) -> f32 {
     (value * 10.0).round() / 10.0
 }

@@ -1,10 +1,9 @@
-//! What each key means.
+//! Converts keys to actions.
 
 use flix_protocol::message::Setpoint;
-use flix_protocol::units::{Degrees, Hertz};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
-/// A way to walk, with the pair that the paper selects for it.
+/// A walking mode, with the pair of the paper for it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
     /// Linear translation.
@@ -20,11 +19,11 @@ pub enum Mode {
 }
 
 impl Mode {
-    /// All, in the order of the paper's Table IV.
+    /// All modes, in the order of the paper's Table IV.
     pub const ALL: [Self; 5] =
         [Self::Forward, Self::LeftTurn, Self::RightTurn, Self::StrafeLeft, Self::StrafeRight];
 
-    /// f and theta (paper, Table IV).
+    /// Returns f in Hz and theta in degrees (paper, Table IV).
     #[must_use]
     pub const fn pair(self) -> (f32, f32) {
         match self {
@@ -36,15 +35,14 @@ impl Mode {
         }
     }
 
-    /// The pair as a command.
+    /// Returns the pair as a command.
     #[must_use]
-    pub fn setpoint(self) -> Setpoint {
+    pub const fn setpoint(self) -> Setpoint {
         let (frequency, direction) = self.pair();
-        Setpoint::new(Hertz::saturating(frequency), Degrees::saturating(direction))
-            .unwrap_or(Setpoint::REST)
+        Setpoint::saturating(frequency, direction)
     }
 
-    /// What people call it.
+    /// Returns the name for people.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -57,28 +55,28 @@ impl Mode {
     }
 }
 
-/// What the operator wants.
+/// What the operator commands.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Action {
-    /// Stop now, and stay stopped.
+    /// Stop now; the stop is latched.
     Stop,
-    /// Make ready.
+    /// Arm.
     Arm,
-    /// Ramp down and let go.
+    /// Ramp down and disarm.
     Disarm,
-    /// Forget stop and faults.
+    /// Clear stop and faults.
     Clear,
-    /// Walk so.
+    /// Walk in this mode.
     Walk(Mode),
     /// Ramp down, and stay armed.
     Rest,
-    /// Change f by so many hertz.
+    /// Change f by this step, Hz.
     Frequency(f32),
-    /// Change theta by so many degrees.
+    /// Change theta by this step, degrees.
     Direction(f32),
-    /// Leave: disarms first.
+    /// Disarm, then leave.
     Quit,
-    /// Leave at once: stops first.
+    /// Stop, then leave.
     Interrupt,
 }
 
@@ -87,7 +85,7 @@ const FREQUENCY_STEPS: [f32; 2] = [1.0, 0.1];
 /// Step of theta, degrees: coarse, and fine with shift.
 const DIRECTION_STEPS: [f32; 2] = [5.0, 1.0];
 
-/// What a key means; releases and unknown keys mean nothing.
+/// Returns the action of a key; releases and unknown keys have none.
 #[must_use]
 pub fn action(key: KeyEvent) -> Option<Action> {
     if key.kind == KeyEventKind::Release {
@@ -147,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn letting_go_of_a_key_means_nothing() {
+    fn the_release_of_a_key_has_no_action() {
         let mut key = KeyEvent::new(KeyCode::Char('w'), KeyModifiers::NONE);
         assert!(action(key).is_some());
         key.kind = KeyEventKind::Release;

@@ -1,7 +1,7 @@
 //! Driving by hand in a terminal.
 //!
-//! Three pure parts and a thin shell: [`keyboard`] turns keys into [`Action`](keyboard::Action)s,
-//! [`Cockpit`] turns actions and what the link reports into a state, and [`view`] draws that state.
+//! Three pure parts and a thin shell: [`keyboard`] converts keys to [`Action`](keyboard::Action)s,
+//! [`Cockpit`] keeps the state from actions and the reports of the link, and [`view`] draws it.
 //! [`screen`] owns the terminal and the loop.
 
 pub mod cockpit;

@@ -11,27 +11,27 @@ use super::{Cockpit, view};
 use crate::interrupt::Interrupt;
 use crate::link::udp::{Connection, LinkError};
 
-/// Longest wait for a datagram before keys are looked at.
+/// Longest wait for a datagram between two checks of the keys.
 const KEY_LATENCY: Duration = Duration::from_millis(10);
-/// Interval of the pictures: 30 a second are smooth, and few enough for SSH.
+/// Interval of the pictures: 30 per second are smooth, and few enough for SSH.
 const FRAME: Duration = Duration::from_millis(33);
 
 /// How the operator left.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ending {
-    /// By the key for it.
+    /// By its key.
     Quit,
     /// By Ctrl-C, a signal or a closed terminal.
     Interrupted,
 }
 
-/// Driving by hand did not work.
+/// Why driving by hand failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ScreenError {
-    /// No terminal.
+    /// There is no terminal.
     #[error("teleop needs a terminal: run it in one, or over `ssh -t`; `flix drive` works without")]
     NoTerminal,
-    /// The terminal would not be set up.
+    /// The terminal failed.
     #[error("the terminal failed: {0}")]
     Terminal(io::Error),
     /// The link failed.
@@ -39,8 +39,8 @@ pub enum ScreenError {
     Link(#[from] LinkError),
 }
 
-/// Drives by hand until the operator leaves. The terminal is left as it was found, also by errors
-/// and panics.
+/// Drives by hand until the operator leaves. Restores the terminal at the end, also after errors and
+/// panics.
 ///
 /// # Errors
 /// When there is no terminal, or the network fails.
@@ -102,7 +102,7 @@ fn drive(
     }
 }
 
-/// What was pressed since the last time.
+/// Returns the actions of the keys that were pressed since the last call.
 fn pressed() -> io::Result<Vec<Action>> {
     let mut actions = Vec::new();
     while event::poll(Duration::ZERO)? {

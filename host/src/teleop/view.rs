@@ -1,4 +1,4 @@
-//! The picture: a pure function of the [`Cockpit`].
+//! Draws the [`Cockpit`].
 //!
 //! ```text
 //! name, board, firmware                                       link
@@ -10,7 +10,7 @@
 //! keys
 //! ```
 //!
-//! Made for 80 by 24 characters; more room goes to histories and log.
+//! The smallest size is 80 by 24 characters; a larger terminal shows more of histories and log.
 
 use std::f32::consts::PI;
 
@@ -26,7 +26,7 @@ use ratatui::widgets::{Block, BorderType, Paragraph, Sparkline, Wrap};
 use super::cockpit::{Cockpit, Link, SLOW_MOTION, Sample, Weight};
 use crate::explain;
 
-/// Room that the whole picture needs, characters.
+/// Smallest size of the whole picture, characters.
 pub const SMALLEST: (u16, u16) = (80, 24);
 
 const TOP_ROTOR: Color = Color::Cyan;
@@ -70,7 +70,7 @@ pub fn draw(frame: &mut Frame<'_>, cockpit: &Cockpit) {
     draw_keys(frame, keys);
 }
 
-/// State and stop, in whatever room there is.
+/// Draws state and stop in a small terminal.
 fn draw_small(frame: &mut Frame<'_>, area: Rect, cockpit: &Cockpit) {
     let mut lines = vec![state_line(cockpit), link_line(cockpit), "space = stop".bold().into()];
     lines.push(Line::styled(
@@ -133,11 +133,11 @@ fn state_line(cockpit: &Cockpit) -> Line<'static> {
     let color = if cockpit.is_stale() { Color::DarkGray } else { state_color(state) };
     let mut spans = vec![badge(state.to_string(), color)];
     if cockpit.is_stale() {
-        spans.push(" when it was last heard".into());
+        spans.push(" when last received".into());
         return Line::from(spans);
     }
     if cockpit.is_stopping {
-        spans.extend([" ".into(), badge("stop is on its way".to_owned(), Color::Red)]);
+        spans.extend([" ".into(), badge("stop is sent".to_owned(), Color::Red)]);
     } else if telemetry.stopped {
         spans.extend([" ".into(), badge("stopped".to_owned(), Color::Red)]);
         spans.push(" c clears it".into());

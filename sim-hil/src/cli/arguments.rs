@@ -4,6 +4,7 @@ use std::ops::RangeInclusive;
 use std::str::FromStr;
 use std::time::Duration;
 
+use flix_host::cli::time::duration;
 use flix_protocol::message::Setpoint;
 
 use crate::model::{LEGS, ModelError, RobotModel};
@@ -84,15 +85,11 @@ pub fn parse_leg(text: &str) -> Result<usize, String> {
 /// When it is no such time.
 pub fn parse_time(text: &str) -> Result<Duration, String> {
     const LONGEST: Duration = Duration::from_secs(86_400);
-    let time = match text.parse::<f64>() {
-        Ok(seconds) => Duration::try_from_secs_f64(seconds).ok(),
-        Err(_) => humantime::parse_duration(text).ok(),
-    };
-    time.filter(|time| !time.is_zero() && *time <= LONGEST).ok_or_else(|| {
-        format!(
-            "{text:?} is no time above 0 and up to a day: write for example 50us, 0.1ms, 8s or 10m"
-        )
-    })
+    let time = duration(text)?;
+    if time.is_zero() || time > LONGEST {
+        return Err(format!("{text:?} is not a time above 0 and up to a day"));
+    }
+    Ok(time)
 }
 
 /// Reads a number within limits; `what` it is and its unit, with a space before it, are for the refusal.

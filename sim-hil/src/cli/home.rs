@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use std::time::{Duration, SystemTime};
 
 use flix_host::cli::course::{SteeringArgs, facts, names, results};
-use flix_host::nav::{Navigator, PlanarPose, Task};
+use flix_host::nav::{Navigator, PlanarPose, Position, Task};
 use flix_host::pilot::{Ending, Pilot};
 use flix_host::record::Recorder;
 use flix_protocol::units::Instant;
@@ -73,7 +73,7 @@ struct Report {
 /// # Errors
 /// When model or table is refused, the simulation diverges, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let task = Task::Reach { point: (0.0, 0.0), stay: true };
+    let task = Task::Reach { point: Position::ORIGIN, stay: true };
     let table = args.conditions.table()?;
     let mut settings = args.steering.settings(&task);
     settings.latency = args.conditions.latency;
@@ -111,7 +111,7 @@ fn push_around(args: &Args, mut course: Course<Navigator>) -> Result<Report, Err
         course.push((distance * bearing.cos(), distance * bearing.sin()), turn);
         match wait_for_rest(&mut course, args.patience)? {
             Ok(taken) => {
-                errors.push(course.truth().distance_to((0.0, 0.0)) * 1e3);
+                errors.push(course.truth().distance_to(Position::ORIGIN) * 1e3);
                 seconds.push(taken);
             }
             Err(reason) => ending = Some(reason),

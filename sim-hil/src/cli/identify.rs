@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::SystemTime;
 
-use flix_host::cli::identify::{SurveyArgs, describe};
+use flix_host::cli::identify::{IdentificationArgs, describe};
 use flix_host::nav::PlanarPose;
 use flix_host::pilot::{Ending, Pilot};
 use flix_host::record::Recorder;
@@ -22,7 +22,7 @@ Examples:
   flix-sim identify --only forward,left,right --seconds 4")]
 pub struct Args {
     #[command(flatten)]
-    survey: SurveyArgs,
+    identification: IdentificationArgs,
     #[command(flatten)]
     conditions: LoopArgs,
     /// Folder for the record, and for the table without --modes
@@ -35,10 +35,10 @@ pub struct Args {
 /// # Errors
 /// When the model is refused, the simulation diverges, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let (survey, names) = args.survey.survey()?;
+    let (identification, names) = args.identification.identification()?;
     let about = description("identify", args.conditions.facts());
     let recorder = Recorder::create(&args.out, SystemTime::now(), &about)?;
-    let pilot = Pilot::new(survey, names, Some(recorder));
+    let pilot = Pilot::new(identification, names, Some(recorder));
     let mut course = Course::new(&args.conditions.conditions(PlanarPose::default())?, pilot)?;
     let bar = progress(u64::from(course.pilot().helm().progress().1), "stretches");
     let ending = loop {
@@ -48,13 +48,14 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         bar.set_position(u64::from(course.pilot().helm().progress().0));
     };
     bar.finish_and_clear();
-    let (survey, _) = course.into_pilot().finish(std::collections::BTreeMap::new())?;
+    let (identification, _) = course.into_pilot().finish(std::collections::BTreeMap::new())?;
     if ending != Ending::Finished {
         return Err(Error::refused(ending));
     }
     let model = &args.conditions.model.model;
-    let source = format!("{}; simulated, seed {}", args.survey.source(), args.conditions.seed);
-    let table = survey.table(model, &source).map_err(Error::refused)?;
+    let source =
+        format!("{}; simulated, seed {}", args.identification.source(), args.conditions.seed);
+    let table = identification.table(model, &source).map_err(Error::refused)?;
     let file = args.conditions.modes.clone().unwrap_or_else(|| args.out.join("modes.toml"));
     table.save(&file).map_err(Error::refused)?;
     print(&describe(&table))?;

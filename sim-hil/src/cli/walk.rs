@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use flix_host::nav::PlanarPose;
+use flix_host::nav::{PlanarPose, Position};
 use flix_host::plot::{Figure, Outline, Series, Track, colour};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
@@ -159,7 +159,7 @@ fn write(film: Film, model: &RobotModel, args: &Args) -> Result<(), Error> {
         model.name, args.setpoint.frequency, args.setpoint.direction
     );
     let track: Vec<_> = film.track().collect();
-    let line = Series::line("middle of the body", track.iter().map(|pose| (pose.x, pose.y)));
+    let line = Series::line("middle of the body", track.iter().map(PlanarPose::position));
     let mut map = Track::new(title.clone(), "m")
         .subtitle(format!(
             "seed {}, {} s, seen from above",
@@ -182,14 +182,12 @@ fn write(film: Film, model: &RobotModel, args: &Args) -> Result<(), Error> {
 /// The plate seen from above.
 fn outline(model: &RobotModel, pose: PlanarPose) -> Outline {
     let (length, width) = (0.5e-3 * model.plate.length_mm, 0.5e-3 * model.plate.width_mm);
-    let (sin, cos) = pose.heading.sin_cos();
     // A nose shows which way is forward.
     let corners = [(-1.0, -1.0), (0.8, -1.0), (1.0, 0.0), (0.8, 1.0), (-1.0, 1.0)];
     Outline {
         corners: corners
             .into_iter()
-            .map(|(u, v)| (u * length, v * width))
-            .map(|(u, v)| (pose.x + cos * u - sin * v, pose.y + sin * u + cos * v))
+            .map(|(u, v)| pose.place(Position::new(u * length, v * width)))
             .collect(),
         colour: colour::GREY,
         filling: 0.12,

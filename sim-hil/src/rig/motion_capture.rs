@@ -6,8 +6,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use flix_host::nav::PlanarPose;
-use flix_host::pose::{Pose, PoseSample};
+use flix_host::pose::{Pose, PoseSample, Quaternion};
 use flix_protocol::units::Instant;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -51,10 +50,9 @@ impl MotionCapture {
             let chance: f64 = StandardNormal.sample(&mut self.random);
             value + sigma * chance
         };
-        let position = body.position.map(|coordinate| noisy(coordinate, POSITION_NOISE));
-        let heading = noisy(0.0, HEADING_NOISE);
-        let turned = Pose::planar(PlanarPose { x: 0.0, y: 0.0, heading }, 0.0);
-        Pose { position, orientation: multiply(turned.orientation, body.orientation) }
+        let position = body.position.map(|coordinate| noisy(coordinate, POSITION_NOISE)).into();
+        let error = Quaternion::about_z(noisy(0.0, HEADING_NOISE)).components();
+        Pose { position, orientation: multiply(error, body.orientation).into() }
     }
 
     /// Exposes one frame.

@@ -148,7 +148,9 @@ impl Recording {
             }
             push(frame.time);
             for pose in &frame.poses {
-                pose.position.into_iter().chain(pose.orientation).for_each(&mut push);
+                let (position, orientation) =
+                    (pose.position.coordinates(), pose.orientation.components());
+                position.into_iter().chain(orientation).for_each(&mut push);
             }
             for force in &frame.forces {
                 force.at.into_iter().chain(force.vector).for_each(&mut push);
@@ -185,6 +187,8 @@ pub enum RecordingError {
 
 #[cfg(test)]
 mod tests {
+    use flix_host::pose::Quaternion;
+
     use super::*;
 
     fn recording(caption: &str) -> Recording {
@@ -203,7 +207,10 @@ mod tests {
             captions: vec![Caption { time: 0.0, text: caption.into() }],
             frames: vec![Frame {
                 time: 0.5,
-                poses: vec![Pose { position: [1.0, 2.0, 3.0], orientation: [1.0, 0.0, 0.0, 0.0] }],
+                poses: vec![Pose {
+                    position: [1.0, 2.0, 3.0].into(),
+                    orientation: Quaternion::about_z(0.0),
+                }],
                 forces: vec![Force { at: [0.0; 3], vector: [4.0, 5.0, 6.0] }],
             }],
             ..Recording::default()

@@ -1,6 +1,6 @@
 //! The simulated robot as boxes and arrows.
 
-use flix_host::pose::Pose;
+use flix_host::pose::{Pose, Quaternion};
 
 use super::{Arrow, Force, Frame, Part};
 use crate::model::{LEGS, RobotModel};
@@ -82,7 +82,7 @@ impl RobotView {
         let body = plant.body();
         let turn = rotation(body.orientation);
         let world = |mm: [f64; 3]| (Vec3(body.position) + turn.apply(Vec3(mm.map(|c| c * 1e-3)))).0;
-        let fixed = |mm| Pose { position: world(mm), orientation: body.orientation };
+        let fixed = |mm| Pose { position: world(mm).into(), orientation: body.orientation.into() };
         let mut poses = vec![
             fixed([0.0; 3]),
             fixed([m.battery.x_mm, m.battery.y_mm, m.battery.z_mm]),
@@ -95,8 +95,8 @@ impl RobotView {
             let (half_sin, half_cos) = (0.5 * angle).sin_cos();
             let middle = 0.5 * m.shaker.arm_mm;
             poses.push(Pose {
-                position: world([middle * cos, middle * sin, height]),
-                orientation: multiply(body.orientation, [half_cos, 0.0, 0.0, half_sin]),
+                position: world([middle * cos, middle * sin, height]).into(),
+                orientation: multiply(body.orientation, [half_cos, 0.0, 0.0, half_sin]).into(),
             });
         }
         let shaking = turn.apply(Vec3(plant.shaker_force())).0;
@@ -105,7 +105,7 @@ impl RobotView {
             for segment in 0..3 {
                 let (top, bottom) = (leg.joints[segment], leg.joints[segment + 1]);
                 poses.push(Pose {
-                    position: core::array::from_fn(|i| 0.5 * (top[i] + bottom[i])),
+                    position: core::array::from_fn(|i| 0.5 * (top[i] + bottom[i])).into(),
                     orientation: from_axes(leg.axes[segment]),
                 });
             }
@@ -114,7 +114,7 @@ impl RobotView {
                 half.map(|c| c / length)
             });
             poses.push(Pose {
-                position: leg.foot_center,
+                position: leg.foot_center.into(),
                 orientation: from_axes(long_first(axes, &leg.foot_half)),
             });
             forces.push(Force { at: leg.foot_center, vector: leg.floor_force });
@@ -139,9 +139,9 @@ fn long_first(axes: [[f64; 3]; 3], half: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
 }
 
 /// Quaternion of a right-handed frame of unit vectors.
-fn from_axes(axes: [[f64; 3]; 3]) -> [f64; 4] {
+fn from_axes(axes: [[f64; 3]; 3]) -> Quaternion {
     let matrix = nalgebra::Matrix3::from_columns(&axes.map(nalgebra::Vector3::from));
     let rotation = nalgebra::Rotation3::from_matrix_unchecked(matrix);
     let q = nalgebra::UnitQuaternion::from_rotation_matrix(&rotation);
-    [q.w, q.i, q.j, q.k]
+    Quaternion { x: q.i, y: q.j, z: q.k, w: q.w }
 }

@@ -1,4 +1,4 @@
-//! Settings as a TOML file, and whether a robot will take them.
+//! Settings as a TOML file, and the check whether a robot accepts them.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -10,36 +10,36 @@ use crate::cli::status::Status;
 /// The table that holds the settings.
 const TABLE: &str = "settings";
 
-/// A file cannot be imported. Nothing was set.
+/// Why a file cannot be imported. Nothing was changed.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum FileError {
-    /// Not TOML.
+    /// The file is not TOML.
     #[error("{}: {source}", path.display())]
     Syntax {
         /// The file.
         path: PathBuf,
-        /// Line, column and what is wrong there.
+        /// Line, column and error.
         source: toml::de::Error,
     },
-    /// TOML, but not settings.
+    /// The file is TOML, but not settings.
     #[error("{}: {problem}; `flix parameters export` writes such a file", path.display())]
     Shape {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
-    /// Settings, but not for this robot.
-    #[error("{}: nothing was set, because {}", path.display(), problems.join("; "))]
+    /// The settings do not fit this robot.
+    #[error("{}: nothing was changed: {}", path.display(), problems.join("; "))]
     Unfit {
         /// The file.
         path: PathBuf,
-        /// Everything that is wrong.
+        /// All problems.
         problems: Vec<String>,
     },
 }
 
-/// A setting that is to be changed.
+/// A change of a setting.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Change {
     pub(super) name: Name,
@@ -47,7 +47,7 @@ pub(super) struct Change {
     pub(super) new: f32,
 }
 
-/// All settings, each with what it is.
+/// Returns all settings as TOML, each with unit, range and default.
 pub(super) fn write(status: &Status, parameters: &[Parameter]) -> String {
     let mut text = format!("# Settings of {}\n\n[{TABLE}]\n", status.robot_line());
     for parameter in parameters {
@@ -60,7 +60,7 @@ pub(super) fn write(status: &Status, parameters: &[Parameter]) -> String {
     text
 }
 
-/// Names and values, as the file has them. Every value is a finite number.
+/// Returns names and values of the file. Every value is a finite number.
 pub(super) fn read(path: &Path, text: &str) -> Result<Vec<(String, f32)>, FileError> {
     let shape = |problem: String| FileError::Shape { path: path.to_owned(), problem };
     let document: toml::Table =
@@ -91,7 +91,8 @@ pub(super) fn read(path: &Path, text: &str) -> Result<Vec<(String, f32)>, FileEr
         .collect()
 }
 
-/// What has to change on a robot with these settings. Finds everything that the robot would refuse.
+/// Returns the changes for a robot with these settings. Reports everything that the robot would
+/// refuse.
 pub(super) fn check(
     path: &Path,
     wanted: &[(String, f32)],
@@ -120,9 +121,10 @@ pub(super) fn check(
     }
 }
 
-/// A robot tells each range as it is now, and some settings bound each other (a limit below its
-/// trip). A bound that is the present value of another setting in the same unit follows that
-/// setting to its value in the file. Where this guess errs, the robot itself refuses.
+/// Returns a bound of a setting after the import. A robot reports its present ranges, and some
+/// settings bound each other (a limit below its trip). A bound that equals the present value of
+/// another setting in the same unit is assumed to follow that setting. Where this assumption is
+/// wrong, the robot refuses.
 fn bound(
     parameter: &Parameter,
     reported: f32,
@@ -175,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn all_problems_are_told_at_once() {
+    fn all_problems_are_reported_at_once() {
         let sentence =
             check(&[("current_limit", 9.0), ("over_current", 50.0), ("colour", 1.0)]).unwrap_err();
         assert!(sentence.contains("`colour`") && sentence.contains("30"), "{sentence}");

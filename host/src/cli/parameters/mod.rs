@@ -1,8 +1,7 @@
-//! `flix parameters`: read, change and keep the robot's settings.
+//! `flix parameters`: reads, changes and stores the settings of the robot.
 
 mod file;
 
-use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -11,14 +10,14 @@ use clap::Subcommand;
 use flix_protocol::message::{Command, Name, Outcome, Parameter, ParameterCommand};
 use serde::Serialize;
 
-use super::output::{print, print_json};
+use super::output::{Column, print, print_json, table};
 use super::robot::RobotArgs;
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 use crate::link::udp::{Connection, LinkError};
 use file::Change;
 
-/// Read, change and keep the robot's settings.
+/// Read, change and store the settings of the robot.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -34,7 +33,7 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Action {
-    /// Show all settings with unit, range and default.
+    /// List all settings with unit, range and default.
     List {
         #[command(flatten)]
         robot: RobotArgs,
@@ -46,52 +45,52 @@ enum Action {
     Get {
         #[command(flatten)]
         robot: RobotArgs,
-        /// Its name.
+        /// Name of the setting.
         name: String,
         /// Print JSON.
         #[arg(long)]
         json: bool,
     },
-    /// Change one setting; until power-off, unless saved.
+    /// Change one setting, until power-off unless saved.
     Set {
         #[command(flatten)]
         robot: RobotArgs,
-        /// Its name.
+        /// Name of the setting.
         name: String,
-        /// The new value, in the setting's unit.
+        /// New value, in the unit of the setting.
         #[arg(allow_hyphen_values = true, value_parser = number)]
         value: f32,
-        /// Keep all settings over power-off.
+        /// Save all settings, so that they survive power-off.
         #[arg(long)]
         save: bool,
     },
-    /// Keep all settings over power-off.
+    /// Save all settings, so that they survive power-off.
     Save {
         #[command(flatten)]
         robot: RobotArgs,
     },
-    /// Back to the settings of a new robot.
+    /// Reset all settings to their defaults.
     Reset {
         #[command(flatten)]
         robot: RobotArgs,
-        /// Keep them over power-off.
+        /// Save the defaults, so that they survive power-off.
         #[arg(long)]
         save: bool,
     },
-    /// Write all settings to a TOML file.
+    /// Export all settings to a TOML file.
     Export {
         #[command(flatten)]
         robot: RobotArgs,
-        /// The file; without it, stdout.
+        /// File to write [default: stdout].
         file: Option<PathBuf>,
     },
-    /// Set everything that a TOML file says. The file is checked whole before anything is set.
+    /// Import settings from a TOML file. The whole file is checked before anything is changed.
     Import {
         #[command(flatten)]
         robot: RobotArgs,
-        /// The file, as `export` writes it; settings that it leaves out stay as they are.
+        /// File, as `export` writes it; settings that it does not contain stay unchanged.
         file: PathBuf,
-        /// Keep all settings over power-off.
+        /// Save all settings, so that they survive power-off.
         #[arg(long)]
         save: bool,
     },
@@ -104,7 +103,7 @@ fn number(text: &str) -> Result<f32, String> {
     }
 }
 
-/// Does what was asked.
+/// Runs the command.
 ///
 /// # Errors
 /// When the robot cannot be reached or refuses; when a name, a value or a file is wrong.
@@ -183,7 +182,7 @@ fn wire_name(name: &str) -> Result<Name, Error> {
     })
 }
 
-/// All settings, in the robot's order.
+/// Returns all settings, in the order of the robot.
 fn list(connection: &mut Connection) -> Result<Vec<Parameter>, LinkError> {
     let mut parameters = Vec::new();
     loop {
@@ -220,8 +219,8 @@ fn save_if(connection: &mut Connection, wanted: bool) -> Result<(), LinkError> {
     Ok(())
 }
 
-/// Sets what differs, and returns how many. Either all is set or, as far as the robot can still be
-/// reached, nothing.
+/// Sets what differs, and returns how many settings. All are set or, as long as the robot can be
+/// reached, none.
 fn import(
     connection: &mut Connection,
     path: &Path,
@@ -231,8 +230,8 @@ fn import(
     let mut left = file::check(path, wanted, &present).map_err(Error::usage)?;
     let count = left.len();
     let mut done = Vec::new();
-    // Some settings bound each other, so the order matters and is not known: go round as long as
-    // that helps.
+    // Some settings bound each other, so the order matters and is unknown: repeat as long as a round
+    // changes something.
     while !left.is_empty() {
         let before = done.len();
         let mut refusal = None;
@@ -254,10 +253,10 @@ fn import(
     Ok(count)
 }
 
-/// Puts back what was set, newest first, so that every step was once in force.
+/// Restores the old values, newest first, so that every intermediate state was once in force.
 fn undo(connection: &mut Connection, done: &[Change]) {
     for change in done.iter().rev() {
-        // What fails here is told by the error that led here.
+        // The error that led here is reported; another one adds nothing.
         let _ = set(connection, change.name.clone(), change.old);
     }
 }
@@ -293,18 +292,12 @@ fn show(parameters: &[Parameter], json: bool) -> Result<(), Error> {
     if json {
         return print_json(&parameters.iter().map(Row::from).collect::<Vec<_>>());
     }
-    let width = parameters.iter().map(|parameter| parameter.name.len()).max().unwrap_or(0);
-    let mut text = String::new();
-    for parameter in parameters {
+    let rows = parameters.iter().map(|parameter| {
         let Parameter { name, unit, value, default, minimum, maximum, .. } = parameter;
-        let mark = if value == default { ' ' } else { '*' };
-        let value = with_unit(*value, unit);
-        // Writing to a string does not fail.
-        let _ = writeln!(
-            text,
-            "{name:<width$} {mark} {value:<14} {minimum} to {maximum}, default {default}"
-        );
-    }
-    text.push_str("* differs from the default\n");
-    print(&text)
+        let mark = if value == default { "" } else { "*" };
+        let range = format!("{minimum} to {maximum}, default {default}");
+        [name.to_string(), mark.to_owned(), with_unit(*value, unit), range]
+    });
+    let rows = table([""; 4].map(Column::left), rows);
+    print(&format!("{rows}* differs from the default\n"))
 }

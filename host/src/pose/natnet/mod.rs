@@ -1,11 +1,10 @@
 //! OptiTrack: poses over NatNet, layouts 3.0 to 4.1, multicast and unicast.
 //!
-//! [`NatNetSource`] reads the stream of Motive (or of a simulated robot); [`NatNetServer`] makes
-//! such a stream. Motive counts with y upwards unless it is told otherwise; [`UpAxis`] turns its
-//! frame into ours and back.
+//! [`NatNetSource`] reads the stream of Motive (or of a simulated robot); [`NatNetServer`] sends
+//! such a stream. Motive's frame has y up by default; [`UpAxis`] converts its frame to ENU and back.
 //!
-//! In Motive, make the rigid body while the robot faces along Motive's +x, so that the body's axes
-//! are the robot's.
+//! In Motive, create the rigid body while the robot faces along Motive's +x, so that the axes of the
+//! body are those of the robot.
 
 mod server;
 mod source;
@@ -21,40 +20,40 @@ use std::str::FromStr;
 
 use super::Pose;
 
-/// Where a server takes commands unless told otherwise (NatNet's default).
+/// Default port of a server for commands.
 pub const COMMAND_PORT: u16 = 1510;
-/// Where poses arrive unless the server says otherwise (NatNet's default).
+/// Default port for poses.
 pub const DATA_PORT: u16 = 1511;
-/// NatNet's usual multicast group.
+/// Default multicast group.
 pub const MULTICAST_GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 42, 99);
 
-/// Which of Motive's axes points to the ceiling (its streaming setting "Up Axis").
+/// Motive's axis that points up (its streaming setting "Up Axis").
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum UpAxis {
-    /// Motive's own: x, y up, z. Our north is Motive's -z.
+    /// Motive's default: y up. North is Motive's -z.
     #[default]
     Y,
-    /// Already ours.
+    /// ENU already.
     Z,
 }
 
 impl UpAxis {
-    /// Motive's position (m) and quaternion (x, y, z, w) as a pose of ours.
+    /// Converts Motive's position (m) and quaternion (x, y, z, w) to a pose in our frame.
     #[must_use]
     pub fn to_pose(self, position: [f32; 3], orientation: [f32; 4]) -> Pose {
         let [x, y, z] = position.map(f64::from);
         let [qx, qy, qz, qw] = orientation.map(f64::from);
         match self {
-            Self::Y => Pose { position: [x, -z, y], orientation: [qw, qx, -qz, qy] },
-            Self::Z => Pose { position: [x, y, z], orientation: [qw, qx, qy, qz] },
+            Self::Y => Pose { position: [x, -z, y].into(), orientation: [qw, qx, -qz, qy].into() },
+            Self::Z => Pose { position: [x, y, z].into(), orientation: [qw, qx, qy, qz].into() },
         }
     }
 
-    /// The inverse of [`UpAxis::to_pose`].
+    /// Converts a pose to Motive's frame: the inverse of [`UpAxis::to_pose`].
     #[must_use]
     pub fn from_pose(self, pose: &Pose) -> ([f32; 3], [f32; 4]) {
-        let [x, y, z] = pose.position.map(|p| p as f32);
-        let [w, qx, qy, qz] = pose.orientation.map(|q| q as f32);
+        let [x, y, z] = pose.position.coordinates().map(|p| p as f32);
+        let [w, qx, qy, qz] = pose.orientation.components().map(|q| q as f32);
         match self {
             Self::Y => ([x, z, -y], [qx, qz, -qy, w]),
             Self::Z => ([x, y, z], [qx, qy, qz, w]),
@@ -79,7 +78,7 @@ impl FromStr for UpAxis {
             "y" | "Y" => Ok(Self::Y),
             "z" | "Z" => Ok(Self::Z),
             other => Err(format!(
-                "\"{other}\" is no up axis: write y or z, as in Motive's streaming settings"
+                "\"{other}\" is not an up axis: write y or z, as in Motive's streaming settings"
             )),
         }
     }

@@ -2,6 +2,7 @@
 
 use std::process::ExitCode;
 
+use flix_host::nav::Position;
 use flix_host::plot::{Figure, Series, Track, colour};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;
@@ -139,7 +140,7 @@ fn found_modes(cells: &[Cell]) -> String {
 /// Figure 4a: the way of each of the paper's modes, all from one place.
 fn tracks(sweep: &Sweep) -> Result<Track, Error> {
     let model = &sweep.variants[0].model;
-    let ways: Vec<(String, Vec<(f64, f64)>)> = paper_modes()
+    let ways: Vec<(String, Vec<Position>)> = paper_modes()
         .par_iter()
         .map(|mode| {
             let what = Walk {
@@ -153,7 +154,7 @@ fn tracks(sweep: &Sweep) -> Result<Track, Error> {
             walk(model, &what, sweep.first_seed, |plant| {
                 if plant.time() >= next {
                     let [x, y, _] = plant.body().position;
-                    way.push((x, y));
+                    way.push(Position::new(x, y));
                     next = plant.time() + TRACK_INTERVAL;
                 }
             })?;

@@ -65,8 +65,7 @@ pub struct BodyState {
 impl BodyState {
     /// Heading about world z, rad, positive to the left, -pi to pi.
     pub fn yaw(&self) -> f64 {
-        let [w, x, y, z] = self.orientation;
-        (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z))
+        flix_host::pose::Quaternion::from(self.orientation).heading()
     }
 }
 

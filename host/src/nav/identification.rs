@@ -1,10 +1,11 @@
-//! Learning the mode table: drive each mode for a while, watch, and keep mean and spread.
+//! Identification of the mode table: drives each mode for some seconds and measures mean and spread
+//! of its motion.
 //!
-//! The modes take turns, round after round, so that a warming motor or an emptying battery touches
-//! all of them alike. The first [`SETTLING`] of each stretch is not counted: the rotors ramp and the
-//! gait settles. The rest is cut into windows of [`WINDOW`]; the motion of a stretch is the mean of
-//! its windows, taken in the body frame, and the spread of a mode is the standard deviation between
-//! its stretches.
+//! The modes take turns, round after round, so that a warming motor or an emptying battery affects
+//! all of them alike. The first [`SETTLING`] of each stretch does not count: the rotors ramp and the
+//! gait settles. The rest is cut into windows of [`WINDOW`]. The motion of a stretch is the mean of
+//! its windows, in the body frame; the spread of a mode is the standard deviation between its
+//! stretches.
 
 use std::time::Duration;
 
@@ -12,42 +13,42 @@ use flix_protocol::message::Setpoint;
 use flix_protocol::units::Instant;
 
 use super::estimator::mean_twist;
-use super::geometry::{PlanarPose, Twist, wrap};
+use super::geometry::{Area, PlanarPose, Twist, wrap};
 use super::modes::{Mode, ModeTable, ModeTableError, Spread};
 use super::navigator::{Decision, Resting};
-use super::safety::{Fence, Stop};
+use super::safety::Stop;
 use crate::pose::PoseSample;
 
-/// Begin of a stretch that is not counted.
+/// Start of a stretch that does not count.
 const SETTLING: Duration = Duration::from_millis(1000);
 /// Length of a window: short enough that a turning robot's arc is nearly its chord.
 const WINDOW: Duration = Duration::from_millis(250);
-/// Standing still between two stretches.
+/// Rest between two stretches.
 const PAUSE: Duration = Duration::from_millis(700);
-/// Spread of a mode that was driven only once, as a share of its speed.
+/// Spread of a mode with a single stretch, as a share of its speed.
 const UNKNOWN_SPREAD: f64 = 0.3;
 
-/// What is to be learnt.
+/// What to identify, and how.
 #[derive(Debug, Clone)]
-pub struct SurveySettings {
-    /// Names and pairs.
+pub struct IdentificationSettings {
+    /// Names and pairs of the modes.
     pub pairs: Vec<(String, Setpoint)>,
-    /// How long each stretch lasts.
+    /// Duration of each stretch.
     pub stretch: Duration,
     /// Stretches of each mode.
     pub rounds: u32,
-    /// Where the robot may be.
-    pub fence: Fence,
+    /// The robot must stay inside.
+    pub fence: Area,
     /// A pose older than this stops the robot.
     pub pose_deadline: Duration,
-    /// A survey without trusted poses ends after this long.
+    /// Without trusted poses the identification ends after this time.
     pub pose_patience: Duration,
 }
 
-/// A survey under way.
+/// An identification under way.
 #[derive(Debug, Clone)]
-pub struct Survey {
-    settings: SurveySettings,
+pub struct Identification {
+    settings: IdentificationSettings,
     stretches: Vec<Vec<Twist>>,
     current: u32,
     begun: Option<Instant>,
@@ -58,10 +59,10 @@ pub struct Survey {
     stop: Option<Stop>,
 }
 
-impl Survey {
-    /// Nothing driven yet.
+impl Identification {
+    /// Starts an identification.
     #[must_use]
-    pub fn new(settings: SurveySettings) -> Self {
+    pub fn new(settings: IdentificationSettings) -> Self {
         let stretches = vec![Vec::new(); settings.pairs.len()];
         Self {
             settings,
@@ -76,13 +77,13 @@ impl Survey {
         }
     }
 
-    /// Stretches driven, and all of them.
+    /// Returns the number of stretches driven and of all stretches.
     #[must_use]
     pub fn progress(&self) -> (u32, u32) {
         (self.current, self.total())
     }
 
-    /// A pose came in; untrusted ones are not used.
+    /// Takes a pose; untrusted ones are not used.
     pub fn observe(&mut self, sample: &PoseSample) {
         let late = self.trusted.is_some_and(|(newest, _)| sample.time <= newest);
         if late || !sample.valid || !sample.pose.is_sound() {
@@ -106,7 +107,7 @@ impl Survey {
         }
     }
 
-    /// What the robot shall do now.
+    /// Returns what to command now.
     pub fn decide(&mut self, now: Instant) -> Decision {
         let started = *self.started.get_or_insert(now);
         if let Some(stop) = self.stop {
@@ -120,10 +121,10 @@ impl Survey {
             return self.wait_for_pose(age);
         }
         if let Some((_, pose)) = self.trusted
-            && !self.settings.fence.holds((pose.x, pose.y))
+            && !self.settings.fence.contains(pose.position())
         {
-            return self
-                .end(Stop::OutsideFence { at: (pose.x, pose.y), fence: self.settings.fence });
+            let (at, fence) = (pose.position(), self.settings.fence);
+            return self.end(Stop::OutsideFence { at, fence });
         }
         self.drive(now)
     }
@@ -141,7 +142,7 @@ impl Survey {
         Decision::Rest(Resting::Arrived)
     }
 
-    /// The stretch is over; the next one begins with the next decision.
+    /// Ends the stretch; the next one begins with the next decision.
     fn keep_stretch(&mut self) {
         let mode = self.current as usize % self.settings.pairs.len();
         if !self.seen.is_empty() {
@@ -173,10 +174,10 @@ impl Survey {
         self.settings.rounds * self.settings.pairs.len() as u32
     }
 
-    /// What was learnt; modes without a single stretch are left out.
+    /// Returns the identified table; modes without a single stretch are left out.
     ///
     /// # Errors
-    /// When nothing was learnt, or something that no robot does.
+    /// When no mode was identified, or a speed is not credible.
     pub fn table(&self, robot: &str, source: &str) -> Result<ModeTable, ModeTableError> {
         let driven = self.settings.pairs.iter().zip(&self.stretches).filter(|(_, s)| !s.is_empty());
         let modes = driven.map(|((name, setpoint), stretches)| Mode {
@@ -190,11 +191,11 @@ impl Survey {
     }
 }
 
-/// Returns mean and standard deviation of one component; of a single stretch the usual share of its mean.
+/// Returns mean and standard deviation of one component; for a single stretch a fixed share of its mean.
 fn spread(stretches: &[Twist], component: fn(&Twist) -> f64) -> Spread {
     let Spread { mean, spread } = Spread::of(&stretches.iter().map(component).collect::<Vec<_>>());
     let spread = if stretches.len() > 1 { spread } else { UNKNOWN_SPREAD * mean.abs() };
-    // A ten-thousandth is far below what one can measure, and keeps the file readable.
+    // A ten-thousandth is far below what can be measured, and keeps the file readable.
     let rounded = |v: f64| (v * 1e4).round() / 1e4;
     Spread { mean: rounded(mean), spread: rounded(spread) }
 }
@@ -205,21 +206,21 @@ mod tests {
     use super::*;
     use crate::pose::Pose;
 
-    /// A survey of a robot that does exactly what model W's table says.
-    fn survey(rounds: u32) -> Survey {
+    /// Identifies a robot that moves exactly as the table of model W.
+    fn identified(rounds: u32) -> Identification {
         let table = model_w();
-        let mut survey = Survey::new(SurveySettings {
+        let mut identification = Identification::new(IdentificationSettings {
             pairs: table.modes().iter().map(|m| (m.name.clone(), m.setpoint)).collect(),
             stretch: Duration::from_secs(4),
             rounds,
-            fence: Fence { low: (-3.0, -3.0), high: (3.0, 3.0) },
+            fence: "-3,-3,3,3".parse().unwrap(),
             pose_deadline: Duration::from_millis(100),
             pose_patience: Duration::from_secs(2),
         });
         let mut pose = PlanarPose::default();
         for step in 0..200_000 {
             let now = Instant::from_micros(step * 5000);
-            match survey.decide(now) {
+            match identification.decide(now) {
                 Decision::Drive { mode, .. } => {
                     pose = pose.moved(table.modes()[mode].twist(), 0.005);
                 }
@@ -227,31 +228,31 @@ mod tests {
                 Decision::Finished | Decision::Stopped(_) => break,
             }
             let sample = PoseSample { time: now, pose: Pose::planar(pose, 0.05), valid: true };
-            survey.observe(&sample);
+            identification.observe(&sample);
         }
-        survey
+        identification
     }
 
     #[test]
-    fn learns_the_speeds_that_the_robot_has() {
-        let table = survey(2).table("w", "test").unwrap();
-        for (learnt, true_mode) in table.modes().iter().zip(model_w().modes()) {
-            let (l, t) = (learnt.twist(), true_mode.twist());
+    fn identifies_the_speeds_that_the_robot_has() {
+        let table = identified(2).table("w", "test").unwrap();
+        for (found, true_mode) in table.modes().iter().zip(model_w().modes()) {
+            let (l, t) = (found.twist(), true_mode.twist());
             let error = (l.forward - t.forward).abs() + (l.lateral - t.lateral).abs();
-            assert!(error < 2e-3 && (l.yaw - t.yaw).abs() < 2e-2, "{}: {l:?} {t:?}", learnt.name);
+            assert!(error < 2e-3 && (l.yaw - t.yaw).abs() < 2e-2, "{}: {l:?} {t:?}", found.name);
         }
     }
 
     #[test]
     fn all_modes_take_their_turn_in_every_round() {
-        assert_eq!(survey(3).progress(), (27, 27));
+        assert_eq!(identified(3).progress(), (27, 27));
     }
 
     #[test]
-    fn lost_poses_end_the_survey() {
-        let mut survey = survey(1);
-        survey.current = 0;
-        let end = survey.decide(Instant::from_micros(2_000_000_000));
+    fn lost_poses_end_the_identification() {
+        let mut identification = identified(1);
+        identification.current = 0;
+        let end = identification.decide(Instant::from_micros(2_000_000_000));
         assert!(matches!(end, Decision::Stopped(Stop::PoseLost { .. })), "{end:?}");
     }
 }
