@@ -1,5 +1,6 @@
 //! Explains what the robot reports, in plain words, with what to do.
 
+use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LOST};
 use flix_protocol::message::{Event, Fault, Refusal, State};
 
 /// Returns what a fault means and what to do.
@@ -87,8 +88,10 @@ pub fn event(event: &Event) -> String {
         Event::OperatorConnected => "an operator connected".to_owned(),
         Event::OperatorLeft => "the operator left".to_owned(),
         Event::LinkLate => "commands are late".to_owned(),
-        Event::CommandDeadline => "no commands for 250 ms: ramping down".to_owned(),
-        Event::LinkLost => "no commands for 1 s: disarmed".to_owned(),
+        Event::CommandDeadline => {
+            format!("no commands for {} ms: ramping down", COMMAND_DEADLINE.as_millis())
+        }
+        Event::LinkLost => format!("no commands for {} s: disarmed", LINK_LOST.as_secs()),
         Event::SettingsSaved => "settings saved".to_owned(),
         Event::SettingsDefaulted => "stored settings were damaged: defaults in force".to_owned(),
         Event::BatteryLow(voltage) => format!("battery low: {:.1} V", voltage.get()),
@@ -112,5 +115,11 @@ mod tests {
             let found = refusal(&Refusal::State(state)).unwrap();
             assert!(found.contains(hint), "{state}: {found}");
         }
+    }
+
+    #[test]
+    fn the_steps_of_the_failsafe_ladder_name_their_times() {
+        assert_eq!(event(&Event::CommandDeadline), "no commands for 250 ms: ramping down");
+        assert_eq!(event(&Event::LinkLost), "no commands for 1 s: disarmed");
     }
 }

@@ -9,6 +9,7 @@
 //! | [`units`] | physical quantities and moments as types with ranges |
 //! | [`message`] | commands, replies, telemetry and events |
 //! | [`frame`] | the layout of datagrams in bytes |
+//! | [`failsafe`] | what silence of the operator and a low battery cause, and when |
 //! | [`session`] | handshake, encryption, replay protection: who may command the robot |
 //! | [`provision`] | name, network and key of a robot, over its serial port |
 //! | [`shaker`] | the two rotors' angles from phase and theta, and back |

@@ -104,7 +104,7 @@ const fn combine(words: &[u64]) -> u64 {
 /// Silence of the holder of a session after which another operator may take over.
 ///
 /// The last step of the failsafe ladder, at which the robot is disarmed.
-pub const HOLDER_SILENCE: Duration = Duration::from_secs(1);
+pub const HOLDER_SILENCE: Duration = crate::failsafe::LINK_LOST;
 /// Silence of the holder after which its session ends.
 pub const SESSION_EXPIRY: Duration = Duration::from_secs(10);
 /// Length of the cookie's epoch: ample for a handshake on the worst link, short for an attacker

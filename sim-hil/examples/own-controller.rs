@@ -8,7 +8,7 @@
 use std::error::Error;
 use std::time::Duration;
 
-use flix_host::nav::{Decision, PlanarPose, Resting, wrap};
+use flix_host::nav::{Decision, PlanarPose, Position, Resting, wrap};
 use flix_host::pilot::{Helm, Pilot};
 use flix_host::pose::PoseSample;
 use flix_protocol::message::Setpoint;
@@ -18,7 +18,7 @@ use flix_sim::model::RobotModel;
 use flix_sim::rig::bench::setpoint;
 
 /// Where the robot shall go, m.
-const GOAL: (f64, f64) = (0.3, 0.2);
+const GOAL: Position = Position::new(0.3, 0.2);
 /// Nearer than this it has arrived, m.
 const ARRIVED: f64 = 0.05;
 /// It walks while the goal lies within this angle of straight ahead, and turns otherwise, rad.
@@ -46,7 +46,7 @@ impl Helm for TurnThenWalk {
         if pose.distance_to(GOAL) < ARRIVED {
             return Decision::Finished;
         }
-        let bearing = wrap((GOAL.1 - pose.y).atan2(GOAL.0 - pose.x) - pose.heading);
+        let bearing = wrap(pose.position().bearing_to(GOAL) - pose.heading);
         let mode = match bearing {
             _ if bearing.abs() < AHEAD => 0,
             _ if bearing > 0.0 => 1,

@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 use std::time::{Duration, Instant as Clock};
 
+use flix_protocol::failsafe::BATTERY_LOW_VOLTS;
 use flix_protocol::message::{Command, Outcome, State, Telemetry};
 use flix_protocol::units::Instant;
 
@@ -17,8 +18,6 @@ use crate::pose::natnet::{NatNetSource, NatNetStatistics};
 
 /// Time for which poses and telemetry are observed.
 const WATCH: Duration = Duration::from_secs(2);
-/// A three-cell battery below this is nearly empty, V.
-const LOW_BATTERY: f32 = 10.5;
 /// Fewest poses per second for good control.
 const FEW_POSES: f64 = 50.0;
 /// Largest difference of the two clocks, as a share.
@@ -179,7 +178,7 @@ fn judge_state(telemetry: &Telemetry) -> Finding {
 
 fn judge_battery(telemetry: &Telemetry) -> Finding {
     match telemetry.bus_voltage.map(|volts| volts.get()) {
-        Some(volts) if volts < LOW_BATTERY => {
+        Some(volts) if volts < BATTERY_LOW_VOLTS => {
             let sentence = format_args!("{volts:.1} V: charge it");
             Finding::bad("battery", Exit::RobotFault, sentence)
         }

@@ -7,7 +7,7 @@
 //! # What the client does by itself
 //!
 //! - **Sign of life**: every [`KEEP_ALIVE`] it sends the held setpoint, or a ping when none is held,
-//!   so the robot's command deadline (100 ms late, 250 ms ramp down, 1 s disarmed) is met with
+//!   so the robot's command deadline ([`flix_protocol::failsafe`]) is met with
 //!   four datagrams to spare.
 //! - **Requests** (arm, parameters, ...) carry a number and are repeated every [`REQUEST_RETRY`]
 //!   until answered or [`REQUEST_PATIENCE`] is over. All commands are idempotent.

@@ -14,7 +14,7 @@ use crate::explain;
 use crate::interrupt::Interrupt;
 
 /// Time for which a program that ends by accident repeats stop without an acknowledgement. The
-/// robot's own command deadline is 250 ms.
+/// robot's own deadline is [`flix_protocol::failsafe::COMMAND_DEADLINE`].
 pub const FAREWELL_PATIENCE: Duration = Duration::from_millis(500);
 /// Time for which a program that is interrupted repeats stop.
 pub const STOP_PATIENCE: Duration = Duration::from_secs(2);

@@ -14,6 +14,7 @@
 
 use std::f32::consts::PI;
 
+use flix_protocol::failsafe::BATTERY_LOW_VOLTS;
 use flix_protocol::message::{MAXIMUM_DIRECTION, MAXIMUM_FREQUENCY, State, Telemetry};
 use ratatui::Frame;
 use ratatui::layout::{Alignment, Constraint, Layout, Rect};
@@ -36,8 +37,6 @@ const FAINT: Style = Style::new().fg(Color::DarkGray);
 
 /// Battery gauge: empty and full three-cell pack, V (3.0 and 4.2 V a cell).
 const BATTERY_RANGE: (f32, f32) = (9.0, 12.6);
-/// Below this the battery is shown in red, V: 3.3 V a cell.
-const BATTERY_LOW: f32 = 9.9;
 /// Loss above which it is shown in red.
 const POOR_LOSS: f64 = 0.1;
 
@@ -204,7 +203,7 @@ fn gauge_lines(cockpit: &Cockpit, telemetry: &Telemetry, width: usize) -> Vec<Li
     };
     let (empty, full) = BATTERY_RANGE;
     let battery_color = match battery {
-        Some(voltage) if voltage < BATTERY_LOW => Color::Red,
+        Some(voltage) if voltage < BATTERY_LOW_VOLTS => Color::Red,
         _ => Color::Green,
     };
     vec![

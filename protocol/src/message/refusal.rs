@@ -9,6 +9,7 @@ use super::fault::Faults;
 use super::parameter::Name;
 use super::setpoint::{MAXIMUM_DIRECTION, MAXIMUM_FREQUENCY};
 use super::telemetry::State;
+use crate::failsafe::PROVING_TIME;
 use crate::units::OutOfRange;
 
 /// Why a command was not done.
@@ -85,7 +86,9 @@ impl fmt::Display for Refusal {
             Self::State(state) => write!(f, "the robot is {state} and cannot do this now"),
             Self::Faulted(faults) => write!(f, "a fault is latched ({faults}): clear it first"),
             Self::Stopped => f.write_str("a stop is latched: clear it first"),
-            Self::LinkUnproven => f.write_str("the link has not been steady for half a second yet"),
+            Self::LinkUnproven => {
+                write!(f, "the link has not been steady for {} ms yet", PROVING_TIME.as_millis())
+            }
             Self::Storage => f.write_str("the robot could not write its settings"),
             Self::NotWhole { name } => write!(f, "{name} must be a whole number"),
         }

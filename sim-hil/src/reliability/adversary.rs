@@ -14,7 +14,10 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
 use flix_firmware::hardware::TICK_RATE_HZ;
-use flix_protocol::frame::{Datagram, MAXIMUM_DATAGRAM, MAXIMUM_MESSAGE};
+use flix_protocol::frame::{
+    Datagram, HANDSHAKE_LENGTHS, HEAD, MAGIC, MAXIMUM_DATAGRAM, MAXIMUM_MESSAGE, SEALED,
+    SEALED_COUNTER, SEALED_HEADER, TAG_LENGTH,
+};
 use flix_protocol::message::{
     Command, DropReason, Dropped, State, ToOperator, ToRobot, unreadable,
 };
@@ -434,12 +437,8 @@ struct Attacker {
     elsewhere: Vec<Vec<u8>>,
 }
 
-/// Magic and kind.
-const HEAD: usize = 4;
-/// Session and counter behind them.
-const COUNTER: core::ops::Range<usize> = 8..16;
-/// Kinds of datagrams with the length of each, where it has one.
-const LENGTHS: [(u8, usize); 6] = [(1, 62), (2, 36), (3, 52), (4, 24), (5, 47), (6, 40)];
+/// Length of the sealed datagrams that are made up: with 8 bytes of ciphertext.
+const SEALED_LENGTH: usize = SEALED_HEADER + 8 + TAG_LENGTH;
 
 impl Attacker {
     fn keep(&mut self, towards: Towards, datagram: &[u8]) {
@@ -494,7 +493,7 @@ impl Attacker {
                 let mut datagram = self.genuine();
                 let step = 1 + self.random.next_u64() % 1_000;
                 advance_counter(&mut datagram, step);
-                let body = datagram.len().min(COUNTER.end);
+                let body = datagram.len().min(SEALED_COUNTER.end);
                 self.random.fill_bytes(&mut datagram[body..]);
                 datagram
             }
@@ -547,10 +546,13 @@ impl Attacker {
     }
 
     fn headed(&mut self) -> Vec<u8> {
-        let (kind, exact) = LENGTHS[self.below(LENGTHS.len())];
+        let index = self.below(HANDSHAKE_LENGTHS.len() + 1);
+        let (kind, exact) =
+            HANDSHAKE_LENGTHS.get(index).copied().unwrap_or((SEALED, SEALED_LENGTH));
         let length = if self.below(2) == 0 { exact } else { HEAD + self.below(LONGEST_FUZZED) };
         let mut datagram = self.bytes(length.max(HEAD));
-        datagram[..HEAD].copy_from_slice(&[b'f', b'l', b'x', kind]);
+        datagram[..MAGIC.len()].copy_from_slice(&MAGIC);
+        datagram[MAGIC.len()] = kind;
         datagram
     }
 
@@ -563,7 +565,7 @@ impl Attacker {
 }
 
 fn advance_counter(datagram: &mut [u8], step: u64) {
-    if let Some(place) = datagram.get_mut(COUNTER)
+    if let Some(place) = datagram.get_mut(SEALED_COUNTER)
         && let Ok(counter) = <[u8; 8]>::try_from(&*place)
     {
         let counter = u64::from_le_bytes(counter).wrapping_add(step);

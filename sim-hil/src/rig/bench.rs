@@ -2,7 +2,7 @@
 
 use flix_protocol::message::{Command, Setpoint, State};
 use flix_protocol::session::Key;
-use flix_protocol::units::{Degrees, Hertz, OutOfRange};
+use flix_protocol::units::OutOfRange;
 use serde::Serialize;
 
 use crate::model::{ModelError, RobotModel};
@@ -73,7 +73,7 @@ impl From<crate::plant::Diverged> for BenchError {
 /// # Errors
 /// When one of them is no number or out of its range.
 pub fn setpoint(frequency_hz: f64, direction_deg: f64) -> Result<Setpoint, OutOfRange> {
-    Setpoint::new(Hertz::new(frequency_hz as f32)?, Degrees::new(direction_deg as f32)?)
+    Setpoint::from_numbers(frequency_hz as f32, direction_deg as f32)
 }
 
 /// An operator on a quiet network and a robot of this seed on this base, powered up.
