@@ -1,11 +1,25 @@
-//! What crosses between the fast and the slow half: an [`Order`] goes in, a [`Report`] comes out.
+//! What crosses between the fast and the slow half, which run at different priorities or on
+//! different cores.
 //!
-//! Events cross as counters, so that none is lost when a value is overwritten.
+//! ```text
+//! slow half  -- Configuration, then Order -->  Exchange  -->  fast half, every tick
+//!            <------------- Report ----------            <--  every tenth tick
+//! ```
+//!
+//! - Whole values cross, and the newest of each kind wins: neither half ever waits for the other.
+//! - What must not be lost when a value is overwritten crosses as a wrapping counter: requests in the
+//!   [`Order`], events in the [`Report`].
+//! - A [`Configuration`] waits until the fast half takes it, which it does only while the motors are
+//!   not driven, and always before it obeys the order that was handed over with it.
+//!
+//! Who shares the exchange between interrupts, cores or threads implements [`Access`]. Each access
+//! lasts for the copy of the values that cross, so that a lock delays a tick by no more.
 
 use flix_protocol::message::{Fault, Faults, Setpoint, State};
 use flix_protocol::units::Instant;
 
 use crate::fast::alignment::Alignment;
+use crate::fast::configuration::Configuration;
 use crate::fast::units::{SPEED_PER_HERTZ, Speed, TURN_PER_DEGREE};
 use crate::hardware::Turn;
 
@@ -142,4 +156,69 @@ pub struct Report {
     pub alignment: [Alignment; 2],
     /// What happened.
     pub events: EventCounters,
+}
+
+/// Values that the two halves have left for each other.
+#[derive(Debug, Clone)]
+pub struct Exchange {
+    order: Order,
+    /// Offered by the slow half and not taken yet.
+    configuration: Option<Configuration>,
+    report: Report,
+}
+
+impl Exchange {
+    /// Returns an exchange in which nothing is asked for; `report` is the fast half's first.
+    #[must_use]
+    pub fn new(report: Report) -> Self {
+        Self { order: Order::default(), configuration: None, report }
+    }
+
+    /// Leaves what the slow half asks for. A configuration that the fast half has not taken yet
+    /// stays, unless there is a newer one.
+    pub fn ask(&mut self, order: Order, configuration: Option<&Configuration>) {
+        if let Some(configuration) = configuration {
+            self.configuration = Some(*configuration);
+        }
+        self.order = order;
+    }
+
+    /// Whether a configuration waits for the fast half.
+    #[must_use]
+    pub const fn is_configuration_waiting(&self) -> bool {
+        self.configuration.is_some()
+    }
+
+    /// Returns the newest order, after `configure` was shown the configuration that waits, if any;
+    /// while `configure` refuses it by `false`, it goes on waiting.
+    pub fn take(&mut self, configure: impl FnOnce(&Configuration) -> bool) -> Order {
+        if self.configuration.as_ref().is_some_and(configure) {
+            self.configuration = None;
+        }
+        self.order
+    }
+
+    /// Leaves how the fast half is.
+    pub const fn report(&mut self, report: Report) {
+        self.report = report;
+    }
+
+    /// Returns how the fast half was when it last reported.
+    #[must_use]
+    pub const fn newest_report(&self) -> &Report {
+        &self.report
+    }
+}
+
+/// A way to an [`Exchange`] that nobody else uses meanwhile.
+pub trait Access {
+    /// Runs `access` alone with the exchange and returns its result.
+    fn with<R>(&mut self, access: impl FnOnce(&mut Exchange) -> R) -> R;
+}
+
+/// An exchange that has one owner needs no lock.
+impl Access for Exchange {
+    fn with<R>(&mut self, access: impl FnOnce(&mut Exchange) -> R) -> R {
+        access(self)
+    }
 }

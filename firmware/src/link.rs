@@ -47,8 +47,8 @@ pub struct Link {
     signal_dbm: Option<i8>,
     order: Order,
     setpoint: Setpoint,
-    /// Told to ramp down and let go, and not there yet.
-    lets_down: bool,
+    /// Asked to ramp down and disarm, and not there yet.
+    ramps_down: bool,
     report: Report,
     steadiness: Steadiness,
     answers: Deque<(SocketAddr, HandshakeFrame), ANSWERS>,
@@ -72,7 +72,7 @@ impl Link {
             signal_dbm: None,
             order: Order::default(),
             setpoint: Setpoint::REST,
-            lets_down: false,
+            ramps_down: false,
             report,
             steadiness: Steadiness::default(),
             answers: Deque::new(),
@@ -86,6 +86,12 @@ impl Link {
     #[must_use]
     pub const fn order(&self) -> &Order {
         &self.order
+    }
+
+    /// How the fast half was when it was last observed.
+    #[must_use]
+    pub const fn report(&self) -> &Report {
+        &self.report
     }
 
     /// Whether the robot has a key.
@@ -122,8 +128,8 @@ impl Link {
         self.signal_dbm = dbm;
     }
 
-    /// Tells the operator that something happened in the slow half.
-    pub fn tell(&mut self, now: Instant, event: Event) {
+    /// Adds an event of the slow half to those that wait for the operator.
+    pub fn add_event(&mut self, now: Instant, event: Event) {
         self.events.push(now, event);
     }
 
@@ -225,10 +231,8 @@ impl Link {
         if matches!(report.state, State::Disarmed | State::Aligning | State::Faulted) {
             self.setpoint = Setpoint::REST;
         }
-        let obeyed =
-            report.obeyed.disarm == self.order.disarm && report.obeyed.stop == self.order.stop;
-        if obeyed && is_idle(report.state) {
-            self.lets_down = false;
+        if self.is_at_rest() {
+            self.ramps_down = false;
         }
     }
 
@@ -265,7 +269,7 @@ impl Link {
         self.check_cleared()?;
         match self.state() {
             // One that only waits for commands goes on when they come back.
-            State::Armed | State::Running | State::Stopping if !self.lets_down => {
+            State::Armed | State::Running | State::Stopping if !self.ramps_down => {
                 self.order.set(&setpoint, now);
                 self.setpoint = setpoint;
                 Ok(())
@@ -279,7 +283,7 @@ impl Link {
         self.check_cleared()?;
         match self.state() {
             State::Aligning | State::Armed | State::Running => return Ok(()),
-            State::Disarmed if !self.lets_down => {}
+            State::Disarmed if !self.ramps_down => {}
             State::Disarmed => return Err(Refusal::State(State::Stopping)),
             state => return Err(Refusal::State(state)),
         }
@@ -292,31 +296,43 @@ impl Link {
         Ok(())
     }
 
+    /// Whether the fast half is idle and nothing on its way could change that, however old its
+    /// report is: it starts to move only when it is asked to arm.
+    fn is_at_rest(&self) -> bool {
+        let (asked, obeyed) = (self.order.requests(), self.report.obeyed);
+        let is_obeyed =
+            (asked.arm, asked.disarm, asked.stop) == (obeyed.arm, obeyed.disarm, obeyed.stop);
+        is_obeyed && is_idle(self.report.state)
+    }
+
+    /// A robot at rest has nothing to ramp down: it can be armed at once again.
     fn disarm(&mut self) {
-        self.order.disarm = self.order.disarm.wrapping_add(1);
-        self.lets_down = true;
         self.setpoint = Setpoint::REST;
+        if !self.is_at_rest() {
+            self.order.disarm = self.order.disarm.wrapping_add(1);
+            self.ramps_down = true;
+        }
     }
 
     fn stop(&mut self) {
         self.order.stop = self.order.stop.wrapping_add(1);
-        self.lets_down = true;
+        self.ramps_down = true;
         self.setpoint = Setpoint::REST;
     }
 
     /// A latched stop is forgotten only when the rotors have come to rest.
     fn clear(&mut self) -> Result<(), Refusal> {
-        if self.lets_down {
+        if self.ramps_down {
             return Err(Refusal::State(State::Stopping));
         }
         self.order.clear = self.order.clear.wrapping_add(1);
         Ok(())
     }
 
-    /// As reported, but a robot that was just told to let down does so already.
+    /// As reported, but a robot that was just asked to ramp down does so already.
     fn state(&self) -> State {
         let state = self.report.state;
-        if self.lets_down && !is_idle(state) { State::Stopping } else { state }
+        if self.ramps_down && !is_idle(state) { State::Stopping } else { state }
     }
 
     fn check_cleared(&self) -> Result<(), Refusal> {

@@ -1,20 +1,17 @@
 //! The whole robot's software, the one entry for chips and simulator.
 //!
 //! [`Robot`] is everything in one place, for whoever runs on one thread. Where the fast loop has a
-//! priority or a core of its own, [`Robot::into_halves`] gives the two halves:
+//! priority or a core of its own, [`Robot::into_halves`] gives the two halves and what crosses
+//! between them; [`Robot::tick`] does with them exactly what a chip does:
 //!
 //! ```text
-//!            every tick, 10 kHz                        when there is something to do
-//! Sensors -> Control::tick -> Actuation       datagrams -> SlowHalf::receive
-//!               ^      |                      datagrams <- SlowHalf::transmit, poll_at
-//!               |      +---- Report, Copy ------------> SlowHalf::observe
-//!               +----------- Order, Copy -------------- SlowHalf::order
-//!               +----------- Configuration, Copy ------ SlowHalf::configuration
+//!            every tick, 10 kHz                     when there is something to do
+//! Sensors -> FastHalf::tick -> Actuation    datagrams -> SlowHalf::receive
+//!                  |                        datagrams <- SlowHalf::transmit, poll_at
+//!                  +------- Exchange ------------------- SlowHalf::exchange
 //! ```
 //!
-//! Whole values cross, each overwriting the one before, so a lock is held for one copy and neither
-//! half ever waits for the other: cryptography and flash never delay a tick. A configuration must be
-//! handed over ([`Control::configure`]) before the order that came with it.
+//! Cryptography and flash belong to the slow half and never delay a tick.
 
 use core::net::SocketAddr;
 
@@ -23,7 +20,7 @@ use flix_protocol::message::{Event, Fault, LinkQuality};
 use flix_protocol::session::Key;
 use flix_protocol::units::Instant;
 
-use crate::exchange::{Order, Report};
+use crate::exchange::{Access, Exchange, Order, Report};
 use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
 use crate::hardware::{Actuation, Hardware, Sensors, SettingsStore};
@@ -41,15 +38,15 @@ const REPORT_INTERVAL: u8 = 10;
 
 /// The whole robot's software.
 pub struct Robot<S> {
-    control: Control,
+    fast: FastHalf,
     slow: SlowHalf<S>,
-    ticks_to_report: u8,
+    exchange: Exchange,
 }
 
 impl<S: SettingsStore> Robot<S> {
     /// At power-up: disarmed, with the settings that `store` holds.
     ///
-    /// `name` is told to operators (at most 32 bytes of it). Without a key the robot refuses every
+    /// Operators see `name` (at most 32 bytes of it). Without a key the robot refuses every
     /// operator. `entropy` must come from a hardware random source, fresh at every start.
     /// When the stored settings cannot be trusted the defaults are in force and
     /// [`Fault::Settings`] stands until it is cleared.
@@ -65,32 +62,26 @@ impl<S: SettingsStore> Robot<S> {
         let mut control = Control::new(Configuration::new(&parameters, &hardware));
         let mut link = Link::new(identity(name, &hardware), key, entropy, control.report());
         if tuning.loaded().is_err() {
-            link.tell(control.report().time, Event::SettingsDefaulted);
+            link.add_event(control.report().time, Event::SettingsDefaulted);
             control.raise(Fault::Settings);
         }
+        let report = control.report();
         let slow = SlowHalf {
-            alignments: control.report().alignments,
-            applied: tuning.revision(),
+            alignments: report.alignments,
+            offered: tuning.revision(),
             hardware,
             tuning,
             link,
         };
-        Self { control, slow, ticks_to_report: 0 }
+        let fast = FastHalf { control, ticks_to_report: 0 };
+        Self { fast, slow, exchange: Exchange::new(report) }
     }
 
     /// One tick of the fast loop, [`TICK_RATE_HZ`](crate::hardware::TICK_RATE_HZ) times a second.
     pub fn tick(&mut self, now: Instant, sensors: &Sensors) -> Actuation {
-        if let Some(offer) = self.slow.configuration()
-            && self.control.configure(&offer.configuration)
-        {
-            self.slow.configured(offer.revision);
-        }
-        let actuation = self.control.tick(now, sensors, &self.slow.order());
-        if self.ticks_to_report == 0 {
-            self.ticks_to_report = REPORT_INTERVAL;
-            self.slow.observe(&self.control.report());
-        }
-        self.ticks_to_report -= 1;
+        self.slow.exchange(&mut self.exchange);
+        let actuation = self.fast.tick(now, sensors, &mut self.exchange);
+        self.slow.exchange(&mut self.exchange);
         actuation
     }
 
@@ -114,7 +105,7 @@ impl<S: SettingsStore> Robot<S> {
     /// How the fast half is, as of the last tick.
     #[must_use]
     pub fn report(&self) -> Report {
-        self.control.report()
+        self.fast.control.report()
     }
 
     /// In force.
@@ -123,10 +114,10 @@ impl<S: SettingsStore> Robot<S> {
         self.slow.settings()
     }
 
-    /// As [`SlowHalf::order`].
+    /// What the fast half is asked for.
     #[must_use]
     pub const fn order(&self) -> Order {
-        self.slow.order()
+        *self.slow.link.order()
     }
 
     /// As [`SlowHalf::operator`].
@@ -146,20 +137,41 @@ impl<S: SettingsStore> Robot<S> {
         self.slow.provision(name, key);
     }
 
-    /// The two halves, for a fast loop with a priority or a core of its own.
+    /// Returns the two halves and the exchange between them, for a fast loop with a priority or a
+    /// core of its own.
     #[must_use]
-    pub fn into_halves(self) -> (Control, SlowHalf<S>) {
-        (self.control, self.slow)
+    pub fn into_halves(self) -> (FastHalf, SlowHalf<S>, Exchange) {
+        (self.fast, self.slow, self.exchange)
     }
 }
 
-/// A configuration for the fast half.
-#[derive(Debug, Clone, Copy)]
-pub struct Offer {
-    /// Names it in [`SlowHalf::configured`].
-    pub revision: u16,
-    /// For [`Control::configure`].
-    pub configuration: Configuration,
+/// The fast loop: everything that must not wait.
+pub struct FastHalf {
+    control: Control,
+    ticks_to_report: u8,
+}
+
+impl FastHalf {
+    /// Takes what the slow half asks for, does one tick, and reports in every tenth. Never panics,
+    /// unless `exchange` does.
+    #[inline]
+    pub fn tick(
+        &mut self,
+        now: Instant,
+        sensors: &Sensors,
+        exchange: &mut impl Access,
+    ) -> Actuation {
+        let control = &mut self.control;
+        let order = exchange.with(|exchange| exchange.take(|new| control.configure(new)));
+        let actuation = control.tick(now, sensors, &order);
+        if self.ticks_to_report == 0 {
+            self.ticks_to_report = REPORT_INTERVAL;
+            let report = control.report();
+            exchange.with(|exchange| exchange.report(report));
+        }
+        self.ticks_to_report -= 1;
+        actuation
+    }
 }
 
 /// Link, settings and telemetry: everything that may take its time.
@@ -167,44 +179,51 @@ pub struct SlowHalf<S> {
     hardware: Hardware,
     link: Link,
     tuning: Tuning<S>,
-    /// Revision of the settings that the fast half runs with.
-    applied: u16,
+    /// Revision of the settings that were handed over last.
+    offered: u16,
     alignments: u8,
 }
 
 impl<S: SettingsStore> SlowHalf<S> {
-    /// What the fast half is asked for. Copy it over at least every 10 ms.
-    #[must_use]
-    pub const fn order(&self) -> Order {
-        *self.link.order()
-    }
-
-    /// What the fast half should be configured with, while it is not yet. Offer it to
-    /// [`Control::configure`] until that takes it, then say [`SlowHalf::configured`].
-    #[must_use]
-    pub fn configuration(&self) -> Option<Offer> {
+    /// Takes the newest report, and hands over the order, with a configuration where the settings
+    /// changed. Call at least every 10 ms, and soon after each [`SlowHalf::receive`].
+    pub fn exchange(&mut self, exchange: &mut impl Access) {
+        let observed = self.report().timing.ticks;
+        let (report, waiting) = exchange.with(|exchange| {
+            let report = exchange.newest_report();
+            let is_new = report.timing.ticks != observed;
+            (is_new.then_some(*report), exchange.is_configuration_waiting())
+        });
+        let learnt = report.is_some_and(|report| self.observe(&report));
         let revision = self.tuning.revision();
-        (self.applied != revision).then(|| {
+        // The fast half knows what it found; a configuration that waits for it does not.
+        let is_outdated = self.offered != revision || (waiting && learnt);
+        self.offered = revision;
+        let configuration = is_outdated.then(|| {
             let parameters = self.tuning.settings().parameters();
-            Offer { revision, configuration: Configuration::new(&parameters, &self.hardware) }
-        })
+            Configuration::new(&parameters, &self.hardware)
+        });
+        exchange.with(|exchange| exchange.ask(*self.link.order(), configuration.as_ref()));
     }
 
-    /// The fast half has taken over the offer with this revision.
-    pub const fn configured(&mut self, revision: u16) {
-        self.applied = revision;
-    }
-
-    /// Takes over how the fast half is. Call at least every 10 ms.
-    pub fn observe(&mut self, report: &Report) {
+    /// Takes over how the fast half is; returns whether it has aligned since the last report.
+    fn observe(&mut self, report: &Report) -> bool {
         self.link.observe(report);
-        if report.alignments != self.alignments {
+        let learnt = report.alignments != self.alignments;
+        if learnt {
             self.alignments = report.alignments;
             self.tuning.learn(report.alignment);
         }
         if is_idle(report.state) && self.tuning.save_learnt() == Ok(true) {
-            self.link.tell(report.time, Event::SettingsSaved);
+            self.link.add_event(report.time, Event::SettingsSaved);
         }
+        learnt
+    }
+
+    /// Returns how the fast half was at the last exchange.
+    #[must_use]
+    pub const fn report(&self) -> &Report {
+        self.link.report()
     }
 
     /// As [`Robot::receive`].

@@ -10,28 +10,21 @@
 
 #[path = "support/no_store.rs"]
 mod no_store;
+#[path = "support/still.rs"]
+mod still;
 
 use core::net::SocketAddr;
 
 use bolero::{TypeGenerator, check};
 use flix_firmware::board::DENGFOC_V3_01;
-use flix_firmware::hardware::{Actuation, Bridge, Encoder, EncoderReading, Sensors};
+use flix_firmware::hardware::{Actuation, Bridge};
 use flix_firmware::robot::Robot;
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{Command, State, ToRobot};
 use flix_protocol::session::{Key, OperatorSession, Status};
 use flix_protocol::units::Instant;
 use no_store::NoStore;
-
-/// Rotors at rest, no current, a full battery.
-const AT_REST: Sensors = {
-    let encoder = Encoder::Reading(EncoderReading { angle: 1 << 30, age_us: 100 });
-    Sensors {
-        encoders: [encoder; 2],
-        phase_current: Some([[2_048; 2]; 2]),
-        bus_voltage: Some(2_600),
-    }
-};
+use still::AT_REST;
 
 /// A robot and an operator who holds its session.
 struct Ends {

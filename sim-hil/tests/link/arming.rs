@@ -20,6 +20,18 @@ fn a_link_proven_for_one_tick_less_does_not_arm() {
 }
 
 #[test]
+fn arming_in_the_moment_of_connecting_is_refused_for_the_link_alone() {
+    let mut bench = Bench::connected();
+    assert_eq!(bench.say(Command::Arm), Outcome::Refused(Refusal::LinkUnproven));
+}
+
+#[test]
+fn an_idle_robot_is_cleared_in_the_moment_of_connecting() {
+    let mut bench = Bench::connected();
+    assert_eq!(bench.say(Command::Clear), Outcome::Done);
+}
+
+#[test]
 fn a_link_proven_for_500_ms_arms() {
     let mut bench = Bench::connected();
     prove(&mut bench, PROVING_TIME);

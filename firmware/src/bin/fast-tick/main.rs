@@ -3,22 +3,22 @@
 //! The fast tick and nothing else, for `cargo xtask panic-free`: linked with all that it can reach.
 //! Were a panic among that, the handler below would be linked too, and found by its name.
 
-use flix_firmware::exchange::Order;
-use flix_firmware::fast::control::Control;
+use flix_firmware::exchange::Exchange;
 use flix_firmware::hardware::{Actuation, Sensors};
+use flix_firmware::robot::FastHalf;
 use flix_protocol::units::Instant;
 
 /// The entry: the linker keeps what it reaches and drops the rest.
 #[expect(unsafe_code, reason = "the linker needs the name")]
 #[unsafe(no_mangle)]
 pub extern "C" fn fast_tick(
-    control: &mut Control,
+    half: &mut FastHalf,
     microseconds: u64,
     sensors: &Sensors,
-    order: &Order,
+    exchange: &mut Exchange,
     actuation: &mut Actuation,
 ) {
-    *actuation = control.tick(Instant::from_micros(microseconds), sensors, order);
+    *actuation = half.tick(Instant::from_micros(microseconds), sensors, exchange);
 }
 
 #[panic_handler]

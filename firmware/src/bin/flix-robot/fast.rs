@@ -12,32 +12,19 @@ use esp_hal::time::Duration;
 use esp_hal::timer::PeriodicTimer;
 use esp_hal::timer::timg::{MwdtStage, TimerGroup, Wdt};
 use esp_rtos::embassy::InterruptExecutor;
-use flix_firmware::exchange::{Order, Report};
-use flix_firmware::fast::control::Control;
 use flix_firmware::hardware::{Sensors, TICK_US};
-use flix_firmware::robot::Offer;
+use flix_firmware::robot::FastHalf;
 use static_cell::StaticCell;
 
 use crate::chip::Electronics;
 use crate::clock::now;
 use crate::encoders::Encoders;
-use crate::mailbox::Mailbox;
+use crate::mailbox::Shared;
 
 /// The chip starts anew when the loop has not run for so long.
 const WATCHDOG: Duration = Duration::from_millis(200);
 /// While flash is erased, during which no code runs from it: ten times what a sector may take.
 const PATIENT_WATCHDOG: Duration = Duration::from_secs(4);
-/// A report is left every so many ticks: a thousand times a second.
-const REPORT_EVERY: u32 = 10;
-
-/// What the tasks want of the loop.
-pub(crate) static ORDER: Mailbox<Order> = Mailbox::new();
-/// A configuration to take over while the motors are let go.
-pub(crate) static CONFIGURATION: Mailbox<Offer> = Mailbox::new();
-/// Revision of the configuration that was taken over last.
-pub(crate) static CONFIGURED: Mailbox<u16> = Mailbox::new();
-/// How the loop is.
-pub(crate) static REPORT: Mailbox<Report> = Mailbox::new();
 
 /// The timer, for its interrupt to acknowledge.
 static TIMER: Mutex<RefCell<Option<PeriodicTimer<'static, Blocking>>>> =
@@ -49,7 +36,9 @@ static EXECUTOR: StaticCell<InterruptExecutor<2>> = StaticCell::new();
 /// What the loop works with.
 pub(crate) struct Loop {
     /// What decides.
-    pub(crate) control: Control,
+    pub(crate) half: FastHalf,
+    /// What crosses to and from the tasks.
+    pub(crate) exchange: &'static Shared,
     /// Bridges and converters.
     pub(crate) electronics: Electronics,
     /// Encoders.
@@ -105,36 +94,16 @@ fn on_timer() {
 
 #[embassy_executor::task]
 async fn run(mut work: Loop, mut watchdog: Wdt<TIMG1<'static>>) {
-    let mut order = Order::default();
-    let mut offered: Option<Offer> = None;
-    let mut until_report = REPORT_EVERY;
     loop {
         TICK.wait().await;
-        if let Some(newest) = ORDER.newest() {
-            order = newest;
-        }
-        if let Some(newest) = CONFIGURATION.take() {
-            offered = Some(newest);
-        }
-        if let Some(Offer { revision, configuration }) = offered
-            && work.control.configure(&configuration)
-        {
-            offered = None;
-            CONFIGURED.put(revision);
-        }
         let now = now();
         let sensors = Sensors {
             encoders: work.encoders.read(now),
             phase_current: work.electronics.phase_current(),
             bus_voltage: work.electronics.bus_voltage(),
         };
-        let actuation = work.control.tick(now, &sensors, &order);
+        let actuation = work.half.tick(now, &sensors, &mut work.exchange);
         work.electronics.apply(&actuation);
         watchdog.feed();
-        until_report -= 1;
-        if until_report == 0 {
-            until_report = REPORT_EVERY;
-            REPORT.put(work.control.report());
-        }
     }
 }

@@ -4,7 +4,7 @@ use embassy_time::Timer;
 use esp_hal::gpio::Output;
 use flix_protocol::message::State;
 
-use crate::fast::REPORT;
+use crate::mailbox::Shared;
 
 /// One step of a pattern.
 const STEP_MILLISECONDS: u64 = 125;
@@ -31,11 +31,10 @@ const fn pattern(state: State, provisioned: bool) -> u16 {
 
 /// Blinks for ever.
 #[embassy_executor::task]
-pub(crate) async fn blink(mut led: Output<'static>, provisioned: bool) {
+pub(crate) async fn blink(mut led: Output<'static>, provisioned: bool, exchange: &'static Shared) {
     let mut step = 0;
     loop {
-        let state = REPORT.newest().map_or(State::Disarmed, |report| report.state);
-        led.set_level((pattern(state, provisioned) >> step & 1 == 1).into());
+        led.set_level((pattern(exchange.state(), provisioned) >> step & 1 == 1).into());
         step = (step + 1) % STEPS;
         Timer::after_millis(STEP_MILLISECONDS).await;
     }

@@ -45,6 +45,7 @@ use static_cell::StaticCell;
 use choice::BOARD;
 use fast::Loop;
 use flash::Flash;
+use mailbox::Shared;
 
 esp_bootloader_esp_idf::esp_app_desc!();
 
@@ -56,6 +57,7 @@ const SOCKETS: usize = net::SOCKETS + 1;
 #[esp_rtos::main]
 async fn main(spawner: Spawner) {
     static STORE: StaticCell<RefCell<FlashStore<Flash>>> = StaticCell::new();
+    static EXCHANGE: StaticCell<Shared> = StaticCell::new();
     static PROVISIONING: StaticCell<Provisioning> = StaticCell::new();
 
     let clocks = esp_hal::Config::default().with_cpu_clock(CpuClock::max());
@@ -85,7 +87,7 @@ async fn main(spawner: Spawner) {
     });
     let mut entropy = [0; 32];
     Rng::new().read(&mut entropy);
-    let (control, slow) = Robot::new(
+    let (half, slow, exchange) = Robot::new(
         BOARD.hardware,
         provisioner.name(),
         provisioning.map(Provisioning::key),
@@ -93,19 +95,22 @@ async fn main(spawner: Spawner) {
         Entry::new(store, flash::SETTINGS),
     )
     .into_halves();
+    let exchange = &*EXCHANGE.init(Shared::new(exchange));
     chip::start_fast_loop(parts.fast, |electronics, encoders, timers, software_interrupt| {
-        fast::start(timers, software_interrupt, Loop { control, electronics, encoders });
+        fast::start(timers, software_interrupt, Loop { half, exchange, electronics, encoders });
     });
-    let light = light::blink(bridge::output(BOARD.status_led), provisioning.is_some());
-    if let (Ok(light), Ok(serial)) = (light, serial::serve(parts.serial, provisioner)) {
+    let light = light::blink(bridge::output(BOARD.status_led), provisioning.is_some(), exchange);
+    let serial = serial::serve(parts.serial, provisioner, exchange);
+    if let (Ok(light), Ok(serial)) = (light, serial) {
         spawner.spawn(light);
         spawner.spawn(serial);
     }
+    let robot = slow::Robot::new(slow, exchange);
     match (provisioning, radio) {
-        (Some(provisioning), Some(radio)) => operate(spawner, slow, provisioning, radio).await,
+        (Some(provisioning), Some(radio)) => operate(spawner, robot, provisioning, radio).await,
         _ => {
             println!("{UNPROVISIONED}");
-            slow::Robot::new(slow).run_alone().await
+            robot.run_alone().await
         }
     }
 }
@@ -113,7 +118,7 @@ async fn main(spawner: Spawner) {
 /// Serves operators on the network for ever.
 async fn operate(
     spawner: Spawner,
-    slow: flix_firmware::robot::SlowHalf<Entry<'static, Flash>>,
+    mut robot: slow::Robot<Entry<'static, Flash>>,
     provisioning: &'static Provisioning,
     radio: WifiController<'static>,
 ) -> ! {
@@ -130,7 +135,7 @@ async fn operate(
         spawner.spawn(stack);
         spawner.spawn(wifi);
     }
-    net::serve(stack, provisioning.name(), &mut slow::Robot::new(slow)).await
+    net::serve(stack, provisioning.name(), &mut robot).await
 }
 
 /// What a person at the serial port should know of this board before the motors move.

@@ -6,12 +6,11 @@ use esp_hal::uart::{Config, Uart};
 use esp_println::println;
 use flix_firmware::board::store::Entry;
 use flix_firmware::provision::Provisioner;
-use flix_protocol::message::State;
 use flix_protocol::provision::BAUD_RATE;
 
 use crate::chip::SerialParts;
-use crate::fast::REPORT;
 use crate::flash::Flash;
+use crate::mailbox::Shared;
 
 /// Bytes taken at once.
 const CHUNK: usize = 64;
@@ -28,7 +27,11 @@ fn port(parts: SerialParts) -> Option<Uart<'static, Async>> {
 /// Answers requests for ever. A robot that learnt something new about itself starts anew with it;
 /// it takes such requests only while its motors are let go.
 #[embassy_executor::task]
-pub(crate) async fn serve(parts: SerialParts, mut provisioner: Provisioner<Entry<'static, Flash>>) {
+pub(crate) async fn serve(
+    parts: SerialParts,
+    mut provisioner: Provisioner<Entry<'static, Flash>>,
+    exchange: &'static Shared,
+) {
     let Some(mut port) = port(parts) else {
         println!("serial port: cannot be used for provisioning");
         return;
@@ -38,8 +41,7 @@ pub(crate) async fn serve(parts: SerialParts, mut provisioner: Provisioner<Entry
         // An error is lost bytes; the frame that they were part of is refused by its check sum.
         let Ok(length) = port.read_async(&mut chunk).await else { continue };
         for byte in &chunk[..length] {
-            let state = REPORT.newest().map_or(State::Disarmed, |report| report.state);
-            let Some(response) = provisioner.receive(*byte, state) else { continue };
+            let Some(response) = provisioner.receive(*byte, exchange.state()) else { continue };
             let mut rest = &response.frame[..];
             while let Ok(written @ 1..) = port.write_async(rest).await {
                 rest = &rest[written..];

@@ -12,20 +12,20 @@ use flix_protocol::message::State;
 use flix_protocol::units::Instant;
 
 use crate::clock::now;
-use crate::fast;
+use crate::mailbox::Shared;
 use crate::network::SIGNAL;
 
-/// The slow half, with what it needs to hand configurations over.
+/// The slow half, with the way to the fast loop.
 pub(crate) struct Robot<S> {
     slow: SlowHalf<S>,
-    offered: Option<u16>,
-    state: Option<State>,
+    exchange: &'static Shared,
+    printed: Option<State>,
 }
 
 impl<S: SettingsStore> Robot<S> {
-    /// Before the fast loop's first report.
-    pub(crate) const fn new(slow: SlowHalf<S>) -> Self {
-        Self { slow, offered: None, state: None }
+    /// Before the first exchange.
+    pub(crate) const fn new(slow: SlowHalf<S>, exchange: &'static Shared) -> Self {
+        Self { slow, exchange, printed: None }
     }
 
     /// For ever, without a network: settings and faults still cross.
@@ -36,12 +36,11 @@ impl<S: SettingsStore> Robot<S> {
         }
     }
 
-    /// Takes the newest report, and says so when the supervisor went elsewhere.
-    fn observe(&mut self) {
-        let Some(report) = fast::REPORT.newest() else { return };
-        self.slow.observe(&report);
-        if self.state != Some(report.state) {
-            self.state = Some(report.state);
+    /// Prints where the supervisor went.
+    fn print_state(&mut self) {
+        let report = self.slow.report();
+        if self.printed != Some(report.state) {
+            self.printed = Some(report.state);
             match report.first_fault {
                 Some(fault) => println!("robot: {}, {fault}", report.state),
                 None => println!("robot: {}", report.state),
@@ -56,19 +55,9 @@ impl<S: SettingsStore> Station for Robot<S> {
     }
 
     fn exchange(&mut self) {
-        self.observe();
-        if let Some(revision) = fast::CONFIGURED.take() {
-            self.slow.configured(revision);
-        }
-        // Before the order that came with it.
-        if let Some(offer) = self.slow.configuration()
-            && self.offered != Some(offer.revision)
-        {
-            self.offered = Some(offer.revision);
-            fast::CONFIGURATION.put(offer);
-        }
         self.slow.set_signal(SIGNAL.newest());
-        fast::ORDER.put(self.slow.order());
+        self.slow.exchange(&mut self.exchange);
+        self.print_state();
     }
 
     fn receive(&mut self, from: SocketAddr, datagram: &[u8]) {

@@ -1,0 +1,359 @@
+//! What crosses between the two halves, as on a chip: each half gets its turns when the test says so, and the
+//! slow half may work from an old report.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[path = "support/no_store.rs"]
+mod no_store;
+#[path = "support/still.rs"]
+mod still;
+
+use core::net::SocketAddr;
+
+use flix_firmware::board::DENGFOC_V3_01;
+use flix_firmware::exchange::{Access, Exchange, Report};
+use flix_firmware::fast::alignment::Alignment;
+use flix_firmware::fast::configuration::Configuration;
+use flix_firmware::hardware::{Actuation, TICK};
+use flix_firmware::robot::{FastHalf, Robot, SlowHalf};
+use flix_protocol::frame::Frame;
+use flix_protocol::message::{
+    Command, Event, Outcome, ParameterCommand, Refusal, State, ToOperator, ToRobot,
+};
+use flix_protocol::session::{Key, OperatorReceived, OperatorSession, Status};
+use flix_protocol::units::Instant;
+use no_store::NoStore;
+use still::AT_REST;
+
+/// Ticks from one ping to the next: 20 ms.
+const PING_TICKS: u32 = 200;
+
+/// Two halves, what crosses between them, and an operator.
+struct Halves {
+    fast: FastHalf,
+    slow: SlowHalf<NoStore>,
+    exchange: Exchange,
+    operator: OperatorSession,
+    address: SocketAddr,
+    now: Instant,
+    request: u32,
+    outcome: Option<Outcome>,
+    events: Vec<Event>,
+    actuation: Actuation,
+}
+
+impl Halves {
+    /// Connected in this very moment, nothing exchanged since.
+    fn connected() -> Self {
+        let robot = Robot::new(DENGFOC_V3_01.hardware, "halves", Some(key()), [11; 32], NoStore);
+        let (fast, slow, exchange) = robot.into_halves();
+        let now = Instant::from_micros(1_000);
+        let mut halves = Self {
+            fast,
+            slow,
+            exchange,
+            operator: OperatorSession::new(key(), [22; 32], now),
+            address: ([192, 168, 4, 2], 4_000).into(),
+            now,
+            request: 0,
+            outcome: None,
+            events: Vec::new(),
+            actuation: Actuation::OFF,
+        };
+        halves.tick(100);
+        halves.exchange();
+        halves.connect();
+        halves
+    }
+
+    /// With a link steady for long enough to arm.
+    fn proven() -> Self {
+        let mut halves = Self::connected();
+        halves.live(6_000);
+        halves
+    }
+
+    /// Being aligned, and the slow half knows it.
+    fn aligning() -> Self {
+        let mut halves = Self::proven();
+        assert_eq!(halves.say(Command::Arm), Outcome::Done);
+        halves.live(PING_TICKS);
+        assert_eq!(halves.slow.report().state, State::Aligning);
+        halves
+    }
+
+    fn connect(&mut self) {
+        while self.operator.status(self.now) != Status::Connected {
+            if let Some(frame) = self.operator.poll(self.now) {
+                self.hear(&frame);
+            }
+        }
+    }
+
+    /// Another operator, of whom the robot knows nothing yet, from the same address.
+    fn change_operator(&mut self) {
+        self.operator = OperatorSession::new(key(), [self.request as u8; 32], self.now);
+    }
+
+    /// The slow half takes a datagram, the operator what comes back. Nothing crosses.
+    fn hear(&mut self, datagram: &[u8]) {
+        self.slow.receive(self.now, self.address, datagram);
+        let mut frame = Frame::new();
+        while self.slow.poll_at(self.now).is_some_and(|at| at <= self.now) {
+            if self.slow.transmit(self.now, &mut frame).is_none() {
+                break;
+            }
+            match self.operator.receive(self.now, &frame) {
+                OperatorReceived::Message(ToOperator::Reply(reply)) => {
+                    self.outcome = Some(reply.outcome);
+                }
+                OperatorReceived::Message(ToOperator::Event(event)) => {
+                    self.events.push(event.event);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn say(&mut self, command: Command) -> Outcome {
+        self.request += 1;
+        let message = ToRobot { request: self.request, command };
+        let frame = self.operator.send(self.now, &message).unwrap();
+        self.hear(&frame);
+        self.outcome.take().expect("every command is answered at once")
+    }
+
+    fn set(&mut self, name: &str, value: f32) {
+        let command = ParameterCommand::Set(name.try_into().unwrap(), value);
+        let outcome = self.say(Command::Parameter(command));
+        assert!(matches!(outcome, Outcome::Parameter(_)), "{outcome:?}");
+    }
+
+    fn exchange(&mut self) {
+        self.slow.exchange(&mut self.exchange);
+    }
+
+    /// The fast half alone.
+    fn tick(&mut self, ticks: u32) {
+        for _ in 0..ticks {
+            self.now = self.now + TICK;
+            self.actuation = self.fast.tick(self.now, &AT_REST, &mut self.exchange);
+        }
+    }
+
+    /// Both halves, with pings.
+    fn live(&mut self, ticks: u32) {
+        for _ in 0..ticks / PING_TICKS {
+            self.say(Command::Ping(0));
+            self.exchange();
+            self.tick(PING_TICKS);
+            self.exchange();
+        }
+    }
+
+    /// How the fast half was when it last reported, which the slow half need not know.
+    fn reported(&self) -> &Report {
+        self.exchange.newest_report()
+    }
+}
+
+fn key() -> Key {
+    Key::new([7; 32])
+}
+
+/// The duties well into the alignment of a robot whose motors have this resistance by the time when
+/// `Halves` is given to `arm`; the voltage that turns the rotors follows from it.
+fn duties_while_aligning(arm: impl FnOnce(&mut Halves)) -> Actuation {
+    let mut halves = Halves::proven();
+    arm(&mut halves);
+    assert_eq!(halves.say(Command::Arm), Outcome::Done);
+    halves.exchange();
+    halves.live(3_000);
+    let report = halves.reported();
+    assert_eq!(report.state, State::Aligning, "{:?}", report.first_fault);
+    halves.actuation
+}
+
+#[test]
+fn a_configuration_is_in_force_before_the_order_that_came_with_it() {
+    let set = |halves: &mut Halves| halves.set("top_phase_resistance", 1.0);
+    let together = duties_while_aligning(set);
+    let long_before = duties_while_aligning(|halves| {
+        set(halves);
+        halves.live(PING_TICKS);
+    });
+    assert_eq!(together, long_before);
+    assert_ne!(together, duties_while_aligning(|_| {}), "the setting makes a difference");
+}
+
+#[test]
+fn of_two_configurations_the_newest_wins() {
+    let once = duties_while_aligning(|halves| halves.set("top_phase_resistance", 1.0));
+    let twice = duties_while_aligning(|halves| {
+        halves.set("top_phase_resistance", 5.0);
+        halves.exchange();
+        halves.set("top_phase_resistance", 1.0);
+        halves.exchange();
+    });
+    assert_eq!(twice, once);
+}
+
+#[test]
+fn a_configuration_that_comes_while_the_motors_are_driven_waits_until_they_are_not() {
+    let mut halves = Halves::proven();
+    halves.say(Command::Arm);
+    halves.exchange();
+    halves.tick(1);
+    // By its last report the robot is disarmed still.
+    halves.set("over_speed", 60.0);
+    halves.exchange();
+    halves.tick(100);
+    let while_driven = halves.exchange.is_configuration_waiting();
+    halves.say(Command::Disarm);
+    halves.exchange();
+    halves.tick(100);
+    assert_eq!((while_driven, halves.exchange.is_configuration_waiting()), (true, false));
+}
+
+#[test]
+fn of_two_orders_the_newest_wins() {
+    let mut halves = Halves::proven();
+    halves.say(Command::Arm);
+    halves.exchange();
+    halves.say(Command::Disarm);
+    halves.exchange();
+    halves.tick(100);
+    assert_eq!(halves.reported().state, State::Disarmed);
+}
+
+#[test]
+fn the_fast_half_reports_every_millisecond() {
+    let mut halves = Halves::connected();
+    // The first tick reports, and each tenth from there.
+    halves.tick(1);
+    let first = halves.reported().timing.ticks;
+    halves.tick(9);
+    let before = halves.reported().timing.ticks;
+    halves.tick(1);
+    assert_eq!([before - first, halves.reported().timing.ticks - first], [0, 10]);
+}
+
+#[test]
+fn what_happened_between_two_exchanges_is_told_however_many_reports_were_missed() {
+    let mut halves = Halves::proven();
+    halves.say(Command::Stop);
+    halves.exchange();
+    halves.tick(1_000);
+    halves.events.clear();
+    halves.exchange();
+    halves.say(Command::Ping(0));
+    assert_eq!(halves.events, [Event::Stopped]);
+}
+
+/// An alignment that was finished while the slow half looked away.
+fn report_alignment(halves: &mut Halves) -> Alignment {
+    let found = Alignment { electrical_offset: 1 << 30, reversed: true, ..Alignment::default() };
+    let report = *halves.reported();
+    let timing =
+        flix_firmware::exchange::Timing { ticks: report.timing.ticks + 1, ..report.timing };
+    halves.exchange.with(|exchange| {
+        exchange.report(Report {
+            timing,
+            state: State::Armed,
+            alignments: report.alignments + 1,
+            alignment: [found; 2],
+            ..report
+        });
+    });
+    found
+}
+
+#[test]
+fn a_configuration_that_waited_through_an_alignment_knows_what_was_found() {
+    let mut halves = Halves::proven();
+    halves.set("over_speed", 60.0);
+    halves.exchange();
+    let found = report_alignment(&mut halves);
+    halves.exchange();
+    let mut expected = *halves.slow.settings();
+    expected.learn([found; 2]);
+    assert_eq!(*halves.slow.settings(), expected);
+    let expected = Configuration::new(&expected.parameters(), &DENGFOC_V3_01.hardware);
+    let mut waiting = None;
+    halves.exchange.take(|configuration| {
+        waiting = Some(*configuration);
+        true
+    });
+    assert_eq!(waiting, Some(expected));
+}
+
+#[test]
+fn the_fast_half_is_not_configured_with_what_it_found_itself() {
+    let mut halves = Halves::proven();
+    report_alignment(&mut halves);
+    halves.exchange();
+    assert!(!halves.exchange.is_configuration_waiting());
+}
+
+#[test]
+fn an_idle_robot_can_be_armed_and_cleared_before_anything_crossed() {
+    let mut halves = Halves::connected();
+    let outcomes = [halves.say(Command::Arm), halves.say(Command::Clear)];
+    assert_eq!(outcomes, [Outcome::Refused(Refusal::LinkUnproven), Outcome::Done]);
+}
+
+#[test]
+fn an_idle_robot_that_is_disarmed_can_be_armed_at_once() {
+    let mut halves = Halves::proven();
+    halves.say(Command::Disarm);
+    assert_eq!(halves.say(Command::Arm), Outcome::Done);
+    halves.exchange();
+    halves.tick(10);
+    assert_eq!(halves.reported().state, State::Aligning);
+}
+
+#[test]
+fn disarming_right_after_arming_wins_though_the_robot_was_idle_by_its_last_report() {
+    let mut halves = Halves::proven();
+    halves.say(Command::Arm);
+    halves.say(Command::Disarm);
+    let again = halves.say(Command::Arm);
+    halves.exchange();
+    halves.tick(1_000);
+    let refused = Outcome::Refused(Refusal::State(State::Stopping));
+    assert_eq!((again, halves.reported().state), (refused, State::Disarmed));
+}
+
+#[test]
+fn nobody_arms_a_robot_that_still_has_to_ramp_down_for_another_operator() {
+    let mut halves = Halves::aligning();
+    halves.change_operator();
+    // Once the old session is silent for long enough to be left to another.
+    while halves.operator.status(halves.now) != Status::Connected {
+        assert_eq!(halves.reported().state, State::Aligning, "the robot disarmed by itself");
+        if halves.operator.poll_at().is_none() {
+            halves.operator.connect(halves.now);
+        }
+        if let Some(frame) = halves.operator.poll(halves.now) {
+            halves.hear(&frame);
+        }
+        if halves.operator.status(halves.now) != Status::Connected {
+            halves.tick(1);
+        }
+    }
+    let at_once = halves.say(Command::Arm);
+    halves.exchange();
+    halves.tick(10);
+    let by_an_old_report = halves.say(Command::Arm);
+    halves.exchange();
+    let by_the_newest = halves.say(Command::Arm);
+    let refused = |refusal| Outcome::Refused(refusal);
+    assert_eq!(
+        [at_once, by_an_old_report, by_the_newest],
+        [
+            refused(Refusal::State(State::Stopping)),
+            refused(Refusal::State(State::Stopping)),
+            refused(Refusal::LinkUnproven)
+        ]
+    );
+    assert_eq!(halves.reported().state, State::Disarmed);
+}
