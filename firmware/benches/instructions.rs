@@ -15,7 +15,7 @@ use flix_firmware::hardware::{Actuation, Duty, Sensors};
 use flix_protocol::units::Instant;
 
 // The shaker of the unit tests names the library `crate`.
-pub(crate) use flix_firmware::{exchange, fast, hardware};
+pub(crate) use flix_firmware::{exchange, fast, hardware, settings};
 
 #[path = "../src/fast/control/bench.rs"]
 #[expect(dead_code, reason = "the unit tests use the rest of it")]
@@ -62,7 +62,7 @@ fn run_rows() {
     let mut sum = 0_u64;
     for input in rows::rows() {
         let duties = current_loop(&mut state, &model, &bus, &input);
-        sum += duties.iter().map(|duty| u64::from(*duty)).sum::<u64>();
+        sum += duties.iter().map(|duty| u64::from(duty.raw())).sum::<u64>();
     }
     assert!(sum > 0);
 }

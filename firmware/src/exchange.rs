@@ -20,8 +20,7 @@ use flix_protocol::units::Instant;
 
 use crate::fast::alignment::Alignment;
 use crate::fast::configuration::Configuration;
-use crate::fast::units::{SPEED_PER_HERTZ, Speed, TURN_PER_DEGREE};
-use crate::hardware::Turn;
+use crate::fast::units::{Current, RotorAngle, Speed, Voltage};
 
 /// What the slow half wants, handed over whole in every tick.
 ///
@@ -30,8 +29,8 @@ use crate::hardware::Turn;
 pub struct Order {
     /// f.
     pub frequency: Speed,
-    /// theta, clockwise from forward, within a quarter turn either side.
-    pub direction: i32,
+    /// theta, within a quarter turn either side of forward.
+    pub direction: RotorAngle,
     /// Counts setpoints obeyed: after arming the rotors rest until the first new one.
     pub setpoints: u16,
     /// When the last valid command came.
@@ -72,8 +71,8 @@ impl Order {
 
     /// Takes over a setpoint, which is in range by its type, at the moment it was heard.
     pub fn set(&mut self, setpoint: &Setpoint, now: Instant) {
-        self.frequency = (setpoint.frequency().get() * SPEED_PER_HERTZ) as i32;
-        self.direction = (setpoint.direction().get() * TURN_PER_DEGREE) as i32;
+        self.frequency = setpoint.frequency().into();
+        self.direction = setpoint.direction().into();
         self.setpoints = self.setpoints.wrapping_add(1);
         self.heard = now;
     }
@@ -93,14 +92,14 @@ pub struct Timing {
 /// One motor as the fast half sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct MotorReport {
-    /// Rotor angle, clockwise from forward.
-    pub angle: Turn,
-    /// Clockwise positive.
+    /// Where the eccentric mass stands.
+    pub angle: RotorAngle,
+    /// How fast it turns.
     pub speed: Speed,
-    /// Current that makes no torque, 2^-16 A.
-    pub current_d: i32,
-    /// Current that makes torque, clockwise positive, 2^-16 A.
-    pub current_q: i32,
+    /// Current that makes no torque.
+    pub current_d: Current,
+    /// Current that makes torque, clockwise positive.
+    pub current_q: Current,
 }
 
 /// Things that happened, each a wrapping counter.
@@ -140,11 +139,11 @@ pub struct Report {
     /// f as measured, averaged over some turns.
     pub frequency: Speed,
     /// theta as measured.
-    pub direction: i32,
+    pub direction: RotorAngle,
     /// Top, bottom.
     pub motors: [MotorReport; 2],
-    /// 2^-16 V, where the board measures it.
-    pub bus_voltage: Option<i32>,
+    /// Battery side of the bridges, where the board measures it.
+    pub bus_voltage: Option<Voltage>,
     /// Largest phase voltage of this measuring period as a share of what the bridge can give;
     /// `u16::MAX` is all.
     pub modulation: u16,

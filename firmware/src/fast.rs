@@ -5,6 +5,7 @@ pub mod alignment;
 pub mod configuration;
 pub mod control;
 pub mod foc;
+mod monitor;
 pub mod shaker;
 pub mod supervisor;
 pub mod tracker;

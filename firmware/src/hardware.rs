@@ -5,14 +5,13 @@
 
 use core::num::NonZeroU16;
 
-/// A wrapping angle: the whole `u32` is one turn, counted counter-clockwise about body +z.
-pub type Turn = u32;
+pub use crate::fast::units::{Duty, EncoderAngle, TICK, TICK_RATE_HZ, TICK_US};
 
 /// One reading of an absolute angle encoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EncoderReading {
-    /// Angle of the rotor, left-aligned: a 12-bit encoder fills the upper 12 bits.
-    pub angle: Turn,
+    /// Angle of the rotor; a 12-bit encoder fills the upper 12 bits.
+    pub angle: EncoderAngle,
     /// Microseconds between the moment that the angle was sampled and this tick.
     pub age_us: u16,
 }
@@ -28,7 +27,7 @@ pub enum Encoder {
     Failed,
 }
 
-/// All that the fast loop learns of the world in one tick.
+/// All that the fast loop measures in one tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sensors {
     /// Top and bottom encoder.
@@ -41,13 +40,10 @@ pub struct Sensors {
     pub bus_voltage: Option<u16>,
 }
 
-/// A share of the PWM period, 0 to `u16::MAX`.
-pub type Duty = u16;
-
 /// What one three-phase bridge does until the next tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Bridge {
-    /// Let go: coasts where the board can, else all low sides on.
+    /// Off: the motor coasts where the board can switch its bridges off, else all low sides are on.
     Off,
     /// High-side share of each phase, A B C.
     Duty([Duty; 3]),
@@ -55,7 +51,7 @@ pub enum Bridge {
 
 impl Bridge {
     /// All low sides on: the shorted motor brakes itself, in about a tenth of a second.
-    pub const BRAKE: Self = Self::Duty([0; 3]);
+    pub const BRAKE: Self = Self::Duty([Duty::ZERO; 3]);
 }
 
 /// What the hardware does until the next tick: the top and the bottom motor's bridge.
@@ -66,7 +62,7 @@ pub struct Actuation {
 }
 
 impl Actuation {
-    /// Both motors let go.
+    /// Both bridges off.
     pub const OFF: Self = Self { bridges: [Bridge::Off; 2] };
 }
 
@@ -94,16 +90,9 @@ pub struct Hardware {
     pub dead_time_ns: u16,
     /// PWM frequency, hertz.
     pub pwm_frequency_hz: u32,
-    /// Whether an unpowered bridge lets the motor coast (else it brakes it).
+    /// Whether a bridge that is off lets the motor coast (else it brakes it).
     pub can_coast: bool,
 }
-
-/// Ticks of the fast loop per second.
-pub const TICK_RATE_HZ: u32 = 10_000;
-/// Time from tick to tick, microseconds.
-pub const TICK_US: u32 = 1_000_000 / TICK_RATE_HZ;
-/// Time from tick to tick.
-pub const TICK: core::time::Duration = core::time::Duration::from_micros(TICK_US as u64);
 
 /// Where settings survive power-off: a flash partition, a file, an array.
 ///

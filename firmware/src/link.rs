@@ -25,11 +25,11 @@ use flix_protocol::message::{
     ToOperator, ToRobot,
 };
 use flix_protocol::session::{Key, RobotReceived, RobotSession};
-use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
+use flix_protocol::units::{Instant, Ratio, Volts};
 use heapless::{Deque, Vec};
 
 use crate::exchange::{MotorReport, Order, Report};
-use crate::fast::units::{SPEED_PER_HERTZ, TURN_PER_DEGREE};
+use crate::fast::units::Speed;
 use crate::hardware::{Hardware, SettingsStore};
 use crate::settings::{self, Settings, Tuning, text};
 
@@ -154,7 +154,7 @@ impl Link {
             }
             RobotReceived::Command(ToRobot { request, command }) => {
                 self.steadiness.heard(now);
-                if self.order.frequency == 0 {
+                if self.order.frequency == Speed::ZERO {
                     self.order.heard = now;
                 }
                 let outcome = self.obey(now, command, tuning).unwrap_or_else(Outcome::Refused);
@@ -208,7 +208,7 @@ impl Link {
         let last = core::mem::replace(&mut self.report, *report);
         let now = report.time;
         let (new, old) = (&report.events, &last.events);
-        let voltage = report.bus_voltage.map_or(Volts::ZERO, volts);
+        let voltage = report.bus_voltage.map_or(Volts::ZERO, Volts::from);
         let counted = [
             (new.cleared.wrapping_sub(old.cleared), Event::Cleared),
             (new.stopped.wrapping_sub(old.stopped), Event::Stopped),
@@ -290,7 +290,7 @@ impl Link {
         if !self.steadiness.is_proven(now) {
             return Err(Refusal::LinkUnproven);
         }
-        self.order.frequency = 0;
+        self.order.frequency = Speed::ZERO;
         self.order.heard = now;
         self.order.arm = self.order.arm.wrapping_add(1);
         Ok(())
@@ -352,12 +352,12 @@ impl Link {
         tuning: &mut Tuning<S>,
     ) -> Result<Outcome, Refusal> {
         match command {
-            ParameterCommand::Get(name) => return told(tuning.settings(), &name),
+            ParameterCommand::Get(name) => return parameter(tuning.settings(), &name),
             ParameterCommand::List(first) => return Ok(list(tuning.settings(), first)),
             ParameterCommand::Set(name, value) => {
                 self.check_idle()?;
                 tuning.set(&name, value)?;
-                return told(tuning.settings(), &name);
+                return parameter(tuning.settings(), &name);
             }
             ParameterCommand::Reset => {
                 self.check_idle()?;
@@ -405,10 +405,10 @@ impl Link {
             stopped: report.stopped,
             link_late: report.link_late,
             setpoint: self.setpoint,
-            frequency: hertz(report.frequency),
-            direction: degrees(report.direction),
+            frequency: report.frequency.into(),
+            direction: report.direction.into(),
             motors: report.motors.map(motor),
-            bus_voltage: report.bus_voltage.map(volts),
+            bus_voltage: report.bus_voltage.map(Volts::from),
             modulation: Ratio::saturating(f32::from(report.modulation) / f32::from(u16::MAX)),
             timing: LoopTiming {
                 ticks: report.timing.ticks,
@@ -435,7 +435,7 @@ pub(crate) const fn is_idle(state: State) -> bool {
     matches!(state, State::Disarmed | State::Faulted)
 }
 
-fn told(settings: &Settings, name: &str) -> Result<Outcome, Refusal> {
+fn parameter(settings: &Settings, name: &str) -> Result<Outcome, Refusal> {
     Settings::position(name)
         .and_then(|index| settings.parameter(index))
         .map(Outcome::Parameter)
@@ -497,25 +497,9 @@ impl Events {
 
 fn motor(motor: MotorReport) -> MotorTelemetry {
     MotorTelemetry {
-        angle: degrees(motor.angle as i32),
-        speed: hertz(motor.speed),
-        current_d: amperes(motor.current_d),
-        current_q: amperes(motor.current_q),
+        angle: motor.angle.into(),
+        speed: motor.speed.into(),
+        current_d: motor.current_d.into(),
+        current_q: motor.current_q.into(),
     }
-}
-
-fn hertz(speed: i32) -> Hertz {
-    Hertz::saturating(speed as f32 / SPEED_PER_HERTZ)
-}
-
-fn degrees(turn: i32) -> Degrees {
-    Degrees::saturating(turn as f32 / TURN_PER_DEGREE)
-}
-
-fn amperes(current: i32) -> Amperes {
-    Amperes::saturating(current as f32 / 65536.0)
-}
-
-fn volts(voltage: i32) -> Volts {
-    Volts::saturating(voltage as f32 / 65536.0)
 }

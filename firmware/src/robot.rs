@@ -58,8 +58,7 @@ impl<S: SettingsStore> Robot<S> {
         store: S,
     ) -> Self {
         let tuning = Tuning::new(store);
-        let parameters = tuning.settings().parameters();
-        let mut control = Control::new(Configuration::new(&parameters, &hardware));
+        let mut control = Control::new(Configuration::new(tuning.settings(), &hardware));
         let mut link = Link::new(identity(name, &hardware), key, entropy, control.report());
         if tuning.loaded().is_err() {
             link.add_event(control.report().time, Event::SettingsDefaulted);
@@ -199,10 +198,8 @@ impl<S: SettingsStore> SlowHalf<S> {
         // The fast half knows what it found; a configuration that waits for it does not.
         let is_outdated = self.offered != revision || (waiting && learnt);
         self.offered = revision;
-        let configuration = is_outdated.then(|| {
-            let parameters = self.tuning.settings().parameters();
-            Configuration::new(&parameters, &self.hardware)
-        });
+        let configuration =
+            is_outdated.then(|| Configuration::new(self.tuning.settings(), &self.hardware));
         exchange.with(|exchange| exchange.ask(*self.link.order(), configuration.as_ref()));
     }
 

@@ -17,12 +17,13 @@
 use core::fmt;
 
 use crc::{CRC_32_ISO_HDLC, Crc};
+use flix_protocol::failsafe::BATTERY_LOW_VOLTS;
 use flix_protocol::message::{Parameter, Refusal};
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
 use crate::fast::alignment::Alignment;
-use crate::fast::configuration::{AlignmentParameters, MotorParameters, Parameters};
+use crate::fast::units::{ElectricalAngle, TURN_PER_DEGREE};
 use crate::hardware::SettingsStore;
 
 /// Version of the stored form, not of the table.
@@ -57,8 +58,8 @@ pub struct Setting {
 /// `name: unit, kind, minimum..=maximum, default, description;` where kind is `real` or `whole`.
 macro_rules! settings {
     (
-        each motor { $($each:ident: $each_unit:literal, $each_kind:ident, $each_minimum:literal ..= $each_maximum:literal, $each_default:literal, $each_description:literal;)* }
-        robot { $($name:ident: $unit:literal, $kind:ident, $minimum:literal ..= $maximum:literal, $default:literal, $description:literal;)* }
+        each motor { $($each:ident: $each_unit:literal, $each_kind:ident, $each_minimum:literal ..= $each_maximum:literal, $each_default:expr, $each_description:literal;)* }
+        robot { $($name:ident: $unit:literal, $kind:ident, $minimum:literal ..= $maximum:literal, $default:expr, $description:literal;)* }
     ) => {
         /// The value of every setting, in the unit that the table names. Motors: top, bottom.
         #[derive(Debug, Clone, Copy, PartialEq)]
@@ -84,7 +85,7 @@ macro_rules! settings {
             $(settings!(@entry stringify!($name), $unit, $kind, $minimum, $maximum, $default, $description, $name),)*
         ];
     };
-    (@entry $name:expr, $unit:literal, $kind:ident, $minimum:literal, $maximum:literal, $default:literal, $description:expr, $field:ident $([$motor:literal])?) => {
+    (@entry $name:expr, $unit:literal, $kind:ident, $minimum:literal, $maximum:literal, $default:expr, $description:expr, $field:ident $([$motor:literal])?) => {
         Setting {
             name: $name,
             unit: $unit,
@@ -132,7 +133,7 @@ settings! {
         encoder_latency: "us", real, 0.0 ..= 2000.0, 0.0, "How much older a fresh encoder reading is than it says.";
         actuation_delay: "us", real, 0.0 ..= 500.0, 50.0, "From the current sample of a tick to the middle of the interval in which its duties act.";
         nominal_voltage: "V", real, 5.0 ..= 30.0, 11.1, "Bus voltage taken where the board cannot measure it: 3.7 V a cell.";
-        battery_low: "V", real, 4.0 ..= 30.0, 9.9, "Bus voltage below which the battery is reported low: 3.3 V a cell.";
+        battery_low: "V", real, 4.0 ..= 30.0, BATTERY_LOW_VOLTS, "Bus voltage below which the battery is reported low: 3.3 V a cell.";
         under_voltage: "V", real, 4.0 ..= 30.0, 9.0, "Bus voltage that trips the under-voltage fault: 3.0 V a cell.";
         over_voltage: "V", real, 6.0 ..= 40.0, 14.0, "Bus voltage that trips the over-voltage fault: more than a full pack can have.";
         over_speed: "Hz", real, 10.0 ..= 200.0, 45.0, "Rotor speed that trips the over-speed fault: no command asks for more than 35 Hz.";
@@ -260,7 +261,7 @@ impl Settings {
         Ok(())
     }
 
-    /// The setting at a position of the list, as it is told to an operator.
+    /// Returns the setting at a position of the list, as operators see it.
     #[must_use]
     pub fn parameter(&self, index: usize) -> Option<Parameter> {
         let setting = TABLE.get(index)?;
@@ -329,62 +330,32 @@ impl Settings {
         store.save(bytes).map_err(|_| SaveError)
     }
 
-    /// The values as the fast half takes them, in SI units.
+    /// Returns what alignment found about a motor (0: top, 1: bottom), if all was kept.
     #[must_use]
-    pub fn parameters(&self) -> Parameters {
-        Parameters {
-            motors: [0, 1].map(|motor| self.motor_parameters(motor)),
-            pole_pairs: self.pole_pairs as u8,
-            rotor_inertia: self.rotor_inertia * KG_M2_PER_G_CM2,
-            current_scale: self.current_scale,
-            current_limit: self.current_limit,
-            over_current: self.over_current,
-            alignment_current: self.alignment_current,
-            current_bandwidth: self.current_bandwidth,
-            position_bandwidth: self.position_bandwidth,
-            tracker_bandwidth: self.tracker_bandwidth,
-            frequency_ramp: self.frequency_ramp,
-            direction_ramp: self.direction_ramp,
-            encoder_latency_us: self.encoder_latency,
-            actuation_delay_us: self.actuation_delay,
-            bus_nominal: self.nominal_voltage,
-            bus_low: self.battery_low,
-            under_voltage: self.under_voltage,
-            over_voltage: self.over_voltage,
-            over_speed: self.over_speed,
-        }
-    }
-
-    fn motor_parameters(&self, motor: usize) -> MotorParameters {
-        MotorParameters {
-            phase_resistance: self.phase_resistance[motor],
-            phase_inductance: self.phase_inductance[motor] * MILLI,
-            flux_linkage: self.flux_linkage[motor] * MILLI,
-            encoder_zero_deg: self.encoder_zero[motor],
-            encoder_inverted: self.encoder_clockwise[motor] != 0.0,
-            alignment: AlignmentParameters {
-                known: self.aligned[motor] != 0.0,
-                electrical_offset_deg: self.electrical_offset[motor],
-                reversed: self.phases_reversed[motor] != 0.0,
-                current_inverted: self.current_inverted[motor] != 0.0,
-                eccentricity_deg: [
-                    self.encoder_cosine_1[motor],
-                    self.encoder_sine_1[motor],
-                    self.encoder_cosine_2[motor],
-                    self.encoder_sine_2[motor],
-                ],
-            },
+    pub fn alignment(&self, motor: usize) -> Alignment {
+        let eccentricity_deg = [
+            self.encoder_cosine_1[motor],
+            self.encoder_sine_1[motor],
+            self.encoder_cosine_2[motor],
+            self.encoder_sine_2[motor],
+        ];
+        Alignment {
+            electrical_offset: ElectricalAngle::from_degrees(self.electrical_offset[motor]),
+            reversed: self.phases_reversed[motor] != 0.0,
+            current_inverted: self.current_inverted[motor] != 0.0,
+            eccentricity: eccentricity_deg.map(|part| (part * TURN_PER_DEGREE) as i32),
         }
     }
 
     /// Takes over what alignment found: top, bottom.
     pub fn learn(&mut self, alignment: [Alignment; 2]) {
-        for (motor, found) in alignment.into_iter().map(AlignmentParameters::from).enumerate() {
-            let [cosine_1, sine_1, cosine_2, sine_2] = found
-                .eccentricity_deg
-                .map(|part| part.clamp(-LARGEST_ECCENTRICITY_DEG, LARGEST_ECCENTRICITY_DEG));
-            self.aligned[motor] = switch(found.known);
-            self.electrical_offset[motor] = found.electrical_offset_deg;
+        for (motor, found) in alignment.into_iter().enumerate() {
+            let [cosine_1, sine_1, cosine_2, sine_2] = found.eccentricity.map(|part| {
+                (part as f32 / TURN_PER_DEGREE)
+                    .clamp(-LARGEST_ECCENTRICITY_DEG, LARGEST_ECCENTRICITY_DEG)
+            });
+            self.aligned[motor] = switch(true);
+            self.electrical_offset[motor] = found.electrical_offset.degrees();
             self.phases_reversed[motor] = switch(found.reversed);
             self.current_inverted[motor] = switch(found.current_inverted);
             self.encoder_cosine_1[motor] = cosine_1;
@@ -419,8 +390,6 @@ impl Settings {
 
 /// The range of the encoder error's terms in the table.
 const LARGEST_ECCENTRICITY_DEG: f32 = 10.0;
-const MILLI: f32 = 1e-3;
-const KG_M2_PER_G_CM2: f32 = 1e-7;
 
 const fn switch(on: bool) -> f32 {
     if on { 1.0 } else { 0.0 }
@@ -462,7 +431,7 @@ pub struct Tuning<S> {
 
 impl<S: SettingsStore> Tuning<S> {
     /// Reads what is stored. When that cannot be trusted the defaults are in force, and
-    /// [`Tuning::loaded`] tells why.
+    /// [`Tuning::loaded`] says why.
     pub fn new(mut store: S) -> Self {
         let (settings, loaded) = match Settings::load(&mut store) {
             Ok(settings) => (settings.unwrap_or_default(), Ok(())),
@@ -526,8 +495,8 @@ impl<S: SettingsStore> Tuning<S> {
     }
 
     /// Keeps what alignment found over power-off, without the settings that are only being tried.
-    /// Tells whether there was anything to write. Writing flash can take milliseconds: call it
-    /// while the motors are let go.
+    /// Returns whether there was anything to write. Writing flash can take milliseconds: call it
+    /// while the motors are not driven.
     ///
     /// # Errors
     /// When the store fails; it is not tried again until the next alignment.
@@ -582,10 +551,13 @@ mod tests {
     }
 
     #[test]
-    fn every_setting_can_be_told_to_an_operator_uncut() {
+    fn every_setting_reaches_an_operator_uncut() {
         for (index, setting) in TABLE.iter().enumerate() {
-            let told = Settings::DEFAULT.parameter(index).unwrap();
-            assert_eq!((told.name.as_str(), told.unit.as_str()), (setting.name, setting.unit));
+            let parameter = Settings::DEFAULT.parameter(index).unwrap();
+            assert_eq!(
+                (parameter.name.as_str(), parameter.unit.as_str()),
+                (setting.name, setting.unit)
+            );
         }
     }
 
@@ -693,14 +665,13 @@ mod tests {
     fn what_alignment_found_reaches_the_fast_half_again() {
         let mut settings = Settings::DEFAULT;
         let found = Alignment {
-            electrical_offset: 0x4000_0000,
+            electrical_offset: ElectricalAngle::from_raw(0x4000_0000),
             reversed: true,
             current_inverted: true,
             eccentricity: [1 << 24, -(1 << 23), 0, 0],
         };
         settings.learn([found; 2]);
-        let expected = AlignmentParameters::from(found);
-        assert_eq!(settings.parameters().motors.map(|motor| motor.alignment), [expected; 2]);
+        assert_eq!([0, 1].map(|motor| settings.alignment(motor)), [found; 2]);
     }
 
     #[test]
@@ -718,7 +689,7 @@ mod tests {
     fn whatever_alignment_finds_can_be_stored() {
         let mut settings = Settings::DEFAULT;
         let extreme = Alignment {
-            electrical_offset: u32::MAX,
+            electrical_offset: ElectricalAngle::from_raw(u32::MAX),
             eccentricity: [i32::MAX; 4],
             ..Alignment::default()
         };

@@ -11,8 +11,9 @@ use flix_protocol::units::Instant;
 
 use crate::exchange::Order;
 use crate::fast::control::Control;
+use crate::fast::units::{RotorAngle, Speed};
 use crate::hardware::{
-    Actuation, Bridge, CurrentSense, Encoder, EncoderReading, Hardware, Sensors,
+    Actuation, Bridge, CurrentSense, Duty, Encoder, EncoderAngle, EncoderReading, Hardware, Sensors,
 };
 
 /// Bytes of a [`Header`].
@@ -164,7 +165,7 @@ pub struct Outcome {
     /// Whether a fault is latched.
     pub faulted: bool,
     /// f as measured.
-    pub frequency: i32,
+    pub frequency: Speed,
 }
 
 impl Outcome {
@@ -191,11 +192,11 @@ impl Row {
         for encoder in self.sensors.encoders {
             let (kind, reading) = match encoder {
                 Encoder::Reading(reading) => (0, reading),
-                Encoder::Pending => (1, EncoderReading { angle: 0, age_us: 0 }),
-                Encoder::Failed => (2, EncoderReading { angle: 0, age_us: 0 }),
+                Encoder::Pending => (1, EncoderReading { angle: EncoderAngle::ZERO, age_us: 0 }),
+                Encoder::Failed => (2, EncoderReading { angle: EncoderAngle::ZERO, age_us: 0 }),
             };
             writer.put([kind]);
-            writer.put(reading.angle.to_le_bytes());
+            writer.put(reading.angle.raw().to_le_bytes());
             writer.put(reading.age_us.to_le_bytes());
         }
         writer.put([u8::from(self.sensors.phase_current.is_some())]);
@@ -205,24 +206,24 @@ impl Row {
         writer.put([u8::from(self.sensors.bus_voltage.is_some())]);
         writer.put(self.sensors.bus_voltage.unwrap_or_default().to_le_bytes());
         let order = &self.order;
-        writer.put(order.frequency.to_le_bytes());
-        writer.put(order.direction.to_le_bytes());
+        writer.put(order.frequency.raw().to_le_bytes());
+        writer.put(order.direction.raw().to_le_bytes());
         writer.put(order.setpoints.to_le_bytes());
         writer.put(order.heard.as_micros().to_le_bytes());
         writer.put([order.arm, order.disarm, order.stop, order.clear, order.period]);
         let outcome = &self.outcome;
         for bridge in outcome.actuation.bridges {
             let (kind, duties) = match bridge {
-                Bridge::Off => (0, [0; 3]),
+                Bridge::Off => (0, [Duty::ZERO; 3]),
                 Bridge::Duty(duties) => (1, duties),
             };
             writer.put([kind]);
             for duty in duties {
-                writer.put(duty.to_le_bytes());
+                writer.put(duty.raw().to_le_bytes());
             }
         }
         writer.put([outcome.state, u8::from(outcome.faulted)]);
-        writer.put(outcome.frequency.to_le_bytes());
+        writer.put(outcome.frequency.raw().to_le_bytes());
         bytes
     }
 
@@ -236,7 +237,10 @@ impl Row {
         let mut encoders = [Encoder::Pending; 2];
         for encoder in &mut encoders {
             let kind = reader.u8()?;
-            let reading = EncoderReading { angle: reader.u32()?, age_us: reader.u16()? };
+            let reading = EncoderReading {
+                angle: EncoderAngle::from_raw(reader.u32()?),
+                age_us: reader.u16()?,
+            };
             *encoder = match kind {
                 0 => Encoder::Reading(reading),
                 1 => Encoder::Pending,
@@ -254,8 +258,8 @@ impl Row {
             bus_voltage: has_bus.then_some(bus),
         };
         let order = Order {
-            frequency: reader.i32()?,
-            direction: reader.i32()?,
+            frequency: Speed::from_raw(reader.i32()?),
+            direction: RotorAngle::from_raw(reader.u32()?),
             setpoints: reader.u16()?,
             heard: Instant::from_micros(reader.u64()?),
             arm: reader.u8()?,
@@ -267,7 +271,7 @@ impl Row {
         let mut bridges = [Bridge::Off; 2];
         for bridge in &mut bridges {
             let kind = reader.u8()?;
-            let duties = [reader.u16()?, reader.u16()?, reader.u16()?];
+            let duties = [reader.u16()?, reader.u16()?, reader.u16()?].map(Duty::from_raw);
             *bridge = match kind {
                 0 => Bridge::Off,
                 1 => Bridge::Duty(duties),
@@ -278,7 +282,7 @@ impl Row {
             actuation: Actuation { bridges },
             state: reader.u8()?,
             faulted: reader.u8()? != 0,
-            frequency: reader.i32()?,
+            frequency: Speed::from_raw(reader.i32()?),
         };
         Ok(Self { now, sensors, order, outcome })
     }
@@ -300,7 +304,7 @@ mod tests {
 
     #[test]
     fn a_row_survives_its_bytes() {
-        let reading = EncoderReading { angle: 0xFEDC_BA98, age_us: 0x1234 };
+        let reading = EncoderReading { angle: EncoderAngle::from_raw(0xFEDC_BA98), age_us: 0x1234 };
         for (first, second) in
             [(Encoder::Reading(reading), Encoder::Failed), (Encoder::Pending, Encoder::Pending)]
         {
@@ -312,8 +316,8 @@ mod tests {
                     bus_voltage: Some(0xABCD),
                 },
                 order: Order {
-                    frequency: -123_456_789,
-                    direction: 987_654_321,
+                    frequency: Speed::from_raw(-123_456_789),
+                    direction: RotorAngle::from_raw(987_654_321),
                     setpoints: 0x4321,
                     heard: Instant::from_micros(0x0102_0304_0506_0708),
                     arm: 1,
@@ -323,10 +327,12 @@ mod tests {
                     period: 5,
                 },
                 outcome: Outcome {
-                    actuation: Actuation { bridges: [Bridge::Off, Bridge::Duty([1, 2, 0xFFFF])] },
+                    actuation: Actuation {
+                        bridges: [Bridge::Off, Bridge::Duty([1, 2, 0xFFFF].map(Duty::from_raw))],
+                    },
                     state: 3,
                     faulted: true,
-                    frequency: i32::MIN,
+                    frequency: Speed::from_raw(i32::MIN),
                 },
             };
             assert_eq!(Row::from_bytes(&row.to_bytes()), Ok(row));

@@ -5,8 +5,8 @@
 #[path = "support/rows.rs"]
 mod rows;
 
-use flix_firmware::fast::configuration::Parameters;
 use flix_firmware::fast::foc::current::{CurrentLoop, Input};
+use flix_firmware::settings::Settings;
 use std::f64::consts::TAU;
 
 /// The loop as a book would write it: volts, amperes, radians.
@@ -18,18 +18,19 @@ struct Reference {
 
 impl Reference {
     fn update(&mut self, input: &Input) -> [f64; 3] {
-        let parameters = Parameters::default();
-        let motor = parameters.motors[0];
-        let (resistance, inductance) =
-            (f64::from(motor.phase_resistance), f64::from(motor.phase_inductance));
-        let flux = f64::from(motor.flux_linkage);
-        let bandwidth = TAU * f64::from(parameters.current_bandwidth);
-        let angle = f64::from(input.angle) / 4_294_967_296.0 * TAU;
-        let omega = f64::from(input.speed) / 4_294_967_296.0 * TAU * 1e4;
-        let wanted = f64::from(input.current_q) / 65_536.0;
+        let settings = Settings::DEFAULT;
+        let resistance = f64::from(settings.phase_resistance[0]);
+        let inductance = f64::from(settings.phase_inductance[0]) * 1e-3;
+        let flux = f64::from(settings.flux_linkage[0]) * 1e-3;
+        let bandwidth = TAU * f64::from(settings.current_bandwidth);
+        let angle = f64::from(input.angle.raw()) / 4_294_967_296.0 * TAU;
+        let omega = f64::from(input.speed.raw()) / 4_294_967_296.0 * TAU * 1e4;
+        let wanted = f64::from(input.current_q.raw()) / 65_536.0;
 
-        let [a, b] =
-            input.phases.map(|phases| phases.map(|i| f64::from(i) / 65_536.0)).unwrap_or_default();
+        let [a, b] = input
+            .phases
+            .map(|phases| phases.map(|i| f64::from(i.raw()) / 65_536.0))
+            .unwrap_or_default();
         let (alpha, beta) = (a, (a + 2.0 * b) / 3_f64.sqrt());
         let (sine, cosine) = angle.sin_cos();
         let d = alpha * cosine + beta * sine;
@@ -54,7 +55,7 @@ impl Reference {
                 resistance * bandwidth / 1e4 * errors[axis] + (given[axis] - demand[axis]) / 4.0;
         }
 
-        let ahead = angle + omega * f64::from(parameters.actuation_delay_us) * 1e-6;
+        let ahead = angle + omega * f64::from(settings.actuation_delay) * 1e-6;
         let (sine, cosine) = ahead.sin_cos();
         let (alpha, beta) =
             (given[0] * cosine - given[1] * sine, given[0] * sine + given[1] * cosine);
@@ -78,7 +79,7 @@ fn duties_are_those_of_double_precision_within_a_thousandth() {
     for input in rows::rows() {
         let duties = fixed.update(&model, &bus, &input);
         for (duty, wanted) in duties.into_iter().zip(reference.update(&input)) {
-            worst = worst.max((f64::from(duty) / 65_536.0 - wanted).abs());
+            worst = worst.max((f64::from(duty.raw()) / 65_536.0 - wanted).abs());
         }
     }
     println!(

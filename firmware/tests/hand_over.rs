@@ -13,6 +13,7 @@ use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::exchange::{Access, Exchange, Report};
 use flix_firmware::fast::alignment::Alignment;
 use flix_firmware::fast::configuration::Configuration;
+use flix_firmware::fast::units::ElectricalAngle;
 use flix_firmware::hardware::{Actuation, TICK};
 use flix_firmware::robot::{FastHalf, Robot, SlowHalf};
 use flix_protocol::frame::Frame;
@@ -251,7 +252,11 @@ fn what_happened_between_two_exchanges_is_told_however_many_reports_were_missed(
 
 /// An alignment that was finished while the slow half looked away.
 fn report_alignment(halves: &mut Halves) -> Alignment {
-    let found = Alignment { electrical_offset: 1 << 30, reversed: true, ..Alignment::default() };
+    let found = Alignment {
+        electrical_offset: ElectricalAngle::from_raw(1 << 30),
+        reversed: true,
+        ..Alignment::default()
+    };
     let report = *halves.reported();
     let timing =
         flix_firmware::exchange::Timing { ticks: report.timing.ticks + 1, ..report.timing };
@@ -277,7 +282,7 @@ fn a_configuration_that_waited_through_an_alignment_knows_what_was_found() {
     let mut expected = *halves.slow.settings();
     expected.learn([found; 2]);
     assert_eq!(*halves.slow.settings(), expected);
-    let expected = Configuration::new(&expected.parameters(), &DENGFOC_V3_01.hardware);
+    let expected = Configuration::new(&expected, &DENGFOC_V3_01.hardware);
     let mut waiting = None;
     halves.exchange.take(|configuration| {
         waiting = Some(*configuration);

@@ -23,7 +23,7 @@ use embassy_net_driver_channel::{Device, Runner, State};
 use embassy_time::{Duration, MockDriver, Timer};
 use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::exchange::Exchange;
-use flix_firmware::hardware::{Encoder, EncoderReading, Sensors};
+use flix_firmware::hardware::{Encoder, EncoderAngle, EncoderReading, Sensors};
 use flix_firmware::mdns;
 use flix_firmware::net::{self, Station};
 use flix_firmware::robot::{FastHalf, Robot, SlowHalf};
@@ -90,7 +90,7 @@ impl Brain {
     /// Standing still, nothing wrong.
     fn tick(&self) {
         let zero = DENGFOC_V3_01.hardware.current_sense.map_or(0, |sense| sense.zero_count);
-        let reading = Encoder::Reading(EncoderReading { angle: 0, age_us: 0 });
+        let reading = Encoder::Reading(EncoderReading { angle: EncoderAngle::ZERO, age_us: 0 });
         let sensors = Sensors {
             encoders: [reading; 2],
             phase_current: Some([[zero; 2]; 2]),

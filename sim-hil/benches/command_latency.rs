@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant as WallClock};
 
-use flix_firmware::hardware::{Actuation, Bridge};
+use flix_firmware::hardware::{Actuation, Bridge, Duty};
 use flix_host::interrupt::Interrupt;
 use flix_host::link::udp::Connection;
 use flix_protocol::message::Setpoint;
@@ -57,7 +57,7 @@ impl Probe {
 impl Disturbance for Probe {
     fn actuation(&mut self, _now: Instant, actuation: &mut Actuation) {
         let [Bridge::Duty([a, b, c]), Bridge::Duty([d, e, f])] = actuation.bridges else { return };
-        let duties = [a, b, c, d, e, f];
+        let duties = [a, b, c, d, e, f].map(Duty::raw);
         if !self.is_asked.load(Ordering::Acquire) {
             self.history.truncate(HISTORY - 1);
             self.history.push_front(duties);

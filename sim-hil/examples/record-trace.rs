@@ -96,9 +96,8 @@ impl<W: Write> Recording<W> {
 fn record(file: &Path) -> Result<u64, Box<dyn std::error::Error>> {
     let mut trace = BufWriter::new(File::create(file)?);
     trace.write_all(&Header { hardware: SIMULATED_BOARD }.to_bytes())?;
-    let parameters = Settings::DEFAULT.parameters();
     let mut recording = Recording {
-        control: Control::new(Configuration::new(&parameters, &SIMULATED_BOARD)),
+        control: Control::new(Configuration::new(&Settings::DEFAULT, &SIMULATED_BOARD)),
         order: Order::default(),
         electronics: Electronics::new(&ElectronicsParameters::on(SIMULATED_BOARD), SEED),
         plant: Plant::new(&RobotModel::named("W")?)?,

@@ -90,7 +90,7 @@ fn ideal() -> ElectronicsParameters {
 }
 
 fn duties(shares: [f64; 3]) -> Actuation {
-    let duties = shares.map(|share| (share * f64::from(Duty::MAX)).round() as Duty);
+    let duties = shares.map(|share| Duty::from_raw((share * f64::from(u16::MAX)).round() as u16));
     Actuation { bridges: [Bridge::Duty(duties); 2] }
 }
 
@@ -388,8 +388,8 @@ fn readings_put_back_by_their_age_are_within_the_data_sheets_error() {
         let speed = TAU * 30.0;
         for (angle, reading) in readings(encoder, speed) {
             let Encoder::Reading(reading) = reading else { continue };
-            assert_eq!(reading.angle.trailing_zeros().min(32 - encoder.bits), 32 - encoder.bits);
-            let seen = f64::from(reading.angle) / 4_294_967_296.0 * TAU
+            assert_eq!(reading.angle.raw().trailing_zeros().min(32 - encoder.bits), 32 - encoder.bits);
+            let seen = f64::from(reading.angle.raw()) / 4_294_967_296.0 * TAU
                 + speed * f64::from(reading.age_us) * 1e-6;
             let error = (seen - angle + 0.5 * TAU).rem_euclid(TAU) - 0.5 * TAU;
             let age_error = speed * encoder.age_error_us * 1e-6;

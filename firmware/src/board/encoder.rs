@@ -2,9 +2,9 @@
 //!
 //! Sources: ams AS5600 data sheet (registers STATUS, RAW ANGLE), ams AS5047P data sheet (SPI
 //! frames, parity, DIAAGC), MagnTek MT6701 data sheet (SSI frame, CRC-6). Angles come out
-//! left-aligned ([`Turn`]), as [`EncoderReading`](crate::hardware::EncoderReading) wants them.
+//! left-aligned ([`EncoderAngle`]), as [`EncoderReading`](crate::hardware::EncoderReading) wants them.
 
-use crate::hardware::Turn;
+use crate::hardware::EncoderAngle;
 
 /// AS5600: I2C address.
 pub const AS5600_ADDRESS: u8 = 0x36;
@@ -19,10 +19,10 @@ const FOURTEEN_BITS: u32 = 14;
 
 /// Reads the three bytes from [`AS5600_STATUS_REGISTER`] on. `None` without a magnet.
 #[must_use]
-pub fn as5600(frame: [u8; 3]) -> Option<Turn> {
+pub fn as5600(frame: [u8; 3]) -> Option<EncoderAngle> {
     let [status, high, low] = frame;
     let angle = u32::from(high & 0x0F) << 8 | u32::from(low);
-    (status & AS5600_MAGNET_DETECTED != 0).then_some(angle << (Turn::BITS - TWELVE_BITS))
+    (status & AS5600_MAGNET_DETECTED != 0).then_some(EncoderAngle::from_count(angle, TWELVE_BITS))
 }
 
 /// MT6701 status: the field is too strong, too weak, or over-speed makes the angle worthless.
@@ -43,14 +43,14 @@ fn mt6701_crc(bits: u32) -> u8 {
 /// Reads the three bytes of an MT6701's SSI frame: 14 bits of angle, 4 of status, 6 of CRC.
 /// `None` when the check sum is wrong, the field out of range or the track lost.
 #[must_use]
-pub fn mt6701(frame: [u8; 3]) -> Option<Turn> {
+pub fn mt6701(frame: [u8; 3]) -> Option<EncoderAngle> {
     let [first, second, third] = frame;
     let word = u32::from(first) << 16 | u32::from(second) << 8 | u32::from(third);
     let (payload, crc) = (word >> 6, (word & 0x3F) as u8);
     let (angle, status) = (payload >> 4, (payload & 0x0F) as u8);
     let field_good = matches!(status & MT6701_FIELD, 0);
     let good = mt6701_crc(payload) == crc && field_good && status & MT6701_LOSS_OF_TRACK == 0;
-    good.then_some(angle << (Turn::BITS - FOURTEEN_BITS))
+    good.then_some(EncoderAngle::from_count(angle, FOURTEEN_BITS))
 }
 
 /// AS5047P: read ANGLECOM (0x3FFF), with the read bit; its parity is even without the top bit.
@@ -77,8 +77,8 @@ fn as5047p_data(frame: [u8; 2]) -> Option<u16> {
 
 /// Reads the answer to [`AS5047P_READ_ANGLE`], which comes with the next transfer.
 #[must_use]
-pub fn as5047p(frame: [u8; 2]) -> Option<Turn> {
-    as5047p_data(frame).map(|angle| u32::from(angle) << (Turn::BITS - FOURTEEN_BITS))
+pub fn as5047p(frame: [u8; 2]) -> Option<EncoderAngle> {
+    as5047p_data(frame).map(|angle| EncoderAngle::from_count(angle.into(), FOURTEEN_BITS))
 }
 
 /// Reads the answer to [`AS5047P_READ_DIAGNOSTICS`]: whether a magnet is there and the angle good.
@@ -93,8 +93,8 @@ mod tests {
 
     #[test]
     fn as5600_angle_fills_the_upper_twelve_bits() {
-        assert_eq!(as5600([0x20, 0x08, 0x00]), Some(1 << 31));
-        assert_eq!(as5600([0x20, 0xFF, 0xFF]), Some(0xFFF0_0000));
+        assert_eq!(as5600([0x20, 0x08, 0x00]), Some(EncoderAngle::from_raw(1 << 31)));
+        assert_eq!(as5600([0x20, 0xFF, 0xFF]), Some(EncoderAngle::from_raw(0xFFF0_0000)));
     }
 
     #[test]
@@ -111,8 +111,8 @@ mod tests {
 
     #[test]
     fn mt6701_angle_fills_the_upper_fourteen_bits() {
-        assert_eq!(mt6701(mt6701_frame(0x2000, 0)), Some(1 << 31));
-        assert_eq!(mt6701(mt6701_frame(0x3FFF, 0)), Some(0xFFFC_0000));
+        assert_eq!(mt6701(mt6701_frame(0x2000, 0)), Some(EncoderAngle::from_raw(1 << 31)));
+        assert_eq!(mt6701(mt6701_frame(0x3FFF, 0)), Some(EncoderAngle::from_raw(0xFFFC_0000)));
     }
 
     #[test]
@@ -147,7 +147,7 @@ mod tests {
     #[test]
     fn as5047p_angle_fills_the_upper_fourteen_bits() {
         // 0x2000 has one set bit: the parity bit makes it even.
-        assert_eq!(as5047p([0xA0, 0x00]), Some(1 << 31));
+        assert_eq!(as5047p([0xA0, 0x00]), Some(EncoderAngle::from_raw(1 << 31)));
     }
 
     #[test]

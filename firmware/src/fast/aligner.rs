@@ -6,7 +6,7 @@
 //! forward and back. The rotor follows the field like a compass needle, so the field *is* the
 //! angle reference:
 //!
-//! - the sense in which the encoder follows is the phase order;
+//! - the direction in which the encoder follows is the phase order;
 //! - the mean of angle minus field over both ways is the electrical offset (friction and speed act
 //!   the other way on the way back and cancel, and so does cogging over a whole turn);
 //! - its first and second harmonic over the turn are what the encoder's magnet adds;
@@ -22,9 +22,11 @@ use crate::fast::alignment::Alignment;
 use crate::fast::configuration::Configuration;
 use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::{Direction, Stator, clarke, inverse_clarke, park};
-use crate::fast::tracker::Tracker;
-use crate::fast::units::{magnitude, multiply_high};
-use crate::hardware::{Bridge, Turn};
+use crate::fast::tracker::{Tracker, harmonic_factors};
+use crate::fast::units::{
+    Counts, ElectricalAngle, Quantity, RotorAngle, Speed, magnitude, multiply_high,
+};
+use crate::hardware::Bridge;
 
 /// Ticks over which the current zero is averaged: 0.1 s.
 const ZERO_TICKS: u32 = 1 << 10;
@@ -52,7 +54,7 @@ const REST_TICKS: u32 = 20_000;
 /// Ticks that both rotors must have been slow to count as at rest: 50 ms.
 const STILL_TICKS: u32 = 500;
 /// A rotor slower than this is at rest: 0.5 Hz.
-const STILL: i32 = 214_748;
+const STILL: Speed = Speed::from_raw(214_748);
 /// A quarter electrical turn: a rotor that lags this far has lost the field.
 const QUARTER: i64 = 1 << 30;
 /// A rotor in the check may be off by this much: an eighth electrical turn.
@@ -61,13 +63,13 @@ const CHECK_TOLERANCE: i32 = 1 << 29;
 /// Currents are summed with so many more bits than they have.
 const CURRENT_SHIFT: u32 = 8;
 
-/// What the motors told in one tick.
+/// What is measured of the motors in one tick.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Observation<'a> {
     /// Top, bottom.
     pub(crate) trackers: &'a [Tracker; 2],
-    /// Counts of phases A and B in 2^-4, no zero subtracted.
-    pub(crate) counts: Option<[[i32; 2]; 2]>,
+    /// What the amplifiers of phases A and B show, no zero subtracted.
+    pub(crate) counts: Option<[[Counts; 2]; 2]>,
     /// Battery side of the bridges.
     pub(crate) bus: &'a Bus,
 }
@@ -110,9 +112,9 @@ struct Sweep {
 struct Motor {
     zero_sum: [i32; 2],
     /// Electrical angle of the field at field position zero.
-    base: Turn,
+    base: ElectricalAngle,
     /// Uncorrected rotor angle when the field began to move.
-    start: Turn,
+    start: RotorAngle,
     sweep: Sweep,
     result: Alignment,
 }
@@ -124,21 +126,22 @@ pub(crate) struct Aligner {
     stage: Stage,
     tick: u32,
     still: u32,
-    /// Mechanical angle of the field.
-    field: Turn,
+    /// Mechanical position of the field, 2^-32 turn in its own direction.
+    field: u32,
     motors: [Motor; 2],
-    zeros: [[i32; 2]; 2],
+    zeros: [[Counts; 2]; 2],
 }
 
 impl Aligner {
-    /// From the beginning; `full` looks for everything, else what is remembered is checked.
+    /// Starts from the beginning; `full` looks for everything, else what is remembered is checked.
     pub(crate) fn new(full: bool, configuration: &Configuration) -> Self {
         let motors = configuration.alignment.map(|result| Motor { result, ..Motor::default() });
-        Self { full, stage: Stage::Rest, tick: 0, still: 0, field: 0, motors, zeros: [[0; 2]; 2] }
+        let zeros = [[Counts::ZERO; 2]; 2];
+        Self { full, stage: Stage::Rest, tick: 0, still: 0, field: 0, motors, zeros }
     }
 
-    /// Counts at no current of phases A and B, 2^-4 count.
-    pub(crate) const fn zeros(&self) -> [[i32; 2]; 2] {
+    /// Returns what the amplifiers of phases A and B show at no current.
+    pub(crate) const fn zeros(&self) -> [[Counts; 2]; 2] {
         self.zeros
     }
 
@@ -147,12 +150,12 @@ impl Aligner {
         self.full
     }
 
-    /// What was found.
+    /// Returns what was found.
     pub(crate) fn results(&self) -> [Alignment; 2] {
         self.motors.map(|motor| motor.result)
     }
 
-    /// One tick. Never panics.
+    /// Does one tick. Never panics.
     pub(crate) fn update(
         &mut self,
         configuration: &Configuration,
@@ -181,7 +184,7 @@ impl Aligner {
         let still = observation
             .trackers
             .iter()
-            .all(|tracker| tracker.settled() && magnitude(tracker.speed()) < STILL);
+            .all(|tracker| tracker.settled() && tracker.speed().magnitude() < STILL);
         self.still = if still { self.still + 1 } else { 0 };
         if self.still >= STILL_TICKS {
             self.enter(Stage::Zero);
@@ -202,16 +205,15 @@ impl Aligner {
         };
         for (motor, counts) in self.motors.iter_mut().zip(counts) {
             for (sum, count) in motor.zero_sum.iter_mut().zip(counts) {
-                *sum = sum.saturating_add(count);
+                *sum = sum.saturating_add(count.raw());
             }
         }
         if self.tick + 1 >= ZERO_TICKS {
             for (zeros, motor) in self.zeros.iter_mut().zip(&self.motors) {
-                *zeros = motor.zero_sum.map(|sum| sum / ZERO_TICKS as i32);
+                *zeros = motor.zero_sum.map(|sum| Counts::from_raw(sum / ZERO_TICKS as i32));
             }
-            let off = |zero: &i32| {
-                magnitude(zero.wrapping_sub(configuration.zero_design))
-                    > configuration.zero_tolerance
+            let off = |zero: &Counts| {
+                (*zero - configuration.zero_design).magnitude() > configuration.zero_tolerance
             };
             if self.zeros.iter().flatten().any(off) {
                 return Progress::Failed(Fault::CurrentSense);
@@ -227,8 +229,11 @@ impl Aligner {
             for (index, motor) in self.motors.iter_mut().enumerate() {
                 let angle = observation.trackers[index % 2].angle();
                 motor.start = angle;
-                motor.base =
-                    if self.full { 0 } else { configuration.electrical_angle(index, angle) };
+                motor.base = if self.full {
+                    ElectricalAngle::ZERO
+                } else {
+                    configuration.electrical_angle(index, angle)
+                };
             }
         }
         if self.full {
@@ -237,7 +242,7 @@ impl Aligner {
             let moved = self.tick.saturating_sub(RAMP_TICKS).min(RAMP_TICKS);
             let short = (RAMP_TICKS - moved) * (QUARTER as u32 / RAMP_TICKS);
             for motor in &mut self.motors {
-                motor.base = short.wrapping_neg();
+                motor.base = ElectricalAngle::from_raw(short.wrapping_neg());
             }
         }
         let swung_out = if self.full { 3 * RAMP_TICKS } else { RAMP_TICKS };
@@ -287,9 +292,9 @@ impl Aligner {
     fn find_order(&mut self, observation: &Observation<'_>) -> bool {
         let field = self.field as i32;
         self.motors.iter_mut().zip(observation.trackers).all(|(motor, tracker)| {
-            let travel = tracker.angle().wrapping_sub(motor.start) as i32;
+            let travel = tracker.angle().ahead_of(motor.start);
             motor.result.reversed = travel < 0;
-            motor.sweep.origin = tracker.angle().wrapping_sub(motor.along(self.field)) as i32;
+            motor.sweep.origin = tracker.angle().ahead_of(motor.along(self.field));
             let shortfall = magnitude(magnitude(travel).saturating_sub(field));
             shortfall < field / 2
         })
@@ -298,12 +303,11 @@ impl Aligner {
     /// Adds a tick to the sums; false when a rotor lost the field.
     fn accumulate(&mut self, configuration: &Configuration, observation: &Observation<'_>) -> bool {
         let field = self.field;
-        let electrical = field.wrapping_mul(configuration.pole_pairs);
+        let electrical = ElectricalAngle::from_raw(field.wrapping_mul(configuration.pole_pairs));
         let mut follows = true;
         for (index, motor) in self.motors.iter_mut().enumerate() {
             let angle = observation.trackers[index % 2].angle();
-            let lag = angle.wrapping_sub(motor.along(field)).wrapping_sub(motor.sweep.origin as u32)
-                as i32;
+            let lag = angle.ahead_of(motor.along(field)).wrapping_sub(motor.sweep.origin);
             let electrical_lag = i64::from(lag) * i64::from(configuration.pole_pairs);
             follows &= electrical_lag.abs() < QUARTER;
             motor.sweep.add_lag(angle, lag);
@@ -321,12 +325,15 @@ impl Aligner {
             let samples = i64::from(2 * TURN_TICKS);
             let mean = origin.wrapping_add((lag / samples) as i32);
             let offset = (mean as u32).wrapping_mul(configuration.pole_pairs);
-            motor.result.electrical_offset =
-                if motor.result.reversed { offset } else { offset.wrapping_neg() };
+            motor.result.electrical_offset = ElectricalAngle::from_raw(if motor.result.reversed {
+                offset
+            } else {
+                offset.wrapping_neg()
+            });
             // Sums hold half the products; a Fourier coefficient is twice the mean.
             motor.result.eccentricity = harmonics.map(|sum| (4 * sum / samples) as i32);
             if sensed {
-                let expected = configuration.alignment_counts;
+                let expected = configuration.alignment_counts.raw();
                 let amplitudes = currents.map(|sum| (4 * sum / samples) as i32 >> CURRENT_SHIFT);
                 let inverted = amplitudes.iter().all(|amplitude| *amplitude < 0);
                 let agree = amplitudes.iter().all(|amplitude| {
@@ -358,10 +365,10 @@ impl Aligner {
         let Some(counts) = observation.counts else { return Progress::Done };
         for ((motor, counts), zeros) in self.motors.iter().zip(counts).zip(self.zeros) {
             let [a, b] = centred(counts, zeros);
-            let field = Direction::new(motor.electrical(configuration, self.field));
+            let field = Direction::from(motor.electrical(configuration, self.field));
             let current = park(clarke(a, b), field);
-            let along = if motor.result.current_inverted { -current.d } else { current.d };
-            let expected = configuration.alignment_counts;
+            let along = if motor.result.current_inverted { -current.d } else { current.d }.raw();
+            let expected = configuration.alignment_counts.raw();
             if along < expected / 2 || along > expected.saturating_mul(2) {
                 return Progress::Failed(Fault::CurrentSense);
             }
@@ -369,17 +376,17 @@ impl Aligner {
         Progress::Done
     }
 
-    /// Whether both rotors stand where the field is, as far as what is remembered tells.
+    /// Whether both rotors stand where the field is, by what is remembered.
     fn follows(&self, configuration: &Configuration, observation: &Observation<'_>) -> bool {
         self.motors.iter().enumerate().all(|(index, motor)| {
             let angle = observation.trackers[index % 2].angle();
             let field = motor.electrical(configuration, self.field);
             let rotor = configuration.electrical_angle(index, angle);
-            magnitude(field.wrapping_sub(rotor) as i32) <= CHECK_TOLERANCE
+            magnitude(field.ahead_of(rotor)) <= CHECK_TOLERANCE
         })
     }
 
-    /// The field as duties.
+    /// Returns the field as duties.
     fn bridges(&self, configuration: &Configuration, bus: &Bus) -> [Bridge; 2] {
         if self.stage == Stage::Rest {
             return [Bridge::BRAKE; 2];
@@ -396,21 +403,11 @@ impl Aligner {
         for ((bridge, motor), voltage) in
             bridges.iter_mut().zip(&self.motors).zip(configuration.alignment_voltage)
         {
-            let direction = Direction::new(motor.electrical(configuration, self.field));
-            // 2^-31 times 2^-30 leaves an eighth of it after two upper halves.
-            let along = |component: i32, size: i32| {
-                multiply_high(multiply_high(component, share), size << 3)
-            };
-            let field = |size: i32| {
-                inverse_clarke(Stator {
-                    alpha: along(direction.cosine, size),
-                    beta: along(direction.sine, size),
-                })
-            };
-            let current = field(configuration.alignment_current);
-            let mut phases = field(voltage);
+            let direction = Direction::from(motor.electrical(configuration, self.field));
+            let current = field(direction, share, configuration.alignment_current);
+            let mut phases = field(direction, share, voltage);
             for (phase, current) in phases.iter_mut().zip(current) {
-                *phase += bus.dead_time_compensation(current);
+                *phase = *phase + bus.dead_time_compensation(current);
             }
             *bridge = Bridge::Duty(bus.duties(phases));
         }
@@ -419,43 +416,54 @@ impl Aligner {
 }
 
 impl Motor {
-    /// Electrical angle of the field at this mechanical position.
-    fn electrical(&self, configuration: &Configuration, field: Turn) -> Turn {
-        let turned = field.wrapping_mul(configuration.pole_pairs);
-        self.base.wrapping_add(turned)
+    /// Returns the electrical angle of the field at this mechanical position.
+    fn electrical(&self, configuration: &Configuration, field: u32) -> ElectricalAngle {
+        self.base.turned(field.wrapping_mul(configuration.pole_pairs) as i32)
     }
 
-    /// The field's mechanical position counted the way the rotor goes.
-    fn along(&self, field: Turn) -> Turn {
-        if self.result.reversed { field.wrapping_neg() } else { field }
+    /// Returns the field's mechanical position counted the way the rotor goes.
+    fn along(&self, field: u32) -> RotorAngle {
+        RotorAngle::from_raw(if self.result.reversed { field.wrapping_neg() } else { field })
     }
 }
 
 impl Sweep {
-    fn add_lag(&mut self, angle: Turn, lag: i32) {
+    fn add_lag(&mut self, angle: RotorAngle, lag: i32) {
         self.lag += i64::from(lag);
-        let first = Direction::new(angle);
-        let second = Direction::new(angle.wrapping_mul(2));
-        let factors = [first.cosine, first.sine, second.cosine, second.sine];
-        for (sum, factor) in self.harmonics.iter_mut().zip(factors) {
+        for (sum, factor) in self.harmonics.iter_mut().zip(harmonic_factors(angle)) {
             *sum += i64::from(multiply_high(lag, factor));
         }
     }
 
-    fn add_currents(&mut self, electrical: Turn, counts: [i32; 2], zeros: [i32; 2]) {
+    fn add_currents(
+        &mut self,
+        electrical: ElectricalAngle,
+        counts: [Counts; 2],
+        zeros: [Counts; 2],
+    ) {
         /// A third of a turn.
-        const THIRD: Turn = 1_431_655_765;
+        const THIRD: i32 = 1_431_655_765;
         let [a, b] = centred(counts, zeros);
         let phases = [a, b, -a - b];
         let lags = [0, THIRD, THIRD.wrapping_mul(2)];
         for ((sum, phase), lag) in self.currents.iter_mut().zip(phases).zip(lags) {
-            let cosine = Direction::new(electrical.wrapping_sub(lag)).cosine;
-            *sum += i64::from(multiply_high(phase << CURRENT_SHIFT, cosine));
+            let cosine = Direction::from(electrical.turned(lag.wrapping_neg())).cosine;
+            *sum += i64::from(multiply_high(phase.raw() << CURRENT_SHIFT, cosine));
         }
     }
 }
 
-/// Counts about their zero, 2^-4.
-const fn centred(counts: [i32; 2], zeros: [i32; 2]) -> [i32; 2] {
-    [counts[0].wrapping_sub(zeros[0]), counts[1].wrapping_sub(zeros[1])]
+/// Returns the phases of a field in this direction, of so much current or voltage; `share` is in
+/// 2^-30.
+fn field<T: Quantity>(direction: Direction, share: i32, size: T) -> [T; 3] {
+    // 2^-31 times 2^-30 leaves an eighth of it after two upper halves.
+    let along = |component: i32| {
+        T::from_raw(multiply_high(multiply_high(component, share), size.raw() << 3))
+    };
+    inverse_clarke(Stator { alpha: along(direction.cosine), beta: along(direction.sine) })
+}
+
+/// Returns counts about their zero.
+fn centred(counts: [Counts; 2], zeros: [Counts; 2]) -> [Counts; 2] {
+    [counts[0] - zeros[0], counts[1] - zeros[1]]
 }

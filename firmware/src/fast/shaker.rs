@@ -26,7 +26,7 @@
 //! The *periodic* part makes up for what the shaking drives back into the rotors. A base of mass M
 //! moves by `a = -(2 m l w^2 / M) cos(phase)`, which turns the rotors with a torque
 //! `(m l w)^2 / M sin(2 phase)`; gravity on a tilted base, and a body that rocks, add a part at
-//! `phase`. Base and legs vary, so both parts are learnt in both coordinates. The complex amplitude
+//! `phase`. Base and legs vary, so the feed-forward of both parts adapts in both coordinates. The complex amplitude
 //! `A` of each harmonic `h` grows by
 //!
 //! ```text
@@ -37,9 +37,9 @@
 //! error of that harmonic decays at the rate `mu`. The second harmonic of the difference scales
 //! with `w^2` as the equation above says, so that it stays right while f changes.
 
-use crate::fast::units::Speed;
-use crate::fast::units::{cosine_sine, magnitude, multiply_high, within};
-use crate::hardware::{TICK_RATE_HZ, Turn};
+use crate::fast::units::{
+    Current, RotorAngle, Speed, TICK_RATE_HZ, cosine_sine, magnitude, multiply_high, within,
+};
 
 /// How fast a ramp closes in on its end, 1/s: the last `ramp / 50` are approached exponentially.
 const FREQUENCY_APPROACH: i64 = 50;
@@ -53,18 +53,19 @@ const SAME_FREQUENCY: i32 = 430;
 const LARGEST_ERROR: i32 = 1 << 28;
 /// Largest error of a coordinate's speed that is acted on: 19.5 Hz.
 const LARGEST_SPEED_ERROR: i32 = 1 << 23;
-/// Largest error that the periodic part learns from: 1/128 turn.
-const LARGEST_LESSON: i32 = 1 << 25;
+/// Largest error that the periodic part adapts to: 1/128 turn.
+const LARGEST_ADAPTED_ERROR: i32 = 1 << 25;
 /// The phase reference waits for rotors that lag by more than this: 1/8 turn of the difference.
 const LARGEST_LAG: i32 = 1 << 29;
 /// With the voltage at its limit and twice theta off by more than this, f gives way: 3 degrees.
-const THETA_SUFFERS: i32 = (3 * (1 << 32_u64) / 360_u64) as i32;
+const YIELDING_SUM_ERROR: i32 = (3 * (1 << 32_u64) / 360_u64) as i32;
 /// It gives way by 2^-10 of itself in each update: 85 Hz/s from 35 Hz.
 const GIVING_WAY_SHIFT: u32 = 10;
-/// Below this f nothing periodic is learnt: 5 Hz.
-const SLOWEST_LESSON: Speed = hertz(5);
+/// Below this f the periodic part does not adapt: 5 Hz.
+const SLOWEST_ADAPTATION: Speed = Speed::from_centihertz(500);
 /// One over the f to which the second harmonic of the difference is normalised: 2^40 / 35 Hz.
-const INVERSE_NORMAL_FREQUENCY: i32 = ((1_u64 << 40) / hertz(35) as u64) as i32;
+const INVERSE_NORMAL_FREQUENCY: i32 =
+    ((1_u64 << 40) / Speed::from_centihertz(3_500).raw() as u64) as i32;
 /// Largest integral, 2^-48 turn per tick^2.
 const LARGEST_INTEGRAL: i32 = i32::MAX >> 1;
 /// Largest acceleration of a coordinate, 2^-40 turn per tick^2: 12 times what two amperes give.
@@ -75,17 +76,12 @@ pub const STRIDE: u32 = 4;
 const STEP: i32 = STRIDE as i32;
 /// One in this many updates works out what changes slowly.
 const SCHEDULE_UPDATES: u8 = 4;
-/// Weight of a lesson, given every eighth tick: errors of a harmonic decay in 0.1 s.
-const LESSON_WEIGHT: i32 = 32;
+/// Rate of adaptation, in every eighth tick: errors of a harmonic decay in 0.1 s.
+const ADAPTATION_RATE: i32 = 32;
 /// All of the headroom, 2^-15.
 const FULL_HEADROOM: i32 = 1 << 15;
 /// Below this a reference counts as standing: 0.01 Hz.
-const STANDING: Speed = hertz(1) / 100;
-
-/// Whole hertz as a [`Speed`].
-const fn hertz(frequency: i64) -> Speed {
-    (frequency * (1 << 32) / TICK_RATE_HZ as i64) as Speed
-}
+const STANDING: i32 = Speed::from_centihertz(100).raw() / 100;
 
 /// `1/s` as a factor per tick in 2^-32.
 const fn per_second(rate: i64) -> i32 {
@@ -105,15 +101,15 @@ pub struct ShakerModel {
     pub current_per_acceleration: [i32; 2],
     /// Largest sum of magnitudes of `u`, 2^-40 turn per tick^2.
     pub largest_acceleration: i32,
-    /// Largest current, 2^-16 A.
-    pub current_limit: i32,
+    /// Largest current.
+    pub current_limit: Current,
     /// Steepest change of f, 2^-32 turn per tick^2.
     pub frequency_ramp: i32,
-    /// Fastest change of the sum (twice theta), 2^-32 turn per tick.
-    pub sum_ramp: i32,
+    /// Fastest change of the sum (twice theta).
+    pub sum_ramp: Speed,
 }
 
-/// One of the two coordinates: integral and learnt amplitudes, all in 2^-48 turn per tick^2.
+/// One of the two coordinates: integral and adapted amplitudes, all in 2^-48 turn per tick^2.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct Coordinate {
     integral: i32,
@@ -152,11 +148,11 @@ impl Amplitude {
             >> 7
     }
 
-    /// Learns from an error.
+    /// Adapts to an error.
     #[inline(always)]
-    const fn learn(&mut self, error: i32, direction: Amplitude, weight: i32) {
-        let real = multiply_high(error, direction.real).wrapping_mul(weight);
-        let imaginary = multiply_high(error, direction.imaginary).wrapping_mul(weight);
+    const fn adapt(&mut self, error: i32, direction: Amplitude, rate: i32) {
+        let real = multiply_high(error, direction.real).wrapping_mul(rate);
+        let imaginary = multiply_high(error, direction.imaginary).wrapping_mul(rate);
         self.real = self.real.saturating_add(real);
         self.imaginary = self.imaginary.saturating_add(imaginary);
     }
@@ -174,7 +170,7 @@ impl InverseResponse {
         /// pi in 2^-29.
         const PI: i32 = 1_686_629_713;
         // w = 2 pi h f in rad per tick, 2^-31: f pi h, since f is in 2^-32 turn.
-        let omega = multiply_high(frequency, PI).wrapping_mul(harmonic) << 3;
+        let omega = multiply_high(frequency.raw(), PI).wrapping_mul(harmonic) << 3;
         Self {
             real: (model.proportional >> 2).wrapping_sub(multiply_high(omega, omega) << 8),
             imaginary: multiply_high(omega, model.derivative) << 7,
@@ -183,7 +179,7 @@ impl InverseResponse {
 
     /// `D exp(-j h phase)`, 2^-37.
     #[inline(always)]
-    const fn lesson(self, harmonic: Harmonic) -> Amplitude {
+    const fn gradient(self, harmonic: Harmonic) -> Amplitude {
         let Harmonic { cosine, sine } = harmonic;
         Amplitude {
             real: multiply_high(self.real, cosine)
@@ -197,31 +193,33 @@ impl InverseResponse {
 /// Where the rotors are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rotors {
-    /// Top and bottom, clockwise from forward.
-    pub angles: [Turn; 2],
-    /// Clockwise positive.
+    /// Top and bottom.
+    pub angles: [RotorAngle; 2],
+    /// Top and bottom.
     pub speeds: [Speed; 2],
 }
 
 impl Rotors {
-    const fn sum(&self) -> Turn {
-        self.angles[0].wrapping_add(self.angles[1])
+    /// Returns twice theta, 2^-32 turn, wrapping.
+    const fn sum(&self) -> u32 {
+        self.angles[0].raw().wrapping_add(self.angles[1].raw())
     }
 
-    const fn difference(&self) -> Turn {
-        self.angles[0].wrapping_sub(self.angles[1])
+    /// Returns twice the phase, 2^-32 turn, wrapping.
+    const fn difference(&self) -> u32 {
+        self.angles[0].raw().wrapping_sub(self.angles[1].raw())
     }
 
-    /// theta, within a quarter turn either side.
+    /// Returns theta, within a quarter turn either side of forward.
     #[must_use]
-    pub const fn direction(&self) -> i32 {
-        self.sum() as i32 / 2
+    pub const fn direction(&self) -> RotorAngle {
+        RotorAngle::from_raw((self.sum() as i32 / 2) as u32)
     }
 
-    /// f.
+    /// Returns f.
     #[must_use]
     pub const fn frequency(&self) -> Speed {
-        self.speeds[0].wrapping_sub(self.speeds[1]) / 2
+        Speed::from_raw(self.speeds[0].raw().wrapping_sub(self.speeds[1].raw()) / 2)
     }
 }
 
@@ -231,30 +229,30 @@ pub struct Target {
     /// f.
     pub frequency: Speed,
     /// theta; `None` keeps what it is.
-    pub direction: Option<i32>,
+    pub direction: Option<RotorAngle>,
 }
 
 /// What the shaker wants of top and bottom motor in the next [`STRIDE`] ticks, clockwise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Demand {
-    /// 2^-16 A.
-    pub currents: [i32; 2],
+    /// Top, bottom.
+    pub currents: [Current; 2],
     /// By how much the references change the rotors' speeds, for those who estimate them.
     pub speed_changes: [Speed; 2],
 }
 
-/// References, feedback and what was learnt.
+/// References, feedback and adapted feed-forward. Phase, sum and their errors are in 2^-32 turn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shaker {
-    phase: Turn,
+    phase: u32,
     frequency: Speed,
     frequency_slope: i32,
-    sum: Turn,
+    sum: u32,
     sum_speed: Speed,
     sum_coordinate: Coordinate,
     difference_coordinate: Coordinate,
     inverse_responses: [InverseResponse; 2],
-    /// `(f / 35 Hz)^2` in 2^-26, and the weight of a lesson over it; zero when f is too low.
+    /// `(f / 35 Hz)^2` in 2^-26, and the rate of adaptation over it; zero when f is too low.
     square: i32,
     inverse_square: i32,
     headroom: i32,
@@ -265,15 +263,15 @@ pub struct Shaker {
 }
 
 impl Shaker {
-    /// At rest with the rotors where they are; whatever was learnt is forgotten.
+    /// Starts at rest with the rotors where they are, and with nothing adapted.
     #[must_use]
     pub fn at_rest(rotors: &Rotors) -> Self {
         Self {
             phase: rotors.difference() >> 1,
-            frequency: 0,
+            frequency: Speed::ZERO,
             frequency_slope: 0,
             sum: rotors.sum(),
-            sum_speed: 0,
+            sum_speed: Speed::ZERO,
             sum_coordinate: Coordinate::default(),
             difference_coordinate: Coordinate::default(),
             inverse_responses: [InverseResponse::default(); 2],
@@ -287,7 +285,7 @@ impl Shaker {
         }
     }
 
-    /// Reference of f in this tick.
+    /// Returns the reference of f in this tick.
     #[must_use]
     pub const fn frequency(&self) -> Speed {
         self.frequency
@@ -296,16 +294,16 @@ impl Shaker {
     /// Whether the references stand still.
     #[must_use]
     pub const fn standing(&self) -> bool {
-        magnitude(self.frequency) < STANDING && magnitude(self.sum_speed) < STANDING
+        magnitude(self.frequency.raw()) < STANDING && magnitude(self.sum_speed.raw()) < STANDING
     }
 
-    /// By how much twice theta is off, 2^-32 turn.
+    /// Returns by how much twice theta is off, 2^-32 turn.
     #[must_use]
     pub const fn sum_error(&self) -> i32 {
         self.sum_error
     }
 
-    /// By how much twice the phase is off, 2^-32 turn.
+    /// Returns by how much twice the phase is off, 2^-32 turn.
     #[must_use]
     pub const fn difference_error(&self) -> i32 {
         self.difference_error
@@ -325,12 +323,12 @@ impl Shaker {
 
     /// Moves the references on by ticks that the loop missed.
     pub const fn skip(&mut self, ticks: u32) {
-        self.phase = self.phase.wrapping_add((self.frequency as u32).wrapping_mul(ticks));
-        self.sum = self.sum.wrapping_add((self.sum_speed as u32).wrapping_mul(ticks));
+        self.phase = moved(self.phase, self.frequency, ticks);
+        self.sum = moved(self.sum, self.sum_speed, ticks);
     }
 
-    /// Every [`STRIDE`] ticks. `voltage_limited`: either motor got less voltage than it wanted.
-    /// Never panics.
+    /// Does one update, due every [`STRIDE`] ticks. `voltage_limited`: either motor got less voltage
+    /// than it wanted. Never panics.
     #[inline]
     pub fn update(
         &mut self,
@@ -343,7 +341,7 @@ impl Shaker {
         if voltage_limited {
             self.give_way();
         }
-        let acceleration_difference = self.ramp_frequency(model, target.frequency);
+        let acceleration_difference = self.ramp_frequency(model, target.frequency.raw());
         let acceleration_sum = self.ramp_direction(model, target.direction);
         if self.countdown == 0 {
             self.schedule(model);
@@ -352,10 +350,10 @@ impl Shaker {
 
         self.sum_error = self.sum.wrapping_sub(rotors.sum()) as i32;
         self.difference_error = self.wait_for(rotors);
-        let [top, bottom] = rotors.speeds;
-        let sum_speed_error = self.sum_speed.wrapping_sub(top).wrapping_sub(bottom);
+        let [top, bottom] = rotors.speeds.map(Speed::raw);
+        let sum_speed_error = self.sum_speed.raw().wrapping_sub(top).wrapping_sub(bottom);
         let difference_speed_error =
-            self.frequency.wrapping_mul(2).wrapping_sub(top).wrapping_add(bottom);
+            self.frequency.raw().wrapping_mul(2).wrapping_sub(top).wrapping_add(bottom);
 
         let first = harmonic(self.phase);
         let second = double(first);
@@ -375,18 +373,19 @@ impl Shaker {
         let difference = within(u_difference, bound - magnitude(sum));
         self.limited = voltage_limited | (sum != u_sum) | (difference != u_difference);
         if !self.limited {
-            self.learn(model, first, second);
+            self.adapt(model, first, second);
         }
         let [top_gain, bottom_gain] = model.current_per_acceleration;
         // Half of STRIDE ticks of acceleration: from 2^-40 to 2^-32.
         let [sum_change, difference_change] = [acceleration_sum, acceleration_difference]
             .map(|acceleration| (acceleration * (STEP / 2)) >> 8);
+        let current = |acceleration, gain| {
+            Current::from_raw(multiply_high(acceleration, gain)).within(model.current_limit)
+        };
         Demand {
-            currents: [
-                within(multiply_high(sum + difference, top_gain), model.current_limit),
-                within(multiply_high(sum - difference, bottom_gain), model.current_limit),
-            ],
-            speed_changes: [sum_change + difference_change, sum_change - difference_change],
+            currents: [current(sum + difference, top_gain), current(sum - difference, bottom_gain)],
+            speed_changes: [sum_change + difference_change, sum_change - difference_change]
+                .map(Speed::from_raw),
         }
     }
 
@@ -405,66 +404,71 @@ impl Shaker {
     /// theta is right again.
     #[cold]
     fn give_way(&mut self) {
-        if magnitude(self.sum_error) > THETA_SUFFERS {
-            self.frequency -= self.frequency >> GIVING_WAY_SHIFT;
+        if magnitude(self.sum_error) > YIELDING_SUM_ERROR {
+            self.frequency =
+                self.frequency - Speed::from_raw(self.frequency.raw() >> GIVING_WAY_SHIFT);
         }
     }
 
-    /// Moves f and phase on; the acceleration of the difference, 2^-40.
+    /// Moves f and phase on; returns the acceleration of the difference, 2^-40.
     #[inline(always)]
-    fn ramp_frequency(&mut self, model: &ShakerModel, target: Speed) -> i32 {
-        let gap = target.wrapping_sub(self.frequency);
+    fn ramp_frequency(&mut self, model: &ShakerModel, target: i32) -> i32 {
+        let frequency = self.frequency.raw();
+        let gap = target.wrapping_sub(frequency);
         if magnitude(gap) < SAME_FREQUENCY {
-            self.frequency = target;
+            self.frequency = Speed::from_raw(target);
             self.frequency_slope = 0;
         } else {
             // Slowing down takes less voltage than going on: it needs no headroom.
-            let slows = (gap ^ self.frequency) < 0;
+            let slows = (gap ^ frequency) < 0;
             let headroom = if slows { FULL_HEADROOM } else { self.headroom };
             let steepest = (model.frequency_ramp * headroom) >> 15;
             let slope = within(multiply_high(gap, per_second(FREQUENCY_APPROACH)), steepest);
             let change = slope - self.frequency_slope;
             self.frequency_slope += within(change, model.frequency_ramp / SLOPE_UPDATES);
-            self.frequency = self.frequency.wrapping_add(self.frequency_slope * STEP);
+            self.frequency = Speed::from_raw(frequency.wrapping_add(self.frequency_slope * STEP));
         }
-        self.phase = self.phase.wrapping_add((self.frequency as u32).wrapping_mul(STRIDE));
+        self.phase = moved(self.phase, self.frequency, STRIDE);
         self.frequency_slope << 9
     }
 
-    /// Moves theta on, the short way; the acceleration of the sum, 2^-40.
+    /// Moves theta on, the short way; returns the acceleration of the sum, 2^-40.
     #[inline(always)]
-    fn ramp_direction(&mut self, model: &ShakerModel, direction: Option<i32>) -> i32 {
+    fn ramp_direction(&mut self, model: &ShakerModel, direction: Option<RotorAngle>) -> i32 {
         let Some(direction) = direction else {
             let change = self.change_sum_speed(model, 0);
             return change << 6;
         };
-        let gap = (direction as u32).wrapping_mul(2).wrapping_sub(self.sum) as i32;
-        let wanted = within(multiply_high(gap, per_second(DIRECTION_APPROACH)), model.sum_ramp);
+        let gap = direction.raw().wrapping_mul(2).wrapping_sub(self.sum) as i32;
+        let ramp = model.sum_ramp.raw();
+        let wanted = within(multiply_high(gap, per_second(DIRECTION_APPROACH)), ramp);
         self.change_sum_speed(model, wanted) << 6
     }
 
     #[inline(always)]
-    fn change_sum_speed(&mut self, model: &ShakerModel, wanted: Speed) -> i32 {
-        let steepest = multiply_high(model.sum_ramp, per_second(DIRECTION_APPROACH));
-        let change = within(wanted - self.sum_speed, (steepest + 1) * STEP);
-        self.sum_speed += change;
-        self.sum = self.sum.wrapping_add((self.sum_speed as u32).wrapping_mul(STRIDE));
+    fn change_sum_speed(&mut self, model: &ShakerModel, wanted: i32) -> i32 {
+        let steepest = multiply_high(model.sum_ramp.raw(), per_second(DIRECTION_APPROACH));
+        let change = within(wanted - self.sum_speed.raw(), (steepest + 1) * STEP);
+        self.sum_speed = self.sum_speed + Speed::from_raw(change);
+        self.sum = moved(self.sum, self.sum_speed, STRIDE);
         change
     }
 
-    /// Error of the difference; beyond [`LARGEST_LAG`] the reference gives way, and f with it.
+    /// Returns the error of the difference; beyond [`LARGEST_LAG`] the reference gives way, and f
+    /// with it.
     #[inline(always)]
     fn wait_for(&mut self, rotors: &Rotors) -> i32 {
         let error = self.phase.wrapping_mul(2).wrapping_sub(rotors.difference()) as i32;
         let held = within(error, LARGEST_LAG);
         if held != error {
             self.phase = self.phase.wrapping_sub((error.wrapping_sub(held) / 2) as u32);
-            self.frequency -= (self.frequency - rotors.frequency()) >> 4;
+            let excess = self.frequency.raw() - rotors.frequency().raw();
+            self.frequency = self.frequency - Speed::from_raw(excess >> 4);
         }
         held
     }
 
-    /// The periodic parts of sum and difference, 2^-40.
+    /// Returns the periodic parts of sum and difference, 2^-40.
     #[inline(always)]
     fn periodic(&self, first: Harmonic, second: Harmonic) -> (i32, i32) {
         let [sum_first, sum_second] = self.sum_coordinate.amplitudes;
@@ -476,9 +480,9 @@ impl Shaker {
         )
     }
 
-    /// Integrals in every update, the two harmonics in turn.
+    /// Adapts the integrals in every update, the two harmonics in turn.
     #[inline(always)]
-    fn learn(&mut self, model: &ShakerModel, first: Harmonic, second: Harmonic) {
+    fn adapt(&mut self, model: &ShakerModel, first: Harmonic, second: Harmonic) {
         let (sum_error, difference_error) = (self.sum_error, self.difference_error);
         let sum = &mut self.sum_coordinate;
         let difference = &mut self.difference_coordinate;
@@ -487,37 +491,43 @@ impl Shaker {
         if self.inverse_square == 0 {
             return;
         }
-        let sum_error = within(sum_error, LARGEST_LESSON);
-        let difference_error = within(difference_error, LARGEST_LESSON);
+        let sum_error = within(sum_error, LARGEST_ADAPTED_ERROR);
+        let difference_error = within(difference_error, LARGEST_ADAPTED_ERROR);
         let [first_response, second_response] = self.inverse_responses;
         if self.countdown & 1 == 0 {
-            let lesson = first_response.lesson(first);
-            sum.amplitudes[0].learn(sum_error, lesson, LESSON_WEIGHT);
-            difference.amplitudes[0].learn(difference_error, lesson, LESSON_WEIGHT);
+            let gradient = first_response.gradient(first);
+            sum.amplitudes[0].adapt(sum_error, gradient, ADAPTATION_RATE);
+            difference.amplitudes[0].adapt(difference_error, gradient, ADAPTATION_RATE);
         } else {
-            let lesson = second_response.lesson(second);
-            sum.amplitudes[1].learn(sum_error, lesson, LESSON_WEIGHT);
-            difference.amplitudes[1].learn(difference_error, lesson, self.inverse_square);
+            let gradient = second_response.gradient(second);
+            sum.amplitudes[1].adapt(sum_error, gradient, ADAPTATION_RATE);
+            difference.amplitudes[1].adapt(difference_error, gradient, self.inverse_square);
         }
     }
 
-    /// What depends on f alone.
+    /// Works out what depends on f alone.
     fn schedule(&mut self, model: &ShakerModel) {
         self.inverse_responses =
             [1, 2].map(|harmonic| InverseResponse::new(model, self.frequency, harmonic));
         // f / 35 Hz in 2^-14.
-        let ratio = multiply_high(self.frequency.wrapping_shl(6), INVERSE_NORMAL_FREQUENCY);
+        let ratio = multiply_high(self.frequency.raw().wrapping_shl(6), INVERSE_NORMAL_FREQUENCY);
         let square = ratio.wrapping_mul(ratio);
         self.square = square >> 2;
-        self.inverse_square = if magnitude(self.frequency) < SLOWEST_LESSON {
+        self.inverse_square = if magnitude(self.frequency.raw()) < SLOWEST_ADAPTATION.raw() {
             0
         } else {
-            (LESSON_WEIGHT << 24).wrapping_div(square >> 4 | 1).min(16 * LESSON_WEIGHT)
+            (ADAPTATION_RATE << 24).wrapping_div(square >> 4 | 1).min(16 * ADAPTATION_RATE)
         };
     }
 }
 
-/// `kp e + kd e'`, 2^-40.
+/// Returns an angle, 2^-32 turn, after so many ticks at this speed.
+#[inline(always)]
+const fn moved(angle: u32, speed: Speed, ticks: u32) -> u32 {
+    angle.wrapping_add((speed.raw() as u32).wrapping_mul(ticks))
+}
+
+/// Returns `kp e + kd e'`, 2^-40.
 #[inline(always)]
 const fn feedback(model: &ShakerModel, error: i32, speed_error: i32) -> i32 {
     let error = within(error, LARGEST_ERROR);
@@ -525,14 +535,14 @@ const fn feedback(model: &ShakerModel, error: i32, speed_error: i32) -> i32 {
     multiply_high(error, model.proportional) + multiply_high(speed_error << 8, model.derivative)
 }
 
-/// Of an angle.
+/// Returns the harmonic of an angle, 2^-32 turn.
 #[inline(always)]
-fn harmonic(angle: Turn) -> Harmonic {
+fn harmonic(angle: u32) -> Harmonic {
     let (cosine, sine) = cosine_sine(angle);
     Harmonic { cosine, sine }
 }
 
-/// Of twice the angle.
+/// Returns the harmonic of twice the angle.
 #[inline(always)]
 const fn double(first: Harmonic) -> Harmonic {
     let Harmonic { cosine, sine } = first;

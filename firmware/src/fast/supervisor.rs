@@ -16,11 +16,11 @@
 //!
 //! # How each fault stops the rotors
 //!
-//! An eccentric rotor coasts for seconds, so letting go is not a stop. With all low sides on, a
+//! An eccentric rotor coasts for seconds, so switching off is not a stop. With all low sides on, a
 //! motor brakes itself within 0.3 s from 35 Hz; that needs neither encoder nor current sense nor
 //! battery, feeds nothing back into the bus, and slows both rotors alike. So all faults brake,
 //! except two: under-voltage, where nothing is wrong with control, ramps down phase-locked; and
-//! over-current first lets go until the current is gone.
+//! over-current first coasts until the current is gone.
 
 use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LATE, LINK_LOST};
 use flix_protocol::message::{Fault, Faults, State};
@@ -40,13 +40,13 @@ const LINK_LOST_US: u64 = LINK_LOST.as_micros() as u64;
 const LONGEST_RAMP_TICKS: u16 = 4_000;
 /// Ticks for which motors that are not driven brake at least, whatever the encoders say: 0.5 s.
 const BRAKE_TICKS: u16 = 5_000;
-/// Ticks for which an over-current lets go before it brakes: 2 ms, six electrical time constants.
-const LET_GO_TICKS: u16 = 20;
+/// Ticks for which an over-current coasts before it brakes: 2 ms, six electrical time constants.
+const COAST_TICKS: u16 = 20;
 
 /// What the motors are to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Drive {
-    /// Let go.
+    /// Switch the bridges off.
     Off,
     /// Short the motors.
     Brake,
@@ -72,7 +72,7 @@ pub struct Conditions {
 enum Reason {
     /// No commands: may go on when they come back.
     Deadline,
-    /// Told to, or gone for too long.
+    /// Asked to, or gone for too long.
     Final,
 }
 
@@ -114,19 +114,19 @@ impl Supervisor {
         }
     }
 
-    /// Where it stands.
+    /// Returns the state.
     #[must_use]
     pub const fn state(&self) -> State {
         self.state
     }
 
-    /// Latched faults.
+    /// Returns the latched faults.
     #[must_use]
     pub const fn faults(&self) -> Faults {
         self.faults
     }
 
-    /// The first of them.
+    /// Returns the first of them.
     #[must_use]
     pub const fn first_fault(&self) -> Option<Fault> {
         self.first_fault
@@ -138,19 +138,19 @@ impl Supervisor {
         self.stopped
     }
 
-    /// Whether commands are late while the motors are not let go.
+    /// Whether commands are late while motors are, or may at once be, driven.
     #[must_use]
     pub const fn link_late(&self) -> bool {
         self.link_late
     }
 
-    /// What was obeyed last.
+    /// Returns what was obeyed last.
     #[must_use]
     pub const fn obeyed(&self) -> Requests {
         self.seen.requests()
     }
 
-    /// What happened since power-up.
+    /// Returns what happened since power-up.
     #[must_use]
     pub const fn events(&self) -> EventCounters {
         self.events
@@ -186,7 +186,7 @@ impl Supervisor {
         }
     }
 
-    /// One tick. Never panics.
+    /// Does one tick. Never panics.
     #[inline]
     pub fn update(&mut self, now: Instant, order: &Order, conditions: &Conditions) -> Drive {
         self.ticks = self.ticks.saturating_add(1);
@@ -217,8 +217,9 @@ impl Supervisor {
         edges(order) != edges(&self.seen)
     }
 
-    /// Counters do not tell which request came last: those that come in one tick are obeyed on
-    /// the safe side. A stop is not cleared, and who is let down is not armed.
+    /// Obeys what was asked for since the last tick. Counters do not show which request came last:
+    /// those that come in one tick are obeyed on the safe side. A stop is not cleared, and a robot
+    /// that is disarmed is not armed.
     #[inline(never)]
     fn obey(&mut self, now: Instant, order: &Order, conditions: &Conditions) {
         let seen = core::mem::replace(&mut self.seen, *order);
@@ -229,10 +230,10 @@ impl Supervisor {
                 self.events.stopped = self.events.stopped.wrapping_add(1);
             }
             self.stopped = true;
-            self.let_down();
+            self.ramp_down_and_disarm();
         }
         if disarm {
-            self.let_down();
+            self.ramp_down_and_disarm();
         }
         if order.clear != seen.clear && !stop {
             self.clear(conditions);
@@ -251,8 +252,8 @@ impl Supervisor {
         }
     }
 
-    /// To rest and disarmed, from wherever it is.
-    fn let_down(&mut self) {
+    /// Brings the rotors to rest and disarms, from whatever state.
+    fn ramp_down_and_disarm(&mut self) {
         match self.state {
             State::Disarmed | State::Faulted => {}
             State::Aligning => self.enter(State::Disarmed),
@@ -306,7 +307,7 @@ impl Supervisor {
         if silence >= LINK_LOST_US && !self.link_lost {
             self.link_lost = true;
             self.events.link_lost = self.events.link_lost.wrapping_add(1);
-            self.let_down();
+            self.ramp_down_and_disarm();
         }
     }
 
@@ -318,20 +319,21 @@ impl Supervisor {
             State::Aligning => {
                 if conditions.aligned {
                     self.enter(State::Armed);
-                    return Drive::Shake(0, false);
+                    return Drive::Shake(Speed::ZERO, false);
                 }
                 Drive::Align
             }
             State::Armed => {
-                let asked = order.setpoints != self.armed_at_setpoint && order.frequency != 0;
+                let asked =
+                    order.setpoints != self.armed_at_setpoint && order.frequency != Speed::ZERO;
                 if asked && !self.link_late {
                     self.enter(State::Running);
                     return Drive::Shake(order.frequency, true);
                 }
-                Drive::Shake(0, false)
+                Drive::Shake(Speed::ZERO, false)
             }
             State::Running => {
-                if order.frequency == 0 && conditions.at_rest {
+                if order.frequency == Speed::ZERO && conditions.at_rest {
                     self.enter(State::Armed);
                 }
                 Drive::Shake(order.frequency, true)
@@ -357,10 +359,10 @@ impl Supervisor {
         } else if self.ticks > LONGEST_RAMP_TICKS {
             return Drive::Brake;
         }
-        Drive::Shake(0, false)
+        Drive::Shake(Speed::ZERO, false)
     }
 
-    /// Lets go of rotors that stand, and brakes those that do not: a robot that restarts in the
+    /// Switches off where the rotors stand, and brakes where they do not: a robot that restarts in the
     /// middle of a run finds them spinning.
     fn rest(&self, conditions: &Conditions) -> Drive {
         let stands = conditions.at_rest || self.ticks == u16::MAX;
@@ -369,11 +371,11 @@ impl Supervisor {
 
     fn make_safe(&mut self, conditions: &Conditions) -> Drive {
         let only = |fault| self.faults == Faults::NONE.with(fault);
-        let let_go = self.first_fault == Some(Fault::OverCurrent) && self.ticks < LET_GO_TICKS;
-        if let_go {
+        let coasts = self.first_fault == Some(Fault::OverCurrent) && self.ticks < COAST_TICKS;
+        if coasts {
             Drive::Off
         } else if self.ramp_down && only(Fault::UnderVoltage) && self.ticks < LONGEST_RAMP_TICKS {
-            Drive::Shake(0, false)
+            Drive::Shake(Speed::ZERO, false)
         } else {
             self.rest(conditions)
         }

@@ -15,9 +15,10 @@
 //! wraps with the turn.
 
 use crate::fast::foc::transform::Direction;
-use crate::fast::units::Speed;
-use crate::fast::units::{magnitude, multiply_high, within};
-use crate::hardware::{Encoder, EncoderReading, TICK_RATE_HZ, TICK_US, Turn};
+use crate::fast::units::{
+    ElectricalAngle, EncoderAngle, RotorAngle, Speed, TICK_US, multiply_high, within,
+};
+use crate::hardware::{Encoder, EncoderReading};
 
 /// Entries of the eccentricity table: between them a second harmonic of 1 degree is interpolated
 /// to within 0.005 degree.
@@ -27,13 +28,13 @@ pub(crate) const TABLE_LENGTH: usize = 64;
 const PLAUSIBLE: i32 = 1 << 27;
 /// From this speed on, two readings in a row are never the same unless the encoder is stuck: 10 Hz are
 /// four steps of a 12-bit encoder a tick.
-const MOVING: i32 = (10 * (1 << 32_u64) / TICK_RATE_HZ as u64) as i32;
+const MOVING: Speed = Speed::from_centihertz(1_000);
 /// Ticks without a believable reading after which the encoder is lost: 3 ms.
 pub const LOST_AFTER_TICKS: u16 = 30;
 /// Ticks after a first reading in which every reading is believed: 20 ms.
 const SETTLING_TICKS: u16 = 200;
 /// Fastest speed that is followed: 75 Hz.
-const FASTEST: i32 = (75 * (1 << 32_u64) / TICK_RATE_HZ as u64) as i32;
+const FASTEST: Speed = Speed::from_centihertz(7_500);
 /// Oldest reading that is brought forward, microseconds.
 const OLDEST_US: i32 = 3_000;
 /// Most ticks between readings that raise the gain of the next.
@@ -43,9 +44,9 @@ const LARGEST_WEIGHT: i32 = 4;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EncoderModel {
     /// +1 where it counts clockwise seen from above, else -1.
-    pub sense: i32,
+    pub direction_sign: i32,
     /// Clockwise angle of the eccentric mass from forward at reading zero.
-    pub zero: Turn,
+    pub zero: RotorAngle,
     /// Constant delay of every reading, microseconds.
     pub latency_us: i32,
     /// `2 zeta w T` in 2^-32.
@@ -57,19 +58,17 @@ pub struct EncoderModel {
 }
 
 impl EncoderModel {
-    /// Clockwise angle of the rotor, with the magnet's eccentricity still in.
+    /// Converts a reading to the angle of the rotor, with the magnet's eccentricity still in.
     #[inline(always)]
     #[must_use]
-    pub const fn uncorrected(&self, reading: Turn) -> Turn {
-        reading.wrapping_mul(self.sense as u32).wrapping_add(self.zero)
+    pub const fn uncorrected(&self, reading: EncoderAngle) -> RotorAngle {
+        self.zero.turned(reading.raw().wrapping_mul(self.direction_sign as u32) as i32)
     }
 
     /// Works out one entry of the table from cosine and sine of the first and second harmonic.
-    pub(crate) fn learn_entry(&mut self, entry: usize, harmonics: &[i32; 4]) {
+    pub(crate) fn set_entry(&mut self, entry: usize, harmonics: &[i32; 4]) {
         let angle = (entry as u32).wrapping_mul(1 << (32 - TABLE_LENGTH.trailing_zeros()));
-        let first = Direction::new(angle);
-        let second = Direction::new(angle.wrapping_mul(2));
-        let factors = [first.cosine, first.sine, second.cosine, second.sine];
+        let factors = harmonic_factors(RotorAngle::from_raw(angle));
         let sum = harmonics.iter().zip(factors).fold(0_i32, |sum, (harmonic, factor)| {
             sum.wrapping_add(multiply_high(harmonic.wrapping_mul(2), factor))
         });
@@ -78,10 +77,11 @@ impl EncoderModel {
         }
     }
 
-    /// What the encoder reads too much at this uncorrected angle.
+    /// Returns what the encoder reads too much at this uncorrected angle, 2^-32 turn.
     #[inline(always)]
     #[must_use]
-    pub const fn correction(&self, angle: Turn) -> i32 {
+    pub const fn correction(&self, angle: RotorAngle) -> i32 {
+        let angle = angle.raw();
         const ENTRY_BITS: u32 = TABLE_LENGTH.trailing_zeros();
         let index = (angle >> (32 - ENTRY_BITS)) as usize;
         let (here, next) = (
@@ -94,31 +94,44 @@ impl EncoderModel {
     }
 }
 
+/// Returns cosine and sine of an angle and of its double, 2^-31: the factors of the harmonics.
+pub(crate) fn harmonic_factors(angle: RotorAngle) -> [i32; 4] {
+    let [first, second] = [1, 2]
+        .map(|order| Direction::from(ElectricalAngle::from_raw(angle.raw().wrapping_mul(order))));
+    [first.cosine, first.sine, second.cosine, second.sine]
+}
+
 /// Follows one rotor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Tracker {
-    angle: Turn,
+    angle: RotorAngle,
     speed: Speed,
-    last_reading: Turn,
+    last_reading: EncoderAngle,
     silence: u16,
     settling: u16,
 }
 
 impl Tracker {
-    /// Knows nothing yet.
+    /// Starts with nothing known: the first reading is believed.
     #[must_use]
     pub const fn new() -> Self {
-        Self { angle: 0, speed: 0, last_reading: 0, silence: LOST_AFTER_TICKS, settling: 0 }
+        Self {
+            angle: RotorAngle::ZERO,
+            speed: Speed::ZERO,
+            last_reading: EncoderAngle::ZERO,
+            silence: LOST_AFTER_TICKS,
+            settling: 0,
+        }
     }
 
-    /// Angle of the rotor at the last tick, clockwise from forward.
+    /// Returns the angle of the rotor at the last tick.
     #[inline(always)]
     #[must_use]
-    pub const fn angle(&self) -> Turn {
+    pub const fn angle(&self) -> RotorAngle {
         self.angle
     }
 
-    /// Speed of the rotor, clockwise positive.
+    /// Returns the speed of the rotor.
     #[inline(always)]
     #[must_use]
     pub const fn speed(&self) -> Speed {
@@ -139,22 +152,22 @@ impl Tracker {
         !self.lost() && self.settling == 0
     }
 
-    /// The motors are about to change the rotor's speed by this much. Untold, the speed would lag
+    /// Adds the change of speed that the motors are about to make. Without it the speed would lag
     /// behind a ramp by `2 zeta / omega` of the tracker: 2.3 ms at 125 Hz.
     #[inline(always)]
-    pub const fn foresee(&mut self, change: Speed) {
-        self.speed = self.speed.wrapping_add(change);
+    pub fn feed_forward(&mut self, change: Speed) {
+        self.speed = self.speed + change;
     }
 
     /// Moves on by ticks that the loop missed.
     pub const fn skip(&mut self, ticks: u32) {
-        self.angle = self.angle.wrapping_add((self.speed as u32).wrapping_mul(ticks));
+        self.angle = self.angle.after(ticks, self.speed);
     }
 
-    /// One tick. Never panics.
+    /// Does one tick. Never panics.
     #[inline]
     pub fn update(&mut self, model: &EncoderModel, encoder: Encoder) {
-        self.angle = self.angle.wrapping_add(self.speed as u32);
+        self.angle = self.angle.after(1, self.speed);
         if self.settling != 0 {
             core::hint::cold_path();
             self.settling -= 1;
@@ -171,27 +184,27 @@ impl Tracker {
     fn miss(&mut self) {
         self.silence = self.silence.saturating_add(1);
         if self.lost() {
-            self.speed = 0;
+            self.speed = Speed::ZERO;
         }
     }
 
     #[inline(always)]
     fn correct(&mut self, model: &EncoderModel, reading: EncoderReading) {
         let uncorrected = model.uncorrected(reading.angle);
-        let sampled = uncorrected.wrapping_sub(model.correction(uncorrected) as u32);
+        let sampled = uncorrected.turned(model.correction(uncorrected).wrapping_neg());
         if self.lost() {
             *self = Self {
                 angle: sampled,
-                speed: 0,
+                speed: Speed::ZERO,
                 last_reading: reading.angle,
                 silence: 0,
                 settling: SETTLING_TICKS,
             };
             return;
         }
-        let measured = sampled.wrapping_add(self.travel(model, reading.age_us) as u32);
-        let error = measured.wrapping_sub(self.angle) as i32;
-        let repeated = reading.angle == self.last_reading && magnitude(self.speed) > MOVING;
+        let measured = sampled.turned(self.travel(model, reading.age_us));
+        let error = measured.ahead_of(self.angle);
+        let repeated = reading.angle == self.last_reading && self.speed.magnitude() > MOVING;
         self.last_reading = reading.angle;
         if repeated || (self.settling == 0 && within(error, PLAUSIBLE) != error) {
             core::hint::cold_path();
@@ -199,9 +212,9 @@ impl Tracker {
             return;
         }
         let error = within(error, PLAUSIBLE).wrapping_mul(self.weight());
-        self.angle = self.angle.wrapping_add(multiply_high(error, model.angle_gain) as u32);
-        let speed = self.speed.wrapping_add(multiply_high(error, model.speed_gain));
-        self.speed = within(speed, FASTEST);
+        self.angle = self.angle.turned(multiply_high(error, model.angle_gain));
+        let change = Speed::from_raw(multiply_high(error, model.speed_gain));
+        self.speed = (self.speed + change).within(FASTEST);
     }
 
     /// Ticks since the reading before.
@@ -215,14 +228,14 @@ impl Tracker {
         (i32::from(silence) + 1).min(LARGEST_WEIGHT)
     }
 
-    /// How far the rotor went since a reading of this age.
+    /// Returns how far the rotor went since a reading of this age, 2^-32 turn.
     #[inline(always)]
     const fn travel(&self, model: &EncoderModel, age_us: u16) -> i32 {
         /// One tick per microsecond, 2^-26.
         const TICKS_PER_MICROSECOND: i32 = ((1 << 26) / TICK_US) as i32;
         let age = model.latency_us.wrapping_add(age_us as i32);
         let age = if age > OLDEST_US { OLDEST_US } else { age };
-        multiply_high(self.speed << 6, age.wrapping_mul(TICKS_PER_MICROSECOND))
+        multiply_high(self.speed.raw() << 6, age.wrapping_mul(TICKS_PER_MICROSECOND))
     }
 }
 

@@ -1,8 +1,10 @@
 //! Inputs of the current loop over its whole operating range, from a fixed seed.
 
-use flix_firmware::fast::configuration::{Configuration, Parameters};
+use flix_firmware::fast::configuration::Configuration;
 use flix_firmware::fast::foc::current::{Input, Model};
 use flix_firmware::fast::foc::modulation::Bus;
+use flix_firmware::fast::units::{Current, ElectricalAngle, ElectricalSpeed, Voltage};
+use flix_firmware::settings::Settings;
 
 /// How many there are.
 pub(crate) const COUNT: usize = 10_000;
@@ -13,12 +15,12 @@ pub(crate) const DEAD_SHARE: f64 = 0.0125;
 
 /// The default motor.
 pub(crate) fn model() -> Model {
-    Configuration::current_loop(&Parameters::default(), &Parameters::default().motors[0])
+    Configuration::current_loop(&Settings::DEFAULT, 0)
 }
 
 /// A battery at its nominal voltage.
 pub(crate) fn bus() -> Bus {
-    Bus::new((BUS * 65_536.0) as i32, (DEAD_SHARE * 2_147_483_648.0) as i32)
+    Bus::new(Voltage::from_volts(BUS), (DEAD_SHARE * 2_147_483_648.0) as i32)
 }
 
 /// Random numbers: any angle; speeds to 40 Hz either way; wanted and flowing currents to 2 A. At
@@ -43,8 +45,13 @@ pub(crate) fn rows() -> impl Iterator<Item = Input> {
         let third = core::f64::consts::TAU / 3.0;
         let mut phase =
             |lag: f64| (-flowing * (radians - lag).sin() * 65_536.0) as i32 + current() / 10;
-        let phases = Some([phase(0.0), phase(third)]);
-        Input { phases, angle, speed, current_q }
+        let phases = Some([phase(0.0), phase(third)].map(Current::from_raw));
+        Input {
+            phases,
+            angle: ElectricalAngle::from_raw(angle),
+            speed: ElectricalSpeed::from_raw(speed),
+            current_q: Current::from_raw(current_q),
+        }
     })
 }
 

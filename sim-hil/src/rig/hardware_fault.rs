@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use flix_firmware::hardware::{Encoder, EncoderReading, Sensors, Turn};
+use flix_firmware::hardware::{Encoder, EncoderAngle, EncoderReading, Sensors};
 use flix_protocol::units::Instant;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -42,7 +42,7 @@ pub struct Injected {
     is_active: bool,
     random: Xoshiro256PlusPlus,
     /// Where the encoder got stuck.
-    stuck: Option<Turn>,
+    stuck: Option<EncoderAngle>,
 }
 
 impl Injected {
@@ -80,7 +80,7 @@ impl Injected {
             HardwareFault::EncoderNoise(degrees) if self.is_active => {
                 let error: f64 = StandardNormal.sample(&mut self.random);
                 let turns = error * degrees / 360.0;
-                *angle = angle.wrapping_add((turns * 2f64.powi(32)) as i64 as Turn);
+                *angle = angle.turned((turns * 2f64.powi(32)) as i64 as i32);
             }
             _ => {}
         }

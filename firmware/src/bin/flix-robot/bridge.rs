@@ -82,7 +82,7 @@ impl<PWM: PwmPeripheral, const IS_A: bool> ThreePhase<PWM, IS_A> {
                 if let Some(enable) = &mut self.enable {
                     enable.set_low();
                 }
-                self.compare([0; 3]);
+                self.compare([Duty::ZERO; 3]);
             }
             Bridge::Duty(duties) => {
                 self.compare(duties);
@@ -102,5 +102,5 @@ impl<PWM: PwmPeripheral, const IS_A: bool> ThreePhase<PWM, IS_A> {
 
 /// A share of the period in counts of the half period: below it by at least one.
 fn counts(duty: Duty) -> u16 {
-    ((u32::from(duty) * u32::from(HALF_PERIOD)) >> 16) as u16
+    ((u32::from(duty.raw()) * u32::from(HALF_PERIOD)) >> 16) as u16
 }

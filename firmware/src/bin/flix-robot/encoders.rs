@@ -14,7 +14,7 @@ use flix_firmware::board::encoder::{
     AS5047P_READ_ANGLE, AS5047P_READ_DIAGNOSTICS, as5047p, as5047p_is_healthy, mt6701,
 };
 use flix_firmware::board::{EncoderKind, SpiPins};
-use flix_firmware::hardware::{Encoder, EncoderReading, TICK_US, Turn};
+use flix_firmware::hardware::{Encoder, EncoderAngle, EncoderReading, TICK_US};
 use flix_protocol::units::Instant;
 
 use crate::bridge::{output, pin};
@@ -24,7 +24,7 @@ use crate::mailbox::Mailbox;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sample {
     /// The angle; `None` when the encoder failed.
-    pub(crate) angle: Option<Turn>,
+    pub(crate) angle: Option<EncoderAngle>,
     /// When it was sampled.
     pub(crate) time: Instant,
 }
@@ -39,10 +39,10 @@ impl Sample {
     }
 }
 
-/// Samples of the top and the bottom encoder, from whoever reads the bus.
+/// Samples of the top and the bottom encoder, from the thread that reads the bus.
 pub(crate) static SAMPLES: [Mailbox<Sample>; 2] = [const { Mailbox::new() }; 2];
 
-/// How the fast loop gets at the encoders.
+/// How the fast loop reads the encoders.
 pub(crate) enum Encoders {
     /// Read in the tick.
     Spi(SpiEncoders),

@@ -99,7 +99,7 @@ impl Peer {
         for (angle, encoder) in self.angles.iter_mut().zip(sensors.encoders) {
             if let Encoder::Reading(reading) = encoder {
                 // Seven pole pairs; an angle of the circle in radians, from -pi to pi.
-                let electrical = reading.angle.wrapping_mul(7) as i32;
+                let electrical = reading.angle.raw().wrapping_mul(7) as i32;
                 *angle = I16F16::from_bits(electrical >> 15) * I16F16::PI;
             }
         }
@@ -146,8 +146,7 @@ fn replay(counted: &mut Counted) -> Result<u32, Failure> {
     let mut header = [0; HEADER_LENGTH];
     file.read_exact(&mut header).map_err(|_| Failure::Trace)?;
     let header = Header::from_bytes(&header).map_err(|_| Failure::Trace)?;
-    let parameters = Settings::DEFAULT.parameters();
-    let mut control = Control::new(Configuration::new(&parameters, &header.hardware));
+    let mut control = Control::new(Configuration::new(&Settings::DEFAULT, &header.hardware));
     let mut peer = Peer::new();
     let overhead = overhead();
     let mut differences = 0;

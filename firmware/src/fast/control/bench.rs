@@ -6,11 +6,12 @@ use core::num::NonZeroU16;
 use std::f64::consts::TAU;
 
 use crate::exchange::Order;
-use crate::fast::configuration::{Configuration, MotorParameters, Parameters};
+use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
 use crate::hardware::{
-    Actuation, Bridge, CurrentSense, Encoder, EncoderReading, Hardware, Sensors,
+    Actuation, Bridge, CurrentSense, Encoder, EncoderAngle, EncoderReading, Hardware, Sensors,
 };
+use crate::settings::Settings;
 use flix_protocol::message::{Setpoint, State};
 use flix_protocol::units::{Degrees, Hertz, Instant};
 
@@ -46,7 +47,7 @@ pub(crate) struct Motor {
     /// Amplitude and phase of the first and second harmonic, rad.
     pub(crate) eccentricity: [(f64, f64); 2],
     pub(crate) encoder_alive: bool,
-    pub(crate) encoder_stuck: Option<u32>,
+    pub(crate) encoder_stuck: Option<EncoderAngle>,
     pub(crate) blocked: bool,
     /// Clockwise, rad, rad/s.
     pub(crate) angle: f64,
@@ -78,8 +79,8 @@ impl Motor {
     }
 
     fn electrical(&self) -> f64 {
-        let sense = if self.reversed { -7.0 } else { 7.0 };
-        sense * self.angle + self.offset
+        let sign = if self.reversed { -7.0 } else { 7.0 };
+        sign * self.angle + self.offset
     }
 
     /// Phase currents A, B, C.
@@ -92,8 +93,8 @@ impl Motor {
     /// Torque on the rotor, clockwise.
     fn electric(&mut self, bridge: Bridge, bus: f64, dt: f64) -> f64 {
         let electrical = self.electrical();
-        let sense = if self.reversed { -1.0 } else { 1.0 };
-        let omega = sense * 7.0 * self.speed;
+        let sign = if self.reversed { -1.0 } else { 1.0 };
+        let omega = sign * 7.0 * self.speed;
         let (sine, cosine) = electrical.sin_cos();
         let emf = [-omega * self.flux * sine, omega * self.flux * cosine];
         match bridge {
@@ -106,7 +107,7 @@ impl Motor {
                 let mut phase = [0.0; 3];
                 for index in 0..3 {
                     let dead = 0.0125 * (currents[index] / 0.01).clamp(-1.0, 1.0);
-                    phase[index] = bus * (f64::from(duties[index]) / 65_536.0 - dead);
+                    phase[index] = bus * (f64::from(duties[index].raw()) / 65_536.0 - dead);
                 }
                 let [a, b, c] = phase;
                 let voltage = [(2.0 * a - b - c) / 3.0, (b - c) / 3_f64.sqrt()];
@@ -120,7 +121,7 @@ impl Motor {
             }
         }
         let i_q = -self.current[0] * sine + self.current[1] * cosine;
-        1.5 * 7.0 * self.flux * i_q * sense
+        1.5 * 7.0 * self.flux * i_q * sign
     }
 }
 
@@ -152,15 +153,15 @@ pub(crate) struct Bench {
 
 impl Bench {
     pub(crate) fn new(base_mass: Option<f64>) -> Self {
-        Self::with(base_mass, Parameters::default(), HARDWARE)
+        Self::with(base_mass, Settings::DEFAULT, HARDWARE)
     }
 
-    pub(crate) fn with(base_mass: Option<f64>, parameters: Parameters, hardware: Hardware) -> Self {
+    pub(crate) fn with(base_mass: Option<f64>, settings: Settings, hardware: Hardware) -> Self {
         let mut bottom = Motor::new(0.95);
         bottom.angle = 2.9;
         bottom.offset = -2.0;
         Self {
-            control: Control::new(Configuration::new(&parameters, &hardware)),
+            control: Control::new(Configuration::new(&settings, &hardware)),
             order: Order::default(),
             motors: [Motor::new(1.05), bottom],
             base_mass,
@@ -204,7 +205,7 @@ impl Bench {
             }
             let reading = -(angle + wrong) + self.noise(0.001);
             let turn = (reading / TAU).rem_euclid(1.0);
-            let angle = ((turn * 4096.0) as u32) << 20;
+            let angle = EncoderAngle::from_count((turn * 4096.0) as u32, 12);
             if !self.motors[index].encoder_alive {
                 encoders[index] = Encoder::Failed;
             } else if let Some(stuck) = self.motors[index].encoder_stuck {
@@ -375,11 +376,4 @@ impl Bench {
             direction: (squares / f64::from(ticks)).sqrt(),
         }
     }
-}
-
-/// The defaults with one change for all motors.
-pub(crate) fn parameters(change: fn(&mut MotorParameters)) -> Parameters {
-    let mut parameters = Parameters::default();
-    parameters.motors.iter_mut().for_each(change);
-    parameters
 }

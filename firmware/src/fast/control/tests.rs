@@ -1,10 +1,10 @@
 //! What the fast half promises, on the bench.
 
 use crate::exchange::Order;
-use crate::fast::configuration::Parameters;
-use crate::fast::control::bench::{Bench, HARDWARE, parameters};
+use crate::fast::control::bench::{Bench, HARDWARE};
 use crate::fast::supervisor::{Conditions, Supervisor};
-use crate::hardware::{Bridge, CurrentSense, Hardware};
+use crate::hardware::{Bridge, CurrentSense, EncoderAngle, Hardware};
+use crate::settings::Settings;
 use flix_protocol::message::{Fault, Faults, State};
 use flix_protocol::units::Instant;
 
@@ -61,7 +61,7 @@ fn alignment_finds_offset_phase_order_and_eccentricity() {
     for (motor, found) in bench.motors.iter().zip(report.alignment) {
         assert_eq!(found.reversed, motor.reversed);
         let radians = |turn: i32| f64::from(turn) / 4_294_967_296.0 * std::f64::consts::TAU;
-        let offset = radians(found.electrical_offset as i32) - motor.offset;
+        let offset = radians(found.electrical_offset.raw() as i32) - motor.offset;
         assert!(offset.abs() < 0.03, "electrical offset is off by {offset} rad");
         let [(first, phase), _] = motor.eccentricity;
         // amplitude sin(angle + phase) = cosine cos(angle) + sine sin(angle)
@@ -105,7 +105,7 @@ fn turns_theta_the_short_way_through_ninety_degrees_without_losing_f() {
 #[test]
 fn works_in_voltage_mode_without_a_current_sense() {
     let hardware = Hardware { current_sense: None, ..HARDWARE };
-    let mut bench = Bench::with(FREE, parameters(|_| {}), hardware);
+    let mut bench = Bench::with(FREE, Settings::DEFAULT, hardware);
     bench.arm();
     assert_holds(&mut bench, 30.0, -30.0);
 }
@@ -194,7 +194,9 @@ fn goes_wrong(expected: Fault, knowable_s: f64, break_it: impl Fn(&mut Bench)) -
 
 #[test]
 fn a_stuck_encoder_is_a_lost_one() {
-    goes_wrong(Fault::EncoderLost, 0.01, |bench| bench.motors[1].encoder_stuck = Some(123 << 20));
+    goes_wrong(Fault::EncoderLost, 0.01, |bench| {
+        bench.motors[1].encoder_stuck = Some(EncoderAngle::from_count(123, 12))
+    });
 }
 
 #[test]
@@ -293,7 +295,7 @@ fn an_open_phase_is_named_in_alignment_and_nothing_spins() {
 #[test]
 fn a_missing_magnet_is_named_in_alignment() {
     let mut bench = Bench::new(FREE);
-    bench.motors[1].encoder_stuck = Some(77 << 20);
+    bench.motors[1].encoder_stuck = Some(EncoderAngle::from_count(77, 12));
     bench.run(0.05);
     bench.order.arm += 1;
     bench.until(State::Faulted);
@@ -329,8 +331,7 @@ fn aligned_with_misread_gain(current_scale: f32) -> Bench {
         ..sense
     });
     let hardware = Hardware { current_sense: sense, ..HARDWARE };
-    let mut bench =
-        Bench::with(FREE, Parameters { current_scale, ..Parameters::default() }, hardware);
+    let mut bench = Bench::with(FREE, Settings { current_scale, ..Settings::DEFAULT }, hardware);
     bench.run(0.05);
     bench.order.arm += 1;
     while matches!(bench.state(), State::Disarmed | State::Aligning) {
@@ -359,10 +360,8 @@ fn the_scale_of_the_current_sense_sets_a_misread_gain_right() {
 fn a_remembered_alignment_is_checked_and_arms_in_half_a_second() {
     let mut first = armed(FREE);
     let found = first.control.report().alignment;
-    let mut remembered = parameters(|_| {});
-    for (motor, found) in remembered.motors.iter_mut().zip(found) {
-        motor.alignment = found.into();
-    }
+    let mut remembered = Settings::DEFAULT;
+    remembered.learn(found);
     let mut bench = Bench::with(FREE, remembered, HARDWARE);
     bench.run(0.05);
     bench.order.arm += 1;
@@ -474,7 +473,7 @@ fn rests_after_arming_until_the_first_setpoint() {
 
 #[test]
 fn a_battery_too_flat_for_f_costs_f_and_not_theta() {
-    let weak = Parameters { under_voltage: 6.0, ..parameters(|_| {}) };
+    let weak = Settings { under_voltage: 6.0, ..Settings::DEFAULT };
     let mut bench = Bench::with(FREE, weak, HARDWARE);
     bench.arm();
     bench.bus = 8.0;

@@ -9,8 +9,9 @@ use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::{
     Direction, Rotor, clarke, inverse_clarke, inverse_park, park, turn_ahead,
 };
-use crate::fast::units::{multiply_high, within};
-use crate::hardware::{Duty, Turn};
+use crate::fast::units::{
+    Current, Duty, ElectricalAngle, ElectricalSpeed, Voltage, multiply_high, within,
+};
 
 /// How quickly a held voltage limit pulls the integrators back: a quarter of the excess a tick.
 const BACK_CALCULATION_SHIFT: u32 = 2;
@@ -35,41 +36,41 @@ pub struct Model {
 /// What the loop works from in one tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Input {
-    /// Currents of phases A and B into the motor, 2^-16 A; `None` for voltage mode.
-    pub phases: Option<[i32; 2]>,
+    /// Currents of phases A and B into the motor; `None` for voltage mode.
+    pub phases: Option<[Current; 2]>,
     /// Electrical angle at the moment of the samples.
-    pub angle: Turn,
-    /// Electrical speed, 2^-32 turn per tick.
-    pub speed: i32,
-    /// Torque-making current wanted, 2^-16 A.
-    pub current_q: i32,
+    pub angle: ElectricalAngle,
+    /// Electrical speed.
+    pub speed: ElectricalSpeed,
+    /// Torque-making current wanted.
+    pub current_q: Current,
 }
 
 /// State of the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct CurrentLoop {
-    integral: Rotor,
-    current: Rotor,
-    voltage: Rotor,
+    integral: Rotor<Voltage>,
+    current: Rotor<Current>,
+    voltage: Rotor<Voltage>,
     limited: bool,
 }
 
 impl CurrentLoop {
-    /// Currents as of the last tick, 2^-16 A.
+    /// Returns the currents as of the last tick.
     #[must_use]
-    pub const fn current(&self) -> Rotor {
+    pub const fn current(&self) -> Rotor<Current> {
         self.current
     }
 
-    /// Voltages asked for in the last tick, after limiting, 2^-16 V.
+    /// Returns the voltages asked for in the last tick, after limiting.
     #[must_use]
-    pub const fn voltage(&self) -> Rotor {
+    pub const fn voltage(&self) -> Rotor<Voltage> {
         self.voltage
     }
 
-    /// What the motor took beyond the model: zero for a perfect model, 2^-16 V.
+    /// Returns what the motor took beyond the model: zero for a perfect model.
     #[must_use]
-    pub const fn residual(&self) -> Rotor {
+    pub const fn residual(&self) -> Rotor<Voltage> {
         self.integral
     }
 
@@ -79,92 +80,98 @@ impl CurrentLoop {
         self.limited
     }
 
-    /// Clarke to duties. Never panics.
+    /// Does one tick, from phase currents to duties. Never panics.
     #[inline(always)]
     pub fn update(&mut self, model: &Model, bus: &Bus, input: &Input) -> [Duty; 3] {
-        let direction = Direction::new(input.angle);
+        let direction = Direction::from(input.angle);
         let (current, phases) = match input.phases {
-            Some([a, b]) => {
-                (park(clarke(a, b), direction), [a, b, a.wrapping_add(b).wrapping_neg()])
-            }
+            Some([a, b]) => (park(clarke(a, b), direction), [a, b, -(a + b)]),
             None => {
-                let wanted = Rotor { d: 0, q: input.current_q };
+                let wanted = Rotor { d: Current::ZERO, q: input.current_q };
                 (wanted, inverse_clarke(inverse_park(wanted, direction)))
             }
         };
         self.current = current;
-        let error =
-            Rotor { d: current.d.wrapping_neg(), q: input.current_q.wrapping_sub(current.q) };
+        let error = Rotor { d: -current.d, q: input.current_q - current.q };
         let wanted = self.demand(model, input, current, error);
         let voltage = self.limit(wanted, bus);
         self.voltage = voltage;
-        let step = |error: i32| multiply_high(error.wrapping_shl(8), model.integral);
-        self.integral.d = self.integral.d.wrapping_add(step(error.d));
-        self.integral.q = self.integral.q.wrapping_add(step(error.q));
+        let step = |error: Current| {
+            Voltage::from_raw(multiply_high(error.raw().wrapping_shl(8), model.integral))
+        };
+        self.integral.d = self.integral.d + step(error.d);
+        self.integral.q = self.integral.q + step(error.q);
 
-        let lead = multiply_high(input.speed, model.lead) << 4;
+        let lead = multiply_high(input.speed.raw(), model.lead) << 4;
         let [a, b, c] = inverse_clarke(inverse_park(turn_ahead(voltage, lead), direction));
         let [i_a, i_b, i_c] = phases;
         bus.duties([
-            a.wrapping_add(bus.dead_time_compensation(i_a)),
-            b.wrapping_add(bus.dead_time_compensation(i_b)),
-            c.wrapping_add(bus.dead_time_compensation(i_c)),
+            a + bus.dead_time_compensation(i_a),
+            b + bus.dead_time_compensation(i_b),
+            c + bus.dead_time_compensation(i_c),
         ])
     }
 
-    /// Voltage before limiting.
+    /// Returns the voltage before limiting.
     #[inline(always)]
-    fn demand(&self, model: &Model, input: &Input, current: Rotor, error: Rotor) -> Rotor {
+    fn demand(
+        &self,
+        model: &Model,
+        input: &Input,
+        current: Rotor<Current>,
+        error: Rotor<Current>,
+    ) -> Rotor<Voltage> {
+        let (speed, wanted_q) = (input.speed.raw(), input.current_q.raw());
+        let volts = |current: i32, shift: u32, gain: i32| {
+            Voltage::from_raw(multiply_high(current.wrapping_shl(shift), gain))
+        };
         // d couples to q by what is wanted and q to d by what is: the wanted d is zero.
-        let reactance = multiply_high(input.speed, model.reactance);
-        let coupling_d = multiply_high(input.current_q.wrapping_shl(10), reactance);
-        let coupling_q = multiply_high(current.d.wrapping_shl(10), reactance);
-        let resistive = multiply_high(input.current_q.wrapping_shl(8), model.resistance);
-        let back_emf = multiply_high(input.speed, model.back_emf);
+        let reactance = multiply_high(speed, model.reactance);
+        let coupling_d = volts(wanted_q, 10, reactance);
+        let coupling_q = volts(current.d.raw(), 10, reactance);
+        let resistive = volts(wanted_q, 8, model.resistance);
+        let back_emf = volts(speed, 0, model.back_emf);
+        let proportional = |error: Current| volts(error.raw(), 8, model.proportional);
         Rotor {
-            d: multiply_high(error.d.wrapping_shl(8), model.proportional)
-                .wrapping_add(self.integral.d)
-                .wrapping_sub(coupling_d),
-            q: multiply_high(error.q.wrapping_shl(8), model.proportional)
-                .wrapping_add(self.integral.q)
-                .wrapping_add(resistive)
-                .wrapping_add(coupling_q)
-                .wrapping_add(back_emf),
+            d: proportional(error.d) + self.integral.d - coupling_d,
+            q: proportional(error.q) + self.integral.q + resistive + coupling_q + back_emf,
         }
     }
 
-    /// The voltage nearest to what is wanted that the bridge can give: d gets up to half of the
-    /// limit, q the rest, `sqrt(limit^2 - d^2)`. What was wanted beyond it is taken back from the
+    /// Returns the voltage nearest to what is wanted that the bridge can give: d gets up to half of
+    /// the limit, q the rest, `sqrt(limit^2 - d^2)`. What was wanted beyond it is taken back from the
     /// integrals within a few ticks, so that they stay bounded.
     #[inline(always)]
-    fn limit(&mut self, wanted: Rotor, bus: &Bus) -> Rotor {
+    fn limit(&mut self, wanted: Rotor<Voltage>, bus: &Bus) -> Rotor<Voltage> {
         // Most often neither is near its limit: d within a quarter leaves q at least 0.968.
-        let near = |value: i32, bound: i32| {
-            value.wrapping_add(bound) as u32 <= (bound as u32).wrapping_mul(2)
+        let near = |value: Voltage, bound: i32| {
+            value.raw().wrapping_add(bound) as u32 <= (bound as u32).wrapping_mul(2)
         };
         self.limited = false;
-        if near(wanted.d, bus.limit_d >> 1) && near(wanted.q, bus.limit_q) {
+        if near(wanted.d, bus.limit_d.raw() >> 1) && near(wanted.q, bus.limit_q.raw()) {
             return wanted;
         }
         core::hint::cold_path();
         let given = circle(wanted, bus);
-        let excess = |given: i32, wanted: i32| given.wrapping_sub(wanted) >> BACK_CALCULATION_SHIFT;
+        let excess = |given: Voltage, wanted: Voltage| {
+            Voltage::from_raw((given - wanted).raw() >> BACK_CALCULATION_SHIFT)
+        };
         self.limited = given != wanted;
-        self.integral.d = self.integral.d.wrapping_add(excess(given.d, wanted.d));
-        self.integral.q = self.integral.q.wrapping_add(excess(given.q, wanted.q));
+        self.integral.d = self.integral.d + excess(given.d, wanted.d);
+        self.integral.q = self.integral.q + excess(given.q, wanted.q);
         given
     }
 }
 
-/// d within half of the limit, q within what that leaves.
-const fn circle(wanted: Rotor, bus: &Bus) -> Rotor {
-    let d = within(wanted.d, bus.limit_d);
+/// Returns d within half of the limit, q within what that leaves.
+const fn circle(wanted: Rotor<Voltage>, bus: &Bus) -> Rotor<Voltage> {
+    let d = wanted.d.within(bus.limit_d);
     // sqrt(1 - y) = 1 - y/2 - y^2/8 - y^3/16, wrong by at most 2e-4 for y up to 1/4; in 2^-15.
-    let share = multiply_high(d << 8, bus.reciprocal_limit);
+    let share = multiply_high(d.raw() << 8, bus.reciprocal_limit);
     let y = share.wrapping_mul(share) >> 15;
     let y_squared = y.wrapping_mul(y) >> 15;
     let y_cubed = y_squared.wrapping_mul(y) >> 15;
     let root = (1 << 15) - (y >> 1) - (y_squared >> 3) - (y_cubed >> 4);
-    let q = within(wanted.q, multiply_high(bus.limit << 2, root << 15));
-    Rotor { d, q }
+    let room = multiply_high(bus.limit.raw() << 2, root << 15);
+    Rotor { d, q: Voltage::from_raw(within(wanted.q.raw(), room)) }
 }

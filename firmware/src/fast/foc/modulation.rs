@@ -1,8 +1,7 @@
 //! Space-vector modulation with an over-modulation limit and dead-time compensation.
 
 use crate::fast::foc::transform::{Stator, inverse_clarke};
-use crate::fast::units::multiply_high;
-use crate::hardware::Duty;
+use crate::fast::units::{Current, Duty, Voltage, multiply_high};
 
 /// Largest phase voltage asked for, as a share of the bus, in 2^-16: 0.6.
 ///
@@ -21,14 +20,14 @@ const HIGHEST_BUS: i32 = 60 << 16;
 /// What the bridge can do with the present bus voltage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bus {
-    /// Bus voltage, 2^-16 V.
-    pub voltage: i32,
-    /// Largest phase voltage, 2^-16 V.
-    pub limit: i32,
+    /// Bus voltage.
+    pub voltage: Voltage,
+    /// Largest phase voltage.
+    pub limit: Voltage,
     /// Half of it, the most that d may take.
-    pub(crate) limit_d: i32,
+    pub(crate) limit_d: Voltage,
     /// What is left for q when d takes a quarter: 0.968 of it.
-    pub(crate) limit_q: i32,
+    pub(crate) limit_q: Voltage,
     /// 2^48 / voltage.
     reciprocal: i32,
     /// 2^39 / limit.
@@ -38,10 +37,11 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// From its voltage and the share of a PWM period that dead time takes (2^-31). The only
+    /// Derives all from the bus voltage and the share of a PWM period that dead time takes (2^-31). The only
     /// divisions of the fast loop; every few ticks is often enough. Never panics.
     #[must_use]
-    pub const fn new(voltage: i32, dead_share: i32) -> Self {
+    pub const fn new(voltage: Voltage, dead_share: i32) -> Self {
+        let voltage = voltage.raw();
         let voltage = if voltage < LOWEST_BUS {
             LOWEST_BUS
         } else if voltage > HIGHEST_BUS {
@@ -53,10 +53,10 @@ impl Bus {
         let reciprocal = ((u32::MAX / (voltage as u32 >> 4)) << 12) as i32;
         let dead_voltage = multiply_high(voltage << 1, dead_share);
         Self {
-            voltage,
-            limit,
-            limit_d: limit >> 1,
-            limit_q: limit - (limit >> 5),
+            voltage: Voltage::from_raw(voltage),
+            limit: Voltage::from_raw(limit),
+            limit_d: Voltage::from_raw(limit >> 1),
+            limit_q: Voltage::from_raw(limit - (limit >> 5)),
             reciprocal,
             // 2^39 / (0.6 voltage) = reciprocal x 5/6 / 2^8.
             reciprocal_limit: multiply_high(reciprocal, 1_789_569_706) >> 7,
@@ -65,23 +65,24 @@ impl Bus {
         }
     }
 
-    /// What must be added to a phase's voltage that carries this current (into the motor), to make
-    /// up for dead time.
+    /// Returns what must be added to the voltage of a phase that carries this current (into the
+    /// motor), to make up for dead time.
     #[inline(always)]
     #[must_use]
-    pub const fn dead_time_compensation(&self, current: i32) -> i32 {
+    pub const fn dead_time_compensation(&self, current: Current) -> Voltage {
         // Most often beyond the knee, either way: no branch.
+        let current = current.raw();
         let bent = if current < -KNEE { -KNEE } else { current };
         let bent = if bent > KNEE { KNEE } else { bent };
-        bent.wrapping_mul(self.dead_slope) >> 12
+        Voltage::from_raw(bent.wrapping_mul(self.dead_slope) >> 12)
     }
 
-    /// Duties that give these phase voltages, up to a common part: the middle of the largest and
+    /// Returns duties that give these phase voltages, up to a common part: the middle of the largest and
     /// the smallest is put at half the bus, which is space-vector modulation. Clipped to the bus.
     #[inline(always)]
     #[must_use]
-    pub const fn duties(&self, phases: [i32; 3]) -> [Duty; 3] {
-        let [a, b, c] = phases;
+    pub const fn duties(&self, phases: [Voltage; 3]) -> [Duty; 3] {
+        let [a, b, c] = [phases[0].raw(), phases[1].raw(), phases[2].raw()];
         let (low, high) = if a < b { (a, b) } else { (b, a) };
         let low = if c < low { c } else { low };
         let high = if c > high { c } else { high };
@@ -96,17 +97,17 @@ impl Bus {
     #[inline(always)]
     const fn duty(&self, voltage: i32) -> Duty {
         let share = multiply_high(voltage, self.reciprocal).wrapping_add(1 << 15);
-        if share as u32 <= Duty::MAX as u32 {
-            return share as Duty;
+        if share as u32 <= u16::MAX as u32 {
+            return Duty::from_raw(share as u16);
         }
         core::hint::cold_path();
-        if share < 0 { 0 } else { Duty::MAX }
+        if share < 0 { Duty::ZERO } else { Duty::MAX }
     }
 
-    /// Duties for a voltage in the stator frame, without compensation.
+    /// Returns duties for a voltage in the stator frame, without compensation.
     #[inline(always)]
     #[must_use]
-    pub const fn space_vector(&self, voltage: Stator) -> [Duty; 3] {
+    pub fn space_vector(&self, voltage: Stator<Voltage>) -> [Duty; 3] {
         self.duties(inverse_clarke(voltage))
     }
 }
@@ -115,25 +116,25 @@ impl Bus {
 mod tests {
     use super::*;
     use crate::fast::foc::transform::Direction;
+    use crate::fast::units::ElectricalAngle;
 
-    const TWELVE_VOLTS: i32 = 12 << 16;
+    const TWELVE_VOLTS: Voltage = Voltage::from_raw(12 << 16);
 
     fn line_voltages(duties: [Duty; 3]) -> [f64; 3] {
-        let phase = duties.map(|duty| f64::from(duty) / 65_536.0 * 12.0);
+        let phase = duties.map(|duty| f64::from(duty.raw()) / 65_536.0 * 12.0);
         [phase[0] - phase[1], phase[1] - phase[2], phase[2] - phase[0]]
     }
 
     #[test]
     fn gives_the_line_voltages_that_were_asked_for_up_to_the_inner_circle() {
         let bus = Bus::new(TWELVE_VOLTS, 0);
-        let radius = (0.577 * f64::from(TWELVE_VOLTS)) as i32;
+        let radius = (0.577 * f64::from(TWELVE_VOLTS.raw())) as i32;
         for step in 0..720_u32 {
-            let direction = Direction::new(step.wrapping_mul(5_965_232));
-            let vector = Stator {
-                alpha: multiply_high(radius * 2, direction.cosine),
-                beta: multiply_high(radius * 2, direction.sine),
-            };
-            let phases = inverse_clarke(vector).map(|phase| f64::from(phase) / 65_536.0);
+            let angle = ElectricalAngle::from_raw(step.wrapping_mul(5_965_232));
+            let direction = Direction::from(angle);
+            let along = |part| Voltage::from_raw(multiply_high(radius * 2, part));
+            let vector = Stator { alpha: along(direction.cosine), beta: along(direction.sine) };
+            let phases = inverse_clarke(vector).map(|phase| f64::from(phase.raw()) / 65_536.0);
             let want = [phases[0] - phases[1], phases[1] - phases[2], phases[2] - phases[0]];
             for (have, want) in line_voltages(bus.space_vector(vector)).iter().zip(want) {
                 assert!((have - want).abs() < 0.002, "step {step}: {have} for {want}");
@@ -144,25 +145,27 @@ mod tests {
     #[test]
     fn clips_at_the_bus_beyond_the_hexagon() {
         let bus = Bus::new(TWELVE_VOLTS, 0);
-        let duties = bus.space_vector(Stator { alpha: 40 << 16, beta: 0 });
-        assert_eq!(duties, [Duty::MAX, 0, 0]);
+        let duties =
+            bus.space_vector(Stator { alpha: Voltage::from_raw(40 << 16), beta: Voltage::ZERO });
+        assert_eq!(duties, [Duty::MAX, Duty::ZERO, Duty::ZERO]);
     }
 
     #[test]
     fn dead_time_is_made_up_for_with_the_sign_of_the_current() {
         // 1.25 % of 12 V are 0.15 V.
         let bus = Bus::new(TWELVE_VOLTS, (0.0125 * 2_147_483_648.0) as i32);
-        let full = bus.dead_time_compensation(1 << 16);
+        let added = |current| bus.dead_time_compensation(Current::from_raw(current)).raw();
+        let full = added(1 << 16);
         assert!((full - 9_830).abs() < 4, "{full}");
-        assert!((bus.dead_time_compensation(-(1 << 16)) + full).abs() < 2);
-        assert_eq!(bus.dead_time_compensation(0), 0);
+        assert!((added(-(1 << 16)) + full).abs() < 2);
+        assert_eq!(added(0), 0);
     }
 
     #[test]
     fn no_bus_voltage_is_too_small_or_too_large() {
         for voltage in [i32::MIN, -1, 0, 1, i32::MAX] {
-            let bus = Bus::new(voltage, i32::MAX);
-            assert!(bus.limit > 0 && bus.reciprocal > 0);
+            let bus = Bus::new(Voltage::from_raw(voltage), i32::MAX);
+            assert!(bus.limit > Voltage::ZERO && bus.reciprocal > 0);
         }
     }
 }

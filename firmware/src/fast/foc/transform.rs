@@ -1,7 +1,6 @@
-//! Clarke and Park transforms and their inverses.
+//! Clarke and Park transforms and their inverses, of any quantity that has two components.
 
-use crate::fast::units::{cosine_sine, multiply_high};
-use crate::hardware::Turn;
+use crate::fast::units::{ElectricalAngle, Quantity, cosine_sine, multiply_high};
 
 /// 1/sqrt(3) in 2^-31.
 const INVERSE_ROOT_3: i32 = 1_239_850_262;
@@ -10,20 +9,20 @@ const HALF_ROOT_3: i32 = 1_859_775_393;
 
 /// Two components in the stator frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Stator {
+pub struct Stator<T> {
     /// Along phase A.
-    pub alpha: i32,
+    pub alpha: T,
     /// A quarter electrical turn ahead.
-    pub beta: i32,
+    pub beta: T,
 }
 
 /// Two components in the rotor frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Rotor {
+pub struct Rotor<T> {
     /// Along the magnet's field.
-    pub d: i32,
+    pub d: T,
     /// A quarter electrical turn ahead.
-    pub q: i32,
+    pub q: T,
 }
 
 /// Direction of the rotor's field in the stator frame, 2^-31.
@@ -35,54 +34,53 @@ pub struct Direction {
     pub sine: i32,
 }
 
-impl Direction {
-    /// Of an electrical angle. Error at most 2.3e-5.
+impl From<ElectricalAngle> for Direction {
+    /// Error at most 2.3e-5.
     #[inline(always)]
-    #[must_use]
-    pub const fn new(angle: Turn) -> Self {
-        let (cosine, sine) = cosine_sine(angle);
+    fn from(angle: ElectricalAngle) -> Self {
+        let (cosine, sine) = cosine_sine(angle.raw());
         Self { cosine, sine }
     }
 }
 
-/// Phases A and B (C is minus their sum) to the stator frame. Inputs below 2^29.
+/// Transforms phases A and B (C is minus their sum) to the stator frame. Inputs below 2^29.
 #[inline(always)]
 #[must_use]
-pub const fn clarke(a: i32, b: i32) -> Stator {
-    let sum = a.wrapping_add(b.wrapping_mul(2));
-    Stator { alpha: a, beta: multiply_high(sum.wrapping_mul(2), INVERSE_ROOT_3) }
+pub fn clarke<T: Quantity>(a: T, b: T) -> Stator<T> {
+    let sum = a.raw().wrapping_add(b.raw().wrapping_mul(2));
+    Stator { alpha: a, beta: T::from_raw(multiply_high(sum.wrapping_mul(2), INVERSE_ROOT_3)) }
 }
 
-/// Stator frame to phases A, B, C. Inputs below 2^29.
+/// Transforms from the stator frame to phases A, B, C. Inputs below 2^29.
 #[inline(always)]
 #[must_use]
-pub const fn inverse_clarke(vector: Stator) -> [i32; 3] {
-    let half = vector.alpha >> 1;
-    let swing = multiply_high(vector.beta.wrapping_mul(2), HALF_ROOT_3);
-    [vector.alpha, swing.wrapping_sub(half), swing.wrapping_add(half).wrapping_neg()]
+pub fn inverse_clarke<T: Quantity>(vector: Stator<T>) -> [T; 3] {
+    let (alpha, beta) = (vector.alpha.raw(), vector.beta.raw());
+    let half = alpha >> 1;
+    let swing = multiply_high(beta.wrapping_mul(2), HALF_ROOT_3);
+    [alpha, swing.wrapping_sub(half), swing.wrapping_add(half).wrapping_neg()].map(T::from_raw)
 }
 
-/// Stator frame to rotor frame. Inputs below 2^29.
+/// Transforms from the stator frame to the rotor frame. Inputs below 2^29.
 #[inline(always)]
 #[must_use]
-pub const fn park(vector: Stator, direction: Direction) -> Rotor {
-    let Stator { alpha, beta } = vector;
-    let (alpha, beta) = (alpha.wrapping_mul(2), beta.wrapping_mul(2));
-    Rotor {
-        d: multiply_high(alpha, direction.cosine).wrapping_add(multiply_high(beta, direction.sine)),
-        q: multiply_high(beta, direction.cosine).wrapping_sub(multiply_high(alpha, direction.sine)),
-    }
+pub fn park<T: Quantity>(vector: Stator<T>, direction: Direction) -> Rotor<T> {
+    let Direction { cosine, sine } = direction;
+    let (alpha, beta) = (vector.alpha.raw().wrapping_mul(2), vector.beta.raw().wrapping_mul(2));
+    let d = multiply_high(alpha, cosine).wrapping_add(multiply_high(beta, sine));
+    let q = multiply_high(beta, cosine).wrapping_sub(multiply_high(alpha, sine));
+    Rotor { d: T::from_raw(d), q: T::from_raw(q) }
 }
 
-/// Rotor frame to stator frame. Inputs below 2^29.
+/// Transforms from the rotor frame to the stator frame. Inputs below 2^29.
 #[inline(always)]
 #[must_use]
-pub const fn inverse_park(vector: Rotor, direction: Direction) -> Stator {
-    let (d, q) = (vector.d.wrapping_mul(2), vector.q.wrapping_mul(2));
-    Stator {
-        alpha: multiply_high(d, direction.cosine).wrapping_sub(multiply_high(q, direction.sine)),
-        beta: multiply_high(d, direction.sine).wrapping_add(multiply_high(q, direction.cosine)),
-    }
+pub fn inverse_park<T: Quantity>(vector: Rotor<T>, direction: Direction) -> Stator<T> {
+    let Direction { cosine, sine } = direction;
+    let (d, q) = (vector.d.raw().wrapping_mul(2), vector.q.raw().wrapping_mul(2));
+    let alpha = multiply_high(d, cosine).wrapping_sub(multiply_high(q, sine));
+    let beta = multiply_high(d, sine).wrapping_add(multiply_high(q, cosine));
+    Stator { alpha: T::from_raw(alpha), beta: T::from_raw(beta) }
 }
 
 /// Turns a vector of the rotor frame ahead by a small angle, in 2^-32 rad: by three shears, which
@@ -90,16 +88,17 @@ pub const fn inverse_park(vector: Rotor, direction: Direction) -> Stator {
 /// by 2e-4.
 #[inline(always)]
 #[must_use]
-pub const fn turn_ahead(vector: Rotor, angle: i32) -> Rotor {
+pub fn turn_ahead<T: Quantity>(vector: Rotor<T>, angle: i32) -> Rotor<T> {
     let half = angle >> 1;
-    let d = vector.d.wrapping_sub(multiply_high(vector.q, half));
-    let q = vector.q.wrapping_add(multiply_high(d, angle));
-    Rotor { d: d.wrapping_sub(multiply_high(q, half)), q }
+    let d = vector.d.raw().wrapping_sub(multiply_high(vector.q.raw(), half));
+    let q = vector.q.raw().wrapping_add(multiply_high(d, angle));
+    Rotor { d: T::from_raw(d.wrapping_sub(multiply_high(q, half))), q: T::from_raw(q) }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fast::units::{Current, Voltage};
     use core::f64::consts::TAU;
 
     #[test]
@@ -108,27 +107,29 @@ mod tests {
             let angle = step.wrapping_mul(4_294_967);
             let radians = f64::from(angle) / 4_294_967_296.0 * TAU;
             let phase = |lag: f64| (-100_000.0 * (radians - lag).sin()) as i32;
-            let (a, b) = (phase(0.0), phase(TAU / 3.0));
-            let Rotor { d, q } = park(clarke(a, b), Direction::new(angle));
+            let [a, b] = [phase(0.0), phase(TAU / 3.0)].map(Current::from_raw);
+            let found = park(clarke(a, b), ElectricalAngle::from_raw(angle).into());
+            let (d, q) = (found.d.raw(), found.q.raw());
             assert!(d.abs() < 8 && (q - 100_000).abs() < 8, "{angle}: {d} {q}");
         }
     }
 
     #[test]
     fn inverse_clarke_undoes_clarke() {
-        let [a, b, c] = inverse_clarke(clarke(40_000, -70_000));
+        let [a, b] = [40_000, -70_000].map(Current::from_raw);
+        let [a, b, c] = inverse_clarke(clarke(a, b)).map(Current::raw);
         assert!((a - 40_000).abs() < 4 && (b + 70_000).abs() < 4 && (c - 30_000).abs() < 4);
     }
 
     #[test]
     fn turning_ahead_is_the_same_as_a_larger_angle() {
-        let vector = Rotor { d: -200_000, q: 400_000 };
+        let vector = Rotor { d: Voltage::from_raw(-200_000), q: Voltage::from_raw(400_000) };
         for milliradians in -150..=150 {
             let angle = f64::from(milliradians) / 1000.0;
             let turned = turn_ahead(vector, (angle * 4_294_967_296.0) as i32);
             let d = -200_000.0 * angle.cos() - 400_000.0 * angle.sin();
             let q = -200_000.0 * angle.sin() + 400_000.0 * angle.cos();
-            let error = (f64::from(turned.d) - d).hypot(f64::from(turned.q) - q);
+            let error = (f64::from(turned.d.raw()) - d).hypot(f64::from(turned.q.raw()) - q);
             assert!(error < 6e-4 * 447_214.0, "{angle}: {error}");
         }
     }

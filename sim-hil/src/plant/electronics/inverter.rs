@@ -68,8 +68,8 @@ impl InverterParameters {
         let ripple = bus / (8.0 * motor.parameters().inductance * self.pwm_frequency);
         let currents = motor.phase_currents();
         core::array::from_fn(|phase| {
-            let duty = f64::from(duties[phase]) / f64::from(Duty::MAX);
-            let switches = duties[phase] > 0 && duties[phase] < Duty::MAX;
+            let duty = duties[phase].share();
+            let switches = duties[phase] > Duty::ZERO && duties[phase] < Duty::MAX;
             let side = (currents[phase] / ripple).clamp(-1.0, 1.0);
             if switches { (duty - lost * side).clamp(0.0, 1.0) } else { duty }
         })

@@ -12,7 +12,7 @@
 use std::f64::consts::TAU;
 use std::num::NonZeroU16;
 
-use flix_firmware::hardware::{self, CurrentSense, EncoderReading};
+use flix_firmware::hardware::{self, CurrentSense, EncoderAngle, EncoderReading};
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 
@@ -123,12 +123,12 @@ impl Encoder {
 }
 
 /// An angle in rad as a left-aligned count of `bits` bits.
-fn quantised(angle: f64, bits: u32) -> hardware::Turn {
+fn quantised(angle: f64, bits: u32) -> EncoderAngle {
     let turns = angle / TAU;
     let share = turns - turns.floor();
     let steps = (1_u64 << bits) as f64;
     let count = ((share * steps).round() as u64) % (1_u64 << bits);
-    (count << (32 - bits)) as hardware::Turn
+    EncoderAngle::from_count(count as u32, bits)
 }
 
 /// How wrong a current amplifier with its converter may be.
