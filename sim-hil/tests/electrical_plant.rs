@@ -388,7 +388,10 @@ fn readings_put_back_by_their_age_are_within_the_data_sheets_error() {
         let speed = TAU * 30.0;
         for (angle, reading) in readings(encoder, speed) {
             let Encoder::Reading(reading) = reading else { continue };
-            assert_eq!(reading.angle.raw().trailing_zeros().min(32 - encoder.bits), 32 - encoder.bits);
+            assert_eq!(
+                reading.angle.raw().trailing_zeros().min(32 - encoder.bits),
+                32 - encoder.bits
+            );
             let seen = f64::from(reading.angle.raw()) / 4_294_967_296.0 * TAU
                 + speed * f64::from(reading.age_us) * 1e-6;
             let error = (seen - angle + 0.5 * TAU).rem_euclid(TAU) - 0.5 * TAU;

@@ -270,14 +270,15 @@ impl Control {
         let limit = self.configuration.over_current.raw();
         let beyond =
             |count: Counts| count.raw().wrapping_add(limit) as u32 > limit.wrapping_mul(2) as u32;
+        let amperes =
+            |count: Counts, scale| Current::from_raw(multiply_high(count.raw() << 11, scale));
         let mut excess = false;
         let scales = &self.configuration.current_per_count;
         let motors = self.currents.iter_mut().zip(&self.zeros).zip(scales);
         for (((currents, zeros), scale), [a, b]) in motors.zip(counts) {
-            let [a, b] = [Counts::new(a) - zeros[0], Counts::new(b) - zeros[1]];
+            let (a, b) = (Counts::new(a) - zeros[0], Counts::new(b) - zeros[1]);
             excess |= beyond(a) | beyond(b) | beyond(a + b);
-            *currents =
-                [a, b].map(|count| Current::from_raw(multiply_high(count.raw() << 11, *scale)));
+            *currents = [amperes(a, *scale), amperes(b, *scale)];
         }
         excess
     }

@@ -350,7 +350,7 @@ impl Shaker {
 
         self.sum_error = self.sum.wrapping_sub(rotors.sum()) as i32;
         self.difference_error = self.wait_for(rotors);
-        let [top, bottom] = rotors.speeds.map(Speed::raw);
+        let (top, bottom) = (rotors.speeds[0].raw(), rotors.speeds[1].raw());
         let sum_speed_error = self.sum_speed.raw().wrapping_sub(top).wrapping_sub(bottom);
         let difference_speed_error =
             self.frequency.raw().wrapping_mul(2).wrapping_sub(top).wrapping_add(bottom);
@@ -384,8 +384,10 @@ impl Shaker {
         };
         Demand {
             currents: [current(sum + difference, top_gain), current(sum - difference, bottom_gain)],
-            speed_changes: [sum_change + difference_change, sum_change - difference_change]
-                .map(Speed::from_raw),
+            speed_changes: [
+                Speed::from_raw(sum_change + difference_change),
+                Speed::from_raw(sum_change - difference_change),
+            ],
         }
     }
 

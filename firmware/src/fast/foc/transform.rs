@@ -58,7 +58,8 @@ pub fn inverse_clarke<T: Quantity>(vector: Stator<T>) -> [T; 3] {
     let (alpha, beta) = (vector.alpha.raw(), vector.beta.raw());
     let half = alpha >> 1;
     let swing = multiply_high(beta.wrapping_mul(2), HALF_ROOT_3);
-    [alpha, swing.wrapping_sub(half), swing.wrapping_add(half).wrapping_neg()].map(T::from_raw)
+    let (b, c) = (swing.wrapping_sub(half), swing.wrapping_add(half).wrapping_neg());
+    [vector.alpha, T::from_raw(b), T::from_raw(c)]
 }
 
 /// Transforms from the stator frame to the rotor frame. Inputs below 2^29.
