@@ -17,6 +17,7 @@
 
 use flix_protocol::message::{Fault, Faults, Setpoint, State};
 use flix_protocol::units::Instant;
+use serde::{Deserialize, Serialize};
 
 use crate::fast::alignment::Alignment;
 use crate::fast::configuration::Configuration;
@@ -25,7 +26,7 @@ use crate::fast::units::{Current, RotorAngle, Speed, Voltage};
 /// What the slow half wants, handed over whole in every tick.
 ///
 /// The counters wrap; a change asks once for what they count.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Order {
     /// f.
     pub frequency: Speed,

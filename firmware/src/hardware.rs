@@ -5,10 +5,12 @@
 
 use core::num::NonZeroU16;
 
+use serde::{Deserialize, Serialize};
+
 pub use crate::fast::units::{Duty, EncoderAngle, TICK, TICK_RATE_HZ, TICK_US};
 
 /// One reading of an absolute angle encoder.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EncoderReading {
     /// Angle of the rotor; a 12-bit encoder fills the upper 12 bits.
     pub angle: EncoderAngle,
@@ -17,7 +19,7 @@ pub struct EncoderReading {
 }
 
 /// What an encoder gave in this tick.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Encoder {
     /// A new reading.
     Reading(EncoderReading),
@@ -28,7 +30,7 @@ pub enum Encoder {
 }
 
 /// All that the fast loop measures in one tick.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Sensors {
     /// Top and bottom encoder.
     pub encoders: [Encoder; 2],
@@ -41,7 +43,7 @@ pub struct Sensors {
 }
 
 /// What one three-phase bridge does until the next tick.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Bridge {
     /// Off: the motor coasts where the board can switch its bridges off, else all low sides are on.
     Off,
@@ -55,7 +57,7 @@ impl Bridge {
 }
 
 /// What the hardware does until the next tick: the top and the bottom motor's bridge.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Actuation {
     /// Top, bottom.
     pub bridges: [Bridge; 2],
@@ -67,7 +69,7 @@ impl Actuation {
 }
 
 /// How the phase currents are measured.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CurrentSense {
     /// Microamperes per count.
     pub microamperes_per_count: u16,
@@ -78,9 +80,10 @@ pub struct CurrentSense {
 }
 
 /// What the software has to know of the electronics that carry it. Data, one constant a board.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Hardware {
     /// For people, for example `MKS DUAL FOC V3.3 PLUS`.
+    #[serde(skip)]
     pub name: &'static str,
     /// `None` runs the motors in voltage mode: no sense, or one that clips negative currents.
     pub current_sense: Option<CurrentSense>,

@@ -14,7 +14,7 @@ use flix_firmware::fast::configuration::Configuration;
 use flix_firmware::fast::control::Control;
 use flix_firmware::hardware::{Encoder, TICK_RATE_HZ, TICK_US};
 use flix_firmware::settings::Settings;
-use flix_firmware::trace::{Header, Outcome, Row};
+use flix_firmware::trace::{Header, LONGEST, Outcome, Row, encode};
 use flix_protocol::message::State;
 use flix_protocol::units::Instant;
 use flix_sim::model::RobotModel;
@@ -64,7 +64,8 @@ impl<W: Write> Recording<W> {
         self.order.heard = now;
         let actuation = self.control.tick(now, &sensors, &self.order);
         let outcome = Outcome::after(&self.control, actuation);
-        self.trace.write_all(&Row { now, sensors, order: self.order, outcome }.to_bytes())?;
+        let row = Row { now, sensors, order: self.order, outcome };
+        self.trace.write_all(encode(&row, &mut [0; LONGEST])?)?;
         self.electronics.advance(&actuation, &mut self.plant)?;
         self.tick += 1;
         Ok(())
@@ -95,7 +96,7 @@ impl<W: Write> Recording<W> {
 
 fn record(file: &Path) -> Result<u64, Box<dyn std::error::Error>> {
     let mut trace = BufWriter::new(File::create(file)?);
-    trace.write_all(&Header { hardware: SIMULATED_BOARD }.to_bytes())?;
+    trace.write_all(encode(&Header::new(SIMULATED_BOARD), &mut [0; LONGEST])?)?;
     let mut recording = Recording {
         control: Control::new(Configuration::new(&Settings::DEFAULT, &SIMULATED_BOARD)),
         order: Order::default(),

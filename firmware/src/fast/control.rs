@@ -266,21 +266,22 @@ impl Control {
     /// amplifier can show.
     #[inline(always)]
     fn measure_currents(&mut self, sensors: &Sensors) -> bool {
-        let Some(counts) = sensors.phase_current else { return false };
-        let limit = self.configuration.over_current.raw();
+        let Some([top, bottom]) = sensors.phase_current else { return false };
+        self.measure_motor(0, top) | self.measure_motor(1, bottom)
+    }
+
+    #[inline(always)]
+    fn measure_motor(&mut self, motor: usize, [a, b]: [i16; 2]) -> bool {
+        let Configuration { over_current, current_per_count, .. } = &self.configuration;
+        let limit = over_current.raw();
         let beyond =
             |count: Counts| count.raw().wrapping_add(limit) as u32 > limit.wrapping_mul(2) as u32;
-        let amperes =
-            |count: Counts, scale| Current::from_raw(multiply_high(count.raw() << 11, scale));
-        let mut excess = false;
-        let scales = &self.configuration.current_per_count;
-        let motors = self.currents.iter_mut().zip(&self.zeros).zip(scales);
-        for (((currents, zeros), scale), [a, b]) in motors.zip(counts) {
-            let (a, b) = (Counts::new(a) - zeros[0], Counts::new(b) - zeros[1]);
-            excess |= beyond(a) | beyond(b) | beyond(a + b);
-            *currents = [amperes(a, *scale), amperes(b, *scale)];
-        }
-        excess
+        let scale = current_per_count[motor];
+        let amperes = |count: Counts| Current::from_raw(multiply_high(count.raw() << 11, scale));
+        let [zero_a, zero_b] = self.zeros[motor];
+        let (a, b) = (Counts::new(a) - zero_a, Counts::new(b) - zero_b);
+        self.currents[motor] = [amperes(a), amperes(b)];
+        beyond(a) | beyond(b) | beyond(a + b)
     }
 
     /// Looks at what need not be looked at in every tick: bus, faults that build up, rest, averages.
@@ -293,8 +294,9 @@ impl Control {
             trackers: &self.trackers,
             currents: &self.currents,
             loops: &self.loops,
-            shaking: matches!(self.activity, Activity::Shaking)
-                .then_some((&self.shaker, order.frequency)),
+            shaking: matches!(self.activity, Activity::Shaking),
+            shaker: &self.shaker,
+            target: order.frequency,
         };
         let misaligned = core::mem::take(&mut self.misaligned);
         self.present = self.monitor.faults(misaligned, &observation);

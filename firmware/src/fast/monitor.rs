@@ -83,8 +83,12 @@ pub(crate) struct Observation<'a> {
     pub(crate) currents: &'a [[Current; 2]; 2],
     /// Top, bottom.
     pub(crate) loops: &'a [CurrentLoop; 2],
-    /// While the rotors are controlled: by what, and the f that is asked for.
-    pub(crate) shaking: Option<(&'a Shaker, Speed)>,
+    /// Whether the rotors are controlled,
+    pub(crate) shaking: bool,
+    /// by what,
+    pub(crate) shaker: &'a Shaker,
+    /// and the f that is asked for.
+    pub(crate) target: Speed,
 }
 
 /// What was observed but is not sure yet.
@@ -131,20 +135,12 @@ impl Monitor {
         if self.over_voltage.diagnose(high, OVER_VOLTAGE_TICKS) {
             faults = faults.with(Fault::OverVoltage);
         }
-        match observation.shaking {
-            Some((shaker, target)) => self.shaking_faults(faults, observation, shaker, target),
-            None => faults,
-        }
+        if observation.shaking { self.shaking_faults(faults, observation) } else { faults }
     }
 
     /// Adds the faults that show only while the rotors are controlled.
-    fn shaking_faults(
-        &mut self,
-        mut faults: Faults,
-        observation: &Observation<'_>,
-        shaker: &Shaker,
-        target: Speed,
-    ) -> Faults {
+    fn shaking_faults(&mut self, mut faults: Faults, observation: &Observation<'_>) -> Faults {
+        let Observation { shaker, target, .. } = *observation;
         let pressed = shaker.limited();
         let going_on = shaker.frequency().magnitude() > GOING_ON;
         let counts = self.stall.iter_mut().zip(&mut self.blocked);

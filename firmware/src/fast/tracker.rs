@@ -14,9 +14,8 @@
 //! stuck. The loop follows a steady speed without error, and predicts where no reading came. All arithmetic
 //! wraps with the turn.
 
-use crate::fast::foc::transform::Direction;
 use crate::fast::units::{
-    ElectricalAngle, EncoderAngle, RotorAngle, Speed, TICK_US, multiply_high, within,
+    EncoderAngle, RotorAngle, Speed, TICK_US, cosine_sine, multiply_high, within,
 };
 use crate::hardware::{Encoder, EncoderReading};
 
@@ -95,10 +94,11 @@ impl EncoderModel {
 }
 
 /// Returns cosine and sine of an angle and of its double, 2^-31: the factors of the harmonics.
+#[inline(always)]
 pub(crate) fn harmonic_factors(angle: RotorAngle) -> [i32; 4] {
-    let [first, second] = [1, 2]
-        .map(|order| Direction::from(ElectricalAngle::from_raw(angle.raw().wrapping_mul(order))));
-    [first.cosine, first.sine, second.cosine, second.sine]
+    let first = cosine_sine(angle.raw());
+    let second = cosine_sine(angle.raw().wrapping_mul(2));
+    [first.0, first.1, second.0, second.1]
 }
 
 /// Follows one rotor.

@@ -13,7 +13,7 @@ use flix_firmware::fast::configuration::Configuration;
 use flix_firmware::fast::control::Control;
 use flix_firmware::hardware::{Encoder, Sensors};
 use flix_firmware::settings::Settings;
-use flix_firmware::trace::{HEADER_LENGTH, Header, Outcome, ROW_LENGTH, Row};
+use flix_firmware::trace::{self, Header, Malformed, Outcome, Row};
 use flix_protocol::message::State;
 use foc::Foc;
 use foc::pid::PIController;
@@ -125,12 +125,6 @@ fn tick(control: &mut Control, row: &Row) -> flix_firmware::hardware::Actuation 
     control.tick(row.now, &row.sensors, &row.order)
 }
 
-/// Where the trace failed.
-enum Failure {
-    /// Not there, cut short, or no trace.
-    Trace,
-}
-
 /// What is counted.
 struct Counted {
     /// Our tick.
@@ -141,23 +135,20 @@ struct Counted {
     peer: Counts,
 }
 
-fn replay(counted: &mut Counted) -> Result<u32, Failure> {
-    let mut file = File::open(c"trace.bin").map_err(|_| Failure::Trace)?;
-    let mut header = [0; HEADER_LENGTH];
-    file.read_exact(&mut header).map_err(|_| Failure::Trace)?;
-    let header = Header::from_bytes(&header).map_err(|_| Failure::Trace)?;
+fn replay(counted: &mut Counted) -> Result<u32, Malformed> {
+    let mut file = File::open(c"trace.bin").map_err(|_| Malformed)?;
+    let header = trace::decode::<Header, _>(|room| file.read_exact(room))?;
+    let header = header.ok_or(Malformed)?.check()?;
     let mut control = Control::new(Configuration::new(&Settings::DEFAULT, &header.hardware));
     let mut peer = Peer::new();
     let overhead = overhead();
     let mut differences = 0;
-    let mut bytes = [0; ROW_LENGTH];
-    while file.read_exact(&mut bytes).is_ok() {
-        let row = Row::from_bytes(&bytes).map_err(|_| Failure::Trace)?;
+    while let Some(row) = trace::decode::<Row, _>(|room| file.read_exact(room))? {
         let start = instructions();
         let actuation = core::hint::black_box(tick(&mut control, &row));
         let spent = instructions().wrapping_sub(start).wrapping_sub(overhead);
         counted.all.add(spent);
-        if row.outcome.state == State::Running as u8 {
+        if row.outcome.state == State::Running {
             counted.running.add(spent);
         }
         let outcome = Outcome::after(&control, actuation);
@@ -195,8 +186,8 @@ fn main() -> ! {
             counted.peer.print("foc");
             process::exit(0)
         }
-        Err(Failure::Trace) => {
-            println!("trace.bin cannot be read as a trace");
+        Err(Malformed) => {
+            println!("trace.bin: {Malformed}");
             process::exit(2)
         }
     }
