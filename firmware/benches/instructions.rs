@@ -67,7 +67,7 @@ fn run_rows() {
     assert!(sum > 0);
 }
 
-/// Instructions that this program spends inside `function` when told to `run` it.
+/// Instructions that this program spends inside `function` when asked to `run` it.
 fn count(run: &str, function: &str) -> Result<u64, String> {
     let program = std::env::current_exe().map_err(|error| error.to_string())?;
     let output = Command::new("valgrind")

@@ -63,7 +63,7 @@ pub struct Requests {
 }
 
 impl Order {
-    /// What it asks for once.
+    /// Returns what the order asks for once.
     #[must_use]
     pub const fn requests(&self) -> Requests {
         let Self { arm, disarm, stop, clear, .. } = *self;

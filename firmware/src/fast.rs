@@ -1,4 +1,15 @@
 //! The fast half: encoders and currents in, duties out, 10,000 times a second, in integers alone.
+//!
+//! The way of a tick, which [`control`] puts together:
+//!
+//! ```text
+//! encoders -> tracker -> rotor angles and speeds ----------------------------+
+//! Order ----> supervisor (armed? fresh? faults?) -> shaker (f, theta -> currents) -> foc -> duties
+//!                 ^                                 or aligner (finds the electrical angles)
+//!             monitor (what is wrong)
+//! ```
+//!
+//! [`configuration`] converts the settings to fixed point; [`units`] has a type for each quantity.
 
 mod aligner;
 pub mod alignment;

@@ -85,7 +85,7 @@ pub struct Hardware {
     /// For people, for example `MKS DUAL FOC V3.3 PLUS`.
     #[serde(skip)]
     pub name: &'static str,
-    /// `None` runs the motors in voltage mode: no sense, or one that clips negative currents.
+    /// `None` runs the motors in voltage mode: no current sense, or one that clips negative currents.
     pub current_sense: Option<CurrentSense>,
     /// Microvolts of the bus per count of the divider; `None` where the board has no divider.
     pub bus_microvolts_per_count: Option<NonZeroU16>,

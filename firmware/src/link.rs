@@ -9,7 +9,7 @@
 //!   deadlines hold even when this half hangs.
 //! - **What is refused** changes nothing, and the refusal says what would be accepted.
 //! - **Events** carry numbers that count up by one. At most [`EVENTS`] wait for an operator, the
-//!   oldest go first, and the gap in the numbers tells.
+//!   oldest go first, and the gap in the numbers shows it.
 //!
 //! Time and datagrams come in as arguments, datagrams go out: no clock, no socket, no allocation,
 //! and no panic on any input.
@@ -58,7 +58,7 @@ pub struct Link {
 }
 
 impl Link {
-    /// Nobody connected. Without a key every operator is refused.
+    /// Starts with nobody connected. Without a key every operator is refused.
     ///
     /// `report` is the fast half's first. `entropy` comes from a hardware random source, fresh at
     /// every start.
@@ -82,13 +82,13 @@ impl Link {
         }
     }
 
-    /// What the fast half is asked for.
+    /// Returns what the fast half is asked for.
     #[must_use]
     pub const fn order(&self) -> &Order {
         &self.order
     }
 
-    /// How the fast half was when it was last observed.
+    /// Returns how the fast half was when it was last observed.
     #[must_use]
     pub const fn report(&self) -> &Report {
         &self.report
@@ -100,13 +100,13 @@ impl Link {
         self.session.is_provisioned()
     }
 
-    /// Who holds the session.
+    /// Returns the address of the operator who holds the session.
     #[must_use]
     pub fn operator(&self, now: Instant) -> Option<SocketAddr> {
         self.session.peer(now)
     }
 
-    /// How well the robot hears.
+    /// Returns how well the robot hears.
     #[must_use]
     pub fn quality(&self, now: Instant) -> LinkQuality {
         LinkQuality { signal_dbm: self.signal_dbm, ..self.session.quality(now) }
@@ -118,12 +118,12 @@ impl Link {
         self.change_operator();
     }
 
-    /// What the robot answers to [`Command::Identify`] from now on.
+    /// Changes what the robot answers to [`Command::Identify`].
     pub fn set_identity(&mut self, identity: Identity) {
         self.identity = identity;
     }
 
-    /// Radio power as last received, for telemetry.
+    /// Notes the radio power as last received, for telemetry.
     pub fn set_signal(&mut self, dbm: Option<i8>) {
         self.signal_dbm = dbm;
     }
@@ -172,7 +172,7 @@ impl Link {
         }
     }
 
-    /// The next datagram to send, and to whom; `None` when there is none for now.
+    /// Returns the next datagram to send, and to whom; `None` when there is none for now.
     pub fn transmit(
         &mut self,
         now: Instant,
@@ -191,7 +191,7 @@ impl Link {
         Some(to)
     }
 
-    /// When [`Link::transmit`] has something to send, unless a datagram or a report changes that;
+    /// Returns when [`Link::transmit`] has something to send, unless a datagram or a report changes that;
     /// `None` while nobody listens.
     #[must_use]
     pub fn poll_at(&self, now: Instant) -> Option<Instant> {
@@ -236,7 +236,7 @@ impl Link {
         }
     }
 
-    /// Another operator, or none: the robot is theirs only from arming on.
+    /// Disarms for another operator, or none: the robot obeys them only from arming on.
     fn change_operator(&mut self) {
         self.disarm();
         self.steadiness = Steadiness::default();
@@ -262,7 +262,7 @@ impl Link {
         Ok(Outcome::Done)
     }
 
-    /// A setpoint in range is a sign of life even where it cannot be obeyed, as while aligning.
+    /// Obeys a setpoint. One in range is a sign of life even where it cannot be obeyed, as while aligning.
     fn shake(&mut self, now: Instant, setpoint: Setpoint) -> Result<(), Refusal> {
         setpoint.check()?;
         self.order.heard = now;
@@ -278,7 +278,7 @@ impl Link {
         }
     }
 
-    /// Idempotent while armed.
+    /// Asks the fast half to arm; does nothing while it is armed.
     fn arm(&mut self, now: Instant) -> Result<(), Refusal> {
         self.check_cleared()?;
         match self.state() {
@@ -305,7 +305,7 @@ impl Link {
         is_obeyed && is_idle(self.report.state)
     }
 
-    /// A robot at rest has nothing to ramp down: it can be armed at once again.
+    /// Asks the fast half to disarm. A robot at rest has nothing to ramp down: it can be armed at once again.
     fn disarm(&mut self) {
         self.setpoint = Setpoint::REST;
         if !self.is_at_rest() {
@@ -320,7 +320,7 @@ impl Link {
         self.setpoint = Setpoint::REST;
     }
 
-    /// A latched stop is forgotten only when the rotors have come to rest.
+    /// Asks the fast half to clear. A latched stop is cleared only when the rotors have come to rest.
     fn clear(&mut self) -> Result<(), Refusal> {
         if self.ramps_down {
             return Err(Refusal::State(State::Stopping));
@@ -329,7 +329,7 @@ impl Link {
         Ok(())
     }
 
-    /// As reported, but a robot that was just asked to ramp down does so already.
+    /// Returns the state as reported, but a robot that was just asked to ramp down does so already.
     fn state(&self) -> State {
         let state = self.report.state;
         if self.ramps_down && !is_idle(state) { State::Stopping } else { state }
@@ -372,7 +372,7 @@ impl Link {
         Ok(Outcome::Done)
     }
 
-    /// Settings change, and flash is written, only while the motors are let go.
+    /// Accepts a change of settings, or writing flash, only while the motors are not driven.
     fn check_idle(&self) -> Result<(), Refusal> {
         if is_idle(self.report.state) { Ok(()) } else { Err(Refusal::State(self.report.state)) }
     }
@@ -420,7 +420,7 @@ impl Link {
     }
 }
 
-/// Who the robot says it is: its name and board, cut to what fits, and this firmware's version.
+/// Returns who the robot says it is: its name and board, cut to what fits, and this firmware's version.
 #[must_use]
 pub fn identity(name: &str, hardware: &Hardware) -> Identity {
     Identity {
@@ -430,7 +430,7 @@ pub fn identity(name: &str, hardware: &Hardware) -> Identity {
     }
 }
 
-/// The motors are let go.
+/// Whether the motors are not driven.
 pub(crate) const fn is_idle(state: State) -> bool {
     matches!(state, State::Disarmed | State::Faulted)
 }
@@ -450,7 +450,7 @@ fn list(settings: &Settings, first: u16) -> Outcome {
     Outcome::Parameters { total: settings::COUNT as u16, entries }
 }
 
-/// When full, the oldest goes.
+/// Adds an item; when the queue is full, the oldest goes.
 fn push_newest<T, const N: usize>(queue: &mut Deque<T, N>, item: T) {
     if queue.is_full() {
         queue.pop_front();

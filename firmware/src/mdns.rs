@@ -30,7 +30,7 @@ pub struct Responder {
 }
 
 impl Responder {
-    /// For a robot that listens on this UDP port. An empty name becomes `robot`.
+    /// Answers for a robot that listens on this UDP port. An empty name becomes `robot`.
     #[must_use]
     pub fn new(name: &str, port: u16) -> Self {
         let name = if name.is_empty() { "robot" } else { name };
@@ -63,7 +63,7 @@ impl Responder {
         Some((if legacy { from } else { everybody }, length))
     }
 
-    /// What to tell everybody when the robot has got an address. Gives the length in `answer`.
+    /// Announces the robot, once it has an address; returns the length of the announcement in `answer`.
     pub fn announcement(
         &self,
         address: Ipv4Addr,

@@ -45,15 +45,15 @@ const DISCOVERY_HOP_LIMIT: u8 = 255;
 
 /// The robot, as the network task sees it: its slow half, and the clock and mailboxes of the chip.
 pub trait Station {
-    /// Time since power-up, of the clock that the fast half runs on.
+    /// Returns the time since power-up, of the clock that the fast half runs on.
     fn now(&self) -> Instant;
     /// Hands over orders and configurations to the fast half, and takes its report.
     fn exchange(&mut self);
-    /// A datagram came.
+    /// Takes a datagram that came from `from`.
     fn receive(&mut self, from: SocketAddr, datagram: &[u8]);
-    /// The next datagram to send, and to whom.
+    /// Returns the next datagram to send, and to whom.
     fn transmit(&mut self, frame: &mut Frame) -> Option<SocketAddr>;
-    /// When there will be something to transmit.
+    /// Returns when there will be something to transmit.
     fn poll_at(&self) -> Option<Instant>;
 }
 
@@ -134,7 +134,7 @@ impl<'a> Outlet<'a> {
         let _ = self.socket.bind(self.port);
     }
 
-    /// What has arrived, if anything has.
+    /// Returns what has arrived, if anything has.
     fn take(&mut self, datagram: &mut [u8]) -> Option<(SocketAddr, usize)> {
         match poll_once(self.socket.recv_from(datagram)) {
             Poll::Ready(Ok((length, metadata))) => {
@@ -145,7 +145,7 @@ impl<'a> Outlet<'a> {
         }
     }
 
-    /// Sends, or drops where there is no room. Nothing came by IPv6, so nothing goes there.
+    /// Sends a datagram, or drops it where there is no room. Nothing came by IPv6, so nothing goes there.
     fn send(&mut self, datagram: &[u8], to: SocketAddr) {
         let SocketAddr::V4(to) = to else { return };
         if poll_once(self.socket.send_to(datagram, IpEndpoint::from(to))).is_ready() {

@@ -1,10 +1,10 @@
-//! The serial port's side of [`flix_protocol::provision`]: whose robot this is, stored and told.
+//! The serial port's side of [`flix_protocol::provision`]: whose robot this is.
 //!
 //! Bytes of the serial port come in one at a time, frames go out; log text around them does no
 //! harm. The key goes into the store and to the link, and never out again.
 //!
 //! Name, network and key have a store of their own, beside that of the settings: damaged settings
-//! leave the robot in the hands of its owner, who can then be told.
+//! leave the robot in the hands of its owner, who then sees the fault.
 
 use core::fmt;
 
@@ -54,8 +54,8 @@ pub struct Provisioner<S> {
 }
 
 impl<S: SettingsStore> Provisioner<S> {
-    /// Reads what is stored. When that cannot be trusted the robot is nobody's, and
-    /// [`Provisioner::loaded`] tells why.
+    /// Reads what is stored. When that cannot be trusted the robot is not provisioned, and
+    /// [`Provisioner::loaded`] says why.
     pub fn new(mut store: S, hardware: Hardware) -> Self {
         let (provisioning, loaded) = match load(&mut store) {
             Ok(provisioning) => (provisioning, Ok(())),
@@ -72,13 +72,13 @@ impl<S: SettingsStore> Provisioner<S> {
         self.loaded
     }
 
-    /// Network, name and key; `None` while the robot is nobody's.
+    /// Returns network, name and key; `None` while the robot is not provisioned.
     #[must_use]
     pub const fn provisioning(&self) -> Option<&Provisioning> {
         self.provisioning.as_ref()
     }
 
-    /// What the robot is called.
+    /// Returns the robot's name, or a default while it has none.
     #[must_use]
     pub fn name(&self) -> &str {
         self.provisioning.as_ref().map_or(UNNAMED, Provisioning::name)
@@ -182,7 +182,7 @@ mod tests {
         }
     }
 
-    const KEY: [u8; 32] = *b"a key that nobody else may learn";
+    const KEY: [u8; 32] = *b"a key which nobody else may know";
 
     fn mine() -> Provisioning {
         Provisioning::new("daisy", "workshop", "correct horse", None, &Key::new(KEY)).unwrap()

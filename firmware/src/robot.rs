@@ -1,6 +1,6 @@
 //! The whole robot's software, the one entry for chips and simulator.
 //!
-//! [`Robot`] is everything in one place, for whoever runs on one thread. Where the fast loop has a
+//! [`Robot`] is everything in one place, for a program of one thread. Where the fast loop has a
 //! priority or a core of its own, [`Robot::into_halves`] gives the two halves and what crosses
 //! between them; [`Robot::tick`] does with them exactly what a chip does:
 //!
@@ -44,7 +44,7 @@ pub struct Robot<S> {
 }
 
 impl<S: SettingsStore> Robot<S> {
-    /// At power-up: disarmed, with the settings that `store` holds.
+    /// Starts at power-up: disarmed, with the settings that `store` holds.
     ///
     /// Operators see `name` (at most 32 bytes of it). Without a key the robot refuses every
     /// operator. `entropy` must come from a hardware random source, fresh at every start.
@@ -76,7 +76,7 @@ impl<S: SettingsStore> Robot<S> {
         Self { fast, slow, exchange: Exchange::new(report) }
     }
 
-    /// One tick of the fast loop, [`TICK_RATE_HZ`](crate::hardware::TICK_RATE_HZ) times a second.
+    /// Does one tick of the fast loop, [`TICK_RATE_HZ`](crate::hardware::TICK_RATE_HZ) times a second.
     pub fn tick(&mut self, now: Instant, sensors: &Sensors) -> Actuation {
         self.slow.exchange(&mut self.exchange);
         let actuation = self.fast.tick(now, sensors, &mut self.exchange);
@@ -89,49 +89,49 @@ impl<S: SettingsStore> Robot<S> {
         self.slow.receive(now, from, datagram);
     }
 
-    /// The next datagram to send, and to whom. Call until `None`, after each datagram received and
+    /// Returns the next datagram to send, and to whom. Call until `None`, after each datagram received and
     /// whenever [`Robot::poll_at`] says.
     pub fn transmit(&mut self, now: Instant, frame: &mut Frame) -> Option<SocketAddr> {
         self.slow.transmit(now, frame)
     }
 
-    /// When there will be something to transmit, unless ticks or datagrams change that.
+    /// Returns when there will be something to transmit, unless ticks or datagrams change that.
     #[must_use]
     pub fn poll_at(&self, now: Instant) -> Option<Instant> {
         self.slow.poll_at(now)
     }
 
-    /// How the fast half is, as of the last tick.
+    /// Returns how the fast half is, as of the last tick.
     #[must_use]
     pub fn report(&self) -> Report {
         self.fast.control.report()
     }
 
-    /// In force.
+    /// Returns the settings in force.
     #[must_use]
     pub const fn settings(&self) -> &Settings {
         self.slow.settings()
     }
 
-    /// What the fast half is asked for.
+    /// Returns what the fast half is asked for.
     #[must_use]
     pub const fn order(&self) -> Order {
         *self.slow.link.order()
     }
 
-    /// As [`SlowHalf::operator`].
+    /// Does as [`SlowHalf::operator`].
     #[must_use]
     pub fn operator(&self, now: Instant) -> Option<SocketAddr> {
         self.slow.operator(now)
     }
 
-    /// As [`SlowHalf::quality`].
+    /// Does as [`SlowHalf::quality`].
     #[must_use]
     pub fn quality(&self, now: Instant) -> LinkQuality {
         self.slow.quality(now)
     }
 
-    /// As [`SlowHalf::provision`].
+    /// Does as [`SlowHalf::provision`].
     pub fn provision(&mut self, name: &str, key: Option<Key>) {
         self.slow.provision(name, key);
     }
@@ -223,35 +223,35 @@ impl<S: SettingsStore> SlowHalf<S> {
         self.link.report()
     }
 
-    /// As [`Robot::receive`].
+    /// Does as [`Robot::receive`].
     pub fn receive(&mut self, now: Instant, from: SocketAddr, datagram: &[u8]) {
         self.link.receive(now, from, datagram, &mut self.tuning);
     }
 
-    /// As [`Robot::transmit`].
+    /// Does as [`Robot::transmit`].
     pub fn transmit(&mut self, now: Instant, frame: &mut Frame) -> Option<SocketAddr> {
         self.link.transmit(now, self.tuning.settings(), frame)
     }
 
-    /// As [`Robot::poll_at`].
+    /// Does as [`Robot::poll_at`].
     #[must_use]
     pub fn poll_at(&self, now: Instant) -> Option<Instant> {
         self.link.poll_at(now)
     }
 
-    /// In force.
+    /// Returns the settings in force.
     #[must_use]
     pub const fn settings(&self) -> &Settings {
         self.tuning.settings()
     }
 
-    /// Who holds the session.
+    /// Returns the address of the operator who holds the session.
     #[must_use]
     pub fn operator(&self, now: Instant) -> Option<SocketAddr> {
         self.link.operator(now)
     }
 
-    /// How well the robot hears, and what it dropped.
+    /// Returns how well the robot hears, and what it dropped.
     #[must_use]
     pub fn quality(&self, now: Instant) -> LinkQuality {
         self.link.quality(now)
@@ -269,7 +269,7 @@ impl<S: SettingsStore> SlowHalf<S> {
         self.link.set_key(key);
     }
 
-    /// Radio power as last received, for telemetry.
+    /// Notes the radio power as last received, for telemetry.
     pub fn set_signal(&mut self, dbm: Option<i8>) {
         self.link.set_signal(dbm);
     }

@@ -238,7 +238,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Value of a setting by name.
+    /// Returns the value of a setting by name.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<f32> {
         TABLE.iter().find(|setting| setting.name == name).map(|setting| (setting.read)(self))
@@ -277,13 +277,13 @@ impl Settings {
         })
     }
 
-    /// Position of a setting in the list.
+    /// Returns the position of a setting in the list.
     #[must_use]
     pub fn position(name: &str) -> Option<usize> {
         TABLE.iter().position(|setting| setting.name == name)
     }
 
-    /// What a setting accepts now: its own range, narrowed by [`ORDERED`].
+    /// Returns what a setting accepts now: its own range, narrowed by [`ORDERED`].
     fn range(&self, setting: &Setting) -> (f32, f32) {
         let value = |name| self.get(name);
         let minimum = ORDERED
@@ -403,12 +403,12 @@ struct Stored {
 
 static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// FNV-1a: names are few and a test shows that none collide.
+/// Returns the FNV-1a hash of a name: names are few and a test shows that none collide.
 fn name_hash(name: &str) -> u32 {
     name.bytes().fold(0x811c_9dc5, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193))
 }
 
-/// As much of a text as fits. The table's texts all fit, which a test shows.
+/// Returns as much of a text as fits. The table's texts all fit, which a test shows.
 pub(crate) fn text<const N: usize>(text: &str) -> String<N> {
     let mut out = String::new();
     for character in text.chars() {
@@ -448,7 +448,7 @@ impl<S: SettingsStore> Tuning<S> {
         self.loaded
     }
 
-    /// In force.
+    /// Returns the settings in force.
     #[must_use]
     pub const fn settings(&self) -> &Settings {
         &self.present

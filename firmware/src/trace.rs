@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn a_trace_that_ends_within_a_row_is_told_from_one_that_ends_after_it() {
+    fn a_trace_that_ends_within_a_row_is_malformed_and_one_that_ends_after_it_is_not() {
         let row = row(Encoder::Pending, Encoder::Failed);
         let mut buffer = [0; LONGEST];
         let bytes = encode(&row, &mut buffer).unwrap();

@@ -32,7 +32,7 @@ struct Ends {
     operator: OperatorSession,
     address: SocketAddr,
     now: Instant,
-    /// What the bridges were told last.
+    /// What the bridges did last.
     last: Actuation,
     sent: Vec<Vec<u8>>,
 }

@@ -239,7 +239,7 @@ fn the_fast_half_reports_every_millisecond() {
 }
 
 #[test]
-fn what_happened_between_two_exchanges_is_told_however_many_reports_were_missed() {
+fn what_happened_between_two_exchanges_is_reported_however_many_reports_were_missed() {
     let mut halves = Halves::proven();
     halves.say(Command::Stop);
     halves.exchange();

@@ -333,8 +333,8 @@ fn commands_are_answered_and_telemetry_flows() {
         let mut operator = Operator::new(&world);
         operator.connect().await;
         operator.ping_for(1_000).await;
-        let (answers, told) = (operator.outcomes.len(), operator.telemetry);
-        assert!(answers >= 48 && told >= 48, "{answers} answers, {told} telemetry");
+        let (answers, telemetry) = (operator.outcomes.len(), operator.telemetry);
+        assert!(answers >= 48 && telemetry >= 48, "{answers} answers, {telemetry} telemetry");
     });
 }
 
@@ -446,7 +446,7 @@ fn a_robot_without_a_key_lets_nobody_in() {
 }
 
 #[test]
-fn a_robot_tells_its_name_to_who_looks_for_robots() {
+fn a_robot_answers_with_its_name_when_somebody_looks_for_robots() {
     play(Some(key()), |world| async move {
         world.stack.join_multicast_group(mdns::GROUP).unwrap();
         let socket = world.socket(mdns::PORT);
@@ -460,7 +460,7 @@ fn a_robot_tells_its_name_to_who_looks_for_robots() {
         let everybody = IpEndpoint::new(mdns::GROUP.into(), mdns::PORT);
         socket.send_to(query, everybody).await.unwrap();
         let (length, _) = socket.recv_from(&mut buffer).await.unwrap();
-        let told = &buffer[..length];
-        assert!(told.windows(5).any(|part| part == b"daisy"), "{told:?}");
+        let answer = &buffer[..length];
+        assert!(answer.windows(5).any(|part| part == b"daisy"), "{answer:?}");
     });
 }

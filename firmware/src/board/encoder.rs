@@ -32,7 +32,7 @@ const MT6701_LOSS_OF_TRACK: u8 = 0b1000;
 /// MT6701: x^6 + x + 1.
 const MT6701_POLYNOMIAL: u8 = 0b000_0011;
 
-/// CRC-6 over the 18 bits of angle and status, most significant first.
+/// Returns the CRC-6 over the 18 bits of angle and status, most significant first.
 fn mt6701_crc(bits: u32) -> u8 {
     (0..18).rev().fold(0, |crc, bit| {
         let feedback = (crc >> 5 & 1) ^ (bits >> bit & 1) as u8;
@@ -66,7 +66,7 @@ const AS5047P_ERROR: u16 = 1 << 14;
 /// AS5047P: the 14 bits of data.
 const AS5047P_DATA: u16 = 0x3FFF;
 
-/// The data of an answer: parity, error flag, 14 bits. `None` when parity is odd, the error flag
+/// Returns the data of an answer: parity, error flag, 14 bits. `None` when parity is odd, the error flag
 /// set, or nobody answers (the bus is pulled up).
 fn as5047p_data(frame: [u8; 2]) -> Option<u16> {
     let word = u16::from_be_bytes(frame);

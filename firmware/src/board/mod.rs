@@ -33,7 +33,7 @@ pub enum Chip {
 }
 
 impl Chip {
-    /// Name of the cargo feature that selects the chip.
+    /// Returns the name of the cargo feature that selects the chip.
     #[must_use]
     pub const fn feature(self) -> &'static str {
         match self {
@@ -59,7 +59,7 @@ impl Chip {
         }
     }
 
-    /// Channel of ADC1 on the pin. ADC2 is not used: on the ESP32 it collides with Wi-Fi.
+    /// Returns the channel of ADC1 on the pin. ADC2 is not used: on the ESP32 it collides with Wi-Fi.
     #[must_use]
     pub const fn adc1_channel(self, pin: Pin) -> Option<u8> {
         match (self, pin) {
@@ -189,7 +189,7 @@ const DIVIDER_UPPER_KILOOHMS: u32 = 100;
 /// The resistor to ground.
 const DIVIDER_LOWER_KILOOHMS: u32 = 22;
 
-/// Sense around half the supply (1.65 V) with an amplifier of the given gain.
+/// Describes a sense around half the supply (1.65 V) with an amplifier of the given gain.
 const fn bidirectional_sense(gain: u32) -> CurrentSense {
     let nanovolts_per_count = ADC_FULL_SCALE_MILLIVOLTS * 1_000_000 / ADC_LARGEST_COUNT;
     let microamperes_per_count = nanovolts_per_count / (SHUNT_MILLIOHMS * gain);
@@ -210,7 +210,7 @@ const DIVIDER_MICROVOLTS_PER_COUNT: u16 = {
     at_battery as u16
 };
 
-/// The pin map that the dual-motor ESP32 boards share.
+/// Describes a board with the pin map that the dual-motor ESP32 boards share.
 const fn dual_esp32(
     feature: &'static str,
     name: &'static str,
@@ -422,7 +422,7 @@ macro_rules! attempt {
 }
 
 impl Board {
-    /// The board that a cargo feature names; the constants of the binary are built with it.
+    /// Returns the board that a cargo feature names; the constants of the binary are built with it.
     #[must_use]
     pub const fn named(feature: &str) -> Option<&'static Self> {
         let mut index = 0;
@@ -435,7 +435,7 @@ impl Board {
         None
     }
 
-    /// The board with a battery divider (100 kiloohms over 22 kiloohms) on its option pin. Where
+    /// Returns the board with a battery divider (100 kiloohms over 22 kiloohms) on its option pin. Where
     /// that pin belongs to a current amplifier, the motors then run in voltage mode.
     #[must_use]
     pub const fn with_battery_divider(mut self) -> Self {
@@ -449,7 +449,7 @@ impl Board {
         self
     }
 
-    /// A generic board whose driver boards measure the currents of phases A and B at 0.5 V/A
+    /// Returns a generic board whose driver boards measure the currents of phases A and B at 0.5 V/A
     /// around 1.65 V (0.01 ohm and x50). Boards with amplifiers of their own stay as they are.
     #[must_use]
     pub const fn with_current_sense(mut self) -> Self {
@@ -461,7 +461,7 @@ impl Board {
         self
     }
 
-    /// The board with other encoders than those it is sold with.
+    /// Returns the board with other encoders than those it is sold with.
     #[must_use]
     pub const fn with_encoder(mut self, encoder: EncoderKind) -> Self {
         self.encoder = encoder;
@@ -522,7 +522,7 @@ impl Board {
 }
 
 impl EncoderKind {
-    /// The encoder that a cargo feature names.
+    /// Returns the encoder that a cargo feature names.
     #[must_use]
     pub const fn named(feature: &str) -> Option<Self> {
         if same(feature, "encoder-as5600") {
@@ -557,7 +557,7 @@ const fn same(left: &str, right: &str) -> bool {
 mod tests {
     use super::*;
 
-    /// Every board with every option that it offers.
+    /// Returns every board with every option that it offers.
     fn variants() -> impl Iterator<Item = Board> {
         BOARDS.into_iter().flat_map(|board| {
             let currents = board.with_current_sense();

@@ -120,7 +120,7 @@ pub struct Entry<'a, F> {
 }
 
 impl<'a, F> Entry<'a, F> {
-    /// The entry under a key.
+    /// Names the entry under a key.
     pub const fn new(store: &'a RefCell<FlashStore<F>>, key: Key) -> Self {
         Self { store, key }
     }

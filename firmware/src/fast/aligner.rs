@@ -223,7 +223,7 @@ impl Aligner {
         Progress::Busy
     }
 
-    /// Voltage up and the rotor drawn to the field; in the check it should be there already.
+    /// Raises the voltage and draws the rotor to the field; in the check it should be there already.
     fn ramp(&mut self, configuration: &Configuration, observation: &Observation<'_>) -> Progress {
         if self.tick == 0 {
             for (index, motor) in self.motors.iter_mut().enumerate() {
@@ -255,7 +255,7 @@ impl Aligner {
         Progress::Busy
     }
 
-    /// One way of the sweep.
+    /// Does one tick of one way of the sweep.
     fn sweep(
         &mut self,
         configuration: &Configuration,
@@ -288,7 +288,7 @@ impl Aligner {
         Progress::Busy
     }
 
-    /// Which way each rotor went in the lead; false when one did not go as far as the field.
+    /// Finds which way each rotor went in the lead; returns false when one did not go as far as the field.
     fn find_order(&mut self, observation: &Observation<'_>) -> bool {
         let field = self.field as i32;
         self.motors.iter_mut().zip(observation.trackers).all(|(motor, tracker)| {

@@ -72,7 +72,7 @@ const KG_M2_PER_G_CM2: f32 = 1e-7;
 const RATE: f64 = TICK_RATE_HZ as f64;
 
 impl Configuration {
-    /// Converts; a value outside what fixed point can hold becomes the nearest that it can, and
+    /// Converts the settings; a value outside what fixed point can hold becomes the nearest that it can, and
     /// NaN becomes zero. Never panics.
     #[must_use]
     pub fn new(settings: &Settings, hardware: &Hardware) -> Self {

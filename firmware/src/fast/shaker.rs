@@ -83,7 +83,7 @@ const FULL_HEADROOM: i32 = 1 << 15;
 /// Below this a reference counts as standing: 0.01 Hz.
 const STANDING: i32 = Speed::from_centihertz(100).raw() / 100;
 
-/// `1/s` as a factor per tick in 2^-32.
+/// Converts `1/s` to a factor per tick in 2^-32.
 const fn per_second(rate: i64) -> i32 {
     (rate * (1 << 32) / TICK_RATE_HZ as i64) as i32
 }
@@ -140,7 +140,7 @@ struct Harmonic {
 }
 
 impl Amplitude {
-    /// Present value in 2^-40 turn per tick^2.
+    /// Returns the present value in 2^-40 turn per tick^2.
     #[inline(always)]
     const fn value(self, harmonic: Harmonic) -> i32 {
         multiply_high(self.real, harmonic.cosine)
@@ -177,7 +177,7 @@ impl InverseResponse {
         }
     }
 
-    /// `D exp(-j h phase)`, 2^-37.
+    /// Returns `D exp(-j h phase)`, 2^-37.
     #[inline(always)]
     const fn gradient(self, harmonic: Harmonic) -> Amplitude {
         let Harmonic { cosine, sine } = harmonic;
@@ -402,7 +402,7 @@ impl Shaker {
         }
     }
 
-    /// A battery too flat for this f costs theta first, since the motors differ: f gives way until
+    /// Lowers f: a battery too flat for it costs theta first, since the motors differ; f gives way until
     /// theta is right again.
     #[cold]
     fn give_way(&mut self) {

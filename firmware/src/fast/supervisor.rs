@@ -95,7 +95,7 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
-    /// Disarmed, at power-up.
+    /// Starts disarmed, at power-up.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -311,7 +311,7 @@ impl Supervisor {
         }
     }
 
-    /// What the state does, and where it leads when that is done.
+    /// Does what the state does, and goes where it leads when that is done.
     #[inline]
     fn advance(&mut self, order: &Order, conditions: &Conditions) -> Drive {
         match self.state {

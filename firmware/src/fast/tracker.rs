@@ -179,7 +179,7 @@ impl Tracker {
         }
     }
 
-    /// No believable reading came. Once lost, nothing is known of the speed.
+    /// Notes that no believable reading came. Once lost, nothing is known of the speed.
     #[inline(always)]
     fn miss(&mut self) {
         self.silence = self.silence.saturating_add(1);

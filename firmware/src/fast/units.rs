@@ -362,7 +362,7 @@ const fn sine_table() -> [i32; SINE_LENGTH + SINE_LENGTH / 4] {
     table
 }
 
-/// By its series, to double precision within half a turn either side.
+/// Returns the sine by its series, to double precision within half a turn either side.
 const fn sine(radians: f64) -> f64 {
     let mut term = radians;
     let mut sum = term;
@@ -375,7 +375,7 @@ const fn sine(radians: f64) -> f64 {
     sum
 }
 
-/// Cosine and sine of a wrapping angle, 2^-31, wrong by at most 2.3e-5: the nearest entry of a table
+/// Returns cosine and sine of a wrapping angle, 2^-31, wrong by at most 2.3e-5: the nearest entry of a table
 /// turned by the rest of the angle to first order.
 #[inline(always)]
 pub(crate) const fn cosine_sine(angle: u32) -> (i32, i32) {

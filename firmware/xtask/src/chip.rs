@@ -20,7 +20,7 @@ pub(crate) enum Chip {
 }
 
 impl Chip {
-    /// Name of the cargo feature, and of the chip in Espressif's programs.
+    /// Returns the name of the cargo feature, and of the chip in Espressif's programs.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Esp32 => "esp32",
@@ -29,7 +29,7 @@ impl Chip {
         }
     }
 
-    /// The compiler's target.
+    /// Returns the compiler's target.
     pub(crate) fn target(self) -> &'static str {
         match self {
             Self::Esp32 => "xtensa-esp32-none-elf",
@@ -73,7 +73,7 @@ pub(crate) struct Options {
 }
 
 impl Options {
-    /// The cargo features of these options on a chip, comma-separated.
+    /// Returns the cargo features of these options on a chip, comma-separated.
     pub(crate) fn features(&self, chip: Chip) -> String {
         let mut features = vec![chip.name().to_string()];
         features.extend(self.board.clone());
@@ -89,7 +89,7 @@ impl Options {
         board.is_none() && encoder.is_none() && !battery_divider && !current_sense
     }
 
-    /// These options, or, when nothing is chosen, enough variants to compile every board, every
+    /// Returns these options, or, when nothing is chosen, enough variants to compile every board, every
     /// encoder and every option of the chip once.
     pub(crate) fn variants(&self, chip: Chip) -> Vec<Self> {
         if !self.is_default() {

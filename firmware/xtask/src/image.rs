@@ -118,7 +118,7 @@ pub(crate) fn size() -> Result<(), Error> {
     verdict(file, memory)
 }
 
-/// An error where a ceiling is exceeded.
+/// Returns an error where a ceiling is exceeded.
 fn verdict(flash: u64, memory: u64) -> Result<(), Error> {
     for (what, bytes, ceiling) in
         [("flash image", flash, FLASH_CEILING), ("static memory", memory, MEMORY_CEILING)]
@@ -145,8 +145,8 @@ mod tests {
     #[test]
     fn a_byte_above_a_ceiling_fails_and_is_told() {
         for (flash, memory) in [(FLASH_CEILING + 1, 0), (0, MEMORY_CEILING + 1)] {
-            let told = verdict(flash, memory).unwrap_err().to_string();
-            assert!(told.contains("1 more than its ceiling"), "{told}");
+            let message = verdict(flash, memory).unwrap_err().to_string();
+            assert!(message.contains("1 more than its ceiling"), "{message}");
         }
     }
 }

@@ -18,7 +18,7 @@ use clap::{Parser, Subcommand};
 
 use chip::{Chip, Options};
 
-/// Builds, checks, measures and flashes the chip images.
+/// Build, check, measure and flash the chip images.
 #[derive(Parser)]
 #[command(name = "cargo xtask", version, after_help = EXAMPLES)]
 struct Cli {
@@ -27,7 +27,7 @@ struct Cli {
 }
 
 const EXAMPLES: &str = "Examples:
-  cargo xtask setup                                  what a fresh machine lacks
+  cargo xtask setup                                  install what a fresh machine lacks
   cargo xtask build esp32c6
   cargo xtask flash esp32 --board dengfoc-v3-01
   cargo xtask check esp32 --encoder mt6701
@@ -35,41 +35,41 @@ const EXAMPLES: &str = "Examples:
 
 #[derive(Subcommand)]
 enum Task {
-    /// Brings what is missing: the compiler's target and sources, QEMU, an image maker.
+    /// Install what is missing: the compiler's target and sources, QEMU, an image maker.
     Setup,
-    /// Builds the chip's firmware.
+    /// Build the chip's firmware.
     Build {
-        /// The chip.
+        /// Chip to build for.
         chip: Chip,
         #[command(flatten)]
         options: Options,
     },
-    /// Type-checks the chip's firmware with every board and encoder, or with those named.
+    /// Type-check the chip's firmware with every board and encoder, or with those named.
     Check {
-        /// The chip.
+        /// Chip to build for.
         chip: Chip,
         #[command(flatten)]
         options: Options,
     },
-    /// Makes a flashable file of the chip's firmware.
+    /// Make a flashable file of the chip's firmware.
     Image {
-        /// The chip.
+        /// Chip to build for.
         chip: Chip,
         #[command(flatten)]
         options: Options,
     },
-    /// Builds, flashes and shows the log (needs espflash and a board).
+    /// Build, flash and show the log (needs espflash and a board).
     Flash {
-        /// The chip.
+        /// Chip to build for.
         chip: Chip,
         #[command(flatten)]
         options: Options,
     },
-    /// Replays a recorded walk on an emulated processor: same bits as here, instructions counted.
+    /// Replay a recorded walk on an emulated processor: compare every bit, count instructions.
     Pil,
-    /// Prints what the ESP32-C6 image takes of flash and memory; fails above the ceilings.
+    /// Print what the ESP32-C6 image takes of flash and memory; fail above the ceilings.
     Size,
-    /// Shows that no panic can be reached from the fast tick; fails when one can.
+    /// Check that no panic can be reached from the fast tick; fail when one can.
     PanicFree,
 }
 

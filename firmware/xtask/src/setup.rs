@@ -83,7 +83,7 @@ pub(crate) enum ImageMaker {
 }
 
 impl ImageMaker {
-    /// The one that is installed; espflash first.
+    /// Finds the one that is installed; espflash first.
     pub(crate) fn find() -> Option<Self> {
         if run::succeeds(run::command("espflash").arg("--version")) {
             return Some(Self::Espflash);
@@ -111,7 +111,7 @@ fn patiently(command: &mut Command, patience: Duration) {
     let _ = child.wait();
 }
 
-/// A command with the rights to install.
+/// Prepares a command with the rights to install.
 fn as_root(program: &str) -> Command {
     let user = run::command("id").arg("-u").output();
     if user.is_ok_and(|user| user.stdout.trim_ascii() == b"0") {
@@ -140,7 +140,7 @@ fn refresh_packages(wanted: &str) -> Result<(), Error> {
     apt_get(&["update"])
 }
 
-/// The line that names the security archive of this machine's Debian.
+/// Returns the line that names the security archive of this machine's Debian.
 fn security_archive() -> Result<String, Error> {
     let release = run::read("/etc/os-release".as_ref())?;
     let release = String::from_utf8_lossy(&release);

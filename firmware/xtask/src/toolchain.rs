@@ -26,7 +26,7 @@ const PROFILE: &str = "chip";
 /// A bare target with inline assembly, to stand in for Xtensa.
 const STAND_IN: &str = "armv7a-none-eabi";
 
-/// The real cargo: rustup's stand-in of that name would choose a compiler of its own.
+/// Returns the real cargo: rustup's stand-in of that name would choose a compiler of its own.
 pub(crate) fn cargo() -> Command {
     run::command(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
 }
@@ -71,7 +71,7 @@ fn has_esp() -> bool {
     run::succeeds(run::command("rustup").args(["run", ESP_TOOLCHAIN, "rustc", "--version"]))
 }
 
-/// A compiler that may build `core` from its sources.
+/// Finds a compiler that may build `core` from its sources.
 fn with_sources(command: &mut Command) -> Result<PathBuf, Error> {
     command.env("RUSTC_BOOTSTRAP", "1");
     let stock = stock_rustc();
@@ -88,7 +88,7 @@ fn with_sources(command: &mut Command) -> Result<PathBuf, Error> {
     ))
 }
 
-/// A cargo command that builds for RISC-V, its profile chosen. The caller adds package and features.
+/// Prepares a cargo command that builds for RISC-V. The caller adds package and features.
 pub(crate) fn riscv(subcommand: &str) -> Result<Command, Error> {
     let mut command = cargo();
     command.args([subcommand, "--profile", PROFILE, "--target", RISCV_TARGET]);
@@ -109,12 +109,12 @@ pub(crate) fn riscv(subcommand: &str) -> Result<Command, Error> {
     Ok(command)
 }
 
-/// Where a RISC-V binary of this name is built.
+/// Returns where a RISC-V binary of this name is built.
 pub(crate) fn riscv_binary(name: &str) -> PathBuf {
     run::target_directory().join(RISCV_TARGET).join(PROFILE).join(name)
 }
 
-/// A cargo command with espup's toolchain, or `None` where it is not installed.
+/// Prepares a cargo command with espup's toolchain, or `None` where it is not installed.
 fn xtensa(chip: Chip, subcommand: &str) -> Option<Command> {
     has_esp().then(|| {
         let mut command = run::command("rustup");
@@ -191,7 +191,7 @@ pub(crate) fn check(chip: Chip, options: &Options) -> Result<(), Error> {
     Ok(())
 }
 
-/// `cargo check` for an Xtensa chip without its toolchain.
+/// Prepares `cargo check` for an Xtensa chip without its toolchain.
 fn stand_in_check(chip: Chip) -> Result<Command, Error> {
     let mut command = cargo();
     let rustc = with_sources(&mut command)?;

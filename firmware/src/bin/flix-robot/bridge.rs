@@ -17,7 +17,7 @@ pub(crate) const HALF_PERIOD: u16 = {
     counts as u16
 };
 
-/// A pin of the board, by number.
+/// Takes a pin of the board by number.
 #[expect(unsafe_code, reason = "pins are data here; the HAL's singletons are types")]
 pub(crate) fn pin(number: Pin) -> AnyPin<'static> {
     // SAFETY: `choice::BOARD` was checked to use each pin once and none of the serial port's or
@@ -25,12 +25,12 @@ pub(crate) fn pin(number: Pin) -> AnyPin<'static> {
     unsafe { AnyPin::steal(number) }
 }
 
-/// An output of the board, low.
+/// Takes an output of the board, low.
 pub(crate) fn output(number: Pin) -> Output<'static> {
     Output::new(pin(number), Level::Low, OutputConfig::default())
 }
 
-/// How a phase's output follows the counter. High from the comparison on the way down to that on
+/// Describes how a phase's output follows the counter. High from the comparison on the way down to that on
 /// the way up; low at the peak whatever was missed, so that a duty of zero is zero.
 pub(crate) const fn phase<const IS_A: bool>() -> PwmPinConfig<IS_A> {
     PwmPinConfig::new(
@@ -74,7 +74,7 @@ impl<PWM: PwmPeripheral, const IS_A: bool> ThreePhase<PWM, IS_A> {
         bridge
     }
 
-    /// Until the next call.
+    /// Drives the bridge until the next call.
     pub(crate) fn apply(&mut self, bridge: Bridge) {
         match bridge {
             // Low sides on where there is no enable: the motor brakes.
@@ -100,7 +100,7 @@ impl<PWM: PwmPeripheral, const IS_A: bool> ThreePhase<PWM, IS_A> {
     }
 }
 
-/// A share of the period in counts of the half period: below it by at least one.
+/// Converts a share of the period to counts of the half period: below it by at least one.
 fn counts(duty: Duty) -> u16 {
     ((u32::from(duty.raw()) * u32::from(HALF_PERIOD)) >> 16) as u16
 }

@@ -30,7 +30,7 @@ pub(crate) struct Sample {
 }
 
 impl Sample {
-    /// As the fast loop wants it.
+    /// Converts to what the fast loop takes in the tick at `now`.
     fn at(self, now: Instant) -> Encoder {
         let Some(angle) = self.angle else { return Encoder::Failed };
         let age = now.as_micros().saturating_sub(self.time.as_micros());
@@ -51,7 +51,7 @@ pub(crate) enum Encoders {
 }
 
 impl Encoders {
-    /// Top and bottom, for the tick at `now`.
+    /// Reads top and bottom, for the tick at `now`.
     pub(crate) fn read(&mut self, now: Instant) -> [Encoder; 2] {
         match self {
             Self::Spi(spi) => spi.read(now),
@@ -117,7 +117,7 @@ impl SpiEncoders {
         })
     }
 
-    /// An exchange answers the command of the one before.
+    /// Reads one encoder; an exchange answers the command of the one before.
     fn read_as5047p(&mut self, motor: usize, now: Instant) -> Encoder {
         let command = match self.exchanges {
             0 => AS5047P_READ_DIAGNOSTICS,

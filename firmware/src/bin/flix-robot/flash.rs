@@ -1,4 +1,4 @@
-//! The flash: the partition that keeps settings and provisioning, and erasing with patience.
+//! The flash: the partition that keeps settings and provisioning, and erasing under a watchdog that waits.
 
 use core::ops::Range;
 
@@ -16,7 +16,7 @@ pub(crate) const SETTINGS: u8 = 0;
 pub(crate) const PROVISIONING: u8 = 1;
 
 /// The chip's flash. While a sector is erased, up to 400 ms, no code runs from it on any core, so
-/// the watchdog is told to wait; the robot writes only while its motors are let go.
+/// the watchdog waits; the robot writes only while its motors are not driven.
 pub(crate) struct Flash(FlashStorage<'static>);
 
 impl Flash {
@@ -25,7 +25,7 @@ impl Flash {
         Self(crate::chip::share_with_other_core(flash))
     }
 
-    /// The standard partition table's `nvs`, which nothing else uses here.
+    /// Returns the standard partition table's `nvs`, which nothing else uses here.
     pub(crate) fn region(&mut self) -> Option<Range<u32>> {
         let mut buffer = [0; PARTITION_TABLE_MAX_LEN];
         let table = partitions::read_partition_table(&mut self.0, &mut buffer).ok()?;

@@ -11,12 +11,12 @@ const STEP_MILLISECONDS: u64 = 125;
 /// Steps of a pattern: two seconds.
 const STEPS: u32 = u16::BITS;
 
-/// Lit steps, the first one in the lowest bit.
+/// Returns the lit steps, the first one in the lowest bit.
 const fn pattern(state: State, provisioned: bool) -> u16 {
     match state {
         // Two short flashes: no key yet.
         State::Disarmed if !provisioned => 0b0000_0000_0000_0101,
-        // One short flash: ready, motors let go.
+        // One short flash: ready, motors off.
         State::Disarmed => 0b0000_0000_0000_0001,
         // Fast: stand clear, the rotors are about to move.
         State::Aligning => 0b0101_0101_0101_0101,

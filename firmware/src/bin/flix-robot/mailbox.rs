@@ -12,7 +12,7 @@ use flix_protocol::message::State;
 pub(crate) struct Mailbox<T: Copy>(Mutex<CriticalSectionRawMutex, Cell<Option<T>>>);
 
 impl<T: Copy> Mailbox<T> {
-    /// Empty.
+    /// Starts empty.
     pub(crate) const fn new() -> Self {
         Self(Mutex::new(Cell::new(None)))
     }
@@ -22,12 +22,12 @@ impl<T: Copy> Mailbox<T> {
         self.0.lock(|cell| cell.set(Some(value)));
     }
 
-    /// What was left last.
+    /// Returns what was left last.
     pub(crate) fn newest(&self) -> Option<T> {
         self.0.lock(Cell::get)
     }
 
-    /// What was left last, once.
+    /// Returns what was left last, once.
     pub(crate) fn take(&self) -> Option<T> {
         self.0.lock(Cell::take)
     }

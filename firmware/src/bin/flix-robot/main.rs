@@ -8,8 +8,9 @@
 //! | I2C encoders ([`encoders`]) | core 1's thread, below the fast loop | as fast as the bus |
 //! | network, settings, lights | embassy tasks on core 0 | as needed |
 //!
-//! Fast loop and tasks exchange whole values through [`mailbox`]; neither waits for the other.
-//! A panic, a brown-out and a fast loop that stops for 200 ms all end with the bridges let go.
+//! Fast loop and tasks exchange whole values through the library's `exchange`, shared by [`mailbox`];
+//! neither waits for the other.
+//! A panic, a brown-out and a fast loop that stops for 200 ms all end with the bridges off.
 
 mod bridge;
 mod chip;
@@ -138,7 +139,7 @@ async fn operate(
     net::serve(stack, provisioning.name(), &mut robot).await
 }
 
-/// What a person at the serial port should know of this board before the motors move.
+/// Prints what a person at the serial port should know of this board before the motors move.
 fn announce() {
     let hardware = &BOARD.hardware;
     println!("flix-walker {} on {}", env!("CARGO_PKG_VERSION"), hardware.name);
@@ -148,7 +149,7 @@ fn announce() {
         None => println!("motors: voltage mode, because this board measures no phase currents"),
     }
     if !hardware.can_coast {
-        println!("motors: brake when let go, because this board's bridges cannot be switched off");
+        println!("motors: brake when off, because this board's bridges have no off input");
     }
     match hardware.bus_microvolts_per_count {
         Some(_) => println!("battery: measured"),

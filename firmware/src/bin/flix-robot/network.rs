@@ -14,7 +14,7 @@ use crate::mailbox::Mailbox;
 
 /// Wait after the first failed attempt; doubled after each further one.
 const SHORTEST_WAIT: Duration = Duration::from_millis(500);
-/// Never longer than this: a robot that comes back into range should not sulk.
+/// Never longer than this: a robot that comes back into range connects soon.
 const LONGEST_WAIT: Duration = Duration::from_secs(8);
 /// A connection that held so long was a good one: start again with the shortest wait.
 const GOOD_CONNECTION: Duration = Duration::from_secs(30);
@@ -24,7 +24,7 @@ const SIGNAL_INTERVAL: Duration = Duration::from_secs(1);
 /// Radio power as last received, dBm.
 pub(crate) static SIGNAL: Mailbox<i8> = Mailbox::new();
 
-/// The network's name and password for the driver; `None` when they are longer than Wi-Fi allows.
+/// Returns the network's name and password for the driver; `None` when they are longer than Wi-Fi allows.
 fn station(provisioning: &Provisioning) -> Option<WifiConfig> {
     let authentication = match provisioning.password() {
         "" => AuthenticationMethodConfig::Open,
@@ -36,7 +36,7 @@ fn station(provisioning: &Provisioning) -> Option<WifiConfig> {
     Some(WifiConfig::Station(station))
 }
 
-/// DHCP, or the fixed address of provisioning, whose prefix was checked when it was stored.
+/// Chooses DHCP, or the fixed address of provisioning, whose prefix was checked when it was stored.
 pub(crate) fn addresses(provisioning: &Provisioning) -> Config {
     match provisioning.address() {
         None => Config::dhcpv4(embassy_net::DhcpConfig::default()),
@@ -48,7 +48,7 @@ pub(crate) fn addresses(provisioning: &Provisioning) -> Config {
     }
 }
 
-/// The network stack.
+/// Runs the network stack.
 #[embassy_executor::task]
 pub(crate) async fn run_stack(mut runner: Runner<'static, Interface>) {
     runner.run().await;

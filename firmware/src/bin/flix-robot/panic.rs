@@ -1,4 +1,4 @@
-//! A panic lets go of the bridges, says why, and leaves the rest to the watchdog.
+//! A panic switches the bridges off, prints why, and leaves the rest to the watchdog.
 
 use core::panic::PanicInfo;
 
@@ -21,7 +21,7 @@ fn on_panic(info: &PanicInfo) -> ! {
                 .for_each(core::mem::forget);
         }
         println!("panic: {info}");
-        println!("bridges let go; the watchdog restarts the robot");
+        println!("bridges off; the watchdog restarts the robot");
         loop {
             core::hint::spin_loop();
         }

@@ -1,4 +1,4 @@
-//! The serial port, where the robot learns whose it is. The log goes out over the same port.
+//! The serial port, where the robot is provisioned. The log goes out over the same port.
 
 use embassy_time::{Duration, Timer};
 use esp_hal::Async;
@@ -17,15 +17,15 @@ const CHUNK: usize = 64;
 /// Rest between the answer and the restart, for the last bytes to leave.
 const REST: Duration = Duration::from_millis(200);
 
-/// The port; `None` when it cannot be had at its speed.
+/// Opens the port; `None` when it cannot be had at its speed.
 fn port(parts: SerialParts) -> Option<Uart<'static, Async>> {
     let config = Config::default().with_baudrate(BAUD_RATE);
     let port = Uart::new(parts.unit, config).ok()?;
     Some(port.with_rx(parts.receive).with_tx(parts.transmit).into_async())
 }
 
-/// Answers requests for ever. A robot that learnt something new about itself starts anew with it;
-/// it takes such requests only while its motors are let go.
+/// Answers requests for ever. A robot that was provisioned anew restarts;
+/// it takes such requests only while its motors are not driven.
 #[embassy_executor::task]
 pub(crate) async fn serve(
     parts: SerialParts,

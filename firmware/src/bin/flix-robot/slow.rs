@@ -23,12 +23,12 @@ pub(crate) struct Robot<S> {
 }
 
 impl<S: SettingsStore> Robot<S> {
-    /// Before the first exchange.
+    /// Starts before the first exchange.
     pub(crate) const fn new(slow: SlowHalf<S>, exchange: &'static Shared) -> Self {
         Self { slow, exchange, printed: None }
     }
 
-    /// For ever, without a network: settings and faults still cross.
+    /// Runs for ever without a network: settings and faults still cross.
     pub(crate) async fn run_alone(mut self) -> ! {
         loop {
             self.exchange();

@@ -94,7 +94,7 @@ impl Peer {
         }
     }
 
-    /// What the peer wants to know, in its units: prepared outside of what is counted.
+    /// Prepares what the peer takes, in its units, outside of what is counted.
     fn inputs(&mut self, sensors: &Sensors) -> [[I16F16; 2]; 2] {
         for (angle, encoder) in self.angles.iter_mut().zip(sensors.encoders) {
             if let Encoder::Reading(reading) = encoder {
@@ -119,7 +119,7 @@ impl Peer {
     }
 }
 
-/// The tick, as the chips call it: one function, not spread into the replay.
+/// Does a tick, as the chips call it: one function, not spread into the replay.
 #[inline(never)]
 fn tick(control: &mut Control, row: &Row) -> flix_firmware::hardware::Actuation {
     control.tick(row.now, &row.sensors, &row.order)
@@ -168,7 +168,7 @@ fn replay(counted: &mut Counted) -> Result<u32, Malformed> {
     Ok(differences)
 }
 
-/// Where riscv-rt leads.
+/// Replays the trace; called by riscv-rt.
 #[entry]
 fn main() -> ! {
     static COUNTED: static_cell::ConstStaticCell<Counted> =

@@ -83,14 +83,14 @@ impl Motor {
         sign * self.angle + self.offset
     }
 
-    /// Phase currents A, B, C.
+    /// Returns phase currents A, B, C.
     pub(crate) fn phases(&self) -> [f64; 3] {
         let [alpha, beta] = self.current;
         let half = beta * 3_f64.sqrt() / 2.0;
         [alpha, half - alpha / 2.0, -half - alpha / 2.0]
     }
 
-    /// Torque on the rotor, clockwise.
+    /// Returns the torque on the rotor, clockwise.
     fn electric(&mut self, bridge: Bridge, bus: f64, dt: f64) -> f64 {
         let electrical = self.electrical();
         let sign = if self.reversed { -1.0 } else { 1.0 };
@@ -234,12 +234,12 @@ impl Bench {
         }
     }
 
-    /// One tick.
+    /// Does one tick.
     pub(crate) fn tick(&mut self) {
         self.tick_with(Control::tick);
     }
 
-    /// One tick through something that calls [`Control::tick`].
+    /// Does one tick through something that calls [`Control::tick`].
     pub(crate) fn tick_with(
         &mut self,
         tick: impl Fn(&mut Control, Instant, &Sensors, &Order) -> Actuation,
@@ -326,7 +326,7 @@ impl Bench {
         self.order.set(&setpoint.unwrap(), Instant::from_micros(self.now_us));
     }
 
-    /// True theta minus this, degrees within a quarter turn.
+    /// Returns true theta minus this, degrees within a quarter turn.
     pub(crate) fn direction_error(&self, direction: f64) -> f64 {
         let theta = (self.motors[0].angle + self.motors[1].angle) / 2.0;
         let half_turns = (theta.to_degrees() - direction) / 180.0;

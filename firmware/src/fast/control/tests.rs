@@ -402,7 +402,7 @@ fn a_fault_whose_cause_stays_is_not_cleared() {
     assert_eq!(bench.state(), State::Disarmed);
 }
 
-/// The state in the tick that falls on this age of the last command.
+/// Returns the state in the tick that falls on this age of the last command.
 fn silent_for(bench: &mut Bench, microseconds: u64) -> (State, bool) {
     let heard = bench.order.heard.as_micros();
     while bench.now_us <= heard + microseconds {

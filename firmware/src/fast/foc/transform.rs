@@ -35,7 +35,7 @@ pub struct Direction {
 }
 
 impl From<ElectricalAngle> for Direction {
-    /// Error at most 2.3e-5.
+    /// Converts with an error of at most 2.3e-5.
     #[inline(always)]
     fn from(angle: ElectricalAngle) -> Self {
         let (cosine, sine) = cosine_sine(angle.raw());

@@ -78,7 +78,7 @@ impl<Analog: Converters> Electronics<Analog> {
         Self { top: bridge(top, top_pins), bottom: bridge(bottom, bottom_pins), analog }
     }
 
-    /// Until the next tick.
+    /// Drives the bridges until the next tick.
     pub(crate) fn apply(&mut self, actuation: &Actuation) {
         let [top, bottom] = actuation.bridges;
         self.top.apply(top);
@@ -96,7 +96,7 @@ impl<Analog: Converters> Electronics<Analog> {
     }
 }
 
-/// A bridge on the three outputs A of a unit.
+/// Starts a bridge on the three outputs A of a unit.
 fn bridge<PWM: PwmPeripheral + 'static>(unit: PWM, pins: BridgePins) -> ThreePhase<PWM, true> {
     let pwm = bridge::start(unit);
     let [a, b, c] = pins.phases.map(pin);
@@ -108,7 +108,7 @@ fn bridge<PWM: PwmPeripheral + 'static>(unit: PWM, pins: BridgePins) -> ThreePha
     )
 }
 
-/// Flash is written with this core's neighbour parked.
+/// Parks this core's neighbour whenever flash is written.
 pub(crate) fn share_with_other_core(flash: FlashStorage<'static>) -> FlashStorage<'static> {
     flash.multicore_auto_park()
 }

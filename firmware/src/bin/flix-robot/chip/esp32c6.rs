@@ -85,14 +85,14 @@ impl Electronics {
         }
     }
 
-    /// Until the next tick.
+    /// Drives the bridges until the next tick.
     pub(crate) fn apply(&mut self, actuation: &Actuation) {
         let [top, bottom] = actuation.bridges;
         self.top.apply(top);
         self.bottom.apply(bottom);
     }
 
-    /// None: voltage mode.
+    /// Returns nothing: voltage mode.
     pub(crate) fn phase_current(&mut self) -> Option<[[i16; 2]; 2]> {
         None
     }
@@ -112,7 +112,7 @@ const _: () = assert!(
 #[derive(Clone, Copy)]
 enum Conversion {
     Start,
-    /// Started once; the converter wants to be told again when it has settled.
+    /// Started once; the converter must be started again when it has settled.
     Settle,
     Finish,
 }
@@ -157,12 +157,12 @@ impl Battery {
     }
 }
 
-/// There is no other core.
+/// Returns the flash as it is: there is no other core.
 pub(crate) fn share_with_other_core(flash: FlashStorage<'static>) -> FlashStorage<'static> {
     flash
 }
 
-/// A supply that sags resets the chip, which lets go of the bridges.
+/// Lets a supply that sags reset the chip, which switches the bridges off.
 pub(crate) fn reset_on_brown_out() {
     LP_ANA::regs()
         .bod_mode0_cntl()

@@ -87,12 +87,12 @@ impl Converters for Analog {
     }
 }
 
-/// One conversion, 12 bits. A hung converter is a hung loop: the watchdog ends both.
+/// Does one conversion, 12 bits. A hung converter is a hung loop: the watchdog ends both.
 fn read(converter: &mut Converter, channel: &mut Channel<impl AdcChannel>) -> Option<i16> {
     Some(converter.read_blocking(channel).cast_signed())
 }
 
-/// A supply that sags resets the chip, which lets go of the bridges.
+/// Lets a supply that sags reset the chip, which switches the bridges off.
 pub(crate) fn reset_on_brown_out() {
     LPWR::regs().brown_out().modify(|_, w| {
         w.brown_out_rst_ena().set_bit();
