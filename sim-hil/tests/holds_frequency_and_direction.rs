@@ -2,14 +2,14 @@
 //! across: at every commanded pair, on a fixed and on a yielding base, by the plant's truth.
 
 use flix_sim::reliability::accuracy::hold_all_directions;
-use flix_sim::rig::bench::{BASES, Base, FREQUENCIES};
+use flix_sim::rig::bench::{BASES, Base, FREQUENCIES, Subject};
 use rayon::prelude::*;
 
 fn failures(seed: u64, bases: &[Base], frequencies: &[f64]) -> Vec<String> {
     let runs: Vec<_> =
         bases.iter().flat_map(|base| frequencies.iter().map(move |f| (*base, *f))).collect();
     runs.par_iter()
-        .flat_map(|&(base, frequency)| match hold_all_directions(base, frequency, seed) {
+        .flat_map(|&(base, frequency)| match hold_all_directions(&Subject::of_seed(seed), base, frequency) {
             Ok(held) => held
                 .into_iter()
                 .filter(|figures| !figures.passes())

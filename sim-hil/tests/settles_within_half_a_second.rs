@@ -2,14 +2,14 @@
 //! current ever above its limit.
 
 use flix_sim::reliability::accuracy::{STEPS, measure_step};
-use flix_sim::rig::bench::BASES;
+use flix_sim::rig::bench::{BASES, Subject};
 
 #[test]
 fn every_step_settles_in_time_and_within_the_current_limit() {
     for seed in [1, 7, 19, 439] {
         for base in BASES {
             for step in STEPS {
-                let figures = measure_step(base, step, seed).unwrap();
+                let figures = measure_step(&Subject::of_seed(seed), base, step).unwrap();
                 assert!(figures.passes(), "seed {seed}: {figures:?}");
             }
         }

@@ -8,12 +8,16 @@ use crate::reliability::accuracy::{
     ACROSS_LIMIT, Accuracy, DIRECTION_LIMIT_DEG, FORCE_LIMIT_DEG, FREQUENCY_LIMIT_HZ, HoldResult,
     RUNS, SETTLE_LIMIT_S, measure,
 };
-use crate::rig::bench::BASES;
+use crate::model::RobotModel;
+use crate::rig::bench::{BASES, Subject};
 
 /// Measure how well f and theta are held over their whole range
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  flix-sim accuracy\n  flix-sim accuracy --seed 7 --json")]
+#[command(after_help = "Examples:\n  flix-sim accuracy\n  flix-sim accuracy --seed 7 --json\n  flix-sim accuracy --model my-robot.toml")]
 pub struct Args {
+    /// Model whose body, shaker and electrical part are put on the bench: a TOML file or a name [default: the bench]
+    #[arg(long, value_name = "FILE|NAME")]
+    model: Option<String>,
     /// Seed of the robot: its motors, wiring, sensor errors and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -25,10 +29,12 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// When a robot could not be brought to run.
+/// When the model is refused, or a robot could not be brought to run.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let model = args.model.as_deref().map(RobotModel::named).transpose()?;
+    let subject = Subject { model, seed: args.seed };
     let bar = progress(RUNS as u64, "measuring");
-    let measured = measure(args.seed, || bar.inc(1));
+    let measured = measure(&subject, || bar.inc(1));
     bar.finish_and_clear();
     print_verdict(measured, |it| it.pass, args.json, |accuracy| text(accuracy, args.seed))
 }

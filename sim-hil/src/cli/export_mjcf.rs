@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use super::Error;
-use super::arguments::ModelArgs;
+use super::arguments::{ModelArgs, parse_within};
 use super::output::print;
 use crate::model::mjcf::mjcf;
 
@@ -16,12 +16,16 @@ use crate::model::mjcf::mjcf;
 pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
-    /// Step of the simulation in the file, ms
-    #[arg(long, default_value_t = 0.1)]
+    /// Step of the simulation in the file, ms, 0.001 to 10
+    #[arg(long, value_name = "MS", default_value_t = 0.1, value_parser = parse_step, allow_hyphen_values = true)]
     step_ms: f64,
     /// File to write [default: standard output]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+}
+
+fn parse_step(text: &str) -> Result<f64, String> {
+    parse_within(text, 1e-3..=10.0, "step", " ms")
 }
 
 /// Runs the command.

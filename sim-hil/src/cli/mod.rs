@@ -7,6 +7,7 @@ pub mod accuracy;
 pub mod adversary;
 pub mod arguments;
 pub mod conditions;
+mod console;
 pub mod demo;
 pub mod eigenmodes;
 pub mod export_mjcf;
@@ -209,7 +210,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::ExportMjcf(args) => export_mjcf::run(&args),
     };
     outcome.unwrap_or_else(|error| {
-        eprintln!("flix-sim: {error}");
+        output::complain(&error);
         if error.is_usage() { ExitCode::from(2) } else { ExitCode::FAILURE }
     })
 }

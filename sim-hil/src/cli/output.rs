@@ -1,5 +1,6 @@
 //! What commands print: figures as JSON for programs, tables for people.
 
+use std::io::Write as _;
 use std::process::ExitCode;
 
 use comfy_table::{CellAlignment, Table, presets};
@@ -8,6 +9,11 @@ use serde::Serialize;
 use super::Error;
 pub(crate) use crate::study::progress;
 pub(crate) use flix_host::cli::output::print;
+
+/// Prints a sentence on standard error. When nobody can read it there, it is lost.
+pub(crate) fn complain(sentence: impl std::fmt::Display) {
+    let _ = writeln!(std::io::stderr(), "flix-sim: {sentence}");
+}
 
 /// Prints figures as one line of JSON, or as `text` for people; the exit code states whether all promises were kept.
 pub(crate) fn print_figures(

@@ -1,24 +1,23 @@
 //! `flix-sim serve`: the simulated robot on the network, in real time.
 
 use std::io;
-use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant as WallClock};
 
-use flix_firmware::exchange::Report;
 use flix_host::interrupt::Interrupt;
 use flix_host::keys::{self, Keyring, SIMULATED_ROBOT};
 use flix_host::pose::natnet::{NatNetServer, ServerSettings};
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::frame::{Frame, MAXIMUM_DATAGRAM};
-use flix_protocol::message::{Faults, State};
 use flix_protocol::session::Key;
 use flix_protocol::units::Instant;
 
 use super::Error;
 use super::arguments::ModelArgs;
-use super::output::print;
+use super::console::Console;
+use super::output::{complain, print};
 use crate::plant::Plant;
 use crate::rig::motion_capture::{MotionCapture, POSE_PERIOD};
 use crate::rig::robot::{RobotParameters, SimulatedRobot};
@@ -27,7 +26,8 @@ use crate::rig::robot::{RobotParameters, SimulatedRobot};
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  flix-sim serve\n  flix-sim serve --listen 0.0.0.0:13549 --key lab.key\n  flix-sim serve --natnet\n\n\
-                  Then, in another terminal: flix teleop 127.0.0.1"
+                  Then, in another terminal: flix teleop 127.0.0.1\n\n\
+                  Lines that it reads: `back` puts the robot back to its start, `where` prints where it is."
 )]
 pub struct Args {
     /// Address to listen on; the default is this machine alone
@@ -39,8 +39,8 @@ pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
     /// Stream the robot's pose as OptiTrack does (NatNet), from this address or from 127.0.0.1:1510
-    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:1510")]
-    natnet: Option<SocketAddr>,
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = NATNET_DEFAULT)]
+    natnet: Option<SocketAddrV4>,
     /// Seed of the robot: its motors, wiring, sensor errors and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -64,6 +64,8 @@ pub enum ServeError {
     Network(#[from] io::Error),
 }
 
+/// Where OptiTrack is expected by `flix` when nothing else is given.
+const NATNET_DEFAULT: &str = "127.0.0.1:1510";
 /// Ticks that are made up for at once: 1 ms.
 const BATCH: u32 = 10;
 /// Behind by more than this, the robot's time is put off instead of being made up for.
@@ -85,19 +87,19 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let socket = listen(args.listen)
         .map_err(|source| ServeError::Listen { address: args.listen, source })?;
     let robot = robot(args, key)?;
-    let cameras = args.natnet.map(|address| Cameras::open(address, args.seed)).transpose()?;
+    let cameras = args.natnet.map(|address| Cameras::open(address.into(), args.seed)).transpose()?;
     introduce(args, &socket)?;
-    let mut changes = Changes::default();
-    serve(robot, &socket, cameras, &interrupt, |report| {
-        changes.report(report.state, report.faults)
-    })?;
+    let mut console = Console::open();
+    serve(robot, &socket, cameras, &interrupt, |robot| console.attend(robot))?;
+    console.close();
     print("The robot is switched off.\n")?;
     Ok(ExitCode::SUCCESS)
 }
 
 fn robot(args: &Args, key: Key) -> Result<SimulatedRobot<Plant>, Error> {
-    let mechanics = Plant::new(&args.model.load()?)?;
-    let mut parameters = RobotParameters::new(key, args.seed);
+    let model = args.model.load()?;
+    let mechanics = Plant::new(&model)?;
+    let mut parameters = RobotParameters::of(&model.electrical, key, args.seed)?;
     // Sessions of an earlier run must not be replayed, though the plant is the same.
     parameters.entropy = keys::generate().map(|random| *random.as_bytes())?;
     Ok(SimulatedRobot::new(parameters, mechanics))
@@ -117,21 +119,33 @@ fn introduce(args: &Args, socket: &UdpSocket) -> Result<(), Error> {
     };
     let key =
         args.key.as_ref().map_or_else(String::new, |file| format!(" --key {}", file.display()));
+    let poses = args.natnet.map(natnet_option).unwrap_or_default();
     let mut text = format!(
         "A simulated Flix-Walker ({}, seed {}) listens on {address}.\nIn another terminal:\n\n",
         args.model.model, args.seed
     );
-    let follow = ["identify {}", "track {} figure8"];
-    for command in
-        ["teleop {}"].into_iter().chain(follow.into_iter().filter(|_| args.natnet.is_some()))
-    {
+    let mut hint = |command: &str, options: &str| {
         let command = command.replace("{}", &robot);
-        text += &format!("    cargo run --release -p flix-host -- {command}{key}\n");
+        text += &format!("    cargo run --release -p flix-host -- {command}{key}{options}\n");
+    };
+    hint("teleop {}", "");
+    if args.natnet.is_some() {
+        hint("identify {}", &poses);
+        hint("track {} figure8", &poses);
     }
-    Ok(print(&(text + "\nCtrl-C switches the robot off.\n"))?)
+    text += "\nHere: `back` and Enter puts the robot back to its start, `where` prints where it is,\n\
+             Ctrl-C switches it off.\n";
+    Ok(print(&text)?)
 }
 
-/// Serves this robot at this socket, in real time, until interrupted. `watch` sees its report about every millisecond.
+/// Returns the option with which `flix` finds the poses of this server.
+fn natnet_option(address: SocketAddrV4) -> String {
+    let host = if address.ip().is_unspecified() { Ipv4Addr::LOCALHOST } else { *address.ip() };
+    let server = SocketAddrV4::new(host, address.port()).to_string();
+    if server == NATNET_DEFAULT { String::new() } else { format!(" --natnet-server {server}") }
+}
+
+/// Serves this robot at this socket, in real time, until interrupted. `attend` sees it about every millisecond.
 ///
 /// # Errors
 /// When the network fails or the model diverges.
@@ -140,7 +154,7 @@ pub fn serve(
     socket: &UdpSocket,
     mut cameras: Option<Cameras>,
     interrupt: &Interrupt,
-    mut watch: impl FnMut(&Report) -> Result<(), Error>,
+    mut attend: impl FnMut(&mut SimulatedRobot<Plant>) -> Result<(), Error>,
 ) -> Result<(), Error> {
     socket.set_nonblocking(true).map_err(ServeError::Network)?;
     let mut clock = RealTime::started();
@@ -165,7 +179,7 @@ pub fn serve(
             }
             send_due(&mut robot, socket, &mut frame);
         }
-        watch(&robot.report())?;
+        attend(&mut robot)?;
     }
     Ok(())
 }
@@ -270,28 +284,13 @@ impl RealTime {
         }
         let may_complain = self.complained.is_none_or(|at| at.elapsed() >= COMPLAINT_INTERVAL);
         if !self.missed.is_zero() && may_complain {
-            eprintln!(
-                "flix-sim: this machine is too slow or too busy for real time: the robot's clock lost {} ms",
+            complain(format_args!(
+                "this machine is too slow or too busy for real time: the robot's clock lost {} ms",
                 self.missed.as_millis()
-            );
+            ));
             self.complained = Some(WallClock::now());
             self.missed = Duration::ZERO;
         }
-    }
-}
-
-/// What was reported last.
-#[derive(Default)]
-struct Changes(Option<(State, Faults)>);
-
-impl Changes {
-    fn report(&mut self, state: State, faults: Faults) -> Result<(), Error> {
-        if self.0 == Some((state, faults)) {
-            return Ok(());
-        }
-        self.0 = Some((state, faults));
-        let faults = if faults.is_empty() { String::new() } else { format!("; faults: {faults}") };
-        Ok(print(&format!("The robot is {state}{faults}.\n"))?)
     }
 }
 
@@ -301,6 +300,15 @@ mod tests {
 
     use super::*;
     use crate::model::RobotModel;
+
+    #[test]
+    fn hints_name_the_cameras_where_flix_would_not_look() {
+        let option = |address: &str| natnet_option(address.parse().unwrap());
+        assert_eq!(option(NATNET_DEFAULT), "");
+        assert_eq!(option("0.0.0.0:1510"), "");
+        assert_eq!(option("127.0.0.1:1610"), " --natnet-server 127.0.0.1:1610");
+        assert_eq!(option("192.168.1.5:1510"), " --natnet-server 192.168.1.5:1510");
+    }
 
     #[test]
     fn an_operator_is_answered_among_strangers_who_are_all_there_first() {

@@ -63,5 +63,17 @@ fn text(report: &Report) -> String {
         let (value, reference) = (number(Some(it.value)), number(it.reference));
         row![it.name, value, reference, number(it.tolerance), it.unit, mark(it.pass)]
     }));
-    format!("Model {}\n\n{}", report.model, table(&rows))
+    let compared = report.rows.iter().filter(|row| row.reference.is_some()).count();
+    let outside: Vec<&str> =
+        report.rows.iter().filter(|row| !row.pass).map(|row| row.name.as_ref()).collect();
+    let verdict = match (compared, outside.as_slice()) {
+        (0, []) => "No figure has a reference for this model: nothing was compared.".to_owned(),
+        (_, []) => format!("All {compared} figures with a reference agree with it."),
+        (_, names) => format!(
+            "{} of {compared} figures with a reference are outside: {}.",
+            names.len(),
+            names.join(", ")
+        ),
+    };
+    format!("Model {}\n\n{}\n{verdict}\n", report.model, table(&rows))
 }

@@ -130,8 +130,12 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 }
 
 fn text(report: &Report) -> String {
+    // One walk has no spread.
+    let spread = |value: &Spread| {
+        if report.seeds > 1 { format!("\u{b1} {:.4}", value.spread) } else { String::new() }
+    };
     let row = |name: &str, value: &Spread, unit: &str| {
-        row![name, format!("{:.4}", value.mean), format!("\u{b1} {:.4}", value.spread), unit]
+        row![name, format!("{:.4}", value.mean), spread(value), unit]
     };
     format!(
         "Model {} at {} Hz, {} degrees: {} walks of {} s (seeds from {})\n\n{}",
@@ -142,7 +146,7 @@ fn text(report: &Report) -> String {
         report.seconds,
         report.first_seed,
         table(&[
-            row!["", "mean", "between seeds"],
+            row!["", "mean", if report.seeds > 1 { "between seeds" } else { "" }],
             row("forward", &report.forward_m_s, "m/s"),
             row("lateral (left +)", &report.lateral_m_s, "m/s"),
             row("yaw rate (left +)", &report.yaw_rad_s, "rad/s"),

@@ -58,7 +58,8 @@ impl<H: Helm> Course<H> {
         plant.displace([0.0; 3], start.heading);
         plant.displace([start.x, start.y, 0.0], 0.0);
         let key = Key::new([0x5a; 32]);
-        let robot = SimulatedRobot::new(RobotParameters::new(key, conditions.seed), plant);
+        let parameters = RobotParameters::of(&conditions.model.electrical, key, conditions.seed)?;
+        let robot = SimulatedRobot::new(parameters, plant);
         let network = ChannelParameters {
             delay: conditions.latency,
             loss: conditions.loss,

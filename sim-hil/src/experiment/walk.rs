@@ -113,7 +113,11 @@ pub fn walk(
     plant.set_longest_step(walk.step);
     match walk.drive {
         WalkDrive::Ideal => ideally(plant, walk, watch),
-        WalkDrive::Firmware => by_firmware(plant, walk, seed, watch),
+        WalkDrive::Firmware => {
+            let parameters =
+                RobotParameters::of(&model.electrical, Key::new([0x5a; 32]), seed)?;
+            by_firmware(SimulatedRobot::new(parameters, plant), walk, watch)
+        }
     }
 }
 
@@ -137,13 +141,10 @@ fn ideally(
 }
 
 fn by_firmware(
-    plant: Plant,
+    robot: SimulatedRobot<Plant>,
     walk: &Walk,
-    seed: u64,
     mut watch: impl FnMut(&Plant),
 ) -> Result<Walked, WalkError> {
-    let parameters = RobotParameters::new(Key::new([0x5a; 32]), seed);
-    let robot = SimulatedRobot::new(parameters, plant);
     let mut operation = Operation::new(robot, ChannelParameters::QUIET_WIFI);
     operation.arm()?;
     operation.hold(walk.setpoint);

@@ -10,11 +10,14 @@
 //! The paper's error set X is here as `body.total_mass_g`, `body.offset_x_mm`, `body.offset_y_mm` and, per
 //! leg, four factors on stiffness and damping and the tangential friction.
 
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 
+pub mod electrical;
 pub mod mjcf;
 mod scatter;
 
+pub use electrical::Electrical;
 pub use scatter::scattered;
 
 /// The four legs, in the order of every array in this crate.
@@ -52,6 +55,24 @@ pub enum ModelError {
         value: f64,
         /// What it contradicts.
         reason: String,
+    },
+    /// A setting of the robot's software that it would refuse.
+    #[error("{key} = {value}: {reason}; `flix parameters list` shows all with their ranges")]
+    Setting {
+        /// Path of the key in the file.
+        key: String,
+        /// What was given.
+        value: f64,
+        /// What the software says.
+        reason: String,
+    },
+    /// A file whose model is refused.
+    #[error("{file}: {error}")]
+    File {
+        /// Which.
+        file: String,
+        /// Why.
+        error: Box<ModelError>,
     },
     /// No such file and no such name.
     #[error("cannot read the model {name}: {error}; give a TOML file or one of {}", NAMES.join(", "))]
@@ -122,7 +143,7 @@ pub struct Block {
     /// Its centre, mm, -100 to 200.
     pub z_mm: f64,
     /// Its size along x, y, z, mm, each 0 to 200; zero is a point.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "exactly")]
     pub size_mm: [f64; 3],
 }
 
@@ -135,6 +156,7 @@ pub struct Core {
     /// Its centre, mm, -100 to 200.
     pub z_mm: f64,
     /// Its size along x, y, z, mm, each 0 to 200. Assumed: the paper gives none.
+    #[serde(deserialize_with = "exactly")]
     pub size_mm: [f64; 3],
 }
 
@@ -176,6 +198,7 @@ pub struct Legs {
     pub hinge_deg: f64,
     /// Twist about the beam between each segment and the one above it, degrees, each -180 to 180; a leg's
     /// `twist_hand` gives the direction sign. Source: paper, section II-C (0, 45, 45).
+    #[serde(deserialize_with = "exactly")]
     pub twist_deg: [f64; 3],
     /// Stiffness of each bending hinge, N m/rad, 0.01 to 100. Source: paper, S* (1.062072).
     pub bend_stiffness_n_m_rad: f64,
@@ -328,9 +351,23 @@ pub struct RobotModel {
     pub legs: Option<Legs>,
     /// The floor's contact.
     pub contact: Contact,
+    /// Motors, sensors, inverter, the battery's voltage: everything between software and rotors.
+    #[serde(default, skip_serializing_if = "Electrical::is_assumed")]
+    pub electrical: Electrical,
     /// Extra masses.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub load: Vec<Load>,
+}
+
+/// Reads exactly `COUNT` numbers: a longer list has another meaning than the one it is read with.
+fn exactly<'de, D: Deserializer<'de>, const COUNT: usize>(
+    deserializer: D,
+) -> Result<[f64; COUNT], D::Error> {
+    let numbers = Vec::<f64>::deserialize(deserializer)?;
+    let given = numbers.len();
+    numbers
+        .try_into()
+        .map_err(|_| D::Error::custom(format!("{given} numbers where {COUNT} are meant")))
 }
 
 /// Names of the models that come with the program.
@@ -358,7 +395,7 @@ impl RobotModel {
     /// Takes a shipped model by name, or reads a file.
     ///
     /// # Errors
-    /// As [`RobotModel::from_toml`], or that there is no such file.
+    /// As [`RobotModel::from_toml`] with the name of the file, or that there is no such file.
     pub fn named(name: &str) -> Result<Self, ModelError> {
         if let Some(i) = NAMES.iter().position(|n| *n == name) {
             return Self::from_toml(SHIPPED[i]);
@@ -366,6 +403,7 @@ impl RobotModel {
         let text = std::fs::read_to_string(name)
             .map_err(|error| ModelError::NotFound { name: name.to_owned(), error })?;
         Self::from_toml(&text)
+            .map_err(|error| ModelError::File { file: name.to_owned(), error: Box::new(error) })
     }
 
     /// Checks every value.
@@ -401,7 +439,7 @@ impl RobotModel {
             }
             self.check_feet_apart(legs)?;
         }
-        Ok(())
+        self.electrical.check()
     }
 
     /// Mass of motors and cage: what the other parts leave of the total, g.
@@ -496,6 +534,7 @@ impl RobotModel {
         if let Some(legs) = &self.legs {
             legs.bounds(&mut add);
         }
+        self.electrical.bounds(&mut add);
         let c = &self.contact;
         add("contact.time_constant_ms", c.time_constant_ms, 0.2, 100.0);
         add("contact.damping_ratio", c.damping_ratio, 0.1, 10.0);

@@ -10,7 +10,7 @@ use super::RobotModel;
 /// Draws beyond this many standard deviations are drawn to it, so that no value leaves its allowed range.
 const WIDEST_DRAW: f64 = 2.0;
 
-/// The model with every number of it multiplied by its own `1 + share * normal`: how the same robot comes out when
+/// The model with every number of its mechanics multiplied by its own `1 + share * normal`: how the same robot comes out when
 /// it is built again. The same for the same seed.
 #[must_use]
 pub fn scattered(model: &RobotModel, share: f64, seed: u64) -> RobotModel {
@@ -39,8 +39,8 @@ fn scatter_numbers(tree: &mut Value, scatter: &mut impl FnMut(f64) -> f64) {
         Value::Array(items) => items.iter_mut().for_each(|item| scatter_numbers(item, scatter)),
         Value::Object(entries) => {
             for (key, item) in entries.iter_mut() {
-                // A direction sign is not scattered.
-                if key != "twist_hand" {
+                // A direction sign is not scattered; the electrical part varies with the robot's own seed.
+                if key != "twist_hand" && key != "electrical" {
                     scatter_numbers(item, scatter);
                 }
             }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::experiment::metrics::{Band, HoldMeter, StepMeter};
-use crate::rig::bench::{BASES, Base, BenchError, DIRECTIONS, FREQUENCIES, bench, setpoint};
+use crate::rig::bench::{BASES, Base, BenchError, DIRECTIONS, FREQUENCIES, Subject, setpoint};
 
 /// f, averaged over each turn: largest root mean square error, Hz.
 pub const FREQUENCY_LIMIT_HZ: f64 = 0.05;
@@ -115,22 +115,22 @@ pub const STEPS: [Step; 3] = [
 /// How many independent runs [`measure`] makes.
 pub const RUNS: usize = BASES.len() * (FREQUENCIES.len() + STEPS.len());
 
-/// All figures of the robot of this seed. `done` is called after each of [`RUNS`] runs.
+/// All figures of this robot. `done` is called after each of [`RUNS`] runs.
 ///
 /// # Errors
 /// When a robot cannot be brought to run: that, too, is a failure of its promises.
-pub fn measure(seed: u64, done: impl Fn() + Sync) -> Result<Accuracy, BenchError> {
+pub fn measure(subject: &Subject, done: impl Fn() + Sync) -> Result<Accuracy, BenchError> {
     let cells: Vec<(Base, f64)> =
         BASES.into_iter().flat_map(|base| FREQUENCIES.map(|frequency| (base, frequency))).collect();
     let hold = cells.par_iter().map(|&(base, frequency)| {
-        let figures = hold_all_directions(base, frequency, seed);
+        let figures = hold_all_directions(subject, base, frequency);
         done();
         figures
     });
     let changes: Vec<(Base, Step)> =
         BASES.into_iter().flat_map(|base| STEPS.map(|step| (base, step))).collect();
     let steps = changes.par_iter().map(|&(base, step)| {
-        let figures = measure_step(base, step, seed);
+        let figures = measure_step(subject, base, step);
         done();
         figures
     });
@@ -148,11 +148,11 @@ pub fn measure(seed: u64, done: impl Fn() + Sync) -> Result<Accuracy, BenchError
 /// # Errors
 /// As for [`measure`].
 pub fn hold_all_directions(
+    subject: &Subject,
     base: Base,
     frequency: f64,
-    seed: u64,
 ) -> Result<Vec<HoldResult>, BenchError> {
-    let mut operation = bench(base, seed)?;
+    let mut operation = subject.on(base)?;
     operation.arm()?;
     DIRECTIONS
         .into_iter()
@@ -180,8 +180,12 @@ pub fn hold_all_directions(
 ///
 /// # Errors
 /// As for [`measure`].
-pub fn measure_step(base: Base, step: Step, seed: u64) -> Result<StepResult, BenchError> {
-    let mut operation = bench(base, seed)?;
+pub fn measure_step(
+    subject: &Subject,
+    base: Base,
+    step: Step,
+) -> Result<StepResult, BenchError> {
+    let mut operation = subject.on(base)?;
     let current_limit_a = operation.connect().and_then(|()| operation.setting("current_limit"))?;
     operation.arm()?;
     operation.hold(setpoint(step.from.0, step.from.1)?);

@@ -76,6 +76,34 @@ pub fn setpoint(frequency_hz: f64, direction_deg: f64) -> Result<Setpoint, OutOf
     Setpoint::from_numbers(frequency_hz as f32, direction_deg as f32)
 }
 
+/// Which robot stands on a bench.
+#[derive(Debug, Clone)]
+pub struct Subject {
+    /// Body, shaker and electrical part; none is the shipped bench.
+    pub model: Option<RobotModel>,
+    /// Motors, wiring, sensor errors and noise.
+    pub seed: u64,
+}
+
+impl Subject {
+    /// The shipped bench's robot of this seed.
+    #[must_use]
+    pub const fn of_seed(seed: u64) -> Self {
+        Self { model: None, seed }
+    }
+
+    /// Puts it on a base, with an operator on a quiet network.
+    ///
+    /// # Errors
+    /// When the model is damaged.
+    pub fn on(&self, base: Base) -> Result<Operation<Plant>, ModelError> {
+        match &self.model {
+            None => bench(base, self.seed),
+            Some(model) => bench_of(model, base, self.seed),
+        }
+    }
+}
+
 /// An operator on a quiet network and a robot of this seed on this base, powered up.
 ///
 /// # Errors
@@ -94,10 +122,30 @@ pub fn bench_knowing(
     flash: Option<Vec<u8>>,
     network: ChannelParameters,
 ) -> Result<Operation<Plant>, ModelError> {
-    let mechanics = Plant::new(&RobotModel::named(base.model())?)?;
-    let parameters = RobotParameters::new(Key::new([0x5a; 32]), seed);
-    parameters.flash.overwrite(flash);
-    Ok(Operation::new(SimulatedRobot::new(parameters, mechanics), network))
+    operation(&RobotModel::named(base.model())?, seed, flash, network)
+}
+
+/// As [`bench()`], with the body, the shaker and the electrical part of this model.
+///
+/// # Errors
+/// When the model is damaged.
+fn bench_of(model: &RobotModel, base: Base, seed: u64) -> Result<Operation<Plant>, ModelError> {
+    let stand = RobotModel::named(base.model())?.base;
+    let on_stand = RobotModel { base: stand, legs: None, ..model.clone() };
+    operation(&on_stand, seed, None, ChannelParameters::QUIET_WIFI)
+}
+
+fn operation(
+    model: &RobotModel,
+    seed: u64,
+    flash: Option<Vec<u8>>,
+    network: ChannelParameters,
+) -> Result<Operation<Plant>, ModelError> {
+    let parameters = RobotParameters::of(&model.electrical, Key::new([0x5a; 32]), seed)?;
+    if flash.is_some() {
+        parameters.flash.overwrite(flash);
+    }
+    Ok(Operation::new(SimulatedRobot::new(parameters, Plant::new(model)?), network))
 }
 
 /// What the flash of the robot of this seed on this base holds once it was aligned.

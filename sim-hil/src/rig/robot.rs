@@ -20,6 +20,7 @@ use flix_protocol::units::Instant;
 use rand::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use crate::model::{Electrical, ModelError};
 use crate::plant::electronics::{Electronics, ElectronicsParameters};
 use crate::plant::{Diverged, Mechanics};
 
@@ -66,6 +67,20 @@ impl RobotParameters {
             flash: Flash::default(),
             seed,
         }
+    }
+
+    /// The robot of a model file: its electrical part, and its settings where the file names any.
+    ///
+    /// # Errors
+    /// When a setting of the model is refused.
+    pub fn of(electrical: &Electrical, key: Key, seed: u64) -> Result<Self, ModelError> {
+        let mut parameters = Self::new(key, seed);
+        parameters.electronics = electrical.parameters();
+        if let Some(settings) = electrical.stored_settings()? {
+            // This memory never fails.
+            let _ = settings.save(&mut parameters.flash);
+        }
+        Ok(parameters)
     }
 }
 

@@ -1,0 +1,164 @@
+//! What `flix-sim serve` shows and takes while it serves: changes of state, one status line, lines that are typed.
+
+use std::io::{self, BufRead as _, IsTerminal as _};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant as WallClock};
+
+use flix_protocol::message::{Faults, State};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use super::Error;
+use super::output::print;
+use crate::plant::Plant;
+use crate::rig::robot::SimulatedRobot;
+
+/// From one status line to the next.
+const STATUS_INTERVAL: Duration = Duration::from_millis(250);
+/// From one look for typed lines to the next.
+const KEY_INTERVAL: Duration = Duration::from_millis(200);
+/// What may be typed.
+const HELP: &str = "`back` puts the robot back to its start, `where` prints where it is, Ctrl-C ends.\n";
+
+/// A terminal, or whatever takes its place.
+pub(super) struct Console {
+    typed: Receiver<String>,
+    /// Visible on a terminal only.
+    line: ProgressBar,
+    next: WallClock,
+    reported: Option<(State, Faults)>,
+}
+
+impl Console {
+    pub(super) fn open() -> Self {
+        let line = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+        line.set_style(
+            ProgressStyle::with_template("{msg}")
+                .unwrap_or_else(|_| ProgressStyle::default_spinner()),
+        );
+        Self { typed: typed_lines(), line, next: WallClock::now(), reported: None }
+    }
+
+    /// Reports changes, renews the status line, and does what was typed.
+    pub(super) fn attend(&mut self, robot: &mut SimulatedRobot<Plant>) -> Result<(), Error> {
+        let report = robot.report();
+        if self.reported != Some((report.state, report.faults)) {
+            self.reported = Some((report.state, report.faults));
+            let faults = match report.faults {
+                none if none.is_empty() => String::new(),
+                faults => format!("; faults: {faults}"),
+            };
+            self.say(&format!("The robot is {}{faults}.\n", report.state))?;
+        }
+        while let Ok(typed) = self.typed.try_recv() {
+            match typed.trim() {
+                "" => {}
+                "back" => {
+                    put_back(robot);
+                    self.say("The robot is back at its start.\n")?;
+                }
+                "where" => self.say(&(status(robot) + "\n"))?,
+                _ => self.say(HELP)?,
+            }
+        }
+        if WallClock::now() >= self.next {
+            self.next = WallClock::now() + STATUS_INTERVAL;
+            self.line.set_message(status(robot));
+        }
+        Ok(())
+    }
+
+    pub(super) fn close(self) {
+        self.line.finish_and_clear();
+    }
+
+    fn say(&self, text: &str) -> Result<(), Error> {
+        Ok(self.line.suspend(|| print(text))?)
+    }
+}
+
+/// Returns where the robot is and what it does, in one line.
+fn status(robot: &SimulatedRobot<Plant>) -> String {
+    let (body, truth) = (robot.mechanics().body(), robot.truth());
+    format!(
+        "{}: x {:.3} m, y {:.3} m, heading {:.0}\u{b0}, f {:.1} Hz, battery {:.1} V",
+        robot.report().state,
+        body.position[0],
+        body.position[1],
+        body.yaw().to_degrees(),
+        // No negative zero.
+        (10.0 * truth.frequency()).round() / 10.0 + 0.0,
+        truth.bus_voltage
+    )
+}
+
+/// Carries the robot to where it stood at first, heading forward; it goes on doing what it does.
+fn put_back(robot: &mut SimulatedRobot<Plant>) {
+    let plant = robot.mechanics_mut();
+    plant.displace([0.0; 3], -plant.body().yaw());
+    let [x, y, _] = plant.body().position;
+    plant.displace([-x, -y, 0.0], 0.0);
+}
+
+/// Reads lines from standard input for as long as there are any. A terminal is read only while its keys are for this
+/// program: a job in the background that reads is stopped by the system.
+fn typed_lines() -> Receiver<String> {
+    let (sender, receiver) = channel();
+    std::thread::spawn(move || {
+        let stdin = io::stdin();
+        loop {
+            if stdin.is_terminal() {
+                if !is_foreground() {
+                    std::thread::sleep(KEY_INTERVAL);
+                    continue;
+                }
+                if !has_keys() {
+                    continue;
+                }
+            }
+            let mut line = String::new();
+            match stdin.lock().read_line(&mut line) {
+                Ok(0) | Err(_) => return,
+                Ok(_) if sender.send(line).is_err() => return,
+                Ok(_) => {}
+            }
+        }
+    });
+    receiver
+}
+
+/// Waits for a typed line, [`KEY_INTERVAL`] at most.
+fn has_keys() -> bool {
+    let stdin = io::stdin();
+    let mut waiting = [PollFd::new(&stdin, PollFlags::IN)];
+    let longest = Timespec::try_from(KEY_INTERVAL).ok();
+    poll(&mut waiting, longest.as_ref()).is_ok_and(|ready| ready > 0)
+}
+
+fn is_foreground() -> bool {
+    rustix::termios::tcgetpgrp(io::stdin()).is_ok_and(|group| group == rustix::process::getpgrp())
+}
+
+#[cfg(test)]
+mod tests {
+    use flix_protocol::session::Key;
+
+    use super::*;
+    use crate::model::RobotModel;
+    use crate::rig::robot::RobotParameters;
+
+    #[test]
+    fn a_robot_that_is_put_back_stands_at_its_start_and_says_so() {
+        let plant = Plant::new(&RobotModel::named("A").unwrap()).unwrap();
+        let parameters = RobotParameters::new(Key::new([1; 32]), 1);
+        let mut robot = SimulatedRobot::new(parameters, plant);
+        robot.mechanics_mut().displace([0.0; 3], 1.0);
+        robot.mechanics_mut().displace([0.4, -0.3, 0.0], 0.0);
+        let place = "x 0.400 m, y -0.300 m, heading 57\u{b0}";
+        assert!(status(&robot).contains(place), "{}", status(&robot));
+        put_back(&mut robot);
+        let body = robot.mechanics().body();
+        let off = [body.position[0], body.position[1], body.yaw()];
+        assert!(off.into_iter().all(|it| it.abs() < 1e-12), "{off:?}");
+    }
+}
