@@ -9,13 +9,15 @@ fn failures(seed: u64, bases: &[Base], frequencies: &[f64]) -> Vec<String> {
     let runs: Vec<_> =
         bases.iter().flat_map(|base| frequencies.iter().map(move |f| (*base, *f))).collect();
     runs.par_iter()
-        .flat_map(|&(base, frequency)| match hold_all_directions(&Subject::of_seed(seed), base, frequency) {
-            Ok(held) => held
-                .into_iter()
-                .filter(|figures| !figures.passes())
-                .map(|figures| format!("{figures:?}"))
-                .collect::<Vec<_>>(),
-            Err(error) => vec![format!("{base} base, {frequency} Hz: {error}")],
+        .flat_map(|&(base, frequency)| {
+            match hold_all_directions(&Subject::of_seed(seed), base, frequency) {
+                Ok(held) => held
+                    .into_iter()
+                    .filter(|figures| !figures.passes())
+                    .map(|figures| format!("{figures:?}"))
+                    .collect::<Vec<_>>(),
+                Err(error) => vec![format!("{base} base, {frequency} Hz: {error}")],
+            }
         })
         .collect()
 }

@@ -3,9 +3,13 @@
 
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::FromArgMatches as _;
 use flix_sim::cli::{Cli, run};
 
 fn main() -> ExitCode {
-    run(Cli::parse())
+    let matches = Cli::description().get_matches();
+    match Cli::from_arg_matches(&matches) {
+        Ok(cli) => run(cli),
+        Err(error) => error.exit(),
+    }
 }

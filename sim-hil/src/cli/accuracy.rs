@@ -4,16 +4,18 @@ use std::process::ExitCode;
 
 use super::Error;
 use super::output::{headings, mark, print_verdict, progress, row, table};
+use crate::model::RobotModel;
 use crate::reliability::accuracy::{
     ACROSS_LIMIT, Accuracy, DIRECTION_LIMIT_DEG, FORCE_LIMIT_DEG, FREQUENCY_LIMIT_HZ, HoldResult,
     RUNS, SETTLE_LIMIT_S, measure,
 };
-use crate::model::RobotModel;
 use crate::rig::bench::{BASES, Subject};
 
 /// Measure how well f and theta are held over their whole range
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  flix-sim accuracy\n  flix-sim accuracy --seed 7 --json\n  flix-sim accuracy --model my-robot.toml")]
+#[command(
+    after_help = "Examples:\n  flix-sim accuracy\n  flix-sim accuracy --seed 7 --json\n  flix-sim accuracy --model my-robot.toml"
+)]
 pub struct Args {
     /// Model whose body, shaker and electrical part are put on the bench: a TOML file or a name [default: the bench]
     #[arg(long, value_name = "FILE|NAME")]

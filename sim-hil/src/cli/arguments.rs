@@ -92,6 +92,20 @@ pub fn parse_time(text: &str) -> Result<Duration, String> {
     Ok(time)
 }
 
+/// Reads the step of a simulation: a time from 1 us to 5 ms. Beyond, the contact of a foot diverges.
+///
+/// # Errors
+/// When it is no such time.
+pub fn parse_step(text: &str) -> Result<Duration, String> {
+    const SHORTEST: Duration = Duration::from_micros(1);
+    const LONGEST: Duration = Duration::from_millis(5);
+    let step = parse_time(text)?;
+    if !(SHORTEST..=LONGEST).contains(&step) {
+        return Err(format!("{text:?} is no step from 1us to 5ms"));
+    }
+    Ok(step)
+}
+
 /// Reads a number within limits; `what` it is and its unit, with a space before it, are for the refusal.
 ///
 /// # Errors

@@ -10,6 +10,7 @@ use flix_host::record::RunDescription;
 use super::Error;
 use super::arguments::{ModelArgs, parse_time, parse_within};
 use crate::experiment::course::{Conditions, shipped_table};
+use crate::experiment::walk::require_walker;
 
 /// Robot, link and seed of a closed-loop run.
 #[derive(Debug, Clone, clap::Args)]
@@ -42,7 +43,8 @@ impl LoopArgs {
     /// When there is none for this model, or the file is no table.
     pub fn table(&self) -> Result<ModeTable, Error> {
         match &self.modes {
-            Some(file) => ModeTable::load(file).map_err(Error::refused),
+            Some(file) => ModeTable::load(file)
+                .map_err(|error| Error::refused(format!("--modes {}: {error}", file.display()))),
             None => shipped_table(&self.model.model).map_err(Error::refused),
         }
     }
@@ -50,15 +52,11 @@ impl LoopArgs {
     /// The conditions, with the robot at `start`.
     ///
     /// # Errors
-    /// When the model is refused.
+    /// When the model is refused or cannot walk.
     pub fn conditions(&self, start: PlanarPose) -> Result<Conditions, Error> {
-        Ok(Conditions {
-            model: self.model.load()?,
-            seed: self.seed,
-            latency: self.latency,
-            loss: self.loss,
-            start,
-        })
+        let model = self.model.load()?;
+        require_walker(&model)?;
+        Ok(Conditions { model, seed: self.seed, latency: self.latency, loss: self.loss, start })
     }
 
     /// The conditions as facts of a record.

@@ -18,7 +18,8 @@ const STATUS_INTERVAL: Duration = Duration::from_millis(250);
 /// From one look for typed lines to the next.
 const KEY_INTERVAL: Duration = Duration::from_millis(200);
 /// What may be typed.
-const HELP: &str = "`back` puts the robot back to its start, `where` prints where it is, Ctrl-C ends.\n";
+const HELP: &str =
+    "`back` puts the robot back to its start, `where` prints where it is, Ctrl-C ends.\n";
 
 /// A terminal, or whatever takes its place.
 pub(super) struct Console {

@@ -35,11 +35,12 @@ pub struct Args {
 /// # Errors
 /// When the model is refused, the simulation diverges, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let conditions = args.conditions.conditions(PlanarPose::default())?;
     let (identification, names) = args.identification.identification()?;
     let about = description("identify", args.conditions.facts());
     let recorder = Recorder::create(&args.out, SystemTime::now(), &about)?;
     let pilot = Pilot::new(identification, names, Some(recorder));
-    let mut course = Course::new(&args.conditions.conditions(PlanarPose::default())?, pilot)?;
+    let mut course = Course::new(&conditions, pilot)?;
     let bar = progress(u64::from(course.pilot().helm().progress().1), "stretches");
     let ending = loop {
         if let Some(ending) = course.step()? {

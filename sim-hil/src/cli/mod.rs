@@ -27,7 +27,7 @@ pub mod walk;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, Parser, Subcommand};
 
 /// A simulated Flix-Walker under the robot's own software.
 #[derive(Debug, Parser)]
@@ -156,7 +156,6 @@ impl Error {
     fn is_usage(&self) -> bool {
         use crate::experiment::probe::ProbeError;
         use crate::experiment::walk::WalkError;
-        use crate::study::TableError;
         use crate::study::calibrate::CalibrationError;
         matches!(
             self,
@@ -166,19 +165,37 @@ impl Error {
                 | Self::Model(_)
                 | Self::Measured(_)
                 | Self::Calibration(CalibrationError::NoLegs(_) | CalibrationError::Other { .. })
-                | Self::Table(
-                    TableError::Nothing
-                        | TableError::Stranger { .. }
-                        | TableError::Other { .. }
-                        | TableError::Twice { .. }
-                        | TableError::Missing { .. }
-                )
+                | Self::Table(_)
+                | Self::Key(_)
+                | Self::Serve(serve::ServeError::Listen { .. })
+                | Self::Write { .. }
+                | Self::Plot(flix_host::plot::PlotError::Write { .. })
+                | Self::Recording(crate::view::RecordingError::Write { .. })
                 | Self::Probe(
                     ProbeError::Model(_) | ProbeError::Setpoint(_) | ProbeError::NoLegs { .. }
                 )
                 | Self::Walk(WalkError::Model(_) | WalkError::NoLegs { .. })
         )
     }
+}
+
+impl Cli {
+    /// Returns the description of the command line, which reads help, completions and manual pages.
+    ///
+    /// A negative number is a value wherever a value is expected, so that a refusal names the option and its range.
+    #[must_use]
+    pub fn description() -> clap::Command {
+        with_negative_numbers(Self::command())
+    }
+}
+
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    command
+        .mut_args(|argument| {
+            let takes_values = argument.get_action().takes_values();
+            argument.allow_negative_numbers(takes_values)
+        })
+        .mut_subcommands(with_negative_numbers)
 }
 
 impl From<crate::plant::Diverged> for Error {

@@ -87,7 +87,8 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let socket = listen(args.listen)
         .map_err(|source| ServeError::Listen { address: args.listen, source })?;
     let robot = robot(args, key)?;
-    let cameras = args.natnet.map(|address| Cameras::open(address.into(), args.seed)).transpose()?;
+    let cameras =
+        args.natnet.map(|address| Cameras::open(address.into(), args.seed)).transpose()?;
     introduce(args, &socket)?;
     let mut console = Console::open();
     serve(robot, &socket, cameras, &interrupt, |robot| console.attend(robot))?;

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use super::Error;
-use super::arguments::{ModelArgs, SetpointArgs, parse_time};
+use super::arguments::{ModelArgs, SetpointArgs, parse_step};
 use super::output::{print_figures, row, table};
 use crate::experiment::probe::{self, ShakeBase, Shaken};
 use crate::experiment::walk::DEFAULT_STEP;
@@ -21,7 +21,7 @@ pub struct Args {
     #[arg(long, value_enum, default_value_t = ShakeBase::Fixed)]
     base: ShakeBase,
     /// Step of the simulation [default: 0.1ms]
-    #[arg(long, value_name = "TIME", value_parser = parse_time)]
+    #[arg(long, value_name = "TIME", value_parser = parse_step)]
     step: Option<Duration>,
     #[command(flatten)]
     model: ModelArgs,

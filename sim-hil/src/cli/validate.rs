@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use super::Error;
-use super::arguments::{Vector, parse_leg};
+use super::arguments::{Vector, parse_leg, parse_within};
 use super::output::{mark, print_figures, row, table};
 use crate::experiment::validation::{Options, Report, validate};
 
@@ -16,11 +16,11 @@ pub struct Args {
     /// Model: a TOML file or the name of a shipped one
     #[arg(long, default_value = "A")]
     model: String,
-    /// Frequency of the shaker on a stand, Hz; may be given several times
-    #[arg(long, value_name = "HZ", allow_hyphen_values = true)]
+    /// Frequency of the shaker on a stand, -35 to 35 Hz; may be given several times
+    #[arg(long, value_name = "HZ", allow_hyphen_values = true, value_parser = parse_frequency)]
     frequency: Vec<f64>,
-    /// Direction of the shaker, degrees to the right
-    #[arg(long, value_name = "DEG", default_value_t = 30.0, allow_hyphen_values = true)]
+    /// Direction of the shaker, -90 to 90 degrees, positive to the right
+    #[arg(long, value_name = "DEG", default_value_t = 30.0, allow_hyphen_values = true, value_parser = parse_direction)]
     direction: f64,
     /// Leg that is loaded: fl, fr, rl or rr
     #[arg(long, default_value = "fl", value_parser = parse_leg)]
@@ -34,6 +34,14 @@ pub struct Args {
     /// Print JSON only
     #[arg(long)]
     json: bool,
+}
+
+fn parse_frequency(text: &str) -> Result<f64, String> {
+    parse_within(text, -35.0..=35.0, "frequency", " Hz")
+}
+
+fn parse_direction(text: &str) -> Result<f64, String> {
+    parse_within(text, -90.0..=90.0, "direction", " degrees")
 }
 
 /// Runs the command.

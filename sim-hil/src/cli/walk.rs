@@ -10,10 +10,11 @@ use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
 use super::Error;
-use super::arguments::{ModelArgs, SetpointArgs, parse_time};
+use super::arguments::{ModelArgs, SetpointArgs, parse_step, parse_time};
 use super::output::{print, print_figures, progress, row, table};
 use crate::experiment::walk::{Spread, Walk, WalkDrive, Walked, walk};
 use crate::model::RobotModel;
+use crate::plant::electronics::TICK;
 use crate::view::Film;
 
 /// Shortest time between two frames, s: some 16 frames a turn at 30 Hz.
@@ -44,7 +45,7 @@ pub struct Args {
     #[arg(long, value_enum, default_value_t = WalkDrive::Firmware)]
     drive: WalkDrive,
     /// Step; under the firmware's drive at most its own tick of 0.1 ms
-    #[arg(long, value_name = "TIME", default_value = "0.1ms", value_parser = parse_time)]
+    #[arg(long, value_name = "TIME", default_value = "0.1ms", value_parser = parse_step)]
     step: Duration,
     /// Folder for the picture and the replay
     #[arg(long, value_name = "DIR", default_value = "out/walk")]
@@ -82,6 +83,12 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         drive: args.drive,
         step: args.step.as_secs_f64(),
     };
+    if what.drive == WalkDrive::Firmware && what.step > TICK {
+        return Err(Error::refused(format!(
+            "--step {:?}: the firmware ticks every 0.1ms; take at most that, or --drive ideal",
+            args.step
+        )));
+    }
     let caption = format!("{} s, seed {}", what.seconds, args.first_seed);
     let bar = progress(args.seeds, "walking");
     let seeds: Vec<u64> =

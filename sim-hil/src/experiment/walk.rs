@@ -114,8 +114,7 @@ pub fn walk(
     match walk.drive {
         WalkDrive::Ideal => ideally(plant, walk, watch),
         WalkDrive::Firmware => {
-            let parameters =
-                RobotParameters::of(&model.electrical, Key::new([0x5a; 32]), seed)?;
+            let parameters = RobotParameters::of(&model.electrical, Key::new([0x5a; 32]), seed)?;
             by_firmware(SimulatedRobot::new(parameters, plant), walk, watch)
         }
     }

@@ -180,11 +180,7 @@ pub fn hold_all_directions(
 ///
 /// # Errors
 /// As for [`measure`].
-pub fn measure_step(
-    subject: &Subject,
-    base: Base,
-    step: Step,
-) -> Result<StepResult, BenchError> {
+pub fn measure_step(subject: &Subject, base: Base, step: Step) -> Result<StepResult, BenchError> {
     let mut operation = subject.on(base)?;
     let current_limit_a = operation.connect().and_then(|()| operation.setting("current_limit"))?;
     operation.arm()?;

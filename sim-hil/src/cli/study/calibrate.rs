@@ -8,7 +8,7 @@ use flix_host::plot::{Chart, Figure, Panel, Series};
 
 use super::listen;
 use crate::cli::Error;
-use crate::cli::arguments::{ModelArgs, parse_time, parse_within};
+use crate::cli::arguments::{ModelArgs, parse_step, parse_time, parse_within};
 use crate::cli::output::{print, progress, row, table};
 use crate::experiment::walk::WalkDrive;
 use crate::model::RobotModel;
@@ -50,7 +50,7 @@ pub struct Args {
     #[arg(long, value_name = "TIMES", default_value_t = 1.0, value_parser = parse_widen)]
     widen: f64,
     /// Number of generations
-    #[arg(long, value_name = "N", default_value_t = 60)]
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     generations: u64,
     /// Scattered robots that each candidate is tried as
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1000))]
@@ -59,7 +59,7 @@ pub struct Args {
     #[arg(long, value_name = "SHARE", default_value_t = 0.02, value_parser = super::parse_scatter)]
     scatter: f64,
     /// Steps of the simulation, taken in turn
-    #[arg(long, value_name = "TIMES", value_delimiter = ',', default_values = ["0.1ms", "0.05ms"], value_parser = parse_time)]
+    #[arg(long, value_name = "TIMES", value_delimiter = ',', default_values = ["0.1ms", "0.05ms"], value_parser = parse_step)]
     step: Vec<Duration>,
     /// Time of each walk of the search
     #[arg(long, value_name = "TIME", default_value = "8s", value_parser = parse_time)]

@@ -17,7 +17,7 @@ use clap::Subcommand;
 use flix_host::interrupt::Interrupt;
 
 use super::Error;
-use super::arguments::{ModelArgs, parse_time, parse_within};
+use super::arguments::{ModelArgs, parse_step, parse_time, parse_within};
 use super::output::print;
 use crate::experiment::walk::{WalkDrive, require_walker};
 use crate::model::RobotModel;
@@ -157,7 +157,7 @@ pub struct SweepArgs {
     #[arg(long, value_enum, default_value_t = WalkDrive::Ideal)]
     pub drive: WalkDrive,
     /// Step of the ideal drive; the firmware's is its own 0.1 ms
-    #[arg(long, value_name = "TIME", default_value = "0.1ms", value_parser = parse_time)]
+    #[arg(long, value_name = "TIME", default_value = "0.1ms", value_parser = parse_step)]
     pub step: Duration,
     /// Scatter every number of the model by this share, anew for each seed, for example 0.02
     #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = parse_scatter)]

@@ -7,6 +7,7 @@ use flix_host::plot::Figure;
 
 use super::{SweepArgs, sensitivity};
 use crate::cli::Error;
+use crate::cli::arguments::parse_within;
 use crate::cli::output::{headings, print, row, table};
 use crate::study::sensitivity::{Candidate, Change, LEAST_SPEED, candidates, mode_table};
 use crate::study::statements::{Statement, Verdict, statements};
@@ -24,8 +25,8 @@ const LISTED: usize = 3;
 pub struct Args {
     #[command(flatten)]
     sweep: SweepArgs,
-    /// Least speed of a mode's own component, m/s, yaw rates times 0.1 m
-    #[arg(long, value_name = "SPEED", default_value_t = LEAST_SPEED)]
+    /// Least speed of a mode's own component, 0 to 10 m/s, yaw rates times 0.1 m
+    #[arg(long, value_name = "SPEED", default_value_t = LEAST_SPEED, value_parser = parse_speed)]
     least: f64,
     /// File of the mode table [default: modes.toml beside the figure]
     #[arg(long, value_name = "FILE")]
@@ -33,6 +34,10 @@ pub struct Args {
     /// Check the claims of the paper's sensitivity section instead
     #[arg(long)]
     statements: bool,
+}
+
+fn parse_speed(text: &str) -> Result<f64, String> {
+    parse_within(text, 0.0..=10.0, "speed", " m/s")
 }
 
 /// Runs the command.
