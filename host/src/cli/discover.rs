@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 use std::time::Duration;
 
-use super::output::{Column, print, print_json, table};
+use super::output::{headings, print, print_json, table};
 use super::time::duration;
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
@@ -41,16 +41,17 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         ));
     } else {
         let keyring = Keyring::of_user()?;
-        let columns = [""; 4].map(Column::left);
-        print(&table(columns, robots.iter().map(|robot| row(robot, &keyring))))?;
+        let mut rows = vec![headings("robot|address|key|board")];
+        rows.extend(robots.iter().map(|robot| row(robot, &keyring)));
+        print(&table(&rows))?;
     }
     Ok(if robots.is_empty() { Exit::NoAnswer } else { Exit::Done }.into())
 }
 
-fn row(robot: &Found, keyring: &Keyring) -> [String; 4] {
+fn row(robot: &Found, keyring: &Keyring) -> Vec<String> {
     let address =
         robot.socket_address().map_or_else(|| "no address".to_owned(), |it| it.to_string());
-    let key = if keyring.contains(&robot.name) { "key known" } else { "no key" };
+    let key = if keyring.contains(&robot.name) { "known" } else { "none" };
     let board = robot.properties.get("board").cloned().unwrap_or_default();
-    [robot.name.clone(), address, key.to_owned(), board]
+    vec![robot.name.clone(), address, key.to_owned(), board]
 }

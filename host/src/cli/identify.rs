@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use super::course::pairs;
-use super::output::{Column, print, table};
+use super::output::{headings, print, table};
 use super::robot::FieldRobotArgs;
 use super::time::duration;
 use super::walk::{FileArgs, PoseArgs, Walk, record, verdict};
@@ -90,10 +90,9 @@ pub fn describe(modes: &ModeTable) -> String {
     let speed = |s: crate::nav::Spread, digits: usize| {
         format!("{:.*} \u{b1} {:.*}", digits, s.mean, digits, s.spread)
     };
-    let columns = ["f/Hz", "theta/deg", "forward m/s", "lateral m/s", "yaw rad/s"];
-    let [f, theta, forward, lateral, yaw] = columns.map(Column::right);
-    let rows = modes.modes().iter().map(|mode| {
-        [
+    let mut rows = vec![headings("mode|f/Hz|theta/deg|forward m/s|lateral m/s|yaw rad/s")];
+    rows.extend(modes.modes().iter().map(|mode| {
+        vec![
             mode.name.clone(),
             mode.setpoint.frequency().get().to_string(),
             mode.setpoint.direction().get().to_string(),
@@ -101,8 +100,8 @@ pub fn describe(modes: &ModeTable) -> String {
             speed(mode.lateral, 4),
             speed(mode.yaw, 3),
         ]
-    });
-    table([Column::left("mode"), f, theta, forward, lateral, yaw], rows)
+    }));
+    table(&rows)
 }
 
 /// Runs the command.

@@ -33,40 +33,26 @@ pub fn print_json(value: &impl Serialize) -> Result<(), Error> {
     print(&text)
 }
 
-/// A column of a [`table`].
-#[derive(Debug, Clone, Copy)]
-pub struct Column(&'static str, CellAlignment);
-
-impl Column {
-    /// A column of texts, which begin at one edge.
-    #[must_use]
-    pub const fn left(heading: &'static str) -> Self {
-        Self(heading, CellAlignment::Left)
+/// Lays rows out in columns without borders, the headings first. Columns with a number in them are
+/// aligned to the right.
+#[must_use]
+pub fn table(rows: &[Vec<String>]) -> String {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).add_rows(rows);
+    for (index, column) in table.column_iter_mut().enumerate() {
+        let mut cells = rows.iter().skip(1).filter_map(|row| row.get(index));
+        if cells.any(|cell| cell.starts_with(|c: char| c.is_ascii_digit() || "+-".contains(c))) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+        column.set_padding((0, 2));
     }
-
-    /// A column of numbers, which end at one edge.
-    #[must_use]
-    pub const fn right(heading: &'static str) -> Self {
-        Self(heading, CellAlignment::Right)
-    }
+    table.trim_fmt() + "\n"
 }
 
-/// Returns a table without lines: each column is as wide as its widest cell, with two spaces
-/// between columns. Columns that all have an empty heading give no heading line.
-pub fn table<const COLUMNS: usize>(
-    columns: [Column; COLUMNS],
-    rows: impl IntoIterator<Item = [String; COLUMNS]>,
-) -> String {
-    let mut table = Table::new();
-    table.load_style(presets::NOTHING);
-    if columns.iter().any(|Column(heading, _)| !heading.is_empty()) {
-        table.set_header(columns.map(|Column(heading, _)| heading));
-    }
-    table.add_rows(rows);
-    for (column, Column(_, alignment)) in table.column_iter_mut().zip(columns) {
-        column.set_padding((0, 2)).set_cell_alignment(alignment);
-    }
-    format!("{}\n", table.trim_fmt())
+/// Returns the first row of a [`table`] from its headings with bars between.
+#[must_use]
+pub fn headings(names: &str) -> Vec<String> {
+    names.split('|').map(str::to_owned).collect()
 }
 
 /// Returns a bar on stderr that fills in `duration`; hidden when stderr is not a terminal.

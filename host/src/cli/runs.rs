@@ -5,10 +5,10 @@ use std::process::ExitCode;
 
 use serde_json::{Value, json};
 
-use super::output::{Column, print, table};
+use super::output::print;
 use super::{Error, Exit};
 use crate::plot::{Figure, PlotError};
-use crate::record::{ReadError, RecordError, Run, csv, figures, list};
+use crate::record::{ReadError, RecordError, Run, RunSummary, csv, figures, list};
 
 /// List, show, plot and export the records of runs.
 ///
@@ -131,31 +131,33 @@ fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
     if runs.is_empty() {
         return print(&format!("no runs below {}\n", out.display()));
     }
-    let size = |bytes: u64| format!("{:.1} kB", bytes as f64 / 1e3);
-    let rows = runs.iter().map(|run| [size(run.bytes), run.file.display().to_string()]);
-    print(&table([Column::right(""), Column::left("")], rows))
+    let line =
+        |run: &RunSummary| format!("{:>9.1} kB  {}\n", run.bytes as f64 / 1e3, run.file.display());
+    print(&runs.iter().map(line).collect::<String>())
 }
 
 fn show(run: &Run, as_json: bool) -> Result<(), Error> {
     if as_json {
         return print(&format!("{}\n", description(run)));
     }
-    let columns = || [Column::right(""), Column::left("")];
-    let mut head = vec![["duration".to_owned(), format!("{:.1} s", run.seconds())]];
-    head.extend(counts(run).map(|(topic, rows)| [topic.to_owned(), format!("{rows} rows")]));
-    let attached = run.attachments.iter().map(|(name, bytes)| format!("{name}, {bytes} bytes"));
-    head.extend(attached.map(|file| ["attached".to_owned(), file]));
-    let mut text = format!("{}\n{}", run.file.display(), table(columns(), head));
+    let mut text = format!("{}\n{:>14}  {:.1} s\n", run.file.display(), "duration", run.seconds());
+    for (topic, rows) in counts(run) {
+        text += &format!("{topic:>14}  {rows} rows\n");
+    }
+    for (name, bytes) in &run.attachments {
+        text += &format!("{:>14}  {name}, {bytes} bytes\n", "attached");
+    }
     for (group, facts) in &run.facts {
-        let rows = facts.iter().map(|(name, value)| [name.clone(), value.clone()]);
-        text += &format!("\n{group}\n{}", table(columns(), rows));
+        text += &format!("\n{group}\n");
+        for (name, value) in facts {
+            text += &format!("{name:>24}  {value}\n");
+        }
     }
     if !run.events.is_empty() {
-        let rows = run
-            .events
-            .iter()
-            .map(|event| [format!("{:.3} s", run.time(&event.timestamp)), event.message.clone()]);
-        text += &format!("\nevents\n{}", table(columns(), rows));
+        text += "\nevents\n";
+    }
+    for event in &run.events {
+        text += &format!("{:>12.3} s  {}\n", run.time(&event.timestamp), event.message);
     }
     print(&text)
 }

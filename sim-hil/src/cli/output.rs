@@ -3,12 +3,11 @@
 use std::io::Write as _;
 use std::process::ExitCode;
 
-use comfy_table::{CellAlignment, Table, presets};
 use serde::Serialize;
 
 use super::Error;
 pub(crate) use crate::study::progress;
-pub(crate) use flix_host::cli::output::print;
+pub(crate) use flix_host::cli::output::{headings, print, table};
 
 /// Prints a sentence on standard error. When nobody can read it there, it is lost.
 pub(crate) fn complain(sentence: impl std::fmt::Display) {
@@ -45,32 +44,11 @@ fn failure(error: &Error) -> serde_json::Value {
     serde_json::json!({ "pass": false, "error": error.to_string() })
 }
 
-/// The cells of a row of [`table`], each by its `Display`.
+/// The cells of a row of [`table()`], each by its `Display`.
 macro_rules! row {
     ($($cell:expr),* $(,)?) => { vec![$($cell.to_string()),*] };
 }
 pub(crate) use row;
-
-/// Returns the first row of a [`table`] from its headings with bars between.
-pub(crate) fn headings(names: &str) -> Vec<String> {
-    names.split('|').map(str::to_owned).collect()
-}
-
-/// Lays rows out in columns without borders, the headings first. Columns with a number in them stand to the right.
-pub(crate) fn table(rows: &[Vec<String>]) -> String {
-    let mut table = Table::new();
-    table.load_style(presets::NOTHING).add_rows(rows);
-    for (index, column) in table.column_iter_mut().enumerate() {
-        let cells = rows.iter().skip(1).filter_map(|row| row.get(index));
-        let is_number =
-            |cell: &String| cell.starts_with(|c: char| c.is_ascii_digit() || "+-".contains(c));
-        if cells.clone().any(is_number) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
-        column.set_padding((0, 2));
-    }
-    table.trim_fmt() + "\n"
-}
 
 /// Returns the last cell of a row of figures: a mark when they are outside their limits.
 pub(crate) const fn mark(passes: bool) -> &'static str {

@@ -10,7 +10,7 @@ use clap::Subcommand;
 use flix_protocol::message::{Command, Name, Outcome, Parameter, ParameterCommand};
 use serde::Serialize;
 
-use super::output::{Column, print, print_json, table};
+use super::output::{headings, print, print_json, table};
 use super::robot::RobotArgs;
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
@@ -292,12 +292,14 @@ fn show(parameters: &[Parameter], json: bool) -> Result<(), Error> {
     if json {
         return print_json(&parameters.iter().map(Row::from).collect::<Vec<_>>());
     }
-    let rows = parameters.iter().map(|parameter| {
+    let mut rows = vec![headings("setting||value|unit|minimum|maximum|default")];
+    rows.extend(parameters.iter().map(|parameter| {
         let Parameter { name, unit, value, default, minimum, maximum, .. } = parameter;
         let mark = if value == default { "" } else { "*" };
-        let range = format!("{minimum} to {maximum}, default {default}");
-        [name.to_string(), mark.to_owned(), with_unit(*value, unit), range]
-    });
-    let rows = table([""; 4].map(Column::left), rows);
-    print(&format!("{rows}* differs from the default\n"))
+        let unit = if unit == "1" { "" } else { unit };
+        let [value, minimum, maximum, default] =
+            [value, minimum, maximum, default].map(f32::to_string);
+        vec![name.to_string(), mark.into(), value, unit.into(), minimum, maximum, default]
+    }));
+    print(&format!("{}* differs from the default\n", table(&rows)))
 }
