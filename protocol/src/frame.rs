@@ -93,14 +93,9 @@ pub enum RefusalReason {
 }
 
 impl RefusalReason {
-    const fn from_byte(byte: u8) -> Option<Self> {
-        match byte {
-            1 => Some(Self::Version),
-            2 => Some(Self::Key),
-            3 => Some(Self::Busy),
-            4 => Some(Self::Unprovisioned),
-            _ => None,
-        }
+    fn from_byte(byte: u8) -> Option<Self> {
+        let all = [Self::Version, Self::Key, Self::Busy, Self::Unprovisioned];
+        all.into_iter().find(|reason| *reason as u8 == byte)
     }
 }
 

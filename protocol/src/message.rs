@@ -16,7 +16,6 @@ use heapless::{String, Vec};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use crate::units::{Degrees, Hertz};
 
 pub use fault::{Fault, Faults};
 pub use link::{DropReason, Dropped, LinkQuality};
@@ -63,17 +62,18 @@ pub struct ToRobot {
 #[must_use]
 pub fn unreadable(plain: &[u8]) -> Option<(u32, Refusal)> {
     let (request, rest) = postcard::take_from_bytes::<u32>(plain).ok()?;
-    let refusal = postcard::from_bytes::<UncheckedSetpoint>(rest).ok().and_then(|setpoint| {
-        let UncheckedSetpoint::Setpoint(frequency, direction) = setpoint;
-        let frequency = Hertz::new(frequency).and_then(|f| Setpoint::new(f, Degrees::ZERO));
-        let direction = Degrees::new(direction).and_then(|theta| Setpoint::new(Hertz::ZERO, theta));
-        match (frequency, direction) {
-            (Err(_), _) => Some(Refusal::frequency()),
-            (_, Err(_)) => Some(Refusal::direction()),
-            _ => None,
+    let refusal = match postcard::from_bytes(rest) {
+        Ok(UncheckedSetpoint::Setpoint(f, _)) if Setpoint::from_numbers(f, 0.0).is_err() => {
+            Refusal::frequency()
         }
-    });
-    Some((request, refusal.unwrap_or(Refusal::Malformed)))
+        Ok(UncheckedSetpoint::Setpoint(_, theta))
+            if Setpoint::from_numbers(0.0, theta).is_err() =>
+        {
+            Refusal::direction()
+        }
+        _ => Refusal::Malformed,
+    };
+    Some((request, refusal))
 }
 
 /// [`Command::Setpoint`] before its numbers are checked; the same bytes.
