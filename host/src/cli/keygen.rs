@@ -20,7 +20,7 @@ Examples:
 pub struct Args {
     /// File to write; it must not exist.
     file: Option<PathBuf>,
-    /// Store the key in your keyring under this name of a robot.
+    /// Store the key in your keyring, under this name.
     #[arg(long, value_name = "NAME", conflicts_with = "file")]
     robot: Option<String>,
 }
