@@ -6,6 +6,7 @@
 pub mod accuracy;
 pub mod adversary;
 pub mod arguments;
+pub mod completions;
 pub mod conditions;
 mod console;
 pub mod demo;
@@ -74,6 +75,8 @@ enum Command {
     Identify(identify::Args),
     /// Repeat the paper's studies, one command each
     Study(study::Args),
+    /// Print the completion script of a shell
+    Completions(completions::Args),
 }
 
 /// Why a command failed: one sentence for people.
@@ -213,6 +216,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Home(args) => home::run(&args),
         Command::Identify(args) => identify::run(&args),
         Command::Study(args) => study::run(&args),
+        Command::Completions(args) => completions::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Accuracy(args) => accuracy::run(&args),
         Command::Faults(args) => faults::run(&args),

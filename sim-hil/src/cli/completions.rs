@@ -1,0 +1,31 @@
+//! `flix-sim completions`: prints a completion script for a shell.
+
+use std::process::ExitCode;
+
+use clap_complete::Shell;
+
+use super::output::print;
+use super::{Cli, Error};
+
+/// Print the completion script of a shell
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix-sim completions bash > ~/.local/share/bash-completion/completions/flix-sim
+  flix-sim completions zsh > ~/.zfunc/_flix-sim
+  flix-sim completions fish > ~/.config/fish/completions/flix-sim.fish")]
+pub struct Args {
+    /// The shell
+    shell: Shell,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When standard output cannot be written.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let mut script = Vec::new();
+    clap_complete::generate(args.shell, &mut Cli::description(), "flix-sim", &mut script);
+    print(&String::from_utf8_lossy(&script))?;
+    Ok(ExitCode::SUCCESS)
+}
