@@ -6,6 +6,8 @@ pub(super) enum Scale {
     /// Equal steps, equal lengths.
     #[default]
     Linear,
+    /// Equal steps, equal lengths; ticks at parts of a turn.
+    Degrees,
     /// Equal factors, equal lengths. Values at or below zero are not drawn.
     Logarithmic,
 }
@@ -53,7 +55,7 @@ impl Axis {
     /// Makes the axis that shows `limits` (widened where they are equal) from pixel `from` to `to`.
     pub(super) fn new(limits: Limits, scale: Scale, from: f64, to: f64) -> Self {
         let Limits { low, high } = match scale {
-            Scale::Linear => limits,
+            Scale::Linear | Scale::Degrees => limits,
             Scale::Logarithmic => {
                 let log = |value: f64| value.max(f64::MIN_POSITIVE).log10();
                 Limits::new(log(limits.low), log(limits.high))
@@ -71,7 +73,7 @@ impl Axis {
     /// Returns the pixel of a value; `None` where it has none.
     pub(super) fn pixel(&self, value: f64) -> Option<f64> {
         let value = match self.scale {
-            Scale::Linear => value,
+            Scale::Linear | Scale::Degrees => value,
             Scale::Logarithmic if value > 0.0 => value.log10(),
             Scale::Logarithmic => return None,
         };
@@ -84,7 +86,8 @@ impl Axis {
     pub(super) fn ticks(&self, spacing: f64) -> Vec<(f64, String)> {
         let count = ((self.to - self.from).abs() / spacing).max(1.0);
         let values = match self.scale {
-            Scale::Linear => linear_ticks(self.limits, count),
+            Scale::Linear => linear_ticks(self.limits, round_step(self.limits.span() / count)),
+            Scale::Degrees => linear_ticks(self.limits, step_of_turn(self.limits.span() / count)),
             Scale::Logarithmic => logarithmic_ticks(self.limits, count),
         };
         values
@@ -100,14 +103,14 @@ pub(super) fn range_of(
     scale: Scale,
     share: f64,
 ) -> Option<Limits> {
-    let usable = values.filter(|v| v.is_finite() && (scale == Scale::Linear || *v > 0.0));
+    let usable = values.filter(|v| v.is_finite() && (scale != Scale::Logarithmic || *v > 0.0));
     let (low, high) =
         usable.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
     if low > high {
         return None;
     }
     Some(match scale {
-        Scale::Linear => Limits::new(low, high).widened((high - low) * share),
+        Scale::Linear | Scale::Degrees => Limits::new(low, high).widened((high - low) * share),
         Scale::Logarithmic => {
             let factor = (high / low).powf(share);
             Limits::new(low / factor, high * factor)
@@ -115,14 +118,24 @@ pub(super) fn range_of(
     })
 }
 
-fn linear_ticks(Limits { low, high }: Limits, count: f64) -> Vec<(f64, String)> {
-    let rough = (high - low) / count;
-    let decade = 10f64.powf(rough.log10().floor());
-    let step = [1.0, 2.0, 2.5, 5.0, 10.0]
+/// Returns the smallest round number that is not below `least`.
+fn round_step(least: f64) -> f64 {
+    let decade = 10f64.powf(least.log10().floor());
+    [1.0, 2.0, 2.5, 5.0, 10.0]
         .iter()
         .map(|m| m * decade)
-        .find(|s| *s >= rough * (1.0 - 1e-9))
-        .unwrap_or(10.0 * decade);
+        .find(|s| *s >= least * (1.0 - 1e-9))
+        .unwrap_or(10.0 * decade)
+}
+
+/// Returns the smallest part of a turn, degrees, that is not below `least`.
+fn step_of_turn(least: f64) -> f64 {
+    const PARTS: [f64; 7] = [10.0, 15.0, 30.0, 45.0, 90.0, 180.0, 360.0];
+    let part = PARTS.into_iter().find(|part| *part >= least).filter(|_| least > 5.0);
+    part.unwrap_or_else(|| round_step(least))
+}
+
+fn linear_ticks(Limits { low, high }: Limits, step: f64) -> Vec<(f64, String)> {
     let decimals = decimals_of(step);
     let first = (low / step - 1e-9).ceil() as i64;
     let last = (high / step + 1e-9).floor() as i64;
@@ -181,6 +194,13 @@ mod tests {
     fn linear_ticks_are_round_numbers_inside_the_range() {
         let axis = Axis::new(Limits::new(-0.31, 0.52), Scale::Linear, 0.0, 400.0);
         assert_eq!(texts(&axis, 80.0), ["\u{2212}0.2", "0.0", "0.2", "0.4"]);
+    }
+
+    #[test]
+    fn a_heading_has_ticks_at_parts_of_a_turn() {
+        let heading = |height| Axis::new(Limits::new(-185.0, 185.0), Scale::Degrees, 0.0, height);
+        assert_eq!(texts(&heading(110.0), 34.0), ["\u{2212}180", "0", "180"]);
+        assert_eq!(texts(&heading(220.0), 34.0), ["\u{2212}180", "\u{2212}90", "0", "90", "180"]);
     }
 
     #[test]

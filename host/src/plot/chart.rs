@@ -145,6 +145,13 @@ impl Panel {
         self
     }
 
+    /// Puts the ticks of the vertical axis, which is an angle in degrees, at parts of a turn.
+    #[must_use]
+    pub fn degrees(mut self) -> Self {
+        self.scale = Scale::Degrees;
+        self
+    }
+
     /// Sets the height of the panel, logical pixels (default 150).
     #[must_use]
     pub fn height(mut self, pixels: f64) -> Self {

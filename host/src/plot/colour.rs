@@ -20,6 +20,10 @@ pub const PURPLE: Colour = Colour(0x80, 0x4f, 0xd8);
 pub const SKY: Colour = Colour(0x29, 0xa9, 0xd6);
 /// Sixth choice of a series.
 pub const OLIVE: Colour = Colour(0x8d, 0x8a, 0x00);
+/// Seventh choice of a series.
+pub const PINK: Colour = Colour(0xd6, 0x4f, 0xa8);
+/// Eighth choice of a series.
+pub const BROWN: Colour = Colour(0x85, 0x58, 0x2e);
 /// A reference or a set value.
 pub const GREY: Colour = Colour(0x8a, 0x93, 0x9f);
 /// Text.
@@ -33,8 +37,8 @@ pub const GRID: Colour = Colour(0xe7, 0xea, 0xee);
 /// Paper.
 pub const WHITE: Colour = Colour(0xff, 0xff, 0xff);
 
-/// The colours of series, in turn.
-pub const CYCLE: [Colour; 7] = [BLUE, ORANGE, GREEN, PURPLE, RED, SKY, OLIVE];
+/// The colours of series, in turn: one for each walking mode of the paper's table III.
+pub const CYCLE: [Colour; 9] = [BLUE, ORANGE, GREEN, PURPLE, RED, SKY, OLIVE, PINK, BROWN];
 
 impl fmt::Display for Colour {
     /// Writes `#rrggbb`.

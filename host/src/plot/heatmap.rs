@@ -197,12 +197,19 @@ impl HeatMap {
                 if let Some(value) = value.filter(|_| width >= 30.0) {
                     let look =
                         Text { align: Align::Centre, size: TICK - 0.5, ..tick_text(shade.ink()) };
-                    let middle = corner.moved(width / 2.0, height / 2.0);
+                    let middle =
+                        corner.moved(width / 2.0, height * self.number_height(column, row));
                     canvas.text(middle, &number(value, self.decimals), look);
                 }
             }
         }
         self.draw_marks(canvas, origin);
+    }
+
+    /// Returns where the number of a cell stands, as a share of its height from the top: below the name of a mark.
+    fn number_height(&self, column: usize, row: usize) -> f64 {
+        let is_marked = self.marks.iter().any(|(c, r, _)| (*c, *r) == (column, row));
+        if is_marked { 0.68 } else { 0.5 }
     }
 
     fn draw_marks(&self, canvas: &mut Canvas, origin: Pixel) {

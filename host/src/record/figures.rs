@@ -6,6 +6,8 @@ use crate::plot::{Chart, Outline, Panel, Series, Stroke, Track, colour};
 
 /// Length and width of the robot's plate, m (paper, Table I).
 const PLATE: [f64; 2] = [0.22, 0.12];
+/// Farther than this between two poses nothing walks, m: 5 m/s at 100 poses a second.
+const JUMP: f64 = 0.05;
 /// Number of robots drawn along a track.
 const SNAPSHOTS: usize = 12;
 
@@ -23,7 +25,7 @@ pub fn track(run: &Run) -> Track {
         figure =
             figure.series(Series::line("path", points).stroke(Stroke::Dashed).colour(colour::GREY));
     }
-    let walked = trusted.iter().map(PlanarPose::position);
+    let walked = broken_at_jumps(trusted.iter().map(PlanarPose::position));
     figure = figure.series(Series::line("robot", walked).colour(colour::BLUE));
     if let (Some(first), Some(last)) = (trusted.first(), trusted.last()) {
         // Two labels on one spot cannot be read.
@@ -71,6 +73,7 @@ pub fn timeline(run: &Run) -> Chart {
                 Panel::new("Heading (°)")
                     .height(110.0)
                     .range(-185.0, 185.0)
+                    .degrees()
                     .series(Series::line("", broken_at_wraps(heading)).width(1.2)),
             );
     }
@@ -133,6 +136,18 @@ fn broken_at_wraps(points: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> 
             broken.push((time, f64::NAN));
         }
         broken.push((time, angle));
+    }
+    broken
+}
+
+/// Breaks the line where the robot was carried: from one pose to the next it walks millimetres.
+fn broken_at_jumps(positions: impl Iterator<Item = Position>) -> Vec<Position> {
+    let mut broken: Vec<Position> = Vec::new();
+    for position in positions {
+        if broken.last().is_some_and(|last| last.distance_to(position) > JUMP) {
+            broken.push(Position::new(f64::NAN, f64::NAN));
+        }
+        broken.push(position);
     }
     broken
 }

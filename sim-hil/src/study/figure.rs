@@ -12,12 +12,27 @@ use super::modes::{Component, paper_modes};
 use super::sensitivity::{Candidate, index, robustness};
 use super::sweep::{Cell, cells};
 
-/// The three speeds with their names, units, and place in [`Cell::spreads`].
-const SPEEDS: [(&str, usize); 3] = [
-    ("longitudinal speed (m/s)", 0),
-    ("lateral speed, left + (m/s)", 1),
-    ("turning speed, left + (rad/s)", 2),
+/// One of the three mean speeds, as it is drawn.
+struct Speed {
+    title: &'static str,
+    /// Place in [`Cell::spreads`].
+    which: usize,
+    /// Drawn number for 1 m/s or 1 rad/s.
+    factor: f64,
+    decimals: usize,
+}
+
+const SPEEDS: [Speed; 3] = [
+    Speed { title: "longitudinal speed (mm/s)", which: 0, factor: 1e3, decimals: 0 },
+    Speed { title: "lateral speed, left + (mm/s)", which: 1, factor: 1e3, decimals: 0 },
+    Speed { title: "turning speed, left + (rad/s)", which: 2, factor: 1.0, decimals: 2 },
 ];
+
+impl Speed {
+    fn of(&self, cell: &Cell) -> f64 {
+        self.factor * cell.spreads()[self.which].mean
+    }
+}
 /// The same without units.
 const KINDS: [(&str, Component); 3] = [
     ("longitudinal", Component::Forward),
@@ -67,11 +82,11 @@ fn map(
 }
 
 /// A map of one of the three mean speeds of these cells.
-fn speed_map(title: impl Into<String>, cells: &[Cell], which: usize) -> HeatMap {
-    map(title, cells, |f, theta| {
-        let cell = cells.iter().find(|c| (c.f_hz, c.theta_deg) == (f, theta))?;
-        Some(cell.spreads()[which].mean)
-    })
+fn speed_map(title: impl Into<String>, cells: &[Cell], speed: &Speed) -> HeatMap {
+    let map = map(title, cells, |f, theta| {
+        cells.iter().find(|c| (c.f_hz, c.theta_deg) == (f, theta)).map(|cell| speed.of(cell))
+    });
+    map.decimals(speed.decimals)
 }
 
 /// Marks a pair of a map of `cells`.
@@ -88,8 +103,8 @@ fn mark(map: HeatMap, cells: &[Cell], (f, theta): (f64, f64), label: String) -> 
 fn mobility(table: &Table, cells: &[Cell]) -> HeatMaps {
     let figure = HeatMaps::new(format!("Mobility of model {}", name(table)), 3)
         .subtitle(format!("{}; frames: the modes of table III by number", conditions(table)));
-    SPEEDS.iter().fold(figure, |figure, (title, which)| {
-        let map = speed_map(*title, cells, *which);
+    SPEEDS.iter().fold(figure, |figure, speed| {
+        let map = speed_map(speed.title, cells, speed);
         figure.map(paper_modes().iter().enumerate().fold(map, |map, (number, mode)| {
             mark(map, cells, (mode.f_hz, mode.theta_deg), (number + 1).to_string())
         }))
@@ -100,14 +115,13 @@ fn mobility(table: &Table, cells: &[Cell]) -> HeatMaps {
 fn speeds(table: &Table, cells: &[Cell]) -> HeatMaps {
     let figure = HeatMaps::new(format!("Speeds of model {}, changed", name(table)), 3)
         .subtitle(conditions(table));
-    let limit = |which: usize| {
-        cells.iter().map(|c| c.spreads()[which].mean.abs()).fold(f64::MIN_POSITIVE, f64::max)
-    };
+    let limit =
+        |speed: &Speed| cells.iter().map(|c| speed.of(c).abs()).fold(f64::MIN_POSITIVE, f64::max);
     cells.chunk_by(|a, b| a.variant == b.variant).fold(figure, |figure, variant| {
-        SPEEDS.iter().fold(figure, |figure, (title, which)| {
-            let title = format!("{}: {title}", variant[0].variant);
-            let map = speed_map(title, variant, *which);
-            figure.map(map.limits(-limit(*which), limit(*which)).cell(42.0, 22.0))
+        SPEEDS.iter().fold(figure, |figure, speed| {
+            let title = format!("{}: {}", variant[0].variant, speed.title);
+            let map = speed_map(title, variant, speed);
+            figure.map(map.limits(-limit(speed), limit(speed)).cell(42.0, 22.0))
         })
     })
 }
@@ -187,7 +201,7 @@ fn cycles(table: &Table) -> Chart {
             chart,
             |chart, (which, kind, dark)| {
                 let label = format!("{kind} at {f} Hz, {theta}\u{b0} (\u{b0})");
-                let panel = Panel::new(label).height(84.0).range(-200.0, 200.0);
+                let panel = Panel::new(label).height(84.0).range(-185.0, 185.0).degrees();
                 chart.panel(shaded(panel, &turn, which, dark))
             },
         )
