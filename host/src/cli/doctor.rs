@@ -255,11 +255,24 @@ fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
 fn judge_stream(seen: NatNetStatistics, watched: f64, bodies: &[(String, i32)]) -> Finding {
     let bad = |sentence: String| Finding::bad("poses", Exit::NoAnswer, sentence);
     let names: Vec<_> = bodies.iter().map(|(name, id)| format!("\"{name}\" ({id})")).collect();
+    if let Some(stranger) = seen.stranger.filter(|_| seen.datagrams == 0) {
+        return bad(format!(
+            "the server answers, but the frames come from {stranger}: if that is Motive's computer, give it as \
+             --natnet-server; if not, somebody forges poses: use a network of its own for the cameras"
+        ));
+    }
     if seen.datagrams == 0 {
         return bad("the server answers, but no frame arrives: check that Motive is live and not paused, that its \
                     streaming interface is the card that reaches this computer (not loopback), and that \
                     no firewall blocks UDP port 1511; with several network cards here, name one with --interface"
             .to_owned());
+    }
+    if let Some(stranger) = seen.stranger {
+        return bad(format!(
+            "{stranger} sends poses beside the server ({} datagrams, all dropped): stop it, or use a network of \
+             its own for the cameras",
+            seen.strangers
+        ));
     }
     if seen.unreadable > seen.frames {
         return bad(format!(
@@ -278,6 +291,13 @@ fn judge_stream(seen: NatNetStatistics, watched: f64, bodies: &[(String, i32)]) 
         return bad(format!(
             "the cameras lost the robot in {} of {} frames: clean or add markers, check occlusion",
             seen.untracked, seen.frames
+        ));
+    }
+    if seen.jumps > 0 {
+        return bad(format!(
+            "{} poses jump farther than a robot can move: let nobody carry the robot, check for swapped markers, \
+             and for a second sender of poses on this network",
+            seen.jumps
         ));
     }
     let rate = seen.frames as f64 / watched;
@@ -303,11 +323,18 @@ mod tests {
     #[test]
     fn every_trouble_of_a_stream_has_its_own_advice() {
         let bodies = [("drone".to_owned(), 4)];
+        let stranger = Some([10, 0, 0, 7].into());
         for (statistics, advice) in [
             (NatNetStatistics::default(), "loopback"),
             (NatNetStatistics { without_body: 240, ..seen() }, "\"drone\" (4)"),
             (NatNetStatistics { untracked: 3, ..seen() }, "markers"),
             (NatNetStatistics { frames: 20, ..seen() }, "few"),
+            (NatNetStatistics { jumps: 2, ..seen() }, "second sender"),
+            (NatNetStatistics { strangers: 9, stranger, ..seen() }, "10.0.0.7 sends poses"),
+            (
+                NatNetStatistics { strangers: 9, stranger, ..NatNetStatistics::default() },
+                "come from 10.0.0.7",
+            ),
             (NatNetStatistics { frames: 0, unreadable: 240, ..seen() }, "version"),
         ] {
             let finding = judge_stream(statistics, 2.0, &bodies);

@@ -4,6 +4,7 @@
 //! (REP 103) into the world. Every source delivers the same [`PoseSample`]; a sample that its source
 //! does not trust is marked and is never used to move.
 
+pub mod continuity;
 pub mod natnet;
 
 use flix_protocol::units::Instant;

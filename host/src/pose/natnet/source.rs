@@ -1,7 +1,11 @@
 //! The receiving end.
+//!
+//! NatNet is not authenticated. The source takes datagrams of the server's address alone, on the network
+//! card that reaches it, and trusts no stream that jumps ([`crate::pose::continuity`]). Somebody on the
+//! same network who forges the server's address can still keep the poses from being trusted.
 
 use std::io;
-use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -12,11 +16,15 @@ use natnet::{Decoder, Message, ModelDef, ParsePolicy, ServerInfo, Version};
 use socket2::{Domain, Protocol, Socket, Type};
 
 use super::UpAxis;
+use crate::pose::continuity::Continuity;
 use crate::pose::{Pose, PoseError, PoseSample, PoseSource};
 
 /// A unicast server forgets a client that is silent for longer; NatNet's own samples send this
 /// often.
 const KEEPALIVE: Duration = Duration::from_millis(250);
+/// Most datagrams that one call of `poll` reads: a flood of them cannot keep the caller from its other work.
+/// 128,000 a second at 500 calls a second.
+const DATAGRAMS_AT_ONCE: u32 = 256;
 
 /// Which rigid body is the robot.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -120,6 +128,12 @@ pub struct NatNetStatistics {
     pub untracked: u64,
     /// Frames that never came, by the gaps in their numbers.
     pub lost: u64,
+    /// Poses out of reach of the pose before them.
+    pub jumps: u64,
+    /// Datagrams from other addresses than the server's; they were dropped.
+    pub strangers: u64,
+    /// Address of the last of these.
+    pub stranger: Option<IpAddr>,
 }
 
 /// What one datagram told.
@@ -129,6 +143,14 @@ pub struct NatNetReading {
     pub frame: i32,
     /// The robot's pose and whether it is tracked; `None`: the frame has no such body.
     pub body: Option<(Pose, bool)>,
+}
+
+/// What was read from the socket.
+enum Received {
+    /// A datagram of the server, of this length.
+    Datagram(usize),
+    /// A datagram of somebody else.
+    Foreign,
 }
 
 enum Channel {
@@ -145,6 +167,7 @@ pub struct NatNetSource {
     channel: Channel,
     buffer: Vec<u8>,
     last_frame: Option<i32>,
+    continuity: Continuity,
     statistics: NatNetStatistics,
 }
 
@@ -154,7 +177,11 @@ impl NatNetSource {
     ///
     /// # Errors
     /// In sentences that say what to change.
-    pub fn connect(settings: NatNetSettings) -> Result<Self, NatNetError> {
+    pub fn connect(mut settings: NatNetSettings) -> Result<Self, NatNetError> {
+        if settings.interface.is_unspecified() {
+            settings.interface = interface_towards(settings.server)
+                .map_err(|source| NatNetError::Socket { interface: settings.interface, source })?;
+        }
         let socket = |source| NatNetError::Socket { interface: settings.interface, source };
         let mut client =
             CommandClient::bind(settings.interface, settings.server).map_err(socket)?;
@@ -180,6 +207,7 @@ impl NatNetSource {
             channel,
             buffer: vec![0; MIN_DATA_BUFFER],
             last_frame: None,
+            continuity: Continuity::default(),
             statistics: NatNetStatistics::default(),
         })
     }
@@ -202,7 +230,7 @@ impl NatNetSource {
         self.statistics
     }
 
-    fn receive(&mut self, now: Instant) -> io::Result<Option<usize>> {
+    fn receive(&mut self, now: Instant) -> io::Result<Option<Received>> {
         let received = match &mut self.channel {
             Channel::Multicast(client) => client.recv(&mut self.buffer),
             Channel::Unicast { socket, next_keepalive } => {
@@ -214,17 +242,17 @@ impl NatNetSource {
             }
         };
         match received {
-            Ok((length, from)) if self.is_server(from) => Ok(Some(length)),
-            // Somebody else's datagram: as if there was an empty one, so that the rest is read.
-            Ok(_) => Ok(Some(0)),
+            Ok((length, from)) if from.ip() == *self.settings.server.ip() => {
+                Ok(Some(Received::Datagram(length)))
+            }
+            Ok((_, from)) => {
+                self.statistics.strangers += 1;
+                self.statistics.stranger = Some(from.ip());
+                Ok(Some(Received::Foreign))
+            }
             Err(error) if is_only_empty(&error) => Ok(None),
             Err(error) => Err(error),
         }
-    }
-
-    fn is_server(&self, from: SocketAddr) -> bool {
-        // A server with several cards may stream from another than it answers on.
-        matches!(self.channel, Channel::Multicast(_)) || from.ip() == *self.settings.server.ip()
     }
 
     fn count(&mut self, reading: &NatNetReading) {
@@ -243,17 +271,21 @@ impl NatNetSource {
 
 impl PoseSource for NatNetSource {
     fn poll(&mut self, now: Instant) -> Result<Option<PoseSample>, PoseError> {
-        while let Some(length) = self.receive(now)? {
-            if length == 0 {
-                continue;
-            }
+        for _ in 0..DATAGRAMS_AT_ONCE {
+            let length = match self.receive(now)? {
+                None => return Ok(None),
+                Some(Received::Foreign) => continue,
+                Some(Received::Datagram(length)) => length,
+            };
             self.statistics.datagrams += 1;
             let datagram = &self.buffer[..length];
             let version = self.info.protocol_version;
             match NatNetReading::from_datagram(datagram, version, self.body, self.settings.up) {
                 Ok(Some(reading)) => {
                     self.count(&reading);
-                    if let Some((pose, valid)) = reading.body {
+                    if let Some((pose, tracked)) = reading.body {
+                        let valid = tracked && self.continuity.take(now, &pose);
+                        self.statistics.jumps = self.continuity.jumps();
                         return Ok(Some(PoseSample { time: now, pose, valid }));
                     }
                 }
@@ -360,15 +392,23 @@ fn list(bodies: &[(String, i32)]) -> String {
     named.join(", ")
 }
 
+/// Returns the address of the network card that reaches the server. Sends nothing.
+fn interface_towards(server: SocketAddrV4) -> io::Result<Ipv4Addr> {
+    let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
+    socket.connect(server)?;
+    match socket.local_addr()?.ip() {
+        IpAddr::V4(address) => Ok(address),
+        IpAddr::V6(_) => Ok(Ipv4Addr::UNSPECIFIED),
+    }
+}
+
 /// A socket that shares its port with other listeners of the same stream.
-fn multicast_socket(
-    group: Ipv4Addr,
-    port: u16,
-    interface: Ipv4Addr,
-) -> io::Result<std::net::UdpSocket> {
+fn multicast_socket(group: Ipv4Addr, port: u16, interface: Ipv4Addr) -> io::Result<UdpSocket> {
     let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
     socket.set_reuse_address(true)?;
-    socket.bind(&SocketAddr::from((Ipv4Addr::UNSPECIFIED, port)).into())?;
+    let bind = |address| socket.bind(&SocketAddr::from((address, port)).into());
+    // Bound to the group, a socket receives nothing but the group; not every system can do that.
+    bind(group).or_else(|_| bind(Ipv4Addr::UNSPECIFIED))?;
     socket.join_multicast_v4(&group, &interface)?;
     socket.set_nonblocking(true)?;
     Ok(socket.into())

@@ -89,6 +89,15 @@ fn damaged_datagrams_are_errors_and_never_poses() {
 
 /// Runs a server beside `client` until the client is done.
 fn beside_a_server<T>(settings: ServerSettings, client: impl FnOnce(SocketAddrV4) -> T) -> T {
+    beside_a_server_and(|_| {}, settings, client)
+}
+
+/// Runs a server beside `client` until the client is done; `stranger` acts after each of its frames.
+fn beside_a_server_and<T>(
+    stranger: impl Fn(f64) + Sync,
+    settings: ServerSettings,
+    client: impl FnOnce(SocketAddrV4) -> T,
+) -> T {
     let mut server =
         NatNetServer::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), settings).unwrap();
     let SocketAddr::V4(address) = server.local_addr().unwrap() else { panic!("IPv4") };
@@ -100,6 +109,7 @@ fn beside_a_server<T>(settings: ServerSettings, client: impl FnOnce(SocketAddrV4
                 let now = Instant::from_micros(begin.elapsed().as_micros() as u64);
                 server.serve(now).unwrap();
                 server.stream(begin.elapsed().as_secs_f64(), Some(&some_pose())).unwrap();
+                stranger(begin.elapsed().as_secs_f64());
                 std::thread::yield_now();
             }
         });
@@ -107,6 +117,64 @@ fn beside_a_server<T>(settings: ServerSettings, client: impl FnOnce(SocketAddrV4
         done.store(true, Ordering::Relaxed);
         result
     })
+}
+
+/// A group with a port of its own: another test on this computer must not be heard.
+fn group(number: u8) -> (Ipv4Addr, u16) {
+    (Ipv4Addr::new(239, 255, 42, number), 20_000 + (std::process::id() % 20_000) as u16)
+}
+
+fn multicast(group: (Ipv4Addr, u16)) -> ServerSettings {
+    ServerSettings { multicast: Some(group), ..ServerSettings::default() }
+}
+
+/// Streams another pose to `group` from this address of this computer.
+fn forger(address: [u8; 4], group: (Ipv4Addr, u16)) -> impl Fn(f64) + Sync {
+    let socket = std::net::UdpSocket::bind((Ipv4Addr::from(address), 0)).unwrap();
+    let elsewhere = Pose::planar(PlanarPose { x: 1.5, y: -0.5, heading: 0.7 }, 0.0625);
+    let (position, orientation) = UpAxis::Y.from_pose(&elsewhere);
+    let body = PlannedBody::tracked(1, position, orientation);
+    move |seconds| {
+        let forged = SyntheticServer::new(Version::V4_1, 1000).datagram(7, seconds, &[body]);
+        socket.send_to(&forged.unwrap(), group).unwrap();
+    }
+}
+
+/// The samples of a second.
+fn samples(source: &mut NatNetSource) -> Vec<PoseSample> {
+    let begin = std::time::Instant::now();
+    let mut samples = Vec::new();
+    while begin.elapsed() < Duration::from_secs(1) {
+        let now = Instant::from_micros(begin.elapsed().as_micros() as u64);
+        samples.extend(source.poll(now).unwrap());
+    }
+    samples
+}
+
+#[test]
+fn poses_that_another_computer_streams_are_dropped_beside_the_true_ones() {
+    let group = group(78);
+    let (samples, seen) =
+        beside_a_server_and(forger([127, 0, 0, 2], group), multicast(group), |server| {
+            let mut source = NatNetSource::connect(to(server, Body::Only)).unwrap();
+            (samples(&mut source), source.statistics())
+        });
+    assert!(samples.iter().any(|s| s.valid), "{seen:?}");
+    assert!(samples.iter().all(|s| close(&s.pose, &some_pose())), "{seen:?}");
+    assert!(seen.strangers > 0 && seen.stranger == Some([127, 0, 0, 2].into()), "{seen:?}");
+}
+
+#[test]
+fn poses_that_are_forged_in_the_servers_name_beside_the_true_ones_are_never_trusted() {
+    let group = group(79);
+    let (samples, seen) =
+        beside_a_server_and(forger([127, 0, 0, 1], group), multicast(group), |server| {
+            let mut source = NatNetSource::connect(to(server, Body::Only)).unwrap();
+            (samples(&mut source), source.statistics())
+        });
+    let forged = samples.iter().filter(|s| !close(&s.pose, &some_pose())).count();
+    let trusted = samples.iter().filter(|s| s.valid && !close(&s.pose, &some_pose())).count();
+    assert!(forged > 0 && trusted == 0 && seen.jumps > 0, "{forged} {trusted} {seen:?}");
 }
 
 fn to(server: SocketAddrV4, body: Body) -> NatNetSettings {
@@ -119,11 +187,11 @@ fn to(server: SocketAddrV4, body: Body) -> NatNetSettings {
     }
 }
 
-fn first_pose(source: &mut NatNetSource) -> PoseSample {
+fn first_trusted_pose(source: &mut NatNetSource) -> PoseSample {
     let begin = std::time::Instant::now();
     loop {
         let now = Instant::from_micros(begin.elapsed().as_micros() as u64);
-        if let Some(sample) = source.poll(now).unwrap() {
+        if let Some(sample) = source.poll(now).unwrap().filter(|s| s.valid) {
             return sample;
         }
         assert!(begin.elapsed() < Duration::from_secs(10), "{:?}", source.statistics());
@@ -138,7 +206,7 @@ fn a_unicast_stream_of_every_layout_is_followed() {
         let sample = beside_a_server(settings, |server| {
             let mut source =
                 NatNetSource::connect(to(server, Body::Name("flix-walker".into()))).unwrap();
-            first_pose(&mut source)
+            first_trusted_pose(&mut source)
         });
         assert!(sample.valid && close(&sample.pose, &some_pose()), "{version:?}");
     }
@@ -146,16 +214,12 @@ fn a_unicast_stream_of_every_layout_is_followed() {
 
 #[test]
 fn a_multicast_stream_is_followed_by_two_at_once() {
-    // A group and port of its own: another test run on this computer must not be heard.
-    let port = 20_000 + (std::process::id() % 20_000) as u16;
-    let settings = ServerSettings {
-        multicast: Some((Ipv4Addr::new(239, 255, 42, 77), port)),
-        ..ServerSettings::default()
-    };
-    beside_a_server(settings, |server| {
+    beside_a_server(multicast(group(77)), |server| {
         let mut first = NatNetSource::connect(to(server, Body::Only)).unwrap();
         let mut second = NatNetSource::connect(to(server, Body::Number(1))).unwrap();
-        assert!(first_pose(&mut first).valid && first_pose(&mut second).valid);
+        for source in [&mut first, &mut second] {
+            assert!(close(&first_trusted_pose(source).pose, &some_pose()));
+        }
     });
 }
 
