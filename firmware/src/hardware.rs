@@ -116,4 +116,21 @@ pub trait SettingsStore {
     /// # Errors
     /// When it cannot be written; what was kept before is kept still.
     fn save(&mut self, bytes: &[u8]) -> Result<(), Self::Error>;
+
+    /// Replaces what is kept, and erases what was kept before: no copy of it remains anywhere. For a
+    /// store that writes in place this is [`SettingsStore::save`].
+    ///
+    /// # Errors
+    /// When it cannot be written or erased; [`SettingsStore::load`] says what is kept now.
+    fn save_and_sweep(&mut self, bytes: &[u8]) -> Result<(), Self::Error> {
+        self.save(bytes)
+    }
+
+    /// Erases what [`SettingsStore::save_and_sweep`] left because power went.
+    ///
+    /// # Errors
+    /// When it cannot be erased.
+    fn sweep(&mut self) -> Result<(), Self::Error> {
+        Ok(())
+    }
 }

@@ -97,6 +97,15 @@ impl<S: SettingsStore> Provisioner<S> {
         }
     }
 
+    /// Erases a former key that is still stored because power went while it was replaced. Takes
+    /// seconds when there is one; call it while the motors coast.
+    ///
+    /// # Errors
+    /// When the former key may still be stored.
+    pub fn finish_erasure(&mut self) -> Result<(), SaveError> {
+        self.store.sweep().map_err(|_| SaveError)
+    }
+
     /// Stores first, and changes only when that worked.
     fn change(&mut self, provisioning: Option<Provisioning>, state: State) -> Option<Response> {
         if !is_idle(state) {
@@ -105,13 +114,20 @@ impl<S: SettingsStore> Provisioner<S> {
         if provisioning.as_ref().is_some_and(|provisioning| provisioning.check().is_err()) {
             return respond(&Answer::Refused(ProvisionRefusal::Malformed));
         }
+        if self.loaded.is_ok() && self.provisioning == provisioning {
+            // A repeated request: the answer to the first was lost, or power went before it.
+            let erased = self.finish_erasure();
+            return respond(&done_or_storage(erased));
+        }
         let stored = Stored { version: FORMAT_VERSION, provisioning };
-        if save(&mut self.store, &stored).is_err() {
-            return respond(&Answer::Refused(ProvisionRefusal::Storage));
+        let saved = save(&mut self.store, &stored);
+        // A store that could write but not erase keeps the new one.
+        if saved.is_err() && load(&mut self.store).as_ref() != Ok(&stored.provisioning) {
+            return respond(&done_or_storage(saved));
         }
         self.provisioning = stored.provisioning;
         self.loaded = Ok(());
-        respond(&Answer::Done).map(|response| Response { changed: true, ..response })
+        respond(&done_or_storage(saved)).map(|response| Response { changed: true, ..response })
     }
 }
 
@@ -120,6 +136,13 @@ impl<S> fmt::Debug for Provisioner<S> {
         f.debug_struct("Provisioner")
             .field("provisioning", &self.provisioning)
             .finish_non_exhaustive()
+    }
+}
+
+fn done_or_storage(outcome: Result<(), SaveError>) -> Answer {
+    match outcome {
+        Ok(()) => Answer::Done,
+        Err(SaveError) => Answer::Refused(ProvisionRefusal::Storage),
     }
 }
 
@@ -148,7 +171,7 @@ fn load<S: SettingsStore>(store: &mut S) -> Result<Option<Provisioning>, LoadErr
 fn save<S: SettingsStore>(store: &mut S, stored: &Stored) -> Result<(), SaveError> {
     let mut buffer = Zeroizing::new([0; STORED_LENGTH]);
     let bytes = postcard::to_slice_crc32(stored, &mut *buffer, CRC.digest());
-    store.save(bytes.map_err(|_| SaveError)?).map_err(|_| SaveError)
+    store.save_and_sweep(bytes.map_err(|_| SaveError)?).map_err(|_| SaveError)
 }
 
 #[cfg(test)]
@@ -162,6 +185,8 @@ mod tests {
     struct Memory {
         bytes: Option<std::vec::Vec<u8>>,
         is_worn: bool,
+        /// Writes, but cannot erase.
+        cannot_erase: bool,
     }
 
     impl SettingsStore for &mut Memory {
@@ -179,6 +204,15 @@ mod tests {
             }
             self.bytes = Some(bytes.to_vec());
             Ok(())
+        }
+
+        fn save_and_sweep(&mut self, bytes: &[u8]) -> Result<(), ()> {
+            self.save(bytes)?;
+            self.sweep()
+        }
+
+        fn sweep(&mut self) -> Result<(), ()> {
+            if self.cannot_erase { Err(()) } else { Ok(()) }
         }
     }
 
@@ -298,6 +332,40 @@ mod tests {
     }
 
     #[test]
+    fn a_robot_that_cannot_erase_says_so_and_says_so_again() {
+        let mut memory = Memory::default();
+        provision(&mut memory);
+        memory.cannot_erase = true;
+        let mut robot = robot(&mut memory);
+        for _ in 0..2 {
+            let answer = ask(&mut robot, &Request::Forget, State::Disarmed);
+            assert_eq!(answer, Answer::Refused(ProvisionRefusal::Storage));
+        }
+        assert_eq!(robot.provisioning(), None);
+    }
+
+    #[test]
+    fn a_repeated_request_is_done_without_another_write() {
+        let mut memory = Memory::default();
+        provision(&mut memory);
+        memory.is_worn = true;
+        let answer = ask(&mut robot(&mut memory), &Request::Provision(mine()), State::Disarmed);
+        assert_eq!(answer, Answer::Done);
+    }
+
+    #[test]
+    fn what_the_first_release_stored_is_read() {
+        // Version, some, name, network, password, no address, key; the check sum follows.
+        let mut bytes = std::vec![1, 1, 5];
+        bytes.extend_from_slice(b"daisy\x08workshop\x0dcorrect horse\x00");
+        bytes.extend_from_slice(&KEY);
+        let sum = CRC.checksum(&bytes).to_le_bytes();
+        bytes.extend_from_slice(&sum);
+        let mut memory = Memory { bytes: Some(bytes), ..Memory::default() };
+        assert_eq!(robot(&mut memory).provisioning(), Some(&mine()));
+    }
+
+    #[test]
     fn any_damaged_bit_makes_the_robot_nobodys_and_says_so() {
         let mut memory = Memory::default();
         provision(&mut memory);
@@ -305,7 +373,7 @@ mod tests {
         for bit in 0..intact.len() * 8 {
             let mut bytes = intact.clone();
             bytes[bit / 8] ^= 1 << (bit % 8);
-            let mut memory = Memory { bytes: Some(bytes), is_worn: false };
+            let mut memory = Memory { bytes: Some(bytes), ..Memory::default() };
             let robot = robot(&mut memory);
             let found = (robot.provisioning(), robot.loaded());
             assert_eq!(found, (None, Err(LoadError::Damaged)), "bit {bit}");

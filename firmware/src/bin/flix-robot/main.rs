@@ -74,7 +74,7 @@ async fn main(spawner: Spawner) {
     // Without a table the store has no room: settings then stay at their defaults, with a fault.
     let region = flash.region().unwrap_or(0..0);
     let store = &*STORE.init(RefCell::new(FlashStore::new(flash, region)));
-    let provisioner = Provisioner::new(Entry::new(store, flash::PROVISIONING), BOARD.hardware);
+    let mut provisioner = Provisioner::new(Entry::new(store, flash::PROVISIONING), BOARD.hardware);
     if let Err(error) = provisioner.loaded() {
         println!("provisioning: {error}: provision the robot again");
     }
@@ -100,6 +100,10 @@ async fn main(spawner: Spawner) {
     chip::start_fast_loop(parts.fast, |electronics, encoders, timers, software_interrupt| {
         fast::start(timers, software_interrupt, Loop { half, exchange, electronics, encoders });
     });
+    // After the loop: it owns the watchdog, which has to wait. Nobody can arm the robot yet.
+    if provisioner.finish_erasure().is_err() {
+        println!("provisioning: a former key may still be in flash");
+    }
     let light = light::blink(bridge::output(BOARD.status_led), provisioning.is_some(), exchange);
     let serial = serial::serve(parts.serial, provisioner, exchange);
     if let (Ok(light), Ok(serial)) = (light, serial) {
