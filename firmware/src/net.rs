@@ -8,8 +8,8 @@
 //!   invent: one that does not exist would hold up everything behind it.
 //! - A socket that has been full for [`STALL`] waits for an address that does not answer, and is
 //!   emptied.
-//! - mDNS is answered at most every [`DISCOVERY_INTERVAL`], and the robot announces itself whenever
-//!   it gets an address.
+//! - mDNS is answered on the robot's own network alone and at most every [`DISCOVERY_INTERVAL`], and
+//!   the robot announces itself whenever it gets an address.
 
 use core::net::{Ipv4Addr, SocketAddr};
 use core::task::Poll;
@@ -17,7 +17,7 @@ use core::task::Poll;
 use embassy_futures::select::select3;
 use embassy_futures::{poll_once, yield_now};
 use embassy_net::udp::{PacketMetadata, UdpSocket};
-use embassy_net::{IpEndpoint, Stack};
+use embassy_net::{IpEndpoint, Ipv4Cidr, Stack};
 use embassy_time::{Duration, Instant as Moment, Timer};
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::frame::{Datagram, Frame, MAXIMUM_DATAGRAM};
@@ -161,6 +161,15 @@ impl<'a> Outlet<'a> {
     }
 }
 
+/// Returns whether an address is in the robot's own network. mDNS goes no farther (RFC 6762, section
+/// 11); an answer to a forged address elsewhere would flood whoever has it.
+fn is_on_link(network: Option<Ipv4Cidr>, from: SocketAddr) -> bool {
+    match (network, from) {
+        (Some(network), SocketAddr::V4(from)) => network.contains_addr(from.ip()),
+        _ => false,
+    }
+}
+
 /// Answers and announces over mDNS.
 struct Discovery<'a> {
     stack: Stack<'a>,
@@ -188,7 +197,8 @@ impl<'a> Discovery<'a> {
     }
 
     fn serve(&mut self, query: &mut [u8; RECEIVE_LENGTH]) {
-        let address = self.stack.config_v4().map(|config| config.address.address());
+        let network = self.stack.config_v4().map(|config| config.address);
+        let address = network.map(|network| network.address());
         let is_new = address != self.address;
         self.address = address;
         let received = self.outlet.take(query);
@@ -202,6 +212,7 @@ impl<'a> Discovery<'a> {
         }
         if let Some((from, length)) = received
             && Moment::now() >= self.quiet_until
+            && is_on_link(network, from)
         {
             self.answer(address, from, &query[..length]);
         }
@@ -221,5 +232,19 @@ impl<'a> Discovery<'a> {
             self.outlet.send(&answer[..length], to);
             self.quiet_until = Moment::now() + DISCOVERY_INTERVAL;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mdns_goes_no_farther_than_the_robots_network() {
+        let network = Some(Ipv4Cidr::new(Ipv4Addr::new(192, 168, 4, 20), 24));
+        let from = |address: [u8; 4]| SocketAddr::from((address, 40_000));
+        assert!(is_on_link(network, from([192, 168, 4, 2])));
+        assert!(!is_on_link(network, from([192, 168, 5, 2])));
+        assert!(!is_on_link(None, from([192, 168, 4, 2])));
     }
 }
