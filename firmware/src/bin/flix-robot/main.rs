@@ -31,7 +31,7 @@ use core::cell::RefCell;
 use embassy_executor::Spawner;
 use embassy_net::StackResources;
 use esp_hal::clock::CpuClock;
-use esp_hal::rng::Rng;
+use esp_hal::rng::{Rng, Trng};
 use esp_hal::timer::timg::TimerGroup;
 use esp_println::println;
 use esp_radio::wifi::{ControllerConfig, Interface, WifiController};
@@ -80,19 +80,23 @@ async fn main(spawner: Spawner) {
     }
     let provisioning = provisioner.provisioning().cloned().map(|found| &*PROVISIONING.init(found));
 
-    // Random numbers are only random while the radio runs.
     let radio = provisioning.and_then(|_| {
         WifiController::new(parts.wifi, ControllerConfig::default())
             .inspect_err(|error| println!("wi-fi: does not start: {error:?}"))
             .ok()
     });
-    let mut entropy = [0; 32];
-    Rng::new().read(&mut entropy);
+    // Random numbers are only random while the radio runs. Without them the robot has no key, and so
+    // no session.
+    let entropy = secret();
+    if provisioning.is_some() && entropy.is_none() {
+        println!("robot: no random numbers, so it takes no operator");
+    }
+    let key = provisioning.filter(|_| entropy.is_some()).map(Provisioning::key);
     let (half, slow, exchange) = Robot::new(
         BOARD.hardware,
         provisioner.name(),
-        provisioning.map(Provisioning::key),
-        entropy,
+        key,
+        entropy.unwrap_or_default(),
         Entry::new(store, flash::SETTINGS),
     )
     .into_halves();
@@ -118,6 +122,14 @@ async fn main(spawner: Spawner) {
             robot.run_alone().await
         }
     }
+}
+
+/// A secret from the chip's true random number generator; `None` while its source of noise, the
+/// radio, is off.
+fn secret() -> Option<[u8; 32]> {
+    let mut secret = [0; 32];
+    Trng::try_new().ok()?.read(&mut secret);
+    Some(secret)
 }
 
 /// Serves operators on the network for ever.

@@ -28,7 +28,9 @@ pub(crate) static SIGNAL: Mailbox<i8> = Mailbox::new();
 fn station(provisioning: &Provisioning) -> Option<WifiConfig> {
     let authentication = match provisioning.password() {
         "" => AuthenticationMethodConfig::Open,
-        password => AuthenticationMethodConfig::WpaWpa2Personal(password.try_into().ok()?),
+        // The least that is accepted. The driver takes WPA3 (SAE) and protected management frames where
+        // the access point offers them.
+        password => AuthenticationMethodConfig::Wpa2Personal(password.try_into().ok()?),
     };
     let station = StationConfig::default()
         .with_ssid(provisioning.network().try_into().ok()?)
