@@ -1,0 +1,466 @@
+//! The chip, whole: processor, peripherals, ROM and radio, stepped by virtual time.
+
+use std::time::Duration;
+
+use crate::block::CYCLES_PER_SECOND;
+use crate::block::flash::Flash;
+use crate::block::mcpwm::Wave;
+use crate::block::watchdog::Action;
+use crate::cpu::{Cpu, Exit, MSTATUS_MIE};
+use crate::fault::{Fault, Trouble};
+use crate::image::{Image, programmed_flash};
+use crate::memory::{Memory, PAINT};
+use crate::network::Network;
+use crate::radio::{self, Radio};
+use crate::rom::{self, Outcome, Rom};
+use crate::soc::{Finding, Outside, Soc, Watchdog};
+
+/// Why the chip started, as its ROM states it (technical reference manual, table 9.1-1).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ResetReason {
+    /// Power came.
+    PowerOn,
+    /// The program asked for it.
+    Software,
+    /// The watchdog of timer group 0 or 1.
+    TimerWatchdog(usize),
+    /// The watchdog of the low-power side, which resets all but it.
+    LowPowerWatchdog,
+    /// The same, with the low-power side.
+    LowPowerWatchdogAll,
+    /// The supply sagged.
+    BrownOut,
+}
+
+impl ResetReason {
+    const fn code(self) -> u32 {
+        match self {
+            Self::PowerOn => 0x01,
+            Self::Software => 0x03,
+            Self::TimerWatchdog(0) => 0x07,
+            Self::TimerWatchdog(_) => 0x08,
+            Self::LowPowerWatchdog => 0x09,
+            Self::LowPowerWatchdogAll => 0x10,
+            Self::BrownOut => 0x0F,
+        }
+    }
+}
+
+/// Why a run ended before its time.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Stop {
+    /// The chip was reset; it goes on from its boot loader.
+    Reset(ResetReason),
+    /// Power went within a flash operation; [`Chip::power_on`] goes on.
+    PowerLost,
+    /// The image or the emulator is at its end.
+    Fault(Fault),
+}
+
+/// ROM and boot loader, from reset to the image's first instruction: estimated, on the long side.
+pub const BOOT_TIME: Duration = Duration::from_millis(300);
+/// Cycles between two looks at the network when nothing else happens.
+const NETWORK_CYCLES: u64 = CYCLES_PER_SECOND / 4_000;
+/// A run without a single look at interrupts is no longer than this.
+const SLICE_CYCLES: u64 = CYCLES_PER_SECOND / 10_000;
+
+/// An ESP32-C6 with an image in its flash.
+pub struct Chip<O> {
+    cpu: Cpu,
+    soc: Soc<O>,
+    rom: Rom,
+    radio: Radio,
+    /// The network that the radio is on.
+    pub network: Network,
+    image: Image,
+    waits: bool,
+    next_poll: u64,
+    /// Why the chip started last.
+    reason: ResetReason,
+    /// When the image's first instruction ran last.
+    started: u64,
+    /// Cycles for which the processor did something since then.
+    busy: u64,
+    interrupts_at_hand_over: bool,
+}
+
+impl<O: Outside> Chip<O> {
+    /// Powered on, with an image and what is soldered to the pins. `seed` is where randomness starts.
+    #[must_use]
+    pub fn new(image: Image, outside: O, seed: u64) -> Self {
+        Self::with_flash(image, outside, programmed_flash(), seed)
+    }
+
+    /// The same, with a flash that was used before.
+    #[must_use]
+    pub fn with_flash(image: Image, outside: O, flash: Flash, seed: u64) -> Self {
+        let mut soc = Soc::new(outside, seed);
+        soc.flash = flash;
+        let mut chip = Self {
+            cpu: Cpu::new(image.entry),
+            soc,
+            rom: Rom::new(image.symbols()),
+            radio: Radio::new(image.symbols()),
+            network: Network::default(),
+            image,
+            waits: false,
+            next_poll: 0,
+            reason: ResetReason::PowerOn,
+            started: 0,
+            busy: 0,
+            interrupts_at_hand_over: false,
+        };
+        chip.power_on();
+        chip
+    }
+
+    /// Power goes and comes again.
+    pub fn power_on(&mut self) {
+        self.soc.flash.cut_power_in(None);
+        self.soc.memory = Memory::new();
+        self.boot(ResetReason::PowerOn);
+    }
+
+    /// The boot loader hands over with interrupts enabled, as some do. Without this call they are off, as the
+    /// architecture has them after a reset.
+    pub fn hand_over_with_interrupts(&mut self) {
+        self.interrupts_at_hand_over = true;
+        self.cpu.mstatus |= MSTATUS_MIE;
+    }
+
+    fn boot(&mut self, reason: ResetReason) {
+        self.reason = reason;
+        self.rom.reset_reason = reason.code();
+        let now = self.cpu.cycles + cycles(BOOT_TIME);
+        self.cpu = Cpu::new(self.image.entry);
+        self.cpu.cycles = now;
+        if self.interrupts_at_hand_over {
+            self.cpu.mstatus |= MSTATUS_MIE;
+        }
+        self.soc.reset(now, reason.code());
+        self.radio.reset();
+        for segment in &self.image.segments {
+            let (at, data) = (segment.address, &segment.data[..]);
+            if let Some(memory) = self.soc.memory.bytes_mut(at, data.len()) {
+                memory.copy_from_slice(data);
+            } else {
+                let offset = at.wrapping_sub(crate::memory::FLASH) as usize;
+                if let Some(window) = self.soc.memory.flash.get_mut(offset..offset + data.len()) {
+                    window.copy_from_slice(data);
+                }
+            }
+        }
+        for (number, (address, _)) in self.radio.functions.iter().enumerate() {
+            self.cpu.divert(*address, number as i32);
+        }
+        self.waits = false;
+        self.started = now;
+        self.busy = 0;
+        self.next_poll = now;
+    }
+
+    /// Cycles of 160 MHz since the first power-on.
+    #[must_use]
+    pub fn cycles(&self) -> u64 {
+        self.cpu.cycles
+    }
+
+    /// Time since the first power-on.
+    #[must_use]
+    pub fn now(&self) -> Duration {
+        Duration::from_nanos(self.cpu.cycles * 25 / 4)
+    }
+
+    /// Runs until so many cycles have passed since the first power-on.
+    ///
+    /// # Errors
+    /// When something ends the run before.
+    pub fn run_until(&mut self, until: u64) -> Result<(), Stop> {
+        while self.cpu.cycles < until {
+            let now = self.cpu.cycles;
+            if now >= self.soc.next_event
+                && let Some((watchdog, action)) = self.soc.advance(now)
+            {
+                return Err(self.bite(watchdog, action));
+            }
+            if now >= self.next_poll {
+                self.next_poll = now + NETWORK_CYCLES;
+                self.radio
+                    .poll(now, &mut self.soc, &mut self.network)
+                    .map_err(|trouble| self.fault(trouble))?;
+            }
+            self.interrupt();
+            let horizon = self.soc.next_event.min(self.next_poll).min(until);
+            if self.waits {
+                self.cpu.cycles = horizon.max(now);
+                continue;
+            }
+            self.execute(horizon.min(now + SLICE_CYCLES))?;
+        }
+        Ok(())
+    }
+
+    /// Enters the interrupt that is due, or a call of the radio library.
+    fn interrupt(&mut self) {
+        self.soc.take_attention();
+        let cpu = &self.cpu;
+        if let Some(line) = self.soc.interrupts.line(|line| cpu.line_is_enabled(line)) {
+            // Waiting ends, whether the interrupt is taken or not.
+            self.waits = false;
+            if self.cpu.takes_interrupts() {
+                self.cpu.interrupt(line);
+                return;
+            }
+        }
+        if self.radio.wants() && self.radio.inject(&mut self.cpu, &mut self.soc) {
+            self.waits = false;
+        }
+    }
+
+    fn execute(&mut self, until: u64) -> Result<(), Stop> {
+        let before = self.cpu.cycles;
+        let exit = self.cpu.run(&mut self.soc, until);
+        let divider = self.soc.clocks.cpu_divider();
+        if divider > 1 {
+            self.cpu.cycles += (self.cpu.cycles - before) * (divider - 1);
+        }
+        let outcome = match exit {
+            Exit::Time | Exit::Attention => Ok(()),
+            Exit::Wait => {
+                self.waits = true;
+                Ok(())
+            }
+            Exit::Host(number) => self
+                .radio
+                .call(number, &mut self.cpu, &mut self.soc, &mut self.network)
+                .map_err(|trouble| self.fault(trouble)),
+            Exit::Elsewhere => self.elsewhere(),
+            Exit::Fault(fault) => Err(Stop::Fault(fault)),
+        };
+        self.busy += self.cpu.cycles - before;
+        outcome
+    }
+
+    /// The program counter is outside of all memory: in the ROM, or the radio's.
+    fn elsewhere(&mut self) -> Result<(), Stop> {
+        if self.cpu.pc == radio::RETURN {
+            return self
+                .radio
+                .returned(&mut self.cpu, &mut self.soc)
+                .map_err(|trouble| self.fault(trouble));
+        }
+        match self.rom.call(&mut self.cpu, &mut self.soc) {
+            Ok(Outcome::Returned | Outcome::Waits) => Ok(()),
+            Ok(Outcome::Reset) => {
+                self.boot(ResetReason::Software);
+                Err(Stop::Reset(ResetReason::Software))
+            }
+            Ok(Outcome::PowerLost) => Err(Stop::PowerLost),
+            Err(trouble) => Err(self.fault(trouble)),
+        }
+    }
+
+    fn fault(&self, trouble: Trouble) -> Stop {
+        // Functions outside are entered by a call: the caller is of interest.
+        let in_rom = self.cpu.pc.wrapping_sub(rom::ROM) < rom::ROM_BYTES;
+        Stop::Fault(Fault { trouble, pc: if in_rom { self.cpu.x[1] } else { self.cpu.pc } })
+    }
+
+    fn bite(&mut self, watchdog: Watchdog, action: Action) -> Stop {
+        let reason = match (watchdog, action) {
+            (Watchdog::TimerGroup(group), _) => ResetReason::TimerWatchdog(group),
+            (Watchdog::LowPower, Action::ResetAll) => ResetReason::LowPowerWatchdogAll,
+            (Watchdog::LowPower, _) => ResetReason::LowPowerWatchdog,
+        };
+        self.boot(reason);
+        Stop::Reset(reason)
+    }
+
+    /// The supply sags: with the brown-out reset on, the chip starts anew.
+    pub fn brown_out(&mut self) {
+        self.boot(ResetReason::BrownOut);
+    }
+
+    /// What comes out of a pin now; `None` where nothing drives or pulls it.
+    pub fn output(&mut self, pin: u32) -> Option<Wave> {
+        let now = self.cpu.cycles;
+        self.soc.output(pin, now)
+    }
+
+    /// What is soldered to the pins.
+    pub fn outside(&mut self) -> &mut O {
+        &mut self.soc.outside
+    }
+
+    /// The flash.
+    pub fn flash(&mut self) -> &mut Flash {
+        &mut self.soc.flash
+    }
+
+    /// Sends to the chip's serial port.
+    pub fn send_serial(&mut self, bytes: &[u8]) {
+        let now = self.cpu.cycles;
+        self.soc.feed_serial(bytes, now);
+    }
+
+    /// Bytes that were sent and have not arrived.
+    #[must_use]
+    pub fn serial_backlog(&self) -> usize {
+        self.soc.uart.incoming()
+    }
+
+    /// What came out of the serial port since the last call.
+    pub fn take_serial(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.soc.uart.sent)
+    }
+
+    /// Why the chip started last.
+    #[must_use]
+    pub fn reset_reason(&self) -> ResetReason {
+        self.reason
+    }
+
+    /// The image.
+    #[must_use]
+    pub fn image(&self) -> &Image {
+        &self.image
+    }
+
+    /// What no program should do and this one did.
+    #[must_use]
+    pub fn findings(&self) -> Vec<String> {
+        let sentence = |(what, finding): (&String, &Finding)| {
+            format!("{what}, {} times, first at {}", finding.count, self.image.place(finding.pc))
+        };
+        self.soc.findings.iter().map(sentence).collect()
+    }
+
+    /// Functions of the last jumps, for the report of a fault.
+    #[must_use]
+    pub fn trail(&self) -> Vec<String> {
+        self.cpu.trail().into_iter().map(|pc| self.image.place(pc)).collect()
+    }
+
+    /// A sentence about a fault, with the function's name.
+    #[must_use]
+    pub fn explain(&self, fault: &Fault) -> String {
+        format!("{} in {}", fault, self.image.place(fault.pc))
+    }
+
+    /// What the chip counts.
+    #[must_use]
+    pub fn counters(&self) -> Counters {
+        let timer = &self.soc.timers[1];
+        Counters {
+            instructions: self.cpu.instructions,
+            busy_cycles: self.busy,
+            run_cycles: self.cpu.cycles - self.started,
+            ticks: timer.alarms,
+            rounds: self.soc.mcpwm.rounds,
+            longest_gap_cycles: self.soc.mcpwm.longest_gap,
+            silence_cycles: self.soc.mcpwm.silence(self.cpu.cycles),
+            tick_period_us: timer.period_us(),
+            pwm_hz: self.soc.mcpwm.frequency(0),
+            cpu_hz: self.soc.clocks.cpu_hz(),
+            serial_baud: self.soc.uart.baud(&self.soc.clocks),
+            serial_lost: self.soc.uart.lost,
+            transfers: self.soc.spi.transfers,
+            transmit_power_dbm: self.radio.transmit_power(),
+            longest_radio_call_cycles: self.radio.longest_call,
+            frames_dropped: self.radio.overruns,
+            fast_watchdog_is_on: timer.watchdog_is_on(),
+            slow_watchdog_is_on: self.soc.watchdog.is_on(),
+            fast_loop_priority: self
+                .soc
+                .interrupts
+                .priority_of(crate::block::interrupt::source::TIMER[1]),
+        }
+    }
+
+    /// When the fast loop's timer was last due, cycles.
+    #[must_use]
+    pub fn last_alarm(&self) -> u64 {
+        self.soc.timers[1].last_alarm
+    }
+
+    /// Forgets the longest gap between rounds of the fast loop.
+    pub fn forget_gaps(&mut self) {
+        self.soc.mcpwm.longest_gap = 0;
+    }
+
+    /// Bytes of `start..end` in working memory that nothing has written since power-on, counted from the start.
+    #[must_use]
+    pub fn untouched(&self, start: u32, end: u32) -> u32 {
+        let bytes = self.soc.memory.bytes(start, end.saturating_sub(start) as usize);
+        let untouched = |bytes: &[u8]| bytes.iter().take_while(|byte| **byte == PAINT).count();
+        bytes.map_or(0, |bytes| untouched(bytes) as u32)
+    }
+
+    /// Where the next interrupt or frame would come, for whoever paces the chip; cycles.
+    #[must_use]
+    pub fn next_event(&self) -> u64 {
+        let at = self.soc.next_event.min(self.network.next_event());
+        if self.waits { at } else { self.cpu.cycles }
+    }
+
+    /// Registers of the processor, for whoever debugs.
+    #[must_use]
+    pub fn state(&self) -> String {
+        let (cause, value) = self.cpu.last_cause();
+        format!(
+            "pc {} ra {} sp {:#010x} last cause {cause:#x} value {value:#x}",
+            self.image.place(self.cpu.pc),
+            self.image.place(self.cpu.x[1]),
+            self.cpu.x[2]
+        )
+    }
+}
+
+/// What the chip counted since power-on or, where it says so, since the image last started.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Counters {
+    /// Instructions since the image started.
+    pub instructions: u64,
+    /// Cycles of 160 MHz since then in which the processor worked, and all.
+    pub busy_cycles: u64,
+    /// See above.
+    pub run_cycles: u64,
+    /// Alarms of the fast loop's timer since the image started.
+    pub ticks: u64,
+    /// Rounds of the fast loop, seen from the PWM's registers.
+    pub rounds: u64,
+    /// Longest time between two rounds since [`Chip::forget_gaps`].
+    pub longest_gap_cycles: u64,
+    /// Time since the last round, at most a second.
+    pub silence_cycles: u64,
+    /// Time between the fast loop's alarms, where they repeat.
+    pub tick_period_us: Option<f64>,
+    /// PWM frequency.
+    pub pwm_hz: f64,
+    /// Clock of the processor.
+    pub cpu_hz: u64,
+    /// Rate of the serial port.
+    pub serial_baud: f64,
+    /// Bytes written into a full serial FIFO.
+    pub serial_lost: u64,
+    /// SPI transfers.
+    pub transfers: u64,
+    /// Transmit power that the image asked for.
+    pub transmit_power_dbm: Option<f64>,
+    /// Longest call of the image by the radio library.
+    pub longest_radio_call_cycles: u64,
+    /// Frames that no buffer was free for.
+    pub frames_dropped: u64,
+    /// Whether the watchdog of the fast loop's timer group is on.
+    pub fast_watchdog_is_on: bool,
+    /// Whether the low-power side's is.
+    pub slow_watchdog_is_on: bool,
+    /// Priority of the fast loop's timer.
+    pub fast_loop_priority: u32,
+}
+
+/// Cycles of 160 MHz in a time.
+#[must_use]
+pub const fn cycles(time: Duration) -> u64 {
+    (time.as_nanos() * 4 / 25) as u64
+}

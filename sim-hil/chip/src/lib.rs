@@ -1,0 +1,30 @@
+#![forbid(unsafe_code)]
+//! An emulated ESP32-C6 that runs the robot's image as it is flashed.
+//!
+//! [`chip::Chip`] is stepped by virtual time; serial port, network and pins are its inputs and outputs. Models are as
+//! strict as the chip: a block without its clock takes no writes, a watchdog bites, flash bits only fall. What no model
+//! knows ends the emulation with the register's name and the program counter.
+
+mod block;
+pub mod chip;
+mod cpu;
+pub mod fault;
+pub mod image;
+pub mod live;
+mod memory;
+pub mod network;
+mod radio;
+mod registers;
+pub mod rig;
+pub mod robot;
+mod rom;
+pub mod session;
+mod soc;
+
+pub use block::flash;
+pub use block::mcpwm::Wave;
+pub use block::spi::Transfer;
+pub use soc::{Outside, Pins};
+
+/// Cycles of the clock that all times are counted in, in a second.
+pub const CYCLES_PER_SECOND: u64 = block::CYCLES_PER_SECOND;

@@ -1,0 +1,302 @@
+//! The network that the robot's radio is on: an access point and one peer at its address, who answers ARP and DHCP and
+//! carries UDP to and from whoever runs the emulation. It delays, loses, and can go away.
+
+use std::collections::VecDeque;
+
+use crate::block::CYCLES_PER_SECOND;
+
+/// The peer, which is also gateway and DHCP server.
+pub const PEER: [u8; 4] = [10, 0, 0, 1];
+/// What DHCP gives to the robot.
+pub const LEASE: [u8; 4] = [10, 0, 0, 7];
+const PEER_MAC: [u8; 6] = [2, 0, 0, 0, 0, 1];
+const BROADCAST: [u8; 6] = [0xFF; 6];
+
+const ARP: [u8; 2] = [8, 6];
+const IPV4: [u8; 2] = [8, 0];
+const UDP: u8 = 17;
+const DHCP_SERVER: u16 = 67;
+const DHCP_CLIENT: u16 = 68;
+const DHCP_COOKIE: [u8; 4] = [99, 130, 83, 99];
+
+/// How the air treats a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Air {
+    /// Time from one end to the other, microseconds.
+    pub delay_us: u64,
+    /// Share of frames that are lost, each way, 0 to 1.
+    pub loss: f64,
+    /// Whether the access point can be reached.
+    pub is_up: bool,
+}
+
+impl Default for Air {
+    /// A quiet room: 2 ms, nothing lost.
+    fn default() -> Self {
+        Self { delay_us: 2_000, loss: 0.0, is_up: true }
+    }
+}
+
+/// A datagram between the robot and a port of the peer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Datagram {
+    /// The peer's port.
+    pub port: u16,
+    /// Contents.
+    pub payload: Vec<u8>,
+}
+
+/// The network.
+#[derive(Debug)]
+pub struct Network {
+    /// How the air treats frames from now on.
+    pub air: Air,
+    robot: Option<([u8; 6], [u8; 4])>,
+    to_robot: VecDeque<(u64, Vec<u8>)>,
+    from_robot: VecDeque<(u64, Datagram)>,
+    identification: u16,
+    random: u64,
+    /// Frames that reached the robot, and that it sent.
+    pub frames: [u64; 2],
+}
+
+impl Default for Network {
+    fn default() -> Self {
+        Self {
+            air: Air::default(),
+            robot: None,
+            to_robot: VecDeque::new(),
+            from_robot: VecDeque::new(),
+            identification: 0,
+            random: 0x2545_F491_4F6C_DD1D,
+            frames: [0; 2],
+        }
+    }
+}
+
+impl Network {
+    /// The robot's address, once it has sent something.
+    #[must_use]
+    pub fn robot(&self) -> Option<[u8; 4]> {
+        self.robot.map(|(_, address)| address)
+    }
+
+    fn survives(&mut self) -> bool {
+        self.random ^= self.random << 13;
+        self.random ^= self.random >> 7;
+        self.random ^= self.random << 17;
+        let draw = (self.random >> 11) as f64 / (1_u64 << 53) as f64;
+        self.air.is_up && draw >= self.air.loss
+    }
+
+    fn arrival(&self, now: u64) -> u64 {
+        now + self.air.delay_us * (CYCLES_PER_SECOND / 1_000_000)
+    }
+
+    fn send(&mut self, frame: Vec<u8>, now: u64) {
+        if self.survives() {
+            let at = self.arrival(now);
+            self.to_robot.push_back((at, frame));
+        }
+    }
+
+    /// When the next frame reaches the robot.
+    pub(crate) fn next_event(&self) -> u64 {
+        self.to_robot.front().map_or(u64::MAX, |(at, _)| *at)
+    }
+
+    /// The next frame that has reached the robot.
+    pub(crate) fn arrived(&mut self, now: u64) -> Option<Vec<u8>> {
+        self.to_robot.front().filter(|(at, _)| *at <= now)?;
+        self.frames[0] += 1;
+        self.to_robot.pop_front().map(|(_, frame)| frame)
+    }
+
+    /// Sends a datagram from a port of the peer to a port of the robot, if the robot is known.
+    pub fn send_datagram(&mut self, datagram: &Datagram, robot_port: u16, now: u64) {
+        if let Some((mac, address)) = self.robot {
+            self.identification = self.identification.wrapping_add(1);
+            let ports = [datagram.port, robot_port];
+            let packet = udp(PEER, address, ports, &datagram.payload, self.identification);
+            self.send(ethernet(mac, IPV4, &packet), now);
+        }
+    }
+
+    /// The next datagram that has reached the peer.
+    pub fn receive_datagram(&mut self, now: u64) -> Option<Datagram> {
+        self.from_robot.front().filter(|(at, _)| *at <= now)?;
+        self.from_robot.pop_front().map(|(_, datagram)| datagram)
+    }
+
+    /// The robot sends a frame.
+    pub(crate) fn transmit(&mut self, frame: &[u8], now: u64) {
+        self.frames[1] += 1;
+        if frame.len() < 34 || !self.survives() {
+            return;
+        }
+        let mac: [u8; 6] = array(&frame[6..]);
+        match array(&frame[12..]) {
+            ARP => self.answer_arp(mac, frame, now),
+            IPV4 => self.take_ipv4(mac, frame, now),
+            _ => {}
+        }
+    }
+
+    /// Every address but the robot's own is the peer's.
+    fn answer_arp(&mut self, mac: [u8; 6], frame: &[u8], now: u64) {
+        let is_request = frame.len() >= 42 && frame[20..22] == [0, 1];
+        if !is_request {
+            return;
+        }
+        let (sender, target): ([u8; 4], [u8; 4]) = (array(&frame[28..]), array(&frame[38..]));
+        if sender == target || sender == [0; 4] {
+            return;
+        }
+        let mut answer =
+            [&[0, 1, 8, 0, 6, 4, 0, 2], &PEER_MAC[..], &target, &mac, &sender].concat();
+        answer.resize(46, 0);
+        self.send(ethernet(mac, ARP, &answer), now);
+    }
+
+    fn take_ipv4(&mut self, mac: [u8; 6], frame: &[u8], now: u64) {
+        let packet = &frame[14..];
+        let header = usize::from(packet[0] & 15) * 4;
+        let (source, target): ([u8; 4], [u8; 4]) = (array(&packet[12..]), array(&packet[16..]));
+        if source != [0; 4] {
+            self.robot = Some((mac, source));
+        }
+        let Some(datagram) = packet.get(header..).filter(|it| packet[9] == UDP && it.len() >= 8)
+        else {
+            return;
+        };
+        let word = |at: usize| u16::from_be_bytes([datagram[at], datagram[at + 1]]);
+        let Some(payload) = datagram.get(8..usize::from(word(4))) else { return };
+        if word(2) == DHCP_SERVER {
+            self.answer_dhcp(mac, payload, now);
+        } else if target == PEER {
+            let at = self.arrival(now);
+            let payload = payload.to_vec();
+            self.from_robot.push_back((at, Datagram { port: word(2), payload }));
+        }
+    }
+
+    /// Offers and grants the one lease there is.
+    fn answer_dhcp(&mut self, mac: [u8; 6], message: &[u8], now: u64) {
+        if message.len() < 240 || message[236..240] != DHCP_COOKIE {
+            return;
+        }
+        let mut options = &message[240..];
+        let mut kind = None;
+        while let [code, length, rest @ ..] = options {
+            if *code == 53 {
+                kind = rest.first();
+            }
+            options = rest.get(usize::from(*length)..).unwrap_or(&[]);
+        }
+        // Discover is answered by an offer, request by an acknowledgement.
+        let answer = match kind {
+            Some(1) => 2,
+            Some(3) => 5,
+            _ => return,
+        };
+        let mut reply = vec![2, 1, 6, 0];
+        reply.extend(&message[4..8]);
+        reply.extend([0; 8]);
+        reply.extend(LEASE);
+        reply.extend(PEER);
+        reply.extend([0; 4]);
+        reply.extend(mac);
+        reply.resize(236, 0);
+        reply.extend(DHCP_COOKIE);
+        reply.extend([53, 1, answer, 54, 4]);
+        reply.extend(PEER);
+        reply.extend([51, 4, 0, 1, 81, 128, 1, 4, 255, 255, 255, 0, 3, 4]);
+        reply.extend(PEER);
+        reply.push(255);
+        self.identification = self.identification.wrapping_add(1);
+        let ports = [DHCP_SERVER, DHCP_CLIENT];
+        let packet = udp(PEER, [255; 4], ports, &reply, self.identification);
+        self.send(ethernet(BROADCAST, IPV4, &packet), now);
+    }
+}
+
+fn array<const N: usize>(bytes: &[u8]) -> [u8; N] {
+    bytes.first_chunk().copied().unwrap_or([0; N])
+}
+
+fn ethernet(target: [u8; 6], kind: [u8; 2], payload: &[u8]) -> Vec<u8> {
+    [&target[..], &PEER_MAC, &kind, payload].concat()
+}
+
+/// An IPv4 packet with a datagram without check sum, which UDP allows.
+fn udp(
+    source: [u8; 4],
+    target: [u8; 4],
+    ports: [u16; 2],
+    payload: &[u8],
+    identification: u16,
+) -> Vec<u8> {
+    let length = payload.len() as u16 + 8;
+    let mut packet = vec![0x45, 0];
+    packet.extend((length + 20).to_be_bytes());
+    packet.extend(identification.to_be_bytes());
+    packet.extend([0, 0, 64, UDP, 0, 0]);
+    packet.extend(source);
+    packet.extend(target);
+    let sum = check_sum(&packet).to_be_bytes();
+    packet[10..12].copy_from_slice(&sum);
+    ports.iter().for_each(|port| packet.extend(port.to_be_bytes()));
+    packet.extend(length.to_be_bytes());
+    packet.extend([0, 0]);
+    packet.extend(payload);
+    packet
+}
+
+fn check_sum(bytes: &[u8]) -> u16 {
+    let words = bytes
+        .chunks(2)
+        .map(|pair| u32::from(pair[0]) << 8 | u32::from(pair.get(1).copied().unwrap_or(0)));
+    let mut sum: u32 = words.sum();
+    while sum >> 16 != 0 {
+        sum = (sum & 0xFFFF) + (sum >> 16);
+    }
+    !(sum as u16)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ROBOT_MAC: [u8; 6] = [2, 0, 0, 0, 0, 9];
+
+    fn request(target: [u8; 4]) -> Vec<u8> {
+        let body = [&[0, 1, 8, 0, 6, 4, 0, 1], &ROBOT_MAC[..], &LEASE, &[0; 6], &target].concat();
+        [&BROADCAST[..], &ROBOT_MAC, &ARP, &body].concat()
+    }
+
+    #[test]
+    fn answers_arp_for_others_after_the_airs_delay() {
+        let mut network = Network::default();
+        network.transmit(&request(PEER), 0);
+        assert_eq!(network.arrived(319_999), None);
+        let answer = network.arrived(320_000).unwrap();
+        assert_eq!(answer[..6], ROBOT_MAC);
+        assert_eq!(answer[22..28], PEER_MAC);
+        network.transmit(&request(LEASE), 0);
+        assert_eq!(network.next_event(), u64::MAX, "asks whether its own address is free");
+    }
+
+    #[test]
+    fn carries_nothing_while_it_is_down() {
+        let mut network = Network::default();
+        network.air.is_up = false;
+        network.transmit(&request(PEER), 0);
+        assert_eq!(network.next_event(), u64::MAX);
+    }
+
+    #[test]
+    fn a_packet_has_the_check_sum_that_the_standard_asks_for() {
+        // The sum over a header with its check sum is zero.
+        assert_eq!(check_sum(&udp(PEER, LEASE, [1, 2], b"abc", 7)[..20]), 0);
+    }
+}

@@ -1,0 +1,499 @@
+//! The chip, the simulated robot at its pins and an operator, all in one virtual time.
+
+use std::time::Duration;
+
+use flix_firmware::board::EncoderKind;
+use flix_host::link::{Client, Update};
+use flix_protocol::DEFAULT_PORT;
+use flix_protocol::message::{
+    Command, Faults, Outcome, ParameterCommand, Refusal, Setpoint, State, Telemetry,
+};
+use flix_protocol::provision::{
+    Answer, FixedAddress, FrameReader, Provisioning, Request, write_frame,
+};
+use flix_protocol::session::{ConnectError, Key};
+use flix_protocol::units::Instant;
+use flix_sim::plant::Diverged;
+
+use crate::chip::{Chip, ResetReason, Stop, cycles};
+use crate::image::Image;
+use crate::network::{Datagram, LEASE};
+use crate::robot::{Robot, STEP_CYCLES, Truth};
+use crate::{CYCLES_PER_SECOND, Wave};
+
+/// How long an operator waits for an answer, for arming (which may align first), for a restart.
+pub const PATIENCE: Duration = Duration::from_secs(20);
+/// The operator's port.
+const OPERATOR_PORT: u16 = 40_000;
+/// When the plant's step begins after the fast loop's alarm: its duties are at the pins by then.
+const STEP_AFTER_ALARM: u64 = STEP_CYCLES * 8 / 10;
+/// An unanswered request over the serial port is repeated after this time.
+const SERIAL_RETRY: Duration = Duration::from_secs(1);
+/// Registers of a block without a clock that esp-hal 1.2 touches when it starts.
+const KNOWN_FINDINGS: [&str; 2] = ["TIMG1.wdtconfig0", "TIMG1.wdtwprotect"];
+/// Restarts that are normal in one wait.
+const RESTARTS: usize = 8;
+
+/// The rig did not do what was asked of it.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RigError {
+    /// The image or the emulator is at its end; the sentence says where.
+    #[error("{0}")]
+    Fault(String),
+    /// Power went in a flash operation.
+    #[error("power was lost")]
+    PowerLost,
+    /// The mechanics' state is useless.
+    #[error(transparent)]
+    Diverged(#[from] Diverged),
+    /// No session.
+    #[error("no session with the robot: {0}")]
+    Connect(ConnectError),
+    /// The robot will not.
+    #[error("the robot refused: {0}")]
+    Refused(Refusal),
+    /// A fault of the robot.
+    #[error("the robot has a fault: {0}")]
+    Faulted(Faults),
+    /// It took too long.
+    #[error("no {awaited} within {} s", PATIENCE.as_secs())]
+    TooLate {
+        /// What was waited for.
+        awaited: &'static str,
+    },
+    /// Another answer than asked for.
+    #[error("the robot answered something else than was asked")]
+    OtherAnswer,
+    /// It starts again and again.
+    #[error("the chip starts anew again and again, last because of {0:?}")]
+    Restarts(ResetReason),
+}
+
+/// What was seen of the pins and the loop since [`Rig::watch`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Seen {
+    /// Steps of the plant.
+    pub steps: u64,
+    /// Lowest and highest frequency of the six PWM pins, Hz.
+    pub pwm_hz: [f64; 2],
+    /// Sum, lowest and highest share of each pin: top A B C, bottom A B C.
+    pub shares: [[f64; 3]; 6],
+    /// Largest phase current, A.
+    pub largest_current: f64,
+    /// Ticks that the fast loop missed while a bridge was enabled.
+    pub missed: u64,
+    /// Longest time between two rounds of the fast loop meanwhile, microseconds.
+    pub longest_gap_us: f64,
+    /// Ticks of the loop's timer and rounds of the loop at the start.
+    ticks: u64,
+    rounds: u64,
+}
+
+/// All of it.
+pub struct Rig {
+    /// The chip.
+    pub chip: Chip<Robot>,
+    /// The operator.
+    pub client: Option<Client>,
+    /// What came out of the serial port.
+    pub serial: Vec<u8>,
+    /// What of it nobody has taken yet.
+    pub fresh_serial: Vec<u8>,
+    /// Resets since power-on of the rig, and when.
+    pub resets: Vec<(Duration, ResetReason)>,
+    /// What was seen lately.
+    pub seen: Seen,
+    /// Telemetry that came last.
+    pub telemetry: Option<Telemetry>,
+    key: Key,
+    next_step: u64,
+    /// Whether a bridge was enabled at the last step.
+    is_enabled: bool,
+}
+
+impl Rig {
+    /// A new robot with an image, powered on. `seed` is where all chance starts.
+    #[must_use]
+    pub fn new(image: Image, encoder: EncoderKind, seed: u64) -> Self {
+        let chip = Chip::new(image, Robot::new(encoder, seed), seed);
+        let next_step = chip.cycles();
+        let seen = Seen {
+            steps: 0,
+            pwm_hz: [f64::INFINITY, 0.0],
+            shares: [[0.0, f64::INFINITY, 0.0]; 6],
+            largest_current: 0.0,
+            missed: 0,
+            longest_gap_us: 0.0,
+            ticks: 0,
+            rounds: 0,
+        };
+        Self {
+            chip,
+            client: None,
+            serial: Vec::new(),
+            fresh_serial: Vec::new(),
+            resets: Vec::new(),
+            seen,
+            telemetry: None,
+            key: Key::new([7; 32]),
+            next_step,
+            is_enabled: false,
+        }
+    }
+
+    /// Virtual time.
+    #[must_use]
+    pub fn now(&self) -> Instant {
+        Instant::from_micros(self.chip.cycles() * 1_000_000 / CYCLES_PER_SECOND)
+    }
+
+    /// How the robot truly is.
+    pub fn truth(&mut self) -> Truth {
+        self.chip.outside().truth()
+    }
+
+    /// What came out of the serial port, as text.
+    #[must_use]
+    pub fn log(&self) -> String {
+        String::from_utf8_lossy(&self.serial).into_owned()
+    }
+
+    /// From now on sees anew.
+    pub fn watch(&mut self) {
+        let counters = self.chip.counters();
+        self.chip.forget_gaps();
+        self.seen = Seen {
+            steps: 0,
+            pwm_hz: [f64::INFINITY, 0.0],
+            shares: [[0.0, f64::INFINITY, 0.0]; 6],
+            largest_current: 0.0,
+            missed: 0,
+            longest_gap_us: 0.0,
+            ticks: counters.ticks,
+            rounds: counters.rounds,
+        };
+    }
+
+    /// Accesses to blocks without a clock, but for those that the HAL is known to make: it switches off the watchdog of
+    /// timer group 1 after it has taken that group's clock away. The watchdog is off by then.
+    #[must_use]
+    pub fn findings(&self) -> Vec<String> {
+        let is_known =
+            |finding: &String| KNOWN_FINDINGS.iter().any(|known| finding.contains(known));
+        self.chip.findings().into_iter().filter(|finding| !is_known(finding)).collect()
+    }
+
+    /// Ticks that the fast loop missed since [`Rig::watch`].
+    fn missed(&self) -> u64 {
+        let counters = self.chip.counters();
+        let ticks = counters.ticks.saturating_sub(self.seen.ticks);
+        let rounds = counters.rounds.saturating_sub(self.seen.rounds);
+        // One may be on its way.
+        ticks.saturating_sub(rounds).saturating_sub(1)
+    }
+
+    /// Longest time between two rounds of the fast loop since [`Rig::watch`], or since the last, microseconds.
+    fn longest_gap_us(&self) -> f64 {
+        let counters = self.chip.counters();
+        let longest = counters.longest_gap_cycles.max(counters.silence_cycles);
+        longest as f64 * 1e6 / CYCLES_PER_SECOND as f64
+    }
+
+    /// A step of the plant, and of everything else until the next.
+    ///
+    /// # Errors
+    /// When the emulation cannot go on.
+    pub fn step(&mut self) -> Result<(), RigError> {
+        self.move_plant()?;
+        self.next_step += STEP_CYCLES;
+        // In step with the loop, so that its duties act when they reach the pins.
+        let late = (self.next_step - self.chip.last_alarm()) % STEP_CYCLES;
+        if self.chip.counters().ticks > 0 && late != STEP_AFTER_ALARM {
+            self.next_step += (STEP_AFTER_ALARM + STEP_CYCLES - late) % STEP_CYCLES;
+        }
+        match self.chip.run_until(self.next_step) {
+            Ok(()) => {}
+            Err(Stop::Reset(reason)) => {
+                self.resets.push((self.chip.now(), reason));
+                self.rest_until(self.chip.cycles())?;
+            }
+            Err(Stop::PowerLost) => return Err(RigError::PowerLost),
+            Err(Stop::Fault(fault)) => return Err(RigError::Fault(self.chip.explain(&fault))),
+        }
+        // Flash is written while the bridges rest, and stops the loop: that is no harm.
+        if self.is_enabled {
+            self.seen.missed = self.missed();
+            self.seen.longest_gap_us = self.longest_gap_us();
+        }
+        let bytes = self.chip.take_serial();
+        self.fresh_serial.extend(&bytes);
+        self.serial.extend(bytes);
+        self.exchange();
+        Ok(())
+    }
+
+    /// The plant goes on while the chip boots: nothing drives the pins.
+    fn rest_until(&mut self, cycles: u64) -> Result<(), RigError> {
+        while self.next_step < cycles {
+            let nothing = ([None; 3], None);
+            self.chip.outside().step(self.next_step, [nothing; 2])?;
+            self.next_step += STEP_CYCLES;
+        }
+        Ok(())
+    }
+
+    fn move_plant(&mut self) -> Result<(), RigError> {
+        let mut pin = 0;
+        let chip = &mut self.chip;
+        let seen = &mut self.seen;
+        let pins = Robot::bridge_pins().map(|(phases, enable)| {
+            let waves = phases.map(|phase| {
+                let wave = chip.output(phase);
+                let (hertz, share) = wave.map_or((0.0, 0.0), |wave| (wave.hertz, wave.share));
+                seen.pwm_hz = [seen.pwm_hz[0].min(hertz), seen.pwm_hz[1].max(hertz)];
+                let [sum, lowest, highest] = &mut seen.shares[pin];
+                *sum += share;
+                *lowest = lowest.min(share);
+                *highest = highest.max(share);
+                pin += 1;
+                wave
+            });
+            (waves, enable.and_then(|pin| chip.output(pin)))
+        });
+        seen.steps += 1;
+        let is_high = |wave: &Option<Wave>| wave.is_some_and(|wave| wave.share > 0.5);
+        self.is_enabled = pins.iter().any(|(_, enable)| is_high(enable));
+        let now = chip.cycles();
+        let robot = chip.outside();
+        robot.step(now, pins)?;
+        seen.largest_current = seen.largest_current.max(robot.truth().largest_current);
+        Ok(())
+    }
+
+    fn exchange(&mut self) {
+        let (now, at) = (self.now(), self.chip.cycles());
+        let Some(client) = &mut self.client else { return };
+        while let Some(datagram) = self.chip.network.receive_datagram(at) {
+            if datagram.port == OPERATOR_PORT {
+                client.receive(now, &datagram.payload);
+            }
+        }
+        if client.transmit_at().is_some_and(|due| due <= now) {
+            while let Some(frame) = client.transmit(now) {
+                let datagram = Datagram { port: OPERATOR_PORT, payload: frame.to_vec() };
+                self.chip.network.send_datagram(&datagram, DEFAULT_PORT, at);
+            }
+        }
+    }
+
+    /// Runs for so long.
+    ///
+    /// # Errors
+    /// When the emulation cannot go on.
+    pub fn run(&mut self, time: Duration) -> Result<(), RigError> {
+        let end = self.chip.cycles() + cycles(time);
+        while self.chip.cycles() < end {
+            self.step()?;
+        }
+        Ok(())
+    }
+
+    /// Runs until `found` finds something.
+    ///
+    /// # Errors
+    /// When it does not within [`PATIENCE`], or the emulation cannot go on.
+    pub fn until<T>(
+        &mut self,
+        what: &'static str,
+        mut found: impl FnMut(&mut Self) -> Result<Option<T>, RigError>,
+    ) -> Result<T, RigError> {
+        let end = self.chip.cycles() + cycles(PATIENCE);
+        let resets = self.resets.len();
+        while self.chip.cycles() < end {
+            if let Some(it) = found(self)? {
+                return Ok(it);
+            }
+            self.step()?;
+            if let Some((_, reason)) = self.resets.get(resets + RESTARTS) {
+                return Err(RigError::Restarts(*reason));
+            }
+        }
+        Err(RigError::TooLate { awaited: what })
+    }
+
+    /// Runs until the log says `text`.
+    ///
+    /// # Errors
+    /// As [`Rig::until`].
+    pub fn until_log(&mut self, what: &'static str, text: &str) -> Result<(), RigError> {
+        let from = self.serial.len();
+        let text = text.as_bytes();
+        self.until(what, |rig| {
+            let fresh = rig.serial.get(from.saturating_sub(text.len())..).unwrap_or(&[]);
+            Ok(fresh.windows(text.len()).any(|window| window == text).then_some(()))
+        })
+    }
+
+    /// The robot's answer to a request over the serial port.
+    ///
+    /// # Errors
+    /// When none comes.
+    pub fn ask_serial(&mut self, request: &Request) -> Result<Answer, RigError> {
+        let frame = write_frame(request).ok_or(RigError::OtherAnswer)?;
+        let mut at = self.serial.len();
+        let mut reader = FrameReader::new();
+        let mut ask_at = self.chip.cycles();
+        self.until("answer over the serial port", |rig| {
+            // Asked again until it is heard, as `flix` does.
+            if rig.chip.cycles() >= ask_at {
+                rig.chip.send_serial(&frame);
+                ask_at = rig.chip.cycles() + cycles(SERIAL_RETRY);
+            }
+            let fresh = rig.serial[at..].to_vec();
+            at = rig.serial.len();
+            Ok(fresh.into_iter().find_map(|byte| reader.push::<Answer>(byte)))
+        })
+    }
+
+    /// What this rig's robot is given.
+    ///
+    /// # Errors
+    /// Never: the values are good.
+    pub fn provisioning(&self, name: &str) -> Result<Provisioning, RigError> {
+        let address = FixedAddress { address: LEASE, prefix_length: 24, gateway: None };
+        Provisioning::new(name, "lab", "", Some(address), &self.key)
+            .map_err(|_| RigError::OtherAnswer)
+    }
+
+    /// Provisions the robot over its serial port and waits until it is on the network.
+    ///
+    /// # Errors
+    /// When it does not answer, or does not come up again.
+    pub fn provision(&mut self) -> Result<(), RigError> {
+        self.until_log("invitation to provision", "flix provision")?;
+        let provisioning = self.provisioning("walker")?;
+        self.ask_serial(&Request::Provision(provisioning))?;
+        self.until_log("connection to the network", "wi-fi: connected")
+    }
+
+    /// Runs until the operator is told something that `pick` takes.
+    fn await_update<T>(
+        &mut self,
+        what: &'static str,
+        mut pick: impl FnMut(&Update) -> Option<Result<T, RigError>>,
+    ) -> Result<T, RigError> {
+        self.until(what, |rig| {
+            let Some(client) = &mut rig.client else { return Err(RigError::OtherAnswer) };
+            while let Some(update) = client.update() {
+                if let Update::Telemetry(telemetry) = &update {
+                    rig.telemetry = Some(*telemetry);
+                }
+                if let Some(found) = pick(&update) {
+                    return found.map(Some);
+                }
+                if let Update::Failed(error) = update {
+                    return Err(RigError::Connect(error));
+                }
+            }
+            Ok(None)
+        })
+    }
+
+    /// An operator connects.
+    ///
+    /// # Errors
+    /// When there is no session.
+    pub fn connect(&mut self) -> Result<(), RigError> {
+        let now = self.now();
+        let entropy = (self.chip.cycles() ^ 0x5A5A).to_le_bytes();
+        let mut seed = [0x3C; 32];
+        seed[..8].copy_from_slice(&entropy);
+        self.client = Some(Client::new(self.key.clone(), seed, now));
+        self.await_update("session", |update| matches!(update, Update::Connected).then_some(Ok(())))
+    }
+
+    /// Asks and waits for the answer.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn ask(&mut self, command: Command) -> Result<Outcome, RigError> {
+        let now = self.now();
+        let Some(client) = &mut self.client else { return Err(RigError::OtherAnswer) };
+        let asked = client.request(now, command);
+        self.await_update("answer", |update| match update {
+            Update::Answer { request, outcome } if *request == asked => Some(Ok(outcome.clone())),
+            _ => None,
+        })
+    }
+
+    /// Value of a setting.
+    ///
+    /// # Errors
+    /// When there is none of this name.
+    pub fn setting(&mut self, name: &str) -> Result<f64, RigError> {
+        let name = name.try_into().map_err(|_| RigError::OtherAnswer)?;
+        match self.ask(Command::Parameter(ParameterCommand::Get(name)))? {
+            Outcome::Parameter(parameter) => Ok(f64::from(parameter.value)),
+            _ => Err(RigError::OtherAnswer),
+        }
+    }
+
+    /// Arms, and waits for it: alignment comes first.
+    ///
+    /// # Errors
+    /// When the robot refuses, or has a fault.
+    pub fn arm(&mut self) -> Result<(), RigError> {
+        let end = self.chip.cycles() + cycles(PATIENCE);
+        loop {
+            match self.ask(Command::Arm)? {
+                Outcome::Done => break,
+                // Soon after connecting or disarming: asked again.
+                Outcome::Refused(_) if self.chip.cycles() < end => {
+                    self.run(Duration::from_millis(50))?;
+                }
+                Outcome::Refused(refusal) => return Err(RigError::Refused(refusal)),
+                _ => return Err(RigError::OtherAnswer),
+            }
+        }
+        self.hold(Setpoint::REST);
+        self.await_state(&[State::Armed, State::Running])
+    }
+
+    /// Waits until telemetry shows one of these states.
+    ///
+    /// # Errors
+    /// When a fault comes instead.
+    pub fn await_state(&mut self, states: &[State]) -> Result<(), RigError> {
+        while self.client.as_mut().and_then(Client::update).is_some() {}
+        self.await_update("state", |update| match update {
+            Update::Telemetry(telemetry) if states.contains(&telemetry.state) => Some(Ok(())),
+            Update::Telemetry(telemetry) if telemetry.state == State::Faulted => {
+                Some(Err(RigError::Faulted(telemetry.faults)))
+            }
+            _ => None,
+        })
+    }
+
+    /// From now on the robot shall shake so.
+    pub fn hold(&mut self, setpoint: Setpoint) {
+        let now = self.now();
+        if let Some(client) = &mut self.client {
+            client.hold(now, setpoint);
+        }
+    }
+
+    /// Disarms, and waits until the motors coast.
+    ///
+    /// # Errors
+    /// When the robot refuses.
+    pub fn disarm(&mut self) -> Result<(), RigError> {
+        if let Some(client) = &mut self.client {
+            client.release();
+        }
+        match self.ask(Command::Disarm)? {
+            Outcome::Done => self.await_state(&[State::Disarmed]),
+            Outcome::Refused(refusal) => Err(RigError::Refused(refusal)),
+            _ => Err(RigError::OtherAnswer),
+        }
+    }
+}

@@ -1,0 +1,270 @@
+//! The simulated robot, soldered to the chip's pins as the generic ESP32-C6 board says: bridges at the PWM's pins,
+//! encoders on the SPI bus, the battery's divider at the converter.
+//!
+//! The plant moves in steps of a tick of the simulator, [`STEP_CYCLES`], under what the pins do at the step's start;
+//! between two steps the rotors are where a straight line puts them.
+
+use flix_firmware::board::{Board, EncoderKind, GENERIC_ESP32C6};
+use flix_firmware::hardware::{
+    Actuation, Bridge, Duty, Encoder as Reading, Hardware, TICK_RATE_HZ,
+};
+use flix_protocol::shaker::{line_of_force, phase_and_direction};
+use flix_sim::model::RobotModel;
+use flix_sim::plant::electronics::sensor::{Encoder, MT6701};
+use flix_sim::plant::electronics::{Electronics, ElectronicsParameters};
+use flix_sim::plant::mechanics::Plant;
+use flix_sim::plant::{Diverged, Mechanics};
+use rand::SeedableRng;
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use crate::soc::{Outside, Pins};
+use crate::{CYCLES_PER_SECOND, Transfer, Wave};
+
+/// Cycles of the chip in a step of the plant.
+pub const STEP_CYCLES: u64 = CYCLES_PER_SECOND / TICK_RATE_HZ as u64;
+/// The simulator delays duties by a PWM period; here the pins already have that delay, so none is left.
+const NO_DELAY_HZ: u32 = 10_000_000;
+/// Share of the battery's voltage at the divider's pin: 22 kiloohms of 122.
+const DIVIDER: f64 = 22.0 / 122.0;
+/// Fastest clocks that the encoders follow (MT6701 data sheet rev. 1.8, SSI; AS5047P data sheet v1-08, table 12).
+const MT6701_FASTEST_HZ: u64 = 15_625_000;
+const AS5047P_FASTEST_HZ: u64 = 10_000_000;
+/// Both put data out on the rising edge, to be read on the falling one.
+const ENCODER_MODE: u8 = 1;
+
+/// Pins of the board that matter to the plant.
+const BOARD: &Board = &GENERIC_ESP32C6;
+
+/// How the robot truly is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Truth {
+    /// Shaking frequency, Hz.
+    pub frequency: f64,
+    /// Direction of the line of force, degrees in [-90, 90).
+    pub direction: f64,
+    /// Shaking phase, rad.
+    pub phase: f64,
+    /// Speeds of the rotors, Hz.
+    pub rotor_hz: [f64; 2],
+    /// Largest phase current, A.
+    pub largest_current: f64,
+    /// Battery, V.
+    pub bus_voltage: f64,
+}
+
+/// Battery, bridges, motors, rotors and encoders.
+pub struct Robot {
+    plant: Plant,
+    electronics: Electronics,
+    encoders: [Encoder; 2],
+    kind: EncoderKind,
+    random: Xoshiro256PlusPlus,
+    steps: u64,
+    began: u64,
+    before: [f64; 2],
+    /// Last commands to AS5047P encoders, which they answer with the next frame.
+    commands: [u16; 2],
+    /// SPI transfers that no encoder answered, or two at once did.
+    pub bad_transfers: u64,
+}
+
+impl Robot {
+    /// The paper's robot with encoders of this kind; everything that chance decides follows from `seed`.
+    ///
+    /// # Panics
+    /// Never: the model is one of the simulator's own, and is tested there.
+    #[must_use]
+    pub fn new(kind: EncoderKind, seed: u64) -> Self {
+        let model = RobotModel::named("W").and_then(|model| Plant::new(&model));
+        let hardware = Hardware { pwm_frequency_hz: NO_DELAY_HZ, ..BOARD.hardware };
+        let parameters =
+            ElectronicsParameters { encoder: MT6701, ..ElectronicsParameters::on(hardware) };
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+        random.jump();
+        Self {
+            plant: model.expect("a model that comes with the simulator"),
+            electronics: Electronics::new(&parameters, seed),
+            encoders: [(); 2].map(|()| Encoder::mounted(MT6701, &mut random)),
+            kind,
+            random,
+            steps: 0,
+            began: 0,
+            before: [0.0; 2],
+            commands: [0; 2],
+            bad_transfers: 0,
+        }
+    }
+
+    /// Pins of the bridges' phases and of their enables: top, bottom.
+    #[must_use]
+    pub fn bridge_pins() -> [([u32; 3], Option<u32>); 2] {
+        BOARD.bridges.map(|bridge| (bridge.phases.map(u32::from), bridge.enable.map(u32::from)))
+    }
+
+    /// Moves for [`STEP_CYCLES`] from `cycles` on, under what the pins do then: phases and enable of each bridge, `None`
+    /// where nothing drives a pin. A bridge whose enable is not driven is off, as is an input that is not driven low.
+    ///
+    /// # Errors
+    /// When the mechanics diverge.
+    pub fn step(
+        &mut self,
+        cycles: u64,
+        pins: [([Option<Wave>; 3], Option<Wave>); 2],
+    ) -> Result<(), Diverged> {
+        self.began = cycles;
+        self.before = self.plant.rotor_angle();
+        let bridges = pins.map(|(phases, enable)| {
+            if enable.is_none_or(|wave| wave.share < 0.5) {
+                return Bridge::Off;
+            }
+            let share = |wave: Option<Wave>| wave.map_or(0.0, |wave| wave.share);
+            Bridge::Duty(phases.map(|wave| (share(wave) * f64::from(Duty::MAX)) as Duty))
+        });
+        self.electronics.advance(&Actuation { bridges }, &mut self.plant)?;
+        // Sensors are read through the pins; their noise goes on.
+        let _ = self.electronics.sense(&self.plant);
+        self.steps += 1;
+        Ok(())
+    }
+
+    /// How the robot truly is, at the end of its last step.
+    #[must_use]
+    pub fn truth(&self) -> Truth {
+        let angles = self.plant.rotor_angle();
+        let speeds = self.plant.rotor_speed();
+        let (phase, _) = phase_and_direction(angles);
+        let (rate, _) = phase_and_direction(speeds);
+        let currents = self.electronics.phase_currents();
+        Truth {
+            frequency: rate / std::f64::consts::TAU,
+            direction: line_of_force(angles),
+            phase,
+            rotor_hz: speeds.map(|speed| speed / std::f64::consts::TAU),
+            largest_current: currents
+                .iter()
+                .flatten()
+                .fold(0.0, |largest: f64, current| largest.max(current.abs())),
+            bus_voltage: self.electronics.battery().bus_voltage(),
+        }
+    }
+
+    /// The angle that an encoder shows at `cycles`, as a count of 14 bits.
+    fn count(&mut self, motor: usize, cycles: u64) -> u32 {
+        let share = cycles.saturating_sub(self.began) as f64 / STEP_CYCLES as f64;
+        let after = self.plant.rotor_angle()[motor];
+        let angle = self.before[motor] + (after - self.before[motor]) * share.min(1.0);
+        let speed = self.plant.rotor_speed()[motor];
+        match self.encoders[motor].read(self.steps, angle, speed, &mut self.random) {
+            Reading::Reading(reading) => reading.angle >> 18,
+            // An encoder without a period of its own always has a reading.
+            Reading::Pending | Reading::Failed => 0,
+        }
+    }
+
+    /// The bits that an encoder shifts out, the first in the highest of `bits`.
+    fn word(&mut self, motor: usize, cycles: u64, transfer: &Transfer) -> u32 {
+        match self.kind {
+            EncoderKind::As5047p => self.as5047p_word(motor, cycles, transfer),
+            _ => mt6701_word(self.count(motor, cycles)),
+        }
+    }
+
+    fn as5047p_word(&mut self, motor: usize, cycles: u64, transfer: &Transfer) -> u32 {
+        const READ: u16 = 1 << 14;
+        const ANGLE: u16 = 0x3FFF;
+        const DIAGNOSTICS: u16 = 0x3FFC;
+        /// Ready, field in range.
+        const HEALTHY: u16 = 1 << 8 | 0x80;
+        let asked = self.commands[motor];
+        let data = match asked & 0x3FFF {
+            ANGLE => self.count(motor, cycles) as u16,
+            DIAGNOSTICS => HEALTHY,
+            _ => 0,
+        };
+        let is_wrong = asked.count_ones() % 2 == 1 || asked & READ == 0;
+        let answer = data | u16::from(is_wrong) << 14;
+        let [first, second] = [0, 1].map(|index| transfer.data.get(index).copied().unwrap_or(0));
+        self.commands[motor] = u16::from_be_bytes([first, second]);
+        u32::from(answer | ((answer.count_ones() % 2) as u16) << 15)
+    }
+
+    const fn fastest_hz(&self) -> u64 {
+        match self.kind {
+            EncoderKind::As5047p => AS5047P_FASTEST_HZ,
+            _ => MT6701_FASTEST_HZ,
+        }
+    }
+
+    const fn frame_bits(&self) -> usize {
+        match self.kind {
+            EncoderKind::As5047p => 16,
+            _ => 24,
+        }
+    }
+}
+
+/// An MT6701's frame: 14 bits of angle, 4 of status, 6 of check sum (polynomial x^6 + x + 1).
+fn mt6701_word(count: u32) -> u32 {
+    let payload = count << 4;
+    let sum = (0..18).rev().fold(0_u32, |sum, bit| {
+        let feedback = (sum >> 5 ^ payload >> bit) & 1;
+        (sum << 1 & 0x3F) ^ (feedback * 0b11)
+    });
+    payload << 6 | sum
+}
+
+impl Outside for Robot {
+    fn exchange(&mut self, cycles: u64, pins: &Pins, transfer: &Transfer) -> Vec<u8> {
+        let silence = vec![0xFF; transfer.data.len()];
+        let spi = BOARD.spi;
+        let selected = spi.selects.map(|pin| pins.level(pin.into()) == Some(false));
+        let is_wired = pins.carries_spi_clock(spi.sclk.into())
+            && pins.spi_input() == Some(spi.miso.into())
+            && (self.kind != EncoderKind::As5047p || pins.carries_spi_data(spi.mosi.into()));
+        let motor = match selected {
+            [true, false] if is_wired => 0,
+            [false, true] if is_wired => 1,
+            _ => {
+                self.bad_transfers += 1;
+                return silence;
+            }
+        };
+        let bits = self.frame_bits();
+        let mut word = self.word(motor, cycles, transfer);
+        if transfer.mode != ENCODER_MODE {
+            // Read on the edge on which it changes: a bit late, after the line's idle level.
+            word = word >> 1 | 1 << (bits - 1);
+        }
+        if transfer.hertz > self.fastest_hz() || transfer.hertz == 0 {
+            // It does not follow.
+            self.bad_transfers += 1;
+            return silence;
+        }
+        if transfer.bits != bits {
+            self.bad_transfers += 1;
+        }
+        let aligned = u64::from(word) << (64 - bits);
+        let mut bytes = aligned.to_be_bytes().to_vec();
+        bytes.resize(transfer.data.len(), 0xFF);
+        bytes
+    }
+
+    fn millivolts(&mut self, _cycles: u64, pin: u32) -> f64 {
+        if pin != u32::from(BOARD.divider_option.pin) {
+            return 0.0;
+        }
+        self.electronics.battery().bus_voltage() * DIVIDER * 1e3
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use flix_firmware::board::encoder::mt6701;
+
+    #[test]
+    fn an_mt6701s_frame_is_read_by_the_robots_own_driver() {
+        let [_, frame @ ..] = mt6701_word(0x2A5F).to_be_bytes();
+        assert_eq!(mt6701(frame), Some(0x2A5F << 18));
+    }
+}

@@ -1,0 +1,217 @@
+//! What a robot is used for, from its first start to disarming, and what has to hold meanwhile.
+
+use std::time::Duration;
+
+use flix_protocol::message::Setpoint;
+use flix_protocol::units::{Degrees, Hertz};
+use serde::Serialize;
+
+use crate::rig::{Rig, RigError};
+use crate::robot::Truth;
+
+/// The paper's five modes (Table IV), and the reversal that the last one is to the one before: Hz, degrees.
+pub const MODES: [(&str, f64, f64); 5] = [
+    ("forward", -30.0, 30.0),
+    ("left turn", -30.0, 90.0),
+    ("right turn", 30.0, 90.0),
+    ("strafe left", 30.0, 30.0),
+    ("strafe right", -30.0, -60.0),
+];
+
+/// f may be off by so much, Hz RMS.
+pub const FREQUENCY_LIMIT_HZ: f64 = 0.05;
+/// theta may be off by so much, degrees RMS.
+pub const DIRECTION_LIMIT_DEG: f64 = 1.0;
+/// The PWM's frequency, Hz.
+pub const PWM_HZ: f64 = flix_firmware::board::PWM_FREQUENCY_HZ as f64;
+/// No two rounds of the fast loop are further apart, microseconds.
+pub const LONGEST_GAP_US: f64 = 120.0;
+/// The mean share of every phase's pin lies this near to a half.
+const SHARE_TOLERANCE: f64 = 0.05;
+
+/// A setpoint that was held, against the plant's truth.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Hold {
+    /// What was asked for, Hz.
+    pub f_hz: f64,
+    /// What was asked for, degrees.
+    pub theta_deg: f64,
+    /// RMS of the error of f, Hz.
+    pub f_rms_hz: f64,
+    /// RMS of the error of theta, degrees.
+    pub theta_rms_deg: f64,
+    /// Largest phase current, A.
+    pub peak_current_a: f64,
+    /// Its limit, A.
+    pub current_limit_a: f64,
+}
+
+/// Sums of a hold's errors.
+#[derive(Debug, Clone, Copy)]
+pub struct Errors {
+    target: (f64, f64),
+    first: Option<(f64, f64)>,
+    last: (f64, f64),
+    frequency: f64,
+    direction: f64,
+    count: f64,
+    peak: f64,
+}
+
+impl Errors {
+    /// None yet, of a target in Hz and degrees.
+    #[must_use]
+    pub const fn new(f_hz: f64, theta_deg: f64) -> Self {
+        Self {
+            target: (f_hz, theta_deg),
+            first: None,
+            last: (0.0, 0.0),
+            frequency: 0.0,
+            direction: 0.0,
+            count: 0.0,
+            peak: 0.0,
+        }
+    }
+
+    /// Takes the truth at a time, s.
+    pub fn take(&mut self, seconds: f64, truth: &Truth) {
+        self.first.get_or_insert((seconds, truth.phase));
+        self.last = (seconds, truth.phase);
+        self.frequency += (truth.frequency - self.target.0).powi(2);
+        // Half a turn is the same line.
+        let off = (truth.direction - self.target.1 + 90.0).rem_euclid(180.0) - 90.0;
+        self.direction += off.powi(2);
+        self.count += 1.0;
+        self.peak = self.peak.max(truth.largest_current);
+    }
+
+    /// What they come to.
+    #[must_use]
+    pub fn hold(&self, current_limit_a: f64) -> Hold {
+        let rms = |sum: f64| (sum / self.count.max(1.0)).sqrt();
+        Hold {
+            f_hz: self.target.0,
+            theta_deg: self.target.1,
+            f_rms_hz: rms(self.frequency),
+            theta_rms_deg: rms(self.direction),
+            peak_current_a: self.peak,
+            current_limit_a,
+        }
+    }
+}
+
+/// What a session came to.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Report {
+    /// Every setpoint.
+    pub hold: Vec<Hold>,
+    /// PWM frequency, lowest and highest of all pins and times from arming to disarming, Hz.
+    pub pwm_hz: [f64; 2],
+    /// Mean, lowest and highest share of the six pins.
+    pub shares: [[f64; 3]; 6],
+    /// Rounds that the fast loop missed.
+    pub overruns: u64,
+    /// Longest time between two rounds, microseconds.
+    pub longest_gap_us: f64,
+}
+
+impl Report {
+    /// What does not hold, in sentences.
+    #[must_use]
+    pub fn failures(&self) -> Vec<String> {
+        let mut failures = Vec::new();
+        for hold in &self.hold {
+            let at = format!("at {} Hz, {} degrees", hold.f_hz, hold.theta_deg);
+            if hold.f_rms_hz.is_nan() || hold.f_rms_hz > FREQUENCY_LIMIT_HZ {
+                failures.push(format!("f is off by {:.3} Hz RMS {at}", hold.f_rms_hz));
+            }
+            if hold.theta_rms_deg.is_nan() || hold.theta_rms_deg > DIRECTION_LIMIT_DEG {
+                failures
+                    .push(format!("theta is off by {:.2} degrees RMS {at}", hold.theta_rms_deg));
+            }
+            if hold.peak_current_a > hold.current_limit_a {
+                let (peak, limit) = (hold.peak_current_a, hold.current_limit_a);
+                failures.push(format!("{peak:.2} A of {limit:.2} A {at}"));
+            }
+        }
+        if self.pwm_hz != [PWM_HZ; 2] {
+            failures.push(format!("the PWM runs at {:?} Hz instead of {PWM_HZ}", self.pwm_hz));
+        }
+        for (pin, [mean, ..]) in self.shares.iter().enumerate() {
+            if (mean - 0.5).abs() > SHARE_TOLERANCE {
+                failures.push(format!("the mean share of PWM pin {pin} is {mean:.3}"));
+            }
+        }
+        if self.overruns > 0 {
+            failures.push(format!("the fast loop missed {} ticks", self.overruns));
+        }
+        if self.longest_gap_us > LONGEST_GAP_US {
+            failures.push(format!("{:.0} us between two rounds", self.longest_gap_us));
+        }
+        failures
+    }
+}
+
+/// How long a setpoint is approached and how long it is then measured.
+#[derive(Debug, Clone, Copy)]
+pub struct Times {
+    /// To get there.
+    pub settle: Duration,
+    /// To be measured.
+    pub measure: Duration,
+}
+
+/// Holds a setpoint and measures it.
+///
+/// # Errors
+/// When the emulation cannot go on.
+pub fn hold(
+    rig: &mut Rig,
+    (f_hz, theta_deg): (f64, f64),
+    times: Times,
+    current_limit_a: f64,
+) -> Result<Hold, RigError> {
+    let setpoint = Hertz::new(f_hz as f32)
+        .and_then(|f| Degrees::new(theta_deg as f32).and_then(|theta| Setpoint::new(f, theta)));
+    rig.hold(setpoint.map_err(|_| RigError::OtherAnswer)?);
+    rig.run(times.settle)?;
+    let mut errors = Errors::new(f_hz, theta_deg);
+    let end = rig.chip.now() + times.measure;
+    while rig.chip.now() < end {
+        rig.step()?;
+        let truth = rig.truth();
+        errors.take(rig.chip.now().as_secs_f64(), &truth);
+    }
+    Ok(errors.hold(current_limit_a))
+}
+
+/// Arms, holds the five modes, of which the last reverses the one before, and disarms, all in one session.
+///
+/// # Errors
+/// When it does not get to its end.
+pub fn drive(rig: &mut Rig, times: Times) -> Result<Report, RigError> {
+    let current_limit = rig.setting("current_limit")?;
+    rig.watch();
+    rig.arm()?;
+    let seen_while_arming = rig.seen.clone();
+    let mut report = Report {
+        hold: Vec::new(),
+        pwm_hz: seen_while_arming.pwm_hz,
+        shares: [[0.0; 3]; 6],
+        overruns: 0,
+        longest_gap_us: 0.0,
+    };
+    // Alignment turns each motor alone: shares are those of driving.
+    rig.seen.shares = [[0.0, f64::INFINITY, 0.0]; 6];
+    rig.seen.steps = 0;
+    for (_, f_hz, theta_deg) in MODES {
+        report.hold.push(hold(rig, (f_hz, theta_deg), times, current_limit)?);
+    }
+    let steps = rig.seen.steps.max(1) as f64;
+    report.shares = rig.seen.shares.map(|[sum, lowest, highest]| [sum / steps, lowest, highest]);
+    rig.disarm()?;
+    report.pwm_hz = rig.seen.pwm_hz;
+    report.overruns = rig.seen.missed;
+    report.longest_gap_us = rig.seen.longest_gap_us;
+    Ok(report)
+}
