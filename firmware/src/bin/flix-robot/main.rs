@@ -63,6 +63,7 @@ async fn main(spawner: Spawner) {
 
     let clocks = esp_hal::Config::default().with_cpu_clock(CpuClock::max());
     let parts = chip::share_out(esp_hal::init(clocks));
+    chip::enable_interrupts();
     esp_alloc::heap_allocator!(size: HEAP_BYTES);
     chip::reset_on_brown_out();
     announce();

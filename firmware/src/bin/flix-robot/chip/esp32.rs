@@ -97,3 +97,6 @@ pub(crate) fn reset_on_brown_out() {
         w.ena().set_bit()
     });
 }
+
+/// Interrupts are on: Xtensa's start-up code leaves them so.
+pub(crate) fn enable_interrupts() {}

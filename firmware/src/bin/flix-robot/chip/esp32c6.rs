@@ -6,7 +6,8 @@
 use esp_hal::Blocking;
 use esp_hal::analog::adc::{Adc, AdcChannel, AdcConfig, Attenuation, RegisterAccess};
 use esp_hal::gpio::Pin;
-use esp_hal::peripherals::{ADC1, FROM_CPU_INTR2, GPIO0, LP_ANA, MCPWM0, Peripherals, SPI2, TIMG1};
+use esp_hal::mcpwm::timer::Timer;
+use esp_hal::peripherals::{ADC1, FROM_CPU_INTR2, GPIO0, LP_ANA, MCPWM0, PCR, Peripherals, SPI2, TIMG1};
 use esp_storage::FlashStorage;
 use flix_firmware::board::EncoderKind;
 use flix_firmware::hardware::Actuation;
@@ -67,11 +68,14 @@ pub(crate) struct Electronics {
     top: ThreePhase<MCPWM0<'static>, true>,
     bottom: ThreePhase<MCPWM0<'static>, false>,
     battery: Option<Battery>,
+    /// The PWM's clock runs as long as a timer or an operator is kept: the last to go gates it.
+    _timer: Timer<0, MCPWM0<'static>>,
 }
 
 impl Electronics {
     fn new(unit: MCPWM0<'static>, (converter, divider): (ADC1<'static>, GPIO0<'static>)) -> Self {
         let pwm = bridge::start(unit);
+        undivided_pwm_clock();
         let [top, bottom] = BOARD.bridges;
         let pins = |phase: usize| (pin(top.phases[phase]), pin(bottom.phases[phase]));
         let (a, b, c) = (pins(0), pins(1), pins(2));
@@ -82,6 +86,7 @@ impl Electronics {
             top: ThreePhase::new(top_a, top_b, top_c, top.enable),
             bottom: ThreePhase::new(bottom_a, bottom_b, bottom_c, bottom.enable),
             battery: BOARD.divider.map(|_| Battery::new(converter, divider)),
+            _timer: pwm.timer0,
         }
     }
 
@@ -167,4 +172,19 @@ pub(crate) fn reset_on_brown_out() {
     LP_ANA::regs()
         .bod_mode0_cntl()
         .modify(|_, w| w.bod_mode0_reset_sel().set_bit().bod_mode0_reset_ena().set_bit());
+}
+
+/// Feeds the MCPWM undivided. After a reset the chip divides its clock by five, and the HAL leaves that so.
+#[expect(unsafe_code, reason = "a field that the HAL's description does not bound")]
+fn undivided_pwm_clock() {
+    // SAFETY: every value of the field is a divider; the outputs are not connected yet.
+    PCR::regs().pwm_clk_conf().modify(|_, w| unsafe { w.pwm_div_num().bits(0) });
+}
+
+/// Lets interrupts in. The architecture has them off after a reset, and no start-up code of ours enables them: only
+/// some boot loaders do.
+#[expect(unsafe_code, reason = "a control register of the processor")]
+pub(crate) fn enable_interrupts() {
+    // SAFETY: `esp_hal::init` has set up handlers and priorities; no critical section is open.
+    unsafe { core::arch::asm!("csrsi mstatus, 8") };
 }

@@ -99,3 +99,6 @@ pub(crate) fn reset_on_brown_out() {
         w.brown_out_ena().set_bit()
     });
 }
+
+/// Interrupts are on: Xtensa's start-up code leaves them so.
+pub(crate) fn enable_interrupts() {}
