@@ -16,7 +16,6 @@ use heapless::{String, Vec};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-
 pub use fault::{Fault, Faults};
 pub use link::{DropReason, Dropped, LinkQuality};
 pub use parameter::{NAME_LENGTH, Name, PARAMETERS_PER_REPLY, Parameter, ParameterCommand};

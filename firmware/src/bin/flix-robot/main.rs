@@ -20,6 +20,7 @@ mod encoders;
 mod fast;
 mod flash;
 mod light;
+mod log;
 mod mailbox;
 mod network;
 mod panic;
@@ -33,7 +34,6 @@ use embassy_net::StackResources;
 use esp_hal::clock::CpuClock;
 use esp_hal::rng::{Rng, Trng};
 use esp_hal::timer::timg::TimerGroup;
-use esp_println::println;
 use esp_radio::wifi::{ControllerConfig, Interface, WifiController};
 use esp_storage::FlashStorage;
 use flix_firmware::board::store::{Entry, FlashStore};
@@ -46,6 +46,7 @@ use static_cell::StaticCell;
 use choice::BOARD;
 use fast::Loop;
 use flash::Flash;
+use log::log;
 use mailbox::Shared;
 
 esp_bootloader_esp_idf::esp_app_desc!();
@@ -77,20 +78,20 @@ async fn main(spawner: Spawner) {
     let store = &*STORE.init(RefCell::new(FlashStore::new(flash, region)));
     let mut provisioner = Provisioner::new(Entry::new(store, flash::PROVISIONING), BOARD.hardware);
     if let Err(error) = provisioner.loaded() {
-        println!("provisioning: {error}: provision the robot again");
+        log!("provisioning: {error}: provision the robot again");
     }
     let provisioning = provisioner.provisioning().cloned().map(|found| &*PROVISIONING.init(found));
 
     let radio = provisioning.and_then(|_| {
         WifiController::new(parts.wifi, ControllerConfig::default())
-            .inspect_err(|error| println!("wi-fi: does not start: {error:?}"))
+            .inspect_err(|error| log!("wi-fi: does not start: {error:?}"))
             .ok()
     });
     // Random numbers are only random while the radio runs. Without them the robot has no key, and so
     // no session.
     let entropy = secret();
     if provisioning.is_some() && entropy.is_none() {
-        println!("robot: no random numbers, so it takes no operator");
+        log!("robot: no random numbers, so it takes no operator");
     }
     let key = provisioning.filter(|_| entropy.is_some()).map(Provisioning::key);
     let (half, slow, exchange) = Robot::new(
@@ -107,19 +108,25 @@ async fn main(spawner: Spawner) {
     });
     // After the loop: it owns the watchdog, which has to wait. Nobody can arm the robot yet.
     if provisioner.finish_erasure().is_err() {
-        println!("provisioning: a former key may still be in flash");
+        log!("provisioning: a former key may still be in flash");
     }
     let light = light::blink(bridge::output(BOARD.status_led), provisioning.is_some(), exchange);
-    let serial = serial::serve(parts.serial, provisioner, exchange);
-    if let (Ok(light), Ok(serial)) = (light, serial) {
+    if let Ok(light) = light {
         spawner.spawn(light);
+    }
+    // Without the port there is nobody to say it to.
+    if let Some((receiver, transmitter)) = serial::port(parts.serial)
+        && let (Ok(serial), Ok(log)) =
+            (serial::serve(receiver, provisioner, exchange), log::drain(transmitter))
+    {
         spawner.spawn(serial);
+        spawner.spawn(log);
     }
     let robot = slow::Robot::new(slow, exchange);
     match (provisioning, radio) {
         (Some(provisioning), Some(radio)) => operate(spawner, robot, provisioning, radio).await,
         _ => {
-            println!("{UNPROVISIONED}");
+            log!("{UNPROVISIONED}");
             robot.run_alone().await
         }
     }
@@ -159,17 +166,17 @@ async fn operate(
 /// Prints what a person at the serial port should know of this board before the motors move.
 fn announce() {
     let hardware = &BOARD.hardware;
-    println!("flix-walker {} on {}", env!("CARGO_PKG_VERSION"), hardware.name);
-    println!("encoders: {:?}", BOARD.encoder);
+    log!("flix-walker {} on {}", env!("CARGO_PKG_VERSION"), hardware.name);
+    log!("encoders: {:?}", BOARD.encoder);
     match hardware.current_sense {
-        Some(_) => println!("motors: current control"),
-        None => println!("motors: voltage mode, because this board measures no phase currents"),
+        Some(_) => log!("motors: current control"),
+        None => log!("motors: voltage mode, because this board measures no phase currents"),
     }
     if !hardware.can_coast {
-        println!("motors: brake when off, because this board's bridges have no off input");
+        log!("motors: brake when off, because this board's bridges have no off input");
     }
     match hardware.bus_microvolts_per_count {
-        Some(_) => println!("battery: measured"),
-        None => println!("battery: NOT measured, because this board has no divider: watch it"),
+        Some(_) => log!("battery: measured"),
+        None => log!("battery: NOT measured, because this board has no divider: watch it"),
     }
 }

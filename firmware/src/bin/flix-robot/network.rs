@@ -2,7 +2,6 @@
 
 use embassy_net::{Config, Ipv4Cidr, Runner, StaticConfigV4};
 use embassy_time::{Duration, Instant, Timer};
-use esp_println::println;
 use esp_radio::wifi::sta::StationConfig;
 use esp_radio::wifi::{
     AuthenticationMethodConfig, Config as WifiConfig, Interface, PowerSaveMode, WifiController,
@@ -10,6 +9,7 @@ use esp_radio::wifi::{
 
 use flix_protocol::provision::Provisioning;
 
+use crate::log::log;
 use crate::mailbox::Mailbox;
 
 /// Wait after the first failed attempt; doubled after each further one.
@@ -63,12 +63,12 @@ pub(crate) async fn stay_connected(
     provisioning: &'static Provisioning,
 ) {
     let Some(station) = station(provisioning) else {
-        println!("wi-fi: the network's name or password is too long: provision the robot again");
+        log!("wi-fi: the network's name or password is too long: provision the robot again");
         return;
     };
     // Modem sleep was seen to add up to half a second to a datagram.
     if controller.set_power_saving(PowerSaveMode::None).is_err() {
-        println!("wi-fi: power saving cannot be switched off: expect late commands");
+        log!("wi-fi: power saving cannot be switched off: expect late commands");
     }
     let mut wait = SHORTEST_WAIT;
     loop {
@@ -77,15 +77,15 @@ pub(crate) async fn stay_connected(
             Err(_) => false,
         };
         if connected {
-            println!("wi-fi: connected to {}", provisioning.network());
+            log!("wi-fi: connected to {}", provisioning.network());
             let since = Instant::now();
             watch(&mut controller).await;
-            println!("wi-fi: lost");
+            log!("wi-fi: lost");
             if since.elapsed() > GOOD_CONNECTION {
                 wait = SHORTEST_WAIT;
             }
         } else {
-            println!("wi-fi: cannot connect, next attempt in {} ms", wait.as_millis());
+            log!("wi-fi: cannot connect, next attempt in {} ms", wait.as_millis());
         }
         Timer::after(wait).await;
         wait = (wait * 2).min(LONGEST_WAIT);

@@ -2,14 +2,14 @@
 
 use embassy_time::{Duration, Timer};
 use esp_hal::Async;
-use esp_hal::uart::{Config, Uart};
-use esp_println::println;
+use esp_hal::uart::{Config, Uart, UartRx, UartTx};
 use flix_firmware::board::store::Entry;
 use flix_firmware::provision::Provisioner;
 use flix_protocol::provision::BAUD_RATE;
 
 use crate::chip::SerialParts;
 use crate::flash::Flash;
+use crate::log::{self, log};
 use crate::mailbox::Shared;
 
 /// Bytes taken at once.
@@ -17,38 +17,32 @@ const CHUNK: usize = 64;
 /// Rest between the answer and the restart, for the last bytes to leave.
 const REST: Duration = Duration::from_millis(200);
 
-/// Opens the port; `None` when it cannot be had at its speed.
-fn port(parts: SerialParts) -> Option<Uart<'static, Async>> {
+/// Opens both directions of the port; `None` when it cannot be had at its speed.
+pub(crate) fn port(parts: SerialParts) -> Option<(UartRx<'static, Async>, UartTx<'static, Async>)> {
     let config = Config::default().with_baudrate(BAUD_RATE);
     let port = Uart::new(parts.unit, config).ok()?;
-    Some(port.with_rx(parts.receive).with_tx(parts.transmit).into_async())
+    Some(port.with_rx(parts.receive).with_tx(parts.transmit).into_async().split())
 }
 
 /// Answers requests for ever. A robot that was provisioned anew restarts;
 /// it takes such requests only while its motors are not driven.
 #[embassy_executor::task]
 pub(crate) async fn serve(
-    parts: SerialParts,
+    mut port: UartRx<'static, Async>,
     mut provisioner: Provisioner<Entry<'static, Flash>>,
     exchange: &'static Shared,
 ) {
-    let Some(mut port) = port(parts) else {
-        println!("serial port: cannot be used for provisioning");
-        return;
-    };
     let mut chunk = [0; CHUNK];
     loop {
         // An error is lost bytes; the frame that they were part of is refused by its check sum.
         let Ok(length) = port.read_async(&mut chunk).await else { continue };
         for byte in &chunk[..length] {
             let Some(response) = provisioner.receive(*byte, exchange.state()) else { continue };
-            let mut rest = &response.frame[..];
-            while let Ok(written @ 1..) = port.write_async(rest).await {
-                rest = &rest[written..];
-            }
+            log::put(&response.frame);
             if response.changed {
+                log!("\r\nprovisioning: changed, starting anew");
+                log::drained().await;
                 Timer::after(REST).await;
-                println!("\nprovisioning: changed, starting anew");
                 esp_hal::system::software_reset();
             }
         }

@@ -3,7 +3,6 @@
 use core::net::SocketAddr;
 
 use embassy_time::Timer;
-use esp_println::println;
 use flix_firmware::hardware::SettingsStore;
 use flix_firmware::net::{EXCHANGE_INTERVAL, Station};
 use flix_firmware::robot::SlowHalf;
@@ -12,6 +11,7 @@ use flix_protocol::message::State;
 use flix_protocol::units::Instant;
 
 use crate::clock::now;
+use crate::log::log;
 use crate::mailbox::Shared;
 use crate::network::SIGNAL;
 
@@ -42,8 +42,8 @@ impl<S: SettingsStore> Robot<S> {
         if self.printed != Some(report.state) {
             self.printed = Some(report.state);
             match report.first_fault {
-                Some(fault) => println!("robot: {}, {fault}", report.state),
-                None => println!("robot: {}", report.state),
+                Some(fault) => log!("robot: {}, {fault}", report.state),
+                None => log!("robot: {}", report.state),
             }
         }
     }

@@ -6,7 +6,6 @@ use esp_hal::mcpwm::PwmPeripheral;
 use esp_hal::peripherals::{CPU_CTRL, FROM_CPU_INTR2, I2C0, I2C1, MCPWM0, MCPWM1, SPI3, TIMG1};
 use esp_hal::system::{CpuControl, Stack};
 use esp_hal::time::{Duration, Rate};
-use esp_println::println;
 use esp_storage::FlashStorage;
 use flix_firmware::board::encoder::{AS5600_ADDRESS, AS5600_STATUS_REGISTER, as5600};
 use flix_firmware::board::{BridgePins, EncoderKind, I2cPins};
@@ -17,6 +16,7 @@ use crate::bridge::{self, ThreePhase, pin};
 use crate::choice::BOARD;
 use crate::clock::now;
 use crate::encoders::{Encoders, SAMPLES, Sample, SpiEncoders};
+use crate::log::log;
 
 /// Stack of core 1: the fast loop and the encoders; interrupts nest three deep at most.
 const STACK_BYTES: usize = 12 * 1024;
@@ -61,7 +61,7 @@ pub(crate) fn start_fast_loop<Analog: Converters + Send + 'static>(
     match CpuControl::new(core).start_app_core(STACK.init_with(Stack::new), work) {
         // Dropping it would park the core.
         Ok(guard) => core::mem::forget(guard),
-        Err(error) => println!("core 1 does not start: {error:?}"),
+        Err(error) => log!("core 1 does not start: {error:?}"),
     }
 }
 

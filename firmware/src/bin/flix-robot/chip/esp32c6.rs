@@ -7,7 +7,9 @@ use esp_hal::Blocking;
 use esp_hal::analog::adc::{Adc, AdcChannel, AdcConfig, Attenuation, RegisterAccess};
 use esp_hal::gpio::Pin;
 use esp_hal::mcpwm::timer::Timer;
-use esp_hal::peripherals::{ADC1, FROM_CPU_INTR2, GPIO0, LP_ANA, MCPWM0, PCR, Peripherals, SPI2, TIMG1};
+use esp_hal::peripherals::{
+    ADC1, FROM_CPU_INTR2, GPIO0, LP_ANA, MCPWM0, PCR, Peripherals, SPI2, TIMG1,
+};
 use esp_storage::FlashStorage;
 use flix_firmware::board::EncoderKind;
 use flix_firmware::hardware::Actuation;

@@ -18,6 +18,7 @@ use esp32c6 as chosen;
 use esp32s3 as chosen;
 
 pub(crate) use chosen::{
-    Electronics, enable_interrupts, reset_on_brown_out, share_out, share_with_other_core, start_fast_loop,
+    Electronics, enable_interrupts, reset_on_brown_out, share_out, share_with_other_core,
+    start_fast_loop,
 };
 pub(crate) use parts::SerialParts;
