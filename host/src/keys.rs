@@ -9,7 +9,7 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
-use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
+use std::os::unix::fs::{DirBuilderExt, FileTypeExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use flix_protocol::provision;
@@ -43,6 +43,14 @@ pub enum KeyError {
         path: PathBuf,
         /// Its permission bits.
         mode: u32,
+    },
+    /// Not a file that holds its text: a directory, a pipe, a device.
+    #[error("{} is {what}, not a key file", path.display())]
+    NotAFile {
+        /// The path.
+        path: PathBuf,
+        /// What it is.
+        what: &'static str,
     },
     /// Not a key.
     #[error(
@@ -124,6 +132,8 @@ pub fn generate() -> Result<Key, KeyError> {
 /// # Errors
 /// When it cannot be read, is not a key file, or other users can read it.
 pub fn read(path: &Path) -> Result<Key, KeyError> {
+    // Before it is opened: opening a pipe waits for its writer.
+    refuse_special(path)?;
     let file = File::open(path).map_err(at(path))?;
     refuse_exposed(path, &file)?;
     let mut text = Zeroizing::new(String::new());
@@ -150,6 +160,17 @@ pub fn write_new(path: &Path, key: &Key) -> Result<(), KeyError> {
         .and_then(|()| file.write_all(b"\n"))
         .and_then(|()| file.sync_all())
         .map_err(at(path))
+}
+
+fn refuse_special(path: &Path) -> Result<(), KeyError> {
+    let kind = fs::metadata(path).map_err(at(path))?.file_type();
+    let what = match kind {
+        _ if kind.is_file() => return Ok(()),
+        _ if kind.is_dir() => "a directory",
+        _ if kind.is_fifo() => "a pipe",
+        _ => "a device",
+    };
+    Err(KeyError::NotAFile { path: path.to_owned(), what })
 }
 
 fn refuse_exposed(path: &Path, file: &File) -> Result<(), KeyError> {

@@ -117,10 +117,11 @@ impl Path {
     /// When a line is not a point, or as for [`Path::through`].
     pub fn from_text(name: &str, text: &str) -> Result<Self, PathError> {
         let mut points = Vec::new();
-        let meaningful = text
-            .lines()
-            .enumerate()
-            .map(|(number, line)| (number + 1, line.split('#').next().unwrap_or_default().trim()));
+        // Spreadsheets begin their text files with a byte-order mark.
+        let meaningful =
+            text.trim_start_matches('\u{feff}').lines().enumerate().map(|(number, line)| {
+                (number + 1, line.split('#').next().unwrap_or_default().trim())
+            });
         for (index, (line, content)) in meaningful.filter(|(_, l)| !l.is_empty()).enumerate() {
             match point(content) {
                 Some(point) => points.push(point),
@@ -372,6 +373,8 @@ mod tests {
     fn waypoints_are_read_with_heading_comments_and_closing_point() {
         let text = "x,y\n0,0 # start\n\n1;0\n1 1\n0,1\n0,0\n";
         let path = Path::from_text("room", text).unwrap();
+        let marked = Path::from_text("room", &format!("\u{feff}{text}")).unwrap();
+        assert_eq!(marked, path, "a byte-order mark is not part of the first point");
         assert!(path.is_closed() && (path.length() - 4.0).abs() < 1e-9);
     }
 
