@@ -32,6 +32,7 @@ pub use client::{Client, StopState, Update};
 
 use std::time::Duration;
 
+use flix_protocol::message::{Refusal, State};
 use flix_protocol::session::HOLDER_SILENCE;
 
 /// Interval of the setpoint or ping: a fifth of the robot's first deadline of 100 ms.
@@ -48,3 +49,9 @@ pub const STOP_RETRY: Duration = Duration::from_millis(20);
 pub const SILENCE: Duration = HOLDER_SILENCE;
 /// Time after which a command without a reply counts as unanswered.
 pub const ANSWER_TIME: Duration = Duration::from_secs(1);
+
+/// Returns whether a refusal passes by itself, so that the same request succeeds some time later.
+#[must_use]
+pub const fn passes(refusal: &Refusal) -> bool {
+    matches!(refusal, Refusal::LinkUnproven | Refusal::State(State::Aligning | State::Stopping))
+}

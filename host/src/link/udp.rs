@@ -9,7 +9,7 @@ use flix_protocol::message::{Command, Fault, Faults, Outcome, Refusal, State, Te
 use flix_protocol::session::{ConnectError, Key};
 use flix_protocol::units::Instant;
 
-use super::{Client, StopState, Update};
+use super::{Client, StopState, Update, passes};
 use crate::explain;
 use crate::interrupt::Interrupt;
 
@@ -24,7 +24,10 @@ pub const ARM_PATIENCE: Duration = Duration::from_secs(20);
 pub const DISARM_PATIENCE: Duration = Duration::from_secs(2);
 /// Time for which clearing is repeated: faults brake for half a second before they can be cleared.
 pub const CLEAR_PATIENCE: Duration = Duration::from_secs(3);
-/// Interval at which arming and clearing are repeated.
+/// Longest time in which a state that passes by itself ends: the motors are aligned, the rotors at
+/// rest, the link proven.
+pub const PASSING_PATIENCE: Duration = Duration::from_secs(3);
+/// Interval at which a request that was refused because of such a state is repeated.
 const TRY_AGAIN: Duration = Duration::from_millis(100);
 /// Time after a reply from which telemetry shows the state after the command.
 const TELEMETRY_LAG: Duration = Duration::from_millis(500);
@@ -230,11 +233,29 @@ impl Connection {
         self.wait_for(patience, is_connected)?.ok_or(LinkError::Connect(ConnectError::NoAnswer))
     }
 
-    /// Sends a request to the robot and waits for the answer. A refusal is an error.
+    /// Sends a request to the robot and waits for the answer. A refusal is an error; while the robot
+    /// refuses because of a state that passes, the request is repeated, for at most
+    /// [`PASSING_PATIENCE`].
     ///
     /// # Errors
     /// As for [`Connection::wait_for`]; when the robot refuses or does not answer.
     pub fn ask(&mut self, command: Command) -> Result<Outcome, LinkError> {
+        let deadline = self.now() + PASSING_PATIENCE;
+        self.ask_until(deadline, &command)
+    }
+
+    fn ask_until(&mut self, deadline: Instant, command: &Command) -> Result<Outcome, LinkError> {
+        loop {
+            match self.ask_once(command.clone()) {
+                Err(LinkError::Refused(refusal)) if passes(&refusal) && self.now() < deadline => {
+                    self.wait_for(TRY_AGAIN, |_, _| None::<()>)?;
+                }
+                outcome => return outcome,
+            }
+        }
+    }
+
+    fn ask_once(&mut self, command: Command) -> Result<Outcome, LinkError> {
         let (client, now) = self.operate();
         let request = client.request(now, command);
         let outcome = self.wait_for(2 * super::REQUEST_PATIENCE, |_, update| match update {
@@ -273,15 +294,7 @@ impl Connection {
     /// As for [`Connection::ask`]; when a fault is latched.
     pub fn arm(&mut self) -> Result<(), LinkError> {
         let deadline = self.now() + ARM_PATIENCE;
-        loop {
-            match self.ask(Command::Arm) {
-                Ok(_) => break,
-                Err(LinkError::Refused(Refusal::LinkUnproven)) if self.now() < deadline => {
-                    self.wait_for(TRY_AGAIN, |_, _| None::<()>)?;
-                }
-                Err(error) => return Err(error),
-            }
-        }
+        self.ask_until(deadline, &Command::Arm)?;
         let asked = std::time::Instant::now();
         let mut actual = State::Disarmed;
         let patience = deadline.since(self.now());

@@ -12,7 +12,8 @@ use flix_protocol::units::{Degrees, Hertz, Instant};
 
 use super::keyboard::Action;
 use crate::explain;
-use crate::link::{Client, Update};
+use crate::link::udp::PASSING_PATIENCE;
+use crate::link::{Client, Update, passes};
 
 /// Interval between two points of the histories.
 pub const HISTORY_INTERVAL: Duration = Duration::from_millis(200);
@@ -24,8 +25,6 @@ const LOG_LENGTH: usize = 200;
 pub const SLOW_MOTION: f32 = 30.0;
 /// Frequency below which the rotors are shown as they turn, Hz.
 const REAL_TIME_BELOW_HZ: f32 = 1.0;
-/// Time for which arming is repeated while the link is not proven.
-const PROVING_PATIENCE: Duration = Duration::from_secs(3);
 /// Silence that is shown: a few telemetry intervals.
 const SHOWN_SILENCE: Duration = Duration::from_millis(150);
 /// Current at the end of the gauge while the limit of the robot is unknown, A.
@@ -112,12 +111,14 @@ pub struct Cockpit {
     heard: Instant,
     sampled: Instant,
     animated: Instant,
-    arming: Option<Arming>,
+    insisting: Option<Insisting>,
     asked: Vec<u32>,
 }
 
-#[derive(Debug, Clone, Copy)]
-struct Arming {
+/// A request that is repeated while the robot refuses it because of a state that passes.
+#[derive(Debug, Clone)]
+struct Insisting {
+    command: Command,
     request: u32,
     give_up_at: Instant,
 }
@@ -143,7 +144,7 @@ impl Cockpit {
             heard: now,
             sampled: now,
             animated: now,
-            arming: None,
+            insisting: None,
             asked: Vec::new(),
         }
     }
@@ -176,9 +177,7 @@ impl Cockpit {
                 client.release();
                 client.request(now, Command::Disarm);
             }
-            Action::Clear => {
-                client.request(now, Command::Clear);
-            }
+            Action::Clear => self.insist(Command::Clear, client, now),
             Action::Walk(mode) => {
                 if self.want(mode.setpoint(), client, now) {
                     self.note(now, Weight::Note, mode.name());
@@ -211,8 +210,8 @@ impl Cockpit {
             }
             Update::Answer { request, outcome } => self.answered(*request, outcome, client, now),
             Update::Unanswered { request } => {
-                if self.arming.is_some_and(|arming| arming.request == *request) {
-                    self.arming = None;
+                if self.insisting.as_ref().is_some_and(|it| it.request == *request) {
+                    self.insisting = None;
                 }
             }
             // The state shows it already.
@@ -308,14 +307,23 @@ impl Cockpit {
                 self.note(now, Weight::Warning, "faulted: press c to clear it first");
             }
             _ => {
-                let request = client.request(now, Command::Arm);
-                self.arming = Some(Arming { request, give_up_at: now + PROVING_PATIENCE });
+                self.insist(Command::Arm, client, now);
             }
         }
     }
 
+    /// Sends a request that is repeated while the robot refuses it because of a state that passes.
+    fn insist(&mut self, command: Command, client: &mut Client, now: Instant) {
+        let request = client.request(now, command.clone());
+        self.insisting = Some(Insisting { command, request, give_up_at: now + PASSING_PATIENCE });
+    }
+
+    fn is_arming(&self) -> bool {
+        self.insisting.as_ref().is_some_and(|insisting| insisting.command == Command::Arm)
+    }
+
     fn answered(&mut self, request: u32, outcome: &Outcome, client: &mut Client, now: Instant) {
-        let arming = self.arming.filter(|arming| arming.request == request);
+        let insisting = self.insisting.take_if(|insisting| insisting.request == request);
         match outcome {
             Outcome::Identity(identity) if self.asked.contains(&request) => {
                 self.identity = Some(identity.clone());
@@ -323,15 +331,15 @@ impl Cockpit {
             Outcome::Parameter(parameter) if self.asked.contains(&request) => {
                 self.current_limit = parameter.value;
             }
-            Outcome::Refused(Refusal::LinkUnproven)
-                if arming.is_some_and(|arming| now < arming.give_up_at) =>
-            {
-                let request = client.request(now, Command::Arm);
-                self.arming = arming.map(|arming| Arming { request, ..arming });
-            }
             Outcome::Refused(refusal) => {
-                if arming.is_some() {
-                    self.arming = None;
+                if let Some(again) =
+                    insisting.as_ref().filter(|it| passes(refusal) && now < it.give_up_at)
+                {
+                    let request = client.request(now, again.command.clone());
+                    self.insisting = Some(Insisting { request, ..again.clone() });
+                    return;
+                }
+                if insisting.is_some_and(|it| it.command == Command::Arm) {
                     self.rest();
                     client.release();
                 }
@@ -340,7 +348,8 @@ impl Cockpit {
                     self.note(now, Weight::Warning, &format!("not done: {refusal}"));
                 }
             }
-            _ => {}
+            // Telemetry ends arming: the newest may be from before the answer.
+            _ => self.insisting = insisting.or(self.insisting.take()),
         }
     }
 
@@ -348,11 +357,13 @@ impl Cockpit {
         self.heard = now;
         self.link = Link::Connected;
         self.telemetry = Some(*telemetry);
-        self.arming = self.arming.filter(|arming| now < arming.give_up_at);
+        self.insisting.take_if(|insisting| now >= insisting.give_up_at);
         match telemetry.state {
-            State::Aligning | State::Armed | State::Running => self.arming = None,
+            State::Aligning | State::Armed | State::Running if self.is_arming() => {
+                self.insisting = None;
+            }
             // A robot that disarmed by itself must not start again from an earlier setpoint.
-            State::Disarmed | State::Stopping | State::Faulted if self.arming.is_none() => {
+            State::Disarmed | State::Stopping | State::Faulted if !self.is_arming() => {
                 self.rest();
                 client.release();
             }
@@ -390,7 +401,7 @@ impl Cockpit {
 
     fn lost(&mut self, text: &str, now: Instant) {
         self.rest();
-        self.arming = None;
+        self.insisting = None;
         self.link = Link::Connecting;
         self.note(now, Weight::Alarm, text);
     }

@@ -1,6 +1,7 @@
 //! The terminal and the loop.
 
 use std::io::{self, IsTerminal};
+use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use ratatui::DefaultTerminal;
@@ -56,7 +57,8 @@ pub fn run(
     // connection, which stops the robot.
     let mut terminal = ratatui::try_init().map_err(ScreenError::Terminal)?;
     let ending = drive(&mut terminal, connection, robot, interrupt);
-    ratatui::restore();
+    // A terminal that is closed cannot be restored, and needs not be.
+    let _ = ratatui::try_restore();
     ending
 }
 
@@ -70,27 +72,22 @@ fn drive(
     let mut cockpit = Cockpit::new(robot, now);
     cockpit.connected(client, now);
     let mut drawn = None::<Instant>;
+    let keys = keyboard();
     loop {
         connection.step(KEY_LATENCY)?;
         let (client, now) = connection.operate();
         while let Some(update) = client.update() {
             cockpit.observe(&update, client, now);
         }
-        match pressed() {
-            // A terminal that cannot be read is closed.
-            Err(_) => return Ok(Ending::Interrupted),
-            Ok(actions) => {
-                for action in actions {
-                    match action {
-                        Action::Quit => return Ok(Ending::Quit),
-                        Action::Interrupt => return Ok(Ending::Interrupted),
-                        action => cockpit.act(action, client, now),
-                    }
-                }
-            }
-        }
-        if interrupt.is_raised() {
+        if interrupt.is_raised() || is_closed() {
             return Ok(Ending::Interrupted);
+        }
+        for action in keys.try_iter() {
+            match action {
+                Action::Quit => return Ok(Ending::Quit),
+                Action::Interrupt => return Ok(Ending::Interrupted),
+                action => cockpit.act(action, client, now),
+            }
         }
         if drawn.is_none_or(|at| at.elapsed() >= FRAME) {
             drawn = Some(Instant::now());
@@ -102,13 +99,27 @@ fn drive(
     }
 }
 
-/// Returns the actions of the keys that were pressed since the last call.
-fn pressed() -> io::Result<Vec<Action>> {
-    let mut actions = Vec::new();
-    while event::poll(Duration::ZERO)? {
-        if let Event::Key(key) = event::read()? {
-            actions.extend(action(key));
+/// Returns the actions of the keys as they are pressed. A thread of its own reads them: a read of a
+/// terminal that closes at that moment never returns.
+fn keyboard() -> mpsc::Receiver<Action> {
+    let (sender, actions) = mpsc::channel();
+    std::thread::spawn(move || {
+        loop {
+            let pressed = match event::read() {
+                Ok(Event::Key(key)) => action(key),
+                Ok(_) => None,
+                // A terminal that cannot be read is closed.
+                Err(_) => Some(Action::Interrupt),
+            };
+            if pressed.is_some_and(|action| sender.send(action).is_err()) {
+                return;
+            }
         }
-    }
-    Ok(actions)
+    });
+    actions
+}
+
+/// Returns whether the terminal is closed: it is no terminal any more.
+fn is_closed() -> bool {
+    !io::stdin().is_terminal()
 }
