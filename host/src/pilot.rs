@@ -6,13 +6,14 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use flix_protocol::message::{Command, Faults, Outcome, Refusal, Setpoint, State, Telemetry};
 use flix_protocol::session::ConnectError;
 use flix_protocol::units::Instant;
 
-use crate::link::{Client, StopState, Update};
+use crate::link::{Client, StopState, Update, passes};
 use crate::nav::{Decision, Identification, Navigator, PlanarPose, Progress, Resting, Stop};
 use crate::pose::PoseSample;
 use crate::record::{Level, RecordError, Recorder};
@@ -89,6 +90,8 @@ pub enum Ending {
     Faulted(Faults),
     /// The robot did not become ready, or left the state that driving needs.
     NotReady(State),
+    /// The run could not be recorded any more: what was said about it.
+    NotRecorded(String),
 }
 
 impl fmt::Display for Ending {
@@ -104,6 +107,7 @@ impl fmt::Display for Ending {
             Self::Refused(refusal) => write!(f, "the robot refused: {refusal}"),
             Self::Faulted(faults) => write!(f, "the robot has a fault: {faults}"),
             Self::NotReady(state) => write!(f, "the robot is {state} and cannot be driven"),
+            Self::NotRecorded(trouble) => write!(f, "{trouble}; the robot was stopped"),
         }
     }
 }
@@ -131,6 +135,25 @@ enum Phase {
     Over,
 }
 
+/// The record of a run that is over.
+#[derive(Debug)]
+pub struct Recorded {
+    /// Its file, if the run was recorded. With an error it holds the rows from before the error.
+    pub file: Option<PathBuf>,
+    /// Why it is not complete.
+    pub error: Option<RecordError>,
+}
+
+impl Recorded {
+    /// Returns the file of a complete record.
+    ///
+    /// # Errors
+    /// When it is not complete.
+    pub fn complete(self) -> Result<Option<PathBuf>, RecordError> {
+        self.error.map_or(Ok(self.file), Err)
+    }
+}
+
 /// Pilot of one run; see the module's documentation.
 pub struct Pilot<H> {
     helm: H,
@@ -138,10 +161,10 @@ pub struct Pilot<H> {
     phase: Phase,
     since: Option<Instant>,
     ending: Option<Ending>,
-    is_cleared: bool,
     latency: Option<Duration>,
     recorder: Option<Recorder>,
     record_error: Option<RecordError>,
+    drives_unrecorded: bool,
     recorded: Option<Instant>,
     commanded: Option<(Setpoint, String)>,
     driving_since: Option<Instant>,
@@ -157,10 +180,10 @@ impl<H: Helm> Pilot<H> {
             phase: Phase::Connecting,
             since: None,
             ending: None,
-            is_cleared: false,
             latency: None,
             recorder,
             record_error: None,
+            drives_unrecorded: false,
             recorded: None,
             commanded: None,
             driving_since: None,
@@ -172,6 +195,20 @@ impl<H: Helm> Pilot<H> {
     pub fn with_latency(mut self, latency: Duration) -> Self {
         self.latency = Some(latency);
         self
+    }
+
+    /// Goes on without a record when it cannot be written any more, for example on a full disk; the
+    /// run ends then unless this is chosen.
+    #[must_use]
+    pub fn driving_unrecorded(mut self, goes_on: bool) -> Self {
+        self.drives_unrecorded = goes_on;
+        self
+    }
+
+    /// Returns why the run is not recorded any more.
+    #[must_use]
+    pub fn record_error(&self) -> Option<&RecordError> {
+        self.record_error.as_ref()
     }
 
     /// Returns the helm.
@@ -204,20 +241,19 @@ impl<H: Helm> Pilot<H> {
         }
     }
 
-    /// Completes the record, with these results, and returns the helm.
-    ///
-    /// # Errors
-    /// When a row, or the end, could not be written. The helm is lost then, the robot is not.
-    pub fn finish(
-        mut self,
-        results: BTreeMap<String, String>,
-    ) -> Result<(H, Option<std::path::PathBuf>), RecordError> {
-        if let Some(error) = self.record_error {
-            return Err(error);
+    /// Completes the record, with these results, and returns it with the helm.
+    pub fn finish(mut self, mut results: BTreeMap<String, String>) -> (H, Recorded) {
+        if let Some(ending) = &self.ending {
+            results.insert("ending".into(), ending.to_string());
         }
-        let Some(mut recorder) = self.recorder.take() else { return Ok((self.helm, None)) };
-        recorder.results(results)?;
-        Ok((self.helm, Some(recorder.finish()?)))
+        let Some(mut recorder) = self.recorder.take() else {
+            return (self.helm, Recorded { file: None, error: None });
+        };
+        let file = Some(recorder.path().to_owned());
+        let error = self
+            .record_error
+            .or_else(|| recorder.results(results).and_then(|()| recorder.finish()).err());
+        (self.helm, Recorded { file, error })
     }
 
     /// Takes what has arrived from link and pose source, and commands the robot. Returns the ending
@@ -234,6 +270,12 @@ impl<H: Helm> Pilot<H> {
         }
         while let Some(update) = client.update() {
             self.take(now, client, update);
+        }
+        if let Some(error) = self.record_error.as_ref().filter(|_| !self.drives_unrecorded)
+            && self.ending.is_none()
+        {
+            let ending = Ending::NotRecorded(error.to_string());
+            self.fail(now, client, ending);
         }
         let begun = *self.since.get_or_insert(now);
         match &self.phase {
@@ -323,13 +365,7 @@ impl<H: Helm> Pilot<H> {
             return;
         }
         match outcome {
-            Outcome::Refused(Refusal::LinkUnproven) => {
-                self.phase = Phase::Waiting { until: now + ARM_RETRY };
-            }
-            // Starting a run is as explicit as clearing an earlier stop; faults stay.
-            Outcome::Refused(Refusal::Stopped) if !self.is_cleared => {
-                self.is_cleared = true;
-                client.request(now, Command::Clear);
+            Outcome::Refused(refusal) if passes(refusal) => {
                 self.phase = Phase::Waiting { until: now + ARM_RETRY };
             }
             Outcome::Refused(refusal) => {
@@ -418,7 +454,6 @@ impl<H: Helm> Pilot<H> {
             return;
         }
         if let Some(recorder) = &mut self.recorder {
-            // A full disk must not stop the control of a robot; it is reported at the end.
             self.record_error = write(recorder).err();
         }
     }

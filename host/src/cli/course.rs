@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use flix_protocol::message::Setpoint;
 
 use super::Error;
+use super::output::read_text;
 use crate::nav::{
     Area, ControllerKind, ModeTable, Navigator, PAPER_PAIRS, Path, PathError, PlanarPose, Position,
     Settings, Task,
@@ -14,7 +15,8 @@ use crate::nav::{
 /// Options of a path, and of how it is followed.
 #[derive(Debug, Clone, clap::Args)]
 pub struct CourseArgs {
-    /// `figure8`, `circle`, `square`, or a file of waypoints (one x,y per line, metres).
+    /// `figure8`, `circle`, `square`, or a file of waypoints (one x,y per line, metres; `-` is standard
+    /// input).
     #[arg(value_name = "PATH")]
     pub path: String,
     /// Number of laps of a closed path.
@@ -41,6 +43,9 @@ pub struct CourseArgs {
     /// Distance from the path at which the run ends, mm.
     #[arg(long, value_name = "MM", default_value_t = 400.0)]
     pub error_limit: f64,
+    /// Walk to the path also from outside the fence. A robot inside walks to it anyway.
+    #[arg(long)]
+    pub approach: bool,
     /// Options of steering.
     #[command(flatten)]
     pub steering: SteeringArgs,
@@ -90,7 +95,11 @@ impl CourseArgs {
                 self.error_limit
             )));
         }
-        Ok(Settings { error_limit: self.error_limit * 1e-3, ..self.steering.settings(task) })
+        Ok(Settings {
+            error_limit: self.error_limit * 1e-3,
+            approach: self.approach,
+            ..self.steering.settings(task)
+        })
     }
 }
 
@@ -105,7 +114,7 @@ impl SteeringArgs {
 }
 
 fn read_path(file: &str) -> Result<Path, Error> {
-    let text = std::fs::read_to_string(file).map_err(|error| {
+    let text = read_text(file.as_ref()).map_err(|error| {
         Error::usage(format_args!(
             "cannot read the waypoints {file}: {error}; a path is figure8, circle, square, or a file"
         ))

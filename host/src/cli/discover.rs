@@ -9,6 +9,7 @@ use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 use crate::keys::Keyring;
 use crate::link::discovery::{self, Found};
+use crate::link::udp::LinkError;
 
 /// List the robots that announce themselves on the local network (mDNS, `_flix._udp`).
 #[derive(Debug, clap::Args)]
@@ -32,6 +33,9 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let robots = discovery::browse(args.duration, &interrupt).map_err(Error::usage)?;
+    if interrupt.is_raised() {
+        return Err(LinkError::Interrupted.into());
+    }
     if args.json {
         print_json(&robots)?;
     } else if robots.is_empty() {

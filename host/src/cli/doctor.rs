@@ -8,11 +8,11 @@ use flix_protocol::message::{Command, Outcome, State, Telemetry};
 use flix_protocol::units::Instant;
 
 use super::output::{print, print_json};
-use super::robot::{FieldRobotArgs, RobotArgs};
+use super::robot::RobotArgs;
 use super::walk::PoseArgs;
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
-use crate::link::udp::Connection;
+use crate::link::udp::{Connection, LinkError};
 use crate::pose::PoseSource;
 use crate::pose::natnet::{NatNetSource, NatNetStatistics};
 
@@ -39,7 +39,7 @@ Examples:
   flix doctor --json                                       (against flix-sim serve --natnet)")]
 pub struct Args {
     #[command(flatten)]
-    robot: FieldRobotArgs,
+    robot: RobotArgs,
     #[command(flatten)]
     poses: PoseArgs,
     /// Do not check the poses.
@@ -76,9 +76,13 @@ impl Finding {
 /// When a check found a problem; all results were printed by then.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
-    let mut findings = look_at_robot(&args.robot.robot(), &interrupt);
+    let mut findings = look_at_robot(&args.robot, &interrupt);
     if !args.no_poses {
         findings.extend(look_at_poses(&args.poses, &interrupt));
+    }
+    // What was seen of half a check is no diagnosis.
+    if interrupt.is_raised() {
+        return Err(LinkError::Interrupted.into());
     }
     if args.json {
         print_json(&findings)?;

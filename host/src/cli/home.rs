@@ -4,11 +4,11 @@ use std::process::ExitCode;
 
 use super::course::{SteeringArgs, facts, names, results};
 use super::output::print;
-use super::robot::FieldRobotArgs;
-use super::walk::{FileArgs, PoseArgs, Walk, record, verdict};
+use super::robot::RobotArgs;
+use super::walk::{FileArgs, PoseArgs, Walk, record, unrecorded, verdict};
 use super::{Error, Exit};
 use crate::nav::{ModeTable, Navigator, Position, Task};
-use crate::pilot::Pilot;
+use crate::pilot::{Pilot, Recorded};
 
 /// Walk to a point and rest there.
 ///
@@ -20,7 +20,7 @@ Examples:
   flix home walker-1 --to 0.5,0 --stay")]
 pub struct Args {
     #[command(flatten)]
-    robot: FieldRobotArgs,
+    robot: RobotArgs,
     /// Position to walk to, m.
     #[arg(long, value_name = "X,Y", default_value = "0,0", allow_hyphen_values = true)]
     to: Position,
@@ -45,18 +45,20 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let table = ModeTable::load(&args.files.modes)?;
     let setup = facts(&settings);
     let navigator = Navigator::new(task, &table, settings).map_err(Error::usage)?;
-    let mut walk = Walk::open(&args.robot.robot(), &args.poses)?;
+    let mut walk = Walk::open(&args.robot, &args.poses)?;
     let mut recorder = record(&args.files.out, &mut walk, "home", setup)?;
     recorder.attach(walk.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
-    let mut pilot = Pilot::new(navigator, names(&table), Some(recorder));
+    let mut pilot = Pilot::new(navigator, names(&table), Some(recorder))
+        .driving_unrecorded(args.files.unrecorded);
     let (ending, seconds) = walk.drive(&mut pilot, |pilot| {
         format!("{:<24} {:>4.0} mm away", pilot.doing(), pilot.helm().progress().error * 1e3)
     })?;
     walk.leave();
     let error = pilot.helm().progress().error * 1e3;
     let numbers = results(pilot.helm(), seconds);
-    let (_, file) = pilot.finish(numbers)?;
+    let (_, Recorded { file, error: record_error }) = pilot.finish(numbers);
     verdict(&ending, file.as_ref())?;
     print(&format!("arrived within {error:.0} mm after {seconds:.1} s\n"))?;
+    unrecorded(record_error, args.files.unrecorded)?;
     Ok(Exit::Done.into())
 }

@@ -6,12 +6,12 @@ use std::time::Duration;
 
 use super::course::pairs;
 use super::output::{headings, print, table};
-use super::robot::FieldRobotArgs;
+use super::robot::RobotArgs;
 use super::time::duration;
-use super::walk::{FileArgs, PoseArgs, Walk, record, verdict};
+use super::walk::{FileArgs, PoseArgs, Walk, record, unrecorded, verdict};
 use super::{Error, Exit};
 use crate::nav::{Area, Identification, IdentificationSettings, ModeTable};
-use crate::pilot::Pilot;
+use crate::pilot::{Pilot, Recorded};
 
 /// Options of an identification.
 #[derive(Debug, Clone, clap::Args)]
@@ -67,7 +67,8 @@ impl IdentificationArgs {
 
 /// Measure the motion of each mode, and write the mode table that `flix track` needs.
 ///
-/// Put the robot in the middle of its field: it walks up to a metre.
+/// Put the robot in the middle of its field: it stays within a metre of where it begins, and comes back
+/// there.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -75,7 +76,7 @@ Examples:
   flix identify --rounds 1 --seconds 4s                    (against flix-sim serve --natnet)")]
 pub struct Args {
     #[command(flatten)]
-    robot: FieldRobotArgs,
+    robot: RobotArgs,
     #[command(flatten)]
     identification: IdentificationArgs,
     #[command(flatten)]
@@ -110,20 +111,22 @@ pub fn describe(modes: &ModeTable) -> String {
 /// When something is missing, or the run ended early.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (identification, names) = args.identification.identification()?;
-    let mut walk = Walk::open(&args.robot.robot(), &args.poses)?;
+    let mut walk = Walk::open(&args.robot, &args.poses)?;
     let facts = BTreeMap::from([("identification".into(), args.identification.source())]);
     let recorder = record(&args.files.out, &mut walk, "identify", facts)?;
-    let mut pilot = Pilot::new(identification, names, Some(recorder));
+    let mut pilot =
+        Pilot::new(identification, names, Some(recorder)).driving_unrecorded(args.files.unrecorded);
     let (ending, _) = walk.drive(&mut pilot, |pilot| {
         let (done, all) = pilot.helm().progress();
         format!("{:<24} stretch {} of {all}", pilot.doing(), (done + 1).min(all))
     })?;
     walk.leave();
-    let (identification, file) = pilot.finish(BTreeMap::new())?;
+    let (identification, Recorded { file, error }) = pilot.finish(BTreeMap::new());
     verdict(&ending, file.as_ref())?;
     let source = args.identification.source();
-    let modes = identification.table(&args.robot.robot().robot, &source)?;
+    let modes = identification.table(&args.robot.robot, &source)?;
     modes.save(&args.files.modes)?;
     print(&format!("{}\nwritten to {}\n", describe(&modes), args.files.modes.display()))?;
+    unrecorded(error, args.files.unrecorded)?;
     Ok(Exit::Done.into())
 }

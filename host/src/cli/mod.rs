@@ -36,9 +36,10 @@ pub mod track;
 pub mod walk;
 
 use std::fmt;
+use std::io::{self, Write};
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use flix_protocol::message::Refusal;
 use flix_protocol::session::ConnectError;
@@ -203,16 +204,34 @@ impl Cli {
     /// Returns the command line as data, for completions and tests.
     #[must_use]
     pub fn description() -> clap::Command {
-        Self::command()
+        numbers_may_be_negative(Self::command())
     }
+}
+
+/// Lets every option take `-5` as its value, so that its own check refuses it with the range.
+fn numbers_may_be_negative(command: clap::Command) -> clap::Command {
+    command
+        .mut_args(|argument| {
+            if !argument.get_action().takes_values() {
+                return argument;
+            }
+            let is_time = argument
+                .get_value_names()
+                .is_some_and(|names| names.iter().any(|name| name.as_str() == "TIME"));
+            argument.allow_negative_numbers(true).allow_hyphen_values(is_time)
+        })
+        .mut_subcommands(numbers_may_be_negative)
 }
 
 /// Parses the command line, runs it, and reports an error.
 pub fn main() -> ExitCode {
-    match Cli::parse().run() {
+    let matches = Cli::description().get_matches();
+    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    match cli.run() {
         Ok(code) => code,
         Err(error) => {
-            eprintln!("flix: {error}");
+            // The terminal may be closed: the exit code reports the error all the same.
+            let _ = writeln!(io::stderr(), "flix: {error}");
             error.exit.into()
         }
     }

@@ -1,6 +1,7 @@
 //! Output of the commands: texts, JSON, tables and progress bars.
 
 use std::io::{self, Write};
+use std::path::Path;
 use std::time::Duration;
 
 use comfy_table::{CellAlignment, Table, presets};
@@ -21,6 +22,33 @@ pub fn print(text: &str) -> Result<(), Error> {
         }
         _ => Ok(()),
     }
+}
+
+/// Name of standard input or output where a file is asked for.
+pub const STANDARD_STREAM: &str = "-";
+
+/// Reads a text file; `-` is standard input.
+///
+/// # Errors
+/// When it cannot be read, or is not UTF-8.
+pub fn read_text(file: &Path) -> io::Result<String> {
+    if file == Path::new(STANDARD_STREAM) {
+        io::read_to_string(io::stdin())
+    } else {
+        std::fs::read_to_string(file)
+    }
+}
+
+/// Writes a text file; `-` is standard output.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn write_text(file: &Path, text: &str) -> Result<(), Error> {
+    if file == Path::new(STANDARD_STREAM) {
+        return print(text);
+    }
+    std::fs::write(file, text)
+        .map_err(|error| Error::usage(format_args!("{}: {error}", file.display())))
 }
 
 /// Prints a value as one JSON document on stdout.

@@ -15,30 +15,30 @@ use crate::link::udp::Connection;
 /// Options that name a robot and its key.
 #[derive(Debug, Clone, clap::Args)]
 pub struct RobotArgs {
-    /// Address (HOST or HOST:PORT), or the name of a provisioned robot.
-    #[arg(value_name = "ROBOT")]
+    /// Address (HOST or HOST:PORT), or the name of a provisioned robot. `simulated` is the simulator on
+    /// this computer.
+    #[arg(value_name = "ROBOT", env = ROBOT_VARIABLE, default_value = SIMULATED_ROBOT)]
     pub robot: String,
     /// Key file [default: the robot's key in your keyring].
     #[arg(long, value_name = "FILE", env = KEY_FILE_VARIABLE)]
     pub key: Option<PathBuf>,
 }
 
-/// As [`RobotArgs`], with the simulated robot as default, on which a run is tried first.
+/// As [`RobotArgs`], for a command with several more words: its robot has no default.
 #[derive(Debug, Clone, clap::Args)]
-pub struct FieldRobotArgs {
-    /// Address (HOST or HOST:PORT), or the name of a provisioned robot. `simulated` is the simulator on
-    /// this computer.
-    #[arg(value_name = "ROBOT", env = ROBOT_VARIABLE, default_value = SIMULATED_ROBOT)]
+pub struct NamedRobotArgs {
+    /// Address (HOST or HOST:PORT), or the name of a provisioned robot.
+    #[arg(value_name = "ROBOT")]
     robot: String,
     /// Key file [default: the robot's key in your keyring].
     #[arg(long, value_name = "FILE", env = KEY_FILE_VARIABLE)]
     key: Option<PathBuf>,
 }
 
-/// Environment variable that names the robot for commands that walk.
+/// Environment variable that names the robot.
 const ROBOT_VARIABLE: &str = "FLIX_ROBOT";
 
-impl FieldRobotArgs {
+impl NamedRobotArgs {
     /// Returns the options of the robot.
     #[must_use]
     pub fn robot(&self) -> RobotArgs {
@@ -62,6 +62,7 @@ impl RobotArgs {
     /// # Errors
     /// When there is no usable key (usage), or no such robot is found.
     pub fn begin(&self, interrupt: &Interrupt) -> Result<Connection, Error> {
+        split_port(&self.robot).map_err(Error::usage)?;
         let keyring = Keyring::of_user()?;
         let key = self.find_key(&keyring)?;
         let address = self.find_address(&keyring, interrupt)?;

@@ -5,10 +5,10 @@ use std::process::ExitCode;
 
 use serde_json::{Value, json};
 
-use super::output::print;
+use super::output::{headings, print, table};
 use super::{Error, Exit};
 use crate::plot::{Figure, PlotError};
-use crate::record::{ReadError, RecordError, Run, RunSummary, csv, figures, list};
+use crate::record::{ReadError, RecordError, RepairError, Run, csv, figures, list, repair};
 
 /// List, show, plot and export the records of runs.
 ///
@@ -20,6 +20,7 @@ Examples:
   flix runs list
   flix runs show last
   flix runs plot last              SVG and PNG beside the record
+  flix runs repair last            of a program that was killed
   flix runs export-csv 20261121 --to tables")]
 pub struct Args {
     /// Folder of the output.
@@ -36,6 +37,12 @@ enum Action {
         /// Print JSON.
         #[arg(long)]
         json: bool,
+    },
+    /// Complete the record of a program that was killed, for other programs that read MCAP.
+    Repair {
+        /// Run: `last`, a part of its name, or its file.
+        #[arg(default_value = "last")]
+        run: String,
     },
     /// Show the settings and results of a run.
     Show {
@@ -78,6 +85,12 @@ impl From<RecordError> for Error {
     }
 }
 
+impl From<RepairError> for Error {
+    fn from(error: RepairError) -> Self {
+        Self::usage(error)
+    }
+}
+
 impl From<PlotError> for Error {
     fn from(error: PlotError) -> Self {
         Self::usage(error)
@@ -91,6 +104,14 @@ impl From<PlotError> for Error {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     match &args.action {
         Action::List { json } => list_runs(&args.out, *json)?,
+        Action::Repair { run } => {
+            let file = Run::find(&args.out, run)?.file;
+            let said = match repair(&file)? {
+                Some(rows) => format!("completed, {rows} rows: {}\n", file.display()),
+                None => format!("is complete: {}\n", file.display()),
+            };
+            print(&said)?;
+        }
         Action::Show { run, json } => show(&Run::find(&args.out, run)?, *json)?,
         Action::Plot { run, to } => {
             let run = Run::find(&args.out, run)?;
@@ -123,17 +144,54 @@ fn beside(run: &Run, to: Option<&PathBuf>) -> (PathBuf, String) {
 
 fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
     let runs = list(out)?;
+    let heads = runs
+        .iter()
+        .map(|run| Ok((Run::read_head(&run.file)?, run.bytes)))
+        .collect::<Result<Vec<_>, ReadError>>()?;
     if as_json {
-        let rows: Vec<Value> =
-            runs.iter().map(|r| json!({ "file": r.file, "bytes": r.bytes })).collect();
+        let rows: Vec<Value> = heads
+            .iter()
+            .map(|(run, bytes)| {
+                json!({
+                    "file": run.file,
+                    "bytes": bytes,
+                    "started": run.fact("run", "started"),
+                    "robot": run.fact("run", "robot"),
+                    "name": run.fact("run", "name"),
+                    "result": result(run),
+                })
+            })
+            .collect();
         return print(&format!("{}\n", Value::from(rows)));
     }
     if runs.is_empty() {
         return print(&format!("no runs below {}\n", out.display()));
     }
-    let line =
-        |run: &RunSummary| format!("{:>9.1} kB  {}\n", run.bytes as f64 / 1e3, run.file.display());
-    print(&runs.iter().map(line).collect::<String>())
+    let mut rows = vec![headings("run|robot|kB|result")];
+    rows.extend(heads.iter().map(|(run, bytes)| {
+        let stem = run.file.file_stem().unwrap_or_default();
+        vec![
+            stem.to_string_lossy().into_owned(),
+            run.fact("run", "robot").to_owned(),
+            format!("{:.1}", *bytes as f64 / 1e3),
+            result(run),
+        ]
+    }));
+    print(&table(&rows))
+}
+
+/// Returns how a run ended, in a few words.
+fn result(run: &Run) -> String {
+    let ending = match run.fact("results", "ending") {
+        "" if !run.is_complete => "unfinished: `flix runs repair` completes the record",
+        "" => "",
+        // Advice follows the first colon.
+        ending => ending.split(':').next().unwrap_or_default(),
+    };
+    match run.fact("results", "path_error_rms_mm") {
+        "" => ending.to_owned(),
+        error => format!("{ending}, {error} mm RMS, {} laps", run.fact("results", "laps")),
+    }
 }
 
 fn show(run: &Run, as_json: bool) -> Result<(), Error> {

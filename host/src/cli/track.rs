@@ -4,11 +4,11 @@ use std::process::ExitCode;
 
 use super::course::{CourseArgs, facts, names, results};
 use super::output::{print, print_json};
-use super::robot::FieldRobotArgs;
-use super::walk::{FileArgs, PoseArgs, Walk, record, verdict};
+use super::robot::RobotArgs;
+use super::walk::{FileArgs, PoseArgs, Walk, record, unrecorded, verdict};
 use super::{Error, Exit};
 use crate::nav::{ModeTable, ModeTableError, Navigator, Task};
-use crate::pilot::Pilot;
+use crate::pilot::{Pilot, Recorded};
 
 /// Follow a path, with poses from motion capture.
 ///
@@ -25,7 +25,7 @@ Examples:
 )]
 pub struct Args {
     #[command(flatten)]
-    robot: FieldRobotArgs,
+    robot: RobotArgs,
     #[command(flatten)]
     course: CourseArgs,
     #[command(flatten)]
@@ -57,13 +57,14 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     };
     let setup = facts(&settings);
     let navigator = Navigator::new(task.clone(), &table, settings).map_err(Error::usage)?;
-    let mut walk = Walk::open(&args.robot.robot(), &args.poses)?;
+    let mut walk = Walk::open(&args.robot, &args.poses)?;
     let mut recorder = record(&args.files.out, &mut walk, &name, setup)?;
     if let Task::Follow { path, .. } = &task {
         recorder.path_to_follow(walk.now(), path)?;
     }
     recorder.attach(walk.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
-    let mut pilot = Pilot::new(navigator, names(&table), Some(recorder));
+    let mut pilot = Pilot::new(navigator, names(&table), Some(recorder))
+        .driving_unrecorded(args.files.unrecorded);
     let (ending, seconds) = walk.drive(&mut pilot, |pilot| {
         let progress = pilot.helm().progress();
         format!(
@@ -76,7 +77,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     })?;
     walk.leave();
     let numbers = results(pilot.helm(), seconds);
-    let (_, file) = pilot.finish(numbers.clone())?;
+    let (_, Recorded { file, error }) = pilot.finish(numbers.clone());
     verdict(&ending, file.as_ref())?;
     if args.json {
         let mut report = serde_json::Map::new();
@@ -98,5 +99,6 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         }
         print(&text)?;
     }
+    unrecorded(error, args.files.unrecorded)?;
     Ok(Exit::Done.into())
 }

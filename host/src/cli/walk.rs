@@ -1,6 +1,7 @@
 //! A run in real time: link, poses, record and progress around a [`Pilot`].
 
 use std::collections::BTreeMap;
+use std::io::{self, Write};
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
@@ -16,7 +17,7 @@ use crate::link::udp::{Connection, LinkError};
 use crate::pilot::{Ending, Helm, Pilot};
 use crate::pose::natnet::{Body, COMMAND_PORT, NatNetSettings, NatNetSource, UpAxis};
 use crate::pose::{PoseError, PoseSource};
-use crate::record::{Recorder, RunDescription};
+use crate::record::{RecordError, Recorder, RunDescription};
 
 /// Longest wait for datagrams of the robot between two checks for poses.
 const SLICE: Duration = Duration::from_millis(2);
@@ -50,6 +51,10 @@ pub struct FileArgs {
     /// Folder for the record.
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
+    /// Go on without a record when it cannot be written any more, for example because the disk is full
+    /// [default: stop the robot].
+    #[arg(long)]
+    pub unrecorded: bool,
 }
 
 fn body(text: &str) -> Result<Body, std::convert::Infallible> {
@@ -134,6 +139,7 @@ impl Walk {
             bar.set_style(style);
         }
         let mut poses = Vec::new();
+        let mut is_warned = false;
         loop {
             self.connection.step(SLICE)?;
             let (client, now) = self.connection.operate();
@@ -145,6 +151,12 @@ impl Walk {
                 pilot.interrupt(now, client);
             }
             let ending = pilot.step(now, client, &poses);
+            if let Some(error) = pilot.record_error().filter(|_| !is_warned) {
+                is_warned = true;
+                bar.suspend(|| {
+                    let _ = writeln!(io::stderr(), "flix: {error}");
+                });
+            }
             bar.set_message(message(pilot));
             bar.tick();
             if let Some(ending) = ending {
@@ -224,12 +236,32 @@ pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
         Ending::Interrupted => Exit::Interrupted,
         Ending::NoSession(error) => return Err(LinkError::Connect(*error).into()),
         Ending::Lost => Exit::NoAnswer,
+        Ending::NotRecorded(_) => Exit::Usage,
         Ending::Refused(refusal) => return Err(LinkError::Refused(refusal.clone()).into()),
         Ending::Stopped(_) | Ending::Faulted(_) | Ending::NotReady(_) => Exit::RobotFault,
     };
-    let sentence = match record {
+    let mut sentence = match record {
         Some(file) => format!("{ending} (record: {})", file.display()),
         None => ending.to_string(),
     };
+    let is_stopped = matches!(
+        ending,
+        Ending::Stopped(_) | Ending::Interrupted | Ending::NotReady(_) | Ending::NotRecorded(_)
+    );
+    if is_stopped {
+        sentence.push_str("; `flix clear` makes the robot ready again");
+    }
     Err(Error::new(exit, sentence))
+}
+
+/// Returns an error for a record that is not complete, unless the run may go on without one: the
+/// results were printed, and the trouble was reported when it arose.
+///
+/// # Errors
+/// When the record is not complete.
+pub fn unrecorded(error: Option<RecordError>, is_allowed: bool) -> Result<(), Error> {
+    match error {
+        Some(error) if !is_allowed => Err(error.into()),
+        _ => Ok(()),
+    }
 }

@@ -6,6 +6,9 @@
 //! gait settles. The rest is cut into windows of [`WINDOW`]. The motion of a stretch is the mean of
 //! its windows, in the body frame; the spread of a mode is the standard deviation between its
 //! stretches.
+//!
+//! The robot stays within [`REACH`] of where it began: a stretch ends early there. Farther away than
+//! [`FAR`] it walks back before the next stretch, and at the end, in the modes identified so far.
 
 use std::time::Duration;
 
@@ -13,10 +16,11 @@ use flix_protocol::message::Setpoint;
 use flix_protocol::units::Instant;
 
 use super::estimator::mean_twist;
-use super::geometry::{Area, PlanarPose, Twist, wrap};
+use super::geometry::{Area, PlanarPose, Position, Twist, wrap};
 use super::modes::{Mode, ModeTable, ModeTableError, Spread};
-use super::navigator::{Decision, Resting};
+use super::navigator::{Decision, Navigator, Resting, Settings, Task};
 use super::safety::Stop;
+use super::standstill::Standstill;
 use crate::pose::PoseSample;
 
 /// Start of a stretch that does not count.
@@ -27,6 +31,19 @@ const WINDOW: Duration = Duration::from_millis(250);
 const PAUSE: Duration = Duration::from_millis(700);
 /// Spread of a mode with a single stretch, as a share of its speed.
 const UNKNOWN_SPREAD: f64 = 0.3;
+
+/// Distance from the start at which a stretch ends early, m. Ramping down takes less than 0.1 m.
+const REACH: f64 = 0.9;
+/// A stretch that begins farther away ends early when it leads away by this much, m.
+const OUTWARD: f64 = 0.05;
+/// Distance from the start from which the robot walks back, m: the next stretch has half a metre.
+const FAR: f64 = 0.4;
+/// Distance from the start at which it has come back, m.
+const BACK: f64 = 0.1;
+/// Modes with which a robot can walk to a point: by then the turns are among them.
+const ENOUGH_MODES: usize = 4;
+/// Longest time of walking back; then the identification goes on from where the robot is.
+const RETURN_PATIENCE: Duration = Duration::from_secs(60);
 
 /// What to identify, and how.
 #[derive(Debug, Clone)]
@@ -52,11 +69,21 @@ pub struct Identification {
     stretches: Vec<Vec<Twist>>,
     current: u32,
     begun: Option<Instant>,
+    /// When the present stretch ended; then the robot rests.
+    ended: Option<Instant>,
     started: Option<Instant>,
     trusted: Option<(Instant, PlanarPose)>,
     window: Option<(Instant, PlanarPose)>,
     seen: Vec<Twist>,
     stop: Option<Stop>,
+    /// Where the robot began.
+    start: Option<Position>,
+    /// Distance from there at which the stretch began, m.
+    from: f64,
+    ends_early: bool,
+    return_walk: Option<(Navigator, Instant)>,
+    has_returned: bool,
+    standstill: Standstill,
 }
 
 impl Identification {
@@ -69,11 +96,18 @@ impl Identification {
             stretches,
             current: 0,
             begun: None,
+            ended: None,
             started: None,
             trusted: None,
             window: None,
             seen: Vec::new(),
             stop: None,
+            start: None,
+            from: 0.0,
+            ends_early: false,
+            return_walk: None,
+            has_returned: false,
+            standstill: Standstill::default(),
         }
     }
 
@@ -91,9 +125,13 @@ impl Identification {
         }
         let pose = sample.pose.on_the_floor();
         self.trusted = Some((sample.time, pose));
+        self.start.get_or_insert(pose.position());
+        if let Some((navigator, _)) = &mut self.return_walk {
+            navigator.observe(sample);
+        }
         let Some(begun) = self.begun else { return };
         let driven = sample.time.since(begun);
-        if driven < SETTLING || driven > self.settings.stretch {
+        if driven < SETTLING || self.ended.is_some() {
             self.window = None;
             return;
         }
@@ -113,9 +151,6 @@ impl Identification {
         if let Some(stop) = self.stop {
             return Decision::Stopped(stop);
         }
-        if self.current >= self.total() {
-            return Decision::Finished;
-        }
         let age = now.since(self.trusted.map_or(started, |(time, _)| time));
         if self.trusted.is_none() || age > self.settings.pose_deadline {
             return self.wait_for_pose(age);
@@ -126,17 +161,85 @@ impl Identification {
             let (at, fence) = (pose.position(), self.settings.fence);
             return self.end(Stop::OutsideFence { at, fence });
         }
-        self.drive(now)
+        let decision = self.walk_back(now).unwrap_or_else(|| self.drive(now));
+        let walks = matches!(decision, Decision::Drive { .. });
+        if let Some((_, pose)) = self.trusted {
+            let walked = self.standstill.watch(now, walks, &pose);
+            // One mode may fail to move a robot; two in a row are no accident.
+            if walked >= 2 * self.settings.stretch {
+                return self.end(Stop::NotMoving { walked });
+            }
+        }
+        decision
+    }
+
+    /// Distance from the start, m.
+    fn away(&self) -> f64 {
+        let place = self.trusted.map(|(_, pose)| pose.position());
+        self.start.zip(place).map_or(0.0, |(start, place)| start.distance_to(place))
+    }
+
+    /// Between two stretches, leads a robot that is far from its start back to it.
+    fn walk_back(&mut self, now: Instant) -> Option<Decision> {
+        if self.return_walk.is_none() {
+            let is_over = self.current >= self.total();
+            let goes_back = self.begun.is_none()
+                && !self.has_returned
+                && (self.away() > FAR || is_over && self.away() > BACK);
+            if !goes_back {
+                return None;
+            }
+            self.has_returned = true;
+            self.return_walk = self.navigator_to_start().map(|navigator| (navigator, now));
+        }
+        let (navigator, since) = self.return_walk.as_mut()?;
+        let decision = navigator.decide(now);
+        if decision == Decision::Finished || now.since(*since) > RETURN_PATIENCE {
+            self.return_walk = None;
+            return None;
+        }
+        Some(match decision {
+            // The navigator counts only the modes that are identified.
+            Decision::Drive { setpoint, .. } => {
+                let mode = self.settings.pairs.iter().position(|pair| pair.1 == setpoint);
+                Decision::Drive { mode: mode.unwrap_or_default(), setpoint }
+            }
+            Decision::Stopped(stop) => self.end(stop),
+            other => other,
+        })
+    }
+
+    fn navigator_to_start(&self) -> Option<Navigator> {
+        let table = self.table("", "").ok().filter(|it| it.modes().len() >= ENOUGH_MODES)?;
+        let task = Task::Reach { point: self.start?, stay: false };
+        let settings = Settings {
+            fence: self.settings.fence,
+            pose_deadline: self.settings.pose_deadline,
+            pose_patience: self.settings.pose_patience,
+            arrival_radius: BACK / 2.0,
+            return_radius: BACK,
+            ..Settings::for_task(&task)
+        };
+        Navigator::new(task, &table, settings).ok()
     }
 
     fn drive(&mut self, now: Instant) -> Decision {
+        if self.current >= self.total() {
+            return Decision::Finished;
+        }
+        let away = self.away();
+        if self.begun.is_none() {
+            (self.from, self.ends_early) = (away, false);
+        }
+        self.ends_early |= away > REACH.max(self.from + OUTWARD);
         let begun = *self.begun.get_or_insert(now);
         let driven = now.since(begun);
-        if driven < self.settings.stretch {
+        if driven < self.settings.stretch && !self.ends_early {
             let mode = self.current as usize % self.settings.pairs.len();
             return Decision::Drive { mode, setpoint: self.settings.pairs[mode].1 };
         }
-        if driven >= self.settings.stretch + PAUSE {
+        let ended = *self.ended.get_or_insert(now);
+        if now.since(ended) >= PAUSE {
             self.keep_stretch();
         }
         Decision::Rest(Resting::Arrived)
@@ -151,12 +254,13 @@ impl Identification {
             self.stretches[mode].push(sum.scaled(share));
         }
         self.current += 1;
-        (self.begun, self.window) = (None, None);
+        (self.begun, self.ended, self.window) = (None, None, None);
+        self.has_returned = false;
     }
 
     fn wait_for_pose(&mut self, waited: Duration) -> Decision {
         // A stretch with a hole is driven again.
-        (self.begun, self.window) = (None, None);
+        (self.begun, self.ended, self.window) = (None, None, None);
         self.seen.clear();
         if waited > self.settings.pose_patience {
             return self.end(Stop::PoseLost { waited });
@@ -206,18 +310,28 @@ mod tests {
     use super::*;
     use crate::pose::Pose;
 
-    /// Identifies a robot that moves exactly as the table of model W.
     fn identified(rounds: u32) -> Identification {
+        identified_from(PlanarPose::default(), rounds, Duration::from_secs(4)).0
+    }
+
+    /// Identifies a robot that moves exactly as the table of model W. Returns also where it was, over
+    /// time.
+    fn identified_from(
+        start: PlanarPose,
+        rounds: u32,
+        stretch: Duration,
+    ) -> (Identification, Vec<Position>) {
         let table = model_w();
         let mut identification = Identification::new(IdentificationSettings {
             pairs: table.modes().iter().map(|m| (m.name.clone(), m.setpoint)).collect(),
-            stretch: Duration::from_secs(4),
+            stretch,
             rounds,
             fence: "-3,-3,3,3".parse().unwrap(),
             pose_deadline: Duration::from_millis(100),
             pose_patience: Duration::from_secs(2),
         });
-        let mut pose = PlanarPose::default();
+        let mut pose = start;
+        let mut places = Vec::new();
         for step in 0..200_000 {
             let now = Instant::from_micros(step * 5000);
             match identification.decide(now) {
@@ -229,8 +343,36 @@ mod tests {
             }
             let sample = PoseSample { time: now, pose: Pose::planar(pose, 0.05), valid: true };
             identification.observe(&sample);
+            places.push(pose.position());
         }
-        identification
+        (identification, places)
+    }
+
+    #[test]
+    fn the_robot_stays_within_a_metre_and_comes_back() {
+        let start = PlanarPose { x: 0.7, y: -0.4, heading: 1.0 };
+        let (identification, places) = identified_from(start, 2, Duration::from_secs(8));
+        assert_eq!(identification.progress(), (18, 18));
+        let away = |place: &Position| place.distance_to(start.position());
+        let farthest = places.iter().map(away).fold(0.0, f64::max);
+        assert!(farthest < 1.0, "{farthest} m");
+        assert!(places.last().map(away).unwrap() <= BACK, "{:?}", places.last());
+    }
+
+    #[test]
+    fn poses_that_stand_still_end_the_identification() {
+        let mut identification = identified(1);
+        identification.current = 0;
+        let end = (0..20_000).find_map(|step| {
+            let now = Instant::from_micros(2_000_000_000 + step * 5000);
+            let pose = Pose::planar(PlanarPose::default(), 0.05);
+            identification.observe(&PoseSample { time: now, pose, valid: true });
+            match identification.decide(now) {
+                Decision::Stopped(stop) => Some(stop),
+                _ => None,
+            }
+        });
+        assert!(matches!(end, Some(Stop::NotMoving { .. })), "{end:?}");
     }
 
     #[test]

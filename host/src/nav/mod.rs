@@ -21,6 +21,7 @@ mod navigator;
 mod path;
 pub mod predictive;
 mod safety;
+mod standstill;
 pub mod two_state;
 
 pub use estimator::{Estimator, mean_twist};

@@ -18,6 +18,7 @@ use super::motion::{REST, Response};
 use super::path::Path;
 use super::predictive::{Goal, Prospects};
 use super::safety::Stop;
+use super::standstill::Standstill;
 use super::two_state::{LOOK_AHEAD, MissingTurn, TwoState};
 use crate::pose::PoseSample;
 
@@ -69,6 +70,10 @@ pub struct Settings {
     pub pose_patience: Duration,
     /// The robot must stay inside.
     pub fence: Area,
+    /// Whether a run may begin outside the fence, and walk into it.
+    pub approach: bool,
+    /// Walking for this long without motion of the pose ends the run.
+    pub standstill_patience: Duration,
     /// The run ends at this distance from the path, m.
     pub error_limit: f64,
     /// Distance from the goal at which the robot has arrived, m.
@@ -128,6 +133,9 @@ pub struct Progress {
 /// Distance at which a robot has joined its path, m.
 pub const JOINED_WITHIN: f64 = 0.05;
 
+/// Room around a robot that approaches its fence from outside, m: half a turn of the widest mode.
+const CORRIDOR_MARGIN: f64 = 0.3;
+
 /// Distance before the end of an open path from which the end is approached as a point, m.
 const FINAL_APPROACH: f64 = 0.12;
 
@@ -154,6 +162,9 @@ pub struct Navigator {
     progress: Progress,
     stop: Option<Stop>,
     finished: bool,
+    standstill: Standstill,
+    /// Where the robot may be on its way into the fence.
+    corridor: Option<Area>,
 }
 
 impl Settings {
@@ -174,6 +185,8 @@ impl Settings {
             pose_deadline: Duration::from_millis(100),
             pose_patience: Duration::from_secs(5),
             fence,
+            approach: false,
+            standstill_patience: Duration::from_secs(3),
             error_limit: 0.4,
             arrival_radius: 0.02,
             return_radius: 0.04,
@@ -209,6 +222,8 @@ impl Navigator {
             progress: Progress::default(),
             stop: None,
             finished: false,
+            standstill: Standstill::default(),
+            corridor: None,
         })
     }
 
@@ -268,8 +283,18 @@ impl Navigator {
         let first = self.trusted.is_none();
         self.trusted = Some(sample.time);
         self.measured = pose;
+        let is_outside = !self.settings.fence.contains(pose.position());
+        if first && is_outside && self.settings.approach {
+            let Area { low, high } = self.settings.fence;
+            let around = Area::around([low, high, pose.position()]);
+            self.corridor = Some(around.widened(CORRIDOR_MARGIN));
+        }
         self.estimator.observe(sample.time, pose);
         self.measure_error(first, elapsed.min(self.settings.pose_deadline));
+        // Not at the edge of the fence: a robot that walks in arcs crosses it several times.
+        if self.progress.joined {
+            self.corridor = None;
+        }
     }
 
     /// Returns what to command now. [`Decision::Finished`] and [`Decision::Stopped`] are final.
@@ -284,6 +309,10 @@ impl Navigator {
         let age = now.since(self.trusted.unwrap_or(started));
         if self.trusted.is_none() || age > self.settings.pose_deadline {
             return self.wait_for_pose(now, age);
+        }
+        let walked = self.standstill.watch(now, self.mode != REST, &self.measured);
+        if walked >= self.settings.standstill_patience {
+            return self.end(now, Stop::NotMoving { walked });
         }
         if let Some(stop) = self.breach() {
             return self.end(now, stop);
@@ -325,8 +354,9 @@ impl Navigator {
 
     fn breach(&self) -> Option<Stop> {
         let at = self.measured.position();
-        if !self.settings.fence.contains(at) {
-            return Some(Stop::OutsideFence { at, fence: self.settings.fence });
+        let fence = self.corridor.unwrap_or(self.settings.fence);
+        if !fence.contains(at) {
+            return Some(Stop::OutsideFence { at, fence });
         }
         let (error, limit) = (self.progress.error.abs(), self.settings.error_limit);
         let on_path = matches!(self.task, Task::Follow { .. }) && self.progress.joined;

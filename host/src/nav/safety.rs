@@ -13,6 +13,11 @@ pub enum Stop {
         /// Time since the last one.
         waited: Duration,
     },
+    /// The poses stand still although the robot is commanded to walk.
+    NotMoving {
+        /// Time of walking without motion.
+        walked: Duration,
+    },
     /// The robot is outside the fence.
     OutsideFence {
         /// Where the robot is.
@@ -37,9 +42,16 @@ impl fmt::Display for Stop {
                 "no trusted pose for {:.1} s: is the robot in view of the cameras? run `flix doctor`",
                 waited.as_secs_f64()
             ),
+            Self::NotMoving { walked } => write!(
+                f,
+                "the pose did not move while the robot walked for {:.1} s: is it blocked, or are these \
+                 the poses of another robot (--natnet-server, --body)?",
+                walked.as_secs_f64()
+            ),
             Self::OutsideFence { at, fence } => write!(
                 f,
-                "the robot left the fence ({fence}) at {:.2},{:.2} m: carry it back, or give --fence",
+                "the robot is outside the fence ({fence}) at {:.2},{:.2} m: carry it back, let it walk \
+                 to the path with --approach, or give --fence",
                 at.x, at.y
             ),
             Self::OffPath { error, limit } => write!(

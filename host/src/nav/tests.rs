@@ -408,3 +408,34 @@ fn waypoints_are_walked_to_the_last_one_once() {
     assert_eq!(run.last, Decision::Finished);
     assert!(run.walker.pose.distance_to(Position::new(0.5, 0.4)) < 0.06, "{:?}", run.walker.pose);
 }
+
+#[test]
+fn poses_that_stand_still_while_the_robot_walks_end_the_run() {
+    let mut run = under_way();
+    let frozen = run.walker.sample(run.now);
+    let end = (0..400).find_map(|tick| {
+        let now = after(&run, 10 * tick);
+        run.navigator.observe(&PoseSample { time: now, ..frozen });
+        match run.navigator.decide(now) {
+            Decision::Stopped(stop) => Some(stop),
+            _ => None,
+        }
+    });
+    assert!(matches!(end, Some(Stop::NotMoving { .. })), "{end:?}");
+}
+
+#[test]
+fn a_robot_outside_the_fence_walks_to_its_path_when_that_is_asked_for() {
+    let outside = PlanarPose { x: 0.3, y: 1.6, heading: 2.0 };
+    let run = |approach| {
+        let mut run = Run::new(eight(1), ControllerKind::Predictive, GOOD, 3, outside);
+        run.navigator = {
+            let settings = Settings { approach, ..run.navigator.settings().clone() };
+            Navigator::new(eight(1), &model_w(), settings).unwrap()
+        };
+        run.until_end(300.0);
+        run.last
+    };
+    assert!(matches!(run(false), Decision::Stopped(Stop::OutsideFence { .. })));
+    assert_eq!(run(true), Decision::Finished);
+}

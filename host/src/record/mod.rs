@@ -18,12 +18,14 @@ pub mod csv;
 pub mod figures;
 mod message;
 mod reader;
+mod repair;
 mod writer;
 
 pub use message::{
     CommandRow, LogRow, MotorRow, NavigationRow, PathRow, PoseRow, TelemetryRow, Timestamp,
 };
 pub use reader::{ReadError, Run, RunSummary, list};
+pub use repair::{RepairError, repair};
 pub use writer::{Level, RecordError, Recorder, RunDescription};
 
 /// Folder of the records inside the output folder.

@@ -32,6 +32,8 @@ pub struct Run {
     pub telemetry: Vec<TelemetryRow>,
     /// Events.
     pub events: Vec<LogRow>,
+    /// Whether the record has its end; without it, the program was killed.
+    pub is_complete: bool,
     /// Rows of topics that this version does not know.
     pub unknown: usize,
     first: Option<u64>,
@@ -141,6 +143,18 @@ impl Run {
         Ok(run)
     }
 
+    /// Reads the facts of a record and the names of its attachments, without its rows.
+    ///
+    /// # Errors
+    /// When the file cannot be read.
+    pub fn read_head(file: &FilePath) -> Result<Self, ReadError> {
+        let bytes = std::fs::read(file)
+            .map_err(|source| ReadError::File { path: file.to_owned(), source })?;
+        let mut run = Self { file: file.to_owned(), ..Self::default() };
+        run.read_facts(&bytes);
+        Ok(run)
+    }
+
     /// Returns the fact of this name in a group, or an empty text.
     #[must_use]
     pub fn fact(&self, group: &str, name: &str) -> &str {
@@ -175,6 +189,9 @@ impl Run {
             self.keep(&message.channel.topic, &message.data)?;
         }
         self.read_facts(bytes);
+        if self.first.is_none() && self.facts.is_empty() {
+            return Err("it is empty".to_owned());
+        }
         Ok(())
     }
 
@@ -192,6 +209,7 @@ impl Run {
     }
 
     fn read_facts(&mut self, bytes: &[u8]) {
+        self.is_complete = is_complete(bytes);
         let Ok(records) =
             mcap::read::LinearReader::new_with_options(bytes, Options::IgnoreEndMagic.into())
         else {
@@ -209,6 +227,11 @@ impl Run {
             }
         }
     }
+}
+
+/// Returns whether a record has its summary and its end.
+pub(super) fn is_complete(bytes: &[u8]) -> bool {
+    matches!(mcap::Summary::read(bytes), Ok(Some(_)))
 }
 
 fn row<'a, T: Deserialize<'a>>(topic: &str, data: &'a [u8]) -> Result<T, String> {

@@ -120,6 +120,23 @@ fn a_record_whose_program_was_killed_is_still_read() {
 }
 
 #[test]
+fn a_record_whose_program_was_killed_is_completed_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_record(folder.path());
+    let whole = std::fs::read(&file).unwrap();
+    std::fs::write(&file, &whole[..whole.len() * 2 / 3]).unwrap();
+    let before = Run::read(&file).unwrap();
+    assert!(!before.is_complete && mcap::Summary::read(&std::fs::read(&file).unwrap()).is_err());
+    let rows = repair(&file).unwrap().unwrap();
+    let after = Run::read(&file).unwrap();
+    assert!(after.is_complete, "other readers find its summary");
+    assert_eq!((after.poses.len(), &after.facts), (before.poses.len(), &before.facts));
+    assert_eq!(after.attachments, before.attachments);
+    assert!(rows > 100);
+    assert_eq!(repair(&file).unwrap(), None, "a complete record is left as it is");
+}
+
+#[test]
 fn a_file_that_is_no_record_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("x.mcap");

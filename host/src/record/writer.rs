@@ -115,7 +115,12 @@ pub struct Recorder {
     channels: [u16; CHANNELS.len()],
     counts: [u32; CHANNELS.len()],
     start_nanos: u64,
+    flushed: u64,
 }
+
+/// Longest time of the run that is not yet on the disk, ns: what a program that is killed loses, and how
+/// late a full disk is noticed.
+const FLUSH_PERIOD: u64 = 1_000_000_000;
 
 impl Recorder {
     /// Begins the record `OUT/runs/DATE-NAME.mcap`.
@@ -162,7 +167,14 @@ impl Recorder {
         }
         let since_1970 = started.duration_since(UNIX_EPOCH).unwrap_or_default();
         let start_nanos = u64::try_from(since_1970.as_nanos()).unwrap_or(u64::MAX);
-        Ok(Self { path, writer, channels, counts: [0; CHANNELS.len()], start_nanos })
+        Ok(Self {
+            path,
+            writer,
+            channels,
+            counts: [0; CHANNELS.len()],
+            start_nanos,
+            flushed: start_nanos,
+        })
     }
 
     /// Returns the path of the record.
@@ -280,13 +292,14 @@ impl Recorder {
         content: &[u8],
     ) -> Result<(), RecordError> {
         let time = self.nanos(now);
-        Ok(self.writer.attach(&Attachment {
+        let attachment = Attachment {
             log_time: time,
             create_time: time,
             name: name.to_owned(),
             media_type: media_type.to_owned(),
             data: Cow::Borrowed(content),
-        })?)
+        };
+        self.writer.attach(&attachment).map_err(|error| failed(&self.path, error))
     }
 
     /// Records the results of the run, such as `path_error_rms_mm`.
@@ -294,7 +307,9 @@ impl Recorder {
     /// # Errors
     /// As for [`Recorder::pose`].
     pub fn results(&mut self, results: BTreeMap<String, String>) -> Result<(), RecordError> {
-        Ok(self.writer.write_metadata(&Metadata { name: "results".into(), metadata: results })?)
+        self.writer
+            .write_metadata(&Metadata { name: "results".into(), metadata: results })
+            .map_err(|error| failed(&self.path, error))
     }
 
     /// Completes the file and returns its path.
@@ -302,8 +317,8 @@ impl Recorder {
     /// # Errors
     /// When the end cannot be written.
     pub fn finish(mut self) -> Result<PathBuf, RecordError> {
-        self.writer.finish()?;
-        Ok(self.path)
+        self.writer.finish().map_err(|error| failed(&self.path, error))?;
+        Ok(self.path.clone())
     }
 
     fn nanos(&self, now: Instant) -> u64 {
@@ -328,7 +343,20 @@ impl Recorder {
             publish_time: time,
         };
         self.counts[channel] = self.counts[channel].wrapping_add(1);
-        Ok(self.writer.write_to_known_channel(&header, &serde_json::to_vec(row)?)?)
+        let mut written = self.writer.write_to_known_channel(&header, &serde_json::to_vec(row)?);
+        if written.is_ok() && time.saturating_sub(self.flushed) >= FLUSH_PERIOD {
+            self.flushed = time;
+            written = self.writer.flush();
+        }
+        written.map_err(|error| failed(&self.path, error))
+    }
+}
+
+/// Names the file and the system's error where there is one: the format does not.
+pub(super) fn failed(path: &FilePath, error: mcap::McapError) -> RecordError {
+    match error {
+        mcap::McapError::Io(source) => RecordError::File { path: path.to_owned(), source },
+        error => RecordError::Format(error),
     }
 }
 

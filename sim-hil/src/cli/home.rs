@@ -170,7 +170,8 @@ fn report(
     let pilot = course.into_pilot();
     let controller = pilot.helm().settings().controller.to_string();
     let numbers = results(pilot.helm(), total);
-    let (_, record) = pilot.finish(numbers)?;
+    let (_, record) = pilot.finish(numbers);
+    let record = record.complete()?;
     let mut sorted = seconds.clone();
     sorted.sort_by(f64::total_cmp);
     Ok(Report {

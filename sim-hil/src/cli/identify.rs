@@ -49,7 +49,8 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         bar.set_position(u64::from(course.pilot().helm().progress().0));
     };
     bar.finish_and_clear();
-    let (identification, _) = course.into_pilot().finish(std::collections::BTreeMap::new())?;
+    let (identification, record) = course.into_pilot().finish(std::collections::BTreeMap::new());
+    record.complete()?;
     if ending != Ending::Finished {
         return Err(Error::refused(ending));
     }

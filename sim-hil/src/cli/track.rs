@@ -160,8 +160,8 @@ fn finish(
     let energy = course.energy();
     let pilot = course.into_pilot();
     let numbers = results(pilot.helm(), seconds);
-    let (navigator, record) = pilot.finish(numbers)?;
-    let record = record.unwrap_or_default();
+    let (navigator, record) = pilot.finish(numbers);
+    let record = record.complete()?.unwrap_or_default();
     let run = Run::read(&record)?;
     let stem = record.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     let folder = record.parent().map(PathBuf::from).unwrap_or_default();

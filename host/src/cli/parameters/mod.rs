@@ -2,7 +2,6 @@
 
 mod file;
 
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -10,8 +9,8 @@ use clap::Subcommand;
 use flix_protocol::message::{Command, Name, Outcome, Parameter, ParameterCommand};
 use serde::Serialize;
 
-use super::output::{headings, print, print_json, table};
-use super::robot::RobotArgs;
+use super::output::{headings, print, print_json, read_text, table, write_text};
+use super::robot::{NamedRobotArgs, RobotArgs};
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 use crate::link::udp::{Connection, LinkError};
@@ -42,6 +41,7 @@ enum Action {
         json: bool,
     },
     /// Show one setting.
+    #[command(allow_missing_positional = true)]
     Get {
         #[command(flatten)]
         robot: RobotArgs,
@@ -54,7 +54,7 @@ enum Action {
     /// Change one setting, until power-off unless saved.
     Set {
         #[command(flatten)]
-        robot: RobotArgs,
+        robot: NamedRobotArgs,
         /// Name of the setting.
         name: String,
         /// New value, in the unit of the setting.
@@ -81,14 +81,17 @@ enum Action {
     Export {
         #[command(flatten)]
         robot: RobotArgs,
-        /// File to write [default: stdout].
-        file: Option<PathBuf>,
+        /// File to write; `-` is standard output.
+        #[arg(default_value = "-")]
+        file: PathBuf,
     },
     /// Import settings from a TOML file. The whole file is checked before anything is changed.
+    #[command(allow_missing_positional = true)]
     Import {
         #[command(flatten)]
         robot: RobotArgs,
-        /// File, as `export` writes it; settings that it does not contain stay unchanged.
+        /// File, as `export` writes it; `-` is standard input. Settings that it does not contain stay
+        /// unchanged.
         file: PathBuf,
         /// Save all settings, so that they survive power-off.
         #[arg(long)]
@@ -139,13 +142,10 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         Action::Export { file, .. } => {
             let mut connection = robot.connect(&interrupt)?;
             let text = file::write(&super::status::ask(&mut connection)?, &list(&mut connection)?);
-            match file {
-                Some(path) => fs::write(path, text).map_err(|error| cannot_use(path, &error))?,
-                None => print(&text)?,
-            }
+            write_text(file, &text)?;
         }
         Action::Import { file, save, .. } => {
-            let text = fs::read_to_string(file).map_err(|error| cannot_use(file, &error))?;
+            let text = read_text(file).map_err(|error| cannot_use(file, &error))?;
             let wanted = file::read(file, &text).map_err(Error::usage)?;
             let mut connection = robot.connect(&interrupt)?;
             let changed = import(&mut connection, file, &wanted)?;
@@ -157,15 +157,15 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 }
 
 impl Action {
-    const fn robot(&self) -> &RobotArgs {
+    fn robot(&self) -> RobotArgs {
         match self {
+            Self::Set { robot, .. } => robot.robot(),
             Self::List { robot, .. }
             | Self::Get { robot, .. }
-            | Self::Set { robot, .. }
             | Self::Save { robot }
             | Self::Reset { robot, .. }
             | Self::Export { robot, .. }
-            | Self::Import { robot, .. } => robot,
+            | Self::Import { robot, .. } => robot.clone(),
         }
     }
 }
