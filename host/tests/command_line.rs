@@ -51,6 +51,8 @@ impl Operator {
             .env("XDG_CONFIG_HOME", self.home.path())
             .env("HOME", self.home.path())
             .env_remove("FLIX_KEY_FILE")
+            .env_remove("FLIX_ROBOT")
+            .current_dir(self.home.path())
             .stdin(Stdio::null());
         command
     }
@@ -279,6 +281,51 @@ fn every_way_to_end_a_walk_stops_the_robot_first() {
     }
 }
 
+/// `flix track` whose files may not grow beyond 128 KiB, as on a full disk.
+fn track_on_a_full_disk(operator: &Operator, address: &str, cameras: &Cameras) -> Command {
+    let modes = operator.home.path().join("modes.toml");
+    std::fs::write(&modes, MODES).unwrap();
+    let mut shell = Command::new("bash");
+    // Without the signal, the write itself fails.
+    shell.args(["-c", "trap '' XFSZ; ulimit -f 128; exec \"$@\"", "bash"]);
+    shell.arg(env!("CARGO_BIN_EXE_flix")).args(["track", address, "circle", "--natnet-server"]);
+    shell.arg(&cameras.address).arg("--modes").arg(&modes).arg("--key").arg(&operator.key);
+    shell.arg("--out").arg(operator.home.path()).env("HOME", operator.home.path());
+    shell
+}
+
+#[test]
+fn a_full_disk_stops_the_robot_and_the_record_up_to_then_can_be_read() {
+    let cameras = Cameras::start();
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let output = track_on_a_full_disk(&operator, &address, &cameras).output().unwrap();
+    Ended(output).expect(2, &["cannot write the record", "the robot was stopped", "flix clear"]);
+    assert!(served.robot().stopped);
+    let runs = flix_host::record::list(operator.home.path()).unwrap();
+    let run = flix_host::record::Run::read(&runs[0].file).unwrap();
+    assert!(!run.poses.is_empty() && !run.telemetry.is_empty());
+}
+
+#[test]
+fn a_full_disk_is_reported_at_once_when_the_run_goes_on_without_a_record() {
+    use std::io::Read;
+    let cameras = Cameras::start();
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let mut command = track_on_a_full_disk(&operator, &address, &cameras);
+    command.arg("--unrecorded").stderr(Stdio::piped()).stdout(Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    let mut said = [0; 200];
+    let mut errors = child.stderr.take().unwrap();
+    let length = errors.read(&mut said).unwrap();
+    let said = String::from_utf8_lossy(&said[..length]).into_owned();
+    assert!(said.contains("cannot write the record"), "{said}");
+    assert_eq!(served.robot().state, State::Running, "it walks on");
+    kill("INT", child.id());
+    assert_eq!(child.wait().unwrap().code(), Some(40));
+}
+
 #[test]
 fn a_program_that_panics_stops_the_robot_first() {
     let (served, address) = serve(robot());
@@ -313,7 +360,7 @@ lateral_m_s = { mean = 0.0, spread = 0.01 }
 yaw_rad_s = { mean = 0.3, spread = 0.1 }
 "#;
 
-/// Motion capture of a robot that stands on a circle of 0.4 m.
+/// Motion capture of a robot that goes back and forth on a circle of 0.4 m.
 struct Cameras {
     address: String,
     ends: Interrupt,
@@ -329,9 +376,10 @@ impl Cameras {
         let end = ends.clone();
         let thread = std::thread::spawn(move || {
             let begin = Instant::now();
-            let pose = Pose::planar(PlanarPose { x: 0.4, y: 0.0, heading: 1.5 }, 0.06);
             while !end.is_raised() {
                 let time = begin.elapsed();
+                let y = 0.1 * time.as_secs_f64().sin();
+                let pose = Pose::planar(PlanarPose { x: 0.4, y, heading: 1.5 }, 0.06);
                 server.serve(flix_protocol::units::Instant::START + time).unwrap();
                 server.stream(time.as_secs_f64(), Some(&pose)).unwrap();
                 std::thread::sleep(Duration::from_millis(5));
@@ -381,6 +429,97 @@ fn a_stopped_robot_is_driven_again_only_after_clear() {
     operator.flix(&drive(&address, &[])).expect(30, &["flix clear"]);
     operator.flix(&["clear", &address]).expect(0, &[]);
     operator.flix(&drive(&address, &[])).expect(0, &[]);
+}
+
+#[test]
+fn a_stopped_robot_walks_again_only_after_clear() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    operator.flix(&["stop", &address]).expect(0, &[]);
+    let cameras = Cameras::start();
+    let modes = operator.home.path().join("modes.toml");
+    std::fs::write(&modes, MODES).unwrap();
+    let mut command = operator.command(&["track", &address, "circle"]);
+    command.args(["--natnet-server", &cameras.address, "--modes"]).arg(&modes);
+    command.arg("--out").arg(operator.home.path());
+    Ended(command.output().unwrap()).expect(30, &["flix clear"]);
+    assert!(served.robot().stopped, "only `flix clear` clears a latched stop");
+}
+
+#[test]
+fn commands_wait_for_a_state_that_passes() {
+    let operator = Operator::new();
+    for words in [&["clear"][..], &["drive"]] {
+        let mut busy = robot();
+        busy.ramps_down_for = 3;
+        let (served, address) = serve(busy);
+        let words = if words == ["drive"] { drive(&address, &[]) } else { vec!["clear", &address] };
+        operator.flix(&words).expect(0, &[]);
+        assert_eq!(served.robot().ramps_down_for, 0);
+    }
+}
+
+#[test]
+fn teleop_stops_the_robot_when_its_terminal_closes() {
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+    use std::io::{Read, Write};
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    grantpt(&master).unwrap();
+    unlockpt(&master).unwrap();
+    let port = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
+    let terminal = || std::fs::File::options().read(true).write(true).open(&port).unwrap();
+    // Not its controlling terminal: no SIGHUP arrives, only the end of the input.
+    let mut child = {
+        let mut command = operator.command(&["teleop", &address]);
+        command.env("TERM", "xterm").stdin(terminal()).stdout(terminal()).stderr(terminal());
+        command.spawn().unwrap()
+    };
+    let master = std::fs::File::from(master);
+    let mut screen = master.try_clone().unwrap();
+    let (closing, closed) = std::sync::mpsc::channel::<()>();
+    let reader = std::thread::spawn(move || {
+        let mut bytes = [0; 4096];
+        while closed.try_recv().is_err() && screen.read(&mut bytes).is_ok() {}
+    });
+    wait_until(|| {
+        (&master).write_all(b"\r").unwrap();
+        served.robot().state == State::Armed
+    });
+    closing.send(()).unwrap();
+    drop(master);
+    reader.join().unwrap();
+    let start = Instant::now();
+    let status = loop {
+        if let Some(status) = child.try_wait().unwrap() {
+            break status;
+        }
+        if start.elapsed() > Duration::from_secs(10) {
+            child.kill().unwrap();
+            panic!("teleop goes on without a terminal");
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    assert_eq!(status.code(), Some(40));
+    assert!(served.robot().stopped, "the stop is latched");
+}
+
+#[test]
+fn an_interrupted_search_or_check_is_interrupted_and_no_diagnosis() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    for words in [&["discover", "--for", "60"][..], &["doctor", &address]] {
+        let mut command = match words {
+            ["doctor", ..] => operator.command(words),
+            _ => operator.command_without_key(words),
+        };
+        let child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        // Long enough to listen for signals, shorter than either takes.
+        std::thread::sleep(Duration::from_millis(700));
+        kill("INT", child.id());
+        Ended(child.wait_with_output().unwrap()).expect(40, &["interrupted"]);
+    }
 }
 
 #[test]

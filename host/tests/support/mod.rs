@@ -40,6 +40,8 @@ pub struct FakeRobot {
     pub commands: Vec<Command>,
     /// Latches this fault as soon as it runs.
     pub fault_when_running: Option<Fault>,
+    /// Refuses that many requests to arm or to clear, as a robot does while its rotors ramp down.
+    pub ramps_down_for: u32,
     proven_since: Option<Instant>,
     telemetry_at: Instant,
     events: u32,
@@ -56,6 +58,7 @@ impl FakeRobot {
             parameters: parameters(),
             commands: Vec::new(),
             fault_when_running: None,
+            ramps_down_for: 0,
             proven_since: None,
             telemetry_at: Instant::START,
             events: 0,
@@ -129,6 +132,10 @@ impl FakeRobot {
     }
 
     fn obey(&mut self, now: Instant, command: &Command) -> Outcome {
+        if matches!(command, Command::Arm | Command::Clear) && self.ramps_down_for > 0 {
+            self.ramps_down_for -= 1;
+            return Outcome::Refused(Refusal::State(State::Stopping));
+        }
         match command {
             Command::Stop => {
                 self.stopped = true;
