@@ -292,8 +292,10 @@ fn refusal(folder: &Path, words: &str) -> (Option<i32>, String) {
 }
 
 fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    let folder = tempfile::tempdir().expect("a temporary folder can be written");
+    let write = |name: &str, bytes: &[u8]| {
+        std::fs::write(folder.path().join(name), bytes).expect("a temporary folder can be written")
+    };
     write("lab.key", &[b'5'; 64]);
     write("A.toml", include_bytes!("../models/A.toml"));
     write("W.modes.toml", include_bytes!("../models/W.modes.toml"));
@@ -311,7 +313,7 @@ fn folder() -> tempfile::TempDir {
         folder.path().join("lab.key"),
         std::os::unix::fs::PermissionsExt::from_mode(0o600),
     )
-    .unwrap();
+    .expect("a temporary folder can be written");
     folder
 }
 

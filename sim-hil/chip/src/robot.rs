@@ -118,7 +118,9 @@ impl Robot {
                 return Bridge::Off;
             }
             let share = |wave: Option<Wave>| wave.map_or(0.0, |wave| wave.share);
-            Bridge::Duty(phases.map(|wave| (share(wave) * f64::from(Duty::MAX)) as Duty))
+            Bridge::Duty(
+                phases.map(|wave| Duty::from_raw((share(wave) * f64::from(u16::MAX)) as u16)),
+            )
         });
         self.electronics.advance(&Actuation { bridges }, &mut self.plant)?;
         // Sensors are read through the pins; their noise goes on.
@@ -155,7 +157,7 @@ impl Robot {
         let angle = self.before[motor] + (after - self.before[motor]) * share.min(1.0);
         let speed = self.plant.rotor_speed()[motor];
         match self.encoders[motor].read(self.steps, angle, speed, &mut self.random) {
-            Reading::Reading(reading) => reading.angle >> 18,
+            Reading::Reading(reading) => reading.angle.raw() >> 18,
             // An encoder without a period of its own always has a reading.
             Reading::Pending | Reading::Failed => 0,
         }
@@ -261,10 +263,11 @@ impl Outside for Robot {
 mod tests {
     use super::*;
     use flix_firmware::board::encoder::mt6701;
+    use flix_firmware::hardware::EncoderAngle;
 
     #[test]
     fn an_mt6701s_frame_is_read_by_the_robots_own_driver() {
         let [_, frame @ ..] = mt6701_word(0x2A5F).to_be_bytes();
-        assert_eq!(mt6701(frame), Some(0x2A5F << 18));
+        assert_eq!(mt6701(frame), Some(EncoderAngle::from_count(0x2A5F, 14)));
     }
 }
