@@ -34,8 +34,11 @@ pub struct Order {
     pub direction: RotorAngle,
     /// Counts setpoints obeyed: after arming the rotors rest until the first new one.
     pub setpoints: u16,
-    /// When the last valid command came.
+    /// When the newest valid command arrived.
     pub heard: Instant,
+    /// Until when the newest valid command counts, however it travelled: its moment and the command
+    /// age.
+    pub expires: Instant,
     /// Counts arm commands.
     pub arm: u8,
     /// Counts disarm commands.
@@ -70,12 +73,17 @@ impl Order {
         Requests { arm, disarm, stop, clear }
     }
 
-    /// Takes over a setpoint, which is in range by its type, at the moment it was heard.
-    pub fn set(&mut self, setpoint: &Setpoint, now: Instant) {
+    /// Takes over a sign of life that arrived now.
+    pub const fn hear(&mut self, now: Instant, expires: Instant) {
+        self.heard = now;
+        self.expires = expires;
+    }
+
+    /// Takes over a setpoint, which is in range by its type.
+    pub fn set(&mut self, setpoint: &Setpoint) {
         self.frequency = setpoint.frequency().into();
         self.direction = setpoint.direction().into();
         self.setpoints = self.setpoints.wrapping_add(1);
-        self.heard = now;
     }
 }
 
@@ -114,6 +122,8 @@ pub struct EventCounters {
     pub link_late: u8,
     /// For the second: ramping down.
     pub command_deadline: u8,
+    /// The newest command became too old while others still arrived in time: ramping down.
+    pub command_age: u8,
     /// For the third: disarmed.
     pub link_lost: u8,
     /// The battery fell below its warning threshold.

@@ -7,6 +7,11 @@
 //!   on commands are signs of life: any command while the rotors rest, setpoints alone while they
 //!   are asked to shake. The fast half itself watches their age ([`Order::heard`]), so that its
 //!   deadlines hold even when this half hangs.
+//! - **How old**: a command counts only while it is fresh ([`flix_protocol::session`]), up to the
+//!   setting `command_age`. `Stop` and `Disarm` count at any age; reading (`Identify`, `Ping`,
+//!   parameters) is answered at any age but is no sign of life then; all else is refused, and the
+//!   refusal states the age. The fast half also stops the rotors when the newest command has grown
+//!   older than that ([`Order::expires`]).
 //! - **What is refused** changes nothing, and the refusal says what would be accepted.
 //! - **Events** carry numbers that count up by one. At most [`EVENTS`] wait for an operator, the
 //!   oldest go first, and the gap in the numbers shows it.
@@ -49,6 +54,8 @@ pub struct Link {
     setpoint: Setpoint,
     /// Asked to ramp down and disarm, and not there yet.
     ramps_down: bool,
+    /// Whether commands arrived too old to count, and have not been steady since.
+    is_slow: bool,
     report: Report,
     steadiness: Steadiness,
     answers: Deque<(SocketAddr, HandshakeFrame), ANSWERS>,
@@ -73,6 +80,7 @@ impl Link {
             order: Order::default(),
             setpoint: Setpoint::REST,
             ramps_down: false,
+            is_slow: false,
             report,
             steadiness: Steadiness::default(),
             answers: Deque::new(),
@@ -142,6 +150,7 @@ impl Link {
         datagram: &[u8],
         tuning: &mut Tuning<S>,
     ) {
+        self.session.set_command_age(Duration::from_secs_f32(tuning.settings().command_age));
         match self.session.receive(now, from, datagram) {
             RobotReceived::Answer(answer) | RobotReceived::Dropped(_, Some(answer)) => {
                 push_newest(&mut self.answers, (from, answer));
@@ -154,10 +163,16 @@ impl Link {
             }
             RobotReceived::Command(ToRobot { request, command }) => {
                 self.steadiness.heard(now);
+                self.is_slow &= !self.steadiness.is_proven(now);
                 if self.order.frequency == Speed::ZERO {
-                    self.order.heard = now;
+                    self.note_sign_of_life(now);
                 }
                 let outcome = self.obey(now, command, tuning).unwrap_or_else(Outcome::Refused);
+                push_newest(&mut self.replies, Reply { request, outcome });
+            }
+            RobotReceived::Late { command: ToRobot { request, command }, age } => {
+                let outcome =
+                    self.obey_late(now, command, age, tuning).unwrap_or_else(Outcome::Refused);
                 push_newest(&mut self.replies, Reply { request, outcome });
             }
             RobotReceived::Refused { request, refusal } => {
@@ -214,6 +229,7 @@ impl Link {
             (new.stopped.wrapping_sub(old.stopped), Event::Stopped),
             (new.link_late.wrapping_sub(old.link_late), Event::LinkLate),
             (new.command_deadline.wrapping_sub(old.command_deadline), Event::CommandDeadline),
+            (new.command_age.wrapping_sub(old.command_age), Event::CommandAge),
             (new.link_lost.wrapping_sub(old.link_lost), Event::LinkLost),
             (new.battery_low.wrapping_sub(old.battery_low), Event::BatteryLow(voltage)),
         ];
@@ -240,6 +256,7 @@ impl Link {
     fn change_operator(&mut self) {
         self.disarm();
         self.steadiness = Steadiness::default();
+        self.is_slow = false;
         self.replies.clear();
     }
 
@@ -262,15 +279,48 @@ impl Link {
         Ok(Outcome::Done)
     }
 
+    /// Obeys what is safe however long ago the operator asked for it.
+    fn obey_late<S: SettingsStore>(
+        &mut self,
+        now: Instant,
+        command: Command,
+        age: Option<Duration>,
+        tuning: &mut Tuning<S>,
+    ) -> Result<Outcome, Refusal> {
+        let (age_ms, limit_ms) =
+            (milliseconds(age), milliseconds(Some(self.session.command_age())));
+        if !self.is_slow {
+            self.is_slow = true;
+            self.events.push(now, Event::CommandsLate { age_ms, limit_ms });
+        }
+        match command {
+            Command::Stop
+            | Command::Disarm
+            | Command::Identify
+            | Command::Ping(_)
+            | Command::Parameter(ParameterCommand::Get(_) | ParameterCommand::List(_)) => {
+                self.obey(now, command, tuning)
+            }
+            Command::Setpoint(_) | Command::Arm | Command::Clear | Command::Parameter(_) => {
+                Err(Refusal::Late { age_ms, limit_ms })
+            }
+        }
+    }
+
+    fn note_sign_of_life(&mut self, now: Instant) {
+        let moment = self.session.moment().unwrap_or_default();
+        self.order.hear(now, moment + self.session.command_age());
+    }
+
     /// Obeys a setpoint. One in range is a sign of life even where it cannot be obeyed, as while aligning.
     fn shake(&mut self, now: Instant, setpoint: Setpoint) -> Result<(), Refusal> {
         setpoint.check()?;
-        self.order.heard = now;
+        self.note_sign_of_life(now);
         self.check_cleared()?;
         match self.state() {
             // One that only waits for commands goes on when they come back.
             State::Armed | State::Running | State::Stopping if !self.ramps_down => {
-                self.order.set(&setpoint, now);
+                self.order.set(&setpoint);
                 self.setpoint = setpoint;
                 Ok(())
             }
@@ -291,7 +341,7 @@ impl Link {
             return Err(Refusal::LinkUnproven);
         }
         self.order.frequency = Speed::ZERO;
-        self.order.heard = now;
+        self.note_sign_of_life(now);
         self.order.arm = self.order.arm.wrapping_add(1);
         Ok(())
     }
@@ -457,6 +507,11 @@ fn push_newest<T, const N: usize>(queue: &mut Deque<T, N>, item: T) {
     }
     // Just made room.
     let _ = queue.push_back(item);
+}
+
+/// Whole milliseconds; the most there is when the time is unknown or does not fit.
+fn milliseconds(time: Option<Duration>) -> u16 {
+    time.and_then(|time| u16::try_from(time.as_millis()).ok()).unwrap_or(u16::MAX)
 }
 
 /// For how long commands have come without a gap.

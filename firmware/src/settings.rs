@@ -17,7 +17,7 @@
 use core::fmt;
 
 use crc::{CRC_32_ISO_HDLC, Crc};
-use flix_protocol::failsafe::BATTERY_LOW_VOLTS;
+use flix_protocol::failsafe::{BATTERY_LOW_VOLTS, COMMAND_AGE_SECONDS};
 use flix_protocol::message::{Parameter, Refusal};
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
@@ -137,6 +137,7 @@ settings! {
         under_voltage: "V", real, 4.0 ..= 30.0, 9.0, "Bus voltage that trips the under-voltage fault: 3.0 V a cell.";
         over_voltage: "V", real, 6.0 ..= 40.0, 14.0, "Bus voltage that trips the over-voltage fault: more than a full pack can have.";
         over_speed: "Hz", real, 10.0 ..= 200.0, 45.0, "Rotor speed that trips the over-speed fault: no command asks for more than 35 Hz.";
+        command_age: "s", real, 0.1 ..= 1.0, COMMAND_AGE_SECONDS, "Age above which a command does not count and the rotors ramp down: the time since the robot sent what the operator had last received.";
         telemetry_rate: "Hz", real, 1.0 ..= 100.0, 50.0, "Telemetry datagrams a second.";
     }
 }

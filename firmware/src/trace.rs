@@ -163,6 +163,7 @@ mod tests {
                 direction: RotorAngle::from_raw(u32::MAX),
                 setpoints: u16::MAX,
                 heard: Instant::from_micros(u64::MAX),
+                expires: Instant::from_micros(u64::MAX),
                 arm: 1,
                 disarm: 2,
                 stop: 3,

@@ -92,6 +92,10 @@ pub fn event(event: &Event) -> String {
             format!("no commands for {} ms: ramping down", COMMAND_DEADLINE.as_millis())
         }
         Event::LinkLost => format!("no commands for {} s: disarmed", LINK_LOST.as_secs()),
+        Event::CommandsLate { age_ms, limit_ms } => {
+            Refusal::Late { age_ms: *age_ms, limit_ms: *limit_ms }.to_string()
+        }
+        Event::CommandAge => "the newest command is too old: ramping down".to_owned(),
         Event::SettingsSaved => "settings saved".to_owned(),
         Event::SettingsDefaulted => "stored settings were damaged: defaults in force".to_owned(),
         Event::BatteryLow(voltage) => format!("battery low: {:.1} V", voltage.get()),

@@ -10,6 +10,11 @@ use core::time::Duration;
 pub const LINK_LATE: Duration = Duration::from_millis(100);
 /// Silence after which both rotors ramp down: a person's reaction time.
 pub const COMMAND_DEADLINE: Duration = Duration::from_millis(250);
+/// Age after which a command no longer counts and both rotors ramp down, unless the robot's settings
+/// say otherwise: a link of 100 ms each way with losses stays below it.
+pub const COMMAND_AGE: Duration = Duration::from_millis(400);
+/// [`COMMAND_AGE`] in seconds, as the robot's setting has it.
+pub const COMMAND_AGE_SECONDS: f32 = COMMAND_AGE.as_millis() as f32 / 1e3;
 /// Silence after which the motors are disarmed: as in PX4's offboard mode.
 pub const LINK_LOST: Duration = Duration::from_secs(1);
 /// For how long commands must have come without a gap of [`LINK_LATE`] before the robot arms: twice

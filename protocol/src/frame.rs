@@ -12,6 +12,9 @@
 //! | 5 Refusal | robot | 47 | reason u8, version u16, schema key u64, client nonce 16, tag |
 //! | 6 Sealed | both | 32 to 512 | session u32, counter u64, ciphertext, tag |
 //!
+//! What the operator seals begins with its echo ([`ECHO_LENGTH`] bytes): how many of the robot's
+//! sealed datagrams of the session the operator had seen up to the newest, 0 for the Accept alone.
+//!
 //! The first 14 bytes of Hello and the whole of Refusal are the same in every version, so that
 //! ends of different versions can report that they differ. No answer is longer than the datagram
 //! that it answers: the robot amplifies nothing.
@@ -48,6 +51,9 @@ pub const SEALED_COUNTER: Range<usize> = HEAD + 4..HEAD + 4 + 8;
 pub const SEALED_HEADER: usize = SEALED_COUNTER.end;
 /// Longest plain message that fits a sealed datagram, bytes.
 pub const MAXIMUM_MESSAGE: usize = MAXIMUM_DATAGRAM - SEALED_HEADER - TAG_LENGTH;
+
+/// Bytes of the echo, with which every sealed message of an operator begins.
+pub const ECHO_LENGTH: usize = 8;
 
 /// Zeros in Hello. They make it longer than any answer, and leave it short enough for its tag to
 /// take two rounds of SHA-256.

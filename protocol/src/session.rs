@@ -9,7 +9,7 @@
 //!            <-  Challenge    robot nonce           (a cookie: it can recompute it)
 //!   Confirm  both nonces                ->          checks the cookie, opens the session
 //!            <-  Accept       session id
-//!   Sealed   counter, command           ->
+//!   Sealed   counter, echo, command     ->
 //!            <-  Sealed       counter, reply, telemetry or event
 //! ```
 //!
@@ -19,7 +19,7 @@
 //! - **The robot's nonce is a cookie**: HMAC-SHA256 over epoch, the operator's address and the
 //!   client nonce, under a secret that only the robot knows and changes with every session that it
 //!   accepts. So it stores no state for an operator that has not proved to hold the key, and an
-//!   old Confirm never opens a session again. Cookies are good for [`COOKIE_EPOCH`] to twice that.
+//!   old Confirm never opens a session again. Cookies are good for [`COOKIE_LIFE`].
 //! - **Keys of a session**, one for each direction, and the session's id are HKDF-SHA256 of the
 //!   pre-shared key with both nonces as salt and the schema key as info.
 //! - **Sealed datagrams** are ChaCha20-Poly1305 with the counter as nonce and the header as
@@ -30,11 +30,26 @@
 //!   replayed. The operator drops telemetry older than what it has already shown.
 //! - An empty sealed message closes the session (goodbye).
 //!
+//! # Freshness
+//!
+//! Whatever the operator seals carries its *echo*: the newest counter of the robot's datagrams that
+//! it has seen in this session (the idea of the Echo option, RFC 9175). The robot remembers when it
+//! sent its recent datagrams, so the echo names a *moment* on its own clock, and the operator sealed
+//! the command after that moment: the robot knows how old a command is at most, whoever carried it
+//! and for how long. The *age* of a command is the time since its moment. Rounding
+//! ([`SEND_SLOT`]) makes it look older, never younger.
+//!
+//! A command is *fresh* while its age is at most the command age
+//! ([`RobotSession::set_command_age`]); otherwise it is [`RobotReceived::Late`], is no sign of life
+//! and holds no session. So a network that delays, collects or releases datagrams cannot move
+//! a robot later than the command age after its operator's last intent.
+//!
 //! # One operator at a time
 //!
-//! A session belongs to the address and port that opened it: its holder. While the robot has
-//! received the holder within the last [`HOLDER_SILENCE`], it refuses all others as busy, even
-//! with the right key: all operators of a robot hold the same key, so it cannot distinguish them.
+//! A session belongs to the address and port that opened it: its holder. While the holder's
+//! newest fresh datagram arrived within the last [`HOLDER_SILENCE`], the robot refuses all others as
+//! busy, even with the right key: all operators of a robot hold the same key, so it cannot distinguish
+//! them. A session that has just opened counts as heard at the moment of its Challenge.
 //! There are two exceptions. A holder that said goodbye is gone at once. A handshake from the
 //! holder's own address and port is the holder, which lost its session; it takes over at once.
 //! The robot forgets a holder that is silent for [`SESSION_EXPIRY`].
@@ -56,6 +71,7 @@
 //! replayed.
 
 mod channel;
+mod history;
 mod key;
 mod operator;
 mod replay;
@@ -69,6 +85,7 @@ use crate::frame::Version;
 use crate::message::{ToOperator, ToRobot};
 
 pub use channel::SendError;
+pub use history::{LONGEST_COMMAND_AGE, SEND_SLOT};
 pub use key::{KEY_TEXT_LENGTH, Key, KeyError};
 pub use operator::{ConnectError, LinkHealth, OperatorReceived, OperatorSession, Status};
 pub use replay::{REPLAY_WINDOW, ReplayWindow};
@@ -76,7 +93,7 @@ pub use robot::{RobotReceived, RobotSession};
 
 /// Version of the protocol, incremented when the meaning of messages changes and their schema does
 /// not, or when the handshake changes.
-pub const PROTOCOL_VERSION: u16 = 1;
+pub const PROTOCOL_VERSION: u16 = 2;
 
 /// Version of this build: [`PROTOCOL_VERSION`] and a hash over the schema of [`ToRobot`] and
 /// [`ToOperator`], names and types of all fields included.
@@ -101,19 +118,22 @@ const fn combine(words: &[u64]) -> u64 {
     hash
 }
 
-/// Silence of the holder of a session after which another operator may take over.
+/// Silence of the holder of a session, from the arrival of its newest fresh datagram, after which
+/// another operator may take over.
 ///
 /// The last step of the failsafe ladder, at which the robot is disarmed.
 pub const HOLDER_SILENCE: Duration = crate::failsafe::LINK_LOST;
 /// Silence of the holder after which its session ends.
 pub const SESSION_EXPIRY: Duration = Duration::from_secs(10);
-/// Length of the cookie's epoch: ample for a handshake on the worst link, short for an attacker
-/// that records datagrams.
-pub const COOKIE_EPOCH: Duration = Duration::from_secs(4);
+/// Length of the cookie's epoch: the resolution of the moment at which a session counts as held.
+pub const COOKIE_EPOCH: Duration = Duration::from_millis(250);
+/// Time for which a cookie is good, at most; one [`COOKIE_EPOCH`] less at least. Ample for a
+/// handshake on the slowest link that can be driven, short for an attacker that delays a Confirm.
+pub const COOKIE_LIFE: Duration = COOKIE_EPOCH.saturating_mul(5);
 /// Interval at which the operator repeats an unanswered Hello or Confirm.
 pub const HANDSHAKE_RETRY: Duration = Duration::from_millis(100);
 /// Time for which the operator repeats a Confirm before it starts over with a new nonce.
-pub const CONFIRM_PATIENCE: Duration = Duration::from_millis(500);
+pub const CONFIRM_PATIENCE: Duration = Duration::from_secs(1);
 /// Time after which the operator reports that no robot answered or that the robot is busy.
 /// Longer than [`HOLDER_SILENCE`], so that one attempt can replace an operator that crashed.
 pub const CONNECT_PATIENCE: Duration = Duration::from_secs(3);

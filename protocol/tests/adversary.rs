@@ -153,8 +153,8 @@ fn another_key_opens_nothing() {
 /// What the robot keeps does not grow, whoever sends whatever.
 #[test]
 fn the_robots_state_is_of_constant_size() {
-    // A key, two secrets, two nonces, one session and nine counters; no collections.
-    assert!(size_of::<RobotSession>() <= 1024, "{} bytes", size_of::<RobotSession>());
+    // A key, two secrets, two nonces, one session with the times of 64 datagrams, and counters.
+    assert!(size_of::<RobotSession>() <= 2048, "{} bytes", size_of::<RobotSession>());
 }
 
 #[test]

@@ -125,6 +125,7 @@ fn play(steps: &[Step]) {
         let acts = matches!(
             received,
             RobotReceived::Command(_)
+                | RobotReceived::Late { .. }
                 | RobotReceived::Connected(_)
                 | RobotReceived::Left
                 | RobotReceived::Refused { .. }

@@ -77,9 +77,10 @@ fn refusal_name(refusal: &Refusal) -> &'static str {
         Refusal::Stopped => "stopped",
         Refusal::LinkUnproven => "link-unproven",
         Refusal::Storage => "storage",
+        Refusal::Late { .. } => "late",
     }
 }
-const REFUSALS: usize = 9;
+const REFUSALS: usize = 10;
 
 fn refusals() -> Vec<Refusal> {
     vec![
@@ -92,6 +93,7 @@ fn refusals() -> Vec<Refusal> {
         Refusal::Stopped,
         Refusal::LinkUnproven,
         Refusal::Storage,
+        Refusal::Late { age_ms: 612, limit_ms: 400 },
     ]
 }
 
@@ -150,10 +152,12 @@ fn event_name(event: &Event) -> String {
         Event::SettingsSaved => "settings-saved".into(),
         Event::SettingsDefaulted => "settings-defaulted".into(),
         Event::BatteryLow(_) => "battery-low".into(),
+        Event::CommandsLate { .. } => "commands-late".into(),
+        Event::CommandAge => "command-age".into(),
     }
 }
 const STATES: usize = 6;
-const EVENTS: usize = 11 + STATES + Fault::ALL.len();
+const EVENTS: usize = 13 + STATES + Fault::ALL.len();
 
 fn events() -> Vec<Event> {
     let mut events = vec![
@@ -168,6 +172,8 @@ fn events() -> Vec<Event> {
         Event::SettingsSaved,
         Event::SettingsDefaulted,
         Event::BatteryLow(Volts::new(9.5).unwrap()),
+        Event::CommandsLate { age_ms: 612, limit_ms: 400 },
+        Event::CommandAge,
         Event::State(State::Disarmed),
         Event::State(State::Aligning),
         Event::State(State::Armed),
@@ -219,6 +225,8 @@ fn running() -> ToOperator {
                 unprovisioned: 12,
             },
             silence_us: 13_000,
+            age_us: 25_000,
+            late: 14,
             signal_dbm: Some(-61),
         },
     })
@@ -421,6 +429,8 @@ fn the_longest_messages_fit_a_datagram() {
             unprovisioned: most,
         },
         silence_us: most,
+        age_us: most,
+        late: most,
         signal_dbm: Some(i8::MIN),
     };
     let reply = |outcome| ToOperator::Reply(Reply { request: most, outcome });

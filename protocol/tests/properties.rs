@@ -190,6 +190,8 @@ fn refusal() -> impl Strategy<Value = Refusal> {
             maximum
         }),
         text().prop_map(|name| Refusal::NotWhole { name }),
+        (any::<u16>(), any::<u16>())
+            .prop_map(|(age_ms, limit_ms)| Refusal::Late { age_ms, limit_ms }),
         state().prop_map(Refusal::State),
         faults().prop_map(Refusal::Faulted),
     ]
@@ -238,12 +240,14 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
             unprovisioned,
         },
     );
-    let link = (any::<[u32; 3]>(), dropped, any::<Option<i8>>()).prop_map(
-        |([accepted, lost, silence_us], dropped, signal_dbm)| LinkQuality {
+    let link = (any::<[u32; 5]>(), dropped, any::<Option<i8>>()).prop_map(
+        |([accepted, lost, silence_us, age_us, late], dropped, signal_dbm)| LinkQuality {
             accepted,
             lost,
             dropped,
             silence_us,
+            age_us,
+            late,
             signal_dbm,
         },
     );
@@ -291,7 +295,10 @@ fn event() -> impl Strategy<Value = Event> {
             Event::LinkLost,
             Event::SettingsSaved,
             Event::SettingsDefaulted,
+            Event::CommandAge,
         ]),
+        (any::<u16>(), any::<u16>())
+            .prop_map(|(age_ms, limit_ms)| Event::CommandsLate { age_ms, limit_ms }),
         state().prop_map(Event::State),
         fault().prop_map(Event::Fault),
         volts().prop_map(Event::BatteryLow),
@@ -509,8 +516,9 @@ proptest! {
         for command in &delivered {
             prop_assert_eq!(&command.command, &kinds[command.request as usize]);
         }
+        let is_always_safe = |kind: &Command| matches!(kind, Command::Stop | Command::Disarm);
         let ordered: Vec<_> =
-            delivered.iter().filter(|command| command.command != Command::Stop).collect();
+            delivered.iter().filter(|command| !is_always_safe(&command.command)).collect();
         prop_assert!(ordered.is_sorted_by_key(|command| command.request), "newest wins");
         let dropped = ends.robot.quality(ends.now).dropped;
         prop_assert_eq!(delivered.len() as u64 + dropped.total(), received_in_all, "each counted");

@@ -8,12 +8,13 @@ use core::net::SocketAddr;
 use core::time::Duration;
 
 use ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, connect, key, setpoint, telemetry};
-use flix_protocol::frame::SEALED_HEADER;
+use flix_protocol::failsafe::COMMAND_AGE;
+use flix_protocol::frame::{Frame, SEALED_HEADER};
 use flix_protocol::message::{
     Command, DropReason, MAXIMUM_FREQUENCY, Outcome, Refusal, Reply, ToOperator,
 };
 use flix_protocol::session::{
-    CONNECT_PATIENCE, COOKIE_EPOCH, ConnectError, HINT_PATIENCE, HOLDER_SILENCE, Key, KeyError,
+    CONNECT_PATIENCE, COOKIE_LIFE, ConnectError, HINT_PATIENCE, HOLDER_SILENCE, Key, KeyError,
     OperatorReceived, OperatorSession, RobotReceived, RobotSession, SESSION_EXPIRY, SendError,
     Status, VERSION,
 };
@@ -164,7 +165,8 @@ fn every_session_has_new_keys() {
 #[test]
 fn a_second_operator_waits_until_the_first_is_silent_for_one_second() {
     let mut ends = Ends::connected();
-    let silent_since = ends.now;
+    let silent_since = ends.moment();
+    ends.ping();
     let mut second = second_operator(ends.now);
     let hello = second.poll(ends.now).unwrap();
     let before = silent_since + (HOLDER_SILENCE - TICK);
@@ -181,8 +183,9 @@ fn a_second_operator_is_told_that_the_robot_is_busy() {
     let mut second = second_operator(ends.now);
     while let Some(at) = second.poll_at() {
         ends.now = at;
-        let frame = ends.operator.send(at, &command(1, Command::Ping(1))).unwrap();
-        ends.robot_hears(&frame);
+        let (_, frame) = ends.robot.send(at, &telemetry(1)).unwrap();
+        ends.operator_hears(&frame);
+        ends.ping();
         while let Some(frame) = second.poll(at) {
             let received = ends.robot.receive(at, SECOND_OPERATOR, &frame);
             second.receive(at, &answer(received, frame.len()).unwrap());
@@ -258,6 +261,8 @@ fn a_robot_that_leaves_says_so() {
 #[test]
 fn a_silent_session_is_forgotten() {
     let mut ends = Ends::connected();
+    ends.moment();
+    ends.ping();
     ends.wait(SESSION_EXPIRY - TICK);
     assert!(ends.robot.send(ends.now, &telemetry(1)).is_ok());
     ends.wait(TICK);
@@ -398,7 +403,7 @@ fn a_kept_confirm_goes_stale_with_its_epoch() {
     let challenge = answer(ends.robot_hears(&hello), hello.len()).unwrap();
     ends.operator_hears(&challenge);
     let confirm = ends.operator.poll(ends.now).unwrap();
-    ends.wait(2 * COOKIE_EPOCH);
+    ends.wait(COOKIE_LIFE);
     assert_eq!(ends.robot_hears(&confirm), RobotReceived::Dropped(DropReason::Replayed, None));
 }
 
@@ -455,6 +460,165 @@ fn a_session_belongs_to_the_address_that_opened_it() {
     let frame = ends.operator.send(ends.now, &command(1, Command::Arm)).unwrap();
     let received = ends.robot.receive(ends.now, SECOND_OPERATOR, &frame);
     assert_eq!(received, RobotReceived::Dropped(DropReason::Session, None));
+}
+
+// Freshness
+
+/// A setpoint, sealed by an operator that has just seen everything.
+fn sealed_setpoint(ends: &mut Ends) -> Frame {
+    ends.moment();
+    ends.operator.send(ends.now, &command(1, setpoint(30.0, 0.0))).unwrap()
+}
+
+#[test]
+fn a_command_counts_up_to_the_command_age_and_not_after_it() {
+    let mut ends = Ends::connected();
+    let frame = sealed_setpoint(&mut ends);
+    ends.wait(COMMAND_AGE);
+    let counts = RobotReceived::Command(command(1, setpoint(30.0, 0.0)));
+    assert_eq!(ends.robot_hears(&frame), counts);
+    assert_eq!(ends.robot.quality(ends.now).age(), Some(COMMAND_AGE));
+
+    let frame = sealed_setpoint(&mut ends);
+    ends.wait(COMMAND_AGE + TICK);
+    let late = RobotReceived::Late {
+        command: command(1, setpoint(30.0, 0.0)),
+        age: Some(COMMAND_AGE + TICK),
+    };
+    assert_eq!(ends.robot_hears(&frame), late);
+    assert_eq!(ends.robot.quality(ends.now).late, 1);
+}
+
+#[test]
+fn a_command_that_is_older_than_the_robot_remembers_never_counts() {
+    let mut ends = Ends::connected();
+    let held_back = sealed_setpoint(&mut ends);
+    for _ in 0..1_000 {
+        ends.wait(Duration::from_millis(20));
+        ends.moment();
+        ends.ping();
+    }
+    // A datagram that the replay window still takes.
+    let RobotReceived::Dropped(..) = ends.robot_hears(&held_back) else { panic!("dropped") };
+    let mut ends = Ends::connected();
+    let held_back = sealed_setpoint(&mut ends);
+    for _ in 0..500 {
+        ends.wait(Duration::from_millis(9));
+        let _ = ends.robot.send(ends.now, &telemetry(1)).unwrap();
+    }
+    let late = RobotReceived::Late { command: command(1, setpoint(30.0, 0.0)), age: None };
+    assert_eq!(ends.robot_hears(&held_back), late);
+}
+
+#[test]
+fn an_echo_of_what_was_never_sent_is_not_fresh() {
+    // Two robots with the same entropy make the same keys: one has sent more than the other.
+    let mut ends = Ends::connected();
+    let mut silent = Ends::connected().robot;
+    for _ in 0..3 {
+        ends.moment();
+    }
+    let frame = ends.operator.send(ends.now, &command(1, setpoint(30.0, 0.0))).unwrap();
+    let received = silent.receive(ends.now, OPERATOR, &frame);
+    assert!(matches!(received, RobotReceived::Late { age: None, .. }), "{received:?}");
+}
+
+#[test]
+fn datagrams_released_one_by_one_hold_the_robot_no_longer_than_fresh_ones_could() {
+    let mut ends = Ends::connected();
+    ends.moment();
+    let intent = ends.now;
+    let held_back: Vec<Frame> = (0..100)
+        .map(|request| ends.operator.send(ends.now, &command(request, Command::Ping(1))).unwrap())
+        .collect();
+    let mut second = second_operator(ends.now);
+    for frame in &held_back {
+        ends.wait(Duration::from_millis(90));
+        ends.robot_hears(frame);
+        if ends.now.since(intent) >= COMMAND_AGE + HOLDER_SILENCE {
+            break;
+        }
+    }
+    let hello = second.poll(ends.now).unwrap();
+    let received = ends.robot.receive(ends.now, SECOND_OPERATOR, &hello);
+    assert!(matches!(received, RobotReceived::Answer(_)), "{received:?}");
+}
+
+#[test]
+fn datagrams_released_one_by_one_do_not_keep_a_session() {
+    let mut ends = Ends::connected();
+    ends.moment();
+    let intent = ends.now;
+    let held_back: Vec<Frame> = (0..3)
+        .map(|request| ends.operator.send(ends.now, &command(request, Command::Ping(1))).unwrap())
+        .collect();
+    for frame in &held_back {
+        ends.wait(SESSION_EXPIRY / 2);
+        ends.robot_hears(frame);
+    }
+    assert!(ends.now.since(intent) > SESSION_EXPIRY);
+    assert_eq!(ends.robot.peer(ends.now), None);
+}
+
+#[test]
+fn a_confirm_that_was_held_back_keeps_the_next_operator_out_no_longer_than_silence_would() {
+    let mut ends = Ends::new(Some(key(1)), key(1));
+    let hello = ends.operator.poll(ends.now).unwrap();
+    let challenge = answer(ends.robot_hears(&hello), hello.len()).unwrap();
+    ends.operator_hears(&challenge);
+    let intent = ends.now;
+    let confirm = ends.operator.poll(ends.now).unwrap();
+    ends.wait(Duration::from_millis(900));
+    assert!(matches!(ends.robot_hears(&confirm), RobotReceived::Connected(_)));
+    ends.now = intent + HOLDER_SILENCE;
+    let hello = second_operator(ends.now).poll(ends.now).unwrap();
+    let received = ends.robot.receive(ends.now, SECOND_OPERATOR, &hello);
+    assert!(matches!(received, RobotReceived::Answer(_)), "{received:?}");
+}
+
+#[test]
+fn stop_and_disarm_reach_the_robot_at_any_age_and_in_any_order() {
+    for kind in [Command::Stop, Command::Disarm] {
+        let mut ends = Ends::connected();
+        let late = ends.operator.send(ends.now, &command(1, kind.clone())).unwrap();
+        for request in 2..20 {
+            ends.wait(Duration::from_millis(200));
+            ends.moment();
+            let frame = ends.operator.send(ends.now, &command(request, Command::Ping(1))).unwrap();
+            ends.robot_hears(&frame);
+        }
+        let received = ends.robot_hears(&late);
+        let is_given =
+            matches!(&received, RobotReceived::Late { command, .. } if command.command == kind);
+        assert!(is_given, "{received:?}");
+    }
+}
+
+#[test]
+fn a_handshake_over_a_link_of_400_ms_each_way_completes() {
+    let mut now = Instant::START;
+    let mut robot = RobotSession::new(Some(key(1)), [11; 32]);
+    let mut operator = OperatorSession::new(key(1), [22; 32], now);
+    let way = Duration::from_millis(400);
+    let (mut there, mut back) = (Vec::new(), Vec::new());
+    while now < Instant::START + CONNECT_PATIENCE {
+        while let Some(frame) = operator.poll(now) {
+            there.push((now + way, frame));
+        }
+        for (_, frame) in there.extract_if(.., |(due, _)| *due <= now) {
+            if let Some(answer) = answer(robot.receive(now, OPERATOR, &frame), frame.len()) {
+                back.push((now + way, answer));
+            }
+        }
+        for (_, answer) in back.extract_if(.., |(due, _)| *due <= now) {
+            operator.receive(now, &answer);
+        }
+        if operator.status(now) == Status::Connected {
+            return;
+        }
+        now = now + Duration::from_millis(10);
+    }
+    panic!("{:?}", operator.status(now));
 }
 
 // Health

@@ -15,6 +15,7 @@ use flix_firmware::fast::control::Control;
 use flix_firmware::hardware::{Encoder, TICK_RATE_HZ, TICK_US};
 use flix_firmware::settings::Settings;
 use flix_firmware::trace::{Header, LONGEST, Outcome, Row, encode};
+use flix_protocol::failsafe::COMMAND_AGE;
 use flix_protocol::message::State;
 use flix_protocol::units::Instant;
 use flix_sim::model::RobotModel;
@@ -61,7 +62,7 @@ impl<W: Write> Recording<W> {
             sensors.encoders[0] = Encoder::Failed;
         }
         // The operator never falls silent.
-        self.order.heard = now;
+        self.order.hear(now, now + COMMAND_AGE);
         let actuation = self.control.tick(now, &sensors, &self.order);
         let outcome = Outcome::after(&self.control, actuation);
         let row = Row { now, sensors, order: self.order, outcome };
@@ -111,8 +112,7 @@ fn record(file: &Path) -> Result<u64, Box<dyn std::error::Error>> {
     recording.until(State::Armed)?;
     for (frequency, direction) in MODES {
         let setpoint = setpoint(frequency, direction)?;
-        let now = Instant::from_micros(recording.tick * u64::from(TICK_US));
-        recording.order.set(&setpoint, now);
+        recording.order.set(&setpoint);
         recording.ticks(MODE_TICKS)?;
         recording.expect(State::Running)?;
     }

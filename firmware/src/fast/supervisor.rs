@@ -10,9 +10,11 @@
 //! Faulted <------------------ any fault, from any state
 //! ```
 //!
-//! The failsafe ladder counts from the last valid command: after [`LINK_LATE`] the operator is
-//! warned, after [`COMMAND_DEADLINE`] both rotors ramp down together, after [`LINK_LOST`] the motors
-//! are disarmed.
+//! The failsafe ladder counts from the arrival of the newest valid command: after [`LINK_LATE`] the
+//! operator is warned, after [`COMMAND_DEADLINE`] both rotors ramp down together, after [`LINK_LOST`]
+//! the motors are disarmed. Apart from that, a command counts only until it expires
+//! ([`Order::expires`]): once the newest has, both rotors ramp down too, so that a network that
+//! delays commands gains no time of movement.
 //!
 //! # How each fault stops the rotors
 //!
@@ -245,7 +247,7 @@ impl Supervisor {
 
     fn arm(&mut self, now: Instant, order: &Order) {
         let silence = now.as_micros().saturating_sub(order.heard.as_micros());
-        let heard = silence < LINK_LATE_US;
+        let heard = silence < LINK_LATE_US && now <= order.expires;
         if self.state == State::Disarmed && !self.stopped && heard {
             self.armed_at_setpoint = order.setpoints;
             self.enter(State::Aligning);
@@ -290,7 +292,8 @@ impl Supervisor {
     #[inline]
     fn climb_ladder(&mut self, now: Instant, order: &Order) {
         let silence = now.as_micros().saturating_sub(order.heard.as_micros());
-        let late = silence >= LINK_LATE_US;
+        let expired = now > order.expires;
+        let late = silence >= LINK_LATE_US || expired;
         if late && !self.link_late {
             self.events.link_late = self.events.link_late.wrapping_add(1);
         }
@@ -299,8 +302,14 @@ impl Supervisor {
             self.link_lost = false;
             return;
         }
-        if silence >= COMMAND_DEADLINE_US && self.state == State::Running {
-            self.events.command_deadline = self.events.command_deadline.wrapping_add(1);
+        let silent = silence >= COMMAND_DEADLINE_US;
+        if (silent || expired) && self.state == State::Running {
+            let event = if silent {
+                &mut self.events.command_deadline
+            } else {
+                &mut self.events.command_age
+            };
+            *event = event.wrapping_add(1);
             self.reason = Reason::Deadline;
             self.enter(State::Stopping);
         }

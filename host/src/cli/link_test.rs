@@ -46,6 +46,10 @@ struct Report {
     /// Share of pings without an answer within a second, from 0 to 1.
     loss: f64,
     round_trip_ms: RoundTrip,
+    /// Age of the newest command at its arrival, by the robot's own clock.
+    command_age_ms: Option<f64>,
+    /// Commands that came too late to count, since the robot started.
+    late_commands: u32,
     /// Datagrams that did not arrive, by direction.
     lost_to_robot: u32,
     lost_from_robot: u64,
@@ -103,6 +107,8 @@ fn measure(connection: &mut Connection, duration: Duration) -> Result<Report, Li
             p99: quantile(0.99),
             maximum: quantile(1.0),
         },
+        command_age_ms: link.and_then(|link| link.age()).map(milliseconds),
+        late_commands: link.map_or(0, |link| link.late),
         lost_to_robot: link.map_or(0, |link| link.lost),
         lost_from_robot: health.lost,
         signal_dbm: link.and_then(|link| link.signal_dbm),
@@ -132,6 +138,8 @@ fn describe(report: &Report) -> String {
     row("round trip, p90", ms(p90));
     row("round trip, p99", ms(p99));
     row("round trip, longest", ms(maximum));
+    row("age of commands", ms(report.command_age_ms));
+    row("late commands", report.late_commands.to_string());
     row("lost to the robot", report.lost_to_robot.to_string());
     row("lost from the robot", report.lost_from_robot.to_string());
     if let Some(power) = report.signal_dbm {

@@ -109,7 +109,7 @@ impl From<LinkError> for Error {
             | LinkError::Silent
             | LinkError::Left
             | LinkError::Unanswered
-            | LinkError::Refused(Refusal::LinkUnproven) => Exit::NoAnswer,
+            | LinkError::Refused(Refusal::LinkUnproven | Refusal::Late { .. }) => Exit::NoAnswer,
             LinkError::Connect(_) | LinkError::Refused(Refusal::Malformed) => Exit::Refused,
             LinkError::Refused(
                 Refusal::OutOfRange { .. } | Refusal::NotWhole { .. } | Refusal::UnknownParameter,

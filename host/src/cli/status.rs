@@ -117,6 +117,8 @@ struct Timing {
 #[derive(Debug, Clone, Serialize)]
 struct Link {
     round_trip_ms: Option<f64>,
+    command_age_ms: Option<f64>,
+    late_commands: u32,
     signal_dbm: Option<i8>,
     robot: End,
     host: End,
@@ -185,6 +187,8 @@ impl Status {
             },
             link: Link {
                 round_trip_ms: client.statistics().last_round_trip().map(milliseconds),
+                command_age_ms: telemetry.link.age().map(milliseconds),
+                late_commands: telemetry.link.late,
                 signal_dbm: telemetry.link.signal_dbm,
                 robot: End {
                     accepted: telemetry.link.accepted.into(),
@@ -280,7 +284,16 @@ fn describe(status: &Status) -> String {
     let round_trip =
         status.link.round_trip_ms.map_or_else(|| "unknown".to_owned(), |it| format!("{it:.2} ms"));
     let signal = status.link.signal_dbm.map_or_else(String::new, |dbm| format!(", {dbm} dBm"));
+    let age = status
+        .link
+        .command_age_ms
+        .map_or_else(|| "over a second".to_owned(), |it| format!("{it:.0} ms"));
+    let late = match status.link.late_commands {
+        0 => String::new(),
+        count => format!(", {count} came too late"),
+    };
     row("link", format!("round trip {round_trip}{signal}"));
+    row("commands", format!("{age} old on arrival{late}"));
     for (name, end) in [("robot hears", &status.link.robot), ("host hears", &status.link.host)] {
         let End { accepted, lost, dropped } = end;
         row(name, format!("{accepted} accepted, {lost} lost, dropped: {}", reasons(dropped)));

@@ -66,6 +66,8 @@ struct Pending {
     is_sent: bool,
     send_at: Instant,
     give_up_at: Instant,
+    /// The newest answer, when it was that the link is slow: asked again with a newer echo.
+    late: Option<Refusal>,
 }
 
 /// The operator's end of the link.
@@ -173,6 +175,7 @@ impl Client {
             is_sent: false,
             send_at: now,
             give_up_at: now + REQUEST_PATIENCE,
+            late: None,
         });
         request
     }
@@ -362,6 +365,14 @@ impl Client {
         } else if let Some(place) =
             self.pending.iter().position(|pending| pending.message.request == request)
         {
+            if let (Outcome::Refused(refusal @ Refusal::Late { .. }), Some(pending)) =
+                (&outcome, self.pending.get_mut(place))
+                && now < pending.give_up_at
+            {
+                pending.late = Some(refusal.clone());
+                pending.send_at = now;
+                return;
+            }
             let disarm = |pending: Pending| pending.message.command == Command::Disarm;
             if self.pending.remove(place).is_some_and(disarm) && outcome == Outcome::Done {
                 self.is_driving = false;
@@ -369,6 +380,8 @@ impl Client {
             self.updates.push_back(Update::Answer { request, outcome });
         } else if let (Outcome::Refused(refusal), Some(held)) = (outcome, self.held)
             && held != Setpoint::REST
+            // A late setpoint is followed by newer ones; the robot's event reports the slow link.
+            && !matches!(refusal, Refusal::Late { .. })
             && self.refusal.as_ref() != Some(&refusal)
         {
             self.refusal = Some(refusal.clone());
@@ -415,7 +428,13 @@ impl Client {
         self.pending.retain(|pending| {
             let is_alive = now < pending.give_up_at;
             if !is_alive {
-                updates.push_back(Update::Unanswered { request: pending.message.request });
+                let request = pending.message.request;
+                updates.push_back(match &pending.late {
+                    Some(refusal) => {
+                        Update::Answer { request, outcome: Outcome::Refused(refusal.clone()) }
+                    }
+                    None => Update::Unanswered { request },
+                });
             }
             is_alive
         });

@@ -143,36 +143,44 @@ impl Connection {
         (&mut self.client, now)
     }
 
-    /// Sends what is due, and receives what has arrived; waits for at most `longest` for the first
+    /// Receives what has arrived, sends what is due, and waits for at most `longest` for the next
     /// datagram.
     ///
     /// # Errors
     /// When the network fails permanently.
     pub fn step(&mut self, longest: Duration) -> Result<(), LinkError> {
+        // First what came while this program did something else: what is sealed now states the newest
+        // of it.
+        self.receive_arrived()?;
         self.send_due()?;
         let now = self.now();
         let wait = self.client.transmit_at().map_or(longest, |at| at.since(now).min(longest));
         self.socket.set_read_timeout(Some(wait.max(SHORTEST_WAIT)))?;
-        let mut datagram = [0; MAXIMUM_DATAGRAM + 1];
-        let mut waits = true;
-        loop {
-            match self.socket.recv(&mut datagram) {
-                Ok(length) => {
-                    let now = self.now();
-                    self.client.receive(now, &datagram[..length]);
-                    if waits {
-                        self.socket.set_nonblocking(true)?;
-                        waits = false;
-                    }
-                }
-                Err(error) if is_transient(&error) => break,
-                Err(error) => return Err(error.into()),
-            }
-        }
-        if !waits {
-            self.socket.set_nonblocking(false)?;
+        if self.receive_one()? {
+            self.receive_arrived()?;
         }
         self.send_due()
+    }
+
+    /// Receives everything that has arrived, without waiting.
+    fn receive_arrived(&mut self) -> Result<(), LinkError> {
+        self.socket.set_nonblocking(true)?;
+        while self.receive_one()? {}
+        Ok(self.socket.set_nonblocking(false)?)
+    }
+
+    /// Receives one datagram; returns whether there was one.
+    fn receive_one(&mut self) -> Result<bool, LinkError> {
+        let mut datagram = [0; MAXIMUM_DATAGRAM + 1];
+        match self.socket.recv(&mut datagram) {
+            Ok(length) => {
+                let now = self.now();
+                self.client.receive(now, &datagram[..length]);
+                Ok(true)
+            }
+            Err(error) if is_transient(&error) => Ok(false),
+            Err(error) => Err(error.into()),
+        }
     }
 
     fn send_due(&mut self) -> Result<(), LinkError> {

@@ -233,9 +233,12 @@ impl Recorder {
         use flix_protocol::message::Event;
         let level = match report.event {
             Event::Fault(_) => Level::Error,
-            Event::LinkLate | Event::CommandDeadline | Event::LinkLost | Event::BatteryLow(_) => {
-                Level::Warning
-            }
+            Event::LinkLate
+            | Event::CommandDeadline
+            | Event::CommandsLate { .. }
+            | Event::CommandAge
+            | Event::LinkLost
+            | Event::BatteryLow(_) => Level::Warning,
             _ => Level::Information,
         };
         let seconds = report.time.as_micros() as f64 * 1e-6;

@@ -203,6 +203,8 @@ impl Cockpit {
                     Event::Stopped
                     | Event::LinkLate
                     | Event::CommandDeadline
+                    | Event::CommandsLate { .. }
+                    | Event::CommandAge
                     | Event::BatteryLow(_) => Weight::Warning,
                     _ => Weight::Note,
                 };

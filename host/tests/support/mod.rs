@@ -81,6 +81,12 @@ impl FakeRobot {
                 self.commands.push(command);
                 self.send(now, &ToOperator::Reply(Reply { request, outcome }))
             }
+            RobotReceived::Late { command: ToRobot { request, .. }, age } => {
+                let age_ms = age.map_or(u16::MAX, |age| age.as_millis() as u16);
+                let refusal = Refusal::Late { age_ms, limit_ms: 400 };
+                let outcome = Outcome::Refused(refusal);
+                self.send(now, &ToOperator::Reply(Reply { request, outcome }))
+            }
             RobotReceived::Refused { request, refusal } => {
                 let outcome = Outcome::Refused(refusal);
                 self.send(now, &ToOperator::Reply(Reply { request, outcome }))

@@ -1,5 +1,7 @@
 //! How well the robot receives the operator.
 
+use core::time::Duration;
+
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
@@ -16,8 +18,22 @@ pub struct LinkQuality {
     pub dropped: Dropped,
     /// Microseconds since the last valid command; `u32::MAX` when there was none.
     pub silence_us: u32,
+    /// Age of the newest command at its arrival, fresh or late, microseconds; `u32::MAX` when it was
+    /// older than the robot remembers, or there was none.
+    pub age_us: u32,
+    /// Commands that came too late to count, since power-up.
+    pub late: u32,
     /// Received radio power, dBm; none where there is no radio or it does not report it.
     pub signal_dbm: Option<i8>,
+}
+
+impl LinkQuality {
+    /// Returns the age of the newest command at its arrival; `None` when it was older than the robot
+    /// remembers, or there was none.
+    #[must_use]
+    pub fn age(&self) -> Option<Duration> {
+        (self.age_us != u32::MAX).then(|| Duration::from_micros(self.age_us.into()))
+    }
 }
 
 /// Datagrams dropped since power-up, by [`DropReason`].

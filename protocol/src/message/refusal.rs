@@ -43,6 +43,13 @@ pub enum Refusal {
         /// The setting.
         name: Name,
     },
+    /// The link is slow: the command was too old when it arrived.
+    Late {
+        /// Its age, milliseconds; `u16::MAX` when it was older than the robot remembers.
+        age_ms: u16,
+        /// The largest age at which it counts, milliseconds.
+        limit_ms: u16,
+    },
 }
 
 impl Refusal {
@@ -69,6 +76,21 @@ impl Refusal {
     }
 }
 
+/// Writes that commands arrive too old.
+fn late(f: &mut fmt::Formatter<'_>, age_ms: u16, limit_ms: u16) -> fmt::Result {
+    if age_ms == u16::MAX {
+        write!(
+            f,
+            "the link is slow: commands arrive more than a second old, at most {limit_ms} ms are allowed"
+        )
+    } else {
+        write!(
+            f,
+            "the link is slow: commands arrive {age_ms} ms old, at most {limit_ms} ms are allowed"
+        )
+    }
+}
+
 impl From<OutOfRange> for Refusal {
     fn from(error: OutOfRange) -> Self {
         Self::out_of_range(error.quantity, error.minimum, error.maximum)
@@ -91,6 +113,7 @@ impl fmt::Display for Refusal {
             }
             Self::Storage => f.write_str("the robot could not write its settings"),
             Self::NotWhole { name } => write!(f, "{name} must be a whole number"),
+            Self::Late { age_ms, limit_ms } => late(f, *age_ms, *limit_ms),
         }
     }
 }

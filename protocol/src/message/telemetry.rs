@@ -132,4 +132,14 @@ pub enum Event {
     SettingsDefaulted,
     /// The battery is low.
     BatteryLow(Volts),
+    /// The link is slow: commands arrive, but too old to count.
+    CommandsLate {
+        /// Age of the first of them, milliseconds; `u16::MAX` when it was older than the robot
+        /// remembers.
+        age_ms: u16,
+        /// The largest age at which a command counts, milliseconds.
+        limit_ms: u16,
+    },
+    /// The newest setpoint became too old: the rotors ramp down.
+    CommandAge,
 }

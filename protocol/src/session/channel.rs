@@ -8,7 +8,9 @@ use serde::Serialize;
 
 use super::key::SessionKeys;
 use super::replay::ReplayWindow;
-use crate::frame::{Frame, MAXIMUM_MESSAGE, SEALED_HEADER, TAG_LENGTH, Tag, sealed_header};
+use crate::frame::{
+    ECHO_LENGTH, Frame, MAXIMUM_MESSAGE, SEALED_HEADER, TAG_LENGTH, Tag, sealed_header,
+};
 use crate::message::DropReason;
 
 /// Why a message was not sealed.
@@ -44,24 +46,27 @@ pub(super) struct Channel {
     open: ChaCha20Poly1305,
     next_counter: u64,
     window: ReplayWindow,
+    /// Whether what is sealed begins with the echo.
+    echoes: bool,
 }
 
 impl Channel {
     pub(super) fn operator(keys: &SessionKeys) -> Self {
-        Self::new(keys.session, &keys.to_robot, &keys.to_operator)
+        Self::new(keys.session, &keys.to_robot, &keys.to_operator, true)
     }
 
     pub(super) fn robot(keys: &SessionKeys) -> Self {
-        Self::new(keys.session, &keys.to_operator, &keys.to_robot)
+        Self::new(keys.session, &keys.to_operator, &keys.to_robot, false)
     }
 
-    fn new(session: u32, seal: &[u8; 32], open: &[u8; 32]) -> Self {
+    fn new(session: u32, seal: &[u8; 32], open: &[u8; 32], echoes: bool) -> Self {
         Self {
             session,
             seal: ChaCha20Poly1305::new(seal.into()),
             open: ChaCha20Poly1305::new(open.into()),
             next_counter: 0,
             window: ReplayWindow::new(),
+            echoes,
         }
     }
 
@@ -73,22 +78,26 @@ impl Channel {
         &self.window
     }
 
+    /// Returns how many datagrams were sealed.
+    pub(super) const fn sealed(&self) -> u64 {
+        self.next_counter
+    }
+
     /// Seals a message.
     pub(super) fn seal(&mut self, message: &impl Serialize) -> Result<Frame, SendError> {
-        let mut plain = [0; MAXIMUM_MESSAGE];
-        let plain = postcard::to_slice(message, &mut plain).map_err(|_| SendError::TooLong)?;
-        self.seal_bytes(plain)
+        let mut message_bytes = [0; MAXIMUM_MESSAGE];
+        let message =
+            postcard::to_slice(message, &mut message_bytes).map_err(|_| SendError::TooLong)?;
+        self.seal_copy(message)
     }
 
-    /// Seals a copy of these bytes.
-    pub(super) fn seal_copy(&mut self, plain: &[u8]) -> Result<Frame, SendError> {
-        let mut plain = Plain::from_slice(plain).map_err(|_| SendError::TooLong)?;
+    /// Seals any bytes; none: the message that says goodbye.
+    pub(super) fn seal_copy(&mut self, message: &[u8]) -> Result<Frame, SendError> {
+        let echo = self.window.newest().map_or(0, |newest| newest + 1).to_le_bytes();
+        let mut plain = Plain::from_slice(if self.echoes { &echo } else { &[] })
+            .map_err(|_| SendError::TooLong)?;
+        plain.extend_from_slice(message).map_err(|_| SendError::TooLong)?;
         self.seal_bytes(&mut plain)
-    }
-
-    /// Seals the empty message that closes the session.
-    pub(super) fn seal_goodbye(&mut self) -> Result<Frame, SendError> {
-        self.seal_bytes(&mut [])
     }
 
     fn seal_bytes(&mut self, plain: &mut [u8]) -> Result<Frame, SendError> {
@@ -134,6 +143,12 @@ impl Channel {
 
 const _: () =
     assert!(SEALED_HEADER + MAXIMUM_MESSAGE + TAG_LENGTH == crate::frame::MAXIMUM_DATAGRAM);
+
+/// Splits what an operator sealed into its echo and its message.
+pub(super) fn split_echo(plain: &Plain) -> Option<(u64, &[u8])> {
+    let (echo, message) = plain.split_first_chunk::<ECHO_LENGTH>()?;
+    Some((u64::from_le_bytes(*echo), message))
+}
 
 /// Returns the nonce of a counter. Each key serves one direction of one session, so the counter
 /// makes it unique.

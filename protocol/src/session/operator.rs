@@ -310,7 +310,7 @@ impl OperatorSession {
         let Phase::Established(session) = &mut self.phase else {
             return Err(SendError::NoSession);
         };
-        let frame = session.channel.seal_goodbye();
+        let frame = session.channel.seal_copy(&[]);
         self.phase = Phase::Left;
         frame
     }
@@ -329,9 +329,8 @@ impl OperatorSession {
                 if !self.signer.verify(signed, &[&greeting.client_nonce], &tag) {
                     return Err(DropReason::Forged);
                 }
-                if let Phase::Confirming { robot_nonce: known, .. } = &self.phase
-                    && *known == robot_nonce
-                {
+                if matches!(self.phase, Phase::Confirming { .. }) {
+                    // The robot may have accepted the first already, and takes no second.
                     return Err(DropReason::Replayed);
                 }
                 let keys = SessionKeys::derive(&self.key, &greeting.client_nonce, &robot_nonce);

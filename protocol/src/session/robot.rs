@@ -3,9 +3,11 @@
 use core::net::{IpAddr, SocketAddr};
 use core::time::Duration;
 
-use super::channel::{Channel, SendError};
+use super::channel::{Channel, SendError, split_echo};
+use super::history::{LONGEST_COMMAND_AGE, SendTimes};
 use super::key::{Entropy, HmacSha256, Key, SessionKeys, Signer, keyed, same, tag};
-use super::{COOKIE_EPOCH, HOLDER_SILENCE, SESSION_EXPIRY, VERSION};
+use super::{COOKIE_EPOCH, COOKIE_LIFE, HOLDER_SILENCE, SESSION_EXPIRY, VERSION};
+use crate::failsafe::COMMAND_AGE;
 use crate::frame::{self, Datagram, Frame, HandshakeFrame, Nonce, RefusalReason, Tag, Version};
 use crate::message::{
     Command, DropReason, Dropped, LinkQuality, Refusal, ToOperator, ToRobot, unreadable,
@@ -19,9 +21,17 @@ pub enum RobotReceived {
     Answer(HandshakeFrame),
     /// An operator opened a session: send this back to the sender of the datagram.
     Connected(HandshakeFrame),
-    /// A command: authentic, not replayed, and newer than every command before (a `Stop` may be
-    /// older).
+    /// A command: authentic, not replayed, fresh, and newer than every command before (`Stop` and
+    /// `Disarm` may be older).
     Command(ToRobot),
+    /// As [`RobotReceived::Command`], but not fresh: its operator may be gone since. Only what is
+    /// safe at any time may be done.
+    Late {
+        /// The command.
+        command: ToRobot,
+        /// Its age, at most; `None`: older than the robot remembers.
+        age: Option<Duration>,
+    },
     /// An authentic command that cannot be done: answer the request with this refusal.
     Refused {
         /// [`ToRobot::request`].
@@ -48,7 +58,14 @@ pub struct RobotSession {
     accepted: u32,
     dropped: Dropped,
     last_command: Option<Instant>,
+    command_age: Duration,
+    /// Age of the newest command at its arrival; `None`: older than is remembered, or no command.
+    age: Option<Duration>,
+    late: u32,
 }
+
+/// Epochs in which a cookie is good.
+const COOKIE_EPOCHS: u64 = (COOKIE_LIFE.as_millis() / COOKIE_EPOCH.as_millis()) as u64;
 
 /// The operator that holds the session.
 struct Holder {
@@ -56,7 +73,11 @@ struct Holder {
     client_nonce: Nonce,
     robot_nonce: Nonce,
     channel: Channel,
+    sent: SendTimes,
+    /// Arrival of the newest fresh datagram; before the first, the moment of the Challenge.
     heard: Instant,
+    /// Moment of the newest fresh datagram.
+    moment: Instant,
     newest_command: Option<u64>,
 }
 
@@ -75,6 +96,9 @@ impl RobotSession {
             accepted: 0,
             dropped: Dropped::default(),
             last_command: None,
+            command_age: COMMAND_AGE,
+            age: None,
+            late: 0,
         }
     }
 
@@ -115,14 +139,33 @@ impl RobotSession {
     pub fn quality(&self, now: Instant) -> LinkQuality {
         let clamp = |number: u64| u32::try_from(number).unwrap_or(u32::MAX);
         let missing = self.holder.as_ref().map_or(0, |holder| holder.channel.window().missing());
-        let silence = self.silence(now).map(|silence| silence.as_micros());
         LinkQuality {
             accepted: self.accepted,
             lost: clamp(missing),
             dropped: self.dropped,
-            silence_us: silence.and_then(|us| u32::try_from(us).ok()).unwrap_or(u32::MAX),
+            silence_us: microseconds(self.silence(now)),
+            age_us: microseconds(self.age),
+            late: self.late,
             signal_dbm: None,
         }
+    }
+
+    /// Sets the age up to which a command counts, at most [`LONGEST_COMMAND_AGE`].
+    pub fn set_command_age(&mut self, age: Duration) {
+        self.command_age = age.min(LONGEST_COMMAND_AGE);
+    }
+
+    /// Returns the age up to which a command counts.
+    #[must_use]
+    pub const fn command_age(&self) -> Duration {
+        self.command_age
+    }
+
+    /// Returns the moment of the holder's newest fresh datagram: when the robot sent what the holder
+    /// had seen at that time. `None` while nobody holds the session.
+    #[must_use]
+    pub fn moment(&self) -> Option<Instant> {
+        self.holder.as_ref().map(|holder| holder.moment)
     }
 
     /// Receives a datagram from this address.
@@ -160,7 +203,9 @@ impl RobotSession {
     ) -> Result<(SocketAddr, Frame), SendError> {
         let peer = self.peer(now).ok_or(SendError::NoSession)?;
         let holder = self.holder.as_mut().ok_or(SendError::NoSession)?;
-        Ok((peer, holder.channel.seal(message)?))
+        let frame = holder.channel.seal(message)?;
+        holder.sent.sent(holder.channel.sealed(), now);
+        Ok((peer, frame))
     }
 
     /// Ends the session and returns the datagram that informs its holder.
@@ -170,7 +215,7 @@ impl RobotSession {
     pub fn goodbye(&mut self, now: Instant) -> Result<(SocketAddr, Frame), SendError> {
         let peer = self.peer(now).ok_or(SendError::NoSession)?;
         let mut holder = self.holder.take().ok_or(SendError::NoSession)?;
-        Ok((peer, holder.channel.seal_goodbye()?))
+        Ok((peer, holder.channel.seal_copy(&[])?))
     }
 
     fn hello(
@@ -222,9 +267,9 @@ impl RobotSession {
             // The Accept was lost: send it again. Nothing starts over.
             return RobotReceived::Answer(accept(signer, holder));
         }
-        if !self.cookies.is_fresh(now, from, client_nonce, robot_nonce) {
+        let Some(moment) = self.cookies.moment(now, from, client_nonce, robot_nonce) else {
             return RobotReceived::Dropped(DropReason::Replayed, None);
-        }
+        };
         if self.is_held_against(now, from) {
             return self.refuse(RefusalReason::Busy, client_nonce);
         }
@@ -233,7 +278,9 @@ impl RobotSession {
             client_nonce: *client_nonce,
             robot_nonce: *robot_nonce,
             channel: Channel::robot(&SessionKeys::derive(key, client_nonce, robot_nonce)),
-            heard: now,
+            sent: SendTimes::new(now),
+            heard: moment,
+            moment,
             newest_command: None,
         };
         let answer = accept(signer, &holder);
@@ -264,23 +311,40 @@ impl RobotSession {
             Ok(plain) => plain,
             Err(reason) => return RobotReceived::Dropped(reason, None),
         };
-        holder.heard = now;
+        let Some((echo, plain)) = split_echo(&plain) else {
+            return RobotReceived::Dropped(DropReason::Malformed, None);
+        };
         if plain.is_empty() {
             self.end();
             return RobotReceived::Left;
         }
-        let command = postcard::from_bytes::<ToRobot>(&plain);
-        let is_stop = matches!(&command, Ok(ToRobot { command: Command::Stop, .. }));
-        if !is_stop && holder.newest_command.is_some_and(|newest| counter < newest) {
+        let was_sent = echo <= holder.channel.sealed();
+        let moment = holder.sent.moment(echo).filter(|_| was_sent);
+        let age = moment.map(|moment| now.since(moment));
+        let is_fresh = age.is_some_and(|age| age <= self.command_age);
+        if is_fresh {
+            holder.heard = now;
+            holder.moment = holder.moment.max(moment.unwrap_or_default());
+        }
+        let command = postcard::from_bytes::<ToRobot>(plain);
+        let is_always_safe =
+            matches!(&command, Ok(ToRobot { command: Command::Stop | Command::Disarm, .. }));
+        if !is_always_safe && holder.newest_command.is_some_and(|newest| counter < newest) {
             return RobotReceived::Dropped(DropReason::Stale, None);
         }
         match command {
             Ok(command) => {
                 holder.newest_command = holder.newest_command.max(Some(counter));
-                self.last_command = Some(now);
-                RobotReceived::Command(command)
+                self.age = age;
+                if is_fresh {
+                    self.last_command = Some(now);
+                    RobotReceived::Command(command)
+                } else {
+                    self.late = self.late.saturating_add(1);
+                    RobotReceived::Late { command, age }
+                }
             }
-            Err(_) => match unreadable(&plain) {
+            Err(_) => match unreadable(plain) {
                 Some((request, refusal)) => RobotReceived::Refused { request, refusal },
                 None => RobotReceived::Dropped(DropReason::Malformed, None),
             },
@@ -325,19 +389,21 @@ impl Cookies {
         self.nonce_of(epoch(now), peer, client_nonce)
     }
 
-    /// Returns whether this nonce was made for this peer and this client nonce in this epoch or the
-    /// one before, in constant time.
-    fn is_fresh(
+    /// Returns the beginning of the epoch in which this nonce was made for this peer and this client
+    /// nonce; `None` when it was not, or longer than [`COOKIE_LIFE`] ago. Each nonce is compared in
+    /// constant time.
+    fn moment(
         &self,
         now: Instant,
         peer: SocketAddr,
         client_nonce: &Nonce,
         robot_nonce: &Nonce,
-    ) -> bool {
+    ) -> Option<Instant> {
         let present = epoch(now);
-        [present, present.saturating_sub(1)]
-            .iter()
-            .any(|&epoch| same(&self.nonce_of(epoch, peer, client_nonce), robot_nonce))
+        let epoch = (present.saturating_sub(COOKIE_EPOCHS - 1)..=present)
+            .rev()
+            .find(|&epoch| same(&self.nonce_of(epoch, peer, client_nonce), robot_nonce))?;
+        Some(Instant::from_micros(epoch * COOKIE_EPOCH.as_micros() as u64))
     }
 
     fn nonce_of(&self, epoch: u64, peer: SocketAddr, client_nonce: &Nonce) -> Nonce {
@@ -359,6 +425,11 @@ fn accept(signer: &Signer, holder: &Holder) -> HandshakeFrame {
     frame::accept(holder.channel.session(), |signed| {
         signer.tag(signed, &[&holder.client_nonce, &holder.robot_nonce])
     })
+}
+
+/// Returns this time in microseconds; the longest there is when it is unknown or does not fit.
+fn microseconds(time: Option<Duration>) -> u32 {
+    time.and_then(|time| u32::try_from(time.as_micros()).ok()).unwrap_or(u32::MAX)
 }
 
 /// Returns the number of the cookie's epoch.

@@ -10,7 +10,7 @@ use flix_protocol::message::{
     ToOperator, ToRobot,
 };
 use flix_protocol::session::{
-    Key, OperatorReceived, OperatorSession, RobotReceived, RobotSession, Status,
+    Key, OperatorReceived, OperatorSession, RobotReceived, RobotSession, SEND_SLOT, Status,
 };
 use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio};
 
@@ -90,6 +90,22 @@ impl Ends {
 
     pub(crate) fn operator_hears(&mut self, datagram: &[u8]) -> OperatorReceived {
         self.operator.receive(self.now, datagram)
+    }
+
+    /// The robot speaks and the operator hears it at once: returns the moment that its next commands
+    /// have.
+    pub(crate) fn moment(&mut self) -> Instant {
+        // Longer than a slot, so that the moment is this datagram's own; whole milliseconds.
+        self.wait(2 * SEND_SLOT);
+        let (_, frame) = self.robot.send(self.now, &telemetry(1)).unwrap();
+        self.operator_hears(&frame);
+        self.now
+    }
+
+    /// The robot hears a ping.
+    pub(crate) fn ping(&mut self) {
+        let frame = self.operator.send(self.now, &command(0, Command::Ping(0))).unwrap();
+        self.robot_hears(&frame);
     }
 
     /// Lets the handshake go on until it is over.

@@ -179,6 +179,15 @@ impl Bench {
         }
     }
 
+    /// Ticks for so long with nobody saying anything, and sees that no rotor turns.
+    pub(crate) fn hold_still(&mut self, duration: Duration) {
+        let end = self.now() + duration;
+        while self.now() < end {
+            self.tick();
+            assert!(self.speed() < 0.5, "{} Hz", self.speed());
+        }
+    }
+
     /// Ticks for so long with a command repeated at once and every 20 ms.
     pub(crate) fn hold(&mut self, command: Command, duration: Duration) {
         let end = self.now() + duration;

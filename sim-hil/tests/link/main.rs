@@ -8,6 +8,7 @@ mod bad_datagrams;
 mod bench;
 mod events;
 mod failsafe_ladder;
+mod freshness;
 mod operators;
 mod refused_commands;
 mod settings;

@@ -12,6 +12,7 @@ use crate::hardware::{
     Actuation, Bridge, CurrentSense, Encoder, EncoderAngle, EncoderReading, Hardware, Sensors,
 };
 use crate::settings::Settings;
+use flix_protocol::failsafe::COMMAND_AGE;
 use flix_protocol::message::{Setpoint, State};
 use flix_protocol::units::{Degrees, Hertz, Instant};
 
@@ -247,7 +248,7 @@ impl Bench {
         let sensors = self.sensors();
         let now = Instant::from_micros(self.now_us);
         if self.keep_alive {
-            self.order.heard = now;
+            self.order.hear(now, now + COMMAND_AGE);
         }
         self.last = tick(&mut self.control, now, &sensors, &self.order);
         let dt = 1e-4 / f64::from(SUB_STEPS);
@@ -323,7 +324,9 @@ impl Bench {
     pub(crate) fn command(&mut self, frequency: f32, direction: f32) {
         let setpoint =
             Setpoint::new(Hertz::new(frequency).unwrap(), Degrees::new(direction).unwrap());
-        self.order.set(&setpoint.unwrap(), Instant::from_micros(self.now_us));
+        self.order.set(&setpoint.unwrap());
+        let now = Instant::from_micros(self.now_us);
+        self.order.hear(now, now + COMMAND_AGE);
     }
 
     /// Returns true theta minus this, degrees within a quarter turn.

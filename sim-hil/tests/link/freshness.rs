@@ -1,0 +1,132 @@
+//! A robot obeys only what its operator means now: a network that delays commands moves it no longer than the
+//! command age and the ramp down after the operator's last intent.
+
+use std::time::Duration;
+
+use flix_protocol::failsafe::COMMAND_AGE;
+use flix_protocol::frame::Frame;
+use flix_protocol::message::{Command, Event, Outcome, ParameterCommand, Refusal, State};
+
+use crate::bench::{Bench, TICK, setpoint};
+
+/// The command age and the ramp down from 35 Hz.
+const LONGEST_MOVEMENT: Duration = Duration::from_millis(850);
+/// Keeps every deadline of silence.
+const DRIP: Duration = Duration::from_millis(90);
+
+/// A robot at full speed, and datagrams that its operator sealed then and that the network kept.
+fn at_full_speed(kept: usize) -> (Bench, Vec<Frame>) {
+    let mut bench = Bench::armed();
+    let full = Command::Setpoint(setpoint(35.0, 0.0));
+    bench.hold(full.clone(), Duration::from_millis(800));
+    assert!(bench.speed() > 34.0);
+    let now = bench.now();
+    let frames = (0..kept).map(|_| bench.operator.seal(now, full.clone())).collect();
+    (bench, frames)
+}
+
+#[test]
+fn setpoints_released_one_by_one_prolong_no_movement() {
+    let (mut bench, frames) = at_full_speed(40);
+    let (intent, address) = (bench.now(), bench.operator.address);
+    for frame in frames {
+        bench.robot.receive(address, &frame);
+        for _ in 0..DRIP.as_micros() / TICK.as_micros() {
+            bench.tick();
+            let since = bench.now().since(intent);
+            assert!(since < LONGEST_MOVEMENT || bench.speed() < 0.5, "moves after {since:?}");
+        }
+    }
+}
+
+#[test]
+fn setpoints_released_in_a_burst_later_move_nothing() {
+    for wait in [Duration::from_millis(500), Duration::from_secs(2), Duration::from_secs(9)] {
+        let (mut bench, frames) = at_full_speed(40);
+        let address = bench.operator.address;
+        bench.wait(LONGEST_MOVEMENT.max(wait));
+        for frame in frames {
+            bench.robot.receive(address, &frame);
+        }
+        bench.hold_still(Duration::from_secs(1));
+    }
+}
+
+#[test]
+fn the_rotors_ramp_down_when_the_newest_setpoint_is_too_old_though_it_arrived_just_now() {
+    let (mut bench, frames) = at_full_speed(1);
+    let (intent, address) = (bench.now(), bench.operator.address);
+    while bench.now().since(intent) < COMMAND_AGE - Duration::from_millis(190) {
+        bench.tick();
+    }
+    bench.robot.receive(address, &frames[0]);
+    // 190 ms of silence only, but the command was meant 400 ms ago. It states a telemetry of the last 20 ms, and its
+    // time is rounded by up to a slot.
+    let before = Duration::from_millis(40);
+    while bench.now().since(intent) < COMMAND_AGE - before {
+        bench.tick();
+    }
+    let still = bench.state();
+    while bench.now().since(intent) < COMMAND_AGE + 2 * TICK {
+        bench.tick();
+    }
+    assert_eq!([still, bench.state()], [State::Running, State::Stopping]);
+    bench.wait(Duration::from_millis(50));
+    assert!(bench.events().contains(&Event::CommandAge));
+}
+
+#[test]
+fn what_arrives_too_late_is_refused_with_its_age_and_told_once() {
+    let mut bench = Bench::connected();
+    bench.hold(Command::Ping(0), Duration::from_secs(1));
+    let set = ParameterCommand::Set("telemetry_rate".try_into().unwrap(), 20.0);
+    let kinds = [Command::Arm, Command::Clear, Command::Parameter(set)];
+    let now = bench.now();
+    let late: Vec<Frame> = kinds.map(|kind| bench.operator.seal(now, kind)).into();
+    bench.wait(Duration::from_millis(600));
+    bench.operator.replies.clear();
+    let address = bench.operator.address;
+    for frame in late {
+        bench.robot.receive(address, &frame);
+        bench.tick();
+    }
+    let refused = bench.operator.replies.iter().all(|reply| {
+        matches!(
+            reply.outcome,
+            Outcome::Refused(Refusal::Late { age_ms: 600..=640, limit_ms: 400 })
+        )
+    });
+    assert!(refused && bench.operator.replies.len() == 3, "{:?}", bench.operator.replies);
+    let told =
+        bench.events().iter().filter(|event| matches!(event, Event::CommandsLate { .. })).count();
+    assert_eq!((told, bench.state()), (1, State::Disarmed));
+}
+
+#[test]
+fn a_stop_and_a_disarm_count_at_any_age() {
+    for (kind, stopped) in [(Command::Stop, true), (Command::Disarm, false)] {
+        let mut bench = Bench::armed();
+        let (now, address) = (bench.now(), bench.operator.address);
+        let late = bench.operator.seal(now, kind);
+        bench.hold(Command::Setpoint(setpoint(20.0, 0.0)), Duration::from_secs(1));
+        assert_eq!(bench.state(), State::Running);
+        bench.robot.receive(address, &late);
+        bench.wait(Duration::from_millis(600));
+        assert_eq!((bench.state(), bench.robot.report().stopped), (State::Disarmed, stopped));
+    }
+}
+
+#[test]
+fn a_late_ping_is_answered_but_is_no_sign_of_life() {
+    let mut bench = Bench::armed();
+    let (now, address) = (bench.now(), bench.operator.address);
+    let late: Vec<Frame> =
+        (0..10).map(|number| bench.operator.seal(now, Command::Ping(number))).collect();
+    bench.wait(Duration::from_millis(500));
+    bench.operator.replies.clear();
+    for frame in late {
+        bench.robot.receive(address, &frame);
+        bench.wait(DRIP);
+    }
+    assert_eq!((bench.operator.replies.len(), bench.state()), (10, State::Disarmed));
+}
