@@ -185,10 +185,13 @@ fn a_name_that_nobody_knows_is_no_answer() {
 
 #[test]
 fn a_robot_of_another_version_is_refused_with_what_to_update() {
+    const NEWER: u16 = flix_protocol::session::PROTOCOL_VERSION + 1;
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     let address = socket.local_addr().unwrap().to_string();
-    let refuser = std::thread::spawn(move || refuse_version(&socket, 2));
-    Operator::new().flix(&["status", &address]).expect(20, &["version 2", "update this program"]);
+    let refuser = std::thread::spawn(move || refuse_version(&socket, NEWER));
+    Operator::new()
+        .flix(&["status", &address])
+        .expect(20, &[&format!("version {NEWER}"), "update this program"]);
     refuser.join().unwrap();
 }
 
@@ -281,13 +284,13 @@ fn every_way_to_end_a_walk_stops_the_robot_first() {
     }
 }
 
-/// `flix track` whose files may not grow beyond 128 KiB, as on a full disk.
+/// `flix track` whose files may not grow beyond 512 KiB, as on a full disk.
 fn track_on_a_full_disk(operator: &Operator, address: &str, cameras: &Cameras) -> Command {
     let modes = operator.home.path().join("modes.toml");
     std::fs::write(&modes, MODES).unwrap();
     let mut shell = Command::new("bash");
     // Without the signal, the write itself fails.
-    shell.args(["-c", "trap '' XFSZ; ulimit -f 128; exec \"$@\"", "bash"]);
+    shell.args(["-c", "trap '' XFSZ; ulimit -f 512; exec \"$@\"", "bash"]);
     shell.arg(env!("CARGO_BIN_EXE_flix")).args(["track", address, "circle", "--natnet-server"]);
     shell.arg(&cameras.address).arg("--modes").arg(&modes).arg("--key").arg(&operator.key);
     shell.arg("--out").arg(operator.home.path()).env("HOME", operator.home.path());
@@ -465,7 +468,7 @@ fn teleop_stops_the_robot_when_its_terminal_closes() {
     use std::io::{Read, Write};
     let (served, address) = serve(robot());
     let operator = Operator::new();
-    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
     grantpt(&master).unwrap();
     unlockpt(&master).unwrap();
     let port = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();

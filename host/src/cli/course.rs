@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use flix_protocol::message::Setpoint;
 
 use super::Error;
+use super::number::parse_within;
 use super::output::read_text;
 use crate::nav::{
     Area, ControllerKind, ModeTable, Navigator, PAPER_PAIRS, Path, PathError, PlanarPose, Position,
@@ -38,7 +39,7 @@ pub struct CourseArgs {
     #[arg(long, value_name = "X,Y", default_value = "0,0", allow_hyphen_values = true)]
     pub at: Position,
     /// Angle by which the path is turned to the left, degrees.
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse_turned)]
     pub turned: f64,
     /// Distance from the path at which the run ends, mm.
     #[arg(long, value_name = "MM", default_value_t = 400.0)]
@@ -49,6 +50,10 @@ pub struct CourseArgs {
     /// Options of steering.
     #[command(flatten)]
     pub steering: SteeringArgs,
+}
+
+fn parse_turned(text: &str) -> Result<f64, String> {
+    parse_within(text, -360.0..=360.0, "angle", " degrees")
 }
 
 /// Options of steering.

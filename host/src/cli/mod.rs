@@ -23,6 +23,7 @@ pub mod home;
 pub mod identify;
 pub mod keygen;
 pub mod link_test;
+pub mod number;
 pub mod output;
 pub mod parameters;
 pub mod provision;
@@ -218,7 +219,8 @@ fn numbers_may_be_negative(command: clap::Command) -> clap::Command {
             let is_time = argument
                 .get_value_names()
                 .is_some_and(|names| names.iter().any(|name| name.as_str() == "TIME"));
-            argument.allow_negative_numbers(true).allow_hyphen_values(is_time)
+            let argument = argument.allow_negative_numbers(true);
+            if is_time { argument.allow_hyphen_values(true) } else { argument }
         })
         .mut_subcommands(numbers_may_be_negative)
 }

@@ -106,6 +106,14 @@ pub enum ModeTableError {
         /// The error of the operating system.
         source: std::io::Error,
     },
+    /// The file holds no mode table.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Why its content was refused.
+        source: Box<ModeTableError>,
+    },
     /// Not TOML, or a key is missing, unknown or of another type.
     #[error("the mode table cannot be parsed: {0}")]
     Syntax(String),
@@ -210,6 +218,7 @@ impl ModeTable {
         let text = std::fs::read_to_string(path)
             .map_err(|source| ModeTableError::Read { path: path.to_owned(), source })?;
         Self::from_toml(&text)
+            .map_err(|source| ModeTableError::File { path: path.to_owned(), source: source.into() })
     }
 
     /// Writes a file, and creates its folder where needed.

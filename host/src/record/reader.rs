@@ -116,6 +116,10 @@ impl Run {
         if direct.is_file() {
             return Self::read(direct);
         }
+        if direct.is_dir() {
+            let source = std::io::ErrorKind::IsADirectory.into();
+            return Err(ReadError::File { path: direct.to_owned(), source });
+        }
         let runs = list(out)?;
         if name == "last" {
             let last = runs.last().ok_or_else(|| ReadError::NoRuns(out.join(FOLDER)))?;

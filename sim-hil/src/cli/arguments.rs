@@ -1,6 +1,5 @@
 //! Arguments that several commands share.
 
-use std::ops::RangeInclusive;
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -104,23 +103,6 @@ pub fn parse_step(text: &str) -> Result<Duration, String> {
         return Err(format!("{text:?} is no step from 1us to 5ms"));
     }
     Ok(step)
-}
-
-/// Reads a number within limits; `what` it is and its unit, with a space before it, are for the refusal.
-///
-/// # Errors
-/// When it is no number or beyond them.
-pub fn parse_within(
-    text: &str,
-    limits: RangeInclusive<f64>,
-    what: &str,
-    unit: &str,
-) -> Result<f64, String> {
-    let (low, high) = (limits.start(), limits.end());
-    text.parse::<f64>()
-        .ok()
-        .filter(|number| limits.contains(number))
-        .ok_or_else(|| format!("{text:?} is no {what} from {low} to {high}{unit}"))
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! The conditions of a closed-loop run, as options.
 
+use flix_host::cli::number::parse_within;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -8,7 +9,7 @@ use flix_host::nav::{ModeTable, PlanarPose};
 use flix_host::record::RunDescription;
 
 use super::Error;
-use super::arguments::{ModelArgs, parse_time, parse_within};
+use super::arguments::{ModelArgs, parse_time};
 use crate::experiment::course::{Conditions, shipped_table};
 use crate::experiment::walk::require_walker;
 

@@ -1,10 +1,11 @@
 //! `flix-sim export-mjcf`: the model for MuJoCo.
 
+use flix_host::cli::number::parse_within;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use super::Error;
-use super::arguments::{ModelArgs, parse_within};
+use super::arguments::ModelArgs;
 use super::output::print;
 use crate::model::mjcf::mjcf;
 

@@ -1,12 +1,12 @@
 //! `flix-sim soak`: hours of random commands, faults and link trouble, in virtual time.
 
+use flix_host::cli::number::parse_within;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
 use super::Error;
-use super::arguments::parse_within;
 use super::output::{print_verdict, progress, row, table, words};
 use crate::reliability::soak::{GROWTH_LIMIT, Verdict, measure};
 

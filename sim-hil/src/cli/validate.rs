@@ -1,9 +1,10 @@
 //! `flix-sim validate`: every figure beside what it must agree with.
 
+use flix_host::cli::number::parse_within;
 use std::process::ExitCode;
 
 use super::Error;
-use super::arguments::{Vector, parse_leg, parse_within};
+use super::arguments::{Vector, parse_leg};
 use super::output::{mark, print_figures, row, table};
 use crate::experiment::validation::{Options, Report, validate};
 

@@ -124,7 +124,7 @@ fn shaker(
     options: &Options,
 ) -> Result<(), ProbeError> {
     let mut stand = model.clone();
-    stand.base = Base::Fixed;
+    stand.base = Base::Fixed {};
     stand.legs = None;
     // Without legs the core would take their mass; it does not move here.
     let mut plant = Plant::new(&stand)?;

@@ -91,7 +91,7 @@ pub enum WalkError {
 /// # Errors
 /// When it has no legs or does not stand free.
 pub fn require_walker(model: &RobotModel) -> Result<(), WalkError> {
-    if model.legs.is_none() || model.base != Base::Free {
+    if model.legs.is_none() || model.base != (Base::Free {}) {
         return Err(WalkError::NoLegs { name: model.name.clone() });
     }
     Ok(())

@@ -93,7 +93,7 @@ fn body(out: &mut String, model: &RobotModel) {
     let mm = |v: f64| 1e-3 * v;
     line(out, 2, &format!("<body name=\"body\" pos=\"0 0 {}\">", model.standing_height()));
     match model.base {
-        Base::Fixed => {}
+        Base::Fixed {} => {}
         Base::Planar { damping_n_s_m, yaw_damping_n_m_s } => {
             for (name, kind, axis, damping) in [
                 ("x", "slide", "1 0 0", damping_n_s_m),
@@ -109,7 +109,7 @@ fn body(out: &mut String, model: &RobotModel) {
                 );
             }
         }
-        Base::Free => line(out, 3, "<freejoint name=\"free\"/>"),
+        Base::Free {} => line(out, 3, "<freejoint name=\"free\"/>"),
     }
     let p = &model.plate;
     let size = [mm(p.length_mm), mm(p.width_mm), mm(p.thickness_mm)];

@@ -89,7 +89,7 @@ pub enum ModelError {
 #[serde(tag = "joint", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Base {
     /// Not at all: a test stand.
-    Fixed,
+    Fixed {},
     /// In the horizontal plane, against linear damping, and about the vertical axis.
     Planar {
         /// Resistance to motion, N s/m, 0 to 100.
@@ -98,7 +98,7 @@ pub enum Base {
         yaw_damping_n_m_s: f64,
     },
     /// Freely.
-    Free,
+    Free {},
 }
 
 /// Total mass and where it deviates.

@@ -29,7 +29,7 @@ impl Actuation {
     /// The shaker of this robot, its body held.
     #[must_use]
     pub fn new(model: &RobotModel) -> Self {
-        Self { model: RobotModel { base: Base::Fixed, legs: None, ..model.clone() } }
+        Self { model: RobotModel { base: Base::Fixed {}, legs: None, ..model.clone() } }
     }
 
     fn pairs() -> Vec<(f64, f64)> {

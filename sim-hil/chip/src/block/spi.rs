@@ -184,7 +184,8 @@ impl Spi {
                 if sends { word.to_le_bytes()[index & 3] } else { 0 }
             })
             .collect();
-        self.done_at = now.saturating_add(cycles_of(bits as u64, hertz));
+        // Without a clock it goes on for ever.
+        self.done_at = now.saturating_add(cycles_of(bits as u64, hertz)).min(NEVER - 1);
         self.transfers += 1;
         Ok(Transfer { mode, hertz, bits, data })
     }

@@ -1,5 +1,6 @@
 //! `flix-sim study calibrate`: the robot that fits.
 
+use flix_host::cli::number::parse_within;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -8,7 +9,7 @@ use flix_host::plot::{Chart, Figure, Panel, Series};
 
 use super::listen;
 use crate::cli::Error;
-use crate::cli::arguments::{ModelArgs, parse_step, parse_time, parse_within};
+use crate::cli::arguments::{ModelArgs, parse_step, parse_time};
 use crate::cli::output::{print, progress, row, table};
 use crate::experiment::walk::WalkDrive;
 use crate::model::RobotModel;

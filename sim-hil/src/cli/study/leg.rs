@@ -1,5 +1,6 @@
 //! `flix-sim study leg`: stiffness and damping of one leg from release tests.
 
+use flix_host::cli::number::parse_within;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -7,7 +8,7 @@ use flix_host::plot::{Chart, Figure, Panel, Series, Stroke, colour};
 use serde::Serialize;
 
 use crate::cli::Error;
-use crate::cli::arguments::{ModelArgs, parse_leg, parse_within};
+use crate::cli::arguments::{ModelArgs, parse_leg};
 use crate::cli::output::{print, print_figures, progress, row, table};
 use crate::study::leg::{
     GENERATIONS, Identified, Load, NAMES, Rig, Sample, Stiffness, add_noise, identify, read, to_csv,

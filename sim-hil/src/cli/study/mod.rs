@@ -9,6 +9,7 @@ pub mod mobility;
 pub mod select;
 pub mod sensitivity;
 
+use flix_host::cli::number::parse_within;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -17,7 +18,7 @@ use clap::Subcommand;
 use flix_host::interrupt::Interrupt;
 
 use super::Error;
-use super::arguments::{ModelArgs, parse_step, parse_time, parse_within};
+use super::arguments::{ModelArgs, parse_step, parse_time};
 use super::output::print;
 use crate::experiment::walk::{WalkDrive, require_walker};
 use crate::model::RobotModel;

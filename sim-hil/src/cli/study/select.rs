@@ -1,5 +1,6 @@
 //! `flix-sim study select`: which pairs to steer with, and what the paper says about robustness.
 
+use flix_host::cli::number::parse_within;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -7,7 +8,7 @@ use flix_host::plot::Figure;
 
 use super::{SweepArgs, sensitivity};
 use crate::cli::Error;
-use crate::cli::arguments::parse_within;
+
 use crate::cli::output::{headings, print, row, table};
 use crate::study::sensitivity::{Candidate, Change, LEAST_SPEED, candidates, mode_table};
 use crate::study::statements::{Statement, Verdict, statements};

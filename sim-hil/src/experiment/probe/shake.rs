@@ -55,11 +55,11 @@ pub fn shake(
 ) -> Result<Shaken, ProbeError> {
     let mut model = model.clone();
     match base {
-        ShakeBase::Fixed => model.base = Base::Fixed,
-        ShakeBase::Air => model.base = Base::Free,
+        ShakeBase::Fixed => model.base = Base::Fixed {},
+        ShakeBase::Air => model.base = Base::Free {},
         ShakeBase::Floor => {
             require_legs(&model)?;
-            model.base = Base::Free;
+            model.base = Base::Free {};
         }
     }
     let mut plant = Plant::new(&model)?;

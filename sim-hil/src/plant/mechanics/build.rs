@@ -41,11 +41,11 @@ pub fn constants(model: &RobotModel) -> PlainConstants {
     let height = |sign: f64| 1e-3 * (shaker.z_mm + sign * 0.5 * shaker.spacing_mm);
     let mut c = Constants {
         base: match model.base {
-            Base::Fixed => BaseJoint::Fixed,
+            Base::Fixed {} => BaseJoint::Fixed,
             Base::Planar { damping_n_s_m, yaw_damping_n_m_s } => {
                 BaseJoint::Planar(damping_n_s_m, yaw_damping_n_m_s)
             }
-            Base::Free => BaseJoint::Free,
+            Base::Free {} => BaseJoint::Free,
         },
         inertia: body_inertia(model),
         rotor_mass: 1e-3 * shaker.mass_g,

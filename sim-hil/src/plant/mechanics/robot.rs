@@ -553,7 +553,7 @@ mod tests {
     #[test]
     fn a_clamped_leg_bends_as_far_as_its_hinges_say() {
         let mut model = RobotModel::named("A").unwrap();
-        model.base = Base::Fixed;
+        model.base = Base::Fixed {};
         let mut p = Plant::new(&model).unwrap();
         p.set_floor(false);
         run(&mut p, 1.0, 1e-4);
