@@ -11,7 +11,7 @@
 //!   four datagrams to spare.
 //! - **Requests** (arm, parameters, ...) carry a number and are repeated every [`REQUEST_RETRY`]
 //!   until answered or [`REQUEST_PATIENCE`] is over. All commands are idempotent. One that was too
-//!   old when it arrived ([`Refusal::Late`](flix_protocol::message::Refusal::Late)) is repeated at once.
+//!   old when it arrived ([`Refusal::Late`]) is repeated at once.
 //! - **Stop** comes before everything: held setpoint and pending requests are dropped, and stop is
 //!   repeated every [`STOP_RETRY`] until the robot acknowledges it, also over reconnections.
 //! - **Silence** of [`SILENCE`] ends the session. The client connects again and drops the held

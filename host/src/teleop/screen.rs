@@ -57,6 +57,11 @@ pub fn run(
     // connection, which stops the robot.
     let mut terminal = ratatui::try_init().map_err(ScreenError::Terminal)?;
     let ending = drive(&mut terminal, connection, robot, interrupt);
+    if is_closed() {
+        // Dropped, it would report its cursor to a standard error that may be closed as well, and panic.
+        std::mem::forget(terminal);
+        return ending;
+    }
     // A terminal that is closed cannot be restored, and needs not be.
     let _ = ratatui::try_restore();
     ending
