@@ -40,7 +40,7 @@ pub struct Sample {
 pub struct Live {
     /// The rig.
     pub rig: Rig,
-    /// The truth, every [`STEPS_AT_ONCE`] steps.
+    /// The truth, every `STEPS_AT_ONCE` steps.
     pub samples: Vec<Sample>,
     /// Why the emulation ended, if it did.
     pub ended: Option<RigError>,
