@@ -77,7 +77,7 @@ pub(crate) fn output(command: &mut Command) -> Result<String, Error> {
     }
 }
 
-/// Whether a command runs and succeeds, silently.
+/// Returns whether a command runs and succeeds, silently.
 pub(crate) fn succeeds(command: &mut Command) -> bool {
     command
         .stdout(Stdio::null())

@@ -40,28 +40,28 @@ fn stock_rustc() -> PathBuf {
     std::env::var_os("RUSTC").map_or_else(|| "rustc".into(), PathBuf::from)
 }
 
-/// Whether the compiler has `core` for the RISC-V target.
+/// Returns whether the compiler has `core` for the RISC-V target.
 pub(crate) fn has_riscv(rustc: &Path) -> bool {
     sysroot(rustc).is_some_and(|root| root.join("lib/rustlib").join(RISCV_TARGET).is_dir())
 }
 
-/// Whether the compiler's own sources are installed.
+/// Returns whether the compiler's own sources are installed.
 pub(crate) fn has_sources(rustc: &Path) -> bool {
     let library = |root: PathBuf| root.join("lib/rustlib/src/rust/library/Cargo.toml");
     sysroot(rustc).is_some_and(|root| library(root).is_file())
 }
 
-/// Whether the stock compiler can build for the C6 as it is.
+/// Returns whether the stock compiler can build for the C6 as it is.
 pub(crate) fn stock_has_riscv() -> bool {
     has_riscv(&stock_rustc())
 }
 
-/// Whether the stock compiler can build `core` itself.
+/// Returns whether the stock compiler can build `core` itself.
 pub(crate) fn stock_has_sources() -> bool {
     has_sources(&stock_rustc())
 }
 
-/// Whether Debian's compiler, its sources and its linker are installed.
+/// Returns whether Debian's compiler, its sources and its linker are installed.
 pub(crate) fn debian_is_complete() -> bool {
     has_sources(Path::new(DEBIAN_RUSTC))
         && run::succeeds(run::command(DEBIAN_LINKER).arg("--version"))

@@ -1,4 +1,4 @@
-//! The paper's controller (section V-A): two states, turn left and turn right.
+//! The paper's controller (section IV-A): two states, turn left and turn right.
 //!
 //! The error is the desired heading minus the heading. Above the dead band the robot turns left,
 //! below it right; inside, it continues. It advances because the two turns do not cancel: while

@@ -71,17 +71,17 @@ pub(super) struct Pen {
 }
 
 impl Pen {
-    /// A solid opaque line of this width, logical pixels.
+    /// Creates a solid opaque line of this width, logical pixels.
     pub(super) const fn new(colour: Colour, width: f64) -> Self {
         Self { colour, width, opacity: 1.0, dashes: None }
     }
 
-    /// With this opacity, 0 to 1.
+    /// Sets the opacity, 0 to 1.
     pub(super) const fn opacity(self, opacity: f64) -> Self {
         Self { opacity, ..self }
     }
 
-    /// In dashes and gaps of these lengths, logical pixels.
+    /// Sets dashes and gaps of these lengths, logical pixels.
     pub(super) const fn dashed(self, dash: f64, gap: f64) -> Self {
         Self { dashes: Some([dash, gap]), ..self }
     }

@@ -4,7 +4,7 @@ use super::{CommandRow, Run, TelemetryRow};
 use crate::nav::{PlanarPose, Position, wrap};
 use crate::plot::{Chart, Outline, Panel, Series, Stroke, Track, colour};
 
-/// Length and width of the robot's plate, m (paper, Table I).
+/// Length and width of the robot's plate, m (paper, Table II).
 const PLATE: [f64; 2] = [0.22, 0.12];
 /// Farther than this between two poses nothing walks, m: 5 m/s at 100 poses a second.
 const JUMP: f64 = 0.05;

@@ -28,7 +28,7 @@ const DISARM: Duration = Duration::from_secs(1);
 /// Datagrams with where they go.
 pub type Datagrams = Vec<(SocketAddr, Vec<u8>)>;
 
-/// A robot without a body: it is at once what it is told to be.
+/// A robot without a body: it is at once what it is commanded to be.
 pub struct FakeRobot {
     session: RobotSession,
     pub state: State,
@@ -73,7 +73,7 @@ impl FakeRobot {
             RobotReceived::Connected(frame) => {
                 self.proven_since = Some(now);
                 let mut datagrams = vec![(from, frame.to_vec())];
-                datagrams.extend(self.tell(now, Event::OperatorConnected));
+                datagrams.extend(self.report(now, Event::OperatorConnected));
                 datagrams
             }
             RobotReceived::Command(ToRobot { request, command }) => {
@@ -113,7 +113,7 @@ impl FakeRobot {
             self.faults = self.faults.with(fault);
             self.state = State::Faulted;
             self.setpoint = Setpoint::REST;
-            datagrams.extend(self.tell(now, Event::Fault(fault)));
+            datagrams.extend(self.report(now, Event::Fault(fault)));
         }
         if now >= self.telemetry_at {
             self.telemetry_at = now + TELEMETRY_INTERVAL;
@@ -131,7 +131,7 @@ impl FakeRobot {
             .collect()
     }
 
-    fn tell(&mut self, now: Instant, event: Event) -> Datagrams {
+    fn report(&mut self, now: Instant, event: Event) -> Datagrams {
         self.events += 1;
         let report = EventReport { number: self.events, time: now, event };
         self.send(now, &ToOperator::Event(report))

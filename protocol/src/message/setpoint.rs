@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::units::{Degrees, Hertz, OutOfRange, within};
 
-/// Largest shaking frequency that may be commanded, of either sign (paper, section IV: "below 35 Hz").
+/// Largest shaking frequency that may be commanded, of either sign (paper, section V-B: "below 35 Hz").
 pub const MAXIMUM_FREQUENCY: Hertz = Hertz::saturating(35.0);
 /// Largest shaking direction that may be commanded, to either side (paper, section II-E: [-90, 90] degrees).
 pub const MAXIMUM_DIRECTION: Degrees = Degrees::saturating(90.0);

@@ -85,13 +85,13 @@ pub struct Chip<O> {
 }
 
 impl<O: Outside> Chip<O> {
-    /// Powered on, with an image and what is soldered to the pins. `seed` is where randomness starts.
+    /// Creates a chip, powered on, with an image and what is soldered to the pins. `seed` is where randomness starts.
     #[must_use]
     pub fn new(image: Image, outside: O, seed: u64) -> Self {
         Self::with_flash(image, outside, programmed_flash(), seed)
     }
 
-    /// The same, with a flash that was used before.
+    /// Creates a chip with a flash that was used before.
     #[must_use]
     pub fn with_flash(image: Image, outside: O, flash: Flash, seed: u64) -> Self {
         let mut soc = Soc::new(outside, seed);
@@ -114,14 +114,14 @@ impl<O: Outside> Chip<O> {
         chip
     }
 
-    /// Power goes and comes again.
+    /// Cuts power and restores it.
     pub fn power_on(&mut self) {
         self.soc.flash.cut_power_in(None);
         self.soc.memory = Memory::new();
         self.boot(ResetReason::PowerOn);
     }
 
-    /// The boot loader hands over with interrupts enabled, as some do. Without this call they are off, as the
+    /// Hands over with interrupts enabled, as some boot loaders do. Without this call they are off, as the
     /// architecture has them after a reset.
     pub fn hand_over_with_interrupts(&mut self) {
         self.interrupts_at_hand_over = true;
@@ -165,7 +165,7 @@ impl<O: Outside> Chip<O> {
         self.cpu.cycles
     }
 
-    /// Time since the first power-on.
+    /// Returns the time since the first power-on.
     #[must_use]
     pub fn now(&self) -> Duration {
         Duration::from_nanos(self.cpu.cycles * 25 / 4)
@@ -276,23 +276,23 @@ impl<O: Outside> Chip<O> {
         Stop::Reset(reason)
     }
 
-    /// The supply sags: with the brown-out reset on, the chip starts anew.
+    /// Lowers the supply: with the brown-out reset on, the chip starts anew.
     pub fn brown_out(&mut self) {
         self.boot(ResetReason::BrownOut);
     }
 
-    /// What comes out of a pin now; `None` where nothing drives or pulls it.
+    /// Returns what comes out of a pin now; `None` where nothing drives or pulls it.
     pub fn output(&mut self, pin: u32) -> Option<Wave> {
         let now = self.cpu.cycles;
         self.soc.output(pin, now)
     }
 
-    /// What is soldered to the pins.
+    /// Returns what is soldered to the pins.
     pub fn outside(&mut self) -> &mut O {
         &mut self.soc.outside
     }
 
-    /// The flash.
+    /// Returns the flash.
     pub fn flash(&mut self) -> &mut Flash {
         &mut self.soc.flash
     }
@@ -309,24 +309,24 @@ impl<O: Outside> Chip<O> {
         self.soc.uart.incoming()
     }
 
-    /// What came out of the serial port since the last call.
+    /// Returns what came out of the serial port since the last call.
     pub fn take_serial(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.soc.uart.sent)
     }
 
-    /// Why the chip started last.
+    /// Returns why the chip started last.
     #[must_use]
     pub fn reset_reason(&self) -> ResetReason {
         self.reason
     }
 
-    /// The image.
+    /// Returns the image.
     #[must_use]
     pub fn image(&self) -> &Image {
         &self.image
     }
 
-    /// What no program should do and this one did.
+    /// Returns what no program should do and this one did.
     #[must_use]
     pub fn findings(&self) -> Vec<String> {
         let sentence = |(what, finding): (&String, &Finding)| {
@@ -341,13 +341,13 @@ impl<O: Outside> Chip<O> {
         self.cpu.trail().into_iter().map(|pc| self.image.place(pc)).collect()
     }
 
-    /// A sentence about a fault, with the function's name.
+    /// Returns a sentence about a fault, with the function's name.
     #[must_use]
     pub fn explain(&self, fault: &Fault) -> String {
         format!("{} in {}", fault, self.image.place(fault.pc))
     }
 
-    /// What the chip counts.
+    /// Returns what the chip counts.
     #[must_use]
     pub fn counters(&self) -> Counters {
         let timer = &self.soc.timers[1];
@@ -377,7 +377,7 @@ impl<O: Outside> Chip<O> {
         }
     }
 
-    /// When the fast loop's timer was last due, cycles.
+    /// Returns when the fast loop's timer was last due, cycles.
     #[must_use]
     pub fn last_alarm(&self) -> u64 {
         self.soc.timers[1].last_alarm
@@ -396,7 +396,7 @@ impl<O: Outside> Chip<O> {
         bytes.map_or(0, |bytes| untouched(bytes) as u32)
     }
 
-    /// Where the next interrupt or frame would come, for whoever paces the chip; cycles.
+    /// Returns where the next interrupt or frame would come, for whoever paces the chip; cycles.
     #[must_use]
     pub fn next_event(&self) -> u64 {
         let at = self.soc.next_event.min(self.network.next_event());

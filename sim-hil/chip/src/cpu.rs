@@ -145,7 +145,7 @@ pub(crate) struct Cpu {
 const JUMPS: usize = 16;
 
 impl Cpu {
-    /// Out of reset, about to execute at `pc`, with interrupts off.
+    /// Creates a processor out of reset, about to execute at `pc`, with interrupts off.
     pub(crate) fn new(pc: u32) -> Self {
         Self {
             x: [0; 64],
@@ -167,12 +167,12 @@ impl Cpu {
         }
     }
 
-    /// Whether an interrupt line, enabled in `mie`, would be taken.
+    /// Returns whether an interrupt line, enabled in `mie`, would be taken.
     pub(crate) fn takes_interrupts(&self) -> bool {
         self.mstatus & MSTATUS_MIE != 0
     }
 
-    /// Whether `mie` lets a line through.
+    /// Returns whether `mie` lets a line through.
     pub(crate) fn line_is_enabled(&self, line: u32) -> bool {
         self.mie >> line & 1 == 1
     }
@@ -198,7 +198,7 @@ impl Cpu {
         };
     }
 
-    /// From now on the function at `address` is done outside, as number `number`.
+    /// Diverts the function at `address` to the outside, as number `number`.
     pub(crate) fn divert(&mut self, address: u32, number: i32) {
         if let Some((region, index)) = place(address) {
             self.decoded[region][index] = Instruction::host(number);
@@ -230,12 +230,12 @@ impl Cpu {
         }
     }
 
-    /// The last jumps, oldest first.
+    /// Returns the last jumps, oldest first.
     pub(crate) fn trail(&self) -> Vec<u32> {
         (0..JUMPS).map(|index| self.jumps[(self.jumps_at + 1 + index) % JUMPS]).collect()
     }
 
-    /// Cause and value of the last exception or interrupt.
+    /// Returns the cause and value of the last exception or interrupt.
     pub(crate) fn last_cause(&self) -> (u32, u32) {
         (self.mcause, self.mtval)
     }

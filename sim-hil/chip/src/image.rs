@@ -73,7 +73,7 @@ impl Image {
         self.symbols.iter().find(|(.., name)| is_wanted(name)).map(|(at, size, _)| (*at, *size))
     }
 
-    /// The function that an address lies in, with the offset.
+    /// Returns the function that an address lies in, with the offset.
     #[must_use]
     pub fn place(&self, address: u32) -> String {
         match self.functions.range(..=address).next_back() {
@@ -98,7 +98,7 @@ pub const STORE: std::ops::Range<usize> = 0x9000..0xF000;
 /// Magic number, segments, mode and size (4 MiB) of the boot loader's header.
 const HEADER: [u8; 4] = [0xE9, 4, 2, 0x20];
 
-/// A flash with boot loader header and partition table, and an empty store.
+/// Creates a flash with boot loader header and partition table, and an empty store.
 #[must_use]
 pub fn programmed_flash() -> Flash {
     let mut table = Vec::new();

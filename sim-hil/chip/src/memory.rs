@@ -30,7 +30,7 @@ pub(crate) struct Memory {
 }
 
 impl Memory {
-    /// At power-on.
+    /// Creates the memories as they are at power-on.
     pub(crate) fn new() -> Self {
         Self {
             ram: vec![PAINT; RAM_BYTES],
@@ -40,7 +40,7 @@ impl Memory {
         }
     }
 
-    /// The `length` bytes at an address, to read.
+    /// Returns the `length` bytes at an address, to read.
     pub(crate) fn bytes(&self, address: u32, length: usize) -> Option<&[u8]> {
         let (memory, base) = match address {
             RAM..=0x4087_FFFF => (&self.ram, RAM),
@@ -52,7 +52,7 @@ impl Memory {
         memory.get((address - base) as usize..)?.get(..length)
     }
 
-    /// The `length` bytes at an address, to write; none of flash.
+    /// Returns the `length` bytes at an address, to write; none of flash.
     pub(crate) fn bytes_mut(&mut self, address: u32, length: usize) -> Option<&mut [u8]> {
         let (memory, base) = match address {
             RAM..=0x4087_FFFF => (&mut self.ram, RAM),
@@ -63,7 +63,7 @@ impl Memory {
         memory.get_mut((address - base) as usize..)?.get_mut(..length)
     }
 
-    /// The little-endian number of `size` bytes (1, 2, 4) at an address.
+    /// Returns the little-endian number of `size` bytes (1, 2, 4) at an address.
     pub(crate) fn load(&self, address: u32, size: u32) -> Option<u32> {
         let bytes = self.bytes(address, size as usize)?;
         Some(bytes.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte)))
@@ -76,7 +76,7 @@ impl Memory {
         Some(())
     }
 
-    /// The instruction bits at an even address; above the end of a memory its upper half is zero.
+    /// Returns the instruction bits at an even address; above the end of a memory its upper half is zero.
     pub(crate) fn fetch(&self, address: u32) -> Option<u32> {
         self.load(address, 4).or_else(|| self.load(address, 2))
     }

@@ -75,7 +75,7 @@ impl Default for Network {
 }
 
 impl Network {
-    /// The robot's address, once it has sent something.
+    /// Returns the robot's address, once it has sent something.
     #[must_use]
     pub fn robot(&self) -> Option<[u8; 4]> {
         self.robot.map(|(_, address)| address)
@@ -100,12 +100,12 @@ impl Network {
         }
     }
 
-    /// When the next frame reaches the robot.
+    /// Returns when the next frame reaches the robot.
     pub(crate) fn next_event(&self) -> u64 {
         self.to_robot.front().map_or(u64::MAX, |(at, _)| *at)
     }
 
-    /// The next frame that has reached the robot.
+    /// Returns the next frame that has reached the robot.
     pub(crate) fn arrived(&mut self, now: u64) -> Option<Vec<u8>> {
         self.to_robot.front().filter(|(at, _)| *at <= now)?;
         self.frames[0] += 1;
@@ -122,13 +122,13 @@ impl Network {
         }
     }
 
-    /// The next datagram that has reached the peer.
+    /// Returns the next datagram that has reached the peer.
     pub fn receive_datagram(&mut self, now: u64) -> Option<Datagram> {
         self.from_robot.front().filter(|(at, _)| *at <= now)?;
         self.from_robot.pop_front().map(|(_, datagram)| datagram)
     }
 
-    /// The robot sends a frame.
+    /// Takes a frame that the robot sends.
     pub(crate) fn transmit(&mut self, frame: &[u8], now: u64) {
         self.frames[1] += 1;
         if frame.len() < 34 || !self.survives() {

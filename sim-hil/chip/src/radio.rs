@@ -100,7 +100,7 @@ pub(crate) struct Radio {
 }
 
 impl Radio {
-    /// Before it was started, in an image with these symbols.
+    /// Creates the radio before it was started, in an image with these symbols.
     pub(crate) fn new(symbols: impl Iterator<Item = (u32, String)>) -> Self {
         let by_name: HashMap<String, u32> = symbols.map(|(at, name)| (name, at)).collect();
         let functions = FUNCTIONS
@@ -124,14 +124,14 @@ impl Radio {
         }
     }
 
-    /// As after a reset of the chip.
+    /// Resets, as with the chip.
     pub(crate) fn reset(&mut self) {
         let functions = std::mem::take(&mut self.functions);
         let event_receiver = self.event_receiver;
         *self = Self { functions, event_receiver, ..Self::new(std::iter::empty()) };
     }
 
-    /// Transmit power that the image asked for, dBm; `None` where it left the driver's.
+    /// Returns the transmit power that the image asked for, dBm; `None` where it left the driver's.
     pub(crate) fn transmit_power(&self) -> Option<f64> {
         // In quarters of a decibel.
         self.transmit_power.map(|quarters| f64::from(quarters) / 4.0)
@@ -266,12 +266,12 @@ impl Radio {
         true
     }
 
-    /// Whether something waits to be called.
+    /// Returns whether something waits to be called.
     pub(crate) fn wants(&self) -> bool {
         !self.calls.is_empty() && self.interrupted.is_none()
     }
 
-    /// The image has returned from a call.
+    /// Goes on after the image has returned from a call.
     pub(crate) fn returned(
         &mut self,
         cpu: &mut Cpu,

@@ -20,7 +20,7 @@ pub(crate) struct Block {
 }
 
 impl Block {
-    /// Block and name of the register at an offset.
+    /// Returns the block and name of the register at an offset.
     pub(crate) fn register_name(&self, offset: u32) -> String {
         match self.registers.get(&offset) {
             Some(register) => format!("{}.{}", self.name, register.name),
@@ -61,7 +61,7 @@ fn parse(table: &'static str) -> Vec<Block> {
     blocks
 }
 
-/// The block of this name in the table. Panics where there is none: names are written in this crate.
+/// Returns the block of this name in the table. Panics where there is none: names are written in this crate.
 pub(crate) fn block(name: &str) -> &'static Block {
     let found = BLOCKS.iter().find(|block| block.name == name);
     found.expect("the table has every block that a model names")
@@ -75,7 +75,7 @@ pub(crate) struct Values {
 }
 
 impl Values {
-    /// Out of reset.
+    /// Creates the registers of a block out of reset.
     pub(crate) fn reset(name: &str) -> Self {
         let block = block(name);
         let last = block.registers.keys().next_back().copied().unwrap_or(0);
@@ -91,12 +91,12 @@ impl Values {
         self.words.get(offset as usize / 4).copied().unwrap_or(0)
     }
 
-    /// `count` bits of it, from bit `low` on.
+    /// Returns `count` bits of it, from bit `low` on.
     pub(crate) fn field(&self, offset: u32, low: u32, count: u32) -> u32 {
         self.get(offset) >> low & ((1_u64 << count) - 1) as u32
     }
 
-    /// One bit of it.
+    /// Returns one bit of it.
     pub(crate) fn bit(&self, offset: u32, bit: u32) -> bool {
         self.get(offset) >> bit & 1 == 1
     }

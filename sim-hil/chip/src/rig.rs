@@ -112,7 +112,7 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// A new robot with an image, powered on. `seed` is where all chance starts.
+    /// Creates a robot with an image, powered on. `seed` is where all chance starts.
     #[must_use]
     pub fn new(image: Image, encoder: EncoderKind, seed: u64) -> Self {
         let chip = Chip::new(image, Robot::new(encoder, seed), seed);
@@ -141,24 +141,24 @@ impl Rig {
         }
     }
 
-    /// Virtual time.
+    /// Returns the virtual time.
     #[must_use]
     pub fn now(&self) -> Instant {
         Instant::from_micros(self.chip.cycles() * 1_000_000 / CYCLES_PER_SECOND)
     }
 
-    /// How the robot truly is.
+    /// Returns how the robot truly is.
     pub fn truth(&mut self) -> Truth {
         self.chip.outside().truth()
     }
 
-    /// What came out of the serial port, as text.
+    /// Returns what came out of the serial port, as text.
     #[must_use]
     pub fn log(&self) -> String {
         String::from_utf8_lossy(&self.serial).into_owned()
     }
 
-    /// From now on sees anew.
+    /// Forgets what was seen so far.
     pub fn watch(&mut self) {
         let counters = self.chip.counters();
         self.chip.forget_gaps();
@@ -199,7 +199,7 @@ impl Rig {
         longest as f64 * 1e6 / CYCLES_PER_SECOND as f64
     }
 
-    /// A step of the plant, and of everything else until the next.
+    /// Advances the plant by a step, and everything else until the next.
     ///
     /// # Errors
     /// When the emulation cannot go on.
@@ -334,7 +334,7 @@ impl Rig {
         })
     }
 
-    /// The robot's answer to a request over the serial port.
+    /// Sends a request over the serial port and returns the robot's answer.
     ///
     /// # Errors
     /// When none comes.
@@ -355,7 +355,7 @@ impl Rig {
         })
     }
 
-    /// What this rig's robot is given.
+    /// Returns what this rig's robot is given.
     ///
     /// # Errors
     /// Never: the values are good.
@@ -376,7 +376,7 @@ impl Rig {
         self.until_log("connection to the network", "wi-fi: connected")
     }
 
-    /// Runs until the operator is told something that `pick` takes.
+    /// Runs until the operator receives something that `pick` takes.
     fn await_update<T>(
         &mut self,
         what: &'static str,
@@ -399,7 +399,7 @@ impl Rig {
         })
     }
 
-    /// An operator connects.
+    /// Connects an operator.
     ///
     /// # Errors
     /// When there is no session.
@@ -426,7 +426,7 @@ impl Rig {
         })
     }
 
-    /// Value of a setting.
+    /// Returns the value of a setting.
     ///
     /// # Errors
     /// When there is none of this name.
@@ -474,7 +474,7 @@ impl Rig {
         })
     }
 
-    /// From now on the robot shall shake so.
+    /// Commands the robot to shake so from now on.
     pub fn hold(&mut self, setpoint: Setpoint) {
         let now = self.now();
         if let Some(client) = &mut self.client {

@@ -69,7 +69,7 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// The paper's robot with encoders of this kind; everything that chance decides follows from `seed`.
+    /// Creates the paper's robot with encoders of this kind; everything that chance decides follows from `seed`.
     ///
     /// # Panics
     /// Never: the model is one of the simulator's own, and is tested there.
@@ -129,7 +129,7 @@ impl Robot {
         Ok(())
     }
 
-    /// How the robot truly is, at the end of its last step.
+    /// Returns how the robot truly is, at the end of its last step.
     #[must_use]
     pub fn truth(&self) -> Truth {
         let angles = self.plant.rotor_angle();

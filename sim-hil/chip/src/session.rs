@@ -59,7 +59,7 @@ pub struct Errors {
 }
 
 impl Errors {
-    /// None yet, of a target in Hz and degrees.
+    /// Creates the figures, none yet, of a target in Hz and degrees.
     #[must_use]
     pub const fn new(f_hz: f64, theta_deg: f64) -> Self {
         Self {
@@ -85,7 +85,7 @@ impl Errors {
         self.peak = self.peak.max(truth.largest_current);
     }
 
-    /// What they come to.
+    /// Returns what they come to.
     #[must_use]
     pub fn hold(&self, current_limit_a: f64) -> Hold {
         let rms = |sum: f64| (sum / self.count.max(1.0)).sqrt();
@@ -116,7 +116,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// What does not hold, in sentences.
+    /// Returns what does not hold, in sentences.
     #[must_use]
     pub fn failures(&self) -> Vec<String> {
         let mut failures = Vec::new();

@@ -34,25 +34,25 @@ pub trait Outside {
 pub struct Pins<'a>(&'a Gpio);
 
 impl Pins<'_> {
-    /// Whether the SPI master's clock comes out of a pin.
+    /// Returns whether the SPI master's clock comes out of a pin.
     #[must_use]
     pub fn carries_spi_clock(&self, pin: u32) -> bool {
         self.0.driver(pin) == Driver::SpiClock
     }
 
-    /// Whether the SPI master's data comes out of a pin.
+    /// Returns whether the SPI master's data comes out of a pin.
     #[must_use]
     pub fn carries_spi_data(&self, pin: u32) -> bool {
         self.0.driver(pin) == Driver::SpiMosi
     }
 
-    /// The pin that the SPI master listens to.
+    /// Returns the pin that the SPI master listens to.
     #[must_use]
     pub fn spi_input(&self) -> Option<u32> {
         self.0.spi_miso()
     }
 
-    /// The level of a plain output, or of a pin that is pulled; `None` where neither holds.
+    /// Returns the level of a plain output, or of a pin that is pulled; `None` where neither holds.
     #[must_use]
     pub fn level(&self, pin: u32) -> Option<bool> {
         self.0.level(pin)
@@ -190,7 +190,7 @@ impl<O: Outside> Soc<O> {
         }
     }
 
-    /// All peripherals out of reset at `now`; what survives a reset stays.
+    /// Takes all peripherals out of reset at `now`; what survives a reset stays.
     pub(crate) fn reset(&mut self, now: u64, cause: u32) {
         self.clocks = Clocks::new();
         self.interrupts = Interrupts::new();
@@ -261,24 +261,24 @@ impl<O: Outside> Soc<O> {
         self.attention = true;
     }
 
-    /// Whether something changed that the processor has to see; asked once.
+    /// Returns once whether something changed that the processor has to see.
     pub(crate) fn take_attention(&mut self) -> bool {
         std::mem::take(&mut self.attention)
     }
 
-    /// The program gives the serial port a byte to send.
+    /// Gives the serial port a byte that the program sends.
     pub(crate) fn feed_transmitter(&mut self, byte: u8, now: u64) {
         self.uart.push(byte, now);
         self.refresh();
     }
 
-    /// The other end of the serial port sends.
+    /// Receives bytes that the other end of the serial port sends.
     pub(crate) fn feed_serial(&mut self, bytes: &[u8], now: u64) {
         self.uart.feed(bytes, now);
         self.refresh();
     }
 
-    /// What comes out of a pin at `now`; `None` where nothing drives it.
+    /// Returns what comes out of a pin at `now`; `None` where nothing drives it.
     pub(crate) fn output(&mut self, pin: u32, now: u64) -> Option<Wave> {
         match self.gpio.driver(pin) {
             Driver::None => self.gpio.pull(pin).map(Wave::level),

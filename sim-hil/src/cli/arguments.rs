@@ -68,7 +68,7 @@ impl FromStr for Vector {
     }
 }
 
-/// One of the four legs, as its index in [`LEGS`].
+/// Parses one of the four legs, as its index in [`LEGS`].
 ///
 /// # Errors
 /// When there is no such leg.

@@ -38,7 +38,7 @@ fn parse_loss(text: &str) -> Result<f64, String> {
 }
 
 impl LoopArgs {
-    /// The mode table.
+    /// Returns the mode table.
     ///
     /// # Errors
     /// When there is none for this model, or the file is no table.
@@ -50,7 +50,7 @@ impl LoopArgs {
         }
     }
 
-    /// The conditions, with the robot at `start`.
+    /// Returns the conditions, with the robot at `start`.
     ///
     /// # Errors
     /// When the model is refused or cannot walk.
@@ -60,7 +60,7 @@ impl LoopArgs {
         Ok(Conditions { model, seed: self.seed, latency: self.latency, loss: self.loss, start })
     }
 
-    /// The conditions as facts of a record.
+    /// Returns the conditions as facts of a record.
     #[must_use]
     pub fn facts(&self) -> BTreeMap<String, String> {
         BTreeMap::from([
@@ -72,7 +72,7 @@ impl LoopArgs {
     }
 }
 
-/// What the record of a simulated run says about it.
+/// Describes a simulated run for its record.
 #[must_use]
 pub fn description(name: &str, settings: BTreeMap<String, String>) -> RunDescription {
     RunDescription {

@@ -150,7 +150,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// A sentence of something that has its own words.
+    /// Creates a refusal from something that has its own words.
     pub fn refused(sentence: impl std::fmt::Display) -> Self {
         Self::Refused(sentence.to_string())
     }

@@ -46,7 +46,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// `flix-sim track PATH --seed SEED --out OUT`.
+    /// Composes `flix-sim track PATH --seed SEED --out OUT`.
     pub(super) fn of(path: &str, seed: u64, out: &std::path::Path) -> Self {
         let command = Self::augment_args(clap::Command::new("track"));
         let mut args = Self::from_arg_matches(&command.get_matches_from(["track", path]))
@@ -198,7 +198,7 @@ fn finish(
 }
 
 impl Report {
-    /// For people.
+    /// Formats the matrix for people.
     pub(super) fn to_text(&self) -> String {
         let mut text = format!(
             "{} ({} controller, seed {}): {}\n",

@@ -47,7 +47,7 @@ pub struct Course<H> {
 }
 
 impl<H: Helm> Course<H> {
-    /// A robot on its place and a pilot who has not begun.
+    /// Creates a robot on its place and a pilot who has not begun.
     ///
     /// # Errors
     /// When the model is refused.
@@ -72,13 +72,13 @@ impl<H: Helm> Course<H> {
         })
     }
 
-    /// The robot's time.
+    /// Returns the robot's time.
     #[must_use]
     pub fn now(&self) -> Instant {
         self.operation.now()
     }
 
-    /// Who drives.
+    /// Returns who drives.
     #[must_use]
     pub fn pilot(&self) -> &Pilot<H> {
         &self.pilot
@@ -89,33 +89,33 @@ impl<H: Helm> Course<H> {
         &mut self.pilot
     }
 
-    /// Who drove.
+    /// Returns who drove.
     #[must_use]
     pub fn into_pilot(self) -> Pilot<H> {
         self.pilot
     }
 
-    /// Where the robot truly is.
+    /// Returns where the robot truly is.
     #[must_use]
     pub fn truth(&self) -> PlanarPose {
         let body = self.plant().body();
         PlanarPose { x: body.position[0], y: body.position[1], heading: body.yaw() }
     }
 
-    /// The robot's mechanics, to be looked at.
+    /// Returns the robot's mechanics, to be looked at.
     #[must_use]
     pub fn plant(&self) -> &Plant {
         self.operation.robot.mechanics()
     }
 
-    /// Energy that the battery gave so far, J.
+    /// Returns the energy that the battery gave so far, J.
     #[must_use]
     pub fn energy(&self) -> f64 {
         let robot = &self.operation.robot;
         robot.electronics().ledger(robot.truth().rotor_angle).battery
     }
 
-    /// Somebody pushes the robot: an offset in the world, m, and a turn to the left, rad.
+    /// Pushes the robot: an offset in the world, m, and a turn to the left, rad.
     pub fn push(&mut self, offset: (f64, f64), turn: f64) {
         self.operation.robot.mechanics_mut().displace([offset.0, offset.1, 0.0], turn);
     }
@@ -125,7 +125,7 @@ impl<H: Helm> Course<H> {
         self.cameras.covered = covered;
     }
 
-    /// Where the robot's supervisor stands, and how fast the robot shakes, Hz.
+    /// Returns where the robot's supervisor stands, and how fast the robot shakes, Hz.
     #[must_use]
     pub fn robot(&self) -> (State, f64) {
         let robot = &self.operation.robot;
@@ -138,7 +138,7 @@ impl<H: Helm> Course<H> {
         self.pilot.interrupt(now, self.operation.client());
     }
 
-    /// One camera frame of everything; `Some` once the run is over.
+    /// Advances by one camera frame; returns `Some` once the run is over.
     ///
     /// # Errors
     /// When the mechanics diverge.
@@ -154,7 +154,7 @@ impl<H: Helm> Course<H> {
     }
 }
 
-/// The table of a shipped model, learnt on it.
+/// Reads the table of a shipped model, learnt on it.
 ///
 /// # Errors
 /// When the model has none; the sentence says how to learn one.

@@ -55,7 +55,7 @@ impl HoldMeter {
         }
     }
 
-    /// One tick.
+    /// Takes one tick into account.
     pub fn watch(&mut self, truth: &Truth) {
         if let Some(before) = self.before.replace(*truth) {
             self.watch_turns(&before, truth);
@@ -88,7 +88,7 @@ impl HoldMeter {
         self.next_turn += TAU * sign;
     }
 
-    /// The figures so far.
+    /// Returns the figures so far.
     #[must_use]
     pub fn figures(&self) -> Hold {
         let [forward, mixed, right] = self.force;
@@ -105,7 +105,7 @@ impl HoldMeter {
     }
 }
 
-/// Difference of two lines, rad in [-pi/2, pi/2): a line turned by half a turn is the same line.
+/// Returns the difference of two lines, rad in [-pi/2, pi/2): a line turned by half a turn is the same line.
 #[must_use]
 pub fn line_error(direction: f64, commanded: f64) -> f64 {
     (direction - commanded + 0.5 * PI).rem_euclid(PI) - 0.5 * PI
@@ -173,7 +173,7 @@ impl StepMeter {
         }
     }
 
-    /// One tick.
+    /// Takes one tick into account.
     pub fn watch(&mut self, truth: &Truth) {
         let now = truth.time.as_micros() as f64 * 1e-6;
         self.began.get_or_insert(now);
@@ -208,7 +208,7 @@ impl StepMeter {
         (self.last_outside < self.now).then_some(self.last_outside - began)
     }
 
-    /// Largest current of any phase, A.
+    /// Returns the largest current of any phase, A.
     #[must_use]
     pub fn peak_current(&self) -> f64 {
         self.peak_current

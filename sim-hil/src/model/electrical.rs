@@ -184,9 +184,9 @@ impl Default for Sense {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Pack {
-    /// Cells in series, 1 to 8. Source: paper, section II-B (3).
+    /// Cells in series, 1 to 8. Source: paper, section II-A (3).
     pub cells: u32,
-    /// Charge when full, mAh, 10 to 100000. Source: paper, section II-B (300).
+    /// Charge when full, mAh, 10 to 100000. Source: paper, section II-A (300).
     pub capacity_mah: f64,
     /// Resistance of one cell, mohm, 0.1 to 1000. Assumed, typical of this size (50).
     pub cell_resistance_mohm: f64,

@@ -221,11 +221,11 @@ pub struct Legs {
 }
 
 impl Legs {
-    /// The legs in the order of [`LEGS`].
+    /// Returns the legs in the order of [`LEGS`].
     pub fn each(&self) -> [&Leg; 4] {
         [&self.fl, &self.fr, &self.rl, &self.rr]
     }
-    /// The legs in the order of [`LEGS`], to change.
+    /// Returns the legs in the order of [`LEGS`], to change.
     pub fn each_mut(&mut self) -> [&mut Leg; 4] {
         [&mut self.fl, &mut self.fr, &mut self.rl, &mut self.rr]
     }
@@ -453,7 +453,7 @@ impl RobotModel {
             - legs
     }
 
-    /// Centre of a foot in body axes when the legs are straight, m.
+    /// Returns the centre of a foot in body axes when the legs are straight, m.
     pub fn foot_center(&self, legs: &Legs, leg: usize) -> [f64; 3] {
         let (x, y) = (LEG_SIDE[leg][0], LEG_SIDE[leg][1]);
         let shift = legs.each()[leg].foot_shift_mm;
@@ -468,7 +468,7 @@ impl RobotModel {
         ]
     }
 
-    /// Height of the body's origin when the robot stands on straight legs, m; 0 without legs.
+    /// Returns the height of the body's origin when the robot stands on straight legs, m; 0 without legs.
     pub fn standing_height(&self) -> f64 {
         self.legs.map_or(0.0, |l| {
             1e-3 * (0.5 * self.plate.thickness_mm + l.length_mm + l.foot.height_mm)
@@ -557,7 +557,7 @@ impl RobotModel {
 pub const LEG_SIDE: [[f64; 2]; 4] = [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]];
 
 impl Foot {
-    /// Size along body x and y when the robot stands, mm.
+    /// Returns the size along body x and y when the robot stands, mm.
     pub fn size_xy_mm(&self) -> (f64, f64) {
         match self.axis {
             FootAxis::Across => (self.width_mm, self.length_mm),

@@ -10,7 +10,7 @@ use super::RobotModel;
 /// Draws beyond this many standard deviations are drawn to it, so that no value leaves its allowed range.
 const WIDEST_DRAW: f64 = 2.0;
 
-/// The model with every number of its mechanics multiplied by its own `1 + share * normal`: how the same robot comes out when
+/// Multiplies every number of a model's mechanics by its own `1 + share * normal`: how the same robot comes out when
 /// it is built again. The same for the same seed.
 #[must_use]
 pub fn scattered(model: &RobotModel, share: f64, seed: u64) -> RobotModel {

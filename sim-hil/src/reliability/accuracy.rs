@@ -51,7 +51,7 @@ pub struct HoldResult {
 }
 
 impl HoldResult {
-    /// Whether all figures are within their limits.
+    /// Returns whether all figures are within their limits.
     #[must_use]
     pub fn passes(&self) -> bool {
         self.f_rms_hz <= FREQUENCY_LIMIT_HZ
@@ -75,7 +75,7 @@ pub struct StepResult {
 }
 
 impl StepResult {
-    /// Whether it settled in time and within the current limit.
+    /// Returns whether it settled in time and within the current limit.
     #[must_use]
     pub fn passes(&self) -> bool {
         self.settle_s.is_some_and(|settled| settled <= SETTLE_LIMIT_S)
@@ -115,7 +115,7 @@ pub const STEPS: [Step; 3] = [
 /// How many independent runs [`measure`] makes.
 pub const RUNS: usize = BASES.len() * (FREQUENCIES.len() + STEPS.len());
 
-/// All figures of this robot. `done` is called after each of [`RUNS`] runs.
+/// Measures all figures of this robot. `done` is called after each of [`RUNS`] runs.
 ///
 /// # Errors
 /// When a robot cannot be brought to run: that, too, is a failure of its promises.
@@ -143,7 +143,7 @@ pub fn measure(subject: &Subject, done: impl Fn() + Sync) -> Result<Accuracy, Be
     Ok(Accuracy { hold, steps, pass })
 }
 
-/// One run: this frequency through all directions.
+/// Holds this frequency through all directions, in one run.
 ///
 /// # Errors
 /// As for [`measure`].
@@ -176,7 +176,7 @@ pub fn hold_all_directions(
         .collect()
 }
 
-/// One run: one step.
+/// Measures one step, in one run.
 ///
 /// # Errors
 /// As for [`measure`].

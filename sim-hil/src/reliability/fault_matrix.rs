@@ -263,7 +263,7 @@ pub struct Matrix {
 /// How many cells there are.
 pub const CELLS: usize = CASES.len() * BASES.len() * MODES.len() * ONSETS.len();
 
-/// The whole matrix of the robot of this seed. `done` is called after each of [`CELLS`] cells.
+/// Measures the whole matrix of the robot of this seed. `done` is called after each of [`CELLS`] cells.
 ///
 /// # Errors
 /// When the robot cannot even be armed while all is well.

@@ -29,7 +29,7 @@ pub enum Base {
 }
 
 impl Base {
-    /// Name of its model.
+    /// Returns the name of its model.
     #[must_use]
     pub const fn model(self) -> &'static str {
         match self {
@@ -86,7 +86,7 @@ pub struct Subject {
 }
 
 impl Subject {
-    /// The shipped bench's robot of this seed.
+    /// Chooses the shipped bench's robot of this seed.
     #[must_use]
     pub const fn of_seed(seed: u64) -> Self {
         Self { model: None, seed }
@@ -104,7 +104,7 @@ impl Subject {
     }
 }
 
-/// An operator on a quiet network and a robot of this seed on this base, powered up.
+/// Builds an operator on a quiet network and a robot of this seed on this base, powered up.
 ///
 /// # Errors
 /// When the model is damaged.
@@ -112,7 +112,7 @@ pub fn bench(base: Base, seed: u64) -> Result<Operation<Plant>, ModelError> {
     bench_knowing(base, seed, None, ChannelParameters::QUIET_WIFI)
 }
 
-/// As [`bench()`], on another network and with this in the robot's flash.
+/// Builds the same as [`bench()`], on another network and with this in the robot's flash.
 ///
 /// # Errors
 /// When the model is damaged.
@@ -148,7 +148,7 @@ fn operation(
     Ok(Operation::new(SimulatedRobot::new(parameters, Plant::new(model)?), network))
 }
 
-/// What the flash of the robot of this seed on this base holds once it was aligned.
+/// Returns what the flash of the robot of this seed on this base holds once it was aligned.
 ///
 /// # Errors
 /// When it cannot be armed.

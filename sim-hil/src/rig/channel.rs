@@ -81,7 +81,7 @@ pub struct Channel {
 }
 
 impl Channel {
-    /// Nothing under way.
+    /// Creates a channel with nothing under way.
     #[must_use]
     pub fn new(parameters: ChannelParameters, seed: u64) -> Self {
         Self {
@@ -137,7 +137,7 @@ impl Channel {
         self.burst.0
     }
 
-    /// The next datagram that has arrived at the other end by now.
+    /// Returns the next datagram that has arrived at the other end by now.
     pub fn receive(&mut self, now: Instant) -> Option<Vec<u8>> {
         let Reverse((due, _, _)) = self.under_way.peek()?;
         if *due > now {

@@ -46,7 +46,7 @@ pub struct Injected {
 }
 
 impl Injected {
-    /// From this time on, and before that time.
+    /// Limits a fault to this time on, and before that time.
     #[must_use]
     pub fn new(fault: HardwareFault, from: Instant, until: Instant, seed: u64) -> Self {
         let random = Xoshiro256PlusPlus::seed_from_u64(seed);

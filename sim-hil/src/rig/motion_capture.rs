@@ -43,7 +43,7 @@ impl MotionCapture {
         Self { random, under_way: VecDeque::new(), covered: false }
     }
 
-    /// The robot's pose as they measure it.
+    /// Measures the robot's pose.
     pub fn measure(&mut self, robot: &SimulatedRobot<Plant>) -> Pose {
         let body = robot.mechanics().body();
         let mut noisy = |value: f64, sigma: f64| {
@@ -62,7 +62,7 @@ impl MotionCapture {
         self.under_way.push_back((now + POSE_DELAY, sample));
     }
 
-    /// The frames that have arrived by now.
+    /// Returns the frames that have arrived by now.
     pub fn seen(&mut self, now: Instant) -> Vec<PoseSample> {
         let ready = self.under_way.iter().take_while(|(due, _)| *due <= now).count();
         self.under_way.drain(..ready).map(|(_, sample)| sample).collect()

@@ -84,12 +84,12 @@ impl Clock {
     /// Always right.
     pub const TRUE: Self = Self { set: Instant::START, showed: Instant::START, rate: 1.0 };
 
-    /// From now on it shows `rate` seconds for each second, more than 0.
+    /// Shows `rate` seconds, more than 0, for each second from now on.
     pub fn run_at(&mut self, rate: f64, now: Instant) {
         *self = Self { set: now, showed: self.read(now), rate };
     }
 
-    /// What it shows.
+    /// Returns what it shows.
     #[must_use]
     pub fn read(&self, now: Instant) -> Instant {
         if self.rate == 1.0 {
@@ -133,7 +133,7 @@ pub struct Operation<M> {
 }
 
 impl<M: Mechanics> Operation<M> {
-    /// One operator, who begins to connect at once with the robot's key.
+    /// Creates one operator, who begins to connect at once with the robot's key.
     #[must_use]
     pub fn new(robot: SimulatedRobot<M>, network: ChannelParameters) -> Self {
         // Another stream than the plant's and the robot's own.
@@ -145,7 +145,7 @@ impl<M: Mechanics> Operation<M> {
         operation
     }
 
-    /// One operator more; returns his index.
+    /// Adds one operator; returns his index.
     pub fn add_operator(&mut self, key: Key, network: ChannelParameters) -> usize {
         let index = self.operators.len();
         let mut entropy = [0; 32];
@@ -162,7 +162,7 @@ impl<M: Mechanics> Operation<M> {
         index
     }
 
-    /// Time since the simulation began.
+    /// Returns the time since the simulation began.
     #[must_use]
     pub fn now(&self) -> Instant {
         self.robot.now()
@@ -173,12 +173,12 @@ impl<M: Mechanics> Operation<M> {
         self.operators[0].clock.read(self.now())
     }
 
-    /// The first operator's client.
+    /// Returns the first operator's client.
     pub fn client(&mut self) -> &mut Client {
         &mut self.operators[0].client
     }
 
-    /// One tick of everything.
+    /// Advances everything by one tick.
     ///
     /// # Errors
     /// When the mechanics diverge.
@@ -186,7 +186,7 @@ impl<M: Mechanics> Operation<M> {
         self.tick_overheard(|_, _| {})
     }
 
-    /// One tick of everything; `overhear` is shown each datagram that arrives.
+    /// Advances everything by one tick; `overhear` is shown each datagram that arrives.
     ///
     /// # Errors
     /// When the mechanics diverge.
@@ -266,7 +266,7 @@ impl<M: Mechanics> Operation<M> {
         })
     }
 
-    /// Value of a setting.
+    /// Returns the value of a setting.
     ///
     /// # Errors
     /// When the robot has none of this name, or does not answer.
@@ -321,7 +321,7 @@ impl<M: Mechanics> Operation<M> {
         })?
     }
 
-    /// From now on the robot shall shake so; nothing has happened yet when this returns.
+    /// Commands the robot to shake so; nothing has happened yet when this returns.
     pub fn hold(&mut self, setpoint: Setpoint) {
         let now = self.shown();
         self.client().hold(now, setpoint);

@@ -51,7 +51,7 @@ pub struct RobotParameters {
 }
 
 impl RobotParameters {
-    /// A new robot on the simulated board.
+    /// Creates a new robot on the simulated board.
     #[must_use]
     pub fn new(key: Key, seed: u64) -> Self {
         let mut entropy = [0; 32];
@@ -69,7 +69,7 @@ impl RobotParameters {
         }
     }
 
-    /// The robot of a model file: its electrical part, and its settings where the file names any.
+    /// Creates the robot of a model file: its electrical part, and its settings where the file names any.
     ///
     /// # Errors
     /// When a setting of the model is refused.
@@ -102,7 +102,7 @@ impl Flash {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = bytes;
     }
 
-    /// What it holds.
+    /// Returns what it holds.
     #[must_use]
     pub fn content(&self) -> Option<Vec<u8>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
@@ -178,20 +178,20 @@ pub struct Truth {
 }
 
 impl Truth {
-    /// Momentary shaking frequency, Hz.
+    /// Returns the momentary shaking frequency, Hz.
     #[must_use]
     pub fn frequency(&self) -> f64 {
         let [top, bottom] = self.rotor_speed;
         -(top - bottom) / 2.0 / core::f64::consts::TAU
     }
 
-    /// Whether both rotors turn slower than this, Hz.
+    /// Returns whether both rotors turn slower than this, Hz.
     #[must_use]
     pub fn is_slower_than(&self, hertz: f64) -> bool {
         self.rotor_speed.iter().all(|speed| speed.abs() < hertz * core::f64::consts::TAU)
     }
 
-    /// Largest phase current of both motors, A.
+    /// Returns the largest phase current of both motors, A.
     #[must_use]
     pub fn largest_current(&self) -> f64 {
         self.phase_currents
@@ -216,7 +216,7 @@ pub struct SimulatedRobot<M> {
 }
 
 impl<M: Mechanics> SimulatedRobot<M> {
-    /// At power-up, on these mechanics.
+    /// Creates the robot at power-up, on these mechanics.
     #[must_use]
     pub fn new(parameters: RobotParameters, mechanics: M) -> Self {
         let mut entropy = Xoshiro256PlusPlus::from_seed(parameters.entropy);
@@ -234,7 +234,7 @@ impl<M: Mechanics> SimulatedRobot<M> {
         }
     }
 
-    /// From now on this, too, goes wrong.
+    /// Adds something that goes wrong from now on.
     pub fn disturb(&mut self, disturbance: impl Disturbance + Send + 'static) {
         self.disturbances.push(Box::new(disturbance));
     }
@@ -246,13 +246,13 @@ impl<M: Mechanics> SimulatedRobot<M> {
         }
     }
 
-    /// Whether the processor did its work in the last tick.
+    /// Returns whether the processor did its work in the last tick.
     #[must_use]
     pub fn processor(&self) -> Processor {
         self.processor
     }
 
-    /// Time since the simulation began.
+    /// Returns the time since the simulation began.
     #[must_use]
     pub fn now(&self) -> Instant {
         Instant::from_micros(self.ticks * u64::from(TICK_US))
@@ -263,7 +263,7 @@ impl<M: Mechanics> SimulatedRobot<M> {
         Instant::from_micros((self.ticks - self.started) * u64::from(TICK_US))
     }
 
-    /// One tick of software and plant.
+    /// Advances software and plant by one tick.
     ///
     /// # Errors
     /// When the mechanics diverge.
@@ -303,14 +303,14 @@ impl<M: Mechanics> SimulatedRobot<M> {
         }
     }
 
-    /// A datagram has come to the robot's network interface.
+    /// Hands a datagram to the robot's network interface.
     pub fn receive(&mut self, from: SocketAddr, datagram: &[u8]) {
         if self.processor == Processor::Runs {
             self.software.receive(self.software_time(), from, datagram);
         }
     }
 
-    /// The next datagram that the robot sends now, and to whom.
+    /// Returns the next datagram that the robot sends now, and to whom.
     pub fn transmit(&mut self, frame: &mut Frame) -> Option<SocketAddr> {
         let now = self.software_time();
         let is_silent = self.processor != Processor::Runs;
@@ -320,13 +320,13 @@ impl<M: Mechanics> SimulatedRobot<M> {
         self.software.transmit(now, frame)
     }
 
-    /// Who holds the session with the robot.
+    /// Returns who holds the session with the robot.
     #[must_use]
     pub fn operator(&self) -> Option<SocketAddr> {
         self.software.operator(self.software_time())
     }
 
-    /// How well the robot hears, and what it dropped.
+    /// Returns how well the robot hears, and what it dropped.
     #[must_use]
     pub fn link_quality(&self) -> LinkQuality {
         self.software.quality(self.software_time())
@@ -338,36 +338,36 @@ impl<M: Mechanics> SimulatedRobot<M> {
         self.parameters.key = Some(key);
     }
 
-    /// What the software believes.
+    /// Returns what the software believes.
     #[must_use]
     pub fn report(&self) -> Report {
         self.software.report()
     }
 
-    /// The robot's own software.
+    /// Returns the robot's own software.
     #[must_use]
     pub fn software(&self) -> &Robot<Flash> {
         &self.software
     }
 
-    /// What it was built from.
+    /// Returns what it was built from.
     #[must_use]
     pub fn parameters(&self) -> &RobotParameters {
         &self.parameters
     }
 
-    /// The mechanics.
+    /// Returns the mechanics.
     #[must_use]
     pub fn mechanics(&self) -> &M {
         &self.mechanics
     }
 
-    /// The mechanics, to push.
+    /// Returns the mechanics, to push.
     pub fn mechanics_mut(&mut self) -> &mut M {
         &mut self.mechanics
     }
 
-    /// Motors, bridges and battery.
+    /// Returns the motors, bridges and battery.
     #[must_use]
     pub fn electronics(&self) -> &Electronics {
         &self.electronics
@@ -384,7 +384,7 @@ impl<M: Mechanics> SimulatedRobot<M> {
         self.actuation
     }
 
-    /// How the plant truly is.
+    /// Returns how the plant truly is.
     #[must_use]
     pub fn truth(&self) -> Truth {
         let rotor_angle = self.mechanics.rotor_angle();

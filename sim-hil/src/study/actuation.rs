@@ -3,7 +3,7 @@
 //!
 //! One cell is one moment: f, theta and the phase of the turn. Directions are counted like theta, from forward,
 //! positive to the right, -180 to 180 degrees; both magnitudes are those in the plane. The torque is about the
-//! shaker's middle and includes the rotors' weight (equation 4).
+//! shaker's middle and includes the rotors' weight (equation 7).
 
 use serde_json::json;
 
@@ -26,7 +26,7 @@ pub struct Actuation {
 }
 
 impl Actuation {
-    /// The shaker of this robot, its body held.
+    /// Creates the shaker of this robot, its body held.
     #[must_use]
     pub fn new(model: &RobotModel) -> Self {
         Self { model: RobotModel { base: Base::Fixed {}, legs: None, ..model.clone() } }
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn force_and_torque_follow_equations_3_and_4() {
+    fn force_and_torque_follow_equations_6_and_7() {
         let (m, l, h, g) = (0.012, 0.028, 0.028, 9.81);
         let omega = TAU * 10.0;
         for [phase, force, _, torque, _] in turn(10.0, 45.0) {

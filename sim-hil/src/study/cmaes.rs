@@ -79,7 +79,7 @@ fn population(variables: usize) -> usize {
     4 + (3.0 * (variables as f64).ln()).floor() as usize
 }
 
-/// A point of the unit cube for any point: what is outside is mirrored at the walls.
+/// Mirrors at the walls of the unit cube what is outside of it.
 #[must_use]
 pub fn inside(point: &[f64]) -> Vec<f64> {
     point
@@ -92,7 +92,7 @@ pub fn inside(point: &[f64]) -> Vec<f64> {
 }
 
 impl Cmaes {
-    /// A search that begins at `start` with steps of `sigma`.
+    /// Creates a search that begins at `start` with steps of `sigma`.
     ///
     /// # Panics
     /// When `start` is empty.
@@ -111,13 +111,13 @@ impl Cmaes {
         }
     }
 
-    /// Middle of the distribution, inside the unit cube.
+    /// Returns the middle of the distribution, inside the unit cube.
     #[must_use]
     pub fn mean(&self) -> Vec<f64> {
         inside(&self.mean)
     }
 
-    /// Step size, as a share of the ranges.
+    /// Returns the step size, as a share of the ranges.
     #[must_use]
     pub const fn sigma(&self) -> f64 {
         self.sigma

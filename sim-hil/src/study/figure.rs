@@ -136,7 +136,7 @@ fn indices(table: &Table, cells: &[Cell]) -> HeatMaps {
     })
 }
 
-/// Figure 5f: P of the pairs that are fast enough, the chosen ones marked.
+/// Draws figure 5f: P of the pairs that are fast enough, the chosen ones marked.
 #[must_use]
 pub fn selection(
     robot: &str,

@@ -8,7 +8,7 @@
 //! are our reading, and load and lever are parameters. Without a lever nothing twists and k_twist stays unknown.
 //!
 //! Searched is S = {k_bend, k_twist, b_bend, b_twist} with the least square error of position and rotation
-//! (equation 2; rotations times the beam's length): CMA-ES over the logarithms finds the valley,
+//! (equation 1; rotations times the beam's length): CMA-ES over the logarithms finds the valley,
 //! Levenberg-Marquardt its bottom, and its matrix gives the uncertainty of each value.
 
 use std::path::Path;
@@ -110,7 +110,7 @@ pub struct Identified {
 }
 
 impl Rig {
-    /// One leg of a model.
+    /// Creates one leg of a model.
     ///
     /// # Errors
     /// When the model has no legs.
@@ -121,7 +121,7 @@ impl Rig {
         Ok(Self { model: model.clone(), leg, load })
     }
 
-    /// The model's own S for this leg.
+    /// Returns the model's own S for this leg.
     #[must_use]
     pub fn own(&self) -> Option<Stiffness> {
         let legs = self.model.legs.as_ref()?;
@@ -152,7 +152,7 @@ impl Rig {
         model
     }
 
-    /// The tip at the moments of `samples` (their angles and times) for this S.
+    /// Simulates the tip at the moments of `samples` (their angles and times) for this S.
     ///
     /// # Errors
     /// When the leg cannot bear the load.
@@ -196,7 +196,7 @@ fn at(motion: &[TipMotion], t: f64) -> TipMotion {
     TipMotion { position: mix(a.position, b.position), rotation: mix(a.rotation, b.rotation) }
 }
 
-/// As a camera would see it: with noise on every coordinate.
+/// Adds noise to every coordinate, as a camera does.
 pub fn add_noise(samples: &mut [Sample], noise_mm: f64, noise_deg: f64, seed: u64) {
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
     let mut normal = || -> f64 { StandardNormal.sample(&mut random) };

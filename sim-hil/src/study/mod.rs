@@ -54,12 +54,12 @@ pub struct Column {
 }
 
 impl Column {
-    /// A column of numbers.
+    /// Creates a column of numbers.
     pub fn number(name: impl Into<String>) -> Self {
         Self { name: name.into(), text: false }
     }
 
-    /// A column of words.
+    /// Creates a column of words.
     pub fn text(name: impl Into<String>) -> Self {
         Self { name: name.into(), text: true }
     }
@@ -87,7 +87,7 @@ impl From<&str> for Value {
 }
 
 impl Value {
-    /// The number, if it is one.
+    /// Returns the number, if it is one.
     #[must_use]
     pub const fn number(&self) -> Option<f64> {
         match self {
@@ -96,7 +96,7 @@ impl Value {
         }
     }
 
-    /// The text, if it is one.
+    /// Returns the text, if it is one.
     #[must_use]
     pub fn as_text(&self) -> Option<&str> {
         match self {
@@ -276,7 +276,7 @@ pub fn run(study: &dyn Study, options: &Options) -> Result<Table, StudyError> {
     Ok(table)
 }
 
-/// A bar with time left on standard error; invisible when that is no terminal.
+/// Creates a bar with time left on standard error; invisible when that is no terminal.
 #[must_use]
 pub fn progress(steps: u64, what: &'static str) -> ProgressBar {
     let bar = ProgressBar::new(steps).with_message(what);

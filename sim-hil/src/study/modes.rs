@@ -46,7 +46,7 @@ impl Component {
         }
     }
 
-    /// What moving along it is called.
+    /// Returns what moving along it is called.
     #[must_use]
     pub const fn word(self, sign: f64) -> &'static str {
         match (self, sign < 0.0) {
@@ -60,7 +60,7 @@ impl Component {
     }
 }
 
-/// What a walk is called: its largest component, or `still` below [`LEAST_SPEED`].
+/// Returns what a walk is called: its largest component, or `still` below [`LEAST_SPEED`].
 #[must_use]
 pub fn classify(motion: Twist) -> &'static str {
     let largest = Component::ALL
@@ -107,7 +107,7 @@ const MEANT: [(Component, f64); 9] = [
     (Component::Lateral, -1.0),
 ];
 
-/// The nine rows of Table III, with Right Strafing from Table IV.
+/// Returns the nine rows of Table III, with Right Strafing from Table IV.
 #[must_use]
 pub fn paper_modes() -> Vec<PaperMode> {
     PAPER_PAIRS
@@ -123,7 +123,7 @@ pub fn paper_modes() -> Vec<PaperMode> {
         .collect()
 }
 
-/// An invented table: the same pairs, the same motions, dealt out at random. What a search reaches on it is
+/// Invents a table: the same pairs, the same motions, dealt out at random. What a search reaches on it is
 /// the level of chance.
 #[must_use]
 pub fn shuffled_modes(seed: u64) -> Vec<PaperMode> {
@@ -159,7 +159,8 @@ impl PaperMode {
         Score { sign: own > 0.0, hit: own > rival }
     }
 
-    /// By how much a walk is a hit (positive) or misses (negative), as a share of the speeds involved: -1 to 1.
+    /// Returns by how much a walk is a hit (positive) or misses (negative), as a share of the speeds involved: -1 to
+    /// 1.
     #[must_use]
     pub fn margin(&self, motion: Twist) -> f64 {
         let (own, rival) = self.contest(motion);

@@ -2,8 +2,8 @@
 //! to use (section III-C).
 //!
 //! ```text
-//! I = V_ref / RMSE(V_changed, V_ref)            for each of the three speeds (equation 7)
-//! P = (I_mass + I_friction) / 2                 (equation 8)
+//! I = V_ref / RMSE(V_changed, V_ref)            for each of the three speeds (equation 8)
+//! P = (I_mass + I_friction) / 2                 (equation 9)
 //! ```
 //!
 //! V are means over the seeds; the RMSE is over the changed robots. I and P keep the sign of V_ref.
@@ -40,7 +40,7 @@ pub enum Change {
     Friction,
 }
 
-/// The robot as it is, then the changed ones.
+/// Returns the robot as it is, then the changed ones.
 #[must_use]
 pub fn variants(model: &RobotModel, change: Change) -> Vec<Variant> {
     let mut all = vec![Variant { name: "baseline".to_owned(), model: model.clone() }];
@@ -77,7 +77,7 @@ fn slippery(model: &RobotModel, side: &str, percent: i32) -> Variant {
     Variant { name: format!("{side} friction {percent:+} %"), model }
 }
 
-/// The walks of one variant and one pair.
+/// Returns the walks of one variant and one pair.
 #[must_use]
 pub fn find<'a>(cells: &'a [Cell], variant: &str, f_hz: f64, theta_deg: f64) -> Option<&'a Cell> {
     cells
@@ -85,7 +85,7 @@ pub fn find<'a>(cells: &'a [Cell], variant: &str, f_hz: f64, theta_deg: f64) -> 
         .find(|cell| cell.variant == variant && (cell.f_hz, cell.theta_deg) == (f_hz, theta_deg))
 }
 
-/// I of one speed at one pair; `cells` are those of one change. None for pairs that were not walked.
+/// Computes I of one speed at one pair; `cells` are those of one change. None for pairs that were not walked.
 #[must_use]
 pub fn index(cells: &[Cell], f_hz: f64, theta_deg: f64, component: Component) -> Option<f64> {
     let reference = component.of(find(cells, "baseline", f_hz, theta_deg)?.mean());
@@ -112,7 +112,7 @@ pub struct Candidate {
     pub fast: bool,
 }
 
-/// P of one speed at one pair.
+/// Computes P of one speed at one pair.
 #[must_use]
 pub fn robustness(
     mass: &[Cell],
@@ -160,7 +160,7 @@ pub fn candidates(
     kinds
 }
 
-/// The best pair of every kind as a mode table for `flix track`.
+/// Returns the best pair of every kind as a mode table for `flix track`.
 ///
 /// # Errors
 /// When there is no mode at all.

@@ -26,19 +26,19 @@ impl Shard {
     /// All cells.
     pub const WHOLE: Self = Self { index: 1, count: 1 };
 
-    /// Whether a cell belongs to it.
+    /// Returns whether a cell belongs to it.
     #[must_use]
     pub const fn contains(self, cell: usize) -> bool {
         cell % self.count == self.index - 1
     }
 
-    /// How many slices there are.
+    /// Returns how many slices there are.
     #[must_use]
     pub const fn count(self) -> usize {
         self.count
     }
 
-    /// What file names of this slice end with; empty for the whole.
+    /// Returns what file names of this slice end with; empty for the whole.
     #[must_use]
     pub fn suffix(self) -> String {
         if self == Self::WHOLE {

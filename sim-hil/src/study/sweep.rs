@@ -52,7 +52,7 @@ pub struct Sweep {
     pub mirrored: bool,
 }
 
-/// All pairs of the grid.
+/// Returns all pairs of the grid.
 #[must_use]
 pub fn grid() -> Vec<(f64, f64)> {
     FREQUENCIES.iter().flat_map(|f| DIRECTIONS.map(|theta| (*f, theta))).collect()
@@ -72,7 +72,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Mean and spread of forward, lateral and yaw speed (m/s, m/s, rad/s).
+    /// Returns the mean and spread of forward, lateral and yaw speed (m/s, m/s, rad/s).
     #[must_use]
     pub fn spreads(&self) -> [Spread; 3] {
         let of =
@@ -80,7 +80,7 @@ impl Cell {
         [of(|w| w.forward), of(|w| w.lateral), of(|w| w.yaw)]
     }
 
-    /// The mean motion.
+    /// Returns the mean motion.
     #[must_use]
     pub fn mean(&self) -> Twist {
         let [forward, lateral, yaw] = self.spreads().map(|spread| spread.mean);

@@ -24,7 +24,7 @@ pub struct Film {
 }
 
 impl Film {
-    /// An empty film of plants of this model, with a frame every `interval` seconds.
+    /// Creates an empty film of plants of this model, with a frame every `interval` seconds.
     #[must_use]
     pub fn new(model: &RobotModel, interval: f64) -> Self {
         Self {
@@ -68,7 +68,7 @@ impl Film {
         self.frames.iter().map(|frame| frame.poses[0].on_the_floor())
     }
 
-    /// All of it, with a title.
+    /// Returns all of it, with a title.
     #[must_use]
     pub fn into_recording(self, title: String) -> Recording {
         Recording {

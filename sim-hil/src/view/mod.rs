@@ -102,7 +102,7 @@ struct Header<'a> {
 }
 
 impl Recording {
-    /// The replay as one self-contained HTML document.
+    /// Writes the replay as one self-contained HTML document.
     ///
     /// # Errors
     /// When the recording has no frame, or one whose poses or forces do not match its parts and

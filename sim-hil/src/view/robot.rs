@@ -29,13 +29,13 @@ pub struct RobotView {
 }
 
 impl RobotView {
-    /// Of plants of this model.
+    /// Creates a view of plants of this model.
     #[must_use]
     pub fn new(model: &RobotModel) -> Self {
         Self { model: model.clone() }
     }
 
-    /// What moves, in the order of [`RobotView::frame`].
+    /// Returns what moves, in the order of [`RobotView::frame`].
     #[must_use]
     pub fn parts(&self) -> Vec<Part> {
         let m = &self.model;
@@ -65,7 +65,7 @@ impl RobotView {
         parts
     }
 
-    /// What pushes, in the order of [`RobotView::frame`].
+    /// Returns what pushes, in the order of [`RobotView::frame`].
     #[must_use]
     pub fn arrows(&self) -> Vec<Arrow> {
         let arrow = |name: &str, colour| Arrow { name: name.into(), colour, scale: FORCE_SCALE };
@@ -75,7 +75,7 @@ impl RobotView {
             .collect()
     }
 
-    /// How it stands now.
+    /// Returns how it stands now.
     #[must_use]
     pub fn frame(&self, plant: &Plant, time: f64) -> Frame {
         let m = &self.model;

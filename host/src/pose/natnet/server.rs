@@ -71,7 +71,7 @@ impl NatNetServer {
         Ok(Self { settings, socket, clients: Vec::new(), frame: 0 })
     }
 
-    /// The command socket's address.
+    /// Returns the command socket's address.
     ///
     /// # Errors
     /// As the system says.
@@ -79,7 +79,7 @@ impl NatNetServer {
         self.socket.local_addr()
     }
 
-    /// Unicast clients at present.
+    /// Returns the unicast clients at present.
     #[must_use]
     pub fn clients(&self) -> usize {
         self.clients.len()

@@ -136,7 +136,7 @@ pub struct NatNetStatistics {
     pub stranger: Option<IpAddr>,
 }
 
-/// What one datagram told.
+/// What one datagram reported.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NatNetReading {
     /// Number of the frame.
@@ -212,7 +212,7 @@ impl NatNetSource {
         })
     }
 
-    /// Who streams.
+    /// Returns who streams.
     #[must_use]
     pub fn server(&self) -> &ServerInfo {
         &self.info
@@ -224,7 +224,7 @@ impl NatNetSource {
         &self.bodies
     }
 
-    /// What was received so far.
+    /// Returns what was received so far.
     #[must_use]
     pub fn statistics(&self) -> NatNetStatistics {
         self.statistics

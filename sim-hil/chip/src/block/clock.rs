@@ -66,20 +66,20 @@ pub(crate) struct Clocks {
 }
 
 impl Clocks {
-    /// As the boot loader hands over: on the PLL, everything else out of reset.
+    /// Creates the clocks as the boot loader hands them over: on the PLL, everything else out of reset.
     pub(crate) fn new() -> Self {
         let mut values = Values::reset("PCR");
         values.set(SYSCLK_CONF, values.get(SYSCLK_CONF) | 1 << 16);
         Self { values }
     }
 
-    /// Whether the block's registers have a clock.
+    /// Returns whether the block's registers have a clock.
     pub(crate) fn is_clocked(&self, gate: Gate) -> bool {
         let enable = if gate == Gate::Adc { 2 } else { 0 };
         self.values.bit(gate.conf(), enable)
     }
 
-    /// Whether the block is held in reset.
+    /// Returns whether the block is held in reset.
     pub(crate) fn is_reset(&self, gate: Gate) -> bool {
         self.values.bit(gate.conf(), if gate == Gate::Adc { 3 } else { 1 })
     }
@@ -92,48 +92,48 @@ impl Clocks {
         }
     }
 
-    /// Clock of the UART, before its own divider; hertz.
+    /// Returns the clock of the UART, before its own divider; hertz.
     pub(crate) fn uart0_hz(&self) -> u64 {
         let source = self.function_clock(0x04, [0, PLL_80_HZ, RC_FAST_HZ, XTAL_HZ]);
         source / u64::from(self.values.field(0x04, 12, 8) + 1)
     }
 
-    /// Clock of a timer group's timer, before its divider; hertz.
+    /// Returns the clock of a timer group's timer, before its divider; hertz.
     pub(crate) fn timer_hz(&self, group: usize) -> u64 {
         let offset = 0x40 + 0x0C * group as u32;
         self.function_clock(offset, [XTAL_HZ, PLL_80_HZ, RC_FAST_HZ, 0])
     }
 
-    /// Clock of a timer group's watchdog, before its prescaler; hertz.
+    /// Returns the clock of a timer group's watchdog, before its prescaler; hertz.
     pub(crate) fn timer_watchdog_hz(&self, group: usize) -> u64 {
         let offset = 0x44 + 0x0C * group as u32;
         self.function_clock(offset, [XTAL_HZ, PLL_80_HZ, RC_FAST_HZ, 0])
     }
 
-    /// Clock of the system timer: the crystal's by 2.5; hertz.
+    /// Returns the clock of the system timer: the crystal's by 2.5; hertz.
     pub(crate) fn system_timer_hz(&self) -> u64 {
         let source = self.function_clock(0x58, [XTAL_HZ, RC_FAST_HZ, XTAL_HZ, RC_FAST_HZ]);
         source * 2 / 5
     }
 
-    /// Clock of the MCPWM, before its own prescalers; hertz.
+    /// Returns the clock of the MCPWM, before its own prescalers; hertz.
     pub(crate) fn mcpwm_hz(&self) -> u64 {
         let source = self.function_clock(0xA0, [0, PLL_160_HZ, XTAL_HZ, RC_FAST_HZ]);
         source / u64::from(self.values.field(0xA0, 12, 8) + 1)
     }
 
-    /// Clock of the SPI master, before its own divider; hertz.
+    /// Returns the clock of the SPI master, before its own divider; hertz.
     pub(crate) fn spi2_hz(&self) -> u64 {
         self.function_clock(0xC4, [XTAL_HZ, PLL_80_HZ, RC_FAST_HZ, 0])
     }
 
-    /// Clock of the converter; hertz.
+    /// Returns the clock of the converter; hertz.
     pub(crate) fn adc_hz(&self) -> u64 {
         let source = self.function_clock(0x84, [XTAL_HZ, 240_000_000, RC_FAST_HZ, 0]);
         source / u64::from(self.values.field(0x84, 12, 8) + 1)
     }
 
-    /// Clock of the processor; hertz.
+    /// Returns the clock of the processor; hertz.
     pub(crate) fn cpu_hz(&self) -> u64 {
         match self.values.field(SYSCLK_CONF, 16, 2) {
             1 => PLL_160_HZ / u64::from(self.values.field(CPU_FREQ_CONF, 8, 8) + 1),
@@ -142,7 +142,7 @@ impl Clocks {
         }
     }
 
-    /// How many cycles of 160 MHz the processor takes for one of its own.
+    /// Returns how many cycles of 160 MHz the processor takes for one of its own.
     pub(crate) fn cpu_divider(&self) -> u64 {
         CYCLES_PER_SECOND.div_ceil(self.cpu_hz().max(1))
     }

@@ -57,7 +57,7 @@ impl Default for Flash {
 }
 
 impl Flash {
-    /// Erased.
+    /// Creates an erased flash.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -68,7 +68,7 @@ impl Flash {
         }
     }
 
-    /// Contents.
+    /// Returns the contents.
     #[must_use]
     pub fn cells(&self) -> &[u8] {
         &self.cells
@@ -81,7 +81,7 @@ impl Flash {
         }
     }
 
-    /// What was done to it so far.
+    /// Returns what was done to it so far.
     #[must_use]
     pub fn operations(&self) -> &[Operation] {
         &self.operations
@@ -108,13 +108,13 @@ impl Flash {
         self.cut.filter(|(at, _)| *at == number).map(|(_, share)| share)
     }
 
-    /// Reads; cycles that it takes.
+    /// Reads bytes; returns the cycles that it takes.
     pub(crate) fn read(&self, at: usize, bytes: &mut [u8]) -> Option<u64> {
         bytes.copy_from_slice(self.cells.get(at..at + bytes.len())?);
         Some(bytes.len() as u64 * READ_CYCLES_A_BYTE)
     }
 
-    /// Programs; cycles that it takes. `None` beyond the end.
+    /// Programs bytes; returns the cycles that it takes, `None` beyond the end.
     pub(crate) fn program(&mut self, at: usize, bytes: &[u8]) -> Option<Result<u64, PowerLost>> {
         self.cells.get(at..at + bytes.len())?;
         let mut cycles = 0;

@@ -69,7 +69,7 @@ impl Gpio {
         gpio
     }
 
-    /// What drives a pin.
+    /// Returns what drives a pin.
     pub(crate) fn driver(&self, pin: u32) -> Driver {
         let function = self.pads.field(pad(pin), 12, 3);
         match (function, pin) {
@@ -108,7 +108,7 @@ impl Gpio {
         }
     }
 
-    /// The level that a pin without a driver is pulled to.
+    /// Returns the level that a pin without a driver is pulled to.
     pub(crate) fn pull(&self, pin: u32) -> Option<bool> {
         match (self.pads.bit(pad(pin), 8), self.pads.bit(pad(pin), 7)) {
             (true, false) => Some(true),
@@ -129,17 +129,17 @@ impl Gpio {
         (is_pin && pin != signal::INPUT_HIGH && pin != signal::INPUT_LOW).then_some(pin)
     }
 
-    /// Whether UART0 sends and listens at the pins of the console.
+    /// Returns whether UART0 sends and listens at the pins of the console.
     pub(crate) fn console(&self) -> [bool; 2] {
         [self.driver(16) == Driver::Uart0, self.input(signal::UART0, 17) == Some(17)]
     }
 
-    /// The pin at which the SPI master listens.
+    /// Returns the pin at which the SPI master listens.
     pub(crate) fn spi_miso(&self) -> Option<u32> {
         self.input(signal::SPI_MISO, 2)
     }
 
-    /// Whether a pin is a plain output, and high.
+    /// Returns whether a pin is a plain output, and high.
     pub(crate) fn level(&self, pin: u32) -> Option<bool> {
         match self.driver(pin) {
             Driver::Level(level) => Some(level),

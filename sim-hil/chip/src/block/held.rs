@@ -49,7 +49,7 @@ impl Held {
         Self { blocks, random: seed | 1 }
     }
 
-    /// What the low-power side keeps over a reset.
+    /// Takes over what the low-power side keeps over a reset.
     pub(crate) fn survive(&mut self, before: &Self) {
         for (values, old) in self.blocks.iter_mut().zip(&before.blocks) {
             if values.block.name == "LP_AON" {

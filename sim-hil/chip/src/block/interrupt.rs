@@ -54,7 +54,7 @@ impl Interrupts {
         }
     }
 
-    /// A source goes high or low.
+    /// Sets the level of a source.
     pub(crate) fn set(&mut self, source: u32, level: bool) {
         let was = self.levels >> source & 1 == 1;
         if was == level {
@@ -83,7 +83,7 @@ impl Interrupts {
         (lines & !edges | self.edges & edges) & self.controller.get(ENABLE) & !1
     }
 
-    /// The line that the processor takes next, if it takes any, of those that `allowed` lets through.
+    /// Returns the line that the processor takes next, if it takes any, of those that `allowed` lets through.
     pub(crate) fn line(&self, allowed: impl Fn(u32) -> bool) -> Option<u32> {
         let threshold = self.threshold().max(1);
         let mut best = None;
@@ -112,7 +112,7 @@ impl Interrupts {
         self.controller.set(THRESHOLD, threshold);
     }
 
-    /// Priority that a source is mapped to; 0 where it is not.
+    /// Returns the priority that a source is mapped to; 0 where it is not.
     pub(crate) fn priority_of(&self, source: u32) -> u32 {
         let line = self.line_of(source);
         match self.controller.bit(ENABLE, line) {

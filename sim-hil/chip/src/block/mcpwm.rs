@@ -37,7 +37,7 @@ pub struct Wave {
 }
 
 impl Wave {
-    /// Neither rises nor falls.
+    /// Creates a wave that neither rises nor falls.
     pub const fn level(is_high: bool) -> Self {
         Self { hertz: 0.0, share: if is_high { 1.0 } else { 0.0 } }
     }
@@ -187,7 +187,7 @@ impl Mcpwm {
         }
     }
 
-    /// What a generator does at `now`.
+    /// Returns what a generator does at `now`.
     pub(crate) fn wave(&mut self, operator: usize, is_b: bool, now: u64) -> Wave {
         self.settle(0, now);
         let timer = self.timer_of(operator);

@@ -190,7 +190,7 @@ impl Spi {
         Ok(Transfer { mode, hertz, bits, data })
     }
 
-    /// What came in meanwhile, to be found in the buffer when the transfer is done.
+    /// Takes what came in meanwhile, to be found in the buffer when the transfer is done.
     pub(crate) fn answer(&mut self, bytes: Vec<u8>) {
         if self.setup.user >> 28 & 1 == 1 {
             self.answer = bytes;

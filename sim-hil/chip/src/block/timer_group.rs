@@ -121,7 +121,7 @@ impl TimerGroup {
         };
     }
 
-    /// When something happens by itself.
+    /// Returns when something happens by itself.
     pub(crate) fn next_event(&self) -> u64 {
         self.alarm_at.min(self.watchdog.expires_at())
     }
@@ -152,13 +152,13 @@ impl TimerGroup {
         }
     }
 
-    /// Whether timer and watchdog interrupt.
+    /// Returns whether timer and watchdog interrupt.
     pub(crate) fn levels(&self) -> [bool; 2] {
         let status = self.raw & self.values.get(INTERRUPT_ENABLE);
         [status & TIMER_INTERRUPT != 0, status & WATCHDOG_INTERRUPT != 0]
     }
 
-    /// Whether the watchdog is on.
+    /// Returns whether the watchdog is on.
     pub(crate) fn watchdog_is_on(&self) -> bool {
         self.watchdog.is_on()
     }

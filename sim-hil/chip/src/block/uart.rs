@@ -59,7 +59,7 @@ pub(crate) struct Uart {
 }
 
 impl Uart {
-    /// As the ROM leaves it: 115,200 baud.
+    /// Creates the port as the ROM leaves it: 115,200 baud.
     pub(crate) fn new(clocks: &Clocks) -> Self {
         let mut values = Values::reset("UART0");
         values.set(DIVIDER, 347 | 3 << 20);
@@ -80,7 +80,7 @@ impl Uart {
         uart
     }
 
-    /// Baud rate as configured; 0 without a clock.
+    /// Returns the baud rate as configured; 0 without a clock.
     pub(crate) fn baud(&self, clocks: &Clocks) -> f64 {
         let divider = f64::from(self.values.field(DIVIDER, 0, 12))
             + f64::from(self.values.field(DIVIDER, 20, 4)) / 16.0;
@@ -103,7 +103,7 @@ impl Uart {
         if fits { byte } else { byte.rotate_left(3) ^ 0x80 }
     }
 
-    /// The other end sends.
+    /// Receives bytes that the other end sends.
     pub(crate) fn feed(&mut self, bytes: &[u8], now: u64) {
         if self.incoming.is_empty() && !bytes.is_empty() {
             self.arrives_at = now + wire_cycles();
@@ -185,12 +185,12 @@ impl Uart {
         self.raw & self.values.get(INTERRUPT_ENABLE) != 0
     }
 
-    /// Whether the transmitter takes another byte.
+    /// Returns whether the transmitter takes another byte.
     pub(crate) fn has_room(&self) -> bool {
         self.transmitter.len() < DEPTH
     }
 
-    /// Whether everything has left.
+    /// Returns whether everything has left.
     pub(crate) fn is_idle(&self) -> bool {
         self.transmitter.is_empty()
     }

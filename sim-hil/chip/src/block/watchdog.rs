@@ -43,7 +43,7 @@ impl Stages {
         self.timeouts = timeouts;
     }
 
-    /// From now on counts at this rate.
+    /// Counts at this rate from now on.
     pub(crate) fn retime(&mut self, now: u64, hertz: u64) {
         self.passed += ticks_of(now.saturating_sub(self.since), self.hertz);
         self.since = now;
@@ -61,7 +61,7 @@ impl Stages {
         self.is_on && self.actions.iter().any(Option::is_some)
     }
 
-    /// When the present stage ends.
+    /// Returns when the present stage ends.
     pub(crate) fn expires_at(&self) -> u64 {
         if !self.is_on() {
             return NEVER;
@@ -116,7 +116,7 @@ pub(crate) struct LowPowerWatchdog {
 }
 
 impl LowPowerWatchdog {
-    /// As the boot loader hands it over: on.
+    /// Creates the watchdog as the boot loader hands it over: on.
     pub(crate) fn new(now: u64) -> Self {
         let mut stages = Stages::default();
         stages.retime(now, RC_SLOW_HZ);

@@ -102,7 +102,7 @@ impl Instruction {
         Self { kind: Kind::Host, immediate: number, ..Self::UNKNOWN }
     }
 
-    /// Second source register.
+    /// Returns the second source register.
     pub(crate) const fn rs2(self) -> u8 {
         self.rs2_and_length & 31
     }

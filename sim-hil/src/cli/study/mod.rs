@@ -97,7 +97,7 @@ pub struct RunArgs {
 }
 
 impl RunArgs {
-    /// Where this study is kept.
+    /// Returns where this study is kept.
     #[must_use]
     pub fn folder(&self, study: &dyn Study) -> PathBuf {
         self.out.clone().unwrap_or_else(|| {
@@ -131,7 +131,7 @@ impl RunArgs {
     }
 }
 
-/// Ctrl-C as a flag.
+/// Listens for Ctrl-C.
 ///
 /// # Errors
 /// When the system refuses.
@@ -180,7 +180,7 @@ fn parse_scatter(text: &str) -> Result<f64, String> {
 }
 
 impl SweepArgs {
-    /// The model, which has to walk.
+    /// Returns the model, which has to walk.
     ///
     /// # Errors
     /// When it is refused or has no legs.
@@ -190,7 +190,7 @@ impl SweepArgs {
         Ok(model)
     }
 
-    /// The walks of these variants.
+    /// Returns the walks of these variants.
     #[must_use]
     pub fn sweep(
         &self,

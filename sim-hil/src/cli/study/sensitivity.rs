@@ -21,7 +21,7 @@ pub struct Args {
     sweep: SweepArgs,
 }
 
-/// The walks of one change.
+/// Returns the walks of one change.
 #[must_use]
 pub fn sweep(args: &SweepArgs, model: &RobotModel, change: Change) -> Sweep {
     let name = match change {

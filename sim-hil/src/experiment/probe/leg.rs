@@ -87,7 +87,7 @@ pub struct TipMotion {
     pub rotation: [f64; 3],
 }
 
-/// Motion of a clamped leg's tip after a load on it is released: at the release, then after every step.
+/// Simulates a clamped leg's tip after a load on it is released: at the release, then after every step.
 ///
 /// # Errors
 /// As [`leg`].

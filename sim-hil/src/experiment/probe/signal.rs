@@ -1,6 +1,6 @@
 //! What can be read off a sampled signal.
 
-/// Amplitude of the component of `samples` (at `interval` seconds, over whole periods) at `frequency` Hz,
+/// Returns the amplitude of the component of `samples` (at `interval` seconds, over whole periods) at `frequency` Hz,
 /// after a constant, a steady motion and a steady acceleration are taken out.
 pub(super) fn amplitude_at(samples: &[f64], interval: f64, frequency: f64) -> f64 {
     // Least squares on 1, t, t^2, cos, sin; time is centred and scaled for a well-conditioned fit.
@@ -24,7 +24,7 @@ pub(super) fn amplitude_at(samples: &[f64], interval: f64, frequency: f64) -> f6
     })
 }
 
-/// Maxima and minima of a signal that rings about zero: time in samples and height, interpolated by a
+/// Finds maxima and minima of a signal that rings about zero: time in samples and height, interpolated by a
 /// parabola through the three highest samples of each swing.
 pub(super) fn extremes(samples: &[f64]) -> Vec<(f64, f64)> {
     samples

@@ -25,7 +25,7 @@ pub struct BatteryParameters {
     pub bus_capacitance: f64,
 }
 
-/// The paper's battery: 3 cells, 300 mAh (section II-B). Its resistance is assumed: 50 milliohm a cell, typical of
+/// The paper's battery: 3 cells, 300 mAh (section II-A). Its resistance is assumed: 50 milliohm a cell, typical of
 /// this size, and 30 for plug and leads. The capacitor is what driver boards of this class carry.
 pub const PAPER_BATTERY: BatteryParameters = BatteryParameters {
     cells: 3,
@@ -48,7 +48,7 @@ pub struct Battery {
 }
 
 impl Battery {
-    /// A battery at rest at this share of its charge, 0 to 1.
+    /// Creates a battery at rest at this share of its charge, 0 to 1.
     #[must_use]
     pub fn new(parameters: BatteryParameters, charge: f64) -> Self {
         let charge = charge.clamp(0.0, 1.0);
@@ -64,7 +64,7 @@ impl Battery {
         battery
     }
 
-    /// Voltage without load at the present charge, V.
+    /// Returns the voltage without load at the present charge, V.
     #[must_use]
     pub fn open_circuit_voltage(&self) -> f64 {
         let position = self.charge * (CELL_VOLTAGE.len() - 1) as f64;
@@ -74,31 +74,31 @@ impl Battery {
         f64::from(self.parameters.cells) * cell + self.disturbance
     }
 
-    /// Voltage at the bridge, V.
+    /// Returns the voltage at the bridge, V.
     #[must_use]
     pub fn bus_voltage(&self) -> f64 {
         self.bus
     }
 
-    /// Charge left, as a share of the capacity.
+    /// Returns the charge left, as a share of the capacity.
     #[must_use]
     pub fn charge(&self) -> f64 {
         self.charge
     }
 
-    /// Energy that its chemistry has given so far (less what it took back), J.
+    /// Returns the energy that its chemistry has given so far (less what it took back), J.
     #[must_use]
     pub fn delivered(&self) -> f64 {
         self.delivered
     }
 
-    /// Heat in the internal resistance so far, J.
+    /// Returns the heat in the internal resistance so far, J.
     #[must_use]
     pub fn internal_loss(&self) -> f64 {
         self.internal_loss
     }
 
-    /// Energy in the bus capacitor, J.
+    /// Returns the energy in the bus capacitor, J.
     #[must_use]
     pub fn capacitor_energy(&self) -> f64 {
         0.5 * self.parameters.bus_capacitance * self.bus * self.bus

@@ -28,7 +28,7 @@ pub struct InverterParameters {
 }
 
 impl InverterParameters {
-    /// The bridge of this board: duties take effect with the next PWM period.
+    /// Creates the bridge of this board: duties take effect with the next PWM period.
     #[must_use]
     pub fn of(hardware: &Hardware) -> Self {
         let pwm_frequency = f64::from(hardware.pwm_frequency_hz);

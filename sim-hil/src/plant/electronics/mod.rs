@@ -52,7 +52,7 @@ pub struct ElectronicsParameters {
 }
 
 impl ElectronicsParameters {
-    /// The paper's robot with the assumed motors on this board, battery charged to more than a half.
+    /// Creates the paper's robot with the assumed motors on this board, battery charged to more than a half.
     #[must_use]
     pub fn on(hardware: Hardware) -> Self {
         Self {
@@ -111,7 +111,7 @@ pub struct Ledger {
 }
 
 impl Ledger {
-    /// What came in and is not accounted for, J. Zero but for the error of the sub-steps.
+    /// Returns what came in and is not accounted for, J. Zero but for the error of the sub-steps.
     #[must_use]
     pub fn imbalance(&self) -> f64 {
         self.battery
@@ -125,8 +125,8 @@ impl Ledger {
 }
 
 impl Electronics {
-    /// Built, mounted and wired as this seed has it: which motor is the stronger, how wires, magnets and amplifiers are
-    /// connected, how wrong sensors are, how full the battery is, and all noise that follows.
+    /// Builds, mounts and wires one as this seed has it: which motor is the stronger, how wires, magnets and
+    /// amplifiers are connected, how wrong sensors are, how full the battery is, and all noise that follows.
     #[must_use]
     pub fn new(parameters: &ElectronicsParameters, seed: u64) -> Self {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
@@ -175,7 +175,7 @@ impl Electronics {
         }
     }
 
-    /// One tick of [`TICK`] seconds under what the software decided from the sensors at its start.
+    /// Advances by one tick of [`TICK`] seconds under what the software decided from the sensors at its start.
     ///
     /// # Errors
     /// When the mechanics diverge.
@@ -252,29 +252,29 @@ impl Electronics {
         [0, 1].map(|index| self.chains[index].motor.rotor_frame_current(rotor_angle[index]))
     }
 
-    /// The battery, to read or to disturb.
+    /// Returns the battery, to read or to disturb.
     pub fn battery_mut(&mut self) -> &mut Battery {
         &mut self.battery
     }
 
-    /// The battery.
+    /// Returns the battery.
     #[must_use]
     pub fn battery(&self) -> &Battery {
         &self.battery
     }
 
-    /// A motor, to read or to break: 0 top, 1 bottom. Panics on another.
+    /// Returns a motor, to read or to break: 0 top, 1 bottom. Panics on another.
     pub fn motor_mut(&mut self, index: usize) -> &mut Motor {
         &mut self.chains[index].motor
     }
 
-    /// A motor: 0 top, 1 bottom. Panics on another.
+    /// Returns a motor: 0 top, 1 bottom. Panics on another.
     #[must_use]
     pub fn motor(&self, index: usize) -> &Motor {
         &self.chains[index].motor
     }
 
-    /// Where energy went, with the rotors at these angles.
+    /// Returns where energy went, with the rotors at these angles.
     #[must_use]
     pub fn ledger(&self, rotor_angle: [f64; 2]) -> Ledger {
         Ledger {

@@ -64,7 +64,7 @@ pub const ASSUMED_MOTOR: MotorParameters = MotorParameters {
 };
 
 impl MotorParameters {
-    /// Torque per ampere of i_q, N m/A.
+    /// Returns the torque per ampere of i_q, N m/A.
     #[must_use]
     pub fn torque_constant(&self) -> f64 {
         1.5 * f64::from(self.pole_pairs) * self.flux_linkage
@@ -102,7 +102,7 @@ pub struct Motor {
 }
 
 impl Motor {
-    /// A motor without current. `electrical_offset` is the electrical angle at rotor angle zero, rad;
+    /// Creates a motor without current. `electrical_offset` is the electrical angle at rotor angle zero, rad;
     /// `reversed` swaps two of its wires.
     #[must_use]
     pub fn new(parameters: MotorParameters, electrical_offset: f64, reversed: bool) -> Self {
@@ -116,7 +116,7 @@ impl Motor {
         }
     }
 
-    /// What it is made of.
+    /// Returns what it is made of.
     #[must_use]
     pub fn parameters(&self) -> &MotorParameters {
         &self.parameters
@@ -136,7 +136,7 @@ impl Motor {
         [alpha * cos + beta * sin, (beta * cos - alpha * sin) * self.phase_order]
     }
 
-    /// Energy in the inductances, J.
+    /// Returns the energy in the inductances, J.
     #[must_use]
     pub fn magnetic_energy(&self) -> f64 {
         let [alpha, beta] = self.current;
@@ -154,7 +154,7 @@ impl Motor {
             * (f64::from(self.parameters.pole_pairs) * rotor_angle + self.electrical_offset)
     }
 
-    /// Sine and cosine of the electrical angle in the middle of the first of `steps` sub-steps of
+    /// Returns sine and cosine of the electrical angle in the middle of the first of `steps` sub-steps of
     /// `seconds`, and the rotation from one middle to the next: one evaluation serves a whole tick.
     #[must_use]
     pub(super) fn sweep(&self, rotor_angle: f64, speed: f64, seconds: f64) -> Sweep {
@@ -167,7 +167,7 @@ impl Motor {
         }
     }
 
-    /// Back EMF of phases A, B, C in the middle of the sub-step, V.
+    /// Returns the back EMF of phases A, B, C in the middle of the sub-step, V.
     #[must_use]
     pub(super) fn back_emf(sweep: &Sweep) -> [f64; 3] {
         from_alpha_beta(sweep.back_emf())
@@ -242,7 +242,7 @@ impl Motor {
         self.current = to_alpha_beta(phases);
     }
 
-    /// Friction torque on the rotor at this speed, N m. It changes sign only through the
+    /// Returns the friction torque on the rotor at this speed, N m. It changes sign only through the
     /// bearing's deflection, see [`Motor::slide`].
     #[must_use]
     pub(super) fn friction(&self, speed: f64) -> f64 {
@@ -257,7 +257,7 @@ impl Motor {
         self.deflection = (self.deflection + angle).clamp(-limit, limit);
     }
 
-    /// Mean cogging torque on the rotor while it turns from `rotor_angle` by `sweep` rad, N m.
+    /// Returns the mean cogging torque on the rotor while it turns from `rotor_angle` by `sweep` rad, N m.
     #[must_use]
     pub(super) fn cogging(&self, rotor_angle: f64, sweep: f64) -> f64 {
         let periods = f64::from(self.parameters.cogging_periods);
@@ -267,7 +267,7 @@ impl Motor {
         -self.parameters.cogging_torque * (periods * (rotor_angle + 0.5 * sweep)).sin() * blur
     }
 
-    /// Potential energy of the magnets over the teeth at this rotor angle, J.
+    /// Returns the potential energy of the magnets over the teeth at this rotor angle, J.
     #[must_use]
     pub fn cogging_energy(&self, rotor_angle: f64) -> f64 {
         let periods = f64::from(self.parameters.cogging_periods);
@@ -284,7 +284,7 @@ pub(super) struct Sweep {
 }
 
 impl Sweep {
-    /// On to the middle of the next sub-step.
+    /// Goes on to the middle of the next sub-step.
     pub(super) fn advance(&mut self) {
         let ((sin, cos), (turn_sin, turn_cos)) = (self.direction, self.rotation);
         self.direction = (sin * turn_cos + cos * turn_sin, cos * turn_cos - sin * turn_sin);
@@ -319,7 +319,7 @@ pub fn from_alpha_beta([alpha, beta]: [f64; 2]) -> [f64; 3] {
     [alpha, -0.5 * alpha + half_root * beta, -0.5 * alpha - half_root * beta]
 }
 
-/// The vector (alpha, beta) of phases A, B, C, amplitude kept; what they have in common is dropped.
+/// Transforms phases A, B, C into the vector (alpha, beta), amplitude kept; what they have in common is dropped.
 #[must_use]
 pub fn to_alpha_beta([a, b, c]: [f64; 3]) -> [f64; 2] {
     [(2.0 * a - b - c) / 3.0, (b - c) * INVERSE_SQRT_3]

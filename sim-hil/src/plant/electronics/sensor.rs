@@ -75,7 +75,7 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// One of its kind, mounted as well as chance has it.
+    /// Creates one of its kind, mounted as well as chance has it.
     #[must_use]
     pub fn mounted(parameters: EncoderParameters, random: &mut impl Rng) -> Self {
         let mut symmetric = |limit: f64| limit * (2.0 * random.random::<f64>() - 1.0);
@@ -93,7 +93,8 @@ impl Encoder {
         }
     }
 
-    /// What the robot gets in this tick, of a rotor at `angle` (rad about body +z) that turns at `speed` (rad/s).
+    /// Returns what the robot gets in this tick, of a rotor at `angle` (rad about body +z) that turns at `speed`
+    /// (rad/s).
     pub fn read(
         &self,
         tick: u64,
@@ -112,7 +113,7 @@ impl Encoder {
         })
     }
 
-    /// How far a reading is from the rotor's angle for ever, rad.
+    /// Returns how far a reading is from the rotor's angle for ever, rad.
     #[must_use]
     pub fn error(&self, angle: f64) -> f64 {
         let [(first, first_phase), (second, second_phase)] = self.harmonics;
@@ -158,7 +159,7 @@ pub struct CurrentSensor {
 }
 
 impl CurrentSensor {
-    /// A pair as chance has it; `inverted` when the board counts down for current into the motor.
+    /// Creates a pair as chance has it; `inverted` when the board counts down for current into the motor.
     #[must_use]
     pub fn built(
         sense: CurrentSense,
@@ -203,7 +204,7 @@ const BUS_NOISE: f64 = 2.0;
 const BUS_GAIN_ERROR: f64 = 0.01;
 
 impl BusSensor {
-    /// A divider as chance has it.
+    /// Creates a divider as chance has it.
     #[must_use]
     pub fn built(microvolts_per_count: NonZeroU16, random: &mut impl Rng) -> Self {
         let gain = 1.0 + BUS_GAIN_ERROR * (2.0 * random.random::<f64>() - 1.0);

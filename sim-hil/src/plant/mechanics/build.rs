@@ -11,7 +11,7 @@ pub type PlainConstants = Constants<f64, f64, 4>;
 /// Its state.
 pub type PlainState = State<f64, f64, 4>;
 
-/// Everything at rest, legs straight, soles on the floor, rotors forward.
+/// Creates a state with everything at rest, legs straight, soles on the floor, rotors forward.
 pub fn state<B, L, const G: usize>(model: &RobotModel) -> State<B, L, G>
 where
     B: super::lane::Lane + Pack<Single = f64>,
@@ -35,7 +35,7 @@ where
     }
 }
 
-/// The constants of a checked model, legs one after the other.
+/// Derives the constants of a checked model, legs one after the other.
 pub fn constants(model: &RobotModel) -> PlainConstants {
     let shaker = &model.shaker;
     let height = |sign: f64| 1e-3 * (shaker.z_mm + sign * 0.5 * shaker.spacing_mm);
@@ -120,7 +120,7 @@ fn box_inertia(mass: f64, size: [f64; 3]) -> [f64; 3] {
     [k * (b + c), k * (a + c), k * (a + b)]
 }
 
-/// Plate, battery, electronics, core and loads about the origin.
+/// Sums plate, battery, electronics, core and loads about the origin.
 pub fn body_inertia(model: &RobotModel) -> RigidInertia<f64> {
     let block = |mass_g: f64, at_mm: [f64; 3], size_mm: [f64; 3]| {
         let mass = 1e-3 * mass_g;

@@ -96,7 +96,7 @@ impl Lane for f64 {
 /// 1.5 * 2^52: the sum with it has no fraction bits left.
 const ROUNDER: f64 = 6_755_399_441_055_744.0;
 
-/// Sine and cosine of `angle` in radians, |angle| < 1e6, to 2e-16 absolute.
+/// Returns sine and cosine of `angle` in radians, |angle| < 1e6, to 2e-16 absolute.
 ///
 /// Quadrant reduction in two parts (Cody and Waite) and the minimax polynomials of fdlibm.
 #[inline(always)]

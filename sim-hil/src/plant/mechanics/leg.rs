@@ -105,7 +105,7 @@ pub struct LegState<F> {
 }
 
 impl<F: Lane> LegState<F> {
-    /// Straight and at rest.
+    /// Creates a leg straight and at rest.
     pub fn straight() -> Self {
         let o = F::splat(0.0);
         LegState {
@@ -202,7 +202,7 @@ pub struct BodyStep<F> {
 }
 
 impl<F: Lane> LegStep<F> {
-    /// Room for a step.
+    /// Creates room for a step.
     pub fn blank() -> Self {
         let o = F::splat(0.0);
         LegStep {
@@ -463,7 +463,7 @@ impl<F: Lane> LegStep<F> {
         (inertia, bias)
     }
 
-    /// Hinge accelerations under the body's; returns the foot's.
+    /// Solves the hinge accelerations under the body's; returns the foot's.
     #[inline(always)]
     pub fn solve(&self, s: &mut LegState<F>, body: Spatial<F>) -> Spatial<F> {
         let mut x = body;
@@ -591,7 +591,7 @@ impl<F: Lane> LegStep<F> {
         }
     }
 
-    /// Inertia and velocity of each segment, given the body's velocity.
+    /// Returns the inertia and velocity of each segment, given the body's velocity.
     pub fn parts(&self, s: &LegState<F>, body: Spatial<F>) -> [(RigidInertia<F>, Spatial<F>); 3] {
         let mut v = body;
         core::array::from_fn(|k| {

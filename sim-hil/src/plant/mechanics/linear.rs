@@ -142,8 +142,8 @@ impl Plant {
         Ok(())
     }
 
-    /// Where a leg's tip goes under a steady wrench on it when the body is held: lets go of `Base` and
-    /// floor, applies the wrench (world axes) and waits. The plant is left there, loaded.
+    /// Loads a leg's tip with a steady wrench (world axes) while the body is held and the floor is taken away, and
+    /// waits until it rests. The plant is left there, loaded.
     ///
     /// # Errors
     /// If the motion diverges: the leg cannot bear the load.

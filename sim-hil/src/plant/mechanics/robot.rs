@@ -63,7 +63,7 @@ pub struct BodyState {
 }
 
 impl BodyState {
-    /// Heading about world z, rad, positive to the left, -pi to pi.
+    /// Returns the heading about world z, rad, positive to the left, -pi to pi.
     pub fn yaw(&self) -> f64 {
         flix_host::pose::Quaternion::from(self.orientation).heading()
     }
@@ -89,7 +89,7 @@ pub struct Energy {
 }
 
 impl Energy {
-    /// What came in and is neither here nor accounted for, J: zero but for the error of the integration.
+    /// Returns what came in and is neither here nor accounted for, J: zero but for the error of the integration.
     pub fn balance(&self, start: &Energy) -> f64 {
         let now = self.kinetic + self.potential - start.kinetic - start.potential;
         let came = self.motor_work + self.push_work - start.motor_work - start.push_work;
@@ -152,7 +152,7 @@ impl pulp::NullaryFnOnce for Step<'_> {
 }
 
 impl Plant {
-    /// A plant at rest at the origin, legs straight, soles on the floor, rotors forward.
+    /// Builds a plant at rest at the origin, legs straight, soles on the floor, rotors forward.
     ///
     /// # Errors
     /// If the model is refused ([`RobotModel::check`]).
@@ -188,7 +188,7 @@ impl Plant {
         })
     }
 
-    /// Longer steps are taken in equal parts from now on, s.
+    /// Takes longer steps in equal parts from now on, s.
     pub fn set_longest_step(&mut self, step: f64) {
         self.longest_step = step;
     }
@@ -229,12 +229,12 @@ impl Plant {
         self.constants.floor = floor && self.constants.legs.is_some();
     }
 
-    /// Simulated time, s.
+    /// Returns the simulated time, s.
     pub fn time(&self) -> f64 {
         self.time
     }
 
-    /// Pose and velocity of the body.
+    /// Returns the pose and velocity of the body.
     pub fn body(&self) -> BodyState {
         let s = &self.state;
         BodyState {
@@ -245,12 +245,12 @@ impl Plant {
         }
     }
 
-    /// A force and a couple on the body at its origin, world axes, until changed.
+    /// Applies a force and a couple to the body at its origin, world axes, until changed.
     pub fn set_push(&mut self, push: Wrench) {
         self.state.push = push.spatial();
     }
 
-    /// A force and a couple on a leg's tip (the end of its last segment), world axes, until changed.
+    /// Applies a force and a couple to a leg's tip (the end of its last segment), world axes, until changed.
     pub fn set_tip_push(&mut self, leg: usize, push: Wrench) {
         self.state.tip_push[0].set(leg, &push.spatial());
     }
@@ -302,8 +302,8 @@ impl Plant {
         }
     }
 
-    /// Force (without weight) and torque (with the rotors' weight, about the shaker's middle) of the
-    /// rotors on the body, body axes, in the middle of the last step: the paper's equations 3 and 4 when
+    /// Returns the force (without weight) and torque (with the rotors' weight, about the shaker's middle) of the
+    /// rotors on the body, body axes, in the middle of the last step: the paper's equations 6 and 7 when
     /// the base stands still.
     pub fn shaker_wrench(&self) -> Wrench {
         let (s, r) = (&self.state, &self.state.middle);
@@ -315,12 +315,12 @@ impl Plant {
         }
     }
 
-    /// Motor torques of the last step, N m: those given, or those that the ideal drive needed.
+    /// Returns the motor torques of the last step, N m: those given, or those that the ideal drive needed.
     pub fn motor_torque(&self) -> [f64; 2] {
         self.state.motor_torque
     }
 
-    /// The legs to look at, in the order of [`crate::model::LEGS`]; none on a bench.
+    /// Returns the legs to look at, in the order of [`crate::model::LEGS`]; none on a bench.
     pub fn legs(&self) -> Option<[LegView; 4]> {
         let models = self.constants.legs.as_ref()?;
         Some(core::array::from_fn(|i| {
@@ -364,7 +364,7 @@ impl Plant {
         self.state.acceleration = Spatial::zero();
     }
 
-    /// Everything that moves, about the body's origin in world axes, with the velocity of each part.
+    /// Returns everything that moves, about the body's origin in world axes, with the velocity of each part.
     pub(super) fn parts(&self) -> Vec<(RigidInertia<f64>, Spatial<f64>)> {
         let (c, s) = (&self.constants, &self.state);
         let r = rotation(s.orientation);
@@ -402,7 +402,7 @@ impl Plant {
         (sum.mass, (center + self.state.position).0, about.0)
     }
 
-    /// Where the energy is and went.
+    /// Returns where the energy is and went.
     pub fn energy(&self) -> Energy {
         let s = &self.state;
         let (mut kinetic, mut potential) = (0.0, 0.0);

@@ -18,23 +18,23 @@ impl<F: Lane> Vec3<F> {
     pub fn new(x: F, y: F, z: F) -> Self {
         Vec3([x, y, z])
     }
-    /// The same number vector in every lane.
+    /// Creates the same vector in every lane.
     #[inline(always)]
     pub fn splat(v: [f64; 3]) -> Self {
         Vec3([F::splat(v[0]), F::splat(v[1]), F::splat(v[2])])
     }
-    /// All zero.
+    /// Creates zero.
     #[inline(always)]
     pub fn zero() -> Self {
         Self::splat([0.0; 3])
     }
-    /// Scalar product.
+    /// Returns the scalar product.
     #[inline(always)]
     pub fn dot(self, o: Self) -> F {
         let (a, b) = (self.0, o.0);
         a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     }
-    /// Vector product.
+    /// Returns the vector product.
     #[inline(always)]
     pub fn cross(self, o: Self) -> Self {
         let (a, b) = (self.0, o.0);
@@ -45,7 +45,7 @@ impl<F: Lane> Vec3<F> {
     pub fn scale(self, s: F) -> Self {
         Vec3([self.0[0] * s, self.0[1] * s, self.0[2] * s])
     }
-    /// One lane as plain numbers.
+    /// Returns one lane as plain numbers.
     #[inline(always)]
     pub fn lane(self, lane: usize) -> [f64; 3] {
         [self.0[0].lane(lane), self.0[1].lane(lane), self.0[2].lane(lane)]
@@ -133,7 +133,7 @@ impl Spread<super::lane::Quad> for super::lane::Quad {
 }
 
 impl<F: Lane> Vec3<F> {
-    /// The same vector for every leg.
+    /// Copies the vector to every leg.
     #[inline(always)]
     pub fn spread<L: Lane>(self) -> Vec3<L>
     where
@@ -144,7 +144,7 @@ impl<F: Lane> Vec3<F> {
 }
 
 impl<F: Lane> Spatial<F> {
-    /// The same vector for every leg.
+    /// Copies the vector to every leg.
     #[inline(always)]
     pub fn spread<L: Lane>(self) -> Spatial<L>
     where
@@ -152,7 +152,7 @@ impl<F: Lane> Spatial<F> {
     {
         Spatial::new(self.angular.spread(), self.linear.spread())
     }
-    /// The sum over the legs.
+    /// Sums over the legs.
     #[inline(always)]
     pub fn gather<L: Lane, const G: usize>(legs: &[Spatial<L>; G]) -> Self
     where
@@ -174,7 +174,7 @@ impl<F: Lane> Spatial<F> {
 }
 
 impl<F: Lane> Mat3<F> {
-    /// The same matrix for every leg.
+    /// Copies the matrix to every leg.
     #[inline(always)]
     pub fn spread<L: Lane>(&self) -> Mat3<L>
     where
@@ -185,7 +185,7 @@ impl<F: Lane> Mat3<F> {
 }
 
 impl<F: Lane> Articulated<F> {
-    /// The sum over the legs.
+    /// Sums over the legs.
     #[inline(always)]
     pub fn gather<L: Lane, const G: usize>(legs: &[Articulated<L>; G]) -> Self
     where
@@ -220,37 +220,37 @@ impl<F: Lane> Articulated<F> {
 pub struct Mat3<F>(pub [[F; 3]; 3]);
 
 impl<F: Lane> Mat3<F> {
-    /// All zero.
+    /// Creates zero.
     #[inline(always)]
     pub fn zero() -> Self {
         Mat3([[F::splat(0.0); 3]; 3])
     }
-    /// The same matrix in every lane.
+    /// Creates the same matrix in every lane.
     #[inline(always)]
     pub fn splat(m: [[f64; 3]; 3]) -> Self {
         Mat3([Vec3::splat(m[0]).0, Vec3::splat(m[1]).0, Vec3::splat(m[2]).0])
     }
-    /// From the three columns.
+    /// Builds from the three columns.
     #[inline(always)]
     pub fn from_columns(x: Vec3<F>, y: Vec3<F>, z: Vec3<F>) -> Self {
         Mat3([[x.0[0], y.0[0], z.0[0]], [x.0[1], y.0[1], z.0[1]], [x.0[2], y.0[2], z.0[2]]])
     }
-    /// A column.
+    /// Returns a column.
     #[inline(always)]
     pub fn column(&self, j: usize) -> Vec3<F> {
         Vec3([self.0[0][j], self.0[1][j], self.0[2][j]])
     }
-    /// Matrix times vector.
+    /// Multiplies by a vector.
     #[inline(always)]
     pub fn apply(&self, v: Vec3<F>) -> Vec3<F> {
         Vec3([Vec3(self.0[0]).dot(v), Vec3(self.0[1]).dot(v), Vec3(self.0[2]).dot(v)])
     }
-    /// Transposed matrix times vector.
+    /// Multiplies the transposed matrix by a vector.
     #[inline(always)]
     pub fn apply_transposed(&self, v: Vec3<F>) -> Vec3<F> {
         Vec3([self.column(0).dot(v), self.column(1).dot(v), self.column(2).dot(v)])
     }
-    /// Matrix product.
+    /// Multiplies by a matrix.
     #[inline(always)]
     pub fn product(&self, o: &Self) -> Self {
         Self::from_columns(
@@ -279,18 +279,18 @@ impl<F: Lane> Add for Mat3<F> {
 pub struct Sym3<F>(pub [F; 6]);
 
 impl<F: Lane> Sym3<F> {
-    /// All zero.
+    /// Creates zero.
     #[inline(always)]
     pub fn zero() -> Self {
         Sym3([F::splat(0.0); 6])
     }
-    /// `d` times the unit matrix.
+    /// Creates `d` times the unit matrix.
     #[inline(always)]
     pub fn diagonal(d: F) -> Self {
         let o = F::splat(0.0);
         Sym3([d, o, o, d, o, d])
     }
-    /// `s * a a^T`.
+    /// Creates `s * a a^T`.
     #[inline(always)]
     pub fn outer(a: Vec3<F>, s: F) -> Self {
         let t = a.scale(s);
@@ -303,7 +303,7 @@ impl<F: Lane> Sym3<F> {
             a.0[2] * t.0[2],
         ])
     }
-    /// Inertia of a point mass `m` at `r` about the origin: `m (r.r 1 - r r^T)`.
+    /// Creates the inertia of a point mass `m` at `r` about the origin: `m (r.r 1 - r r^T)`.
     #[inline(always)]
     pub fn point_mass(m: F, r: Vec3<F>) -> Self {
         let s = r.scale(m);
@@ -317,14 +317,14 @@ impl<F: Lane> Sym3<F> {
             xx + yy,
         ])
     }
-    /// `R diag(d) R^T`: a principal inertia turned by `R`.
+    /// Creates `R diag(d) R^T`: a principal inertia turned by `R`.
     #[inline(always)]
     pub fn turned(r: &Mat3<F>, d: Vec3<F>) -> Self {
         Self::outer(r.column(0), d.0[0])
             + Self::outer(r.column(1), d.0[1])
             + Self::outer(r.column(2), d.0[2])
     }
-    /// `R S R^T`.
+    /// Returns `R S R^T`.
     #[inline(always)]
     pub fn rotated(&self, r: &Mat3<F>) -> Self {
         let rs = Mat3::from_columns(
@@ -336,7 +336,7 @@ impl<F: Lane> Sym3<F> {
         let e = |i: usize, j: usize| Vec3(r.0[i]).dot(rs.column(j));
         Sym3([e(0, 0), e(0, 1), e(0, 2), e(1, 1), e(1, 2), e(2, 2)])
     }
-    /// Matrix times vector.
+    /// Multiplies by a vector.
     #[inline(always)]
     pub fn apply(&self, v: Vec3<F>) -> Vec3<F> {
         let (s, v) = (self.0, v.0);
@@ -381,12 +381,12 @@ impl<F: Lane> Spatial<F> {
     pub fn new(angular: Vec3<F>, linear: Vec3<F>) -> Self {
         Spatial { angular, linear }
     }
-    /// All zero.
+    /// Creates zero.
     #[inline(always)]
     pub fn zero() -> Self {
         Self::new(Vec3::zero(), Vec3::zero())
     }
-    /// Motion of a rotation about `axis` through `point`.
+    /// Creates the motion of a rotation about `axis` through `point`.
     #[inline(always)]
     pub fn rotation_about(axis: Vec3<F>, point: Vec3<F>) -> Self {
         Self::new(axis, point.cross(axis))
@@ -396,12 +396,12 @@ impl<F: Lane> Spatial<F> {
     pub fn scale(self, s: F) -> Self {
         Self::new(self.angular.scale(s), self.linear.scale(s))
     }
-    /// Power of a force along a motion.
+    /// Returns the power of a force along a motion.
     #[inline(always)]
     pub fn dot(self, o: Self) -> F {
         self.angular.dot(o.angular) + self.linear.dot(o.linear)
     }
-    /// Motion cross motion.
+    /// Returns motion cross motion.
     #[inline(always)]
     pub fn cross_motion(self, m: Self) -> Self {
         Self::new(
@@ -409,7 +409,7 @@ impl<F: Lane> Spatial<F> {
             self.angular.cross(m.linear) + self.linear.cross(m.angular),
         )
     }
-    /// Motion cross force.
+    /// Returns motion cross force.
     #[inline(always)]
     pub fn cross_force(self, f: Self) -> Self {
         Self::new(
@@ -417,7 +417,7 @@ impl<F: Lane> Spatial<F> {
             self.angular.cross(f.linear),
         )
     }
-    /// The component `i`, angular first.
+    /// Returns the component `i`, angular first.
     #[inline(always)]
     pub fn component(&self, i: usize) -> F {
         if i < 3 { self.angular.0[i] } else { self.linear.0[i - 3] }
@@ -457,12 +457,12 @@ pub struct RigidInertia<F> {
 }
 
 impl<F: Lane> RigidInertia<F> {
-    /// Nothing.
+    /// Creates no inertia.
     #[inline(always)]
     pub fn zero() -> Self {
         RigidInertia { mass: F::splat(0.0), moment: Vec3::zero(), inertia: Sym3::zero() }
     }
-    /// A body of `mass` at `center` with `inertia` about its centre of mass.
+    /// Creates the inertia of a body of `mass` at `center` with `inertia` about its centre of mass.
     #[inline(always)]
     pub fn new(mass: F, center: Vec3<F>, inertia: Sym3<F>) -> Self {
         RigidInertia {
@@ -471,7 +471,7 @@ impl<F: Lane> RigidInertia<F> {
             inertia: inertia + Sym3::point_mass(mass, center),
         }
     }
-    /// Momentum of a motion.
+    /// Returns the momentum of a motion.
     #[inline(always)]
     pub fn apply(&self, v: Spatial<F>) -> Spatial<F> {
         Spatial::new(
@@ -479,7 +479,7 @@ impl<F: Lane> RigidInertia<F> {
             v.linear.scale(self.mass) - self.moment.cross(v.angular),
         )
     }
-    /// As a full symmetric matrix.
+    /// Returns it as a full symmetric matrix.
     #[inline(always)]
     pub fn articulated(&self) -> Articulated<F> {
         let o = F::splat(0.0);
@@ -516,12 +516,12 @@ pub struct Articulated<F> {
 }
 
 impl<F: Lane> Articulated<F> {
-    /// All zero.
+    /// Creates zero.
     #[inline(always)]
     pub fn zero() -> Self {
         Articulated { angular: Sym3::zero(), coupling: Mat3::zero(), linear: Sym3::zero() }
     }
-    /// Force of a motion.
+    /// Returns the force of a motion.
     #[inline(always)]
     pub fn apply(&self, v: Spatial<F>) -> Spatial<F> {
         Spatial::new(
@@ -529,7 +529,7 @@ impl<F: Lane> Articulated<F> {
             self.coupling.apply_transposed(v.angular) + self.linear.apply(v.linear),
         )
     }
-    /// `self - u u^T / d`, given `w = u / d`.
+    /// Returns `self - u u^T / d`, given `w = u / d`.
     #[inline(always)]
     #[must_use]
     pub fn without(&self, u: Spatial<F>, w: Spatial<F>) -> Self {
@@ -553,7 +553,7 @@ impl<F: Lane> Articulated<F> {
             linear: sym(l, ul, wl),
         }
     }
-    /// The upper triangle as a full matrix, angular first.
+    /// Returns the upper triangle as a full matrix, angular first.
     #[inline(always)]
     pub fn matrix(&self) -> [[F; 6]; 6] {
         let (a, c, l) = (self.angular.0, self.coupling.0, self.linear.0);

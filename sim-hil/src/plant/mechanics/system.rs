@@ -87,7 +87,7 @@ pub struct State<B, L, const G: usize> {
 }
 
 impl<L, const G: usize> State<f64, L, G> {
-    /// A leg of this body as it stands now.
+    /// Returns a leg of this body as it stands now.
     pub fn still(&self, model: &LegModel<f64>, state: &LegState<f64>) -> LegStep<f64> {
         let body = BodyStep {
             frame: rotation(self.orientation),
@@ -159,7 +159,7 @@ impl<B: Lane> Rotor<B> {
     }
 }
 
-/// One step of `h` seconds under the motors' torques.
+/// Advances by one step of `h` seconds under the motors' torques.
 #[inline(always)]
 pub fn advance<B, L, const G: usize>(
     c: &Constants<B, L, G>,
@@ -343,7 +343,7 @@ fn base_acceleration<B: Lane>(
     Spatial::new(Vec3([x[0], x[1], x[2]]), Vec3([x[3], x[4], x[5]]))
 }
 
-/// Hamilton product.
+/// Returns the Hamilton product.
 #[inline(always)]
 pub fn multiply<F: Lane>(a: [F; 4], b: [F; 4]) -> [F; 4] {
     [
@@ -354,7 +354,7 @@ pub fn multiply<F: Lane>(a: [F; 4], b: [F; 4]) -> [F; 4] {
     ]
 }
 
-/// `q` turned by the world rotation `w t` (Cayley's form, exact to third order in `w t`), of unit length.
+/// Returns `q` turned by the world rotation `w t` (Cayley's form, exact to third order in `w t`), of unit length.
 #[inline(always)]
 pub fn turned<F: Lane>(q: [F; 4], w: Vec3<F>, t: F) -> [F; 4] {
     let v = w.scale(F::splat(0.5) * t);
@@ -363,7 +363,7 @@ pub fn turned<F: Lane>(q: [F; 4], w: Vec3<F>, t: F) -> [F; 4] {
     [q[0] * n, q[1] * n, q[2] * n, q[3] * n]
 }
 
-/// Rotation matrix of a unit quaternion.
+/// Returns the rotation matrix of a unit quaternion.
 #[inline(always)]
 pub fn rotation<F: Lane>(q: [F; 4]) -> Mat3<F> {
     let [w, x, y, z] = q;

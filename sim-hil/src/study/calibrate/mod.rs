@@ -6,7 +6,7 @@
 //! same samples. So neither a lucky seed nor a knife-edge nor a step size is fitted, and the result is the
 //! middle of the final distribution, not the luckiest candidate.
 //!
-//! - Given measured speeds, the loss of a walk is its squared error (equation 6), yaw rates times [`LEVER`].
+//! - Given measured speeds, the loss of a walk is its squared error (equation 3), yaw rates times [`LEVER`].
 //! - Given modes, it is `ln(1 + exp((m0 - m)/s))` of the margin `m` ([`PaperMode::margin`]): nothing is gained
 //!   by exceeding a mode that is safe, and the worst mode weighs most.
 
@@ -49,7 +49,7 @@ pub enum Goal {
 }
 
 impl Goal {
-    /// Hz and degrees.
+    /// Returns Hz and degrees.
     #[must_use]
     pub const fn pair(&self) -> (f64, f64) {
         match self {
@@ -58,7 +58,7 @@ impl Goal {
         }
     }
 
-    /// How badly a walk fits, 0 or more.
+    /// Returns how badly a walk fits, 0 or more.
     #[must_use]
     pub fn loss(&self, motion: Twist) -> f64 {
         match self {
@@ -325,7 +325,7 @@ pub fn write_model(path: &Path, model: &RobotModel, origin: &str) -> std::io::Re
 }
 
 impl Measured {
-    /// Squared error of equation 6, in (m/s)^2, yaw rates times [`LEVER`].
+    /// Squared error of equation 3, in (m/s)^2, yaw rates times [`LEVER`].
     fn square_error(&self, motion: Twist) -> f64 {
         ((self.motion.forward - motion.forward).powi(2)
             + (self.motion.lateral - motion.lateral).powi(2)

@@ -1,7 +1,7 @@
 //! What a calibration may change.
 //!
 //! Two sets. The **open choices** are what the paper leaves open, left and right alike; their ranges are those
-//! worth searching. The **errors** are the paper's set X (equation 5): per leg four factors and the friction,
+//! worth searching. The **errors** are the paper's set X (equation 2): per leg four factors and the friction,
 //! the body's mass and its two offsets, each relative to what the model had.
 
 use crate::model::{LEGS, Leg, Legs, RobotModel};
@@ -67,7 +67,7 @@ fn leg_mut(model: &mut RobotModel, leg: usize) -> &mut Leg {
 /// Widest multiple of the ranges in which all values still are those of things (no mass below zero).
 pub const WIDEST: f64 = 3.0;
 
-/// The unknowns of a fit, each range made `widen` times as wide about its middle (1 to [`WIDEST`]).
+/// Returns the unknowns of a fit, each range made `widen` times as wide about its middle (1 to [`WIDEST`]).
 #[must_use]
 pub fn unknowns(fit: Fit, widen: f64) -> Vec<Unknown> {
     let mut all = Vec::new();
@@ -245,8 +245,8 @@ fn errors() -> Vec<Unknown> {
     all
 }
 
-/// A model as a point of the unit cube: 0 the lowest value of a range, 1 the highest. Values outside go to the
-/// nearest wall.
+/// Converts a model to a point of the unit cube: 0 the lowest value of a range, 1 the highest. Values outside go to
+/// the nearest wall.
 #[must_use]
 pub fn point(unknowns: &[Unknown], model: &RobotModel) -> Vec<f64> {
     unknowns
@@ -255,14 +255,14 @@ pub fn point(unknowns: &[Unknown], model: &RobotModel) -> Vec<f64> {
         .collect()
 }
 
-/// The unknowns' values at a point of the unit cube, with as many digits as anybody could measure.
+/// Returns the unknowns' values at a point of the unit cube, with as many digits as anybody could measure.
 #[must_use]
 pub fn values(unknowns: &[Unknown], point: &[f64]) -> Vec<f64> {
     let round = |value: f64| (value * 1e4).round() / 1e4;
     unknowns.iter().zip(point).map(|(u, x)| round(u.low + x * (u.high - u.low))).collect()
 }
 
-/// The model at a point of the unit cube.
+/// Returns the model at a point of the unit cube.
 #[must_use]
 pub fn apply(unknowns: &[Unknown], base: &RobotModel, point: &[f64]) -> RobotModel {
     let mut model = base.clone();
