@@ -88,6 +88,13 @@ impl Chart {
         self
     }
 
+    /// Puts the ticks of the horizontal axis, which is an angle in degrees, at parts of a turn.
+    #[must_use]
+    pub fn x_degrees(mut self) -> Self {
+        self.x_scale = Scale::Degrees;
+        self
+    }
+
     /// Sets the width of the figure, logical pixels (default 1000).
     #[must_use]
     pub fn width(mut self, pixels: f64) -> Self {

@@ -85,7 +85,10 @@ pub fn timeline(run: &Run) -> Chart {
                 |c| c.frequency_hz,
                 |t| t.frequency_hz,
             ))
-            .panel(commanded_and_held(run, "Direction θ (°)", |c| c.direction_deg, line_held));
+            .panel(
+                commanded_and_held(run, "Direction θ (°)", |c| c.direction_deg, line_held)
+                    .degrees(),
+            );
     }
     if !run.telemetry.is_empty() {
         chart = chart
