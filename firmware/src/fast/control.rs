@@ -155,14 +155,16 @@ impl Control {
             self.diagnose(sensors, order, &rotors);
         }
         let mut present = self.present;
-        if self.monitor.over_current(excess) {
-            present = present.with(Fault::OverCurrent);
-        }
-        if late {
-            present = present.with(Fault::LoopOverrun);
-        }
-        if self.trackers[0].lost() | self.trackers[1].lost() {
-            present = present.with(Fault::EncoderLost);
+        let urgent = [
+            (Fault::OverCurrent, self.monitor.over_current(excess)),
+            (Fault::LoopOverrun, late),
+            (Fault::EncoderLost, self.trackers[0].lost() || self.trackers[1].lost()),
+        ];
+        for (fault, is_present) in urgent {
+            if is_present {
+                core::hint::cold_path();
+                present = present.with(fault);
+            }
         }
         let conditions = Conditions {
             present,

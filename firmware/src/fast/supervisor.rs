@@ -90,7 +90,7 @@ pub struct Supervisor {
     reason: Reason,
     /// Ticks in this state, saturating.
     ticks: u16,
-    seen: Order,
+    seen: Requests,
     armed_at_setpoint: u16,
     ramp_down: bool,
     events: EventCounters,
@@ -109,7 +109,7 @@ impl Supervisor {
             link_lost: false,
             reason: Reason::Final,
             ticks: 0,
-            seen: Order::default(),
+            seen: Requests::default(),
             armed_at_setpoint: 0,
             ramp_down: false,
             events: EventCounters::default(),
@@ -149,7 +149,7 @@ impl Supervisor {
     /// Returns what was obeyed last.
     #[must_use]
     pub const fn obeyed(&self) -> Requests {
-        self.seen.requests()
+        self.seen
     }
 
     /// Returns what happened since power-up.
@@ -212,11 +212,12 @@ impl Supervisor {
         self.ticks = 0;
     }
 
+    /// Whether the order asks for something new; as one comparison of a word.
     #[inline(always)]
     fn commanded(&self, order: &Order) -> bool {
-        let edges =
-            |order: &Order| u32::from_le_bytes([order.arm, order.disarm, order.stop, order.clear]);
-        edges(order) != edges(&self.seen)
+        let word =
+            |Requests { arm, disarm, stop, clear }| u32::from_le_bytes([arm, disarm, stop, clear]);
+        word(order.requests()) != word(self.seen)
     }
 
     /// Obeys what was asked for since the last tick. Counters do not show which request came last:
@@ -224,7 +225,7 @@ impl Supervisor {
     /// that is disarmed is not armed.
     #[inline(never)]
     fn obey(&mut self, now: Instant, order: &Order, conditions: &Conditions) {
-        let seen = core::mem::replace(&mut self.seen, *order);
+        let seen = core::mem::replace(&mut self.seen, order.requests());
         let stop = order.stop != seen.stop;
         let disarm = order.disarm != seen.disarm;
         if stop {

@@ -165,7 +165,7 @@ impl Tracker {
     }
 
     /// Does one tick. Never panics.
-    #[inline]
+    #[inline(always)]
     pub fn update(&mut self, model: &EncoderModel, encoder: Encoder) {
         self.angle = self.angle.after(1, self.speed);
         if self.settling != 0 {
