@@ -70,11 +70,19 @@ impl Link {
     /// `report` is the fast half's first. `entropy` comes from a hardware random source, fresh at
     /// every start.
     #[must_use]
-    pub fn new(identity: Identity, key: Option<Key>, entropy: [u8; 32], report: Report) -> Self {
+    pub fn new(
+        identity: Identity,
+        key: Option<Key>,
+        entropy: [u8; 32],
+        settings: &Settings,
+        report: Report,
+    ) -> Self {
         let mut events = Events::default();
         events.push(report.time, Event::Started);
+        let mut session = RobotSession::new(key, entropy);
+        session.set_command_age(command_age(settings));
         Self {
-            session: RobotSession::new(key, entropy),
+            session,
             identity,
             signal_dbm: None,
             order: Order::default(),
@@ -150,7 +158,6 @@ impl Link {
         datagram: &[u8],
         tuning: &mut Tuning<S>,
     ) {
-        self.session.set_command_age(Duration::from_secs_f32(tuning.settings().command_age));
         match self.session.receive(now, from, datagram) {
             RobotReceived::Answer(answer) | RobotReceived::Dropped(_, Some(answer)) => {
                 push_newest(&mut self.answers, (from, answer));
@@ -407,11 +414,13 @@ impl Link {
             ParameterCommand::Set(name, value) => {
                 self.check_idle()?;
                 tuning.set(&name, value)?;
+                self.session.set_command_age(command_age(tuning.settings()));
                 return parameter(tuning.settings(), &name);
             }
             ParameterCommand::Reset => {
                 self.check_idle()?;
                 tuning.reset();
+                self.session.set_command_age(command_age(tuning.settings()));
             }
             ParameterCommand::Save => {
                 self.check_idle()?;
@@ -483,6 +492,10 @@ pub fn identity(name: &str, hardware: &Hardware) -> Identity {
 /// Whether the motors are not driven.
 pub(crate) const fn is_idle(state: State) -> bool {
     matches!(state, State::Disarmed | State::Faulted)
+}
+
+fn command_age(settings: &Settings) -> Duration {
+    Duration::from_secs_f32(settings.command_age)
 }
 
 fn parameter(settings: &Settings, name: &str) -> Result<Outcome, Refusal> {

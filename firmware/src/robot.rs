@@ -59,7 +59,8 @@ impl<S: SettingsStore> Robot<S> {
     ) -> Self {
         let tuning = Tuning::new(store);
         let mut control = Control::new(Configuration::new(tuning.settings(), &hardware));
-        let mut link = Link::new(identity(name, &hardware), key, entropy, control.report());
+        let identity = identity(name, &hardware);
+        let mut link = Link::new(identity, key, entropy, tuning.settings(), control.report());
         if tuning.loaded().is_err() {
             link.add_event(control.report().time, Event::SettingsDefaulted);
             control.raise(Fault::Settings);
