@@ -56,7 +56,7 @@ impl Chip {
 pub(crate) const RISCV_TARGET: &str = "riscv32imac-unknown-none-elf";
 
 /// Board, encoder and added electronics.
-#[derive(Debug, Clone, Default, Args)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Args)]
 pub(crate) struct Options {
     /// The board, for example dengfoc-v3-01; the chip's default without it.
     #[arg(long)]
@@ -83,16 +83,10 @@ impl Options {
         features.join(",")
     }
 
-    /// Whether nothing is chosen.
-    fn is_default(&self) -> bool {
-        let Self { board, encoder, battery_divider, current_sense } = self;
-        board.is_none() && encoder.is_none() && !battery_divider && !current_sense
-    }
-
     /// Returns these options, or, when nothing is chosen, enough variants to compile every board, every
     /// encoder and every option of the chip once.
     pub(crate) fn variants(&self, chip: Chip) -> Vec<Self> {
-        if !self.is_default() {
+        if *self != Self::default() {
             return vec![self.clone()];
         }
         let boards =

@@ -14,7 +14,7 @@ mod toolchain;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{Args, Parser, Subcommand};
 
 use chip::{Chip, Options};
 
@@ -38,33 +38,13 @@ enum Task {
     /// Install what is missing: the compiler's target and sources, QEMU, an image maker.
     Setup,
     /// Build the chip's firmware.
-    Build {
-        /// Chip to build for.
-        chip: Chip,
-        #[command(flatten)]
-        options: Options,
-    },
+    Build(Choice),
     /// Type-check the chip's firmware with every board and encoder, or with those named.
-    Check {
-        /// Chip to build for.
-        chip: Chip,
-        #[command(flatten)]
-        options: Options,
-    },
+    Check(Choice),
     /// Make a flashable file of the chip's firmware.
-    Image {
-        /// Chip to build for.
-        chip: Chip,
-        #[command(flatten)]
-        options: Options,
-    },
+    Image(Choice),
     /// Build, flash and show the log (needs espflash and a board).
-    Flash {
-        /// Chip to build for.
-        chip: Chip,
-        #[command(flatten)]
-        options: Options,
-    },
+    Flash(Choice),
     /// Replay a recorded walk on an emulated processor: compare every bit, count instructions.
     Pil,
     /// Print what the ESP32-C6 image takes of flash and memory; fail above the ceilings.
@@ -73,13 +53,21 @@ enum Task {
     PanicFree,
 }
 
+#[derive(Args)]
+struct Choice {
+    /// Chip to build for.
+    chip: Chip,
+    #[command(flatten)]
+    options: Options,
+}
+
 fn main() -> ExitCode {
     let outcome = match Cli::parse().task {
         Task::Setup => setup::setup(),
-        Task::Build { chip, options } => toolchain::build(chip, &options).map(drop),
-        Task::Check { chip, options } => toolchain::check(chip, &options),
-        Task::Image { chip, options } => image::make(chip, &options).map(drop),
-        Task::Flash { chip, options } => toolchain::flash(chip, &options),
+        Task::Build(Choice { chip, options }) => toolchain::build(chip, &options).map(drop),
+        Task::Check(Choice { chip, options }) => toolchain::check(chip, &options),
+        Task::Image(Choice { chip, options }) => image::make(chip, &options).map(drop),
+        Task::Flash(Choice { chip, options }) => toolchain::flash(chip, &options),
         Task::Pil => pil::run(),
         Task::Size => image::size(),
         Task::PanicFree => panic_free::run(),

@@ -21,20 +21,10 @@ struct Counts {
 
 /// Reads a line `NAME median N p99 N worst N ticks N` of the image's output.
 fn counts(output: &str, name: &str) -> Option<Counts> {
-    let words: Vec<_> = output
-        .lines()
-        .map(|line| line.split_whitespace().collect::<Vec<_>>())
-        .find(|words| words.first() == Some(&name))?;
-    let value = |key: &str| {
-        let place = words.iter().position(|word| *word == key)?;
-        words.get(place + 1)?.parse().ok()
-    };
-    Some(Counts {
-        median: value("median")?,
-        p99: value("p99")?,
-        worst: value("worst")?,
-        ticks: value("ticks")?,
-    })
+    let line = output.lines().find_map(|line| line.strip_prefix(name))?;
+    let mut numbers = line.split_whitespace().filter_map(|word| word.parse().ok());
+    let [median, p99, worst, ticks] = [(); 4].map(|()| numbers.next());
+    Some(Counts { median: median?, p99: p99?, worst: worst?, ticks: ticks? })
 }
 
 /// Builds what is missing, records, replays, compares, counts.

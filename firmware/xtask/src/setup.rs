@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 use std::process::Command;
-use std::time::{Duration, Instant};
 
 use crate::chip::RISCV_TARGET;
 use crate::run::{self, Error};
@@ -18,7 +17,7 @@ const ESPTOOL: &str = "esptool==5.*";
 /// Where the security archive is named, if the machine's sources do not name it.
 const SECURITY_LIST: &str = "/etc/apt/sources.list.d/flix-walker-security.list";
 /// How long rustup may try to bring one thing: a machine that cannot reach it should not wait.
-const RUSTUP_PATIENCE: Duration = Duration::from_secs(90);
+const RUSTUP_PATIENCE: &str = "90s";
 
 /// Brings everything that `build esp32c6`, `check`, `image`, `pil` and `size` need.
 pub(crate) fn setup() -> Result<(), Error> {
@@ -29,11 +28,11 @@ pub(crate) fn setup() -> Result<(), Error> {
 
 fn compiler() -> Result<(), Error> {
     if !toolchain::stock_has_riscv() {
-        patiently(run::command("rustup").args(["target", "add", RISCV_TARGET]), RUSTUP_PATIENCE);
+        rustup(["target", "add", RISCV_TARGET]);
     }
     // Who could not bring the one would not bring the other.
     if toolchain::stock_has_riscv() && !toolchain::stock_has_sources() {
-        patiently(run::command("rustup").args(["component", "add", "rust-src"]), RUSTUP_PATIENCE);
+        rustup(["component", "add", "rust-src"]);
     }
     if toolchain::stock_has_riscv() && toolchain::stock_has_sources() {
         println!("compiler: rustup's, with {RISCV_TARGET} and its sources");
@@ -96,19 +95,9 @@ impl ImageMaker {
     }
 }
 
-/// Runs a command that may hang without a network; what becomes of it is seen from its effect.
-fn patiently(command: &mut Command, patience: Duration) {
-    let Ok(mut child) = command.spawn() else { return };
-    let deadline = Instant::now() + patience;
-    while Instant::now() < deadline {
-        if !matches!(child.try_wait(), Ok(None)) {
-            return;
-        }
-        std::thread::sleep(Duration::from_millis(100));
-    }
-    // It has ended by itself, or ends now: there is nothing to do about an error.
-    let _ = child.kill();
-    let _ = child.wait();
+/// Lets rustup bring one thing; whether it could is seen from its effect.
+fn rustup(arguments: [&str; 3]) {
+    let _ = run::command("timeout").args([RUSTUP_PATIENCE, "rustup"]).args(arguments).status();
 }
 
 /// Prepares a command with the rights to install.

@@ -40,11 +40,6 @@ fn stock_rustc() -> PathBuf {
     std::env::var_os("RUSTC").map_or_else(|| "rustc".into(), PathBuf::from)
 }
 
-/// Returns whether the compiler has `core` for the RISC-V target.
-pub(crate) fn has_riscv(rustc: &Path) -> bool {
-    sysroot(rustc).is_some_and(|root| root.join("lib/rustlib").join(RISCV_TARGET).is_dir())
-}
-
 /// Returns whether the compiler's own sources are installed.
 pub(crate) fn has_sources(rustc: &Path) -> bool {
     let library = |root: PathBuf| root.join("lib/rustlib/src/rust/library/Cargo.toml");
@@ -53,7 +48,7 @@ pub(crate) fn has_sources(rustc: &Path) -> bool {
 
 /// Returns whether the stock compiler can build for the C6 as it is.
 pub(crate) fn stock_has_riscv() -> bool {
-    has_riscv(&stock_rustc())
+    sysroot(&stock_rustc()).is_some_and(|root| root.join("lib/rustlib").join(RISCV_TARGET).is_dir())
 }
 
 /// Returns whether the stock compiler can build `core` itself.
