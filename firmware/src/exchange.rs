@@ -15,7 +15,7 @@
 //! Who shares the exchange between interrupts, cores or threads implements [`Access`]. Each access
 //! lasts for the copy of the values that cross, so that a lock delays a tick by no more.
 
-use flix_protocol::message::{Fault, Faults, Setpoint, State};
+use flix_protocol::message::{Fault, Faults, LoopTiming, Setpoint, State};
 use flix_protocol::units::Instant;
 use serde::{Deserialize, Serialize};
 
@@ -39,6 +39,16 @@ pub struct Order {
     /// Until when the newest valid command counts, however it travelled: its moment and the command
     /// age.
     pub expires: Instant,
+    /// What is asked for once.
+    pub requests: Requests,
+    /// Counts telemetry sent: starts a new measuring period of [`LoopTiming::longest_interval_us`] and
+    /// [`Report::modulation`].
+    pub period: u8,
+}
+
+/// Counters of requests, each of which is obeyed once: where those asked and obeyed are equal, nothing is left to obey.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Requests {
     /// Counts arm commands.
     pub arm: u8,
     /// Counts disarm commands.
@@ -47,32 +57,9 @@ pub struct Order {
     pub stop: u8,
     /// Counts clear commands.
     pub clear: u8,
-    /// Counts telemetry sent: starts a new measuring period of [`Timing::longest_interval_us`] and
-    /// [`Report::modulation`].
-    pub period: u8,
-}
-
-/// The counters of an [`Order`] that ask once: equal counters, nothing left to obey.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Requests {
-    /// [`Order::arm`].
-    pub arm: u8,
-    /// [`Order::disarm`].
-    pub disarm: u8,
-    /// [`Order::stop`].
-    pub stop: u8,
-    /// [`Order::clear`].
-    pub clear: u8,
 }
 
 impl Order {
-    /// Returns what the order asks for once.
-    #[must_use]
-    pub const fn requests(&self) -> Requests {
-        let Self { arm, disarm, stop, clear, .. } = *self;
-        Requests { arm, disarm, stop, clear }
-    }
-
     /// Takes over a sign of life that arrived now.
     pub const fn hear(&mut self, now: Instant, expires: Instant) {
         self.heard = now;
@@ -85,17 +72,6 @@ impl Order {
         self.direction = setpoint.direction().into();
         self.setpoints = self.setpoints.wrapping_add(1);
     }
-}
-
-/// How the fast loop keeps time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Timing {
-    /// Ticks since power-up.
-    pub ticks: u64,
-    /// Longest interval between two ticks in this measuring period, microseconds.
-    pub longest_interval_us: u32,
-    /// Ticks that came too late, since power-up.
-    pub overruns: u32,
 }
 
 /// One motor as the fast half sees it.
@@ -158,8 +134,8 @@ pub struct Report {
     /// Largest phase voltage of this measuring period as a share of what the bridge can give;
     /// `u16::MAX` is all.
     pub modulation: u16,
-    /// Fast loop.
-    pub timing: Timing,
+    /// How the fast loop keeps time; the longest interval is that of this measuring period.
+    pub timing: LoopTiming,
     /// Counts finished alignments.
     pub alignments: u8,
     /// What the last finished alignment found, to be kept in the settings.

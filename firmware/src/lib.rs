@@ -19,6 +19,7 @@
 //! | [`exchange`] | hands orders and configurations to the fast half, reports to the slow half |
 //! | [`fast`] | decides the duties, 10,000 times a second, in integers alone |
 //! | [`settings`] | names, checks and stores what can be tuned |
+//! | [`stored`] | keeps values over power-off, with version and check sum |
 //! | [`board`] | describes boards and encoders as data, and keeps settings in flash |
 //! | [`hardware`] | defines what crosses the border in each tick |
 //!
@@ -96,4 +97,5 @@ pub mod net;
 pub mod provision;
 pub mod robot;
 pub mod settings;
+pub mod stored;
 pub mod trace;

@@ -25,9 +25,9 @@ use core::time::Duration;
 use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::{Frame, HandshakeFrame};
 use flix_protocol::message::{
-    Command, Event, EventReport, Faults, Identity, LinkQuality, LoopTiming, MotorTelemetry,
-    Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Refusal, Reply, Setpoint, State, Telemetry,
-    ToOperator, ToRobot,
+    Command, Event, EventReport, Faults, Identity, LinkQuality, MotorTelemetry, Outcome,
+    PARAMETERS_PER_REPLY, ParameterCommand, Refusal, Reply, Setpoint, State, Telemetry, ToOperator,
+    ToRobot,
 };
 use flix_protocol::session::{Key, RobotReceived, RobotSession};
 use flix_protocol::units::{Instant, Ratio, Volts};
@@ -174,18 +174,14 @@ impl Link {
                 if self.order.frequency == Speed::ZERO {
                     self.note_sign_of_life(now);
                 }
-                let outcome = self.obey(now, command, tuning).unwrap_or_else(Outcome::Refused);
-                push_newest(&mut self.replies, Reply { request, outcome });
+                let outcome = self.obey(now, command, tuning);
+                self.reply(request, outcome);
             }
             RobotReceived::Late { command: ToRobot { request, command }, age } => {
-                let outcome =
-                    self.obey_late(now, command, age, tuning).unwrap_or_else(Outcome::Refused);
-                push_newest(&mut self.replies, Reply { request, outcome });
+                let outcome = self.obey_late(now, command, age, tuning);
+                self.reply(request, outcome);
             }
-            RobotReceived::Refused { request, refusal } => {
-                let outcome = Outcome::Refused(refusal);
-                push_newest(&mut self.replies, Reply { request, outcome });
-            }
+            RobotReceived::Refused { request, refusal } => self.reply(request, Err(refusal)),
             RobotReceived::Left => {
                 self.change_operator();
                 self.events.push(now, Event::OperatorLeft);
@@ -257,6 +253,11 @@ impl Link {
         if self.is_at_rest() {
             self.ramps_down = false;
         }
+    }
+
+    fn reply(&mut self, request: u32, outcome: Result<Outcome, Refusal>) {
+        let outcome = outcome.unwrap_or_else(Outcome::Refused);
+        push_newest(&mut self.replies, Reply { request, outcome });
     }
 
     /// Disarms for another operator, or none: the robot obeys them only from arming on.
@@ -349,14 +350,14 @@ impl Link {
         }
         self.order.frequency = Speed::ZERO;
         self.note_sign_of_life(now);
-        self.order.arm = self.order.arm.wrapping_add(1);
+        self.order.requests.arm = self.order.requests.arm.wrapping_add(1);
         Ok(())
     }
 
     /// Whether the fast half is idle and nothing on its way could change that, however old its
     /// report is: it starts to move only when it is asked to arm.
     fn is_at_rest(&self) -> bool {
-        let (asked, obeyed) = (self.order.requests(), self.report.obeyed);
+        let (asked, obeyed) = (self.order.requests, self.report.obeyed);
         let is_obeyed =
             (asked.arm, asked.disarm, asked.stop) == (obeyed.arm, obeyed.disarm, obeyed.stop);
         is_obeyed && is_idle(self.report.state)
@@ -366,13 +367,13 @@ impl Link {
     fn disarm(&mut self) {
         self.setpoint = Setpoint::REST;
         if !self.is_at_rest() {
-            self.order.disarm = self.order.disarm.wrapping_add(1);
+            self.order.requests.disarm = self.order.requests.disarm.wrapping_add(1);
             self.ramps_down = true;
         }
     }
 
     fn stop(&mut self) {
-        self.order.stop = self.order.stop.wrapping_add(1);
+        self.order.requests.stop = self.order.requests.stop.wrapping_add(1);
         self.ramps_down = true;
         self.setpoint = Setpoint::REST;
     }
@@ -382,7 +383,7 @@ impl Link {
         if self.ramps_down {
             return Err(Refusal::State(State::Stopping));
         }
-        self.order.clear = self.order.clear.wrapping_add(1);
+        self.order.requests.clear = self.order.requests.clear.wrapping_add(1);
         Ok(())
     }
 
@@ -393,7 +394,7 @@ impl Link {
     }
 
     fn check_cleared(&self) -> Result<(), Refusal> {
-        if self.report.stopped || self.order.stop != self.report.obeyed.stop {
+        if self.report.stopped || self.order.requests.stop != self.report.obeyed.stop {
             Err(Refusal::Stopped)
         } else if self.report.faults != Faults::NONE {
             Err(Refusal::Faulted(self.report.faults))
@@ -469,11 +470,7 @@ impl Link {
             motors: report.motors.map(motor),
             bus_voltage: report.bus_voltage.map(Volts::from),
             modulation: Ratio::saturating(f32::from(report.modulation) / f32::from(u16::MAX)),
-            timing: LoopTiming {
-                ticks: report.timing.ticks,
-                longest_interval_us: report.timing.longest_interval_us,
-                overruns: report.timing.overruns,
-            },
+            timing: report.timing,
             link,
         }
     }

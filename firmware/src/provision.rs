@@ -8,32 +8,20 @@
 
 use core::fmt;
 
-use crc::{CRC_32_ISO_HDLC, Crc};
 use flix_protocol::message::State;
 use flix_protocol::provision::{
     Answer, FrameReader, MAXIMUM_FRAME, ProvisionRefusal, Provisioning, Request, write_frame,
 };
 use heapless::Vec;
-use serde::{Deserialize, Serialize};
 use zeroize::Zeroizing;
 
 use crate::hardware::{Hardware, SettingsStore};
 use crate::link::{identity, is_idle};
 use crate::robot::UNNAMED;
-use crate::settings::{LoadError, SaveError};
+use crate::stored::{self, LoadError, SaveError};
 
-/// Version of the stored form.
-pub const FORMAT_VERSION: u16 = 1;
 /// Most bytes that the stored form takes in a [`SettingsStore`].
 pub const STORED_LENGTH: usize = 256;
-
-static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
-
-#[derive(Serialize, Deserialize)]
-struct Stored {
-    version: u16,
-    provisioning: Option<Provisioning>,
-}
 
 /// What to do after a request.
 #[derive(Debug)]
@@ -119,13 +107,12 @@ impl<S: SettingsStore> Provisioner<S> {
             let erased = self.finish_erasure();
             return respond(&done_or_storage(erased));
         }
-        let stored = Stored { version: FORMAT_VERSION, provisioning };
-        let saved = save(&mut self.store, &stored);
+        let saved = save(&mut self.store, &provisioning);
         // A store that could write but not erase keeps the new one.
-        if saved.is_err() && load(&mut self.store).as_ref() != Ok(&stored.provisioning) {
+        if saved.is_err() && load(&mut self.store).as_ref() != Ok(&provisioning) {
             return respond(&done_or_storage(saved));
         }
-        self.provisioning = stored.provisioning;
+        self.provisioning = provisioning;
         self.loaded = Ok(());
         respond(&done_or_storage(saved)).map(|response| Response { changed: true, ..response })
     }
@@ -152,32 +139,29 @@ fn respond(answer: &Answer) -> Option<Response> {
 }
 
 fn load<S: SettingsStore>(store: &mut S) -> Result<Option<Provisioning>, LoadError> {
-    let mut buffer = Zeroizing::new([0; STORED_LENGTH]);
-    let Some(length) = store.load(&mut *buffer).map_err(|_| LoadError::Store)? else {
-        return Ok(None);
-    };
-    let bytes = buffer.get(..length).ok_or(LoadError::Damaged)?;
-    let stored: Stored =
-        postcard::from_bytes_crc32(bytes, CRC.digest()).map_err(|_| LoadError::Damaged)?;
-    if stored.version != FORMAT_VERSION {
-        return Err(LoadError::Version);
-    }
-    match &stored.provisioning {
-        Some(provisioning) if provisioning.check().is_err() => Err(LoadError::Damaged),
-        _ => Ok(stored.provisioning),
+    let stored = stored::load(store, &mut *Zeroizing::new([0; STORED_LENGTH]))?;
+    // Stored while the robot has an owner: the provisioning; else that there is none.
+    match stored.flatten() {
+        Some(provisioning) if Provisioning::check(&provisioning).is_err() => {
+            Err(LoadError::Damaged)
+        }
+        provisioning => Ok(provisioning),
     }
 }
 
-fn save<S: SettingsStore>(store: &mut S, stored: &Stored) -> Result<(), SaveError> {
+fn save<S: SettingsStore>(
+    store: &mut S,
+    provisioning: &Option<Provisioning>,
+) -> Result<(), SaveError> {
     let mut buffer = Zeroizing::new([0; STORED_LENGTH]);
-    let bytes = postcard::to_slice_crc32(stored, &mut *buffer, CRC.digest());
-    store.save_and_sweep(bytes.map_err(|_| SaveError)?).map_err(|_| SaveError)
+    store.save_and_sweep(stored::encode(provisioning, &mut *buffer)?).map_err(|_| SaveError)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::board::DENGFOC_V3_01;
+    use crate::stored::CRC;
     use flix_protocol::session::Key;
     use std::format;
 

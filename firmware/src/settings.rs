@@ -14,20 +14,15 @@
 //!
 //! Deadlines and what follows from them are constants, not settings: see [`crate::link`].
 
-use core::fmt;
-
-use crc::{CRC_32_ISO_HDLC, Crc};
 use flix_protocol::failsafe::{BATTERY_LOW_VOLTS, COMMAND_AGE_SECONDS};
 use flix_protocol::message::{Parameter, Refusal};
 use heapless::{String, Vec};
-use serde::{Deserialize, Serialize};
 
 use crate::fast::alignment::Alignment;
 use crate::fast::units::{ElectricalAngle, TURN_PER_DEGREE};
 use crate::hardware::SettingsStore;
+use crate::stored::{self, LoadError, SaveError};
 
-/// Version of the stored form, not of the table.
-pub const FORMAT_VERSION: u16 = 1;
 /// Most bytes that settings take in a [`SettingsStore`].
 pub const STORED_LENGTH: usize = 8 + COUNT * 9;
 /// How many settings there are.
@@ -151,11 +146,13 @@ pub const ORDERED: &[(&str, &str)] = &[
 ];
 
 /// Why a setting was not changed. Nothing changed.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum SetError {
     /// No setting has this name.
+    #[error("no setting has this name")]
     Unknown,
     /// NaN, infinite or outside what is accepted now.
+    #[error("{name} must be from {minimum} to {maximum}")]
     OutOfRange {
         /// Which setting.
         name: &'static str,
@@ -165,25 +162,12 @@ pub enum SetError {
         maximum: f32,
     },
     /// Between two whole numbers.
+    #[error("{name} must be a whole number")]
     NotWhole {
         /// Which setting.
         name: &'static str,
     },
 }
-
-impl fmt::Display for SetError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Unknown => f.write_str("no setting has this name"),
-            Self::OutOfRange { name, minimum, maximum } => {
-                write!(f, "{name} must be from {minimum} to {maximum}")
-            }
-            Self::NotWhole { name } => write!(f, "{name} must be a whole number"),
-        }
-    }
-}
-
-impl core::error::Error for SetError {}
 
 impl From<SetError> for Refusal {
     fn from(error: SetError) -> Self {
@@ -194,47 +178,6 @@ impl From<SetError> for Refusal {
             }
             SetError::NotWhole { name } => Self::NotWhole { name: text(name) },
         }
-    }
-}
-
-/// Why stored settings were not taken.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LoadError {
-    /// The store failed.
-    Store,
-    /// Damaged, cut short, or out of range.
-    Damaged,
-    /// Written by a firmware with another [`FORMAT_VERSION`].
-    Version,
-}
-
-impl fmt::Display for LoadError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Store => "the settings could not be read",
-            Self::Damaged => "the stored settings are damaged",
-            Self::Version => "the stored settings are of another version",
-        })
-    }
-}
-
-impl core::error::Error for LoadError {}
-
-/// Settings could not be written; what was stored before is stored still.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SaveError;
-
-impl fmt::Display for SaveError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("the settings could not be written")
-    }
-}
-
-impl core::error::Error for SaveError {}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self::DEFAULT
     }
 }
 
@@ -311,14 +254,15 @@ impl Settings {
     /// # Errors
     /// When the store fails or what it holds cannot be trusted.
     pub fn load<S: SettingsStore>(store: &mut S) -> Result<Option<Self>, LoadError> {
-        let mut buffer = [0; STORED_LENGTH];
-        match store.load(&mut buffer) {
-            Err(_) => Err(LoadError::Store),
-            Ok(None) => Ok(None),
-            Ok(Some(length)) => {
-                Self::decode(buffer.get(..length).ok_or(LoadError::Damaged)?).map(Some)
+        let values: Option<Stored> = stored::load(store, &mut [0; STORED_LENGTH])?;
+        let Some(values) = values else { return Ok(None) };
+        let mut settings = Self::DEFAULT;
+        for (hash, value) in values {
+            if let Some(setting) = TABLE.iter().find(|setting| name_hash(setting.name) == hash) {
+                (setting.write)(&mut settings, value);
             }
         }
+        if settings.is_valid() { Ok(Some(settings)) } else { Err(LoadError::Damaged) }
     }
 
     /// Keeps these settings over power-off.
@@ -326,8 +270,9 @@ impl Settings {
     /// # Errors
     /// When the store fails.
     pub fn save<S: SettingsStore>(&self, store: &mut S) -> Result<(), SaveError> {
+        let value = |setting: &Setting| (name_hash(setting.name), (setting.read)(self));
         let mut buffer = [0; STORED_LENGTH];
-        let bytes = self.encode(&mut buffer).map_err(|_| SaveError)?;
+        let bytes = stored::encode(&TABLE.iter().map(value).collect::<Stored>(), &mut buffer)?;
         store.save(bytes).map_err(|_| SaveError)
     }
 
@@ -365,28 +310,6 @@ impl Settings {
             self.encoder_sine_2[motor] = sine_2;
         }
     }
-
-    fn encode<'a>(&self, buffer: &'a mut [u8]) -> postcard::Result<&'a [u8]> {
-        let values =
-            TABLE.iter().map(|setting| (name_hash(setting.name), (setting.read)(self))).collect();
-        let stored = Stored { version: FORMAT_VERSION, values };
-        postcard::to_slice_crc32(&stored, buffer, CRC.digest()).map(|bytes| &*bytes)
-    }
-
-    fn decode(bytes: &[u8]) -> Result<Self, LoadError> {
-        let stored: Stored =
-            postcard::from_bytes_crc32(bytes, CRC.digest()).map_err(|_| LoadError::Damaged)?;
-        if stored.version != FORMAT_VERSION {
-            return Err(LoadError::Version);
-        }
-        let mut settings = Self::DEFAULT;
-        for (hash, value) in stored.values {
-            if let Some(setting) = TABLE.iter().find(|setting| name_hash(setting.name) == hash) {
-                (setting.write)(&mut settings, value);
-            }
-        }
-        if settings.is_valid() { Ok(settings) } else { Err(LoadError::Damaged) }
-    }
 }
 
 /// The range of the encoder error's terms in the table.
@@ -396,13 +319,8 @@ const fn switch(on: bool) -> f32 {
     if on { 1.0 } else { 0.0 }
 }
 
-#[derive(Serialize, Deserialize)]
-struct Stored {
-    version: u16,
-    values: Vec<(u32, f32), COUNT>,
-}
-
-static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+/// The stored form: hashes of names, and values.
+type Stored = Vec<(u32, f32), COUNT>;
 
 /// Returns the FNV-1a hash of a name: names are few and a test shows that none collide.
 fn name_hash(name: &str) -> u32 {
@@ -435,7 +353,7 @@ impl<S: SettingsStore> Tuning<S> {
     /// [`Tuning::loaded`] says why.
     pub fn new(mut store: S) -> Self {
         let (settings, loaded) = match Settings::load(&mut store) {
-            Ok(settings) => (settings.unwrap_or_default(), Ok(())),
+            Ok(settings) => (settings.unwrap_or(Settings::DEFAULT), Ok(())),
             Err(error) => (Settings::DEFAULT, Err(error)),
         };
         Self { store, present: settings, stored: settings, loaded, learnt: false, revision: 0 }
@@ -512,6 +430,7 @@ impl<S: SettingsStore> Tuning<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stored::{CRC, FORMAT_VERSION};
 
     /// Keeps bytes as a flash partition would.
     #[derive(Default)]
@@ -600,9 +519,10 @@ mod tests {
     }
 
     fn store_of(version: u16, values: &[(u32, f32)]) -> Memory {
-        let stored = Stored { version, values: values.iter().copied().collect() };
+        let values: Stored = values.iter().copied().collect();
         let mut buffer = [0; STORED_LENGTH];
-        let bytes = postcard::to_slice_crc32(&stored, &mut buffer, CRC.digest()).unwrap();
+        let bytes =
+            postcard::to_slice_crc32(&(version, values), &mut buffer, CRC.digest()).unwrap();
         Memory(Some(bytes.to_vec()))
     }
 
@@ -644,7 +564,7 @@ mod tests {
     #[test]
     fn a_value_that_another_bounds_is_refused_beyond_it() {
         let over_current = Settings::DEFAULT.over_current;
-        let outcome = Settings::default().set("current_limit", over_current + 0.1);
+        let outcome = { Settings::DEFAULT }.set("current_limit", over_current + 0.1);
         let Err(SetError::OutOfRange { maximum, .. }) = outcome else {
             panic!("accepted: {outcome:?}")
         };
@@ -653,13 +573,13 @@ mod tests {
 
     #[test]
     fn half_a_pole_pair_is_refused() {
-        let outcome = Settings::default().set("pole_pairs", 7.5);
+        let outcome = { Settings::DEFAULT }.set("pole_pairs", 7.5);
         assert_eq!(outcome, Err(SetError::NotWhole { name: "pole_pairs" }));
     }
 
     #[test]
     fn an_unknown_name_is_refused() {
-        assert_eq!(Settings::default().set("warp_factor", 9.0), Err(SetError::Unknown));
+        assert_eq!({ Settings::DEFAULT }.set("warp_factor", 9.0), Err(SetError::Unknown));
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! What crossed the border in every tick, as bytes: recorded where a plant is, replayed where it is
 //! not, on another processor, to compare what the fast half decides bit for bit.
 //!
-//! A trace is a [`Header`] and then one [`Row`] after the other, each in `postcard`'s form behind one
-//! byte of length. Its reader must be of the same build as its writer: it is made and used within
+//! A trace is the [`Hardware`](crate::hardware::Hardware) that it was recorded on and then one [`Row`]
+//! after the other, each in `postcard`'s form behind one byte of length. Its reader must be of the same build as its writer: it is made and used within
 //! one test run, never kept.
 
 use flix_protocol::message::State;
@@ -13,49 +13,15 @@ use serde::{Deserialize, Serialize};
 use crate::exchange::Order;
 use crate::fast::control::Control;
 use crate::fast::units::Speed;
-use crate::hardware::{Actuation, Hardware, Sensors};
+use crate::hardware::{Actuation, Sensors};
 
-/// Most bytes that a [`Header`] or a [`Row`] takes, its length included.
+/// Most bytes that the hardware or a [`Row`] takes, its length included.
 pub const LONGEST: usize = 1 + u8::MAX as usize;
 
-/// First bytes of a trace.
-const MAGIC: [u8; 8] = *b"flixtrc2";
-
 /// Not a trace, or not one of this build.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("this is not a trace that this build wrote")]
 pub struct Malformed;
-
-impl core::fmt::Display for Malformed {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str("this is not a trace that this build wrote")
-    }
-}
-
-impl core::error::Error for Malformed {}
-
-/// The electronics that the trace was recorded on. Settings are those of a new robot.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Header {
-    magic: [u8; 8],
-    /// All but its name.
-    pub hardware: Hardware,
-}
-
-impl Header {
-    /// Describes a trace that is recorded on this hardware.
-    #[must_use]
-    pub const fn new(hardware: Hardware) -> Self {
-        Self { magic: MAGIC, hardware }
-    }
-
-    /// Checks that a trace begins with this header.
-    ///
-    /// # Errors
-    /// When it is no trace of this build.
-    pub fn check(self) -> Result<Self, Malformed> {
-        if self.magic == MAGIC { Ok(self) } else { Err(Malformed) }
-    }
-}
 
 /// One tick: what went in, and what came out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -97,7 +63,7 @@ impl Outcome {
     }
 }
 
-/// Encodes a [`Header`] or a [`Row`].
+/// Encodes the hardware or a [`Row`].
 ///
 /// # Errors
 /// When it takes more than [`LONGEST`] bytes, which neither does.
@@ -110,7 +76,7 @@ pub fn encode<'a>(
     Ok(&buffer[..=length])
 }
 
-/// Decodes a [`Header`] or a [`Row`]; `None` at the end of the trace. `fill` reads as many bytes as it
+/// Decodes the hardware or a [`Row`]; `None` at the end of the trace. `fill` reads as many bytes as it
 /// is given room for.
 ///
 /// # Errors
@@ -132,8 +98,9 @@ pub fn decode<T: DeserializeOwned, E>(
 mod tests {
     use super::*;
     use crate::board::BOARDS;
+    use crate::exchange::Requests;
     use crate::fast::units::RotorAngle;
-    use crate::hardware::{Bridge, Duty, Encoder, EncoderAngle, EncoderReading};
+    use crate::hardware::{Bridge, Duty, Encoder, EncoderAngle, EncoderReading, Hardware};
     use std::io::Read;
 
     fn read<T: DeserializeOwned>(mut bytes: &[u8]) -> Result<Option<T>, Malformed> {
@@ -141,12 +108,11 @@ mod tests {
     }
 
     #[test]
-    fn a_header_survives_its_bytes() {
+    fn hardware_survives_its_bytes_but_for_its_name() {
         for board in BOARDS {
-            let header = Header::new(Hardware { name: "", ..board.hardware });
+            let hardware = Hardware { name: "", ..board.hardware };
             let mut buffer = [0; LONGEST];
-            let decoded = read::<Header>(encode(&header, &mut buffer).unwrap());
-            assert_eq!(decoded.map(|header| header.map(Header::check)), Ok(Some(Ok(header))));
+            assert_eq!(read(encode(&hardware, &mut buffer).unwrap()), Ok(Some(hardware)));
         }
     }
 
@@ -164,10 +130,7 @@ mod tests {
                 setpoints: u16::MAX,
                 heard: Instant::from_micros(u64::MAX),
                 expires: Instant::from_micros(u64::MAX),
-                arm: 1,
-                disarm: 2,
-                stop: 3,
-                clear: 4,
+                requests: Requests { arm: 1, disarm: 2, stop: 3, clear: 4 },
                 period: 5,
             },
             outcome: Outcome {
@@ -195,8 +158,6 @@ mod tests {
 
     #[test]
     fn other_bytes_are_not_a_trace() {
-        let other = Header { magic: [0; 8], hardware: BOARDS[0].hardware };
-        assert_eq!(other.check(), Err(Malformed));
         assert_eq!(read::<Row>(&[0xFF; LONGEST]), Err(Malformed));
     }
 

@@ -18,7 +18,7 @@ use flix_firmware::hardware::{Actuation, TICK};
 use flix_firmware::robot::{FastHalf, Robot, SlowHalf};
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, Event, Outcome, ParameterCommand, Refusal, State, ToOperator, ToRobot,
+    Command, Event, LoopTiming, Outcome, ParameterCommand, Refusal, State, ToOperator, ToRobot,
 };
 use flix_protocol::session::{Key, OperatorReceived, OperatorSession, Status};
 use flix_protocol::units::Instant;
@@ -258,8 +258,7 @@ fn report_alignment(halves: &mut Halves) -> Alignment {
         ..Alignment::default()
     };
     let report = *halves.reported();
-    let timing =
-        flix_firmware::exchange::Timing { ticks: report.timing.ticks + 1, ..report.timing };
+    let timing = LoopTiming { ticks: report.timing.ticks + 1, ..report.timing };
     halves.exchange.with(|exchange| {
         exchange.report(Report {
             timing,

@@ -14,7 +14,7 @@ use flix_firmware::fast::configuration::Configuration;
 use flix_firmware::fast::control::Control;
 use flix_firmware::hardware::{Encoder, TICK_RATE_HZ, TICK_US};
 use flix_firmware::settings::Settings;
-use flix_firmware::trace::{Header, LONGEST, Outcome, Row, encode};
+use flix_firmware::trace::{LONGEST, Outcome, Row, encode};
 use flix_protocol::failsafe::COMMAND_AGE;
 use flix_protocol::message::State;
 use flix_protocol::units::Instant;
@@ -97,7 +97,7 @@ impl<W: Write> Recording<W> {
 
 fn record(file: &Path) -> Result<u64, Box<dyn std::error::Error>> {
     let mut trace = BufWriter::new(File::create(file)?);
-    trace.write_all(encode(&Header::new(SIMULATED_BOARD), &mut [0; LONGEST])?)?;
+    trace.write_all(encode(&SIMULATED_BOARD, &mut [0; LONGEST])?)?;
     let mut recording = Recording {
         control: Control::new(Configuration::new(&Settings::DEFAULT, &SIMULATED_BOARD)),
         order: Order::default(),
@@ -108,7 +108,7 @@ fn record(file: &Path) -> Result<u64, Box<dyn std::error::Error>> {
         trace,
     };
     recording.ticks(REST_TICKS)?;
-    recording.order.arm = recording.order.arm.wrapping_add(1);
+    recording.order.requests.arm = recording.order.requests.arm.wrapping_add(1);
     recording.until(State::Armed)?;
     for (frequency, direction) in MODES {
         let setpoint = setpoint(frequency, direction)?;

@@ -33,16 +33,6 @@ pub enum Chip {
 }
 
 impl Chip {
-    /// Returns the name of the cargo feature that selects the chip.
-    #[must_use]
-    pub const fn feature(self) -> &'static str {
-        match self {
-            Self::Esp32 => "esp32",
-            Self::Esp32S3 => "esp32s3",
-            Self::Esp32C6 => "esp32c6",
-        }
-    }
-
     /// Whether the pin exists, can drive, and is free: not wired to the flash chip inside the
     /// module, to USB, or to the serial port.
     #[must_use]
@@ -69,12 +59,6 @@ impl Chip {
             (Self::Esp32C6, 0..=6) => Some(pin),
             _ => None,
         }
-    }
-
-    /// Whether two AS5600 can be read: they share one address, so each needs its own I2C master.
-    #[must_use]
-    pub const fn has_two_i2c_masters(self) -> bool {
-        !matches!(self, Self::Esp32C6)
     }
 
     /// Whether four conversions fit into one tick. Those of the C6 take 40 microseconds each.
@@ -210,6 +194,23 @@ const DIVIDER_MICROVOLTS_PER_COUNT: u16 = {
     at_battery as u16
 };
 
+/// Describes electronics that do not measure their battery.
+const fn hardware(
+    name: &'static str,
+    current_sense: Option<CurrentSense>,
+    dead_time_ns: u16,
+    can_coast: bool,
+) -> Hardware {
+    Hardware {
+        name,
+        current_sense,
+        bus_microvolts_per_count: None,
+        dead_time_ns,
+        pwm_frequency_hz: PWM_FREQUENCY_HZ,
+        can_coast,
+    }
+}
+
 /// Describes a board with the pin map that the dual-motor ESP32 boards share.
 const fn dual_esp32(
     feature: &'static str,
@@ -225,14 +226,7 @@ const fn dual_esp32(
     Board {
         feature,
         chip: Chip::Esp32,
-        hardware: Hardware {
-            name,
-            current_sense,
-            bus_microvolts_per_count: None,
-            dead_time_ns,
-            pwm_frequency_hz: PWM_FREQUENCY_HZ,
-            can_coast: enables.is_some(),
-        },
+        hardware: hardware(name, current_sense, dead_time_ns, enables.is_some()),
         bridges: [
             BridgePins {
                 phases: [32, 33, 25],
@@ -295,14 +289,7 @@ pub const DENGFOC_V3_01: Board = dual_esp32(
 pub const GENERIC_ESP32S3: Board = Board {
     feature: "generic-esp32s3",
     chip: Chip::Esp32S3,
-    hardware: Hardware {
-        name: "generic ESP32-S3",
-        current_sense: None,
-        bus_microvolts_per_count: None,
-        dead_time_ns: UNKNOWN_DEAD_TIME_NS,
-        pwm_frequency_hz: PWM_FREQUENCY_HZ,
-        can_coast: true,
-    },
+    hardware: hardware("generic ESP32-S3", None, UNKNOWN_DEAD_TIME_NS, true),
     bridges: [
         BridgePins { phases: [11, 12, 13], enable: Some(15), currents: None },
         BridgePins { phases: [14, 21, 47], enable: Some(16), currents: None },
@@ -321,14 +308,7 @@ pub const GENERIC_ESP32S3: Board = Board {
 pub const GENERIC_ESP32C6: Board = Board {
     feature: "generic-esp32c6",
     chip: Chip::Esp32C6,
-    hardware: Hardware {
-        name: "generic ESP32-C6",
-        current_sense: None,
-        bus_microvolts_per_count: None,
-        dead_time_ns: UNKNOWN_DEAD_TIME_NS,
-        pwm_frequency_hz: PWM_FREQUENCY_HZ,
-        can_coast: true,
-    },
+    hardware: hardware("generic ESP32-C6", None, UNKNOWN_DEAD_TIME_NS, true),
     bridges: [
         BridgePins { phases: [18, 19, 20], enable: Some(10), currents: None },
         BridgePins { phases: [21, 22, 23], enable: Some(11), currents: None },
@@ -353,72 +333,58 @@ pub const BOARDS: [&Board; 6] = [
 ];
 
 /// Why a board cannot be what it says.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum BoardError {
     /// A pin has two uses.
+    #[error("GPIO {0} has two uses")]
     PinUsedTwice(Pin),
     /// A pin that has to drive cannot.
+    #[error("GPIO {0} cannot be an output")]
     CannotDrive(Pin),
     /// A pin that has to be measured is not on ADC1.
+    #[error("GPIO {0} is not an input of ADC1")]
     NotOnAdc1(Pin),
     /// Two AS5600 need two I2C masters.
+    #[error("two AS5600 share one address and need two I2C masters: take SPI encoders")]
     OneI2cMaster,
     /// Currents are asked for where the chip cannot sample them in time.
+    #[error("the chip cannot sample four phase currents in one tick")]
     TooSlowForCurrents,
 }
 
-impl core::fmt::Display for BoardError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::PinUsedTwice(pin) => write!(f, "GPIO {pin} has two uses"),
-            Self::CannotDrive(pin) => write!(f, "GPIO {pin} cannot be an output"),
-            Self::NotOnAdc1(pin) => write!(f, "GPIO {pin} is not an input of ADC1"),
-            Self::OneI2cMaster => f.write_str(
-                "two AS5600 share one address and need two I2C masters: take SPI encoders",
-            ),
-            Self::TooSlowForCurrents => {
-                f.write_str("the chip cannot sample four phase currents in one tick")
-            }
-        }
-    }
+/// What a pin has to do.
+enum Role {
+    Output,
+    Input,
+    Analog,
 }
 
-impl core::error::Error for BoardError {}
-
-/// Pins by number, to see whether one is used twice.
-struct PinSet(u64);
-
-impl PinSet {
-    const fn insert(self, pin: Pin) -> Result<Self, BoardError> {
-        if self.0 >> pin & 1 == 1 {
-            return Err(BoardError::PinUsedTwice(pin));
-        }
-        Ok(Self(self.0 | 1 << pin))
-    }
-
-    const fn insert_output(self, pin: Pin, chip: Chip) -> Result<Self, BoardError> {
-        if !chip.can_drive(pin) {
-            return Err(BoardError::CannotDrive(pin));
-        }
-        self.insert(pin)
-    }
-
-    const fn insert_analog(self, pin: Pin, chip: Chip) -> Result<Self, BoardError> {
-        if chip.adc1_channel(pin).is_none() {
-            return Err(BoardError::NotOnAdc1(pin));
-        }
-        self.insert(pin)
-    }
+/// The pins of a board as they are handed out, and the first that cannot be.
+struct Pins {
+    chip: Chip,
+    used: u64,
+    outcome: Result<(), BoardError>,
 }
 
-/// `?` for constant functions.
-macro_rules! attempt {
-    ($result:expr) => {
-        match $result {
-            Ok(value) => value,
-            Err(error) => return Err(error),
+impl Pins {
+    /// Hands out pins that have the same to do.
+    const fn take(mut self, role: Role, pins: &[Pin]) -> Self {
+        let mut index = 0;
+        while index < pins.len() && self.outcome.is_ok() {
+            let pin = pins[index];
+            self.outcome = match role {
+                Role::Output if !self.chip.can_drive(pin) => Err(BoardError::CannotDrive(pin)),
+                Role::Analog if self.chip.adc1_channel(pin).is_none() => {
+                    Err(BoardError::NotOnAdc1(pin))
+                }
+                _ if self.used >> pin & 1 == 1 => Err(BoardError::PinUsedTwice(pin)),
+                _ => Ok(()),
+            };
+            self.used |= 1 << pin;
+            index += 1;
         }
-    };
+        self
+    }
 }
 
 impl Board {
@@ -473,51 +439,34 @@ impl Board {
     /// # Errors
     /// When a pin is used twice, cannot do what is asked of it, or the chip lacks a bus.
     pub const fn check(&self) -> Result<(), BoardError> {
-        let mut pins = PinSet(0);
+        let mut pins = Pins { chip: self.chip, used: 0, outcome: Ok(()) };
         let mut motor = 0;
         while motor < self.bridges.len() {
-            let bridge = &self.bridges[motor];
-            let mut phase = 0;
-            while phase < bridge.phases.len() {
-                pins = attempt!(pins.insert_output(bridge.phases[phase], self.chip));
-                phase += 1;
-            }
-            if let Some(enable) = bridge.enable {
-                pins = attempt!(pins.insert_output(enable, self.chip));
-            }
-            if let Some([a, b]) = bridge.currents {
+            let BridgePins { phases, enable, currents } = self.bridges[motor];
+            pins = pins.take(Role::Output, &phases).take(Role::Output, enable.as_slice());
+            if let Some(currents) = currents {
                 if !self.chip.samples_currents_in_a_tick() {
                     return Err(BoardError::TooSlowForCurrents);
                 }
-                pins = attempt!(pins.insert_analog(a, self.chip));
-                pins = attempt!(pins.insert_analog(b, self.chip));
+                pins = pins.take(Role::Analog, &currents);
             }
             motor += 1;
         }
         if let Some(divider) = self.divider {
-            pins = attempt!(pins.insert_analog(divider.pin, self.chip));
+            pins = pins.take(Role::Analog, &[divider.pin]);
         }
-        pins = attempt!(pins.insert_output(self.status_led, self.chip));
-        pins = match self.encoder {
-            EncoderKind::As5600 => {
-                let Some([top, bottom]) = self.i2c else {
-                    return Err(BoardError::OneI2cMaster);
-                };
-                pins = attempt!(pins.insert_output(top.sda, self.chip));
-                pins = attempt!(pins.insert_output(top.scl, self.chip));
-                pins = attempt!(pins.insert_output(bottom.sda, self.chip));
-                attempt!(pins.insert_output(bottom.scl, self.chip))
+        pins = pins.take(Role::Output, &[self.status_led]);
+        pins = match (self.encoder, self.i2c) {
+            (EncoderKind::As5600, Some([top, bottom])) => {
+                pins.take(Role::Output, &[top.sda, top.scl, bottom.sda, bottom.scl])
             }
-            EncoderKind::Mt6701 | EncoderKind::As5047p => {
-                pins = attempt!(pins.insert_output(self.spi.sclk, self.chip));
-                pins = attempt!(pins.insert(self.spi.miso));
-                pins = attempt!(pins.insert_output(self.spi.mosi, self.chip));
-                pins = attempt!(pins.insert_output(self.spi.selects[0], self.chip));
-                attempt!(pins.insert_output(self.spi.selects[1], self.chip))
+            (EncoderKind::As5600, None) => return Err(BoardError::OneI2cMaster),
+            (EncoderKind::Mt6701 | EncoderKind::As5047p, _) => {
+                let SpiPins { sclk, miso, mosi, selects: [top, bottom] } = self.spi;
+                pins.take(Role::Output, &[sclk, mosi, top, bottom]).take(Role::Input, &[miso])
             }
         };
-        let PinSet(_) = pins;
-        Ok(())
+        pins.outcome
     }
 }
 
@@ -574,7 +523,7 @@ mod tests {
     fn every_board_fits_its_chip_with_every_option() {
         for board in variants() {
             let needs_two_masters = board.encoder == EncoderKind::As5600;
-            let expected = if needs_two_masters && !board.chip.has_two_i2c_masters() {
+            let expected = if needs_two_masters && board.chip == Chip::Esp32C6 {
                 Err(BoardError::OneI2cMaster)
             } else {
                 Ok(())

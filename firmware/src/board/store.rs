@@ -32,30 +32,21 @@ const FILLER_LENGTH: usize = 960;
 const LONGEST: usize = 1024;
 
 /// Why an entry was not read or written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum StoreError {
     /// More bytes than fit: an entry, or what the caller has room for.
+    #[error("the entry is longer than fits")]
     TooLong,
     /// No room left in the region, or too small a region.
+    #[error("the flash region is full or too small")]
     Full,
     /// What is in flash makes no sense.
+    #[error("the flash region is corrupted")]
     Corrupted,
     /// The flash itself failed.
+    #[error("the flash failed")]
     Flash,
 }
-
-impl core::fmt::Display for StoreError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::TooLong => "the entry is longer than fits",
-            Self::Full => "the flash region is full or too small",
-            Self::Corrupted => "the flash region is corrupted",
-            Self::Flash => "the flash failed",
-        })
-    }
-}
-
-impl core::error::Error for StoreError {}
 
 impl<E> From<Error<E>> for StoreError {
     fn from(error: Error<E>) -> Self {

@@ -122,14 +122,16 @@ struct Motor {
 /// Aligns both motors.
 #[derive(Debug, Clone)]
 pub(crate) struct Aligner {
-    full: bool,
+    /// Whether everything is looked for, so that [`Aligner::results`] is news.
+    pub(crate) full: bool,
     stage: Stage,
     tick: u32,
     still: u32,
     /// Mechanical position of the field, 2^-32 turn in its own direction.
     field: u32,
     motors: [Motor; 2],
-    zeros: [[Counts; 2]; 2],
+    /// What the amplifiers of phases A and B show at no current.
+    pub(crate) zeros: [[Counts; 2]; 2],
 }
 
 impl Aligner {
@@ -138,16 +140,6 @@ impl Aligner {
         let motors = configuration.alignment.map(|result| Motor { result, ..Motor::default() });
         let zeros = [[Counts::ZERO; 2]; 2];
         Self { full, stage: Stage::Rest, tick: 0, still: 0, field: 0, motors, zeros }
-    }
-
-    /// Returns what the amplifiers of phases A and B show at no current.
-    pub(crate) const fn zeros(&self) -> [[Counts; 2]; 2] {
-        self.zeros
-    }
-
-    /// Whether everything was looked for, so that [`Aligner::results`] is news.
-    pub(crate) const fn full(&self) -> bool {
-        self.full
     }
 
     /// Returns what was found.
@@ -388,16 +380,11 @@ impl Aligner {
 
     /// Returns the field as duties.
     fn bridges(&self, configuration: &Configuration, bus: &Bus) -> [Bridge; 2] {
-        if self.stage == Stage::Rest {
-            return [Bridge::BRAKE; 2];
-        }
-        if self.stage == Stage::Zero {
-            return [Bridge::Off; 2];
-        }
-        let share = if self.stage == Stage::Ramp {
-            (self.tick.min(RAMP_TICKS) * ((1 << 30) / RAMP_TICKS)) as i32
-        } else {
-            1 << 30
+        let share = match self.stage {
+            Stage::Rest => return [Bridge::BRAKE; 2],
+            Stage::Zero => return [Bridge::Off; 2],
+            Stage::Ramp => (self.tick.min(RAMP_TICKS) * ((1 << 30) / RAMP_TICKS)) as i32,
+            Stage::Forward | Stage::Back | Stage::Check => 1 << 30,
         };
         let mut bridges = [Bridge::Off; 2];
         for ((bridge, motor), voltage) in

@@ -9,15 +9,15 @@ mod bench;
 #[cfg(test)]
 mod tests;
 
-use flix_protocol::message::{Fault, Faults, State};
+use flix_protocol::message::{Fault, Faults, LoopTiming, State};
 use flix_protocol::units::Instant;
 
-use crate::exchange::{MotorReport, Order, Report, Timing};
+use crate::exchange::{MotorReport, Order, Report};
 use crate::fast::aligner::{self, Aligner, Progress};
 use crate::fast::configuration::Configuration;
 use crate::fast::foc::current::{CurrentLoop, Input};
 use crate::fast::foc::modulation::Bus;
-use crate::fast::monitor::{DIAGNOSTIC_TICKS, Monitor, Observation};
+use crate::fast::monitor::{DIAGNOSTIC_TICKS, Monitor, Observation, add};
 use crate::fast::shaker::{Rotors, STRIDE, Shaker, Target};
 use crate::fast::supervisor::{Conditions, Drive, Supervisor};
 use crate::fast::tracker::{TABLE_LENGTH, Tracker};
@@ -86,7 +86,7 @@ pub struct Control {
     /// [`Report::frequency`], 2^-4.
     frequency: i32,
     largest_voltage: Voltage,
-    timing: Timing,
+    timing: LoopTiming,
     period: u8,
     alignments: u8,
 }
@@ -118,7 +118,7 @@ impl Control {
             time: Instant::START,
             frequency: 0,
             largest_voltage: Voltage::ZERO,
-            timing: Timing::default(),
+            timing: LoopTiming::default(),
             period: 0,
             alignments: 0,
             configuration,
@@ -128,7 +128,7 @@ impl Control {
     /// Takes over a new configuration; only while disarmed or faulted, with the rotors at rest.
     /// Returns whether it did.
     pub fn configure(&mut self, configuration: &Configuration) -> bool {
-        let idle = matches!(self.supervisor.state(), State::Disarmed | State::Faulted)
+        let idle = matches!(self.supervisor.state, State::Disarmed | State::Faulted)
             && self.still >= REST_TICKS;
         if idle {
             self.configuration = *configuration;
@@ -154,18 +154,14 @@ impl Control {
         if count % DIAGNOSTIC_TICKS == 1 {
             self.diagnose(sensors, order, &rotors);
         }
-        let mut present = self.present;
-        let urgent = [
-            (Fault::OverCurrent, self.monitor.over_current(excess)),
-            (Fault::LoopOverrun, late),
-            (Fault::EncoderLost, self.trackers[0].lost() || self.trackers[1].lost()),
-        ];
-        for (fault, is_present) in urgent {
-            if is_present {
-                core::hint::cold_path();
-                present = present.with(fault);
-            }
-        }
+        let present = add(
+            self.present,
+            [
+                (Fault::OverCurrent, self.monitor.over_current(excess)),
+                (Fault::LoopOverrun, late),
+                (Fault::EncoderLost, self.trackers[0].lost() || self.trackers[1].lost()),
+            ],
+        );
         let conditions = Conditions {
             present,
             at_rest: self.at_rest,
@@ -200,12 +196,12 @@ impl Control {
             / i64::from(self.bus.limit.raw().max(1));
         Report {
             time: self.time,
-            state: self.supervisor.state(),
-            faults: self.supervisor.faults(),
-            first_fault: self.supervisor.first_fault(),
-            stopped: self.supervisor.stopped(),
-            link_late: self.supervisor.link_late(),
-            obeyed: self.supervisor.obeyed(),
+            state: self.supervisor.state,
+            faults: self.supervisor.faults,
+            first_fault: self.supervisor.first_fault,
+            stopped: self.supervisor.stopped,
+            link_late: self.supervisor.link_late,
+            obeyed: self.supervisor.obeyed,
             frequency: Speed::from_raw(self.frequency >> FREQUENCY_FILTER_SHIFT),
             direction: rotors.direction(),
             motors,
@@ -214,7 +210,7 @@ impl Control {
             timing: self.timing,
             alignments: self.alignments,
             alignment: self.configuration.alignment,
-            events: self.supervisor.events(),
+            events: self.supervisor.events,
         }
     }
 
@@ -283,7 +279,7 @@ impl Control {
         let [zero_a, zero_b] = self.zeros[motor];
         let (a, b) = (Counts::new(a) - zero_a, Counts::new(b) - zero_b);
         self.currents[motor] = [amperes(a), amperes(b)];
-        beyond(a) | beyond(b) | beyond(a + b)
+        beyond(a) || beyond(b) || beyond(a + b)
     }
 
     /// Looks at what need not be looked at in every tick: bus, faults that build up, rest, averages.
@@ -318,7 +314,8 @@ impl Control {
         self.bus = Bus::new(self.bus_voltage, self.configuration.dead_share);
         let low = self.bus_voltage < self.configuration.battery_low;
         if low && !self.battery_low {
-            self.supervisor.warn_battery();
+            let events = &mut self.supervisor.events;
+            events.battery_low = events.battery_low.wrapping_add(1);
         }
         let recovered = self.bus_voltage > self.configuration.battery_low + BATTERY_HYSTERESIS;
         self.battery_low = low || (self.battery_low && !recovered);
@@ -407,8 +404,8 @@ impl Control {
             Progress::Busy => {}
             Progress::Failed(fault) => self.misaligned = Faults::NONE.with(fault),
             Progress::Done => {
-                self.zeros = aligner.zeros();
-                if aligner.full() {
+                self.zeros = aligner.zeros;
+                if aligner.full {
                     self.configuration.apply(aligner.results());
                     self.configuration.aligned = true;
                     self.activity = Activity::Tabulating(0);

@@ -70,6 +70,18 @@ impl Debounce {
     }
 }
 
+/// Adds those faults that were found.
+#[inline(always)]
+pub(crate) fn add<const N: usize>(mut faults: Faults, found: [(Fault, bool); N]) -> Faults {
+    for (fault, is_present) in found {
+        if is_present {
+            core::hint::cold_path();
+            faults = faults.with(fault);
+        }
+    }
+    faults
+}
+
 /// What the monitor looks at.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Observation<'a> {
@@ -120,58 +132,47 @@ impl Monitor {
     }
 
     /// Adds the faults whose cause is there now, but for those that every tick looks for.
-    pub(crate) fn faults(&mut self, mut faults: Faults, observation: &Observation<'_>) -> Faults {
+    pub(crate) fn faults(&mut self, faults: Faults, observation: &Observation<'_>) -> Faults {
         let Observation { configuration, bus_voltage, trackers, .. } = *observation;
-        for tracker in trackers {
-            if tracker.speed().magnitude() > configuration.over_speed {
-                faults = faults.with(Fault::OverSpeed);
-            }
-        }
+        let fast = |tracker: &Tracker| tracker.speed().magnitude() > configuration.over_speed;
         let low = bus_voltage < configuration.under_voltage;
-        if self.under_voltage.diagnose(low, UNDER_VOLTAGE_TICKS) {
-            faults = faults.with(Fault::UnderVoltage);
-        }
         let high = bus_voltage > configuration.over_voltage;
-        if self.over_voltage.diagnose(high, OVER_VOLTAGE_TICKS) {
-            faults = faults.with(Fault::OverVoltage);
-        }
+        let found = [
+            (Fault::OverSpeed, trackers.iter().any(fast)),
+            (Fault::UnderVoltage, self.under_voltage.diagnose(low, UNDER_VOLTAGE_TICKS)),
+            (Fault::OverVoltage, self.over_voltage.diagnose(high, OVER_VOLTAGE_TICKS)),
+        ];
+        let faults = add(faults, found);
         if observation.shaking { self.shaking_faults(faults, observation) } else { faults }
     }
 
     /// Adds the faults that show only while the rotors are controlled.
-    fn shaking_faults(&mut self, mut faults: Faults, observation: &Observation<'_>) -> Faults {
-        let Observation { shaker, target, .. } = *observation;
+    fn shaking_faults(&mut self, faults: Faults, observation: &Observation<'_>) -> Faults {
+        let Observation { configuration, trackers, loops, shaker, target, .. } = *observation;
         let pressed = shaker.limited();
         let going_on = shaker.frequency().magnitude() > GOING_ON;
+        let mut stalled = false;
         let counts = self.stall.iter_mut().zip(&mut self.blocked);
-        for (tracker, (stall, blocked)) in observation.trackers.iter().zip(counts) {
+        for (tracker, (stall, blocked)) in trackers.iter().zip(counts) {
             let still = tracker.speed().magnitude() < STALLED;
-            if stall.diagnose(still && pressed, STALL_TICKS)
-                | blocked.diagnose(still && going_on, BLOCKED_TICKS)
-            {
-                faults = faults.with(Fault::Stall);
-            }
+            stalled |= stall.diagnose(still && pressed, STALL_TICKS)
+                | blocked.diagnose(still && going_on, BLOCKED_TICKS);
         }
         let unlocked = shaker.slipping() || magnitude(shaker.sum_error()) > LARGEST_SUM_ERROR;
-        let droop = target - shaker.frequency();
-        let drooping = pressed && droop.magnitude() > LARGEST_DROOP;
-        if self.unlocked.diagnose(unlocked, UNLOCKED_TICKS)
-            | self.droop.diagnose(drooping, DROOP_TICKS)
-        {
-            faults = faults.with(Fault::PhaseLockLost);
-        }
-        if self.open_phase(observation.currents, going_on) {
-            faults = faults.with(Fault::Alignment);
-        }
-        let bound = observation.configuration.largest_residual;
-        let off = observation.loops.iter().any(|current_loop| {
+        let droop = (target - shaker.frequency()).magnitude();
+        let lost = self.unlocked.diagnose(unlocked, UNLOCKED_TICKS)
+            | self.droop.diagnose(pressed && droop > LARGEST_DROOP, DROOP_TICKS);
+        let off = loops.iter().any(|current_loop| {
             let residual = current_loop.residual();
-            residual.d.magnitude().max(residual.q.magnitude()) > bound
+            residual.d.magnitude().max(residual.q.magnitude()) > configuration.largest_residual
         });
-        if self.residual.diagnose(off, RESIDUAL_TICKS) {
-            faults = faults.with(Fault::CurrentSense);
-        }
-        faults
+        let found = [
+            (Fault::Stall, stalled),
+            (Fault::PhaseLockLost, lost),
+            (Fault::Alignment, self.open_phase(observation.currents, going_on)),
+            (Fault::CurrentSense, self.residual.diagnose(off, RESIDUAL_TICKS)),
+        ];
+        add(faults, found)
     }
 
     /// Whether a phase carries next to nothing while its motor turns and the others carry.

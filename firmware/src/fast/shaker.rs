@@ -71,7 +71,7 @@ const LARGEST_INTEGRAL: i32 = i32::MAX >> 1;
 /// Largest acceleration of a coordinate, 2^-40 turn per tick^2: 12 times what two amperes give.
 pub(crate) const LARGEST_ACCELERATION: i32 = 1 << 27;
 /// Ticks between two updates: the position loops are fifty times slower than the current loops.
-pub const STRIDE: u32 = 4;
+pub(crate) const STRIDE: u32 = 4;
 /// The same, for what is signed.
 const STEP: i32 = STRIDE as i32;
 /// One in this many updates works out what changes slowly.
@@ -90,23 +90,23 @@ const fn per_second(rate: i64) -> i32 {
 
 /// Gains and limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ShakerModel {
+pub(crate) struct ShakerModel {
     /// `kp` per tick^2, 2^-40.
-    pub proportional: i32,
+    pub(crate) proportional: i32,
     /// `kd` per tick, 2^-32.
-    pub derivative: i32,
+    pub(crate) derivative: i32,
     /// `ki` per tick^3, 2^-48.
-    pub integral: i32,
+    pub(crate) integral: i32,
     /// `J / (2 K_t)` of top and bottom: 2^-16 A per (2^-40 turn per tick^2), in 2^-32.
-    pub current_per_acceleration: [i32; 2],
+    pub(crate) current_per_acceleration: [i32; 2],
     /// Largest sum of magnitudes of `u`, 2^-40 turn per tick^2.
-    pub largest_acceleration: i32,
+    pub(crate) largest_acceleration: i32,
     /// Largest current.
-    pub current_limit: Current,
+    pub(crate) current_limit: Current,
     /// Steepest change of f, 2^-32 turn per tick^2.
-    pub frequency_ramp: i32,
+    pub(crate) frequency_ramp: i32,
     /// Fastest change of the sum (twice theta).
-    pub sum_ramp: Speed,
+    pub(crate) sum_ramp: Speed,
 }
 
 /// One of the two coordinates: integral and adapted amplitudes, all in 2^-48 turn per tick^2.
@@ -114,7 +114,7 @@ pub struct ShakerModel {
 struct Coordinate {
     integral: i32,
     /// First and second harmonic.
-    amplitudes: [Amplitude; 2],
+    amplitudes: [Complex; 2],
 }
 
 impl Coordinate {
@@ -125,48 +125,34 @@ impl Coordinate {
     }
 }
 
-/// `real cos - imaginary sin` of a harmonic.
+/// A complex number: the amplitude of a harmonic, 2^-48 turn per tick^2; a harmonic `exp(j h phase)`,
+/// 2^-31; or the inverse response `D(j h w)` per tick^2, 2^-38, worked out every [`SCHEDULE_UPDATES`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-struct Amplitude {
+struct Complex {
     real: i32,
     imaginary: i32,
 }
 
-/// Cosine and sine of a harmonic, 2^-31.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-struct Harmonic {
-    cosine: i32,
-    sine: i32,
-}
-
-impl Amplitude {
-    /// Returns the present value in 2^-40 turn per tick^2.
+impl Complex {
+    /// Returns the harmonic of an angle, 2^-32 turn.
     #[inline(always)]
-    const fn value(self, harmonic: Harmonic) -> i32 {
-        multiply_high(self.real, harmonic.cosine)
-            .wrapping_sub(multiply_high(self.imaginary, harmonic.sine))
-            >> 7
+    fn harmonic(angle: u32) -> Self {
+        let (real, imaginary) = cosine_sine(angle);
+        Self { real, imaginary }
     }
 
-    /// Adapts to an error.
+    /// Returns the harmonic of twice the angle.
     #[inline(always)]
-    const fn adapt(&mut self, error: i32, direction: Amplitude, rate: i32) {
-        let real = multiply_high(error, direction.real).wrapping_mul(rate);
-        let imaginary = multiply_high(error, direction.imaginary).wrapping_mul(rate);
-        self.real = self.real.saturating_add(real);
-        self.imaginary = self.imaginary.saturating_add(imaginary);
+    const fn doubled(self) -> Self {
+        let Self { real, imaginary } = self;
+        Self {
+            real: multiply_high(real, real).wrapping_sub(multiply_high(imaginary, imaginary)) << 1,
+            imaginary: multiply_high(real, imaginary) << 2,
+        }
     }
-}
 
-/// `D(j h w)` per tick^2 in 2^-38; worked out every [`SCHEDULE_UPDATES`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-struct InverseResponse {
-    real: i32,
-    imaginary: i32,
-}
-
-impl InverseResponse {
-    fn new(model: &ShakerModel, frequency: Speed, harmonic: i32) -> Self {
+    /// Returns the inverse response at a harmonic of f.
+    fn inverse_response(model: &ShakerModel, frequency: Speed, harmonic: i32) -> Self {
         /// pi in 2^-29.
         const PI: i32 = 1_686_629_713;
         // w = 2 pi h f in rad per tick, 2^-31: f pi h, since f is in 2^-32 turn.
@@ -177,26 +163,43 @@ impl InverseResponse {
         }
     }
 
-    /// Returns `D exp(-j h phase)`, 2^-37.
+    /// Returns an inverse response times `exp(-j h phase)`, 2^-37.
     #[inline(always)]
-    const fn gradient(self, harmonic: Harmonic) -> Amplitude {
-        let Harmonic { cosine, sine } = harmonic;
-        Amplitude {
+    const fn gradient(self, harmonic: Self) -> Self {
+        let Self { real: cosine, imaginary: sine } = harmonic;
+        Self {
             real: multiply_high(self.real, cosine)
                 .wrapping_add(multiply_high(self.imaginary, sine)),
             imaginary: multiply_high(self.imaginary, cosine)
                 .wrapping_sub(multiply_high(self.real, sine)),
         }
     }
+
+    /// Returns the present value of an amplitude, 2^-40 turn per tick^2.
+    #[inline(always)]
+    const fn value(self, harmonic: Self) -> i32 {
+        multiply_high(self.real, harmonic.real)
+            .wrapping_sub(multiply_high(self.imaginary, harmonic.imaginary))
+            >> 7
+    }
+
+    /// Adapts an amplitude to an error.
+    #[inline(always)]
+    const fn adapt(&mut self, error: i32, gradient: Self, rate: i32) {
+        let real = multiply_high(error, gradient.real).wrapping_mul(rate);
+        let imaginary = multiply_high(error, gradient.imaginary).wrapping_mul(rate);
+        self.real = self.real.saturating_add(real);
+        self.imaginary = self.imaginary.saturating_add(imaginary);
+    }
 }
 
 /// Where the rotors are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Rotors {
+pub(crate) struct Rotors {
     /// Top and bottom.
-    pub angles: [RotorAngle; 2],
+    pub(crate) angles: [RotorAngle; 2],
     /// Top and bottom.
-    pub speeds: [Speed; 2],
+    pub(crate) speeds: [Speed; 2],
 }
 
 impl Rotors {
@@ -211,39 +214,37 @@ impl Rotors {
     }
 
     /// Returns theta, within a quarter turn either side of forward.
-    #[must_use]
-    pub const fn direction(&self) -> RotorAngle {
+    pub(crate) const fn direction(&self) -> RotorAngle {
         RotorAngle::from_raw((self.sum() as i32 / 2) as u32)
     }
 
     /// Returns f.
-    #[must_use]
-    pub const fn frequency(&self) -> Speed {
+    pub(crate) const fn frequency(&self) -> Speed {
         Speed::from_raw(self.speeds[0].raw().wrapping_sub(self.speeds[1].raw()) / 2)
     }
 }
 
 /// What the shaker is asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Target {
+pub(crate) struct Target {
     /// f.
-    pub frequency: Speed,
+    pub(crate) frequency: Speed,
     /// theta; `None` keeps what it is.
-    pub direction: Option<RotorAngle>,
+    pub(crate) direction: Option<RotorAngle>,
 }
 
 /// What the shaker wants of top and bottom motor in the next [`STRIDE`] ticks, clockwise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Demand {
+pub(crate) struct Demand {
     /// Top, bottom.
-    pub currents: [Current; 2],
+    pub(crate) currents: [Current; 2],
     /// By how much the references change the rotors' speeds, for those who estimate them.
-    pub speed_changes: [Speed; 2],
+    pub(crate) speed_changes: [Speed; 2],
 }
 
 /// References, feedback and adapted feed-forward. Phase, sum and their errors are in 2^-32 turn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Shaker {
+pub(crate) struct Shaker {
     phase: u32,
     frequency: Speed,
     frequency_slope: i32,
@@ -251,7 +252,7 @@ pub struct Shaker {
     sum_speed: Speed,
     sum_coordinate: Coordinate,
     difference_coordinate: Coordinate,
-    inverse_responses: [InverseResponse; 2],
+    inverse_responses: [Complex; 2],
     /// `(f / 35 Hz)^2` in 2^-26, and the rate of adaptation over it; zero when f is too low.
     square: i32,
     inverse_square: i32,
@@ -264,8 +265,7 @@ pub struct Shaker {
 
 impl Shaker {
     /// Starts at rest with the rotors where they are, and with nothing adapted.
-    #[must_use]
-    pub fn at_rest(rotors: &Rotors) -> Self {
+    pub(crate) fn at_rest(rotors: &Rotors) -> Self {
         Self {
             phase: rotors.difference() >> 1,
             frequency: Speed::ZERO,
@@ -274,7 +274,7 @@ impl Shaker {
             sum_speed: Speed::ZERO,
             sum_coordinate: Coordinate::default(),
             difference_coordinate: Coordinate::default(),
-            inverse_responses: [InverseResponse::default(); 2],
+            inverse_responses: [Complex::default(); 2],
             square: 0,
             inverse_square: 0,
             headroom: FULL_HEADROOM,
@@ -286,43 +286,32 @@ impl Shaker {
     }
 
     /// Returns the reference of f in this tick.
-    #[must_use]
-    pub const fn frequency(&self) -> Speed {
+    pub(crate) const fn frequency(&self) -> Speed {
         self.frequency
     }
 
     /// Whether the references stand still.
-    #[must_use]
-    pub const fn standing(&self) -> bool {
+    pub(crate) const fn standing(&self) -> bool {
         magnitude(self.frequency.raw()) < STANDING && magnitude(self.sum_speed.raw()) < STANDING
     }
 
     /// Returns by how much twice theta is off, 2^-32 turn.
-    #[must_use]
-    pub const fn sum_error(&self) -> i32 {
+    pub(crate) const fn sum_error(&self) -> i32 {
         self.sum_error
     }
 
-    /// Returns by how much twice the phase is off, 2^-32 turn.
-    #[must_use]
-    pub const fn difference_error(&self) -> i32 {
-        self.difference_error
-    }
-
     /// Whether the rotors lag so far behind that the phase reference waits for them.
-    #[must_use]
-    pub const fn slipping(&self) -> bool {
+    pub(crate) const fn slipping(&self) -> bool {
         magnitude(self.difference_error) >= LARGEST_LAG
     }
 
     /// Whether current or voltage were at their limits in the last tick.
-    #[must_use]
-    pub const fn limited(&self) -> bool {
+    pub(crate) const fn limited(&self) -> bool {
         self.limited
     }
 
     /// Moves the references on by ticks that the loop missed.
-    pub const fn skip(&mut self, ticks: u32) {
+    pub(crate) const fn skip(&mut self, ticks: u32) {
         self.phase = moved(self.phase, self.frequency, ticks);
         self.sum = moved(self.sum, self.sum_speed, ticks);
     }
@@ -330,7 +319,7 @@ impl Shaker {
     /// Does one update, due every [`STRIDE`] ticks. `voltage_limited`: either motor got less voltage
     /// than it wanted. Never panics.
     #[inline]
-    pub fn update(
+    pub(crate) fn update(
         &mut self,
         model: &ShakerModel,
         rotors: &Rotors,
@@ -355,8 +344,8 @@ impl Shaker {
         let difference_speed_error =
             self.frequency.raw().wrapping_mul(2).wrapping_sub(top).wrapping_add(bottom);
 
-        let first = harmonic(self.phase);
-        let second = double(first);
+        let first = Complex::harmonic(self.phase);
+        let second = first.doubled();
         let (periodic_sum, periodic_difference) = self.periodic(first, second);
         let u_sum = acceleration_sum
             + feedback(model, self.sum_error, sum_speed_error)
@@ -437,23 +426,16 @@ impl Shaker {
     /// Moves theta on, the short way; returns the acceleration of the sum, 2^-40.
     #[inline(always)]
     fn ramp_direction(&mut self, model: &ShakerModel, direction: Option<RotorAngle>) -> i32 {
-        let Some(direction) = direction else {
-            let change = self.change_sum_speed(model, 0);
-            return change << 6;
-        };
-        let gap = direction.raw().wrapping_mul(2).wrapping_sub(self.sum) as i32;
         let ramp = model.sum_ramp.raw();
-        let wanted = within(multiply_high(gap, per_second(DIRECTION_APPROACH)), ramp);
-        self.change_sum_speed(model, wanted) << 6
-    }
-
-    #[inline(always)]
-    fn change_sum_speed(&mut self, model: &ShakerModel, wanted: i32) -> i32 {
-        let steepest = multiply_high(model.sum_ramp.raw(), per_second(DIRECTION_APPROACH));
+        let wanted = direction.map_or(0, |direction| {
+            let gap = direction.raw().wrapping_mul(2).wrapping_sub(self.sum) as i32;
+            within(multiply_high(gap, per_second(DIRECTION_APPROACH)), ramp)
+        });
+        let steepest = multiply_high(ramp, per_second(DIRECTION_APPROACH));
         let change = within(wanted - self.sum_speed.raw(), (steepest + 1) * STEP);
         self.sum_speed = self.sum_speed + Speed::from_raw(change);
         self.sum = moved(self.sum, self.sum_speed, STRIDE);
-        change
+        change << 6
     }
 
     /// Returns the error of the difference; beyond [`LARGEST_LAG`] the reference gives way, and f
@@ -472,7 +454,7 @@ impl Shaker {
 
     /// Returns the periodic parts of sum and difference, 2^-40.
     #[inline(always)]
-    fn periodic(&self, first: Harmonic, second: Harmonic) -> (i32, i32) {
+    fn periodic(&self, first: Complex, second: Complex) -> (i32, i32) {
         let [sum_first, sum_second] = self.sum_coordinate.amplitudes;
         let [difference_first, difference_second] = self.difference_coordinate.amplitudes;
         let driven_back = multiply_high(difference_second.value(second) << 6, self.square);
@@ -484,7 +466,7 @@ impl Shaker {
 
     /// Adapts the integrals in every update, the two harmonics in turn.
     #[inline(always)]
-    fn adapt(&mut self, model: &ShakerModel, first: Harmonic, second: Harmonic) {
+    fn adapt(&mut self, model: &ShakerModel, first: Complex, second: Complex) {
         let (sum_error, difference_error) = (self.sum_error, self.difference_error);
         let sum = &mut self.sum_coordinate;
         let difference = &mut self.difference_coordinate;
@@ -510,7 +492,7 @@ impl Shaker {
     /// Works out what depends on f alone.
     fn schedule(&mut self, model: &ShakerModel) {
         self.inverse_responses =
-            [1, 2].map(|harmonic| InverseResponse::new(model, self.frequency, harmonic));
+            [1, 2].map(|harmonic| Complex::inverse_response(model, self.frequency, harmonic));
         // f / 35 Hz in 2^-14.
         let ratio = multiply_high(self.frequency.raw().wrapping_shl(6), INVERSE_NORMAL_FREQUENCY);
         let square = ratio.wrapping_mul(ratio);
@@ -535,21 +517,4 @@ const fn feedback(model: &ShakerModel, error: i32, speed_error: i32) -> i32 {
     let error = within(error, LARGEST_ERROR);
     let speed_error = within(speed_error, LARGEST_SPEED_ERROR);
     multiply_high(error, model.proportional) + multiply_high(speed_error << 8, model.derivative)
-}
-
-/// Returns the harmonic of an angle, 2^-32 turn.
-#[inline(always)]
-fn harmonic(angle: u32) -> Harmonic {
-    let (cosine, sine) = cosine_sine(angle);
-    Harmonic { cosine, sine }
-}
-
-/// Returns the harmonic of twice the angle.
-#[inline(always)]
-const fn double(first: Harmonic) -> Harmonic {
-    let Harmonic { cosine, sine } = first;
-    Harmonic {
-        cosine: multiply_high(cosine, cosine).wrapping_sub(multiply_high(sine, sine)) << 1,
-        sine: multiply_high(cosine, sine) << 2,
-    }
 }

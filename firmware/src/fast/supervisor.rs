@@ -47,7 +47,7 @@ const COAST_TICKS: u16 = 20;
 
 /// What the motors are to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Drive {
+pub(crate) enum Drive {
     /// Switch the bridges off.
     Off,
     /// Short the motors.
@@ -60,13 +60,13 @@ pub enum Drive {
 
 /// What the supervisor looks at in every tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Conditions {
+pub(crate) struct Conditions {
     /// Faults whose cause is there in this tick.
-    pub present: Faults,
+    pub(crate) present: Faults,
     /// Whether both rotors stand.
-    pub at_rest: bool,
+    pub(crate) at_rest: bool,
     /// Whether alignment finished in the last tick.
-    pub aligned: bool,
+    pub(crate) aligned: bool,
 }
 
 /// Why the rotors ramp down.
@@ -78,28 +78,34 @@ enum Reason {
     Final,
 }
 
-/// The state machine.
+/// The state machine. Its owner reads the fields for its report; [`Supervisor::update`] and [`Supervisor::raise`]
+/// change them.
 #[derive(Debug, Clone)]
-pub struct Supervisor {
-    state: State,
-    faults: Faults,
-    first_fault: Option<Fault>,
-    stopped: bool,
-    link_late: bool,
+pub(crate) struct Supervisor {
+    pub(crate) state: State,
+    /// Latched.
+    pub(crate) faults: Faults,
+    /// The first of them.
+    pub(crate) first_fault: Option<Fault>,
+    /// Whether a stop is latched.
+    pub(crate) stopped: bool,
+    /// Whether commands are late while motors are, or may at once be, driven.
+    pub(crate) link_late: bool,
     link_lost: bool,
     reason: Reason,
     /// Ticks in this state, saturating.
     ticks: u16,
-    seen: Requests,
+    /// What was obeyed last.
+    pub(crate) obeyed: Requests,
     armed_at_setpoint: u16,
     ramp_down: bool,
-    events: EventCounters,
+    /// What happened since power-up.
+    pub(crate) events: EventCounters,
 }
 
 impl Supervisor {
     /// Starts disarmed, at power-up.
-    #[must_use]
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             state: State::Disarmed,
             faults: Faults::NONE,
@@ -109,69 +115,21 @@ impl Supervisor {
             link_lost: false,
             reason: Reason::Final,
             ticks: 0,
-            seen: Requests::default(),
+            obeyed: Requests::default(),
             armed_at_setpoint: 0,
             ramp_down: false,
             events: EventCounters::default(),
         }
     }
 
-    /// Returns the state.
-    #[must_use]
-    pub const fn state(&self) -> State {
-        self.state
-    }
-
-    /// Returns the latched faults.
-    #[must_use]
-    pub const fn faults(&self) -> Faults {
-        self.faults
-    }
-
-    /// Returns the first of them.
-    #[must_use]
-    pub const fn first_fault(&self) -> Option<Fault> {
-        self.first_fault
-    }
-
-    /// Whether a stop is latched.
-    #[must_use]
-    pub const fn stopped(&self) -> bool {
-        self.stopped
-    }
-
-    /// Whether commands are late while motors are, or may at once be, driven.
-    #[must_use]
-    pub const fn link_late(&self) -> bool {
-        self.link_late
-    }
-
-    /// Returns what was obeyed last.
-    #[must_use]
-    pub const fn obeyed(&self) -> Requests {
-        self.seen
-    }
-
-    /// Returns what happened since power-up.
-    #[must_use]
-    pub const fn events(&self) -> EventCounters {
-        self.events
-    }
-
-    /// Counts a low battery.
-    pub const fn warn_battery(&mut self) {
-        self.events.battery_low = self.events.battery_low.wrapping_add(1);
-    }
-
     /// Whether motors are, or may at once be, driven.
-    #[must_use]
-    pub const fn driving(&self) -> bool {
+    pub(crate) const fn driving(&self) -> bool {
         matches!(self.state, State::Aligning | State::Armed | State::Running | State::Stopping)
     }
 
     /// Latches faults; the lowest bit of the first to come is the first cause.
     #[inline]
-    pub fn raise(&mut self, faults: Faults) {
+    pub(crate) fn raise(&mut self, faults: Faults) {
         if faults.is_empty() {
             return;
         }
@@ -190,7 +148,7 @@ impl Supervisor {
 
     /// Does one tick. Never panics.
     #[inline]
-    pub fn update(&mut self, now: Instant, order: &Order, conditions: &Conditions) -> Drive {
+    pub(crate) fn update(&mut self, now: Instant, order: &Order, conditions: &Conditions) -> Drive {
         self.ticks = self.ticks.saturating_add(1);
         if !conditions.present.is_empty() && self.state != State::Disarmed {
             self.raise(conditions.present);
@@ -217,7 +175,7 @@ impl Supervisor {
     fn commanded(&self, order: &Order) -> bool {
         let word =
             |Requests { arm, disarm, stop, clear }| u32::from_le_bytes([arm, disarm, stop, clear]);
-        word(order.requests()) != word(self.seen)
+        word(order.requests) != word(self.obeyed)
     }
 
     /// Obeys what was asked for since the last tick. Counters do not show which request came last:
@@ -225,9 +183,10 @@ impl Supervisor {
     /// that is disarmed is not armed.
     #[inline(never)]
     fn obey(&mut self, now: Instant, order: &Order, conditions: &Conditions) {
-        let seen = core::mem::replace(&mut self.seen, order.requests());
-        let stop = order.stop != seen.stop;
-        let disarm = order.disarm != seen.disarm;
+        let asked = order.requests;
+        let obeyed = core::mem::replace(&mut self.obeyed, asked);
+        let stop = asked.stop != obeyed.stop;
+        let disarm = asked.disarm != obeyed.disarm;
         if stop {
             if !self.stopped {
                 self.events.stopped = self.events.stopped.wrapping_add(1);
@@ -238,10 +197,10 @@ impl Supervisor {
         if disarm {
             self.ramp_down_and_disarm();
         }
-        if order.clear != seen.clear && !stop {
+        if asked.clear != obeyed.clear && !stop {
             self.clear(conditions);
         }
-        if order.arm != seen.arm && !stop && !disarm {
+        if asked.arm != obeyed.arm && !stop && !disarm {
             self.arm(now, order);
         }
     }
@@ -294,14 +253,15 @@ impl Supervisor {
     fn climb_ladder(&mut self, now: Instant, order: &Order) {
         let silence = now.as_micros().saturating_sub(order.heard.as_micros());
         let expired = now > order.expires;
-        let late = silence >= LINK_LATE_US || expired;
-        if late && !self.link_late {
-            self.events.link_late = self.events.link_late.wrapping_add(1);
-        }
-        self.link_late = late;
-        if !late {
+        if silence < LINK_LATE_US && !expired {
+            self.link_late = false;
             self.link_lost = false;
             return;
+        }
+        core::hint::cold_path();
+        if !self.link_late {
+            self.link_late = true;
+            self.events.link_late = self.events.link_late.wrapping_add(1);
         }
         let silent = silence >= COMMAND_DEADLINE_US;
         if (silent || expired) && self.state == State::Running {
@@ -389,11 +349,5 @@ impl Supervisor {
         } else {
             self.rest(conditions)
         }
-    }
-}
-
-impl Default for Supervisor {
-    fn default() -> Self {
-        Self::new()
     }
 }

@@ -29,7 +29,7 @@ const PLAUSIBLE: i32 = 1 << 27;
 /// four steps of a 12-bit encoder a tick.
 const MOVING: Speed = Speed::from_centihertz(1_000);
 /// Ticks without a believable reading after which the encoder is lost: 3 ms.
-pub const LOST_AFTER_TICKS: u16 = 30;
+pub(crate) const LOST_AFTER_TICKS: u16 = 30;
 /// Ticks after a first reading in which every reading is believed: 20 ms.
 const SETTLING_TICKS: u16 = 200;
 /// Fastest speed that is followed: 75 Hz.
@@ -41,26 +41,25 @@ const LARGEST_WEIGHT: i32 = 4;
 
 /// An encoder and how to follow it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct EncoderModel {
+pub(crate) struct EncoderModel {
     /// +1 where it counts clockwise seen from above, else -1.
-    pub direction_sign: i32,
+    pub(crate) direction_sign: i32,
     /// Clockwise angle of the eccentric mass from forward at reading zero.
-    pub zero: RotorAngle,
+    pub(crate) zero: RotorAngle,
     /// Constant delay of every reading, microseconds.
-    pub latency_us: i32,
+    pub(crate) latency_us: i32,
     /// `2 zeta w T` in 2^-32.
-    pub angle_gain: i32,
+    pub(crate) angle_gain: i32,
     /// `(w T)^2` in 2^-32.
-    pub speed_gain: i32,
+    pub(crate) speed_gain: i32,
     /// What the encoder reads too much, by its uncorrected angle, 2^-32 turn.
-    pub eccentricity: [i32; TABLE_LENGTH],
+    pub(crate) eccentricity: [i32; TABLE_LENGTH],
 }
 
 impl EncoderModel {
     /// Converts a reading to the angle of the rotor, with the magnet's eccentricity still in.
     #[inline(always)]
-    #[must_use]
-    pub const fn uncorrected(&self, reading: EncoderAngle) -> RotorAngle {
+    pub(crate) const fn uncorrected(&self, reading: EncoderAngle) -> RotorAngle {
         self.zero.turned(reading.raw().wrapping_mul(self.direction_sign as u32) as i32)
     }
 
@@ -78,8 +77,7 @@ impl EncoderModel {
 
     /// Returns what the encoder reads too much at this uncorrected angle, 2^-32 turn.
     #[inline(always)]
-    #[must_use]
-    pub const fn correction(&self, angle: RotorAngle) -> i32 {
+    pub(crate) const fn correction(&self, angle: RotorAngle) -> i32 {
         let angle = angle.raw();
         const ENTRY_BITS: u32 = TABLE_LENGTH.trailing_zeros();
         let index = (angle >> (32 - ENTRY_BITS)) as usize;
@@ -103,7 +101,7 @@ pub(crate) fn harmonic_factors(angle: RotorAngle) -> [i32; 4] {
 
 /// Follows one rotor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Tracker {
+pub(crate) struct Tracker {
     angle: RotorAngle,
     speed: Speed,
     last_reading: EncoderAngle,
@@ -113,8 +111,7 @@ pub struct Tracker {
 
 impl Tracker {
     /// Starts with nothing known: the first reading is believed.
-    #[must_use]
-    pub const fn new() -> Self {
+    pub(crate) const fn new() -> Self {
         Self {
             angle: RotorAngle::ZERO,
             speed: Speed::ZERO,
@@ -126,47 +123,43 @@ impl Tracker {
 
     /// Returns the angle of the rotor at the last tick.
     #[inline(always)]
-    #[must_use]
-    pub const fn angle(&self) -> RotorAngle {
+    pub(crate) const fn angle(&self) -> RotorAngle {
         self.angle
     }
 
     /// Returns the speed of the rotor.
     #[inline(always)]
-    #[must_use]
-    pub const fn speed(&self) -> Speed {
+    pub(crate) const fn speed(&self) -> Speed {
         self.speed
     }
 
     /// Whether believable readings stayed away for too long.
     #[inline(always)]
-    #[must_use]
-    pub const fn lost(&self) -> bool {
+    pub(crate) const fn lost(&self) -> bool {
         self.silence >= LOST_AFTER_TICKS
     }
 
     /// Whether angle and speed can be relied on.
     #[inline(always)]
-    #[must_use]
-    pub const fn settled(&self) -> bool {
+    pub(crate) const fn settled(&self) -> bool {
         !self.lost() && self.settling == 0
     }
 
     /// Adds the change of speed that the motors are about to make. Without it the speed would lag
     /// behind a ramp by `2 zeta / omega` of the tracker: 2.3 ms at 125 Hz.
     #[inline(always)]
-    pub fn feed_forward(&mut self, change: Speed) {
+    pub(crate) fn feed_forward(&mut self, change: Speed) {
         self.speed = self.speed + change;
     }
 
     /// Moves on by ticks that the loop missed.
-    pub const fn skip(&mut self, ticks: u32) {
+    pub(crate) const fn skip(&mut self, ticks: u32) {
         self.angle = self.angle.after(ticks, self.speed);
     }
 
     /// Does one tick. Never panics.
     #[inline(always)]
-    pub fn update(&mut self, model: &EncoderModel, encoder: Encoder) {
+    pub(crate) fn update(&mut self, model: &EncoderModel, encoder: Encoder) {
         self.angle = self.angle.after(1, self.speed);
         if self.settling != 0 {
             core::hint::cold_path();
@@ -206,12 +199,13 @@ impl Tracker {
         let error = measured.ahead_of(self.angle);
         let repeated = reading.angle == self.last_reading && self.speed.magnitude() > MOVING;
         self.last_reading = reading.angle;
-        if repeated || (self.settling == 0 && within(error, PLAUSIBLE) != error) {
+        let plausible = within(error, PLAUSIBLE);
+        if repeated || (plausible != error && self.settling == 0) {
             core::hint::cold_path();
             self.miss();
             return;
         }
-        let error = within(error, PLAUSIBLE).wrapping_mul(self.weight());
+        let error = plausible.wrapping_mul(self.weight());
         self.angle = self.angle.turned(multiply_high(error, model.angle_gain));
         let change = Speed::from_raw(multiply_high(error, model.speed_gain));
         self.speed = (self.speed + change).within(FASTEST);
@@ -236,11 +230,5 @@ impl Tracker {
         let age = model.latency_us.wrapping_add(age_us as i32);
         let age = if age > OLDEST_US { OLDEST_US } else { age };
         multiply_high(self.speed.raw() << 6, age.wrapping_mul(TICKS_PER_MICROSECOND))
-    }
-}
-
-impl Default for Tracker {
-    fn default() -> Self {
-        Self::new()
     }
 }

@@ -11,9 +11,9 @@
 use fixed::types::I16F16;
 use flix_firmware::fast::configuration::Configuration;
 use flix_firmware::fast::control::Control;
-use flix_firmware::hardware::{Encoder, Sensors};
+use flix_firmware::hardware::{Encoder, Hardware, Sensors};
 use flix_firmware::settings::Settings;
-use flix_firmware::trace::{self, Header, Malformed, Outcome, Row};
+use flix_firmware::trace::{self, Malformed, Outcome, Row};
 use flix_protocol::message::State;
 use foc::Foc;
 use foc::pid::PIController;
@@ -137,9 +137,8 @@ struct Counted {
 
 fn replay(counted: &mut Counted) -> Result<u32, Malformed> {
     let mut file = File::open(c"trace.bin").map_err(|_| Malformed)?;
-    let header = trace::decode::<Header, _>(|room| file.read_exact(room))?;
-    let header = header.ok_or(Malformed)?.check()?;
-    let mut control = Control::new(Configuration::new(&Settings::DEFAULT, &header.hardware));
+    let hardware = trace::decode::<Hardware, _>(|room| file.read_exact(room))?.ok_or(Malformed)?;
+    let mut control = Control::new(Configuration::new(&Settings::DEFAULT, &hardware));
     let mut peer = Peer::new();
     let overhead = overhead();
     let mut differences = 0;

@@ -317,7 +317,7 @@ impl Bench {
 
     pub(crate) fn arm(&mut self) {
         self.run(0.05);
-        self.order.arm += 1;
+        self.order.requests.arm += 1;
         self.until(State::Armed);
     }
 

@@ -124,7 +124,7 @@ fn predicts_where_the_encoder_is_slower_than_the_loop() {
 #[test]
 fn stop_brings_the_rotors_to_rest_together_and_is_latched() {
     let mut bench = running(FREE, 35.0, 30.0);
-    bench.order.stop += 1;
+    bench.order.requests.stop += 1;
     for _ in 0..3_500 {
         bench.tick();
         if bench.frequency().abs() > 3.0 {
@@ -133,7 +133,7 @@ fn stop_brings_the_rotors_to_rest_together_and_is_latched() {
     }
     assert_eq!(bench.state(), State::Disarmed);
     assert!(bench.fastest() < 0.5);
-    bench.order.arm += 1;
+    bench.order.requests.arm += 1;
     bench.run(0.1);
     assert_eq!(bench.state(), State::Disarmed, "the stop is latched");
 }
@@ -169,7 +169,7 @@ fn a_dead_encoder_is_named_and_nothing_spins() {
     let mut bench = Bench::new(FREE);
     bench.motors[1].encoder_alive = false;
     bench.run(0.05);
-    bench.order.arm += 1;
+    bench.order.requests.arm += 1;
     bench.until(State::Faulted);
     assert_eq!(bench.control.report().first_fault, Some(Fault::EncoderLost));
 }
@@ -186,7 +186,7 @@ fn goes_wrong(expected: Fault, knowable_s: f64, break_it: impl Fn(&mut Bench)) -
     assert_eq!(report.state, State::Faulted);
     assert!(bench.fastest() < 0.5, "still at {} Hz", bench.fastest());
     assert!(bench.peak_current < 2.0, "{} A", bench.peak_current);
-    bench.order.arm += 1;
+    bench.order.requests.arm += 1;
     bench.run(0.1);
     assert_eq!(bench.state(), State::Faulted, "latched");
     bench
@@ -285,7 +285,7 @@ fn an_open_phase_is_named_in_alignment_and_nothing_spins() {
     let mut bench = Bench::new(FREE);
     bench.motors[0].open = true;
     bench.run(0.05);
-    bench.order.arm += 1;
+    bench.order.requests.arm += 1;
     bench.until(State::Faulted);
     let first = bench.control.report().first_fault;
     assert!(matches!(first, Some(Fault::Alignment | Fault::CurrentSense)), "{first:?}");
@@ -297,7 +297,7 @@ fn a_missing_magnet_is_named_in_alignment() {
     let mut bench = Bench::new(FREE);
     bench.motors[1].encoder_stuck = Some(EncoderAngle::from_count(77, 12));
     bench.run(0.05);
-    bench.order.arm += 1;
+    bench.order.requests.arm += 1;
     bench.until(State::Faulted);
     assert_eq!(bench.control.report().first_fault, Some(Fault::Alignment));
 }
@@ -319,7 +319,7 @@ fn a_current_zero_far_off_is_named_in_alignment() {
     let mut bench = Bench::new(FREE);
     bench.sense_offset = 600;
     bench.run(0.05);
-    bench.order.arm += 1;
+    bench.order.requests.arm += 1;
     bench.until(State::Faulted);
     assert_eq!(bench.control.report().first_fault, Some(Fault::CurrentSense));
 }
@@ -333,7 +333,7 @@ fn aligned_with_misread_gain(current_scale: f32) -> Bench {
     let hardware = Hardware { current_sense: sense, ..HARDWARE };
     let mut bench = Bench::with(FREE, Settings { current_scale, ..Settings::DEFAULT }, hardware);
     bench.run(0.05);
-    bench.order.arm += 1;
+    bench.order.requests.arm += 1;
     while matches!(bench.state(), State::Disarmed | State::Aligning) {
         bench.tick();
     }
@@ -364,7 +364,7 @@ fn a_remembered_alignment_is_checked_and_arms_in_half_a_second() {
     remembered.learn(found);
     let mut bench = Bench::with(FREE, remembered, HARDWARE);
     bench.run(0.05);
-    bench.order.arm += 1;
+    bench.order.requests.arm += 1;
     bench.run(0.6);
     assert_eq!(bench.state(), State::Armed);
     assert_holds(&mut bench, 30.0, 30.0);
@@ -372,7 +372,7 @@ fn a_remembered_alignment_is_checked_and_arms_in_half_a_second() {
     first = Bench::with(FREE, remembered, HARDWARE);
     first.motors[1].reversed = true;
     first.run(0.05);
-    first.order.arm += 1;
+    first.order.requests.arm += 1;
     first.until(State::Faulted);
     assert_eq!(first.control.report().first_fault, Some(Fault::Alignment));
 }
@@ -381,10 +381,10 @@ fn a_remembered_alignment_is_checked_and_arms_in_half_a_second() {
 fn a_cleared_fault_arms_again() {
     let mut bench = goes_wrong(Fault::LoopOverrun, 0.001, |bench| bench.now_us += 5_000);
     bench.run(0.5);
-    bench.order.clear += 1;
+    bench.order.requests.clear += 1;
     bench.run(0.01);
     assert_eq!(bench.state(), State::Disarmed);
-    bench.order.arm += 1;
+    bench.order.requests.arm += 1;
     bench.until(State::Armed);
 }
 
@@ -392,12 +392,12 @@ fn a_cleared_fault_arms_again() {
 fn a_fault_whose_cause_stays_is_not_cleared() {
     let mut bench = goes_wrong(Fault::OverVoltage, 0.02, |bench| bench.bus = 15.0);
     bench.run(0.5);
-    bench.order.clear += 1;
+    bench.order.requests.clear += 1;
     bench.run(0.01);
     assert_eq!(bench.control.report().first_fault, Some(Fault::OverVoltage));
     bench.bus = 12.0;
     bench.run(0.1);
-    bench.order.clear += 1;
+    bench.order.requests.clear += 1;
     bench.run(0.01);
     assert_eq!(bench.state(), State::Disarmed);
 }
@@ -444,21 +444,22 @@ fn commands_that_come_back_before_the_disarm_go_on() {
 #[test]
 fn encoders_that_see_no_rest_do_not_keep_a_stopped_robot_armed() {
     let mut supervisor = Supervisor::new();
-    let mut order = Order { arm: 1, ..Order::default() };
+    let mut order = Order::default();
+    order.requests.arm = 1;
     let conditions = Conditions { present: Faults::NONE, at_rest: false, aligned: true };
     supervisor.update(Instant::START, &order, &conditions);
     supervisor.update(Instant::START, &order, &conditions);
-    order.disarm = 1;
+    order.requests.disarm = 1;
     let mut update = || {
         supervisor.update(Instant::START, &order, &conditions);
-        supervisor.state()
+        supervisor.state
     };
     let first = update();
     let ticks = (0..20_000).take_while(|_| update() == State::Stopping).count();
     assert_eq!(first, State::Stopping);
     // Ramps down for 0.4 s, then brakes for 0.5 s.
     assert!((8_990..=9_010).contains(&ticks), "{ticks}");
-    assert_eq!(supervisor.state(), State::Disarmed);
+    assert_eq!(supervisor.state, State::Disarmed);
 }
 
 #[test]

@@ -1,6 +1,5 @@
 //! Space-vector modulation with an over-modulation limit and dead-time compensation.
 
-use crate::fast::foc::transform::{Stator, inverse_clarke};
 use crate::fast::units::{Current, Duty, Voltage, multiply_high};
 
 /// Largest phase voltage asked for, as a share of the bus, in 2^-16: 0.6.
@@ -103,19 +102,12 @@ impl Bus {
         core::hint::cold_path();
         if share < 0 { Duty::ZERO } else { Duty::MAX }
     }
-
-    /// Returns duties for a voltage in the stator frame, without compensation.
-    #[inline(always)]
-    #[must_use]
-    pub fn space_vector(&self, voltage: Stator<Voltage>) -> [Duty; 3] {
-        self.duties(inverse_clarke(voltage))
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fast::foc::transform::Direction;
+    use crate::fast::foc::transform::{Direction, Stator, inverse_clarke};
     use crate::fast::units::ElectricalAngle;
 
     const TWELVE_VOLTS: Voltage = Voltage::from_raw(12 << 16);
@@ -136,7 +128,7 @@ mod tests {
             let vector = Stator { alpha: along(direction.cosine), beta: along(direction.sine) };
             let phases = inverse_clarke(vector).map(|phase| f64::from(phase.raw()) / 65_536.0);
             let want = [phases[0] - phases[1], phases[1] - phases[2], phases[2] - phases[0]];
-            for (have, want) in line_voltages(bus.space_vector(vector)).iter().zip(want) {
+            for (have, want) in line_voltages(bus.duties(inverse_clarke(vector))).iter().zip(want) {
                 assert!((have - want).abs() < 0.002, "step {step}: {have} for {want}");
             }
         }
@@ -145,8 +137,8 @@ mod tests {
     #[test]
     fn clips_at_the_bus_beyond_the_hexagon() {
         let bus = Bus::new(TWELVE_VOLTS, 0);
-        let duties =
-            bus.space_vector(Stator { alpha: Voltage::from_raw(40 << 16), beta: Voltage::ZERO });
+        let beyond = Stator { alpha: Voltage::from_raw(40 << 16), beta: Voltage::ZERO };
+        let duties = bus.duties(inverse_clarke(beyond));
         assert_eq!(duties, [Duty::MAX, Duty::ZERO, Duty::ZERO]);
     }
 

@@ -1,0 +1,54 @@
+//! What is kept over power-off: a value behind the version of its form, with a CRC-32, in `postcard`'s form.
+
+use crc::{CRC_32_ISO_HDLC, Crc};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::hardware::SettingsStore;
+
+/// Version of the stored forms: settings and provisioning.
+pub const FORMAT_VERSION: u16 = 1;
+
+pub(crate) static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+
+/// Why a stored value was not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum LoadError {
+    /// The store failed.
+    #[error("the settings could not be read")]
+    Store,
+    /// Damaged, cut short, or out of range.
+    #[error("the stored settings are damaged")]
+    Damaged,
+    /// Written by a firmware with another [`FORMAT_VERSION`].
+    #[error("the stored settings are of another version")]
+    Version,
+}
+
+/// A value could not be written; what was stored before is stored still.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the settings could not be written")]
+pub struct SaveError;
+
+/// Reads what is stored, by way of `buffer`; `Ok(None)` when nothing ever was.
+pub(crate) fn load<T: DeserializeOwned>(
+    store: &mut impl SettingsStore,
+    buffer: &mut [u8],
+) -> Result<Option<T>, LoadError> {
+    let Some(length) = store.load(buffer).map_err(|_| LoadError::Store)? else { return Ok(None) };
+    let bytes = buffer.get(..length).ok_or(LoadError::Damaged)?;
+    let (version, value) = postcard::from_bytes_crc32::<(u16, T)>(bytes, CRC.digest())
+        .map_err(|_| LoadError::Damaged)?;
+    if version == FORMAT_VERSION { Ok(Some(value)) } else { Err(LoadError::Version) }
+}
+
+/// Returns the bytes to store of a value.
+pub(crate) fn encode<'a>(
+    value: &impl Serialize,
+    buffer: &'a mut [u8],
+) -> Result<&'a [u8], SaveError> {
+    match postcard::to_slice_crc32(&(FORMAT_VERSION, value), buffer, CRC.digest()) {
+        Ok(bytes) => Ok(bytes),
+        Err(_) => Err(SaveError),
+    }
+}
