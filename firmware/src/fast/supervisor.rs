@@ -24,6 +24,9 @@
 //! except two: under-voltage, where nothing is wrong with control, ramps down phase-locked; and
 //! over-current first coasts until the current is gone.
 
+#[cfg(test)]
+mod tests;
+
 use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LATE, LINK_LOST};
 use flix_protocol::message::{Fault, Faults, State};
 use flix_protocol::units::Instant;

@@ -1,0 +1,381 @@
+//! Who may move, when, and what stops it: each deadline to the microsecond, each duration to the tick.
+
+use core::time::Duration;
+
+use super::*;
+
+const TEN_HERTZ: Speed = Speed::from_centihertz(1_000);
+const REST: Drive = Drive::Shake(Speed::ZERO, false);
+const MICROSECOND: Duration = Duration::from_micros(1);
+/// Longer than any state lasts by itself.
+const LONG: usize = 70_000;
+
+/// A supervisor that is shown what the test says.
+#[derive(Clone)]
+struct Desk {
+    supervisor: Supervisor,
+    order: Order,
+    present: Faults,
+    at_rest: bool,
+    aligned: bool,
+}
+
+impl Desk {
+    fn disarmed() -> Self {
+        let mut order = Order::default();
+        order.hear(Instant::START, Instant::from_micros(u64::MAX));
+        let (supervisor, present) = (Supervisor::new(), Faults::NONE);
+        Self { supervisor, order, present, at_rest: false, aligned: false }
+    }
+
+    fn aligning() -> Self {
+        let mut desk = Self::disarmed();
+        desk.order.requests.arm += 1;
+        desk.tick();
+        desk
+    }
+
+    fn armed() -> Self {
+        let mut desk = Self::aligning();
+        desk.aligned = true;
+        assert_eq!((desk.tick(), desk.state()), (REST, State::Armed));
+        desk.aligned = false;
+        desk
+    }
+
+    fn running() -> Self {
+        let mut desk = Self::armed();
+        desk.order.setpoints += 1;
+        desk.order.frequency = TEN_HERTZ;
+        assert_eq!((desk.tick(), desk.state()), (Drive::Shake(TEN_HERTZ, true), State::Running));
+        desk
+    }
+
+    fn faulted(mut self, fault: Fault) -> Self {
+        self.present = Faults::NONE.with(fault);
+        self
+    }
+
+    fn state(&self) -> State {
+        self.supervisor.state
+    }
+
+    fn tick(&mut self) -> Drive {
+        self.after(Duration::ZERO)
+    }
+
+    /// One tick, this long after the newest command.
+    fn after(&mut self, silence: Duration) -> Drive {
+        let Self { present, at_rest, aligned, .. } = *self;
+        let conditions = Conditions { present, at_rest, aligned };
+        self.supervisor.update(self.order.heard + silence, &self.order, &conditions)
+    }
+
+    /// What it does from here on: each drive, and for how many ticks.
+    fn course(&mut self) -> std::vec::Vec<(Drive, usize)> {
+        let mut course: std::vec::Vec<(Drive, usize)> = std::vec::Vec::new();
+        for _ in 0..LONG {
+            let drive = self.tick();
+            match course.last_mut() {
+                Some((last, ticks)) if *last == drive => *ticks += 1,
+                _ => course.push((drive, 1)),
+            }
+        }
+        course
+    }
+}
+
+/// What is asked for in one tick.
+fn ask(desk: &mut Desk, [arm, disarm, stop, clear]: [u8; 4]) -> Drive {
+    let asked = &mut desk.order.requests;
+    let [a, d, s, c] = [asked.arm, asked.disarm, asked.stop, asked.clear];
+    *asked = Requests { arm: a + arm, disarm: d + disarm, stop: s + stop, clear: c + clear };
+    desk.tick()
+}
+
+const ARM: [u8; 4] = [1, 0, 0, 0];
+const DISARM: [u8; 4] = [0, 1, 0, 0];
+const STOP: [u8; 4] = [0, 0, 1, 0];
+const CLEAR: [u8; 4] = [0, 0, 0, 1];
+
+#[test]
+fn each_step_of_the_ladder_comes_at_its_deadline_and_not_a_microsecond_before() {
+    let events = EventCounters::default();
+    let late = EventCounters { link_late: 1, ..events };
+    let silent = EventCounters { command_deadline: 1, ..late };
+    for (from, deadline, [before, at], [early, due]) in [
+        (Desk::running(), LINK_LATE, [State::Running; 2], [events, late]),
+        (Desk::running(), COMMAND_DEADLINE, [State::Running, State::Stopping], [late, silent]),
+        (
+            Desk::armed(),
+            LINK_LOST,
+            [State::Armed, State::Stopping],
+            [late, EventCounters { link_lost: 1, ..late }],
+        ),
+        (
+            Desk::aligning(),
+            LINK_LOST,
+            [State::Aligning, State::Disarmed],
+            [late, EventCounters { link_lost: 1, ..late }],
+        ),
+    ] {
+        let mut desk = from.clone();
+        desk.after(deadline - MICROSECOND);
+        desk.after(deadline - MICROSECOND);
+        assert_eq!((desk.state(), desk.supervisor.events), (before, early), "{deadline:?}");
+        assert_eq!(desk.supervisor.link_late, deadline > LINK_LATE);
+        let mut desk = from;
+        desk.after(deadline);
+        let is_late = desk.supervisor.link_late;
+        desk.after(deadline);
+        assert_eq!((desk.state(), desk.supervisor.events), (at, due), "{deadline:?}");
+        assert!(is_late);
+    }
+}
+
+#[test]
+fn a_command_counts_up_to_the_moment_at_which_it_expires() {
+    let life = LINK_LATE / 2;
+    for (age, state, late) in
+        [(life, State::Running, false), (life + MICROSECOND, State::Stopping, true)]
+    {
+        let mut desk = Desk::running();
+        desk.order.expires = desk.order.heard + life;
+        desk.after(age);
+        let events = &desk.supervisor.events;
+        assert_eq!((events.command_age, events.command_deadline), (u8::from(late), 0));
+        assert_eq!((desk.state(), desk.supervisor.link_late), (state, late));
+        desk.order.frequency = Speed::ZERO;
+        let mut desk = Desk { order: desk.order, ..Desk::armed() };
+        desk.after(age);
+        assert_eq!((desk.state(), desk.supervisor.link_late), (State::Armed, late));
+    }
+}
+
+#[test]
+fn a_run_goes_on_when_commands_come_back_unless_the_robot_disarms_already() {
+    for (silence, then) in [(COMMAND_DEADLINE, State::Running), (LINK_LOST, State::Stopping)] {
+        let mut desk = Desk::running();
+        desk.after(silence);
+        assert_eq!(desk.after(LINK_LATE), REST, "as long as they are late");
+        assert_eq!(desk.state(), State::Stopping);
+        desk.tick();
+        assert_eq!((desk.state(), desk.supervisor.link_late), (then, false), "{silence:?}");
+    }
+    let mut desk = Desk::running();
+    desk.after(COMMAND_DEADLINE);
+    ask(&mut desk, DISARM);
+    assert_eq!(desk.state(), State::Stopping);
+}
+
+#[test]
+fn a_link_that_comes_back_and_is_lost_again_disarms_again() {
+    let mut desk = Desk::armed();
+    desk.after(LINK_LOST);
+    desk.at_rest = true;
+    desk.tick();
+    ask(&mut desk, ARM);
+    assert_eq!(desk.state(), State::Aligning);
+    desk.after(LINK_LOST);
+    assert_eq!((desk.state(), desk.supervisor.events.link_lost), (State::Disarmed, 2));
+    assert!(desk.supervisor.link_late);
+    desk.after(LINK_LOST);
+    assert!(!desk.supervisor.link_late, "nothing is driven");
+}
+
+#[test]
+fn arming_wants_a_fresh_command_and_neither_a_stop_nor_a_fault() {
+    let arm = |change: fn(&mut Desk), silence: Duration| {
+        let mut desk = Desk::disarmed();
+        change(&mut desk);
+        desk.order.requests.arm += 1;
+        desk.after(silence);
+        desk.state()
+    };
+    let expires = |desk: &mut Desk| desk.order.expires = desk.order.heard + MICROSECOND;
+    let stop = |desk: &mut Desk| {
+        ask(desk, STOP);
+    };
+    let raise = |desk: &mut Desk| desk.supervisor.raise(Faults::NONE.with(Fault::Settings));
+    assert_eq!(arm(|_| {}, LINK_LATE - MICROSECOND), State::Aligning);
+    assert_eq!(arm(|_| {}, LINK_LATE), State::Disarmed);
+    assert_eq!(arm(expires, MICROSECOND), State::Aligning);
+    assert_eq!(arm(expires, 2 * MICROSECOND), State::Disarmed);
+    assert_eq!(arm(stop, Duration::ZERO), State::Disarmed);
+    assert_eq!(arm(raise, Duration::ZERO), State::Faulted);
+}
+
+#[test]
+fn requests_of_one_tick_are_obeyed_on_the_safe_side() {
+    let done = |from: fn() -> Desk, request| {
+        let mut desk = from();
+        desk.at_rest = true;
+        ask(&mut desk, request);
+        let EventCounters { stopped, cleared, .. } = desk.supervisor.events;
+        assert_eq!(desk.supervisor.obeyed, desk.order.requests);
+        (desk.state(), desk.supervisor.stopped, [stopped, cleared])
+    };
+    let stopped = || {
+        let mut desk = Desk::disarmed();
+        ask(&mut desk, STOP);
+        desk
+    };
+    use State::{Aligning, Armed, Disarmed};
+    for (from, request, expected) in [
+        (Desk::disarmed as fn() -> Desk, ARM, (Aligning, false, [0, 0])),
+        (Desk::disarmed, DISARM, (Disarmed, false, [0, 0])),
+        (Desk::disarmed, [1, 1, 0, 0], (Disarmed, false, [0, 0])),
+        (Desk::disarmed, [1, 0, 1, 0], (Disarmed, true, [1, 0])),
+        (Desk::disarmed, [0, 0, 1, 1], (Disarmed, true, [1, 0])),
+        (Desk::disarmed, [1, 0, 0, 1], (Aligning, false, [0, 1])),
+        (Desk::aligning, DISARM, (Disarmed, false, [0, 0])),
+        (Desk::aligning, STOP, (Disarmed, true, [1, 0])),
+        (Desk::armed, ARM, (Armed, false, [0, 0])),
+        (Desk::armed, CLEAR, (Armed, false, [0, 1])),
+        (Desk::armed, DISARM, (Disarmed, false, [0, 0])),
+        (Desk::armed, STOP, (Disarmed, true, [1, 0])),
+        (stopped, STOP, (Disarmed, true, [1, 0])),
+        (stopped, ARM, (Disarmed, true, [1, 0])),
+        (stopped, CLEAR, (Disarmed, false, [1, 1])),
+    ] {
+        assert_eq!(done(from, request), expected, "{request:?}");
+    }
+}
+
+#[test]
+fn a_stop_is_cleared_only_at_rest() {
+    let mut desk = Desk::running();
+    ask(&mut desk, STOP);
+    ask(&mut desk, CLEAR);
+    assert_eq!((desk.state(), desk.supervisor.stopped), (State::Stopping, true));
+}
+
+#[test]
+fn rotors_turn_only_for_a_setpoint_that_came_after_arming_and_in_time() {
+    for (new, frequency, silence, state) in [
+        (0, TEN_HERTZ, Duration::ZERO, State::Armed),
+        (1, Speed::ZERO, Duration::ZERO, State::Armed),
+        (1, TEN_HERTZ, LINK_LATE, State::Armed),
+        (1, TEN_HERTZ, LINK_LATE - MICROSECOND, State::Running),
+    ] {
+        let mut desk = Desk::armed();
+        desk.order.setpoints += new;
+        desk.order.frequency = frequency;
+        desk.after(silence);
+        assert_eq!(desk.state(), state, "{new} {frequency:?} {silence:?}");
+    }
+    for (frequency, at_rest, state) in [
+        (Speed::ZERO, true, State::Armed),
+        (Speed::ZERO, false, State::Running),
+        (TEN_HERTZ, true, State::Running),
+    ] {
+        let mut desk = Desk::running();
+        (desk.order.frequency, desk.at_rest) = (frequency, at_rest);
+        assert_eq!(desk.tick(), Drive::Shake(frequency, true));
+        assert_eq!(desk.state(), state);
+    }
+    assert_eq!(Desk::aligning().tick(), Drive::Align);
+}
+
+#[test]
+fn rotors_that_come_to_rest_end_a_stop_where_it_leads() {
+    let mut desk = Desk::running();
+    desk.after(COMMAND_DEADLINE);
+    desk.at_rest = true;
+    desk.after(COMMAND_DEADLINE);
+    assert_eq!(desk.state(), State::Armed);
+    let mut desk = Desk::running();
+    ask(&mut desk, DISARM);
+    desk.at_rest = true;
+    desk.tick();
+    assert_eq!(desk.state(), State::Disarmed);
+}
+
+#[test]
+fn every_way_to_rest_takes_its_time() {
+    let ramp = usize::from(LONGEST_RAMP_TICKS);
+    let brake = usize::from(BRAKE_TICKS);
+    let disarming = |at_rest| {
+        let mut desk = Desk::running();
+        desk.order.requests.disarm += 1;
+        desk.at_rest = at_rest;
+        desk
+    };
+    let start = |at_rest| Desk { at_rest, ..Desk::disarmed() };
+    let under = |from: Desk| Desk { at_rest: true, ..from.faulted(Fault::UnderVoltage) };
+    let over = Desk { at_rest: true, ..Desk::running().faulted(Fault::OverCurrent) };
+    let mut both = Desk::running().faulted(Fault::UnderVoltage);
+    both.present = both.present.with(Fault::OverVoltage);
+    let speed = Desk::running().faulted(Fault::OverSpeed);
+    for (name, mut desk, beginning) in [
+        ("start at rest", start(true), &[(Drive::Brake, brake - 1), (Drive::Off, 0)][..]),
+        ("start", start(false), &[(Drive::Brake, usize::from(u16::MAX) - 1), (Drive::Off, 0)]),
+        ("disarm at rest", disarming(true), &[(REST, 1), (Drive::Brake, brake - 1)]),
+        ("disarm", disarming(false), &[(REST, ramp + 1), (Drive::Brake, 0)]),
+        (
+            "under-voltage",
+            under(Desk::running()),
+            &[(REST, ramp), (Drive::Brake, brake - ramp), (Drive::Off, 0)],
+        ),
+        ("the same, armed", under(Desk::armed()), &[(REST, ramp), (Drive::Brake, brake - ramp)]),
+        ("the same, aligning", under(Desk::aligning()), &[(Drive::Brake, brake), (Drive::Off, 0)]),
+        (
+            "over-current",
+            over,
+            &[(Drive::Off, COAST_TICKS.into()), (Drive::Brake, brake - usize::from(COAST_TICKS))],
+        ),
+        ("both voltages", both, &[(Drive::Brake, usize::from(u16::MAX))]),
+        ("over-speed", speed, &[(Drive::Brake, usize::from(u16::MAX))]),
+    ] {
+        let course = desk.course();
+        for (have, (drive, ticks)) in course.iter().zip(beginning) {
+            // Zero: for ever.
+            let ticks = if *ticks == 0 { have.1 } else { *ticks };
+            assert_eq!(*have, (*drive, ticks), "{name}: {course:?}");
+        }
+    }
+}
+
+#[test]
+fn the_first_fault_is_reported_as_the_cause_until_it_is_cleared() {
+    let mut desk = Desk::running();
+    desk.present = Faults::NONE.with(Fault::Stall).with(Fault::EncoderLost);
+    desk.tick();
+    desk.present = desk.present.with(Fault::OverCurrent);
+    desk.tick();
+    assert_eq!(desk.supervisor.first_fault, Some(Fault::EncoderLost));
+    assert_eq!(desk.supervisor.faults, desk.present);
+    assert_eq!(desk.state(), State::Faulted);
+}
+
+#[test]
+fn a_fault_is_cleared_when_its_cause_is_gone_and_the_rotors_had_time_to_stop() {
+    let faulted = |present: Faults, ticks: u16| {
+        let mut desk = Desk::running();
+        desk.present = Faults::NONE.with(Fault::UnderVoltage).with(Fault::Stall);
+        for _ in 0..ticks {
+            desk.tick();
+        }
+        desk.present = present;
+        ask(&mut desk, CLEAR);
+        (desk.state(), desk.supervisor.faults, desk.supervisor.first_fault)
+    };
+    let [first, second] = [Fault::UnderVoltage, Fault::Stall];
+    let only = |fault| Faults::NONE.with(fault);
+    let all = only(first).with(second);
+    assert_eq!(faulted(Faults::NONE, BRAKE_TICKS - 1), (State::Faulted, all, Some(first)));
+    assert_eq!(faulted(Faults::NONE, BRAKE_TICKS), (State::Disarmed, Faults::NONE, None));
+    for (left, fault) in [(only(first), first), (only(second), second), (all, first)] {
+        assert_eq!(faulted(left, BRAKE_TICKS), (State::Faulted, left, Some(fault)));
+    }
+}
+
+#[test]
+fn faults_of_a_disarmed_robot_wait_until_it_is_armed() {
+    let mut desk = Desk::disarmed().faulted(Fault::UnderVoltage);
+    desk.tick();
+    assert_eq!((desk.state(), desk.supervisor.faults), (State::Disarmed, Faults::NONE));
+    ask(&mut desk, ARM);
+    desk.tick();
+    assert_eq!(desk.state(), State::Faulted);
+}

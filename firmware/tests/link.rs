@@ -1,0 +1,540 @@
+//! The robot's end of the link alone: what an operator may ask for in each state, and what comes back. The fast half
+//! is a report that the test writes.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[path = "support/no_store.rs"]
+mod no_store;
+
+use core::net::SocketAddr;
+use core::time::Duration;
+
+use flix_firmware::board::DENGFOC_V3_01;
+use flix_firmware::exchange::{EventCounters, MotorReport, Report, Requests};
+use flix_firmware::fast::units::{Current, RotorAngle, Speed, Voltage};
+use flix_firmware::link::{EVENTS, Link, identity};
+use flix_firmware::robot::Robot;
+use flix_firmware::settings::{COUNT, Settings, Tuning};
+use flix_protocol::failsafe::{COMMAND_AGE, LINK_LATE, PROVING_TIME};
+use flix_protocol::frame::Frame;
+use flix_protocol::message::{
+    Command, Event, Fault, Faults, Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Refusal,
+    Setpoint, State, Telemetry, ToOperator, ToRobot,
+};
+use flix_protocol::session::{Key, OperatorReceived, OperatorSession, Status};
+use flix_protocol::units::{Degrees, Hertz, Instant, Volts};
+use no_store::NoStore;
+
+const MILLISECOND: Duration = Duration::from_millis(1);
+/// Telemetry comes so often by default.
+const TELEMETRY: Duration = Duration::from_millis(20);
+const STATES: [State; 6] = [
+    State::Disarmed,
+    State::Aligning,
+    State::Armed,
+    State::Running,
+    State::Stopping,
+    State::Faulted,
+];
+
+/// A link and its operator, whose datagrams arrive at once.
+struct Ends {
+    link: Link,
+    tuning: Tuning<NoStore>,
+    operator: OperatorSession,
+    now: Instant,
+    report: Report,
+    outcomes: Vec<Outcome>,
+    events: Vec<(u32, Event)>,
+    telemetry: Vec<Telemetry>,
+}
+
+fn key() -> Key {
+    Key::new([9; 32])
+}
+
+fn address() -> SocketAddr {
+    ([192, 168, 4, 2], 4_000).into()
+}
+
+fn setpoint(frequency: f32, direction: f32) -> Setpoint {
+    Setpoint::new(Hertz::new(frequency).unwrap(), Degrees::new(direction).unwrap()).unwrap()
+}
+
+fn refused(refusal: Refusal) -> Outcome {
+    Outcome::Refused(refusal)
+}
+
+impl Ends {
+    fn unconnected() -> Self {
+        let hardware = DENGFOC_V3_01.hardware;
+        let report = Robot::new(hardware, "ends", None, [1; 32], NoStore).report();
+        let (tuning, now) = (Tuning::new(NoStore), Instant::from_micros(1_000));
+        let name = identity("ends", &hardware);
+        let link = Link::new(name, Some(key()), [2; 32], tuning.settings(), report);
+        let operator = OperatorSession::new(key(), [3; 32], now);
+        let (outcomes, events, telemetry) = (Vec::new(), Vec::new(), Vec::new());
+        Self { link, tuning, operator, now, report, outcomes, events, telemetry }
+    }
+
+    fn connected() -> Self {
+        let mut ends = Self::unconnected();
+        ends.connect();
+        ends
+    }
+
+    /// With a link that was steady for long enough to arm.
+    fn proven() -> Self {
+        let mut ends = Self::connected();
+        ends.live(PROVING_TIME + LINK_LATE);
+        ends
+    }
+
+    /// The same, in this state.
+    fn at(state: State) -> Self {
+        let mut ends = Self::proven();
+        ends.observe(|report| report.state = state);
+        ends
+    }
+
+    fn connect(&mut self) {
+        while self.operator.status(self.now) != Status::Connected {
+            let frame = self.operator.poll(self.now).unwrap();
+            self.hear(&frame);
+        }
+    }
+
+    fn hear(&mut self, datagram: &[u8]) {
+        self.link.receive(self.now, address(), datagram, &mut self.tuning);
+        self.drain();
+    }
+
+    /// Gives the operator all that the link has to send now.
+    fn drain(&mut self) {
+        let mut frame = Frame::new();
+        while self.link.poll_at(self.now).is_some_and(|at| at <= self.now) {
+            let to = self.link.transmit(self.now, self.tuning.settings(), &mut frame);
+            assert_eq!(to, Some(address()), "there was something to send");
+            match self.operator.receive(self.now, &frame) {
+                OperatorReceived::Message(ToOperator::Reply(reply)) => {
+                    self.outcomes.push(reply.outcome);
+                }
+                OperatorReceived::Message(ToOperator::Event(event)) => {
+                    self.events.push((event.number, event.event));
+                }
+                OperatorReceived::Message(ToOperator::Telemetry(telemetry)) => {
+                    self.telemetry.push(telemetry);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn seal(&mut self, command: Command) -> Frame {
+        self.operator.send(self.now, &ToRobot { request: 7, command }).unwrap()
+    }
+
+    fn say(&mut self, command: Command) -> Outcome {
+        let frame = self.seal(command);
+        self.hear(&frame);
+        self.outcomes.pop().expect("every command is answered at once")
+    }
+
+    fn wait(&mut self, time: Duration) {
+        for _ in 0..time.as_millis() {
+            self.now = self.now + MILLISECOND;
+            self.drain();
+        }
+    }
+
+    /// Waits with a ping every 20 ms.
+    fn live(&mut self, time: Duration) {
+        for _ in 0..time.as_millis() / 20 {
+            self.wait(20 * MILLISECOND);
+            self.say(Command::Ping(0));
+        }
+    }
+
+    fn observe(&mut self, change: impl FnOnce(&mut Report)) {
+        self.report.time = self.now;
+        self.report.obeyed = self.link.order().requests;
+        change(&mut self.report);
+        self.link.observe(&self.report);
+    }
+
+    fn happened(&mut self) -> Vec<Event> {
+        self.wait(TELEMETRY);
+        self.events.drain(..).map(|(_, event)| event).collect()
+    }
+}
+
+#[test]
+fn each_state_accepts_what_its_rotors_may_do_and_refuses_the_rest_with_its_name() {
+    use State::{Aligning, Armed, Disarmed, Faulted, Running, Stopping};
+    let requests = |change: fn(&mut Requests)| {
+        let mut requests = Requests::default();
+        change(&mut requests);
+        requests
+    };
+    let none = Requests::default();
+    let (arm, disarm) = (requests(|asked| asked.arm = 1), requests(|asked| asked.disarm = 1));
+    let (stop, clear) = (requests(|asked| asked.stop = 1), requests(|asked| asked.clear = 1));
+    let set = ParameterCommand::Set("over_speed".try_into().unwrap(), 60.0);
+    for (command, accepting, asks) in [
+        (Command::Setpoint(setpoint(20.0, 30.0)), &[Armed, Running, Stopping][..], none),
+        (Command::Disarm, &STATES, disarm),
+        (Command::Stop, &STATES, stop),
+        (Command::Clear, &STATES, clear),
+        (Command::Parameter(set), &[Disarmed, Faulted], none),
+        (Command::Parameter(ParameterCommand::Reset), &[Disarmed, Faulted], none),
+        (Command::Parameter(ParameterCommand::Save), &[Disarmed, Faulted], none),
+        (Command::Ping(5), &STATES, none),
+    ] {
+        for state in STATES {
+            let mut ends = Ends::at(state);
+            let outcome = ends.say(command.clone());
+            let is_accepted = accepting.contains(&state);
+            assert_eq!(
+                is_accepted,
+                outcome != refused(Refusal::State(state)),
+                "{command:?} while {state}: {outcome:?}"
+            );
+            assert!(is_accepted != matches!(outcome, Outcome::Refused(_)), "{outcome:?}");
+            let rests = matches!(state, Disarmed | Faulted) && asks == disarm;
+            let expected = if rests { none } else { asks };
+            assert_eq!(ends.link.order().requests, expected, "{command:?} while {state}");
+        }
+    }
+    for (state, outcome, asks) in [
+        (Disarmed, Outcome::Done, arm),
+        (Aligning, Outcome::Done, none),
+        (Armed, Outcome::Done, none),
+        (Running, Outcome::Done, none),
+        (Stopping, refused(Refusal::State(Stopping)), none),
+        (Faulted, refused(Refusal::State(Faulted)), none),
+    ] {
+        let mut ends = Ends::at(state);
+        assert_eq!(
+            (ends.say(Command::Arm), ends.link.order().requests),
+            (outcome, asks),
+            "{state}"
+        );
+    }
+}
+
+#[test]
+fn a_setpoint_is_handed_on_and_shown_until_the_robot_ramps_down() {
+    let shown = |ends: &mut Ends| {
+        ends.wait(TELEMETRY);
+        ends.telemetry.last().unwrap().setpoint
+    };
+    type Act = fn(&mut Ends);
+    let ends_it: [Act; 5] = [
+        |ends| drop(ends.say(Command::Disarm)),
+        |ends| drop(ends.say(Command::Stop)),
+        |ends| ends.observe(|report| report.state = State::Disarmed),
+        |ends| ends.observe(|report| report.state = State::Aligning),
+        |ends| ends.observe(|report| report.state = State::Faulted),
+    ];
+    for act in ends_it {
+        let mut ends = Ends::at(State::Armed);
+        ends.say(Command::Setpoint(setpoint(20.0, 30.0)));
+        let order = *ends.link.order();
+        assert_eq!((order.frequency, order.setpoints), (Speed::from_hertz(20.0), 1));
+        assert_eq!(order.direction, RotorAngle::from_degrees(30.0));
+        assert_eq!(shown(&mut ends), setpoint(20.0, 30.0));
+        act(&mut ends);
+        assert_eq!(shown(&mut ends), Setpoint::REST);
+    }
+}
+
+#[test]
+fn a_robot_that_was_asked_to_ramp_down_takes_no_setpoint_until_it_did() {
+    for command in [Command::Disarm, Command::Stop] {
+        let mut ends = Ends::at(State::Running);
+        ends.say(command.clone());
+        let late = ends.say(Command::Setpoint(setpoint(20.0, 0.0)));
+        let clear = ends.say(Command::Clear);
+        let stopping = refused(Refusal::State(State::Stopping));
+        let latched =
+            if command == Command::Stop { refused(Refusal::Stopped) } else { stopping.clone() };
+        assert_eq!([late, clear], [latched, stopping]);
+        ends.observe(|report| report.state = State::Disarmed);
+        assert_eq!(ends.say(Command::Clear), Outcome::Done);
+    }
+}
+
+#[test]
+fn a_stop_and_a_fault_are_named_until_they_are_cleared() {
+    let faults = Faults::NONE.with(Fault::Stall);
+    for command in [Command::Arm, Command::Setpoint(setpoint(20.0, 0.0))] {
+        let mut ends = Ends::at(State::Disarmed);
+        ends.observe(|report| report.stopped = true);
+        assert_eq!(ends.say(command.clone()), refused(Refusal::Stopped));
+        ends.observe(|report| (report.stopped, report.faults) = (false, faults));
+        assert_eq!(ends.say(command.clone()), refused(Refusal::Faulted(faults)));
+    }
+}
+
+#[test]
+fn arming_wants_commands_without_a_gap_for_the_proving_time() {
+    // Commands so often, for so long, and a last one so much later.
+    for (every, time, gap, outcome) in [
+        (99, PROVING_TIME, 0, Outcome::Done),
+        (100, 2 * PROVING_TIME, 0, refused(Refusal::LinkUnproven)),
+        (50, PROVING_TIME - 100 * MILLISECOND, 99, refused(Refusal::LinkUnproven)),
+        (50, PROVING_TIME - 50 * MILLISECOND, 50, Outcome::Done),
+        (50, PROVING_TIME, 99, Outcome::Done),
+        (50, PROVING_TIME, 100, refused(Refusal::LinkUnproven)),
+    ] {
+        let mut ends = Ends::connected();
+        ends.say(Command::Ping(0));
+        for _ in 0..(time.as_millis() as u32).div_ceil(every) {
+            ends.wait(every * MILLISECOND);
+            ends.say(Command::Ping(0));
+        }
+        ends.wait(gap * MILLISECOND);
+        assert_eq!(ends.say(Command::Arm), outcome, "{every} {time:?} {gap}");
+    }
+}
+
+#[test]
+fn any_command_is_a_sign_of_life_at_rest_and_a_setpoint_alone_while_rotors_turn() {
+    let mut ends = Ends::at(State::Armed);
+    let heard = |ends: &mut Ends, command| {
+        ends.wait(10 * MILLISECOND);
+        ends.say(command);
+        let order = ends.link.order();
+        let age = order.expires.since(order.heard);
+        assert!(age <= COMMAND_AGE && age > COMMAND_AGE - 2 * TELEMETRY, "{age:?}");
+        order.heard == ends.now
+    };
+    let ping = heard(&mut ends, Command::Ping(0));
+    let turn = heard(&mut ends, Command::Setpoint(setpoint(20.0, 0.0)));
+    let ping_while_turning = heard(&mut ends, Command::Ping(0));
+    let again = heard(&mut ends, Command::Setpoint(setpoint(20.0, 0.0)));
+    assert_eq!([ping, turn, ping_while_turning, again], [true, true, false, true]);
+}
+
+#[test]
+fn what_comes_too_late_is_refused_with_its_age_but_for_stopping_and_reading() {
+    let read = ParameterCommand::Get("over_speed".try_into().unwrap());
+    let set = ParameterCommand::Set("over_speed".try_into().unwrap(), 60.0);
+    for (command, counts) in [
+        (Command::Stop, true),
+        (Command::Disarm, true),
+        (Command::Identify, true),
+        (Command::Ping(3), true),
+        (Command::Parameter(read), true),
+        (Command::Parameter(ParameterCommand::List(0)), true),
+        (Command::Setpoint(setpoint(20.0, 0.0)), false),
+        (Command::Arm, false),
+        (Command::Clear, false),
+        (Command::Parameter(set), false),
+    ] {
+        let mut ends = Ends::at(State::Armed);
+        let [first, second] = [ends.seal(command.clone()), ends.seal(command.clone())];
+        ends.happened();
+        let heard = ends.link.order().heard;
+        ends.wait(COMMAND_AGE + 100 * MILLISECOND);
+        ends.hear(&first);
+        ends.hear(&second);
+        let late = ends.happened();
+        let [Event::CommandsLate { age_ms, limit_ms: 400 }] = late[..] else { panic!("{late:?}") };
+        assert!((500..560).contains(&age_ms), "{age_ms} ms");
+        let is_late = |outcome: &Outcome| matches!(outcome, Outcome::Refused(Refusal::Late { .. }));
+        assert_eq!(
+            ends.outcomes.iter().filter(|outcome| is_late(outcome)).count(),
+            2 * usize::from(!counts)
+        );
+        assert_eq!(ends.link.order().heard, heard, "{command:?} is no sign of life");
+    }
+}
+
+#[test]
+fn a_slow_link_is_reported_again_only_after_it_was_steady() {
+    for (steady, reports) in [(PROVING_TIME - LINK_LATE, 0), (PROVING_TIME + LINK_LATE, 1)] {
+        let mut ends = Ends::proven();
+        let late = |ends: &mut Ends| {
+            let kept = ends.seal(Command::Ping(0));
+            ends.wait(2 * COMMAND_AGE);
+            ends.hear(&kept);
+            ends.happened().iter().filter(|e| matches!(e, Event::CommandsLate { .. })).count()
+        };
+        assert_eq!(late(&mut ends), 1);
+        ends.live(steady);
+        assert_eq!(late(&mut ends), reports, "{steady:?}");
+    }
+}
+
+#[test]
+fn the_command_age_counts_as_soon_as_it_is_set_and_until_it_is_reset() {
+    let limit = |ends: &mut Ends| {
+        ends.live(PROVING_TIME + LINK_LATE);
+        let frame = ends.seal(Command::Arm);
+        ends.wait(Duration::from_millis(1_500));
+        ends.hear(&frame);
+        match ends.outcomes.pop() {
+            Some(Outcome::Refused(Refusal::Late { limit_ms, .. })) => limit_ms,
+            other => panic!("{other:?}"),
+        }
+    };
+    let mut ends = Ends::proven();
+    let set = ParameterCommand::Set("command_age".try_into().unwrap(), 0.8);
+    ends.say(Command::Parameter(set));
+    let longer = limit(&mut ends);
+    ends.say(Command::Parameter(ParameterCommand::Reset));
+    assert_eq!([longer, limit(&mut ends)], [800, 400]);
+}
+
+#[test]
+fn what_the_fast_half_reports_becomes_one_event_each_with_numbers_that_count_up() {
+    let mut ends = Ends::connected();
+    ends.happened();
+    ends.observe(|report| {
+        report.events = EventCounters {
+            cleared: 1,
+            stopped: 1,
+            link_late: 2,
+            command_deadline: 1,
+            command_age: 1,
+            link_lost: 1,
+            battery_low: 1,
+        };
+        report.bus_voltage = Some(Voltage::from_volts(9.5));
+        report.faults = Faults::NONE.with(Fault::Stall).with(Fault::OverSpeed);
+        report.state = State::Faulted;
+    });
+    ends.observe(|_| {});
+    ends.wait(TELEMETRY);
+    let (numbers, events): (Vec<_>, Vec<_>) = ends.events.drain(..).unzip();
+    assert!(numbers.is_sorted_by(|a, b| a + 1 == *b), "{numbers:?}");
+    assert_eq!(
+        events,
+        [
+            Event::Cleared,
+            Event::Stopped,
+            Event::LinkLate,
+            Event::LinkLate,
+            Event::CommandDeadline,
+            Event::CommandAge,
+            Event::LinkLost,
+            Event::BatteryLow(Volts::new(9.5).unwrap()),
+            Event::Fault(Fault::OverSpeed),
+            Event::Fault(Fault::Stall),
+            Event::State(State::Faulted),
+        ]
+    );
+}
+
+#[test]
+fn of_too_many_events_the_newest_stay() {
+    let mut ends = Ends::unconnected();
+    for number in 0..EVENTS + 5 {
+        ends.link.add_event(ends.now, if number < 5 { Event::Stopped } else { Event::Cleared });
+    }
+    ends.connect();
+    let events = ends.happened();
+    assert_eq!(events.len(), EVENTS);
+    assert_eq!(events.iter().filter(|event| **event == Event::Cleared).count(), EVENTS - 1);
+    assert_eq!(events.last(), Some(&Event::OperatorConnected));
+}
+
+#[test]
+fn telemetry_comes_at_its_rate_and_says_what_was_reported() {
+    let mut ends = Ends::connected();
+    ends.link.set_signal(Some(-60));
+    ends.observe(|report| {
+        report.modulation = u16::MAX / 4;
+        report.direction = RotorAngle::from_degrees(30.0);
+        report.motors[1] = MotorReport {
+            angle: RotorAngle::from_degrees(90.0),
+            speed: Speed::from_hertz(10.0),
+            current_d: Current::from_amperes(0.5),
+            current_q: Current::from_amperes(-1.0),
+        };
+    });
+    ends.telemetry.clear();
+    ends.wait(100 * MILLISECOND);
+    assert_eq!(ends.telemetry.len(), 5);
+    let telemetry = ends.telemetry.pop().unwrap();
+    assert!((telemetry.modulation.get() - 0.25).abs() < 1e-4);
+    assert!((telemetry.direction.get() - 30.0).abs() < 1e-4);
+    let motor = telemetry.motors[1];
+    let values =
+        [motor.angle.get(), motor.speed.get(), motor.current_d.get(), motor.current_q.get()];
+    for (value, expected) in values.into_iter().zip([90.0, 10.0, 0.5, -1.0]) {
+        assert!((value - expected).abs() < 1e-3, "{values:?}");
+    }
+    assert_eq!(
+        (telemetry.link.signal_dbm, ends.link.quality(ends.now).signal_dbm),
+        (Some(-60), Some(-60))
+    );
+    // After a pause it goes on at its rate: nothing is made up for.
+    let period = ends.link.order().period;
+    ends.now = ends.now + 10 * TELEMETRY;
+    ends.drain();
+    ends.wait(2 * TELEMETRY);
+    assert_eq!((ends.telemetry.len(), ends.link.order().period), (5 - 1 + 3, period + 3));
+}
+
+#[test]
+fn parameters_are_listed_page_by_page_found_by_name_and_kept_in_range() {
+    let mut ends = Ends::proven();
+    let mut names = Vec::new();
+    while names.len() < COUNT {
+        let list = ParameterCommand::List(names.len() as u16);
+        let Outcome::Parameters { total, entries } = ends.say(Command::Parameter(list)) else {
+            panic!("no page after {} names", names.len())
+        };
+        assert_eq!(usize::from(total), COUNT);
+        assert_eq!(entries.len(), PARAMETERS_PER_REPLY.min(COUNT - names.len()));
+        names.extend(entries.iter().map(|entry| entry.name.clone()));
+    }
+    names.dedup();
+    assert_eq!(names.len(), COUNT);
+    let mut say = |command| ends.say(Command::Parameter(command));
+    let get = |name: &str| ParameterCommand::Get(name.try_into().unwrap());
+    let set = |name: &str, value| ParameterCommand::Set(name.try_into().unwrap(), value);
+    assert_eq!(say(get("warp_factor")), refused(Refusal::UnknownParameter));
+    let refusal = say(set("over_speed", 1e9));
+    assert!(matches!(refusal, Outcome::Refused(Refusal::OutOfRange { .. })), "{refusal:?}");
+    let Outcome::Parameter(changed) = say(set("over_speed", 60.0)) else { panic!("not set") };
+    let Outcome::Parameter(read) = say(get("over_speed")) else { panic!("not found") };
+    assert_eq!((changed.value, read.value), (60.0, 60.0));
+    assert_eq!(say(ParameterCommand::Reset), Outcome::Done);
+    assert_eq!(ends.tuning.settings(), &Settings::DEFAULT);
+    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Save)), Outcome::Done);
+    assert!(ends.happened().contains(&Event::SettingsSaved));
+}
+
+#[test]
+fn another_operator_inherits_no_running_robot() {
+    for leave in [false, true] {
+        let mut ends = Ends::at(State::Running);
+        if leave {
+            let goodbye = ends.operator.goodbye().unwrap();
+            ends.hear(&goodbye);
+            assert_eq!(ends.link.operator(ends.now), None);
+        } else {
+            ends.link.set_key(Some(key()));
+        }
+        assert_eq!(ends.link.order().requests, Requests { disarm: 1, ..Requests::default() });
+    }
+}
+
+#[test]
+fn a_robot_says_who_it_is_and_who_holds_it() {
+    let mut ends = Ends::unconnected();
+    assert_eq!((ends.link.operator(ends.now), ends.link.poll_at(ends.now)), (None, None));
+    ends.connect();
+    assert_eq!(ends.link.operator(ends.now), Some(address()));
+    let hardware = DENGFOC_V3_01.hardware;
+    assert_eq!(ends.say(Command::Identify), Outcome::Identity(identity("ends", &hardware)));
+    assert_ne!(identity("ends", &hardware), identity("daisy", &hardware));
+    ends.link.set_identity(identity("daisy", &hardware));
+    assert_eq!(ends.say(Command::Identify), Outcome::Identity(identity("daisy", &hardware)));
+    assert_eq!(ends.say(Command::Ping(41)), Outcome::Pong(41));
+    assert!(ends.link.is_provisioned());
+    ends.link.set_key(None);
+    assert!(!ends.link.is_provisioned());
+}
