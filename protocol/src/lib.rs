@@ -71,6 +71,7 @@ pub mod frame;
 pub mod message;
 pub mod provision;
 pub mod session;
+pub mod settings;
 pub mod shaker;
 pub mod units;
 

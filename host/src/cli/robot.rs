@@ -24,29 +24,17 @@ pub struct RobotArgs {
     pub key: Option<PathBuf>,
 }
 
-/// As [`RobotArgs`], for a command with several more words: its robot has no default.
-#[derive(Debug, Clone, clap::Args)]
-pub struct NamedRobotArgs {
-    /// Address (HOST or HOST:PORT), or the name of a provisioned robot.
-    #[arg(value_name = "ROBOT")]
-    robot: String,
-    /// Key file [default: the robot's key in your keyring].
-    #[arg(long, value_name = "FILE", env = KEY_FILE_VARIABLE)]
-    key: Option<PathBuf>,
-}
-
 /// Environment variable that names the robot.
 const ROBOT_VARIABLE: &str = "FLIX_ROBOT";
 
-impl NamedRobotArgs {
-    /// Returns the options of the robot.
-    #[must_use]
-    pub fn robot(&self) -> RobotArgs {
-        RobotArgs { robot: self.robot.clone(), key: self.key.clone() }
-    }
-}
-
 impl RobotArgs {
+    /// Names a robot; without a name it is that of the environment, or the simulated one.
+    #[must_use]
+    pub fn new(robot: Option<String>, key: Option<PathBuf>) -> Self {
+        let robot = robot.or_else(|| std::env::var(ROBOT_VARIABLE).ok());
+        Self { robot: robot.unwrap_or_else(|| SIMULATED_ROBOT.to_owned()), key }
+    }
+
     /// Finds the robot and its key, and connects.
     ///
     /// # Errors

@@ -7,12 +7,14 @@ use std::process::ExitCode;
 
 use clap::Subcommand;
 use flix_protocol::message::{Command, Name, Outcome, Parameter, ParameterCommand};
+use flix_protocol::settings::description;
 use serde::Serialize;
 
 use super::output::{headings, print, print_json, read_text, table, write_text};
-use super::robot::{NamedRobotArgs, RobotArgs};
+use super::robot::RobotArgs;
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
+use crate::keys::KEY_FILE_VARIABLE;
 use crate::link::udp::{Connection, LinkError};
 use file::Change;
 
@@ -32,7 +34,7 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Action {
-    /// List all settings with unit, range and default.
+    /// List all settings with unit, range, default and purpose.
     List {
         #[command(flatten)]
         robot: RobotArgs,
@@ -52,14 +54,14 @@ enum Action {
         json: bool,
     },
     /// Change one setting, until power-off unless saved.
+    #[command(override_usage = "flix parameters set [OPTIONS] [ROBOT] <NAME> <VALUE>")]
     Set {
-        #[command(flatten)]
-        robot: NamedRobotArgs,
-        /// Name of the setting.
-        name: String,
-        /// New value, in the unit of the setting.
-        #[arg(allow_hyphen_values = true, value_parser = number)]
-        value: f32,
+        /// Robot as for the other commands, name of the setting, new value in the unit of the setting.
+        #[arg(value_name = "[ROBOT] NAME VALUE", required = true, num_args = 2..=3)]
+        words: Vec<String>,
+        /// Key file [default: the robot's key in your keyring].
+        #[arg(long, value_name = "FILE", env = KEY_FILE_VARIABLE)]
+        key: Option<PathBuf>,
         /// Save all settings, so that they survive power-off.
         #[arg(long)]
         save: bool,
@@ -127,10 +129,13 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
                 print(&format!("{}\n", with_unit(parameter.value, &parameter.unit)))?;
             }
         }
-        Action::Set { name, value, save, .. } => {
-            let name = wire_name(name)?;
+        Action::Set { words, save, .. } => {
+            let [.., name, value] = &words[..] else {
+                return Err(Error::usage("name a setting and its value"));
+            };
+            let (name, value) = (wire_name(name)?, number(value).map_err(Error::usage)?);
             let mut connection = robot.connect(&interrupt)?;
-            set(&mut connection, name, *value)?;
+            set(&mut connection, name, value)?;
             save_if(&mut connection, *save)?;
         }
         Action::Save { .. } => save_if(&mut robot.connect(&interrupt)?, true)?,
@@ -159,7 +164,9 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 impl Action {
     fn robot(&self) -> RobotArgs {
         match self {
-            Self::Set { robot, .. } => robot.robot(),
+            Self::Set { words, key, .. } => {
+                RobotArgs::new((words.len() > 2).then(|| words[0].clone()), key.clone())
+            }
             Self::List { robot, .. }
             | Self::Get { robot, .. }
             | Self::Save { robot }
@@ -269,6 +276,7 @@ struct Row<'a> {
     default: f32,
     minimum: f32,
     maximum: f32,
+    description: Option<&'static str>,
 }
 
 impl<'a> From<&'a Parameter> for Row<'a> {
@@ -280,6 +288,7 @@ impl<'a> From<&'a Parameter> for Row<'a> {
             default: parameter.default,
             minimum: parameter.minimum,
             maximum: parameter.maximum,
+            description: description(&parameter.name),
         }
     }
 }
@@ -301,5 +310,13 @@ fn show(parameters: &[Parameter], json: bool) -> Result<(), Error> {
             [value, minimum, maximum, default].map(f32::to_string);
         vec![name.to_string(), mark.into(), value, unit.into(), minimum, maximum, default]
     }));
-    print(&format!("{}* differs from the default\n", table(&rows)))
+    let mut text = String::new();
+    let purposes = parameters.iter().map(|parameter| description(&parameter.name));
+    for (line, purpose) in table(&rows).lines().zip(std::iter::once(None).chain(purposes)) {
+        text += &format!("{line}\n");
+        if let Some(purpose) = purpose {
+            text += &format!("    {purpose}\n");
+        }
+    }
+    print(&format!("{text}* differs from the default\n"))
 }
