@@ -7,11 +7,12 @@ use super::output::{headings, print, print_json, table};
 use super::time::duration;
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
-use crate::keys::Keyring;
+use crate::keys::{Keyring, SIMULATED_ROBOT};
 use crate::link::discovery::{self, Found};
 use crate::link::udp::LinkError;
 
-/// List the robots that announce themselves on the local network (mDNS, `_flix._udp`).
+/// List the robots that announce themselves on the local network (mDNS, `_flix._udp`), and the simulated robot of this
+/// computer.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -32,7 +33,18 @@ pub struct Args {
 /// When multicast does not work here (usage), or no robot was found (no answer).
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
-    let robots = discovery::browse(args.duration, &interrupt).map_err(Error::usage)?;
+    let keyring = Keyring::of_user()?;
+    let simulated = keyring
+        .key(SIMULATED_ROBOT)
+        .ok()
+        .and_then(|key| discovery::on_this_computer(SIMULATED_ROBOT, key));
+    let announced = discovery::browse(args.duration, &interrupt);
+    let robots: Vec<Found> = match (announced, simulated) {
+        (Err(error), None) => return Err(Error::usage(error)),
+        (announced, simulated) => {
+            simulated.into_iter().chain(announced.unwrap_or_default()).collect()
+        }
+    };
     if interrupt.is_raised() {
         return Err(LinkError::Interrupted.into());
     }
@@ -44,7 +56,6 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             "no robot was found: check that it is on and in this network, and that the network forwards multicast; an address works without it",
         ));
     } else {
-        let keyring = Keyring::of_user()?;
         let mut rows = vec![headings("robot|address|key|board")];
         rows.extend(robots.iter().map(|robot| row(robot, &keyring)));
         print(&table(&rows))?;

@@ -1,16 +1,21 @@
 //! Finds the robots that announce themselves on the local network (mDNS and DNS-SD).
 
 use std::collections::BTreeMap;
-use std::net::{IpAddr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
-use flix_protocol::SERVICE_TYPE;
+use flix_protocol::frame::MAXIMUM_DATAGRAM;
+use flix_protocol::session::{Key, OperatorReceived, OperatorSession};
+use flix_protocol::units as protocol;
+use flix_protocol::{DEFAULT_PORT, SERVICE_TYPE};
 use mdns_sd::{ResolvedService, ServiceDaemon, ServiceEvent};
 
 use crate::interrupt::Interrupt;
 
 /// Longest search for a name: mDNS answers within 0.1 s, and repeats its question after 1 s.
 pub const FIND_PATIENCE: Duration = Duration::from_millis(2500);
+/// Longest wait for the answer of a simulated robot on this computer.
+const GREETING_PATIENCE: Duration = Duration::from_millis(300);
 /// Interval of the checks for interruption.
 const SLICE: Duration = Duration::from_millis(50);
 
@@ -66,6 +71,30 @@ pub fn find(name: &str, interrupt: &Interrupt) -> Result<Option<Found>, Discover
         wanted.is_some()
     })?;
     Ok(wanted)
+}
+
+/// Looks for a simulated robot with this key on this computer, where multicast seldom reaches. It is greeted only: its
+/// session, if it has one, goes on.
+#[must_use]
+pub fn on_this_computer(name: &str, key: Key) -> Option<Found> {
+    let address = SocketAddr::from((Ipv4Addr::LOCALHOST, DEFAULT_PORT));
+    let mut entropy = [0; 32];
+    getrandom::fill(&mut entropy).ok()?;
+    let mut session = OperatorSession::new(key, entropy, protocol::Instant::START);
+    let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).ok()?;
+    socket.set_read_timeout(Some(GREETING_PATIENCE)).ok()?;
+    socket.connect(address).ok()?;
+    socket.send(&session.poll(protocol::Instant::START)?).ok()?;
+    let mut answer = [0; MAXIMUM_DATAGRAM];
+    let length = socket.recv(&mut answer).ok()?;
+    let answered = session.receive(protocol::Instant::START, &answer[..length]);
+    let is_robot = !matches!(answered, OperatorReceived::Dropped(_));
+    is_robot.then(|| Found {
+        name: name.to_owned(),
+        addresses: vec![address.ip()],
+        port: address.port(),
+        properties: BTreeMap::from([("board".to_owned(), "simulated".to_owned())]),
+    })
 }
 
 /// Passes every robot found to `enough`, until it returns true or the time is over.
