@@ -5,16 +5,21 @@ use std::process::ExitCode;
 use super::Error;
 use super::output::{headings, mark, print_verdict, progress, row, table};
 use crate::reliability::fault_matrix::{
-    CASES, CELLS, Cell, Matrix, Outcome, REST_LIMIT_S, measure,
+    CASES, CELLS_OF_A_CASE, Case, Cell, Matrix, Outcome, REST_LIMIT_S, measure,
 };
 
 /// Inject every fault in every walking mode at every onset and report what the robot does
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  flix-sim faults\n  flix-sim faults --seed 7 --json")]
+#[command(
+    after_help = "Examples:\n  flix-sim faults\n  flix-sim faults --only partition --seed 7 --json"
+)]
 pub struct Args {
     /// Seed of the robot: its motors, wiring, sensor errors and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Inject only the faults with this in their name
+    #[arg(long, value_name = "NAME", default_value = "")]
+    only: String,
     /// Print every cell of the matrix as JSON only
     #[arg(long)]
     json: bool,
@@ -25,8 +30,17 @@ pub struct Args {
 /// # Errors
 /// When a robot could not be brought to run while all was well.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let bar = progress(CELLS as u64, "breaking");
-    let measured = measure(args.seed, || bar.inc(1));
+    let wanted = |case: &Case| case.name.contains(&args.only);
+    let cases = CASES.iter().filter(|case| wanted(case)).count();
+    if cases == 0 {
+        let names = CASES.map(|case| case.name).join(", ");
+        return Err(Error::refused(format!(
+            "--only {}: there is no such fault among {names}",
+            args.only
+        )));
+    }
+    let bar = progress((cases * CELLS_OF_A_CASE) as u64, "breaking");
+    let measured = measure(args.seed, wanted, || bar.inc(1));
     bar.finish_and_clear();
     print_verdict(measured, |matrix| matrix.pass, args.json, text)
 }
@@ -35,15 +49,17 @@ fn text(matrix: &Matrix) -> String {
     let mut rows = vec![headings(
         "fault|held|rested|safe (s)|current (A)|phase (deg)|f rms (Hz)|theta rms (deg)|first fault",
     )];
-    rows.extend(CASES.iter().map(|case| {
-        let of_case = matrix.cells.iter().filter(|cell| cell.fault == case.name);
-        worst(case.name, &of_case.collect::<Vec<_>>())
-    }));
+    rows.extend(
+        matrix
+            .cells
+            .chunk_by(|a, b| a.fault == b.fault)
+            .map(|of_case| worst(of_case[0].fault, &of_case.iter().collect::<Vec<_>>())),
+    );
     rows.push(row!["limit", "", "", format!("{REST_LIMIT_S:.3}")]);
     let mut text = format!(
         "Robot of seed {}; the worst of {} cells a fault (mode, onset, base), the plant's truth:\n\n{}\n",
         matrix.seed,
-        CELLS / CASES.len(),
+        CELLS_OF_A_CASE,
         table(&rows),
     );
     for cell in matrix.cells.iter().filter(|cell| !cell.pass) {

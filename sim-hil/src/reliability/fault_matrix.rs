@@ -260,18 +260,22 @@ pub struct Matrix {
     pub pass: bool,
 }
 
-/// How many cells there are.
-pub const CELLS: usize = CASES.len() * BASES.len() * MODES.len() * ONSETS.len();
+/// How many cells a row has.
+pub const CELLS_OF_A_CASE: usize = BASES.len() * MODES.len() * ONSETS.len();
 
-/// Measures the whole matrix of the robot of this seed. `done` is called after each of [`CELLS`] cells.
+/// Measures the rows that are `wanted` of the matrix of the robot of this seed. `done` is called after each cell.
 ///
 /// # Errors
 /// When the robot cannot even be armed while all is well.
-pub fn measure(seed: u64, done: impl Fn() + Sync) -> Result<Matrix, BenchError> {
+pub fn measure(
+    seed: u64,
+    wanted: impl Fn(&Case) -> bool,
+    done: impl Fn() + Sync,
+) -> Result<Matrix, BenchError> {
     let flashes: Vec<_> =
         BASES.par_iter().map(|base| learnt(*base, seed)).collect::<Result<_, _>>()?;
-    let mut places = Vec::with_capacity(CELLS);
-    for case in &CASES {
+    let mut places = Vec::new();
+    for case in CASES.iter().filter(|case| wanted(case)) {
         for (base, flash) in BASES.into_iter().zip(&flashes) {
             for mode in MODES {
                 places.extend(ONSETS.map(|onset| Place { case, base, mode, onset, seed, flash }));

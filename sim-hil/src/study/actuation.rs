@@ -59,6 +59,10 @@ impl Study for Actuation {
         "actuation"
     }
 
+    fn label(&self) -> String {
+        self.model.name.clone()
+    }
+
     fn parameters(&self) -> serde_json::Value {
         json!({ "model": self.model })
     }

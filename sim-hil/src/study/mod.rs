@@ -124,6 +124,9 @@ pub trait Study: Sync {
     /// For files and people, for example `mobility`.
     fn name(&self) -> &'static str;
 
+    /// What is in the results, in a few words for the name of a folder: the model at least.
+    fn label(&self) -> String;
+
     /// Everything that results depend on and that the caller can change, models included.
     fn parameters(&self) -> serde_json::Value;
 

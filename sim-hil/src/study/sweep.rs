@@ -151,6 +151,11 @@ impl Study for Sweep {
         self.name
     }
 
+    fn label(&self) -> String {
+        let model = self.variants.first().map_or("", |variant| &variant.model.name);
+        format!("{model}-{}x{}s", self.seeds, self.seconds)
+    }
+
     fn parameters(&self) -> serde_json::Value {
         let variants: Vec<_> =
             self.variants.iter().map(|v| json!({ "name": v.name, "model": v.model })).collect();

@@ -27,6 +27,10 @@ impl Study for Squares {
     fn name(&self) -> &'static str {
         "squares"
     }
+    fn label(&self) -> String {
+        "squares".to_owned()
+    }
+
     fn parameters(&self) -> serde_json::Value {
         serde_json::json!({ "scale": self.scale })
     }

@@ -82,6 +82,9 @@ fn show(table: &Table, folder: &Path) -> Result<(), Error> {
     Ok(())
 }
 
+/// Digits of the fingerprint in the name of a folder.
+const FOLDER_HASH: usize = 8;
+
 /// Where a study is kept, and which part of it is computed.
 #[derive(Debug, Clone, clap::Args)]
 pub struct RunArgs {
@@ -101,7 +104,12 @@ impl RunArgs {
     #[must_use]
     pub fn folder(&self, study: &dyn Study) -> PathBuf {
         self.out.clone().unwrap_or_else(|| {
-            PathBuf::from("out/study").join(study.name()).join(study.fingerprint().to_string())
+            // The hash tells apart what the label does not.
+            let hash = study.fingerprint().to_string();
+            let label = study.label().replace(|c: char| !c.is_alphanumeric() && c != '.', "-");
+            PathBuf::from("out/study")
+                .join(study.name())
+                .join(format!("{label}-{}", &hash[..FOLDER_HASH]))
         })
     }
 

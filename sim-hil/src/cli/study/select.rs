@@ -63,7 +63,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (mass, folder) = walked(Change::Mass, "mass")?;
     let (friction, _) = walked(Change::Friction, "friction")?;
     if args.statements {
-        print(&claims(&model.name, &statements(&mass, &friction)))?;
+        print(&claims(&model.name, args.sweep.seeds, &statements(&mass, &friction)))?;
         return Ok(ExitCode::SUCCESS);
     }
     let kinds = candidates(&mass, &friction, args.least);
@@ -116,10 +116,14 @@ fn text(labelled: &[(String, Candidate)], least: f64) -> String {
     table(&rows)
 }
 
-fn claims(model: &str, statements: &[Statement]) -> String {
+fn claims(model: &str, seeds: u64, statements: &[Statement]) -> String {
     let mut rows = vec![headings("claim|from|to")];
     rows.extend(statements.iter().map(|it| {
-        let [before, after] = it.values.map(|v| format!("{:+.3} \u{b1} {:.3}", v.mean, v.spread));
+        let [before, after] = it.values.map(|v| {
+            // One walk has no spread.
+            let spread = if seeds > 1 { format!(" \u{b1} {:.3}", v.spread) } else { String::new() };
+            format!("{:+.3}{spread}", v.mean)
+        });
         let mark = if it.contradicts_itself { "*" } else { "" };
         row![it.claim, before, after, format!("{}{mark}", it.verdict)]
     }));
