@@ -23,6 +23,7 @@ pub mod home;
 pub mod identify;
 pub mod keygen;
 pub mod link_test;
+pub mod man;
 pub mod number;
 pub mod output;
 pub mod parameters;
@@ -174,6 +175,8 @@ enum Command {
     Doctor(doctor::Args),
     Runs(runs::Args),
     Completions(completions::Args),
+    #[command(hide = true)]
+    Man(man::Args),
 }
 
 impl Cli {
@@ -199,6 +202,7 @@ impl Cli {
             Command::Doctor(args) => doctor::run(args),
             Command::Runs(args) => runs::run(args),
             Command::Completions(args) => completions::run(args),
+            Command::Man(args) => man::run(args),
         }
     }
 

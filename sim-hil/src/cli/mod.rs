@@ -16,6 +16,7 @@ pub mod faults;
 pub mod home;
 pub mod identify;
 pub mod leg;
+pub mod man;
 pub(crate) mod output;
 pub mod rest;
 pub mod serve;
@@ -77,6 +78,9 @@ enum Command {
     Study(study::Args),
     /// Print the completion script of a shell
     Completions(completions::Args),
+    /// Write the manual pages into a folder
+    #[command(hide = true)]
+    Man(man::Args),
 }
 
 /// Why a command failed: one sentence for people.
@@ -217,6 +221,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Identify(args) => identify::run(&args),
         Command::Study(args) => study::run(&args),
         Command::Completions(args) => completions::run(&args),
+        Command::Man(args) => man::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Accuracy(args) => accuracy::run(&args),
         Command::Faults(args) => faults::run(&args),

@@ -1,0 +1,39 @@
+//! `flix man`: writes the manual pages.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use super::output::print;
+use super::{Cli, Error, Exit};
+
+/// Write the manual pages into a folder.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  flix man ~/.local/share/man/man1")]
+pub struct Args {
+    /// Folder for the pages.
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+}
+
+/// Writes the pages of `flix`.
+///
+/// # Errors
+/// When they cannot be written.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    write(Cli::description(), &args.folder)?;
+    Ok(Exit::Done.into())
+}
+
+/// Writes a page of a program, and one of each of its commands.
+///
+/// # Errors
+/// When they cannot be written.
+pub fn write(program: clap::Command, folder: &Path) -> Result<(), Error> {
+    let page = folder.join(format!("{}.1", program.get_name()));
+    std::fs::create_dir_all(folder)
+        .and_then(|()| clap_mangen::generate_to(program, folder))
+        .map_err(|error| Error::usage(format_args!("{}: {error}", folder.display())))?;
+    print(&format!("{} and the pages of its commands\n", page.display()))
+}
