@@ -82,4 +82,5 @@ pub mod pilot;
 pub mod plot;
 pub mod pose;
 pub mod record;
+pub mod steering;
 pub mod teleop;

@@ -80,6 +80,8 @@ pub enum Ending {
     Stopped(Stop),
     /// The program was interrupted.
     Interrupted,
+    /// The run took longer than it may.
+    OutOfTime(Duration),
     /// There was no session.
     NoSession(ConnectError),
     /// The robot fell silent or closed the session.
@@ -100,6 +102,11 @@ impl fmt::Display for Ending {
             Self::Finished => f.write_str("finished"),
             Self::Stopped(stop) => write!(f, "{stop}"),
             Self::Interrupted => f.write_str("interrupted; the robot was stopped"),
+            Self::OutOfTime(patience) => write!(
+                f,
+                "not done within {} s; the robot was stopped: allow more with --patience",
+                patience.as_secs_f64()
+            ),
             Self::NoSession(error) => write!(f, "{error}"),
             Self::Lost => f.write_str(
                 "the robot fell silent and stops by itself: check its battery and the network",
@@ -234,10 +241,10 @@ impl<H: Helm> Pilot<H> {
         self.commanded.as_ref().map_or("getting ready", |(_, name)| name)
     }
 
-    /// Ends the run; call [`Pilot::step`] until it returns the ending.
-    pub fn interrupt(&mut self, now: Instant, client: &mut Client) {
+    /// Ends the run early, for example as [`Ending::Interrupted`]; call [`Pilot::step`] until it returns the ending.
+    pub fn end(&mut self, now: Instant, client: &mut Client, ending: Ending) {
         if self.ending.is_none() {
-            self.fail(now, client, Ending::Interrupted);
+            self.fail(now, client, ending);
         }
     }
 

@@ -690,3 +690,38 @@ fn a_frequency_of_zero_is_driven_too() {
     assert_eq!(json["held"]["frequency_hz"], 0.0);
     assert_eq!(served.robot().setpoint.frequency(), Hertz::ZERO);
 }
+
+#[test]
+fn the_list_of_settings_states_what_each_is_for() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    let list = operator.flix(&["parameters", "list", &address]).expect(0, &[]).stdout();
+    let sentence = flix_protocol::settings::description("current_limit").unwrap();
+    let mut lines = list.lines().skip_while(|line| !line.starts_with("current_limit"));
+    assert_eq!(lines.nth(1).map(str::trim), Some(sentence), "{list}");
+}
+
+#[test]
+fn a_setting_is_changed_on_the_robot_of_the_environment() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let mut set = operator.command(&["parameters", "set", "current_limit", "1.5"]);
+    Ended(set.env("FLIX_ROBOT", address).output().unwrap()).expect(0, &[]);
+    let limit =
+        served.robot().parameters.iter().find(|it| it.name == "current_limit").unwrap().value;
+    assert_eq!(limit, 1.5);
+}
+
+#[test]
+fn every_command_has_a_manual_page() {
+    let operator = Operator::new();
+    Ended(operator.command_without_key(&["man", "pages"]).output().unwrap()).expect(0, &[]);
+    let pages = operator.home.path().join("pages");
+    for command in
+        flix_host::cli::Cli::description().get_subcommands().filter(|it| !it.is_hide_set())
+    {
+        let page =
+            std::fs::read_to_string(pages.join(format!("flix-{}.1", command.get_name()))).unwrap();
+        assert!(page.contains(".SH SYNOPSIS"), "{}", command.get_name());
+    }
+}

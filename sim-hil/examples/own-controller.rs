@@ -9,7 +9,7 @@ use std::error::Error;
 use std::time::Duration;
 
 use flix_host::nav::{Decision, PlanarPose, Position, Resting, wrap};
-use flix_host::pilot::{Helm, Pilot};
+use flix_host::pilot::{Ending, Helm, Pilot};
 use flix_host::pose::PoseSample;
 use flix_protocol::message::Setpoint;
 use flix_protocol::units::Instant;
@@ -23,8 +23,8 @@ const GOAL: Position = Position::new(0.3, 0.2);
 const ARRIVED: f64 = 0.05;
 /// It walks while the goal lies within this angle of straight ahead, and turns otherwise, rad.
 const AHEAD: f64 = 0.5;
-/// Virtual time after which it gives up, s.
-const PATIENCE: f64 = 60.0;
+/// Virtual time after which it gives up.
+const PATIENCE: Duration = Duration::from_secs(60);
 /// f in Hz and theta in degrees of each walking mode (paper, table IV).
 const MODES: [(&str, f64, f64); 3] =
     [("forward", -30.0, 30.0), ("left", -30.0, 90.0), ("right", 30.0, 90.0)];
@@ -79,8 +79,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             println!("{ending} after {seconds:.1} s, {left:.0} mm from the goal");
             return Ok(());
         }
-        if seconds > PATIENCE {
-            course.interrupt();
+        if seconds > PATIENCE.as_secs_f64() {
+            course.end(Ending::OutOfTime(PATIENCE));
         }
     }
 }

@@ -84,3 +84,82 @@ fn a_reader_that_goes_away_is_no_error() {
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success(), "{}", said(&output));
 }
+
+/// Follows a circle with this program, as JSON; `controller.sh` is a script with these lines.
+fn track_with(process: &str, script: &str) -> (Option<i32>, serde_json::Value, String) {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("controller.sh"), script).unwrap();
+    let mut command = flix_sim(folder.path(), "track circle --radius 0.3 --laps 1 --json");
+    let output = command.args(["--controller-process", process]).output().unwrap();
+    let report = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    (output.status.code(), report, said(&output))
+}
+
+#[test]
+fn the_controller_of_the_guide_follows_a_path() {
+    let process = concat!("python3 ", env!("CARGO_MANIFEST_DIR"), "/examples/follow.py");
+    let (code, report, said) = track_with(process, "");
+    assert_eq!((code, &report["finished"]), (Some(0), &true.into()), "{report} {said}");
+    assert!(report["path_error_rms_mm"].as_f64().is_some_and(|error| error < 60.0), "{report}");
+    assert_eq!(report["controller"], process);
+}
+
+#[test]
+fn a_controller_that_hangs_dies_or_talks_nonsense_stops_the_robot_with_a_sentence() {
+    let answers = |answer: &str| format!("while read pose; do echo '{answer}'; done");
+    for (then, sentence) in [
+        ("exec sleep 60".to_owned(), "did not answer within 2 s"),
+        ("read pose; echo '{\"f\":-30,\"theta\":30}'".to_owned(), "the controller process ended"),
+        (answers("forward!"), "answered `forward!`"),
+        (answers(""), "answered ``"),
+        (answers(r#"{"f":99,"theta":30}"#), "-35"),
+        (answers(r#"{"f":-30}"#), "theta"),
+        (answers(r#"{"f":-30,"theta":30,"speed":1}"#), "speed"),
+    ] {
+        let (code, report, said) =
+            track_with("sh controller.sh", &format!("read path\necho ready\n{then}\n"));
+        let ending = report["ending"].as_str().unwrap_or_default();
+        assert!(code == Some(1) && ending.contains(sentence), "{then}: {code:?} {report} {said}");
+    }
+}
+
+#[test]
+fn a_run_that_takes_too_long_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    for words in ["track circle --patience 3s --json", "home --pushes 1 --patience 2s --json"] {
+        let output = flix_sim(folder.path(), words).output().unwrap();
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let ending = report["ending"].as_str().unwrap();
+        assert!(ending.contains("not done within"), "{words}: {ending}");
+        assert_eq!(output.status.code(), Some(1), "{words}");
+    }
+}
+
+#[test]
+fn pushes_are_not_errors_of_the_robot_in_the_record_of_home() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = flix_sim(folder.path(), "home --pushes 1 --json").output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    let run = flix_host::record::Run::find(&folder.path().join("out"), "last").unwrap();
+    assert_eq!(run.fact("results", "path_error_rms_mm"), "");
+    let final_error: f64 = run.fact("results", "final_error_mm").parse().unwrap();
+    assert!(final_error < 50.0, "{final_error} mm");
+}
+
+#[test]
+fn a_study_is_kept_in_a_folder_that_names_its_model_and_walks() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(study(folder.path(), "mobility --quick --model A").status.success());
+    let kept = std::fs::read_dir(folder.path().join("out/study/mobility")).unwrap();
+    let names: Vec<_> = kept.map(|it| it.unwrap().file_name().into_string().unwrap()).collect();
+    assert!(names.len() == 1 && names[0].starts_with("A-1x0.5s-"), "{names:?}");
+}
+
+#[test]
+fn every_command_has_a_manual_page() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(flix_sim(folder.path(), "man pages").status().unwrap().success());
+    for name in ["flix-sim.1", "flix-sim-serve.1", "flix-sim-study-mobility.1"] {
+        assert!(folder.path().join("pages").join(name).exists(), "{name}");
+    }
+}

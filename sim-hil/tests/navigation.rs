@@ -79,7 +79,7 @@ fn comes_home_from_any_heading_within_50_mm() {
 fn an_interrupted_run_leaves_the_robot_stopped_and_disarmed() {
     let mut course = course(home(), 4, PlanarPose { x: 0.4, y: 0.0, heading: 0.0 });
     until_walking(&mut course);
-    course.interrupt();
+    course.end(Ending::Interrupted);
     assert_eq!(until_end(&mut course, 60), Ending::Interrupted);
     let (state, frequency) = at_last(&mut course);
     assert!(state == State::Disarmed && frequency < 1.0, "{state}, {frequency} Hz");

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use flix_protocol::message::Setpoint;
 
@@ -9,9 +10,10 @@ use super::Error;
 use super::number::parse_within;
 use super::output::read_text;
 use crate::nav::{
-    Area, ControllerKind, ModeTable, Navigator, PAPER_PAIRS, Path, PathError, PlanarPose, Position,
-    Settings, Task,
+    Approach, Area, ControllerKind, ModeTable, Navigator, PAPER_PAIRS, Path, PathError, PlanarPose,
+    Position, Settings, Task,
 };
+use crate::steering::{self, ControllerProcess, Steering};
 
 /// Options of a path, and of how it is followed.
 #[derive(Debug, Clone, clap::Args)]
@@ -44,12 +46,18 @@ pub struct CourseArgs {
     /// Distance from the path at which the run ends, mm.
     #[arg(long, value_name = "MM", default_value_t = 400.0)]
     pub error_limit: f64,
-    /// Walk to the path also from outside the fence. A robot inside walks to it anyway.
+    /// Walk to the path also from outside the fence. A robot inside the fence walks to it anyway.
     #[arg(long)]
     pub approach: bool,
+    /// Begin only when the robot stands on the path, within 50 mm.
+    #[arg(long, conflicts_with = "approach")]
+    pub no_approach: bool,
     /// Options of steering.
     #[command(flatten)]
     pub steering: SteeringArgs,
+    /// Controller of your own: a command that reads poses and writes f and theta, as lines of JSON.
+    #[arg(long, value_name = "COMMAND", conflicts_with = "controller")]
+    pub controller_process: Option<String>,
 }
 
 fn parse_turned(text: &str) -> Result<f64, String> {
@@ -102,9 +110,43 @@ impl CourseArgs {
         }
         Ok(Settings {
             error_limit: self.error_limit * 1e-3,
-            approach: self.approach,
+            approach: match (self.approach, self.no_approach) {
+                (true, _) => Approach::Anywhere,
+                (_, true) => Approach::Off,
+                _ => Approach::Inside,
+            },
             ..self.steering.settings(task)
         })
+    }
+}
+
+impl CourseArgs {
+    /// Returns who steers: the navigator, or the process that is asked for. `patience`: the longest time for an answer
+    /// of the process.
+    ///
+    /// # Errors
+    /// When the table lacks a mode that the controller needs, or the process cannot be started.
+    pub fn steering(
+        &self,
+        task: Task,
+        table: &ModeTable,
+        settings: Settings,
+        patience: Duration,
+    ) -> Result<Steering, Error> {
+        let start = |command: &String| {
+            ControllerProcess::start(command, &task, patience).map_err(|error| {
+                Error::usage(format_args!("--controller-process {command}: {error}"))
+            })
+        };
+        let process = self.controller_process.as_ref().map(start).transpose()?;
+        let navigator = Navigator::new(task, table, settings).map_err(Error::usage)?;
+        Ok(Steering::new(navigator, process, table.modes().len()))
+    }
+
+    /// Returns the name of the controller.
+    #[must_use]
+    pub fn controller(&self) -> String {
+        self.controller_process.clone().unwrap_or_else(|| self.steering.controller.to_string())
     }
 }
 
@@ -127,7 +169,7 @@ fn read_path(file: &str) -> Result<Path, Error> {
     let name = PathBuf::from(file)
         .file_stem()
         .map_or_else(|| file.to_owned(), |s| s.to_string_lossy().into_owned());
-    Ok(Path::from_text(&name, &text)?)
+    Path::from_text(&name, &text).map_err(|error| Error::usage(format_args!("{file}: {error}")))
 }
 
 /// Returns the settings as facts of a record.
@@ -147,19 +189,28 @@ pub fn facts(settings: &Settings) -> BTreeMap<String, String> {
 #[must_use]
 pub fn results(navigator: &Navigator, seconds: f64) -> BTreeMap<String, String> {
     let progress = navigator.progress();
-    BTreeMap::from([
-        ("path_error_rms_mm".into(), format!("{:.1}", progress.error_rms * 1e3)),
-        ("path_error_peak_mm".into(), format!("{:.1}", progress.error_peak * 1e3)),
-        ("laps".into(), format!("{:.2}", progress.laps)),
+    let millimetres = |metres: f64| format!("{:.1}", metres * 1e3);
+    let mut results = BTreeMap::from([
         ("seconds".into(), format!("{seconds:.1}")),
         ("mode_switches".into(), progress.switches.to_string()),
-    ])
+    ]);
+    results.extend(match navigator.task() {
+        Task::Follow { .. } => vec![
+            ("path_error_rms_mm".into(), millimetres(progress.error_rms)),
+            ("path_error_peak_mm".into(), millimetres(progress.error_peak)),
+            ("laps".into(), format!("{:.2}", progress.laps)),
+        ],
+        // Nobody walks a push: there is no path to be away from.
+        Task::Reach { .. } => vec![("final_error_mm".into(), millimetres(progress.error))],
+    });
+    results
 }
 
-/// Returns the names of the modes, in the order of the table.
+/// Returns the names of the modes, in the order of the table, and of what a controller process commands.
 #[must_use]
 pub fn names(table: &ModeTable) -> Vec<String> {
-    table.modes().iter().map(|mode| mode.name.clone()).collect()
+    let names = table.modes().iter().map(|mode| mode.name.clone());
+    names.chain([steering::NAME.to_owned()]).collect()
 }
 
 /// Returns the pairs of the paper, or those with these names.

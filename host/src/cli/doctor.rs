@@ -14,7 +14,9 @@ use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 use crate::link::udp::{Connection, LinkError};
 use crate::pose::PoseSource;
-use crate::pose::natnet::{NatNetSource, NatNetStatistics};
+use crate::pose::any::Poses;
+use crate::pose::natnet::NatNetStatistics;
+use crate::pose::udp::UdpStatistics;
 
 /// Time for which poses and telemetry are observed.
 const WATCH: Duration = Duration::from_secs(2);
@@ -208,33 +210,37 @@ fn judge_clock(telemetry: &Telemetry, reported: Duration, watched: Duration) -> 
 }
 
 fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
-    let mut source = match NatNetSource::connect(args.settings()) {
+    let mut source = match args.open() {
         Ok(source) => source,
-        Err(error) => return vec![Finding::bad("poses", Exit::NoAnswer, error)],
+        Err(error) => return vec![Finding::bad("poses", error.exit, error.sentence)],
     };
-    let info = source.server();
-    let stream = if info.connection.multicast {
-        format!("multicast {}:{}", info.multicast_group(), info.connection.data_port)
-    } else {
-        "unicast".to_owned()
+    let name = match &source {
+        Poses::NatNet(natnet) => {
+            let info = natnet.server();
+            let stream = if info.connection.multicast {
+                format!("multicast {}:{}", info.multicast_group(), info.connection.data_port)
+            } else {
+                "unicast".to_owned()
+            };
+            format!("{}, NatNet {}, {stream}", info.application_name, info.protocol_version)
+        }
+        Poses::Udp(_) => source.name(),
     };
-    let mut findings = vec![Finding::good(
-        "server",
-        format_args!("{}, NatNet {}, {stream}", info.application_name, info.protocol_version),
-    )];
+    let mut findings = vec![Finding::good("server", name)];
     let begin = Clock::now();
     let mut newest = None;
     while begin.elapsed() < WATCH && !interrupt.is_raised() {
-        let now =
-            Instant::from_micros(u64::try_from(begin.elapsed().as_micros()).unwrap_or(u64::MAX));
-        match source.poll(now) {
+        match source.poll(Instant::START + begin.elapsed()) {
             Ok(Some(sample)) => newest = Some(sample),
             Ok(None) => std::thread::sleep(Duration::from_millis(1)),
             Err(error) => return vec![Finding::bad("poses", Exit::NoAnswer, error)],
         }
     }
     let watched = begin.elapsed().as_secs_f64();
-    findings.push(judge_stream(source.statistics(), watched, source.bodies()));
+    findings.push(match &source {
+        Poses::NatNet(source) => judge_stream(source.statistics(), watched, source.bodies()),
+        Poses::Udp(source) => judge_datagrams(source.statistics(), watched),
+    });
     if let Some(sample) = newest.filter(|s| s.valid) {
         let floor = sample.pose.on_the_floor();
         let height = sample.pose.position.z;
@@ -245,7 +251,9 @@ fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
             height,
             floor.heading.to_degrees()
         );
-        findings.push(if HEIGHTS.contains(&height) {
+        // A tracker in the plane states no height.
+        let is_planar = matches!(source, Poses::Udp(_)) && height == 0.0;
+        findings.push(if is_planar || HEIGHTS.contains(&height) {
             Finding::good("pose", place)
         } else {
             let advice =
@@ -254,6 +262,54 @@ fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
         });
     }
     findings
+}
+
+/// What every source of poses counts alike.
+fn judge_poses(untracked: u64, jumps: u64, count: u64, watched: f64) -> Result<f64, String> {
+    if untracked > 0 {
+        return Err(format!(
+            "the cameras lost the robot in {untracked} of {count} frames: clean or add markers, check occlusion"
+        ));
+    }
+    if jumps > 0 {
+        return Err(format!(
+            "{jumps} poses jump farther than a robot can move: let nobody carry the robot, check for swapped markers, \
+             and for a second sender of poses on this network"
+        ));
+    }
+    let rate = count as f64 / watched;
+    if rate < FEW_POSES {
+        return Err(format!(
+            "{rate:.0} poses per second are too few: let the tracker send 100 or more"
+        ));
+    }
+    Ok(rate)
+}
+
+fn judge_datagrams(seen: UdpStatistics, watched: f64) -> Finding {
+    let bad = |sentence: String| Finding::bad("poses", Exit::NoAnswer, sentence);
+    if seen.poses + seen.unreadable == 0 {
+        return bad("no datagram arrives: let the tracker send to this computer and port; for a tracker on another \
+                    computer, name the network card here that reaches it with --interface"
+            .to_owned());
+    }
+    if let Some(stranger) = seen.stranger {
+        return bad(format!(
+            "a second sender, {stranger}, sends poses too ({} datagrams, all dropped): stop it",
+            seen.strangers
+        ));
+    }
+    if seen.unreadable > 0 {
+        return bad(format!(
+            "{} datagrams are no pose: write six numbers, x y z roll pitch yaw in metres and radians, or \
+             {{\"x\": 0.5, \"y\": 0.2, \"yaw\": 1.57}}",
+            seen.unreadable
+        ));
+    }
+    match judge_poses(seen.untracked, seen.jumps, seen.poses, watched) {
+        Ok(rate) => Finding::good("poses", format_args!("{rate:.0} per second, all tracked")),
+        Err(sentence) => bad(sentence),
+    }
 }
 
 fn judge_stream(seen: NatNetStatistics, watched: f64, bodies: &[(String, i32)]) -> Finding {
@@ -291,24 +347,13 @@ fn judge_stream(seen: NatNetStatistics, watched: f64, bodies: &[(String, i32)]) 
             if names.is_empty() { "none".to_owned() } else { names.join(", ") }
         ));
     }
-    if seen.untracked > 0 {
-        return bad(format!(
-            "the cameras lost the robot in {} of {} frames: clean or add markers, check occlusion",
-            seen.untracked, seen.frames
-        ));
+    match judge_poses(seen.untracked, seen.jumps, seen.frames, watched) {
+        Ok(rate) => Finding::good(
+            "poses",
+            format_args!("{rate:.0} per second, all tracked, {} lost", seen.lost),
+        ),
+        Err(sentence) => bad(sentence),
     }
-    if seen.jumps > 0 {
-        return bad(format!(
-            "{} poses jump farther than a robot can move: let nobody carry the robot, check for swapped markers, \
-             and for a second sender of poses on this network",
-            seen.jumps
-        ));
-    }
-    let rate = seen.frames as f64 / watched;
-    if rate < FEW_POSES {
-        return bad(format!("{rate:.0} poses per second are too few: set Motive to 100 or more"));
-    }
-    Finding::good("poses", format_args!("{rate:.0} per second, all tracked, {} lost", seen.lost))
 }
 
 #[cfg(test)]
@@ -342,6 +387,24 @@ mod tests {
             (NatNetStatistics { frames: 0, unreadable: 240, ..seen() }, "version"),
         ] {
             let finding = judge_stream(statistics, 2.0, &bodies);
+            assert!(!finding.ok && finding.sentence.contains(advice), "{finding:?}");
+        }
+    }
+
+    #[test]
+    fn every_trouble_of_datagrams_has_its_own_advice() {
+        let seen = UdpStatistics { poses: 240, ..UdpStatistics::default() };
+        assert!(judge_datagrams(seen, 2.0).ok);
+        let stranger = Some([10, 0, 0, 7].into());
+        for (statistics, advice) in [
+            (UdpStatistics::default(), "--interface"),
+            (UdpStatistics { unreadable: 3, ..seen }, "roll pitch yaw"),
+            (UdpStatistics { untracked: 3, ..seen }, "markers"),
+            (UdpStatistics { jumps: 2, ..seen }, "second sender"),
+            (UdpStatistics { poses: 20, ..seen }, "few"),
+            (UdpStatistics { strangers: 9, stranger, ..seen }, "10.0.0.7"),
+        ] {
+            let finding = judge_datagrams(statistics, 2.0);
             assert!(!finding.ok && finding.sentence.contains(advice), "{finding:?}");
         }
     }

@@ -115,6 +115,12 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         Action::Show { run, json } => show(&Run::find(&args.out, run)?, *json)?,
         Action::Plot { run, to } => {
             let run = Run::find(&args.out, run)?;
+            if counts(&run).iter().all(|(_, rows)| *rows == 0) {
+                return Err(Error::usage(format_args!(
+                    "{}: there is nothing to plot: the record has no rows",
+                    run.file.display()
+                )));
+            }
             let (folder, stem) = beside(&run, to.as_ref());
             for (kind, figure) in [
                 ("track", &figures::track(&run) as &dyn Figure),
@@ -188,9 +194,11 @@ fn result(run: &Run) -> String {
         // Advice follows the first colon.
         ending => ending.split(':').next().unwrap_or_default(),
     };
-    match run.fact("results", "path_error_rms_mm") {
-        "" => ending.to_owned(),
-        error => format!("{ending}, {error} mm RMS, {} laps", run.fact("results", "laps")),
+    let fact = |name| run.fact("results", name);
+    match (fact("path_error_rms_mm"), fact("final_error_mm")) {
+        ("", "") => ending.to_owned(),
+        ("", error) => format!("{ending}, {error} mm away"),
+        (error, _) => format!("{ending}, {error} mm RMS, {} laps", fact("laps")),
     }
 }
 

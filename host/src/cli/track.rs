@@ -1,14 +1,18 @@
 //! `flix track`: follows a path.
 
 use std::process::ExitCode;
+use std::time::Duration;
 
 use super::course::{CourseArgs, facts, names, results};
 use super::output::{print, print_json};
 use super::robot::RobotArgs;
 use super::walk::{FileArgs, PoseArgs, Walk, record, unrecorded, verdict};
 use super::{Error, Exit};
-use crate::nav::{ModeTable, ModeTableError, Navigator, Task};
+use crate::nav::{ModeTable, ModeTableError, Task};
 use crate::pilot::{Pilot, Recorded};
+
+/// Longest time for an answer of a controller process: well within the command deadline of 250 ms.
+const ANSWER_PATIENCE: Duration = Duration::from_millis(100);
 
 /// Follow a path, with poses from motion capture.
 ///
@@ -55,18 +59,19 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         Task::Follow { path, .. } => format!("track-{}", path.name()),
         Task::Reach { .. } => "reach".to_owned(),
     };
-    let setup = facts(&settings);
-    let navigator = Navigator::new(task.clone(), &table, settings).map_err(Error::usage)?;
+    let mut setup = facts(&settings);
+    setup.insert("controller".into(), args.course.controller());
+    let steering = args.course.steering(task.clone(), &table, settings, ANSWER_PATIENCE)?;
     let mut walk = Walk::open(&args.robot, &args.poses)?;
     let mut recorder = record(&args.files.out, &mut walk, &name, setup)?;
     if let Task::Follow { path, .. } = &task {
         recorder.path_to_follow(walk.now(), path)?;
     }
     recorder.attach(walk.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
-    let mut pilot = Pilot::new(navigator, names(&table), Some(recorder))
+    let mut pilot = Pilot::new(steering, names(&table), Some(recorder))
         .driving_unrecorded(args.files.unrecorded);
     let (ending, seconds) = walk.drive(&mut pilot, |pilot| {
-        let progress = pilot.helm().progress();
+        let progress = pilot.helm().navigator().progress();
         format!(
             "{:<24} {:.2} laps, error {:>4.0} mm now, {:.0} mm RMS",
             pilot.doing(),
@@ -76,7 +81,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         )
     })?;
     walk.leave();
-    let numbers = results(pilot.helm(), seconds);
+    let numbers = results(pilot.helm().navigator(), seconds);
     let (_, Recorded { file, error }) = pilot.finish(numbers.clone());
     verdict(&ending, file.as_ref())?;
     if args.json {

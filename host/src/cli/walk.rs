@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 use std::time::{Duration, SystemTime};
 
 use flix_protocol::message::Command;
@@ -15,7 +16,9 @@ use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 use crate::link::udp::{Connection, LinkError};
 use crate::pilot::{Ending, Helm, Pilot};
+use crate::pose::any::Poses;
 use crate::pose::natnet::{Body, COMMAND_PORT, NatNetSettings, NatNetSource, UpAxis};
+use crate::pose::udp::UdpSource;
 use crate::pose::{PoseError, PoseSource};
 use crate::record::{RecordError, Recorder, RunDescription};
 
@@ -25,13 +28,13 @@ const SLICE: Duration = Duration::from_millis(2);
 /// Options of the pose source.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PoseArgs {
-    /// Source of the poses.
-    #[arg(long, value_name = "SOURCE", default_value = "natnet", value_parser = ["natnet"])]
-    pub pose: String,
+    /// Source of the poses: `natnet` (OptiTrack), or `udp:PORT` for any tracker that sends them as text.
+    #[arg(long, value_name = "SOURCE", default_value = "natnet")]
+    pub pose: PoseKind,
     /// Address of Motive's computer (or of the simulator), and its command port.
     #[arg(long, value_name = "HOST[:PORT]", default_value = "127.0.0.1", value_parser = server)]
     pub natnet_server: SocketAddrV4,
-    /// Address of this computer's network card that reaches it.
+    /// Address of this computer's network card that reaches it [default: found; for udp, this computer alone].
     #[arg(long, value_name = "ADDRESS")]
     pub interface: Option<Ipv4Addr>,
     /// Name or streaming number of the robot's rigid body; not needed if there is only one.
@@ -40,6 +43,29 @@ pub struct PoseArgs {
     /// Up axis of Motive, y or z, as in its streaming settings.
     #[arg(long, value_name = "AXIS", default_value = "y")]
     pub up: UpAxis,
+}
+
+/// Kind of a source of poses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PoseKind {
+    /// OptiTrack.
+    NatNet,
+    /// Datagrams at this port.
+    Udp(u16),
+}
+
+impl FromStr for PoseKind {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let port = |text: &str| text.parse().ok().filter(|port| *port > 0);
+        match text {
+            "natnet" => Ok(Self::NatNet),
+            _ => text.strip_prefix("udp:").and_then(port).map(Self::Udp).ok_or_else(|| {
+                format!("\"{text}\" is not a source of poses: write natnet, or udp:PORT with a port from 1 to 65535")
+            }),
+        }
+    }
 }
 
 /// Options of the files of a run.
@@ -73,7 +99,7 @@ fn server(text: &str) -> Result<SocketAddrV4, String> {
 }
 
 impl PoseArgs {
-    /// Returns the settings of the source.
+    /// Returns the settings of a source of NatNet.
     #[must_use]
     pub fn settings(&self) -> NatNetSettings {
         let own = if self.natnet_server.ip().is_loopback() {
@@ -94,15 +120,28 @@ impl PoseArgs {
     ///
     /// # Errors
     /// When there is no stream; the message says what to change.
-    pub fn open(&self) -> Result<NatNetSource, Error> {
-        NatNetSource::connect(self.settings()).map_err(|error| Error::new(Exit::NoAnswer, error))
+    pub fn open(&self) -> Result<Poses, Error> {
+        match self.pose {
+            PoseKind::NatNet => NatNetSource::connect(self.settings())
+                .map(Poses::NatNet)
+                .map_err(|error| Error::new(Exit::NoAnswer, error)),
+            PoseKind::Udp(port) => {
+                let interface = self.interface.unwrap_or(Ipv4Addr::LOCALHOST);
+                UdpSource::bind(interface, port).map(Poses::Udp).map_err(|error| {
+                    Error::usage(format_args!(
+                        "cannot listen for poses at {interface}:{port}: {error}; choose another port, or the address of \
+                         a network card of this computer as --interface"
+                    ))
+                })
+            }
+        }
     }
 }
 
 /// A connected robot with its poses.
 pub struct Walk {
     connection: Connection,
-    source: NatNetSource,
+    source: Poses,
     interrupt: Interrupt,
 }
 
@@ -148,7 +187,7 @@ impl Walk {
                 poses.push(sample);
             }
             if self.interrupt.is_raised() {
-                pilot.interrupt(now, client);
+                pilot.end(now, client, Ending::Interrupted);
             }
             let ending = pilot.step(now, client, &poses);
             if let Some(error) = pilot.record_error().filter(|_| !is_warned) {
@@ -175,8 +214,7 @@ impl Walk {
     /// Returns the name of the pose server, for the record.
     #[must_use]
     pub fn pose_server(&self) -> String {
-        let info = self.source.server();
-        format!("{} (NatNet {})", info.application_name, info.protocol_version)
+        self.source.name()
     }
 
     /// Returns name, board and firmware of the robot, for the record.
@@ -238,7 +276,9 @@ pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
         Ending::Lost => Exit::NoAnswer,
         Ending::NotRecorded(_) => Exit::Usage,
         Ending::Refused(refusal) => return Err(LinkError::Refused(refusal.clone()).into()),
-        Ending::Stopped(_) | Ending::Faulted(_) | Ending::NotReady(_) => Exit::RobotFault,
+        Ending::Stopped(_) | Ending::OutOfTime(_) | Ending::Faulted(_) | Ending::NotReady(_) => {
+            Exit::RobotFault
+        }
     };
     let mut sentence = match record {
         Some(file) => format!("{ending} (record: {})", file.display()),
@@ -246,7 +286,11 @@ pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
     };
     let is_stopped = matches!(
         ending,
-        Ending::Stopped(_) | Ending::Interrupted | Ending::NotReady(_) | Ending::NotRecorded(_)
+        Ending::Stopped(_)
+            | Ending::Interrupted
+            | Ending::OutOfTime(_)
+            | Ending::NotReady(_)
+            | Ending::NotRecorded(_)
     );
     if is_stopped {
         sentence.push_str("; `flix clear` makes the robot ready again");

@@ -148,8 +148,8 @@ impl Identification {
     /// Returns what to command now.
     pub fn decide(&mut self, now: Instant) -> Decision {
         let started = *self.started.get_or_insert(now);
-        if let Some(stop) = self.stop {
-            return Decision::Stopped(stop);
+        if let Some(stop) = &self.stop {
+            return Decision::Stopped(stop.clone());
         }
         let age = now.since(self.trusted.map_or(started, |(time, _)| time));
         if self.trusted.is_none() || age > self.settings.pose_deadline {
@@ -270,7 +270,7 @@ impl Identification {
     }
 
     fn end(&mut self, stop: Stop) -> Decision {
-        self.stop = Some(stop);
+        self.stop = Some(stop.clone());
         Decision::Stopped(stop)
     }
 

@@ -30,8 +30,8 @@ pub use identification::{Identification, IdentificationSettings};
 pub use modes::{Mode, ModeTable, ModeTableError, PAPER_PAIRS, Spread};
 pub use motion::{Gait, Motion, REST, Response, motions};
 pub use navigator::{
-    ControllerKind, Decision, JOINED_WITHIN, Navigator, Progress, Resting, Settings, Task,
-    UnknownController,
+    Approach, ControllerKind, Decision, JOINED_WITHIN, Navigator, Progress, Resting, Settings,
+    Task, UnknownController,
 };
 pub use path::{Path, PathError, Projection, SPACING};
 pub use safety::Stop;

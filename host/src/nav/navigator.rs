@@ -51,6 +51,18 @@ pub enum ControllerKind {
     TwoState,
 }
 
+/// Whether a run may begin away from its path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Approach {
+    /// The robot has to stand within [`JOINED_WITHIN`] of the path.
+    Off,
+    /// It walks to the path from anywhere inside the fence.
+    #[default]
+    Inside,
+    /// It walks to the path also from outside the fence.
+    Anywhere,
+}
+
 /// Tuning of navigation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
@@ -70,8 +82,8 @@ pub struct Settings {
     pub pose_patience: Duration,
     /// The robot must stay inside.
     pub fence: Area,
-    /// Whether a run may begin outside the fence, and walk into it.
-    pub approach: bool,
+    /// Whether a run may begin away from its path.
+    pub approach: Approach,
     /// Walking for this long without motion of the pose ends the run.
     pub standstill_patience: Duration,
     /// The run ends at this distance from the path, m.
@@ -185,7 +197,7 @@ impl Settings {
             pose_deadline: Duration::from_millis(100),
             pose_patience: Duration::from_secs(5),
             fence,
-            approach: false,
+            approach: Approach::default(),
             standstill_patience: Duration::from_secs(3),
             error_limit: 0.4,
             arrival_radius: 0.02,
@@ -284,7 +296,7 @@ impl Navigator {
         self.trusted = Some(sample.time);
         self.measured = pose;
         let is_outside = !self.settings.fence.contains(pose.position());
-        if first && is_outside && self.settings.approach {
+        if first && is_outside && self.settings.approach == Approach::Anywhere {
             let Area { low, high } = self.settings.fence;
             let around = Area::around([low, high, pose.position()]);
             self.corridor = Some(around.widened(CORRIDOR_MARGIN));
@@ -299,28 +311,8 @@ impl Navigator {
 
     /// Returns what to command now. [`Decision::Finished`] and [`Decision::Stopped`] are final.
     pub fn decide(&mut self, now: Instant) -> Decision {
-        let started = *self.started.get_or_insert(now);
-        if let Some(stop) = self.stop {
-            return Decision::Stopped(stop);
-        }
-        if self.finished {
-            return Decision::Finished;
-        }
-        let age = now.since(self.trusted.unwrap_or(started));
-        if self.trusted.is_none() || age > self.settings.pose_deadline {
-            return self.wait_for_pose(now, age);
-        }
-        let walked = self.standstill.watch(now, self.mode != REST, &self.measured);
-        if walked >= self.settings.standstill_patience {
-            return self.end(now, Stop::NotMoving { walked });
-        }
-        if let Some(stop) = self.breach() {
-            return self.end(now, stop);
-        }
-        if self.is_done(now) {
-            self.finished = true;
-            self.command(now, REST);
-            return Decision::Finished;
+        if let Some(decision) = self.judge(now, self.mode != REST) {
+            return decision;
         }
         if self.may_change(now) {
             self.decided = Some(now);
@@ -328,6 +320,42 @@ impl Navigator {
             self.command(now, mode);
         }
         self.present()
+    }
+
+    /// Returns what has to be done whoever steers: to wait for poses, to end the run, or nothing. `walks`: whether the
+    /// robot is commanded to walk.
+    pub fn judge(&mut self, now: Instant, walks: bool) -> Option<Decision> {
+        let started = *self.started.get_or_insert(now);
+        if let Some(stop) = &self.stop {
+            return Some(Decision::Stopped(stop.clone()));
+        }
+        if self.finished {
+            return Some(Decision::Finished);
+        }
+        let age = now.since(self.trusted.unwrap_or(started));
+        if self.trusted.is_none() || age > self.settings.pose_deadline {
+            return Some(self.wait_for_pose(now, age));
+        }
+        let walked = self.standstill.watch(now, walks, &self.measured);
+        if walked >= self.settings.standstill_patience {
+            return Some(self.stop(now, Stop::NotMoving { walked }));
+        }
+        if let Some(stop) = self.breach() {
+            return Some(self.stop(now, stop));
+        }
+        if self.is_done(now) {
+            self.finished = true;
+            self.command(now, REST);
+            return Some(Decision::Finished);
+        }
+        None
+    }
+
+    /// Ends the run early.
+    pub fn stop(&mut self, now: Instant, stop: Stop) -> Decision {
+        self.command(now, REST);
+        self.stop = Some(stop.clone());
+        Decision::Stopped(stop)
     }
 
     fn present(&self) -> Decision {
@@ -339,17 +367,11 @@ impl Navigator {
 
     fn wait_for_pose(&mut self, now: Instant, waited: Duration) -> Decision {
         if waited > self.settings.pose_patience {
-            return self.end(now, Stop::PoseLost { waited });
+            return self.stop(now, Stop::PoseLost { waited });
         }
         self.command(now, REST);
         let reason = if self.trusted.is_none() { Resting::NoPoseYet } else { Resting::PoseTooOld };
         Decision::Rest(reason)
-    }
-
-    fn end(&mut self, now: Instant, stop: Stop) -> Decision {
-        self.command(now, REST);
-        self.stop = Some(stop);
-        Decision::Stopped(stop)
     }
 
     fn breach(&self) -> Option<Stop> {
@@ -359,8 +381,13 @@ impl Navigator {
             return Some(Stop::OutsideFence { at, fence });
         }
         let (error, limit) = (self.progress.error.abs(), self.settings.error_limit);
-        let on_path = matches!(self.task, Task::Follow { .. }) && self.progress.joined;
-        (on_path && error > limit).then_some(Stop::OffPath { error, limit })
+        if !matches!(self.task, Task::Follow { .. }) {
+            return None;
+        }
+        if !self.progress.joined && self.settings.approach == Approach::Off {
+            return Some(Stop::NotOnPath { error, limit: JOINED_WITHIN });
+        }
+        (self.progress.joined && error > limit).then_some(Stop::OffPath { error, limit })
     }
 
     fn is_done(&self, now: Instant) -> bool {
@@ -412,6 +439,10 @@ impl Navigator {
     fn goal(&self) -> Goal<'_> {
         let arc_length = self.progress.arc_length;
         match &self.task {
+            // An open path is followed from its start.
+            Task::Follow { path, .. } if !path.is_closed() && !self.progress.joined => {
+                Goal::Reach { point: path.start().position() }
+            }
             Task::Follow { path, .. }
                 if !path.is_closed() && path.length() - arc_length < FINAL_APPROACH =>
             {
@@ -467,8 +498,10 @@ impl Navigator {
         match &self.task {
             Task::Follow { path, .. } => {
                 let joining = first || !progress.joined;
-                let place = if joining {
+                let place = if joining && path.is_closed() {
                     path.join(&self.measured)
+                } else if joining {
+                    path.beside_start(self.measured.position())
                 } else {
                     path.follow(self.measured.position(), progress.arc_length)
                 };
@@ -482,7 +515,6 @@ impl Navigator {
             }
             Task::Reach { point, .. } => {
                 progress.error = self.measured.distance_to(*point);
-                progress.joined = true;
             }
         }
         if progress.joined {

@@ -231,6 +231,12 @@ impl Path {
         self.beside(position, best)
     }
 
+    /// Returns the projection of a position onto the start of the path.
+    #[must_use]
+    pub fn beside_start(&self, position: Position) -> Projection {
+        self.beside(position, 0)
+    }
+
     /// Returns how many points a search may pass: at most half a lap.
     fn reach(&self) -> i64 {
         (self.points.len() / 2).max(2) as i64

@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::geometry::{Area, Position};
 
 /// Why a run ended early. The robot is at rest then.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Stop {
     /// No trusted pose arrived for as long as the run waits.
     PoseLost {
@@ -25,6 +25,13 @@ pub enum Stop {
         /// The fence.
         fence: Area,
     },
+    /// The run begins away from its path, and may not approach it.
+    NotOnPath {
+        /// Distance from the path, m.
+        error: f64,
+        /// Largest allowed distance, m.
+        limit: f64,
+    },
     /// The robot is too far from the path.
     OffPath {
         /// Distance from the path, m.
@@ -32,6 +39,8 @@ pub enum Stop {
         /// Largest allowed distance, m.
         limit: f64,
     },
+    /// The controller, a program of its own, failed: in this sentence.
+    Controller(String),
 }
 
 impl fmt::Display for Stop {
@@ -54,6 +63,13 @@ impl fmt::Display for Stop {
                  to the path with --approach, or give --fence",
                 at.x, at.y
             ),
+            Self::NotOnPath { error, limit } => write!(
+                f,
+                "the robot is {:.0} mm from its path, more than the {:.0} mm allowed at the start: put it there, or let \
+                 it walk there without --no-approach",
+                error * 1e3,
+                limit * 1e3
+            ),
             Self::OffPath { error, limit } => write!(
                 f,
                 "the robot is {:.0} mm off its path, more than the {:.0} mm allowed: look for an \
@@ -61,6 +77,7 @@ impl fmt::Display for Stop {
                 error * 1e3,
                 limit * 1e3
             ),
+            Self::Controller(sentence) => f.write_str(sentence),
         }
     }
 }

@@ -436,6 +436,46 @@ fn a_robot_outside_the_fence_walks_to_its_path_when_that_is_asked_for() {
         run.until_end(300.0);
         run.last
     };
-    assert!(matches!(run(false), Decision::Stopped(Stop::OutsideFence { .. })));
-    assert_eq!(run(true), Decision::Finished);
+    assert!(matches!(run(Approach::Inside), Decision::Stopped(Stop::OutsideFence { .. })));
+    assert_eq!(run(Approach::Anywhere), Decision::Finished);
+}
+
+#[test]
+fn a_robot_away_from_its_path_walks_there_unless_that_is_forbidden() {
+    let path = || Path::from_text("zigzag", "0,0\n0.6,0\n0.6,0.5\n0,0.5").unwrap();
+    for (seed, (x, y, heading)) in
+        [(0.7, 0.5, 3.0), (0.3, 0.25, -1.6), (-0.4, 0.8, 0.0), (0.0, 0.5, 1.0)]
+            .into_iter()
+            .enumerate()
+    {
+        let start = PlanarPose { x, y, heading };
+        for approach in [Approach::Inside, Approach::Off] {
+            let task = || Task::Follow { path: path(), laps: 1 };
+            let mut run = Run::new(task(), ControllerKind::Predictive, GOOD, seed as u64, start);
+            let settings = Settings { approach, ..run.navigator.settings().clone() };
+            run.navigator = Navigator::new(task(), &model_w(), settings).unwrap();
+            let mut nearest = f64::MAX;
+            while run.seconds() < 300.0
+                && !matches!(run.last, Decision::Finished | Decision::Stopped(_))
+            {
+                run.step();
+                nearest = nearest.min(run.walker.pose.distance_to(Position::ORIGIN));
+            }
+            match approach {
+                // From its start, which the nearest point of it is not.
+                Approach::Inside => {
+                    assert_eq!(run.last, Decision::Finished, "{start:?}");
+                    assert!(
+                        nearest < JOINED_WITHIN + 0.01,
+                        "{start:?}: {nearest} m from its start"
+                    );
+                }
+                _ => assert!(
+                    matches!(run.last, Decision::Stopped(Stop::NotOnPath { .. })),
+                    "{start:?}: {:?}",
+                    run.last
+                ),
+            }
+        }
+    }
 }

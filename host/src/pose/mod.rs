@@ -4,8 +4,10 @@
 //! (REP 103) into the world. Every source delivers the same [`PoseSample`]; a sample that its source
 //! does not trust is marked and is never used to move.
 
+pub mod any;
 pub mod continuity;
 pub mod natnet;
+pub mod udp;
 
 use flix_protocol::units::Instant;
 use serde::{Deserialize, Serialize};

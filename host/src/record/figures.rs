@@ -58,7 +58,9 @@ pub fn timeline(run: &Run) -> Chart {
     let mut chart = Chart::new(title(run, "over time"), "Time (s)").subtitle(subtitle(run));
     if !run.navigation.is_empty() {
         let error = run.navigation.iter().map(|n| (run.time(&n.timestamp), n.error_m * 1e3));
-        let rms = run.navigation.iter().map(|n| (run.time(&n.timestamp), n.error_rms_m * 1e3));
+        // A run without a path has no such error.
+        let followed = run.navigation.iter().filter(|n| n.error_rms_m > 0.0);
+        let rms = followed.map(|n| (run.time(&n.timestamp), n.error_rms_m * 1e3));
         let heading = run
             .navigation
             .iter()

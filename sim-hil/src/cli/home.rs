@@ -143,7 +143,7 @@ fn wait_for_rest(course: &mut Course<Navigator>, patience: Duration) -> Waited {
             return Ok(Ok(waited.saturating_sub(REST).as_secs_f64()));
         }
         if waited > patience {
-            course.interrupt();
+            course.end(Ending::OutOfTime(patience));
         }
     }
 }

@@ -6,10 +6,11 @@ use std::time::{Duration, SystemTime};
 
 use clap::{Args as _, FromArgMatches as _};
 use flix_host::cli::course::{CourseArgs, facts, names, results};
-use flix_host::nav::{Navigator, Path, Task};
+use flix_host::nav::{Path, Task};
 use flix_host::pilot::{Ending, Pilot};
 use flix_host::plot::Figure;
 use flix_host::record::{Recorder, Run, figures};
+use flix_host::steering::Steering;
 use serde::Serialize;
 
 use super::Error;
@@ -19,6 +20,9 @@ use super::output::{print, progress};
 use crate::experiment::course::Course;
 use crate::rig::motion_capture::POSE_PERIOD;
 use crate::view::Film;
+
+/// Longest real time for an answer of a controller process.
+const ANSWER_PATIENCE: Duration = Duration::from_secs(2);
 
 /// Follow a path with the whole simulated robot, in virtual time
 ///
@@ -119,13 +123,14 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     settings.latency = args.conditions.latency;
     let mut setup = facts(&settings);
     setup.extend(args.conditions.facts());
+    setup.insert("controller".into(), args.course.controller());
     let about = description(&format!("track-{}", path.name()), setup);
-    let navigator = Navigator::new(task.clone(), &table, settings).map_err(Error::refused)?;
+    let steering = args.course.steering(task.clone(), &table, settings, ANSWER_PATIENCE)?;
     let mut recorder = Recorder::create(&args.out, SystemTime::now(), &about)?;
     let begin = flix_protocol::units::Instant::START;
     recorder.path_to_follow(begin, path)?;
     recorder.attach(begin, "modes.toml", "application/toml", table.to_toml().as_bytes())?;
-    let pilot = Pilot::new(navigator, names(&table), Some(recorder));
+    let pilot = Pilot::new(steering, names(&table), Some(recorder));
     let conditions = args.conditions.conditions(path.start())?;
     // A frame for every pose: often enough to see which way the rotors turn.
     let mut film = (!args.json).then(|| Film::new(&conditions.model, POSE_PERIOD.as_secs_f64()));
@@ -140,9 +145,11 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
             film.shoot(course.plant());
         }
         if course.now().since(begin) > args.patience {
-            course.interrupt();
+            course.end(Ending::OutOfTime(args.patience));
         }
-        bar.set_position((course.pilot().helm().progress().arc_length.max(0.0) * 1e3) as u64);
+        bar.set_position(
+            (course.pilot().helm().navigator().progress().arc_length.max(0.0) * 1e3) as u64,
+        );
     };
     bar.finish_and_clear();
     finish(args, course, &ending, path, film)
@@ -150,7 +157,7 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
 
 fn finish(
     args: &Args,
-    course: Course<Navigator>,
+    course: Course<Steering>,
     ending: &Ending,
     path: &Path,
     film: Option<Film>,
@@ -159,8 +166,8 @@ fn finish(
     let seconds = course.now().since(begun).as_secs_f64();
     let energy = course.energy();
     let pilot = course.into_pilot();
-    let numbers = results(pilot.helm(), seconds);
-    let (navigator, record) = pilot.finish(numbers);
+    let numbers = results(pilot.helm().navigator(), seconds);
+    let (steering, record) = pilot.finish(numbers);
     let record = record.complete()?.unwrap_or_default();
     let run = Run::read(&record)?;
     let stem = record.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
@@ -178,10 +185,10 @@ fn finish(
             recording.write(&folder.join(format!("{stem}-replay.html")))
         })
         .transpose()?;
-    let progress = navigator.progress();
+    let progress = steering.navigator().progress();
     Ok(Report {
         path: path.name().to_owned(),
-        controller: navigator.settings().controller.to_string(),
+        controller: args.course.controller(),
         seed: args.conditions.seed,
         finished: *ending == Ending::Finished,
         ending: ending.to_string(),

@@ -132,10 +132,10 @@ impl<H: Helm> Course<H> {
         (robot.report().state, robot.truth().frequency())
     }
 
-    /// Asks the pilot to end the run.
-    pub fn interrupt(&mut self) {
+    /// Asks the pilot to end the run early.
+    pub fn end(&mut self, ending: Ending) {
         let now = self.now();
-        self.pilot.interrupt(now, self.operation.client());
+        self.pilot.end(now, self.operation.client(), ending);
     }
 
     /// Advances by one camera frame; returns `Some` once the run is over.

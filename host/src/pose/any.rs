@@ -1,0 +1,40 @@
+//! A source of poses of whatever kind.
+
+use flix_protocol::units::Instant;
+
+use super::natnet::NatNetSource;
+use super::udp::UdpSource;
+use super::{PoseError, PoseSample, PoseSource};
+
+/// An open source of poses.
+pub enum Poses {
+    /// OptiTrack.
+    NatNet(NatNetSource),
+    /// Any tracker.
+    Udp(UdpSource),
+}
+
+impl PoseSource for Poses {
+    fn poll(&mut self, now: Instant) -> Result<Option<PoseSample>, PoseError> {
+        match self {
+            Self::NatNet(source) => source.poll(now),
+            Self::Udp(source) => source.poll(now),
+        }
+    }
+}
+
+impl Poses {
+    /// Returns the name of the source, for the record.
+    #[must_use]
+    pub fn name(&self) -> String {
+        match self {
+            Self::NatNet(source) => {
+                let info = source.server();
+                format!("{} (NatNet {})", info.application_name, info.protocol_version)
+            }
+            Self::Udp(source) => source
+                .address()
+                .map_or_else(|_| "udp".to_owned(), |address| format!("udp {address}")),
+        }
+    }
+}

@@ -1,0 +1,294 @@
+//! Poses of any tracker, as datagrams: one pose each, as text.
+//!
+//! ```text
+//! 0.51 -0.20 0.06 0 0 1.57                        x y z roll pitch yaw, with blanks or commas between
+//! {"x": 0.51, "y": -0.20, "yaw": 1.57}            the same by name; what is not named is 0
+//! ```
+//!
+//! Metres and radians, in the world frame ENU; the body's axes are forward, left, up (REP 103); yaw is counter-clockwise,
+//! and turned first, then pitch, then roll. `"valid": false` marks a pose that the tracker does not trust.
+//!
+//! Datagrams are not authenticated: those of the first sender alone are taken, until it is silent for
+//! [`SENDER_PATIENCE`], and a stream that jumps is not trusted ([`crate::pose::continuity`]).
+
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
+use std::time::Duration;
+
+use flix_protocol::units::Instant;
+use serde::Deserialize;
+
+use super::continuity::Continuity;
+use super::{Pose, PoseError, PoseSample, PoseSource, Quaternion, Vector};
+
+/// Silence of a sender after which another one is taken.
+const SENDER_PATIENCE: Duration = Duration::from_secs(2);
+/// Longest datagram, bytes; longer ones are cut and therefore unreadable.
+const LONGEST: usize = 512;
+/// Most datagrams that one call of `poll` reads, so that a flood of them cannot keep the caller from its other work.
+const DATAGRAMS_AT_ONCE: u32 = 256;
+
+/// What was received so far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct UdpStatistics {
+    /// Poses of the sender.
+    pub poses: u64,
+    /// Poses among them that the tracker marked as not valid.
+    pub untracked: u64,
+    /// Datagrams of the sender that are no pose.
+    pub unreadable: u64,
+    /// Poses out of reach of the pose before them.
+    pub jumps: u64,
+    /// Datagrams of other senders; they were dropped.
+    pub strangers: u64,
+    /// Address of the last of these.
+    pub stranger: Option<IpAddr>,
+}
+
+/// Receives the poses of a tracker.
+#[derive(Debug)]
+pub struct UdpSource {
+    socket: UdpSocket,
+    sender: Option<(SocketAddr, Instant)>,
+    continuity: Continuity,
+    statistics: UdpStatistics,
+}
+
+impl UdpSource {
+    /// Listens at this port of this computer's network card; the loopback address takes poses of this computer alone.
+    ///
+    /// # Errors
+    /// When the port cannot be had.
+    pub fn bind(interface: Ipv4Addr, port: u16) -> io::Result<Self> {
+        let socket = UdpSocket::bind((interface, port))?;
+        socket.set_nonblocking(true)?;
+        Ok(Self {
+            socket,
+            sender: None,
+            continuity: Continuity::default(),
+            statistics: UdpStatistics::default(),
+        })
+    }
+
+    /// Returns the address at which it listens.
+    ///
+    /// # Errors
+    /// When the system does not know it.
+    pub fn address(&self) -> io::Result<SocketAddr> {
+        self.socket.local_addr()
+    }
+
+    /// Returns what was received so far.
+    #[must_use]
+    pub fn statistics(&self) -> UdpStatistics {
+        self.statistics
+    }
+
+    fn is_sender(&mut self, from: SocketAddr, now: Instant) -> bool {
+        let is_sender = self
+            .sender
+            .is_none_or(|(sender, last)| sender == from || now.since(last) > SENDER_PATIENCE);
+        if is_sender {
+            self.sender = Some((from, now));
+        } else {
+            self.statistics.strangers += 1;
+            self.statistics.stranger = Some(from.ip());
+        }
+        is_sender
+    }
+}
+
+impl PoseSource for UdpSource {
+    fn poll(&mut self, now: Instant) -> Result<Option<PoseSample>, PoseError> {
+        let mut buffer = [0; LONGEST + 1];
+        for _ in 0..DATAGRAMS_AT_ONCE {
+            let (length, from) = match self.socket.recv_from(&mut buffer) {
+                Ok(received) => received,
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(None),
+                Err(error) => return Err(error.into()),
+            };
+            if !self.is_sender(from, now) {
+                continue;
+            }
+            match parse(&buffer[..length]) {
+                None => self.statistics.unreadable += 1,
+                Some((pose, tracked)) => {
+                    self.statistics.poses += 1;
+                    self.statistics.untracked += u64::from(!tracked);
+                    let valid = tracked && self.continuity.take(now, &pose);
+                    self.statistics.jumps = self.continuity.jumps();
+                    return Ok(Some(PoseSample { time: now, pose, valid }));
+                }
+            }
+        }
+        Ok(None)
+    }
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Named {
+    x: f64,
+    y: f64,
+    #[serde(default)]
+    z: f64,
+    #[serde(default)]
+    roll: f64,
+    #[serde(default)]
+    pitch: f64,
+    yaw: f64,
+    #[serde(default = "trusted")]
+    valid: bool,
+}
+
+const fn trusted() -> bool {
+    true
+}
+
+/// Returns the pose of a datagram, and whether the tracker trusts it; `None` when it is no pose.
+fn parse(datagram: &[u8]) -> Option<(Pose, bool)> {
+    let text = std::str::from_utf8(datagram).ok().filter(|text| text.len() <= LONGEST)?.trim();
+    let Named { x, y, z, roll, pitch, yaw, valid } = if text.starts_with('{') {
+        serde_json::from_str(text).ok()?
+    } else {
+        let numbers =
+            text.split(|c: char| c == ',' || c.is_whitespace()).filter(|word| !word.is_empty());
+        let numbers: Vec<f64> = numbers.map(str::parse).collect::<Result<_, _>>().ok()?;
+        let [x, y, z, roll, pitch, yaw] = numbers.try_into().ok()?;
+        Named { x, y, z, roll, pitch, yaw, valid: true }
+    };
+    let pose = Pose { position: Vector { x, y, z }, orientation: rotation(roll, pitch, yaw) };
+    pose.is_sound().then_some((pose, valid))
+}
+
+/// Returns the rotation by `roll` about x, then `pitch` about y, then `yaw` about z, rad, all about fixed axes.
+fn rotation(roll: f64, pitch: f64, yaw: f64) -> Quaternion {
+    let [(sr, cr), (sp, cp), (sy, cy)] = [roll, pitch, yaw].map(|angle| (angle / 2.0).sin_cos());
+    Quaternion {
+        x: sr * cp * cy - cr * sp * sy,
+        y: cr * sp * cy + sr * cp * sy,
+        z: cr * cp * sy - sr * sp * cy,
+        w: cr * cp * cy + sr * sp * sy,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nav::PlanarPose;
+
+    fn at(milliseconds: u64) -> Instant {
+        Instant::from_micros(milliseconds * 1000)
+    }
+
+    /// A source on a real socket, and two trackers.
+    fn wired() -> (UdpSource, [UdpSocket; 2]) {
+        let source = UdpSource::bind(Ipv4Addr::LOCALHOST, 0).unwrap();
+        let trackers = [(); 2].map(|()| {
+            let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+            socket.connect(source.address().unwrap()).unwrap();
+            socket
+        });
+        (source, trackers)
+    }
+
+    /// Sends a datagram and polls until it was taken in, as a pose or in the counts.
+    fn deliver(
+        source: &mut UdpSource,
+        from: &UdpSocket,
+        text: &str,
+        now: Instant,
+    ) -> Option<PoseSample> {
+        let count = |source: &UdpSource| {
+            let seen = source.statistics();
+            seen.poses + seen.unreadable + seen.strangers
+        };
+        let before = count(source);
+        from.send(text.as_bytes()).unwrap();
+        let deadline = std::time::Instant::now() + Duration::from_secs(10);
+        loop {
+            let sample = source.poll(now).unwrap();
+            if count(source) > before {
+                return sample;
+            }
+            assert!(std::time::Instant::now() < deadline, "the datagram does not arrive");
+            std::thread::yield_now();
+        }
+    }
+
+    #[test]
+    fn text_and_json_are_the_same_pose() {
+        let expected = PlanarPose { x: 0.51, y: -0.2, heading: 1.57 };
+        for text in [
+            "0.51 -0.20 0.06 0 0 1.57",
+            "0.51,-0.2, 0.06,0,0,1.57\n",
+            r#"{"x": 0.51, "y": -0.2, "yaw": 1.57}"#,
+            r#"{"x":0.51,"y":-0.2,"z":0.06,"roll":0.0,"pitch":0,"yaw":1.57,"valid":true}"#,
+        ] {
+            let (pose, valid) = parse(text.as_bytes()).unwrap();
+            let floor = pose.on_the_floor();
+            assert!(valid && floor.distance_to(expected.position()) < 1e-12, "{text}: {floor:?}");
+            assert!((floor.heading - expected.heading).abs() < 1e-12, "{text}: {floor:?}");
+        }
+    }
+
+    #[test]
+    fn angles_turn_the_body_as_rep_103_says() {
+        // Pitched by a quarter turn, forward points down; rolled by one, left points up.
+        let quarter = std::f64::consts::FRAC_PI_2;
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        for (angles, [w, x, y, z]) in [
+            ([0.0, quarter, 0.0], [half, 0.0, half, 0.0]),
+            ([quarter, 0.0, 0.0], [half, half, 0.0, 0.0]),
+            ([quarter, 0.0, quarter], [0.5, 0.5, 0.5, 0.5]),
+        ] {
+            let found = rotation(angles[0], angles[1], angles[2]).components();
+            let error =
+                found.iter().zip([w, x, y, z]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(error < 1e-12, "{angles:?}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_pose_is_counted_and_never_used() {
+        let (mut source, [tracker, _]) = wired();
+        for text in [
+            "",
+            "1 2 3",
+            "1 2 3 4 5 6 7",
+            "a b c d e f",
+            "NaN 0 0 0 0 0",
+            "inf 0 0 0 0 0",
+            "{}",
+            "[1,2]",
+            r#"{"x":1,"y":2}"#,
+            r#"{"x":1,"y":2,"yaw":null}"#,
+            r#"{"x":1,"y":2,"yaw":0,"speed":1}"#,
+            "\u{0}",
+        ] {
+            assert_eq!(deliver(&mut source, &tracker, text, at(0)), None, "{text}");
+        }
+        let long = format!("0 0 0 0 0 0{}", " ".repeat(LONGEST));
+        assert_eq!(deliver(&mut source, &tracker, &long, at(0)), None);
+        assert_eq!(source.statistics().unreadable, 13);
+    }
+
+    #[test]
+    fn a_steady_stream_is_trusted_and_a_jump_ends_that() {
+        let (mut source, [tracker, _]) = wired();
+        let mut send = |place: &str, now| deliver(&mut source, &tracker, place, now).unwrap().valid;
+        let steady: Vec<bool> = (0..=30).map(|i| send("0 0 0.06 0 0 0", at(i * 10))).collect();
+        assert!(!steady[0] && steady[30], "{steady:?}");
+        assert!(!send("0.5 0 0.06 0 0 0", at(310)), "a jump");
+        assert_eq!(source.statistics().jumps, 1);
+    }
+
+    #[test]
+    fn a_second_sender_is_dropped_until_the_first_is_silent() {
+        let (mut source, [tracker, stranger]) = wired();
+        assert!(deliver(&mut source, &tracker, "0 0 0 0 0 0", at(0)).is_some());
+        assert_eq!(deliver(&mut source, &stranger, "1 0 0 0 0 0", at(1000)), None);
+        assert_eq!(source.statistics().strangers, 1);
+        assert!(deliver(&mut source, &stranger, "1 0 0 0 0 0", at(2001)).is_some());
+    }
+}
