@@ -7,6 +7,8 @@
 //!   on commands are signs of life: any command while the rotors rest, setpoints alone while they
 //!   are asked to shake. The fast half itself watches their age ([`Order::heard`]), so that its
 //!   deadlines hold even when this half hangs.
+//! - **Stop**: any holder of the key latches the stop, also without the session, which goes on; its
+//!   operator learns of it by an event.
 //! - **How old**: a command counts only while it is fresh ([`flix_protocol::session`]), up to the
 //!   setting `command_age`. `Stop` and `Disarm` count at any age; reading (`Identify`, `Ping`,
 //!   parameters) is answered at any age but is no sign of life then; all else is refused, and the
@@ -158,6 +160,7 @@ impl Link {
         datagram: &[u8],
         tuning: &mut Tuning<S>,
     ) {
+        self.session.set_at_rest(self.report.stopped && self.is_at_rest());
         match self.session.receive(now, from, datagram) {
             RobotReceived::Answer(answer) | RobotReceived::Dropped(_, Some(answer)) => {
                 push_newest(&mut self.answers, (from, answer));
@@ -185,6 +188,11 @@ impl Link {
             RobotReceived::Left => {
                 self.change_operator();
                 self.events.push(now, Event::OperatorLeft);
+            }
+            RobotReceived::Stop(answer) => {
+                self.stop();
+                self.events.push(now, Event::StoppedFromOutside);
+                push_newest(&mut self.answers, (from, answer));
             }
             RobotReceived::Dropped(_, None) => {}
         }

@@ -4,8 +4,10 @@
 //! waits for the network: with no link, no address or no room in a socket, datagrams are dropped as
 //! the network itself would drop them, and the exchange with the fast half goes on.
 //!
-//! - Handshakes leave through a socket of their own, because they go to addresses that anybody can
-//!   invent: one that does not exist would hold up everything behind it.
+//! - Each answer of a handshake leaves through a socket of its own, because it goes to an address that
+//!   anybody can invent: one that does not exist would hold up everything behind it, for a second.
+//! - What a datagram asks for reaches the fast half before the next datagram is taken, so that a stop
+//!   waits for nothing.
 //! - A socket that has been full for [`STALL`] waits for an address that does not answer, and is
 //!   emptied.
 //! - mDNS is answered on the robot's own network alone and at most every [`DISCOVERY_INTERVAL`], and
@@ -20,7 +22,7 @@ use embassy_net::udp::{PacketMetadata, UdpSocket};
 use embassy_net::{IpEndpoint, Ipv4Cidr, Stack};
 use embassy_time::{Duration, Instant as Moment, Timer};
 use flix_protocol::DEFAULT_PORT;
-use flix_protocol::frame::{Datagram, Frame, MAXIMUM_DATAGRAM};
+use flix_protocol::frame::{Datagram, Frame, MAXIMUM_DATAGRAM, MAXIMUM_HANDSHAKE};
 use flix_protocol::units::Instant;
 
 use crate::mdns::{self, ANSWER_LENGTH, Responder};
@@ -65,9 +67,6 @@ pub async fn serve(stack: Stack<'_>, name: &str, station: &mut impl Station) -> 
     let (mut sent, mut send_meta) = ([0; 8 * MAXIMUM_DATAGRAM], [PacketMetadata::EMPTY; 8]);
     let session =
         UdpSocket::new(stack, &mut receive_meta, &mut received, &mut send_meta, &mut sent);
-    let (mut none, mut no_meta) = ([0; 0], [PacketMetadata::EMPTY; 0]);
-    let (mut sent, mut send_meta) = ([0; MAXIMUM_DATAGRAM], [PacketMetadata::EMPTY; 4]);
-    let handshake = UdpSocket::new(stack, &mut no_meta, &mut none, &mut send_meta, &mut sent);
     let (mut received, mut receive_meta) = ([0; RECEIVE_LENGTH], [PacketMetadata::EMPTY; 4]);
     let (mut sent, mut send_meta) = ([0; 2 * ANSWER_LENGTH], [PacketMetadata::EMPTY; 2]);
     let discovery =
@@ -75,7 +74,6 @@ pub async fn serve(stack: Stack<'_>, name: &str, station: &mut impl Station) -> 
 
     // The session's socket comes first: what arrives goes to the first that listens on a port.
     let mut session = Outlet::open(session, DEFAULT_PORT);
-    let mut handshake = Outlet::open(handshake, DEFAULT_PORT);
     let mut discovery = Discovery::open(stack, name, discovery);
     let mut datagram = [0; RECEIVE_LENGTH];
     let mut frame = Frame::new();
@@ -87,11 +85,10 @@ pub async fn serve(stack: Stack<'_>, name: &str, station: &mut impl Station) -> 
         for _ in 0..BURST {
             let Some((from, length)) = session.take(&mut datagram) else { break };
             station.receive(from, &datagram[..length]);
-            flush(station, &mut session, &mut handshake, &mut frame);
+            station.exchange();
+            flush(station, stack, &mut session, &mut frame).await;
         }
-        // A stop must not wait for the next round.
-        station.exchange();
-        flush(station, &mut session, &mut handshake, &mut frame);
+        flush(station, stack, &mut session, &mut frame).await;
         discovery.serve(&mut datagram);
         yield_now().await;
     }
@@ -102,16 +99,32 @@ fn until_due(station: &impl Station) -> Duration {
     wait.and_then(|wait| u64::try_from(wait).ok()).map_or(Duration::MAX, Duration::from_micros)
 }
 
-fn flush<'a>(
+async fn flush(
     station: &mut impl Station,
-    session: &mut Outlet<'a>,
-    handshake: &mut Outlet<'a>,
+    stack: Stack<'_>,
+    session: &mut Outlet<'_>,
     frame: &mut Frame,
 ) {
     while let Some(to) = station.transmit(frame) {
-        let sealed = matches!(Datagram::parse(frame), Some(Datagram::Sealed { .. }));
-        let outlet = if sealed { &mut *session } else { &mut *handshake };
-        outlet.send(frame, to);
+        if matches!(Datagram::parse(frame), Some(Datagram::Sealed { .. })) {
+            session.send(frame, to);
+        } else {
+            answer(stack, frame, to).await;
+        }
+    }
+}
+
+/// Sends an answer of a handshake through a socket that lasts no longer: the stack holds back whatever
+/// waits in the same socket behind an address that nobody has.
+async fn answer(stack: Stack<'_>, datagram: &[u8], to: SocketAddr) {
+    let (mut none, mut no_meta) = ([0; 0], [PacketMetadata::EMPTY; 0]);
+    let (mut sent, mut send_meta) = ([0; MAXIMUM_HANDSHAKE], [PacketMetadata::EMPTY; 1]);
+    let socket = UdpSocket::new(stack, &mut no_meta, &mut none, &mut send_meta, &mut sent);
+    let mut outlet = Outlet::open(socket, DEFAULT_PORT);
+    outlet.send(datagram, to);
+    // The stack's task gets its turn within two of ours, whichever of us is first.
+    for _ in 0..2 {
+        yield_now().await;
     }
 }
 

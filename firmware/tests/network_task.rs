@@ -30,7 +30,9 @@ use flix_firmware::robot::{FastHalf, Robot, SlowHalf};
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{Command, Outcome, ToOperator, ToRobot};
-use flix_protocol::session::{Key, OperatorReceived, OperatorSession, Status};
+use flix_protocol::session::{
+    Key, OperatorReceived, OperatorSession, Status, StopSession, StopStatus,
+};
 use flix_protocol::units::Instant;
 use no_store::NoStore;
 
@@ -430,6 +432,55 @@ fn addresses_that_nobody_has_hold_up_no_session() {
         operator.ping_for(1_000).await;
         let answers = operator.outcomes.len();
         assert!(answers >= 45, "{answers} answers");
+    });
+}
+
+/// Hellos from addresses that nobody has, 1,000 a second: of a stranger, and one that was recorded.
+async fn hellos_from_nowhere(brain: Rc<Brain>) {
+    let stranger = OperatorSession::new(Key::new([4; 32]), [4; 32], now()).poll(now()).unwrap();
+    let recorded = StopSession::new(&key(), [5; 32], now()).poll(now()).unwrap();
+    loop {
+        for (number, hello) in
+            (100..250_u8).zip([stranger.clone(), recorded.clone()].iter().cycle())
+        {
+            let from = SocketAddr::from(([10, 0, 0, number], 1));
+            brain.slow.borrow_mut().receive(now(), from, hello);
+            Timer::after(Duration::from_millis(1)).await;
+        }
+    }
+}
+
+#[test]
+fn a_stop_is_acknowledged_within_300_ms_while_addresses_that_nobody_has_ask_1000_times_a_second() {
+    play(Some(key()), |world| async move {
+        let mut driver = Operator::new(&world);
+        driver.connect().await;
+        let socket = world.socket(40_001);
+        let stop = async {
+            Timer::after(Duration::from_millis(500)).await;
+            let begun = now();
+            let mut stop = StopSession::new(&key(), [6; 32], begun);
+            let mut buffer = [0; 64];
+            while stop.status() == StopStatus::Asking {
+                if let Some(frame) = stop.poll(now()) {
+                    let robot = IpEndpoint::new(ROBOT.into(), DEFAULT_PORT);
+                    socket.send_to(&frame, robot).await.unwrap();
+                }
+                let pause = Timer::after(Duration::from_millis(1));
+                let received = select(socket.recv_from(&mut buffer), pause).await;
+                if let Either::First(Ok((length, _))) = received {
+                    let _ = stop.receive(now(), &buffer[..length]);
+                }
+            }
+            (stop.status(), now().since(begun))
+        };
+        let flood = hellos_from_nowhere(world.brain.clone());
+        let driving = driver.ping_for(5_000);
+        let Either::First((status, took)) = select(stop, join(flood, driving)).await else {
+            unreachable!("the flood never ends")
+        };
+        assert_eq!(status, StopStatus::Latched);
+        assert!(took.as_millis() <= 300, "{took:?}");
     });
 }
 

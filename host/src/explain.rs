@@ -95,6 +95,7 @@ pub fn event(event: &Event) -> String {
         Event::CommandsLate { age_ms, limit_ms } => {
             Refusal::Late { age_ms: *age_ms, limit_ms: *limit_ms }.to_string()
         }
+        Event::StoppedFromOutside => "stopped by another operator, until cleared".to_owned(),
         Event::CommandAge => "the newest command is too old: ramping down".to_owned(),
         Event::SettingsSaved => "settings saved".to_owned(),
         Event::SettingsDefaulted => "stored settings were damaged: defaults in force".to_owned(),

@@ -233,6 +233,27 @@ fn hold_session(address: SocketAddr) -> (Interrupt, std::thread::JoinHandle<()>)
 }
 
 #[test]
+fn anybody_with_the_key_stops_a_drive_and_its_operator_learns_of_it() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let words = drive(&address, &[]);
+    let mut command = operator.command(&[&words[..words.len() - 1], &["60s"]].concat());
+    let child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    wait_until(|| served.robot().state == State::Running);
+    Operator::new().flix(&["stop", &address]).expect(0, &[]);
+    assert!(served.robot().stopped);
+    Ended(child.wait_with_output().unwrap()).expect(30, &["another operator stopped the robot"]);
+}
+
+#[test]
+fn a_stop_with_another_key_is_refused() {
+    let (served, address) = serve(robot());
+    let other = Operator::with_key(&Key::new([8; 32]));
+    other.flix(&["stop", &address]).expect(20, &["another key"]);
+    assert!(!served.robot().stopped);
+}
+
+#[test]
 fn every_way_to_end_a_drive_stops_the_robot_first() {
     for signal in ["INT", "TERM", "HUP"] {
         let (served, address) = serve(robot());

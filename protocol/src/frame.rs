@@ -5,12 +5,14 @@
 //!
 //! | kind | from | bytes | fields after magic and kind |
 //! |---|---|---|---|
-//! | 1 Hello | operator | 62 | version u16, schema key u64, client nonce 16, zeros 16, tag |
+//! | 1 Hello | operator | 62 | version u16, schema key u64, client nonce 16, purpose u8, zeros 15, tag |
 //! | 2 Challenge | robot | 36 | robot nonce 16, tag |
 //! | 3 Confirm | operator | 52 | client nonce 16, robot nonce 16, tag |
 //! | 4 Accept | robot | 24 | session u32, tag |
 //! | 5 Refusal | robot | 47 | reason u8, version u16, schema key u64, client nonce 16, tag |
 //! | 6 Sealed | both | 32 to 512 | session u32, counter u64, ciphertext, tag |
+//! | 7 Stop | operator | 52 | client nonce 16, robot nonce 16, tag |
+//! | 8 Stopped | robot | 21 | at rest u8 (1 or 0), tag |
 //!
 //! What the operator seals begins with its echo ([`ECHO_LENGTH`] bytes): how many of the robot's
 //! sealed datagrams of the session the operator had seen up to the newest, 0 for the Accept alone.
@@ -57,7 +59,7 @@ pub const ECHO_LENGTH: usize = 8;
 
 /// Zeros in Hello. They make it longer than any answer, and leave it short enough for its tag to
 /// take two rounds of SHA-256.
-const HELLO_RESERVED: usize = 16;
+const HELLO_RESERVED: usize = 15;
 
 /// A random number used once.
 pub type Nonce = [u8; NONCE_LENGTH];
@@ -72,17 +74,37 @@ const REFUSAL: u8 = 5;
 /// Kind of a sealed datagram, whose length varies from [`SEALED_HEADER`] + [`TAG_LENGTH`] to
 /// [`MAXIMUM_DATAGRAM`].
 pub const SEALED: u8 = 6;
+const STOP: u8 = 7;
+const STOPPED: u8 = 8;
 
 const VERSION_LENGTH: usize = 2 + 8;
 
 /// Kind and length of each datagram of the handshake, bytes.
-pub const HANDSHAKE_LENGTHS: [(u8, usize); 5] = [
-    (HELLO, HEAD + VERSION_LENGTH + NONCE_LENGTH + HELLO_RESERVED + TAG_LENGTH),
+pub const HANDSHAKE_LENGTHS: [(u8, usize); 7] = [
+    (HELLO, HEAD + VERSION_LENGTH + NONCE_LENGTH + 1 + HELLO_RESERVED + TAG_LENGTH),
     (CHALLENGE, HEAD + NONCE_LENGTH + TAG_LENGTH),
     (CONFIRM, HEAD + 2 * NONCE_LENGTH + TAG_LENGTH),
     (ACCEPT, HEAD + 4 + TAG_LENGTH),
     (REFUSAL, HEAD + 1 + VERSION_LENGTH + NONCE_LENGTH + TAG_LENGTH),
+    (STOP, HEAD + 2 * NONCE_LENGTH + TAG_LENGTH),
+    (STOPPED, HEAD + 1 + TAG_LENGTH),
 ];
+
+/// What an operator asks for with its Hello.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum Purpose {
+    /// A session, to drive the robot.
+    Drive = 0,
+    /// One stop, without a session.
+    Stop = 1,
+}
+
+impl Purpose {
+    fn from_byte(byte: u8) -> Option<Self> {
+        [Self::Drive, Self::Stop].into_iter().find(|purpose| *purpose as u8 == byte)
+    }
+}
 
 /// Why the robot refuses a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -117,12 +139,14 @@ pub struct Version {
 /// The fields of a datagram, as received: nothing in it is trusted yet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Datagram<'a> {
-    /// The operator asks for a session.
+    /// The operator asks for a session or a stop.
     Hello {
         /// Version of the operator.
         version: Version,
         /// Fresh nonce of the operator.
         client_nonce: Nonce,
+        /// What it asks for; `None`: known to another version only.
+        purpose: Option<Purpose>,
         /// All bytes that the tag covers.
         signed: &'a [u8],
         /// Tag over `signed`.
@@ -183,6 +207,26 @@ pub enum Datagram<'a> {
         /// Tag over header and ciphertext.
         tag: Tag,
     },
+    /// The operator demands a stop, and proves that it is present.
+    Stop {
+        /// The nonce of Hello.
+        client_nonce: Nonce,
+        /// The nonce of Challenge.
+        robot_nonce: Nonce,
+        /// All bytes that the tag covers.
+        signed: &'a [u8],
+        /// Tag over `signed`.
+        tag: Tag,
+    },
+    /// The robot has latched the stop.
+    Stopped {
+        /// Whether its motors are not driven any more.
+        at_rest: bool,
+        /// The bytes that the tag covers, without those that both ends know.
+        signed: &'a [u8],
+        /// Tag over `signed` and both nonces.
+        tag: Tag,
+    },
 }
 
 impl<'a> Datagram<'a> {
@@ -201,8 +245,9 @@ impl<'a> Datagram<'a> {
             HELLO => {
                 let version = fields.version()?;
                 let client_nonce = fields.take()?;
+                let purpose = Purpose::from_byte(fields.u8()?);
                 fields.take::<HELLO_RESERVED>()?;
-                Self::Hello { version, client_nonce, signed, tag }
+                Self::Hello { version, client_nonce, purpose, signed, tag }
             }
             CHALLENGE => Self::Challenge { robot_nonce: fields.take()?, signed, tag },
             CONFIRM => Self::Confirm {
@@ -226,6 +271,13 @@ impl<'a> Datagram<'a> {
                 fields.0 = &[];
                 Self::Sealed { session, counter, header, ciphertext, tag }
             }
+            STOP => Self::Stop {
+                client_nonce: fields.take()?,
+                robot_nonce: fields.take()?,
+                signed,
+                tag,
+            },
+            STOPPED => Self::Stopped { at_rest: fields.bool()?, signed, tag },
             _ => return None,
         };
         fields.0.is_empty().then_some(datagram)
@@ -244,6 +296,10 @@ impl Fields<'_> {
 
     fn u8(&mut self) -> Option<u8> {
         self.take().map(u8::from_le_bytes)
+    }
+
+    fn bool(&mut self) -> Option<bool> {
+        [false, true].get(usize::from(self.u8()?)).copied()
     }
 
     fn u32(&mut self) -> Option<u32> {
@@ -279,10 +335,12 @@ fn handshake(kind: u8, fields: &[&[u8]], sign: impl FnOnce(&[u8]) -> Tag) -> Han
 pub(crate) fn hello(
     version: Version,
     client_nonce: &Nonce,
+    purpose: Purpose,
     sign: impl FnOnce(&[u8]) -> Tag,
 ) -> HandshakeFrame {
     let (number, schema_key) = (version.number.to_le_bytes(), version.schema_key.to_le_bytes());
-    handshake(HELLO, &[&number, &schema_key, client_nonce, &[0; HELLO_RESERVED]], sign)
+    let rest = [0; HELLO_RESERVED];
+    handshake(HELLO, &[&number, &schema_key, client_nonce, &[purpose as u8], &rest], sign)
 }
 
 pub(crate) fn challenge(robot_nonce: &Nonce, sign: impl FnOnce(&[u8]) -> Tag) -> HandshakeFrame {
@@ -309,6 +367,18 @@ pub(crate) fn refusal(
 ) -> HandshakeFrame {
     let (number, schema_key) = (version.number.to_le_bytes(), version.schema_key.to_le_bytes());
     handshake(REFUSAL, &[&[reason as u8], &number, &schema_key, client_nonce], sign)
+}
+
+pub(crate) fn stop(
+    client_nonce: &Nonce,
+    robot_nonce: &Nonce,
+    sign: impl FnOnce(&[u8]) -> Tag,
+) -> HandshakeFrame {
+    handshake(STOP, &[client_nonce, robot_nonce], sign)
+}
+
+pub(crate) fn stopped(at_rest: bool, sign: impl FnOnce(&[u8]) -> Tag) -> HandshakeFrame {
+    handshake(STOPPED, &[&[u8::from(at_rest)]], sign)
 }
 
 /// Returns the header of a sealed datagram.

@@ -54,6 +54,24 @@
 //! holder's own address and port is the holder, which lost its session; it takes over at once.
 //! The robot forgets a holder that is silent for [`SESSION_EXPIRY`].
 //!
+//! # A stop from any holder of the key
+//!
+//! Stopping must not wait for whoever holds the session, nor for a program of his that hangs. So a
+//! Hello names its purpose, and for a stop there is no busy:
+//!
+//! ```text
+//! operator                                  robot
+//!   Hello    purpose stop               ->          stores nothing
+//!            <-  Challenge    robot nonce           (a cookie, of stops alone)
+//!   Stop     both nonces                ->          checks tag and cookie, latches the stop
+//!            <-  Stopped      whether at rest
+//! ```
+//!
+//! Stop and Stopped are tagged under a key derived for stops alone. A cookie stops the robot once:
+//! a repeated Stop is answered again and changes nothing, and none counts longer than
+//! [`COOKIE_LIFE`] after its Challenge. The session of whoever drives goes on, and an event states
+//! what happened. [`StopSession`] repeats what is unanswered every [`STOP_RETRY`].
+//!
 //! # Refusals
 //!
 //! Before there is a session the robot refuses in the clear, and never with more bytes than it
@@ -64,18 +82,21 @@
 //!
 //! # Shape
 //!
-//! [`RobotSession`] and [`OperatorSession`] are state machines: time, addresses and datagrams are
+//! [`RobotSession`], [`OperatorSession`] and [`StopSession`] are state machines: time, addresses and datagrams are
 //! arguments; datagrams to send and messages received are results. They read no clock, own no
 //! socket, allocate nothing and never panic on any input. Randomness comes in once, as a 256-bit seed that
 //! **must be fresh from a hardware source at every start**: with an old seed, old sessions could be
 //! replayed.
 
 mod channel;
+mod connect;
+mod cookie;
 mod history;
 mod key;
 mod operator;
 mod replay;
 mod robot;
+mod stop;
 
 use core::time::Duration;
 
@@ -85,15 +106,17 @@ use crate::frame::Version;
 use crate::message::{ToOperator, ToRobot};
 
 pub use channel::SendError;
+pub use connect::ConnectError;
 pub use history::{LONGEST_COMMAND_AGE, SEND_SLOT};
 pub use key::{KEY_TEXT_LENGTH, Key, KeyError};
-pub use operator::{ConnectError, LinkHealth, OperatorReceived, OperatorSession, Status};
+pub use operator::{LinkHealth, OperatorReceived, OperatorSession, Status};
 pub use replay::{REPLAY_WINDOW, ReplayWindow};
 pub use robot::{RobotReceived, RobotSession};
+pub use stop::{StopSession, StopStatus};
 
 /// Version of the protocol, incremented when the meaning of messages changes and their schema does
 /// not, or when the handshake changes.
-pub const PROTOCOL_VERSION: u16 = 2;
+pub const PROTOCOL_VERSION: u16 = 3;
 
 /// Version of this build: [`PROTOCOL_VERSION`] and a hash over the schema of [`ToRobot`] and
 /// [`ToOperator`], names and types of all fields included.
@@ -132,7 +155,9 @@ pub const COOKIE_EPOCH: Duration = Duration::from_millis(250);
 pub const COOKIE_LIFE: Duration = COOKIE_EPOCH.saturating_mul(5);
 /// Interval at which the operator repeats an unanswered Hello or Confirm.
 pub const HANDSHAKE_RETRY: Duration = Duration::from_millis(100);
-/// Time for which the operator repeats a Confirm before it starts over with a new nonce.
+/// Interval at which a stop outside a session is repeated.
+pub const STOP_RETRY: Duration = Duration::from_millis(20);
+/// Time for which the operator repeats a Confirm or a Stop before it starts over with a new nonce.
 pub const CONFIRM_PATIENCE: Duration = Duration::from_secs(1);
 /// Time after which the operator reports that no robot answered or that the robot is busy.
 /// Longer than [`HOLDER_SILENCE`], so that one attempt can replace an operator that crashed.

@@ -128,6 +128,7 @@ fn play(steps: &[Step]) {
                 | RobotReceived::Late { .. }
                 | RobotReceived::Connected(_)
                 | RobotReceived::Left
+                | RobotReceived::Stop(_)
                 | RobotReceived::Refused { .. }
         );
         assert!(is_authentic || !acts, "{received:?}");
@@ -152,7 +153,7 @@ fn a_handshake_survives_any_datagrams() {
         let mut noise = noise.iter();
         let mut disturb = |ends: &mut Ends| {
             if let Some(bytes) = noise.next() {
-                for kind in 0..8 {
+                for kind in 0..10 {
                     let datagram = [b"flx".as_slice(), &[kind], bytes].concat();
                     ends.operator_hears(&datagram);
                     ends.robot_hears(&datagram);

@@ -25,7 +25,7 @@ use flix_protocol::message::*;
 use flix_protocol::provision::{
     Answer, FixedAddress, ProvisionRefusal, Provisioning, Request, write_frame,
 };
-use flix_protocol::session::{RobotReceived, RobotSession};
+use flix_protocol::session::{RobotReceived, RobotSession, StopSession};
 use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -154,10 +154,11 @@ fn event_name(event: &Event) -> String {
         Event::BatteryLow(_) => "battery-low".into(),
         Event::CommandsLate { .. } => "commands-late".into(),
         Event::CommandAge => "command-age".into(),
+        Event::StoppedFromOutside => "stopped-from-outside".into(),
     }
 }
 const STATES: usize = 6;
-const EVENTS: usize = 13 + STATES + Fault::ALL.len();
+const EVENTS: usize = 14 + STATES + Fault::ALL.len();
 
 fn events() -> Vec<Event> {
     let mut events = vec![
@@ -174,6 +175,7 @@ fn events() -> Vec<Event> {
         Event::BatteryLow(Volts::new(9.5).unwrap()),
         Event::CommandsLate { age_ms: 612, limit_ms: 400 },
         Event::CommandAge,
+        Event::StoppedFromOutside,
         Event::State(State::Disarmed),
         Event::State(State::Aligning),
         Event::State(State::Armed),
@@ -322,6 +324,16 @@ fn datagrams(golden: &mut Golden) {
     ends.operator_hears(&accept);
     let busy = answer(ends.robot.receive(ends.now, SECOND_OPERATOR, &hello), hello.len()).unwrap();
     golden.raw("datagram/refusal-busy", &busy);
+
+    let mut stop = StopSession::new(&key(1), [44; 32], ends.now);
+    let hello = stop.poll(ends.now).unwrap();
+    golden.raw("datagram/hello-to-stop", &hello);
+    let challenge = answer(ends.robot.receive(ends.now, SECOND_OPERATOR, &hello), hello.len());
+    stop.receive(ends.now, &challenge.unwrap()).unwrap();
+    let stop = stop.poll(ends.now).unwrap();
+    golden.raw("datagram/stop", &stop);
+    let stopped = answer(ends.robot.receive(ends.now, SECOND_OPERATOR, &stop), stop.len());
+    golden.raw("datagram/stopped", &stopped.unwrap());
 
     let arm = command(7, Command::Arm);
     let sealed = ends.operator.send(ends.now, &arm).unwrap();

@@ -289,6 +289,7 @@ fn event() -> impl Strategy<Value = Event> {
             Event::Cleared,
             Event::Stopped,
             Event::OperatorConnected,
+            Event::StoppedFromOutside,
             Event::OperatorLeft,
             Event::LinkLate,
             Event::CommandDeadline,

@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use flix_protocol::message::{Setpoint, State, Telemetry};
+use flix_protocol::message::{Event, EventReport, Setpoint, State, Telemetry};
 use flix_protocol::units::{Degrees, Hertz, OutOfRange};
 use serde::Serialize;
 
@@ -137,6 +137,9 @@ fn drive(
     while start.elapsed() < duration {
         let left = duration.saturating_sub(start.elapsed());
         let trouble = connection.wait_for(left.min(SLICE), |_, update| match update {
+            Update::Event(EventReport { event: Event::StoppedFromOutside, .. }) => {
+                Some(LinkError::StoppedFromOutside)
+            }
             Update::SetpointRefused(refusal) => Some(LinkError::Refused(refusal.clone())),
             Update::Telemetry(telemetry) => {
                 held.add(start.elapsed(), telemetry);

@@ -119,6 +119,7 @@ impl From<LinkError> for Error {
             LinkError::Refused(_)
             | LinkError::Faulted { .. }
             | LinkError::State { .. }
+            | LinkError::StoppedFromOutside
             | LinkError::StillStopped => Exit::RobotFault,
             LinkError::Interrupted => Exit::Interrupted,
         };

@@ -50,11 +50,19 @@ impl RobotArgs {
     /// # Errors
     /// When there is no usable key (usage), or no such robot is found.
     pub fn begin(&self, interrupt: &Interrupt) -> Result<Connection, Error> {
+        let (address, key) = self.find(interrupt)?;
+        Ok(Connection::open(address, key, interrupt.clone())?)
+    }
+
+    /// Finds the robot and its key.
+    ///
+    /// # Errors
+    /// As for [`RobotArgs::begin`].
+    pub fn find(&self, interrupt: &Interrupt) -> Result<(SocketAddr, Key), Error> {
         split_port(&self.robot).map_err(Error::usage)?;
         let keyring = Keyring::of_user()?;
         let key = self.find_key(&keyring)?;
-        let address = self.find_address(&keyring, interrupt)?;
-        Ok(Connection::open(address, key, interrupt.clone())?)
+        Ok((self.find_address(&keyring, interrupt)?, key))
     }
 
     /// Returns the key: the named file, else that of the robot's name or address in the keyring.

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use flix_protocol::frame::MAXIMUM_DATAGRAM;
 use flix_protocol::message::{Command, Fault, Faults, Outcome, Refusal, State, Telemetry};
-use flix_protocol::session::{ConnectError, Key};
+use flix_protocol::session::{ConnectError, Key, StopSession, StopStatus};
 use flix_protocol::units::Instant;
 
 use super::{Client, StopState, Update, passes};
@@ -76,6 +76,9 @@ pub enum LinkError {
         /// The present state.
         actual: State,
     },
+    /// Another operator stopped the robot.
+    #[error("another operator stopped the robot; `flix clear` makes it ready again")]
+    StoppedFromOutside,
     /// The robot does not clear the latched stop.
     #[error("the stop is still latched: the rotors have not come to rest; see `flix status`")]
     StillStopped,
@@ -113,14 +116,8 @@ impl Connection {
     /// # Errors
     /// When the operating system provides no socket or no random numbers.
     pub fn open(address: SocketAddr, key: Key, interrupt: Interrupt) -> Result<Self, LinkError> {
-        let any: SocketAddr = match address {
-            SocketAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
-            SocketAddr::V6(_) => (Ipv6Addr::UNSPECIFIED, 0).into(),
-        };
-        let socket = UdpSocket::bind(any)?;
-        socket.connect(address)?;
-        let mut entropy = [0; 32];
-        getrandom::fill(&mut entropy)?;
+        let socket = socket_to(address)?;
+        let entropy = entropy()?;
         let client = Client::new(key, entropy, Instant::START);
         Ok(Self { socket, client, start: std::time::Instant::now(), interrupt })
     }
@@ -172,25 +169,18 @@ impl Connection {
     /// Receives one datagram; returns whether there was one.
     fn receive_one(&mut self) -> Result<bool, LinkError> {
         let mut datagram = [0; MAXIMUM_DATAGRAM + 1];
-        match self.socket.recv(&mut datagram) {
-            Ok(length) => {
-                let now = self.now();
-                self.client.receive(now, &datagram[..length]);
-                Ok(true)
-            }
-            Err(error) if is_transient(&error) => Ok(false),
-            Err(error) => Err(error.into()),
-        }
+        let Some(length) = transient(self.socket.recv(&mut datagram))? else { return Ok(false) };
+        let now = self.now();
+        self.client.receive(now, &datagram[..length]);
+        Ok(true)
     }
 
     fn send_due(&mut self) -> Result<(), LinkError> {
         loop {
             let now = self.now();
             let Some(frame) = self.client.transmit(now) else { return Ok(()) };
-            match self.socket.send(&frame) {
-                Ok(_) => {}
-                Err(error) if is_transient(&error) => return Ok(()),
-                Err(error) => return Err(error.into()),
+            if transient(self.socket.send(&frame))?.is_none() {
+                return Ok(());
             }
         }
     }
@@ -406,6 +396,67 @@ impl Drop for Connection {
             self.stop(FAREWELL_PATIENCE);
         }
         self.leave();
+    }
+}
+
+/// Stops the robot at this address without a session, whoever holds it, and waits until it is at rest.
+///
+/// # Errors
+/// When no robot answers, it refuses this key, or does not come to rest; when the network fails, or
+/// the program is interrupted.
+pub fn stop(address: SocketAddr, key: &Key, interrupt: &Interrupt) -> Result<(), LinkError> {
+    let socket = socket_to(address)?;
+    let start = std::time::Instant::now();
+    let now = || Instant::START + start.elapsed();
+    let mut stop = StopSession::new(key, entropy()?, now());
+    let mut latched = None;
+    let mut datagram = [0; MAXIMUM_DATAGRAM + 1];
+    loop {
+        while let Some(frame) = stop.poll(now()) {
+            transient(socket.send(&frame))?;
+        }
+        match stop.status() {
+            StopStatus::AtRest => return Ok(()),
+            StopStatus::Failed(error) => return Err(LinkError::Connect(error)),
+            StopStatus::Latched if *latched.get_or_insert(now()) + DISARM_PATIENCE <= now() => {
+                return Err(LinkError::State { wanted: State::Disarmed, actual: State::Stopping });
+            }
+            StopStatus::Latched | StopStatus::Asking => {}
+        }
+        if interrupt.is_raised() {
+            return Err(LinkError::Interrupted);
+        }
+        let due = stop.poll_at().map_or(LONGEST_WAIT, |due| due.since(now()).min(LONGEST_WAIT));
+        socket.set_read_timeout(Some(due.max(SHORTEST_WAIT)))?;
+        if let Some(length) = transient(socket.recv(&mut datagram))? {
+            // One that is dropped is one that a stranger sent, or came twice.
+            let _ = stop.receive(now(), &datagram[..length]);
+        }
+    }
+}
+
+fn socket_to(address: SocketAddr) -> io::Result<UdpSocket> {
+    let any: SocketAddr = match address {
+        SocketAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
+        SocketAddr::V6(_) => (Ipv6Addr::UNSPECIFIED, 0).into(),
+    };
+    let socket = UdpSocket::bind(any)?;
+    socket.connect(address)?;
+    Ok(socket)
+}
+
+fn entropy() -> Result<[u8; 32], getrandom::Error> {
+    let mut entropy = [0; 32];
+    getrandom::fill(&mut entropy)?;
+    Ok(entropy)
+}
+
+/// Returns the result; `None` when the error passes.
+fn transient<T>(result: io::Result<T>) -> io::Result<Option<T>> {
+    match result {
+        Ok(value) => Ok(Some(value)),
+        Err(error) if is_transient(&error) => Ok(None),
+        Err(error) => Err(error),
     }
 }
 

@@ -237,6 +237,7 @@ impl Recorder {
             | Event::CommandDeadline
             | Event::CommandsLate { .. }
             | Event::CommandAge
+            | Event::StoppedFromOutside
             | Event::LinkLost
             | Event::BatteryLow(_) => Level::Warning,
             _ => Level::Information,

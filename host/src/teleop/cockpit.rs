@@ -205,6 +205,7 @@ impl Cockpit {
                     | Event::CommandDeadline
                     | Event::CommandsLate { .. }
                     | Event::CommandAge
+                    | Event::StoppedFromOutside
                     | Event::BatteryLow(_) => Weight::Warning,
                     _ => Weight::Note,
                 };

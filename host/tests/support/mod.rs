@@ -66,6 +66,7 @@ impl FakeRobot {
     }
 
     pub fn receive(&mut self, now: Instant, from: SocketAddr, datagram: &[u8]) -> Datagrams {
+        self.session.set_at_rest(self.stopped);
         match self.session.receive(now, from, datagram) {
             RobotReceived::Answer(frame) | RobotReceived::Dropped(_, Some(frame)) => {
                 vec![(from, frame.to_vec())]
@@ -90,6 +91,13 @@ impl FakeRobot {
             RobotReceived::Refused { request, refusal } => {
                 let outcome = Outcome::Refused(refusal);
                 self.send(now, &ToOperator::Reply(Reply { request, outcome }))
+            }
+            RobotReceived::Stop(frame) => {
+                self.obey(now, &Command::Stop);
+                self.commands.push(Command::Stop);
+                let mut datagrams = vec![(from, frame.to_vec())];
+                datagrams.extend(self.tell(now, Event::StoppedFromOutside));
+                datagrams
             }
             RobotReceived::Left => {
                 self.state = State::Disarmed;

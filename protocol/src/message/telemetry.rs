@@ -142,4 +142,6 @@ pub enum Event {
     },
     /// The newest setpoint became too old: the rotors ramp down.
     CommandAge,
+    /// A holder of the key stopped the robot from outside the session.
+    StoppedFromOutside,
 }

@@ -140,9 +140,19 @@ pub(super) fn same(left: &Tag, right: &Tag) -> bool {
 pub(super) struct Signer(HmacSha256);
 
 impl Signer {
+    /// Creates what signs the handshake.
     pub(super) fn new(key: &Key) -> Self {
+        Self::derive(key, b"flix handshake")
+    }
+
+    /// Creates what signs a stop outside a session.
+    pub(super) fn for_stop(key: &Key) -> Self {
+        Self::derive(key, b"flix stop")
+    }
+
+    fn derive(key: &Key, purpose: &[u8]) -> Self {
         let mut signing_key = Zeroizing::new([0; 32]);
-        expand(&Hkdf::new(None, &key.0), b"flix handshake", &mut *signing_key);
+        expand(&Hkdf::new(None, &key.0), purpose, &mut *signing_key);
         Self(keyed(&signing_key))
     }
 

@@ -1,75 +1,16 @@
 //! The operator's end of a session.
 
-use core::fmt;
 use core::time::Duration;
 
 use heapless::{Deque, Vec};
 
 use super::channel::{Channel, Plain, SendError};
+use super::connect::{ConnectError, Greeting};
 use super::key::{Entropy, Key, SessionKeys, Signer};
-use super::{
-    CONFIRM_PATIENCE, CONNECT_PATIENCE, HANDSHAKE_RETRY, HINT_PATIENCE, HOLDER_SILENCE,
-    PROTOCOL_VERSION, VERSION,
-};
-use crate::frame::{self, Datagram, Frame, HandshakeFrame, Nonce, RefusalReason};
+use super::{CONFIRM_PATIENCE, HANDSHAKE_RETRY, HOLDER_SILENCE, VERSION};
+use crate::frame::{self, Datagram, Frame, HandshakeFrame, Nonce, Purpose};
 use crate::message::{DropReason, Dropped, ToOperator, ToRobot};
 use crate::units::Instant;
-
-/// Why there is no session.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum ConnectError {
-    /// No answer arrived.
-    NoAnswer,
-    /// The robot does not hold this key.
-    WrongKey,
-    /// The robot uses another version: its number. The same number means that one end was changed
-    /// without incrementing it.
-    OtherVersion(u16),
-    /// Another operator holds the robot.
-    Busy,
-    /// The robot has no key yet.
-    Unprovisioned,
-}
-
-impl fmt::Display for ConnectError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoAnswer => f.write_str(
-                "the robot does not answer: check that it is on, its address, and that both are on one network",
-            ),
-            Self::WrongKey => f.write_str(
-                "the robot has another key: use its key file, or provision it again over its serial port",
-            ),
-            Self::OtherVersion(robot) if *robot > PROTOCOL_VERSION => write!(
-                f,
-                "the robot uses version {robot} of the protocol and this program {PROTOCOL_VERSION}: update this program"
-            ),
-            Self::OtherVersion(robot) if *robot < PROTOCOL_VERSION => write!(
-                f,
-                "the robot uses version {robot} of the protocol and this program {PROTOCOL_VERSION}: update the robot's firmware"
-            ),
-            Self::OtherVersion(robot) => write!(
-                f,
-                "the robot uses another build of version {robot} of the protocol: update the robot's firmware and this program to one release"
-            ),
-            Self::Busy => f.write_str(
-                "another operator holds the robot: wait until it disconnects or is silent for a second",
-            ),
-            Self::Unprovisioned => {
-                f.write_str("the robot has no key yet: provision it over its serial port")
-            }
-        }
-    }
-}
-
-impl core::error::Error for ConnectError {}
-
-impl ConnectError {
-    /// Returns whether a longer attempt cannot help.
-    const fn is_lasting(self) -> bool {
-        matches!(self, Self::WrongKey | Self::OtherVersion(_) | Self::Unprovisioned)
-    }
-}
 
 /// State of the connection, as the operator sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -151,16 +92,6 @@ enum Phase {
     Failed(ConnectError),
 }
 
-/// One attempt to connect.
-#[derive(Clone, Copy)]
-struct Greeting {
-    client_nonce: Nonce,
-    since: Instant,
-    send_at: Instant,
-    /// The newest refusal, and when the first lasting one came.
-    hint: Option<(ConnectError, Instant)>,
-}
-
 struct Session {
     channel: Channel,
     heard: Instant,
@@ -232,18 +163,17 @@ impl OperatorSession {
 
     /// Returns the datagram of the handshake that is due, if any. Call again until it returns `None`.
     pub fn poll(&mut self, now: Instant) -> Option<HandshakeFrame> {
-        if let Phase::Confirming { greeting, since, .. } = &self.phase
-            && now.since(*since) >= CONFIRM_PATIENCE
+        if let Phase::Confirming { mut greeting, since, .. } = self.phase
+            && now.since(since) >= CONFIRM_PATIENCE
         {
-            let client_nonce = self.entropy.nonce();
-            self.phase = Phase::Greeting(Greeting { client_nonce, send_at: now, ..*greeting });
+            greeting.renew(&mut self.entropy, now);
+            self.phase = Phase::Greeting(greeting);
         }
         let (Phase::Greeting(greeting) | Phase::Confirming { greeting, .. }) = &mut self.phase
         else {
             return None;
         };
-        if now >= greeting.gives_up_at() {
-            let error = greeting.hint.map_or(ConnectError::NoAnswer, |(error, _)| error);
+        if let Some(error) = greeting.failure(now) {
             self.phase = Phase::Failed(error);
             return None;
         }
@@ -257,7 +187,7 @@ impl OperatorSession {
             Phase::Confirming { robot_nonce, .. } => {
                 frame::confirm(&client_nonce, robot_nonce, tag)
             }
-            _ => frame::hello(VERSION, &client_nonce, tag),
+            _ => frame::hello(VERSION, &client_nonce, Purpose::Drive, tag),
         })
     }
 
@@ -334,8 +264,10 @@ impl OperatorSession {
                     return Err(DropReason::Replayed);
                 }
                 let keys = SessionKeys::derive(&self.key, &greeting.client_nonce, &robot_nonce);
+                let mut greeting = *greeting;
+                (greeting.send_at, greeting.hint) = (now, None);
                 self.phase = Phase::Confirming {
-                    greeting: Greeting { send_at: now, hint: None, ..*greeting },
+                    greeting,
                     robot_nonce,
                     since: now,
                     opening: Session {
@@ -362,13 +294,14 @@ impl OperatorSession {
             }
             Datagram::Refusal { reason, version, client_nonce, signed, tag } => {
                 let is_authentic = self.signer.verify_any_version(signed, &tag);
-                let error = match reason {
-                    RefusalReason::Version => ConnectError::OtherVersion(version.number),
-                    RefusalReason::Key => ConnectError::WrongKey,
-                    RefusalReason::Busy => ConnectError::Busy,
-                    RefusalReason::Unprovisioned => ConnectError::Unprovisioned,
+                let (Phase::Greeting(greeting) | Phase::Confirming { greeting, .. }) =
+                    &mut self.phase
+                else {
+                    return Err(DropReason::Session);
                 };
-                self.hint(now, error, &client_nonce, is_authentic)
+                let error = ConnectError::refused(reason, version);
+                greeting.refused(now, error, &client_nonce, is_authentic)?;
+                Ok(OperatorReceived::Progress)
             }
             Datagram::Sealed { session, counter, header, ciphertext, tag } => {
                 // A sealed datagram of the session that is about to open says what Accept says.
@@ -384,7 +317,10 @@ impl OperatorSession {
                 self.establish(now);
                 self.opened(now, counter, &plain)
             }
-            Datagram::Hello { .. } | Datagram::Confirm { .. } => Err(DropReason::Malformed),
+            Datagram::Hello { .. }
+            | Datagram::Confirm { .. }
+            | Datagram::Stop { .. }
+            | Datagram::Stopped { .. } => Err(DropReason::Malformed),
         }
     }
 
@@ -397,33 +333,6 @@ impl OperatorSession {
             }
             other => other,
         };
-    }
-
-    /// Records a refusal of the present attempt.
-    fn hint(
-        &mut self,
-        now: Instant,
-        error: ConnectError,
-        client_nonce: &Nonce,
-        is_authentic: bool,
-    ) -> Result<OperatorReceived, DropReason> {
-        let (Phase::Greeting(greeting) | Phase::Confirming { greeting, .. }) = &mut self.phase
-        else {
-            return Err(DropReason::Session);
-        };
-        if *client_nonce != greeting.client_nonce {
-            return Err(DropReason::Session);
-        }
-        // A robot that is busy holds our key, so its refusal carries a good tag.
-        if error == ConnectError::Busy && !is_authentic {
-            return Err(DropReason::Forged);
-        }
-        let since = match greeting.hint {
-            Some((known, since)) if known == error => since,
-            _ => now,
-        };
-        greeting.hint = Some((error, since));
-        Ok(OperatorReceived::Progress)
     }
 
     fn opened(
@@ -466,19 +375,5 @@ impl OperatorSession {
             self.round_trip = Some(now.since(at));
         }
         self.timed.retain(|(number, _)| *number != request);
-    }
-}
-
-impl Greeting {
-    fn new(entropy: &mut Entropy, now: Instant) -> Self {
-        Self { client_nonce: entropy.nonce(), since: now, send_at: now, hint: None }
-    }
-
-    fn gives_up_at(&self) -> Instant {
-        let patience = self.since + CONNECT_PATIENCE;
-        match self.hint {
-            Some((error, since)) if error.is_lasting() => patience.min(since + HINT_PATIENCE),
-            _ => patience,
-        }
     }
 }

@@ -1,14 +1,19 @@
 //! The robot's end of a session.
 
-use core::net::{IpAddr, SocketAddr};
+use core::net::SocketAddr;
 use core::time::Duration;
 
+use heapless::Deque;
+
 use super::channel::{Channel, SendError, split_echo};
+use super::cookie::Cookies;
 use super::history::{LONGEST_COMMAND_AGE, SendTimes};
-use super::key::{Entropy, HmacSha256, Key, SessionKeys, Signer, keyed, same, tag};
-use super::{COOKIE_EPOCH, COOKIE_LIFE, HOLDER_SILENCE, SESSION_EXPIRY, VERSION};
+use super::key::{Entropy, Key, SessionKeys, Signer, same};
+use super::{HOLDER_SILENCE, SESSION_EXPIRY, VERSION};
 use crate::failsafe::COMMAND_AGE;
-use crate::frame::{self, Datagram, Frame, HandshakeFrame, Nonce, RefusalReason, Tag, Version};
+use crate::frame::{
+    self, Datagram, Frame, HandshakeFrame, Nonce, Purpose, RefusalReason, Tag, Version,
+};
 use crate::message::{
     Command, DropReason, Dropped, LinkQuality, Refusal, ToOperator, ToRobot, unreadable,
 };
@@ -41,6 +46,9 @@ pub enum RobotReceived {
     },
     /// The operator closed the session.
     Left,
+    /// A holder of the key demands a stop, in a session or not, whoever holds it: latch the stop, and
+    /// send this back to the sender of the datagram.
+    Stop(HandshakeFrame),
     /// Dropped, and counted in [`RobotSession::quality`]. When there is a frame, send it back to
     /// the sender of the datagram.
     Dropped(DropReason, Option<HandshakeFrame>),
@@ -51,9 +59,14 @@ pub enum RobotReceived {
 /// Its size is constant. A datagram that is not authentic changes only the counters of dropped
 /// datagrams. Never panics on any datagram.
 pub struct RobotSession {
-    identity: Option<(Key, Signer)>,
+    identity: Option<Credential>,
     entropy: Entropy,
     cookies: Cookies,
+    /// Of stops: a session that begins meanwhile does not make them invalid.
+    stop_cookies: Cookies,
+    /// Cookies of the newest stops: each stops the robot once.
+    stops: Deque<Nonce, STOPS>,
+    is_at_rest: bool,
     holder: Option<Holder>,
     accepted: u32,
     dropped: Dropped,
@@ -64,8 +77,21 @@ pub struct RobotSession {
     late: u32,
 }
 
-/// Epochs in which a cookie is good.
-const COOKIE_EPOCHS: u64 = (COOKIE_LIFE.as_millis() / COOKIE_EPOCH.as_millis()) as u64;
+/// Stops that are remembered: more than operators demand within the life of a cookie.
+const STOPS: usize = 8;
+
+/// The key, and what is derived from it for every session.
+struct Credential {
+    key: Key,
+    handshake: Signer,
+    stop: Signer,
+}
+
+impl Credential {
+    fn new(key: Key) -> Self {
+        Self { handshake: Signer::new(&key), stop: Signer::for_stop(&key), key }
+    }
+}
 
 /// The operator that holds the session.
 struct Holder {
@@ -90,8 +116,11 @@ impl RobotSession {
         let mut entropy = Entropy::new(entropy);
         Self {
             cookies: Cookies::new(&mut entropy),
+            stop_cookies: Cookies::new(&mut entropy),
+            stops: Deque::new(),
+            is_at_rest: false,
             entropy,
-            identity: key.map(with_signer),
+            identity: key.map(Credential::new),
             holder: None,
             accepted: 0,
             dropped: Dropped::default(),
@@ -104,9 +133,10 @@ impl RobotSession {
 
     /// Sets another key, or none. The present session ends without an answer.
     pub fn set_key(&mut self, key: Option<Key>) {
-        self.identity = key.map(with_signer);
+        self.identity = key.map(Credential::new);
         self.end();
         self.cookies = Cookies::new(&mut self.entropy);
+        self.stop_cookies = Cookies::new(&mut self.entropy);
     }
 
     /// Ends the present session, if any, and wipes its keys. Send [`RobotSession::goodbye`] first
@@ -155,6 +185,13 @@ impl RobotSession {
         self.command_age = age.min(LONGEST_COMMAND_AGE);
     }
 
+    /// Sets whether a stop is latched and the motors are not driven: what [`StopSession`] reports.
+    ///
+    /// [`StopSession`]: super::StopSession
+    pub const fn set_at_rest(&mut self, is_at_rest: bool) {
+        self.is_at_rest = is_at_rest;
+    }
+
     /// Returns the age up to which a command counts.
     #[must_use]
     pub const fn command_age(&self) -> Duration {
@@ -174,14 +211,17 @@ impl RobotSession {
             self.end();
         }
         let received = match Datagram::parse(datagram) {
-            Some(Datagram::Hello { version, client_nonce, signed, tag }) => {
-                self.hello(now, from, version, &client_nonce, signed, &tag)
+            Some(Datagram::Hello { version, client_nonce, purpose, signed, tag }) => {
+                self.hello(now, from, version, &client_nonce, purpose, signed, &tag)
             }
             Some(Datagram::Confirm { client_nonce, robot_nonce, signed, tag }) => {
                 self.confirm(now, from, &client_nonce, &robot_nonce, signed, &tag)
             }
             Some(Datagram::Sealed { session, counter, header, ciphertext, tag }) => {
                 self.sealed(now, from, session, counter, header, ciphertext, &tag)
+            }
+            Some(Datagram::Stop { client_nonce, robot_nonce, signed, tag }) => {
+                self.stop(now, from, &client_nonce, &robot_nonce, signed, &tag)
             }
             _ => RobotReceived::Dropped(DropReason::Malformed, None),
         };
@@ -218,16 +258,18 @@ impl RobotSession {
         Ok((peer, holder.channel.seal_copy(&[])?))
     }
 
+    #[allow(clippy::too_many_arguments, reason = "the fields of one datagram")]
     fn hello(
         &self,
         now: Instant,
         from: SocketAddr,
         version: Version,
         client_nonce: &Nonce,
+        purpose: Option<Purpose>,
         signed: &[u8],
         claimed: &Tag,
     ) -> RobotReceived {
-        let Some((_, signer)) = &self.identity else {
+        let Some(Credential { handshake: signer, .. }) = &self.identity else {
             return self.refuse(RefusalReason::Unprovisioned, client_nonce);
         };
         if version != VERSION {
@@ -236,10 +278,15 @@ impl RobotSession {
         if !signer.verify(signed, &[], claimed) {
             return self.refuse(RefusalReason::Key, client_nonce);
         }
-        if self.is_held_against(now, from) {
-            return self.refuse(RefusalReason::Busy, client_nonce);
-        }
-        let robot_nonce = self.cookies.nonce(now, from, client_nonce);
+        let cookies = match purpose {
+            Some(Purpose::Drive) if self.is_held_against(now, from) => {
+                return self.refuse(RefusalReason::Busy, client_nonce);
+            }
+            Some(Purpose::Drive) => &self.cookies,
+            Some(Purpose::Stop) => &self.stop_cookies,
+            None => return RobotReceived::Dropped(DropReason::Malformed, None),
+        };
+        let robot_nonce = cookies.nonce(now, from, client_nonce);
         let tag = |signed: &[u8]| signer.tag(signed, &[client_nonce]);
         RobotReceived::Answer(frame::challenge(&robot_nonce, tag))
     }
@@ -253,7 +300,7 @@ impl RobotSession {
         signed: &[u8],
         claimed: &Tag,
     ) -> RobotReceived {
-        let Some((key, signer)) = &self.identity else {
+        let Some(Credential { key, handshake: signer, .. }) = &self.identity else {
             return self.refuse(RefusalReason::Unprovisioned, client_nonce);
         };
         if !signer.verify(signed, &[], claimed) {
@@ -287,6 +334,38 @@ impl RobotSession {
         self.holder = Some(holder);
         self.cookies = Cookies::new(&mut self.entropy);
         RobotReceived::Connected(answer)
+    }
+
+    /// Receives a stop outside a session. A repeated one is answered and changes nothing.
+    fn stop(
+        &mut self,
+        now: Instant,
+        from: SocketAddr,
+        client_nonce: &Nonce,
+        robot_nonce: &Nonce,
+        signed: &[u8],
+        claimed: &Tag,
+    ) -> RobotReceived {
+        let Some(Credential { stop: signer, .. }) = &self.identity else {
+            return self.refuse(RefusalReason::Unprovisioned, client_nonce);
+        };
+        if !signer.verify(signed, &[], claimed) {
+            return RobotReceived::Dropped(DropReason::Forged, None);
+        }
+        if self.stop_cookies.moment(now, from, client_nonce, robot_nonce).is_none() {
+            return RobotReceived::Dropped(DropReason::Replayed, None);
+        }
+        let tag = |signed: &[u8]| signer.tag(signed, &[client_nonce, robot_nonce]);
+        let answer = frame::stopped(self.is_at_rest, tag);
+        if self.stops.iter().any(|known| same(known, robot_nonce)) {
+            return RobotReceived::Answer(answer);
+        }
+        if self.stops.is_full() {
+            self.stops.pop_front();
+        }
+        // Room was just made.
+        let _ = self.stops.push_back(*robot_nonce);
+        RobotReceived::Stop(answer)
     }
 
     #[allow(clippy::too_many_arguments, reason = "the fields of one datagram")]
@@ -361,7 +440,9 @@ impl RobotSession {
     fn refuse(&self, reason: RefusalReason, client_nonce: &Nonce) -> RobotReceived {
         // An operator with another key cannot verify a tag, and a flood should cost nothing.
         let tag = |signed: &[u8]| match &self.identity {
-            Some((_, signer)) if reason != RefusalReason::Key => signer.tag_any_version(signed),
+            Some(Credential { handshake: signer, .. }) if reason != RefusalReason::Key => {
+                signer.tag_any_version(signed)
+            }
             _ => Tag::default(),
         };
         let answer = frame::refusal(reason, VERSION, client_nonce, tag);
@@ -375,52 +456,6 @@ impl RobotSession {
     }
 }
 
-/// Makes nonces that need not be stored.
-struct Cookies(HmacSha256);
-
-impl Cookies {
-    /// Creates cookies with a new secret: all earlier nonces become invalid.
-    fn new(entropy: &mut Entropy) -> Self {
-        Self(keyed(&entropy.secret()))
-    }
-
-    /// Returns the nonce for this peer and this client nonce now.
-    fn nonce(&self, now: Instant, peer: SocketAddr, client_nonce: &Nonce) -> Nonce {
-        self.nonce_of(epoch(now), peer, client_nonce)
-    }
-
-    /// Returns the beginning of the epoch in which this nonce was made for this peer and this client
-    /// nonce; `None` when it was not, or longer than [`COOKIE_LIFE`] ago. Each nonce is compared in
-    /// constant time.
-    fn moment(
-        &self,
-        now: Instant,
-        peer: SocketAddr,
-        client_nonce: &Nonce,
-        robot_nonce: &Nonce,
-    ) -> Option<Instant> {
-        let present = epoch(now);
-        let epoch = (present.saturating_sub(COOKIE_EPOCHS - 1)..=present)
-            .rev()
-            .find(|&epoch| same(&self.nonce_of(epoch, peer, client_nonce), robot_nonce))?;
-        Some(Instant::from_micros(epoch * COOKIE_EPOCH.as_micros() as u64))
-    }
-
-    fn nonce_of(&self, epoch: u64, peer: SocketAddr, client_nonce: &Nonce) -> Nonce {
-        let address = match peer.ip() {
-            IpAddr::V4(address) => address.to_ipv6_mapped(),
-            IpAddr::V6(address) => address,
-        };
-        let (epoch, port) = (epoch.to_le_bytes(), peer.port().to_le_bytes());
-        tag(&self.0, &[&epoch, &address.octets(), &port, client_nonce])
-    }
-}
-
-fn with_signer(key: Key) -> (Key, Signer) {
-    let signer = Signer::new(&key);
-    (key, signer)
-}
-
 fn accept(signer: &Signer, holder: &Holder) -> HandshakeFrame {
     frame::accept(holder.channel.session(), |signed| {
         signer.tag(signed, &[&holder.client_nonce, &holder.robot_nonce])
@@ -430,9 +465,4 @@ fn accept(signer: &Signer, holder: &Holder) -> HandshakeFrame {
 /// Returns this time in microseconds; the longest there is when it is unknown or does not fit.
 fn microseconds(time: Option<Duration>) -> u32 {
     time.and_then(|time| u32::try_from(time.as_micros()).ok()).unwrap_or(u32::MAX)
-}
-
-/// Returns the number of the cookie's epoch.
-const fn epoch(now: Instant) -> u64 {
-    now.as_micros() / COOKIE_EPOCH.as_micros() as u64
 }

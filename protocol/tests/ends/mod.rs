@@ -137,7 +137,9 @@ pub(crate) fn connect(
 /// What a robot sends back, never more than it was sent.
 pub(crate) fn answer(received: RobotReceived, asked: usize) -> Option<Vec<u8>> {
     let answer = match received {
-        RobotReceived::Answer(frame) | RobotReceived::Connected(frame) => Some(frame),
+        RobotReceived::Answer(frame)
+        | RobotReceived::Connected(frame)
+        | RobotReceived::Stop(frame) => Some(frame),
         RobotReceived::Dropped(_, frame) => frame,
         _ => None,
     };

@@ -2,9 +2,11 @@
 
 use std::time::Duration;
 
-use flix_protocol::message::{Command, Outcome, Refusal, State};
+use flix_protocol::frame::Frame;
+use flix_protocol::message::{Command, Event, Outcome, Refusal, State};
+use flix_protocol::session::{StopSession, StopStatus};
 
-use crate::bench::{Bench, setpoint};
+use crate::bench::{Bench, key, setpoint};
 
 #[test]
 fn a_stopped_robot_rests_whatever_is_asked_of_it() {
@@ -73,6 +75,42 @@ fn a_disarm_that_crosses_an_arm_wins() {
     bench.say(Command::Disarm);
     bench.hold(Command::Ping(0), Duration::from_millis(100));
     assert_eq!(bench.state(), State::Disarmed);
+}
+
+/// Another operator stops the robot without a session, as long as that takes.
+fn stop_from_outside(bench: &mut Bench) {
+    let mut stop = StopSession::new(&key(), [2; 32], bench.now());
+    let address = ([192, 0, 2, 2], 40_000).into();
+    let end = bench.now() + Duration::from_secs(2);
+    let mut frame = Frame::new();
+    while bench.now() < end && stop.status() != StopStatus::AtRest {
+        if let Some(datagram) = stop.poll(bench.now()) {
+            bench.robot.receive(address, &datagram);
+            while bench.robot.transmit(&mut frame) == Some(address) {
+                stop.receive(bench.now(), &frame).unwrap();
+            }
+        }
+        bench.hold(Command::Setpoint(setpoint(20.0, 0.0)), Duration::from_millis(1));
+    }
+    assert_eq!(stop.status(), StopStatus::AtRest);
+}
+
+#[test]
+fn a_stop_from_outside_is_acknowledged_once_the_rotors_are_at_rest() {
+    let mut bench = Bench::shaking();
+    stop_from_outside(&mut bench);
+    assert_eq!((bench.state(), bench.speed() < 0.5), (State::Disarmed, true));
+}
+
+#[test]
+fn a_stop_from_outside_latches_as_one_in_the_session_and_its_operator_learns_of_it() {
+    let mut bench = Bench::shaking();
+    stop_from_outside(&mut bench);
+    assert_eq!(bench.say(Command::Arm), Outcome::Refused(Refusal::Stopped));
+    assert!(bench.events().contains(&Event::StoppedFromOutside));
+    assert_eq!(bench.say(Command::Clear), Outcome::Done);
+    bench.arm();
+    assert_eq!(bench.state(), State::Armed);
 }
 
 #[test]

@@ -1,0 +1,134 @@
+//! One attempt of an operator to reach a robot, and why it failed.
+
+use core::fmt;
+
+use super::key::Entropy;
+use super::{CONNECT_PATIENCE, HINT_PATIENCE, PROTOCOL_VERSION};
+use crate::frame::{Nonce, RefusalReason, Version};
+use crate::message::DropReason;
+use crate::units::Instant;
+
+/// Why there is no session.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum ConnectError {
+    /// No answer arrived.
+    NoAnswer,
+    /// The robot does not hold this key.
+    WrongKey,
+    /// The robot uses another version: its number. The same number means that one end was changed
+    /// without incrementing it.
+    OtherVersion(u16),
+    /// Another operator holds the robot.
+    Busy,
+    /// The robot has no key yet.
+    Unprovisioned,
+}
+
+impl fmt::Display for ConnectError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoAnswer => f.write_str(
+                "the robot does not answer: check that it is on, its address, and that both are on one network",
+            ),
+            Self::WrongKey => f.write_str(
+                "the robot has another key: use its key file, or provision it again over its serial port",
+            ),
+            Self::OtherVersion(robot) if *robot > PROTOCOL_VERSION => write!(
+                f,
+                "the robot uses version {robot} of the protocol and this program {PROTOCOL_VERSION}: update this program"
+            ),
+            Self::OtherVersion(robot) if *robot < PROTOCOL_VERSION => write!(
+                f,
+                "the robot uses version {robot} of the protocol and this program {PROTOCOL_VERSION}: update the robot's firmware"
+            ),
+            Self::OtherVersion(robot) => write!(
+                f,
+                "the robot uses another build of version {robot} of the protocol: update the robot's firmware and this program to one release"
+            ),
+            Self::Busy => f.write_str(
+                "another operator holds the robot: wait until it disconnects or is silent for a second",
+            ),
+            Self::Unprovisioned => {
+                f.write_str("the robot has no key yet: provision it over its serial port")
+            }
+        }
+    }
+}
+
+impl core::error::Error for ConnectError {}
+
+impl ConnectError {
+    /// Returns what a refusal for this reason by a robot of this version means.
+    pub(super) const fn refused(reason: RefusalReason, robot: Version) -> Self {
+        match reason {
+            RefusalReason::Version => Self::OtherVersion(robot.number),
+            RefusalReason::Key => Self::WrongKey,
+            RefusalReason::Busy => Self::Busy,
+            RefusalReason::Unprovisioned => Self::Unprovisioned,
+        }
+    }
+
+    /// Returns whether a longer attempt cannot help.
+    const fn is_lasting(self) -> bool {
+        matches!(self, Self::WrongKey | Self::OtherVersion(_) | Self::Unprovisioned)
+    }
+}
+
+/// One attempt to connect.
+#[derive(Clone, Copy)]
+pub(super) struct Greeting {
+    pub(super) client_nonce: Nonce,
+    since: Instant,
+    pub(super) send_at: Instant,
+    /// The newest refusal, and when the first lasting one came.
+    pub(super) hint: Option<(ConnectError, Instant)>,
+}
+
+impl Greeting {
+    pub(super) fn new(entropy: &mut Entropy, now: Instant) -> Self {
+        Self { client_nonce: entropy.nonce(), since: now, send_at: now, hint: None }
+    }
+
+    /// Starts over with a new nonce, within the same patience.
+    pub(super) fn renew(&mut self, entropy: &mut Entropy, now: Instant) {
+        *self = Self { client_nonce: entropy.nonce(), send_at: now, ..*self };
+    }
+
+    /// Returns when the attempt is over without an answer.
+    pub(super) fn gives_up_at(&self) -> Instant {
+        let patience = self.since + CONNECT_PATIENCE;
+        match self.hint {
+            Some((error, since)) if error.is_lasting() => patience.min(since + HINT_PATIENCE),
+            _ => patience,
+        }
+    }
+
+    /// Returns why the attempt failed, once it is over.
+    pub(super) fn failure(&self, now: Instant) -> Option<ConnectError> {
+        let error = self.hint.map_or(ConnectError::NoAnswer, |(error, _)| error);
+        (now >= self.gives_up_at()).then_some(error)
+    }
+
+    /// Records a refusal of this attempt.
+    pub(super) fn refused(
+        &mut self,
+        now: Instant,
+        error: ConnectError,
+        client_nonce: &Nonce,
+        is_authentic: bool,
+    ) -> Result<(), DropReason> {
+        if *client_nonce != self.client_nonce {
+            return Err(DropReason::Session);
+        }
+        // A robot that is busy holds our key, so its refusal carries a good tag.
+        if error == ConnectError::Busy && !is_authentic {
+            return Err(DropReason::Forged);
+        }
+        let since = match self.hint {
+            Some((known, since)) if known == error => since,
+            _ => now,
+        };
+        self.hint = Some((error, since));
+        Ok(())
+    }
+}

@@ -1,0 +1,134 @@
+//! The operator's end of a stop outside a session.
+
+use super::connect::{ConnectError, Greeting};
+use super::key::{Entropy, Key, Signer};
+use super::{CONFIRM_PATIENCE, STOP_RETRY, VERSION};
+use crate::frame::{self, Datagram, HandshakeFrame, Nonce, Purpose};
+use crate::message::DropReason;
+use crate::units::Instant;
+
+/// Progress of a stop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StopStatus {
+    /// The robot has not answered yet.
+    Asking,
+    /// The robot has latched the stop, and ramps down.
+    Latched,
+    /// The stop is latched, and the motors are not driven.
+    AtRest,
+    /// No robot answered, or it refused.
+    Failed(ConnectError),
+}
+
+/// Stops a robot without a session, whoever holds it.
+///
+/// Call [`StopSession::poll`] at the time of [`StopSession::poll_at`], and send what it returns, until
+/// the robot is at rest. Never panics on any datagram.
+pub struct StopSession {
+    handshake: Signer,
+    stop: Signer,
+    entropy: Entropy,
+    greeting: Greeting,
+    /// The robot's cookie, and when it arrived.
+    challenged: Option<(Nonce, Instant)>,
+    status: StopStatus,
+}
+
+impl StopSession {
+    /// Creates a stop that begins at once.
+    ///
+    /// `entropy` comes from the operating system's random source, fresh for every stop.
+    #[must_use]
+    pub fn new(key: &Key, entropy: [u8; 32], now: Instant) -> Self {
+        let mut entropy = Entropy::new(entropy);
+        Self {
+            handshake: Signer::new(key),
+            stop: Signer::for_stop(key),
+            greeting: Greeting::new(&mut entropy, now),
+            entropy,
+            challenged: None,
+            status: StopStatus::Asking,
+        }
+    }
+
+    /// Returns the progress.
+    #[must_use]
+    pub const fn status(&self) -> StopStatus {
+        self.status
+    }
+
+    /// Returns when [`StopSession::poll`] is due next; `None` once the robot is at rest, or the stop
+    /// failed.
+    #[must_use]
+    pub fn poll_at(&self) -> Option<Instant> {
+        match self.status {
+            StopStatus::Asking => Some(self.greeting.send_at.min(self.greeting.gives_up_at())),
+            StopStatus::Latched => Some(self.greeting.send_at),
+            StopStatus::AtRest | StopStatus::Failed(_) => None,
+        }
+    }
+
+    /// Returns the datagram that is due, if any.
+    pub fn poll(&mut self, now: Instant) -> Option<HandshakeFrame> {
+        if self.status == StopStatus::Asking
+            && let Some(error) = self.greeting.failure(now)
+        {
+            self.status = StopStatus::Failed(error);
+        }
+        if self.poll_at().is_none_or(|due| now < due) {
+            return None;
+        }
+        if self.challenged.is_some_and(|(_, since)| now.since(since) >= CONFIRM_PATIENCE) {
+            // The cookie is about to become invalid.
+            self.challenged = None;
+            self.greeting.renew(&mut self.entropy, now);
+        }
+        self.greeting.send_at = now + STOP_RETRY;
+        let client_nonce = &self.greeting.client_nonce;
+        Some(match &self.challenged {
+            Some((robot_nonce, _)) => {
+                frame::stop(client_nonce, robot_nonce, |signed| self.stop.tag(signed, &[]))
+            }
+            None => frame::hello(VERSION, client_nonce, Purpose::Stop, |signed| {
+                self.handshake.tag(signed, &[])
+            }),
+        })
+    }
+
+    /// Receives a datagram from the robot's address.
+    ///
+    /// # Errors
+    /// When the datagram is dropped.
+    pub fn receive(&mut self, now: Instant, datagram: &[u8]) -> Result<(), DropReason> {
+        let greeting = &mut self.greeting;
+        match (Datagram::parse(datagram), &self.challenged) {
+            (Some(Datagram::Challenge { robot_nonce, signed, tag }), None) => {
+                if !self.handshake.verify(signed, &[&greeting.client_nonce], &tag) {
+                    return Err(DropReason::Forged);
+                }
+                self.challenged = Some((robot_nonce, now));
+                greeting.send_at = now;
+                Ok(())
+            }
+            (Some(Datagram::Stopped { at_rest, signed, tag }), Some((robot_nonce, _))) => {
+                if !self.stop.verify(signed, &[&greeting.client_nonce, robot_nonce], &tag) {
+                    return Err(DropReason::Forged);
+                }
+                // Of answers that overtake each other, rest is the last.
+                if self.status != StopStatus::AtRest {
+                    self.status = if at_rest { StopStatus::AtRest } else { StopStatus::Latched };
+                }
+                Ok(())
+            }
+            (Some(Datagram::Refusal { reason, version, client_nonce, signed, tag }), _) => {
+                let is_authentic = self.handshake.verify_any_version(signed, &tag);
+                let error = ConnectError::refused(reason, version);
+                greeting.refused(now, error, &client_nonce, is_authentic)
+            }
+            (Some(Datagram::Challenge { .. } | Datagram::Stopped { .. }), _) => {
+                Err(DropReason::Session)
+            }
+            _ => Err(DropReason::Malformed),
+        }
+    }
+}
