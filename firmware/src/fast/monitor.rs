@@ -195,3 +195,268 @@ impl Monitor {
         found
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::board::DENGFOC_V3_01;
+    use crate::fast::foc::current::Input;
+    use crate::fast::foc::modulation::Bus;
+    use crate::fast::shaker::{Rotors, STRIDE, Target};
+    use crate::fast::units::{ElectricalAngle, ElectricalSpeed, RotorAngle};
+    use crate::settings::Settings;
+
+    /// More diagnoses than any fault takes.
+    const LONG: u32 = 1_000;
+    const ONE: Speed = Speed::from_raw(1);
+    /// Fast enough for every check: 6 Hz.
+    const MOVING: Speed = Speed::from_centihertz(600);
+
+    /// All that the monitor looks at; nothing is wrong.
+    #[derive(Clone)]
+    struct Scene {
+        configuration: Configuration,
+        bus_voltage: Voltage,
+        speeds: [Speed; 2],
+        currents: [[Current; 2]; 2],
+        loops: [CurrentLoop; 2],
+        shaking: bool,
+        shaker: Shaker,
+        target: Speed,
+    }
+
+    impl Scene {
+        fn new(frequency: Speed) -> Self {
+            Self::with(frequency, 0, false)
+        }
+
+        /// With f settled, twice theta off by `sum_error`, and the motors at their limits or not.
+        fn with(frequency: Speed, sum_error: i32, limited: bool) -> Self {
+            let configuration = Configuration::new(&Settings::DEFAULT, &DENGFOC_V3_01.hardware);
+            let rotors = |phase: u32, ahead: i32, speed: Speed| Rotors {
+                angles: [phase.wrapping_add(ahead as u32), phase.wrapping_neg()]
+                    .map(RotorAngle::from_raw),
+                speeds: [speed, -speed],
+            };
+            let mut shaker = Shaker::at_rest(&rotors(0, 0, Speed::ZERO));
+            let target = Target { frequency, direction: None };
+            let mut phase = 0_u32;
+            for update in (0..1_000).rev() {
+                let step = (shaker.frequency().raw() as u32).wrapping_mul(STRIDE);
+                phase = phase.wrapping_add(step);
+                let is_last = update == 0;
+                let ahead = if is_last { -sum_error } else { 0 };
+                let rotors = rotors(phase, ahead, shaker.frequency());
+                shaker.update(&configuration.shaker, &rotors, &target, limited && is_last);
+            }
+            assert_eq!(shaker.sum_error(), sum_error);
+            assert!(shaker.limited() == limited || sum_error != 0);
+            Self {
+                bus_voltage: configuration.bus_nominal,
+                speeds: [MOVING, -MOVING],
+                currents: [[Current::ZERO; 2]; 2],
+                loops: [CurrentLoop::default(); 2],
+                shaking: true,
+                target: shaker.frequency(),
+                shaker,
+                configuration,
+            }
+        }
+
+        fn look(&self, monitor: &mut Monitor) -> Faults {
+            let trackers = self.speeds.map(|speed| {
+                let mut tracker = Tracker::new();
+                tracker.feed_forward(speed);
+                tracker
+            });
+            let observation = Observation {
+                configuration: &self.configuration,
+                bus_voltage: self.bus_voltage,
+                trackers: &trackers,
+                currents: &self.currents,
+                loops: &self.loops,
+                shaking: self.shaking,
+                shaker: &self.shaker,
+                target: self.target,
+            };
+            monitor.faults(Faults::NONE, &observation)
+        }
+
+        /// Which diagnosis is the first to find something, and what.
+        fn found_by(&self, monitor: &mut Monitor) -> Option<(u32, Fault)> {
+            (1..=LONG).find_map(|count| {
+                let fault = self.look(monitor).iter().next();
+                fault.map(|fault| (count, fault))
+            })
+        }
+    }
+
+    /// Holds that a scene is fine as it is, and a fault from the given number of ticks on with the
+    /// least more.
+    #[track_caller]
+    fn assert_limit(fine: &Scene, wrong: &Scene, fault: Fault, ticks: u32) {
+        assert_eq!(fine.found_by(&mut Monitor::default()), None, "{fault}");
+        let diagnoses = (ticks / DIAGNOSTIC_TICKS).max(1);
+        assert_eq!(wrong.found_by(&mut Monitor::default()), Some((diagnoses, fault)));
+    }
+
+    /// The same scene with a change.
+    fn but(scene: &Scene, change: impl FnOnce(&mut Scene)) -> Scene {
+        let mut scene = scene.clone();
+        change(&mut scene);
+        scene
+    }
+
+    #[test]
+    fn over_speed_is_found_above_its_limit_either_way_on_either_rotor() {
+        let scene = Scene { shaking: false, ..Scene::new(Speed::ZERO) };
+        let limit = scene.configuration.over_speed;
+        for motor in [0, 1] {
+            for (fine, wrong) in [(limit, limit + ONE), (-limit, -limit - ONE)] {
+                let fine = but(&scene, |scene| scene.speeds[motor] = fine);
+                let wrong = but(&scene, |scene| scene.speeds[motor] = wrong);
+                assert_limit(&fine, &wrong, Fault::OverSpeed, 0);
+            }
+        }
+    }
+
+    #[test]
+    fn the_bus_may_reach_its_limits_and_go_beyond_for_a_while() {
+        let scene = Scene { shaking: false, ..Scene::new(Speed::ZERO) };
+        let at = |voltage| but(&scene, |scene| scene.bus_voltage = voltage);
+        let (least, most) = (scene.configuration.under_voltage, scene.configuration.over_voltage);
+        let step = Voltage::from_raw(1);
+        assert_limit(&at(least), &at(least - step), Fault::UnderVoltage, UNDER_VOLTAGE_TICKS);
+        assert_limit(&at(most), &at(most + step), Fault::OverVoltage, OVER_VOLTAGE_TICKS);
+    }
+
+    #[test]
+    fn a_rotor_that_stands_at_the_current_limit_or_while_f_goes_on_is_stalled() {
+        let pressed = Scene::with(Speed::ZERO, 0, true);
+        let going_on = Scene::new(GOING_ON + ONE);
+        let still =
+            |scene: &Scene, motor: usize, speed| but(scene, |scene| scene.speeds[motor] = speed);
+        for motor in [0, 1] {
+            for (scene, ticks) in [(&pressed, STALL_TICKS), (&going_on, BLOCKED_TICKS)] {
+                let fine = still(scene, motor, STALLED);
+                let wrong = still(scene, motor, STALLED - ONE);
+                assert_limit(&fine, &wrong, Fault::Stall, ticks);
+            }
+            let fine = still(&Scene::new(GOING_ON), motor, Speed::ZERO);
+            let wrong = still(&going_on, motor, Speed::ZERO);
+            assert_limit(&fine, &wrong, Fault::Stall, BLOCKED_TICKS);
+        }
+    }
+
+    #[test]
+    fn the_lock_is_lost_when_theta_is_too_far_off_for_too_long() {
+        for sign in [1, -1] {
+            let fine = Scene::with(MOVING, sign * LARGEST_SUM_ERROR, false);
+            let wrong = Scene::with(MOVING, sign * (LARGEST_SUM_ERROR + 1), false);
+            assert_limit(&fine, &wrong, Fault::PhaseLockLost, UNLOCKED_TICKS);
+        }
+    }
+
+    #[test]
+    fn the_lock_is_lost_when_f_stays_away_with_the_motors_at_their_limits() {
+        let pressed = Scene::with(MOVING, 0, true);
+        for sign in [1, -1] {
+            let droop = |scene: &Scene, more: i32| {
+                let away = sign * (LARGEST_DROOP.raw() + more);
+                but(scene, |scene| scene.target = scene.target + Speed::from_raw(away))
+            };
+            let (fine, wrong) = (droop(&pressed, 0), droop(&pressed, 1));
+            assert_limit(&fine, &wrong, Fault::PhaseLockLost, DROOP_TICKS);
+            assert_limit(&droop(&Scene::new(MOVING), 1), &wrong, Fault::PhaseLockLost, DROOP_TICKS);
+        }
+    }
+
+    #[test]
+    fn a_phase_is_open_when_it_carries_next_to_nothing_while_others_carry() {
+        let amperes = Current::from_amperes;
+        let carries = |motor: usize, frequency, [a, b]: [Current; 2]| {
+            but(&Scene::new(frequency), |scene| scene.currents[motor] = [a, b])
+        };
+        let (one, step) = (Current::from_raw(1), SIGNIFICANT_CURRENT);
+        let most = Current::from_raw(1 << 16);
+        let share = Current::from_raw(most.raw() >> OPEN_PHASE_SHIFT);
+        for motor in [0, 1] {
+            let carries = |frequency, currents| carries(motor, frequency, currents);
+            for (fine, wrong) in [
+                ([Current::ZERO, step], [Current::ZERO, step + one]),
+                ([step, Current::ZERO], [step + one, Current::ZERO]),
+                ([step, -step], [step + one, -step - one]),
+                ([share, -most], [share - one, -most]),
+            ] {
+                let (fine, wrong) = (carries(MOVING, fine), carries(MOVING, wrong));
+                assert_limit(&fine, &wrong, Fault::Alignment, OPEN_PHASE_TICKS);
+            }
+            let open = [Current::ZERO, most];
+            let (slow, wrong) = (carries(GOING_ON, open), carries(MOVING, open));
+            assert_limit(&slow, &wrong, Fault::Alignment, OPEN_PHASE_TICKS);
+            let mut monitor = Monitor::default();
+            carries(MOVING, [amperes(1.0), amperes(-0.5)]).look(&mut monitor);
+            let fading = carries(MOVING, [Current::ZERO, amperes(1.0)]).found_by(&mut monitor);
+            // Its peak fades to an eighth in 66 diagnoses; from then on as above.
+            let (count, fault) = fading.unwrap();
+            assert!((115..=135).contains(&count) && fault == Fault::Alignment, "{count} {fault}");
+        }
+    }
+
+    #[test]
+    fn a_motor_may_differ_from_its_model_up_to_a_bound() {
+        let scene = Scene::new(Speed::ZERO);
+        let bus = Bus::new(scene.bus_voltage, 0);
+        // A current that is asked for and does not flow.
+        for [wanted, flowing] in [[0.3, 0.0], [-0.3, 0.0], [0.0, 0.3], [0.0, -0.3]] {
+            let input = Input {
+                phases: Some([Current::ZERO, Current::from_amperes(flowing)]),
+                angle: ElectricalAngle::ZERO,
+                speed: ElectricalSpeed::ZERO,
+                current_q: Current::from_amperes(wanted),
+            };
+            let mut states = [CurrentLoop::default(); 2];
+            let bound = scene.configuration.largest_residual;
+            while states[1].residual().q.magnitude() <= bound {
+                states[0] = states[1];
+                states[1].update(&scene.configuration.motors[0], &bus, &input);
+            }
+            for motor in [0, 1] {
+                let [fine, wrong] =
+                    states.map(|state| but(&scene, |scene| scene.loops[motor] = state));
+                assert_limit(&fine, &wrong, Fault::CurrentSense, RESIDUAL_TICKS);
+            }
+        }
+    }
+
+    #[test]
+    fn what_shows_only_under_control_is_not_looked_for_without_it_and_starts_anew_with_it() {
+        let stalled =
+            but(&Scene::with(Speed::ZERO, 0, true), |scene| scene.speeds[0] = Speed::ZERO);
+        let idle = Scene { shaking: false, ..stalled.clone() };
+        assert_eq!(idle.found_by(&mut Monitor::default()), None);
+        let mut monitor = Monitor::default();
+        for _ in 1..STALL_TICKS / DIAGNOSTIC_TICKS {
+            assert_eq!(stalled.look(&mut monitor), Faults::NONE);
+        }
+        monitor.restart();
+        let anew = (STALL_TICKS / DIAGNOSTIC_TICKS, Fault::Stall);
+        assert_eq!(stalled.found_by(&mut monitor), Some(anew));
+    }
+
+    #[test]
+    fn one_sample_above_the_current_limit_may_be_a_spike_and_two_in_a_row_are_not() {
+        let found = |samples: &[bool]| {
+            let mut monitor = Monitor::default();
+            samples.iter().map(|sample| monitor.over_current(*sample)).collect::<std::vec::Vec<_>>()
+        };
+        assert_eq!(found(&[true, true, true]), [false, true, true]);
+        assert_eq!(found(&[true, false, true]), [false; 3]);
+        assert_eq!(found(&[false, true, false, true]), [false; 4]);
+        // It outlasts a restart, and falls as it rose.
+        let mut monitor = Monitor::default();
+        monitor.over_current(true);
+        monitor.restart();
+        assert!(monitor.over_current(true) && !monitor.over_current(false));
+    }
+}
