@@ -108,7 +108,7 @@ fn the_controller_of_the_guide_follows_a_path() {
 fn a_controller_that_hangs_dies_or_talks_nonsense_stops_the_robot_with_a_sentence() {
     let answers = |answer: &str| format!("while read pose; do echo '{answer}'; done");
     for (then, sentence) in [
-        ("exec sleep 60".to_owned(), "did not answer within 2 s"),
+        ("exec sleep 3600".to_owned(), "did not answer within 2 s"),
         ("read pose; echo '{\"f\":-30,\"theta\":30}'".to_owned(), "the controller process ended"),
         (answers("forward!"), "answered `forward!`"),
         (answers(""), "answered ``"),
