@@ -2,6 +2,8 @@
 //! that holds its words, soon, and without a panic.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+mod support;
+
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
@@ -206,21 +208,8 @@ const FILES: &[(&str, &[u8], u32)] = &[
     ("words.csv", b"0,0\n1,oops\n", 0o600),
     ("broken.toml", b"robot = \n", 0o600),
     ("half.mcap", b"\x89MCAP0\r\n", 0o600),
-    ("modes.toml", MODES, 0o600),
+    ("modes.toml", support::MODES.as_bytes(), 0o600),
 ];
-
-const MODES: &[u8] = br#"
-robot = "test"
-source = "made up"
-
-[[mode]]
-name = "forward"
-frequency_hz = -30.0
-direction_deg = 30.0
-forward_m_s = { mean = 0.08, spread = 0.01 }
-lateral_m_s = { mean = 0.0, spread = 0.01 }
-yaw_rad_s = { mean = 0.3, spread = 0.1 }
-"#;
 
 fn home() -> tempfile::TempDir {
     use std::os::unix::fs::PermissionsExt;

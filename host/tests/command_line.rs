@@ -17,7 +17,7 @@ use flix_host::pose::natnet::{NatNetServer, ServerSettings};
 use flix_protocol::message::{Fault, Faults, Setpoint, State};
 use flix_protocol::session::Key;
 use flix_protocol::units::{Degrees, Hertz};
-use support::{FakeRobot, ServedRobot, key, seeded_loss};
+use support::{FakeRobot, MODES, ServedRobot, key, seeded_loss};
 
 /// An operator's account: a home of its own, and a key file.
 struct Operator {
@@ -333,17 +333,16 @@ fn a_full_disk_stops_the_robot_and_the_record_up_to_then_can_be_read() {
 
 #[test]
 fn a_full_disk_is_reported_at_once_when_the_run_goes_on_without_a_record() {
-    use std::io::Read;
+    use std::io::{BufRead, BufReader};
     let cameras = Cameras::start();
     let (served, address) = serve(robot());
     let operator = Operator::new();
     let mut command = track_on_a_full_disk(&operator, &address, &cameras);
     command.arg("--unrecorded").stderr(Stdio::piped()).stdout(Stdio::piped());
     let mut child = command.spawn().unwrap();
-    let mut said = [0; 200];
-    let mut errors = child.stderr.take().unwrap();
-    let length = errors.read(&mut said).unwrap();
-    let said = String::from_utf8_lossy(&said[..length]).into_owned();
+    let mut said = String::new();
+    let mut errors = BufReader::new(child.stderr.take().unwrap());
+    errors.read_line(&mut said).unwrap();
     assert!(said.contains("cannot write the record"), "{said}");
     assert_eq!(served.robot().state, State::Running, "it walks on");
     kill("INT", child.id());
@@ -371,19 +370,6 @@ fn a_program_that_panics_stops_the_robot_first() {
 }
 
 /// One mode is enough to walk away with.
-const MODES: &str = r#"
-robot = "test"
-source = "made up"
-
-[[mode]]
-name = "forward"
-frequency_hz = -30.0
-direction_deg = 30.0
-forward_m_s = { mean = 0.08, spread = 0.01 }
-lateral_m_s = { mean = 0.0, spread = 0.01 }
-yaw_rad_s = { mean = 0.3, spread = 0.1 }
-"#;
-
 /// Motion capture of a robot that goes back and forth on a circle of 0.4 m.
 struct Cameras {
     address: String,
@@ -529,6 +515,13 @@ fn teleop_stops_the_robot_when_its_terminal_closes() {
     assert!(served.robot().stopped, "the stop is latched");
 }
 
+/// Whether this process has a handler for SIGINT: bit 1 of the mask of caught signals.
+fn listens_for_interrupts(process: u32) -> bool {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap();
+    let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:")).unwrap();
+    u64::from_str_radix(caught.trim(), 16).unwrap() & 2 != 0
+}
+
 #[test]
 fn an_interrupted_search_or_check_is_interrupted_and_no_diagnosis() {
     let (_served, address) = serve(robot());
@@ -539,8 +532,7 @@ fn an_interrupted_search_or_check_is_interrupted_and_no_diagnosis() {
             _ => operator.command_without_key(words),
         };
         let child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-        // Long enough to listen for signals, shorter than either takes.
-        std::thread::sleep(Duration::from_millis(700));
+        wait_until(|| listens_for_interrupts(child.id()));
         kill("INT", child.id());
         Ended(child.wait_with_output().unwrap()).expect(40, &["interrupted"]);
     }

@@ -20,6 +20,20 @@ pub fn key() -> Key {
     Key::new([7; 32])
 }
 
+/// A mode table.
+pub const MODES: &str = r#"
+robot = "test"
+source = "made up"
+
+[[mode]]
+name = "forward"
+frequency_hz = -30.0
+direction_deg = 30.0
+forward_m_s = { mean = 0.08, spread = 0.01 }
+lateral_m_s = { mean = 0.0, spread = 0.01 }
+yaw_rad_s = { mean = 0.3, spread = 0.1 }
+"#;
+
 const TELEMETRY_INTERVAL: Duration = Duration::from_millis(20);
 const LINK_PROOF: Duration = Duration::from_millis(500);
 const COMMAND_DEADLINE: Duration = Duration::from_millis(250);
