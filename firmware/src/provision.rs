@@ -82,6 +82,9 @@ impl<S: SettingsStore> Provisioner<S> {
             }),
             Request::Provision(provisioning) => self.change(Some(provisioning), state),
             Request::Forget => self.change(None, state),
+            Request::Prove(challenge) => respond(&Answer::Proof(
+                self.provisioning.as_ref().map(|owner| owner.key().prove(&challenge)),
+            )),
         }
     }
 
@@ -262,6 +265,17 @@ mod tests {
     }
 
     #[test]
+    fn a_robot_proves_the_key_that_it_has_in_every_state() {
+        let mut memory = Memory::default();
+        let request = Request::Prove([3; 16]);
+        let before = ask(&mut robot(&mut memory), &request, State::Running);
+        provision(&mut memory);
+        let after = ask(&mut robot(&mut memory), &request, State::Running);
+        assert_eq!(before, Answer::Proof(None));
+        assert_eq!(after, Answer::Proof(Some(Key::new(KEY).prove(&[3; 16]))));
+    }
+
+    #[test]
     fn a_request_is_found_among_log_text() {
         let mut memory = Memory::default();
         let mut bytes = b"boot: 3 sectors\r\n".to_vec();
@@ -276,7 +290,7 @@ mod tests {
         let mut memory = Memory::default();
         let mut robot = robot(&mut memory);
         let mut out = std::vec::Vec::new();
-        for request in [Request::Provision(mine()), Request::Identify] {
+        for request in [Request::Provision(mine()), Request::Identify, Request::Prove([3; 16])] {
             for byte in write_frame(&request).unwrap().iter() {
                 if let Some(response) = robot.receive(*byte, State::Disarmed) {
                     out.extend_from_slice(&response.frame);

@@ -15,6 +15,7 @@ use flix_protocol::message::Identity;
 use flix_protocol::provision::{
     Answer, FrameReader, ProvisionRefusal, Provisioning, Request, write_frame,
 };
+use flix_protocol::session::Key;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
 /// A robot at the other end of a cable, which also logs to it.
@@ -87,6 +88,9 @@ fn answer(
             },
             has_key: kept.is_some(),
         },
+        (Request::Prove(challenge), _) => {
+            Answer::Proof(kept.as_ref().map(|kept| kept.key().prove(&challenge)))
+        }
         (_, Some(refusal)) => Answer::Refused(refusal),
         (Request::Provision(provisioning), None) => {
             *kept = Some(provisioning);
@@ -227,9 +231,44 @@ fn two_robots_never_share_a_key() {
     let operator = Operator::new();
     let (first, second) = (CabledRobot::new(), CabledRobot::new());
     operator.provisions(&first, &["--ssid", "lab", "--name", "rover"]);
-    operator.fails(&second, &["--ssid", "lab", "--name", "rover"], 2, "another --name");
+    operator.fails(&second, &["--ssid", "lab", "--name", "rover"], 20, "another --name");
     operator.provisions(&second, &["--ssid", "lab"]);
     assert_ne!(first.kept().key(), second.kept().key());
+}
+
+/// Returns whether the device was ever sent this key.
+fn was_sent(device: &CabledRobot, key: &Key) -> bool {
+    let is_it =
+        |request: &Request| matches!(request, Request::Provision(sent) if sent.key() == *key);
+    device.asked.lock().unwrap().iter().any(is_it)
+}
+
+#[test]
+fn a_device_that_claims_a_known_name_is_not_handed_its_key() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab", "--name", "rover"]);
+    let device = CabledRobot::new();
+    let claim = Provisioning::new("rover", "lab", "password", None, &Key::new([9; 32])).unwrap();
+    *device.kept.lock().unwrap() = Some(claim);
+    for words in [&["--ssid", "lab"][..], &["--ssid", "lab", "--name", "rover"]] {
+        operator.fails(&device, words, 20, "--new-key");
+    }
+    assert!(!was_sent(&device, &robot.kept().key()));
+    assert_eq!(operator.keyring().key("rover").unwrap(), robot.kept().key());
+}
+
+#[test]
+fn a_robot_that_forgot_its_key_gets_a_new_one_and_the_old_is_sent_to_nobody() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab", "--name", "rover"]);
+    let old = robot.kept().key();
+    robot.asked.lock().unwrap().clear();
+    operator.provisions(&robot, &["--forget"]);
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    assert_eq!(robot.kept().name(), "walker-1");
+    operator.provisions(&robot, &["--ssid", "lab", "--name", "rover", "--new-key"]);
+    assert_eq!(operator.keyring().key("rover").unwrap(), robot.kept().key());
+    assert!(!was_sent(&robot, &old));
 }
 
 #[test]

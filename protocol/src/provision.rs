@@ -11,6 +11,10 @@
 //! COBS leaves no zero inside, so a reader that starts in the middle finds the next frame.
 //! [`write_frame`] writes frames; [`FrameReader`] finds them in any stream of bytes and never
 //! panics. The operator sends a [`Request`]; the robot answers each with one [`Answer`].
+//!
+//! Whatever is at the other end of a cable can say that it is a known robot. So an operator hands a
+//! key that it has stored only to a device that proves to have it already ([`Request::Prove`]); every
+//! other device gets a new key.
 
 use core::fmt;
 
@@ -19,11 +23,12 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use zeroize::{Zeroize, Zeroizing};
 
+use crate::frame::{Nonce, Tag};
 use crate::message::{Identity, NAME_LENGTH, Name};
 use crate::session::Key;
 
 /// Version of these messages, incremented with every change. Both ends drop frames of another version.
-pub const PROVISION_VERSION: u8 = 1;
+pub const PROVISION_VERSION: u8 = 2;
 
 /// Baud rate of the robot's serial port, that of the chip's boot log. 8 data bits, no parity, one
 /// stop bit.
@@ -52,6 +57,8 @@ pub enum Request {
     Provision(Provisioning),
     /// Erase name, network and key: return to the state of a new robot.
     Forget,
+    /// Prove that the robot has the operator's key, for this fresh random challenge.
+    Prove(Nonce),
 }
 
 /// Name, network and key of a robot. `Debug` shows neither key nor password, and both are wiped
@@ -236,6 +243,8 @@ pub enum Answer {
     Done,
     /// Refused; nothing was changed.
     Refused(ProvisionRefusal),
+    /// To [`Request::Prove`]: what [`Key::prove`] returns; `None` without a key.
+    Proof(Option<Tag>),
 }
 
 /// Why a robot refused a request.

@@ -362,6 +362,7 @@ fn serial(golden: &mut Golden) {
         Request::Provision(provision(None)),
         Request::Provision(provision(Some(address))),
         Request::Forget,
+        Request::Prove([0x5A; 16]),
     ] {
         let name = match &request {
             Request::Identify => "identify",
@@ -370,6 +371,7 @@ fn serial(golden: &mut Golden) {
             }
             Request::Provision(_) => "provision",
             Request::Forget => "forget",
+            Request::Prove(_) => "prove",
         };
         golden.raw(format!("serial/{name}"), &write_frame(&request).unwrap());
     }
@@ -379,6 +381,8 @@ fn serial(golden: &mut Golden) {
         Answer::Refused(ProvisionRefusal::Malformed),
         Answer::Refused(ProvisionRefusal::Driving),
         Answer::Refused(ProvisionRefusal::Storage),
+        Answer::Proof(None),
+        Answer::Proof(Some(key(0xA5).prove(&[0x5A; 16]))),
     ] {
         let name = match &answer {
             Answer::Identity { .. } => "identity",
@@ -386,6 +390,8 @@ fn serial(golden: &mut Golden) {
             Answer::Refused(ProvisionRefusal::Malformed) => "refused-malformed",
             Answer::Refused(ProvisionRefusal::Driving) => "refused-driving",
             Answer::Refused(ProvisionRefusal::Storage) => "refused-storage",
+            Answer::Proof(None) => "no-proof",
+            Answer::Proof(Some(_)) => "proof",
         };
         golden.raw(format!("serial/answer-{name}"), &write_frame(&answer).unwrap());
     }

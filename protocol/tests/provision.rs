@@ -15,6 +15,7 @@ fn request() -> impl Strategy<Value = Request> {
     prop_oneof![
         Just(Request::Identify),
         Just(Request::Forget),
+        any::<[u8; 16]>().prop_map(Request::Prove),
         provisioning.prop_map(Request::Provision),
     ]
 }
@@ -22,6 +23,14 @@ fn request() -> impl Strategy<Value = Request> {
 fn read(bytes: &[u8]) -> Vec<Request> {
     let mut reader = FrameReader::new();
     bytes.iter().filter_map(|&byte| reader.push(byte)).collect()
+}
+
+#[test]
+fn a_proof_is_good_for_its_key_and_its_challenge_alone() {
+    let key = |number| Key::new([number; 32]);
+    let proof = key(1).prove(&[2; 16]);
+    let good = [(1, 2), (3, 2), (1, 3)].map(|(of, to)| key(of).is_proved(&[to; 16], &proof));
+    assert_eq!(good, [true, false, false]);
 }
 
 proptest! {

@@ -22,7 +22,8 @@ const PASSWORD_VARIABLE: &str = "FLIX_NETWORK_PASSWORD";
 
 /// Give a robot its name, network and key, over its serial port.
 ///
-/// The key is made here, stored in your keyring for this robot only, and never shown. The network's
+/// The key is made here, stored in your keyring for this robot only, and never shown. A robot keeps its
+/// key when it proves to have it; no other device is handed a key of your keyring. The network's
 /// password comes from --password-file, from the variable FLIX_NETWORK_PASSWORD, or from a prompt
 /// that does not show it.
 #[derive(Debug, clap::Args)]
@@ -121,7 +122,7 @@ fn provision(
         Some(name) => name.clone(),
         None => known_or_next_name(&identity, has_key, keyring),
     };
-    let key = KeyInHand::find_or_make(args, &name, &identity, keyring)?;
+    let key = KeyInHand::find_or_make(args, &name, robot, keyring)?;
     let password = password(args)?;
     if password.is_empty() && !args.open {
         return Err(Error::usage("the password is empty: give --open for a network without one"));
@@ -174,11 +175,11 @@ struct KeyInHand {
 
 impl KeyInHand {
     /// Returns the key of the robot, which stays when the network changes, or a new one. Two robots
-    /// never share a key.
+    /// never share a key, and a stored key goes to a device that proves to have it already alone.
     fn find_or_make(
         args: &Args,
         name: &str,
-        identity: &Identity,
+        robot: &SerialRobot,
         keyring: &Keyring,
     ) -> Result<Self, Error> {
         let owned = |key, replaces| Ok(Self { name: name.to_owned(), key, replaces });
@@ -191,13 +192,16 @@ impl KeyInHand {
         if args.new_key {
             return owned(keys::generate()?, true);
         }
-        if identity.name.as_str() == name {
-            return owned(keyring.key(name)?, false);
+        let key = keyring.key(name)?;
+        if robot.proves(&key)? {
+            return owned(key, false);
         }
-        Err(Error::usage(format_args!(
-            "your keyring has a key for a robot called `{name}` already, and this robot is called `{}`: choose another --name, or --new-key if it is the same robot",
-            identity.name
-        )))
+        Err(Error::new(
+            Exit::Refused,
+            format_args!(
+                "your keyring has a key for a robot called `{name}`, and this device does not have it: choose another --name for another robot, or --new-key if it is the same robot and its key was changed or forgotten"
+            ),
+        ))
     }
 
     /// Stores the key after the robot has accepted it.
@@ -238,7 +242,7 @@ impl From<SerialError> for Error {
     fn from(error: SerialError) -> Self {
         let exit = match error {
             SerialError::Open { .. } => Exit::Usage,
-            SerialError::Port(_) | SerialError::NoAnswer => Exit::NoAnswer,
+            SerialError::Port(_) | SerialError::Random(_) | SerialError::NoAnswer => Exit::NoAnswer,
             SerialError::Confused => Exit::Refused,
             SerialError::Refused(_) => Exit::RobotFault,
             SerialError::Interrupted => Exit::Interrupted,

@@ -7,10 +7,12 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use flix_protocol::frame::NONCE_LENGTH;
 use flix_protocol::message::Identity;
 use flix_protocol::provision::{
     Answer, BAUD_RATE, FrameReader, ProvisionRefusal, Request, write_frame,
 };
+use flix_protocol::session::Key;
 use serial2::SerialPort;
 use zeroize::Zeroize;
 
@@ -40,6 +42,9 @@ pub enum SerialError {
     /// The port failed.
     #[error("the serial port failed: {0}; check the cable")]
     Port(#[from] io::Error),
+    /// The operating system gave no randomness for the challenge.
+    #[error("the operating system gave no random numbers: {0}")]
+    Random(#[from] getrandom::Error),
     /// No answer arrived.
     #[error(
         "no robot answers at this port: check the cable, that the robot's firmware is flashed, and that no other program has the port open"
@@ -87,7 +92,21 @@ impl SerialRobot {
         match self.ask(&Request::Identify)? {
             Answer::Identity { identity, has_key } => Ok((identity, has_key)),
             Answer::Refused(refusal) => Err(SerialError::Refused(refusal)),
-            Answer::Done => Err(SerialError::Confused),
+            Answer::Done | Answer::Proof(_) => Err(SerialError::Confused),
+        }
+    }
+
+    /// Returns whether the robot proves that it has this key.
+    ///
+    /// # Errors
+    /// When it does not answer, or there are no random numbers for the challenge.
+    pub fn proves(&self, key: &Key) -> Result<bool, SerialError> {
+        let mut challenge = [0; NONCE_LENGTH];
+        getrandom::fill(&mut challenge)?;
+        match self.ask(&Request::Prove(challenge))? {
+            Answer::Proof(proof) => Ok(proof.is_some_and(|it| key.is_proved(&challenge, &it))),
+            Answer::Refused(refusal) => Err(SerialError::Refused(refusal)),
+            Answer::Identity { .. } | Answer::Done => Err(SerialError::Confused),
         }
     }
 
@@ -99,20 +118,24 @@ impl SerialRobot {
         match self.ask(request)? {
             Answer::Done => Ok(()),
             Answer::Refused(refusal) => Err(SerialError::Refused(refusal)),
-            Answer::Identity { .. } => Err(SerialError::Confused),
+            Answer::Identity { .. } | Answer::Proof(_) => Err(SerialError::Confused),
         }
     }
 
     fn ask(&self, request: &Request) -> Result<Answer, SerialError> {
         let mut frame = write_frame(request).ok_or(SerialError::Confused)?;
-        let answer = self.repeat(&frame, matches!(request, Request::Identify));
+        let answer = self.repeat(&frame, |answer| is_answer(request, answer));
         frame.as_mut_slice().zeroize();
         answer
     }
 
     /// Sends a frame until an answer of its kind comes. A late answer to an earlier question is
     /// passed over.
-    fn repeat(&self, frame: &[u8], wants_identity: bool) -> Result<Answer, SerialError> {
+    fn repeat(
+        &self,
+        frame: &[u8],
+        is_answer: impl Fn(&Answer) -> bool,
+    ) -> Result<Answer, SerialError> {
         self.port.discard_input_buffer()?;
         let mut reader = FrameReader::new();
         let (start, mut sent) = (Instant::now(), None::<Instant>);
@@ -131,16 +154,21 @@ impl SerialRobot {
                 Err(error) => return Err(error.into()),
             };
             let mut answers = bytes[..length].iter().filter_map(|byte| reader.push(*byte));
-            let fits = |answer: &Answer| match answer {
-                Answer::Identity { .. } => wants_identity,
-                Answer::Done => !wants_identity,
-                Answer::Refused(_) => true,
-            };
-            if let Some(answer) = answers.find(fits) {
+            if let Some(answer) = answers.find(&is_answer) {
                 return Ok(answer);
             }
         }
         Err(SerialError::NoAnswer)
+    }
+}
+
+/// Returns whether an answer is of the kind that the request asks for.
+const fn is_answer(request: &Request, answer: &Answer) -> bool {
+    match answer {
+        Answer::Identity { .. } => matches!(request, Request::Identify),
+        Answer::Proof(_) => matches!(request, Request::Prove(_)),
+        Answer::Done => matches!(request, Request::Provision(_) | Request::Forget),
+        Answer::Refused(_) => true,
     }
 }
 

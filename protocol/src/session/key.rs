@@ -71,6 +71,20 @@ impl Key {
         &self.0
     }
 
+    /// Returns the proof that its maker has this key and was asked with this challenge. It serves for
+    /// provisioning alone.
+    #[must_use]
+    pub fn prove(&self, challenge: &Nonce) -> Tag {
+        tag(&Signer::derive(self, b"flix provision").0, &[challenge])
+    }
+
+    /// Returns whether this proves that its maker has this key and was asked with this challenge, in
+    /// constant time.
+    #[must_use]
+    pub fn is_proved(&self, challenge: &Nonce, proof: &Tag) -> bool {
+        same(&self.prove(challenge), proof)
+    }
+
     /// Returns 64 lower-case hexadecimal digits (ASCII), wiped from memory when dropped.
     #[must_use]
     pub fn to_text(&self) -> Zeroizing<[u8; KEY_TEXT_LENGTH]> {
