@@ -14,6 +14,9 @@
 //! | 7 Stop | operator | 52 | client nonce 16, robot nonce 16, tag |
 //! | 8 Stopped | robot | 21 | at rest u8 (1 or 0), tag |
 //!
+//! | 9 Renewal | operator | 56 | session u32, counter u64, ciphertext 24, tag |
+//! | 9 Renewal | robot | 48 | session u32, counter u64, ciphertext 16, tag |
+//!
 //! What the operator seals begins with its echo ([`ECHO_LENGTH`] bytes): how many of the robot's
 //! sealed datagrams of the session the operator had seen up to the newest, 0 for the Accept alone.
 //!
@@ -76,6 +79,8 @@ const REFUSAL: u8 = 5;
 pub const SEALED: u8 = 6;
 const STOP: u8 = 7;
 const STOPPED: u8 = 8;
+/// Kind of a sealed datagram that renews the keys of its session.
+const RENEWAL: u8 = 9;
 
 const VERSION_LENGTH: usize = 2 + 8;
 
@@ -196,6 +201,8 @@ pub enum Datagram<'a> {
     },
     /// A message of a session.
     Sealed {
+        /// Whether it renews the keys of the session, and is no message.
+        is_renewal: bool,
         /// Number of the session.
         session: u32,
         /// Number of the datagram: each sender counts up in each session.
@@ -264,12 +271,13 @@ impl<'a> Datagram<'a> {
                 signed,
                 tag,
             },
-            SEALED => {
+            kind @ (SEALED | RENEWAL) => {
+                let is_renewal = kind == RENEWAL;
                 let session = fields.u32()?;
                 let counter = fields.u64()?;
                 let (header, ciphertext) = signed.split_at(SEALED_HEADER);
                 fields.0 = &[];
-                Self::Sealed { session, counter, header, ciphertext, tag }
+                Self::Sealed { is_renewal, session, counter, header, ciphertext, tag }
             }
             STOP => Self::Stop {
                 client_nonce: fields.take()?,
@@ -382,10 +390,10 @@ pub(crate) fn stopped(at_rest: bool, sign: impl FnOnce(&[u8]) -> Tag) -> Handsha
 }
 
 /// Returns the header of a sealed datagram.
-pub(crate) fn sealed_header(session: u32, counter: u64) -> [u8; SEALED_HEADER] {
+pub(crate) fn sealed_header(is_renewal: bool, session: u32, counter: u64) -> [u8; SEALED_HEADER] {
     let mut header = [0; SEALED_HEADER];
     header[..3].copy_from_slice(&MAGIC);
-    header[3] = SEALED;
+    header[3] = if is_renewal { RENEWAL } else { SEALED };
     header[HEAD..SEALED_COUNTER.start].copy_from_slice(&session.to_le_bytes());
     header[SEALED_COUNTER].copy_from_slice(&counter.to_le_bytes());
     header

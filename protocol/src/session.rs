@@ -72,6 +72,15 @@
 //! [`COOKIE_LIFE`] after its Challenge. The session of whoever drives goes on, and an event states
 //! what happened. [`StopSession`] repeats what is unanswered every [`STOP_RETRY`].
 //!
+//! # Life of the keys
+//!
+//! Keys of a session live for [`SESSION_LIFE`]. From [`SESSION_RENEWAL`] on the operator asks for new
+//! ones, every [`HANDSHAKE_RETRY`]: both ends send a fresh nonce, sealed, and derive keys and id from
+//! the pre-shared key and these nonces as at the beginning. Counters, replay window and echo count on,
+//! and nothing waits: the operator seals with the new keys once it has the robot's nonce, the robot
+//! once it has opened what they seal. What is under way under the former keys counts for
+//! [`OLD_KEYS_LIFE`] more, then they are erased. A session that is not renewed ends with its keys.
+//!
 //! # Refusals
 //!
 //! Before there is a session the robot refuses in the clear, and never with more bytes than it
@@ -148,6 +157,13 @@ const fn combine(words: &[u64]) -> u64 {
 pub const HOLDER_SILENCE: Duration = crate::failsafe::LINK_LOST;
 /// Silence of the holder after which its session ends.
 pub const SESSION_EXPIRY: Duration = Duration::from_secs(10);
+/// Time after which keys that were not renewed are erased, and the session ends.
+pub const SESSION_LIFE: Duration = Duration::from_secs(600);
+/// Age of its keys from which the operator asks for new ones: half their life, so that a network that is
+/// gone for minutes does not end the session.
+pub const SESSION_RENEWAL: Duration = Duration::from_secs(300);
+/// Time for which former keys open what is under way: no command counts that is older.
+pub const OLD_KEYS_LIFE: Duration = LONGEST_COMMAND_AGE;
 /// Length of the cookie's epoch: the resolution of the moment at which a session counts as held.
 pub const COOKIE_EPOCH: Duration = Duration::from_millis(250);
 /// Time for which a cookie is good, at most; one [`COOKIE_EPOCH`] less at least. Ample for a

@@ -153,7 +153,7 @@ fn a_handshake_survives_any_datagrams() {
         let mut noise = noise.iter();
         let mut disturb = |ends: &mut Ends| {
             if let Some(bytes) = noise.next() {
-                for kind in 0..10 {
+                for kind in 0..11 {
                     let datagram = [b"flx".as_slice(), &[kind], bytes].concat();
                     ends.operator_hears(&datagram);
                     ends.robot_hears(&datagram);

@@ -25,7 +25,9 @@ use flix_protocol::message::*;
 use flix_protocol::provision::{
     Answer, FixedAddress, ProvisionRefusal, Provisioning, Request, write_frame,
 };
-use flix_protocol::session::{RobotReceived, RobotSession, StopSession};
+use flix_protocol::session::{
+    RobotReceived, RobotSession, SESSION_EXPIRY, SESSION_RENEWAL, StopSession,
+};
 use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -339,6 +341,17 @@ fn datagrams(golden: &mut Golden) {
     let sealed = ends.operator.send(ends.now, &arm).unwrap();
     golden.raw("datagram/sealed-command", &sealed);
     assert_eq!(ends.robot_hears(&sealed), RobotReceived::Command(arm));
+    let mut renewing = Ends::connected();
+    let due = renewing.now + SESSION_RENEWAL;
+    while renewing.now < due {
+        renewing.wait(SESSION_EXPIRY / 2);
+        renewing.moment();
+        renewing.ping();
+    }
+    let renewal = renewing.operator.poll(renewing.now).unwrap();
+    golden.raw("datagram/renewal", &renewal);
+    let renewed = answer(renewing.robot_hears(&renewal), renewal.len()).unwrap();
+    golden.raw("datagram/renewed", &renewed);
     golden.raw("datagram/sealed-telemetry", &ends.robot.send(ends.now, &running()).unwrap().1);
     golden.raw("datagram/operator-goodbye", &ends.operator.goodbye().unwrap());
     golden.raw("datagram/robot-goodbye", &ends.robot.goodbye(ends.now).unwrap().1);

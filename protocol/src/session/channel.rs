@@ -1,17 +1,21 @@
 //! Seals and opens the datagrams of one session.
 
 use core::fmt;
+use core::time::Duration;
 
 use chacha20poly1305::aead::AeadInOut;
 use chacha20poly1305::{ChaCha20Poly1305, KeyInit};
 use serde::Serialize;
 
+use super::OLD_KEYS_LIFE;
 use super::key::SessionKeys;
 use super::replay::ReplayWindow;
 use crate::frame::{
-    ECHO_LENGTH, Frame, MAXIMUM_MESSAGE, SEALED_HEADER, TAG_LENGTH, Tag, sealed_header,
+    ECHO_LENGTH, Frame, HandshakeFrame, MAXIMUM_MESSAGE, Nonce, SEALED_HEADER, TAG_LENGTH, Tag,
+    sealed_header,
 };
 use crate::message::DropReason;
+use crate::units::Instant;
 
 /// Why a message was not sealed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,11 +43,24 @@ impl core::error::Error for SendError {}
 /// A plain message, as opened from a sealed datagram. Empty: goodbye.
 pub(super) type Plain = heapless::Vec<u8, MAXIMUM_MESSAGE>;
 
-/// One end of a session.
-pub(super) struct Channel {
+/// Keys of one direction each, and the number under which they are used.
+struct Ciphers {
     session: u32,
     seal: ChaCha20Poly1305,
     open: ChaCha20Poly1305,
+}
+
+/// One end of a session. Its counters count on when its keys are renewed.
+pub(super) struct Channel {
+    /// What seals.
+    present: Ciphers,
+    /// What opens besides: the next keys until the other end uses them, or the former ones for what is
+    /// under way.
+    other: Option<Ciphers>,
+    /// When the former keys are erased; `None` while the other keys are the next.
+    erase_at: Option<Instant>,
+    /// When the present keys were made.
+    since: Instant,
     next_counter: u64,
     window: ReplayWindow,
     /// Whether what is sealed begins with the echo.
@@ -51,19 +68,20 @@ pub(super) struct Channel {
 }
 
 impl Channel {
-    pub(super) fn operator(keys: &SessionKeys) -> Self {
-        Self::new(keys.session, &keys.to_robot, &keys.to_operator, true)
+    pub(super) fn operator(keys: &SessionKeys, now: Instant) -> Self {
+        Self::new(keys, true, now)
     }
 
-    pub(super) fn robot(keys: &SessionKeys) -> Self {
-        Self::new(keys.session, &keys.to_operator, &keys.to_robot, false)
+    pub(super) fn robot(keys: &SessionKeys, now: Instant) -> Self {
+        Self::new(keys, false, now)
     }
 
-    fn new(session: u32, seal: &[u8; 32], open: &[u8; 32], echoes: bool) -> Self {
+    fn new(keys: &SessionKeys, echoes: bool, now: Instant) -> Self {
         Self {
-            session,
-            seal: ChaCha20Poly1305::new(seal.into()),
-            open: ChaCha20Poly1305::new(open.into()),
+            present: Ciphers::new(keys, echoes),
+            other: None,
+            erase_at: None,
+            since: now,
             next_counter: 0,
             window: ReplayWindow::new(),
             echoes,
@@ -71,7 +89,40 @@ impl Channel {
     }
 
     pub(super) const fn session(&self) -> u32 {
-        self.session
+        self.present.session
+    }
+
+    /// Returns whether the keys of this number open what arrives.
+    pub(super) fn knows(&self, session: u32) -> bool {
+        self.present.session == session
+            || self.other.as_ref().is_some_and(|other| other.session == session)
+    }
+
+    /// Returns how old the present keys are.
+    pub(super) fn age(&self, now: Instant) -> Duration {
+        now.since(self.since)
+    }
+
+    /// Makes these keys ready: they are used from the moment at which the other end uses them.
+    pub(super) fn prepare(&mut self, keys: &SessionKeys) {
+        self.other = Some(Ciphers::new(keys, self.echoes));
+        self.erase_at = None;
+    }
+
+    /// Uses the keys that were made ready, if any, and keeps the former ones for what is under way.
+    pub(super) fn switch(&mut self, now: Instant) {
+        if let Some(other) = self.other.as_mut().filter(|_| self.erase_at.is_none()) {
+            core::mem::swap(&mut self.present, other);
+            self.erase_at = Some(now + OLD_KEYS_LIFE);
+            self.since = now;
+        }
+    }
+
+    /// Erases keys that have served.
+    pub(super) fn expire(&mut self, now: Instant) {
+        if self.erase_at.is_some_and(|at| now >= at) {
+            (self.other, self.erase_at) = (None, None);
+        }
     }
 
     pub(super) const fn window(&self) -> &ReplayWindow {
@@ -93,32 +144,42 @@ impl Channel {
 
     /// Seals any bytes; none: the message that says goodbye.
     pub(super) fn seal_copy(&mut self, message: &[u8]) -> Result<Frame, SendError> {
+        self.seal_kind(false, message)
+    }
+
+    /// Seals a nonce that renews the keys.
+    pub(super) fn seal_renewal(&mut self, nonce: &Nonce) -> Option<HandshakeFrame> {
+        let frame = self.seal_kind(true, nonce).ok()?;
+        HandshakeFrame::from_slice(&frame).ok()
+    }
+
+    fn seal_kind(&mut self, is_renewal: bool, message: &[u8]) -> Result<Frame, SendError> {
         let echo = self.window.newest().map_or(0, |newest| newest + 1).to_le_bytes();
         let mut plain = Plain::from_slice(if self.echoes { &echo } else { &[] })
             .map_err(|_| SendError::TooLong)?;
         plain.extend_from_slice(message).map_err(|_| SendError::TooLong)?;
-        self.seal_bytes(&mut plain)
-    }
-
-    fn seal_bytes(&mut self, plain: &mut [u8]) -> Result<Frame, SendError> {
         let counter = self.next_counter;
         let next_counter = counter.checked_add(1).ok_or(SendError::Exhausted)?;
-        let header = sealed_header(self.session, counter);
+        let header = sealed_header(is_renewal, self.present.session, counter);
         let tag = self
+            .present
             .seal
-            .encrypt_inout_detached(&nonce(counter), &header, (&mut *plain).into())
+            .encrypt_inout_detached(&nonce(counter), &header, plain.as_mut_slice().into())
             .map_err(|_| SendError::TooLong)?;
         let mut frame = Frame::new();
-        for part in [&header, &*plain, &tag] {
+        for part in [&header[..], &plain, &tag] {
             frame.extend_from_slice(part).map_err(|_| SendError::TooLong)?;
         }
         self.next_counter = next_counter;
         Ok(frame)
     }
 
-    /// Opens a datagram of this session, at most once.
+    /// Opens a datagram of this session, at most once, and switches to the keys that it shows to be
+    /// ready at the other end.
     pub(super) fn open(
         &mut self,
+        now: Instant,
+        session: u32,
         counter: u64,
         header: &[u8],
         ciphertext: &[u8],
@@ -127,8 +188,14 @@ impl Channel {
         if !self.window.is_new(counter) {
             return Err(DropReason::Replayed);
         }
+        let ciphers = match &self.other {
+            Some(other) if other.session == session => other,
+            _ if self.present.session == session => &self.present,
+            _ => return Err(DropReason::Session),
+        };
         let mut plain = Plain::from_slice(ciphertext).map_err(|_| DropReason::Malformed)?;
-        self.open
+        ciphers
+            .open
             .decrypt_inout_detached(
                 &nonce(counter),
                 header,
@@ -137,7 +204,24 @@ impl Channel {
             )
             .map_err(|_| DropReason::Forged)?;
         self.window.accept(counter);
+        if session != self.present.session {
+            self.switch(now);
+        }
         Ok(plain)
+    }
+}
+
+impl Ciphers {
+    /// `is_operator`: whether this end seals towards the robot.
+    fn new(keys: &SessionKeys, is_operator: bool) -> Self {
+        let (to_robot, to_operator) = (&keys.to_robot, &keys.to_operator);
+        let (seal, open) =
+            if is_operator { (to_robot, to_operator) } else { (to_operator, to_robot) };
+        Self {
+            session: keys.session,
+            seal: ChaCha20Poly1305::new(seal.into()),
+            open: ChaCha20Poly1305::new(open.into()),
+        }
     }
 }
 

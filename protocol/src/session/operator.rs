@@ -7,7 +7,9 @@ use heapless::{Deque, Vec};
 use super::channel::{Channel, Plain, SendError};
 use super::connect::{ConnectError, Greeting};
 use super::key::{Entropy, Key, SessionKeys, Signer};
-use super::{CONFIRM_PATIENCE, HANDSHAKE_RETRY, HOLDER_SILENCE, VERSION};
+use super::{
+    CONFIRM_PATIENCE, HANDSHAKE_RETRY, HOLDER_SILENCE, SESSION_LIFE, SESSION_RENEWAL, VERSION,
+};
 use crate::frame::{self, Datagram, Frame, HandshakeFrame, Nonce, Purpose};
 use crate::message::{DropReason, Dropped, ToOperator, ToRobot};
 use crate::units::Instant;
@@ -96,6 +98,8 @@ struct Session {
     channel: Channel,
     heard: Instant,
     newest_telemetry: Option<u64>,
+    /// The renewal that is under way: this end's nonce, and when it is sent next.
+    renewal: Option<(Nonce, Instant)>,
 }
 
 impl OperatorSession {
@@ -161,8 +165,13 @@ impl OperatorSession {
         }
     }
 
-    /// Returns the datagram of the handshake that is due, if any. Call again until it returns `None`.
+    /// Returns the datagram that opens the session or renews its keys, if one is due. Call again until it
+    /// returns `None`, and while the session stands whenever a command is sent.
     pub fn poll(&mut self, now: Instant) -> Option<HandshakeFrame> {
+        self.expire(now);
+        if let Phase::Established(session) = &mut self.phase {
+            return session.renew(&mut self.entropy, now);
+        }
         if let Phase::Confirming { mut greeting, since, .. } = self.phase
             && now.since(since) >= CONFIRM_PATIENCE
         {
@@ -193,6 +202,7 @@ impl OperatorSession {
 
     /// Receives a datagram from the robot's address.
     pub fn receive(&mut self, now: Instant, datagram: &[u8]) -> OperatorReceived {
+        self.expire(now);
         let received = match Datagram::parse(datagram) {
             Some(datagram) => self.parsed(now, datagram),
             None => Err(DropReason::Malformed),
@@ -208,6 +218,7 @@ impl OperatorSession {
     /// # Errors
     /// When there is no session, or the command does not fit.
     pub fn send(&mut self, now: Instant, command: &ToRobot) -> Result<Frame, SendError> {
+        self.expire(now);
         let Phase::Established(session) = &mut self.phase else {
             return Err(SendError::NoSession);
         };
@@ -271,9 +282,10 @@ impl OperatorSession {
                     robot_nonce,
                     since: now,
                     opening: Session {
-                        channel: Channel::operator(&keys),
+                        channel: Channel::operator(&keys, now),
                         heard: now,
                         newest_telemetry: None,
+                        renewal: None,
                     },
                 };
                 Ok(OperatorReceived::Progress)
@@ -303,18 +315,18 @@ impl OperatorSession {
                 greeting.refused(now, error, &client_nonce, is_authentic)?;
                 Ok(OperatorReceived::Progress)
             }
-            Datagram::Sealed { session, counter, header, ciphertext, tag } => {
+            Datagram::Sealed { is_renewal, session, counter, header, ciphertext, tag } => {
                 // A sealed datagram of the session that is about to open says what Accept says.
                 let (Phase::Confirming { opening: open, .. } | Phase::Established(open)) =
                     &mut self.phase
                 else {
                     return Err(DropReason::Session);
                 };
-                if session != open.channel.session() {
-                    return Err(DropReason::Session);
-                }
-                let plain = open.channel.open(counter, header, ciphertext, &tag)?;
+                let plain = open.channel.open(now, session, counter, header, ciphertext, &tag)?;
                 self.establish(now);
+                if is_renewal {
+                    return self.renewed(now, &plain);
+                }
                 self.opened(now, counter, &plain)
             }
             Datagram::Hello { .. }
@@ -333,6 +345,31 @@ impl OperatorSession {
             }
             other => other,
         };
+    }
+
+    /// Ends a session whose keys were not renewed in time.
+    fn expire(&mut self, now: Instant) {
+        if let Phase::Established(session) = &mut self.phase {
+            session.channel.expire(now);
+            if session.channel.age(now) >= SESSION_LIFE {
+                self.phase = Phase::Left;
+            }
+        }
+    }
+
+    /// Takes the robot's nonce: uses the new keys from now on.
+    fn renewed(&mut self, now: Instant, plain: &Plain) -> Result<OperatorReceived, DropReason> {
+        let Phase::Established(session) = &mut self.phase else {
+            return Err(DropReason::Session);
+        };
+        let robot_nonce = plain.as_slice().try_into().map_err(|_| DropReason::Malformed)?;
+        let Some((client_nonce, _)) = session.renewal.take() else {
+            return Err(DropReason::Stale);
+        };
+        let keys = SessionKeys::derive(&self.key, &client_nonce, &robot_nonce);
+        session.channel.prepare(&keys);
+        session.channel.switch(now);
+        Ok(OperatorReceived::Progress)
     }
 
     fn opened(
@@ -375,5 +412,20 @@ impl OperatorSession {
             self.round_trip = Some(now.since(at));
         }
         self.timed.retain(|(number, _)| *number != request);
+    }
+}
+
+impl Session {
+    /// Returns the request for new keys, when it is due.
+    fn renew(&mut self, entropy: &mut Entropy, now: Instant) -> Option<HandshakeFrame> {
+        if self.channel.age(now) < SESSION_RENEWAL {
+            return None;
+        }
+        let (nonce, send_at) = self.renewal.get_or_insert_with(|| (entropy.nonce(), now));
+        if now < *send_at {
+            return None;
+        }
+        *send_at = now + HANDSHAKE_RETRY;
+        self.channel.seal_renewal(nonce)
     }
 }

@@ -5,11 +5,11 @@ use core::time::Duration;
 
 use heapless::Deque;
 
-use super::channel::{Channel, SendError, split_echo};
+use super::channel::{Channel, Plain, SendError, split_echo};
 use super::cookie::Cookies;
 use super::history::{LONGEST_COMMAND_AGE, SendTimes};
 use super::key::{Entropy, Key, SessionKeys, Signer, same};
-use super::{HOLDER_SILENCE, SESSION_EXPIRY, VERSION};
+use super::{HOLDER_SILENCE, SESSION_EXPIRY, SESSION_LIFE, VERSION};
 use crate::failsafe::COMMAND_AGE;
 use crate::frame::{
     self, Datagram, Frame, HandshakeFrame, Nonce, Purpose, RefusalReason, Tag, Version,
@@ -105,6 +105,8 @@ struct Holder {
     /// Moment of the newest fresh datagram.
     moment: Instant,
     newest_command: Option<u64>,
+    /// The renewal that is under way, or was the last: the operator's nonce and the robot's.
+    renewal: Option<(Nonce, Nonce)>,
 }
 
 impl RobotSession {
@@ -155,7 +157,9 @@ impl RobotSession {
     #[must_use]
     pub fn peer(&self, now: Instant) -> Option<SocketAddr> {
         let holder = self.holder.as_ref()?;
-        (now.since(holder.heard) < SESSION_EXPIRY).then_some(holder.peer)
+        let is_alive =
+            now.since(holder.heard) < SESSION_EXPIRY && holder.channel.age(now) < SESSION_LIFE;
+        is_alive.then_some(holder.peer)
     }
 
     /// Returns the time since the last valid command of any session; `None` when there was none.
@@ -210,6 +214,9 @@ impl RobotSession {
         if self.peer(now).is_none() {
             self.end();
         }
+        if let Some(holder) = &mut self.holder {
+            holder.channel.expire(now);
+        }
         let received = match Datagram::parse(datagram) {
             Some(Datagram::Hello { version, client_nonce, purpose, signed, tag }) => {
                 self.hello(now, from, version, &client_nonce, purpose, signed, &tag)
@@ -217,8 +224,12 @@ impl RobotSession {
             Some(Datagram::Confirm { client_nonce, robot_nonce, signed, tag }) => {
                 self.confirm(now, from, &client_nonce, &robot_nonce, signed, &tag)
             }
-            Some(Datagram::Sealed { session, counter, header, ciphertext, tag }) => {
-                self.sealed(now, from, session, counter, header, ciphertext, &tag)
+            Some(Datagram::Sealed { is_renewal, session, counter, header, ciphertext, tag }) => {
+                match self.opened(now, from, session, counter, header, ciphertext, &tag) {
+                    Ok(plain) if is_renewal => self.renew(now, session, &plain),
+                    Ok(plain) => self.sealed(now, counter, &plain),
+                    Err(reason) => RobotReceived::Dropped(reason, None),
+                }
             }
             Some(Datagram::Stop { client_nonce, robot_nonce, signed, tag }) => {
                 self.stop(now, from, &client_nonce, &robot_nonce, signed, &tag)
@@ -324,11 +335,12 @@ impl RobotSession {
             peer: from,
             client_nonce: *client_nonce,
             robot_nonce: *robot_nonce,
-            channel: Channel::robot(&SessionKeys::derive(key, client_nonce, robot_nonce)),
+            channel: Channel::robot(&SessionKeys::derive(key, client_nonce, robot_nonce), now),
             sent: SendTimes::new(now),
             heard: moment,
             moment,
             newest_command: None,
+            renewal: None,
         };
         let answer = accept(signer, &holder);
         self.holder = Some(holder);
@@ -368,8 +380,9 @@ impl RobotSession {
         RobotReceived::Stop(answer)
     }
 
+    /// Opens a sealed datagram of the holder.
     #[allow(clippy::too_many_arguments, reason = "the fields of one datagram")]
-    fn sealed(
+    fn opened(
         &mut self,
         now: Instant,
         from: SocketAddr,
@@ -378,19 +391,53 @@ impl RobotSession {
         header: &[u8],
         ciphertext: &[u8],
         tag: &Tag,
-    ) -> RobotReceived {
-        let Some(holder) = self
-            .holder
+    ) -> Result<Plain, DropReason> {
+        self.holder
             .as_mut()
-            .filter(|holder| holder.peer == from && holder.channel.session() == session)
+            .filter(|holder| holder.peer == from && holder.channel.knows(session))
+            .ok_or(DropReason::Session)?
+            .channel
+            .open(now, session, counter, header, ciphertext, tag)
+    }
+
+    /// Makes the next keys of the session ready. A repeated request gets the same answer.
+    fn renew(&mut self, now: Instant, session: u32, plain: &Plain) -> RobotReceived {
+        let (Some(Credential { key, .. }), Some(holder)) = (&self.identity, &mut self.holder)
         else {
             return RobotReceived::Dropped(DropReason::Session, None);
         };
-        let plain = match holder.channel.open(counter, header, ciphertext, tag) {
-            Ok(plain) => plain,
-            Err(reason) => return RobotReceived::Dropped(reason, None),
+        let Some(Ok(client_nonce)) = split_echo(plain).map(|(_, nonce)| Nonce::try_from(nonce))
+        else {
+            return RobotReceived::Dropped(DropReason::Malformed, None);
         };
-        let Some((echo, plain)) = split_echo(&plain) else {
+        if session != holder.channel.session() {
+            // Sent before the operator knew that its keys are renewed already.
+            return RobotReceived::Dropped(DropReason::Stale, None);
+        }
+        let robot_nonce = match &holder.renewal {
+            Some((known, robot_nonce)) if same(known, &client_nonce) => *robot_nonce,
+            _ => {
+                let robot_nonce = self.entropy.nonce();
+                let keys = SessionKeys::derive(key, &client_nonce, &robot_nonce);
+                holder.channel.prepare(&keys);
+                holder.renewal = Some((client_nonce, robot_nonce));
+                robot_nonce
+            }
+        };
+        match holder.channel.seal_renewal(&robot_nonce) {
+            Some(answer) => {
+                holder.sent.sent(holder.channel.sealed(), now);
+                RobotReceived::Answer(answer)
+            }
+            None => RobotReceived::Dropped(DropReason::Session, None),
+        }
+    }
+
+    fn sealed(&mut self, now: Instant, counter: u64, plain: &Plain) -> RobotReceived {
+        let Some(holder) = &mut self.holder else {
+            return RobotReceived::Dropped(DropReason::Session, None);
+        };
+        let Some((echo, plain)) = split_echo(plain) else {
             return RobotReceived::Dropped(DropReason::Malformed, None);
         };
         if plain.is_empty() {
