@@ -96,7 +96,7 @@ fn tables(run: &Run) -> [Table; 5] {
             "time_s,robot_time_s,state,faults,commanded_frequency_hz,commanded_direction_deg,\
              frequency_hz,direction_deg,top_angle_deg,top_speed_hz,top_current_d_a,top_current_q_a,\
              bottom_angle_deg,bottom_speed_hz,bottom_current_d_a,bottom_current_q_a,bus_voltage_v,\
-             modulation,overruns,lost",
+             modulation,overruns,lost,command_age_ms",
             &run.telemetry,
             |row| {
                 let cells = [
@@ -109,6 +109,7 @@ fn tables(run: &Run) -> [Table; 5] {
                     texts([row.bus_voltage_v.map(|v| v.to_string()).unwrap_or_default()]),
                     texts([row.modulation]),
                     texts([row.overruns, row.lost]),
+                    texts([row.command_age_ms.map(|age| age.to_string()).unwrap_or_default()]),
                 ];
                 (row.timestamp, cells.concat())
             },

@@ -155,6 +155,10 @@ pub struct TelemetryRow {
     pub dropped: BTreeMap<String, u32>,
     /// Time since its last valid command, microseconds.
     pub silence_us: u32,
+    /// Age of the newest command at its arrival, ms; none when it was older than the robot remembers,
+    /// and in records older than this column.
+    #[serde(default)]
+    pub command_age_ms: Option<f64>,
 }
 
 impl Timestamp {
@@ -254,6 +258,7 @@ impl TelemetryRow {
                 .map(|reason| (reason.to_string(), telemetry.link.dropped.get(reason)))
                 .collect(),
             silence_us: telemetry.link.silence_us,
+            command_age_ms: telemetry.link.age().map(|age| age.as_secs_f64() * 1e3),
         }
     }
 }
