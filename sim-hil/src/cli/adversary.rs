@@ -4,19 +4,26 @@ use std::process::ExitCode;
 
 use super::Error;
 use super::output::{print_verdict, progress, row, table, words};
-use crate::reliability::adversary::{HANDSHAKE_LIMIT_S, Verdict, measure};
+use crate::reliability::adversary::{
+    ANSWERS_LIMIT, Effort, HANDSHAKE_LIMIT_S, MOVEMENT_LIMIT_S, NEXT_OPERATOR_LIMIT_S, Verdict,
+    measure,
+};
 
 /// Attack live robots over their link and count what the attack achieves
 ///
-/// Each robot has a twin that is not attacked; the two must stay the same to the last bit.
+/// Each robot under forged datagrams has a twin that is not attacked; the two must stay the same to the last bit. Other
+/// robots have an operator whose network delays, drops, keeps and releases what he sends: they must come to rest.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  flix-sim adversary\n  flix-sim adversary --datagrams 500000 --bytes 5000000 --json"
+    after_help = "Examples:\n  flix-sim adversary\n  flix-sim adversary --datagrams 500000 --sessions 33 --bytes 5000000 --json"
 )]
 pub struct Args {
-    /// Number of datagrams that the attacker sends
+    /// Number of datagrams that the attacker makes up
     #[arg(long, default_value_t = 10_000_000)]
     datagrams: u64,
+    /// Number of sessions over a network in the attacker's hands
+    #[arg(long, default_value_t = 330)]
+    sessions: u64,
     /// Number of bytes fed to decoders, sessions and the robot
     #[arg(long, default_value_t = 100_000_000)]
     bytes: u64,
@@ -33,10 +40,9 @@ pub struct Args {
 /// # Errors
 /// When a robot could not be armed even without an attack.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let bar = progress(args.datagrams + args.bytes, "attacking");
-    let measured = measure(args.seed, args.datagrams, args.bytes, |datagrams, bytes| {
-        bar.inc(datagrams + bytes)
-    });
+    let Args { datagrams, sessions, bytes, seed, .. } = *args;
+    let bar = progress(datagrams + sessions + bytes, "attacking");
+    let measured = measure(seed, Effort { datagrams, sessions, bytes }, |done| bar.inc(done));
     bar.finish_and_clear();
     print_verdict(measured, |verdict| verdict.pass, args.json, text)
 }
@@ -51,12 +57,24 @@ fn text(verdict: &Verdict) -> String {
         row!["forgeries accepted", verdict.accepted_forgeries, 0],
         row!["movements caused", verdict.movements, 0],
         row!["handshake (s)", format!("{:.3}", verdict.handshake_s), HANDSHAKE_LIMIT_S],
+        row!["share of answers heard", format!("{:.3}", verdict.answers_heard), ANSWERS_LIMIT],
         row!["ticks missed", verdict.overruns, 0],
+        row![
+            "movement after the operator's last intent (s)",
+            format!("{:.3}", verdict.longest_movement_after_intent_s),
+            MOVEMENT_LIMIT_S
+        ],
+        row![
+            "next operator's wait (s)",
+            format!("{:.3}", verdict.longest_wait_of_next_operator_s),
+            NEXT_OPERATOR_LIMIT_S
+        ],
         row!["panics", verdict.panics, 0],
     ];
     format!(
-        "{} datagrams and {} fuzzed bytes against robots of seed {}:\n\n{}\n{}\n{}\n{}\n",
+        "{} datagrams, {} sessions and {} fuzzed bytes against robots of seed {}:\n\n{}\n{}\n{}\n{}\n",
         verdict.datagrams,
+        verdict.sessions,
         verdict.fuzzed_bytes,
         verdict.seed,
         table(&sent),

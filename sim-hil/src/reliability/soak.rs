@@ -422,6 +422,7 @@ impl Scenario {
                     reordering: self.between(0.0, 0.5),
                     corruption: self.between(0.0, 0.5),
                     bursts: (self.below(2) == 0).then_some(bursts),
+                    ..ChannelParameters::PERFECT
                 }
             }
         };

@@ -28,6 +28,19 @@ pub struct ChannelParameters {
     pub corruption: f64,
     /// Times in which nothing arrives.
     pub bursts: Option<Bursts>,
+    /// When what is due is let through.
+    pub release: Release,
+}
+
+/// When a network lets datagrams through that are due.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Release {
+    /// At once.
+    AtOnce,
+    /// All from this time on, none before.
+    From(Instant),
+    /// One each time that so much has passed since the last one.
+    OneEvery(Duration),
 }
 
 /// How much later a datagram arrives that others overtake: three at 50 Hz.
@@ -52,6 +65,7 @@ impl ChannelParameters {
         reordering: 0.0,
         corruption: 0.0,
         bursts: None,
+        release: Release::AtOnce,
     };
 
     /// Nothing arrives.
@@ -76,6 +90,9 @@ pub struct Channel {
     /// Earliest first; datagrams due at one moment in the order in which they were sent.
     under_way: BinaryHeap<Reverse<(Instant, u64, Vec<u8>)>>,
     sent: u64,
+    taken: u64,
+    /// When the last datagram was let through.
+    released: Instant,
     /// Whether a burst is on, and until when that stays so.
     burst: (bool, Instant),
 }
@@ -89,12 +106,15 @@ impl Channel {
             random: Xoshiro256PlusPlus::seed_from_u64(seed),
             under_way: BinaryHeap::new(),
             sent: 0,
+            taken: 0,
+            released: Instant::START,
             burst: (true, Instant::START),
         }
     }
 
     /// Takes a datagram at one end.
     pub fn send(&mut self, now: Instant, datagram: &[u8]) {
+        self.taken += 1;
         if self.random.random::<f64>() < self.parameters.loss || self.is_in_burst(now) {
             return;
         }
@@ -102,6 +122,12 @@ impl Channel {
         if self.random.random::<f64>() < self.parameters.duplication {
             self.deliver(now, datagram);
         }
+    }
+
+    /// Returns how many datagrams it took, those among them that never arrive.
+    #[must_use]
+    pub fn taken(&self) -> u64 {
+        self.taken
     }
 
     fn deliver(&mut self, now: Instant, datagram: &[u8]) {
@@ -140,9 +166,15 @@ impl Channel {
     /// Returns the next datagram that has arrived at the other end by now.
     pub fn receive(&mut self, now: Instant) -> Option<Vec<u8>> {
         let Reverse((due, _, _)) = self.under_way.peek()?;
-        if *due > now {
+        let is_let_through = match self.parameters.release {
+            Release::AtOnce => true,
+            Release::From(time) => now >= time,
+            Release::OneEvery(interval) => now.since(self.released) >= interval,
+        };
+        if *due > now || !is_let_through {
             return None;
         }
+        self.released = now;
         self.under_way.pop().map(|Reverse((_, _, datagram))| datagram)
     }
 }
@@ -221,6 +253,17 @@ mod tests {
             arrivals(parameters, 6).iter().map(|(at, sent)| at - u64::from(*sent)).collect();
         assert!(late.iter().all(|late| *late == 0 || *late == 60));
         assert!((20..60).contains(&late.iter().filter(|late| **late > 0).count()));
+    }
+
+    #[test]
+    fn what_is_kept_is_released_from_a_time_on_or_one_by_one_in_its_order() {
+        let release = |release| ChannelParameters { release, ..ChannelParameters::PERFECT };
+        let burst = arrivals(release(Release::From(Instant::from_micros(500_000))), 8);
+        let expected: Vec<_> = (0..200).map(|sent| (500, sent)).collect();
+        assert_eq!(burst, expected);
+        let trickle = arrivals(release(Release::OneEvery(Duration::from_millis(90))), 8);
+        let expected: Vec<_> = (0..11).map(|sent| (90 * (sent + 1), sent as u8)).collect();
+        assert_eq!(trickle, expected);
     }
 
     #[test]

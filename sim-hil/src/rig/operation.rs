@@ -70,6 +70,8 @@ pub struct Operator {
     pub to_operator: Channel,
     /// The clock of his client.
     pub clock: Clock,
+    /// Whether his program has ended or hangs: it takes and sends nothing, while the network goes on.
+    pub is_gone: bool,
 }
 
 /// A clock that may run fast or slow. It was right when it was last set.
@@ -106,6 +108,17 @@ impl Operator {
         robot: &mut SimulatedRobot<M>,
         overhear: &mut impl FnMut(Towards, &[u8]),
     ) {
+        if !self.is_gone {
+            self.attend(now, overhear);
+        }
+        while let Some(datagram) = self.to_robot.receive(now) {
+            overhear(Towards::Robot, &datagram);
+            robot.receive(self.address, &datagram);
+        }
+    }
+
+    /// His program takes what has arrived and sends what is due.
+    fn attend(&mut self, now: Instant, overhear: &mut impl FnMut(Towards, &[u8])) {
         let shown = self.clock.read(now);
         while let Some(datagram) = self.to_operator.receive(now) {
             overhear(Towards::Operator, &datagram);
@@ -115,10 +128,6 @@ impl Operator {
             while let Some(datagram) = self.client.transmit(shown) {
                 self.to_robot.send(now, &datagram);
             }
-        }
-        while let Some(datagram) = self.to_robot.receive(now) {
-            overhear(Towards::Robot, &datagram);
-            robot.receive(self.address, &datagram);
         }
     }
 }
@@ -158,6 +167,7 @@ impl<M: Mechanics> Operation<M> {
             to_robot: Channel::new(network, self.random.next_u64()),
             to_operator: Channel::new(network, self.random.next_u64()),
             clock: Clock::TRUE,
+            is_gone: false,
         });
         index
     }

@@ -1,0 +1,393 @@
+//! A network in the attacker's hands, between an operator with the key and his robot.
+//!
+//! A robot lives through several sessions. In each the operator connects, arms and shakes it. At a random moment the
+//! network begins one of [`HOLD_UPS`](super::kind::HOLD_UPS); at another the operator's intent to move ends
+//! ([`Departure`]); the network goes on, and releases what it kept. In some sessions the robot then restarts or gets
+//! another key, and all that was ever sent to it is played to it again; in some a next operator waits for it.
+//!
+//! What counts is the plant: how long a rotor still turns after the operator's last intent to move.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use flix_host::link::Update;
+use flix_protocol::failsafe::{COMMAND_AGE, LINK_LOST};
+use flix_protocol::message::{Command, Setpoint, State};
+use flix_protocol::session::{HANDSHAKE_RETRY, Key};
+use flix_protocol::units::{Hertz, Instant};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use super::forgery::{NETWORK, TICKS_PER_MS};
+use super::kind::Kind;
+use crate::plant::Plant;
+use crate::reliability::fault_matrix::REST_HZ;
+use crate::rig::bench::{Base, BenchError, bench_knowing, setpoint};
+use crate::rig::channel::{ChannelParameters, Release};
+use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault, Injected};
+use crate::rig::operation::{Operation, Towards};
+use crate::rig::robot::Processor;
+
+/// Longest movement after the operator's last intent to move, s: the command age and the ramp down from 35 Hz.
+pub const MOVEMENT_LIMIT_S: f64 = 0.85;
+/// Longest time from an operator's last intent to the next one's session, s: the command age, the silence after which
+/// a session is free, and two attempts.
+pub const NEXT_OPERATOR_LIMIT_S: f64 =
+    (COMMAND_AGE.as_millis() + LINK_LOST.as_millis() + 2 * HANDSHAKE_RETRY.as_millis()) as f64
+        / 1e3;
+
+/// Interval at which the operator looks at his robot and asks again.
+const LOOK: u64 = 100;
+/// Time after which a session goes on although its robot could not be brought to move, ms.
+const PATIENCE: u64 = 6_000;
+/// Interval that keeps every deadline of silence.
+const ONE_BY_ONE: Duration = Duration::from_millis(90);
+/// Interval just before a session is forgotten.
+const SLOWLY: Duration = Duration::from_secs(9);
+/// Recorded datagrams that are played in a millisecond.
+const PLAYED_PER_MS: usize = 4;
+
+/// How an operator's intent to move ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Departure {
+    /// His program ends without a word.
+    Ends,
+    /// His program hangs, goes on for a while, and ends.
+    Hangs,
+    /// His program says goodbye.
+    Leaves,
+    /// He wants the robot to stop.
+    Stops,
+    /// He wants the rotors at rest.
+    Rests,
+}
+
+const DEPARTURES: [Departure; 5] =
+    [Departure::Ends, Departure::Hangs, Departure::Leaves, Departure::Stops, Departure::Rests];
+
+/// What happens in a session, when: milliseconds since the robot moved.
+#[derive(Debug, Clone, Copy)]
+struct Plan {
+    kind: Kind,
+    departure: Departure,
+    /// The network begins its harm; 0: as soon as the operator connects.
+    harms: u64,
+    departs: u64,
+    /// A program that hung goes on, and ends.
+    returns: u64,
+    ends: u64,
+    /// Restart, or another key.
+    turns: u64,
+    /// What was kept is released.
+    releases: u64,
+    /// The next operator begins to connect.
+    is_followed: bool,
+    follows: u64,
+    over: u64,
+}
+
+impl Plan {
+    fn new(random: &mut Xoshiro256PlusPlus, kind: Kind) -> Self {
+        let departs: u64 = random.random_range(500..2_500);
+        let keeps = matches!(
+            kind,
+            Kind::ReleasedAtOnce
+                | Kind::ReleasedOneByOne
+                | Kind::ReleasedSlowly
+                | Kind::KeptOverRestart
+                | Kind::KeptOverKeyChange
+        );
+        // What is kept for longer is too old when it is released; the other harms may be there from the beginning.
+        let longest = if keeps { 600 } else { departs * 5 / 4 };
+        let harms = departs.saturating_sub(random.random_range(0..longest));
+        let departure = DEPARTURES[random.random_range(0..DEPARTURES.len())];
+        let returns = departs + random.random_range(200..2_000);
+        let turns = departs + random.random_range(1_000..2_500);
+        let releases = match kind {
+            Kind::KeptOverRestart | Kind::KeptOverKeyChange => {
+                turns + BOOT_TIME.as_millis() as u64 + random.random_range(0..1_000)
+            }
+            _ => departs + random.random_range(0..5_000),
+        };
+        let watched = match kind {
+            Kind::ReleasedSlowly => 2 * SLOWLY.as_millis() as u64 + 1_500,
+            _ => 2_500,
+        };
+        Self {
+            kind,
+            departure,
+            harms,
+            departs,
+            returns,
+            ends: returns + random.random_range(100..800),
+            turns,
+            releases,
+            is_followed: random.random(),
+            follows: departs + random.random_range(0..1_000),
+            over: releases.max(departs + 2_500) + watched,
+        }
+    }
+}
+
+/// What happened to one robot.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Account {
+    /// Datagrams under each harm.
+    pub(super) kinds: Vec<(Kind, u64)>,
+    /// Sessions in which a rotor turned when the operator's intent ended.
+    pub(super) driven: u64,
+    /// Longest time that a rotor turned after the operator's last intent to move, s.
+    pub(super) movement_s: f64,
+    /// Longest time from the last intent to the next operator's session, s.
+    pub(super) next_operator_s: f64,
+}
+
+/// Lets the robot of this seed live through a session under each of these harms; chance comes from `life` too.
+///
+/// # Errors
+/// When the mechanics diverge.
+pub(super) fn run(
+    seed: u64,
+    life: u64,
+    kinds: &[Kind],
+    flash: Option<Vec<u8>>,
+) -> Result<Account, BenchError> {
+    let mut life = Life {
+        operation: bench_knowing(Base::Free, seed, flash, NETWORK)?,
+        random: Xoshiro256PlusPlus::seed_from_u64(seed ^ life.rotate_left(40)),
+        recorded: Vec::new(),
+        playing: VecDeque::new(),
+        is_driving: false,
+        intent: Instant::START,
+        is_awaited: false,
+        account: Account::default(),
+    };
+    for &kind in kinds {
+        life.session(kind)?;
+    }
+    Ok(life.account)
+}
+
+struct Life {
+    operation: Operation<Plant>,
+    random: Xoshiro256PlusPlus,
+    /// All that was ever sent to the robot.
+    recorded: Vec<Vec<u8>>,
+    /// What of it is still to be played to it again.
+    playing: VecDeque<Vec<u8>>,
+    /// Whether the operator is there and wants the robot armed and moving.
+    is_driving: bool,
+    /// When an operator last wanted that.
+    intent: Instant,
+    /// Whether the next operator waits for the robot.
+    is_awaited: bool,
+    account: Account,
+}
+
+impl Life {
+    fn session(&mut self, kind: Kind) -> Result<(), BenchError> {
+        let plan = Plan::new(&mut self.random, kind);
+        self.operation.operators.clear();
+        self.add_operator();
+        (self.is_driving, self.is_awaited) = (true, false);
+        let mut harmed_from = 0;
+        if plan.harms == 0 {
+            self.harm(&plan);
+        }
+        // Milliseconds since the session began, and since the robot moved.
+        let (mut waited, mut moving) = (0, None);
+        while moving.is_none_or(|moving| moving <= plan.over) {
+            if moving.is_some_and(|moving| moving == plan.harms && plan.harms > 0) {
+                harmed_from = self.taken();
+                self.harm(&plan);
+            }
+            self.follow(&plan, waited, moving)?;
+            let played = self.playing.len().min(PLAYED_PER_MS);
+            let address = self.operation.operators[0].address;
+            for datagram in self.playing.drain(..played) {
+                self.operation.robot.receive(address, &datagram);
+            }
+            for _ in 0..TICKS_PER_MS {
+                self.tick()?;
+            }
+            waited += 1;
+            let is_moving = !self.operation.robot.truth().is_slower_than(REST_HZ);
+            moving = match moving {
+                Some(moving) => Some(moving + 1),
+                None => (is_moving || waited >= PATIENCE).then_some(1),
+            };
+            if moving == Some(plan.departs) {
+                self.account.driven += u64::from(is_moving);
+            }
+        }
+        self.account.kinds.push((kind, self.taken() - harmed_from));
+        Ok(())
+    }
+
+    /// What the operator, the next one, and fate do in this millisecond.
+    fn follow(&mut self, plan: &Plan, waited: u64, moving: Option<u64>) -> Result<(), BenchError> {
+        let now = self.operation.now();
+        if moving.is_none_or(|moving| moving < plan.departs) {
+            if waited.is_multiple_of(LOOK) {
+                self.drive()?;
+            }
+        } else if moving == Some(plan.departs) {
+            self.depart(plan.departure)?;
+        }
+        match plan.departure {
+            Departure::Leaves if moving == Some(plan.departs + 1) => self.set_gone(true),
+            Departure::Hangs if moving == Some(plan.returns) => self.set_gone(false),
+            Departure::Hangs if moving == Some(plan.ends) => self.set_gone(true),
+            _ => {}
+        }
+        if moving == Some(plan.turns) {
+            self.turn(plan.kind);
+        }
+        let is_left = !matches!(plan.departure, Departure::Stops | Departure::Rests);
+        if is_left && plan.is_followed && moving == Some(plan.follows) {
+            self.add_operator();
+            self.is_awaited = true;
+        }
+        for (place, operator) in self.operation.operators.iter_mut().enumerate() {
+            while let Some(update) = operator.client.update() {
+                match update {
+                    Update::Failed(_) | Update::Left if !operator.is_gone => {
+                        operator.client.connect(now);
+                    }
+                    Update::Connected if place > 0 && self.is_awaited => {
+                        self.is_awaited = false;
+                        let waited = now.since(self.intent).as_secs_f64();
+                        self.account.next_operator_s = self.account.next_operator_s.max(waited);
+                    }
+                    _ => {}
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Brings the robot to shake, and changes its mind about how.
+    fn drive(&mut self) -> Result<(), BenchError> {
+        let now = self.operation.now();
+        let frequency = self.random.random_range(15.0..35.0);
+        let frequency = if self.random.random() { frequency } else { -frequency };
+        let wanted = setpoint(frequency, self.random.random_range(-90.0..90.0))?;
+        let changes = self.random.random::<f64>() < 0.2;
+        let client = self.operation.client();
+        let Some(telemetry) = client.telemetry() else { return Ok(()) };
+        match telemetry.state {
+            _ if telemetry.stopped => {
+                client.request(now, Command::Clear);
+            }
+            State::Faulted => {
+                client.request(now, Command::Clear);
+            }
+            State::Disarmed => {
+                client.request(now, Command::Arm);
+            }
+            State::Armed => client.hold(now, wanted),
+            State::Running if changes => client.hold(now, wanted),
+            State::Running | State::Aligning | State::Stopping => {}
+        }
+        Ok(())
+    }
+
+    fn depart(&mut self, departure: Departure) -> Result<(), BenchError> {
+        let now = self.operation.now();
+        self.is_driving = false;
+        let client = self.operation.client();
+        match departure {
+            Departure::Ends | Departure::Hangs => self.set_gone(true),
+            Departure::Leaves => client.leave(),
+            Departure::Stops => client.stop(now),
+            Departure::Rests => client.hold(now, Setpoint::REST),
+        }
+        Ok(())
+    }
+
+    fn set_gone(&mut self, is_gone: bool) {
+        self.operation.operators[0].is_gone = is_gone;
+    }
+
+    fn add_operator(&mut self) {
+        let key = self.operation.robot.parameters().key.clone();
+        self.operation.add_operator(key.unwrap_or_else(|| Key::new([0; 32])), NETWORK);
+    }
+
+    /// Datagrams that the first operator's network took.
+    fn taken(&self) -> u64 {
+        let operator = &self.operation.operators[0];
+        operator.to_robot.taken() + operator.to_operator.taken()
+    }
+
+    fn harm(&mut self, plan: &Plan) {
+        let now = self.operation.now();
+        // As often as not just below the command age, where it harms most.
+        let longest = if self.random.random() { COMMAND_AGE.as_millis() as u64 } else { 3_000 };
+        let wait = Duration::from_millis(self.random.random_range(20..longest));
+        let share = self.random.random_range(0.2..=1.0);
+        let releases = Duration::from_millis(plan.releases - plan.harms);
+        let calm = NETWORK;
+        let late = ChannelParameters { delay: wait, ..calm };
+        let kept = |release| (ChannelParameters { release, ..calm }, calm);
+        let both = |parameters| (parameters, parameters);
+        let (to_robot, to_operator) = match plan.kind {
+            Kind::DelayedToRobot => (late, calm),
+            Kind::DelayedToOperator => (calm, late),
+            Kind::Dropped => both(ChannelParameters { loss: share, ..calm }),
+            Kind::Reordered => both(ChannelParameters { reordering: share, jitter: wait, ..calm }),
+            Kind::Duplicated => {
+                both(ChannelParameters { duplication: share, jitter: wait, ..calm })
+            }
+            Kind::ReleasedOneByOne => kept(Release::OneEvery(ONE_BY_ONE)),
+            Kind::ReleasedSlowly => kept(Release::OneEvery(SLOWLY)),
+            Kind::ReleasedAtOnce | Kind::KeptOverRestart | Kind::KeptOverKeyChange => {
+                kept(Release::From(now + releases))
+            }
+            _ => both(late),
+        };
+        let operator = &mut self.operation.operators[0];
+        operator.to_robot.parameters = to_robot;
+        operator.to_operator.parameters = to_operator;
+    }
+
+    fn turn(&mut self, kind: Kind) {
+        let now = self.operation.now();
+        match kind {
+            Kind::KeptOverRestart => {
+                let fault = HardwareFault::Processor(Processor::Restarts);
+                self.operation.robot.disturb(Injected::new(fault, now, now + BOOT_TIME, 0));
+            }
+            Kind::KeptOverKeyChange => {
+                let mut key = [0; 32];
+                self.random.fill(&mut key);
+                self.operation.robot.change_key(Key::new(key));
+            }
+            _ => return,
+        }
+        self.is_awaited = false;
+        self.playing = self.recorded.iter().cloned().collect();
+    }
+
+    fn tick(&mut self) -> Result<(), BenchError> {
+        let now = self.operation.now();
+        let operator = &self.operation.operators[0];
+        let held = operator.client.held().map(|setpoint| setpoint.frequency());
+        // A program that hung goes on with what it held.
+        let holds = !operator.is_gone && held.is_some_and(|frequency| frequency != Hertz::ZERO);
+        if self.is_driving || holds {
+            self.intent = now;
+        }
+        let recorded = &mut self.recorded;
+        self.operation.tick_overheard(|towards, datagram| {
+            if towards == Towards::Robot {
+                recorded.push(datagram.to_vec());
+            }
+        })?;
+        if !self.operation.robot.truth().is_slower_than(REST_HZ) {
+            let since = self.operation.now().since(self.intent).as_secs_f64();
+            self.account.movement_s = self.account.movement_s.max(since);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,95 @@
+//! What an attacker does.
+
+use serde::Serialize;
+
+/// What the attacker sends, and what a network in its hands does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// Any bytes.
+    Noise,
+    /// Any bytes behind a good head of any kind, in the length of that kind as often as not.
+    Headed,
+    /// The head of the present session with a counter to come, before any body.
+    Forged,
+    /// A genuine datagram with one to three bits flipped.
+    Flipped,
+    /// A genuine datagram cut short.
+    Truncated,
+    /// A genuine datagram with bytes more.
+    Extended,
+    /// The beginning of one genuine datagram and the end of another.
+    Spliced,
+    /// A genuine datagram of the present session again.
+    Replayed,
+    /// A genuine datagram under another counter.
+    Recounted,
+    /// What the robot itself sent.
+    Reflected,
+    /// What was sent in an earlier session with this robot.
+    EarlierSession,
+    /// What was sent to another robot with the same key.
+    OtherRobot,
+    /// A handshake, or what follows it, under another key.
+    OtherKey,
+    /// Hellos from made-up addresses.
+    HelloFlood,
+    /// A second operator, with the right key.
+    SecondOperator,
+    /// Genuine datagrams that arrive late, both ways.
+    Delayed,
+    /// Genuine datagrams that arrive late at the robot alone.
+    DelayedToRobot,
+    /// Genuine datagrams that arrive late at the operator alone.
+    DelayedToOperator,
+    /// Genuine datagrams of which some or all never arrive.
+    Dropped,
+    /// Genuine datagrams that overtake each other.
+    Reordered,
+    /// Genuine datagrams that arrive twice, the second time later.
+    Duplicated,
+    /// Genuine datagrams that are kept, and released all at once.
+    ReleasedAtOnce,
+    /// Genuine datagrams that are released one by one, often enough to keep every deadline of silence.
+    ReleasedOneByOne,
+    /// Genuine datagrams that are released one by one, just before a session is forgotten.
+    ReleasedSlowly,
+    /// Genuine datagrams that are kept over a restart of the robot, and all that was recorded, after it.
+    KeptOverRestart,
+    /// Genuine datagrams that are kept while the robot is given another key, and all that was recorded, after that.
+    KeptOverKeyChange,
+}
+
+/// What the attacker makes up, each as often as the others.
+pub const FORGERIES: [Kind; 15] = [
+    Kind::Noise,
+    Kind::Headed,
+    Kind::Forged,
+    Kind::Flipped,
+    Kind::Truncated,
+    Kind::Extended,
+    Kind::Spliced,
+    Kind::Replayed,
+    Kind::Recounted,
+    Kind::Reflected,
+    Kind::EarlierSession,
+    Kind::OtherRobot,
+    Kind::OtherKey,
+    Kind::HelloFlood,
+    Kind::SecondOperator,
+];
+
+/// What a network in the attacker's hands does to genuine datagrams, each in as many sessions as the others.
+pub const HOLD_UPS: [Kind; 11] = [
+    Kind::Delayed,
+    Kind::DelayedToRobot,
+    Kind::DelayedToOperator,
+    Kind::Dropped,
+    Kind::Reordered,
+    Kind::Duplicated,
+    Kind::ReleasedAtOnce,
+    Kind::ReleasedOneByOne,
+    Kind::ReleasedSlowly,
+    Kind::KeptOverRestart,
+    Kind::KeptOverKeyChange,
+];

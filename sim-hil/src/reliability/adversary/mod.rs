@@ -1,0 +1,238 @@
+//! Somebody on the network who sees everything, holds back and sends anything from any address, and does not have the
+//! key: what he makes up ([`FORGERIES`]), what he does to genuine datagrams ([`HOLD_UPS`]), and any bytes.
+
+mod attacker;
+mod forgery;
+mod fuzz;
+mod hold_up;
+mod kind;
+
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use flix_protocol::message::DropReason;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use forgery::{Scenario, Turn};
+pub use hold_up::{MOVEMENT_LIMIT_S, NEXT_OPERATOR_LIMIT_S};
+pub use kind::{FORGERIES, HOLD_UPS, Kind};
+
+use crate::rig::bench::{Base, BenchError, learnt};
+
+/// Datagrams in a scenario when there are enough for several: 100,000 a second, ten times a flood.
+const DATAGRAMS_PER_SCENARIO: u64 = 900_000;
+/// Bytes fuzzed in one piece of work.
+const FUZZED_AT_ONCE: u64 = 5_000_000;
+/// Longest time that a handshake may take under a flood, s.
+pub const HANDSHAKE_LIMIT_S: f64 = 1.0;
+/// Least share of commands whose answers the operator has to hear under a flood.
+pub const ANSWERS_LIMIT: f64 = 0.99;
+/// Sessions of which a quarter has to get as far as moving the robot.
+const A_FEW: u64 = 2 * HOLD_UPS.len() as u64;
+
+/// How much of an attack.
+#[derive(Debug, Clone, Copy)]
+pub struct Effort {
+    /// Datagrams that the attacker makes up.
+    pub datagrams: u64,
+    /// Sessions over a network in the attacker's hands.
+    pub sessions: u64,
+    /// Bytes fed to decoders, sessions and the robot.
+    pub bytes: u64,
+}
+
+/// Verdict of an attack.
+#[derive(Debug, Clone, Serialize)]
+pub struct Verdict {
+    /// Which robots.
+    pub seed: u64,
+    /// Made up by the attacker.
+    pub datagrams: u64,
+    /// Made up, or held up, by kind.
+    pub kinds: BTreeMap<Kind, u64>,
+    /// What the robots dropped of the former, by reason, whoever sent it.
+    pub dropped: BTreeMap<String, u64>,
+    /// Ticks in which a robot obeyed something that its twin did not; a scenario ends with its first.
+    pub accepted_forgeries: u64,
+    /// Ticks in which a robot moved otherwise than its twin.
+    pub movements: u64,
+    /// Longest time from the operator's first Hello to the session, under the flood, in virtual time.
+    pub handshake_s: f64,
+    /// Least share of an operator's commands, under the flood, whose answers he heard.
+    pub answers_heard: f64,
+    /// Ticks of the fast loop that came too late.
+    pub overruns: u64,
+    /// Sessions over a network in the attacker's hands.
+    pub sessions: u64,
+    /// Those among them in which a rotor turned when the operator's intent to move ended.
+    pub driven_sessions: u64,
+    /// Longest time that a rotor turned after the operator's last intent to move.
+    pub longest_movement_after_intent_s: f64,
+    /// Longest time from an operator's last intent to move to the next operator's session.
+    pub longest_wait_of_next_operator_s: f64,
+    /// Fed to decoders, sessions and [`flix_firmware::robot::Robot::receive`].
+    pub fuzzed_bytes: u64,
+    /// Of any of them.
+    pub panics: u64,
+    /// Whether nothing was accepted, nothing moved without intent, nothing panicked, and the operators got through.
+    pub pass: bool,
+}
+
+/// Attacks robots of this seed. `done` is called with what was done since its last call: datagrams, sessions or bytes.
+///
+/// # Errors
+/// When a robot cannot be armed even without an attack.
+pub fn measure(
+    seed: u64,
+    effort: Effort,
+    done: impl Fn(u64) + Sync,
+) -> Result<Verdict, BenchError> {
+    let flash = learnt(Base::Free, seed)?;
+    let forged = forge(seed, effort.datagrams, &flash, &done)?;
+    let held_up = hold_up(seed, effort.sessions, &flash, &done)?;
+    let fuzzed = fuzz_all(seed, effort.bytes, &done);
+    Ok(verdict(seed, effort, &forged, &held_up, &fuzzed))
+}
+
+fn forge(
+    seed: u64,
+    datagrams: u64,
+    flash: &Option<Vec<u8>>,
+    done: &(impl Fn(u64) + Sync),
+) -> Result<Vec<forgery::Account>, BenchError> {
+    // One for each turn at least.
+    let scenarios = datagrams.div_ceil(DATAGRAMS_PER_SCENARIO).max(2);
+    (0..scenarios)
+        .into_par_iter()
+        .map(|number| {
+            let share = datagrams / scenarios + u64::from(number < datagrams % scenarios);
+            let turn = if number % 2 == 0 { Turn::KeyChange } else { Turn::Restart };
+            let account = Scenario::new(seed, number, turn, flash.clone())?.run(share)?;
+            done(account.kinds.iter().sum());
+            Ok(account)
+        })
+        .collect()
+}
+
+/// Each robot lives through a session of each kind, in an order of its own.
+fn hold_up(
+    seed: u64,
+    sessions: u64,
+    flash: &Option<Vec<u8>>,
+    done: &(impl Fn(u64) + Sync),
+) -> Result<Vec<hold_up::Account>, BenchError> {
+    let kinds = HOLD_UPS.len() as u64;
+    (0..sessions.div_ceil(kinds))
+        .into_par_iter()
+        .map(|life| {
+            let mut order = HOLD_UPS;
+            order.rotate_left((life % kinds) as usize);
+            let share = (sessions - life * kinds).min(kinds) as usize;
+            let account = hold_up::run(seed, life, &order[..share], flash.clone())?;
+            done(share as u64);
+            Ok(account)
+        })
+        .collect()
+}
+
+/// Returns bytes fed and panics of each piece of work.
+fn fuzz_all(seed: u64, bytes: u64, done: &(impl Fn(u64) + Sync)) -> Vec<(u64, u64)> {
+    let pieces = bytes.div_ceil(FUZZED_AT_ONCE);
+    (0..pieces)
+        .into_par_iter()
+        .map(|piece| {
+            let share = bytes / pieces + u64::from(piece < bytes % pieces);
+            let outcome = catch_unwind(AssertUnwindSafe(|| fuzz::fuzz(seed ^ piece << 32, share)));
+            done(share);
+            outcome.map_or((0, 1), |fuzzed| (fuzzed, 0))
+        })
+        .collect()
+}
+
+fn verdict(
+    seed: u64,
+    effort: Effort,
+    forged: &[forgery::Account],
+    held_up: &[hold_up::Account],
+    fuzzed: &[(u64, u64)],
+) -> Verdict {
+    let sum = |figure: &dyn Fn(&forgery::Account) -> u64| forged.iter().map(figure).sum::<u64>();
+    let made_up = FORGERIES.into_iter().enumerate();
+    let made_up = made_up.map(|(index, kind)| (kind, sum(&|account| account.kinds[index])));
+    let mut kinds: BTreeMap<_, _> = made_up.collect();
+    for (kind, count) in held_up.iter().flat_map(|account| &account.kinds) {
+        *kinds.entry(*kind).or_default() += count;
+    }
+    let dropped = DropReason::ALL.into_iter().map(|reason| {
+        let count = sum(&|account| u64::from(account.dropped.get(reason)));
+        (reason.to_string().replace(' ', "_"), count)
+    });
+    let longest = |times: &mut dyn Iterator<Item = f64>| times.fold(0.0, f64::max);
+    let mut verdict = Verdict {
+        seed,
+        datagrams: sum(&|account| account.kinds.iter().sum()),
+        kinds,
+        dropped: dropped.collect(),
+        accepted_forgeries: sum(&|account| account.forgeries),
+        movements: sum(&|account| account.movements),
+        handshake_s: longest(&mut forged.iter().map(|account| account.handshake_s)),
+        answers_heard: forged.iter().map(|account| account.answers_heard).fold(1.0, f64::min),
+        overruns: sum(&|account| account.overruns),
+        sessions: effort.sessions,
+        driven_sessions: held_up.iter().map(|account| account.driven).sum(),
+        longest_movement_after_intent_s: longest(
+            &mut held_up.iter().map(|account| account.movement_s),
+        ),
+        longest_wait_of_next_operator_s: longest(
+            &mut held_up.iter().map(|account| account.next_operator_s),
+        ),
+        fuzzed_bytes: fuzzed.iter().map(|(bytes, _)| bytes).sum(),
+        panics: fuzzed.iter().map(|(_, panics)| panics).sum(),
+        pass: false,
+    };
+    verdict.pass = verdict.accepted_forgeries == 0
+        && verdict.movements == 0
+        && verdict.panics == 0
+        && verdict.overruns == 0
+        && verdict.handshake_s < HANDSHAKE_LIMIT_S
+        && verdict.answers_heard >= ANSWERS_LIMIT
+        && verdict.longest_movement_after_intent_s <= MOVEMENT_LIMIT_S
+        && verdict.longest_wait_of_next_operator_s <= NEXT_OPERATOR_LIMIT_S
+        // Else there was little to disturb.
+        && (4 * verdict.driven_sessions >= verdict.sessions || verdict.sessions < A_FEW)
+        && forged.iter().all(|account| account.is_complete);
+    verdict
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NONE: Effort = Effort { datagrams: 0, sessions: 0, bytes: 0 };
+
+    #[test]
+    fn nothing_is_accepted_and_nothing_moves_in_two_scenarios_under_attack() {
+        let effort = Effort { datagrams: 60_000, bytes: 300_000, ..NONE };
+        let verdict = measure(3, effort, |_| ()).unwrap();
+        assert!(verdict.pass, "{verdict:?}");
+        assert_eq!((verdict.datagrams, verdict.fuzzed_bytes), (60_000, 300_000));
+    }
+
+    #[test]
+    fn no_network_makes_a_robot_move_longer_than_the_command_age_and_the_ramp_down() {
+        let verdict = measure(3, Effort { sessions: 22, ..NONE }, |_| ()).unwrap();
+        assert!(verdict.pass, "{verdict:?}");
+        assert!(HOLD_UPS.iter().all(|kind| verdict.kinds[kind] > 0), "{verdict:?}");
+    }
+
+    #[test]
+    fn every_reason_to_drop_but_two_is_met() {
+        let effort = Effort { datagrams: 60_000, ..NONE };
+        let verdict = measure(4, effort, |_| ()).unwrap();
+        let never: Vec<_> = verdict.dropped.iter().filter(|(_, count)| **count == 0).collect();
+        let names: Vec<&str> = never.iter().map(|(name, _)| name.as_str()).collect();
+        // Nothing late is genuine here, and the robot has a key.
+        assert!(names.iter().all(|name| ["stale", "unprovisioned"].contains(name)), "{names:?}");
+    }
+}
