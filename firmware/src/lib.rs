@@ -13,7 +13,7 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`robot`] | puts the two halves together |
-//! | `net`, `mdns` | carry datagrams between an embassy-net stack and the slow half (feature `net`) |
+//! | `net`, `neighbours`, `mdns` | carry datagrams between an embassy-net stack and the slow half (feature `net`) |
 //! | [`link`] | authenticates operators, answers commands, sends telemetry and events |
 //! | [`provision`] | takes name, network and key over the serial port |
 //! | [`exchange`] | hands orders and configurations to the fast half, reports to the slow half |
@@ -92,6 +92,8 @@ pub mod hardware;
 pub mod link;
 #[cfg(feature = "net")]
 pub mod mdns;
+#[cfg(feature = "net")]
+pub mod neighbours;
 #[cfg(feature = "net")]
 pub mod net;
 pub mod provision;

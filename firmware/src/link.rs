@@ -151,17 +151,20 @@ impl Link {
         self.events.push(now, event);
     }
 
-    /// Takes a datagram that came from `from`. What there is to send in turn comes out of
-    /// [`Link::transmit`]. Never panics.
+    /// Takes a datagram that came from `from`, and returns whether its operator sent it just now: whether it
+    /// is authentic, new and fresh. What there is to send in turn comes out of [`Link::transmit`]. Never panics.
     pub fn receive<S: SettingsStore>(
         &mut self,
         now: Instant,
         from: SocketAddr,
         datagram: &[u8],
         tuning: &mut Tuning<S>,
-    ) {
+    ) -> bool {
         self.session.set_at_rest(self.report.stopped && self.is_at_rest());
-        match self.session.receive(now, from, datagram) {
+        let received = self.session.receive(now, from, datagram);
+        let is_authentic =
+            matches!(received, RobotReceived::Connected(_) | RobotReceived::Command(_));
+        match received {
             RobotReceived::Answer(answer) | RobotReceived::Dropped(_, Some(answer)) => {
                 push_newest(&mut self.answers, (from, answer));
             }
@@ -196,6 +199,7 @@ impl Link {
             }
             RobotReceived::Dropped(_, None) => {}
         }
+        is_authentic
     }
 
     /// Returns the next datagram to send, and to whom; `None` when there is none for now.
@@ -519,7 +523,7 @@ fn list(settings: &Settings, first: u16) -> Outcome {
 }
 
 /// Adds an item; when the queue is full, the oldest goes.
-fn push_newest<T, const N: usize>(queue: &mut Deque<T, N>, item: T) {
+pub(crate) fn push_newest<T, const N: usize>(queue: &mut Deque<T, N>, item: T) {
     if queue.is_full() {
         queue.pop_front();
     }

@@ -19,6 +19,9 @@ pub const GROUP: Ipv4Addr = Ipv4Addr::new(224, 0, 0, 251);
 pub const ANSWER_LENGTH: usize = 512;
 /// How long others may remember an answer, seconds (RFC 6762, section 10: records with a host name).
 const TIME_TO_LIVE_S: u32 = 120;
+/// Most bytes of an answer for each byte of its question: what the shortest question for the service and the longest name
+/// of a robot need. More would make the robot worth asking in somebody else's name.
+pub const AMPLIFICATION: usize = 11;
 const HOST_PREFIX: &str = "flix-";
 
 /// Answers queries about one robot.
@@ -58,7 +61,9 @@ impl Responder {
         // A resolver that knows no multicast asks from another port and wants the answer there.
         let legacy = from.port() != PORT;
         let request = MdnsRequest::Request { legacy, multicast: true, data: query };
-        let length = self.handle(address, request, answer)?;
+        let length = self
+            .handle(address, request, answer)
+            .filter(|length| *length <= AMPLIFICATION * query.len())?;
         let everybody = SocketAddr::V4(SocketAddrV4::new(GROUP, PORT));
         Some((if legacy { from } else { everybody }, length))
     }
@@ -163,6 +168,27 @@ mod tests {
     #[test]
     fn questions_about_others_are_left_to_others() {
         assert_eq!(ask(NEIGHBOUR, &["_ipp", "_tcp", "local"]), None);
+    }
+
+    #[test]
+    fn no_answer_is_longer_than_its_question_allows() {
+        let longest = "n".repeat(NAME_LENGTH);
+        let responder = Responder::new(&longest, 13549);
+        let question = query(&["_flix", "_udp", "local"]);
+        let mut answer = [0; ANSWER_LENGTH];
+        let answered = |question: &[u8], answer: &mut _| {
+            responder.answer(ADDRESS, LEGACY, question, answer).map(|(_, length)| length)
+        };
+        let length = answered(&question, &mut answer).unwrap();
+        assert!(length <= AMPLIFICATION * question.len(), "{length} for {}", question.len());
+        // A name that is one pointer back into the header, as short as a question can be.
+        let mut short = question[..12].to_vec();
+        short.extend([0xc0, 12, 0, 255, 0, 1]);
+        let all = [&short[..], &query(&["local"]), &question[..]];
+        for question in all {
+            let length = answered(question, &mut answer).unwrap_or_default();
+            assert!(length <= AMPLIFICATION * question.len());
+        }
     }
 
     #[test]

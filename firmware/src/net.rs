@@ -10,8 +10,9 @@
 //!   waits for nothing.
 //! - A socket that has been full for [`STALL`] waits for an address that does not answer, and is
 //!   emptied.
-//! - mDNS is answered on the robot's own network alone and at most every [`DISCOVERY_INTERVAL`], and
-//!   the robot announces itself whenever it gets an address.
+//! - mDNS is answered on the robot's own network alone, at most every [`DISCOVERY_INTERVAL`] and with at
+//!   most [`AMPLIFICATION`](crate::mdns::AMPLIFICATION) times the bytes of the question; the robot announces itself
+//!   whenever it gets an address.
 
 use core::net::{Ipv4Addr, SocketAddr};
 use core::task::Poll;
@@ -26,6 +27,7 @@ use flix_protocol::frame::{Datagram, Frame, MAXIMUM_DATAGRAM, MAXIMUM_HANDSHAKE}
 use flix_protocol::units::Instant;
 
 use crate::mdns::{self, ANSWER_LENGTH, Responder};
+use crate::neighbours::Guard;
 
 /// How often orders and reports are exchanged with the fast half, whatever the network does.
 pub const EXCHANGE_INTERVAL: Duration = Duration::from_millis(5);
@@ -51,8 +53,8 @@ pub trait Station {
     fn now(&self) -> Instant;
     /// Hands over orders and configurations to the fast half, and takes its report.
     fn exchange(&mut self);
-    /// Takes a datagram that came from `from`.
-    fn receive(&mut self, from: SocketAddr, datagram: &[u8]);
+    /// Takes a datagram that came from `from`, and returns whether its operator sent it just now.
+    fn receive(&mut self, from: SocketAddr, datagram: &[u8]) -> bool;
     /// Returns the next datagram to send, and to whom.
     fn transmit(&mut self, frame: &mut Frame) -> Option<SocketAddr>;
     /// Returns when there will be something to transmit.
@@ -61,8 +63,8 @@ pub trait Station {
 
 /// Serves operators on [`DEFAULT_PORT`] for ever. `name` is what the robot is found under.
 ///
-/// The stack needs room for [`SOCKETS`] sockets. The link may go and come back at any time.
-pub async fn serve(stack: Stack<'_>, name: &str, station: &mut impl Station) -> ! {
+/// The stack needs room for [`SOCKETS`] sockets; `guard` stands before its driver. The link may go and come back at any time.
+pub async fn serve(stack: Stack<'_>, guard: &Guard, name: &str, station: &mut impl Station) -> ! {
     let (mut received, mut receive_meta) = ([0; 8 * MAXIMUM_DATAGRAM], [PacketMetadata::EMPTY; 16]);
     let (mut sent, mut send_meta) = ([0; 8 * MAXIMUM_DATAGRAM], [PacketMetadata::EMPTY; 8]);
     let session =
@@ -84,7 +86,9 @@ pub async fn serve(stack: Stack<'_>, name: &str, station: &mut impl Station) -> 
         station.exchange();
         for _ in 0..BURST {
             let Some((from, length)) = session.take(&mut datagram) else { break };
-            station.receive(from, &datagram[..length]);
+            if station.receive(from, &datagram[..length]) {
+                guard.confirm(from, &datagram[..length]);
+            }
             station.exchange();
             flush(station, stack, &mut session, &mut frame).await;
         }

@@ -85,9 +85,9 @@ impl<S: SettingsStore> Robot<S> {
         actuation
     }
 
-    /// Takes a datagram that came from `from`. Never panics.
-    pub fn receive(&mut self, now: Instant, from: SocketAddr, datagram: &[u8]) {
-        self.slow.receive(now, from, datagram);
+    /// Takes a datagram that came from `from`, and returns whether its operator sent it just now. Never panics.
+    pub fn receive(&mut self, now: Instant, from: SocketAddr, datagram: &[u8]) -> bool {
+        self.slow.receive(now, from, datagram)
     }
 
     /// Returns the next datagram to send, and to whom. Call until `None`, after each datagram received and
@@ -225,8 +225,8 @@ impl<S: SettingsStore> SlowHalf<S> {
     }
 
     /// Does as [`Robot::receive`].
-    pub fn receive(&mut self, now: Instant, from: SocketAddr, datagram: &[u8]) {
-        self.link.receive(now, from, datagram, &mut self.tuning);
+    pub fn receive(&mut self, now: Instant, from: SocketAddr, datagram: &[u8]) -> bool {
+        self.link.receive(now, from, datagram, &mut self.tuning)
     }
 
     /// Does as [`Robot::transmit`].

@@ -6,6 +6,7 @@
 mod no_store;
 
 use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
 use std::future::Future;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::pin::Pin;
@@ -13,7 +14,7 @@ use std::rc::Rc;
 use std::sync::Mutex;
 
 use embassy_executor::Executor;
-use embassy_futures::join::{join, join4};
+use embassy_futures::join::{join, join3, join4};
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use embassy_net::udp::{PacketMetadata, UdpSocket};
@@ -25,6 +26,7 @@ use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::exchange::Exchange;
 use flix_firmware::hardware::{Encoder, EncoderAngle, EncoderReading, Sensors};
 use flix_firmware::mdns;
+use flix_firmware::neighbours::{Guard, Guarded};
 use flix_firmware::net::{self, Station};
 use flix_firmware::robot::{FastHalf, Robot, SlowHalf};
 use flix_protocol::DEFAULT_PORT;
@@ -46,7 +48,7 @@ const TURNS: usize = 12;
 /// Virtual time is one for the whole process.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
-type Driver = Device<'static, MTU>;
+type Driver = Guarded<Device<'static, MTU>>;
 
 /// What the wire does with frames.
 #[derive(Default)]
@@ -55,6 +57,8 @@ struct Wire {
     /// One frame in so many is lost; 0 for none.
     loses_one_in: Cell<u32>,
     random: Cell<u32>,
+    /// Frames that somebody else puts on the wire to the robot.
+    foreign: RefCell<VecDeque<Vec<u8>>>,
 }
 
 impl Wire {
@@ -118,8 +122,8 @@ impl Station for ChipStation {
         self.brain.longest_gap_us.set(self.brain.longest_gap_us.get().max(gap));
         self.brain.slow.borrow_mut().exchange(&mut *self.brain.exchange.borrow_mut());
     }
-    fn receive(&mut self, from: SocketAddr, datagram: &[u8]) {
-        self.brain.slow.borrow_mut().receive(now(), from, datagram);
+    fn receive(&mut self, from: SocketAddr, datagram: &[u8]) -> bool {
+        self.brain.slow.borrow_mut().receive(now(), from, datagram)
     }
     fn transmit(&mut self, frame: &mut Frame) -> Option<SocketAddr> {
         self.brain.slow.borrow_mut().transmit(now(), frame)
@@ -158,12 +162,17 @@ impl World {
     }
 }
 
+fn hardware(number: u8) -> [u8; 6] {
+    [2, 0, 0, 0, 0, number]
+}
+
 fn stack(
     address: Ipv4Addr,
     number: u8,
+    guard: &'static Guard,
 ) -> (Stack<'static>, embassy_net::Runner<'static, Driver>, Runner<'static, MTU>) {
     let state = Box::leak(Box::new(State::<MTU, 32, 32>::new()));
-    let hardware = HardwareAddress::Ethernet([2, 0, 0, 0, 0, number]);
+    let hardware = HardwareAddress::Ethernet(hardware(number));
     let (runner, device) = embassy_net_driver_channel::new(state, hardware);
     runner.state_runner().set_link_state(LinkState::Up);
     let config = Config::ipv4_static(StaticConfigV4 {
@@ -172,7 +181,8 @@ fn stack(
         dns_servers: Default::default(),
     });
     let resources = Box::leak(Box::new(StackResources::<8>::new()));
-    let (stack, stack_runner) = embassy_net::new(device, config, resources, u64::from(number));
+    let (stack, stack_runner) =
+        embassy_net::new(Guarded::new(device, guard), config, resources, u64::from(number));
     (stack, stack_runner, runner)
 }
 
@@ -180,16 +190,34 @@ fn stack(
 async fn carry(
     wire: Rc<Wire>,
     mut from: embassy_net_driver_channel::TxRunner<'static, MTU>,
-    mut to: embassy_net_driver_channel::RxRunner<'static, MTU>,
+    to: Rc<RefCell<embassy_net_driver_channel::RxRunner<'static, MTU>>>,
 ) {
     loop {
         let frame = from.tx_buf().await.to_vec();
         from.tx_done();
-        if !wire.loses()
-            && let Some(buffer) = to.try_rx_buf()
-        {
-            buffer[..frame.len()].copy_from_slice(&frame);
-            to.rx_done(frame.len());
+        if !wire.loses() {
+            arrive(&frame, &to);
+        }
+        yield_now().await;
+    }
+}
+
+fn arrive(frame: &[u8], to: &RefCell<embassy_net_driver_channel::RxRunner<'static, MTU>>) {
+    let mut to = to.borrow_mut();
+    if let Some(buffer) = to.try_rx_buf() {
+        buffer[..frame.len()].copy_from_slice(frame);
+        to.rx_done(frame.len());
+    }
+}
+
+/// Puts somebody else's frames on the wire.
+async fn intrude(
+    wire: Rc<Wire>,
+    to: Rc<RefCell<embassy_net_driver_channel::RxRunner<'static, MTU>>>,
+) {
+    loop {
+        while let Some(frame) = wire.foreign.borrow_mut().pop_front() {
+            arrive(&frame, &to);
         }
         yield_now().await;
     }
@@ -208,8 +236,9 @@ where
 {
     let _guard = ONE_AT_A_TIME.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     MockDriver::get().reset();
-    let (robot_stack, mut robot_runner, robot_wire) = stack(ROBOT, 1);
-    let (operator_stack, mut operator_runner, operator_wire) = stack(OPERATOR, 2);
+    let guards = [(); 2].map(|()| &*Box::leak(Box::new(Guard::default())));
+    let (robot_stack, mut robot_runner, robot_wire) = stack(ROBOT, 1, guards[0]);
+    let (operator_stack, mut operator_runner, operator_wire) = stack(OPERATOR, 2, guards[1]);
     let (robot_link, robot_rx, robot_tx) = robot_wire.split();
     let (operator_link, operator_rx, operator_tx) = operator_wire.split();
     let (wire, brain) = (Rc::new(Wire::default()), Rc::new(Brain::new(key)));
@@ -232,10 +261,14 @@ where
                 MockDriver::get().advance(TICK);
             }
         };
-        let wires =
-            join(carry(wire.clone(), robot_tx, operator_rx), carry(wire, operator_tx, robot_rx));
+        let [operator_rx, robot_rx] = [operator_rx, robot_rx].map(|rx| Rc::new(RefCell::new(rx)));
+        let wires = join3(
+            carry(wire.clone(), robot_tx, operator_rx),
+            carry(wire.clone(), operator_tx, robot_rx.clone()),
+            intrude(wire, robot_rx),
+        );
         let stacks = join(robot_runner.run(), operator_runner.run());
-        let robot = net::serve(robot_stack, "daisy", &mut station);
+        let robot = net::serve(robot_stack, guards[0], "daisy", &mut station);
         select(scenario, join4(wires, stacks, robot, clock)).await;
         is_over.set(true);
     };
@@ -416,6 +449,80 @@ fn the_fast_loop_keeps_time_in_a_flood_and_hears_its_orders() {
         let gap = brain.longest_gap_us.get();
         assert!(gap <= allowed, "{gap} us between two exchanges");
     });
+}
+
+/// An ARP packet in which the machine of this number claims an address: a request for the robot's, or a reply to it.
+fn arp(operation: u8, number: u8, address: Ipv4Addr) -> Vec<u8> {
+    let (robot, liar) = (hardware(1), hardware(number));
+    let head = [0x08, 0x06, 0, 1, 0x08, 0, 6, 4, 0, operation];
+    [&robot[..], &liar, &head, &liar, &address.octets(), &robot, &ROBOT.octets()].concat()
+}
+
+/// Claims the operator's address, and those of as many others, in ARP packets a second.
+async fn forge_arp(wire: Rc<Wire>, a_second: u64) {
+    for number in 0_u64.. {
+        let address = match number % 14 {
+            0 | 7 => OPERATOR,
+            other => Ipv4Addr::new(10, 0, 0, 100 + other as u8),
+        };
+        let operation = 1 + (number % 2) as u8;
+        wire.foreign.borrow_mut().push_back(arp(operation, 66, address));
+        Timer::after(Duration::from_micros(1_000_000 / a_second)).await;
+    }
+}
+
+#[test]
+fn forged_arp_takes_no_answers_from_the_operator() {
+    for a_second in [14, 1_000] {
+        play(Some(key()), move |world| async move {
+            let mut operator = Operator::new(&world);
+            let work = async {
+                let took = operator.connect().await;
+                operator.ping_for(2_000).await;
+                took
+            };
+            let forgery = forge_arp(world.wire.clone(), a_second);
+            let Either::First(took) = select(work, forgery).await else { unreachable!() };
+            let (answers, telemetry) = (operator.outcomes.len(), operator.telemetry);
+            assert!(took < 1_000_000, "{took} us with {a_second} forgeries a second");
+            assert!(answers >= 97 && telemetry >= 95, "{answers} answers, {telemetry} telemetry");
+        });
+    }
+}
+
+#[test]
+fn an_operator_who_gets_another_network_card_is_answered_there() {
+    play(Some(key()), |world| async move {
+        let mut operator = Operator::new(&world);
+        operator.connect().await;
+        operator.ping_for(100).await;
+        // From another card, and then the old one again.
+        let command = ToRobot { request: 900, command: Command::Ping(900) };
+        let sealed = operator.session.send(now(), &command).unwrap();
+        world.wire.foreign.borrow_mut().push_back(datagram(3, OPERATOR, &sealed));
+        Timer::after(Duration::from_millis(1)).await;
+        operator.outcomes.clear();
+        operator.ping_for(500).await;
+        let answers = operator.outcomes.len();
+        assert!(answers >= 23, "{answers} answers");
+    });
+}
+
+/// A datagram to the robot's port, from the card of this number.
+fn datagram(number: u8, from: Ipv4Addr, payload: &[u8]) -> Vec<u8> {
+    let port = |port: u16| port.to_be_bytes();
+    let length = |header: usize| ((header + payload.len()) as u16).to_be_bytes();
+    let total = length(28);
+    let mut header = [0x45, 0, total[0], total[1], 0, 0, 0x40, 0, 64, 17, 0, 0].to_vec();
+    header.extend(from.octets());
+    header.extend(ROBOT.octets());
+    let sum: u32 =
+        header.chunks(2).map(|pair| u32::from(u16::from_be_bytes([pair[0], pair[1]]))).sum();
+    let sum = !((sum & 0xffff) + (sum >> 16)) as u16;
+    header[10..12].copy_from_slice(&sum.to_be_bytes());
+    // A checksum of 0: none.
+    let udp = [port(40_000), port(DEFAULT_PORT), length(8), [0, 0]].concat();
+    [&hardware(1)[..], &hardware(number), &[0x08, 0], &header, &udp, payload].concat()
 }
 
 #[test]

@@ -37,6 +37,7 @@ use esp_hal::timer::timg::TimerGroup;
 use esp_radio::wifi::{ControllerConfig, Interface, WifiController};
 use esp_storage::FlashStorage;
 use flix_firmware::board::store::{Entry, FlashStore};
+use flix_firmware::neighbours::{Guard, Guarded};
 use flix_firmware::net;
 use flix_firmware::provision::Provisioner;
 use flix_firmware::robot::{Robot, UNPROVISIONED};
@@ -148,9 +149,11 @@ async fn operate(
     radio: WifiController<'static>,
 ) -> ! {
     static RESOURCES: StaticCell<StackResources<SOCKETS>> = StaticCell::new();
+    static GUARD: StaticCell<Guard> = StaticCell::new();
+    let guard: &Guard = GUARD.init(Guard::default());
     let seed = u64::from(Rng::new().random()) << 32 | u64::from(Rng::new().random());
     let (stack, runner) = embassy_net::new(
-        Interface::station(),
+        Guarded::new(Interface::station(), guard),
         network::addresses(provisioning),
         RESOURCES.init(StackResources::new()),
         seed,
@@ -160,7 +163,7 @@ async fn operate(
         spawner.spawn(stack);
         spawner.spawn(wifi);
     }
-    net::serve(stack, provisioning.name(), &mut robot).await
+    net::serve(stack, guard, provisioning.name(), &mut robot).await
 }
 
 /// Prints what a person at the serial port should know of this board before the motors move.

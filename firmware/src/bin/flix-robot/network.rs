@@ -7,6 +7,7 @@ use esp_radio::wifi::{
     AuthenticationMethodConfig, Config as WifiConfig, Interface, PowerSaveMode, WifiController,
 };
 
+use flix_firmware::neighbours::Guarded;
 use flix_protocol::provision::Provisioning;
 
 use crate::log::log;
@@ -52,7 +53,7 @@ pub(crate) fn addresses(provisioning: &Provisioning) -> Config {
 
 /// Runs the network stack.
 #[embassy_executor::task]
-pub(crate) async fn run_stack(mut runner: Runner<'static, Interface>) {
+pub(crate) async fn run_stack(mut runner: Runner<'static, Guarded<Interface>>) {
     runner.run().await;
 }
 

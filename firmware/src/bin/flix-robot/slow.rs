@@ -60,8 +60,8 @@ impl<S: SettingsStore> Station for Robot<S> {
         self.print_state();
     }
 
-    fn receive(&mut self, from: SocketAddr, datagram: &[u8]) {
-        self.slow.receive(now(), from, datagram);
+    fn receive(&mut self, from: SocketAddr, datagram: &[u8]) -> bool {
+        self.slow.receive(now(), from, datagram)
     }
 
     fn transmit(&mut self, frame: &mut Frame) -> Option<SocketAddr> {

@@ -1,0 +1,268 @@
+//! A driver for the network stack that keeps answers flowing while somebody forges ARP.
+//!
+//! The stack (smoltcp) sends a datagram to the link-layer address that ARP reported last for its IP address. It believes
+//! every ARP packet, knows eight neighbours at a time, and after it asked for one asks for no other for a second. So
+//! [`Guarded`] stands between the stack and the driver:
+//!
+//! - Whoever sends a datagram to [`DEFAULT_PORT`] becomes the stack's newest neighbour, at the link-layer address that
+//!   the datagram came from: the answer goes there, and the stack has to ask nobody.
+//! - The sender of an authentic datagram ([`Guard::confirm`]) is *pinned* for [`PINNED`]: an ARP packet that places its IP
+//!   address elsewhere is dropped, and it is renewed in the stack before [`RENEWED_AFTER`] others can displace it.
+//!
+//! This covers operators in the robot's own network; one beyond a router depends on the router's ARP.
+
+use core::cell::RefCell;
+use core::net::{IpAddr, Ipv4Addr, SocketAddr};
+use core::task::Context;
+
+use embassy_net::driver::{Capabilities, Driver, HardwareAddress, LinkState, RxToken};
+use embassy_time::{Duration, Instant as Moment};
+use flix_protocol::DEFAULT_PORT;
+use flix_protocol::session::HOLDER_SILENCE;
+use heapless::Deque;
+
+use crate::link::push_newest;
+
+/// Time for which the sender of an authentic datagram stays pinned: as long as its session keeps others out.
+const PINNED: Duration = Duration::from_millis(HOLDER_SILENCE.as_millis() as u64);
+/// Other neighbours that the stack may take before the pinned one is renewed: half of those that it knows.
+const RENEWED_AFTER: usize = 4;
+/// Senders that are remembered: more than the session's socket holds datagrams.
+const SENDERS: usize = 32;
+/// Length of the end of a datagram by which it is recognized: that of its tag.
+const MARK: usize = flix_protocol::frame::TAG_LENGTH;
+
+const ETHERNET_HEADER: usize = 14;
+const ETHERTYPE_IPV4: [u8; 2] = [0x08, 0x00];
+const ETHERTYPE_ARP: [u8; 2] = [0x08, 0x06];
+const PROTOCOL_UDP: u8 = 17;
+/// Offset and "more fragments" of an IPv4 header.
+const FRAGMENT: u16 = 0x3fff;
+/// Length of an Ethernet frame with an ARP packet.
+const ARP_FRAME: usize = ETHERNET_HEADER + 28;
+/// Ethernet and IPv4, lengths of their addresses, reply (RFC 826).
+const ARP_REPLY: [u8; 8] = [0, 1, 0x08, 0x00, 6, 4, 0, 2];
+
+type Hardware = [u8; 6];
+type Mark = [u8; MARK];
+
+/// A machine in the robot's network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Neighbour {
+    hardware: Hardware,
+    address: Ipv4Addr,
+    /// The robot's own address, to which it sends.
+    robot: Ipv4Addr,
+}
+
+impl Neighbour {
+    /// Returns the ARP reply with which it would answer the robot.
+    fn reply(&self, own: Hardware) -> [u8; ARP_FRAME] {
+        let mut frame = [0; ARP_FRAME];
+        let parts: [&[u8]; 8] = [
+            &own,
+            &self.hardware,
+            &ETHERTYPE_ARP,
+            &ARP_REPLY,
+            &self.hardware,
+            &self.address.octets(),
+            &own,
+            &self.robot.octets(),
+        ];
+        let mut rest = frame.as_mut_slice();
+        for part in parts {
+            let Some((place, after)) = rest.split_at_mut_checked(part.len()) else { break };
+            place.copy_from_slice(part);
+            rest = after;
+        }
+        frame
+    }
+}
+
+/// What the driver and the network task know together of the robot's neighbours.
+#[derive(Debug, Default)]
+pub struct Guard(RefCell<State>);
+
+#[derive(Debug, Default)]
+struct State {
+    /// Senders of the newest datagrams, newest last.
+    senders: Deque<(Neighbour, Mark), SENDERS>,
+    pinned: Option<(Neighbour, Moment)>,
+    /// To be reported to the stack before the next frame.
+    due: Option<Neighbour>,
+    /// The last that was reported.
+    reported: Option<Neighbour>,
+    /// Neighbours that the stack took since the pinned one was renewed.
+    taken: usize,
+}
+
+impl Guard {
+    /// Pins the sender of this datagram, which is authentic.
+    pub fn confirm(&self, from: SocketAddr, datagram: &[u8]) {
+        let (IpAddr::V4(address), Some(mark)) = (from.ip(), datagram.last_chunk::<MARK>()) else {
+            return;
+        };
+        let mut state = self.0.borrow_mut();
+        let senders = state.senders.iter().rev();
+        let sender = senders.into_iter().find(|(it, end)| it.address == address && end == mark);
+        let Some(&(sender, _)) = sender else { return };
+        if state.pinned.is_none_or(|(pinned, _)| pinned != sender) {
+            state.taken = RENEWED_AFTER;
+        }
+        state.pinned = Some((sender, Moment::now()));
+    }
+}
+
+impl State {
+    fn pinned(&self) -> Option<Neighbour> {
+        self.pinned.filter(|(_, at)| at.elapsed() < PINNED).map(|(pinned, _)| pinned)
+    }
+
+    /// Returns whether an IP address is another machine's than this.
+    fn is_pinned_elsewhere(&self, address: Ipv4Addr, hardware: &[u8]) -> bool {
+        self.pinned().is_some_and(|it| it.address == address && it.hardware != hardware)
+    }
+
+    /// Returns who is to be reported to the stack now.
+    fn report(&self) -> Option<Neighbour> {
+        self.pinned().filter(|_| self.taken >= RENEWED_AFTER).or(self.due)
+    }
+
+    fn reported(&mut self, neighbour: Neighbour) {
+        self.reported = Some(neighbour);
+        if self.due == self.reported {
+            self.due = None;
+        }
+        self.taken = if self.pinned() == self.reported { 0 } else { self.taken + 1 };
+    }
+
+    /// Notes what a frame shows, and returns whether the stack may see it.
+    fn admits(&mut self, frame: &[u8]) -> bool {
+        match frame.get(12..ETHERNET_HEADER) {
+            Some(kind) if kind == ETHERTYPE_ARP => {
+                self.taken += 1;
+                arp_sender(frame)
+                    .is_some_and(|(address, hardware)| !self.is_pinned_elsewhere(address, hardware))
+            }
+            Some(kind) if kind == ETHERTYPE_IPV4 => {
+                if let Some((sender, mark)) = datagram_sender(frame) {
+                    push_newest(&mut self.senders, (sender, mark));
+                    let is_elsewhere = self.is_pinned_elsewhere(sender.address, &sender.hardware);
+                    if !is_elsewhere && self.reported != Some(sender) {
+                        self.due = Some(sender);
+                    }
+                }
+                true
+            }
+            _ => true,
+        }
+    }
+}
+
+fn address(bytes: &[u8]) -> Option<Ipv4Addr> {
+    <[u8; 4]>::try_from(bytes).ok().map(Ipv4Addr::from)
+}
+
+fn number(bytes: &[u8]) -> Option<u16> {
+    <[u8; 2]>::try_from(bytes).ok().map(u16::from_be_bytes)
+}
+
+/// Returns where an ARP packet places its sender.
+fn arp_sender(frame: &[u8]) -> Option<(Ipv4Addr, &[u8])> {
+    let packet = frame.get(ETHERNET_HEADER..ARP_FRAME)?;
+    Some((address(packet.get(14..18)?)?, packet.get(8..14)?))
+}
+
+/// Returns who sent a datagram to the robot's port, and its mark.
+fn datagram_sender(frame: &[u8]) -> Option<(Neighbour, Mark)> {
+    let packet = frame.get(ETHERNET_HEADER..)?;
+    let is_whole = number(packet.get(6..8)?)? & FRAGMENT == 0;
+    if !is_whole || *packet.get(9)? != PROTOCOL_UDP {
+        return None;
+    }
+    let sender = Neighbour {
+        hardware: frame.get(6..12)?.try_into().ok()?,
+        address: address(packet.get(12..16)?)?,
+        robot: address(packet.get(16..20)?)?,
+    };
+    let segment = packet.get(usize::from(packet.first()? & 0x0f) * 4..)?;
+    let (port, length) = (number(segment.get(2..4)?)?, number(segment.get(4..6)?)?);
+    let mark = *segment.get(..usize::from(length))?.last_chunk::<MARK>()?;
+    (port == DEFAULT_PORT).then_some((sender, mark))
+}
+
+/// A driver under guard.
+pub struct Guarded<D> {
+    driver: D,
+    guard: &'static Guard,
+}
+
+impl<D: Driver> Guarded<D> {
+    /// Stands before this driver; the network task gets the same guard.
+    pub const fn new(driver: D, guard: &'static Guard) -> Self {
+        Self { driver, guard }
+    }
+
+    fn report(&self) -> Option<(Neighbour, Hardware)> {
+        let HardwareAddress::Ethernet(own) = self.driver.hardware_address() else { return None };
+        self.guard.0.borrow().report().map(|neighbour| (neighbour, own))
+    }
+}
+
+impl<D: Driver> Driver for Guarded<D> {
+    type RxToken<'a>
+        = Received<D::RxToken<'a>>
+    where
+        Self: 'a;
+    type TxToken<'a>
+        = D::TxToken<'a>
+    where
+        Self: 'a;
+
+    fn receive(&mut self, cx: &mut Context<'_>) -> Option<(Self::RxToken<'_>, Self::TxToken<'_>)> {
+        if let Some((neighbour, own)) = self.report() {
+            let transmit = self.driver.transmit(cx)?;
+            self.guard.0.borrow_mut().reported(neighbour);
+            return Some((Received::Report(neighbour.reply(own)), transmit));
+        }
+        let (receive, transmit) = self.driver.receive(cx)?;
+        Some((Received::Frame(receive, self.guard), transmit))
+    }
+
+    fn transmit(&mut self, cx: &mut Context<'_>) -> Option<Self::TxToken<'_>> {
+        self.driver.transmit(cx)
+    }
+
+    fn link_state(&mut self, cx: &mut Context<'_>) -> LinkState {
+        self.driver.link_state(cx)
+    }
+
+    fn capabilities(&self) -> Capabilities {
+        self.driver.capabilities()
+    }
+
+    fn hardware_address(&self) -> HardwareAddress {
+        self.driver.hardware_address()
+    }
+}
+
+/// What the stack is given: a frame of the driver, or a report of a neighbour.
+pub enum Received<R> {
+    /// Came in.
+    Frame(R, &'static Guard),
+    /// An ARP reply made here.
+    Report([u8; ARP_FRAME]),
+}
+
+impl<R: RxToken> RxToken for Received<R> {
+    fn consume<T, F: FnOnce(&mut [u8]) -> T>(self, take: F) -> T {
+        match self {
+            Self::Frame(token, guard) => token.consume(|frame| {
+                let is_admitted = guard.0.borrow_mut().admits(frame);
+                // An empty frame is dropped by the stack.
+                take(if is_admitted { frame } else { &mut [] })
+            }),
+            Self::Report(mut frame) => take(&mut frame),
+        }
+    }
+}
