@@ -10,6 +10,11 @@ const MEDIAN_CEILING: u32 = 2_000;
 /// Most instructions of any tick: under 20 % of the ESP32-C6 at 10 kHz.
 const WORST_CEILING: u32 = 3_000;
 
+/// Clock of the ESP32-C6, instructions a second at best.
+const CLOCK_HZ: f64 = 160e6;
+/// Datagrams a second whose share of the chip is printed.
+const FLOODS: [f64; 2] = [1_000.0, 10_000.0];
+
 /// What the image counted of one candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Counts {
@@ -25,6 +30,14 @@ fn counts(output: &str, name: &str) -> Option<Counts> {
     let mut numbers = line.split_whitespace().filter_map(|word| word.parse().ok());
     let [median, p99, worst, ticks] = [(); 4].map(|()| numbers.next());
     Some(Counts { median: median?, p99: p99?, worst: worst?, ticks: ticks? })
+}
+
+/// Reads the lines `datagram N NAME` of the image's output.
+fn datagrams(output: &str) -> impl Iterator<Item = (f64, &str)> {
+    output.lines().filter_map(|line| {
+        let (count, name) = line.strip_prefix("datagram ")?.split_once(' ')?;
+        Some((count.parse().ok()?, name))
+    })
 }
 
 /// Builds what is missing, records, replays, compares, counts.
@@ -85,6 +98,14 @@ fn report(output: &str) -> Result<(), Error> {
     row("this firmware while running: sensors to duties, supervisor included", running, &ceilings);
     row("the same, from power-up to the fault at the end", all, &ceilings);
     row("crate `foc` 0.3: two current loops and modulation alone", peer, "");
+    println!(
+        "\n| RV32IMAC, a datagram received | instructions | of an ESP32-C6 at 1,000 a second | at 10,000 |"
+    );
+    println!("|---|---:|---:|---:|");
+    for (count, name) in datagrams(output) {
+        let [few, many] = FLOODS.map(|rate| 100.0 * count * rate / CLOCK_HZ);
+        println!("| {name} | {count} | {few:.1} % | {many:.0} % |");
+    }
     if differences != 0 {
         return Err(Error::Sentence(format!(
             "{differences} of {} ticks decided otherwise than on this computer:\n{output}",
@@ -111,6 +132,12 @@ mod tests {
     #[test]
     fn a_good_run_passes() {
         assert!(report(GOOD).is_ok());
+    }
+
+    #[test]
+    fn datagrams_are_read_with_their_names() {
+        let read: Vec<_> = datagrams("tick\ndatagram 300 a good stop\ndatagram x y\n").collect();
+        assert_eq!(read, [(300.0, "a good stop")]);
     }
 
     #[test]

@@ -6,7 +6,9 @@
 //!
 //! With QEMU's `-icount shift=0` the counter `minstret` is exact and the same in every run. Beside
 //! it, as a peer, the crate `foc` does its two updates on the same currents and angles: current
-//! loops and modulation alone, without what the tick does besides.
+//! loops and modulation alone, without what the tick does besides. Before, it counts what a datagram takes.
+
+mod datagrams;
 
 use fixed::types::I16F16;
 use flix_firmware::fast::configuration::Configuration;
@@ -177,6 +179,10 @@ fn main() -> ! {
             peer: Counts::new(),
         });
     let counted = COUNTED.take();
+    if datagrams::count().is_none() {
+        println!("operator and robot got no session");
+        process::exit(4)
+    }
     match replay(counted) {
         Ok(differences) => {
             println!("differences {differences}");
