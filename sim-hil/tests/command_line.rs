@@ -87,10 +87,10 @@ fn a_reader_that_goes_away_is_no_error() {
 
 /// Follows a circle with this program, as JSON; `controller.sh` is a script with these lines.
 fn track_with(process: &str, script: &str) -> (Option<i32>, serde_json::Value, String) {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("controller.sh"), script).unwrap();
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("controller.sh"), script).expect("a script");
     let mut command = flix_sim(folder.path(), "track circle --radius 0.3 --laps 1 --json");
-    let output = command.args(["--controller-process", process]).output().unwrap();
+    let output = command.args(["--controller-process", process]).output().expect("flix-sim runs");
     let report = serde_json::from_slice(&output.stdout).unwrap_or_default();
     (output.status.code(), report, said(&output))
 }

@@ -110,7 +110,7 @@ impl FakeRobot {
                 self.obey(now, &Command::Stop);
                 self.commands.push(Command::Stop);
                 let mut datagrams = vec![(from, frame.to_vec())];
-                datagrams.extend(self.tell(now, Event::StoppedFromOutside));
+                datagrams.extend(self.report(now, Event::StoppedFromOutside));
                 datagrams
             }
             RobotReceived::Left => {
