@@ -50,7 +50,7 @@ impl Operator {
         self.session.send(now, &ToRobot { request: self.requests, command }).unwrap()
     }
 
-    fn receive(&mut self, now: Instant, datagram: &[u8]) {
+    pub(crate) fn receive(&mut self, now: Instant, datagram: &[u8]) {
         match self.session.receive(now, datagram) {
             OperatorReceived::Connected => self.is_connected = true,
             OperatorReceived::Message(ToOperator::Reply(reply)) => self.replies.push(reply),

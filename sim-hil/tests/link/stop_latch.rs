@@ -86,8 +86,13 @@ fn stop_from_outside(bench: &mut Bench) {
     while bench.now() < end && stop.status() != StopStatus::AtRest {
         if let Some(datagram) = stop.poll(bench.now()) {
             bench.robot.receive(address, &datagram);
-            while bench.robot.transmit(&mut frame) == Some(address) {
-                stop.receive(bench.now(), &frame).unwrap();
+            let now = bench.now();
+            while let Some(to) = bench.robot.transmit(&mut frame) {
+                if to == address {
+                    stop.receive(now, &frame).unwrap();
+                } else {
+                    bench.operator.receive(now, &frame);
+                }
             }
         }
         bench.hold(Command::Setpoint(setpoint(20.0, 0.0)), Duration::from_millis(1));
