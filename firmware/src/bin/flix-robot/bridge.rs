@@ -17,11 +17,12 @@ pub(crate) const HALF_PERIOD: u16 = {
     counts as u16
 };
 
-/// Takes a pin of the board by number.
+/// Takes a pin of the board or the serial port by number.
 #[expect(unsafe_code, reason = "pins are data here; the HAL's singletons are types")]
 pub(crate) fn pin(number: Pin) -> AnyPin<'static> {
     // SAFETY: `choice::BOARD` was checked to use each pin once and none of the serial port's or
-    // the flash's, every caller takes its numbers from there, and each part is made once.
+    // the flash's, every caller takes its numbers from there or is the serial port, and each part is
+    // made once.
     unsafe { AnyPin::steal(number) }
 }
 

@@ -4,9 +4,10 @@
 //! loop can wait for: a thread below the loop reads both in turn and leaves what it got, with
 //! the time at which it was sampled, for the loop to find.
 
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
 use esp_hal::Blocking;
-use esp_hal::gpio::Output;
-use esp_hal::gpio::{InputConfig, Pull};
+use esp_hal::gpio::{InputConfig, Output, Pull};
 use esp_hal::spi::Mode;
 use esp_hal::spi::master::{Config, Spi};
 use esp_hal::time::Rate;
@@ -18,7 +19,6 @@ use flix_firmware::hardware::{Encoder, EncoderAngle, EncoderReading, TICK_US};
 use flix_protocol::units::Instant;
 
 use crate::bridge::{output, pin};
-use crate::mailbox::Mailbox;
 
 /// A reading, or the lack of one, and when.
 #[derive(Debug, Clone, Copy)]
@@ -40,14 +40,15 @@ impl Sample {
 }
 
 /// Samples of the top and the bottom encoder, from the thread that reads the bus.
-pub(crate) static SAMPLES: [Mailbox<Sample>; 2] = [const { Mailbox::new() }; 2];
+pub(crate) static SAMPLES: [Signal<CriticalSectionRawMutex, Sample>; 2] =
+    [const { Signal::new() }; 2];
 
 /// How the fast loop reads the encoders.
 pub(crate) enum Encoders {
     /// Read in the tick.
     Spi(SpiEncoders),
     /// Read elsewhere, found in [`SAMPLES`].
-    Mailboxes,
+    Elsewhere,
 }
 
 impl Encoders {
@@ -55,8 +56,8 @@ impl Encoders {
     pub(crate) fn read(&mut self, now: Instant) -> [Encoder; 2] {
         match self {
             Self::Spi(spi) => spi.read(now),
-            Self::Mailboxes => [0, 1].map(|motor| {
-                SAMPLES[motor].take().map_or(Encoder::Pending, |sample| sample.at(now))
+            Self::Elsewhere => [0, 1].map(|motor| {
+                SAMPLES[motor].try_take().map_or(Encoder::Pending, |sample| sample.at(now))
             }),
         }
     }

@@ -19,7 +19,7 @@ use static_cell::StaticCell;
 use crate::chip::Electronics;
 use crate::clock::now;
 use crate::encoders::Encoders;
-use crate::mailbox::Shared;
+use crate::shared::Shared;
 
 /// The chip starts anew when the loop has not run for so long.
 const WATCHDOG: Duration = Duration::from_millis(200);

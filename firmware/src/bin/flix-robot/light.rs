@@ -4,7 +4,7 @@ use embassy_time::Timer;
 use esp_hal::gpio::Output;
 use flix_protocol::message::State;
 
-use crate::mailbox::Shared;
+use crate::shared::Shared;
 
 /// One step of a pattern.
 const STEP_MILLISECONDS: u64 = 125;

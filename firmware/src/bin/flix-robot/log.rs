@@ -4,16 +4,14 @@
 //! of a copy, or, when the queue is full, not at all. Answers over the serial port go the same way, so that no line falls
 //! into one.
 
-use core::cell::RefCell;
 use core::fmt::{Arguments, Write};
 
-use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::signal::Signal;
+use embassy_sync::pipe::Pipe;
 use embassy_time::Timer;
 use esp_hal::Async;
 use esp_hal::uart::UartTx;
-use heapless::{Deque, String};
+use heapless::String;
 
 /// Bytes that wait: everything that is said at start.
 const QUEUE_BYTES: usize = 1024;
@@ -24,10 +22,7 @@ const CHUNK_BYTES: usize = 32;
 /// How often somebody who waits for an empty queue looks.
 const LOOK_MILLISECONDS: u64 = 5;
 
-static QUEUE: Mutex<CriticalSectionRawMutex, RefCell<Deque<u8, QUEUE_BYTES>>> =
-    Mutex::new(RefCell::new(Deque::new()));
-/// There is something in the queue.
-static FILLED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+static QUEUE: Pipe<CriticalSectionRawMutex, QUEUE_BYTES> = Pipe::new();
 
 /// Says something, as `println!` would.
 macro_rules! log {
@@ -48,22 +43,20 @@ pub(crate) fn line(arguments: Arguments<'_>) {
 }
 
 /// Puts bytes into the queue, all of them or none.
-pub(crate) fn put(bytes: &[u8]) {
-    QUEUE.lock(|queue| {
-        let mut queue = queue.borrow_mut();
-        if queue.capacity() - queue.len() >= bytes.len() {
-            for byte in bytes {
-                // There is room.
-                let _ = queue.push_back(*byte);
+pub(crate) fn put(mut bytes: &[u8]) {
+    critical_section::with(|_| {
+        if QUEUE.free_capacity() >= bytes.len() {
+            // In two parts where the queue's end lies within the bytes.
+            while let Ok(written @ 1..) = QUEUE.try_write(bytes) {
+                bytes = &bytes[written..];
             }
         }
     });
-    FILLED.signal(());
 }
 
 /// Waits until the port has taken everything.
 pub(crate) async fn drained() {
-    while QUEUE.lock(|queue| !queue.borrow().is_empty()) {
+    while !QUEUE.is_empty() {
         Timer::after_millis(LOOK_MILLISECONDS).await;
     }
 }
@@ -71,20 +64,9 @@ pub(crate) async fn drained() {
 /// Gives the port what is in the queue, for ever.
 #[embassy_executor::task]
 pub(crate) async fn drain(mut port: UartTx<'static, Async>) {
+    let mut chunk = [0; CHUNK_BYTES];
     loop {
-        let mut chunk = [0; CHUNK_BYTES];
-        let length = QUEUE.lock(|queue| {
-            let mut queue = queue.borrow_mut();
-            let taken = chunk.iter_mut().map_while(|byte| {
-                *byte = queue.pop_front()?;
-                Some(())
-            });
-            taken.count()
-        });
-        if length == 0 {
-            FILLED.wait().await;
-            continue;
-        }
+        let length = QUEUE.read(&mut chunk).await;
         let mut rest = &chunk[..length];
         while let Ok(written @ 1..) = port.write_async(rest).await {
             rest = &rest[written..];

@@ -8,7 +8,7 @@
 //! | I2C encoders ([`encoders`]) | core 1's thread, below the fast loop | as fast as the bus |
 //! | network, settings, lights | embassy tasks on core 0 | as needed |
 //!
-//! Fast loop and tasks exchange whole values through the library's `exchange`, shared by [`mailbox`];
+//! Fast loop and tasks exchange whole values through the library's `exchange`, [`shared`];
 //! neither waits for the other.
 //! A panic, a brown-out and a fast loop that stops for 200 ms all end with the bridges off.
 
@@ -21,10 +21,10 @@ mod fast;
 mod flash;
 mod light;
 mod log;
-mod mailbox;
 mod network;
 mod panic;
 mod serial;
+mod shared;
 mod slow;
 
 use core::cell::RefCell;
@@ -48,7 +48,7 @@ use choice::BOARD;
 use fast::Loop;
 use flash::Flash;
 use log::log;
-use mailbox::Shared;
+use shared::Shared;
 
 esp_bootloader_esp_idf::esp_app_desc!();
 

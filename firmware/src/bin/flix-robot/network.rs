@@ -1,6 +1,10 @@
 //! Wi-Fi: connects, connects again when it is lost, and never blocks anything else meanwhile.
 
+use core::cell::Cell;
+
 use embassy_net::{Config, Ipv4Cidr, Runner, StaticConfigV4};
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::{Duration, Instant, Timer};
 use esp_radio::wifi::sta::StationConfig;
 use esp_radio::wifi::{
@@ -11,7 +15,6 @@ use flix_firmware::neighbours::Guarded;
 use flix_protocol::provision::Provisioning;
 
 use crate::log::log;
-use crate::mailbox::Mailbox;
 
 /// Wait after the first failed attempt; doubled after each further one.
 const SHORTEST_WAIT: Duration = Duration::from_millis(500);
@@ -23,7 +26,8 @@ const GOOD_CONNECTION: Duration = Duration::from_secs(30);
 const SIGNAL_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Radio power as last received, dBm.
-pub(crate) static SIGNAL: Mailbox<i8> = Mailbox::new();
+pub(crate) static SIGNAL: Mutex<CriticalSectionRawMutex, Cell<Option<i8>>> =
+    Mutex::new(Cell::new(None));
 
 /// Returns the network's name and password for the driver; `None` when they are longer than Wi-Fi allows.
 fn station(provisioning: &Provisioning) -> Option<WifiConfig> {
@@ -96,10 +100,9 @@ pub(crate) async fn stay_connected(
 /// Reads the radio's power until the connection is gone.
 async fn watch(controller: &mut WifiController<'static>) {
     while controller.is_connected() {
-        if let Some(dbm) = controller.rssi().ok().and_then(|dbm| i8::try_from(dbm).ok()) {
-            SIGNAL.put(dbm);
-        }
+        let dbm = controller.rssi().ok().and_then(|dbm| i8::try_from(dbm).ok());
+        SIGNAL.lock(|signal| signal.set(dbm.or(signal.get())));
         Timer::after(SIGNAL_INTERVAL).await;
     }
-    SIGNAL.take();
+    SIGNAL.lock(Cell::take);
 }

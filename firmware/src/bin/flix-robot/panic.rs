@@ -1,4 +1,5 @@
-//! A panic switches the bridges off, prints why, and leaves the rest to the watchdog.
+//! A panic switches the bridges off, prints why, and stops. The watchdog then restarts the robot, once
+//! the fast loop has started it; before, the robot stays off until its power goes.
 
 use core::panic::PanicInfo;
 
@@ -12,16 +13,12 @@ fn on_panic(info: &PanicInfo) -> ! {
     critical_section::with(|_| {
         // Taken from the PWM, driven low: off where there is an enable, else braking.
         for bridge in &BOARD.bridges {
-            bridge
-                .enable
-                .iter()
-                .chain(&bridge.phases)
-                .copied()
-                .map(output)
-                .for_each(core::mem::forget);
+            for pin in bridge.enable.iter().chain(&bridge.phases) {
+                core::mem::forget(output(*pin));
+            }
         }
         println!("panic: {info}");
-        println!("bridges off; the watchdog restarts the robot");
+        println!("bridges off; the watchdog restarts a robot whose fast loop had begun");
         loop {
             core::hint::spin_loop();
         }

@@ -2,15 +2,17 @@
 
 use embassy_time::{Duration, Timer};
 use esp_hal::Async;
+use esp_hal::peripherals::UART0;
 use esp_hal::uart::{Config, Uart, UartRx, UartTx};
 use flix_firmware::board::store::Entry;
 use flix_firmware::provision::Provisioner;
 use flix_protocol::provision::BAUD_RATE;
 
-use crate::chip::SerialParts;
+use crate::bridge::pin;
+use crate::chip;
 use crate::flash::Flash;
 use crate::log::{self, log};
-use crate::mailbox::Shared;
+use crate::shared::Shared;
 
 /// Bytes taken at once.
 const CHUNK: usize = 64;
@@ -18,10 +20,17 @@ const CHUNK: usize = 64;
 const REST: Duration = Duration::from_millis(200);
 
 /// Opens both directions of the port; `None` when it cannot be had at its speed.
-pub(crate) fn port(parts: SerialParts) -> Option<(UartRx<'static, Async>, UartTx<'static, Async>)> {
+pub(crate) fn port(
+    unit: UART0<'static>,
+) -> Option<(UartRx<'static, Async>, UartTx<'static, Async>)> {
     let config = Config::default().with_baudrate(BAUD_RATE);
-    let port = Uart::new(parts.unit, config).ok()?;
-    Some(port.with_rx(parts.receive).with_tx(parts.transmit).into_async().split())
+    let port = Uart::new(unit, config).ok()?;
+    Some(
+        port.with_rx(pin(chip::SERIAL_RECEIVE))
+            .with_tx(pin(chip::SERIAL_TRANSMIT))
+            .into_async()
+            .split(),
+    )
 }
 
 /// Answers requests for ever. A robot that was provisioned anew restarts;

@@ -1,5 +1,6 @@
 //! The slow half as the network task sees it: what crosses to and from the fast loop.
 
+use core::cell::Cell;
 use core::net::SocketAddr;
 
 use embassy_time::Timer;
@@ -12,8 +13,8 @@ use flix_protocol::units::Instant;
 
 use crate::clock::now;
 use crate::log::log;
-use crate::mailbox::Shared;
 use crate::network::SIGNAL;
+use crate::shared::Shared;
 
 /// The slow half, with the way to the fast loop.
 pub(crate) struct Robot<S> {
@@ -55,7 +56,7 @@ impl<S: SettingsStore> Station for Robot<S> {
     }
 
     fn exchange(&mut self) {
-        self.slow.set_signal(SIGNAL.newest());
+        self.slow.set_signal(SIGNAL.lock(Cell::get));
         self.slow.exchange(&mut self.exchange);
         self.print_state();
     }

@@ -1,9 +1,12 @@
 //! What the ESP32 and the ESP32-S3 have in common: core 1 belongs to the fast loop.
 
 use esp_hal::Blocking;
+use esp_hal::analog::adc::{Adc, AdcChannel, AdcConfig, AdcPin, Attenuation};
 use esp_hal::i2c::master::{Config, I2c, SoftwareTimeout};
 use esp_hal::mcpwm::PwmPeripheral;
-use esp_hal::peripherals::{CPU_CTRL, FROM_CPU_INTR2, I2C0, I2C1, MCPWM0, MCPWM1, SPI3, TIMG1};
+use esp_hal::peripherals::{
+    ADC1, CPU_CTRL, FROM_CPU_INTR2, I2C0, I2C1, MCPWM0, MCPWM1, Peripherals, SPI3, TIMG1,
+};
 use esp_hal::system::{CpuControl, Stack};
 use esp_hal::time::{Duration, Rate};
 use esp_storage::FlashStorage;
@@ -12,6 +15,8 @@ use flix_firmware::board::{BridgePins, EncoderKind, I2cPins};
 use flix_firmware::hardware::Actuation;
 use static_cell::StaticCell;
 
+use super::chosen::{BottomA, BottomB, Divider, TopA, TopB};
+use super::parts::Parts;
 use crate::bridge::{self, ThreePhase, pin};
 use crate::choice::BOARD;
 use crate::clock::now;
@@ -25,36 +30,44 @@ const I2C_CLOCK: Rate = Rate::from_mhz(1);
 /// A reading takes 54 microseconds; one that takes this long is a failure.
 const I2C_PATIENCE: Duration = Duration::from_millis(1);
 
-/// What measures currents and battery; the pins of each chip have types of their own.
-pub(crate) trait Converters {
-    /// Counts of phases A and B of the top, then of the bottom motor.
-    fn currents(&mut self) -> Option<[[i16; 2]; 2]>;
-    /// Counts of the divider.
-    fn divider(&mut self) -> Option<u16>;
+/// What core 1 owns.
+pub(crate) struct FastParts {
+    core: CPU_CTRL<'static>,
+    pwm: (MCPWM0<'static>, MCPWM1<'static>),
+    converter: ADC1<'static>,
+    encoders: EncoderUnits,
+    timers: TIMG1<'static>,
+    software_interrupt: FROM_CPU_INTR2<'static>,
 }
 
-/// What core 1 owns.
-pub(crate) struct FastParts<Analog> {
-    pub(crate) core: CPU_CTRL<'static>,
-    pub(crate) pwm: (MCPWM0<'static>, MCPWM1<'static>),
-    pub(crate) analog: Analog,
-    pub(crate) encoders: EncoderUnits,
-    pub(crate) timers: TIMG1<'static>,
-    pub(crate) software_interrupt: FROM_CPU_INTR2<'static>,
+/// Shares the chip out.
+pub(crate) fn share_out(chip: Peripherals) -> Parts<FastParts> {
+    Parts {
+        scheduler: (chip.TIMG0, chip.FROM_CPU_INTR0),
+        flash: chip.FLASH,
+        wifi: chip.WIFI,
+        serial: chip.UART0,
+        fast: FastParts {
+            core: chip.CPU_CTRL,
+            pwm: (chip.MCPWM0, chip.MCPWM1),
+            converter: chip.ADC1,
+            encoders: EncoderUnits { top: chip.I2C0, bottom: chip.I2C1, spi: chip.SPI3 },
+            timers: chip.TIMG1,
+            software_interrupt: chip.FROM_CPU_INTR2,
+        },
+    }
 }
 
 /// Starts the fast loop on core 1, which has no scheduler, and what reads I2C encoders below it.
-pub(crate) fn start_fast_loop<Analog: Converters + Send + 'static>(
-    parts: FastParts<Analog>,
-    start: impl FnOnce(Electronics<Analog>, Encoders, TIMG1<'static>, FROM_CPU_INTR2<'static>)
-    + Send
-    + 'static,
+pub(crate) fn start_fast_loop(
+    parts: FastParts,
+    start: impl FnOnce(Electronics, Encoders, TIMG1<'static>, FROM_CPU_INTR2<'static>) + Send + 'static,
 ) {
     static STACK: StaticCell<Stack<STACK_BYTES>> = StaticCell::new();
-    let FastParts { core, pwm, analog, encoders, timers, software_interrupt } = parts;
+    let FastParts { core, pwm, converter, encoders, timers, software_interrupt } = parts;
     let work = move || {
         let (encoders, i2c) = encoders.start();
-        let electronics = Electronics::new(pwm, analog);
+        let electronics = Electronics::new(pwm, Analog::new(converter));
         start(electronics, encoders, timers, software_interrupt);
         read_i2c_for_ever(i2c)
     };
@@ -65,14 +78,14 @@ pub(crate) fn start_fast_loop<Analog: Converters + Send + 'static>(
     }
 }
 
-/// Bridges and converters.
-pub(crate) struct Electronics<Analog> {
+/// Bridges and converter.
+pub(crate) struct Electronics {
     top: ThreePhase<MCPWM0<'static>, true>,
     bottom: ThreePhase<MCPWM1<'static>, true>,
     analog: Analog,
 }
 
-impl<Analog: Converters> Electronics<Analog> {
+impl Electronics {
     fn new((top, bottom): (MCPWM0<'static>, MCPWM1<'static>), analog: Analog) -> Self {
         let [top_pins, bottom_pins] = BOARD.bridges;
         Self { top: bridge(top, top_pins), bottom: bridge(bottom, bottom_pins), analog }
@@ -92,8 +105,52 @@ impl<Analog: Converters> Electronics<Analog> {
 
     /// Counts of the divider.
     pub(crate) fn bus_voltage(&mut self) -> Option<u16> {
-        BOARD.divider.and_then(|_| self.analog.divider())
+        let Analog { converter, divider, .. } = &mut self.analog;
+        BOARD.divider.and_then(|_| read(converter, divider)).map(i16::cast_unsigned)
     }
+}
+
+type Converter = Adc<'static, ADC1<'static>, Blocking>;
+type Channel<Pin> = AdcPin<Pin, ADC1<'static>>;
+
+/// The converter, and the pins of the amplifiers and the divider.
+struct Analog {
+    converter: Converter,
+    top: (Channel<TopA>, Channel<TopB>),
+    bottom: (Channel<BottomA>, Channel<BottomB>),
+    divider: Channel<Divider>,
+}
+
+impl Analog {
+    #[expect(unsafe_code, reason = "the chip's file names these pins by type")]
+    fn new(converter: ADC1<'static>) -> Self {
+        // SAFETY: `Board::check` gave these pins to the converter alone. Where two of them are one pin, both
+        // only read it.
+        let (top, bottom, divider) = unsafe {
+            ((TopA::steal(), TopB::steal()), (BottomA::steal(), BottomB::steal()), Divider::steal())
+        };
+        let mut config = AdcConfig::new();
+        let range = Attenuation::_11dB;
+        Self {
+            top: (config.enable_pin(top.0, range), config.enable_pin(top.1, range)),
+            bottom: (config.enable_pin(bottom.0, range), config.enable_pin(bottom.1, range)),
+            divider: config.enable_pin(divider, range),
+            converter: Adc::new(converter, config),
+        }
+    }
+
+    fn currents(&mut self) -> Option<[[i16; 2]; 2]> {
+        let Self { converter, top, bottom, .. } = self;
+        Some([
+            [read(converter, &mut top.0)?, read(converter, &mut top.1)?],
+            [read(converter, &mut bottom.0)?, read(converter, &mut bottom.1)?],
+        ])
+    }
+}
+
+/// Does one conversion, 12 bits. A hung converter is a hung loop: the watchdog ends both.
+fn read(converter: &mut Converter, channel: &mut Channel<impl AdcChannel>) -> Option<i16> {
+    nb::block!(converter.read_oneshot(channel)).ok().map(u16::cast_signed)
 }
 
 /// Starts a bridge on the three outputs A of a unit.
@@ -107,6 +164,9 @@ fn bridge<PWM: PwmPeripheral + 'static>(unit: PWM, pins: BridgePins) -> ThreePha
         pins.enable,
     )
 }
+
+/// Interrupts are on: Xtensa's start-up code leaves them so.
+pub(crate) fn enable_interrupts() {}
 
 /// Parks this core's neighbour whenever flash is written.
 pub(crate) fn share_with_other_core(flash: FlashStorage<'static>) -> FlashStorage<'static> {
@@ -131,11 +191,11 @@ impl EncoderUnits {
     fn start(self) -> (Encoders, I2cBuses) {
         match (BOARD.encoder, BOARD.i2c) {
             (EncoderKind::As5600, Some([top, bottom])) => {
-                (Encoders::Mailboxes, [i2c(self.top, top), i2c(self.bottom, bottom)])
+                (Encoders::Elsewhere, [i2c(self.top, top), i2c(self.bottom, bottom)])
             }
             (kind, _) => {
                 let spi = SpiEncoders::new(self.spi, BOARD.spi, kind);
-                (spi.map_or(Encoders::Mailboxes, Encoders::Spi), [None, None])
+                (spi.map_or(Encoders::Elsewhere, Encoders::Spi), [None, None])
             }
         }
     }
@@ -154,7 +214,7 @@ fn i2c(
 /// Reads both AS5600 in turn, below the fast loop, and leaves what they say for it.
 fn read_i2c_for_ever(mut buses: I2cBuses) -> ! {
     loop {
-        for (bus, mailbox) in buses.iter_mut().zip(&SAMPLES) {
+        for (bus, newest) in buses.iter_mut().zip(&SAMPLES) {
             let Some(bus) = bus else { continue };
             let mut frame = [0; 3];
             let before = now();
@@ -163,7 +223,7 @@ fn read_i2c_for_ever(mut buses: I2cBuses) -> ! {
             let half = now().as_micros().saturating_sub(before.as_micros()) / 2;
             let time = flix_protocol::units::Instant::from_micros(before.as_micros() + half);
             let angle = outcome.ok().and_then(|()| as5600(frame));
-            mailbox.put(Sample { angle, time });
+            newest.signal(Sample { angle, time });
         }
     }
 }

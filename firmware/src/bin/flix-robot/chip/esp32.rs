@@ -1,18 +1,25 @@
 //! ESP32: the fast loop has core 1 to itself; one MCPWM unit a bridge; currents on ADC1.
 
-use esp_hal::Blocking;
-use esp_hal::analog::adc::{Adc, AdcChannel, AdcConfig, AdcPin, Attenuation};
-use esp_hal::gpio::Pin;
-use esp_hal::peripherals::{ADC1, GPIO34, GPIO35, GPIO36, GPIO39, LPWR, Peripherals};
+use esp_hal::peripherals::{GPIO34, GPIO35, GPIO36, GPIO39, LPWR};
+use flix_firmware::board::Pin;
 
-use super::dual_core::{self, Converters, EncoderUnits};
-pub(crate) use super::dual_core::{share_with_other_core, start_fast_loop};
-use super::parts::{Parts, SerialParts};
 use crate::choice::BOARD;
 
-/// Bridges and converters.
-pub(crate) type Electronics = dual_core::Electronics<Analog>;
-type FastParts = dual_core::FastParts<Analog>;
+/// Data from the USB connector.
+pub(crate) const SERIAL_RECEIVE: Pin = 3;
+/// Data to the USB connector.
+pub(crate) const SERIAL_TRANSMIT: Pin = 1;
+
+/// Amplifier of the top motor's phase A.
+pub(super) type TopA = GPIO39<'static>;
+/// Amplifier of the top motor's phase B.
+pub(super) type TopB = GPIO36<'static>;
+/// Amplifier of the bottom motor's phase A.
+pub(super) type BottomA = GPIO35<'static>;
+/// Amplifier of the bottom motor's phase B.
+pub(super) type BottomB = GPIO34<'static>;
+/// The divider option, which costs an amplifier.
+pub(super) type Divider = GPIO34<'static>;
 
 const _: () = {
     let [top, bottom] = BOARD.bridges;
@@ -21,75 +28,6 @@ const _: () = {
     assert!(matches!(BOARD.divider_option.pin, 34), "the divider option is on 34");
 };
 
-/// Shares the chip out.
-pub(crate) fn share_out(chip: Peripherals) -> Parts<FastParts> {
-    let pins = (chip.GPIO39, chip.GPIO36, chip.GPIO35, chip.GPIO34);
-    Parts {
-        scheduler: (chip.TIMG0, chip.FROM_CPU_INTR0),
-        flash: chip.FLASH,
-        wifi: chip.WIFI,
-        serial: SerialParts {
-            unit: chip.UART0,
-            receive: chip.GPIO3.degrade(),
-            transmit: chip.GPIO1.degrade(),
-        },
-        fast: FastParts {
-            core: chip.CPU_CTRL,
-            pwm: (chip.MCPWM0, chip.MCPWM1),
-            analog: Analog::new(chip.ADC1, pins),
-            encoders: EncoderUnits { top: chip.I2C0, bottom: chip.I2C1, spi: chip.SPI3 },
-            timers: chip.TIMG1,
-            software_interrupt: chip.FROM_CPU_INTR2,
-        },
-    }
-}
-
-type Converter = Adc<'static, ADC1<'static>, Blocking>;
-type Channel<Pin> = AdcPin<Pin, ADC1<'static>>;
-
-/// The converter, and the pins that the modules bring out and the boards use.
-pub(crate) struct Analog {
-    converter: Converter,
-    top_a: Channel<GPIO39<'static>>,
-    top_b: Channel<GPIO36<'static>>,
-    bottom_a: Channel<GPIO35<'static>>,
-    bottom_b_or_divider: Channel<GPIO34<'static>>,
-}
-
-impl Analog {
-    fn new(
-        converter: ADC1<'static>,
-        pins: (GPIO39<'static>, GPIO36<'static>, GPIO35<'static>, GPIO34<'static>),
-    ) -> Self {
-        let mut config = AdcConfig::new();
-        let top_a = config.enable_pin(pins.0, Attenuation::_11dB);
-        let top_b = config.enable_pin(pins.1, Attenuation::_11dB);
-        let bottom_a = config.enable_pin(pins.2, Attenuation::_11dB);
-        let bottom_b_or_divider = config.enable_pin(pins.3, Attenuation::_11dB);
-        let converter = Adc::new(converter, config);
-        Self { converter, top_a, top_b, bottom_a, bottom_b_or_divider }
-    }
-}
-
-impl Converters for Analog {
-    fn currents(&mut self) -> Option<[[i16; 2]; 2]> {
-        let converter = &mut self.converter;
-        Some([
-            [read(converter, &mut self.top_a)?, read(converter, &mut self.top_b)?],
-            [read(converter, &mut self.bottom_a)?, read(converter, &mut self.bottom_b_or_divider)?],
-        ])
-    }
-
-    fn divider(&mut self) -> Option<u16> {
-        read(&mut self.converter, &mut self.bottom_b_or_divider).map(i16::cast_unsigned)
-    }
-}
-
-/// Does one conversion, 12 bits. A hung converter is a hung loop: the watchdog ends both.
-fn read(converter: &mut Converter, channel: &mut Channel<impl AdcChannel>) -> Option<i16> {
-    nb::block!(converter.read_oneshot(channel)).ok().map(u16::cast_signed)
-}
-
 /// Lets a supply that sags reset the chip, which switches the bridges off.
 pub(crate) fn reset_on_brown_out() {
     LPWR::regs().brown_out().modify(|_, w| {
@@ -97,6 +35,3 @@ pub(crate) fn reset_on_brown_out() {
         w.ena().set_bit()
     });
 }
-
-/// Interrupts are on: Xtensa's start-up code leaves them so.
-pub(crate) fn enable_interrupts() {}

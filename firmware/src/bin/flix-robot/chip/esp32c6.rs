@@ -5,19 +5,23 @@
 
 use esp_hal::Blocking;
 use esp_hal::analog::adc::{Adc, AdcChannel, AdcConfig, Attenuation, RegisterAccess};
-use esp_hal::gpio::Pin;
 use esp_hal::mcpwm::timer::Timer;
 use esp_hal::peripherals::{
     ADC1, FROM_CPU_INTR2, GPIO0, LP_ANA, MCPWM0, PCR, Peripherals, SPI2, TIMG1,
 };
 use esp_storage::FlashStorage;
-use flix_firmware::board::EncoderKind;
+use flix_firmware::board::{EncoderKind, Pin};
 use flix_firmware::hardware::Actuation;
 
-use super::parts::{Parts, SerialParts};
+use super::parts::Parts;
 use crate::bridge::{self, ThreePhase, pin};
 use crate::choice::BOARD;
 use crate::encoders::{Encoders, SpiEncoders};
+
+/// Data from the USB connector.
+pub(crate) const SERIAL_RECEIVE: Pin = 17;
+/// Data to the USB connector.
+pub(crate) const SERIAL_TRANSMIT: Pin = 16;
 
 /// What the fast loop owns.
 pub(crate) struct FastParts {
@@ -34,11 +38,7 @@ pub(crate) fn share_out(chip: Peripherals) -> Parts<FastParts> {
         scheduler: (chip.TIMG0, chip.FROM_CPU_INTR0),
         flash: chip.FLASH,
         wifi: chip.WIFI,
-        serial: SerialParts {
-            unit: chip.UART0,
-            receive: chip.GPIO17.degrade(),
-            transmit: chip.GPIO16.degrade(),
-        },
+        serial: chip.UART0,
         fast: FastParts {
             pwm: chip.MCPWM0,
             converter: (chip.ADC1, chip.GPIO0),
@@ -56,9 +56,9 @@ pub(crate) fn start_fast_loop(
 ) {
     let encoders = match BOARD.encoder {
         // `Board::check` refuses them on this chip.
-        EncoderKind::As5600 => Encoders::Mailboxes,
+        EncoderKind::As5600 => Encoders::Elsewhere,
         kind => {
-            SpiEncoders::new(parts.spi, BOARD.spi, kind).map_or(Encoders::Mailboxes, Encoders::Spi)
+            SpiEncoders::new(parts.spi, BOARD.spi, kind).map_or(Encoders::Elsewhere, Encoders::Spi)
         }
     };
     let electronics = Electronics::new(parts.pwm, parts.converter);

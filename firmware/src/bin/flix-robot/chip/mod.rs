@@ -10,15 +10,16 @@ mod esp32c6;
 mod esp32s3;
 mod parts;
 
+#[cfg(not(feature = "esp32c6"))]
+use dual_core as cores;
 #[cfg(feature = "esp32")]
 use esp32 as chosen;
-#[cfg(feature = "esp32c6")]
-use esp32c6 as chosen;
 #[cfg(feature = "esp32s3")]
 use esp32s3 as chosen;
+#[cfg(feature = "esp32c6")]
+use {esp32c6 as chosen, esp32c6 as cores};
 
-pub(crate) use chosen::{
-    Electronics, enable_interrupts, reset_on_brown_out, share_out, share_with_other_core,
-    start_fast_loop,
+pub(crate) use chosen::{SERIAL_RECEIVE, SERIAL_TRANSMIT, reset_on_brown_out};
+pub(crate) use cores::{
+    Electronics, enable_interrupts, share_out, share_with_other_core, start_fast_loop,
 };
-pub(crate) use parts::SerialParts;

@@ -1,6 +1,5 @@
 //! The chip, shared out among those who need a part of it.
 
-use esp_hal::gpio::AnyPin;
 use esp_hal::peripherals::{FLASH, FROM_CPU_INTR0, TIMG0, UART0, WIFI};
 
 /// The chip's parts. What the fast loop needs differs from chip to chip.
@@ -11,18 +10,8 @@ pub(crate) struct Parts<Fast> {
     pub(crate) flash: FLASH<'static>,
     /// For the network.
     pub(crate) wifi: WIFI<'static>,
-    /// For provisioning and the log.
-    pub(crate) serial: SerialParts,
+    /// For provisioning and the log, at the board's USB connector.
+    pub(crate) serial: UART0<'static>,
     /// For the fast loop.
     pub(crate) fast: Fast,
-}
-
-/// The serial port that the board's USB connector leads to.
-pub(crate) struct SerialParts {
-    /// The unit.
-    pub(crate) unit: UART0<'static>,
-    /// Into the chip.
-    pub(crate) receive: AnyPin<'static>,
-    /// Out of the chip.
-    pub(crate) transmit: AnyPin<'static>,
 }

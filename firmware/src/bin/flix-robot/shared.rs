@@ -1,0 +1,30 @@
+//! The exchange, shared between interrupts and tasks, on any core, at any priority. Interrupts are held off for the
+//! time of a copy.
+
+use core::cell::RefCell;
+
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use flix_firmware::exchange::{Access, Exchange};
+use flix_protocol::message::State;
+
+/// The exchange between fast loop and tasks.
+pub(crate) struct Shared(Mutex<CriticalSectionRawMutex, RefCell<Exchange>>);
+
+impl Shared {
+    /// Shares an exchange.
+    pub(crate) const fn new(exchange: Exchange) -> Self {
+        Self(Mutex::new(RefCell::new(exchange)))
+    }
+
+    /// Returns the state of the fast loop as last reported.
+    pub(crate) fn state(&self) -> State {
+        self.0.lock(|exchange| exchange.borrow().newest_report().state)
+    }
+}
+
+impl Access for &Shared {
+    fn with<R>(&mut self, access: impl FnOnce(&mut Exchange) -> R) -> R {
+        self.0.lock(|exchange| access(&mut exchange.borrow_mut()))
+    }
+}
