@@ -738,3 +738,18 @@ fn every_command_has_a_manual_page() {
         assert!(page.contains(".SH SYNOPSIS"), "{}", command.get_name());
     }
 }
+
+#[test]
+fn a_drive_is_recorded_unless_that_is_declined() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    let json = operator.flix(&drive(&address, &["--json"])).expect(0, &[]).json();
+    let run = flix_host::record::Run::read(
+        json["record"].as_str().map(|file| operator.home.path().join(file)).unwrap().as_ref(),
+    )
+    .unwrap();
+    assert!(run.is_complete && !run.telemetry.is_empty(), "{} rows", run.telemetry.len());
+    assert_eq!(run.commands.iter().map(|row| row.frequency_hz).collect::<Vec<_>>(), [-30.0]);
+    let json = operator.flix(&drive(&address, &["--json", "--no-record"])).expect(0, &[]).json();
+    assert!(json["record"].is_null());
+}

@@ -7,6 +7,8 @@ use std::net::SocketAddr;
 use std::time::Duration;
 
 use flix_host::link::Client;
+use flix_host::nav::PlanarPose;
+use flix_host::pose::{Pose, PoseSample};
 use flix_host::teleop::cockpit::Sample;
 use flix_host::teleop::keyboard::{Action, Mode};
 use flix_host::teleop::{Cockpit, view};
@@ -220,4 +222,59 @@ fn a_robot_that_was_lost_comes_back_at_rest() {
     assert_eq!((desk.robot.state, desk.robot.setpoint), (State::Disarmed, Setpoint::REST));
     desk.press(Action::Arm);
     assert_eq!((desk.robot.state, desk.robot.setpoint), (State::Armed, Setpoint::REST));
+}
+
+impl Desk {
+    /// Shows the robot to the cameras on a curve to the left, for so many poses at 100 Hz.
+    fn see(&mut self, poses: u32) {
+        for index in 0..poses {
+            let heading = 0.01 * f64::from(index);
+            let pose = PlanarPose { x: heading.sin(), y: 1.0 - heading.cos(), heading };
+            let sample = PoseSample { time: self.now, pose: Pose::planar(pose, 0.06), valid: true };
+            self.cockpit.see(&sample, &mut self.client, self.now);
+            self.run(Duration::from_millis(10));
+        }
+    }
+}
+
+#[test]
+fn a_map_shows_way_and_heading_where_poses_are_known() {
+    let mut desk = Desk::armed();
+    desk.press(Action::Walk(Mode::Forward));
+    desk.see(100);
+    insta::assert_snapshot!(desk.picture(80, 24));
+}
+
+#[test]
+fn a_wide_terminal_shows_the_map_beside_the_shaker() {
+    let mut desk = Desk::armed();
+    desk.see(100);
+    let picture = desk.picture(120, 40);
+    assert!(picture.contains(" map, ") && picture.contains(" from above "), "{picture}");
+}
+
+#[test]
+fn a_forward_walk_that_curves_is_reported_and_a_held_heading_turns_it_back() {
+    let mut desk = Desk::armed();
+    desk.see(1);
+    desk.press(Action::Walk(Mode::Forward));
+    desk.see(50);
+    let curves = |desk: &Desk| {
+        desk.cockpit.log.iter().any(|line| line.text.contains("forward curves to the left"))
+    };
+    assert!(curves(&desk));
+    let mut desk = Desk::armed();
+    desk.see(1);
+    desk.press(Action::HoldHeading);
+    desk.press(Action::Walk(Mode::Forward));
+    desk.see(50);
+    assert_eq!(desk.robot.telemetry(desk.now).setpoint, Mode::RightTurn.setpoint());
+    assert!(!curves(&desk));
+}
+
+#[test]
+fn without_poses_there_is_no_heading_to_hold() {
+    let mut desk = Desk::armed();
+    desk.press(Action::HoldHeading);
+    assert!(desk.cockpit.log.back().unwrap().text.contains("--pose natnet"));
 }

@@ -91,7 +91,7 @@ fn experiment(release: Release) -> Outcome {
     let program = Command::new(std::env::current_exe()?)
         .args(["drive", &network.to_operator.local_addr()?.to_string(), "--key"])
         .arg(&key_file)
-        .args(["--frequency", COMMANDED_HZ, "--direction", "0", "--for", "1h"])
+        .args(["--frequency", COMMANDED_HZ, "--direction", "0", "--for", "1h", "--no-record"])
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .spawn()?;

@@ -38,7 +38,7 @@ const LONG_ROUND_TRIP: Duration = Duration::from_millis(100);
 #[command(after_help = "\
 Examples:
   flix doctor walker-1 --natnet-server 192.168.1.5
-  flix doctor --json                                       (against flix-sim serve --natnet)")]
+  flix doctor --json                         (against flix-sim serve --natnet)")]
 pub struct Args {
     #[command(flatten)]
     robot: RobotArgs,

@@ -1,6 +1,8 @@
 //! `flix drive`: shakes with one pair for a time.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -11,10 +13,12 @@ use serde::Serialize;
 use super::output::{milliseconds, print, print_json, progress};
 use super::robot::RobotArgs;
 use super::time::duration;
+use super::walk::record;
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 use crate::link::Update;
 use crate::link::udp::{Connection, LinkError, STOP_PATIENCE, faulted};
+use crate::record::{RecordError, Recorder};
 
 /// Largest error of f that counts as reached, Hz.
 const FREQUENCY_REACHED_HZ: f32 = 0.5;
@@ -49,6 +53,12 @@ pub struct Args {
     /// Duration, for example 5, 5s or 1500ms.
     #[arg(long = "for", value_name = "TIME", value_parser = duration)]
     duration: Duration,
+    /// Folder for the record.
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    out: PathBuf,
+    /// Write no record.
+    #[arg(long)]
+    no_record: bool,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -95,12 +105,21 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let setpoint = Setpoint::new(args.frequency, args.direction).map_err(Error::usage)?;
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let mut connection = args.robot.connect(&interrupt)?;
-    let held = match drive(&mut connection, setpoint, args.duration) {
-        Ok(held) => held,
+    let recorder = if args.no_record {
+        None
+    } else {
+        Some(record(&args.out, &mut connection, None, "drive", BTreeMap::new())?)
+    };
+    let mut log = DriveLog { held: Held::new(setpoint), recorder, trouble: None };
+    let driven = drive(&mut connection, setpoint, args.duration, &mut log);
+    let file = log.recorder.take().map(Recorder::finish).transpose();
+    match driven {
+        Ok(()) => {}
         Err(LinkError::Interrupted) => return Err(stop(&mut connection)),
         Err(error) => return Err(error.into()),
-    };
-    let report = Report::new(args, &held, &connection);
+    }
+    let file = log.trouble.map_or(file, Err)?;
+    let report = Report::new(args, &log.held, &connection, file);
     connection.leave();
     if args.json {
         print_json(&report)?
@@ -126,34 +145,40 @@ fn drive(
     connection: &mut Connection,
     setpoint: Setpoint,
     duration: Duration,
-) -> Result<Held, LinkError> {
+    log: &mut DriveLog,
+) -> Result<(), LinkError> {
     connection.arm()?;
-    let mut held = Held::new(setpoint);
     let (client, now) = connection.operate();
     client.hold(now, setpoint);
+    log.write(|recorder| recorder.command(now, &setpoint, "drive"));
+    let began = now;
     let bar = progress(duration);
     let start = Instant::now();
     let mut has_run = false;
     while start.elapsed() < duration {
         let left = duration.saturating_sub(start.elapsed());
-        let trouble = connection.wait_for(left.min(SLICE), |_, update| match update {
-            Update::Event(EventReport { event: Event::StoppedFromOutside, .. }) => {
-                Some(LinkError::StoppedFromOutside)
-            }
-            Update::SetpointRefused(refusal) => Some(LinkError::Refused(refusal.clone())),
-            Update::Telemetry(telemetry) => {
-                held.add(start.elapsed(), telemetry);
-                let is_running = matches!(telemetry.state, State::Running | State::Armed);
-                has_run |= is_running;
-                match telemetry.state {
-                    State::Faulted => Some(faulted(telemetry)),
-                    actual if has_run && !is_running => {
-                        Some(LinkError::State { wanted: State::Running, actual })
-                    }
-                    _ => None,
+        let trouble = connection.wait_for(left.min(SLICE), |_, update| {
+            let now = began + start.elapsed();
+            log.write(|recorder| recorder.update(now, update));
+            match update {
+                Update::Event(EventReport { event: Event::StoppedFromOutside, .. }) => {
+                    Some(LinkError::StoppedFromOutside)
                 }
+                Update::SetpointRefused(refusal) => Some(LinkError::Refused(refusal.clone())),
+                Update::Telemetry(telemetry) => {
+                    log.held.add(start.elapsed(), telemetry);
+                    let is_running = matches!(telemetry.state, State::Running | State::Armed);
+                    has_run |= is_running;
+                    match telemetry.state {
+                        State::Faulted => Some(faulted(telemetry)),
+                        actual if has_run && !is_running => {
+                            Some(LinkError::State { wanted: State::Running, actual })
+                        }
+                        _ => None,
+                    }
+                }
+                _ => None,
             }
-            _ => None,
         })?;
         if let Some(error) = trouble {
             return Err(error);
@@ -161,8 +186,23 @@ fn drive(
         bar.set_position(u64::try_from(start.elapsed().as_millis()).unwrap_or(u64::MAX));
     }
     bar.finish_and_clear();
-    connection.disarm()?;
-    Ok(held)
+    connection.disarm()
+}
+
+/// What is kept of a drive.
+struct DriveLog {
+    held: Held,
+    recorder: Option<Recorder>,
+    /// Why the record is not complete.
+    trouble: Option<RecordError>,
+}
+
+impl DriveLog {
+    fn write(&mut self, row: impl FnOnce(&mut Recorder) -> Result<(), RecordError>) {
+        if let Some(Err(error)) = self.recorder.as_mut().map(row) {
+            (self.recorder, self.trouble) = (None, Some(error));
+        }
+    }
 }
 
 /// How well the robot held the commanded pair, from its own telemetry.
@@ -251,6 +291,7 @@ struct Report {
     peak_current_a: f32,
     bus_voltage_v: Option<f32>,
     link: Link,
+    record: Option<PathBuf>,
 }
 
 #[derive(Debug, Serialize)]
@@ -275,7 +316,7 @@ struct Link {
 }
 
 impl Report {
-    fn new(args: &Args, held: &Held, connection: &Connection) -> Self {
+    fn new(args: &Args, held: &Held, connection: &Connection, record: Option<PathBuf>) -> Self {
         let statistics = connection.client().statistics();
         let quantile = |share| statistics.round_trip_quantile(share).map(milliseconds);
         Self {
@@ -293,6 +334,7 @@ impl Report {
                 round_trip_p99_ms: quantile(0.99),
                 loss: statistics.loss(),
             },
+            record,
         }
     }
 }
@@ -323,6 +365,9 @@ fn describe(report: &Report) -> String {
             commanded.frequency_hz, commanded.direction_deg, report.seconds, report.peak_current_a,
         ),
     };
+    if let Some(file) = &report.record {
+        text += &format!("record {}\n", file.display());
+    }
     text
 }
 

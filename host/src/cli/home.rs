@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use super::course::{SteeringArgs, facts, names, results};
 use super::output::print;
 use super::robot::RobotArgs;
-use super::walk::{FileArgs, PoseArgs, Walk, record, unrecorded, verdict};
+use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
 use super::{Error, Exit};
 use crate::nav::{ModeTable, Navigator, Position, Task};
 use crate::pilot::{Pilot, Recorded};
@@ -46,7 +46,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let setup = facts(&settings);
     let navigator = Navigator::new(task, &table, settings).map_err(Error::usage)?;
     let mut walk = Walk::open(&args.robot, &args.poses)?;
-    let mut recorder = record(&args.files.out, &mut walk, "home", setup)?;
+    let mut recorder = walk.record(&args.files.out, "home", setup)?;
     recorder.attach(walk.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
     let mut pilot = Pilot::new(navigator, names(&table), Some(recorder))
         .driving_unrecorded(args.files.unrecorded);

@@ -8,7 +8,7 @@ use super::course::pairs;
 use super::output::{headings, print, table};
 use super::robot::RobotArgs;
 use super::time::duration;
-use super::walk::{FileArgs, PoseArgs, Walk, record, unrecorded, verdict};
+use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
 use super::{Error, Exit};
 use crate::nav::{Area, Identification, IdentificationSettings, ModeTable};
 use crate::pilot::{Pilot, Recorded};
@@ -73,7 +73,7 @@ impl IdentificationArgs {
 #[command(after_help = "\
 Examples:
   flix identify walker-1 --natnet-server 192.168.1.5 --modes walker-1.modes.toml
-  flix identify --rounds 1 --seconds 4s                    (against flix-sim serve --natnet)")]
+  flix identify --rounds 1 --seconds 4s      (against flix-sim serve --natnet)")]
 pub struct Args {
     #[command(flatten)]
     robot: RobotArgs,
@@ -113,7 +113,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (identification, names) = args.identification.identification()?;
     let mut walk = Walk::open(&args.robot, &args.poses)?;
     let facts = BTreeMap::from([("identification".into(), args.identification.source())]);
-    let recorder = record(&args.files.out, &mut walk, "identify", facts)?;
+    let recorder = walk.record(&args.files.out, "identify", facts)?;
     let mut pilot =
         Pilot::new(identification, names, Some(recorder)).driving_unrecorded(args.files.unrecorded);
     let (ending, _) = walk.drive(&mut pilot, |pilot| {

@@ -15,7 +15,7 @@ use crate::keys::{self, Keyring};
 #[command(after_help = "\
 Examples:
   flix keygen walker.key              a key in a file
-  flix keygen --robot walker-1        a key in your own keyring, found by the robot's name")]
+  flix keygen --robot walker-1   a key in your own keyring, found by its name")]
 #[group(required = true)]
 pub struct Args {
     /// File to write; it must not exist.

@@ -150,7 +150,7 @@ pub struct Cli {
 
 const EXAMPLES: &str = "\
 Examples:
-  flix teleop 127.0.0.1                                   drive with the keyboard
+  flix teleop 127.0.0.1                      drive with the keyboard
   flix drive walker-1 --frequency -30 --direction 30 --for 5s
   flix status walker-1 --json | jq .state
   flix stop walker-1
@@ -247,6 +247,19 @@ pub fn main() -> ExitCode {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Returns the examples and tables of help that are wider than a terminal.
+    fn wide_lines(command: &clap::Command) -> Vec<String> {
+        let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+        let wide = |line: &&str| line.starts_with("  ") && line.chars().count() > 80;
+        let own = help.lines().filter(wide).map(str::to_owned);
+        own.chain(command.get_subcommands().flat_map(wide_lines)).collect()
+    }
+
+    #[test]
+    fn help_fits_80_columns() {
+        assert_eq!(wide_lines(&Cli::description()), Vec::<String>::new());
+    }
 
     #[test]
     fn the_command_line_is_consistent() {

@@ -30,10 +30,10 @@ const PASSWORD_VARIABLE: &str = "FLIX_NETWORK_PASSWORD";
 #[command(after_help = "\
 Examples:
   flix provision --port /dev/ttyUSB0 --ssid lab
-  flix provision --port /dev/ttyUSB0 --ssid lab --name walker-2 --password-file lab.password
+  flix provision --port /dev/ttyUSB0 --ssid lab --password-file lab.password
   flix provision --port /dev/ttyUSB0 --ssid lab --address 10.0.0.7/24
-  flix provision --port /dev/ttyUSB0 --ssid lab --new-key       the old key may be known
-  flix provision --port /dev/ttyUSB0 --forget                   before giving the robot away")]
+  flix provision --port /dev/ttyUSB0 --new-key   the old key may be known
+  flix provision --port /dev/ttyUSB0 --forget    before giving the robot away")]
 pub struct Args {
     /// Serial port of the robot.
     #[arg(long, value_name = "PORT")]

@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::course::{CourseArgs, facts, names, results};
 use super::output::{print, print_json};
 use super::robot::RobotArgs;
-use super::walk::{FileArgs, PoseArgs, Walk, record, unrecorded, verdict};
+use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
 use super::{Error, Exit};
 use crate::nav::{ModeTable, ModeTableError, Task};
 use crate::pilot::{Pilot, Recorded};
@@ -23,8 +23,8 @@ const ANSWER_PATIENCE: Duration = Duration::from_millis(100);
     allow_missing_positional = true,
     after_help = "\
 Examples:
-  flix track walker-1 figure8 --modes walker-1.modes.toml --natnet-server 192.168.1.5
-  flix track circle --radius 0.3 --laps 1                  (against flix-sim serve --natnet)
+  flix track walker-1 figure8 --modes walker-1.toml --natnet-server 192.168.1.5
+  flix track circle --radius 0.3 --laps 1    (against flix-sim serve --natnet)
   flix track walker-1 room.csv --at 0.5,0.2 --turned 90"
 )]
 pub struct Args {
@@ -63,7 +63,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     setup.insert("controller".into(), args.course.controller());
     let steering = args.course.steering(task.clone(), &table, settings, ANSWER_PATIENCE)?;
     let mut walk = Walk::open(&args.robot, &args.poses)?;
-    let mut recorder = record(&args.files.out, &mut walk, &name, setup)?;
+    let mut recorder = walk.record(&args.files.out, &name, setup)?;
     if let Task::Follow { path, .. } = &task {
         recorder.path_to_follow(walk.now(), path)?;
     }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::{Duration, SystemTime};
 
-use flix_protocol::message::Command;
+use flix_protocol::message::{Command, Outcome};
 use flix_protocol::units::Instant;
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -28,9 +28,10 @@ const SLICE: Duration = Duration::from_millis(2);
 /// Options of the pose source.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PoseArgs {
-    /// Source of the poses: `natnet` (OptiTrack), or `udp:PORT` for any tracker that sends them as text.
-    #[arg(long, value_name = "SOURCE", default_value = "natnet")]
-    pub pose: PoseKind,
+    /// Source of the poses: `natnet` (OptiTrack), or `udp:PORT` for any tracker that sends them as text [default:
+    /// natnet; for teleop, none].
+    #[arg(long, value_name = "SOURCE")]
+    pub pose: Option<PoseKind>,
     /// Address of Motive's computer (or of the simulator), and its command port.
     #[arg(long, value_name = "HOST[:PORT]", default_value = "127.0.0.1", value_parser = server)]
     pub natnet_server: SocketAddrV4,
@@ -121,7 +122,7 @@ impl PoseArgs {
     /// # Errors
     /// When there is no stream; the message says what to change.
     pub fn open(&self) -> Result<Poses, Error> {
-        match self.pose {
+        match self.pose.unwrap_or(PoseKind::NatNet) {
             PoseKind::NatNet => NatNetSource::connect(self.settings())
                 .map(Poses::NatNet)
                 .map_err(|error| Error::new(Exit::NoAnswer, error)),
@@ -211,26 +212,17 @@ impl Walk {
         self.connection.leave();
     }
 
-    /// Returns the name of the pose server, for the record.
-    #[must_use]
-    pub fn pose_server(&self) -> String {
-        self.source.name()
-    }
-
-    /// Returns name, board and firmware of the robot, for the record.
+    /// Begins the record of the run.
     ///
     /// # Errors
-    /// When it does not answer.
-    pub fn identity(&mut self) -> Result<BTreeMap<String, String>, Error> {
-        self.connection.wait_until_connected()?;
-        let outcome = self.connection.ask(Command::Identify)?;
-        let mut facts = BTreeMap::new();
-        if let flix_protocol::message::Outcome::Identity(identity) = outcome {
-            facts.insert("robot".into(), identity.name.to_string());
-            facts.insert("board".into(), identity.board.to_string());
-            facts.insert("firmware".into(), identity.version.to_string());
-        }
-        Ok(facts)
+    /// As for [`record`].
+    pub fn record(
+        &mut self,
+        out: &Path,
+        name: &str,
+        settings: BTreeMap<String, String>,
+    ) -> Result<Recorder, Error> {
+        record(out, &mut self.connection, Some(self.source.name()), name, settings)
     }
 
     /// Returns the time of the run, which starts with the connection.
@@ -240,28 +232,31 @@ impl Walk {
     }
 }
 
-/// Begins a record with the clock of the walk.
+/// Begins a record with the clock of a connection. `poses`: the name of their source, if there is one.
 ///
 /// # Errors
-/// When the file cannot be made.
+/// When the robot does not answer, or the file cannot be made.
 pub fn record(
     out: &Path,
-    walk: &mut Walk,
+    connection: &mut Connection,
+    poses: Option<String>,
     name: &str,
     settings: BTreeMap<String, String>,
 ) -> Result<Recorder, Error> {
-    let mut versions = walk.identity()?;
-    versions.insert("flix".into(), env!("CARGO_PKG_VERSION").into());
-    let robot = versions.remove("robot").unwrap_or_default();
-    let run = BTreeMap::from([
-        ("robot".into(), robot),
-        ("poses".into(), walk.pose_server()),
-        ("clock".into(), "real time".into()),
-    ]);
-    let elapsed = Duration::from_micros(walk.now().as_micros());
-    let started = SystemTime::now() - elapsed;
+    if !connection.client().is_connected(connection.now()) {
+        connection.wait_until_connected()?;
+    }
+    let mut run = BTreeMap::from([("clock".into(), "real time".into())]);
+    run.extend(poses.map(|poses| ("poses".into(), poses)));
+    let mut versions = BTreeMap::from([("flix".into(), env!("CARGO_PKG_VERSION").into())]);
+    if let Outcome::Identity(identity) = connection.ask(Command::Identify)? {
+        run.insert("robot".into(), identity.name.to_string());
+        versions.insert("board".into(), identity.board.to_string());
+        versions.insert("firmware".into(), identity.version.to_string());
+    }
+    let elapsed = Duration::from_micros(connection.now().as_micros());
     let description = RunDescription { name: name.to_owned(), run, settings, versions };
-    Ok(Recorder::create(out, started, &description)?)
+    Ok(Recorder::create(out, SystemTime::now() - elapsed, &description)?)
 }
 
 /// Returns an error for a run that did not finish.

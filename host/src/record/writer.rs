@@ -18,6 +18,7 @@ use super::message::{
 };
 use super::{ENDING, FOLDER};
 use crate::explain;
+use crate::link::Update;
 use crate::nav::{Path, PlanarPose, Progress};
 use crate::pose::PoseSample;
 
@@ -245,6 +246,18 @@ impl Recorder {
         let seconds = report.time.as_micros() as f64 * 1e-6;
         let event = explain::event(&report.event);
         self.log(now, level, &format!("robot at {seconds:.3} s: {event}"))
+    }
+
+    /// Records what the robot reported; other updates of the link leave no row.
+    ///
+    /// # Errors
+    /// As for [`Recorder::pose`].
+    pub fn update(&mut self, now: Instant, update: &Update) -> Result<(), RecordError> {
+        match update {
+            Update::Telemetry(telemetry) => self.telemetry(now, telemetry),
+            Update::Event(report) => self.event(now, report),
+            _ => Ok(()),
+        }
     }
 
     /// Records a command.

@@ -10,10 +10,12 @@ use flix_protocol::message::{
 use flix_protocol::session::ConnectError;
 use flix_protocol::units::{Degrees, Hertz, Instant};
 
-use super::keyboard::Action;
+use super::floor::Floor;
+use super::keyboard::{Action, Mode};
 use crate::explain;
 use crate::link::udp::PASSING_PATIENCE;
 use crate::link::{Client, Update, passes};
+use crate::pose::PoseSample;
 
 /// Interval between two points of the histories.
 pub const HISTORY_INTERVAL: Duration = Duration::from_millis(200);
@@ -105,6 +107,8 @@ pub struct Cockpit {
     pub history: VecDeque<Sample>,
     /// Log, oldest first.
     pub log: VecDeque<Line>,
+    /// Where the robot is, once poses are trusted.
+    pub floor: Option<Floor>,
     /// Shaking phase in slow motion, degrees clockwise.
     pub phase: f32,
     start: Instant,
@@ -139,6 +143,7 @@ impl Cockpit {
             current_limit: ASSUMED_CURRENT_LIMIT,
             history: VecDeque::new(),
             log: VecDeque::new(),
+            floor: None,
             phase: 0.0,
             start: now,
             heard: now,
@@ -181,8 +186,12 @@ impl Cockpit {
             Action::Walk(mode) => {
                 if self.want(mode.setpoint(), client, now) {
                     self.note(now, Weight::Note, mode.name());
+                    if let Some(floor) = &mut self.floor {
+                        floor.begin(mode == Mode::Forward);
+                    }
                 }
             }
+            Action::HoldHeading => self.hold_heading(now),
             Action::Rest => {
                 self.want(Setpoint::REST, client, now);
             }
@@ -244,6 +253,40 @@ impl Cockpit {
                 client.connect(now);
             }
         }
+    }
+
+    /// Takes a pose, and keeps the heading that is held.
+    pub fn see(&mut self, sample: &PoseSample, client: &mut Client, now: Instant) {
+        Floor::observe(&mut self.floor, sample);
+        let Some(floor) = &mut self.floor else { return };
+        let steered = floor.steer(now, self.wanted);
+        if self.wanted != Setpoint::REST && !self.is_stopping {
+            client.hold(now, steered);
+        }
+        if let Some(turn) = floor.curve() {
+            let side = if turn > 0.0 { "left" } else { "right" };
+            let angle = turn.to_degrees().abs();
+            let text = format!(
+                "forward curves to the {side}, {angle:.0} degrees so far: h holds the heading"
+            );
+            self.note(now, Weight::Note, &text);
+        }
+    }
+
+    fn hold_heading(&mut self, now: Instant) {
+        let Some(floor) = &mut self.floor else {
+            let text = "the heading is not known: start with `--pose natnet` or `--pose udp:PORT`";
+            return self.note(now, Weight::Warning, text);
+        };
+        let holds = floor.held().is_none();
+        floor.hold(holds);
+        let heading = floor.pose.heading.to_degrees();
+        let text = if holds {
+            format!("holds the heading of {heading:.0} degrees; h ends that")
+        } else {
+            "the heading is free".to_owned()
+        };
+        self.note(now, Weight::Note, &text);
     }
 
     /// Advances link figures, histories and slow motion to the present time.
@@ -400,6 +443,9 @@ impl Cockpit {
 
     fn rest(&mut self) {
         self.wanted = Setpoint::REST;
+        if let Some(floor) = &mut self.floor {
+            floor.begin(false);
+        }
     }
 
     fn lost(&mut self, text: &str, now: Instant) {
@@ -409,7 +455,8 @@ impl Cockpit {
         self.note(now, Weight::Alarm, text);
     }
 
-    fn note(&mut self, now: Instant, weight: Weight, text: &str) {
+    /// Adds a line to the log.
+    pub fn note(&mut self, now: Instant, weight: Weight, text: &str) {
         if self.log.len() == LOG_LENGTH {
             self.log.pop_front();
         }

@@ -74,6 +74,8 @@ pub enum Action {
     Frequency(f32),
     /// Change theta by this step, degrees.
     Direction(f32),
+    /// Hold the present heading, or end that.
+    HoldHeading,
     /// Disarm, then leave.
     Quit,
     /// Stop, then leave.
@@ -121,6 +123,7 @@ pub fn action(key: KeyEvent) -> Option<Action> {
         'e' | '5' => Action::Walk(Mode::StrafeRight),
         's' | '0' => Action::Rest,
         'c' => Action::Clear,
+        'h' => Action::HoldHeading,
         _ => return None,
     })
 }

@@ -5,6 +5,7 @@
 //! [`screen`] owns the terminal and the loop.
 
 pub mod cockpit;
+pub mod floor;
 pub mod keyboard;
 pub mod screen;
 pub mod view;

@@ -4,13 +4,18 @@ use std::io::{self, IsTerminal};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
+use flix_protocol::message::Setpoint;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event};
 
+use super::cockpit::Weight;
 use super::keyboard::{Action, action};
 use super::{Cockpit, view};
 use crate::interrupt::Interrupt;
 use crate::link::udp::{Connection, LinkError};
+use crate::pose::any::Poses;
+use crate::pose::{PoseError, PoseSource};
+use crate::record::{RecordError, Recorder};
 
 /// Longest wait for a datagram between two checks of the keys.
 const KEY_LATENCY: Duration = Duration::from_millis(10);
@@ -38,6 +43,18 @@ pub enum ScreenError {
     /// The link failed.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// The poses failed.
+    #[error(transparent)]
+    Pose(#[from] PoseError),
+}
+
+/// Poses and a record, where the operator wants them.
+#[derive(Default)]
+pub struct Extras {
+    /// Source of poses.
+    pub poses: Option<Poses>,
+    /// Record of the drive. Once it cannot be written any more, driving goes on without it.
+    pub recorder: Option<Recorder>,
 }
 
 /// Drives by hand until the operator leaves. Restores the terminal at the end, also after errors and
@@ -48,6 +65,7 @@ pub enum ScreenError {
 pub fn run(
     connection: &mut Connection,
     robot: &str,
+    extras: &mut Extras,
     interrupt: &Interrupt,
 ) -> Result<Ending, ScreenError> {
     if !(io::stdin().is_terminal() && io::stdout().is_terminal()) {
@@ -56,7 +74,7 @@ pub fn run(
     // Its panic hook restores the terminal before the message is printed; unwinding then drops the
     // connection, which stops the robot.
     let mut terminal = ratatui::try_init().map_err(ScreenError::Terminal)?;
-    let ending = drive(&mut terminal, connection, robot, interrupt);
+    let ending = drive(&mut terminal, connection, robot, extras, interrupt);
     if is_closed() {
         // Dropped, it would report its cursor to a standard error that may be closed as well, and panic.
         std::mem::forget(terminal);
@@ -71,18 +89,25 @@ fn drive(
     terminal: &mut DefaultTerminal,
     connection: &mut Connection,
     robot: &str,
+    extras: &mut Extras,
     interrupt: &Interrupt,
 ) -> Result<Ending, ScreenError> {
     let (client, now) = connection.operate();
     let mut cockpit = Cockpit::new(robot, now);
     cockpit.connected(client, now);
     let mut drawn = None::<Instant>;
+    let mut commanded = Setpoint::REST;
     let keys = keyboard();
     loop {
         connection.step(KEY_LATENCY)?;
         let (client, now) = connection.operate();
         while let Some(update) = client.update() {
+            extras.record(|recorder| recorder.update(now, &update), &mut cockpit, now);
             cockpit.observe(&update, client, now);
+        }
+        while let Some(sample) = extras.poses.as_mut().map_or(Ok(None), |poses| poses.poll(now))? {
+            extras.record(|recorder| recorder.pose(&sample), &mut cockpit, now);
+            cockpit.see(&sample, client, now);
         }
         if interrupt.is_raised() || is_closed() {
             return Ok(Ending::Interrupted);
@@ -94,12 +119,34 @@ fn drive(
                 action => cockpit.act(action, client, now),
             }
         }
+        if commanded != cockpit.wanted {
+            commanded = cockpit.wanted;
+            extras.record(
+                |recorder| recorder.command(now, &commanded, "operator"),
+                &mut cockpit,
+                now,
+            );
+        }
         if drawn.is_none_or(|at| at.elapsed() >= FRAME) {
             drawn = Some(Instant::now());
             cockpit.tick(client, now);
             if terminal.draw(|frame| view::draw(frame, &cockpit)).is_err() {
                 return Ok(Ending::Interrupted);
             }
+        }
+    }
+}
+
+impl Extras {
+    fn record(
+        &mut self,
+        write: impl FnOnce(&mut Recorder) -> Result<(), RecordError>,
+        cockpit: &mut Cockpit,
+        now: flix_protocol::units::Instant,
+    ) {
+        if let Some(Err(error)) = self.recorder.as_mut().map(write) {
+            self.recorder = None;
+            cockpit.note(now, Weight::Alarm, &format!("{error}; driving goes on unrecorded"));
         }
     }
 }

@@ -21,11 +21,13 @@ use ratatui::layout::{Alignment, Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style, Stylize};
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
-use ratatui::widgets::canvas::{Canvas, Circle, Context, Line as Stroke, Rectangle};
+use ratatui::widgets::canvas::{Canvas, Circle, Context, Line as Stroke, Points, Rectangle};
 use ratatui::widgets::{Block, BorderType, Paragraph, Sparkline, Wrap};
 
 use super::cockpit::{Cockpit, Link, SLOW_MOTION, Sample, Weight};
+use super::floor::Floor;
 use crate::explain;
+use crate::nav::Area;
 
 /// Smallest size of the whole picture, characters.
 pub const SMALLEST: (u16, u16) = (80, 24);
@@ -34,6 +36,15 @@ const TOP_ROTOR: Color = Color::Cyan;
 const BOTTOM_ROTOR: Color = Color::Magenta;
 const FORCE: Color = Color::Yellow;
 const FAINT: Style = Style::new().fg(Color::DarkGray);
+
+/// Smallest width of state, faults and gauges, characters.
+const ROBOT_WIDTH: u16 = 44;
+/// Smallest width of the map or the shaker, characters.
+const SMALLEST_PICTURE: u16 = 36;
+/// Room around the way of the robot on the map, m.
+const MAP_MARGIN: f64 = 0.3;
+/// Length of the robot on the map, m (paper, Table I).
+const ROBOT_LENGTH: f64 = 0.22;
 
 /// Battery gauge: empty and full three-cell pack, V (3.0 and 4.2 V a cell).
 const BATTERY_RANGE: (f32, f32) = (9.0, 12.6);
@@ -58,12 +69,28 @@ pub fn draw(frame: &mut Frame<'_>, cockpit: &Cockpit) {
         Constraint::Length(2),
     ])
     .areas(area);
-    let [left, right] =
-        Layout::horizontal([Constraint::Min(44), Constraint::Length(10 + 2 * middle_height)])
-            .areas(middle);
+    let picture = 10 + 2 * middle_height;
+    // A narrow terminal has room for one picture: the map, where there is one.
+    let room = area.width - ROBOT_WIDTH;
+    let (map_width, shaker_width) = match &cockpit.floor {
+        None => (0, picture),
+        Some(_) if room >= 2 * SMALLEST_PICTURE => (picture.min(room / 2), picture.min(room / 2)),
+        Some(_) => (picture, 0),
+    };
+    let [left, map, right] = Layout::horizontal([
+        Constraint::Min(ROBOT_WIDTH),
+        Constraint::Length(map_width),
+        Constraint::Length(shaker_width),
+    ])
+    .areas(middle);
     draw_head(frame, head, cockpit);
     draw_robot(frame, left, cockpit);
-    draw_shaker(frame, right, cockpit);
+    if let Some(floor) = &cockpit.floor {
+        draw_map(frame, map, floor);
+    }
+    if shaker_width > 0 {
+        draw_shaker(frame, right, cockpit);
+    }
     draw_histories(frame, histories, cockpit);
     draw_log(frame, log, cockpit);
     draw_keys(frame, keys);
@@ -266,6 +293,47 @@ fn centred(share: f32, commanded: f32, width: usize, color: Color) -> Vec<Span<'
         .collect()
 }
 
+/// The floor from above, north up: the way of the robot, its place, its heading and the heading that is held.
+fn draw_map(frame: &mut Frame<'_>, area: Rect, floor: &Floor) {
+    let block = Block::bordered().border_type(BorderType::Rounded).border_style(FAINT);
+    let inside = block.inner(area);
+    let bounds = Area::around(floor.way.iter().copied()).widened(MAP_MARGIN);
+    let (low, high) = (bounds.low, bounds.high);
+    // Two by four dots a character: metres a dot, alike in both directions.
+    let [across, up] = [2.0 * f64::from(inside.width), 4.0 * f64::from(inside.height)];
+    let scale = ((high.x - low.x) / across).max((high.y - low.y) / up);
+    let (x, y) = (0.5 * (low.x + high.x), 0.5 * (low.y + high.y));
+    let [half_width, half_height] = [0.5 * scale * across, 0.5 * scale * up];
+    let pose = floor.pose;
+    let title = format!(" map, {:.1} m wide ", 2.0 * half_width);
+    let place = format!(" {:+.2},{:+.2} m {:+.0}° ", pose.x, pose.y, pose.heading.to_degrees());
+    let arrow = |context: &mut Context<'_>, heading: f64, length: f64, color| {
+        let (sine, cosine) = heading.sin_cos();
+        let (x2, y2) = (pose.x + length * cosine, pose.y + length * sine);
+        context.draw(&Stroke { x1: pose.x, y1: pose.y, x2, y2, color });
+    };
+    let canvas = Canvas::default()
+        .block(block.title(title).title_bottom(Line::from(place).right_aligned()))
+        .marker(Marker::Braille)
+        .x_bounds([x - half_width, x + half_width])
+        .y_bounds([y - half_height, y + half_height])
+        .paint(|context| {
+            let way: Vec<_> = floor.way.iter().map(|place| (place.x, place.y)).collect();
+            context.draw(&Points { coords: &way, color: Color::DarkGray });
+            if let Some(held) = floor.held() {
+                arrow(context, held, 2.0 * ROBOT_LENGTH, Color::Green);
+            }
+            arrow(context, pose.heading, ROBOT_LENGTH, FORCE);
+            context.draw(&Circle {
+                x: pose.x,
+                y: pose.y,
+                radius: 0.3 * ROBOT_LENGTH,
+                color: FORCE,
+            });
+        });
+    frame.render_widget(canvas, area);
+}
+
 /// The robot from above, forward up: plate, rotors and the line of force.
 fn draw_shaker(frame: &mut Frame<'_>, area: Rect, cockpit: &Cockpit) {
     let mut block = Block::bordered()
@@ -465,7 +533,8 @@ fn draw_keys(frame: &mut Frame<'_>, area: Rect) {
             ("q e", "strafe"),
             ("↑ ↓", "f"),
             ("← →", "theta"),
-            ("shift", "fine steps"),
+            ("shift", "fine"),
+            ("h", "hold"),
         ],
     ];
     let lines: Vec<Line<'_>> = rows

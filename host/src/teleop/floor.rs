@@ -1,0 +1,179 @@
+//! Where the robot is on the floor, for an operator whose cameras see it: its way, and a heading to hold.
+
+use std::collections::VecDeque;
+use std::f64::consts::PI;
+use std::time::Duration;
+
+use flix_protocol::message::Setpoint;
+use flix_protocol::units::{Hertz, Instant};
+
+use super::keyboard::Mode;
+use crate::nav::{PlanarPose, Position, wrap};
+use crate::pose::PoseSample;
+
+/// Distance between two points of the way, m.
+const STEP: f64 = 0.01;
+/// Points of the way that are kept: 10 m.
+const LONGEST: usize = 1000;
+/// A pose older than this is not steered by.
+const POSE_DEADLINE: Duration = Duration::from_millis(100);
+/// Error of the heading at which the robot turns back to it, rad (10 degrees).
+const TURNS_AT: f64 = PI / 18.0;
+/// Error of the heading at which it walks on, rad (3 degrees).
+const WALKS_AT: f64 = PI / 60.0;
+/// Turn on a walk forward that is called a curve, rad (20 degrees).
+const CURVE: f64 = PI / 9.0;
+
+/// The robot on the floor.
+#[derive(Debug, Clone)]
+pub struct Floor {
+    /// Newest trusted pose.
+    pub pose: PlanarPose,
+    /// The way of the robot, oldest first.
+    pub way: VecDeque<Position>,
+    time: Instant,
+    hold: Option<Hold>,
+    /// Heading at which the present walk forward began; none once its curve was reported.
+    forward_from: Option<f64>,
+}
+
+/// A heading that is held.
+#[derive(Debug, Clone, Copy)]
+struct Hold {
+    heading: f64,
+    is_turning: bool,
+}
+
+impl Floor {
+    /// Takes a trusted pose; other poses leave everything as it is.
+    pub fn observe(floor: &mut Option<Self>, sample: &PoseSample) {
+        if !sample.valid || !sample.pose.is_sound() {
+            return;
+        }
+        let pose = sample.pose.on_the_floor();
+        let floor = floor.get_or_insert_with(|| Self {
+            pose,
+            way: VecDeque::from([pose.position()]),
+            time: sample.time,
+            hold: None,
+            forward_from: None,
+        });
+        (floor.pose, floor.time) = (pose, sample.time);
+        if floor.way.back().is_none_or(|last| last.distance_to(pose.position()) >= STEP) {
+            if floor.way.len() == LONGEST {
+                floor.way.pop_front();
+            }
+            floor.way.push_back(pose.position());
+        }
+    }
+
+    /// Returns the heading that is held, rad.
+    #[must_use]
+    pub fn held(&self) -> Option<f64> {
+        self.hold.map(|hold| hold.heading)
+    }
+
+    /// Holds the present heading, or ends holding it.
+    pub fn hold(&mut self, wanted: bool) {
+        self.hold = wanted.then_some(Hold { heading: self.pose.heading, is_turning: false });
+    }
+
+    /// Begins to watch a walk for curves, or ends that.
+    pub fn begin(&mut self, is_forward: bool) {
+        self.forward_from = is_forward.then_some(self.pose.heading);
+    }
+
+    /// Returns the turn of a walk forward that curves, rad to the left; once for each walk.
+    pub fn curve(&mut self) -> Option<f64> {
+        let turn = wrap(self.pose.heading - self.forward_from?);
+        let is_curve = turn.abs() > CURVE && self.hold.is_none();
+        is_curve.then(|| {
+            self.forward_from = None;
+            turn
+        })
+    }
+
+    /// Returns what to command so that the robot walks as `wanted` and keeps its heading: the pair itself, or a turn
+    /// back to the heading. With old poses, and at rest, it is the pair.
+    pub fn steer(&mut self, now: Instant, wanted: Setpoint) -> Setpoint {
+        let is_walking = wanted.frequency() != Hertz::ZERO;
+        let Some(hold) = self.hold.as_mut().filter(|_| is_walking) else { return wanted };
+        if now.since(self.time) > POSE_DEADLINE {
+            hold.is_turning = false;
+            return wanted;
+        }
+        let error = wrap(hold.heading - self.pose.heading);
+        hold.is_turning = error.abs() > if hold.is_turning { WALKS_AT } else { TURNS_AT };
+        match hold.is_turning {
+            false => wanted,
+            true if error > 0.0 => Mode::LeftTurn.setpoint(),
+            true => Mode::RightTurn.setpoint(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pose::Pose;
+
+    fn at(milliseconds: u64, heading: f64) -> PoseSample {
+        let pose = Pose::planar(PlanarPose { x: 0.0, y: 0.0, heading }, 0.06);
+        PoseSample { time: Instant::from_micros(milliseconds * 1000), pose, valid: true }
+    }
+
+    fn seen(sample: &PoseSample) -> Floor {
+        let mut floor = None;
+        Floor::observe(&mut floor, sample);
+        floor.unwrap()
+    }
+
+    #[test]
+    fn a_robot_that_turns_away_from_a_held_heading_is_turned_back_to_it() {
+        let mut floor = seen(&at(0, 3.0));
+        floor.hold(true);
+        let forward = Mode::Forward.setpoint();
+        let mut steered = |heading: f64| {
+            let mut some = Some(floor.clone());
+            Floor::observe(&mut some, &at(10, heading));
+            floor = some.unwrap();
+            floor.steer(Instant::from_micros(20_000), forward)
+        };
+        assert_eq!(steered(3.1), forward);
+        // Across the wrap: 0.28 rad to the left of it.
+        assert_eq!(steered(-3.0), Mode::RightTurn.setpoint());
+        assert_eq!(steered(3.1), Mode::RightTurn.setpoint(), "it turns until it is well within");
+        assert_eq!(steered(3.03), forward);
+        assert_eq!(steered(2.7), Mode::LeftTurn.setpoint());
+    }
+
+    #[test]
+    fn nothing_is_turned_at_rest_or_by_old_poses() {
+        let mut floor = seen(&at(0, 0.0));
+        floor.hold(true);
+        floor.pose.heading = 1.0;
+        let forward = Mode::Forward.setpoint();
+        assert_eq!(floor.steer(Instant::from_micros(50_000), Setpoint::REST), Setpoint::REST);
+        assert_eq!(floor.steer(Instant::from_micros(150_000), forward), forward);
+        assert_ne!(floor.steer(Instant::from_micros(50_000), forward), forward);
+    }
+
+    #[test]
+    fn a_curve_is_reported_once_a_walk() {
+        let mut floor = seen(&at(0, 0.0));
+        floor.begin(true);
+        assert_eq!(floor.curve(), None);
+        floor.pose.heading = 0.5;
+        assert_eq!((floor.curve(), floor.curve()), (Some(0.5), None));
+        floor.begin(false);
+        floor.pose.heading = 2.0;
+        assert_eq!(floor.curve(), None);
+    }
+
+    #[test]
+    fn poses_that_are_not_trusted_are_not_shown() {
+        let mut floor = None;
+        Floor::observe(&mut floor, &PoseSample { valid: false, ..at(0, 0.0) });
+        assert!(floor.is_none());
+    }
+}
