@@ -32,6 +32,7 @@ const COMMANDS: &[(&str, &str)] = &[
     ("adversary --datagrams -5", "--datagrams"),
     ("adversary --datagrams many", "--datagrams"),
     ("adversary --bytes 0.5", "--bytes"),
+    ("adversary --sessions -1", "--sessions"),
     ("soak --hours 0", "0"),
     ("soak --hours -1", "hours"),
     ("soak --hours nan", "hours"),

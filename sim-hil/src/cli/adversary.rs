@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use super::Error;
 use super::output::{print_verdict, progress, row, table, words};
 use crate::reliability::adversary::{
-    ANSWERS_LIMIT, Effort, HANDSHAKE_LIMIT_S, MOVEMENT_LIMIT_S, NEXT_OPERATOR_LIMIT_S, Verdict,
-    measure,
+    ANSWERS_LIMIT, Effort, FOREIGN_STOP_LIMIT_S, HANDSHAKE_LIMIT_S, MOVEMENT_LIMIT_S,
+    NEXT_OPERATOR_LIMIT_S, Verdict, measure,
 };
 
 /// Attack live robots over their link and count what the attack achieves
@@ -63,6 +63,11 @@ fn text(verdict: &Verdict) -> String {
             "movement after the operator's last intent (s)",
             format!("{:.3}", verdict.longest_movement_after_intent_s),
             MOVEMENT_LIMIT_S
+        ],
+        row![
+            "stop of a second key holder (s)",
+            format!("{:.3}", verdict.longest_foreign_stop_s),
+            FOREIGN_STOP_LIMIT_S
         ],
         row![
             "next operator's wait (s)",

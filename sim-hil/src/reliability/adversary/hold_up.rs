@@ -7,13 +7,15 @@
 //!
 //! What counts is the plant: how long a rotor still turns after the operator's last intent to move.
 
+use core::net::SocketAddr;
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use flix_host::link::Update;
 use flix_protocol::failsafe::{COMMAND_AGE, LINK_LOST};
+use flix_protocol::frame::Frame;
 use flix_protocol::message::{Command, Setpoint, State};
-use flix_protocol::session::{HANDSHAKE_RETRY, Key};
+use flix_protocol::session::{HANDSHAKE_RETRY, Key, StopSession};
 use flix_protocol::units::{Hertz, Instant};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -35,6 +37,13 @@ pub const MOVEMENT_LIMIT_S: f64 = 0.85;
 pub const NEXT_OPERATOR_LIMIT_S: f64 =
     (COMMAND_AGE.as_millis() + LINK_LOST.as_millis() + 2 * HANDSHAKE_RETRY.as_millis()) as f64
         / 1e3;
+
+/// Longest time from somebody else's stop to the latched stop of a robot that an operator holds, s.
+pub const FOREIGN_STOP_LIMIT_S: f64 = 0.3;
+/// Share of the datagrams of somebody else's stop that are lost, each way.
+const FOREIGN_LOSS: f64 = 0.2;
+/// From where somebody else stops the robot.
+const ELSEWHERE: ([u8; 4], u16) = ([192, 0, 2, 250], 40_000);
 
 /// Interval at which the operator looks at his robot and asks again.
 const LOOK: u64 = 100;
@@ -60,10 +69,18 @@ enum Departure {
     Stops,
     /// He wants the rotors at rest.
     Rests,
+    /// Somebody else with the key stops the robot, while he goes on.
+    IsOverruled,
 }
 
-const DEPARTURES: [Departure; 5] =
-    [Departure::Ends, Departure::Hangs, Departure::Leaves, Departure::Stops, Departure::Rests];
+const DEPARTURES: [Departure; 6] = [
+    Departure::IsOverruled,
+    Departure::Ends,
+    Departure::Hangs,
+    Departure::Leaves,
+    Departure::Stops,
+    Departure::Rests,
+];
 
 /// What happens in a session, when: milliseconds since the robot moved.
 #[derive(Debug, Clone, Copy)]
@@ -138,6 +155,8 @@ pub(super) struct Account {
     pub(super) driven: u64,
     /// Longest time that a rotor turned after the operator's last intent to move, s.
     pub(super) movement_s: f64,
+    /// Longest time from somebody else's stop to the latched stop, s.
+    pub(super) foreign_stop_s: f64,
     /// Longest time from the last intent to the next operator's session, s.
     pub(super) next_operator_s: f64,
 }
@@ -160,6 +179,7 @@ pub(super) fn run(
         is_driving: false,
         intent: Instant::START,
         is_awaited: false,
+        stopper: None,
         account: Account::default(),
     };
     for &kind in kinds {
@@ -181,6 +201,8 @@ struct Life {
     intent: Instant,
     /// Whether the next operator waits for the robot.
     is_awaited: bool,
+    /// Somebody else's stop, when he asked, and whether the robot has latched it.
+    stopper: Option<(StopSession, Instant, bool)>,
     account: Account,
 }
 
@@ -190,6 +212,7 @@ impl Life {
         self.operation.operators.clear();
         self.add_operator();
         (self.is_driving, self.is_awaited) = (true, false);
+        self.stopper = None;
         let mut harmed_from = 0;
         if plan.harms == 0 {
             self.harm(&plan);
@@ -243,7 +266,8 @@ impl Life {
         if moving == Some(plan.turns) {
             self.turn(plan.kind);
         }
-        let is_left = !matches!(plan.departure, Departure::Stops | Departure::Rests);
+        let is_left =
+            !matches!(plan.departure, Departure::Stops | Departure::Rests | Departure::IsOverruled);
         if is_left && plan.is_followed && moving == Some(plan.follows) {
             self.add_operator();
             self.is_awaited = true;
@@ -301,6 +325,12 @@ impl Life {
             Departure::Leaves => client.leave(),
             Departure::Stops => client.stop(now),
             Departure::Rests => client.hold(now, Setpoint::REST),
+            Departure::IsOverruled => {
+                let mut entropy = [0; 32];
+                self.random.fill(&mut entropy);
+                let stop = StopSession::new(&self.key(), entropy, now);
+                self.stopper = Some((stop, now, false));
+            }
         }
         Ok(())
     }
@@ -310,8 +340,42 @@ impl Life {
     }
 
     fn add_operator(&mut self) {
+        let key = self.key();
+        self.operation.add_operator(key, NETWORK);
+    }
+
+    /// Returns the robot's key.
+    fn key(&self) -> Key {
         let key = self.operation.robot.parameters().key.clone();
-        self.operation.add_operator(key.unwrap_or_else(|| Key::new([0; 32])), NETWORK);
+        key.unwrap_or_else(|| Key::new([0; 32]))
+    }
+
+    /// Carries somebody else's stop to the robot, and the answers back.
+    fn overrule(&mut self) {
+        let now = self.operation.now();
+        let Some((stop, asked, is_latched)) = &mut self.stopper else { return };
+        if !*is_latched && self.operation.robot.report().stopped {
+            *is_latched = true;
+            let waited = now.since(*asked).as_secs_f64();
+            self.account.foreign_stop_s = self.account.foreign_stop_s.max(waited);
+        }
+        let Some(datagram) = stop.poll(now) else { return };
+        if self.random.random::<f64>() < FOREIGN_LOSS {
+            return;
+        }
+        let address = SocketAddr::from(ELSEWHERE);
+        self.operation.robot.receive(address, &datagram);
+        let mut frame = Frame::new();
+        while let Some(to) = self.operation.robot.transmit(&mut frame) {
+            if to == address && self.random.random::<f64>() >= FOREIGN_LOSS {
+                // What it drops it asks for again.
+                let _ = stop.receive(now, &frame);
+            }
+            let others = self.operation.operators.iter_mut();
+            for operator in others.filter(|operator| operator.address == to) {
+                operator.to_operator.send(now, &frame);
+            }
+        }
     }
 
     /// Datagrams that the first operator's network took.
@@ -370,12 +434,13 @@ impl Life {
     }
 
     fn tick(&mut self) -> Result<(), BenchError> {
+        self.overrule();
         let now = self.operation.now();
         let operator = &self.operation.operators[0];
         let held = operator.client.held().map(|setpoint| setpoint.frequency());
         // A program that hung goes on with what it held.
         let holds = !operator.is_gone && held.is_some_and(|frequency| frequency != Hertz::ZERO);
-        if self.is_driving || holds {
+        if self.is_driving || holds && self.stopper.is_none() {
             self.intent = now;
         }
         let recorded = &mut self.recorded;

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use forgery::{Scenario, Turn};
-pub use hold_up::{MOVEMENT_LIMIT_S, NEXT_OPERATOR_LIMIT_S};
+pub use hold_up::{FOREIGN_STOP_LIMIT_S, MOVEMENT_LIMIT_S, NEXT_OPERATOR_LIMIT_S};
 pub use kind::{FORGERIES, HOLD_UPS, Kind};
 
 use crate::rig::bench::{Base, BenchError, learnt};
@@ -69,6 +69,8 @@ pub struct Verdict {
     pub driven_sessions: u64,
     /// Longest time that a rotor turned after the operator's last intent to move.
     pub longest_movement_after_intent_s: f64,
+    /// Longest time from the stop of a second key holder, of whose datagrams a fifth is lost, to the latched stop.
+    pub longest_foreign_stop_s: f64,
     /// Longest time from an operator's last intent to move to the next operator's session.
     pub longest_wait_of_next_operator_s: f64,
     /// Fed to decoders, sessions and [`flix_firmware::robot::Robot::receive`].
@@ -184,6 +186,7 @@ fn verdict(
         longest_movement_after_intent_s: longest(
             &mut held_up.iter().map(|account| account.movement_s),
         ),
+        longest_foreign_stop_s: longest(&mut held_up.iter().map(|account| account.foreign_stop_s)),
         longest_wait_of_next_operator_s: longest(
             &mut held_up.iter().map(|account| account.next_operator_s),
         ),
@@ -198,6 +201,7 @@ fn verdict(
         && verdict.handshake_s < HANDSHAKE_LIMIT_S
         && verdict.answers_heard >= ANSWERS_LIMIT
         && verdict.longest_movement_after_intent_s <= MOVEMENT_LIMIT_S
+        && verdict.longest_foreign_stop_s <= FOREIGN_STOP_LIMIT_S
         && verdict.longest_wait_of_next_operator_s <= NEXT_OPERATOR_LIMIT_S
         // Else there was little to disturb.
         && (4 * verdict.driven_sessions >= verdict.sessions || verdict.sessions < A_FEW)
