@@ -171,6 +171,9 @@ fn drive(
                     has_run |= is_running;
                     match telemetry.state {
                         State::Faulted => Some(faulted(telemetry)),
+                        // Commands stayed away or came late, as on a busy computer: the robot runs on with the
+                        // next that comes in time, and disarms where none does.
+                        State::Stopping => None,
                         actual if has_run && !is_running => {
                             Some(LinkError::State { wanted: State::Running, actual })
                         }
