@@ -9,7 +9,7 @@
 //! and turned first, then pitch, then roll. `"valid": false` marks a pose that the tracker does not trust.
 //!
 //! Datagrams are not authenticated: those of the first sender alone are taken, until it is silent for
-//! [`SENDER_PATIENCE`], and a stream that jumps is not trusted ([`crate::pose::continuity`]).
+//! `SENDER_PATIENCE`, and a stream that jumps is not trusted ([`crate::pose::continuity`]).
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
