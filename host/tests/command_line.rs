@@ -131,6 +131,16 @@ fn drive_gets_through_a_link_that_loses_a_fifth() {
 }
 
 #[test]
+fn a_drive_goes_on_after_its_commands_were_late_for_a_moment() {
+    let mut hears_late = robot();
+    hears_late.reports_of_late_commands = 5;
+    let (served, address) = serve(hears_late);
+    Operator::new().flix(&drive(&address, &[])).expect(0, &[]);
+    assert_eq!(served.robot().reports_of_late_commands, 0);
+    assert!(!served.robot().stopped);
+}
+
+#[test]
 fn numbers_out_of_range_are_usage_and_name_the_range() {
     let operator = Operator::new();
     for (frequency, direction, range) in [

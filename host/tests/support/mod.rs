@@ -54,6 +54,8 @@ pub struct FakeRobot {
     pub commands: Vec<Command>,
     /// Latches this fault as soon as it runs.
     pub fault_when_running: Option<Fault>,
+    /// Reports so many times while it runs that it ramps down, as after commands that came late.
+    pub reports_of_late_commands: u32,
     /// Refuses that many requests to arm or to clear, as a robot does while its rotors ramp down.
     pub ramps_down_for: u32,
     proven_since: Option<Instant>,
@@ -72,6 +74,7 @@ impl FakeRobot {
             parameters: parameters(),
             commands: Vec::new(),
             fault_when_running: None,
+            reports_of_late_commands: 0,
             ramps_down_for: 0,
             proven_since: None,
             telemetry_at: Instant::START,
@@ -139,7 +142,11 @@ impl FakeRobot {
         }
         if now >= self.telemetry_at {
             self.telemetry_at = now + TELEMETRY_INTERVAL;
-            let telemetry = self.telemetry(now);
+            let mut telemetry = self.telemetry(now);
+            if self.state == State::Running && self.reports_of_late_commands > 0 {
+                self.reports_of_late_commands -= 1;
+                telemetry.state = State::Stopping;
+            }
             datagrams.extend(self.send(now, &ToOperator::Telemetry(telemetry)));
         }
         datagrams
