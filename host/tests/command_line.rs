@@ -5,7 +5,7 @@ mod support;
 
 use std::net::{SocketAddr, UdpSocket};
 use std::path::PathBuf;
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use flix_host::interrupt::Interrupt;
@@ -242,14 +242,21 @@ fn hold_session(address: SocketAddr) -> (Interrupt, std::thread::JoinHandle<()>)
     (ends, thread)
 }
 
-#[test]
-fn anybody_with_the_key_stops_a_drive_and_its_operator_learns_of_it() {
-    let (served, address) = serve(robot());
-    let operator = Operator::new();
+/// Starts a drive of a minute, and waits until the robot runs.
+fn long_drive(operator: &Operator, served: &ServedRobot) -> Child {
+    let address = served.address.to_string();
     let words = drive(&address, &[]);
     let mut command = operator.command(&[&words[..words.len() - 1], &["60s"]].concat());
     let child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     wait_until(|| served.robot().state == State::Running);
+    child
+}
+
+#[test]
+fn anybody_with_the_key_stops_a_drive_and_its_operator_learns_of_it() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let child = long_drive(&operator, &served);
     Operator::new().flix(&["stop", &address]).expect(0, &[]);
     assert!(served.robot().stopped);
     Ended(child.wait_with_output().unwrap()).expect(30, &["another operator stopped the robot"]);
@@ -266,12 +273,9 @@ fn a_stop_with_another_key_is_refused() {
 #[test]
 fn every_way_to_end_a_drive_stops_the_robot_first() {
     for signal in ["INT", "TERM", "HUP"] {
-        let (served, address) = serve(robot());
+        let (served, _) = serve(robot());
         let operator = Operator::new();
-        let words = drive(&address, &[]);
-        let mut command = operator.command(&[&words[..words.len() - 1], &["60s"]].concat());
-        let child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-        wait_until(|| served.robot().state == State::Running);
+        let child = long_drive(&operator, &served);
         kill(signal, child.id());
         let ended = Ended(child.wait_with_output().unwrap());
         ended.expect(40, &["interrupted", "has acknowledged the stop"]);
@@ -282,12 +286,9 @@ fn every_way_to_end_a_drive_stops_the_robot_first() {
 
 #[test]
 fn an_interrupted_drive_ends_even_when_the_robot_is_gone() {
-    let (served, address) = serve(robot());
+    let (served, _) = serve(robot());
     let operator = Operator::new();
-    let words = drive(&address, &[]);
-    let mut command = operator.command(&[&words[..words.len() - 1], &["60s"]].concat());
-    let child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-    wait_until(|| served.robot().state == State::Running);
+    let child = long_drive(&operator, &served);
     drop(served);
     kill("INT", child.id());
     let start = Instant::now();
