@@ -17,7 +17,7 @@ use crate::fast::aligner::{self, Aligner, Progress};
 use crate::fast::configuration::Configuration;
 use crate::fast::foc::current::{CurrentLoop, Input};
 use crate::fast::foc::modulation::Bus;
-use crate::fast::monitor::{DIAGNOSTIC_TICKS, Monitor, Observation, add};
+use crate::fast::monitor::{DIAGNOSTIC_TICKS, Monitor, Observation};
 use crate::fast::shaker::{Rotors, STRIDE, Shaker, Target};
 use crate::fast::supervisor::{Conditions, Drive, Supervisor};
 use crate::fast::tracker::{TABLE_LENGTH, Tracker};
@@ -154,14 +154,18 @@ impl Control {
         if count % DIAGNOSTIC_TICKS == 1 {
             self.diagnose(sensors, order, &rotors);
         }
-        let present = add(
-            self.present,
-            [
-                (Fault::OverCurrent, self.monitor.over_current(excess)),
-                (Fault::LoopOverrun, late),
-                (Fault::EncoderLost, self.trackers[0].lost() || self.trackers[1].lost()),
-            ],
-        );
+        let lost = self.trackers[0].lost() || self.trackers[1].lost();
+        let mut present = self.present;
+        for (fault, is_present) in [
+            (Fault::OverCurrent, self.monitor.over_current(excess)),
+            (Fault::LoopOverrun, late),
+            (Fault::EncoderLost, lost),
+        ] {
+            if is_present {
+                core::hint::cold_path();
+                present = present.with(fault);
+            }
+        }
         let conditions = Conditions {
             present,
             at_rest: self.at_rest,

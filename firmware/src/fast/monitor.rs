@@ -70,18 +70,6 @@ impl Debounce {
     }
 }
 
-/// Adds those faults that were found.
-#[inline(always)]
-pub(crate) fn add<const N: usize>(mut faults: Faults, found: [(Fault, bool); N]) -> Faults {
-    for (fault, is_present) in found {
-        if is_present {
-            core::hint::cold_path();
-            faults = faults.with(fault);
-        }
-    }
-    faults
-}
-
 /// What the monitor looks at.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Observation<'a> {
@@ -137,12 +125,10 @@ impl Monitor {
         let fast = |tracker: &Tracker| tracker.speed().magnitude() > configuration.over_speed;
         let low = bus_voltage < configuration.under_voltage;
         let high = bus_voltage > configuration.over_voltage;
-        let found = [
-            (Fault::OverSpeed, trackers.iter().any(fast)),
-            (Fault::UnderVoltage, self.under_voltage.diagnose(low, UNDER_VOLTAGE_TICKS)),
-            (Fault::OverVoltage, self.over_voltage.diagnose(high, OVER_VOLTAGE_TICKS)),
-        ];
-        let faults = add(faults, found);
+        let faults = faults
+            .with_if(Fault::OverSpeed, trackers.iter().any(fast))
+            .with_if(Fault::UnderVoltage, self.under_voltage.diagnose(low, UNDER_VOLTAGE_TICKS))
+            .with_if(Fault::OverVoltage, self.over_voltage.diagnose(high, OVER_VOLTAGE_TICKS));
         if observation.shaking { self.shaking_faults(faults, observation) } else { faults }
     }
 
@@ -166,13 +152,11 @@ impl Monitor {
             let residual = current_loop.residual();
             residual.d.magnitude().max(residual.q.magnitude()) > configuration.largest_residual
         });
-        let found = [
-            (Fault::Stall, stalled),
-            (Fault::PhaseLockLost, lost),
-            (Fault::Alignment, self.open_phase(observation.currents, going_on)),
-            (Fault::CurrentSense, self.residual.diagnose(off, RESIDUAL_TICKS)),
-        ];
-        add(faults, found)
+        faults
+            .with_if(Fault::Stall, stalled)
+            .with_if(Fault::PhaseLockLost, lost)
+            .with_if(Fault::Alignment, self.open_phase(observation.currents, going_on))
+            .with_if(Fault::CurrentSense, self.residual.diagnose(off, RESIDUAL_TICKS))
     }
 
     /// Whether a phase carries next to nothing while its motor turns and the others carry.

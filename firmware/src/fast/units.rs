@@ -334,7 +334,8 @@ pub(crate) const fn within(value: i32, bound: i32) -> i32 {
 /// Returns the magnitude; that of `i32::MIN` is `i32::MAX`.
 #[inline(always)]
 pub(crate) const fn magnitude(value: i32) -> i32 {
-    value.saturating_abs()
+    let magnitude = value.unsigned_abs();
+    (magnitude - (magnitude >> 31)) as i32
 }
 
 /// Returns `value` times `2^bits`, rounded towards zero and saturated; NaN becomes zero. Slow path only.

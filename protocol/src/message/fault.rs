@@ -64,6 +64,12 @@ impl Faults {
         Self(self.0 | 1 << fault as u8)
     }
 
+    /// Returns the set with this fault added where `is_present`; without a branch.
+    #[must_use]
+    pub const fn with_if(self, fault: Fault, is_present: bool) -> Self {
+        Self(self.0 | (is_present as u16) << fault as u8)
+    }
+
     /// Returns the set with this fault removed.
     #[must_use]
     pub const fn without(self, fault: Fault) -> Self {
