@@ -169,7 +169,7 @@ impl Exchange {
         self.order = order;
     }
 
-    /// Whether a configuration waits for the fast half.
+    /// Returns whether a configuration waits for the fast half.
     #[must_use]
     pub const fn is_configuration_waiting(&self) -> bool {
         self.configuration.is_some()

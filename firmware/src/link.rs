@@ -112,7 +112,7 @@ impl Link {
         &self.report
     }
 
-    /// Whether the robot has a key.
+    /// Returns whether the robot has a key.
     #[must_use]
     pub const fn is_provisioned(&self) -> bool {
         self.session.is_provisioned()
@@ -366,7 +366,7 @@ impl Link {
         Ok(())
     }
 
-    /// Whether the fast half is idle and nothing on its way could change that, however old its
+    /// Returns whether the fast half is idle and nothing on its way could change that, however old its
     /// report is: it starts to move only when it is asked to arm.
     fn is_at_rest(&self) -> bool {
         let (asked, obeyed) = (self.order.requests, self.report.obeyed);
@@ -498,7 +498,7 @@ pub fn identity(name: &str, hardware: &Hardware) -> Identity {
     }
 }
 
-/// Whether the motors are not driven.
+/// Returns whether the motors are not driven.
 pub(crate) const fn is_idle(state: State) -> bool {
     matches!(state, State::Disarmed | State::Faulted)
 }

@@ -52,7 +52,7 @@ impl<S: SettingsStore> Provisioner<S> {
         Self { store, hardware, provisioning, loaded, reader: FrameReader::new() }
     }
 
-    /// Whether what was stored could be read at power-up.
+    /// Returns whether what was stored could be read at power-up.
     ///
     /// # Errors
     /// When it could not, and the robot must be provisioned again.

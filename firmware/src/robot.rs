@@ -258,7 +258,7 @@ impl<S: SettingsStore> SlowHalf<S> {
         self.link.quality(now)
     }
 
-    /// Whether the robot has a key; without one it refuses the network, see [`UNPROVISIONED`].
+    /// Returns whether the robot has a key; without one it refuses the network, see [`UNPROVISIONED`].
     #[must_use]
     pub const fn is_provisioned(&self) -> bool {
         self.link.is_provisioned()

@@ -204,7 +204,7 @@ impl Settings {
         (minimum, maximum)
     }
 
-    /// Whether each value is one that [`Settings::set`] accepts.
+    /// Returns whether each value is one that [`Settings::set`] accepts.
     fn is_valid(&self) -> bool {
         let mut copy = *self;
         TABLE.iter().all(|setting| copy.set(setting.name, (setting.read)(self)).is_ok())
@@ -320,7 +320,7 @@ impl<S: SettingsStore> Tuning<S> {
         Self { store, present: settings, stored: settings, loaded, learnt: false, revision: 0 }
     }
 
-    /// Whether what was stored could be read at power-up.
+    /// Returns whether what was stored could be read at power-up.
     ///
     /// # Errors
     /// When the defaults are in force instead of what was stored.

@@ -3,6 +3,7 @@
 
 mod support;
 
+use std::io::{Read, Write};
 use std::net::{SocketAddr, UdpSocket};
 use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
@@ -59,6 +60,34 @@ impl Operator {
 
     fn flix(&self, words: &[&str]) -> Ended {
         Ended(self.command(words).output().unwrap())
+    }
+}
+
+/// A tracker that sends the poses of a robot on a circle, as text.
+struct Tracker {
+    /// For `--pose`.
+    source: String,
+    _end: std::sync::mpsc::Sender<()>,
+}
+
+impl Tracker {
+    const SPEED: f64 = 0.2;
+    const YAW_RATE: f64 = 1.0;
+
+    fn start() -> Self {
+        let free = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let (end, ended) = std::sync::mpsc::channel();
+        std::thread::spawn(move || {
+            let (socket, start) = (UdpSocket::bind("127.0.0.1:0").unwrap(), Instant::now());
+            let radius = Self::SPEED / Self::YAW_RATE;
+            let slice = Duration::from_millis(5);
+            while ended.recv_timeout(slice) == Err(std::sync::mpsc::RecvTimeoutError::Timeout) {
+                let heading = Self::YAW_RATE * start.elapsed().as_secs_f64();
+                let (x, y) = (radius * heading.sin(), radius * (1.0 - heading.cos()));
+                let _ = socket.send_to(format!("{x} {y} 0.06 0 0 {heading}").as_bytes(), free);
+            }
+        });
+        Self { source: format!("udp:{}", free.port()), _end: end }
     }
 }
 
@@ -121,6 +150,19 @@ fn drive_shakes_as_commanded_and_leaves_the_robot_disarmed() {
     assert!((json["held"]["frequency_hz"].as_f64().unwrap() + 30.0).abs() < 0.01);
     assert_eq!(served.robot().state, State::Disarmed);
     assert!(!served.robot().stopped, "a finished drive is no stop");
+}
+
+#[test]
+fn a_drive_with_poses_reports_how_the_robot_moved() {
+    let (_served, address) = serve(robot());
+    let tracker = Tracker::start();
+    let ended = Operator::new().flix(&drive(&address, &["--json", "--pose", &tracker.source]));
+    let json = ended.expect(0, &[]).json();
+    // Both are as fast as the tracker says, however long the drive was.
+    let moved = |name: &str| json["moved"][name].as_f64().unwrap();
+    let ratio = moved("turned_deg").to_radians() / moved("forward_m").hypot(moved("left_m"));
+    assert!((ratio - Tracker::YAW_RATE / Tracker::SPEED).abs() < 0.5, "{json}");
+    assert!(moved("yaw_rate_rad_s") > 0.5, "{json}");
 }
 
 #[test]
@@ -480,24 +522,43 @@ fn commands_wait_for_a_state_that_passes() {
     }
 }
 
-#[test]
-fn teleop_stops_the_robot_when_its_terminal_closes() {
+/// Starts a program at a terminal of 80 by 24 characters; returns it with the other side of that.
+fn at_a_terminal(mut command: Command) -> (Child, std::fs::File) {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-    use std::io::{Read, Write};
-    let (served, address) = serve(robot());
-    let operator = Operator::new();
     let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
     grantpt(&master).unwrap();
     unlockpt(&master).unwrap();
+    let size = rustix::termios::Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 };
+    rustix::termios::tcsetwinsize(&master, size).unwrap();
     let port = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
     let terminal = || std::fs::File::options().read(true).write(true).open(&port).unwrap();
+    command.env("TERM", "xterm").stdin(terminal()).stdout(terminal()).stderr(terminal());
+    (command.spawn().unwrap(), std::fs::File::from(master))
+}
+
+#[test]
+fn teleop_shows_a_map_of_any_tracker_s_poses() {
+    let (_served, address) = serve(robot());
+    let (operator, tracker) = (Operator::new(), Tracker::start());
+    let (mut child, mut master) =
+        at_a_terminal(operator.command(&["teleop", &address, "--pose", &tracker.source]));
+    let (mut shown, mut bytes) = (String::new(), [0; 4096]);
+    // Every screen is drawn soon; without the map the end of the test's patience comes.
+    while !shown.contains("map,") {
+        let length = master.read(&mut bytes).unwrap();
+        shown.push_str(&String::from_utf8_lossy(&bytes[..length]));
+    }
+    master.write_all(b"\x1b").unwrap();
+    while master.read(&mut bytes).is_ok_and(|length| length > 0) {}
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+}
+
+#[test]
+fn teleop_stops_the_robot_when_its_terminal_closes() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
     // Not its controlling terminal: no SIGHUP arrives, only the end of the input.
-    let mut child = {
-        let mut command = operator.command(&["teleop", &address]);
-        command.env("TERM", "xterm").stdin(terminal()).stdout(terminal()).stderr(terminal());
-        command.spawn().unwrap()
-    };
-    let master = std::fs::File::from(master);
+    let (mut child, master) = at_a_terminal(operator.command(&["teleop", &address]));
     let mut screen = master.try_clone().unwrap();
     let (closing, closed) = std::sync::mpsc::channel::<()>();
     let reader = std::thread::spawn(move || {
@@ -526,7 +587,7 @@ fn teleop_stops_the_robot_when_its_terminal_closes() {
     assert!(served.robot().stopped, "the stop is latched");
 }
 
-/// Whether this process has a handler for SIGINT: bit 1 of the mask of caught signals.
+/// Returns whether this process has a handler for SIGINT: bit 1 of the mask of caught signals.
 fn listens_for_interrupts(process: u32) -> bool {
     let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap();
     let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:")).unwrap();

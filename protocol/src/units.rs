@@ -11,7 +11,8 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 /// A number was refused as a quantity.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error("{quantity} {value} {unit} is outside {minimum} to {maximum} {unit}")]
 pub struct OutOfRange {
     /// The quantity, for example `frequency`.
     pub quantity: &'static str,
@@ -24,15 +25,6 @@ pub struct OutOfRange {
     /// Largest accepted value.
     pub maximum: f32,
 }
-
-impl fmt::Display for OutOfRange {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { quantity, unit, value, minimum, maximum } = self;
-        write!(f, "{quantity} {value} {unit} is outside {minimum} to {maximum} {unit}")
-    }
-}
-
-impl core::error::Error for OutOfRange {}
 
 /// Checks a value against a closed range. NaN is outside every range.
 pub(crate) fn within(
@@ -123,12 +115,6 @@ quantities! {
     Amperes: "current", "A", -100.0 ..= 100.0;
     /// A length.
     Metres: "length", "m", -1000.0 ..= 1000.0;
-    /// A speed.
-    MetresPerSecond: "speed", "m/s", -1000.0 ..= 1000.0;
-    /// An angular rate.
-    RadiansPerSecond: "angular rate", "rad/s", -100000.0 ..= 100000.0;
-    /// A temperature.
-    Celsius: "temperature", "°C", -100.0 ..= 300.0;
     /// A share of a whole.
     Ratio: "ratio", "1", 0.0 ..= 1.0;
 }

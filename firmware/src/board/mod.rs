@@ -33,7 +33,7 @@ pub enum Chip {
 }
 
 impl Chip {
-    /// Whether the pin exists, can drive, and is free: not wired to the flash chip inside the
+    /// Returns whether the pin exists, can drive, and is free: not wired to the flash chip inside the
     /// module, to USB, or to the serial port.
     #[must_use]
     pub const fn can_drive(self, pin: Pin) -> bool {
@@ -61,7 +61,7 @@ impl Chip {
         }
     }
 
-    /// Whether four conversions fit into one tick. Those of the C6 take 40 microseconds each.
+    /// Returns whether four conversions fit into one tick. Those of the C6 take 40 microseconds each.
     #[must_use]
     pub const fn samples_currents_in_a_tick(self) -> bool {
         !matches!(self, Self::Esp32C6)
@@ -486,7 +486,7 @@ impl EncoderKind {
     }
 }
 
-/// Whether two strings are equal, in constant functions.
+/// Returns whether two strings are equal, in constant functions.
 const fn same(left: &str, right: &str) -> bool {
     let (left, right) = (left.as_bytes(), right.as_bytes());
     if left.len() != right.len() {

@@ -368,7 +368,7 @@ impl Aligner {
         Progress::Done
     }
 
-    /// Whether both rotors stand where the field is, by what is remembered.
+    /// Returns whether both rotors stand where the field is, by what is remembered.
     fn follows(&self, configuration: &Configuration, observation: &Observation<'_>) -> bool {
         self.motors.iter().enumerate().all(|(index, motor)| {
             let angle = observation.trackers[index % 2].angle();

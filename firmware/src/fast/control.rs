@@ -325,7 +325,7 @@ impl Control {
         self.battery_low = low || (self.battery_low && !recovered);
     }
 
-    /// Whether the rotors have been slow for a while, and nobody wants them to turn.
+    /// Returns whether the rotors have been slow for a while, and nobody wants them to turn.
     fn rest(&mut self, rotors: &Rotors) -> bool {
         let [top, bottom] = rotors.speeds;
         let slow = top.magnitude() < AT_REST && bottom.magnitude() < AT_REST;

@@ -159,7 +159,7 @@ impl Monitor {
             .with_if(Fault::CurrentSense, self.residual.diagnose(off, RESIDUAL_TICKS))
     }
 
-    /// Whether a phase carries next to nothing while its motor turns and the others carry.
+    /// Returns whether a phase carries next to nothing while its motor turns and the others carry.
     fn open_phase(&mut self, currents: &[[Current; 2]; 2], going_on: bool) -> bool {
         let mut found = false;
         for ((peaks, debounce), [a, b]) in

@@ -290,7 +290,7 @@ impl Shaker {
         self.frequency
     }
 
-    /// Whether the references stand still.
+    /// Returns whether the references stand still.
     pub(crate) const fn standing(&self) -> bool {
         magnitude(self.frequency.raw()) < STANDING && magnitude(self.sum_speed.raw()) < STANDING
     }
@@ -300,12 +300,12 @@ impl Shaker {
         self.sum_error
     }
 
-    /// Whether the rotors lag so far behind that the phase reference waits for them.
+    /// Returns whether the rotors lag so far behind that the phase reference waits for them.
     pub(crate) const fn slipping(&self) -> bool {
         magnitude(self.difference_error) >= LARGEST_LAG
     }
 
-    /// Whether current or voltage were at their limits in the last tick.
+    /// Returns whether current or voltage were at their limits in the last tick.
     pub(crate) const fn limited(&self) -> bool {
         self.limited
     }

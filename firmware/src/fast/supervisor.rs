@@ -125,7 +125,7 @@ impl Supervisor {
         }
     }
 
-    /// Whether motors are, or may at once be, driven.
+    /// Returns whether motors are, or may at once be, driven.
     pub(crate) const fn driving(&self) -> bool {
         matches!(self.state, State::Aligning | State::Armed | State::Running | State::Stopping)
     }
@@ -173,7 +173,7 @@ impl Supervisor {
         self.ticks = 0;
     }
 
-    /// Whether the order asks for something new; as one comparison of a word.
+    /// Returns whether the order asks for something new; as one comparison of a word.
     #[inline(always)]
     fn commanded(&self, order: &Order) -> bool {
         let word =

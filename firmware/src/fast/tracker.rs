@@ -133,13 +133,13 @@ impl Tracker {
         self.speed
     }
 
-    /// Whether believable readings stayed away for too long.
+    /// Returns whether believable readings stayed away for too long.
     #[inline(always)]
     pub(crate) const fn lost(&self) -> bool {
         self.silence >= LOST_AFTER_TICKS
     }
 
-    /// Whether angle and speed can be relied on.
+    /// Returns whether angle and speed can be relied on.
     #[inline(always)]
     pub(crate) const fn settled(&self) -> bool {
         !self.lost() && self.settling == 0

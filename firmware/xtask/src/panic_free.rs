@@ -11,7 +11,7 @@ const HANDLER: &str = "flix_panic_is_reachable";
 /// The tick, as that image calls it.
 const TICK: &str = "fast_tick";
 
-/// Whether a symbol marks a place for the assembler alone: a local label, or code begun or ended.
+/// Returns whether a symbol marks a place for the assembler alone: a local label, or code begun or ended.
 fn is_mark(name: &str) -> bool {
     name.is_empty() || name.starts_with(['.', '$'])
 }

@@ -15,6 +15,9 @@ const CLOCK_HZ: f64 = 160e6;
 /// Datagrams a second whose share of the chip is printed.
 const FLOODS: [f64; 2] = [1_000.0, 10_000.0];
 
+/// The simulator's example that records the trace.
+const RECORDER: &str = "record-trace";
+
 /// What the image counted of one candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Counts {
@@ -53,12 +56,14 @@ pub(crate) fn run() -> Result<(), Error> {
     let directory = run::target_directory().join("xtask/pil");
     let trace = directory.join("trace.bin");
     run::write(&trace, [])?;
+    // As the tests build it, so that it need not be built twice.
     run::run(
         toolchain::cargo()
-            .args(["run", "--quiet", "--package", "flix-sim"])
-            .args(["--example", "record-trace", "--"])
-            .arg(&trace),
+            .args(["build", "--quiet", "--workspace", "--profile", "test"])
+            .args(["--example", RECORDER]),
     )?;
+    let recorder = run::target_directory().join("debug/examples").join(RECORDER);
+    run::run(run::command(recorder).arg(&trace))?;
     run::run(toolchain::riscv("build")?.args(["--package", "flix-firmware"]).args([
         "--bin",
         "pil",

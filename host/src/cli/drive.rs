@@ -7,29 +7,34 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use flix_protocol::message::{Event, EventReport, Setpoint, State, Telemetry};
-use flix_protocol::units::{Degrees, Hertz, OutOfRange};
+use flix_protocol::units::{self, Degrees, Hertz, OutOfRange};
 use serde::Serialize;
 
+use super::moved::{Motion, Walked};
 use super::output::{milliseconds, print, print_json, progress};
 use super::robot::RobotArgs;
 use super::time::duration;
-use super::walk::record;
+use super::walk::{PoseArgs, record};
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 use crate::link::Update;
 use crate::link::udp::{Connection, LinkError, STOP_PATIENCE, faulted};
+use crate::pose::PoseSource;
+use crate::pose::any::Poses;
 use crate::record::{RecordError, Recorder};
+use crate::teleop::keyboard::Mode;
 
 /// Largest error of f that counts as reached, Hz.
 const FREQUENCY_REACHED_HZ: f32 = 0.5;
 /// Largest error of theta that counts as reached, degrees.
 const DIRECTION_REACHED_DEG: f32 = 5.0;
-/// Interval of the progress bar.
-const SLICE: Duration = Duration::from_millis(100);
+/// Interval of the progress bar, and of looks at the poses.
+const SLICE: Duration = Duration::from_millis(10);
 
 /// Arm the robot, shake at one frequency and direction for a time, and disarm it.
 ///
-/// Ctrl-C, SIGTERM and a closed terminal stop the robot before the program ends.
+/// Ctrl-C, SIGTERM and a closed terminal stop the robot before the program ends. With --pose it reports how the robot
+/// moved: nothing holds its heading here, and modes that go forward curve.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 The five modes of the paper's Table IV:
@@ -39,11 +44,14 @@ The five modes of the paper's Table IV:
   strafe left   --frequency 30 --direction 30
   strafe right  --frequency -30 --direction -60
 
-Example:
-  flix drive walker-1 --frequency -30 --direction 30 --for 5s")]
+Examples:
+  flix drive walker-1 --frequency -30 --direction 30 --for 5s
+  flix drive walker-1 --frequency -30 --direction 30 --for 5s --pose natnet")]
 pub struct Args {
     #[command(flatten)]
     robot: RobotArgs,
+    #[command(flatten)]
+    poses: PoseArgs,
     /// Shaking frequency, -35 to 35 Hz; positive: the top rotor turns clockwise seen from above.
     #[arg(long, value_name = "HZ", allow_hyphen_values = true, value_parser = frequency)]
     frequency: Hertz,
@@ -104,13 +112,16 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     }
     let setpoint = Setpoint::new(args.frequency, args.direction).map_err(Error::usage)?;
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
+    let poses = args.poses.pose.map(|_| args.poses.open()).transpose()?;
     let mut connection = args.robot.connect(&interrupt)?;
     let recorder = if args.no_record {
         None
     } else {
-        Some(record(&args.out, &mut connection, None, "drive", BTreeMap::new())?)
+        let source = poses.as_ref().map(Poses::name);
+        Some(record(&args.out, &mut connection, source, "drive", BTreeMap::new())?)
     };
-    let mut log = DriveLog { held: Held::new(setpoint), recorder, trouble: None };
+    let held = Held::new(setpoint);
+    let mut log = DriveLog { held, recorder, trouble: None, poses, walked: None };
     let driven = drive(&mut connection, setpoint, args.duration, &mut log);
     let file = log.recorder.take().map(Recorder::finish).transpose();
     match driven {
@@ -118,8 +129,10 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         Err(LinkError::Interrupted) => return Err(stop(&mut connection)),
         Err(error) => return Err(error.into()),
     }
-    let file = log.trouble.map_or(file, Err)?;
-    let report = Report::new(args, &log.held, &connection, file);
+    if let Some(error) = log.trouble {
+        return Err(error);
+    }
+    let report = Report::new(args, &log.held, log.walked.as_ref(), &connection, file?);
     connection.leave();
     if args.json {
         print_json(&report)?
@@ -155,6 +168,9 @@ fn drive(
     let bar = progress(duration);
     let start = Instant::now();
     let mut has_run = false;
+    // Poses that waited for the arming show no drive.
+    log.look(now);
+    log.walked = None;
     while start.elapsed() < duration {
         let left = duration.saturating_sub(start.elapsed());
         let trouble = connection.wait_for(left.min(SLICE), |_, update| {
@@ -186,6 +202,7 @@ fn drive(
         if let Some(error) = trouble {
             return Err(error);
         }
+        log.look(began + start.elapsed());
         bar.set_position(u64::try_from(start.elapsed().as_millis()).unwrap_or(u64::MAX));
     }
     bar.finish_and_clear();
@@ -196,14 +213,31 @@ fn drive(
 struct DriveLog {
     held: Held,
     recorder: Option<Recorder>,
+    poses: Option<Poses>,
+    walked: Option<Walked>,
     /// Why the record is not complete.
-    trouble: Option<RecordError>,
+    trouble: Option<Error>,
 }
 
 impl DriveLog {
     fn write(&mut self, row: impl FnOnce(&mut Recorder) -> Result<(), RecordError>) {
         if let Some(Err(error)) = self.recorder.as_mut().map(row) {
-            (self.recorder, self.trouble) = (None, Some(error));
+            (self.recorder, self.trouble) = (None, Some(error.into()));
+        }
+    }
+
+    /// Takes the poses that have arrived. The robot is not steered by them: a source that fails is reported at the end.
+    fn look(&mut self, now: units::Instant) {
+        loop {
+            let polled = self.poses.as_mut().map_or(Ok(None), |poses| poses.poll(now));
+            match polled {
+                Ok(None) => return,
+                Ok(Some(sample)) => {
+                    Walked::observe(&mut self.walked, &sample);
+                    self.write(|recorder| recorder.pose(&sample));
+                }
+                Err(error) => (self.poses, self.trouble) = (None, Some(error.into())),
+            }
         }
     }
 }
@@ -293,6 +327,8 @@ struct Report {
     held: Option<Figures>,
     peak_current_a: f32,
     bus_voltage_v: Option<f32>,
+    /// With poses.
+    moved: Option<Motion>,
     link: Link,
     record: Option<PathBuf>,
 }
@@ -319,7 +355,13 @@ struct Link {
 }
 
 impl Report {
-    fn new(args: &Args, held: &Held, connection: &Connection, record: Option<PathBuf>) -> Self {
+    fn new(
+        args: &Args,
+        held: &Held,
+        walked: Option<&Walked>,
+        connection: &Connection,
+        record: Option<PathBuf>,
+    ) -> Self {
         let statistics = connection.client().statistics();
         let quantile = |share| statistics.round_trip_quantile(share).map(milliseconds);
         Self {
@@ -332,6 +374,7 @@ impl Report {
             held: held.figures(),
             peak_current_a: held.peak_current,
             bus_voltage_v: held.bus_voltage,
+            moved: walked.map(Walked::motion),
             link: Link {
                 round_trip_p50_ms: quantile(0.5),
                 round_trip_p99_ms: quantile(0.99),
@@ -368,6 +411,14 @@ fn describe(report: &Report) -> String {
             commanded.frequency_hz, commanded.direction_deg, report.seconds, report.peak_current_a,
         ),
     };
+    if let Some(moved) = &report.moved {
+        let turns = [Mode::LeftTurn, Mode::RightTurn].map(Mode::setpoint);
+        let Commanded { frequency_hz, direction_deg } = report.commanded;
+        let is_turn = turns.iter().any(|turn| {
+            (turn.frequency().get(), turn.direction().get()) == (frequency_hz, direction_deg)
+        });
+        text += &moved.describe(is_turn);
+    }
     if let Some(file) = &report.record {
         text += &format!("record {}\n", file.display());
     }

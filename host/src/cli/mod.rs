@@ -24,6 +24,7 @@ pub mod identify;
 pub mod keygen;
 pub mod link_test;
 pub mod man;
+mod moved;
 pub mod number;
 pub mod output;
 pub mod parameters;

@@ -29,7 +29,7 @@ const SLICE: Duration = Duration::from_millis(2);
 #[derive(Debug, Clone, clap::Args)]
 pub struct PoseArgs {
     /// Source of the poses: `natnet` (OptiTrack), or `udp:PORT` for any tracker that sends them as text [default:
-    /// natnet; for teleop, none].
+    /// natnet; for teleop and drive, none].
     #[arg(long, value_name = "SOURCE")]
     pub pose: Option<PoseKind>,
     /// Address of Motive's computer (or of the simulator), and its command port.

@@ -12,12 +12,26 @@ use super::telemetry::State;
 use crate::failsafe::PROVING_TIME;
 use crate::units::OutOfRange;
 
+/// Writes an age in milliseconds, `u16::MAX` for one older than the robot remembers.
+struct Age(u16);
+
+impl fmt::Display for Age {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            u16::MAX => f.write_str("more than a second"),
+            age => write!(f, "{age} ms"),
+        }
+    }
+}
+
 /// Why a command was not done.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema, thiserror::Error)]
 pub enum Refusal {
     /// The command could not be read: another version, or a NaN in it.
+    #[error("the robot could not read the command")]
     Malformed,
     /// A value is outside its range.
+    #[error("{name} must be from {minimum} to {maximum}")]
     OutOfRange {
         /// The quantity or setting.
         name: Name,
@@ -27,23 +41,31 @@ pub enum Refusal {
         maximum: f32,
     },
     /// There is no setting of this name.
+    #[error("the robot has no setting of this name")]
     UnknownParameter,
     /// The command is not possible in this state.
+    #[error("the robot is {0} and cannot do this now")]
     State(State),
     /// A fault is latched; see [`Telemetry::faults`](super::Telemetry::faults).
+    #[error("a fault is latched ({0}): clear it first")]
     Faulted(Faults),
     /// The stop is latched: clear it first.
+    #[error("a stop is latched: clear it first")]
     Stopped,
     /// The link has not been steady for long enough to arm.
+    #[error("the link has not been steady for {} ms yet", PROVING_TIME.as_millis())]
     LinkUnproven,
     /// The settings could not be written.
+    #[error("the robot could not write its settings")]
     Storage,
     /// The setting takes whole numbers only.
+    #[error("{name} must be a whole number")]
     NotWhole {
         /// The setting.
         name: Name,
     },
     /// The link is slow: the command was too old when it arrived.
+    #[error("the link is slow: commands arrive {} old, at most {limit_ms} ms are allowed", Age(*age_ms))]
     Late {
         /// Its age, milliseconds; `u16::MAX` when it was older than the robot remembers.
         age_ms: u16,
@@ -76,44 +98,8 @@ impl Refusal {
     }
 }
 
-/// Writes that commands arrive too old.
-fn late(f: &mut fmt::Formatter<'_>, age_ms: u16, limit_ms: u16) -> fmt::Result {
-    if age_ms == u16::MAX {
-        write!(
-            f,
-            "the link is slow: commands arrive more than a second old, at most {limit_ms} ms are allowed"
-        )
-    } else {
-        write!(
-            f,
-            "the link is slow: commands arrive {age_ms} ms old, at most {limit_ms} ms are allowed"
-        )
-    }
-}
-
 impl From<OutOfRange> for Refusal {
     fn from(error: OutOfRange) -> Self {
         Self::out_of_range(error.quantity, error.minimum, error.maximum)
-    }
-}
-
-impl fmt::Display for Refusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Malformed => f.write_str("the robot could not read the command"),
-            Self::OutOfRange { name, minimum, maximum } => {
-                write!(f, "{name} must be from {minimum} to {maximum}")
-            }
-            Self::UnknownParameter => f.write_str("the robot has no setting of this name"),
-            Self::State(state) => write!(f, "the robot is {state} and cannot do this now"),
-            Self::Faulted(faults) => write!(f, "a fault is latched ({faults}): clear it first"),
-            Self::Stopped => f.write_str("a stop is latched: clear it first"),
-            Self::LinkUnproven => {
-                write!(f, "the link has not been steady for {} ms yet", PROVING_TIME.as_millis())
-            }
-            Self::Storage => f.write_str("the robot could not write its settings"),
-            Self::NotWhole { name } => write!(f, "{name} must be a whole number"),
-            Self::Late { age_ms, limit_ms } => late(f, *age_ms, *limit_ms),
-        }
     }
 }

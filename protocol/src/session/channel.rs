@@ -1,6 +1,5 @@
 //! Seals and opens the datagrams of one session.
 
-use core::fmt;
 use core::time::Duration;
 
 use chacha20poly1305::aead::AeadInOut;
@@ -18,27 +17,18 @@ use crate::message::DropReason;
 use crate::units::Instant;
 
 /// Why a message was not sealed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum SendError {
     /// There is no session.
+    #[error("there is no session: connect first")]
     NoSession,
     /// The message is longer than a datagram holds.
+    #[error("the message is longer than {MAXIMUM_MESSAGE} bytes")]
     TooLong,
     /// All 2^64 counters of the session are used.
+    #[error("the session has used all its counters: connect again")]
     Exhausted,
 }
-
-impl fmt::Display for SendError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoSession => f.write_str("there is no session: connect first"),
-            Self::TooLong => write!(f, "the message is longer than {MAXIMUM_MESSAGE} bytes"),
-            Self::Exhausted => f.write_str("the session has used all its counters: connect again"),
-        }
-    }
-}
-
-impl core::error::Error for SendError {}
 
 /// A plain message, as opened from a sealed datagram. Empty: goodbye.
 pub(super) type Plain = heapless::Vec<u8, MAXIMUM_MESSAGE>;

@@ -25,38 +25,18 @@ pub const KEY_TEXT_LENGTH: usize = 64;
 pub struct Key([u8; 32]);
 
 /// Text was refused as a key.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum KeyError {
     /// Not 64 characters long; this many bytes.
+    #[error("a key is {KEY_TEXT_LENGTH} hexadecimal digits, and this is {0} long")]
     Length(usize),
     /// Not a hexadecimal digit at this place, counted from 0.
+    #[error("a key is {KEY_TEXT_LENGTH} hexadecimal digits, and character {} is not one", .0 + 1)]
     Digit(usize),
     /// All zeros: a place-holder, not a key.
+    #[error("this key is all zeros: make a new one")]
     Zero,
 }
-
-impl fmt::Display for KeyError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Length(length) => {
-                write!(
-                    f,
-                    "a key is {KEY_TEXT_LENGTH} hexadecimal digits, and this is {length} long"
-                )
-            }
-            Self::Digit(place) => {
-                write!(
-                    f,
-                    "a key is {KEY_TEXT_LENGTH} hexadecimal digits, and character {} is not one",
-                    place + 1
-                )
-            }
-            Self::Zero => f.write_str("this key is all zeros: make a new one"),
-        }
-    }
-}
-
-impl core::error::Error for KeyError {}
 
 impl Key {
     /// Makes a key from 32 bytes of a cryptographic random source.

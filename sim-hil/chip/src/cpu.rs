@@ -73,7 +73,7 @@ pub(crate) trait Bus {
     /// Writes `size` bytes of what is not memory.
     fn store(&mut self, address: u32, value: u32, size: u32, access: Access)
     -> Result<(), Refusal>;
-    /// Whether something changed for which the run has to stop; asked after each of these accesses.
+    /// Returns whether something changed for which the run has to stop; asked after each of these accesses.
     fn wants_attention(&self) -> bool;
 }
 

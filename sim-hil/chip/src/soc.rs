@@ -304,7 +304,7 @@ impl<O: Outside> Soc<O> {
         block.registers.contains_key(&offset).then_some((block, model, offset))
     }
 
-    /// Whether a block takes accesses; one that does not is a finding.
+    /// Returns whether a block takes accesses; one that does not is a finding.
     fn is_awake(&mut self, block: &Block, model: Model, offset: u32, what: &str, pc: u32) -> bool {
         let Some(gate) = model.gate() else { return true };
         let state = match (self.clocks.is_clocked(gate), self.clocks.is_reset(gate)) {
@@ -551,7 +551,7 @@ impl<O: Outside> Bus for Soc<O> {
     }
 }
 
-/// Whether something should be there.
+/// Returns whether something should be there.
 fn is_peripheral(address: u32) -> bool {
     address.wrapping_sub(PERIPHERALS) < PERIPHERALS_BYTES
         || address.wrapping_sub(CONTROLLER & !0xFFFF) < 0x1_0000

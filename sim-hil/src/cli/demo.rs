@@ -301,6 +301,7 @@ fn draw(
         .series(commanded(|row| row.commanded.0))
         .series(Series::line("held", recorder.points(|row| row.frequency)).colour(colour::BLUE));
     let direction = Panel::new("theta (degrees, right positive)")
+        .degrees()
         .series(commanded(|row| row.commanded.1))
         .series(
             Series::line("held", recorder.points(|row| near(row.direction, row.commanded.1)))

@@ -159,7 +159,7 @@ impl Error {
         Self::Refused(sentence.to_string())
     }
 
-    /// Whether the command line, or a file that it names, is wrong.
+    /// Returns whether the command line, or a file that it names, is wrong.
     fn is_usage(&self) -> bool {
         use crate::experiment::probe::ProbeError;
         use crate::experiment::walk::WalkError;

@@ -140,7 +140,7 @@ pub enum Processor {
 
 /// Something that goes wrong with the hardware. Each method is asked once a tick, in this order.
 pub trait Disturbance {
-    /// Whether the processor works.
+    /// Returns whether the processor works.
     fn processor(&mut self, _now: Instant) -> Processor {
         Processor::Runs
     }

@@ -74,7 +74,7 @@ impl CurrentLoop {
         self.integral
     }
 
-    /// Whether the voltage limit held in the last tick.
+    /// Returns whether the voltage limit held in the last tick.
     #[must_use]
     pub const fn limited(&self) -> bool {
         self.limited
