@@ -58,9 +58,6 @@ unit_promises! {
     volts_are_in_range: Volts;
     amperes_are_in_range: Amperes;
     metres_are_in_range: Metres;
-    speeds_are_in_range: MetresPerSecond;
-    angular_rates_are_in_range: RadiansPerSecond;
-    temperatures_are_in_range: Celsius;
     ratios_are_in_range: Ratio;
 }
 

@@ -93,22 +93,22 @@ mod tests {
         let mut walked = None;
         Walked::observe(&mut walked, &PoseSample { valid: false, ..at(0, 9.0, 9.0, 9.0) });
         // It faces left (+y), walks there, and turns left across the wrap.
-        for (step, heading) in [(0, 1.5708), (1, 2.8), (2, -2.2), (3, -0.9)] {
+        for (step, heading) in [(0, 1.5), (1, 2.8), (2, -2.2), (3, -0.9)] {
             let sample = at(500 * step, 1.0 - 0.01 * step as f64, 2.0 + 0.1 * step as f64, heading);
             Walked::observe(&mut walked, &sample);
         }
         let motion = walked.unwrap().motion();
-        let turned = -0.9 + std::f64::consts::TAU - 1.5708;
+        let turned = -0.9 + std::f64::consts::TAU - 1.5;
         for (value, expected) in [
-            (motion.forward_m, 0.3),
-            (motion.left_m, 0.03),
+            (motion.forward_m, 0.297_13),
+            (motion.left_m, 0.051_15),
             (motion.turned_deg.to_radians(), turned),
             (motion.yaw_rate_rad_s, turned / 1.5),
         ] {
             assert!((value - expected).abs() < 1e-4, "{motion:?}");
         }
         assert!(
-            motion.describe(false).contains("curves at +2.54 rad/s"),
+            motion.describe(false).contains("curves at +2.59 rad/s"),
             "{}",
             motion.describe(false)
         );
