@@ -11,6 +11,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use flix_protocol::DEFAULT_PORT;
+use flix_sim::rig::robot::Truth;
 use rustix::fs::{Mode, OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::io::Errno;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -18,7 +19,6 @@ use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
 use crate::network::Datagram;
 use crate::rig::{Rig, RigError};
-use crate::robot::Truth;
 
 /// Steps of the plant between two looks at the clock and the sockets.
 const STEPS_AT_ONCE: usize = 5;

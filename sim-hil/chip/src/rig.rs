@@ -14,12 +14,13 @@ use flix_protocol::provision::{
 use flix_protocol::session::{ConnectError, Key};
 use flix_protocol::units::Instant;
 use flix_sim::plant::Diverged;
+use flix_sim::rig::robot::Truth;
 
+use crate::CYCLES_PER_SECOND;
 use crate::chip::{Chip, ResetReason, Stop, cycles};
 use crate::image::Image;
 use crate::network::{Datagram, LEASE};
-use crate::robot::{Robot, STEP_CYCLES, Truth};
-use crate::{CYCLES_PER_SECOND, Wave};
+use crate::robot::{Robot, STEP_CYCLES};
 
 /// How long an operator waits for an answer, for arming (which may align first), for a restart.
 pub const PATIENCE: Duration = Duration::from_secs(20);
@@ -78,15 +79,21 @@ pub struct Seen {
     pub pwm_hz: [f64; 2],
     /// Sum, lowest and highest share of each pin: top A B C, bottom A B C.
     pub shares: [[f64; 3]; 6],
-    /// Largest phase current, A.
-    pub largest_current: f64,
-    /// Ticks that the fast loop missed while a bridge was enabled.
+    /// Ticks that the fast loop missed while a motor was driven.
     pub missed: u64,
     /// Longest time between two rounds of the fast loop meanwhile, microseconds.
     pub longest_gap_us: f64,
-    /// Ticks of the loop's timer and rounds of the loop at the start.
-    ticks: u64,
-    rounds: u64,
+}
+
+impl Seen {
+    /// Nothing yet.
+    const NOTHING: Self = Self {
+        steps: 0,
+        pwm_hz: [f64::INFINITY, 0.0],
+        shares: [[0.0, f64::INFINITY, 0.0]; 6],
+        missed: 0,
+        longest_gap_us: 0.0,
+    };
 }
 
 /// All of it.
@@ -107,8 +114,11 @@ pub struct Rig {
     pub telemetry: Option<Telemetry>,
     key: Key,
     next_step: u64,
-    /// Whether a bridge was enabled at the last step.
-    is_enabled: bool,
+    /// Whether a motor was driven at the last step's end.
+    is_driven: bool,
+    /// Ticks of the loop's timer and rounds of the loop at which counting starts.
+    ticks: u64,
+    rounds: u64,
 }
 
 impl Rig {
@@ -117,27 +127,19 @@ impl Rig {
     pub fn new(image: Image, encoder: EncoderKind, seed: u64) -> Self {
         let chip = Chip::new(image, Robot::new(encoder, seed), seed);
         let next_step = chip.cycles();
-        let seen = Seen {
-            steps: 0,
-            pwm_hz: [f64::INFINITY, 0.0],
-            shares: [[0.0, f64::INFINITY, 0.0]; 6],
-            largest_current: 0.0,
-            missed: 0,
-            longest_gap_us: 0.0,
-            ticks: 0,
-            rounds: 0,
-        };
         Self {
             chip,
             client: None,
             serial: Vec::new(),
             fresh_serial: Vec::new(),
             resets: Vec::new(),
-            seen,
+            seen: Seen::NOTHING,
             telemetry: None,
             key: Key::new([7; 32]),
             next_step,
-            is_enabled: false,
+            is_driven: false,
+            ticks: 0,
+            rounds: 0,
         }
     }
 
@@ -149,7 +151,8 @@ impl Rig {
 
     /// Returns how the robot truly is.
     pub fn truth(&mut self) -> Truth {
-        self.chip.outside().truth()
+        let now = self.now();
+        self.chip.outside().truth(now)
     }
 
     /// Returns what came out of the serial port, as text.
@@ -160,18 +163,8 @@ impl Rig {
 
     /// Forgets what was seen so far.
     pub fn watch(&mut self) {
-        let counters = self.chip.counters();
-        self.chip.forget_gaps();
-        self.seen = Seen {
-            steps: 0,
-            pwm_hz: [f64::INFINITY, 0.0],
-            shares: [[0.0, f64::INFINITY, 0.0]; 6],
-            largest_current: 0.0,
-            missed: 0,
-            longest_gap_us: 0.0,
-            ticks: counters.ticks,
-            rounds: counters.rounds,
-        };
+        self.seen = Seen::NOTHING;
+        self.watch_loop_from_here();
     }
 
     /// Accesses to blocks without a clock, but for those that the HAL is known to make: it switches off the watchdog of
@@ -181,22 +174,6 @@ impl Rig {
         let is_known =
             |finding: &String| KNOWN_FINDINGS.iter().any(|known| finding.contains(known));
         self.chip.findings().into_iter().filter(|finding| !is_known(finding)).collect()
-    }
-
-    /// Ticks that the fast loop missed since [`Rig::watch`].
-    fn missed(&self) -> u64 {
-        let counters = self.chip.counters();
-        let ticks = counters.ticks.saturating_sub(self.seen.ticks);
-        let rounds = counters.rounds.saturating_sub(self.seen.rounds);
-        // One may be on its way.
-        ticks.saturating_sub(rounds).saturating_sub(1)
-    }
-
-    /// Longest time between two rounds of the fast loop since [`Rig::watch`], or since the last, microseconds.
-    fn longest_gap_us(&self) -> f64 {
-        let counters = self.chip.counters();
-        let longest = counters.longest_gap_cycles.max(counters.silence_cycles);
-        longest as f64 * 1e6 / CYCLES_PER_SECOND as f64
     }
 
     /// Advances the plant by a step, and everything else until the next.
@@ -220,16 +197,41 @@ impl Rig {
             Err(Stop::PowerLost) => return Err(RigError::PowerLost),
             Err(Stop::Fault(fault)) => return Err(RigError::Fault(self.chip.explain(&fault))),
         }
-        // Flash is written while the bridges rest, and stops the loop: that is no harm.
-        if self.is_enabled {
-            self.seen.missed = self.missed();
-            self.seen.longest_gap_us = self.longest_gap_us();
-        }
+        self.watch_loop();
         let bytes = self.chip.take_serial();
         self.fresh_serial.extend(&bytes);
         self.serial.extend(bytes);
         self.exchange();
         Ok(())
+    }
+
+    /// Counts what the fast loop missed in a step at whose start and end a motor was driven: its bridge enabled, and not
+    /// all low. Flash is written only while both coast or brake; that stops the loop, too, and is no harm.
+    fn watch_loop(&mut self) {
+        let was_driven = self.is_driven;
+        let mut is_high = |pin| self.chip.output(pin).is_some_and(|wave| wave.share > 0.0);
+        self.is_driven = Robot::bridge_pins().into_iter().any(|(phases, enable)| {
+            enable.is_some_and(&mut is_high) && phases.into_iter().any(&mut is_high)
+        });
+        if !(was_driven && self.is_driven) {
+            self.watch_loop_from_here();
+            return;
+        }
+        let counters = self.chip.counters();
+        let [ticks, rounds] = [counters.ticks - self.ticks, counters.rounds - self.rounds];
+        // One may be on its way.
+        let missed = ticks.saturating_sub(rounds + 1);
+        self.seen.missed += missed;
+        self.ticks += missed;
+        let gap = counters.longest_gap_cycles.max(counters.silence_cycles);
+        let gap_us = gap as f64 * 1e6 / CYCLES_PER_SECOND as f64;
+        self.seen.longest_gap_us = self.seen.longest_gap_us.max(gap_us);
+    }
+
+    fn watch_loop_from_here(&mut self) {
+        let counters = self.chip.counters();
+        (self.ticks, self.rounds) = (counters.ticks, counters.rounds);
+        self.chip.forget_gaps();
     }
 
     /// The plant goes on while the chip boots: nothing drives the pins.
@@ -261,12 +263,8 @@ impl Rig {
             (waves, enable.and_then(|pin| chip.output(pin)))
         });
         seen.steps += 1;
-        let is_high = |wave: &Option<Wave>| wave.is_some_and(|wave| wave.share > 0.5);
-        self.is_enabled = pins.iter().any(|(_, enable)| is_high(enable));
         let now = chip.cycles();
-        let robot = chip.outside();
-        robot.step(now, pins)?;
-        seen.largest_current = seen.largest_current.max(robot.truth().largest_current);
+        chip.outside().step(now, pins)?;
         Ok(())
     }
 

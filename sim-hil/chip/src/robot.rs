@@ -8,12 +8,13 @@ use flix_firmware::board::{Board, EncoderKind, GENERIC_ESP32C6};
 use flix_firmware::hardware::{
     Actuation, Bridge, Duty, Encoder as Reading, Hardware, TICK_RATE_HZ,
 };
-use flix_protocol::shaker::{line_of_force, phase_and_direction};
+use flix_protocol::units::Instant;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::electronics::sensor::{Encoder, MT6701};
 use flix_sim::plant::electronics::{Electronics, ElectronicsParameters};
 use flix_sim::plant::mechanics::Plant;
 use flix_sim::plant::{Diverged, Mechanics};
+use flix_sim::rig::robot::Truth;
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -34,23 +35,6 @@ const ENCODER_MODE: u8 = 1;
 
 /// Pins of the board that matter to the plant.
 const BOARD: &Board = &GENERIC_ESP32C6;
-
-/// How the robot truly is.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Truth {
-    /// Shaking frequency, Hz.
-    pub frequency: f64,
-    /// Direction of the line of force, degrees in [-90, 90).
-    pub direction: f64,
-    /// Shaking phase, rad.
-    pub phase: f64,
-    /// Speeds of the rotors, Hz.
-    pub rotor_hz: [f64; 2],
-    /// Largest phase current, A.
-    pub largest_current: f64,
-    /// Battery, V.
-    pub bus_voltage: f64,
-}
 
 /// Battery, bridges, motors, rotors and encoders.
 pub struct Robot {
@@ -129,25 +113,10 @@ impl Robot {
         Ok(())
     }
 
-    /// Returns how the robot truly is, at the end of its last step.
+    /// Returns how the robot truly is, at the end of its last step, which was at `time`.
     #[must_use]
-    pub fn truth(&self) -> Truth {
-        let angles = self.plant.rotor_angle();
-        let speeds = self.plant.rotor_speed();
-        let (phase, _) = phase_and_direction(angles);
-        let (rate, _) = phase_and_direction(speeds);
-        let currents = self.electronics.phase_currents();
-        Truth {
-            frequency: rate / std::f64::consts::TAU,
-            direction: line_of_force(angles),
-            phase,
-            rotor_hz: speeds.map(|speed| speed / std::f64::consts::TAU),
-            largest_current: currents
-                .iter()
-                .flatten()
-                .fold(0.0, |largest: f64, current| largest.max(current.abs())),
-            bus_voltage: self.electronics.battery().bus_voltage(),
-        }
+    pub fn truth(&self, time: Instant) -> Truth {
+        Truth::of(time, &self.plant, &self.electronics)
     }
 
     /// The angle that an encoder shows at `cycles`, as a count of 14 bits.

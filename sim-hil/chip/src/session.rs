@@ -2,12 +2,12 @@
 
 use std::time::Duration;
 
-use flix_protocol::message::Setpoint;
-use flix_protocol::units::{Degrees, Hertz};
+use flix_sim::experiment::metrics::HoldMeter;
+use flix_sim::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
+use flix_sim::rig::bench::setpoint;
 use serde::Serialize;
 
 use crate::rig::{Rig, RigError};
-use crate::robot::Truth;
 
 /// The paper's five modes (Table IV), and the reversal that the last one is to the one before: Hz, degrees.
 pub const MODES: [(&str, f64, f64); 5] = [
@@ -18,10 +18,6 @@ pub const MODES: [(&str, f64, f64); 5] = [
     ("strafe right", -30.0, -60.0),
 ];
 
-/// f may be off by so much, Hz RMS.
-pub const FREQUENCY_LIMIT_HZ: f64 = 0.05;
-/// theta may be off by so much, degrees RMS.
-pub const DIRECTION_LIMIT_DEG: f64 = 1.0;
 /// The PWM's frequency, Hz.
 pub const PWM_HZ: f64 = flix_firmware::board::PWM_FREQUENCY_HZ as f64;
 /// No two rounds of the fast loop are further apart, microseconds.
@@ -36,7 +32,7 @@ pub struct Hold {
     pub f_hz: f64,
     /// What was asked for, degrees.
     pub theta_deg: f64,
-    /// RMS of the error of f, Hz.
+    /// RMS of the error of f over each turn, Hz.
     pub f_rms_hz: f64,
     /// RMS of the error of theta, degrees.
     pub theta_rms_deg: f64,
@@ -44,60 +40,6 @@ pub struct Hold {
     pub peak_current_a: f64,
     /// Its limit, A.
     pub current_limit_a: f64,
-}
-
-/// Sums of a hold's errors.
-#[derive(Debug, Clone, Copy)]
-pub struct Errors {
-    target: (f64, f64),
-    first: Option<(f64, f64)>,
-    last: (f64, f64),
-    frequency: f64,
-    direction: f64,
-    count: f64,
-    peak: f64,
-}
-
-impl Errors {
-    /// Creates the figures, none yet, of a target in Hz and degrees.
-    #[must_use]
-    pub const fn new(f_hz: f64, theta_deg: f64) -> Self {
-        Self {
-            target: (f_hz, theta_deg),
-            first: None,
-            last: (0.0, 0.0),
-            frequency: 0.0,
-            direction: 0.0,
-            count: 0.0,
-            peak: 0.0,
-        }
-    }
-
-    /// Takes the truth at a time, s.
-    pub fn take(&mut self, seconds: f64, truth: &Truth) {
-        self.first.get_or_insert((seconds, truth.phase));
-        self.last = (seconds, truth.phase);
-        self.frequency += (truth.frequency - self.target.0).powi(2);
-        // Half a turn is the same line.
-        let off = (truth.direction - self.target.1 + 90.0).rem_euclid(180.0) - 90.0;
-        self.direction += off.powi(2);
-        self.count += 1.0;
-        self.peak = self.peak.max(truth.largest_current);
-    }
-
-    /// Returns what they come to.
-    #[must_use]
-    pub fn hold(&self, current_limit_a: f64) -> Hold {
-        let rms = |sum: f64| (sum / self.count.max(1.0)).sqrt();
-        Hold {
-            f_hz: self.target.0,
-            theta_deg: self.target.1,
-            f_rms_hz: rms(self.frequency),
-            theta_rms_deg: rms(self.direction),
-            peak_current_a: self.peak,
-            current_limit_a,
-        }
-    }
 }
 
 /// What a session came to.
@@ -171,18 +113,27 @@ pub fn hold(
     times: Times,
     current_limit_a: f64,
 ) -> Result<Hold, RigError> {
-    let setpoint = Hertz::new(f_hz as f32)
-        .and_then(|f| Degrees::new(theta_deg as f32).and_then(|theta| Setpoint::new(f, theta)));
-    rig.hold(setpoint.map_err(|_| RigError::OtherAnswer)?);
+    let setpoint = setpoint(f_hz, theta_deg).map_err(|_| RigError::OtherAnswer)?;
+    rig.hold(setpoint);
     rig.run(times.settle)?;
-    let mut errors = Errors::new(f_hz, theta_deg);
+    let mut meter = HoldMeter::new(setpoint);
+    let mut peak_current_a: f64 = 0.0;
     let end = rig.chip.now() + times.measure;
     while rig.chip.now() < end {
         rig.step()?;
         let truth = rig.truth();
-        errors.take(rig.chip.now().as_secs_f64(), &truth);
+        meter.watch(&truth);
+        peak_current_a = peak_current_a.max(truth.largest_current());
     }
-    Ok(errors.hold(current_limit_a))
+    let figures = meter.figures();
+    Ok(Hold {
+        f_hz,
+        theta_deg,
+        f_rms_hz: figures.frequency_rms_hz,
+        theta_rms_deg: figures.direction_rms_deg,
+        peak_current_a,
+        current_limit_a,
+    })
 }
 
 /// Arms, holds the five modes, of which the last reverses the one before, and disarms, all in one session.

@@ -178,6 +178,24 @@ pub struct Truth {
 }
 
 impl Truth {
+    /// Reads the plant at a time.
+    #[must_use]
+    pub fn of(time: Instant, mechanics: &impl Mechanics, electronics: &Electronics) -> Self {
+        let rotor_angle = mechanics.rotor_angle();
+        let (phase, direction) = shaker::phase_and_direction(rotor_angle);
+        Self {
+            time,
+            phase,
+            direction,
+            rotor_angle,
+            rotor_speed: mechanics.rotor_speed(),
+            phase_currents: electronics.phase_currents(),
+            rotor_frame_currents: electronics.rotor_frame_currents(rotor_angle),
+            bus_voltage: electronics.battery().bus_voltage(),
+            shaker_force: mechanics.shaker_force(),
+        }
+    }
+
     /// Returns the momentary shaking frequency, Hz.
     #[must_use]
     pub fn frequency(&self) -> f64 {
@@ -387,19 +405,7 @@ impl<M: Mechanics> SimulatedRobot<M> {
     /// Returns how the plant truly is.
     #[must_use]
     pub fn truth(&self) -> Truth {
-        let rotor_angle = self.mechanics.rotor_angle();
-        let (phase, direction) = shaker::phase_and_direction(rotor_angle);
-        Truth {
-            time: self.now(),
-            phase,
-            direction,
-            rotor_angle,
-            rotor_speed: self.mechanics.rotor_speed(),
-            phase_currents: self.electronics.phase_currents(),
-            rotor_frame_currents: self.electronics.rotor_frame_currents(rotor_angle),
-            bus_voltage: self.electronics.battery().bus_voltage(),
-            shaker_force: self.mechanics.shaker_force(),
-        }
+        Truth::of(self.now(), &self.mechanics, &self.electronics)
     }
 }
 
