@@ -49,11 +49,16 @@ pub(crate) struct Loop {
 pub(crate) fn with_patient_watchdog<R>(work: impl FnOnce() -> R) -> R {
     // The loop owns the driver, which has no state: both write the same registers.
     let mut watchdog = Wdt::<TIMG1<'static>>::new();
-    watchdog.set_timeout(MwdtStage::Stage0, PATIENT_WATCHDOG);
-    watchdog.feed();
+    let mut wait_for = |time| {
+        // Each unlocks the registers and locks them again: one at a time.
+        critical_section::with(|_| {
+            watchdog.set_timeout(MwdtStage::Stage0, time);
+            watchdog.feed();
+        });
+    };
+    wait_for(PATIENT_WATCHDOG);
     let result = work();
-    watchdog.feed();
-    watchdog.set_timeout(MwdtStage::Stage0, WATCHDOG);
+    wait_for(WATCHDOG);
     result
 }
 
@@ -77,9 +82,12 @@ pub(crate) fn start(
     let mut timer = PeriodicTimer::new(group.timer0);
     timer.set_interrupt_handler(on_timer);
     timer.listen();
-    // A period that the timer cannot count would leave the loop asleep, and the watchdog bite.
-    let _ = timer.start(Duration::from_micros(TICK_US.into()));
-    critical_section::with(|token| TIMER.borrow_ref_mut(token).replace(timer));
+    // Started only where its interrupt finds it.
+    critical_section::with(|token| {
+        let mut stored = TIMER.borrow_ref_mut(token);
+        // A period that the timer cannot count would leave the loop asleep, and the watchdog bite.
+        let _ = stored.insert(timer).start(Duration::from_micros(TICK_US.into()));
+    });
 }
 
 #[esp_hal::handler(priority = Priority::Priority3)]
@@ -104,6 +112,6 @@ async fn run(mut work: Loop, mut watchdog: Wdt<TIMG1<'static>>) {
         };
         let actuation = work.half.tick(now, &sensors, &mut work.exchange);
         work.electronics.apply(&actuation);
-        watchdog.feed();
+        critical_section::with(|_| watchdog.feed());
     }
 }

@@ -8,7 +8,7 @@ use esp_bootloader_esp_idf::partitions::{
 };
 use esp_storage::FlashStorage;
 
-use crate::fast;
+use crate::{fast, watchdog};
 
 /// Key of the robot's settings.
 pub(crate) const SETTINGS: u8 = 0;
@@ -56,7 +56,13 @@ impl NorFlash for Flash {
     const ERASE_SIZE: usize = <FlashStorage<'static> as NorFlash>::ERASE_SIZE;
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), Self::Error> {
-        fast::with_patient_watchdog(|| NorFlash::erase(&mut self.0, from, to))
+        for sector in (from..to).step_by(Self::ERASE_SIZE) {
+            watchdog::feed();
+            fast::with_patient_watchdog(|| {
+                NorFlash::erase(&mut self.0, sector, sector + Self::ERASE_SIZE as u32)
+            })?;
+        }
+        Ok(())
     }
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {

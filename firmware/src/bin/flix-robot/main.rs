@@ -10,7 +10,8 @@
 //!
 //! Fast loop and tasks exchange whole values through the library's `exchange`, [`shared`];
 //! neither waits for the other.
-//! A panic, a brown-out and a fast loop that stops for 200 ms all end with the bridges off.
+//! A panic, a brown-out, a fast loop that stops for 200 ms and tasks that hang for 600 ms all end with the bridges off
+//! and a restart.
 
 mod bridge;
 mod chip;
@@ -26,6 +27,7 @@ mod panic;
 mod serial;
 mod shared;
 mod slow;
+mod watchdog;
 
 use core::cell::RefCell;
 
@@ -65,6 +67,7 @@ async fn main(spawner: Spawner) {
 
     let clocks = esp_hal::Config::default().with_cpu_clock(CpuClock::max());
     let parts = chip::share_out(esp_hal::init(clocks));
+    watchdog::start(parts.low_power);
     chip::enable_interrupts();
     esp_alloc::heap_allocator!(size: HEAP_BYTES);
     chip::reset_on_brown_out();
@@ -83,11 +86,14 @@ async fn main(spawner: Spawner) {
     }
     let provisioning = provisioner.provisioning().cloned().map(|found| &*PROVISIONING.init(found));
 
+    // Calibrating the radio takes its time.
+    watchdog::feed();
     let radio = provisioning.and_then(|_| {
         WifiController::new(parts.wifi, ControllerConfig::default())
             .inspect_err(|error| log!("wi-fi: does not start: {error:?}"))
             .ok()
     });
+    watchdog::feed();
     // Random numbers are only random while the radio runs. Without them the robot has no key, and so
     // no session.
     let entropy = secret();
@@ -170,6 +176,7 @@ async fn operate(
 fn announce() {
     let hardware = &BOARD.hardware;
     log!("flix-walker {} on {}", env!("CARGO_PKG_VERSION"), hardware.name);
+    log!("started after {}", watchdog::reason());
     log!("encoders: {:?}", BOARD.encoder);
     match hardware.current_sense {
         Some(_) => log!("motors: current control"),

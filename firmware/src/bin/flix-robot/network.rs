@@ -25,6 +25,10 @@ const GOOD_CONNECTION: Duration = Duration::from_secs(30);
 /// How often the radio's power is read.
 const SIGNAL_INTERVAL: Duration = Duration::from_secs(1);
 
+/// Transmit power, in quarters of a decibel: 15 dBm. The driver's own 5 dBm are for a table; above 16 dBm it has been seen
+/// to fail to authenticate (esp-radio 1.0.0-beta.1, `set_max_tx_power`).
+const TRANSMIT_POWER: i8 = 60;
+
 /// Radio power as last received, dBm.
 pub(crate) static SIGNAL: Mutex<CriticalSectionRawMutex, Cell<Option<i8>>> =
     Mutex::new(Cell::new(None));
@@ -78,7 +82,12 @@ pub(crate) async fn stay_connected(
     let mut wait = SHORTEST_WAIT;
     loop {
         let connected = match controller.set_config(&station) {
-            Ok(()) => controller.connect_async().await.is_ok(),
+            Ok(()) => {
+                if controller.set_max_tx_power(TRANSMIT_POWER).is_err() {
+                    log!("wi-fi: transmits at 5 dBm: expect a short range");
+                }
+                controller.connect_async().await.is_ok()
+            }
             Err(_) => false,
         };
         if connected {

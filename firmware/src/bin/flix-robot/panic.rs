@@ -1,5 +1,4 @@
-//! A panic switches the bridges off, prints why, and stops. The watchdog then restarts the robot, once
-//! the fast loop has started it; before, the robot stays off until its power goes.
+//! A panic switches the bridges off, prints why, and restarts the robot.
 
 use core::panic::PanicInfo;
 
@@ -7,6 +6,7 @@ use esp_println::println;
 
 use crate::bridge::output;
 use crate::choice::BOARD;
+use crate::watchdog;
 
 #[panic_handler]
 fn on_panic(info: &PanicInfo) -> ! {
@@ -18,9 +18,7 @@ fn on_panic(info: &PanicInfo) -> ! {
             }
         }
         println!("panic: {info}");
-        println!("bridges off; the watchdog restarts a robot whose fast loop had begun");
-        loop {
-            core::hint::spin_loop();
-        }
+        println!("bridges off; starting anew");
+        watchdog::restart_after_panic()
     })
 }

@@ -15,18 +15,21 @@ use crate::clock::now;
 use crate::log::log;
 use crate::network::SIGNAL;
 use crate::shared::Shared;
+use crate::watchdog;
 
 /// The slow half, with the way to the fast loop.
 pub(crate) struct Robot<S> {
     slow: SlowHalf<S>,
     exchange: &'static Shared,
     printed: Option<State>,
+    /// Ticks of the fast loop at the last feeding.
+    ticks: u64,
 }
 
 impl<S: SettingsStore> Robot<S> {
     /// Starts before the first exchange.
     pub(crate) const fn new(slow: SlowHalf<S>, exchange: &'static Shared) -> Self {
-        Self { slow, exchange, printed: None }
+        Self { slow, exchange, printed: None, ticks: 0 }
     }
 
     /// Runs for ever without a network: settings and faults still cross.
@@ -34,6 +37,15 @@ impl<S: SettingsStore> Robot<S> {
         loop {
             self.exchange();
             Timer::after(EXCHANGE_INTERVAL).await;
+        }
+    }
+
+    /// Feeds the watchdog while the fast loop goes on.
+    fn feed(&mut self) {
+        let ticks = self.slow.report().timing.ticks;
+        if self.ticks != ticks {
+            self.ticks = ticks;
+            watchdog::feed();
         }
     }
 
@@ -58,6 +70,7 @@ impl<S: SettingsStore> Station for Robot<S> {
     fn exchange(&mut self) {
         self.slow.set_signal(SIGNAL.lock(Cell::get));
         self.slow.exchange(&mut self.exchange);
+        self.feed();
         self.print_state();
     }
 

@@ -36,6 +36,7 @@ pub(crate) struct FastParts {
 pub(crate) fn share_out(chip: Peripherals) -> Parts<FastParts> {
     Parts {
         scheduler: (chip.TIMG0, chip.FROM_CPU_INTR0),
+        low_power: chip.RTC_TIMER,
         flash: chip.FLASH,
         wifi: chip.WIFI,
         serial: chip.UART0,
