@@ -5,6 +5,7 @@
 //! Debian's compiler builds the ESP32-C6 and a stand-in target type-checks the other two chips.
 
 mod chip;
+mod emulate;
 mod image;
 mod panic_free;
 mod pil;
@@ -31,6 +32,8 @@ const EXAMPLES: &str = "Examples:
   cargo xtask build esp32c6
   cargo xtask flash esp32 --board dengfoc-v3-01
   cargo xtask check esp32 --encoder mt6701
+  cargo xtask emulate                                provision, drive, and try what goes wrong
+  cargo xtask emulate --quick --json
   cargo xtask size";
 
 #[derive(Subcommand)]
@@ -47,6 +50,8 @@ enum Task {
     Flash(Choice),
     /// Replay a recorded walk on an emulated processor: compare every bit, count instructions.
     Pil,
+    /// Run the ESP32-C6 image on an emulated chip with the simulated robot at its pins.
+    Emulate(emulate::Args),
     /// Print what the ESP32-C6 image takes of flash and memory; fail above the ceilings.
     Size,
     /// Check that no panic can be reached from the fast tick; fail when one can.
@@ -69,6 +74,7 @@ fn main() -> ExitCode {
         Task::Image(Choice { chip, options }) => image::make(chip, &options).map(drop),
         Task::Flash(Choice { chip, options }) => toolchain::flash(chip, &options),
         Task::Pil => pil::run(),
+        Task::Emulate(args) => emulate::run(&args),
         Task::Size => image::size(),
         Task::PanicFree => panic_free::run(),
     };

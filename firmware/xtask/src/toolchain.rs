@@ -142,12 +142,27 @@ fn choose(command: &mut Command, chip: Chip, options: &Options) {
 
 /// Builds a chip's firmware and gives the path of its ELF file.
 pub(crate) fn build(chip: Chip, options: &Options) -> Result<PathBuf, Error> {
-    let mut command = for_chip(chip, "build")?;
-    choose(&mut command, chip, options);
-    run::run(&mut command)?;
-    let elf = run::target_directory().join(chip.target()).join(PROFILE).join("flix-robot");
+    let elf = build_silently(chip, options)?;
     println!("{}", elf.display());
     Ok(elf)
+}
+
+/// Does so and prints nothing on the standard output.
+pub(crate) fn build_silently(chip: Chip, options: &Options) -> Result<PathBuf, Error> {
+    build_copy(chip, options, &run::root(), &run::target_directory())
+}
+
+/// Does so in a copy of the repository, with a target folder of its own.
+pub(crate) fn build_copy(
+    chip: Chip,
+    options: &Options,
+    source: &Path,
+    target: &Path,
+) -> Result<PathBuf, Error> {
+    let mut command = for_chip(chip, "build")?;
+    choose(&mut command, chip, options);
+    run::run(command.current_dir(source).env("CARGO_TARGET_DIR", target))?;
+    Ok(target.join(chip.target()).join(PROFILE).join("flix-robot"))
 }
 
 /// Builds, flashes by the configured runner, and stays with the log.

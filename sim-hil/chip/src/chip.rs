@@ -281,6 +281,54 @@ impl<O: Outside> Chip<O> {
         self.boot(ResetReason::BrownOut);
     }
 
+    /// Whether the processor is at this place of the program.
+    #[must_use]
+    pub fn is_in(&self, place: Place) -> bool {
+        let threshold = self.soc.interrupts.threshold();
+        let fast = self.soc.interrupts.priority_of(crate::block::interrupt::source::TIMER[1]);
+        let works = !self.waits && !self.radio.is_calling();
+        let fed = self.soc.watchdog.fed_at.map(|at| self.cpu.cycles - at);
+        match place {
+            Place::BeforeTheLoop => works && fed.is_some() && self.soc.mcpwm.rounds == 0,
+            Place::Loop => works && fast > 0 && threshold > fast,
+            Place::Tasks => {
+                works
+                    && self.cpu.takes_interrupts()
+                    && fed.is_some_and(|past| past < SHORTLY)
+                    && self.soc.mcpwm.rounds > 0
+                    && threshold <= 1
+            }
+        }
+    }
+
+    /// Lets the program hang where it is: the processor executes an endless loop, with interrupts as they are.
+    pub fn hang(&mut self) {
+        const JUMP_TO_ITSELF: u32 = 0x6F;
+        self.soc.memory.store(SCRATCH, JUMP_TO_ITSELF, 4);
+        self.cpu.forget(SCRATCH, 4);
+        self.cpu.pc = SCRATCH;
+    }
+
+    /// Lets the program panic where it is, as if an index were out of bounds there; whether it has a function for that.
+    pub fn panic(&mut self) -> bool {
+        const FILE: &[u8] = b"emulated.rs\0";
+        let Some((function, _)) = self.image.find(|name| name.contains("panic_bounds_check"))
+        else {
+            return false;
+        };
+        let location = SCRATCH + 0x10;
+        // A `Location`: file, its length, line, column.
+        for (index, word) in [SCRATCH, FILE.len() as u32 - 1, 1, 1].into_iter().enumerate() {
+            self.soc.memory.store(location + 4 * index as u32, word, 4);
+        }
+        if let Some(bytes) = self.soc.memory.bytes_mut(SCRATCH, FILE.len()) {
+            bytes.copy_from_slice(FILE);
+        }
+        self.cpu.x[10..13].copy_from_slice(&[7, 7, location]);
+        self.cpu.pc = function;
+        true
+    }
+
     /// Returns what comes out of a pin now; `None` where nothing drives or pulls it.
     pub fn output(&mut self, pin: u32) -> Option<Wave> {
         let now = self.cpu.cycles;
@@ -415,6 +463,22 @@ impl<O: Outside> Chip<O> {
         )
     }
 }
+
+/// A place of the program, for what goes wrong there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// Between the first feeding of the tasks' watchdog and the fast loop's first round.
+    BeforeTheLoop,
+    /// The fast loop.
+    Loop,
+    /// The task that feeds the tasks' watchdog, once the fast loop runs.
+    Tasks,
+}
+
+/// Cycles after a feeding for which the task that fed goes on.
+const SHORTLY: u64 = 1_000;
+/// Memory of the ROM, which nothing else here uses.
+const SCRATCH: u32 = crate::memory::RAM + crate::memory::RAM_BYTES as u32 - 0x40;
 
 /// What the chip counted since power-on or, where it says so, since the image last started.
 #[derive(Debug, Clone, Copy, PartialEq)]

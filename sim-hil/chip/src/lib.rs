@@ -5,16 +5,20 @@
 //! strict as the chip: a block without its clock takes no writes, a watchdog bites, flash bits only fall. What no model
 //! knows ends the emulation with the register's name and the program counter.
 
+pub mod air;
 mod block;
 pub mod chip;
 mod cpu;
 pub mod fault;
 pub mod image;
 pub mod live;
+pub mod marks;
 mod memory;
 pub mod network;
+pub mod power;
 mod radio;
 mod registers;
+pub mod restart;
 pub mod rig;
 pub mod robot;
 mod rom;

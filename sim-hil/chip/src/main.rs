@@ -2,19 +2,24 @@
 //! Runs the robot's image on an emulated ESP32-C6 with the simulated robot at its pins, and says whether it does what it
 //! has to: `cargo xtask emulate` builds the image and calls this.
 
+use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use clap::Parser;
+use clap::{Parser, ValueEnum};
+use flix_chip::air::{self, Air};
 use flix_chip::chip::ResetReason;
 use flix_chip::image::{Image, ImageError};
+use flix_chip::marks::Memory;
+use flix_chip::power;
+use flix_chip::restart::{self, Restart};
 use flix_chip::rig::{Rig, RigError};
-use flix_chip::session::{Report, Times, drive};
+use flix_chip::session::{Hold, Report, Times, drive};
 use flix_firmware::board::EncoderKind;
 use serde::Serialize;
 
-/// Runs an ESP32-C6 image: provision, restart, connect, arm, align, the five modes, disarm.
+/// Run an ESP32-C6 image on an emulated chip, with the simulated robot at its pins.
 #[derive(Parser)]
 #[command(name = "flix-chip", version)]
 struct Cli {
@@ -26,9 +31,12 @@ struct Cli {
     /// Where all chance starts.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Seconds to approach each setpoint, and to measure it.
-    #[arg(long, num_args = 2, value_names = ["SETTLE", "MEASURE"], default_values_t = [4.0, 1.0])]
-    times: Vec<f64>,
+    /// Run these parts alone.
+    #[arg(long, value_enum, value_delimiter = ',', num_args = 1..)]
+    part: Vec<Part>,
+    /// Measure shorter, and cut power in every 32nd flash operation instead of in each.
+    #[arg(long)]
+    quick: bool,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -36,6 +44,38 @@ struct Cli {
     #[arg(long)]
     log: bool,
 }
+
+/// What is tried.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Part {
+    /// Provision, restart, connect, arm, align, the five modes, disarm.
+    Session,
+    /// A flood of forged datagrams; the radio gone for 5 s and back.
+    Network,
+    /// Hangs and panics before the fast loop, in it, and in the tasks.
+    Restarts,
+    /// Power lost in flash operations of provisioning and of a settings save.
+    Power,
+}
+
+impl Cli {
+    fn runs(&self, part: Part) -> bool {
+        self.part.is_empty() || self.part.contains(&part)
+    }
+
+    fn times(&self) -> Times {
+        let [settle, measure] = if self.quick { QUICK_TIMES } else { TIMES };
+        Times { settle, measure }
+    }
+}
+
+/// The radio transmits with no less.
+const LEAST_TRANSMIT_DBM: f64 = 10.0;
+/// To approach each setpoint, and to measure it; the same in short.
+const TIMES: [Duration; 2] = [Duration::from_secs(4), Duration::from_secs(1)];
+const QUICK_TIMES: [Duration; 2] = [Duration::from_secs(1), Duration::from_millis(300)];
+/// Every so many flash operations power is cut in the short form.
+const QUICK_STRIDE: usize = 32;
 
 /// Why nothing was found out.
 #[derive(Debug, thiserror::Error)]
@@ -46,11 +86,16 @@ enum Error {
     Image(#[from] ImageError),
 }
 
-/// What is printed.
-#[derive(Debug, Serialize)]
+/// What is printed. What was not tried is null.
+#[derive(Debug, Default, Serialize)]
 struct Verdict {
     #[serde(flatten)]
-    report: Report,
+    session: Option<Report>,
+    network: Option<Air>,
+    restarts: Option<Vec<Restart>>,
+    flash_cuts: Option<usize>,
+    flash_lost: Option<usize>,
+    memory: Option<Memory>,
     failures: Vec<String>,
     pass: bool,
 }
@@ -72,64 +117,135 @@ fn run(cli: &Cli) -> Result<bool, Error> {
         .map_err(|source| Error::File { path: cli.image.clone(), source })?;
     let image = Image::parse(&bytes)?;
     let encoder = EncoderKind::named(&cli.encoder).unwrap_or(EncoderKind::Mt6701);
-    let mut rig = Rig::new(image, encoder, cli.seed);
     let started = Instant::now();
-    let outcome = session(&mut rig, &cli.times);
+    let mut verdict = Verdict::default();
+    let mut rig = Rig::new(image.clone(), encoder, cli.seed);
+    if let Err(error) = try_robot(cli, &mut rig, &mut verdict) {
+        verdict.failures.push(error.to_string());
+    }
     if cli.log {
         eprintln!("{}", rig.log());
     }
-    let verdict = judge(&rig, outcome);
+    verdict.failures.extend(rig.findings());
+    if cli.runs(Part::Power) {
+        let stride = if cli.quick { QUICK_STRIDE } else { 1 };
+        match power::cut_all(&image, encoder, cli.seed, stride, &progress) {
+            Ok(cuts) => {
+                verdict.flash_cuts = Some(cuts.cuts);
+                verdict.flash_lost = Some(cuts.lost);
+                verdict.failures.extend(cuts.failures);
+            }
+            Err(error) => verdict.failures.push(format!("power cuts: {error}")),
+        }
+    }
+    verdict.pass = verdict.failures.is_empty();
+    progress("");
     if cli.json {
         println!("{}", serde_json::to_string(&verdict).unwrap_or_default());
     } else {
-        print(&verdict, rig.chip.now(), started.elapsed());
+        print(&verdict, started.elapsed());
     }
     Ok(verdict.pass)
 }
 
-fn session(rig: &mut Rig, times: &[f64]) -> Result<Report, RigError> {
+/// Shows on a terminal what is being done.
+fn progress(what: &str) {
+    if std::io::stderr().is_terminal() {
+        eprint!("\r\x1b[2K{what}");
+    }
+}
+
+/// Tries what one robot can show without losing its power.
+fn try_robot(cli: &Cli, rig: &mut Rig, verdict: &mut Verdict) -> Result<(), RigError> {
+    let parts = [Part::Session, Part::Network, Part::Restarts];
+    if !parts.into_iter().any(|part| cli.runs(part)) {
+        return Ok(());
+    }
+    progress("provisioning");
     rig.provision()?;
     rig.connect()?;
-    let [settle, measure] =
-        [0, 1].map(|index| Duration::from_secs_f64(times.get(index).copied().unwrap_or(1.0)));
-    drive(rig, Times { settle, measure })
-}
-
-/// What was promised and does not hold.
-fn judge(rig: &Rig, outcome: Result<Report, RigError>) -> Verdict {
-    let (report, mut failures) = match outcome {
-        Ok(report) => {
-            let failures = report.failures();
-            (report, failures)
-        }
-        Err(error) => (Report::default(), vec![error.to_string()]),
-    };
+    let power = rig.chip.counters().transmit_power_dbm;
+    if power.is_none_or(|power| power < LEAST_TRANSMIT_DBM) {
+        verdict.failures.push(format!("the radio transmits with {power:?} dBm"));
+    }
+    if cli.runs(Part::Session) {
+        let report = drive(rig, cli.times(), &progress)?;
+        verdict.failures.extend(report.failures());
+        verdict.session = Some(report);
+    }
+    if cli.runs(Part::Network) {
+        progress("a flood of forged datagrams, then no radio for 5 s");
+        let network = air::trouble(rig, cli.times(), cli.seed)?;
+        verdict.failures.extend(network.failures());
+        verdict.network = Some(network);
+    }
     let unexpected = rig.resets.iter().filter(|(_, reason)| *reason != ResetReason::Software);
-    failures.extend(unexpected.map(|(at, reason)| format!("a reset by {reason:?} after {at:?}")));
-    failures.extend(rig.findings());
-    let pass = failures.is_empty();
-    Verdict { report, failures, pass }
+    let sentence = |(at, reason): &(_, _)| format!("a reset by {reason:?} after {at:?}");
+    verdict.failures.extend(unexpected.map(sentence));
+    verdict.memory = Some(Memory::of(&rig.chip));
+    verdict.failures.extend(verdict.memory.iter().filter_map(Memory::failure));
+    if cli.runs(Part::Restarts) {
+        let restarts = restart::try_all(rig, &progress)?;
+        verdict.failures.extend(restarts.iter().flat_map(|restart| restart.failures.clone()));
+        verdict.restarts = Some(restarts);
+    }
+    Ok(())
 }
 
-fn print(verdict: &Verdict, chip: Duration, host: Duration) {
-    println!("    f        theta   f RMS    theta RMS  peak current");
-    for hold in &verdict.report.hold {
+fn print(verdict: &Verdict, host: Duration) {
+    if let Some(report) = &verdict.session {
+        println!("    f        theta   f RMS    theta RMS  peak current");
+        for hold in &report.hold {
+            print_hold(hold);
+        }
         println!(
-            "{:6.1} Hz {:6.1} deg  {:.3} Hz {:.3} deg  {:.2} A of {:.2} A",
-            hold.f_hz,
-            hold.theta_deg,
-            hold.f_rms_hz,
-            hold.theta_rms_deg,
-            hold.peak_current_a,
-            hold.current_limit_a
+            "PWM: {} Hz; shares (mean, lowest, highest): {:.3?}",
+            report.pwm_hz, report.shares
+        );
+        println!("missed ticks: {}; longest gap: {:.0} us", report.overruns, report.longest_gap_us);
+    }
+    if let Some(network) = &verdict.network {
+        println!(
+            "under {} forged datagrams, {:.0} instructions each:",
+            network.forged, network.instructions_each
+        );
+        print_hold(&network.flooded);
+        println!(
+            "armed {:.2} s after the radio was back; missed ticks: {}; longest gap: {:.0} us",
+            network.back_s, network.missed, network.longest_gap_us
         );
     }
-    let report = &verdict.report;
-    println!("PWM: {:?} Hz; shares (mean, lowest, highest): {:.3?}", report.pwm_hz, report.shares);
-    println!("missed ticks: {}; longest gap: {:.0} us", report.overruns, report.longest_gap_us);
-    println!("{:.1} s of the chip in {:.1} s", chip.as_secs_f64(), host.as_secs_f64());
+    for restart in verdict.restarts.iter().flatten() {
+        let seconds =
+            restart.seconds.map_or("never".to_owned(), |seconds| format!("{seconds:.2} s"));
+        println!(
+            "{:?} {}: again after {seconds}, because of {}",
+            restart.accident, restart.place, restart.reason
+        );
+    }
+    if let (Some(cuts), Some(lost)) = (verdict.flash_cuts, verdict.flash_lost) {
+        println!(
+            "power cuts in flash operations: {cuts}; robots that had neither old nor new: {lost}"
+        );
+    }
+    if let Some(memory) = &verdict.memory {
+        println!("main stack: {} of {} bytes never used", memory.stack_left, memory.stack);
+    }
+    println!("{:.1} s", host.as_secs_f64());
     for failure in &verdict.failures {
         println!("FAILED: {failure}");
     }
     println!("{}", if verdict.pass { "pass" } else { "fail" });
+}
+
+fn print_hold(hold: &Hold) {
+    println!(
+        "{:6.1} Hz {:6.1} deg  {:.3} Hz {:.3} deg  {:.2} A of {:.2} A",
+        hold.f_hz,
+        hold.theta_deg,
+        hold.f_rms_hz,
+        hold.theta_rms_deg,
+        hold.peak_current_a,
+        hold.current_limit_a
+    );
 }

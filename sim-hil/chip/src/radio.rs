@@ -266,6 +266,11 @@ impl Radio {
         true
     }
 
+    /// Returns whether the image is in a call by the library.
+    pub(crate) fn is_calling(&self) -> bool {
+        self.interrupted.is_some()
+    }
+
     /// Returns whether something waits to be called.
     pub(crate) fn wants(&self) -> bool {
         !self.calls.is_empty() && self.interrupted.is_none()

@@ -17,8 +17,10 @@ use flix_sim::plant::Diverged;
 use flix_sim::rig::robot::Truth;
 
 use crate::CYCLES_PER_SECOND;
+use crate::air::Flood;
 use crate::chip::{Chip, ResetReason, Stop, cycles};
-use crate::image::Image;
+use crate::flash::Flash;
+use crate::image::{Image, programmed_flash};
 use crate::network::{Datagram, LEASE};
 use crate::robot::{Robot, STEP_CYCLES};
 
@@ -112,10 +114,12 @@ pub struct Rig {
     pub seen: Seen,
     /// Telemetry that came last.
     pub telemetry: Option<Telemetry>,
-    key: Key,
+    /// The key that the robot is provisioned with, and operators have.
+    pub key: Key,
     next_step: u64,
     /// Whether a motor was driven at the last step's end.
     is_driven: bool,
+    flood: Option<Flood>,
     /// Ticks of the loop's timer and rounds of the loop at which counting starts.
     ticks: u64,
     rounds: u64,
@@ -125,7 +129,13 @@ impl Rig {
     /// Creates a robot with an image, powered on. `seed` is where all chance starts.
     #[must_use]
     pub fn new(image: Image, encoder: EncoderKind, seed: u64) -> Self {
-        let chip = Chip::new(image, Robot::new(encoder, seed), seed);
+        Self::with_flash(image, encoder, seed, programmed_flash())
+    }
+
+    /// Does so with a flash that was used before.
+    #[must_use]
+    pub fn with_flash(image: Image, encoder: EncoderKind, seed: u64, flash: Flash) -> Self {
+        let chip = Chip::with_flash(image, Robot::new(encoder, seed), flash, seed);
         let next_step = chip.cycles();
         Self {
             chip,
@@ -138,6 +148,7 @@ impl Rig {
             key: Key::new([7; 32]),
             next_step,
             is_driven: false,
+            flood: None,
             ticks: 0,
             rounds: 0,
         }
@@ -176,11 +187,31 @@ impl Rig {
         self.chip.findings().into_iter().filter(|finding| !is_known(finding)).collect()
     }
 
-    /// Advances the plant by a step, and everything else until the next.
+    /// Advances everything to the end of a step of the plant.
     ///
     /// # Errors
     /// When the emulation cannot go on.
     pub fn step(&mut self) -> Result<(), RigError> {
+        // A step is longer where it catches up with the loop.
+        self.advance(2 * STEP_CYCLES)
+    }
+
+    /// Advances the chip by so many cycles, at most to the end of a step of the plant.
+    ///
+    /// # Errors
+    /// When the emulation cannot go on.
+    pub fn advance(&mut self, cycles: u64) -> Result<(), RigError> {
+        if self.chip.cycles() >= self.next_step {
+            self.begin_step()?;
+        }
+        self.run_chip(self.next_step.min(self.chip.cycles() + cycles))?;
+        if self.chip.cycles() >= self.next_step {
+            self.end_step();
+        }
+        Ok(())
+    }
+
+    fn begin_step(&mut self) -> Result<(), RigError> {
         self.move_plant()?;
         self.next_step += STEP_CYCLES;
         // In step with the loop, so that its duties act when they reach the pins.
@@ -188,21 +219,27 @@ impl Rig {
         if self.chip.counters().ticks > 0 && late != STEP_AFTER_ALARM {
             self.next_step += (STEP_AFTER_ALARM + STEP_CYCLES - late) % STEP_CYCLES;
         }
-        match self.chip.run_until(self.next_step) {
-            Ok(()) => {}
-            Err(Stop::Reset(reason)) => {
-                self.resets.push((self.chip.now(), reason));
-                self.rest_until(self.chip.cycles())?;
-            }
-            Err(Stop::PowerLost) => return Err(RigError::PowerLost),
-            Err(Stop::Fault(fault)) => return Err(RigError::Fault(self.chip.explain(&fault))),
-        }
+        Ok(())
+    }
+
+    fn end_step(&mut self) {
         self.watch_loop();
         let bytes = self.chip.take_serial();
         self.fresh_serial.extend(&bytes);
         self.serial.extend(bytes);
         self.exchange();
-        Ok(())
+    }
+
+    fn run_chip(&mut self, until: u64) -> Result<(), RigError> {
+        match self.chip.run_until(until) {
+            Ok(()) => Ok(()),
+            Err(Stop::Reset(reason)) => {
+                self.resets.push((self.chip.now(), reason));
+                self.rest_until(self.chip.cycles())
+            }
+            Err(Stop::PowerLost) => Err(RigError::PowerLost),
+            Err(Stop::Fault(fault)) => Err(RigError::Fault(self.chip.explain(&fault))),
+        }
     }
 
     /// Counts what the fast loop missed in a step at whose start and end a motor was driven: its bridge enabled, and not
@@ -270,6 +307,9 @@ impl Rig {
 
     fn exchange(&mut self) {
         let (now, at) = (self.now(), self.chip.cycles());
+        if let Some(flood) = &mut self.flood {
+            flood.send(&mut self.chip.network, at);
+        }
         let Some(client) = &mut self.client else { return };
         while let Some(datagram) = self.chip.network.receive_datagram(at) {
             if datagram.port == OPERATOR_PORT {
@@ -369,6 +409,14 @@ impl Rig {
     /// When it does not answer, or does not come up again.
     pub fn provision(&mut self) -> Result<(), RigError> {
         self.until_log("invitation to provision", "flix provision")?;
+        self.provision_anew()
+    }
+
+    /// Does so with one that may have been provisioned before.
+    ///
+    /// # Errors
+    /// As [`Rig::provision`].
+    pub fn provision_anew(&mut self) -> Result<(), RigError> {
         let provisioning = self.provisioning("walker")?;
         self.ask_serial(&Request::Provision(provisioning))?;
         self.until_log("connection to the network", "wi-fi: connected")
@@ -470,6 +518,26 @@ impl Rig {
             }
             _ => None,
         })
+    }
+
+    /// Starts or ends a flood; returns the one that was.
+    pub fn flood(&mut self, flood: Option<Flood>) -> Option<Flood> {
+        std::mem::replace(&mut self.flood, flood)
+    }
+
+    /// Returns whether both motors coast: no bridge is enabled.
+    pub fn coasts(&mut self) -> bool {
+        let enables = Robot::bridge_pins().map(|(_, enable)| enable);
+        enables
+            .into_iter()
+            .flatten()
+            .all(|pin| self.chip.output(pin).is_none_or(|wave| wave.share == 0.0))
+    }
+
+    /// Returns whether a motor was driven at the last step's end.
+    #[must_use]
+    pub fn is_driven(&self) -> bool {
+        self.is_driven
     }
 
     /// Commands the robot to shake so from now on.

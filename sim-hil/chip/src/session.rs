@@ -22,6 +22,8 @@ pub const MODES: [(&str, f64, f64); 5] = [
 pub const PWM_HZ: f64 = flix_firmware::board::PWM_FREQUENCY_HZ as f64;
 /// No two rounds of the fast loop are further apart, microseconds.
 pub const LONGEST_GAP_US: f64 = 120.0;
+/// After disarming the rotors, braked, stand by then.
+const REST: Duration = Duration::from_millis(500);
 /// The mean share of every phase's pin lies this near to a half.
 const SHARE_TOLERANCE: f64 = 0.05;
 
@@ -42,19 +44,53 @@ pub struct Hold {
     pub current_limit_a: f64,
 }
 
+impl Hold {
+    /// Returns what does not hold, in sentences.
+    #[must_use]
+    pub fn failures(&self) -> Vec<String> {
+        let at = format!("at {} Hz, {} degrees", self.f_hz, self.theta_deg);
+        let mut failures = Vec::new();
+        if self.f_rms_hz.is_nan() || self.f_rms_hz > FREQUENCY_LIMIT_HZ {
+            failures.push(format!("f is off by {:.3} Hz RMS {at}", self.f_rms_hz));
+        }
+        if self.theta_rms_deg.is_nan() || self.theta_rms_deg > DIRECTION_LIMIT_DEG {
+            failures.push(format!("theta is off by {:.2} degrees RMS {at}", self.theta_rms_deg));
+        }
+        if self.peak_current_a > self.current_limit_a {
+            let (peak, limit) = (self.peak_current_a, self.current_limit_a);
+            failures.push(format!("{peak:.2} A of {limit:.2} A {at}"));
+        }
+        failures
+    }
+}
+
+/// Returns what does not hold of the fast loop's timing, in sentences.
+pub(crate) fn loop_failures(missed: u64, longest_gap_us: f64) -> Vec<String> {
+    let mut failures = Vec::new();
+    if missed > 0 {
+        failures.push(format!("the fast loop missed {missed} ticks"));
+    }
+    if longest_gap_us > LONGEST_GAP_US {
+        failures.push(format!("{longest_gap_us:.0} us between two rounds"));
+    }
+    failures
+}
+
 /// What a session came to.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Report {
     /// Every setpoint.
     pub hold: Vec<Hold>,
-    /// PWM frequency, lowest and highest of all pins and times from arming to disarming, Hz.
-    pub pwm_hz: [f64; 2],
+    /// PWM frequency: of all pins and times from arming to disarming that furthest from what it should be, Hz.
+    pub pwm_hz: f64,
     /// Mean, lowest and highest share of the six pins.
     pub shares: [[f64; 3]; 6],
     /// Rounds that the fast loop missed.
     pub overruns: u64,
     /// Longest time between two rounds, microseconds.
     pub longest_gap_us: f64,
+    /// Whether the motors coasted after disarming, once the rotors stood.
+    pub coasted: bool,
 }
 
 impl Report {
@@ -62,34 +98,19 @@ impl Report {
     #[must_use]
     pub fn failures(&self) -> Vec<String> {
         let mut failures = Vec::new();
-        for hold in &self.hold {
-            let at = format!("at {} Hz, {} degrees", hold.f_hz, hold.theta_deg);
-            if hold.f_rms_hz.is_nan() || hold.f_rms_hz > FREQUENCY_LIMIT_HZ {
-                failures.push(format!("f is off by {:.3} Hz RMS {at}", hold.f_rms_hz));
-            }
-            if hold.theta_rms_deg.is_nan() || hold.theta_rms_deg > DIRECTION_LIMIT_DEG {
-                failures
-                    .push(format!("theta is off by {:.2} degrees RMS {at}", hold.theta_rms_deg));
-            }
-            if hold.peak_current_a > hold.current_limit_a {
-                let (peak, limit) = (hold.peak_current_a, hold.current_limit_a);
-                failures.push(format!("{peak:.2} A of {limit:.2} A {at}"));
-            }
-        }
-        if self.pwm_hz != [PWM_HZ; 2] {
-            failures.push(format!("the PWM runs at {:?} Hz instead of {PWM_HZ}", self.pwm_hz));
+        failures.extend(self.hold.iter().flat_map(Hold::failures));
+        if self.pwm_hz != PWM_HZ {
+            failures.push(format!("the PWM runs at {} Hz instead of {PWM_HZ}", self.pwm_hz));
         }
         for (pin, [mean, ..]) in self.shares.iter().enumerate() {
             if (mean - 0.5).abs() > SHARE_TOLERANCE {
                 failures.push(format!("the mean share of PWM pin {pin} is {mean:.3}"));
             }
         }
-        if self.overruns > 0 {
-            failures.push(format!("the fast loop missed {} ticks", self.overruns));
+        if !self.coasted {
+            failures.push("a bridge is enabled after disarming".to_owned());
         }
-        if self.longest_gap_us > LONGEST_GAP_US {
-            failures.push(format!("{:.0} us between two rounds", self.longest_gap_us));
-        }
+        failures.extend(loop_failures(self.overruns, self.longest_gap_us));
         failures
     }
 }
@@ -140,28 +161,27 @@ pub fn hold(
 ///
 /// # Errors
 /// When it does not get to its end.
-pub fn drive(rig: &mut Rig, times: Times) -> Result<Report, RigError> {
+pub fn drive(rig: &mut Rig, times: Times, progress: &dyn Fn(&str)) -> Result<Report, RigError> {
     let current_limit = rig.setting("current_limit")?;
     rig.watch();
+    progress("arming, which aligns first");
     rig.arm()?;
-    let seen_while_arming = rig.seen.clone();
-    let mut report = Report {
-        hold: Vec::new(),
-        pwm_hz: seen_while_arming.pwm_hz,
-        shares: [[0.0; 3]; 6],
-        overruns: 0,
-        longest_gap_us: 0.0,
-    };
+    let mut report = Report::default();
     // Alignment turns each motor alone: shares are those of driving.
     rig.seen.shares = [[0.0, f64::INFINITY, 0.0]; 6];
     rig.seen.steps = 0;
-    for (_, f_hz, theta_deg) in MODES {
+    for (name, f_hz, theta_deg) in MODES {
+        progress(name);
         report.hold.push(hold(rig, (f_hz, theta_deg), times, current_limit)?);
     }
     let steps = rig.seen.steps.max(1) as f64;
     report.shares = rig.seen.shares.map(|[sum, lowest, highest]| [sum / steps, lowest, highest]);
     rig.disarm()?;
-    report.pwm_hz = rig.seen.pwm_hz;
+    let off = |hertz: &f64| (hertz - PWM_HZ).abs();
+    report.pwm_hz =
+        rig.seen.pwm_hz.into_iter().max_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0.0);
+    rig.run(REST)?;
+    report.coasted = rig.coasts();
     report.overruns = rig.seen.missed;
     report.longest_gap_us = rig.seen.longest_gap_us;
     Ok(report)

@@ -19,14 +19,14 @@ const ERASE_SECTOR: Duration = Duration::from_millis(45);
 const READ_CYCLES_A_BYTE: u64 = 8;
 
 /// An operation that changes the flash.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Operation {
     /// Of a piece of a page.
     Program {
         /// Address of the first byte.
         at: usize,
-        /// Bytes.
-        length: usize,
+        /// What is written.
+        bytes: Vec<u8>,
     },
     /// Of a sector.
     Erase {
@@ -94,6 +94,22 @@ impl Flash {
         self.cut = cut;
     }
 
+    /// Returns the flash after these operations, in whose last power goes when a share of it (0 to 1) is done.
+    #[must_use]
+    pub fn cut(&self, operations: &[Operation], share: f64) -> Self {
+        let mut flash = self.clone();
+        flash.cut_power_in(operations.len().checked_sub(1).map(|last| (last, share)));
+        for operation in operations {
+            // The last one loses power; all were within the flash before.
+            let _ = match operation {
+                Operation::Program { at, bytes } => flash.program(*at, bytes),
+                Operation::Erase { at } => flash.erase(at / SECTOR_BYTES),
+            };
+        }
+        flash.cut_power_in(None);
+        flash
+    }
+
     fn random(&mut self) -> u64 {
         self.random ^= self.random << 13;
         self.random ^= self.random >> 7;
@@ -123,7 +139,7 @@ impl Flash {
             let start = at + done;
             let length = (PAGE_BYTES - start % PAGE_BYTES).min(bytes.len() - done);
             let piece = &bytes[done..done + length];
-            match self.begin(Operation::Program { at: start, length }) {
+            match self.begin(Operation::Program { at: start, bytes: piece.to_vec() }) {
                 None => {
                     for (cell, byte) in self.cells[start..].iter_mut().zip(piece) {
                         *cell &= byte;

@@ -111,8 +111,8 @@ pub(crate) struct LowPowerWatchdog {
     pub(crate) values: Values,
     stages: Stages,
     raw: u32,
-    /// Times that it was fed.
-    pub(crate) feeds: u64,
+    /// When it was last fed.
+    pub(crate) fed_at: Option<u64>,
 }
 
 impl LowPowerWatchdog {
@@ -122,7 +122,7 @@ impl LowPowerWatchdog {
         stages.retime(now, RC_SLOW_HZ);
         stages.configure(now, true, [Some(BOOT_ACTION), None, None, None]);
         stages.set_timeouts([BOOT_SECONDS * RC_SLOW_HZ, 0, 0, 0]);
-        Self { values: Values::reset("LP_WDT"), stages, raw: 0, feeds: 0 }
+        Self { values: Values::reset("LP_WDT"), stages, raw: 0, fed_at: None }
     }
 
     pub(crate) fn next_event(&self) -> u64 {
@@ -166,7 +166,7 @@ impl LowPowerWatchdog {
             CONFIG..=FEED if is_locked => {}
             FEED => {
                 if value >> 31 == 1 {
-                    self.feeds += 1;
+                    self.fed_at = Some(now);
                     self.stages.feed(now);
                 }
             }

@@ -1,0 +1,72 @@
+//! The image on the emulated chip: built here, run by `flix-chip`.
+
+mod defects;
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::chip::{Chip, Options};
+use crate::run::{self, Error};
+use crate::toolchain;
+
+/// Prepares a run of an image.
+fn emulator(args: &Args, image: &Path) -> Result<Command, Error> {
+    let mut command = match &args.program {
+        Some(program) => run::command(absolute(program)?),
+        None => {
+            let mut cargo = toolchain::cargo();
+            cargo.args(["run", "--quiet", "--release", "--package", "flix-chip", "--"]);
+            cargo
+        }
+    };
+    command.arg(image);
+    Ok(command)
+}
+
+/// Commands run in the repository; paths are given from where the user is.
+fn absolute(path: &Path) -> Result<PathBuf, Error> {
+    std::path::absolute(path).map_err(|source| Error::File { path: path.to_path_buf(), source })
+}
+
+/// What is run, and how its result is printed.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Run this image (ELF) instead of building one.
+    image: Option<PathBuf>,
+    /// The encoders, where they are not those the board is sold with.
+    #[arg(long, value_parser = ["mt6701", "as5047p"])]
+    encoder: Option<String>,
+    /// Measure shorter, and cut power in fewer flash operations.
+    #[arg(long)]
+    quick: bool,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+    /// Run this `flix-chip` instead of building one.
+    #[arg(long)]
+    program: Option<PathBuf>,
+    /// Build an image with each of the defects in `sim-hil/chip/defects.toml`, and check that each is caught.
+    #[arg(long, conflicts_with_all = ["image", "encoder", "quick"])]
+    defects: bool,
+    /// Try these defects alone: those whose names contain this.
+    #[arg(long, requires = "defects")]
+    named: Option<String>,
+}
+
+/// Builds the image, unless there is one, and runs it; an error when something does not hold.
+pub(crate) fn run(args: &Args) -> Result<(), Error> {
+    if args.defects {
+        return defects::run(args);
+    }
+    let image = match &args.image {
+        Some(image) => absolute(image)?,
+        None => toolchain::build_silently(
+            Chip::Esp32c6,
+            &Options { encoder: args.encoder.clone(), ..Options::default() },
+        )?,
+    };
+    let mut command = emulator(args, &image)?;
+    command.args(args.encoder.iter().flat_map(|encoder| ["--encoder", encoder]));
+    command.args(args.quick.then_some("--quick")).args(args.json.then_some("--json"));
+    run::run(&mut command)
+}

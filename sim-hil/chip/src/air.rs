@@ -1,0 +1,126 @@
+//! What the network does to a running robot: it goes away and comes back, and somebody floods it with forged datagrams.
+
+use std::time::Duration;
+
+use flix_protocol::DEFAULT_PORT;
+use flix_protocol::message::State;
+use rand::{Rng as _, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use serde::Serialize;
+
+use crate::chip::cycles;
+use crate::network::Datagram;
+use crate::rig::{Rig, RigError};
+use crate::session::{Hold, Times, hold, loop_failures};
+
+/// How long the radio is gone.
+const GONE: Duration = Duration::from_secs(5);
+/// Forged datagrams a second.
+const FLOOD_HZ: u64 = 1_000;
+/// The forger's port.
+const FORGER_PORT: u16 = 50_000;
+/// Bytes of a forged datagram: as long as a command's.
+const FORGED_BYTES: usize = 64;
+/// What is held meanwhile: Hz, degrees.
+const HELD: (f64, f64) = (20.0, 0.0);
+
+/// What the network did and what came of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Air {
+    /// The robot under the flood.
+    pub flooded: Hold,
+    /// Forged datagrams.
+    pub forged: u64,
+    /// Instructions that each costs.
+    pub instructions_each: f64,
+    /// Ticks missed during flood and silence.
+    pub missed: u64,
+    /// Longest gap meanwhile, microseconds.
+    pub longest_gap_us: f64,
+    /// From the moment the radio came back to a robot that is armed again, s.
+    pub back_s: f64,
+}
+
+impl Air {
+    /// Returns what does not hold, in sentences.
+    #[must_use]
+    pub fn failures(&self) -> Vec<String> {
+        let held = self.flooded.failures().into_iter();
+        let timing = loop_failures(self.missed, self.longest_gap_us);
+        held.chain(timing).map(|failure| format!("network: {failure}")).collect()
+    }
+}
+
+/// Floods a provisioned robot, then takes its radio away and gives it back.
+///
+/// # Errors
+/// When the robot is not there again, or the emulation cannot go on.
+pub fn trouble(rig: &mut Rig, times: Times, seed: u64) -> Result<Air, RigError> {
+    let current_limit = rig.setting("current_limit")?;
+    rig.watch();
+    rig.arm()?;
+    hold(rig, HELD, times, current_limit)?;
+    let quiet = instructions(rig, times.measure)?;
+    rig.flood(Some(Flood::new(seed)));
+    let before = rig.chip.counters().instructions;
+    let from = rig.chip.now();
+    let flooded = hold(rig, HELD, times, current_limit)?;
+    let seconds = (rig.chip.now() - from).as_secs_f64();
+    let busy = rig.chip.counters().instructions - before;
+    let forged = rig.flood(None).map_or(0, |flood| flood.sent);
+    let extra = busy as f64 - quiet * seconds;
+    rig.chip.network.air.is_up = false;
+    rig.run(GONE)?;
+    rig.chip.network.air.is_up = true;
+    let back = rig.chip.now();
+    rig.until_log("connection to the network", "wi-fi: connected")?;
+    rig.connect()?;
+    rig.await_state(&[State::Disarmed])?;
+    rig.arm()?;
+    let back_s = (rig.chip.now() - back).as_secs_f64();
+    let seen = rig.seen.clone();
+    rig.disarm()?;
+    Ok(Air {
+        flooded,
+        forged,
+        instructions_each: extra / forged.max(1) as f64,
+        missed: seen.missed,
+        longest_gap_us: seen.longest_gap_us,
+        back_s,
+    })
+}
+
+/// Instructions a second in a robot that holds.
+fn instructions(rig: &mut Rig, time: Duration) -> Result<f64, RigError> {
+    let before = rig.chip.counters().instructions;
+    rig.run(time)?;
+    Ok((rig.chip.counters().instructions - before) as f64 / time.as_secs_f64())
+}
+
+/// Somebody without the key, who sends datagrams of a right length and wrong content.
+pub struct Flood {
+    random: Xoshiro256PlusPlus,
+    next: u64,
+    /// Datagrams so far.
+    pub sent: u64,
+}
+
+impl Flood {
+    /// Creates one whose bytes follow from the seed.
+    #[must_use]
+    pub fn new(seed: u64) -> Self {
+        Self { random: Xoshiro256PlusPlus::seed_from_u64(seed), next: 0, sent: 0 }
+    }
+
+    /// Sends what is due.
+    pub(crate) fn send(&mut self, network: &mut crate::network::Network, now: u64) {
+        if now < self.next {
+            return;
+        }
+        self.next = now.max(self.next) + cycles(Duration::from_secs(1)) / FLOOD_HZ;
+        let mut payload = vec![0; FORGED_BYTES];
+        self.random.fill_bytes(&mut payload);
+        network.send_datagram(&Datagram { port: FORGER_PORT, payload }, DEFAULT_PORT, now);
+        self.sent += 1;
+    }
+}

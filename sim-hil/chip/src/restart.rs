@@ -1,0 +1,140 @@
+//! A program that hangs or panics: the chip must start anew within a second, state why, and leave the motors alone.
+
+use std::time::Duration;
+
+use serde::Serialize;
+
+use crate::chip::{Place, cycles};
+use crate::rig::{Rig, RigError};
+
+/// From a hang or panic to the first instruction of the program that starts anew.
+pub const LIMIT: Duration = Duration::from_secs(1);
+/// Between two looks for the place, cycles.
+const LOOK_CYCLES: u64 = 50;
+/// A step of the plant and more; the program that starts anew has touched no pin by then.
+const MOMENT: Duration = Duration::from_millis(1);
+/// By then the place has been found.
+const SEARCH: Duration = Duration::from_secs(2);
+
+/// What went wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Accident {
+    /// An endless loop.
+    Hang,
+    /// An index out of bounds.
+    Panic,
+}
+
+/// An accident and what follows it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Restart {
+    /// What went wrong.
+    pub accident: Accident,
+    /// Where: before the loop, the loop, tasks.
+    pub place: &'static str,
+    /// Until the program runs again, s.
+    pub seconds: Option<f64>,
+    /// What it states as the reason.
+    pub reason: String,
+    /// What does not hold.
+    pub failures: Vec<String>,
+}
+
+const CASES: [(Accident, Place, &str, &str); 6] = [
+    (Accident::Hang, Place::BeforeTheLoop, "before the fast loop", "tasks that hung"),
+    (Accident::Hang, Place::Loop, "in the fast loop", "a fast loop that hung"),
+    (Accident::Hang, Place::Tasks, "in the tasks", "tasks that hung"),
+    (Accident::Panic, Place::BeforeTheLoop, "before the fast loop", "a panic"),
+    (Accident::Panic, Place::Loop, "in the fast loop", "a panic"),
+    (Accident::Panic, Place::Tasks, "in the tasks", "a panic"),
+];
+
+/// Lets everything go wrong, one after the other. `rig` is provisioned and runs; it is armed for each that happens in a
+/// running robot.
+///
+/// # Errors
+/// When the robot cannot be brought to where it shall happen.
+pub fn try_all(rig: &mut Rig, progress: &dyn Fn(&str)) -> Result<Vec<Restart>, RigError> {
+    CASES
+        .into_iter()
+        .map(|(accident, place, name, reason)| {
+            progress(&format!("{accident:?} {name}"));
+            happen(rig, accident, place, name, reason)
+        })
+        .collect()
+}
+
+fn happen(
+    rig: &mut Rig,
+    accident: Accident,
+    place: Place,
+    name: &'static str,
+    reason: &str,
+) -> Result<Restart, RigError> {
+    if place == Place::BeforeTheLoop {
+        rig.client = None;
+        rig.chip.power_on();
+    } else {
+        rig.connect()?;
+        rig.arm()?;
+    }
+    let end = rig.chip.cycles() + cycles(SEARCH);
+    while !rig.chip.is_in(place) {
+        if rig.chip.cycles() > end {
+            return Err(RigError::TooLate { awaited: "place of the program" });
+        }
+        rig.advance(LOOK_CYCLES)?;
+    }
+    let resets = rig.resets.len();
+    let from = rig.serial.len();
+    let began = rig.chip.now();
+    match accident {
+        Accident::Hang => rig.chip.hang(),
+        Accident::Panic if rig.chip.panic() => {}
+        Accident::Panic => return Err(RigError::Fault("the image cannot panic".to_owned())),
+    }
+    let mut restart = Restart {
+        accident,
+        place: name,
+        seconds: None,
+        reason: String::new(),
+        failures: Vec::new(),
+    };
+    let mut fail =
+        |failure: String| restart.failures.push(format!("{accident:?} {name}: {failure}"));
+    if accident == Accident::Panic {
+        rig.run(MOMENT)?;
+        if rig.is_driven() {
+            fail("a motor is driven while the reason is printed".to_owned());
+        }
+    }
+    // A client that is not answered gives up by itself.
+    rig.client = None;
+    while rig.resets.len() == resets && rig.chip.now() < began + 2 * LIMIT {
+        rig.step()?;
+    }
+    match rig.resets.get(resets) {
+        // Resets are noted when the program runs again.
+        Some((at, _)) if *at - began <= LIMIT => {
+            restart.seconds = Some((*at - began).as_secs_f64())
+        }
+        Some((at, _)) => {
+            fail(format!("the chip starts anew after {:.2} s", (*at - began).as_secs_f64()))
+        }
+        None => fail("the chip does not start anew".to_owned()),
+    }
+    rig.run(MOMENT)?;
+    if rig.is_driven() {
+        fail("a motor is driven after it".to_owned());
+    }
+    rig.until_log("connection to the network", "wi-fi: connected")?;
+    let log = String::from_utf8_lossy(&rig.serial[from..]).into_owned();
+    let stated = log.lines().rev().find_map(|line| line.strip_prefix("started after "));
+    restart.reason = stated.unwrap_or_default().trim().to_owned();
+    if restart.reason != reason {
+        let failure = format!("the reason is stated as {:?}, not {reason:?}", restart.reason);
+        restart.failures.push(format!("{accident:?} {name}: {failure}"));
+    }
+    Ok(restart)
+}
