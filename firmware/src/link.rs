@@ -7,7 +7,7 @@
 //!   on commands are signs of life: any command while the rotors rest, setpoints alone while they
 //!   are asked to shake. The fast half itself watches their age ([`Order::heard`]), so that its
 //!   deadlines hold even when this half hangs.
-//! - **Stop**: any holder of the key latches the stop, also without the session, which goes on; its
+//! - **Stop**: any operator latches the stop, also without the session, which goes on; its
 //!   operator learns of it by an event.
 //! - **How old**: a command counts only while it is fresh ([`flix_protocol::session`]), up to the
 //!   setting `command_age`. `Stop` and `Disarm` count at any age; reading (`Identify`, `Ping`,
@@ -27,11 +27,11 @@ use core::time::Duration;
 use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::{Frame, HandshakeFrame};
 use flix_protocol::message::{
-    Command, Event, EventReport, Faults, Identity, LinkQuality, MotorTelemetry, Outcome,
-    PARAMETERS_PER_REPLY, ParameterCommand, Refusal, Reply, Setpoint, State, Telemetry, ToOperator,
-    ToRobot,
+    Command, Event, EventReport, Faults, Identity, LinkQuality, MotorTelemetry, OperatorName,
+    Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Refusal, Reply, Setpoint, State, Telemetry,
+    ToOperator, ToRobot,
 };
-use flix_protocol::session::{Key, RobotReceived, RobotSession};
+use flix_protocol::session::{Operators, RobotReceived, RobotSession};
 use flix_protocol::units::{Instant, Ratio, Volts};
 use heapless::{Deque, Vec};
 
@@ -67,21 +67,21 @@ pub struct Link {
 }
 
 impl Link {
-    /// Starts with nobody connected. Without a key every operator is refused.
+    /// Starts with nobody connected. Without operators everybody is refused.
     ///
     /// `report` is the fast half's first. `entropy` comes from a hardware random source, fresh at
     /// every start.
     #[must_use]
     pub fn new(
         identity: Identity,
-        key: Option<Key>,
+        operators: impl Into<Operators>,
         entropy: [u8; 32],
         settings: &Settings,
         report: Report,
     ) -> Self {
         let mut events = Events::default();
         events.push(report.time, Event::Started);
-        let mut session = RobotSession::new(key, entropy);
+        let mut session = RobotSession::new(operators, entropy);
         session.set_command_age(command_age(settings));
         Self {
             session,
@@ -112,9 +112,9 @@ impl Link {
         &self.report
     }
 
-    /// Returns whether the robot has a key.
+    /// Returns whether the robot has an operator's key.
     #[must_use]
-    pub const fn is_provisioned(&self) -> bool {
+    pub fn is_provisioned(&self) -> bool {
         self.session.is_provisioned()
     }
 
@@ -124,16 +124,23 @@ impl Link {
         self.session.peer(now)
     }
 
+    /// Returns the name of the operator who holds the session.
+    #[must_use]
+    pub fn driver(&self, now: Instant) -> Option<OperatorName> {
+        self.session.operator(now)
+    }
+
     /// Returns how well the robot hears.
     #[must_use]
     pub fn quality(&self, now: Instant) -> LinkQuality {
         LinkQuality { signal_dbm: self.signal_dbm, ..self.session.quality(now) }
     }
 
-    /// Takes another key, or none: ends the session and disarms.
-    pub fn set_key(&mut self, key: Option<Key>) {
-        self.session.set_key(key);
-        self.change_operator();
+    /// Takes other operators, or none: ends the session and disarms, unless its holder is among them.
+    pub fn set_operators(&mut self, operators: impl Into<Operators>) {
+        if !self.session.set_operators(operators) {
+            self.change_operator();
+        }
     }
 
     /// Changes what the robot answers to [`Command::Identify`].
@@ -171,7 +178,9 @@ impl Link {
             RobotReceived::Connected(answer) => {
                 self.change_operator();
                 self.telemetry_due = now;
-                self.events.push(now, Event::OperatorConnected);
+                if let Some(operator) = self.session.operator(now) {
+                    self.events.push(now, Event::OperatorConnected(operator));
+                }
                 push_newest(&mut self.answers, (from, answer));
             }
             RobotReceived::Command(ToRobot { request, command }) => {
@@ -192,9 +201,9 @@ impl Link {
                 self.change_operator();
                 self.events.push(now, Event::OperatorLeft);
             }
-            RobotReceived::Stop(answer) => {
+            RobotReceived::Stop(answer, operator) => {
                 self.stop();
-                self.events.push(now, Event::StoppedFromOutside);
+                self.events.push(now, Event::StoppedFromOutside(operator));
                 push_newest(&mut self.answers, (from, answer));
             }
             RobotReceived::Dropped(_, None) => {}
@@ -214,8 +223,8 @@ impl Link {
             frame.extend_from_slice(&answer).ok()?;
             return Some(to);
         }
-        self.session.peer(now)?;
-        let message = self.next_message(now, settings)?;
+        let operator = self.session.operator(now)?;
+        let message = self.next_message(now, operator, settings)?;
         let (to, sealed) = self.session.send(now, &message).ok()?;
         *frame = sealed;
         Some(to)
@@ -449,7 +458,12 @@ impl Link {
         if is_idle(self.report.state) { Ok(()) } else { Err(Refusal::State(self.report.state)) }
     }
 
-    fn next_message(&mut self, now: Instant, settings: &Settings) -> Option<ToOperator> {
+    fn next_message(
+        &mut self,
+        now: Instant,
+        operator: OperatorName,
+        settings: &Settings,
+    ) -> Option<ToOperator> {
         if let Some(reply) = self.replies.pop_front() {
             return Some(ToOperator::Reply(reply));
         }
@@ -462,10 +476,10 @@ impl Link {
         let interval = Duration::from_secs_f32(1.0 / settings.telemetry_rate);
         let next = self.telemetry_due + interval;
         self.telemetry_due = if next > now { next } else { now + interval };
-        Some(ToOperator::Telemetry(self.telemetry(now)))
+        Some(ToOperator::Telemetry(self.telemetry(now, operator)))
     }
 
-    fn telemetry(&mut self, now: Instant) -> Telemetry {
+    fn telemetry(&mut self, now: Instant, operator: OperatorName) -> Telemetry {
         self.order.period = self.order.period.wrapping_add(1);
         let link = self.quality(now);
         let report = &self.report;
@@ -484,6 +498,7 @@ impl Link {
             modulation: Ratio::saturating(f32::from(report.modulation) / f32::from(u16::MAX)),
             timing: report.timing,
             link,
+            operator,
         }
     }
 }

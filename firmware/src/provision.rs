@@ -1,17 +1,18 @@
 //! The serial port's side of [`flix_protocol::provision`]: whose robot this is.
 //!
 //! Bytes of the serial port come in one at a time, frames go out; log text around them does no
-//! harm. The key goes into the store and to the link, and never out again.
+//! harm. Keys go into the store and to the link, and never out again.
 //!
-//! Name, network and key have a store of their own, beside that of the settings: damaged settings
+//! Name, network and operators have a store of their own, beside that of the settings: damaged settings
 //! leave the robot in the hands of its owner, who then sees the fault.
 
 use core::fmt;
 
-use flix_protocol::message::State;
+use flix_protocol::message::{OperatorName, State};
 use flix_protocol::provision::{
     Answer, FrameReader, MAXIMUM_FRAME, ProvisionRefusal, Provisioning, Request, write_frame,
 };
+use flix_protocol::session::{Key, Operator, Operators};
 use heapless::Vec;
 use zeroize::Zeroizing;
 
@@ -21,14 +22,22 @@ use crate::robot::UNNAMED;
 use crate::stored::{self, LoadError, SaveError};
 
 /// Most bytes that the stored form takes in a [`SettingsStore`].
-pub const STORED_LENGTH: usize = 256;
+pub const STORED_LENGTH: usize = 640;
+
+/// Version of the stored form: an [`Owned`] robot, or none.
+const FORMAT_VERSION: u16 = 2;
+/// Version of the form that the first release stored: one key, without a name.
+const FORMAT_OF_ONE_KEY: u16 = 1;
+
+/// Name and network of a robot, and who may command it.
+type Owned = (Provisioning, Operators);
 
 /// What to do after a request.
 #[derive(Debug)]
 pub struct Response {
     /// Send it over the serial port, in one piece.
     pub frame: Vec<u8, MAXIMUM_FRAME>,
-    /// Whether [`Provisioner::provisioning`] changed: take over network, name and key.
+    /// Whether [`Provisioner::provisioning`] or [`Provisioner::operators`] changed: take them over.
     pub changed: bool,
 }
 
@@ -36,7 +45,7 @@ pub struct Response {
 pub struct Provisioner<S> {
     store: S,
     hardware: Hardware,
-    provisioning: Option<Provisioning>,
+    owned: Option<Owned>,
     loaded: Result<(), LoadError>,
     reader: FrameReader,
 }
@@ -45,11 +54,11 @@ impl<S: SettingsStore> Provisioner<S> {
     /// Reads what is stored. When that cannot be trusted the robot is not provisioned, and
     /// [`Provisioner::loaded`] says why.
     pub fn new(mut store: S, hardware: Hardware) -> Self {
-        let (provisioning, loaded) = match load(&mut store) {
-            Ok(provisioning) => (provisioning, Ok(())),
+        let (owned, loaded) = match load(&mut store) {
+            Ok(owned) => (owned, Ok(())),
             Err(error) => (None, Err(error)),
         };
-        Self { store, hardware, provisioning, loaded, reader: FrameReader::new() }
+        Self { store, hardware, owned, loaded, reader: FrameReader::new() }
     }
 
     /// Returns whether what was stored could be read at power-up.
@@ -60,16 +69,22 @@ impl<S: SettingsStore> Provisioner<S> {
         self.loaded
     }
 
-    /// Returns network, name and key; `None` while the robot is not provisioned.
+    /// Returns name and network; `None` while the robot is not provisioned.
     #[must_use]
-    pub const fn provisioning(&self) -> Option<&Provisioning> {
-        self.provisioning.as_ref()
+    pub fn provisioning(&self) -> Option<&Provisioning> {
+        self.owned.as_ref().map(|(provisioning, _)| provisioning)
+    }
+
+    /// Returns who may command the robot.
+    #[must_use]
+    pub fn operators(&self) -> Operators {
+        self.owned.as_ref().map_or_else(Operators::default, |(_, operators)| operators.clone())
     }
 
     /// Returns the robot's name, or a default while it has none.
     #[must_use]
     pub fn name(&self) -> &str {
-        self.provisioning.as_ref().map_or(UNNAMED, Provisioning::name)
+        self.provisioning().map_or(UNNAMED, Provisioning::name)
     }
 
     /// Takes the next byte of the serial port; responds when a request ends with it. `state` is
@@ -78,13 +93,52 @@ impl<S: SettingsStore> Provisioner<S> {
         match self.reader.push(byte)? {
             Request::Identify => respond(&Answer::Identity {
                 identity: identity(self.name(), &self.hardware),
-                has_key: self.provisioning.is_some(),
+                has_key: self.owned.is_some(),
             }),
-            Request::Provision(provisioning) => self.change(Some(provisioning), state),
+            Request::Provision(provisioning, operator) => {
+                let known =
+                    Some(self.operators()).filter(|it| it.find(&operator.key().id()).is_some());
+                // With another key, the robot has changed hands: whoever had a key before has none now.
+                let operators = known.unwrap_or_default();
+                self.add(provisioning, operators, operator, state)
+            }
             Request::Forget => self.change(None, state),
-            Request::Prove(challenge) => respond(&Answer::Proof(
-                self.provisioning.as_ref().map(|owner| owner.key().prove(&challenge)),
-            )),
+            Request::Prove(challenge, key_id) => {
+                let operators = self.operators();
+                let prover = operators.find(&key_id);
+                respond(&Answer::Proof(prover.map(|operator| operator.key().prove(&challenge))))
+            }
+            Request::Operators => respond(&Answer::Operators(self.operators().names())),
+            Request::Add(operator) => match self.owned.clone() {
+                Some((provisioning, operators)) => {
+                    self.add(provisioning, operators, operator, state)
+                }
+                None => refuse(ProvisionRefusal::Unprovisioned),
+            },
+            Request::Revoke(name) => match self.owned.clone() {
+                Some((provisioning, mut operators)) => {
+                    operators.revoke(name);
+                    if operators.iter().len() == 0 {
+                        return refuse(ProvisionRefusal::Last);
+                    }
+                    self.change(Some((provisioning, operators)), state)
+                }
+                None => refuse(ProvisionRefusal::Unprovisioned),
+            },
+        }
+    }
+
+    /// Adds an operator to these, and stores all.
+    fn add(
+        &mut self,
+        provisioning: Provisioning,
+        mut operators: Operators,
+        operator: Operator,
+        state: State,
+    ) -> Option<Response> {
+        match operators.add(operator) {
+            Ok(()) => self.change(Some((provisioning, operators)), state),
+            Err(error) => refuse(error.into()),
         }
     }
 
@@ -98,24 +152,24 @@ impl<S: SettingsStore> Provisioner<S> {
     }
 
     /// Stores first, and changes only when that worked.
-    fn change(&mut self, provisioning: Option<Provisioning>, state: State) -> Option<Response> {
+    fn change(&mut self, owned: Option<Owned>, state: State) -> Option<Response> {
         if !is_idle(state) {
-            return respond(&Answer::Refused(ProvisionRefusal::Driving));
+            return refuse(ProvisionRefusal::Driving);
         }
-        if provisioning.as_ref().is_some_and(|provisioning| provisioning.check().is_err()) {
-            return respond(&Answer::Refused(ProvisionRefusal::Malformed));
+        if owned.as_ref().is_some_and(|owned| !is_usable(owned)) {
+            return refuse(ProvisionRefusal::Malformed);
         }
-        if self.loaded.is_ok() && self.provisioning == provisioning {
+        if self.loaded.is_ok() && self.owned == owned {
             // A repeated request: the answer to the first was lost, or power went before it.
             let erased = self.finish_erasure();
             return respond(&done_or_storage(erased));
         }
-        let saved = save(&mut self.store, &provisioning);
+        let saved = save(&mut self.store, &owned);
         // A store that could write but not erase keeps the new one.
-        if saved.is_err() && load(&mut self.store).as_ref() != Ok(&provisioning) {
+        if saved.is_err() && load(&mut self.store).as_ref() != Ok(&owned) {
             return respond(&done_or_storage(saved));
         }
-        self.provisioning = provisioning;
+        self.owned = owned;
         self.loaded = Ok(());
         respond(&done_or_storage(saved)).map(|response| Response { changed: true, ..response })
     }
@@ -123,9 +177,7 @@ impl<S: SettingsStore> Provisioner<S> {
 
 impl<S> fmt::Debug for Provisioner<S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Provisioner")
-            .field("provisioning", &self.provisioning)
-            .finish_non_exhaustive()
+        f.debug_struct("Provisioner").field("owned", &self.owned).finish_non_exhaustive()
     }
 }
 
@@ -141,23 +193,34 @@ fn respond(answer: &Answer) -> Option<Response> {
     Some(Response { frame, changed: false })
 }
 
-fn load<S: SettingsStore>(store: &mut S) -> Result<Option<Provisioning>, LoadError> {
-    let stored = stored::load(store, &mut *Zeroizing::new([0; STORED_LENGTH]))?;
-    // Stored while the robot has an owner: the provisioning; else that there is none.
-    match stored.flatten() {
-        Some(provisioning) if Provisioning::check(&provisioning).is_err() => {
-            Err(LoadError::Damaged)
-        }
-        provisioning => Ok(provisioning),
-    }
+fn refuse(refusal: ProvisionRefusal) -> Option<Response> {
+    respond(&Answer::Refused(refusal))
 }
 
-fn save<S: SettingsStore>(
-    store: &mut S,
-    provisioning: &Option<Provisioning>,
-) -> Result<(), SaveError> {
+fn is_usable((provisioning, operators): &Owned) -> bool {
+    let has_keys = operators.iter().all(Operator::has_key);
+    provisioning.check().is_ok() && operators.iter().len() > 0 && has_keys
+}
+
+fn load<S: SettingsStore>(store: &mut S) -> Result<Option<Owned>, LoadError> {
     let mut buffer = Zeroizing::new([0; STORED_LENGTH]);
-    store.save_and_sweep(stored::encode(provisioning, &mut *buffer)?).map_err(|_| SaveError)
+    // Stored while the robot has an owner: who; else that there is none.
+    let owned = match stored::load::<Option<Owned>>(store, FORMAT_VERSION, &mut *buffer) {
+        Ok(stored) => stored.flatten(),
+        Err(error) => {
+            stored::load::<Option<(Provisioning, [u8; 32])>>(store, FORMAT_OF_ONE_KEY, &mut *buffer)
+                .map_err(|_| error)?
+                .flatten()
+                .map(|(it, key)| (it, Operator::new(OperatorName::OWNER, &Key::new(key)).into()))
+        }
+    };
+    if owned.as_ref().is_none_or(is_usable) { Ok(owned) } else { Err(LoadError::Damaged) }
+}
+
+fn save<S: SettingsStore>(store: &mut S, owned: &Option<Owned>) -> Result<(), SaveError> {
+    let mut buffer = Zeroizing::new([0; STORED_LENGTH]);
+    let bytes = stored::encode(FORMAT_VERSION, owned, &mut *buffer)?;
+    store.save_and_sweep(bytes).map_err(|_| SaveError)
 }
 
 #[cfg(test)]
@@ -165,7 +228,6 @@ mod tests {
     use super::*;
     use crate::board::DENGFOC_V3_01;
     use crate::stored::CRC;
-    use flix_protocol::session::Key;
     use std::format;
 
     #[derive(Default)]
@@ -204,9 +266,18 @@ mod tests {
     }
 
     const KEY: [u8; 32] = *b"a key which nobody else may know";
+    const OTHER_KEY: [u8; 32] = *b"ONE KEY MORE, GIVEN TO AN OTHER.";
 
     fn mine() -> Provisioning {
-        Provisioning::new("daisy", "workshop", "correct horse", None, &Key::new(KEY)).unwrap()
+        Provisioning::new("daisy", "workshop", "correct horse", None).unwrap()
+    }
+
+    fn operator(name: &str, key: [u8; 32]) -> Operator {
+        Operator::new(name.parse().unwrap(), &Key::new(key))
+    }
+
+    fn owner() -> Operator {
+        operator("owner", KEY)
     }
 
     fn robot(memory: &mut Memory) -> Provisioner<&mut Memory> {
@@ -237,12 +308,16 @@ mod tests {
     }
 
     fn provision(memory: &mut Memory) {
-        let answer = ask(&mut robot(memory), &Request::Provision(mine()), State::Disarmed);
+        let answer = ask(&mut robot(memory), &Request::Provision(mine(), owner()), State::Disarmed);
         assert_eq!(answer, Answer::Done);
     }
 
+    fn holds(bytes: &[u8], key: [u8; 32]) -> bool {
+        bytes.windows(8).any(|window| key.windows(8).any(|part| part == window))
+    }
+
     fn holds_key(bytes: &[u8]) -> bool {
-        bytes.windows(8).any(|window| KEY.windows(8).any(|part| part == window))
+        holds(bytes, KEY)
     }
 
     #[test]
@@ -267,7 +342,7 @@ mod tests {
     #[test]
     fn a_robot_proves_the_key_that_it_has_in_every_state() {
         let mut memory = Memory::default();
-        let request = Request::Prove([3; 16]);
+        let request = Request::Prove([3; 16], Key::new(KEY).id());
         let before = ask(&mut robot(&mut memory), &request, State::Running);
         provision(&mut memory);
         let after = ask(&mut robot(&mut memory), &request, State::Running);
@@ -290,7 +365,13 @@ mod tests {
         let mut memory = Memory::default();
         let mut robot = robot(&mut memory);
         let mut out = std::vec::Vec::new();
-        for request in [Request::Provision(mine()), Request::Identify, Request::Prove([3; 16])] {
+        for request in [
+            Request::Provision(mine(), owner()),
+            Request::Identify,
+            Request::Prove([3; 16], Key::new(KEY).id()),
+            Request::Operators,
+            Request::Add(operator("bob", OTHER_KEY)),
+        ] {
             for byte in write_frame(&request).unwrap().iter() {
                 if let Some(response) = robot.receive(*byte, State::Disarmed) {
                     out.extend_from_slice(&response.frame);
@@ -305,7 +386,7 @@ mod tests {
     fn nothing_changes_while_the_motors_turn() {
         let mut memory = Memory::default();
         let mut robot = robot(&mut memory);
-        let answer = ask(&mut robot, &Request::Provision(mine()), State::Running);
+        let answer = ask(&mut robot, &Request::Provision(mine(), owner()), State::Running);
         let refused = Answer::Refused(ProvisionRefusal::Driving);
         assert_eq!((answer, robot.provisioning()), (refused, None));
     }
@@ -314,7 +395,7 @@ mod tests {
     fn a_memory_that_fails_leaves_the_robot_as_it_was() {
         let mut memory = Memory { is_worn: true, ..Memory::default() };
         let mut robot = robot(&mut memory);
-        let answer = ask(&mut robot, &Request::Provision(mine()), State::Disarmed);
+        let answer = ask(&mut robot, &Request::Provision(mine(), owner()), State::Disarmed);
         let refused = Answer::Refused(ProvisionRefusal::Storage);
         assert_eq!((answer, robot.provisioning()), (refused, None));
     }
@@ -347,7 +428,8 @@ mod tests {
         let mut memory = Memory::default();
         provision(&mut memory);
         memory.is_worn = true;
-        let answer = ask(&mut robot(&mut memory), &Request::Provision(mine()), State::Disarmed);
+        let answer =
+            ask(&mut robot(&mut memory), &Request::Provision(mine(), owner()), State::Disarmed);
         assert_eq!(answer, Answer::Done);
     }
 
@@ -360,7 +442,104 @@ mod tests {
         let sum = CRC.checksum(&bytes).to_le_bytes();
         bytes.extend_from_slice(&sum);
         let mut memory = Memory { bytes: Some(bytes), ..Memory::default() };
-        assert_eq!(robot(&mut memory).provisioning(), Some(&mine()));
+        let robot = robot(&mut memory);
+        assert_eq!((robot.provisioning(), robot.operators()), (Some(&mine()), owner().into()));
+    }
+
+    /// A provisioned robot after these requests, which it takes; and its memory.
+    fn after(requests: &[Request]) -> Memory {
+        let mut memory = Memory::default();
+        provision(&mut memory);
+        for request in requests {
+            let answer = ask(&mut robot(&mut memory), request, State::Disarmed);
+            assert_eq!(answer, Answer::Done);
+        }
+        memory
+    }
+
+    fn names(memory: &mut Memory) -> std::vec::Vec<std::string::String> {
+        let answer = ask(&mut robot(memory), &Request::Operators, State::Running);
+        let Answer::Operators(names) = answer else { panic!("{answer:?}") };
+        names.iter().map(|name| name.as_str().into()).collect()
+    }
+
+    #[test]
+    fn operators_are_added_and_revoked_and_a_revoked_key_is_erased() {
+        let add = Request::Add(operator("bob", OTHER_KEY));
+        let revoke = Request::Revoke("bob".parse().unwrap());
+        let mut memory = after(&[add.clone(), add.clone()]);
+        assert!(holds(memory.bytes.as_ref().unwrap(), OTHER_KEY));
+        assert_eq!(names(&mut memory), ["owner", "bob"]);
+        let mut memory = after(&[add, revoke.clone(), revoke]);
+        assert!(!holds(memory.bytes.as_ref().unwrap(), OTHER_KEY));
+        assert_eq!(names(&mut memory), ["owner"]);
+    }
+
+    #[test]
+    fn the_first_operator_can_be_revoked_but_not_the_last() {
+        let add = Request::Add(operator("bob", OTHER_KEY));
+        let mut memory = after(&[add, Request::Revoke("owner".parse().unwrap())]);
+        assert!(!holds_key(memory.bytes.as_ref().unwrap()));
+        let last = Request::Revoke("bob".parse().unwrap());
+        let answer = ask(&mut robot(&mut memory), &last, State::Disarmed);
+        assert_eq!(answer, Answer::Refused(ProvisionRefusal::Last));
+        assert_eq!(names(&mut memory), ["bob"]);
+    }
+
+    #[test]
+    fn what_cannot_be_added_is_refused_with_the_reason() {
+        let refusal = |memory: &mut Memory, operator, state| {
+            let answer = ask(&mut robot(memory), &Request::Add(operator), state);
+            let Answer::Refused(refusal) = answer else { panic!("{answer:?}") };
+            refusal
+        };
+        let bob = || operator("bob", OTHER_KEY);
+        let mut empty = Memory::default();
+        let found = refusal(&mut empty, bob(), State::Disarmed);
+        assert_eq!(found, ProvisionRefusal::Unprovisioned);
+        let others = (1..8).map(|n| Request::Add(operator(&format!("o{n}"), [n; 32])));
+        let mut memory = after(&others.collect::<std::vec::Vec<_>>());
+        for (operator, state, wanted) in [
+            (bob(), State::Disarmed, ProvisionRefusal::Full),
+            (operator("o1", OTHER_KEY), State::Disarmed, ProvisionRefusal::Taken),
+            (operator("o9", [1; 32]), State::Running, ProvisionRefusal::Driving),
+        ] {
+            assert_eq!(refusal(&mut memory, operator, state), wanted);
+        }
+        let mut memory = after(&[]);
+        let zeros = operator("bob", [0; 32]);
+        assert_eq!(refusal(&mut memory, zeros, State::Disarmed), ProvisionRefusal::Malformed);
+    }
+
+    #[test]
+    fn another_network_keeps_the_operators_and_another_key_erases_them() {
+        let add = Request::Add(operator("bob", OTHER_KEY));
+        let elsewhere = Provisioning::new("daisy", "elsewhere", "correct horse", None).unwrap();
+        let renamed = Request::Provision(elsewhere.clone(), operator("anna", KEY));
+        assert_eq!(names(&mut after(&[add.clone(), renamed])), ["anna", "bob"]);
+        let sold = Request::Provision(elsewhere, operator("carla", [5; 32]));
+        let mut memory = after(&[add, sold]);
+        let bytes = memory.bytes.as_ref().unwrap();
+        assert!(!holds_key(bytes) && !holds(bytes, OTHER_KEY));
+        assert_eq!(names(&mut memory), ["carla"]);
+    }
+
+    #[test]
+    fn each_operators_key_is_proved_and_no_other() {
+        let mut memory = after(&[Request::Add(operator("bob", OTHER_KEY))]);
+        for (key, is_known) in [(KEY, true), (OTHER_KEY, true), ([9; 32], false)] {
+            let key = Key::new(key);
+            let request = Request::Prove([3; 16], key.id());
+            let answer = ask(&mut robot(&mut memory), &request, State::Running);
+            assert_eq!(answer, Answer::Proof(is_known.then(|| key.prove(&[3; 16]))));
+        }
+    }
+
+    #[test]
+    fn the_most_operators_are_stored() {
+        let others = (1..8).map(|n| Request::Add(operator(&format!("operator-{n:07}"), [n; 32])));
+        let mut memory = after(&others.collect::<std::vec::Vec<_>>());
+        assert_eq!(names(&mut memory).len(), 8);
     }
 
     #[test]

@@ -16,8 +16,8 @@
 use core::net::SocketAddr;
 
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{Event, Fault, LinkQuality};
-use flix_protocol::session::Key;
+use flix_protocol::message::{Event, Fault, LinkQuality, OperatorName};
+use flix_protocol::session::Operators;
 use flix_protocol::units::Instant;
 
 use crate::exchange::{Access, Exchange, Order, Report};
@@ -46,21 +46,20 @@ pub struct Robot<S> {
 impl<S: SettingsStore> Robot<S> {
     /// Starts at power-up: disarmed, with the settings that `store` holds.
     ///
-    /// Operators see `name` (at most 32 bytes of it). Without a key the robot refuses every
-    /// operator. `entropy` must come from a hardware random source, fresh at every start.
+    /// Operators see `name` (at most 32 bytes of it). Without operators the robot refuses everybody. `entropy` must come from a hardware random source, fresh at every start.
     /// When the stored settings cannot be trusted the defaults are in force and
     /// [`Fault::Settings`] stands until it is cleared.
     pub fn new(
         hardware: Hardware,
         name: &str,
-        key: Option<Key>,
+        operators: impl Into<Operators>,
         entropy: [u8; 32],
         store: S,
     ) -> Self {
         let tuning = Tuning::new(store);
         let mut control = Control::new(Configuration::new(tuning.settings(), &hardware));
         let identity = identity(name, &hardware);
-        let mut link = Link::new(identity, key, entropy, tuning.settings(), control.report());
+        let mut link = Link::new(identity, operators, entropy, tuning.settings(), control.report());
         if tuning.loaded().is_err() {
             link.add_event(control.report().time, Event::SettingsDefaulted);
             control.raise(Fault::Settings);
@@ -126,6 +125,12 @@ impl<S: SettingsStore> Robot<S> {
         self.slow.operator(now)
     }
 
+    /// Does as [`SlowHalf::driver`].
+    #[must_use]
+    pub fn driver(&self, now: Instant) -> Option<OperatorName> {
+        self.slow.driver(now)
+    }
+
     /// Does as [`SlowHalf::quality`].
     #[must_use]
     pub fn quality(&self, now: Instant) -> LinkQuality {
@@ -133,8 +138,8 @@ impl<S: SettingsStore> Robot<S> {
     }
 
     /// Does as [`SlowHalf::provision`].
-    pub fn provision(&mut self, name: &str, key: Option<Key>) {
-        self.slow.provision(name, key);
+    pub fn provision(&mut self, name: &str, operators: impl Into<Operators>) {
+        self.slow.provision(name, operators);
     }
 
     /// Returns the two halves and the exchange between them, for a fast loop with a priority or a
@@ -252,6 +257,12 @@ impl<S: SettingsStore> SlowHalf<S> {
         self.link.operator(now)
     }
 
+    /// Returns the name of the operator who holds the session.
+    #[must_use]
+    pub fn driver(&self, now: Instant) -> Option<OperatorName> {
+        self.link.driver(now)
+    }
+
     /// Returns how well the robot hears, and what it dropped.
     #[must_use]
     pub fn quality(&self, now: Instant) -> LinkQuality {
@@ -260,14 +271,15 @@ impl<S: SettingsStore> SlowHalf<S> {
 
     /// Returns whether the robot has a key; without one it refuses the network, see [`UNPROVISIONED`].
     #[must_use]
-    pub const fn is_provisioned(&self) -> bool {
+    pub fn is_provisioned(&self) -> bool {
         self.link.is_provisioned()
     }
 
-    /// Takes another name and key: ends the session, if any, and disarms.
-    pub fn provision(&mut self, name: &str, key: Option<Key>) {
+    /// Takes another name and other operators: ends the session and disarms, unless its holder is among
+    /// them.
+    pub fn provision(&mut self, name: &str, operators: impl Into<Operators>) {
         self.link.set_identity(identity(name, &self.hardware));
-        self.link.set_key(key);
+        self.link.set_operators(operators);
     }
 
     /// Notes the radio power as last received, for telemetry.

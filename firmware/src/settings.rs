@@ -24,6 +24,9 @@ use crate::stored::{self, LoadError, SaveError};
 
 /// Most bytes that settings take in a [`SettingsStore`].
 pub const STORED_LENGTH: usize = 8 + COUNT * 9;
+
+/// Version of the stored form.
+const FORMAT_VERSION: u16 = 1;
 /// How many settings there are.
 pub const COUNT: usize = TABLE.len();
 
@@ -215,7 +218,7 @@ impl Settings {
     /// # Errors
     /// When the store fails or what it holds cannot be trusted.
     pub fn load<S: SettingsStore>(store: &mut S) -> Result<Option<Self>, LoadError> {
-        let values: Option<Stored> = stored::load(store, &mut [0; STORED_LENGTH])?;
+        let values: Option<Stored> = stored::load(store, FORMAT_VERSION, &mut [0; STORED_LENGTH])?;
         let Some(values) = values else { return Ok(None) };
         let mut settings = Self::DEFAULT;
         for (hash, value) in values {
@@ -233,7 +236,11 @@ impl Settings {
     pub fn save<S: SettingsStore>(&self, store: &mut S) -> Result<(), SaveError> {
         let value = |setting: &Setting| (name_hash(setting.name), (setting.read)(self));
         let mut buffer = [0; STORED_LENGTH];
-        let bytes = stored::encode(&TABLE.iter().map(value).collect::<Stored>(), &mut buffer)?;
+        let bytes = stored::encode(
+            FORMAT_VERSION,
+            &TABLE.iter().map(value).collect::<Stored>(),
+            &mut buffer,
+        )?;
         store.save(bytes).map_err(|_| SaveError)
     }
 
@@ -391,7 +398,7 @@ impl<S: SettingsStore> Tuning<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::stored::{CRC, FORMAT_VERSION};
+    use crate::stored::CRC;
 
     /// Keeps bytes as a flash partition would.
     #[derive(Default)]

@@ -6,9 +6,6 @@ use serde::de::DeserializeOwned;
 
 use crate::hardware::SettingsStore;
 
-/// Version of the stored forms: settings and provisioning.
-pub const FORMAT_VERSION: u16 = 1;
-
 pub(crate) static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// Why a stored value was not taken.
@@ -20,7 +17,7 @@ pub enum LoadError {
     /// Damaged, cut short, or out of range.
     #[error("the stored settings are damaged")]
     Damaged,
-    /// Written by a firmware with another [`FORMAT_VERSION`].
+    /// Written in a form of another version.
     #[error("the stored settings are of another version")]
     Version,
 }
@@ -30,24 +27,26 @@ pub enum LoadError {
 #[error("the settings could not be written")]
 pub struct SaveError;
 
-/// Reads what is stored, by way of `buffer`; `Ok(None)` when nothing ever was.
+/// Reads what is stored in the form of this version, by way of `buffer`; `Ok(None)` when nothing ever was.
 pub(crate) fn load<T: DeserializeOwned>(
     store: &mut impl SettingsStore,
+    version: u16,
     buffer: &mut [u8],
 ) -> Result<Option<T>, LoadError> {
     let Some(length) = store.load(buffer).map_err(|_| LoadError::Store)? else { return Ok(None) };
     let bytes = buffer.get(..length).ok_or(LoadError::Damaged)?;
-    let (version, value) = postcard::from_bytes_crc32::<(u16, T)>(bytes, CRC.digest())
+    let (stored, value) = postcard::from_bytes_crc32::<(u16, T)>(bytes, CRC.digest())
         .map_err(|_| LoadError::Damaged)?;
-    if version == FORMAT_VERSION { Ok(Some(value)) } else { Err(LoadError::Version) }
+    if stored == version { Ok(Some(value)) } else { Err(LoadError::Version) }
 }
 
-/// Returns the bytes to store of a value.
+/// Returns the bytes to store of a value, in the form of this version.
 pub(crate) fn encode<'a>(
+    version: u16,
     value: &impl Serialize,
     buffer: &'a mut [u8],
 ) -> Result<&'a [u8], SaveError> {
-    match postcard::to_slice_crc32(&(FORMAT_VERSION, value), buffer, CRC.digest()) {
+    match postcard::to_slice_crc32(&(version, value), buffer, CRC.digest()) {
         Ok(bytes) => Ok(bytes),
         Err(_) => Err(SaveError),
     }

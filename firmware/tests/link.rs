@@ -17,10 +17,10 @@ use flix_firmware::settings::{COUNT, Settings, Tuning};
 use flix_protocol::failsafe::{COMMAND_AGE, LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, Event, Fault, Faults, Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Refusal,
-    Setpoint, State, Telemetry, ToOperator, ToRobot,
+    Command, Event, Fault, Faults, OperatorName, Outcome, PARAMETERS_PER_REPLY, ParameterCommand,
+    Refusal, Setpoint, State, Telemetry, ToOperator, ToRobot,
 };
-use flix_protocol::session::{Key, OperatorReceived, OperatorSession, Status};
+use flix_protocol::session::{Key, Operator, OperatorReceived, OperatorSession, Operators, Status};
 use flix_protocol::units::{Degrees, Hertz, Instant, Volts};
 use no_store::NoStore;
 
@@ -436,7 +436,7 @@ fn of_too_many_events_the_newest_stay() {
     let events = ends.happened();
     assert_eq!(events.len(), EVENTS);
     assert_eq!(events.iter().filter(|event| **event == Event::Cleared).count(), EVENTS - 1);
-    assert_eq!(events.last(), Some(&Event::OperatorConnected));
+    assert_eq!(events.last(), Some(&Event::OperatorConnected(OperatorName::OWNER)));
 }
 
 #[test]
@@ -516,9 +516,20 @@ fn another_operator_inherits_no_running_robot() {
             ends.hear(&goodbye);
             assert_eq!(ends.link.operator(ends.now), None);
         } else {
-            ends.link.set_key(Some(key()));
+            ends.link.set_operators(None);
         }
         assert_eq!(ends.link.order().requests, Requests { disarm: 1, ..Requests::default() });
+    }
+}
+
+#[test]
+fn revoking_the_operator_disarms_and_revoking_another_does_not() {
+    let bob = Operator::new("bob".parse().unwrap(), &Key::new([0xb0; 32]));
+    for (operators, disarm) in [(Operators::from(Some(key())), 0), (bob.into(), 1)] {
+        let mut ends = Ends::at(State::Running);
+        ends.link.set_operators(operators);
+        assert_eq!(ends.link.order().requests, Requests { disarm, ..Requests::default() });
+        assert_eq!(ends.link.operator(ends.now).is_none(), disarm == 1);
     }
 }
 
@@ -535,6 +546,6 @@ fn a_robot_says_who_it_is_and_who_holds_it() {
     assert_eq!(ends.say(Command::Identify), Outcome::Identity(identity("daisy", &hardware)));
     assert_eq!(ends.say(Command::Ping(41)), Outcome::Pong(41));
     assert!(ends.link.is_provisioned());
-    ends.link.set_key(None);
+    ends.link.set_operators(None);
     assert!(!ends.link.is_provisioned());
 }

@@ -85,7 +85,7 @@ pub fn event(event: &Event) -> String {
         Event::Fault(kind) => format!("fault: {kind}: {}", fault(*kind)),
         Event::Cleared => "stop and faults cleared".to_owned(),
         Event::Stopped => "stopped, until cleared".to_owned(),
-        Event::OperatorConnected => "an operator connected".to_owned(),
+        Event::OperatorConnected(operator) => format!("{operator} connected"),
         Event::OperatorLeft => "the operator left".to_owned(),
         Event::LinkLate => "commands are late".to_owned(),
         Event::CommandDeadline => {
@@ -95,7 +95,7 @@ pub fn event(event: &Event) -> String {
         Event::CommandsLate { age_ms, limit_ms } => {
             Refusal::Late { age_ms: *age_ms, limit_ms: *limit_ms }.to_string()
         }
-        Event::StoppedFromOutside => "stopped by another operator, until cleared".to_owned(),
+        Event::StoppedFromOutside(by) => format!("stopped by {by}, until cleared"),
         Event::CommandAge => "the newest command is too old: ramping down".to_owned(),
         Event::SettingsSaved => "settings saved".to_owned(),
         Event::SettingsDefaulted => "stored settings were damaged: defaults in force".to_owned(),

@@ -267,7 +267,7 @@ fn refuse_version(socket: &UdpSocket, version: u16) {
 fn a_robot_that_another_operator_holds_is_refused_as_busy() {
     let (_served, address) = serve(robot());
     let first = hold_session(address.parse().unwrap());
-    Operator::new().flix(&["status", &address]).expect(20, &["another operator"]);
+    Operator::new().flix(&["status", &address]).expect(20, &["another operator", "owner"]);
     first.0.raise();
     first.1.join().unwrap();
     Operator::new().flix(&["status", &address]).expect(0, &[]);
@@ -301,7 +301,7 @@ fn anybody_with_the_key_stops_a_drive_and_its_operator_learns_of_it() {
     let child = long_drive(&operator, &served);
     Operator::new().flix(&["stop", &address]).expect(0, &[]);
     assert!(served.robot().stopped);
-    Ended(child.wait_with_output().unwrap()).expect(30, &["another operator stopped the robot"]);
+    Ended(child.wait_with_output().unwrap()).expect(30, &["owner stopped the robot"]);
 }
 
 #[test]

@@ -15,13 +15,39 @@ use flix_protocol::message::Identity;
 use flix_protocol::provision::{
     Answer, FrameReader, ProvisionRefusal, Provisioning, Request, write_frame,
 };
-use flix_protocol::session::Key;
+use flix_protocol::session::{Key, Operator as Holder, Operators};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+
+/// What a robot stores.
+#[derive(Clone)]
+struct Kept {
+    provisioning: Provisioning,
+    operators: Operators,
+}
+
+impl std::ops::Deref for Kept {
+    type Target = Provisioning;
+
+    fn deref(&self) -> &Provisioning {
+        &self.provisioning
+    }
+}
+
+impl Kept {
+    /// Returns the first operator's key.
+    fn key(&self) -> Key {
+        self.operators.iter().next().unwrap().key()
+    }
+
+    fn names(&self) -> Vec<String> {
+        self.operators.names().iter().map(|name| name.to_string()).collect()
+    }
+}
 
 /// A robot at the other end of a cable, which also logs to it.
 struct CabledRobot {
     port: PathBuf,
-    kept: Arc<Mutex<Option<Provisioning>>>,
+    kept: Arc<Mutex<Option<Kept>>>,
     asked: Arc<Mutex<Vec<Request>>>,
     ends: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -69,31 +95,43 @@ impl CabledRobot {
         Self { port, kept, asked, ends, thread: Some(thread) }
     }
 
-    fn kept(&self) -> Provisioning {
+    fn kept(&self) -> Kept {
         self.kept.lock().unwrap().clone().unwrap()
     }
 }
 
-fn answer(
-    kept: &mut Option<Provisioning>,
-    request: Request,
-    refusal: Option<ProvisionRefusal>,
-) -> Answer {
+fn answer(kept: &mut Option<Kept>, request: Request, refusal: Option<ProvisionRefusal>) -> Answer {
     match (request, refusal) {
         (Request::Identify, _) => Answer::Identity {
             identity: Identity {
-                name: kept.as_ref().map_or("", Provisioning::name).try_into().unwrap(),
+                name: kept.as_ref().map_or("", |kept| kept.name()).try_into().unwrap(),
                 board: "bench".try_into().unwrap(),
                 version: "0.1.0".try_into().unwrap(),
             },
             has_key: kept.is_some(),
         },
-        (Request::Prove(challenge), _) => {
-            Answer::Proof(kept.as_ref().map(|kept| kept.key().prove(&challenge)))
+        (Request::Prove(challenge, id), _) => {
+            let holder = kept.as_ref().and_then(|kept| kept.operators.find(&id));
+            Answer::Proof(holder.map(|holder| holder.key().prove(&challenge)))
+        }
+        (Request::Operators, _) => {
+            Answer::Operators(kept.as_ref().map(|it| it.operators.names()).unwrap_or_default())
         }
         (_, Some(refusal)) => Answer::Refused(refusal),
-        (Request::Provision(provisioning), None) => {
-            *kept = Some(provisioning);
+        (Request::Provision(provisioning, operator), None) => {
+            let former = kept.take().map(|kept| kept.operators);
+            let known = former.filter(|it| it.find(&operator.key().id()).is_some());
+            let mut operators = known.unwrap_or_default();
+            operators.add(operator).unwrap();
+            *kept = Some(Kept { provisioning, operators });
+            Answer::Done
+        }
+        (Request::Add(operator), None) => match kept.as_mut().unwrap().operators.add(operator) {
+            Ok(()) => Answer::Done,
+            Err(error) => Answer::Refused(error.into()),
+        },
+        (Request::Revoke(name), None) => {
+            kept.as_mut().unwrap().operators.revoke(name);
             Answer::Done
         }
         (Request::Forget, None) => {
@@ -134,6 +172,8 @@ impl Operator {
             .env("XDG_CONFIG_HOME", self.home.path())
             .env("HOME", self.home.path())
             .env("FLIX_NETWORK_PASSWORD", "correct horse")
+            .env("USER", "anna.b")
+            .current_dir(self.home.path())
             .stdin(Stdio::null())
             .output()
             .unwrap()
@@ -238,8 +278,7 @@ fn two_robots_never_share_a_key() {
 
 /// Returns whether the device was ever sent this key.
 fn was_sent(device: &CabledRobot, key: &Key) -> bool {
-    let is_it =
-        |request: &Request| matches!(request, Request::Provision(sent) if sent.key() == *key);
+    let is_it = |request: &Request| matches!(request, Request::Provision(_, sent) | Request::Add(sent) if sent.key() == *key);
     device.asked.lock().unwrap().iter().any(is_it)
 }
 
@@ -248,11 +287,17 @@ fn a_device_that_claims_a_known_name_is_not_handed_its_key() {
     let (operator, robot) = (Operator::new(), CabledRobot::new());
     operator.provisions(&robot, &["--ssid", "lab", "--name", "rover"]);
     let device = CabledRobot::new();
-    let claim = Provisioning::new("rover", "lab", "password", None, &Key::new([9; 32])).unwrap();
-    *device.kept.lock().unwrap() = Some(claim);
+    let provisioning = Provisioning::new("rover", "lab", "password", None).unwrap();
+    let operators = Operators::from(Some(Key::new([9; 32])));
+    *device.kept.lock().unwrap() = Some(Kept { provisioning, operators });
     for words in [&["--ssid", "lab"][..], &["--ssid", "lab", "--name", "rover"]] {
         operator.fails(&device, words, 20, "--new-key");
     }
+    for task in [&["--operators"][..], &["--add-operator", "bob"], &["--revoke-operator", "owner"]]
+    {
+        operator.fails(&device, task, 20, "does not have it");
+    }
+    assert_eq!(device.kept().names(), ["owner"]);
     assert!(!was_sent(&device, &robot.kept().key()));
     assert_eq!(operator.keyring().key("rover").unwrap(), robot.kept().key());
 }
@@ -269,6 +314,69 @@ fn a_robot_that_forgot_its_key_gets_a_new_one_and_the_old_is_sent_to_nobody() {
     operator.provisions(&robot, &["--ssid", "lab", "--name", "rover", "--new-key"]);
     assert_eq!(operator.keyring().key("rover").unwrap(), robot.kept().key());
     assert!(!was_sent(&robot, &old));
+}
+
+#[test]
+fn operators_are_added_with_keys_of_their_own_listed_and_revoked() {
+    let (anna, robot) = (Operator::new(), CabledRobot::new());
+    anna.provisions(&robot, &["--ssid", "lab"]);
+    assert_eq!(robot.kept().names(), ["anna-b"]);
+    let said = anna.provisions(&robot, &["--add-operator", "bob"]);
+    let file = anna.home.path().join("walker-1-bob.key");
+    let key = flix_host::keys::read(&file).unwrap();
+    let text = String::from_utf8(key.to_text().to_vec()).unwrap();
+    assert!(said.contains("walker-1-bob.key") && !said.contains(&text), "{said}");
+    let bob = Holder::new("bob".parse().unwrap(), &key);
+    assert_eq!(robot.kept().operators.iter().nth(1), Some(&bob));
+    assert_eq!(anna.provisions(&robot, &["--operators"]), "anna-b\nbob\n");
+
+    // With his key in his keyring, bob owns the robot as anna does: another network keeps both.
+    let his = Operator::new();
+    his.keyring().store("walker-1", &key).unwrap();
+    his.provisions(&robot, &["--ssid", "home", "--operator", "robert"]);
+    assert_eq!(
+        (robot.kept().network(), robot.kept().names()),
+        ("home", vec!["anna-b".into(), "robert".into()])
+    );
+
+    his.fails(&robot, &["--revoke-operator", "carla"], 2, "anna-b, robert");
+    his.provisions(&robot, &["--revoke-operator", "anna-b"]);
+    assert_eq!(robot.kept().names(), ["robert"]);
+    anna.fails(&robot, &["--operators"], 20, "--new-key");
+}
+
+#[test]
+fn an_operator_that_the_robot_refuses_leaves_no_key_behind() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab", "--operator", "anna"]);
+    operator.fails(&robot, &["--add-operator", "anna"], 30, "another operator has this name");
+    assert!(!operator.home.path().join("walker-1-anna.key").exists());
+    let file = operator.home.path().join("known.key");
+    fs::write(&file, "mine").unwrap();
+    let words = ["--add-operator", "bob", "--key-file", "known.key"];
+    operator.fails(&robot, &words, 2, "exists already");
+    assert_eq!(fs::read_to_string(file).unwrap(), "mine");
+    assert_eq!(robot.kept().names(), ["anna"]);
+}
+
+#[test]
+fn a_new_key_erases_all_former_ones_and_says_whose() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab", "--operator", "anna"]);
+    operator.provisions(&robot, &["--add-operator", "bob"]);
+    let kept = operator.provisions(&robot, &["--ssid", "home", "--operator", "anna"]);
+    assert!(!kept.contains("erased"), "{kept}");
+    let said = operator.provisions(&robot, &["--ssid", "lab", "--new-key"]);
+    assert!(said.contains("erased: anna, bob"), "{said}");
+    assert_eq!(robot.kept().names(), ["anna-b"]);
+}
+
+#[test]
+fn a_robot_without_an_owner_has_no_operators_to_change() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    for task in [&["--operators"][..], &["--add-operator", "bob"], &["--revoke-operator", "bob"]] {
+        operator.fails(&robot, task, 30, "provision it first");
+    }
 }
 
 #[test]
@@ -314,6 +422,11 @@ fn values_that_no_robot_takes_are_usage() {
         (&["--ssid", &"x".repeat(33)], "network"),
         (&["--ssid", "lab", "--name", "a b"], "name"),
         (&["--ssid", "lab", "--address", "10.0.0.7"], "10.0.0.7/24"),
+        (&["--ssid", "lab", "--operator", "a b"], "operator's name"),
+        (&["--add-operator", "a-name-too-long-x"], "operator's name"),
+        (&["--ssid", "lab", "--operators"], "--operators"),
+        (&["--name", "rover", "--forget"], "--forget"),
+        (&[], "--add-operator"),
         (&["--ssid", "lab", "--password-file", "/nonexistent"], "/nonexistent"),
     ] {
         operator.fails(&robot, words, 2, word);

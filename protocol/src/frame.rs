@@ -5,17 +5,17 @@
 //!
 //! | kind | from | bytes | fields after magic and kind |
 //! |---|---|---|---|
-//! | 1 Hello | operator | 62 | version u16, schema key u64, client nonce 16, purpose u8, zeros 15, tag |
+//! | 1 Hello | operator | 62 | version u16, schema key u64, client nonce 16, purpose u8, key identifier 8, zeros 7, tag |
 //! | 2 Challenge | robot | 36 | robot nonce 16, tag |
-//! | 3 Confirm | operator | 52 | client nonce 16, robot nonce 16, tag |
+//! | 3 Confirm | operator | 60 | client nonce 16, robot nonce 16, key identifier 8, tag |
 //! | 4 Accept | robot | 24 | session u32, tag |
 //! | 5 Refusal | robot | 47 | reason u8, version u16, schema key u64, client nonce 16, tag |
 //! | 6 Sealed | both | 32 to 512 | session u32, counter u64, ciphertext, tag |
-//! | 7 Stop | operator | 52 | client nonce 16, robot nonce 16, tag |
+//! | 7 Stop | operator | 60 | client nonce 16, robot nonce 16, key identifier 8, tag |
 //! | 8 Stopped | robot | 21 | at rest u8 (1 or 0), tag |
-//!
 //! | 9 Renewal | operator | 56 | session u32, counter u64, ciphertext 24, tag |
 //! | 9 Renewal | robot | 48 | session u32, counter u64, ciphertext 16, tag |
+//! | 10 Held | robot | 52 | client nonce 16, name of the holder 16, tag |
 //!
 //! What the operator seals begins with its echo ([`ECHO_LENGTH`] bytes): how many of the robot's
 //! sealed datagrams of the session the operator had seen up to the newest, 0 for the Accept alone.
@@ -30,6 +30,8 @@
 use core::ops::Range;
 
 use heapless::Vec;
+
+use crate::message::{OPERATOR_NAME_LENGTH, OperatorName};
 
 /// Longest datagram, bytes.
 pub const MAXIMUM_DATAGRAM: usize = 512;
@@ -46,6 +48,8 @@ pub const MAGIC: [u8; 3] = *b"flx";
 
 /// Bytes in a nonce of the handshake.
 pub const NONCE_LENGTH: usize = 16;
+/// Bytes in the identifier of a key.
+pub const KEY_ID_LENGTH: usize = 8;
 /// Bytes in a tag.
 pub const TAG_LENGTH: usize = 16;
 /// Bytes of magic and kind, with which every datagram begins.
@@ -62,10 +66,12 @@ pub const ECHO_LENGTH: usize = 8;
 
 /// Zeros in Hello. They make it longer than any answer, and leave it short enough for its tag to
 /// take two rounds of SHA-256.
-const HELLO_RESERVED: usize = 15;
+const HELLO_RESERVED: usize = 7;
 
 /// A random number used once.
 pub type Nonce = [u8; NONCE_LENGTH];
+/// Public number that tells the keys of one robot apart ([`Key::id`](crate::session::Key::id)).
+pub type KeyId = [u8; KEY_ID_LENGTH];
 /// Authentication tag: only a holder of the key can make it.
 pub type Tag = [u8; TAG_LENGTH];
 
@@ -81,18 +87,20 @@ const STOP: u8 = 7;
 const STOPPED: u8 = 8;
 /// Kind of a sealed datagram that renews the keys of its session.
 const RENEWAL: u8 = 9;
+const HELD: u8 = 10;
 
 const VERSION_LENGTH: usize = 2 + 8;
 
 /// Kind and length of each datagram of the handshake, bytes.
-pub const HANDSHAKE_LENGTHS: [(u8, usize); 7] = [
-    (HELLO, HEAD + VERSION_LENGTH + NONCE_LENGTH + 1 + HELLO_RESERVED + TAG_LENGTH),
+pub const HANDSHAKE_LENGTHS: [(u8, usize); 8] = [
+    (HELLO, HEAD + VERSION_LENGTH + NONCE_LENGTH + 1 + KEY_ID_LENGTH + HELLO_RESERVED + TAG_LENGTH),
     (CHALLENGE, HEAD + NONCE_LENGTH + TAG_LENGTH),
-    (CONFIRM, HEAD + 2 * NONCE_LENGTH + TAG_LENGTH),
+    (CONFIRM, HEAD + 2 * NONCE_LENGTH + KEY_ID_LENGTH + TAG_LENGTH),
     (ACCEPT, HEAD + 4 + TAG_LENGTH),
     (REFUSAL, HEAD + 1 + VERSION_LENGTH + NONCE_LENGTH + TAG_LENGTH),
-    (STOP, HEAD + 2 * NONCE_LENGTH + TAG_LENGTH),
+    (STOP, HEAD + 2 * NONCE_LENGTH + KEY_ID_LENGTH + TAG_LENGTH),
     (STOPPED, HEAD + 1 + TAG_LENGTH),
+    (HELD, HEAD + NONCE_LENGTH + OPERATOR_NAME_LENGTH + TAG_LENGTH),
 ];
 
 /// What an operator asks for with its Hello.
@@ -119,15 +127,13 @@ pub enum RefusalReason {
     Version = 1,
     /// The tag does not fit the robot's key.
     Key = 2,
-    /// Another operator holds the robot.
-    Busy = 3,
     /// The robot has no key yet.
     Unprovisioned = 4,
 }
 
 impl RefusalReason {
     fn from_byte(byte: u8) -> Option<Self> {
-        let all = [Self::Version, Self::Key, Self::Busy, Self::Unprovisioned];
+        let all = [Self::Version, Self::Key, Self::Unprovisioned];
         all.into_iter().find(|reason| *reason as u8 == byte)
     }
 }
@@ -152,6 +158,8 @@ pub enum Datagram<'a> {
         client_nonce: Nonce,
         /// What it asks for; `None`: known to another version only.
         purpose: Option<Purpose>,
+        /// Which of the robot's keys it has.
+        key_id: KeyId,
         /// All bytes that the tag covers.
         signed: &'a [u8],
         /// Tag over `signed`.
@@ -172,6 +180,8 @@ pub enum Datagram<'a> {
         client_nonce: Nonce,
         /// The nonce of Challenge.
         robot_nonce: Nonce,
+        /// The key of Hello.
+        key_id: KeyId,
         /// All bytes that the tag covers.
         signed: &'a [u8],
         /// Tag over `signed`.
@@ -220,6 +230,8 @@ pub enum Datagram<'a> {
         client_nonce: Nonce,
         /// The nonce of Challenge.
         robot_nonce: Nonce,
+        /// The key of Hello.
+        key_id: KeyId,
         /// All bytes that the tag covers.
         signed: &'a [u8],
         /// Tag over `signed`.
@@ -232,6 +244,17 @@ pub enum Datagram<'a> {
         /// The bytes that the tag covers, without those that both ends know.
         signed: &'a [u8],
         /// Tag over `signed` and both nonces.
+        tag: Tag,
+    },
+    /// The robot refuses a session because another operator holds it.
+    Held {
+        /// The nonce of the Hello or Confirm that is refused.
+        client_nonce: Nonce,
+        /// Who holds it.
+        holder: OperatorName,
+        /// All bytes that the tag covers.
+        signed: &'a [u8],
+        /// Tag over `signed`.
         tag: Tag,
     },
 }
@@ -253,13 +276,15 @@ impl<'a> Datagram<'a> {
                 let version = fields.version()?;
                 let client_nonce = fields.take()?;
                 let purpose = Purpose::from_byte(fields.u8()?);
+                let key_id = fields.take()?;
                 fields.take::<HELLO_RESERVED>()?;
-                Self::Hello { version, client_nonce, purpose, signed, tag }
+                Self::Hello { version, client_nonce, purpose, key_id, signed, tag }
             }
             CHALLENGE => Self::Challenge { robot_nonce: fields.take()?, signed, tag },
             CONFIRM => Self::Confirm {
                 client_nonce: fields.take()?,
                 robot_nonce: fields.take()?,
+                key_id: fields.take()?,
                 signed,
                 tag,
             },
@@ -282,10 +307,17 @@ impl<'a> Datagram<'a> {
             STOP => Self::Stop {
                 client_nonce: fields.take()?,
                 robot_nonce: fields.take()?,
+                key_id: fields.take()?,
                 signed,
                 tag,
             },
             STOPPED => Self::Stopped { at_rest: fields.bool()?, signed, tag },
+            HELD => Self::Held {
+                client_nonce: fields.take()?,
+                holder: fields.take()?.try_into().ok()?,
+                signed,
+                tag,
+            },
             _ => return None,
         };
         fields.0.is_empty().then_some(datagram)
@@ -344,11 +376,12 @@ pub(crate) fn hello(
     version: Version,
     client_nonce: &Nonce,
     purpose: Purpose,
+    key_id: &KeyId,
     sign: impl FnOnce(&[u8]) -> Tag,
 ) -> HandshakeFrame {
     let (number, schema_key) = (version.number.to_le_bytes(), version.schema_key.to_le_bytes());
     let rest = [0; HELLO_RESERVED];
-    handshake(HELLO, &[&number, &schema_key, client_nonce, &[purpose as u8], &rest], sign)
+    handshake(HELLO, &[&number, &schema_key, client_nonce, &[purpose as u8], key_id, &rest], sign)
 }
 
 pub(crate) fn challenge(robot_nonce: &Nonce, sign: impl FnOnce(&[u8]) -> Tag) -> HandshakeFrame {
@@ -358,9 +391,10 @@ pub(crate) fn challenge(robot_nonce: &Nonce, sign: impl FnOnce(&[u8]) -> Tag) ->
 pub(crate) fn confirm(
     client_nonce: &Nonce,
     robot_nonce: &Nonce,
+    key_id: &KeyId,
     sign: impl FnOnce(&[u8]) -> Tag,
 ) -> HandshakeFrame {
-    handshake(CONFIRM, &[client_nonce, robot_nonce], sign)
+    handshake(CONFIRM, &[client_nonce, robot_nonce, key_id], sign)
 }
 
 pub(crate) fn accept(session: u32, sign: impl FnOnce(&[u8]) -> Tag) -> HandshakeFrame {
@@ -380,13 +414,22 @@ pub(crate) fn refusal(
 pub(crate) fn stop(
     client_nonce: &Nonce,
     robot_nonce: &Nonce,
+    key_id: &KeyId,
     sign: impl FnOnce(&[u8]) -> Tag,
 ) -> HandshakeFrame {
-    handshake(STOP, &[client_nonce, robot_nonce], sign)
+    handshake(STOP, &[client_nonce, robot_nonce, key_id], sign)
 }
 
 pub(crate) fn stopped(at_rest: bool, sign: impl FnOnce(&[u8]) -> Tag) -> HandshakeFrame {
     handshake(STOPPED, &[&[u8::from(at_rest)]], sign)
+}
+
+pub(crate) fn held(
+    client_nonce: &Nonce,
+    holder: OperatorName,
+    sign: impl FnOnce(&[u8]) -> Tag,
+) -> HandshakeFrame {
+    handshake(HELD, &[client_nonce, holder.as_bytes()], sign)
 }
 
 /// Returns the header of a sealed datagram.

@@ -7,6 +7,7 @@
 mod fault;
 mod link;
 mod names;
+mod operator;
 mod parameter;
 mod refusal;
 mod setpoint;
@@ -18,6 +19,8 @@ use serde::{Deserialize, Serialize};
 
 pub use fault::{Fault, Faults};
 pub use link::{DropReason, Dropped, LinkQuality};
+pub(crate) use operator::is_label;
+pub use operator::{OPERATOR_NAME_LENGTH, OperatorName, OperatorNameError};
 pub use parameter::{NAME_LENGTH, Name, PARAMETERS_PER_REPLY, Parameter, ParameterCommand};
 pub use refusal::Refusal;
 pub use setpoint::{MAXIMUM_DIRECTION, MAXIMUM_FREQUENCY, Setpoint};

@@ -15,6 +15,9 @@
 //! Whatever is at the other end of a cable can say that it is a known robot. So an operator hands a
 //! key that it has stored only to a device that proves to have it already ([`Request::Prove`]); every
 //! other device gets a new key.
+//!
+//! A robot has up to [`MAXIMUM_OPERATORS`] operators. [`Request::Provision`] with a key of one of them keeps
+//! the others; with any other key, the robot has changed hands, and all former keys are erased.
 
 use core::fmt;
 
@@ -23,12 +26,12 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use zeroize::{Zeroize, Zeroizing};
 
-use crate::frame::{Nonce, Tag};
-use crate::message::{Identity, NAME_LENGTH, Name};
-use crate::session::Key;
+use crate::frame::{KeyId, Nonce, Tag};
+use crate::message::{Identity, NAME_LENGTH, Name, OperatorName, is_label};
+use crate::session::{AddError, MAXIMUM_OPERATORS, Operator};
 
 /// Version of these messages, incremented with every change. Both ends drop frames of another version.
-pub const PROVISION_VERSION: u8 = 2;
+pub const PROVISION_VERSION: u8 = 3;
 
 /// Baud rate of the robot's serial port, that of the chip's boot log. 8 data bits, no parity, one
 /// stop bit.
@@ -53,23 +56,28 @@ const CRC_LENGTH: usize = 4;
 pub enum Request {
     /// Report the identity, and whether there is a key.
     Identify,
-    /// Store this in flash, and join the network with it.
-    Provision(Provisioning),
-    /// Erase name, network and key: return to the state of a new robot.
+    /// Store this in flash, and join the network with it; the robot obeys this operator.
+    Provision(Provisioning, Operator),
+    /// Erase name, network and all keys: return to the state of a new robot.
     Forget,
-    /// Prove that the robot has the operator's key, for this fresh random challenge.
-    Prove(Nonce),
+    /// Prove that the robot has the key with this identifier, for this fresh random challenge.
+    Prove(Nonce, KeyId),
+    /// Report the names of the operators.
+    Operators,
+    /// Obey this operator, too.
+    Add(Operator),
+    /// Erase the key of this operator.
+    Revoke(OperatorName),
 }
 
-/// Name, network and key of a robot. `Debug` shows neither key nor password, and both are wiped
-/// from memory when dropped.
+/// Name and network of a robot. `Debug` does not show the password, which is wiped from memory when
+/// dropped.
 #[derive(Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Provisioning {
     name: Name,
     network: String<NETWORK_LENGTH>,
     password: Vec<u8, PASSWORD_LENGTH>,
     address: Option<FixedAddress>,
-    key: [u8; 32],
 }
 
 /// Address of the robot on a network without DHCP.
@@ -95,8 +103,6 @@ pub enum ProvisioningError {
     Password,
     /// A fixed address with more than 32 bits of network.
     Address,
-    /// The key is all zeros: empty memory, not a key.
-    Key,
 }
 
 impl fmt::Display for ProvisioningError {
@@ -112,7 +118,6 @@ impl fmt::Display for ProvisioningError {
                 "a network's password is {SHORTEST_PASSWORD} to {PASSWORD_LENGTH} bytes long, or empty for an open network"
             ),
             Self::Address => f.write_str("an address has a network part of 0 to 32 bits"),
-            Self::Key => f.write_str("the key is all zeros: make a new one"),
         }
     }
 }
@@ -127,10 +132,7 @@ const LONGEST_LABEL: usize = NAME_LENGTH - 1;
 /// Returns whether this can be a robot's name: a label of a host name, as mDNS needs it.
 #[must_use]
 pub fn is_name(name: &str) -> bool {
-    (1..=LONGEST_LABEL).contains(&name.len())
-        && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-')
-        && !name.starts_with('-')
-        && !name.ends_with('-')
+    name.len() <= LONGEST_LABEL && is_label(name.as_bytes())
 }
 
 impl Provisioning {
@@ -143,7 +145,6 @@ impl Provisioning {
         network: &str,
         password: &str,
         address: Option<FixedAddress>,
-        key: &Key,
     ) -> Result<Self, ProvisioningError> {
         let provisioning = Self {
             name: name.try_into().map_err(|_| ProvisioningError::Name)?,
@@ -151,7 +152,6 @@ impl Provisioning {
             password: Vec::from_slice(password.as_bytes())
                 .map_err(|_| ProvisioningError::Password)?,
             address,
-            key: *key.as_bytes(),
         };
         provisioning.check().map(|()| provisioning)
     }
@@ -171,9 +171,6 @@ impl Provisioning {
         if (1..SHORTEST_PASSWORD).contains(&length) || core::str::from_utf8(&self.password).is_err()
         {
             return Err(ProvisioningError::Password);
-        }
-        if self.key == [0; 32] {
-            return Err(ProvisioningError::Key);
         }
         match self.address {
             Some(address) if address.prefix_length > 32 => Err(ProvisioningError::Address),
@@ -204,12 +201,6 @@ impl Provisioning {
     pub const fn address(&self) -> Option<FixedAddress> {
         self.address
     }
-
-    /// Returns the key that operators must hold.
-    #[must_use]
-    pub const fn key(&self) -> Key {
-        Key::new(self.key)
-    }
 }
 
 impl fmt::Debug for Provisioning {
@@ -225,7 +216,6 @@ impl fmt::Debug for Provisioning {
 impl Drop for Provisioning {
     fn drop(&mut self) {
         self.password.as_mut_slice().zeroize();
-        self.key.zeroize();
     }
 }
 
@@ -243,8 +233,10 @@ pub enum Answer {
     Done,
     /// Refused; nothing was changed.
     Refused(ProvisionRefusal),
-    /// To [`Request::Prove`]: what [`Key::prove`] returns; `None` without a key.
+    /// To [`Request::Prove`]: what [`Key::prove`](crate::session::Key::prove) returns; `None` without that key.
     Proof(Option<Tag>),
+    /// To [`Request::Operators`]: their names.
+    Operators(Vec<OperatorName, MAXIMUM_OPERATORS>),
 }
 
 /// Why a robot refused a request.
@@ -256,6 +248,23 @@ pub enum ProvisionRefusal {
     Driving,
     /// The storage could not be written.
     Storage,
+    /// The robot has no owner yet, who could add or revoke operators.
+    Unprovisioned,
+    /// There is no room for another operator.
+    Full,
+    /// Another operator has this name.
+    Taken,
+    /// The only operator is not revoked: nobody could command the robot.
+    Last,
+}
+
+impl From<AddError> for ProvisionRefusal {
+    fn from(error: AddError) -> Self {
+        match error {
+            AddError::Full => Self::Full,
+            AddError::Taken => Self::Taken,
+        }
+    }
 }
 
 impl fmt::Display for ProvisionRefusal {
@@ -264,6 +273,19 @@ impl fmt::Display for ProvisionRefusal {
             Self::Malformed => "the robot cannot use one of the values",
             Self::Driving => "the motors are on: disarm the robot first",
             Self::Storage => "the robot could not write its storage",
+            Self::Unprovisioned => "the robot has no owner yet: provision it first",
+            Self::Full => {
+                return write!(
+                    f,
+                    "the robot has {MAXIMUM_OPERATORS} operators already: revoke one first"
+                );
+            }
+            Self::Taken => {
+                "another operator has this name: choose another, or revoke that one first"
+            }
+            Self::Last => {
+                "the robot has no other operator: add one first, or use --new-key or --forget"
+            }
         })
     }
 }
@@ -344,12 +366,17 @@ mod tests {
     use std::vec::Vec as List;
 
     use super::*;
+    use crate::session::Key;
 
     fn longest() -> Provisioning {
         let address =
             FixedAddress { address: [255; 4], prefix_length: 24, gateway: Some([255; 4]) };
         let (name, network, password) = ["n".repeat(31), "w".repeat(32), "p".repeat(64)].into();
-        Provisioning::new(&name, &network, &password, Some(address), &Key::new([0xa5; 32])).unwrap()
+        Provisioning::new(&name, &network, &password, Some(address)).unwrap()
+    }
+
+    fn operator() -> Operator {
+        Operator::new("an-operator-here".parse().unwrap(), &Key::new([0xa5; 32]))
     }
 
     fn read<T: DeserializeOwned>(bytes: &[u8]) -> List<T> {
@@ -359,7 +386,7 @@ mod tests {
 
     #[test]
     fn the_longest_request_fits_a_frame_and_comes_back() {
-        let request = Request::Provision(longest());
+        let request = Request::Provision(longest(), operator());
         assert_eq!(read::<Request>(&write_frame(&request).unwrap()), [request]);
     }
 
@@ -380,7 +407,7 @@ mod tests {
 
     #[test]
     fn one_flipped_bit_anywhere_drops_the_frame() {
-        let frame = write_frame(&Request::Provision(longest())).unwrap();
+        let frame = write_frame(&Request::Provision(longest(), operator())).unwrap();
         for place in 1..frame.len() - 1 {
             for bit in 0..8 {
                 let mut damaged = frame.clone();
@@ -411,15 +438,14 @@ mod tests {
 
     #[test]
     fn debug_output_shows_neither_key_nor_password() {
-        let text = format!("{:?}", Request::Provision(longest()));
+        let text = format!("{:?}", Request::Provision(longest(), operator()));
         assert!(!text.contains("ppp") && !text.contains("165") && !text.contains("a5"), "{text}");
     }
 
     #[test]
     fn values_that_no_network_takes_are_refused() {
-        let key = Key::new([1; 32]);
         let refused = |name: &str, network: &str, password: &str| {
-            Provisioning::new(name, network, password, None, &key).unwrap_err()
+            Provisioning::new(name, network, password, None).unwrap_err()
         };
         for name in ["", "-a", "a-", "a.b", "ä", &Text::from("a").repeat(32)] {
             assert_eq!(refused(name, "lab", "password"), ProvisioningError::Name, "{name}");
@@ -430,8 +456,6 @@ mod tests {
         for password in ["short", &"p".repeat(65)] {
             assert_eq!(refused("walker", "lab", password), ProvisioningError::Password);
         }
-        assert!(Provisioning::new("walker", "open", "", None, &key).is_ok());
-        let no_key = Provisioning::new("walker", "open", "", None, &Key::new([0; 32]));
-        assert_eq!(no_key, Err(ProvisioningError::Key));
+        assert!(Provisioning::new("walker", "open", "", None).is_ok());
     }
 }

@@ -1,13 +1,14 @@
 //! Sessions: who may command the robot, and how each datagram proves it.
 //!
-//! Operator and robot share one 256-bit [`Key`]. A handshake of four datagrams, with a fresh nonce
+//! Operator and robot share one 256-bit [`Key`]. A robot has up to [`MAXIMUM_OPERATORS`] operators, each
+//! with a name and a key of its own. A handshake of four datagrams, with a fresh nonce
 //! from each end, makes the keys of one session:
 //!
 //! ```text
 //! operator                                  robot
-//!   Hello    version, client nonce      ->          stores nothing
+//!   Hello    version, nonce, key id     ->          stores nothing
 //!            <-  Challenge    robot nonce           (a cookie: it can recompute it)
-//!   Confirm  both nonces                ->          checks the cookie, opens the session
+//!   Confirm  both nonces, key id        ->          checks the cookie, opens the session
 //!            <-  Accept       session id
 //!   Sealed   counter, echo, command     ->
 //!            <-  Sealed       counter, reply, telemetry or event
@@ -16,6 +17,8 @@
 //! - **Tags of the handshake** are HMAC-SHA256 under a key derived from the pre-shared key, cut to
 //!   16 bytes, over every byte of the datagram, the schema key and all nonces that its sender
 //!   knows. Challenge proves the robot fresh to the operator, Confirm the operator to the robot.
+//! - **Key id**: a public number that is derived from the key ([`Key::id`]) states which of its keys the
+//!   robot is to try, so that a forged datagram costs it one tag at most, however many it has.
 //! - **The robot's nonce is a cookie**: HMAC-SHA256 over epoch, the operator's address and the
 //!   client nonce, under a secret that only the robot knows and changes with every session that it
 //!   accepts. So it stores no state for an operator that has not proved to hold the key, and an
@@ -48,13 +51,14 @@
 //!
 //! A session belongs to the address and port that opened it: its holder. While the holder's
 //! newest fresh datagram arrived within the last [`HOLDER_SILENCE`], the robot refuses all others as
-//! busy, even with the right key: all operators of a robot hold the same key, so it cannot distinguish
-//! them. A session that has just opened counts as heard at the moment of its Challenge.
-//! There are two exceptions. A holder that said goodbye is gone at once. A handshake from the
-//! holder's own address and port is the holder, which lost its session; it takes over at once.
+//! held, even with the right key, and names the holder. A session that has just opened counts as heard
+//! at the moment of its Challenge.
+//! There are three exceptions. A holder that said goodbye is gone at once. A handshake with the
+//! holder's own key from its address and port is the holder, which lost its session; it takes over at
+//! once. A session whose operator is revoked ends at once ([`RobotSession::set_operators`]).
 //! The robot forgets a holder that is silent for [`SESSION_EXPIRY`].
 //!
-//! # A stop from any holder of the key
+//! # A stop from any operator
 //!
 //! Stopping must not wait for whoever holds the session, nor for a program of his that hangs. So a
 //! Hello names its purpose, and for a stop there is no busy:
@@ -63,14 +67,14 @@
 //! operator                                  robot
 //!   Hello    purpose stop               ->          stores nothing
 //!            <-  Challenge    robot nonce           (a cookie, of stops alone)
-//!   Stop     both nonces                ->          checks tag and cookie, latches the stop
+//!   Stop     both nonces, key id        ->          checks tag and cookie, latches the stop
 //!            <-  Stopped      whether at rest
 //! ```
 //!
 //! Stop and Stopped are tagged under a key derived for stops alone. A cookie stops the robot once:
 //! a repeated Stop is answered again and changes nothing, and none counts longer than
 //! [`COOKIE_LIFE`] after its Challenge. The session of whoever drives goes on, and an event states
-//! what happened. [`StopSession`] repeats what is unanswered every [`STOP_RETRY`].
+//! who stopped the robot. [`StopSession`] repeats what is unanswered every [`STOP_RETRY`].
 //!
 //! # Life of the keys
 //!
@@ -84,7 +88,7 @@
 //! # Refusals
 //!
 //! Before there is a session the robot refuses in the clear, and never with more bytes than it
-//! received. A refusal carries a tag, which the operator can verify when both hold one key (busy,
+//! received. A refusal carries a tag, which the operator can verify when both hold one key (held,
 //! other version); otherwise it is a hint that any machine on the network could have sent. So the
 //! operator tries again ([`CONNECT_PATIENCE`], [`HINT_PATIENCE`]) and reports a refusal only when
 //! it received no valid answer.
@@ -103,6 +107,7 @@ mod cookie;
 mod history;
 mod key;
 mod operator;
+mod operators;
 mod replay;
 mod robot;
 mod stop;
@@ -119,13 +124,14 @@ pub use connect::ConnectError;
 pub use history::{LONGEST_COMMAND_AGE, SEND_SLOT};
 pub use key::{KEY_TEXT_LENGTH, Key, KeyError};
 pub use operator::{LinkHealth, OperatorReceived, OperatorSession, Status};
+pub use operators::{AddError, MAXIMUM_OPERATORS, Operator, Operators};
 pub use replay::{REPLAY_WINDOW, ReplayWindow};
 pub use robot::{RobotReceived, RobotSession};
 pub use stop::{StopSession, StopStatus};
 
 /// Version of the protocol, incremented when the meaning of messages changes and their schema does
 /// not, or when the handshake changes.
-pub const PROTOCOL_VERSION: u16 = 3;
+pub const PROTOCOL_VERSION: u16 = 4;
 
 /// Version of this build: [`PROTOCOL_VERSION`] and a hash over the schema of [`ToRobot`] and
 /// [`ToOperator`], names and types of all fields included.

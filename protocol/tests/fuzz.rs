@@ -128,7 +128,7 @@ fn play(steps: &[Step]) {
                 | RobotReceived::Late { .. }
                 | RobotReceived::Connected(_)
                 | RobotReceived::Left
-                | RobotReceived::Stop(_)
+                | RobotReceived::Stop(..)
                 | RobotReceived::Refused { .. }
         );
         assert!(is_authentic || !acts, "{received:?}");

@@ -26,7 +26,7 @@ use flix_protocol::provision::{
     Answer, FixedAddress, ProvisionRefusal, Provisioning, Request, write_frame,
 };
 use flix_protocol::session::{
-    RobotReceived, RobotSession, SESSION_EXPIRY, SESSION_RENEWAL, StopSession,
+    Operator, RobotReceived, RobotSession, SESSION_EXPIRY, SESSION_RENEWAL, StopSession,
 };
 use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
 use serde::Serialize;
@@ -146,7 +146,7 @@ fn event_name(event: &Event) -> String {
         Event::Fault(fault) => format!("fault-{}", fault.to_string().replace(' ', "-")),
         Event::Cleared => "cleared".into(),
         Event::Stopped => "stopped".into(),
-        Event::OperatorConnected => "operator-connected".into(),
+        Event::OperatorConnected(_) => "operator-connected".into(),
         Event::OperatorLeft => "operator-left".into(),
         Event::LinkLate => "link-late".into(),
         Event::CommandDeadline => "command-deadline".into(),
@@ -156,7 +156,7 @@ fn event_name(event: &Event) -> String {
         Event::BatteryLow(_) => "battery-low".into(),
         Event::CommandsLate { .. } => "commands-late".into(),
         Event::CommandAge => "command-age".into(),
-        Event::StoppedFromOutside => "stopped-from-outside".into(),
+        Event::StoppedFromOutside(_) => "stopped-from-outside".into(),
     }
 }
 const STATES: usize = 6;
@@ -167,7 +167,7 @@ fn events() -> Vec<Event> {
         Event::Started,
         Event::Cleared,
         Event::Stopped,
-        Event::OperatorConnected,
+        Event::OperatorConnected(operator("anna")),
         Event::OperatorLeft,
         Event::LinkLate,
         Event::CommandDeadline,
@@ -177,7 +177,7 @@ fn events() -> Vec<Event> {
         Event::BatteryLow(Volts::new(9.5).unwrap()),
         Event::CommandsLate { age_ms: 612, limit_ms: 400 },
         Event::CommandAge,
-        Event::StoppedFromOutside,
+        Event::StoppedFromOutside(operator("bob")),
         Event::State(State::Disarmed),
         Event::State(State::Aligning),
         Event::State(State::Armed),
@@ -191,6 +191,10 @@ fn events() -> Vec<Event> {
 
 fn name(text: &str) -> Name {
     text.try_into().unwrap()
+}
+
+fn operator(text: &str) -> OperatorName {
+    text.parse().unwrap()
 }
 
 /// Telemetry with a different number in every field.
@@ -233,6 +237,7 @@ fn running() -> ToOperator {
             late: 14,
             signal_dbm: Some(-61),
         },
+        operator: operator("anna"),
     })
 }
 
@@ -325,7 +330,7 @@ fn datagrams(golden: &mut Golden) {
     golden.raw("datagram/accept", &accept);
     ends.operator_hears(&accept);
     let busy = answer(ends.robot.receive(ends.now, SECOND_OPERATOR, &hello), hello.len()).unwrap();
-    golden.raw("datagram/refusal-busy", &busy);
+    golden.raw("datagram/held", &busy);
 
     let mut stop = StopSession::new(&key(1), [44; 32], ends.now);
     let hello = stop.poll(ends.now).unwrap();
@@ -363,8 +368,11 @@ fn serial(golden: &mut Golden) {
         prefix_length: 24,
         gateway: Some([192, 168, 4, 1]),
     };
-    let provision =
-        |address| Provisioning::new("flix-7", "lab", "correct horse", address, &key(0xA5)).unwrap();
+    let anna = Operator::new(operator("anna"), &key(0xA5));
+    let provision = |address| {
+        let provisioning = Provisioning::new("flix-7", "lab", "correct horse", address).unwrap();
+        Request::Provision(provisioning, anna.clone())
+    };
     let identity = Identity {
         name: name("flix-7"),
         board: name("MKS DUAL FOC V3.3 PLUS"),
@@ -372,19 +380,25 @@ fn serial(golden: &mut Golden) {
     };
     for request in [
         Request::Identify,
-        Request::Provision(provision(None)),
-        Request::Provision(provision(Some(address))),
+        provision(None),
+        provision(Some(address)),
         Request::Forget,
-        Request::Prove([0x5A; 16]),
+        Request::Prove([0x5A; 16], key(0xA5).id()),
+        Request::Operators,
+        Request::Add(anna.clone()),
+        Request::Revoke(operator("anna")),
     ] {
         let name = match &request {
             Request::Identify => "identify",
-            Request::Provision(provisioning) if provisioning.address().is_some() => {
+            Request::Provision(provisioning, _) if provisioning.address().is_some() => {
                 "provision-fixed-address"
             }
-            Request::Provision(_) => "provision",
+            Request::Provision(..) => "provision",
             Request::Forget => "forget",
-            Request::Prove(_) => "prove",
+            Request::Prove(..) => "prove",
+            Request::Operators => "operators",
+            Request::Add(_) => "add",
+            Request::Revoke(_) => "revoke",
         };
         golden.raw(format!("serial/{name}"), &write_frame(&request).unwrap());
     }
@@ -394,6 +408,11 @@ fn serial(golden: &mut Golden) {
         Answer::Refused(ProvisionRefusal::Malformed),
         Answer::Refused(ProvisionRefusal::Driving),
         Answer::Refused(ProvisionRefusal::Storage),
+        Answer::Refused(ProvisionRefusal::Unprovisioned),
+        Answer::Refused(ProvisionRefusal::Full),
+        Answer::Refused(ProvisionRefusal::Taken),
+        Answer::Refused(ProvisionRefusal::Last),
+        Answer::Operators([operator("anna"), operator("bob")].into_iter().collect()),
         Answer::Proof(None),
         Answer::Proof(Some(key(0xA5).prove(&[0x5A; 16]))),
     ] {
@@ -403,6 +422,11 @@ fn serial(golden: &mut Golden) {
             Answer::Refused(ProvisionRefusal::Malformed) => "refused-malformed",
             Answer::Refused(ProvisionRefusal::Driving) => "refused-driving",
             Answer::Refused(ProvisionRefusal::Storage) => "refused-storage",
+            Answer::Refused(ProvisionRefusal::Unprovisioned) => "refused-unprovisioned",
+            Answer::Refused(ProvisionRefusal::Full) => "refused-full",
+            Answer::Refused(ProvisionRefusal::Taken) => "refused-taken",
+            Answer::Refused(ProvisionRefusal::Last) => "refused-last",
+            Answer::Operators(_) => "operators",
             Answer::Proof(None) => "no-proof",
             Answer::Proof(Some(_)) => "proof",
         };

@@ -261,6 +261,7 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
             let (time, state, faults, first_fault, [stopped, link_late]) = standing;
             let (setpoint, frequency, direction, motors) = motion;
             Telemetry {
+                operator: OperatorName::OWNER,
                 time,
                 state,
                 faults,
@@ -285,8 +286,8 @@ fn event() -> impl Strategy<Value = Event> {
             Event::Started,
             Event::Cleared,
             Event::Stopped,
-            Event::OperatorConnected,
-            Event::StoppedFromOutside,
+            Event::OperatorConnected(OperatorName::OWNER),
+            Event::StoppedFromOutside(OperatorName::OWNER),
             Event::OperatorLeft,
             Event::LinkLate,
             Event::CommandDeadline,

@@ -3,20 +3,24 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use flix_protocol::provision::{FrameReader, Provisioning, Request, write_frame};
-use flix_protocol::session::Key;
+use flix_protocol::session::{Key, Operator};
 use proptest::prelude::*;
 
 fn request() -> impl Strategy<Value = Request> {
-    let provisioning =
-        ("[a-zA-Z0-9]{1,31}", "[ -~]{1,32}", "[ -~]{8,64}", prop::array::uniform32(1_u8..))
-            .prop_map(|(name, network, password, key)| {
-                Provisioning::new(&name, &network, &password, None, &Key::new(key)).unwrap()
-            });
+    let operator = ("[a-zA-Z0-9]{1,16}", prop::array::uniform32(1_u8..))
+        .prop_map(|(name, key)| Operator::new(name.parse().unwrap(), &Key::new(key)));
+    let provisioning = ("[a-zA-Z0-9]{1,31}", "[ -~]{1,32}", "[ -~]{8,64}").prop_map(
+        |(name, network, password)| Provisioning::new(&name, &network, &password, None).unwrap(),
+    );
     prop_oneof![
         Just(Request::Identify),
         Just(Request::Forget),
-        any::<[u8; 16]>().prop_map(Request::Prove),
-        provisioning.prop_map(Request::Provision),
+        Just(Request::Operators),
+        any::<([u8; 16], [u8; 8])>().prop_map(|(challenge, id)| Request::Prove(challenge, id)),
+        (provisioning, operator.clone())
+            .prop_map(|(it, operator)| Request::Provision(it, operator)),
+        operator.clone().prop_map(Request::Add),
+        operator.prop_map(|operator| Request::Revoke(operator.name())),
     ]
 }
 

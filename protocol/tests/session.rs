@@ -11,7 +11,7 @@ use ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, connect, key, setpo
 use flix_protocol::failsafe::COMMAND_AGE;
 use flix_protocol::frame::{Frame, SEALED_HEADER};
 use flix_protocol::message::{
-    Command, DropReason, MAXIMUM_FREQUENCY, Outcome, Refusal, Reply, ToOperator,
+    Command, DropReason, MAXIMUM_FREQUENCY, OperatorName, Outcome, Refusal, Reply, ToOperator,
 };
 use flix_protocol::session::{
     CONNECT_PATIENCE, COOKIE_LIFE, ConnectError, HINT_PATIENCE, HOLDER_SILENCE, Key, KeyError,
@@ -106,15 +106,6 @@ fn a_forged_refusal_does_not_keep_an_operator_from_its_robot() {
 }
 
 #[test]
-fn busy_is_believed_only_from_a_robot_with_the_key() {
-    let mut ends = Ends::new(Some(key(2)), key(1));
-    let hello = ends.operator.poll(ends.now).unwrap();
-    let mut refusal = answer(ends.robot_hears(&hello), hello.len()).unwrap();
-    refusal[4] = flix_protocol::frame::RefusalReason::Busy as u8;
-    assert_eq!(ends.operator_hears(&refusal), OperatorReceived::Dropped(DropReason::Forged));
-}
-
-#[test]
 fn a_refusal_for_somebody_else_is_ignored() {
     let mut ends = Ends::new(Some(key(2)), key(1));
     let hello = second_operator(ends.now).poll(ends.now).unwrap();
@@ -191,7 +182,7 @@ fn a_second_operator_is_told_that_the_robot_is_busy() {
             second.receive(at, &answer(received, frame.len()).unwrap());
         }
     }
-    assert_eq!(second.status(ends.now), Status::Failed(ConnectError::Busy));
+    assert_eq!(second.status(ends.now), Status::Failed(ConnectError::Busy(OperatorName::OWNER)));
     assert_eq!(ends.robot.peer(ends.now), Some(OPERATOR), "the first keeps the robot");
 }
 
@@ -284,7 +275,7 @@ fn the_operator_sees_when_the_robot_falls_silent() {
 fn another_key_ends_the_session_of_a_live_robot() {
     let mut ends = Ends::connected();
     let frame = ends.operator.send(ends.now, &command(1, Command::Arm)).unwrap();
-    ends.robot.set_key(Some(key(2)));
+    assert!(!ends.robot.set_operators(Some(key(2))));
     assert_eq!(ends.robot_hears(&frame), RobotReceived::Dropped(DropReason::Session, None));
     ends.operator.connect(ends.now);
     assert_eq!(ends.run(), Status::Failed(ConnectError::WrongKey));

@@ -34,7 +34,7 @@ fn challenged(robot: &mut RobotSession, stop: &mut StopSession, now: Instant) ->
 
 /// Returns the robot's answer to a Stop that it obeys.
 fn obeyed(received: RobotReceived) -> Vec<u8> {
-    let RobotReceived::Stop(stopped) = received else { panic!("not obeyed: {received:?}") };
+    let RobotReceived::Stop(stopped, _) = received else { panic!("not obeyed: {received:?}") };
     stopped.to_vec()
 }
 
@@ -129,7 +129,7 @@ fn time_to_stop(seed: u64, loss_percent: u64, delay: Duration) -> Duration {
                 continue;
             }
             match ends.robot.receive(now, from, &bytes) {
-                RobotReceived::Stop(_) => {
+                RobotReceived::Stop(..) => {
                     assert_eq!(from, SECOND_OPERATOR, "nobody else stops the robot");
                     assert_eq!(ends.robot.peer(now), Some(OPERATOR), "the session goes on");
                     return now.since(begun);
@@ -211,7 +211,7 @@ fn a_stop_is_good_for_its_robot_its_sender_its_start_and_its_key_alone() {
     refuses(&mut restarted_or_another, SECOND_OPERATOR);
     refuses(&mut ends.robot, OPERATOR);
     for key in [key(2), key(1)] {
-        ends.robot.set_key(Some(key));
+        ends.robot.set_operators(Some(key));
         refuses(&mut ends.robot, SECOND_OPERATOR);
     }
 }

@@ -130,11 +130,16 @@ fn look_at_robot(robot: &RobotArgs, interrupt: &Interrupt) -> Vec<Finding> {
 }
 
 fn identity(connection: &mut Connection) -> Finding {
-    match connection.ask(Command::Identify) {
+    let answer = connection.ask(Command::Identify);
+    let operator = connection
+        .client()
+        .telemetry()
+        .map_or_else(String::new, |it| format!(" of {}", it.operator));
+    match answer {
         Ok(Outcome::Identity(identity)) => Finding::good(
             "robot",
             format_args!(
-                "{} on {}, firmware {}; key and version fit",
+                "{} on {}, firmware {}; key{operator} and version fit",
                 identity.name, identity.board, identity.version
             ),
         ),

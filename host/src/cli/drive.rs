@@ -177,8 +177,8 @@ fn drive(
             let now = began + start.elapsed();
             log.write(|recorder| recorder.update(now, update));
             match update {
-                Update::Event(EventReport { event: Event::StoppedFromOutside, .. }) => {
-                    Some(LinkError::StoppedFromOutside)
+                Update::Event(EventReport { event: Event::StoppedFromOutside(by), .. }) => {
+                    Some(LinkError::StoppedFromOutside(*by))
                 }
                 Update::SetpointRefused(refusal) => Some(LinkError::Refused(refusal.clone())),
                 Update::Telemetry(telemetry) => {

@@ -120,7 +120,7 @@ impl From<LinkError> for Error {
             LinkError::Refused(_)
             | LinkError::Faulted { .. }
             | LinkError::State { .. }
-            | LinkError::StoppedFromOutside
+            | LinkError::StoppedFromOutside(_)
             | LinkError::StillStopped => Exit::RobotFault,
             LinkError::Interrupted => Exit::Interrupted,
         };

@@ -19,7 +19,7 @@ use crate::link::Client;
 use crate::link::udp::{Connection, LinkError};
 
 /// Longest wait for telemetry; its lowest rate is one per second.
-const TELEMETRY_PATIENCE: Duration = Duration::from_secs(3);
+pub const TELEMETRY_PATIENCE: Duration = Duration::from_secs(3);
 
 /// Show the state of the robot: faults with their first cause, rotors, battery, link.
 ///
@@ -58,6 +58,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 #[derive(Debug, Clone, Serialize)]
 pub struct Status {
     robot: Robot,
+    operator: String,
     state: String,
     stopped: bool,
     link_late: bool,
@@ -166,6 +167,7 @@ impl Status {
                 board: identity.board.to_string(),
                 version: identity.version.to_string(),
             },
+            operator: telemetry.operator.to_string(),
             state: telemetry.state.to_string(),
             stopped: telemetry.stopped,
             link_late: telemetry.link_late,
@@ -243,6 +245,7 @@ fn describe(status: &Status) -> String {
         let _ = writeln!(text, "{name:<12} {value}");
     };
     row("robot", status.robot_line());
+    row("operator", status.operator.clone());
     let stopped = if status.stopped { ", stopped until cleared" } else { "" };
     let late = if status.link_late { ", commands are late" } else { "" };
     row("state", format!("{}{stopped}{late}", status.state));

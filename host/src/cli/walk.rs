@@ -12,6 +12,7 @@ use flix_protocol::units::Instant;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::robot::RobotArgs;
+use super::status::TELEMETRY_PATIENCE;
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 use crate::link::udp::{Connection, LinkError};
@@ -253,6 +254,9 @@ pub fn record(
         run.insert("robot".into(), identity.name.to_string());
         versions.insert("board".into(), identity.board.to_string());
         versions.insert("firmware".into(), identity.version.to_string());
+    }
+    if let Some(telemetry) = connection.wait_for_telemetry(TELEMETRY_PATIENCE, |_| true)? {
+        run.insert("operator".into(), telemetry.operator.to_string());
     }
     let elapsed = Duration::from_micros(connection.now().as_micros());
     let description = RunDescription { name: name.to_owned(), run, settings, versions };

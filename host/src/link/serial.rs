@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use flix_protocol::frame::NONCE_LENGTH;
-use flix_protocol::message::Identity;
+use flix_protocol::message::{Identity, OperatorName};
 use flix_protocol::provision::{
     Answer, BAUD_RATE, FrameReader, ProvisionRefusal, Request, write_frame,
 };
@@ -92,7 +92,7 @@ impl SerialRobot {
         match self.ask(&Request::Identify)? {
             Answer::Identity { identity, has_key } => Ok((identity, has_key)),
             Answer::Refused(refusal) => Err(SerialError::Refused(refusal)),
-            Answer::Done | Answer::Proof(_) => Err(SerialError::Confused),
+            _ => Err(SerialError::Confused),
         }
     }
 
@@ -103,14 +103,26 @@ impl SerialRobot {
     pub fn proves(&self, key: &Key) -> Result<bool, SerialError> {
         let mut challenge = [0; NONCE_LENGTH];
         getrandom::fill(&mut challenge)?;
-        match self.ask(&Request::Prove(challenge))? {
+        match self.ask(&Request::Prove(challenge, key.id()))? {
             Answer::Proof(proof) => Ok(proof.is_some_and(|it| key.is_proved(&challenge, &it))),
             Answer::Refused(refusal) => Err(SerialError::Refused(refusal)),
-            Answer::Identity { .. } | Answer::Done => Err(SerialError::Confused),
+            _ => Err(SerialError::Confused),
         }
     }
 
-    /// Sends a request: to store name, network and key, or to erase them.
+    /// Requests the names of the operators.
+    ///
+    /// # Errors
+    /// When it does not answer.
+    pub fn operators(&self) -> Result<Vec<OperatorName>, SerialError> {
+        match self.ask(&Request::Operators)? {
+            Answer::Operators(names) => Ok(names.to_vec()),
+            Answer::Refused(refusal) => Err(SerialError::Refused(refusal)),
+            _ => Err(SerialError::Confused),
+        }
+    }
+
+    /// Sends a request that changes what the robot stores.
     ///
     /// # Errors
     /// When the robot does not answer, or refuses; then nothing has changed.
@@ -118,7 +130,7 @@ impl SerialRobot {
         match self.ask(request)? {
             Answer::Done => Ok(()),
             Answer::Refused(refusal) => Err(SerialError::Refused(refusal)),
-            Answer::Identity { .. } | Answer::Proof(_) => Err(SerialError::Confused),
+            _ => Err(SerialError::Confused),
         }
     }
 
@@ -166,8 +178,11 @@ impl SerialRobot {
 const fn is_answer(request: &Request, answer: &Answer) -> bool {
     match answer {
         Answer::Identity { .. } => matches!(request, Request::Identify),
-        Answer::Proof(_) => matches!(request, Request::Prove(_)),
-        Answer::Done => matches!(request, Request::Provision(_) | Request::Forget),
+        Answer::Proof(_) => matches!(request, Request::Prove(..)),
+        Answer::Operators(_) => matches!(request, Request::Operators),
+        Answer::Done => {
+            !matches!(request, Request::Identify | Request::Prove(..) | Request::Operators)
+        }
         Answer::Refused(_) => true,
     }
 }

@@ -5,7 +5,9 @@ use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::time::Duration;
 
 use flix_protocol::frame::MAXIMUM_DATAGRAM;
-use flix_protocol::message::{Command, Fault, Faults, Outcome, Refusal, State, Telemetry};
+use flix_protocol::message::{
+    Command, Fault, Faults, OperatorName, Outcome, Refusal, State, Telemetry,
+};
 use flix_protocol::session::{ConnectError, Key, StopSession, StopStatus};
 use flix_protocol::units::Instant;
 
@@ -76,9 +78,9 @@ pub enum LinkError {
         /// The present state.
         actual: State,
     },
-    /// Another operator stopped the robot.
-    #[error("another operator stopped the robot; `flix clear` makes it ready again")]
-    StoppedFromOutside,
+    /// This operator stopped the robot from outside the session.
+    #[error("{0} stopped the robot from outside this session; `flix clear` makes it ready again")]
+    StoppedFromOutside(OperatorName),
     /// The robot does not clear the latched stop.
     #[error("the stop is still latched: the rotors have not come to rest; see `flix status`")]
     StillStopped,

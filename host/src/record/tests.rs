@@ -4,8 +4,8 @@ use std::process::Command;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use flix_protocol::message::{
-    Dropped, Event, EventReport, Fault, Faults, LinkQuality, MotorTelemetry, Setpoint, State,
-    Telemetry,
+    Dropped, Event, EventReport, Fault, Faults, LinkQuality, MotorTelemetry, OperatorName,
+    Setpoint, State, Telemetry,
 };
 use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
 
@@ -47,6 +47,7 @@ pub(crate) fn telemetry(seconds: f64) -> Telemetry {
             dropped: Dropped { forged: 3, ..Default::default() },
             ..Default::default()
         },
+        operator: OperatorName::OWNER,
     }
 }
 

@@ -238,7 +238,7 @@ impl Recorder {
             | Event::CommandDeadline
             | Event::CommandsLate { .. }
             | Event::CommandAge
-            | Event::StoppedFromOutside
+            | Event::StoppedFromOutside(_)
             | Event::LinkLost
             | Event::BatteryLow(_) => Level::Warning,
             _ => Level::Information,

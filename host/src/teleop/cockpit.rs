@@ -214,7 +214,7 @@ impl Cockpit {
                     | Event::CommandDeadline
                     | Event::CommandsLate { .. }
                     | Event::CommandAge
-                    | Event::StoppedFromOutside
+                    | Event::StoppedFromOutside(_)
                     | Event::BatteryLow(_) => Weight::Warning,
                     _ => Weight::Note,
                 };

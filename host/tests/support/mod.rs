@@ -9,8 +9,9 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use flix_protocol::message::{
-    Command, Event, EventReport, Fault, Faults, Identity, LoopTiming, MotorTelemetry, Outcome,
-    Parameter, ParameterCommand, Refusal, Reply, Setpoint, State, Telemetry, ToOperator, ToRobot,
+    Command, Event, EventReport, Fault, Faults, Identity, LoopTiming, MotorTelemetry, OperatorName,
+    Outcome, Parameter, ParameterCommand, Refusal, Reply, Setpoint, State, Telemetry, ToOperator,
+    ToRobot,
 };
 use flix_protocol::session::{Key, RobotReceived, RobotSession};
 use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
@@ -91,7 +92,7 @@ impl FakeRobot {
             RobotReceived::Connected(frame) => {
                 self.proven_since = Some(now);
                 let mut datagrams = vec![(from, frame.to_vec())];
-                datagrams.extend(self.report(now, Event::OperatorConnected));
+                datagrams.extend(self.report(now, Event::OperatorConnected(OperatorName::OWNER)));
                 datagrams
             }
             RobotReceived::Command(ToRobot { request, command }) => {
@@ -109,11 +110,11 @@ impl FakeRobot {
                 let outcome = Outcome::Refused(refusal);
                 self.send(now, &ToOperator::Reply(Reply { request, outcome }))
             }
-            RobotReceived::Stop(frame) => {
+            RobotReceived::Stop(frame, by) => {
                 self.obey(now, &Command::Stop);
                 self.commands.push(Command::Stop);
                 let mut datagrams = vec![(from, frame.to_vec())];
-                datagrams.extend(self.report(now, Event::StoppedFromOutside));
+                datagrams.extend(self.report(now, Event::StoppedFromOutside(by)));
                 datagrams
             }
             RobotReceived::Left => {
@@ -291,6 +292,7 @@ impl FakeRobot {
                 ..LoopTiming::default()
             },
             link: self.session.quality(now),
+            operator: self.session.operator(now).unwrap_or(OperatorName::OWNER),
         }
     }
 }

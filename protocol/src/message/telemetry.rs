@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::fault::{Fault, Faults};
 use super::link::LinkQuality;
 use super::names::names;
+use super::operator::OperatorName;
 use super::setpoint::Setpoint;
 use crate::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
 
@@ -90,6 +91,8 @@ pub struct Telemetry {
     pub timing: LoopTiming,
     /// How well the robot receives the operator.
     pub link: LinkQuality,
+    /// Who holds the session.
+    pub operator: OperatorName,
 }
 
 /// An event with its number and time. Each is sent once, in order.
@@ -116,8 +119,8 @@ pub enum Event {
     Cleared,
     /// A stop was latched.
     Stopped,
-    /// An operator opened a session.
-    OperatorConnected,
+    /// This operator opened a session.
+    OperatorConnected(OperatorName),
     /// The operator closed its session.
     OperatorLeft,
     /// Commands are late: the first step of the failsafe ladder.
@@ -142,6 +145,6 @@ pub enum Event {
     },
     /// The newest setpoint became too old: the rotors ramp down.
     CommandAge,
-    /// A holder of the key stopped the robot from outside the session.
-    StoppedFromOutside,
+    /// This operator stopped the robot from outside the session.
+    StoppedFromOutside(OperatorName),
 }

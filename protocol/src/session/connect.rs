@@ -5,7 +5,7 @@ use core::fmt;
 use super::key::Entropy;
 use super::{CONNECT_PATIENCE, HINT_PATIENCE, PROTOCOL_VERSION};
 use crate::frame::{Nonce, RefusalReason, Version};
-use crate::message::DropReason;
+use crate::message::{DropReason, OperatorName};
 use crate::units::Instant;
 
 /// Why there is no session.
@@ -18,8 +18,8 @@ pub enum ConnectError {
     /// The robot uses another version: its number. The same number means that one end was changed
     /// without incrementing it.
     OtherVersion(u16),
-    /// Another operator holds the robot.
-    Busy,
+    /// This other operator holds the robot.
+    Busy(OperatorName),
     /// The robot has no key yet.
     Unprovisioned,
 }
@@ -45,8 +45,9 @@ impl fmt::Display for ConnectError {
                 f,
                 "the robot uses another build of version {robot} of the protocol: update the robot's firmware and this program to one release"
             ),
-            Self::Busy => f.write_str(
-                "another operator holds the robot: wait until it disconnects or is silent for a second",
+            Self::Busy(holder) => write!(
+                f,
+                "another operator holds the robot, {holder}: wait until it disconnects or is silent for a second"
             ),
             Self::Unprovisioned => {
                 f.write_str("the robot has no key yet: provision it over its serial port")
@@ -63,7 +64,6 @@ impl ConnectError {
         match reason {
             RefusalReason::Version => Self::OtherVersion(robot.number),
             RefusalReason::Key => Self::WrongKey,
-            RefusalReason::Busy => Self::Busy,
             RefusalReason::Unprovisioned => Self::Unprovisioned,
         }
     }
@@ -120,8 +120,8 @@ impl Greeting {
         if *client_nonce != self.client_nonce {
             return Err(DropReason::Session);
         }
-        // A robot that is busy holds our key, so its refusal carries a good tag.
-        if error == ConnectError::Busy && !is_authentic {
+        // A robot that is held has our key, so it says so with a good tag.
+        if matches!(error, ConnectError::Busy(_)) && !is_authentic {
             return Err(DropReason::Forged);
         }
         let since = match self.hint {

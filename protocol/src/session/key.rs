@@ -10,7 +10,7 @@ use subtle::ConstantTimeEq;
 use zeroize::{Zeroize, ZeroizeOnDrop, Zeroizing};
 
 use super::VERSION;
-use crate::frame::{Nonce, TAG_LENGTH, Tag};
+use crate::frame::{KEY_ID_LENGTH, KeyId, Nonce, TAG_LENGTH, Tag};
 
 pub(super) type HmacSha256 = Hmac<Sha256>;
 
@@ -49,6 +49,15 @@ impl Key {
     #[must_use]
     pub const fn as_bytes(&self) -> &[u8; 32] {
         &self.0
+    }
+
+    /// Returns the public identifier of this key, by which a robot finds it among its own. It reveals
+    /// nothing else of the key.
+    #[must_use]
+    pub fn id(&self) -> KeyId {
+        let mut id = [0; KEY_ID_LENGTH];
+        expand(&Hkdf::new(None, &self.0), b"flix key id", &mut id);
+        id
     }
 
     /// Returns the proof that its maker has this key and was asked with this challenge. It serves for

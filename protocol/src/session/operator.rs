@@ -10,7 +10,7 @@ use super::key::{Entropy, Key, SessionKeys, Signer};
 use super::{
     CONFIRM_PATIENCE, HANDSHAKE_RETRY, HOLDER_SILENCE, SESSION_LIFE, SESSION_RENEWAL, VERSION,
 };
-use crate::frame::{self, Datagram, Frame, HandshakeFrame, Nonce, Purpose};
+use crate::frame::{self, Datagram, Frame, HandshakeFrame, KeyId, Nonce, Purpose};
 use crate::message::{DropReason, Dropped, ToOperator, ToRobot};
 use crate::units::Instant;
 
@@ -77,6 +77,7 @@ const TIMED_COMMANDS: usize = 32;
 /// returns. Never panics on any datagram.
 pub struct OperatorSession {
     key: Key,
+    key_id: KeyId,
     signer: Signer,
     entropy: Entropy,
     phase: Phase,
@@ -112,6 +113,7 @@ impl OperatorSession {
         let mut entropy = Entropy::new(entropy);
         let phase = Phase::Greeting(Greeting::new(&mut entropy, now));
         Self {
+            key_id: key.id(),
             key,
             signer,
             entropy,
@@ -194,9 +196,9 @@ impl OperatorSession {
         let tag = |signed: &[u8]| self.signer.tag(signed, &[]);
         Some(match &self.phase {
             Phase::Confirming { robot_nonce, .. } => {
-                frame::confirm(&client_nonce, robot_nonce, tag)
+                frame::confirm(&client_nonce, robot_nonce, &self.key_id, tag)
             }
-            _ => frame::hello(VERSION, &client_nonce, Purpose::Drive, tag),
+            _ => frame::hello(VERSION, &client_nonce, Purpose::Drive, &self.key_id, tag),
         })
     }
 
@@ -306,14 +308,12 @@ impl OperatorSession {
             }
             Datagram::Refusal { reason, version, client_nonce, signed, tag } => {
                 let is_authentic = self.signer.verify_any_version(signed, &tag);
-                let (Phase::Greeting(greeting) | Phase::Confirming { greeting, .. }) =
-                    &mut self.phase
-                else {
-                    return Err(DropReason::Session);
-                };
                 let error = ConnectError::refused(reason, version);
-                greeting.refused(now, error, &client_nonce, is_authentic)?;
-                Ok(OperatorReceived::Progress)
+                self.refused(now, error, &client_nonce, is_authentic)
+            }
+            Datagram::Held { client_nonce, holder, signed, tag } => {
+                let is_authentic = self.signer.verify(signed, &[], &tag);
+                self.refused(now, ConnectError::Busy(holder), &client_nonce, is_authentic)
             }
             Datagram::Sealed { is_renewal, session, counter, header, ciphertext, tag } => {
                 // A sealed datagram of the session that is about to open says what Accept says.
@@ -334,6 +334,21 @@ impl OperatorSession {
             | Datagram::Stop { .. }
             | Datagram::Stopped { .. } => Err(DropReason::Malformed),
         }
+    }
+
+    fn refused(
+        &mut self,
+        now: Instant,
+        error: ConnectError,
+        client_nonce: &Nonce,
+        is_authentic: bool,
+    ) -> Result<OperatorReceived, DropReason> {
+        let (Phase::Greeting(greeting) | Phase::Confirming { greeting, .. }) = &mut self.phase
+        else {
+            return Err(DropReason::Session);
+        };
+        greeting.refused(now, error, client_nonce, is_authentic)?;
+        Ok(OperatorReceived::Progress)
     }
 
     fn establish(&mut self, now: Instant) {

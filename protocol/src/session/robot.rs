@@ -3,19 +3,21 @@
 use core::net::SocketAddr;
 use core::time::Duration;
 
-use heapless::Deque;
+use heapless::{Deque, Vec};
 
 use super::channel::{Channel, Plain, SendError, split_echo};
 use super::cookie::Cookies;
 use super::history::{LONGEST_COMMAND_AGE, SendTimes};
 use super::key::{Entropy, Key, SessionKeys, Signer, same};
+use super::operators::{MAXIMUM_OPERATORS, Operator, Operators};
 use super::{HOLDER_SILENCE, SESSION_EXPIRY, SESSION_LIFE, VERSION};
 use crate::failsafe::COMMAND_AGE;
 use crate::frame::{
-    self, Datagram, Frame, HandshakeFrame, Nonce, Purpose, RefusalReason, Tag, Version,
+    self, Datagram, Frame, HandshakeFrame, KeyId, Nonce, Purpose, RefusalReason, Tag, Version,
 };
 use crate::message::{
-    Command, DropReason, Dropped, LinkQuality, Refusal, ToOperator, ToRobot, unreadable,
+    Command, DropReason, Dropped, LinkQuality, OperatorName, Refusal, ToOperator, ToRobot,
+    unreadable,
 };
 use crate::units::Instant;
 
@@ -46,9 +48,9 @@ pub enum RobotReceived {
     },
     /// The operator closed the session.
     Left,
-    /// A holder of the key demands a stop, in a session or not, whoever holds it: latch the stop, and
+    /// This operator demands a stop, in a session or not, whoever holds it: latch the stop, and
     /// send this back to the sender of the datagram.
-    Stop(HandshakeFrame),
+    Stop(HandshakeFrame, OperatorName),
     /// Dropped, and counted in [`RobotSession::quality`]. When there is a frame, send it back to
     /// the sender of the datagram.
     Dropped(DropReason, Option<HandshakeFrame>),
@@ -59,7 +61,7 @@ pub enum RobotReceived {
 /// Its size is constant. A datagram that is not authentic changes only the counters of dropped
 /// datagrams. Never panics on any datagram.
 pub struct RobotSession {
-    identity: Option<Credential>,
+    credentials: Vec<Credential, MAXIMUM_OPERATORS>,
     entropy: Entropy,
     cookies: Cookies,
     /// Of stops: a session that begins meanwhile does not make them invalid.
@@ -80,22 +82,38 @@ pub struct RobotSession {
 /// Stops that are remembered: more than operators demand within the life of a cookie.
 const STOPS: usize = 8;
 
-/// The key, and what is derived from it for every session.
+/// An operator, and what is derived from its key for every session.
 struct Credential {
+    name: OperatorName,
+    key_id: KeyId,
     key: Key,
     handshake: Signer,
     stop: Signer,
 }
 
 impl Credential {
-    fn new(key: Key) -> Self {
-        Self { handshake: Signer::new(&key), stop: Signer::for_stop(&key), key }
+    fn new(operator: &Operator) -> Self {
+        let key = operator.key();
+        Self {
+            name: operator.name(),
+            key_id: key.id(),
+            handshake: Signer::new(&key),
+            stop: Signer::for_stop(&key),
+            key,
+        }
+    }
+
+    /// Returns the credential with the key that a datagram claims. Identifiers are public.
+    fn find<'a>(credentials: &'a [Self], key_id: &KeyId) -> Option<&'a Self> {
+        credentials.iter().find(|credential| credential.key_id == *key_id)
     }
 }
 
 /// The operator that holds the session.
 struct Holder {
     peer: SocketAddr,
+    name: OperatorName,
+    key_id: KeyId,
     client_nonce: Nonce,
     robot_nonce: Nonce,
     channel: Channel,
@@ -110,11 +128,11 @@ struct Holder {
 }
 
 impl RobotSession {
-    /// Creates the end of a robot without a session. Without a key it refuses all operators.
+    /// Creates the end of a robot without a session. Without operators it refuses everybody.
     ///
     /// `entropy` comes from a hardware random source, fresh at every start.
     #[must_use]
-    pub fn new(key: Option<Key>, entropy: [u8; 32]) -> Self {
+    pub fn new(operators: impl Into<Operators>, entropy: [u8; 32]) -> Self {
         let mut entropy = Entropy::new(entropy);
         Self {
             cookies: Cookies::new(&mut entropy),
@@ -122,7 +140,7 @@ impl RobotSession {
             stops: Deque::new(),
             is_at_rest: false,
             entropy,
-            identity: key.map(Credential::new),
+            credentials: operators.into().iter().map(Credential::new).collect(),
             holder: None,
             accepted: 0,
             dropped: Dropped::default(),
@@ -133,12 +151,18 @@ impl RobotSession {
         }
     }
 
-    /// Sets another key, or none. The present session ends without an answer.
-    pub fn set_key(&mut self, key: Option<Key>) {
-        self.identity = key.map(Credential::new);
-        self.end();
+    /// Sets other operators, or none. The present session goes on if its holder's key is among theirs;
+    /// otherwise it ends without an answer. Returns whether a session goes on.
+    pub fn set_operators(&mut self, operators: impl Into<Operators>) -> bool {
+        let operators = operators.into();
+        self.credentials = operators.iter().map(Credential::new).collect();
         self.cookies = Cookies::new(&mut self.entropy);
         self.stop_cookies = Cookies::new(&mut self.entropy);
+        self.holder = self.holder.take().and_then(|holder| {
+            let name = Credential::find(&self.credentials, &holder.key_id)?.name;
+            Some(Holder { name, ..holder })
+        });
+        self.holder.is_some()
     }
 
     /// Ends the present session, if any, and wipes its keys. Send [`RobotSession::goodbye`] first
@@ -149,8 +173,8 @@ impl RobotSession {
 
     /// Returns whether the robot has a key.
     #[must_use]
-    pub const fn is_provisioned(&self) -> bool {
-        self.identity.is_some()
+    pub fn is_provisioned(&self) -> bool {
+        !self.credentials.is_empty()
     }
 
     /// Returns the address of the operator that holds the session: messages go there.
@@ -160,6 +184,13 @@ impl RobotSession {
         let is_alive =
             now.since(holder.heard) < SESSION_EXPIRY && holder.channel.age(now) < SESSION_LIFE;
         is_alive.then_some(holder.peer)
+    }
+
+    /// Returns the name of the operator that holds the session.
+    #[must_use]
+    pub fn operator(&self, now: Instant) -> Option<OperatorName> {
+        self.peer(now)?;
+        self.holder.as_ref().map(|holder| holder.name)
     }
 
     /// Returns the time since the last valid command of any session; `None` when there was none.
@@ -218,11 +249,11 @@ impl RobotSession {
             holder.channel.expire(now);
         }
         let received = match Datagram::parse(datagram) {
-            Some(Datagram::Hello { version, client_nonce, purpose, signed, tag }) => {
-                self.hello(now, from, version, &client_nonce, purpose, signed, &tag)
+            Some(Datagram::Hello { version, client_nonce, purpose, key_id, signed, tag }) => {
+                self.hello(now, from, version, &client_nonce, purpose, &key_id, signed, &tag)
             }
-            Some(Datagram::Confirm { client_nonce, robot_nonce, signed, tag }) => {
-                self.confirm(now, from, &client_nonce, &robot_nonce, signed, &tag)
+            Some(Datagram::Confirm { client_nonce, robot_nonce, key_id, signed, tag }) => {
+                self.confirm(now, from, &client_nonce, &robot_nonce, &key_id, signed, &tag)
             }
             Some(Datagram::Sealed { is_renewal, session, counter, header, ciphertext, tag }) => {
                 match self.opened(now, from, session, counter, header, ciphertext, &tag) {
@@ -231,8 +262,8 @@ impl RobotSession {
                     Err(reason) => RobotReceived::Dropped(reason, None),
                 }
             }
-            Some(Datagram::Stop { client_nonce, robot_nonce, signed, tag }) => {
-                self.stop(now, from, &client_nonce, &robot_nonce, signed, &tag)
+            Some(Datagram::Stop { client_nonce, robot_nonce, key_id, signed, tag }) => {
+                self.stop(now, from, &client_nonce, &robot_nonce, &key_id, signed, &tag)
             }
             _ => RobotReceived::Dropped(DropReason::Malformed, None),
         };
@@ -277,23 +308,28 @@ impl RobotSession {
         version: Version,
         client_nonce: &Nonce,
         purpose: Option<Purpose>,
+        key_id: &KeyId,
         signed: &[u8],
         claimed: &Tag,
     ) -> RobotReceived {
-        let Some(Credential { handshake: signer, .. }) = &self.identity else {
-            return self.refuse(RefusalReason::Unprovisioned, client_nonce);
-        };
+        if self.credentials.is_empty() {
+            return refuse(RefusalReason::Unprovisioned, client_nonce, None);
+        }
+        let credential = Credential::find(&self.credentials, key_id);
         if version != VERSION {
-            return self.refuse(RefusalReason::Version, client_nonce);
+            return refuse(RefusalReason::Version, client_nonce, credential);
         }
-        if !signer.verify(signed, &[], claimed) {
-            return self.refuse(RefusalReason::Key, client_nonce);
-        }
+        let Some(credential) = credential.filter(|it| it.handshake.verify(signed, &[], claimed))
+        else {
+            // An operator with another key cannot verify a tag, and a flood should cost nothing.
+            return refuse(RefusalReason::Key, client_nonce, None);
+        };
+        let signer = &credential.handshake;
         let cookies = match purpose {
-            Some(Purpose::Drive) if self.is_held_against(now, from) => {
-                return self.refuse(RefusalReason::Busy, client_nonce);
-            }
-            Some(Purpose::Drive) => &self.cookies,
+            Some(Purpose::Drive) => match self.holder_against(now, from, key_id) {
+                Some(holder) => return held(client_nonce, holder, signer),
+                None => &self.cookies,
+            },
             Some(Purpose::Stop) => &self.stop_cookies,
             None => return RobotReceived::Dropped(DropReason::Malformed, None),
         };
@@ -302,23 +338,29 @@ impl RobotSession {
         RobotReceived::Answer(frame::challenge(&robot_nonce, tag))
     }
 
+    #[allow(clippy::too_many_arguments, reason = "the fields of one datagram")]
     fn confirm(
         &mut self,
         now: Instant,
         from: SocketAddr,
         client_nonce: &Nonce,
         robot_nonce: &Nonce,
+        key_id: &KeyId,
         signed: &[u8],
         claimed: &Tag,
     ) -> RobotReceived {
-        let Some(Credential { key, handshake: signer, .. }) = &self.identity else {
-            return self.refuse(RefusalReason::Unprovisioned, client_nonce);
-        };
-        if !signer.verify(signed, &[], claimed) {
-            return RobotReceived::Dropped(DropReason::Forged, None);
+        if self.credentials.is_empty() {
+            return refuse(RefusalReason::Unprovisioned, client_nonce, None);
         }
+        let Some(Credential { name, key, handshake: signer, .. }) =
+            Credential::find(&self.credentials, key_id)
+                .filter(|it| it.handshake.verify(signed, &[], claimed))
+        else {
+            return RobotReceived::Dropped(DropReason::Forged, None);
+        };
         if let Some(holder) = &self.holder
             && holder.peer == from
+            && holder.key_id == *key_id
             && same(&holder.client_nonce, client_nonce)
             && same(&holder.robot_nonce, robot_nonce)
         {
@@ -328,11 +370,13 @@ impl RobotSession {
         let Some(moment) = self.cookies.moment(now, from, client_nonce, robot_nonce) else {
             return RobotReceived::Dropped(DropReason::Replayed, None);
         };
-        if self.is_held_against(now, from) {
-            return self.refuse(RefusalReason::Busy, client_nonce);
+        if let Some(holder) = self.holder_against(now, from, key_id) {
+            return held(client_nonce, holder, signer);
         }
         let holder = Holder {
             peer: from,
+            name: *name,
+            key_id: *key_id,
             client_nonce: *client_nonce,
             robot_nonce: *robot_nonce,
             channel: Channel::robot(&SessionKeys::derive(key, client_nonce, robot_nonce), now),
@@ -349,21 +393,26 @@ impl RobotSession {
     }
 
     /// Receives a stop outside a session. A repeated one is answered and changes nothing.
+    #[allow(clippy::too_many_arguments, reason = "the fields of one datagram")]
     fn stop(
         &mut self,
         now: Instant,
         from: SocketAddr,
         client_nonce: &Nonce,
         robot_nonce: &Nonce,
+        key_id: &KeyId,
         signed: &[u8],
         claimed: &Tag,
     ) -> RobotReceived {
-        let Some(Credential { stop: signer, .. }) = &self.identity else {
-            return self.refuse(RefusalReason::Unprovisioned, client_nonce);
-        };
-        if !signer.verify(signed, &[], claimed) {
-            return RobotReceived::Dropped(DropReason::Forged, None);
+        if self.credentials.is_empty() {
+            return refuse(RefusalReason::Unprovisioned, client_nonce, None);
         }
+        let Some(Credential { name, stop: signer, .. }) =
+            Credential::find(&self.credentials, key_id)
+                .filter(|it| it.stop.verify(signed, &[], claimed))
+        else {
+            return RobotReceived::Dropped(DropReason::Forged, None);
+        };
         if self.stop_cookies.moment(now, from, client_nonce, robot_nonce).is_none() {
             return RobotReceived::Dropped(DropReason::Replayed, None);
         }
@@ -377,7 +426,7 @@ impl RobotSession {
         }
         // Room was just made.
         let _ = self.stops.push_back(*robot_nonce);
-        RobotReceived::Stop(answer)
+        RobotReceived::Stop(answer, *name)
     }
 
     /// Opens a sealed datagram of the holder.
@@ -402,7 +451,10 @@ impl RobotSession {
 
     /// Makes the next keys of the session ready. A repeated request gets the same answer.
     fn renew(&mut self, now: Instant, session: u32, plain: &Plain) -> RobotReceived {
-        let (Some(Credential { key, .. }), Some(holder)) = (&self.identity, &mut self.holder)
+        let Some(holder) = &mut self.holder else {
+            return RobotReceived::Dropped(DropReason::Session, None);
+        };
+        let Some(Credential { key, .. }) = Credential::find(&self.credentials, &holder.key_id)
         else {
             return RobotReceived::Dropped(DropReason::Session, None);
         };
@@ -477,30 +529,42 @@ impl RobotSession {
         }
     }
 
-    /// Returns whether another operator holds the session and was received recently.
-    fn is_held_against(&self, now: Instant, from: SocketAddr) -> bool {
-        self.holder
-            .as_ref()
-            .is_some_and(|holder| holder.peer != from && now.since(holder.heard) < HOLDER_SILENCE)
+    /// Returns who else holds the session and was received recently. Only the holder's own key at the
+    /// holder's own address is the holder.
+    fn holder_against(
+        &self,
+        now: Instant,
+        from: SocketAddr,
+        key_id: &KeyId,
+    ) -> Option<OperatorName> {
+        let holder = self.holder.as_ref()?;
+        let is_other = holder.peer != from || holder.key_id != *key_id;
+        (is_other && now.since(holder.heard) < HOLDER_SILENCE).then_some(holder.name)
     }
+}
 
-    fn refuse(&self, reason: RefusalReason, client_nonce: &Nonce) -> RobotReceived {
-        // An operator with another key cannot verify a tag, and a flood should cost nothing.
-        let tag = |signed: &[u8]| match &self.identity {
-            Some(Credential { handshake: signer, .. }) if reason != RefusalReason::Key => {
-                signer.tag_any_version(signed)
-            }
-            _ => Tag::default(),
-        };
-        let answer = frame::refusal(reason, VERSION, client_nonce, tag);
-        let reason = match reason {
-            RefusalReason::Version => DropReason::Version,
-            RefusalReason::Key => DropReason::Forged,
-            RefusalReason::Busy => DropReason::Busy,
-            RefusalReason::Unprovisioned => DropReason::Unprovisioned,
-        };
-        RobotReceived::Dropped(reason, Some(answer))
-    }
+/// Refuses, with a tag where both ends hold one key.
+fn refuse(
+    reason: RefusalReason,
+    client_nonce: &Nonce,
+    credential: Option<&Credential>,
+) -> RobotReceived {
+    let tag = |signed: &[u8]| {
+        credential.map(|known| known.handshake.tag_any_version(signed)).unwrap_or_default()
+    };
+    let answer = frame::refusal(reason, VERSION, client_nonce, tag);
+    let reason = match reason {
+        RefusalReason::Version => DropReason::Version,
+        RefusalReason::Key => DropReason::Forged,
+        RefusalReason::Unprovisioned => DropReason::Unprovisioned,
+    };
+    RobotReceived::Dropped(reason, Some(answer))
+}
+
+/// Refuses because this operator holds the session.
+fn held(client_nonce: &Nonce, holder: OperatorName, signer: &Signer) -> RobotReceived {
+    let answer = frame::held(client_nonce, holder, |signed| signer.tag(signed, &[]));
+    RobotReceived::Dropped(DropReason::Busy, Some(answer))
 }
 
 fn accept(signer: &Signer, holder: &Holder) -> HandshakeFrame {

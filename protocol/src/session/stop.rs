@@ -3,7 +3,7 @@
 use super::connect::{ConnectError, Greeting};
 use super::key::{Entropy, Key, Signer};
 use super::{CONFIRM_PATIENCE, STOP_RETRY, VERSION};
-use crate::frame::{self, Datagram, HandshakeFrame, Nonce, Purpose};
+use crate::frame::{self, Datagram, HandshakeFrame, KeyId, Nonce, Purpose};
 use crate::message::DropReason;
 use crate::units::Instant;
 
@@ -25,6 +25,7 @@ pub enum StopStatus {
 /// Call [`StopSession::poll`] at the time of [`StopSession::poll_at`], and send what it returns, until
 /// the robot is at rest. Never panics on any datagram.
 pub struct StopSession {
+    key_id: KeyId,
     handshake: Signer,
     stop: Signer,
     entropy: Entropy,
@@ -42,6 +43,7 @@ impl StopSession {
     pub fn new(key: &Key, entropy: [u8; 32], now: Instant) -> Self {
         let mut entropy = Entropy::new(entropy);
         Self {
+            key_id: key.id(),
             handshake: Signer::new(key),
             stop: Signer::for_stop(key),
             greeting: Greeting::new(&mut entropy, now),
@@ -87,9 +89,11 @@ impl StopSession {
         let client_nonce = &self.greeting.client_nonce;
         Some(match &self.challenged {
             Some((robot_nonce, _)) => {
-                frame::stop(client_nonce, robot_nonce, |signed| self.stop.tag(signed, &[]))
+                frame::stop(client_nonce, robot_nonce, &self.key_id, |signed| {
+                    self.stop.tag(signed, &[])
+                })
             }
-            None => frame::hello(VERSION, client_nonce, Purpose::Stop, |signed| {
+            None => frame::hello(VERSION, client_nonce, Purpose::Stop, &self.key_id, |signed| {
                 self.handshake.tag(signed, &[])
             }),
         })

@@ -6,8 +6,8 @@ use core::net::{IpAddr, Ipv4Addr, SocketAddr};
 use core::time::Duration;
 
 use flix_protocol::message::{
-    Command, Dropped, LinkQuality, LoopTiming, MotorTelemetry, Setpoint, State, Telemetry,
-    ToOperator, ToRobot,
+    Command, Dropped, LinkQuality, LoopTiming, MotorTelemetry, OperatorName, Setpoint, State,
+    Telemetry, ToOperator, ToRobot,
 };
 use flix_protocol::session::{
     Key, OperatorReceived, OperatorSession, RobotReceived, RobotSession, SEND_SLOT, Status,
@@ -55,6 +55,7 @@ pub(crate) fn telemetry(time: u64) -> ToOperator {
         modulation: Ratio::ZERO,
         timing: LoopTiming::default(),
         link: LinkQuality { dropped: Dropped::default(), ..Default::default() },
+        operator: OperatorName::OWNER,
     })
 }
 
@@ -139,7 +140,7 @@ pub(crate) fn answer(received: RobotReceived, asked: usize) -> Option<Vec<u8>> {
     let answer = match received {
         RobotReceived::Answer(frame)
         | RobotReceived::Connected(frame)
-        | RobotReceived::Stop(frame) => Some(frame),
+        | RobotReceived::Stop(frame, _) => Some(frame),
         RobotReceived::Dropped(_, frame) => frame,
         _ => None,
     };

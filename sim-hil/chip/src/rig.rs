@@ -6,12 +6,12 @@ use flix_firmware::board::EncoderKind;
 use flix_host::link::{Client, Update};
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::message::{
-    Command, Faults, Outcome, ParameterCommand, Refusal, Setpoint, State, Telemetry,
+    Command, Faults, OperatorName, Outcome, ParameterCommand, Refusal, Setpoint, State, Telemetry,
 };
 use flix_protocol::provision::{
     Answer, FixedAddress, FrameReader, Provisioning, Request, write_frame,
 };
-use flix_protocol::session::{ConnectError, Key};
+use flix_protocol::session::{ConnectError, Key, Operator};
 use flix_protocol::units::Instant;
 use flix_sim::plant::Diverged;
 use flix_sim::rig::robot::Truth;
@@ -399,8 +399,13 @@ impl Rig {
     /// Never: the values are good.
     pub fn provisioning(&self, name: &str) -> Result<Provisioning, RigError> {
         let address = FixedAddress { address: LEASE, prefix_length: 24, gateway: None };
-        Provisioning::new(name, "lab", "", Some(address), &self.key)
-            .map_err(|_| RigError::OtherAnswer)
+        Provisioning::new(name, "lab", "", Some(address)).map_err(|_| RigError::OtherAnswer)
+    }
+
+    /// Returns who may command this rig's robot.
+    #[must_use]
+    pub fn operator(&self) -> Operator {
+        Operator::new(OperatorName::OWNER, &self.key)
     }
 
     /// Provisions the robot over its serial port and waits until it is on the network.
@@ -418,7 +423,7 @@ impl Rig {
     /// As [`Rig::provision`].
     pub fn provision_anew(&mut self) -> Result<(), RigError> {
         let provisioning = self.provisioning("walker")?;
-        self.ask_serial(&Request::Provision(provisioning))?;
+        self.ask_serial(&Request::Provision(provisioning, self.operator()))?;
         self.until_log("connection to the network", "wi-fi: connected")
     }
 

@@ -4,7 +4,7 @@ use std::io::{self, BufRead as _, IsTerminal as _};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant as WallClock};
 
-use flix_protocol::message::{Faults, State};
+use flix_protocol::message::{Faults, OperatorName, State};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
@@ -18,8 +18,7 @@ const STATUS_INTERVAL: Duration = Duration::from_millis(250);
 /// From one look for typed lines to the next.
 const KEY_INTERVAL: Duration = Duration::from_millis(200);
 /// What may be typed.
-const HELP: &str =
-    "`back` puts the robot back to its start, `where` prints where it is, Ctrl-C ends.\n";
+const HELP: &str = "`back` puts the robot back to its start, `where` prints where it is,\n`operators` lists who may drive, `revoke NAME` erases the key of one, Ctrl-C ends.\n";
 
 /// A terminal, or whatever takes its place.
 pub(super) struct Console {
@@ -52,13 +51,15 @@ impl Console {
             self.say(&format!("The robot is {}{faults}.\n", report.state))?;
         }
         while let Ok(typed) = self.typed.try_recv() {
-            match typed.trim() {
-                "" => {}
-                "back" => {
+            match typed.trim().split_once(' ').unwrap_or((typed.trim(), "")) {
+                ("", _) => {}
+                ("operators", "") => self.say(&operators(robot))?,
+                ("revoke", name) => self.say(&revoke(robot, name))?,
+                ("back", "") => {
                     put_back(robot);
                     self.say("The robot is back at its start.\n")?;
                 }
-                "where" => self.say(&(status(robot) + "\n"))?,
+                ("where", "") => self.say(&(status(robot) + "\n"))?,
                 _ => self.say(HELP)?,
             }
         }
@@ -91,6 +92,31 @@ fn status(robot: &SimulatedRobot<Plant>) -> String {
         (10.0 * truth.frequency()).round() / 10.0 + 0.0,
         truth.bus_voltage
     )
+}
+
+/// Returns the names of the operators, one a line; a star marks who drives.
+fn operators(robot: &SimulatedRobot<Plant>) -> String {
+    let driver = robot.driver();
+    let names = robot.parameters().operators.names();
+    let line =
+        |name: &OperatorName| format!("{name}{}\n", if driver == Some(*name) { " *" } else { "" });
+    names.iter().map(line).collect()
+}
+
+/// Erases the key of an operator, and returns what happened.
+fn revoke(robot: &mut SimulatedRobot<Plant>, name: &str) -> String {
+    let mut operators = robot.parameters().operators.clone();
+    match name.trim().parse() {
+        Ok(name) if operators.names().as_slice() == [name] => {
+            format!("{name} is the only operator: nobody could drive.\n")
+        }
+        Ok(name) if operators.names().contains(&name) => {
+            operators.revoke(name);
+            robot.change_operators(operators);
+            format!("The key of {name} is erased.\n")
+        }
+        _ => format!("There is no operator called `{name}`.\n"),
+    }
 }
 
 /// Carries the robot to where it stood at first, heading forward; it goes on doing what it does.

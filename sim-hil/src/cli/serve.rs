@@ -4,6 +4,7 @@ use std::io;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::str::FromStr;
 use std::time::{Duration, Instant as WallClock};
 
 use flix_host::interrupt::Interrupt;
@@ -11,7 +12,8 @@ use flix_host::keys::{self, Keyring, SIMULATED_ROBOT};
 use flix_host::pose::natnet::{NatNetServer, ServerSettings};
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::frame::{Frame, MAXIMUM_DATAGRAM};
-use flix_protocol::session::Key;
+use flix_protocol::message::OperatorName;
+use flix_protocol::session::{AddError, Operator, Operators};
 use flix_protocol::units::Instant;
 
 use super::Error;
@@ -25,9 +27,10 @@ use crate::rig::robot::{RobotParameters, SimulatedRobot};
 /// Serve a simulated robot on the network, in real time
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  flix-sim serve\n  flix-sim serve --listen 0.0.0.0:13549 --key lab.key\n  flix-sim serve --natnet\n\n\
+    after_help = "Examples:\n  flix-sim serve\n  flix-sim serve --listen 0.0.0.0:13549 --key lab.key\n  flix-sim serve --natnet\n  flix-sim serve --operator anna=anna.key --operator bob=bob.key\n\n\
                   Then, in another terminal: flix teleop 127.0.0.1\n\n\
-                  Lines that it reads: `back` puts the robot back to its start, `where` prints where it is."
+                  Lines that it reads: `back` puts the robot back to its start, `where` prints where it is,\n\
+                  `operators` lists who may drive, and `revoke NAME` erases the key of one."
 )]
 pub struct Args {
     /// Address to listen on; the default is this machine alone
@@ -36,6 +39,9 @@ pub struct Args {
     /// Key file of the robot [default: the key `simulated` of your keyring, made when there is none]
     #[arg(long, value_name = "FILE")]
     key: Option<PathBuf>,
+    /// Operator with a key of its own, eight at most; instead of --key
+    #[arg(long, value_name = "NAME=FILE", conflicts_with = "key")]
+    operator: Vec<Holder>,
     #[command(flatten)]
     model: ModelArgs,
     /// Stream the robot's pose as OptiTrack does (NatNet), from this address or from 127.0.0.1:1510
@@ -44,6 +50,24 @@ pub struct Args {
     /// Seed of the robot: its motors, wiring, sensor errors and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
+}
+
+/// An operator and the file of its key, such as `anna=anna.key`.
+#[derive(Debug, Clone)]
+struct Holder {
+    name: OperatorName,
+    file: PathBuf,
+}
+
+impl FromStr for Holder {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (name, file) =
+            text.split_once('=').ok_or("write NAME=FILE, for example anna=anna.key")?;
+        let name = name.parse().map_err(|error| format!("{error}"))?;
+        Ok(Self { name, file: file.into() })
+    }
 }
 
 /// The robot cannot be on the network.
@@ -58,6 +82,14 @@ pub enum ServeError {
         address: SocketAddr,
         /// Why.
         source: io::Error,
+    },
+    /// The operators cannot be those of one robot.
+    #[error("--operator {name}: {source}")]
+    Operators {
+        /// The operator.
+        name: OperatorName,
+        /// Why.
+        source: AddError,
     },
     /// The network failed later.
     #[error("the network failed: {0}")]
@@ -78,15 +110,12 @@ const COMPLAINT_INTERVAL: Duration = Duration::from_secs(5);
 /// # Errors
 /// When address, key or model cannot be used, the network fails or the model diverges.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let key = match &args.key {
-        Some(file) => keys::read(file)?,
-        None => Keyring::of_user()?.key_or_new(SIMULATED_ROBOT)?,
-    };
+    let operators = operators(args)?;
     let interrupt = Interrupt::listen().map_err(ServeError::Network)?;
     let listen = |address| UdpSocket::bind(address);
     let socket = listen(args.listen)
         .map_err(|source| ServeError::Listen { address: args.listen, source })?;
-    let robot = robot(args, key)?;
+    let robot = robot(args, operators)?;
     let cameras =
         args.natnet.map(|address| Cameras::open(address.into(), args.seed)).transpose()?;
     introduce(args, &socket)?;
@@ -97,10 +126,26 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn robot(args: &Args, key: Key) -> Result<SimulatedRobot<Plant>, Error> {
+fn operators(args: &Args) -> Result<Operators, Error> {
+    let mut operators = Operators::default();
+    for Holder { name, file } in &args.operator {
+        let operator = Operator::new(*name, &keys::read(file)?);
+        operators.add(operator).map_err(|source| ServeError::Operators { name: *name, source })?;
+    }
+    if args.operator.is_empty() {
+        operators = Some(match &args.key {
+            Some(file) => keys::read(file)?,
+            None => Keyring::of_user()?.key_or_new(SIMULATED_ROBOT)?,
+        })
+        .into();
+    }
+    Ok(operators)
+}
+
+fn robot(args: &Args, operators: Operators) -> Result<SimulatedRobot<Plant>, Error> {
     let model = args.model.load()?;
     let mechanics = Plant::new(&model)?;
-    let mut parameters = RobotParameters::of(&model.electrical, key, args.seed)?;
+    let mut parameters = RobotParameters::of(&model.electrical, operators, args.seed)?;
     // Sessions of an earlier run must not be replayed, though the plant is the same.
     parameters.entropy = keys::generate().map(|random| *random.as_bytes())?;
     Ok(SimulatedRobot::new(parameters, mechanics))
@@ -118,8 +163,9 @@ fn introduce(args: &Args, socket: &UdpSocket) -> Result<(), Error> {
     } else {
         SocketAddr::new(address.ip(), address.port()).to_string()
     };
-    let key =
-        args.key.as_ref().map_or_else(String::new, |file| format!(" --key {}", file.display()));
+    let first = args.operator.first().map(|operator| &operator.file);
+    let key = args.key.as_ref().or(first);
+    let key = key.map_or_else(String::new, |file| format!(" --key {}", file.display()));
     let poses = args.natnet.map(natnet_option).unwrap_or_default();
     let mut text = format!(
         "A simulated Flix-Walker ({}, seed {}) listens on {address}.\nIn another terminal:\n\n",
@@ -297,7 +343,7 @@ impl RealTime {
 
 #[cfg(test)]
 mod tests {
-    use flix_protocol::session::{OperatorReceived, OperatorSession};
+    use flix_protocol::session::{Key, OperatorReceived, OperatorSession};
 
     use super::*;
     use crate::model::RobotModel;

@@ -270,7 +270,7 @@ impl Scenario {
         let base = BASES[(seed % 2) as usize];
         let flash = learnt(base, seed)?;
         let mut operation = bench_knowing(base, seed, flash, ChannelParameters::QUIET_WIFI)?;
-        let key = operation.robot.parameters().key.clone().unwrap_or_else(|| Key::new([0; 32]));
+        let key = operation.robot.parameters().key().unwrap_or_else(|| Key::new([0; 32]));
         operation.add_operator(key, ChannelParameters::QUIET_WIFI);
         operation.add_operator(Key::new([0x66; 32]), ChannelParameters::QUIET_WIFI);
         Ok(Self {

@@ -148,7 +148,7 @@ impl<M: Mechanics> Operation<M> {
         // Another stream than the plant's and the robot's own.
         let mut random = Xoshiro256PlusPlus::seed_from_u64(robot.parameters().seed);
         random.long_jump();
-        let key = robot.parameters().key.clone().unwrap_or_else(|| Key::new([0; 32]));
+        let key = robot.parameters().key().unwrap_or_else(|| Key::new([0; 32]));
         let mut operation = Self { robot, operators: Vec::new(), random };
         operation.add_operator(key, network);
         operation

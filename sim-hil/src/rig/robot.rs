@@ -13,8 +13,8 @@ use flix_firmware::exchange::Report;
 use flix_firmware::hardware::{Actuation, Hardware, Sensors, SettingsStore, TICK_US};
 use flix_firmware::robot::Robot;
 use flix_protocol::frame::Frame;
-use flix_protocol::message::LinkQuality;
-use flix_protocol::session::Key;
+use flix_protocol::message::{LinkQuality, OperatorName};
+use flix_protocol::session::{Key, Operator, Operators};
 use flix_protocol::shaker;
 use flix_protocol::units::Instant;
 use rand::{Rng, SeedableRng};
@@ -39,8 +39,8 @@ pub struct RobotParameters {
     pub electronics: ElectronicsParameters,
     /// What the robot calls itself.
     pub name: &'static str,
-    /// The key that operators need.
-    pub key: Option<Key>,
+    /// Who may command it.
+    pub operators: Operators,
     /// What its flash holds at power-up.
     pub flash: Flash,
     /// All chance of the plant comes from here.
@@ -53,7 +53,7 @@ pub struct RobotParameters {
 impl RobotParameters {
     /// Creates a new robot on the simulated board.
     #[must_use]
-    pub fn new(key: Key, seed: u64) -> Self {
+    pub fn new(operators: impl Into<Operators>, seed: u64) -> Self {
         let mut entropy = [0; 32];
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
         // Another stream than the plant's.
@@ -63,18 +63,28 @@ impl RobotParameters {
             entropy,
             electronics: ElectronicsParameters::on(SIMULATED_BOARD),
             name: "simulated",
-            key: Some(key),
+            operators: operators.into(),
             flash: Flash::default(),
             seed,
         }
+    }
+
+    /// Returns the first operator's key.
+    #[must_use]
+    pub fn key(&self) -> Option<Key> {
+        self.operators.iter().next().map(Operator::key)
     }
 
     /// Creates the robot of a model file: its electrical part, and its settings where the file names any.
     ///
     /// # Errors
     /// When a setting of the model is refused.
-    pub fn of(electrical: &Electrical, key: Key, seed: u64) -> Result<Self, ModelError> {
-        let mut parameters = Self::new(key, seed);
+    pub fn of(
+        electrical: &Electrical,
+        operators: impl Into<Operators>,
+        seed: u64,
+    ) -> Result<Self, ModelError> {
+        let mut parameters = Self::new(operators, seed);
         parameters.electronics = electrical.parameters();
         if let Some(settings) = electrical.stored_settings()? {
             // This memory never fails.
@@ -344,16 +354,22 @@ impl<M: Mechanics> SimulatedRobot<M> {
         self.software.operator(self.software_time())
     }
 
+    /// Returns the name of the operator who holds the session.
+    #[must_use]
+    pub fn driver(&self) -> Option<OperatorName> {
+        self.software.driver(self.software_time())
+    }
+
     /// Returns how well the robot hears, and what it dropped.
     #[must_use]
     pub fn link_quality(&self) -> LinkQuality {
         self.software.quality(self.software_time())
     }
 
-    /// Gives the live robot another key, as over its cable.
-    pub fn change_key(&mut self, key: Key) {
-        self.software.provision(self.parameters.name, Some(key.clone()));
-        self.parameters.key = Some(key);
+    /// Gives the live robot other operators, as over its cable.
+    pub fn change_operators(&mut self, operators: impl Into<Operators>) {
+        self.parameters.operators = operators.into();
+        self.software.provision(self.parameters.name, self.parameters.operators.clone());
     }
 
     /// Returns what the software believes.
@@ -415,7 +431,7 @@ fn power_up(parameters: &RobotParameters, entropy: &mut Xoshiro256PlusPlus) -> R
     Robot::new(
         parameters.electronics.hardware,
         parameters.name,
-        parameters.key.clone(),
+        parameters.operators.clone(),
         fresh,
         parameters.flash.clone(),
     )

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{Command, Event, State};
-use flix_protocol::session::HOLDER_SILENCE;
+use flix_protocol::message::{Command, Event, OperatorName, State};
+use flix_protocol::session::{self, HOLDER_SILENCE, Key};
 
 use crate::bench::{Bench, Operator, TICK, key, setpoint};
 
@@ -111,5 +111,14 @@ fn commands_of_a_session_that_is_over_are_dropped() {
 fn a_new_operator_is_told_that_he_took_over() {
     let mut bench = Bench::connected();
     bench.wait(Duration::from_millis(5));
-    assert!(bench.events().contains(&Event::OperatorConnected));
+    assert!(bench.events().contains(&Event::OperatorConnected(OperatorName::OWNER)));
+}
+
+#[test]
+fn a_robot_whose_operator_is_revoked_ramps_down_at_once() {
+    let mut bench = Bench::shaking();
+    let bob = session::Operator::new("bob".parse().unwrap(), &Key::new([9; 32]));
+    bench.robot.change_operators(bob);
+    bench.wait(TICK);
+    assert_eq!((bench.state(), bench.robot.driver()), (State::Stopping, None));
 }

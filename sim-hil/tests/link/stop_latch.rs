@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{Command, Event, Outcome, Refusal, State};
+use flix_protocol::message::{Command, Event, OperatorName, Outcome, Refusal, State};
 use flix_protocol::session::{StopSession, StopStatus};
 
 use crate::bench::{Bench, key, setpoint};
@@ -112,7 +112,7 @@ fn a_stop_from_outside_latches_as_one_in_the_session_and_its_operator_learns_of_
     let mut bench = Bench::shaking();
     stop_from_outside(&mut bench);
     assert_eq!(bench.say(Command::Arm), Outcome::Refused(Refusal::Stopped));
-    assert!(bench.events().contains(&Event::StoppedFromOutside));
+    assert!(bench.events().contains(&Event::StoppedFromOutside(OperatorName::OWNER)));
     assert_eq!(bench.say(Command::Clear), Outcome::Done);
     bench.arm();
     assert_eq!(bench.state(), State::Armed);

@@ -44,6 +44,7 @@ use flix_firmware::net;
 use flix_firmware::provision::Provisioner;
 use flix_firmware::robot::{Robot, UNPROVISIONED};
 use flix_protocol::provision::Provisioning;
+use flix_protocol::session::Operators;
 use static_cell::StaticCell;
 
 use choice::BOARD;
@@ -100,11 +101,12 @@ async fn main(spawner: Spawner) {
     if provisioning.is_some() && entropy.is_none() {
         log!("robot: no random numbers, so it takes no operator");
     }
-    let key = provisioning.filter(|_| entropy.is_some()).map(Provisioning::key);
+    let operators = provisioner.operators();
+    let operators = if entropy.is_some() { operators } else { Operators::default() };
     let (half, slow, exchange) = Robot::new(
         BOARD.hardware,
         provisioner.name(),
-        key,
+        operators,
         entropy.unwrap_or_default(),
         Entry::new(store, flash::SETTINGS),
     )

@@ -248,7 +248,7 @@ fn script(
     }
     if now == start + TURN {
         match turn {
-            Turn::KeyChange => operation.robot.change_key(Key::new([0xc4; 32])),
+            Turn::KeyChange => operation.robot.change_operators(Some(Key::new([0xc4; 32]))),
             Turn::Restart => {
                 let fault = HardwareFault::Processor(Processor::Restarts);
                 operation.robot.disturb(Injected::new(fault, now, now + BOOT_TIME, 0));

@@ -346,7 +346,7 @@ impl Life {
 
     /// Returns the robot's key.
     fn key(&self) -> Key {
-        let key = self.operation.robot.parameters().key.clone();
+        let key = self.operation.robot.parameters().key();
         key.unwrap_or_else(|| Key::new([0; 32]))
     }
 
@@ -425,7 +425,7 @@ impl Life {
             Kind::KeptOverKeyChange => {
                 let mut key = [0; 32];
                 self.random.fill(&mut key);
-                self.operation.robot.change_key(Key::new(key));
+                self.operation.robot.change_operators(Some(Key::new(key)));
             }
             _ => return,
         }
