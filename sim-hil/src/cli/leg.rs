@@ -47,10 +47,22 @@ fn text(args: &Args, model: &str, found: &LegProbe) -> String {
     let row = |name: &str, [x, y, z]: [f64; 3], unit: &str| {
         row![name, format!("{x:.4}"), format!("{y:.4}"), format!("{z:.4}"), unit]
     };
-    let ring = found.ring_down;
+    let ring = found.ring_down.map_or_else(
+        || "no single eigenmode rings: read them below".to_owned(),
+        |ring| {
+            format!(
+                "rings at {:.2} Hz (natural {:.2} Hz), damping ratio {:.4}",
+                ring.damped_frequency_hz, ring.frequency_hz, ring.damping_ratio
+            )
+        },
+    );
+    let mut eigenmodes = vec![row!["eigenmode", "natural (Hz)", "damping ratio"]];
+    eigenmodes.extend(found.eigenmodes.iter().enumerate().map(|(index, mode)| {
+        row![index + 1, format!("{:.2}", mode.frequency_hz), format!("{:.4}", mode.damping_ratio)]
+    }));
     format!(
         "Leg {} of model {model}, clamped at its root\n\n{}\n\
-         released: rings at {:.2} Hz (natural {:.2} Hz), damping ratio {:.4}\n",
+         released: {ring}\n\n{}",
         LEGS[args.leg],
         table(&[
             row!["", "x", "y", "z"],
@@ -59,8 +71,6 @@ fn text(args: &Args, model: &str, found: &LegProbe) -> String {
             row("displacement", found.displacement_mm, "mm"),
             row("rotation", found.rotation_deg, "deg"),
         ]),
-        ring.damped_frequency_hz,
-        ring.frequency_hz,
-        ring.damping_ratio
+        table(&eigenmodes),
     )
 }

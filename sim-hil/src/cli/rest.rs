@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use super::Error;
 use super::arguments::ModelArgs;
 use super::output::print_figures;
-use crate::experiment::probe::{self, Rest};
+use crate::experiment::probe::{self, Posture, Rest};
 use crate::experiment::walk::DEFAULT_STEP;
 
 /// Drop the robot from 20 mm, wait until it rests, and weigh it
@@ -32,7 +32,12 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 fn text(model: &str, found: &Rest) -> String {
     let (loads, center, inertia) =
         (found.foot_loads_n, found.centre_of_mass_mm, found.inertia_kg_m2);
-    format!("Model {model}, {:.1} g\n\n", found.mass_g)
+    let posture = match found.posture {
+        Posture::Feet => "its feet",
+        Posture::Side => "its side: its feet do not carry it upright",
+        Posture::Back => "its back: its feet do not carry it upright",
+    };
+    format!("Model {model}, {:.1} g, rests on {posture}\n\n", found.mass_g)
         + &format!("plate's mid-plane     {:>9.3} mm above the floor\n", found.plate_height_mm)
         + &format!(
             "foot loads            {:>9.4} fl  {:.4} fr  {:.4} rl  {:.4} rr N\n",

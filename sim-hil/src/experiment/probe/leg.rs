@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::signal::extremes;
-use super::{ProbeError, norm, require_legs};
+use super::{Clamp, ProbeError, eigenmodes, norm, require_legs};
 use crate::model::RobotModel;
 use crate::plant::{LegView, Mechanics, Plant, Wrench};
 
@@ -11,20 +11,27 @@ use crate::plant::{LegView, Mechanics, Plant, Wrench};
 const RING: f64 = 1.0;
 /// Swings below this share of the first are lost in what is left of settling.
 const FAINTEST: f64 = 1e-4;
+/// Bend below which a leg counts as not loaded, as a share of its length, and twist, rad.
+const UNBENT: f64 = 1e-9;
+/// How far what is seen may be from an eigenmode to be its ring: share of its frequency, and of critical damping.
+const SINGLE: f64 = 0.02;
 
 /// Static deflection and ring-down of a leg's tip (end of its last segment). World axes: x forward, y left,
 /// z up.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LegProbe {
     /// From the unloaded rest to the loaded one, mm.
     pub displacement_mm: [f64; 3],
     /// Rotation vector of the same, degrees.
     pub rotation_deg: [f64; 3],
-    /// After the release.
-    pub ring_down: RingDown,
+    /// What is seen after the release, if that is the ring of a single eigenmode: none where several swing together to
+    /// the end, or where nothing swings.
+    pub ring_down: Option<RingDown>,
+    /// Eigenmodes of the clamped leg in rising frequency.
+    pub eigenmodes: Vec<RingDown>,
 }
 
-/// The slowest-dying oscillation after release.
+/// A damped oscillation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct RingDown {
     /// Natural (undamped) frequency, Hz.
@@ -39,8 +46,7 @@ pub struct RingDown {
 /// until it rests, releases it, and watches. The body is held, the floor taken away; the foot stays on.
 ///
 /// # Errors
-/// When the model is refused or has no legs, when the leg cannot bear the load, or when the load is too small
-/// to see a ring-down.
+/// When the model is refused or has no legs, when the leg cannot bear the load, or when the load does not bend it.
 pub fn leg(
     model: &RobotModel,
     leg: usize,
@@ -57,6 +63,9 @@ pub fn leg(
 
     plant.set_tip_push(leg, Wrench::default());
     let twist = rotation_between(&free, &loaded);
+    if norm(displacement) / TIP_REACH < UNBENT && norm(twist) < UNBENT {
+        return Err(ProbeError::Still);
+    }
     // The signal that shows the release best: along the displacement, or about the rotation.
     let bent = norm(displacement) / TIP_REACH > norm(twist);
     let mut signal = Vec::with_capacity((RING / step) as usize);
@@ -71,11 +80,30 @@ pub fn leg(
         });
     }
     let start = if bent { norm(displacement).powi(2) } else { norm(twist).powi(2) };
+    let eigenmodes: Vec<RingDown> = eigenmodes(model, Clamp::Leg(leg))?
+        .eigenmodes
+        .iter()
+        .map(|mode| RingDown {
+            frequency_hz: mode.frequency_hz,
+            damped_frequency_hz: mode.frequency_hz
+                * (1.0 - mode.damping_ratio.powi(2)).max(0.0).sqrt(),
+            damping_ratio: mode.damping_ratio,
+        })
+        .collect();
+    let seen = ring_down(&signal, start, step);
     Ok(LegProbe {
         displacement_mm: displacement.map(|c| c * 1e3),
         rotation_deg: twist.map(f64::to_degrees),
-        ring_down: ring_down(&signal, start, step).ok_or(ProbeError::Still)?,
+        ring_down: seen.filter(|seen| eigenmodes.iter().any(|mode| seen.is_ring_of(mode))),
+        eigenmodes,
     })
+}
+
+impl RingDown {
+    fn is_ring_of(&self, mode: &Self) -> bool {
+        (self.frequency_hz / mode.frequency_hz - 1.0).abs() < SINGLE
+            && (self.damping_ratio - mode.damping_ratio).abs() < SINGLE
+    }
 }
 
 /// Where the tip is, from its unloaded rest: m, and a rotation vector in rad. World axes.

@@ -11,7 +11,7 @@ mod signal;
 
 pub use eigenmodes::{Clamp, Eigenmode, Eigenmodes, eigenmodes};
 pub use leg::{LegProbe, RingDown, TIP_REACH, TipMotion, leg, release};
-pub use rest::{FootLoads, Rest, rest};
+pub use rest::{FootLoads, Posture, Rest, rest};
 pub use shake::{ShakeBase, Shaken, shake};
 
 use flix_protocol::units::OutOfRange;

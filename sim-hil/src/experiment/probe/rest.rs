@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::{ProbeError, require_legs};
 use crate::model::RobotModel;
+use crate::plant::mechanics::rotation;
 use crate::plant::{Mechanics, Plant};
 
 /// Height above the soles' touch from which the robot is dropped, m.
@@ -28,9 +29,36 @@ pub struct FootLoads {
     pub rr: f64,
 }
 
+/// What a robot rests on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Posture {
+    /// Its feet, upright.
+    Feet,
+    /// Neither: the plate stands on edge.
+    Side,
+    /// Upside down.
+    Back,
+}
+
+impl Posture {
+    /// Judges by the vertical component of the body's upward axis: upright within 60 degrees.
+    fn of(upward: f64) -> Self {
+        if upward > 0.5 {
+            Self::Feet
+        } else if upward < -0.5 {
+            Self::Back
+        } else {
+            Self::Side
+        }
+    }
+}
+
 /// How the robot rests.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Rest {
+    /// What it came to rest on.
+    pub posture: Posture,
     /// Mid-plane of the plate above the floor, after a drop from 20 mm, mm.
     pub plate_height_mm: f64,
     /// Load of each foot, N.
@@ -63,6 +91,7 @@ pub fn rest(model: &RobotModel, step: f64) -> Result<Rest, ProbeError> {
     let loads = plant.legs().map(|legs| legs.map(|leg| leg.floor_force[2])).unwrap_or_default();
     let [xx, xy, xz, yy, yz, zz] = inertia;
     Ok(Rest {
+        posture: Posture::of(rotation(plant.body().orientation).0[2][2]),
         plate_height_mm: plant.body().position[2] * 1e3,
         foot_loads_n: FootLoads { fl: loads[0], fr: loads[1], rl: loads[2], rr: loads[3] },
         mass_g: mass * 1e3,
