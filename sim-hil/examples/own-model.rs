@@ -25,6 +25,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         seconds: 4.0,
         drive: WalkDrive::Ideal,
         step: DEFAULT_STEP,
+        heading: None,
     };
     for model in [&shipped, &own] {
         let walks: Vec<_> =

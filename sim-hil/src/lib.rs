@@ -43,6 +43,7 @@
 //!     seconds: 0.1,
 //!     drive: WalkDrive::Ideal,
 //!     step: DEFAULT_STEP,
+//!     heading: Some(0.0),
 //! };
 //! let mut highest = 0.0_f64;
 //! let walked = walk(&model, &what, 1, |plant| highest = highest.max(plant.body().position[2]))?;

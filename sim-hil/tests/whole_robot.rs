@@ -58,6 +58,7 @@ fn at_full_speed_in_every_direction_it_stays_on_its_feet() {
             seconds: 8.0,
             drive: WalkDrive::Ideal,
             step: DEFAULT_STEP,
+            heading: None,
         };
         let mut heights = (f64::INFINITY, f64::NEG_INFINITY);
         let walked = walk(&model, &what, seed, |plant| {

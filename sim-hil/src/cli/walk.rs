@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
+use flix_host::cli::number::parse_within;
 use flix_host::nav::{PlanarPose, Position};
 use flix_host::plot::{Figure, Outline, Series, Track, colour};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
@@ -25,7 +26,7 @@ const OUTLINES: usize = 6;
 /// Walk at one f and theta: mean speeds over several seeds, a picture of the track, a replay
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  flix-sim walk --frequency -30 --direction 30\n  flix-sim walk --frequency 30 --direction 90 --seconds 20 --seeds 16 --drive ideal\n  flix-sim walk --frequency 35 --direction 0 --model my-robot.toml --json"
+    after_help = "Examples:\n  flix-sim walk --frequency -30 --direction 30\n  flix-sim walk --frequency 30 --direction 90 --seconds 20 --seeds 16 --drive ideal\n  flix-sim walk --frequency -30 --direction 30 --heading 45\n  flix-sim walk --frequency 35 --direction 0 --model my-robot.toml --json"
 )]
 pub struct Args {
     #[command(flatten)]
@@ -39,6 +40,9 @@ pub struct Args {
     /// The first seed
     #[arg(long, value_name = "S", default_value_t = 1)]
     first_seed: u64,
+    /// Heading at the start of every walk, degrees to the left [default: each seed its own]
+    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, value_parser = parse_heading)]
+    heading: Option<f64>,
     #[command(flatten)]
     model: ModelArgs,
     /// What turns the rotors
@@ -55,6 +59,10 @@ pub struct Args {
     json: bool,
 }
 
+fn parse_heading(text: &str) -> Result<f64, String> {
+    parse_within(text, -360.0..=360.0, "heading", " degrees")
+}
+
 #[derive(Debug, Serialize)]
 struct Report {
     model: String,
@@ -63,6 +71,8 @@ struct Report {
     seconds: f64,
     seeds: u64,
     first_seed: u64,
+    /// None: each seed its own.
+    heading_deg: Option<f64>,
     forward_m_s: Spread,
     lateral_m_s: Spread,
     yaw_rad_s: Spread,
@@ -82,6 +92,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         seconds: args.seconds.as_secs_f64(),
         drive: args.drive,
         step: args.step.as_secs_f64(),
+        heading: args.heading.map(f64::to_radians),
     };
     if what.drive == WalkDrive::Firmware && what.step > TICK {
         return Err(Error::refused(format!(
@@ -120,6 +131,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         seconds: what.seconds,
         seeds: args.seeds,
         first_seed: args.first_seed,
+        heading_deg: args.heading,
         forward_m_s: spread(|w| w.forward_m_s),
         lateral_m_s: spread(|w| w.lateral_m_s),
         yaw_rad_s: spread(|w| w.yaw_rad_s),

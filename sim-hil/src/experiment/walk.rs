@@ -4,12 +4,15 @@
 //! walk is repeated with its start disturbed ([`Plant::disturb`]) from several seeds, and reported as mean
 //! and spread.
 
+use std::f64::consts::PI;
 use std::time::Duration;
 
 pub use flix_host::nav::Spread;
 use flix_host::nav::wrap;
 use flix_protocol::message::Setpoint;
 use flix_protocol::session::Key;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
 
 use crate::model::{Base, GRAVITY, ModelError, RobotModel};
@@ -45,6 +48,8 @@ pub struct Walk {
     pub drive: WalkDrive,
     /// Step, s; under the firmware at most its tick.
     pub step: f64,
+    /// Heading at the start, rad, left positive; none: each seed starts at its own.
+    pub heading: Option<f64>,
 }
 
 /// Result of one walk.
@@ -110,6 +115,7 @@ pub fn walk(
     require_walker(model)?;
     let mut plant = Plant::new(model)?;
     plant.disturb(seed, false);
+    plant.displace([0.0; 3], walk.heading.unwrap_or_else(|| own_heading(seed)));
     plant.set_longest_step(walk.step);
     match walk.drive {
         WalkDrive::Ideal => ideally(plant, walk, watch),
@@ -118,6 +124,12 @@ pub fn walk(
             by_firmware(SimulatedRobot::new(parameters, plant), walk, watch)
         }
     }
+}
+
+/// Returns the heading at which a walk of this seed starts, rad: anywhere in -pi to pi, so that nothing is scored at
+/// one heading alone.
+fn own_heading(seed: u64) -> f64 {
+    PI * (2.0 * Xoshiro256PlusPlus::seed_from_u64(seed).random::<f64>() - 1.0)
 }
 
 fn ideally(

@@ -1,7 +1,7 @@
 //! The model as MuJoCo's MJCF.
 //!
 //! Anyone can check this simulator with another, or go on there. Bodies, masses, hinges and contact are the
-//! same; the friction that holds a foot fast is not (MuJoCo's creeps). Rotors are driven by `motor`
+//! same, with MuJoCo's elliptic friction cone; the friction that holds a foot fast is not (MuJoCo's creeps). Rotors are driven by `motor`
 //! actuators `top` and `bottom`, in N m about body +z.
 
 use std::fmt::Write;
@@ -19,7 +19,7 @@ pub fn mjcf(model: &RobotModel, step: f64) -> String {
     line(
         &mut out,
         1,
-        &format!("<option timestep=\"{step}\" gravity=\"0 0 {}\" cone=\"pyramidal\"/>", -GRAVITY),
+        &format!("<option timestep=\"{step}\" gravity=\"0 0 {}\" cone=\"elliptic\"/>", -GRAVITY),
     );
     line(&mut out, 1, "<worldbody>");
     line(&mut out, 2, "<light pos=\"0 0 1\"/>");
@@ -150,16 +150,11 @@ fn rotors(out: &mut String, model: &RobotModel) {
     for (name, sign) in [("top", 1.0), ("bottom", -1.0)] {
         let z = 1e-3 * (s.z_mm + sign * 0.5 * s.spacing_mm);
         line(out, 3, &format!("<body name=\"{name}\" pos=\"0 0 {z}\">"));
-        line(
-            out,
-            4,
-            &format!(
-                "<joint name=\"{name}\" type=\"hinge\" axis=\"0 0 1\" armature=\"{}\"/>",
-                1e-7 * s.bell_inertia_g_cm2
-            ),
-        );
+        line(out, 4, &format!("<joint name=\"{name}\" type=\"hinge\" axis=\"0 0 1\"/>"));
         let at = [1e-3 * s.arm_mm, 0.0, 0.0];
-        inertial(out, 4, 1e-3 * s.mass_g, at, [0.0; 3]);
+        // The bell's inertia is a part of the rotor, so that the body feels it too.
+        let bell = 1e-7 * s.bell_inertia_g_cm2;
+        inertial(out, 4, 1e-3 * s.mass_g, at, [0.5 * bell, 0.5 * bell, bell]);
         shown(out, 4, [8e-3; 3], at, "0.8 0.3 0.1 1");
         line(out, 3, "</body>");
     }

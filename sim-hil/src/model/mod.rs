@@ -172,7 +172,8 @@ pub struct Shaker {
     pub spacing_mm: f64,
     /// Height of the plane half-way between both above the origin, mm, -50 to 100. Open in the paper.
     pub z_mm: f64,
-    /// Inertia of each motor's bell about the axis, g cm^2, 0 to 1000. Open in the paper.
+    /// Inertia of each motor's bell about the axis, g cm^2, 0 to 1000; half of it about any other, as of a thin ring.
+    /// Open in the paper.
     #[serde(default)]
     pub bell_inertia_g_cm2: f64,
 }
@@ -289,9 +290,10 @@ pub enum FootAxis {
 
 /// Feet on the floor.
 ///
-/// The normal law is the one of MuJoCo's documentation ("computation", constraint model): a foot's
-/// penetration `r` obeys `R f = -(a + b v + k r)`, `f >= 0`, with `b = 2/(d T)`, `k = 1/(d T z)^2` and
-/// `R = (1 - d)/d` of the foot's inverse apparent mass.
+/// The law is the one of MuJoCo's documentation ("computation", constraint model) with its elliptic cone: a foot's
+/// penetration `r` obeys `R f = -(a + b v + k d(r) r)`, `f >= 0`, with `b = 2/(d T)` and `k = 1/(d T z)^2` of the
+/// impedance at full width, and `R = (1 - d(r))/d(r)` of the foot's inverse apparent mass. Friction is isotropic in the
+/// plane and does not change the floor's softness.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Contact {

@@ -131,6 +131,7 @@ impl Sweep {
             seconds: self.seconds,
             drive: self.drive,
             step: self.step,
+            heading: None,
         };
         let model = scattered(&variant.model, self.scatter, seed);
         let walked = walk(&model, &what, seed, |_| {}).map_err(|error| failed(&error))?;

@@ -148,6 +148,7 @@ fn tracks(sweep: &Sweep) -> Result<Track, Error> {
                 seconds: sweep.seconds,
                 drive: sweep.drive,
                 step: sweep.step,
+                heading: Some(0.0),
             };
             let mut way = Vec::new();
             let mut next = 0.0;

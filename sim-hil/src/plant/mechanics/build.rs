@@ -61,8 +61,7 @@ pub fn constants(model: &RobotModel) -> PlainConstants {
         let mobility: [f64; 4] = core::array::from_fn(|i| foot_mobility(&c, model, i));
         let legs = core::array::from_fn(|i| {
             let mut leg = legs[i];
-            let mu = leg.foot.friction[0];
-            leg.foot.regularisation = 2.0 * mu * mu * (1.0 + mu * mu) * mobility[i];
+            leg.foot.mobility = mobility[i];
             leg
         });
         c.legs = Some(legs);
@@ -235,7 +234,7 @@ fn contact(model: &RobotModel, friction: f64) -> Foot<f64> {
         friction: [friction, friction, torsion, rolling, rolling],
         damping: 2.0 / (full * time),
         stiffness: 1.0 / (full * time * ratio).powi(2),
-        regularisation: 1.0,
+        mobility: 1.0,
         impedance: [c.impedance_touch, full, 1e-3 * c.impedance_width_mm],
     }
 }

@@ -17,6 +17,13 @@ pub const REST_TIME: f64 = 0.05;
 pub const SLIDE_SPEED: f64 = 0.3;
 /// Contact points of a foot: its four lowest corners.
 pub const CORNERS: usize = 4;
+/// A change of a sliding corner's direction, squared, below which the direction is taken as found: what a step that
+/// is linear about it leaves out is half of this, as a share of its friction.
+const TURN: f64 = 1e-4;
+/// The same for a relative change of its friction.
+const CHANGE: f64 = 1e-2;
+/// Keeps quotients by a friction of zero finite.
+const TINY: f64 = 1e-30;
 
 /// What a leg is made of; constant during a run. One lane may be one leg or one robot.
 #[derive(Clone, Copy, Debug)]
@@ -53,22 +60,26 @@ pub struct LegModel<F> {
 
 /// The contact law of one foot.
 ///
-/// Each of its four lowest corners that is below the floor is held by ten edges of a friction pyramid,
-/// `n + m t` and `n - m t` for each friction direction `t` with its coefficient `m`. An edge pushes with
+/// Each of its four lowest corners that is below the floor is a contact of six directions: the normal and the five
+/// friction directions, each with its coefficient `m_i`. Along each, `j = a + b v` is what the floor has to resist
+/// (acceleration and damped velocity of the corner), along the normal `j_n = a_n + b v_n + k d(r) r` with the
+/// penetration `r` (negative) and the impedance `d(r)`. With `T = |m_i j_i|` over the friction directions and
+/// `m` the tangential coefficient, the corner
 ///
 /// ```text
-/// f = -(a + b v + k r) / R,  never pulls
+/// is free    if j_n >= T:         no force
+/// sticks     if T <= -m^2 j_n:    N = -j_n / R,              F_i = -(m_i/m)^2 j_i / R
+/// slides     otherwise:           N = (T - j_n)/(R (1+m^2)),  F_i = -N m_i (m_i j_i)/T
 /// ```
 ///
-/// where `a` and `v` are the corner's acceleration and velocity along the edge and `r` the penetration
-/// (negative): compliance, damping and a virtual mass in one. That is MuJoCo's law. It regularises friction,
-/// so that under a steady push a foot creeps for ever.
+/// with `R = (1 - d)/d` of the foot's inverse apparent mass. That is MuJoCo's elliptic cone: the force is always
+/// within `|F_i/m_i| <= N`, has no preferred direction in the plane, and the normal's compliance does not depend on
+/// friction. The law is regularised, so that under a steady push a foot creeps for ever.
 ///
-/// A corner that has crept slower than [`REST_SPEED`] for [`REST_TIME`] therefore comes to **stand**: the
-/// edges of its friction directions stay in pairs, a spring of the same `k` of its tangential strain
-/// joins them, and Coulomb's circle `|T| <= m N` limits the sum. It holds without creep what friction can
-/// hold, gives way beyond that, and slides again above [`SLIDE_SPEED`]. (Friction that grows while surfaces
-/// rest is the usual finding: Dieterich 1979.)
+/// A corner that has crept slower than [`REST_SPEED`] for [`REST_TIME`] therefore comes to **stand**: to its two
+/// tangents a spring `k d s` of its tangential strain `s` is added, no longer than the cone can hold. So it holds
+/// without creep what friction can hold, gives way beyond that, and slides again above [`SLIDE_SPEED`]. (Friction
+/// that grows while surfaces rest is the usual finding: Dieterich 1979.)
 #[derive(Clone, Copy, Debug)]
 pub struct Foot<F> {
     /// Coefficients: two tangents (1), torsion, two rolling (m).
@@ -77,8 +88,8 @@ pub struct Foot<F> {
     pub damping: F,
     /// Stiffness rate k, 1/s^2.
     pub stiffness: F,
-    /// Regularisation of an edge at (1 - d)/d = 1, 1/kg.
-    pub regularisation: F,
+    /// Inverse apparent mass of the foot: R at (1 - d)/d = 1, 1/kg.
+    pub mobility: F,
     /// Impedance at touch, at full width, and the width in m.
     pub impedance: [F; 3],
 }
@@ -92,16 +103,27 @@ pub struct LegState<F> {
     pub speed: [F; 6],
     /// Hinge accelerations of the last step, rad/s^2.
     pub acceleration: [F; 6],
-    /// 1 where an edge pushed in the last step, else 0: `[corner][direction][plus, minus]`.
-    pub active: [[[F; 2]; FRICTIONS]; CORNERS],
+    /// How each corner met the floor in the last step.
+    pub grip: [Grip<F>; CORNERS],
     /// How long each corner has been slow on the floor, s; it stands from [`REST_TIME`] on.
     pub rest: [F; CORNERS],
     /// Tangential strain of a standing corner along world x and y, m.
     pub tangential_strain: [[F; 2]; CORNERS],
-    /// Share of its friction that a standing corner's limit leaves: tangents, torsion, two rolling axes.
-    pub share: [[F; 4]; CORNERS],
     /// Force of the floor on the foot in the last step, N, world axes.
     pub force: Vec3<F>,
+}
+
+/// The contact law of a corner, linear about where it was last: the force is `-H j / R` with
+/// `H = push (1, -e)(1, -e)^T + hold (diag m_i^2 - e e^T)`, `e_i = m_i slip_i`. (The law's potential is of second degree, so
+/// that this is exact there.)
+#[derive(Clone, Copy, Debug)]
+pub struct Grip<F> {
+    /// Share of the normal's stiffness: 0 in the air, 1 while it sticks, 1/(1 + m^2) while it slides.
+    pub push: F,
+    /// Share of friction's stiffness across the slip: 1/m^2 while it sticks.
+    pub hold: F,
+    /// Direction of the slip: `m_i j_i / T`; zero unless it slides.
+    pub slip: [F; FRICTIONS],
 }
 
 impl<F: Lane> LegState<F> {
@@ -112,10 +134,9 @@ impl<F: Lane> LegState<F> {
             angle: [o; 6],
             speed: [o; 6],
             acceleration: [o; 6],
-            active: [[[o; 2]; FRICTIONS]; CORNERS],
+            grip: [Grip { push: o, hold: o, slip: [o; FRICTIONS] }; CORNERS],
             rest: [o; CORNERS],
             tangential_strain: [[o; 2]; CORNERS],
-            share: [[F::splat(1.0); 4]; CORNERS],
             force: Vec3::zero(),
         }
     }
@@ -128,9 +149,13 @@ struct Corner<F> {
     at: Vec3<F>,
     /// 1/R; zero in the air.
     weight: F,
-    /// `b v_n + k r`.
+    /// `1 + b h/2 + k d h^2/4`.
+    lead: F,
+    /// `k d`.
+    stiffness: F,
+    /// `b v_n + k d r`.
     normal: F,
-    /// `m (b v + k s)` for each friction direction.
+    /// `m (b v + k d s)` for each friction direction.
     tangent: [F; FRICTIONS],
     /// Velocity along world x and y at the start of the step.
     slide: [F; 2],
@@ -161,8 +186,6 @@ pub struct LegStep<F> {
     touching: bool,
     /// Half the step.
     half: F,
-    /// `1 + b h/2 + k h^2/4`.
-    lead: F,
     contact: Articulated<F>,
     contact_bias: Spatial<F>,
     /// Elimination: `I S / D`, `u / D` of each hinge.
@@ -201,6 +224,12 @@ pub struct BodyStep<F> {
     pub floor: bool,
 }
 
+/// Adds up mirror images alike.
+#[inline(always)]
+fn sum_of_products<F: Lane>(a: &[F; FRICTIONS], b: &[F; FRICTIONS]) -> F {
+    (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + (a[3] * b[3] + a[4] * b[4]))
+}
+
 impl<F: Lane> LegStep<F> {
     /// Creates room for a step.
     pub fn blank() -> Self {
@@ -217,6 +246,8 @@ impl<F: Lane> LegStep<F> {
             corner: [Corner {
                 at: Vec3::zero(),
                 weight: o,
+                lead: o,
+                stiffness: o,
                 normal: o,
                 tangent: [o; FRICTIONS],
                 slide: [o; 2],
@@ -224,7 +255,6 @@ impl<F: Lane> LegStep<F> {
             }; CORNERS],
             touching: false,
             half: o,
-            lead: o,
             contact: Articulated::zero(),
             contact_bias: Spatial::zero(),
             share: [Spatial::zero(); 6],
@@ -290,7 +320,6 @@ impl<F: Lane> LegStep<F> {
             self.bias[2] - Spatial::new(push.angular + point.cross(push.linear), push.linear);
         self.velocity = start;
         self.half = half;
-        self.lead = c(1.0) + m.foot.damping * half + m.foot.stiffness * quarter;
         self.touching = false;
         self.contact = Articulated::zero();
         self.contact_bias = Spatial::zero();
@@ -332,17 +361,22 @@ impl<F: Lane> LegStep<F> {
                 c(1.0) - c(2.0) * (c(1.0) - ratio) * (c(1.0) - ratio),
             );
             let d = d0 + (d1 - d0) * rise;
-            let weight = gap.negative_then(d / ((c(1.0) - d) * m.foot.regularisation), o);
+            let weight = gap.negative_then(d / ((c(1.0) - d) * m.foot.mobility), o);
             let b = m.foot.damping;
             let mu = &m.foot.friction;
-            let k = m.foot.stiffness;
+            let k = m.foot.stiffness * d;
+            // Only what stands is strained, at the middle of the step as the gap is.
+            let spring = (s.rest[j] - c(REST_TIME)).negative_then(o, k);
+            let strain = |i: usize| spring * (s.tangential_strain[j][i] + self.half * v.0[i]);
             self.corner[j] = Corner {
                 at,
                 weight,
+                lead: c(1.0) + self.half * (b + self.half * k),
+                stiffness: k,
                 normal: b * v.0[2] + k * gap,
                 tangent: [
-                    mu[0] * (b * v.0[0] + k * (s.tangential_strain[j][0] + self.half * v.0[0])),
-                    mu[1] * (b * v.0[1] + k * (s.tangential_strain[j][1] + self.half * v.0[1])),
+                    mu[0] * (b * v.0[0] + strain(0)),
+                    mu[1] * (b * v.0[1] + strain(1)),
                     mu[2] * (b * w.0[2]),
                     mu[3] * (b * w.0[0]),
                     mu[4] * (b * w.0[1]),
@@ -354,7 +388,7 @@ impl<F: Lane> LegStep<F> {
         self.touching = lowest.any_negative();
     }
 
-    /// Assembles the contact's share of the equations for the present choice of active edges.
+    /// Assembles the contact's share of the equations for the present grips.
     #[inline(always)]
     pub fn assemble_contact(&mut self, m: &LegModel<F>, s: &LegState<F>) {
         if !self.touching {
@@ -375,68 +409,44 @@ impl<F: Lane> LegStep<F> {
         let o = F::splat(0.0);
         let mu = &m.foot.friction;
         let p = &self.corner[j];
-        let mut count = o;
-        let mut normal = o;
-        let mut cross = [o; FRICTIONS];
-        let mut own = [o; FRICTIONS];
-        let mut force = [o; FRICTIONS];
-        for i in 0..FRICTIONS {
-            let [plus, minus] = s.active[j][i];
-            let (sum, difference) = (plus + minus, plus - minus);
-            count += sum;
-            normal += sum * p.normal + difference * p.tangent[i];
-            cross[i] = mu[i] * difference;
-            let share = s.share[j][i.saturating_sub(1)];
-            own[i] = mu[i] * mu[i] * sum * share;
-            force[i] = mu[i] * (difference * p.normal + sum * p.tangent[i] * share);
-        }
-        let w = p.weight;
-        let g = w * self.lead;
-        // Force by linear motion (symmetric), force by angular motion (z row), couple by angular motion.
-        let l = Sym3([g * own[0], o, g * cross[0], g * own[1], g * cross[1], g * count]);
-        let turn = Vec3([g * cross[3], g * cross[4], g * cross[2]]);
+        let grip = &s.grip[j];
         let r = p.at;
-        // M = L [r]: row i of L, cross-multiplied. Force by rotation about the origin: B - L [r].
-        let [rx, ry, rz] = r.0;
-        let cross_r = |a: Vec3<F>| a.cross(r); // a^T [r] = (a x r)^T
-        let rows = [
-            Vec3([l.0[0], l.0[1], l.0[2]]),
-            Vec3([l.0[1], l.0[3], l.0[4]]),
-            Vec3([l.0[2], l.0[4], l.0[5]]),
-        ];
-        let by_turn = [-cross_r(rows[0]), -cross_r(rows[1]), turn - cross_r(rows[2])];
-        // Couple by rotation: A + [r] (B - L[r]) + (-B^T [r]); only the z row of B is there.
-        let cz = turn;
-        let couple = |i: usize, k: usize, a: F| {
-            // ([r] Q)_ik with Q = by_turn
-            let rq = match i {
-                0 => ry * by_turn[2].0[k] - rz * by_turn[1].0[k],
-                1 => rz * by_turn[0].0[k] - rx * by_turn[2].0[k],
-                _ => rx * by_turn[1].0[k] - ry * by_turn[0].0[k],
-            };
-            // -(B^T [r])_ik = -cz_i (e_z^T [r])_k, e_z^T [r] = (-ry, rx, 0)
-            let br = match k {
-                0 => cz.0[i] * ry,
-                1 => -(cz.0[i] * rx),
-                _ => o,
-            };
-            a + rq + br
-        };
-        let contact = Articulated {
+        let wrench =
+            |linear: Vec3<F>, couple: Vec3<F>| Spatial::new(couple + r.cross(linear), linear);
+        let (push, hold) = (p.weight * grip.push, p.weight * grip.hold);
+        let e: [F; FRICTIONS] = core::array::from_fn(|i| mu[i] * grip.slip[i]);
+        let along = wrench(Vec3([e[0], e[1], o]), Vec3([e[3], e[4], e[2]]));
+        let up = wrench(Vec3([o, o, F::splat(1.0)]), Vec3::zero());
+        let cone = up - along;
+
+        // The springs of all five friction directions, without what the slip takes away.
+        let [x, y, z] = r.0;
+        let g = p.lead * hold;
+        let (plane, turn, roll) = (g * mu[0] * mu[0], g * mu[2] * mu[2], g * mu[3] * mu[3]);
+        let (px, py, pz) = (plane * x, plane * y, plane * z);
+        let springs = Articulated {
             angular: Sym3([
-                couple(0, 0, g * own[3]),
-                couple(0, 1, o),
-                couple(0, 2, o),
-                couple(1, 1, g * own[4]),
-                couple(1, 2, o),
-                couple(2, 2, g * own[2]),
+                roll + pz * z,
+                o,
+                -(px * z),
+                roll + pz * z,
+                -(py * z),
+                turn + (px * x + py * y),
             ]),
-            coupling: Mat3::from_columns(by_turn[0], by_turn[1], by_turn[2]),
-            linear: l,
+            coupling: Mat3([[o, -pz, o], [pz, o, o], [-py, px, o]]),
+            linear: Sym3([plane, o, o, plane, o, o]),
         };
-        let f = Vec3([w * force[0], w * force[1], w * normal]);
-        let t = Vec3([w * force[3], w * force[4], w * force[2]]);
-        (contact, Spatial::new(t + r.cross(f), f))
+        let contact =
+            springs.without(along, along.scale(g)).without(cone, cone.scale(-(p.lead * push)));
+
+        let t = &p.tangent;
+        let slip = sum_of_products(&grip.slip, t);
+        let bias = wrench(
+            Vec3([hold * mu[0] * t[0], hold * mu[1] * t[1], o]),
+            Vec3([hold * mu[3] * t[3], hold * mu[4] * t[4], hold * mu[2] * t[2]]),
+        ) + cone.scale(push * (p.normal - slip))
+            - along.scale(hold * slip);
+        (contact, bias)
     }
 
     /// Eliminates the hinges from foot to root: what the body feels of this leg.
@@ -475,7 +485,7 @@ impl<F: Lane> LegStep<F> {
         x
     }
 
-    /// Sets which edges push under the foot's acceleration `x`; true if that differs from before.
+    /// Sets how the corners meet the floor under the foot's acceleration `x`; true if that differs from before.
     #[inline(always)]
     pub fn choose(&mut self, m: &LegModel<F>, s: &mut LegState<F>, x: Spatial<F>) -> bool {
         if !self.touching {
@@ -484,28 +494,38 @@ impl<F: Lane> LegStep<F> {
         let c = F::splat;
         let (o, one) = (c(0.0), c(1.0));
         let mu = &m.foot.friction;
+        let square = mu[0] * mu[0];
+        let sticking = one / (square + c(TINY));
+        let sliding = one / (one + square);
         let mut changed = o;
         for j in 0..CORNERS {
             let p = self.corner[j];
-            let mut load = o;
             let a = x.linear + x.angular.cross(p.at);
             let w = x.angular.0;
-            let slides = [a.0[0], a.0[1], w[2], w[0], w[1]];
-            let normal = self.lead * a.0[2] + p.normal;
-            let here = (-p.weight).negative_then(one, o);
-            let slides_now = s.rest[j] - c(REST_TIME);
-            for i in 0..FRICTIONS {
-                let t = mu[i] * self.lead * slides[i] + p.tangent[i];
-                // The edges of a standing corner push in pairs.
-                let t = slides_now.negative_then(t, o);
-                let plus = (normal + t).negative_then(here, o);
-                let minus = (normal - t).negative_then(here, o);
-                let [old_plus, old_minus] = s.active[j][i];
-                changed -= (plus - old_plus).abs() + (minus - old_minus).abs();
-                s.active[j][i] = [plus, minus];
-                load -= (plus + minus) * normal + (plus - minus) * t;
-            }
-            self.corner[j].load = load;
+            let along = [a.0[0], a.0[1], w[2], w[0], w[1]];
+            let normal = p.lead * a.0[2] + p.normal;
+            let pull: [F; FRICTIONS] =
+                core::array::from_fn(|i| mu[i] * (p.lead * along[i]) + p.tangent[i]);
+            let length = sum_of_products(&pull, &pull).sqrt();
+            let inverse = one / (length + c(TINY));
+            // Negative where it touches and pushes; where it also slides.
+            let touches = (-p.weight).negative_then(normal - length, o);
+            let slides = -(length + square * normal);
+            // A slip that turns over has passed the point where the corner sticks: take that first.
+            let over = sum_of_products(&pull, &s.grip[j].slip);
+            let slides = over.negative_then(o, slides);
+            let push = touches.negative_then(slides.negative_then(sliding, one), o);
+            let hold = slides.negative_then(push * (one - normal * inverse), sticking);
+            let hold = touches.negative_then(hold, o);
+            let slip = inverse * touches.negative_then(slides.negative_then(one, o), o);
+            let slip = pull.map(|pull| pull * slip);
+            let old = s.grip[j];
+            let turned: [F; FRICTIONS] = core::array::from_fn(|i| slip[i] - old.slip[i]);
+            let turned = c(TURN) - sum_of_products(&turned, &turned);
+            let more = c(CHANGE) * hold - (hold - old.hold).abs();
+            changed = changed.min(turned).min(more).min(-(push - old.push).abs());
+            s.grip[j] = Grip { push, hold, slip };
+            self.corner[j].load = slides.negative_then(length - normal, -normal) * push;
         }
         changed.any_negative()
     }
@@ -546,13 +566,11 @@ impl<F: Lane> LegStep<F> {
     fn strain(&self, m: &LegModel<F>, s: &mut LegState<F>, x: Spatial<F>, h: F) {
         let c = F::splat;
         let (o, one) = (c(0.0), c(1.0));
-        let mu = &m.foot.friction;
         let c4 = &self.corner;
         let carried = (c4[0].load + c4[1].load) + (c4[2].load + c4[3].load);
         for j in 0..CORNERS {
             let p = &self.corner[j];
             let a = x.linear + x.angular.cross(p.at);
-            let w = x.angular.0;
             let v = [p.slide[0] + self.half * a.0[0], p.slide[1] + self.half * a.0[1]];
             let square = v[0] * v[0] + v[1] * v[1];
             let standing = c(REST_TIME) - s.rest[j];
@@ -561,32 +579,12 @@ impl<F: Lane> LegStep<F> {
             // A corner that lifts while the foot stands keeps its rest.
             let rest = (-carried).negative_then(slow.negative_then(s.rest[j] + h, o), o);
             s.rest[j] = rest;
-            let stands = c(REST_TIME) - rest;
-            // `weight`-free: friction T = 2 m^2 y share, limit m N.
-            let full = [
-                c(2.0) * mu[0] * mu[0],
-                c(2.0) * mu[2] * mu[2],
-                c(2.0) * mu[3] * mu[3],
-                c(2.0) * mu[4] * mu[4],
-            ];
-            let along = |i: usize, a: F| self.lead * mu[i] * a + p.tangent[i];
-            let (tx, ty) = (along(0, a.0[0]), along(1, a.0[1]));
-            let pull = [
-                c(2.0) * mu[0] * (tx * tx + ty * ty).sqrt(),
-                c(2.0) * mu[2] * along(2, w[2]).abs(),
-                c(2.0) * mu[3] * along(3, w[0]).abs(),
-                c(2.0) * mu[4] * along(4, w[1]).abs(),
-            ];
-            let limit = [mu[0], mu[2], mu[3], mu[4]];
-            for i in 0..4 {
-                let share = one.min(limit[i] * p.load / (pull[i] + c(1e-12)));
-                s.share[j][i] = stands.negative_then(share, one);
-            }
             let strain =
                 [s.tangential_strain[j][0] + h * v[0], s.tangential_strain[j][1] + h * v[1]];
             let length = (strain[0] * strain[0] + strain[1] * strain[1]).sqrt();
-            let most = mu[0] * p.load / (full[0] * m.foot.stiffness);
-            let keep = stands.negative_then(one.min(most / (length + c(1e-12))), o);
+            let most = m.foot.friction[0] * p.load / (p.stiffness + c(TINY));
+            let keep = one.min(most / (length + c(TINY)));
+            let keep = (c(REST_TIME) - rest).negative_then(keep, o);
             s.tangential_strain[j] = [strain[0] * keep, strain[1] * keep];
         }
     }

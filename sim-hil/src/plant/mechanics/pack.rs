@@ -1,7 +1,7 @@
 //! Single robots into lanes and out again.
 
 use super::lane::{Lane, Quad};
-use super::leg::{Foot, LegModel, LegState};
+use super::leg::{Foot, Grip, LegModel, LegState};
 use super::spatial::{Mat3, RigidInertia, Spatial, Sym3, Vec3};
 use super::system::Rotor;
 
@@ -74,8 +74,9 @@ pack_struct! {
     Spatial { angular, linear }
     RigidInertia { mass, moment, inertia }
     Rotor { angle, turns, speed, acceleration }
-    Foot { friction, damping, stiffness, regularisation, impedance }
-    LegState { angle, speed, acceleration, active, rest, tangential_strain, share, force }
+    Foot { friction, damping, stiffness, mobility, impedance }
+    Grip { push, hold, slip }
+    LegState { angle, speed, acceleration, grip, rest, tangential_strain, force }
     LegModel {
         root, frame, twist, stiffness, damping, segment, mass, inertia, end_mass, end_center,
         end_inertia, foot_center, foot_half, foot

@@ -381,7 +381,7 @@ impl Plant {
             let (sin, cos) = sin_cos(rotor.angle);
             let at = r.apply(Vec3([c.rotor_arm * cos, c.rotor_arm * sin, height]));
             let spin = Spatial::rotation_about(up, Vec3::zero()).scale(rotor.speed);
-            let inertia = RigidInertia::new(c.rotor_mass, at, Sym3::outer(up, c.bell_inertia));
+            let inertia = RigidInertia::new(c.rotor_mass, at, Sym3::disc(up, c.bell_inertia));
             parts.push((inertia, s.velocity + spin));
         }
         if let Some(models) = &c.legs {
@@ -548,6 +548,88 @@ mod tests {
         };
         let [x, y, z] = walk(30.0, 0.5, false);
         assert_eq!(walk(-30.0, -0.5, true), [x, -y, z]);
+    }
+
+    #[test]
+    fn the_same_start_turned_by_any_heading_walks_the_same_in_its_own_axes() {
+        let walk = |turn: f64| {
+            let mut p = plant("W");
+            p.disturb(3, false);
+            let [x, y, _] = p.body().position;
+            p.displace([0.0; 3], turn);
+            p.set_drive(Drive::Ideal { frequency_hz: -30.0, theta_rad: 0.5 });
+            run(&mut p, 0.2, 1e-4);
+            let to = p.body();
+            let (sin, cos) = turn.sin_cos();
+            let [dx, dy] = [to.position[0] - x, to.position[1] - y];
+            [cos * dx + sin * dy, cos * dy - sin * dx, to.position[2]]
+        };
+        let straight = walk(0.0);
+        for turn in [0.3, core::f64::consts::FRAC_PI_4, 2.0, -1.2] {
+            for (turned, straight) in walk(turn).iter().zip(straight) {
+                assert!((turned - straight).abs() < 1e-9, "{turn}: {turned} not {straight}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_sliding_robot_is_braked_by_coulombs_friction_whichever_way_it_slides() {
+        let mut model = RobotModel::named("A").unwrap();
+        let mut legs = model.legs.unwrap();
+        let friction = legs.fl.friction;
+        // Legs that hardly swing, feet that only slide.
+        (legs.bend_stiffness_n_m_rad, legs.twist_stiffness_n_m_rad) = (100.0, 100.0);
+        (legs.bend_damping_n_m_s_rad, legs.twist_damping_n_m_s_rad) = (0.5, 0.5);
+        model.legs = Some(legs);
+        (model.contact.torsional_friction_mm, model.contact.rolling_friction_mm) = (0.0, 0.0);
+        let braking = |angle: f64| {
+            let mut p = Plant::new(&model).unwrap();
+            p.displace([0.0; 3], angle);
+            run(&mut p, 0.5, 1e-4);
+            let height = p.body().position[2];
+            let force = 1.5 * friction * 0.35 * GRAVITY;
+            let push = [force * angle.cos(), force * angle.sin()];
+            // At the height of the soles, so that it does not tip.
+            p.set_push(Wrench {
+                force: [push[0], push[1], 0.0],
+                torque: [height * push[1], -height * push[0], 0.0],
+            });
+            run(&mut p, 0.3, 1e-4);
+            let mut sum = [0.0; 3];
+            for _ in 0..1000 {
+                run(&mut p, 1e-4, 1e-4);
+                for leg in p.legs().unwrap() {
+                    for (sum, force) in sum.iter_mut().zip(leg.floor_force) {
+                        *sum += force;
+                    }
+                }
+            }
+            let [vx, vy, _] = p.body().velocity;
+            assert!(vx * angle.cos() + vy * angle.sin() > 0.3, "{angle}: it slides");
+            sum[0].hypot(sum[1]) / sum[2]
+        };
+        let straight = braking(0.0);
+        assert!((straight / friction - 1.0).abs() < 0.02, "{straight}");
+        for angle in [0.2, core::f64::consts::FRAC_PI_4, 1.1, 2.5, 4.0] {
+            assert!((braking(angle) / straight - 1.0).abs() < 0.01, "{angle}");
+        }
+    }
+
+    #[test]
+    fn friction_does_not_change_how_soft_the_floor_is() {
+        let height = |factor: f64| {
+            let mut model = RobotModel::named("W").unwrap();
+            for leg in model.legs.iter_mut().flat_map(|legs| legs.each_mut()) {
+                leg.friction *= factor;
+            }
+            let mut p = Plant::new(&model).unwrap();
+            run(&mut p, 2.0, 1e-4);
+            p.body().position[2]
+        };
+        let usual = height(1.0);
+        for factor in [0.42, 1.58] {
+            assert!((height(factor) - usual).abs() < 2e-6, "{factor}");
+        }
     }
 
     #[test]

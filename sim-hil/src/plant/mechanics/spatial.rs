@@ -303,6 +303,12 @@ impl<F: Lane> Sym3<F> {
             a.0[2] * t.0[2],
         ])
     }
+    /// Creates the inertia of a thin disc or ring with `axial` about the unit vector `axis`: half of it about any other.
+    #[inline(always)]
+    pub fn disc(axis: Vec3<F>, axial: F) -> Self {
+        let half = axial * F::splat(0.5);
+        Self::diagonal(half) + Self::outer(axis, half)
+    }
     /// Creates the inertia of a point mass `m` at `r` about the origin: `m (r.r 1 - r r^T)`.
     #[inline(always)]
     pub fn point_mass(m: F, r: Vec3<F>) -> Self {

@@ -5,7 +5,7 @@ use super::leg::{BodyStep, LegModel, LegState, LegStep};
 use super::spatial::{Articulated, Mat3, RigidInertia, Spatial, Spread, Sym3, Vec3, solve6};
 use crate::model::GRAVITY;
 
-/// Newton steps after which a choice of pushing edges is taken as it is.
+/// Newton steps after which the grips are taken as they are.
 const NEWTON_LIMIT: usize = 12;
 
 /// How the base may move, with its damping.
@@ -131,7 +131,7 @@ impl<B: Lane> RotorStep<B> {
         let up = body.frame.column(2);
         let at = body.frame.apply(Vec3([c.rotor_arm * cos, c.rotor_arm * sin, height]));
         let axis = Spatial::rotation_about(up, Vec3::zero());
-        let inertia = RigidInertia::new(c.rotor_mass, at, Sym3::outer(up, c.bell_inertia));
+        let inertia = RigidInertia::new(c.rotor_mass, at, Sym3::disc(up, c.bell_inertia));
         let spin = axis.scale(speed);
         let moving = body.velocity + spin;
         let bias = inertia.apply(body.bias + body.velocity.cross_motion(spin))

@@ -255,7 +255,13 @@ fn motion(
     step: f64,
     seed: u64,
 ) -> Option<Twist> {
-    let what = Walk { setpoint: setpoint(f, theta).ok()?, seconds, drive: WalkDrive::Ideal, step };
+    let what = Walk {
+        setpoint: setpoint(f, theta).ok()?,
+        seconds,
+        drive: WalkDrive::Ideal,
+        step,
+        heading: None,
+    };
     let walked = walk(model, &what, seed, |_| {}).ok()?;
     Some(Twist { forward: walked.forward_m_s, lateral: walked.lateral_m_s, yaw: walked.yaw_rad_s })
 }
