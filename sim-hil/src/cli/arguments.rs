@@ -12,7 +12,7 @@ use crate::rig::bench::setpoint;
 /// Robot to simulate.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ModelArgs {
-    /// Model: a TOML file or the name of a shipped one (A, W, calibrated, bench-fixed, bench-planar)
+    /// Model: a TOML file or the name of a shipped one (A, W, calibrated, bench-fixed, bench-planar, random-SEED)
     #[arg(long, value_name = "FILE|NAME", default_value = "W")]
     pub model: String,
 }

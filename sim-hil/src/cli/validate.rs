@@ -14,7 +14,7 @@ use crate::experiment::validation::{Options, Report, validate};
     after_help = "Without options the figures are those of reference model A. For the same figures from MuJoCo:\n  python3 sim-hil/validation/validate.py\n\nExamples:\n  flix-sim validate --json\n  flix-sim validate --model W --leg rr --force 0,0.1,0 --frequency 25"
 )]
 pub struct Args {
-    /// Model: a TOML file or the name of a shipped one
+    /// Model: a TOML file, the name of a shipped one, or random-SEED
     #[arg(long, default_value = "A")]
     model: String,
     /// Frequency of the shaker on a stand, -35 to 35 Hz; may be given several times

@@ -1,7 +1,7 @@
 //! The robot as data: every geometric, mass, leg, foot and contact parameter, with its unit in its name.
 //!
 //! A [`RobotModel`] is read from TOML ([`RobotModel::from_toml`]) or taken by name
-//! ([`RobotModel::named`]: `A`, `W`, `calibrated`, `bench-fixed`, `bench-planar`). Unknown keys are refused, so a key with
+//! ([`RobotModel::named`]: `A`, `W`, `calibrated`, `bench-fixed`, `bench-planar`, `random-SEED`). Unknown keys are refused, so a key with
 //! another unit (`mass_kg` for `mass_g`) is too; every value has a range.
 //!
 //! Axes are FLU (x forward, y left, z up) about the **origin**: the middle of the plate, on its mid-plane,
@@ -15,9 +15,11 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 pub mod electrical;
 pub mod mjcf;
+mod random;
 mod scatter;
 
 pub use electrical::Electrical;
+pub use random::random;
 pub use scatter::scattered;
 
 /// The four legs, in the order of every array in this crate.
@@ -394,13 +396,16 @@ impl RobotModel {
         Ok(model)
     }
 
-    /// Takes a shipped model by name, or reads a file.
+    /// Takes a shipped model by name, draws a random one (`random-7`), or reads a file.
     ///
     /// # Errors
     /// As [`RobotModel::from_toml`] with the name of the file, or that there is no such file.
     pub fn named(name: &str) -> Result<Self, ModelError> {
         if let Some(i) = NAMES.iter().position(|n| *n == name) {
             return Self::from_toml(SHIPPED[i]);
+        }
+        if let Some(seed) = random::seed_of(name) {
+            return Ok(random(seed));
         }
         let text = std::fs::read_to_string(name)
             .map_err(|error| ModelError::NotFound { name: name.to_owned(), error })?;
