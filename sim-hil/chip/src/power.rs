@@ -106,7 +106,7 @@ pub fn cut_all(
         move |rig: &mut Rig| {
             rig.key = Key::new(key);
             let provisioning = rig.provisioning("walker")?;
-            rig.ask_serial(&Request::Provision(provisioning))?;
+            rig.ask_serial(&Request::Provision(provisioning, rig.operator()))?;
             let acknowledged = rig.chip.flash().operations().len();
             rig.until_log("connection to the network", "wi-fi: connected")?;
             Ok(acknowledged)
@@ -132,15 +132,19 @@ fn key_of(rig: &mut Rig, old: Option<[u8; 32]>, new: [u8; 32]) -> Result<Kept, R
     if rig.log().contains("provision the robot again") {
         return Ok(Kept::Neither);
     }
-    let Answer::Proof(proof) = rig.ask_serial(&Request::Prove(CHALLENGE))? else {
-        return Err(RigError::OtherAnswer);
+    let mut is_proved = |key: [u8; 32]| {
+        let key = Key::new(key);
+        match rig.ask_serial(&Request::Prove(CHALLENGE, key.id()))? {
+            Answer::Proof(proof) => Ok(proof.is_some_and(|it| key.is_proved(&CHALLENGE, &it))),
+            _ => Err(RigError::OtherAnswer),
+        }
     };
-    let is_proved =
-        |key: [u8; 32]| proof.is_some_and(|proof| Key::new(key).is_proved(&CHALLENGE, &proof));
-    Ok(match old {
-        _ if is_proved(new) => Kept::New,
-        Some(old) if is_proved(old) => Kept::Old,
-        None if !has_key && proof.is_none() => Kept::Old,
+    let is_new = is_proved(new)?;
+    let is_old = old.map(&mut is_proved).transpose()?;
+    Ok(match (is_new, is_old) {
+        (true, None | Some(false)) => Kept::New,
+        (false, Some(true)) => Kept::Old,
+        (false, None) if !has_key => Kept::Old,
         _ => Kept::Neither,
     })
 }
