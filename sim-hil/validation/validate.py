@@ -344,7 +344,7 @@ def compare(program, model, frequencies, a):
 
 def robots(program, a):
     """Random robots: all rows, and one walk of each."""
-    seeds = a.walk or 2
+    seeds = a.walk or 4
     met = total = 0
     walks_met = walks_total = 0
     for index in range(a.robots):
