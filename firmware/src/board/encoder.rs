@@ -10,6 +10,11 @@ use crate::hardware::EncoderAngle;
 pub const AS5600_ADDRESS: u8 = 0x36;
 /// AS5600: STATUS, followed by the two bytes of RAW ANGLE: three bytes a reading.
 pub const AS5600_STATUS_REGISTER: u8 = 0x0B;
+/// AS5600: CONF, two bytes, which last until its supply goes.
+pub const AS5600_CONFIGURATION_REGISTER: u8 = 0x07;
+/// AS5600 CONF: always on, no hysteresis, its least filter (SF = 2x), which settles in 0.29 ms. Out of the box it is 16x,
+/// 2.2 ms: at 35 Hz and 7 pole pairs 97 electrical degrees.
+pub const AS5600_CONFIGURATION: [u8; 2] = [0x03, 0x00];
 /// AS5600 STATUS: a magnet is there.
 const AS5600_MAGNET_DETECTED: u8 = 1 << 5;
 /// AS5600 and its brothers: 12 bits.

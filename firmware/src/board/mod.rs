@@ -79,6 +79,19 @@ pub enum EncoderKind {
     As5047p,
 }
 
+impl EncoderKind {
+    /// Returns how much older than its reading an angle is, microseconds: the AS5600's filter, half of what
+    /// [`encoder::AS5600_CONFIGURATION`] settles in; the MT6701's 5 us (data sheet revision 1.8); the AS5047P predicts.
+    #[must_use]
+    pub const fn delay_us(self) -> u16 {
+        match self {
+            Self::As5600 => 143,
+            Self::Mt6701 => 5,
+            Self::As5047p => 0,
+        }
+    }
+}
+
 /// Pins of one three-phase bridge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BridgePins {

@@ -19,6 +19,7 @@ use flix_firmware::hardware::{Encoder, EncoderAngle, EncoderReading, TICK_US};
 use flix_protocol::units::Instant;
 
 use crate::bridge::{output, pin};
+use crate::choice::BOARD;
 
 /// A reading, or the lack of one, and when.
 #[derive(Debug, Clone, Copy)]
@@ -35,6 +36,7 @@ impl Sample {
         let Some(angle) = self.angle else { return Encoder::Failed };
         let age = now.as_micros().saturating_sub(self.time.as_micros());
         let age_us = u16::try_from(age).unwrap_or(u16::MAX);
+        let age_us = age_us.saturating_add(BOARD.encoder.delay_us());
         Encoder::Reading(EncoderReading { angle, age_us })
     }
 }

@@ -10,7 +10,10 @@ use esp_hal::peripherals::{
 use esp_hal::system::{CpuControl, Stack};
 use esp_hal::time::{Duration, Rate};
 use esp_storage::FlashStorage;
-use flix_firmware::board::encoder::{AS5600_ADDRESS, AS5600_STATUS_REGISTER, as5600};
+use flix_firmware::board::encoder::{
+    AS5600_ADDRESS, AS5600_CONFIGURATION, AS5600_CONFIGURATION_REGISTER, AS5600_STATUS_REGISTER,
+    as5600,
+};
 use flix_firmware::board::{BridgePins, EncoderKind, I2cPins};
 use flix_firmware::hardware::Actuation;
 use static_cell::StaticCell;
@@ -212,18 +215,33 @@ fn i2c(
     Some(I2c::new(unit, config).ok()?.with_sda(pin(pins.sda)).with_scl(pin(pins.scl)))
 }
 
+/// Sets an AS5600's filter; whether it is set then.
+fn configure(bus: &mut I2c<'static, Blocking>) -> bool {
+    let [high, low] = AS5600_CONFIGURATION;
+    let mut found = [0; 2];
+    bus.write(AS5600_ADDRESS, &[AS5600_CONFIGURATION_REGISTER, high, low]).is_ok()
+        && bus.write_read(AS5600_ADDRESS, &[AS5600_CONFIGURATION_REGISTER], &mut found).is_ok()
+        && found == AS5600_CONFIGURATION
+}
+
 /// Reads both AS5600 in turn, below the fast loop, and leaves what they say for it.
 fn read_i2c_for_ever(mut buses: I2cBuses) -> ! {
+    let mut configured = [false; 2];
     loop {
-        for (bus, newest) in buses.iter_mut().zip(&SAMPLES) {
+        for ((bus, newest), configured) in buses.iter_mut().zip(&SAMPLES).zip(&mut configured) {
             let Some(bus) = bus else { continue };
+            // An encoder that was lost may have been without its supply.
+            if !*configured {
+                *configured = configure(bus);
+            }
             let mut frame = [0; 3];
             let before = now();
             let outcome = bus.write_read(AS5600_ADDRESS, &[AS5600_STATUS_REGISTER], &mut frame);
             // The angle is latched as its first byte is read, about in the middle.
             let half = now().as_micros().saturating_sub(before.as_micros()) / 2;
             let time = flix_protocol::units::Instant::from_micros(before.as_micros() + half);
-            let angle = outcome.ok().and_then(|()| as5600(frame));
+            let angle = outcome.ok().and_then(|()| as5600(frame)).filter(|_| *configured);
+            *configured = angle.is_some();
             newest.signal(Sample { angle, time });
         }
     }
