@@ -86,7 +86,7 @@ pub const SEALED: u8 = 6;
 const STOP: u8 = 7;
 const STOPPED: u8 = 8;
 /// Kind of a sealed datagram that renews the keys of its session.
-const RENEWAL: u8 = 9;
+pub const RENEWAL: u8 = 9;
 const HELD: u8 = 10;
 
 const VERSION_LENGTH: usize = 2 + 8;

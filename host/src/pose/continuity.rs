@@ -2,10 +2,12 @@
 //!
 //! Motion capture is not authenticated. Poses that somebody sends beside the true ones are somewhere
 //! else, so the two streams jump to and fro. A pose is trusted when each pose of the last
-//! [`STEADY_TIME`] was within reach of the one before it; the reach in the time `dt` is [`REACH`]` +
-//! `[`FASTEST`]` * dt` and [`TURN`]` + `[`FASTEST_TURN`]` * dt`. Two streams therefore contradict
-//! each other and neither is trusted, unless they differ by less than the reach: beside a true stream
-//! of 100 poses per second a stranger can displace the poses by 4 cm and 0.3 rad at most. A robot
+//! [`STEADY_TIME`] was within reach of the one before it, and of one that is [`ANCHOR_AGE`] old or the
+//! next older; the reach in the time `dt` is [`REACH`]` + `[`FASTEST`]` * dt` and [`TURN`]` +
+//! `[`FASTEST_TURN`]` * dt`. Two streams therefore contradict each other and neither is trusted, unless
+//! they differ by less than the reach: beside a true stream of 100 poses per second a stranger can displace
+//! the poses by 4 cm and 0.3 rad for long. For less than the time from one true pose to the next, and not again
+//! for [`STEADY_TIME`], it is 10 cm: the older pose keeps him from creeping away in many small steps. A robot
 //! that is carried to another place is trusted again [`STEADY_TIME`] after it was put down.
 
 use std::time::Duration;
@@ -24,6 +26,8 @@ pub const TURN: f64 = 0.2;
 pub const FASTEST: f64 = 1.0;
 /// Fastest turn of a robot, rad/s: some five times the paper's fastest mode.
 pub const FASTEST_TURN: f64 = 10.0;
+/// Least age of the older pose that the next one has to be within reach of: the period of 100 poses per second.
+pub const ANCHOR_AGE: Duration = Duration::from_millis(10);
 /// Time without a jump after which a stream is trusted: 20 poses at 100 Hz, and twice the age at
 /// which a pose is too old to steer by.
 pub const STEADY_TIME: Duration = Duration::from_millis(200);
@@ -35,6 +39,7 @@ pub const LONGEST_GAP: Duration = STEADY_TIME;
 #[derive(Debug, Clone, Default)]
 pub struct Continuity {
     last: Option<(Instant, Pose)>,
+    anchor: Option<(Instant, Pose)>,
     steady_since: Instant,
     jumps: u64,
 }
@@ -42,14 +47,17 @@ pub struct Continuity {
 impl Continuity {
     /// Takes the next pose of the stream and returns whether it is trusted.
     pub fn take(&mut self, time: Instant, pose: &Pose) -> bool {
-        let continues = self.last.replace((time, *pose)).is_some_and(|(before, previous)| {
-            let elapsed = time.since(before);
-            let reachable = is_within_reach(&previous, pose, elapsed.as_secs_f64());
-            self.jumps += u64::from(!reachable);
-            reachable && elapsed <= LONGEST_GAP
-        });
-        if !continues {
+        let is_reachable = |(before, previous): &(Instant, Pose)| {
+            is_within_reach(previous, pose, time.since(*before).as_secs_f64())
+        };
+        let reachable = [&self.last, &self.anchor].into_iter().flatten().all(is_reachable);
+        self.jumps += u64::from(!reachable);
+        let before = self.last.replace((time, *pose));
+        if !reachable || before.is_none_or(|(at, _)| time.since(at) > LONGEST_GAP) {
             self.steady_since = time;
+            self.anchor = self.last;
+        } else if self.anchor.is_none_or(|(at, _)| time.since(at) >= ANCHOR_AGE) {
+            self.anchor = before;
         }
         time.since(self.steady_since) >= STEADY_TIME
     }
@@ -137,6 +145,14 @@ mod tests {
         let trusted = (0..).find(|i| continuity.take(at(1010 + i * 10), &pose(0.8, 1.0)));
         assert_eq!(trusted, Some(20));
         assert_eq!(continuity.jumps(), 1);
+    }
+
+    #[test]
+    fn many_small_steps_lead_no_farther_than_one() {
+        let mut continuity = steady();
+        let trusted = (1..10_u32).map(|i| (0.02 * f64::from(i), 1000 + u64::from(i)));
+        let trusted = trusted.filter(|(x, time)| continuity.take(at(*time), &pose(*x, 0.0)));
+        assert_eq!(trusted.map(|(x, _)| x).collect::<Vec<_>>(), [0.02]);
     }
 
     #[test]

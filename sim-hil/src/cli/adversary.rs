@@ -6,7 +6,7 @@ use super::Error;
 use super::output::{print_verdict, progress, row, table, words};
 use crate::reliability::adversary::{
     ANSWERS_LIMIT, Effort, FOREIGN_STOP_LIMIT_S, HANDSHAKE_LIMIT_S, MOVEMENT_LIMIT_S,
-    NEXT_OPERATOR_LIMIT_S, Verdict, measure,
+    NEXT_OPERATOR_LIMIT_S, POSE_LIMIT_M, Verdict, measure,
 };
 
 /// Attack live robots over their link and count what the attack achieves
@@ -73,6 +73,12 @@ fn text(verdict: &Verdict) -> String {
             "next operator's wait (s)",
             format!("{:.3}", verdict.longest_wait_of_next_operator_s),
             NEXT_OPERATOR_LIMIT_S
+        ],
+        row!["failures while keys are renewed", verdict.renewal_failures, 0],
+        row![
+            "farthest trusted pose (m)",
+            format!("{:.3}", verdict.farthest_trusted_pose_m),
+            POSE_LIMIT_M
         ],
         row!["panics", verdict.panics, 0],
     ];

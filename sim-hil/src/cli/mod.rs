@@ -174,7 +174,9 @@ impl Error {
                 | Self::Calibration(CalibrationError::NoLegs(_) | CalibrationError::Other { .. })
                 | Self::Table(_)
                 | Self::Key(_)
-                | Self::Serve(serve::ServeError::Listen { .. })
+                | Self::Serve(
+                    serve::ServeError::Listen { .. } | serve::ServeError::Operators { .. }
+                )
                 | Self::Write { .. }
                 | Self::Plot(flix_host::plot::PlotError::Write { .. })
                 | Self::Recording(crate::view::RecordingError::Write { .. })

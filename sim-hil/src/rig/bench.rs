@@ -135,13 +135,19 @@ fn bench_of(model: &RobotModel, base: Base, seed: u64) -> Result<Operation<Plant
     operation(&on_stand, seed, None, ChannelParameters::QUIET_WIFI)
 }
 
+/// Returns the key of the robots of the bench.
+#[must_use]
+pub const fn bench_key() -> Key {
+    Key::new([0x5a; 32])
+}
+
 fn operation(
     model: &RobotModel,
     seed: u64,
     flash: Option<Vec<u8>>,
     network: ChannelParameters,
 ) -> Result<Operation<Plant>, ModelError> {
-    let parameters = RobotParameters::of(&model.electrical, Key::new([0x5a; 32]), seed)?;
+    let parameters = RobotParameters::of(&model.electrical, bench_key(), seed)?;
     if flash.is_some() {
         parameters.flash.overwrite(flash);
     }

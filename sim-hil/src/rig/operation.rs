@@ -11,7 +11,7 @@ use flix_protocol::frame::Frame;
 use flix_protocol::message::{
     Command, Faults, Outcome, ParameterCommand, Refusal, Setpoint, State,
 };
-use flix_protocol::session::{ConnectError, Key};
+use flix_protocol::session::{ConnectError, Key, StopSession};
 use flix_protocol::units::Instant;
 use rand::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -152,6 +152,37 @@ impl<M: Mechanics> Operation<M> {
         let mut operation = Self { robot, operators: Vec::new(), random };
         operation.add_operator(key, network);
         operation
+    }
+
+    /// Stops the robot from outside any session, with the robot's key and from this address, at once. Returns
+    /// what was sent to it.
+    ///
+    /// # Errors
+    /// When the mechanics diverge.
+    pub fn stop_from(&mut self, address: SocketAddr) -> Result<Vec<Vec<u8>>, Diverged> {
+        let mut entropy = [0; 32];
+        self.random.fill_bytes(&mut entropy);
+        let key = self.robot.parameters().key().unwrap_or_else(|| Key::new([0; 32]));
+        let mut stop = StopSession::new(&key, entropy, self.robot.now());
+        let mut sent = Vec::new();
+        let mut frame = Frame::new();
+        while stop.poll_at().is_some() {
+            let now = self.robot.now();
+            if let Some(datagram) = stop.poll(now) {
+                self.robot.receive(address, &datagram);
+                sent.push(datagram.to_vec());
+            }
+            while let Some(to) = self.robot.transmit(&mut frame) {
+                if to == address {
+                    // What it drops it asks for again.
+                    let _ = stop.receive(now, &frame);
+                } else if let Some(it) = self.operators.iter_mut().find(|it| it.address == to) {
+                    it.to_operator.send(now, &frame);
+                }
+            }
+            self.tick()?;
+        }
+        Ok(sent)
     }
 
     /// Adds one operator; returns his index.

@@ -3,8 +3,8 @@
 use core::net::{Ipv4Addr, SocketAddr};
 
 use flix_protocol::frame::{
-    HANDSHAKE_LENGTHS, HEAD, MAGIC, MAXIMUM_DATAGRAM, SEALED, SEALED_COUNTER, SEALED_HEADER,
-    TAG_LENGTH,
+    Datagram, HANDSHAKE_LENGTHS, HEAD, MAGIC, MAXIMUM_DATAGRAM, RENEWAL, SEALED, SEALED_COUNTER,
+    SEALED_HEADER, TAG_LENGTH,
 };
 use flix_protocol::session::{Key, OperatorSession};
 use flix_protocol::units::Instant;
@@ -12,6 +12,7 @@ use rand::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::kind::Kind;
+use super::renewal::foreign_renewals;
 use crate::rig::operation::Towards;
 
 /// Genuine datagrams that the attacker keeps: the newest of each way.
@@ -25,9 +26,13 @@ pub(super) struct Attacker {
     /// What arrived at the robot in the present session, and, at the operator.
     to_robot: Vec<Vec<u8>>,
     to_operator: Vec<Vec<u8>>,
-    /// What an earlier session said to this robot, and what one said to another.
+    /// What an earlier session said to this robot, with a stop from outside it, and what one said to another.
     earlier: Vec<Vec<u8>>,
     elsewhere: Vec<Vec<u8>>,
+    /// The stop that was obeyed.
+    stop: Vec<u8>,
+    /// Renewals of another session under the same key.
+    renewals: Vec<Vec<u8>>,
 }
 
 /// Length of the sealed datagrams that are made up: with 8 bytes of ciphertext.
@@ -37,7 +42,12 @@ impl Attacker {
     /// Has heard what an earlier session said to this robot, and what one said to another.
     pub(super) fn new(seed: u64, earlier: Vec<Vec<u8>>, elsewhere: Vec<Vec<u8>>) -> Self {
         let random = Xoshiro256PlusPlus::seed_from_u64(seed);
-        Self { random, to_robot: Vec::new(), to_operator: Vec::new(), earlier, elsewhere }
+        let stop =
+            earlier.iter().find(|it| matches!(Datagram::parse(it), Some(Datagram::Stop { .. })));
+        let stop = stop.cloned().unwrap_or_default();
+        let (to_robot, to_operator) = (Vec::new(), Vec::new());
+        let renewals = foreign_renewals();
+        Self { random, to_robot, to_operator, earlier, elsewhere, stop, renewals }
     }
 
     pub(super) fn keep(&mut self, towards: Towards, datagram: &[u8]) {
@@ -141,6 +151,44 @@ impl Attacker {
                 hello
             }
             Kind::SecondOperator => self.hello(Key::new([0x5a; 32]), now),
+            Kind::ForgedStop => {
+                // Of the stop that was obeyed, or of the Confirm of the present session.
+                let confirm = self.to_robot.iter().find(|it| is_confirm(it)).cloned();
+                let mut datagram = self.stop.clone();
+                if let Some(confirm) = confirm.filter(|_| self.below(2) == 0) {
+                    datagram = [&datagram[..HEAD.min(datagram.len())], &confirm[HEAD..]].concat();
+                } else {
+                    let bit =
+                        8 * HEAD + self.below(8 * (datagram.len() - HEAD.min(datagram.len())));
+                    if let Some(byte) = datagram.get_mut(bit / 8) {
+                        *byte ^= 1 << (bit % 8);
+                    }
+                }
+                datagram
+            }
+            Kind::ReplayedStop => self.stop.clone(),
+            Kind::ForgedRenewal => {
+                let mut datagram = self.genuine();
+                let step = self.random.next_u64() % 3;
+                advance_counter(&mut datagram, step);
+                if let Some(kind) = datagram.get_mut(MAGIC.len()).filter(|kind| **kind == SEALED) {
+                    *kind = RENEWAL;
+                }
+                datagram
+            }
+            Kind::ForeignRenewal => {
+                let mut datagram = self.one_of(|attacker| &attacker.renewals);
+                // As often as not under the present session's number.
+                let session = HEAD..SEALED_COUNTER.start;
+                let present = self.genuine();
+                if self.below(2) == 0
+                    && let (Some(to), Some(from)) =
+                        (datagram.get_mut(session.clone()), present.get(session))
+                {
+                    to.copy_from_slice(from);
+                }
+                datagram
+            }
             // The network's own: these are not made up.
             _ => self.genuine(),
         }
@@ -163,6 +211,10 @@ impl Attacker {
         let hello = OperatorSession::new(key, entropy, now).poll(now);
         hello.map_or_else(Vec::new, |hello| hello.to_vec())
     }
+}
+
+fn is_confirm(datagram: &[u8]) -> bool {
+    matches!(Datagram::parse(datagram), Some(Datagram::Confirm { .. }))
 }
 
 fn advance_counter(datagram: &mut [u8], step: u64) {

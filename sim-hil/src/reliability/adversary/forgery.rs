@@ -38,6 +38,8 @@ pub(super) const TICKS_PER_MS: u64 = TICK_RATE_HZ as u64 / 1_000;
 const LENGTH: Duration = Duration::from_secs(9);
 /// Time of its last turn.
 const TURN: Duration = Duration::from_millis(7_500);
+/// From where somebody else with the key stopped the robot.
+const ELSEWHERE: ([u8; 4], u16) = ([192, 0, 2, 250], 40_000);
 /// Each way.
 pub(super) const NETWORK: ChannelParameters =
     ChannelParameters { delay: Duration::from_millis(2), ..ChannelParameters::PERFECT };
@@ -184,12 +186,16 @@ impl Scenario {
         }
         let pretends =
             self.attacker.below(2) == 0 && !matches!(kind, Kind::HelloFlood | Kind::SecondOperator);
-        let from = if pretends { operator } else { self.attacker.address() };
+        let from = match kind {
+            Kind::ReplayedStop => ELSEWHERE.into(),
+            _ if pretends => operator,
+            _ => self.attacker.address(),
+        };
         self.attacked.robot.receive(from, &datagram);
     }
 }
 
-/// What a session of one second says to the robot.
+/// What a session of one second says to the robot, and a stop from outside before it.
 fn overhear_session(operation: &mut Operation<Plant>) -> Result<Vec<Vec<u8>>, BenchError> {
     let mut heard = Vec::new();
     let mut overhear = |operation: &mut Operation<Plant>, until: Instant| {
@@ -204,6 +210,10 @@ fn overhear_session(operation: &mut Operation<Plant>) -> Result<Vec<Vec<u8>>, Be
     };
     let start = operation.now();
     overhear(operation, start + Duration::from_millis(700))?;
+    let mut stopped = operation.stop_from(ELSEWHERE.into())?;
+    let now = operation.now();
+    operation.client().request(now, Command::Clear);
+    overhear(operation, now + Duration::from_millis(100))?;
     let now = operation.now();
     operation.client().request(now, Command::Arm);
     overhear(operation, now + Duration::from_millis(1_500))?;
@@ -215,6 +225,7 @@ fn overhear_session(operation: &mut Operation<Plant>) -> Result<Vec<Vec<u8>>, Be
     overhear(operation, now + Duration::from_millis(1_000))?;
     let now = operation.now();
     operation.client().connect(now);
+    heard.append(&mut stopped);
     Ok(heard)
 }
 

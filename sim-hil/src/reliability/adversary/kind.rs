@@ -36,6 +36,14 @@ pub enum Kind {
     HelloFlood,
     /// A second operator, with the right key.
     SecondOperator,
+    /// A stop from outside a session, altered or made of a handshake.
+    ForgedStop,
+    /// A stop from outside a session that was obeyed earlier, from the address that sent it.
+    ReplayedStop,
+    /// A renewal of keys, made of a genuine datagram of the present session.
+    ForgedRenewal,
+    /// A renewal of the keys of another session under the same key.
+    ForeignRenewal,
     /// Genuine datagrams that arrive late, both ways.
     Delayed,
     /// Genuine datagrams that arrive late at the robot alone.
@@ -58,10 +66,16 @@ pub enum Kind {
     KeptOverRestart,
     /// Genuine datagrams that are kept while the robot is given another key, and all that was recorded, after that.
     KeptOverKeyChange,
+    /// Renewals of keys that are kept for minutes, or for good.
+    RenewalHeldBack,
+    /// Renewals of keys, of either end, that are played again in their own session.
+    RenewalReplayed,
+    /// Poses in the name of the motion capture, beside the true ones.
+    ForgedPoses,
 }
 
 /// What the attacker makes up, each as often as the others.
-pub const FORGERIES: [Kind; 15] = [
+pub const FORGERIES: [Kind; 19] = [
     Kind::Noise,
     Kind::Headed,
     Kind::Forged,
@@ -77,6 +91,10 @@ pub const FORGERIES: [Kind; 15] = [
     Kind::OtherKey,
     Kind::HelloFlood,
     Kind::SecondOperator,
+    Kind::ForgedStop,
+    Kind::ReplayedStop,
+    Kind::ForgedRenewal,
+    Kind::ForeignRenewal,
 ];
 
 /// What a network in the attacker's hands does to genuine datagrams, each in as many sessions as the others.
@@ -93,3 +111,6 @@ pub const HOLD_UPS: [Kind; 11] = [
     Kind::KeptOverRestart,
     Kind::KeptOverKeyChange,
 ];
+
+/// What is done to the renewals of a session's keys, each to as many sessions as the others.
+pub const RENEWALS: [Kind; 2] = [Kind::RenewalHeldBack, Kind::RenewalReplayed];

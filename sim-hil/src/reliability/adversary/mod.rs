@@ -1,11 +1,14 @@
 //! Somebody on the network who sees everything, holds back and sends anything from any address, and does not have the
-//! key: what he makes up ([`FORGERIES`]), what he does to genuine datagrams ([`HOLD_UPS`]), and any bytes.
+//! key: what he makes up ([`FORGERIES`]), what he does to genuine datagrams ([`HOLD_UPS`]) and to the renewal of keys
+//! ([`RENEWALS`]), poses in the name of the motion capture, and any bytes.
 
 mod attacker;
 mod forgery;
 mod fuzz;
 mod hold_up;
 mod kind;
+mod poses;
+mod renewal;
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -16,7 +19,8 @@ use serde::Serialize;
 
 use forgery::{Scenario, Turn};
 pub use hold_up::{FOREIGN_STOP_LIMIT_S, MOVEMENT_LIMIT_S, NEXT_OPERATOR_LIMIT_S};
-pub use kind::{FORGERIES, HOLD_UPS, Kind};
+pub use kind::{FORGERIES, HOLD_UPS, Kind, RENEWALS};
+pub use poses::POSE_LIMIT_M;
 
 use crate::rig::bench::{Base, BenchError, learnt};
 
@@ -24,6 +28,9 @@ use crate::rig::bench::{Base, BenchError, learnt};
 const DATAGRAMS_PER_SCENARIO: u64 = 900_000;
 /// Bytes fuzzed in one piece of work.
 const FUZZED_AT_ONCE: u64 = 5_000_000;
+/// Fewest and most poses that are forged; between them, a tenth as many as datagrams.
+const FEWEST_POSES: u64 = 10_000;
+const MOST_POSES: u64 = 1_000_000;
 /// Longest time that a handshake may take under a flood, s.
 pub const HANDSHAKE_LIMIT_S: f64 = 1.0;
 /// Least share of commands whose answers the operator has to hear under a flood.
@@ -73,6 +80,10 @@ pub struct Verdict {
     pub longest_foreign_stop_s: f64,
     /// Longest time from an operator's last intent to move to the next operator's session.
     pub longest_wait_of_next_operator_s: f64,
+    /// Commands lost, and datagrams accepted that should not be, while keys were renewed under attack.
+    pub renewal_failures: u64,
+    /// Farthest trusted pose from the robot, while somebody forges poses, m.
+    pub farthest_trusted_pose_m: f64,
     /// Fed to decoders, sessions and [`flix_firmware::robot::Robot::receive`].
     pub fuzzed_bytes: u64,
     /// Of any of them.
@@ -93,8 +104,10 @@ pub fn measure(
     let flash = learnt(Base::Free, seed)?;
     let forged = forge(seed, effort.datagrams, &flash, &done)?;
     let held_up = hold_up(seed, effort.sessions, &flash, &done)?;
+    let renewed: Vec<_> = RENEWALS.into_par_iter().map(|kind| renewal::run(seed, kind)).collect();
+    let poses = poses::run(seed, (effort.datagrams / 10).clamp(FEWEST_POSES, MOST_POSES));
     let fuzzed = fuzz_all(seed, effort.bytes, &done);
-    Ok(verdict(seed, effort, &forged, &held_up, &fuzzed))
+    Ok(verdict(seed, effort, &forged, &held_up, (&renewed, poses), &fuzzed))
 }
 
 fn forge(
@@ -157,6 +170,7 @@ fn verdict(
     effort: Effort,
     forged: &[forgery::Account],
     held_up: &[hold_up::Account],
+    (renewed, poses): (&[renewal::Account], poses::Account),
     fuzzed: &[(u64, u64)],
 ) -> Verdict {
     let sum = |figure: &dyn Fn(&forgery::Account) -> u64| forged.iter().map(figure).sum::<u64>();
@@ -166,6 +180,8 @@ fn verdict(
     for (kind, count) in held_up.iter().flat_map(|account| &account.kinds) {
         *kinds.entry(*kind).or_default() += count;
     }
+    kinds.extend(renewed.iter().map(|account| (account.kind, account.datagrams)));
+    kinds.insert(Kind::ForgedPoses, poses.forged);
     let dropped = DropReason::ALL.into_iter().map(|reason| {
         let count = sum(&|account| u64::from(account.dropped.get(reason)));
         (reason.to_string().replace(' ', "_"), count)
@@ -190,6 +206,8 @@ fn verdict(
         longest_wait_of_next_operator_s: longest(
             &mut held_up.iter().map(|account| account.next_operator_s),
         ),
+        renewal_failures: renewed.iter().map(|account| account.failures).sum(),
+        farthest_trusted_pose_m: poses.farthest_m,
         fuzzed_bytes: fuzzed.iter().map(|(bytes, _)| bytes).sum(),
         panics: fuzzed.iter().map(|(_, panics)| panics).sum(),
         pass: false,
@@ -203,6 +221,8 @@ fn verdict(
         && verdict.longest_movement_after_intent_s <= MOVEMENT_LIMIT_S
         && verdict.longest_foreign_stop_s <= FOREIGN_STOP_LIMIT_S
         && verdict.longest_wait_of_next_operator_s <= NEXT_OPERATOR_LIMIT_S
+        && verdict.renewal_failures == 0
+        && verdict.farthest_trusted_pose_m <= POSE_LIMIT_M
         // Else there was little to disturb.
         && (4 * verdict.driven_sessions >= verdict.sessions || verdict.sessions < A_FEW)
         && forged.iter().all(|account| account.is_complete);
@@ -228,6 +248,14 @@ mod tests {
         let verdict = measure(3, Effort { sessions: 22, ..NONE }, |_| ()).unwrap();
         assert!(verdict.pass, "{verdict:?}");
         assert!(HOLD_UPS.iter().all(|kind| verdict.kinds[kind] > 0), "{verdict:?}");
+    }
+
+    #[test]
+    fn renewals_that_are_held_back_or_played_again_lose_no_command_and_prolong_nothing() {
+        for kind in RENEWALS {
+            let account = renewal::run(3, kind);
+            assert!(account.failures == 0 && account.datagrams > 0, "{account:?}");
+        }
     }
 
     #[test]
