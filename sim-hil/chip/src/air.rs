@@ -2,25 +2,15 @@
 
 use std::time::Duration;
 
-use flix_protocol::DEFAULT_PORT;
 use flix_protocol::message::State;
-use rand::{Rng as _, SeedableRng};
-use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
 
-use crate::chip::cycles;
-use crate::network::Datagram;
+use crate::flood::Flood;
 use crate::rig::{Rig, RigError};
 use crate::session::{Hold, Times, hold, loop_failures};
 
 /// How long the radio is gone.
 const GONE: Duration = Duration::from_secs(5);
-/// Forged datagrams a second.
-const FLOOD_HZ: u64 = 1_000;
-/// The forger's port.
-const FORGER_PORT: u16 = 50_000;
-/// Bytes of a forged datagram: as long as a command's.
-const FORGED_BYTES: usize = 64;
 /// What is held meanwhile: Hz, degrees.
 const HELD: (f64, f64) = (20.0, 0.0);
 
@@ -95,32 +85,4 @@ fn instructions(rig: &mut Rig, time: Duration) -> Result<f64, RigError> {
     let before = rig.chip.counters().instructions;
     rig.run(time)?;
     Ok((rig.chip.counters().instructions - before) as f64 / time.as_secs_f64())
-}
-
-/// Somebody without the key, who sends datagrams of a right length and wrong content.
-pub struct Flood {
-    random: Xoshiro256PlusPlus,
-    next: u64,
-    /// Datagrams so far.
-    pub sent: u64,
-}
-
-impl Flood {
-    /// Creates one whose bytes follow from the seed.
-    #[must_use]
-    pub fn new(seed: u64) -> Self {
-        Self { random: Xoshiro256PlusPlus::seed_from_u64(seed), next: 0, sent: 0 }
-    }
-
-    /// Sends what is due.
-    pub(crate) fn send(&mut self, network: &mut crate::network::Network, now: u64) {
-        if now < self.next {
-            return;
-        }
-        self.next = now.max(self.next) + cycles(Duration::from_secs(1)) / FLOOD_HZ;
-        let mut payload = vec![0; FORGED_BYTES];
-        self.random.fill_bytes(&mut payload);
-        network.send_datagram(&Datagram { port: FORGER_PORT, payload }, DEFAULT_PORT, now);
-        self.sent += 1;
-    }
 }

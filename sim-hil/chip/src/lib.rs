@@ -10,6 +10,7 @@ mod block;
 pub mod chip;
 mod cpu;
 pub mod fault;
+pub mod flood;
 pub mod image;
 pub mod live;
 pub mod marks;

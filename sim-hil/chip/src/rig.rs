@@ -17,9 +17,9 @@ use flix_sim::plant::Diverged;
 use flix_sim::rig::robot::Truth;
 
 use crate::CYCLES_PER_SECOND;
-use crate::air::Flood;
 use crate::chip::{Chip, ResetReason, Stop, cycles};
 use crate::flash::Flash;
+use crate::flood::Flood;
 use crate::image::{Image, programmed_flash};
 use crate::network::{Datagram, LEASE};
 use crate::robot::{Robot, STEP_CYCLES};
