@@ -71,6 +71,8 @@ impl Cli {
 
 /// The radio transmits with no less.
 const LEAST_TRANSMIT_DBM: f64 = 10.0;
+/// Interrupts of the radio and the scheduler (esp-radio, esp-rtos).
+const RADIO_PRIORITY: u32 = 1;
 /// To approach each setpoint, and to measure it; the same in short.
 const TIMES: [Duration; 2] = [Duration::from_secs(4), Duration::from_secs(1)];
 const QUICK_TIMES: [Duration; 2] = [Duration::from_secs(1), Duration::from_millis(300)];
@@ -167,6 +169,11 @@ fn try_robot(cli: &Cli, rig: &mut Rig, verdict: &mut Verdict) -> Result<(), RigE
     let power = rig.chip.counters().transmit_power_dbm;
     if power.is_none_or(|power| power < LEAST_TRANSMIT_DBM) {
         verdict.failures.push(format!("the radio transmits with {power:?} dBm"));
+    }
+    let priority = rig.chip.counters().fast_loop_priority;
+    if priority <= RADIO_PRIORITY {
+        let sentence = "the fast loop's interrupt is not above the radio's: priority";
+        verdict.failures.push(format!("{sentence} {priority}"));
     }
     if cli.runs(Part::Session) {
         let report = drive(rig, cli.times(), &progress)?;
