@@ -92,37 +92,26 @@ pub struct FixedAddress {
 }
 
 /// A value was refused for provisioning.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum ProvisioningError {
     /// The name is empty, too long, or not a host name's label.
+    #[error(
+        "a robot's name is 1 to {LONGEST_LABEL} letters, digits and hyphens, and neither begins nor ends with a hyphen"
+    )]
     Name,
     /// The network's name is empty or longer than [`NETWORK_LENGTH`] bytes.
+    #[error("a network's name is 1 to {NETWORK_LENGTH} bytes long")]
     Network,
     /// The password is not UTF-8, or neither empty (an open network) nor of 8 to
     /// [`PASSWORD_LENGTH`] bytes.
+    #[error(
+        "a network's password is {SHORTEST_PASSWORD} to {PASSWORD_LENGTH} bytes long, or empty for an open network"
+    )]
     Password,
     /// A fixed address with more than 32 bits of network.
+    #[error("an address has a network part of 0 to 32 bits")]
     Address,
 }
-
-impl fmt::Display for ProvisioningError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Name => write!(
-                f,
-                "a robot's name is 1 to {LONGEST_LABEL} letters, digits and hyphens, and neither begins nor ends with a hyphen"
-            ),
-            Self::Network => write!(f, "a network's name is 1 to {NETWORK_LENGTH} bytes long"),
-            Self::Password => write!(
-                f,
-                "a network's password is {SHORTEST_PASSWORD} to {PASSWORD_LENGTH} bytes long, or empty for an open network"
-            ),
-            Self::Address => f.write_str("an address has a network part of 0 to 32 bits"),
-        }
-    }
-}
-
-impl core::error::Error for ProvisioningError {}
 
 /// WPA2's shortest password.
 const SHORTEST_PASSWORD: usize = 8;
@@ -240,21 +229,28 @@ pub enum Answer {
 }
 
 /// Why a robot refused a request.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 pub enum ProvisionRefusal {
     /// A value cannot be used.
+    #[error("the robot cannot use one of the values")]
     Malformed,
     /// The motors do not coast.
+    #[error("the motors are on: disarm the robot first")]
     Driving,
     /// The storage could not be written.
+    #[error("the robot could not write its storage")]
     Storage,
     /// The robot has no owner yet, who could add or revoke operators.
+    #[error("the robot has no owner yet: provision it first")]
     Unprovisioned,
     /// There is no room for another operator.
+    #[error("the robot has {MAXIMUM_OPERATORS} operators already: revoke one first")]
     Full,
     /// Another operator has this name.
+    #[error("another operator has this name: choose another, or revoke that one first")]
     Taken,
     /// The only operator is not revoked: nobody could command the robot.
+    #[error("the robot has no other operator: add one first, or use --new-key or --forget")]
     Last,
 }
 
@@ -264,29 +260,6 @@ impl From<AddError> for ProvisionRefusal {
             AddError::Full => Self::Full,
             AddError::Taken => Self::Taken,
         }
-    }
-}
-
-impl fmt::Display for ProvisionRefusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Malformed => "the robot cannot use one of the values",
-            Self::Driving => "the motors are on: disarm the robot first",
-            Self::Storage => "the robot could not write its storage",
-            Self::Unprovisioned => "the robot has no owner yet: provision it first",
-            Self::Full => {
-                return write!(
-                    f,
-                    "the robot has {MAXIMUM_OPERATORS} operators already: revoke one first"
-                );
-            }
-            Self::Taken => {
-                "another operator has this name: choose another, or revoke that one first"
-            }
-            Self::Last => {
-                "the robot has no other operator: add one first, or use --new-key or --forget"
-            }
-        })
     }
 }
 

@@ -20,7 +20,7 @@ const COMMANDS: &[(&str, &str)] = &[
     ("serve --key missing.key", "missing.key"),
     ("serve --operator anna=missing.key", "missing.key"),
     ("serve --operator anna", "NAME=FILE"),
-    ("serve --operator anna=lab.key --operator bob=lab.key --operator bob=b.key", "b.key"),
+    ("serve --operator anna=lab.key --operator bob=lab.key", "is that of anna"),
     ("serve --key .", "."),
     ("serve --key A.toml", "A.toml"),
     ("serve --model missing.toml --key lab.key", "missing.toml"),

@@ -134,13 +134,14 @@ fn text_names_commands(page: &str, text: &str) {
             _ => continue,
         };
         let Err(error) = program.try_get_matches_from(words) else { continue };
-        let is_a_name_alone = matches!(
+        let is_a_name_or_help = matches!(
             error.kind(),
-            ErrorKind::MissingRequiredArgument
+            ErrorKind::DisplayHelp
+                | ErrorKind::MissingRequiredArgument
                 | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand
                 | ErrorKind::MissingSubcommand
         );
-        assert!(is_a_name_alone, "{page}: `{span}`: {error}");
+        assert!(is_a_name_or_help, "{page}: `{span}`: {error}");
     }
 }
 

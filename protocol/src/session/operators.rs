@@ -60,24 +60,15 @@ impl Drop for Operator {
 }
 
 /// Why an operator was not added.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum AddError {
     /// There are [`MAXIMUM_OPERATORS`] already.
+    #[error("there are {MAXIMUM_OPERATORS} operators already")]
     Full,
     /// Another key has this name.
+    #[error("another operator has this name")]
     Taken,
 }
-
-impl fmt::Display for AddError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Full => write!(f, "there are {MAXIMUM_OPERATORS} operators already"),
-            Self::Taken => f.write_str("another operator has this name"),
-        }
-    }
-}
-
-impl core::error::Error for AddError {}
 
 /// The operators of one robot, at most [`MAXIMUM_OPERATORS`]; names and keys differ. Without any, the robot
 /// refuses everybody.

@@ -175,7 +175,9 @@ impl Error {
                 | Self::Table(_)
                 | Self::Key(_)
                 | Self::Serve(
-                    serve::ServeError::Listen { .. } | serve::ServeError::Operators { .. }
+                    serve::ServeError::Listen { .. }
+                        | serve::ServeError::Operators { .. }
+                        | serve::ServeError::OneKey { .. }
                 )
                 | Self::Write { .. }
                 | Self::Plot(flix_host::plot::PlotError::Write { .. })

@@ -91,6 +91,16 @@ pub enum ServeError {
         /// Why.
         source: AddError,
     },
+    /// Two operators cannot be told apart.
+    #[error(
+        "--operator {name}: the key of this file is that of {known}; make one with `flix keygen FILE`"
+    )]
+    OneKey {
+        /// The operator.
+        name: OperatorName,
+        /// Whose key it is.
+        known: OperatorName,
+    },
     /// The network failed later.
     #[error("the network failed: {0}")]
     Network(#[from] io::Error),
@@ -130,6 +140,9 @@ fn operators(args: &Args) -> Result<Operators, Error> {
     let mut operators = Operators::default();
     for Holder { name, file } in &args.operator {
         let operator = Operator::new(*name, &keys::read(file)?);
+        if let Some(known) = operators.iter().find(|known| known.key() == operator.key()) {
+            return Err(ServeError::OneKey { name: *name, known: known.name() }.into());
+        }
         operators.add(operator).map_err(|source| ServeError::Operators { name: *name, source })?;
     }
     if args.operator.is_empty() {
