@@ -10,16 +10,18 @@
 //! ```
 //!
 //! The [`Navigator`] stays the referee: it counts laps and errors, and age of poses, fence and distance from the path end
-//! the run as they do with its own controllers. So does a program that ends, that does not answer in time, or whose
-//! answer cannot be driven.
+//! the run as they do with its own controllers. So does a program that ends, that does not answer in time, that answers
+//! before it is asked, or whose answer cannot be driven.
 
-use std::io::{self, BufRead as _, BufReader, Write as _};
+use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
+use std::os::unix::process::CommandExt as _;
 use std::process::{Child, Command, Stdio};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel, sync_channel};
 use std::time::Duration;
 
 use flix_protocol::message::Setpoint;
 use flix_protocol::units::{Degrees, Hertz, Instant};
+use rustix::process::{Pid, Signal, kill_process_group};
 use serde::Deserialize;
 
 use crate::nav::{Decision, Navigator, PlanarPose, Progress, Stop, Task};
@@ -32,6 +34,8 @@ pub const NAME: &str = "controller process";
 const START_PATIENCE: Duration = Duration::from_secs(10);
 /// Distance between the points of the path that the program is sent, m.
 const POINT_SPACING: f64 = 0.02;
+/// Longest answer, bytes; a longer one is cut and therefore wrong.
+const LONGEST: u64 = 4096;
 /// Longest part of a wrong answer that is repeated to people, characters.
 const SHOWN: usize = 80;
 
@@ -60,14 +64,17 @@ impl ControllerProcess {
     pub fn start(command: &str, task: &Task, patience: Duration) -> io::Result<Self> {
         let mut child = Command::new("/bin/sh")
             .arg("-c")
-            .arg(format!("exec {command}"))
+            .arg(command)
+            // A shell and what it starts end together.
+            .process_group(0)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()?;
         let (mut input, output) =
             child.stdin.take().zip(child.stdout.take()).ok_or(io::ErrorKind::BrokenPipe)?;
         let (questions, to_write) = channel::<String>();
-        let (read, answers) = channel();
+        // One answer waits at most, and no more is read.
+        let (read, answers) = sync_channel(0);
         // A program that does not read fills its pipe: writing must not block the run.
         std::thread::spawn(move || {
             to_write
@@ -75,7 +82,15 @@ impl ControllerProcess {
                 .all(|line| input.write_all(line.as_bytes()).and_then(|()| input.flush()).is_ok())
         });
         std::thread::spawn(move || {
-            BufReader::new(output).lines().map_while(Result::ok).all(|line| read.send(line).is_ok())
+            let mut output = BufReader::new(output);
+            loop {
+                let mut line = Vec::new();
+                let length = (&mut output).take(LONGEST).read_until(b'\n', &mut line).unwrap_or(0);
+                let line = String::from_utf8_lossy(&line).trim_end().to_owned();
+                if length == 0 || read.send(line).is_err() {
+                    return;
+                }
+            }
         });
         let process = Self { child, questions, answers, patience };
         process.ask(&introduction(task), START_PATIENCE).map_err(io::Error::other)?;
@@ -84,6 +99,12 @@ impl ControllerProcess {
 
     /// Sends a line, and returns the one that answers it.
     fn ask(&self, question: &serde_json::Value, patience: Duration) -> Result<String, String> {
+        if let Ok(line) = self.answers.try_recv() {
+            return Err(format!(
+                "the controller process wrote `{}` before it was asked: one line answers each line",
+                shown(&line)
+            ));
+        }
         // A program that has ended is noticed by its missing answer.
         let _ = self.questions.send(format!("{question}\n"));
         self.answers.recv_timeout(patience).map_err(|error| match error {
@@ -99,10 +120,10 @@ impl ControllerProcess {
         let time = now.as_micros() as f64 * 1e-6;
         let question = serde_json::json!({ "time": time, "x": x, "y": y, "heading": heading });
         let line = self.ask(&question, self.patience)?;
-        let shown: String = line.chars().take(SHOWN).collect();
         let wrong = |why: String| {
             format!(
-                "the controller process answered `{shown}`: {why}; an answer is {{\"f\": -30, \"theta\": 30}}"
+                "the controller process answered `{}`: {why}; an answer is {{\"f\": -30, \"theta\": 30}}",
+                shown(&line)
             )
         };
         let answer: Answer =
@@ -116,9 +137,14 @@ impl ControllerProcess {
 impl Drop for ControllerProcess {
     fn drop(&mut self) {
         // One that has ended already cannot be killed, and needs not be.
-        let _ = self.child.kill();
+        let _ = kill_process_group(Pid::from_child(&self.child), Signal::KILL);
         let _ = self.child.wait();
     }
+}
+
+/// Returns what of a line is repeated to people.
+fn shown(line: &str) -> String {
+    line.chars().take(SHOWN).collect()
 }
 
 /// Returns the first line: where the robot is to walk.

@@ -115,9 +115,11 @@ fn a_controller_that_hangs_dies_or_talks_nonsense_stops_the_robot_with_a_sentenc
         (answers(r#"{"f":99,"theta":30}"#), "-35"),
         (answers(r#"{"f":-30}"#), "theta"),
         (answers(r#"{"f":-30,"theta":30,"speed":1}"#), "speed"),
+        (r#"while :; do echo '{"f":-30,"theta":30}'; done"#.to_owned(), "before it was asked"),
+        ("exec cat /dev/zero".to_owned(), "before it was asked"),
     ] {
         let (code, report, said) =
-            track_with("sh controller.sh", &format!("read path\necho ready\n{then}\n"));
+            track_with("cd . && sh controller.sh", &format!("read path\necho ready\n{then}\n"));
         let ending = report["ending"].as_str().unwrap_or_default();
         assert!(code == Some(1) && ending.contains(sentence), "{then}: {code:?} {report} {said}");
     }

@@ -130,6 +130,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         Err(error) => return Err(error.into()),
     }
     if let Some(error) = log.trouble {
+        connection.leave();
         return Err(error);
     }
     let report = Report::new(args, &log.held, log.walked.as_ref(), &connection, file?);
@@ -137,7 +138,10 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if args.json {
         print_json(&report)?
     } else {
-        print(&describe(&report))?
+        print(&describe(&report))?;
+        if args.poses.pose.is_some() && report.moved.is_none() {
+            print("no trusted pose arrived; `flix doctor` with the same --pose finds out why\n")?
+        }
     }
     Ok(Exit::Done.into())
 }
@@ -203,6 +207,10 @@ fn drive(
             return Err(error);
         }
         log.look(began + start.elapsed());
+        // A record that cannot be written stops the drive, not the record alone.
+        if log.trouble.is_some() {
+            break;
+        }
         bar.set_position(u64::try_from(start.elapsed().as_millis()).unwrap_or(u64::MAX));
     }
     bar.finish_and_clear();

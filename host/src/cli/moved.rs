@@ -65,13 +65,21 @@ impl Motion {
     /// Returns how it moved, and, where it should have gone straight and did not, what to do.
     pub(super) fn describe(&self, is_turn: bool) -> String {
         let Self { forward_m, left_m, turned_deg, yaw_rate_rad_s } = self;
+        let side = |value: &f64| if *value < 0.0 { "right" } else { "left" };
+        let along = if *forward_m < 0.0 { "backward" } else { "forward" };
         let mut text = format!(
-            "moved {forward_m:+.3} m forward, {left_m:+.3} m to the left, turned {turned_deg:+.0} degrees to the left\n"
+            "moved {:.3} m {along}, {:.3} m to the {}, turned {:.0} degrees to the {}\n",
+            forward_m.abs(),
+            left_m.abs(),
+            side(left_m),
+            turned_deg.abs(),
+            side(turned_deg)
         );
         if !is_turn && turned_deg.abs() > CURVE_DEG {
             text += &format!(
-                "note: it curves at {yaw_rate_rad_s:+.2} rad/s; `flix teleop --pose ...` holds a heading (key h), \
-                 `flix track` a path\n"
+                "note: it curves at {:.2} rad/s; `flix teleop --pose ...` holds a heading (key h), \
+                 `flix track` a path\n",
+                yaw_rate_rad_s.abs()
             );
         }
         text
@@ -108,7 +116,7 @@ mod tests {
             assert!((value - expected).abs() < 1e-4, "{motion:?}");
         }
         assert!(
-            motion.describe(false).contains("curves at +2.59 rad/s"),
+            motion.describe(false).contains("curves at 2.59 rad/s"),
             "{}",
             motion.describe(false)
         );

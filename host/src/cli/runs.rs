@@ -12,7 +12,7 @@ use crate::record::{ReadError, RecordError, RepairError, Run, csv, figures, list
 
 /// List, show, plot and export the records of runs.
 ///
-/// Every run of `flix track`, `flix home` and `flix identify` writes one MCAP file below OUT/runs,
+/// Every run of `flix track`, `home`, `identify` and `drive`, and `teleop --record`, writes one MCAP file below OUT/runs,
 /// which Foxglove opens as it is.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\

@@ -31,7 +31,7 @@ impl fmt::Display for ConnectError {
                 "the robot does not answer: check that it is on, its address, and that both are on one network",
             ),
             Self::WrongKey => f.write_str(
-                "the robot has another key: use its key file, or provision it again over its serial port",
+                "the robot has another key, or yours was revoked: use its key file, or have it provisioned again over its serial port",
             ),
             Self::OtherVersion(robot) if *robot > PROTOCOL_VERSION => write!(
                 f,
