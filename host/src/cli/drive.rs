@@ -223,7 +223,7 @@ struct DriveLog {
     recorder: Option<Recorder>,
     poses: Option<Poses>,
     walked: Option<Walked>,
-    /// Why the record is not complete.
+    /// Why the record is not complete; ends the drive.
     trouble: Option<Error>,
 }
 
@@ -234,7 +234,7 @@ impl DriveLog {
         }
     }
 
-    /// Takes the poses that have arrived. The robot is not steered by them: a source that fails is reported at the end.
+    /// Takes the poses that have arrived. The robot is not steered by them, but a source that fails ends the drive.
     fn look(&mut self, now: units::Instant) {
         loop {
             let polled = self.poses.as_mut().map_or(Ok(None), |poses| poses.poll(now));

@@ -10,7 +10,8 @@ use crate::keys::{self, Keyring};
 /// Make a new key, in a file that only you can read.
 ///
 /// The key itself is never shown. Give the same file to the robot (`flix provision`,
-/// `flix-sim serve --key`) and to its operator (`--key`); each operator has a key of its own (`flix provision --add-operator`).
+/// `flix-sim serve --key`) and to its operator (`--key`); each operator has a key of its own
+/// (`flix provision --add-operator`).
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:

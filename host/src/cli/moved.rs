@@ -23,10 +23,8 @@ pub(super) struct Walked {
 impl Walked {
     /// Takes a trusted pose; other poses leave everything as it is.
     pub(super) fn observe(walked: &mut Option<Self>, sample: &PoseSample) {
-        if !sample.valid || !sample.pose.is_sound() {
-            return;
-        }
-        let (pose, time) = (sample.pose.on_the_floor(), sample.time);
+        let Some(pose) = sample.trusted() else { return };
+        let time = sample.time;
         let it = walked.get_or_insert(Self {
             first: pose,
             last: pose,

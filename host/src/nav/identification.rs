@@ -120,10 +120,7 @@ impl Identification {
     /// Takes a pose; untrusted ones are not used.
     pub fn observe(&mut self, sample: &PoseSample) {
         let late = self.trusted.is_some_and(|(newest, _)| sample.time <= newest);
-        if late || !sample.valid || !sample.pose.is_sound() {
-            return;
-        }
-        let pose = sample.pose.on_the_floor();
+        let Some(pose) = sample.trusted().filter(|_| !late) else { return };
         self.trusted = Some((sample.time, pose));
         self.start.get_or_insert(pose.position());
         if let Some((navigator, _)) = &mut self.return_walk {

@@ -287,10 +287,7 @@ impl Navigator {
     /// Takes a pose. Poses that are not trusted, not sound or from the past are not used.
     pub fn observe(&mut self, sample: &PoseSample) {
         let late = self.trusted.is_some_and(|newest| sample.time <= newest);
-        if late || !sample.valid || !sample.pose.is_sound() {
-            return;
-        }
-        let pose = sample.pose.on_the_floor();
+        let Some(pose) = sample.trusted().filter(|_| !late) else { return };
         let elapsed = self.trusted.map_or(Duration::ZERO, |before| sample.time.since(before));
         let first = self.trusted.is_none();
         self.trusted = Some(sample.time);

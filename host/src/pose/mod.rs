@@ -59,6 +59,14 @@ pub struct PoseSample {
     pub valid: bool,
 }
 
+impl PoseSample {
+    /// Returns the pose on the floor if the source trusts it and it is a pose.
+    #[must_use]
+    pub fn trusted(&self) -> Option<PlanarPose> {
+        (self.valid && self.pose.is_sound()).then(|| self.pose.on_the_floor())
+    }
+}
+
 /// A source of poses.
 pub trait PoseSource {
     /// Returns the next pose that has arrived, if any. Never waits. `now` is the clock of the samples.

@@ -47,10 +47,7 @@ struct Hold {
 impl Floor {
     /// Takes a trusted pose; other poses leave everything as it is.
     pub fn observe(floor: &mut Option<Self>, sample: &PoseSample) {
-        if !sample.valid || !sample.pose.is_sound() {
-            return;
-        }
-        let pose = sample.pose.on_the_floor();
+        let Some(pose) = sample.trusted() else { return };
         let floor = floor.get_or_insert_with(|| Self {
             pose,
             way: VecDeque::from([pose.position()]),

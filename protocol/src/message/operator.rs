@@ -16,19 +16,11 @@ pub const OPERATOR_NAME_LENGTH: usize = 16;
 pub struct OperatorName([u8; OPERATOR_NAME_LENGTH]);
 
 /// Text was refused as the name of an operator.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "an operator's name is 1 to {OPERATOR_NAME_LENGTH} letters, digits and hyphens, and neither begins nor ends with a hyphen"
+)]
 pub struct OperatorNameError;
-
-impl fmt::Display for OperatorNameError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "an operator's name is 1 to {OPERATOR_NAME_LENGTH} letters, digits and hyphens, and neither begins nor ends with a hyphen"
-        )
-    }
-}
-
-impl core::error::Error for OperatorNameError {}
 
 impl OperatorName {
     /// Name of an operator whose key came without one.
