@@ -28,8 +28,8 @@ use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::{Frame, HandshakeFrame};
 use flix_protocol::message::{
     Command, Event, EventReport, Faults, Identity, LinkQuality, MotorTelemetry, OperatorName,
-    Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Refusal, Reply, Setpoint, State, Telemetry,
-    ToOperator, ToRobot,
+    Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Refusal, Reply, ResetReason, Setpoint, State,
+    Telemetry, ToOperator, ToRobot,
 };
 use flix_protocol::session::{Operators, RobotReceived, RobotSession};
 use flix_protocol::units::{Instant, Ratio, Volts};
@@ -54,6 +54,8 @@ pub struct Link {
     signal_dbm: Option<i8>,
     order: Order,
     setpoint: Setpoint,
+    /// Who asked first for the stop that is latched, or on its way.
+    stopped_by: Option<OperatorName>,
     /// Asked to ramp down and disarm, and not there yet.
     ramps_down: bool,
     /// Whether commands arrived too old to count, and have not been steady since.
@@ -89,6 +91,7 @@ impl Link {
             signal_dbm: None,
             order: Order::default(),
             setpoint: Setpoint::REST,
+            stopped_by: None,
             ramps_down: false,
             is_slow: false,
             report,
@@ -143,9 +146,14 @@ impl Link {
         }
     }
 
-    /// Changes what the robot answers to [`Command::Identify`].
-    pub fn set_identity(&mut self, identity: Identity) {
-        self.identity = identity;
+    /// Changes the name that the robot answers to [`Command::Identify`], cut to what fits.
+    pub fn set_name(&mut self, name: &str) {
+        self.identity.name = text(name);
+    }
+
+    /// Changes why it says that it last started.
+    pub fn set_reset(&mut self, reset: ResetReason) {
+        self.identity.reset = reset;
     }
 
     /// Notes the radio power as last received, for telemetry.
@@ -202,7 +210,7 @@ impl Link {
                 self.events.push(now, Event::OperatorLeft);
             }
             RobotReceived::Stop(answer, operator) => {
-                self.stop();
+                self.stop(Some(operator));
                 self.events.push(now, Event::StoppedFromOutside(operator));
                 push_newest(&mut self.answers, (from, answer));
             }
@@ -299,7 +307,7 @@ impl Link {
             Command::Setpoint(setpoint) => self.shake(now, setpoint)?,
             Command::Arm => self.arm(now)?,
             Command::Disarm => self.disarm(),
-            Command::Stop => self.stop(),
+            Command::Stop => self.stop(self.session.operator(now)),
             Command::Clear => self.clear()?,
             Command::Parameter(command) => return self.tune(now, command, tuning),
             Command::Identify => return Ok(Outcome::Identity(self.identity.clone())),
@@ -393,7 +401,11 @@ impl Link {
         }
     }
 
-    fn stop(&mut self) {
+    /// Asks the fast half to stop. Who latched the stop is who asked first.
+    fn stop(&mut self, by: Option<OperatorName>) {
+        if !self.report.stopped {
+            self.stopped_by = by;
+        }
         self.order.requests.stop = self.order.requests.stop.wrapping_add(1);
         self.ramps_down = true;
         self.setpoint = Setpoint::REST;
@@ -499,17 +511,19 @@ impl Link {
             timing: report.timing,
             link,
             operator,
+            stopped_by: self.stopped_by.filter(|_| report.stopped),
         }
     }
 }
 
-/// Returns who the robot says it is: its name and board, cut to what fits, and this firmware's version.
+/// Returns who the robot says it is: its name and board, cut to what fits, and this firmware's version; started by power.
 #[must_use]
 pub fn identity(name: &str, hardware: &Hardware) -> Identity {
     Identity {
         name: text(name),
         board: text(hardware.name),
         version: text(env!("CARGO_PKG_VERSION")),
+        reset: ResetReason::PowerOn,
     }
 }
 

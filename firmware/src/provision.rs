@@ -8,7 +8,7 @@
 
 use core::fmt;
 
-use flix_protocol::message::{OperatorName, State};
+use flix_protocol::message::{Identity, OperatorName, ResetReason, State};
 use flix_protocol::provision::{
     Answer, FrameReader, MAXIMUM_FRAME, ProvisionRefusal, Provisioning, Request, write_frame,
 };
@@ -45,6 +45,7 @@ pub struct Response {
 pub struct Provisioner<S> {
     store: S,
     hardware: Hardware,
+    reset: ResetReason,
     owned: Option<Owned>,
     loaded: Result<(), LoadError>,
     reader: FrameReader,
@@ -58,7 +59,13 @@ impl<S: SettingsStore> Provisioner<S> {
             Ok(owned) => (owned, Ok(())),
             Err(error) => (None, Err(error)),
         };
-        Self { store, hardware, owned, loaded, reader: FrameReader::new() }
+        let (reset, reader) = (ResetReason::PowerOn, FrameReader::new());
+        Self { store, hardware, reset, owned, loaded, reader }
+    }
+
+    /// Notes why the robot last started, for [`Request::Identify`].
+    pub fn set_reset(&mut self, reset: ResetReason) {
+        self.reset = reset;
     }
 
     /// Returns whether what was stored could be read at power-up.
@@ -92,7 +99,10 @@ impl<S: SettingsStore> Provisioner<S> {
     pub fn receive(&mut self, byte: u8, state: State) -> Option<Response> {
         match self.reader.push(byte)? {
             Request::Identify => respond(&Answer::Identity {
-                identity: identity(self.name(), &self.hardware),
+                identity: Identity {
+                    reset: self.reset.clone(),
+                    ..identity(self.name(), &self.hardware)
+                },
                 has_key: self.owned.is_some(),
             }),
             Request::Provision(provisioning, operator) => {

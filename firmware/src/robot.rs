@@ -16,7 +16,7 @@
 use core::net::SocketAddr;
 
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{Event, Fault, LinkQuality, OperatorName};
+use flix_protocol::message::{Event, Fault, LinkQuality, OperatorName, ResetReason};
 use flix_protocol::session::Operators;
 use flix_protocol::units::Instant;
 
@@ -278,8 +278,13 @@ impl<S: SettingsStore> SlowHalf<S> {
     /// Takes another name and other operators: ends the session and disarms, unless its holder is among
     /// them.
     pub fn provision(&mut self, name: &str, operators: impl Into<Operators>) {
-        self.link.set_identity(identity(name, &self.hardware));
+        self.link.set_name(name);
         self.link.set_operators(operators);
+    }
+
+    /// Notes why the robot last started, for [`Command::Identify`](flix_protocol::message::Command::Identify).
+    pub fn set_reset(&mut self, reset: ResetReason) {
+        self.link.set_reset(reset);
     }
 
     /// Notes the radio power as last received, for telemetry.

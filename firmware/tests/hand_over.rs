@@ -115,10 +115,15 @@ impl Halves {
         }
     }
 
-    fn say(&mut self, command: Command) -> Outcome {
+    /// Returns the operator's next datagram.
+    fn seal(&mut self, command: Command) -> Frame {
         self.request += 1;
         let message = ToRobot { request: self.request, command };
-        let frame = self.operator.send(self.now, &message).unwrap();
+        self.operator.send(self.now, &message).unwrap()
+    }
+
+    fn say(&mut self, command: Command) -> Outcome {
+        let frame = self.seal(command);
         self.hear(&frame);
         self.outcome.take().expect("every command is answered at once")
     }
@@ -154,6 +159,16 @@ impl Halves {
     /// How the fast half was when it last reported, which the slow half need not know.
     fn reported(&self) -> &Report {
         self.exchange.newest_report()
+    }
+}
+
+/// An exchange between two cores.
+#[derive(Clone)]
+struct Shared(loom::sync::Arc<loom::sync::Mutex<Exchange>>);
+
+impl Access for Shared {
+    fn with<R>(&mut self, access: impl FnOnce(&mut Exchange) -> R) -> R {
+        access(&mut self.0.lock().unwrap())
     }
 }
 
@@ -360,4 +375,50 @@ fn nobody_arms_a_robot_that_still_has_to_ramp_down_for_another_operator() {
         ]
     );
     assert_eq!(halves.reported().state, State::Disarmed);
+}
+
+/// Ticks of the one core beside two datagrams of the other: every order of their accesses is tried.
+const TICKS_BESIDE: u32 = 3;
+
+/// Stack of a modelled core, words.
+const STACK: usize = 1 << 17;
+
+fn core<T: Send + 'static>(
+    work: impl FnOnce() -> T + Send + 'static,
+) -> loom::thread::JoinHandle<T> {
+    loom::thread::Builder::new().stack_size(STACK).spawn(work).unwrap()
+}
+
+fn hear_and_tick_on_two_cores() {
+    let mut halves = Halves::connected();
+    let setting = ParameterCommand::Set("over_speed".try_into().unwrap(), 60.0);
+    let datagrams = [Command::Parameter(setting), Command::Stop].map(|it| halves.seal(it));
+    let Halves { mut fast, mut slow, exchange, address, now, .. } = halves;
+    let mut shared = Shared(loom::sync::Arc::new(loom::sync::Mutex::new(exchange)));
+    let other = core({
+        let mut shared = shared.clone();
+        move || {
+            for datagram in datagrams {
+                slow.receive(now, address, &datagram);
+                slow.exchange(&mut shared);
+            }
+            slow
+        }
+    });
+    for tick in 1..=TICKS_BESIDE {
+        fast.tick(now + tick * TICK, &AT_REST, &mut shared);
+    }
+    let mut slow = other.join().unwrap();
+    for tick in 1..=20 {
+        fast.tick(now + (TICKS_BESIDE + tick) * TICK, &AT_REST, &mut shared);
+    }
+    slow.exchange(&mut shared);
+    assert!(!shared.with(|exchange| exchange.is_configuration_waiting()));
+    assert!(slow.report().stopped);
+    assert_eq!(slow.report().events.stopped, 1);
+}
+
+#[test]
+fn however_two_cores_interleave_settings_and_orders_arrive_and_nothing_that_happened_is_lost() {
+    loom::model(|| core(hear_and_tick_on_two_cores).join().unwrap());
 }

@@ -276,6 +276,20 @@ fn a_stop_and_a_fault_are_named_until_they_are_cleared() {
 }
 
 #[test]
+fn a_latched_stop_is_reported_with_who_asked_for_it() {
+    let mut ends = Ends::at(State::Running);
+    let shown = |ends: &mut Ends, stopped| {
+        ends.observe(|report| report.stopped = stopped);
+        ends.wait(TELEMETRY);
+        ends.telemetry.last().unwrap().stopped_by
+    };
+    assert_eq!(shown(&mut ends, false), None);
+    ends.say(Command::Stop);
+    assert_eq!(shown(&mut ends, true), Some(OperatorName::OWNER));
+    assert_eq!(shown(&mut ends, false), None, "cleared");
+}
+
+#[test]
 fn arming_wants_commands_without_a_gap_for_the_proving_time() {
     // Commands so often, for so long, and a last one so much later.
     for (every, time, gap, outcome) in [
@@ -542,7 +556,7 @@ fn a_robot_says_who_it_is_and_who_holds_it() {
     let hardware = DENGFOC_V3_01.hardware;
     assert_eq!(ends.say(Command::Identify), Outcome::Identity(identity("ends", &hardware)));
     assert_ne!(identity("ends", &hardware), identity("daisy", &hardware));
-    ends.link.set_identity(identity("daisy", &hardware));
+    ends.link.set_name("daisy");
     assert_eq!(ends.say(Command::Identify), Outcome::Identity(identity("daisy", &hardware)));
     assert_eq!(ends.say(Command::Ping(41)), Outcome::Pong(41));
     assert!(ends.link.is_provisioned());

@@ -9,12 +9,14 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
-use std::os::unix::fs::{DirBuilderExt, FileTypeExt, OpenOptionsExt, PermissionsExt};
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use flix_protocol::provision;
 use flix_protocol::session::{self, Key};
 use zeroize::Zeroizing;
+
+use crate::file;
 
 /// Name of the simulated robot, under which `flix-sim serve` stores its key. It is also the key for
 /// every address of this machine.
@@ -43,14 +45,6 @@ pub enum KeyError {
         path: PathBuf,
         /// Its permission bits.
         mode: u32,
-    },
-    /// Not a file that holds its text: a directory, a pipe, a device.
-    #[error("{} is {what}, not a key file", path.display())]
-    NotAFile {
-        /// The path.
-        path: PathBuf,
-        /// What it is.
-        what: &'static str,
     },
     /// Not a key.
     #[error(
@@ -132,9 +126,7 @@ pub fn generate() -> Result<Key, KeyError> {
 /// # Errors
 /// When it cannot be read, is not a key file, or other users can read it.
 pub fn read(path: &Path) -> Result<Key, KeyError> {
-    // Before it is opened: opening a pipe waits for its writer.
-    refuse_special(path)?;
-    let file = File::open(path).map_err(at(path))?;
+    let file = file::open(path).map_err(at(path))?;
     refuse_exposed(path, &file)?;
     let mut text = Zeroizing::new(String::new());
     file.take(LONGEST_KEY_FILE).read_to_string(&mut text).map_err(at(path))?;
@@ -150,7 +142,10 @@ pub fn write_new(path: &Path, key: &Key) -> Result<(), KeyError> {
     options.write(true).create_new(true).mode(0o600);
     let mut file = options.open(path).map_err(|error| {
         if error.kind() == io::ErrorKind::AlreadyExists {
-            KeyError::Exists { path: path.to_owned() }
+            match file::kind(path) {
+                Ok(Some(what)) => at(path)(io::Error::other(format!("it exists, and is {what}"))),
+                _ => KeyError::Exists { path: path.to_owned() },
+            }
         } else {
             at(path)(error)
         }
@@ -160,17 +155,6 @@ pub fn write_new(path: &Path, key: &Key) -> Result<(), KeyError> {
         .and_then(|()| file.write_all(b"\n"))
         .and_then(|()| file.sync_all())
         .map_err(at(path))
-}
-
-fn refuse_special(path: &Path) -> Result<(), KeyError> {
-    let kind = fs::metadata(path).map_err(at(path))?.file_type();
-    let what = match kind {
-        _ if kind.is_file() => return Ok(()),
-        _ if kind.is_dir() => "a directory",
-        _ if kind.is_fifo() => "a pipe",
-        _ => "a device",
-    };
-    Err(KeyError::NotAFile { path: path.to_owned(), what })
 }
 
 fn refuse_exposed(path: &Path, file: &File) -> Result<(), KeyError> {
@@ -307,7 +291,7 @@ impl Keyring {
     #[must_use]
     pub fn address(&self, name: &str) -> Option<String> {
         check_name(name).ok()?;
-        let text = fs::read_to_string(self.address_file(name)).ok()?;
+        let text = file::read_text(&self.address_file(name)).ok()?;
         Some(text.trim().to_owned()).filter(|address| !address.is_empty())
     }
 

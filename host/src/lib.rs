@@ -74,6 +74,7 @@
 
 pub mod cli;
 pub mod explain;
+pub mod file;
 pub mod interrupt;
 pub mod keys;
 pub mod link;

@@ -9,10 +9,13 @@ use std::fmt;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use flix_protocol::message::{Command, Faults, Outcome, Refusal, Setpoint, State, Telemetry};
+use flix_protocol::message::{
+    Command, Faults, OperatorName, Outcome, Refusal, Setpoint, State, Telemetry,
+};
 use flix_protocol::session::ConnectError;
 use flix_protocol::units::Instant;
 
+use crate::link::udp::REVOKED_PATIENCE;
 use crate::link::{Client, StopState, Update, passes};
 use crate::nav::{Decision, Identification, Navigator, PlanarPose, Progress, Resting, Stop};
 use crate::pose::PoseSample;
@@ -86,6 +89,10 @@ pub enum Ending {
     NoSession(ConnectError),
     /// The robot fell silent or closed the session.
     Lost,
+    /// The robot does not know this key any more.
+    Revoked,
+    /// This operator stopped the robot.
+    StoppedBy(OperatorName),
     /// The robot refused a command.
     Refused(Refusal),
     /// The robot has a fault.
@@ -111,6 +118,8 @@ impl fmt::Display for Ending {
             Self::Lost => f.write_str(
                 "the robot fell silent and stops by itself: check its battery and the network",
             ),
+            Self::Revoked => f.write_str("your key was revoked; the robot stops by itself"),
+            Self::StoppedBy(by) => write!(f, "{by} stopped the robot"),
             Self::Refused(refusal) => write!(f, "the robot refused: {refusal}"),
             Self::Faulted(faults) => write!(f, "the robot has a fault: {faults}"),
             Self::NotReady(state) => write!(f, "the robot is {state} and cannot be driven"),
@@ -139,6 +148,8 @@ enum Phase {
     },
     /// Stops after a failed run.
     Stopping,
+    /// The robot fell silent: learns whether it refuses the key now.
+    Lost,
     Over,
 }
 
@@ -212,10 +223,10 @@ impl<H: Helm> Pilot<H> {
         self
     }
 
-    /// Returns why the run is not recorded any more.
+    /// Returns why the run goes on unrecorded.
     #[must_use]
-    pub fn record_error(&self) -> Option<&RecordError> {
-        self.record_error.as_ref()
+    pub fn unrecorded(&self) -> Option<&RecordError> {
+        self.record_error.as_ref().filter(|_| self.drives_unrecorded)
     }
 
     /// Returns the helm.
@@ -253,13 +264,11 @@ impl<H: Helm> Pilot<H> {
         if let Some(ending) = &self.ending {
             results.insert("ending".into(), ending.to_string());
         }
-        let Some(mut recorder) = self.recorder.take() else {
+        let Some(recorder) = self.recorder.take() else {
             return (self.helm, Recorded { file: None, error: None });
         };
         let file = Some(recorder.path().to_owned());
-        let error = self
-            .record_error
-            .or_else(|| recorder.results(results).and_then(|()| recorder.finish()).err());
+        let error = self.record_error.or_else(|| recorder.conclude(results).err());
         (self.helm, Recorded { file, error })
     }
 
@@ -294,6 +303,7 @@ impl<H: Helm> Pilot<H> {
             Phase::Disarming { .. } if now.since(begun) > END_PATIENCE => {
                 self.fail_silently(now, client);
             }
+            Phase::Lost if now.since(begun) > REVOKED_PATIENCE => self.lose(Ending::Lost),
             Phase::Stopping => {
                 let acknowledged = client.stop_state() == StopState::Acknowledged;
                 if acknowledged || now.since(begun) > END_PATIENCE {
@@ -325,9 +335,16 @@ impl<H: Helm> Pilot<H> {
         match update {
             Update::Telemetry(telemetry) => self.hear(now, client, &telemetry),
             Update::Event(report) => self.record(|recorder| recorder.event(now, &report)),
+            Update::Failed(ConnectError::WrongKey) if self.phase == Phase::Lost => {
+                self.lose(Ending::Revoked);
+            }
             Update::Failed(error) => self.lose(Ending::NoSession(error)),
-            Update::Lost | Update::Left => self.lose(Ending::Lost),
+            Update::Lost => self.enter(now, Phase::Lost),
+            Update::Left => self.lose(Ending::Lost),
+            Update::Connected if self.phase == Phase::Lost => self.lose(Ending::Lost),
             Update::Answer { request, outcome } => self.answered(now, client, request, &outcome),
+            // Telemetry states who stopped the robot.
+            Update::SetpointRefused(Refusal::Stopped) => {}
             Update::SetpointRefused(refusal) if self.phase == Phase::Driving => {
                 self.fail(now, client, Ending::Refused(refusal));
             }
@@ -358,6 +375,13 @@ impl<H: Helm> Pilot<H> {
                 self.driving_since = Some(now);
                 self.enter(now, Phase::Driving);
             }
+            (Phase::Driving | Phase::Resting, _) if telemetry.stopped_by.is_some() => {
+                self.fail(
+                    now,
+                    client,
+                    telemetry.stopped_by.map_or(Ending::Lost, Ending::StoppedBy),
+                );
+            }
             (Phase::Driving, State::Disarmed) => {
                 self.fail(now, client, Ending::NotReady(telemetry.state));
             }
@@ -376,7 +400,10 @@ impl<H: Helm> Pilot<H> {
                 self.phase = Phase::Waiting { until: now + ARM_RETRY };
             }
             Outcome::Refused(refusal) => {
-                self.fail(now, client, Ending::Refused(refusal.clone()));
+                let stopper = client.stopped_by().filter(|_| *refusal == Refusal::Stopped);
+                let ending =
+                    stopper.map_or_else(|| Ending::Refused(refusal.clone()), Ending::StoppedBy);
+                self.fail(now, client, ending);
             }
             _ => self.phase = Phase::Readying,
         }

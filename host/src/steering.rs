@@ -32,6 +32,8 @@ use crate::pose::PoseSample;
 pub const NAME: &str = "controller process";
 /// Longest time from the start of the program to its first answer: an interpreter has to be loaded.
 const START_PATIENCE: Duration = Duration::from_secs(10);
+/// Longest time from the end of the program's output to its own.
+const EXIT_PATIENCE: Duration = Duration::from_millis(100);
 /// Distance between the points of the path that the program is sent, m.
 const POINT_SPACING: f64 = 0.02;
 /// Longest answer, bytes; a longer one is cut and therefore wrong.
@@ -92,13 +94,13 @@ impl ControllerProcess {
                 }
             }
         });
-        let process = Self { child, questions, answers, patience };
+        let mut process = Self { child, questions, answers, patience };
         process.ask(&introduction(task), START_PATIENCE).map_err(io::Error::other)?;
         Ok(process)
     }
 
     /// Sends a line, and returns the one that answers it.
-    fn ask(&self, question: &serde_json::Value, patience: Duration) -> Result<String, String> {
+    fn ask(&mut self, question: &serde_json::Value, patience: Duration) -> Result<String, String> {
         if let Ok(line) = self.answers.try_recv() {
             return Err(format!(
                 "the controller process wrote `{}` before it was asked: one line answers each line",
@@ -111,11 +113,27 @@ impl ControllerProcess {
             RecvTimeoutError::Timeout => {
                 format!("the controller process did not answer within {} s", patience.as_secs_f64())
             }
-            RecvTimeoutError::Disconnected => "the controller process ended".to_owned(),
+            RecvTimeoutError::Disconnected => {
+                format!("the controller process ended{}", self.exit_status())
+            }
         })
     }
 
-    fn steer(&self, now: Instant, pose: &PlanarPose) -> Result<Setpoint, String> {
+    /// Returns how the process ended, in brackets; nothing where it only closed its output.
+    fn exit_status(&mut self) -> String {
+        let begin = std::time::Instant::now();
+        loop {
+            match self.child.try_wait() {
+                Ok(Some(status)) => return format!(" ({status})"),
+                Ok(None) if begin.elapsed() < EXIT_PATIENCE => {
+                    std::thread::sleep(EXIT_PATIENCE / 20)
+                }
+                _ => return String::new(),
+            }
+        }
+    }
+
+    fn steer(&mut self, now: Instant, pose: &PlanarPose) -> Result<Setpoint, String> {
         let PlanarPose { x, y, heading } = pose;
         let time = now.as_micros() as f64 * 1e-6;
         let question = serde_json::json!({ "time": time, "x": x, "y": y, "heading": heading });
@@ -198,7 +216,7 @@ impl Helm for Steering {
     }
 
     fn decide(&mut self, now: Instant) -> Decision {
-        let Some(process) = &self.process else { return self.navigator.decide(now) };
+        let Some(process) = &mut self.process else { return self.navigator.decide(now) };
         let walks = self.commanded.frequency() != Hertz::ZERO;
         if let Some(decision) = self.navigator.judge(now, walks) {
             self.commanded = Setpoint::REST;

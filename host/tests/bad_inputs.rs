@@ -22,10 +22,13 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("completions", 2, "SHELL"),
     ("completions tcsh", 2, "possible values"),
     ("keygen", 2, "FILE"),
-    ("keygen {home}", 2, "exists"),
+    ("keygen {home}", 2, "is a directory"),
     ("keygen {home}/none/robot.key", 2, "No such file"),
     ("keygen {home}/good.key", 2, "exists already"),
-    ("keygen /dev/full", 2, "exists"),
+    ("keygen /dev/full", 2, "is a device"),
+    ("keygen {home}/fifo", 2, "is a pipe"),
+    ("keygen --robot ../up", 2, "robot's name"),
+    ("keygen --robot w {home}/new.key", 2, "cannot be used with"),
     // Which robot.
     ("status 10.0.0.7", 2, "--key"),
     ("status 127.0.0.1:99999", 2, "1 to 65535"),
@@ -82,12 +85,28 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("drive w x --frequency 30 --direction 30 --for 5", 2, "unexpected argument"),
     ("drive w --frequency 30 --direction 30 --for 5 --speed 3", 2, "unexpected argument"),
     ("drive 127.0.0.1:9 --frequency 30 --direction 30 --for 5 --key {home}/good.key", 10, "answer"),
+    (
+        "drive w --frequency 30 --direction 30 --for 5 --natnet-server 127.0.0.1:9",
+        2,
+        "--pose natnet",
+    ),
+    ("drive w --frequency 30 --direction 30 --for 5 --up z", 2, "--pose natnet"),
+    ("drive w --frequency 30 --direction 30 --for 5 --body 3", 2, "--pose natnet"),
+    ("drive w --frequency 30 --direction 30 --for 5 --interface 127.0.0.1", 2, "--pose natnet"),
+    ("drive w --frequency 30 --direction 30 --for 5 --pose udp:5005 --body 3", 2, "--pose natnet"),
+    ("doctor w --pose udp:5005 --up z --no-poses", 2, "problem"),
     // Teleop.
+    ("teleop w --natnet-server 127.0.0.1", 2, "--pose natnet"),
+    ("teleop w --pose udp:5005 --natnet-server 127.0.0.1", 2, "--pose natnet alone"),
     ("teleop a b", 2, "unexpected argument"),
     ("teleop 127.0.0.1:9 --key {home}/fifo", 2, "is a pipe"),
     // Discover and link test.
     ("discover here", 2, "unexpected argument"),
     ("discover --for -3", 2, "not a time"),
+    ("discover --for 0", 2, "longer than 0"),
+    ("discover --for 1e9", 2, "to a year"),
+    ("link-test w --for 0s", 2, "longer than 0"),
+    ("drive w --frequency 30 --direction 30 --for 400days", 2, "to a year"),
     ("discover --for never", 2, "not a time"),
     ("link-test w --for -1s", 2, "not a time"),
     ("link-test w --for x", 2, "not a time"),
@@ -104,6 +123,8 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("parameters import", 2, "FILE"),
     ("parameters import 127.0.0.1:9 {home}/none.toml --key {home}/good.key", 2, "none.toml"),
     ("parameters import 127.0.0.1:9 {home} --key {home}/good.key", 2, "directory"),
+    ("parameters import 127.0.0.1:9 {home}/fifo --key {home}/good.key", 2, "is a pipe"),
+    ("parameters import 127.0.0.1:9 /dev/zero --key {home}/good.key", 2, "is a device"),
     ("parameters import 127.0.0.1:9 {home}/broken.toml --key {home}/good.key", 2, "broken.toml"),
     // Track.
     ("track", 2, "PATH"),
@@ -119,6 +140,11 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("track square --side inf", 2, "side"),
     ("track figure8 --width -1", 2, "width"),
     ("track figure8 --height 0", 2, "height"),
+    ("track circle --side 1", 2, "circle has --radius"),
+    ("track figure8 --radius 1", 2, "figure8 has --width and --height"),
+    ("track square --width 1", 2, "square has --side"),
+    ("track {home}/words.csv --side 1", 2, "in its file"),
+    ("track circle --at 1e30,0", 2, "--at"),
     ("track circle --at 1", 2, "--at"),
     ("track circle --at 1,x", 2, "--at"),
     ("track circle --at nan,0", 2, "--at"),
@@ -130,6 +156,7 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("track circle --fence 1,2,3", 2, "--fence"),
     ("track circle --fence 1,1,0,0", 2, "--fence"),
     ("track circle --fence a,b,c,d", 2, "--fence"),
+    ("track circle --fence -1e9,-1,1,1", 2, "within 1000"),
     ("track circle --controller best", 2, "controller"),
     ("track {home}/none.csv", 2, "none.csv"),
     ("track {home}", 2, "waypoints"),
@@ -137,10 +164,20 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("track {home}/one.csv", 2, "one.csv: a path needs"),
     ("track {home}/words.csv", 2, "words.csv: line 2"),
     ("track circle --approach --no-approach", 2, "cannot be used with"),
-    ("track circle --modes {home}/modes.toml --controller-process false", 2, "ended"),
+    (
+        "track circle --modes {home}/modes.toml --controller-process false",
+        2,
+        "ended (exit status: 1)",
+    ),
     ("track circle --controller two-state --controller-process cat", 2, "cannot be used with"),
     ("track {home}/binary", 2, "waypoints"),
-    ("track /dev/null", 2, "point"),
+    ("track /dev/null", 2, "is a device"),
+    ("track /dev/zero", 2, "is a device"),
+    ("track {home}/fifo", 2, "is a pipe"),
+    ("track {home}/huge", 2, "larger than"),
+    ("track circle --modes {home}/fifo", 2, "is a pipe"),
+    ("track circle --modes /dev/zero", 2, "is a device"),
+    ("track circle --modes {home}/huge", 2, "larger than"),
     ("track circle --modes {home}/none.toml", 2, "none.toml"),
     ("track circle --modes {home}", 2, "directory"),
     ("track circle --modes {home}/broken.toml", 2, "broken.toml"),
@@ -160,6 +197,7 @@ const ROWS: &[(&str, i32, &str)] = &[
     // Home.
     ("home --to here", 2, "--to"),
     ("home --to 1,nan", 2, "--to"),
+    ("home --to 1e30,0", 2, "within 1000"),
     ("home --modes {home}/none.toml", 2, "none.toml"),
     ("home --fence 0,0,0,0", 2, "--fence"),
     ("home a b", 2, "unexpected argument"),
@@ -173,6 +211,9 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("identify --rounds 101", 2, "--rounds"),
     ("identify --only flying", 2, "choose from"),
     ("identify --fence 1,2", 2, "--fence"),
+    ("identify --modes {home}", 2, "is a directory"),
+    ("identify --modes {home}/fifo", 2, "is a pipe"),
+    ("identify --modes {home}/empty/modes.toml", 2, "modes.toml"),
     ("identify --natnet-server 127.0.0.1:9", 10, "Motive"),
     // Doctor.
     ("doctor --natnet-server x", 2, "IPv4"),
@@ -189,7 +230,15 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("runs show {home}/binary", 2, "binary"),
     ("runs show {home}/half.mcap", 2, "half.mcap"),
     ("runs show {home}", 2, "directory"),
-    ("man {home}/one.csv", 2, "one.csv"),
+    ("runs show {home}/fifo", 2, "is a pipe"),
+    ("runs plot /dev/zero", 2, "is a device"),
+    ("runs repair {home}/fifo", 2, "is a pipe"),
+    ("runs show {home}/huge", 2, "larger than"),
+    ("runs list --out {home}/fifo", 2, "Not a directory"),
+    ("runs list --out /dev/zero", 2, "Not a directory"),
+    ("man {home}/one.csv", 2, "one.csv is not a folder"),
+    ("man {home}/fifo", 2, "fifo is not a folder"),
+    ("man", 2, "DIR"),
     ("runs export-csv {home}/binary", 2, "binary"),
     // Provision.
     ("provision", 2, "Usage"),
@@ -219,6 +268,9 @@ fn home() -> tempfile::TempDir {
         std::fs::write(&path, content).unwrap();
         std::fs::set_permissions(&path, std::fs::Permissions::from_mode(*mode)).unwrap();
     }
+    let huge = std::fs::File::create(home.path().join("huge")).unwrap();
+    // Without its blocks: it takes no room.
+    huge.set_len(1 << 40).unwrap();
     assert!(Command::new("mkfifo").arg(home.path().join("fifo")).status().unwrap().success());
     home
 }
@@ -246,6 +298,20 @@ fn flix(home: &std::path::Path, line: &str) -> Option<Output> {
         std::thread::sleep(Duration::from_millis(2));
     }
     Some(child.wait_with_output().unwrap())
+}
+
+#[test]
+fn help_that_cannot_be_printed_is_an_error_and_a_closed_pipe_is_none() {
+    let full = || std::fs::File::options().write(true).open("/dev/full").unwrap();
+    for words in [&["--help"][..], &["--version"], &["drive", "--help"], &["help", "track"]] {
+        let flix = || Command::new(env!("CARGO_BIN_EXE_flix"));
+        let output = flix().args(words).stdout(full()).output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{words:?}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains("No space left"), "{words:?}");
+        let mut child = flix().args(words).stdout(Stdio::piped()).spawn().unwrap();
+        drop(child.stdout.take());
+        assert_eq!(child.wait().unwrap().code(), Some(0), "{words:?}");
+    }
 }
 
 #[test]

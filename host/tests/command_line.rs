@@ -15,7 +15,7 @@ use flix_host::link::udp::Connection;
 use flix_host::nav::PlanarPose;
 use flix_host::pose::Pose;
 use flix_host::pose::natnet::{NatNetServer, ServerSettings};
-use flix_protocol::message::{Fault, Faults, Setpoint, State};
+use flix_protocol::message::{Fault, Faults, ResetReason, Setpoint, State};
 use flix_protocol::session::Key;
 use flix_protocol::units::{Degrees, Hertz};
 use support::{FakeRobot, MODES, ServedRobot, key, seeded_loss};
@@ -305,6 +305,57 @@ fn anybody_with_the_key_stops_a_drive_and_its_operator_learns_of_it() {
 }
 
 #[test]
+fn everybody_learns_who_stopped_the_robot() {
+    let mut stopped = robot();
+    (stopped.stopped, stopped.stopped_by) = (true, "bob".parse().unwrap());
+    let (_served, address) = serve(stopped);
+    let operator = Operator::new();
+    let json = operator.flix(&["status", &address, "--json"]).expect(0, &[]).json();
+    assert_eq!((&json["stopped"], &json["stopped_by"]), (&true.into(), &"bob".into()));
+    let text = operator.flix(&["status", &address]).expect(0, &[]).stdout();
+    assert!(text.contains("stopped by bob: `flix clear`"), "{text}");
+    operator.flix(&drive(&address, &[])).expect(30, &["bob stopped the robot", "flix clear"]);
+    let doctor = operator.flix(&["doctor", &address, "--no-poses"]);
+    assert_eq!(doctor.code(), 30);
+    assert!(doctor.stdout().contains("bob stopped the robot"), "{}", doctor.stdout());
+}
+
+#[test]
+fn a_drive_whose_robot_restarts_states_the_stop_that_it_latched() {
+    let (served, _) = serve(robot());
+    let operator = Operator::new();
+    let child = long_drive(&operator, &served);
+    served.robot().restart();
+    let ended = Ended(child.wait_with_output().unwrap());
+    ended.expect(10, &["restarted", "has acknowledged a stop", "flix clear"]);
+    assert!(served.robot().stopped);
+}
+
+#[test]
+fn an_operator_whose_key_is_revoked_while_driving_is_told_so() {
+    let (served, _) = serve(robot());
+    let operator = Operator::new();
+    let child = long_drive(&operator, &served);
+    served.robot().revoke();
+    Ended(child.wait_with_output().unwrap()).expect(20, &["your key was revoked"]);
+}
+
+#[test]
+fn an_operator_whose_key_is_revoked_while_walking_is_told_so() {
+    let cameras = Cameras::start();
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let modes = operator.home.path().join("modes.toml");
+    std::fs::write(&modes, MODES).unwrap();
+    let words = ["track", &address, "circle", "--natnet-server", &cameras.address, "--modes"];
+    let mut command = operator.command(&[&words[..], &[modes.to_str().unwrap()]].concat());
+    let child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    wait_until(|| served.robot().state == State::Running);
+    served.robot().revoke();
+    Ended(child.wait_with_output().unwrap()).expect(20, &["your key was revoked", ".mcap"]);
+}
+
+#[test]
 fn a_stop_with_another_key_is_refused() {
     let (served, address) = serve(robot());
     let other = Operator::with_key(&Key::new([8; 32]));
@@ -377,9 +428,12 @@ fn a_full_disk_stops_the_robot_and_the_record_up_to_then_can_be_read() {
     let (served, address) = serve(robot());
     let operator = Operator::new();
     let output = track_on_a_full_disk(&operator, &address, &cameras).output().unwrap();
-    Ended(output).expect(2, &["cannot write the record", "the robot was stopped", "flix clear"]);
+    let ended = Ended(output);
+    let said = ended.stderr();
+    assert_eq!(said.matches("cannot write the record").count(), 1, "{said}");
+    ended.expect(2, &["cannot write the record", "the robot was stopped", "flix clear"]);
     assert!(served.robot().stopped);
-    let runs = flix_host::record::list(operator.home.path()).unwrap();
+    let runs = flix_host::record::list(operator.home.path()).unwrap().runs;
     let run = flix_host::record::Run::read(&runs[0].file).unwrap();
     assert!(!run.poses.is_empty() && !run.telemetry.is_empty());
 }
@@ -400,6 +454,30 @@ fn a_full_disk_is_reported_at_once_when_the_run_goes_on_without_a_record() {
     assert_eq!(served.robot().state, State::Running, "it walks on");
     kill("INT", child.id());
     assert_eq!(child.wait().unwrap().code(), Some(40));
+}
+
+#[test]
+fn a_drive_whose_record_fails_reports_its_figures_all_the_same() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let mut long = Command::new("bash");
+    long.args([
+        "-c",
+        "trap '' XFSZ; ulimit -f 64; exec \"$@\"",
+        "bash",
+        env!("CARGO_BIN_EXE_flix"),
+    ])
+    .args(["drive", &address, "--frequency", "-30", "--direction", "30", "--for", "10s"])
+    .args(["--json", "--key"])
+    .arg(&operator.key)
+    .current_dir(operator.home.path())
+    .env("HOME", operator.home.path());
+    let ended = Ended(long.output().unwrap());
+    assert_eq!(ended.code(), 2, "{}", ended.stderr());
+    assert!(ended.stderr().contains("cannot write the record"), "{}", ended.stderr());
+    let json = ended.json();
+    assert!(json["held"]["frequency_hz"].is_number() && json["record"].is_null(), "{json}");
+    assert_eq!(served.robot().state, State::Disarmed);
 }
 
 #[test]
@@ -489,7 +567,7 @@ fn a_stopped_robot_is_driven_again_only_after_clear() {
     let operator = Operator::new();
     operator.flix(&["stop", &address]).expect(0, &[]);
     assert!(served.robot().stopped);
-    operator.flix(&drive(&address, &[])).expect(30, &["flix clear"]);
+    operator.flix(&drive(&address, &[])).expect(30, &["owner stopped the robot", "flix clear"]);
     operator.flix(&["clear", &address]).expect(0, &[]);
     operator.flix(&drive(&address, &[])).expect(0, &[]);
 }
@@ -624,6 +702,23 @@ fn status_tells_faults_in_plain_words_with_the_first_cause() {
     assert_eq!(json["link"]["robot"]["dropped"]["forged"], 0);
     let text = operator.flix(&["status", &address]).expect(0, &[]).stdout();
     assert!(text.contains("first: over-current") && text.contains("free the rotor"), "{text}");
+}
+
+#[test]
+fn status_tells_why_the_robot_started() {
+    for (reset, said) in [
+        (ResetReason::PowerOn, "power-on"),
+        (ResetReason::panic("src/link.rs", 12), "a panic at src/link.rs:12"),
+    ] {
+        let mut started = robot();
+        started.reset = reset;
+        let (_served, address) = serve(started);
+        let operator = Operator::new();
+        let json = operator.flix(&["status", &address, "--json"]).expect(0, &[]).json();
+        assert_eq!(json["robot"]["reset_reason"], said);
+        let text = operator.flix(&["status", &address]).expect(0, &[]).stdout();
+        assert!(text.contains(&format!("after {said}")), "{text}");
+    }
 }
 
 #[test]
@@ -821,6 +916,12 @@ fn a_drive_is_recorded_unless_that_is_declined() {
     )
     .unwrap();
     assert!(run.is_complete && !run.telemetry.is_empty(), "{} rows", run.telemetry.len());
+    assert_eq!(run.fact("results", "ending"), "finished");
+    std::fs::write(operator.home.path().join("out/runs/0.mcap"), "no record").unwrap();
+    let list = operator.command_without_key(&["runs", "list"]).output().unwrap();
+    let list = Ended(list).expect(0, &[]).stdout();
+    assert!(list.contains("finished, within 0.000 Hz"), "{list}");
+    assert!(list.contains("not a record of a run") && !list.contains("repair"), "{list}");
     assert_eq!(run.commands.iter().map(|row| row.frequency_hz).collect::<Vec<_>>(), [-30.0]);
     let json = operator.flix(&drive(&address, &["--json", "--no-record"])).expect(0, &[]).json();
     assert!(json["record"].is_null());

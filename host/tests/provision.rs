@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 use flix_host::keys::Keyring;
-use flix_protocol::message::Identity;
+use flix_protocol::message::{Identity, ResetReason};
 use flix_protocol::provision::{
     Answer, FrameReader, ProvisionRefusal, Provisioning, Request, write_frame,
 };
@@ -107,6 +107,7 @@ fn answer(kept: &mut Option<Kept>, request: Request, refusal: Option<ProvisionRe
                 name: kept.as_ref().map_or("", |kept| kept.name()).try_into().unwrap(),
                 board: "bench".try_into().unwrap(),
                 version: "0.1.0".try_into().unwrap(),
+                reset: ResetReason::PowerOn,
             },
             has_key: kept.is_some(),
         },

@@ -10,6 +10,7 @@ mod names;
 mod operator;
 mod parameter;
 mod refusal;
+mod reset;
 mod setpoint;
 mod telemetry;
 
@@ -23,6 +24,7 @@ pub(crate) use operator::is_label;
 pub use operator::{OPERATOR_NAME_LENGTH, OperatorName, OperatorNameError};
 pub use parameter::{NAME_LENGTH, Name, PARAMETERS_PER_REPLY, Parameter, ParameterCommand};
 pub use refusal::Refusal;
+pub use reset::ResetReason;
 pub use setpoint::{MAXIMUM_DIRECTION, MAXIMUM_FREQUENCY, Setpoint};
 pub use telemetry::{Event, EventReport, LoopTiming, MotorTelemetry, State, Telemetry};
 
@@ -129,7 +131,7 @@ pub enum Outcome {
     Pong(u32),
 }
 
-/// Which robot this is, and which firmware it runs.
+/// Which robot this is, which firmware it runs, and since what.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Identity {
     /// Chosen when the robot was provisioned.
@@ -138,4 +140,6 @@ pub struct Identity {
     pub board: Name,
     /// Version of the firmware.
     pub version: String<16>,
+    /// Why it last started.
+    pub reset: ResetReason,
 }

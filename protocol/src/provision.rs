@@ -372,6 +372,7 @@ mod tests {
             name: "walker".try_into().unwrap(),
             board: "board".try_into().unwrap(),
             version: "0.1.0".try_into().unwrap(),
+            reset: crate::message::ResetReason::Tasks,
         };
         let identity = Answer::Identity { identity, has_key: true };
         bytes.extend_from_slice(&write_frame(&identity).unwrap());

@@ -132,6 +132,7 @@ fn outcomes() -> Vec<Outcome> {
             name: name("flix-7"),
             board: name("MKS DUAL FOC V3.3 PLUS"),
             version: "0.1.0".try_into().unwrap(),
+            reset: ResetReason::panic("src/link.rs", 12),
         }),
         Outcome::Pong(0xDEAD_BEEF),
     ];
@@ -238,6 +239,7 @@ fn running() -> ToOperator {
             signal_dbm: Some(-61),
         },
         operator: operator("anna"),
+        stopped_by: Some(operator("bob")),
     })
 }
 
@@ -377,6 +379,7 @@ fn serial(golden: &mut Golden) {
         name: name("flix-7"),
         board: name("MKS DUAL FOC V3.3 PLUS"),
         version: "0.1.0".try_into().unwrap(),
+        reset: ResetReason::Requested,
     };
     for request in [
         Request::Identify,
@@ -501,6 +504,7 @@ fn the_longest_messages_fit_a_datagram() {
             name: name.clone(),
             board: name.clone(),
             version: "v".repeat(16).as_str().try_into().unwrap(),
+            reset: ResetReason::panic(&name, most),
         })),
         reply(Outcome::Refused(Refusal::OutOfRange {
             name: name.clone(),

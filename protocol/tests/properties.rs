@@ -194,6 +194,14 @@ fn refusal() -> impl Strategy<Value = Refusal> {
     ]
 }
 
+fn resets() -> impl Strategy<Value = ResetReason> {
+    use ResetReason::{BrownOut, FastLoop, Other, PowerOn, Requested, Tasks};
+    prop_oneof![
+        proptest::sample::select(vec![PowerOn, BrownOut, Requested, FastLoop, Tasks, Other]),
+        text().prop_map(ResetReason::Panic),
+    ]
+}
+
 fn outcome() -> impl Strategy<Value = Outcome> {
     prop_oneof![
         Just(Outcome::Done),
@@ -205,11 +213,9 @@ fn outcome() -> impl Strategy<Value = Outcome> {
                 entries: entries.into_iter().collect()
             }
         ),
-        (text(), text(), text()).prop_map(|(name, board, version)| Outcome::Identity(Identity {
-            name,
-            board,
-            version
-        })),
+        (text(), text(), text(), resets()).prop_map(|(name, board, version, reset)| {
+            Outcome::Identity(Identity { name, board, version, reset })
+        }),
         any::<u32>().prop_map(Outcome::Pong),
     ]
 }
@@ -253,15 +259,16 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
             LoopTiming { ticks, longest_interval_us, overruns }
         });
     (
-        (instant(), state(), faults(), prop::option::of(fault()), any::<[bool; 2]>()),
+        (instant(), state(), faults(), prop::option::of(fault()), any::<[bool; 3]>()),
         (any_setpoint(), hertz(), degrees(), [motor(), motor()]),
         (prop::option::of(volts()), any::<f32>(), timing, link),
     )
         .prop_map(|(standing, motion, (bus_voltage, modulation, timing, link))| {
-            let (time, state, faults, first_fault, [stopped, link_late]) = standing;
+            let (time, state, faults, first_fault, [stopped, link_late, named]) = standing;
             let (setpoint, frequency, direction, motors) = motion;
             Telemetry {
                 operator: OperatorName::OWNER,
+                stopped_by: named.then_some(OperatorName::OWNER),
                 time,
                 state,
                 faults,

@@ -28,6 +28,9 @@ use crate::fast::units::{
 };
 use crate::hardware::Bridge;
 
+#[cfg(test)]
+mod tests;
+
 /// Ticks over which the current zero is averaged: 0.1 s.
 const ZERO_TICKS: u32 = 1 << 10;
 /// Ticks for the voltage to build up, for the field to turn to where it begins, and to let the

@@ -5,7 +5,7 @@
 //! over only while the motors are not driven.
 
 #[cfg(test)]
-mod bench;
+pub(crate) mod bench;
 #[cfg(test)]
 mod tests;
 

@@ -41,6 +41,9 @@ use crate::fast::units::{
     Current, RotorAngle, Speed, TICK_RATE_HZ, cosine_sine, magnitude, multiply_high, within,
 };
 
+#[cfg(test)]
+mod tests;
+
 /// How fast a ramp closes in on its end, 1/s: the last `ramp / 50` are approached exponentially.
 const FREQUENCY_APPROACH: i64 = 50;
 /// The same for theta.

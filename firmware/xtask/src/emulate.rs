@@ -14,6 +14,9 @@ fn emulator(args: &Args, image: &Path) -> Result<Command, Error> {
     let mut command = match &args.program {
         Some(program) => run::command(absolute(program)?),
         None => {
+            // The one that makes the journey lies beside the emulator.
+            let mut flix = toolchain::cargo();
+            run::run(flix.args(["build", "--quiet", "--release", "--package", "flix-host"]))?;
             let mut cargo = toolchain::cargo();
             cargo.args(["run", "--quiet", "--release", "--package", "flix-chip", "--"]);
             cargo
@@ -42,11 +45,17 @@ pub(crate) struct Args {
     /// Print JSON.
     #[arg(long)]
     json: bool,
+    /// Run these parts alone: session, network, restarts, power, journey.
+    #[arg(long, value_delimiter = ',', num_args = 1..)]
+    part: Vec<String>,
+    /// Serve the robot to `flix` and other programs of this computer, at most in real time, until Ctrl-C.
+    #[arg(long, conflicts_with_all = ["part", "quick", "json"])]
+    live: bool,
     /// Run this `flix-chip` instead of building one.
     #[arg(long)]
     program: Option<PathBuf>,
     /// Build an image with each of the defects in `sim-hil/chip/defects.toml`, and check that each is caught.
-    #[arg(long, conflicts_with_all = ["image", "encoder", "quick"])]
+    #[arg(long, conflicts_with_all = ["image", "encoder", "quick", "part", "live"])]
     defects: bool,
     /// Try these defects alone: those whose names contain this.
     #[arg(long, requires = "defects")]
@@ -67,6 +76,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Error> {
     };
     let mut command = emulator(args, &image)?;
     command.args(args.encoder.iter().flat_map(|encoder| ["--encoder", encoder]));
+    command.args(args.part.iter().flat_map(|part| ["--part", part]));
+    command.args(args.live.then_some("--live"));
     command.args(args.quick.then_some("--quick")).args(args.json.then_some("--json"));
     run::run(&mut command)
 }

@@ -34,6 +34,7 @@ const EXAMPLES: &str = "Examples:
   cargo xtask check esp32 --encoder mt6701
   cargo xtask emulate                                provision, drive, and try what goes wrong
   cargo xtask emulate --quick --json
+  cargo xtask emulate --live                         then: flix provision --port PORT --ssid lab --open
   cargo xtask size";
 
 #[derive(Subcommand)]

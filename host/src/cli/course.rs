@@ -15,6 +15,15 @@ use crate::nav::{
 };
 use crate::steering::{self, ControllerProcess, Steering};
 
+/// Size of the figure eight when none is given, m.
+const WIDTH: f64 = 1.6;
+/// Its other size, m.
+const HEIGHT: f64 = 0.8;
+/// Radius of the circle when none is given, m.
+const RADIUS: f64 = 0.4;
+/// Side of the square when none is given, m.
+const SIDE: f64 = 0.8;
+
 /// Options of a path, and of how it is followed.
 #[derive(Debug, Clone, clap::Args)]
 pub struct CourseArgs {
@@ -25,18 +34,18 @@ pub struct CourseArgs {
     /// Number of laps of a closed path.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..))]
     pub laps: u32,
-    /// Width of the figure eight, m.
-    #[arg(long, value_name = "M", default_value_t = 1.6)]
-    pub width: f64,
-    /// Height of the figure eight, m.
-    #[arg(long, value_name = "M", default_value_t = 0.8)]
-    pub height: f64,
-    /// Radius of the circle, m.
-    #[arg(long, value_name = "M", default_value_t = 0.4)]
-    pub radius: f64,
-    /// Side of the square, m.
-    #[arg(long, value_name = "M", default_value_t = 0.8)]
-    pub side: f64,
+    /// Width of the figure eight, m [default: 1.6].
+    #[arg(long, value_name = "M")]
+    pub width: Option<f64>,
+    /// Height of the figure eight, m [default: 0.8].
+    #[arg(long, value_name = "M")]
+    pub height: Option<f64>,
+    /// Radius of the circle, m [default: 0.4].
+    #[arg(long, value_name = "M")]
+    pub radius: Option<f64>,
+    /// Side of the square, m [default: 0.8].
+    #[arg(long, value_name = "M")]
+    pub side: Option<f64>,
     /// Position of the middle of the path (of the origin of a file), m.
     #[arg(long, value_name = "X,Y", default_value = "0,0", allow_hyphen_values = true)]
     pub at: Position,
@@ -87,14 +96,45 @@ impl CourseArgs {
     /// # Errors
     /// When a size is out of range, or the file is not a list of waypoints.
     pub fn task(&self) -> Result<Task, Error> {
+        self.refuse_other_sizes()?;
         let path = match self.path.as_str() {
-            "figure8" => Path::figure_eight(self.width, self.height)?,
-            "circle" => Path::circle(self.radius)?,
-            "square" => Path::square(self.side)?,
+            "figure8" => {
+                Path::figure_eight(self.width.unwrap_or(WIDTH), self.height.unwrap_or(HEIGHT))?
+            }
+            "circle" => Path::circle(self.radius.unwrap_or(RADIUS))?,
+            "square" => Path::square(self.side.unwrap_or(SIDE))?,
             file => read_path(file)?,
         };
         let path = path.placed(PlanarPose::new(self.at, self.turned.to_radians()));
         Ok(Task::Follow { path, laps: self.laps })
+    }
+
+    /// Refuses the size of another path: it would change nothing.
+    fn refuse_other_sizes(&self) -> Result<(), Error> {
+        let own: &[&str] = match self.path.as_str() {
+            "figure8" => &["--width", "--height"],
+            "circle" => &["--radius"],
+            "square" => &["--side"],
+            _ => &[],
+        };
+        let given = [
+            ("--width", self.width),
+            ("--height", self.height),
+            ("--radius", self.radius),
+            ("--side", self.side),
+        ];
+        match given.iter().find(|(option, size)| size.is_some() && !own.contains(option)) {
+            Some((option, _)) if own.is_empty() => Err(Error::usage(format_args!(
+                "{option} is the size of another path: that of {} is in its file",
+                self.path
+            ))),
+            Some((option, _)) => Err(Error::usage(format_args!(
+                "{option} is the size of another path: {} has {}",
+                self.path,
+                own.join(" and ")
+            ))),
+            None => Ok(()),
+        }
     }
 
     /// Returns the settings of these options.

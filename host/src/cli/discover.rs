@@ -4,7 +4,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use super::output::{headings, print, print_json, table};
-use super::time::duration;
+use super::time::positive_duration;
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 use crate::keys::{Keyring, SIMULATED_ROBOT};
@@ -20,7 +20,7 @@ Examples:
   flix discover --for 10s --json | jq -r '.[].name'")]
 pub struct Args {
     /// Duration of listening.
-    #[arg(long = "for", value_name = "TIME", default_value = "3s", value_parser = duration)]
+    #[arg(long = "for", value_name = "TIME", default_value = "3s", value_parser = positive_duration)]
     duration: Duration,
     /// Print JSON.
     #[arg(long)]

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant as Clock};
 
 use flix_protocol::failsafe::BATTERY_LOW_VOLTS;
-use flix_protocol::message::{Command, Outcome, State, Telemetry};
+use flix_protocol::message::{Command, Outcome, ResetReason, State, Telemetry};
 use flix_protocol::units::Instant;
 
 use super::output::{print, print_json};
@@ -26,8 +26,6 @@ const FEW_POSES: f64 = 50.0;
 const CLOCK_DRIFT: f64 = 0.02;
 /// Jitter of the telemetry, s.
 const TELEMETRY_JITTER: f64 = 0.1;
-/// Height of the markers of a robot on the floor, m: its plate is 0.06 m above its soles.
-const HEIGHTS: std::ops::RangeInclusive<f64> = 0.01..=0.3;
 /// Longest good round trip.
 const LONG_ROUND_TRIP: Duration = Duration::from_millis(100);
 
@@ -113,7 +111,7 @@ fn look_at_robot(robot: &RobotArgs, interrupt: &Interrupt) -> Vec<Finding> {
         // The sentence names key, version, second operator or silence.
         Err(error) => return vec![Finding::bad("robot", error.exit, error.sentence)],
     };
-    let mut findings = vec![identity(&mut connection)];
+    let mut findings = identity(&mut connection);
     let begin = Clock::now();
     let first = connection.client().telemetry().map(|t| t.time);
     while begin.elapsed() < WATCH && !interrupt.is_raised() {
@@ -129,23 +127,34 @@ fn look_at_robot(robot: &RobotArgs, interrupt: &Interrupt) -> Vec<Finding> {
     findings
 }
 
-fn identity(connection: &mut Connection) -> Finding {
+fn identity(connection: &mut Connection) -> Vec<Finding> {
     let answer = connection.ask(Command::Identify);
     let operator = connection
         .client()
         .telemetry()
         .map_or_else(String::new, |it| format!(" of {}", it.operator));
-    match answer {
-        Ok(Outcome::Identity(identity)) => Finding::good(
-            "robot",
-            format_args!(
-                "{} on {}, firmware {}; key{operator} and version fit",
-                identity.name, identity.board, identity.version
-            ),
-        ),
-        Ok(_) => Finding::bad("robot", Exit::Refused, "its answer does not fit the request"),
-        Err(error) => Finding::bad("robot", Exit::NoAnswer, error),
-    }
+    let identity = match answer {
+        Ok(Outcome::Identity(identity)) => identity,
+        Ok(_) => {
+            let sentence = "its answer does not fit the request";
+            return vec![Finding::bad("robot", Exit::Refused, sentence)];
+        }
+        Err(error) => return vec![Finding::bad("robot", Exit::NoAnswer, error)],
+    };
+    let sentence = format!(
+        "{} on {}, firmware {}; key{operator} and version fit",
+        identity.name, identity.board, identity.version
+    );
+    vec![Finding::good("robot", sentence), judge_reset(&identity.reset)]
+}
+
+fn judge_reset(reset: &ResetReason) -> Finding {
+    let advice = match reset {
+        ResetReason::BrownOut => "charge the battery, and look at its leads and the board's supply",
+        reset if reset.is_accident() => "a defect of the firmware: report it with this line",
+        _ => return Finding::good("reset", format_args!("started after {reset}")),
+    };
+    Finding::bad("reset", Exit::RobotFault, format_args!("started after {reset}: {advice}"))
 }
 
 fn link(connection: &Connection) -> Finding {
@@ -180,6 +189,8 @@ fn judge_state(telemetry: &Telemetry) -> Finding {
     let bad = |sentence: String| Finding::bad("state", Exit::RobotFault, sentence);
     if telemetry.state == State::Faulted || !telemetry.faults.is_empty() {
         bad(format!("faulted: {}; remove the cause, then `flix clear`", telemetry.faults))
+    } else if let Some(by) = telemetry.stopped_by {
+        bad(LinkError::StoppedBy(by).to_string())
     } else if telemetry.stopped {
         bad("a stop is latched: `flix clear` clears it".to_owned())
     } else {
@@ -256,14 +267,9 @@ fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
             height,
             floor.heading.to_degrees()
         );
-        // A tracker in the plane states no height.
-        let is_planar = matches!(source, Poses::Udp(_)) && height == 0.0;
-        findings.push(if is_planar || HEIGHTS.contains(&height) {
-            Finding::good("pose", place)
-        } else {
-            let advice =
-                "on the floor the markers are 0.01 to 0.3 m high: set --up as in Motive, and its ground plane";
-            Finding::bad("pose", Exit::Usage, format_args!("{place}: {advice}"))
+        findings.push(match sample.pose.floating(source.is_planar()) {
+            None => Finding::good("pose", place),
+            Some(trouble) => Finding::bad("pose", Exit::Usage, format_args!("{place}: {trouble}")),
         });
     }
     findings
@@ -434,5 +440,17 @@ mod tests {
         assert!(
             judge_state(&well).ok && judge_battery(&well).ok && judge_clock(&well, two, two).ok
         );
+    }
+
+    #[test]
+    fn a_robot_that_should_not_have_started_is_a_finding() {
+        let panic = ResetReason::panic("src/link.rs", 12);
+        for reset in [ResetReason::BrownOut, ResetReason::FastLoop, ResetReason::Tasks, panic] {
+            let Finding { ok, sentence, .. } = judge_reset(&reset);
+            assert!(!ok && sentence.contains(&reset.to_string()), "{sentence}");
+        }
+        for reset in [ResetReason::PowerOn, ResetReason::Requested, ResetReason::Other] {
+            assert!(judge_reset(&reset).ok, "{reset}");
+        }
     }
 }

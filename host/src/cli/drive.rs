@@ -6,19 +6,19 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use flix_protocol::message::{Event, EventReport, Setpoint, State, Telemetry};
+use flix_protocol::message::{Refusal, Setpoint, State, Telemetry};
 use flix_protocol::units::{self, Degrees, Hertz, OutOfRange};
 use serde::Serialize;
 
 use super::moved::{Motion, Walked};
 use super::output::{milliseconds, print, print_json, progress};
 use super::robot::RobotArgs;
-use super::time::duration;
-use super::walk::{PoseArgs, record};
+use super::time::positive_duration;
+use super::walk::{HeightCheck, PoseArgs, record};
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 use crate::link::Update;
-use crate::link::udp::{Connection, LinkError, STOP_PATIENCE, faulted};
+use crate::link::udp::{Connection, FAREWELL_PATIENCE, LinkError, STOP_PATIENCE, faulted};
 use crate::pose::PoseSource;
 use crate::pose::any::Poses;
 use crate::record::{RecordError, Recorder};
@@ -59,7 +59,7 @@ pub struct Args {
     #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = direction)]
     direction: Degrees,
     /// Duration, for example 5, 5s or 1500ms.
-    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    #[arg(long = "for", value_name = "TIME", value_parser = positive_duration)]
     duration: Duration,
     /// Folder for the record.
     #[arg(long, value_name = "DIR", default_value = "out")]
@@ -107,12 +107,9 @@ fn parse<T>(
 /// When the robot cannot be reached, refuses, has a fault, or the program is interrupted; the robot
 /// is stopped then.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    if args.duration.is_zero() {
-        return Err(Error::usage("the duration must be longer than 0: for example --for 5s"));
-    }
     let setpoint = Setpoint::new(args.frequency, args.direction).map_err(Error::usage)?;
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
-    let poses = args.poses.pose.map(|_| args.poses.open()).transpose()?;
+    let poses = args.poses.open_if_named()?;
     let mut connection = args.robot.connect(&interrupt)?;
     let recorder = if args.no_record {
         None
@@ -121,19 +118,30 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         Some(record(&args.out, &mut connection, source, "drive", BTreeMap::new())?)
     };
     let held = Held::new(setpoint);
-    let mut log = DriveLog { held, recorder, trouble: None, poses, walked: None };
+    let mut log = DriveLog {
+        held,
+        seconds: 0.0,
+        recorder,
+        trouble: None,
+        poses,
+        heights: HeightCheck::default(),
+        walked: None,
+    };
     let driven = drive(&mut connection, setpoint, args.duration, &mut log);
-    let file = log.recorder.take().map(Recorder::finish).transpose();
-    match driven {
-        Ok(()) => {}
-        Err(LinkError::Interrupted) => return Err(stop(&mut connection)),
-        Err(error) => return Err(error.into()),
-    }
-    if let Some(error) = log.trouble {
-        connection.leave();
+    let failed = match driven {
+        Ok(()) => None,
+        Err(LinkError::Interrupted) => Some(stop(&mut connection)),
+        Err(error) => Some(give_up(&mut connection, error.into())),
+    };
+    let ending = failed.as_ref().or(log.trouble.as_ref());
+    let results = log.held.results(ending);
+    let record = log.recorder.take().map(|recorder| recorder.conclude(results)).transpose();
+    if let Some(error) = failed {
         return Err(error);
     }
-    let report = Report::new(args, &log.held, log.walked.as_ref(), &connection, file?);
+    let (record, unwritten) =
+        record.map_or_else(|error| (None, Some(error.into())), |file| (file, None));
+    let report = Report::new(args, &log, &connection, record);
     connection.leave();
     if args.json {
         print_json(&report)?
@@ -143,7 +151,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             print("no trusted pose arrived; `flix doctor` with the same --pose finds out why\n")?
         }
     }
-    Ok(Exit::Done.into())
+    log.trouble.or(unwritten).map_or(Ok(Exit::Done.into()), Err)
 }
 
 /// Stops the robot after an interruption. Returns the error that reports it.
@@ -156,6 +164,17 @@ pub fn stop(connection: &mut Connection) -> Error {
         "interrupted: stop was sent, and the robot has not acknowledged it; without commands it stops by itself"
     };
     Error::new(Exit::Interrupted, sentence)
+}
+
+/// Stops a robot that may still be driven after an error. Returns the error, which reports the stop.
+pub fn give_up(connection: &mut Connection, error: Error) -> Error {
+    let is_latched = connection.client().is_driving() && connection.stop(FAREWELL_PATIENCE);
+    if !is_latched || error.sentence.contains("flix clear") {
+        return error;
+    }
+    let sentence =
+        format!("{error}; the robot has acknowledged a stop: `flix clear` makes it ready again",);
+    Error { sentence, ..error }
 }
 
 fn drive(
@@ -181,14 +200,16 @@ fn drive(
             let now = began + start.elapsed();
             log.write(|recorder| recorder.update(now, update));
             match update {
-                Update::Event(EventReport { event: Event::StoppedFromOutside(by), .. }) => {
-                    Some(LinkError::StoppedFromOutside(*by))
-                }
+                // Telemetry states who stopped the robot.
+                Update::SetpointRefused(Refusal::Stopped) => None,
                 Update::SetpointRefused(refusal) => Some(LinkError::Refused(refusal.clone())),
                 Update::Telemetry(telemetry) => {
                     log.held.add(start.elapsed(), telemetry);
                     let is_running = matches!(telemetry.state, State::Running | State::Armed);
                     has_run |= is_running;
+                    if let Some(by) = telemetry.stopped_by {
+                        return Some(LinkError::StoppedBy(by));
+                    }
                     match telemetry.state {
                         State::Faulted => Some(faulted(telemetry)),
                         // Commands stayed away or came late, as on a busy computer: the robot runs on with the
@@ -214,14 +235,18 @@ fn drive(
         bar.set_position(u64::try_from(start.elapsed().as_millis()).unwrap_or(u64::MAX));
     }
     bar.finish_and_clear();
+    log.seconds = start.elapsed().as_secs_f64();
     connection.disarm()
 }
 
 /// What is kept of a drive.
 struct DriveLog {
     held: Held,
+    /// Duration of the drive, s.
+    seconds: f64,
     recorder: Option<Recorder>,
     poses: Option<Poses>,
+    heights: HeightCheck,
     walked: Option<Walked>,
     /// Why the record is not complete; ends the drive.
     trouble: Option<Error>,
@@ -241,6 +266,8 @@ impl DriveLog {
             match polled {
                 Ok(None) => return,
                 Ok(Some(sample)) => {
+                    let is_planar = self.poses.as_ref().is_some_and(Poses::is_planar);
+                    self.heights.look(&sample, is_planar);
                     Walked::observe(&mut self.walked, &sample);
                     self.write(|recorder| recorder.pose(&sample));
                 }
@@ -310,6 +337,20 @@ impl Held {
         }
     }
 
+    /// Returns the results for the record.
+    fn results(&self, trouble: Option<&Error>) -> BTreeMap<String, String> {
+        let ending = trouble.map_or_else(|| "finished".to_owned(), ToString::to_string);
+        let mut results = BTreeMap::from([("ending".to_owned(), ending)]);
+        if let Some(figures) = self.figures() {
+            let Figures { frequency_rms_error_hz, direction_rms_error_deg, .. } = figures;
+            results.extend([
+                ("frequency_rms_error_hz".into(), format!("{frequency_rms_error_hz:.3}")),
+                ("direction_rms_error_deg".into(), format!("{direction_rms_error_deg:.2}")),
+            ]);
+        }
+        results
+    }
+
     fn figures(&self) -> Option<Figures> {
         let count = f64::from(self.samples);
         (self.samples > 0).then(|| Figures {
@@ -363,13 +404,8 @@ struct Link {
 }
 
 impl Report {
-    fn new(
-        args: &Args,
-        held: &Held,
-        walked: Option<&Walked>,
-        connection: &Connection,
-        record: Option<PathBuf>,
-    ) -> Self {
+    fn new(args: &Args, log: &DriveLog, connection: &Connection, record: Option<PathBuf>) -> Self {
+        let DriveLog { held, seconds, walked, .. } = log;
         let statistics = connection.client().statistics();
         let quantile = |share| statistics.round_trip_quantile(share).map(milliseconds);
         Self {
@@ -377,12 +413,12 @@ impl Report {
                 frequency_hz: args.frequency.get(),
                 direction_deg: args.direction.get(),
             },
-            seconds: args.duration.as_secs_f64(),
+            seconds: *seconds,
             settled_after_s: held.settled_after.map(|it| it.as_secs_f64()),
             held: held.figures(),
             peak_current_a: held.peak_current,
             bus_voltage_v: held.bus_voltage,
-            moved: walked.map(Walked::motion),
+            moved: walked.as_ref().map(Walked::motion),
             link: Link {
                 round_trip_p50_ms: quantile(0.5),
                 round_trip_p99_ms: quantile(0.99),
@@ -402,7 +438,7 @@ fn describe(report: &Report) -> String {
             text,
             "f      {:7.2} Hz  held {:7.2} Hz  within {:.3} Hz RMS\n\
              theta  {:7.1} deg held {:7.1} deg within {:.2} deg RMS\n\
-             reached after {:.2} s; {} s in all; peak current {:.2} A",
+             reached after {:.2} s; {:.1} s in all; peak current {:.2} A",
             commanded.frequency_hz,
             held.frequency_hz,
             held.frequency_rms_error_hz,
@@ -415,7 +451,7 @@ fn describe(report: &Report) -> String {
         ),
         None => writeln!(
             text,
-            "f {:.2} Hz and theta {:.1} deg were not reached within {} s; peak current {:.2} A",
+            "f {:.2} Hz and theta {:.1} deg were not reached within {:.1} s; peak current {:.2} A",
             commanded.frequency_hz, commanded.direction_deg, report.seconds, report.peak_current_a,
         ),
     };

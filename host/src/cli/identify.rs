@@ -111,6 +111,7 @@ pub fn describe(modes: &ModeTable) -> String {
 /// When something is missing, or the run ended early.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (identification, names) = args.identification.identification()?;
+    ModeTable::check_writable(&args.files.modes)?;
     let mut walk = Walk::open(&args.robot, &args.poses)?;
     let facts = BTreeMap::from([("identification".into(), args.identification.source())]);
     let recorder = walk.record(&args.files.out, "identify", facts)?;

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::output::{milliseconds, print, print_json, progress};
 use super::robot::RobotArgs;
-use super::time::duration;
+use super::time::positive_duration;
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 use crate::link::udp::{Connection, LinkError};
@@ -31,7 +31,7 @@ pub struct Args {
     #[command(flatten)]
     robot: RobotArgs,
     /// Duration of the measurement.
-    #[arg(long = "for", value_name = "TIME", default_value = "5s", value_parser = duration)]
+    #[arg(long = "for", value_name = "TIME", default_value = "5s", value_parser = positive_duration)]
     duration: Duration,
     /// Print JSON.
     #[arg(long)]

@@ -31,6 +31,9 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 /// # Errors
 /// When they cannot be written.
 pub fn write(program: clap::Command, folder: &Path) -> Result<(), Error> {
+    if folder.exists() && !folder.is_dir() {
+        return Err(Error::usage(format_args!("{} is not a folder", folder.display())));
+    }
     let page = folder.join(format!("{}.1", program.get_name()));
     std::fs::create_dir_all(folder)
         .and_then(|()| clap_mangen::generate_to(program, folder))

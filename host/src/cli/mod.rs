@@ -110,17 +110,20 @@ impl From<LinkError> for Error {
             | LinkError::Random(_)
             | LinkError::Connect(ConnectError::NoAnswer)
             | LinkError::Silent
+            | LinkError::Back
             | LinkError::Left
             | LinkError::Unanswered
             | LinkError::Refused(Refusal::LinkUnproven | Refusal::Late { .. }) => Exit::NoAnswer,
-            LinkError::Connect(_) | LinkError::Refused(Refusal::Malformed) => Exit::Refused,
+            LinkError::Connect(_) | LinkError::Revoked | LinkError::Refused(Refusal::Malformed) => {
+                Exit::Refused
+            }
             LinkError::Refused(
                 Refusal::OutOfRange { .. } | Refusal::NotWhole { .. } | Refusal::UnknownParameter,
             ) => Exit::Usage,
             LinkError::Refused(_)
             | LinkError::Faulted { .. }
             | LinkError::State { .. }
-            | LinkError::StoppedFromOutside(_)
+            | LinkError::StoppedBy(_)
             | LinkError::StillStopped => Exit::RobotFault,
             LinkError::Interrupted => Exit::Interrupted,
         };
@@ -177,7 +180,6 @@ enum Command {
     Doctor(doctor::Args),
     Runs(runs::Args),
     Completions(completions::Args),
-    #[command(hide = true)]
     Man(man::Args),
 }
 
@@ -231,15 +233,33 @@ fn numbers_may_be_negative(command: clap::Command) -> clap::Command {
         .mut_subcommands(numbers_may_be_negative)
 }
 
+/// Parses the command line of a program. Prints help, the version, or what is wrong.
+///
+/// # Errors
+/// With the exit code of a program that ends with that.
+pub fn parse<C: FromArgMatches>(description: clap::Command) -> Result<C, ExitCode> {
+    let name = description.get_name().to_owned();
+    let parsed = description.try_get_matches().and_then(|matches| C::from_arg_matches(&matches));
+    parsed.map_err(|error| match error.print() {
+        // Help that was asked for has to be printed; a reader that has closed the pipe has enough.
+        Err(lost) if !error.use_stderr() && lost.kind() != io::ErrorKind::BrokenPipe => {
+            let _ = writeln!(io::stderr(), "{name}: stdout cannot be written: {lost}");
+            Exit::Usage.into()
+        }
+        _ => u8::try_from(error.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from),
+    })
+}
+
 /// Parses the command line, runs it, and reports an error.
 pub fn main() -> ExitCode {
-    let matches = Cli::description().get_matches();
-    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    let cli: Cli = match parse(Cli::description()) {
+        Ok(cli) => cli,
+        Err(code) => return code,
+    };
     match cli.run() {
         Ok(code) => code,
         Err(error) => {
-            // The terminal may be closed: the exit code reports the error all the same.
-            let _ = writeln!(io::stderr(), "flix: {error}");
+            output::complain(&error);
             error.exit.into()
         }
     }

@@ -1,14 +1,16 @@
 //! Output of the commands: texts, JSON, tables and progress bars.
 
+use std::fmt;
 use std::io::{self, Write};
 use std::path::Path;
 use std::time::Duration;
 
-use comfy_table::{CellAlignment, Table, presets};
+use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::Error;
+use crate::file;
 
 /// Prints a text on stdout. A reader that has closed the pipe (`| head`) is not an error.
 ///
@@ -24,31 +26,36 @@ pub fn print(text: &str) -> Result<(), Error> {
     }
 }
 
+/// Prints a sentence on stderr. The terminal may be closed: then it is lost.
+pub fn complain(sentence: impl fmt::Display) {
+    let _ = writeln!(io::stderr(), "flix: {sentence}");
+}
+
 /// Name of standard input or output where a file is asked for.
 pub const STANDARD_STREAM: &str = "-";
 
 /// Reads a text file; `-` is standard input.
 ///
 /// # Errors
-/// When it cannot be read, or is not UTF-8.
+/// As for [`file::read_text`].
 pub fn read_text(file: &Path) -> io::Result<String> {
-    if file == Path::new(STANDARD_STREAM) {
-        io::read_to_string(io::stdin())
-    } else {
-        std::fs::read_to_string(file)
-    }
+    if file == Path::new(STANDARD_STREAM) { file::text(io::stdin()) } else { file::read_text(file) }
 }
 
 /// Writes a text file; `-` is standard output.
 ///
 /// # Errors
 /// When it cannot be written.
-pub fn write_text(file: &Path, text: &str) -> Result<(), Error> {
-    if file == Path::new(STANDARD_STREAM) {
+pub fn write_text(path: &Path, text: &str) -> Result<(), Error> {
+    if path == Path::new(STANDARD_STREAM) {
         return print(text);
     }
-    std::fs::write(file, text)
-        .map_err(|error| Error::usage(format_args!("{}: {error}", file.display())))
+    // Opening a pipe waits for its reader, whatever signal comes.
+    match file::kind(path) {
+        Ok(Some("a pipe")) => Err(io::Error::other("it is a pipe: `-` is standard output")),
+        _ => std::fs::write(path, text),
+    }
+    .map_err(|error| Error::usage(format_args!("{}: {error}", path.display())))
 }
 
 /// Prints a value as one JSON document on stdout.
@@ -65,7 +72,20 @@ pub fn print_json(value: &impl Serialize) -> Result<(), Error> {
 /// aligned to the right.
 #[must_use]
 pub fn table(rows: &[Vec<String>]) -> String {
+    lay_out(Table::new(), rows)
+}
+
+/// Lays rows out as [`table`] does. At a terminal, long cells are broken to its width.
+#[must_use]
+pub fn table_for_terminal(rows: &[Vec<String>]) -> String {
     let mut table = Table::new();
+    if let Ok(size) = rustix::termios::tcgetwinsize(io::stdout()) {
+        table.set_content_arrangement(ContentArrangement::Dynamic).set_width(size.ws_col);
+    }
+    lay_out(table, rows)
+}
+
+fn lay_out(mut table: Table, rows: &[Vec<String>]) -> String {
     table.load_style(presets::NOTHING).add_rows(rows);
     for (index, column) in table.column_iter_mut().enumerate() {
         let mut cells = rows.iter().skip(1).filter_map(|row| row.get(index));

@@ -15,6 +15,7 @@ use zeroize::Zeroizing;
 
 use super::output::print;
 use super::{Error, Exit};
+use crate::file;
 use crate::interrupt::Interrupt;
 use crate::keys::{self, Keyring};
 use crate::link::serial::{SerialError, SerialRobot};
@@ -351,7 +352,7 @@ fn password(args: &Args) -> Result<Zeroizing<String>, Error> {
 }
 
 fn read_password(path: &Path) -> Result<Zeroizing<String>, Error> {
-    let text = fs::read_to_string(path)
+    let text = file::read_text(path)
         .map(Zeroizing::new)
         .map_err(|error| Error::usage(format_args!("{}: {error}", path.display())))?;
     Ok(Zeroizing::new(text.lines().next().unwrap_or_default().to_owned()))

@@ -5,10 +5,12 @@ use std::process::ExitCode;
 
 use serde_json::{Value, json};
 
-use super::output::{headings, print, table};
+use super::output::{complain, headings, print, table_for_terminal};
 use super::{Error, Exit};
 use crate::plot::{Figure, PlotError};
-use crate::record::{ReadError, RecordError, RepairError, Run, csv, figures, list, repair};
+use crate::record::{
+    Listing, ReadError, RecordError, RepairError, Run, csv, figures, is_being_written, list, repair,
+};
 
 /// List, show, plot and export the records of runs.
 ///
@@ -149,7 +151,10 @@ fn beside(run: &Run, to: Option<&PathBuf>) -> (PathBuf, String) {
 }
 
 fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
-    let runs = list(out)?;
+    let Listing { runs, skipped } = list(out)?;
+    for reason in skipped {
+        complain(format_args!("{reason}: skipped"));
+    }
     let heads = runs
         .iter()
         .map(|run| Ok((Run::read_head(&run.file)?, run.bytes)))
@@ -183,22 +188,34 @@ fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
             result(run),
         ]
     }));
-    print(&table(&rows))
+    print(&table_for_terminal(&rows))
 }
 
-/// Returns how a run ended, in a few words.
+/// Returns how a run ended, and its figures.
 fn result(run: &Run) -> String {
-    let ending = match run.fact("results", "ending") {
-        "" if !run.is_complete => "unfinished: `flix runs repair` completes the record",
-        "" => "",
-        // Advice follows the first colon.
-        ending => ending.split(':').next().unwrap_or_default(),
-    };
+    if !run.is_complete {
+        return unfinished(run);
+    }
     let fact = |name| run.fact("results", name);
-    match (fact("path_error_rms_mm"), fact("final_error_mm")) {
-        ("", "") => ending.to_owned(),
-        ("", error) => format!("{ending}, {error} mm away"),
-        (error, _) => format!("{ending}, {error} mm RMS, {} laps", fact("laps")),
+    let figures =
+        match (fact("path_error_rms_mm"), fact("final_error_mm"), fact("frequency_rms_error_hz")) {
+            ("", "", "") => String::new(),
+            ("", "", f) => {
+                format!(", within {f} Hz and {} degrees RMS", fact("direction_rms_error_deg"))
+            }
+            ("", error, _) => format!(", {error} mm away"),
+            (error, ..) => format!(", {error} mm RMS, {} laps", fact("laps")),
+        };
+    fact("ending").to_owned() + &figures
+}
+
+/// Returns why a record has no end, and what to do.
+fn unfinished(run: &Run) -> String {
+    match Run::read(&run.file) {
+        _ if is_being_written(&run.file) => "still running".to_owned(),
+        Ok(_) => "unfinished: `flix runs repair` completes the record".to_owned(),
+        Err(ReadError::Format { reason, .. }) => format!("not a record of a run: {reason}"),
+        Err(error) => error.to_string(),
     }
 }
 

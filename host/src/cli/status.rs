@@ -61,6 +61,7 @@ pub struct Status {
     operator: String,
     state: String,
     stopped: bool,
+    stopped_by: Option<String>,
     link_late: bool,
     faults: Vec<Explained>,
     first_fault: Option<String>,
@@ -79,6 +80,7 @@ struct Robot {
     name: String,
     board: String,
     version: String,
+    reset_reason: String,
 }
 
 #[derive(Debug, Clone, Serialize)]
@@ -154,7 +156,7 @@ impl Status {
     /// Returns the robot with its board and firmware.
     #[must_use]
     pub fn robot_line(&self) -> String {
-        let Robot { name, board, version } = &self.robot;
+        let Robot { name, board, version, .. } = &self.robot;
         format!("{name} on {board}, firmware {version}")
     }
 
@@ -166,10 +168,12 @@ impl Status {
                 name: identity.name.to_string(),
                 board: identity.board.to_string(),
                 version: identity.version.to_string(),
+                reset_reason: identity.reset.to_string(),
             },
             operator: telemetry.operator.to_string(),
             state: telemetry.state.to_string(),
             stopped: telemetry.stopped,
+            stopped_by: telemetry.stopped_by.map(|by| by.to_string()),
             link_late: telemetry.link_late,
             faults: telemetry.faults.iter().map(Explained::from).collect(),
             first_fault: telemetry.first_fault.map(|fault| fault.to_string()),
@@ -245,8 +249,13 @@ fn describe(status: &Status) -> String {
         let _ = writeln!(text, "{name:<12} {value}");
     };
     row("robot", status.robot_line());
-    row("operator", status.operator.clone());
-    let stopped = if status.stopped { ", stopped until cleared" } else { "" };
+    row("started", format!("after {}", status.robot.reset_reason));
+    row("you are", status.operator.clone());
+    let stopped = match &status.stopped_by {
+        Some(by) => format!(", stopped by {by}: `flix clear` makes it ready again"),
+        None if status.stopped => ", stopped: `flix clear` makes it ready again".to_owned(),
+        None => String::new(),
+    };
     let late = if status.link_late { ", commands are late" } else { "" };
     row("state", format!("{}{stopped}{late}", status.state));
     match &status.first_fault {
@@ -287,16 +296,16 @@ fn describe(status: &Status) -> String {
     let round_trip =
         status.link.round_trip_ms.map_or_else(|| "unknown".to_owned(), |it| format!("{it:.2} ms"));
     let signal = status.link.signal_dbm.map_or_else(String::new, |dbm| format!(", {dbm} dBm"));
-    let age = status
-        .link
-        .command_age_ms
-        .map_or_else(|| "over a second".to_owned(), |it| format!("{it:.0} ms"));
+    let age = status.link.command_age_ms.map_or_else(
+        || "age not measured yet".to_owned(),
+        |it| format!("{it:.0} ms old on arrival"),
+    );
     let late = match status.link.late_commands {
         0 => String::new(),
         count => format!(", {count} came too late"),
     };
     row("link", format!("round trip {round_trip}{signal}"));
-    row("commands", format!("{age} old on arrival{late}"));
+    row("commands", format!("{age}{late}"));
     for (name, end) in [("robot hears", &status.link.robot), ("host hears", &status.link.host)] {
         let End { accepted, lost, dropped } = end;
         row(name, format!("{accepted} accepted, {lost} lost, dropped: {}", reasons(dropped)));

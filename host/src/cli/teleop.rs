@@ -47,29 +47,30 @@ pub struct Args {
 /// When there is no terminal, the robot cannot be reached, or the program is interrupted.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
-    let mut extras = Extras::default();
-    if args.poses.pose.is_some() {
-        extras.poses = Some(args.poses.open()?);
-    }
+    let mut extras = Extras { poses: args.poses.open_if_named()?, ..Extras::default() };
     let mut connection = args.robot.connect(&interrupt)?;
     if args.record {
         let poses = extras.poses.as_ref().map(Poses::name);
         extras.recorder =
             Some(record(&args.out, &mut connection, poses, "teleop", BTreeMap::new())?);
     }
-    let ending = screen::run(&mut connection, &args.robot.robot, &mut extras, &interrupt)?;
-    if let Some(recorder) = extras.recorder {
-        print(&format!("record {}\n", recorder.finish()?.display()))?;
-    }
-    match ending {
-        Ending::Interrupted => Err(drive::stop(&mut connection)),
-        Ending::Quit => {
-            if connection.client().is_driving() {
-                connection.disarm()?;
-            }
-            Ok(Exit::Done.into())
+    let ending = screen::run(&mut connection, &args.robot.robot, &mut extras, &interrupt);
+    let ended = match ending {
+        Ok(Ending::Interrupted) => Err(drive::stop(&mut connection)),
+        Ok(Ending::Quit) if connection.client().is_driving() => {
+            connection.disarm().map_err(Error::from)
         }
+        Ok(Ending::Quit) => Ok(()),
+        Err(error) => Err(drive::give_up(&mut connection, error.into())),
+    };
+    let ending = ended.as_ref().map_or_else(ToString::to_string, |()| "finished".to_owned());
+    let results = BTreeMap::from([("ending".to_owned(), ending)]);
+    let record = extras.recorder.map(|recorder| recorder.conclude(results)).transpose();
+    ended?;
+    if let Some(file) = record? {
+        print(&format!("record {}\n", file.display()))?;
     }
+    Ok(Exit::Done.into())
 }
 
 impl From<ScreenError> for Error {

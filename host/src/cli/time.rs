@@ -22,7 +22,9 @@ pub fn seconds(text: &str) -> Result<f64, String> {
         })
         .or_else(|| humantime::parse_duration(text).ok().map(|time| time.as_secs_f64()))
         .filter(|seconds| (0.0..=LONGEST).contains(seconds))
-        .ok_or_else(|| format!("\"{text}\" is not a time: write 5, 5s, 500ms or 10min"))
+        .ok_or_else(|| {
+            format!("\"{text}\" is not a time from 0 to a year: write 5, 5s, 500ms or 10min")
+        })
 }
 
 /// Reads a time as [`seconds`] does, to the nanosecond.
@@ -31,6 +33,17 @@ pub fn seconds(text: &str) -> Result<f64, String> {
 /// When it is not a time from 0 to a year.
 pub fn duration(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f64(seconds(text)?).map_err(|error| error.to_string())
+}
+
+/// Reads a time as [`duration`] does, above 0.
+///
+/// # Errors
+/// When it is not such a time.
+pub fn positive_duration(text: &str) -> Result<Duration, String> {
+    match duration(text)? {
+        Duration::ZERO => Err("the time must be longer than 0: write 5, 5s or 500ms".to_owned()),
+        time => Ok(time),
+    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,6 @@
 //! A run in real time: link, poses, record and progress around a [`Pilot`].
 
 use std::collections::BTreeMap;
-use std::io::{self, Write};
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -11,6 +10,7 @@ use flix_protocol::message::{Command, Outcome};
 use flix_protocol::units::Instant;
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::output::complain;
 use super::robot::RobotArgs;
 use super::status::TELEMETRY_PATIENCE;
 use super::{Error, Exit};
@@ -18,13 +18,16 @@ use crate::interrupt::Interrupt;
 use crate::link::udp::{Connection, LinkError};
 use crate::pilot::{Ending, Helm, Pilot};
 use crate::pose::any::Poses;
-use crate::pose::natnet::{Body, COMMAND_PORT, NatNetSettings, NatNetSource, UpAxis};
+use crate::pose::natnet::{Body, COMMAND_PORT, NatNetError, NatNetSettings, NatNetSource, UpAxis};
 use crate::pose::udp::UdpSource;
-use crate::pose::{PoseError, PoseSource};
+use crate::pose::{PoseError, PoseSample, PoseSource};
 use crate::record::{RecordError, Recorder, RunDescription};
 
 /// Longest wait for datagrams of the robot between two checks for poses.
 const SLICE: Duration = Duration::from_millis(2);
+
+/// Address of the simulator's stream, and of Motive on this computer.
+const LOCAL_SERVER: SocketAddrV4 = SocketAddrV4::new(Ipv4Addr::LOCALHOST, COMMAND_PORT);
 
 /// Options of the pose source.
 #[derive(Debug, Clone, clap::Args)]
@@ -33,18 +36,18 @@ pub struct PoseArgs {
     /// natnet; for teleop and drive, none].
     #[arg(long, value_name = "SOURCE")]
     pub pose: Option<PoseKind>,
-    /// Address of Motive's computer (or of the simulator), and its command port.
-    #[arg(long, value_name = "HOST[:PORT]", default_value = "127.0.0.1", value_parser = server)]
-    pub natnet_server: SocketAddrV4,
+    /// Address of Motive's computer (or of the simulator), and its command port [default: 127.0.0.1].
+    #[arg(long, value_name = "HOST[:PORT]", value_parser = server)]
+    pub natnet_server: Option<SocketAddrV4>,
     /// Address of this computer's network card that reaches it [default: found; for udp, this computer alone].
     #[arg(long, value_name = "ADDRESS")]
     pub interface: Option<Ipv4Addr>,
     /// Name or streaming number of the robot's rigid body; not needed if there is only one.
     #[arg(long, value_name = "BODY", value_parser = body)]
     pub body: Option<Body>,
-    /// Up axis of Motive, y or z, as in its streaming settings.
-    #[arg(long, value_name = "AXIS", default_value = "y")]
-    pub up: UpAxis,
+    /// Up axis of Motive, y or z, as in its streaming settings [default: y].
+    #[arg(long, value_name = "AXIS")]
+    pub up: Option<UpAxis>,
 }
 
 /// Kind of a source of poses.
@@ -104,29 +107,54 @@ impl PoseArgs {
     /// Returns the settings of a source of NatNet.
     #[must_use]
     pub fn settings(&self) -> NatNetSettings {
-        let own = if self.natnet_server.ip().is_loopback() {
-            Ipv4Addr::LOCALHOST
-        } else {
-            Ipv4Addr::UNSPECIFIED
-        };
+        let server = self.natnet_server.unwrap_or(LOCAL_SERVER);
+        let own =
+            if server.ip().is_loopback() { Ipv4Addr::LOCALHOST } else { Ipv4Addr::UNSPECIFIED };
         NatNetSettings {
-            server: self.natnet_server,
+            server,
             interface: self.interface.unwrap_or(own),
             body: self.body.clone().unwrap_or_default(),
-            up: self.up,
+            up: self.up.unwrap_or_default(),
             timeout: Duration::from_secs(2),
         }
+    }
+
+    /// Connects to the source, if --pose names one.
+    ///
+    /// # Errors
+    /// As for [`PoseArgs::open`], and when options of a source are given without one.
+    pub fn open_if_named(&self) -> Result<Option<Poses>, Error> {
+        match (self.pose, self.given()) {
+            (Some(_), _) => self.open().map(Some),
+            (None, Some(option)) => Err(Error::usage(format_args!(
+                "{option} is for a source of poses, and this command has none by itself: add --pose natnet"
+            ))),
+            (None, None) => Ok(None),
+        }
+    }
+
+    /// Returns an option that is given, and is for a source of poses.
+    fn given(&self) -> Option<&'static str> {
+        self.interface.map(|_| "--interface").or_else(|| self.given_for_natnet())
+    }
+
+    fn given_for_natnet(&self) -> Option<&'static str> {
+        let server = self.natnet_server.map(|_| "--natnet-server");
+        server.or(self.body.as_ref().map(|_| "--body")).or(self.up.map(|_| "--up"))
     }
 
     /// Connects to the source.
     ///
     /// # Errors
-    /// When there is no stream; the message says what to change.
+    /// When there is no stream, or an option is for another source; the message says what to change.
     pub fn open(&self) -> Result<Poses, Error> {
+        if let (Some(PoseKind::Udp(_)), Some(option)) = (self.pose, self.given_for_natnet()) {
+            return Err(Error::usage(format_args!("{option} is for --pose natnet alone")));
+        }
         match self.pose.unwrap_or(PoseKind::NatNet) {
-            PoseKind::NatNet => NatNetSource::connect(self.settings())
-                .map(Poses::NatNet)
-                .map_err(|error| Error::new(Exit::NoAnswer, error)),
+            PoseKind::NatNet => {
+                NatNetSource::connect(self.settings()).map(Poses::NatNet).map_err(Error::from)
+            }
             PoseKind::Udp(port) => {
                 let interface = self.interface.unwrap_or(Ipv4Addr::LOCALHOST);
                 UdpSource::bind(interface, port).map(Poses::Udp).map_err(|error| {
@@ -140,11 +168,39 @@ impl PoseArgs {
     }
 }
 
+/// Reports once that poses are not those of a robot on the floor.
+#[derive(Debug, Default)]
+pub(super) struct HeightCheck {
+    is_over: bool,
+}
+
+impl HeightCheck {
+    pub(super) fn look(&mut self, sample: &PoseSample, is_planar: bool) {
+        if self.is_over || sample.trusted().is_none() {
+            return;
+        }
+        if let Some(trouble) = sample.pose.floating(is_planar) {
+            self.is_over = true;
+            complain(trouble);
+        }
+    }
+}
+
 /// A connected robot with its poses.
 pub struct Walk {
     connection: Connection,
     source: Poses,
     interrupt: Interrupt,
+}
+
+impl From<NatNetError> for Error {
+    fn from(error: NatNetError) -> Self {
+        let exit = match error {
+            NatNetError::NoSuchBody { .. } | NatNetError::WhichBody(_) => Exit::Usage,
+            _ => Exit::NoAnswer,
+        };
+        Self::new(exit, error)
+    }
 }
 
 impl From<PoseError> for Error {
@@ -180,23 +236,22 @@ impl Walk {
             bar.set_style(style);
         }
         let mut poses = Vec::new();
-        let mut is_warned = false;
+        let (mut is_warned, mut heights) = (false, HeightCheck::default());
         loop {
             self.connection.step(SLICE)?;
             let (client, now) = self.connection.operate();
             poses.clear();
             while let Some(sample) = self.source.poll(now)? {
+                bar.suspend(|| heights.look(&sample, self.source.is_planar()));
                 poses.push(sample);
             }
             if self.interrupt.is_raised() {
                 pilot.end(now, client, Ending::Interrupted);
             }
             let ending = pilot.step(now, client, &poses);
-            if let Some(error) = pilot.record_error().filter(|_| !is_warned) {
+            if let Some(error) = pilot.unrecorded().filter(|_| !is_warned) {
                 is_warned = true;
-                bar.suspend(|| {
-                    let _ = writeln!(io::stderr(), "flix: {error}");
-                });
+                bar.suspend(|| complain(error));
             }
             bar.set_message(message(pilot));
             bar.tick();
@@ -273,11 +328,14 @@ pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
         Ending::Interrupted => Exit::Interrupted,
         Ending::NoSession(error) => return Err(LinkError::Connect(*error).into()),
         Ending::Lost => Exit::NoAnswer,
+        Ending::Revoked => Exit::Refused,
         Ending::NotRecorded(_) => Exit::Usage,
         Ending::Refused(refusal) => return Err(LinkError::Refused(refusal.clone()).into()),
-        Ending::Stopped(_) | Ending::OutOfTime(_) | Ending::Faulted(_) | Ending::NotReady(_) => {
-            Exit::RobotFault
-        }
+        Ending::Stopped(_)
+        | Ending::StoppedBy(_)
+        | Ending::OutOfTime(_)
+        | Ending::Faulted(_)
+        | Ending::NotReady(_) => Exit::RobotFault,
     };
     let mut sentence = match record {
         Some(file) => format!("{ending} (record: {})", file.display()),
@@ -286,6 +344,7 @@ pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
     let is_stopped = matches!(
         ending,
         Ending::Stopped(_)
+            | Ending::StoppedBy(_)
             | Ending::Interrupted
             | Ending::OutOfTime(_)
             | Ending::NotReady(_)

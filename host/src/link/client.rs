@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, EventReport, Outcome, Refusal, Reply, Setpoint, State, Telemetry, ToOperator, ToRobot,
+    Command, EventReport, OperatorName, Outcome, Refusal, Reply, Setpoint, State, Telemetry,
+    ToOperator, ToRobot,
 };
 use flix_protocol::session::{
     ConnectError, Key, LinkHealth, OperatorReceived, OperatorSession, SendError, Status,
@@ -229,6 +230,12 @@ impl Client {
         self.telemetry.as_ref()
     }
 
+    /// Returns who latched the stop of the robot, as it reports.
+    #[must_use]
+    pub fn stopped_by(&self) -> Option<OperatorName> {
+        self.telemetry.and_then(|telemetry| telemetry.stopped_by)
+    }
+
     /// Returns round trips and losses of commands.
     #[must_use]
     pub const fn statistics(&self) -> &Statistics {
@@ -410,15 +417,15 @@ impl Client {
             && !self.has_failed
         {
             self.has_failed = true;
-            self.abandon_requests();
             self.updates.push_back(Update::Failed(error));
+            self.abandon_requests();
         }
     }
 
     fn give_up_on_silence(&mut self, now: Instant) {
         if self.was_established && now.since(self.heard) >= SILENCE {
-            self.session_ended();
             self.updates.push_back(Update::Lost);
+            self.session_ended();
             self.session.connect(now);
         }
     }

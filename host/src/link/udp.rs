@@ -8,7 +8,7 @@ use flix_protocol::frame::MAXIMUM_DATAGRAM;
 use flix_protocol::message::{
     Command, Fault, Faults, OperatorName, Outcome, Refusal, State, Telemetry,
 };
-use flix_protocol::session::{ConnectError, Key, StopSession, StopStatus};
+use flix_protocol::session::{ConnectError, HINT_PATIENCE, Key, StopSession, StopStatus};
 use flix_protocol::units::Instant;
 
 use super::{Client, StopState, Update, passes};
@@ -33,6 +33,9 @@ pub const PASSING_PATIENCE: Duration = Duration::from_secs(3);
 const TRY_AGAIN: Duration = Duration::from_millis(100);
 /// Time after a reply from which telemetry shows the state after the command.
 const TELEMETRY_LAG: Duration = Duration::from_millis(500);
+/// Time for which a robot that fell silent is asked whether it refuses this key now: a refusal counts when no better
+/// answer has come for [`HINT_PATIENCE`].
+pub const REVOKED_PATIENCE: Duration = HINT_PATIENCE.saturating_add(Duration::from_millis(500));
 /// Longest wait for a datagram between two checks for interruption.
 const LONGEST_WAIT: Duration = Duration::from_millis(20);
 /// Shortest timeout that is requested from the operating system.
@@ -53,6 +56,11 @@ pub enum LinkError {
     /// The robot fell silent.
     #[error("the robot fell silent: it stops by itself; check its battery and the network")]
     Silent,
+    /// The robot fell silent, and answers again.
+    #[error(
+        "the robot was silent for a second, or restarted, and answers again: see its battery with `flix status`"
+    )]
+    Back,
     /// The robot closed the session.
     #[error("the robot ended the session: it restarts, or got another key")]
     Left,
@@ -78,9 +86,14 @@ pub enum LinkError {
         /// The present state.
         actual: State,
     },
-    /// This operator stopped the robot from outside the session.
-    #[error("{0} stopped the robot from outside this session; `flix clear` makes it ready again")]
-    StoppedFromOutside(OperatorName),
+    /// A stop is latched, which this operator asked for.
+    #[error("{0} stopped the robot; `flix clear` makes it ready again")]
+    StoppedBy(OperatorName),
+    /// The robot does not know this key any more.
+    #[error(
+        "your key was revoked: the robot stops by itself; have a key added at its cable (`flix provision --help`)"
+    )]
+    Revoked,
     /// The robot does not clear the latched stop.
     #[error("the stop is still latched: the rotors have not come to rest; see `flix status`")]
     StillStopped,
@@ -109,6 +122,7 @@ pub struct Connection {
     client: Client,
     start: std::time::Instant,
     interrupt: Interrupt,
+    was_connected: bool,
 }
 
 impl Connection {
@@ -121,7 +135,8 @@ impl Connection {
         let socket = socket_to(address)?;
         let entropy = entropy()?;
         let client = Client::new(key, entropy, Instant::START);
-        Ok(Self { socket, client, start: std::time::Instant::now(), interrupt })
+        let start = std::time::Instant::now();
+        Ok(Self { socket, client, start, interrupt, was_connected: false })
     }
 
     /// Returns the present time of the client.
@@ -204,8 +219,11 @@ impl Connection {
                     return Ok(Some(found));
                 }
                 match update {
+                    Update::Failed(ConnectError::WrongKey) if self.was_connected => {
+                        return Err(LinkError::Revoked);
+                    }
                     Update::Failed(error) => return Err(LinkError::Connect(error)),
-                    Update::Lost => return Err(LinkError::Silent),
+                    Update::Lost => return Err(self.why_lost()),
                     Update::Left => return Err(LinkError::Left),
                     _ => {}
                 }
@@ -221,6 +239,24 @@ impl Connection {
         }
     }
 
+    /// Returns why the session is lost: a robot that is there refuses a key that was revoked.
+    fn why_lost(&mut self) -> LinkError {
+        let deadline = self.now() + REVOKED_PATIENCE;
+        while self.now() < deadline {
+            while let Some(update) = self.client.update() {
+                match update {
+                    Update::Failed(ConnectError::WrongKey) => return LinkError::Revoked,
+                    Update::Connected => return LinkError::Back,
+                    _ => {}
+                }
+            }
+            if self.interrupt.is_raised() || self.step(LONGEST_WAIT).is_err() {
+                break;
+            }
+        }
+        LinkError::Silent
+    }
+
     /// Waits until the session is open, as long as the session tries
     /// ([`flix_protocol::session::CONNECT_PATIENCE`]).
     ///
@@ -230,7 +266,9 @@ impl Connection {
         let is_connected =
             |_: &Client, update: &Update| (*update == Update::Connected).then_some(());
         let patience = 2 * flix_protocol::session::CONNECT_PATIENCE;
-        self.wait_for(patience, is_connected)?.ok_or(LinkError::Connect(ConnectError::NoAnswer))
+        self.wait_for(patience, is_connected)?.ok_or(LinkError::Connect(ConnectError::NoAnswer))?;
+        self.was_connected = true;
+        Ok(())
     }
 
     /// Sends a request to the robot and waits for the answer. A refusal is an error; while the robot
@@ -266,7 +304,10 @@ impl Connection {
             _ => None,
         })?;
         match outcome.flatten() {
-            Some(Outcome::Refused(refusal)) => Err(LinkError::Refused(refusal)),
+            Some(Outcome::Refused(refusal)) => Err(match (&refusal, self.client.stopped_by()) {
+                (Refusal::Stopped, Some(by)) => LinkError::StoppedBy(by),
+                _ => LinkError::Refused(refusal),
+            }),
             Some(outcome) => Ok(outcome),
             None => Err(LinkError::Unanswered),
         }

@@ -86,9 +86,12 @@ impl Position {
     }
 }
 
+/// Farthest coordinate that is taken from people, m: beyond, a number is a slip.
+const FARTHEST: f64 = 1000.0;
+
 /// A text was refused as a position.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("\"{0}\" is not a position: write x,y in metres, such as 0.5,-0.2")]
+#[error("\"{0}\" is not a position: write x,y in metres within {FARTHEST}, such as 0.5,-0.2")]
 pub struct NotAPosition(String);
 
 impl FromStr for Position {
@@ -96,7 +99,7 @@ impl FromStr for Position {
 
     /// Reads `x,y` in metres.
     fn from_str(text: &str) -> Result<Self, NotAPosition> {
-        let number = |part: &str| part.trim().parse::<f64>().ok().filter(|n| n.is_finite());
+        let number = |part: &str| part.trim().parse::<f64>().ok().filter(|n| n.abs() <= FARTHEST);
         text.split_once(',')
             .and_then(|(x, y)| Some(Self::new(number(x)?, number(y)?)))
             .ok_or_else(|| NotAPosition(text.to_owned()))
@@ -150,7 +153,9 @@ impl fmt::Display for Area {
 
 /// A text was refused as an area.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("\"{0}\" is not an area: write west,south,east,north in metres, such as -1,-0.7,1,0.7")]
+#[error(
+    "\"{0}\" is not an area: write west,south,east,north in metres within {FARTHEST}, such as -1,-0.7,1,0.7"
+)]
 pub struct NotAnArea(String);
 
 impl FromStr for Area {
@@ -160,7 +165,7 @@ impl FromStr for Area {
     fn from_str(text: &str) -> Result<Self, NotAnArea> {
         let numbers: Option<Vec<f64>> = text
             .split(',')
-            .map(|part| part.trim().parse().ok().filter(|n: &f64| n.is_finite()))
+            .map(|part| part.trim().parse().ok().filter(|n: &f64| n.abs() <= FARTHEST))
             .collect();
         match numbers.as_deref() {
             Some([x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => {

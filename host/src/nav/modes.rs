@@ -215,10 +215,19 @@ impl ModeTable {
     /// # Errors
     /// When it cannot be read or is not a mode table.
     pub fn load(path: &Path) -> Result<Self, ModeTableError> {
-        let text = std::fs::read_to_string(path)
+        let text = crate::file::read_text(path)
             .map_err(|source| ModeTableError::Read { path: path.to_owned(), source })?;
         Self::from_toml(&text)
             .map_err(|source| ModeTableError::File { path: path.to_owned(), source: source.into() })
+    }
+
+    /// Checks that [`ModeTable::save`] will be able to write this file.
+    ///
+    /// # Errors
+    /// When it will not.
+    pub fn check_writable(path: &Path) -> Result<(), ModeTableError> {
+        crate::file::check_writable(path)
+            .map_err(|source| ModeTableError::Write { path: path.to_owned(), source })
     }
 
     /// Writes a file, and creates its folder where needed.

@@ -24,6 +24,12 @@ impl PoseSource for Poses {
 }
 
 impl Poses {
+    /// Returns whether the source may state poses in the plane alone, without a height.
+    #[must_use]
+    pub const fn is_planar(&self) -> bool {
+        matches!(self, Self::Udp(_))
+    }
+
     /// Returns the name of the source, for the record.
     #[must_use]
     pub fn name(&self) -> String {

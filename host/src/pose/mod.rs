@@ -14,6 +14,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::nav::{PlanarPose, wrap};
 
+/// Height of the markers of a robot on the floor, m: its plate is 0.06 m above its soles.
+const HEIGHTS: std::ops::RangeInclusive<f64> = 0.01..=0.3;
+
 /// A position in the world, m.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Vector {
@@ -143,6 +146,21 @@ impl Pose {
     pub fn on_the_floor(&self) -> PlanarPose {
         let Vector { x, y, .. } = self.position;
         PlanarPose { x, y, heading: wrap(self.orientation.heading()) }
+    }
+
+    /// Returns why this is no pose of a robot on the floor, with what to do. A tracker in the plane states no height.
+    #[must_use]
+    pub fn floating(&self, is_planar: bool) -> Option<String> {
+        let height = self.position.z;
+        let stands = HEIGHTS.contains(&height) || (is_planar && height == 0.0);
+        (!stands).then(|| {
+            format!(
+                "the pose is {height:.3} m high, and on the floor the markers are {} to {} m high: set --up as in \
+                 Motive, and its ground plane",
+                HEIGHTS.start(),
+                HEIGHTS.end()
+            )
+        })
     }
 
     /// Returns whether every number is finite.

@@ -29,7 +29,9 @@ pub fn track(run: &Run) -> Track {
     figure = figure.series(Series::line("robot", walked).colour(colour::BLUE));
     if let (Some(first), Some(last)) = (trusted.first(), trusted.last()) {
         // Two labels on one spot cannot be read.
-        let apart = first.distance_to(last.position()) > PLATE[0];
+        let farthest =
+            trusted.iter().map(|pose| first.distance_to(pose.position())).fold(0.0, f64::max);
+        let apart = first.distance_to(last.position()) > (farthest + PLATE[0]) / 10.0;
         let (start, end) = if apart { ("start", "end") } else { ("", "start and end") };
         figure = figure.mark(first.position(), start, colour::GREEN);
         figure = figure.mark(last.position(), end, colour::RED);
@@ -114,7 +116,12 @@ fn commanded_and_held(
     commanded: fn(&CommandRow) -> f64,
     held: fn(&TelemetryRow) -> f64,
 ) -> Panel {
-    let commands = run.commands.iter().map(|c| (run.time(&c.timestamp), commanded(c)));
+    let mut commands: Vec<_> =
+        run.commands.iter().map(|c| (run.time(&c.timestamp), commanded(c))).collect();
+    // The last one holds to the end.
+    if let (Some((_, value)), Some(end)) = (commands.last().copied(), run.telemetry.last()) {
+        commands.push((run.time(&end.timestamp), value));
+    }
     Panel::new(label)
         .height(110.0)
         .series(Series::line("commanded", commands).stroke(Stroke::Step).colour(colour::GREY))

@@ -24,8 +24,8 @@ mod writer;
 pub use message::{
     CommandRow, LogRow, MotorRow, NavigationRow, PathRow, PoseRow, TelemetryRow, Timestamp,
 };
-pub use reader::{ReadError, Run, RunSummary, list};
-pub use repair::{RepairError, repair};
+pub use reader::{Listing, ReadError, Run, RunSummary, list};
+pub use repair::{RepairError, is_being_written, repair};
 pub use writer::{Level, RecordError, Recorder, RunDescription};
 
 /// Folder of the records inside the output folder.

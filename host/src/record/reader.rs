@@ -10,6 +10,10 @@ use super::message::{
     CommandRow, LogRow, NavigationRow, PathRow, PoseRow, TelemetryRow, Timestamp,
 };
 use super::{ENDING, FOLDER};
+use crate::file;
+
+/// Largest record that is read, bytes: several days of driving.
+const LARGEST_RECORD: u64 = 1 << 30;
 
 /// A whole run.
 #[derive(Debug, Clone, Default)]
@@ -76,34 +80,67 @@ pub enum ReadError {
         /// The folder of the runs.
         folder: PathBuf,
     },
+    /// Several runs have this in their names.
+    #[error(
+        "\"{name}\" is in the names of {count} runs, {first} and {second} among them: write more of the name"
+    )]
+    Ambiguous {
+        /// The requested name.
+        name: String,
+        /// How many there are.
+        count: usize,
+        /// The oldest of them.
+        first: String,
+        /// The next of them.
+        second: String,
+    },
     /// There is no run.
     #[error("there is no run in {} yet", .0.display())]
     NoRuns(PathBuf),
 }
 
-/// Returns all runs below an output folder, the oldest first.
+/// The runs below an output folder.
+#[derive(Debug, Default)]
+pub struct Listing {
+    /// All runs, the oldest first.
+    pub runs: Vec<RunSummary>,
+    /// Why entries that are named as runs were left out: folders, pipes, files that cannot be read.
+    pub skipped: Vec<ReadError>,
+}
+
+/// Returns the runs below an output folder.
 ///
 /// # Errors
 /// When the folder cannot be read; a missing one holds no runs.
-pub fn list(out: &FilePath) -> Result<Vec<RunSummary>, ReadError> {
+pub fn list(out: &FilePath) -> Result<Listing, ReadError> {
     let folder = out.join(FOLDER);
     let failed = |source| ReadError::File { path: folder.clone(), source };
     let entries = match std::fs::read_dir(&folder) {
         Ok(entries) => entries,
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Listing::default()),
         Err(e) => return Err(failed(e)),
     };
-    let mut runs = Vec::new();
+    let mut found = Listing::default();
     for entry in entries {
-        let entry = entry.map_err(failed)?;
-        let file = entry.path();
-        if file.extension().is_some_and(|e| e == ENDING) {
-            let bytes = entry.metadata().map_err(failed)?.len();
-            runs.push(RunSummary { file, bytes });
+        let path = entry.map_err(failed)?.path();
+        if path.extension().is_some_and(|e| e == ENDING) {
+            match file::open(&path).and_then(|file| file.metadata()) {
+                Ok(metadata) => {
+                    found.runs.push(RunSummary { file: path, bytes: metadata.len() });
+                }
+                Err(source) => found.skipped.push(ReadError::File { path, source }),
+            }
         }
     }
-    runs.sort_by(|a, b| a.file.cmp(&b.file));
-    Ok(runs)
+    // Without the extension: the second of one moment follows the first.
+    found.runs.sort_by(|a, b| a.file.file_stem().cmp(&b.file.file_stem()));
+    Ok(found)
+}
+
+/// Reads the bytes of a record.
+pub(super) fn read_bytes(path: &FilePath) -> Result<Vec<u8>, ReadError> {
+    file::read(path, LARGEST_RECORD)
+        .map_err(|source| ReadError::File { path: path.to_owned(), source })
 }
 
 impl Run {
@@ -113,26 +150,32 @@ impl Run {
     /// When there is none, or it cannot be read.
     pub fn find(out: &FilePath, name: &str) -> Result<Self, ReadError> {
         let direct = FilePath::new(name);
-        if direct.is_file() {
+        if direct.exists() {
             return Self::read(direct);
         }
-        if direct.is_dir() {
-            let source = std::io::ErrorKind::IsADirectory.into();
-            return Err(ReadError::File { path: direct.to_owned(), source });
-        }
-        let runs = list(out)?;
+        let runs = list(out)?.runs;
         if name == "last" {
             let last = runs.last().ok_or_else(|| ReadError::NoRuns(out.join(FOLDER)))?;
             return Self::read(&last.file);
         }
-        let matches = |run: &&RunSummary| {
-            run.file.file_stem().is_some_and(|stem| stem.to_string_lossy().contains(name))
+        let stem = |run: &RunSummary| {
+            run.file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
         };
-        let found = runs.iter().rev().find(matches).ok_or_else(|| ReadError::NoSuchRun {
-            name: name.to_owned(),
-            folder: out.join(FOLDER),
-        })?;
-        Self::read(&found.file)
+        let found: Vec<_> =
+            runs.iter().filter(|run| !name.is_empty() && stem(run).contains(name)).collect();
+        let exact = found.iter().find(|run| stem(run) == name);
+        match (exact, found.as_slice()) {
+            (Some(run), _) | (None, [run]) => Self::read(&run.file),
+            (None, []) => {
+                Err(ReadError::NoSuchRun { name: name.to_owned(), folder: out.join(FOLDER) })
+            }
+            (None, [first, second, ..]) => Err(ReadError::Ambiguous {
+                name: name.to_owned(),
+                count: found.len(),
+                first: stem(first),
+                second: stem(second),
+            }),
+        }
     }
 
     /// Reads a record, also one without its end because the program was killed.
@@ -140,8 +183,7 @@ impl Run {
     /// # Errors
     /// When the file cannot be read or is not a record.
     pub fn read(file: &FilePath) -> Result<Self, ReadError> {
-        let bytes = std::fs::read(file)
-            .map_err(|source| ReadError::File { path: file.to_owned(), source })?;
+        let bytes = read_bytes(file)?;
         let mut run = Self { file: file.to_owned(), ..Self::default() };
         run.fill(&bytes).map_err(|reason| ReadError::Format { path: file.to_owned(), reason })?;
         Ok(run)
@@ -152,8 +194,7 @@ impl Run {
     /// # Errors
     /// When the file cannot be read.
     pub fn read_head(file: &FilePath) -> Result<Self, ReadError> {
-        let bytes = std::fs::read(file)
-            .map_err(|source| ReadError::File { path: file.to_owned(), source })?;
+        let bytes = read_bytes(file)?;
         let mut run = Self { file: file.to_owned(), ..Self::default() };
         run.read_facts(&bytes);
         Ok(run)

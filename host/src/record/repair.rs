@@ -2,15 +2,15 @@
 //! that other readers of MCAP need.
 
 use std::borrow::Cow;
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::BufWriter;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use mcap::read::{LinearReader, Options};
 use mcap::records::Record;
 use mcap::{Attachment, McapError, McapResult, MessageStream, WriteOptions};
 
-use super::reader::{ReadError, is_complete};
+use super::reader::{ReadError, is_complete, read_bytes};
 use super::writer::{RecordError, failed};
 
 /// Why a record could not be completed. The file is as it was.
@@ -19,21 +19,33 @@ pub enum RepairError {
     /// It cannot be read, or is not a record.
     #[error(transparent)]
     Read(#[from] ReadError),
+    /// Its run goes on.
+    #[error("{} is still being written: let the run end first", .0.display())]
+    Busy(PathBuf),
     /// The complete record cannot be written.
     #[error(transparent)]
     Write(#[from] RecordError),
+}
+
+/// Returns whether a program still writes this record.
+#[must_use]
+pub fn is_being_written(file: &Path) -> bool {
+    let lock = crate::file::open(file).map(|file| file.try_lock_shared());
+    matches!(lock, Ok(Err(TryLockError::WouldBlock)))
 }
 
 /// Completes a record, and returns its rows; `None` when it is complete already. The file is replaced
 /// in one step.
 ///
 /// # Errors
-/// When it cannot be read, is not a record, or the complete one cannot be written.
+/// When it cannot be read, is not a record, is still being written, or the complete one cannot be written.
 pub fn repair(file: &Path) -> Result<Option<u64>, RepairError> {
-    let bytes =
-        std::fs::read(file).map_err(|source| ReadError::File { path: file.to_owned(), source })?;
+    let bytes = read_bytes(file)?;
     if is_complete(&bytes) {
         return Ok(None);
+    }
+    if is_being_written(file) {
+        return Err(RepairError::Busy(file.to_owned()));
     }
     // Refuses what is no record at all.
     super::Run::read(file)?;

@@ -36,6 +36,7 @@ pub(crate) fn telemetry(seconds: f64) -> Telemetry {
         first_fault: Some(Fault::Stall),
         stopped: false,
         link_late: false,
+        stopped_by: None,
         setpoint: forward(),
         frequency: Hertz::saturating(-29.9),
         direction: Degrees::saturating(30.2),
@@ -138,6 +139,18 @@ fn a_record_whose_program_was_killed_is_completed_once() {
 }
 
 #[test]
+fn a_record_that_is_being_written_is_not_repaired() {
+    let folder = tempfile::tempdir().unwrap();
+    let description = RunDescription::default();
+    let recorder = Recorder::create(folder.path(), UNIX_EPOCH, &description).unwrap();
+    let file = recorder.path().to_owned();
+    assert!(is_being_written(&file));
+    assert!(matches!(repair(&file), Err(RepairError::Busy(_))));
+    recorder.finish().unwrap();
+    assert!(!is_being_written(&file));
+}
+
+#[test]
 fn a_file_that_is_no_record_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("x.mcap");
@@ -146,13 +159,43 @@ fn a_file_that_is_no_record_is_refused() {
 }
 
 #[test]
-fn runs_of_one_second_get_files_of_their_own_and_last_is_the_newest() {
+fn runs_of_one_second_get_files_of_their_own_and_are_found_by_name() {
     let folder = tempfile::tempdir().unwrap();
-    let (first, second) = (write_record(folder.path()), write_record(folder.path()));
-    assert_ne!(first, second);
-    assert_eq!(list(folder.path()).unwrap().len(), 2);
+    let first = write_record(folder.path());
     assert_eq!(Run::find(folder.path(), "circle").unwrap().poses.len(), 600);
-    assert!(Run::find(folder.path(), "square").is_err());
+    let second = write_record(folder.path());
+    assert_ne!(first, second);
+    assert_eq!(list(folder.path()).unwrap().runs.len(), 2);
+    let find = |name: &str| Run::find(folder.path(), name).map(|run| run.file);
+    assert_eq!(find("last").unwrap(), second);
+    // Its whole name is a part of the other's, too.
+    assert_eq!(find(first.file_stem().unwrap().to_str().unwrap()).unwrap(), first);
+    assert!(matches!(find("circle"), Err(ReadError::Ambiguous { count: 2, .. })));
+    for name in ["square", ""] {
+        assert!(matches!(find(name), Err(ReadError::NoSuchRun { .. })), "{name}");
+    }
+}
+
+#[test]
+fn entries_that_are_no_files_are_named_and_no_runs() {
+    let out = tempfile::tempdir().unwrap();
+    let run = write_record(out.path());
+    let at = |name: &str| out.path().join(FOLDER).join(name);
+    let owner = rustix::fs::Mode::from_raw_mode(0o600);
+    rustix::fs::mkfifoat(rustix::fs::CWD, at("9-pipe.mcap"), owner).unwrap();
+    std::fs::create_dir(at("9-folder.mcap")).unwrap();
+    std::os::unix::fs::symlink(at("nothing"), at("9-link.mcap")).unwrap();
+    let found = list(out.path()).unwrap();
+    assert_eq!(found.runs.iter().map(|it| &it.file).collect::<Vec<_>>(), [&run]);
+    let mut skipped: Vec<_> = found.skipped.iter().map(ToString::to_string).collect();
+    skipped.sort();
+    for (sentence, words) in
+        skipped.iter().zip(["folder.mcap: it is a directory", "No such file", "it is a pipe"])
+    {
+        assert!(sentence.contains(words), "{skipped:?}");
+    }
+    assert_eq!(Run::find(out.path(), "last").unwrap().file, run);
+    assert!(Run::find(out.path(), at("9-pipe.mcap").to_str().unwrap()).is_err());
 }
 
 #[test]

@@ -329,6 +329,15 @@ impl Recorder {
             .map_err(|error| failed(&self.path, error))
     }
 
+    /// Records the results of the run, completes the file and returns its path.
+    ///
+    /// # Errors
+    /// As for [`Recorder::finish`].
+    pub fn conclude(mut self, results: BTreeMap<String, String>) -> Result<PathBuf, RecordError> {
+        self.results(results)?;
+        self.finish()
+    }
+
     /// Completes the file and returns its path.
     ///
     /// # Errors
@@ -399,7 +408,11 @@ fn new_file(
         let suffix = if attempt == 1 { String::new() } else { format!("-{attempt}") };
         let path = folder.join(format!("{date}-{name}{suffix}.{ENDING}"));
         match File::create_new(&path) {
-            Ok(file) => return Ok((path, file)),
+            Ok(file) => {
+                // Marks it as one that is being written; a file system without locks cannot.
+                let _ = file.try_lock();
+                return Ok((path, file));
+            }
             Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists && attempt < 1000 => {
                 attempt += 1
             }

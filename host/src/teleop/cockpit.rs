@@ -347,7 +347,9 @@ impl Cockpit {
     fn arm(&mut self, client: &mut Client, now: Instant) {
         match &self.telemetry {
             Some(telemetry) if telemetry.stopped => {
-                self.note(now, Weight::Warning, "stopped: press c to clear it first");
+                let by = telemetry.stopped_by.map_or_else(String::new, |by| format!(" by {by}"));
+                let text = format!("stopped{by}: press c to clear it first");
+                self.note(now, Weight::Warning, &text);
             }
             Some(telemetry) if telemetry.state == State::Faulted => {
                 self.note(now, Weight::Warning, "faulted: press c to clear it first");

@@ -48,6 +48,8 @@ const ROBOT_LENGTH: f64 = 0.22;
 
 /// Battery gauge: empty and full three-cell pack, V (3.0 and 4.2 V a cell).
 const BATTERY_RANGE: (f32, f32) = (9.0, 12.6);
+/// Width of the time before a line of the log, characters.
+const LOG_INDENT: usize = 9;
 /// Loss above which it is shown in red.
 const POOR_LOSS: f64 = 0.1;
 
@@ -131,7 +133,9 @@ fn link_line(cockpit: &Cockpit) -> Line<'static> {
             format!("silent for {:.1} s ", silence.as_secs_f32()).fg(Color::Yellow),
         ]),
         Link::Connecting => Line::from(vec![dot(Color::Red), "connecting again ".fg(Color::Red)]),
-        Link::Failed(_) => Line::from(vec![dot(Color::Red), "no link, trying on ".fg(Color::Red)]),
+        Link::Failed(_) => {
+            Line::from(vec![dot(Color::Red), "no link, still trying ".fg(Color::Red)])
+        }
     }
 }
 
@@ -166,7 +170,8 @@ fn state_line(cockpit: &Cockpit) -> Line<'static> {
         spans.extend([" ".into(), badge("stop is sent".to_owned(), Color::Red)]);
     } else if telemetry.stopped {
         spans.extend([" ".into(), badge("stopped".to_owned(), Color::Red)]);
-        spans.push(" c clears it".into());
+        let by = telemetry.stopped_by.map_or_else(String::new, |by| format!("by {by}, "));
+        spans.push(format!(" {by}c clears it").into());
     } else {
         let words = explain::state(state);
         let meaning = words.split_once(": ").map_or("", |(_, meaning)| meaning);
@@ -497,24 +502,41 @@ fn points(
 }
 
 fn draw_log(frame: &mut Frame<'_>, area: Rect, cockpit: &Cockpit) {
-    let skipped = cockpit.log.len().saturating_sub(usize::from(area.height));
-    let lines: Vec<Line<'_>> = cockpit
-        .log
-        .iter()
-        .skip(skipped)
-        .map(|line| {
-            let style = match line.weight {
-                Weight::Note => Style::new(),
-                Weight::Warning => Style::new().fg(Color::Yellow),
-                Weight::Alarm => Style::new().fg(Color::Red).bold(),
-            };
-            Line::from(vec![
-                Span::styled(format!(" {:>7.1} ", line.at.as_secs_f32()), FAINT),
-                Span::styled(line.text.as_str(), style),
-            ])
-        })
-        .collect();
+    let width = usize::from(area.width).saturating_sub(LOG_INDENT);
+    let mut lines: Vec<Line<'_>> = Vec::new();
+    // From the newest upwards, as many as fit.
+    for line in cockpit.log.iter().rev().take(usize::from(area.height)) {
+        let style = match line.weight {
+            Weight::Note => Style::new(),
+            Weight::Warning => Style::new().fg(Color::Yellow),
+            Weight::Alarm => Style::new().fg(Color::Red).bold(),
+        };
+        let time = format!(" {:>7.1} ", line.at.as_secs_f32());
+        let rows = broken(&line.text, width);
+        for (index, row) in rows.into_iter().enumerate().rev() {
+            let head = if index == 0 { time.clone() } else { " ".repeat(LOG_INDENT) };
+            lines.push(Line::from(vec![Span::styled(head, FAINT), Span::styled(row, style)]));
+        }
+    }
+    lines.truncate(usize::from(area.height));
+    lines.reverse();
     frame.render_widget(Paragraph::new(lines), area);
+}
+
+/// Breaks a text at spaces into rows of at most `width` characters; a longer word has a row of its own.
+fn broken(text: &str, width: usize) -> Vec<String> {
+    let mut rows = vec![String::new()];
+    for word in text.split(' ') {
+        match rows.last_mut() {
+            Some(row) if row.is_empty() => row.push_str(word),
+            Some(row) if row.chars().count() + 1 + word.chars().count() <= width => {
+                row.push(' ');
+                row.push_str(word);
+            }
+            _ => rows.push(word.to_owned()),
+        }
+    }
+    rows
 }
 
 fn draw_keys(frame: &mut Frame<'_>, area: Rect) {

@@ -10,8 +10,8 @@ use std::time::Duration;
 
 use flix_protocol::message::{
     Command, Event, EventReport, Fault, Faults, Identity, LoopTiming, MotorTelemetry, OperatorName,
-    Outcome, Parameter, ParameterCommand, Refusal, Reply, Setpoint, State, Telemetry, ToOperator,
-    ToRobot,
+    Outcome, Parameter, ParameterCommand, Refusal, Reply, ResetReason, Setpoint, State, Telemetry,
+    ToOperator, ToRobot,
 };
 use flix_protocol::session::{Key, RobotReceived, RobotSession};
 use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
@@ -46,8 +46,11 @@ pub type Datagrams = Vec<(SocketAddr, Vec<u8>)>;
 /// A robot without a body: it is at once what it is commanded to be.
 pub struct FakeRobot {
     session: RobotSession,
+    pub reset: ResetReason,
     pub state: State,
     pub stopped: bool,
+    /// Who is reported to have latched the stop.
+    pub stopped_by: OperatorName,
     pub faults: Faults,
     pub setpoint: Setpoint,
     pub parameters: Vec<Parameter>,
@@ -68,8 +71,10 @@ impl FakeRobot {
     pub fn new(key: Option<Key>) -> Self {
         Self {
             session: RobotSession::new(key, [3; 32]),
+            reset: ResetReason::PowerOn,
             state: State::Disarmed,
             stopped: false,
+            stopped_by: OperatorName::OWNER,
             faults: Faults::NONE,
             setpoint: Setpoint::REST,
             parameters: parameters(),
@@ -81,6 +86,18 @@ impl FakeRobot {
             telemetry_at: Instant::START,
             events: 0,
         }
+    }
+
+    /// Starts anew, as after a loss of power.
+    pub fn restart(&mut self) {
+        let robot = Self::new(Some(key()));
+        *self = Self { session: RobotSession::new(Some(key()), [4; 32]), ..robot };
+    }
+
+    /// Knows another key alone from now on.
+    pub fn revoke(&mut self) {
+        self.session.set_operators(Some(Key::new([8; 32])));
+        self.state = State::Disarmed;
     }
 
     pub fn receive(&mut self, now: Instant, from: SocketAddr, datagram: &[u8]) -> Datagrams {
@@ -112,6 +129,7 @@ impl FakeRobot {
             }
             RobotReceived::Stop(frame, by) => {
                 self.obey(now, &Command::Stop);
+                self.stopped_by = by;
                 self.commands.push(Command::Stop);
                 let mut datagrams = vec![(from, frame.to_vec())];
                 datagrams.extend(self.report(now, Event::StoppedFromOutside(by)));
@@ -201,6 +219,7 @@ impl FakeRobot {
                 name: "fake".try_into().unwrap(),
                 board: "none".try_into().unwrap(),
                 version: "0.1.0".try_into().unwrap(),
+                reset: self.reset.clone(),
             }),
             Command::Ping(number) => Outcome::Pong(*number),
         }
@@ -293,6 +312,7 @@ impl FakeRobot {
             },
             link: self.session.quality(now),
             operator: self.session.operator(now).unwrap_or(OperatorName::OWNER),
+            stopped_by: self.stopped.then_some(self.stopped_by),
         }
     }
 }

@@ -93,6 +93,8 @@ pub struct Telemetry {
     pub link: LinkQuality,
     /// Who holds the session.
     pub operator: OperatorName,
+    /// Who latched the stop, while it is.
+    pub stopped_by: Option<OperatorName>,
 }
 
 /// An event with its number and time. Each is sent once, in order.

@@ -107,6 +107,17 @@ impl Credential {
     fn find<'a>(credentials: &'a [Self], key_id: &KeyId) -> Option<&'a Self> {
         credentials.iter().find(|credential| credential.key_id == *key_id)
     }
+
+    /// Returns the credential with the key that a datagram claims, if the datagram's tag proves it.
+    fn proven<'a>(
+        credentials: &'a [Self],
+        key_id: &KeyId,
+        signer: fn(&Self) -> &Signer,
+        signed: &[u8],
+        tag: &Tag,
+    ) -> Option<&'a Self> {
+        Self::find(credentials, key_id).filter(|it| signer(it).verify(signed, &[], tag))
+    }
 }
 
 /// The operator that holds the session.
@@ -249,6 +260,13 @@ impl RobotSession {
             holder.channel.expire(now);
         }
         let received = match Datagram::parse(datagram) {
+            Some(
+                Datagram::Hello { client_nonce, .. }
+                | Datagram::Confirm { client_nonce, .. }
+                | Datagram::Stop { client_nonce, .. },
+            ) if self.credentials.is_empty() => {
+                refuse(RefusalReason::Unprovisioned, &client_nonce, None)
+            }
             Some(Datagram::Hello { version, client_nonce, purpose, key_id, signed, tag }) => {
                 self.hello(now, from, version, &client_nonce, purpose, &key_id, signed, &tag)
             }
@@ -312,9 +330,6 @@ impl RobotSession {
         signed: &[u8],
         claimed: &Tag,
     ) -> RobotReceived {
-        if self.credentials.is_empty() {
-            return refuse(RefusalReason::Unprovisioned, client_nonce, None);
-        }
         let credential = Credential::find(&self.credentials, key_id);
         if version != VERSION {
             return refuse(RefusalReason::Version, client_nonce, credential);
@@ -349,12 +364,9 @@ impl RobotSession {
         signed: &[u8],
         claimed: &Tag,
     ) -> RobotReceived {
-        if self.credentials.is_empty() {
-            return refuse(RefusalReason::Unprovisioned, client_nonce, None);
-        }
+        let credentials = &self.credentials;
         let Some(Credential { name, key, handshake: signer, .. }) =
-            Credential::find(&self.credentials, key_id)
-                .filter(|it| it.handshake.verify(signed, &[], claimed))
+            Credential::proven(credentials, key_id, |it| &it.handshake, signed, claimed)
         else {
             return RobotReceived::Dropped(DropReason::Forged, None);
         };
@@ -404,12 +416,9 @@ impl RobotSession {
         signed: &[u8],
         claimed: &Tag,
     ) -> RobotReceived {
-        if self.credentials.is_empty() {
-            return refuse(RefusalReason::Unprovisioned, client_nonce, None);
-        }
+        let credentials = &self.credentials;
         let Some(Credential { name, stop: signer, .. }) =
-            Credential::find(&self.credentials, key_id)
-                .filter(|it| it.stop.verify(signed, &[], claimed))
+            Credential::proven(credentials, key_id, |it| &it.stop, signed, claimed)
         else {
             return RobotReceived::Dropped(DropReason::Forged, None);
         };

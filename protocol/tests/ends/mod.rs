@@ -56,6 +56,7 @@ pub(crate) fn telemetry(time: u64) -> ToOperator {
         timing: LoopTiming::default(),
         link: LinkQuality { dropped: Dropped::default(), ..Default::default() },
         operator: OperatorName::OWNER,
+        stopped_by: None,
     })
 }
 

@@ -276,9 +276,19 @@ impl<O: Outside> Chip<O> {
         Stop::Reset(reason)
     }
 
-    /// Lowers the supply: with the brown-out reset on, the chip starts anew.
-    pub fn brown_out(&mut self) {
-        self.boot(ResetReason::BrownOut);
+    /// Lowers the supply for a moment. Returns whether the chip starts anew: the program has to have asked for it.
+    pub fn brown_out(&mut self) -> bool {
+        let resets = self.soc.resets_on_brown_out();
+        if resets {
+            self.boot(ResetReason::BrownOut);
+        }
+        resets
+    }
+
+    /// Returns whether a pin's duty was written soon after a plain output, its bridge's enable, rose.
+    #[must_use]
+    pub fn is_duty_late(&self, pin: u32, output: u32) -> bool {
+        self.soc.is_duty_late(pin, output)
     }
 
     /// Whether the processor is at this place of the program.
@@ -442,6 +452,13 @@ impl<O: Outside> Chip<O> {
         let bytes = self.soc.memory.bytes(start, end.saturating_sub(start) as usize);
         let untouched = |bytes: &[u8]| bytes.iter().take_while(|byte| **byte == PAINT).count();
         bytes.map_or(0, |bytes| untouched(bytes) as u32)
+    }
+
+    /// Longest run of zeros in `length` bytes from `start` on.
+    #[must_use]
+    pub fn longest_zeros(&self, start: u32, length: u32) -> u32 {
+        let bytes = self.soc.memory.bytes(start, length as usize).unwrap_or_default();
+        bytes.split(|byte| *byte != 0).map(<[u8]>::len).max().unwrap_or(0) as u32
     }
 
     /// Returns where the next interrupt or frame would come, for whoever paces the chip; cycles.

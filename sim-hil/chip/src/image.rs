@@ -70,7 +70,13 @@ impl Image {
     /// Address and size of the first symbol that satisfies `is_wanted`.
     #[must_use]
     pub fn find(&self, is_wanted: impl Fn(&str) -> bool) -> Option<(u32, u32)> {
-        self.symbols.iter().find(|(.., name)| is_wanted(name)).map(|(at, size, _)| (*at, *size))
+        self.find_all(is_wanted).next()
+    }
+
+    /// Addresses and sizes of all of them.
+    pub fn find_all(&self, is_wanted: impl Fn(&str) -> bool) -> impl Iterator<Item = (u32, u32)> {
+        let wanted = self.symbols.iter().filter(move |(.., name)| is_wanted(name));
+        wanted.map(|(at, size, _)| (*at, *size))
     }
 
     /// Returns the function that an address lies in, with the offset.

@@ -12,6 +12,7 @@ mod cpu;
 pub mod fault;
 pub mod flood;
 pub mod image;
+pub mod journey;
 pub mod live;
 pub mod marks;
 mod memory;

@@ -11,6 +11,8 @@ use clap::{Parser, ValueEnum};
 use flix_chip::air::{self, Air};
 use flix_chip::chip::ResetReason;
 use flix_chip::image::{Image, ImageError};
+use flix_chip::journey::{Journey, JourneyError, travel};
+use flix_chip::live::Live;
 use flix_chip::marks::Memory;
 use flix_chip::power;
 use flix_chip::restart::{self, Restart};
@@ -34,6 +36,12 @@ struct Cli {
     /// Run these parts alone.
     #[arg(long, value_enum, value_delimiter = ',', num_args = 1..)]
     part: Vec<Part>,
+    /// Serve the robot to programs of this computer, at most in real time, until Ctrl-C.
+    #[arg(long, conflicts_with_all = ["part", "quick", "json"])]
+    live: bool,
+    /// The `flix` that makes the journey [default: that beside this program].
+    #[arg(long, value_name = "PROGRAM")]
+    flix: Option<PathBuf>,
     /// Measure shorter, and cut power in every 32nd flash operation instead of in each.
     #[arg(long)]
     quick: bool,
@@ -56,11 +64,19 @@ enum Part {
     Restarts,
     /// Power lost in flash operations of provisioning and of a settings save.
     Power,
+    /// The real `flix` over a pseudo-terminal and UDP: provision, discover, status, parameters, drive, stop, revoke, forget.
+    Journey,
 }
 
 impl Cli {
     fn runs(&self, part: Part) -> bool {
         self.part.is_empty() || self.part.contains(&part)
+    }
+
+    fn flix(&self) -> PathBuf {
+        let beside = |program: PathBuf| program.with_file_name("flix");
+        let own = || std::env::current_exe().map_or_else(|_| "flix".into(), beside);
+        self.flix.clone().unwrap_or_else(own)
     }
 
     fn times(&self) -> Times {
@@ -76,6 +92,8 @@ const RADIO_PRIORITY: u32 = 1;
 /// To approach each setpoint, and to measure it; the same in short.
 const TIMES: [Duration; 2] = [Duration::from_secs(4), Duration::from_secs(1)];
 const QUICK_TIMES: [Duration; 2] = [Duration::from_secs(1), Duration::from_millis(300)];
+/// Modes of the journey in the short form.
+const QUICK_MODES: usize = 1;
 /// Every so many flash operations power is cut in the short form.
 const QUICK_STRIDE: usize = 32;
 
@@ -86,6 +104,8 @@ enum Error {
     File { path: PathBuf, source: std::io::Error },
     #[error(transparent)]
     Image(#[from] ImageError),
+    #[error(transparent)]
+    Journey(#[from] JourneyError),
 }
 
 /// What is printed. What was not tried is null.
@@ -97,6 +117,7 @@ struct Verdict {
     restarts: Option<Vec<Restart>>,
     flash_cuts: Option<usize>,
     flash_lost: Option<usize>,
+    journey: Option<Journey>,
     memory: Option<Memory>,
     failures: Vec<String>,
     pass: bool,
@@ -119,6 +140,9 @@ fn run(cli: &Cli) -> Result<bool, Error> {
         .map_err(|source| Error::File { path: cli.image.clone(), source })?;
     let image = Image::parse(&bytes)?;
     let encoder = EncoderKind::named(&cli.encoder).unwrap_or(EncoderKind::Mt6701);
+    if cli.live {
+        return Err(serve(Rig::new(image, encoder, cli.seed), cli.log).into());
+    }
     let started = Instant::now();
     let mut verdict = Verdict::default();
     let mut rig = Rig::new(image.clone(), encoder, cli.seed);
@@ -140,6 +164,17 @@ fn run(cli: &Cli) -> Result<bool, Error> {
             Err(error) => verdict.failures.push(format!("power cuts: {error}")),
         }
     }
+    if cli.runs(Part::Journey) {
+        let modes = if cli.quick { QUICK_MODES } else { usize::MAX };
+        let rig = Rig::new(image, encoder, cli.seed);
+        match travel(rig, &cli.flix(), (modes, cli.times()), &progress) {
+            Ok(mut journey) => {
+                verdict.failures.append(&mut journey.failures);
+                verdict.journey = Some(journey);
+            }
+            Err(error) => verdict.failures.push(format!("journey: {error}")),
+        }
+    }
     verdict.pass = verdict.failures.is_empty();
     progress("");
     if cli.json {
@@ -148,6 +183,31 @@ fn run(cli: &Cli) -> Result<bool, Error> {
         print(&verdict, started.elapsed());
     }
     Ok(verdict.pass)
+}
+
+/// Serves a robot for ever; returns why that ended.
+fn serve(rig: Rig, log: bool) -> JourneyError {
+    let mut live = match Live::new(rig) {
+        Ok(live) => live,
+        Err(source) => {
+            return JourneyError::System {
+                what: "terminal and socket of the robot".into(),
+                source,
+            };
+        }
+    };
+    println!("serial port {}, address {}", live.port.display(), live.address());
+    println!("first: flix provision --port {} --ssid lab --open", live.port.display());
+    let mut shown = 0;
+    loop {
+        if let Err(error) = live.advance() {
+            return error.into();
+        }
+        if log && shown < live.rig.serial.len() {
+            eprint!("{}", String::from_utf8_lossy(&live.rig.serial[shown..]));
+            shown = live.rig.serial.len();
+        }
+    }
 }
 
 /// Shows on a terminal what is being done.
@@ -235,8 +295,26 @@ fn print(verdict: &Verdict, host: Duration) {
             "power cuts in flash operations: {cuts}; robots that had neither old nor new: {lost}"
         );
     }
+    if let Some(journey) = &verdict.journey {
+        println!("the real `flix`, {} commands:", journey.steps.len());
+        journey.hold.iter().for_each(print_hold);
+        if let (Some(stopped), Some(pace)) = (journey.stopped_s, journey.pace) {
+            println!(
+                "rotors stopped within {stopped:.2} s; missed ticks: {}; longest gap: {:.0} us; \
+                 {:.1} s of the chip took {:.1} s, {:.2} s for each of computing",
+                journey.overruns,
+                journey.longest_gap_us,
+                pace.chip_s,
+                pace.wall_s,
+                pace.seconds_a_second
+            );
+        }
+    }
     if let Some(memory) = &verdict.memory {
-        println!("main stack: {} of {} bytes never used", memory.stack_left, memory.stack);
+        let Memory { stack, stack_left, heap, heap_left } = memory;
+        println!(
+            "never used: {stack_left} of {stack} bytes of the main stack, {heap_left} of {heap} of the heap"
+        );
     }
     println!("{:.1} s", host.as_secs_f64());
     for failure in &verdict.failures {

@@ -1,14 +1,23 @@
 //! The network that the robot's radio is on: an access point and one peer at its address, who answers ARP and DHCP and
 //! carries UDP to and from whoever runs the emulation. It delays, loses, and can go away.
+//!
+//! Its addresses are loopback addresses, so that the one that the robot is given, and announces, is also where this
+//! computer finds it.
 
 use std::collections::VecDeque;
 
 use crate::block::CYCLES_PER_SECOND;
 
 /// The peer, which is also gateway and DHCP server.
-pub const PEER: [u8; 4] = [10, 0, 0, 1];
-/// What DHCP gives to the robot.
-pub const LEASE: [u8; 4] = [10, 0, 0, 7];
+pub const PEER: [u8; 4] = [127, 0, 0, 1];
+/// What DHCP gives to the robot, unless [`Network::lease`] is changed.
+const LEASE: [u8; 4] = [127, 0, 0, 7];
+/// Group and port of multicast DNS (RFC 6762, section 3).
+pub const GROUP: [u8; 4] = [224, 0, 0, 251];
+/// See [`GROUP`].
+pub const MDNS_PORT: u16 = 5353;
+/// The group's address as Ethernet has it (RFC 1112, section 6.4).
+const GROUP_MAC: [u8; 6] = [1, 0, 0x5E, GROUP[1] & 0x7F, GROUP[2], GROUP[3]];
 const PEER_MAC: [u8; 6] = [2, 0, 0, 0, 0, 1];
 const BROADCAST: [u8; 6] = [0xFF; 6];
 
@@ -37,10 +46,10 @@ impl Default for Air {
     }
 }
 
-/// A datagram between the robot and a port of the peer.
+/// A datagram between the robot and a port of the peer, or from the robot to all that listen for robots.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Datagram {
-    /// The peer's port.
+    /// The peer's port; [`MDNS_PORT`] is everybody's.
     pub port: u16,
     /// Contents.
     pub payload: Vec<u8>,
@@ -51,6 +60,8 @@ pub struct Datagram {
 pub struct Network {
     /// How the air treats frames from now on.
     pub air: Air,
+    /// What DHCP gives to the robot.
+    pub lease: [u8; 4],
     robot: Option<([u8; 6], [u8; 4])>,
     to_robot: VecDeque<(u64, Vec<u8>)>,
     from_robot: VecDeque<(u64, Datagram)>,
@@ -64,6 +75,7 @@ impl Default for Network {
     fn default() -> Self {
         Self {
             air: Air::default(),
+            lease: LEASE,
             robot: None,
             to_robot: VecDeque::new(),
             from_robot: VecDeque::new(),
@@ -112,9 +124,11 @@ impl Network {
         self.to_robot.pop_front().map(|(_, frame)| frame)
     }
 
-    /// Sends a datagram from a port of the peer to a port of the robot, if the robot is known.
+    /// Sends a datagram from a port of the peer to a port of the robot, if the robot is known. That of multicast DNS is
+    /// reached through its group.
     pub fn send_datagram(&mut self, datagram: &Datagram, robot_port: u16, now: u64) {
-        if let Some((mac, address)) = self.robot {
+        let group = (robot_port == MDNS_PORT).then_some((GROUP_MAC, GROUP));
+        if let Some((mac, address)) = group.or(self.robot) {
             self.identification = self.identification.wrapping_add(1);
             let ports = [datagram.port, robot_port];
             let packet = udp(PEER, address, ports, &datagram.payload, self.identification);
@@ -173,7 +187,7 @@ impl Network {
         let Some(payload) = datagram.get(8..usize::from(word(4))) else { return };
         if word(2) == DHCP_SERVER {
             self.answer_dhcp(mac, payload, now);
-        } else if target == PEER {
+        } else if target == PEER || target == GROUP {
             let at = self.arrival(now);
             let payload = payload.to_vec();
             self.from_robot.push_back((at, Datagram { port: word(2), payload }));
@@ -202,7 +216,7 @@ impl Network {
         let mut reply = vec![2, 1, 6, 0];
         reply.extend(&message[4..8]);
         reply.extend([0; 8]);
-        reply.extend(LEASE);
+        reply.extend(self.lease);
         reply.extend(PEER);
         reply.extend([0; 4]);
         reply.extend(mac);

@@ -1,7 +1,8 @@
-//! A program that hangs or panics: the chip must start anew within a second, state why, and leave the motors alone.
+//! A program that hangs or panics, and a supply that sags: the chip must start anew within a second, state why, and leave the motors alone.
 
 use std::time::Duration;
 
+use flix_protocol::message::{Command, Outcome};
 use serde::Serialize;
 
 use crate::chip::{Place, cycles};
@@ -24,6 +25,8 @@ pub enum Accident {
     Hang,
     /// An index out of bounds.
     Panic,
+    /// A supply that sags for a moment.
+    BrownOut,
 }
 
 /// An accident and what follows it.
@@ -35,19 +38,23 @@ pub struct Restart {
     pub place: &'static str,
     /// Until the program runs again, s.
     pub seconds: Option<f64>,
-    /// What it states as the reason.
+    /// What it states as the reason, over the network as in its log.
     pub reason: String,
     /// What does not hold.
     pub failures: Vec<String>,
 }
 
-const CASES: [(Accident, Place, &str, &str); 6] = [
+/// What [`Chip::panic`](crate::chip::Chip::panic) pretends.
+const PANIC: &str = "a panic at emulated.rs:1";
+
+const CASES: [(Accident, Place, &str, &str); 7] = [
     (Accident::Hang, Place::BeforeTheLoop, "before the fast loop", "tasks that hung"),
     (Accident::Hang, Place::Loop, "in the fast loop", "a fast loop that hung"),
     (Accident::Hang, Place::Tasks, "in the tasks", "tasks that hung"),
-    (Accident::Panic, Place::BeforeTheLoop, "before the fast loop", "a panic"),
-    (Accident::Panic, Place::Loop, "in the fast loop", "a panic"),
-    (Accident::Panic, Place::Tasks, "in the tasks", "a panic"),
+    (Accident::Panic, Place::BeforeTheLoop, "before the fast loop", PANIC),
+    (Accident::Panic, Place::Loop, "in the fast loop", PANIC),
+    (Accident::Panic, Place::Tasks, "in the tasks", PANIC),
+    (Accident::BrownOut, Place::Tasks, "in the tasks", "a brown-out"),
 ];
 
 /// Lets everything go wrong, one after the other. `rig` is provisioned and runs; it is armed for each that happens in a
@@ -91,6 +98,7 @@ fn happen(
     let began = rig.chip.now();
     match accident {
         Accident::Hang => rig.chip.hang(),
+        Accident::BrownOut => rig.brown_out()?,
         Accident::Panic if rig.chip.panic() => {}
         Accident::Panic => return Err(RigError::Fault("the image cannot panic".to_owned())),
     }
@@ -132,6 +140,15 @@ fn happen(
     let log = String::from_utf8_lossy(&rig.serial[from..]).into_owned();
     let stated = log.lines().rev().find_map(|line| line.strip_prefix("started after "));
     restart.reason = stated.unwrap_or_default().trim().to_owned();
+    rig.connect()?;
+    let Outcome::Identity(identity) = rig.ask(Command::Identify)? else {
+        return Err(RigError::OtherAnswer);
+    };
+    rig.client = None;
+    if identity.reset.to_string() != reason {
+        let failure = format!("an operator is told that it was {}, not {reason:?}", identity.reset);
+        restart.failures.push(format!("{accident:?} {name}: {failure}"));
+    }
     if restart.reason != reason {
         let failure = format!("the reason is stated as {:?}, not {reason:?}", restart.reason);
         restart.failures.push(format!("{accident:?} {name}: {failure}"));

@@ -21,7 +21,7 @@ use crate::chip::{Chip, ResetReason, Stop, cycles};
 use crate::flash::Flash;
 use crate::flood::Flood;
 use crate::image::{Image, programmed_flash};
-use crate::network::{Datagram, LEASE};
+use crate::network::Datagram;
 use crate::robot::{Robot, STEP_CYCLES};
 
 /// How long an operator waits for an answer, for arming (which may align first), for a restart.
@@ -81,6 +81,8 @@ pub struct Seen {
     pub pwm_hz: [f64; 2],
     /// Sum, lowest and highest share of each pin: top A B C, bottom A B C.
     pub shares: [[f64; 3]; 6],
+    /// Steps that found a bridge enabled before its duties were set.
+    pub early_enables: u64,
     /// Ticks that the fast loop missed while a motor was driven.
     pub missed: u64,
     /// Longest time between two rounds of the fast loop meanwhile, microseconds.
@@ -93,6 +95,7 @@ impl Seen {
         steps: 0,
         pwm_hz: [f64::INFINITY, 0.0],
         shares: [[0.0, f64::INFINITY, 0.0]; 6],
+        early_enables: 0,
         missed: 0,
         longest_gap_us: 0.0,
     };
@@ -230,6 +233,18 @@ impl Rig {
         self.exchange();
     }
 
+    /// Lowers the supply for a moment.
+    ///
+    /// # Errors
+    /// When the mechanics diverge.
+    pub fn brown_out(&mut self) -> Result<(), RigError> {
+        if self.chip.brown_out() {
+            self.resets.push((self.chip.now(), ResetReason::BrownOut));
+            self.rest_until(self.chip.cycles())?;
+        }
+        Ok(())
+    }
+
     fn run_chip(&mut self, until: u64) -> Result<(), RigError> {
         match self.chip.run_until(until) {
             Ok(()) => Ok(()),
@@ -286,6 +301,8 @@ impl Rig {
         let chip = &mut self.chip;
         let seen = &mut self.seen;
         let pins = Robot::bridge_pins().map(|(phases, enable)| {
+            let is_late = |enable| phases.iter().any(|phase| chip.is_duty_late(*phase, enable));
+            seen.early_enables += u64::from(enable.is_some_and(is_late));
             let waves = phases.map(|phase| {
                 let wave = chip.output(phase);
                 let (hertz, share) = wave.map_or((0.0, 0.0), |wave| (wave.hertz, wave.share));
@@ -398,7 +415,8 @@ impl Rig {
     /// # Errors
     /// Never: the values are good.
     pub fn provisioning(&self, name: &str) -> Result<Provisioning, RigError> {
-        let address = FixedAddress { address: LEASE, prefix_length: 24, gateway: None };
+        let address =
+            FixedAddress { address: self.chip.network.lease, prefix_length: 24, gateway: None };
         Provisioning::new(name, "lab", "", Some(address)).map_err(|_| RigError::OtherAnswer)
     }
 

@@ -45,6 +45,25 @@ pub struct Hold {
 }
 
 impl Hold {
+    /// Takes the figures of a setpoint in Hz and degrees.
+    #[must_use]
+    pub fn of(
+        (f_hz, theta_deg): (f64, f64),
+        meter: &HoldMeter,
+        peak_current_a: f64,
+        current_limit_a: f64,
+    ) -> Self {
+        let figures = meter.figures();
+        Self {
+            f_hz,
+            theta_deg,
+            f_rms_hz: figures.frequency_rms_hz,
+            theta_rms_deg: figures.direction_rms_deg,
+            peak_current_a,
+            current_limit_a,
+        }
+    }
+
     /// Returns what does not hold, in sentences.
     #[must_use]
     pub fn failures(&self) -> Vec<String> {
@@ -85,6 +104,8 @@ pub struct Report {
     pub pwm_hz: f64,
     /// Mean, lowest and highest share of the six pins.
     pub shares: [[f64; 3]; 6],
+    /// Steps that found a bridge enabled before its duties were set.
+    pub early_enables: u64,
     /// Rounds that the fast loop missed.
     pub overruns: u64,
     /// Longest time between two rounds, microseconds.
@@ -106,6 +127,9 @@ impl Report {
             if (mean - 0.5).abs() > SHARE_TOLERANCE {
                 failures.push(format!("the mean share of PWM pin {pin} is {mean:.3}"));
             }
+        }
+        if self.early_enables > 0 {
+            failures.push("a bridge is enabled before its own duties are set".to_owned());
         }
         if !self.coasted {
             failures.push("a bridge is enabled after disarming".to_owned());
@@ -146,15 +170,7 @@ pub fn hold(
         meter.watch(&truth);
         peak_current_a = peak_current_a.max(truth.largest_current());
     }
-    let figures = meter.figures();
-    Ok(Hold {
-        f_hz,
-        theta_deg,
-        f_rms_hz: figures.frequency_rms_hz,
-        theta_rms_deg: figures.direction_rms_deg,
-        peak_current_a,
-        current_limit_a,
-    })
+    Ok(Hold::of((f_hz, theta_deg), &meter, peak_current_a, current_limit_a))
 }
 
 /// Arms, holds the five modes, of which the last reverses the one before, and disarms, all in one session.
@@ -182,6 +198,7 @@ pub fn drive(rig: &mut Rig, times: Times, progress: &dyn Fn(&str)) -> Result<Rep
         rig.seen.pwm_hz.into_iter().max_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0.0);
     rig.run(REST)?;
     report.coasted = rig.coasts();
+    report.early_enables = rig.seen.early_enables;
     report.overruns = rig.seen.missed;
     report.longest_gap_us = rig.seen.longest_gap_us;
     Ok(report)

@@ -15,7 +15,7 @@ use crate::block::system_timer::SystemTimer;
 use crate::block::timer_group::TimerGroup;
 use crate::block::uart::Uart;
 use crate::block::watchdog::{Action, LowPowerWatchdog};
-use crate::block::{Answer, Unmodelled};
+use crate::block::{Answer, CYCLES_PER_SECOND, Unmodelled};
 use crate::cpu::{Access, Bus, Refusal};
 use crate::fault::{Fault, Trouble};
 use crate::memory::Memory;
@@ -133,6 +133,8 @@ const PERIPHERALS_BYTES: u32 = 0x10_0000;
 const CONTROLLER: u32 = 0x2000_1000;
 /// Blocks are told apart in steps of so many bytes.
 const STEP: u32 = 0x100;
+/// Half a round of the fast loop.
+const SOON_CYCLES: u64 = CYCLES_PER_SECOND / 20_000;
 /// No block takes more.
 const LARGEST_BLOCK: u32 = 0x1000;
 
@@ -145,6 +147,8 @@ pub(crate) struct Soc<O> {
     system_timer: SystemTimer,
     pub(crate) uart: Uart,
     gpio: Gpio,
+    /// When each plain output last rose.
+    rose: [u64; 32],
     pub(crate) mcpwm: Mcpwm,
     pub(crate) spi: Spi,
     adc: Adc,
@@ -173,6 +177,7 @@ impl<O: Outside> Soc<O> {
             system_timer: SystemTimer::new(),
             uart: Uart::new(&clocks),
             gpio: Gpio::new(),
+            rose: [0; 32],
             mcpwm: Mcpwm::new(),
             spi: Spi::new(),
             adc: Adc::new(),
@@ -198,6 +203,7 @@ impl<O: Outside> Soc<O> {
         self.system_timer = SystemTimer::new();
         self.uart = Uart::new(&self.clocks);
         self.gpio = Gpio::new();
+        self.rose = [0; 32];
         self.mcpwm = Mcpwm::new();
         self.spi = Spi::new();
         self.adc = Adc::new();
@@ -294,6 +300,21 @@ impl<O: Outside> Soc<O> {
         }
     }
 
+    /// Returns whether a pin's duty was written soon after a plain output rose: it then drove what was there before.
+    pub(crate) fn is_duty_late(&self, pin: u32, output: u32) -> bool {
+        let rose = self.rose.get(output as usize).copied().unwrap_or(0);
+        let Driver::Pwm { operator, is_b, .. } = self.gpio.driver(pin) else { return false };
+        let written = self.mcpwm.stamped[operator][usize::from(is_b)];
+        rose > 0 && written > rose && written - rose < SOON_CYCLES
+    }
+
+    /// Returns whether a supply that sags resets the chip.
+    pub(crate) fn resets_on_brown_out(&mut self) -> bool {
+        const CONTROL: u32 = 0x00;
+        const RESET: u32 = 1 << 31;
+        self.held.read("LP_ANA", CONTROL).is_ok_and(|control| control & RESET != 0)
+    }
+
     fn find(&self, address: u32) -> Option<(&'static Block, Model, u32)> {
         let index = match address {
             CONTROLLER..=0x2000_1FFF => self.map.len() - 1,
@@ -357,7 +378,15 @@ impl<O: Outside> Soc<O> {
         match model {
             Model::Clocks => return self.write_clocks(offset, value, now),
             Model::Mcpwm => return self.mcpwm.write(offset, value, now, self.clocks.mcpwm_hz()),
-            Model::Gpio => return self.gpio.write(offset, value),
+            Model::Gpio => {
+                let before = self.gpio.outputs();
+                self.gpio.write(offset, value)?;
+                let risen = self.gpio.outputs() & !before;
+                for (pin, rose) in self.rose.iter_mut().enumerate() {
+                    *rose = if risen >> pin & 1 == 1 { now } else { *rose };
+                }
+                return Ok(());
+            }
             Model::Pads => return self.gpio.write_pads(offset, value),
             Model::Analog => {
                 self.analog.write(offset, value)?;

@@ -3,13 +3,9 @@
 
 use std::process::ExitCode;
 
-use clap::FromArgMatches as _;
+use flix_host::cli::parse;
 use flix_sim::cli::{Cli, run};
 
 fn main() -> ExitCode {
-    let matches = Cli::description().get_matches();
-    match Cli::from_arg_matches(&matches) {
-        Ok(cli) => run(cli),
-        Err(error) => error.exit(),
-    }
+    parse(Cli::description()).map_or_else(|code| code, run)
 }

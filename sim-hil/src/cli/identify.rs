@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use std::time::SystemTime;
 
 use flix_host::cli::identify::{IdentificationArgs, describe};
-use flix_host::nav::PlanarPose;
+use flix_host::nav::{ModeTable, PlanarPose};
 use flix_host::pilot::{Ending, Pilot};
 use flix_host::record::Recorder;
 
@@ -37,6 +37,8 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let conditions = args.conditions.conditions(PlanarPose::default())?;
     let (identification, names) = args.identification.identification()?;
+    let file = args.conditions.modes.clone().unwrap_or_else(|| args.out.join("modes.toml"));
+    ModeTable::check_writable(&file).map_err(Error::refused)?;
     let about = description("identify", args.conditions.facts());
     let recorder = Recorder::create(&args.out, SystemTime::now(), &about)?;
     let pilot = Pilot::new(identification, names, Some(recorder));
@@ -58,7 +60,6 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let source =
         format!("{}; simulated, seed {}", args.identification.source(), args.conditions.seed);
     let table = identification.table(model, &source).map_err(Error::refused)?;
-    let file = args.conditions.modes.clone().unwrap_or_else(|| args.out.join("modes.toml"));
     table.save(&file).map_err(Error::refused)?;
     print(&describe(&table))?;
     print(&format!("\nwritten to {}\n", file.display()))?;

@@ -79,7 +79,6 @@ enum Command {
     /// Print the completion script of a shell
     Completions(completions::Args),
     /// Write the manual pages into a folder
-    #[command(hide = true)]
     Man(man::Args),
 }
 
@@ -145,6 +144,9 @@ pub enum Error {
     /// A laboratory's table is refused.
     #[error(transparent)]
     Measured(#[from] crate::study::measured::MeasuredError),
+    /// A robot was not identified.
+    #[error(transparent)]
+    Sysid(#[from] crate::study::sysid::SysidError),
     /// The record was not written.
     #[error(transparent)]
     Record(#[from] flix_host::record::RecordError),
@@ -164,6 +166,7 @@ impl Error {
         use crate::experiment::probe::ProbeError;
         use crate::experiment::walk::WalkError;
         use crate::study::calibrate::CalibrationError;
+        use crate::study::sysid::SysidError;
         matches!(
             self,
             Self::Setpoint(_)
@@ -172,6 +175,12 @@ impl Error {
                 | Self::Model(_)
                 | Self::Measured(_)
                 | Self::Calibration(CalibrationError::NoLegs(_) | CalibrationError::Other { .. })
+                | Self::Sysid(
+                    SysidError::Measured(_)
+                        | SysidError::Plan(_)
+                        | SysidError::Empty(_)
+                        | SysidError::Write { .. }
+                )
                 | Self::Table(_)
                 | Self::Key(_)
                 | Self::Serve(
@@ -180,10 +189,16 @@ impl Error {
                         | serve::ServeError::OneKey { .. }
                 )
                 | Self::Write { .. }
+                | Self::Record(_)
+                | Self::Read(_)
                 | Self::Plot(flix_host::plot::PlotError::Write { .. })
                 | Self::Recording(crate::view::RecordingError::Write { .. })
                 | Self::Probe(
-                    ProbeError::Model(_) | ProbeError::Setpoint(_) | ProbeError::NoLegs { .. }
+                    ProbeError::Model(_)
+                        | ProbeError::Setpoint(_)
+                        | ProbeError::NoLegs { .. }
+                        | ProbeError::Overloaded
+                        | ProbeError::Still
                 )
                 | Self::Walk(WalkError::Model(_) | WalkError::NoLegs { .. })
         )

@@ -34,7 +34,7 @@ use crate::rig::robot::{RobotParameters, SimulatedRobot};
 )]
 pub struct Args {
     /// Address to listen on; the default is this machine alone
-    #[arg(long, value_name = "ADDR", default_value_t = SocketAddr::from((Ipv4Addr::LOCALHOST, DEFAULT_PORT)))]
+    #[arg(long, value_name = "ADDR:PORT", value_parser = listen_address, default_value_t = SocketAddr::from((Ipv4Addr::LOCALHOST, DEFAULT_PORT)))]
     listen: SocketAddr,
     /// Key file of the robot [default: the key `simulated` of your keyring, made when there is none]
     #[arg(long, value_name = "FILE")]
@@ -45,7 +45,7 @@ pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
     /// Stream the robot's pose as OptiTrack does (NatNet), from this address or from 127.0.0.1:1510
-    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = NATNET_DEFAULT)]
+    #[arg(long, value_name = "ADDR:PORT", value_parser = natnet_address, num_args = 0..=1, default_missing_value = NATNET_DEFAULT)]
     natnet: Option<SocketAddrV4>,
     /// Seed of the robot: its motors, wiring, sensor errors and noise
     #[arg(long, default_value_t = 1)]
@@ -65,19 +65,33 @@ impl FromStr for Holder {
     fn from_str(text: &str) -> Result<Self, String> {
         let (name, file) =
             text.split_once('=').ok_or("write NAME=FILE, for example anna=anna.key")?;
-        let name = name.parse().map_err(|error| format!("{error}"))?;
+        let name = name.trim().parse().map_err(|error| format!("{error}"))?;
         Ok(Self { name, file: file.into() })
     }
+}
+
+fn listen_address(text: &str) -> Result<SocketAddr, String> {
+    text.parse().map_err(|_| {
+        format!("\"{text}\" is no ADDRESS:PORT: write 0.0.0.0:{DEFAULT_PORT} for every network of this computer")
+    })
+}
+
+fn natnet_address(text: &str) -> Result<SocketAddrV4, String> {
+    text.parse().map_err(|_| {
+        format!(
+            "\"{text}\" is no IPv4 ADDRESS:PORT: write {NATNET_DEFAULT}, or --natnet alone for that"
+        )
+    })
 }
 
 /// The robot cannot be on the network.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
     /// The address cannot be had.
-    #[error(
-        "cannot listen on {address}: {source}; is another robot served there? Choose another with --listen"
-    )]
+    #[error("{option} {address}: cannot listen there: {source}; {advice}", advice = advice(source, option))]
     Listen {
+        /// The option that gives it.
+        option: &'static str,
         /// Which.
         address: SocketAddr,
         /// Why.
@@ -106,10 +120,32 @@ pub enum ServeError {
     Network(#[from] io::Error),
 }
 
+/// Returns what to do about an address that cannot be had.
+fn advice(source: &io::Error, option: &str) -> String {
+    match source.kind() {
+        io::ErrorKind::AddrInUse => {
+            format!(
+                "another program listens there, perhaps a robot: give another port with {option}"
+            )
+        }
+        io::ErrorKind::AddrNotAvailable => {
+            format!(
+                "it is no address of this computer: give one that is with {option}, or 0.0.0.0 for all"
+            )
+        }
+        io::ErrorKind::PermissionDenied => {
+            format!("ports below 1024 are for the system: give a higher one with {option}")
+        }
+        _ => format!("give another with {option}"),
+    }
+}
+
 /// Where OptiTrack is expected by `flix` when nothing else is given.
 const NATNET_DEFAULT: &str = "127.0.0.1:1510";
 /// Ticks that are made up for at once: 1 ms.
 const BATCH: u32 = 10;
+/// Batches in a row, without a look at the network, the keys and Ctrl-C: as many as are made up for.
+const MOST_BATCHES: u32 = 50;
 /// Behind by more than this, the robot's time is put off instead of being made up for.
 const LARGEST_LAG: Duration = Duration::from_millis(50);
 /// Shortest time between two reports of missed real time.
@@ -123,8 +159,11 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let operators = operators(args)?;
     let interrupt = Interrupt::listen().map_err(ServeError::Network)?;
     let listen = |address| UdpSocket::bind(address);
-    let socket = listen(args.listen)
-        .map_err(|source| ServeError::Listen { address: args.listen, source })?;
+    let socket = listen(args.listen).map_err(|source| ServeError::Listen {
+        option: "--listen",
+        address: args.listen,
+        source,
+    })?;
     let robot = robot(args, operators)?;
     let cameras =
         args.natnet.map(|address| Cameras::open(address.into(), args.seed)).transpose()?;
@@ -166,15 +205,18 @@ fn robot(args: &Args, operators: Operators) -> Result<SimulatedRobot<Plant>, Err
 
 fn introduce(args: &Args, socket: &UdpSocket) -> Result<(), Error> {
     let address = socket.local_addr().map_err(ServeError::Network)?;
-    let host = if address.ip().is_unspecified() {
-        Ipv4Addr::LOCALHOST.to_string()
-    } else {
-        address.ip().to_string()
-    };
+    let host =
+        if address.ip().is_unspecified() { Ipv4Addr::LOCALHOST.into() } else { address.ip() };
     let robot = if address.port() == DEFAULT_PORT {
-        host
+        host.to_string()
     } else {
-        SocketAddr::new(address.ip(), address.port()).to_string()
+        SocketAddr::new(host, address.port()).to_string()
+    };
+    // Who runs this by cargo has no `flix` installed.
+    let flix = if std::env::var_os("CARGO").is_some() {
+        "cargo run --release -p flix-host --"
+    } else {
+        "flix"
     };
     let first = args.operator.first().map(|operator| &operator.file);
     let key = args.key.as_ref().or(first);
@@ -186,15 +228,15 @@ fn introduce(args: &Args, socket: &UdpSocket) -> Result<(), Error> {
     );
     let mut hint = |command: &str, options: &str| {
         let command = command.replace("{}", &robot);
-        text += &format!("    cargo run --release -p flix-host -- {command}{key}{options}\n");
+        text += &format!("    {flix} {command}{key}{options}\n");
     };
     hint("teleop {}", "");
     if args.natnet.is_some() {
         hint("identify {}", &poses);
         hint("track {} figure8", &poses);
     }
-    text += "\nHere: `back` and Enter puts the robot back to its start, `where` prints where it is,\n\
-             Ctrl-C switches it off.\n";
+    text += "\nHere: `back` and Enter puts the robot back to its start, `where` prints where it is, `operators`\n\
+             who may drive; `revoke NAME` erases the key of one. Ctrl-C switches it off.\n";
     Ok(print(&text)?)
 }
 
@@ -230,7 +272,11 @@ pub fn serve(
         })
         .map_err(ServeError::Network)?;
         clock.catch_up(robot.now());
-        while clock.is_due(robot.now()) {
+        // On a computer that is too slow for real time it is always due.
+        for _ in 0..MOST_BATCHES {
+            if !clock.is_due(robot.now()) {
+                break;
+            }
             for _ in 0..BATCH {
                 robot.tick()?;
             }
@@ -258,7 +304,7 @@ impl Cameras {
         let usual = ServerSettings::default();
         let multicast = usual.multicast.filter(|_| !address.ip().is_loopback());
         let server = NatNetServer::bind(address, ServerSettings { multicast, ..usual })
-            .map_err(|source| ServeError::Listen { address, source })?;
+            .map_err(|source| ServeError::Listen { option: "--natnet", address, source })?;
         print(&format!("Its pose is streamed as OptiTrack does, by NatNet at {address}.\n"))?;
         Ok(Self { server, cameras: MotionCapture::new(seed), next: Instant::START })
     }

@@ -154,14 +154,16 @@ fn text(report: &Report) -> String {
         if report.seeds > 1 { format!("\u{b1} {:.4}", value.spread) } else { String::new() }
     };
     let row = |name: &str, value: &Spread, unit: &str| {
-        row![name, format!("{:.4}", value.mean), spread(value), unit]
+        // No negative zero.
+        let mean = (1e4 * value.mean).round() / 1e4 + 0.0;
+        row![name, format!("{mean:.4}"), spread(value), unit]
     };
     format!(
-        "Model {} at {} Hz, {} degrees: {} walks of {} s (seeds from {})\n\n{}",
+        "Model {} at {} Hz, {} degrees: {} of {} s (seeds from {})\n\n{}",
         report.model,
         report.frequency_hz,
         report.direction_deg,
-        report.seeds,
+        if report.seeds == 1 { "1 walk".to_owned() } else { format!("{} walks", report.seeds) },
         report.seconds,
         report.first_seed,
         table(&[

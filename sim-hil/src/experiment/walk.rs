@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 use std::time::Duration;
 
 pub use flix_host::nav::Spread;
-use flix_host::nav::wrap;
+use flix_host::nav::{Twist, wrap};
 use flix_protocol::message::Setpoint;
 use flix_protocol::session::Key;
 use rand::{RngExt as _, SeedableRng as _};
@@ -67,6 +67,14 @@ pub struct Walked {
     pub path_m: f64,
     /// Energy over weight times path.
     pub cost_of_transport: f64,
+}
+
+impl Walked {
+    /// Returns the mean motion.
+    #[must_use]
+    pub const fn motion(&self) -> Twist {
+        Twist { forward: self.forward_m_s, lateral: self.lateral_m_s, yaw: self.yaw_rad_s }
+    }
 }
 
 /// Why there was no walk.

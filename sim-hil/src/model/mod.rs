@@ -77,7 +77,7 @@ pub enum ModelError {
         error: Box<ModelError>,
     },
     /// No such file and no such name.
-    #[error("cannot read the model {name}: {error}; give a TOML file or one of {}", NAMES.join(", "))]
+    #[error("cannot read the model {name}: {error}; give a TOML file or one of {}, random-SEED", NAMES.join(", "))]
     NotFound {
         /// What was asked for.
         name: String,
@@ -407,7 +407,7 @@ impl RobotModel {
         if let Some(seed) = random::seed_of(name) {
             return Ok(random(seed));
         }
-        let text = std::fs::read_to_string(name)
+        let text = flix_host::file::read_text(name.as_ref())
             .map_err(|error| ModelError::NotFound { name: name.to_owned(), error })?;
         Self::from_toml(&text)
             .map_err(|error| ModelError::File { file: name.to_owned(), error: Box::new(error) })

@@ -5,9 +5,11 @@
 
 use std::path::{Path, PathBuf};
 
+use flix_host::file::{self, LARGEST_TEXT};
 use flix_host::nav::Twist;
 use serde::Serialize;
 
+use crate::model::LEGS;
 use crate::rig::bench::setpoint;
 
 /// Why a table was refused.
@@ -43,29 +45,105 @@ pub enum MeasuredError {
     },
 }
 
+/// A column of a table: its name, which ends in its unit, and the range of values that make sense in that unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Column {
+    /// Name, as in the first line of the file.
+    pub name: &'static str,
+    /// Lowest value.
+    pub low: f64,
+    /// Highest value.
+    pub high: f64,
+}
+
+impl Column {
+    /// Creates a column with its range.
+    #[must_use]
+    pub const fn new(name: &'static str, low: f64, high: f64) -> Self {
+        Self { name, low, high }
+    }
+
+    /// The column `leg`, whose values are names: each reads as its index in [`LEGS`].
+    pub const LEG: Self = Self::new("leg", 0.0, 3.0);
+
+    /// Writes a value as it is read, to six digits.
+    #[must_use]
+    pub fn show(&self, value: f64) -> String {
+        if self.name == Self::LEG.name {
+            return LEGS.get(value as usize).copied().unwrap_or_default().to_owned();
+        }
+        let digits = 5 - value.abs().max(1e-12).log10().floor() as i32;
+        format!("{value:.*}", digits.clamp(0, 8) as usize)
+    }
+
+    fn parse(&self, text: &str) -> Result<f64, String> {
+        if self.name == Self::LEG.name {
+            let leg = LEGS.iter().position(|leg| *leg == text);
+            let index = leg.map(|index| index as f64);
+            return index.ok_or_else(|| format!("{text:?} is no leg: one of {}", LEGS.join(", ")));
+        }
+        let Some(number) = text.parse::<f64>().ok().filter(|number| number.is_finite()) else {
+            return Err(format!("{text:?} is no finite number for {}", self.name));
+        };
+        if (self.low..=self.high).contains(&number) {
+            return Ok(number);
+        }
+        Err(format!(
+            "{text} is outside {} .. {}: give it in the unit that the name {} ends in",
+            self.low, self.high, self.name
+        ))
+    }
+}
+
+/// A table that was read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lines {
+    /// Whether the file has each of the columns asked for.
+    pub given: Vec<bool>,
+    /// Each row of numbers with its line in the file: a value for each column asked for, 0 where the file has none.
+    pub rows: Vec<(u64, Vec<f64>)>,
+}
+
 /// Reads the named columns, all of which must be there and no others; at least `fewest` rows.
 ///
 /// # Errors
 /// [`MeasuredError`], naming line and column.
 pub fn read<const N: usize>(
     path: &Path,
-    names: [&str; N],
+    names: [&'static str; N],
     fewest: usize,
 ) -> Result<Vec<[f64; N]>, MeasuredError> {
-    let bytes = std::fs::read(path)
-        .map_err(|source| MeasuredError::Read { path: path.to_owned(), source })?;
-    parse(path, &bytes, names, fewest)
+    let any = names.map(|name| Column::new(name, f64::NEG_INFINITY, f64::INFINITY));
+    let rows = read_columns(path, &any, N, fewest)?.rows.into_iter();
+    Ok(rows.map(|(_, row)| core::array::from_fn(|i| row[i])).collect())
 }
 
-fn parse<const N: usize>(
+/// Reads columns with their ranges. The first `required` must be there, the others may be; no further ones.
+///
+/// # Errors
+/// [`MeasuredError`], naming line and column.
+pub fn read_columns(
+    path: &Path,
+    columns: &[Column],
+    required: usize,
+    fewest: usize,
+) -> Result<Lines, MeasuredError> {
+    let bytes = file::read(path, LARGEST_TEXT)
+        .map_err(|source| MeasuredError::Read { path: path.to_owned(), source })?;
+    parse(path, &bytes, columns, required, fewest)
+}
+
+fn parse(
     path: &Path,
     bytes: &[u8],
-    names: [&str; N],
+    columns: &[Column],
+    required: usize,
     fewest: usize,
-) -> Result<Vec<[f64; N]>, MeasuredError> {
+) -> Result<Lines, MeasuredError> {
     let whole = |reason: String| MeasuredError::Whole { path: path.to_owned(), reason };
     let place =
         |line, column, reason| MeasuredError::Place { path: path.to_owned(), line, column, reason };
+    let names: Vec<&str> = columns.iter().map(|column| column.name).collect();
     let expected = names.join(",");
     let mut reader = csv::ReaderBuilder::new()
         .has_headers(false)
@@ -86,7 +164,7 @@ fn parse<const N: usize>(
     let Some((line, header)) = next()? else {
         return Err(whole(format!("the file is empty; its first line has to be {expected}")));
     };
-    let mut at = [None; N];
+    let mut at = vec![None; columns.len()];
     for (column, name) in header.iter().enumerate() {
         let Some(index) = names.iter().position(|expected| *expected == name) else {
             let reason =
@@ -97,7 +175,7 @@ fn parse<const N: usize>(
             return Err(place(line, column + 1, format!("the column {name} comes twice")));
         }
     }
-    if let Some(missing) = at.iter().position(Option::is_none) {
+    if let Some(missing) = at[..required].iter().position(Option::is_none) {
         let reason = format!("the column {} is missing; columns are {expected}", names[missing]);
         return Err(place(line, header.len() + 1, reason));
     }
@@ -107,22 +185,20 @@ fn parse<const N: usize>(
             let reason = format!("{} values in a table of {} columns", record.len(), header.len());
             return Err(place(line, record.len().min(header.len()) + 1, reason));
         }
-        let mut row = [0.0; N];
-        for (index, value) in row.iter_mut().enumerate() {
-            let column = at[index].unwrap_or_default();
-            let text = &record[column];
-            let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
-            *value = number.ok_or_else(|| {
-                let reason = format!("{text:?} is no finite number for {}", names[index]);
-                place(line, column + 1, reason)
-            })?;
+        let mut row = vec![0.0; columns.len()];
+        for (index, column) in at.iter().enumerate() {
+            if let Some(column) = column {
+                row[index] = columns[index]
+                    .parse(&record[*column])
+                    .map_err(|reason| place(line, column + 1, reason))?;
+            }
         }
-        rows.push(row);
+        rows.push((line, row));
     }
     if rows.len() < fewest {
         return Err(whole(format!("{} rows of numbers; at least {fewest} are needed", rows.len())));
     }
-    Ok(rows)
+    Ok(Lines { given: at.iter().map(Option::is_some).collect(), rows })
 }
 
 /// Mean speeds of the prototype under one pair.
@@ -168,15 +244,31 @@ pub fn speeds(path: &Path) -> Result<Vec<Measured>, MeasuredError> {
 mod tests {
     use super::*;
 
+    const COLUMNS: [Column; 3] =
+        [Column::new("t_s", 0.0, 10.0), Column::new("x_mm", -50.0, 50.0), Column::LEG];
+
+    fn parsed(text: &[u8], required: usize) -> Result<Lines, MeasuredError> {
+        parse(Path::new("lab.csv"), text, &COLUMNS[..required.max(2)], required, 2)
+    }
+
     fn refused(text: &str) -> String {
-        parse(Path::new("lab.csv"), text.as_bytes(), ["t_s", "x_mm"], 2).unwrap_err().to_string()
+        parsed(text.as_bytes(), 2).unwrap_err().to_string()
     }
 
     #[test]
     fn columns_come_in_any_order_and_comments_are_skipped() {
-        let text = "# lab 3\nx_mm, t_s\n1.5,0\n-2e-1,0.1\n";
-        let rows = parse(Path::new("lab.csv"), text.as_bytes(), ["t_s", "x_mm"], 2).unwrap();
-        assert_eq!(rows, [[0.0, 1.5], [0.1, -0.2]]);
+        let lines = parsed(b"# lab 3\nx_mm, t_s\n1.5,0\n-2e-1,0.1\n", 2).unwrap();
+        assert_eq!(lines.rows, [(3, vec![0.0, 1.5]), (4, vec![0.1, -0.2])]);
+    }
+
+    #[test]
+    fn legs_are_named_and_optional_columns_may_be_missing() {
+        let lines = parsed(b"t_s,leg,x_mm\n1,rl,2\n1,rr,2\n", 3).unwrap();
+        assert_eq!(lines.rows[0].1, [1.0, 2.0, 2.0]);
+        let lines = parse(Path::new("lab.csv"), b"t_s\n1\n", &COLUMNS, 1, 1).unwrap();
+        assert_eq!(lines.given, [true, false, false]);
+        let refused = parsed(b"t_s,leg,x_mm\n1,front,2\n", 3).unwrap_err().to_string();
+        assert!(refused.contains("line 2, column 2: \"front\" is no leg"), "{refused}");
     }
 
     #[test]
@@ -190,11 +282,12 @@ mod tests {
         assert!(refused("t_s,x_mm\n0,\n").contains("line 2, column 2: \"\""));
         assert!(refused("t_s,x_mm\n0,1,2\n").contains("line 2, column 3: 3 values"));
         assert!(refused("t_s,x_mm\n0,1\n").contains("1 rows of numbers"));
+        assert!(refused("t_s,x_mm\n0,1\n0,1e3\n").contains("line 3, column 2: 1e3 is outside"));
     }
 
     #[test]
     fn bytes_that_are_no_text_are_refused_with_their_line() {
-        let refused = parse(Path::new("lab.csv"), b"t_s,x_mm\n0,\xff\n", ["t_s", "x_mm"], 1);
+        let refused = parsed(b"t_s,x_mm\n0,\xff\n", 2);
         assert!(refused.unwrap_err().to_string().contains("line 2"));
     }
 }

@@ -25,6 +25,7 @@ pub mod sensitivity;
 mod shard;
 pub mod statements;
 pub mod sweep;
+pub mod sysid;
 mod table;
 
 pub use journal::JournalError;

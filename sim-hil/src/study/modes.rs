@@ -217,6 +217,9 @@ pub fn score_modes(modes: &[PaperMode], cells: &[Cell]) -> Vec<ModeRow> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::experiment::walk::{Walk, WalkDrive, walk};
+    use crate::model::RobotModel;
+    use crate::rig::bench::setpoint;
 
     fn turn_left() -> PaperMode {
         paper_modes().remove(2)
@@ -253,6 +256,24 @@ mod tests {
         for component in Component::ALL {
             for sign in [1.0, -1.0] {
                 assert_eq!(count(&paper, component, sign), count(&invented, component, sign));
+            }
+        }
+    }
+
+    #[test]
+    fn the_calibrated_robot_shows_every_mode_of_the_paper_at_headings_of_its_own() {
+        let model = RobotModel::named("calibrated").unwrap();
+        for mode in paper_modes() {
+            for seed in [11, 12] {
+                let what = Walk {
+                    setpoint: setpoint(mode.f_hz, mode.theta_deg).unwrap(),
+                    seconds: 4.0,
+                    drive: WalkDrive::Ideal,
+                    step: 2.5e-4,
+                    heading: None,
+                };
+                let motion = walk(&model, &what, seed, |_| {}).unwrap().motion();
+                assert!(mode.score(motion).hit, "{} of seed {seed}: {motion:?}", mode.name);
             }
         }
     }

@@ -4,7 +4,6 @@
 //! metadata, so that it explains itself and strangers are refused.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -190,7 +189,7 @@ impl Table {
     /// # Errors
     /// When the file is missing, damaged, or of something else.
     pub fn read(path: &Path) -> Result<Self, TableError> {
-        let file = File::open(path)
+        let file = flix_host::file::open(path)
             .map_err(|source| TableError::File { path: path.to_owned(), source })?;
         let damaged = |source| TableError::Parquet { path: path.to_owned(), source };
         let stranger =

@@ -43,6 +43,7 @@ use flix_firmware::neighbours::{Guard, Guarded};
 use flix_firmware::net;
 use flix_firmware::provision::Provisioner;
 use flix_firmware::robot::{Robot, UNPROVISIONED};
+use flix_protocol::message::ResetReason;
 use flix_protocol::provision::Provisioning;
 use flix_protocol::session::Operators;
 use static_cell::StaticCell;
@@ -72,7 +73,8 @@ async fn main(spawner: Spawner) {
     chip::enable_interrupts();
     esp_alloc::heap_allocator!(size: HEAP_BYTES);
     chip::reset_on_brown_out();
-    announce();
+    let reset = watchdog::reason();
+    announce(&reset);
 
     let (timers, software_interrupt) = parts.scheduler;
     esp_rtos::start(TimerGroup::new(timers).timer0, software_interrupt);
@@ -82,6 +84,7 @@ async fn main(spawner: Spawner) {
     let region = flash.region().unwrap_or(0..0);
     let store = &*STORE.init(RefCell::new(FlashStore::new(flash, region)));
     let mut provisioner = Provisioner::new(Entry::new(store, flash::PROVISIONING), BOARD.hardware);
+    provisioner.set_reset(reset.clone());
     if let Err(error) = provisioner.loaded() {
         log!("provisioning: {error}: provision the robot again");
     }
@@ -131,7 +134,7 @@ async fn main(spawner: Spawner) {
         spawner.spawn(serial);
         spawner.spawn(log);
     }
-    let robot = slow::Robot::new(slow, exchange);
+    let robot = slow::Robot::new(slow, reset, exchange);
     match (provisioning, radio) {
         (Some(provisioning), Some(radio)) => operate(spawner, robot, provisioning, radio).await,
         _ => {
@@ -175,10 +178,10 @@ async fn operate(
 }
 
 /// Prints what a person at the serial port should know of this board before the motors move.
-fn announce() {
+fn announce(reset: &ResetReason) {
     let hardware = &BOARD.hardware;
     log!("flix-walker {} on {}", env!("CARGO_PKG_VERSION"), hardware.name);
-    log!("started after {}", watchdog::reason());
+    log!("started after {reset}");
     log!("encoders: {:?}", BOARD.encoder);
     match hardware.current_sense {
         Some(_) => log!("motors: current control"),

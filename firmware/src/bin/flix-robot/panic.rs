@@ -19,6 +19,6 @@ fn on_panic(info: &PanicInfo) -> ! {
         }
         println!("panic: {info}");
         println!("bridges off; starting anew");
-        watchdog::restart_after_panic()
+        watchdog::restart_after_panic(info.location())
     })
 }

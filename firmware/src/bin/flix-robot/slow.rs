@@ -8,7 +8,7 @@ use flix_firmware::hardware::SettingsStore;
 use flix_firmware::net::{EXCHANGE_INTERVAL, Station};
 use flix_firmware::robot::SlowHalf;
 use flix_protocol::frame::Frame;
-use flix_protocol::message::State;
+use flix_protocol::message::{ResetReason, State};
 use flix_protocol::units::Instant;
 
 use crate::clock::now;
@@ -27,8 +27,13 @@ pub(crate) struct Robot<S> {
 }
 
 impl<S: SettingsStore> Robot<S> {
-    /// Starts before the first exchange.
-    pub(crate) const fn new(slow: SlowHalf<S>, exchange: &'static Shared) -> Self {
+    /// Starts before the first exchange; `reset` is why the chip last started, for operators who ask.
+    pub(crate) fn new(
+        mut slow: SlowHalf<S>,
+        reset: ResetReason,
+        exchange: &'static Shared,
+    ) -> Self {
+        slow.set_reset(reset);
         Self { slow, exchange, printed: None, ticks: 0 }
     }
 

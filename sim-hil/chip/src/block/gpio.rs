@@ -148,6 +148,11 @@ impl Gpio {
         }
     }
 
+    /// Returns the levels of the outputs, a bit for each pin.
+    pub(crate) fn outputs(&self) -> u32 {
+        self.matrix.get(OUT)
+    }
+
     pub(crate) fn read(&self, offset: u32) -> Answer<u32> {
         Ok(match offset {
             IN => (0..PINS)

@@ -115,6 +115,8 @@ pub(crate) struct Mcpwm {
     pub(crate) values: Values,
     timers: [Timer; 3],
     stamps: [[Shadowed; 2]; 3],
+    /// When each was last written.
+    pub(crate) stamped: [[u64; 2]; 3],
     /// Writes to the last operator's second stamp: one at the end of each round of the fast loop.
     pub(crate) rounds: u64,
     /// When the last one was.
@@ -129,6 +131,7 @@ impl Mcpwm {
             values: Values::reset("MCPWM0"),
             timers: [Timer::STOPPED; 3],
             stamps: [[Shadowed::default(); 2]; 3],
+            stamped: [[0; 2]; 3],
             rounds: 0,
             last_round: 0,
             longest_gap: 0,
@@ -294,8 +297,12 @@ impl Mcpwm {
     fn write_operator(&mut self, index: usize, register: u32, value: u32, now: u64) -> Answer<()> {
         let offset = OPERATOR + OPERATOR_STRIDE * index as u32 + register;
         match register {
-            operator::STAMP_A => self.stamp(index, 0, value & 0xFFFF, now),
+            operator::STAMP_A => {
+                self.stamped[index][0] = now;
+                self.stamp(index, 0, value & 0xFFFF, now);
+            }
             operator::STAMP_B => {
+                self.stamped[index][1] = now;
                 self.stamp(index, 1, value & 0xFFFF, now);
                 if index == 2 {
                     self.count_round(now);

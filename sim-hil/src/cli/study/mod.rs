@@ -8,6 +8,7 @@ pub mod merge;
 pub mod mobility;
 pub mod select;
 pub mod sensitivity;
+pub mod sysid;
 
 use flix_host::cli::number::parse_within;
 use std::path::{Path, PathBuf};
@@ -46,6 +47,8 @@ enum Command {
     Select(select::Args),
     /// Fit the robot to measured speeds, or to the modes of tables III and IV (section II-D).
     Calibrate(calibrate::Args),
+    /// Identify a real robot from experiments, with error bars (section II, generalised).
+    Sysid(sysid::Args),
     /// Join the slices of a study.
     Merge(merge::Args),
     /// Run every study.
@@ -68,6 +71,7 @@ fn run_command(command: &Command) -> Result<ExitCode, Error> {
         Command::Sensitivity(args) => sensitivity::run(args),
         Command::Select(args) => select::run(args),
         Command::Calibrate(args) => calibrate::run(args),
+        Command::Sysid(args) => sysid::run(args),
         Command::Merge(args) => merge::run(args),
         Command::All(args) => all::run(args),
     }

@@ -9,6 +9,9 @@ use crate::plant::{LegView, Mechanics, Plant, Wrench};
 
 /// Time for which the released leg is watched, s.
 const RING: f64 = 1.0;
+/// Longest time that a loaded leg may take to rest, s, and its kinetic energy then, J.
+const PATIENCE: f64 = 5.0;
+const STILL: f64 = 1e-16;
 /// Swings below this share of the first are lost in what is left of settling.
 const FAINTEST: f64 = 1e-4;
 /// Bend below which a leg counts as not loaded, as a share of its length, and twist, rad.
@@ -57,7 +60,7 @@ pub fn leg(
     let mut plant = Plant::new(model)?;
     plant.load_clamped_leg(leg, Wrench::default(), step)?;
     let free = view(&plant, leg);
-    plant.load_clamped_leg(leg, load, step)?;
+    plant.load_clamped_leg(leg, load, step).map_err(|_| ProbeError::Overloaded)?;
     let loaded = view(&plant, leg);
     let displacement: [f64; 3] = core::array::from_fn(|i| loaded.joints[3][i] - free.joints[3][i]);
 
@@ -145,6 +148,32 @@ pub fn release(
         motion.push(moved(&plant));
     }
     Ok(motion)
+}
+
+/// Loads the tips of all four legs at once, each with its own wrench in world axes, while the body is held and the
+/// floor is taken away: where they come to rest, from their unloaded rest.
+///
+/// # Errors
+/// When the model is refused or has no legs, or when a leg cannot bear its load.
+pub fn bend(
+    model: &RobotModel,
+    loads: [Wrench; 4],
+    step: f64,
+) -> Result<[TipMotion; 4], ProbeError> {
+    require_legs(model)?;
+    let mut plant = Plant::new(model)?;
+    let mut resting = |loads: [Wrench; 4]| {
+        loads.into_iter().enumerate().for_each(|(leg, load)| plant.set_tip_push(leg, load));
+        plant.clamp();
+        plant.settle(step, PATIENCE, STILL)?;
+        Ok::<_, ProbeError>(core::array::from_fn::<_, 4, _>(|leg| view(&plant, leg)))
+    };
+    let free = resting([Wrench::default(); 4])?;
+    let loaded = resting(loads)?;
+    Ok(core::array::from_fn(|leg| TipMotion {
+        position: core::array::from_fn(|i| loaded[leg].joints[3][i] - free[leg].joints[3][i]),
+        rotation: rotation_between(&free[leg], &loaded[leg]),
+    }))
 }
 
 /// A length that makes displacements and rotations comparable: that of a leg, m (paper, table II).

@@ -8,11 +8,14 @@ mod leg;
 mod rest;
 mod shake;
 mod signal;
+mod swing;
 
 pub use eigenmodes::{Clamp, Eigenmode, Eigenmodes, eigenmodes};
-pub use leg::{LegProbe, RingDown, TIP_REACH, TipMotion, leg, release};
+pub use leg::{LegProbe, RingDown, TIP_REACH, TipMotion, bend, leg, release};
 pub use rest::{FootLoads, Posture, Rest, rest};
 pub use shake::{ShakeBase, Shaken, shake};
+pub use signal::{Component, lock_in};
+pub use swing::{CHANNELS, Swing, swing};
 
 use flix_protocol::units::OutOfRange;
 
@@ -37,6 +40,11 @@ pub enum ProbeError {
         /// Name of the model.
         name: String,
     },
+    /// The leg is bent beyond what its model describes.
+    #[error(
+        "the leg does not bear this load: give a smaller force or torque (the robot weighs some 3.4 N)"
+    )]
+    Overloaded,
     /// Nothing moved enough to measure.
     #[error("the leg did not ring: give a force or a torque large enough to bend it")]
     Still,

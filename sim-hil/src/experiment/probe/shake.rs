@@ -4,7 +4,7 @@ use flix_host::nav::wrap;
 use flix_protocol::message::Setpoint;
 use serde::Serialize;
 
-use super::signal::amplitude_at;
+use super::signal::lock_in;
 use super::{ProbeError, require_legs};
 use crate::model::{Base, RobotModel};
 use crate::plant::{Drive, Mechanics, Plant};
@@ -103,8 +103,13 @@ pub fn shake(
         along = along.max((wrench.force[0] * cos - wrench.force[1] * sin).abs());
         across = across.max((wrench.force[0] * sin + wrench.force[1] * cos).abs());
     }
+    let times: Vec<f64> = (0..count).map(|index| index as f64 * step).collect();
+    let phases: Vec<f64> = times.iter().map(|time| core::f64::consts::TAU * rate * time).collect();
+    let found = lock_in(&times, &phases, &samples).unwrap_or_default();
     let amplitude = |first: usize, scale: f64| -> [f64; 3] {
-        core::array::from_fn(|i| scale * amplitude_at(&samples[first + i], step, rate))
+        let of =
+            |i: usize| found.get(first + i).map_or(0.0, |found| scale * found.cos.hypot(found.sin));
+        core::array::from_fn(of)
     };
     Ok(Shaken {
         displacement_mm: amplitude(0, 1e3),

@@ -262,8 +262,7 @@ fn motion(
         step,
         heading: None,
     };
-    let walked = walk(model, &what, seed, |_| {}).ok()?;
-    Some(Twist { forward: walked.forward_m_s, lateral: walked.lateral_m_s, yaw: walked.yaw_rad_s })
+    Some(walk(model, &what, seed, |_| {}).ok()?.motion())
 }
 
 /// Everything that the course of a search depends on but its length, as a hash.
@@ -284,7 +283,7 @@ fn begin(settings: &Settings, unknowns: &[Unknown]) -> Result<Progress, Calibrat
     let path = &settings.checkpoint;
     if path.exists() && !settings.restart {
         let other = |reason: String| CalibrationError::Other { path: path.clone(), reason };
-        let text = std::fs::read_to_string(path)
+        let text = flix_host::file::read_text(path)
             .map_err(|source| CalibrationError::Keep { path: path.clone(), source })?;
         let kept: Progress = toml::from_str(&text).map_err(|error| other(error.to_string()))?;
         if kept.fingerprint != fingerprint {

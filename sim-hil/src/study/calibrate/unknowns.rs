@@ -102,7 +102,7 @@ fn open() -> Vec<Unknown> {
         (
             "contact_time_ms",
             3.5,
-            4.5,
+            6.5,
             |m, _| m.contact.time_constant_ms,
             |m, _, v| m.contact.time_constant_ms = v,
         ),

@@ -1,0 +1,482 @@
+//! What the law promises, with rotors that do exactly what their currents make them do.
+
+use std::f64::consts::TAU;
+
+use super::*;
+use crate::fast::configuration::Configuration;
+use crate::fast::control::bench::HARDWARE;
+use crate::settings::Settings;
+
+const TURN: f64 = 4_294_967_296.0;
+const DEGREE: f64 = TURN / 360.0;
+const UPDATES_PER_S: usize = 10_000 / STRIDE as usize;
+
+fn hertz(frequency: f64) -> Speed {
+    Speed::from_hertz(frequency as f32)
+}
+
+fn degrees(angle: f64) -> RotorAngle {
+    RotorAngle::from_raw((angle * DEGREE) as i64 as u32)
+}
+
+/// A disturbance of sum and difference: amplitude of the cosine and sine of a harmonic of the phase, 2^-40 turn
+/// per tick^2.
+#[derive(Debug, Clone, Copy, Default)]
+struct Disturbance {
+    harmonic: f64,
+    sum: [f64; 2],
+    difference: [f64; 2],
+    /// The amplitude grows with the square of f, from this f on; 0: it stays.
+    normal: f64,
+}
+
+/// Two rotors without friction under the shaker; angles and speeds in 2^-32 turn.
+#[derive(Clone)]
+struct Rig {
+    model: ShakerModel,
+    shaker: Shaker,
+    angles: [f64; 2],
+    speeds: [f64; 2],
+    disturbance: Disturbance,
+    voltage_limited: bool,
+    demand: Demand,
+}
+
+impl Rig {
+    fn at_rest() -> Self {
+        let model = Configuration::new(&Settings::DEFAULT, &HARDWARE).shaker;
+        let mut rig = Self {
+            model,
+            shaker: Shaker::at_rest(&Rotors {
+                angles: [RotorAngle::ZERO; 2],
+                speeds: [Speed::ZERO; 2],
+            }),
+            angles: [70.0 * DEGREE, -30.0 * DEGREE],
+            speeds: [0.0; 2],
+            disturbance: Disturbance::default(),
+            voltage_limited: false,
+            demand: Demand { currents: [Current::ZERO; 2], speed_changes: [Speed::ZERO; 2] },
+        };
+        rig.shaker = Shaker::at_rest(&rig.rotors());
+        rig
+    }
+
+    /// Shakes at this f already.
+    fn at(frequency: f64) -> Self {
+        let mut rig = Self::at_rest();
+        rig.shaker.frequency = hertz(frequency);
+        // The references of an update are those of its end.
+        rig.shaker.phase = moved(rig.shaker.phase, hertz(-frequency), STRIDE);
+        let speed = f64::from(hertz(frequency).raw());
+        rig.speeds = [speed, -speed];
+        rig
+    }
+
+    fn rotors(&self) -> Rotors {
+        Rotors {
+            angles: self.angles.map(|angle| RotorAngle::from_raw(angle.rem_euclid(TURN) as u32)),
+            speeds: self.speeds.map(|speed| Speed::from_raw(speed as i32)),
+        }
+    }
+
+    fn update(&mut self, frequency: Speed, direction: Option<RotorAngle>) {
+        let target = Target { frequency, direction };
+        let rotors = self.rotors();
+        self.demand = self.shaker.update(&self.model, &rotors, &target, self.voltage_limited);
+        for _ in 0..STRIDE {
+            let phase = (self.angles[0] - self.angles[1]) / 2.0 / TURN * TAU;
+            let Disturbance { harmonic, sum, difference, normal } = self.disturbance;
+            let (sine, cosine) = (harmonic * phase).sin_cos();
+            let now = (self.speeds[0] - self.speeds[1]) / 2.0;
+            let scale =
+                if normal > 0.0 { (now / f64::from(hertz(normal).raw())).powi(2) } else { 1.0 };
+            let along = |[c, s]: [f64; 2]| scale * (c * cosine + s * sine);
+            for (motor, sign) in [(0, 1.0), (1, -1.0)] {
+                let gain = f64::from(self.model.current_per_acceleration[motor]);
+                let driven = f64::from(self.demand.currents[motor].raw()) * TURN / gain;
+                let coordinate = along(sum) + sign * along(difference);
+                self.speeds[motor] += (driven + coordinate) / 2.0 / 256.0;
+                self.angles[motor] += self.speeds[motor];
+            }
+        }
+    }
+
+    /// Holds f and theta for so long; returns the RMS errors of sum and difference, degrees.
+    fn hold(&mut self, frequency: f64, seconds: f64) -> [f64; 2] {
+        let updates = (seconds * UPDATES_PER_S as f64) as usize;
+        let mut squares = [0.0; 2];
+        for _ in 0..updates {
+            self.update(hertz(frequency), None);
+            let errors = [self.shaker.sum_error, self.shaker.difference_error];
+            for (square, error) in squares.iter_mut().zip(errors) {
+                *square += (f64::from(error) / DEGREE).powi(2);
+            }
+        }
+        squares.map(|square| (square / updates as f64).sqrt())
+    }
+
+    fn f(&self) -> f64 {
+        f64::from(self.shaker.frequency.raw()) / f64::from(hertz(1.0).raw())
+    }
+}
+
+#[test]
+fn f_and_theta_are_half_difference_and_half_sum_of_the_rotors() {
+    let rotors =
+        Rotors { angles: [degrees(70.0), degrees(-30.0)], speeds: [hertz(31.0), hertz(-29.0)] };
+    let theta = f64::from(rotors.direction().signed()) / DEGREE;
+    assert!((theta - 20.0).abs() < 1e-5, "{theta}");
+    assert!((rotors.frequency().raw() - hertz(30.0).raw()).abs() <= 1);
+    let behind = Rotors { angles: [degrees(-70.0), degrees(-60.0)], ..rotors };
+    let theta = f64::from(behind.direction().signed()) / DEGREE;
+    assert!((theta + 65.0).abs() < 1e-5, "{theta}");
+}
+
+#[test]
+fn f_ramps_as_steeply_as_is_set_and_no_steeper_and_the_rotors_follow_without_error() {
+    for target in [30.0, -30.0] {
+        let mut rig = Rig::at_rest();
+        let ramp = f64::from(rig.model.frequency_ramp);
+        let (mut before, mut steepest, mut slope_before) = (0, 0, 0);
+        let updates = (hertz(30.0).raw() / (rig.model.frequency_ramp * STEP)) as usize;
+        for update in 0..updates + 400 {
+            rig.update(hertz(target), None);
+            let f = rig.shaker.frequency.raw();
+            let slope = (f - before) / STEP;
+            steepest = steepest.max(slope.abs());
+            let build_up = (slope - slope_before).abs();
+            assert!(
+                build_up <= rig.model.frequency_ramp / SLOPE_UPDATES + 1
+                    || f == hertz(target).raw(),
+                "{build_up}"
+            );
+            (before, slope_before) = (f, slope);
+            assert!(f.abs() <= hertz(30.0).raw(), "overshoot in {update}");
+            for error in [rig.shaker.sum_error, rig.shaker.difference_error] {
+                assert!(f64::from(error).abs() < DEGREE, "{} degrees", f64::from(error) / DEGREE);
+            }
+            for motor in [0, 1] {
+                let change = f64::from(rig.demand.speed_changes[motor].raw());
+                assert!(change.abs() <= ramp * f64::from(STEP) + 1.0, "{change}");
+            }
+        }
+        assert!((f64::from(steepest) - ramp).abs() <= 1.0, "{steepest} of {ramp}");
+        assert_eq!(rig.shaker.frequency, hertz(target));
+        assert!(!rig.shaker.limited() && !rig.shaker.slipping());
+    }
+}
+
+#[test]
+fn what_is_announced_of_the_rotors_speeds_is_what_the_references_do() {
+    let mut rig = Rig::at_rest();
+    let (mut announced, mut turned) = ([0.0; 2], 0.0);
+    for _ in 0..UPDATES_PER_S {
+        rig.update(hertz(25.0), Some(degrees(60.0)));
+        for (sum, change) in announced.iter_mut().zip(rig.demand.speed_changes) {
+            *sum += f64::from(change.raw());
+        }
+        turned = f64::from(rig.shaker.sum_speed.raw());
+    }
+    let f = f64::from(rig.shaker.frequency.raw());
+    let wanted = [f + turned / 2.0, turned / 2.0 - f];
+    for (have, want) in announced.iter().zip(wanted) {
+        assert!((have - want).abs() < 2_000.0, "{have} for {want}");
+    }
+}
+
+#[test]
+fn theta_turns_the_short_way_as_fast_as_is_set_and_no_faster() {
+    // Theta is 20 degrees at first; from it, 100 degrees are as far as 80 the other way.
+    for (direction, sign) in [(80.0, 1.0), (-60.0, -1.0), (105.0, 1.0), (-75.0, 1.0)] {
+        let mut rig = Rig::at(20.0);
+        let ramp = rig.model.sum_ramp.raw();
+        let mut fastest = 0;
+        for _ in 0..UPDATES_PER_S {
+            rig.update(hertz(20.0), Some(degrees(direction)));
+            let speed = rig.shaker.sum_speed.raw();
+            fastest = fastest.max(speed.abs());
+            assert!(f64::from(speed) * sign > -2_000.0, "{speed} towards {direction}");
+            for error in [rig.shaker.sum_error, rig.shaker.difference_error] {
+                assert!(f64::from(error).abs() < DEGREE, "{}", f64::from(error) / DEGREE);
+            }
+        }
+        assert!(fastest <= ramp && fastest > ramp / 10 * 9, "{fastest} of {ramp}");
+        let off = rig.rotors().direction().signed().wrapping_sub(degrees(direction).signed());
+        let off = (f64::from(off) / DEGREE / 180.0).fract() * 180.0;
+        assert!(off.abs().min(180.0 - off.abs()) < 0.3, "{off} degrees from {direction}");
+        // Without a wish it stays where it is.
+        let there = rig.shaker.sum;
+        rig.hold(20.0, 0.5);
+        let moved = f64::from(rig.shaker.sum.wrapping_sub(there) as i32) / DEGREE;
+        assert!(moved.abs() < 0.5, "{moved} degrees");
+    }
+}
+
+#[test]
+fn the_errors_of_each_harmonic_decay_in_a_tenth_of_a_second() {
+    for (frequency, harmonic) in
+        [(12.0, 1.0), (30.0, 1.0), (-30.0, 1.0), (12.0, 2.0), (30.0, 2.0), (-20.0, 2.0)]
+    {
+        for coordinate in [0, 1] {
+            let mut rig = Rig::at(frequency);
+            let size = f64::from(rig.model.largest_acceleration) / 60.0;
+            rig.disturbance = Disturbance { harmonic, ..Disturbance::default() };
+            let place = if coordinate == 0 {
+                &mut rig.disturbance.sum
+            } else {
+                &mut rig.disturbance.difference
+            };
+            *place = [0.8 * size, -0.6 * size];
+            let period = 1.0 / frequency.abs();
+            for _ in 0..UPDATES_PER_S {
+                rig.hold(frequency, 1.0 / UPDATES_PER_S as f64);
+                rig.shaker.sum_coordinate.amplitudes = [Complex::default(); 2];
+                rig.shaker.difference_coordinate.amplitudes = [Complex::default(); 2];
+            }
+            let mut frozen = rig.clone();
+            let first = frozen.hold(frequency, period)[coordinate];
+            assert!(first > 0.02, "{first} degrees: nothing to adapt to");
+            rig.hold(frequency, 0.1 - period / 2.0);
+            let later = rig.hold(frequency, period)[coordinate];
+            let share = later / first;
+            assert!(
+                (0.2..0.7).contains(&share),
+                "{share} at {frequency} Hz, {harmonic}, {coordinate}"
+            );
+            rig.hold(frequency, 0.6);
+            let [sum, difference] = rig.hold(frequency, period);
+            let last = [sum, difference][coordinate] / first;
+            assert!(last < 0.03, "{last} at {frequency} Hz, {harmonic}, {coordinate}");
+        }
+    }
+}
+
+#[test]
+fn what_was_learnt_of_the_driving_back_stays_right_while_f_changes() {
+    let calm = Rig::at(20.0);
+    let size = f64::from(calm.model.largest_acceleration) / 60.0;
+    let mut learnt = calm.clone();
+    let difference = [0.0, size];
+    learnt.disturbance =
+        Disturbance { harmonic: 2.0, difference, normal: 20.0, ..Disturbance::default() };
+    let mut rigs = [calm, learnt.clone(), learnt];
+    let mut worst = [0.0_f64; 2];
+    for update in 0..UPDATES_PER_S * 17 / 10 {
+        let changes = update >= UPDATES_PER_S * 3 / 2;
+        if !changes {
+            rigs[2].shaker.difference_coordinate.amplitudes = [Complex::default(); 2];
+        }
+        let [calm, learnt, ignorant] = rigs.each_mut().map(|rig| {
+            rig.update(hertz(if changes { 32.0 } else { 20.0 }), None);
+            f64::from(rig.shaker.difference_error) / DEGREE
+        });
+        if changes {
+            let more = [(learnt - calm).abs(), (ignorant - calm).abs()];
+            worst = [worst[0].max(more[0]), worst[1].max(more[1])];
+        }
+    }
+    assert!(worst[0] < worst[1] / 2.0, "{} degrees, {} without", worst[0], worst[1]);
+}
+
+#[test]
+fn a_constant_torque_leaves_no_error() {
+    for sign in [1.0, -1.0] {
+        let mut rig = Rig::at(20.0);
+        let size = sign * f64::from(rig.model.largest_acceleration) / 40.0;
+        rig.disturbance.sum = [size, 0.0];
+        rig.disturbance.difference = [-size, 0.0];
+        rig.hold(20.0, 0.05);
+        let early = rig.hold(20.0, 0.02);
+        rig.hold(20.0, 1.5);
+        let late = rig.hold(20.0, 0.1);
+        for (early, late) in early.iter().zip(late) {
+            assert!(*early > 1.0 && late < 0.05, "{early} degrees, then {late}");
+        }
+    }
+}
+
+#[test]
+fn below_5_hz_no_harmonic_adapts() {
+    for (frequency, adapts) in [(4.9, false), (-4.9, false), (5.1, true), (-5.1, true)] {
+        let mut rig = Rig::at(frequency);
+        rig.disturbance.harmonic = 1.0;
+        rig.disturbance.sum = [f64::from(rig.model.largest_acceleration) / 60.0, 0.0];
+        rig.hold(frequency, 0.2);
+        let is_adapted = rig.shaker.sum_coordinate.amplitudes != [Complex::default(); 2];
+        assert_eq!(is_adapted, adapts, "{frequency} Hz");
+    }
+}
+
+#[test]
+fn at_a_limit_nothing_is_learnt_and_f_rises_no_further() {
+    let mut rig = Rig::at(20.0);
+    rig.disturbance.sum = [f64::from(rig.model.largest_acceleration) / 60.0; 2];
+    rig.hold(20.0, 0.2);
+    rig.voltage_limited = true;
+    let learnt = (rig.shaker.sum_coordinate, rig.shaker.difference_coordinate);
+    rig.hold(20.0, 0.02);
+    assert!(rig.shaker.limited());
+    assert_eq!((rig.shaker.sum_coordinate, rig.shaker.difference_coordinate), learnt);
+    for sign in [1.0, -1.0] {
+        let full = Rig::at(sign * 20.0);
+        let [mut free, mut held] = [full.clone(), full];
+        held.voltage_limited = true;
+        for rig in [&mut free, &mut held] {
+            rig.hold(sign * 30.0, 0.03);
+        }
+        let (free, held) = (sign * free.f() - 20.0, sign * held.f() - 20.0);
+        assert!(held > 0.0 && held < free / 4.0, "{held} Hz where {free} Hz were possible");
+    }
+    // It falls by a quarter in each update.
+    let mut limited = Rig::at(20.0);
+    limited.shaker.limited = true;
+    limited.update(hertz(20.0), None);
+    assert_eq!(limited.shaker.headroom, FULL_HEADROOM / 4 * 3);
+    // Slowing down needs no headroom, and it comes back within 50 ms.
+    let mut down = Rig::at(20.0);
+    down.voltage_limited = true;
+    down.hold(20.0, 0.02);
+    let mut free = Rig::at(20.0);
+    for rig in [&mut free, &mut down] {
+        rig.hold(10.0, 0.03);
+    }
+    assert!((free.f() - down.f()).abs() < 0.01, "{} and {} Hz", free.f(), down.f());
+    down.voltage_limited = false;
+    down.hold(down.f(), 0.06);
+    assert!(down.shaker.headroom > FULL_HEADROOM / 10 * 9, "{}", down.shaker.headroom);
+}
+
+#[test]
+fn f_gives_way_to_theta_alone_and_only_at_the_limit_of_voltage() {
+    // The sum counts twice theta: 3 degrees are YIELDING_SUM_ERROR.
+    for (error, gives_way) in [(2.9, false), (3.1, true), (-3.1, true)] {
+        let mut rig = Rig::at(30.0);
+        rig.shaker.sum_error = (error * DEGREE) as i32;
+        rig.voltage_limited = true;
+        rig.update(hertz(30.0), None);
+        let lost = f64::from(hertz(30.0).raw() - rig.shaker.frequency.raw());
+        let share = lost / f64::from(hertz(30.0).raw());
+        let expected = if gives_way { 1.0 / 1024.0 } else { 0.0 };
+        assert!((share - expected).abs() < 2e-4, "{share} at {error} degrees");
+        let mut rig = Rig::at(30.0);
+        rig.shaker.sum_error = (error * DEGREE) as i32;
+        rig.update(hertz(30.0), None);
+        assert_eq!(rig.shaker.frequency, hertz(30.0));
+    }
+}
+
+#[test]
+fn the_phase_reference_waits_for_rotors_that_lag_by_an_eighth_of_a_turn() {
+    for (lag, slips) in [(44.0, false), (46.0, true), (-46.0, true)] {
+        let mut rig = Rig::at(20.0);
+        // The difference counts twice the phase.
+        rig.angles[0] -= lag * DEGREE;
+        let speed = f64::from(hertz(4.0).raw());
+        rig.speeds = [speed, -speed];
+        rig.update(hertz(20.0), None);
+        assert_eq!(rig.shaker.slipping(), slips, "{lag} degrees");
+        let error = f64::from(rig.shaker.difference_error) / DEGREE;
+        assert!(error.abs() <= 45.0 + 1e-6, "{error}");
+        let gave_way = 20.0 - rig.f();
+        let expected = if slips { (20.0 - 4.0) / 16.0 } else { 0.0 };
+        assert!((gave_way - expected).abs() < 0.01, "{gave_way} Hz");
+        if slips {
+            // It stands just an eighth of a turn ahead of where they were.
+            let before = lag.signum() * 45.0;
+            assert!((error - before).abs() < 1e-3, "{error}");
+            let behind = rig.shaker.phase.wrapping_mul(2) as i32;
+            let rotors =
+                Rotors { angles: [degrees(70.0 - lag), degrees(-30.0)], speeds: [Speed::ZERO; 2] };
+            let ahead = behind.wrapping_sub(rotors.difference() as i32);
+            assert!((f64::from(ahead) / DEGREE - before).abs() < 0.01, "{ahead}");
+        }
+    }
+}
+
+#[test]
+fn theta_gets_three_quarters_of_what_the_motors_can_and_f_the_rest() {
+    // Behind by these angles, and as fast away from there.
+    let asked = |sum: f64, difference: f64, away: f64| {
+        let mut rig = Rig::at_rest();
+        for (motor, sign) in [(0, 1.0), (1, -1.0)] {
+            rig.angles[motor] -= (sum + sign * difference) / 2.0 * DEGREE;
+            let signum = |it: f64| if it == 0.0 { 0.0 } else { it.signum() };
+            let speed = f64::from(hertz(away).raw()) / 2.0;
+            rig.speeds[motor] = -(signum(sum) + sign * signum(difference)) * speed;
+        }
+        rig.update(Speed::ZERO, None);
+        let [top, bottom] = [0, 1].map(|motor| {
+            f64::from(rig.demand.currents[motor].raw()) * TURN
+                / f64::from(rig.model.current_per_acceleration[motor])
+        });
+        let bound = f64::from(rig.model.largest_acceleration);
+        let share = |acceleration: f64| (acceleration / 2.0 / bound * 100.0).round();
+        (share(top + bottom), share(top - bottom), rig.shaker.limited())
+    };
+    assert_eq!(asked(22.0, 0.0, 10.0), (75.0, 0.0, true));
+    assert_eq!(asked(-22.0, 0.0, 10.0), (-75.0, 0.0, true));
+    assert_eq!(asked(0.0, 22.0, 10.0), (0.0, 100.0, true));
+    assert_eq!(asked(22.0, -22.0, 10.0), (75.0, -25.0, true));
+    // Two limits at once are a limit, too.
+    for sign in [1.0, -1.0] {
+        let mut both = Rig::at_rest();
+        both.angles = [both.angles[0] - 45.0 * DEGREE, both.angles[1] - sign * 45.0 * DEGREE];
+        let speed = -f64::from(hertz(15.0).raw());
+        both.speeds = [speed, sign * speed];
+        both.voltage_limited = true;
+        both.update(Speed::ZERO, None);
+        assert!(both.shaker.limited());
+    }
+    let (sum, difference, limited) = asked(2.0, -1.0, 0.0);
+    assert!(!limited && sum > 0.0 && difference < 0.0, "{sum} {difference}");
+}
+
+#[test]
+fn missed_ticks_move_the_references_on_as_they_would_have() {
+    let mut rig = Rig::at(30.0);
+    rig.shaker.sum_speed = hertz(0.3);
+    let (phase, sum) = (rig.shaker.phase, rig.shaker.sum);
+    rig.shaker.skip(7);
+    assert_eq!(rig.shaker.phase.wrapping_sub(phase), hertz(30.0).raw() as u32 * 7);
+    assert_eq!(rig.shaker.sum.wrapping_sub(sum), hertz(0.3).raw() as u32 * 7);
+}
+
+#[test]
+fn references_stand_below_a_hundredth_of_a_hertz_of_both() {
+    let standing = |frequency: f64, sum: f64| {
+        let mut shaker = Rig::at_rest().shaker;
+        (shaker.frequency, shaker.sum_speed) = (hertz(frequency), hertz(sum));
+        shaker.standing()
+    };
+    assert!(standing(0.0099, 0.0099) && standing(-0.0099, -0.0099));
+    assert!(!standing(0.0101, 0.0) && !standing(0.0, 0.0101) && !standing(-0.0101, 0.0));
+    let just = Speed::from_raw(STANDING);
+    let shaker = Rig::at_rest().shaker;
+    assert!(!Shaker { frequency: just, ..shaker }.standing());
+    assert!(!Shaker { sum_speed: just, ..shaker }.standing());
+    assert_eq!(Rig::at(30.0).shaker.frequency(), hertz(30.0));
+    let mut rig = Rig::at_rest();
+    rig.shaker.sum_error = 17;
+    assert_eq!(rig.shaker.sum_error(), 17);
+}
+
+#[test]
+fn the_integral_grows_by_its_gain_times_the_error_in_each_tick_up_to_its_bound() {
+    for sign in [1, -1] {
+        let mut rig = Rig::at_rest();
+        rig.angles[0] -= f64::from(sign) * DEGREE;
+        rig.update(Speed::ZERO, None);
+        let step = multiply_high(rig.shaker.sum_error, rig.model.integral) * 4;
+        assert!(step * sign > 0, "{step}");
+        let integrals = |shaker: &Shaker| {
+            [shaker.sum_coordinate.integral, shaker.difference_coordinate.integral]
+        };
+        assert_eq!(integrals(&rig.shaker), [step; 2]);
+        let bound = sign * LARGEST_INTEGRAL;
+        (rig.shaker.sum_coordinate.integral, rig.shaker.difference_coordinate.integral) =
+            (bound, bound);
+        rig.update(Speed::ZERO, None);
+        assert!(!rig.shaker.limited());
+        assert_eq!(integrals(&rig.shaker), [bound; 2]);
+    }
+}

@@ -1,0 +1,134 @@
+//! Reads files that a person names: only what is a file, and only up to a size.
+//!
+//! A pipe waits for its writer and a device may never end: neither is opened.
+
+use std::fs::{self, File};
+use std::io::{self, Read};
+use std::os::unix::fs::FileTypeExt;
+use std::path::Path;
+
+/// Largest text that is read as settings, waypoints, a model or a table, bytes.
+pub const LARGEST_TEXT: u64 = 16 << 20;
+
+/// Opens a file.
+///
+/// # Errors
+/// When it is missing, cannot be read, or is something else: a directory, a pipe, a device.
+pub fn open(path: &Path) -> io::Result<File> {
+    match kind(path)? {
+        None => File::open(path),
+        Some(what) => Err(io::Error::other(format!("it is {what}, not a file"))),
+    }
+}
+
+/// Returns what a path leads to, where that is no file.
+///
+/// # Errors
+/// When it leads to nothing.
+pub fn kind(path: &Path) -> io::Result<Option<&'static str>> {
+    Ok(match fs::metadata(path)?.file_type() {
+        kind if kind.is_file() => None,
+        kind if kind.is_dir() => Some("a directory"),
+        kind if kind.is_fifo() => Some("a pipe"),
+        _ => Some("a device"),
+    })
+}
+
+/// Checks that a file can be written, and makes its folder: a long run must not end with that.
+///
+/// # Errors
+/// When it cannot, or is something else than a file.
+pub fn check_writable(path: &Path) -> io::Result<()> {
+    if let Ok(Some(what)) = kind(path) {
+        return Err(io::Error::other(format!("it is {what}, not a file")));
+    }
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        fs::create_dir_all(folder)?;
+    }
+    let is_new = !path.exists();
+    File::options().append(true).create(true).open(path)?;
+    if is_new { fs::remove_file(path) } else { Ok(()) }
+}
+
+/// Reads a whole file of at most `most` bytes.
+///
+/// # Errors
+/// As for [`open`], and when it is larger.
+pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    let file = open(path)?;
+    // Before what may take minutes.
+    if file.metadata()?.len() > most {
+        return Err(too_large(most));
+    }
+    read_whole(file, most)
+}
+
+/// Reads a whole text file of at most [`LARGEST_TEXT`].
+///
+/// # Errors
+/// As for [`read`], and when it is not UTF-8.
+pub fn read_text(path: &Path) -> io::Result<String> {
+    text(open(path)?)
+}
+
+/// Reads a source to its end, as [`read_text`] reads a file.
+///
+/// # Errors
+/// When it cannot be read, is larger, or is not UTF-8.
+pub fn text(source: impl Read) -> io::Result<String> {
+    String::from_utf8(read_whole(source, LARGEST_TEXT)?)
+        .map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "it is not text (UTF-8)"))
+}
+
+fn read_whole(source: impl Read, most: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let length = source.take(most + 1).read_to_end(&mut bytes)?;
+    if length as u64 > most {
+        return Err(too_large(most));
+    }
+    Ok(bytes)
+}
+
+fn too_large(most: u64) -> io::Error {
+    io::Error::other(format!("it is larger than {} MB", most / 1_000_000))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_checked_before_it_is_written_and_left_as_it_was() {
+        let folder = tempfile::tempdir().unwrap();
+        let (new, old) = (folder.path().join("a/b"), folder.path().join("old"));
+        fs::write(&old, "kept").unwrap();
+        check_writable(&new).unwrap();
+        check_writable(&old).unwrap();
+        assert!(!new.exists() && fs::read_to_string(&old).unwrap() == "kept");
+        assert!(check_writable(folder.path()).is_err() && check_writable(&old.join("c")).is_err());
+    }
+
+    #[test]
+    fn only_files_of_bounded_size_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("text"), "0,0\n").unwrap();
+        fs::write(at("binary"), [0xff]).unwrap();
+        File::create(at("large")).unwrap().set_len(LARGEST_TEXT + 1).unwrap();
+        std::os::unix::fs::symlink(at("nothing"), at("link")).unwrap();
+        let owner = rustix::fs::Mode::from_raw_mode(0o600);
+        rustix::fs::mkfifoat(rustix::fs::CWD, at("pipe"), owner).unwrap();
+        assert_eq!(read_text(&at("text")).unwrap(), "0,0\n");
+        for (path, word) in [
+            (at("pipe"), "a pipe"),
+            (folder.path().to_owned(), "a directory"),
+            (Path::new("/dev/zero").to_owned(), "a device"),
+            (at("large"), "larger than 16 MB"),
+            (at("binary"), "not text"),
+            (at("link"), "No such file"),
+        ] {
+            let sentence = read_text(&path).unwrap_err().to_string();
+            assert!(sentence.contains(word), "{}: {sentence}", path.display());
+        }
+    }
+}
