@@ -156,7 +156,7 @@ const COMPLAINT_INTERVAL: Duration = Duration::from_secs(5);
 /// # Errors
 /// When address, key or model cannot be used, the network fails or the model diverges.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let operators = operators(args)?;
+    let robot = robot(args, operators(args)?)?;
     let interrupt = Interrupt::listen().map_err(ServeError::Network)?;
     let listen = |address| UdpSocket::bind(address);
     let socket = listen(args.listen).map_err(|source| ServeError::Listen {
@@ -164,7 +164,6 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         address: args.listen,
         source,
     })?;
-    let robot = robot(args, operators)?;
     let cameras =
         args.natnet.map(|address| Cameras::open(address.into(), args.seed)).transpose()?;
     introduce(args, &socket)?;

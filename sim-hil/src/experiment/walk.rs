@@ -17,6 +17,7 @@ use serde::Serialize;
 
 use crate::model::{Base, GRAVITY, ModelError, RobotModel};
 use crate::plant::{Diverged, Drive, Mechanics, Plant};
+use crate::rig::bench::setpoint;
 use crate::rig::channel::ChannelParameters;
 use crate::rig::operation::{Operation, OperationError};
 use crate::rig::robot::{RobotParameters, SimulatedRobot};
@@ -132,6 +133,21 @@ pub fn walk(
             by_firmware(SimulatedRobot::new(parameters, plant), walk, watch)
         }
     }
+}
+
+/// Walks once with the ideal drive from a heading of its own, at f (Hz) and theta (degrees) for `seconds`, and returns
+/// the mean motion; none when the walk did not come about.
+#[must_use]
+pub fn ideal_motion(
+    model: &RobotModel,
+    (f_hz, theta_deg): (f64, f64),
+    seconds: f64,
+    step: f64,
+    seed: u64,
+) -> Option<Twist> {
+    let setpoint = setpoint(f_hz, theta_deg).ok()?;
+    let what = Walk { setpoint, seconds, drive: WalkDrive::Ideal, step, heading: None };
+    Some(walk(model, &what, seed, |_| {}).ok()?.motion())
 }
 
 /// Returns the heading at which a walk of this seed starts, rad: anywhere in -pi to pi, so that nothing is scored at

@@ -217,9 +217,8 @@ pub fn score_modes(modes: &[PaperMode], cells: &[Cell]) -> Vec<ModeRow> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiment::walk::{Walk, WalkDrive, walk};
+    use crate::experiment::walk::ideal_motion;
     use crate::model::RobotModel;
-    use crate::rig::bench::setpoint;
 
     fn turn_left() -> PaperMode {
         paper_modes().remove(2)
@@ -265,14 +264,8 @@ mod tests {
         let model = RobotModel::named("calibrated").unwrap();
         for mode in paper_modes() {
             for seed in [11, 12] {
-                let what = Walk {
-                    setpoint: setpoint(mode.f_hz, mode.theta_deg).unwrap(),
-                    seconds: 4.0,
-                    drive: WalkDrive::Ideal,
-                    step: 2.5e-4,
-                    heading: None,
-                };
-                let motion = walk(&model, &what, seed, |_| {}).unwrap().motion();
+                let pair = (mode.f_hz, mode.theta_deg);
+                let motion = ideal_motion(&model, pair, 4.0, 2.5e-4, seed).unwrap();
                 assert!(mode.score(motion).hit, "{} of seed {seed}: {motion:?}", mode.name);
             }
         }

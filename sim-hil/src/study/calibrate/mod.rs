@@ -28,9 +28,8 @@ use super::cmaes::{Cmaes, inside};
 use super::measured::Measured;
 use super::modes::{LEVER, PaperMode};
 use super::write_whole;
-use crate::experiment::walk::{Walk, WalkDrive, walk};
+use crate::experiment::walk::ideal_motion;
 use crate::model::{RobotModel, scattered};
-use crate::rig::bench::setpoint;
 
 /// Margin from which a mode counts as safe, as a share.
 const SAFE_MARGIN: f64 = 0.15;
@@ -241,28 +240,10 @@ fn sample_seed(seed: u64, generation: u64, sample: usize) -> u64 {
 
 fn sample_loss(settings: &Settings, model: &RobotModel, step: f64, seed: u64) -> f64 {
     let losses = settings.goals.iter().map(|goal| {
-        motion(model, goal.pair(), settings.seconds, step, seed)
+        ideal_motion(model, goal.pair(), settings.seconds, step, seed)
             .map_or(goal.worst(), |motion| goal.loss(motion))
     });
     losses.sum::<f64>() / settings.goals.len() as f64
-}
-
-/// One walk with the ideal drive; none when it did not come about.
-fn motion(
-    model: &RobotModel,
-    (f, theta): (f64, f64),
-    seconds: f64,
-    step: f64,
-    seed: u64,
-) -> Option<Twist> {
-    let what = Walk {
-        setpoint: setpoint(f, theta).ok()?,
-        seconds,
-        drive: WalkDrive::Ideal,
-        step,
-        heading: None,
-    };
-    Some(walk(model, &what, seed, |_| {}).ok()?.motion())
 }
 
 /// Everything that the course of a search depends on but its length, as a hash.

@@ -16,7 +16,7 @@ use super::unknowns::Kind;
 use super::{Data, Identified, SysidError, air, centre_of_mass, drag, drops, identify, legs};
 use super::{scales, truth, walks};
 use crate::experiment::probe::ProbeError;
-use crate::experiment::walk::require_walker;
+use crate::experiment::walk::{ideal_motion, require_walker};
 use crate::model::{Load, RobotModel};
 use crate::study::write_whole;
 
@@ -260,13 +260,12 @@ fn walk(
     let gain = 1.0 + chance.normal(GAIN);
     let pairs = flix_host::nav::PAPER_PAIRS.map(|(_, f, theta)| (f64::from(f), f64::from(theta)));
     let mut rows = Vec::new();
-    for (index, (f, theta)) in pairs.into_iter().enumerate() {
+    for (index, pair) in pairs.into_iter().enumerate() {
         for repeat in 0..repeats {
             let start = Chance::new(seed, 1000 + 100 * index as u64 + repeat).0.random();
-            if let Some([forward, lateral, yaw]) =
-                walks::walked(robot, f, theta, seconds, STEP, start)
-            {
-                rows.push(vec![f, theta, gain * forward, gain * lateral, yaw, seconds]);
+            if let Some(motion) = ideal_motion(robot, pair, seconds, STEP, start) {
+                let (forward, lateral) = (gain * motion.forward, gain * motion.lateral);
+                rows.push(vec![pair.0, pair.1, forward, lateral, motion.yaw, seconds]);
             }
         }
     }

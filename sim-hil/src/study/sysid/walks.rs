@@ -5,15 +5,15 @@
 
 use std::path::Path;
 
+use flix_host::nav::Twist;
 use serde::Serialize;
 
 use super::ensemble::condition;
 use super::fit::Posterior;
 use super::table::{Column, Table};
 use super::unknowns::Unknown;
-use crate::experiment::walk::{Walk, WalkDrive, walk};
+use crate::experiment::walk::ideal_motion;
 use crate::model::RobotModel;
-use crate::rig::bench::setpoint;
 use crate::study::measured::MeasuredError;
 use crate::study::modes::LEVER;
 
@@ -30,7 +30,7 @@ pub const TABLE: Table<5> = Table {
     fewest: 3,
 };
 
-/// What a walk may be told of besides: its heading at the start, which the floor does not care for, and how long it was.
+/// What a walk may be say besides: its heading at the start, which the floor does not care for, and how long it was.
 pub const OPTIONAL: [Column; 3] = [
     Column::new("seconds", 0.5, 600.0),
     Column::new("heading_deg", -360.0, 360.0),
@@ -63,6 +63,17 @@ pub struct Pair {
     pub held_out: bool,
     #[serde(skip)]
     seconds: f64,
+}
+
+impl Pair {
+    const fn pair(&self) -> (f64, f64) {
+        (self.f_hz, self.theta_deg)
+    }
+}
+
+/// Returns the motion in the order of the file's columns.
+const fn components(motion: Twist) -> [f64; 3] {
+    [motion.forward, motion.lateral, motion.yaw]
 }
 
 /// All walks.
@@ -137,7 +148,8 @@ impl Walks {
         let measured: Vec<f64> = fitted.iter().flat_map(|pair| pair.measured).collect();
         condition(prior, robot, MEMBERS, seed, &measured, |model, seed| {
             let each = fitted.iter().zip(0..).map(|(pair, i)| {
-                walked(model, pair.f_hz, pair.theta_deg, pair.seconds, STEP, seed ^ (i << 32))
+                ideal_motion(model, pair.pair(), pair.seconds, STEP, seed ^ (i << 32))
+                    .map(components)
             });
             Some(each.collect::<Option<Vec<_>>>()?.concat())
         })
@@ -149,7 +161,7 @@ impl Walks {
             let walks: Vec<[f64; 3]> = (0..CHECKS)
                 .filter_map(|walk| {
                     let seed = seed ^ ((walk + 1) << 40);
-                    walked(model, pair.f_hz, pair.theta_deg, pair.seconds, STEP, seed)
+                    ideal_motion(model, pair.pair(), pair.seconds, STEP, seed).map(components)
                 })
                 .collect();
             let mean = |i: usize| walks.iter().map(|w| w[i]).sum::<f64>() / walks.len() as f64;
@@ -171,25 +183,4 @@ impl Walks {
             .collect();
         (errors.iter().sum::<f64>() / errors.len().max(1) as f64, errors.len())
     }
-}
-
-/// Walks once, from a heading of its own: forward and lateral in m/s, yaw in rad/s. None when it did not come about.
-#[must_use]
-pub fn walked(
-    model: &RobotModel,
-    f_hz: f64,
-    theta_deg: f64,
-    seconds: f64,
-    step: f64,
-    seed: u64,
-) -> Option<[f64; 3]> {
-    let what = Walk {
-        setpoint: setpoint(f_hz, theta_deg).ok()?,
-        seconds,
-        drive: WalkDrive::Ideal,
-        step,
-        heading: None,
-    };
-    let walked = walk(model, &what, seed, |_| {}).ok()?;
-    Some([walked.forward_m_s, walked.lateral_m_s, walked.yaw_rad_s])
 }
