@@ -100,6 +100,9 @@ pub struct Encoder {
     pub period_ticks: u32,
     /// Time from the sampled angle to the tick, as the driver states it, us, 0 to 2000. AS5600 filter and bus (200).
     pub age_us: u16,
+    /// By how much every reading is older than that, us, 0 to 2000: an AS5600 that keeps the filter it is sold with is
+    /// 957 late (0).
+    pub late_us: f64,
     /// Largest error of that time, us, 0 to 1000. Assumed (15).
     pub age_error_us: f64,
     /// Largest error with one and with two periods a turn, degrees, each 0 to 10. Source: AS5600 data sheet,
@@ -117,6 +120,7 @@ impl Default for Encoder {
             noise_deg: 0.043,
             period_ticks: 2,
             age_us: 200,
+            late_us: 0.0,
             age_error_us: 15.0,
             eccentricity_deg: [0.6, 0.3],
             zero_error_deg: 0.2,
@@ -256,6 +260,7 @@ impl Electrical {
                 noise: encoder.noise_deg.to_radians(),
                 period: u64::from(encoder.period_ticks),
                 age_us: encoder.age_us,
+                late_us: encoder.late_us,
                 age_error_us: encoder.age_error_us,
                 eccentricity: encoder.eccentricity_deg.map(f64::to_radians),
                 zero_error: encoder.zero_error_deg.to_radians(),
@@ -350,6 +355,7 @@ impl Electrical {
         add("encoder.noise_deg", e.noise_deg, 0.0, 5.0);
         add("encoder.period_ticks", f64::from(e.period_ticks), 1.0, 100.0);
         add("encoder.age_us", f64::from(e.age_us), 0.0, 2000.0);
+        add("encoder.late_us", e.late_us, 0.0, 2000.0);
         add("encoder.age_error_us", e.age_error_us, 0.0, 1000.0);
         for (harmonic, value) in e.eccentricity_deg.into_iter().enumerate() {
             add(&format!("encoder.eccentricity_deg[{harmonic}]"), value, 0.0, 10.0);

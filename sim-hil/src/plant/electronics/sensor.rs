@@ -12,6 +12,7 @@
 use std::f64::consts::TAU;
 use std::num::NonZeroU16;
 
+use flix_firmware::board::{EncoderKind, encoder};
 use flix_firmware::hardware::{self, CurrentSense, EncoderAngle, EncoderReading};
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
@@ -27,7 +28,9 @@ pub struct EncoderParameters {
     pub period: u64,
     /// Time from the sampled angle to the tick, as its driver states it, microseconds.
     pub age_us: u16,
-    /// How far the true age may be from the stated one, microseconds either side.
+    /// By how much every reading is older than stated, microseconds: a filter that is slower than the driver believes.
+    pub late_us: f64,
+    /// How far the true age may be from that, microseconds either side.
     pub age_error_us: f64,
     /// Largest amplitude of the error with one and with two periods a turn, rad.
     pub eccentricity: [f64; 2],
@@ -35,18 +38,35 @@ pub struct EncoderParameters {
     pub zero_error: f64,
 }
 
-/// ams AS5600 over its own 1 MHz I2C bus: 12 bits, 0.043 degrees RMS in its fastest filter, which delays
-/// by about 150 us; reading takes two ticks. Data sheet v1-06: noise and settling time of the slow-filter
-/// setting 0b11; non-linearity at most 1 degree.
-pub const AS5600: EncoderParameters = EncoderParameters {
-    bits: 12,
-    noise: 0.043 * RADIANS_PER_DEGREE,
-    period: 2,
-    age_us: 200,
-    age_error_us: 15.0,
-    eccentricity: [0.6 * RADIANS_PER_DEGREE, 0.3 * RADIANS_PER_DEGREE],
-    zero_error: 0.2 * RADIANS_PER_DEGREE,
-};
+/// ams AS5600 over its own 1 MHz I2C bus, with the filter that the firmware sets.
+pub const AS5600: EncoderParameters = as5600(encoder::AS5600_CONFIGURATION);
+
+/// Returns an ams AS5600 with the filter that these two bytes of CONF set: 12 bits, read over its own 1 MHz I2C bus in
+/// two ticks; a reading is late by half of what the filter settles in. Data sheet v1-06: noise and settling time of the
+/// four slow filters, SF; non-linearity at most 1 degree.
+#[must_use]
+pub const fn as5600(configuration: [u8; 2]) -> EncoderParameters {
+    let (settling_us, noise_deg) = match configuration[0] & 0b11 {
+        0b00 => (2200.0, 0.015),
+        0b01 => (1100.0, 0.021),
+        0b10 => (550.0, 0.030),
+        _ => (286.0, 0.043),
+    };
+    let stated_us = EncoderKind::As5600.delay_us();
+    EncoderParameters {
+        bits: 12,
+        noise: noise_deg * RADIANS_PER_DEGREE,
+        period: 2,
+        age_us: stated_us + AS5600_BUS_US,
+        late_us: settling_us / 2.0 - stated_us as f64,
+        age_error_us: 15.0,
+        eccentricity: [0.6 * RADIANS_PER_DEGREE, 0.3 * RADIANS_PER_DEGREE],
+        zero_error: 0.2 * RADIANS_PER_DEGREE,
+    }
+}
+
+/// From the angle's latching to the tick: half a reading, and its wait for the tick, microseconds.
+const AS5600_BUS_US: u16 = 57;
 
 /// MagnTek MT6701 over SSI, read in every tick: 14 bits, 5 us of delay (data sheet rev. 1.8).
 pub const MT6701: EncoderParameters = EncoderParameters {
@@ -54,6 +74,7 @@ pub const MT6701: EncoderParameters = EncoderParameters {
     noise: 0.02 * RADIANS_PER_DEGREE,
     period: 1,
     age_us: 10,
+    late_us: 0.0,
     age_error_us: 3.0,
     eccentricity: [0.6 * RADIANS_PER_DEGREE, 0.3 * RADIANS_PER_DEGREE],
     zero_error: 0.2 * RADIANS_PER_DEGREE,
@@ -88,7 +109,7 @@ impl Encoder {
             parameters,
             harmonics,
             zero,
-            age: (f64::from(parameters.age_us) + age_error) * 1e-6,
+            age: (f64::from(parameters.age_us) + parameters.late_us + age_error) * 1e-6,
             slot: random.next_u64() % parameters.period.max(1),
         }
     }
