@@ -15,7 +15,7 @@ use flix_protocol::message::{
 use flix_protocol::session::ConnectError;
 use flix_protocol::units::Instant;
 
-use crate::link::udp::REVOKED_PATIENCE;
+use crate::link::udp::{REVOKED_PATIENCE, TELEMETRY_LAG};
 use crate::link::{Client, StopState, Update, passes};
 use crate::nav::{Decision, Identification, Navigator, PlanarPose, Progress, Resting, Stop};
 use crate::pose::PoseSample;
@@ -139,7 +139,10 @@ enum Phase {
     Waiting {
         until: Instant,
     },
-    Readying,
+    /// Armed, it aligns its motors; asked for that at this time.
+    Readying {
+        asked: Instant,
+    },
     Driving,
     /// Comes to rest after a successful end.
     Resting,
@@ -310,7 +313,10 @@ impl<H: Helm> Pilot<H> {
                     self.phase = Phase::Over;
                 }
             }
-            Phase::Connecting | Phase::Asking { .. } | Phase::Waiting { .. } | Phase::Readying
+            Phase::Connecting
+            | Phase::Asking { .. }
+            | Phase::Waiting { .. }
+            | Phase::Readying { .. }
                 if now.since(begun) > READY_PATIENCE =>
             {
                 let state = client.telemetry().map_or(State::Disarmed, |t| t.state);
@@ -364,23 +370,24 @@ impl<H: Helm> Pilot<H> {
     fn hear(&mut self, now: Instant, client: &mut Client, telemetry: &Telemetry) {
         self.record(|recorder| recorder.telemetry(now, telemetry));
         match (&self.phase, telemetry.state) {
-            (Phase::Readying | Phase::Driving | Phase::Resting, State::Faulted) => {
+            (Phase::Readying { .. } | Phase::Driving | Phase::Resting, State::Faulted) => {
                 self.fail(now, client, Ending::Faulted(telemetry.faults));
             }
-            (Phase::Readying, State::Armed | State::Running) => {
+            (Phase::Readying { .. } | Phase::Driving | Phase::Resting, _)
+                if let Some(by) = telemetry.stopped_by =>
+            {
+                self.fail(now, client, Ending::StoppedBy(by));
+            }
+            (Phase::Readying { asked }, State::Disarmed) if now.since(*asked) > TELEMETRY_LAG => {
+                self.fail(now, client, Ending::NotReady(telemetry.state));
+            }
+            (Phase::Readying { .. }, State::Armed | State::Running) => {
                 let measured = client.statistics().round_trip_quantile(0.5).map(|trip| trip / 2);
                 if let Some(latency) = self.latency.or(measured) {
                     self.helm.set_latency(latency);
                 }
                 self.driving_since = Some(now);
                 self.enter(now, Phase::Driving);
-            }
-            (Phase::Driving | Phase::Resting, _) if telemetry.stopped_by.is_some() => {
-                self.fail(
-                    now,
-                    client,
-                    telemetry.stopped_by.map_or(Ending::Lost, Ending::StoppedBy),
-                );
             }
             (Phase::Driving, State::Disarmed) => {
                 self.fail(now, client, Ending::NotReady(telemetry.state));
@@ -396,7 +403,11 @@ impl<H: Helm> Pilot<H> {
             return;
         }
         match outcome {
-            Outcome::Refused(refusal) if passes(refusal) => {
+            // Who stopped it comes with telemetry.
+            Outcome::Refused(refusal)
+                if passes(refusal)
+                    || (*refusal == Refusal::Stopped && client.telemetry().is_none()) =>
+            {
                 self.phase = Phase::Waiting { until: now + ARM_RETRY };
             }
             Outcome::Refused(refusal) => {
@@ -405,7 +416,7 @@ impl<H: Helm> Pilot<H> {
                     stopper.map_or_else(|| Ending::Refused(refusal.clone()), Ending::StoppedBy);
                 self.fail(now, client, ending);
             }
-            _ => self.phase = Phase::Readying,
+            _ => self.phase = Phase::Readying { asked: now },
         }
     }
 

@@ -286,12 +286,55 @@ fn hold_session(address: SocketAddr) -> (Interrupt, std::thread::JoinHandle<()>)
 
 /// Starts a drive of a minute, and waits until the robot runs.
 fn long_drive(operator: &Operator, served: &ServedRobot) -> Child {
+    drive_until(operator, served, State::Running)
+}
+
+fn drive_until(operator: &Operator, served: &ServedRobot, state: State) -> Child {
     let address = served.address.to_string();
     let words = drive(&address, &[]);
-    let mut command = operator.command(&[&words[..words.len() - 1], &["60s"]].concat());
+    run_until(operator, served, &[&words[..words.len() - 1], &["60s"]].concat(), state)
+}
+
+/// Starts to follow a circle, and waits for this state.
+fn track_until(
+    operator: &Operator,
+    served: &ServedRobot,
+    cameras: &Cameras,
+    state: State,
+) -> Child {
+    let modes = operator.home.path().join("modes.toml");
+    std::fs::write(&modes, MODES).unwrap();
+    let (robot, modes) = (served.address.to_string(), modes.to_str().unwrap());
+    let poses = ["--natnet-server", &cameras.address, "--modes", modes];
+    run_until(operator, served, &[&["track", &robot, "circle"][..], &poses].concat(), state)
+}
+
+fn run_until(operator: &Operator, served: &ServedRobot, words: &[&str], state: State) -> Child {
+    let mut command = operator.command(words);
     let child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-    wait_until(|| served.robot().state == State::Running);
+    wait_until(|| served.robot().state == state);
     child
+}
+
+#[test]
+fn a_stop_while_the_motors_are_aligned_ends_a_run_by_name() {
+    let cameras = Cameras::start();
+    let operator = Operator::new();
+    let starts: [&dyn Fn(&ServedRobot) -> Child; 2] =
+        [&|served| drive_until(&operator, served, State::Aligning), &|served| {
+            track_until(&operator, served, &cameras, State::Aligning)
+        }];
+    for start in starts {
+        let mut robot = robot();
+        robot.aligns_for_ever = true;
+        let (served, _) = serve(robot);
+        let child = start(&served);
+        let bob = "bob".parse().unwrap();
+        let mut robot = served.robot();
+        (robot.state, robot.stopped, robot.stopped_by) = (State::Disarmed, true, bob);
+        drop(robot);
+        Ended(child.wait_with_output().unwrap()).expect(30, &["bob stopped the robot"]);
+    }
 }
 
 #[test]
@@ -343,14 +386,9 @@ fn an_operator_whose_key_is_revoked_while_driving_is_told_so() {
 #[test]
 fn an_operator_whose_key_is_revoked_while_walking_is_told_so() {
     let cameras = Cameras::start();
-    let (served, address) = serve(robot());
+    let (served, _) = serve(robot());
     let operator = Operator::new();
-    let modes = operator.home.path().join("modes.toml");
-    std::fs::write(&modes, MODES).unwrap();
-    let words = ["track", &address, "circle", "--natnet-server", &cameras.address, "--modes"];
-    let mut command = operator.command(&[&words[..], &[modes.to_str().unwrap()]].concat());
-    let child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-    wait_until(|| served.robot().state == State::Running);
+    let child = track_until(&operator, &served, &cameras, State::Running);
     served.robot().revoke();
     Ended(child.wait_with_output().unwrap()).expect(20, &["your key was revoked", ".mcap"]);
 }
@@ -776,8 +814,8 @@ fn a_value_out_of_range_is_usage_and_names_the_range() {
     let (_served, address) = serve(robot());
     let operator = Operator::new();
     let set = |value| operator.flix(&["parameters", "set", &address, "current_limit", value]);
-    set("-5").expect(2, &["0.1 to 3"]);
-    set("NaN").expect(2, &["not a number"]);
+    set("-5").expect(2, &["0.1 to 3 A, not -5"]);
+    set("NaN").expect(2, &["current_limit: `NaN` is not a number"]);
     let unknown = ["parameters", "get", &address, "colour"];
     operator.flix(&unknown).expect(2, &["flix parameters list"]);
 }

@@ -239,7 +239,7 @@ const COMMANDS: &[(&str, &str)] = &[
     ("study leg --measured A.toml", "A.toml"),
     ("study leg --model bench-fixed", "legs"),
     ("study sysid", "DATA_DIR"),
-    ("study sysid missing", "missing"),
+    ("study sysid missing", "is not a folder"),
     ("study sysid .", "scales.csv"),
     ("study sysid --synthetic 0", "--synthetic"),
     ("study sysid --synthetic 1 --first-seed -1", "--first-seed"),

@@ -234,7 +234,9 @@ pub fn results(navigator: &Navigator, seconds: f64) -> BTreeMap<String, String> 
         ("seconds".into(), format!("{seconds:.1}")),
         ("mode_switches".into(), progress.switches.to_string()),
     ]);
+    // A run that ended before its first pose on the way has no error.
     results.extend(match navigator.task() {
+        _ if progress.error == 0.0 && progress.error_peak == 0.0 => vec![],
         Task::Follow { .. } => vec![
             ("path_error_rms_mm".into(), millimetres(progress.error_rms)),
             ("path_error_peak_mm".into(), millimetres(progress.error_peak)),

@@ -43,7 +43,7 @@ pub struct Args {
     #[command(flatten)]
     poses: PoseArgs,
     /// Do not check the poses.
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["pose", "natnet_server"])]
     no_poses: bool,
     /// Print JSON.
     #[arg(long)]

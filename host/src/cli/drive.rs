@@ -354,6 +354,7 @@ impl Held {
     fn figures(&self) -> Option<Figures> {
         let count = f64::from(self.samples);
         (self.samples > 0).then(|| Figures {
+            samples: self.samples,
             frequency_hz: f64::from(self.setpoint.frequency().get()) + self.frequency_sum / count,
             frequency_rms_error_hz: (self.frequency_square / count).sqrt(),
             direction_deg: f64::from(self.setpoint.direction().get()) + self.direction_sum / count,
@@ -390,6 +391,8 @@ struct Commanded {
 
 #[derive(Debug, Serialize)]
 struct Figures {
+    /// Telemetry that the figures are of.
+    samples: u32,
     frequency_hz: f64,
     frequency_rms_error_hz: f64,
     direction_deg: f64,
@@ -438,7 +441,7 @@ fn describe(report: &Report) -> String {
             text,
             "f      {:7.2} Hz  held {:7.2} Hz  within {:.3} Hz RMS\n\
              theta  {:7.1} deg held {:7.1} deg within {:.2} deg RMS\n\
-             reached after {:.2} s; {:.1} s in all; peak current {:.2} A",
+             reached after {:.2} s; {:.1} s in all, {} samples since; peak current {:.2} A",
             commanded.frequency_hz,
             held.frequency_hz,
             held.frequency_rms_error_hz,
@@ -447,6 +450,7 @@ fn describe(report: &Report) -> String {
             held.direction_rms_error_deg,
             report.settled_after_s.unwrap_or_default(),
             report.seconds,
+            held.samples,
             report.peak_current_a,
         ),
         None => writeln!(

@@ -61,7 +61,11 @@ impl IdentificationArgs {
     /// Returns how the table is made, in a few words.
     #[must_use]
     pub fn source(&self) -> String {
-        format!("identified: {} stretches of {} s a mode", self.rounds, self.seconds.as_secs_f64())
+        let seconds = self.seconds.as_secs_f64();
+        match self.rounds {
+            1 => format!("identified: 1 stretch of {seconds} s a mode; the spread is assumed"),
+            rounds => format!("identified: {rounds} stretches of {seconds} s a mode"),
+        }
     }
 }
 
@@ -127,7 +131,12 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let source = args.identification.source();
     let modes = identification.table(&args.robot.robot, &source)?;
     modes.save(&args.files.modes)?;
-    print(&format!("{}\nwritten to {}\n", describe(&modes), args.files.modes.display()))?;
+    let assumed = match args.identification.rounds {
+        1 => "\u{b1}: assumed, 30 % of the mean; two rounds or more measure it\n",
+        _ => "",
+    };
+    let (table, file) = (describe(&modes), args.files.modes.display());
+    print(&format!("{table}{assumed}\nwritten to {file}\n"))?;
     unrecorded(error, args.files.unrecorded)?;
     Ok(Exit::Done.into())
 }

@@ -95,7 +95,7 @@ fn measure(connection: &mut Connection, duration: Duration) -> Result<Report, Li
     let client = connection.client();
     let (statistics, health) = (client.statistics(), client.health());
     let link = client.telemetry().map(|telemetry| telemetry.link);
-    let quantile = |share| statistics.round_trip_quantile(share).map(milliseconds);
+    let quantile = |share| statistics.counted_quantile(share).map(milliseconds);
     Ok(Report {
         seconds: duration.as_secs_f64(),
         pings: statistics.answered() + statistics.unanswered(),

@@ -8,9 +8,6 @@ use super::{Cli, Error, Exit};
 
 /// Write the manual pages into a folder.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "\
-Example:
-  flix man ~/.local/share/man/man1")]
 pub struct Args {
     /// Folder for the pages.
     #[arg(value_name = "DIR")]

@@ -180,6 +180,7 @@ enum Command {
     Doctor(doctor::Args),
     Runs(runs::Args),
     Completions(completions::Args),
+    #[command(after_help = "Example:\n  flix man ~/.local/share/man/man1")]
     Man(man::Args),
 }
 

@@ -3,6 +3,7 @@
 use std::net::{IpAddr, SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
 
+use clap::builder::{OsStringValueParser, TypedValueParser};
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::session::Key;
 
@@ -20,8 +21,16 @@ pub struct RobotArgs {
     #[arg(value_name = "ROBOT", env = ROBOT_VARIABLE, default_value = SIMULATED_ROBOT)]
     pub robot: String,
     /// Key file [default: the robot's key in your keyring].
-    #[arg(long, value_name = "FILE", env = KEY_FILE_VARIABLE)]
+    #[arg(long, value_name = "FILE", env = KEY_FILE_VARIABLE, value_parser = key_file())]
     pub key: Option<PathBuf>,
+}
+
+/// Takes the name of a key file.
+pub fn key_file() -> impl TypedValueParser<Value = PathBuf> {
+    OsStringValueParser::new().try_map(|file| match file.is_empty() {
+        true => Err(format!("name a file; is {KEY_FILE_VARIABLE} set, and empty?")),
+        false => Ok(PathBuf::from(file)),
+    })
 }
 
 /// Environment variable that names the robot.

@@ -18,6 +18,8 @@ const REMEMBERED: usize = 4096;
 pub struct Statistics {
     recent: VecDeque<Sent>,
     round_trips: VecDeque<Duration>,
+    /// Of the commands that are counted.
+    counted: VecDeque<Duration>,
     answered: u64,
     unanswered: u64,
 }
@@ -26,13 +28,13 @@ pub struct Statistics {
 struct Sent {
     number: u32,
     at: Instant,
-    is_answered: bool,
+    round_trip: Option<Duration>,
 }
 
 impl Statistics {
     /// Records a command that was sent for the first time.
     pub(super) fn sent(&mut self, number: u32, at: Instant) {
-        self.recent.push_back(Sent { number, at, is_answered: false });
+        self.recent.push_back(Sent { number, at, round_trip: None });
     }
 
     /// Records a repeated command: its reply says nothing about time or loss.
@@ -43,14 +45,11 @@ impl Statistics {
     /// Records a reply.
     pub(super) fn replied(&mut self, number: u32, now: Instant) {
         let Some(sent) = self.recent.iter_mut().find(|sent| sent.number == number) else { return };
-        if sent.is_answered {
-            return;
+        if sent.round_trip.is_none() {
+            let round_trip = now.since(sent.at);
+            sent.round_trip = Some(round_trip);
+            remember(&mut self.round_trips, round_trip);
         }
-        sent.is_answered = true;
-        if self.round_trips.len() == REMEMBERED {
-            self.round_trips.pop_front();
-        }
-        self.round_trips.push_back(now.since(sent.at));
     }
 
     /// Counts the commands that are old enough.
@@ -69,7 +68,10 @@ impl Statistics {
 
     fn count_oldest(&mut self) {
         match self.recent.pop_front() {
-            Some(Sent { is_answered: true, .. }) => self.answered += 1,
+            Some(Sent { round_trip: Some(round_trip), .. }) => {
+                self.answered += 1;
+                remember(&mut self.counted, round_trip);
+            }
             Some(_) => self.unanswered += 1,
             None => {}
         }
@@ -105,6 +107,19 @@ impl Statistics {
     pub fn round_trip_quantile(&self, share: f64) -> Option<Duration> {
         quantile(self.round_trips.iter().copied().collect(), share)
     }
+
+    /// Returns the same of the commands that [`Statistics::answered`] counts.
+    #[must_use]
+    pub fn counted_quantile(&self, share: f64) -> Option<Duration> {
+        quantile(self.counted.iter().copied().collect(), share)
+    }
+}
+
+fn remember(round_trips: &mut VecDeque<Duration>, newest: Duration) {
+    if round_trips.len() == REMEMBERED {
+        round_trips.pop_front();
+    }
+    round_trips.push_back(newest);
 }
 
 /// Returns the nearest-rank quantile; `None` without values.

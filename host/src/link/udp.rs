@@ -32,7 +32,7 @@ pub const PASSING_PATIENCE: Duration = Duration::from_secs(3);
 /// Interval at which a request that was refused because of such a state is repeated.
 const TRY_AGAIN: Duration = Duration::from_millis(100);
 /// Time after a reply from which telemetry shows the state after the command.
-const TELEMETRY_LAG: Duration = Duration::from_millis(500);
+pub const TELEMETRY_LAG: Duration = Duration::from_millis(500);
 /// Time for which a robot that fell silent is asked whether it refuses this key now: a refusal counts when no better
 /// answer has come for [`HINT_PATIENCE`].
 pub const REVOKED_PATIENCE: Duration = HINT_PATIENCE.saturating_add(Duration::from_millis(500));
@@ -304,13 +304,21 @@ impl Connection {
             _ => None,
         })?;
         match outcome.flatten() {
-            Some(Outcome::Refused(refusal)) => Err(match (&refusal, self.client.stopped_by()) {
-                (Refusal::Stopped, Some(by)) => LinkError::StoppedBy(by),
-                _ => LinkError::Refused(refusal),
-            }),
+            Some(Outcome::Refused(Refusal::Stopped)) => Err(self.why_stopped()?),
+            Some(Outcome::Refused(refusal)) => Err(LinkError::Refused(refusal)),
             Some(outcome) => Ok(outcome),
             None => Err(LinkError::Unanswered),
         }
+    }
+
+    /// Returns who stopped the robot, as soon as telemetry states it.
+    fn why_stopped(&mut self) -> Result<LinkError, LinkError> {
+        let stated = self.client.stopped_by();
+        let stopper = match stated {
+            None => self.wait_for(TELEMETRY_LAG, |client, _| client.stopped_by())?,
+            known => known,
+        };
+        Ok(stopper.map_or(LinkError::Refused(Refusal::Stopped), LinkError::StoppedBy))
     }
 
     /// Waits until telemetry fulfils a condition, for at most `patience`. `None` when it did not.
@@ -342,6 +350,9 @@ impl Connection {
         let ended = self.wait_for(patience, |_, update| {
             let Update::Telemetry(telemetry) = update else { return None };
             actual = telemetry.state;
+            if let Some(by) = telemetry.stopped_by {
+                return Some(Err(LinkError::StoppedBy(by)));
+            }
             match telemetry.state {
                 State::Armed | State::Running => Some(Ok(())),
                 State::Faulted => Some(Err(faulted(telemetry))),

@@ -62,6 +62,8 @@ pub struct FakeRobot {
     pub reports_of_late_commands: u32,
     /// Refuses that many requests to arm or to clear, as a robot does while its rotors ramp down.
     pub ramps_down_for: u32,
+    /// Takes for ever to align its motors.
+    pub aligns_for_ever: bool,
     proven_since: Option<Instant>,
     telemetry_at: Instant,
     events: u32,
@@ -82,6 +84,7 @@ impl FakeRobot {
             fault_when_running: None,
             reports_of_late_commands: 0,
             ramps_down_for: 0,
+            aligns_for_ever: false,
             proven_since: None,
             telemetry_at: Instant::START,
             events: 0,
@@ -233,7 +236,7 @@ impl FakeRobot {
         } else if self.proven_since.is_none_or(|since| now.since(since) < LINK_PROOF) {
             Outcome::Refused(Refusal::LinkUnproven)
         } else {
-            self.state = State::Armed;
+            self.state = if self.aligns_for_ever { State::Aligning } else { State::Armed };
             Outcome::Done
         }
     }

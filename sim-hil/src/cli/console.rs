@@ -1,7 +1,7 @@
 //! What `flix-sim serve` shows and takes while it serves: changes of state, one status line, lines that are typed.
 
-use std::io::{self, BufRead as _, IsTerminal as _};
-use std::sync::mpsc::{Receiver, channel};
+use std::io::{self, BufRead as _, IsTerminal as _, Read as _};
+use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::{Duration, Instant as WallClock};
 
 use flix_protocol::message::{Faults, OperatorName, State};
@@ -17,6 +17,10 @@ use crate::rig::robot::SimulatedRobot;
 const STATUS_INTERVAL: Duration = Duration::from_millis(250);
 /// From one look for typed lines to the next.
 const KEY_INTERVAL: Duration = Duration::from_millis(200);
+/// A longer line is taken in parts, bytes.
+const LONGEST_LINE: u64 = 256;
+/// Lines that wait to be done; whoever writes more waits, too.
+const LINES_WAITING: usize = 16;
 /// What may be typed.
 const HELP: &str = "`back` puts the robot back to its start, `where` prints where it is,\n`operators` lists who may drive, `revoke NAME` erases the key of one, Ctrl-C ends.\n";
 
@@ -130,7 +134,7 @@ fn put_back(robot: &mut SimulatedRobot<Plant>) {
 /// Reads lines from standard input for as long as there are any. A terminal is read only while its keys are for this
 /// program: a job in the background that reads is stopped by the system.
 fn typed_lines() -> Receiver<String> {
-    let (sender, receiver) = channel();
+    let (sender, receiver) = sync_channel(LINES_WAITING);
     std::thread::spawn(move || {
         let stdin = io::stdin();
         loop {
@@ -143,10 +147,10 @@ fn typed_lines() -> Receiver<String> {
                     continue;
                 }
             }
-            let mut line = String::new();
-            match stdin.lock().read_line(&mut line) {
+            let mut line = Vec::new();
+            match stdin.lock().take(LONGEST_LINE).read_until(b'\n', &mut line) {
                 Ok(0) | Err(_) => return,
-                Ok(_) if sender.send(line).is_err() => return,
+                Ok(_) if sender.send(String::from_utf8_lossy(&line).into()).is_err() => return,
                 Ok(_) => {}
             }
         }

@@ -79,6 +79,7 @@ enum Command {
     /// Print the completion script of a shell
     Completions(completions::Args),
     /// Write the manual pages into a folder
+    #[command(after_help = "Example:\n  flix-sim man ~/.local/share/man/man1")]
     Man(man::Args),
 }
 

@@ -9,7 +9,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use super::{Column, Fingerprint, Row, Value, make_folder};
+use super::{Column, Fingerprint, Row, Value};
 
 /// Why finished cells could not be kept or found.
 #[derive(Debug, thiserror::Error)]
@@ -54,7 +54,7 @@ impl Journal {
         restart: bool,
     ) -> Result<(Self, BTreeMap<usize, Row>), JournalError> {
         let failed = |source| JournalError::File { path: path.to_owned(), source };
-        make_folder(path).map_err(failed)?;
+        flix_host::file::check_writable(path).map_err(failed)?;
         let mut file = OpenOptions::new()
             .read(true)
             .write(true)

@@ -293,14 +293,9 @@ pub fn progress(steps: u64, what: &'static str) -> ProgressBar {
     bar
 }
 
-/// Makes the folder that `path` is to lie in.
-pub(crate) fn make_folder(path: &Path) -> std::io::Result<()> {
-    path.parent().map_or(Ok(()), std::fs::create_dir_all)
-}
-
 /// Writes a file that appears whole or not at all.
 pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    make_folder(path)?;
+    path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
     let partial = path.with_added_extension("partial");
     std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, path)).inspect_err(
         |_| {

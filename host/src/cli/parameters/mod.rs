@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Subcommand;
-use flix_protocol::message::{Command, Name, Outcome, Parameter, ParameterCommand};
+use flix_protocol::message::{Command, Name, Outcome, Parameter, ParameterCommand, Refusal};
 use flix_protocol::settings::description;
 use serde::Serialize;
 
 use super::output::{headings, print, print_json, read_text, table, write_text};
-use super::robot::RobotArgs;
+use super::robot::{RobotArgs, key_file};
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 use crate::keys::KEY_FILE_VARIABLE;
@@ -60,7 +60,7 @@ enum Action {
         #[arg(value_name = "[ROBOT] NAME VALUE", required = true, num_args = 2..=3)]
         words: Vec<String>,
         /// Key file [default: the robot's key in your keyring].
-        #[arg(long, value_name = "FILE", env = KEY_FILE_VARIABLE)]
+        #[arg(long, value_name = "FILE", env = KEY_FILE_VARIABLE, value_parser = key_file())]
         key: Option<PathBuf>,
         /// Save all settings, so that they survive power-off.
         #[arg(long)]
@@ -133,9 +133,11 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             let [.., name, value] = &words[..] else {
                 return Err(Error::usage("name a setting and its value"));
             };
-            let (name, value) = (wire_name(name)?, number(value).map_err(Error::usage)?);
+            let value = number(value).map_err(|why| Error::usage(format_args!("{name}: {why}")))?;
+            let name = wire_name(name)?;
             let mut connection = robot.connect(&interrupt)?;
-            set(&mut connection, name, value)?;
+            set(&mut connection, name.clone(), value)
+                .map_err(|error| explained(&mut connection, (name, value), error))?;
             save_if(&mut connection, *save)?;
         }
         Action::Save { .. } => save_if(&mut robot.connect(&interrupt)?, true)?,
@@ -217,6 +219,16 @@ fn get(connection: &mut Connection, name: Name) -> Result<Parameter, LinkError> 
 
 fn set(connection: &mut Connection, name: Name, value: f32) -> Result<(), LinkError> {
     connection.ask(Command::Parameter(ParameterCommand::Set(name, value))).map(drop)
+}
+
+/// Adds unit and value to a refusal for the setting's range.
+fn explained(connection: &mut Connection, (name, value): (Name, f32), error: LinkError) -> Error {
+    let LinkError::Refused(Refusal::OutOfRange { .. }) = error else { return error.into() };
+    let unit = match get(connection, name) {
+        Ok(Parameter { unit, .. }) if unit != "1" => format!(" {unit}"),
+        _ => String::new(),
+    };
+    Error::usage(format_args!("{error}{unit}, not {value}"))
 }
 
 fn save_if(connection: &mut Connection, wanted: bool) -> Result<(), LinkError> {

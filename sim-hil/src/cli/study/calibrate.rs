@@ -27,7 +27,7 @@ const FRESH_SEED: u64 = 1_000_001;
 /// Fit the open choices, the paper's error set, or both; judge the result with fresh seeds
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Each generation tries every candidate on the same, new samples: scattered robots, disturbed starts, each\nstep in turn. The result is the middle of the final distribution. Interrupted, the same command goes on.\n\nA laboratory's speeds are a CSV with the columns f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s.\n\nExamples:\n  flix-sim study calibrate --generations 60\n  flix-sim study calibrate --measured speeds.csv --fit both --hold-out 3,7\n  flix-sim study calibrate --start anywhere --widen 3 --shuffle 1    # what chance reaches on an invented table"
+    after_help = "Each generation tries every candidate on the same, new samples: scattered robots, disturbed starts, each step in turn. The result is the middle of the final distribution. Interrupted, the same command goes on.\n\nA laboratory's speeds are a CSV with the columns f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s.\n\nExamples:\n  flix-sim study calibrate --generations 60\n  flix-sim study calibrate --measured speeds.csv --fit both --hold-out 3,7\n  flix-sim study calibrate --start anywhere --widen 3 --shuffle 1    # what chance reaches on an invented table"
 )]
 pub struct Args {
     #[command(flatten)]

@@ -18,7 +18,7 @@ use crate::study::write_whole;
 /// Identify {k_bend, k_twist, b_bend, b_twist} of a leg from release tests at -60, 0 and 60 degrees
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Without --measured the tests are simulated with the model's own values and noise, so that what is found can\nbe compared with the truth. A laboratory's tests are a CSV with the columns\nload_deg,t_s,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg: the tip from its unloaded rest, from the release on.\n\nExamples:\n  flix-sim study leg\n  flix-sim study leg --noise-mm 0.2 --noise-deg 1 --seed 7 --json\n  flix-sim study leg --measured tests.csv --load 5 --lever-mm 40"
+    after_help = "Without --measured the tests are simulated with the model's own values and noise, so that what is found can be compared with the truth. A laboratory's tests are a CSV with the columns load_deg,t_s,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg: the tip from its unloaded rest, from the release on.\n\nExamples:\n  flix-sim study leg\n  flix-sim study leg --noise-mm 0.2 --noise-deg 1 --seed 7 --json\n  flix-sim study leg --measured tests.csv --load 5 --lever-mm 40"
 )]
 pub struct Args {
     #[command(flatten)]

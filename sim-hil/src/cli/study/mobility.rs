@@ -21,7 +21,7 @@ const TRACK_INTERVAL: f64 = 0.1;
 /// Walk over the grid of f and theta: maps of the three speeds, tracks of the paper's walking modes and their scores
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "A mode counts as a sign when the paper's component has its sign, and as a hit when it is also the\nlargest of |forward|, |lateral| and 0.1 m x |yaw rate| and exceeds 0.01 m/s.\n\nExamples:\n  flix-sim study mobility\n  flix-sim study mobility --table3 --model W --seeds 8 --first-seed 100 --json\n  flix-sim study mobility --shard 1/8 --seeds 64 --out /shared/mobility"
+    after_help = "A mode counts as a sign when the paper's component has its sign, and as a hit when it is also the largest of |forward|, |lateral| and 0.1 m x |yaw rate| and exceeds 0.01 m/s.\n\nExamples:\n  flix-sim study mobility\n  flix-sim study mobility --table3 --model W --seeds 8 --first-seed 100 --json\n  flix-sim study mobility --shard 1/8 --seeds 64 --out /shared/mobility"
 )]
 pub struct Args {
     #[command(flatten)]

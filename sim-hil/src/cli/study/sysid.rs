@@ -19,7 +19,7 @@ use crate::study::write_whole;
 /// Identify a robot from experiments, with error bars
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "DATA_DIR holds the CSV of each experiment that there is: scales.csv, legs.csv, air.csv, drag.csv, drops.csv,\nwalks.csv. sim-hil/docs/sysid.md has their columns, and how each is made. What is missing is reported with\nwhat it would bring. --model is the plan that the robot was built by.\n\nExamples:\n  flix-sim study sysid --synthetic 1\n  flix-sim study sysid out/study/sysid/hidden-1 --out out/study/sysid/found\n  flix-sim study sysid --synthetic 100 --json"
+    after_help = "DATA_DIR holds the CSV of each experiment that there is: scales.csv, legs.csv, air.csv, drag.csv, drops.csv, walks.csv. sim-hil/docs/sysid.md has their columns, and how each is made. What is missing is reported with what it would bring. --model is the plan that the robot was built by.\n\nExamples:\n  flix-sim study sysid --synthetic 1\n  flix-sim study sysid out/study/sysid/hidden-1 --out out/study/sysid/found\n  flix-sim study sysid --synthetic 100 --json"
 )]
 pub struct Args {
     #[command(flatten)]

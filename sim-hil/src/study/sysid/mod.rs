@@ -71,6 +71,9 @@ pub enum SysidError {
     /// An experiment could not be simulated.
     #[error(transparent)]
     Probe(#[from] ProbeError),
+    /// There is no folder of this name.
+    #[error("{} is not a folder: name the one with the experiments", .0.display())]
+    NoFolder(PathBuf),
     /// There is nothing to identify from.
     #[error(
         "{} holds none of the experiments (scales.csv, legs.csv, air.csv, drag.csv, drops.csv, walks.csv): sim-hil/docs/sysid.md \
@@ -105,6 +108,9 @@ impl Data {
     /// # Errors
     /// When a file is refused, with its line and column, or there is none.
     pub fn read(folder: &Path, seed: u64) -> Result<Self, SysidError> {
+        if !folder.is_dir() {
+            return Err(SysidError::NoFolder(folder.to_owned()));
+        }
         let drops = drops::TABLE.read(folder)?.map(|rows| {
             let path = folder.join("drops.csv");
             drops::Drops::new(&rows).map_err(|reason| MeasuredError::Whole { path, reason })
