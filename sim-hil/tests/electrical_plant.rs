@@ -8,7 +8,7 @@ use flix_firmware::hardware::{
 };
 use flix_sim::plant::electronics::motor::MotorParameters;
 use flix_sim::plant::electronics::sensor::{
-    AS5600, AmplifierParameters, EncoderParameters, MT6701,
+    AS5600, AmplifierParameters, EncoderParameters, MT6701, as5600,
 };
 use flix_sim::plant::electronics::{Electronics, ElectronicsParameters, TICK};
 use flix_sim::plant::{Diverged, Mechanics};
@@ -380,6 +380,12 @@ fn a_slow_encoder_bus_delivers_every_other_tick() {
     let delivered =
         readings(AS5600, 50.0).iter().filter(|(_, r)| matches!(r, Encoder::Reading(_))).count();
     assert_eq!(delivered, TICK_RATE_HZ as usize / 10);
+}
+
+#[test]
+fn the_age_that_the_firmware_states_is_that_of_the_filter_it_sets() {
+    assert!(AS5600.late_us.abs() < 1.0, "{AS5600:?}");
+    assert!(as5600([0, 0]).late_us > 900.0, "the filter it is sold with settles in 2.2 ms");
 }
 
 #[test]
