@@ -33,7 +33,9 @@ use core::cell::RefCell;
 
 use embassy_executor::Spawner;
 use embassy_net::StackResources;
+use embassy_time::Timer;
 use esp_hal::clock::CpuClock;
+use esp_hal::peripherals::UART0;
 use esp_hal::rng::{Rng, Trng};
 use esp_hal::timer::timg::TimerGroup;
 use esp_radio::wifi::{ControllerConfig, Interface, WifiController};
@@ -58,6 +60,8 @@ esp_bootloader_esp_idf::esp_app_desc!();
 
 /// What Wi-Fi may allocate. The driver takes some 50 KiB connected; the rest is for bursts.
 const HEAP_BYTES: usize = 72 * 1024;
+/// From one line to the next of a chip that is refused: the watchdog waits for 600.
+const REFUSAL_MILLISECONDS: u64 = 300;
 /// Sockets: the network task's, and DHCP's.
 const SOCKETS: usize = net::SOCKETS + 1;
 
@@ -78,6 +82,9 @@ async fn main(spawner: Spawner) {
 
     let (timers, software_interrupt) = parts.scheduler;
     esp_rtos::start(TimerGroup::new(timers).timer0, software_interrupt);
+    if let Some(why) = chip::unsuitable() {
+        refuse(spawner, parts.serial, why).await;
+    }
 
     let mut flash = Flash::new(FlashStorage::new(parts.flash));
     // Without a table the store has no room: settings then stay at their defaults, with a fault.
@@ -141,6 +148,20 @@ async fn main(spawner: Spawner) {
             log!("{UNPROVISIONED}");
             robot.run_alone().await
         }
+    }
+}
+
+/// Says for ever why this chip drives no motors.
+async fn refuse(spawner: Spawner, port: UART0<'static>, why: &str) -> ! {
+    if let Some((_, transmitter)) = serial::port(port)
+        && let Ok(log) = log::drain(transmitter)
+    {
+        spawner.spawn(log);
+    }
+    loop {
+        log!("robot: {why}");
+        watchdog::feed();
+        Timer::after_millis(REFUSAL_MILLISECONDS).await;
     }
 }
 

@@ -30,6 +30,10 @@ use crate::log::log;
 const STACK_BYTES: usize = 12 * 1024;
 /// Fastest clock of the AS5600.
 const I2C_CLOCK: Rate = Rate::from_mhz(1);
+/// Clock of a bus whose pull-ups are too weak for that.
+const I2C_SLOW_CLOCK: Rate = Rate::from_khz(400);
+/// Failures in a row, at any time, that slow a bus down until the next start.
+const I2C_FAILURES: u8 = 8;
 /// A reading takes 54 microseconds; one that takes this long is a failure.
 const I2C_PATIENCE: Duration = Duration::from_millis(1);
 
@@ -209,10 +213,14 @@ fn i2c(
     unit: impl esp_hal::i2c::master::Instance + 'static,
     pins: I2cPins,
 ) -> Option<I2c<'static, Blocking>> {
-    let config = Config::default()
-        .with_frequency(I2C_CLOCK)
-        .with_software_timeout(SoftwareTimeout::Transaction(I2C_PATIENCE));
-    Some(I2c::new(unit, config).ok()?.with_sda(pin(pins.sda)).with_scl(pin(pins.scl)))
+    let bus = I2c::new(unit, i2c_config(I2C_CLOCK)).ok()?;
+    Some(bus.with_sda(pin(pins.sda)).with_scl(pin(pins.scl)))
+}
+
+fn i2c_config(clock: Rate) -> Config {
+    Config::default()
+        .with_frequency(clock)
+        .with_software_timeout(SoftwareTimeout::Transaction(I2C_PATIENCE))
 }
 
 /// Sets an AS5600's filter; whether it is set then.
@@ -227,9 +235,11 @@ fn configure(bus: &mut I2c<'static, Blocking>) -> bool {
 /// Reads both AS5600 in turn, below the fast loop, and leaves what they say for it.
 fn read_i2c_for_ever(mut buses: I2cBuses) -> ! {
     let mut configured = [false; 2];
+    let mut failures = [0_u8; 2];
     loop {
-        for ((bus, newest), configured) in buses.iter_mut().zip(&SAMPLES).zip(&mut configured) {
-            let Some(bus) = bus else { continue };
+        for (motor, newest) in SAMPLES.iter().enumerate() {
+            let (configured, failures) = (&mut configured[motor], &mut failures[motor]);
+            let Some(bus) = &mut buses[motor] else { continue };
             // An encoder that was lost may have been without its supply.
             if !*configured {
                 *configured = configure(bus);
@@ -240,6 +250,10 @@ fn read_i2c_for_ever(mut buses: I2cBuses) -> ! {
             // The angle is latched as its first byte is read, about in the middle.
             let half = now().as_micros().saturating_sub(before.as_micros()) / 2;
             let time = flix_protocol::units::Instant::from_micros(before.as_micros() + half);
+            *failures = if outcome.is_ok() { 0 } else { failures.saturating_add(1) };
+            if *failures == I2C_FAILURES && bus.apply_config(&i2c_config(I2C_SLOW_CLOCK)).is_ok() {
+                log!("encoder {motor}: no answer at 1 MHz: its bus runs at 400 kHz");
+            }
             let angle = outcome.ok().and_then(|()| as5600(frame)).filter(|_| *configured);
             *configured = angle.is_some();
             newest.signal(Sample { angle, time });

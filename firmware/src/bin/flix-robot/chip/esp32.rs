@@ -1,5 +1,6 @@
 //! ESP32: the fast loop has core 1 to itself; one MCPWM unit a bridge; currents on ADC1.
 
+use esp_hal::efuse::{ChipRevision, chip_revision};
 use esp_hal::peripherals::{GPIO34, GPIO35, GPIO36, GPIO39, LPWR};
 use flix_firmware::board::Pin;
 
@@ -27,6 +28,13 @@ const _: () = {
     assert!(matches!(bottom.currents, None | Some([35, 34])), "the bottom ones on 35 and 34");
     assert!(matches!(BOARD.divider_option.pin, 34), "the divider option is on 34");
 };
+
+/// Returns why the fast loop cannot be trusted to this chip: before revision 3, a core that reads a peripheral while the
+/// other one does can read something else (Espressif, ESP32 series SoC errata, CPU-3.10).
+pub(crate) fn unsuitable() -> Option<&'static str> {
+    (chip_revision() < ChipRevision::from_combined(300))
+        .then_some("this ESP32 is older than revision 3 (erratum CPU-3.10): take a newer board")
+}
 
 /// Lets a supply that sags reset the chip, which switches the bridges off.
 pub(crate) fn reset_on_brown_out() {

@@ -28,6 +28,11 @@ const _: () = {
     assert!(matches!(BOARD.divider_option.pin, 6), "the divider option is on 6");
 };
 
+/// Every revision will do.
+pub(crate) const fn unsuitable() -> Option<&'static str> {
+    None
+}
+
 /// Lets a supply that sags reset the chip, which switches the bridges off.
 pub(crate) fn reset_on_brown_out() {
     LPWR::regs().brown_out().modify(|_, w| {
