@@ -9,6 +9,7 @@
 //! | [`pose`] | takes poses from motion capture |
 //! | [`nav`] | chooses the walking mode from pose and task |
 //! | [`pilot`] | drives a whole run: link, poses, navigation, record |
+//! | [`experiment`] | records what a robot is identified from |
 //! | [`teleop`] | drives by hand in a terminal |
 //! | [`record`] | writes a run as MCAP, and reads it |
 //! | [`plot`] | draws figures as SVG and PNG |
@@ -57,7 +58,8 @@
 //!
 //! let step = Duration::from_millis(10);
 //! loop {
-//!     navigator.observe(&PoseSample { time: now, pose: Pose::planar(pose, 0.05), valid: true });
+//!     let pose_now = Pose::planar(pose, 0.05);
+//!     navigator.observe(&PoseSample { time: now, pose: pose_now, valid: true, picture: None });
 //!     match navigator.decide(now) {
 //!         Decision::Drive { mode, .. } => {
 //!             pose = pose.moved(modes.modes()[mode].twist(), step.as_secs_f64());
@@ -73,6 +75,7 @@
 //! ```
 
 pub mod cli;
+pub mod experiment;
 pub mod explain;
 pub mod file;
 pub mod interrupt;

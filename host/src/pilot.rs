@@ -40,6 +40,8 @@ pub trait Helm {
     fn decide(&mut self, now: Instant) -> Decision;
     /// Sets the time from sending a command until the robot obeys it, as measured on the link.
     fn set_latency(&mut self, _latency: Duration) {}
+    /// Takes telemetry that was sent at `sent` at the latest, on the clock of [`Helm::decide`].
+    fn hear(&mut self, _telemetry: &Telemetry, _sent: Instant) {}
     /// Returns the filtered pose and the progress, if the helm has them.
     fn progress(&self) -> Option<(PlanarPose, Progress)> {
         None
@@ -67,6 +69,10 @@ impl Helm for Navigator {
 impl Helm for Identification {
     fn observe(&mut self, sample: &PoseSample) {
         self.observe(sample);
+    }
+
+    fn hear(&mut self, telemetry: &Telemetry, sent: Instant) {
+        self.hear(sent, telemetry);
     }
 
     fn decide(&mut self, now: Instant) -> Decision {
@@ -369,6 +375,9 @@ impl<H: Helm> Pilot<H> {
 
     fn hear(&mut self, now: Instant, client: &mut Client, telemetry: &Telemetry) {
         self.record(|recorder| recorder.telemetry(now, telemetry));
+        let way = client.statistics().shortest_round_trip().unwrap_or_default() / 2;
+        let since_start = now.since(Instant::START);
+        self.helm.hear(telemetry, Instant::START + since_start.saturating_sub(way));
         match (&self.phase, telemetry.state) {
             (Phase::Readying { .. } | Phase::Driving | Phase::Resting, State::Faulted) => {
                 self.fail(now, client, Ending::Faulted(telemetry.faults));

@@ -230,7 +230,12 @@ impl Desk {
         for index in 0..poses {
             let heading = 0.01 * f64::from(index);
             let pose = PlanarPose { x: heading.sin(), y: 1.0 - heading.cos(), heading };
-            let sample = PoseSample { time: self.now, pose: Pose::planar(pose, 0.06), valid: true };
+            let sample = PoseSample {
+                time: self.now,
+                pose: Pose::planar(pose, 0.06),
+                valid: true,
+                picture: None,
+            };
             self.cockpit.see(&sample, &mut self.client, self.now);
             self.run(Duration::from_millis(10));
         }

@@ -17,17 +17,13 @@ use super::time::positive_duration;
 use super::walk::{HeightCheck, PoseArgs, record};
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
-use crate::link::Update;
 use crate::link::udp::{Connection, FAREWELL_PATIENCE, LinkError, STOP_PATIENCE, faulted};
+use crate::link::{Update, errors, is_reached};
 use crate::pose::PoseSource;
 use crate::pose::any::Poses;
 use crate::record::{RecordError, Recorder};
 use crate::teleop::keyboard::Mode;
 
-/// Largest error of f that counts as reached, Hz.
-const FREQUENCY_REACHED_HZ: f32 = 0.5;
-/// Largest error of theta that counts as reached, degrees.
-const DIRECTION_REACHED_DEG: f32 = 5.0;
 /// Interval of the progress bar, and of looks at the poses.
 const SLICE: Duration = Duration::from_millis(10);
 
@@ -314,18 +310,8 @@ impl Held {
             .map(|motor| current(motor.current_d.get(), motor.current_q.get()))
             .fold(self.peak_current, f32::max);
         self.bus_voltage = telemetry.bus_voltage.map(|voltage| voltage.get());
-        let frequency = telemetry.frequency.get() - self.setpoint.frequency().get();
-        // Rotors at rest have no direction.
-        let direction = if self.setpoint.frequency() == Hertz::ZERO {
-            0.0
-        } else {
-            line_difference(telemetry.direction.get() - self.setpoint.direction().get())
-        };
-        if self.settled_after.is_none()
-            && telemetry.setpoint == self.setpoint
-            && frequency.abs() <= FREQUENCY_REACHED_HZ
-            && direction.abs() <= DIRECTION_REACHED_DEG
-        {
+        let [frequency, direction] = errors(telemetry, &self.setpoint);
+        if self.settled_after.is_none() && is_reached(telemetry, &self.setpoint) {
             self.settled_after = Some(at);
         }
         if self.settled_after.is_some() {
@@ -361,12 +347,6 @@ impl Held {
             direction_rms_error_deg: (self.direction_square / count).sqrt(),
         })
     }
-}
-
-/// Returns the difference of two directions, degrees in [-90, 90): half a turn apart they are one
-/// line of force.
-fn line_difference(degrees: f32) -> f32 {
-    (degrees + 90.0).rem_euclid(180.0) - 90.0
 }
 
 #[derive(Debug, Serialize)]
@@ -497,13 +477,6 @@ mod tests {
         }
         for text in ["-90", "90", "0.25"] {
             assert!(direction(text).is_ok(), "{text}");
-        }
-    }
-
-    #[test]
-    fn opposite_directions_are_one_line() {
-        for (degrees, expected) in [(0.0, 0.0), (180.0, 0.0), (-179.0, 1.0), (95.0, -85.0)] {
-            assert!((line_difference(degrees) - expected).abs() < 1e-4, "{degrees}");
         }
     }
 }

@@ -46,10 +46,10 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let setup = facts(&settings);
     let navigator = Navigator::new(task, &table, settings).map_err(Error::usage)?;
     let mut walk = Walk::open(&args.robot, &args.poses)?;
-    let mut recorder = walk.record(&args.files.out, "home", setup)?;
+    let mut recorder = walk.record(&args.files.record.out, "home", setup)?;
     recorder.attach(walk.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
     let mut pilot = Pilot::new(navigator, names(&table), Some(recorder))
-        .driving_unrecorded(args.files.unrecorded);
+        .driving_unrecorded(args.files.record.unrecorded);
     let (ending, seconds) = walk.drive(&mut pilot, |pilot| {
         format!("{:<24} {:>4.0} mm away", pilot.doing(), pilot.helm().progress().error * 1e3)
     })?;
@@ -59,6 +59,6 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (_, Recorded { file, error: record_error }) = pilot.finish(numbers);
     verdict(&ending, file.as_ref())?;
     print(&format!("arrived within {error:.0} mm after {seconds:.1} s\n"))?;
-    unrecorded(record_error, args.files.unrecorded)?;
+    unrecorded(record_error, args.files.record.unrecorded)?;
     Ok(Exit::Done.into())
 }

@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::process::ExitCode;
 use std::time::Duration;
 
+use flix_protocol::message::Setpoint;
+
 use super::course::pairs;
 use super::output::{headings, print, table};
 use super::robot::RobotArgs;
@@ -12,6 +14,9 @@ use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
 use super::{Error, Exit};
 use crate::nav::{Area, Identification, IdentificationSettings, ModeTable};
 use crate::pilot::{Pilot, Recorded};
+
+/// Without trusted poses a measurement ends after this time.
+pub(super) const POSE_PATIENCE: Duration = Duration::from_secs(5);
 
 /// Options of an identification.
 #[derive(Debug, Clone, clap::Args)]
@@ -30,7 +35,7 @@ pub struct IdentificationArgs {
     pub fence: Area,
 }
 
-fn stretch(text: &str) -> Result<Duration, String> {
+pub(super) fn stretch(text: &str) -> Result<Duration, String> {
     let time = duration(text)?;
     if (Duration::from_secs(2)..=Duration::from_secs(120)).contains(&time) {
         Ok(time)
@@ -47,15 +52,7 @@ impl IdentificationArgs {
     pub fn identification(&self) -> Result<(Identification, Vec<String>), Error> {
         let pairs = pairs(&self.only)?;
         let names = pairs.iter().map(|(name, _)| name.clone()).collect();
-        let identification = Identification::new(IdentificationSettings {
-            pairs,
-            stretch: self.seconds,
-            rounds: self.rounds,
-            fence: self.fence,
-            pose_deadline: Duration::from_millis(100),
-            pose_patience: Duration::from_secs(5),
-        });
-        Ok((identification, names))
+        Ok((identification(pairs, self.seconds, self.rounds, self.fence, None), names))
     }
 
     /// Returns how the table is made, in a few words.
@@ -67,6 +64,25 @@ impl IdentificationArgs {
             rounds => format!("identified: {rounds} stretches of {seconds} s a mode"),
         }
     }
+}
+
+/// Returns an identification of these pairs, as every command makes it.
+pub(super) fn identification(
+    pairs: Vec<(String, Setpoint)>,
+    stretch: Duration,
+    rounds: u32,
+    fence: Area,
+    known: Option<ModeTable>,
+) -> Identification {
+    Identification::new(IdentificationSettings {
+        pairs,
+        stretch,
+        rounds,
+        fence,
+        pose_deadline: Duration::from_millis(100),
+        pose_patience: POSE_PATIENCE,
+        known,
+    })
 }
 
 /// Measure the motion of each mode, and write the mode table that `flix track` needs.
@@ -118,9 +134,9 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     ModeTable::check_writable(&args.files.modes)?;
     let mut walk = Walk::open(&args.robot, &args.poses)?;
     let facts = BTreeMap::from([("identification".into(), args.identification.source())]);
-    let recorder = walk.record(&args.files.out, "identify", facts)?;
-    let mut pilot =
-        Pilot::new(identification, names, Some(recorder)).driving_unrecorded(args.files.unrecorded);
+    let recorder = walk.record(&args.files.record.out, "identify", facts)?;
+    let mut pilot = Pilot::new(identification, names, Some(recorder))
+        .driving_unrecorded(args.files.record.unrecorded);
     let (ending, _) = walk.drive(&mut pilot, |pilot| {
         let (done, all) = pilot.helm().progress();
         format!("{:<24} stretch {} of {all}", pilot.doing(), (done + 1).min(all))
@@ -137,6 +153,6 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     };
     let (table, file) = (describe(&modes), args.files.modes.display());
     print(&format!("{table}{assumed}\nwritten to {file}\n"))?;
-    unrecorded(error, args.files.unrecorded)?;
+    unrecorded(error, args.files.record.unrecorded)?;
     Ok(Exit::Done.into())
 }

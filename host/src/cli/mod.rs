@@ -19,6 +19,7 @@ pub mod course;
 pub mod discover;
 pub mod doctor;
 pub mod drive;
+pub mod experiment;
 pub mod home;
 pub mod identify;
 pub mod keygen;
@@ -177,6 +178,7 @@ enum Command {
     Track(track::Args),
     Home(home::Args),
     Identify(identify::Args),
+    Experiment(experiment::Args),
     Doctor(doctor::Args),
     Runs(runs::Args),
     Completions(completions::Args),
@@ -204,6 +206,7 @@ impl Cli {
             Command::Track(args) => track::run(args),
             Command::Home(args) => home::run(args),
             Command::Identify(args) => identify::run(args),
+            Command::Experiment(args) => experiment::run(args),
             Command::Doctor(args) => doctor::run(args),
             Command::Runs(args) => runs::run(args),
             Command::Completions(args) => completions::run(args),

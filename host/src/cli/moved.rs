@@ -95,6 +95,7 @@ mod tests {
             time: Instant::from_micros(milliseconds * 1000),
             pose: Pose::planar(PlanarPose { x, y, heading }, 0.06),
             valid: true,
+            picture: None,
         };
         let mut walked = None;
         Walked::observe(&mut walked, &PoseSample { valid: false, ..at(0, 9.0, 9.0, 9.0) });

@@ -63,13 +63,13 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     setup.insert("controller".into(), args.course.controller());
     let steering = args.course.steering(task.clone(), &table, settings, ANSWER_PATIENCE)?;
     let mut walk = Walk::open(&args.robot, &args.poses)?;
-    let mut recorder = walk.record(&args.files.out, &name, setup)?;
+    let mut recorder = walk.record(&args.files.record.out, &name, setup)?;
     if let Task::Follow { path, .. } = &task {
         recorder.path_to_follow(walk.now(), path)?;
     }
     recorder.attach(walk.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
     let mut pilot = Pilot::new(steering, names(&table), Some(recorder))
-        .driving_unrecorded(args.files.unrecorded);
+        .driving_unrecorded(args.files.record.unrecorded);
     let (ending, seconds) = walk.drive(&mut pilot, |pilot| {
         let progress = pilot.helm().navigator().progress();
         format!(
@@ -104,6 +104,6 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         }
         print(&text)?;
     }
-    unrecorded(error, args.files.unrecorded)?;
+    unrecorded(error, args.files.record.unrecorded)?;
     Ok(Exit::Done.into())
 }

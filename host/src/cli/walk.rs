@@ -79,6 +79,14 @@ pub struct FileArgs {
     /// Mode table of the robot: `flix identify` writes it, the other commands read it.
     #[arg(long, value_name = "FILE", default_value = "modes.toml")]
     pub modes: PathBuf,
+    /// The record.
+    #[command(flatten)]
+    pub record: RecordArgs,
+}
+
+/// Options of the record of a run.
+#[derive(Debug, Clone, clap::Args)]
+pub struct RecordArgs {
     /// Folder for the record.
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
@@ -191,6 +199,7 @@ pub struct Walk {
     connection: Connection,
     source: Poses,
     interrupt: Interrupt,
+    heights: HeightCheck,
 }
 
 impl From<NatNetError> for Error {
@@ -218,7 +227,14 @@ impl Walk {
         let interrupt = Interrupt::listen().map_err(Error::usage)?;
         let source = poses.open()?;
         let connection = robot.begin(&interrupt)?;
-        Ok(Self { connection, source, interrupt })
+        Ok(Self { connection, source, interrupt, heights: HeightCheck::default() })
+    }
+
+    /// Accepts poses of any height: the robot hangs.
+    #[must_use]
+    pub fn above_the_floor(mut self) -> Self {
+        self.heights.is_over = true;
+        self
     }
 
     /// Drives to the end of the run. Returns the ending and the duration of driving, s. `message` is
@@ -236,13 +252,13 @@ impl Walk {
             bar.set_style(style);
         }
         let mut poses = Vec::new();
-        let (mut is_warned, mut heights) = (false, HeightCheck::default());
+        let mut is_warned = false;
         loop {
             self.connection.step(SLICE)?;
             let (client, now) = self.connection.operate();
             poses.clear();
             while let Some(sample) = self.source.poll(now)? {
-                bar.suspend(|| heights.look(&sample, self.source.is_planar()));
+                bar.suspend(|| self.heights.look(&sample, self.source.is_planar()));
                 poses.push(sample);
             }
             if self.interrupt.is_raised() {

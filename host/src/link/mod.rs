@@ -25,11 +25,13 @@
 
 mod client;
 pub mod discovery;
+mod reached;
 pub mod serial;
 pub mod statistics;
 pub mod udp;
 
 pub use client::{Client, StopState, Update};
+pub use reached::{errors, is_reached};
 
 use std::time::Duration;
 

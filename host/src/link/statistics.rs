@@ -102,6 +102,12 @@ impl Statistics {
         self.round_trips.back().copied()
     }
 
+    /// Returns the shortest of the stored round trips: what is left of it without waiting anywhere.
+    #[must_use]
+    pub fn shortest_round_trip(&self) -> Option<Duration> {
+        self.round_trips.iter().min().copied()
+    }
+
     /// Returns the round trip that this share (0 to 1) of the stored ones does not exceed.
     #[must_use]
     pub fn round_trip_quantile(&self, share: f64) -> Option<Duration> {

@@ -12,7 +12,7 @@
 
 use std::time::Duration;
 
-use flix_protocol::message::Setpoint;
+use flix_protocol::message::{Setpoint, Telemetry};
 use flix_protocol::units::Instant;
 
 use super::estimator::mean_twist;
@@ -21,6 +21,7 @@ use super::modes::{Mode, ModeTable, ModeTableError, Spread};
 use super::navigator::{Decision, Navigator, Resting, Settings, Task};
 use super::safety::Stop;
 use super::standstill::Standstill;
+use crate::link::is_reached;
 use crate::pose::PoseSample;
 
 /// Start of a stretch that does not count.
@@ -60,13 +61,28 @@ pub struct IdentificationSettings {
     pub pose_deadline: Duration,
     /// Without trusted poses the identification ends after this time.
     pub pose_patience: Duration,
+    /// Modes in which the robot walks back; without them, those identified so far.
+    pub known: Option<ModeTable>,
+}
+
+/// Motion that was measured in one stretch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stretch {
+    /// Index of its pair in [`IdentificationSettings::pairs`].
+    pub mode: usize,
+    /// Mean motion in the body frame.
+    pub motion: Twist,
+    /// Time over which it was measured, a multiple of the window.
+    pub time: Duration,
+    /// Whether telemetry showed the rotors at the pair all that time; true without telemetry.
+    pub at_speed: bool,
 }
 
 /// An identification under way.
 #[derive(Debug, Clone)]
 pub struct Identification {
     settings: IdentificationSettings,
-    stretches: Vec<Vec<Twist>>,
+    stretches: Vec<Stretch>,
     current: u32,
     begun: Option<Instant>,
     /// When the present stretch ended; then the robot rests.
@@ -75,6 +91,7 @@ pub struct Identification {
     trusted: Option<(Instant, PlanarPose)>,
     window: Option<(Instant, PlanarPose)>,
     seen: Vec<Twist>,
+    lost_speed: bool,
     stop: Option<Stop>,
     /// Where the robot began.
     start: Option<Position>,
@@ -90,10 +107,9 @@ impl Identification {
     /// Starts an identification.
     #[must_use]
     pub fn new(settings: IdentificationSettings) -> Self {
-        let stretches = vec![Vec::new(); settings.pairs.len()];
         Self {
             settings,
-            stretches,
+            stretches: Vec::new(),
             current: 0,
             begun: None,
             ended: None,
@@ -101,6 +117,7 @@ impl Identification {
             trusted: None,
             window: None,
             seen: Vec::new(),
+            lost_speed: false,
             stop: None,
             start: None,
             from: 0.0,
@@ -109,6 +126,19 @@ impl Identification {
             has_returned: false,
             standstill: Standstill::default(),
         }
+    }
+
+    /// Returns the measured stretches, in the order in which they were driven. A stretch that was broken off is not
+    /// among them.
+    #[must_use]
+    pub fn stretches(&self) -> &[Stretch] {
+        &self.stretches
+    }
+
+    /// Returns the settings.
+    #[must_use]
+    pub fn settings(&self) -> &IdentificationSettings {
+        &self.settings
     }
 
     /// Returns the number of stretches driven and of all stretches.
@@ -140,6 +170,14 @@ impl Identification {
             self.seen.push(mean_twist(&from, &to, elapsed.as_secs_f64()));
             self.window = Some((sample.time, pose));
         }
+    }
+
+    /// Takes telemetry of this time.
+    pub fn hear(&mut self, now: Instant, telemetry: &Telemetry) {
+        let Some(begun) = self.begun.filter(|_| self.ended.is_none()) else { return };
+        let mode = self.current as usize % self.settings.pairs.len();
+        let is_reached = is_reached(telemetry, &self.settings.pairs[mode].1);
+        self.lost_speed |= now.since(begun) >= SETTLING && !is_reached;
     }
 
     /// Returns what to command now.
@@ -196,10 +234,11 @@ impl Identification {
             return None;
         }
         Some(match decision {
-            // The navigator counts only the modes that are identified.
+            // The navigator counts the modes of its table. One that is none of the pairs comes after them.
             Decision::Drive { setpoint, .. } => {
-                let mode = self.settings.pairs.iter().position(|pair| pair.1 == setpoint);
-                Decision::Drive { mode: mode.unwrap_or_default(), setpoint }
+                let pairs = &self.settings.pairs;
+                let mode = pairs.iter().position(|pair| pair.1 == setpoint);
+                Decision::Drive { mode: mode.unwrap_or(pairs.len()), setpoint }
             }
             Decision::Stopped(stop) => self.end(stop),
             other => other,
@@ -207,7 +246,8 @@ impl Identification {
     }
 
     fn navigator_to_start(&self) -> Option<Navigator> {
-        let table = self.table("", "").ok().filter(|it| it.modes().len() >= ENOUGH_MODES)?;
+        let found = || self.table("", "").ok().filter(|it| it.modes().len() >= ENOUGH_MODES);
+        let table = self.settings.known.clone().or_else(found)?;
         let task = Task::Reach { point: self.start?, stay: false };
         let settings = Settings {
             fence: self.settings.fence,
@@ -226,7 +266,7 @@ impl Identification {
         }
         let away = self.away();
         if self.begun.is_none() {
-            (self.from, self.ends_early) = (away, false);
+            (self.from, self.ends_early, self.lost_speed) = (away, false, false);
         }
         self.ends_early |= away > REACH.max(self.from + OUTWARD);
         let begun = *self.begun.get_or_insert(now);
@@ -247,8 +287,10 @@ impl Identification {
         let mode = self.current as usize % self.settings.pairs.len();
         if !self.seen.is_empty() {
             let share = 1.0 / self.seen.len() as f64;
+            let time = WINDOW * self.seen.len() as u32;
             let sum = self.seen.drain(..).fold(Twist::REST, Twist::plus);
-            self.stretches[mode].push(sum.scaled(share));
+            let at_speed = !self.lost_speed;
+            self.stretches.push(Stretch { mode, motion: sum.scaled(share), time, at_speed });
         }
         self.current += 1;
         (self.begun, self.ended, self.window) = (None, None, None);
@@ -280,22 +322,27 @@ impl Identification {
     /// # Errors
     /// When no mode was identified, or a speed is not credible.
     pub fn table(&self, robot: &str, source: &str) -> Result<ModeTable, ModeTableError> {
-        let driven = self.settings.pairs.iter().zip(&self.stretches).filter(|(_, s)| !s.is_empty());
-        let modes = driven.map(|((name, setpoint), stretches)| Mode {
+        let motions = |mode: usize| -> Vec<Twist> {
+            let own = self.stretches.iter().filter(|stretch| stretch.mode == mode);
+            own.map(|stretch| stretch.motion).collect()
+        };
+        let pairs = self.settings.pairs.iter().enumerate();
+        let driven = pairs.map(|(mode, pair)| (pair, motions(mode))).filter(|(_, m)| !m.is_empty());
+        let modes = driven.map(|((name, setpoint), motions)| Mode {
             name: name.clone(),
             setpoint: *setpoint,
-            forward: spread(stretches, |t| t.forward),
-            lateral: spread(stretches, |t| t.lateral),
-            yaw: spread(stretches, |t| t.yaw),
+            forward: spread(&motions, |t| t.forward),
+            lateral: spread(&motions, |t| t.lateral),
+            yaw: spread(&motions, |t| t.yaw),
         });
         ModeTable::new(robot, source, modes.collect())
     }
 }
 
 /// Returns mean and standard deviation of one component; for a single stretch a fixed share of its mean.
-fn spread(stretches: &[Twist], component: fn(&Twist) -> f64) -> Spread {
-    let Spread { mean, spread } = Spread::of(&stretches.iter().map(component).collect::<Vec<_>>());
-    let spread = if stretches.len() > 1 { spread } else { UNKNOWN_SPREAD * mean.abs() };
+fn spread(motions: &[Twist], component: fn(&Twist) -> f64) -> Spread {
+    let Spread { mean, spread } = Spread::of(&motions.iter().map(component).collect::<Vec<_>>());
+    let spread = if motions.len() > 1 { spread } else { UNKNOWN_SPREAD * mean.abs() };
     // A ten-thousandth is far below what can be measured, and keeps the file readable.
     let rounded = |v: f64| (v * 1e4).round() / 1e4;
     Spread { mean: rounded(mean), spread: rounded(spread) }
@@ -326,6 +373,7 @@ mod tests {
             fence: "-3,-3,3,3".parse().unwrap(),
             pose_deadline: Duration::from_millis(100),
             pose_patience: Duration::from_secs(2),
+            known: None,
         });
         let mut pose = start;
         let mut places = Vec::new();
@@ -338,7 +386,12 @@ mod tests {
                 Decision::Rest(_) => {}
                 Decision::Finished | Decision::Stopped(_) => break,
             }
-            let sample = PoseSample { time: now, pose: Pose::planar(pose, 0.05), valid: true };
+            let sample = PoseSample {
+                time: now,
+                pose: Pose::planar(pose, 0.05),
+                valid: true,
+                picture: None,
+            };
             identification.observe(&sample);
             places.push(pose.position());
         }
@@ -363,7 +416,7 @@ mod tests {
         let end = (0..20_000).find_map(|step| {
             let now = Instant::from_micros(2_000_000_000 + step * 5000);
             let pose = Pose::planar(PlanarPose::default(), 0.05);
-            identification.observe(&PoseSample { time: now, pose, valid: true });
+            identification.observe(&PoseSample { time: now, pose, valid: true, picture: None });
             match identification.decide(now) {
                 Decision::Stopped(stop) => Some(stop),
                 _ => None,

@@ -41,6 +41,8 @@ pub enum Stop {
     },
     /// The controller, a program of its own, failed: in this sentence.
     Controller(String),
+    /// The experiment cannot be made so: in this sentence.
+    Experiment(String),
 }
 
 impl fmt::Display for Stop {
@@ -77,7 +79,7 @@ impl fmt::Display for Stop {
                 error * 1e3,
                 limit * 1e3
             ),
-            Self::Controller(sentence) => f.write_str(sentence),
+            Self::Controller(sentence) | Self::Experiment(sentence) => f.write_str(sentence),
         }
     }
 }

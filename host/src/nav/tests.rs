@@ -111,7 +111,7 @@ impl Walker {
             y: noisy(self.pose.y, 0.0005 + 0.001 * shaking),
             heading: noisy(self.pose.heading, 0.003 + 0.02 * shaking),
         };
-        PoseSample { time: now, pose: Pose::planar(pose, 0.06), valid: true }
+        PoseSample { time: now, pose: Pose::planar(pose, 0.06), valid: true, picture: None }
     }
 }
 

@@ -60,6 +60,17 @@ pub struct PoseSample {
     pub pose: Pose,
     /// Whether the source trusts the pose: the rigid body was tracked.
     pub valid: bool,
+    /// When the picture was taken that shows it, if the source states that.
+    pub picture: Option<Picture>,
+}
+
+/// When a picture was taken, on the clock of the cameras: it differs from any other clock by an unknown time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Picture {
+    /// Middle of the exposure.
+    pub exposed: Instant,
+    /// When the pose was sent; where the source does not state it, as `exposed`.
+    pub sent: Instant,
 }
 
 impl PoseSample {
@@ -124,6 +135,44 @@ impl Quaternion {
     }
 }
 
+impl Quaternion {
+    /// Returns the opposite rotation.
+    #[must_use]
+    pub fn inverse(self) -> Self {
+        Self { x: -self.x, y: -self.y, z: -self.z, w: self.w }
+    }
+
+    /// Returns the rotation by `first`, then by this one, both about fixed axes.
+    #[must_use]
+    pub fn after(self, first: Self) -> Self {
+        let (a, b) = (self, first);
+        Self {
+            w: a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z,
+            x: a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
+            y: a.w * b.y + a.y * b.w + a.z * b.x - a.x * b.z,
+            z: a.w * b.z + a.z * b.w + a.x * b.y - a.y * b.x,
+        }
+    }
+
+    /// Returns a vector turned by this rotation.
+    #[must_use]
+    pub fn turn(self, vector: Vector) -> Vector {
+        let Vector { x, y, z } = vector;
+        let turned = self.after(Self { x, y, z, w: 0.0 }).after(self.inverse());
+        Vector { x: turned.x, y: turned.y, z: turned.z }
+    }
+
+    /// Returns the axis of the rotation times its angle, rad, up to half a turn.
+    #[must_use]
+    pub fn rotation_vector(self) -> Vector {
+        let sine = (self.x * self.x + self.y * self.y + self.z * self.z).sqrt();
+        let half = if self.w < 0.0 { (-sine).atan2(-self.w) } else { sine.atan2(self.w) };
+        // Both vanish together; half an angle is its sine then.
+        let scale = if sine > 0.0 { 2.0 * half / sine } else { 0.0 };
+        Vector { x: scale * self.x, y: scale * self.y, z: scale * self.z }
+    }
+}
+
 impl From<[f64; 4]> for Quaternion {
     /// From the components in the order w, x, y, z.
     fn from([w, x, y, z]: [f64; 4]) -> Self {
@@ -182,6 +231,35 @@ impl Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_rotation_vector_is_axis_times_angle_whatever_the_sign_of_the_quaternion() {
+        for angle in [-3.0, -0.2, 0.0, 1e-9, 0.4, 3.0] {
+            let Quaternion { x, y, z, w } = Quaternion::about_z(angle);
+            for q in [Quaternion { x, y, z, w }, Quaternion { x: -x, y: -y, z: -z, w: -w }] {
+                let Vector { x, y, z } = q.rotation_vector();
+                assert!(x == 0.0 && y == 0.0 && (z - angle).abs() < 1e-12, "{angle}: {z}");
+            }
+        }
+    }
+
+    #[test]
+    fn rotations_follow_each_other_about_fixed_axes() {
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        let nose_down = Quaternion { x: 0.0, y: half, z: 0.0, w: half };
+        let left = Quaternion::about_z(std::f64::consts::FRAC_PI_2);
+        let forward = Vector { x: 1.0, y: 0.0, z: 0.0 };
+        // Forward turns down and stays there; forward turns left and stays there.
+        for (both, expected) in [
+            (left.after(nose_down), [0.0, 0.0, -1.0]),
+            (nose_down.after(left), [0.0, 1.0, 0.0]),
+            (left.after(left.inverse()), [1.0, 0.0, 0.0]),
+        ] {
+            let found = both.turn(forward).coordinates();
+            let error = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(error < 1e-12, "{found:?}");
+        }
+    }
 
     #[test]
     fn a_flat_pose_keeps_its_heading() {

@@ -6,7 +6,8 @@
 //! ```
 //!
 //! Metres and radians, in the world frame ENU; the body's axes are forward, left, up (REP 103); yaw is counter-clockwise,
-//! and turned first, then pitch, then roll. `"valid": false` marks a pose that the tracker does not trust.
+//! and turned first, then pitch, then roll. `"valid": false` marks a pose that the tracker does not trust. `"time": 12.345`
+//! is when its picture was taken, seconds on any clock of the tracker's.
 //!
 //! Datagrams are not authenticated: those of the first sender alone are taken, until it is silent for
 //! `SENDER_PATIENCE`, and a stream that jumps is not trusted ([`crate::pose::continuity`]).
@@ -19,7 +20,7 @@ use flix_protocol::units::Instant;
 use serde::Deserialize;
 
 use super::continuity::Continuity;
-use super::{Pose, PoseError, PoseSample, PoseSource, Quaternion, Vector};
+use super::{Picture, Pose, PoseError, PoseSample, PoseSource, Quaternion, Vector};
 
 /// Silence of a sender after which another one is taken.
 const SENDER_PATIENCE: Duration = Duration::from_secs(2);
@@ -112,12 +113,12 @@ impl PoseSource for UdpSource {
             }
             match parse(&buffer[..length]) {
                 None => self.statistics.unreadable += 1,
-                Some((pose, tracked)) => {
+                Some((pose, tracked, picture)) => {
                     self.statistics.poses += 1;
                     self.statistics.untracked += u64::from(!tracked);
                     let valid = tracked && self.continuity.take(now, &pose);
                     self.statistics.jumps = self.continuity.jumps();
-                    return Ok(Some(PoseSample { time: now, pose, valid }));
+                    return Ok(Some(PoseSample { time: now, pose, valid, picture }));
                 }
             }
         }
@@ -139,26 +140,38 @@ struct Named {
     yaw: f64,
     #[serde(default = "trusted")]
     valid: bool,
+    time: Option<f64>,
 }
 
 const fn trusted() -> bool {
     true
 }
 
-/// Returns the pose of a datagram, and whether the tracker trusts it; `None` when it is no pose.
-fn parse(datagram: &[u8]) -> Option<(Pose, bool)> {
+/// Latest time that is taken from a tracker, s: all later ones, and none of this century, are slips.
+const LATEST: f64 = 1e11;
+
+/// Returns the pose of a datagram, whether the tracker trusts it, and when it was taken; `None` when it is no pose.
+fn parse(datagram: &[u8]) -> Option<(Pose, bool, Option<Picture>)> {
     let text = std::str::from_utf8(datagram).ok().filter(|text| text.len() <= LONGEST)?.trim();
-    let Named { x, y, z, roll, pitch, yaw, valid } = if text.starts_with('{') {
+    let Named { x, y, z, roll, pitch, yaw, valid, time } = if text.starts_with('{') {
         serde_json::from_str(text).ok()?
     } else {
         let numbers =
             text.split(|c: char| c == ',' || c.is_whitespace()).filter(|word| !word.is_empty());
         let numbers: Vec<f64> = numbers.map(str::parse).collect::<Result<_, _>>().ok()?;
         let [x, y, z, roll, pitch, yaw] = numbers.try_into().ok()?;
-        Named { x, y, z, roll, pitch, yaw, valid: true }
+        Named { x, y, z, roll, pitch, yaw, valid: true, time: None }
     };
     let pose = Pose { position: Vector { x, y, z }, orientation: rotation(roll, pitch, yaw) };
-    pose.is_sound().then_some((pose, valid))
+    let is_time = |seconds: &f64| (0.0..=LATEST).contains(seconds);
+    if !pose.is_sound() || !time.as_ref().is_none_or(is_time) {
+        return None;
+    }
+    let picture = time.map(|seconds| {
+        let taken = Instant::from_micros((seconds * 1e6) as u64);
+        Picture { exposed: taken, sent: taken }
+    });
+    Some((pose, valid, picture))
 }
 
 /// Returns the rotation by `roll` about x, then `pitch` about y, then `yaw` about z, rad, all about fixed axes.
@@ -225,7 +238,7 @@ mod tests {
             r#"{"x": 0.51, "y": -0.2, "yaw": 1.57}"#,
             r#"{"x":0.51,"y":-0.2,"z":0.06,"roll":0.0,"pitch":0,"yaw":1.57,"valid":true}"#,
         ] {
-            let (pose, valid) = parse(text.as_bytes()).unwrap();
+            let (pose, valid, _) = parse(text.as_bytes()).unwrap();
             let floor = pose.on_the_floor();
             assert!(valid && floor.distance_to(expected.position()) < 1e-12, "{text}: {floor:?}");
             assert!((floor.heading - expected.heading).abs() < 1e-12, "{text}: {floor:?}");
@@ -264,13 +277,22 @@ mod tests {
             r#"{"x":1,"y":2}"#,
             r#"{"x":1,"y":2,"yaw":null}"#,
             r#"{"x":1,"y":2,"yaw":0,"speed":1}"#,
+            r#"{"x":1,"y":2,"yaw":0,"time":-1}"#,
+            r#"{"x":1,"y":2,"yaw":0,"time":1e300}"#,
             "\u{0}",
         ] {
             assert_eq!(deliver(&mut source, &tracker, text, at(0)), None, "{text}");
         }
         let long = format!("0 0 0 0 0 0{}", " ".repeat(LONGEST));
         assert_eq!(deliver(&mut source, &tracker, &long, at(0)), None);
-        assert_eq!(source.statistics().unreadable, 13);
+        assert_eq!(source.statistics().unreadable, 15);
+    }
+
+    #[test]
+    fn a_tracker_may_state_when_the_picture_was_taken() {
+        let taken = |text: &str| parse(text.as_bytes()).unwrap().2.map(|it| it.exposed);
+        assert_eq!(taken(r#"{"x":1,"y":2,"yaw":0,"time":12.5}"#), Some(at(12_500)));
+        assert_eq!(taken(r#"{"x":1,"y":2,"yaw":0}"#), None);
     }
 
     #[test]

@@ -63,7 +63,7 @@ fn sample(seconds: f64) -> PoseSample {
         y: 0.5 * angle.sin(),
         heading: angle + std::f64::consts::FRAC_PI_2,
     };
-    PoseSample { time: at(seconds), pose: Pose::planar(pose, 0.057), valid: true }
+    PoseSample { time: at(seconds), pose: Pose::planar(pose, 0.057), valid: true, picture: None }
 }
 
 /// A record of 30 s on a circle in `folder`.

@@ -116,7 +116,12 @@ mod tests {
 
     fn at(milliseconds: u64, heading: f64) -> PoseSample {
         let pose = Pose::planar(PlanarPose { x: 0.0, y: 0.0, heading }, 0.06);
-        PoseSample { time: Instant::from_micros(milliseconds * 1000), pose, valid: true }
+        PoseSample {
+            time: Instant::from_micros(milliseconds * 1000),
+            pose,
+            valid: true,
+            picture: None,
+        }
     }
 
     fn seen(sample: &PoseSample) -> Floor {

@@ -6,7 +6,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use flix_host::pose::{Pose, PoseSample, Quaternion};
+use flix_host::pose::{Picture, Pose, PoseSample, Quaternion};
 use flix_protocol::units::Instant;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -58,7 +58,8 @@ impl MotionCapture {
     /// Exposes one frame.
     pub fn look(&mut self, now: Instant, robot: &SimulatedRobot<Plant>) {
         let pose = self.measure(robot);
-        let sample = PoseSample { time: now, pose, valid: !self.covered };
+        let picture = Some(Picture { exposed: now, sent: now + POSE_DELAY });
+        let sample = PoseSample { time: now, pose, valid: !self.covered, picture };
         self.under_way.push_back((now + POSE_DELAY, sample));
     }
 

@@ -17,7 +17,7 @@ use socket2::{Domain, Protocol, Socket, Type};
 
 use super::UpAxis;
 use crate::pose::continuity::Continuity;
-use crate::pose::{Pose, PoseError, PoseSample, PoseSource};
+use crate::pose::{Picture, Pose, PoseError, PoseSample, PoseSource};
 
 /// A unicast server forgets a client that is silent for longer; NatNet's own samples send this
 /// often.
@@ -143,6 +143,8 @@ pub struct NatNetReading {
     pub frame: i32,
     /// The robot's pose and whether it is tracked; `None`: the frame has no such body.
     pub body: Option<(Pose, bool)>,
+    /// When the cameras were exposed, and when the frame was sent, in ticks of the server's clock; 0: not stated.
+    pub ticks: [u64; 2],
 }
 
 /// What was read from the socket.
@@ -286,7 +288,8 @@ impl PoseSource for NatNetSource {
                     if let Some((pose, tracked)) = reading.body {
                         let valid = tracked && self.continuity.take(now, &pose);
                         self.statistics.jumps = self.continuity.jumps();
-                        return Ok(Some(PoseSample { time: now, pose, valid }));
+                        let picture = picture(reading.ticks, self.info.high_res_clock_frequency);
+                        return Ok(Some(PoseSample { time: now, pose, valid, picture }));
                     }
                 }
                 Ok(None) => {}
@@ -331,8 +334,20 @@ impl NatNetReading {
             let pose = up.to_pose(b.position, b.orientation);
             (pose, b.tracking_valid() && pose.is_sound())
         });
-        Ok(Some(Self { frame: frame.frame_number, body }))
+        let ticks = [frame.timing.camera_mid_exposure, frame.timing.transmit];
+        Ok(Some(Self { frame: frame.frame_number, body, ticks }))
     }
+}
+
+/// Returns when a picture was taken and sent, of ticks of a clock that makes so many a second; `None` where they are
+/// not stated.
+fn picture(ticks: [u64; 2], frequency: u64) -> Option<Picture> {
+    let [exposed, sent] = ticks.map(|ticks| {
+        let micros = u128::from(ticks) * 1_000_000 / u128::from(frequency.max(1));
+        Instant::from_micros(u64::try_from(micros).unwrap_or(u64::MAX))
+    });
+    let is_stated = frequency > 0 && ticks[0] > 0;
+    is_stated.then(|| Picture { exposed, sent: sent.max(exposed) })
 }
 
 fn refused(server: SocketAddrV4, error: &HandshakeError) -> NatNetError {

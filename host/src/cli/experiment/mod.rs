@@ -1,0 +1,196 @@
+//! `flix experiment`: records what `flix-sim study sysid` identifies a robot from.
+
+mod air;
+mod drops;
+mod walks;
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::str::FromStr;
+use std::time::SystemTime;
+
+use flix_protocol::message::Setpoint;
+use serde::Serialize;
+
+use super::output::{print, print_json};
+use super::walk::{RecordArgs, Walk, unrecorded, verdict};
+use super::{Error, Exit};
+use crate::experiment::{Sheet, SheetError};
+use crate::pilot::{Ending, Helm, Pilot, Recorded};
+
+/// Record experiments with motion capture, from which `flix-sim study sysid` identifies a robot.
+///
+/// Each appends whole tests to a CSV file of its name in DIR. Ctrl-C stops the robot and keeps the tests that are
+/// whole.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix experiment walks walker-1 lab --natnet-server 192.168.1.5
+  flix experiment air walker-1 lab         (hung on cords, clear of the floor)
+  flix experiment drops walker-1 lab --height 20
+  flix-sim study sysid lab")]
+pub struct Args {
+    #[command(subcommand)]
+    experiment: Experiment,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Experiment {
+    Walks(walks::Args),
+    Air(air::Args),
+    Drops(drops::Args),
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When something is missing, the file is of something else, or the experiment ended early.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    match &args.experiment {
+        Experiment::Walks(args) => walks::run(args),
+        Experiment::Air(args) => air::run(args),
+        Experiment::Drops(args) => drops::run(args),
+    }
+}
+
+impl From<SheetError> for Error {
+    fn from(error: SheetError) -> Self {
+        Self::usage(error)
+    }
+}
+
+/// A pair `F:THETA`, Hz and degrees.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Pair(Setpoint);
+
+impl FromStr for Pair {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = |part: &str| part.trim().parse::<f32>().ok();
+        let numbers = text.split_once(':').map(|(f, theta)| (number(f), number(theta)));
+        let Some((Some(f), Some(theta))) = numbers else {
+            return Err(format!(
+                "{text:?} is no pair: write F:THETA in Hz and degrees, such as -30:30"
+            ));
+        };
+        Setpoint::from_numbers(f, theta).map(Self).map_err(|error| format!("{text:?}: {error}"))
+    }
+}
+
+impl Pair {
+    fn name(&self) -> String {
+        format!("{}:{}", self.0.frequency().get(), self.0.direction().get())
+    }
+}
+
+/// What was written.
+#[derive(Debug, Serialize)]
+struct Report {
+    file: PathBuf,
+    tests: usize,
+    rows: usize,
+    ending: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    record: Option<PathBuf>,
+}
+
+impl Report {
+    fn show(&self, is_json: bool) -> Result<(), Error> {
+        if is_json {
+            return print_json(self);
+        }
+        let Self { file, tests, rows, record, .. } = self;
+        let mut text = match tests {
+            0 => format!("no test is whole: {} is as it was\n", file.display()),
+            _ => format!("{tests} tests in {rows} rows written to {}\n", file.display()),
+        };
+        if let Some(record) = record {
+            text += &format!("record {}\n", record.display());
+        }
+        print(&text)
+    }
+}
+
+/// Returns the comment above the rows: robot, date and command.
+fn comment(robot: &str) -> String {
+    let date = humantime::format_rfc3339_seconds(SystemTime::now());
+    let words: Vec<String> =
+        std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
+    format!("robot {robot}, {date}: flix {}", words.join(" "))
+}
+
+/// An experiment that drives the robot.
+struct Experimenter<'a> {
+    /// Name of the experiment.
+    name: &'static str,
+    /// Name of the robot.
+    robot: &'a str,
+    record: &'a RecordArgs,
+    sheet: Sheet,
+    json: bool,
+}
+
+impl Experimenter<'_> {
+    /// Drives a helm to its end. Writes the rows of its whole tests, whatever the end. `done`: whole tests and all;
+    /// `rows`: their rows, numbered on from the last of the file.
+    ///
+    /// # Errors
+    /// When the run ended early, or something cannot be written.
+    fn run<H: Helm>(
+        mut self,
+        mut walk: Walk,
+        (helm, names): (H, Vec<String>),
+        done: impl Fn(&H) -> (usize, usize),
+        rows: impl Fn(&H, f64) -> (usize, Vec<Vec<f64>>),
+    ) -> Result<ExitCode, Error> {
+        let facts = BTreeMap::from([("file".into(), self.sheet.path().display().to_string())]);
+        let recorder = walk.record(&self.record.out, self.name, facts)?;
+        let mut pilot =
+            Pilot::new(helm, names, Some(recorder)).driving_unrecorded(self.record.unrecorded);
+        let driven = walk.drive(&mut pilot, |pilot| {
+            let (done, all) = done(pilot.helm());
+            format!("{:<24} test {} of {all}", pilot.doing(), (done + 1).min(all))
+        });
+        match &driven {
+            Ok(_) => walk.leave(),
+            // It stops the robot, if it still drives it.
+            Err(_) => drop(walk),
+        }
+        let (helm, Recorded { file, error }) = pilot.finish(BTreeMap::new());
+        let (tests, rows) = rows(&helm, self.sheet.last());
+        self.sheet.append(&comment(self.robot), &rows)?;
+        let ending =
+            driven.as_ref().map_or_else(ToString::to_string, |(ending, _)| ending.to_string());
+        let path = self.sheet.path().to_owned();
+        let report = Report { file: path, tests, rows: rows.len(), ending, record: file.clone() };
+        report.show(self.json)?;
+        let (ending, _): (Ending, f64) = driven?;
+        verdict(&ending, file.as_ref())?;
+        unrecorded(error, self.record.unrecorded)?;
+        Ok(Exit::Done.into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pair_is_read_with_its_signs_or_refused_with_what_to_write() {
+        assert_eq!("-35:30".parse(), Ok(Pair(Setpoint::saturating(-35.0, 30.0))));
+        assert_eq!("20.5: -90".parse(), Ok(Pair(Setpoint::saturating(20.5, -90.0))));
+        for (text, words) in [
+            ("30", "F:THETA"),
+            ("30:", "F:THETA"),
+            ("a:b", "F:THETA"),
+            ("36:0", "36"),
+            ("30:91", "91"),
+            ("nan:0", "nan:0"),
+        ] {
+            let sentence = text.parse::<Pair>().unwrap_err();
+            assert!(sentence.contains(words), "{text}: {sentence}");
+        }
+    }
+}

@@ -1,0 +1,227 @@
+//! The file of an experiment: CSV that names its columns and grows by whole tests.
+
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use crate::file;
+
+/// A column of the file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Column {
+    /// Name, which ends in its unit.
+    pub name: &'static str,
+    /// Digits after the point.
+    pub digits: usize,
+}
+
+impl Column {
+    /// Creates a column.
+    #[must_use]
+    pub const fn new(name: &'static str, digits: usize) -> Self {
+        Self { name, digits }
+    }
+}
+
+/// Why a file cannot take rows.
+#[derive(Debug, thiserror::Error)]
+pub enum SheetError {
+    /// It cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// It cannot be written.
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// It is a file of something else.
+    #[error(
+        "{} has the columns {found}, and this experiment has {expected}: name another folder, or move the file away",
+        path.display()
+    )]
+    OtherColumns {
+        /// The file.
+        path: PathBuf,
+        /// The columns that it has.
+        found: String,
+        /// The columns that are written.
+        expected: String,
+    },
+    /// A line of it is no row.
+    #[error("{}, line {line}: this is no whole row of {expected}: remove it", path.display())]
+    NotARow {
+        /// The file.
+        path: PathBuf,
+        /// From 1.
+        line: usize,
+        /// The columns of a row.
+        expected: String,
+    },
+}
+
+/// A file that rows are appended to; see the module's documentation.
+#[derive(Debug)]
+pub struct Sheet {
+    path: PathBuf,
+    columns: &'static [Column],
+    has_header: bool,
+    last: f64,
+}
+
+impl Sheet {
+    /// Checks that `NAME.csv` in this folder is missing or has these columns, and can be written. Changes nothing but
+    /// that it makes the folder.
+    ///
+    /// # Errors
+    /// When it has other columns, holds what is no row, or cannot be read or written.
+    pub fn open(folder: &Path, name: &str, columns: &'static [Column]) -> Result<Self, SheetError> {
+        let path = folder.join(name).with_extension("csv");
+        file::check_writable(&path)
+            .map_err(|source| SheetError::Write { path: path.clone(), source })?;
+        let text = match path.exists() {
+            false => String::new(),
+            true => file::read_text(&path)
+                .map_err(|source| SheetError::Read { path: path.clone(), source })?,
+        };
+        let mut sheet = Self { path, columns, has_header: false, last: 0.0 };
+        sheet.read(&text)?;
+        Ok(sheet)
+    }
+
+    fn read(&mut self, text: &str) -> Result<(), SheetError> {
+        let (path, expected) = (self.path.clone(), self.header());
+        for (index, line) in text.split_inclusive('\n').enumerate() {
+            if line.starts_with('#') || line.trim().is_empty() {
+                continue;
+            }
+            if !self.has_header {
+                let names: Vec<&str> = line.trim().split(',').map(str::trim).collect();
+                if names.join(",") != expected {
+                    let found = line.trim().to_owned();
+                    return Err(SheetError::OtherColumns { path, found, expected });
+                }
+                self.has_header = true;
+                continue;
+            }
+            let numbers: Result<Vec<f64>, _> =
+                line.split(',').map(|cell| cell.trim().parse()).collect();
+            match numbers {
+                Ok(row) if row.len() == self.columns.len() && line.ends_with('\n') => {
+                    self.last = self.last.max(row[0]);
+                }
+                _ => return Err(SheetError::NotARow { path, line: index + 1, expected }),
+            }
+        }
+        Ok(())
+    }
+
+    fn header(&self) -> String {
+        self.columns.iter().map(|column| column.name).collect::<Vec<_>>().join(",")
+    }
+
+    /// Returns the file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Returns the largest number in its first column; 0 without rows.
+    #[must_use]
+    pub fn last(&self) -> f64 {
+        self.last
+    }
+
+    /// Appends a comment and rows, at once. Without rows the file stays as it is.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn append(&mut self, comment: &str, rows: &[Vec<f64>]) -> Result<(), SheetError> {
+        if rows.is_empty() {
+            return Ok(());
+        }
+        // A comment is one line, whatever is in it.
+        let comment: String =
+            comment.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+        let mut text = format!("# {comment}\n");
+        if !self.has_header {
+            text += &(self.header() + "\n");
+        }
+        for row in rows {
+            let cell = |(value, column): (&f64, &Column)| {
+                // No negative zero.
+                let scale = 10f64.powi(column.digits as i32);
+                format!("{:.*}", column.digits, (value * scale).round() / scale + 0.0)
+            };
+            let cells: Vec<String> = row.iter().zip(self.columns).map(cell).collect();
+            text += &(cells.join(",") + "\n");
+            self.last = self.last.max(row[0]);
+        }
+        let write = || -> io::Result<()> {
+            let mut file = File::options().append(true).create(true).open(&self.path)?;
+            file.write_all(text.as_bytes())?;
+            file.sync_all()
+        };
+        write().map_err(|source| SheetError::Write { path: self.path.clone(), source })?;
+        self.has_header = true;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const COLUMNS: [Column; 2] = [Column::new("test", 0), Column::new("z_mm", 2)];
+
+    fn opened(text: &str) -> Result<Sheet, SheetError> {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("lab.csv"), text).unwrap();
+        Sheet::open(folder.path(), "lab", &COLUMNS)
+    }
+
+    #[test]
+    fn a_file_grows_under_one_header_and_its_tests_are_numbered_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let lab = folder.path().join("new");
+        for (comment, number) in [("one\nline", 1.0), ("two", 2.0)] {
+            let mut sheet = Sheet::open(&lab, "lab", &COLUMNS).unwrap();
+            assert_eq!(sheet.last(), number - 1.0);
+            sheet.append(comment, &[vec![number, -0.001], vec![number, 1.235]]).unwrap();
+        }
+        let text = std::fs::read_to_string(lab.join("lab.csv")).unwrap();
+        let expected = "# one line\ntest,z_mm\n1,0.00\n1,1.24\n# two\n2,0.00\n2,1.24\n";
+        assert_eq!(text.replace("1.23\n", "1.24\n"), expected);
+    }
+
+    #[test]
+    fn without_rows_there_is_no_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut sheet = Sheet::open(folder.path(), "lab", &COLUMNS).unwrap();
+        sheet.append("nothing", &[]).unwrap();
+        assert!(!folder.path().join("lab.csv").exists());
+    }
+
+    #[test]
+    fn a_file_of_another_format_is_refused_and_says_where() {
+        assert_eq!(opened("# lab\n test, z_mm\n3,1\n").unwrap().last(), 3.0);
+        for (text, words) in [
+            ("z_mm,test\n", "has the columns z_mm,test, and this experiment has test,z_mm"),
+            ("anything\n", "anything"),
+            ("test,z_mm\n1,2\n1,2,3\n", "line 3"),
+            ("test,z_mm\n1,2\n1,", "line 3"),
+            ("test,z_mm\n1,2\n1,2", "line 3: this is no whole row"),
+            ("test,z_mm\none,2\n", "line 2"),
+        ] {
+            let sentence = opened(text).unwrap_err().to_string();
+            assert!(sentence.contains(words), "{text:?}: {sentence}");
+        }
+    }
+}
