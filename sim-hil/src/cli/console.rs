@@ -4,6 +4,8 @@ use std::io::{self, BufRead as _, IsTerminal as _, Read as _};
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::{Duration, Instant as WallClock};
 
+use flix_host::cli::number::parse_within;
+use flix_host::experiment::drops::{HEIGHT, HEIGHTS};
 use flix_protocol::message::{Faults, OperatorName, State};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -22,7 +24,7 @@ const LONGEST_LINE: u64 = 256;
 /// Lines that wait to be done; whoever writes more waits, too.
 const LINES_WAITING: usize = 16;
 /// What may be typed.
-const HELP: &str = "`back` puts the robot back to its start, `where` prints where it is,\n`operators` lists who may drive, `revoke NAME` erases the key of one, Ctrl-C ends.\n";
+const HELP: &str = "`back` puts the robot back to its start, `drop MM` drops it, `where` prints where it is,\n`operators` lists who may drive, `revoke NAME` erases the key of one, Ctrl-C ends.\n";
 
 /// A terminal, or whatever takes its place.
 pub(super) struct Console {
@@ -31,16 +33,19 @@ pub(super) struct Console {
     line: ProgressBar,
     next: WallClock,
     reported: Option<(State, Faults)>,
+    /// Where the middle of the body is when the robot stands at its start, m.
+    stands: [f64; 3],
 }
 
 impl Console {
-    pub(super) fn open() -> Self {
+    pub(super) fn open(robot: &SimulatedRobot<Plant>) -> Self {
         let line = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
         line.set_style(
             ProgressStyle::with_template("{msg}")
                 .unwrap_or_else(|_| ProgressStyle::default_spinner()),
         );
-        Self { typed: typed_lines(), line, next: WallClock::now(), reported: None }
+        let stands = robot.mechanics().body().position;
+        Self { typed: typed_lines(), line, next: WallClock::now(), reported: None, stands }
     }
 
     /// Reports changes, renews the status line, and does what was typed.
@@ -63,6 +68,7 @@ impl Console {
                     put_back(robot);
                     self.say("The robot is back at its start.\n")?;
                 }
+                ("drop", height) => self.say(&drop_from(robot, self.stands, height))?,
                 ("where", "") => self.say(&(status(robot) + "\n"))?,
                 _ => self.say(HELP)?,
             }
@@ -131,6 +137,30 @@ fn put_back(robot: &mut SimulatedRobot<Plant>) {
     plant.displace([-x, -y, 0.0], 0.0);
 }
 
+/// Time for which the robot is held still before it is dropped, s.
+const HELD: f64 = 1.0;
+
+/// Holds the robot over its start, and releases it; returns what happens.
+fn drop_from(robot: &mut SimulatedRobot<Plant>, stands: [f64; 3], height: &str) -> String {
+    if robot.mechanics().hangs() {
+        return "The robot hangs: there is no floor.\n".to_owned();
+    }
+    if robot.report().state != State::Disarmed {
+        return "The robot is not disarmed: nobody drops it.\n".to_owned();
+    }
+    let height = match height.trim() {
+        "" => Ok(HEIGHT),
+        text => parse_within(text, HEIGHTS, "height", " mm"),
+    };
+    match height {
+        Ok(height) => {
+            robot.mechanics_mut().hold(stands, 1e-3 * height, HELD);
+            format!("The robot is held {height} mm over the floor, and falls in {HELD} s.\n")
+        }
+        Err(error) => format!("{error}.\n"),
+    }
+}
+
 /// Reads lines from standard input for as long as there are any. A terminal is read only while its keys are for this
 /// program: a job in the background that reads is stopped by the system.
 fn typed_lines() -> Receiver<String> {
@@ -177,6 +207,19 @@ mod tests {
     use super::*;
     use crate::model::RobotModel;
     use crate::rig::robot::RobotParameters;
+
+    #[test]
+    fn a_robot_is_dropped_where_it_stood_from_a_height_that_can_be_measured() {
+        let plant = Plant::new(&RobotModel::named("W").unwrap()).unwrap();
+        let mut robot = SimulatedRobot::new(RobotParameters::new(Key::new([1; 32]), 1), plant);
+        let stands = robot.mechanics().body().position;
+        assert!(drop_from(&mut robot, stands, "2000").contains("from 5 to 100 mm"));
+        assert_eq!(robot.mechanics().body().position, stands);
+        assert!(drop_from(&mut robot, stands, "").contains("20 mm"));
+        assert!(drop_from(&mut robot, stands, " 30 ").contains("30 mm"));
+        let [.., z] = robot.mechanics().body().position;
+        assert!((z - stands[2] - 0.03).abs() < 1e-12);
+    }
 
     #[test]
     fn a_robot_that_is_put_back_stands_at_its_start_and_says_so() {

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use std::str::FromStr;
 use std::time::{Duration, Instant as WallClock};
 
+use flix_host::cli::number::parse_within;
 use flix_host::interrupt::Interrupt;
 use flix_host::keys::{self, Keyring, SIMULATED_ROBOT};
 use flix_host::pose::natnet::{NatNetServer, ServerSettings};
@@ -20,17 +21,19 @@ use super::Error;
 use super::arguments::ModelArgs;
 use super::console::Console;
 use super::output::{complain, print};
+use crate::experiment::walk::require_walker;
 use crate::plant::Plant;
-use crate::rig::motion_capture::{MotionCapture, POSE_PERIOD};
+use crate::rig::motion_capture::MotionCapture;
 use crate::rig::robot::{RobotParameters, SimulatedRobot};
 
 /// Serve a simulated robot on the network, in real time
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  flix-sim serve\n  flix-sim serve --listen 0.0.0.0:13549 --key lab.key\n  flix-sim serve --natnet\n  flix-sim serve --operator anna=anna.key --operator bob=bob.key\n\n\
+    after_help = "Examples:\n  flix-sim serve\n  flix-sim serve --listen 0.0.0.0:13549 --key lab.key\n  flix-sim serve --natnet\n  flix-sim serve --natnet --hang --pose-rate 250\n  flix-sim serve --operator anna=anna.key --operator bob=bob.key\n\n\
                   Then, in another terminal: flix teleop 127.0.0.1\n\n\
-                  Lines that it reads: `back` puts the robot back to its start, `where` prints where it is,\n\
-                  `operators` lists who may drive, and `revoke NAME` erases the key of one."
+                  Lines that it reads: `back` puts the robot back to its start, `drop MM` drops it from that height,\n\
+                  `where` prints where it is, `operators` lists who may drive, and `revoke NAME` erases the\n\
+                  key of one."
 )]
 pub struct Args {
     /// Address to listen on; the default is this machine alone
@@ -47,6 +50,12 @@ pub struct Args {
     /// Stream the robot's pose as OptiTrack does (NatNet), from this address or from 127.0.0.1:1510
     #[arg(long, value_name = "ADDR:PORT", value_parser = natnet_address, num_args = 0..=1, default_missing_value = NATNET_DEFAULT)]
     natnet: Option<SocketAddrV4>,
+    /// Pictures that the cameras take a second, 1 to 1000
+    #[arg(long, value_name = "HZ", default_value_t = 100.0, value_parser = pose_rate, requires = "natnet")]
+    pose_rate: f64,
+    /// Hang the robot on soft cords, without a floor, for `flix experiment air`
+    #[arg(long)]
+    hang: bool,
     /// Seed of the robot: its motors, wiring, sensor errors and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -74,6 +83,10 @@ fn listen_address(text: &str) -> Result<SocketAddr, String> {
     text.parse().map_err(|_| {
         format!("\"{text}\" is no ADDRESS:PORT: write 0.0.0.0:{DEFAULT_PORT} for every network of this computer")
     })
+}
+
+fn pose_rate(text: &str) -> Result<f64, String> {
+    parse_within(text, 1.0..=1000.0, "rate", " Hz")
 }
 
 fn natnet_address(text: &str) -> Result<SocketAddrV4, String> {
@@ -140,6 +153,8 @@ fn advice(source: &io::Error, option: &str) -> String {
     }
 }
 
+/// How far over the floor a robot hangs, m.
+const HUNG_AT: f64 = 0.5;
 /// Where OptiTrack is expected by `flix` when nothing else is given.
 const NATNET_DEFAULT: &str = "127.0.0.1:1510";
 /// Ticks that are made up for at once: 1 ms.
@@ -164,10 +179,9 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         address: args.listen,
         source,
     })?;
-    let cameras =
-        args.natnet.map(|address| Cameras::open(address.into(), args.seed)).transpose()?;
+    let cameras = args.natnet.map(|address| Cameras::open(address.into(), args)).transpose()?;
     introduce(args, &socket)?;
-    let mut console = Console::open();
+    let mut console = Console::open(&robot);
     serve(robot, &socket, cameras, &interrupt, |robot| console.attend(robot))?;
     console.close();
     print("The robot is switched off.\n")?;
@@ -195,7 +209,11 @@ fn operators(args: &Args) -> Result<Operators, Error> {
 
 fn robot(args: &Args, operators: Operators) -> Result<SimulatedRobot<Plant>, Error> {
     let model = args.model.load()?;
-    let mechanics = Plant::new(&model)?;
+    let mut mechanics = Plant::new(&model)?;
+    if args.hang {
+        require_walker(&model)?;
+        mechanics.hang(HUNG_AT);
+    }
     let mut parameters = RobotParameters::of(&model.electrical, operators, args.seed)?;
     // Sessions of an earlier run must not be replayed, though the plant is the same.
     parameters.entropy = keys::generate().map(|random| *random.as_bytes())?;
@@ -230,12 +248,14 @@ fn introduce(args: &Args, socket: &UdpSocket) -> Result<(), Error> {
         text += &format!("    {flix} {command}{key}{options}\n");
     };
     hint("teleop {}", "");
-    if args.natnet.is_some() {
+    if args.natnet.is_some() && args.hang {
+        hint("experiment air {} lab", &poses);
+    } else if args.natnet.is_some() {
         hint("identify {}", &poses);
         hint("track {} figure8", &poses);
     }
-    text += "\nHere: `back` and Enter puts the robot back to its start, `where` prints where it is, `operators`\n\
-             who may drive; `revoke NAME` erases the key of one. Ctrl-C switches it off.\n";
+    text += "\nHere: `back` and Enter puts the robot back to its start, `drop` drops it, `where` prints where it\n\
+             is, `operators` who may drive; `revoke NAME` erases the key of one. Ctrl-C switches it off.\n";
     Ok(print(&text)?)
 }
 
@@ -293,19 +313,21 @@ pub fn serve(
 pub struct Cameras {
     server: NatNetServer,
     cameras: MotionCapture,
+    period: Duration,
     next: Instant,
 }
 
 impl Cameras {
     /// On this computer alone the stream goes to each client by itself: loopback has no multicast
     /// everywhere.
-    fn open(address: SocketAddr, seed: u64) -> Result<Self, Error> {
+    fn open(address: SocketAddr, args: &Args) -> Result<Self, Error> {
         let usual = ServerSettings::default();
         let multicast = usual.multicast.filter(|_| !address.ip().is_loopback());
         let server = NatNetServer::bind(address, ServerSettings { multicast, ..usual })
             .map_err(|source| ServeError::Listen { option: "--natnet", address, source })?;
         print(&format!("Its pose is streamed as OptiTrack does, by NatNet at {address}.\n"))?;
-        Ok(Self { server, cameras: MotionCapture::new(seed), next: Instant::START })
+        let period = Duration::from_secs_f64(1.0 / args.pose_rate);
+        Ok(Self { server, cameras: MotionCapture::new(args.seed), period, next: Instant::START })
     }
 
     fn show(&mut self, robot: &SimulatedRobot<Plant>) -> io::Result<()> {
@@ -314,7 +336,7 @@ impl Cameras {
         if now < self.next {
             return Ok(());
         }
-        self.next = now + POSE_PERIOD;
+        self.next = now + self.period;
         let pose = self.cameras.measure(robot);
         self.server.stream(now.as_micros() as f64 * 1e-6, Some(&pose))
     }

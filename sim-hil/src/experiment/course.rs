@@ -44,6 +44,7 @@ pub struct Course<H> {
     operation: Operation<Plant>,
     pilot: Pilot<H>,
     cameras: MotionCapture,
+    pose_period: Duration,
 }
 
 impl<H: Helm> Course<H> {
@@ -69,6 +70,7 @@ impl<H: Helm> Course<H> {
             operation: Operation::new(robot, network),
             pilot,
             cameras: MotionCapture::new(conditions.seed),
+            pose_period: POSE_PERIOD,
         })
     }
 
@@ -120,6 +122,16 @@ impl<H: Helm> Course<H> {
         self.operation.robot.mechanics_mut().displace([offset.0, offset.1, 0.0], turn);
     }
 
+    /// Hangs the robot on cords, this high over the floor, m.
+    pub fn hang(&mut self, height: f64) {
+        self.operation.robot.mechanics_mut().hang(height);
+    }
+
+    /// Takes pictures at this interval from now on; the pilot looks at what has arrived after each.
+    pub fn set_pose_period(&mut self, period: Duration) {
+        self.pose_period = period;
+    }
+
     /// Covers the cameras, or uncovers them: poses go on coming, but are not valid.
     pub fn cover_cameras(&mut self, covered: bool) {
         self.cameras.covered = covered;
@@ -143,7 +155,7 @@ impl<H: Helm> Course<H> {
     /// # Errors
     /// When the mechanics diverge.
     pub fn step(&mut self) -> Result<Option<Ending>, Diverged> {
-        let end = self.now() + POSE_PERIOD;
+        let end = self.now() + self.pose_period;
         while self.now() < end {
             self.operation.tick()?;
         }

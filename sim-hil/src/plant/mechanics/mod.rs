@@ -30,12 +30,14 @@ pub mod lane;
 pub mod spatial;
 
 mod build;
+mod cords;
 mod leg;
 mod linear;
 mod pack;
 mod robot;
 mod system;
 
+pub use cords::Cords;
 pub use linear::{FREEDOMS, Linear};
 pub use robot::{BodyState, Drive, Energy, LegView, Plant, Wrench};
 pub use system::{multiply, rotation};

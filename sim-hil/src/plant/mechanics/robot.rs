@@ -4,6 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::SplitMix64;
 
 use super::build;
+use super::cords::{Cords, Support};
 use super::lane::{Lane, Quad, sin_cos};
 use super::leg::{LegModel, LegStep};
 use super::pack::Pack;
@@ -133,6 +134,7 @@ pub struct Plant {
     drive: Drive,
     time: f64,
     longest_step: f64,
+    support: Support,
 }
 
 /// A step, compiled once for every vector unit that the machine may have.
@@ -185,6 +187,7 @@ impl Plant {
             drive: Drive::Torque,
             time: 0.0,
             longest_step: f64::INFINITY,
+            support: Support::Floor,
         })
     }
 
@@ -222,6 +225,33 @@ impl Plant {
         for (rotor, sign) in self.state.rotors.iter_mut().zip([1.0, -1.0]) {
             rotor.angle -= sign * phase;
         }
+    }
+
+    /// Hangs the robot on soft cords, this high over where it is, m, and takes the floor away; see [`Cords`].
+    pub fn hang(&mut self, height: f64) {
+        self.displace([0.0, 0.0, height], 0.0);
+        self.set_floor(false);
+        self.support = Support::Cords(Cords::holding(self));
+    }
+
+    /// Returns whether the robot hangs on cords.
+    pub fn hangs(&self) -> bool {
+        matches!(self.support, Support::Cords(_))
+    }
+
+    /// Holds the robot still, level and with straight legs, this high over where a new one stands, m, for so many
+    /// seconds. Then it falls.
+    pub fn hold(&mut self, stands: [f64; 3], height: f64, seconds: f64) {
+        let [x, y, z] = stands;
+        let s = &mut self.state;
+        s.position = Vec3([x, y, z + height]);
+        s.orientation = [1.0, 0.0, 0.0, 0.0];
+        s.velocity = Spatial::zero();
+        s.acceleration = Spatial::zero();
+        if self.constants.legs.is_some() {
+            (0..4).for_each(|leg| self.set_hinges(leg, [0.0; 6]));
+        }
+        self.support = Support::Hands { until: self.time + seconds };
     }
 
     /// Takes the floor away, or puts it back.
@@ -447,6 +477,15 @@ fn columns(m: &Mat3<f64>) -> [[f64; 3]; 3] {
 
 impl Mechanics for Plant {
     fn step(&mut self, motor_torque: [f64; 2], dt: f64) -> Result<(), Diverged> {
+        match self.support {
+            Support::Floor => {}
+            Support::Hands { until } if self.time < until => {
+                self.time += dt;
+                return Ok(());
+            }
+            Support::Hands { .. } => self.support = Support::Floor,
+            Support::Cords(cords) => self.set_push(cords.pull(&self.body())),
+        }
         let arch = self.arch;
         // A hair of rounding is no step more.
         let parts = (dt / self.longest_step - 1e-9).ceil().max(1.0);

@@ -61,8 +61,7 @@ pub const FEET: [Column; 12] = [
 ];
 
 /// Usual tests: f in Hz and theta in degrees.
-pub const USUAL: [(f64, f64); 6] =
-    [(20.0, 0.0), (20.0, 90.0), (28.0, 0.0), (28.0, 90.0), (35.0, 0.0), (35.0, 90.0)];
+pub const USUAL: [(f64, f64); 6] = flix_host::experiment::air::SHAKES;
 
 /// Step of the simulation, s: its error is below a thousandth of any amplitude.
 const STEP: f64 = 2e-4;

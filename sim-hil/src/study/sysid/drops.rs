@@ -26,7 +26,7 @@ pub const TABLE: Table<4> = Table {
 };
 
 /// Height of the soles over the floor at the release in the usual drop, mm, and how often it is repeated.
-pub const USUAL: (f64, usize) = (20.0, 5);
+pub const USUAL: (f64, usize) = (flix_host::experiment::drops::HEIGHT, 5);
 
 /// Width of the intervals over which heights are averaged, s, and how many there are from the touch on.
 const INTERVAL: f64 = 4e-3;

@@ -1,0 +1,127 @@
+//! The host records the experiments of an identification from the whole simulated robot, over the link, in virtual time;
+//! the study reads the files and finds what it would find in the plant itself.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
+
+use std::path::Path;
+use std::time::Duration;
+
+use flix_host::experiment::air::{self, Air, AirSettings};
+use flix_host::experiment::{Sheet, drops, walks};
+use flix_host::nav::{Identification, IdentificationSettings, PlanarPose};
+use flix_host::pilot::{Ending, Helm, Pilot};
+use flix_protocol::message::Setpoint;
+use flix_sim::experiment::course::{Conditions, Course};
+use flix_sim::model::RobotModel;
+use flix_sim::study::sysid::fit::Experiment;
+use flix_sim::study::sysid::unknowns::Kind;
+use flix_sim::study::sysid::{Data, identify, synthetic};
+
+/// One way, as on a busy network; the study knows the delay of the cameras to 1 ms.
+const LATENCY: Duration = Duration::from_millis(15);
+
+fn course<H: Helm>(helm: H, model: RobotModel, heading: f64) -> Course<H> {
+    let start = PlanarPose { x: 0.1, y: -0.2, heading };
+    let conditions = Conditions { model, seed: 3, latency: LATENCY, loss: 0.02, start };
+    Course::new(&conditions, Pilot::new(helm, Vec::new(), None)).unwrap()
+}
+
+fn until_end<H: Helm>(mut course: Course<H>) -> H {
+    while course.now().as_micros() < 100_000_000 {
+        if let Some(ending) = course.step().unwrap() {
+            assert_eq!(ending, Ending::Finished);
+            return course.into_pilot().finish(std::collections::BTreeMap::new()).0;
+        }
+    }
+    panic!("still going");
+}
+
+/// Shakes a hung robot of this model and writes the file.
+fn shake(model: &RobotModel, shakes: &[(f32, f32)], folder: &Path) {
+    let settings = AirSettings {
+        shakes: shakes.iter().map(|(f, theta)| Setpoint::saturating(*f, *theta)).collect(),
+        time: Duration::from_secs(1),
+        pose_patience: Duration::from_secs(5),
+    };
+    let mut course = course(Air::new(settings), model.clone(), 2.0);
+    course.hang(0.5);
+    course.set_pose_period(Duration::from_millis(2));
+    let air = until_end(course);
+    let mut sheet = Sheet::open(folder, "air", &air::COLUMNS).unwrap();
+    sheet.append("test", &air.rows(sheet.last())).unwrap();
+}
+
+#[test]
+fn a_hung_robot_is_recorded_as_it_swings_in_the_plant() {
+    let folder = tempfile::tempdir().unwrap();
+    let shakes = [(28.0, 0.0), (35.0, 90.0), (-20.0, 90.0)];
+    let model = RobotModel::named("W").unwrap();
+    shake(&model, &shakes, folder.path());
+    let air = flix_sim::study::sysid::air::Air::read(folder.path()).unwrap().unwrap();
+    let swings = air.simulate(&model).unwrap();
+    // Cosine and sine of six channels of each shake, m and rad. Position and rotation are compared with the largest of
+    // each; a delay of 1 ms turns the phase at 35 Hz by 0.22 rad.
+    for (test, (measured, swing)) in air.measured().chunks(12).zip(swings.chunks(12)).enumerate() {
+        for (measured, swing) in measured.chunks(6).zip(swing.chunks(6)) {
+            let size = swing.iter().fold(0.0, |most: f64, it| most.max(it.abs()));
+            let off = measured.iter().zip(swing).map(|(a, b)| (a - b).abs());
+            let off = off.fold(0.0, f64::max) / size;
+            assert!(off < 0.25, "{:?}: off by {off}: {measured:?} {swing:?}", shakes[test]);
+        }
+    }
+}
+
+#[test]
+fn what_is_recorded_in_the_air_narrows_the_damping_and_the_mass() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = RobotModel::named("W").unwrap();
+    let robot = synthetic::hidden(&plan, 1);
+    shake(&robot, &[(20.0, 0.0), (28.0, 90.0), (35.0, 0.0)], folder.path());
+    let found = identify(&plan, &Data::read(folder.path(), 1).unwrap(), 1, false, |_| {}).unwrap();
+    let stage = found.stages.iter().find(|stage| stage.experiment == "air").unwrap();
+    for kind in [Kind::Damping, Kind::Mass, Kind::Stiffness] {
+        let index = Kind::ALL.iter().position(|it| *it == kind).unwrap();
+        assert!(stage.left[index] < 0.9, "{kind:?}: {:?}", stage.left);
+    }
+}
+
+#[test]
+fn walks_are_recorded_with_their_motion_and_read_by_the_study() {
+    let folder = tempfile::tempdir().unwrap();
+    let pairs = [(-30.0, 30.0), (-30.0, 90.0), (30.0, 90.0)];
+    let helm = Identification::new(IdentificationSettings {
+        pairs: pairs.map(|(f, theta)| (f.to_string(), Setpoint::saturating(f, theta))).into(),
+        stretch: Duration::from_secs(3),
+        rounds: 1,
+        fence: "-2,-2,2,2".parse().unwrap(),
+        pose_deadline: Duration::from_millis(100),
+        pose_patience: Duration::from_secs(5),
+        known: None,
+    });
+    let helm = until_end(course(helm, RobotModel::named("W").unwrap(), 1.0));
+    let rows = walks::rows(&helm);
+    let mut sheet = Sheet::open(folder.path(), "walks", &walks::COLUMNS).unwrap();
+    sheet.append("test", &rows).unwrap();
+    assert_eq!(rows.iter().map(|row| (row[0], row[1])).collect::<Vec<_>>().len(), 3);
+    // The second pair turns left, the third right: as the table of the model has them.
+    assert!(rows[1][4] > 0.2 && rows[2][4] < -0.2, "{rows:?}");
+    assert_eq!(
+        Data::read(folder.path(), 1).unwrap().given(),
+        [false, false, false, false, false, true]
+    );
+}
+
+#[test]
+fn the_host_writes_the_columns_that_the_study_reads() {
+    use flix_sim::study::sysid::{air as study_air, drops as study_drops, walks as study_walks};
+    let names = |columns: &[flix_host::experiment::Column]| -> Vec<&str> {
+        columns.iter().map(|column| column.name).collect()
+    };
+    let wanted = |columns: &[flix_sim::study::sysid::table::Column]| -> Vec<&str> {
+        columns.iter().map(|column| column.name).collect()
+    };
+    assert_eq!(names(&air::COLUMNS), wanted(&study_air::TABLE.columns));
+    assert_eq!(names(&drops::COLUMNS), wanted(&study_drops::TABLE.columns));
+    let walks = [&study_walks::TABLE.columns[..], &study_walks::OPTIONAL[..1]].concat();
+    assert_eq!(names(&walks::COLUMNS), wanted(&walks));
+}
