@@ -45,7 +45,8 @@ fn shake(model: &RobotModel, shakes: &[(f32, f32)], folder: &Path) {
     };
     let mut course = course(Air::new(settings), model.clone(), 2.0);
     course.hang(0.5);
-    course.set_pose_period(Duration::from_millis(2));
+    // The pilot learns when telemetry arrived by no more than this.
+    course.set_pose_period(Duration::from_micros(200));
     let air = until_end(course);
     let mut sheet = Sheet::open(folder, "air", &air::COLUMNS).unwrap();
     sheet.append("test", &air.rows(sheet.last())).unwrap();
@@ -102,7 +103,8 @@ fn walks_are_recorded_with_their_motion_and_read_by_the_study() {
     let rows = walks::rows(&helm);
     let mut sheet = Sheet::open(folder.path(), "walks", &walks::COLUMNS).unwrap();
     sheet.append("test", &rows).unwrap();
-    assert_eq!(rows.iter().map(|row| (row[0], row[1])).collect::<Vec<_>>().len(), 3);
+    let recorded: Vec<(f64, f64)> = rows.iter().map(|row| (row[0], row[1])).collect();
+    assert_eq!(recorded, pairs.map(|(f, theta)| (f64::from(f), f64::from(theta))));
     // The second pair turns left, the third right: as the table of the model has them.
     assert!(rows[1][4] > 0.2 && rows[2][4] < -0.2, "{rows:?}");
     assert_eq!(

@@ -62,6 +62,8 @@ const ATTEMPTS: u32 = 3;
 const FEWEST: f64 = 50.0;
 /// Longest gap in the telemetry, s: the rotors turn evenly, and by less than half a turn more or less than commanded.
 const LONGEST_GAP: f64 = 0.2;
+/// Mean age of what telemetry reports when it is sent, s: the robot's fast half reports every millisecond.
+const REPORT_AGE: f64 = 0.5e-3;
 /// Largest turn about an axis, degrees: `air.csv` takes no larger one.
 const LARGEST_TURN: f64 = 30.0;
 /// Distance from where the robot hung first at which the run ends, m: it stands on a floor, or its cords are too long.
@@ -354,7 +356,7 @@ fn smallest(numbers: impl Iterator<Item = f64>) -> Option<f64> {
 fn phases(setpoint: &Setpoint, heard: &[Heard]) -> Option<Vec<(f64, f64)>> {
     let turning = 360.0 * f64::from(setpoint.frequency().get());
     let theta = f64::from(setpoint.direction().get());
-    let clock = smallest(heard.iter().map(|it| seconds(it.sent) - seconds(it.time)))?;
+    let clock = smallest(heard.iter().map(|it| seconds(it.sent) - seconds(it.time)))? - REPORT_AGE;
     let mut course: Vec<(f64, f64)> = Vec::with_capacity(heard.len());
     for it in heard {
         let (time, angle) = (clock + seconds(it.time), phase_of(it.angles, theta));
@@ -465,7 +467,7 @@ mod tests {
             let late = if index % 3 == 0 { 0.02 } else { 0.0 };
             let theta = f64::from(setpoint.direction().get());
             let angles = [theta + phase(t), theta - phase(t)].map(wrapped);
-            Heard { sent: at(10.0 + t + late), time: at(77.0 + t), angles }
+            Heard { sent: at(10.0 + REPORT_AGE + t + late), time: at(77.0 + t), angles }
         };
         ((0..2 * rate).map(seen).collect(), (0..2 * telemetry).map(heard).collect())
     }

@@ -58,7 +58,8 @@ impl MotionCapture {
     /// Exposes one frame.
     pub fn look(&mut self, now: Instant, robot: &SimulatedRobot<Plant>) {
         let pose = self.measure(robot);
-        let picture = Some(Picture { exposed: now, sent: now + POSE_DELAY });
+        // The time of the sample is that of the exposure already.
+        let picture = Some(Picture { exposed: now, sent: now });
         let sample = PoseSample { time: now, pose, valid: !self.covered, picture };
         self.under_way.push_back((now + POSE_DELAY, sample));
     }

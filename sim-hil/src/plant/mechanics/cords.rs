@@ -1,6 +1,6 @@
 //! What holds the robot: the floor, hands, or soft cords.
 
-use flix_host::pose::{Quaternion, Vector};
+use flix_host::pose::Quaternion;
 
 use super::robot::{BodyState, Plant, Wrench};
 use crate::model::GRAVITY;
@@ -24,15 +24,12 @@ pub(super) enum Support {
     Cords(Cords),
 }
 
-/// Soft cords that carry the whole robot at its centre of mass and pull it back to where it was hung, slowly: it swings
-/// at [`SWING_HZ`] in all directions and about all axes. They take the place of pushes on the body.
+/// Soft cords that carry the whole robot at its centre of mass, wherever that is just now, and pull it back to where it
+/// was hung, slowly: it swings at [`SWING_HZ`] in all directions and about all axes. So it floats, and weight turns
+/// nothing but its legs. They take the place of pushes on the body.
 #[derive(Clone, Copy, Debug)]
 pub struct Cords {
-    mass: f64,
-    /// About the centre of mass: the mean of the three axes, kg m^2.
-    inertia: f64,
-    /// Centre of mass in the body, m.
-    centre: Vector,
+    /// Centre of mass, m, and orientation of the body when it was hung.
     place: [f64; 3],
     orientation: Quaternion,
 }
@@ -40,36 +37,29 @@ pub struct Cords {
 impl Cords {
     /// Hangs a robot where it is.
     pub(super) fn holding(plant: &Plant) -> Self {
-        let (mass, centre, [xx, _, _, yy, _, zz]) = plant.mass_properties();
-        let BodyState { position, orientation, .. } = plant.body();
-        let orientation = Quaternion::from(orientation);
-        let offset: [f64; 3] = core::array::from_fn(|i| centre[i] - position[i]);
-        Self {
-            mass,
-            inertia: (xx + yy + zz) / 3.0,
-            centre: orientation.inverse().turn(offset.into()),
-            place: position,
-            orientation,
-        }
+        let (_, place, _) = plant.mass_properties();
+        Self { place, orientation: plant.body().orientation.into() }
     }
 
     /// Returns the wrench on the body at its origin.
-    pub(super) fn pull(&self, body: &BodyState) -> Wrench {
+    pub(super) fn pull(&self, plant: &Plant) -> Wrench {
         let rate = core::f64::consts::TAU * SWING_HZ;
         let (stiffness, damping) = (rate * rate, 2.0 * SWING_DAMPING * rate);
-        let orientation = Quaternion::from(body.orientation);
-        let turned = orientation.after(self.orientation.inverse()).rotation_vector().coordinates();
+        let (mass, centre, [xx, _, _, yy, _, zz]) = plant.mass_properties();
+        let inertia = (xx + yy + zz) / 3.0;
+        let BodyState { position, orientation, velocity, angular_velocity } = plant.body();
+        let turned = Quaternion::from(orientation).after(self.orientation.inverse());
+        let turned = turned.rotation_vector().coordinates();
         let force: [f64; 3] = core::array::from_fn(|i| {
             let weight = if i == 2 { GRAVITY } else { 0.0 };
-            let away = body.position[i] - self.place[i];
-            self.mass * (weight - stiffness * away - damping * body.velocity[i])
+            mass * (weight - stiffness * (centre[i] - self.place[i]) - damping * velocity[i])
         });
-        let [x, y, z] = orientation.turn(self.centre).coordinates();
+        let [x, y, z]: [f64; 3] = core::array::from_fn(|i| centre[i] - position[i]);
         let [fx, fy, fz] = force;
         // At the centre of mass, though it is given at the origin.
         let lever = [y * fz - z * fy, z * fx - x * fz, x * fy - y * fx];
         let torque = core::array::from_fn(|i| {
-            lever[i] - self.inertia * (stiffness * turned[i] + damping * body.angular_velocity[i])
+            lever[i] - inertia * (stiffness * turned[i] + damping * angular_velocity[i])
         });
         Wrench { force, torque }
     }

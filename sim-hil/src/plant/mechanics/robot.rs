@@ -484,7 +484,7 @@ impl Mechanics for Plant {
                 return Ok(());
             }
             Support::Hands { .. } => self.support = Support::Floor,
-            Support::Cords(cords) => self.set_push(cords.pull(&self.body())),
+            Support::Cords(cords) => self.set_push(cords.pull(self)),
         }
         let arch = self.arch;
         // A hair of rounding is no step more.
