@@ -215,6 +215,35 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("identify --modes {home}/fifo", 2, "is a pipe"),
     ("identify --modes {home}/empty/modes.toml", 2, "modes.toml"),
     ("identify --natnet-server 127.0.0.1:9", 10, "Motive"),
+    // Experiment.
+    ("experiment", 2, "Usage"),
+    ("experiment swim lab", 2, "unrecognized subcommand"),
+    ("experiment walks", 2, "DIR"),
+    ("experiment walks w {home}/lab x", 2, "unexpected argument"),
+    ("experiment walks {home}/lab --pairs 30", 2, "F:THETA"),
+    ("experiment walks {home}/lab --pairs -36:0", 2, "-36"),
+    ("experiment walks {home}/lab --pairs 30:0,30:91", 2, "91"),
+    ("experiment walks {home}/lab --pairs nan:0", 2, "nan"),
+    ("experiment walks {home}/lab --repeat 0", 2, "--repeat"),
+    ("experiment walks {home}/lab --seconds 1s", 2, "2 to 120"),
+    ("experiment walks {home}/lab --fence 1,2", 2, "--fence"),
+    ("experiment walks {home}/lab --modes {home}/none.toml", 2, "none.toml"),
+    ("experiment walks {home}/lab --natnet-server 127.0.0.1:9", 10, "Motive"),
+    ("experiment walks {home}/good.key", 2, "good.key"),
+    ("experiment walks {home}/other --natnet-server 127.0.0.1:9", 2, "has the columns speed,f_hz"),
+    ("experiment walks {home}/torn --natnet-server 127.0.0.1:9", 2, "line 2: this is no whole row"),
+    ("experiment air {home}/lab --pairs 4:0", 2, "5 Hz or more"),
+    ("experiment air {home}/lab --pairs 28", 2, "F:THETA"),
+    ("experiment air {home}/lab --seconds 0.1", 2, "0.5 to 10"),
+    ("experiment air {home}/lab --seconds nan", 2, "not a time"),
+    ("experiment air {home}/lab --pose udp:0", 2, "1 to 65535"),
+    ("experiment air {home}/lab --natnet-server 127.0.0.1:9", 10, "Motive"),
+    ("experiment drops", 2, "DIR"),
+    ("experiment drops {home}/lab --height 4", 2, "5 to 100 mm"),
+    ("experiment drops {home}/lab --height nan", 2, "5 to 100 mm"),
+    ("experiment drops {home}/lab --repeat 0", 2, "--repeat"),
+    ("experiment drops {home}/lab --pairs 28:0", 2, "unexpected argument"),
+    ("experiment drops {home}/lab --natnet-server 127.0.0.1:9", 10, "Motive"),
     // Doctor.
     ("doctor --natnet-server x", 2, "IPv4"),
     ("doctor --json=yes", 2, "--json"),
@@ -258,6 +287,8 @@ const FILES: &[(&str, &[u8], u32)] = &[
     ("broken.toml", b"robot = \n", 0o600),
     ("half.mcap", b"\x89MCAP0\r\n", 0o600),
     ("modes.toml", support::MODES.as_bytes(), 0o600),
+    ("other/walks.csv", b"speed,f_hz\n", 0o600),
+    ("torn/walks.csv", b"f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s,seconds\n1,2,3", 0o600),
 ];
 
 fn home() -> tempfile::TempDir {
@@ -265,6 +296,7 @@ fn home() -> tempfile::TempDir {
     let home = tempfile::tempdir().unwrap();
     for (name, content, mode) in FILES {
         let path = home.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::write(&path, content).unwrap();
         std::fs::set_permissions(&path, std::fs::Permissions::from_mode(*mode)).unwrap();
     }

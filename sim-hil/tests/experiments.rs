@@ -6,9 +6,9 @@
 use std::path::Path;
 use std::time::Duration;
 
-use flix_host::experiment::air::{self, Air, AirSettings};
+use flix_host::experiment::air::{Air, AirSettings, COLUMNS};
 use flix_host::experiment::{Sheet, drops, walks};
-use flix_host::nav::{Identification, IdentificationSettings, PlanarPose};
+use flix_host::nav::{Identification, IdentificationSettings, PlanarPose, Stop};
 use flix_host::pilot::{Ending, Helm, Pilot};
 use flix_protocol::message::Setpoint;
 use flix_sim::experiment::course::{Conditions, Course};
@@ -36,20 +36,23 @@ fn until_end<H: Helm>(mut course: Course<H>) -> H {
     panic!("still going");
 }
 
-/// Shakes a hung robot of this model and writes the file.
-fn shake(model: &RobotModel, shakes: &[(f32, f32)], folder: &Path) {
-    let settings = AirSettings {
+fn air(shakes: &[(f32, f32)]) -> Air {
+    Air::new(AirSettings {
         shakes: shakes.iter().map(|(f, theta)| Setpoint::saturating(*f, *theta)).collect(),
         time: Duration::from_secs(1),
         pose_patience: Duration::from_secs(5),
-    };
-    let mut course = course(Air::new(settings), model.clone(), 2.0);
+    })
+}
+
+/// Shakes a hung robot of this model and writes the file.
+fn shake(model: &RobotModel, shakes: &[(f32, f32)], folder: &Path) {
+    let mut course = course(air(shakes), model.clone(), 2.0);
     course.hang(0.5);
     // The pilot learns when telemetry arrived by no more than this.
     course.set_pose_period(Duration::from_micros(200));
-    let air = until_end(course);
-    let mut sheet = Sheet::open(folder, "air", &air::COLUMNS).unwrap();
-    sheet.append("test", &air.rows(sheet.last())).unwrap();
+    let shaken = until_end(course);
+    let mut sheet = Sheet::open(folder, "air", &COLUMNS).unwrap();
+    sheet.append("test", &shaken.rows(sheet.last())).unwrap();
 }
 
 #[test]
@@ -58,11 +61,11 @@ fn a_hung_robot_is_recorded_as_it_swings_in_the_plant() {
     let shakes = [(28.0, 0.0), (35.0, 90.0), (-20.0, 90.0)];
     let model = RobotModel::named("W").unwrap();
     shake(&model, &shakes, folder.path());
-    let air = flix_sim::study::sysid::air::Air::read(folder.path()).unwrap().unwrap();
-    let swings = air.simulate(&model).unwrap();
+    let read = flix_sim::study::sysid::air::Air::read(folder.path()).unwrap().unwrap();
+    let swings = read.simulate(&model).unwrap();
     // Cosine and sine of six channels of each shake, m and rad. Position and rotation are compared with the largest of
     // each; a delay of 1 ms turns the phase at 35 Hz by 0.22 rad.
-    for (test, (measured, swing)) in air.measured().chunks(12).zip(swings.chunks(12)).enumerate() {
+    for (test, (measured, swing)) in read.measured().chunks(12).zip(swings.chunks(12)).enumerate() {
         for (measured, swing) in measured.chunks(6).zip(swing.chunks(6)) {
             let size = swing.iter().fold(0.0, |most: f64, it| most.max(it.abs()));
             let off = measured.iter().zip(swing).map(|(a, b)| (a - b).abs());
@@ -84,6 +87,34 @@ fn what_is_recorded_in_the_air_narrows_the_damping_and_the_mass() {
         let index = Kind::ALL.iter().position(|it| *it == kind).unwrap();
         assert!(stage.left[index] < 0.9, "{kind:?}: {:?}", stage.left);
     }
+}
+
+#[test]
+fn an_interrupted_run_keeps_the_shakes_that_are_whole() {
+    let mut course = course(air(&[(20.0, 0.0), (28.0, 0.0)]), RobotModel::named("W").unwrap(), 0.0);
+    course.hang(0.5);
+    while course.pilot().helm().shakes().is_empty() || course.robot().1 < 27.0 {
+        assert_eq!(course.step().unwrap(), None);
+    }
+    course.end(Ending::Interrupted);
+    while course.step().unwrap().is_none() {}
+    let rows = course.pilot().helm().rows(4.0);
+    assert!(rows.len() == 100 && rows.iter().all(|row| row[..2] == [5.0, 20.0]), "{rows:?}");
+}
+
+#[test]
+fn a_robot_that_is_shaken_on_the_floor_is_stopped_before_it_walks_far() {
+    let walker = RobotModel::named("W").unwrap();
+    let mut course = course(air(&[(-30.0, 30.0); 12]), walker, 0.0);
+    let start = course.truth();
+    let ending = loop {
+        if let Some(ending) = course.step().unwrap() {
+            break ending;
+        }
+    };
+    let away = course.truth().distance_to(start.position());
+    let Ending::Stopped(Stop::Experiment(sentence)) = &ending else { panic!("{ending:?}") };
+    assert!(sentence.contains("clear of the floor") && away < 0.5, "{sentence}: {away} m");
 }
 
 #[test]
@@ -122,7 +153,7 @@ fn the_host_writes_the_columns_that_the_study_reads() {
     let wanted = |columns: &[flix_sim::study::sysid::table::Column]| -> Vec<&str> {
         columns.iter().map(|column| column.name).collect()
     };
-    assert_eq!(names(&air::COLUMNS), wanted(&study_air::TABLE.columns));
+    assert_eq!(names(&COLUMNS), wanted(&study_air::TABLE.columns));
     assert_eq!(names(&drops::COLUMNS), wanted(&study_drops::TABLE.columns));
     let walks = [&study_walks::TABLE.columns[..], &study_walks::OPTIONAL[..1]].concat();
     assert_eq!(names(&walks::COLUMNS), wanted(&walks));

@@ -14,8 +14,8 @@ use crate::record::{
 
 /// List, show, plot and export the records of runs.
 ///
-/// Every run of `flix track`, `home`, `identify` and `drive`, and `teleop --record`, writes one MCAP file below OUT/runs,
-/// which Foxglove opens as it is.
+/// Every run of `flix track`, `home`, `identify`, `experiment` and `drive`, and `teleop --record`, writes one MCAP file
+/// below OUT/runs, which Foxglove opens as it is.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:

@@ -13,8 +13,8 @@ pub const COLUMNS: [Column; 6] = [
     Column::new("seconds", 2),
 ];
 
-/// Shortest walk that counts, s: less is its start.
-pub const SHORTEST: f64 = 1.0;
+/// Shortest walk that counts, s: the study takes no shorter one.
+pub const SHORTEST: f64 = 0.5;
 
 /// Returns a row for each stretch in which the rotors held their pair, [`SHORTEST`] or longer.
 #[must_use]

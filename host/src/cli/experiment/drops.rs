@@ -19,6 +19,7 @@ use crate::experiment::drops::{COLUMNS, Drops, HEIGHT, HEIGHTS, NoDrop};
 use crate::interrupt::Interrupt;
 use crate::nav::Stop;
 use crate::pose::PoseSource;
+use crate::pose::any::Poses;
 
 /// Time between two looks for poses.
 const SLICE: Duration = Duration::from_millis(1);
@@ -64,8 +65,9 @@ fn height(text: &str) -> Result<f64, String> {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let mut sheet = Sheet::open(&args.folder, "drops", &COLUMNS)?;
+    let source = args.poses.open()?;
     let mut drops = Drops::new(args.height);
-    let watched = watch(args, &interrupt, &mut drops);
+    let watched = watch(args, source, &interrupt, &mut drops);
     let rows = drops.rows(sheet.last());
     let robot = RobotArgs::new(args.robot.clone(), None).robot;
     sheet.append(&comment(&robot), &rows)?;
@@ -76,8 +78,12 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 }
 
 /// Watches until all drops are made.
-fn watch(args: &Args, interrupt: &Interrupt, drops: &mut Drops) -> Result<(), Error> {
-    let mut source = args.poses.open()?;
+fn watch(
+    args: &Args,
+    mut source: Poses,
+    interrupt: &Interrupt,
+    drops: &mut Drops,
+) -> Result<(), Error> {
     let start = std::time::Instant::now();
     let mut newest = Instant::START;
     let bar = ProgressBar::new_spinner();
