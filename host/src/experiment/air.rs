@@ -6,14 +6,16 @@
 //! # Clocks
 //!
 //! Pictures carry the time of the cameras, telemetry that of the robot. What arrives earliest, measured on the clock of
-//! its sender, was on its way for the shortest time: it relates that clock to ours. The earliest picture is taken to
-//! be on its way for no time, the earliest telemetry for half the shortest round trip. What is wrong with that, a
-//! millisecond or less on a local network, is the "delay of the cameras" that the identification finds.
+//! its sender, was on its way for the shortest time: it relates that clock to ours, and through ours the two to each
+//! other. The earliest picture of the last [`CLOCKS`] is taken to be on its way for no time, the earliest telemetry for half
+//! the shortest round trip. What is wrong with that, a millisecond or less on a local network, is the "delay of the
+//! cameras" that the identification finds.
 //!
 //! # Axes
 //!
 //! The axes are those of the body in its mean orientation during the shake. Positions count from their mean.
 
+use std::collections::VecDeque;
 use std::fmt;
 use std::time::Duration;
 
@@ -51,8 +53,7 @@ pub const SLOWEST: f32 = 5.0;
 const PAUSE: Duration = Duration::from_secs(1);
 /// Longest time in which the rotors reach f and theta.
 const SPEED_PATIENCE: Duration = Duration::from_secs(5);
-/// Time at speed that is not recorded: the legs' free vibration fades within 0.2 s, and the earliest of many pictures
-/// and telemetry is sought.
+/// Time at speed that is not recorded: the legs' free vibration fades within 0.2 s.
 const SETTLING: Duration = Duration::from_secs(1);
 /// Time after the recorded one in which its last pictures and the telemetry after them arrive.
 const TAIL: Duration = Duration::from_millis(200);
@@ -62,6 +63,8 @@ const ATTEMPTS: u32 = 3;
 const FEWEST: f64 = 50.0;
 /// Longest gap in the telemetry, s: the rotors turn evenly, and by less than half a turn more or less than commanded.
 const LONGEST_GAP: f64 = 0.2;
+/// Time over which the earliest datagrams are sought: many are needed, and clocks drift, by 0.02 ms a second at most.
+const CLOCKS: Duration = Duration::from_secs(10);
 /// Mean age of what telemetry reports when it is sent, s: the robot's fast half reports every millisecond.
 const REPORT_AGE: f64 = 0.5e-3;
 /// Largest turn about an axis, degrees: `air.csv` takes no larger one.
@@ -101,18 +104,40 @@ enum Phase {
     Recording,
 }
 
+/// Another clock, as seen from ours.
+#[derive(Debug, Clone, Default)]
+struct Clock {
+    /// When datagrams arrived, and by how much our clock was ahead then of theirs when they were sent, s.
+    ahead: VecDeque<(Instant, f64)>,
+}
+
+impl Clock {
+    /// Takes a datagram: when it came, and when it was sent on the other clock.
+    fn take(&mut self, arrived: Instant, sent: Instant) {
+        self.ahead.push_back((arrived, seconds(arrived) - seconds(sent)));
+        while self.ahead.front().is_some_and(|(oldest, _)| arrived.since(*oldest) > CLOCKS) {
+            self.ahead.pop_front();
+        }
+    }
+
+    /// Returns by how much our clock is ahead of it, s; 0 if nothing came.
+    fn ahead(&self) -> f64 {
+        self.ahead.iter().map(|(_, ahead)| *ahead).min_by(f64::total_cmp).unwrap_or_default()
+    }
+}
+
 /// A pose with its times.
 #[derive(Debug, Clone, Copy)]
 struct Seen {
     arrived: Instant,
-    picture: Picture,
+    /// On the clock of the cameras.
+    exposed: Instant,
     pose: Pose,
 }
 
-/// Angles of the rotors with their times.
+/// Angles of the rotors with their time.
 #[derive(Debug, Clone, Copy)]
 struct Heard {
-    sent: Instant,
     /// On the robot's clock.
     time: Instant,
     /// Of top and bottom rotor, degrees clockwise from forward.
@@ -159,6 +184,8 @@ pub struct Air {
     is_at_speed: bool,
     start: Option<Position>,
     newest: Option<(Instant, Position)>,
+    cameras: Clock,
+    robot: Clock,
     seen: Vec<Seen>,
     heard: Vec<Heard>,
     stop: Option<Stop>,
@@ -178,6 +205,8 @@ impl Air {
             is_at_speed: false,
             start: None,
             newest: None,
+            cameras: Clock::default(),
+            robot: Clock::default(),
             seen: Vec::new(),
             heard: Vec::new(),
             stop: None,
@@ -261,7 +290,9 @@ impl Air {
             }
             Phase::Settling if passed >= SETTLING => self.enter(now, Phase::Recording),
             Phase::Recording if passed >= self.settings.time + TAIL => {
-                match pictures(&setpoint, (since, self.settings.time), &self.seen, &self.heard) {
+                let span = (since, self.settings.time);
+                let behind = self.cameras.ahead() - self.robot.ahead() + REPORT_AGE;
+                match pictures(&setpoint, span, behind, &self.seen, &self.heard) {
                     Ok(pictures) => {
                         self.shakes.push(Shake { setpoint, pictures });
                         self.attempts = 0;
@@ -288,10 +319,12 @@ impl Helm for Air {
         self.newest = Some((sample.time, place.position()));
         self.start.get_or_insert(place.position());
         match sample.picture {
-            Some(picture) if self.phase != Phase::Resting => {
-                self.seen.push(Seen { arrived: sample.time, picture, pose: sample.pose });
+            Some(Picture { exposed, sent }) => {
+                self.cameras.take(sample.time, sent);
+                if self.phase == Phase::Recording {
+                    self.seen.push(Seen { arrived: sample.time, exposed, pose: sample.pose });
+                }
             }
-            Some(_) => {}
             None => {
                 self.stop.get_or_insert_with(|| {
                     Stop::Experiment(
@@ -305,12 +338,14 @@ impl Helm for Air {
     }
 
     fn hear(&mut self, telemetry: &Telemetry, sent: Instant) {
+        self.robot.take(sent, telemetry.time);
         self.is_at_rest = telemetry.frequency.get().abs() < AT_REST;
         let Some(setpoint) = self.setpoint() else { return };
         self.is_at_speed = is_reached(telemetry, &setpoint);
-        if self.phase != Phase::Resting {
+        let is_newer = self.heard.last().is_none_or(|last| last.time < telemetry.time);
+        if self.phase != Phase::Resting && is_newer {
             let angles = telemetry.motors.map(|motor| f64::from(motor.angle.get()));
-            self.heard.push(Heard { sent, time: telemetry.time, angles });
+            self.heard.push(Heard { time: telemetry.time, angles });
         }
     }
 
@@ -347,26 +382,20 @@ fn phase_of([top, bottom]: [f64; 2], theta: f64) -> f64 {
     wrapped(by_top + wrapped(by_bottom - by_top) / 2.0)
 }
 
-/// Returns the smallest number; none of nothing.
-fn smallest(numbers: impl Iterator<Item = f64>) -> Option<f64> {
-    numbers.min_by(f64::total_cmp)
-}
-
-/// Returns the phase over time on our clock, s and degrees, counted on over full turns.
-fn phases(setpoint: &Setpoint, heard: &[Heard]) -> Option<Vec<(f64, f64)>> {
+/// Returns the phase over time on the robot's clock, degrees and s, counted on over full turns.
+fn phases(setpoint: &Setpoint, heard: &[Heard]) -> Vec<(f64, f64)> {
     let turning = 360.0 * f64::from(setpoint.frequency().get());
     let theta = f64::from(setpoint.direction().get());
-    let clock = smallest(heard.iter().map(|it| seconds(it.sent) - seconds(it.time)))? - REPORT_AGE;
     let mut course: Vec<(f64, f64)> = Vec::with_capacity(heard.len());
     for it in heard {
-        let (time, angle) = (clock + seconds(it.time), phase_of(it.angles, theta));
+        let (time, angle) = (seconds(it.time), phase_of(it.angles, theta));
         let phase = course.last().map_or(angle, |(before, phase)| {
             let expected = phase + turning * (time - before);
             expected + wrapped(angle - expected)
         });
         course.push((time, phase));
     }
-    Some(course)
+    course
 }
 
 /// Returns the phase at a time between two of the course that are not far apart.
@@ -391,23 +420,23 @@ fn mean_orientation(poses: &[Pose]) -> Quaternion {
     sum.map(|q| q / norm).into()
 }
 
-/// Returns the pictures that were taken for `time` from `begin` on; see [`Shake::pictures`].
+/// Returns the pictures that arrived for `time` from `begin` on; see [`Shake::pictures`]. `behind`: by how much the clock of
+/// the cameras is behind that of the robot, s.
 fn pictures(
     setpoint: &Setpoint,
     (begin, time): (Instant, Duration),
+    behind: f64,
     seen: &[Seen],
     heard: &[Heard],
 ) -> Result<Vec<[f64; 8]>, Trouble> {
-    let clock = smallest(seen.iter().map(|it| seconds(it.arrived) - seconds(it.picture.sent)));
-    let clock = clock.unwrap_or_default();
-    let (from, to) = (seconds(begin), seconds(begin + time));
-    let taken = seen.iter().map(|it| (clock + seconds(it.picture.exposed), it.pose));
-    let taken: Vec<(f64, Pose)> = taken.filter(|(at, _)| (from..to).contains(at)).collect();
+    let inside = seen.iter().filter(|it| (begin..begin + time).contains(&it.arrived));
+    let taken: Vec<(f64, Pose)> =
+        inside.map(|it| (seconds(it.exposed) + behind, it.pose)).collect();
     let wanted = (FEWEST * time.as_secs_f64()) as usize;
     if taken.len() < wanted {
         return Err(Trouble::FewPictures { count: taken.len(), wanted });
     }
-    let course = phases(setpoint, heard).ok_or(Trouble::Silence)?;
+    let course = phases(setpoint, heard);
     let poses: Vec<Pose> = taken.iter().map(|(_, pose)| *pose).collect();
     let to_body = mean_orientation(&poses).inverse();
     let share = 1.0 / poses.len() as f64;
@@ -447,9 +476,10 @@ mod tests {
 
     /// A robot whose body moves forward with the cosine of the phase and turns with its sine, on a heading of its own. Its
     /// clock, and that of the cameras, began at other times than ours.
-    fn shaken(setpoint: &Setpoint, rate: u32, telemetry: u32) -> (Vec<Seen>, Vec<Heard>) {
+    fn shaken(setpoint: &Setpoint, rate: u32, telemetry: u32) -> (f64, Vec<Seen>, Vec<Heard>) {
+        let (mut cameras, mut robot) = (Clock::default(), Clock::default());
         let phase = |t: f64| 360.0 * f64::from(setpoint.frequency().get()) * t + 17.0;
-        let seen = |index: u32| {
+        let mut seen = |index: u32| {
             let t = f64::from(index) / f64::from(rate);
             let (sin, cos) = phase(t).to_radians().sin_cos();
             let place = PlanarPose {
@@ -459,27 +489,31 @@ mod tests {
             };
             // Every seventh arrives late.
             let late = if index % 7 == 3 { 0.004 } else { 0.0 };
-            let picture = Picture { exposed: at(900.0 + t), sent: at(900.008 + t) };
-            Seen { arrived: at(10.008 + t + late), picture, pose: Pose::planar(place, 0.5) }
+            let arrived = at(10.008 + t + late);
+            cameras.take(arrived, at(900.008 + t));
+            Seen { arrived, exposed: at(900.0 + t), pose: Pose::planar(place, 0.5) }
         };
-        let heard = |index: u32| {
+        let mut heard = |index: u32| {
             let t = f64::from(index) / f64::from(telemetry);
             let late = if index % 3 == 0 { 0.02 } else { 0.0 };
             let theta = f64::from(setpoint.direction().get());
             let angles = [theta + phase(t), theta - phase(t)].map(wrapped);
-            Heard { sent: at(10.0 + REPORT_AGE + t + late), time: at(77.0 + t), angles }
+            robot.take(at(10.0 + t + late), at(77.0 + t));
+            Heard { time: at(77.0 + t), angles }
         };
-        ((0..2 * rate).map(seen).collect(), (0..2 * telemetry).map(heard).collect())
+        let seen = (0..2 * rate).map(&mut seen).collect();
+        let heard = (0..2 * telemetry).map(&mut heard).collect();
+        (cameras.ahead() - robot.ahead(), seen, heard)
     }
 
     #[test]
     fn pictures_carry_the_phase_of_their_moment_and_axes_of_the_body() {
         for (f, theta) in [(35.0, 90.0), (-28.0, -60.0), (20.0, 0.0)] {
             let setpoint = Setpoint::saturating(f, theta);
-            let (seen, heard) = shaken(&setpoint, 250, 50);
+            let (behind, seen, heard) = shaken(&setpoint, 250, 50);
             let span = (at(10.5), Duration::from_secs(1));
-            let rows = pictures(&setpoint, span, &seen, &heard).unwrap();
-            assert_eq!(rows.len(), 250);
+            let rows = pictures(&setpoint, span, behind, &seen, &heard).unwrap();
+            assert!((249..=251).contains(&rows.len()), "{}", rows.len());
             for [t, phase, x, y, z, rx, ry, rz] in rows {
                 let (sin, cos) = phase.to_radians().sin_cos();
                 let off = [x - 2.0 * cos, y, z, rx, ry, rz - 0.01f64.to_degrees() * sin];
@@ -505,14 +539,15 @@ mod tests {
     fn a_shake_that_does_not_count_says_why() {
         let setpoint = Setpoint::saturating(28.0, 0.0);
         let span = (at(10.5), Duration::from_secs(1));
-        let (seen, heard) = shaken(&setpoint, 250, 50);
-        let few = pictures(&setpoint, span, &shaken(&setpoint, 40, 50).0, &heard);
-        assert!(matches!(few, Err(Trouble::FewPictures { count: 40, wanted: 50 })), "{few:?}");
+        let (behind, seen, heard) = shaken(&setpoint, 250, 50);
+        let few = pictures(&setpoint, span, behind, &shaken(&setpoint, 40, 50).1, &heard);
+        let is_few = matches!(few, Err(Trouble::FewPictures { count: 39..=41, wanted: 50 }));
+        assert!(is_few, "{few:?}");
         let silent: Vec<Heard> = heard.iter().filter(|it| it.time < at(77.8)).copied().collect();
-        assert_eq!(pictures(&setpoint, span, &seen, &silent), Err(Trouble::Silence));
+        assert_eq!(pictures(&setpoint, span, behind, &seen, &silent), Err(Trouble::Silence));
         let mut tumbled = seen;
         tumbled[200].pose.orientation = Quaternion::about_z(TURNED + 0.7);
-        let turned = pictures(&setpoint, span, &tumbled, &heard);
+        let turned = pictures(&setpoint, span, behind, &tumbled, &heard);
         assert!(matches!(turned, Err(Trouble::Turned { degrees: 39.0..41.0 })), "{turned:?}");
     }
 }
