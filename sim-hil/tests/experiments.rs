@@ -7,15 +7,21 @@ use std::path::Path;
 use std::time::Duration;
 
 use flix_host::experiment::air::{Air, AirSettings, COLUMNS};
+use flix_host::experiment::drops::Drops;
 use flix_host::experiment::{Sheet, drops, walks};
 use flix_host::nav::{Identification, IdentificationSettings, PlanarPose, Stop};
 use flix_host::pilot::{Ending, Helm, Pilot};
 use flix_protocol::message::Setpoint;
+use flix_protocol::session::Key;
 use flix_sim::experiment::course::{Conditions, Course};
 use flix_sim::model::RobotModel;
+use flix_sim::plant::Plant;
+use flix_sim::rig::motion_capture::MotionCapture;
+use flix_sim::rig::robot::{RobotParameters, SimulatedRobot};
 use flix_sim::study::sysid::fit::Experiment;
 use flix_sim::study::sysid::unknowns::Kind;
 use flix_sim::study::sysid::{Data, identify, synthetic};
+use flix_sim::study::sysid::{air as study_air, drops as study_drops, walks as study_walks};
 
 /// One way, as on a busy network; the study knows the delay of the cameras to 1 ms.
 const LATENCY: Duration = Duration::from_millis(15);
@@ -61,7 +67,7 @@ fn a_hung_robot_is_recorded_as_it_swings_in_the_plant() {
     let shakes = [(28.0, 0.0), (35.0, 90.0), (-20.0, 90.0)];
     let model = RobotModel::named("W").unwrap();
     shake(&model, &shakes, folder.path());
-    let read = flix_sim::study::sysid::air::Air::read(folder.path()).unwrap().unwrap();
+    let read = study_air::Air::read(folder.path()).unwrap().unwrap();
     let swings = read.simulate(&model).unwrap();
     // Cosine and sine of six channels of each shake, m and rad. Position and rotation are compared with the largest of
     // each; a delay of 1 ms turns the phase at 35 Hz by 0.22 rad.
@@ -145,8 +151,36 @@ fn walks_are_recorded_with_their_motion_and_read_by_the_study() {
 }
 
 #[test]
+fn drops_are_cut_out_of_what_the_cameras_see_and_read_by_the_study() {
+    let (folder, model) = (tempfile::tempdir().unwrap(), RobotModel::named("W").unwrap());
+    let parameters = RobotParameters::of(&model.electrical, Key::new([0x5a; 32]), 1).unwrap();
+    let mut robot = SimulatedRobot::new(parameters, Plant::new(&model).unwrap());
+    let stands = robot.mechanics().body().position;
+    let (mut cameras, mut drops) = (MotionCapture::new(1), Drops::new(20.0));
+    for count in 1..=2 {
+        robot.mechanics_mut().hold(stands, 0.02, 1.0);
+        for _ in 0..2000 {
+            (0..10).for_each(|_| robot.tick().unwrap());
+            cameras.look(robot.now(), &robot);
+            for sample in cameras.seen(robot.now()) {
+                assert!(drops.observe(&sample).is_none_or(|verdict| verdict == Ok(())));
+            }
+        }
+        assert_eq!(drops.count(), count);
+    }
+    let mut sheet = Sheet::open(folder.path(), "drops", &drops::COLUMNS).unwrap();
+    sheet.append("test", &drops.rows(sheet.last())).unwrap();
+    let rows = study_drops::TABLE.read(folder.path()).unwrap().unwrap();
+    let measured = study_drops::Drops::new(&rows).unwrap();
+    // A release that is dated wrongly by 3 ms shows 2 mm at the touch.
+    let simulated = measured.simulate(&model, 7).unwrap();
+    for ((time, height), expected) in measured.course().into_iter().zip(simulated) {
+        assert!((height - expected).abs() < 1.5, "{time} s: {height} mm, and {expected} mm");
+    }
+}
+
+#[test]
 fn the_host_writes_the_columns_that_the_study_reads() {
-    use flix_sim::study::sysid::{air as study_air, drops as study_drops, walks as study_walks};
     let names = |columns: &[flix_host::experiment::Column]| -> Vec<&str> {
         columns.iter().map(|column| column.name).collect()
     };
