@@ -5,14 +5,15 @@ use std::process::ExitCode;
 use super::Error;
 use super::output::{print_verdict, progress, row, table, words};
 use crate::reliability::adversary::{
-    ANSWERS_LIMIT, Effort, FOREIGN_STOP_LIMIT_S, HANDSHAKE_LIMIT_S, MOVEMENT_LIMIT_S,
-    NEXT_OPERATOR_LIMIT_S, POSE_LIMIT_M, Verdict, measure,
+    AMPLIFICATION_LIMIT, ANSWERS_LIMIT, DISCOVERY_LIMIT_PER_S, Effort, FOREIGN_STOP_LIMIT_S,
+    HANDSHAKE_LIMIT_S, MOVEMENT_LIMIT_S, NEXT_OPERATOR_LIMIT_S, POSE_LIMIT_M, Verdict, measure,
 };
 
 /// Attack live robots over their link and count what the attack achieves
 ///
 /// Each robot under forged datagrams has a twin that is not attacked; the two must stay the same to the last bit. Other
-/// robots have an operator whose network delays, drops, keeps and releases what he sends: they must come to rest.
+/// robots have an operator whose network delays, drops, keeps and releases what he sends, or carries forged ARP and mDNS
+/// beside it: they must come to rest, and answer their operator alone.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  flix-sim adversary\n  flix-sim adversary --datagrams 500000 --sessions 33 --bytes 5000000 --json"
@@ -48,7 +49,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 }
 
 fn text(verdict: &Verdict) -> String {
-    let mut sent = vec![row!["sent", "datagrams"]];
+    let mut sent = vec![row!["sent", "number"]];
     sent.extend(verdict.kinds.iter().map(|(kind, count)| row![words(kind), count]));
     let mut dropped = vec![row!["dropped as", "datagrams"]];
     dropped.extend(verdict.dropped.iter().map(|(it, count)| row![it.replace('_', " "), count]));
@@ -74,6 +75,17 @@ fn text(verdict: &Verdict) -> String {
             format!("{:.3}", verdict.longest_wait_of_next_operator_s),
             NEXT_OPERATOR_LIMIT_S
         ],
+        row![
+            "bytes of mDNS out per byte in, from other networks",
+            format!("{:.2}", verdict.off_link_amplification),
+            0
+        ],
+        row![
+            "bytes of mDNS out per byte in, from the robot's own",
+            format!("{:.2}", verdict.on_link_amplification),
+            AMPLIFICATION_LIMIT
+        ],
+        row!["answers of mDNS a second", verdict.discovery_answers_per_s, DISCOVERY_LIMIT_PER_S],
         row!["failures while keys are renewed", verdict.renewal_failures, 0],
         row![
             "farthest trusted pose (m)",
@@ -85,7 +97,7 @@ fn text(verdict: &Verdict) -> String {
     format!(
         "{} datagrams, {} sessions and {} fuzzed bytes against robots of seed {}:\n\n{}\n{}\n{}\n{}\n",
         verdict.datagrams,
-        verdict.sessions,
+        verdict.sessions + verdict.intrusions,
         verdict.fuzzed_bytes,
         verdict.seed,
         table(&sent),

@@ -6,5 +6,6 @@ pub mod bench;
 pub mod channel;
 pub mod hardware_fault;
 pub mod motion_capture;
+pub mod network;
 pub mod operation;
 pub mod robot;

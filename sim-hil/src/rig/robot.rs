@@ -331,11 +331,10 @@ impl<M: Mechanics> SimulatedRobot<M> {
         }
     }
 
-    /// Hands a datagram to the robot's network interface.
-    pub fn receive(&mut self, from: SocketAddr, datagram: &[u8]) {
-        if self.processor == Processor::Runs {
-            self.software.receive(self.software_time(), from, datagram);
-        }
+    /// Hands a datagram to the robot's network interface, and returns whether its operator sent it just now.
+    pub fn receive(&mut self, from: SocketAddr, datagram: &[u8]) -> bool {
+        self.processor == Processor::Runs
+            && self.software.receive(self.software_time(), from, datagram)
     }
 
     /// Returns the next datagram that the robot sends now, and to whom.

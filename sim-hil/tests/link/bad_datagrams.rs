@@ -17,7 +17,7 @@ fn stranger() -> SocketAddr {
 }
 
 /// What is counted while `attack` goes on, and whether anything moved by itself.
-fn counted(bench: &mut Bench, attack: impl FnOnce(&mut Bench)) -> Dropped {
+fn counted<T>(bench: &mut Bench, attack: impl FnOnce(&mut Bench) -> T) -> Dropped {
     let before = bench.quality().dropped;
     let state = bench.state();
     attack(bench);

@@ -11,7 +11,7 @@ use core::net::SocketAddr;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use flix_host::link::Update;
+use flix_host::link::{Client, Update};
 use flix_protocol::failsafe::{COMMAND_AGE, LINK_LOST};
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{Command, Setpoint, State};
@@ -46,7 +46,7 @@ const FOREIGN_LOSS: f64 = 0.2;
 const ELSEWHERE: ([u8; 4], u16) = ([192, 0, 2, 250], 40_000);
 
 /// Interval at which the operator looks at his robot and asks again.
-const LOOK: u64 = 100;
+pub(super) const LOOK: u64 = 100;
 /// Time after which a session goes on although its robot could not be brought to move, ms.
 const PATIENCE: u64 = 6_000;
 /// Interval that keeps every deadline of silence.
@@ -188,6 +188,25 @@ pub(super) fn run(
     Ok(life.account)
 }
 
+/// Asks for what brings the robot to shake as wanted; one that shakes is changed only if `changes`.
+pub(super) fn drive(client: &mut Client, now: Instant, wanted: Setpoint, changes: bool) {
+    let Some(telemetry) = client.telemetry() else { return };
+    match telemetry.state {
+        _ if telemetry.stopped => {
+            client.request(now, Command::Clear);
+        }
+        State::Faulted => {
+            client.request(now, Command::Clear);
+        }
+        State::Disarmed => {
+            client.request(now, Command::Arm);
+        }
+        State::Armed => client.hold(now, wanted),
+        State::Running if changes => client.hold(now, wanted),
+        State::Running | State::Aligning | State::Stopping => {}
+    }
+}
+
 struct Life {
     operation: Operation<Plant>,
     random: Xoshiro256PlusPlus,
@@ -297,22 +316,7 @@ impl Life {
         let frequency = if self.random.random() { frequency } else { -frequency };
         let wanted = setpoint(frequency, self.random.random_range(-90.0..90.0))?;
         let changes = self.random.random::<f64>() < 0.2;
-        let client = self.operation.client();
-        let Some(telemetry) = client.telemetry() else { return Ok(()) };
-        match telemetry.state {
-            _ if telemetry.stopped => {
-                client.request(now, Command::Clear);
-            }
-            State::Faulted => {
-                client.request(now, Command::Clear);
-            }
-            State::Disarmed => {
-                client.request(now, Command::Arm);
-            }
-            State::Armed => client.hold(now, wanted),
-            State::Running if changes => client.hold(now, wanted),
-            State::Running | State::Aligning | State::Stopping => {}
-        }
+        drive(self.operation.client(), now, wanted, changes);
         Ok(())
     }
 

@@ -72,6 +72,14 @@ pub enum Kind {
     RenewalReplayed,
     /// Poses in the name of the motion capture, beside the true ones.
     ForgedPoses,
+    /// ARP packets that claim the operator's address and those of more neighbours than the robot knows.
+    ForgedArp,
+    /// ARP packets in which somebody claims the robot's own address.
+    GratuitousArp,
+    /// Questions of mDNS that come from other networks.
+    ForeignQuestions,
+    /// Questions of mDNS in the name of a neighbour.
+    NeighbourQuestions,
 }
 
 /// What the attacker makes up, each as often as the others.
@@ -114,3 +122,7 @@ pub const HOLD_UPS: [Kind; 11] = [
 
 /// What is done to the renewals of a session's keys, each to as many sessions as the others.
 pub const RENEWALS: [Kind; 2] = [Kind::RenewalHeldBack, Kind::RenewalReplayed];
+
+/// What is put on the wire beside genuine frames, each in as many sessions as the others.
+pub const INTRUSIONS: [Kind; 4] =
+    [Kind::ForgedArp, Kind::GratuitousArp, Kind::ForeignQuestions, Kind::NeighbourQuestions];

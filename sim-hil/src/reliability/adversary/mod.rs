@@ -1,11 +1,13 @@
 //! Somebody on the network who sees everything, holds back and sends anything from any address, and does not have the
 //! key: what he makes up ([`FORGERIES`]), what he does to genuine datagrams ([`HOLD_UPS`]) and to the renewal of keys
-//! ([`RENEWALS`]), poses in the name of the motion capture, and any bytes.
+//! ([`RENEWALS`]), what he puts on the wire beside them ([`INTRUSIONS`]), poses in the name of the motion capture, and
+//! any bytes.
 
 mod attacker;
 mod forgery;
 mod fuzz;
 mod hold_up;
+mod intrusion;
 mod kind;
 mod poses;
 mod renewal;
@@ -13,13 +15,15 @@ mod renewal;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use flix_firmware::mdns::AMPLIFICATION;
+use flix_firmware::net::DISCOVERY_INTERVAL;
 use flix_protocol::message::DropReason;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use forgery::{Scenario, Turn};
 pub use hold_up::{FOREIGN_STOP_LIMIT_S, MOVEMENT_LIMIT_S, NEXT_OPERATOR_LIMIT_S};
-pub use kind::{FORGERIES, HOLD_UPS, Kind, RENEWALS};
+pub use kind::{FORGERIES, HOLD_UPS, INTRUSIONS, Kind, RENEWALS};
 pub use poses::POSE_LIMIT_M;
 
 use crate::rig::bench::{Base, BenchError, learnt};
@@ -35,6 +39,10 @@ const MOST_POSES: u64 = 1_000_000;
 pub const HANDSHAKE_LIMIT_S: f64 = 1.0;
 /// Least share of commands whose answers the operator has to hear under a flood.
 pub const ANSWERS_LIMIT: f64 = 0.99;
+/// Most bytes that the robot sends for each byte that somebody asks it over mDNS in its own network.
+pub const AMPLIFICATION_LIMIT: f64 = AMPLIFICATION as f64;
+/// Most answers to mDNS in a second.
+pub const DISCOVERY_LIMIT_PER_S: u64 = 1_000 / DISCOVERY_INTERVAL.as_millis();
 /// Sessions of which a quarter has to get as far as moving the robot.
 const A_FEW: u64 = 2 * HOLD_UPS.len() as u64;
 
@@ -64,15 +72,23 @@ pub struct Verdict {
     pub accepted_forgeries: u64,
     /// Ticks in which a robot moved otherwise than its twin.
     pub movements: u64,
-    /// Longest time from the operator's first Hello to the session, under the flood, in virtual time.
+    /// Longest time from the operator's first Hello to the session, under a flood or an intrusion, in virtual time.
     pub handshake_s: f64,
-    /// Least share of an operator's commands, under the flood, whose answers he heard.
+    /// Least share of an operator's commands, under a flood or an intrusion, whose answers he heard.
     pub answers_heard: f64,
     /// Ticks of the fast loop that came too late.
     pub overruns: u64,
     /// Sessions over a network in the attacker's hands.
     pub sessions: u64,
-    /// Those among them in which a rotor turned when the operator's intent to move ended.
+    /// Sessions in which somebody else put frames on the wire.
+    pub intrusions: u64,
+    /// Bytes of mDNS that each byte of a question from another network brought out.
+    pub off_link_amplification: f64,
+    /// Most bytes of mDNS that each byte of a question from the robot's own network brought out.
+    pub on_link_amplification: f64,
+    /// Most answers to mDNS in a second.
+    pub discovery_answers_per_s: u64,
+    /// Those among the sessions over a network in the attacker's hands in which a rotor turned when the operator's intent to move ended.
     pub driven_sessions: u64,
     /// Longest time that a rotor turned after the operator's last intent to move.
     pub longest_movement_after_intent_s: f64,
@@ -101,13 +117,26 @@ pub fn measure(
     effort: Effort,
     done: impl Fn(u64) + Sync,
 ) -> Result<Verdict, BenchError> {
-    let flash = learnt(Base::Free, seed)?;
-    let forged = forge(seed, effort.datagrams, &flash, &done)?;
-    let held_up = hold_up(seed, effort.sessions, &flash, &done)?;
+    attack(seed, effort, &learnt(Base::Free, seed)?, done)
+}
+
+/// Attacks robots of this seed with this in their flash.
+fn attack(
+    seed: u64,
+    effort: Effort,
+    flash: &Option<Vec<u8>>,
+    done: impl Fn(u64) + Sync,
+) -> Result<Verdict, BenchError> {
+    let forged = forge(seed, effort.datagrams, flash, &done)?;
+    // Those on a wire share one virtual time.
+    let intrude =
+        || if effort.sessions > 0 { intrusion::run_all(seed, flash) } else { Ok(Vec::new()) };
+    let (intruded, held_up) = rayon::join(intrude, || hold_up(seed, effort.sessions, flash, &done));
+    let (intruded, held_up) = (intruded?, held_up?);
     let renewed: Vec<_> = RENEWALS.into_par_iter().map(|kind| renewal::run(seed, kind)).collect();
     let poses = poses::run(seed, (effort.datagrams / 10).clamp(FEWEST_POSES, MOST_POSES));
     let fuzzed = fuzz_all(seed, effort.bytes, &done);
-    Ok(verdict(seed, effort, &forged, &held_up, (&renewed, poses), &fuzzed))
+    Ok(verdict(seed, effort, &forged, &held_up, &intruded, (&renewed, poses), &fuzzed))
 }
 
 fn forge(
@@ -170,6 +199,7 @@ fn verdict(
     effort: Effort,
     forged: &[forgery::Account],
     held_up: &[hold_up::Account],
+    intruded: &[intrusion::Account],
     (renewed, poses): (&[renewal::Account], poses::Account),
     fuzzed: &[(u64, u64)],
 ) -> Verdict {
@@ -182,11 +212,23 @@ fn verdict(
     }
     kinds.extend(renewed.iter().map(|account| (account.kind, account.datagrams)));
     kinds.insert(Kind::ForgedPoses, poses.forged);
+    for account in intruded {
+        *kinds.entry(account.kind).or_default() += account.frames;
+    }
     let dropped = DropReason::ALL.into_iter().map(|reason| {
         let count = sum(&|account| u64::from(account.dropped.get(reason)));
         (reason.to_string().replace(' ', "_"), count)
     });
     let longest = |times: &mut dyn Iterator<Item = f64>| times.fold(0.0, f64::max);
+    let answers = forged.iter().map(|account| account.answers_heard);
+    let answers = answers.chain(intruded.iter().map(|account| account.answers_heard));
+    let handshakes = forged.iter().map(|account| account.handshake_s);
+    let movements = held_up.iter().map(|account| account.movement_s);
+    let foreign_stops = held_up.iter().map(|account| account.foreign_stop_s);
+    let amplification = |kind| {
+        let asked = intruded.iter().filter(move |account| account.kind == kind);
+        longest(&mut asked.map(|account| account.discovery.amplification()))
+    };
     let mut verdict = Verdict {
         seed,
         datagrams: sum(&|account| account.kinds.iter().sum()),
@@ -194,15 +236,28 @@ fn verdict(
         dropped: dropped.collect(),
         accepted_forgeries: sum(&|account| account.forgeries),
         movements: sum(&|account| account.movements),
-        handshake_s: longest(&mut forged.iter().map(|account| account.handshake_s)),
-        answers_heard: forged.iter().map(|account| account.answers_heard).fold(1.0, f64::min),
-        overruns: sum(&|account| account.overruns),
+        handshake_s: longest(
+            &mut handshakes.chain(intruded.iter().map(|account| account.handshake_s)),
+        ),
+        answers_heard: answers.fold(1.0, f64::min),
+        overruns: sum(&|account| account.overruns)
+            + intruded.iter().map(|account| account.overruns).sum::<u64>(),
         sessions: effort.sessions,
         driven_sessions: held_up.iter().map(|account| account.driven).sum(),
+        intrusions: intruded.len() as u64,
+        off_link_amplification: amplification(Kind::ForeignQuestions),
+        on_link_amplification: amplification(Kind::NeighbourQuestions),
+        discovery_answers_per_s: intruded
+            .iter()
+            .map(|account| account.discovery.answers_per_s())
+            .max()
+            .unwrap_or(0),
         longest_movement_after_intent_s: longest(
-            &mut held_up.iter().map(|account| account.movement_s),
+            &mut movements.chain(intruded.iter().map(|account| account.movement_s)),
         ),
-        longest_foreign_stop_s: longest(&mut held_up.iter().map(|account| account.foreign_stop_s)),
+        longest_foreign_stop_s: longest(
+            &mut foreign_stops.chain(intruded.iter().map(|account| account.foreign_stop_s)),
+        ),
         longest_wait_of_next_operator_s: longest(
             &mut held_up.iter().map(|account| account.next_operator_s),
         ),
@@ -221,17 +276,23 @@ fn verdict(
         && verdict.longest_movement_after_intent_s <= MOVEMENT_LIMIT_S
         && verdict.longest_foreign_stop_s <= FOREIGN_STOP_LIMIT_S
         && verdict.longest_wait_of_next_operator_s <= NEXT_OPERATOR_LIMIT_S
+        && verdict.off_link_amplification == 0.0
+        && verdict.on_link_amplification <= AMPLIFICATION_LIMIT
+        && verdict.discovery_answers_per_s <= DISCOVERY_LIMIT_PER_S
         && verdict.renewal_failures == 0
         && verdict.farthest_trusted_pose_m <= POSE_LIMIT_M
         // Else there was little to disturb.
         && (4 * verdict.driven_sessions >= verdict.sessions || verdict.sessions < A_FEW)
-        && forged.iter().all(|account| account.is_complete);
+        && forged.iter().all(|account| account.is_complete)
+        && intruded.iter().all(|account| account.was_driven);
     verdict
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rig::bench::bench;
+    use flix_protocol::message::{Command, ParameterCommand};
 
     const NONE: Effort = Effort { datagrams: 0, sessions: 0, bytes: 0 };
 
@@ -247,7 +308,24 @@ mod tests {
     fn no_network_makes_a_robot_move_longer_than_the_command_age_and_the_ramp_down() {
         let verdict = measure(3, Effort { sessions: 22, ..NONE }, |_| ()).unwrap();
         assert!(verdict.pass, "{verdict:?}");
-        assert!(HOLD_UPS.iter().all(|kind| verdict.kinds[kind] > 0), "{verdict:?}");
+        let mut kinds = HOLD_UPS.iter().chain(&INTRUSIONS);
+        assert!(kinds.all(|kind| verdict.kinds[kind] > 0), "{verdict:?}");
+        // The intruder did ask, and was answered where he may be.
+        assert!(verdict.on_link_amplification > 0.0, "{verdict:?}");
+    }
+
+    /// The check of the age of commands is what bounds the movement: a robot that takes older ones moves on for longer.
+    #[test]
+    fn a_robot_that_obeys_commands_of_a_second_does_not_pass() {
+        let mut operation = bench(Base::Free, 3).unwrap();
+        operation.connect().unwrap();
+        let set = ParameterCommand::Set("command_age".try_into().unwrap(), 1.0);
+        operation.ask(Command::Parameter(set)).unwrap();
+        operation.ask(Command::Parameter(ParameterCommand::Save)).unwrap();
+        let flash = operation.robot.parameters().flash.content();
+        let verdict = attack(3, Effort { sessions: 22, ..NONE }, &flash, |_| ()).unwrap();
+        let movement_s = verdict.longest_movement_after_intent_s;
+        assert!(!verdict.pass && movement_s > MOVEMENT_LIMIT_S, "{verdict:?}");
     }
 
     #[test]

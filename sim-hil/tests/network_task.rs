@@ -1,32 +1,21 @@
-//! The network task on a network without hardware: two embassy-net stacks, a wire that can be cut
-//! and that loses frames, embassy's own executor, and virtual time.
+//! The robot's network task on a network without hardware ([`flix_sim::rig::network`]), with the robot's two halves at
+//! rest.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
-#[path = "support/no_store.rs"]
-mod no_store;
-
 use std::cell::{Cell, RefCell};
-use std::collections::VecDeque;
 use std::future::Future;
-use std::net::{Ipv4Addr, SocketAddr};
-use std::pin::Pin;
+use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
 use std::rc::Rc;
-use std::sync::Mutex;
 
-use embassy_executor::Executor;
-use embassy_futures::join::{join, join3, join4};
+use embassy_futures::join::join;
 use embassy_futures::select::{Either, select};
-use embassy_futures::yield_now;
-use embassy_net::udp::{PacketMetadata, UdpSocket};
-use embassy_net::{Config, IpEndpoint, Ipv4Cidr, Stack, StackResources, StaticConfigV4};
-use embassy_net_driver_channel::driver::{HardwareAddress, LinkState};
-use embassy_net_driver_channel::{Device, Runner, State};
-use embassy_time::{Duration, MockDriver, Timer};
+use embassy_net::IpEndpoint;
+use embassy_net::udp::UdpSocket;
+use embassy_time::{Duration, Timer};
 use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::exchange::Exchange;
 use flix_firmware::hardware::{Encoder, EncoderAngle, EncoderReading, Sensors};
 use flix_firmware::mdns;
-use flix_firmware::neighbours::{Guard, Guarded};
 use flix_firmware::net::{self, Station};
 use flix_firmware::robot::{FastHalf, Robot, SlowHalf};
 use flix_protocol::DEFAULT_PORT;
@@ -36,44 +25,13 @@ use flix_protocol::session::{
     Key, OperatorReceived, OperatorSession, Status, StopSession, StopStatus,
 };
 use flix_protocol::units::Instant;
-use no_store::NoStore;
-
-const MTU: usize = 1514;
-const ROBOT: Ipv4Addr = Ipv4Addr::new(10, 0, 0, 1);
-const OPERATOR: Ipv4Addr = Ipv4Addr::new(10, 0, 0, 2);
-const TICK: Duration = Duration::from_micros(100);
-/// Turns that all tasks get in each tick: a datagram needs six from end to end.
-const TURNS: usize = 12;
-
-/// Virtual time is one for the whole process.
-static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-
-type Driver = Guarded<Device<'static, MTU>>;
-
-/// What the wire does with frames.
-#[derive(Default)]
-struct Wire {
-    is_cut: Cell<bool>,
-    /// One frame in so many is lost; 0 for none.
-    loses_one_in: Cell<u32>,
-    random: Cell<u32>,
-    /// Frames that somebody else puts on the wire to the robot.
-    foreign: RefCell<VecDeque<Vec<u8>>>,
-}
-
-impl Wire {
-    fn loses(&self) -> bool {
-        let random = self.random.get().wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        self.random.set(random);
-        let one_in = self.loses_one_in.get();
-        self.is_cut.get() || (one_in > 0 && (random >> 8).is_multiple_of(one_in))
-    }
-}
+use flix_sim::rig::network::{self, Arp, Network, OPERATOR, ROBOT, TICK, Wire, arp, now};
+use flix_sim::rig::robot::Flash;
 
 /// The robot's two halves, with the fast one's ticks counted.
 struct Brain {
     fast: RefCell<FastHalf>,
-    slow: RefCell<SlowHalf<NoStore>>,
+    slow: RefCell<SlowHalf<Flash>>,
     exchange: RefCell<Exchange>,
     ticks: Cell<u64>,
     /// Between two exchanges of the halves.
@@ -82,7 +40,7 @@ struct Brain {
 
 impl Brain {
     fn new(key: Option<Key>) -> Self {
-        let robot = Robot::new(DENGFOC_V3_01.hardware, "daisy", key, [1; 32], NoStore);
+        let robot = Robot::new(DENGFOC_V3_01.hardware, "daisy", key, [1; 32], Flash::default());
         let (fast, slow, exchange) = robot.into_halves();
         Self {
             fast: fast.into(),
@@ -133,147 +91,21 @@ impl Station for ChipStation {
     }
 }
 
-fn now() -> Instant {
-    Instant::from_micros(embassy_time::Instant::now().as_micros())
-}
-
 /// What a test plays with.
 struct World {
-    stack: Stack<'static>,
+    network: Network,
     wire: Rc<Wire>,
     brain: Rc<Brain>,
-    links: [embassy_net_driver_channel::StateRunner<'static>; 2],
-}
-
-impl World {
-    fn socket(&self, port: u16) -> UdpSocket<'static> {
-        let buffer = || Box::leak(vec![0; 65_536].into_boxed_slice());
-        let metadata = || Box::leak(vec![PacketMetadata::EMPTY; 256].into_boxed_slice());
-        let mut socket = UdpSocket::new(self.stack, metadata(), buffer(), metadata(), buffer());
-        socket.bind(port).unwrap();
-        socket
-    }
-
-    fn plug(&self, is_plugged: bool) {
-        self.wire.is_cut.set(!is_plugged);
-        for link in self.links {
-            link.set_link_state(if is_plugged { LinkState::Up } else { LinkState::Down });
-        }
-    }
-}
-
-fn hardware(number: u8) -> [u8; 6] {
-    [2, 0, 0, 0, 0, number]
-}
-
-fn stack(
-    address: Ipv4Addr,
-    number: u8,
-    guard: &'static Guard,
-) -> (Stack<'static>, embassy_net::Runner<'static, Driver>, Runner<'static, MTU>) {
-    let state = Box::leak(Box::new(State::<MTU, 32, 32>::new()));
-    let hardware = HardwareAddress::Ethernet(hardware(number));
-    let (runner, device) = embassy_net_driver_channel::new(state, hardware);
-    runner.state_runner().set_link_state(LinkState::Up);
-    let config = Config::ipv4_static(StaticConfigV4 {
-        address: Ipv4Cidr::new(address, 24),
-        gateway: None,
-        dns_servers: Default::default(),
-    });
-    let resources = Box::leak(Box::new(StackResources::<8>::new()));
-    let (stack, stack_runner) =
-        embassy_net::new(Guarded::new(device, guard), config, resources, u64::from(number));
-    (stack, stack_runner, runner)
-}
-
-/// Carries frames one way.
-async fn carry(
-    wire: Rc<Wire>,
-    mut from: embassy_net_driver_channel::TxRunner<'static, MTU>,
-    to: Rc<RefCell<embassy_net_driver_channel::RxRunner<'static, MTU>>>,
-) {
-    loop {
-        let frame = from.tx_buf().await.to_vec();
-        from.tx_done();
-        if !wire.loses() {
-            arrive(&frame, &to);
-        }
-        yield_now().await;
-    }
-}
-
-fn arrive(frame: &[u8], to: &RefCell<embassy_net_driver_channel::RxRunner<'static, MTU>>) {
-    let mut to = to.borrow_mut();
-    if let Some(buffer) = to.try_rx_buf() {
-        buffer[..frame.len()].copy_from_slice(frame);
-        to.rx_done(frame.len());
-    }
-}
-
-/// Puts somebody else's frames on the wire.
-async fn intrude(
-    wire: Rc<Wire>,
-    to: Rc<RefCell<embassy_net_driver_channel::RxRunner<'static, MTU>>>,
-) {
-    loop {
-        while let Some(frame) = wire.foreign.borrow_mut().pop_front() {
-            arrive(&frame, &to);
-        }
-        yield_now().await;
-    }
-}
-
-/// One for each test: embassy's tasks live in statics, and a place is not given back here.
-#[embassy_executor::task(pool_size = 16)]
-async fn run(future: Pin<Box<dyn Future<Output = ()>>>) {
-    future.await;
 }
 
 /// Runs a scenario in virtual time until it is over.
-fn play<Scenario>(key: Option<Key>, scenario: impl FnOnce(World) -> Scenario)
-where
-    Scenario: Future<Output = ()> + 'static,
-{
-    let _guard = ONE_AT_A_TIME.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-    MockDriver::get().reset();
-    let guards = [(); 2].map(|()| &*Box::leak(Box::new(Guard::default())));
-    let (robot_stack, mut robot_runner, robot_wire) = stack(ROBOT, 1, guards[0]);
-    let (operator_stack, mut operator_runner, operator_wire) = stack(OPERATOR, 2, guards[1]);
-    let (robot_link, robot_rx, robot_tx) = robot_wire.split();
-    let (operator_link, operator_rx, operator_tx) = operator_wire.split();
-    let (wire, brain) = (Rc::new(Wire::default()), Rc::new(Brain::new(key)));
-    let world = World {
-        stack: operator_stack,
-        wire: wire.clone(),
-        brain: brain.clone(),
-        links: [robot_link, operator_link],
+fn play<Scenario: Future<Output = ()>>(key: Option<Key>, scenario: impl FnOnce(World) -> Scenario) {
+    let brain = Rc::new(Brain::new(key));
+    let mut station = ChipStation { brain: brain.clone(), exchanged: 0 };
+    let world = |network: Network| {
+        scenario(World { wire: network.wire.clone(), network, brain: brain.clone() })
     };
-    let over = Rc::new(Cell::new(false));
-    let (is_over, scenario) = (over.clone(), scenario(world));
-    let mut station = ChipStation { brain: brain.clone(), exchanged: now().as_micros() };
-    let everything = async move {
-        let clock = async {
-            loop {
-                for _ in 0..TURNS {
-                    yield_now().await;
-                }
-                brain.tick();
-                MockDriver::get().advance(TICK);
-            }
-        };
-        let [operator_rx, robot_rx] = [operator_rx, robot_rx].map(|rx| Rc::new(RefCell::new(rx)));
-        let wires = join3(
-            carry(wire.clone(), robot_tx, operator_rx),
-            carry(wire.clone(), operator_tx, robot_rx.clone()),
-            intrude(wire, robot_rx),
-        );
-        let stacks = join(robot_runner.run(), operator_runner.run());
-        let robot = net::serve(robot_stack, guards[0], "daisy", &mut station);
-        select(scenario, join4(wires, stacks, robot, clock)).await;
-        is_over.set(true);
-    };
-    let executor = Box::leak(Box::new(Executor::new()));
-    executor.run_until(|spawner| spawner.spawn(run(Box::pin(everything)).unwrap()), || over.get());
+    network::play("daisy", &mut station, || brain.tick(), world);
 }
 
 fn key() -> Key {
@@ -292,7 +124,7 @@ impl Operator {
     fn new(world: &World) -> Self {
         Self {
             session: OperatorSession::new(key(), [9; 32], now()),
-            socket: world.socket(40_000),
+            socket: world.network.socket(40_000),
             outcomes: Vec::new(),
             telemetry: 0,
         }
@@ -376,7 +208,7 @@ fn commands_are_answered_and_telemetry_flows() {
 #[test]
 fn a_third_of_all_frames_may_be_lost() {
     play(Some(key()), |world| async move {
-        world.wire.loses_one_in.set(3);
+        world.wire.lose_one_in(3);
         let mut operator = Operator::new(&world);
         let took = operator.connect().await;
         operator.ping_for(2_000).await;
@@ -391,9 +223,9 @@ fn a_network_that_was_gone_for_minutes_comes_back_without_a_restart() {
         let mut operator = Operator::new(&world);
         operator.connect().await;
         operator.ping_for(200).await;
-        world.plug(false);
+        world.network.plug(false);
         Timer::after(Duration::from_secs(120)).await;
-        world.plug(true);
+        world.network.plug(true);
         operator.session.connect(now());
         let took = operator.connect().await;
         operator.outcomes.clear();
@@ -427,7 +259,7 @@ fn a_flood_of_junk_keeps_nobody_out() {
             operator.ping_for(1_000).await;
             took
         };
-        let junk = flood(world.socket(666), thrown.clone());
+        let junk = flood(world.network.socket(666), thrown.clone());
         let Either::First(took) = select(work, junk).await else { unreachable!() };
         let answers = operator.outcomes.len();
         assert!(thrown.get() > 10_000, "{} datagrams", thrown.get());
@@ -439,7 +271,7 @@ fn a_flood_of_junk_keeps_nobody_out() {
 fn the_fast_loop_keeps_time_in_a_flood_and_hears_its_orders() {
     play(Some(key()), |world| async move {
         let brain = world.brain.clone();
-        let junk = flood(world.socket(666), Rc::new(Cell::new(0)));
+        let junk = flood(world.network.socket(666), Rc::new(Cell::new(0)));
         select(Timer::after(Duration::from_secs(1)), junk).await;
         let timing = brain.exchange.borrow().newest_report().timing;
         // Reported in the first tick and every tenth from there.
@@ -451,13 +283,6 @@ fn the_fast_loop_keeps_time_in_a_flood_and_hears_its_orders() {
     });
 }
 
-/// An ARP packet in which the machine of this number claims an address: a request for the robot's, or a reply to it.
-fn arp(operation: u8, number: u8, address: Ipv4Addr) -> Vec<u8> {
-    let (robot, liar) = (hardware(1), hardware(number));
-    let head = [0x08, 0x06, 0, 1, 0x08, 0, 6, 4, 0, operation];
-    [&robot[..], &liar, &head, &liar, &address.octets(), &robot, &ROBOT.octets()].concat()
-}
-
 /// Claims the operator's address, and those of as many others, in ARP packets a second.
 async fn forge_arp(wire: Rc<Wire>, a_second: u64) {
     for number in 0_u64.. {
@@ -465,8 +290,8 @@ async fn forge_arp(wire: Rc<Wire>, a_second: u64) {
             0 | 7 => OPERATOR,
             other => Ipv4Addr::new(10, 0, 0, 100 + other as u8),
         };
-        let operation = 1 + (number % 2) as u8;
-        wire.foreign.borrow_mut().push_back(arp(operation, 66, address));
+        let operation = if number % 2 == 0 { Arp::Request } else { Arp::Reply };
+        wire.inject(arp(operation, 66, address, ROBOT));
         Timer::after(Duration::from_micros(1_000_000 / a_second)).await;
     }
 }
@@ -499,30 +324,15 @@ fn an_operator_who_gets_another_network_card_is_answered_there() {
         // From another card, and then the old one again.
         let command = ToRobot { request: 900, command: Command::Ping(900) };
         let sealed = operator.session.send(now(), &command).unwrap();
-        world.wire.foreign.borrow_mut().push_back(datagram(3, OPERATOR, &sealed));
+        let [from, to] = [(OPERATOR, 40_000), (ROBOT, DEFAULT_PORT)];
+        let [from, to] = [from, to].map(|(address, port)| SocketAddrV4::new(address, port));
+        world.wire.inject(network::datagram(3, from, to, &sealed));
         Timer::after(Duration::from_millis(1)).await;
         operator.outcomes.clear();
         operator.ping_for(500).await;
         let answers = operator.outcomes.len();
         assert!(answers >= 23, "{answers} answers");
     });
-}
-
-/// A datagram to the robot's port, from the card of this number.
-fn datagram(number: u8, from: Ipv4Addr, payload: &[u8]) -> Vec<u8> {
-    let port = |port: u16| port.to_be_bytes();
-    let length = |header: usize| ((header + payload.len()) as u16).to_be_bytes();
-    let total = length(28);
-    let mut header = [0x45, 0, total[0], total[1], 0, 0, 0x40, 0, 64, 17, 0, 0].to_vec();
-    header.extend(from.octets());
-    header.extend(ROBOT.octets());
-    let sum: u32 =
-        header.chunks(2).map(|pair| u32::from(u16::from_be_bytes([pair[0], pair[1]]))).sum();
-    let sum = !((sum & 0xffff) + (sum >> 16)) as u16;
-    header[10..12].copy_from_slice(&sum.to_be_bytes());
-    // A checksum of 0: none.
-    let udp = [port(40_000), port(DEFAULT_PORT), length(8), [0, 0]].concat();
-    [&hardware(1)[..], &hardware(number), &[0x08, 0], &header, &udp, payload].concat()
 }
 
 #[test]
@@ -562,7 +372,7 @@ fn a_stop_is_acknowledged_within_300_ms_while_addresses_that_nobody_has_ask_1000
     play(Some(key()), |world| async move {
         let mut driver = Operator::new(&world);
         driver.connect().await;
-        let socket = world.socket(40_001);
+        let socket = world.network.socket(40_001);
         let stop = async {
             Timer::after(Duration::from_millis(500)).await;
             let begun = now();
@@ -606,8 +416,8 @@ fn a_robot_without_a_key_lets_nobody_in() {
 #[test]
 fn a_robot_answers_with_its_name_when_somebody_looks_for_robots() {
     play(Some(key()), |world| async move {
-        world.stack.join_multicast_group(mdns::GROUP).unwrap();
-        let socket = world.socket(mdns::PORT);
+        world.network.stack.join_multicast_group(mdns::GROUP).unwrap();
+        let socket = world.network.socket(mdns::PORT);
         // What it announced by itself does not count.
         Timer::after(Duration::from_secs(2)).await;
         let mut buffer = [0; 1536];
