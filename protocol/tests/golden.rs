@@ -20,7 +20,7 @@ use std::collections::BTreeSet;
 use std::fmt::Write;
 
 use ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, key, setpoint, telemetry};
-use flix_protocol::frame::MAXIMUM_MESSAGE;
+use flix_protocol::frame::{HANDSHAKE_LENGTHS, MAXIMUM_MESSAGE};
 use flix_protocol::message::*;
 use flix_protocol::provision::{
     Answer, FixedAddress, ProvisionRefusal, Provisioning, Request, write_frame,
@@ -453,6 +453,17 @@ fn every_message_has_the_bytes_that_were_agreed() {
         assert_eq!(line, agreed, "the wire format changed: see the head of this file");
     }
     assert_eq!(golden.text().len(), agreed.len(), "messages were added or taken away");
+}
+
+#[test]
+fn every_datagram_of_a_handshake_has_the_length_that_is_stated() {
+    let mut golden = Golden::default();
+    datagrams(&mut golden);
+    let names = ["sealed", "renew", "goodbye"];
+    let handshakes =
+        golden.0.iter().filter(|(name, _)| !names.iter().any(|part| name.contains(part)));
+    let lengths: BTreeSet<_> = handshakes.map(|(_, bytes)| (bytes[3], bytes.len())).collect();
+    assert_eq!(lengths, BTreeSet::from(HANDSHAKE_LENGTHS));
 }
 
 /// Longest value of every field, so that the bound holds whatever the robot measures.

@@ -65,6 +65,22 @@ fn follows_a_circle_within_40_mm_and_ends_disarmed() {
 }
 
 #[test]
+fn follows_a_figure_eight_within_40_mm_on_a_link_of_100_ms_that_loses_a_fifth() {
+    let path = Path::figure_eight(1.6, 0.8).unwrap();
+    let start = path.start();
+    let latency = Duration::from_millis(100);
+    let task = Task::Follow { path, laps: 1 };
+    let settings = Settings { latency, ..Settings::for_task(&task) };
+    let table = shipped_table("W").unwrap();
+    let navigator = Navigator::new(task, &table, settings).unwrap();
+    let conditions = Conditions { latency, loss: 0.2, ..conditions(1, start) };
+    let mut course = Course::new(&conditions, Pilot::new(navigator, names(&table), None)).unwrap();
+    assert_eq!(until_end(&mut course, 200), Ending::Finished);
+    let progress = course.pilot().helm().progress();
+    assert!(progress.error_rms < 0.04, "{progress:?}");
+}
+
+#[test]
 fn comes_home_from_any_heading_within_50_mm() {
     for (seed, heading) in [(2, 3.0), (3, -1.5)] {
         let start = PlanarPose { x: 0.3, y: -0.2, heading };
