@@ -6,8 +6,8 @@
 //!
 //! - Whoever sends a datagram to [`DEFAULT_PORT`] becomes the stack's newest neighbour, at the link-layer address that
 //!   the datagram came from: the answer goes there, and the stack has to ask nobody.
-//! - The sender of an authentic datagram ([`Guard::confirm`]) is *pinned* for [`PINNED`]: an ARP packet that places its IP
-//!   address elsewhere is dropped, and it is renewed in the stack before [`RENEWED_AFTER`] others can displace it.
+//! - The sender of an authentic datagram ([`Guard::confirm`]) is *pinned* for `PINNED`: an ARP packet that places its IP
+//!   address elsewhere is dropped, and it is renewed in the stack before `RENEWED_AFTER` others can displace it.
 //!
 //! This covers operators in the robot's own network; one beyond a router depends on the router's ARP.
 
