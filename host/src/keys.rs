@@ -130,6 +130,8 @@ pub fn read(path: &Path) -> Result<Key, KeyError> {
     refuse_exposed(path, &file)?;
     let mut text = Zeroizing::new(String::new());
     file.take(LONGEST_KEY_FILE).read_to_string(&mut text).map_err(at(path))?;
+    // As some editors begin a file.
+    let text = text.trim_start_matches('\u{feff}');
     text.parse().map_err(|source| KeyError::Malformed { path: path.to_owned(), source })
 }
 
@@ -154,7 +156,11 @@ pub fn write_new(path: &Path, key: &Key) -> Result<(), KeyError> {
     file.write_all(text.as_slice())
         .and_then(|()| file.write_all(b"\n"))
         .and_then(|()| file.sync_all())
-        .map_err(at(path))
+        .map_err(|error| {
+            // Part of a key, as a full disk leaves it, is of no use and in the way of the next.
+            let _ = fs::remove_file(path);
+            at(path)(error)
+        })
 }
 
 fn refuse_exposed(path: &Path, file: &File) -> Result<(), KeyError> {

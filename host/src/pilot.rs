@@ -16,7 +16,7 @@ use flix_protocol::session::ConnectError;
 use flix_protocol::units::Instant;
 
 use crate::link::udp::{REVOKED_PATIENCE, TELEMETRY_LAG};
-use crate::link::{Client, StopState, Update, passes};
+use crate::link::{Client, LAPSED, StopState, Update, passes};
 use crate::nav::{Decision, Identification, Navigator, PlanarPose, Progress, Resting, Stop};
 use crate::pose::PoseSample;
 use crate::record::{Level, RecordError, Recorder};
@@ -103,8 +103,10 @@ pub enum Ending {
     Refused(Refusal),
     /// The robot has a fault.
     Faulted(Faults),
-    /// The robot did not become ready, or left the state that driving needs.
+    /// The robot did not become ready.
     NotReady(State),
+    /// The robot stopped by itself: commands came too late, or not at all.
+    Lapsed,
     /// The run could not be recorded any more: what was said about it.
     NotRecorded(String),
 }
@@ -129,6 +131,7 @@ impl fmt::Display for Ending {
             Self::Refused(refusal) => write!(f, "the robot refused: {refusal}"),
             Self::Faulted(faults) => write!(f, "the robot has a fault: {faults}"),
             Self::NotReady(state) => write!(f, "the robot is {state} and cannot be driven"),
+            Self::Lapsed => f.write_str(LAPSED),
             Self::NotRecorded(trouble) => write!(f, "{trouble}; the robot was stopped"),
         }
     }
@@ -398,9 +401,8 @@ impl<H: Helm> Pilot<H> {
                 self.driving_since = Some(now);
                 self.enter(now, Phase::Driving);
             }
-            (Phase::Driving, State::Disarmed) => {
-                self.fail(now, client, Ending::NotReady(telemetry.state));
-            }
+            // Without a stop or a fault, its deadlines for commands are all that disarm it.
+            (Phase::Driving, State::Disarmed) => self.fail(now, client, Ending::Lapsed),
             (Phase::Disarming { .. }, State::Disarmed) => self.phase = Phase::Over,
             _ => {}
         }

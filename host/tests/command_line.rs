@@ -403,7 +403,7 @@ fn a_stop_with_another_key_is_refused() {
 
 #[test]
 fn every_way_to_end_a_drive_stops_the_robot_first() {
-    for signal in ["INT", "TERM", "HUP"] {
+    for signal in ["INT", "TERM", "HUP", "QUIT"] {
         let (served, _) = serve(robot());
         let operator = Operator::new();
         let child = long_drive(&operator, &served);
@@ -430,7 +430,7 @@ fn an_interrupted_drive_ends_even_when_the_robot_is_gone() {
 #[test]
 fn every_way_to_end_a_walk_stops_the_robot_first() {
     let cameras = Cameras::start();
-    for signal in ["INT", "TERM", "HUP"] {
+    for signal in ["INT", "TERM", "HUP", "QUIT"] {
         let (served, address) = serve(robot());
         let operator = Operator::new();
         let modes = operator.home.path().join("modes.toml");

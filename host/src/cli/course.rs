@@ -1,5 +1,6 @@
 //! Options of a path and of steering, shared by every program that navigates.
 
+use super::number::whole;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -32,7 +33,7 @@ pub struct CourseArgs {
     #[arg(value_name = "PATH")]
     pub path: String,
     /// Number of laps of a closed path.
-    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, default_value_t = 2, value_parser = whole::<u32>(1..=1_000_000))]
     pub laps: u32,
     /// Width of the figure eight, m [default: 1.6].
     #[arg(long, value_name = "M")]

@@ -11,7 +11,7 @@ use flix_protocol::units::{self, Degrees, Hertz, OutOfRange};
 use serde::Serialize;
 
 use super::moved::{Motion, Walked};
-use super::output::{milliseconds, print, print_json, progress};
+use super::output::{milliseconds, optional_path_as_text, print, print_json, progress};
 use super::robot::RobotArgs;
 use super::time::positive_duration;
 use super::walk::{HeightCheck, PoseArgs, record};
@@ -211,9 +211,7 @@ fn drive(
                         // Commands stayed away or came late, as on a busy computer: the robot runs on with the
                         // next that comes in time, and disarms where none does.
                         State::Stopping => None,
-                        actual if has_run && !is_running => {
-                            Some(LinkError::State { wanted: State::Running, actual })
-                        }
+                        _ if has_run && !is_running => Some(LinkError::Lapsed),
                         _ => None,
                     }
                 }
@@ -360,6 +358,7 @@ struct Report {
     /// With poses.
     moved: Option<Motion>,
     link: Link,
+    #[serde(serialize_with = "optional_path_as_text")]
     record: Option<PathBuf>,
 }
 

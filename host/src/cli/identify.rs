@@ -1,5 +1,6 @@
 //! `flix identify`: measures the motion of each mode.
 
+use super::number::whole;
 use std::collections::BTreeMap;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -25,7 +26,7 @@ pub struct IdentificationArgs {
     #[arg(long, value_name = "TIME", default_value = "8s", value_parser = stretch)]
     pub seconds: Duration,
     /// Number of stretches of each mode; their scatter becomes the spread.
-    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=100))]
+    #[arg(long, default_value_t = 2, value_parser = whole::<u32>(1..=100))]
     pub rounds: u32,
     /// Names of the modes to identify [default: all of the paper].
     #[arg(long, value_name = "NAME", value_delimiter = ',')]

@@ -133,7 +133,8 @@ fn describe(report: &Report) -> String {
             KEEP_ALIVE.as_millis()
         ),
     );
-    row("loss", format!("{:.2} %", 100.0 * report.loss));
+    let within = ANSWER_TIME.as_secs();
+    row("unanswered", format!("{:.2} % within {within} s", 100.0 * report.loss));
     row("round trip, median", ms(p50));
     row("round trip, p90", ms(p90));
     row("round trip, p99", ms(p99));
@@ -150,9 +151,12 @@ fn describe(report: &Report) -> String {
 }
 
 fn verdict(report: &Report) -> &'static str {
-    if report.loss > POOR_LOSS {
+    let lost = f64::from(report.lost_to_robot) + report.lost_from_robot as f64;
+    if report.loss > POOR_LOSS && lost > 0.5 * report.loss * report.pings as f64 {
         "poor: the loss is high; move nearer, or use a free channel"
-    } else if report.round_trip_ms.p99.is_none_or(|p99| p99 > POOR_ROUND_TRIP_MS) {
+    } else if report.loss > POOR_LOSS
+        || report.round_trip_ms.p99.is_none_or(|p99| p99 > POOR_ROUND_TRIP_MS)
+    {
         "poor: answers are late; look for other traffic, or for power saving in the network"
     } else {
         "good"

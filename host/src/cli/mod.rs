@@ -114,6 +114,7 @@ impl From<LinkError> for Error {
             | LinkError::Back
             | LinkError::Left
             | LinkError::Unanswered
+            | LinkError::Lapsed
             | LinkError::Refused(Refusal::LinkUnproven | Refusal::Late { .. }) => Exit::NoAnswer,
             LinkError::Connect(_) | LinkError::Revoked | LinkError::Refused(Refusal::Malformed) => {
                 Exit::Refused

@@ -18,3 +18,15 @@ pub fn parse_within(
         .filter(|number| limits.contains(number))
         .ok_or_else(|| format!("{text:?} is no {what} from {low} to {high}{unit}"))
 }
+
+/// Returns a reader of whole numbers within limits.
+pub fn whole<T: TryFrom<u64>>(
+    limits: RangeInclusive<u64>,
+) -> impl Fn(&str) -> Result<T, String> + Clone {
+    move |text| {
+        let number = text.parse().ok().filter(|number| limits.contains(number));
+        number.and_then(|number| T::try_from(number).ok()).ok_or_else(|| {
+            format!("{text:?} is no whole number from {} to {}", limits.start(), limits.end())
+        })
+    }
+}

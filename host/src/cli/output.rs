@@ -2,12 +2,12 @@
 
 use std::fmt;
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use super::Error;
 use crate::file;
@@ -56,6 +56,25 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), Error> {
         _ => std::fs::write(path, text),
     }
     .map_err(|error| Error::usage(format_args!("{}: {error}", path.display())))
+}
+
+/// Serializes a path as text, which JSON has alone: bytes that are none are replaced.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn path_as_text<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
+    path.to_string_lossy().serialize(serializer)
+}
+
+/// Serializes a path that may be missing as [`path_as_text`] does.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn optional_path_as_text<S: Serializer>(
+    path: &Option<PathBuf>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    path.as_deref().map(Path::to_string_lossy).serialize(serializer)
 }
 
 /// Prints a value as one JSON document on stdout.

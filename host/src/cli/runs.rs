@@ -164,7 +164,7 @@ fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
             .iter()
             .map(|(run, bytes)| {
                 json!({
-                    "file": run.file,
+                    "file": run.file.to_string_lossy(),
                     "bytes": bytes,
                     "started": run.fact("run", "started"),
                     "robot": run.fact("run", "robot"),
@@ -264,7 +264,7 @@ fn description(run: &Run) -> Value {
         )
         .collect();
     json!({
-        "file": run.file,
+        "file": run.file.to_string_lossy(),
         "seconds": run.seconds(),
         "rows": counts(run).into_iter().collect::<std::collections::BTreeMap<_, _>>(),
         "attachments": run.attachments.iter().map(|a| &a.0).collect::<Vec<_>>(),

@@ -1,5 +1,6 @@
 //! `flix track`: follows a path.
 
+use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -92,7 +93,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
                 value.parse::<f64>().map_or_else(|_| value.clone().into(), Into::into),
             );
         }
-        report.insert("record".into(), serde_json::json!(file));
+        report.insert("record".into(), file.as_deref().map(Path::to_string_lossy).into());
         print_json(&report)?;
     } else {
         let mut text = String::new();

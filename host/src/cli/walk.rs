@@ -343,7 +343,7 @@ pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
         Ending::Finished => return Ok(()),
         Ending::Interrupted => Exit::Interrupted,
         Ending::NoSession(error) => return Err(LinkError::Connect(*error).into()),
-        Ending::Lost => Exit::NoAnswer,
+        Ending::Lost | Ending::Lapsed => Exit::NoAnswer,
         Ending::Revoked => Exit::Refused,
         Ending::NotRecorded(_) => Exit::Usage,
         Ending::Refused(refusal) => return Err(LinkError::Refused(refusal.clone()).into()),
@@ -364,6 +364,7 @@ pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
             | Ending::Interrupted
             | Ending::OutOfTime(_)
             | Ending::NotReady(_)
+            | Ending::Lapsed
             | Ending::NotRecorded(_)
     );
     if is_stopped {

@@ -53,6 +53,10 @@ pub const SILENCE: Duration = HOLDER_SILENCE;
 /// Time after which a command without a reply counts as unanswered.
 pub const ANSWER_TIME: Duration = Duration::from_secs(1);
 
+/// What a robot that disarmed while it was driven means.
+pub(crate) const LAPSED: &str = "the robot stopped by itself: commands came too late, or not at all; \
+                                 `flix link-test` measures the link";
+
 /// Returns whether a refusal passes by itself, so that the same request succeeds some time later.
 #[must_use]
 pub const fn passes(refusal: &Refusal) -> bool {

@@ -58,7 +58,8 @@ pub enum LinkError {
     Silent,
     /// The robot fell silent, and answers again.
     #[error(
-        "the robot was silent for a second, or restarted, and answers again: see its battery with `flix status`"
+        "the robot was silent for a second, or restarted, or this computer stood still; it answers again: see its battery \
+         with `flix status`"
     )]
     Back,
     /// The robot closed the session.
@@ -86,6 +87,9 @@ pub enum LinkError {
         /// The present state.
         actual: State,
     },
+    /// The robot disarmed while it was driven, as it does without commands in time.
+    #[error("{}", super::LAPSED)]
+    Lapsed,
     /// A stop is latched, which this operator asked for.
     #[error("{0} stopped the robot; `flix clear` makes it ready again")]
     StoppedBy(OperatorName),

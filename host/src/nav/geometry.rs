@@ -87,7 +87,7 @@ impl Position {
 }
 
 /// Farthest coordinate that is taken from people, m: beyond, a number is a slip.
-const FARTHEST: f64 = 1000.0;
+pub(crate) const FARTHEST: f64 = 1000.0;
 
 /// A text was refused as a position.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

@@ -25,6 +25,7 @@ mod standstill;
 pub mod two_state;
 
 pub use estimator::{Estimator, mean_twist};
+pub(crate) use geometry::FARTHEST;
 pub use geometry::{Area, NotAPosition, NotAnArea, PlanarPose, Position, Twist, wrap};
 pub use identification::{Identification, IdentificationSettings, Stretch};
 pub use modes::{Mode, ModeTable, ModeTableError, PAPER_PAIRS, Spread};

@@ -12,8 +12,10 @@ pub mod udp;
 use flix_protocol::units::Instant;
 use serde::{Deserialize, Serialize};
 
-use crate::nav::{PlanarPose, wrap};
+use crate::nav::{FARTHEST, PlanarPose, wrap};
 
+/// A body that is tilted by more is on its side or back, rad.
+const MOST_TILT: f64 = core::f64::consts::FRAC_PI_3;
 /// Height of the markers of a robot on the floor, m: its plate is 0.06 m above its soles.
 const HEIGHTS: std::ops::RangeInclusive<f64> = 0.01..=0.3;
 
@@ -200,6 +202,14 @@ impl Pose {
     /// Returns why this is no pose of a robot on the floor, with what to do. A tracker in the plane states no height.
     #[must_use]
     pub fn floating(&self, is_planar: bool) -> Option<String> {
+        let Quaternion { x, y, .. } = self.orientation;
+        let tilt = (1.0 - 2.0 * (x * x + y * y)).clamp(-1.0, 1.0).acos();
+        if tilt > MOST_TILT {
+            return Some(format!(
+                "the pose is tilted by {:.0} degrees: put the robot on its feet, or give the tracked body its axes, z up",
+                tilt.to_degrees()
+            ));
+        }
         let height = self.position.z;
         let stands = HEIGHTS.contains(&height) || (is_planar && height == 0.0);
         (!stands).then(|| {
@@ -219,12 +229,13 @@ impl Pose {
         position.iter().chain(&orientation).all(|number| number.is_finite())
     }
 
-    /// Returns whether every number is finite and the quaternion is a rotation.
+    /// Returns whether every number is finite, the place within 1000 m, and the quaternion a rotation.
     #[must_use]
     pub fn is_sound(&self) -> bool {
         let norm: f64 = self.orientation.components().iter().map(|q| q * q).sum();
         // Motive sends single precision; a body it does not see has the zero quaternion.
-        self.is_finite() && (norm - 1.0).abs() < 1e-2
+        let is_near = self.position.coordinates().iter().all(|it| it.abs() <= FARTHEST);
+        self.is_finite() && is_near && (norm - 1.0).abs() < 1e-2
     }
 }
 

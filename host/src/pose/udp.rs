@@ -12,6 +12,7 @@
 //! Datagrams are not authenticated: those of the first sender alone are taken, until it is silent for
 //! `SENDER_PATIENCE`, and a stream that jumps is not trusted ([`crate::pose::continuity`]).
 
+use std::f64::consts::TAU;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::time::Duration;
@@ -162,6 +163,10 @@ fn parse(datagram: &[u8]) -> Option<(Pose, bool, Option<Picture>)> {
         let [x, y, z, roll, pitch, yaw] = numbers.try_into().ok()?;
         Named { x, y, z, roll, pitch, yaw, valid: true, time: None }
     };
+    // More than a turn is in degrees.
+    if [roll, pitch, yaw].iter().any(|angle| angle.abs() > TAU) {
+        return None;
+    }
     let pose = Pose { position: Vector { x, y, z }, orientation: rotation(roll, pitch, yaw) };
     let is_time = |seconds: &f64| (0.0..=LATEST).contains(seconds);
     if !pose.is_sound() || !time.as_ref().is_none_or(is_time) {

@@ -1,5 +1,6 @@
 //! `flix-sim adversary`: what somebody without the key can do to a live robot.
 
+use flix_host::cli::number::whole;
 use std::process::ExitCode;
 
 use super::Error;
@@ -20,13 +21,13 @@ use crate::reliability::adversary::{
 )]
 pub struct Args {
     /// Number of datagrams that the attacker makes up
-    #[arg(long, default_value_t = 10_000_000)]
+    #[arg(long, default_value_t = 10_000_000, value_parser = whole::<u64>(1..=1_000_000_000_000))]
     datagrams: u64,
     /// Number of sessions over a network in the attacker's hands
-    #[arg(long, default_value_t = 330)]
+    #[arg(long, default_value_t = 330, value_parser = whole::<u64>(1..=1_000_000_000_000))]
     sessions: u64,
     /// Number of bytes fed to decoders, sessions and the robot
-    #[arg(long, default_value_t = 100_000_000)]
+    #[arg(long, default_value_t = 100_000_000, value_parser = whole::<u64>(1..=1_000_000_000_000))]
     bytes: u64,
     /// Seed of the robots and of the attack
     #[arg(long, default_value_t = 1)]

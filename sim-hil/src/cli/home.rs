@@ -1,5 +1,6 @@
 //! `flix-sim home`: return to the origin after pushes, in virtual time.
 
+use flix_host::cli::number::whole;
 use std::f64::consts::{PI, TAU};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -17,7 +18,7 @@ use serde::Serialize;
 use super::Error;
 use super::arguments::parse_time;
 use super::conditions::{LoopArgs, description};
-use super::output::{print, progress};
+use super::output::{path_as_text, print, progress};
 use crate::experiment::course::Course;
 use crate::rig::motion_capture::POSE_PERIOD;
 
@@ -38,7 +39,7 @@ Examples:
   flix-sim home --pushes 20 --seed 7 --loss 0.2 --latency 100ms --json")]
 pub struct Args {
     /// Number of pushes
-    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = 20, value_parser = whole::<u32>(1..=1000))]
     pushes: u32,
     #[command(flatten)]
     steering: SteeringArgs,
@@ -65,6 +66,7 @@ struct Report {
     seed: u64,
     controller: String,
     ending: String,
+    #[serde(serialize_with = "path_as_text")]
     record: PathBuf,
 }
 

@@ -7,7 +7,9 @@ use serde::Serialize;
 
 use super::Error;
 pub(crate) use crate::study::progress;
-pub(crate) use flix_host::cli::output::{headings, print, table};
+pub(crate) use flix_host::cli::output::{
+    headings, optional_path_as_text, path_as_text, print, table,
+};
 
 /// Prints a sentence on standard error. When nobody can read it there, it is lost.
 pub(crate) fn complain(sentence: impl std::fmt::Display) {

@@ -16,7 +16,7 @@ use serde::Serialize;
 use super::Error;
 use super::arguments::parse_time;
 use super::conditions::{LoopArgs, description};
-use super::output::{print, progress};
+use super::output::{optional_path_as_text, path_as_text, print, progress};
 use crate::experiment::course::Course;
 use crate::rig::motion_capture::POSE_PERIOD;
 use crate::view::Film;
@@ -87,11 +87,13 @@ pub struct Report {
     /// Changes of mode.
     pub mode_switches: u32,
     /// The MCAP.
+    #[serde(serialize_with = "path_as_text")]
     pub record: PathBuf,
     /// The picture of the track.
+    #[serde(serialize_with = "path_as_text")]
     pub plot: PathBuf,
     /// The page that replays it, unless JSON was asked for.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none", serialize_with = "optional_path_as_text")]
     pub replay: Option<PathBuf>,
 }
 

@@ -1,5 +1,6 @@
 //! `flix-sim walk`: shake the whole robot at one f and theta and see where it goes.
 
+use flix_host::cli::number::whole;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -35,7 +36,7 @@ pub struct Args {
     #[arg(long, value_name = "TIME", default_value = "8s", value_parser = parse_time)]
     seconds: Duration,
     /// Number of walks, each with its start disturbed by up to 1 mm
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u64>(1..=100_000))]
     seeds: u64,
     /// The first seed
     #[arg(long, value_name = "S", default_value_t = 1)]

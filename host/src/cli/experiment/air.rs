@@ -1,5 +1,6 @@
 //! `flix experiment air`: how a robot swings that hangs and is shaken.
 
+use crate::cli::number::whole;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -38,7 +39,7 @@ pub struct Args {
     #[arg(long, value_name = "F:THETA", value_delimiter = ',', allow_hyphen_values = true, value_parser = shake)]
     pairs: Vec<Pair>,
     /// Number of shakes at each pair; the pairs take turns.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100))]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<u32>(1..=100))]
     repeat: u32,
     /// Time that is recorded of each shake, 0.5 to 10 s.
     #[arg(long, value_name = "TIME", default_value = "1s", value_parser = recorded)]

@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Report, comment};
 use crate::cli::identify::POSE_PATIENCE;
-use crate::cli::number::parse_within;
+use crate::cli::number::{parse_within, whole};
 use crate::cli::output::complain;
 use crate::cli::robot::RobotArgs;
 use crate::cli::walk::PoseArgs;
@@ -49,7 +49,7 @@ pub struct Args {
     #[arg(long, value_name = "MM", default_value_t = HEIGHT, value_parser = height)]
     height: f64,
     /// Number of drops.
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=100))]
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = whole::<u32>(1..=100))]
     repeat: u32,
     #[command(flatten)]
     poses: PoseArgs,

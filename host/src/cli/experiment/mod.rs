@@ -13,7 +13,7 @@ use std::time::SystemTime;
 use flix_protocol::message::Setpoint;
 use serde::Serialize;
 
-use super::output::{print, print_json};
+use super::output::{optional_path_as_text, path_as_text, print, print_json};
 use super::walk::{RecordArgs, Walk, unrecorded, verdict};
 use super::{Error, Exit};
 use crate::experiment::{Sheet, SheetError};
@@ -88,11 +88,12 @@ impl Pair {
 /// What was written.
 #[derive(Debug, Serialize)]
 struct Report {
+    #[serde(serialize_with = "path_as_text")]
     file: PathBuf,
     tests: usize,
     rows: usize,
     ending: String,
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none", serialize_with = "optional_path_as_text")]
     record: Option<PathBuf>,
 }
 

@@ -1,5 +1,6 @@
 //! `flix experiment walks`: the mean motion of walks.
 
+use crate::cli::number::whole;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -39,7 +40,7 @@ pub struct Args {
     #[arg(long, value_name = "F:THETA", value_delimiter = ',', allow_hyphen_values = true)]
     pairs: Vec<Pair>,
     /// Number of walks at each pair; the pairs take turns.
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=100))]
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = whole::<u32>(1..=100))]
     repeat: u32,
     /// Duration of each walk, 2 to 120 s; its first second does not count.
     #[arg(long, value_name = "TIME", default_value = "8s", value_parser = stretch)]

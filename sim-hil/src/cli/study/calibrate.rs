@@ -1,6 +1,7 @@
 //! `flix-sim study calibrate`: the robot that fits.
 
 use flix_host::cli::number::parse_within;
+use flix_host::cli::number::whole;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -51,10 +52,10 @@ pub struct Args {
     #[arg(long, value_name = "TIMES", default_value_t = 1.0, value_parser = parse_widen)]
     widen: f64,
     /// Number of generations
-    #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = whole::<u64>(1..=100_000))]
     generations: u64,
     /// Scattered robots that each candidate is tried as
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u16>(1..=1000))]
     samples: u16,
     /// How far every number of the model scatters, as a share
     #[arg(long, value_name = "SHARE", default_value_t = 0.02, value_parser = super::parse_scatter)]
@@ -66,10 +67,10 @@ pub struct Args {
     #[arg(long, value_name = "TIME", default_value = "8s", value_parser = parse_time)]
     seconds: Duration,
     /// Walks of each row that judge the result
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u64>(1..=1000))]
     fresh_seeds: u64,
     /// Seed of everything random in the search
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=1_000_000))]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=1_000_000))]
     seed: u64,
     /// Take a first look: short, coarse walks and few generations
     #[arg(long)]

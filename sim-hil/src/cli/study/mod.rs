@@ -11,6 +11,7 @@ pub mod sensitivity;
 pub mod sysid;
 
 use flix_host::cli::number::parse_within;
+use flix_host::cli::number::whole;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -158,7 +159,7 @@ pub struct SweepArgs {
     #[command(flatten)]
     pub model: ModelArgs,
     /// Walks of each pair, each with its start disturbed by up to 1 mm
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = whole::<u64>(1..=100_000))]
     pub seeds: u64,
     /// The first seed
     #[arg(long, value_name = "S", default_value_t = 1)]

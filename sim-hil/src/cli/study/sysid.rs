@@ -1,5 +1,6 @@
 //! `flix-sim study sysid`: which robot a real one is, with error bars.
 
+use flix_host::cli::number::whole;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -28,10 +29,10 @@ pub struct Args {
     #[arg(value_name = "DATA_DIR", required_unless_present = "synthetic")]
     data: Option<PathBuf>,
     /// Hide so many robots instead, measure them, identify them and compare with the truth
-    #[arg(long, value_name = "N", conflicts_with = "data", value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    #[arg(long, value_name = "N", conflicts_with = "data", value_parser = whole::<u64>(1..=10_000))]
     synthetic: Option<u64>,
     /// Seed of the first hidden robot
-    #[arg(long, value_name = "S", default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=1_000_000_000))]
+    #[arg(long, value_name = "S", default_value_t = 1, value_parser = whole::<u64>(0..=1_000_000_000))]
     first_seed: u64,
     /// Seed of the ensembles, and of which third of the walks is held out
     #[arg(long, default_value_t = 1, conflicts_with = "synthetic")]
