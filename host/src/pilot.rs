@@ -360,6 +360,11 @@ impl<H: Helm> Pilot<H> {
             Update::Answer { request, outcome } => self.answered(now, client, request, &outcome),
             // Telemetry states who stopped the robot.
             Update::SetpointRefused(Refusal::Stopped) => {}
+            Update::SetpointRefused(Refusal::State(State::Disarmed))
+                if self.phase == Phase::Driving =>
+            {
+                self.fail(now, client, Ending::Lapsed);
+            }
             Update::SetpointRefused(refusal) if self.phase == Phase::Driving => {
                 self.fail(now, client, Ending::Refused(refusal));
             }

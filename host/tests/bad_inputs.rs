@@ -94,7 +94,7 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("drive w --frequency 30 --direction 30 --for 5 --body 3", 2, "--pose natnet"),
     ("drive w --frequency 30 --direction 30 --for 5 --interface 127.0.0.1", 2, "--pose natnet"),
     ("drive w --frequency 30 --direction 30 --for 5 --pose udp:5005 --body 3", 2, "--pose natnet"),
-    ("doctor w --pose udp:5005 --up z --no-poses", 2, "problem"),
+    ("doctor w --pose udp:5005 --up z --no-poses", 2, "cannot be used with"),
     // Teleop.
     ("teleop w --natnet-server 127.0.0.1", 2, "--pose natnet"),
     ("teleop w --pose udp:5005 --natnet-server 127.0.0.1", 2, "--pose natnet alone"),
@@ -128,7 +128,7 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("parameters import 127.0.0.1:9 {home}/broken.toml --key {home}/good.key", 2, "broken.toml"),
     // Track.
     ("track", 2, "PATH"),
-    ("track circle --laps 0", 2, "--laps"),
+    ("track circle --laps 0", 2, "no whole number from 1 to 1000000"),
     ("track circle --laps -1", 2, "--laps"),
     ("track circle --laps 1.5", 2, "--laps"),
     ("track circle --radius 0", 2, "radius"),

@@ -348,6 +348,16 @@ fn anybody_with_the_key_stops_a_drive_and_its_operator_learns_of_it() {
 }
 
 #[test]
+fn a_drive_whose_robot_stops_by_itself_points_at_the_link() {
+    let (served, _) = serve(robot());
+    let operator = Operator::new();
+    let child = long_drive(&operator, &served);
+    served.robot().state = State::Disarmed;
+    let ended = Ended(child.wait_with_output().unwrap());
+    ended.expect(10, &["stopped by itself", "flix link-test", "flix clear"]);
+}
+
+#[test]
 fn everybody_learns_who_stopped_the_robot() {
     let mut stopped = robot();
     (stopped.stopped, stopped.stopped_by) = (true, "bob".parse().unwrap());
@@ -843,6 +853,9 @@ fn the_key_file_can_be_named_by_the_environment() {
     let (_served, address) = serve(robot());
     let operator = Operator::new();
     let mut command = operator.command_without_key(&["status", &address]);
+    let empty =
+        operator.command_without_key(&["status", "10.0.0.7"]).env("FLIX_KEY_FILE", "").output();
+    Ended(empty.unwrap()).expect(2, &["is FLIX_KEY_FILE set, and empty?"]);
     let output = command.env("FLIX_KEY_FILE", &operator.key).output().unwrap();
     Ended(output).expect(0, &[]);
 }

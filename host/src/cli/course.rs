@@ -1,6 +1,5 @@
 //! Options of a path and of steering, shared by every program that navigates.
 
-use super::number::whole;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -8,11 +7,11 @@ use std::time::Duration;
 use flix_protocol::message::Setpoint;
 
 use super::Error;
-use super::number::parse_within;
-use super::output::read_text;
+use super::number::{parse_within, whole};
+use super::output::{complain, read_text};
 use crate::nav::{
-    Approach, Area, ControllerKind, ModeTable, Navigator, PAPER_PAIRS, Path, PathError, PlanarPose,
-    Position, Settings, Task,
+    Approach, Area, ControllerKind, ModeTable, ModeTableError, Navigator, PAPER_PAIRS, Path,
+    PathError, PlanarPose, Position, Settings, Task,
 };
 use crate::steering::{self, ControllerProcess, Steering};
 
@@ -247,6 +246,19 @@ pub fn results(navigator: &Navigator, seconds: f64) -> BTreeMap<String, String> 
         Task::Reach { .. } => vec![("final_error_mm".into(), millimetres(progress.error))],
     });
     results
+}
+
+/// Reads the mode table, and says when it was measured with another robot.
+///
+/// # Errors
+/// When it cannot be used.
+pub fn table_for(robot: &str, file: &std::path::Path) -> Result<ModeTable, ModeTableError> {
+    let table = ModeTable::load(file)?;
+    if table.robot != robot {
+        let (file, measured) = (file.display(), &table.robot);
+        complain(format_args!("{file} was measured with {measured:?}, not with {robot:?}"));
+    }
+    Ok(table)
 }
 
 /// Returns the names of the modes, in the order of the table, and of what a controller process commands.

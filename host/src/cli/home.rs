@@ -2,12 +2,12 @@
 
 use std::process::ExitCode;
 
-use super::course::{SteeringArgs, facts, names, results};
+use super::course::{SteeringArgs, facts, names, results, table_for};
 use super::output::print;
 use super::robot::RobotArgs;
 use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
 use super::{Error, Exit};
-use crate::nav::{ModeTable, Navigator, Position, Task};
+use crate::nav::{Navigator, Position, Task};
 use crate::pilot::{Pilot, Recorded};
 
 /// Walk to a point and rest there.
@@ -42,7 +42,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let task = Task::Reach { point: args.to, stay: args.stay };
     let settings = args.steering.settings(&task);
-    let table = ModeTable::load(&args.files.modes)?;
+    let table = table_for(&args.robot.robot, &args.files.modes)?;
     let setup = facts(&settings);
     let navigator = Navigator::new(task, &table, settings).map_err(Error::usage)?;
     let mut walk = Walk::open(&args.robot, &args.poses)?;

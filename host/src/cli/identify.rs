@@ -1,6 +1,5 @@
 //! `flix identify`: measures the motion of each mode.
 
-use super::number::whole;
 use std::collections::BTreeMap;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -8,6 +7,7 @@ use std::time::Duration;
 use flix_protocol::message::Setpoint;
 
 use super::course::pairs;
+use super::number::whole;
 use super::output::{headings, print, table};
 use super::robot::RobotArgs;
 use super::time::duration;

@@ -4,12 +4,12 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use super::course::{CourseArgs, facts, names, results};
+use super::course::{CourseArgs, facts, names, results, table_for};
 use super::output::{print, print_json};
 use super::robot::RobotArgs;
 use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
 use super::{Error, Exit};
-use crate::nav::{ModeTable, ModeTableError, Task};
+use crate::nav::{ModeTableError, Task};
 use crate::pilot::{Pilot, Recorded};
 
 /// Longest time for an answer of a controller process: well within the command deadline of 250 ms.
@@ -55,7 +55,7 @@ impl From<ModeTableError> for Error {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let task = args.course.task()?;
     let settings = args.course.settings(&task)?;
-    let table = ModeTable::load(&args.files.modes)?;
+    let table = table_for(&args.robot.robot, &args.files.modes)?;
     let name = match &task {
         Task::Follow { path, .. } => format!("track-{}", path.name()),
         Task::Reach { .. } => "reach".to_owned(),

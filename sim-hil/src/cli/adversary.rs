@@ -1,7 +1,8 @@
 //! `flix-sim adversary`: what somebody without the key can do to a live robot.
 
-use flix_host::cli::number::whole;
 use std::process::ExitCode;
+
+use flix_host::cli::number::whole;
 
 use super::Error;
 use super::output::{print_verdict, progress, row, table, words};

@@ -1,12 +1,12 @@
 //! `flix-sim home`: return to the origin after pushes, in virtual time.
 
-use flix_host::cli::number::whole;
 use std::f64::consts::{PI, TAU};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime};
 
 use flix_host::cli::course::{SteeringArgs, facts, names, results};
+use flix_host::cli::number::whole;
 use flix_host::nav::{Navigator, PlanarPose, Position, Task};
 use flix_host::pilot::{Ending, Pilot};
 use flix_host::record::Recorder;

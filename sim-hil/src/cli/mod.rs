@@ -168,6 +168,7 @@ impl Error {
         use crate::experiment::walk::WalkError;
         use crate::study::calibrate::CalibrationError;
         use crate::study::sysid::SysidError;
+        use crate::study::{StudyError, TableError};
         matches!(
             self,
             Self::Setpoint(_)
@@ -179,9 +180,11 @@ impl Error {
                 | Self::Sysid(
                     SysidError::Measured(_)
                         | SysidError::Plan(_)
+                        | SysidError::NoFolder(_)
                         | SysidError::Empty(_)
                         | SysidError::Write { .. }
                 )
+                | Self::Study(StudyError::Journal(_) | StudyError::Table(TableError::File { .. }),)
                 | Self::Table(_)
                 | Self::Key(_)
                 | Self::Serve(

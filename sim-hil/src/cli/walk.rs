@@ -1,11 +1,10 @@
 //! `flix-sim walk`: shake the whole robot at one f and theta and see where it goes.
 
-use flix_host::cli::number::whole;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use flix_host::cli::number::parse_within;
+use flix_host::cli::number::{parse_within, whole};
 use flix_host::nav::{PlanarPose, Position};
 use flix_host::plot::{Figure, Outline, Series, Track, colour};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};

@@ -1,6 +1,5 @@
 //! `flix experiment air`: how a robot swings that hangs and is shaken.
 
-use crate::cli::number::whole;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -10,6 +9,7 @@ use flix_protocol::message::Setpoint;
 use super::{Experimenter, Pair};
 use crate::cli::Error;
 use crate::cli::identify::POSE_PATIENCE;
+use crate::cli::number::whole;
 use crate::cli::robot::RobotArgs;
 use crate::cli::time::duration;
 use crate::cli::walk::{PoseArgs, RecordArgs, Walk};

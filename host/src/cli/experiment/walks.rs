@@ -1,6 +1,5 @@
 //! `flix experiment walks`: the mean motion of walks.
 
-use crate::cli::number::whole;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -9,6 +8,7 @@ use super::{Experimenter, Pair};
 use crate::cli::Error;
 use crate::cli::course::pairs;
 use crate::cli::identify::{identification, stretch};
+use crate::cli::number::whole;
 use crate::cli::output::complain;
 use crate::cli::robot::RobotArgs;
 use crate::cli::walk::{PoseArgs, RecordArgs, Walk};

@@ -1,11 +1,10 @@
 //! `flix-sim study calibrate`: the robot that fits.
 
-use flix_host::cli::number::parse_within;
-use flix_host::cli::number::whole;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
+use flix_host::cli::number::{parse_within, whole};
 use flix_host::plot::{Chart, Figure, Panel, Series};
 
 use super::listen;

@@ -10,13 +10,12 @@ pub mod select;
 pub mod sensitivity;
 pub mod sysid;
 
-use flix_host::cli::number::parse_within;
-use flix_host::cli::number::whole;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Subcommand;
+use flix_host::cli::number::{parse_within, whole};
 use flix_host::interrupt::Interrupt;
 
 use super::Error;

@@ -1,9 +1,9 @@
 //! `flix-sim study sysid`: which robot a real one is, with error bars.
 
-use flix_host::cli::number::whole;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use flix_host::cli::number::whole;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
 use crate::cli::Error;
