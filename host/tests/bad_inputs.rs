@@ -229,7 +229,7 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("experiment walks {home}/lab --fence 1,2", 2, "--fence"),
     ("experiment walks {home}/lab --modes {home}/none.toml", 2, "none.toml"),
     ("experiment walks {home}/lab --natnet-server 127.0.0.1:9", 10, "Motive"),
-    ("experiment walks {home}/good.key", 2, "Not a directory"),
+    ("experiment walks {home}/good.key", 2, "good.key is not a folder"),
     ("experiment walks {home}/other --natnet-server 127.0.0.1:9", 2, "has the columns speed,f_hz"),
     ("experiment walks {home}/torn --natnet-server 127.0.0.1:9", 2, "line 2: this is no whole row"),
     ("experiment air {home}/lab --pairs 4:0", 2, "5 Hz or more"),

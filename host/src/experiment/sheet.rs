@@ -26,6 +26,9 @@ impl Column {
 /// Why a file cannot take rows.
 #[derive(Debug, thiserror::Error)]
 pub enum SheetError {
+    /// Its folder is none.
+    #[error("{} is not a folder: name the folder of the experiments", .0.display())]
+    NotAFolder(PathBuf),
     /// It cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Read {
@@ -83,6 +86,9 @@ impl Sheet {
     /// # Errors
     /// When it has other columns, holds what is no row, or cannot be read or written.
     pub fn open(folder: &Path, name: &str, columns: &'static [Column]) -> Result<Self, SheetError> {
+        if folder.exists() && !folder.is_dir() {
+            return Err(SheetError::NotAFolder(folder.to_owned()));
+        }
         let path = folder.join(name).with_extension("csv");
         file::check_writable(&path)
             .map_err(|source| SheetError::Write { path: path.clone(), source })?;
