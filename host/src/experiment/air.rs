@@ -495,7 +495,7 @@ mod tests {
         };
         let mut heard = |index: u32| {
             let t = f64::from(index) / f64::from(telemetry);
-            let late = if index % 3 == 0 { 0.02 } else { 0.0 };
+            let late = if index.is_multiple_of(3) { 0.02 } else { 0.0 };
             let theta = f64::from(setpoint.direction().get());
             let angles = [theta + phase(t), theta - phase(t)].map(wrapped);
             robot.take(at(10.0 + t + late), at(77.0 + t));
