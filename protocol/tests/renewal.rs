@@ -207,6 +207,18 @@ fn a_lost_answer_is_given_again_and_the_session_goes_on() {
 }
 
 #[test]
+fn a_repeated_request_changes_nothing_so_that_the_first_answer_counts() {
+    let mut ends = Ends::connected();
+    let renewal = ends.renewal();
+    let answer = ends.answer(&renewal);
+    ends.wait(HANDSHAKE_RETRY);
+    let again = ends.operator.poll(ends.now).unwrap();
+    ends.answer(&again);
+    ends.operator_hears(&answer);
+    assert!(ends.drives());
+}
+
+#[test]
 fn a_renewal_that_is_changed_or_repeated_is_dropped_at_either_end() {
     let mut ends = Ends::connected();
     let renewal = ends.renewal();

@@ -15,8 +15,8 @@ use flix_protocol::message::{
 };
 use flix_protocol::session::{
     CONNECT_PATIENCE, COOKIE_LIFE, ConnectError, HINT_PATIENCE, HOLDER_SILENCE, Key, KeyError,
-    OperatorReceived, OperatorSession, RobotReceived, RobotSession, SESSION_EXPIRY, SendError,
-    Status, VERSION,
+    LONGEST_COMMAND_AGE, OperatorReceived, OperatorSession, RobotReceived, RobotSession,
+    SESSION_EXPIRY, SendError, Status, VERSION,
 };
 use flix_protocol::units::Instant;
 
@@ -446,6 +446,14 @@ fn a_datagram_reflected_to_its_sender_is_dropped() {
 }
 
 #[test]
+fn a_robot_is_provisioned_while_it_has_an_operator() {
+    let mut robot = RobotSession::new(None, [11; 32]);
+    let before = robot.is_provisioned();
+    robot.set_operators(Some(key(1)));
+    assert_eq!([before, robot.is_provisioned()], [false, true]);
+}
+
+#[test]
 fn a_session_belongs_to_the_address_that_opened_it() {
     let mut ends = Ends::connected();
     let frame = ends.operator.send(ends.now, &command(1, Command::Arm)).unwrap();
@@ -478,6 +486,32 @@ fn a_command_counts_up_to_the_command_age_and_not_after_it() {
     };
     assert_eq!(ends.robot_hears(&frame), late);
     assert_eq!(ends.robot.quality(ends.now).late, 1);
+}
+
+#[test]
+fn the_command_age_can_be_set_up_to_the_longest() {
+    let mut ends = Ends::connected();
+    let age = COMMAND_AGE / 2;
+    ends.robot.set_command_age(age);
+    let frame = sealed_setpoint(&mut ends);
+    ends.wait(age + TICK);
+    let late =
+        RobotReceived::Late { command: command(1, setpoint(30.0, 0.0)), age: Some(age + TICK) };
+    assert_eq!((ends.robot_hears(&frame), ends.robot.command_age()), (late, age));
+    ends.robot.set_command_age(LONGEST_COMMAND_AGE + TICK);
+    assert_eq!(ends.robot.command_age(), LONGEST_COMMAND_AGE);
+}
+
+#[test]
+fn the_moment_is_that_of_the_newest_fresh_command_of_a_session() {
+    let mut ends = Ends::connected();
+    let frame = sealed_setpoint(&mut ends);
+    let seen = ends.now;
+    ends.wait(COMMAND_AGE);
+    ends.robot_hears(&frame);
+    assert_eq!(ends.robot.moment(), Some(seen));
+    ends.robot.end();
+    assert_eq!(ends.robot.moment(), None);
 }
 
 #[test]
