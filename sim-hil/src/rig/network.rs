@@ -2,8 +2,8 @@
 //! computer, each on a stack of embassy-net behind a [`Guard`], with a wire between them.
 //!
 //! The task, the stacks and the guards are those of the chips. The wire can be cut, it loses frames, and anybody can put
-//! frames on it ([`Wire::inject`]); the robot's frames can be watched ([`Wire::watch`]). [`play`] runs all of it in
-//! turns on one thread, [`TURNS`] in each tick, as often from the same beginning with the same end.
+//! frames on it ([`Wire::inject`]); the robot's frames can be watched ([`Wire::watch`]). [`play`] runs all of it on one
+//! thread, [`TURNS`] turns in each tick: the same beginning gives the same end.
 
 use core::net::{Ipv4Addr, SocketAddrV4};
 use core::pin::pin;
