@@ -7,7 +7,7 @@ use std::time::Duration;
 use flix_protocol::message::Setpoint;
 
 use super::Error;
-use super::number::{parse_within, whole};
+use super::number::{fixed, parse_within, whole};
 use super::output::{complain, read_text};
 use crate::nav::{
     Approach, Area, ControllerKind, ModeTable, ModeTableError, Navigator, PAPER_PAIRS, Path,
@@ -240,7 +240,7 @@ pub fn results(navigator: &Navigator, seconds: f64) -> BTreeMap<String, String> 
         Task::Follow { .. } => vec![
             ("path_error_rms_mm".into(), millimetres(progress.error_rms)),
             ("path_error_peak_mm".into(), millimetres(progress.error_peak)),
-            ("laps".into(), format!("{:.2}", progress.laps)),
+            ("laps".into(), fixed(progress.laps, 2)),
         ],
         // Nobody walks a push: there is no path to be away from.
         Task::Reach { .. } => vec![("final_error_mm".into(), millimetres(progress.error))],

@@ -11,6 +11,7 @@ use flix_protocol::units::{self, Degrees, Hertz, OutOfRange};
 use serde::Serialize;
 
 use super::moved::{Motion, Walked};
+use super::number::fixed;
 use super::output::{milliseconds, optional_path_as_text, print, print_json, progress};
 use super::robot::RobotArgs;
 use super::time::positive_duration;
@@ -91,7 +92,8 @@ fn parse<T>(
     let value: f32 = text.trim().parse().map_err(|_| {
         format!("`{text}` is not a number; the {quantity} is from {minimum} to {maximum}")
     })?;
-    check(value).map_err(|error| {
+    // No negative zero.
+    check(value + 0.0).map_err(|error| {
         let unit = error.unit;
         format!("{quantity} {value} {unit} is outside {minimum} to {maximum} {unit}")
     })
@@ -421,14 +423,14 @@ fn describe(report: &Report) -> String {
     let _ = match held {
         Some(held) => writeln!(
             text,
-            "f      {:7.2} Hz  held {:7.2} Hz  within {:.3} Hz RMS\n\
-             theta  {:7.1} deg held {:7.1} deg within {:.2} deg RMS\n\
+            "f      {:>7} Hz  held {:>7} Hz  within {:.3} Hz RMS\n\
+             theta  {:>7} deg held {:>7} deg within {:.2} deg RMS\n\
              reached after {:.2} s; {:.1} s in all, {} samples since; peak current {:.2} A",
-            commanded.frequency_hz,
-            held.frequency_hz,
+            fixed(commanded.frequency_hz.into(), 2),
+            fixed(held.frequency_hz, 2),
             held.frequency_rms_error_hz,
-            commanded.direction_deg,
-            held.direction_deg,
+            fixed(commanded.direction_deg.into(), 1),
+            fixed(held.direction_deg, 1),
             held.direction_rms_error_deg,
             report.settled_after_s.unwrap_or_default(),
             report.seconds,
@@ -458,6 +460,12 @@ fn describe(report: &Report) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_negative_zero_is_driven_as_zero() {
+        let signs = [frequency("-0").unwrap().get(), direction("-0.0").unwrap().get()];
+        assert!(signs.iter().all(|value| value.is_sign_positive()));
+    }
 
     #[test]
     fn numbers_that_cannot_be_driven_are_refused_with_the_range() {

@@ -1,5 +1,7 @@
 //! Axes: position and text of the ticks, and the conversion of data to pixels.
 
+use crate::cli::number::fixed;
+
 /// Scale of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) enum Scale {
@@ -8,6 +10,10 @@ pub(super) enum Scale {
     Linear,
     /// Equal steps, equal lengths; ticks at parts of a turn.
     Degrees,
+    /// Equal steps, equal lengths; ticks at whole numbers.
+    Whole,
+    /// Names at 1, 2 and so on.
+    Names(&'static [&'static str]),
     /// Equal factors, equal lengths. Values at or below zero are not drawn.
     Logarithmic,
 }
@@ -55,7 +61,7 @@ impl Axis {
     /// Makes the axis that shows `limits` (widened where they are equal) from pixel `from` to `to`.
     pub(super) fn new(limits: Limits, scale: Scale, from: f64, to: f64) -> Self {
         let Limits { low, high } = match scale {
-            Scale::Linear | Scale::Degrees => limits,
+            Scale::Linear | Scale::Degrees | Scale::Whole | Scale::Names(_) => limits,
             Scale::Logarithmic => {
                 let log = |value: f64| value.max(f64::MIN_POSITIVE).log10();
                 Limits::new(log(limits.low), log(limits.high))
@@ -73,7 +79,7 @@ impl Axis {
     /// Returns the pixel of a value; `None` where it has none.
     pub(super) fn pixel(&self, value: f64) -> Option<f64> {
         let value = match self.scale {
-            Scale::Linear | Scale::Degrees => value,
+            Scale::Linear | Scale::Degrees | Scale::Whole | Scale::Names(_) => value,
             Scale::Logarithmic if value > 0.0 => value.log10(),
             Scale::Logarithmic => return None,
         };
@@ -85,9 +91,15 @@ impl Axis {
     /// Returns ticks at least `spacing` pixels apart: pixel and text.
     pub(super) fn ticks(&self, spacing: f64) -> Vec<(f64, String)> {
         let count = ((self.to - self.from).abs() / spacing).max(1.0);
+        let least = self.limits.span() / count;
         let values = match self.scale {
-            Scale::Linear => linear_ticks(self.limits, round_step(self.limits.span() / count)),
-            Scale::Degrees => linear_ticks(self.limits, step_of_turn(self.limits.span() / count)),
+            Scale::Linear => linear_ticks(self.limits, round_step(least)),
+            Scale::Degrees => linear_ticks(self.limits, step_of_turn(least)),
+            // Above 1, round steps are whole except 2.5.
+            Scale::Whole => linear_ticks(self.limits, round_step(least.max(1.0)).ceil()),
+            Scale::Names(names) => {
+                (1..).zip(names).map(|(at, name)| (f64::from(at), (*name).to_owned())).collect()
+            }
             Scale::Logarithmic => logarithmic_ticks(self.limits, count),
         };
         values
@@ -110,7 +122,9 @@ pub(super) fn range_of(
         return None;
     }
     Some(match scale {
-        Scale::Linear | Scale::Degrees => Limits::new(low, high).widened((high - low) * share),
+        Scale::Linear | Scale::Degrees | Scale::Whole | Scale::Names(_) => {
+            Limits::new(low, high).widened((high - low) * share)
+        }
         Scale::Logarithmic => {
             let factor = (high / low).powf(share);
             Limits::new(low / factor, high * factor)
@@ -133,6 +147,24 @@ fn step_of_turn(least: f64) -> f64 {
     const PARTS: [f64; 7] = [10.0, 15.0, 30.0, 45.0, 90.0, 180.0, 360.0];
     let part = PARTS.into_iter().find(|part| *part >= least).filter(|_| least > 5.0);
     part.unwrap_or_else(|| round_step(least))
+}
+
+/// Room beyond the outermost ticks of angles, as a share of what is between them.
+const BEYOND: f64 = 0.014;
+
+/// Returns the range of angles, degrees, that shows `limits` and has a tick at both of its ends when it has room for
+/// `count` ticks.
+pub(super) fn ended_at_ticks(limits: Limits, count: f64) -> Limits {
+    let limits = if limits.span() > 0.0 { limits } else { limits.widened(0.5) };
+    let slack = BEYOND * limits.span();
+    let mut ends = limits;
+    // A wider range may need a longer step, and that a wider range; a turn is the longest.
+    for _ in 0..4 {
+        let step = step_of_turn(ends.span() * (1.0 + 2.0 * BEYOND) / count.max(1.0));
+        let (low, high) = ((limits.low + slack) / step, (limits.high - slack) / step);
+        ends = Limits::new(low.floor() * step, high.ceil() * step);
+    }
+    ends.widened(BEYOND * ends.span())
 }
 
 fn linear_ticks(Limits { low, high }: Limits, step: f64) -> Vec<(f64, String)> {
@@ -165,12 +197,7 @@ fn decimals_of(step: f64) -> usize {
 
 /// Returns a number with a true minus sign and no negative zero.
 pub(super) fn number(value: f64, decimals: usize) -> String {
-    let text = format!("{value:.decimals$}");
-    match text.strip_prefix('-') {
-        Some(rest) if rest.chars().all(|c| c == '0' || c == '.') => rest.to_owned(),
-        Some(rest) => format!("\u{2212}{rest}"),
-        None => text,
-    }
+    fixed(value, decimals).replace('-', "\u{2212}")
 }
 
 /// Returns a number in as few characters as it needs: `0.001`, `20`, `1e6`.
@@ -201,6 +228,31 @@ mod tests {
         let heading = |height| Axis::new(Limits::new(-185.0, 185.0), Scale::Degrees, 0.0, height);
         assert_eq!(texts(&heading(110.0), 34.0), ["\u{2212}180", "0", "180"]);
         assert_eq!(texts(&heading(220.0), 34.0), ["\u{2212}180", "\u{2212}90", "0", "90", "180"]);
+    }
+
+    #[test]
+    fn a_range_of_angles_has_a_tick_at_both_ends() {
+        let ticks = |low, high| {
+            let range = ended_at_ticks(Limits::new(low, high), 110.0 / 34.0);
+            texts(&Axis::new(range, Scale::Degrees, 110.0, 0.0), 34.0)
+        };
+        assert_eq!(ticks(-150.0, 180.3), ["\u{2212}180", "0", "180"]);
+        assert_eq!(ticks(-35.0, 60.0), ["\u{2212}45", "0", "45", "90"]);
+        assert_eq!(ticks(30.0, 30.0), ["29.5", "30.0", "30.5"]);
+    }
+
+    #[test]
+    fn counts_have_ticks_at_whole_numbers_only() {
+        let ticks =
+            |high| texts(&Axis::new(Limits::new(0.0, high), Scale::Whole, 0.0, 900.0), 80.0);
+        assert_eq!(ticks(1.0), ["0", "1"]);
+        assert_eq!(ticks(24.0), ["0", "3", "6", "9", "12", "15", "18", "21", "24"]);
+    }
+
+    #[test]
+    fn names_stand_at_their_numbers() {
+        let axis = Axis::new(Limits::new(0.5, 2.5), Scale::Names(&["fl", "fr"]), 0.0, 200.0);
+        assert_eq!(axis.ticks(80.0), [(50.0, "fl".to_owned()), (150.0, "fr".to_owned())]);
     }
 
     #[test]

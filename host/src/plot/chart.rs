@@ -1,6 +1,6 @@
 //! Line charts: stacked panels over one horizontal axis.
 
-use super::axis::{Axis, Limits, Scale, range_of};
+use super::axis::{Axis, Limits, Scale, ended_at_ticks, range_of};
 use super::canvas::{Align, Canvas, Pen, Pixel, Size, Text, text_width};
 use super::series::{Frame, Series};
 use super::{Colour, Figure, colour};
@@ -13,6 +13,8 @@ pub(super) const LABEL: f64 = 12.5;
 pub(super) const TICK: f64 = 11.0;
 /// White space around everything.
 pub(super) const MARGIN: f64 = 18.0;
+/// Least distance between two ticks of a vertical axis.
+const TICK_SPACING: f64 = 34.0;
 /// Room for the numbers left of a panel.
 const TICK_COLUMN: f64 = 58.0;
 /// Room for a panel's own label and legend above it.
@@ -93,6 +95,20 @@ impl Chart {
     pub fn x_degrees(mut self) -> Self {
         self.x_scale = Scale::Degrees;
         self
+    }
+
+    /// Puts the ticks of the horizontal axis, which counts something, at whole numbers.
+    #[must_use]
+    pub fn x_whole(mut self) -> Self {
+        self.x_scale = Scale::Whole;
+        self
+    }
+
+    /// Names the places 1, 2 and so on of the horizontal axis.
+    #[must_use]
+    pub fn x_names(mut self, names: &'static [&'static str]) -> Self {
+        self.x_scale = Scale::Names(names);
+        self.x_range(0.5, names.len() as f64 + 0.5)
     }
 
     /// Sets the width of the figure, logical pixels (default 1000).
@@ -182,9 +198,13 @@ impl Panel {
 
     fn shown_range(&self) -> Limits {
         let values = self.series.iter().flat_map(|s| &s.points).map(|p| p.y);
-        self.range
-            .or_else(|| range_of(values.chain(self.rules.iter().map(|r| r.0)), self.scale, 0.06))
-            .unwrap_or(Limits::new(0.0, 1.0))
+        let values = values.chain(self.rules.iter().map(|r| r.0));
+        let of_data = || match self.scale {
+            Scale::Degrees => range_of(values, self.scale, 0.0)
+                .map(|range| ended_at_ticks(range, self.height / TICK_SPACING)),
+            _ => range_of(values, self.scale, 0.06),
+        };
+        self.range.or_else(of_data).unwrap_or(Limits::new(0.0, 1.0))
     }
 
     fn draw(&self, canvas: &mut Canvas, x: &Axis, frame: Frame) {
@@ -277,7 +297,7 @@ pub(super) fn draw_grid(canvas: &mut Canvas, (x, y): (&Axis, &Axis), frame: Fram
         let ends = [Pixel::new(at, frame.top), Pixel::new(at, frame.bottom)];
         canvas.line(&ends, Pen::new(colour::GRID, 1.0));
     }
-    for (at, text) in y.ticks(34.0) {
+    for (at, text) in y.ticks(TICK_SPACING) {
         let ends = [Pixel::new(frame.left, at), Pixel::new(frame.right, at)];
         canvas.line(&ends, Pen::new(colour::GRID, 1.0));
         let look = Text { align: Align::Right, ..tick_text(colour::MUTED) };

@@ -1,7 +1,7 @@
 //! Figures of a run.
 
 use super::{CommandRow, Run, TelemetryRow};
-use crate::nav::{PlanarPose, Position, wrap};
+use crate::nav::{JOINED_WITHIN, PlanarPose, Position, wrap};
 use crate::plot::{Chart, Outline, Panel, Series, Stroke, Track, colour};
 
 /// Length and width of the robot's plate, m (paper, Table II).
@@ -28,13 +28,12 @@ pub fn track(run: &Run) -> Track {
     let walked = broken_at_jumps(trusted.iter().map(PlanarPose::position));
     figure = figure.series(Series::line("robot", walked).colour(colour::BLUE));
     if let (Some(first), Some(last)) = (trusted.first(), trusted.last()) {
-        // Two labels on one spot cannot be read.
-        let farthest =
-            trusted.iter().map(|pose| first.distance_to(pose.position())).fold(0.0, f64::max);
-        let apart = first.distance_to(last.position()) > (farthest + PLATE[0]) / 10.0;
-        let (start, end) = if apart { ("start", "end") } else { ("", "start and end") };
-        figure = figure.mark(first.position(), start, colour::GREEN);
-        figure = figure.mark(last.position(), end, colour::RED);
+        // Named in the legend: text beside them would cover them on a closed path. The smaller end stays visible on
+        // the start.
+        let dot =
+            |name, pose: &PlanarPose| Series::line(name, [pose.position()]).stroke(Stroke::Dots);
+        figure = figure.series(dot("start", first).colour(colour::GREEN).width(4.4));
+        figure = figure.series(dot("end", last).colour(colour::RED).width(2.6));
     }
     figure
 }
@@ -67,19 +66,23 @@ pub fn timeline(run: &Run) -> Chart {
             .navigation
             .iter()
             .map(|n| (run.time(&n.timestamp), wrap(n.heading_rad).to_degrees()));
-        chart = chart
-            .panel(
-                Panel::new("Error (mm)")
-                    .series(Series::line("now", error).width(1.2))
-                    .series(Series::line("RMS so far", rms).stroke(Stroke::Dashed)),
-            )
-            .panel(
-                Panel::new("Heading (°)")
-                    .height(110.0)
-                    .range(-185.0, 185.0)
-                    .degrees()
-                    .series(Series::line("", broken_at_wraps(heading)).width(1.2)),
-            );
+        let label = match approach(run) {
+            Some(_) => "Error (mm); shaded: approach, not counted",
+            None => "Error (mm)",
+        };
+        let mut errors = Panel::new(label)
+            .series(Series::line("now", error).width(1.2))
+            .series(Series::line("RMS so far", rms).stroke(Stroke::Dashed));
+        if let Some((from, to)) = approach(run) {
+            errors = errors.span(from, to, "approach", colour::PURPLE);
+        }
+        chart = chart.panel(errors).panel(
+            Panel::new("Heading (°)")
+                .height(110.0)
+                .range(-185.0, 185.0)
+                .degrees()
+                .series(Series::line("", broken_at_wraps(heading)).width(1.2)),
+        );
     }
     if !run.commands.is_empty() || !run.telemetry.is_empty() {
         chart = chart
@@ -108,6 +111,15 @@ pub fn timeline(run: &Run) -> Chart {
             );
     }
     chart
+}
+
+/// Returns when the robot walked to its path, s: that error is in no result. `None` where it began on the path.
+fn approach(run: &Run) -> Option<(f64, f64)> {
+    run.path.as_ref()?;
+    let first = run.navigation.first().filter(|row| row.error_m.abs() >= JOINED_WITHIN)?;
+    let joined = run.navigation.iter().find(|row| row.error_rms_m > 0.0);
+    let end = joined.or(run.navigation.last())?;
+    Some((run.time(&first.timestamp), run.time(&end.timestamp)))
 }
 
 fn commanded_and_held(

@@ -223,6 +223,26 @@ fn a_run_is_drawn() {
     }
 }
 
+#[test]
+fn start_and_end_of_a_track_are_named_in_its_legend() {
+    let folder = tempfile::tempdir().unwrap();
+    let svg = figures::track(&Run::read(&write_record(folder.path())).unwrap()).svg();
+    assert!(svg.contains(">start<") && svg.contains(">end<"));
+}
+
+#[test]
+fn the_approach_is_marked_in_the_error_as_not_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut run = Run::read(&write_record(folder.path())).unwrap();
+    let said = "shaded: approach, not counted";
+    assert!(!figures::timeline(&run).svg().contains(said), "it began on its path");
+    for row in &mut run.navigation[..200] {
+        (row.error_m, row.error_rms_m) = (0.08, 0.0);
+    }
+    let svg = figures::timeline(&run).svg();
+    assert!(svg.contains(said) && svg.contains(">approach<"));
+}
+
 /// An independent reader: the `mcap` package of PyPI. Missing, the test says so and passes, unless
 /// `FLIX_REQUIRE_PYTHON_MCAP` is set, as continuous integration does after installing it.
 #[test]

@@ -31,10 +31,10 @@ impl ModelArgs {
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct SetpointArgs {
     /// Shaking frequency, -35 to 35 Hz; positive: the top rotor turns clockwise seen from above
-    #[arg(long, value_name = "HZ", allow_hyphen_values = true)]
+    #[arg(long, value_name = "HZ", allow_hyphen_values = true, value_parser = parse_part)]
     pub frequency: f32,
     /// Shaking direction, -90 to 90 degrees from forward, positive to the right
-    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = parse_part)]
     pub direction: f32,
 }
 
@@ -46,6 +46,11 @@ impl SetpointArgs {
     pub fn check(self) -> Result<Setpoint, flix_protocol::units::OutOfRange> {
         setpoint(self.frequency.into(), self.direction.into())
     }
+}
+
+/// Parses f or theta; a negative zero is zero.
+fn parse_part(text: &str) -> Result<f32, std::num::ParseFloatError> {
+    text.parse::<f32>().map(|number| number + 0.0)
 }
 
 /// Three numbers with commas between: x forward, y left, z up.

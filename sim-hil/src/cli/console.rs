@@ -4,7 +4,7 @@ use std::io::{self, BufRead as _, IsTerminal as _, Read as _};
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::{Duration, Instant as WallClock};
 
-use flix_host::cli::number::parse_within;
+use flix_host::cli::number::{fixed, parse_within};
 use flix_host::experiment::drops::{HEIGHT, HEIGHTS};
 use flix_protocol::message::{Faults, OperatorName, State};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -93,13 +93,12 @@ impl Console {
 fn status(robot: &SimulatedRobot<Plant>) -> String {
     let (body, truth) = (robot.mechanics().body(), robot.truth());
     format!(
-        "{}: x {:.3} m, y {:.3} m, heading {:.0}\u{b0}, f {:.1} Hz, battery {:.1} V",
+        "{}: x {} m, y {} m, heading {}\u{b0}, f {} Hz, battery {:.1} V",
         robot.report().state,
-        body.position[0],
-        body.position[1],
-        body.yaw().to_degrees(),
-        // No negative zero.
-        (10.0 * truth.frequency()).round() / 10.0 + 0.0,
+        fixed(body.position[0], 3),
+        fixed(body.position[1], 3),
+        fixed(body.yaw().to_degrees(), 0),
+        fixed(truth.frequency(), 1),
         truth.bus_voltage
     )
 }

@@ -6,6 +6,7 @@ use std::time::{Duration, SystemTime};
 
 use clap::{Args as _, FromArgMatches as _};
 use flix_host::cli::course::{CourseArgs, facts, names, results};
+use flix_host::cli::number::fixed;
 use flix_host::nav::{Path, Task};
 use flix_host::pilot::{Ending, Pilot};
 use flix_host::plot::Figure;
@@ -221,7 +222,10 @@ impl Report {
                 self.path_error_rms_mm, self.path_error_peak_mm
             ),
         );
-        row("laps", format!("{:.2} in {:.1} s of the robot's time", self.laps, self.seconds));
+        row(
+            "laps",
+            format!("{} in {:.1} s of the robot's time", fixed(self.laps, 2), self.seconds),
+        );
         row("energy", format!("{:.0} J from the battery", self.energy_j));
         row("modes", format!("changed {} times", self.mode_switches));
         row("plot", self.plot.display().to_string());

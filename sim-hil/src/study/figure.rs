@@ -192,7 +192,7 @@ fn peaks(table: &Table) -> Chart {
 /// Figure 3e: direction of force and torque over one turn, their magnitude as colour.
 fn cycles(table: &Table) -> Chart {
     let rows = moments(table);
-    let chart = Chart::new("Shaking force and torque over one turn", "phase (\u{b0})").x_degrees().subtitle(
+    let chart = Chart::new("Shaking force and torque over one turn", "phase (\u{b0})").x_degrees().x_range(0.0, 360.0).subtitle(
         "height: direction, positive to the right; colour: magnitude, from pale (none) to dark (largest)",
     );
     CYCLES.iter().fold(chart, |chart, (f, theta)| {

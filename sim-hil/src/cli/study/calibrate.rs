@@ -273,6 +273,7 @@ fn course(history: &[Generation]) -> Chart {
     };
     Chart::new("Calibration", "generation")
         .subtitle("each generation on its own samples")
+        .x_whole()
         .panel(
             Panel::new("mean loss of a row")
                 .series(line("middle of the distribution", |g| g.middle))

@@ -1,5 +1,6 @@
 //! What was found, for people: a page with figures that needs no network, and the model with its intervals.
 
+use flix_host::cli::number::fixed;
 use flix_host::cli::output::table;
 use flix_host::plot::{Chart, Figure, Panel, Series, Stroke, colour};
 
@@ -71,7 +72,7 @@ fn percent(share: f64) -> String {
 /// Five significant digits.
 fn digits(value: f64) -> String {
     let places = 4 - value.abs().max(1e-9).log10().floor() as i32;
-    format!("{value:.*}", places.clamp(0, 6) as usize)
+    fixed(value, places.clamp(0, 6) as usize)
 }
 
 /// Walks, measured and simulated.
@@ -81,7 +82,7 @@ pub fn walks(found: &Identified) -> Rows {
     let mut rows = vec![head.split('|').map(str::to_owned).collect::<Vec<_>>()];
     rows.extend(found.walks.iter().flat_map(|walks| &walks.pairs).map(|pair| {
         let speeds = pair.measured.iter().zip(pair.simulated);
-        let speeds = speeds.flat_map(|(m, s)| [format!("{m:.3}"), format!("{s:.3}")]);
+        let speeds = speeds.flat_map(|(m, s)| [fixed(*m, 3), fixed(s, 3)]);
         let pair_cells = row![pair.f_hz, pair.theta_deg];
         let held_out = if pair.held_out { "held out" } else { "" };
         pair_cells.into_iter().chain(speeds).chain([held_out.to_owned()]).collect()
@@ -223,6 +224,9 @@ fn html_table(rows: &Rows) -> String {
     format!("<table>\n{head}{}</table>", lines.map(|row| line(row, "td")).collect::<String>())
 }
 
+/// Width of the figures, logical pixels: readable when scaled to a phone's screen.
+const WIDTH: f64 = 520.0;
+
 /// Each leg's values beside each other.
 fn intervals(found: &Identified) -> Chart {
     let of = |name: &str| -> Vec<&Estimate> {
@@ -235,9 +239,9 @@ fn intervals(found: &Identified) -> Chart {
         ("twist damping (N m s/rad)", "twist_damping_n_m_s_rad"),
         ("friction", "friction"),
     ];
-    let chart =
-        Chart::new("Legs and feet", "leg: 1 front left, 2 front right, 3 rear left, 4 rear right")
-            .x_range(0.5, 4.5);
+    let chart = Chart::new("Legs and feet", "leg: front or rear, left or right")
+        .x_names(&["fl", "fr", "rl", "rr"])
+        .width(WIDTH);
     panels.into_iter().fold(chart, |chart, (label, name)| {
         let each = of(name);
         let at = |index: usize| index as f64 + 1.0;
@@ -257,7 +261,10 @@ fn intervals(found: &Identified) -> Chart {
 }
 
 fn residuals(fitted: &[Fitted]) -> Chart {
-    let chart = Chart::new("Residuals", "reading").subtitle("in standard deviations");
+    let chart = Chart::new("Residuals", "reading")
+        .subtitle("in standard deviations")
+        .x_whole()
+        .width(WIDTH);
     fitted.iter().fold(chart, |chart, it| {
         let each = it.readings.iter().zip(&it.kinds).enumerate();
         let dots = each.map(|(index, ((measured, fitted), kind))| {
@@ -273,11 +280,24 @@ fn residuals(fitted: &[Fitted]) -> Chart {
 
 fn drops([measured, simulated]: &[Vec<(f64, f64)>; 2]) -> Chart {
     let ms = |course: &[(f64, f64)]| course.iter().map(|(t, z)| (1e3 * t, *z)).collect::<Vec<_>>();
-    Chart::new("Drops", "time since the soles touch (ms)").panel(
+    Chart::new("Drops", "time since the soles touch (ms)").width(WIDTH).panel(
         Panel::new("height since the release (mm)")
             .series(
                 Series::line("measured", ms(measured)).stroke(Stroke::Dots).colour(colour::ORANGE),
             )
             .series(Series::line("identified", ms(simulated)).colour(colour::BLUE)),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_has_five_digits_and_no_negative_zero() {
+        assert_eq!(
+            [-0.0, -1e-9, -0.012_345_6, 1234.56].map(digits),
+            ["0.000000", "0.000000", "-0.012346", "1234.6"]
+        );
+    }
 }
