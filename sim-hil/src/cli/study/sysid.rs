@@ -117,13 +117,33 @@ fn text(verdict: &Verdict) -> String {
     ];
     let mut rows = vec![row!["", "in 95 % interval", "median error", ""]];
     rows.extend(kinds.map(|(kind, covered, off, near)| {
-        row![kind, share(covered), off, mark(near && COVERAGE.contains(&covered))]
+        let covers = !verdict.has_enough() || COVERAGE.contains(&covered);
+        row![kind, share(covered), off, mark(near && covers)]
     }));
     format!(
         "{}\nheld-out walks: {:.3} times the error of the fitted ones {}\n{} hidden robots; coverage and held-out walks are judged from a hundred on\n",
         table(&rows),
         verdict.held_out_ratio,
-        mark(verdict.held_out_ratio <= HELD_OUT_RATIO),
+        mark(!verdict.has_enough() || verdict.held_out_ratio <= HELD_OUT_RATIO),
         verdict.robots
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::sysid::synthetic::{ENOUGH, Kinds};
+
+    #[test]
+    fn coverage_and_held_out_walks_are_marked_from_a_hundred_robots_on() {
+        let of = |each| Kinds { stiffness: each, damping: each, friction: each, centre: each };
+        let marks = |robots: usize| {
+            let (coverage, median_error) = (of(1.0), of(0.01));
+            let robots = robots as u64;
+            let verdict =
+                Verdict { robots, coverage, median_error, held_out_ratio: 2.0, pass: true };
+            text(&verdict).matches(mark(false)).count()
+        };
+        assert_eq!((marks(ENOUGH - 1), marks(ENOUGH)), (0, 5));
+    }
 }

@@ -371,6 +371,14 @@ pub const MEDIAN_CENTRE_MM: f64 = 0.5;
 /// Largest ratio of the errors of held-out and fitted walks.
 pub const HELD_OUT_RATIO: f64 = 1.2;
 
+impl Verdict {
+    /// Returns whether coverage and held-out walks are judged; of fewer than [`ENOUGH`] robots they are chance.
+    #[must_use]
+    pub const fn has_enough(&self) -> bool {
+        self.robots >= ENOUGH as u64
+    }
+}
+
 /// Judges the scores of all robots.
 #[must_use]
 pub fn judge(scores: &[Score]) -> Verdict {
