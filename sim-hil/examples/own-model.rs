@@ -32,7 +32,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             (1..=SEEDS).map(|seed| walk(model, &what, seed, |_| {})).collect::<Result<_, _>>()?;
         let speeds: Vec<f64> = walks.iter().map(|walked| walked.forward_m_s).collect();
         let Spread { mean, spread } = Spread::of(&speeds);
-        println!("{:16} {mean:.4} +- {spread:.4} m/s forward", model.name);
+        let spread = spread.map_or_else(String::new, |spread| format!(" +- {spread:.4}"));
+        println!("{:16} {mean:.4}{spread} m/s forward", model.name);
     }
     Ok(())
 }

@@ -42,6 +42,18 @@ fn table_3_is_told_as_json_with_a_count_of_signs_and_hits_for_each_of_nine_modes
 }
 
 #[test]
+fn one_walk_has_no_spread_in_json() {
+    let folder = tempfile::tempdir().unwrap();
+    let spread = |seeds: u8| {
+        let words = format!("walk --model W --seeds {seeds} --seconds 0.1 --json");
+        let output = flix_sim(folder.path(), &words).output().unwrap();
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        report["forward_m_s"]["spread"].clone()
+    };
+    assert!(spread(1).is_null() && spread(2).as_f64().is_some_and(|it| it > 0.0));
+}
+
+#[test]
 fn merged_slices_draw_the_figure_of_the_whole() {
     let folder = tempfile::tempdir().unwrap();
     for slice in ["1/3", "2/3", "3/3"] {

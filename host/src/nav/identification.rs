@@ -30,8 +30,6 @@ const SETTLING: Duration = Duration::from_millis(1000);
 const WINDOW: Duration = Duration::from_millis(250);
 /// Rest between two stretches.
 const PAUSE: Duration = Duration::from_millis(700);
-/// Spread of a mode with a single stretch, as a share of its speed.
-const UNKNOWN_SPREAD: f64 = 0.3;
 
 /// Distance from the start at which a stretch ends early, m. Ramping down takes less than 0.1 m.
 const REACH: f64 = 0.9;
@@ -339,10 +337,9 @@ impl Identification {
     }
 }
 
-/// Returns mean and standard deviation of one component; for a single stretch a fixed share of its mean.
+/// Returns mean and standard deviation of one component.
 fn spread(motions: &[Twist], component: fn(&Twist) -> f64) -> Spread {
     let Spread { mean, spread } = Spread::of(&motions.iter().map(component).collect::<Vec<_>>());
-    let spread = if motions.len() > 1 { spread } else { UNKNOWN_SPREAD * mean.abs() };
     // A ten-thousandth is far below what can be measured, and keeps the file readable.
     let rounded = |v: f64| (v * 1e4).round() / 1e4;
     Spread { mean: rounded(mean), spread: rounded(spread) }

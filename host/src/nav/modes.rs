@@ -40,24 +40,29 @@ pub const PAPER_PAIRS: [(&str, f32, f32); 9] = [
     ("strafe-right", -30.0, -60.0),
 ];
 
+/// Spread of a mode from a single run, as a share of its mean: one run has none of its own.
+const ASSUMED_SPREAD: f64 = 0.3;
+
 /// A measured quantity: its mean over several runs and the standard deviation between them.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Spread {
     /// Mean.
     pub mean: f64,
-    /// Standard deviation of one run's mean, 0 for a single run.
+    /// Standard deviation of one run's mean; of a single run an assumed one.
     pub spread: f64,
 }
 
 impl Spread {
-    /// Returns mean and sample standard deviation of at least one value.
+    /// Returns mean and sample standard deviation of at least one value; of a single one, 30 % of it is assumed.
     #[must_use]
     pub fn of(values: &[f64]) -> Self {
         let count = values.len() as f64;
         let mean = values.iter().sum::<f64>() / count;
         let square = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
-        Self { mean, spread: if values.len() > 1 { (square / (count - 1.0)).sqrt() } else { 0.0 } }
+        let assumed = ASSUMED_SPREAD * mean.abs();
+        let spread = if values.len() > 1 { (square / (count - 1.0)).sqrt() } else { assumed };
+        Self { mean, spread }
     }
 }
 
@@ -175,13 +180,13 @@ impl ModeTable {
             if modes[..index].iter().any(|other| other.name == mode.name) {
                 return Err(ModeTableError::Twice(mode.name.clone()));
             }
-            for ([mean, spread], speed, limit) in [
-                (["forward_m_s", "spread of forward_m_s"], mode.forward, FASTEST),
-                (["lateral_m_s", "spread of lateral_m_s"], mode.lateral, FASTEST),
-                (["yaw_rad_s", "spread of yaw_rad_s"], mode.yaw, FASTEST_TURN),
+            for (key, speed, limit) in [
+                ("forward_m_s", mode.forward, FASTEST),
+                ("lateral_m_s", mode.lateral, FASTEST),
+                ("yaw_rad_s", mode.yaw, FASTEST_TURN),
             ] {
-                credible(mode, mean, speed.mean, -limit, limit)?;
-                credible(mode, spread, speed.spread, 0.0, limit)?;
+                credible(mode, key, speed.mean, -limit, limit)?;
+                credible(mode, key, speed.spread, 0.0, limit)?;
             }
         }
         Ok(Self { robot: robot.to_owned(), source: source.to_owned(), modes })

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use flix_host::cli::number::{parse_within, whole};
+use flix_host::cli::number::{fixed, parse_within, whole};
 use flix_host::nav::{PlanarPose, Position};
 use flix_host::plot::{Figure, Outline, Series, Track, colour};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
@@ -149,14 +149,9 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 }
 
 fn text(report: &Report) -> String {
-    // One walk has no spread.
-    let spread = |value: &Spread| {
-        if report.seeds > 1 { format!("\u{b1} {:.4}", value.spread) } else { String::new() }
-    };
     let row = |name: &str, value: &Spread, unit: &str| {
-        // No negative zero.
-        let mean = (1e4 * value.mean).round() / 1e4 + 0.0;
-        row![name, format!("{mean:.4}"), spread(value), unit]
+        let spread = value.spread.map(|spread| format!("\u{b1} {spread:.4}"));
+        row![name, fixed(value.mean, 4), spread.unwrap_or_default(), unit]
     };
     format!(
         "Model {} at {} Hz, {} degrees: {} of {} s (seeds from {})\n\n{}",

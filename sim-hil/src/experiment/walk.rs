@@ -7,8 +7,7 @@
 use std::f64::consts::PI;
 use std::time::Duration;
 
-pub use flix_host::nav::Spread;
-use flix_host::nav::{Twist, wrap};
+use flix_host::nav::{self, Twist, wrap};
 use flix_protocol::message::Setpoint;
 use flix_protocol::session::Key;
 use rand::{RngExt as _, SeedableRng as _};
@@ -75,6 +74,31 @@ impl Walked {
     #[must_use]
     pub const fn motion(&self) -> Twist {
         Twist { forward: self.forward_m_s, lateral: self.lateral_m_s, yaw: self.yaw_rad_s }
+    }
+}
+
+/// A speed over several walks.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spread {
+    /// Mean.
+    pub mean: f64,
+    /// Standard deviation between the walks; one walk has none.
+    pub spread: Option<f64>,
+}
+
+impl Spread {
+    /// Returns mean and sample standard deviation of at least one value.
+    #[must_use]
+    pub fn of(values: &[f64]) -> Self {
+        let nav::Spread { mean, spread } = nav::Spread::of(values);
+        Self { mean, spread: (values.len() > 1).then_some(spread) }
+    }
+}
+
+impl From<Spread> for nav::Spread {
+    /// The speed of a mode; the spread of one walk is assumed.
+    fn from(Spread { mean, spread }: Spread) -> Self {
+        spread.map_or_else(|| Self::of(&[mean]), |spread| Self { mean, spread })
     }
 }
 

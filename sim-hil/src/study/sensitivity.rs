@@ -171,7 +171,7 @@ pub fn mode_table(
 ) -> Result<ModeTable, ModeTableError> {
     let modes = kinds.iter().filter_map(|(kind, found)| {
         let cell = &found.first()?.cell;
-        let [forward, lateral, yaw] = cell.spreads();
+        let [forward, lateral, yaw] = cell.spreads().map(Into::into);
         let name = match *kind {
             "turn left" => "left".to_owned(),
             "turn right" => "right".to_owned(),

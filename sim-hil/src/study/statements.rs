@@ -30,7 +30,7 @@ pub enum Verdict {
     Holds,
     /// It does the opposite, or not.
     Fails,
-    /// The difference is within two standard errors of nothing.
+    /// The difference is within two standard errors of nothing, or there is one walk a cell: that has no error.
     Unclear,
 }
 
@@ -142,7 +142,7 @@ impl Asked<'_> {
         let gap = |variant: &str| {
             let [a, b] = pairs.map(|pair| self.speeds(variant, pair, component));
             let (a, b) = (a?, b?);
-            Some(Spread { mean: (a.mean - b.mean).abs(), spread: a.spread.hypot(b.spread) })
+            Some(Spread { mean: (a.mean - b.mean).abs(), spread: both(a, b) })
         };
         let (before, after) = (gap("baseline")?, gap(variant)?);
         let sign = if more { 1.0 } else { -1.0 };
@@ -161,8 +161,8 @@ impl Asked<'_> {
     }
 
     fn verdict(&self, change: f64, before: Spread, after: Spread) -> Verdict {
-        let error = before.spread.hypot(after.spread) / self.seeds().sqrt();
-        if change.abs() < CLEAR * error {
+        let error = both(before, after).map(|spread| spread / self.seeds().sqrt());
+        if error.is_none_or(|error| change.abs() < CLEAR * error) {
             Verdict::Unclear
         } else if change > 0.0 {
             Verdict::Holds
@@ -170,6 +170,11 @@ impl Asked<'_> {
             Verdict::Fails
         }
     }
+}
+
+/// Returns the standard deviation of a sum or difference; `None` where one of both has one walk.
+fn both(a: Spread, b: Spread) -> Option<f64> {
+    a.spread.zip(b.spread).map(|(a, b)| a.hypot(b))
 }
 
 fn at((f, theta): (f64, f64)) -> String {
@@ -243,6 +248,18 @@ mod tests {
         let statement =
             Asked(&cells).moves("left load", (35.0, 0.0), Component::Lateral, -1.0).unwrap();
         assert_eq!(statement.verdict, Verdict::Unclear);
+    }
+
+    #[test]
+    fn one_walk_a_cell_is_no_verdict() {
+        let one = |variant, lateral| {
+            let both = cell(variant, 0.0, [lateral, lateral]);
+            Cell { walks: both.walks[..1].to_vec(), ..both }
+        };
+        let cells = [one("baseline", 0.0), one("left load", -0.05)];
+        let statement =
+            Asked(&cells).moves("left load", (35.0, 0.0), Component::Lateral, -1.0).unwrap();
+        assert_eq!((statement.verdict, statement.values[1].spread), (Verdict::Unclear, None));
     }
 
     #[test]

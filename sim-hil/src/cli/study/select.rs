@@ -63,7 +63,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (mass, folder) = walked(Change::Mass, "mass")?;
     let (friction, _) = walked(Change::Friction, "friction")?;
     if args.statements {
-        print(&claims(&model.name, args.sweep.seeds, &statements(&mass, &friction)))?;
+        print(&claims(&model.name, &statements(&mass, &friction)))?;
         return Ok(ExitCode::SUCCESS);
     }
     let kinds = candidates(&mass, &friction, args.least);
@@ -72,11 +72,10 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let figure = figure::selection(&model.name, &mass, &friction, args.least, &labelled)
         .write(&folder, "selection")?;
     let path = args.modes.clone().unwrap_or_else(|| folder.join("modes.toml"));
+    let walked = sensitivity::sweep(&args.sweep, &model, Change::Mass);
     let source = format!(
         "flix-sim study select: index P over {} seeds of {} s, least speed {} m/s",
-        args.sweep.seeds,
-        args.sweep.seconds.as_secs_f64(),
-        args.least
+        walked.seeds, walked.seconds, args.least
     );
     let table = mode_table(&model.name, &source, &kinds).map_err(Error::refused)?;
     table.save(&path).map_err(Error::refused)?;
@@ -116,12 +115,11 @@ fn text(labelled: &[(String, Candidate)], least: f64) -> String {
     table(&rows)
 }
 
-fn claims(model: &str, seeds: u64, statements: &[Statement]) -> String {
+fn claims(model: &str, statements: &[Statement]) -> String {
     let mut rows = vec![headings("claim|from|to")];
     rows.extend(statements.iter().map(|it| {
         let [before, after] = it.values.map(|v| {
-            // One walk has no spread.
-            let spread = if seeds > 1 { format!(" \u{b1} {:.3}", v.spread) } else { String::new() };
+            let spread = v.spread.map_or_else(String::new, |spread| format!(" \u{b1} {spread:.3}"));
             format!("{:+.3}{spread}", v.mean)
         });
         let mark = if it.contradicts_itself { "*" } else { "" };
@@ -131,9 +129,15 @@ fn claims(model: &str, seeds: u64, statements: &[Statement]) -> String {
         let same = |s: &&Statement| s.contradicts_itself == contradicts && s.verdict == verdict;
         statements.iter().filter(same).count()
     };
+    let has_errors = statements.iter().flat_map(|it| it.values).all(|v| v.spread.is_some());
+    let why = if has_errors {
+        "within two standard errors"
+    } else {
+        "one walk a cell; a verdict needs at least two: --seeds, without --quick"
+    };
     let sums = |contradicts| {
         format!(
-            "{} hold, {} fail, {} are unclear (within two standard errors)",
+            "{} hold, {} fail, {} are unclear ({why})",
             count(contradicts, Verdict::Holds),
             count(contradicts, Verdict::Fails),
             count(contradicts, Verdict::Unclear)
@@ -147,4 +151,23 @@ fn claims(model: &str, seeds: u64, statements: &[Statement]) -> String {
         sums(false),
         sums(true)
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::walk::Spread;
+
+    #[test]
+    fn statements_from_one_walk_a_cell_claim_no_spread() {
+        let report = |walks: &[f64], verdict| {
+            let values = [Spread::of(walks); 2];
+            let claim = "a load turns it".to_owned();
+            claims("W", &[Statement { claim, values, verdict, contradicts_itself: false }])
+        };
+        let one = report(&[0.01], Verdict::Unclear);
+        assert!(!one.contains('\u{b1}') && one.contains("1 are unclear (one walk a cell"), "{one}");
+        let two = report(&[0.01, 0.03], Verdict::Holds);
+        assert!(two.contains("\u{b1} 0.014") && two.contains("(within two standard"), "{two}");
+    }
 }
