@@ -180,13 +180,13 @@ impl ModeTable {
             if modes[..index].iter().any(|other| other.name == mode.name) {
                 return Err(ModeTableError::Twice(mode.name.clone()));
             }
-            for (key, speed, limit) in [
-                ("forward_m_s", mode.forward, FASTEST),
-                ("lateral_m_s", mode.lateral, FASTEST),
-                ("yaw_rad_s", mode.yaw, FASTEST_TURN),
+            for ([mean, spread], speed, limit) in [
+                (["forward_m_s", "spread of forward_m_s"], mode.forward, FASTEST),
+                (["lateral_m_s", "spread of lateral_m_s"], mode.lateral, FASTEST),
+                (["yaw_rad_s", "spread of yaw_rad_s"], mode.yaw, FASTEST_TURN),
             ] {
-                credible(mode, key, speed.mean, -limit, limit)?;
-                credible(mode, key, speed.spread, 0.0, limit)?;
+                credible(mode, mean, speed.mean, -limit, limit)?;
+                credible(mode, spread, speed.spread, 0.0, limit)?;
             }
         }
         Ok(Self { robot: robot.to_owned(), source: source.to_owned(), modes })
