@@ -7,7 +7,7 @@
 //!
 //! Pictures carry the time of the cameras, telemetry that of the robot. What arrives earliest, measured on the clock of
 //! its sender, was on its way for the shortest time: it relates that clock to ours, and through ours the two to each
-//! other. The earliest picture of the last [`CLOCKS`] is taken to be on its way for no time, the earliest telemetry for half
+//! other. The earliest picture of ten seconds is taken to be on its way for no time, the earliest telemetry for half
 //! the shortest round trip. What is wrong with that, a millisecond or less on a local network, is the "delay of the
 //! cameras" that the identification finds.
 //!

@@ -25,7 +25,7 @@ pub(super) enum Support {
 }
 
 /// Soft cords that carry the whole robot at its centre of mass, wherever that is just now, and pull it back to where it
-/// was hung, slowly: it swings at [`SWING_HZ`] in all directions and about all axes. So it floats, and weight turns
+/// was hung, slowly: it swings once in two seconds, in all directions and about all axes. So it floats, and weight turns
 /// nothing but its legs. They take the place of pushes on the body.
 #[derive(Clone, Copy, Debug)]
 pub struct Cords {
