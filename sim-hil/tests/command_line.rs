@@ -45,7 +45,9 @@ fn table_3_is_told_as_json_with_a_count_of_signs_and_hits_for_each_of_nine_modes
 fn one_walk_has_no_spread_in_json() {
     let folder = tempfile::tempdir().unwrap();
     let spread = |seeds: u8| {
-        let words = format!("walk --model W --seeds {seeds} --seconds 0.1 --json");
+        let words = format!(
+            "walk --model W --frequency -30 --direction 30 --seeds {seeds} --seconds 0.1 --json"
+        );
         let output = flix_sim(folder.path(), &words).output().unwrap();
         let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
         report["forward_m_s"]["spread"].clone()

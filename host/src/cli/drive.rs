@@ -200,9 +200,7 @@ fn drive(
             match update {
                 // Telemetry states who stopped the robot.
                 Update::SetpointRefused(Refusal::Stopped) => None,
-                Update::SetpointRefused(Refusal::State(State::Disarmed)) if has_run => {
-                    Some(LinkError::Lapsed)
-                }
+                Update::SetpointRefused(Refusal::State(State::Disarmed)) => Some(LinkError::Lapsed),
                 Update::SetpointRefused(refusal) => Some(LinkError::Refused(refusal.clone())),
                 Update::Telemetry(telemetry) => {
                     log.held.add(start.elapsed(), telemetry);
