@@ -193,7 +193,7 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("track circle --modes {home}/modes.toml --pose udp:70000", 2, "1 to 65535"),
     ("home --modes {home}/modes.toml --pose udp:5005 --interface 203.0.113.9", 2, "another port"),
     ("track circle --modes {home}/modes.toml --interface eth0", 2, "--interface"),
-    ("track circle --modes {home}/modes.toml --interface 203.0.113.9", 10, "network card"),
+    ("track circle --modes {home}/modes.toml --interface 203.0.113.9", 2, "network card"),
     // Home.
     ("home --to here", 2, "--to"),
     ("home --to 1,nan", 2, "--to"),

@@ -58,7 +58,7 @@ const COMMANDS: &[(&str, &str)] = &[
     ("adversary --sessions 0", "no whole number from 1"),
     ("adversary --bytes 0.5", "--bytes"),
     ("adversary --sessions -1", "--sessions"),
-    ("soak --hours 0", "0"),
+    ("soak --hours 0", "from 0.0167 to 8760"),
     ("soak --hours -1", "hours"),
     ("soak --hours nan", "hours"),
     ("soak --hours inf", "hours"),

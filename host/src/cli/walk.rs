@@ -205,7 +205,9 @@ pub struct Walk {
 impl From<NatNetError> for Error {
     fn from(error: NatNetError) -> Self {
         let exit = match error {
-            NatNetError::NoSuchBody { .. } | NatNetError::WhichBody(_) => Exit::Usage,
+            NatNetError::NoSuchBody { .. }
+            | NatNetError::WhichBody(_)
+            | NatNetError::Socket { .. } => Exit::Usage,
             _ => Exit::NoAnswer,
         };
         Self::new(exit, error)

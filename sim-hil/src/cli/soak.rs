@@ -31,7 +31,7 @@ pub struct Args {
 }
 
 fn parse_hours(text: &str) -> Result<f64, String> {
-    parse_within(text, 1.0 / 60.0..=8_760.0, "number of hours", "")
+    parse_within(text, 0.0167..=8_760.0, "number of hours", "")
 }
 
 /// The verdict with the time that it took.
