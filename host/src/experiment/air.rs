@@ -524,11 +524,12 @@ mod tests {
     }
 
     #[test]
-    fn a_bottom_rotor_half_a_turn_on_does_not_turn_the_phase() {
+    fn the_phase_counts_from_the_commanded_end_of_the_line_of_force() {
         for (angles, theta, phase) in [
             ([100.0, 80.0], 90.0, 10.0),
             ([-170.0, -10.0], -90.0, -80.0),
-            ([179.0, -179.0], 90.0, 89.0),
+            ([179.0, 1.0], 90.0, 89.0),
+            ([-70.0, -110.0], 90.0, -160.0),
             ([-91.0, -89.0], -90.0, -1.0),
         ] {
             assert!((phase_of(angles, theta) - phase).abs() < 1e-9, "{angles:?} {theta}");
