@@ -376,10 +376,10 @@ fn wrapped(degrees: f64) -> f64 {
 }
 
 /// Returns how far the top rotor has turned clockwise from the line of force, degrees in [-180, 180): the bottom one
-/// has turned as far the other way, and the mean of both is taken, up to the half turn that is one line of force.
+/// has turned as far the other way, and the mean of both is taken.
 fn phase_of([top, bottom]: [f64; 2], theta: f64) -> f64 {
     let (by_top, by_bottom) = (top - theta, theta - bottom);
-    wrapped(by_top + wrapped(2.0 * (by_bottom - by_top)) / 4.0)
+    wrapped(by_top + wrapped(by_bottom - by_top) / 2.0)
 }
 
 /// Returns the phase over time on the robot's clock, degrees and s, counted on over full turns.
