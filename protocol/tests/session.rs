@@ -515,6 +515,16 @@ fn the_moment_is_that_of_the_newest_fresh_command_of_a_session() {
 }
 
 #[test]
+fn a_session_begins_with_the_moment_of_its_challenge_however_long_the_robot_runs() {
+    let mut ends = Ends::new(Some(key(1)), key(1));
+    ends.wait(Duration::from_secs(1_000));
+    ends.operator = second_operator(ends.now);
+    assert_eq!(ends.run(), Status::Connected);
+    let age = ends.robot.moment().map(|moment| ends.now.since(moment));
+    assert!(age.is_some_and(|age| age <= COOKIE_LIFE), "{age:?}");
+}
+
+#[test]
 fn a_command_that_is_older_than_the_robot_remembers_never_counts() {
     let mut ends = Ends::connected();
     let held_back = sealed_setpoint(&mut ends);
