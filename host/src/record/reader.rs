@@ -222,22 +222,29 @@ impl Run {
         let tolerant = Options::IgnoreEndMagic.into();
         let stream =
             mcap::MessageStream::new_with_options(bytes, tolerant).map_err(|e| e.to_string())?;
+        let mut trouble = None;
         for message in stream {
             let message = match message {
                 Ok(message) => message,
                 // The file was cut off here; the rows before are valid.
-                Err(_) if self.first.is_some() => break,
-                Err(e) => return Err(e.to_string()),
+                Err(e) => {
+                    trouble = Some(e.to_string());
+                    break;
+                }
             };
             self.first = Some(self.first.map_or(message.log_time, |t| t.min(message.log_time)));
             self.last = self.last.max(message.log_time);
             self.keep(&message.channel.topic, &message.data)?;
         }
         self.read_facts(bytes);
-        if self.first.is_none() && self.facts.is_empty() {
-            return Err("it is empty".to_owned());
+        // Cut off within its first rows it still says what the run was; damaged with its end in place it is not to be trusted.
+        match trouble {
+            Some(reason) if self.first.is_none() && (self.is_complete || self.facts.is_empty()) => {
+                Err(reason)
+            }
+            None if self.first.is_none() && self.facts.is_empty() => Err("it is empty".to_owned()),
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     fn keep(&mut self, topic: &str, data: &[u8]) -> Result<(), String> {

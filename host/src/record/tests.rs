@@ -151,6 +151,23 @@ fn a_record_that_is_being_written_is_not_repaired() {
 }
 
 #[test]
+fn a_record_that_is_cut_off_within_its_first_rows_still_says_what_the_run_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_record(folder.path());
+    let whole = std::fs::read(&file).unwrap();
+    let facts = Run::read(&file).unwrap().facts;
+    let is_cut = |length: &usize| {
+        std::fs::write(&file, &whole[..*length]).unwrap();
+        Run::read(&file).is_ok_and(|run| run.poses.is_empty() && !run.facts.is_empty())
+    };
+    let length = (64..whole.len()).step_by(256).find(is_cut).expect("the facts come first");
+    std::fs::write(&file, &whole[..length]).unwrap();
+    let run = Run::read(&file).unwrap();
+    assert_eq!(run.fact("run", "name"), facts["run"]["name"]);
+    assert!(!run.is_complete);
+}
+
+#[test]
 fn a_file_that_is_no_record_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("x.mcap");

@@ -2,6 +2,8 @@
 
 use std::process::ExitCode;
 
+use flix_host::cli::number::whole;
+
 use super::Error;
 use super::output::{headings, mark, print_verdict, progress, row, table};
 use crate::model::RobotModel;
@@ -21,7 +23,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE|NAME")]
     model: Option<String>,
     /// Seed of the robot: its motors, wiring, sensor errors and noise
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     seed: u64,
     /// Print JSON only
     #[arg(long)]

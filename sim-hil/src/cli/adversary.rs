@@ -31,7 +31,7 @@ pub struct Args {
     #[arg(long, default_value_t = 100_000_000, value_parser = whole::<u64>(1..=1_000_000_000_000))]
     bytes: u64,
     /// Seed of the robots and of the attack
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     seed: u64,
     /// Print JSON only
     #[arg(long)]

@@ -1,6 +1,6 @@
 //! The conditions of a closed-loop run, as options.
 
-use flix_host::cli::number::parse_within;
+use flix_host::cli::number::{parse_within, whole};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -29,7 +29,7 @@ pub struct LoopArgs {
     #[arg(long, value_name = "SHARE", default_value_t = 0.05, value_parser = parse_loss)]
     pub loss: f64,
     /// Seed of everything random
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
 }
 

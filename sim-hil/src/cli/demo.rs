@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
+use flix_host::cli::number::whole;
 use flix_host::plot::{Chart, Figure, Panel, Series, Stroke, Written, colour};
 use flix_protocol::message::Setpoint;
 use indicatif::ProgressBar;
@@ -25,7 +26,7 @@ use crate::rig::robot::Truth;
 #[command(after_help = "Examples:\n  flix-sim demo\n  flix-sim demo --seed 7 --out /tmp/flix")]
 pub struct Args {
     /// Seed of the robot: its motors, wiring, sensor errors and noise
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     seed: u64,
     /// Folder for pictures, replay and record.
     #[arg(long, default_value = "out")]

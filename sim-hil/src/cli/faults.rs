@@ -2,6 +2,8 @@
 
 use std::process::ExitCode;
 
+use flix_host::cli::number::whole;
+
 use super::Error;
 use super::output::{headings, mark, print_verdict, progress, row, table};
 use crate::reliability::fault_matrix::{
@@ -15,7 +17,7 @@ use crate::reliability::fault_matrix::{
 )]
 pub struct Args {
     /// Seed of the robot: its motors, wiring, sensor errors and noise
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     seed: u64,
     /// Inject only the faults with this in their name
     #[arg(long, value_name = "NAME", default_value = "")]

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use std::str::FromStr;
 use std::time::{Duration, Instant as WallClock};
 
-use flix_host::cli::number::parse_within;
+use flix_host::cli::number::{parse_within, whole};
 use flix_host::interrupt::Interrupt;
 use flix_host::keys::{self, Keyring, SIMULATED_ROBOT};
 use flix_host::pose::natnet::{NatNetServer, ServerSettings};
@@ -57,7 +57,7 @@ pub struct Args {
     #[arg(long)]
     hang: bool,
     /// Seed of the robot: its motors, wiring, sensor errors and noise
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     seed: u64,
 }
 

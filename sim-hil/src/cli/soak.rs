@@ -1,6 +1,6 @@
 //! `flix-sim soak`: hours of random commands, faults and link trouble, in virtual time.
 
-use flix_host::cli::number::parse_within;
+use flix_host::cli::number::{parse_within, whole};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -23,7 +23,7 @@ pub struct Args {
     #[arg(long, default_value_t = 1.0, value_parser = parse_hours)]
     hours: f64,
     /// Seed of the robots and of what happens to them
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     seed: u64,
     /// Print JSON only
     #[arg(long)]

@@ -1,6 +1,6 @@
 //! `flix-sim study leg`: stiffness and damping of one leg from release tests.
 
-use flix_host::cli::number::parse_within;
+use flix_host::cli::number::{parse_within, whole};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -42,7 +42,7 @@ pub struct Args {
     #[arg(long, value_name = "DEG", default_value_t = 0.3, value_parser = parse_noise)]
     noise_deg: f64,
     /// Seed of the noise and of the search
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     seed: u64,
     /// Folder for the tests and the figure
     #[arg(long, value_name = "DIR", default_value = "out/study/leg")]

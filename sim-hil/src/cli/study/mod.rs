@@ -161,7 +161,7 @@ pub struct SweepArgs {
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = whole::<u64>(1..=100_000))]
     pub seeds: u64,
     /// The first seed
-    #[arg(long, value_name = "S", default_value_t = 1)]
+    #[arg(long, value_name = "S", default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub first_seed: u64,
     /// Time of a walk
     #[arg(long, value_name = "TIME", default_value = "8s", value_parser = parse_time)]

@@ -35,7 +35,7 @@ pub struct Args {
     #[arg(long, value_name = "S", default_value_t = 1, value_parser = whole::<u64>(0..=1_000_000_000))]
     first_seed: u64,
     /// Seed of the ensembles, and of which third of the walks is held out
-    #[arg(long, default_value_t = 1, conflicts_with = "synthetic")]
+    #[arg(long, default_value_t = 1, conflicts_with = "synthetic", value_parser = whole::<u64>(0..=u64::MAX))]
     seed: u64,
     /// Folder for model and report, or for the experiments of the hidden robots [default: DATA_DIR, or out/study/sysid]
     #[arg(long, value_name = "DIR")]
