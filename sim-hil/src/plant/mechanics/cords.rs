@@ -2,13 +2,16 @@
 
 use flix_host::pose::Quaternion;
 
-use super::robot::{BodyState, Plant, Wrench};
+use super::body::{BodyState, Wrench};
 use crate::model::GRAVITY;
 
 /// Natural frequency of the swing on the cords, Hz: at 20 Hz they are less than a thousandth of the robot's inertia.
 const SWING_HZ: f64 = 0.5;
 /// Damping ratio of the swing: at 20 Hz it changes an amplitude by less than 0.3 %.
 const SWING_DAMPING: f64 = 0.05;
+
+/// Mass, kg; centre of mass, m; inertia about it, xx xy xz yy yz zz, kg m^2: all in world axes.
+type MassProperties = (f64, [f64; 3], [f64; 6]);
 
 /// What the robot is held by, besides pushes.
 #[derive(Clone, Copy, Debug)]
@@ -35,19 +38,18 @@ pub struct Cords {
 }
 
 impl Cords {
-    /// Hangs a robot where it is.
-    pub(super) fn holding(plant: &Plant) -> Self {
-        let (_, place, _) = plant.mass_properties();
-        Self { place, orientation: plant.body().orientation.into() }
+    /// Hangs a robot of these mass properties where it is.
+    pub(super) fn holding((_, place, _): MassProperties, body: &BodyState) -> Self {
+        Self { place, orientation: body.orientation.into() }
     }
 
     /// Returns the wrench on the body at its origin.
-    pub(super) fn pull(&self, plant: &Plant) -> Wrench {
+    pub(super) fn pull(&self, properties: MassProperties, body: &BodyState) -> Wrench {
         let rate = core::f64::consts::TAU * SWING_HZ;
         let (stiffness, damping) = (rate * rate, 2.0 * SWING_DAMPING * rate);
-        let (mass, centre, [xx, _, _, yy, _, zz]) = plant.mass_properties();
+        let (mass, centre, [xx, _, _, yy, _, zz]) = properties;
         let inertia = (xx + yy + zz) / 3.0;
-        let BodyState { position, orientation, velocity, angular_velocity } = plant.body();
+        let BodyState { position, orientation, velocity, angular_velocity } = *body;
         let turned = Quaternion::from(orientation).after(self.orientation.inverse());
         let turned = turned.rotation_vector().coordinates();
         let force: [f64; 3] = core::array::from_fn(|i| {
@@ -69,7 +71,7 @@ impl Cords {
 mod tests {
     use super::*;
     use crate::model::RobotModel;
-    use crate::plant::Mechanics;
+    use crate::plant::{Mechanics, Plant};
 
     fn robot() -> Plant {
         Plant::new(&RobotModel::named("W").unwrap()).unwrap()

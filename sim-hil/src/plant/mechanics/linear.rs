@@ -1,8 +1,8 @@
 //! The robot's small motions about where it stands: mass, stiffness and damping matrices.
 
+use super::body::Wrench;
 use super::pack::Pack;
 use super::robot::Plant;
-use super::robot::Wrench;
 use super::spatial::{Spatial, Vec3};
 use crate::plant::{Diverged, Mechanics};
 

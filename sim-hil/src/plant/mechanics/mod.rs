@@ -29,6 +29,7 @@
 pub mod lane;
 pub mod spatial;
 
+mod body;
 mod build;
 mod cords;
 mod leg;
@@ -37,7 +38,8 @@ mod pack;
 mod robot;
 mod system;
 
+pub use body::{BodyState, Wrench};
 pub use cords::Cords;
 pub use linear::{FREEDOMS, Linear};
-pub use robot::{BodyState, Drive, Energy, LegView, Plant, Wrench};
+pub use robot::{Drive, Energy, LegView, Plant};
 pub use system::{multiply, rotation};

@@ -3,6 +3,7 @@
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::SplitMix64;
 
+use super::body::{BodyState, Wrench};
 use super::build;
 use super::cords::{Cords, Support};
 use super::lane::{Lane, Quad, sin_cos};
@@ -33,41 +34,6 @@ pub enum Drive {
         /// Direction of the line of force, rad, positive to the right.
         theta_rad: f64,
     },
-}
-
-/// Force and couple.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Wrench {
-    /// N.
-    pub force: [f64; 3],
-    /// N m.
-    pub torque: [f64; 3],
-}
-
-impl Wrench {
-    fn spatial(&self) -> Spatial<f64> {
-        Spatial::new(Vec3(self.torque), Vec3(self.force))
-    }
-}
-
-/// Pose and velocity of the body's origin.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BodyState {
-    /// World position, m.
-    pub position: [f64; 3],
-    /// Unit quaternion w, x, y, z from body to world.
-    pub orientation: [f64; 4],
-    /// World velocity, m/s.
-    pub velocity: [f64; 3],
-    /// World angular velocity, rad/s.
-    pub angular_velocity: [f64; 3],
-}
-
-impl BodyState {
-    /// Returns the heading about world z, rad, positive to the left, -pi to pi.
-    pub fn yaw(&self) -> f64 {
-        flix_host::pose::Quaternion::from(self.orientation).heading()
-    }
 }
 
 /// Where the energy is and where it went, J since the start.
@@ -231,7 +197,7 @@ impl Plant {
     pub fn hang(&mut self, height: f64) {
         self.displace([0.0, 0.0, height], 0.0);
         self.set_floor(false);
-        self.support = Support::Cords(Cords::holding(self));
+        self.support = Support::Cords(Cords::holding(self.mass_properties(), &self.body()));
     }
 
     /// Returns whether the robot hangs on cords.
@@ -484,7 +450,9 @@ impl Mechanics for Plant {
                 return Ok(());
             }
             Support::Hands { .. } => self.support = Support::Floor,
-            Support::Cords(cords) => self.set_push(cords.pull(self)),
+            Support::Cords(cords) => {
+                self.set_push(cords.pull(self.mass_properties(), &self.body()))
+            }
         }
         let arch = self.arch;
         // A hair of rounding is no step more.
