@@ -37,7 +37,8 @@ pub enum Rule {
     Current,
     /// No rotor spins for longer than the ramp takes while the robot is disarmed or faulted.
     SpinsDisarmed,
-    /// Nobody takes the robot from an operator who was heard less than a second ago, and nobody without the key ever.
+    /// Nobody takes the robot from an operator whose last command arrived less than a second ago, and nobody without the
+    /// key ever.
     TwoOperators,
     /// The fast loop is late only when the processor was made to hang.
     LateTick,
@@ -596,7 +597,8 @@ struct Watch {
     /// Until when the hardware does not count as sound.
     unsound_until: Instant,
     hung: bool,
-    holder: Option<core::net::SocketAddr>,
+    /// Who holds the session, and since when.
+    holder: (Option<core::net::SocketAddr>, Instant),
     silence: Duration,
     /// A rule that was just broken, so that it counts once.
     reported: [bool; RULES.len()],
@@ -611,7 +613,7 @@ impl Watch {
             state: (State::Disarmed, now),
             unsound_until: now,
             hung: false,
-            holder: None,
+            holder: (None, now),
             silence: Duration::MAX,
             reported: [false; RULES.len()],
         }
@@ -712,14 +714,20 @@ impl Watch {
             &mut self.silence,
             Duration::from_micros(operation.robot.link_quality().silence_us.into()),
         );
-        let before = core::mem::replace(&mut self.holder, holder);
+        let (before, since) = self.holder;
         let is_taken = before.is_some() && holder.is_some() && before != holder;
+        if before != holder {
+            self.holder = (holder, self.now);
+        }
         // Who said goodbye does not believe to be connected any more.
         let believes = |operator: &Operator| {
             Some(operator.address) == before
                 && operator.client.is_connected(operator.clock.read(self.now))
         };
-        let is_robbed = silence.saturating_add(TICK) < HOLDER_SILENCE
+        // A command before `since` was another's. A session without any counts from its Challenge, which none here sees.
+        let silence = silence.saturating_add(TICK);
+        let is_robbed = silence < HOLDER_SILENCE
+            && silence <= self.now.since(since)
             && operation.operators.iter().any(believes);
         let stranger = operation.operators[2].address;
         (is_taken && is_robbed) || holder == Some(stranger)
