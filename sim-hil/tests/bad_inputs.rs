@@ -315,7 +315,7 @@ const MODELS: &[(&str, &str, &str)] = &[
     ("length_mm = 85.0", "length_mm = 250.0", "inside each other"),
     ("[legs.rr]", "[legs.middle]", "middle"),
     ("[contact]", "[contacts]", "contacts"),
-    ("damping_ratio = 1.0", "damping_ratio = 0.0", "contact.damping_ratio"),
+    ("damping_n_s_per_m = 45.6", "damping_n_s_per_m = 0.0", "contact.damping_n_s_per_m"),
     ("name = \"A\"", "name = ", "line"),
     ("name = \"A\"", "name = \"A\"\nname = \"B\"", "duplicate"),
     ("[contact]", "[electrical.motor]\npole_pairs = 0\n[contact]", "pole_pairs"),

@@ -9,7 +9,7 @@ prints both beside each other and beside the reference table. Needs `pip install
     python3 sim-hil/validation/validate.py --model W --walk 8      # the nine locomotion modes, 8 seeds
     python3 sim-hil/validation/validate.py --model calibrated --walk 4 --step-ms 0.05
     python3 sim-hil/validation/validate.py --robots 3              # random robots: every row, and a walk of each
-    python3 sim-hil/validation/validate.py --robots 30 --first-robot 1000 --walk 4 --step-ms 0.02
+    python3 sim-hil/validation/validate.py --robots 30 --first-robot 1000 --pairs 3 --seconds 4 --step-ms 0.05
 
 Contact is compared at a step where MuJoCo is converged; walks agree within three standard errors plus a tenth.
 """
@@ -343,7 +343,7 @@ def compare(program, model, frequencies, a):
 
 
 def robots(program, a):
-    """Random robots: all rows, and one walk of each."""
+    """Random robots: all rows, and walks of each."""
     seeds = a.walk or 4
     met = total = 0
     walks_met = walks_total = 0
@@ -354,14 +354,15 @@ def robots(program, a):
             if not row["pass"]:
                 print(f"{model}: {row['name']}: {row['value']:.6g} here, {row['mujoco']} in MuJoCo {row['unit']}")
         met, total = met + sum(row["pass"] for row in rows), total + len(rows)
-        f, theta = RANDOM_PAIRS[index % len(RANDOM_PAIRS)]
         xml = flix_sim(program, "export-mjcf", "--model", model, "--step-ms", f"{a.step_ms:g}")
-        theirs = np.array([walk(xml, f, math.radians(theta), s, a.seconds) for s in range(seeds)])
-        ours = walked(program, model, f, theta, seeds, a.seconds, a.step_ms)
-        fits = agree(theirs, ours)
-        walks_met, walks_total = walks_met + fits.sum(), walks_total + len(fits)
-        cells = "  ".join(f"{v:7.3f}" for v in [*theirs.mean(0), *(o["mean"] for o in ours)])
-        print(f"{model:12}{f:5}{theta:5}   {cells}   {'' if fits.all() else 'walks apart'}", flush=True)
+        for turn in range(a.pairs):
+            f, theta = RANDOM_PAIRS[(index + turn) % len(RANDOM_PAIRS)]
+            theirs = np.array([walk(xml, f, math.radians(theta), s, a.seconds) for s in range(seeds)])
+            ours = walked(program, model, f, theta, seeds, a.seconds, a.step_ms)
+            fits = agree(theirs, ours)
+            walks_met, walks_total = walks_met + fits.sum(), walks_total + len(fits)
+            cells = "  ".join(f"{v:7.3f}" for v in [*theirs.mean(0), *(o["mean"] for o in ours)])
+            print(f"{model:12}{f:5}{theta:5}   {cells}   {'' if fits.all() else 'walks apart'}", flush=True)
     print(f"rows met: {met} of {total}; components of walks: {walks_met} of {walks_total}")
     return 0 if met == total and walks_met >= WALKS_MET * walks_total else 1
 
@@ -378,6 +379,7 @@ def main():
     parser.add_argument("--walk", type=int, metavar="SEEDS", help="walk the nine modes instead")
     parser.add_argument("--robots", type=int, metavar="N", help="compare random robots instead")
     parser.add_argument("--first-robot", type=int, default=1, metavar="SEED", help="seed of the first random robot")
+    parser.add_argument("--pairs", type=int, default=1, choices=range(1, 6), help="walks of each random robot")
     parser.add_argument("--seconds", type=float, default=8.0)
     parser.add_argument("--step-ms", type=float, default=0.1, help="MuJoCo's step, and of walks ours")
     parser.add_argument("--json", action="store_true")

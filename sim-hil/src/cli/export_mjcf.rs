@@ -8,6 +8,7 @@ use super::Error;
 use super::arguments::ModelArgs;
 use super::output::print;
 use crate::model::mjcf::mjcf;
+use crate::plant::mechanics::reference_contact;
 
 /// Write the model as MJCF for MuJoCo
 #[derive(Debug, clap::Args)]
@@ -34,7 +35,8 @@ fn parse_step(text: &str) -> Result<f64, String> {
 /// # Errors
 /// When the model is refused or the file cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let text = mjcf(&args.model.load()?, 1e-3 * args.step_ms);
+    let model = args.model.load()?;
+    let text = mjcf(&model, 1e-3 * args.step_ms, reference_contact(&model));
     match &args.out {
         None => print(&text)?,
         Some(path) => std::fs::write(path, text)

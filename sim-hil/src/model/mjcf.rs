@@ -8,10 +8,10 @@ use std::fmt::Write;
 
 use crate::model::{Base, FootAxis, GRAVITY, LEG_SIDE, LEGS, Legs, RobotModel};
 
-/// Writes the model as MJCF with the given step in seconds.
+/// Writes the model as MJCF with the given step in seconds and each foot's `solref`: time constant in s, damping ratio.
 ///
 /// The model must have passed [`RobotModel::check`].
-pub fn mjcf(model: &RobotModel, step: f64) -> String {
+pub fn mjcf(model: &RobotModel, step: f64, contact: [[f64; 2]; 4]) -> String {
     let mut out = String::new();
     let floor = 0.0;
     line(&mut out, 0, &format!("<mujoco model=\"{}\">", escape(&model.name)));
@@ -30,7 +30,7 @@ pub fn mjcf(model: &RobotModel, step: f64) -> String {
             "<geom name=\"floor\" type=\"plane\" pos=\"0 0 {floor}\" size=\"5 5 0.1\" contype=\"1\" conaffinity=\"0\"/>"
         ),
     );
-    body(&mut out, model);
+    body(&mut out, model, contact);
     line(&mut out, 1, "</worldbody>");
     line(&mut out, 1, "<actuator>");
     for name in ["top", "bottom"] {
@@ -89,7 +89,7 @@ fn shown(out: &mut String, depth: usize, size: [f64; 3], at: [f64; 3], color: &s
 }
 
 /// The body, its fixed parts as bodies without joints, rotors and legs.
-fn body(out: &mut String, model: &RobotModel) {
+fn body(out: &mut String, model: &RobotModel, contact: [[f64; 2]; 4]) {
     let mm = |v: f64| 1e-3 * v;
     line(out, 2, &format!("<body name=\"body\" pos=\"0 0 {}\">", model.standing_height()));
     match model.base {
@@ -139,7 +139,7 @@ fn body(out: &mut String, model: &RobotModel) {
     rotors(out, model);
     if let Some(legs) = &model.legs {
         for index in 0..4 {
-            leg(out, model, legs, index);
+            leg(out, model, legs, index, contact[index]);
         }
     }
     line(out, 2, "</body>");
@@ -160,7 +160,7 @@ fn rotors(out: &mut String, model: &RobotModel) {
     }
 }
 
-fn leg(out: &mut String, model: &RobotModel, legs: &Legs, index: usize) {
+fn leg(out: &mut String, model: &RobotModel, legs: &Legs, index: usize, contact: [f64; 2]) {
     let own = legs.each()[index];
     let [sx, sy] = LEG_SIDE[index];
     let name = LEGS[index];
@@ -210,14 +210,15 @@ fn leg(out: &mut String, model: &RobotModel, legs: &Legs, index: usize) {
         shown(out, 4 + k, size, at, "0.2 0.5 0.8 1");
     }
     line(out, 6, &format!("<site name=\"{name}_tip\" pos=\"0 {segment} 0\" size=\"0.001\"/>"));
-    foot(out, model, legs, index, segment);
+    foot(out, model, legs, index, contact);
     for k in (0..3).rev() {
         line(out, 3 + k, "</body>");
     }
 }
 
 /// The foot hangs level under the tip: its axes are the body's when the leg is straight.
-fn foot(out: &mut String, model: &RobotModel, legs: &Legs, index: usize, segment: f64) {
+fn foot(out: &mut String, model: &RobotModel, legs: &Legs, index: usize, contact: [f64; 2]) {
+    let segment = 1e-3 * legs.length_mm / 3.0;
     let own = legs.each()[index];
     let [sx, sy] = LEG_SIDE[index];
     let foot = &legs.foot;
@@ -261,7 +262,7 @@ fn foot(out: &mut String, model: &RobotModel, legs: &Legs, index: usize, segment
             LEGS[index],
             list(&size.map(|v| 0.5 * v)),
             list(&[own.friction, 1e-3 * k.torsional_friction_mm, 1e-3 * k.rolling_friction_mm]),
-            list(&[1e-3 * k.time_constant_ms, k.damping_ratio]),
+            list(&contact),
             list(&[k.impedance_touch, k.impedance_full, 1e-3 * k.impedance_width_mm]),
         ),
     );

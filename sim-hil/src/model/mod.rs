@@ -292,17 +292,17 @@ pub enum FootAxis {
 
 /// Feet on the floor.
 ///
-/// The law is the one of MuJoCo's documentation ("computation", constraint model) with its elliptic cone: a foot's
-/// penetration `r` obeys `R f = -(a + b v + k d(r) r)`, `f >= 0`, with `b = 2/(d T)` and `k = 1/(d T z)^2` of the
-/// impedance at full width, and `R = (1 - d(r))/d(r)` of the foot's inverse apparent mass. Friction is isotropic in the
-/// plane and does not change the floor's softness.
+/// The law is the one of MuJoCo's documentation ("computation", constraint model) with its elliptic cone: the
+/// penetration `r` of a corner obeys `R f = -(a + b v + k d(r) r)`, `f >= 0`, with `R = (1 - d(r))/d(r)` of the foot's
+/// inverse apparent mass; `b` and `k` follow from the stiffness and the damping here. Friction is isotropic in the plane
+/// and does not change the floor's softness.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Contact {
-    /// Time constant T, ms, 0.2 to 100.
-    pub time_constant_ms: f64,
-    /// Damping ratio z, 0.1 to 10.
-    pub damping_ratio: f64,
+    /// Stiffness of one of a foot's four corners, pressed in by `impedance_width_mm` or more, N/m, 100 to 1e6.
+    pub stiffness_n_per_m: f64,
+    /// Its damping there, N s/m, 1 to 1e5.
+    pub damping_n_s_per_m: f64,
     /// Impedance d at first touch, 0.1 to 0.999.
     pub impedance_touch: f64,
     /// Impedance d at full width, 0.1 to 0.999.
@@ -543,8 +543,8 @@ impl RobotModel {
         }
         self.electrical.bounds(&mut add);
         let c = &self.contact;
-        add("contact.time_constant_ms", c.time_constant_ms, 0.2, 100.0);
-        add("contact.damping_ratio", c.damping_ratio, 0.1, 10.0);
+        add("contact.stiffness_n_per_m", c.stiffness_n_per_m, 100.0, 1e6);
+        add("contact.damping_n_s_per_m", c.damping_n_s_per_m, 1.0, 1e5);
         add("contact.impedance_touch", c.impedance_touch, 0.1, 0.999);
         add("contact.impedance_full", c.impedance_full, 0.1, 0.999);
         add("contact.impedance_width_mm", c.impedance_width_mm, 0.01, 50.0);

@@ -101,8 +101,8 @@ fn draw(name: String, source: &mut Xoshiro256PlusPlus) -> RobotModel {
             },
         }),
         contact: Contact {
-            time_constant_ms: within(3.0, 8.0),
-            damping_ratio: within(0.8, 1.6),
+            stiffness_n_per_m: within(1500.0, 8000.0),
+            damping_n_s_per_m: within(40.0, 90.0),
             impedance_touch: within(0.85, 0.92),
             impedance_full: within(0.93, 0.97),
             impedance_width_mm: within(0.5, 2.0),

@@ -59,7 +59,7 @@ mod tests {
         for seed in 0..50 {
             let other = scattered(&model, 0.02, seed);
             assert_ne!(other.plate.mass_g, model.plate.mass_g);
-            assert_ne!(other.contact.damping_ratio, model.contact.damping_ratio);
+            assert_ne!(other.contact.stiffness_n_per_m, model.contact.stiffness_n_per_m);
             assert_eq!(other.legs.unwrap().fl.twist_hand, model.legs.unwrap().fl.twist_hand);
             assert!((other.legs.unwrap().rr.friction / 0.694 - 1.0).abs() <= 0.04 + 1e-12);
         }

@@ -62,6 +62,8 @@ pub fn constants(model: &RobotModel) -> PlainConstants {
         let legs = core::array::from_fn(|i| {
             let mut leg = legs[i];
             leg.foot.mobility = mobility[i];
+            leg.foot.damping *= mobility[i];
+            leg.foot.stiffness *= mobility[i];
             leg
         });
         c.legs = Some(legs);
@@ -226,14 +228,27 @@ fn add_foot(m: &mut LegModel<f64>, legs: &Legs, shift_mm: f64, [sx, sy]: [f64; 2
     m.end_center = center;
 }
 
+/// Returns the time constant in s and the damping ratio by which MuJoCo gives each foot the model's stiffness and
+/// damping (`solref`); zeros without legs.
+#[must_use]
+pub fn reference_contact(model: &RobotModel) -> [[f64; 2]; 4] {
+    constants(model).legs.map_or([[0.0; 2]; 4], |legs| {
+        legs.map(|leg| {
+            let Foot { damping, stiffness, impedance: [_, full, _], .. } = leg.foot;
+            [2.0 / (full * damping), 0.5 * damping / stiffness.sqrt()]
+        })
+    })
+}
+
+/// For mobility 1: a foot's own is known once the whole robot is.
 fn contact(model: &RobotModel, friction: f64) -> Foot<f64> {
     let c = &model.contact;
-    let (time, ratio, full) = (1e-3 * c.time_constant_ms, c.damping_ratio, c.impedance_full);
+    let full = c.impedance_full;
     let (torsion, rolling) = (1e-3 * c.torsional_friction_mm, 1e-3 * c.rolling_friction_mm);
     Foot {
         friction: [friction, friction, torsion, rolling, rolling],
-        damping: 2.0 / (full * time),
-        stiffness: 1.0 / (full * time * ratio).powi(2),
+        damping: c.damping_n_s_per_m * (1.0 - full) / full,
+        stiffness: c.stiffness_n_per_m * (1.0 - full) / (full * full),
         mobility: 1.0,
         impedance: [c.impedance_touch, full, 1e-3 * c.impedance_width_mm],
     }

@@ -39,6 +39,7 @@ mod robot;
 mod system;
 
 pub use body::{BodyState, Wrench};
+pub use build::reference_contact;
 pub use cords::Cords;
 pub use linear::{FREEDOMS, Linear};
 pub use robot::{Drive, Energy, LegView, Plant};

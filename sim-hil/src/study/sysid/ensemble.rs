@@ -153,20 +153,20 @@ mod tests {
     fn seen(model: &RobotModel, seed: u64, noise: f64) -> Vec<f64> {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
         let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
-        vec![model.contact.time_constant_ms + noise * normal(), normal(), normal()]
+        vec![1e-3 * model.contact.stiffness_n_per_m + noise * normal(), normal(), normal()]
     }
 
     #[test]
     fn an_unknown_that_shows_is_found_and_all_others_stay_as_they_were() {
         let (base, unknowns) = unknowns(&RobotModel::named("W").unwrap());
         let prior = Posterior::prior(unknowns.len());
-        let truth = base.contact.time_constant_ms * 1.1;
+        let truth = 1e-3 * base.contact.stiffness_n_per_m * 1.1;
         let (next, distance) =
             condition(&prior, (&base, &unknowns), 64, 1, &[truth, 0.1, -0.2], |model, seed| {
                 Some(seen(model, seed, 0.05))
             });
-        let shows = unknowns.iter().position(|u| u.name == "floor_time_constant_ms").unwrap();
-        let off = unknowns[shows].value(next.mean[shows]) - truth;
+        let shows = unknowns.iter().position(|u| u.name == "floor_stiffness_n_per_m").unwrap();
+        let off = 1e-3 * unknowns[shows].value(next.mean[shows]) - truth;
         // Of its spread less than half is left, not a tenth as its noise would allow: correlations that chance could give in
         // an ensemble of this size do not count.
         let left = next.deviation(shows);

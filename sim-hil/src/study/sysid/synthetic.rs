@@ -86,8 +86,8 @@ pub fn hidden(plan: &RobotModel, seed: u64) -> RobotModel {
     robot.body.offset_x_mm += chance.within(-3.0, 3.0);
     robot.body.offset_y_mm += chance.within(-3.0, 3.0);
     robot.core.z_mm += chance.within(-3.0, 3.0);
-    robot.contact.time_constant_ms *= chance.within(0.85, 1.15);
-    robot.contact.damping_ratio *= chance.within(0.85, 1.15);
+    robot.contact.stiffness_n_per_m *= chance.within(0.7, 1.3);
+    robot.contact.damping_n_s_per_m *= chance.within(0.7, 1.3);
     robot.load.push(Load {
         mass_g: chance.within(5.0, 40.0),
         x_mm: chance.within(-50.0, 50.0),

@@ -53,8 +53,8 @@ pub struct Unknown {
 const LEG_SPREAD: f64 = 0.15;
 /// Spread of a foot's friction, as a share.
 const FRICTION_SPREAD: f64 = 0.25;
-/// Spread of the floor's time constant and damping ratio, as a share.
-const FLOOR_SPREAD: f64 = 0.15;
+/// Spread of the floor's stiffness and damping, as a share.
+const FLOOR_SPREAD: f64 = 0.25;
 /// What is on the body besides the plan: one mass, at first here, g and mm, with these spreads.
 const LOAD: [(f64, f64); 4] = [(20.0, 12.0), (0.0, 30.0), (0.0, 20.0), (15.0, 10.0)];
 /// No value of a model falls below this share of the plan.
@@ -97,18 +97,18 @@ pub fn unknowns(plan: &RobotModel) -> (RobotModel, Vec<Unknown>) {
         ("load_y_mm", Kind::Mass, LOAD[2].1, f64::MIN, |m, _| Some(&mut m.load.last_mut()?.y_mm)),
         ("load_z_mm", Kind::Mass, LOAD[3].1, f64::MIN, |m, _| Some(&mut m.load.last_mut()?.z_mm)),
         (
-            "floor_time_constant_ms",
+            "floor_stiffness_n_per_m",
             Kind::Floor,
-            FLOOR_SPREAD * plan.contact.time_constant_ms,
-            LEAST_SHARE * plan.contact.time_constant_ms,
-            |m, _| Some(&mut m.contact.time_constant_ms),
+            FLOOR_SPREAD * plan.contact.stiffness_n_per_m,
+            LEAST_SHARE * plan.contact.stiffness_n_per_m,
+            |m, _| Some(&mut m.contact.stiffness_n_per_m),
         ),
         (
-            "floor_damping_ratio",
+            "floor_damping_n_s_per_m",
             Kind::Floor,
-            FLOOR_SPREAD * plan.contact.damping_ratio,
-            LEAST_SHARE * plan.contact.damping_ratio,
-            |m, _| Some(&mut m.contact.damping_ratio),
+            FLOOR_SPREAD * plan.contact.damping_n_s_per_m,
+            LEAST_SHARE * plan.contact.damping_n_s_per_m,
+            |m, _| Some(&mut m.contact.damping_n_s_per_m),
         ),
     ];
     let mut all: Vec<Unknown> = whole
