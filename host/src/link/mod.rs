@@ -31,7 +31,7 @@ pub mod statistics;
 pub mod udp;
 
 pub use client::{Client, StopState, Update};
-pub use reached::{errors, is_reached};
+pub use reached::{errors, is_reached, line_difference};
 
 use std::time::Duration;
 

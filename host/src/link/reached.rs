@@ -15,7 +15,7 @@ pub fn errors(telemetry: &Telemetry, setpoint: &Setpoint) -> [f32; 2] {
     let direction = if setpoint.frequency() == Hertz::ZERO {
         0.0
     } else {
-        line_difference(telemetry.direction.get() - setpoint.direction().get())
+        line_difference(f64::from(telemetry.direction.get() - setpoint.direction().get())) as f32
     };
     [frequency, direction]
 }
@@ -31,7 +31,8 @@ pub fn is_reached(telemetry: &Telemetry, setpoint: &Setpoint) -> bool {
 
 /// Returns the difference of two directions, degrees in [-90, 90): half a turn apart they are one
 /// line of force.
-fn line_difference(degrees: f32) -> f32 {
+#[must_use]
+pub fn line_difference(degrees: f64) -> f64 {
     (degrees + 90.0).rem_euclid(180.0) - 90.0
 }
 

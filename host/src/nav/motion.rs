@@ -7,6 +7,7 @@
 
 use super::geometry::{PlanarPose, Twist};
 use super::modes::ModeTable;
+use crate::link::line_difference;
 
 /// Response of the robot to a command.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -101,7 +102,7 @@ impl Gait {
         // At rest, and on the way there, theta is kept: there is no line of force to turn.
         let direction = if mode == REST { from_direction } else { target.direction };
         let ramp = (target.frequency - from_frequency).abs() / response.frequency_ramp;
-        let slew = turn_of_line(from_direction, direction) / response.direction_slew;
+        let slew = line_difference(from_direction - direction).abs() / response.direction_slew;
         Self {
             mode,
             elapsed: 0.0,
@@ -164,12 +165,6 @@ impl Gait {
     }
 }
 
-/// Returns the angle between two lines of force, which repeat every half turn, degrees.
-fn turn_of_line(a: f64, b: f64) -> f64 {
-    let turn = (a - b).rem_euclid(180.0);
-    turn.min(180.0 - turn)
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::modes::tests::model_w;
@@ -207,11 +202,6 @@ mod tests {
         let motions = motions(&model_w());
         let turn = steady(FORWARD, &motions).commanded(LEFT, &motions, &RESPONSE);
         assert!((turn.duration - (60.0 / 360.0 + 0.1)).abs() < 1e-9, "{turn:?}");
-    }
-
-    #[test]
-    fn plus_and_minus_ninety_degrees_are_one_line_of_force() {
-        assert_eq!(turn_of_line(90.0, -90.0), 0.0);
     }
 
     #[test]

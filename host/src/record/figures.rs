@@ -1,6 +1,7 @@
 //! Figures of a run.
 
 use super::{CommandRow, Run, TelemetryRow};
+use crate::link::line_difference;
 use crate::nav::{JOINED_WITHIN, PlanarPose, Position, wrap};
 use crate::plot::{Chart, Outline, Panel, Series, Stroke, Track, colour};
 
@@ -143,7 +144,7 @@ fn commanded_and_held(
 /// Returns the measured line of force next to the commanded one, degrees: it repeats every half turn.
 fn line_held(row: &TelemetryRow) -> f64 {
     let commanded = row.commanded_direction_deg;
-    commanded + (row.direction_deg - commanded + 90.0).rem_euclid(180.0) - 90.0
+    commanded + line_difference(row.direction_deg - commanded)
 }
 
 fn measured(run: &Run, label: &str, value: impl Fn(&TelemetryRow) -> Option<f64>) -> Series {

@@ -14,7 +14,7 @@ use super::floor::Floor;
 use super::keyboard::{Action, Mode};
 use crate::explain;
 use crate::link::udp::PASSING_PATIENCE;
-use crate::link::{Client, Update, passes};
+use crate::link::{Client, Update, line_difference, passes};
 use crate::pose::PoseSample;
 
 /// Interval between two points of the histories.
@@ -485,8 +485,8 @@ impl Sample {
 /// degrees would jump between +90 and -90.
 fn near_commanded(telemetry: &Telemetry) -> f32 {
     let commanded = telemetry.setpoint.direction().get();
-    let difference = telemetry.direction.get() - commanded;
-    commanded + (difference + 90.0).rem_euclid(180.0) - 90.0
+    let difference = f64::from(telemetry.direction.get() - commanded);
+    commanded + line_difference(difference) as f32
 }
 
 fn is_quick(telemetry: &Telemetry) -> bool {
