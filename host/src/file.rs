@@ -4,8 +4,9 @@
 
 use std::fs::{self, File};
 use std::io::{self, Read};
-use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
+
+use crate::system::is_pipe;
 
 /// Largest text that is read as settings, waypoints, a model or a table, bytes.
 pub const LARGEST_TEXT: u64 = 16 << 20;
@@ -29,7 +30,7 @@ pub fn kind(path: &Path) -> io::Result<Option<&'static str>> {
     Ok(match fs::metadata(path)?.file_type() {
         kind if kind.is_file() => None,
         kind if kind.is_dir() => Some("a directory"),
-        kind if kind.is_fifo() => Some("a pipe"),
+        kind if is_pipe(kind) => Some("a pipe"),
         _ => Some("a device"),
     })
 }

@@ -6,21 +6,22 @@ use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
+use crate::system::SIGNALS;
 
 /// A request to end this program.
 #[derive(Debug, Clone)]
 pub struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
-    /// Handles SIGINT, SIGTERM, SIGHUP and SIGQUIT from now on.
+    /// Handles the [`SIGNALS`] that ask a program to end from now on: Ctrl-C (SIGINT), SIGTERM and, but on Windows,
+    /// SIGHUP and SIGQUIT.
     ///
     /// # Errors
     /// When the operating system refuses the handlers.
     pub fn listen() -> io::Result<Self> {
         let raised = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM, SIGHUP, SIGQUIT] {
-            signal_hook::flag::register(signal, Arc::clone(&raised))?;
+        for signal in SIGNALS {
+            signal_hook::flag::register(*signal, Arc::clone(&raised))?;
         }
         Ok(Self(raised))
     }

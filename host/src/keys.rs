@@ -7,9 +7,8 @@
 //!
 //! A file that other users can read is refused, as ssh does.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::io::{self, Read, Write};
-use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use flix_protocol::provision;
@@ -17,6 +16,7 @@ use flix_protocol::session::{self, Key};
 use zeroize::Zeroizing;
 
 use crate::file;
+use crate::system::{create_private, create_private_folder, exposed_mode};
 
 /// Name of the simulated robot, under which `flix-sim serve` stores its key. It is also the key for
 /// every address of this machine.
@@ -140,9 +140,7 @@ pub fn read(path: &Path) -> Result<Key, KeyError> {
 /// # Errors
 /// When the file exists already or cannot be written.
 pub fn write_new(path: &Path, key: &Key) -> Result<(), KeyError> {
-    let mut options = OpenOptions::new();
-    options.write(true).create_new(true).mode(0o600);
-    let mut file = options.open(path).map_err(|error| {
+    let mut file = create_private(path).map_err(|error| {
         if error.kind() == io::ErrorKind::AlreadyExists {
             match file::kind(path) {
                 Ok(Some(what)) => at(path)(io::Error::other(format!("it exists, and is {what}"))),
@@ -164,8 +162,10 @@ pub fn write_new(path: &Path, key: &Key) -> Result<(), KeyError> {
 }
 
 fn refuse_exposed(path: &Path, file: &File) -> Result<(), KeyError> {
-    let mode = file.metadata().map_err(at(path))?.permissions().mode() & 0o777;
-    if mode & 0o077 == 0 { Ok(()) } else { Err(KeyError::Exposed { path: path.to_owned(), mode }) }
+    match exposed_mode(file).map_err(at(path))? {
+        None => Ok(()),
+        Some(mode) => Err(KeyError::Exposed { path: path.to_owned(), mode }),
+    }
 }
 
 /// The keys of the user, one file per robot.
@@ -308,9 +308,7 @@ impl Keyring {
     }
 
     fn create_directory(&self) -> Result<(), KeyError> {
-        let mut builder = fs::DirBuilder::new();
-        builder.recursive(true).mode(0o700);
-        builder.create(&self.directory).map_err(at(&self.directory))
+        create_private_folder(&self.directory).map_err(at(&self.directory))
     }
 }
 
@@ -324,6 +322,8 @@ pub fn check_name(name: &str) -> Result<(), KeyError> {
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::PermissionsExt as _;
+
     use super::*;
 
     fn keyring() -> (tempfile::TempDir, Keyring) {

@@ -87,4 +87,5 @@ pub mod plot;
 pub mod pose;
 pub mod record;
 pub mod steering;
+pub mod system;
 pub mod teleop;

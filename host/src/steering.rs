@@ -14,19 +14,18 @@
 //! before it is asked, or whose answer cannot be driven.
 
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
-use std::os::unix::process::CommandExt as _;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel, sync_channel};
 use std::time::Duration;
 
 use flix_protocol::message::Setpoint;
 use flix_protocol::units::{Degrees, Hertz, Instant};
-use rustix::process::{Pid, Signal, kill_process_group};
 use serde::Deserialize;
 
 use crate::nav::{Decision, Navigator, PlanarPose, Progress, Stop, Task};
 use crate::pilot::Helm;
 use crate::pose::PoseSample;
+use crate::system;
 
 /// Name of what such a program commands, in records.
 pub const NAME: &str = "controller process";
@@ -64,14 +63,8 @@ impl ControllerProcess {
     /// # Errors
     /// When it cannot be started, or does not answer.
     pub fn start(command: &str, task: &Task, patience: Duration) -> io::Result<Self> {
-        let mut child = Command::new("/bin/sh")
-            .arg("-c")
-            .arg(command)
-            // A shell and what it starts end together.
-            .process_group(0)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()?;
+        let mut child =
+            system::shell(command).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn()?;
         let (mut input, output) =
             child.stdin.take().zip(child.stdout.take()).ok_or(io::ErrorKind::BrokenPipe)?;
         let (questions, to_write) = channel::<String>();
@@ -154,9 +147,7 @@ impl ControllerProcess {
 
 impl Drop for ControllerProcess {
     fn drop(&mut self) {
-        // One that has ended already cannot be killed, and needs not be.
-        let _ = kill_process_group(Pid::from_child(&self.child), Signal::KILL);
-        let _ = self.child.wait();
+        system::end_together(&mut self.child);
     }
 }
 

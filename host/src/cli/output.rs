@@ -1,7 +1,7 @@
 //! Output of the commands: texts, JSON, tables and progress bars.
 
 use std::fmt;
-use std::io::{self, Write};
+use std::io::{self, IsTerminal as _, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -98,8 +98,10 @@ pub fn table(rows: &[Vec<String>]) -> String {
 #[must_use]
 pub fn table_for_terminal(rows: &[Vec<String>]) -> String {
     let mut table = Table::new();
-    if let Ok(size) = rustix::termios::tcgetwinsize(io::stdout()) {
-        table.set_content_arrangement(ContentArrangement::Dynamic).set_width(size.ws_col);
+    if io::stdout().is_terminal()
+        && let Ok((columns, _)) = ratatui::crossterm::terminal::size()
+    {
+        table.set_content_arrangement(ContentArrangement::Dynamic).set_width(columns);
     }
     lay_out(table, rows)
 }

@@ -6,9 +6,9 @@ use std::time::{Duration, Instant as WallClock};
 
 use flix_host::cli::number::{fixed, parse_within};
 use flix_host::experiment::drops::{HEIGHT, HEIGHTS};
+use flix_host::system::has_keys;
 use flix_protocol::message::{Faults, OperatorName, State};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::Error;
 use super::output::print;
@@ -167,14 +167,8 @@ fn typed_lines() -> Receiver<String> {
     std::thread::spawn(move || {
         let stdin = io::stdin();
         loop {
-            if stdin.is_terminal() {
-                if !is_foreground() {
-                    std::thread::sleep(KEY_INTERVAL);
-                    continue;
-                }
-                if !has_keys() {
-                    continue;
-                }
+            if stdin.is_terminal() && !has_keys(KEY_INTERVAL) {
+                continue;
             }
             let mut line = Vec::new();
             match stdin.lock().take(LONGEST_LINE).read_until(b'\n', &mut line) {
@@ -185,18 +179,6 @@ fn typed_lines() -> Receiver<String> {
         }
     });
     receiver
-}
-
-/// Waits for a typed line, [`KEY_INTERVAL`] at most.
-fn has_keys() -> bool {
-    let stdin = io::stdin();
-    let mut waiting = [PollFd::new(&stdin, PollFlags::IN)];
-    let longest = Timespec::try_from(KEY_INTERVAL).ok();
-    poll(&mut waiting, longest.as_ref()).is_ok_and(|ready| ready > 0)
-}
-
-fn is_foreground() -> bool {
-    rustix::termios::tcgetpgrp(io::stdin()).is_ok_and(|group| group == rustix::process::getpgrp())
 }
 
 #[cfg(test)]

@@ -1,0 +1,78 @@
+//! Linux and macOS.
+
+use std::fs::{DirBuilder, File, FileType};
+use std::io;
+use std::os::unix::fs::{
+    DirBuilderExt as _, FileTypeExt as _, MetadataExt as _, OpenOptionsExt as _,
+};
+use std::os::unix::process::CommandExt as _;
+use std::path::Path;
+use std::process::{Child, Command};
+use std::time::Duration;
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::{Pid, Signal, getpgrp, kill_process_group};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
+
+/// Signals that ask a program to end.
+pub const SIGNALS: &[i32] = &[SIGINT, SIGTERM, SIGHUP, SIGQUIT];
+
+/// Returns whether a file is a named pipe.
+#[must_use]
+pub fn is_pipe(kind: FileType) -> bool {
+    kind.is_fifo()
+}
+
+/// Creates a new file that only its owner can read, for writing.
+///
+/// # Errors
+/// When it exists already or cannot be created.
+pub fn create_private(path: &Path) -> io::Result<File> {
+    File::options().write(true).create_new(true).mode(0o600).open(path)
+}
+
+/// Creates a folder that only its owner can list, and those that it lies in.
+///
+/// # Errors
+/// When one cannot be created.
+pub fn create_private_folder(path: &Path) -> io::Result<()> {
+    DirBuilder::new().recursive(true).mode(0o700).create(path)
+}
+
+/// Returns the permission bits of a file that others than its owner can use.
+///
+/// # Errors
+/// When they cannot be read.
+pub fn exposed_mode(file: &File) -> io::Result<Option<u32>> {
+    let mode = file.metadata()?.mode() & 0o777;
+    Ok(Some(mode).filter(|mode| mode & 0o077 != 0))
+}
+
+/// Returns the command that runs this line of the shell; end it by [`end_together`].
+#[must_use]
+pub fn shell(line: &str) -> Command {
+    let mut command = Command::new("/bin/sh");
+    command.arg("-c").arg(line).process_group(0);
+    command
+}
+
+/// Ends a [`shell`] and all that it started.
+pub fn end_together(child: &mut Child) {
+    // One that has ended already cannot be killed, and needs not be.
+    let _ = kill_process_group(Pid::from_child(child), Signal::KILL);
+    let _ = child.wait();
+}
+
+/// Waits for a typed line, so long at most, and returns whether there is one for this program. A job in the background
+/// that reads is stopped by the system.
+#[must_use]
+pub fn has_keys(longest: Duration) -> bool {
+    let stdin = io::stdin();
+    if !rustix::termios::tcgetpgrp(&stdin).is_ok_and(|group| group == getpgrp()) {
+        std::thread::sleep(longest);
+        return false;
+    }
+    let mut waiting = [PollFd::new(&stdin, PollFlags::IN)];
+    let longest = Timespec::try_from(longest).ok();
+    poll(&mut waiting, longest.as_ref()).is_ok_and(|ready| ready > 0)
+}

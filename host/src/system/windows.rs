@@ -1,0 +1,67 @@
+//! Windows. A user's files are in a folder of the user's own, which others cannot read.
+
+use std::fs::{DirBuilder, File, FileType};
+use std::io;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+/// Signals that ask a program to end.
+pub const SIGNALS: &[i32] = &[SIGINT, SIGTERM];
+
+/// Returns whether a file is a named pipe: those of Windows are in no folder.
+#[must_use]
+pub fn is_pipe(_kind: FileType) -> bool {
+    false
+}
+
+/// Creates a new file, for writing.
+///
+/// # Errors
+/// When it exists already or cannot be created.
+pub fn create_private(path: &Path) -> io::Result<File> {
+    File::options().write(true).create_new(true).open(path)
+}
+
+/// Creates a folder, and those that it lies in.
+///
+/// # Errors
+/// When one cannot be created.
+pub fn create_private_folder(path: &Path) -> io::Result<()> {
+    DirBuilder::new().recursive(true).create(path)
+}
+
+/// Returns nothing: files have no permission bits.
+///
+/// # Errors
+/// Never.
+pub fn exposed_mode(_file: &File) -> io::Result<Option<u32>> {
+    Ok(None)
+}
+
+/// Returns the command that runs this line of the shell; end it by [`end_together`].
+#[must_use]
+pub fn shell(line: &str) -> Command {
+    let mut command = Command::new("cmd");
+    command.arg("/C").arg(line);
+    command
+}
+
+/// Ends a [`shell`] and all that it started.
+pub fn end_together(child: &mut Child) {
+    let process = child.id().to_string();
+    let mut tree = Command::new("taskkill");
+    tree.args(["/T", "/F", "/PID", &process]).stdout(Stdio::null()).stderr(Stdio::null());
+    // One that has ended already cannot be killed, and needs not be.
+    let _ = tree.status();
+    let _ = child.kill();
+    let _ = child.wait();
+}
+
+/// Returns that a line may be read: a console has no jobs in the background.
+#[must_use]
+pub fn has_keys(_longest: Duration) -> bool {
+    true
+}
