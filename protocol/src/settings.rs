@@ -27,6 +27,7 @@ macro_rules! settings_table {
                 pole_pairs: "1", whole, 1.0 ..= 32.0, 7.0, "Pole pairs of both motors. Assumed.";
                 rotor_inertia: "g cm2", real, 1.0 ..= 10000.0, 105.0, "Inertia of one rotor about its shaft: 12 g at 28 mm (paper, Table II) and the bell.";
                 current_scale: "1", real, 0.1 ..= 10.0, 1.0, "True phase current over what the board's description reads: 0.4 where amplifiers taken for x20 are x50.";
+                battery_scale: "1", real, 0.2 ..= 5.0, 1.0, "True battery voltage over what a divider of 100 over 22 kiloohms gives: by a voltmeter at the battery, or for other resistors.";
                 current_limit: "A", real, 0.1 ..= 20.0, 2.0, "Phase current that is never asked for more of.";
                 over_current: "A", real, 0.2 ..= 30.0, 2.6, "Phase current that trips the over-current fault; below the 3.3 A that 0.01 ohm with a gain of 50 can show.";
                 alignment_current: "A", real, 0.05 ..= 5.0, 0.8, "Phase current that turns the rotors while aligning.";

@@ -360,6 +360,34 @@ fn phase_currents_are_counted_within_gain_offset_and_noise_and_clip_where_the_bo
     }
 }
 
+/// RMS of how far the mean of two ticks' counts of a perfect amplifier is off from the current, A, over 20 starts.
+fn sense_error(pwm_frequency_hz: u32) -> f64 {
+    const STARTS: u64 = 20;
+    let mut parameters = ideal();
+    parameters.hardware.pwm_frequency_hz = pwm_frequency_hz;
+    parameters.amplifier = AmplifierParameters { noise: 0.0, offset: 0.0, gain_error: 0.0 };
+    let square = |seed| {
+        let mut electronics = Electronics::new(&parameters, seed);
+        let mut locked = Wheels::driven_at(0.0);
+        let actuation = duties([0.8, 0.3, 0.3]);
+        run(&mut electronics, &mut locked, &actuation, 0.02);
+        let mut counts = 0.0;
+        for _ in 0..2 {
+            counts += f64::from(electronics.sense(&locked).phase_current.unwrap()[0][0]) - 2048.0;
+            run(&mut electronics, &mut locked, &actuation, TICK);
+        }
+        let read = counts / 2.0 * 1.6e-3;
+        (read.abs() - electronics.phase_currents()[0][0].abs()).powi(2)
+    };
+    ((0..STARTS).map(square).sum::<f64>() / STARTS as f64).sqrt()
+}
+
+#[test]
+fn the_ripple_is_in_the_phase_currents_that_are_read_unless_ticks_are_tied_to_the_pwm() {
+    let [tied, untied] = [20_000, 25_000].map(sense_error);
+    assert!(tied < 0.002 && untied > 0.005, "{tied} {untied}");
+}
+
 fn readings(encoder: EncoderParameters, speed: f64) -> Vec<(f64, Encoder)> {
     let parameters = ElectronicsParameters { encoder, ..ideal() };
     let mut electronics = Electronics::new(&parameters, 11);

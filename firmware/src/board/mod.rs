@@ -161,8 +161,9 @@ pub struct Board {
     pub status_led: Pin,
 }
 
-/// PWM frequency, above what people hear and well above the 10 kHz loop.
-pub const PWM_FREQUENCY_HZ: u32 = 25_000;
+/// PWM frequency, above what people hear: two periods to a tick of the fast loop, so that currents are sampled at the same
+/// place of each, and 8,000 counts of the 160 MHz that the MCPWM counts with. 30 kHz would take 5,333.3.
+pub const PWM_FREQUENCY_HZ: u32 = 20_000;
 
 /// Built-in interlock of the L6234, nominal (ST application note AN1088).
 const L6234_DEAD_TIME_NS: u16 = 300;
@@ -172,7 +173,14 @@ const EG2133_DEAD_TIME_NS: u16 = 100;
 /// Drivers on a generic board are not known: no compensation.
 const UNKNOWN_DEAD_TIME_NS: u16 = 0;
 
-/// Millivolts of a full-scale conversion (4095 counts) at the widest attenuation, nominal.
+/// Returns the counts of an ideal converter, of which full scale is 3.3 V, at this voltage: at most 4,095.
+#[must_use]
+pub const fn counts_of_millivolts(millivolts: u16) -> u16 {
+    let counts = millivolts as u32 * ADC_LARGEST_COUNT / ADC_FULL_SCALE_MILLIVOLTS;
+    if counts < ADC_LARGEST_COUNT { counts as u16 } else { ADC_LARGEST_COUNT as u16 }
+}
+
+/// Millivolts of an ideal full-scale conversion (4095 counts); chips' own conversions are calibrated to it.
 const ADC_FULL_SCALE_MILLIVOLTS: u32 = 3_300;
 /// Largest count of a 12-bit conversion.
 const ADC_LARGEST_COUNT: u32 = 4_095;

@@ -86,8 +86,9 @@ impl Configuration {
         let zero = sense.map_or(0, |sense| i32::from(sense.zero_count));
         let reach = (i32::from(valid_counts.1) - zero).min(zero - i32::from(valid_counts.0));
         let over_current = sense.map_or(i32::MAX / 4, |_| counts(settings.over_current));
-        let bus =
-            hardware.bus_microvolts_per_count.map_or(0.0, |scale| f64::from(scale.get()) * 1e-6);
+        let divider = hardware.bus_microvolts_per_count;
+        let bus = divider.map_or(0.0, |scale| f64::from(scale.get()) * 1e-6)
+            * f64::from(settings.battery_scale);
         let dead_time = f64::from(hardware.dead_time_ns) * 1e-9;
         let mut configuration = Self {
             shaker: shaker(settings),
@@ -229,4 +230,20 @@ fn encoder(settings: &Settings, motor: usize) -> EncoderModel {
         model.set_entry(entry, &alignment.eccentricity);
     }
     model
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::board::GENERIC_ESP32C6;
+
+    #[test]
+    fn battery_scale_scales_the_measured_battery() {
+        let hardware = GENERIC_ESP32C6.with_battery_divider().hardware;
+        let [as_built, scaled] = [1.0, 1.5].map(|battery_scale| {
+            let settings = Settings { battery_scale, ..Settings::DEFAULT };
+            Configuration::new(&settings, &hardware).bus_per_count
+        });
+        assert!((2 * scaled - 3 * as_built).abs() <= 3, "{as_built} {scaled}");
+    }
 }

@@ -62,11 +62,30 @@ pub(crate) struct Args {
     named: Option<String>,
 }
 
+impl Args {
+    /// Whether the session of another image is run, too.
+    fn runs_other(&self) -> bool {
+        let is_session = self.part.is_empty() || self.part.iter().any(|part| part == "session");
+        is_session && self.image.is_none() && self.encoder.is_none() && !self.live
+    }
+}
+
+/// Builds the image with the other encoders and a battery divider; it lies beside the one that is built next.
+fn other_image() -> Result<PathBuf, Error> {
+    let options =
+        Options { encoder: Some("as5047p".into()), battery_divider: true, ..Options::default() };
+    let built = toolchain::build_silently(Chip::Esp32c6, &options)?;
+    let kept = built.with_file_name("flix-robot-other");
+    run::write(&kept, run::read(&built)?)?;
+    Ok(kept)
+}
+
 /// Builds the image, unless there is one, and runs it; an error when something does not hold.
 pub(crate) fn run(args: &Args) -> Result<(), Error> {
     if args.defects {
         return defects::run(args);
     }
+    let other = if args.runs_other() { Some(other_image()?) } else { None };
     let image = match &args.image {
         Some(image) => absolute(image)?,
         None => toolchain::build_silently(
@@ -75,6 +94,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Error> {
         )?,
     };
     let mut command = emulator(args, &image)?;
+    if let Some(other) = other {
+        command.arg("--other").arg(other);
+    }
     command.args(args.encoder.iter().flat_map(|encoder| ["--encoder", encoder]));
     command.args(args.part.iter().flat_map(|part| ["--part", part]));
     command.args(args.live.then_some("--live"));

@@ -295,7 +295,7 @@ impl<O: Outside> Chip<O> {
     #[must_use]
     pub fn is_in(&self, place: Place) -> bool {
         let threshold = self.soc.interrupts.threshold();
-        let fast = self.soc.interrupts.priority_of(crate::block::interrupt::source::TIMER[1]);
+        let fast = self.soc.interrupts.priority_of(crate::block::interrupt::source::MCPWM);
         let works = !self.waits && !self.radio.is_calling();
         let fed = self.soc.watchdog.fed_at.map(|at| self.cpu.cycles - at);
         match place {
@@ -408,16 +408,14 @@ impl<O: Outside> Chip<O> {
     /// Returns what the chip counts.
     #[must_use]
     pub fn counters(&self) -> Counters {
-        let timer = &self.soc.timers[1];
         Counters {
             instructions: self.cpu.instructions,
             busy_cycles: self.busy,
             run_cycles: self.cpu.cycles - self.started,
-            ticks: timer.alarms,
+            ticks: self.soc.mcpwm.ticks,
             rounds: self.soc.mcpwm.rounds,
             longest_gap_cycles: self.soc.mcpwm.longest_gap,
             silence_cycles: self.soc.mcpwm.silence(self.cpu.cycles),
-            tick_period_us: timer.period_us(),
             pwm_hz: self.soc.mcpwm.frequency(0),
             cpu_hz: self.soc.clocks.cpu_hz(),
             serial_baud: self.soc.uart.baud(&self.soc.clocks),
@@ -426,19 +424,31 @@ impl<O: Outside> Chip<O> {
             transmit_power_dbm: self.radio.transmit_power(),
             longest_radio_call_cycles: self.radio.longest_call,
             frames_dropped: self.radio.overruns,
-            fast_watchdog_is_on: timer.watchdog_is_on(),
+            fast_watchdog_is_on: self.soc.timers[1].watchdog_is_on(),
             slow_watchdog_is_on: self.soc.watchdog.is_on(),
             fast_loop_priority: self
                 .soc
                 .interrupts
-                .priority_of(crate::block::interrupt::source::TIMER[1]),
+                .priority_of(crate::block::interrupt::source::MCPWM),
         }
     }
 
-    /// Returns when the fast loop's timer was last due, cycles.
+    /// Returns when the fast loop's tick was last due, cycles.
     #[must_use]
-    pub fn last_alarm(&self) -> u64 {
-        self.soc.timers[1].last_alarm
+    pub fn last_tick(&self) -> u64 {
+        self.soc.mcpwm.last_tick
+    }
+
+    /// Returns when the fast loop last set the last duty, cycles.
+    #[must_use]
+    pub fn last_round(&self) -> u64 {
+        self.soc.mcpwm.last_round
+    }
+
+    /// Returns how long after the beginning of a PWM period that was, seconds.
+    #[must_use]
+    pub fn tick_phase(&self) -> f64 {
+        self.soc.mcpwm.tick_phase()
     }
 
     /// Forgets the longest gap between rounds of the fast loop.
@@ -506,7 +516,7 @@ pub struct Counters {
     pub busy_cycles: u64,
     /// See above.
     pub run_cycles: u64,
-    /// Alarms of the fast loop's timer since the image started.
+    /// Ticks of the fast loop's timer since the image started.
     pub ticks: u64,
     /// Rounds of the fast loop, seen from the PWM's registers.
     pub rounds: u64,
@@ -514,8 +524,6 @@ pub struct Counters {
     pub longest_gap_cycles: u64,
     /// Time since the last round, at most a second.
     pub silence_cycles: u64,
-    /// Time between the fast loop's alarms, where they repeat.
-    pub tick_period_us: Option<f64>,
     /// PWM frequency.
     pub pwm_hz: f64,
     /// Clock of the processor.

@@ -3,7 +3,7 @@
 //! has to: `cargo xtask emulate` builds the image and calls this.
 
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -17,7 +17,7 @@ use flix_chip::marks::Memory;
 use flix_chip::power;
 use flix_chip::restart::{self, Restart};
 use flix_chip::rig::{Rig, RigError};
-use flix_chip::session::{Hold, Report, Times, drive};
+use flix_chip::session::{Battery, Hold, Report, Times, drive};
 use flix_firmware::board::EncoderKind;
 use serde::Serialize;
 
@@ -39,6 +39,9 @@ struct Cli {
     /// Serve the robot to programs of this computer, at most in real time, until Ctrl-C.
     #[arg(long, conflicts_with_all = ["part", "quick", "json"])]
     live: bool,
+    /// An image for AS5047P encoders and with a battery divider: its session is run, too, in short.
+    #[arg(long, value_name = "IMAGE")]
+    other: Option<PathBuf>,
     /// The `flix` that makes the journey [default: that beside this program].
     #[arg(long, value_name = "PROGRAM")]
     flix: Option<PathBuf>,
@@ -119,8 +122,17 @@ struct Verdict {
     flash_lost: Option<usize>,
     journey: Option<Journey>,
     memory: Option<Memory>,
+    other: Option<Other>,
     failures: Vec<String>,
     pass: bool,
+}
+
+/// What the session of the other image came to.
+#[derive(Debug, Serialize)]
+struct Other {
+    #[serde(flatten)]
+    session: Report,
+    battery: Battery,
 }
 
 fn main() -> ExitCode {
@@ -135,10 +147,14 @@ fn main() -> ExitCode {
     }
 }
 
+fn read(path: &Path) -> Result<Image, Error> {
+    let bytes =
+        std::fs::read(path).map_err(|source| Error::File { path: path.to_path_buf(), source })?;
+    Ok(Image::parse(&bytes)?)
+}
+
 fn run(cli: &Cli) -> Result<bool, Error> {
-    let bytes = std::fs::read(&cli.image)
-        .map_err(|source| Error::File { path: cli.image.clone(), source })?;
-    let image = Image::parse(&bytes)?;
+    let image = read(&cli.image)?;
     let encoder = EncoderKind::named(&cli.encoder).unwrap_or(EncoderKind::Mt6701);
     if cli.live {
         return Err(serve(Rig::new(image, encoder, cli.seed), cli.log).into());
@@ -173,6 +189,16 @@ fn run(cli: &Cli) -> Result<bool, Error> {
                 verdict.journey = Some(journey);
             }
             Err(error) => verdict.failures.push(format!("journey: {error}")),
+        }
+    }
+    if let Some(path) = &cli.other {
+        progress("the image with other encoders and a battery divider");
+        match try_other(Rig::new(read(path)?, EncoderKind::As5047p, cli.seed)) {
+            Ok((other, failures)) => {
+                verdict.other = Some(other);
+                verdict.failures.extend(failures);
+            }
+            Err(error) => verdict.failures.push(format!("other image: {error}")),
         }
     }
     verdict.pass = verdict.failures.is_empty();
@@ -215,6 +241,18 @@ fn progress(what: &str) {
     if std::io::stderr().is_terminal() {
         eprint!("\r\x1b[2K{what}");
     }
+}
+
+/// Runs the session of a robot with other encoders, which measures its battery; with what does not hold.
+fn try_other(mut rig: Rig) -> Result<(Other, Vec<String>), RigError> {
+    rig.provision()?;
+    rig.connect()?;
+    let battery = Battery::of(&mut rig)?;
+    let [settle, measure] = QUICK_TIMES;
+    let session = drive(&mut rig, Times { settle, measure }, &progress)?;
+    let failures = session.failures().into_iter().chain(battery.failure()).chain(rig.findings());
+    let failures = failures.map(|failure| format!("other image: {failure}")).collect();
+    Ok((Other { session, battery }, failures))
 }
 
 /// Tries what one robot can show without losing its power.
@@ -270,6 +308,10 @@ fn print(verdict: &Verdict, host: Duration) {
             report.pwm_hz, report.shares
         );
         println!("missed ticks: {}; longest gap: {:.0} us", report.overruns, report.longest_gap_us);
+        println!(
+            "ticks begin {:.2?} us after a PWM period; their duties are set after {:.1?} us",
+            report.tick_phase_us, report.duties_after_us
+        );
     }
     if let Some(network) = &verdict.network {
         println!(
@@ -309,6 +351,10 @@ fn print(verdict: &Verdict, host: Duration) {
                 pace.seconds_a_second
             );
         }
+    }
+    if let Some(Other { session, battery: Battery { said_v, true_v } }) = &verdict.other {
+        println!("with AS5047P encoders and a battery divider: {said_v:.2?} of {true_v:.2} V");
+        session.hold.iter().for_each(print_hold);
     }
     if let Some(memory) = &verdict.memory {
         let Memory { stack, stack_left, heap, heap_left } = memory;

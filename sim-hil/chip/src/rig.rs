@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use flix_firmware::board::EncoderKind;
+use flix_firmware::board::{EncoderKind, PWM_FREQUENCY_HZ};
 use flix_host::link::{Client, Update};
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::message::{
@@ -28,8 +28,8 @@ use crate::robot::{Robot, STEP_CYCLES};
 pub const PATIENCE: Duration = Duration::from_secs(20);
 /// The operator's port.
 const OPERATOR_PORT: u16 = 40_000;
-/// When the plant's step begins after the fast loop's alarm: its duties are at the pins by then.
-const STEP_AFTER_ALARM: u64 = STEP_CYCLES * 8 / 10;
+/// When the plant's step begins after the fast loop's tick: its duties are at the pins by then.
+const STEP_AFTER_TICK: u64 = STEP_CYCLES * 8 / 10;
 /// An unanswered request over the serial port is repeated after this time.
 const SERIAL_RETRY: Duration = Duration::from_secs(1);
 /// Registers of a block without a clock that esp-hal 1.2 touches when it starts.
@@ -79,6 +79,10 @@ pub struct Seen {
     pub steps: u64,
     /// Lowest and highest frequency of the six PWM pins, Hz.
     pub pwm_hz: [f64; 2],
+    /// Least and most time from the beginning of a PWM period to a tick, at most half a period before or after, microseconds.
+    pub tick_phase_us: [f64; 2],
+    /// Least and most time from a tick to the last duty that it set, microseconds.
+    pub duties_after_us: [f64; 2],
     /// Sum, lowest and highest share of each pin: top A B C, bottom A B C.
     pub shares: [[f64; 3]; 6],
     /// Steps that found a bridge enabled before its duties were set.
@@ -94,6 +98,8 @@ impl Seen {
     const NOTHING: Self = Self {
         steps: 0,
         pwm_hz: [f64::INFINITY, 0.0],
+        tick_phase_us: [f64::INFINITY, f64::NEG_INFINITY],
+        duties_after_us: [f64::INFINITY, 0.0],
         shares: [[0.0, f64::INFINITY, 0.0]; 6],
         early_enables: 0,
         missed: 0,
@@ -218,9 +224,9 @@ impl Rig {
         self.move_plant()?;
         self.next_step += STEP_CYCLES;
         // In step with the loop, so that its duties act when they reach the pins.
-        let late = (self.next_step - self.chip.last_alarm()) % STEP_CYCLES;
-        if self.chip.counters().ticks > 0 && late != STEP_AFTER_ALARM {
-            self.next_step += (STEP_AFTER_ALARM + STEP_CYCLES - late) % STEP_CYCLES;
+        let late = (self.next_step - self.chip.last_tick()) % STEP_CYCLES;
+        if self.chip.counters().ticks > 0 && late != STEP_AFTER_TICK {
+            self.next_step += (STEP_AFTER_TICK + STEP_CYCLES - late) % STEP_CYCLES;
         }
         Ok(())
     }
@@ -269,6 +275,7 @@ impl Rig {
             self.watch_loop_from_here();
             return;
         }
+        self.watch_phase();
         let counters = self.chip.counters();
         let [ticks, rounds] = [counters.ticks - self.ticks, counters.rounds - self.rounds];
         // One may be on its way.
@@ -278,6 +285,19 @@ impl Rig {
         let gap = counters.longest_gap_cycles.max(counters.silence_cycles);
         let gap_us = gap as f64 * 1e6 / CYCLES_PER_SECOND as f64;
         self.seen.longest_gap_us = self.seen.longest_gap_us.max(gap_us);
+    }
+
+    fn watch_phase(&mut self) {
+        let period_us = 1e6 / f64::from(PWM_FREQUENCY_HZ);
+        let phase_us = self.chip.tick_phase() * 1e6;
+        let phase_us = phase_us - period_us * (phase_us / period_us).round();
+        let [least, most] = &mut self.seen.tick_phase_us;
+        (*least, *most) = (least.min(phase_us), most.max(phase_us));
+        if let Some(after) = self.chip.last_round().checked_sub(self.chip.last_tick()) {
+            let after_us = after as f64 * 1e6 / CYCLES_PER_SECOND as f64;
+            let [least, most] = &mut self.seen.duties_after_us;
+            (*least, *most) = (least.min(after_us), most.max(after_us));
+        }
     }
 
     fn watch_loop_from_here(&mut self) {

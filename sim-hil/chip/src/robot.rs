@@ -119,6 +119,12 @@ impl Robot {
         Truth::of(time, &self.plant, &self.electronics)
     }
 
+    /// Returns the battery's voltage at the bridges, V.
+    #[must_use]
+    pub fn bus_voltage(&self) -> f64 {
+        self.electronics.battery().bus_voltage()
+    }
+
     /// The angle that an encoder shows at `cycles`, as a count of 14 bits.
     fn count(&mut self, motor: usize, cycles: u64) -> u32 {
         let share = cycles.saturating_sub(self.began) as f64 / STEP_CYCLES as f64;
@@ -224,7 +230,7 @@ impl Outside for Robot {
         if pin != u32::from(BOARD.divider_option.pin) {
             return 0.0;
         }
-        self.electronics.battery().bus_voltage() * DIVIDER * 1e3
+        self.bus_voltage() * DIVIDER * 1e3
     }
 }
 

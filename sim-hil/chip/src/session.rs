@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use flix_protocol::message::State;
 use flix_sim::experiment::metrics::HoldMeter;
 use flix_sim::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
 use flix_sim::rig::bench::setpoint;
@@ -22,8 +23,14 @@ pub const MODES: [(&str, f64, f64); 5] = [
 pub const PWM_HZ: f64 = flix_firmware::board::PWM_FREQUENCY_HZ as f64;
 /// No two rounds of the fast loop are further apart, microseconds.
 pub const LONGEST_GAP_US: f64 = 120.0;
+/// A tick lies so near behind the beginning of a PWM period, microseconds: both timers are started by neighbouring writes.
+pub const TICK_PHASE_US: f64 = 0.5;
+/// The outputs take duties over at the counter's peaks: each tick's have to be set between the same two, microseconds.
+pub const TAKEN_OVER_US: [f64; 2] = [0.5e6 / PWM_HZ, 1.5e6 / PWM_HZ];
 /// After disarming the rotors, braked, stand by then.
 const REST: Duration = Duration::from_millis(500);
+/// The battery's voltage, by a divider without an error, is stated within this share.
+const BATTERY_TOLERANCE: f64 = 0.01;
 /// The mean share of every phase's pin lies this near to a half.
 const SHARE_TOLERANCE: f64 = 0.05;
 
@@ -102,6 +109,10 @@ pub struct Report {
     pub hold: Vec<Hold>,
     /// PWM frequency: of all pins and times from arming to disarming that furthest from what it should be, Hz.
     pub pwm_hz: f64,
+    /// Earliest and latest tick, from the beginning of a PWM period on, microseconds.
+    pub tick_phase_us: [f64; 2],
+    /// Shortest and longest time from a tick to the last duty that it set, microseconds.
+    pub duties_after_us: [f64; 2],
     /// Mean, lowest and highest share of the six pins.
     pub shares: [[f64; 3]; 6],
     /// Steps that found a bridge enabled before its duties were set.
@@ -122,6 +133,16 @@ impl Report {
         failures.extend(self.hold.iter().flat_map(Hold::failures));
         if self.pwm_hz != PWM_HZ {
             failures.push(format!("the PWM runs at {} Hz instead of {PWM_HZ}", self.pwm_hz));
+        }
+        let [earliest, latest] = self.tick_phase_us;
+        if !(earliest >= 0.0 && latest <= TICK_PHASE_US) {
+            failures.push(format!("ticks lie {earliest:.2} to {latest:.2} us after a PWM period"));
+        }
+        let [first, last] = self.duties_after_us;
+        let [from, until] = TAKEN_OVER_US;
+        if !(first > from && last < until) {
+            let sentence = "duties are set at times that are taken over in different PWM periods";
+            failures.push(format!("{sentence}: {first:.0} to {last:.0} us after the tick"));
         }
         for (pin, [mean, ..]) in self.shares.iter().enumerate() {
             if (mean - 0.5).abs() > SHARE_TOLERANCE {
@@ -173,6 +194,39 @@ pub fn hold(
     Ok(Hold::of((f_hz, theta_deg), &meter, peak_current_a, current_limit_a))
 }
 
+/// What a robot says of its battery before it is armed, and what is true.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Battery {
+    /// Said, V; none where it does not measure.
+    pub said_v: Option<f64>,
+    /// True, V.
+    pub true_v: f64,
+}
+
+impl Battery {
+    /// Asks a disarmed robot.
+    ///
+    /// # Errors
+    /// When no telemetry comes.
+    pub fn of(rig: &mut Rig) -> Result<Self, RigError> {
+        rig.await_state(&[State::Disarmed])?;
+        let said = rig.telemetry.and_then(|telemetry| telemetry.bus_voltage);
+        let true_v = rig.chip.outside().bus_voltage();
+        Ok(Self { said_v: said.map(|volts| f64::from(volts.get())), true_v })
+    }
+
+    /// Returns what does not hold, in a sentence.
+    #[must_use]
+    pub fn failure(&self) -> Option<String> {
+        let Self { said_v, true_v } = *self;
+        let Some(said_v) = said_v else {
+            return Some("the battery is not measured".to_owned());
+        };
+        let is_off = (said_v / true_v - 1.0).abs() > BATTERY_TOLERANCE;
+        is_off.then(|| format!("the battery has {true_v:.2} V, the robot says {said_v:.2} V"))
+    }
+}
+
 /// Arms, holds the five modes, of which the last reverses the one before, and disarms, all in one session.
 ///
 /// # Errors
@@ -199,6 +253,8 @@ pub fn drive(rig: &mut Rig, times: Times, progress: &dyn Fn(&str)) -> Result<Rep
     rig.run(REST)?;
     report.coasted = rig.coasts();
     report.early_enables = rig.seen.early_enables;
+    report.tick_phase_us = rig.seen.tick_phase_us;
+    report.duties_after_us = rig.seen.duties_after_us;
     report.overruns = rig.seen.missed;
     report.longest_gap_us = rig.seen.longest_gap_us;
     Ok(report)

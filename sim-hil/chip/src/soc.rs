@@ -225,6 +225,7 @@ impl<O: Outside> Soc<O> {
             .min(self.uart.next_event())
             .min(self.spi.next_event())
             .min(self.adc.next_event())
+            .min(self.mcpwm.next_event())
             .min(self.watchdog.next_event());
     }
 
@@ -242,6 +243,7 @@ impl<O: Outside> Soc<O> {
         self.uart.advance(now, self.gpio.console());
         self.spi.advance(now);
         self.adc.advance(now);
+        self.mcpwm.advance(now);
         if let Some(action) = self.watchdog.advance(now) {
             bite = Some((Watchdog::LowPower, action));
         }
@@ -261,6 +263,7 @@ impl<O: Outside> Soc<O> {
         }
         self.interrupts.set(source::UART0, self.uart.level());
         self.interrupts.set(source::SPI2, self.spi.level());
+        self.interrupts.set(source::MCPWM, self.mcpwm.level());
         self.interrupts.set(source::ADC, self.adc.level());
         self.interrupts.set(source::LP_WATCHDOG, self.watchdog.level());
         self.schedule();
@@ -377,7 +380,13 @@ impl<O: Outside> Soc<O> {
     ) -> Answer<()> {
         match model {
             Model::Clocks => return self.write_clocks(offset, value, now),
-            Model::Mcpwm => return self.mcpwm.write(offset, value, now, self.clocks.mcpwm_hz()),
+            Model::Mcpwm => {
+                self.mcpwm.write(offset, value, now, self.clocks.mcpwm_hz())?;
+                // Six duties a tick need no more.
+                if !Mcpwm::concerns_interrupts(offset) {
+                    return Ok(());
+                }
+            }
             Model::Gpio => {
                 let before = self.gpio.outputs();
                 self.gpio.write(offset, value)?;

@@ -135,7 +135,7 @@ pub struct Inverter {
     /// Time in each PWM period in which neither switch of a phase conducts, ns, 0 to 5000. Source: L6234,
     /// AN1088 (300).
     pub dead_time_ns: u16,
-    /// PWM frequency, Hz, 10000 to 100000. Choice of the firmware (25000).
+    /// PWM frequency, Hz, 10000 to 100000. Choice of the firmware (20000).
     pub pwm_frequency_hz: u32,
     /// Whether an unpowered bridge lets the motor coast; else it brakes. The L6234 with its enable pin (true).
     pub can_coast: bool,

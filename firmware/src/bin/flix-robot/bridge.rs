@@ -1,21 +1,39 @@
-//! A three-phase bridge on MCPWM: centre-aligned, 25 kHz, a pulse around the counter's zero.
+//! Both three-phase bridges on one MCPWM unit, and the tick that is tied to them.
+//!
+//! Timer 0 counts up and down, 20,000 periods a second: each phase's pulse lies around its zero, and the phases' ripple is
+//! zero there and at its peak. Timer 1 counts two of these periods on the same clock with whole counts, and its zero is the
+//! tick of the fast loop. Both are started in one critical section, so a tick begins with a period, now and for ever.
 
 use esp_hal::gpio::{AnyPin, Level, Output, OutputConfig};
-use esp_hal::mcpwm::PwmPeripheral;
+use esp_hal::interrupt::{InterruptHandler, bind_handler};
 use esp_hal::mcpwm::operator::{PwmActions, PwmPin, PwmPinConfig, PwmUpdateMethod, UpdateAction};
-use esp_hal::mcpwm::timer::PwmWorkingMode;
+use esp_hal::mcpwm::timer::{PwmWorkingMode, Timer};
 use esp_hal::mcpwm::{McPwm, PeripheralClockConfig};
+use esp_hal::peripherals::{Interrupt, MCPWM0};
 use flix_firmware::board::{PWM_FREQUENCY_HZ, Pin};
-use flix_firmware::hardware::{Bridge, Duty};
+use flix_firmware::hardware::{Actuation, Bridge, Duty, TICK_RATE_HZ};
+
+use crate::chip;
+use crate::choice::BOARD;
 
 /// Clock of the MCPWM, undivided, on all three chips.
-const PWM_CLOCK_HZ: u32 = 160_000_000;
+pub(crate) const PWM_CLOCK_HZ: u32 = 160_000_000;
 /// Counts up in a half period; the counter runs up and down.
-pub(crate) const HALF_PERIOD: u16 = {
-    let counts = PWM_CLOCK_HZ / PWM_FREQUENCY_HZ / 2;
+pub(crate) const HALF_PERIOD: u16 = whole(PWM_CLOCK_HZ, 2 * PWM_FREQUENCY_HZ);
+/// Counts of a tick.
+const TICK_COUNTS: u16 = whole(PWM_CLOCK_HZ, TICK_RATE_HZ);
+const _: () = assert!(
+    TICK_COUNTS.is_multiple_of(2 * HALF_PERIOD),
+    "a tick takes a whole number of PWM periods"
+);
+
+/// Divides without a rest.
+const fn whole(clock_hz: u32, hz: u32) -> u16 {
+    let counts = clock_hz / hz;
+    assert!(counts * hz == clock_hz, "the clock has to be a multiple");
     assert!(counts <= u16::MAX as u32);
     counts as u16
-};
+}
 
 /// Takes a pin of the board or the serial port by number.
 #[expect(unsafe_code, reason = "pins are data here; the HAL's singletons are types")]
@@ -33,7 +51,7 @@ pub(crate) fn output(number: Pin) -> Output<'static> {
 
 /// Describes how a phase's output follows the counter. High from the comparison on the way down to that on
 /// the way up; low at the peak whatever was missed, so that a duty of zero is zero.
-pub(crate) const fn phase<const IS_A: bool>() -> PwmPinConfig<IS_A> {
+const fn phase<const IS_A: bool>() -> PwmPinConfig<IS_A> {
     PwmPinConfig::new(
         PwmActions::<IS_A>::UP_DOWN_ACTIVE_HIGH
             .on_up_counting_timer_equals_period(UpdateAction::SetLow)
@@ -42,32 +60,78 @@ pub(crate) const fn phase<const IS_A: bool>() -> PwmPinConfig<IS_A> {
     )
 }
 
-/// Starts timer 0 of a unit and ties its three operators to it.
-pub(crate) fn start<PWM: PwmPeripheral + 'static>(unit: PWM) -> McPwm<'static, PWM> {
+/// The timer whose period is the PWM's. The PWM's clock runs as long as a timer or an operator is kept: the last to go
+/// gates it.
+pub(crate) type Carrier = Timer<0, MCPWM0<'static>>;
+
+/// Starts the PWM with both bridges off, and the tick's timer.
+pub(crate) fn start(unit: MCPWM0<'static>) -> (Motors, Carrier) {
     let clock = PeripheralClockConfig::with_prescaler(0);
     let mut pwm = McPwm::new(unit, clock);
+    chip::undivided_pwm_clock();
     pwm.operator0.set_timer(&pwm.timer0);
     pwm.operator1.set_timer(&pwm.timer0);
     pwm.operator2.set_timer(&pwm.timer0);
-    let timer = clock.timer_clock_with_prescaler(HALF_PERIOD, PwmWorkingMode::UpDown, 0);
-    pwm.timer0.start(timer);
-    pwm
+    let carrier = clock.timer_clock_with_prescaler(HALF_PERIOD, PwmWorkingMode::UpDown, 0);
+    let tick = clock.timer_clock_with_prescaler(TICK_COUNTS - 1, PwmWorkingMode::Increase, 0);
+    critical_section::with(|_| {
+        pwm.timer0.start(carrier);
+        pwm.timer1.start(tick);
+    });
+    let [top, bottom] = BOARD.bridges;
+    let pins = |index: usize| (pin(top.phases[index]), pin(bottom.phases[index]));
+    let (a, b, c) = (pins(0), pins(1), pins(2));
+    let (top_a, bottom_a) = pwm.operator0.with_pins(a.0, phase(), a.1, phase());
+    let (top_b, bottom_b) = pwm.operator1.with_pins(b.0, phase(), b.1, phase());
+    let (top_c, bottom_c) = pwm.operator2.with_pins(c.0, phase(), c.1, phase());
+    let motors = Motors {
+        top: ThreePhase::new(top_a, top_b, top_c, top.enable),
+        bottom: ThreePhase::new(bottom_a, bottom_b, bottom_c, bottom.enable),
+    };
+    (motors, pwm.timer0)
 }
 
-/// The bridge of one motor: output A or B of a unit's three operators.
-pub(crate) struct ThreePhase<PWM, const IS_A: bool> {
-    a: PwmPin<'static, PWM, 0, IS_A>,
-    b: PwmPin<'static, PWM, 1, IS_A>,
-    c: PwmPin<'static, PWM, 2, IS_A>,
+/// Lets every tick interrupt the core that calls; the handler acknowledges it.
+pub(crate) fn listen(handler: InterruptHandler) {
+    acknowledge();
+    bind_handler(Interrupt::MCPWM0, handler);
+    MCPWM0::regs().int_ena().write(|w| w.timer1_tez().set_bit());
+}
+
+/// Acknowledges a tick.
+pub(crate) fn acknowledge() {
+    MCPWM0::regs().int_clr().write(|w| w.timer1_tez().clear_bit_by_one());
+}
+
+/// Both bridges.
+pub(crate) struct Motors {
+    top: ThreePhase<true>,
+    bottom: ThreePhase<false>,
+}
+
+impl Motors {
+    /// Drives the bridges until the next tick.
+    pub(crate) fn apply(&mut self, actuation: &Actuation) {
+        let [top, bottom] = actuation.bridges;
+        self.top.apply(top);
+        self.bottom.apply(bottom);
+    }
+}
+
+/// The bridge of one motor: output A or B of the unit's three operators.
+struct ThreePhase<const IS_A: bool> {
+    a: PwmPin<'static, MCPWM0<'static>, 0, IS_A>,
+    b: PwmPin<'static, MCPWM0<'static>, 1, IS_A>,
+    c: PwmPin<'static, MCPWM0<'static>, 2, IS_A>,
     enable: Option<Output<'static>>,
 }
 
-impl<PWM: PwmPeripheral, const IS_A: bool> ThreePhase<PWM, IS_A> {
+impl<const IS_A: bool> ThreePhase<IS_A> {
     /// Takes the three outputs, at a duty of zero, and the enable, low.
-    pub(crate) fn new(
-        a: PwmPin<'static, PWM, 0, IS_A>,
-        b: PwmPin<'static, PWM, 1, IS_A>,
-        c: PwmPin<'static, PWM, 2, IS_A>,
+    fn new(
+        a: PwmPin<'static, MCPWM0<'static>, 0, IS_A>,
+        b: PwmPin<'static, MCPWM0<'static>, 1, IS_A>,
+        c: PwmPin<'static, MCPWM0<'static>, 2, IS_A>,
         enable: Option<Pin>,
     ) -> Self {
         let mut bridge = Self { a, b, c, enable: enable.map(output) };
@@ -76,7 +140,7 @@ impl<PWM: PwmPeripheral, const IS_A: bool> ThreePhase<PWM, IS_A> {
     }
 
     /// Drives the bridge until the next call.
-    pub(crate) fn apply(&mut self, bridge: Bridge) {
+    fn apply(&mut self, bridge: Bridge) {
         match bridge {
             // Low sides on where there is no enable: the motor brakes.
             Bridge::Off => {

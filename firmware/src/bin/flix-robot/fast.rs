@@ -1,21 +1,17 @@
-//! The fast loop: a timer interrupt wakes it 10,000 times a second, above everything else.
+//! The fast loop: the PWM's tick wakes it 10,000 times a second, above everything else.
 
-use core::cell::RefCell;
-
-use critical_section::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
-use esp_hal::Blocking;
 use esp_hal::interrupt::Priority;
 use esp_hal::peripherals::{FROM_CPU_INTR2, TIMG1};
 use esp_hal::time::Duration;
-use esp_hal::timer::PeriodicTimer;
 use esp_hal::timer::timg::{MwdtStage, TimerGroup, Wdt};
 use esp_rtos::embassy::InterruptExecutor;
-use flix_firmware::hardware::{Sensors, TICK_US};
+use flix_firmware::hardware::Sensors;
 use flix_firmware::robot::FastHalf;
 use static_cell::StaticCell;
 
+use crate::bridge;
 use crate::chip::Electronics;
 use crate::clock::now;
 use crate::encoders::Encoders;
@@ -26,10 +22,7 @@ const WATCHDOG: Duration = Duration::from_millis(200);
 /// While flash is erased, during which no code runs from it: ten times what a sector may take.
 const PATIENT_WATCHDOG: Duration = Duration::from_secs(4);
 
-/// The timer, for its interrupt to acknowledge.
-static TIMER: Mutex<RefCell<Option<PeriodicTimer<'static, Blocking>>>> =
-    Mutex::new(RefCell::new(None));
-/// The timer's interrupt to the loop.
+/// The tick's interrupt to the loop.
 static TICK: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 static EXECUTOR: StaticCell<InterruptExecutor<2>> = StaticCell::new();
 
@@ -68,8 +61,7 @@ pub(crate) fn start(
     software_interrupt: FROM_CPU_INTR2<'static>,
     work: Loop,
 ) {
-    let group = TimerGroup::new(timers);
-    let mut watchdog = group.wdt;
+    let mut watchdog = TimerGroup::new(timers).wdt;
     watchdog.set_timeout(MwdtStage::Stage0, WATCHDOG);
     watchdog.enable();
 
@@ -79,24 +71,12 @@ pub(crate) fn start(
         spawner.spawn(task);
     }
 
-    let mut timer = PeriodicTimer::new(group.timer0);
-    timer.set_interrupt_handler(on_timer);
-    timer.listen();
-    // Started only where its interrupt finds it.
-    critical_section::with(|token| {
-        let mut stored = TIMER.borrow_ref_mut(token);
-        // A period that the timer cannot count would leave the loop asleep, and the watchdog bite.
-        let _ = stored.insert(timer).start(Duration::from_micros(TICK_US.into()));
-    });
+    bridge::listen(on_tick);
 }
 
 #[esp_hal::handler(priority = Priority::Priority3)]
-fn on_timer() {
-    critical_section::with(|token| {
-        if let Some(timer) = TIMER.borrow_ref_mut(token).as_mut() {
-            timer.clear_interrupt();
-        }
-    });
+fn on_tick() {
+    bridge::acknowledge();
     TICK.signal(());
 }
 
@@ -111,7 +91,7 @@ async fn run(mut work: Loop, mut watchdog: Wdt<TIMG1<'static>>) {
             bus_voltage: work.electronics.bus_voltage(),
         };
         let actuation = work.half.tick(now, &sensors, &mut work.exchange);
-        work.electronics.apply(&actuation);
+        work.electronics.motors.apply(&actuation);
         critical_section::with(|_| watchdog.feed());
     }
 }

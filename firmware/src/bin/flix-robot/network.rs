@@ -92,6 +92,8 @@ pub(crate) async fn stay_connected(
         };
         if connected {
             log!("wi-fi: connected to {}", provisioning.network());
+            let heap = esp_alloc::HEAP.stats();
+            log!("heap: {} of {} bytes used at most", heap.max_usage, heap.size);
             let since = Instant::now();
             watch(&mut controller).await;
             log!("wi-fi: lost");

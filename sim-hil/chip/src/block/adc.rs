@@ -19,6 +19,10 @@ const CONVERSION_CYCLES: u64 = CYCLES_PER_SECOND / 1_000_000 * 40;
 /// Millivolts of a full conversion at 0, 2.5, 6 and 11 dB of attenuation, nominal (data sheet, table 5-5).
 const FULL_SCALE_MILLIVOLTS: [f64; 4] = [1_000.0, 1_300.0, 1_900.0, 3_300.0];
 const LARGEST_COUNT: f64 = 4_095.0;
+/// Counts of this chip's converter over the nominal ones; each chip has its own, and fuses that state it.
+pub(crate) const GAIN: f64 = 0.95;
+/// Channels with a pin. The others measure ground and the reference, which no model has.
+const CHANNELS: u32 = 7;
 
 /// The block.
 pub(crate) struct Adc {
@@ -76,12 +80,16 @@ impl Adc {
         self.settle(now);
         match offset {
             ONE_SHOT => {
+                let channel = value >> 25 & 0xF;
                 let rises = value & !self.values.get(offset) & 1 << 29 != 0;
                 self.values.set(offset, value);
                 if rises && value >> 31 == 1 && clock_hz > 0 {
                     let full_scale = FULL_SCALE_MILLIVOLTS[(value >> 23 & 3) as usize];
-                    let volts = millivolts(value >> 25 & 7);
-                    let counts = volts / full_scale * LARGEST_COUNT + self.offset;
+                    if channel >= CHANNELS {
+                        return Err(Unmodelled::Value("a conversion of a channel without a pin"));
+                    }
+                    let volts = millivolts(channel);
+                    let counts = volts / full_scale * LARGEST_COUNT * GAIN + self.offset;
                     self.counts = counts.round().clamp(0.0, LARGEST_COUNT) as u32;
                     self.done_at = now + CONVERSION_CYCLES;
                 }
@@ -109,9 +117,9 @@ mod tests {
     }
 
     #[test]
-    fn counts_depend_on_attenuation_and_initial_code() {
-        assert_eq!(convert(3, 0.0), 2_048);
+    fn counts_depend_on_attenuation_gain_and_initial_code() {
+        assert_eq!(convert(3, 0.0), 1_945);
         assert_eq!(convert(0, 0.0), 4_095, "clipped");
-        assert_eq!(convert(3, -100.0), 1_948);
+        assert_eq!(convert(3, -100.0), 1_845);
     }
 }

@@ -14,7 +14,7 @@ const CALIBRATED: u32 = 1 << 24;
 const ADC_PART: u8 = 0x69;
 const ADC_INITIAL_CODE: [u8; 2] = [0x00, 0x01];
 /// The code at which this chip's counts are not shifted; each chip has its own.
-pub(crate) const RIGHT_INITIAL_CODE: u32 = 1_500;
+pub(crate) const RIGHT_INITIAL_CODE: u32 = 1_750;
 
 /// The master and all that it reaches.
 pub(crate) struct Analog {

@@ -1,5 +1,7 @@
 //! Registers that keep what is written and do nothing here: each with the reason why that is enough.
 
+use super::adc::GAIN;
+use super::analog::RIGHT_INITIAL_CODE;
 use super::{Answer, Unmodelled};
 use crate::registers::Values;
 
@@ -27,6 +29,12 @@ const HELD: [(&str, std::ops::RangeInclusive<u32>, &str); 17] = [
 const EFUSE: &str = "EFUSE";
 const EFUSE_MAC: u32 = 0x44;
 const EFUSE_REVISION: u32 = 0x50;
+/// Revision 0.1, and the first version of the converter's calibration.
+const REVISION: u32 = 1 << 18 | 1 << 27;
+/// At 11 dB: the converter's initial code over 1,600, and its counts at 1.37 V over 1,500 (esp-hal's `efuse`).
+const EFUSE_CALIBRATION: u32 = 0x70;
+const INITIAL_CODE: u32 = RIGHT_INITIAL_CODE - 1_600;
+const CODE_AT_REFERENCE: u32 = (1_370.0 / 3_300.0 * 4_095.0 * GAIN) as u32 - 1_500;
 const LP_PERI: &str = "LP_PERI";
 const RANDOM: u32 = 0x08;
 const RESET_CAUSE: u32 = 0x10;
@@ -41,10 +49,12 @@ impl Held {
     pub(crate) fn new(seed: u64) -> Self {
         let mut blocks: Vec<Values> = HELD.iter().map(|(name, ..)| Values::reset(name)).collect();
         for values in blocks.iter_mut().filter(|values| values.block.name == EFUSE) {
-            // A MAC of the locally administered range, and revision 0.1.
+            // A MAC of the locally administered range.
             values.set(EFUSE_MAC, 0x0000_C6F1);
             values.set(EFUSE_MAC + 4, 0x0000_0200);
-            values.set(EFUSE_REVISION, 1 << 18);
+            values.set(EFUSE_REVISION, REVISION);
+            values.set(EFUSE_CALIBRATION, INITIAL_CODE << 15);
+            values.set(EFUSE_CALIBRATION + 4, CODE_AT_REFERENCE << 23);
         }
         Self { blocks, random: seed | 1 }
     }

@@ -16,6 +16,7 @@ pub(crate) mod source {
     pub(crate) const WATCHDOG: [u32; 2] = [53, 56];
     pub(crate) const SYSTEM_TIMER: u32 = 57;
     pub(crate) const ADC: u32 = 60;
+    pub(crate) const MCPWM: u32 = 61;
     pub(crate) const SPI2: u32 = 72;
     pub(crate) const LP_WATCHDOG: u32 = 18;
 }

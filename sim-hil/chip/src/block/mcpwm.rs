@@ -1,8 +1,9 @@
 //! The motor PWM: three timers, three operators with two generators each (technical reference manual, chapter 36).
 //!
 //! Nothing runs step by step: where a counter stands and when a shadow register is taken over follow from the time.
-//! A generator's share of a period follows from walking the counter's events once. Dead time, carriers, faults, captures
-//! and synchronisation are not modelled and must stay as they are after reset.
+//! A generator's share of a period follows from walking the counter's events once. Of the
+//! interrupts those of a timer's zero are modelled. Dead time, carriers, faults, captures and synchronisation are not modelled
+//! and must stay as they are after reset.
 
 use super::{Answer, CYCLES_PER_SECOND, Unmodelled, cycles_of, ticks_of};
 use crate::registers::Values;
@@ -14,7 +15,17 @@ const TIMER_SELECTION: u32 = 0x38;
 const OPERATOR: u32 = 0x3C;
 const OPERATOR_STRIDE: u32 = 0x38;
 const UPDATE: u32 = 0x10C;
+const INTERRUPT_ENABLE: u32 = 0x110;
+const INTERRUPT_STATUS: u32 = 0x118;
+const INTERRUPT_CLEAR: u32 = 0x11C;
 const REGISTER_CLOCK: u32 = 0x128;
+
+/// The interrupt of each timer's zero.
+const ZERO: [u32; 3] = [1 << 3, 1 << 4, 1 << 5];
+/// The timer whose zero wakes the fast loop.
+const TICK: usize = 1;
+/// The timer whose period is the PWM's.
+const CARRIER: usize = 0;
 
 /// Offsets within an operator.
 mod operator {
@@ -114,6 +125,12 @@ impl Shadowed {
 pub(crate) struct Mcpwm {
     pub(crate) values: Values,
     timers: [Timer; 3],
+    /// When each timer is next at its zero, where that interrupts.
+    zero_at: [u64; 3],
+    raw: u32,
+    /// Ticks of the fast loop so far, and when the last one was due.
+    pub(crate) ticks: u64,
+    pub(crate) last_tick: u64,
     stamps: [[Shadowed; 2]; 3],
     /// When each was last written.
     pub(crate) stamped: [[u64; 2]; 3],
@@ -130,6 +147,10 @@ impl Mcpwm {
         Self {
             values: Values::reset("MCPWM0"),
             timers: [Timer::STOPPED; 3],
+            zero_at: [super::NEVER; 3],
+            raw: 0,
+            ticks: 0,
+            last_tick: 0,
             stamps: [[Shadowed::default(); 2]; 3],
             stamped: [[0; 2]; 3],
             rounds: 0,
@@ -152,6 +173,7 @@ impl Mcpwm {
                 timer.hertz = 0;
             }
         }
+        self.aim(now);
         // What waits for an event of a counter waits for it at its new rate.
         for operator in 0..3 {
             for generator in 0..2 {
@@ -160,6 +182,46 @@ impl Mcpwm {
                 }
             }
         }
+    }
+
+    fn aim(&mut self, now: u64) {
+        let enabled = self.values.get(INTERRUPT_ENABLE);
+        for (index, timer) in self.timers.iter().enumerate() {
+            let is_enabled = enabled & ZERO[index] != 0;
+            self.zero_at[index] = if is_enabled { timer.next(0, now) } else { super::NEVER };
+        }
+    }
+
+    /// Returns when a timer next interrupts.
+    pub(crate) fn next_event(&self) -> u64 {
+        self.zero_at.into_iter().min().unwrap_or(super::NEVER)
+    }
+
+    /// Lets happen what is due.
+    pub(crate) fn advance(&mut self, now: u64) {
+        for index in 0..self.timers.len() {
+            while self.zero_at[index] <= now {
+                let at = self.zero_at[index];
+                self.raw |= ZERO[index];
+                if index == TICK {
+                    self.ticks += 1;
+                    self.last_tick = at;
+                }
+                self.zero_at[index] = self.timers[index].next(0, at);
+            }
+        }
+    }
+
+    /// Returns whether it interrupts.
+    pub(crate) fn level(&self) -> bool {
+        self.raw & self.values.get(INTERRUPT_ENABLE) != 0
+    }
+
+    /// Returns how long after the carrier's zero the last tick was, at most a PWM period; seconds.
+    pub(crate) fn tick_phase(&self) -> f64 {
+        let carrier = self.timers[CARRIER];
+        let hertz = carrier.hertz.max(1);
+        carrier.position(self.last_tick) as f64 / hertz as f64
     }
 
     fn settle(&mut self, _timer: usize, now: u64) {
@@ -227,7 +289,9 @@ impl Mcpwm {
                     _ => position as u32,
                 })
             }
-            (0xE4..=0x108 | 0x110..=0x124, _) => Err(Unmodelled::Register),
+            (INTERRUPT_STATUS, _) => Ok(self.raw & self.values.get(INTERRUPT_ENABLE)),
+            (INTERRUPT_ENABLE, _) => Ok(self.values.get(offset)),
+            (0xE4..=0x108 | 0x114..=0x124, _) => Err(Unmodelled::Register),
             _ => Ok(self.values.get(offset)),
         }
     }
@@ -245,6 +309,11 @@ impl Mcpwm {
                 self.retime(now, clock_hz);
             }
             TIMER_SELECTION | REGISTER_CLOCK => self.values.set(offset, value),
+            INTERRUPT_ENABLE if value & !(ZERO[0] | ZERO[1] | ZERO[2]) == 0 => {
+                self.values.set(offset, value);
+                self.aim(now);
+            }
+            INTERRUPT_CLEAR => self.raw &= !value,
             UPDATE if value == self.values.get(offset) => {}
             _ => return Err(Unmodelled::Register),
         }
@@ -330,6 +399,11 @@ impl Mcpwm {
         }
         self.rounds += 1;
         self.last_round = now;
+    }
+
+    /// Whether a write to this register changes when or whether it interrupts.
+    pub(crate) fn concerns_interrupts(offset: u32) -> bool {
+        offset < TIMER_SELECTION || (INTERRUPT_ENABLE..=INTERRUPT_CLEAR).contains(&offset)
     }
 
     /// Periods a second of the timer that drives an operator.
@@ -486,6 +560,26 @@ mod tests {
         pwm.retime(10_000, 0);
         let wave = pwm.wave(0, false, 50_000);
         assert_eq!(wave.hertz, 0.0);
+    }
+
+    #[test]
+    fn a_timers_zero_interrupts_until_it_is_acknowledged_and_stays_where_it_is_in_the_pwms_period()
+    {
+        let mut pwm = running();
+        // Timer 1 counts up, two periods of timer 0 long, and starts 100 cycles later.
+        pwm.write(TIMER + TIMER_STRIDE, 12_799 << 8, 101, CLOCK).unwrap();
+        pwm.write(TIMER + TIMER_STRIDE + 4, 1 << 3 | 2, 101, CLOCK).unwrap();
+        pwm.write(INTERRUPT_ENABLE, ZERO[TICK], 200, CLOCK).unwrap();
+        for tick in 1..=3 {
+            let due = 101 + 12_800 * tick;
+            assert_eq!(pwm.next_event(), due);
+            assert!(!pwm.level());
+            pwm.advance(due);
+            assert!(pwm.level());
+            assert_eq!(pwm.tick_phase(), 100.0 / CLOCK as f64);
+            pwm.write(INTERRUPT_CLEAR, ZERO[TICK], due + 50, CLOCK).unwrap();
+        }
+        assert_eq!((pwm.ticks, pwm.last_tick), (3, 101 + 3 * 12_800));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 
 use super::clock::{Clocks, RC_SLOW_HZ, XTAL_HZ};
 use super::watchdog::{Action, Stages};
-use super::{Answer, CYCLES_PER_SECOND, NEVER, Unmodelled, cycles_of, ticks_of};
+use super::{Answer, NEVER, Unmodelled, cycles_of, ticks_of};
 use crate::registers::Values;
 
 const CONFIG: u32 = 0x00;
@@ -53,10 +53,6 @@ pub(crate) struct TimerGroup {
     alarm_at: u64,
     raw: u32,
     watchdog: Stages,
-    /// Alarms so far.
-    pub(crate) alarms: u64,
-    /// When the last one was due.
-    pub(crate) last_alarm: u64,
     /// Times that the watchdog was fed.
     pub(crate) feeds: u64,
 }
@@ -75,8 +71,6 @@ impl TimerGroup {
             alarm_at: NEVER,
             raw: 0,
             watchdog: Stages::default(),
-            alarms: 0,
-            last_alarm: 0,
             feeds: 0,
         }
     }
@@ -130,8 +124,6 @@ impl TimerGroup {
     pub(crate) fn advance(&mut self, now: u64) -> Option<Action> {
         while self.alarm_at <= now {
             self.raw |= TIMER_INTERRUPT;
-            self.alarms += 1;
-            self.last_alarm = self.alarm_at;
             let config = self.config();
             if config & AUTO_RELOAD == 0 {
                 self.values.set(CONFIG, config & !ALARM_ENABLE);
@@ -247,14 +239,6 @@ impl TimerGroup {
         let timeout = |stage: u32| u64::from(self.values.get(WATCHDOG_STAGES + 4 * stage));
         self.watchdog.set_timeouts([0, 1, 2, 3].map(timeout));
     }
-
-    /// Microseconds from alarm to alarm, where the timer reloads itself.
-    pub(crate) fn period_us(&self) -> Option<f64> {
-        let alarm = wide(self.values.get(ALARM_HIGH), self.values.get(ALARM_LOW));
-        let repeats = self.config() & (AUTO_RELOAD | ALARM_ENABLE) == AUTO_RELOAD | ALARM_ENABLE;
-        let cycles = cycles_of(alarm, self.hertz);
-        (repeats && cycles != NEVER).then(|| cycles as f64 * 1e6 / CYCLES_PER_SECOND as f64)
-    }
 }
 
 /// The counter has 54 bits.
@@ -267,6 +251,7 @@ fn wide(high: u32, low: u32) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::CYCLES_PER_SECOND;
 
     /// A timer that counts 20 million a second to 2,000 and starts anew.
     fn ticking(clocks: &Clocks) -> TimerGroup {
@@ -284,7 +269,6 @@ mod tests {
         assert_eq!(group.next_event(), 16_000);
         group.advance(16_900);
         assert_eq!(group.next_event(), 32_000);
-        assert_eq!(group.period_us(), Some(100.0));
     }
 
     #[test]

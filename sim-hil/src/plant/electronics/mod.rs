@@ -13,6 +13,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use self::battery::{Battery, BatteryParameters, BusDecay, PAPER_BATTERY};
 use self::inverter::{InverterParameters, block_reversed};
 use self::motor::{ASSUMED_MOTOR, Decay, Motor, MotorParameters};
+use self::ripple::{Sampling, ripple};
 use self::sensor::{
     AS5600, AmplifierParameters, BusSensor, CurrentSensor, Encoder, EncoderParameters,
     INLINE_AMPLIFIER,
@@ -22,6 +23,7 @@ use super::{Diverged, Mechanics};
 pub mod battery;
 pub mod inverter;
 pub mod motor;
+pub mod ripple;
 pub mod sensor;
 
 /// Sub-steps of the electrical circuits in each tick. The fastest of them, the bus capacitor, has a time constant
@@ -74,6 +76,7 @@ pub struct Electronics {
     bus_decay: BusDecay,
     chains: [Chain; 2],
     battery: Battery,
+    sampling: Sampling,
     bus_sensor: Option<BusSensor>,
     random: Xoshiro256PlusPlus,
     ticks: u64,
@@ -135,15 +138,17 @@ impl Electronics {
         let chains = motors.map(|motor| Chain::built(parameters, motor, inverted, &mut random));
         let (lowest, highest) = parameters.charge;
         let charge = lowest + (highest - lowest) * random.random::<f64>();
+        let bus_sensor = parameters
+            .hardware
+            .bus_microvolts_per_count
+            .map(|step| BusSensor::built(step, &mut random));
         let mut electronics = Self {
             inverter: InverterParameters::of(&parameters.hardware),
             bus_decay: BusDecay::new(&parameters.battery, SUB_STEP),
             chains,
             battery: Battery::new(parameters.battery, charge),
-            bus_sensor: parameters
-                .hardware
-                .bus_microvolts_per_count
-                .map(|step| BusSensor::built(step, &mut random)),
+            sampling: Sampling::of(parameters.hardware.pwm_frequency_hz, &mut random),
+            bus_sensor,
             random,
             ticks: 0,
             ledger: Ledger::default(),
@@ -160,9 +165,16 @@ impl Electronics {
         let mut currents = [None; 2];
         for (index, chain) in self.chains.iter().enumerate() {
             encoders[index] = chain.encoder.read(ticks, angle[index], speed[index], random);
-            let [a, b, _] = chain.motor.phase_currents();
+            let sampled = || {
+                let currents = chain.motor.phase_currents();
+                [0, 1].map(|phase| {
+                    let at = self.sampling.phase(ticks, 2 * index + phase);
+                    currents[phase]
+                        + chain.ripple(self.battery.bus_voltage(), &self.sampling, at)[phase]
+                })
+            };
             currents[index] =
-                chain.current_sensor.as_ref().map(|sensor| sensor.read([a, b], random));
+                chain.current_sensor.as_ref().map(|sensor| sensor.read(sampled(), random));
         }
         let [top, bottom] = currents;
         Sensors {
@@ -313,6 +325,13 @@ impl Chain {
                 .map(|sense| CurrentSensor::built(sense, parameters.amplifier, inverted, random)),
             bridge: Bridge::Off,
         }
+    }
+
+    /// Ripple of the phases at a share of the PWM period, A.
+    fn ripple(&self, bus: f64, sampling: &Sampling, phase: f64) -> [f64; 3] {
+        let Bridge::Duty(duties) = self.bridge else { return [0.0; 3] };
+        let swing = bus * sampling.period() / self.motor.parameters().inductance;
+        ripple(swing, duties.map(|duty| duty.share()), phase)
     }
 
     /// One sub-step: mean torque, and charge drawn from the bus.

@@ -3,9 +3,9 @@
 use esp_hal::Blocking;
 use esp_hal::analog::adc::{Adc, AdcChannel, AdcConfig, AdcPin, Attenuation};
 use esp_hal::i2c::master::{Config, I2c, SoftwareTimeout};
-use esp_hal::mcpwm::PwmPeripheral;
+use esp_hal::mcpwm::timer::CounterDirection;
 use esp_hal::peripherals::{
-    ADC1, CPU_CTRL, FROM_CPU_INTR2, I2C0, I2C1, MCPWM0, MCPWM1, Peripherals, SPI3, TIMG1,
+    ADC1, CPU_CTRL, FROM_CPU_INTR2, I2C0, I2C1, MCPWM0, Peripherals, SPI3, TIMG1,
 };
 use esp_hal::system::{CpuControl, Stack};
 use esp_hal::time::{Duration, Rate};
@@ -14,13 +14,12 @@ use flix_firmware::board::encoder::{
     AS5600_ADDRESS, AS5600_CONFIGURATION, AS5600_CONFIGURATION_REGISTER, AS5600_STATUS_REGISTER,
     as5600,
 };
-use flix_firmware::board::{BridgePins, EncoderKind, I2cPins};
-use flix_firmware::hardware::Actuation;
+use flix_firmware::board::{EncoderKind, I2cPins, counts_of_millivolts};
 use static_cell::StaticCell;
 
-use super::chosen::{BottomA, BottomB, Divider, TopA, TopB};
+use super::chosen::{BottomA, BottomB, CONVERSION_US, Calibration, Divider, TopA, TopB};
 use super::parts::Parts;
-use crate::bridge::{self, ThreePhase, pin};
+use crate::bridge::{self, Carrier, HALF_PERIOD, Motors, PWM_CLOCK_HZ, pin};
 use crate::choice::BOARD;
 use crate::clock::now;
 use crate::encoders::{Encoders, SAMPLES, Sample, SpiEncoders};
@@ -40,7 +39,7 @@ const I2C_PATIENCE: Duration = Duration::from_millis(1);
 /// What core 1 owns.
 pub(crate) struct FastParts {
     core: CPU_CTRL<'static>,
-    pwm: (MCPWM0<'static>, MCPWM1<'static>),
+    pwm: MCPWM0<'static>,
     converter: ADC1<'static>,
     encoders: EncoderUnits,
     timers: TIMG1<'static>,
@@ -57,7 +56,7 @@ pub(crate) fn share_out(chip: Peripherals) -> Parts<FastParts> {
         serial: chip.UART0,
         fast: FastParts {
             core: chip.CPU_CTRL,
-            pwm: (chip.MCPWM0, chip.MCPWM1),
+            pwm: chip.MCPWM0,
             converter: chip.ADC1,
             encoders: EncoderUnits { top: chip.I2C0, bottom: chip.I2C1, spi: chip.SPI3 },
             timers: chip.TIMG1,
@@ -88,27 +87,35 @@ pub(crate) fn start_fast_loop(
 
 /// Bridges and converter.
 pub(crate) struct Electronics {
-    top: ThreePhase<MCPWM0<'static>, true>,
-    bottom: ThreePhase<MCPWM1<'static>, true>,
+    /// Both bridges.
+    pub(crate) motors: Motors,
     analog: Analog,
+    carrier: Carrier,
 }
 
+/// Counts up at which four conversions have to begin to lie around the carrier's peak, the middle of the time in which all
+/// low sides are on: the phases' ripple is zero there.
+const FIRST_CONVERSION: u16 = {
+    let half = CONVERSION_US * 4 / 2 * (PWM_CLOCK_HZ / 1_000_000);
+    assert!(half <= HALF_PERIOD as u32);
+    HALF_PERIOD - half as u16
+};
+
 impl Electronics {
-    fn new((top, bottom): (MCPWM0<'static>, MCPWM1<'static>), analog: Analog) -> Self {
-        let [top_pins, bottom_pins] = BOARD.bridges;
-        Self { top: bridge(top, top_pins), bottom: bridge(bottom, bottom_pins), analog }
+    fn new(unit: MCPWM0<'static>, analog: Analog) -> Self {
+        let (motors, carrier) = bridge::start(unit);
+        Self { motors, analog, carrier }
     }
 
-    /// Drives the bridges until the next tick.
-    pub(crate) fn apply(&mut self, actuation: &Actuation) {
-        let [top, bottom] = actuation.bridges;
-        self.top.apply(top);
-        self.bottom.apply(bottom);
-    }
-
-    /// Counts of phases A and B of the top, then of the bottom motor.
+    /// Waits until the ripple is about to be zero, and returns counts of phases A and B of the top, then of the bottom motor.
     pub(crate) fn phase_current(&mut self) -> Option<[[i16; 2]; 2]> {
-        BOARD.hardware.current_sense.and_then(|_| self.analog.currents())
+        BOARD.hardware.current_sense?;
+        // At most a PWM period. A carrier that stands is a hung loop: the watchdog ends both.
+        while !matches!(
+            self.carrier.status(),
+            (FIRST_CONVERSION..=HALF_PERIOD, CounterDirection::Increasing)
+        ) {}
+        self.analog.currents()
     }
 
     /// Counts of the divider.
@@ -119,7 +126,7 @@ impl Electronics {
 }
 
 type Converter = Adc<'static, ADC1<'static>, Blocking>;
-type Channel<Pin> = AdcPin<Pin, ADC1<'static>>;
+type Channel<Pin> = AdcPin<Pin, ADC1<'static>, Calibration>;
 
 /// The converter, and the pins of the amplifiers and the divider.
 struct Analog {
@@ -127,6 +134,8 @@ struct Analog {
     top: (Channel<TopA>, Channel<TopB>),
     bottom: (Channel<BottomA>, Channel<BottomB>),
     divider: Channel<Divider>,
+    /// Whether the currents are converted from the last to the first next time.
+    backwards: bool,
 }
 
 impl Analog {
@@ -140,15 +149,31 @@ impl Analog {
         let mut config = AdcConfig::new();
         let range = Attenuation::_11dB;
         Self {
-            top: (config.enable_pin(top.0, range), config.enable_pin(top.1, range)),
-            bottom: (config.enable_pin(bottom.0, range), config.enable_pin(bottom.1, range)),
-            divider: config.enable_pin(divider, range),
+            top: (
+                config.enable_pin_with_cal(top.0, range),
+                config.enable_pin_with_cal(top.1, range),
+            ),
+            bottom: (
+                config.enable_pin_with_cal(bottom.0, range),
+                config.enable_pin_with_cal(bottom.1, range),
+            ),
+            divider: config.enable_pin_with_cal(divider, range),
             converter: Adc::new(converter, config),
+            backwards: false,
         }
     }
 
+    /// Converts the four in turn, forwards and backwards: what the ripple adds before its zero it takes away after it.
     fn currents(&mut self) -> Option<[[i16; 2]; 2]> {
-        let Self { converter, top, bottom, .. } = self;
+        let Self { converter, top, bottom, backwards, .. } = self;
+        *backwards = !*backwards;
+        if *backwards {
+            let bottom_b = read(converter, &mut bottom.1)?;
+            let bottom_a = read(converter, &mut bottom.0)?;
+            let top_b = read(converter, &mut top.1)?;
+            let top_a = read(converter, &mut top.0)?;
+            return Some([[top_a, top_b], [bottom_a, bottom_b]]);
+        }
         Some([
             [read(converter, &mut top.0)?, read(converter, &mut top.1)?],
             [read(converter, &mut bottom.0)?, read(converter, &mut bottom.1)?],
@@ -156,25 +181,17 @@ impl Analog {
     }
 }
 
-/// Does one conversion, 12 bits. A hung converter is a hung loop: the watchdog ends both.
+/// Does one conversion and returns the counts of an ideal converter. A hung converter is a hung loop: the watchdog ends both.
 fn read(converter: &mut Converter, channel: &mut Channel<impl AdcChannel>) -> Option<i16> {
-    nb::block!(converter.read_oneshot(channel)).ok().map(u16::cast_signed)
-}
-
-/// Starts a bridge on the three outputs A of a unit.
-fn bridge<PWM: PwmPeripheral + 'static>(unit: PWM, pins: BridgePins) -> ThreePhase<PWM, true> {
-    let pwm = bridge::start(unit);
-    let [a, b, c] = pins.phases.map(pin);
-    ThreePhase::new(
-        pwm.operator0.with_pin_a(a, bridge::phase()),
-        pwm.operator1.with_pin_a(b, bridge::phase()),
-        pwm.operator2.with_pin_a(c, bridge::phase()),
-        pins.enable,
-    )
+    let millivolts = nb::block!(converter.read_oneshot(channel)).ok()?;
+    Some(counts_of_millivolts(millivolts).cast_signed())
 }
 
 /// Interrupts are on: Xtensa's start-up code leaves them so.
 pub(crate) fn enable_interrupts() {}
+
+/// The MCPWM is fed with 160 MHz, undivided.
+pub(crate) fn undivided_pwm_clock() {}
 
 /// Parks this core's neighbour whenever flash is written.
 pub(crate) fn share_with_other_core(flash: FlashStorage<'static>) -> FlashStorage<'static> {

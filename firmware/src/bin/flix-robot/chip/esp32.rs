@@ -1,7 +1,8 @@
-//! ESP32: the fast loop has core 1 to itself; one MCPWM unit a bridge; currents on ADC1.
+//! ESP32: the fast loop has core 1 to itself; currents on ADC1.
 
+use esp_hal::analog::adc::AdcCalLine;
 use esp_hal::efuse::{ChipRevision, chip_revision};
-use esp_hal::peripherals::{GPIO34, GPIO35, GPIO36, GPIO39, LPWR};
+use esp_hal::peripherals::{ADC1, GPIO34, GPIO35, GPIO36, GPIO39, LPWR};
 use flix_firmware::board::Pin;
 
 use crate::choice::BOARD;
@@ -10,6 +11,11 @@ use crate::choice::BOARD;
 pub(crate) const SERIAL_RECEIVE: Pin = 3;
 /// Data to the USB connector.
 pub(crate) const SERIAL_TRANSMIT: Pin = 1;
+
+/// How a conversion becomes millivolts: by what the chip's fuses say of its own converter.
+pub(super) type Calibration = AdcCalLine<ADC1<'static>>;
+/// Time of a conversion, microseconds: 200,000 a second at most (ESP32 data sheet, ADC characteristics, RTC controller).
+pub(super) const CONVERSION_US: u32 = 5;
 
 /// Amplifier of the top motor's phase A.
 pub(super) type TopA = GPIO39<'static>;

@@ -1,20 +1,20 @@
-//! ESP32-C6: one core, one MCPWM unit whose outputs A drive the top bridge and B the bottom one.
+//! ESP32-C6: one core.
 //!
 //! Its converter has to settle for 40 microseconds a conversion, so it reads the battery alone,
 //! one step of a conversion a tick, and the motors run in voltage mode.
 
 use esp_hal::Blocking;
-use esp_hal::analog::adc::{Adc, AdcChannel, AdcConfig, Attenuation, RegisterAccess};
-use esp_hal::mcpwm::timer::Timer;
+use esp_hal::analog::adc::{
+    Adc, AdcCalCurve, AdcCalScheme, AdcChannel, AdcConfig, Attenuation, RegisterAccess,
+};
 use esp_hal::peripherals::{
     ADC1, FROM_CPU_INTR2, GPIO0, LP_ANA, MCPWM0, PCR, Peripherals, SPI2, TIMG1,
 };
 use esp_storage::FlashStorage;
-use flix_firmware::board::{EncoderKind, Pin};
-use flix_firmware::hardware::Actuation;
+use flix_firmware::board::{EncoderKind, Pin, counts_of_millivolts};
 
 use super::parts::Parts;
-use crate::bridge::{self, ThreePhase, pin};
+use crate::bridge::{self, Carrier, Motors};
 use crate::choice::BOARD;
 use crate::encoders::{Encoders, SpiEncoders};
 
@@ -68,36 +68,17 @@ pub(crate) fn start_fast_loop(
 
 /// Bridges and converters.
 pub(crate) struct Electronics {
-    top: ThreePhase<MCPWM0<'static>, true>,
-    bottom: ThreePhase<MCPWM0<'static>, false>,
+    /// Both bridges.
+    pub(crate) motors: Motors,
     battery: Option<Battery>,
-    /// The PWM's clock runs as long as a timer or an operator is kept: the last to go gates it.
-    _timer: Timer<0, MCPWM0<'static>>,
+    _carrier: Carrier,
 }
 
 impl Electronics {
     fn new(unit: MCPWM0<'static>, (converter, divider): (ADC1<'static>, GPIO0<'static>)) -> Self {
-        let pwm = bridge::start(unit);
-        undivided_pwm_clock();
-        let [top, bottom] = BOARD.bridges;
-        let pins = |phase: usize| (pin(top.phases[phase]), pin(bottom.phases[phase]));
-        let (a, b, c) = (pins(0), pins(1), pins(2));
-        let (top_a, bottom_a) = pwm.operator0.with_pins(a.0, bridge::phase(), a.1, bridge::phase());
-        let (top_b, bottom_b) = pwm.operator1.with_pins(b.0, bridge::phase(), b.1, bridge::phase());
-        let (top_c, bottom_c) = pwm.operator2.with_pins(c.0, bridge::phase(), c.1, bridge::phase());
-        Self {
-            top: ThreePhase::new(top_a, top_b, top_c, top.enable),
-            bottom: ThreePhase::new(bottom_a, bottom_b, bottom_c, bottom.enable),
-            battery: BOARD.divider.map(|_| Battery::new(converter, divider)),
-            _timer: pwm.timer0,
-        }
-    }
-
-    /// Drives the bridges until the next tick.
-    pub(crate) fn apply(&mut self, actuation: &Actuation) {
-        let [top, bottom] = actuation.bridges;
-        self.top.apply(top);
-        self.bottom.apply(bottom);
+        let (motors, carrier) = bridge::start(unit);
+        let battery = BOARD.divider.map(|_| Battery::new(converter, divider));
+        Self { motors, battery, _carrier: carrier }
     }
 
     /// Returns nothing: voltage mode.
@@ -125,10 +106,15 @@ enum Conversion {
     Finish,
 }
 
+/// Widest range: 3.3 V, nominal.
+const ATTENUATION: Attenuation = Attenuation::_11dB;
+
 /// The divider, one step of a conversion a tick.
 struct Battery {
     _converter: Adc<'static, ADC1<'static>, Blocking>,
     channel: u8,
+    /// What the chip's fuses say of its converter.
+    calibration: AdcCalCurve<ADC1<'static>>,
     conversion: Conversion,
     counts: Option<u16>,
 }
@@ -137,16 +123,24 @@ impl Battery {
     fn new(converter: ADC1<'static>, divider: GPIO0<'static>) -> Self {
         let channel = divider.adc_channel();
         let mut config = AdcConfig::new();
-        config.enable_pin(divider, Attenuation::_11dB);
+        config.enable_pin(divider, ATTENUATION);
         let converter = Adc::new(converter, config);
+        let calibration = AdcCalCurve::new_cal_with_channel(ATTENUATION, channel);
         ADC1::calibration_init();
-        Self { _converter: converter, channel, conversion: Conversion::Start, counts: None }
+        ADC1::set_init_code(calibration.adc_cal());
+        Self {
+            _converter: converter,
+            channel,
+            calibration,
+            conversion: Conversion::Start,
+            counts: None,
+        }
     }
 
     fn step(&mut self) -> Option<u16> {
         self.conversion = match self.conversion {
             Conversion::Start => {
-                ADC1::config_onetime_sample(self.channel, Attenuation::_11dB as u8);
+                ADC1::config_onetime_sample(self.channel, ATTENUATION as u8);
                 ADC1::start_onetime_sample();
                 Conversion::Settle
             }
@@ -155,7 +149,8 @@ impl Battery {
                 Conversion::Finish
             }
             Conversion::Finish if ADC1::is_done() => {
-                self.counts = Some(ADC1::read_data());
+                let millivolts = self.calibration.adc_val(ADC1::read_data());
+                self.counts = Some(counts_of_millivolts(millivolts));
                 ADC1::reset();
                 Conversion::Start
             }
@@ -184,7 +179,7 @@ pub(crate) fn reset_on_brown_out() {
 
 /// Feeds the MCPWM undivided. After a reset the chip divides its clock by five, and the HAL leaves that so.
 #[expect(unsafe_code, reason = "a field that the HAL's description does not bound")]
-fn undivided_pwm_clock() {
+pub(crate) fn undivided_pwm_clock() {
     // SAFETY: every value of the field is a divider; the outputs are not connected yet.
     PCR::regs().pwm_clk_conf().modify(|_, w| unsafe { w.pwm_div_num().bits(0) });
 }

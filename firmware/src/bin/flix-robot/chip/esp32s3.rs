@@ -1,6 +1,7 @@
-//! ESP32-S3: the fast loop has core 1 to itself; one MCPWM unit a bridge; currents on ADC1.
+//! ESP32-S3: the fast loop has core 1 to itself; currents on ADC1.
 
-use esp_hal::peripherals::{GPIO1, GPIO2, GPIO4, GPIO5, GPIO6, LPWR};
+use esp_hal::analog::adc::AdcCalCurve;
+use esp_hal::peripherals::{ADC1, GPIO1, GPIO2, GPIO4, GPIO5, GPIO6, LPWR};
 use flix_firmware::board::Pin;
 
 use crate::choice::BOARD;
@@ -9,6 +10,11 @@ use crate::choice::BOARD;
 pub(crate) const SERIAL_RECEIVE: Pin = 44;
 /// Data to the USB connector.
 pub(crate) const SERIAL_TRANSMIT: Pin = 43;
+
+/// How a conversion becomes millivolts: by what the chip's fuses say of its own converter.
+pub(super) type Calibration = AdcCalCurve<ADC1<'static>>;
+/// Time of a conversion, microseconds: 100,000 a second at most (ESP32-S3 data sheet, ADC characteristics).
+pub(super) const CONVERSION_US: u32 = 10;
 
 /// Amplifier of the top motor's phase A.
 pub(super) type TopA = GPIO1<'static>;
