@@ -6,9 +6,8 @@
 
 use std::error::Error;
 
-use flix_sim::experiment::walk::{DEFAULT_STEP, Spread, Walk, WalkDrive, walk};
+use flix_sim::experiment::walk::{DEFAULT_STEP, Shaking, Spread, Walk, WalkDrive, walk};
 use flix_sim::model::{Load, RobotModel};
-use flix_sim::rig::bench::setpoint;
 
 /// Walks of each model, each with its start disturbed.
 const SEEDS: u64 = 4;
@@ -21,7 +20,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("{}", toml::to_string(&own)?);
 
     let what = Walk {
-        setpoint: setpoint(-30.0, 30.0)?,
+        shaking: Shaking::new(-30.0, 30.0)?,
         seconds: 4.0,
         drive: WalkDrive::Ideal,
         step: DEFAULT_STEP,

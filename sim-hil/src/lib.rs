@@ -33,13 +33,12 @@
 //! ([`experiment::walk::WalkDrive::Firmware`] puts the robot's software and its motors in between):
 //!
 //! ```
-//! use flix_sim::experiment::walk::{DEFAULT_STEP, Walk, WalkDrive, walk};
+//! use flix_sim::experiment::walk::{DEFAULT_STEP, Shaking, Walk, WalkDrive, walk};
 //! use flix_sim::model::RobotModel;
-//! use flix_sim::rig::bench::setpoint;
 //!
 //! let model = RobotModel::named("W")?;
 //! let what = Walk {
-//!     setpoint: setpoint(30.0, 90.0)?,
+//!     shaking: Shaking::new(30.0, 90.0)?,
 //!     seconds: 0.1,
 //!     drive: WalkDrive::Ideal,
 //!     step: DEFAULT_STEP,

@@ -4,7 +4,7 @@
 use core::time::Duration;
 
 use flix_protocol::session::Key;
-use flix_sim::experiment::walk::{DEFAULT_STEP, Walk, WalkDrive, walk};
+use flix_sim::experiment::walk::{DEFAULT_STEP, Shaking, Walk, WalkDrive, walk};
 use flix_sim::model::RobotModel;
 use flix_sim::plant::{Mechanics, Plant};
 use flix_sim::rig::bench::{DIRECTIONS, setpoint};
@@ -54,7 +54,7 @@ fn at_full_speed_in_every_direction_it_stays_on_its_feet() {
         .collect();
     runs.into_par_iter().for_each(|(f, theta, seed)| {
         let what = Walk {
-            setpoint: setpoint(f, theta).unwrap(),
+            shaking: Shaking::new(f, theta).unwrap(),
             seconds: 8.0,
             drive: WalkDrive::Ideal,
             step: DEFAULT_STEP,

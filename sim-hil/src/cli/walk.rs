@@ -88,7 +88,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.model.load()?;
     let setpoint = args.setpoint.check()?;
     let what = Walk {
-        setpoint,
+        shaking: setpoint.into(),
         seconds: args.seconds.as_secs_f64(),
         drive: args.drive,
         step: args.step.as_secs_f64(),

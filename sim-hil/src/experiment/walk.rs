@@ -10,6 +10,7 @@ use std::time::Duration;
 use flix_host::nav::{self, Twist, wrap};
 use flix_protocol::message::Setpoint;
 use flix_protocol::session::Key;
+use flix_protocol::units::OutOfRange;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
@@ -37,11 +38,65 @@ pub enum WalkDrive {
     Ideal,
 }
 
+/// Frequency f and direction theta of the shaking, as the ideal drive takes them: faster than the firmware allows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shaking {
+    frequency_hz: f64,
+    direction_deg: f64,
+}
+
+/// f or theta is no number or out of the range that is simulated.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error(
+    "{frequency_hz} Hz at {direction_deg} degrees: the simulation shakes at -{} to {} Hz and -90 to 90 degrees",
+    Shaking::FASTEST_HZ,
+    Shaking::FASTEST_HZ
+)]
+pub struct ShakingError {
+    frequency_hz: f64,
+    direction_deg: f64,
+}
+
+impl Shaking {
+    /// Fastest shaking that is simulated, Hz: above the 100 Hz of the paper's discussion (section V-B), with some eighty
+    /// steps of [`DEFAULT_STEP`] a turn.
+    pub const FASTEST_HZ: f64 = 120.0;
+
+    /// Checks f in Hz (-120 to 120) and theta in degrees (-90 to 90, positive to the right).
+    ///
+    /// # Errors
+    /// When one is no number or out of its range.
+    pub fn new(frequency_hz: f64, direction_deg: f64) -> Result<Self, ShakingError> {
+        if frequency_hz.abs() <= Self::FASTEST_HZ && direction_deg.abs() <= 90.0 {
+            Ok(Self { frequency_hz, direction_deg })
+        } else {
+            Err(ShakingError { frequency_hz, direction_deg })
+        }
+    }
+
+    /// Returns what is commanded of a robot.
+    ///
+    /// # Errors
+    /// When f is above the firmware's 35 Hz.
+    pub fn setpoint(&self) -> Result<Setpoint, OutOfRange> {
+        setpoint(self.frequency_hz, self.direction_deg)
+    }
+}
+
+impl From<Setpoint> for Shaking {
+    fn from(setpoint: Setpoint) -> Self {
+        Self {
+            frequency_hz: setpoint.frequency().get().into(),
+            direction_deg: setpoint.direction().get().into(),
+        }
+    }
+}
+
 /// What to walk.
 #[derive(Debug, Clone, Copy)]
 pub struct Walk {
-    /// f and theta.
-    pub setpoint: Setpoint,
+    /// f and theta; the firmware takes up to 35 Hz.
+    pub shaking: Shaking,
     /// Time that is measured, s.
     pub seconds: f64,
     /// What turns the rotors.
@@ -119,6 +174,9 @@ pub enum WalkError {
     /// The plant's state is useless.
     #[error(transparent)]
     Diverged(#[from] Diverged),
+    /// The firmware refuses f or theta.
+    #[error("{0}; the ideal drive shakes faster")]
+    Setpoint(#[from] OutOfRange),
     /// The robot's software did not do as it was commanded.
     #[error(transparent)]
     Operation(#[from] OperationError),
@@ -169,8 +227,8 @@ pub fn ideal_motion(
     step: f64,
     seed: u64,
 ) -> Option<Twist> {
-    let setpoint = setpoint(f_hz, theta_deg).ok()?;
-    let what = Walk { setpoint, seconds, drive: WalkDrive::Ideal, step, heading: None };
+    let shaking = Shaking::new(f_hz, theta_deg).ok()?;
+    let what = Walk { shaking, seconds, drive: WalkDrive::Ideal, step, heading: None };
     Some(walk(model, &what, seed, |_| {}).ok()?.motion())
 }
 
@@ -186,8 +244,8 @@ fn ideally(
     mut watch: impl FnMut(&Plant),
 ) -> Result<Walked, WalkError> {
     plant.set_drive(Drive::Ideal {
-        frequency_hz: f64::from(walk.setpoint.frequency().get()),
-        theta_rad: f64::from(walk.setpoint.direction().get()).to_radians(),
+        frequency_hz: walk.shaking.frequency_hz,
+        theta_rad: walk.shaking.direction_deg.to_radians(),
     });
     let mut odometer = Odometer::start(&plant);
     let work = plant.energy().motor_work;
@@ -204,9 +262,10 @@ fn by_firmware(
     walk: &Walk,
     mut watch: impl FnMut(&Plant),
 ) -> Result<Walked, WalkError> {
+    let setpoint = walk.shaking.setpoint()?;
     let mut operation = Operation::new(robot, ChannelParameters::QUIET_WIFI);
     operation.arm()?;
-    operation.hold(walk.setpoint);
+    operation.hold(setpoint);
     operation.run(RUN_UP, |_| {})?;
     let mut odometer = Odometer::start(operation.robot.mechanics());
     let spent = operation.robot.electronics().battery().delivered();

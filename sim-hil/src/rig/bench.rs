@@ -11,9 +11,10 @@ use crate::rig::channel::ChannelParameters;
 use crate::rig::operation::{Operation, OperationError};
 use crate::rig::robot::{RobotParameters, SimulatedRobot};
 
-/// Frequencies of the paper's grid, Hz (figure 3b).
+/// Frequencies of the grid of walks, Hz. The paper gives its limits alone (section III-B: -35 to 35 Hz); the steps between
+/// them are a choice that holds every pair of tables III and IV.
 pub const FREQUENCIES: [f64; 8] = [-35.0, -30.0, -20.0, -10.0, 10.0, 20.0, 30.0, 35.0];
-/// Directions of the paper's grid, degrees (figure 3b).
+/// Directions of the same grid, degrees; the paper's limits are -90 and 90.
 pub const DIRECTIONS: [f64; 7] = [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0];
 /// What the shaker stands on.
 pub const BASES: [Base; 2] = [Base::Fixed, Base::Free];

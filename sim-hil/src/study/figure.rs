@@ -8,8 +8,9 @@ use flix_host::plot::{
 
 use super::Table;
 use super::actuation::CYCLES;
-use super::modes::{Component, paper_modes};
-use super::sensitivity::{Candidate, index, robustness};
+use super::modes::{Component, PaperMode, paper_modes};
+use super::selection::{Candidate, robustness};
+use super::sensitivity::index;
 use super::sweep::{Cell, cells};
 
 /// One of the three mean speeds, as it is drawn.
@@ -61,8 +62,9 @@ pub fn draw(table: &Table, folder: &Path) -> Result<Vec<Written>, PlotError> {
     }
 }
 
-/// Sorted values of an axis.
-fn axis(cells: &[Cell], of: fn(&Cell) -> f64) -> Vec<f64> {
+/// Returns the sorted values of an axis, each once.
+#[must_use]
+pub fn axis(cells: &[Cell], of: fn(&Cell) -> f64) -> Vec<f64> {
     let mut values: Vec<f64> = cells.iter().map(of).collect();
     values.sort_by(f64::total_cmp);
     values.dedup();
@@ -101,11 +103,17 @@ fn mark(map: HeatMap, cells: &[Cell], (f, theta): (f64, f64), label: String) -> 
 
 /// Figure 3b: maps of the three speeds, the paper's modes marked with their numbers.
 fn mobility(table: &Table, cells: &[Cell]) -> HeatMaps {
+    let modes = paper_modes();
+    let walked = |mode: &PaperMode| {
+        cells.iter().any(|cell| (cell.f_hz, cell.theta_deg) == (mode.f_hz, mode.theta_deg))
+    };
+    let frames =
+        if modes.iter().any(walked) { "; frames: the modes of table III by number" } else { "" };
     let figure = HeatMaps::new(format!("Mobility of model {}", name(table)), 3)
-        .subtitle(format!("{}; frames: the modes of table III by number", conditions(table)));
+        .subtitle(format!("{}{frames}", conditions(table)));
     SPEEDS.iter().fold(figure, |figure, speed| {
         let map = speed_map(speed.title, cells, speed);
-        figure.map(paper_modes().iter().enumerate().fold(map, |map, (number, mode)| {
+        figure.map(modes.iter().enumerate().fold(map, |map, (number, mode)| {
             mark(map, cells, (mode.f_hz, mode.theta_deg), (number + 1).to_string())
         }))
     })
@@ -131,7 +139,7 @@ fn indices(table: &Table, cells: &[Cell]) -> HeatMaps {
     let figure = HeatMaps::new(format!("Performance index I of model {}", name(table)), 3)
         .subtitle(format!("{}; colours end at \u{b1}10", conditions(table)));
     KINDS.iter().fold(figure, |figure, (kind, component)| {
-        let map = map(*kind, cells, |f, theta| index(cells, f, theta, *component));
+        let map = map(*kind, cells, |f, theta| index(cells, f, theta, *component, None));
         figure.map(map.limits(-10.0, 10.0).decimals(1))
     })
 }
@@ -154,7 +162,8 @@ pub fn selection(
         let map = map(*kind, &baseline, |f, theta| {
             let cell = baseline.iter().find(|c| (c.f_hz, c.theta_deg) == (f, theta))?;
             let fast = component.of(cell.mean()).abs() >= least;
-            robustness(mass, friction, (f, theta), *component).filter(|_| fast)
+            let found = robustness(mass, friction, (f, theta), *component)?;
+            fast.then_some(found.index)
         });
         let own = chosen.iter().filter(|(_, candidate)| candidate.component == *component);
         figure.map(own.fold(map.limits(-10.0, 10.0).decimals(1), |map, (label, candidate)| {

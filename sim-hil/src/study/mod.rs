@@ -21,6 +21,7 @@ mod journal;
 pub mod leg;
 pub mod measured;
 pub mod modes;
+pub mod selection;
 pub mod sensitivity;
 mod shard;
 pub mod statements;

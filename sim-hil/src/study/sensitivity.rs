@@ -1,22 +1,14 @@
-//! How robust each pair (f, theta) is against mass and friction that deviate (paper, section III-B), and which pairs
-//! to use (section III-C).
+//! How robust each pair (f, theta) is against mass and friction that deviate (paper, section III-B).
 //!
 //! ```text
 //! I = V_ref / RMSE(V_changed, V_ref)            for each of the three speeds (equation 8)
-//! P = (I_mass + I_friction) / 2                 (equation 9)
 //! ```
 //!
-//! V are means over the seeds; the RMSE is over the changed robots. I and P keep the sign of V_ref.
-//!
-//! The paper leaves out pairs "with a heading speed below 0.05 m/s", though turning and strafing want little of
-//! it. It is read as the speed of the mode's own component, yaw rates times [`LEVER`](super::modes::LEVER).
+//! V are means over the seeds; the RMSE is over the changed robots. I keeps the sign of V_ref.
 
-use flix_host::nav::{self, ModeTable, ModeTableError};
-
-use super::modes::{Component, classify};
+use super::modes::Component;
 use super::sweep::{Cell, Variant};
 use crate::model::{Load, RobotModel};
-use crate::rig::bench::setpoint;
 
 /// Mass of the paper's load, g.
 const LOAD_G: f64 = 50.0;
@@ -24,8 +16,6 @@ const LOAD_G: f64 = 50.0;
 const FROM_EDGE_MM: f64 = 12.0;
 /// Changes of the left feet's friction, percent.
 const FRICTION_CHANGES: [i32; 4] = [-10, 10, -58, 58];
-/// The paper's least speed of a pair that is worth choosing, m/s.
-pub const LEAST_SPEED: f64 = 0.05;
 /// What of the paper's robots is not in its index: a control of one statement.
 pub const CONTROL: &str = "right friction -10 %";
 /// Deviations below this are rounding, m/s or rad/s.
@@ -85,102 +75,30 @@ pub fn find<'a>(cells: &'a [Cell], variant: &str, f_hz: f64, theta_deg: f64) -> 
         .find(|cell| cell.variant == variant && (cell.f_hz, cell.theta_deg) == (f_hz, theta_deg))
 }
 
-/// Computes I of one speed at one pair; `cells` are those of one change. None for pairs that were not walked.
+/// Computes I of one speed at one pair, with one of the seeds left out if asked; `cells` are those of one change. None
+/// for pairs that were not walked.
 #[must_use]
-pub fn index(cells: &[Cell], f_hz: f64, theta_deg: f64, component: Component) -> Option<f64> {
-    let reference = component.of(find(cells, "baseline", f_hz, theta_deg)?.mean());
+pub fn index(
+    cells: &[Cell],
+    f_hz: f64,
+    theta_deg: f64,
+    component: Component,
+    without: Option<usize>,
+) -> Option<f64> {
+    let mean = |cell: &Cell| {
+        let walks = cell.walks.iter().enumerate().filter(|(seed, _)| Some(*seed) != without);
+        let speeds: Vec<f64> = walks.map(|(_, walk)| component.of(*walk)).collect();
+        speeds.iter().sum::<f64>() / speeds.len() as f64
+    };
+    let reference = mean(find(cells, "baseline", f_hz, theta_deg)?);
     let squares: Vec<f64> = cells
         .iter()
         .filter(|cell| (cell.f_hz, cell.theta_deg) == (f_hz, theta_deg))
         .filter(|cell| cell.variant != "baseline" && cell.variant != CONTROL)
-        .map(|cell| (component.of(cell.mean()) - reference).powi(2))
+        .map(|cell| (mean(cell) - reference).powi(2))
         .collect();
     let rmse = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
     Some(reference / rmse.max(NO_DEVIATION))
-}
-
-/// A pair with its index.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Candidate {
-    /// The walks of the unchanged robot.
-    pub cell: Cell,
-    /// The component that dominates.
-    pub component: Component,
-    /// P of that component, with its sign.
-    pub index: f64,
-    /// Whether it is fast enough to be chosen ([`LEAST_SPEED`]).
-    pub fast: bool,
-}
-
-/// Computes P of one speed at one pair.
-#[must_use]
-pub fn robustness(
-    mass: &[Cell],
-    friction: &[Cell],
-    (f, theta): (f64, f64),
-    component: Component,
-) -> Option<f64> {
-    Some(0.5 * (index(mass, f, theta, component)? + index(friction, f, theta, component)?))
-}
-
-/// Pairs of every kind of motion, most robust first; slow ones after all others.
-#[must_use]
-pub fn candidates(
-    mass: &[Cell],
-    friction: &[Cell],
-    least: f64,
-) -> Vec<(&'static str, Vec<Candidate>)> {
-    let baseline = mass.iter().filter(|cell| cell.variant == "baseline");
-    let mut kinds: Vec<(&'static str, Vec<Candidate>)> = Vec::new();
-    for sign in [1.0, -1.0] {
-        for component in Component::ALL {
-            kinds.push((component.word(sign), Vec::new()));
-        }
-    }
-    for cell in baseline {
-        let word = classify(cell.mean());
-        for component in Component::ALL {
-            let speed = component.of(cell.mean());
-            if component.word(speed) != word {
-                continue;
-            }
-            let pair = (cell.f_hz, cell.theta_deg);
-            let Some(index) = robustness(mass, friction, pair, component) else { continue };
-            let candidate =
-                Candidate { cell: cell.clone(), component, index, fast: speed.abs() >= least };
-            if let Some((_, found)) = kinds.iter_mut().find(|(kind, _)| *kind == word) {
-                found.push(candidate);
-            }
-        }
-    }
-    for (_, found) in &mut kinds {
-        found.sort_by(|a, b| b.fast.cmp(&a.fast).then(b.index.abs().total_cmp(&a.index.abs())));
-    }
-    kinds.retain(|(_, found)| !found.is_empty());
-    kinds
-}
-
-/// Returns the best pair of every kind as a mode table for `flix track`.
-///
-/// # Errors
-/// When there is no mode at all.
-pub fn mode_table(
-    robot: &str,
-    source: &str,
-    kinds: &[(&'static str, Vec<Candidate>)],
-) -> Result<ModeTable, ModeTableError> {
-    let modes = kinds.iter().filter_map(|(kind, found)| {
-        let cell = &found.first()?.cell;
-        let [forward, lateral, yaw] = cell.spreads().map(Into::into);
-        let name = match *kind {
-            "turn left" => "left".to_owned(),
-            "turn right" => "right".to_owned(),
-            other => other.replace(' ', "-"),
-        };
-        let setpoint = setpoint(cell.f_hz, cell.theta_deg).ok()?;
-        Some(nav::Mode { name, setpoint, forward, lateral, yaw })
-    });
-    ModeTable::new(robot, source, modes.collect())
 }
 
 #[cfg(test)]
@@ -203,21 +121,8 @@ mod tests {
             cell(CONTROL, 30.0, 9.0, 0.0),
         ];
         let rmse = ((0.03f64.powi(2) + 0.04f64.powi(2)) / 2.0).sqrt();
-        let found = index(&cells, 30.0, 0.0, Component::Forward).unwrap();
+        let found = index(&cells, 30.0, 0.0, Component::Forward, None).unwrap();
         assert!((found + 0.1 / rmse).abs() < 1e-9);
-    }
-
-    #[test]
-    fn a_robust_slow_pair_comes_after_a_fast_one() {
-        let cells = [
-            cell("baseline", 30.0, 0.04, 0.0),
-            cell("baseline", 35.0, 0.06, 0.0),
-            cell("a", 30.0, 0.041, 0.0),
-            cell("a", 35.0, 0.08, 0.0),
-        ];
-        let found = candidates(&cells, &cells, LEAST_SPEED);
-        let order: Vec<f64> = found[0].1.iter().map(|c| c.cell.f_hz).collect();
-        assert_eq!((found[0].0, order), ("forward", vec![35.0, 30.0]));
     }
 
     #[test]
@@ -246,12 +151,5 @@ mod tests {
         };
         assert!(agree("left friction -58 %", [0.42 * fl, fr, 0.42 * rl, rr]));
         assert!(agree(CONTROL, [fl, 0.9 * fr, rl, 0.9 * rr]));
-    }
-
-    #[test]
-    fn the_mode_table_names_what_a_tracker_asks_for() {
-        let cells = [cell("baseline", 30.0, 0.0, 1.0), cell("a", 30.0, 0.0, 1.1)];
-        let table = mode_table("W", "test", &candidates(&cells, &cells, LEAST_SPEED)).unwrap();
-        assert_eq!(table.modes()[0].name, "left");
     }
 }

@@ -8,9 +8,9 @@ use flix_host::nav::Twist;
 use serde_json::json;
 
 use super::{Column, Row, Study, Table, Value};
-use crate::experiment::walk::{Spread, Walk, WalkDrive, walk};
+use crate::experiment::walk::{Shaking, Spread, Walk, WalkDrive, walk};
 use crate::model::{RobotModel, scattered};
-use crate::rig::bench::{DIRECTIONS, FREQUENCIES, setpoint};
+use crate::rig::bench::{DIRECTIONS, FREQUENCIES};
 
 /// Time that the paper walks, s.
 pub const SECONDS: f64 = 8.0;
@@ -52,10 +52,23 @@ pub struct Sweep {
     pub mirrored: bool,
 }
 
-/// Returns all pairs of the grid.
+/// Returns all pairs of the usual grid.
 #[must_use]
 pub fn grid() -> Vec<(f64, f64)> {
-    FREQUENCIES.iter().flat_map(|f| DIRECTIONS.map(|theta| (*f, theta))).collect()
+    grid_of(&FREQUENCIES, &DIRECTIONS)
+}
+
+/// Returns all pairs of these frequencies (Hz) and directions (degrees), in rising order, each once.
+#[must_use]
+pub fn grid_of(frequencies: &[f64], directions: &[f64]) -> Vec<(f64, f64)> {
+    let axis = |values: &[f64]| {
+        let mut values = values.to_vec();
+        values.sort_by(f64::total_cmp);
+        values.dedup();
+        values
+    };
+    let directions = axis(directions);
+    axis(frequencies).iter().flat_map(|f| directions.iter().map(|theta| (*f, *theta))).collect()
 }
 
 /// The means and spreads of one pair of one variant.
@@ -127,7 +140,7 @@ impl Sweep {
             format!("{} at {f} Hz, {theta} degrees, seed {seed}: {error}", variant.name)
         };
         let what = Walk {
-            setpoint: setpoint(sign * f, sign * theta).map_err(|error| failed(&error))?,
+            shaking: Shaking::new(sign * f, sign * theta).map_err(|error| failed(&error))?,
             seconds: self.seconds,
             drive: self.drive,
             step: self.step,
@@ -257,6 +270,12 @@ mod tests {
             folder.path().join("b/results-2-of-2.parquet"),
         ];
         assert!(merge(&files).unwrap_err().to_string().contains("is a shard of"));
+    }
+
+    #[test]
+    fn a_grid_has_every_pair_once_in_rising_order() {
+        let pairs = [(40.0, -30.0), (40.0, 0.0), (100.0, -30.0), (100.0, 0.0)];
+        assert_eq!(grid_of(&[100.0, 40.0, 100.0], &[0.0, -30.0]), pairs);
     }
 
     #[test]

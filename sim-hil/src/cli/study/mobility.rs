@@ -10,10 +10,10 @@ use serde::Serialize;
 use super::{SweepArgs, show};
 use crate::cli::Error;
 use crate::cli::output::{headings, print, print_figures, row, table};
-use crate::experiment::walk::{Walk, walk};
-use crate::rig::bench::{DIRECTIONS, FREQUENCIES, setpoint};
+use crate::experiment::walk::{Shaking, Spread, Walk, walk};
+use crate::study::figure::axis;
 use crate::study::modes::{ModeRow, classify, paper_modes, score_modes};
-use crate::study::sweep::{Cell, Sweep, Variant, cells, grid};
+use crate::study::sweep::{Cell, Sweep, Variant, cells};
 
 /// Interval of the points of a track, s: smooth over the shaking.
 const TRACK_INTERVAL: f64 = 0.1;
@@ -21,13 +21,13 @@ const TRACK_INTERVAL: f64 = 0.1;
 /// Walk over the grid of f and theta: maps of the three speeds, tracks of the paper's walking modes and their scores
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "A mode counts as a sign when the paper's component has its sign, and as a hit when it is also the largest of |forward|, |lateral| and 0.1 m x |yaw rate| and exceeds 0.01 m/s.\n\nExamples:\n  flix-sim study mobility\n  flix-sim study mobility --table3 --model W --seeds 8 --first-seed 100 --json\n  flix-sim study mobility --shard 1/8 --seeds 64 --out /shared/mobility"
+    after_help = "A mode counts as a sign when the paper's component has its sign, and as a hit when it is also the largest of |forward|, |lateral| and 0.1 m x |yaw rate| and exceeds 0.01 m/s.\n\nExamples:\n  flix-sim study mobility\n  flix-sim study mobility --table3 --model W --seeds 8 --first-seed 100 --json\n  flix-sim study mobility --frequencies 40,60,80,100 --json    # beyond the robot's motors: the ideal drive alone\n  flix-sim study mobility --shard 1/8 --seeds 64 --out /shared/mobility"
 )]
 pub struct Args {
     #[command(flatten)]
     sweep: SweepArgs,
     /// Walk the nine modes of table III only (Right Strafing from table IV)
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["frequencies", "directions"])]
     table3: bool,
     /// Print JSON only; draw no figure
     #[arg(long)]
@@ -43,10 +43,39 @@ struct Report {
     step_s: f64,
     scatter: f64,
     rows: Vec<ModeRow>,
+    /// Every pair that was walked.
+    pairs: Vec<PairRow>,
     /// Modes with the right sign, on average over the seeds.
     mean_signs: f64,
     /// Modes that are hits, on average over the seeds.
     mean_hits: f64,
+}
+
+/// What a pair does.
+#[derive(Debug, Serialize)]
+struct PairRow {
+    f_hz: f64,
+    theta_deg: f64,
+    /// The component that dominates, or `still`.
+    motion: &'static str,
+    forward_m_s: Spread,
+    lateral_m_s: Spread,
+    yaw_rad_s: Spread,
+}
+
+impl PairRow {
+    fn of(cell: &Cell) -> Self {
+        let [forward_m_s, lateral_m_s, yaw_rad_s] = cell.spreads();
+        let motion = classify(cell.mean());
+        Self {
+            f_hz: cell.f_hz,
+            theta_deg: cell.theta_deg,
+            motion,
+            forward_m_s,
+            lateral_m_s,
+            yaw_rad_s,
+        }
+    }
 }
 
 /// Runs the command.
@@ -59,7 +88,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let pairs = if args.table3 {
         paper_modes().iter().map(|mode| (mode.f_hz, mode.theta_deg)).collect()
     } else {
-        grid()
+        args.sweep.grid()
     };
     let name = if args.table3 { "table3" } else { "mobility" };
     let sweep = args.sweep.sweep(name, variants, pairs);
@@ -72,10 +101,12 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if !args.table3 {
         print(&(found_modes(&cells) + "\n"))?;
     }
-    print(&(text(&report) + "\n"))?;
+    if !report.rows.is_empty() {
+        print(&(text(&report) + "\n"))?;
+    }
     let folder = args.sweep.run.folder(&sweep);
     show(&table, &folder)?;
-    if !args.table3 {
+    if !args.table3 && !report.rows.is_empty() {
         print(&format!("figure  {}\n", tracks(&sweep)?.write(&folder, "tracks")?.png.display()))?;
     }
     Ok(ExitCode::SUCCESS)
@@ -95,6 +126,7 @@ fn report(sweep: &Sweep, cells: &[Cell]) -> Report {
         mean_signs: mean(|row| row.signs),
         mean_hits: mean(|row| row.hits),
         rows,
+        pairs: cells.iter().map(PairRow::of).collect(),
     }
 }
 
@@ -125,14 +157,15 @@ fn text(report: &Report) -> String {
 
 /// Returns the grid with the word for each pair's mean motion.
 fn found_modes(cells: &[Cell]) -> String {
-    let directions = DIRECTIONS.map(|theta| format!("{theta}\u{b0}"));
-    let mut rows = vec![[row![""], directions.to_vec()].concat()];
-    rows.extend(FREQUENCIES.iter().rev().map(|f| {
-        let words = DIRECTIONS.map(|theta| {
-            let cell = cells.iter().find(|cell| (cell.f_hz, cell.theta_deg) == (*f, theta));
+    let (frequencies, directions) = (axis(cells, |c| c.f_hz), axis(cells, |c| c.theta_deg));
+    let heads = directions.iter().map(|theta| format!("{theta}\u{b0}"));
+    let mut rows = vec![row![""].into_iter().chain(heads).collect::<Vec<_>>()];
+    rows.extend(frequencies.iter().rev().map(|f| {
+        let words = directions.iter().map(|theta| {
+            let cell = cells.iter().find(|cell| (cell.f_hz, cell.theta_deg) == (*f, *theta));
             cell.map_or("", |cell| classify(cell.mean())).to_owned()
         });
-        [row![format!("{f} Hz")], words.to_vec()].concat()
+        row![format!("{f} Hz")].into_iter().chain(words).collect()
     }));
     table(&rows)
 }
@@ -144,7 +177,7 @@ fn tracks(sweep: &Sweep) -> Result<Track, Error> {
         .par_iter()
         .map(|mode| {
             let what = Walk {
-                setpoint: setpoint(mode.f_hz, mode.theta_deg)?,
+                shaking: Shaking::new(mode.f_hz, mode.theta_deg).map_err(Error::refused)?,
                 seconds: sweep.seconds,
                 drive: sweep.drive,
                 step: sweep.step,

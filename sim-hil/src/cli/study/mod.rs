@@ -17,13 +17,15 @@ use std::time::Duration;
 use clap::Subcommand;
 use flix_host::cli::number::{parse_within, whole};
 use flix_host::interrupt::Interrupt;
+use flix_protocol::message::MAXIMUM_FREQUENCY;
 
 use super::Error;
 use super::arguments::{ModelArgs, parse_step, parse_time};
 use super::output::print;
-use crate::experiment::walk::{WalkDrive, require_walker};
+use crate::experiment::walk::{Shaking, WalkDrive, require_walker};
 use crate::model::RobotModel;
-use crate::study::sweep::{Sweep, Variant};
+use crate::rig::bench::{DIRECTIONS, FREQUENCIES};
+use crate::study::sweep::{Sweep, Variant, grid_of};
 use crate::study::{self, Options, Shard, Study, Table, figure};
 
 /// Repeat the paper's studies, one command each
@@ -175,6 +177,12 @@ pub struct SweepArgs {
     /// Scatter every number of the model by this share, anew for each seed, for example 0.02
     #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = parse_scatter)]
     pub scatter: f64,
+    /// Frequencies of the grid, Hz, -120 to 120; above 35 with the ideal drive [default: -35,-30,-20,-10,10,20,30,35]
+    #[arg(long, value_name = "HZ", value_delimiter = ',', allow_hyphen_values = true, value_parser = parse_frequency)]
+    pub frequencies: Vec<f64>,
+    /// Directions of the grid, degrees, -90 to 90 [default: -90,-60,-30,0,30,60,90]
+    #[arg(long, value_name = "DEG", value_delimiter = ',', allow_hyphen_values = true, value_parser = parse_direction)]
+    pub directions: Vec<f64>,
     /// Read f and theta as the paper's equations state them (left, counter-clockwise), not its text
     #[arg(long)]
     pub mirrored: bool,
@@ -186,20 +194,44 @@ pub struct SweepArgs {
     pub run: RunArgs,
 }
 
+fn parse_frequency(text: &str) -> Result<f64, String> {
+    parse_within(text, -Shaking::FASTEST_HZ..=Shaking::FASTEST_HZ, "frequency", " Hz")
+}
+
+fn parse_direction(text: &str) -> Result<f64, String> {
+    parse_within(text, -90.0..=90.0, "direction", " degrees")
+}
+
 /// A share by which numbers may scatter.
 fn parse_scatter(text: &str) -> Result<f64, String> {
     parse_within(text, 0.0..=0.2, "share", "")
 }
 
 impl SweepArgs {
-    /// Returns the model, which has to walk.
+    /// Returns the model, which has to walk as the options ask.
     ///
     /// # Errors
-    /// When it is refused or has no legs.
+    /// When it is refused or has no legs, or the firmware is to shake faster than it can.
     pub fn model(&self) -> Result<RobotModel, Error> {
         let model = self.model.load()?;
         require_walker(&model)?;
+        let fastest = f64::from(MAXIMUM_FREQUENCY.get());
+        let too_fast = self.frequencies.iter().find(|f| f.abs() > fastest);
+        if let Some(f) = too_fast.filter(|_| self.drive == WalkDrive::Firmware) {
+            return Err(Error::refused(format!(
+                "--frequencies {f}: the firmware shakes at up to {fastest} Hz; take --drive ideal"
+            )));
+        }
         Ok(model)
+    }
+
+    /// Returns the pairs of the grid.
+    #[must_use]
+    pub fn grid(&self) -> Vec<(f64, f64)> {
+        let or = |given: &[f64], usual: &[f64]| {
+            if given.is_empty() { usual.to_vec() } else { given.to_vec() }
+        };
+        grid_of(&or(&self.frequencies, &FREQUENCIES), &or(&self.directions, &DIRECTIONS))
     }
 
     /// Returns the walks of these variants.

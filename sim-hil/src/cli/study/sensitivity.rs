@@ -6,7 +6,7 @@ use super::{SweepArgs, show};
 use crate::cli::Error;
 use crate::model::RobotModel;
 use crate::study::sensitivity::{Change, variants};
-use crate::study::sweep::{Sweep, grid};
+use crate::study::sweep::Sweep;
 
 /// Walk the grid with 50 g at an edge, or with other friction on the left: speeds and index I
 #[derive(Debug, clap::Args)]
@@ -28,7 +28,7 @@ pub fn sweep(args: &SweepArgs, model: &RobotModel, change: Change) -> Sweep {
         Change::Mass => "sensitivity-mass",
         Change::Friction => "sensitivity-friction",
     };
-    args.sweep(name, variants(model, change), grid())
+    args.sweep(name, variants(model, change), args.grid())
 }
 
 /// Runs the command.
