@@ -4,6 +4,11 @@
 //! rank-one and rank-mu updates of the covariance, cumulative step-size adaptation. Lower is better; only the
 //! order of values matters.
 //!
+//! The paper searches with HEBO, a Bayesian optimisation (sections II-C and II-D), which spares evaluations by a model
+//! of the function. Here a walk takes milliseconds and a thousand of them at once are seconds, values are noisy and
+//! the order of some thirty unknowns counts: there an evolution strategy costs less than such a model, and it needs no
+//! other language than this one. Both have not been compared on one budget.
+//!
 //! The search lives in the unit cube: a coordinate outside 0 .. 1 is mirrored back ([`inside`]). Candidates of
 //! a generation depend on the seed and the generation alone, so that a search can be kept as TOML after any
 //! generation and goes on the same way.

@@ -17,7 +17,7 @@ use crate::study::calibrate::{
     self, Fit, Generation, Goal, Progress, Settings, Start, WIDEST, unknowns, values, write_model,
 };
 use crate::study::measured;
-use crate::study::modes::{PaperMode, paper_modes, score_modes, shuffled_modes};
+use crate::study::modes::{Component, PaperMode, paper_modes, score_modes, shuffled_modes};
 use crate::study::sweep::{SECONDS, Sweep, Variant, cells};
 use crate::study::{Options, Shard};
 
@@ -27,7 +27,7 @@ const FRESH_SEED: u64 = 1_000_001;
 /// Fit the open choices, the paper's error set, or both; judge the result with fresh seeds
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Each generation tries every candidate on the same, new samples: scattered robots, disturbed starts, each step in turn. The result is the middle of the final distribution. Interrupted, the same command goes on.\n\nA laboratory's speeds are a CSV with the columns f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s.\n\nExamples:\n  flix-sim study calibrate --generations 60\n  flix-sim study calibrate --measured speeds.csv --fit both --hold-out 3,7\n  flix-sim study calibrate --start anywhere --widen 3 --shuffle 1    # what chance reaches on an invented table"
+    after_help = "Each generation tries every candidate on the same, new samples: scattered robots, disturbed starts, each step in turn. The result is the middle of the final distribution. Interrupted, the same command goes on.\n\nA laboratory's speeds are a CSV with the columns f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s.\n\nExamples:\n  flix-sim study calibrate --generations 60\n  flix-sim study calibrate --measured speeds.csv --fit both --hold-out 3,7\n  flix-sim study calibrate --model flix --fit unpublished --advance    # the paper's friction and S* as given\n  flix-sim study calibrate --start anywhere --widen 3 --shuffle 1    # what chance reaches on an invented table"
 )]
 pub struct Args {
     #[command(flatten)]
@@ -41,6 +41,9 @@ pub struct Args {
     /// Fit an invented table instead: the same motions dealt to the pairs at random
     #[arg(long, value_name = "SEED", conflicts_with = "measured")]
     shuffle: Option<u64>,
+    /// Ask both turns of table IV to advance at 0.05 m/s or more, too
+    #[arg(long, conflicts_with = "measured")]
+    advance: bool,
     /// Rows to leave out of the fit and to report, counted from 1
     #[arg(long, value_name = "ROWS", value_delimiter = ',')]
     hold_out: Vec<usize>,
@@ -118,11 +121,18 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 }
 
 fn goals(args: &Args) -> Result<Vec<Goal>, Error> {
-    Ok(match (&args.measured, args.shuffle) {
-        (Some(path), _) => measured::speeds(path)?.into_iter().map(Goal::Measured).collect(),
-        (None, Some(seed)) => shuffled_modes(seed).into_iter().map(Goal::Mode).collect(),
-        (None, None) => paper_modes().into_iter().map(Goal::Mode).collect(),
-    })
+    let modes = match (&args.measured, args.shuffle) {
+        (Some(path), _) => {
+            return Ok(measured::speeds(path)?.into_iter().map(Goal::Measured).collect());
+        }
+        (None, Some(seed)) => shuffled_modes(seed),
+        (None, None) => paper_modes(),
+    };
+    let steers = |mode: &PaperMode| mode.component == Component::Yaw && mode.theta_deg == 90.0;
+    let goal = |mode: PaperMode| {
+        if args.advance && steers(&mode) { Goal::Advancing(mode) } else { Goal::Mode(mode) }
+    };
+    Ok(modes.into_iter().map(goal).collect())
 }
 
 /// Rows that are fitted, rows that are held out.
@@ -233,7 +243,7 @@ fn verdict(what: &str, goals: &[Goal], cells: &[crate::study::sweep::Cell], seed
     let modes: Vec<PaperMode> = goals
         .iter()
         .filter_map(|goal| match goal {
-            Goal::Mode(mode) => Some(mode.clone()),
+            Goal::Mode(mode) | Goal::Advancing(mode) => Some(mode.clone()),
             Goal::Measured(_) => None,
         })
         .collect();

@@ -8,7 +8,8 @@
 //!
 //! - Given measured speeds, the loss of a walk is its squared error (equation 3), yaw rates times [`LEVER`].
 //! - Given modes, it is `ln(1 + exp((m0 - m)/s))` of the margin `m` ([`PaperMode::margin`]): nothing is gained
-//!   by exceeding a mode that is safe, and the worst mode weighs most.
+//!   by exceeding a mode that is safe, and the worst mode weighs most. A mode that has to advance costs the same again
+//!   for the margin of its forward speed over [`LEAST_SPEED`].
 
 mod unknowns;
 
@@ -27,6 +28,7 @@ use sha2::{Digest, Sha256};
 use super::cmaes::{Cmaes, inside};
 use super::measured::Measured;
 use super::modes::{LEVER, PaperMode};
+use super::selection::LEAST_SPEED;
 use super::write_whole;
 use crate::experiment::walk::ideal_motion;
 use crate::model::{RobotModel, scattered};
@@ -43,6 +45,8 @@ const FIRST_STEP: f64 = 0.15;
 pub enum Goal {
     /// A mode of a table.
     Mode(PaperMode),
+    /// A mode of a table that also has to advance at [`LEAST_SPEED`] or more, as the paper steers with turns alone.
+    Advancing(PaperMode),
     /// Speeds of a prototype.
     Measured(Measured),
 }
@@ -52,7 +56,7 @@ impl Goal {
     #[must_use]
     pub const fn pair(&self) -> (f64, f64) {
         match self {
-            Self::Mode(mode) => (mode.f_hz, mode.theta_deg),
+            Self::Mode(mode) | Self::Advancing(mode) => (mode.f_hz, mode.theta_deg),
             Self::Measured(row) => (row.f_hz, row.theta_deg),
         }
     }
@@ -61,7 +65,12 @@ impl Goal {
     #[must_use]
     pub fn loss(&self, motion: Twist) -> f64 {
         match self {
-            Self::Mode(mode) => ((SAFE_MARGIN - mode.margin(motion)) / SOFTNESS).exp().ln_1p(),
+            Self::Mode(mode) => shortfall(mode.margin(motion)),
+            Self::Advancing(mode) => {
+                let ahead = motion.forward;
+                let lead = (ahead - LEAST_SPEED) / (ahead.abs() + LEAST_SPEED);
+                shortfall(mode.margin(motion)) + shortfall(lead)
+            }
             Self::Measured(row) => row.square_error(motion),
         }
     }
@@ -70,9 +79,15 @@ impl Goal {
     const fn worst(&self) -> f64 {
         match self {
             Self::Mode(_) => (SAFE_MARGIN + 1.0) / SOFTNESS,
+            Self::Advancing(_) => 2.0 * (SAFE_MARGIN + 1.0) / SOFTNESS,
             Self::Measured(_) => 1.0,
         }
     }
+}
+
+/// Returns what a margin costs, as a share of the speeds involved: nothing where it is safe.
+fn shortfall(margin: f64) -> f64 {
+    ((SAFE_MARGIN - margin) / SOFTNESS).exp().ln_1p()
 }
 
 /// Where a search begins.
@@ -381,6 +396,14 @@ mod tests {
         let walks = [0.2, 0.012, 0.0, -0.1]
             .map(|forward| goal.loss(Twist { forward, lateral: 0.0, yaw: 0.0 }));
         assert!(walks.is_sorted() && walks[0] < 0.01 && walks[3] > 5.0, "{walks:?}");
+    }
+
+    #[test]
+    fn a_turn_that_backs_up_costs_more_than_one_that_advances() {
+        let turn = Goal::Advancing(paper_modes().remove(2));
+        let walks =
+            [0.08, 0.04, -0.04].map(|forward| turn.loss(Twist { forward, lateral: 0.0, yaw: 1.9 }));
+        assert!(walks.is_sorted() && walks[0] < 1.0 && walks[2] > 10.0, "{walks:?}");
     }
 
     #[test]
