@@ -274,7 +274,7 @@ pub struct Foot {
     pub width_mm: f64,
     /// Height, mm, 0.5 to 100. Assumed (5).
     pub height_mm: f64,
-    /// Mass, g, 0.1 to 200. Estimated for PLA (3).
+    /// Mass, g, 0 (a bare beam) to 200. Estimated for PLA (3).
     pub mass_g: f64,
     /// Which way the long side points when the robot stands. Open in the paper.
     pub axis: FootAxis,
@@ -603,6 +603,6 @@ impl Legs {
         add("legs.foot.length_mm", self.foot.length_mm, 1.0, 300.0);
         add("legs.foot.width_mm", self.foot.width_mm, 1.0, 100.0);
         add("legs.foot.height_mm", self.foot.height_mm, 0.5, 100.0);
-        add("legs.foot.mass_g", self.foot.mass_g, 0.1, 200.0);
+        add("legs.foot.mass_g", self.foot.mass_g, 0.0, 200.0);
     }
 }

@@ -10,15 +10,17 @@ use serde::Serialize;
 use crate::cli::Error;
 use crate::cli::arguments::{ModelArgs, parse_leg};
 use crate::cli::output::{print, print_figures, progress, row, table};
+use crate::experiment::probe::Gravity;
 use crate::study::leg::{
-    GENERATIONS, Identified, Load, NAMES, Rig, Sample, Stiffness, add_noise, identify, read, to_csv,
+    GENERATIONS, Identified, NAMES, Rig, Sample, Setup, Stiffness, add_noise, identify, read,
+    to_csv,
 };
 use crate::study::write_whole;
 
 /// Identify {k_bend, k_twist, b_bend, b_twist} of a leg from release tests at -60, 0 and 60 degrees
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Without --measured the tests are simulated with the model's own values and noise, so that what is found can be compared with the truth. A laboratory's tests are a CSV with the columns load_deg,t_s,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg: the tip from its unloaded rest, from the release on.\n\nExamples:\n  flix-sim study leg\n  flix-sim study leg --noise-mm 0.2 --noise-deg 1 --seed 7 --json\n  flix-sim study leg --measured tests.csv --load 5 --lever-mm 40"
+    after_help = "Without --measured the tests are simulated with the model's own values and noise, so that what is found can be compared with the truth. A laboratory's tests are a CSV with the columns load_deg,t_s,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg: the tip from its unloaded rest, from the release on, in body axes. At 0 degrees the load pulls along body x, which is down with --gravity across. What the paper leaves open is an option: load, attachment, rate, repeats. A load on the axis (--lever-mm 0) hardly twists the beam.\n\nExamples:\n  flix-sim study leg\n  flix-sim study leg --noise-mm 0.2 --noise-deg 1 --seed 7 --json\n  flix-sim study leg --measured tests.csv --load-g 200 --lever-mm 0\n  flix-sim study leg --gravity along --load-g 510 --lever-mm 40 --foot --rate 1000 --repeats 4    # pulled level, by a lever, on the robot's own leg"
 )]
 pub struct Args {
     #[command(flatten)]
@@ -29,12 +31,24 @@ pub struct Args {
     /// Release tests of a laboratory
     #[arg(long, value_name = "CSV")]
     measured: Option<PathBuf>,
-    /// Pull on the tip before the release, N
-    #[arg(long, value_name = "N", default_value_t = Load::USUAL.force_n, value_parser = parse_load)]
-    load: f64,
-    /// Distance of the load from the beam's axis, to the left seen along the pull, mm
-    #[arg(long, value_name = "MM", default_value_t = 1e3 * Load::USUAL.lever_m, value_parser = parse_lever, allow_hyphen_values = true)]
+    /// Load whose weight pulls at the distal end before the release, g
+    #[arg(long, value_name = "G", default_value_t = 1e3 * Setup::PAPER.load_kg, value_parser = parse_load)]
+    load_g: f64,
+    /// Where the load is attached: distance from the beam's axis, to the left seen along the pull, mm
+    #[arg(long, value_name = "MM", default_value_t = 1e3 * Setup::PAPER.lever_m, value_parser = parse_lever, allow_hyphen_values = true)]
     lever_mm: f64,
+    /// How the beam is clamped: level, or hanging down
+    #[arg(long, value_enum, default_value_t = Setup::PAPER.gravity)]
+    gravity: Gravity,
+    /// Leave the foot on
+    #[arg(long)]
+    foot: bool,
+    /// Pictures a second of the simulated tests
+    #[arg(long, value_name = "HZ", default_value_t = Setup::PAPER.rate_hz, value_parser = parse_rate)]
+    rate: f64,
+    /// Releases at each angle of the simulated tests
+    #[arg(long, value_name = "N", default_value_t = Setup::PAPER.repeats as u64, value_parser = whole::<u64>(1..=1000))]
+    repeats: u64,
     /// Noise of the simulated tests, mm
     #[arg(long, value_name = "MM", default_value_t = 0.1, value_parser = parse_noise)]
     noise_mm: f64,
@@ -53,7 +67,11 @@ pub struct Args {
 }
 
 fn parse_load(text: &str) -> Result<f64, String> {
-    parse_within(text, 0.01..=50.0, "force", " N")
+    parse_within(text, 1.0..=5000.0, "load", " g")
+}
+
+fn parse_rate(text: &str) -> Result<f64, String> {
+    parse_within(text, 50.0..=10_000.0, "rate", " Hz")
 }
 
 fn parse_lever(text: &str) -> Result<f64, String> {
@@ -77,14 +95,21 @@ struct Report {
 /// # Errors
 /// When the model or the table is refused, or the leg cannot bear the load.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let load = Load { force_n: args.load, lever_m: 1e-3 * args.lever_mm };
-    let rig = Rig::new(&args.model.load()?, args.leg, load)?;
+    let setup = Setup {
+        gravity: args.gravity,
+        load_kg: 1e-3 * args.load_g,
+        lever_m: 1e-3 * args.lever_mm,
+        foot: args.foot,
+        rate_hz: args.rate,
+        repeats: args.repeats as usize,
+    };
+    let rig = Rig::new(&args.model.load()?, args.leg, setup)?;
     let (tests, truth) = match &args.measured {
         Some(path) => (read(path)?, None),
         None => {
             let truth = rig.own();
             let mut tests = match truth {
-                Some(values) => rig.simulate(values, &Rig::moments())?,
+                Some(values) => rig.simulate(values, &setup.moments())?,
                 None => Vec::new(),
             };
             add_noise(&mut tests, args.noise_mm, args.noise_deg, args.seed);

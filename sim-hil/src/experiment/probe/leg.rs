@@ -109,7 +109,7 @@ impl RingDown {
     }
 }
 
-/// Where the tip is, from its unloaded rest: m, and a rotation vector in rad. World axes.
+/// Where the tip is, from its unloaded rest: m, and a rotation vector in rad. Body axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TipMotion {
     /// Displacement, m.
@@ -118,7 +118,27 @@ pub struct TipMotion {
     pub rotation: [f64; 3],
 }
 
-/// Simulates a clamped leg's tip after a load on it is released: at the release, then after every step.
+/// How the clamped leg is turned to gravity.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Gravity {
+    /// The beam lies level, clamped with the body's forward axis down.
+    Across,
+    /// The beam hangs down, as on the standing robot.
+    Along,
+}
+
+impl Gravity {
+    /// Pitch of the body, rad.
+    const fn pitch(self) -> f64 {
+        match self {
+            Self::Across => core::f64::consts::FRAC_PI_2,
+            Self::Along => 0.0,
+        }
+    }
+}
+
+/// Simulates a clamped leg's tip after a load on it is released: at the release, then after every step. Load and motion
+/// are in body axes.
 ///
 /// # Errors
 /// As [`leg`].
@@ -126,20 +146,26 @@ pub fn release(
     model: &RobotModel,
     leg: usize,
     load: Wrench,
+    gravity: Gravity,
     step: f64,
     steps: usize,
 ) -> Result<Vec<TipMotion>, ProbeError> {
     require_legs(model)?;
     let mut plant = Plant::new(model)?;
+    plant.pitch(gravity.pitch());
+    let turn = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::y_axis(), gravity.pitch());
+    let to_world = |v: [f64; 3]| (turn * nalgebra::Vector3::from(v)).into();
+    let to_body = |v: [f64; 3]| (turn.inverse() * nalgebra::Vector3::from(v)).into();
     plant.load_clamped_leg(leg, Wrench::default(), step)?;
     let free = view(&plant, leg);
+    let load = Wrench { force: to_world(load.force), torque: to_world(load.torque) };
     plant.load_clamped_leg(leg, load, step)?;
     plant.set_tip_push(leg, Wrench::default());
     let moved = |plant: &Plant| {
         let now = view(plant, leg);
         TipMotion {
-            position: core::array::from_fn(|i| now.joints[3][i] - free.joints[3][i]),
-            rotation: rotation_between(&free, &now),
+            position: to_body(core::array::from_fn(|i| now.joints[3][i] - free.joints[3][i])),
+            rotation: to_body(rotation_between(&free, &now)),
         }
     };
     let mut motion = vec![moved(&plant)];
@@ -190,7 +216,10 @@ fn rotation_between(from: &LegView, to: &LegView) -> [f64; 3] {
             &view.axes[2].map(nalgebra::Vector3::from),
         ))
     };
-    (axes(to) * axes(from).inverse()).scaled_axis().into()
+    // By the quaternion: the rotation's own angle is the arc cosine of a number that rounding lifts above 1.
+    nalgebra::UnitQuaternion::from_rotation_matrix(&(axes(to) * axes(from).inverse()))
+        .scaled_axis()
+        .into()
 }
 
 /// Period and decay of the last swings that are well above rounding: by then only the slowest-dying eigenmode is

@@ -11,7 +11,7 @@ mod signal;
 mod swing;
 
 pub use eigenmodes::{Clamp, Eigenmode, Eigenmodes, eigenmodes};
-pub use leg::{LegProbe, RingDown, TIP_REACH, TipMotion, bend, leg, release};
+pub use leg::{Gravity, LegProbe, RingDown, TIP_REACH, TipMotion, bend, leg, release};
 pub use rest::{FootLoads, Posture, Rest, rest};
 pub use shake::{ShakeBase, Shaken, shake};
 pub use signal::{Component, lock_in};

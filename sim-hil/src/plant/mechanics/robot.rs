@@ -274,6 +274,13 @@ impl Plant {
         s.acceleration = Spatial::zero();
     }
 
+    /// Pitches the body about its origin, rad, positive nose down; what moves keeps its velocity.
+    pub fn pitch(&mut self, angle: f64) {
+        let (sin, cos) = sin_cos(0.5 * angle);
+        self.state.orientation = multiply([cos, 0.0, sin, 0.0], self.state.orientation);
+        self.state.acceleration = Spatial::zero();
+    }
+
     /// Disturbs the start: up to 1 mm sideways, forward and up, 5 mrad of tilt and heading, 5 mrad in every
     /// hinge, the same for the same seed. `mirrored` gives the mirror image of the same disturbance, for
     /// comparing a robot with its mirrored run.
