@@ -53,7 +53,14 @@ fn main() -> ExitCode {
     if !asked.is_empty() && !asked.iter().any(|word| "readme".contains(word.as_str())) {
         return ExitCode::SUCCESS;
     }
-    for page in ["README.md", "firmware/README.md", "SECURITY.md", "CONTRIBUTING.md"] {
+    let pages = [
+        "README.md",
+        "firmware/README.md",
+        "SECURITY.md",
+        "CONTRIBUTING.md",
+        "sim-hil/docs/paper.md",
+    ];
+    for page in pages {
         text_names_commands(page, &read(page));
     }
     let home = tempfile::tempdir().unwrap();

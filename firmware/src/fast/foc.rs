@@ -1,4 +1,4 @@
-//! Field-oriented control: phase currents in, duties out.
+//! Field-oriented control: phase currents in, duties out. On the paper's robot this was SimpleFOC's part (section II-A).
 //!
 //! Terms: phases A, B, C; the stator frame alpha, beta (amplitude-invariant Clarke); the rotor
 //! frame d (along the magnet's field, makes no torque) and q (a quarter electrical turn ahead,

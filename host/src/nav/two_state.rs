@@ -2,9 +2,8 @@
 //!
 //! The error is the desired heading minus the heading. Above the dead band the robot turns left,
 //! below it right; inside, it continues. It advances because the two turns do not cancel: while
-//! they alternate, the robot drifts slowly in one direction of the body (forward in the paper's
-//! robot; the mode table gives it for others). The controller keeps this direction on the desired
-//! one.
+//! they alternate, the robot drifts in one direction of the body. The paper does not state which; here
+//! the mode table gives it. The controller keeps this direction on the desired one.
 
 use super::geometry::{PlanarPose, Position, wrap};
 use super::modes::ModeTable;
