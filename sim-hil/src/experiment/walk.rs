@@ -48,9 +48,8 @@ pub struct Shaking {
 /// f or theta is no number or out of the range that is simulated.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error(
-    "{frequency_hz} Hz at {direction_deg} degrees: the simulation shakes at -{} to {} Hz and -90 to 90 degrees",
-    Shaking::FASTEST_HZ,
-    Shaking::FASTEST_HZ
+    "{frequency_hz} Hz at {direction_deg} degrees: the simulation shakes at -{fastest} to {fastest} Hz and -90 to 90 degrees",
+    fastest = Shaking::FASTEST_HZ
 )]
 pub struct ShakingError {
     frequency_hz: f64,
