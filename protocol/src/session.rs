@@ -88,9 +88,8 @@
 //! # Refusals
 //!
 //! Before there is a session the robot refuses in the clear, and never with more bytes than it
-//! received. A refusal carries a tag, which the operator can verify when both hold one key (held,
-//! other version); otherwise it is a hint that any machine on the network could have sent. So the
-//! operator tries again ([`CONNECT_PATIENCE`], [`HINT_PATIENCE`]) and reports a refusal only when
+//! received. That it is held it says with a tag, which the operator verifies; any other refusal is a
+//! hint that any machine on the network could have sent. So the operator tries again ([`CONNECT_PATIENCE`], [`HINT_PATIENCE`]) and reports a refusal only when
 //! it received no valid answer.
 //!
 //! # Shape

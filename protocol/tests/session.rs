@@ -9,14 +9,14 @@ use core::time::Duration;
 
 use ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, connect, key, setpoint, telemetry};
 use flix_protocol::failsafe::COMMAND_AGE;
-use flix_protocol::frame::{Frame, SEALED_HEADER};
+use flix_protocol::frame::{Datagram, Frame, MAGIC, MAXIMUM_DATAGRAM, SEALED, SEALED_HEADER};
 use flix_protocol::message::{
     Command, DropReason, MAXIMUM_FREQUENCY, OperatorName, Outcome, Refusal, Reply, ToOperator,
 };
 use flix_protocol::session::{
-    CONNECT_PATIENCE, COOKIE_LIFE, ConnectError, HINT_PATIENCE, HOLDER_SILENCE, Key, KeyError,
-    LONGEST_COMMAND_AGE, OperatorReceived, OperatorSession, RobotReceived, RobotSession,
-    SESSION_EXPIRY, SendError, Status, VERSION,
+    CONFIRM_PATIENCE, CONNECT_PATIENCE, COOKIE_LIFE, ConnectError, HANDSHAKE_RETRY, HINT_PATIENCE,
+    HOLDER_SILENCE, Key, KeyError, LONGEST_COMMAND_AGE, OperatorReceived, OperatorSession,
+    PROTOCOL_VERSION, RobotReceived, RobotSession, SESSION_EXPIRY, SendError, Status, VERSION,
 };
 use flix_protocol::units::Instant;
 
@@ -93,6 +93,61 @@ fn another_version_is_named_and_told_which_end_to_update() {
     let Status::Failed(error) = ends.operator.status(ends.now) else { panic!("refused") };
     assert_eq!(error, ConnectError::OtherVersion(VERSION.number + 4));
     assert!(error.to_string().ends_with("update this program"), "{error}");
+}
+
+#[test]
+fn the_end_that_is_behind_is_the_one_to_update() {
+    for (robot, advice) in [
+        (PROTOCOL_VERSION - 1, "update the robot's firmware"),
+        (PROTOCOL_VERSION, "update the robot's firmware and this program to one release"),
+        (PROTOCOL_VERSION + 1, "update this program"),
+    ] {
+        let message = ConnectError::OtherVersion(robot).to_string();
+        assert!(message.ends_with(&format!(": {advice}")), "{message}");
+    }
+}
+
+#[test]
+fn a_lasting_refusal_is_doubted_from_its_own_arrival_on_whatever_came_before() {
+    let mut ends = Ends::connected();
+    let mut second = second_operator(ends.now);
+    let hello = second.poll(ends.now).unwrap();
+    let held = answer(ends.robot.receive(ends.now, SECOND_OPERATOR, &hello), hello.len()).unwrap();
+    second.receive(ends.now, &held);
+    ends.wait(2 * HINT_PATIENCE);
+    let mut stranger = RobotSession::new(Some(key(9)), [9; 32]);
+    let refusal = answer(stranger.receive(ends.now, SECOND_OPERATOR, &hello), hello.len()).unwrap();
+    second.receive(ends.now, &refusal);
+    let mut status_after = |wait| {
+        let _ = second.poll(ends.now + wait);
+        second.status(ends.now + wait)
+    };
+    assert_eq!(status_after(HINT_PATIENCE - TICK), Status::Connecting);
+    assert_eq!(status_after(HINT_PATIENCE), Status::Failed(ConnectError::WrongKey));
+}
+
+#[test]
+fn a_confirm_that_stays_unanswered_starts_over_with_a_new_nonce() {
+    let mut ends = Ends::new(Some(key(1)), key(1));
+    let hello = ends.operator.poll(ends.now).unwrap();
+    let challenge = answer(ends.robot_hears(&hello), hello.len()).unwrap();
+    ends.operator_hears(&challenge);
+    let confirm = ends.operator.poll(ends.now).unwrap();
+    ends.wait(CONFIRM_PATIENCE - HANDSHAKE_RETRY);
+    assert_eq!(ends.operator.poll(ends.now), Some(confirm));
+    ends.wait(HANDSHAKE_RETRY);
+    let anew = ends.operator.poll(ends.now).unwrap();
+    assert!(anew != hello && anew.len() == hello.len(), "{anew:?}");
+    assert_eq!(ends.run(), Status::Connected);
+}
+
+#[test]
+fn a_datagram_is_as_long_as_the_longest_at_most() {
+    let mut sealed = [&MAGIC[..], &[SEALED]].concat();
+    sealed.resize(MAXIMUM_DATAGRAM, 0);
+    assert!(matches!(Datagram::parse(&sealed), Some(Datagram::Sealed { .. })));
+    sealed.push(0);
+    assert_eq!(Datagram::parse(&sealed), None);
 }
 
 #[test]
@@ -673,14 +728,14 @@ fn gaps_and_silence_are_counted() {
     ends.robot_hears(&frames[2]);
     assert_eq!(ends.robot.quality(ends.now).lost, 2, "late, not lost");
 
-    for time in 0..4 {
+    for time in 0..5 {
         let (_, frame) = ends.robot.send(ends.now, &telemetry(time)).unwrap();
-        if time % 2 == 1 {
+        if time % 2 == 0 {
             ends.operator_hears(&frame);
         }
     }
     let health = ends.operator.health();
-    assert_eq!((health.accepted, health.lost, health.loss()), (2, 2, 0.5));
+    assert_eq!((health.accepted, health.lost, health.loss()), (3, 2, 0.4));
 }
 
 #[test]
@@ -699,6 +754,23 @@ fn a_reply_tells_the_round_trip_unless_its_command_was_repeated() {
     let (_, frame) = ends.robot.send(ends.now, &reply(2)).unwrap();
     ends.operator_hears(&frame);
     assert_eq!(ends.operator.health().round_trip, Some(Duration::from_millis(12)));
+}
+
+#[test]
+fn of_several_unanswered_commands_each_reply_is_timed_by_its_own_and_once() {
+    let mut ends = Ends::connected();
+    for request in [1, 2] {
+        ends.operator.send(ends.now, &command(request, Command::Ping(1))).unwrap();
+    }
+    let mut round_trip_after = |wait, request| {
+        ends.wait(Duration::from_millis(wait));
+        let reply = ToOperator::Reply(Reply { request, outcome: Outcome::Done });
+        let (_, frame) = ends.robot.send(ends.now, &reply).unwrap();
+        ends.operator_hears(&frame);
+        ends.operator.health().round_trip.unwrap().as_millis()
+    };
+    let round_trips = [(12, 1), (18, 2), (10, 2)].map(|(wait, of)| round_trip_after(wait, of));
+    assert_eq!(round_trips, [12, 30, 30]);
 }
 
 // Keys

@@ -11,8 +11,8 @@ use ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, key, setpoint};
 use flix_protocol::frame::MAXIMUM_DATAGRAM;
 use flix_protocol::message::{Command, DropReason};
 use flix_protocol::session::{
-    CONNECT_PATIENCE, COOKIE_LIFE, ConnectError, Key, OperatorSession, RobotReceived, RobotSession,
-    Status, StopSession, StopStatus,
+    CONFIRM_PATIENCE, CONNECT_PATIENCE, COOKIE_LIFE, ConnectError, Key, OperatorSession,
+    RobotReceived, RobotSession, STOP_RETRY, Status, StopSession, StopStatus,
 };
 use flix_protocol::units::Instant;
 
@@ -166,6 +166,33 @@ fn a_repeated_stop_is_answered_again_and_stops_once() {
     let first = obeyed(ends.robot.receive(ends.now, SECOND_OPERATOR, &datagram));
     let again = ends.robot.receive(ends.now, SECOND_OPERATOR, &datagram);
     assert_eq!(again, RobotReceived::Answer(first[..].try_into().unwrap()));
+}
+
+#[test]
+fn a_stop_that_stays_unanswered_starts_over_with_a_new_nonce() {
+    let mut ends = Ends::connected();
+    let mut stop = stop(ends.now);
+    let lost = challenged(&mut ends.robot, &mut stop, ends.now);
+    ends.wait(CONFIRM_PATIENCE - MILLISECOND);
+    assert_eq!(stop.poll(ends.now).unwrap()[..], lost[..]);
+    ends.wait(STOP_RETRY);
+    let anew = challenged(&mut ends.robot, &mut stop, ends.now);
+    assert_ne!(anew, lost);
+    obeyed(ends.robot.receive(ends.now, SECOND_OPERATOR, &anew));
+}
+
+#[test]
+fn what_a_robot_says_out_of_turn_is_of_no_session() {
+    let mut ends = Ends::connected();
+    let mut operator = stop(ends.now);
+    let hello = operator.poll(ends.now).unwrap();
+    let received = ends.robot.receive(ends.now, SECOND_OPERATOR, &hello);
+    let challenge = answer(received, hello.len()).unwrap();
+    operator.receive(ends.now, &challenge).unwrap();
+    assert_eq!(operator.receive(ends.now, &challenge), Err(DropReason::Session));
+    let demand = operator.poll(ends.now).unwrap();
+    let stopped = obeyed(ends.robot.receive(ends.now, SECOND_OPERATOR, &demand));
+    assert_eq!(stop(ends.now).receive(ends.now, &stopped), Err(DropReason::Session));
 }
 
 #[test]

@@ -90,8 +90,8 @@ impl Greeting {
     }
 
     /// Starts over with a new nonce, within the same patience.
-    pub(super) fn renew(&mut self, entropy: &mut Entropy, now: Instant) {
-        *self = Self { client_nonce: entropy.nonce(), send_at: now, ..*self };
+    pub(super) fn renew(&mut self, entropy: &mut Entropy) {
+        self.client_nonce = entropy.nonce();
     }
 
     /// Returns when the attempt is over without an answer.
@@ -115,14 +115,9 @@ impl Greeting {
         now: Instant,
         error: ConnectError,
         client_nonce: &Nonce,
-        is_authentic: bool,
     ) -> Result<(), DropReason> {
         if *client_nonce != self.client_nonce {
             return Err(DropReason::Session);
-        }
-        // A robot that is held has our key, so it says so with a good tag.
-        if matches!(error, ConnectError::Busy(_)) && !is_authentic {
-            return Err(DropReason::Forged);
         }
         let since = match self.hint {
             Some((known, since)) if known == error => since,

@@ -177,7 +177,7 @@ impl OperatorSession {
         if let Phase::Confirming { mut greeting, since, .. } = self.phase
             && now.since(since) >= CONFIRM_PATIENCE
         {
-            greeting.renew(&mut self.entropy, now);
+            greeting.renew(&mut self.entropy);
             self.phase = Phase::Greeting(greeting);
         }
         let (Phase::Greeting(greeting) | Phase::Confirming { greeting, .. }) = &mut self.phase
@@ -306,14 +306,15 @@ impl OperatorSession {
                 self.establish(now);
                 Ok(OperatorReceived::Connected)
             }
-            Datagram::Refusal { reason, version, client_nonce, signed, tag } => {
-                let is_authentic = self.signer.verify_any_version(signed, &tag);
-                let error = ConnectError::refused(reason, version);
-                self.refused(now, error, &client_nonce, is_authentic)
+            Datagram::Refusal { reason, version, client_nonce, .. } => {
+                self.refused(now, ConnectError::refused(reason, version), &client_nonce)
             }
             Datagram::Held { client_nonce, holder, signed, tag } => {
-                let is_authentic = self.signer.verify(signed, &[], &tag);
-                self.refused(now, ConnectError::Busy(holder), &client_nonce, is_authentic)
+                // A robot that is held has our key, so it says so with a good tag.
+                if !self.signer.verify(signed, &[], &tag) {
+                    return Err(DropReason::Forged);
+                }
+                self.refused(now, ConnectError::Busy(holder), &client_nonce)
             }
             Datagram::Sealed { is_renewal, session, counter, header, ciphertext, tag } => {
                 // A sealed datagram of the session that is about to open says what Accept says.
@@ -341,13 +342,12 @@ impl OperatorSession {
         now: Instant,
         error: ConnectError,
         client_nonce: &Nonce,
-        is_authentic: bool,
     ) -> Result<OperatorReceived, DropReason> {
         let (Phase::Greeting(greeting) | Phase::Confirming { greeting, .. }) = &mut self.phase
         else {
             return Err(DropReason::Session);
         };
-        greeting.refused(now, error, client_nonce, is_authentic)?;
+        greeting.refused(now, error, client_nonce)?;
         Ok(OperatorReceived::Progress)
     }
 
@@ -401,10 +401,10 @@ impl OperatorSession {
         match &message {
             ToOperator::Telemetry(_) => {
                 if let Phase::Established(session) = &mut self.phase {
-                    if session.newest_telemetry.is_some_and(|newest| counter < newest) {
+                    session.newest_telemetry = session.newest_telemetry.max(Some(counter));
+                    if session.newest_telemetry != Some(counter) {
                         return Err(DropReason::Stale);
                     }
-                    session.newest_telemetry = Some(counter);
                 }
             }
             ToOperator::Reply(reply) => self.time_reply(now, reply.request),

@@ -4,7 +4,7 @@ use core::fmt;
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
-use zeroize::Zeroize;
+use zeroize::ZeroizeOnDrop;
 
 use super::Key;
 use crate::frame::KeyId;
@@ -15,9 +15,10 @@ pub const MAXIMUM_OPERATORS: usize = 8;
 
 /// An operator of a robot: a name, and the key that proves it. `Debug` does not show the key, and it is
 /// wiped from memory when dropped.
-#[derive(Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, PartialEq, Eq, Serialize, Deserialize, ZeroizeOnDrop)]
 pub struct Operator {
     key: [u8; 32],
+    #[zeroize(skip)]
     name: OperatorName,
 }
 
@@ -50,12 +51,6 @@ impl Operator {
 impl fmt::Debug for Operator {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Operator").field("name", &self.name).finish_non_exhaustive()
-    }
-}
-
-impl Drop for Operator {
-    fn drop(&mut self) {
-        self.key.zeroize();
     }
 }
 
@@ -158,8 +153,14 @@ mod tests {
         assert_eq!(operators, eight);
         assert_eq!(operators.add(operator("anna-maria", 1)), Ok(()));
         assert_eq!(operators.iter().next(), Some(&operator("anna-maria", 1)));
+        assert_eq!(operators.find(&Key::new([3; 32]).id()), Some(&operator("o3", 3)));
         operators.revoke("o2".parse().unwrap());
         assert_eq!((operators.names().len(), operators.find(&Key::new([2; 32]).id())), (7, None));
+    }
+
+    #[test]
+    fn a_key_of_zeros_is_empty_memory_and_none() {
+        assert_eq!([0, 1].map(|key| operator("anna", key).has_key()), [false, true]);
     }
 
     #[test]

@@ -83,7 +83,7 @@ impl StopSession {
         if self.challenged.is_some_and(|(_, since)| now.since(since) >= CONFIRM_PATIENCE) {
             // The cookie is about to become invalid.
             self.challenged = None;
-            self.greeting.renew(&mut self.entropy, now);
+            self.greeting.renew(&mut self.entropy);
         }
         self.greeting.send_at = now + STOP_RETRY;
         let client_nonce = &self.greeting.client_nonce;
@@ -124,10 +124,8 @@ impl StopSession {
                 }
                 Ok(())
             }
-            (Some(Datagram::Refusal { reason, version, client_nonce, signed, tag }), _) => {
-                let is_authentic = self.handshake.verify_any_version(signed, &tag);
-                let error = ConnectError::refused(reason, version);
-                greeting.refused(now, error, &client_nonce, is_authentic)
+            (Some(Datagram::Refusal { reason, version, client_nonce, .. }), _) => {
+                greeting.refused(now, ConnectError::refused(reason, version), &client_nonce)
             }
             (Some(Datagram::Challenge { .. } | Datagram::Stopped { .. }), _) => {
                 Err(DropReason::Session)
