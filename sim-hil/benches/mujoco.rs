@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use flix_sim::model::RobotModel;
 use flix_sim::model::mjcf::mjcf;
+use flix_sim::plant::mechanics::reference_contact;
 use flix_sim::plant::{Drive, Mechanics, Plant};
 
 /// Runs the exported model for `steps` steps and prints microseconds a step.
@@ -34,7 +35,8 @@ const ROUNDS: usize = 5;
 fn main() {
     let model = RobotModel::named("A").expect("shipped models are valid");
     let path = std::env::temp_dir().join(format!("flix-bench-{}.xml", std::process::id()));
-    std::fs::write(&path, mjcf(&model, 1e-4)).expect("the temporary directory takes a file");
+    std::fs::write(&path, mjcf(&model, 1e-4, reference_contact(&model)))
+        .expect("the temporary directory takes a file");
     let (mut ours, mut theirs) = (f64::INFINITY, f64::INFINITY);
     for _ in 0..ROUNDS {
         ours = ours.min(here(&model));
