@@ -193,7 +193,7 @@ impl Link {
             }
             RobotReceived::Command(ToRobot { request, command }) => {
                 self.steadiness.heard(now);
-                self.is_slow &= !self.steadiness.is_proven(now);
+                self.is_slow &= !self.steadiness.is_proven();
                 if self.order.frequency == Speed::ZERO {
                     self.note_sign_of_life(now);
                 }
@@ -374,7 +374,7 @@ impl Link {
             State::Disarmed => return Err(Refusal::State(State::Stopping)),
             state => return Err(Refusal::State(state)),
         }
-        if !self.steadiness.is_proven(now) {
+        if !self.steadiness.is_proven() {
             return Err(Refusal::LinkUnproven);
         }
         self.order.frequency = Speed::ZERO;
@@ -580,10 +580,9 @@ impl Steadiness {
         };
     }
 
-    fn is_proven(&self, now: Instant) -> bool {
-        self.run.is_some_and(|(since, last)| {
-            now.since(last) < LINK_LATE && now.since(since) >= PROVING_TIME
-        })
+    /// Returns whether the last one ended a run that is long enough to arm.
+    fn is_proven(&self) -> bool {
+        self.run.is_some_and(|(since, last)| last.since(since) >= PROVING_TIME)
     }
 }
 

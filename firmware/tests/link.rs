@@ -17,10 +17,13 @@ use flix_firmware::settings::{COUNT, Settings, Tuning};
 use flix_protocol::failsafe::{COMMAND_AGE, LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, Event, Fault, Faults, OperatorName, Outcome, PARAMETERS_PER_REPLY, ParameterCommand,
-    Refusal, Setpoint, State, Telemetry, ToOperator, ToRobot,
+    Command, Event, Fault, Faults, Identity, OperatorName, Outcome, PARAMETERS_PER_REPLY,
+    ParameterCommand, Refusal, ResetReason, Setpoint, State, Telemetry, ToOperator, ToRobot,
 };
-use flix_protocol::session::{Key, Operator, OperatorReceived, OperatorSession, Operators, Status};
+use flix_protocol::session::{
+    Key, Operator, OperatorReceived, OperatorSession, Operators, STOP_RETRY, Status, StopSession,
+    StopStatus,
+};
 use flix_protocol::units::{Degrees, Hertz, Instant, Volts};
 use no_store::NoStore;
 
@@ -50,6 +53,10 @@ struct Ends {
 
 fn key() -> Key {
     Key::new([9; 32])
+}
+
+fn outsider() -> SocketAddr {
+    ([192, 168, 4, 3], 4_000).into()
 }
 
 fn address() -> SocketAddr {
@@ -264,6 +271,41 @@ fn a_robot_that_was_asked_to_ramp_down_takes_no_setpoint_until_it_did() {
 }
 
 #[test]
+fn a_robot_that_was_disarmed_before_it_began_to_arm_is_armed_again_only_once_it_obeyed() {
+    let mut ends = Ends::at(State::Disarmed);
+    let asked = [Command::Arm, Command::Disarm, Command::Arm].map(|command| ends.say(command));
+    assert_eq!(asked, [Outcome::Done, Outcome::Done, refused(Refusal::State(State::Stopping))]);
+    ends.observe(|_| {});
+    assert_eq!(ends.say(Command::Arm), Outcome::Done);
+}
+
+#[test]
+fn a_stop_from_outside_is_answered_with_rest_once_it_is_latched_and_nothing_is_driven() {
+    for (stopped, state, status) in [
+        (false, State::Disarmed, StopStatus::Latched),
+        (true, State::Stopping, StopStatus::Latched),
+        (true, State::Disarmed, StopStatus::AtRest),
+    ] {
+        let mut ends = Ends::at(state);
+        let mut stop = StopSession::new(&key(), [4; 32], ends.now);
+        let mut frame = Frame::new();
+        // Hello, the first Stop, and again once the robot has obeyed or not.
+        for turn in 0..3 {
+            if turn == 2 {
+                ends.observe(|report| (report.stopped, report.state) = (stopped, state));
+                ends.now = ends.now + STOP_RETRY;
+            }
+            let asked = stop.poll(ends.now).unwrap();
+            ends.link.receive(ends.now, outsider(), &asked, &mut ends.tuning);
+            let to = ends.link.transmit(ends.now, ends.tuning.settings(), &mut frame);
+            assert_eq!(to, Some(outsider()));
+            stop.receive(ends.now, &frame).unwrap();
+        }
+        assert_eq!(stop.status(), status, "{stopped} {state}");
+    }
+}
+
+#[test]
 fn a_stop_and_a_fault_are_named_until_they_are_cleared() {
     let faults = Faults::NONE.with(Fault::Stall);
     for command in [Command::Arm, Command::Setpoint(setpoint(20.0, 0.0))] {
@@ -418,7 +460,6 @@ fn what_the_fast_half_reports_becomes_one_event_each_with_numbers_that_count_up(
         report.faults = Faults::NONE.with(Fault::Stall).with(Fault::OverSpeed);
         report.state = State::Faulted;
     });
-    ends.observe(|_| {});
     ends.wait(TELEMETRY);
     let (numbers, events): (Vec<_>, Vec<_>) = ends.events.drain(..).unzip();
     assert!(numbers.is_sorted_by(|a, b| a + 1 == *b), "{numbers:?}");
@@ -438,6 +479,8 @@ fn what_the_fast_half_reports_becomes_one_event_each_with_numbers_that_count_up(
             Event::State(State::Faulted),
         ]
     );
+    ends.observe(|_| {});
+    assert_eq!(ends.happened(), [], "nothing new");
 }
 
 #[test]
@@ -489,6 +532,18 @@ fn telemetry_comes_at_its_rate_and_says_what_was_reported() {
     ends.drain();
     ends.wait(2 * TELEMETRY);
     assert_eq!((ends.telemetry.len(), ends.link.order().period), (5 - 1 + 3, period + 3));
+}
+
+#[test]
+fn telemetry_that_is_sent_late_does_not_shift_the_next_and_a_whole_interval_late_counts_for_both() {
+    let mut ends = Ends::connected();
+    for (late, next) in [(TELEMETRY / 4, TELEMETRY * 3 / 4), (TELEMETRY, TELEMETRY)] {
+        ends.telemetry.clear();
+        ends.now = ends.link.poll_at(ends.now).unwrap() + late;
+        ends.drain();
+        let due = ends.link.poll_at(ends.now).unwrap();
+        assert_eq!((ends.telemetry.len(), due.since(ends.now)), (1, next), "{late:?}");
+    }
 }
 
 #[test]
@@ -553,11 +608,15 @@ fn a_robot_says_who_it_is_and_who_holds_it() {
     assert_eq!((ends.link.operator(ends.now), ends.link.poll_at(ends.now)), (None, None));
     ends.connect();
     assert_eq!(ends.link.operator(ends.now), Some(address()));
+    assert_eq!(ends.link.driver(ends.now), Some(OperatorName::OWNER));
     let hardware = DENGFOC_V3_01.hardware;
     assert_eq!(ends.say(Command::Identify), Outcome::Identity(identity("ends", &hardware)));
     assert_ne!(identity("ends", &hardware), identity("daisy", &hardware));
     ends.link.set_name("daisy");
     assert_eq!(ends.say(Command::Identify), Outcome::Identity(identity("daisy", &hardware)));
+    ends.link.set_reset(ResetReason::BrownOut);
+    let restarted = Identity { reset: ResetReason::BrownOut, ..identity("daisy", &hardware) };
+    assert_eq!(ends.say(Command::Identify), Outcome::Identity(restarted));
     assert_eq!(ends.say(Command::Ping(41)), Outcome::Pong(41));
     assert!(ends.link.is_provisioned());
     ends.link.set_operators(None);

@@ -288,7 +288,7 @@ impl Aligner {
         let field = self.field as i32;
         self.motors.iter_mut().zip(observation.trackers).all(|(motor, tracker)| {
             let travel = tracker.angle().ahead_of(motor.start);
-            motor.result.reversed = travel < 0;
+            motor.result.reversed = travel.is_negative();
             motor.sweep.origin = tracker.angle().ahead_of(motor.along(self.field));
             let shortfall = magnitude(magnitude(travel).saturating_sub(field));
             shortfall < field / 2
@@ -330,7 +330,7 @@ impl Aligner {
             if sensed {
                 let expected = configuration.alignment_counts.raw();
                 let amplitudes = currents.map(|sum| (4 * sum / samples) as i32 >> CURRENT_SHIFT);
-                let inverted = amplitudes.iter().all(|amplitude| *amplitude < 0);
+                let inverted = amplitudes.iter().all(|amplitude| amplitude.is_negative());
                 let agree = amplitudes.iter().all(|amplitude| {
                     let along = if inverted { -amplitude } else { *amplitude };
                     along > expected / 2 && along < expected.saturating_mul(2)

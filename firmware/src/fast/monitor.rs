@@ -334,9 +334,10 @@ mod tests {
 
     #[test]
     fn the_lock_is_lost_when_theta_is_too_far_off_for_too_long() {
+        let most = 2 * RotorAngle::from_degrees(15.0).raw() as i32;
         for sign in [1, -1] {
-            let fine = Scene::with(MOVING, sign * LARGEST_SUM_ERROR, false);
-            let wrong = Scene::with(MOVING, sign * (LARGEST_SUM_ERROR + 1), false);
+            let fine = Scene::with(MOVING, sign * most, false);
+            let wrong = Scene::with(MOVING, sign * (most + 1), false);
             assert_limit(&fine, &wrong, Fault::PhaseLockLost, UNLOCKED_TICKS);
         }
     }
@@ -399,16 +400,35 @@ mod tests {
                 speed: ElectricalSpeed::ZERO,
                 current_q: Current::from_amperes(wanted),
             };
-            let mut states = [CurrentLoop::default(); 2];
-            let bound = scene.configuration.largest_residual;
-            while states[1].residual().q.magnitude() <= bound {
-                states[0] = states[1];
-                states[1].update(&scene.configuration.motors[0], &bus, &input);
-            }
+            let mut state = CurrentLoop::default();
+            state.update(&scene.configuration.motors[0], &bus, &input);
+            let residual = state.residual();
+            let residual = residual.d.magnitude().max(residual.q.magnitude());
             for motor in [0, 1] {
-                let [fine, wrong] =
-                    states.map(|state| but(&scene, |scene| scene.loops[motor] = state));
+                let bound = |bound| {
+                    but(&scene, |scene| {
+                        scene.loops[motor] = state;
+                        scene.configuration.largest_residual = bound;
+                    })
+                };
+                let (fine, wrong) = (bound(residual), bound(residual - Voltage::from_raw(1)));
                 assert_limit(&fine, &wrong, Fault::CurrentSense, RESIDUAL_TICKS);
+            }
+        }
+    }
+
+    #[test]
+    fn a_rotor_or_a_lock_for_which_two_causes_are_there_is_found_as_for_one() {
+        let pressed = Scene::with(GOING_ON + ONE, 0, true);
+        let still = but(&pressed, |scene| scene.speeds[0] = Speed::ZERO);
+        let unlocked = but(&Scene::with(MOVING, LARGEST_SUM_ERROR + 1, true), |scene| {
+            scene.target = scene.target + LARGEST_DROOP + ONE;
+        });
+        for (scene, fault) in [(still, Fault::Stall), (unlocked, Fault::PhaseLockLost)] {
+            let mut monitor = Monitor::default();
+            scene.found_by(&mut monitor);
+            for _ in 0..LONG {
+                assert!(scene.look(&mut monitor).contains(fault), "{fault}");
             }
         }
     }
@@ -434,7 +454,7 @@ mod tests {
             let mut monitor = Monitor::default();
             samples.iter().map(|sample| monitor.over_current(*sample)).collect::<std::vec::Vec<_>>()
         };
-        assert_eq!(found(&[true, true, true]), [false, true, true]);
+        assert_eq!(found(&[true, true, true, false]), [false, true, true, false]);
         assert_eq!(found(&[true, false, true]), [false; 3]);
         assert_eq!(found(&[false, true, false, true]), [false; 4]);
         // It outlasts a restart, and falls as it rose.

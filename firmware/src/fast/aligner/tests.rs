@@ -337,6 +337,27 @@ fn nothing_is_driven_before_both_rotors_stood_still_for_50_ms() {
 }
 
 #[test]
+fn a_rotor_stands_still_below_half_a_hertz_and_not_at_it() {
+    for (speed, stage) in [(STILL - Speed::from_raw(1), Stage::Zero), (STILL, Stage::Rest)] {
+        for motor in [0, 1] {
+            let mut stand = Stand::full();
+            while !stand.trackers[motor].settled() {
+                stand.tick();
+            }
+            let change = speed - stand.trackers[motor].speed();
+            stand.trackers[motor].feed_forward(change);
+            stand.aligner = Aligner::new(true, &stand.configuration);
+            let Stand { trackers, bus, configuration, aligner, .. } = &mut stand;
+            let observation = Observation { trackers, counts: None, bus };
+            for _ in 0..STILL_TICKS {
+                aligner.update(configuration, &observation);
+            }
+            assert_eq!(aligner.stage, stage, "{speed:?}");
+        }
+    }
+}
+
+#[test]
 fn the_bridges_are_off_while_the_current_zero_is_averaged() {
     let mut stand = Stand::full();
     stand.stage();
@@ -428,6 +449,29 @@ fn a_rotor_that_loses_the_field_is_a_fault_of_alignment() {
 }
 
 #[test]
+fn the_field_may_be_lost_outside_the_turn_that_counts() {
+    let failed = Progress::Failed(Fault::Alignment);
+    let mut stand = Stand::full();
+    while stand.aligner.stage != Stage::Forward {
+        stand.tick();
+    }
+    let [standing, elsewhere] = [stand.trackers, [Tracker::new(); 2]];
+    for (tick, trackers, expected) in [
+        (WINDOW_BEGIN - 1, &elsewhere, Progress::Busy),
+        (WINDOW_BEGIN, &standing, failed),
+        (WINDOW_END - 1, &elsewhere, failed),
+        (WINDOW_END, &elsewhere, Progress::Busy),
+    ] {
+        while stand.aligner.tick < tick {
+            stand.tick();
+        }
+        let Stand { aligner, configuration, bus, .. } = &stand;
+        let observation = Observation { trackers, counts: None, bus };
+        assert_eq!(aligner.clone().update(configuration, &observation).1, expected, "{tick}");
+    }
+}
+
+#[test]
 fn a_remembered_alignment_is_checked_within_an_eighth_of_an_electrical_turn() {
     let failed = Progress::Failed(Fault::Alignment);
     for reversed in [false, true] {
@@ -448,6 +492,18 @@ fn a_remembered_alignment_is_checked_within_an_eighth_of_an_electrical_turn() {
         ends(&stand, |needle| needle.reversed = !reversed, failed);
         ends(&stand, |needle| needle.follows = 0.0, failed);
     }
+}
+
+#[test]
+fn a_remembered_polarity_of_the_current_sense_is_checked() {
+    let mut stand = Stand::remembering();
+    for needle in &mut stand.needles {
+        needle.gains = [-1.0; 2];
+    }
+    stand.remember();
+    ends(&stand, |_| {}, Progress::Done);
+    let other = |needle: &mut Needle| needle.gains = [1.0; 2];
+    ends(&stand, other, Progress::Failed(Fault::CurrentSense));
 }
 
 #[test]

@@ -292,6 +292,17 @@ fn rotors_that_come_to_rest_end_a_stop_where_it_leads() {
 }
 
 #[test]
+fn a_ramp_down_at_whose_end_no_rest_is_seen_disarms_after_ramp_and_brake() {
+    let mut desk = Desk::running();
+    ask(&mut desk, DISARM);
+    for _ in 0..LONGEST_RAMP_TICKS + BRAKE_TICKS {
+        desk.tick();
+    }
+    assert_eq!(desk.state(), State::Stopping);
+    assert_eq!((desk.tick(), desk.state()), (Drive::Brake, State::Disarmed));
+}
+
+#[test]
 fn every_way_to_rest_takes_its_time() {
     let ramp = usize::from(LONGEST_RAMP_TICKS);
     let brake = usize::from(BRAKE_TICKS);
