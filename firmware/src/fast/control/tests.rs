@@ -1,8 +1,10 @@
 //! What the fast half promises, on the bench.
 
 use crate::exchange::Order;
+use crate::fast::configuration::Configuration;
 use crate::fast::control::bench::{Bench, HARDWARE};
 use crate::fast::supervisor::{Conditions, Supervisor};
+use crate::fast::units::Speed;
 use crate::hardware::{Bridge, CurrentSense, EncoderAngle, Hardware};
 use crate::settings::Settings;
 use flix_protocol::message::{Fault, Faults, State};
@@ -278,6 +280,97 @@ fn a_single_late_tick_is_forgiven() {
     }
     let report = bench.control.report();
     assert_eq!((report.state, report.timing.overruns), (State::Running, 20));
+}
+
+#[test]
+fn a_tick_is_late_once_it_is_half_an_interval_behind() {
+    for (behind, overruns) in [(49, 0), (50, 0), (51, 1)] {
+        let mut bench = Bench::new(FREE);
+        bench.run(0.1);
+        bench.now_us += behind;
+        bench.run(0.1);
+        let timing = bench.control.report().timing;
+        assert_eq!((timing.overruns, timing.longest_interval_us), (overruns, 100 + behind as u32));
+    }
+}
+
+/// Settings that the bench's 12 V are beyond.
+fn strict() -> Configuration {
+    Configuration::new(&Settings { over_voltage: 11.0, ..Settings::DEFAULT }, &HARDWARE)
+}
+
+#[test]
+fn settings_are_taken_over_at_rest_and_not_before() {
+    let mut bench = running(FREE, 30.0, 30.0);
+    assert!(!bench.control.configure(&strict()), "the motors are driven");
+    bench.order.requests.disarm += 1;
+    bench.until(State::Disarmed);
+    bench.arm();
+    bench.order.requests.disarm += 1;
+    bench.until(State::Disarmed);
+    bench.run(0.1);
+    assert!(bench.control.configure(&strict()));
+    bench.order.requests.arm += 1;
+    bench.until(State::Faulted);
+    assert_eq!(bench.control.report().first_fault, Some(Fault::OverVoltage));
+
+    let mut bench = Bench::new(FREE);
+    bench.tick();
+    assert!(!bench.control.configure(&strict()), "nobody knows yet whether the rotors rest");
+    bench.run(0.05);
+    assert!(bench.control.configure(&strict()));
+}
+
+#[test]
+fn a_fault_that_the_slow_half_found_is_latched() {
+    let mut bench = Bench::new(FREE);
+    bench.run(0.05);
+    bench.control.raise(Fault::Settings);
+    bench.order.requests.arm += 1;
+    bench.run(0.05);
+    let report = bench.control.report();
+    assert_eq!((report.state, report.first_fault), (State::Faulted, Some(Fault::Settings)));
+}
+
+#[test]
+fn each_motor_is_reported_as_it_is() {
+    let mut bench = armed(None);
+    bench.motors[1].viscous *= 4.0;
+    bench.command(30.0, 30.0);
+    bench.run(0.7);
+    let [top, bottom] = bench.control.report().motors;
+    assert!(top.speed.raw() > 0 && bottom.speed.raw() < 0, "{top:?} {bottom:?}");
+    let [light, heavy] = [top, bottom].map(|motor| motor.current_q.magnitude().raw());
+    assert!(heavy > 2 * light, "{light} {heavy}");
+    for (motor, truth) in [top, bottom].into_iter().zip(&bench.motors) {
+        let turns = f64::from(motor.angle.raw()) / 4_294_967_296.0;
+        let off = (turns - truth.angle / std::f64::consts::TAU + 0.5).rem_euclid(1.0) - 0.5;
+        assert!(off.abs() < 0.02, "{off} turns");
+    }
+}
+
+#[test]
+fn frequency_battery_and_share_of_its_voltage_are_reported() {
+    let mut bench = running(None, 30.0, 30.0);
+    let mut at = |bus: f64| {
+        bench.bus = bus;
+        bench.run(0.3);
+        bench.order.period = bench.order.period.wrapping_add(1);
+        bench.run(0.3);
+        let report = bench.control.report();
+        let frequency = report.frequency.raw() - Speed::from_hertz(30.0).raw();
+        assert!(frequency.abs() < Speed::from_hertz(0.3).raw(), "{frequency}");
+        let volts = f64::from(report.bus_voltage.unwrap().raw()) / 65_536.0;
+        assert!((volts - bus).abs() < 0.1, "{volts} V");
+        f64::from(report.modulation) / 65_535.0
+    };
+    let (full, low) = (at(12.6), at(10.5));
+    assert!((0.3..0.7).contains(&full), "{full}");
+    assert!((low / full - 12.6 / 10.5).abs() < 0.05, "{full} {low}");
+    let unmeasured = Hardware { bus_microvolts_per_count: None, ..HARDWARE };
+    let mut bench = Bench::with(None, Settings::DEFAULT, unmeasured);
+    bench.run(0.05);
+    assert_eq!(bench.control.report().bus_voltage, None);
 }
 
 #[test]
