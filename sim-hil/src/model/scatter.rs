@@ -11,7 +11,8 @@ use super::RobotModel;
 const WIDEST_DRAW: f64 = 2.0;
 
 /// Multiplies every number of a model's mechanics by its own `1 + share * normal`: how the same robot comes out when
-/// it is built again. The same for the same seed.
+/// it is built again. An impedance is scattered by its distance from 1, in which the floor's law is proportional. The same
+/// for the same seed.
 #[must_use]
 pub fn scattered(model: &RobotModel, share: f64, seed: u64) -> RobotModel {
     if share == 0.0 {
@@ -29,19 +30,23 @@ pub fn scattered(model: &RobotModel, share: f64, seed: u64) -> RobotModel {
     scattered.filter(|model| model.check().is_ok()).unwrap_or_else(|| model.clone())
 }
 
-fn scatter_numbers(tree: &mut Value, scatter: &mut impl FnMut(f64) -> f64) {
+fn scatter_numbers(tree: &mut Value, scatter: &mut dyn FnMut(f64) -> f64) {
     match tree {
         Value::Number(number) => {
             if let Some(value) = number.as_f64() {
                 *tree = Value::from(scatter(value));
             }
         }
-        Value::Array(items) => items.iter_mut().for_each(|item| scatter_numbers(item, scatter)),
+        Value::Array(items) => items.iter_mut().for_each(|item| scatter_numbers(item, &mut *scatter)),
         Value::Object(entries) => {
             for (key, item) in entries.iter_mut() {
-                // A direction sign is not scattered; the electrical part varies with the robot's own seed.
-                if key != "twist_hand" && key != "electrical" {
-                    scatter_numbers(item, scatter);
+                match key.as_str() {
+                    // A direction sign is not scattered; the electrical part varies with the robot's own seed.
+                    "twist_hand" | "electrical" => {}
+                    "impedance_touch" | "impedance_full" => {
+                        scatter_numbers(item, &mut |value| 1.0 - scatter(1.0 - value));
+                    }
+                    _ => scatter_numbers(item, scatter),
                 }
             }
         }
