@@ -37,7 +37,9 @@ fn scatter_numbers(tree: &mut Value, scatter: &mut dyn FnMut(f64) -> f64) {
                 *tree = Value::from(scatter(value));
             }
         }
-        Value::Array(items) => items.iter_mut().for_each(|item| scatter_numbers(item, &mut *scatter)),
+        Value::Array(items) => {
+            items.iter_mut().for_each(|item| scatter_numbers(item, &mut *scatter))
+        }
         Value::Object(entries) => {
             for (key, item) in entries.iter_mut() {
                 match key.as_str() {

@@ -13,7 +13,6 @@ use esp_hal::peripherals::{Interrupt, MCPWM0};
 use flix_firmware::board::{PWM_FREQUENCY_HZ, Pin};
 use flix_firmware::hardware::{Actuation, Bridge, Duty, TICK_RATE_HZ};
 
-use crate::chip;
 use crate::choice::BOARD;
 
 /// Clock of the MCPWM, undivided, on all three chips.
@@ -64,11 +63,11 @@ const fn phase<const IS_A: bool>() -> PwmPinConfig<IS_A> {
 /// gates it.
 pub(crate) type Carrier = Timer<0, MCPWM0<'static>>;
 
-/// Starts the PWM with both bridges off, and the tick's timer.
-pub(crate) fn start(unit: MCPWM0<'static>) -> (Motors, Carrier) {
+/// Starts the PWM with both bridges off, and the tick's timer. `undivided` feeds the unit with its whole clock.
+pub(crate) fn start(unit: MCPWM0<'static>, undivided: impl FnOnce()) -> (Motors, Carrier) {
     let clock = PeripheralClockConfig::with_prescaler(0);
     let mut pwm = McPwm::new(unit, clock);
-    chip::undivided_pwm_clock();
+    undivided();
     pwm.operator0.set_timer(&pwm.timer0);
     pwm.operator1.set_timer(&pwm.timer0);
     pwm.operator2.set_timer(&pwm.timer0);

@@ -103,7 +103,7 @@ const FIRST_CONVERSION: u16 = {
 
 impl Electronics {
     fn new(unit: MCPWM0<'static>, analog: Analog) -> Self {
-        let (motors, carrier) = bridge::start(unit);
+        let (motors, carrier) = bridge::start(unit, || ());
         Self { motors, analog, carrier }
     }
 
@@ -189,9 +189,6 @@ fn read(converter: &mut Converter, channel: &mut Channel<impl AdcChannel>) -> Op
 
 /// Interrupts are on: Xtensa's start-up code leaves them so.
 pub(crate) fn enable_interrupts() {}
-
-/// The MCPWM is fed with 160 MHz, undivided.
-pub(crate) fn undivided_pwm_clock() {}
 
 /// Parks this core's neighbour whenever flash is written.
 pub(crate) fn share_with_other_core(flash: FlashStorage<'static>) -> FlashStorage<'static> {

@@ -76,7 +76,7 @@ pub(crate) struct Electronics {
 
 impl Electronics {
     fn new(unit: MCPWM0<'static>, (converter, divider): (ADC1<'static>, GPIO0<'static>)) -> Self {
-        let (motors, carrier) = bridge::start(unit);
+        let (motors, carrier) = bridge::start(unit, undivided_pwm_clock);
         let battery = BOARD.divider.map(|_| Battery::new(converter, divider));
         Self { motors, battery, _carrier: carrier }
     }
@@ -179,7 +179,7 @@ pub(crate) fn reset_on_brown_out() {
 
 /// Feeds the MCPWM undivided. After a reset the chip divides its clock by five, and the HAL leaves that so.
 #[expect(unsafe_code, reason = "a field that the HAL's description does not bound")]
-pub(crate) fn undivided_pwm_clock() {
+fn undivided_pwm_clock() {
     // SAFETY: every value of the field is a divider; the outputs are not connected yet.
     PCR::regs().pwm_clk_conf().modify(|_, w| unsafe { w.pwm_div_num().bits(0) });
 }
