@@ -373,7 +373,8 @@ fn sense_error(pwm_frequency_hz: u32) -> f64 {
         run(&mut electronics, &mut locked, &actuation, 0.02);
         let mut counts = 0.0;
         for _ in 0..2 {
-            counts += f64::from(electronics.sense(&locked).phase_current.unwrap()[0][0]) - 2048.0;
+            let sensed = electronics.sense(&locked).phase_current.expect("it has amplifiers");
+            counts += f64::from(sensed[0][0]) - 2048.0;
             run(&mut electronics, &mut locked, &actuation, TICK);
         }
         let read = counts / 2.0 * 1.6e-3;

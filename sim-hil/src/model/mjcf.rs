@@ -138,8 +138,8 @@ fn body(out: &mut String, model: &RobotModel, contact: [[f64; 2]; 4]) {
     }
     rotors(out, model);
     if let Some(legs) = &model.legs {
-        for index in 0..4 {
-            leg(out, model, legs, index, contact[index]);
+        for (index, contact) in contact.into_iter().enumerate() {
+            leg(out, model, legs, index, contact);
         }
     }
     line(out, 2, "</body>");

@@ -199,15 +199,15 @@ impl Mcpwm {
 
     /// Lets happen what is due.
     pub(crate) fn advance(&mut self, now: u64) {
-        for index in 0..self.timers.len() {
-            while self.zero_at[index] <= now {
-                let at = self.zero_at[index];
-                self.raw |= ZERO[index];
+        let timers = self.timers.iter().zip(&mut self.zero_at).zip(ZERO).enumerate();
+        for (index, ((timer, zero_at), bit)) in timers {
+            while *zero_at <= now {
+                self.raw |= bit;
                 if index == TICK {
                     self.ticks += 1;
-                    self.last_tick = at;
+                    self.last_tick = *zero_at;
                 }
-                self.zero_at[index] = self.timers[index].next(0, at);
+                *zero_at = timer.next(0, *zero_at);
             }
         }
     }
