@@ -54,14 +54,16 @@ fn at_last(course: &mut Course<Navigator>) -> (State, f64) {
 }
 
 #[test]
-fn follows_a_circle_within_40_mm_and_ends_disarmed() {
-    let path = Path::circle(0.3).unwrap();
-    let start = path.start();
-    let mut course = course(Task::Follow { path, laps: 1 }, 1, start);
-    let ending = until_end(&mut course, 200);
-    let progress = course.pilot().helm().progress();
-    assert_eq!((ending, course.robot().0), (Ending::Finished, State::Disarmed));
-    assert!(progress.error_rms < 0.04, "{progress:?}");
+fn follows_a_circle_from_any_heading_within_40_mm_and_ends_disarmed() {
+    for (seed, turned) in [(1, 0.0), (2, 2.4)] {
+        let path = Path::circle(0.3).unwrap();
+        let start = PlanarPose { heading: path.start().heading + turned, ..path.start() };
+        let mut course = course(Task::Follow { path, laps: 1 }, seed, start);
+        let ending = until_end(&mut course, 200);
+        let progress = course.pilot().helm().progress();
+        assert_eq!((ending, course.robot().0), (Ending::Finished, State::Disarmed));
+        assert!(progress.error_rms < 0.04, "{progress:?}");
+    }
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::time::{Duration, SystemTime};
 use clap::{Args as _, FromArgMatches as _};
 use flix_host::cli::course::{CourseArgs, facts, names, results};
 use flix_host::cli::number::fixed;
-use flix_host::nav::{Path, Task};
+use flix_host::nav::{Path, PlanarPose, Task};
 use flix_host::pilot::{Ending, Pilot};
 use flix_host::plot::Figure;
 use flix_host::record::{Recorder, Run, figures};
@@ -15,7 +15,7 @@ use flix_host::steering::Steering;
 use serde::Serialize;
 
 use super::Error;
-use super::arguments::parse_time;
+use super::arguments::{parse_heading, parse_time};
 use super::conditions::{LoopArgs, description};
 use super::output::{optional_path_as_text, path_as_text, print, progress};
 use crate::experiment::course::Course;
@@ -33,12 +33,16 @@ const ANSWER_PATIENCE: Duration = Duration::from_secs(2);
 Examples:
   flix-sim track figure8
   flix-sim track figure8 --controller two-state --json
+  flix-sim track figure8 --heading 135
   flix-sim track circle --radius 0.3 --loss 0.2 --latency 100ms")]
 pub struct Args {
     #[command(flatten)]
     course: CourseArgs,
     #[command(flatten)]
     conditions: LoopArgs,
+    /// Heading at the start, degrees to the left of the path
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, value_parser = parse_heading)]
+    heading: f64,
     /// Robot's time after which the run is given up
     #[arg(long, value_name = "TIME", default_value = "1h", value_parser = parse_time)]
     patience: Duration,
@@ -127,6 +131,7 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     let mut setup = facts(&settings);
     setup.extend(args.conditions.facts());
     setup.insert("controller".into(), args.course.controller());
+    setup.insert("heading_deg".into(), args.heading.to_string());
     let about = description(&format!("track-{}", path.name()), setup);
     let steering = args.course.steering(task.clone(), &table, settings, ANSWER_PATIENCE)?;
     let mut recorder = Recorder::create(&args.out, SystemTime::now(), &about)?;
@@ -134,7 +139,9 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     recorder.path_to_follow(begin, path)?;
     recorder.attach(begin, "modes.toml", "application/toml", table.to_toml().as_bytes())?;
     let pilot = Pilot::new(steering, names(&table), Some(recorder));
-    let conditions = args.conditions.conditions(path.start())?;
+    let along = path.start();
+    let start = PlanarPose { heading: along.heading + args.heading.to_radians(), ..along };
+    let conditions = args.conditions.conditions(start)?;
     // A frame for every pose: often enough to see which way the rotors turn.
     let mut film = (!args.json).then(|| Film::new(&conditions.model, POSE_PERIOD.as_secs_f64()));
     let mut course = Course::new(&conditions, pilot)?;

@@ -4,14 +4,14 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use flix_host::cli::number::{fixed, parse_within, whole};
+use flix_host::cli::number::{fixed, whole};
 use flix_host::nav::{PlanarPose, Position};
 use flix_host::plot::{Figure, Outline, Series, Track, colour};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
 use super::Error;
-use super::arguments::{ModelArgs, SetpointArgs, parse_step, parse_time};
+use super::arguments::{ModelArgs, SetpointArgs, parse_heading, parse_step, parse_time};
 use super::output::{print, print_figures, progress, row, table};
 use crate::experiment::walk::{Spread, Walk, WalkDrive, Walked, walk};
 use crate::model::RobotModel;
@@ -57,10 +57,6 @@ pub struct Args {
     /// Print JSON only; draw no picture, write no replay
     #[arg(long)]
     json: bool,
-}
-
-fn parse_heading(text: &str) -> Result<f64, String> {
-    parse_within(text, -360.0..=360.0, "heading", " degrees")
 }
 
 #[derive(Debug, Serialize)]
