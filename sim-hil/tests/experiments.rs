@@ -87,7 +87,7 @@ fn what_is_recorded_in_the_air_narrows_the_damping_and_the_mass() {
     let plan = RobotModel::named("W").unwrap();
     let robot = synthetic::hidden(&plan, 1);
     shake(&robot, &[(20.0, 0.0), (28.0, 90.0), (35.0, 0.0)], folder.path());
-    let found = identify(&plan, &Data::read(folder.path(), 1).unwrap(), 1, false, |_| {}).unwrap();
+    let found = identify(&plan, &Data::read(folder.path()).unwrap(), 1, false, |_| {}).unwrap();
     let stage = found.stages.iter().find(|stage| stage.experiment == "air").unwrap();
     for kind in [Kind::Damping, Kind::Mass, Kind::Stiffness] {
         let index = Kind::ALL.iter().position(|it| *it == kind).unwrap();
@@ -145,7 +145,7 @@ fn walks_are_recorded_with_their_motion_and_read_by_the_study() {
     // The second pair turns left, the third right: as the table of the model has them.
     assert!(rows[1][4] > 0.2 && rows[2][4] < -0.2, "{rows:?}");
     assert_eq!(
-        Data::read(folder.path(), 1).unwrap().given(),
+        Data::read(folder.path()).unwrap().given(),
         [false, false, false, false, false, true]
     );
 }

@@ -34,7 +34,7 @@ pub struct Args {
     /// Seed of the first hidden robot
     #[arg(long, value_name = "S", default_value_t = 1, value_parser = whole::<u64>(0..=1_000_000_000))]
     first_seed: u64,
-    /// Seed of the ensembles, and of which third of the walks is held out
+    /// Seed of the ensembles
     #[arg(long, default_value_t = 1, conflicts_with = "synthetic", value_parser = whole::<u64>(0..=u64::MAX))]
     seed: u64,
     /// Folder for model and report, or for the experiments of the hidden robots [default: DATA_DIR, or out/study/sysid]
@@ -61,7 +61,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 
 fn one(args: &Args, folder: &Path) -> Result<ExitCode, Error> {
     let plan = args.model.load()?;
-    let data = Data::read(folder, args.seed)?;
+    let data = Data::read(folder)?;
     let bar = progress(EXPERIMENTS.len() as u64, "identifying");
     let found = identify(&plan, &data, args.seed, true, |_| bar.inc(1))?;
     bar.finish_and_clear();

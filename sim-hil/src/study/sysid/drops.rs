@@ -3,7 +3,7 @@
 //! The file is the height of the body's middle over the floor from the release on, a drop after another. What counts is
 //! how far it sinks and springs back after the feet have touched.
 
-use super::ensemble::condition;
+use super::ensemble::Ensemble;
 use super::fit::Posterior;
 use super::table::{Column, Table};
 use super::unknowns::Unknown;
@@ -121,12 +121,13 @@ impl Drops {
         robot: (&RobotModel, &[Unknown]),
         seed: u64,
     ) -> (Posterior, f64) {
-        condition(prior, robot, MEMBERS, seed, &self.measured, |model, seed| {
+        let ensemble = Ensemble::draw(prior, robot, MEMBERS, seed, |model, seed| {
             let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
             let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
             let noisy = |z: f64| z + self.noise * normal();
             Some(self.simulate(model, seed)?.into_iter().map(noisy).collect())
-        })
+        });
+        ensemble.update(&self.measured.iter().copied().map(Some).collect::<Vec<_>>())
     }
 }
 

@@ -21,47 +21,64 @@ const CHANCE: f64 = 0.05;
 /// What was measured counts as no further from the ensemble's middle than this many standard deviations.
 const FARTHEST: f64 = 3.0;
 
-/// Draws a robot, does the experiment `members` times over, and returns what then is known and how far the measured
-/// readings are from the ensemble, in standard deviations of its components (root mean square; about 1 where the
-/// experiment fits). `simulate` gets a model and a seed; what cannot be simulated is left out.
-pub fn condition(
-    prior: &Posterior,
-    (base, unknowns): (&RobotModel, &[Unknown]),
-    members: usize,
-    seed: u64,
-    measured: &[f64],
-    mut simulate: impl FnMut(&RobotModel, u64) -> Option<Vec<f64>>,
-) -> (Posterior, f64) {
-    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let count = unknowns.len();
-    let own = prior.covariance.view((0, 0), (count, count)).into_owned();
-    let Some(factor) = own.cholesky() else { return (prior.clone(), f64::NAN) };
-    let mut drawn: Vec<(DVector<f64>, Vec<f64>)> = Vec::with_capacity(members);
-    for member in 0..members as u64 {
-        let normal = DVector::from_fn(count, |_, _| StandardNormal.sample(&mut random));
-        let point = prior.mean.rows(0, count) + factor.l() * normal;
-        let model = apply(base, unknowns, point.as_slice());
-        let own_seed = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ (member + 1);
-        if let Some(seen) = simulate(&model, own_seed) {
-            drawn.push((point, seen));
+/// Robots drawn from what is known, and what each was seen to do.
+pub struct Ensemble<'a> {
+    prior: &'a Posterior,
+    drawn: Vec<(DVector<f64>, Vec<f64>)>,
+}
+
+impl<'a> Ensemble<'a> {
+    /// Draws `members` robots and lets each do the experiment. `simulate` gets a model and a seed; what cannot be simulated
+    /// is left out.
+    pub fn draw(
+        prior: &'a Posterior,
+        (base, unknowns): (&RobotModel, &[Unknown]),
+        members: usize,
+        seed: u64,
+        mut simulate: impl FnMut(&RobotModel, u64) -> Option<Vec<f64>>,
+    ) -> Self {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let count = unknowns.len();
+        let own = prior.covariance.view((0, 0), (count, count)).into_owned();
+        let mut drawn = Vec::with_capacity(members);
+        if let Some(factor) = own.cholesky() {
+            for member in 0..members as u64 {
+                let normal = DVector::from_fn(count, |_, _| StandardNormal.sample(&mut random));
+                let point = prior.mean.rows(0, count) + factor.l() * normal;
+                let model = apply(base, unknowns, point.as_slice());
+                let own_seed = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ (member + 1);
+                if let Some(seen) = simulate(&model, own_seed) {
+                    drawn.push((point, seen));
+                }
+            }
         }
+        Self { prior, drawn }
     }
-    let Some(components) = Components::of(&drawn, measured) else {
-        return (prior.clone(), f64::NAN);
-    };
-    let mut next = prior.clone();
-    let tests = (components.scores.ncols() * count) as f64;
-    let least = least_correlation(CHANCE / tests, drawn.len());
-    let mut shrunk = DVector::from_element(next.mean.len(), 1.0);
-    for unknown in 0..count {
-        let values = DVector::from_iterator(drawn.len(), drawn.iter().map(|(p, _)| p[unknown]));
-        let (shift, share) = components.regress(&values, least);
-        next.mean[unknown] += shift * prior.deviation(unknown);
-        shrunk[unknown] = share.sqrt();
+
+    /// Returns what is known once these readings were measured, and how far they are from the ensemble, in standard
+    /// deviations of its components (root mean square; about 1 where the experiment fits). Readings that are `None` are not
+    /// looked at.
+    pub fn update(&self, measured: &[Option<f64>]) -> (Posterior, f64) {
+        let prior = self.prior;
+        let Some(components) = Components::of(&self.drawn, measured) else {
+            return (prior.clone(), f64::NAN);
+        };
+        let count = self.drawn[0].0.len();
+        let mut next = prior.clone();
+        let tests = (components.scores.ncols() * count) as f64;
+        let least = least_correlation(CHANCE / tests, self.drawn.len());
+        let mut shrunk = DVector::from_element(next.mean.len(), 1.0);
+        for unknown in 0..count {
+            let values = self.drawn.iter().map(|(point, _)| point[unknown]);
+            let values = DVector::from_iterator(self.drawn.len(), values);
+            let (shift, share) = components.regress(&values, least);
+            next.mean[unknown] += shift * prior.deviation(unknown);
+            shrunk[unknown] = share.sqrt();
+        }
+        let scale = DMatrix::from_diagonal(&shrunk);
+        next.covariance = &scale * &next.covariance * &scale;
+        (next, components.distance())
     }
-    let scale = DMatrix::from_diagonal(&shrunk);
-    next.covariance = &scale * &next.covariance * &scale;
-    (next, components.distance())
 }
 
 /// Smallest correlation of so many pairs that chance gives with less than this probability.
@@ -83,13 +100,15 @@ struct Components {
 }
 
 impl Components {
-    fn of(drawn: &[(DVector<f64>, Vec<f64>)], measured: &[f64]) -> Option<Self> {
-        let (rows, columns) = (drawn.len(), measured.len());
-        if rows < 8 {
+    fn of(drawn: &[(DVector<f64>, Vec<f64>)], measured: &[Option<f64>]) -> Option<Self> {
+        let (columns, given): (Vec<usize>, Vec<f64>) =
+            measured.iter().enumerate().filter_map(|(i, it)| it.map(|it| (i, it))).unzip();
+        let rows = drawn.len();
+        if rows < 8 || columns.is_empty() {
             return None;
         }
-        let mut all = DMatrix::from_fn(rows, columns, |i, j| drawn[i].1[j]);
-        let mut given = DVector::from_column_slice(measured);
+        let mut all = DMatrix::from_fn(rows, columns.len(), |i, j| drawn[i].1[columns[j]]);
+        let mut given = DVector::from_vec(given);
         for (column, given) in given.iter_mut().enumerate() {
             let mut values = all.column_mut(column);
             let mean = values.mean();
@@ -161,10 +180,10 @@ mod tests {
         let (base, unknowns) = unknowns(&RobotModel::named("W").unwrap());
         let prior = Posterior::prior(unknowns.len());
         let truth = 1e-3 * base.contact.stiffness_n_per_m * 1.1;
-        let (next, distance) =
-            condition(&prior, (&base, &unknowns), 64, 1, &[truth, 0.1, -0.2], |model, seed| {
-                Some(seen(model, seed, 0.05))
-            });
+        let (next, distance) = Ensemble::draw(&prior, (&base, &unknowns), 64, 1, |model, seed| {
+            Some(seen(model, seed, 0.05))
+        })
+        .update(&[Some(truth), Some(0.1), Some(-0.2)]);
         let shows = unknowns.iter().position(|u| u.name == "floor_stiffness_n_per_m").unwrap();
         let off = 1e-3 * unknowns[shows].value(next.mean[shows]) - truth;
         // Of its spread less than half is left, not a tenth as its noise would allow: correlations that chance could give in
@@ -174,6 +193,17 @@ mod tests {
         let others = (0..unknowns.len()).filter(|i| *i != shows);
         assert!(others.clone().all(|i| next.mean[i] == 0.0 && next.deviation(i) == 1.0));
         assert!(distance < 2.0);
+    }
+
+    #[test]
+    fn what_was_not_measured_changes_nothing() {
+        let (base, unknowns) = unknowns(&RobotModel::named("W").unwrap());
+        let prior = Posterior::prior(unknowns.len());
+        let ensemble = Ensemble::draw(&prior, (&base, &unknowns), 64, 1, |model, seed| {
+            Some(seen(model, seed, 0.05))
+        });
+        let (next, _) = ensemble.update(&[None, Some(0.1), Some(-0.2)]);
+        assert_eq!(next.mean, prior.mean);
     }
 
     #[test]

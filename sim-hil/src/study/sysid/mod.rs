@@ -103,11 +103,11 @@ pub struct Data {
 }
 
 impl Data {
-    /// Reads a folder. `seed` chooses which third of the walks is held out.
+    /// Reads a folder.
     ///
     /// # Errors
     /// When a file is refused, with its line and column, or there is none.
-    pub fn read(folder: &Path, seed: u64) -> Result<Self, SysidError> {
+    pub fn read(folder: &Path) -> Result<Self, SysidError> {
         if !folder.is_dir() {
             return Err(SysidError::NoFolder(folder.to_owned()));
         }
@@ -121,7 +121,7 @@ impl Data {
             air: air::Air::read(folder)?,
             drag: drag::TABLE.read(folder)?.map(|rows| drag::Drag::new(&rows)),
             drops: drops.transpose()?,
-            walks: Walks::read(folder, seed)?,
+            walks: Walks::read(folder)?,
         };
         if data.given().iter().any(|given| *given) {
             Ok(data)
@@ -209,9 +209,9 @@ pub struct Proposal {
 /// How far walks of the identified robot are from the measured ones.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct WalkScores {
-    /// Root mean square error (equation 3) of the fitted pairs, m/s.
+    /// Root mean square error (equation 3) of the pairs by the robot that all of them identify, m/s.
     pub fitted_rmse_m_s: f64,
-    /// Of those held out.
+    /// Of the same pairs, each by the robot that is identified without it.
     pub held_out_rmse_m_s: f64,
 }
 
@@ -281,7 +281,8 @@ pub fn identify(
         report("drops");
         posterior = conditioned("drops", drops.condition(&posterior, robot, seed));
     }
-    if let Some(walks) = &data.walks {
+    let mut walks = data.walks.clone();
+    if let Some(walks) = &mut walks {
         report("walks");
         posterior = conditioned("walks", walks.condition(&posterior, robot, seed));
     }
@@ -289,13 +290,10 @@ pub fn identify(
     let mut model = apply(&base, &unknowns, point);
     model.name = "identified".to_owned();
     model.check()?;
-    let mut walks = data.walks.clone();
-    if let Some(walks) = &mut walks {
-        walks.check(&model, seed);
-    }
-    let scores = walks.as_ref().map(|walks| WalkScores {
-        fitted_rmse_m_s: walks.square_error(false).0.sqrt(),
-        held_out_rmse_m_s: walks.square_error(true).0.sqrt(),
+    let scores = walks.as_ref().map(|walks| {
+        let [fitted_rmse_m_s, held_out_rmse_m_s] =
+            walks.square_errors().map(|sum| (sum / walks.pairs.len() as f64).sqrt());
+        WalkScores { fitted_rmse_m_s, held_out_rmse_m_s }
     });
     let drops = data.drops.as_ref().and_then(|drops| {
         let simulated = drops.simulate(&model, seed)?;
@@ -432,7 +430,7 @@ mod tests {
     fn refused(file: &str, text: &str) -> String {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join(file), text).unwrap();
-        Data::read(folder.path(), 1).unwrap_err().to_string()
+        Data::read(folder.path()).unwrap_err().to_string()
     }
 
     #[test]
@@ -467,7 +465,7 @@ mod tests {
             }
         }
         std::fs::write(folder.path().join("drag.csv"), text).unwrap();
-        let data = Data::read(folder.path(), 1).unwrap();
+        let data = Data::read(folder.path()).unwrap();
         let found = identify(&RobotModel::named("W").unwrap(), &data, 1, false, |_| {}).unwrap();
         let of = |name: &str| found.estimates.iter().find(|it| it.name == name).unwrap();
         let rear = of("rr_friction");

@@ -78,14 +78,13 @@ fn digits(value: f64) -> String {
 /// Walks, measured and simulated.
 #[must_use]
 pub fn walks(found: &Identified) -> Rows {
-    let head = "f (Hz)|theta (deg)|forward (m/s)|found|lateral (m/s)|found|yaw (rad/s)|found|";
+    let head = "f (Hz)|theta (deg)|forward (m/s)|found|held out|lateral (m/s)|found|held out|yaw (rad/s)|found|held out";
     let mut rows = vec![head.split('|').map(str::to_owned).collect::<Vec<_>>()];
     rows.extend(found.walks.iter().flat_map(|walks| &walks.pairs).map(|pair| {
-        let speeds = pair.measured.iter().zip(pair.simulated);
-        let speeds = speeds.flat_map(|(m, s)| [fixed(*m, 3), fixed(s, 3)]);
-        let pair_cells = row![pair.f_hz, pair.theta_deg];
-        let held_out = if pair.held_out { "held out" } else { "" };
-        pair_cells.into_iter().chain(speeds).chain([held_out.to_owned()]).collect()
+        let speeds = (0..3).flat_map(|i| {
+            [pair.measured, pair.simulated, pair.held_out].map(|speeds| fixed(speeds[i], 3))
+        });
+        row![pair.f_hz, pair.theta_deg].into_iter().chain(speeds).collect()
     }));
     rows
 }
@@ -133,7 +132,7 @@ pub fn remarks(found: &Identified) -> Vec<String> {
     }
     if let Some(scores) = &found.scores {
         all.push(format!(
-            "Walks: RMSE (equation 3) {:.4} m/s of the fitted pairs, {:.4} m/s of those held out.",
+            "Walks: RMSE (equation 3) {:.4} m/s by the robot that all of them identify, {:.4} m/s by the one identified without the pair.",
             scores.fitted_rmse_m_s, scores.held_out_rmse_m_s
         ));
     }
@@ -208,7 +207,11 @@ pub fn html(found: &Identified, folder: &str) -> String {
         );
     }
     if found.walks.is_some() {
-        section("Walks", "Measured, and found: the identified robot.", html_table(&walks(found)));
+        section(
+            "Walks",
+            "Measured; found: the identified robot; held out: the robot identified without this third of the pairs.",
+            html_table(&walks(found)),
+        );
     }
     section("All values", "Centre of mass from the plate's middle.", html_table(&values(found)));
     PAGE.replace("{{title}}", &title).replace("{{body}}", &body)

@@ -282,8 +282,8 @@ pub struct Score {
     inside: [Vec<bool>; 4],
     /// For each of [`SCORED`]: errors as shares; of the centre, mm.
     errors: [Vec<f64>; 4],
-    /// Sum of the square errors of the fitted pairs, and of those held out, with their numbers.
-    walks: [(f64, usize); 2],
+    /// Sums of the square errors of the walks, as they are fitted and as they are held out.
+    walks: [f64; 2],
 }
 
 /// Hides a robot, measures it into `folder` with so many walks of so many seconds a pair, identifies it from the files,
@@ -300,7 +300,7 @@ pub fn trial(
     require_walker(plan)?;
     let robot = hidden(plan, seed);
     measure(&robot, seed, walks, folder)?;
-    let found = identify(plan, &Data::read(folder, seed)?, seed, false, |_| {})?;
+    let found = identify(plan, &Data::read(folder)?, seed, false, |_| {})?;
     score(plan, &robot, &found)
 }
 
@@ -324,10 +324,7 @@ fn score(plan: &RobotModel, robot: &RobotModel, found: &Identified) -> Result<Sc
     }
     score.errors[3].push(square.sqrt());
     if let Some(walks) = &found.walks {
-        score.walks = [false, true].map(|held_out| {
-            let (mean, count) = walks.square_error(held_out);
-            (mean * count as f64, count)
-        });
+        score.walks = walks.square_errors();
     }
     Ok(score)
 }
@@ -354,7 +351,7 @@ pub struct Verdict {
     pub coverage: Kinds,
     /// Median error: shares; of the centre the distance, mm.
     pub median_error: Kinds,
-    /// Root mean square error of the held-out walks over that of the fitted ones.
+    /// Root mean square error of the walks, each by the robot identified without it, over that by the robot that all identify.
     pub held_out_ratio: f64,
     /// All within their limits.
     pub pass: bool,
@@ -397,12 +394,8 @@ pub fn judge(scores: &[Score]) -> Verdict {
         all.sort_by(f64::total_cmp);
         all.get(all.len() / 2).copied().unwrap_or(f64::NAN)
     });
-    let rmse = |which: usize| {
-        let sums = scores.iter().map(|score| score.walks[which]);
-        let (square, count) = sums.fold((0.0, 0), |sum, part| (sum.0 + part.0, sum.1 + part.1));
-        (square / f64::max(1.0, count as f64)).sqrt()
-    };
-    let held_out_ratio = rmse(1) / rmse(0);
+    let sum = |which: usize| scores.iter().map(|score| score.walks[which]).sum::<f64>();
+    let held_out_ratio = (sum(1) / sum(0)).sqrt();
     let covers = |kinds: &Kinds| {
         [kinds.stiffness, kinds.damping, kinds.friction, kinds.centre]
             .iter()
@@ -448,7 +441,7 @@ mod tests {
             let one = |robot| Score {
                 inside: [(); 4].map(|()| vec![robot < inside]),
                 errors: [(); 4].map(|()| vec![error]),
-                walks: [(1.0, 1), (held_out, 1)],
+                walks: [1.0, held_out],
             };
             (0..ENOUGH).map(one).collect()
         };
