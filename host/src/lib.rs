@@ -89,3 +89,4 @@ pub mod record;
 pub mod steering;
 pub mod system;
 pub mod teleop;
+pub mod text;

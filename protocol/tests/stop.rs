@@ -320,8 +320,36 @@ fn fails_with(robot: Option<Key>) -> (StopStatus, Duration) {
 fn a_stop_that_is_refused_says_why() {
     let (status, after) = fails_with(Some(key(2)));
     assert_eq!(status, StopStatus::Failed(ConnectError::WrongKey));
-    assert!(after < CONNECT_PATIENCE);
+    assert_eq!(after, CONNECT_PATIENCE, "anybody could have said so");
     assert_eq!(fails_with(None).0, StopStatus::Failed(ConnectError::Unprovisioned));
+}
+
+#[test]
+fn forged_refusals_do_not_end_a_stop_however_slow_the_robot_is() {
+    let mut ends = Ends::connected();
+    let mut forger = RobotSession::new(Some(key(2)), [11; 32]);
+    let mut stop = stop(ends.now);
+    let mut underway: Option<(Instant, Vec<u8>)> = None;
+    while stop.status() == StopStatus::Asking {
+        let due = stop.poll_at().unwrap();
+        ends.now = underway.as_ref().map_or(due, |(at, _)| due.min(*at));
+        if let Some((_, answer)) = underway.take_if(|(at, _)| *at <= ends.now) {
+            let _ = stop.receive(ends.now, &answer);
+        }
+        let Some(sent) = stop.poll(ends.now) else { continue };
+        if let Some(refusal) = answer(forger.receive(ends.now, OPERATOR, &sent), sent.len()) {
+            let _ = stop.receive(ends.now, &refusal);
+        }
+        if underway.is_none() {
+            let received = ends.robot.receive(ends.now, SECOND_OPERATOR, &sent);
+            let back = match received {
+                RobotReceived::Stop(stopped, _) => stopped.to_vec(),
+                other => answer(other, sent.len()).unwrap(),
+            };
+            underway = Some((ends.now + Duration::from_millis(600), back));
+        }
+    }
+    assert_eq!(stop.status(), StopStatus::Latched);
 }
 
 #[test]

@@ -37,7 +37,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let simulated = keyring
         .key(SIMULATED_ROBOT)
         .ok()
-        .and_then(|key| discovery::on_this_computer(SIMULATED_ROBOT, key));
+        .and_then(|key| discovery::on_this_computer(SIMULATED_ROBOT, &key));
     let announced = discovery::browse(args.duration, &interrupt);
     let robots: Vec<Found> = match (announced, simulated) {
         (Err(error), None) => return Err(Error::usage(error)),

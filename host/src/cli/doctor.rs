@@ -17,6 +17,7 @@ use crate::pose::PoseSource;
 use crate::pose::any::Poses;
 use crate::pose::natnet::NatNetStatistics;
 use crate::pose::udp::UdpStatistics;
+use crate::text::printable;
 
 /// Time for which poses and telemetry are observed.
 const WATCH: Duration = Duration::from_secs(2);
@@ -141,10 +142,9 @@ fn identity(connection: &mut Connection) -> Vec<Finding> {
         }
         Err(error) => return vec![Finding::bad("robot", Exit::NoAnswer, error)],
     };
-    let sentence = format!(
-        "{} on {}, firmware {}; key{operator} and version fit",
-        identity.name, identity.board, identity.version
-    );
+    let [name, board, version] =
+        [identity.name.as_str(), &identity.board, &identity.version].map(printable);
+    let sentence = format!("{name} on {board}, firmware {version}; key{operator} and version fit");
     vec![Finding::good("robot", sentence), judge_reset(&identity.reset)]
 }
 
@@ -238,7 +238,8 @@ fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
             } else {
                 "unicast".to_owned()
             };
-            format!("{}, NatNet {}, {stream}", info.application_name, info.protocol_version)
+            let name = printable(&info.application_name);
+            format!("{name}, NatNet {}, {stream}", info.protocol_version)
         }
         Poses::Udp(_) => source.name(),
     };

@@ -11,14 +11,15 @@ use serde::{Serialize, Serializer};
 
 use super::Error;
 use crate::file;
+use crate::text::{printable, printable_lines};
 
-/// Prints a text on stdout. A reader that has closed the pipe (`| head`) is not an error.
+/// Prints a text on stdout, as far as it is one ([`printable_lines`]). A reader that has closed the pipe (`| head`) is not an error.
 ///
 /// # Errors
 /// When stdout cannot be written.
 pub fn print(text: &str) -> Result<(), Error> {
     let mut stdout = io::stdout().lock();
-    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+    match stdout.write_all(printable_lines(text).as_bytes()).and_then(|()| stdout.flush()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             Err(Error::usage(format_args!("stdout cannot be written: {error}")))
         }
@@ -28,7 +29,12 @@ pub fn print(text: &str) -> Result<(), Error> {
 
 /// Prints a sentence on stderr. The terminal may be closed: then it is lost.
 pub fn complain(sentence: impl fmt::Display) {
-    let _ = writeln!(io::stderr(), "flix: {sentence}");
+    say("flix", sentence);
+}
+
+/// Prints what a program has to say on stderr, as [`complain`] does.
+pub fn say(program: &str, sentence: impl fmt::Display) {
+    let _ = writeln!(io::stderr(), "{program}: {}", printable_lines(&sentence.to_string()));
 }
 
 /// Name of standard input or output where a file is asked for.
@@ -107,7 +113,10 @@ pub fn table_for_terminal(rows: &[Vec<String>]) -> String {
 }
 
 fn lay_out(mut table: Table, rows: &[Vec<String>]) -> String {
-    table.load_style(presets::NOTHING).add_rows(rows);
+    let cells = |row: &Vec<String>| row.iter().map(|it| printable(it).into_owned()).collect();
+    table
+        .load_style(presets::NOTHING)
+        .add_rows(rows.iter().map(cells).collect::<Vec<Vec<String>>>());
     for (index, column) in table.column_iter_mut().enumerate() {
         let mut cells = rows.iter().skip(1).filter_map(|row| row.get(index));
         if cells.any(|cell| cell.starts_with(|c: char| c.is_ascii_digit() || "+-".contains(c))) {

@@ -71,7 +71,7 @@ impl RobotArgs {
         split_port(&self.robot).map_err(Error::usage)?;
         let keyring = Keyring::of_user()?;
         let key = self.find_key(&keyring)?;
-        Ok((self.find_address(&keyring, interrupt)?, key))
+        Ok((self.find_address(&keyring, &key, interrupt)?, key))
     }
 
     /// Returns the key: the named file, else that of the robot's name or address in the keyring.
@@ -96,7 +96,12 @@ impl RobotArgs {
         }
     }
 
-    fn find_address(&self, keyring: &Keyring, interrupt: &Interrupt) -> Result<SocketAddr, Error> {
+    fn find_address(
+        &self,
+        keyring: &Keyring,
+        key: &Key,
+        interrupt: &Interrupt,
+    ) -> Result<SocketAddr, Error> {
         let (host, port) = split_port(&self.robot).map_err(Error::usage)?;
         let port = port.unwrap_or(DEFAULT_PORT);
         if let Ok(address) = host.parse::<IpAddr>() {
@@ -111,8 +116,7 @@ impl RobotArgs {
         }
         // A provisioned robot announces itself; where multicast does not work, names may.
         if keyring.contains(host)
-            && let Ok(Some(robot)) = discovery::find(host, interrupt)
-            && let Some(address) = robot.socket_address()
+            && let Ok(Some(address)) = discovery::find(host, key, interrupt)
         {
             return Ok(address);
         }

@@ -17,6 +17,7 @@ use crate::explain;
 use crate::interrupt::Interrupt;
 use crate::link::Client;
 use crate::link::udp::{Connection, LinkError};
+use crate::text::printable;
 
 /// Longest wait for telemetry; its lowest rate is one per second.
 pub const TELEMETRY_PATIENCE: Duration = Duration::from_secs(3);
@@ -165,9 +166,9 @@ impl Status {
         let health = client.health();
         Self {
             robot: Robot {
-                name: identity.name.to_string(),
-                board: identity.board.to_string(),
-                version: identity.version.to_string(),
+                name: printable(&identity.name).into_owned(),
+                board: printable(&identity.board).into_owned(),
+                version: printable(&identity.version).into_owned(),
                 reset_reason: identity.reset.to_string(),
             },
             operator: telemetry.operator.to_string(),

@@ -10,7 +10,7 @@ use crate::link::udp;
 
 /// Stop the robot, in every state, whoever drives it.
 ///
-/// Stop is repeated until the robot acknowledges it. It needs no session: it works while another
+/// Stop is repeated until the robot acknowledges it, for 3 s. It needs no session: it works while another
 /// operator, or a program that hangs, holds the robot. Both rotors ramp down together, and the robot
 /// stays stopped until `flix clear`.
 #[derive(Debug, clap::Args)]

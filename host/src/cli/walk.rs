@@ -1,7 +1,7 @@
 //! A run in real time: link, poses, record and progress around a [`Pilot`].
 
 use std::collections::BTreeMap;
-use std::net::{Ipv4Addr, SocketAddrV4};
+use std::net::{IpAddr, Ipv4Addr, SocketAddrV4};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::{Duration, SystemTime};
@@ -22,6 +22,7 @@ use crate::pose::natnet::{Body, COMMAND_PORT, NatNetError, NatNetSettings, NatNe
 use crate::pose::udp::UdpSource;
 use crate::pose::{PoseError, PoseSample, PoseSource};
 use crate::record::{RecordError, Recorder, RunDescription};
+use crate::text::printable;
 
 /// Longest wait for datagrams of the robot between two checks for poses.
 const SLICE: Duration = Duration::from_millis(2);
@@ -32,8 +33,8 @@ const LOCAL_SERVER: SocketAddrV4 = SocketAddrV4::new(Ipv4Addr::LOCALHOST, COMMAN
 /// Options of the pose source.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PoseArgs {
-    /// Source of the poses: `natnet` (OptiTrack), or `udp:PORT` for any tracker that sends them as text [default:
-    /// natnet; for teleop and drive, none].
+    /// Source of the poses: `natnet` (OptiTrack), or `udp:PORT` for any tracker that sends them as text, `udp:PORT@ADDRESS`
+    /// for the one at that address [default: natnet; for teleop and drive, none].
     #[arg(long, value_name = "SOURCE")]
     pub pose: Option<PoseKind>,
     /// Address of Motive's computer (or of the simulator), and its command port [default: 127.0.0.1].
@@ -55,19 +56,26 @@ pub struct PoseArgs {
 pub enum PoseKind {
     /// OptiTrack.
     NatNet,
-    /// Datagrams at this port.
-    Udp(u16),
+    /// Datagrams at this port, and of this address alone.
+    Udp(u16, Option<IpAddr>),
 }
 
 impl FromStr for PoseKind {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let port = |text: &str| text.parse().ok().filter(|port| *port > 0);
+        let port = |text: &str| {
+            let (port, tracker) = match text.split_once('@') {
+                Some((port, tracker)) => (port, Some(tracker.parse().ok()?)),
+                None => (text, None),
+            };
+            let port = port.parse().ok().filter(|port| *port > 0)?;
+            Some(Self::Udp(port, tracker))
+        };
         match text {
             "natnet" => Ok(Self::NatNet),
-            _ => text.strip_prefix("udp:").and_then(port).map(Self::Udp).ok_or_else(|| {
-                format!("\"{text}\" is not a source of poses: write natnet, or udp:PORT with a port from 1 to 65535")
+            _ => text.strip_prefix("udp:").and_then(port).ok_or_else(|| {
+                format!("\"{text}\" is not a source of poses: write natnet, udp:PORT with a port from 1 to 65535, or udp:PORT@ADDRESS")
             }),
         }
     }
@@ -156,16 +164,16 @@ impl PoseArgs {
     /// # Errors
     /// When there is no stream, or an option is for another source; the message says what to change.
     pub fn open(&self) -> Result<Poses, Error> {
-        if let (Some(PoseKind::Udp(_)), Some(option)) = (self.pose, self.given_for_natnet()) {
+        if let (Some(PoseKind::Udp(..)), Some(option)) = (self.pose, self.given_for_natnet()) {
             return Err(Error::usage(format_args!("{option} is for --pose natnet alone")));
         }
         match self.pose.unwrap_or(PoseKind::NatNet) {
             PoseKind::NatNet => {
                 NatNetSource::connect(self.settings()).map(Poses::NatNet).map_err(Error::from)
             }
-            PoseKind::Udp(port) => {
+            PoseKind::Udp(port, tracker) => {
                 let interface = self.interface.unwrap_or(Ipv4Addr::LOCALHOST);
-                UdpSource::bind(interface, port).map(Poses::Udp).map_err(|error| {
+                UdpSource::bind(interface, port, tracker).map(Poses::Udp).map_err(|error| {
                     Error::usage(format_args!(
                         "cannot listen for poses at {interface}:{port}: {error}; choose another port, or the address of \
                          a network card of this computer as --interface"
@@ -324,9 +332,9 @@ pub fn record(
     run.extend(poses.map(|poses| ("poses".into(), poses)));
     let mut versions = BTreeMap::from([("flix".into(), env!("CARGO_PKG_VERSION").into())]);
     if let Outcome::Identity(identity) = connection.ask(Command::Identify)? {
-        run.insert("robot".into(), identity.name.to_string());
-        versions.insert("board".into(), identity.board.to_string());
-        versions.insert("firmware".into(), identity.version.to_string());
+        run.insert("robot".into(), printable(&identity.name).into_owned());
+        versions.insert("board".into(), printable(&identity.board).into_owned());
+        versions.insert("firmware".into(), printable(&identity.version).into_owned());
     }
     if let Some(telemetry) = connection.wait_for_telemetry(TELEMETRY_PATIENCE, |_| true)? {
         run.insert("operator".into(), telemetry.operator.to_string());

@@ -1,23 +1,29 @@
 //! Finds the robots that announce themselves on the local network (mDNS and DNS-SD).
 
 use std::collections::BTreeMap;
+use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
 use flix_protocol::frame::MAXIMUM_DATAGRAM;
-use flix_protocol::session::{Key, OperatorReceived, OperatorSession};
+use flix_protocol::session::{Key, StopSession};
 use flix_protocol::units as protocol;
 use flix_protocol::{DEFAULT_PORT, SERVICE_TYPE};
 use mdns_sd::{ResolvedService, ServiceDaemon, ServiceEvent};
 
 use crate::interrupt::Interrupt;
+use crate::text::printable;
 
 /// Longest search for a name: mDNS answers within 0.1 s, and repeats its question after 1 s.
 pub const FIND_PATIENCE: Duration = Duration::from_millis(2500);
 /// Longest wait for the answer of a simulated robot on this computer.
 const GREETING_PATIENCE: Duration = Duration::from_millis(300);
-/// Interval of the checks for interruption.
-const SLICE: Duration = Duration::from_millis(50);
+/// Interval of the checks for answers and interruption.
+const SLICE: Duration = Duration::from_millis(10);
+/// Most addresses that are greeted in a search, and most datagrams of each that are read in a slice.
+const MOST_GREETED: usize = 200;
+/// See [`MOST_GREETED`].
+const ANSWERS_AT_ONCE: u32 = 64;
 
 /// A robot that was found.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
@@ -33,10 +39,14 @@ pub struct Found {
 }
 
 impl Found {
-    /// Returns the address for datagrams.
+    /// Returns the first address for datagrams.
     #[must_use]
     pub fn socket_address(&self) -> Option<SocketAddr> {
-        self.addresses.first().map(|address| SocketAddr::new(*address, self.port))
+        self.socket_addresses().next()
+    }
+
+    fn socket_addresses(&self) -> impl Iterator<Item = SocketAddr> + '_ {
+        self.addresses.iter().map(|address| SocketAddr::new(*address, self.port))
     }
 }
 
@@ -52,44 +62,53 @@ pub struct DiscoveryError(#[from] mdns_sd::Error);
 pub fn browse(duration: Duration, interrupt: &Interrupt) -> Result<Vec<Found>, DiscoveryError> {
     let mut robots = BTreeMap::new();
     listen(duration, interrupt, |found| {
-        robots.insert(found.name.clone(), found);
+        robots.extend(found.map(|found| (found.name.clone(), found)));
         false
     })?;
     Ok(robots.into_values().collect())
 }
 
-/// Searches for one robot by its name, for at most [`FIND_PATIENCE`].
+/// Searches for one robot by its name, for at most [`FIND_PATIENCE`], and returns the first address that proves to have
+/// its key. Whoever is in the network can answer for it, and faster; when nobody proves it, the first that answered is
+/// returned, whose handshake says what is wrong.
 ///
 /// # Errors
 /// When multicast does not work on this machine.
-pub fn find(name: &str, interrupt: &Interrupt) -> Result<Option<Found>, DiscoveryError> {
-    let mut wanted = None;
+pub fn find(
+    name: &str,
+    key: &Key,
+    interrupt: &Interrupt,
+) -> Result<Option<SocketAddr>, DiscoveryError> {
+    let mut greeted: Vec<Greeted> = Vec::new();
+    let mut proved = None;
     listen(FIND_PATIENCE, interrupt, |found| {
-        if found.name.eq_ignore_ascii_case(name) && found.socket_address().is_some() {
-            wanted = Some(found);
+        let named = found.filter(|it| it.name.eq_ignore_ascii_case(name));
+        for address in named.iter().flat_map(Found::socket_addresses) {
+            let is_new = greeted.iter().all(|it| it.address != address);
+            if is_new && greeted.len() < MOST_GREETED {
+                greeted.extend(Greeted::new(address, key));
+            }
         }
-        wanted.is_some()
+        let proves = |it: &mut Greeted| it.proves().unwrap_or(false).then_some(it.address);
+        proved = greeted.iter_mut().find_map(proves);
+        proved.is_some()
     })?;
-    Ok(wanted)
+    Ok(proved.or_else(|| greeted.first().map(|it| it.address)))
 }
 
-/// Looks for a simulated robot with this key on this computer, where multicast seldom reaches. It is greeted only: its
-/// session, if it has one, goes on.
+/// Looks for a simulated robot with this key on this computer, where multicast seldom reaches.
 #[must_use]
-pub fn on_this_computer(name: &str, key: Key) -> Option<Found> {
+pub fn on_this_computer(name: &str, key: &Key) -> Option<Found> {
     let address = SocketAddr::from((Ipv4Addr::LOCALHOST, DEFAULT_PORT));
-    let mut entropy = [0; 32];
-    getrandom::fill(&mut entropy).ok()?;
-    let mut session = OperatorSession::new(key, entropy, protocol::Instant::START);
-    let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).ok()?;
-    socket.set_read_timeout(Some(GREETING_PATIENCE)).ok()?;
-    socket.connect(address).ok()?;
-    socket.send(&session.poll(protocol::Instant::START)?).ok()?;
-    let mut answer = [0; MAXIMUM_DATAGRAM];
-    let length = socket.recv(&mut answer).ok()?;
-    let answered = session.receive(protocol::Instant::START, &answer[..length]);
-    let is_robot = !matches!(answered, OperatorReceived::Dropped(_));
-    is_robot.then(|| Found {
+    let mut greeted = Greeted::new(address, key)?;
+    let begin = Instant::now();
+    while !greeted.proves().ok()? {
+        if begin.elapsed() > GREETING_PATIENCE {
+            return None;
+        }
+        std::thread::sleep(SLICE);
+    }
+    Some(Found {
         name: name.to_owned(),
         addresses: vec![address.ip()],
         port: address.port(),
@@ -97,19 +116,63 @@ pub fn on_this_computer(name: &str, key: Key) -> Option<Found> {
     })
 }
 
-/// Passes every robot found to `enough`, until it returns true or the time is over.
+/// An address that may be the robot's. It is greeted like one that is to be stopped, and never asked to: its session, if
+/// it has one, goes on.
+struct Greeted {
+    address: SocketAddr,
+    socket: UdpSocket,
+    greeting: StopSession,
+    begin: Instant,
+}
+
+impl Greeted {
+    /// Returns `None` when it cannot be reached.
+    fn new(address: SocketAddr, key: &Key) -> Option<Self> {
+        let mut entropy = [0; 32];
+        getrandom::fill(&mut entropy).ok()?;
+        let socket = super::udp::socket_to(address).ok()?;
+        socket.set_nonblocking(true).ok()?;
+        let greeting = StopSession::new(key, entropy, protocol::Instant::START);
+        Some(Self { address, socket, greeting, begin: Instant::now() })
+    }
+
+    /// Greets it when that is due, and returns whether it has answered with its key.
+    fn proves(&mut self) -> io::Result<bool> {
+        let now = protocol::Instant::START + self.begin.elapsed();
+        let mut answer = [0; MAXIMUM_DATAGRAM];
+        for _ in 0..ANSWERS_AT_ONCE {
+            match self.socket.recv(&mut answer) {
+                // One that is dropped is a stranger's.
+                Ok(length) => drop(self.greeting.receive(now, &answer[..length])),
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => break,
+                Err(error) => return Err(error),
+            }
+            if self.greeting.is_challenged() {
+                return Ok(true);
+            }
+        }
+        if let Some(hello) = self.greeting.poll(now) {
+            self.socket.send(&hello)?;
+        }
+        Ok(false)
+    }
+}
+
+/// Passes every robot found, and in between nothing, to `enough`, until it returns true or the time is over.
 fn listen(
     duration: Duration,
     interrupt: &Interrupt,
-    mut enough: impl FnMut(Found) -> bool,
+    mut enough: impl FnMut(Option<Found>) -> bool,
 ) -> Result<(), DiscoveryError> {
     let daemon = ServiceDaemon::new()?;
     let events = daemon.browse(SERVICE_TYPE)?;
     let deadline = Instant::now() + duration;
     while Instant::now() < deadline && !interrupt.is_raised() {
-        if let Ok(ServiceEvent::ServiceResolved(service)) = events.recv_timeout(SLICE)
-            && enough(found(&service))
-        {
+        let found = match events.recv_timeout(SLICE) {
+            Ok(ServiceEvent::ServiceResolved(service)) => Some(found(&service)),
+            _ => None,
+        };
+        if enough(found) {
             break;
         }
     }
@@ -125,11 +188,12 @@ fn found(service: &ResolvedService) -> Found {
     addresses.sort();
     let properties = service.txt_properties.iter();
     Found {
-        name: name.unwrap_or(&service.fullname).to_owned(),
+        name: printable(name.unwrap_or(&service.fullname)).into_owned(),
         addresses,
         port: service.port,
         properties: properties
-            .map(|property| (property.key().to_owned(), property.val_str().to_owned()))
+            .map(|property| (property.key(), property.val_str()))
+            .map(|(key, value)| (printable(key).into_owned(), printable(value).into_owned()))
             .collect(),
     }
 }

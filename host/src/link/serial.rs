@@ -17,6 +17,7 @@ use serial2::SerialPort;
 use zeroize::Zeroize;
 
 use crate::interrupt::Interrupt;
+use crate::text::printable;
 
 /// Longest time to an answer: the robot may be starting.
 pub const PATIENCE: Duration = Duration::from_secs(8);
@@ -90,7 +91,10 @@ impl SerialRobot {
     /// When it does not answer.
     pub fn identify(&self) -> Result<(Identity, bool), SerialError> {
         match self.ask(&Request::Identify)? {
-            Answer::Identity { identity, has_key } => Ok((identity, has_key)),
+            Answer::Identity { identity: Identity { name, board, version, reset }, has_key } => {
+                let (name, board) = (shown(&name), shown(&board));
+                Ok((Identity { name, board, version: shown(&version), reset }, has_key))
+            }
             Answer::Refused(refusal) => Err(SerialError::Refused(refusal)),
             _ => Err(SerialError::Confused),
         }
@@ -172,6 +176,11 @@ impl SerialRobot {
         }
         Err(SerialError::NoAnswer)
     }
+}
+
+/// Returns a text of whatever is at the cable as it may be shown: [`printable`] makes it no longer.
+fn shown<T: for<'a> TryFrom<&'a str> + Default>(text: &str) -> T {
+    T::try_from(&printable(text)).unwrap_or_default()
 }
 
 /// Returns whether an answer is of the kind that the request asks for.

@@ -493,7 +493,7 @@ pub fn stop(address: SocketAddr, key: &Key, interrupt: &Interrupt) -> Result<(),
     }
 }
 
-fn socket_to(address: SocketAddr) -> io::Result<UdpSocket> {
+pub(super) fn socket_to(address: SocketAddr) -> io::Result<UdpSocket> {
     let any: SocketAddr = match address {
         SocketAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
         SocketAddr::V6(_) => (Ipv6Addr::UNSPECIFIED, 0).into(),

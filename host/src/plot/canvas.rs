@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 use ab_glyph::{Font, FontRef};
 
 use super::Colour;
+use crate::text::printable;
 
 /// Font family in the SVG: the embedded font, then one of the same widths, then any.
 const FONT: &str = "DejaVu Sans, Verdana, sans-serif";
@@ -207,7 +208,7 @@ fn rounded(value: f64) -> f64 {
 
 /// Returns a text in which XML finds no markup.
 fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+    printable(text).replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
 /// Returns the width of a text in logical pixels.

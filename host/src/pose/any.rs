@@ -5,6 +5,7 @@ use flix_protocol::units::Instant;
 use super::natnet::NatNetSource;
 use super::udp::UdpSource;
 use super::{PoseError, PoseSample, PoseSource};
+use crate::text::printable;
 
 /// An open source of poses.
 pub enum Poses {
@@ -36,7 +37,8 @@ impl Poses {
         match self {
             Self::NatNet(source) => {
                 let info = source.server();
-                format!("{} (NatNet {})", info.application_name, info.protocol_version)
+                let name = printable(&info.application_name);
+                format!("{name} (NatNet {})", info.protocol_version)
             }
             Self::Udp(source) => source
                 .address()

@@ -10,7 +10,9 @@
 //! is when its picture was taken, seconds on any clock of the tracker's.
 //!
 //! Datagrams are not authenticated: those of the first sender alone are taken, until it is silent for
-//! `SENDER_PATIENCE`, and a stream that jumps is not trusted ([`crate::pose::continuity`]).
+//! `SENDER_PATIENCE`, and a stream that jumps is not trusted ([`crate::pose::continuity`]). Nobody knows which of two
+//! senders is the tracker: while another one is heard, no pose is trusted. With the tracker's address only its datagrams
+//! are looked at.
 
 use std::f64::consts::TAU;
 use std::io;
@@ -23,7 +25,7 @@ use serde::Deserialize;
 use super::continuity::Continuity;
 use super::{Picture, Pose, PoseError, PoseSample, PoseSource, Quaternion, Vector};
 
-/// Silence of a sender after which another one is taken.
+/// Silence of a sender after which another one is taken, and of all others after which it is trusted again.
 const SENDER_PATIENCE: Duration = Duration::from_secs(2);
 /// Longest datagram, bytes; longer ones are cut and therefore unreadable.
 const LONGEST: usize = 512;
@@ -51,22 +53,28 @@ pub struct UdpStatistics {
 #[derive(Debug)]
 pub struct UdpSource {
     socket: UdpSocket,
+    tracker: Option<IpAddr>,
     sender: Option<(SocketAddr, Instant)>,
+    /// When a second sender was heard last.
+    doubted: Option<Instant>,
     continuity: Continuity,
     statistics: UdpStatistics,
 }
 
 impl UdpSource {
     /// Listens at this port of this computer's network card; the loopback address takes poses of this computer alone.
+    /// With the address of the tracker, datagrams of all others are counted and dropped.
     ///
     /// # Errors
     /// When the port cannot be had.
-    pub fn bind(interface: Ipv4Addr, port: u16) -> io::Result<Self> {
+    pub fn bind(interface: Ipv4Addr, port: u16, tracker: Option<IpAddr>) -> io::Result<Self> {
         let socket = UdpSocket::bind((interface, port))?;
         socket.set_nonblocking(true)?;
         Ok(Self {
             socket,
+            tracker,
             sender: None,
+            doubted: None,
             continuity: Continuity::default(),
             statistics: UdpStatistics::default(),
         })
@@ -87,14 +95,17 @@ impl UdpSource {
     }
 
     fn is_sender(&mut self, from: SocketAddr, now: Instant) -> bool {
-        let is_sender = self
-            .sender
-            .is_none_or(|(sender, last)| sender == from || now.since(last) > SENDER_PATIENCE);
+        let may_be_it = self.tracker.is_none_or(|tracker| tracker == from.ip());
+        let is_sender = may_be_it
+            && self
+                .sender
+                .is_none_or(|(sender, last)| sender == from || now.since(last) > SENDER_PATIENCE);
         if is_sender {
             self.sender = Some((from, now));
         } else {
             self.statistics.strangers += 1;
             self.statistics.stranger = Some(from.ip());
+            self.doubted = if may_be_it { Some(now) } else { self.doubted };
         }
         is_sender
     }
@@ -117,7 +128,9 @@ impl PoseSource for UdpSource {
                 Some((pose, tracked, picture)) => {
                     self.statistics.poses += 1;
                     self.statistics.untracked += u64::from(!tracked);
-                    let valid = tracked && self.continuity.take(now, &pose);
+                    let is_alone =
+                        self.doubted.is_none_or(|last| now.since(last) > SENDER_PATIENCE);
+                    let valid = tracked && self.continuity.take(now, &pose) && is_alone;
                     self.statistics.jumps = self.continuity.jumps();
                     return Ok(Some(PoseSample { time: now, pose, valid, picture }));
                 }
@@ -201,7 +214,7 @@ mod tests {
 
     /// A source on a real socket, and two trackers.
     fn wired() -> (UdpSource, [UdpSocket; 2]) {
-        let source = UdpSource::bind(Ipv4Addr::LOCALHOST, 0).unwrap();
+        let source = UdpSource::bind(Ipv4Addr::LOCALHOST, 0, None).unwrap();
         let trackers = [(); 2].map(|()| {
             let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
             socket.connect(source.address().unwrap()).unwrap();
@@ -308,6 +321,29 @@ mod tests {
         assert!(!steady[0] && steady[30], "{steady:?}");
         assert!(!send("0.5 0 0.06 0 0 0", at(310)), "a jump");
         assert_eq!(source.statistics().jumps, 1);
+    }
+
+    #[test]
+    fn while_two_send_neither_is_trusted() {
+        let (mut source, [tracker, stranger]) = wired();
+        let mut sent = |from: &UdpSocket, milliseconds: u64| {
+            let sample = deliver(&mut source, from, "0 0 0.06 0 0 0", at(milliseconds));
+            sample.is_some_and(|it| it.valid)
+        };
+        assert!((0..=30).map(|i| sent(&tracker, i * 10)).last().unwrap());
+        assert!(!sent(&stranger, 305) && !sent(&tracker, 310));
+        // Once the other has been silent.
+        assert!((31..=260).map(|i| sent(&tracker, i * 10)).last().unwrap());
+    }
+
+    #[test]
+    fn where_the_tracker_is_named_others_are_not_looked_at() {
+        let named = |tracker: [u8; 4]| {
+            let (mut source, [sender, _]) = wired();
+            source.tracker = Some(tracker.into());
+            deliver(&mut source, &sender, "0 0 0.06 0 0 0", at(0)).is_some()
+        };
+        assert!(named([127, 0, 0, 1]) && !named([127, 0, 0, 2]));
     }
 
     #[test]

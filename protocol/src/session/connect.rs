@@ -96,17 +96,27 @@ impl Greeting {
 
     /// Returns when the attempt is over without an answer.
     pub(super) fn gives_up_at(&self) -> Instant {
-        let patience = self.since + CONNECT_PATIENCE;
         match self.hint {
-            Some((error, since)) if error.is_lasting() => patience.min(since + HINT_PATIENCE),
-            _ => patience,
+            Some((error, since)) if error.is_lasting() => {
+                self.patience_ends_at().min(since + HINT_PATIENCE)
+            }
+            _ => self.patience_ends_at(),
         }
+    }
+
+    /// Returns when an attempt is over that no hint ends.
+    pub(super) fn patience_ends_at(&self) -> Instant {
+        self.since + CONNECT_PATIENCE
     }
 
     /// Returns why the attempt failed, once it is over.
     pub(super) fn failure(&self, now: Instant) -> Option<ConnectError> {
-        let error = self.hint.map_or(ConnectError::NoAnswer, |(error, _)| error);
-        (now >= self.gives_up_at()).then_some(error)
+        (now >= self.gives_up_at()).then(|| self.error())
+    }
+
+    /// Returns why the attempt fails, as far as is known.
+    pub(super) fn error(&self) -> ConnectError {
+        self.hint.map_or(ConnectError::NoAnswer, |(error, _)| error)
     }
 
     /// Records a refusal of this attempt.

@@ -59,12 +59,18 @@ impl StopSession {
         self.status
     }
 
+    /// Returns whether the robot has proved that it has the key.
+    #[must_use]
+    pub const fn is_challenged(&self) -> bool {
+        self.challenged.is_some()
+    }
+
     /// Returns when [`StopSession::poll`] is due next; `None` once the robot is at rest, or the stop
     /// failed.
     #[must_use]
     pub fn poll_at(&self) -> Option<Instant> {
         match self.status {
-            StopStatus::Asking => Some(self.greeting.send_at.min(self.greeting.gives_up_at())),
+            StopStatus::Asking => Some(self.greeting.send_at.min(self.greeting.patience_ends_at())),
             StopStatus::Latched => Some(self.greeting.send_at),
             StopStatus::AtRest | StopStatus::Failed(_) => None,
         }
@@ -72,10 +78,9 @@ impl StopSession {
 
     /// Returns the datagram that is due, if any.
     pub fn poll(&mut self, now: Instant) -> Option<HandshakeFrame> {
-        if self.status == StopStatus::Asking
-            && let Some(error) = self.greeting.failure(now)
-        {
-            self.status = StopStatus::Failed(error);
+        // Anybody can forge a refusal: a stop is tried for as long as if there were none.
+        if self.status == StopStatus::Asking && now >= self.greeting.patience_ends_at() {
+            self.status = StopStatus::Failed(self.greeting.error());
         }
         if self.poll_at().is_none_or(|due| now < due) {
             return None;
@@ -111,7 +116,7 @@ impl StopSession {
                     return Err(DropReason::Forged);
                 }
                 self.challenged = Some((robot_nonce, now));
-                greeting.send_at = now;
+                (greeting.send_at, greeting.hint) = (now, None);
                 Ok(())
             }
             (Some(Datagram::Stopped { at_rest, signed, tag }), Some((robot_nonce, _))) => {
@@ -124,12 +129,17 @@ impl StopSession {
                 }
                 Ok(())
             }
-            (Some(Datagram::Refusal { reason, version, client_nonce, .. }), _) => {
+            (Some(Datagram::Refusal { reason, version, client_nonce, .. }), None) => {
                 greeting.refused(now, ConnectError::refused(reason, version), &client_nonce)
             }
-            (Some(Datagram::Challenge { .. } | Datagram::Stopped { .. }), _) => {
-                Err(DropReason::Session)
-            }
+            (
+                Some(
+                    Datagram::Challenge { .. }
+                    | Datagram::Stopped { .. }
+                    | Datagram::Refusal { .. },
+                ),
+                _,
+            ) => Err(DropReason::Session),
             _ => Err(DropReason::Malformed),
         }
     }

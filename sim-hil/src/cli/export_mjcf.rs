@@ -6,9 +6,12 @@ use std::process::ExitCode;
 
 use super::Error;
 use super::arguments::ModelArgs;
-use super::output::print;
+use super::output::{complain, print};
 use crate::model::mjcf::mjcf;
 use crate::plant::mechanics::reference_contact;
+
+/// Time constants of contacts below so many steps MuJoCo raises without a word (`refsafe`).
+const MUJOCO_LEAST_STEPS: f64 = 2.0;
 
 /// Write the model as MJCF for MuJoCo
 #[derive(Debug, clap::Args)]
@@ -36,7 +39,18 @@ fn parse_step(text: &str) -> Result<f64, String> {
 /// When the model is refused or the file cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.model.load()?;
-    let text = mjcf(&model, 1e-3 * args.step_ms, reference_contact(&model));
+    let contact = reference_contact(&model);
+    let step = 1e-3 * args.step_ms;
+    let shortest = contact.iter().map(|[time, _]| *time).filter(|time| *time > 0.0);
+    let shortest = shortest.fold(f64::INFINITY, f64::min);
+    if shortest < MUJOCO_LEAST_STEPS * step {
+        complain(format_args!(
+            "MuJoCo takes no time constant of a contact shorter than two steps, and this floor's is {:.3} ms: give a --step-ms of at most {:.4}, or it will be another floor",
+            1e3 * shortest,
+            1e3 * shortest / MUJOCO_LEAST_STEPS
+        ));
+    }
+    let text = mjcf(&model, step, contact);
     match &args.out {
         None => print(&text)?,
         Some(path) => std::fs::write(path, text)

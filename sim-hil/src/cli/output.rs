@@ -1,6 +1,5 @@
 //! What commands print: figures as JSON for programs, tables for people.
 
-use std::io::Write as _;
 use std::process::ExitCode;
 
 use serde::Serialize;
@@ -13,7 +12,7 @@ pub(crate) use flix_host::cli::output::{
 
 /// Prints a sentence on standard error. When nobody can read it there, it is lost.
 pub(crate) fn complain(sentence: impl std::fmt::Display) {
-    let _ = writeln!(std::io::stderr(), "flix-sim: {sentence}");
+    flix_host::cli::output::say("flix-sim", sentence);
 }
 
 /// Prints figures as one line of JSON, or as `text` for people; the exit code states whether all promises were kept.

@@ -8,7 +8,7 @@ use super::output::print_figures;
 use crate::experiment::probe::{self, Posture, Rest};
 use crate::experiment::walk::DEFAULT_STEP;
 
-/// Drop the robot from 20 mm, wait until it rests, and weigh it
+/// Drop the robot from 20 mm, wait until it rests, and weigh it; fails when it does not come to rest within 5 s
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  flix-sim rest\n  flix-sim rest --model A --json")]
 pub struct Args {
@@ -26,13 +26,16 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.model.load()?;
     let found = probe::rest(&model, DEFAULT_STEP)?;
-    print_figures(&found, true, args.json, || text(&model.name, &found))
+    print_figures(&found, found.at_rest, args.json, || text(&model.name, &found))
 }
 
 fn text(model: &str, found: &Rest) -> String {
     let (loads, center, inertia) =
         (found.foot_loads_n, found.centre_of_mass_mm, found.inertia_kg_m2);
     let posture = match found.posture {
+        _ if !found.at_rest => {
+            "nothing within 5 s: it goes on moving, and what follows is a moment"
+        }
         Posture::Feet => "its feet",
         Posture::Side => "its side: its feet do not carry it upright",
         Posture::Back => "its back: its feet do not carry it upright",

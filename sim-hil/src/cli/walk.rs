@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::Error;
 use super::arguments::{ModelArgs, SetpointArgs, parse_heading, parse_step, parse_time};
-use super::output::{print, print_figures, progress, row, table};
+use super::output::{complain, print, print_figures, progress, row, table};
 use crate::experiment::walk::{Spread, Walk, WalkDrive, Walked, walk};
 use crate::model::RobotModel;
 use crate::plant::electronics::TICK;
@@ -74,6 +74,8 @@ struct Report {
     yaw_rad_s: Spread,
     energy_j: Spread,
     cost_of_transport: Spread,
+    /// Walks that ended on the side or the back.
+    fallen: usize,
 }
 
 /// Runs the command.
@@ -133,7 +135,14 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         yaw_rad_s: spread(|w| w.yaw_rad_s),
         energy_j: spread(|w| w.energy_j),
         cost_of_transport: spread(|w| w.cost_of_transport),
+        fallen: walked.iter().filter(|(walked, _)| !walked.upright).count(),
     };
+    if report.fallen > 0 {
+        complain(format_args!(
+            "{} of {} walks ended on the side or the back: their speeds are no walk's",
+            report.fallen, report.seeds
+        ));
+    }
     if !args.json {
         print(&text(&report))?;
         for film in walked.into_iter().filter_map(|(_, film)| film) {

@@ -121,6 +121,8 @@ pub struct Walked {
     pub path_m: f64,
     /// Energy over weight times path.
     pub cost_of_transport: f64,
+    /// At its end the body stood upright, within 60 degrees.
+    pub upright: bool,
 }
 
 impl Walked {
@@ -347,6 +349,7 @@ impl Odometer {
             energy_j: energy,
             path_m: self.path,
             cost_of_transport: energy / (mass * GRAVITY * self.path),
+            upright: plant.body().is_upright(),
         }
     }
 }

@@ -18,6 +18,7 @@ use socket2::{Domain, Protocol, Socket, Type};
 use super::UpAxis;
 use crate::pose::continuity::Continuity;
 use crate::pose::{Picture, Pose, PoseError, PoseSample, PoseSource};
+use crate::text::printable;
 
 /// A unicast server forgets a client that is silent for longer; NatNet's own samples send this
 /// often.
@@ -403,7 +404,7 @@ fn list(bodies: &[(String, i32)]) -> String {
             .into();
     }
     let named: Vec<_> =
-        bodies.iter().map(|(name, id)| format!("\"{name}\" (number {id})")).collect();
+        bodies.iter().map(|(name, id)| format!("\"{}\" (number {id})", printable(name))).collect();
     named.join(", ")
 }
 

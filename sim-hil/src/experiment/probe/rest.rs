@@ -4,8 +4,7 @@ use serde::Serialize;
 
 use super::{ProbeError, require_legs};
 use crate::model::RobotModel;
-use crate::plant::mechanics::rotation;
-use crate::plant::{Mechanics, Plant};
+use crate::plant::{BodyState, Mechanics, Plant};
 
 /// Height above the soles' touch from which the robot is dropped, m.
 const DROP: f64 = 0.02;
@@ -42,11 +41,10 @@ pub enum Posture {
 }
 
 impl Posture {
-    /// Judges by the vertical component of the body's upward axis: upright within 60 degrees.
-    fn of(upward: f64) -> Self {
-        if upward > 0.5 {
+    fn of(body: &BodyState) -> Self {
+        if body.is_upright() {
             Self::Feet
-        } else if upward < -0.5 {
+        } else if body.upward() < -0.5 {
             Self::Back
         } else {
             Self::Side
@@ -57,6 +55,8 @@ impl Posture {
 /// How the robot rests.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Rest {
+    /// It came to rest within 5 s; otherwise height and loads are those of a moment.
+    pub at_rest: bool,
     /// What it came to rest on.
     pub posture: Posture,
     /// Mid-plane of the plate above the floor, after a drop from 20 mm, mm.
@@ -87,11 +87,12 @@ pub fn rest(model: &RobotModel, step: f64) -> Result<Rest, ProbeError> {
     for _ in 0..(FALL / step) as usize {
         plant.step([0.0; 2], step)?;
     }
-    plant.settle(step, PATIENCE, STILL)?;
+    let at_rest = plant.settle(step, PATIENCE, STILL)?;
     let loads = plant.legs().map(|legs| legs.map(|leg| leg.floor_force[2])).unwrap_or_default();
     let [xx, xy, xz, yy, yz, zz] = inertia;
     Ok(Rest {
-        posture: Posture::of(rotation(plant.body().orientation).0[2][2]),
+        at_rest,
+        posture: Posture::of(&plant.body()),
         plate_height_mm: plant.body().position[2] * 1e3,
         foot_loads_n: FootLoads { fl: loads[0], fr: loads[1], rl: loads[2], rr: loads[3] },
         mass_g: mass * 1e3,

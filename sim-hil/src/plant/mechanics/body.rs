@@ -37,4 +37,17 @@ impl BodyState {
     pub fn yaw(&self) -> f64 {
         Quaternion::from(self.orientation).heading()
     }
+
+    /// Returns the vertical component of the body's upward axis: 1 upright, 0 on its side, -1 on its back.
+    #[must_use]
+    pub fn upward(&self) -> f64 {
+        let Quaternion { x, y, .. } = Quaternion::from(self.orientation);
+        1.0 - 2.0 * (x * x + y * y)
+    }
+
+    /// Returns whether the body is upright, within 60 degrees.
+    #[must_use]
+    pub fn is_upright(&self) -> bool {
+        self.upward() > 0.5
+    }
 }

@@ -123,11 +123,12 @@ impl Plant {
         [middle + long, middle - long]
     }
 
-    /// Steps until nothing moves faster than `still` J of kinetic energy for 50 ms, at most `seconds` long.
+    /// Steps until nothing moves faster than `still` J of kinetic energy for 50 ms, at most `seconds` long. Returns whether
+    /// it came to that.
     ///
     /// # Errors
     /// If the motion diverges.
-    pub fn settle(&mut self, step: f64, seconds: f64, still: f64) -> Result<(), Diverged> {
+    pub fn settle(&mut self, step: f64, seconds: f64, still: f64) -> Result<bool, Diverged> {
         let quiet = (0.05 / step) as usize;
         let mut calm = 0;
         for i in 0..(seconds / step) as usize {
@@ -135,15 +136,15 @@ impl Plant {
             if i % 16 == 0 {
                 calm = if self.energy().kinetic < still { calm + 16 } else { 0 };
                 if calm > quiet {
-                    break;
+                    return Ok(true);
                 }
             }
         }
-        Ok(())
+        Ok(false)
     }
 
     /// Loads a leg's tip with a steady wrench (world axes) while the body is held and the floor is taken away, and
-    /// waits until it rests. The plant is left there, loaded.
+    /// waits until it rests, at most 5 s. The plant is left there, loaded.
     ///
     /// # Errors
     /// If the motion diverges: the leg cannot bear the load.
@@ -155,7 +156,7 @@ impl Plant {
     ) -> Result<(), Diverged> {
         self.clamp();
         self.set_tip_push(leg, load);
-        self.settle(step, 5.0, 1e-16)
+        self.settle(step, 5.0, 1e-16).map(drop)
     }
 }
 
