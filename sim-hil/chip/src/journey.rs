@@ -1,15 +1,20 @@
 //! What a laboratory does with a robot, by the very `flix` that it would use: provisioned over the serial port, found,
-//! asked, driven over UDP, stopped from outside, given to a second operator and taken from him, forgotten.
+//! asked, driven over UDP by hand and by a command, stopped from outside, given to a second operator and taken from him,
+//! forgotten.
 
 use std::ffi::OsStr;
+use std::fs::File;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
+use rustix::termios::{Winsize, tcsetwinsize};
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::live::{Live, Pace, REACHED_HZ, Watch};
+use crate::live::{Live, Pace, REACHED_HZ, Terminal, Watch};
 use crate::rig::{PATIENCE, Rig, RigError};
 use crate::session::{Hold, MODES, Times, loop_failures};
 
@@ -32,8 +37,15 @@ const NOT_LET_IN: &[i32] = &[10, 20];
 const ROBOT_STOPPED: &[i32] = &[30];
 const NOT_PROVISIONED: &[i32] = &[30];
 const INTERRUPTED: &[i32] = &[40];
-/// The robot's log when it is on its network.
+/// The robot's log when it is on its network, and when it is aligned and armed.
 const CONNECTED: &str = "wi-fi: connected";
+const ARMED: &str = "robot: armed";
+/// Keys of `flix teleop`: arm, the five modes in their order, disarm and leave.
+const ARM: u8 = b'\r';
+const MODE_KEYS: [u8; MODES.len()] = *b"wadqe";
+const LEAVE: u8 = b'\x1b';
+/// The least terminal that `flix teleop` draws on.
+const SCREEN: Winsize = Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 };
 
 /// Why there was no journey.
 #[derive(Debug, thiserror::Error)]
@@ -65,7 +77,7 @@ pub struct Step {
 pub struct Journey {
     /// Every command.
     pub steps: Vec<Step>,
-    /// Setpoints that `flix drive` commanded, against the plant's truth.
+    /// Setpoints that `flix teleop`, then `flix drive` commanded, against the plant's truth.
     pub hold: Vec<Hold>,
     /// From the rotors' first slowing down by `flix stop` to their rest, s of the chip.
     pub stopped_s: Option<f64>,
@@ -89,21 +101,21 @@ struct Desk<'a> {
     progress: &'a dyn Fn(&str),
 }
 
-/// Makes the journey with a robot as it comes from the factory, in the first so many modes.
+/// Makes the journey with a robot as it comes from the factory.
 ///
 /// # Errors
 /// When the emulation or this computer gives up; what `flix` or the robot does wrong is in the journey's failures.
 pub fn travel(
     rig: Rig,
     flix: &Path,
-    (modes, times): (usize, Times),
+    times: Times,
     progress: &dyn Fn(&str),
 ) -> Result<Journey, JourneyError> {
     let home = std::env::temp_dir().join(format!("flix-journey-{}", std::process::id()));
     std::fs::create_dir_all(&home).map_err(system(home.display()))?;
     let live = Live::new(rig).map_err(system("terminal and socket of the robot"))?;
     let mut desk = Desk { live, flix, home, journey: Journey::default(), progress };
-    let result = desk.travel(modes, times);
+    let result = desk.travel(times);
     // Keys of a robot that is no more.
     let _ = std::fs::remove_dir_all(&desk.home);
     result?;
@@ -125,7 +137,7 @@ pub fn travel(
 }
 
 impl Desk<'_> {
-    fn travel(&mut self, modes: usize, times: Times) -> Result<(), JourneyError> {
+    fn travel(&mut self, times: Times) -> Result<(), JourneyError> {
         let mut provision = vec!["provision", "--ssid", "lab", "--open", "--name", ROBOT];
         let fixed = format!("{}/24", self.live.address());
         if !self.live.is_announced {
@@ -155,9 +167,8 @@ impl Desk<'_> {
         let is_listed = listed.as_array().is_some_and(|list| list.iter().any(is_set));
         self.expect(is_listed, "parameters", &listed);
         self.live.rig.watch();
-        for (_, f_hz, theta_deg) in MODES.into_iter().take(modes) {
-            self.drive((f_hz, theta_deg), times)?;
-        }
+        self.teleop(times)?;
+        self.drive(times)?;
         self.stop()?;
         self.second_operator()?;
         self.serial(&["provision", "--forget"], DONE, "flix provision")?;
@@ -166,16 +177,50 @@ impl Desk<'_> {
         Ok(())
     }
 
-    /// Drives with one setpoint until it is measured.
-    fn drive(&mut self, asked: (f64, f64), times: Times) -> Result<(), JourneyError> {
+    /// Drives by hand in one session: arms, which aligns first, walks in the five modes, of which two are reached by a
+    /// reversal, and disarms.
+    fn teleop(&mut self, times: Times) -> Result<(), JourneyError> {
+        let (child, mut keys, shown) = self.start_at_a_terminal(["teleop", ROBOT])?;
+        let mut press = |key| keys.write_all(&[key]).map_err(system("terminal of `flix teleop`"));
+        self.until(|_| shown.try_recv().is_ok())?;
+        let from = self.live.rig.serial.len();
+        press(ARM)?;
+        self.until_log(from, ARMED)?;
+        for ((_, f_hz, theta_deg), key) in MODES.into_iter().zip(MODE_KEYS) {
+            self.watch((f_hz, theta_deg), times)?;
+            press(key)?;
+            self.measure((f_hz, theta_deg))?;
+        }
+        press(LEAVE)?;
+        self.end(format!("teleop {ROBOT}"), child, DONE)?;
+        let status = self.flix(&["status", ROBOT, "--json"], DONE)?;
+        let is_well = status["state"] == "disarmed" && status["stopped"] == false;
+        self.expect(is_well, "status after teleop", &status);
+        Ok(())
+    }
+
+    fn watch(&mut self, asked: (f64, f64), times: Times) -> Result<(), JourneyError> {
         let limit = SETTING[1].parse().unwrap_or(0.0);
         self.live.watch = Some(Watch::new(asked, times, limit)?);
-        let child = self.start_driving(asked)?;
+        Ok(())
+    }
+
+    /// Goes on until what is watched is measured.
+    fn measure(&mut self, asked: (f64, f64)) -> Result<(), JourneyError> {
         self.until(|live| live.watch.as_ref().is_none_or(|watch| watch.hold.is_some()))?;
         match self.live.watch.take().and_then(|watch| watch.hold) {
             Some(hold) => self.journey.hold.push(hold),
             None => self.fail(format!("{asked:?} is never reached and held")),
         }
+        Ok(())
+    }
+
+    /// Drives with one setpoint until it is measured.
+    fn drive(&mut self, times: Times) -> Result<(), JourneyError> {
+        let (_, f_hz, theta_deg) = MODES[0];
+        self.watch((f_hz, theta_deg), times)?;
+        let child = self.start_driving((f_hz, theta_deg))?;
+        self.measure((f_hz, theta_deg))?;
         // It stops the robot before it ends.
         let _ = rustix::process::kill_process(
             rustix::process::Pid::from_child(&child),
@@ -249,7 +294,12 @@ impl Desk<'_> {
         let port = self.live.port.to_string_lossy().into_owned();
         let child = self.start(arguments.iter().copied().chain(["--port", &port]))?;
         self.end(arguments.join(" "), child, exits)?;
-        self.until(|live| String::from_utf8_lossy(&live.rig.serial[from..]).contains(then))
+        self.until_log(from, then)
+    }
+
+    /// Goes on until the robot's log says `text` after its first `from` bytes.
+    fn until_log(&mut self, from: usize, text: &str) -> Result<(), JourneyError> {
+        self.until(|live| String::from_utf8_lossy(&live.rig.serial[from..]).contains(text))
     }
 
     /// Lets `flix` do something over the network, and returns the JSON that it prints, if it does.
@@ -263,15 +313,42 @@ impl Desk<'_> {
         &self,
         arguments: impl IntoIterator<Item = impl AsRef<OsStr>>,
     ) -> Result<Child, JourneyError> {
-        Command::new(self.flix)
-            .args(arguments)
-            .env("HOME", &self.home)
-            .env("XDG_CONFIG_HOME", &self.home)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .map_err(system(self.flix.display()))
+        let mut command = self.command(arguments);
+        command.stdin(Stdio::null()).stdout(Stdio::piped());
+        command.spawn().map_err(system(self.flix.display()))
+    }
+
+    fn command(&self, arguments: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Command {
+        let mut command = Command::new(self.flix);
+        command.args(arguments).env("HOME", &self.home).env("XDG_CONFIG_HOME", &self.home);
+        command.stderr(Stdio::piped());
+        command
+    }
+
+    /// Starts a program at a terminal; returns it, its keyboard, and what is sent something once its screen is drawn.
+    fn start_at_a_terminal<const N: usize>(
+        &self,
+        arguments: [&str; N],
+    ) -> Result<(Child, File, Receiver<()>), JourneyError> {
+        let open = || -> std::io::Result<(Child, File, Receiver<()>)> {
+            let Terminal { near, far, .. } = Terminal::open()?;
+            tcsetwinsize(&near, SCREEN)?;
+            let keys = File::from(near);
+            let mut screen = keys.try_clone()?;
+            let mut command = self.command(arguments);
+            command.env("TERM", "xterm").stdin(far.try_clone()?).stdout(far);
+            let child = command.spawn()?;
+            let (drawn, shown) = channel();
+            std::thread::spawn(move || {
+                let mut bytes = [0; 4096];
+                // A terminal whose program has ended is an error to read.
+                while let Ok(1..) = screen.read(&mut bytes) {
+                    let _ = drawn.send(());
+                }
+            });
+            Ok((child, keys, shown))
+        };
+        open().map_err(system(self.flix.display()))
     }
 
     /// Goes on until a program ends.

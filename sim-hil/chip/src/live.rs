@@ -121,12 +121,7 @@ impl Live {
     /// # Errors
     /// When there is no pseudo-terminal or no socket to be had.
     pub fn new(mut rig: Rig) -> std::io::Result<Self> {
-        let terminal = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
-        grantpt(&terminal)?;
-        unlockpt(&terminal)?;
-        let name = ptsname(&terminal, Vec::new())?;
-        let port = Path::new(&*name.to_string_lossy()).to_path_buf();
-        let other_end = rustix::fs::open(&port, OFlags::RDWR | OFlags::NOCTTY, Mode::empty())?;
+        let Terminal { near: terminal, far: other_end, port } = Terminal::open()?;
         let mut modes = tcgetattr(&other_end)?;
         modes.make_raw();
         tcsetattr(&other_end, OptionalActions::Now, &modes)?;
@@ -234,6 +229,29 @@ impl Live {
         let fresh = std::mem::take(&mut self.rig.fresh_serial);
         // What does not fit is lost, as on a wire without flow control.
         let _ = rustix::io::write(&self.terminal, &fresh);
+    }
+}
+
+/// A pseudo-terminal.
+pub(crate) struct Terminal {
+    /// The side of whoever types and reads here.
+    pub(crate) near: OwnedFd,
+    /// The side of a program.
+    pub(crate) far: OwnedFd,
+    /// Its name.
+    pub(crate) port: PathBuf,
+}
+
+impl Terminal {
+    pub(crate) fn open() -> std::io::Result<Self> {
+        let near = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
+        grantpt(&near)?;
+        unlockpt(&near)?;
+        let name = ptsname(&near, Vec::new())?;
+        let port = Path::new(&*name.to_string_lossy()).to_path_buf();
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
+        let far = rustix::fs::open(&port, flags, Mode::empty())?;
+        Ok(Self { near, far, port })
     }
 }
 

@@ -95,8 +95,6 @@ const RADIO_PRIORITY: u32 = 1;
 /// To approach each setpoint, and to measure it; the same in short.
 const TIMES: [Duration; 2] = [Duration::from_secs(4), Duration::from_secs(1)];
 const QUICK_TIMES: [Duration; 2] = [Duration::from_secs(1), Duration::from_millis(300)];
-/// Modes of the journey in the short form.
-const QUICK_MODES: usize = 1;
 /// Every so many flash operations power is cut in the short form.
 const QUICK_STRIDE: usize = 32;
 
@@ -181,9 +179,8 @@ fn run(cli: &Cli) -> Result<bool, Error> {
         }
     }
     if cli.runs(Part::Journey) {
-        let modes = if cli.quick { QUICK_MODES } else { usize::MAX };
         let rig = Rig::new(image, encoder, cli.seed);
-        match travel(rig, &cli.flix(), (modes, cli.times()), &progress) {
+        match travel(rig, &cli.flix(), cli.times(), &progress) {
             Ok(mut journey) => {
                 verdict.failures.append(&mut journey.failures);
                 verdict.journey = Some(journey);
