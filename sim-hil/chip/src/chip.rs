@@ -9,7 +9,7 @@ use crate::block::watchdog::Action;
 use crate::cpu::{Cpu, Exit, MSTATUS_MIE};
 use crate::fault::{Fault, Trouble};
 use crate::image::{Image, programmed_flash};
-use crate::memory::{Memory, PAINT};
+use crate::memory::{BOOT_LOADER, Memory, PAINT};
 use crate::network::Network;
 use crate::radio::{self, Radio};
 use crate::rom::{self, Outcome, Rom};
@@ -139,6 +139,10 @@ impl<O: Outside> Chip<O> {
         }
         self.soc.reset(now, reason.code());
         self.radio.reset();
+        // The boot loader has been there; its memory is nothing that a program starts with.
+        if let Some(memory) = self.soc.memory.bytes_mut(BOOT_LOADER.start, BOOT_LOADER.len()) {
+            memory.fill(PAINT);
+        }
         for segment in &self.image.segments {
             let (at, data) = (segment.address, &segment.data[..]);
             if let Some(memory) = self.soc.memory.bytes_mut(at, data.len()) {
@@ -464,11 +468,13 @@ impl<O: Outside> Chip<O> {
         bytes.map_or(0, |bytes| untouched(bytes) as u32)
     }
 
-    /// Longest run of zeros in `length` bytes from `start` on.
+    /// Longest run in `length` bytes from `start` on of what was there when the image started: zeros, or what the boot
+    /// loader left.
     #[must_use]
-    pub fn longest_zeros(&self, start: u32, length: u32) -> u32 {
+    pub fn longest_untouched(&self, start: u32, length: u32) -> u32 {
+        let before = if BOOT_LOADER.contains(&start) { PAINT } else { 0 };
         let bytes = self.soc.memory.bytes(start, length as usize).unwrap_or_default();
-        bytes.split(|byte| *byte != 0).map(<[u8]>::len).max().unwrap_or(0) as u32
+        bytes.split(|byte| *byte != before).map(<[u8]>::len).max().unwrap_or(0) as u32
     }
 
     /// Returns where the next interrupt or frame would come, for whoever paces the chip; cycles.

@@ -1,4 +1,5 @@
-//! How much of the main stack and of the heap was never used: memory is painted at power-on, and the heap starts as zeros.
+//! How much of the main stack and of the heap was never used: memory is painted at power-on, what the boot loader leaves
+//! likewise, and the part of the heap that is not reclaimed from it starts as zeros.
 //!
 //! Of the heap this is what the program itself takes: the radio's closed library, which is not executed here, takes some
 //! 50 KiB more.
@@ -8,6 +9,8 @@ use serde::Serialize;
 use crate::chip::Chip;
 use crate::soc::Outside;
 
+/// A region of the heap is no smaller, bytes.
+const LEAST_HEAP: u32 = 1_024;
 /// Less must not be left, bytes.
 const LEAST_LEFT: u32 = 4_096;
 
@@ -18,9 +21,9 @@ pub struct Memory {
     pub stack: u32,
     /// Never written.
     pub stack_left: u32,
-    /// The heap.
+    /// The heap, in all its regions.
     pub heap: u32,
-    /// Its longest part that has never been written.
+    /// The longest part of each region that has never been written.
     pub heap_left: u32,
 }
 
@@ -33,13 +36,16 @@ impl Memory {
         // Above the word that guards the end.
         let (bottom, top) = (at("__stack_chk_guard") + 4, at("_stack_start"));
         // Every item's name ends with a hash; the allocator's own table has the same name and few bytes.
-        let heaps = image.find_all(|name| name.contains("4HEAP"));
-        let (start, heap) = heaps.max_by_key(|(_, size)| *size).unwrap_or((0, 0));
+        let is_heap = |(_, size): &(u32, u32)| *size >= LEAST_HEAP;
+        let heaps: Vec<_> = image.find_all(|name| name.contains("4HEAP")).filter(is_heap).collect();
         Self {
             stack: top.saturating_sub(bottom),
             stack_left: chip.untouched(bottom, top),
-            heap,
-            heap_left: chip.longest_zeros(start, heap),
+            heap: heaps.iter().map(|(_, size)| size).sum(),
+            heap_left: heaps
+                .iter()
+                .map(|(start, size)| chip.longest_untouched(*start, *size))
+                .sum(),
         }
     }
 

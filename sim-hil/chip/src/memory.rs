@@ -4,6 +4,8 @@
 pub(crate) const RAM: u32 = 0x4080_0000;
 /// 512 KiB.
 pub(crate) const RAM_BYTES: usize = 0x8_0000;
+/// What the boot loader uses of it, from its code on (esp-hal 1.2, `ld/esp32c6/memory.x`): a program may have it later.
+pub(crate) const BOOT_LOADER: std::ops::Range<u32> = 0x4086_E610..0x4087_E610;
 /// Where flash is mapped, executed and read.
 pub(crate) const FLASH: u32 = 0x4200_0000;
 /// As much of it as a flash of 4 MiB fills.
@@ -17,7 +19,7 @@ pub(crate) const RADIO: u32 = 0x40A0_0000;
 /// Enough for its receive buffers.
 pub(crate) const RADIO_BYTES: usize = 0x2_0000;
 
-/// What fills memory at power-on, to be found again where nothing wrote.
+/// What fills memory at power-on, and what the boot loader leaves of its own, to be found again where nothing wrote.
 pub(crate) const PAINT: u8 = 0xA5;
 
 /// All of them.

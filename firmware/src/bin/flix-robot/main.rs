@@ -58,8 +58,11 @@ use shared::Shared;
 
 esp_bootloader_esp_idf::esp_app_desc!();
 
-/// What Wi-Fi may allocate. The driver takes some 50 KiB connected; the rest is for bursts.
-const HEAP_BYTES: usize = 72 * 1024;
+/// What Wi-Fi may allocate: memory that the boot loader no longer needs, as much as every chip has of it, and some more.
+/// The driver takes some 50 KiB connected; the rest is for bursts.
+const RECLAIMED_HEAP_BYTES: usize = 64 * 1024;
+/// See [`RECLAIMED_HEAP_BYTES`].
+const MORE_HEAP_BYTES: usize = 16 * 1024;
 /// From one line to the next of a chip that is refused: the watchdog waits for 600.
 const REFUSAL_MILLISECONDS: u64 = 300;
 /// Sockets: the network task's, and DHCP's.
@@ -75,7 +78,8 @@ async fn main(spawner: Spawner) {
     let parts = chip::share_out(esp_hal::init(clocks));
     watchdog::start(parts.low_power);
     chip::enable_interrupts();
-    esp_alloc::heap_allocator!(size: HEAP_BYTES);
+    esp_alloc::heap_allocator!(#[esp_hal::ram(reclaimed)] size: RECLAIMED_HEAP_BYTES);
+    esp_alloc::heap_allocator!(size: MORE_HEAP_BYTES);
     chip::reset_on_brown_out();
     let reset = watchdog::reason();
     announce(&reset);

@@ -14,6 +14,7 @@ use esp_radio::wifi::{
 use flix_firmware::neighbours::Guarded;
 use flix_protocol::provision::Provisioning;
 
+use crate::chip;
 use crate::log::log;
 
 /// Wait after the first failed attempt; doubled after each further one.
@@ -94,6 +95,9 @@ pub(crate) async fn stay_connected(
             log!("wi-fi: connected to {}", provisioning.network());
             let heap = esp_alloc::HEAP.stats();
             log!("heap: {} of {} bytes used at most", heap.max_usage, heap.size);
+            if let Some([unused, bytes]) = chip::unused_stack() {
+                log!("stack of core 1: {unused} of {bytes} bytes never used");
+            }
             let since = Instant::now();
             watch(&mut controller).await;
             log!("wi-fi: lost");

@@ -1,5 +1,8 @@
 //! What the ESP32 and the ESP32-S3 have in common: core 1 belongs to the fast loop.
 
+use core::ptr::NonNull;
+use core::sync::atomic::{AtomicPtr, Ordering};
+
 use esp_hal::Blocking;
 use esp_hal::analog::adc::{Adc, AdcChannel, AdcConfig, AdcPin, Attenuation};
 use esp_hal::i2c::master::{Config, I2c, SoftwareTimeout};
@@ -27,6 +30,12 @@ use crate::log::log;
 
 /// Stack of core 1: the fast loop and the encoders; interrupts nest three deep at most.
 const STACK_BYTES: usize = 12 * 1024;
+/// What fills it before the core starts, to be found again where nothing wrote.
+const STACK_PAINT: u8 = 0xA5;
+/// Its lowest bytes, among them the HAL's guard (esp-hal 1.2, `stack-guard-offset`).
+const STACK_GUARD_BYTES: usize = 64;
+/// Its lowest address, once it is painted.
+static STACK_BOTTOM: AtomicPtr<u8> = AtomicPtr::new(core::ptr::null_mut());
 /// Fastest clock of the AS5600.
 const I2C_CLOCK: Rate = Rate::from_mhz(1);
 /// Clock of a bus whose pull-ups are too weak for that.
@@ -78,11 +87,24 @@ pub(crate) fn start_fast_loop(
         start(electronics, encoders, timers, software_interrupt);
         read_i2c_for_ever(i2c)
     };
-    match CpuControl::new(core).start_app_core(STACK.init_with(Stack::new), work) {
+    let stack = STACK.init_with(Stack::new);
+    stack.mem.write([STACK_PAINT; STACK_BYTES]);
+    STACK_BOTTOM.store(stack.mem.as_mut_ptr().cast(), Ordering::Release);
+    match CpuControl::new(core).start_app_core(stack, work) {
         // Dropping it would park the core.
         Ok(guard) => core::mem::forget(guard),
         Err(error) => log!("core 1 does not start: {error:?}"),
     }
+}
+
+/// Returns how many bytes of core 1's stack were never used, and how many it has; `None` before it starts.
+#[expect(unsafe_code, reason = "a stack is looked at while its core uses it")]
+pub(crate) fn unused_stack() -> Option<[usize; 2]> {
+    let bottom = NonNull::new(STACK_BOTTOM.load(Ordering::Acquire))?;
+    // SAFETY: the index is within the stack, which lives for ever; every value of a byte is one.
+    let is_painted = |index: &usize| unsafe { bottom.add(*index).read_volatile() } == STACK_PAINT;
+    let unused = (STACK_GUARD_BYTES..STACK_BYTES).take_while(is_painted).count();
+    Some([unused, STACK_BYTES])
 }
 
 /// Bridges and converter.

@@ -66,6 +66,11 @@ pub(crate) fn start_fast_loop(
     start(electronics, encoders, parts.timers, parts.software_interrupt);
 }
 
+/// There is no second stack.
+pub(crate) const fn unused_stack() -> Option<[usize; 2]> {
+    None
+}
+
 /// Bridges and converters.
 pub(crate) struct Electronics {
     /// Both bridges.
