@@ -45,7 +45,7 @@ pub(crate) struct Args {
     /// Print JSON.
     #[arg(long)]
     json: bool,
-    /// Run these parts alone: session, network, restarts, power, journey.
+    /// Run these parts alone: session, network, restarts, power, journey, other.
     #[arg(long, value_delimiter = ',', num_args = 1..)]
     part: Vec<String>,
     /// Serve the robot to `flix` and other programs of this computer, at most in real time, until Ctrl-C.
@@ -65,16 +65,22 @@ pub(crate) struct Args {
 impl Args {
     /// Whether the session of another image is run, too.
     fn runs_other(&self) -> bool {
-        let is_session = self.part.is_empty() || self.part.iter().any(|part| part == "session");
-        is_session && self.image.is_none() && self.encoder.is_none() && !self.live
+        let is_wanted = self.part.is_empty() || self.part.iter().any(|part| part == OTHER);
+        is_wanted && self.image.is_none() && self.encoder.is_none() && !self.live
     }
 }
 
-/// Builds the image with the other encoders and a battery divider; it lies beside the one that is built next.
+/// The part in which the image with the other encoders is run.
+const OTHER: &str = "other";
+
+/// Chooses the other encoders and a battery divider.
+fn other_options() -> Options {
+    Options { encoder: Some("as5047p".into()), battery_divider: true, ..Options::default() }
+}
+
+/// Builds the other image; it lies beside the one that is built next.
 fn other_image() -> Result<PathBuf, Error> {
-    let options =
-        Options { encoder: Some("as5047p".into()), battery_divider: true, ..Options::default() };
-    let built = toolchain::build_silently(Chip::Esp32c6, &options)?;
+    let built = toolchain::build_silently(Chip::Esp32c6, &other_options())?;
     let kept = built.with_file_name("flix-robot-other");
     run::write(&kept, run::read(&built)?)?;
     Ok(kept)

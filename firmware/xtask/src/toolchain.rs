@@ -149,19 +149,21 @@ pub(crate) fn build(chip: Chip, options: &Options) -> Result<PathBuf, Error> {
 
 /// Does so and prints nothing on the standard output.
 pub(crate) fn build_silently(chip: Chip, options: &Options) -> Result<PathBuf, Error> {
-    build_copy(chip, options, &run::root(), &run::target_directory())
+    build_copy(chip, options, &run::root(), &run::target_directory(), &[])
 }
 
-/// Does so in a copy of the repository, with a target folder of its own.
+/// Does so in a copy of the repository, with a target folder and cargo's settings (as variables) of its own.
 pub(crate) fn build_copy(
     chip: Chip,
     options: &Options,
     source: &Path,
     target: &Path,
+    settings: &[(&str, &str)],
 ) -> Result<PathBuf, Error> {
     let mut command = for_chip(chip, "build")?;
     choose(&mut command, chip, options);
-    run::run(command.current_dir(source).env("CARGO_TARGET_DIR", target))?;
+    command.current_dir(source).env("CARGO_TARGET_DIR", target).envs(settings.iter().copied());
+    run::run(&mut command)?;
     Ok(target.join(chip.target()).join(PROFILE).join("flix-robot"))
 }
 

@@ -4,11 +4,12 @@ use std::time::Duration;
 
 use crate::block::CYCLES_PER_SECOND;
 use crate::block::flash::Flash;
+use crate::block::interrupt::source;
 use crate::block::mcpwm::Wave;
 use crate::block::watchdog::Action;
 use crate::cpu::{Cpu, Exit, MSTATUS_MIE};
 use crate::fault::{Fault, Trouble};
-use crate::image::{Image, programmed_flash};
+use crate::image::{Image, STORE, programmed_flash};
 use crate::memory::{BOOT_LOADER, Memory, PAINT};
 use crate::network::Network;
 use crate::radio::{self, Radio};
@@ -61,6 +62,8 @@ pub enum Stop {
 pub const BOOT_TIME: Duration = Duration::from_millis(300);
 /// Cycles between two looks at the network when nothing else happens.
 const NETWORK_CYCLES: u64 = CYCLES_PER_SECOND / 4_000;
+/// The software interrupt of the fast loop's executor.
+const EXECUTOR: u32 = 2;
 /// A run without a single look at interrupts is no longer than this.
 const SLICE_CYCLES: u64 = CYCLES_PER_SECOND / 10_000;
 
@@ -299,7 +302,7 @@ impl<O: Outside> Chip<O> {
     #[must_use]
     pub fn is_in(&self, place: Place) -> bool {
         let threshold = self.soc.interrupts.threshold();
-        let fast = self.soc.interrupts.priority_of(crate::block::interrupt::source::MCPWM);
+        let fast = self.soc.interrupts.priority_of(source::MCPWM);
         let works = !self.waits && !self.radio.is_calling();
         let fed = self.soc.watchdog.fed_at.map(|at| self.cpu.cycles - at);
         match place {
@@ -394,7 +397,9 @@ impl<O: Outside> Chip<O> {
         let sentence = |(what, finding): (&String, &Finding)| {
             format!("{what}, {} times, first at {}", finding.count, self.image.place(finding.pc))
         };
-        self.soc.findings.iter().map(sentence).collect()
+        let strays = self.soc.flash.touched().filter(|at| !STORE.contains(at));
+        let stray = |at| format!("flash is changed at {at:#x}, outside of its partition");
+        self.soc.findings.iter().map(sentence).chain(strays.map(stray)).collect()
     }
 
     /// Functions of the last jumps, for the report of a fault.
@@ -426,14 +431,22 @@ impl<O: Outside> Chip<O> {
             serial_lost: self.soc.uart.lost,
             transfers: self.soc.spi.transfers,
             transmit_power_dbm: self.radio.transmit_power(),
+            radio_sleeps: self.radio.sleeps(),
             longest_radio_call_cycles: self.radio.longest_call,
             frames_dropped: self.radio.overruns,
             fast_watchdog_is_on: self.soc.timers[1].watchdog_is_on(),
             slow_watchdog_is_on: self.soc.watchdog.is_on(),
-            fast_loop_priority: self
+            fast_loop_priority: [source::MCPWM, source::FROM_CPU + EXECUTOR]
+                .map(|source| self.soc.interrupts.priority_of(source))
+                .into_iter()
+                .min()
+                .unwrap_or(0),
+            slow_watchdog_after_cycles: self
                 .soc
-                .interrupts
-                .priority_of(crate::block::interrupt::source::MCPWM),
+                .watchdog
+                .on_since()
+                .map(|at| at.saturating_sub(self.started)),
+            duties_taken_over_elsewhere: self.soc.mcpwm.is_taken_over_elsewhere,
         }
     }
 
@@ -540,6 +553,8 @@ pub struct Counters {
     pub serial_lost: u64,
     /// SPI transfers.
     pub transfers: u64,
+    /// Whether the radio sleeps between beacons, as it does unless the image asks for the contrary.
+    pub radio_sleeps: bool,
     /// Transmit power that the image asked for.
     pub transmit_power_dbm: Option<f64>,
     /// Longest call of the image by the radio library.
@@ -550,8 +565,12 @@ pub struct Counters {
     pub fast_watchdog_is_on: bool,
     /// Whether the low-power side's is.
     pub slow_watchdog_is_on: bool,
-    /// Priority of the fast loop's timer.
+    /// Priority of the fast loop: the lower one of its tick's and its executor's.
     pub fast_loop_priority: u32,
+    /// From the image's start to the start of the tasks' watchdog.
+    pub slow_watchdog_after_cycles: Option<u64>,
+    /// Whether a duty was ever to be taken over elsewhere than at the counter's peak.
+    pub duties_taken_over_elsewhere: bool,
 }
 
 /// Cycles of 160 MHz in a time.

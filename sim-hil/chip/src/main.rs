@@ -8,8 +8,9 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use clap::{Parser, ValueEnum};
+use flix_chip::CYCLES_PER_SECOND;
 use flix_chip::air::{self, Air};
-use flix_chip::chip::ResetReason;
+use flix_chip::chip::{ResetReason, cycles};
 use flix_chip::image::{Image, ImageError};
 use flix_chip::journey::{Journey, JourneyError, travel};
 use flix_chip::live::Live;
@@ -67,6 +68,8 @@ enum Part {
     Restarts,
     /// Power lost in flash operations of provisioning and of a settings save.
     Power,
+    /// The session, in short, of the image given with --other.
+    Other,
     /// The real `flix` over a pseudo-terminal and UDP: provision, discover, status, parameters, drive, stop, revoke, forget.
     Journey,
 }
@@ -92,6 +95,8 @@ impl Cli {
 const LEAST_TRANSMIT_DBM: f64 = 10.0;
 /// Interrupts of the radio and the scheduler (esp-radio, esp-rtos).
 const RADIO_PRIORITY: u32 = 1;
+/// Nothing may hang before the tasks' watchdog is started.
+const LATEST_WATCHDOG: Duration = Duration::from_millis(10);
 /// To approach each setpoint, and to measure it; the same in short.
 const TIMES: [Duration; 2] = [Duration::from_secs(4), Duration::from_secs(1)];
 const QUICK_TIMES: [Duration; 2] = [Duration::from_secs(1), Duration::from_millis(300)];
@@ -188,7 +193,7 @@ fn run(cli: &Cli) -> Result<bool, Error> {
             Err(error) => verdict.failures.push(format!("journey: {error}")),
         }
     }
-    if let Some(path) = &cli.other {
+    if let Some(path) = cli.other.as_ref().filter(|_| cli.runs(Part::Other)) {
         progress("the image with other encoders and a battery divider");
         match try_other(Rig::new(read(path)?, EncoderKind::As5047p, cli.seed)) {
             Ok((other, failures)) => {
@@ -269,6 +274,15 @@ fn try_robot(cli: &Cli, rig: &mut Rig, verdict: &mut Verdict) -> Result<(), RigE
     if priority <= RADIO_PRIORITY {
         let sentence = "the fast loop's interrupt is not above the radio's: priority";
         verdict.failures.push(format!("{sentence} {priority}"));
+    }
+    let counters = rig.chip.counters();
+    let watched = counters.slow_watchdog_after_cycles;
+    if watched.is_none_or(|after| after > cycles(LATEST_WATCHDOG)) {
+        let us = watched.map(|after| after * 1_000_000 / CYCLES_PER_SECOND);
+        verdict.failures.push(format!("the tasks' watchdog starts after {us:?} us"));
+    }
+    if counters.radio_sleeps {
+        verdict.failures.push("the radio sleeps between beacons".to_owned());
     }
     if cli.runs(Part::Session) {
         let report = drive(rig, cli.times(), &progress)?;

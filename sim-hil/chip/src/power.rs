@@ -7,6 +7,7 @@ use flix_protocol::provision::{Answer, Request};
 use flix_protocol::session::Key;
 use serde::Serialize;
 
+use crate::chip::ResetReason;
 use crate::flash::{Flash, Operation};
 use crate::image::Image;
 use crate::rig::{Rig, RigError};
@@ -65,6 +66,11 @@ impl Subject<'_> {
     ) -> Result<Flash, RigError> {
         let mut rig = self.start(before.clone());
         let acknowledged = work(&mut rig)?;
+        self.cuts.failures.extend(rig.findings());
+        let unasked = rig.resets.iter().filter(|(_, reason)| *reason != ResetReason::Software);
+        let sentence =
+            |(at, reason): &(_, _)| format!("{what}: a reset by {reason:?} after {at:?}");
+        self.cuts.failures.extend(unasked.map(sentence));
         let operations: Vec<Operation> = rig.chip.flash().operations().to_vec();
         for number in (0..operations.len()).step_by(self.stride.max(1)) {
             let of = operations.len();
@@ -115,9 +121,14 @@ pub fn cut_all(
     let [first, second] = KEYS;
     let provisioned =
         subject.cut("provisioning", &empty, provision(first), |rig| key_of(rig, None, first))?;
-    subject.cut("provisioning anew", &provisioned, provision(second), |rig| {
+    let renewed = subject.cut("provisioning anew", &provisioned, provision(second), |rig| {
         key_of(rig, Some(first), second)
     })?;
+    let holds = |key: [u8; 32]| renewed.cells().windows(key.len()).any(|bytes| bytes == key);
+    if holds(first) || !holds(second) {
+        let sentence = "of the former and the new key flash is to hold the new one alone";
+        subject.cuts.failures.push(sentence.to_owned());
+    }
     // A handful.
     subject.stride = 1;
     subject.cut("saving settings", &provisioned, save_settings, setting_of)?;

@@ -25,6 +25,9 @@ const _: () = assert!(EVENT_DATA as usize + EVENT_BYTES <= RADIO as usize + RADI
 const CALL_CYCLES: u64 = 200;
 /// Priority of interrupts that run the library's tasks: its calls of the image keep these out, and let higher ones in.
 const OWN_PRIORITY: u32 = 1;
+/// Modes of saving power: none, and what the library starts with (ESP-IDF, `wifi_ps_type_t`).
+const NO_SLEEP: u32 = 0;
+const LEAST_SLEEP: u32 = 1;
 /// Received power, dBm.
 const SIGNAL_DBM: i32 = -42;
 
@@ -88,6 +91,7 @@ pub(crate) struct Radio {
     sent_receiver: u32,
     mode: u32,
     transmit_power: Option<i8>,
+    power_saving: u32,
     is_connected: bool,
     calls: VecDeque<Call>,
     interrupted: Option<Interrupted>,
@@ -114,6 +118,7 @@ impl Radio {
             sent_receiver: 0,
             mode: 0,
             transmit_power: None,
+            power_saving: LEAST_SLEEP,
             is_connected: false,
             calls: VecDeque::new(),
             interrupted: None,
@@ -137,6 +142,11 @@ impl Radio {
         self.transmit_power.map(|quarters| f64::from(quarters) / 4.0)
     }
 
+    /// Returns whether it sleeps between beacons.
+    pub(crate) fn sleeps(&self) -> bool {
+        self.power_saving != NO_SLEEP
+    }
+
     /// Does a function of the library.
     pub(crate) fn call<O: Outside>(
         &mut self,
@@ -157,6 +167,7 @@ impl Radio {
                 soc.memory.store(argument(0), self.mode, 4).ok_or_else(beyond)?;
             }
             "esp_wifi_set_max_tx_power" => self.transmit_power = Some(argument(0) as i8),
+            "esp_wifi_set_ps" => self.power_saving = argument(0),
             "esp_wifi_set_tx_done_cb" => self.sent_receiver = argument(0),
             "esp_wifi_internal_reg_rxcb" if argument(0) == 0 => self.frame_receiver = argument(1),
             "esp_wifi_sta_get_rssi" => {

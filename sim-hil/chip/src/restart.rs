@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
-use flix_protocol::message::{Command, Outcome};
+use flix_protocol::message::{Command, Outcome, ParameterCommand, State};
 use serde::Serialize;
 
 use crate::chip::{Place, cycles};
+use crate::flash::Operation;
 use crate::rig::{Rig, RigError};
 
 /// From a hang or panic to the first instruction of the program that starts anew.
@@ -14,6 +15,8 @@ pub const LIMIT: Duration = Duration::from_secs(1);
 const LOOK_CYCLES: u64 = 50;
 /// A step of the plant and more; the program that starts anew has touched no pin by then.
 const MOMENT: Duration = Duration::from_millis(1);
+/// The store has room for fewer copies of the settings.
+const SAVES: usize = 200;
 /// By then the place has been found.
 const SEARCH: Duration = Duration::from_secs(2);
 
@@ -72,6 +75,23 @@ pub fn try_all(rig: &mut Rig, progress: &dyn Fn(&str)) -> Result<Vec<Restart>, R
         .collect()
 }
 
+/// Saves the settings until a sector is erased for them, for which the fast loop's watchdog waits; then no longer.
+fn erase(rig: &mut Rig) -> Result<(), RigError> {
+    rig.await_state(&[State::Disarmed])?;
+    let from = rig.chip.flash().operations().len();
+    for _ in 0..SAVES {
+        match rig.ask(Command::Parameter(ParameterCommand::Save))? {
+            Outcome::Refused(refusal) => return Err(RigError::Refused(refusal)),
+            _ => rig.run(MOMENT)?,
+        }
+        let fresh = &rig.chip.flash().operations()[from..];
+        if fresh.iter().any(|operation| matches!(operation, Operation::Erase { .. })) {
+            return Ok(());
+        }
+    }
+    Err(RigError::TooLate { awaited: "erasure of a sector" })
+}
+
 fn happen(
     rig: &mut Rig,
     accident: Accident,
@@ -84,6 +104,9 @@ fn happen(
         rig.chip.power_on();
     } else {
         rig.connect()?;
+        if (accident, place) == (Accident::Hang, Place::Loop) {
+            erase(rig)?;
+        }
         rig.arm()?;
     }
     let end = rig.chip.cycles() + cycles(SEARCH);

@@ -577,6 +577,20 @@ impl Rig {
             .all(|pin| self.chip.output(pin).is_none_or(|wave| wave.share == 0.0))
     }
 
+    /// Returns whether all phases' pins are low.
+    pub fn is_low(&mut self) -> bool {
+        let phases = Robot::bridge_pins().map(|(phases, _)| phases);
+        let is_low = |pin| {
+            self.chip.output(pin).is_some_and(|wave| wave.hertz.is_finite() && wave.share == 0.0)
+        };
+        phases.into_iter().flatten().all(is_low)
+    }
+
+    /// Returns the share of the time that the light is on now: 0 or 1.
+    pub fn light(&mut self) -> f64 {
+        self.chip.output(Robot::light_pin()).map_or(0.0, |wave| wave.share)
+    }
+
     /// Returns whether a motor was driven at the last step's end.
     #[must_use]
     pub fn is_driven(&self) -> bool {

@@ -85,6 +85,12 @@ impl Robot {
         BOARD.bridges.map(|bridge| (bridge.phases.map(u32::from), bridge.enable.map(u32::from)))
     }
 
+    /// Pin of the status light.
+    #[must_use]
+    pub fn light_pin() -> u32 {
+        BOARD.status_led.into()
+    }
+
     /// Moves for [`STEP_CYCLES`] from `cycles` on, under what the pins do then: phases and enable of each bridge, `None`
     /// where nothing drives a pin. A bridge whose enable is not driven is off, as is an input that is not driven low.
     ///

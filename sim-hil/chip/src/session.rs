@@ -29,6 +29,11 @@ pub const TICK_PHASE_US: f64 = 0.5;
 pub const TAKEN_OVER_US: [f64; 2] = [0.5e6 / PWM_HZ, 1.5e6 / PWM_HZ];
 /// After disarming the rotors, braked, stand by then.
 const REST: Duration = Duration::from_millis(500);
+/// The light's pattern repeats after this time; of a disarmed robot's it is on for one step of sixteen.
+const LIGHT_PERIOD: Duration = Duration::from_secs(2);
+const LIT_DISARMED: f64 = 1.0 / 16.0;
+/// A step may be cut by the ends of the look.
+const LIGHT_TOLERANCE: f64 = 0.01;
 /// The battery's voltage, by a divider without an error, is stated within this share.
 const BATTERY_TOLERANCE: f64 = 0.01;
 /// The mean share of every phase's pin lies this near to a half.
@@ -123,6 +128,12 @@ pub struct Report {
     pub longest_gap_us: f64,
     /// Whether the motors coasted after disarming, once the rotors stood.
     pub coasted: bool,
+    /// Whether all phases' pins were low then.
+    pub were_low: bool,
+    /// Whether duties are taken over at the PWM counter's peaks alone, where the pins are low.
+    pub taken_over_at_peaks: bool,
+    /// Share of the time that the light is on: running, and disarmed.
+    pub lit: [f64; 2],
 }
 
 impl Report {
@@ -154,6 +165,17 @@ impl Report {
         }
         if !self.coasted {
             failures.push("a bridge is enabled after disarming".to_owned());
+        }
+        if !self.were_low {
+            failures.push("a phase's pin is high after disarming".to_owned());
+        }
+        if !self.taken_over_at_peaks {
+            failures.push("duties are taken over elsewhere than at the PWM's peaks".to_owned());
+        }
+        let [running, disarmed] = self.lit;
+        if running < 1.0 || (disarmed - LIT_DISARMED).abs() > LIGHT_TOLERANCE {
+            failures
+                .push(format!("the light's share is {running:.2} running, {disarmed:.2} disarmed"));
         }
         failures.extend(loop_failures(self.overruns, self.longest_gap_us));
         failures
@@ -240,9 +262,11 @@ pub fn drive(rig: &mut Rig, times: Times, progress: &dyn Fn(&str)) -> Result<Rep
     // Alignment turns each motor alone: shares are those of driving.
     rig.seen.shares = [[0.0, f64::INFINITY, 0.0]; 6];
     rig.seen.steps = 0;
+    let mut lit_at_ends = 0.0;
     for (name, f_hz, theta_deg) in MODES {
         progress(name);
         report.hold.push(hold(rig, (f_hz, theta_deg), times, current_limit)?);
+        lit_at_ends += rig.light();
     }
     let steps = rig.seen.steps.max(1) as f64;
     report.shares = rig.seen.shares.map(|[sum, lowest, highest]| [sum / steps, lowest, highest]);
@@ -252,6 +276,16 @@ pub fn drive(rig: &mut Rig, times: Times, progress: &dyn Fn(&str)) -> Result<Rep
         rig.seen.pwm_hz.into_iter().max_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0.0);
     rig.run(REST)?;
     report.coasted = rig.coasts();
+    report.were_low = rig.is_low();
+    report.taken_over_at_peaks = !rig.chip.counters().duties_taken_over_elsewhere;
+    let (mut steps, mut lit) = (0, 0.0);
+    let end = rig.chip.now() + LIGHT_PERIOD;
+    while rig.chip.now() < end {
+        rig.step()?;
+        steps += 1;
+        lit += rig.light();
+    }
+    report.lit = [lit_at_ends / MODES.len() as f64, lit / f64::from(steps)];
     report.early_enables = rig.seen.early_enables;
     report.tick_phase_us = rig.seen.tick_phase_us;
     report.duties_after_us = rig.seen.duties_after_us;

@@ -2,6 +2,7 @@
 //!
 //! Times are those of a Winbond W25Q32JV (data sheet revision G, table 9.6).
 
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use super::CYCLES_PER_SECOND;
@@ -12,9 +13,10 @@ pub const FLASH_BYTES: usize = 0x40_0000;
 pub const SECTOR_BYTES: usize = 4_096;
 /// Programmed at once.
 const PAGE_BYTES: usize = 256;
-/// Typical times.
+/// Typical time, 3 ms at most.
 const PROGRAM_PAGE: Duration = Duration::from_micros(400);
-const ERASE_SECTOR: Duration = Duration::from_millis(45);
+/// Longest time, which watchdogs have to bear; 45 ms typically.
+const ERASE_SECTOR: Duration = Duration::from_millis(400);
 /// Reading over four lines at 40 MHz.
 const READ_CYCLES_A_BYTE: u64 = 8;
 
@@ -41,6 +43,8 @@ pub struct Flash {
     cells: Vec<u8>,
     /// Operations since power-on of the emulation.
     operations: Vec<Operation>,
+    /// Where operations ever began.
+    touched: BTreeSet<usize>,
     /// The operation in which power goes, counted from the first, and how much of it is done by then.
     cut: Option<(usize, f64)>,
     random: u64,
@@ -63,6 +67,7 @@ impl Flash {
         Self {
             cells: vec![0xFF; FLASH_BYTES],
             operations: Vec::new(),
+            touched: BTreeSet::new(),
             cut: None,
             random: 0x9E37_79B9_7F4A_7C15,
         }
@@ -85,6 +90,11 @@ impl Flash {
     #[must_use]
     pub fn operations(&self) -> &[Operation] {
         &self.operations
+    }
+
+    /// Addresses at which it was ever changed.
+    pub(crate) fn touched(&self) -> impl Iterator<Item = usize> {
+        self.touched.iter().copied()
     }
 
     /// Forgets what was done, and lets power go in the middle of an operation from now on, counted from 0, when a share
@@ -120,6 +130,8 @@ impl Flash {
     /// The share of the operation that is carried out, `None` for all of it.
     fn begin(&mut self, operation: Operation) -> Option<f64> {
         let number = self.operations.len();
+        let (Operation::Program { at, .. } | Operation::Erase { at }) = operation;
+        self.touched.insert(at);
         self.operations.push(operation);
         self.cut.filter(|(at, _)| *at == number).map(|(_, share)| share)
     }
@@ -202,7 +214,7 @@ mod tests {
         assert_eq!(flash.cells()[0], 0);
         let cycles = flash.erase(0).unwrap().unwrap();
         assert_eq!(flash.cells()[0], 0xFF);
-        assert_eq!(cycles, CYCLES_PER_SECOND * 45 / 1_000);
+        assert_eq!(cycles, CYCLES_PER_SECOND * 400 / 1_000);
     }
 
     #[test]

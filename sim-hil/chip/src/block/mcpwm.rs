@@ -20,6 +20,8 @@ const INTERRUPT_STATUS: u32 = 0x118;
 const INTERRUPT_CLEAR: u32 = 0x11C;
 const REGISTER_CLOCK: u32 = 0x128;
 
+/// The method by which a stamp is taken over at its counter's peak alone.
+const AT_PEAK: u32 = 2;
 /// The interrupt of each timer's zero.
 const ZERO: [u32; 3] = [1 << 3, 1 << 4, 1 << 5];
 /// The timer whose zero wakes the fast loop.
@@ -138,6 +140,8 @@ pub(crate) struct Mcpwm {
     pub(crate) rounds: u64,
     /// When the last one was.
     pub(crate) last_round: u64,
+    /// Whether a stamp was ever to be taken over elsewhere than at its counter's peak alone.
+    pub(crate) is_taken_over_elsewhere: bool,
     /// Highest and lowest position, in cycles, is of no interest; the longest time between two rounds is.
     pub(crate) longest_gap: u64,
 }
@@ -155,6 +159,7 @@ impl Mcpwm {
             stamped: [[0; 2]; 3],
             rounds: 0,
             last_round: 0,
+            is_taken_over_elsewhere: false,
             longest_gap: 0,
         }
     }
@@ -236,6 +241,7 @@ impl Mcpwm {
     fn stamp(&mut self, operator: usize, generator: usize, value: u32, now: u64) {
         let offset = OPERATOR + OPERATOR_STRIDE * operator as u32 + operator::STAMP_METHOD;
         let method = self.values.field(offset, 4 * generator as u32, 4);
+        self.is_taken_over_elsewhere |= method != AT_PEAK;
         let timer = self.timer_of(operator);
         let at_zero = (method & 1 != 0).then(|| timer.next(0, now));
         let at_peak = (method & 2 != 0).then(|| timer.next(u64::from(timer.peak), now));

@@ -26,8 +26,8 @@ const UPDATE: u32 = 0x98;
 const DEPTH: usize = 128;
 /// Start bit, eight data bits, stop bit.
 const BITS_OF_A_BYTE: u64 = 10;
-/// Rates that differ by more are not understood.
-const TOLERANCE: f64 = 0.03;
+/// Rates that differ by more are not understood: a byte of ten bits bears 4 to 5 %, of which the other end has its half.
+const TOLERANCE: f64 = 0.02;
 /// Rate of the wire, baud: `flix_protocol`'s.
 const WIRE_BAUD: f64 = flix_protocol::provision::BAUD_RATE as f64;
 

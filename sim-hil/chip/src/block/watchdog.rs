@@ -26,6 +26,8 @@ pub(crate) struct Stages {
     passed: u64,
     since: u64,
     hertz: u64,
+    /// When it was last switched on.
+    on_since: Option<u64>,
 }
 
 impl Stages {
@@ -33,6 +35,7 @@ impl Stages {
     pub(crate) fn configure(&mut self, now: u64, is_on: bool, actions: [Option<Action>; 4]) {
         if is_on && !self.is_on {
             self.feed(now);
+            self.on_since = Some(now);
         }
         self.is_on = is_on;
         self.actions = actions;
@@ -127,6 +130,11 @@ impl LowPowerWatchdog {
 
     pub(crate) fn next_event(&self) -> u64 {
         self.stages.expires_at()
+    }
+
+    /// Returns when it was last switched on.
+    pub(crate) fn on_since(&self) -> Option<u64> {
+        self.stages.on_since
     }
 
     pub(crate) fn is_on(&self) -> bool {
