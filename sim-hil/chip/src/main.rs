@@ -95,8 +95,9 @@ impl Cli {
 const LEAST_TRANSMIT_DBM: f64 = 10.0;
 /// Interrupts of the radio and the scheduler (esp-radio, esp-rtos).
 const RADIO_PRIORITY: u32 = 1;
-/// Nothing may hang before the tasks' watchdog is started.
-const LATEST_WATCHDOG: Duration = Duration::from_millis(10);
+/// The tasks' watchdog is started so soon after the image: the HAL sets up the clocks in 1.2 ms, and flash and radio come
+/// later.
+const LATEST_WATCHDOG: Duration = Duration::from_millis(2);
 /// To approach each setpoint, and to measure it; the same in short.
 const TIMES: [Duration; 2] = [Duration::from_secs(4), Duration::from_secs(1)];
 const QUICK_TIMES: [Duration; 2] = [Duration::from_secs(1), Duration::from_millis(300)];

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::chip::ResetReason;
 use crate::flash::{Flash, Operation};
-use crate::image::Image;
+use crate::image::{Image, STORE};
 use crate::rig::{Rig, RigError};
 
 /// How much of an operation is done when power goes.
@@ -36,6 +36,8 @@ pub struct Cuts {
 enum Kept {
     Old,
     New,
+    /// The new, with the old still in flash.
+    Both,
     Neither,
 }
 
@@ -124,8 +126,7 @@ pub fn cut_all(
     let renewed = subject.cut("provisioning anew", &provisioned, provision(second), |rig| {
         key_of(rig, Some(first), second)
     })?;
-    let holds = |key: [u8; 32]| renewed.cells().windows(key.len()).any(|bytes| bytes == key);
-    if holds(first) || !holds(second) {
+    if is_stored(&renewed, first) || !is_stored(&renewed, second) {
         let sentence = "of the former and the new key flash is to hold the new one alone";
         subject.cuts.failures.push(sentence.to_owned());
     }
@@ -133,6 +134,10 @@ pub fn cut_all(
     subject.stride = 1;
     subject.cut("saving settings", &provisioned, save_settings, setting_of)?;
     Ok(subject.cuts)
+}
+
+fn is_stored(flash: &Flash, key: [u8; 32]) -> bool {
+    flash.cells()[STORE].windows(key.len()).any(|bytes| bytes == key)
 }
 
 /// Which key the robot has, by its proof over the serial port.
@@ -152,7 +157,9 @@ fn key_of(rig: &mut Rig, old: Option<[u8; 32]>, new: [u8; 32]) -> Result<Kept, R
     };
     let is_new = is_proved(new)?;
     let is_old = old.map(&mut is_proved).transpose()?;
+    let is_old_stored = old.is_some_and(|old| is_stored(rig.chip.flash(), old));
     Ok(match (is_new, is_old) {
+        (true, Some(false)) if is_old_stored => Kept::Both,
         (true, None | Some(false)) => Kept::New,
         (false, Some(true)) => Kept::Old,
         (false, None) if !has_key => Kept::Old,
