@@ -10,15 +10,15 @@
 //! | [`nav`] | chooses the walking mode from pose and task |
 //! | [`pilot`] | drives a whole run: link, poses, navigation, record |
 //! | [`experiment`] | records what a robot is identified from |
-//! | [`teleop`] | drives by hand in a terminal |
+//! | [`teleop`], [`cockpit`] | drives by hand, in a terminal and in a browser |
 //! | [`record`] | writes a run as MCAP, and reads it |
-//! | [`plot`] | draws figures as SVG and PNG |
+//! | [`plot`], [`view`] | draws figures as SVG and PNG; scenes in pages |
 //! | [`explain`], [`interrupt`] | words for people; Ctrl-C and signals |
 //! | [`cli`] | the commands of `flix`, one file each |
 //!
 //! What decides is sans-IO: [`link::Client`], [`nav::Navigator`] and [`pilot::Pilot`] take time,
 //! datagrams and poses as arguments and return what to send. Only [`link::udp`], [`link::serial`],
-//! [`pose::natnet`], [`teleop::screen`] and [`cli`] touch sockets, clocks and terminals. So the
+//! [`pose::natnet`], [`teleop::screen`], [`cockpit::server`] and [`cli`] touch sockets, clocks and terminals. So the
 //! simulator runs the same code in virtual time. Frames, signs and units are those of
 //! [`flix_protocol`].
 //!
@@ -75,6 +75,7 @@
 //! ```
 
 pub mod cli;
+pub mod cockpit;
 pub mod experiment;
 pub mod explain;
 pub mod file;
@@ -90,3 +91,4 @@ pub mod steering;
 pub mod system;
 pub mod teleop;
 pub mod text;
+pub mod view;

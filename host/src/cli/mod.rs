@@ -13,7 +13,9 @@
 //!
 //! A failure is one sentence on stderr that says what to do. With `--json`, stdout carries JSON only.
 
+pub mod by_hand;
 pub mod clear;
+pub mod cockpit;
 pub mod completions;
 pub mod course;
 pub mod discover;
@@ -157,6 +159,7 @@ pub struct Cli {
 const EXAMPLES: &str = "\
 Examples:
   flix teleop 127.0.0.1                      drive with the keyboard
+  flix cockpit 127.0.0.1                     drive in the browser
   flix drive walker-1 --frequency -30 --direction 30 --for 5s
   flix status walker-1 --json | jq .state
   flix stop walker-1
@@ -167,6 +170,7 @@ Exit codes: 0 done, 2 usage, 10 no answer, 20 refused (key, version or another o
 #[derive(Debug, Subcommand)]
 enum Command {
     Teleop(teleop::Args),
+    Cockpit(cockpit::Args),
     Drive(drive::Args),
     Status(status::Args),
     Stop(stop::Args),
@@ -195,6 +199,7 @@ impl Cli {
     pub fn run(&self) -> Result<ExitCode, Error> {
         match &self.command {
             Command::Teleop(args) => teleop::run(args),
+            Command::Cockpit(args) => cockpit::run(args),
             Command::Drive(args) => drive::run(args),
             Command::Status(args) => status::run(args),
             Command::Stop(args) => stop::run(args),

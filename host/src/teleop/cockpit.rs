@@ -179,6 +179,7 @@ impl Cockpit {
             Action::Arm => self.arm(client, now),
             Action::Disarm | Action::Quit => {
                 self.rest();
+                self.insisting = None;
                 client.release();
                 client.request(now, Command::Disarm);
             }

@@ -83,9 +83,9 @@ pub enum Action {
 }
 
 /// Step of f, Hz: coarse, and fine with shift.
-const FREQUENCY_STEPS: [f32; 2] = [1.0, 0.1];
+pub(crate) const FREQUENCY_STEPS: [f32; 2] = [1.0, 0.1];
 /// Step of theta, degrees: coarse, and fine with shift.
-const DIRECTION_STEPS: [f32; 2] = [5.0, 1.0];
+pub(crate) const DIRECTION_STEPS: [f32; 2] = [5.0, 1.0];
 
 /// Returns the action of a key; releases and unknown keys have none.
 #[must_use]

@@ -4,32 +4,18 @@ use std::io::{self, IsTerminal};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-use flix_protocol::message::Setpoint;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event};
 
-use super::cockpit::Weight;
+use super::drive::{Drive, DriveError, Ending};
 use super::keyboard::{Action, action};
-use super::{Cockpit, view};
+use super::view;
 use crate::interrupt::Interrupt;
-use crate::link::udp::{Connection, LinkError};
-use crate::pose::any::Poses;
-use crate::pose::{PoseError, PoseSource};
-use crate::record::{RecordError, Recorder};
 
 /// Longest wait for a datagram between two checks of the keys.
 const KEY_LATENCY: Duration = Duration::from_millis(10);
 /// Interval of the pictures: 30 per second are smooth, and few enough for SSH.
 const FRAME: Duration = Duration::from_millis(33);
-
-/// How the operator left.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ending {
-    /// By its key.
-    Quit,
-    /// By Ctrl-C, a signal or a closed terminal.
-    Interrupted,
-}
 
 /// Why driving by hand failed.
 #[derive(Debug, thiserror::Error)]
@@ -40,21 +26,9 @@ pub enum ScreenError {
     /// The terminal failed.
     #[error("the terminal failed: {0}")]
     Terminal(io::Error),
-    /// The link failed.
+    /// Link or poses failed.
     #[error(transparent)]
-    Link(#[from] LinkError),
-    /// The poses failed.
-    #[error(transparent)]
-    Pose(#[from] PoseError),
-}
-
-/// Poses and a record, where the operator wants them.
-#[derive(Default)]
-pub struct Extras {
-    /// Source of poses.
-    pub poses: Option<Poses>,
-    /// Record of the drive. Once it cannot be written any more, driving goes on without it.
-    pub recorder: Option<Recorder>,
+    Drive(#[from] DriveError),
 }
 
 /// Drives by hand until the operator leaves. Restores the terminal at the end, also after errors and
@@ -62,19 +36,14 @@ pub struct Extras {
 ///
 /// # Errors
 /// When there is no terminal, or the network fails.
-pub fn run(
-    connection: &mut Connection,
-    robot: &str,
-    extras: &mut Extras,
-    interrupt: &Interrupt,
-) -> Result<Ending, ScreenError> {
+pub fn run(drive: &mut Drive, interrupt: &Interrupt) -> Result<Ending, ScreenError> {
     if !(io::stdin().is_terminal() && io::stdout().is_terminal()) {
         return Err(ScreenError::NoTerminal);
     }
     // Its panic hook restores the terminal before the message is printed; unwinding then drops the
     // connection, which stops the robot.
     let mut terminal = ratatui::try_init().map_err(ScreenError::Terminal)?;
-    let ending = drive(&mut terminal, connection, robot, extras, interrupt);
+    let ending = show(&mut terminal, drive, interrupt);
     if is_closed() {
         // Dropped, it would report its cursor to a standard error that may be closed as well, and panic.
         std::mem::forget(terminal);
@@ -85,33 +54,19 @@ pub fn run(
     ending
 }
 
-fn drive(
+fn show(
     terminal: &mut DefaultTerminal,
-    connection: &mut Connection,
-    robot: &str,
-    extras: &mut Extras,
+    drive: &mut Drive,
     interrupt: &Interrupt,
 ) -> Result<Ending, ScreenError> {
-    let (client, now) = connection.operate();
-    let mut cockpit = Cockpit::new(robot, now);
-    cockpit.connected(client, now);
     let mut drawn = None::<Instant>;
-    let mut commanded = Setpoint::REST;
     let keys = keyboard();
     loop {
-        connection.step(KEY_LATENCY)?;
-        let (client, now) = connection.operate();
-        while let Some(update) = client.update() {
-            extras.record(|recorder| recorder.update(now, &update), &mut cockpit, now);
-            cockpit.observe(&update, client, now);
-        }
-        while let Some(sample) = extras.poses.as_mut().map_or(Ok(None), |poses| poses.poll(now))? {
-            extras.record(|recorder| recorder.pose(&sample), &mut cockpit, now);
-            cockpit.see(&sample, client, now);
-        }
+        drive.step(KEY_LATENCY)?;
         if interrupt.is_raised() || is_closed() {
             return Ok(Ending::Interrupted);
         }
+        let (cockpit, client, now) = drive.operate();
         for action in keys.try_iter() {
             match action {
                 Action::Quit => return Ok(Ending::Quit),
@@ -119,34 +74,12 @@ fn drive(
                 action => cockpit.act(action, client, now),
             }
         }
-        if commanded != cockpit.wanted {
-            commanded = cockpit.wanted;
-            extras.record(
-                |recorder| recorder.command(now, &commanded, "operator"),
-                &mut cockpit,
-                now,
-            );
-        }
         if drawn.is_none_or(|at| at.elapsed() >= FRAME) {
             drawn = Some(Instant::now());
             cockpit.tick(client, now);
-            if terminal.draw(|frame| view::draw(frame, &cockpit)).is_err() {
+            if terminal.draw(|frame| view::draw(frame, cockpit)).is_err() {
                 return Ok(Ending::Interrupted);
             }
-        }
-    }
-}
-
-impl Extras {
-    fn record(
-        &mut self,
-        write: impl FnOnce(&mut Recorder) -> Result<(), RecordError>,
-        cockpit: &mut Cockpit,
-        now: flix_protocol::units::Instant,
-    ) {
-        if let Some(Err(error)) = self.recorder.as_mut().map(write) {
-            self.recorder = None;
-            cockpit.note(now, Weight::Alarm, &format!("{error}; driving goes on unrecorded"));
         }
     }
 }

@@ -17,9 +17,10 @@ use std::path::{Path, PathBuf};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use flix_host::pose::Pose;
+use flix_host::view::SCENE;
 use serde::Serialize;
 
-/// The page, with one place for the title and one for the data.
+/// The page, with a place each for the title, the drawing and the data.
 const PAGE: &str = include_str!("replay.html");
 
 /// A box that moves as a rigid body.
@@ -122,7 +123,10 @@ impl Recording {
         // `</script>` in a caption must not end the data; `<` has an escape in JSON strings.
         let json = serde_json::to_string(&header)?.replace('<', "\\u003c");
         let title = self.title.replace('&', "&amp;").replace('<', "&lt;");
-        Ok(PAGE.replace("{{title}}", &title).replace("{{recording}}", &json))
+        Ok(PAGE
+            .replace("{{scene}}", SCENE)
+            .replace("{{title}}", &title)
+            .replace("{{recording}}", &json))
     }
 
     /// Writes the replay to a file, and returns its path.

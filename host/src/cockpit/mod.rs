@@ -1,0 +1,20 @@
+//! Driving by hand in a browser, from this computer or a phone.
+//!
+//! Pure parts and a thin shell: [`message`] checks what a page says, [`pages`] decides which page drives and when its
+//! operator is silent, [`snapshot`] is what all pages see, [`guard`] who may ask at all. [`server`] owns the sockets, [`desk`] the loop.
+//! The robot's side is that of the terminal: [`teleop::Cockpit`](crate::teleop::Cockpit) and
+//! [`teleop::drive::Drive`](crate::teleop::drive::Drive).
+//!
+//! # Freshness
+//!
+//! Each snapshot carries a stamp, the milliseconds since the program started. Each message of a page states the stamp
+//! of the newest snapshot that the page has shown. So the age of a message is known without a common clock, also when
+//! browser or proxy held it back: its operator has seen nothing newer. A message that is older than
+//! [`SIGN_OF_LIFE`](pages::SIGN_OF_LIFE) is no sign of life and moves nothing; stop, rest and disarm are always done.
+
+pub mod desk;
+pub mod guard;
+pub mod message;
+pub mod pages;
+pub mod server;
+pub mod snapshot;

@@ -1,0 +1,325 @@
+const byId = (id) => document.getElementById(id);
+const modes = JSON.parse(byId("mode-table").textContent);
+// An input that waited longer, in a page that hung, is not what its operator wants now. Stop is always sent.
+const OLD_INPUT_MS = 250;
+// What the robot commands to rest by itself is noticed in this time.
+const SETTLED_MS = 400;
+
+// ---- the connection: every snapshot is answered with the stamp of the newest one that was drawn
+let me, snapshot, shown = 0, connection;
+function send(request) {
+  if (connection.readyState !== WebSocket.OPEN) return;
+  connection.send(JSON.stringify(request === undefined ? { seen: shown } : { seen: shown, do: request }));
+}
+function connect() {
+  connection = new WebSocket(`ws://${location.host}${location.pathname}socket`);
+  connection.onmessage = (event) => {
+    const data = JSON.parse(event.data);
+    if ("you" in data) { me = data.you; return; }
+    snapshot = data;
+    if (shown) send();
+  };
+  connection.onclose = () => { me = snapshot = undefined; shown = 0; pad.neutral = false; setTimeout(connect, 1000); };
+}
+const isOld = (event) => performance.now() - event.timeStamp > OLD_INPUT_MS;
+const drives = () => snapshot !== undefined && snapshot.driver === me;
+const isWanted = () => snapshot !== undefined && snapshot.wanted[0] !== 0;
+function act(request, event) {
+  if (request !== "stop" && event && isOld(event)) return;
+  send(request);
+}
+
+// ---- keyboard
+const KEYS = {
+  Enter: "arm", Backspace: "disarm", Delete: "disarm", Escape: "disarm", c: "clear", h: "hold_heading", s: "rest", 0: "rest",
+};
+const LETTERS = ["w", "a", "d", "q", "e"];
+modes.forEach((mode, index) => { KEYS[LETTERS[index]] = KEYS[index + 1] = { walk: mode.name }; });
+function keyed(event) {
+  const fine = event.shiftKey;
+  const steps = { ArrowUp: ["frequency", 1, 0.1], ArrowDown: ["frequency", -1, -0.1], ArrowRight: ["direction", 5, 1], ArrowLeft: ["direction", -5, -1] };
+  const step = steps[event.key];
+  if (step) return { [step[0]]: step[fine ? 2 : 1] };
+  return event.repeat ? undefined : KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+}
+addEventListener("keydown", (event) => {
+  if (event.code === "Space" || event.key === " ") {
+    event.preventDefault();
+    return act("stop");
+  }
+  if (event.ctrlKey || event.altKey || event.metaKey) return;
+  // Enter presses the button that the keyboard has reached.
+  if (event.key === "Enter" && document.activeElement instanceof HTMLButtonElement) return;
+  const request = keyed(event);
+  if (request === undefined) return;
+  event.preventDefault();
+  act(request, event);
+});
+// The space bar stops, and presses no button besides.
+addEventListener("keyup", (event) => { if (event.code === "Space") event.preventDefault(); });
+
+// ---- buttons, by mouse and touch
+const places = { forward: "w", "left turn": "a", "right turn": "d", "strafe left": "q", "strafe right": "e" };
+for (const { name, request, key } of [...modes.map((mode) => ({ name: mode.name, request: { walk: mode.name }, key: places[mode.name] })), { name: "rest", request: "rest", key: "s" }]) {
+  const button = document.createElement("button");
+  button.dataset.do = JSON.stringify(request);
+  button.dataset.mode = name;
+  button.style.gridArea = key;
+  button.setAttribute("aria-keyshortcuts", key);
+  button.setAttribute("aria-pressed", "false");
+  const hint = document.createElement("kbd");
+  hint.textContent = key;
+  button.append(name[0].toUpperCase() + name.slice(1), " ", hint);
+  byId("modes").append(button);
+}
+for (const button of document.querySelectorAll("button[data-do]")) {
+  const text = button.dataset.do;
+  const request = /^[{"]/.test(text) ? JSON.parse(text) : text;
+  button.onclick = (event) => {
+    // A button that the pointer has pressed does not wait for Enter.
+    if (event.detail) button.blur();
+    act(request, event);
+  };
+}
+byId("drive").onclick = (event) => { byId("drive").blur(); act("drive", event); };
+// At once, when the finger comes down.
+byId("stop").onpointerdown = () => act("stop");
+byId("stop").onclick = (event) => { if (event.detail) byId("stop").blur(); else act("stop"); };
+
+// ---- gamepad: obeyed after it was seen neutral, and again after everything that lets the robot rest
+const pad = { neutral: false, mode: undefined, since: 0, pressed: {} };
+const BUTTONS = { 1: "stop", 3: "clear", 8: "disarm", 9: "arm" };
+const DEAD_ZONE = 0.25, DEFLECTED = 0.6;
+function wantedBy(gamepad) {
+  const [x = 0, y = 0] = gamepad.axes;
+  const down = (index) => gamepad.buttons[index]?.pressed;
+  if (down(4)) return "strafe left";
+  if (down(5)) return "strafe right";
+  if (down(12) || (-y > DEFLECTED && -y >= Math.abs(x))) return "forward";
+  if (down(14) || (-x > DEFLECTED && Math.abs(x) > Math.abs(y))) return "left turn";
+  if (down(15) || (x > DEFLECTED && Math.abs(x) > Math.abs(y))) return "right turn";
+  return undefined;
+}
+const isNeutral = (gamepad) => gamepad.axes.slice(0, 2).every((axis) => Math.abs(axis) < DEAD_ZONE) && !gamepad.buttons.some((button) => button.pressed);
+function release() {
+  if (pad.mode !== undefined) send("rest");
+  pad.mode = undefined;
+  pad.neutral = false;
+}
+function readGamepad(now) {
+  const gamepad = [...navigator.getGamepads()].find((one) => one && one.connected);
+  if (!gamepad) {
+    release();
+    return "none";
+  }
+  for (const [index, request] of Object.entries(BUTTONS)) {
+    const pressed = Boolean(gamepad.buttons[index]?.pressed);
+    if (pressed && !pad.pressed[index] && (pad.neutral || request === "stop")) send(request);
+    pad.pressed[index] = pressed;
+  }
+  const state = snapshot?.telemetry?.state;
+  if (!drives() || !(state === "armed" || state === "running")) pad.mode = undefined;
+  // The robot rests although the stick commands: something let it rest.
+  if (pad.mode !== undefined && now - pad.since > SETTLED_MS && !isWanted()) release();
+  if (isNeutral(gamepad)) pad.neutral = true;
+  if (!pad.neutral) return "let go of stick and buttons first";
+  const mode = wantedBy(gamepad);
+  const isDriven = drives() && (state === "armed" || state === "running");
+  if (mode !== pad.mode) {
+    if (mode !== undefined && !isDriven) {
+      pad.neutral = false;
+    } else {
+      send(mode === undefined ? "rest" : { walk: mode });
+      pad.mode = mode;
+      pad.since = now;
+    }
+  }
+  return mode ?? "neutral";
+}
+
+// ---- an operator who looks elsewhere
+function neutral() {
+  if (drives() && isWanted()) send("rest");
+  pad.mode = undefined;
+  pad.neutral = false;
+}
+addEventListener("blur", neutral);
+addEventListener("pagehide", neutral);
+document.addEventListener("visibilitychange", () => { if (document.visibilityState !== "visible") neutral(); });
+
+// ---- the robot as boxes, at rest on its legs: half size and place in the body's frame, turn, colour. Legs as the
+// paper's robot stands, which no robot reports; of the core its axis alone, so that the rotors are seen.
+const PARTS = [
+  [[0.11, 0.06, 0.00175], [0, 0, 0], [1, 0, 0, 0], [70, 76, 88]],
+  [[0.0225, 0.015, 0.009], [0.08, 0, 0.0021], [1, 0, 0, 0], [60, 130, 90]],
+  [[0.0225, 0.015, 0.009], [-0.08, 0, 0.0021], [1, 0, 0, 0], [44, 96, 150]],
+  [[0.005, 0.005, 0.022], [0, 0, 0.0238], [1, 0, 0, 0], [120, 126, 138]],
+];
+const BEAM = [0.01, 0.008333, 0.0015], BEAM_COLOUR = [222, 222, 214], FOOT = [0.0425, 0.0025, 0.00475], FOOT_COLOUR = [40, 110, 170];
+const TURNS = [[0.57, -0.57, 0.419, -0.419], [0.687, -0.687, 0.168, -0.168], [0.699, -0.699, -0.107, 0.107]];
+for (const [front, shift] of [[1, -0.0027], [-1, 0.0084]]) {
+  for (const left of [1, -1]) {
+    TURNS.forEach(([w, x, y, z], index) => {
+      PARTS.push([BEAM, [front * 0.1071, left * 0.049, -0.0101 - 0.0167 * index], [w, x, left * y, left * z], BEAM_COLOUR]);
+    });
+    PARTS.push([FOOT, [front * 0.107, left * (0.049 + shift), -0.0565], [0.707, 0, 0, 0.707], FOOT_COLOUR]);
+  }
+}
+const ROTORS = [[0.0328, [214, 128, 30]], [0.0048, [170, 88, 20]]];
+const ROTOR = [0.014, 0.0045, 0.003], STANDING = 0.0612, SHAKER = 0.0188;
+const boxes = PARTS.map(([half_size, , , rgb]) => ({ half_size, colour: rgb }))
+  .concat(ROTORS.map(([, rgb]) => ({ half_size: ROTOR, colour: rgb })));
+const product = (a, b) => a.map((row) => [0, 1, 2].map((k) => row[0] * b[0][k] + row[1] * b[1][k] + row[2] * b[2][k]));
+const aboutZ = (angle) => [[Math.cos(angle), -Math.sin(angle), 0], [Math.sin(angle), Math.cos(angle), 0], [0, 0, 1]];
+const radians = (degrees) => degrees * Math.PI / 180;
+
+const dark = matchMedia("(prefers-color-scheme: dark)");
+const view = byId("view");
+const scene = createScene(view, {
+  size: () => [view.clientWidth, view.clientHeight],
+  look: () => (dark.matches ? { grid: ["#232a34", "#3d4754"], edge: "#ffffff30" } : { grid: ["#dde1e7", "#aab3c0"], edge: "#00000026" }),
+});
+scene.camera.distance = 0.62;
+scene.camera.azimuth = -2.2;
+const way = [];
+function drawScene() {
+  const floor = snapshot?.floor, telemetry = snapshot?.telemetry;
+  const body = { position: [floor?.x ?? 0, floor?.y ?? 0, STANDING], axes: aboutZ(floor?.heading ?? 0) };
+  const at = (p) => place(body, p);
+  if (floor) {
+    const last = way.at(-1);
+    if (!last || Math.hypot(last[0] - floor.x, last[1] - floor.y) > 0.01) way.push([floor.x, floor.y, 0.001]);
+    if (way.length > 2000) way.shift();
+    scene.camera.target = [floor.x, floor.y, 0.03];
+  }
+  scene.begin();
+  scene.floor();
+  scene.polyline(way, dark.matches ? "#6aa9ee" : "#2563a8", 2);
+  // The front: an arrow on the floor.
+  const down = (p) => { const [x, y] = at(p); return [x, y, 0.001]; };
+  scene.arrow(down([0.15, 0, 0]), down([0.2, 0, 0]), dark.matches ? [154, 165, 181] : [90, 101, 119]);
+  const poses = PARTS.map(([, p, turn]) => ({ position: at(p), axes: product(body.axes, rotation(turn)) }));
+  const rotors = snapshot?.rotors ?? [0, 0];
+  ROTORS.forEach(([height], index) => {
+    const axes = aboutZ(-radians(rotors[index]));
+    poses.push({ position: at([0.014 * axes[0][0], 0.014 * axes[1][0], height]), axes: product(body.axes, axes) });
+  });
+  scene.boxes(boxes, poses);
+  if (!telemetry) return;
+  const line = (theta, reach) => [-reach, reach].map((r) => at([r * Math.cos(radians(theta)), -r * Math.sin(radians(theta)), SHAKER]));
+  if (isWanted()) scene.polyline(line(snapshot.wanted[1], 0.17), dark.matches ? "#9aa5b5" : "#5a6577", 2, [6, 5]);
+  if (turns(telemetry.frequency)) {
+    const [back, front] = line(telemetry.direction, 0.14);
+    scene.arrow(back, front, [214, 50, 40]);
+    scene.arrow(front, back, [214, 50, 40]);
+  }
+}
+
+// ---- figures
+// Theta is where the rotors meet: at rest it means nothing.
+const turns = (frequency) => Math.abs(frequency) > 1;
+const history = [];
+const HISTORY_MS = 20000;
+function chart(id, of, wantedOf, floorRange) {
+  const canvas = byId(id), pen = canvas.getContext("2d"), ratio = devicePixelRatio;
+  const width = canvas.width = canvas.clientWidth * ratio, height = canvas.height = canvas.clientHeight * ratio;
+  const values = history.flatMap((one) => [of(one), wantedOf(one)]).filter((value) => value !== undefined);
+  const middle = (Math.min(...values, 0) + Math.max(...values, 0)) / 2;
+  const range = Math.max(floorRange, Math.max(...values, 0) - Math.min(...values, 0)) * 1.15;
+  const end = history.at(-1)?.stamp ?? 0;
+  const draw = (pick, style, dash) => {
+    pen.beginPath();
+    let drawing = false;
+    for (const one of history) {
+      const value = pick(one);
+      const x = width * (1 - (end - one.stamp) / HISTORY_MS), y = height * (0.5 - (value - middle) / range);
+      if (value === undefined) drawing = false;
+      else if (drawing) pen.lineTo(x, y);
+      else { pen.moveTo(x, y); drawing = true; }
+    }
+    pen.strokeStyle = style; pen.lineWidth = 1.5 * ratio; pen.setLineDash(dash); pen.stroke();
+  };
+  const style = getComputedStyle(document.documentElement);
+  draw(wantedOf, style.getPropertyValue("--quiet"), [4 * ratio, 3 * ratio]);
+  draw(of, style.getPropertyValue("--accent"), []);
+}
+const figure = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−"));
+const write = (id, text) => { const element = byId(id); if (element.textContent !== text) element.textContent = text; };
+
+// ---- words
+function banner() {
+  const telemetry = snapshot?.telemetry;
+  if (!snapshot) return ["No connection to `flix cockpit`. If it was started again, open the address that it has printed last.", false];
+  if (snapshot.link.state === "failed") return [snapshot.link.text, false];
+  if (telemetry?.faults.length) return [`${telemetry.faults.map((fault) => `${fault.name}: ${fault.help}`).join(". ")}. Then press Clear.`, false];
+  if (snapshot.stopping) return ["Stop is sent, and not acknowledged yet.", false];
+  if (telemetry?.stopped) return [`Stopped${telemetry.stopped_by ? ` by ${telemetry.stopped_by}` : ""}. Clear makes the robot ready again.`, false];
+  if (!drives()) return ["This page watches. Its STOP stops the robot; to drive, take over.", true];
+  return [];
+}
+function drawWords(gamepad) {
+  const telemetry = snapshot?.telemetry;
+  const state = !snapshot ? "no connection" : telemetry?.stopped ? "stopped" : telemetry?.state ?? snapshot.link.state;
+  write("robot", snapshot?.robot ?? "Flix");
+  write("state", state);
+  byId("state").dataset.state = state;
+  byId("state").title = telemetry?.text ?? "";
+  const link = snapshot?.link;
+  byId("link").className = link?.state === "connected" ? "" : "bad";
+  write("link", !link || link.state === "connected" ? "" : link.text);
+  const [text, calm] = banner();
+  byId("banner").hidden = text === undefined;
+  byId("banner").className = calm ? "calm" : "";
+  byId("drive").hidden = !snapshot || drives();
+  write("banner-text", text ?? "");
+  const isDriven = drives() && !telemetry?.stopped && (telemetry?.state === "armed" || telemetry?.state === "running");
+  const [f, theta] = snapshot?.wanted ?? [0, 0];
+  for (const button of document.querySelectorAll("[data-mode]")) {
+    const mode = modes.find(({ name }) => name === button.dataset.mode);
+    const isOn = isDriven && (mode ? f === mode.pair[0] && theta === mode.pair[1] : f === 0);
+    button.setAttribute("aria-pressed", String(isOn));
+  }
+  for (const button of document.querySelectorAll("#modes button, #values button")) button.disabled = !isDriven;
+  for (const button of document.querySelectorAll(".row button")) button.disabled = !drives();
+  write("f", telemetry ? `${figure(telemetry.frequency, 1)} Hz` : "–");
+  write("theta", telemetry && turns(telemetry.frequency) ? `${figure(telemetry.direction, 0)}°` : "–");
+  write("f-wanted", telemetry ? `wanted ${figure(f, 1)}` : "");
+  write("theta-wanted", telemetry ? `wanted ${figure(theta, 0)}` : "");
+  ["top", "bottom"].forEach((id, index) => {
+    byId(id).max = snapshot?.current_limit ?? 3;
+    byId(id).value = telemetry?.currents[index] ?? 0;
+    write(`${id}-value`, telemetry ? `${figure(telemetry.currents[index], 2)} A` : "–");
+  });
+  write("battery", telemetry ? (telemetry.battery === null ? "not measured" : `${figure(telemetry.battery, 1)} V`) : "–");
+  write("quality", link?.round_trip_ms != null ? `${figure(link.round_trip_ms, 1)} ms, ${figure(100 * link.loss, 0)} % lost` : "–");
+  write("gamepad", gamepad);
+  write("note", [!snapshot?.floor && "no poses: drawn where it stands (--pose)", snapshot?.slow_motion && "rotors 30 times slower", snapshot?.pages > 1 && `${snapshot.pages} pages open`].filter(Boolean).join(" · "));
+  const log = snapshot?.log ?? [];
+  const lines = log.map((line) => `${line.at.toFixed(1)} s  ${line.text}`).reverse();
+  if (byId("log").dataset.lines !== lines.join("\n")) {
+    byId("log").dataset.lines = lines.join("\n");
+    byId("log").replaceChildren(...lines.map((text, index) => {
+      const item = document.createElement("li");
+      item.className = log[log.length - 1 - index].weight;
+      item.textContent = text;
+      return item;
+    }));
+  }
+}
+
+function draw(now) {
+  const gamepad = readGamepad(now);
+  if (snapshot?.telemetry && history.at(-1)?.stamp !== snapshot.stamp) {
+    const { telemetry, wanted, stamp } = snapshot;
+    history.push({ stamp, f: telemetry.frequency, theta: telemetry.direction, wanted });
+    while (history[0].stamp < stamp - HISTORY_MS) history.shift();
+  }
+  drawScene();
+  drawWords(gamepad);
+  chart("f-chart", (one) => one.f, (one) => one.wanted[0], 10);
+  chart("theta-chart", (one) => (turns(one.f) ? one.theta : undefined), (one) => one.wanted[1], 20);
+  if (snapshot) shown = snapshot.stamp;
+  requestAnimationFrame(draw);
+}
+connect();
+requestAnimationFrame(draw);

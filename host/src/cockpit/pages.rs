@@ -1,0 +1,173 @@
+//! The open pages: one drives, all watch, and all may stop.
+//!
+//! The page that drives is an operator. Without a sign of life for [`SIGN_OF_LIFE`] the robot rests, without one for
+//! [`LINK_LOST`] it is disarmed, as the robot itself does with a silent link. What it did is not taken up
+//! again: the operator commands anew.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LOST};
+use flix_protocol::message::Setpoint;
+use flix_protocol::units::Instant;
+
+use super::message::{Message, Request};
+use crate::link::Client;
+use crate::teleop::Cockpit;
+use crate::teleop::cockpit::Weight;
+use crate::teleop::keyboard::Action;
+
+/// Age from which a message is no sign of life: the robot's own deadline for commands.
+pub const SIGN_OF_LIFE: Duration = COMMAND_DEADLINE;
+
+/// Number of a page, never used again.
+pub type PageId = u32;
+
+/// The open pages.
+#[derive(Debug, Clone, Default)]
+pub struct Pages {
+    open: BTreeSet<PageId>,
+    driver: Option<Driver>,
+}
+
+/// The page that drives.
+#[derive(Debug, Clone, Copy)]
+struct Driver {
+    page: PageId,
+    /// Time of the newest snapshot that it has shown.
+    seen: Instant,
+    is_silent: bool,
+}
+
+/// A page said what no page says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Misuse;
+
+impl Pages {
+    /// Returns the stamp of a snapshot that is taken now, ms.
+    #[must_use]
+    pub const fn stamp(now: Instant) -> u64 {
+        now.as_micros() / 1000
+    }
+
+    /// Returns the page that drives.
+    #[must_use]
+    pub fn driver(&self) -> Option<PageId> {
+        self.driver.map(|driver| driver.page)
+    }
+
+    /// Returns the number of open pages.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.open.len()
+    }
+
+    /// Takes a page that was opened; it drives if no other does.
+    pub fn open(&mut self, page: PageId, now: Instant) {
+        self.open.insert(page);
+        if self.driver.is_none() {
+            self.driver = Some(Driver { page, seen: now, is_silent: false });
+        }
+    }
+
+    /// Takes that a page is closed: without its operator the robot is disarmed.
+    pub fn close(
+        &mut self,
+        page: PageId,
+        cockpit: &mut Cockpit,
+        client: &mut Client,
+        now: Instant,
+    ) {
+        self.open.remove(&page);
+        if self.driver.take_if(|driver| driver.page == page).is_some() {
+            disarm(cockpit, client, now, "the page that drove is closed: the robot is disarmed");
+        }
+    }
+
+    /// Takes that a page said what no page says: closes it, and stops the robot.
+    pub fn expel(
+        &mut self,
+        page: PageId,
+        cockpit: &mut Cockpit,
+        client: &mut Client,
+        now: Instant,
+    ) {
+        cockpit.act(Action::Stop, client, now);
+        cockpit.note(now, Weight::Alarm, "a page sent what no page sends: it is closed");
+        self.close(page, cockpit, client, now);
+    }
+
+    /// Takes a message of a page.
+    ///
+    /// # Errors
+    /// When it states to have seen what is not shown yet.
+    pub fn receive(
+        &mut self,
+        page: PageId,
+        message: Message,
+        cockpit: &mut Cockpit,
+        client: &mut Client,
+        now: Instant,
+    ) -> Result<(), Misuse> {
+        if message.seen > Self::stamp(now) {
+            return Err(Misuse);
+        }
+        let seen = Instant::from_micros(message.seen * 1000);
+        let is_fresh = now.since(seen) <= SIGN_OF_LIFE;
+        let driver = self.driver.as_mut().filter(|driver| driver.page == page);
+        let drives = driver.is_some();
+        if let Some(driver) = driver.filter(|_| is_fresh) {
+            driver.seen = driver.seen.max(seen);
+            driver.is_silent = false;
+        }
+        match message.request {
+            None => {}
+            Some(Request::Act(Action::Stop)) => cockpit.act(Action::Stop, client, now),
+            Some(Request::Act(action @ (Action::Rest | Action::Disarm))) if drives => {
+                cockpit.act(action, client, now);
+            }
+            Some(_) if !is_fresh => {
+                let text = "not done: the page or its connection was too slow; try again";
+                cockpit.note(now, Weight::Warning, text);
+            }
+            Some(Request::Drive) if !drives => {
+                rest(cockpit, client, now);
+                self.driver = Some(Driver { page, seen, is_silent: false });
+                cockpit.note(now, Weight::Note, "another page drives now");
+            }
+            Some(Request::Drive) => {}
+            Some(Request::Act(action)) if drives => cockpit.act(action, client, now),
+            Some(Request::Act(_)) => {
+                cockpit.note(now, Weight::Warning, "not done: another page drives");
+            }
+        }
+        Ok(())
+    }
+
+    /// Lets the robot rest, then disarms it, when the page that drives is silent. Call it some hundred times a second.
+    pub fn watch(&mut self, cockpit: &mut Cockpit, client: &mut Client, now: Instant) {
+        let Some(driver) = &mut self.driver else { return };
+        let silence = now.since(driver.seen);
+        if silence > SIGN_OF_LIFE && !driver.is_silent {
+            driver.is_silent = true;
+            rest(cockpit, client, now);
+        }
+        if silence > LINK_LOST && client.is_driving() {
+            disarm(cockpit, client, now, "the page that drives is silent: the robot is disarmed");
+        }
+    }
+}
+
+fn rest(cockpit: &mut Cockpit, client: &mut Client, now: Instant) {
+    if cockpit.wanted != Setpoint::REST {
+        cockpit.act(Action::Rest, client, now);
+    }
+}
+
+/// Disarms the robot if it is driven; once, as it lets go of the setpoint.
+fn disarm(cockpit: &mut Cockpit, client: &mut Client, now: Instant, why: &str) {
+    if client.is_driving() && client.held().is_some() {
+        cockpit.act(Action::Disarm, client, now);
+        cockpit.note(now, Weight::Alarm, why);
+    }
+}

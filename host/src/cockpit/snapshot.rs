@@ -1,0 +1,110 @@
+//! What all pages see: one object of JSON, some thirty times a second.
+
+use flix_protocol::message::{State, Telemetry};
+use flix_protocol::units::Instant;
+use serde_json::{Value, json};
+
+use super::pages::Pages;
+use crate::explain;
+use crate::teleop::Cockpit;
+use crate::teleop::cockpit::{Line, Link, Sample, Weight};
+use crate::teleop::keyboard::Mode;
+
+/// Newest lines of the log that are sent.
+const LINES: usize = 8;
+
+/// Returns the modes for the buttons of the page: name, f in Hz, theta in degrees.
+#[must_use]
+pub fn modes() -> Value {
+    let mode = |mode: Mode| json!({ "name": mode.name(), "pair": mode.pair() });
+    Mode::ALL.into_iter().map(mode).collect()
+}
+
+/// Returns what a page is sent first: its number.
+#[must_use]
+pub fn hello(page: u32) -> String {
+    json!({ "you": page }).to_string()
+}
+
+/// Returns the present state. Angles in degrees, positive to the right (clockwise); poses in metres and radians, ENU.
+#[must_use]
+pub fn snapshot(cockpit: &Cockpit, pages: &Pages, now: Instant) -> String {
+    let log: Vec<Value> = cockpit
+        .log
+        .iter()
+        .rev()
+        .take(LINES)
+        .map(line)
+        .collect::<Vec<_>>()
+        .into_iter()
+        .rev()
+        .collect();
+    json!({
+        "stamp": Pages::stamp(now),
+        "driver": pages.driver(),
+        "pages": pages.count(),
+        "robot": cockpit.identity.as_ref().map_or(cockpit.robot.as_str(), |it| it.name.as_str()),
+        "link": link(cockpit),
+        "wanted": [cockpit.wanted.frequency().get(), cockpit.wanted.direction().get()],
+        "stopping": cockpit.is_stopping,
+        "current_limit": cockpit.current_limit,
+        "rotors": cockpit.shown_rotors(),
+        "slow_motion": cockpit.is_slow_motion(),
+        "telemetry": cockpit.telemetry.as_ref().map(telemetry),
+        "floor": cockpit.floor.as_ref().map(|floor| {
+            json!({ "x": floor.pose.x, "y": floor.pose.y, "heading": floor.pose.heading, "held": floor.held() })
+        }),
+        "log": log,
+    })
+    .to_string()
+}
+
+fn link(cockpit: &Cockpit) -> Value {
+    let (state, text) = match cockpit.link {
+        Link::Connected => ("connected", "connected".to_owned()),
+        Link::Silent(time) => ("silent", format!("silent for {:.1} s", time.as_secs_f64())),
+        Link::Connecting => ("connecting", "connecting".to_owned()),
+        Link::Failed(error) => ("failed", error.to_string()),
+    };
+    let round_trip = cockpit.round_trip.map(|time| time.as_secs_f64() * 1e3);
+    json!({ "state": state, "text": text, "round_trip_ms": round_trip, "loss": cockpit.loss })
+}
+
+fn telemetry(telemetry: &Telemetry) -> Value {
+    let sample = Sample::of(telemetry);
+    let key = match telemetry.state {
+        State::Disarmed => "disarmed",
+        State::Aligning => "aligning",
+        State::Armed => "armed",
+        State::Running => "running",
+        State::Stopping => "stopping",
+        State::Faulted => "faulted",
+    };
+    let others = telemetry.first_fault.map_or(telemetry.faults, |it| telemetry.faults.without(it));
+    let faults: Vec<Value> = telemetry
+        .first_fault
+        .into_iter()
+        .chain(others.iter())
+        .map(|fault| json!({ "name": fault.to_string(), "help": explain::fault(fault) }))
+        .collect();
+    json!({
+        "state": key,
+        "text": explain::state(telemetry.state),
+        "stopped": telemetry.stopped,
+        "stopped_by": telemetry.stopped_by.map(|by| by.to_string()),
+        "faults": faults,
+        "frequency": sample.frequency,
+        "direction": sample.direction,
+        "currents": sample.currents,
+        "battery": sample.battery,
+    })
+}
+
+fn line(line: &Line) -> Value {
+    let weight = match line.weight {
+        Weight::Note => "note",
+        Weight::Warning => "warning",
+        Weight::Alarm => "alarm",
+    };
+    json!({ "at": line.at.as_secs_f64(), "weight": weight, "text": line.text })
+}

@@ -1,0 +1,5 @@
+//! What pages draw the robot with.
+
+/// Draws boxes, lines and arrows on a canvas, seen by a camera that the pointer moves: plain JavaScript that is put
+/// into a page, where it defines `createScene`. It asks for nothing from elsewhere.
+pub const SCENE: &str = include_str!("scene.js");

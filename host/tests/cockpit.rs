@@ -1,0 +1,267 @@
+//! The cockpit's pages in virtual time: who drives, who may stop, and what a page's silence does.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+mod support;
+
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use flix_host::cockpit::message::{Message, Request};
+use flix_host::cockpit::pages::{Misuse, PageId, Pages, SIGN_OF_LIFE};
+use flix_host::cockpit::snapshot::snapshot;
+use flix_host::link::Client;
+use flix_host::teleop::Cockpit;
+use flix_host::teleop::keyboard::{Action, Mode};
+use flix_protocol::message::{Fault, Setpoint, State};
+use flix_protocol::units::Instant;
+use support::{FakeRobot, key};
+
+/// Interval of a page's signs of life.
+const FRAME: Duration = Duration::from_millis(33);
+/// A page, and another.
+const ANNA: PageId = 1;
+const BOB: PageId = 2;
+/// Time in which a robot that is left alone must rest.
+const REST: Duration = Duration::from_secs(1);
+
+/// Pages and their robot, which answers at once.
+struct Room {
+    now: Instant,
+    client: Client,
+    robot: FakeRobot,
+    cockpit: Cockpit,
+    pages: Pages,
+    /// Pages that show each snapshot and answer it, this much late.
+    lively: Vec<(PageId, Duration)>,
+    answered: Instant,
+}
+
+impl Room {
+    fn new() -> Self {
+        let now = Instant::from_micros(5_000_000);
+        let mut room = Self {
+            now,
+            client: Client::new(key(), [9; 32], now),
+            robot: FakeRobot::new(Some(key())),
+            cockpit: Cockpit::new("walker-1", now),
+            pages: Pages::default(),
+            lively: Vec::new(),
+            answered: now,
+        };
+        room.open(ANNA);
+        room.run(Duration::from_millis(700));
+        room
+    }
+
+    fn walking() -> Self {
+        let mut room = Self::new();
+        room.act(ANNA, Action::Arm);
+        room.act(ANNA, Action::Walk(Mode::Forward));
+        assert_eq!(room.robot.setpoint, Mode::Forward.setpoint());
+        room
+    }
+
+    fn open(&mut self, page: PageId) {
+        self.pages.open(page, self.now);
+        self.lively.push((page, Duration::ZERO));
+    }
+
+    /// Says something that was decided this long ago.
+    fn say(&mut self, page: PageId, request: Option<Request>, age: Duration) -> Result<(), Misuse> {
+        let seen = Pages::stamp(self.now) - age.as_millis() as u64;
+        let message = Message { seen, request };
+        self.pages.receive(page, message, &mut self.cockpit, &mut self.client, self.now)
+    }
+
+    fn act(&mut self, page: PageId, action: Action) {
+        self.say(page, Some(Request::Act(action)), Duration::ZERO).unwrap();
+        self.run(Duration::from_millis(100));
+    }
+
+    fn run(&mut self, duration: Duration) {
+        let operator: SocketAddr = "10.0.0.1:5000".parse().unwrap();
+        let end = self.now + duration;
+        while self.now < end {
+            if self.now.since(self.answered) >= FRAME {
+                self.answered = self.now;
+                for (page, age) in self.lively.clone() {
+                    self.say(page, None, age).unwrap();
+                }
+            }
+            self.pages.watch(&mut self.cockpit, &mut self.client, self.now);
+            let mut answers = self.robot.tick(self.now);
+            while let Some(frame) = self.client.transmit(self.now) {
+                answers.extend(self.robot.receive(self.now, operator, &frame));
+            }
+            for (_, datagram) in answers {
+                self.client.receive(self.now, &datagram);
+            }
+            while let Some(update) = self.client.update() {
+                self.cockpit.observe(&update, &mut self.client, self.now);
+            }
+            self.cockpit.tick(&self.client, self.now);
+            self.now = self.now + Duration::from_millis(1);
+        }
+    }
+
+    fn log(&self) -> String {
+        self.cockpit.log.iter().map(|line| format!("{}\n", line.text)).collect()
+    }
+}
+
+#[test]
+fn every_mode_of_a_page_drives_its_pair() {
+    for mode in Mode::ALL {
+        let mut room = Room::walking();
+        room.act(ANNA, Action::Walk(mode));
+        assert_eq!(room.robot.setpoint, mode.setpoint(), "{mode:?}");
+    }
+}
+
+#[test]
+fn a_page_that_goes_on_to_look_goes_on_to_walk() {
+    let mut room = Room::walking();
+    room.run(Duration::from_secs(30));
+    assert_eq!((room.robot.state, room.robot.setpoint), (State::Running, Mode::Forward.setpoint()));
+}
+
+#[test]
+fn a_page_that_freezes_is_a_silent_operator() {
+    let mut room = Room::walking();
+    room.lively.clear();
+    room.run(SIGN_OF_LIFE + 2 * FRAME);
+    assert_eq!(room.robot.setpoint, Setpoint::REST);
+    room.run(REST);
+    assert_eq!(room.robot.state, State::Disarmed);
+}
+
+#[test]
+fn a_page_that_thaws_does_not_walk_on() {
+    let mut room = Room::walking();
+    room.lively.clear();
+    room.run(Duration::from_millis(500));
+    room.lively.push((ANNA, Duration::ZERO));
+    room.run(Duration::from_secs(2));
+    assert_eq!((room.robot.state, room.robot.setpoint), (State::Armed, Setpoint::REST));
+    room.act(ANNA, Action::Walk(Mode::LeftTurn));
+    assert_eq!(room.robot.setpoint, Mode::LeftTurn.setpoint());
+}
+
+#[test]
+fn signs_of_life_that_were_held_back_are_none() {
+    let mut room = Room::walking();
+    room.lively = vec![(ANNA, SIGN_OF_LIFE + Duration::from_millis(10))];
+    room.run(SIGN_OF_LIFE + 2 * FRAME);
+    assert_eq!(room.robot.setpoint, Setpoint::REST);
+}
+
+#[test]
+fn a_command_that_was_held_back_moves_nothing() {
+    let mut room = Room::walking();
+    room.act(ANNA, Action::Rest);
+    let late = SIGN_OF_LIFE + Duration::from_millis(1);
+    room.say(ANNA, Some(Request::Act(Action::Walk(Mode::Forward))), late).unwrap();
+    room.run(Duration::from_millis(100));
+    assert_eq!(room.robot.setpoint, Setpoint::REST);
+    assert!(room.log().contains("too slow"), "{}", room.log());
+}
+
+#[test]
+fn stop_rest_and_disarm_are_done_however_late() {
+    let late = Duration::from_secs(3);
+    for (action, state) in [
+        (Action::Stop, State::Disarmed),
+        (Action::Rest, State::Armed),
+        (Action::Disarm, State::Disarmed),
+    ] {
+        let mut room = Room::walking();
+        room.say(ANNA, Some(Request::Act(action)), late).unwrap();
+        room.run(REST);
+        assert_eq!((room.robot.state, room.robot.stopped), (state, action == Action::Stop));
+    }
+}
+
+#[test]
+fn a_page_that_is_closed_disarms_the_robot() {
+    let mut room = Room::walking();
+    room.lively.clear();
+    room.pages.close(ANNA, &mut room.cockpit, &mut room.client, room.now);
+    room.run(REST);
+    assert_eq!((room.robot.state, room.robot.stopped), (State::Disarmed, false));
+}
+
+#[test]
+fn a_second_page_watches_and_may_only_stop() {
+    let mut room = Room::walking();
+    room.open(BOB);
+    for action in
+        [Action::Rest, Action::Disarm, Action::Walk(Mode::LeftTurn), Action::Frequency(1.0)]
+    {
+        room.act(BOB, action);
+        assert_eq!(room.robot.setpoint, Mode::Forward.setpoint(), "{action:?}");
+    }
+    room.act(BOB, Action::Stop);
+    assert!(room.robot.stopped);
+}
+
+#[test]
+fn a_watching_page_is_no_sign_of_life_of_the_one_that_drives() {
+    let mut room = Room::walking();
+    room.open(BOB);
+    room.lively.retain(|(page, _)| *page == BOB);
+    room.run(REST);
+    assert_eq!(room.robot.setpoint, Setpoint::REST);
+}
+
+#[test]
+fn taking_over_is_explicit_and_begins_at_rest() {
+    let mut room = Room::walking();
+    room.open(BOB);
+    assert_eq!(room.pages.driver(), Some(ANNA));
+    room.say(BOB, Some(Request::Drive), Duration::ZERO).unwrap();
+    room.run(Duration::from_millis(100));
+    assert_eq!((room.pages.driver(), room.robot.setpoint), (Some(BOB), Setpoint::REST));
+    room.act(ANNA, Action::Walk(Mode::Forward));
+    assert_eq!(room.robot.setpoint, Setpoint::REST);
+    room.act(BOB, Action::Walk(Mode::RightTurn));
+    assert_eq!(room.robot.setpoint, Mode::RightTurn.setpoint());
+}
+
+#[test]
+fn a_page_that_watches_does_not_begin_to_drive_when_the_other_is_closed() {
+    let mut room = Room::walking();
+    room.open(BOB);
+    room.pages.close(ANNA, &mut room.cockpit, &mut room.client, room.now);
+    assert_eq!((room.pages.driver(), room.pages.count()), (None, 1));
+}
+
+#[test]
+fn a_page_that_has_seen_the_future_is_not_believed() {
+    let mut room = Room::walking();
+    let message = Message { seen: Pages::stamp(room.now) + 1, request: None };
+    let received = room.pages.receive(ANNA, message, &mut room.cockpit, &mut room.client, room.now);
+    assert_eq!(received, Err(Misuse));
+}
+
+#[test]
+fn a_page_that_is_expelled_stops_the_robot() {
+    let mut room = Room::walking();
+    room.pages.expel(ANNA, &mut room.cockpit, &mut room.client, room.now);
+    room.lively.clear();
+    room.run(REST);
+    assert!(room.robot.stopped);
+    assert_eq!(room.pages.driver(), None);
+}
+
+#[test]
+fn a_snapshot_explains_a_fault_and_states_who_drives() {
+    let mut room = Room::new();
+    room.act(ANNA, Action::Arm);
+    room.robot.fault_when_running = Some(Fault::Stall);
+    room.act(ANNA, Action::Walk(Mode::Forward));
+    let text = snapshot(&room.cockpit, &room.pages, room.now);
+    let seen: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!((&seen["driver"], &seen["telemetry"]["state"]), (&1.into(), &"faulted".into()));
+    let help = seen["telemetry"]["faults"][0]["help"].as_str().unwrap();
+    assert!(help.contains("free the rotor"), "{help}");
+}
