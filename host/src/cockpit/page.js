@@ -219,6 +219,8 @@ function drawScene() {
 // Theta is where the rotors meet: at rest it means nothing.
 const turns = (frequency) => Math.abs(frequency) > 1;
 const history = [];
+// Nobody reads faster, and a slow computer shows its newest snapshot sooner.
+const WORDS_MS = 80;
 const HISTORY_MS = 20000;
 function chart(id, of, wantedOf, floorRange) {
   const canvas = byId(id), pen = canvas.getContext("2d"), ratio = devicePixelRatio;
@@ -307,6 +309,7 @@ function drawWords(gamepad) {
   }
 }
 
+let written = 0;
 function draw(now) {
   const gamepad = readGamepad(now);
   if (snapshot?.telemetry && history.at(-1)?.stamp !== snapshot.stamp) {
@@ -315,9 +318,12 @@ function draw(now) {
     while (history[0].stamp < stamp - HISTORY_MS) history.shift();
   }
   drawScene();
-  drawWords(gamepad);
-  chart("f-chart", (one) => one.f, (one) => one.wanted[0], 10);
-  chart("theta-chart", (one) => (turns(one.f) ? one.theta : undefined), (one) => one.wanted[1], 20);
+  if (now - written >= WORDS_MS) {
+    written = now;
+    drawWords(gamepad);
+    chart("f-chart", (one) => one.f, (one) => one.wanted[0], 10);
+    chart("theta-chart", (one) => (turns(one.f) ? one.theta : undefined), (one) => one.wanted[1], 20);
+  }
   if (snapshot) shown = snapshot.stamp;
   requestAnimationFrame(draw);
 }

@@ -150,7 +150,11 @@ impl Pages {
         let silence = now.since(driver.seen);
         if silence > SIGN_OF_LIFE && !driver.is_silent {
             driver.is_silent = true;
-            rest(cockpit, client, now);
+            if cockpit.wanted != Setpoint::REST {
+                rest(cockpit, client, now);
+                let text = "the page that drives is hidden, or too slow: the robot rests";
+                cockpit.note(now, Weight::Warning, text);
+            }
         }
         if silence > LINK_LOST && client.is_driving() {
             disarm(cockpit, client, now, "the page that drives is silent: the robot is disarmed");
