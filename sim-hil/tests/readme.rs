@@ -2,7 +2,7 @@
 //!
 //! A folder that is alone on the PATH has `cargo` and `flix`, both this program under another name: `cargo run` starts
 //! the program of this build that it names. A line `serve` goes on in a terminal of its own until the next one, as the
-//! README says, and `teleop` gets a terminal and is left by its key. A comment "short: `OPTIONS`" names the form in which
+//! README says, `teleop` gets a terminal and is left by its key, and `cockpit` is ended once it serves. A comment "short: `OPTIONS`" names the form in which
 //! a long run is tried here. What needs hardware or a network is compared with the aliases and tasks that there are.
 //! Every other command in the running text of the documentation has to be one that the programs take.
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
@@ -33,6 +33,8 @@ const SERVES: &str = "Ctrl-C switches it off";
 const TOO_BUSY: &str = "too busy for real time";
 /// What the screen of `teleop` shows.
 const SCREEN: &str = "leave";
+/// What `cockpit` prints.
+const PAGE: &str = "open http://";
 /// Distance from its start within which `identify` keeps the robot, and to which it brings it back, m.
 const IDENTIFIED_WITHIN: (f64, f64) = (1.0, 0.15);
 /// The first command of the README in full.
@@ -192,6 +194,10 @@ impl Session {
             let robot = self.start(&command, Stdio::null());
             robot.wait_for(SERVES);
             self.robot = Some(robot);
+        } else if command.contains(" cockpit") {
+            let page = self.start(&command, Stdio::null());
+            page.wait_for(PAGE);
+            interrupt(page);
         } else if command.contains(" teleop") {
             self.at_a_terminal(&command);
         } else {
@@ -260,10 +266,7 @@ impl Session {
     }
 
     fn end_serving(&mut self) {
-        let Some(mut robot) = self.robot.take() else { return };
-        let pid = Pid::from_child(&robot.child);
-        kill_process(pid, Signal::INT).unwrap();
-        assert_eq!(robot.end(), Some(0), "serve:\n{}", robot.output());
+        self.robot.take().map_or((), interrupt);
     }
 
     fn identified_near_its_start(&self) {
@@ -330,6 +333,12 @@ impl Program {
         watch.join().unwrap();
         code
     }
+}
+
+/// Ends a program as Ctrl-C does.
+fn interrupt(mut program: Program) {
+    kill_process(Pid::from_child(&program.child), Signal::INT).unwrap();
+    assert_eq!(program.end(), Some(0), "`{}`:\n{}", program.command, program.output());
 }
 
 /// Returns the name of the variant that clap reads as `task`.

@@ -1,0 +1,143 @@
+//! A browser that is driven by the WebDriver protocol: `chromium` and `chromedriver`.
+
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
+use std::process::{Child, Command, Stdio};
+
+use serde_json::{Value, json};
+
+use super::Outcome;
+
+/// What a page element is called in answers.
+const ELEMENT: &str = "element-6066-11e4-a52e-4f735466cecf";
+
+/// A browser with one window, closed when it is dropped.
+pub struct Browser {
+    driver: Child,
+    port: u16,
+    session: String,
+}
+
+impl Browser {
+    /// Opens a browser. `None` where none is installed.
+    pub fn open() -> Outcome<Option<Self>> {
+        let driver = Command::new("chromedriver")
+            .arg("--port=0")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn();
+        let Ok(mut driver) = driver else { return Ok(None) };
+        let mut lines = BufReader::new(driver.stdout.take().ok_or("no output")?).lines();
+        let port = loop {
+            let line = lines.next().ok_or("chromedriver has no port")??;
+            if let Some((_, port)) = line.split_once("successfully on port ") {
+                break port.trim_end_matches('.').parse()?;
+            }
+        };
+        // Nobody reads on, and a full pipe would hold it.
+        std::thread::spawn(move || lines.for_each(drop));
+        let mut browser = Self { driver, port, session: String::new() };
+        let arguments = ["--headless=new", "--no-sandbox", "--window-size=1280,800"];
+        let options = json!({ "args": arguments });
+        let wanted =
+            json!({ "capabilities": { "alwaysMatch": { "goog:chromeOptions": options } } });
+        let session = browser.call("POST", "/session", &wanted)?;
+        browser.session = session["sessionId"].as_str().ok_or("no session")?.to_owned();
+        Ok(Some(browser))
+    }
+
+    /// Opens a page.
+    pub fn go(&self, url: &str) -> Outcome<()> {
+        self.ask("url", &json!({ "url": url })).map(drop)
+    }
+
+    /// Returns the value of a script.
+    pub fn run(&self, script: &str) -> Outcome<Value> {
+        self.ask("execute/sync", &json!({ "script": script, "args": [] }))
+    }
+
+    /// Presses and releases a key.
+    pub fn press(&self, key: char) -> Outcome<()> {
+        let key = |kind: &str| json!({ "type": kind, "value": key });
+        let actions = [key("keyDown"), key("keyUp")];
+        let actions = json!([{ "type": "key", "id": "keys", "actions": actions }]);
+        self.ask("actions", &json!({ "actions": actions })).map(drop)
+    }
+
+    /// Touches an element with a finger.
+    pub fn touch(&self, selector: &str) -> Outcome<()> {
+        let wanted = json!({ "using": "css selector", "value": selector });
+        let element = self.ask("element", &wanted)?[ELEMENT].clone();
+        let actions = json!([
+            { "type": "pointerMove", "origin": { ELEMENT: element }, "x": 0, "y": 0 },
+            { "type": "pointerDown", "button": 0 },
+            { "type": "pointerUp", "button": 0 },
+        ]);
+        let finger = json!({ "pointerType": "touch" });
+        let actions = json!([{ "type": "pointer", "id": "finger", "parameters": finger, "actions": actions }]);
+        self.ask("actions", &json!({ "actions": actions })).map(drop)
+    }
+
+    /// Opens another window, and returns its name.
+    pub fn open_window(&self) -> Outcome<Value> {
+        Ok(self.ask("window/new", &json!({ "type": "window" }))?["handle"].clone())
+    }
+
+    /// Returns the name of this window.
+    pub fn window(&self) -> Outcome<Value> {
+        self.call("GET", &format!("/session/{}/window", self.session), &Value::Null)
+    }
+
+    /// Goes on in this window.
+    pub fn switch(&self, window: &Value) -> Outcome<()> {
+        self.ask("window", &json!({ "handle": window })).map(drop)
+    }
+
+    /// Ends the browser as a crash does: without a word to its pages.
+    pub fn kill(&mut self) -> Outcome<()> {
+        let command = json!({ "cmd": "Browser.crash", "params": {} });
+        // It does not live to answer.
+        let _ = self.ask("goog/cdp/execute", &command);
+        Ok(self.driver.kill()?)
+    }
+
+    fn ask(&self, what: &str, with: &Value) -> Outcome<Value> {
+        self.call("POST", &format!("/session/{}/{what}", self.session), with)
+    }
+
+    fn call(&self, method: &str, path: &str, body: &Value) -> Outcome<Value> {
+        let body = if body.is_null() { String::new() } else { body.to_string() };
+        let mut stream = TcpStream::connect(("127.0.0.1", self.port))?;
+        write!(
+            stream,
+            "{method} {path} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\nContent-Type: application/json\r\n\
+             Content-Length: {}\r\n\r\n{body}",
+            self.port,
+            body.len()
+        )?;
+        let mut answer = BufReader::new(stream);
+        let (mut line, mut length) = (String::new(), 0);
+        while answer.read_line(&mut line)? > 2 {
+            if let Some(text) = line.to_ascii_lowercase().strip_prefix("content-length:") {
+                length = text.trim().parse()?;
+            }
+            line.clear();
+        }
+        let mut text = vec![0; length];
+        answer.read_exact(&mut text)?;
+        let mut answer: Value = serde_json::from_slice(&text)?;
+        let value = answer["value"].take();
+        match value.get("error") {
+            Some(_) => Err(format!("{method} {path}: {value}").into()),
+            None => Ok(value),
+        }
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let _ = self.call("DELETE", &format!("/session/{}", self.session), &Value::Null);
+        let _ = self.driver.kill();
+        let _ = self.driver.wait();
+    }
+}
