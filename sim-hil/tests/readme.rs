@@ -266,7 +266,9 @@ impl Session {
     }
 
     fn end_serving(&mut self) {
-        self.robot.take().map_or((), interrupt);
+        if let Some(robot) = self.robot.take() {
+            interrupt(robot);
+        }
     }
 
     fn identified_near_its_start(&self) {
