@@ -35,7 +35,7 @@ const WALKING_HZ: f64 = 29.0;
 /// Time after which a robot that does not walk is commanded again.
 const TRY_AGAIN: Duration = Duration::from_secs(3);
 /// Wall time after which something hangs.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(180);
 /// Pause between two looks at a condition.
 const LOOK: Duration = Duration::from_millis(5);
 const SEED: u64 = 1;
@@ -224,27 +224,40 @@ impl Desk {
         self.until(&format!("{id} = {text}"), |desk| Ok(desk.browser.run(&script)? == text))
     }
 
-    /// Commands this until the robot walks: where the machine has no time for the page, the robot rests.
-    fn walk(&self, command: impl Fn(&Self) -> Outcome<()>) -> Outcome<()> {
+    /// Commands this until it is so: where the machine has no time for the page, a command is not done, or the robot rests.
+    fn command(
+        &self,
+        what: &str,
+        command: impl Fn(&Self) -> Outcome<()>,
+        is_so: impl Fn(&Self) -> Outcome<bool>,
+    ) -> Outcome<()> {
         let tried = std::cell::Cell::new(None::<Instant>);
-        self.until("walking", |desk| {
-            let seen = desk.seen()?;
-            if seen.frequency.abs() > WALKING_HZ {
+        self.until(what, |desk| {
+            if is_so(desk)? {
                 return Ok(true);
             }
-            if tried.get().is_none_or(|at| seen.now.since(at) > TRY_AGAIN) {
-                tried.set(Some(seen.now));
-                desk.until_armed()?;
+            let now = desk.seen()?.now;
+            if tried.get().is_none_or(|at| now.since(at) > TRY_AGAIN) {
+                tried.set(Some(now));
                 command(desk)?;
             }
             Ok(false)
         })
     }
 
+    fn walk(&self, command: impl Fn(&Self) -> Outcome<()>) -> Outcome<()> {
+        let armed = |desk: &Self| desk.until_armed().and_then(|()| command(desk));
+        self.command("walking", armed, |desk| Ok(desk.seen()?.frequency.abs() > WALKING_HZ))
+    }
+
+    fn state(&self) -> Outcome<serde_json::Value> {
+        self.browser.run("return document.getElementById('state').textContent")
+    }
+
     /// Arms by keyboard, unless the robot is armed.
     fn until_armed(&self) -> Outcome<()> {
         self.until("armed", |desk| {
-            let state = desk.browser.run("return document.getElementById('state').textContent")?;
+            let state = desk.state()?;
             if state == "disarmed" {
                 desk.browser.press(ENTER)?;
             }
@@ -266,8 +279,11 @@ impl Desk {
                 .run("return document.querySelector('[data-do=arm]').disabled === false")
                 .map(|it| it == true)
         })?;
-        self.browser.press('c')?;
-        self.until_text("state", "disarmed")?;
+        let clear = |desk: &Self| desk.browser.press('c');
+        self.command("cleared", clear, |desk| {
+            let state = desk.state()?;
+            Ok(["disarmed", "armed", "running"].iter().any(|it| state == *it))
+        })?;
         self.until_armed()
     }
 
@@ -366,8 +382,8 @@ impl Desk {
         self.browser.touch("#stop")?;
         self.until_text("state", "stopped")?;
         self.until_resting()?;
-        self.browser.touch("#drive")?;
-        self.until("driving", |desk| {
+        let take = |desk: &Self| desk.browser.touch("#drive");
+        self.command("driving", take, |desk| {
             desk.browser.run("return document.getElementById('drive').hidden").map(|it| it == true)
         })?;
         self.browser.switch(&first)?;
