@@ -134,6 +134,7 @@ fn walks_are_recorded_with_their_motion_and_read_by_the_study() {
         fence: "-2,-2,2,2".parse().unwrap(),
         pose_deadline: Duration::from_millis(100),
         pose_patience: Duration::from_secs(5),
+        least_battery: None,
         known: None,
     });
     let helm = until_end(course(helm, RobotModel::named("W").unwrap(), 1.0));

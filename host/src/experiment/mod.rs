@@ -5,12 +5,14 @@
 //! |---|---|
 //! | [`air`] | the robot hangs on cords and is shaken; motion capture sees how it swings |
 //! | [`drops`] | somebody drops the robot onto its feet; motion capture sees how it sinks and springs back |
+//! | [`grid`] | the robot walks every pair of a grid, over as many runs as it takes |
 //! | [`walks`] | the robot walks; its mean motion counts, as in [`crate::nav::Identification`] |
 //!
 //! What decides takes poses, telemetry and time as arguments. [`Sheet`] alone touches a file.
 
 pub mod air;
 pub mod drops;
+pub mod grid;
 mod sheet;
 pub mod walks;
 

@@ -76,7 +76,7 @@ pub struct Sheet {
     path: PathBuf,
     columns: &'static [Column],
     has_header: bool,
-    last: f64,
+    rows: Vec<Vec<f64>>,
 }
 
 impl Sheet {
@@ -97,7 +97,7 @@ impl Sheet {
             true => file::read_text(&path)
                 .map_err(|source| SheetError::Read { path: path.clone(), source })?,
         };
-        let mut sheet = Self { path, columns, has_header: false, last: 0.0 };
+        let mut sheet = Self { path, columns, has_header: false, rows: Vec::new() };
         sheet.read(&text)?;
         Ok(sheet)
     }
@@ -121,7 +121,7 @@ impl Sheet {
                 line.split(',').map(|cell| cell.trim().parse()).collect();
             match numbers {
                 Ok(row) if row.len() == self.columns.len() && line.ends_with('\n') => {
-                    self.last = self.last.max(row[0]);
+                    self.rows.push(row);
                 }
                 _ => return Err(SheetError::NotARow { path, line: index + 1, expected }),
             }
@@ -139,10 +139,16 @@ impl Sheet {
         &self.path
     }
 
+    /// Returns its rows, those of earlier runs among them.
+    #[must_use]
+    pub fn rows(&self) -> &[Vec<f64>] {
+        &self.rows
+    }
+
     /// Returns the largest number in its first column; 0 without rows.
     #[must_use]
     pub fn last(&self) -> f64 {
-        self.last
+        self.rows.iter().fold(0.0, |last, row| last.max(row[0]))
     }
 
     /// Appends a comment and rows, at once. Without rows the file stays as it is.
@@ -168,7 +174,6 @@ impl Sheet {
             };
             let cells: Vec<String> = row.iter().zip(self.columns).map(cell).collect();
             text += &(cells.join(",") + "\n");
-            self.last = self.last.max(row[0]);
         }
         let write = || -> io::Result<()> {
             let mut file = File::options().append(true).create(true).open(&self.path)?;
@@ -177,6 +182,7 @@ impl Sheet {
         };
         write().map_err(|source| SheetError::Write { path: self.path.clone(), source })?;
         self.has_header = true;
+        self.rows.extend_from_slice(rows);
         Ok(())
     }
 }

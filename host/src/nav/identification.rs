@@ -59,6 +59,8 @@ pub struct IdentificationSettings {
     pub pose_deadline: Duration,
     /// Without trusted poses the identification ends after this time.
     pub pose_patience: Duration,
+    /// Voltage of the resting robot's battery, V, below which the identification ends; where the robot measures it.
+    pub least_battery: Option<f32>,
     /// Modes in which the robot walks back; without them, those identified so far.
     pub known: Option<ModeTable>,
 }
@@ -90,6 +92,8 @@ pub struct Identification {
     window: Option<(Instant, PlanarPose)>,
     seen: Vec<Twist>,
     lost_speed: bool,
+    /// Voltage of the battery as of the last rest, V.
+    battery: Option<f32>,
     stop: Option<Stop>,
     /// Where the robot began.
     start: Option<Position>,
@@ -116,6 +120,7 @@ impl Identification {
             window: None,
             seen: Vec::new(),
             lost_speed: false,
+            battery: None,
             stop: None,
             start: None,
             from: 0.0,
@@ -172,7 +177,10 @@ impl Identification {
 
     /// Takes telemetry of this time.
     pub fn hear(&mut self, now: Instant, telemetry: &Telemetry) {
-        let Some(begun) = self.begun.filter(|_| self.ended.is_none()) else { return };
+        let Some(begun) = self.begun.filter(|_| self.ended.is_none()) else {
+            self.battery = telemetry.bus_voltage.map(|volts| volts.get());
+            return;
+        };
         let mode = self.current as usize % self.settings.pairs.len();
         let is_reached = is_reached(telemetry, &self.settings.pairs[mode].1);
         self.lost_speed |= now.since(begun) >= SETTLING && !is_reached;
@@ -193,6 +201,13 @@ impl Identification {
         {
             let (at, fence) = (pose.position(), self.settings.fence);
             return self.end(Stop::OutsideFence { at, fence });
+        }
+        if let (Some(volts), Some(least)) = (self.battery, self.settings.least_battery)
+            && self.begun.is_none()
+            && self.current < self.total()
+            && volts < least
+        {
+            return self.end(Stop::Battery { volts, least });
         }
         let decision = self.walk_back(now).unwrap_or_else(|| self.drive(now));
         let walks = matches!(decision, Decision::Drive { .. });
@@ -347,9 +362,12 @@ fn spread(motions: &[Twist], component: fn(&Twist) -> f64) -> Spread {
 
 #[cfg(test)]
 mod tests {
+    use flix_protocol::units::Volts;
+
     use super::super::modes::tests::model_w;
     use super::*;
     use crate::pose::Pose;
+    use crate::record::tests::telemetry;
 
     fn identified(rounds: u32) -> Identification {
         identified_from(PlanarPose::default(), rounds, Duration::from_secs(4)).0
@@ -370,6 +388,7 @@ mod tests {
             fence: "-3,-3,3,3".parse().unwrap(),
             pose_deadline: Duration::from_millis(100),
             pose_patience: Duration::from_secs(2),
+            least_battery: None,
             known: None,
         });
         let mut pose = start;
@@ -435,6 +454,28 @@ mod tests {
     #[test]
     fn all_modes_take_their_turn_in_every_round() {
         assert_eq!(identified(3).progress(), (27, 27));
+    }
+
+    #[test]
+    fn a_battery_that_is_low_at_rest_ends_the_identification_and_one_that_sags_while_walking_does_not()
+     {
+        let ending = |volts, is_walking: bool| {
+            let mut identification = identified(1);
+            (identification.current, identification.settings.least_battery) = (0, Some(9.9));
+            let now = Instant::from_micros(2_000_000_000);
+            let pose = Pose::planar(PlanarPose::default(), 0.05);
+            identification.observe(&PoseSample { time: now, pose, valid: true, picture: None });
+            if is_walking {
+                assert!(matches!(identification.decide(now), Decision::Drive { .. }));
+            }
+            let bus_voltage = Some(Volts::saturating(volts));
+            identification.hear(now, &Telemetry { bus_voltage, ..telemetry(0.0) });
+            identification.decide(now)
+        };
+        let low = Stop::Battery { volts: 9.5, least: 9.9 };
+        assert_eq!(ending(9.5, false), Decision::Stopped(low));
+        assert!(matches!(ending(10.5, false), Decision::Drive { .. }));
+        assert!(matches!(ending(9.5, true), Decision::Drive { .. }));
     }
 
     #[test]

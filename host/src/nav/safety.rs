@@ -39,6 +39,13 @@ pub enum Stop {
         /// Largest allowed distance, m.
         limit: f64,
     },
+    /// The battery is empty.
+    Battery {
+        /// Its voltage at rest, V.
+        volts: f32,
+        /// Lowest allowed voltage, V.
+        least: f32,
+    },
     /// The controller, a program of its own, failed: in this sentence.
     Controller(String),
     /// The experiment cannot be made so: in this sentence.
@@ -78,6 +85,10 @@ impl fmt::Display for Stop {
                  obstacle, identify its modes again with `flix identify`, or raise --error-limit",
                 error * 1e3,
                 limit * 1e3
+            ),
+            Self::Battery { volts, least } => write!(
+                f,
+                "the battery is at {volts:.1} V, below {least} V: charge it, then run the same command again"
             ),
             Self::Controller(sentence) | Self::Experiment(sentence) => f.write_str(sentence),
         }

@@ -34,6 +34,8 @@ pub struct Cmaes {
     step_path: Vec<f64>,
     /// Generations so far.
     generation: u64,
+    /// Candidates a generation.
+    population: usize,
     seed: u64,
 }
 
@@ -52,9 +54,9 @@ struct Constants {
 }
 
 impl Constants {
-    fn new(variables: usize) -> Self {
+    fn new(variables: usize, population: usize) -> Self {
         let n = variables as f64;
-        let parents = population(variables) / 2;
+        let parents = population / 2;
         let raw: Vec<f64> =
             (0..parents).map(|i| (parents as f64 + 0.5).ln() - (i as f64 + 1.0).ln()).collect();
         let sum: f64 = raw.iter().sum();
@@ -79,8 +81,9 @@ impl Constants {
     }
 }
 
-/// Candidates of a generation.
-fn population(variables: usize) -> usize {
+/// Returns the usual number of candidates a generation.
+#[must_use]
+pub fn usual_population(variables: usize) -> usize {
     4 + (3.0 * (variables as f64).ln()).floor() as usize
 }
 
@@ -97,14 +100,16 @@ pub fn inside(point: &[f64]) -> Vec<f64> {
 }
 
 impl Cmaes {
-    /// Creates a search that begins at `start` with steps of `sigma`.
+    /// Creates a search that begins at `start` with steps of `sigma` and tries `population` candidates a generation
+    /// ([`usual_population`]; more where values are noisy or have many valleys).
     ///
     /// # Panics
-    /// When `start` is empty.
+    /// When `start` is empty or the population is below 4.
     #[must_use]
-    pub fn new(start: &[f64], sigma: f64, seed: u64) -> Self {
+    pub fn new(start: &[f64], sigma: f64, seed: u64, population: usize) -> Self {
         let variables = start.len();
         assert!(variables > 0, "a search has at least one variable");
+        assert!(population >= 4, "a generation has at least four candidates");
         Self {
             mean: start.to_vec(),
             sigma,
@@ -112,6 +117,7 @@ impl Cmaes {
             path: vec![0.0; variables],
             step_path: vec![0.0; variables],
             generation: 0,
+            population,
             seed,
         }
     }
@@ -149,7 +155,7 @@ impl Cmaes {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(
             self.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(self.generation),
         );
-        (0..population(n))
+        (0..self.population)
             .map(|_| {
                 let normal: DVector<f64> =
                     DVector::from_fn(n, |_, _| StandardNormal.sample(&mut random));
@@ -163,7 +169,7 @@ impl Cmaes {
     /// worst.
     pub fn update(&mut self, points: &[Vec<f64>], values: &[f64]) {
         let n = self.mean.len();
-        let c = Constants::new(n);
+        let c = Constants::new(n, self.population);
         let mut order: Vec<usize> = (0..points.len().min(values.len())).collect();
         let value = |i: usize| if values[i].is_nan() { f64::INFINITY } else { values[i] };
         order.sort_by(|a, b| value(*a).total_cmp(&value(*b)));
@@ -212,7 +218,7 @@ mod tests {
 
     /// Minimises and returns the distance of the mean from `goal`.
     fn search(generations: u64, goal: &[f64], value: impl Fn(&[f64], u64) -> f64) -> f64 {
-        let mut search = Cmaes::new(&vec![0.5; goal.len()], 0.2, 7);
+        let mut search = Cmaes::new(&vec![0.5; goal.len()], 0.2, 7, usual_population(goal.len()));
         for generation in 0..generations {
             let points = search.ask();
             let values: Vec<f64> = points.iter().map(|p| value(p, generation)).collect();
@@ -247,7 +253,7 @@ mod tests {
             let values: Vec<f64> = points.iter().map(|p| p.iter().map(|x| x * x).sum()).collect();
             search.update(&points, &values);
         };
-        let mut whole = Cmaes::new(&[0.3, 0.9, 0.1], 0.1, 1);
+        let mut whole = Cmaes::new(&[0.3, 0.9, 0.1], 0.1, 1, 7);
         advance(&mut whole);
         let mut resumed: Cmaes = toml::from_str(&toml::to_string(&whole).unwrap()).unwrap();
         advance(&mut whole);

@@ -2,12 +2,14 @@
 
 use std::path::Path;
 
+use flix_host::nav::Twist;
 use flix_host::plot::{
     Chart, Colour, Figure, HeatMap, HeatMaps, Panel, PlotError, Series, Stroke, Written, colour,
 };
 
 use super::Table;
 use super::actuation::CYCLES;
+use super::measured::Measured;
 use super::modes::{Component, PaperMode, paper_modes};
 use super::selection::{Candidate, robustness};
 use super::sensitivity::index;
@@ -116,6 +118,35 @@ fn mobility(table: &Table, cells: &[Cell]) -> HeatMaps {
         figure.map(modes.iter().enumerate().fold(map, |map, (number, mode)| {
             mark(map, cells, (mode.f_hz, mode.theta_deg), (number + 1).to_string())
         }))
+    })
+}
+
+/// Draws measured speeds (dots) over simulated ones (lines) of the same pairs, as figure 3b: over theta, a colour for each f.
+#[must_use]
+pub fn overlay(robot: &str, rows: &[(Measured, Cell)]) -> Chart {
+    let cells: Vec<Cell> = rows.iter().map(|(_, cell)| cell.clone()).collect();
+    let frequencies = axis(&cells, |cell| cell.f_hz);
+    let fastest = frequencies.iter().fold(f64::MIN_POSITIVE, |most, f| most.max(f.abs()));
+    let chart =
+        Chart::new(format!("Measured and simulated speeds of model {robot}"), "\u{3b8} (\u{b0})")
+            .subtitle("dots: measured; lines: simulated, the mean over the seeds".to_owned());
+    SPEEDS.iter().fold(chart, |chart, speed| {
+        let panel = frequencies.iter().fold(Panel::new(speed.title).height(200.0), |panel, f| {
+            let dark = if *f < 0.0 { colour::ORANGE } else { colour::BLUE };
+            let tone = colour::GRID.towards(dark, 0.35 + 0.65 * (f / fastest).abs());
+            let mut own: Vec<&(Measured, Cell)> =
+                rows.iter().filter(|(_, cell)| cell.f_hz == *f).collect();
+            own.sort_by(|a, b| a.1.theta_deg.total_cmp(&b.1.theta_deg));
+            let simulated = own.iter().map(|(_, cell)| (cell.theta_deg, speed.of(cell)));
+            let measured = own.iter().map(|(row, _)| {
+                let Twist { forward, lateral, yaw } = row.motion;
+                (row.theta_deg, speed.factor * [forward, lateral, yaw][speed.which])
+            });
+            panel
+                .series(Series::line(format!("{f} Hz"), simulated).colour(tone).width(1.6))
+                .series(Series::line("", measured).stroke(Stroke::Dots).colour(tone).width(5.0))
+        });
+        chart.panel(panel)
     })
 }
 

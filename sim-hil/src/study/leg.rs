@@ -22,7 +22,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;
 
-use super::cmaes::{Cmaes, inside};
+use super::cmaes::{Cmaes, inside, usual_population};
 use super::measured::{self, MeasuredError};
 use crate::experiment::probe::{Gravity, ProbeError, TIP_REACH, TipMotion, release};
 use crate::model::{GRAVITY, RobotModel};
@@ -300,7 +300,7 @@ pub fn identify(
         Ok(deviations(&rig.simulate(values, measured)?, measured))
     };
     let square = |deviations: &[f64]| deviations.iter().map(|d| d * d).sum::<f64>();
-    let mut search = Cmaes::new(&[0.5; 4], 0.2, seed);
+    let mut search = Cmaes::new(&[0.5; 4], 0.2, seed, usual_population(4));
     while search.generation() < GENERATIONS {
         let points = search.ask();
         let values: Vec<f64> = points

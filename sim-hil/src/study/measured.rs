@@ -217,13 +217,17 @@ fn motion<S: serde::Serializer>(motion: &Twist, serializer: S) -> Result<S::Ok, 
     [motion.forward, motion.lateral, motion.yaw].serialize(serializer)
 }
 
-/// Reads speeds of a prototype: `f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s`.
+/// Reads speeds of a prototype: `f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s`, and `seconds`, the time of each walk, which may
+/// be missing and counts for nothing.
 ///
 /// # Errors
 /// As [`read`], and when a pair is one that the robot does not take.
 pub fn speeds(path: &Path) -> Result<Vec<Measured>, MeasuredError> {
-    let names = ["f_hz", "theta_deg", "forward_m_s", "lateral_m_s", "yaw_rad_s"];
-    let rows = read(path, names, 3)?;
+    let any = |name| Column::new(name, f64::NEG_INFINITY, f64::INFINITY);
+    let names = ["f_hz", "theta_deg", "forward_m_s", "lateral_m_s", "yaw_rad_s", "seconds"];
+    let rows = read_columns(path, &names.map(any), names.len() - 1, 3)?.rows;
+    let rows: Vec<[f64; 5]> =
+        rows.into_iter().map(|(_, row)| core::array::from_fn(|i| row[i])).collect();
     for (index, [f, theta, ..]) in rows.iter().enumerate() {
         if let Err(error) = setpoint(*f, *theta) {
             let reason = format!("row {} of numbers: {error}", index + 1);
@@ -240,6 +244,33 @@ pub fn speeds(path: &Path) -> Result<Vec<Measured>, MeasuredError> {
         .collect())
 }
 
+/// Reads points of the unit cube: rows of `coordinates` numbers from 0 to 1, without a header.
+///
+/// # Errors
+/// [`MeasuredError`], naming line and column.
+pub fn points(path: &Path, coordinates: usize) -> Result<Vec<Vec<f64>>, MeasuredError> {
+    let text = file::read_text(path)
+        .map_err(|source| MeasuredError::Read { path: path.to_owned(), source })?;
+    let mut points = Vec::new();
+    for (line, row) in (1..).zip(text.lines()).filter(|(_, row)| !row.trim().is_empty()) {
+        let cells: Vec<&str> = row.split(',').map(str::trim).collect();
+        let place =
+            |column, reason| MeasuredError::Place { path: path.to_owned(), line, column, reason };
+        if cells.len() != coordinates {
+            let reason = format!("{} numbers; a point has {coordinates}", cells.len());
+            return Err(place(cells.len().min(coordinates) + 1, reason));
+        }
+        let mut point = Vec::new();
+        for (column, cell) in (1..).zip(cells) {
+            let number = cell.parse().ok().filter(|number| (0.0..=1.0).contains(number));
+            let reason = || format!("{cell:?} is no number from 0 to 1");
+            point.push(number.ok_or_else(|| place(column, reason()))?);
+        }
+        points.push(point);
+    }
+    Ok(points)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -249,6 +280,27 @@ mod tests {
 
     fn parsed(text: &[u8], required: usize) -> Result<Lines, MeasuredError> {
         parse(Path::new("lab.csv"), text, &COLUMNS[..required.max(2)], required, 2)
+    }
+
+    #[test]
+    fn points_are_rows_of_shares_or_refused_with_their_place() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("points.csv");
+        let read = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            points(&path, 2).map_err(|error| error.to_string())
+        };
+        assert_eq!(read("0, 0.5\n\n1,0.25\n").unwrap(), [[0.0, 0.5], [1.0, 0.25]]);
+        assert_eq!(read("").unwrap(), Vec::<Vec<f64>>::new());
+        for (text, words) in [
+            ("0,1.1\n", "line 1, column 2: \"1.1\" is no number from 0 to 1"),
+            ("0,1\n0,nan\n", "line 2, column 2"),
+            ("0\n", "line 1, column 2: 1 numbers; a point has 2"),
+            ("0,1,0\n", "line 1, column 3: 3 numbers"),
+        ] {
+            let error = read(text).unwrap_err();
+            assert!(error.contains(words), "{error}");
+        }
     }
 
     fn refused(text: &str) -> String {

@@ -13,10 +13,12 @@ use std::time::SystemTime;
 use flix_protocol::message::Setpoint;
 use serde::Serialize;
 
-use super::output::{optional_path_as_text, path_as_text, print, print_json};
+use super::output::{complain, optional_path_as_text, path_as_text, print, print_json};
 use super::walk::{RecordArgs, Walk, unrecorded, verdict};
 use super::{Error, Exit};
+use crate::experiment::walks::{SHORTEST, rows};
 use crate::experiment::{Sheet, SheetError};
+use crate::nav::Identification;
 use crate::pilot::{Ending, Helm, Pilot, Recorded};
 
 /// Record experiments with motion capture, from which `flix-sim study sysid` identifies a robot.
@@ -81,7 +83,7 @@ impl FromStr for Pair {
 
 impl Pair {
     fn name(&self) -> String {
-        format!("{}:{}", self.0.frequency().get(), self.0.direction().get())
+        crate::experiment::grid::name(&self.0)
     }
 }
 
@@ -123,14 +125,14 @@ fn comment(robot: &str) -> String {
 }
 
 /// An experiment that drives the robot.
-struct Experimenter<'a> {
+pub(super) struct Experimenter<'a> {
     /// Name of the experiment.
-    name: &'static str,
+    pub name: &'static str,
     /// Name of the robot.
-    robot: &'a str,
-    record: &'a RecordArgs,
-    sheet: Sheet,
-    json: bool,
+    pub robot: &'a str,
+    pub record: &'a RecordArgs,
+    pub sheet: Sheet,
+    pub json: bool,
 }
 
 impl Experimenter<'_> {
@@ -139,7 +141,7 @@ impl Experimenter<'_> {
     ///
     /// # Errors
     /// When the run ended early, or something cannot be written.
-    fn run<H: Helm>(
+    pub fn run<H: Helm>(
         mut self,
         mut walk: Walk,
         (helm, names): (H, Vec<String>),
@@ -171,6 +173,36 @@ impl Experimenter<'_> {
         verdict(&ending, file.as_ref())?;
         unrecorded(error, self.record.unrecorded)?;
         Ok(Exit::Done.into())
+    }
+
+    /// Drives walks to their end, as [`Self::run`].
+    ///
+    /// # Errors
+    /// As for [`Self::run`].
+    pub fn walk(
+        self,
+        walk: Walk,
+        helm: Identification,
+        names: Vec<String>,
+    ) -> Result<ExitCode, Error> {
+        self.run(
+            walk,
+            (helm, names),
+            |helm| {
+                let (done, all) = helm.progress();
+                (done as usize, all as usize)
+            },
+            |helm, _| {
+                let rows = rows(helm);
+                let left_out = helm.stretches().len() - rows.len();
+                if left_out > 0 {
+                    complain(format_args!(
+                        "{left_out} walks are left out: they were shorter than {SHORTEST} s, or the rotors did not hold their pair"
+                    ));
+                }
+                (rows.len(), rows)
+            },
+        )
     }
 }
 

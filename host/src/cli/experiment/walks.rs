@@ -7,14 +7,13 @@ use std::time::Duration;
 use super::{Experimenter, Pair};
 use crate::cli::Error;
 use crate::cli::course::pairs;
-use crate::cli::identify::{identification, stretch};
+use crate::cli::identify::{settings, stretch};
 use crate::cli::number::whole;
-use crate::cli::output::complain;
 use crate::cli::robot::RobotArgs;
 use crate::cli::walk::{PoseArgs, RecordArgs, Walk};
 use crate::experiment::Sheet;
-use crate::experiment::walks::{COLUMNS, SHORTEST, rows};
-use crate::nav::{Area, Identification, ModeTable};
+use crate::experiment::walks::COLUMNS;
+use crate::nav::{Area, Identification, IdentificationSettings, ModeTable};
 
 /// Walk at several pairs of f and theta; append the mean motion of each walk to DIR/walks.csv.
 ///
@@ -68,27 +67,11 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let names = pairs.iter().map(|(name, _)| name.clone());
     let names = names.chain(["back".to_owned()]).collect();
     let known = args.modes.as_deref().map(ModeTable::load).transpose()?;
-    let helm = identification(pairs, args.seconds, args.repeat, args.fence, known);
+    let settings = settings(pairs, args.seconds, args.repeat, args.fence);
+    let helm = Identification::new(IdentificationSettings { known, ..settings });
     let sheet = Sheet::open(&args.folder, "walks", &COLUMNS)?;
     let walk = Walk::open(&args.robot, &args.poses)?;
     let (robot, record) = (args.robot.robot.as_str(), &args.record);
     let experimenter = Experimenter { name: "walks", robot, record, sheet, json: args.json };
-    experimenter.run(
-        walk,
-        (helm, names),
-        |helm: &Identification| {
-            let (done, all) = helm.progress();
-            (done as usize, all as usize)
-        },
-        |helm, _| {
-            let rows = rows(helm);
-            let left_out = helm.stretches().len() - rows.len();
-            if left_out > 0 {
-                complain(format_args!(
-                    "{left_out} walks are left out: they were shorter than {SHORTEST} s, or the rotors did not hold their pair"
-                ));
-            }
-            (rows.len(), rows)
-        },
-    )
+    experimenter.walk(walk, helm, names)
 }

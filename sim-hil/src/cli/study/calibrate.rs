@@ -1,11 +1,13 @@
 //! `flix-sim study calibrate`: the robot that fits.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
 use flix_host::cli::number::{parse_within, whole};
+use flix_host::cli::output::print_json;
 use flix_host::plot::{Chart, Figure, Panel, Series};
+use serde::Serialize;
 
 use super::listen;
 use crate::cli::Error;
@@ -14,11 +16,14 @@ use crate::cli::output::{print, progress, row, table};
 use crate::experiment::walk::WalkDrive;
 use crate::model::RobotModel;
 use crate::study::calibrate::{
-    self, Fit, Generation, Goal, Progress, Settings, Start, WIDEST, unknowns, values, write_model,
+    self, CalibrationError, Fit, Generation, Goal, Progress, Settings, Start, Trial, Unknown,
+    WIDEST, unknowns, values, write_model,
 };
-use crate::study::measured;
+use crate::study::cmaes::usual_population;
+use crate::study::figure::overlay;
+use crate::study::measured::{self, Measured};
 use crate::study::modes::{Component, PaperMode, paper_modes, score_modes, shuffled_modes};
-use crate::study::sweep::{SECONDS, Sweep, Variant, cells};
+use crate::study::sweep::{Cell, SECONDS, Sweep, Variant, cells};
 use crate::study::{Options, Shard};
 
 /// First seed of the walks that judge the result: none of the search's.
@@ -27,7 +32,7 @@ const FRESH_SEED: u64 = 1_000_001;
 /// Fit the open choices, the paper's error set, or both; judge the result with fresh seeds
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Each generation tries every candidate on the same, new samples: scattered robots, disturbed starts, each step in turn. The result is the middle of the final distribution. Interrupted, the same command goes on.\n\nA laboratory's speeds are a CSV with the columns f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s.\n\nExamples:\n  flix-sim study calibrate --generations 60\n  flix-sim study calibrate --measured speeds.csv --fit both --hold-out 3,7\n  flix-sim study calibrate --model flix --fit unpublished --advance    # the paper's friction and S* as given\n  flix-sim study calibrate --start anywhere --widen 3 --shuffle 1    # what chance reaches on an invented table"
+    after_help = "Each generation tries every candidate on the same, new samples: scattered robots, disturbed starts, each step in turn. The result is the middle of the final distribution. Interrupted, the same command goes on.\n\nA laboratory's speeds are a CSV with the columns f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s.\n\nExamples:\n  flix-sim study calibrate --generations 60\n  flix-sim study calibrate --measured speeds.csv --fit both --hold-out 3,7\n  flix-sim study calibrate --model flix --fit unpublished --advance    # the paper's friction and S* as given\n  flix-sim study calibrate --fit unpublished --points points.csv    # 15 numbers of 0 to 1 a row\n  flix-sim study calibrate --start anywhere --widen 3 --shuffle 1    # what chance reaches on an invented table"
 )]
 pub struct Args {
     #[command(flatten)]
@@ -38,6 +43,9 @@ pub struct Args {
     /// Where the search begins
     #[arg(long, value_enum, default_value = "model")]
     start: Start,
+    /// Random robots of which the best is where a search from anywhere begins
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<u16>(1..=10_000))]
+    tries: u16,
     /// Fit an invented table instead: the same motions dealt to the pairs at random
     #[arg(long, value_name = "SEED", conflicts_with = "measured")]
     shuffle: Option<u64>,
@@ -56,6 +64,12 @@ pub struct Args {
     /// Number of generations
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = whole::<u64>(1..=100_000))]
     generations: u64,
+    /// First step of the search, as a share of the ranges
+    #[arg(long, value_name = "SHARE", default_value_t = 0.15, value_parser = parse_first_step)]
+    first_step: f64,
+    /// Candidates a generation, at least 4 [default: as many as the method takes for the number of unknowns]
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(4..=1000))]
+    population: Option<u16>,
     /// Scattered robots that each candidate is tried as
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u16>(1..=1000))]
     samples: u16,
@@ -83,6 +97,31 @@ pub struct Args {
     /// Forget what an earlier search left there
     #[arg(long)]
     restart: bool,
+    /// Search nothing, but try the points of this CSV and print JSON: for an optimiser of your own. A row is a point, a column an
+    /// unknown, each a share of its range
+    #[arg(long, value_name = "CSV", conflicts_with_all = ["hold_out", "quick", "restart"])]
+    points: Option<PathBuf>,
+}
+
+/// What `--points` prints.
+#[derive(Debug, Serialize)]
+struct Tried {
+    /// What the columns are.
+    unknowns: Vec<Range>,
+    /// One for each row.
+    trials: Vec<Trial>,
+}
+
+/// An unknown and its range.
+#[derive(Debug, Serialize)]
+struct Range {
+    name: String,
+    low: f64,
+    high: f64,
+}
+
+fn parse_first_step(text: &str) -> Result<f64, String> {
+    parse_within(text, 0.001..=0.5, "share", "")
 }
 
 fn parse_widen(text: &str) -> Result<f64, String> {
@@ -97,6 +136,9 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let goals = goals(args)?;
     let (fitted, held) = split(goals, &args.hold_out)?;
     let settings = settings(args, fitted)?;
+    if let Some(file) = &args.points {
+        return try_points(&settings, file);
+    }
     let bar = progress(settings.generations, "calibrating");
     let mut resumed = false;
     let outcome = calibrate::calibrate(&settings, |so_far: &Progress| {
@@ -110,13 +152,41 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (mut model, so_far) = outcome?;
     model.name = "calibrated".to_owned();
     print(&chosen(&settings, &so_far))?;
-    let judged = judge(args, &settings, &model, &held)?;
+    let (judged, walked) = judge(args, &settings, &model, &held)?;
     print(&format!("\n{judged}"))?;
     let path = args.out.join("calibrated.toml");
     write_model(&path, &model, &origin(args, &judged))
         .map_err(|error| Error::Write { path: path.clone(), error })?;
     let figure = course(&so_far.history).write(&args.out, "calibration")?;
     print(&format!("\nmodel   {}\nfigure  {}\n", path.display(), figure.png.display()))?;
+    let measured: Vec<(Measured, Cell)> = walked
+        .into_iter()
+        .filter_map(|(goal, cell)| match goal {
+            Goal::Measured(row) => Some((row, cell)),
+            Goal::Mode(_) | Goal::Advancing(_) => None,
+        })
+        .collect();
+    if !measured.is_empty() {
+        let figure = overlay(&model.name, &measured).write(&args.out, "overlay")?;
+        print(&format!("figure  {}\n", figure.png.display()))?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Tries the points of a file.
+fn try_points(settings: &Settings, file: &Path) -> Result<ExitCode, Error> {
+    let unknowns = unknowns(settings.fit, settings.widen);
+    let points = measured::points(file, unknowns.len())?;
+    if settings.base.legs.is_none() {
+        return Err(CalibrationError::NoLegs(settings.base.name.clone()).into());
+    }
+    let trials = calibrate::evaluate(settings, &points);
+    if settings.interrupt.is_raised() {
+        return Err(CalibrationError::Interrupted(0).into());
+    }
+    let ranges =
+        unknowns.into_iter().map(|Unknown { name, low, high, .. }| Range { name, low, high });
+    print_json(&Tried { unknowns: ranges.collect(), trials })?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -154,12 +224,18 @@ fn split(goals: Vec<Goal>, hold_out: &[usize]) -> Result<(Vec<Goal>, Vec<Goal>),
 
 fn settings(args: &Args, goals: Vec<Goal>) -> Result<Settings, Error> {
     let usual = if args.measured.is_some() { Fit::Both } else { Fit::Open };
+    let fit = args.fit.unwrap_or(usual);
     let settings = Settings {
         base: args.model.load()?,
         start: args.start,
-        fit: args.fit.unwrap_or(usual),
+        tries: usize::from(args.tries),
+        first_step: args.first_step,
+        fit,
         widen: args.widen,
         goals,
+        population: args
+            .population
+            .map_or_else(|| usual_population(unknowns(fit, args.widen).len()), usize::from),
         samples: usize::from(args.samples),
         scatter: args.scatter,
         steps: args.step.iter().map(Duration::as_secs_f64).collect(),
@@ -188,20 +264,21 @@ fn chosen(settings: &Settings, so_far: &Progress) -> String {
     table(&rows)
 }
 
-/// Walks with fresh seeds: at each step, as built and scattered.
+/// Walks with fresh seeds: at each step, as built and scattered. Returns the verdicts, and each goal with its walks at the first
+/// step, as built.
 fn judge(
     args: &Args,
     settings: &Settings,
     model: &RobotModel,
     held: &[Goal],
-) -> Result<String, Error> {
-    let mut text = String::new();
+) -> Result<(String, Vec<(Goal, Cell)>), Error> {
+    let (mut text, mut walked) = (String::new(), Vec::new());
     let seconds = if args.quick { settings.seconds } else { SECONDS };
     let mut conditions: Vec<(f64, f64)> = settings.steps.iter().map(|step| (*step, 0.0)).collect();
     if settings.scatter > 0.0 {
         conditions.extend(settings.steps.first().map(|step| (*step, settings.scatter)));
     }
-    for (step, scatter) in conditions {
+    for (number, (step, scatter)) in conditions.into_iter().enumerate() {
         for (kind, goals) in [("fitted", settings.goals.as_slice()), ("held-out", held)] {
             if goals.is_empty() {
                 continue;
@@ -209,7 +286,7 @@ fn judge(
             let sweep = Sweep {
                 name: "judgement",
                 variants: vec![Variant { name: "calibrated".to_owned(), model: model.clone() }],
-                pairs: goals.iter().map(Goal::pair).collect(),
+                pairs: each_once(goals.iter().map(Goal::pair)),
                 seeds: if args.quick { 1 } else { args.fresh_seeds },
                 first_seed: FRESH_SEED,
                 seconds,
@@ -233,25 +310,46 @@ fn judge(
                 1e3 * step,
                 100.0 * scatter
             );
-            text += &verdict(&what, goals, &cells(&table), sweep.seeds);
+            let cells = cells(&table);
+            let own = |goal: &Goal| {
+                cells.iter().find(|cell| (cell.f_hz, cell.theta_deg) == goal.pair()).cloned()
+            };
+            let rows: Vec<(Goal, Cell)> =
+                goals.iter().filter_map(|goal| Some((goal.clone(), own(goal)?))).collect();
+            text += &verdict(&what, &rows, sweep.seeds);
+            if number == 0 {
+                walked.extend(rows);
+            }
         }
     }
-    Ok(text)
+    Ok((text, walked))
 }
 
-fn verdict(what: &str, goals: &[Goal], cells: &[crate::study::sweep::Cell], seeds: u64) -> String {
-    let modes: Vec<PaperMode> = goals
+/// Returns the pairs without those that came before: a laboratory may measure one several times.
+fn each_once(pairs: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
+    let mut once = Vec::new();
+    for pair in pairs {
+        if !once.contains(&pair) {
+            once.push(pair);
+        }
+    }
+    once
+}
+
+fn verdict(what: &str, walked: &[(Goal, Cell)], seeds: u64) -> String {
+    let modes: Vec<PaperMode> = walked
         .iter()
-        .filter_map(|goal| match goal {
+        .filter_map(|(goal, _)| match goal {
             Goal::Mode(mode) | Goal::Advancing(mode) => Some(mode.clone()),
             Goal::Measured(_) => None,
         })
         .collect();
     if modes.is_empty() {
-        let square: f64 = goals.iter().zip(cells).map(|(goal, cell)| goal.loss(cell.mean())).sum();
-        return format!("{what}: RMSE {:.4} m/s\n", (square / goals.len() as f64).sqrt());
+        let square: f64 = walked.iter().map(|(goal, cell)| goal.loss(cell.mean())).sum();
+        return format!("{what}: RMSE {:.4} m/s\n", (square / walked.len() as f64).sqrt());
     }
-    let rows = score_modes(&modes, cells);
+    let cells: Vec<Cell> = walked.iter().map(|(_, cell)| cell.clone()).collect();
+    let rows = score_modes(&modes, &cells);
     let mean = |of: fn(&crate::study::modes::ModeRow) -> usize| {
         rows.iter().map(of).sum::<usize>() as f64 / seeds as f64
     };

@@ -37,8 +37,8 @@ use crate::model::{RobotModel, scattered};
 const SAFE_MARGIN: f64 = 0.15;
 /// Softness of the loss around it.
 const SOFTNESS: f64 = 0.1;
-/// First step of the search, as a share of the ranges.
-const FIRST_STEP: f64 = 0.15;
+/// Of the samples that a start is chosen by.
+const NO_GENERATION: u64 = 0xFFFF_FFFF;
 
 /// What to fit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -95,7 +95,7 @@ fn shortfall(margin: f64) -> f64 {
 pub enum Start {
     /// At the model.
     Model,
-    /// Anywhere in the ranges, by the seed: fitted to nothing.
+    /// Anywhere in the ranges, by the seed: at the best of as many random robots as are tried.
     Anywhere,
 }
 
@@ -106,12 +106,18 @@ pub struct Settings {
     pub base: RobotModel,
     /// Where the search begins.
     pub start: Start,
+    /// Random robots that a start anywhere is chosen from; 1: fitted to nothing.
+    pub tries: usize,
     /// What may be changed.
     pub fit: Fit,
     /// How much wider than usual the ranges are.
     pub widen: f64,
     /// What is fitted.
     pub goals: Vec<Goal>,
+    /// First step of the search, as a share of the ranges.
+    pub first_step: f64,
+    /// Candidates a generation.
+    pub population: usize,
     /// Scattered robots that every candidate is tried as, a generation.
     pub samples: usize,
     /// How far their numbers scatter, as a share.
@@ -220,6 +226,28 @@ pub fn calibrate(
     Ok((apply(&unknowns, &settings.base, &progress.search.mean()), progress))
 }
 
+/// How a point does, over the samples.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Trial {
+    /// Mean loss of a row.
+    pub loss: f64,
+    /// Mean number of modes with the right sign; 0 for measured speeds.
+    pub signs: f64,
+    /// Mean number of modes that are hits; 0 for measured speeds.
+    pub hits: f64,
+}
+
+/// Tries points of the unit cube, one coordinate for each of [`unknowns`], on the samples of the first generation: for an
+/// optimiser of one's own. All points meet the same samples; another seed has others. Of no use once interrupted.
+///
+/// # Panics
+/// When the model has no legs or a point has too few coordinates.
+#[must_use]
+pub fn evaluate(settings: &Settings, points: &[Vec<f64>]) -> Vec<Trial> {
+    let unknowns = unknowns(settings.fit, settings.widen);
+    trials(settings, &unknowns, points, 0)
+}
+
 /// Mean loss of a row for each point, all on the samples of this generation; of no use once interrupted. A point
 /// that is no robot (its feet touch) counts as the worst.
 fn losses(
@@ -228,23 +256,36 @@ fn losses(
     points: &[Vec<f64>],
     generation: u64,
 ) -> Vec<f64> {
+    trials(settings, unknowns, points, generation).iter().map(|trial| trial.loss).collect()
+}
+
+fn trials(
+    settings: &Settings,
+    unknowns: &[Unknown],
+    points: &[Vec<f64>],
+    generation: u64,
+) -> Vec<Trial> {
     let tasks: Vec<(usize, usize)> = (0..points.len())
         .flat_map(|point| (0..settings.samples).map(move |sample| (point, sample)))
         .collect();
-    let each: Vec<f64> = tasks
+    let each: Vec<Trial> = tasks
         .into_par_iter()
         .map(|(point, sample)| {
             if settings.interrupt.is_raised() {
-                return f64::NAN;
+                return Trial { loss: f64::NAN, signs: 0.0, hits: 0.0 };
             }
             let seed = sample_seed(settings.seed, generation, sample);
             let model = apply(unknowns, &settings.base, &points[point]);
             let step = settings.steps[sample % settings.steps.len()];
-            sample_loss(settings, &scattered(&model, settings.scatter, seed), step, seed)
+            walked_sample(settings, &scattered(&model, settings.scatter, seed), step, seed)
         })
         .collect();
     each.chunks(settings.samples)
-        .map(|samples| samples.iter().sum::<f64>() / samples.len() as f64)
+        .map(|samples| {
+            let mean =
+                |of: fn(&Trial) -> f64| samples.iter().map(of).sum::<f64>() / samples.len() as f64;
+            Trial { loss: mean(|s| s.loss), signs: mean(|s| s.signs), hits: mean(|s| s.hits) }
+        })
         .collect()
 }
 
@@ -253,20 +294,28 @@ fn sample_seed(seed: u64, generation: u64, sample: usize) -> u64 {
     (seed << 40) ^ (generation << 16) ^ (sample as u64) ^ 0xC0DE_0000_0000_0000
 }
 
-fn sample_loss(settings: &Settings, model: &RobotModel, step: f64, seed: u64) -> f64 {
-    let losses = settings.goals.iter().map(|goal| {
-        ideal_motion(model, goal.pair(), settings.seconds, step, seed)
-            .map_or(goal.worst(), |motion| goal.loss(motion))
-    });
-    losses.sum::<f64>() / settings.goals.len() as f64
+fn walked_sample(settings: &Settings, model: &RobotModel, step: f64, seed: u64) -> Trial {
+    let mut sum = Trial { loss: 0.0, signs: 0.0, hits: 0.0 };
+    for goal in &settings.goals {
+        let motion = ideal_motion(model, goal.pair(), settings.seconds, step, seed);
+        sum.loss += motion.map_or(goal.worst(), |motion| goal.loss(motion));
+        if let (Some(motion), Goal::Mode(mode) | Goal::Advancing(mode)) = (motion, goal) {
+            let score = mode.score(motion);
+            sum.signs += f64::from(u8::from(score.sign));
+            sum.hits += f64::from(u8::from(score.hit));
+        }
+    }
+    sum.loss /= settings.goals.len() as f64;
+    sum
 }
 
 /// Everything that the course of a search depends on but its length, as a hash.
 fn fingerprint(settings: &Settings, unknowns: &[Unknown]) -> String {
     let ranges: Vec<_> = unknowns.iter().map(|u| (&u.name, u.low, u.high)).collect();
     let identity = serde_json::json!({
-        "base": settings.base, "start": settings.start, "goals": settings.goals, "ranges": ranges,
-        "samples": settings.samples,
+        "base": settings.base, "start": settings.start, "tries": settings.tries, "first_step": settings.first_step,
+        "goals": settings.goals, "ranges": ranges,
+        "samples": settings.samples, "population": settings.population,
         "scatter": settings.scatter, "steps": settings.steps, "seconds": settings.seconds,
         "seed": settings.seed, "version": env!("CARGO_PKG_VERSION"),
     });
@@ -289,24 +338,34 @@ fn begin(settings: &Settings, unknowns: &[Unknown]) -> Result<Progress, Calibrat
     }
     let start = match settings.start {
         Start::Model => point(unknowns, &settings.base),
-        Start::Anywhere => anywhere(settings, unknowns),
+        Start::Anywhere => anywhere(settings, unknowns)?,
     };
     Ok(Progress {
         fingerprint,
         history: Vec::new(),
-        search: Cmaes::new(&start, FIRST_STEP, settings.seed),
+        search: Cmaes::new(&start, settings.first_step, settings.seed, settings.population),
     })
 }
 
-/// A random point that is a robot, or the model's own where there is hardly any.
-fn anywhere(settings: &Settings, unknowns: &[Unknown]) -> Vec<f64> {
+/// The best of random points on the samples of no generation, or the model's own where there is hardly a robot.
+fn anywhere(settings: &Settings, unknowns: &[Unknown]) -> Result<Vec<f64>, CalibrationError> {
     let mut random = Xoshiro256PlusPlus::seed_from_u64(settings.seed);
     // Another stream than that of the search.
     random.jump();
-    (0..1_000)
+    let points: Vec<Vec<f64>> = (0..1_000 * settings.tries)
         .map(|_| unknowns.iter().map(|_| random.random()).collect::<Vec<f64>>())
-        .find(|point| apply(unknowns, &settings.base, point).check().is_ok())
-        .unwrap_or_else(|| point(unknowns, &settings.base))
+        .filter(|point| apply(unknowns, &settings.base, point).check().is_ok())
+        .take(settings.tries)
+        .collect();
+    if points.len() < 2 {
+        return Ok(points.into_iter().next().unwrap_or_else(|| point(unknowns, &settings.base)));
+    }
+    let losses = losses(settings, unknowns, &points, NO_GENERATION);
+    if settings.interrupt.is_raised() {
+        return Err(CalibrationError::Interrupted(0));
+    }
+    let best = points.into_iter().zip(losses).min_by(|a, b| a.1.total_cmp(&b.1));
+    Ok(best.map_or_else(|| point(unknowns, &settings.base), |(point, _)| point))
 }
 
 fn keep(settings: &Settings, progress: &Progress) -> Result<(), CalibrationError> {
@@ -344,9 +403,12 @@ mod tests {
         Settings {
             base: RobotModel::named("W").unwrap(),
             start: Start::Model,
+            tries: 1,
             fit: Fit::Open,
             widen: 1.0,
             goals: paper_modes().into_iter().take(1).map(Goal::Mode).collect(),
+            first_step: 0.15,
+            population: 12,
             samples: 2,
             scatter: 0.02,
             steps: vec![5e-4, 2.5e-4],
@@ -388,6 +450,29 @@ mod tests {
         };
         assert_eq!(from(1, 16.0), from(1, 21.0));
         assert_ne!(from(1, 16.0), from(2, 16.0));
+    }
+
+    #[test]
+    fn a_point_from_outside_is_tried_as_the_search_tries_its_first_middle() {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = Settings { generations: 1, ..settings(folder.path()) };
+        let (_, progress) = calibrate(&settings, |_| {}).unwrap();
+        let unknowns = unknowns(settings.fit, settings.widen);
+        let trial = evaluate(&settings, &[point(&unknowns, &settings.base)])[0];
+        assert_eq!(trial.loss, progress.history[0].middle);
+        assert!(trial.hits <= trial.signs && trial.signs <= 1.0, "{trial:?}");
+    }
+
+    #[test]
+    fn a_start_anywhere_is_the_best_of_the_robots_that_are_tried() {
+        let folder = tempfile::tempdir().unwrap();
+        let begun = |tries| {
+            let settings = Settings { start: Start::Anywhere, tries, ..settings(folder.path()) };
+            let unknowns = unknowns(settings.fit, settings.widen);
+            let start = anywhere(&settings, &unknowns).unwrap();
+            losses(&settings, &unknowns, &[start], NO_GENERATION)[0]
+        };
+        assert!(begun(12) < begun(1));
     }
 
     #[test]

@@ -46,8 +46,8 @@ pub enum Fit {
 const IDENTIFIED: [f64; 4] = [1.062_072, 2.212_09, 0.0024, 0.001_83];
 
 /// What the paper does not publish, with wider ranges than the open choices have, as stiffness and friction are given. The
-/// share of stiffness in front is a reading of equation 2's errors of stiffness.
-const UNPUBLISHED: [(&str, f64, f64); 15] = [
+/// shares of stiffness are a reading of equation 2's errors of stiffness, of which the paper publishes no value.
+const UNPUBLISHED: [(&str, f64, f64); 19] = [
     ("hinge_deg", -90.0, -30.0),
     ("rotor_z_mm", 2.0, 24.0),
     ("core_x_mm", -5.0, 15.0),
@@ -63,6 +63,10 @@ const UNPUBLISHED: [(&str, f64, f64); 15] = [
     ("foot_shift_front_mm", -6.0, 15.0),
     ("foot_shift_rear_mm", -6.0, 15.0),
     ("mass_y_mm", -5.0, 5.0),
+    ("left_stiffness_share", -0.2, 0.2),
+    ("diagonal_stiffness_share", -0.2, 0.2),
+    ("front_bend_share", -0.2, 0.2),
+    ("diagonal_bend_share", -0.2, 0.2),
 ];
 
 fn legs(model: &RobotModel) -> &Legs {
@@ -102,6 +106,7 @@ pub fn unknowns(fit: Fit, widen: f64) -> Vec<Unknown> {
         all.extend(errors());
     }
     if fit == Fit::Unpublished {
+        all.extend(uneven());
         let own = |unknown: Unknown| {
             let (_, low, high) =
                 UNPUBLISHED.into_iter().find(|(name, ..)| *name == unknown.name)?;
@@ -187,15 +192,8 @@ fn open() -> Vec<Unknown> {
             "front_stiffness_share",
             0.1,
             0.3,
-            |m, _| legs(m).fl.bend_stiffness_factor - 1.0,
-            |m, _, v| {
-                for (rear, factor) in [(false, 1.0 + v), (true, 1.0 - v)] {
-                    for leg in pair_mut(m, rear) {
-                        leg.bend_stiffness_factor = factor;
-                        leg.twist_stiffness_factor = factor;
-                    }
-                }
-            },
+            |m, _| share(m, Pattern::Front, STIFFNESS),
+            |m, _, v| set_share(m, Pattern::Front, STIFFNESS, v),
         ),
         (
             "foot_mass_g",
@@ -239,6 +237,85 @@ fn open() -> Vec<Unknown> {
             leg: 0,
         })
         .collect()
+}
+
+/// How the legs' stiffness differs beyond front and rear: what the paper's X has and publishes no value of.
+fn uneven() -> Vec<Unknown> {
+    let table: [(&str, Read, Write); 4] = [
+        (
+            "left_stiffness_share",
+            |m, _| share(m, Pattern::Left, STIFFNESS),
+            |m, _, v| set_share(m, Pattern::Left, STIFFNESS, v),
+        ),
+        (
+            "diagonal_stiffness_share",
+            |m, _| share(m, Pattern::Diagonal, STIFFNESS),
+            |m, _, v| set_share(m, Pattern::Diagonal, STIFFNESS, v),
+        ),
+        (
+            "front_bend_share",
+            |m, _| share(m, Pattern::Front, BEND_OVER_TWIST),
+            |m, _, v| set_share(m, Pattern::Front, BEND_OVER_TWIST, v),
+        ),
+        (
+            "diagonal_bend_share",
+            |m, _| share(m, Pattern::Diagonal, BEND_OVER_TWIST),
+            |m, _, v| set_share(m, Pattern::Diagonal, BEND_OVER_TWIST, v),
+        ),
+    ];
+    let own = |(name, read, write): (&str, Read, Write)| Unknown {
+        name: name.to_owned(),
+        low: -0.2,
+        high: 0.2,
+        read,
+        write,
+        leg: 0,
+    };
+    table.into_iter().map(own).collect()
+}
+
+/// Two legs against the two others.
+#[derive(Clone, Copy)]
+enum Pattern {
+    Front,
+    Left,
+    /// Front left and rear right.
+    Diagonal,
+}
+
+impl Pattern {
+    /// In the order of [`LEGS`].
+    const fn signs(self) -> [f64; 4] {
+        match self {
+            Self::Front => [1.0, 1.0, -1.0, -1.0],
+            Self::Left => [1.0, -1.0, 1.0, -1.0],
+            Self::Diagonal => [1.0, -1.0, -1.0, 1.0],
+        }
+    }
+}
+
+/// Signs with which the factors of bend and twist stiffness count: both alike.
+const STIFFNESS: [f64; 2] = [1.0, 1.0];
+/// Bend against twist.
+const BEND_OVER_TWIST: [f64; 2] = [1.0, -1.0];
+
+/// Returns by what share the legs of a pattern are stiffer than the mean.
+fn share(model: &RobotModel, pattern: Pattern, [bend, twist]: [f64; 2]) -> f64 {
+    let legs = legs(model);
+    let each = legs.each().into_iter().zip(pattern.signs());
+    each.map(|(leg, sign)| {
+        sign * (bend * leg.bend_stiffness_factor + twist * leg.twist_stiffness_factor) / 8.0
+    })
+    .sum()
+}
+
+/// Changes that share; whatever else differs between the legs stays.
+fn set_share(model: &mut RobotModel, pattern: Pattern, [bend, twist]: [f64; 2], value: f64) {
+    let change = value - share(model, pattern, [bend, twist]);
+    for (leg, sign) in legs_mut(model).each_mut().into_iter().zip(pattern.signs()) {
+        leg.bend_stiffness_factor += change * sign * bend;
+        leg.twist_stiffness_factor += change * sign * twist;
+    }
 }
 
 /// The paper's error set X.
@@ -342,6 +419,26 @@ mod tests {
             let is_signed = ["x_mm", "y_mm", "z_mm", "share", "shift"];
             let is_signed = is_signed.iter().any(|part| wide.name.contains(part));
             assert!(is_signed || usual.low < 0.0 || wide.low > 0.0, "{}", wide.name);
+        }
+    }
+
+    #[test]
+    fn a_share_of_stiffness_leaves_every_other_difference_between_the_legs() {
+        let mut model = walker();
+        legs_mut(&mut model).fr.bend_stiffness_factor += 0.08;
+        let all = [Pattern::Front, Pattern::Left, Pattern::Diagonal]
+            .into_iter()
+            .flat_map(|pattern| [(pattern, STIFFNESS), (pattern, BEND_OVER_TWIST)]);
+        let shares = |model: &RobotModel| -> Vec<f64> {
+            all.clone().map(|(pattern, kind)| share(model, pattern, kind)).collect()
+        };
+        let before = shares(&model);
+        set_share(&mut model, Pattern::Left, BEND_OVER_TWIST, 0.1);
+        let after = shares(&model);
+        // The fourth is bend over twist on the left.
+        assert!((after[3] - 0.1).abs() < 1e-12, "{after:?}");
+        for (at, (before, after)) in before.iter().zip(&after).enumerate() {
+            assert!(at == 3 || (before - after).abs() < 1e-12, "{at}: {before} {after}");
         }
     }
 
