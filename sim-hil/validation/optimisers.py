@@ -1,11 +1,11 @@
 """Compares the search of `flix-sim study calibrate` (CMA-ES) with a Bayesian optimiser on one budget of walks.
 
 The paper searches with HEBO, a Bayesian optimisation (sections II-C and II-D). This takes `egobox` in its stead, which is kept,
-installs as a wheel (`pip install egobox numpy`) and has a form for tens of unknowns (CoEGO). Both search the same 19 unknowns
+installs as a wheel (`pip install egobox matplotlib numpy`) and has a form for tens of unknowns (CoEGO). Both search the same 19 unknowns
 of the same robot for the modes of tables III and IV, from nothing known: the Bayesian one from a Latin hypercube, CMA-ES from
 the best of as many random robots. What each holds for its best is then tried on fresh samples.
 
-    optimisers.py --program target/release/flix-sim --budget 300 --runs 3 --out out/optimisers
+    optimisers.py --program target/release/flix-sim --budget 230 --runs 3 --out out/optimisers
 """
 
 import argparse
@@ -16,7 +16,11 @@ import subprocess
 import tomllib
 
 import egobox
+import matplotlib
 import numpy
+
+matplotlib.use("Agg")
+from matplotlib import pyplot
 
 
 class Robot:
@@ -68,6 +72,23 @@ def bayesian(robot, unknowns, budget, start, seed, samples, held):
     return course
 
 
+def draw(rows, path):
+    """Draws hits against evaluations: each search thin, the mean of a kind thick."""
+    figure, axes = pyplot.subplots(figsize=(6.4, 3.6), layout="constrained")
+    for kind, colour in [("CMA-ES", "#1f6feb"), ("Bayesian", "#e66a00")]:
+        own = [row for row in rows if row[0] == kind]
+        for run in sorted({row[1] for row in own}):
+            course = [(row[2], row[5]) for row in own if row[1] == run]
+            axes.plot(*zip(*course), color=colour, linewidth=0.8, alpha=0.5)
+        counts = sorted({row[2] for row in own})
+        means = [numpy.mean([row[5] for row in own if row[2] == count]) for count in counts]
+        axes.plot(counts, means, color=colour, linewidth=2.2, label=f"{kind}, mean of {len({row[1] for row in own})}")
+    axes.set(xlabel="evaluations", ylabel="hits of 9 on fresh samples", ylim=(0, 9))
+    axes.grid(color="#e1e4e8", linewidth=0.6)
+    axes.legend(frameon=False)
+    figure.savefig(path, dpi=160)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--program", default="target/release/flix-sim")
@@ -104,6 +125,7 @@ def main():
                 print(f"{kind:9} run {seed} after {count:4}: {trial['hits']:.2f} hits, {trial['signs']:.2f} signs")
     with open(folder / "optimisers.csv", "w", newline="") as file:
         csv.writer(file).writerows([("search", "run", "evaluations", "loss", "signs", "hits"), *rows])
+    draw(rows, folder / "optimisers.png")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ use crate::rig::bench::setpoint;
 /// Robot to simulate.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ModelArgs {
-    /// Model: a TOML file or the name of a shipped one (A, W, calibrated, bench-fixed, bench-planar, random-SEED)
+    /// Model: a TOML file or the name of a shipped one (A, W, calibrated, flix, bench-fixed, bench-planar, random-SEED)
     #[arg(long, value_name = "FILE|NAME", default_value = "W")]
     pub model: String,
 }
@@ -23,6 +23,25 @@ impl ModelArgs {
     ///
     /// # Errors
     /// When it is missing or refused; the sentence names key, value and range.
+    pub fn load(&self) -> Result<RobotModel, ModelError> {
+        RobotModel::named(&self.model)
+    }
+}
+
+/// The robot of a study that repeats the paper.
+#[derive(Debug, Clone, clap::Args)]
+pub struct PaperModelArgs {
+    /// Model: a TOML file or the name of a shipped one (A, W, calibrated, flix, random-SEED); `flix` has the paper's own
+    /// friction and leg
+    #[arg(long, value_name = "FILE|NAME", default_value = "flix")]
+    pub model: String,
+}
+
+impl PaperModelArgs {
+    /// Reads and checks it.
+    ///
+    /// # Errors
+    /// As [`ModelArgs::load`].
     pub fn load(&self) -> Result<RobotModel, ModelError> {
         RobotModel::named(&self.model)
     }

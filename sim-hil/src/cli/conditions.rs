@@ -19,7 +19,7 @@ pub struct LoopArgs {
     /// Robot.
     #[command(flatten)]
     pub model: ModelArgs,
-    /// Mode table, which `identify` writes and others read [default: the one shipped with W or calibrated]
+    /// Mode table, which `identify` writes and others read [default: the one shipped with W, calibrated or flix]
     #[arg(long, value_name = "FILE")]
     pub modes: Option<PathBuf>,
     /// Latency of the link, each way

@@ -19,9 +19,10 @@ use crate::rig::operation::Operation;
 use crate::rig::robot::{RobotParameters, SimulatedRobot};
 
 /// The mode tables that come with models: learnt on them by `flix-sim identify`.
-const TABLES: [(&str, &str); 2] = [
+const TABLES: [(&str, &str); 3] = [
     ("W", include_str!("../../models/W.modes.toml")),
     ("calibrated", include_str!("../../models/calibrated.modes.toml")),
+    ("flix", include_str!("../../models/flix.modes.toml")),
 ];
 
 /// What a run is made of, besides who drives.

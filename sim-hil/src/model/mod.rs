@@ -1,7 +1,7 @@
 //! The robot as data: every geometric, mass, leg, foot and contact parameter, with its unit in its name.
 //!
 //! A [`RobotModel`] is read from TOML ([`RobotModel::from_toml`]) or taken by name
-//! ([`RobotModel::named`]: `A`, `W`, `calibrated`, `bench-fixed`, `bench-planar`, `random-SEED`). Unknown keys are refused, so a key with
+//! ([`RobotModel::named`]: `A`, `W`, `calibrated`, `flix`, `bench-fixed`, `bench-planar`, `random-SEED`). Unknown keys are refused, so a key with
 //! another unit (`mass_kg` for `mass_g`) is too; every value has a range.
 //!
 //! Axes are FLU (x forward, y left, z up) about the **origin**: the middle of the plate, on its mid-plane,
@@ -375,12 +375,13 @@ fn exactly<'de, D: Deserializer<'de>, const COUNT: usize>(
 }
 
 /// Names of the models that come with the program.
-pub const NAMES: [&str; 5] = ["A", "W", "calibrated", "bench-fixed", "bench-planar"];
+pub const NAMES: [&str; 6] = ["A", "W", "calibrated", "flix", "bench-fixed", "bench-planar"];
 
-const SHIPPED: [&str; 5] = [
+const SHIPPED: [&str; 6] = [
     include_str!("../../models/A.toml"),
     include_str!("../../models/W.toml"),
     include_str!("../../models/calibrated.toml"),
+    include_str!("../../models/flix.toml"),
     include_str!("../../models/bench-fixed.toml"),
     include_str!("../../models/bench-planar.toml"),
 ];

@@ -6,7 +6,7 @@ use std::time::Instant;
 use clap::Parser;
 
 use crate::cli::Error;
-use crate::cli::arguments::ModelArgs;
+use crate::cli::arguments::PaperModelArgs;
 use crate::cli::output::print;
 
 /// Run every study
@@ -16,7 +16,7 @@ use crate::cli::output::print;
 )]
 pub struct Args {
     #[command(flatten)]
-    model: ModelArgs,
+    model: PaperModelArgs,
     /// Take a first look: short, coarse walks
     #[arg(long)]
     quick: bool,

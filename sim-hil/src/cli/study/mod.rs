@@ -20,7 +20,7 @@ use flix_host::interrupt::Interrupt;
 use flix_protocol::message::MAXIMUM_FREQUENCY;
 
 use super::Error;
-use super::arguments::{ModelArgs, parse_step, parse_time};
+use super::arguments::{PaperModelArgs, parse_step, parse_time};
 use super::output::print;
 use crate::experiment::walk::{Shaking, WalkDrive, require_walker};
 use crate::model::RobotModel;
@@ -158,7 +158,7 @@ pub fn listen() -> Result<Interrupt, Error> {
 pub struct SweepArgs {
     /// Robot.
     #[command(flatten)]
-    pub model: ModelArgs,
+    pub model: PaperModelArgs,
     /// Walks of each pair, each with its start disturbed by up to 1 mm
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = whole::<u64>(1..=100_000))]
     pub seeds: u64,
