@@ -126,14 +126,22 @@ fn mobility(table: &Table, cells: &[Cell]) -> HeatMaps {
 pub fn overlay(robot: &str, rows: &[(Measured, Cell)]) -> Chart {
     let cells: Vec<Cell> = rows.iter().map(|(_, cell)| cell.clone()).collect();
     let frequencies = axis(&cells, |cell| cell.f_hz);
-    let fastest = frequencies.iter().fold(f64::MIN_POSITIVE, |most, f| most.max(f.abs()));
+    // The faster, the darker, among those that turn the same way.
+    let shade = |f: f64| {
+        let alike: Vec<&f64> = frequencies.iter().filter(|other| **other * f > 0.0).collect();
+        let slower = alike.iter().filter(|other| other.abs() <= f.abs()).count();
+        0.25 + 0.75 * slower as f64 / alike.len().max(1) as f64
+    };
+    let ends = axis(&cells, |cell| cell.theta_deg);
+    let (low, high) = (ends.first().copied().unwrap_or(0.0), ends.last().copied().unwrap_or(0.0));
     let chart =
         Chart::new(format!("Measured and simulated speeds of model {robot}"), "\u{3b8} (\u{b0})")
-            .subtitle("dots: measured; lines: simulated, the mean over the seeds".to_owned());
+            .subtitle("dots: measured; lines: simulated, the mean over the seeds")
+            .x_range(low - 4.0, high + 4.0);
     SPEEDS.iter().fold(chart, |chart, speed| {
         let panel = frequencies.iter().fold(Panel::new(speed.title).height(200.0), |panel, f| {
             let dark = if *f < 0.0 { colour::ORANGE } else { colour::BLUE };
-            let tone = colour::GRID.towards(dark, 0.35 + 0.65 * (f / fastest).abs());
+            let tone = colour::GRID.towards(dark, shade(*f));
             let mut own: Vec<&(Measured, Cell)> =
                 rows.iter().filter(|(_, cell)| cell.f_hz == *f).collect();
             own.sort_by(|a, b| a.1.theta_deg.total_cmp(&b.1.theta_deg));
@@ -144,7 +152,7 @@ pub fn overlay(robot: &str, rows: &[(Measured, Cell)]) -> Chart {
             });
             panel
                 .series(Series::line(format!("{f} Hz"), simulated).colour(tone).width(1.6))
-                .series(Series::line("", measured).stroke(Stroke::Dots).colour(tone).width(5.0))
+                .series(Series::line("", measured).stroke(Stroke::Dots).colour(tone).width(4.0))
         });
         chart.panel(panel)
     })
