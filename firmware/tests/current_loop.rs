@@ -25,7 +25,8 @@ impl Reference {
         let bandwidth = TAU * f64::from(settings.current_bandwidth);
         let angle = f64::from(input.angle.raw()) / 4_294_967_296.0 * TAU;
         let omega = f64::from(input.speed.raw()) / 4_294_967_296.0 * TAU * 1e4;
-        let wanted = f64::from(input.current_q.raw()) / 65_536.0;
+        let [wanted_d, wanted_q] =
+            [input.wanted.d, input.wanted.q].map(|current| f64::from(current.raw()) / 65_536.0);
 
         let [a, b] = input
             .phases
@@ -35,10 +36,10 @@ impl Reference {
         let (sine, cosine) = angle.sin_cos();
         let d = alpha * cosine + beta * sine;
         let q = beta * cosine - alpha * sine;
-        let errors = [-d, wanted - q];
+        let errors = [wanted_d - d, wanted_q - q];
         let feed_forward = [
-            -omega * inductance * wanted,
-            resistance * wanted + omega * inductance * d + omega * flux,
+            resistance * wanted_d - omega * inductance * wanted_q,
+            resistance * wanted_q + omega * inductance * d + omega * flux,
         ];
         let mut demand = [0.0; 2];
         for axis in 0..2 {

@@ -9,10 +9,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Parser;
+use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::exchange::Order;
 use flix_firmware::fast::configuration::Configuration;
 use flix_firmware::fast::control::Control;
-use flix_firmware::hardware::{Encoder, TICK_RATE_HZ, TICK_US};
+use flix_firmware::hardware::{Encoder, Hardware, TICK_RATE_HZ, TICK_US};
 use flix_firmware::settings::Settings;
 use flix_firmware::trace::{LONGEST, Outcome, Row, encode};
 use flix_protocol::failsafe::COMMAND_AGE;
@@ -23,8 +24,9 @@ use flix_sim::plant::Plant;
 use flix_sim::plant::electronics::{Electronics, ElectronicsParameters};
 use flix_sim::reliability::fault_matrix::MODES;
 use flix_sim::rig::bench::setpoint;
-use flix_sim::rig::robot::SIMULATED_BOARD;
 
+/// A board as it is sold: it measures currents but not its bus, which takes the most instructions.
+const BOARD: Hardware = DENGFOC_V3_01.hardware;
 /// Ticks of each mode: a second.
 const MODE_TICKS: u64 = TICK_RATE_HZ as u64;
 /// Ticks with a lost magnet at the end.
@@ -97,11 +99,11 @@ impl<W: Write> Recording<W> {
 
 fn record(file: &Path) -> Result<u64, Box<dyn std::error::Error>> {
     let mut trace = BufWriter::new(File::create(file)?);
-    trace.write_all(encode(&SIMULATED_BOARD, &mut [0; LONGEST])?)?;
+    trace.write_all(encode(&BOARD, &mut [0; LONGEST])?)?;
     let mut recording = Recording {
-        control: Control::new(Configuration::new(&Settings::DEFAULT, &SIMULATED_BOARD)),
+        control: Control::new(Configuration::new(&Settings::DEFAULT, &BOARD)),
         order: Order::default(),
-        electronics: Electronics::new(&ElectronicsParameters::on(SIMULATED_BOARD), SEED),
+        electronics: Electronics::new(&ElectronicsParameters::on(BOARD), SEED),
         plant: Plant::new(&RobotModel::named("W")?)?,
         tick: 0,
         magnet_lost: false,

@@ -4,6 +4,7 @@
 use core::f64::consts::TAU;
 
 use crate::fast::alignment::Alignment;
+use crate::fast::foc::burning;
 use crate::fast::foc::current::Model;
 use crate::fast::shaker::{LARGEST_ACCELERATION, ShakerModel};
 use crate::fast::tracker::{EncoderModel, TABLE_LENGTH};
@@ -19,6 +20,8 @@ use crate::settings::Settings;
 pub struct Configuration {
     pub(crate) shaker: ShakerModel,
     pub(crate) motors: [Model; 2],
+    /// What [`burning::direct_current`] needs; zero where the bus is measured: there, over-voltage is a fault.
+    pub(crate) burning_per_speed: [i32; 2],
     pub(crate) encoders: [EncoderModel; 2],
     pub(crate) alignment: [Alignment; 2],
     pub(crate) aligned: bool,
@@ -93,6 +96,10 @@ impl Configuration {
         let mut configuration = Self {
             shaker: shaker(settings),
             motors: [0, 1].map(|motor| Self::current_loop(settings, motor)),
+            burning_per_speed: [0, 1].map(|motor| match divider {
+                Some(_) => 0,
+                None => scaled(burning_per_speed(settings, motor), 16),
+            }),
             encoders: [0, 1].map(|motor| encoder(settings, motor)),
             alignment: [0, 1].map(|motor| settings.alignment(motor)),
             aligned: settings.aligned.iter().all(|aligned| *aligned != 0.0),
@@ -188,6 +195,12 @@ fn pole_pairs(settings: &Settings) -> u8 {
 /// Returns the flux linkage of a motor, Wb.
 fn flux_linkage(settings: &Settings, motor: usize) -> f64 {
     f64::from(settings.flux_linkage[motor] * MILLI)
+}
+
+/// Returns the direct current that burns what a motor gives while it brakes, A per (turn per tick).
+fn burning_per_speed(settings: &Settings, motor: usize) -> f64 {
+    let resistance = f64::from(settings.phase_resistance[motor]);
+    burning::current_per_speed(resistance, TAU * RATE * flux_linkage(settings, motor))
 }
 
 fn shaker(settings: &Settings) -> ShakerModel {

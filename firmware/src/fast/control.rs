@@ -15,8 +15,10 @@ use flix_protocol::units::Instant;
 use crate::exchange::{MotorReport, Order, Report};
 use crate::fast::aligner::{self, Aligner, Progress};
 use crate::fast::configuration::Configuration;
+use crate::fast::foc::burning::direct_current;
 use crate::fast::foc::current::{CurrentLoop, Input};
 use crate::fast::foc::modulation::Bus;
+use crate::fast::foc::transform::Rotor;
 use crate::fast::monitor::{DIAGNOSTIC_TICKS, Monitor, Observation};
 use crate::fast::shaker::{Rotors, STRIDE, Shaker, Target};
 use crate::fast::supervisor::{Conditions, Drive, Supervisor};
@@ -71,8 +73,7 @@ pub struct Control {
     zeros: [[Counts; 2]; 2],
     /// Currents of phases A and B.
     currents: [[Current; 2]; 2],
-    /// Clockwise currents.
-    wanted: [Current; 2],
+    wanted: [Rotor<Current>; 2],
     monitor: Monitor,
     /// Faults of the last diagnosis.
     present: Faults,
@@ -107,7 +108,7 @@ impl Control {
             battery_low: false,
             zeros: [[configuration.zero_design; 2]; 2],
             currents: [[Current::ZERO; 2]; 2],
-            wanted: [Current::ZERO; 2],
+            wanted: [Rotor::default(); 2],
             monitor: Monitor::default(),
             present: Faults::NONE,
             at_rest: false,
@@ -342,7 +343,11 @@ impl Control {
         if outer {
             let limited = self.loops[0].limited() | self.loops[1].limited();
             let demand = self.shaker.update(&self.configuration.shaker, rotors, target, limited);
-            self.wanted = demand.currents;
+            let [top, bottom] = demand.currents;
+            self.wanted = [
+                self.wanted_current(0, top, rotors.speeds[0]),
+                self.wanted_current(1, bottom, rotors.speeds[1]),
+            ];
             for (tracker, change) in self.trackers.iter_mut().zip(demand.speed_changes) {
                 tracker.feed_forward(change);
             }
@@ -360,8 +365,22 @@ impl Control {
         self.activity = Activity::Shaking;
         self.loops = [CurrentLoop::default(); 2];
         self.shaker = Shaker::at_rest(rotors);
-        self.wanted = [Current::ZERO; 2];
+        self.wanted = [Rotor::default(); 2];
         self.monitor.restart();
+    }
+
+    /// Returns the current of a motor that makes this clockwise torque, and burns what the rotors lose
+    /// while f falls where nobody knows whether the bus can take it.
+    #[inline(always)]
+    fn wanted_current(&self, index: usize, clockwise: Current, speed: Speed) -> Rotor<Current> {
+        let configuration = &self.configuration;
+        let q = configuration.clockwise(index, clockwise);
+        let per_speed = configuration.burning_per_speed[index];
+        if per_speed == 0 || !self.shaker.slowing() {
+            return Rotor { d: Current::ZERO, q };
+        }
+        let speed = configuration.electrical_speed(index, speed);
+        Rotor { d: direct_current(per_speed, speed, q, configuration.shaker.current_limit), q }
     }
 
     /// Drives one motor: from its wanted current to its bridge.
@@ -372,7 +391,7 @@ impl Control {
             phases: configuration.sensed.then_some(self.currents[index]),
             angle: configuration.electrical_angle(index, angle),
             speed: configuration.electrical_speed(index, speed),
-            current_q: configuration.clockwise(index, self.wanted[index]),
+            wanted: self.wanted[index],
         };
         Bridge::Duty(self.loops[index].update(&configuration.motors[index], &self.bus, &input))
     }

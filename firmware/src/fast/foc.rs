@@ -14,6 +14,7 @@
 //!
 //! Currents are in 2^-16 A, voltages in 2^-16 V, sines and cosines in 2^-31.
 
+pub(crate) mod burning;
 pub mod current;
 pub mod modulation;
 pub mod transform;

@@ -186,6 +186,7 @@ mod tests {
     use crate::board::DENGFOC_V3_01;
     use crate::fast::foc::current::Input;
     use crate::fast::foc::modulation::Bus;
+    use crate::fast::foc::transform::Rotor;
     use crate::fast::shaker::{Rotors, STRIDE, Target};
     use crate::fast::units::{ElectricalAngle, ElectricalSpeed, RotorAngle};
     use crate::settings::Settings;
@@ -398,7 +399,7 @@ mod tests {
                 phases: Some([Current::ZERO, Current::from_amperes(flowing)]),
                 angle: ElectricalAngle::ZERO,
                 speed: ElectricalSpeed::ZERO,
-                current_q: Current::from_amperes(wanted),
+                wanted: Rotor { d: Current::ZERO, q: Current::from_amperes(wanted) },
             };
             let mut state = CurrentLoop::default();
             state.update(&scene.configuration.motors[0], &bus, &input);

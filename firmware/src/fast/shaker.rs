@@ -298,6 +298,11 @@ impl Shaker {
         magnitude(self.frequency.raw()) < STANDING && magnitude(self.sum_speed.raw()) < STANDING
     }
 
+    /// Returns whether f is being lowered towards zero: the rotors give energy back.
+    pub(crate) const fn slowing(&self) -> bool {
+        self.frequency_slope != 0 && (self.frequency_slope ^ self.frequency.raw()) < 0
+    }
+
     /// Returns by how much twice theta is off, 2^-32 turn.
     pub(crate) const fn sum_error(&self) -> i32 {
         self.sum_error

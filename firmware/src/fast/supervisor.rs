@@ -22,7 +22,8 @@
 //! motor brakes itself within 0.3 s from 35 Hz; that needs neither encoder nor current sense nor
 //! battery, feeds nothing back into the bus, and slows both rotors alike. So all faults brake,
 //! except two: under-voltage, where nothing is wrong with control, ramps down phase-locked; and
-//! over-current first coasts until the current is gone.
+//! over-current first coasts until the current is gone. A ramp down feeds the bus where it is measured,
+//! and burns what the rotors lose where it is not ([`burning`](crate::fast::foc::burning)).
 
 #[cfg(test)]
 mod tests;

@@ -3,6 +3,7 @@
 use flix_firmware::fast::configuration::Configuration;
 use flix_firmware::fast::foc::current::{Input, Model};
 use flix_firmware::fast::foc::modulation::Bus;
+use flix_firmware::fast::foc::transform::Rotor;
 use flix_firmware::fast::units::{Current, ElectricalAngle, ElectricalSpeed, Voltage};
 use flix_firmware::settings::Settings;
 
@@ -38,7 +39,7 @@ pub(crate) fn rows() -> impl Iterator<Item = Input> {
         // 40 Hz with 7 pole pairs.
         let speed = symmetric(next(), 40.0 * 7.0 / 10_000.0 * 4_294_967_296.0);
         let mut current = || symmetric(next(), 2.0 * 65_536.0);
-        let current_q = current();
+        let [current_d, current_q] = [current() / 2, current()];
         // What flows is near what was wanted, as in a loop that works.
         let flowing = f64::from(current_q) / 65_536.0;
         let radians = f64::from(angle) / 4_294_967_296.0 * core::f64::consts::TAU;
@@ -50,7 +51,7 @@ pub(crate) fn rows() -> impl Iterator<Item = Input> {
             phases,
             angle: ElectricalAngle::from_raw(angle),
             speed: ElectricalSpeed::from_raw(speed),
-            current_q: Current::from_raw(current_q),
+            wanted: Rotor { d: Current::from_raw(current_d), q: Current::from_raw(current_q) },
         }
     })
 }

@@ -202,6 +202,8 @@ pub struct Pack {
     pub charge_at_least: f64,
     /// Highest charge at the start that the seed may give, as a share, 0.02 to 1. Full (1).
     pub charge_at_most: f64,
+    /// Whether current may flow back: into a battery, not into a bench supply. A battery (true).
+    pub takes_charge: bool,
 }
 
 impl Default for Pack {
@@ -214,6 +216,7 @@ impl Default for Pack {
             bus_capacitance_uf: 220.0,
             charge_at_least: 0.5,
             charge_at_most: 1.0,
+            takes_charge: true,
         }
     }
 }
@@ -253,6 +256,7 @@ impl Electrical {
                 resistance: f64::from(pack.cells) * (pack.cell_resistance_mohm / 1e3)
                     + pack.lead_resistance_mohm / 1e3,
                 bus_capacitance: pack.bus_capacitance_uf / 1e6,
+                takes_charge: pack.takes_charge,
             },
             charge: (pack.charge_at_least, pack.charge_at_most),
             encoder: EncoderParameters {

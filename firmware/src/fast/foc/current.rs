@@ -42,8 +42,8 @@ pub struct Input {
     pub angle: ElectricalAngle,
     /// Electrical speed.
     pub speed: ElectricalSpeed,
-    /// Torque-making current wanted.
-    pub current_q: Current,
+    /// Wanted: q makes the torque, d only heat.
+    pub wanted: Rotor<Current>,
 }
 
 /// State of the loop.
@@ -86,13 +86,10 @@ impl CurrentLoop {
         let direction = Direction::from(input.angle);
         let (current, phases) = match input.phases {
             Some([a, b]) => (park(clarke(a, b), direction), [a, b, -(a + b)]),
-            None => {
-                let wanted = Rotor { d: Current::ZERO, q: input.current_q };
-                (wanted, inverse_clarke(inverse_park(wanted, direction)))
-            }
+            None => (input.wanted, inverse_clarke(inverse_park(input.wanted, direction))),
         };
         self.current = current;
-        let error = Rotor { d: -current.d, q: input.current_q - current.q };
+        let error = Rotor { d: input.wanted.d - current.d, q: input.wanted.q - current.q };
         let wanted = self.demand(model, input, current, error);
         let voltage = self.limit(wanted, bus);
         self.voltage = voltage;
@@ -121,20 +118,24 @@ impl CurrentLoop {
         current: Rotor<Current>,
         error: Rotor<Current>,
     ) -> Rotor<Voltage> {
-        let (speed, wanted_q) = (input.speed.raw(), input.current_q.raw());
+        let (speed, wanted) = (input.speed.raw(), input.wanted);
         let volts = |current: i32, shift: u32, gain: i32| {
             Voltage::from_raw(multiply_high(current.wrapping_shl(shift), gain))
         };
-        // d couples to q by what is wanted and q to d by what is: the wanted d is zero.
+        // d couples to q by what is wanted and q to d by what is: that d is most often zero.
         let reactance = multiply_high(speed, model.reactance);
-        let coupling_d = volts(wanted_q, 10, reactance);
+        let coupling_d = volts(wanted.q.raw(), 10, reactance);
         let coupling_q = volts(current.d.raw(), 10, reactance);
-        let resistive = volts(wanted_q, 8, model.resistance);
+        let resistive = |current: Current| volts(current.raw(), 8, model.resistance);
         let back_emf = volts(speed, 0, model.back_emf);
         let proportional = |error: Current| volts(error.raw(), 8, model.proportional);
         Rotor {
-            d: proportional(error.d) + self.integral.d - coupling_d,
-            q: proportional(error.q) + self.integral.q + resistive + coupling_q + back_emf,
+            d: proportional(error.d) + self.integral.d + resistive(wanted.d) - coupling_d,
+            q: proportional(error.q)
+                + self.integral.q
+                + resistive(wanted.q)
+                + coupling_q
+                + back_emf,
         }
     }
 

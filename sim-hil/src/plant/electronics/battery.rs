@@ -6,7 +6,8 @@
 //! C dV/dt = (V_open(charge) - V) / R_internal - I_bridge
 //! ```
 //!
-//! The bus is solved exactly over a sub-step of constant bridge current. Current may flow back.
+//! The bus is solved exactly over a sub-step of constant bridge current. Current may flow back into a battery. It does
+//! not into a bench supply: while the bus is above the supply's voltage, the capacitor alone takes what the bridges give.
 
 /// Open-circuit voltage of one lithium-polymer cell at charge 0, 0.1, ... 1, V. Typical of hobby
 /// cells at rest at room temperature.
@@ -23,6 +24,8 @@ pub struct BatteryParameters {
     pub resistance: f64,
     /// Capacitor across the bridge, F.
     pub bus_capacitance: f64,
+    /// Whether current may flow back: into a battery, not into a bench supply.
+    pub takes_charge: bool,
 }
 
 /// The paper's battery: 3 cells, 300 mAh (section II-A). Its resistance is assumed: 50 milliohm a cell, typical of
@@ -32,6 +35,7 @@ pub const PAPER_BATTERY: BatteryParameters = BatteryParameters {
     capacity: 0.300 * 3600.0,
     resistance: 3.0 * 0.050 + 0.030,
     bus_capacitance: 220e-6,
+    takes_charge: true,
 };
 
 /// A battery with its bus.
@@ -119,6 +123,11 @@ impl Battery {
         let BusDecay { seconds, factor } = *bus_decay;
         let p = &self.parameters;
         let open = self.open_circuit_voltage();
+        let alone = self.bus - charge / p.bus_capacitance;
+        if !p.takes_charge && self.bus >= open && alone >= open {
+            self.bus = alone;
+            return;
+        }
         let steady = open - p.resistance * charge / seconds;
         let after = steady + (self.bus - steady) * factor;
         // What the capacitor did not give came from the battery.

@@ -1,0 +1,158 @@
+//! On a bench supply, which takes nothing back, a board that does not measure its bus never lifts it, however the
+//! rotors come to rest from full speed; theta is held meanwhile.
+
+use core::time::Duration;
+
+use flix_protocol::message::Command;
+use flix_sim::model::RobotModel;
+use flix_sim::plant::Plant;
+use flix_sim::rig::bench::{Base, BenchError, Subject, setpoint};
+use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
+use flix_sim::rig::operation::Operation;
+
+/// Largest bus voltage, as a share of what the supply is set to.
+const LARGEST_RISE: f64 = 1.05;
+/// Largest error of theta while f falls, degrees: what a step may end with.
+const LARGEST_DIRECTION_ERROR_DEG: f64 = 3.0;
+/// Commanded before the end, degrees.
+const DIRECTION_DEG: f64 = 20.0;
+/// Steepest ramp for which this is promised, Hz/s: a new robot's.
+const STEEPEST: f64 = 200.0;
+/// Above this theta is judged, Hz.
+const JUDGED_HZ: f64 = 2.0;
+/// Time to come up to speed, and to come to rest at the slowest ramp.
+const SETTLING: Duration = Duration::from_secs(4);
+
+/// What ends a run at full speed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum End {
+    Rest,
+    Reversal,
+    Stop,
+    Disarm,
+    Fault,
+    LostLink,
+}
+
+const ENDS: [End; 6] =
+    [End::Rest, End::Reversal, End::Stop, End::Disarm, End::Fault, End::LostLink];
+
+/// A robot on a stand.
+#[derive(Debug, Clone, Copy)]
+struct Setup {
+    measures_current: bool,
+    measures_bus: bool,
+    /// Else on a bench supply.
+    on_battery: bool,
+    /// Hz/s.
+    ramp: f64,
+    seed: u64,
+}
+
+impl Setup {
+    const ON_BENCH_SUPPLY: Self = Self {
+        measures_current: true,
+        measures_bus: false,
+        on_battery: false,
+        ramp: STEEPEST,
+        seed: 1,
+    };
+
+    fn shaking(self) -> Result<Operation<Plant>, BenchError> {
+        let mut model = RobotModel::named("W")?;
+        let electrical = &mut model.electrical;
+        electrical.pack.takes_charge = self.on_battery;
+        electrical.sense.current = self.measures_current;
+        if !self.measures_bus {
+            electrical.sense.bus_uv_per_count = 0;
+        }
+        electrical.settings.insert("frequency_ramp".to_owned(), self.ramp);
+        let subject = Subject { model: Some(model), seed: self.seed };
+        let mut operation = subject.on(Base::Fixed)?;
+        operation.arm()?;
+        operation.hold(setpoint(35.0, DIRECTION_DEG)?);
+        operation.run(SETTLING, |_| {})?;
+        assert!(operation.robot.truth().frequency() > 34.9, "{self:?}");
+        Ok(operation)
+    }
+}
+
+/// What the end of a run showed.
+#[derive(Debug)]
+struct Seen {
+    /// Highest bus voltage over what the supply is set to.
+    rise: f64,
+    direction_error_deg: f64,
+    /// What the supply gave, J.
+    given: f64,
+}
+
+fn end(setup: Setup, end: End) -> Result<Seen, BenchError> {
+    let mut operation = setup.shaking()?;
+    let now = operation.now();
+    let (set, given) = {
+        let supply = operation.robot.electronics().battery();
+        (supply.open_circuit_voltage(), supply.delivered())
+    };
+    let mut seen = Seen { rise: 0.0, direction_error_deg: 0.0, given: 0.0 };
+    let mut target = 0.0;
+    match end {
+        End::Rest => operation.hold(setpoint(target, DIRECTION_DEG)?),
+        End::Reversal => {
+            target = -35.0;
+            operation.hold(setpoint(target, DIRECTION_DEG)?);
+        }
+        End::Stop => drop(operation.client().request(now, Command::Stop)),
+        End::Disarm => drop(operation.client().request(now, Command::Disarm)),
+        End::Fault => {
+            let fault = Injected::new(HardwareFault::EncoderLost(0), now, now + SETTLING, 1);
+            operation.robot.disturb(fault);
+        }
+        End::LostLink => operation.operators[0].is_gone = true,
+    }
+    operation.run(SETTLING, |truth| {
+        seen.rise = seen.rise.max(truth.bus_voltage / set);
+        if truth.frequency().abs() > JUDGED_HZ {
+            let error = (truth.direction.to_degrees() - DIRECTION_DEG).rem_euclid(180.0);
+            seen.direction_error_deg = seen.direction_error_deg.max(error.min(180.0 - error));
+        }
+    })?;
+    seen.given = operation.robot.electronics().battery().delivered() - given;
+    let reached = operation.robot.truth().frequency();
+    assert!((reached - target).abs() < 0.3, "{setup:?}, {end:?}: {reached} Hz");
+    Ok(seen)
+}
+
+#[test]
+fn no_way_to_come_to_rest_lifts_the_bus_of_a_bench_supply() {
+    for measures_current in [true, false] {
+        for (ramp, seed) in [(20.0, 1), (STEEPEST, 2), (STEEPEST, 3)] {
+            let setup = Setup { measures_current, ramp, seed, ..Setup::ON_BENCH_SUPPLY };
+            for what in ENDS {
+                let seen = end(setup, what).unwrap();
+                assert!(seen.rise < LARGEST_RISE, "{setup:?}, {what:?}: {seen:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn theta_is_held_while_f_falls_unless_a_fault_brakes() {
+    for measures_current in [true, false] {
+        let setup = Setup { measures_current, ..Setup::ON_BENCH_SUPPLY };
+        for what in ENDS.into_iter().filter(|what| *what != End::Fault) {
+            let seen = end(setup, what).unwrap();
+            assert!(
+                seen.direction_error_deg < LARGEST_DIRECTION_ERROR_DEG,
+                "{setup:?}, {what:?}: {seen:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_battery_on_a_board_that_measures_its_bus_takes_back_what_the_rotors_give() {
+    let setup = Setup { measures_bus: true, on_battery: true, ..Setup::ON_BENCH_SUPPLY };
+    let seen = end(setup, End::Rest).unwrap();
+    assert!(seen.given < -0.1, "{seen:?}");
+}
