@@ -311,7 +311,9 @@ fn try_robot(cli: &Cli, rig: &mut Rig, verdict: &mut Verdict) -> Result<(), RigE
 
 fn print(verdict: &Verdict, host: Duration) {
     if let Some(report) = &verdict.session {
-        println!("    f        theta   f RMS    theta RMS  peak current");
+        println!(
+            "    f        theta   f RMS    theta RMS  peak current            direct currents"
+        );
         for hold in &report.hold {
             print_hold(hold);
         }
@@ -383,12 +385,13 @@ fn print(verdict: &Verdict, host: Duration) {
 
 fn print_hold(hold: &Hold) {
     println!(
-        "{:6.1} Hz {:6.1} deg  {:.3} Hz {:.3} deg  {:.2} A of {:.2} A",
+        "{:6.1} Hz {:6.1} deg  {:.3} Hz {:.3} deg  {:.2} A of {:.2} A  d {:.3?} A",
         hold.f_hz,
         hold.theta_deg,
         hold.f_rms_hz,
         hold.theta_rms_deg,
         hold.peak_current_a,
-        hold.current_limit_a
+        hold.current_limit_a,
+        hold.direct_currents_a
     );
 }

@@ -46,8 +46,8 @@ pub struct Robot {
     steps: u64,
     began: u64,
     before: [f64; 2],
-    /// Last commands to AS5047P encoders, which they answer with the next frame.
-    commands: [u16; 2],
+    /// What AS5047P encoders answer with the next frame: the data that the last one asked for, of when it ended.
+    answers: [u16; 2],
     /// SPI transfers that no encoder answered, or two at once did.
     pub bad_transfers: u64,
 }
@@ -74,7 +74,7 @@ impl Robot {
             steps: 0,
             began: 0,
             before: [0.0; 2],
-            commands: [0; 2],
+            answers: [0; 2],
             bad_transfers: 0,
         }
     }
@@ -158,7 +158,8 @@ impl Robot {
         const DIAGNOSTICS: u16 = 0x3FFC;
         /// Ready, field in range.
         const HEALTHY: u16 = 1 << 8 | 0x80;
-        let asked = self.commands[motor];
+        let [first, second] = [0, 1].map(|index| transfer.data.get(index).copied().unwrap_or(0));
+        let asked = u16::from_be_bytes([first, second]);
         let data = match asked & 0x3FFF {
             ANGLE => self.count(motor, cycles) as u16,
             DIAGNOSTICS => HEALTHY,
@@ -166,9 +167,8 @@ impl Robot {
         };
         let is_wrong = asked.count_ones() % 2 == 1 || asked & READ == 0;
         let answer = data | u16::from(is_wrong) << 14;
-        let [first, second] = [0, 1].map(|index| transfer.data.get(index).copied().unwrap_or(0));
-        self.commands[motor] = u16::from_be_bytes([first, second]);
-        u32::from(answer | ((answer.count_ones() % 2) as u16) << 15)
+        let answer = answer | ((answer.count_ones() % 2) as u16) << 15;
+        u32::from(core::mem::replace(&mut self.answers[motor], answer))
     }
 
     const fn fastest_hz(&self) -> u64 {

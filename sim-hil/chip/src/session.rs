@@ -36,6 +36,9 @@ const LIT_DISARMED: f64 = 1.0 / 16.0;
 const LIGHT_TOLERANCE: f64 = 0.01;
 /// The battery's voltage, by a divider without an error, is stated within this share.
 const BATTERY_TOLERANCE: f64 = 0.01;
+/// Largest mean direct current of both motors, A. Voltages lag the rotors by what `actuation_delay` leaves out, 75 us by
+/// default, which at 30 Hz is 0.16 A; an angle that is older than stated by a tick adds as much again.
+const LARGEST_DIRECT_CURRENT_A: f64 = 0.24;
 /// The mean share of every phase's pin lies this near to a half.
 const SHARE_TOLERANCE: f64 = 0.05;
 
@@ -54,6 +57,8 @@ pub struct Hold {
     pub peak_current_a: f64,
     /// Its limit, A.
     pub current_limit_a: f64,
+    /// Mean direct currents of top and bottom motor, A: they make no torque, and none is asked for at constant f.
+    pub direct_currents_a: [f64; 2],
 }
 
 impl Hold {
@@ -73,6 +78,7 @@ impl Hold {
             theta_rms_deg: figures.direction_rms_deg,
             peak_current_a,
             current_limit_a,
+            direct_currents_a: figures.direct_currents,
         }
     }
 
@@ -90,6 +96,10 @@ impl Hold {
         if self.peak_current_a > self.current_limit_a {
             let (peak, limit) = (self.peak_current_a, self.current_limit_a);
             failures.push(format!("{peak:.2} A of {limit:.2} A {at}"));
+        }
+        let direct = self.direct_currents_a.iter().sum::<f64>() / 2.0;
+        if direct.is_nan() || direct.abs() > LARGEST_DIRECT_CURRENT_A {
+            failures.push(format!("{direct:.2} A of direct current {at}"));
         }
         failures
     }

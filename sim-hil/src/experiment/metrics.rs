@@ -23,6 +23,9 @@ pub struct Hold {
     pub force_error_deg: f64,
     /// Force across the commanded line as a share of the force along it.
     pub across_axis: f64,
+    /// Mean direct currents of top and bottom motor, A: they make heat and no torque, and show by how much voltages are
+    /// turned from the rotor where it truly is.
+    pub direct_currents: [f64; 2],
 }
 
 /// Takes the truth of every tick while a setpoint is held.
@@ -35,6 +38,7 @@ pub struct HoldMeter {
     next_turn: f64,
     turns: Mean,
     errors: Mean,
+    direct_currents: [Mean; 2],
     /// Sums of squares and products of the force: forward, mixed, right.
     force: [f64; 3],
 }
@@ -51,6 +55,7 @@ impl HoldMeter {
             next_turn: 0.0,
             turns: Mean::default(),
             errors: Mean::default(),
+            direct_currents: [Mean::default(); 2],
             force: [0.0; 3],
         }
     }
@@ -64,6 +69,9 @@ impl HoldMeter {
         }
         let error = line_error(truth.direction, self.direction);
         self.errors.add(error * error);
+        for (mean, [direct, _]) in self.direct_currents.iter_mut().zip(truth.rotor_frame_currents) {
+            mean.add(direct);
+        }
         let [forward, left, _] = truth.shaker_force;
         let right = -left;
         self.force[0] += forward * forward;
@@ -101,6 +109,7 @@ impl HoldMeter {
             direction_rms_deg: self.errors.value().sqrt().to_degrees(),
             force_error_deg: line_error(axis, self.direction).to_degrees(),
             across_axis: (across.max(0.0) / along).sqrt(),
+            direct_currents: self.direct_currents.map(Mean::value),
         }
     }
 }
