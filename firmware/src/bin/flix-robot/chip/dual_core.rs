@@ -13,10 +13,7 @@ use esp_hal::peripherals::{
 use esp_hal::system::{CpuControl, Stack};
 use esp_hal::time::{Duration, Rate};
 use esp_storage::FlashStorage;
-use flix_firmware::board::encoder::{
-    AS5600_ADDRESS, AS5600_CONFIGURATION, AS5600_CONFIGURATION_REGISTER, AS5600_STATUS_REGISTER,
-    as5600,
-};
+use flix_firmware::board::as5600::As5600;
 use flix_firmware::board::{EncoderKind, I2cPins, counts_of_millivolts};
 use static_cell::StaticCell;
 
@@ -40,8 +37,6 @@ static STACK_BOTTOM: AtomicPtr<u8> = AtomicPtr::new(core::ptr::null_mut());
 const I2C_CLOCK: Rate = Rate::from_mhz(1);
 /// Clock of a bus whose pull-ups are too weak for that.
 const I2C_SLOW_CLOCK: Rate = Rate::from_khz(400);
-/// Failures in a row, at any time, that slow a bus down until the next start.
-const I2C_FAILURES: u8 = 8;
 /// A reading takes 54 microseconds; one that takes this long is a failure.
 const I2C_PATIENCE: Duration = Duration::from_millis(1);
 
@@ -259,39 +254,16 @@ fn i2c_config(clock: Rate) -> Config {
         .with_software_timeout(SoftwareTimeout::Transaction(I2C_PATIENCE))
 }
 
-/// Sets an AS5600's filter; whether it is set then.
-fn configure(bus: &mut I2c<'static, Blocking>) -> bool {
-    let [high, low] = AS5600_CONFIGURATION;
-    let mut found = [0; 2];
-    bus.write(AS5600_ADDRESS, &[AS5600_CONFIGURATION_REGISTER, high, low]).is_ok()
-        && bus.write_read(AS5600_ADDRESS, &[AS5600_CONFIGURATION_REGISTER], &mut found).is_ok()
-        && found == AS5600_CONFIGURATION
-}
-
 /// Reads both AS5600 in turn, below the fast loop, and leaves what they say for it.
 fn read_i2c_for_ever(mut buses: I2cBuses) -> ! {
-    let mut configured = [false; 2];
-    let mut failures = [0_u8; 2];
+    let mut drivers = [As5600::new(); 2];
     loop {
         for (motor, newest) in SAMPLES.iter().enumerate() {
-            let (configured, failures) = (&mut configured[motor], &mut failures[motor]);
-            let Some(bus) = &mut buses[motor] else { continue };
-            // An encoder that was lost may have been without its supply.
-            if !*configured {
-                *configured = configure(bus);
-            }
-            let mut frame = [0; 3];
-            let before = now();
-            let outcome = bus.write_read(AS5600_ADDRESS, &[AS5600_STATUS_REGISTER], &mut frame);
-            // The angle is latched as its first byte is read, about in the middle.
-            let half = now().as_micros().saturating_sub(before.as_micros()) / 2;
-            let time = flix_protocol::units::Instant::from_micros(before.as_micros() + half);
-            *failures = if outcome.is_ok() { 0 } else { failures.saturating_add(1) };
-            if *failures == I2C_FAILURES && bus.apply_config(&i2c_config(I2C_SLOW_CLOCK)).is_ok() {
+            let (driver, Some(bus)) = (&mut drivers[motor], &mut buses[motor]) else { continue };
+            let (angle, time) = driver.read(bus, now);
+            if driver.wants_slower_bus() && bus.apply_config(&i2c_config(I2C_SLOW_CLOCK)).is_ok() {
                 log!("encoder {motor}: no answer at 1 MHz: its bus runs at 400 kHz");
             }
-            let angle = outcome.ok().and_then(|()| as5600(frame)).filter(|_| *configured);
-            *configured = angle.is_some();
             newest.signal(Sample { angle, time });
         }
     }
