@@ -74,19 +74,27 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+#[cfg(feature = "program")]
 pub mod cli;
 pub mod cockpit;
+#[cfg(feature = "program")]
 pub mod experiment;
 pub mod explain;
 pub mod file;
+#[cfg(feature = "program")]
 pub mod interrupt;
+#[cfg(feature = "program")]
 pub mod keys;
 pub mod link;
 pub mod nav;
+#[cfg(feature = "program")]
 pub mod pilot;
+#[cfg(feature = "program")]
 pub mod plot;
 pub mod pose;
+#[cfg(feature = "program")]
 pub mod record;
+#[cfg(feature = "program")]
 pub mod steering;
 pub mod system;
 pub mod teleop;

@@ -15,8 +15,8 @@ use flix_protocol::message::{
 use flix_protocol::session::ConnectError;
 use flix_protocol::units::Instant;
 
-use crate::link::udp::{REVOKED_PATIENCE, TELEMETRY_LAG};
-use crate::link::{Client, LAPSED, StopState, Update, passes};
+use crate::link::udp::{LAPSED, REVOKED_PATIENCE, TELEMETRY_LAG};
+use crate::link::{Client, StopState, Update, passes};
 use crate::nav::{Decision, Identification, Navigator, PlanarPose, Progress, Resting, Stop};
 use crate::pose::PoseSample;
 use crate::record::{Level, RecordError, Recorder};

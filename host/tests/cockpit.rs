@@ -11,7 +11,7 @@ use flix_host::cockpit::pages::{Misuse, PageId, Pages, SIGN_OF_LIFE};
 use flix_host::cockpit::snapshot::snapshot;
 use flix_host::link::Client;
 use flix_host::teleop::Cockpit;
-use flix_host::teleop::keyboard::{Action, Mode};
+use flix_host::teleop::action::{Action, Mode};
 use flix_protocol::message::{Fault, Setpoint, State};
 use flix_protocol::units::Instant;
 use support::{FakeRobot, key};
@@ -259,8 +259,7 @@ fn a_snapshot_explains_a_fault_and_states_who_drives() {
     room.act(ANNA, Action::Arm);
     room.robot.fault_when_running = Some(Fault::Stall);
     room.act(ANNA, Action::Walk(Mode::Forward));
-    let text = snapshot(&room.cockpit, &room.pages, room.now);
-    let seen: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let seen = snapshot(&room.cockpit, &room.pages, room.now);
     assert_eq!((&seen["driver"], &seen["telemetry"]["state"]), (&1.into(), &"faulted".into()));
     let help = seen["telemetry"]["faults"][0]["help"].as_str().unwrap();
     assert!(help.contains("free the rotor"), "{help}");

@@ -53,11 +53,14 @@
 //! `examples/own-controller.rs` drives the closed loop with a controller of its own, `examples/own-model.rs` walks a
 //! changed robot.
 
+#[cfg(feature = "program")]
 pub mod cli;
+#[cfg(feature = "program")]
 pub mod experiment;
 pub mod model;
 pub mod plant;
 pub mod reliability;
 pub mod rig;
+#[cfg(feature = "program")]
 pub mod study;
 pub mod view;

@@ -8,8 +8,9 @@ use flix_host::cli::course::names;
 use flix_host::nav::{ControllerKind, Navigator, Path, PlanarPose, Position, Settings, Stop, Task};
 use flix_host::pilot::{Ending, Pilot};
 use flix_protocol::message::State;
-use flix_sim::experiment::course::{Conditions, Course, shipped_table};
+use flix_sim::experiment::course::{Conditions, Course};
 use flix_sim::model::RobotModel;
+use flix_sim::rig::mode_table::shipped_table;
 
 const LATENCY: Duration = Duration::from_millis(20);
 

@@ -23,7 +23,7 @@ use crate::link::{Update, errors, is_reached};
 use crate::pose::PoseSource;
 use crate::pose::any::Poses;
 use crate::record::{RecordError, Recorder};
-use crate::teleop::keyboard::Mode;
+use crate::teleop::action::Mode;
 
 /// Interval of the progress bar, and of looks at the poses.
 const SLICE: Duration = Duration::from_millis(10);

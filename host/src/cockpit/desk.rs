@@ -48,7 +48,7 @@ pub fn run(
         if shown.is_none_or(|at| at.elapsed() >= FRAME) {
             shown = Some(Instant::now());
             cockpit.tick(client, now);
-            server.show(snapshot(cockpit, &pages, now));
+            server.show(snapshot(cockpit, &pages, now).to_string());
         }
     }
     // With a robot that is not driven, Ctrl-C is the way to leave.

@@ -9,7 +9,7 @@
 
 use serde::Deserialize;
 
-use crate::teleop::keyboard::{Action, DIRECTION_STEPS, FREQUENCY_STEPS, Mode};
+use crate::teleop::action::{Action, DIRECTION_STEPS, FREQUENCY_STEPS, Mode};
 
 /// Longest message, bytes.
 pub const LONGEST: usize = 128;

@@ -12,7 +12,7 @@ function send(request) {
   connection.send(JSON.stringify(request === undefined ? { seen: shown } : { seen: shown, do: request }));
 }
 function connect() {
-  connection = new WebSocket(`ws://${location.host}${location.pathname}socket`);
+  connection = openConnection();
   connection.onmessage = (event) => {
     const data = JSON.parse(event.data);
     if ("you" in data) { me = data.you; return; }
@@ -47,7 +47,7 @@ addEventListener("keydown", (event) => {
     event.preventDefault();
     return act("stop");
   }
-  if (event.ctrlKey || event.altKey || event.metaKey) return;
+  if (event.ctrlKey || event.altKey || event.metaKey || event.target.matches("input, select")) return;
   // Enter presses the button that the keyboard has reached.
   if (event.key === "Enter" && document.activeElement instanceof HTMLButtonElement) return;
   const request = keyed(event);
@@ -182,6 +182,15 @@ const scene = createScene(view, {
 scene.camera.distance = 0.62;
 scene.camera.azimuth = -2.2;
 const way = [];
+function drawRobot(body, at) {
+  const poses = PARTS.map(([, p, turn]) => ({ position: at(p), axes: product(body.axes, rotation(turn)) }));
+  const rotors = snapshot?.rotors ?? [0, 0];
+  ROTORS.forEach(([height], index) => {
+    const axes = aboutZ(-radians(rotors[index]));
+    poses.push({ position: at([0.014 * axes[0][0], 0.014 * axes[1][0], height]), axes: product(body.axes, axes) });
+  });
+  scene.boxes(boxes, poses);
+}
 function drawScene() {
   const floor = snapshot?.floor, telemetry = snapshot?.telemetry;
   const body = { position: [floor?.x ?? 0, floor?.y ?? 0, STANDING], axes: aboutZ(floor?.heading ?? 0) };
@@ -198,13 +207,7 @@ function drawScene() {
   // The front: an arrow on the floor.
   const down = (p) => { const [x, y] = at(p); return [x, y, 0.001]; };
   scene.arrow(down([0.15, 0, 0]), down([0.2, 0, 0]), dark.matches ? [154, 165, 181] : [90, 101, 119]);
-  const poses = PARTS.map(([, p, turn]) => ({ position: at(p), axes: product(body.axes, rotation(turn)) }));
-  const rotors = snapshot?.rotors ?? [0, 0];
-  ROTORS.forEach(([height], index) => {
-    const axes = aboutZ(-radians(rotors[index]));
-    poses.push({ position: at([0.014 * axes[0][0], 0.014 * axes[1][0], height]), axes: product(body.axes, axes) });
-  });
-  scene.boxes(boxes, poses);
+  if (!drawWorld(scene, snapshot)) drawRobot(body, at);
   if (!telemetry) return;
   const line = (theta, reach) => [-reach, reach].map((r) => at([r * Math.cos(radians(theta)), -r * Math.sin(radians(theta)), SHAKER]));
   if (isWanted()) scene.polyline(line(snapshot.wanted[1], 0.17), dark.matches ? "#9aa5b5" : "#5a6577", 2, [6, 5]);
@@ -251,7 +254,7 @@ const write = (id, text) => { const element = byId(id); if (element.textContent 
 // ---- words
 function banner() {
   const telemetry = snapshot?.telemetry;
-  if (!snapshot) return ["No connection to `flix cockpit`. If it was started again, open the address that it has printed last.", false];
+  if (!snapshot) return [NO_CONNECTION, false];
   if (snapshot.link.state === "failed") return [snapshot.link.text, false];
   if (telemetry?.faults.length) return [`${telemetry.faults.map((fault) => `${fault.name}: ${fault.help}`).join(". ")}. Then press Clear.`, false];
   if (snapshot.stopping) return ["Stop is sent, and not acknowledged yet.", false];
@@ -282,7 +285,7 @@ function drawWords(gamepad) {
     button.setAttribute("aria-pressed", String(isOn));
   }
   for (const button of document.querySelectorAll("#modes button, #values button")) button.disabled = !isDriven;
-  for (const button of document.querySelectorAll(".row button")) button.disabled = !drives();
+  for (const button of document.querySelectorAll(".row [data-do]")) button.disabled = !drives();
   write("f", telemetry ? `${figure(telemetry.frequency, 1)} Hz` : "–");
   write("theta", telemetry && turns(telemetry.frequency) ? `${figure(telemetry.direction, 0)}°` : "–");
   write("f-wanted", telemetry ? `wanted ${figure(f, 1)}` : "");
@@ -295,7 +298,7 @@ function drawWords(gamepad) {
   write("battery", telemetry ? (telemetry.battery === null ? "not measured" : `${figure(telemetry.battery, 1)} V`) : "–");
   write("quality", link?.round_trip_ms != null ? `${figure(link.round_trip_ms, 1)} ms, ${figure(100 * link.loss, 0)} % lost` : "–");
   write("gamepad", gamepad);
-  write("note", [!snapshot?.floor && "no poses: drawn where it stands (--pose)", snapshot?.slow_motion && "rotors 30 times slower", snapshot?.pages > 1 && `${snapshot.pages} pages open`].filter(Boolean).join(" · "));
+  write("note", [snapshot && !snapshot.floor && "no poses: drawn where it stands (--pose)", snapshot?.slow_motion && "rotors 30 times slower", snapshot?.pages > 1 && `${snapshot.pages} pages open`].filter(Boolean).join(" · "));
   const log = snapshot?.log ?? [];
   const lines = log.map((line) => `${line.at.toFixed(1)} s  ${line.text}`).reverse();
   if (byId("log").dataset.lines !== lines.join("\n")) {

@@ -14,8 +14,8 @@ use flix_protocol::units::Instant;
 use super::message::{Message, Request};
 use crate::link::Client;
 use crate::teleop::Cockpit;
+use crate::teleop::action::Action;
 use crate::teleop::cockpit::Weight;
-use crate::teleop::keyboard::Action;
 
 /// Age from which a message is no sign of life: the robot's own deadline for commands.
 pub const SIGN_OF_LIFE: Duration = COMMAND_DEADLINE;

@@ -22,13 +22,12 @@ use tokio::sync::{Semaphore, watch};
 
 use super::guard::{Guard, Refusal, hexadecimal};
 use super::message::Message;
+use super::page::Page;
 use super::pages::PageId;
 use super::snapshot;
-use crate::view;
 
-const PAGE: &str = include_str!("page.html");
-const STYLE: &str = include_str!("page.css");
-const SCRIPT: &str = include_str!("page.js");
+/// How the page reaches this program.
+const CONNECTION: &str = include_str!("connection.js");
 /// Pages that are open at once.
 const MOST_PAGES: usize = 16;
 /// Longest message that is read at all, bytes: only messages of pages are obeyed, which are shorter.
@@ -193,12 +192,7 @@ async fn page(
         return StatusCode::INTERNAL_SERVER_ERROR.into_response();
     }
     let nonce = hexadecimal(entropy);
-    let html = PAGE
-        .replace("{{style}}", STYLE)
-        .replace("{{modes}}", &snapshot::modes().to_string())
-        .replace("{{scene}}", view::SCENE)
-        .replace("{{script}}", SCRIPT)
-        .replace("{{nonce}}", &nonce);
+    let html = Page { connection: CONNECTION, ..Page::default() }.to_html(&nonce);
     let host = text_of(&headers, header::HOST).unwrap_or_default();
     let policy = format!(
         "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src data:; \

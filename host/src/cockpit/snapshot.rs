@@ -7,8 +7,8 @@ use serde_json::{Value, json};
 use super::pages::Pages;
 use crate::explain;
 use crate::teleop::Cockpit;
+use crate::teleop::action::Mode;
 use crate::teleop::cockpit::{Line, Link, Sample, Weight};
-use crate::teleop::keyboard::Mode;
 
 /// Newest lines of the log that are sent.
 const LINES: usize = 8;
@@ -28,7 +28,7 @@ pub fn hello(page: u32) -> String {
 
 /// Returns the present state. Angles in degrees, positive to the right (clockwise); poses in metres and radians, ENU.
 #[must_use]
-pub fn snapshot(cockpit: &Cockpit, pages: &Pages, now: Instant) -> String {
+pub fn snapshot(cockpit: &Cockpit, pages: &Pages, now: Instant) -> Value {
     let log: Vec<Value> = cockpit
         .log
         .iter()
@@ -56,7 +56,6 @@ pub fn snapshot(cockpit: &Cockpit, pages: &Pages, now: Instant) -> String {
         }),
         "log": log,
     })
-    .to_string()
 }
 
 fn link(cockpit: &Cockpit) -> Value {

@@ -24,10 +24,13 @@
 //! *Unanswered*: no reply within [`ANSWER_TIME`]; either direction may have lost it.
 
 mod client;
+#[cfg(feature = "program")]
 pub mod discovery;
 mod reached;
+#[cfg(feature = "program")]
 pub mod serial;
 pub mod statistics;
+#[cfg(feature = "program")]
 pub mod udp;
 
 pub use client::{Client, StopState, Update};
@@ -53,9 +56,9 @@ pub const SILENCE: Duration = HOLDER_SILENCE;
 /// Time after which a command without a reply counts as unanswered.
 pub const ANSWER_TIME: Duration = Duration::from_secs(1);
 
-/// What a robot that disarmed while it was driven means.
-pub(crate) const LAPSED: &str = "the robot stopped by itself: commands came too late, or not at all; \
-                                 `flix link-test` measures the link";
+/// Longest time in which a state that passes by itself ends: the motors are aligned, the rotors at
+/// rest, the link proven.
+pub const PASSING_PATIENCE: Duration = Duration::from_secs(3);
 
 /// Returns whether a refusal passes by itself, so that the same request succeeds some time later.
 #[must_use]

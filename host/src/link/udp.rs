@@ -11,7 +11,7 @@ use flix_protocol::message::{
 use flix_protocol::session::{ConnectError, HINT_PATIENCE, Key, StopSession, StopStatus};
 use flix_protocol::units::Instant;
 
-use super::{Client, StopState, Update, passes};
+use super::{Client, PASSING_PATIENCE, StopState, Update, passes};
 use crate::explain;
 use crate::interrupt::Interrupt;
 
@@ -26,13 +26,13 @@ pub const ARM_PATIENCE: Duration = Duration::from_secs(20);
 pub const DISARM_PATIENCE: Duration = Duration::from_secs(2);
 /// Time for which clearing is repeated: faults brake for half a second before they can be cleared.
 pub const CLEAR_PATIENCE: Duration = Duration::from_secs(3);
-/// Longest time in which a state that passes by itself ends: the motors are aligned, the rotors at
-/// rest, the link proven.
-pub const PASSING_PATIENCE: Duration = Duration::from_secs(3);
 /// Interval at which a request that was refused because of such a state is repeated.
 const TRY_AGAIN: Duration = Duration::from_millis(100);
 /// Time after a reply from which telemetry shows the state after the command.
 pub const TELEMETRY_LAG: Duration = Duration::from_millis(500);
+/// What a robot that disarmed while it was driven means.
+pub(crate) const LAPSED: &str = "the robot stopped by itself: commands came too late, or not at all; \
+                                 `flix link-test` measures the link";
 /// Time for which a robot that fell silent is asked whether it refuses this key now: a refusal counts when no better
 /// answer has come for [`HINT_PATIENCE`].
 pub const REVOKED_PATIENCE: Duration = HINT_PATIENCE.saturating_add(Duration::from_millis(500));
@@ -88,7 +88,7 @@ pub enum LinkError {
         actual: State,
     },
     /// The robot disarmed while it was driven, as it does without commands in time.
-    #[error("{}", super::LAPSED)]
+    #[error("{}", LAPSED)]
     Lapsed,
     /// A stop is latched, which this operator asked for.
     #[error("{0} stopped the robot; `flix clear` makes it ready again")]

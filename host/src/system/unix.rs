@@ -1,10 +1,8 @@
 //! Linux and macOS.
 
-use std::fs::{DirBuilder, File, FileType};
+use std::fs::{DirBuilder, File};
 use std::io;
-use std::os::unix::fs::{
-    DirBuilderExt as _, FileTypeExt as _, MetadataExt as _, OpenOptionsExt as _,
-};
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _};
 use std::os::unix::process::CommandExt as _;
 use std::path::Path;
 use std::process::{Child, Command};
@@ -16,12 +14,6 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 
 /// Signals that ask a program to end.
 pub const SIGNALS: &[i32] = &[SIGINT, SIGTERM, SIGHUP, SIGQUIT];
-
-/// Returns whether a file is a named pipe.
-#[must_use]
-pub fn is_pipe(kind: FileType) -> bool {
-    kind.is_fifo()
-}
 
 /// Creates a new file that only its owner can read, for writing.
 ///

@@ -1,6 +1,6 @@
 //! Windows. A user's files are in a folder of the user's own, which others cannot read.
 
-use std::fs::{DirBuilder, File, FileType};
+use std::fs::{DirBuilder, File};
 use std::io;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -10,12 +10,6 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 
 /// Signals that ask a program to end.
 pub const SIGNALS: &[i32] = &[SIGINT, SIGTERM];
-
-/// Returns whether a file is a named pipe: those of Windows are in no folder.
-#[must_use]
-pub fn is_pipe(_kind: FileType) -> bool {
-    false
-}
 
 /// Creates a new file, for writing.
 ///

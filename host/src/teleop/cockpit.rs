@@ -10,11 +10,10 @@ use flix_protocol::message::{
 use flix_protocol::session::ConnectError;
 use flix_protocol::units::{Degrees, Hertz, Instant};
 
+use super::action::{Action, Mode};
 use super::floor::Floor;
-use super::keyboard::{Action, Mode};
 use crate::explain;
-use crate::link::udp::PASSING_PATIENCE;
-use crate::link::{Client, Update, line_difference, passes};
+use crate::link::{Client, PASSING_PATIENCE, Update, line_difference, passes};
 use crate::pose::PoseSample;
 
 /// Interval between two points of the histories.

@@ -7,7 +7,7 @@ use std::time::Duration;
 use flix_protocol::message::Setpoint;
 use flix_protocol::units::{Hertz, Instant};
 
-use super::keyboard::Mode;
+use super::action::Mode;
 use crate::nav::{PlanarPose, Position, wrap};
 use crate::pose::PoseSample;
 

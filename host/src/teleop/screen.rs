@@ -7,8 +7,9 @@ use std::time::{Duration, Instant};
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event};
 
+use super::action::Action;
 use super::drive::{Drive, DriveError, Ending};
-use super::keyboard::{Action, action};
+use super::keyboard::action;
 use super::view;
 use crate::interrupt::Interrupt;
 

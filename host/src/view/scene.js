@@ -41,6 +41,16 @@ function createScene(canvas, { size, moved = () => {}, look = () => ({ grid: ["#
     return [canvas.width / 2 + focal * x / depth, canvas.height / 2 - focal * y / depth, depth];
   }
 
+  // Returns the point of the floor at this place of the canvas, CSS pixels; nothing above the horizon.
+  function ground(x, y) {
+    const ratio = devicePixelRatio;
+    const across = (x * ratio - canvas.width / 2) / focal, upward = (canvas.height / 2 - y * ratio) / focal;
+    const ray = forward.map((c, i) => c + across * right[i] + upward * up[i]);
+    if (ray[2] >= 0) return null;
+    const reach = -eye[2] / ray[2];
+    return [eye[0] + reach * ray[0], eye[1] + reach * ray[1]];
+  }
+
   // ---- drawing
   const FACES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
   const LIGHT = [0.35, -0.45, 0.82];
@@ -147,5 +157,5 @@ function createScene(canvas, { size, moved = () => {}, look = () => ({ grid: ["#
   };
   canvas.onwheel = (event) => { event.preventDefault(); zoom(Math.exp(event.deltaY * 0.001)); };
 
-  return { camera, begin, polyline, floor, boxes, arrow };
+  return { camera, begin, ground, polyline, floor, boxes, arrow };
 }

@@ -10,8 +10,9 @@ use flix_host::record::RunDescription;
 
 use super::Error;
 use super::arguments::{ModelArgs, parse_time};
-use crate::experiment::course::{Conditions, shipped_table};
+use crate::experiment::course::Conditions;
 use crate::experiment::walk::require_walker;
+use crate::rig::mode_table::shipped_table;
 
 /// Robot, link and seed of a closed-loop run.
 #[derive(Debug, Clone, clap::Args)]

@@ -6,8 +6,9 @@ use flix_host::cli::number::whole;
 
 use super::Error;
 use super::output::{headings, mark, print_verdict, progress, row, table};
+use crate::reliability::case::{CASES, Case};
 use crate::reliability::fault_matrix::{
-    CASES, CELLS_OF_A_CASE, Case, Cell, Matrix, Outcome, REST_LIMIT_S, measure,
+    CELLS_OF_A_CASE, Cell, Matrix, Outcome, REST_LIMIT_S, measure,
 };
 
 /// Inject every fault in every walking mode at every onset and report what the robot does

@@ -5,7 +5,7 @@
 
 use std::time::Duration;
 
-use flix_host::nav::{ModeTable, PlanarPose};
+use flix_host::nav::PlanarPose;
 use flix_host::pilot::{Ending, Helm, Pilot};
 use flix_protocol::message::State;
 use flix_protocol::session::Key;
@@ -17,13 +17,6 @@ use crate::rig::channel::ChannelParameters;
 use crate::rig::motion_capture::{MotionCapture, POSE_PERIOD};
 use crate::rig::operation::Operation;
 use crate::rig::robot::{RobotParameters, SimulatedRobot};
-
-/// The mode tables that come with models: learnt on them by `flix-sim identify`.
-const TABLES: [(&str, &str); 3] = [
-    ("W", include_str!("../../models/W.modes.toml")),
-    ("calibrated", include_str!("../../models/calibrated.modes.toml")),
-    ("flix", include_str!("../../models/flix.modes.toml")),
-];
 
 /// What a run is made of, besides who drives.
 #[derive(Debug, Clone)]
@@ -164,32 +157,5 @@ impl<H: Helm> Course<H> {
         self.cameras.look(now, &self.operation.robot);
         let poses = self.cameras.seen(now);
         Ok(self.pilot.step(now, self.operation.client(), &poses))
-    }
-}
-
-/// Reads the table of a shipped model, learnt on it.
-///
-/// # Errors
-/// When the model has none; the sentence says how to learn one.
-pub fn shipped_table(model: &str) -> Result<ModeTable, String> {
-    let Some((_, table)) = TABLES.iter().find(|(name, _)| *name == model) else {
-        return Err(format!(
-            "model {model} has no mode table: learn one with \
-             `flix-sim identify --model {model} --modes FILE` and name it with --modes"
-        ));
-    };
-    ModeTable::from_toml(table).map_err(|error| error.to_string())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_shipped_table_is_that_of_its_model_and_a_model_without_one_is_told_how() {
-        for (model, _) in TABLES {
-            assert_eq!(shipped_table(model).unwrap().robot, model);
-        }
-        assert!(shipped_table("A").unwrap_err().contains("flix-sim identify --model A"));
     }
 }

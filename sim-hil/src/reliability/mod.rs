@@ -1,6 +1,11 @@
 //! What the robot promises, measured: its accuracy, and what it does when something goes wrong.
 
+#[cfg(feature = "program")]
 pub mod accuracy;
+#[cfg(feature = "program")]
 pub mod adversary;
+pub mod case;
+#[cfg(feature = "program")]
 pub mod fault_matrix;
+#[cfg(feature = "program")]
 pub mod soak;

@@ -5,7 +5,9 @@
 pub mod bench;
 pub mod channel;
 pub mod hardware_fault;
+pub mod mode_table;
 pub mod motion_capture;
+#[cfg(feature = "program")]
 pub mod network;
 pub mod operation;
 pub mod robot;

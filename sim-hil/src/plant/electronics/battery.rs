@@ -159,6 +159,6 @@ pub(super) struct BusDecay {
 impl BusDecay {
     pub(super) fn new(parameters: &BatteryParameters, seconds: f64) -> Self {
         let time_constant = parameters.resistance * parameters.bus_capacitance;
-        Self { seconds, factor: (-seconds / time_constant).exp() }
+        Self { seconds, factor: libm::exp(-seconds / time_constant) }
     }
 }

@@ -131,7 +131,7 @@ impl Motor {
     /// Currents in the rotor's frame (d, q) at this rotor angle, A.
     #[must_use]
     pub fn rotor_frame_current(&self, rotor_angle: f64) -> [f64; 2] {
-        let (sin, cos) = self.electrical_angle(rotor_angle).sin_cos();
+        let (sin, cos) = libm::sincos(self.electrical_angle(rotor_angle));
         let [alpha, beta] = self.current;
         [alpha * cos + beta * sin, (beta * cos - alpha * sin) * self.phase_order]
     }
@@ -161,8 +161,8 @@ impl Motor {
         let electrical_speed = self.phase_order * f64::from(self.parameters.pole_pairs) * speed;
         let middle = self.electrical_angle(rotor_angle) + 0.5 * seconds * electrical_speed;
         Sweep {
-            direction: middle.sin_cos(),
-            rotation: (seconds * electrical_speed).sin_cos(),
+            direction: libm::sincos(middle),
+            rotation: libm::sincos(seconds * electrical_speed),
             emf: electrical_speed * self.parameters.flux_linkage,
         }
     }
@@ -263,15 +263,15 @@ impl Motor {
         let periods = f64::from(self.parameters.cogging_periods);
         let half = 0.5 * periods * sweep;
         // The mean of a sine over a window is the sine of the middle times sin(half) / half.
-        let blur = if half.abs() < 1e-6 { 1.0 } else { half.sin() / half };
-        -self.parameters.cogging_torque * (periods * (rotor_angle + 0.5 * sweep)).sin() * blur
+        let blur = if half.abs() < 1e-6 { 1.0 } else { libm::sin(half) / half };
+        -self.parameters.cogging_torque * libm::sin(periods * (rotor_angle + 0.5 * sweep)) * blur
     }
 
     /// Returns the potential energy of the magnets over the teeth at this rotor angle, J.
     #[must_use]
     pub fn cogging_energy(&self, rotor_angle: f64) -> f64 {
         let periods = f64::from(self.parameters.cogging_periods);
-        -self.parameters.cogging_torque / periods * (periods * rotor_angle).cos()
+        -self.parameters.cogging_torque / periods * libm::cos(periods * rotor_angle)
     }
 }
 
@@ -306,7 +306,10 @@ pub(super) struct Decay {
 
 impl Decay {
     pub(super) fn new(parameters: &MotorParameters, seconds: f64) -> Self {
-        Self { seconds, factor: (-parameters.resistance / parameters.inductance * seconds).exp() }
+        Self {
+            seconds,
+            factor: libm::exp(-parameters.resistance / parameters.inductance * seconds),
+        }
     }
 }
 

@@ -94,7 +94,7 @@ mod tests {
     /// Duties of a motor at 30 Hz with 11.1 V, centred in their range, at an electrical angle.
     fn duties_at(angle: f64) -> [f64; 3] {
         const AMPLITUDE: f64 = 0.43;
-        let waves = [0.0, 1.0, 2.0].map(|phase: f64| (angle - phase * TAU / 3.0).cos());
+        let waves = [0.0, 1.0, 2.0].map(|phase: f64| libm::cos(angle - phase * TAU / 3.0));
         let most = waves.into_iter().fold(f64::NEG_INFINITY, f64::max);
         let least = waves.into_iter().fold(f64::INFINITY, f64::min);
         waves.map(|wave| 0.5 + AMPLITUDE * (wave - (most + least) / 2.0) * 2.0 / 3.0_f64.sqrt())

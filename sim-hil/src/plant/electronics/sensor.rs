@@ -139,8 +139,8 @@ impl Encoder {
     pub fn error(&self, angle: f64) -> f64 {
         let [(first, first_phase), (second, second_phase)] = self.harmonics;
         self.zero
-            + first * (angle + first_phase).sin()
-            + second * (2.0 * angle + second_phase).sin()
+            + first * libm::sin(angle + first_phase)
+            + second * libm::sin(2.0 * angle + second_phase)
     }
 }
 

@@ -146,13 +146,13 @@ pub fn body_inertia(model: &RobotModel) -> RigidInertia<f64> {
 fn leg(model: &RobotModel, legs: &Legs, index: usize) -> LegModel<f64> {
     let own = legs.each()[index];
     let [sx, sy] = LEG_SIDE[index];
-    let (sin, cos) = legs.hinge_deg.to_radians().sin_cos();
+    let (sin, cos) = libm::sincos(legs.hinge_deg.to_radians());
     // The right leg's hinge is the left one's mirror image.
     let x = Vec3([cos, sy * sin, 0.0]);
     let y = Vec3([0.0, 0.0, -1.0]);
     let frame = Mat3::from_columns(x, y, x.cross(y));
     let twist = legs.twist_deg.map(|t| {
-        let (s, c) = (own.twist_hand * t).to_radians().sin_cos();
+        let (s, c) = libm::sincos((own.twist_hand * t).to_radians());
         [c, s]
     });
     let segment = 1e-3 * legs.length_mm / 3.0;

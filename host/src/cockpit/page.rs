@@ -1,0 +1,38 @@
+//! The page itself: one document that asks for nothing from elsewhere.
+
+use super::snapshot;
+use crate::view;
+
+const PAGE: &str = include_str!("page.html");
+const STYLE: &str = include_str!("page.css");
+const SCRIPT: &str = include_str!("page.js");
+
+/// What differs between the page of a robot on the network and that of a robot inside the page.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Page<'a> {
+    /// Style besides that of the cockpit, as CSS.
+    pub style: &'a str,
+    /// What follows the banner, as HTML.
+    pub panel: &'a str,
+    /// What follows the gauges, as HTML.
+    pub world: &'a str,
+    /// How the page reaches its robot: JavaScript that defines `openConnection`, which returns an object such as a
+    /// WebSocket; `NO_CONNECTION`, what is said without one; and `drawWorld`, which returns whether it has drawn the
+    /// robot.
+    pub connection: &'a str,
+}
+
+impl Page<'_> {
+    /// Returns the document; `nonce` marks its scripts and styles for a content security policy.
+    #[must_use]
+    pub fn to_html(&self, nonce: &str) -> String {
+        PAGE.replace("{{nonce}}", nonce)
+            .replace("{{style}}", &format!("{STYLE}{}", self.style))
+            .replace("{{panel}}", self.panel)
+            .replace("{{world}}", self.world)
+            .replace("{{modes}}", &snapshot::modes().to_string())
+            .replace("{{scene}}", view::SCENE)
+            .replace("{{script}}", SCRIPT)
+            .replace("{{connection}}", self.connection)
+    }
+}
