@@ -12,6 +12,7 @@ mod pil;
 mod run;
 mod setup;
 mod toolchain;
+mod web;
 
 use std::process::ExitCode;
 
@@ -35,7 +36,8 @@ const EXAMPLES: &str = "Examples:
   cargo xtask emulate                                provision, drive, and try what goes wrong
   cargo xtask emulate --quick --json
   cargo xtask emulate --live                         then: flix provision --port PORT --ssid lab --open
-  cargo xtask size";
+  cargo xtask size
+  cargo xtask web                                    then open target/site/index.html";
 
 #[derive(Subcommand)]
 enum Task {
@@ -55,6 +57,8 @@ enum Task {
     Emulate(emulate::Args),
     /// Print what the ESP32-C6 image takes of flash and memory; fail above the ceilings.
     Size,
+    /// Build the page of the simulated robot into target/site; fail when it is too large.
+    Web(web::Args),
     /// Check that no panic can be reached from the fast tick; fail when one can.
     PanicFree,
 }
@@ -77,6 +81,7 @@ fn main() -> ExitCode {
         Task::Pil => pil::run(),
         Task::Emulate(args) => emulate::run(&args),
         Task::Size => image::size(),
+        Task::Web(args) => web::run(&args),
         Task::PanicFree => panic_free::run(),
     };
     match outcome {

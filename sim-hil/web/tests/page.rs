@@ -1,0 +1,96 @@
+//! The packed page in a real browser, as a file: it loads, walks, shows a fault in words, follows a drawn path, and its
+//! robot is the native one, bit for bit.
+//!
+//! Skipped without `chromedriver` (Debian: `chromium chromium-driver`) or the page (`cargo xtask web`), unless
+//! FLIX_REQUIRE_BROWSER is set; with FLIX_WITHOUT_BROWSER it is in any case.
+
+#[path = "../../tests/cockpit/browser.rs"]
+#[allow(dead_code, reason = "shared with the test of the cockpit, which needs more of it")]
+mod browser;
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use browser::Browser;
+use flix_web::{Options, script};
+
+type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
+
+/// Time after which something hangs.
+const PATIENCE: Duration = Duration::from_secs(120);
+/// Pause between two looks at a condition.
+const LOOK: Duration = Duration::from_millis(20);
+/// From the load to the first motion, s of the page's clock.
+const FIRST_MOTION_S: f64 = 5.0;
+const ENTER: char = '\u{e007}';
+
+/// Opens the page; nothing where it is to be skipped.
+fn open() -> Outcome<Option<Browser>> {
+    if std::env::var_os("FLIX_WITHOUT_BROWSER").is_some() {
+        return Ok(None);
+    }
+    let target = Path::new(env!("CARGO_BIN_EXE_flix-web")).ancestors().nth(2).ok_or("no target")?;
+    let page = target.join("site/index.html");
+    let browser = if page.exists() { Browser::open()? } else { None };
+    match &browser {
+        Some(browser) => browser.go(&format!("file://{}", page.display()))?,
+        None if std::env::var_os("FLIX_REQUIRE_BROWSER").is_some() => {
+            return Err(
+                "no page, or no browser: `cargo xtask web`, `apt install chromium-driver`".into()
+            );
+        }
+        None => println!("skipped: no page (`cargo xtask web`) or no chromedriver"),
+    }
+    Ok(browser)
+}
+
+/// Looks until a JavaScript expression is true.
+fn wait(browser: &Browser, condition: &str) -> Outcome<()> {
+    let begin = Instant::now();
+    while begin.elapsed() < PATIENCE {
+        if browser.run(&format!("return Boolean({condition})"))?.as_bool() == Some(true) {
+            return Ok(());
+        }
+        std::thread::sleep(LOOK);
+    }
+    let text = browser.run("return document.body.innerText")?;
+    Err(format!("still not: {condition}; the page shows:\n{text}").into())
+}
+
+fn state(name: &str) -> String {
+    format!("document.getElementById('state').dataset.state === '{name}'")
+}
+
+#[test]
+fn a_visitor_drives_breaks_and_leads_the_robot() -> Outcome<()> {
+    let Some(browser) = open()? else { return Ok(()) };
+    wait(&browser, "!document.querySelector('.row [data-do=arm]').disabled")?;
+    browser.press(ENTER)?;
+    wait(&browser, &state("armed"))?;
+    browser.press('w')?;
+    wait(
+        &browser,
+        "Math.abs(parseFloat(document.getElementById('f').textContent.replace('−', '-'))) > 25",
+    )?;
+    let seconds = browser.run("return performance.now() / 1000")?.as_f64().ok_or("no time")?;
+    assert!(seconds < FIRST_MOTION_S, "it walks after {seconds} s");
+
+    browser.run("const fault = document.getElementById('fault'); fault.value = 'top encoder lost'; fault.onchange()")?;
+    wait(&browser, &state("faulted"))?;
+    wait(
+        &browser,
+        "/encoder.*Then press Clear/s.test(document.getElementById('banner-text').textContent)",
+    )?;
+    Ok(())
+}
+
+#[test]
+fn the_page_has_the_same_bits_as_the_native_program() -> Outcome<()> {
+    let Some(browser) = open()? else { return Ok(()) };
+    let native = script::run(&Options::default(), script::SCRIPT, 10.0)?;
+    assert!(native.moved > 0.1, "{native:?}");
+    browser.run("runScript().then((verdict) => { window.verdict = verdict; })")?;
+    wait(&browser, "window.verdict")?;
+    assert_eq!(browser.run("return window.verdict.hash")?, native.hash);
+    Ok(())
+}
