@@ -19,7 +19,8 @@
 //! What decides is sans-IO: [`link::Client`], [`nav::Navigator`] and [`pilot::Pilot`] take time,
 //! datagrams and poses as arguments and return what to send. Only [`link::udp`], [`link::serial`],
 //! [`pose::natnet`], [`teleop::screen`], [`cockpit::server`] and [`cli`] touch sockets, clocks and terminals. So the
-//! simulator runs the same code in virtual time. Frames, signs and units are those of
+//! simulator runs the same code in virtual time, and without the feature `program` it builds for targets that have
+//! none of these. Frames, signs and units are those of
 //! [`flix_protocol`].
 //!
 //! # Example

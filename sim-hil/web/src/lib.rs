@@ -2,7 +2,7 @@
 //!
 //! [`World`] is the whole loop in virtual time: the robot's software on its plant, a network, the real client, and the
 //! operator's side of `flix cockpit`, whose page this is. [`script`] runs it without a page, and returns the hash of
-//! all states of the plant: the same bits in a browser and natively. [`page`] packs the page; [`exports`] is what a
+//! all states of the plant: the same bits in a browser and natively. [`page`] packs the page; `exports` is what a
 //! WebAssembly host calls.
 
 mod exports;
