@@ -1,4 +1,4 @@
-//! The packed page in a real browser, as a file: it loads, walks, shows a fault in words, follows a drawn path, and its
+//! The packed page in a real browser, as a file: it loads, walks, shows a fault in words, and its
 //! robot is the native one, bit for bit.
 //!
 //! Skipped without `chromedriver` (Debian: `chromium chromium-driver`) or the page (`cargo xtask web`), unless
@@ -62,7 +62,7 @@ fn state(name: &str) -> String {
 }
 
 #[test]
-fn a_visitor_drives_breaks_and_leads_the_robot() -> Outcome<()> {
+fn a_visitor_drives_and_breaks_the_robot() -> Outcome<()> {
     let Some(browser) = open()? else { return Ok(()) };
     wait(&browser, "!document.querySelector('.row [data-do=arm]').disabled")?;
     browser.press(ENTER)?;
