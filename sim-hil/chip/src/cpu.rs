@@ -84,6 +84,8 @@ pub(crate) struct Access {
     pub(crate) time: u64,
     /// The instruction.
     pub(crate) pc: u32,
+    /// Whether an interrupt may come before the next one.
+    pub(crate) is_interruptible: bool,
 }
 
 /// Why an access failed.

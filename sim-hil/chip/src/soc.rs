@@ -12,7 +12,7 @@ use crate::block::interrupt::{Interrupts, source};
 use crate::block::mcpwm::{Mcpwm, Wave};
 use crate::block::spi::{Spi, Transfer};
 use crate::block::system_timer::SystemTimer;
-use crate::block::timer_group::TimerGroup;
+use crate::block::timer_group::{self, TimerGroup};
 use crate::block::uart::Uart;
 use crate::block::watchdog::{Action, LowPowerWatchdog};
 use crate::block::{Answer, CYCLES_PER_SECOND, Unmodelled};
@@ -166,6 +166,9 @@ pub(crate) struct Soc<O> {
     /// Which block lies at each step of the peripherals' addresses.
     map: Vec<Option<(&'static Block, Model)>>,
 }
+
+/// Priority of the fast loop's interrupt.
+const FAST_LOOP_PRIORITY: u32 = 3;
 
 impl<O: Outside> Soc<O> {
     pub(crate) fn new(outside: O, seed: u64) -> Self {
@@ -339,6 +342,20 @@ impl<O: Outside> Soc<O> {
         let sentence = format!("{what} of {} {state}", block.register_name(offset));
         self.findings.entry(sentence).or_insert(Finding { count: 0, pc }).count += 1;
         false
+    }
+
+    /// Finds who opens the fast loop's watchdog where that loop may come between: it feeds, locks again, and the rest of
+    /// what was to be written is lost.
+    fn watch_unlocking(&mut self, model: Model, offset: u32, value: u32, access: Access) {
+        let is_unlocked = matches!(model, Model::Timers(1))
+            && offset == timer_group::WATCHDOG_PROTECT
+            && value == timer_group::WATCHDOG_KEY;
+        let may_come = access.is_interruptible && self.interrupts.threshold() <= FAST_LOOP_PRIORITY;
+        if is_unlocked && may_come && self.mcpwm.ticks > 0 {
+            let sentence = "the fast loop's watchdog is unlocked where the loop may come between";
+            let finding = Finding { count: 0, pc: access.pc };
+            self.findings.entry(sentence.to_owned()).or_insert(finding).count += 1;
+        }
     }
 
     fn read(&mut self, block: &Block, model: Model, offset: u32, now: u64) -> Answer<u32> {
@@ -569,6 +586,7 @@ impl<O: Outside> Bus for Soc<O> {
         if !self.is_awake(block, model, offset, "write", access.pc) {
             return Ok(());
         }
+        self.watch_unlocking(model, offset, value, access);
         let register = || block.register_name(offset);
         if size != 4 {
             let reason = "registers are written whole";

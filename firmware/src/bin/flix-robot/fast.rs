@@ -41,7 +41,8 @@ pub(crate) struct Loop {
 /// Runs `work`, during which the loop may stand still, with a watchdog that waits for it.
 pub(crate) fn with_patient_watchdog<R>(work: impl FnOnce() -> R) -> R {
     // The loop owns the driver, which has no state: both write the same registers.
-    let mut watchdog = Wdt::<TIMG1<'static>>::new();
+    // To make it unlocks the registers, too.
+    let mut watchdog = critical_section::with(|_| Wdt::<TIMG1<'static>>::new());
     let mut wait_for = |time| {
         // Each unlocks the registers and locks them again: one at a time.
         critical_section::with(|_| {

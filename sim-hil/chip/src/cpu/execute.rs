@@ -259,7 +259,7 @@ impl Cpu {
             return Err(Incomplete::Exception(cause::LOAD_MISALIGNED, address));
         }
         *taken = cost::PERIPHERAL_READ;
-        let access = Access { time: self.cycles, pc: self.pc };
+        let access = self.access();
         bus.load(address, size, access).map_err(|refusal| match refusal {
             Refusal::Nothing => Incomplete::Exception(cause::LOAD_FAULT, address),
             Refusal::Fault(fault) => Incomplete::Exit(Exit::Fault(fault)),
@@ -312,6 +312,11 @@ impl Cpu {
         Ok(false)
     }
 
+    /// An access by the present instruction.
+    fn access(&self) -> Access {
+        Access { time: self.cycles, pc: self.pc, is_interruptible: self.takes_interrupts() }
+    }
+
     #[cold]
     fn store_elsewhere(
         &mut self,
@@ -328,7 +333,7 @@ impl Cpu {
             return Err(Incomplete::Exception(cause::STORE_MISALIGNED, address));
         }
         *taken = cost::PERIPHERAL_WRITE;
-        let access = Access { time: self.cycles, pc: self.pc };
+        let access = self.access();
         bus.store(address, value, size, access).map_err(|refusal| match refusal {
             Refusal::Nothing => Incomplete::Exception(cause::STORE_FAULT, address),
             Refusal::Fault(fault) => Incomplete::Exit(Exit::Fault(fault)),
