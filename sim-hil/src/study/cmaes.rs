@@ -5,9 +5,8 @@
 //! order of values matters.
 //!
 //! The paper searches with HEBO, a Bayesian optimisation (sections II-C and II-D), which spares evaluations by a model
-//! of the function. Here a walk takes milliseconds and a thousand of them at once are seconds, values are noisy and
-//! the order of some thirty unknowns counts: there an evolution strategy costs less than such a model, and it needs no
-//! other language than this one. Both have not been compared on one budget.
+//! of the function. Here an evaluation takes a tenth of a second and many run at once, while such a model takes seconds for
+//! each suggestion: `sim-hil/docs/studies.md` compares both on one budget of evaluations.
 //!
 //! The search lives in the unit cube: a coordinate outside 0 .. 1 is mirrored back ([`inside`]). Candidates of
 //! a generation depend on the seed and the generation alone, so that a search can be kept as TOML after any
