@@ -163,7 +163,7 @@ impl GridArgs {
 Examples:
   flix identify walker-1 --natnet-server 192.168.1.5 --modes walker-1.modes.toml
   flix identify --rounds 1 --seconds 4s      (against flix-sim serve --natnet)
-  flix identify walker-1 --grid speeds.csv --frequencies=-35,-30,30,35 --rounds 3
+  flix identify walker-1 --grid speeds.csv --frequencies=-30,30 --rounds 3
   flix-sim study calibrate --measured speeds.csv")]
 pub struct Args {
     #[command(flatten)]
