@@ -89,7 +89,7 @@ impl Sheet {
         if folder.exists() && !folder.is_dir() {
             return Err(SheetError::NotAFolder(folder.to_owned()));
         }
-        let path = folder.join(name).with_extension("csv");
+        let path = folder.join(format!("{name}.csv"));
         file::check_writable(&path)
             .map_err(|source| SheetError::Write { path: path.clone(), source })?;
         let text = match path.exists() {
@@ -211,6 +211,13 @@ mod tests {
         let text = std::fs::read_to_string(lab.join("lab.csv")).unwrap();
         let expected = "# one line\ntest,z_mm\n1,0.00\n1,1.24\n# two\n2,0.00\n2,1.24\n";
         assert_eq!(text.replace("1.23\n", "1.24\n"), expected);
+    }
+
+    #[test]
+    fn a_name_with_a_dot_keeps_what_comes_after_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let sheet = Sheet::open(folder.path(), "walker.2", &COLUMNS).unwrap();
+        assert_eq!(sheet.path(), folder.path().join("walker.2.csv"));
     }
 
     #[test]
