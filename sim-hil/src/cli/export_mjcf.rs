@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use super::Error;
 use super::arguments::ModelArgs;
-use super::output::{complain, print};
+use super::output::{complain, write_or_print};
 use crate::model::mjcf::mjcf;
 use crate::plant::mechanics::reference_contact;
 
@@ -51,10 +51,6 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         ));
     }
     let text = mjcf(&model, step, contact);
-    match &args.out {
-        None => print(&text)?,
-        Some(path) => std::fs::write(path, text)
-            .map_err(|error| Error::Write { path: path.clone(), error })?,
-    }
+    write_or_print(args.out.as_deref(), &text)?;
     Ok(ExitCode::SUCCESS)
 }

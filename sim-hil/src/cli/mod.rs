@@ -12,6 +12,7 @@ mod console;
 pub mod demo;
 pub mod eigenmodes;
 pub mod export_mjcf;
+pub mod export_urdf;
 pub mod faults;
 pub mod home;
 pub mod identify;
@@ -68,6 +69,8 @@ enum Command {
     Validate(validate::Args),
     /// Write the model as MJCF for MuJoCo
     ExportMjcf(export_mjcf::Args),
+    /// Write the model as URDF for Foxglove, Lichtblick, Rerun or RViz
+    ExportUrdf(export_urdf::Args),
     /// Follow a path with the whole simulated robot, in virtual time
     Track(track::Args),
     /// Return to the origin after pushes, in virtual time
@@ -257,6 +260,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Shake(args) => shake::run(&args),
         Command::Validate(args) => validate::run(&args),
         Command::ExportMjcf(args) => export_mjcf::run(&args),
+        Command::ExportUrdf(args) => export_urdf::run(&args),
     };
     outcome.unwrap_or_else(|error| {
         output::complain(&error);

@@ -1,5 +1,6 @@
 //! What commands print: figures as JSON for programs, tables for people.
 
+use std::path::Path;
 use std::process::ExitCode;
 
 use serde::Serialize;
@@ -13,6 +14,15 @@ pub(crate) use flix_host::cli::output::{
 /// Prints a sentence on standard error. When nobody can read it there, it is lost.
 pub(crate) fn complain(sentence: impl std::fmt::Display) {
     flix_host::cli::output::say("flix-sim", sentence);
+}
+
+/// Writes a text into a file, or prints it where none is named.
+pub(crate) fn write_or_print(file: Option<&Path>, text: &str) -> Result<(), Error> {
+    match file {
+        None => Ok(print(text)?),
+        Some(path) => std::fs::write(path, text)
+            .map_err(|error| Error::Write { path: path.to_owned(), error }),
+    }
 }
 
 /// Prints figures as one line of JSON, or as `text` for people; the exit code states whether all promises were kept.

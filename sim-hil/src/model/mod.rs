@@ -14,9 +14,12 @@ use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
 pub mod electrical;
+pub mod links;
 pub mod mjcf;
 mod random;
 mod scatter;
+pub mod urdf;
+mod xml;
 
 pub use electrical::Electrical;
 pub use random::random;

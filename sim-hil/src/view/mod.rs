@@ -4,12 +4,16 @@
 //! path to follow, captions. It becomes one HTML file that needs no network and nothing else: open
 //! it, drag to turn, scroll to come closer, slow down until the rotors can be followed.
 //!
+//! A [`FrameView`] is the same for programs that know the robot by its URDF.
+//!
 //! Lengths in metres, forces in newtons, world frame ENU, quaternions `[w, x, y, z]`.
 
 mod film;
+mod frames;
 mod robot;
 
 pub use film::Film;
+pub use frames::FrameView;
 pub use robot::RobotView;
 
 use std::path::{Path, PathBuf};

@@ -3,6 +3,7 @@
 use flix_host::pose::{Pose, Quaternion};
 
 use super::{Arrow, Force, Frame, Part};
+use crate::model::links::orientation;
 use crate::model::{LEGS, RobotModel};
 use crate::plant::mechanics::spatial::Vec3;
 use crate::plant::mechanics::{multiply, rotation};
@@ -140,8 +141,6 @@ fn long_first(axes: [[f64; 3]; 3], half: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
 
 /// Quaternion of a right-handed frame of unit vectors.
 fn from_axes(axes: [[f64; 3]; 3]) -> Quaternion {
-    let matrix = nalgebra::Matrix3::from_columns(&axes.map(nalgebra::Vector3::from));
-    let rotation = nalgebra::Rotation3::from_matrix_unchecked(matrix);
-    let q = nalgebra::UnitQuaternion::from_rotation_matrix(&rotation);
+    let q = orientation(axes);
     Quaternion { x: q.i, y: q.j, z: q.k, w: q.w }
 }
