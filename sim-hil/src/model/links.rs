@@ -21,7 +21,8 @@ pub struct Link {
     pub mass: f64,
     /// Where the centre of its mass is, and of the box that is drawn, m.
     pub center: [f64; 3],
-    /// Moments of inertia about the centre along its axes, kg m^2.
+    /// Moments of inertia about the centre along its axes, kg m^2. Other programs refuse a mass without any: a point
+    /// gets some that nothing can feel.
     pub inertia: [f64; 3],
     /// The box that is drawn, m.
     pub size: [f64; 3],
@@ -89,6 +90,9 @@ pub fn links(model: &RobotModel) -> Vec<Link> {
     links
 }
 
+/// Least moment of inertia, kg m^2.
+const LEAST_INERTIA: f64 = 1e-12;
+
 /// From mm to m, and from g to kg.
 fn metres(millimetres: f64) -> f64 {
     1e-3 * millimetres
@@ -105,7 +109,7 @@ fn solid(mass: f64, size: [f64; 3], center: [f64; 3]) -> Link {
         hinges: Vec::new(),
         mass,
         center,
-        inertia: [mass / 12.0 * (b + c), mass / 12.0 * (a + c), mass / 12.0 * (a + b)],
+        inertia: [b + c, a + c, a + b].map(|edges| (mass / 12.0 * edges).max(LEAST_INERTIA)),
         size,
         colour: LOAD,
         foot_of: None,
@@ -137,7 +141,7 @@ fn rotors(model: &RobotModel) -> [Link; 2] {
         name: name.into(),
         at: [0.0, 0.0, 1e-3 * (s.z_mm + sign * 0.5 * s.spacing_mm)],
         hinges: vec![Hinge { name: name.into(), axis: [0.0, 0.0, 1.0], spring: None }],
-        inertia: [0.5 * bell, 0.5 * bell, bell],
+        inertia: [0.5 * bell, 0.5 * bell, bell].map(|i| i.max(LEAST_INERTIA)),
         colour: ROTOR,
         ..solid(metres(s.mass_g), [8e-3; 3], [metres(s.arm_mm), 0.0, 0.0])
     })

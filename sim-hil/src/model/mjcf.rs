@@ -78,8 +78,6 @@ fn inside(
     contact: [[f64; 2]; 4],
 ) {
     let link = &links[index];
-    // MuJoCo refuses a body without any inertia; a point gets one that nothing can feel.
-    let inertia = link.inertia.map(|i| i.max(1e-12));
     line(
         out,
         depth,
@@ -87,7 +85,7 @@ fn inside(
             "<inertial mass=\"{}\" pos=\"{}\" diaginertia=\"{}\"/>",
             link.mass,
             list(&link.center),
-            list(&inertia)
+            list(&link.inertia)
         ),
     );
     line(out, depth, &shape(model, link, contact));
