@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use super::output::print;
 use super::robot::RobotArgs;
+use super::stream::StreamArgs;
 use super::walk::{PoseArgs, record};
 use super::{Error, Exit, drive};
 use crate::interrupt::Interrupt;
@@ -19,12 +20,14 @@ pub struct ByHandArgs {
     robot: RobotArgs,
     #[command(flatten)]
     poses: PoseArgs,
-    /// Record the drive below OUT/runs.
+    /// Record the drive below OUT/runs; so does --foxglove.
     #[arg(long)]
     record: bool,
     /// Folder for the record.
     #[arg(long, value_name = "DIR", default_value = "out")]
     out: PathBuf,
+    #[command(flatten)]
+    stream: StreamArgs,
 }
 
 impl ByHandArgs {
@@ -41,10 +44,11 @@ impl ByHandArgs {
         let interrupt = Interrupt::listen().map_err(Error::usage)?;
         let mut extras = Extras { poses: self.poses.open_if_named()?, ..Extras::default() };
         let mut connection = self.robot.connect(&interrupt)?;
-        if self.record {
+        if self.record || self.stream.is_asked_for() {
             let poses = extras.poses.as_ref().map(Poses::name);
-            extras.recorder =
-                Some(record(&self.out, &mut connection, poses, name, BTreeMap::new())?);
+            let mut recorder = record(&self.out, &mut connection, poses, name, BTreeMap::new())?;
+            self.stream.start(&mut recorder)?;
+            extras.recorder = Some(recorder);
         }
         let mut hand = Drive::new(&mut connection, &self.robot.robot, &mut extras);
         let ended = match operate(&mut hand, &interrupt) {

@@ -1,11 +1,12 @@
 //! `flix cockpit`: drives in the browser.
 
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::net::SocketAddr;
 use std::process::ExitCode;
 
 use super::Error;
 use super::by_hand::ByHandArgs;
 use super::output::{complain, print};
+use super::stream::address;
 use crate::cockpit::desk;
 use crate::cockpit::server::{ServeError, Server};
 
@@ -32,19 +33,8 @@ pub struct Args {
     by_hand: ByHandArgs,
     /// Address of this computer where the page is served, with or without a port; 0.0.0.0 is every one, port 0 any
     /// free one.
-    #[arg(long, value_name = "ADDRESS[:PORT]", default_value = "127.0.0.1", value_parser = address)]
+    #[arg(long, value_name = "ADDRESS[:PORT]", default_value = "127.0.0.1", value_parser = |text: &str| address(text, PORT))]
     bind: SocketAddr,
-}
-
-fn address(text: &str) -> Result<SocketAddr, String> {
-    let alone = text.parse::<IpAddr>().map(|ip| SocketAddr::new(ip, PORT));
-    alone.or_else(|_| text.parse()).map_err(|_| {
-        format!(
-            "\"{text}\" is not an address of this computer: write {} or {}:{PORT}",
-            Ipv4Addr::LOCALHOST,
-            Ipv4Addr::UNSPECIFIED
-        )
-    })
 }
 
 /// Serves the page until the program is interrupted.

@@ -14,6 +14,7 @@ use super::moved::{Motion, Walked};
 use super::number::fixed;
 use super::output::{milliseconds, optional_path_as_text, print, print_json, progress};
 use super::robot::RobotArgs;
+use super::stream::StreamArgs;
 use super::time::positive_duration;
 use super::walk::{HeightCheck, PoseArgs, record};
 use super::{Error, Exit};
@@ -64,6 +65,8 @@ pub struct Args {
     /// Write no record.
     #[arg(long)]
     no_record: bool,
+    #[command(flatten)]
+    stream: StreamArgs,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -106,6 +109,9 @@ fn parse<T>(
 /// is stopped then.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let setpoint = Setpoint::new(args.frequency, args.direction).map_err(Error::usage)?;
+    if args.no_record && args.stream.is_asked_for() {
+        return Err(Error::usage("--foxglove streams what is recorded: leave --no-record out"));
+    }
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let poses = args.poses.open_if_named()?;
     let mut connection = args.robot.connect(&interrupt)?;
@@ -113,7 +119,9 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         None
     } else {
         let source = poses.as_ref().map(Poses::name);
-        Some(record(&args.out, &mut connection, source, "drive", BTreeMap::new())?)
+        let mut recorder = record(&args.out, &mut connection, source, "drive", BTreeMap::new())?;
+        args.stream.start(&mut recorder)?;
+        Some(recorder)
     };
     let held = Held::new(setpoint);
     let mut log = DriveLog {

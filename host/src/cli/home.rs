@@ -46,7 +46,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let setup = facts(&settings);
     let navigator = Navigator::new(task, &table, settings).map_err(Error::usage)?;
     let mut walk = Walk::open(&args.robot, &args.poses)?;
-    let mut recorder = walk.record(&args.files.record.out, "home", setup)?;
+    let mut recorder = walk.record(&args.files.record, "home", setup)?;
     recorder.attach(walk.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
     let mut pilot = Pilot::new(navigator, names(&table), Some(recorder))
         .driving_unrecorded(args.files.record.unrecorded);

@@ -210,7 +210,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     ModeTable::check_writable(&args.files.modes)?;
     let mut walk = Walk::open(&args.robot, &args.poses)?;
     let facts = BTreeMap::from([("identification".into(), args.identification.source())]);
-    let recorder = walk.record(&args.files.record.out, "identify", facts)?;
+    let recorder = walk.record(&args.files.record, "identify", facts)?;
     let mut pilot = Pilot::new(identification, names, Some(recorder))
         .driving_unrecorded(args.files.record.unrecorded);
     let (ending, _) = walk.drive(&mut pilot, |pilot| {

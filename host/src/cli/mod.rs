@@ -15,6 +15,7 @@
 
 pub mod by_hand;
 pub mod clear;
+#[cfg(feature = "live")]
 pub mod cockpit;
 pub mod completions;
 pub mod course;
@@ -36,6 +37,7 @@ pub mod robot;
 pub mod runs;
 pub mod status;
 pub mod stop;
+pub mod stream;
 pub mod teleop;
 pub mod time;
 pub mod track;
@@ -170,6 +172,7 @@ Exit codes: 0 done, 2 usage, 10 no answer, 20 refused (key, version or another o
 #[derive(Debug, Subcommand)]
 enum Command {
     Teleop(teleop::Args),
+    #[cfg(feature = "live")]
     Cockpit(cockpit::Args),
     Drive(drive::Args),
     Status(status::Args),
@@ -199,6 +202,7 @@ impl Cli {
     pub fn run(&self) -> Result<ExitCode, Error> {
         match &self.command {
             Command::Teleop(args) => teleop::run(args),
+            #[cfg(feature = "live")]
             Command::Cockpit(args) => cockpit::run(args),
             Command::Drive(args) => drive::run(args),
             Command::Status(args) => status::run(args),

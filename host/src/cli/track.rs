@@ -64,7 +64,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     setup.insert("controller".into(), args.course.controller());
     let steering = args.course.steering(task.clone(), &table, settings, ANSWER_PATIENCE)?;
     let mut walk = Walk::open(&args.robot, &args.poses)?;
-    let mut recorder = walk.record(&args.files.record.out, &name, setup)?;
+    let mut recorder = walk.record(&args.files.record, &name, setup)?;
     if let Task::Follow { path, .. } = &task {
         recorder.path_to_follow(walk.now(), path)?;
     }

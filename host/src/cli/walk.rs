@@ -13,6 +13,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::output::complain;
 use super::robot::RobotArgs;
 use super::status::TELEMETRY_PATIENCE;
+use super::stream::StreamArgs;
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 use crate::link::udp::{Connection, LinkError};
@@ -102,6 +103,9 @@ pub struct RecordArgs {
     /// [default: stop the robot].
     #[arg(long)]
     pub unrecorded: bool,
+    /// A stream.
+    #[command(flatten)]
+    pub stream: StreamArgs,
 }
 
 fn body(text: &str) -> Result<Body, std::convert::Infallible> {
@@ -294,17 +298,20 @@ impl Walk {
         self.connection.leave();
     }
 
-    /// Begins the record of the run.
+    /// Begins the record of the run, and its stream where one is asked for.
     ///
     /// # Errors
-    /// As for [`record`].
+    /// As for [`record`], and when the stream's address cannot be had.
     pub fn record(
         &mut self,
-        out: &Path,
+        args: &RecordArgs,
         name: &str,
         settings: BTreeMap<String, String>,
     ) -> Result<Recorder, Error> {
-        record(out, &mut self.connection, Some(self.source.name()), name, settings)
+        let poses = Some(self.source.name());
+        let mut recorder = record(&args.out, &mut self.connection, poses, name, settings)?;
+        args.stream.start(&mut recorder)?;
+        Ok(recorder)
     }
 
     /// Returns the time of the run, which starts with the connection.

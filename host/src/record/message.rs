@@ -6,10 +6,12 @@ use flix_protocol::message::{DropReason, MotorTelemetry, Setpoint, Telemetry};
 use serde::{Deserialize, Serialize};
 
 use crate::nav::{Path, PlanarPose, Progress};
-use crate::pose::{Pose, PoseSample};
+use crate::pose::{Pose, PoseSample, Quaternion, Vector};
 
 /// Name of the world frame in the records.
-const WORLD: &str = "world";
+pub const WORLD: &str = "world";
+/// Name of the body's frame, as in the robot's URDF.
+pub const BODY: &str = "body";
 
 /// A moment in the format of Foxglove: time since 1970.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -31,6 +33,28 @@ pub struct PoseRow {
     pub pose: Pose,
     /// Whether the source trusted the pose.
     pub valid: bool,
+}
+
+/// Poses of frames on others.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FramesRow {
+    /// The frames.
+    pub transforms: Vec<FrameRow>,
+}
+
+/// Pose of a frame on another.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FrameRow {
+    /// Time of the row.
+    pub timestamp: Timestamp,
+    /// Name of the frame that carries it.
+    pub parent_frame_id: String,
+    /// Its own name.
+    pub child_frame_id: String,
+    /// Where its origin is, m.
+    pub translation: Vector,
+    /// How it is turned.
+    pub rotation: Quaternion,
 }
 
 /// The path to follow.
@@ -180,6 +204,23 @@ impl Timestamp {
 impl PoseRow {
     pub(super) fn new(timestamp: Timestamp, sample: &PoseSample) -> Self {
         Self { timestamp, frame_id: WORLD.to_owned(), pose: sample.pose, valid: sample.valid }
+    }
+}
+
+impl FramesRow {
+    /// Makes a row from the name of each frame, that of its carrier, and its pose there.
+    pub fn new<'a>(
+        timestamp: Timestamp,
+        frames: impl IntoIterator<Item = (&'a str, &'a str, Pose)>,
+    ) -> Self {
+        let row = |(child, parent, pose): (&str, &str, Pose)| FrameRow {
+            timestamp,
+            parent_frame_id: parent.to_owned(),
+            child_frame_id: child.to_owned(),
+            translation: pose.position,
+            rotation: pose.orientation,
+        };
+        Self { transforms: frames.into_iter().map(row).collect() }
     }
 }
 

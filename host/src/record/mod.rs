@@ -5,6 +5,7 @@
 //! | topic | schema | what |
 //! |---|---|---|
 //! | `/pose` | `foxglove.PoseInFrame` | poses as they arrived, ENU |
+//! | `/tf` | `foxglove.FrameTransforms` | the same for programs that show the robot by its URDF |
 //! | `/path` | `foxglove.PosesInFrame` | the path to follow |
 //! | `/log` | `foxglove.Log` | events |
 //! | `/command` | `flix.Command` | f, theta and the mode's name |
@@ -19,14 +20,30 @@ pub mod figures;
 mod message;
 mod reader;
 mod repair;
+#[cfg(feature = "live")]
+pub mod stream;
 mod writer;
 
 pub use message::{
-    CommandRow, LogRow, MotorRow, NavigationRow, PathRow, PoseRow, TelemetryRow, Timestamp,
+    BODY, CommandRow, FrameRow, FramesRow, LogRow, MotorRow, NavigationRow, PathRow, PoseRow,
+    TelemetryRow, Timestamp, WORLD,
 };
 pub use reader::{Listing, ReadError, Run, RunSummary, list};
 pub use repair::{RepairError, is_being_written, repair};
-pub use writer::{Level, RecordError, Recorder, RunDescription};
+pub use writer::{CHANNELS, FRAMES_CHANNEL, Level, Reader, RecordError, Recorder, RunDescription};
+
+/// A kind of row.
+#[derive(Debug, Clone, Copy)]
+pub struct Channel {
+    /// Where its rows appear.
+    pub topic: &'static str,
+    /// Name of its schema.
+    pub schema: &'static str,
+    /// Its JSON schema.
+    pub text: &'static str,
+    /// Does a row hold until the next, so that who comes later wants it, too?
+    pub holds: bool,
+}
 
 /// Folder of the records inside the output folder.
 pub const FOLDER: &str = "runs";

@@ -14,9 +14,10 @@ use mcap::{Attachment, WriteOptions, Writer};
 use serde::Serialize;
 
 use super::message::{
-    CommandRow, LogRow, NavigationRow, PathRow, PoseRow, TelemetryRow, Timestamp,
+    BODY, CommandRow, FramesRow, LogRow, NavigationRow, PathRow, PoseRow, TelemetryRow, Timestamp,
+    WORLD,
 };
-use super::{ENDING, FOLDER};
+use super::{Channel, ENDING, FOLDER};
 use crate::explain;
 use crate::link::Update;
 use crate::nav::{Path, PlanarPose, Progress};
@@ -65,48 +66,68 @@ pub enum RecordError {
     Row(#[from] serde_json::Error),
 }
 
-/// A kind of row: topic, name of the schema, schema.
-struct Channel {
-    topic: &'static str,
-    schema: &'static str,
-    text: &'static str,
-}
-
 const POSE: usize = 0;
 const PATH: usize = 1;
 const LOG: usize = 2;
 const COMMAND: usize = 3;
 const NAVIGATION: usize = 4;
 const TELEMETRY: usize = 5;
+const FRAMES: usize = 6;
 
-const CHANNELS: [Channel; 6] = [
+/// The kinds of rows of a record.
+pub const CHANNELS: [Channel; 7] = [
     Channel {
         topic: "/pose",
         schema: "foxglove.PoseInFrame",
         text: include_str!("schemas/PoseInFrame.json"),
+        holds: false,
     },
     Channel {
         topic: "/path",
         schema: "foxglove.PosesInFrame",
         text: include_str!("schemas/PosesInFrame.json"),
+        holds: true,
     },
-    Channel { topic: "/log", schema: "foxglove.Log", text: include_str!("schemas/Log.json") },
+    Channel {
+        topic: "/log",
+        schema: "foxglove.Log",
+        text: include_str!("schemas/Log.json"),
+        holds: false,
+    },
     Channel {
         topic: "/command",
         schema: "flix.Command",
         text: include_str!("schemas/Command.json"),
+        holds: false,
     },
     Channel {
         topic: "/navigation",
         schema: "flix.Navigation",
         text: include_str!("schemas/Navigation.json"),
+        holds: false,
     },
     Channel {
         topic: "/telemetry",
         schema: "flix.Telemetry",
         text: include_str!("schemas/Telemetry.json"),
+        holds: false,
     },
+    FRAMES_CHANNEL,
 ];
+
+/// Poses of frames, for programs that show a robot by its URDF.
+pub const FRAMES_CHANNEL: Channel = Channel {
+    topic: "/tf",
+    schema: "foxglove.FrameTransforms",
+    text: include_str!("schemas/FrameTransforms.json"),
+    holds: false,
+};
+
+/// Who reads a record while it is written.
+pub trait Reader {
+    /// Takes a row as JSON: the index of its channel in [`CHANNELS`], its time since 1970, ns.
+    fn row(&mut self, channel: usize, nanos: u64, row: &[u8]);
+}
 
 /// Writer of one record. Times are on the clock of the run, which starts at the moment given to
 /// [`Recorder::create`]. When it is dropped without [`Recorder::finish`], the file is completed too.
@@ -117,6 +138,7 @@ pub struct Recorder {
     counts: [u32; CHANNELS.len()],
     start_nanos: u64,
     flushed: u64,
+    reader: Option<Box<dyn Reader>>,
 }
 
 /// Longest time of the run that is not yet on the disk, ns: what a program that is killed loses, and how
@@ -175,7 +197,13 @@ impl Recorder {
             counts: [0; CHANNELS.len()],
             start_nanos,
             flushed: start_nanos,
+            reader: None,
         })
+    }
+
+    /// Gives every row from now on to a reader, too.
+    pub fn show(&mut self, reader: impl Reader + 'static) {
+        self.reader = Some(Box::new(reader));
     }
 
     /// Returns the path of the record.
@@ -192,8 +220,12 @@ impl Recorder {
         if !sample.pose.is_finite() {
             return self.log(sample.time, Level::Warning, "a pose that is no number was not used");
         }
-        let row = PoseRow::new(self.timestamp(sample.time), sample);
-        self.write(POSE, sample.time, &row)
+        let time = self.timestamp(sample.time);
+        self.write(POSE, sample.time, &PoseRow::new(time, sample))?;
+        if !sample.valid {
+            return Ok(());
+        }
+        self.write(FRAMES, sample.time, &FramesRow::new(time, [(BODY, WORLD, sample.pose)]))
     }
 
     /// Records the path to follow.
@@ -369,7 +401,11 @@ impl Recorder {
             publish_time: time,
         };
         self.counts[channel] = self.counts[channel].wrapping_add(1);
-        let mut written = self.writer.write_to_known_channel(&header, &serde_json::to_vec(row)?);
+        let row = serde_json::to_vec(row)?;
+        if let Some(reader) = &mut self.reader {
+            reader.row(channel, time, &row);
+        }
+        let mut written = self.writer.write_to_known_channel(&header, &row);
         if written.is_ok() && time.saturating_sub(self.flushed) >= FLUSH_PERIOD {
             self.flushed = time;
             written = self.writer.flush();

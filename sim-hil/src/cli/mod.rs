@@ -17,6 +17,7 @@ pub mod faults;
 pub mod home;
 pub mod identify;
 pub mod leg;
+mod live;
 pub mod man;
 pub(crate) mod output;
 pub mod rest;

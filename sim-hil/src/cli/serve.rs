@@ -20,8 +20,10 @@ use flix_protocol::units::Instant;
 use super::Error;
 use super::arguments::ModelArgs;
 use super::console::Console;
+use super::live::LiveArgs;
 use super::output::{complain, print};
 use crate::experiment::walk::require_walker;
+use crate::model::RobotModel;
 use crate::plant::Plant;
 use crate::rig::motion_capture::MotionCapture;
 use crate::rig::robot::{RobotParameters, SimulatedRobot};
@@ -53,6 +55,8 @@ pub struct Args {
     /// Pictures that the cameras take a second, 1 to 1000
     #[arg(long, value_name = "HZ", default_value_t = 100.0, value_parser = pose_rate, requires = "natnet")]
     pose_rate: f64,
+    #[command(flatten)]
+    live: LiveArgs,
     /// Hang the robot on soft cords, without a floor, for `flix experiment air`
     #[arg(long)]
     hang: bool,
@@ -171,7 +175,8 @@ const COMPLAINT_INTERVAL: Duration = Duration::from_secs(5);
 /// # Errors
 /// When address, key or model cannot be used, the network fails or the model diverges.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let robot = robot(args, operators(args)?)?;
+    let model = args.model.load()?;
+    let robot = robot(args, &model, operators(args)?)?;
     let interrupt = Interrupt::listen().map_err(ServeError::Network)?;
     let listen = |address| UdpSocket::bind(address);
     let socket = listen(args.listen).map_err(|source| ServeError::Listen {
@@ -180,9 +185,13 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         source,
     })?;
     let cameras = args.natnet.map(|address| Cameras::open(address.into(), args)).transpose()?;
+    let mut shown = args.live.open(&model)?;
     introduce(args, &socket)?;
     let mut console = Console::open(&robot);
-    serve(robot, &socket, cameras, &interrupt, |robot| console.attend(robot))?;
+    serve(robot, &socket, cameras, &interrupt, |robot| {
+        shown.as_mut().map_or(Ok(()), |shown| shown.show(robot))?;
+        console.attend(robot)
+    })?;
     console.close();
     print("The robot is switched off.\n")?;
     Ok(ExitCode::SUCCESS)
@@ -207,11 +216,14 @@ fn operators(args: &Args) -> Result<Operators, Error> {
     Ok(operators)
 }
 
-fn robot(args: &Args, operators: Operators) -> Result<SimulatedRobot<Plant>, Error> {
-    let model = args.model.load()?;
-    let mut mechanics = Plant::new(&model)?;
+fn robot(
+    args: &Args,
+    model: &RobotModel,
+    operators: Operators,
+) -> Result<SimulatedRobot<Plant>, Error> {
+    let mut mechanics = Plant::new(model)?;
     if args.hang {
-        require_walker(&model)?;
+        require_walker(model)?;
         mechanics.hang(HUNG_AT);
     }
     let mut parameters = RobotParameters::of(&model.electrical, operators, args.seed)?;
@@ -426,7 +438,6 @@ mod tests {
     use flix_protocol::session::{Key, OperatorReceived, OperatorSession};
 
     use super::*;
-    use crate::model::RobotModel;
 
     #[test]
     fn hints_name_the_cameras_where_flix_would_not_look() {
