@@ -246,7 +246,8 @@ fn walk_grid(args: &Args, file: &Path) -> Result<ExitCode, Error> {
         )));
     };
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-    let open = || Sheet::open(folder, &name.to_string_lossy(), &walks::COLUMNS);
+    let robot = args.robot.robot.as_str();
+    let open = || Sheet::open(folder, &name.to_string_lossy(), &walks::COLUMNS)?.of_robot(robot);
     for _ in 0..grid.walks {
         let sheet = open()?;
         let round = grid.next_round(sheet.rows());
@@ -263,7 +264,7 @@ fn walk_grid(args: &Args, file: &Path) -> Result<ExitCode, Error> {
             ..args.identification.settings(pairs)
         });
         let walk = Walk::open(&args.robot, &args.poses)?;
-        let (robot, record) = (args.robot.robot.as_str(), &args.files.record);
+        let record = &args.files.record;
         Experimenter { name: "grid", robot, record, sheet, json: false }.walk(walk, helm, names)?;
     }
     let missing = grid.next_round(open()?.rows());

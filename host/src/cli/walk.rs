@@ -261,6 +261,20 @@ impl Walk {
         pilot: &mut Pilot<H>,
         message: impl Fn(&Pilot<H>) -> String,
     ) -> Result<(Ending, f64), Error> {
+        self.drive_keeping(pilot, message, |_| Ok(()))
+    }
+
+    /// Drives as [`Self::drive`], and offers the helm to `keep` after every step; why it could not keep something ends
+    /// the run.
+    ///
+    /// # Errors
+    /// As for [`Self::drive`].
+    pub fn drive_keeping<H: Helm>(
+        &mut self,
+        pilot: &mut Pilot<H>,
+        message: impl Fn(&Pilot<H>) -> String,
+        mut keep: impl FnMut(&H) -> Result<(), String>,
+    ) -> Result<(Ending, f64), Error> {
         let bar = ProgressBar::new_spinner();
         if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {msg}") {
             bar.set_style(style);
@@ -279,6 +293,9 @@ impl Walk {
                 pilot.end(now, client, Ending::Interrupted);
             }
             let ending = pilot.step(now, client, &poses);
+            if let Err(trouble) = keep(pilot.helm()) {
+                pilot.end(now, client, Ending::NotRecorded(trouble));
+            }
             if let Some(error) = pilot.unrecorded().filter(|_| !is_warned) {
                 is_warned = true;
                 bar.suspend(|| complain(error));

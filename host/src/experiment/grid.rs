@@ -3,7 +3,7 @@
 
 use flix_protocol::message::Setpoint;
 
-use crate::nav::{Mode, ModeTable, Spread};
+use crate::nav::{ENOUGH_MODES, Mode, ModeTable, Spread};
 
 /// What is to be walked.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,7 +38,7 @@ impl Grid {
         round
     }
 
-    /// Returns the walked pairs as modes, in which a robot can walk back; none without rows.
+    /// Returns the walked pairs as modes, in which a robot can walk back; none with fewer than [`ENOUGH_MODES`].
     #[must_use]
     pub fn modes(&self, rows: &[Vec<f64>]) -> Option<ModeTable> {
         let mode = |pair: &Setpoint| {
@@ -48,7 +48,8 @@ impl Grid {
             let setpoint = *pair;
             (!own.is_empty()).then(|| Mode { name: name(pair), setpoint, forward, lateral, yaw })
         };
-        ModeTable::new("", "", self.pairs.iter().filter_map(mode).collect()).ok()
+        let table = ModeTable::new("", "", self.pairs.iter().filter_map(mode).collect()).ok();
+        table.filter(|it| it.modes().len() >= ENOUGH_MODES)
     }
 }
 
@@ -57,8 +58,12 @@ mod tests {
     use super::*;
 
     fn grid() -> Grid {
-        let pairs = [(-30.0, 30.0), (-30.0, 90.0), (30.0, 90.0)];
-        Grid { pairs: pairs.map(|(f, theta)| Setpoint::saturating(f, theta)).into(), walks: 2 }
+        of(&[(-30.0, 30.0), (-30.0, 90.0), (30.0, 90.0)])
+    }
+
+    fn of(pairs: &[(f32, f32)]) -> Grid {
+        let pairs = pairs.iter().map(|(f, theta)| Setpoint::saturating(*f, *theta));
+        Grid { pairs: pairs.collect(), walks: 2 }
     }
 
     fn row(f: f64, theta: f64, forward: f64) -> Vec<f64> {
@@ -80,10 +85,14 @@ mod tests {
     }
 
     #[test]
-    fn what_was_walked_is_known_for_the_way_back() {
-        assert!(grid().modes(&[]).is_none());
-        let modes = grid().modes(&[row(-30.0, 30.0, 0.1), row(-30.0, 30.0, 0.2)]).unwrap();
-        assert_eq!(modes.modes().len(), 1);
+    fn what_was_walked_is_known_for_the_way_back_once_it_is_four_modes() {
+        let pairs = [(-30.0, 30.0), (-30.0, 90.0), (30.0, 90.0), (30.0, 30.0)];
+        let mut rows: Vec<_> = pairs[..3].iter().map(|(f, theta)| row(*f, *theta, 0.1)).collect();
+        let grid = of(&pairs.map(|(f, theta)| (f as f32, theta as f32)));
+        assert!(grid.modes(&[]).is_none() && grid.modes(&rows).is_none());
+        rows.extend([row(30.0, 30.0, 0.1), row(-30.0, 30.0, 0.2)]);
+        let modes = grid.modes(&rows).unwrap();
+        assert_eq!(modes.modes().len(), 4);
         assert!((modes.modes()[0].forward.mean - 0.15).abs() < 1e-9);
     }
 }

@@ -1,4 +1,5 @@
-//! The file of an experiment: CSV that names its columns and grows by whole tests.
+//! The file of an experiment: CSV that names its columns and grows by whole tests. A comment above them, `# robot NAME, ...`,
+//! names the robot that they are of.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -58,6 +59,20 @@ pub enum SheetError {
         /// The columns that are written.
         expected: String,
     },
+    /// It is of another robot.
+    #[error(
+        "{} holds tests of the robot {found}, and this is {robot}: name another file, or change the name in its comments if \
+         both are one robot",
+        path.display()
+    )]
+    OtherRobot {
+        /// The file.
+        path: PathBuf,
+        /// The robot in its comments.
+        found: String,
+        /// The robot that tests would be written of.
+        robot: String,
+    },
     /// A line of it is no row.
     #[error("{}, line {line}: this is no whole row of {expected}: remove it", path.display())]
     NotARow {
@@ -77,6 +92,10 @@ pub struct Sheet {
     columns: &'static [Column],
     has_header: bool,
     rows: Vec<Vec<f64>>,
+    /// The robots in its comments.
+    robots: Vec<String>,
+    /// The comment above the last rows that were appended.
+    comment: String,
 }
 
 impl Sheet {
@@ -97,15 +116,40 @@ impl Sheet {
             true => file::read_text(&path)
                 .map_err(|source| SheetError::Read { path: path.clone(), source })?,
         };
-        let mut sheet = Self { path, columns, has_header: false, rows: Vec::new() };
-        sheet.read(&text)?;
+        let mut sheet = Self {
+            path,
+            columns,
+            has_header: false,
+            rows: Vec::new(),
+            robots: Vec::new(),
+            comment: String::new(),
+        };
+        // Spreadsheets begin a file with the mark.
+        sheet.read(text.trim_start_matches('\u{feff}'))?;
         Ok(sheet)
+    }
+
+    /// Returns the file, if no test in it is of another robot.
+    ///
+    /// # Errors
+    /// When a comment in it names another robot.
+    pub fn of_robot(self, robot: &str) -> Result<Self, SheetError> {
+        match self.robots.iter().find(|found| *found != robot) {
+            Some(found) => Err(SheetError::OtherRobot {
+                path: self.path.clone(),
+                found: found.clone(),
+                robot: robot.to_owned(),
+            }),
+            None => Ok(self),
+        }
     }
 
     fn read(&mut self, text: &str) -> Result<(), SheetError> {
         let (path, expected) = (self.path.clone(), self.header());
         for (index, line) in text.split_inclusive('\n').enumerate() {
             if line.starts_with('#') || line.trim().is_empty() {
+                let named = line.strip_prefix("# robot ").and_then(|rest| rest.split_once(", "));
+                self.robots.extend(named.map(|(robot, _)| robot.to_owned()));
                 continue;
             }
             if !self.has_header {
@@ -117,10 +161,10 @@ impl Sheet {
                 self.has_header = true;
                 continue;
             }
-            let numbers: Result<Vec<f64>, _> =
-                line.split(',').map(|cell| cell.trim().parse()).collect();
+            let number = |cell: &str| cell.trim().parse().ok().filter(|it: &f64| it.is_finite());
+            let numbers: Option<Vec<f64>> = line.split(',').map(number).collect();
             match numbers {
-                Ok(row) if row.len() == self.columns.len() && line.ends_with('\n') => {
+                Some(row) if row.len() == self.columns.len() && line.ends_with('\n') => {
                     self.rows.push(row);
                 }
                 _ => return Err(SheetError::NotARow { path, line: index + 1, expected }),
@@ -151,7 +195,7 @@ impl Sheet {
         self.rows.iter().fold(0.0, |last, row| last.max(row[0]))
     }
 
-    /// Appends a comment and rows, at once. Without rows the file stays as it is.
+    /// Appends rows under a comment, which is written once if it stays the same. Without rows the file stays as it is.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -162,7 +206,10 @@ impl Sheet {
         // A comment is one line, whatever is in it.
         let comment: String =
             comment.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-        let mut text = format!("# {comment}\n");
+        let mut text = String::new();
+        if comment != self.comment {
+            text += &format!("# {comment}\n");
+        }
         if !self.has_header {
             text += &(self.header() + "\n");
         }
@@ -177,13 +224,24 @@ impl Sheet {
         }
         let write = || -> io::Result<()> {
             let mut file = File::options().append(true).create(true).open(&self.path)?;
-            file.write_all(text.as_bytes())?;
-            file.sync_all()
+            file.write_all(text.as_bytes())
         };
         write().map_err(|source| SheetError::Write { path: self.path.clone(), source })?;
-        self.has_header = true;
+        (self.has_header, self.comment) = (true, comment);
         self.rows.extend_from_slice(rows);
         Ok(())
+    }
+
+    /// Waits until the disk has what was appended.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn sync(&self) -> Result<(), SheetError> {
+        let synced = match File::options().append(true).open(&self.path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+            file => file.and_then(|file| file.sync_all()),
+        };
+        synced.map_err(|source| SheetError::Write { path: self.path.clone(), source })
     }
 }
 
@@ -214,6 +272,28 @@ mod tests {
     }
 
     #[test]
+    fn rows_of_one_run_stand_under_one_comment() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut sheet = Sheet::open(folder.path(), "lab", &COLUMNS).unwrap();
+        for number in [1.0, 2.0] {
+            sheet.append("one run", &[vec![number, 0.0]]).unwrap();
+        }
+        sheet.sync().unwrap();
+        let text = std::fs::read_to_string(sheet.path()).unwrap();
+        assert_eq!(text, "# one run\ntest,z_mm\n1,0.00\n2,0.00\n");
+    }
+
+    #[test]
+    fn a_file_of_another_robot_is_refused_and_one_that_names_none_is_not() {
+        let of = |text: &str| opened(text).unwrap().of_robot("walker-1").map(|sheet| sheet.last());
+        let rows = "test,z_mm\n3,1\n";
+        assert_eq!(of(&format!("# robot walker-1, today: flix\n{rows}")).unwrap(), 3.0);
+        assert_eq!(of(&format!("# a robot\n{rows}")).unwrap(), 3.0);
+        let refused = of(&format!("{rows}# robot walker-2, today: flix\n4,1\n")).unwrap_err();
+        assert!(refused.to_string().contains("of the robot walker-2, and this is walker-1"));
+    }
+
+    #[test]
     fn a_name_with_a_dot_keeps_what_comes_after_it() {
         let folder = tempfile::tempdir().unwrap();
         let sheet = Sheet::open(folder.path(), "walker.2", &COLUMNS).unwrap();
@@ -231,6 +311,7 @@ mod tests {
     #[test]
     fn a_file_of_another_format_is_refused_and_says_where() {
         assert_eq!(opened("# lab\n test, z_mm\n3,1\n").unwrap().last(), 3.0);
+        assert_eq!(opened("\u{feff}test,z_mm\r\n3,1\r\n").unwrap().last(), 3.0);
         for (text, words) in [
             ("z_mm,test\n", "has the columns z_mm,test, and this experiment has test,z_mm"),
             ("anything\n", "anything"),
@@ -238,6 +319,8 @@ mod tests {
             ("test,z_mm\n1,2\n1,", "line 3"),
             ("test,z_mm\n1,2\n1,2", "line 3: this is no whole row"),
             ("test,z_mm\none,2\n", "line 2"),
+            ("test,z_mm\n1,NaN\n", "line 2"),
+            ("test,z_mm\n1,2\n1,inf\n", "line 3"),
         ] {
             let sentence = opened(text).unwrap_err().to_string();
             assert!(sentence.contains(words), "{text:?}: {sentence}");

@@ -27,7 +27,7 @@ pub mod two_state;
 pub use estimator::{Estimator, mean_twist};
 pub(crate) use geometry::FARTHEST;
 pub use geometry::{Area, NotAPosition, NotAnArea, PlanarPose, Position, Twist, wrap};
-pub use identification::{Identification, IdentificationSettings, Stretch};
+pub use identification::{ENOUGH_MODES, Identification, IdentificationSettings, Stretch};
 pub use modes::{Mode, ModeTable, ModeTableError, PAPER_PAIRS, Spread};
 pub use motion::{Gait, Motion, REST, Response, motions};
 pub use navigator::{

@@ -84,7 +84,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         time: args.seconds,
         pose_patience: POSE_PATIENCE,
     });
-    let sheet = Sheet::open(&args.folder, "air", &COLUMNS)?;
+    let sheet = Sheet::open(&args.folder, "air", &COLUMNS)?.of_robot(&args.robot.robot)?;
     let walk = Walk::open(&args.robot, &args.poses)?.above_the_floor();
     let (robot, record) = (args.robot.robot.as_str(), &args.record);
     let experimenter = Experimenter { name: "air", robot, record, sheet, json: args.json };

@@ -64,13 +64,14 @@ fn height(text: &str) -> Result<f64, String> {
 
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
-    let mut sheet = Sheet::open(&args.folder, "drops", &COLUMNS)?;
+    let robot = RobotArgs::new(args.robot.clone(), None).robot;
+    let mut sheet = Sheet::open(&args.folder, "drops", &COLUMNS)?.of_robot(&robot)?;
     let source = args.poses.open()?;
     let mut drops = Drops::new(args.height);
     let watched = watch(args, source, &interrupt, &mut drops);
     let rows = drops.rows(sheet.last());
-    let robot = RobotArgs::new(args.robot.clone(), None).robot;
     sheet.append(&comment(&robot), &rows)?;
+    sheet.sync()?;
     let ending = watched.as_ref().map_or_else(ToString::to_string, |()| "finished".to_owned());
     let (file, tests) = (sheet.path().to_owned(), drops.count());
     Report { file, tests, rows: rows.len(), ending, record: None }.show(args.json)?;

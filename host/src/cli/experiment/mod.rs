@@ -4,6 +4,7 @@ mod air;
 mod drops;
 mod walks;
 
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -136,13 +137,13 @@ pub(super) struct Experimenter<'a> {
 }
 
 impl Experimenter<'_> {
-    /// Drives a helm to its end. Writes the rows of its whole tests, whatever the end. `done`: whole tests and all;
-    /// `rows`: their rows, numbered on from the last of the file.
+    /// Drives a helm to its end. Writes the rows of each test once it is whole. `done`: tests that are over, and all;
+    /// `rows`: whole tests and their rows, numbered on from the last of the file.
     ///
     /// # Errors
     /// When the run ended early, or something cannot be written.
     pub fn run<H: Helm>(
-        mut self,
+        self,
         mut walk: Walk,
         (helm, names): (H, Vec<String>),
         done: impl Fn(&H) -> (usize, usize),
@@ -152,9 +153,13 @@ impl Experimenter<'_> {
         let recorder = walk.record(&self.record, self.name, facts)?;
         let mut pilot =
             Pilot::new(helm, names, Some(recorder)).driving_unrecorded(self.record.unrecorded);
-        let driven = walk.drive(&mut pilot, |pilot| {
+        let mut kept = Kept::new(self.sheet, comment(self.robot));
+        let message = |pilot: &Pilot<H>| {
             let (done, all) = done(pilot.helm());
             format!("{:<24} test {} of {all}", pilot.doing(), (done + 1).min(all))
+        };
+        let driven = walk.drive_keeping(&mut pilot, message, |helm| {
+            kept.keep(done(helm).0, |last| rows(helm, last).1)
         });
         match &driven {
             Ok(_) => walk.leave(),
@@ -162,11 +167,11 @@ impl Experimenter<'_> {
             Err(_) => drop(walk),
         }
         let (helm, Recorded { file, error }) = pilot.finish(BTreeMap::new());
-        let (tests, rows) = rows(&helm, self.sheet.last());
-        self.sheet.append(&comment(self.robot), &rows)?;
+        let (tests, rows) = rows(&helm, kept.last);
+        let sheet = kept.finish(&rows)?;
         let ending =
             driven.as_ref().map_or_else(ToString::to_string, |(ending, _)| ending.to_string());
-        let path = self.sheet.path().to_owned();
+        let path = sheet.path().to_owned();
         let report = Report { file: path, tests, rows: rows.len(), ending, record: file.clone() };
         report.show(self.json)?;
         let (ending, _): (Ending, f64) = driven?;
@@ -185,7 +190,8 @@ impl Experimenter<'_> {
         helm: Identification,
         names: Vec<String>,
     ) -> Result<ExitCode, Error> {
-        self.run(
+        let left_out = Cell::new(0);
+        let result = self.run(
             walk,
             (helm, names),
             |helm| {
@@ -194,21 +200,120 @@ impl Experimenter<'_> {
             },
             |helm, _| {
                 let rows = rows(helm);
-                let left_out = helm.stretches().len() - rows.len();
-                if left_out > 0 {
-                    complain(format_args!(
-                        "{left_out} walks are left out: they were shorter than {SHORTEST} s, or the rotors did not hold their pair"
-                    ));
-                }
+                left_out.set(helm.stretches().len() - rows.len());
                 (rows.len(), rows)
             },
-        )
+        );
+        if left_out.get() > 0 {
+            complain(format_args!(
+                "{} walks are left out: they were shorter than {SHORTEST} s, or the rotors did not hold their pair",
+                left_out.get()
+            ));
+        }
+        result
+    }
+}
+
+/// What was written of a run.
+struct Kept {
+    sheet: Sheet,
+    comment: String,
+    /// The largest test in the file before the run.
+    last: f64,
+    /// Tests that were over as of the last look.
+    done: usize,
+    /// Rows of the run that are in the file.
+    rows: usize,
+    failed: Option<SheetError>,
+}
+
+impl Kept {
+    fn new(sheet: Sheet, comment: String) -> Self {
+        Self { last: sheet.last(), sheet, comment, done: 0, rows: 0, failed: None }
+    }
+
+    /// Writes what is new once another test is over, so that nothing that ends the program takes it away. `rows`: all
+    /// of the run so far.
+    ///
+    /// # Errors
+    /// Why it could not be written; nothing is written after that.
+    fn keep(&mut self, done: usize, rows: impl FnOnce(f64) -> Vec<Vec<f64>>) -> Result<(), String> {
+        if done == self.done || self.failed.is_some() {
+            return Ok(());
+        }
+        self.done = done;
+        self.append(&rows(self.last)).map_err(|error| {
+            let trouble = error.to_string();
+            self.failed = Some(error);
+            trouble
+        })
+    }
+
+    fn append(&mut self, rows: &[Vec<f64>]) -> Result<(), SheetError> {
+        self.sheet.append(&self.comment, &rows[self.rows..])?;
+        self.rows = rows.len();
+        Ok(())
+    }
+
+    /// Writes what is left of all rows of the run.
+    ///
+    /// # Errors
+    /// When it cannot, or could not before.
+    fn finish(mut self, rows: &[Vec<f64>]) -> Result<Sheet, SheetError> {
+        if let Some(error) = self.failed {
+            return Err(error);
+        }
+        self.append(rows)?;
+        self.sheet.sync()?;
+        Ok(self.sheet)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn rows(count: usize) -> Vec<Vec<f64>> {
+        (0..count).map(|row| vec![30.0, 0.0, 0.01 * row as f64, 0.0, 0.0, 7.0]).collect()
+    }
+
+    fn opened(folder: &std::path::Path) -> Sheet {
+        let sheet = Sheet::open(folder, "walks", &crate::experiment::walks::COLUMNS).unwrap();
+        sheet.of_robot("walker-1").unwrap()
+    }
+
+    #[test]
+    fn each_test_is_in_the_file_once_it_is_over_and_once_only() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut kept = Kept::new(opened(folder.path()), comment("walker-1"));
+        let mut in_file = Vec::new();
+        for done in [0, 1, 1, 2] {
+            kept.keep(done, |_| rows(done)).unwrap();
+            in_file.push(opened(folder.path()).rows().len());
+        }
+        assert_eq!(in_file, [0, 1, 1, 2]);
+        kept.finish(&rows(3)).unwrap();
+        assert_eq!(opened(folder.path()).rows(), rows(3));
+    }
+
+    #[test]
+    fn what_cannot_be_written_ends_the_run_and_nothing_follows_half_a_row() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut kept = Kept::new(opened(folder.path()), comment("walker-1"));
+        std::fs::create_dir(folder.path().join("walks.csv")).unwrap();
+        assert!(kept.keep(1, |_| rows(1)).unwrap_err().contains("cannot write"));
+        std::fs::remove_dir(folder.path().join("walks.csv")).unwrap();
+        assert_eq!(kept.keep(2, |_| rows(2)), Ok(()));
+        assert!(kept.finish(&rows(2)).is_err() && !folder.path().join("walks.csv").exists());
+    }
+
+    #[test]
+    fn tests_of_another_robot_are_not_gone_on_with() {
+        let folder = tempfile::tempdir().unwrap();
+        Kept::new(opened(folder.path()), comment("walker-2")).finish(&rows(1)).unwrap();
+        let sheet = Sheet::open(folder.path(), "walks", &crate::experiment::walks::COLUMNS);
+        assert!(matches!(sheet.unwrap().of_robot("walker-1"), Err(SheetError::OtherRobot { .. })));
+    }
 
     #[test]
     fn a_pair_is_read_with_its_signs_or_refused_with_what_to_write() {

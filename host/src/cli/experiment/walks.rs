@@ -69,7 +69,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let known = args.modes.as_deref().map(ModeTable::load).transpose()?;
     let settings = settings(pairs, args.seconds, args.repeat, args.fence);
     let helm = Identification::new(IdentificationSettings { known, ..settings });
-    let sheet = Sheet::open(&args.folder, "walks", &COLUMNS)?;
+    let sheet = Sheet::open(&args.folder, "walks", &COLUMNS)?.of_robot(&args.robot.robot)?;
     let walk = Walk::open(&args.robot, &args.poses)?;
     let (robot, record) = (args.robot.robot.as_str(), &args.record);
     let experimenter = Experimenter { name: "walks", robot, record, sheet, json: args.json };
