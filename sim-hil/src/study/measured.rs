@@ -10,7 +10,6 @@ use flix_host::nav::Twist;
 use serde::Serialize;
 
 use crate::model::LEGS;
-use crate::rig::bench::setpoint;
 
 /// Why a table was refused.
 #[derive(Debug, thiserror::Error)]
@@ -217,29 +216,29 @@ fn motion<S: serde::Serializer>(motion: &Twist, serializer: S) -> Result<S::Ok, 
     [motion.forward, motion.lateral, motion.yaw].serialize(serializer)
 }
 
-/// Reads speeds of a prototype: `f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s`, and `seconds`, the time of each walk, which may
-/// be missing and counts for nothing.
+/// A walk: a pair that the robot takes, and the mean speeds that it can have.
+pub const SPEEDS: [Column; 5] = [
+    Column::new("f_hz", -35.0, 35.0),
+    Column::new("theta_deg", -90.0, 90.0),
+    Column::new("forward_m_s", -1.0, 1.0),
+    Column::new("lateral_m_s", -1.0, 1.0),
+    Column::new("yaw_rad_s", -10.0, 10.0),
+];
+
+/// Reads [`SPEEDS`] of a prototype, and `seconds`, the time of each walk, which may be missing and counts for nothing.
 ///
 /// # Errors
-/// As [`read`], and when a pair is one that the robot does not take.
+/// As [`read`], and when a value is outside its column's range.
 pub fn speeds(path: &Path) -> Result<Vec<Measured>, MeasuredError> {
-    let any = |name| Column::new(name, f64::NEG_INFINITY, f64::INFINITY);
-    let names = ["f_hz", "theta_deg", "forward_m_s", "lateral_m_s", "yaw_rad_s", "seconds"];
-    let rows = read_columns(path, &names.map(any), names.len() - 1, 3)?.rows;
-    let rows: Vec<[f64; 5]> =
-        rows.into_iter().map(|(_, row)| core::array::from_fn(|i| row[i])).collect();
-    for (index, [f, theta, ..]) in rows.iter().enumerate() {
-        if let Err(error) = setpoint(*f, *theta) {
-            let reason = format!("row {} of numbers: {error}", index + 1);
-            return Err(MeasuredError::Whole { path: path.to_owned(), reason });
-        }
-    }
+    let [f, theta, forward, lateral, yaw] = SPEEDS;
+    let seconds = Column::new("seconds", 0.0, f64::INFINITY);
+    let columns = [f, theta, forward, lateral, yaw, seconds];
+    let rows = read_columns(path, &columns, SPEEDS.len(), 3)?.rows.into_iter();
     Ok(rows
-        .into_iter()
-        .map(|[f_hz, theta_deg, forward, lateral, yaw]| Measured {
-            f_hz,
-            theta_deg,
-            motion: Twist { forward, lateral, yaw },
+        .map(|(_, row)| Measured {
+            f_hz: row[0],
+            theta_deg: row[1],
+            motion: Twist { forward: row[2], lateral: row[3], yaw: row[4] },
         })
         .collect())
 }
@@ -300,6 +299,28 @@ mod tests {
         ] {
             let error = read(text).unwrap_err();
             assert!(error.contains(words), "{error}");
+        }
+    }
+
+    #[test]
+    fn speeds_in_another_unit_are_refused_with_their_place() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("speeds.csv");
+        let read = |row: &str| {
+            let rows = "-30,90,0.05,0,0.5\n30,90,0.05,0,-0.5\n";
+            let text = format!("f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s\n{rows}{row}\n");
+            std::fs::write(&path, text).unwrap();
+            speeds(&path).map_err(|error| error.to_string())
+        };
+        assert_eq!(read("-30,30,0.1,0,0").unwrap()[2].motion.forward, 0.1);
+        for (row, place) in [
+            ("-30,30,109,0,0", "line 4, column 3: 109 is outside -1 .. 1"),
+            ("-30,30,0.1,0,45", "line 4, column 5"),
+            ("60,30,0.1,0,0", "line 4, column 1"),
+            ("-30,91,0.1,0,0", "line 4, column 2"),
+        ] {
+            let error = read(row).unwrap_err();
+            assert!(error.contains(place), "{row}: {error}");
         }
     }
 

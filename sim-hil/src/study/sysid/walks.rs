@@ -16,21 +16,11 @@ use super::table::{Column, Table};
 use super::unknowns::{Unknown, apply};
 use crate::experiment::walk::ideal_motion;
 use crate::model::RobotModel;
-use crate::study::measured::MeasuredError;
+use crate::study::measured::{MeasuredError, SPEEDS};
 use crate::study::modes::LEVER;
 
 /// What the file is made of.
-pub const TABLE: Table<5> = Table {
-    name: "walks",
-    columns: [
-        Column::new("f_hz", -35.0, 35.0),
-        Column::new("theta_deg", -90.0, 90.0),
-        Column::new("forward_m_s", -1.0, 1.0),
-        Column::new("lateral_m_s", -1.0, 1.0),
-        Column::new("yaw_rad_s", -10.0, 10.0),
-    ],
-    fewest: 3,
-};
+pub const TABLE: Table<5> = Table { name: "walks", columns: SPEEDS, fewest: 3 };
 
 /// What a walk may be say besides: its heading at the start, which the floor does not care for, and how long it was.
 pub const OPTIONAL: [Column; 3] = [
