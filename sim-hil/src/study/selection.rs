@@ -199,7 +199,7 @@ pub fn rank(kinds: &[(&'static str, Vec<Candidate>)], selected: &Selected) -> Op
     Some(found.iter().position(|it| it.fast && is_it(it))? + 1)
 }
 
-/// Returns the best pair of every kind as a mode table for `flix track`.
+/// Returns the best pair of every kind that a robot can drive (35 Hz at most) as a mode table for `flix track`.
 ///
 /// # Errors
 /// When there is no mode at all.
@@ -209,14 +209,17 @@ pub fn mode_table(
     kinds: &[(&'static str, Vec<Candidate>)],
 ) -> Result<ModeTable, ModeTableError> {
     let modes = kinds.iter().filter_map(|(kind, found)| {
-        let cell = &found.first()?.cell;
+        let drivable = |it: &Candidate| {
+            let setpoint = setpoint(it.cell.f_hz, it.cell.theta_deg).ok()?;
+            Some((it.cell.clone(), setpoint))
+        };
+        let (cell, setpoint) = found.iter().find_map(drivable)?;
         let [forward, lateral, yaw] = cell.spreads().map(Into::into);
         let name = match *kind {
             "turn left" => "left".to_owned(),
             "turn right" => "right".to_owned(),
             other => other.replace(' ', "-"),
         };
-        let setpoint = setpoint(cell.f_hz, cell.theta_deg).ok()?;
         Some(nav::Mode { name, setpoint, forward, lateral, yaw })
     });
     ModeTable::new(robot, source, modes.collect())
@@ -315,5 +318,16 @@ mod tests {
         let cells = walked(&[(30.0, [0.0, 0.0, 1.0], 1.1)]);
         let kinds = candidates(&cells, &cells, LEAST_SPEED, Exclusion::Own);
         assert_eq!(mode_table("W", "test", &kinds).unwrap().modes()[0].name, "left");
+    }
+
+    #[test]
+    fn the_mode_table_has_the_best_pair_that_the_robots_motors_reach() {
+        let cells = walked(&[(100.0, [0.0, 0.0, 2.0], 1.01), (30.0, [0.0, 0.0, 1.0], 1.1)]);
+        let kinds = candidates(&cells, &cells, LEAST_SPEED, Exclusion::Own);
+        assert_eq!(kinds.iter().find(|kind| kind.0 == "turn left").unwrap().1[0].cell.f_hz, 100.0);
+        let table = mode_table("W", "test", &kinds).unwrap();
+        assert_eq!(table.modes()[0].setpoint.frequency().get(), 30.0);
+        let above = candidates(&cells[..1], &cells[..1], LEAST_SPEED, Exclusion::Own);
+        assert!(matches!(mode_table("W", "test", &above), Err(ModeTableError::Empty)));
     }
 }

@@ -4,6 +4,7 @@ use flix_host::cli::number::parse_within;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use flix_host::nav::ModeTableError;
 use flix_host::plot::Figure;
 use serde::Serialize;
 
@@ -101,7 +102,8 @@ impl Counts {
             hold: count(Verdict::Holds),
             fail: count(Verdict::Fails),
             unclear: count(Verdict::Unclear),
-            chance: claims.map(|claim| claim.chance).sum(),
+            // The sum of nothing is -0.
+            chance: 0.0 + claims.map(|claim| claim.chance).sum::<f64>(),
         }
     }
 }
@@ -188,9 +190,16 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         "flix-sim study select: index P over {} seeds of {} s, least speed {} m/s",
         walked.seeds, walked.seconds, args.least
     );
-    let table = mode_table(&model.name, &source, &own).map_err(Error::refused)?;
-    table.save(&path).map_err(Error::refused)?;
-    print(&format!("\nmodes   {}\nfigure  {}\n", path.display(), figure.png.display()))?;
+    let modes = match mode_table(&model.name, &source, &own) {
+        Err(ModeTableError::Empty) if args.modes.is_none() => {
+            "none: no pair up to 35 Hz makes a mode".to_owned()
+        }
+        table => {
+            table.and_then(|table| table.save(&path)).map_err(Error::refused)?;
+            path.display().to_string()
+        }
+    };
+    print(&format!("\nmodes   {modes}\nfigure  {}\n", figure.png.display()))?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -370,6 +379,12 @@ mod tests {
         assert!(!one.contains("+0.010 \u{b1}") && one.contains("1 walks a cell are few"), "{one}");
         let eight = claims_text("W", 8, &[claim(&[0.01, 0.03], false)]);
         assert!(eight.contains("\u{b1} 0.014") && !eight.contains("few"), "{eight}");
+    }
+
+    #[test]
+    fn without_a_claim_chance_gives_none() {
+        let text = claims_text("W", 8, &[]);
+        assert!(text.contains("0 independent") && !text.contains("-0.0"), "{text}");
     }
 
     #[test]
