@@ -9,7 +9,17 @@ use std::path::{Path, PathBuf};
 /// Kind and number, for example ("table", "III").
 type Citation = (&'static str, String);
 
-const KINDS: [&str; 4] = ["equation", "table", "section", "figure"];
+/// Each kind with its words, in the singular.
+const KINDS: [(&str, &[&str]); 4] = [
+    ("equation", &["equation", "eq", "eqn"]),
+    ("table", &["table", "tab"]),
+    ("section", &["section", "sec", "sect", "\u{a7}"]),
+    ("figure", &["figure", "fig"]),
+];
+/// Endings of the files that are read.
+const TEXTS: [&str; 9] = ["rs", "md", "toml", "py", "js", "mjs", "html", "sh", "yaml"];
+/// Folders that are not part of the repository.
+const BUILT: [&str; 3] = ["target", "out", ".git"];
 /// What may stand between two numbers of one citation.
 const JOINTS: [&str; 3] = ["and", "or", "to"];
 
@@ -17,15 +27,15 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// Returns sources and pages below a folder, but for what is built.
+/// Returns sources and pages below a folder, but for what is built or written by a run.
 fn files(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let is_read = |path: &PathBuf| {
-        path.extension()
-            .is_some_and(|it| ["rs", "md", "toml", "py"].iter().any(|wanted| it == *wanted))
+        path.extension().is_some_and(|it| TEXTS.iter().any(|wanted| it == *wanted))
     };
     let (folders, files): (Vec<_>, Vec<_>) = entries.partition(|path| path.is_dir());
-    let inner = folders.iter().filter(|folder| !folder.ends_with("target"));
+    let is_ours = |folder: &&PathBuf| BUILT.iter().all(|name| !folder.ends_with(name));
+    let inner = folders.iter().filter(is_ours);
     files.into_iter().filter(is_read).chain(inner.flat_map(|folder| self::files(folder))).collect()
 }
 
@@ -49,24 +59,36 @@ fn is_number(kind: &str, text: &str) -> bool {
 /// Returns what a text cites, read across the ends of lines and the marks of comments.
 fn citations(text: &str) -> Vec<Citation> {
     let lines = text.lines().map(|line| line.trim_start().trim_start_matches(['/', '!', '#']));
-    let joined = lines.collect::<Vec<_>>().join(" ");
-    let words: Vec<&str> = joined.split_whitespace().collect();
+    let joined = lines.collect::<Vec<_>>().join(" ").replace('\u{a7}', "\u{a7} ");
+    let words: Vec<&str> =
+        joined.split([' ', '~', '\u{a0}', '\t']).filter(|it| !it.is_empty()).collect();
     let mut found = Vec::new();
     for (at, word) in words.iter().enumerate() {
-        let word = word.trim_matches(|c: char| !c.is_alphanumeric()).to_lowercase();
-        let Some(kind) = KINDS.into_iter().find(|kind| word.trim_end_matches('s') == *kind) else {
+        let word =
+            word.trim_matches(|c: char| !c.is_alphanumeric() && c != '\u{a7}').to_lowercase();
+        let word = word.trim_end_matches('s');
+        let Some((kind, _)) = KINDS.into_iter().find(|(_, names)| names.contains(&word)) else {
             continue;
         };
         for number in &words[at + 1..] {
-            let bare = number.trim_matches(|c: char| !c.is_alphanumeric());
-            if is_number(kind, bare) {
-                found.push((kind, bare.to_owned()));
-            } else if !JOINTS.contains(number) {
+            let numbers = numbers(kind, number);
+            if numbers.is_empty() && !JOINTS.contains(number) {
                 break;
             }
+            found.extend(numbers.into_iter().map(|number| (kind, number)));
         }
     }
     found
+}
+
+/// Returns the numbers in a word such as "17", "(17)'s", "3(b)" or "4\u{2013}7"; none where a part of it is no number.
+fn numbers(kind: &str, word: &str) -> Vec<String> {
+    let word = word.trim_end_matches("'s").replace('(', "");
+    let dashes: &[char] = if kind == "section" { &[] } else { &['-'] };
+    let parts = word.split(|c| ['\u{2013}', '/', ','].contains(&c) || dashes.contains(&c));
+    let bare = parts.map(|part| part.trim_matches(|c: char| !c.is_alphanumeric()));
+    let bare: Vec<String> = bare.filter(|part| !part.is_empty()).map(str::to_owned).collect();
+    if bare.iter().all(|part| is_number(kind, part)) { bare } else { Vec::new() }
 }
 
 /// Returns what docs/paper.md lists: the first cells of its first table.
@@ -84,18 +106,17 @@ fn every_number_of_the_paper_that_is_cited_exists() {
     let listed = listed();
     let mut cited = BTreeSet::new();
     let mut wrong = Vec::new();
-    for part in ["protocol", "firmware", "host", "sim-hil", "README.md"] {
-        let path = root().join(part);
-        for path in if path.is_dir() { files(&path) } else { vec![path] } {
-            if path.ends_with("tests/citations.rs") {
-                continue;
-            }
-            let found = citations(&std::fs::read_to_string(&path).unwrap());
-            wrong.extend(found.iter().filter(|it| !listed.contains(it)).map(|(kind, number)| {
-                format!("{}: the paper has no {kind} {number}", path.display())
-            }));
-            cited.extend(found);
+    for path in files(&root()) {
+        if path.ends_with("tests/citations.rs") {
+            continue;
         }
+        let found = citations(&std::fs::read_to_string(&path).unwrap());
+        wrong.extend(
+            found.iter().filter(|it| !listed.contains(it)).map(|(kind, number)| {
+                format!("{}: the paper has no {kind} {number}", path.display())
+            }),
+        );
+        cited.extend(found);
     }
     assert_eq!(wrong, Vec::<String>::new());
     assert!(cited.len() > 30, "the citations are not found: {cited:?}");
@@ -114,6 +135,27 @@ fn citations_are_read_across_lines_and_lists() {
         "equation 7",
         "figure 5a",
         "figure 5e",
+    ];
+    assert_eq!(found, expected);
+}
+
+#[test]
+fn citations_are_read_however_they_are_written() {
+    let text = "eq. 17, Eqs. (18)\u{2013}(19); equations 4-99; Fig. 3(z) and fig.\u{a0}9; \u{a7}VII-C, Sec. VIII; tables III/XI";
+    let found: Vec<String> =
+        citations(text).into_iter().map(|(kind, number)| format!("{kind} {number}")).collect();
+    let expected = [
+        "equation 17",
+        "equation 18",
+        "equation 19",
+        "equation 4",
+        "equation 99",
+        "figure 3z",
+        "figure 9",
+        "section VII-C",
+        "section VIII",
+        "table III",
+        "table XI",
     ];
     assert_eq!(found, expected);
 }
