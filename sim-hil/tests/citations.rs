@@ -21,7 +21,7 @@ const TEXTS: [&str; 9] = ["rs", "md", "toml", "py", "js", "mjs", "html", "sh", "
 /// Folders that are not part of the repository.
 const BUILT: [&str; 3] = ["target", "out", ".git"];
 /// What may stand between two numbers of one citation.
-const JOINTS: [&str; 3] = ["and", "or", "to"];
+const JOINTS: [&str; 5] = ["and", "or", "to", "-", "\u{2013}"];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
@@ -141,7 +141,7 @@ fn citations_are_read_across_lines_and_lists() {
 
 #[test]
 fn citations_are_read_however_they_are_written() {
-    let text = "eq. 17, Eqs. (18)\u{2013}(19); equations 4-99; Fig. 3(z) and fig.\u{a0}9; \u{a7}VII-C, Sec. VIII; tables III/XI";
+    let text = "eq. 17, Eqs. (18)\u{2013}(19); equations 4-7 \u{2013} 99; Fig. 3(z) and fig.\u{a0}9; \u{a7}VII-C, Sec. VIII; tables III/XI";
     let found: Vec<String> =
         citations(text).into_iter().map(|(kind, number)| format!("{kind} {number}")).collect();
     let expected = [
@@ -149,6 +149,7 @@ fn citations_are_read_however_they_are_written() {
         "equation 18",
         "equation 19",
         "equation 4",
+        "equation 7",
         "equation 99",
         "figure 3z",
         "figure 9",
