@@ -294,3 +294,35 @@ with open(sys.argv[1], "rb") as file:
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success() && output.stdout.starts_with(b"600"), "{said}");
 }
+
+/// What the panels of a layout show, by topic: `/telemetry.top.current_q_a`.
+fn shown(panel: &serde_json::Value) -> Vec<String> {
+    let text = |value: &serde_json::Value| value.as_str().unwrap().to_owned();
+    let paths = panel["paths"].as_array().into_iter().flatten().map(|path| text(&path["value"]));
+    let topics = panel["topics"].as_object().into_iter().flat_map(|topics| topics.keys().cloned());
+    paths.chain(topics).chain(panel.get("topicToRender").map(text)).collect()
+}
+
+#[test]
+fn the_layout_for_foxglove_shows_what_records_have() {
+    let layout: serde_json::Value =
+        serde_json::from_str(include_str!("../../docs/foxglove-layout.json")).unwrap();
+    let panels = layout["configById"].as_object().unwrap();
+    let paths: Vec<String> = panels.values().flat_map(shown).collect();
+    assert!(paths.len() > 10, "{paths:?}");
+    for path in &paths {
+        let mut words = path.split('.');
+        let topic = words.next().unwrap();
+        let channel = CHANNELS.iter().find(|channel| channel.topic == topic);
+        let channel = channel.unwrap_or_else(|| panic!("no record has {topic}"));
+        let mut schema: serde_json::Value = serde_json::from_str(channel.text).unwrap();
+        for word in words {
+            schema = schema["properties"][word].clone();
+            assert!(schema.is_object(), "{path}: no row has {word}");
+        }
+    }
+    let arranged = layout["layout"].to_string();
+    for name in panels.keys() {
+        assert!(arranged.contains(&format!("\"{name}\"")), "{name} has no place");
+    }
+}
