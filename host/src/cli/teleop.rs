@@ -20,6 +20,8 @@ Keys:
   up / down      f by 1 Hz, with shift by 0.1 Hz
   left / right   theta by 5 degrees, with shift by 1 degree
   Esc            disarm and leave
+Gamepad, where built with the feature `gamepad`: stick or arrows walk and
+turn, shoulder buttons strafe, B stops, Start arms, Select disarms, Y clears.
 With poses (--pose natnet or --pose udp:PORT), which also show a map:
   h              hold the present heading while walking, or end that")]
 pub struct Args {

@@ -193,7 +193,7 @@ function drawRobot(body, at) {
 }
 function drawScene() {
   const floor = snapshot?.floor, telemetry = snapshot?.telemetry;
-  const body = { position: [floor?.x ?? 0, floor?.y ?? 0, STANDING], axes: aboutZ(floor?.heading ?? 0) };
+  const body = { position: [floor?.x ?? 0, floor?.y ?? 0, floor?.height ?? STANDING], axes: rotation(floor?.turn ?? [1, 0, 0, 0]) };
   const at = (p) => place(body, p);
   if (floor) {
     const last = way.at(-1);

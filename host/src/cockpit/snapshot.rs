@@ -26,7 +26,8 @@ pub fn hello(page: u32) -> String {
     json!({ "you": page }).to_string()
 }
 
-/// Returns the present state. Angles in degrees, positive to the right (clockwise); poses in metres and radians, ENU.
+/// Returns the present state. Angles in degrees, positive to the right (clockwise); poses in metres, ENU, turned by a
+/// quaternion w, x, y, z.
 #[must_use]
 pub fn snapshot(cockpit: &Cockpit, pages: &Pages, now: Instant) -> Value {
     let log: Vec<Value> = cockpit
@@ -52,7 +53,13 @@ pub fn snapshot(cockpit: &Cockpit, pages: &Pages, now: Instant) -> Value {
         "slow_motion": cockpit.is_slow_motion(),
         "telemetry": cockpit.telemetry.as_ref().map(telemetry),
         "floor": cockpit.floor.as_ref().map(|floor| {
-            json!({ "x": floor.pose.x, "y": floor.pose.y, "heading": floor.pose.heading, "held": floor.held() })
+            json!({
+                "x": floor.pose.x,
+                "y": floor.pose.y,
+                "height": floor.body.position.z,
+                "turn": floor.body.orientation.components(),
+                "held": floor.held(),
+            })
         }),
         "log": log,
     })

@@ -9,7 +9,7 @@ use flix_protocol::units::{Hertz, Instant};
 
 use super::action::Mode;
 use crate::nav::{PlanarPose, Position, wrap};
-use crate::pose::PoseSample;
+use crate::pose::{Pose, PoseSample};
 
 /// Distance between two points of the way, m.
 const STEP: f64 = 0.01;
@@ -29,6 +29,8 @@ const CURVE: f64 = PI / 9.0;
 pub struct Floor {
     /// Newest trusted pose.
     pub pose: PlanarPose,
+    /// The same as it came, with height and tilt.
+    pub body: Pose,
     /// The way of the robot, oldest first.
     pub way: VecDeque<Position>,
     time: Instant,
@@ -50,12 +52,13 @@ impl Floor {
         let Some(pose) = sample.trusted() else { return };
         let floor = floor.get_or_insert_with(|| Self {
             pose,
+            body: sample.pose,
             way: VecDeque::from([pose.position()]),
             time: sample.time,
             hold: None,
             forward_from: None,
         });
-        (floor.pose, floor.time) = (pose, sample.time);
+        (floor.pose, floor.body, floor.time) = (pose, sample.pose, sample.time);
         if floor.way.back().is_none_or(|last| last.distance_to(pose.position()) >= STEP) {
             if floor.way.len() == LONGEST {
                 floor.way.pop_front();

@@ -9,6 +9,7 @@ use ratatui::crossterm::event::{self, Event};
 
 use super::action::Action;
 use super::drive::{Drive, DriveError, Ending};
+use super::gamepad::Gamepads;
 use super::keyboard::action;
 use super::view;
 use crate::interrupt::Interrupt;
@@ -62,6 +63,7 @@ fn show(
 ) -> Result<Ending, ScreenError> {
     let mut drawn = None::<Instant>;
     let keys = keyboard();
+    let mut gamepads = Gamepads::open();
     loop {
         drive.step(KEY_LATENCY)?;
         if interrupt.is_raised() || is_closed() {
@@ -74,6 +76,9 @@ fn show(
                 Action::Interrupt => return Ok(Ending::Interrupted),
                 action => cockpit.act(action, client, now),
             }
+        }
+        for action in gamepads.read(cockpit, now) {
+            cockpit.act(action, client, now);
         }
         if drawn.is_none_or(|at| at.elapsed() >= FRAME) {
             drawn = Some(Instant::now());
