@@ -62,6 +62,8 @@ const ROWS: &[(&str, i32, &str)] = &[
     // Drive.
     ("drive", 2, "--frequency"),
     ("drive w --direction 30 --for 5s", 2, "--frequency"),
+    ("drive w --frequency 1 --direction 1 --for 1 --foxglove=here", 2, "127.0.0.1"),
+    ("drive w --frequency 1 --direction 1 --for 1 --foxglove --no-record", 2, "--no-record"),
     ("drive w --frequency 30 --for 5s", 2, "--direction"),
     ("drive w --frequency 36 --direction 30 --for 5s", 2, "-35 to 35"),
     ("drive w --frequency -36 --direction 30 --for 5s", 2, "-35 to 35"),

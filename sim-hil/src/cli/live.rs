@@ -1,12 +1,12 @@
 //! `serve --foxglove`: shows the simulated robot as it moves.
 
 #[cfg(feature = "live")]
-pub use live::LiveArgs;
+pub use with::LiveArgs;
 #[cfg(not(feature = "live"))]
 pub use without::LiveArgs;
 
 #[cfg(feature = "live")]
-mod live {
+mod with {
     use std::net::SocketAddr;
     use std::time::{Duration, SystemTime, UNIX_EPOCH};
 

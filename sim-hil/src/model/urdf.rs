@@ -78,10 +78,10 @@ pub fn frames(links: &[Link]) -> Vec<Frame> {
 }
 
 /// Returns the pose of each frame on its parent. `angles`: of all hinges, rad, in the order of the frames.
-pub fn poses<'a>(
-    frames: &'a [Frame],
+pub fn poses(
+    frames: &[Frame],
     angles: impl IntoIterator<Item = f64>,
-) -> impl Iterator<Item = (&'a Frame, Pose)> {
+) -> impl Iterator<Item = (&Frame, Pose)> {
     let mut angles = angles.into_iter();
     frames.iter().map(move |frame| {
         let angle = frame.hinge.as_ref().and_then(|_| angles.next());

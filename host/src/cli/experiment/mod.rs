@@ -150,7 +150,7 @@ impl Experimenter<'_> {
         rows: impl Fn(&H, f64) -> (usize, Vec<Vec<f64>>),
     ) -> Result<ExitCode, Error> {
         let facts = BTreeMap::from([("file".into(), self.sheet.path().display().to_string())]);
-        let recorder = walk.record(&self.record, self.name, facts)?;
+        let recorder = walk.record(self.record, self.name, facts)?;
         let mut pilot =
             Pilot::new(helm, names, Some(recorder)).driving_unrecorded(self.record.unrecorded);
         let mut kept = Kept::new(self.sheet, comment(self.robot));
