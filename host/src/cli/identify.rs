@@ -13,16 +13,13 @@ use super::experiment::Experimenter;
 use super::number::{parse_within, whole};
 use super::output::{headings, print, table};
 use super::robot::RobotArgs;
-use super::time::duration;
+use super::stretch::{settings, stretch};
 use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
 use super::{Error, Exit};
 use crate::experiment::grid::{self, Grid};
 use crate::experiment::{Sheet, walks};
 use crate::nav::{Area, Identification, IdentificationSettings, ModeTable};
 use crate::pilot::{Pilot, Recorded};
-
-/// Without trusted poses a measurement ends after this time.
-pub(super) const POSE_PATIENCE: Duration = Duration::from_secs(5);
 
 /// Options of an identification.
 #[derive(Debug, Clone, clap::Args)]
@@ -39,15 +36,6 @@ pub struct IdentificationArgs {
     /// Fence, m: outside it the identification ends.
     #[arg(long, value_name = "W,S,E,N", default_value = "-2,-2,2,2", allow_hyphen_values = true)]
     pub fence: Area,
-}
-
-pub(super) fn stretch(text: &str) -> Result<Duration, String> {
-    let time = duration(text)?;
-    if (Duration::from_secs(2)..=Duration::from_secs(120)).contains(&time) {
-        Ok(time)
-    } else {
-        Err(format!("a stretch of {} s is outside 2 to 120 s", time.as_secs_f64()))
-    }
 }
 
 impl IdentificationArgs {
@@ -73,25 +61,6 @@ impl IdentificationArgs {
             1 => format!("identified: 1 stretch of {seconds} s a mode; the spread is assumed"),
             rounds => format!("identified: {rounds} stretches of {seconds} s a mode"),
         }
-    }
-}
-
-/// Returns the settings of an identification of these pairs, as every command has them.
-pub(super) fn settings(
-    pairs: Vec<(String, Setpoint)>,
-    stretch: Duration,
-    rounds: u32,
-    fence: Area,
-) -> IdentificationSettings {
-    IdentificationSettings {
-        pairs,
-        stretch,
-        rounds,
-        fence,
-        pose_deadline: Duration::from_millis(100),
-        pose_patience: POSE_PATIENCE,
-        least_battery: None,
-        known: None,
     }
 }
 

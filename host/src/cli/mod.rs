@@ -38,6 +38,7 @@ pub mod runs;
 pub mod status;
 pub mod stop;
 pub mod stream;
+mod stretch;
 pub mod teleop;
 pub mod time;
 pub mod track;

@@ -8,9 +8,9 @@ use flix_protocol::message::Setpoint;
 
 use super::{Experimenter, Pair};
 use crate::cli::Error;
-use crate::cli::identify::POSE_PATIENCE;
 use crate::cli::number::whole;
 use crate::cli::robot::RobotArgs;
+use crate::cli::stretch::POSE_PATIENCE;
 use crate::cli::time::duration;
 use crate::cli::walk::{PoseArgs, RecordArgs, Walk};
 use crate::experiment::Sheet;

@@ -8,10 +8,10 @@ use flix_protocol::units::Instant;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Report, comment};
-use crate::cli::identify::POSE_PATIENCE;
 use crate::cli::number::{parse_within, whole};
 use crate::cli::output::complain;
 use crate::cli::robot::RobotArgs;
+use crate::cli::stretch::POSE_PATIENCE;
 use crate::cli::walk::PoseArgs;
 use crate::cli::{Error, Exit};
 use crate::experiment::Sheet;
