@@ -3,7 +3,7 @@
 use crate::record::Recorder;
 
 #[cfg(feature = "live")]
-pub use live::{StreamArgs, address, introduce};
+pub use live::{StreamArgs, address};
 
 /// Options of a live stream, which this program was built without.
 #[cfg(not(feature = "live"))]
@@ -34,14 +34,14 @@ mod live {
     use super::Recorder;
     use crate::cli::Error;
     use crate::cli::output::say;
-    use crate::record::CHANNELS;
     use crate::record::stream::{PORT, Stream};
+    use crate::record::{CHANNELS, Channel};
 
     /// Options of a live stream.
     #[derive(Debug, Clone, clap::Args)]
     pub struct StreamArgs {
-        /// Stream what is recorded, for Foxglove or Lichtblick on this computer; =0.0.0.0 for others in this network,
-        /// too, =127.0.0.1:8766 for another port than 8765.
+        /// Stream live to Foxglove or Lichtblick on this computer; =0.0.0.0 for others in this network, too,
+        /// =127.0.0.1:8766 for another port than 8765.
         #[arg(
             long,
             value_name = "ADDRESS[:PORT]",
@@ -59,12 +59,27 @@ mod live {
         /// # Errors
         /// When the address cannot be had.
         pub fn start(&self, recorder: &mut Recorder) -> Result<(), Error> {
-            if let Some(address) = self.foxglove {
-                let stream = Stream::open(address, "flix", &CHANNELS).map_err(Error::usage)?;
-                introduce("flix", address.ip(), &stream);
+            if let Some(stream) = self.open("flix", &CHANNELS)? {
                 recorder.show(stream);
             }
             Ok(())
+        }
+
+        /// Opens a stream of these channels, where one is asked for, and says where.
+        ///
+        /// # Errors
+        /// When the address cannot be had.
+        pub fn open(&self, program: &str, channels: &[Channel]) -> Result<Option<Stream>, Error> {
+            let Some(address) = self.foxglove else { return Ok(None) };
+            let stream = Stream::open(address, program, channels).map_err(Error::usage)?;
+            let is_every = address.ip().is_unspecified();
+            let ip = if is_every { Ipv4Addr::LOCALHOST.into() } else { address.ip() };
+            let at = SocketAddr::new(ip, stream.port());
+            say(
+                program,
+                format_args!("streams: open the connection ws://{at} in Foxglove or Lichtblick"),
+            );
+            Ok(Some(stream))
         }
 
         /// Returns whether a stream is asked for.
@@ -72,16 +87,6 @@ mod live {
         pub fn is_asked_for(&self) -> bool {
             self.foxglove.is_some()
         }
-    }
-
-    /// Says where a program's stream is found.
-    pub fn introduce(program: &str, ip: IpAddr, stream: &Stream) {
-        let ip = if ip.is_unspecified() { Ipv4Addr::LOCALHOST.into() } else { ip };
-        let at = SocketAddr::new(ip, stream.port());
-        say(
-            program,
-            format_args!("streams: open the connection ws://{at} in Foxglove or Lichtblick"),
-        );
     }
 
     /// Parses an address of this computer, which takes this port when it names none.

@@ -1,17 +1,16 @@
 //! `serve --foxglove`: shows the simulated robot as it moves.
 
 #[cfg(feature = "live")]
-pub use with::LiveArgs;
+pub use with::Shown;
 #[cfg(not(feature = "live"))]
-pub use without::LiveArgs;
+pub use without::Shown;
 
 #[cfg(feature = "live")]
 mod with {
-    use std::net::SocketAddr;
     use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-    use flix_host::cli::stream::{address, introduce};
-    use flix_host::record::stream::{PORT, Stream};
+    use flix_host::cli::stream::StreamArgs;
+    use flix_host::record::stream::Stream;
     use flix_host::record::{Channel, FRAMES_CHANNEL, FramesRow, Reader, Timestamp, WORLD};
     use flix_protocol::units::Instant;
     use serde::Serialize;
@@ -45,40 +44,6 @@ mod with {
         data: String,
     }
 
-    /// Options of a live stream.
-    #[derive(Debug, Clone, clap::Args)]
-    pub struct LiveArgs {
-        /// Stream how the robot stands, for Foxglove or Lichtblick on this computer; =0.0.0.0 for others in this
-        /// network, too, =127.0.0.1:8766 for another port than 8765
-        #[arg(
-            long,
-            value_name = "ADDRESS[:PORT]",
-            num_args = 0..=1,
-            require_equals = true,
-            default_missing_value = "127.0.0.1",
-            value_parser = |text: &str| address(text, PORT),
-        )]
-        foxglove: Option<SocketAddr>,
-    }
-
-    impl LiveArgs {
-        /// Opens the stream, where one is asked for, and says where.
-        ///
-        /// # Errors
-        /// When the address cannot be had.
-        pub fn open(&self, model: &RobotModel) -> Result<Option<Shown>, Error> {
-            let Some(address) = self.foxglove else { return Ok(None) };
-            let mut stream = Stream::open(address, "flix-sim", &CHANNELS)
-                .map_err(flix_host::cli::Error::usage)?;
-            introduce("flix-sim", address.ip(), &stream);
-            let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-            let start = u64::try_from(since_1970.as_nanos()).unwrap_or(u64::MAX);
-            let description = Description { data: urdf(&model.name, &links(model)) };
-            stream.row(DESCRIPTION, start, &serde_json::to_vec(&description)?);
-            Ok(Some(Shown { stream, view: FrameView::new(model), start, next: Instant::START }))
-        }
-    }
-
     /// A robot that is shown.
     pub struct Shown {
         stream: Stream,
@@ -88,6 +53,19 @@ mod with {
     }
 
     impl Shown {
+        /// Opens the stream, where one is asked for, and says where.
+        ///
+        /// # Errors
+        /// When the address cannot be had.
+        pub fn open(args: &StreamArgs, model: &RobotModel) -> Result<Option<Self>, Error> {
+            let Some(mut stream) = args.open("flix-sim", &CHANNELS)? else { return Ok(None) };
+            let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+            let start = u64::try_from(since_1970.as_nanos()).unwrap_or(u64::MAX);
+            let description = Description { data: urdf(&model.name, &links(model)) };
+            stream.row(DESCRIPTION, start, &serde_json::to_vec(&description)?);
+            Ok(Some(Self { stream, view: FrameView::new(model), start, next: Instant::START }))
+        }
+
         /// Shows how the robot stands, when that is due.
         ///
         /// # Errors
@@ -109,29 +87,25 @@ mod with {
 
 #[cfg(not(feature = "live"))]
 mod without {
+    use flix_host::cli::stream::StreamArgs;
+
     use crate::cli::Error;
     use crate::model::RobotModel;
     use crate::plant::Plant;
     use crate::rig::robot::SimulatedRobot;
 
-    /// Options of a live stream, which this program was built without.
-    #[derive(Debug, Clone, clap::Args)]
-    pub struct LiveArgs {}
+    /// A robot that is shown, which this program was built without: never.
+    pub enum Shown {}
 
-    impl LiveArgs {
+    impl Shown {
         /// Opens nothing.
         ///
         /// # Errors
         /// Never.
-        pub fn open(&self, _: &RobotModel) -> Result<Option<Shown>, Error> {
+        pub fn open(_: &StreamArgs, _: &RobotModel) -> Result<Option<Self>, Error> {
             Ok(None)
         }
-    }
 
-    /// A robot that is shown: never.
-    pub enum Shown {}
-
-    impl Shown {
         /// Shows nothing.
         ///
         /// # Errors

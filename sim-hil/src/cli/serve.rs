@@ -8,6 +8,7 @@ use std::str::FromStr;
 use std::time::{Duration, Instant as WallClock};
 
 use flix_host::cli::number::{parse_within, whole};
+use flix_host::cli::stream::StreamArgs;
 use flix_host::interrupt::Interrupt;
 use flix_host::keys::{self, Keyring, SIMULATED_ROBOT};
 use flix_host::pose::natnet::{NatNetServer, ServerSettings};
@@ -20,7 +21,7 @@ use flix_protocol::units::Instant;
 use super::Error;
 use super::arguments::ModelArgs;
 use super::console::Console;
-use super::live::LiveArgs;
+use super::live::Shown;
 use super::output::{complain, print};
 use crate::experiment::walk::require_walker;
 use crate::model::RobotModel;
@@ -56,7 +57,7 @@ pub struct Args {
     #[arg(long, value_name = "HZ", default_value_t = 100.0, value_parser = pose_rate, requires = "natnet")]
     pose_rate: f64,
     #[command(flatten)]
-    live: LiveArgs,
+    stream: StreamArgs,
     /// Hang the robot on soft cords, without a floor, for `flix experiment air`
     #[arg(long)]
     hang: bool,
@@ -185,7 +186,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         source,
     })?;
     let cameras = args.natnet.map(|address| Cameras::open(address.into(), args)).transpose()?;
-    let mut shown = args.live.open(&model)?;
+    let mut shown = Shown::open(&args.stream, &model)?;
     introduce(args, &socket)?;
     let mut console = Console::open(&robot);
     serve(robot, &socket, cameras, &interrupt, |robot| {
