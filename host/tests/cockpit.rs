@@ -74,7 +74,11 @@ impl Room {
     }
 
     fn act(&mut self, page: PageId, action: Action) {
-        self.say(page, Some(Request::Act(action)), Duration::ZERO).unwrap();
+        self.ask(page, Request::Act(action));
+    }
+
+    fn ask(&mut self, page: PageId, request: Request) {
+        self.say(page, Some(request), Duration::ZERO).unwrap();
         self.run(Duration::from_millis(100));
     }
 
@@ -263,4 +267,61 @@ fn a_snapshot_explains_a_fault_and_states_who_drives() {
     assert_eq!((&seen["driver"], &seen["telemetry"]["state"]), (&1.into(), &"faulted".into()));
     let help = seen["telemetry"]["faults"][0]["help"].as_str().unwrap();
     assert!(help.contains("free the rotor"), "{help}");
+}
+
+#[test]
+fn every_page_sees_the_settings_and_the_driver_changes_them() {
+    let mut room = Room::new();
+    room.open(BOB);
+    assert!(room.cockpit.settings.entries().is_empty());
+    room.ask(BOB, Request::Settings);
+    let name = room.robot.parameters[0].name.clone();
+    let (before, other) = (room.robot.parameters[0].value, room.robot.parameters[0].minimum);
+    assert_ne!(before, other);
+    assert_eq!(room.cockpit.settings.entries(), room.robot.parameters);
+
+    room.ask(BOB, Request::Set(name.clone(), other));
+    assert_eq!(room.robot.parameters[0].value, before);
+    assert!(room.log().contains("another page drives"), "{}", room.log());
+
+    let revision = room.cockpit.settings.revision();
+    room.ask(ANNA, Request::Set(name.clone(), other));
+    assert_eq!(room.robot.parameters[0].value, other);
+    assert_eq!(room.cockpit.settings.value(&name), Some(other));
+    assert!(room.cockpit.settings.revision() > revision);
+
+    room.ask(ANNA, Request::Save);
+    assert!(room.log().contains("the settings are saved"), "{}", room.log());
+}
+
+#[test]
+fn a_refused_change_is_said_and_the_settings_are_read_again() {
+    let mut room = Room::new();
+    room.ask(ANNA, Request::Settings);
+    let revision = room.cockpit.settings.revision();
+    room.ask(ANNA, Request::Set("no_such_setting".try_into().unwrap(), 1.0));
+    assert!(room.log().contains("not done"), "{}", room.log());
+    assert!(room.cockpit.settings.revision() > revision);
+}
+
+#[test]
+fn a_change_that_is_too_old_is_not_done() {
+    let mut room = Room::new();
+    let (name, value) = (room.robot.parameters[0].name.clone(), room.robot.parameters[0].value);
+    let change = Request::Set(name, room.robot.parameters[0].minimum);
+    room.say(ANNA, Some(change), SIGN_OF_LIFE + FRAME).unwrap();
+    room.run(Duration::from_millis(300));
+    assert_eq!(room.robot.parameters[0].value, value);
+}
+
+#[test]
+fn settings_are_read_again_from_a_robot_that_restarts() {
+    let mut room = Room::new();
+    room.ask(ANNA, Request::Settings);
+    let revision = room.cockpit.settings.revision();
+    room.robot.restart();
+    room.robot.parameters[0].value = room.robot.parameters[0].minimum;
+    room.run(Duration::from_secs(4));
+    assert!(room.cockpit.settings.revision() > revision, "{}", room.log());
+    assert_eq!(room.cockpit.settings.entries(), room.robot.parameters);
 }

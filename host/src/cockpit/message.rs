@@ -5,8 +5,11 @@
 //! {"seen":1200,"do":"arm"}                 stop, arm, disarm, clear, rest, hold_heading, drive
 //! {"seen":1200,"do":{"walk":"left turn"}}  a mode by its name
 //! {"seen":1200,"do":{"frequency":-1}}      changes f by so much, Hz; `direction`: theta, degrees
+//! {"seen":1200,"do":"settings"}          wants to see the settings; "save" stores them
+//! {"seen":1200,"do":{"set":["current_limit",1.5]}}
 //! ```
 
+use flix_protocol::message::Name;
 use serde::Deserialize;
 
 use crate::teleop::action::{Action, DIRECTION_STEPS, FREQUENCY_STEPS, Mode};
@@ -15,7 +18,7 @@ use crate::teleop::action::{Action, DIRECTION_STEPS, FREQUENCY_STEPS, Mode};
 pub const LONGEST: usize = 128;
 
 /// A message of a page.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Message {
     /// Stamp of the newest snapshot that the page has shown, ms.
     pub seen: u64,
@@ -24,12 +27,18 @@ pub struct Message {
 }
 
 /// What an operator wants.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Request {
     /// To become the page that drives.
     Drive,
     /// An action, neither [`Action::Quit`] nor [`Action::Interrupt`].
     Act(Action),
+    /// To see the settings.
+    Settings,
+    /// To change a setting: its name, its new value in its unit.
+    Set(Name, f32),
+    /// To store the settings.
+    Save,
 }
 
 #[derive(Deserialize)]
@@ -50,6 +59,9 @@ enum Word {
     Rest,
     HoldHeading,
     Drive,
+    Settings,
+    Save,
+    Set(Name, f32),
     Walk(String),
     Frequency(f32),
     Direction(f32),
@@ -69,6 +81,11 @@ fn request(word: &Word) -> Option<Request> {
     let within = |step: f32, [coarse, _]: [f32; 2]| (step.abs() <= coarse).then_some(step);
     Some(Request::Act(match word {
         Word::Drive => return Some(Request::Drive),
+        Word::Settings => return Some(Request::Settings),
+        Word::Save => return Some(Request::Save),
+        Word::Set(name, value) => {
+            return value.is_finite().then(|| Request::Set(name.clone(), *value));
+        }
         Word::Stop => Action::Stop,
         Word::Arm => Action::Arm,
         Word::Disarm => Action::Disarm,
@@ -113,6 +130,9 @@ mod tests {
             r#"{"seen":1,"do":{"frequency":1.1}}"#,
             r#"{"seen":1,"do":{"frequency":1e39}}"#,
             r#"{"seen":1,"do":{"direction":-5.5}}"#,
+            r#"{"seen":1,"do":{"set":["current_limit"]}}"#,
+            r#"{"seen":1,"do":{"set":["current_limit",1e39]}}"#,
+            r#"{"seen":1,"do":{"set":["a_name_that_is_longer_than_any_setting_has",1]}}"#,
             r#"{"seen":1,"more":2}"#,
             &format!(r#"{{"seen":1{}}}"#, " ".repeat(LONGEST)),
         ] {

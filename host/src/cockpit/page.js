@@ -15,7 +15,9 @@ function connect() {
   connection = openConnection();
   connection.onmessage = (event) => {
     const data = JSON.parse(event.data);
-    if ("you" in data) { me = data.you; return; }
+    if ("you" in data) { me = data.you; if (byId("settings").open) send("settings"); return; }
+    if (data.settings) showSettings(data.settings);
+    if (!("stamp" in data)) return;
     snapshot = data;
     if (shown) send();
   };
@@ -49,7 +51,7 @@ addEventListener("keydown", (event) => {
   }
   if (event.ctrlKey || event.altKey || event.metaKey || event.target.matches("input, select")) return;
   // Enter presses the button that the keyboard has reached.
-  if (event.key === "Enter" && document.activeElement instanceof HTMLButtonElement) return;
+  if (event.key === "Enter" && document.activeElement.matches("button, summary")) return;
   const request = keyed(event);
   if (request === undefined) return;
   event.preventDefault();
@@ -85,6 +87,41 @@ byId("drive").onclick = (event) => { byId("drive").blur(); act("drive", event); 
 // At once, when the finger comes down.
 byId("stop").onpointerdown = () => act("stop");
 byId("stop").onclick = (event) => { if (event.detail) byId("stop").blur(); else act("stop"); };
+
+// ---- settings: read when they are opened, each changed by itself
+const settings = byId("settings"), settingInputs = new Map();
+settings.querySelector("summary").onclick = (event) => { if (event.detail) event.currentTarget.blur(); };
+settings.ontoggle = () => { if (settings.open) send("settings"); };
+// The robot counts in single precision.
+const short = (value) => Number(value.toPrecision(7));
+function settingRow({ name, unit, minimum, maximum, default: usual, description }) {
+  const row = document.createElement("div"), label = document.createElement("label"), input = document.createElement("input"), help = document.createElement("small");
+  row.className = "setting";
+  label.textContent = name;
+  label.htmlFor = input.id = `setting-${name}`;
+  Object.assign(input, { type: "number", step: "any", min: short(minimum), max: short(maximum), required: true });
+  input.oninput = () => { input.dataset.edited = ""; };
+  input.onchange = (event) => {
+    delete input.dataset.edited;
+    if (input.reportValidity()) act({ set: [name, input.valueAsNumber] }, event);
+  };
+  help.textContent = `${short(minimum)} to ${short(maximum)}, at first ${short(usual)}. ${description ?? ""}`;
+  row.append(label, input, Object.assign(document.createElement("span"), { textContent: unit === "1" ? "" : unit }), help);
+  byId("settings-list").append(row);
+  settingInputs.set(name, input);
+  return input;
+}
+function showSettings(list) {
+  for (const one of list) {
+    const input = settingInputs.get(one.name) ?? settingRow(one);
+    if (!("edited" in input.dataset)) input.value = short(one.value);
+    input.parentElement.classList.toggle("changed", one.value !== one.default);
+  }
+}
+byId("settings-find").oninput = ({ target }) => {
+  const wanted = target.value.trim().toLowerCase();
+  for (const input of settingInputs.values()) input.parentElement.hidden = !input.parentElement.textContent.toLowerCase().includes(wanted);
+};
 
 // ---- gamepad: obeyed after it was seen neutral, and again after everything that lets the robot rest
 const pad = { neutral: false, mode: undefined, since: 0, pressed: {} };
@@ -285,7 +322,10 @@ function drawWords(gamepad) {
     button.setAttribute("aria-pressed", String(isOn));
   }
   for (const button of document.querySelectorAll("#modes button, #values button")) button.disabled = !isDriven;
-  for (const button of document.querySelectorAll(".row [data-do]")) button.disabled = !drives();
+  for (const button of document.querySelectorAll(".row [data-do], #settings-save")) button.disabled = !drives();
+  const isIdle = telemetry?.state === "disarmed" || telemetry?.state === "faulted";
+  for (const input of settingInputs.values()) input.disabled = !drives() || !isIdle;
+  write("settings-note", settingInputs.size ? (isIdle ? "Changes hold until power-off, unless saved." : "Disarm to change settings.") : "");
   write("f", telemetry ? `${figure(telemetry.frequency, 1)} Hz` : "–");
   write("theta", telemetry && turns(telemetry.frequency) ? `${figure(telemetry.direction, 0)}°` : "–");
   write("f-wanted", telemetry ? `wanted ${figure(f, 1)}` : "");

@@ -136,8 +136,13 @@ impl Pages {
                 cockpit.note(now, Weight::Note, "another page drives now");
             }
             Some(Request::Drive) => {}
+            Some(Request::Settings) => cockpit.settings.read(client, now),
             Some(Request::Act(action)) if drives => cockpit.act(action, client, now),
-            Some(Request::Act(_)) => {
+            Some(Request::Set(name, value)) if drives => {
+                cockpit.settings.set(name, value, client, now);
+            }
+            Some(Request::Save) if drives => cockpit.settings.save(client, now),
+            Some(Request::Act(_) | Request::Set(..) | Request::Save) => {
                 cockpit.note(now, Weight::Warning, "not done: another page drives");
             }
         }

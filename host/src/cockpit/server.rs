@@ -36,7 +36,7 @@ const LONGEST_READ: usize = 4096;
 const QUEUE: usize = 1024;
 
 /// What happens at the pages.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum FromPage {
     /// A page was opened.
     Opened,
@@ -74,6 +74,7 @@ pub struct Server {
     address: SocketAddr,
     token: String,
     snapshots: watch::Sender<Arc<str>>,
+    settings: watch::Sender<Arc<str>>,
     events: Receiver<(PageId, FromPage)>,
 }
 
@@ -81,6 +82,7 @@ pub struct Server {
 struct Shared {
     guard: Arc<Guard>,
     snapshots: watch::Receiver<Arc<str>>,
+    settings: watch::Receiver<Arc<str>>,
     events: SyncSender<(PageId, FromPage)>,
     next: Arc<AtomicU32>,
     places: Arc<Semaphore>,
@@ -101,11 +103,13 @@ impl Server {
         let guard = Guard::new(address, entropy);
         let token = guard.token().to_owned();
         let (snapshots, shown) = watch::channel(Arc::from(""));
+        let (settings, read) = watch::channel(Arc::from(""));
         let (sender, events) = sync_channel(QUEUE);
         let mut closed = shown.clone();
         let shared = Shared {
             guard: Arc::new(guard),
             snapshots: shown,
+            settings: read,
             events: sender,
             next: Arc::default(),
             places: Arc::new(Semaphore::new(MOST_PAGES)),
@@ -125,7 +129,7 @@ impl Server {
                 }
             });
         })?;
-        Ok(Self { address, token, snapshots, events })
+        Ok(Self { address, token, snapshots, settings, events })
     }
 
     /// Returns the address of the page for a browser: on this computer, unless another address is bound.
@@ -147,6 +151,12 @@ impl Server {
     /// Shows a snapshot to all pages.
     pub fn show(&self, snapshot: String) {
         self.snapshots.send_replace(snapshot.into());
+    }
+
+    /// Shows the settings to all pages, also to those that open later.
+    pub fn show_settings(&self, settings: &serde_json::Value) {
+        let text = serde_json::json!({ "settings": settings }).to_string();
+        self.settings.send_replace(text.into());
     }
 
     /// Returns what has happened at a page, oldest first.
@@ -237,11 +247,19 @@ async fn socket(
 /// Talks with a page until it is closed; returns how it ended.
 async fn talk(id: PageId, socket: WebSocket, shared: &Shared) -> FromPage {
     let (mut to_page, mut from_page) = socket.split();
-    let mut snapshots = shared.snapshots.clone();
+    let (mut snapshots, mut settings) = (shared.snapshots.clone(), shared.settings.clone());
+    if !settings.borrow().is_empty() {
+        settings.mark_changed();
+    }
     let show = async {
         let mut text = snapshot::hello(id);
-        while to_page.send(Frame::text(text)).await.is_ok() && snapshots.changed().await.is_ok() {
-            text = snapshots.borrow_and_update().to_string();
+        while to_page.send(Frame::text(text)).await.is_ok() {
+            let newest = tokio::select! {
+                changed = settings.changed() => changed.map(|()| settings.borrow_and_update().to_string()),
+                changed = snapshots.changed() => changed.map(|()| snapshots.borrow_and_update().to_string()),
+            };
+            let Ok(newest) = newest else { break };
+            text = newest;
         }
     };
     let hear = async {
@@ -254,10 +272,9 @@ async fn talk(id: PageId, socket: WebSocket, shared: &Shared) -> FromPage {
                 // A connection that breaks is a page that is closed.
                 Err(_) => break,
             };
-            match said {
-                Some(said) if shared.events.try_send((id, said)).is_ok() => {}
-                _ => return FromPage::Misused,
-            }
+            let Some(Ok(())) = said.map(|said| shared.events.try_send((id, said))) else {
+                return FromPage::Misused;
+            };
         }
         FromPage::Closed
     };

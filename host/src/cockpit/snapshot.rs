@@ -9,6 +9,7 @@ use crate::explain;
 use crate::teleop::Cockpit;
 use crate::teleop::action::Mode;
 use crate::teleop::cockpit::{Line, Link, Sample, Weight};
+use crate::teleop::settings::{Described, Settings};
 
 /// Newest lines of the log that are sent.
 const LINES: usize = 8;
@@ -24,6 +25,12 @@ pub fn modes() -> Value {
 #[must_use]
 pub fn hello(page: u32) -> String {
     json!({ "you": page }).to_string()
+}
+
+/// Returns the settings of the robot, which pages are sent when they were read.
+#[must_use]
+pub fn settings(settings: &Settings) -> Value {
+    json!(settings.entries().iter().map(Described::from).collect::<Vec<_>>())
 }
 
 /// Returns the present state. Angles in degrees, positive to the right (clockwise); poses in metres, ENU, turned by a

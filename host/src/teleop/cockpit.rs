@@ -12,6 +12,7 @@ use flix_protocol::units::{Degrees, Hertz, Instant};
 
 use super::action::{Action, Mode};
 use super::floor::Floor;
+use super::settings::{Answered, Settings};
 use crate::explain;
 use crate::link::{Client, PASSING_PATIENCE, Update, line_difference, passes};
 use crate::pose::PoseSample;
@@ -106,6 +107,8 @@ pub struct Cockpit {
     pub history: VecDeque<Sample>,
     /// Log, oldest first.
     pub log: VecDeque<Line>,
+    /// The robot's settings, once a screen has asked for them.
+    pub settings: Settings,
     /// Where the robot is, once poses are trusted.
     pub floor: Option<Floor>,
     /// Shaking phase in slow motion, degrees clockwise.
@@ -142,6 +145,7 @@ impl Cockpit {
             current_limit: ASSUMED_CURRENT_LIMIT,
             history: VecDeque::new(),
             log: VecDeque::new(),
+            settings: Settings::default(),
             floor: None,
             phase: 0.0,
             start: now,
@@ -164,6 +168,7 @@ impl Cockpit {
             .flatten()
             .map(|command| client.request(now, command))
             .collect();
+        self.settings.reconnected(client, now);
     }
 
     /// Does an action of the operator, except leaving.
@@ -222,6 +227,7 @@ impl Cockpit {
             }
             Update::Answer { request, outcome } => self.answered(*request, outcome, client, now),
             Update::Unanswered { request } => {
+                self.settings.unanswered(*request);
                 if self.insisting.as_ref().is_some_and(|it| it.request == *request) {
                     self.insisting = None;
                 }
@@ -372,6 +378,7 @@ impl Cockpit {
 
     fn answered(&mut self, request: u32, outcome: &Outcome, client: &mut Client, now: Instant) {
         let insisting = self.insisting.take_if(|insisting| insisting.request == request);
+        let about = self.settings.answered(request, outcome, client, now);
         match outcome {
             Outcome::Identity(identity) if self.asked.contains(&request) => {
                 self.identity = Some(identity.clone());
@@ -395,6 +402,14 @@ impl Cockpit {
                 if !self.asked.contains(&request) {
                     self.note(now, Weight::Warning, &format!("not done: {refusal}"));
                 }
+            }
+            _ if about == Some(Answered::List) => {
+                if let Some(limit) = self.settings.value(CURRENT_LIMIT) {
+                    self.current_limit = limit;
+                }
+            }
+            _ if about == Some(Answered::Save) => {
+                self.note(now, Weight::Note, "the settings are saved");
             }
             // Telemetry ends arming: the newest may be from before the answer.
             _ => self.insisting = insisting.or(self.insisting.take()),

@@ -16,6 +16,7 @@ pub mod gamepad;
 pub mod keyboard;
 #[cfg(feature = "program")]
 pub mod screen;
+pub mod settings;
 #[cfg(feature = "program")]
 pub mod view;
 

@@ -139,7 +139,8 @@ fn try_pages(mut output: impl std::io::BufRead, seen: Arc<Mutex<Seen>>) -> Outco
     };
     let mut desk = Desk { browser, seen, url };
     type Test = (&'static str, fn(&mut Desk) -> Outcome<()>);
-    let tests: [Test; 6] = [
+    let tests: [Test; 7] = [
+        ("settings_are_read_and_changed", Desk::settings),
         ("keys_drive_and_the_space_bar_stops", Desk::keys),
         ("a_finger_drives_and_stops", Desk::finger),
         ("a_gamepad_drives_once_it_was_neutral", Desk::gamepad),
@@ -160,7 +161,8 @@ fn strangers_are_refused(url: &str) -> Outcome<()> {
     let (host, path) =
         url.strip_prefix("http://").and_then(|it| it.split_once('/')).ok_or("no path")?;
     let own = format!("http://{host}");
-    let wrong = format!("{}0/", &path[..path.len() - 2]);
+    let (token, other) = (&path[..path.len() - 2], if path.ends_with("0/") { '1' } else { '0' });
+    let wrong = format!("{token}{other}/");
     let port = host.rsplit(':').next().ok_or("no port")?;
     let strange = format!("evil.example:{port}");
     let socket = |path: &str| format!("{path}socket");
@@ -297,6 +299,47 @@ impl Desk {
         let moved = self.seen()?.moved.since(left);
         println!("     at rest after {moved:?}");
         if moved > REST_WITHIN { Err(format!("moved for {moved:?}").into()) } else { Ok(()) }
+    }
+
+    /// Changes a setting as its operator does, and waits until the robot has it.
+    fn change(&self, setting: &str, value: f64) -> Outcome<()> {
+        let find = format!("const input = document.getElementById('setting-{setting}');");
+        let change = format!(
+            "{find} input.value = {value}; input.dispatchEvent(new Event('input'));
+             input.dispatchEvent(new Event('change'));
+             // What the page shows next comes from the robot.
+             input.value = '';"
+        );
+        self.command(
+            &format!("{setting} = {value}"),
+            |desk| desk.browser.run(&change).map(drop),
+            |desk| {
+                let seen = format!("{find} return input?.disabled === false ? input.value : null");
+                Ok(desk.browser.run(&seen)? == value.to_string())
+            },
+        )
+    }
+
+    fn settings(&mut self) -> Outcome<()> {
+        self.browser.go(&self.url)?;
+        self.browser.touch("#settings summary")?;
+        self.until("settings", |desk| {
+            let rows = "return document.querySelectorAll('.setting input:enabled').length";
+            Ok(desk.browser.run(rows)?.as_u64() > Some(40))
+        })?;
+        self.change("current_limit", 1.75)?;
+        self.change("current_limit", 2.0)?;
+        // What is out of range is said by the page, and not sent.
+        let refused = "const input = document.getElementById('setting-current_limit'); input.value = 99;
+                       input.dispatchEvent(new Event('change')); input.blur(); return input.validity.rangeOverflow";
+        if self.browser.run(refused)? != true {
+            return Err("99 A is no limit of a current".into());
+        }
+        self.until_armed()?;
+        self.until("no change while armed", |desk| {
+            let enabled = "return document.querySelectorAll('.setting input:enabled').length";
+            Ok(desk.browser.run(enabled)? == 0)
+        })
     }
 
     fn keys(&mut self) -> Outcome<()> {

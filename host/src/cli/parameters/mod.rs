@@ -8,7 +8,6 @@ use std::process::ExitCode;
 use clap::Subcommand;
 use flix_protocol::message::{Command, Name, Outcome, Parameter, ParameterCommand, Refusal};
 use flix_protocol::settings::description;
-use serde::Serialize;
 
 use super::output::{headings, print, print_json, read_text, table, write_text};
 use super::robot::{RobotArgs, key_file};
@@ -16,6 +15,7 @@ use super::{Error, Exit};
 use crate::interrupt::Interrupt;
 use crate::keys::KEY_FILE_VARIABLE;
 use crate::link::udp::{Connection, LinkError};
+use crate::teleop::settings::Described;
 use file::Change;
 
 /// Read, change and store the settings of the robot.
@@ -124,7 +124,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             let name = wire_name(name)?;
             let parameter = get(&mut robot.connect(&interrupt)?, name)?;
             if *json {
-                print_json(&Row::from(&parameter))?;
+                print_json(&Described::from(&parameter))?;
             } else {
                 print(&format!("{}\n", with_unit(parameter.value, &parameter.unit)))?;
             }
@@ -280,38 +280,13 @@ fn undo(connection: &mut Connection, done: &[Change]) {
     }
 }
 
-#[derive(Debug, Serialize)]
-struct Row<'a> {
-    name: &'a str,
-    unit: &'a str,
-    value: f32,
-    default: f32,
-    minimum: f32,
-    maximum: f32,
-    description: Option<&'static str>,
-}
-
-impl<'a> From<&'a Parameter> for Row<'a> {
-    fn from(parameter: &'a Parameter) -> Self {
-        Self {
-            name: &parameter.name,
-            unit: &parameter.unit,
-            value: parameter.value,
-            default: parameter.default,
-            minimum: parameter.minimum,
-            maximum: parameter.maximum,
-            description: description(&parameter.name),
-        }
-    }
-}
-
 fn with_unit(value: f32, unit: &str) -> String {
     if unit == "1" { value.to_string() } else { format!("{value} {unit}") }
 }
 
 fn show(parameters: &[Parameter], json: bool) -> Result<(), Error> {
     if json {
-        return print_json(&parameters.iter().map(Row::from).collect::<Vec<_>>());
+        return print_json(&parameters.iter().map(Described::from).collect::<Vec<_>>());
     }
     let mut rows = vec![headings("setting||value|unit|minimum|maximum|default")];
     rows.extend(parameters.iter().map(|parameter| {
