@@ -4,6 +4,7 @@
 //! ```text
 //! slow half  -- Configuration, then Order -->  Exchange  -->  fast half, every tick
 //!            <------------- Report ----------            <--  every tenth tick
+//!            <------------- Scope -----------            <--  a row in every tick
 //! ```
 //!
 //! - Whole values cross, and the newest of each kind wins: neither half ever waits for the other.
@@ -22,6 +23,7 @@ use serde::{Deserialize, Serialize};
 use crate::fast::alignment::Alignment;
 use crate::fast::configuration::Configuration;
 use crate::fast::units::{Current, RotorAngle, Speed, Voltage};
+use crate::scope::Scope;
 
 /// What the slow half wants, handed over whole in every tick.
 ///
@@ -151,13 +153,15 @@ pub struct Exchange {
     /// Offered by the slow half and not taken yet.
     configuration: Option<Configuration>,
     report: Report,
+    /// What the fast half has seen of itself, tick by tick.
+    pub scope: Scope,
 }
 
 impl Exchange {
     /// Returns an exchange in which nothing is asked for; `report` is the fast half's first.
     #[must_use]
     pub fn new(report: Report) -> Self {
-        Self { order: Order::default(), configuration: None, report }
+        Self { order: Order::default(), configuration: None, report, scope: Scope::default() }
     }
 
     /// Leaves what the slow half asks for. A configuration that the fast half has not taken yet

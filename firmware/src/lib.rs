@@ -98,6 +98,7 @@ pub mod neighbours;
 pub mod net;
 pub mod provision;
 pub mod robot;
+pub mod scope;
 pub mod settings;
 pub mod stored;
 pub mod trace;

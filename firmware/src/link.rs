@@ -28,8 +28,8 @@ use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::{Frame, HandshakeFrame};
 use flix_protocol::message::{
     Command, Event, EventReport, Faults, Identity, LinkQuality, MotorTelemetry, OperatorName,
-    Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Refusal, Reply, ResetReason, Setpoint, State,
-    Telemetry, ToOperator, ToRobot,
+    Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Refusal, Reply, ResetReason, ScopeCommand,
+    Setpoint, State, Telemetry, ToOperator, ToRobot,
 };
 use flix_protocol::session::{Operators, RobotReceived, RobotSession};
 use flix_protocol::units::{Instant, Ratio, Volts};
@@ -38,6 +38,7 @@ use heapless::{Deque, Vec};
 use crate::exchange::{MotorReport, Order, Report};
 use crate::fast::units::Speed;
 use crate::hardware::{Hardware, SettingsStore};
+use crate::scope::Scope;
 use crate::settings::{self, Settings, Tuning, text};
 
 /// Events that wait for an operator.
@@ -64,6 +65,8 @@ pub struct Link {
     steadiness: Steadiness,
     answers: Deque<(SocketAddr, HandshakeFrame), ANSWERS>,
     replies: Deque<Reply, REPLIES>,
+    /// Commands to the scope, which lies where both halves reach it.
+    scope: Deque<(u32, ScopeCommand), REPLIES>,
     events: Events,
     telemetry_due: Instant,
 }
@@ -98,6 +101,7 @@ impl Link {
             steadiness: Steadiness::default(),
             answers: Deque::new(),
             replies: Deque::new(),
+            scope: Deque::new(),
             events,
             telemetry_due: report.time,
         }
@@ -197,12 +201,13 @@ impl Link {
                 if self.order.frequency == Speed::ZERO {
                     self.note_sign_of_life(now);
                 }
-                let outcome = self.obey(now, command, tuning);
-                self.reply(request, outcome);
+                self.take(now, request, command, tuning);
             }
             RobotReceived::Late { command: ToRobot { request, command }, age } => {
-                let outcome = self.obey_late(now, command, age, tuning);
-                self.reply(request, outcome);
+                match self.check_late(now, &command, age) {
+                    Ok(()) => self.take(now, request, command, tuning),
+                    Err(refusal) => self.reply(request, Err(refusal)),
+                }
             }
             RobotReceived::Refused { request, refusal } => self.reply(request, Err(refusal)),
             RobotReceived::Left => {
@@ -295,35 +300,67 @@ impl Link {
         self.steadiness = Steadiness::default();
         self.is_slow = false;
         self.replies.clear();
+        self.scope.clear();
+    }
+
+    /// Obeys a command, and answers it; one to the scope waits until [`Link::consult`].
+    fn take<S: SettingsStore>(
+        &mut self,
+        now: Instant,
+        request: u32,
+        command: Command,
+        tuning: &mut Tuning<S>,
+    ) {
+        if let Some(outcome) = self.obey(now, request, command, tuning).transpose() {
+            self.reply(request, outcome);
+        }
+    }
+
+    /// Returns whether a command to the scope waits.
+    #[must_use]
+    pub fn asks_scope(&self) -> bool {
+        !self.scope.is_empty()
+    }
+
+    /// Lets the scope obey the oldest command that waits for it.
+    pub fn consult(&mut self, scope: &mut Scope) {
+        if let Some((request, command)) = self.scope.pop_front() {
+            let outcome = scope.obey(command);
+            self.reply(request, outcome);
+        }
     }
 
     fn obey<S: SettingsStore>(
         &mut self,
         now: Instant,
+        request: u32,
         command: Command,
         tuning: &mut Tuning<S>,
-    ) -> Result<Outcome, Refusal> {
+    ) -> Result<Option<Outcome>, Refusal> {
         match command {
             Command::Setpoint(setpoint) => self.shake(now, setpoint)?,
             Command::Arm => self.arm(now)?,
             Command::Disarm => self.disarm(),
             Command::Stop => self.stop(self.session.operator(now)),
             Command::Clear => self.clear()?,
-            Command::Parameter(command) => return self.tune(now, command, tuning),
-            Command::Identify => return Ok(Outcome::Identity(self.identity.clone())),
-            Command::Ping(number) => return Ok(Outcome::Pong(number)),
+            Command::Parameter(command) => return self.tune(now, command, tuning).map(Some),
+            Command::Identify => return Ok(Some(Outcome::Identity(self.identity.clone()))),
+            Command::Ping(number) => return Ok(Some(Outcome::Pong(number))),
+            Command::Scope(command) => {
+                push_newest(&mut self.scope, (request, command));
+                return Ok(None);
+            }
         }
-        Ok(Outcome::Done)
+        Ok(Some(Outcome::Done))
     }
 
-    /// Obeys what is safe however long ago the operator asked for it.
-    fn obey_late<S: SettingsStore>(
+    /// Refuses what is not safe however long ago the operator asked for it.
+    fn check_late(
         &mut self,
         now: Instant,
-        command: Command,
+        command: &Command,
         age: Option<Duration>,
-        tuning: &mut Tuning<S>,
-    ) -> Result<Outcome, Refusal> {
+    ) -> Result<(), Refusal> {
         let (age_ms, limit_ms) =
             (milliseconds(age), milliseconds(Some(self.session.command_age())));
         if !self.is_slow {
@@ -335,12 +372,13 @@ impl Link {
             | Command::Disarm
             | Command::Identify
             | Command::Ping(_)
-            | Command::Parameter(ParameterCommand::Get(_) | ParameterCommand::List(_)) => {
-                self.obey(now, command, tuning)
-            }
-            Command::Setpoint(_) | Command::Arm | Command::Clear | Command::Parameter(_) => {
-                Err(Refusal::Late { age_ms, limit_ms })
-            }
+            | Command::Parameter(ParameterCommand::Get(_) | ParameterCommand::List(_))
+            | Command::Scope(ScopeCommand::Status | ScopeCommand::Read(_)) => Ok(()),
+            Command::Setpoint(_)
+            | Command::Arm
+            | Command::Clear
+            | Command::Parameter(_)
+            | Command::Scope(_) => Err(Refusal::Late { age_ms, limit_ms }),
         }
     }
 

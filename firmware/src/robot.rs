@@ -25,6 +25,7 @@ use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
 use crate::hardware::{Actuation, Hardware, Sensors, SettingsStore};
 use crate::link::{Link, identity, is_idle};
+use crate::scope::Sample;
 use crate::settings::{Settings, Tuning};
 
 /// What a robot without a key says at boot; the operator's program says the same.
@@ -72,7 +73,7 @@ impl<S: SettingsStore> Robot<S> {
             tuning,
             link,
         };
-        let fast = FastHalf { control, ticks_to_report: 0 };
+        let fast = FastHalf { control, ticks_to_report: 0, sample: None };
         Self { fast, slow, exchange: Exchange::new(report) }
     }
 
@@ -154,6 +155,8 @@ impl<S: SettingsStore> Robot<S> {
 pub struct FastHalf {
     control: Control,
     ticks_to_report: u8,
+    /// What the last tick left for the scope.
+    sample: Option<Sample>,
 }
 
 impl FastHalf {
@@ -167,8 +170,17 @@ impl FastHalf {
         exchange: &mut impl Access,
     ) -> Actuation {
         let control = &mut self.control;
-        let order = exchange.with(|exchange| exchange.take(|new| control.configure(new)));
+        let sample = self.sample.take();
+        let (order, channels, revision) = exchange.with(|exchange| {
+            if let Some(sample) = &sample {
+                exchange.scope.record(sample);
+            }
+            let channels = exchange.scope.plan().channels.clone();
+            let revision = exchange.scope.revision();
+            (exchange.take(|new| control.configure(new)), channels, revision)
+        });
         let actuation = control.tick(now, sensors, &order);
+        self.sample = Some(control.sample(&channels, revision));
         if self.ticks_to_report == 0 {
             self.ticks_to_report = REPORT_INTERVAL;
             let report = control.report();
@@ -199,6 +211,9 @@ impl<S: SettingsStore> SlowHalf<S> {
             let is_new = report.timing.ticks != observed;
             (is_new.then_some(*report), exchange.is_configuration_waiting())
         });
+        while self.link.asks_scope() {
+            exchange.with(|exchange| self.link.consult(&mut exchange.scope));
+        }
         let learnt = report.is_some_and(|report| self.observe(&report));
         let revision = self.tuning.revision();
         // The fast half knows what it found; a configuration that waits for it does not.

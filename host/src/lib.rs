@@ -95,6 +95,7 @@ pub mod plot;
 pub mod pose;
 #[cfg(feature = "program")]
 pub mod record;
+pub mod scope;
 #[cfg(feature = "program")]
 pub mod steering;
 pub mod system;

@@ -11,6 +11,7 @@ mod operator;
 mod parameter;
 mod refusal;
 mod reset;
+mod scope;
 mod setpoint;
 mod telemetry;
 
@@ -25,6 +26,10 @@ pub use operator::{OPERATOR_NAME_LENGTH, OperatorName, OperatorNameError};
 pub use parameter::{NAME_LENGTH, Name, PARAMETERS_PER_REPLY, Parameter, ParameterCommand};
 pub use refusal::Refusal;
 pub use reset::ResetReason;
+pub use scope::{
+    Channel, Quantity, SCOPE_CHANNELS, SCOPE_RATE_HZ, SCOPE_VALUES, SCOPE_VALUES_PER_REPLY,
+    ScopeCommand, ScopePlan, ScopeRows, ScopeState, ScopeStatus, Trigger,
+};
 pub use setpoint::{MAXIMUM_DIRECTION, MAXIMUM_FREQUENCY, Setpoint};
 pub use telemetry::{Event, EventReport, LoopTiming, MotorTelemetry, State, Telemetry};
 
@@ -47,6 +52,8 @@ pub enum Command {
     Identify,
     /// Return this number.
     Ping(u32),
+    /// Capture inner values of the fast loop, or read them.
+    Scope(ScopeCommand),
 }
 
 /// A command with its request number, as sent.
@@ -129,6 +136,10 @@ pub enum Outcome {
     Identity(Identity),
     /// The number of a ping.
     Pong(u32),
+    /// How far the scope is.
+    Scope(ScopeStatus),
+    /// Rows of the scope.
+    ScopeRows(ScopeRows),
 }
 
 /// Which robot this is, which firmware it runs, and since what.

@@ -47,9 +47,12 @@ fn command_name(command: &Command) -> &'static str {
         Command::Parameter(ParameterCommand::Reset) => "parameter-reset",
         Command::Identify => "identify",
         Command::Ping(_) => "ping",
+        Command::Scope(ScopeCommand::Begin(_)) => "scope-begin",
+        Command::Scope(ScopeCommand::Status) => "scope-status",
+        Command::Scope(ScopeCommand::Read(_)) => "scope-read",
     }
 }
-const COMMANDS: usize = 12;
+const COMMANDS: usize = 15;
 
 fn commands() -> Vec<Command> {
     vec![
@@ -65,6 +68,12 @@ fn commands() -> Vec<Command> {
         Command::Parameter(ParameterCommand::Reset),
         Command::Identify,
         Command::Ping(0xDEAD_BEEF),
+        Command::Scope(ScopeCommand::Begin(ScopePlan {
+            trigger: Trigger::Level { channel: 2, level: -300, rising: true },
+            ..ScopePlan::watch()
+        })),
+        Command::Scope(ScopeCommand::Status),
+        Command::Scope(ScopeCommand::Read(300)),
     ]
 }
 
@@ -80,9 +89,11 @@ fn refusal_name(refusal: &Refusal) -> &'static str {
         Refusal::LinkUnproven => "link-unproven",
         Refusal::Storage => "storage",
         Refusal::Late { .. } => "late",
+        Refusal::Scope => "scope",
+        Refusal::NotCaptured => "not-captured",
     }
 }
-const REFUSALS: usize = 10;
+const REFUSALS: usize = 12;
 
 fn refusals() -> Vec<Refusal> {
     vec![
@@ -96,6 +107,8 @@ fn refusals() -> Vec<Refusal> {
         Refusal::LinkUnproven,
         Refusal::Storage,
         Refusal::Late { age_ms: 612, limit_ms: 400 },
+        Refusal::Scope,
+        Refusal::NotCaptured,
     ]
 }
 
@@ -107,9 +120,11 @@ fn outcome_name(outcome: &Outcome) -> String {
         Outcome::Parameters { .. } => "parameters".into(),
         Outcome::Identity(_) => "identity".into(),
         Outcome::Pong(_) => "pong".into(),
+        Outcome::Scope(_) => "scope".into(),
+        Outcome::ScopeRows(_) => "scope-rows".into(),
     }
 }
-const OUTCOMES: usize = 5 + REFUSALS;
+const OUTCOMES: usize = 7 + REFUSALS;
 
 fn outcomes() -> Vec<Outcome> {
     let parameter = |index| Parameter {
@@ -135,6 +150,17 @@ fn outcomes() -> Vec<Outcome> {
             reset: ResetReason::panic("src/link.rs", 12),
         }),
         Outcome::Pong(0xDEAD_BEEF),
+        Outcome::Scope(ScopeStatus {
+            plan: ScopePlan::watch(),
+            state: ScopeState::Complete,
+            rows: 2_400,
+            trigger_row: 2_000,
+            trigger_time_us: 12_345_600,
+        }),
+        Outcome::ScopeRows(ScopeRows {
+            first: 28,
+            values: [0x34, 0x12, 0xFF, 0xFF].into_iter().collect(),
+        }),
     ];
     outcomes.extend(refusals().into_iter().map(Outcome::Refused));
     outcomes

@@ -135,7 +135,23 @@ fn any_command() -> impl Strategy<Value = Command> {
             .prop_map(|(name, value)| Command::Parameter(ParameterCommand::Set(name, value))),
         any::<u16>().prop_map(|first| Command::Parameter(ParameterCommand::List(first))),
         any::<u32>().prop_map(Command::Ping),
+        scope_plan().prop_map(|plan| Command::Scope(ScopeCommand::Begin(plan))),
+        any::<u16>().prop_map(|first| Command::Scope(ScopeCommand::Read(first))),
     ]
+}
+
+fn scope_plan() -> impl Strategy<Value = ScopePlan> {
+    let trigger = prop_oneof![
+        select(vec![Trigger::Now, Trigger::Fault]),
+        (any::<u8>(), any::<i16>(), any::<bool>())
+            .prop_map(|(channel, level, rising)| Trigger::Level { channel, level, rising }),
+    ];
+    let channels = prop::collection::vec(select(Channel::ALL.to_vec()), 0..=SCOPE_CHANNELS);
+    (channels, trigger, any::<u16>()).prop_map(|(channels, trigger, before)| ScopePlan {
+        channels: channels.into_iter().collect(),
+        trigger,
+        before,
+    })
 }
 
 fn fault() -> impl Strategy<Value = Fault> {
@@ -217,6 +233,10 @@ fn outcome() -> impl Strategy<Value = Outcome> {
             Outcome::Identity(Identity { name, board, version, reset })
         }),
         any::<u32>().prop_map(Outcome::Pong),
+        (any::<u16>(), prop::collection::vec(any::<u8>(), 0..=2 * SCOPE_VALUES_PER_REPLY))
+            .prop_map(|(first, values)| {
+                Outcome::ScopeRows(ScopeRows { first, values: values.into_iter().collect() })
+            }),
     ]
 }
 

@@ -9,8 +9,8 @@ use crate::fast::foc::current::Model;
 use crate::fast::shaker::{LARGEST_ACCELERATION, ShakerModel};
 use crate::fast::tracker::{EncoderModel, TABLE_LENGTH};
 use crate::fast::units::{
-    Counts, Current, ElectricalAngle, ElectricalSpeed, RotorAngle, SPEED_PER_HERTZ, Speed,
-    TICK_RATE_HZ, Voltage, magnitude, scaled,
+    Counts, Current, ElectricalAngle, ElectricalSpeed, Quantity, RotorAngle, SPEED_PER_HERTZ,
+    Speed, TICK_RATE_HZ, Voltage, magnitude, scaled,
 };
 use crate::hardware::Hardware;
 use crate::settings::Settings;
@@ -180,11 +180,11 @@ impl Configuration {
         ElectricalSpeed::from_raw(speed.raw().wrapping_mul(self.signed_pole_pairs[motor % 2]))
     }
 
-    /// Converts a motor's torque-making current from clockwise positive to its own phase order, and
-    /// back.
+    /// Converts what makes a motor's torque (its q current or voltage) from clockwise positive to its own
+    /// phase order, and back.
     #[inline(always)]
-    pub(crate) const fn clockwise(&self, motor: usize, current: Current) -> Current {
-        Current::from_raw(current.raw().wrapping_mul(self.clockwise[motor % 2]))
+    pub(crate) fn clockwise<Q: Quantity>(&self, motor: usize, q: Q) -> Q {
+        Q::from_raw(q.raw().wrapping_mul(self.clockwise[motor % 2]))
     }
 }
 

@@ -9,7 +9,7 @@ pub(crate) mod bench;
 #[cfg(test)]
 mod tests;
 
-use flix_protocol::message::{Fault, Faults, LoopTiming, State};
+use flix_protocol::message::{Channel, Fault, Faults, LoopTiming, State};
 use flix_protocol::units::Instant;
 
 use crate::exchange::{MotorReport, Order, Report};
@@ -25,6 +25,7 @@ use crate::fast::supervisor::{Conditions, Drive, Supervisor};
 use crate::fast::tracker::{TABLE_LENGTH, Tracker};
 use crate::fast::units::{Counts, Current, RotorAngle, Speed, TICK_US, Voltage, multiply_high};
 use crate::hardware::{Actuation, Bridge, Sensors};
+use crate::scope::{Sample, row};
 
 /// A tick later than this is late: half as long again, microseconds.
 const LATE_US: u32 = TICK_US + TICK_US / 2;
@@ -217,6 +218,64 @@ impl Control {
             alignment: self.configuration.alignment,
             events: self.supervisor.events,
         }
+    }
+
+    /// Returns what the scope keeps of the last tick; `revision` is that of the plan with these channels.
+    #[inline]
+    #[must_use]
+    pub fn sample(&self, channels: &[Channel], revision: u8) -> Sample {
+        let rotors = self.rotors();
+        Sample {
+            time: self.time,
+            revision,
+            row: row(channels.iter().map(|channel| self.count(*channel, &rotors))),
+            is_faulted: self.supervisor.first_fault.is_some(),
+            is_driven: matches!(self.supervisor.state, State::Aligning | State::Running),
+        }
+    }
+
+    /// Returns the value of a channel in counts of its [`Quantity`](flix_protocol::message::Quantity).
+    #[inline]
+    fn count(&self, channel: Channel, rotors: &Rotors) -> i32 {
+        let current = |current: Current| current.raw() >> 5;
+        let voltage = |voltage: Voltage| voltage.raw() >> 7;
+        let speed = |speed: Speed| speed.raw() >> 11;
+        let angle = |angle: RotorAngle| angle.raw() as i32 >> 16;
+        let ([top, bottom], signs) = (&self.loops, &self.configuration);
+        match channel {
+            Channel::TopCurrentD => current(top.current().d),
+            Channel::BottomCurrentD => current(bottom.current().d),
+            Channel::TopCurrentQ => current(signs.clockwise(0, top.current().q)),
+            Channel::BottomCurrentQ => current(signs.clockwise(1, bottom.current().q)),
+            Channel::TopWantedQ => current(signs.clockwise(0, self.wanted[0].q)),
+            Channel::BottomWantedQ => current(signs.clockwise(1, self.wanted[1].q)),
+            Channel::TopVoltageD => voltage(top.voltage().d),
+            Channel::BottomVoltageD => voltage(bottom.voltage().d),
+            Channel::TopVoltageQ => voltage(signs.clockwise(0, top.voltage().q)),
+            Channel::BottomVoltageQ => voltage(signs.clockwise(1, bottom.voltage().q)),
+            Channel::TopPhaseA => current(self.currents[0][0]),
+            Channel::BottomPhaseA => current(self.currents[1][0]),
+            Channel::TopPhaseB => current(self.currents[0][1]),
+            Channel::BottomPhaseB => current(self.currents[1][1]),
+            Channel::TopAngle => angle(rotors.angles[0]),
+            Channel::BottomAngle => angle(rotors.angles[1]),
+            Channel::TopSpeed => speed(rotors.speeds[0]),
+            Channel::BottomSpeed => speed(rotors.speeds[1]),
+            Channel::Frequency => speed(rotors.frequency()),
+            Channel::WantedFrequency => {
+                speed(self.reference().map_or(Speed::ZERO, Shaker::frequency))
+            }
+            Channel::Theta => angle(rotors.direction()),
+            // Of twice theta, behind: half of it, ahead.
+            Channel::ThetaError => self.reference().map_or(0, |it| -(it.sum_error() >> 17)),
+            Channel::Bus => voltage(self.bus_voltage),
+        }
+    }
+
+    /// Returns the shaker while it drives.
+    #[inline]
+    fn reference(&self) -> Option<&Shaker> {
+        matches!(self.activity, Activity::Shaking).then_some(&self.shaker)
     }
 
     #[inline(always)]

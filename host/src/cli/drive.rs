@@ -72,13 +72,21 @@ pub struct Args {
     json: bool,
 }
 
-fn frequency(text: &str) -> Result<Hertz, String> {
+/// Parses a shaking frequency.
+///
+/// # Errors
+/// With a sentence, when it is none or out of range.
+pub fn frequency(text: &str) -> Result<Hertz, String> {
     let check =
         |value| Hertz::new(value).and_then(|it| Setpoint::new(it, Degrees::ZERO).map(|_| it));
     parse(text, check, "shaking frequency", -flix_protocol::message::MAXIMUM_FREQUENCY.get())
 }
 
-fn direction(text: &str) -> Result<Degrees, String> {
+/// Parses a shaking direction.
+///
+/// # Errors
+/// As [`frequency`].
+pub fn direction(text: &str) -> Result<Degrees, String> {
     let check =
         |value| Degrees::new(value).and_then(|it| Setpoint::new(Hertz::ZERO, it).map(|_| it));
     parse(text, check, "shaking direction", -flix_protocol::message::MAXIMUM_DIRECTION.get())

@@ -35,6 +35,7 @@ pub mod parameters;
 pub mod provision;
 pub mod robot;
 pub mod runs;
+pub mod scope;
 pub mod status;
 pub mod stop;
 pub mod stream;
@@ -189,6 +190,7 @@ enum Command {
     Identify(identify::Args),
     Experiment(experiment::Args),
     Doctor(doctor::Args),
+    Scope(scope::Args),
     Runs(runs::Args),
     Completions(completions::Args),
     #[command(after_help = "Example:\n  flix man ~/.local/share/man/man1")]
@@ -219,6 +221,7 @@ impl Cli {
             Command::Identify(args) => identify::run(args),
             Command::Experiment(args) => experiment::run(args),
             Command::Doctor(args) => doctor::run(args),
+            Command::Scope(args) => scope::run(args),
             Command::Runs(args) => runs::run(args),
             Command::Completions(args) => completions::run(args),
             Command::Man(args) => man::run(args),

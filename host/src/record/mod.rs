@@ -30,7 +30,9 @@ pub use message::{
 };
 pub use reader::{Listing, ReadError, Run, RunSummary, list};
 pub use repair::{RepairError, is_being_written, repair};
-pub use writer::{CHANNELS, FRAMES_CHANNEL, Level, Reader, RecordError, Recorder, RunDescription};
+pub use writer::{
+    CHANNELS, FRAMES_CHANNEL, Level, Reader, RecordError, Recorder, RunDescription, dated,
+};
 
 /// A kind of row.
 #[derive(Debug, Clone, Copy)]

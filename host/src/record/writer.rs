@@ -422,12 +422,9 @@ pub(super) fn failed(path: &FilePath, error: mcap::McapError) -> RecordError {
     }
 }
 
-/// Creates a new file: two runs of one second get two files.
-fn new_file(
-    folder: &FilePath,
-    started: SystemTime,
-    name: &str,
-) -> Result<(PathBuf, File), RecordError> {
+/// Returns a name for files: date and time, and what they are of.
+#[must_use]
+pub fn dated(started: SystemTime, name: &str) -> String {
     let date: String = humantime::format_rfc3339_seconds(started)
         .to_string()
         .chars()
@@ -439,10 +436,20 @@ fn new_file(
         .collect();
     let name: String =
         name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+    format!("{date}-{name}")
+}
+
+/// Creates a new file: two runs of one second get two files.
+fn new_file(
+    folder: &FilePath,
+    started: SystemTime,
+    name: &str,
+) -> Result<(PathBuf, File), RecordError> {
+    let name = dated(started, name);
     let mut attempt = 1;
     loop {
         let suffix = if attempt == 1 { String::new() } else { format!("-{attempt}") };
-        let path = folder.join(format!("{date}-{name}{suffix}.{ENDING}"));
+        let path = folder.join(format!("{name}{suffix}.{ENDING}"));
         match File::create_new(&path) {
             Ok(file) => {
                 // Marks it as one that is being written; a file system without locks cannot.

@@ -92,7 +92,7 @@ fn show(
 
 /// Returns the actions of the keys as they are pressed. A thread of its own reads them: a read of a
 /// terminal that closes at that moment never returns.
-fn keyboard() -> mpsc::Receiver<Action> {
+pub(crate) fn keyboard() -> mpsc::Receiver<Action> {
     let (sender, actions) = mpsc::channel();
     std::thread::spawn(move || {
         loop {
@@ -111,6 +111,6 @@ fn keyboard() -> mpsc::Receiver<Action> {
 }
 
 /// Returns whether the terminal is closed: it is no terminal any more.
-fn is_closed() -> bool {
+pub(crate) fn is_closed() -> bool {
     !io::stdin().is_terminal()
 }

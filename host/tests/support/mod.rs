@@ -194,6 +194,7 @@ impl FakeRobot {
             return Outcome::Refused(Refusal::State(State::Stopping));
         }
         match command {
+            Command::Scope(_) => Outcome::Refused(Refusal::NotCaptured),
             Command::Stop => {
                 self.stopped = true;
                 self.setpoint = Setpoint::REST;

@@ -64,6 +64,14 @@ pub enum Refusal {
         /// The setting.
         name: Name,
     },
+    /// The scope cannot capture this.
+    #[error(
+        "the scope cannot capture this: it takes 1 to 8 channels, and keeps fewer rows before the trigger than fit its memory"
+    )]
+    Scope,
+    /// The scope has no complete capture.
+    #[error("the scope has no complete capture yet")]
+    NotCaptured,
     /// The link is slow: the command was too old when it arrived.
     #[error("the link is slow: commands arrive {} old, at most {limit_ms} ms are allowed", Age(*age_ms))]
     Late {

@@ -315,7 +315,7 @@ impl Desk {
             |desk| desk.browser.run(&change).map(drop),
             |desk| {
                 let seen = format!("{find} return input?.disabled === false ? input.value : null");
-                Ok(desk.browser.run(&seen)? == value.to_string())
+                Ok(desk.browser.run(&seen)?.as_str() == Some(&value.to_string()))
             },
         )
     }

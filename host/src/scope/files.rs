@@ -1,0 +1,113 @@
+//! A capture as table, picture and record.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, BufWriter};
+use std::path::Path;
+
+use flix_protocol::message::{Quantity, Trigger};
+use mcap::WriteOptions;
+use mcap::records::MessageHeader;
+use serde_json::{Map, Value, json};
+
+use super::{Capture, panels};
+use crate::plot::{Chart, Panel, Series, colour};
+use crate::record::Timestamp;
+
+/// Writes a table: seconds since the trigger, then one column for each channel, named with its unit.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_csv(capture: &Capture, file: &Path) -> Result<(), csv::Error> {
+    let mut table = csv::Writer::from_path(file)?;
+    let names = capture.channels().iter().map(|it| format!("{it}_{}", it.quantity().unit()));
+    table.write_record(std::iter::once("time_s".to_owned()).chain(names))?;
+    for row in 0..capture.rows() {
+        let time = format!("{:.4}", capture.time(row));
+        let values = capture.row(row).map(|value| format!("{value:.6}"));
+        table.write_record(std::iter::once(time).chain(values))?;
+    }
+    table.flush()?;
+    Ok(())
+}
+
+/// Writes a record for Foxglove and its kin: topic `/scope`, one message for each row, on the robot's clock.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_mcap(capture: &Capture, file: &Path) -> Result<(), mcap::McapError> {
+    let mut writer = WriteOptions::new()
+        .compression(None)
+        .library(concat!("flix ", env!("CARGO_PKG_VERSION")))
+        .create(BufWriter::new(File::create(file)?))?;
+    let schema = schema(capture).to_string();
+    let schema = writer.add_schema("flix.Scope", "jsonschema", schema.as_bytes())?;
+    let channel = writer.add_channel(schema, "/scope", "json", &BTreeMap::new())?;
+    for row in 0..capture.rows() {
+        let nanos = capture.nanos(row);
+        let header = MessageHeader {
+            channel_id: channel,
+            sequence: row as u32,
+            log_time: nanos,
+            publish_time: nanos,
+        };
+        let mut message = Map::new();
+        message.insert("timestamp".to_owned(), json!(Timestamp::from_nanos(nanos)));
+        for (channel, value) in capture.channels().iter().zip(capture.row(row)) {
+            message.insert(channel.to_string(), json!(value));
+        }
+        let message = serde_json::to_vec(&Value::Object(message)).map_err(io::Error::from)?;
+        writer.write_to_known_channel(&header, &message)?;
+    }
+    writer.finish()?;
+    Ok(())
+}
+
+fn schema(capture: &Capture) -> Value {
+    let number = |text: &str| json!({ "type": "integer", "description": text });
+    let mut properties = Map::new();
+    let timestamp = json!({
+        "type": "object",
+        "description": "Since the robot started",
+        "properties": { "sec": number("s"), "nsec": number("ns") },
+    });
+    properties.insert("timestamp".to_owned(), timestamp);
+    for channel in capture.channels() {
+        let unit = channel.quantity().unit();
+        properties.insert(channel.to_string(), json!({ "type": "number", "description": unit }));
+    }
+    json!({ "title": "flix.Scope", "type": "object", "properties": properties })
+}
+
+/// Draws a capture: one panel for each quantity, over the milliseconds since the trigger.
+#[must_use]
+pub fn chart(capture: &Capture, title: &str) -> Chart {
+    let end = 1e3 * capture.time(capture.rows().saturating_sub(1));
+    let begin = 1e3 * capture.time(0);
+    let mut chart =
+        Chart::new(title, "Time since the trigger (ms)").x_range(begin, end).width(900.0);
+    for (quantity, columns) in panels(capture) {
+        let label = match quantity {
+            Quantity::Current => "Current (A)",
+            Quantity::Voltage => "Voltage (V)",
+            Quantity::Speed => "Frequency (Hz)",
+            Quantity::Angle => "Angle (deg)",
+        };
+        let mut panel = Panel::new(label);
+        if begin < 0.0 {
+            let name = if capture.status().plan.trigger == Trigger::Fault {
+                "after the fault"
+            } else {
+                ""
+            };
+            panel = panel.span(0.0, end, name, colour::GREY);
+        }
+        for column in columns {
+            let name = capture.channels()[column].to_string();
+            let points = capture.column(column).map(|(time, value)| (1e3 * time, value));
+            panel = panel.series(Series::line(name, points).width(1.0));
+        }
+        chart = chart.panel(panel);
+    }
+    chart
+}
