@@ -1,8 +1,6 @@
 //! The scope's memory: a ring of rows that the fast half fills in every tick, and that operators read once it is
 //! complete. It lies in the [`Exchange`](crate::exchange::Exchange), so that no half waits for the other.
 
-use core::array;
-
 use flix_protocol::message::{
     Outcome, Refusal, SCOPE_CHANNELS, SCOPE_VALUES, SCOPE_VALUES_PER_REPLY, ScopeCommand,
     ScopePlan, ScopeRows, ScopeState, ScopeStatus, Trigger,
@@ -214,11 +212,15 @@ impl Scope {
     }
 }
 
-/// Returns a row of these values.
-#[inline]
+/// Returns a row of these values; what does not fit is the nearest that does.
+#[inline(always)]
 pub fn row(values: impl Iterator<Item = i32>) -> Row {
-    let mut values = values.map(|value| value.clamp(i16::MIN.into(), i16::MAX.into()) as i16);
-    array::from_fn(|_| values.next().unwrap_or(0))
+    let mut row = [0; SCOPE_CHANNELS];
+    for (place, value) in row.iter_mut().zip(values) {
+        let fits = value as i16;
+        *place = if i32::from(fits) == value { fits } else { i16::MAX ^ (value >> 31) as i16 };
+    }
+    row
 }
 
 #[cfg(test)]

@@ -235,7 +235,7 @@ impl Control {
     }
 
     /// Returns the value of a channel in counts of its [`Quantity`](flix_protocol::message::Quantity).
-    #[inline]
+    #[inline(always)]
     fn count(&self, channel: Channel, rotors: &Rotors) -> i32 {
         let current = |current: Current| current.raw() >> 5;
         let voltage = |voltage: Voltage| voltage.raw() >> 7;

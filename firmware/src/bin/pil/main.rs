@@ -15,6 +15,7 @@ use flix_firmware::fast::configuration::Configuration;
 use flix_firmware::fast::control::Control;
 use flix_firmware::hardware::{Encoder, Hardware, Sensors};
 use flix_firmware::settings::Settings;
+use flix_firmware::scope::Scope;
 use flix_firmware::trace::{self, Malformed, Outcome, Row};
 use flix_protocol::message::State;
 use foc::Foc;
@@ -121,10 +122,17 @@ impl Peer {
     }
 }
 
-/// Does a tick, as the chips call it: one function, not spread into the replay.
+/// Does a tick, and keeps eight channels of it for the scope, as the chips do: one function, not spread into the replay.
 #[inline(never)]
-fn tick(control: &mut Control, row: &Row) -> flix_firmware::hardware::Actuation {
-    control.tick(row.now, &row.sensors, &row.order)
+fn tick(
+    control: &mut Control,
+    scope: &mut Scope,
+    row: &Row,
+) -> flix_firmware::hardware::Actuation {
+    let actuation = control.tick(row.now, &row.sensors, &row.order);
+    let sample = control.sample(&scope.plan().channels, scope.revision());
+    scope.record(&sample);
+    actuation
 }
 
 /// What is counted.
@@ -142,11 +150,12 @@ fn replay(counted: &mut Counted) -> Result<u32, Malformed> {
     let hardware = trace::decode::<Hardware, _>(|room| file.read_exact(room))?.ok_or(Malformed)?;
     let mut control = Control::new(Configuration::new(&Settings::DEFAULT, &hardware));
     let mut peer = Peer::new();
+    let mut scope = Scope::default();
     let overhead = overhead();
     let mut differences = 0;
     while let Some(row) = trace::decode::<Row, _>(|room| file.read_exact(room))? {
         let start = instructions();
-        let actuation = core::hint::black_box(tick(&mut control, &row));
+        let actuation = core::hint::black_box(tick(&mut control, &mut scope, &row));
         let spent = instructions().wrapping_sub(start).wrapping_sub(overhead);
         counted.all.add(spent);
         if row.outcome.state == State::Running {
