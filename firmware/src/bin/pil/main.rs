@@ -14,8 +14,8 @@ use fixed::types::I16F16;
 use flix_firmware::fast::configuration::Configuration;
 use flix_firmware::fast::control::Control;
 use flix_firmware::hardware::{Encoder, Hardware, Sensors};
-use flix_firmware::settings::Settings;
 use flix_firmware::scope::Scope;
+use flix_firmware::settings::Settings;
 use flix_firmware::trace::{self, Malformed, Outcome, Row};
 use flix_protocol::message::State;
 use foc::Foc;
@@ -124,11 +124,7 @@ impl Peer {
 
 /// Does a tick, and keeps eight channels of it for the scope, as the chips do: one function, not spread into the replay.
 #[inline(never)]
-fn tick(
-    control: &mut Control,
-    scope: &mut Scope,
-    row: &Row,
-) -> flix_firmware::hardware::Actuation {
+fn tick(control: &mut Control, scope: &mut Scope, row: &Row) -> flix_firmware::hardware::Actuation {
     let actuation = control.tick(row.now, &row.sensors, &row.order);
     let sample = control.sample(&scope.plan().channels, scope.revision());
     scope.record(&sample);
