@@ -3,6 +3,7 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::mpsc::Receiver;
 use std::time::{Duration, SystemTime};
 
 use flix_protocol::message::{
@@ -79,7 +80,7 @@ pub struct Args {
     /// Fetch what the robot has kept of the last fault.
     #[arg(long, conflicts_with_all = ["channels", "trigger", "pre", "patience", "frequency", "live"])]
     last: bool,
-    /// Draw one capture after the other in the terminal, until q; write no files.
+    /// Draw one capture after the other in the terminal, until Esc; write no files.
     #[arg(long, conflicts_with = "json")]
     live: bool,
     /// Folder for the files.
@@ -130,12 +131,13 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (plan, setpoint) = (args.plan()?, args.setpoint()?);
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let mut connection = args.robot.connect(&interrupt)?;
+    let mut driven = Driven { setpoint, awaits_fault: plan.trigger == Trigger::Fault, keys: None };
     let done = if args.last {
-        last(&mut connection).map(Some)
+        last(&mut connection, &driven)
     } else if args.live {
-        live(&mut connection, &plan, setpoint, args.patience, &interrupt).map(|()| None)
+        live(&mut connection, &plan, &mut driven, args.patience).map(|()| None)
     } else {
-        once(&mut connection, &plan, setpoint, args.patience).map(Some)
+        once(&mut connection, &plan, &driven, args.patience)
     };
     let capture = match done {
         Ok(capture) => capture,
@@ -159,27 +161,26 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 fn once(
     connection: &mut Connection,
     plan: &ScopePlan,
-    setpoint: Option<Setpoint>,
+    driven: &Driven,
     patience: Duration,
-) -> Result<Capture, Error> {
-    let mut driven = Driven { setpoint, awaits_fault: plan.trigger == Trigger::Fault };
-    let is_later = plan.trigger == Trigger::Now;
-    if !is_later {
+) -> Result<Option<Capture>, Error> {
+    let begins_now = plan.trigger == Trigger::Now;
+    if !begins_now {
         ask(connection, ScopeCommand::Begin(plan.clone()))?;
     }
     driven.begin(connection)?;
-    if is_later {
+    if begins_now {
         ask(connection, ScopeCommand::Begin(plan.clone()))?;
     }
-    let status = await_capture(connection, &mut driven, patience)?;
+    let status = await_capture(connection, driven, patience)?;
     driven.end(connection)?;
-    let capture = fetch(connection, status)?;
+    let capture = status.map(|status| fetch(connection, driven, status)).transpose()?;
     watch(connection)?;
-    Ok(capture)
+    Ok(capture.flatten())
 }
 
 /// Fetches what the robot has kept of a fault.
-fn last(connection: &mut Connection) -> Result<Capture, Error> {
+fn last(connection: &mut Connection, driven: &Driven) -> Result<Option<Capture>, Error> {
     let status = ask(connection, ScopeCommand::Status)?;
     if status.state != ScopeState::Complete {
         return Err(Error::new(
@@ -187,57 +188,46 @@ fn last(connection: &mut Connection) -> Result<Capture, Error> {
             "the robot has had no fault since it was armed last, so nothing is kept; `flix scope --trigger fault` waits for one",
         ));
     }
-    fetch(connection, status)
+    fetch(connection, driven, status)
 }
 
 /// Draws one capture after the other until the operator leaves.
 fn live(
     connection: &mut Connection,
     plan: &ScopePlan,
-    setpoint: Option<Setpoint>,
+    driven: &mut Driven,
     patience: Duration,
-    interrupt: &Interrupt,
 ) -> Result<(), Error> {
     if is_closed() {
         return Err(Error::usage(
             "--live needs a terminal; without it the capture is written to files",
         ));
     }
-    let mut driven = Driven { setpoint, awaits_fault: plan.trigger == Trigger::Fault };
     driven.begin(connection)?;
     let mut terminal = ratatui::try_init()
         .map_err(|error| Error::usage(format_args!("the terminal failed: {error}")))?;
-    let keys = keyboard();
+    driven.keys = Some(keyboard());
     let mut newest: Option<Capture> = None;
     let mut count = 0_u32;
     let ended = loop {
-        if let Err(error) = ask(connection, ScopeCommand::Begin(plan.clone())) {
-            break Err(error);
-        }
         let words = format!("capture {count}");
         if terminal.draw(|frame| screen::draw(frame, newest.as_ref(), &words)).is_err() {
             break Err(LinkError::Interrupted.into());
         }
-        let pressed: Vec<Action> = keys.try_iter().collect();
-        if interrupt.is_raised() || is_closed() || pressed.contains(&Action::Interrupt) {
-            break Err(LinkError::Interrupted.into());
-        }
-        if pressed.contains(&Action::Stop) {
-            break Err(LinkError::Interrupted.into());
-        }
-        if pressed.contains(&Action::Quit) {
-            break Ok(());
-        }
-        let captured = await_capture(connection, &mut driven, patience)
-            .and_then(|status| fetch(connection, status));
+        let captured = ask(connection, ScopeCommand::Begin(plan.clone()))
+            .and_then(|_| await_capture(connection, driven, patience))
+            .and_then(|status| match status {
+                Some(status) => fetch(connection, driven, status),
+                None => Ok(None),
+            });
         match captured {
-            Ok(capture) => {
-                newest = Some(capture);
-                count += 1;
-            }
+            Ok(Some(capture)) => newest = Some(capture),
+            Ok(None) => break Ok(()),
             Err(error) => break Err(error),
         }
+        count += 1;
     };
+    // A terminal that is closed cannot be restored, and needs not be.
     let _ = ratatui::try_restore();
     ended?;
     driven.end(connection)?;
@@ -248,9 +238,30 @@ fn live(
 struct Driven {
     setpoint: Option<Setpoint>,
     awaits_fault: bool,
+    /// What the operator presses meanwhile.
+    keys: Option<Receiver<Action>>,
 }
 
 impl Driven {
+    /// Returns whether the operator wants to leave.
+    ///
+    /// # Errors
+    /// When the operator stops or interrupts.
+    fn is_left(&self) -> Result<bool, Error> {
+        let Some(keys) = &self.keys else { return Ok(false) };
+        if is_closed() {
+            return Err(LinkError::Interrupted.into());
+        }
+        let mut is_left = false;
+        for action in keys.try_iter() {
+            match action {
+                Action::Stop | Action::Interrupt => return Err(LinkError::Interrupted.into()),
+                action => is_left |= action == Action::Quit,
+            }
+        }
+        Ok(is_left)
+    }
+
     /// Arms and waits until f and theta are held, as long as no fault is awaited.
     fn begin(&self, connection: &mut Connection) -> Result<(), Error> {
         let Some(setpoint) = self.setpoint else { return Ok(()) };
@@ -315,16 +326,17 @@ fn watch(connection: &mut Connection) -> Result<(), Error> {
     ask(connection, ScopeCommand::Begin(ScopePlan::watch())).map(drop)
 }
 
+/// Waits until the capture is complete; `None` when the operator leaves before.
 fn await_capture(
     connection: &mut Connection,
-    driven: &mut Driven,
+    driven: &Driven,
     patience: Duration,
-) -> Result<ScopeStatus, Error> {
+) -> Result<Option<ScopeStatus>, Error> {
     let start = std::time::Instant::now();
-    loop {
+    while !driven.is_left()? {
         let status = ask(connection, ScopeCommand::Status)?;
         if status.state == ScopeState::Complete {
-            return Ok(status);
+            return Ok(Some(status));
         }
         if status.state == ScopeState::Waiting && start.elapsed() > patience {
             driven.end(connection)?;
@@ -339,12 +351,25 @@ fn await_capture(
             return Err(error.into());
         }
     }
+    Ok(None)
 }
 
-fn fetch(connection: &mut Connection, status: ScopeStatus) -> Result<Capture, Error> {
-    let bar = ProgressBar::new(status.rows.into());
+/// Fetches the rows; `None` when the operator leaves before.
+fn fetch(
+    connection: &mut Connection,
+    driven: &Driven,
+    status: ScopeStatus,
+) -> Result<Option<Capture>, Error> {
+    // On the screen of --live it would be in the way.
+    let bar = match driven.keys {
+        Some(_) => ProgressBar::hidden(),
+        None => ProgressBar::new(status.rows.into()),
+    };
     let mut capture = Capture::new(status);
     while let Some(first) = capture.wanted() {
+        if driven.is_left()? {
+            return Ok(None);
+        }
         let outcome = connection.ask(Command::Scope(ScopeCommand::Read(first)))?;
         let is_taken = matches!(&outcome, Outcome::ScopeRows(rows) if capture.take(rows));
         if !is_taken {
@@ -353,7 +378,7 @@ fn fetch(connection: &mut Connection, status: ScopeStatus) -> Result<Capture, Er
         bar.set_position(capture.rows() as u64);
     }
     bar.finish_and_clear();
-    Ok(capture)
+    Ok(Some(capture))
 }
 
 #[derive(Debug, Serialize)]

@@ -26,7 +26,7 @@ const FAINT: Style = Style::new().fg(Color::DarkGray);
 pub fn draw(frame: &mut Frame<'_>, capture: Option<&Capture>, words: &str) {
     let [head, body] =
         Layout::vertical([Constraint::Length(1), Constraint::Min(0)]).areas(frame.area());
-    let keys = Span::styled("  q ends, the space bar stops the robot", FAINT);
+    let keys = Span::styled("  Esc ends, the space bar stops the robot", FAINT);
     frame.render_widget(Paragraph::new(Line::from(vec![Span::raw(words).bold(), keys])), head);
     let Some(capture) = capture else { return };
     let panels: Vec<(Quantity, Vec<usize>)> = super::panels(capture);
@@ -58,7 +58,7 @@ fn panel(
         })
         .collect();
     let extents = columns.iter().filter_map(|column| capture.extent(*column));
-    let (low, high) = extents.fold((0.0_f64, 0.0_f64), |(low, high), extent| {
+    let (low, high) = extents.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), extent| {
         (low.min(extent.minimum), high.max(extent.maximum))
     });
     // A line along the frame would not be seen.
