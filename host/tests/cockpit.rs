@@ -12,7 +12,7 @@ use flix_host::cockpit::snapshot::snapshot;
 use flix_host::link::Client;
 use flix_host::teleop::Cockpit;
 use flix_host::teleop::action::{Action, Mode};
-use flix_protocol::message::{Fault, Setpoint, State};
+use flix_protocol::message::{Command, Fault, Setpoint, State};
 use flix_protocol::units::Instant;
 use support::{FakeRobot, key};
 
@@ -302,6 +302,25 @@ fn a_refused_change_is_said_and_the_settings_are_read_again() {
     room.ask(ANNA, Request::Set("no_such_setting".try_into().unwrap(), 1.0));
     assert!(room.log().contains("not done"), "{}", room.log());
     assert!(room.cockpit.settings.revision() > revision);
+}
+
+#[test]
+fn only_the_driver_begins_a_capture_and_wrong_channels_are_said() {
+    let mut room = Room::new();
+    room.open(BOB);
+    let scope = |channels: &str, when: &str| Request::Scope(channels.into(), when.into());
+    let asked = |room: &Room| {
+        room.robot.commands.iter().filter(|it| matches!(it, Command::Scope(_))).count()
+    };
+    room.ask(BOB, scope("iq", "now"));
+    assert_eq!(asked(&room), 0);
+    room.ask(ANNA, scope("amps", "now"));
+    assert_eq!(asked(&room), 0);
+    assert!(room.log().contains("there is no channel `amps`"), "{}", room.log());
+    room.ask(ANNA, scope("iq", "now"));
+    assert_eq!(asked(&room), 1);
+    // The robot of this test has no scope.
+    assert!(room.log().contains("no complete capture"), "{}", room.log());
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use super::pages::Pages;
 use super::server::{FromPage, Server};
-use super::snapshot::{settings, snapshot};
+use super::snapshot::{News, snapshot};
 use crate::interrupt::Interrupt;
 use crate::teleop::drive::{Drive, DriveError, Ending};
 
@@ -24,7 +24,7 @@ pub fn run(
 ) -> Result<Ending, DriveError> {
     let mut pages = Pages::default();
     let mut shown = None::<Instant>;
-    let mut revision = 0;
+    let mut news = News::default();
     while !interrupt.is_raised() {
         drive.step(SLICE)?;
         let (cockpit, client, now) = drive.operate();
@@ -50,9 +50,8 @@ pub fn run(
             shown = Some(Instant::now());
             cockpit.tick(client, now);
             server.show(snapshot(cockpit, &pages, now).to_string());
-            if revision != cockpit.settings.revision() {
-                revision = cockpit.settings.revision();
-                server.show_settings(&settings(&cockpit.settings));
+            for (extra, value) in news.of(cockpit) {
+                server.show_extra(extra, value);
             }
         }
     }

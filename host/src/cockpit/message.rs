@@ -7,6 +7,7 @@
 //! {"seen":1200,"do":{"frequency":-1}}      changes f by so much, Hz; `direction`: theta, degrees
 //! {"seen":1200,"do":"settings"}          wants to see the settings; "save" stores them
 //! {"seen":1200,"do":{"set":["current_limit",1.5]}}
+//! {"seen":1200,"do":{"scope":["iq,f","now"]}}    channels, and a trigger or "last"
 //! ```
 
 use flix_protocol::message::Name;
@@ -15,7 +16,7 @@ use serde::Deserialize;
 use crate::teleop::action::{Action, DIRECTION_STEPS, FREQUENCY_STEPS, Mode};
 
 /// Longest message, bytes.
-pub const LONGEST: usize = 128;
+pub const LONGEST: usize = 256;
 
 /// A message of a page.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,6 +40,8 @@ pub enum Request {
     Set(Name, f32),
     /// To store the settings.
     Save,
+    /// To see inner values of the fast loop: channels, and a trigger or `last`, as the operator wrote them.
+    Scope(String, String),
 }
 
 #[derive(Deserialize)]
@@ -62,6 +65,7 @@ enum Word {
     Settings,
     Save,
     Set(Name, f32),
+    Scope(String, String),
     Walk(String),
     Frequency(f32),
     Direction(f32),
@@ -83,6 +87,9 @@ fn request(word: &Word) -> Option<Request> {
         Word::Drive => return Some(Request::Drive),
         Word::Settings => return Some(Request::Settings),
         Word::Save => return Some(Request::Save),
+        Word::Scope(channels, when) => {
+            return Some(Request::Scope(channels.clone(), when.clone()));
+        }
         Word::Set(name, value) => {
             return value.is_finite().then(|| Request::Set(name.clone(), *value));
         }

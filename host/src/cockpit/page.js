@@ -17,6 +17,7 @@ function connect() {
     const data = JSON.parse(event.data);
     if ("you" in data) { me = data.you; if (byId("settings").open) send("settings"); return; }
     if (data.settings) showSettings(data.settings);
+    if (data.scope) showScope(data.scope);
     if (!("stamp" in data)) return;
     snapshot = data;
     if (shown) send();
@@ -122,6 +123,39 @@ byId("settings-find").oninput = ({ target }) => {
   const wanted = target.value.trim().toLowerCase();
   for (const input of settingInputs.values()) input.parentElement.hidden = !input.parentElement.textContent.toLowerCase().includes(wanted);
 };
+
+// ---- scope: one chart for each unit
+const SCOPE_COLOURS = ["#1f6feb", "#e66a00", "#008f6b", "#804fd8", "#d02b3c", "#29a9d6", "#8d8a00", "#d64fa8"];
+byId("scope").querySelector("summary").onclick = (event) => { if (event.detail) event.currentTarget.blur(); };
+for (const [id, when] of [["scope-now", "now"], ["scope-fault", "fault"], ["scope-last", "last"]]) {
+  byId(id).onclick = (event) => {
+    if (event.detail) byId(id).blur();
+    act({ scope: [byId("scope-channels").value, when] }, event);
+  };
+}
+function showScope({ begin_ms, step_ms, channels }) {
+  const units = [...new Set(channels.map(({ unit }) => unit))];
+  byId("scope-charts").replaceChildren(...units.map((unit) => {
+    const drawn = channels.filter((channel) => channel.unit === unit), values = drawn.flatMap((channel) => channel.values);
+    const low = values.reduce((a, b) => Math.min(a, b), Infinity), high = values.reduce((a, b) => Math.max(a, b), -Infinity);
+    const figureElement = document.createElement("figure"), caption = document.createElement("figcaption"), canvas = document.createElement("canvas");
+    const pen = canvas.getContext("2d"), width = canvas.width = 1400, height = canvas.height = 480, last = drawn[0].values.length - 1;
+    const x = (row) => width * row / Math.max(last, 1), y = (value) => height * (0.95 - 0.9 * (value - low) / (high - low || 1));
+    const trigger = -begin_ms / step_ms;
+    if (trigger > 0) { pen.fillStyle = "#8a939f30"; pen.fillRect(x(trigger), 0, width, height); }
+    caption.append(`${figure(low, 2)} to ${figure(high, 2)} ${unit}, ${figure(begin_ms, 0)} to ${figure(begin_ms + step_ms * last, 0)} ms: `);
+    drawn.forEach((channel, index) => {
+      const colour = SCOPE_COLOURS[index % SCOPE_COLOURS.length], name = document.createElement("b");
+      pen.beginPath();
+      channel.values.forEach((value, row) => (row ? pen.lineTo(x(row), y(value)) : pen.moveTo(x(row), y(value))));
+      pen.strokeStyle = name.style.color = colour; pen.lineWidth = 3; pen.stroke();
+      name.textContent = `${channel.name} `;
+      caption.append(name);
+    });
+    figureElement.append(caption, canvas);
+    return figureElement;
+  }));
+}
 
 // ---- gamepad: obeyed after it was seen neutral, and again after everything that lets the robot rest
 const pad = { neutral: false, mode: undefined, since: 0, pressed: {} };
@@ -322,7 +356,7 @@ function drawWords(gamepad) {
     button.setAttribute("aria-pressed", String(isOn));
   }
   for (const button of document.querySelectorAll("#modes button, #values button")) button.disabled = !isDriven;
-  for (const button of document.querySelectorAll(".row [data-do], #settings-save")) button.disabled = !drives();
+  for (const button of document.querySelectorAll(".row [data-do], #settings-save, #scope button")) button.disabled = !drives();
   const isIdle = telemetry?.state === "disarmed" || telemetry?.state === "faulted";
   for (const input of settingInputs.values()) input.disabled = !drives() || !isIdle;
   write("settings-note", settingInputs.size ? (isIdle ? "Changes hold until power-off, unless saved." : "Disarm to change settings.") : "");

@@ -16,6 +16,7 @@ use crate::link::Client;
 use crate::teleop::Cockpit;
 use crate::teleop::action::Action;
 use crate::teleop::cockpit::Weight;
+use crate::teleop::scope::Wish;
 
 /// Age from which a message is no sign of life: the robot's own deadline for commands.
 pub const SIGN_OF_LIFE: Duration = COMMAND_DEADLINE;
@@ -142,7 +143,11 @@ impl Pages {
                 cockpit.settings.set(name, value, client, now);
             }
             Some(Request::Save) if drives => cockpit.settings.save(client, now),
-            Some(Request::Act(_) | Request::Set(..) | Request::Save) => {
+            Some(Request::Scope(channels, when)) if drives => match Wish::parse(&channels, &when) {
+                Ok(wish) => cockpit.scope.begin(wish, client, now),
+                Err(error) => cockpit.note(now, Weight::Warning, &error.to_string()),
+            },
+            Some(Request::Act(_) | Request::Set(..) | Request::Save | Request::Scope(..)) => {
                 cockpit.note(now, Weight::Warning, "not done: another page drives");
             }
         }

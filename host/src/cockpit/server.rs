@@ -24,7 +24,7 @@ use super::guard::{Guard, Refusal, hexadecimal};
 use super::message::Message;
 use super::page::Page;
 use super::pages::PageId;
-use super::snapshot;
+use super::snapshot::{self, EXTRAS};
 
 /// How the page reaches this program.
 const CONNECTION: &str = include_str!("connection.js");
@@ -74,7 +74,7 @@ pub struct Server {
     address: SocketAddr,
     token: String,
     snapshots: watch::Sender<Arc<str>>,
-    settings: watch::Sender<Arc<str>>,
+    extras: [watch::Sender<Arc<str>>; EXTRAS.len()],
     events: Receiver<(PageId, FromPage)>,
 }
 
@@ -82,7 +82,7 @@ pub struct Server {
 struct Shared {
     guard: Arc<Guard>,
     snapshots: watch::Receiver<Arc<str>>,
-    settings: watch::Receiver<Arc<str>>,
+    extras: [watch::Receiver<Arc<str>>; EXTRAS.len()],
     events: SyncSender<(PageId, FromPage)>,
     next: Arc<AtomicU32>,
     places: Arc<Semaphore>,
@@ -103,13 +103,13 @@ impl Server {
         let guard = Guard::new(address, entropy);
         let token = guard.token().to_owned();
         let (snapshots, shown) = watch::channel(Arc::from(""));
-        let (settings, read) = watch::channel(Arc::from(""));
+        let extras = EXTRAS.map(|_| watch::Sender::new(Arc::from("")));
         let (sender, events) = sync_channel(QUEUE);
         let mut closed = shown.clone();
         let shared = Shared {
             guard: Arc::new(guard),
             snapshots: shown,
-            settings: read,
+            extras: extras.each_ref().map(watch::Sender::subscribe),
             events: sender,
             next: Arc::default(),
             places: Arc::new(Semaphore::new(MOST_PAGES)),
@@ -129,7 +129,7 @@ impl Server {
                 }
             });
         })?;
-        Ok(Self { address, token, snapshots, settings, events })
+        Ok(Self { address, token, snapshots, extras, events })
     }
 
     /// Returns the address of the page for a browser: on this computer, unless another address is bound.
@@ -153,10 +153,10 @@ impl Server {
         self.snapshots.send_replace(snapshot.into());
     }
 
-    /// Shows the settings to all pages, also to those that open later.
-    pub fn show_settings(&self, settings: &serde_json::Value) {
-        let text = serde_json::json!({ "settings": settings }).to_string();
-        self.settings.send_replace(text.into());
+    /// Shows one of the [`EXTRAS`] to all pages, also to those that open later.
+    pub fn show_extra(&self, extra: usize, value: serde_json::Value) {
+        let text = serde_json::json!({ EXTRAS[extra]: value }).to_string();
+        self.extras[extra].send_replace(text.into());
     }
 
     /// Returns what has happened at a page, oldest first.
@@ -247,15 +247,17 @@ async fn socket(
 /// Talks with a page until it is closed; returns how it ended.
 async fn talk(id: PageId, socket: WebSocket, shared: &Shared) -> FromPage {
     let (mut to_page, mut from_page) = socket.split();
-    let (mut snapshots, mut settings) = (shared.snapshots.clone(), shared.settings.clone());
-    if !settings.borrow().is_empty() {
-        settings.mark_changed();
+    let (mut snapshots, mut extras) = (shared.snapshots.clone(), shared.extras.clone());
+    for extra in extras.iter_mut().filter(|extra| !extra.borrow().is_empty()) {
+        extra.mark_changed();
     }
+    let [mut settings, mut scope] = extras;
     let show = async {
         let mut text = snapshot::hello(id);
         while to_page.send(Frame::text(text)).await.is_ok() {
             let newest = tokio::select! {
                 changed = settings.changed() => changed.map(|()| settings.borrow_and_update().to_string()),
+                changed = scope.changed() => changed.map(|()| scope.borrow_and_update().to_string()),
                 changed = snapshots.changed() => changed.map(|()| snapshots.borrow_and_update().to_string()),
             };
             let Ok(newest) = newest else { break };

@@ -1,11 +1,12 @@
 //! What all pages see: one object of JSON, some thirty times a second.
 
-use flix_protocol::message::{State, Telemetry};
+use flix_protocol::message::{Channel, SCOPE_RATE_HZ, State, Telemetry};
 use flix_protocol::units::Instant;
 use serde_json::{Value, json};
 
 use super::pages::Pages;
 use crate::explain;
+use crate::scope::Capture;
 use crate::teleop::Cockpit;
 use crate::teleop::action::Mode;
 use crate::teleop::cockpit::{Line, Link, Sample, Weight};
@@ -27,10 +28,51 @@ pub fn hello(page: u32) -> String {
     json!({ "you": page }).to_string()
 }
 
-/// Returns the settings of the robot, which pages are sent when they were read.
-#[must_use]
-pub fn settings(settings: &Settings) -> Value {
+/// What pages are sent only when it has changed: its name in their messages.
+pub const EXTRAS: [&str; 2] = ["settings", "scope"];
+
+/// Knows what of the [`EXTRAS`] was shown already.
+#[derive(Debug, Clone, Default)]
+pub struct News {
+    revisions: [u32; EXTRAS.len()],
+}
+
+impl News {
+    /// Returns what has changed since the last call, with its position in [`EXTRAS`].
+    pub fn of(&mut self, cockpit: &Cockpit) -> Vec<(usize, Value)> {
+        let revisions = [cockpit.settings.revision(), cockpit.scope.revision()];
+        let old = core::mem::replace(&mut self.revisions, revisions);
+        let is_new = |extra: &usize| old[*extra] != revisions[*extra];
+        let value = |extra| match extra {
+            0 => settings(&cockpit.settings),
+            _ => cockpit.scope.newest().map_or(Value::Null, scope),
+        };
+        (0..EXTRAS.len()).filter(is_new).map(|extra| (extra, value(extra))).collect()
+    }
+}
+
+/// Returns the settings of the robot.
+fn settings(settings: &Settings) -> Value {
     json!(settings.entries().iter().map(Described::from).collect::<Vec<_>>())
+}
+
+/// Returns a capture of the scope: channels with unit and values, and the times of the first row and from row to row,
+/// ms since the trigger.
+fn scope(capture: &Capture) -> Value {
+    // A ten-thousandth of each unit is enough to draw.
+    let short = |value: f64| (value * 1e4).round() / 1e4;
+    let channel = |(column, channel): (usize, &Channel)| {
+        json!({
+            "name": channel.to_string(),
+            "unit": channel.quantity().unit(),
+            "values": capture.column(column).map(|(_, value)| short(value)).collect::<Vec<_>>(),
+        })
+    };
+    json!({
+        "begin_ms": 1e3 * capture.time(0),
+        "step_ms": 1e3 / f64::from(SCOPE_RATE_HZ),
+        "channels": capture.channels().iter().enumerate().map(channel).collect::<Vec<_>>(),
+    })
 }
 
 /// Returns the present state. Angles in degrees, positive to the right (clockwise); poses in metres, ENU, turned by a

@@ -12,6 +12,7 @@ use flix_protocol::units::{Degrees, Hertz, Instant};
 
 use super::action::{Action, Mode};
 use super::floor::Floor;
+use super::scope::{self, Viewer};
 use super::settings::{Answered, Settings};
 use crate::explain;
 use crate::link::{Client, PASSING_PATIENCE, Update, line_difference, passes};
@@ -109,6 +110,8 @@ pub struct Cockpit {
     pub log: VecDeque<Line>,
     /// The robot's settings, once a screen has asked for them.
     pub settings: Settings,
+    /// What the robot's scope has captured for a screen.
+    pub scope: Viewer,
     /// Where the robot is, once poses are trusted.
     pub floor: Option<Floor>,
     /// Shaking phase in slow motion, degrees clockwise.
@@ -146,6 +149,7 @@ impl Cockpit {
             history: VecDeque::new(),
             log: VecDeque::new(),
             settings: Settings::default(),
+            scope: Viewer::default(),
             floor: None,
             phase: 0.0,
             start: now,
@@ -169,6 +173,7 @@ impl Cockpit {
             .map(|command| client.request(now, command))
             .collect();
         self.settings.reconnected(client, now);
+        self.scope.give_up();
     }
 
     /// Does an action of the operator, except leaving.
@@ -209,7 +214,10 @@ impl Cockpit {
     pub fn observe(&mut self, update: &Update, client: &mut Client, now: Instant) {
         match update {
             Update::Connected => self.connected(client, now),
-            Update::Telemetry(telemetry) => self.heard(telemetry, client, now),
+            Update::Telemetry(telemetry) => {
+                self.heard(telemetry, client, now);
+                self.scope.look(client, now);
+            }
             Update::Event(report) => {
                 use flix_protocol::message::Event;
                 let weight = match report.event {
@@ -228,6 +236,7 @@ impl Cockpit {
             Update::Answer { request, outcome } => self.answered(*request, outcome, client, now),
             Update::Unanswered { request } => {
                 self.settings.unanswered(*request);
+                self.scope.unanswered(*request);
                 if self.insisting.as_ref().is_some_and(|it| it.request == *request) {
                     self.insisting = None;
                 }
@@ -379,6 +388,16 @@ impl Cockpit {
     fn answered(&mut self, request: u32, outcome: &Outcome, client: &mut Client, now: Instant) {
         let insisting = self.insisting.take_if(|insisting| insisting.request == request);
         let about = self.settings.answered(request, outcome, client, now);
+        match self.scope.answered(request, outcome, client, now) {
+            Some(scope::Answered::Capture) => {
+                self.note(now, Weight::Note, "the scope has captured")
+            }
+            Some(scope::Answered::Nothing) => {
+                let text = "the robot has had no fault since it was armed last: nothing is kept";
+                self.note(now, Weight::Warning, text);
+            }
+            Some(scope::Answered::Step | scope::Answered::Refused) | None => {}
+        }
         match outcome {
             Outcome::Identity(identity) if self.asked.contains(&request) => {
                 self.identity = Some(identity.clone());

@@ -14,6 +14,7 @@ pub mod floor;
 pub mod gamepad;
 #[cfg(feature = "program")]
 pub mod keyboard;
+pub mod scope;
 #[cfg(feature = "program")]
 pub mod screen;
 pub mod settings;

@@ -139,7 +139,8 @@ fn try_pages(mut output: impl std::io::BufRead, seen: Arc<Mutex<Seen>>) -> Outco
     };
     let mut desk = Desk { browser, seen, url };
     type Test = (&'static str, fn(&mut Desk) -> Outcome<()>);
-    let tests: [Test; 7] = [
+    let tests: [Test; 8] = [
+        ("the_scope_shows_its_channels", Desk::scope),
         ("settings_are_read_and_changed", Desk::settings),
         ("keys_drive_and_the_space_bar_stops", Desk::keys),
         ("a_finger_drives_and_stops", Desk::finger),
@@ -340,6 +341,23 @@ impl Desk {
             let enabled = "return document.querySelectorAll('.setting input:enabled').length";
             Ok(desk.browser.run(enabled)? == 0)
         })
+    }
+
+    fn scope(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        self.browser.touch("#scope summary")?;
+        let captions = "return document.getElementById('scope-charts').innerText";
+        let capture = |desk: &Self| desk.browser.touch("#scope-now");
+        self.command("captured", capture, |desk| {
+            let text = desk.browser.run(captions)?;
+            let text = text.as_str().unwrap_or_default();
+            Ok(["top_iq", "bottom_id", "ms: f", "theta_error"]
+                .iter()
+                .all(|name| text.contains(name)))
+        })?;
+        self.browser.press('s')?;
+        self.until_resting()
     }
 
     fn keys(&mut self) -> Outcome<()> {

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use flix_host::cockpit::message::Message;
 use flix_host::cockpit::pages::{PageId, Pages};
-use flix_host::cockpit::snapshot::{settings, snapshot};
+use flix_host::cockpit::snapshot::{EXTRAS, News, snapshot};
 use flix_host::nav::{
     Approach, Decision, ModeTable, Navigator, Path, PathError, Position, Settings, Task,
 };
@@ -113,8 +113,7 @@ pub struct World {
     operation: Operation<Plant>,
     cockpit: Cockpit,
     pages: Pages,
-    /// Revision of the settings that the page has.
-    settings_shown: u32,
+    news: News,
     cameras: MotionCapture,
     look_at: Instant,
     view: RobotView,
@@ -145,7 +144,7 @@ impl World {
             operation: Operation::new(robot, ChannelParameters::QUIET_WIFI),
             cockpit: Cockpit::new("simulated", Instant::START),
             pages,
-            settings_shown: 0,
+            news: News::default(),
             cameras: MotionCapture::new(options.seed),
             look_at: Instant::START,
             view: RobotView::new(&model),
@@ -362,9 +361,8 @@ impl World {
         let now = self.now();
         self.cockpit.tick(self.operation.client(), now);
         let mut shown = snapshot(&self.cockpit, &self.pages, now);
-        if self.settings_shown != self.cockpit.settings.revision() {
-            self.settings_shown = self.cockpit.settings.revision();
-            shown["settings"] = settings(&self.cockpit.settings);
+        for (extra, value) in self.news.of(&self.cockpit) {
+            shown[EXTRAS[extra]] = value;
         }
         let frame = self.view.frame(self.plant(), now.as_micros() as f64 * 1e-6);
         // A hundredth of a millimetre is enough to draw.
