@@ -344,3 +344,21 @@ fn settings_are_read_again_from_a_robot_that_restarts() {
     assert!(room.cockpit.settings.revision() > revision, "{}", room.log());
     assert_eq!(room.cockpit.settings.entries(), room.robot.parameters);
 }
+
+#[test]
+fn who_drives_already_and_asks_to_drives_on() {
+    let mut room = Room::walking();
+    room.ask(ANNA, Request::Drive);
+    assert_eq!(room.robot.setpoint, Mode::Forward.setpoint());
+}
+
+#[test]
+fn a_snapshot_counts_the_open_pages() {
+    let mut room = Room::new();
+    let count = |room: &Room| snapshot(&room.cockpit, &room.pages, room.now)["pages"].clone();
+    assert_eq!(count(&room), 1);
+    room.open(BOB);
+    assert_eq!(count(&room), 2);
+    room.pages.close(BOB, &mut room.cockpit, &mut room.client, room.now);
+    assert_eq!(count(&room), 1);
+}
