@@ -16,6 +16,8 @@
 //! Who shares the exchange between interrupts, cores or threads implements [`Access`]. Each access
 //! lasts for the copy of the values that cross, so that a lock delays a tick by no more.
 
+use core::borrow::BorrowMut;
+
 use flix_protocol::message::{Fault, Faults, LoopTiming, Setpoint, State};
 use flix_protocol::units::Instant;
 use serde::{Deserialize, Serialize};
@@ -23,7 +25,7 @@ use serde::{Deserialize, Serialize};
 use crate::fast::alignment::Alignment;
 use crate::fast::configuration::Configuration;
 use crate::fast::units::{Current, RotorAngle, Speed, Voltage};
-use crate::scope::Scope;
+use crate::scope::{Memory, Scope};
 
 /// What the slow half wants, handed over whole in every tick.
 ///
@@ -146,22 +148,22 @@ pub struct Report {
     pub events: EventCounters,
 }
 
-/// Values that the two halves have left for each other.
+/// Values that the two halves have left for each other. `M` is the memory of the [`Scope`].
 #[derive(Debug, Clone)]
-pub struct Exchange {
+pub struct Exchange<M = Memory> {
     order: Order,
     /// Offered by the slow half and not taken yet.
     configuration: Option<Configuration>,
     report: Report,
     /// What the fast half has seen of itself, tick by tick.
-    pub scope: Scope,
+    pub scope: Scope<M>,
 }
 
-impl Exchange {
+impl<M: BorrowMut<Memory>> Exchange<M> {
     /// Returns an exchange in which nothing is asked for; `report` is the fast half's first.
     #[must_use]
-    pub fn new(report: Report) -> Self {
-        Self { order: Order::default(), configuration: None, report, scope: Scope::default() }
+    pub fn new(report: Report, memory: M) -> Self {
+        Self { order: Order::default(), configuration: None, report, scope: Scope::new(memory) }
     }
 
     /// Leaves what the slow half asks for. A configuration that the fast half has not taken yet
@@ -202,13 +204,17 @@ impl Exchange {
 
 /// A way to an [`Exchange`] that nobody else uses meanwhile.
 pub trait Access {
+    /// Memory of its scope.
+    type Memory: BorrowMut<Memory>;
     /// Runs `access` alone with the exchange and returns its result.
-    fn with<R>(&mut self, access: impl FnOnce(&mut Exchange) -> R) -> R;
+    fn with<R>(&mut self, access: impl FnOnce(&mut Exchange<Self::Memory>) -> R) -> R;
 }
 
 /// An exchange that has one owner needs no lock.
-impl Access for Exchange {
-    fn with<R>(&mut self, access: impl FnOnce(&mut Exchange) -> R) -> R {
+impl<M: BorrowMut<Memory>> Access for Exchange<M> {
+    type Memory = M;
+
+    fn with<R>(&mut self, access: impl FnOnce(&mut Self) -> R) -> R {
         access(self)
     }
 }

@@ -21,6 +21,7 @@
 //! Time and datagrams come in as arguments, datagrams go out: no clock, no socket, no allocation,
 //! and no panic on any input.
 
+use core::borrow::BorrowMut;
 use core::net::SocketAddr;
 use core::time::Duration;
 
@@ -38,7 +39,7 @@ use heapless::{Deque, Vec};
 use crate::exchange::{MotorReport, Order, Report};
 use crate::fast::units::Speed;
 use crate::hardware::{Hardware, SettingsStore};
-use crate::scope::Scope;
+use crate::scope::{Memory, Scope};
 use crate::settings::{self, Settings, Tuning, text};
 
 /// Events that wait for an operator.
@@ -323,7 +324,7 @@ impl Link {
     }
 
     /// Lets the scope obey the oldest command that waits for it.
-    pub fn consult(&mut self, scope: &mut Scope) {
+    pub fn consult(&mut self, scope: &mut Scope<impl BorrowMut<Memory>>) {
         if let Some((request, command)) = self.scope.pop_front() {
             let outcome = scope.obey(command);
             self.reply(request, outcome);

@@ -1,7 +1,7 @@
 //! The whole robot's software, the one entry for chips and simulator.
 //!
 //! [`Robot`] is everything in one place, for a program of one thread. Where the fast loop has a
-//! priority or a core of its own, [`Robot::into_halves`] gives the two halves and what crosses
+//! priority or a core of its own, [`halves`] gives the two halves, and an [`Exchange`] is what crosses
 //! between them; [`Robot::tick`] does with them exactly what a chip does:
 //!
 //! ```text
@@ -16,7 +16,7 @@
 use core::net::SocketAddr;
 
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{Event, Fault, LinkQuality, OperatorName, ResetReason};
+use flix_protocol::message::{Event, Fault, LinkQuality, OperatorName, ResetReason, SCOPE_VALUES};
 use flix_protocol::session::Operators;
 use flix_protocol::units::Instant;
 
@@ -45,11 +45,7 @@ pub struct Robot<S> {
 }
 
 impl<S: SettingsStore> Robot<S> {
-    /// Starts at power-up: disarmed, with the settings that `store` holds.
-    ///
-    /// Operators see `name` (at most 32 bytes of it). Without operators the robot refuses everybody. `entropy` must come from a hardware random source, fresh at every start.
-    /// When the stored settings cannot be trusted the defaults are in force and
-    /// [`Fault::Settings`] stands until it is cleared.
+    /// Starts at power-up; as [`halves`] says.
     pub fn new(
         hardware: Hardware,
         name: &str,
@@ -57,24 +53,8 @@ impl<S: SettingsStore> Robot<S> {
         entropy: [u8; 32],
         store: S,
     ) -> Self {
-        let tuning = Tuning::new(store);
-        let mut control = Control::new(Configuration::new(tuning.settings(), &hardware));
-        let identity = identity(name, &hardware);
-        let mut link = Link::new(identity, operators, entropy, tuning.settings(), control.report());
-        if tuning.loaded().is_err() {
-            link.add_event(control.report().time, Event::SettingsDefaulted);
-            control.raise(Fault::Settings);
-        }
-        let report = control.report();
-        let slow = SlowHalf {
-            alignments: report.alignments,
-            offered: tuning.revision(),
-            hardware,
-            tuning,
-            link,
-        };
-        let fast = FastHalf { control, ticks_to_report: 0, sample: None };
-        Self { fast, slow, exchange: Exchange::new(report) }
+        let (fast, slow, report) = halves(hardware, name, operators, entropy, store);
+        Self { fast, slow, exchange: Exchange::new(report, [0; SCOPE_VALUES]) }
     }
 
     /// Does one tick of the fast loop, [`TICK_RATE_HZ`](crate::hardware::TICK_RATE_HZ) times a second.
@@ -142,13 +122,39 @@ impl<S: SettingsStore> Robot<S> {
     pub fn provision(&mut self, name: &str, operators: impl Into<Operators>) {
         self.slow.provision(name, operators);
     }
+}
 
-    /// Returns the two halves and the exchange between them, for a fast loop with a priority or a
-    /// core of its own.
-    #[must_use]
-    pub fn into_halves(self) -> (FastHalf, SlowHalf<S>, Exchange) {
-        (self.fast, self.slow, self.exchange)
+/// Starts at power-up: disarmed, with the settings that `store` holds. Returns the two halves for a fast loop with a
+/// priority or a core of its own, and the fast half's first report, for the [`Exchange`] between them.
+///
+/// Operators see `name` (at most 32 bytes of it). Without operators the robot refuses everybody. `entropy` must come from a
+/// hardware random source, fresh at every start. When the stored settings cannot be trusted the defaults are in force and
+/// [`Fault::Settings`] stands until it is cleared.
+pub fn halves<S: SettingsStore>(
+    hardware: Hardware,
+    name: &str,
+    operators: impl Into<Operators>,
+    entropy: [u8; 32],
+    store: S,
+) -> (FastHalf, SlowHalf<S>, Report) {
+    let tuning = Tuning::new(store);
+    let mut control = Control::new(Configuration::new(tuning.settings(), &hardware));
+    let identity = identity(name, &hardware);
+    let mut link = Link::new(identity, operators, entropy, tuning.settings(), control.report());
+    if tuning.loaded().is_err() {
+        link.add_event(control.report().time, Event::SettingsDefaulted);
+        control.raise(Fault::Settings);
     }
+    let report = control.report();
+    let slow = SlowHalf {
+        alignments: report.alignments,
+        offered: tuning.revision(),
+        hardware,
+        tuning,
+        link,
+    };
+    let fast = FastHalf { control, ticks_to_report: 0, sample: None };
+    (fast, slow, report)
 }
 
 /// The fast loop: everything that must not wait.

@@ -1,6 +1,8 @@
 //! The scope's memory: a ring of rows that the fast half fills in every tick, and that operators read once it is
 //! complete. It lies in the [`Exchange`](crate::exchange::Exchange), so that no half waits for the other.
 
+use core::borrow::BorrowMut;
+
 use flix_protocol::message::{
     Outcome, Refusal, SCOPE_CHANNELS, SCOPE_VALUES, SCOPE_VALUES_PER_REPLY, ScopeCommand,
     ScopePlan, ScopeRows, ScopeState, ScopeStatus, Trigger,
@@ -26,10 +28,14 @@ pub struct Sample {
     pub is_driven: bool,
 }
 
-/// A ring of rows, and how far their capture is.
+/// Room for the rows.
+pub type Memory = [i16; SCOPE_VALUES];
+
+/// A ring of rows, and how far their capture is. `M` is its memory, or a reference to it where that has a place of its
+/// own: it is too large for the stack of a small chip.
 #[derive(Debug, Clone)]
-pub struct Scope {
-    memory: [i16; SCOPE_VALUES],
+pub struct Scope<M = Memory> {
+    memory: M,
     plan: ScopePlan,
     /// Counts beginnings; wraps.
     revision: u8,
@@ -49,10 +55,12 @@ pub struct Scope {
     last_level: Option<i16>,
 }
 
-impl Default for Scope {
-    fn default() -> Self {
+impl<M: BorrowMut<Memory>> Scope<M> {
+    /// Watches for faults, with this memory, whatever is in it.
+    #[must_use]
+    pub fn new(memory: M) -> Self {
         let mut scope = Self {
-            memory: [0; SCOPE_VALUES],
+            memory,
             plan: ScopePlan::watch(),
             revision: 0,
             state: ScopeState::Waiting,
@@ -68,9 +76,7 @@ impl Default for Scope {
         scope.begin();
         scope
     }
-}
 
-impl Scope {
     /// Returns what is captured.
     #[must_use]
     pub const fn plan(&self) -> &ScopePlan {
@@ -162,7 +168,7 @@ impl Scope {
     #[inline]
     fn push(&mut self, row: &Row) {
         let end = self.place + self.plan.channels.len();
-        if let Some(place) = self.memory.get_mut(self.place..end) {
+        if let Some(place) = self.memory.borrow_mut().get_mut(self.place..end) {
             for (to, from) in place.iter_mut().zip(row) {
                 *to = *from;
             }
@@ -202,7 +208,7 @@ impl Scope {
         let most = SCOPE_VALUES_PER_REPLY / width.max(1);
         for row in (first..self.rows).take(most) {
             let place = usize::from((oldest + row) % self.capacity.max(1)) * width;
-            let row = self.memory.get(place..place + width).unwrap_or_default();
+            let row = self.memory.borrow().get(place..place + width).unwrap_or_default();
             for byte in row.iter().flat_map(|value| value.to_le_bytes()) {
                 // So many rows fit.
                 let _ = values.push(byte);
@@ -241,8 +247,12 @@ mod tests {
         fn new(trigger: Trigger, before: u16) -> Self {
             let channels = [Channel::Theta, Channel::Bus].into_iter().collect();
             let plan = ScopePlan { channels, trigger, before };
-            let mut bench =
-                Self { scope: Scope::default(), tick: 0, is_faulted: false, is_driven: true };
+            let mut bench = Self {
+                scope: Scope::new([0; SCOPE_VALUES]),
+                tick: 0,
+                is_faulted: false,
+                is_driven: true,
+            };
             let begun = bench.scope.obey(ScopeCommand::Begin(plan));
             assert!(matches!(begun, Ok(Outcome::Scope(_))), "{begun:?}");
             bench

@@ -15,10 +15,12 @@ use flix_firmware::fast::alignment::Alignment;
 use flix_firmware::fast::configuration::Configuration;
 use flix_firmware::fast::units::ElectricalAngle;
 use flix_firmware::hardware::{Actuation, TICK};
-use flix_firmware::robot::{FastHalf, Robot, SlowHalf};
+use flix_firmware::robot::{FastHalf, SlowHalf, halves};
+use flix_firmware::scope::Memory;
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, Event, LoopTiming, Outcome, ParameterCommand, Refusal, State, ToOperator, ToRobot,
+    Command, Event, LoopTiming, Outcome, ParameterCommand, Refusal, SCOPE_VALUES, State,
+    ToOperator, ToRobot,
 };
 use flix_protocol::session::{Key, OperatorReceived, OperatorSession, Status};
 use flix_protocol::units::Instant;
@@ -45,8 +47,9 @@ struct Halves {
 impl Halves {
     /// Connected in this very moment, nothing exchanged since.
     fn connected() -> Self {
-        let robot = Robot::new(DENGFOC_V3_01.hardware, "halves", Some(key()), [11; 32], NoStore);
-        let (fast, slow, exchange) = robot.into_halves();
+        let (fast, slow, report) =
+            halves(DENGFOC_V3_01.hardware, "halves", Some(key()), [11; 32], NoStore);
+        let exchange = Exchange::new(report, [0; SCOPE_VALUES]);
         let now = Instant::from_micros(1_000);
         let mut halves = Self {
             fast,
@@ -167,6 +170,8 @@ impl Halves {
 struct Shared(loom::sync::Arc<loom::sync::Mutex<Exchange>>);
 
 impl Access for Shared {
+    type Memory = Memory;
+
     fn with<R>(&mut self, access: impl FnOnce(&mut Exchange) -> R) -> R {
         access(&mut self.0.lock().unwrap())
     }

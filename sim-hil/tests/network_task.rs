@@ -17,10 +17,10 @@ use flix_firmware::exchange::Exchange;
 use flix_firmware::hardware::{Encoder, EncoderAngle, EncoderReading, Sensors};
 use flix_firmware::mdns;
 use flix_firmware::net::{self, Station};
-use flix_firmware::robot::{FastHalf, Robot, SlowHalf};
+use flix_firmware::robot::{FastHalf, SlowHalf, halves};
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{Command, Outcome, ToOperator, ToRobot};
+use flix_protocol::message::{Command, Outcome, SCOPE_VALUES, ToOperator, ToRobot};
 use flix_protocol::session::{
     Key, OperatorReceived, OperatorSession, Status, StopSession, StopStatus,
 };
@@ -40,8 +40,9 @@ struct Brain {
 
 impl Brain {
     fn new(key: Option<Key>) -> Self {
-        let robot = Robot::new(DENGFOC_V3_01.hardware, "daisy", key, [1; 32], Flash::default());
-        let (fast, slow, exchange) = robot.into_halves();
+        let (fast, slow, report) =
+            halves(DENGFOC_V3_01.hardware, "daisy", key, [1; 32], Flash::default());
+        let exchange = Exchange::new(report, [0; SCOPE_VALUES]);
         Self {
             fast: fast.into(),
             slow: slow.into(),

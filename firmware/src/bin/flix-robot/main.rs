@@ -41,14 +41,16 @@ use esp_hal::timer::timg::TimerGroup;
 use esp_radio::wifi::{ControllerConfig, Interface, WifiController};
 use esp_storage::FlashStorage;
 use flix_firmware::board::store::{Entry, FlashStore};
+use flix_firmware::exchange::Exchange;
 use flix_firmware::neighbours::{Guard, Guarded};
 use flix_firmware::net;
 use flix_firmware::provision::Provisioner;
-use flix_firmware::robot::{Robot, UNPROVISIONED};
-use flix_protocol::message::ResetReason;
+use flix_firmware::robot::{UNPROVISIONED, halves};
+use flix_firmware::scope::Memory;
+use flix_protocol::message::{ResetReason, SCOPE_VALUES};
 use flix_protocol::provision::Provisioning;
 use flix_protocol::session::Operators;
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 use choice::BOARD;
 use fast::Loop;
@@ -72,6 +74,7 @@ const SOCKETS: usize = net::SOCKETS + 1;
 async fn main(spawner: Spawner) {
     static STORE: StaticCell<RefCell<FlashStore<Flash>>> = StaticCell::new();
     static EXCHANGE: StaticCell<Shared> = StaticCell::new();
+    static SCOPE: ConstStaticCell<Memory> = ConstStaticCell::new([0; SCOPE_VALUES]);
     static PROVISIONING: StaticCell<Provisioning> = StaticCell::new();
 
     let clocks = esp_hal::Config::default().with_cpu_clock(CpuClock::max());
@@ -117,15 +120,14 @@ async fn main(spawner: Spawner) {
     }
     let operators = provisioner.operators();
     let operators = if entropy.is_some() { operators } else { Operators::default() };
-    let (half, slow, exchange) = Robot::new(
+    let (half, slow, report) = halves(
         BOARD.hardware,
         provisioner.name(),
         operators,
         entropy.unwrap_or_default(),
         Entry::new(store, flash::SETTINGS),
-    )
-    .into_halves();
-    let exchange = &*EXCHANGE.init(Shared::new(exchange));
+    );
+    let exchange = &*EXCHANGE.init(Shared::new(Exchange::new(report, SCOPE.take())));
     chip::start_fast_loop(parts.fast, |electronics, encoders, timers, software_interrupt| {
         fast::start(timers, software_interrupt, Loop { half, exchange, electronics, encoders });
     });

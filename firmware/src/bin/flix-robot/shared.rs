@@ -6,14 +6,15 @@ use core::cell::RefCell;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use flix_firmware::exchange::{Access, Exchange};
+use flix_firmware::scope::Memory;
 use flix_protocol::message::State;
 
 /// The exchange between fast loop and tasks.
-pub(crate) struct Shared(Mutex<CriticalSectionRawMutex, RefCell<Exchange>>);
+pub(crate) struct Shared(Mutex<CriticalSectionRawMutex, RefCell<Exchange<&'static mut Memory>>>);
 
 impl Shared {
     /// Shares an exchange.
-    pub(crate) const fn new(exchange: Exchange) -> Self {
+    pub(crate) const fn new(exchange: Exchange<&'static mut Memory>) -> Self {
         Self(Mutex::new(RefCell::new(exchange)))
     }
 
@@ -24,7 +25,9 @@ impl Shared {
 }
 
 impl Access for &Shared {
-    fn with<R>(&mut self, access: impl FnOnce(&mut Exchange) -> R) -> R {
+    type Memory = &'static mut Memory;
+
+    fn with<R>(&mut self, access: impl FnOnce(&mut Exchange<Self::Memory>) -> R) -> R {
         self.0.lock(|exchange| access(&mut exchange.borrow_mut()))
     }
 }

@@ -17,7 +17,7 @@ use flix_firmware::hardware::{Encoder, Hardware, Sensors};
 use flix_firmware::scope::Scope;
 use flix_firmware::settings::Settings;
 use flix_firmware::trace::{self, Malformed, Outcome, Row};
-use flix_protocol::message::State;
+use flix_protocol::message::{SCOPE_VALUES, State};
 use foc::Foc;
 use foc::pid::PIController;
 use foc::pwm::SpaceVector;
@@ -146,7 +146,7 @@ fn replay(counted: &mut Counted) -> Result<u32, Malformed> {
     let hardware = trace::decode::<Hardware, _>(|room| file.read_exact(room))?.ok_or(Malformed)?;
     let mut control = Control::new(Configuration::new(&Settings::DEFAULT, &hardware));
     let mut peer = Peer::new();
-    let mut scope = Scope::default();
+    let mut scope = Scope::new([0; SCOPE_VALUES]);
     let overhead = overhead();
     let mut differences = 0;
     while let Some(row) = trace::decode::<Row, _>(|room| file.read_exact(room))? {
