@@ -51,8 +51,8 @@ and of the robot: f f_wanted (Hz), theta theta_error (deg), bus (V)
 
 Examples:
   flix scope walker-1 --channels ia,ib,angle
-  flix scope walker-1 --channels id,iq,theta_error --frequency -30 --direction 30
-  flix scope walker-1 --trigger 'top_iq>1.5' --pre 50% --frequency 30 --direction 90
+  flix scope walker-1 --channels id,iq,theta --frequency -30 --direction 30
+  flix scope walker-1 --trigger 'f>15' --frequency 30 --direction 90
   flix scope walker-1 --trigger fault --frequency 35 --direction 0 --for 1m
   flix scope walker-1 --last
   flix scope walker-1 --live --channels iq,f,bus")]
