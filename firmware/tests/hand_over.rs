@@ -19,8 +19,8 @@ use flix_firmware::robot::{FastHalf, SlowHalf, halves};
 use flix_firmware::scope::Memory;
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, Event, LoopTiming, Outcome, ParameterCommand, Refusal, SCOPE_VALUES, State,
-    ToOperator, ToRobot,
+    Channel, Command, Event, LoopTiming, Outcome, ParameterCommand, Refusal, SCOPE_VALUES,
+    ScopeCommand, ScopePlan, ScopeState, State, ToOperator, ToRobot, Trigger,
 };
 use flix_protocol::session::{Key, OperatorReceived, OperatorSession, Status};
 use flix_protocol::units::Instant;
@@ -244,6 +244,62 @@ fn of_two_orders_the_newest_wins() {
     halves.exchange();
     halves.tick(100);
     assert_eq!(halves.reported().state, State::Disarmed);
+}
+
+/// Says something to the scope, which answers once it was reached.
+fn ask_scope(halves: &mut Halves, command: ScopeCommand) -> Outcome {
+    let frame = halves.seal(Command::Scope(command));
+    halves.hear(&frame);
+    assert_eq!(halves.outcome, None, "the scope is where both halves reach it");
+    halves.exchange();
+    halves.hear(&[]);
+    halves.outcome.take().expect("an answer")
+}
+
+#[test]
+fn the_scope_is_begun_by_an_operator_filled_by_the_fast_half_and_read_by_the_operator() {
+    let mut halves = Halves::connected();
+    let plan = ScopePlan {
+        channels: [Channel::TopAngle, Channel::Bus].into_iter().collect(),
+        trigger: Trigger::Now,
+        before: 0,
+    };
+    let begun = ask_scope(&mut halves, ScopeCommand::Begin(plan));
+    assert!(matches!(&begun, Outcome::Scope(it) if it.state == ScopeState::Waiting), "{begun:?}");
+    let early = ask_scope(&mut halves, ScopeCommand::Read(0));
+    assert_eq!(early, Outcome::Refused(Refusal::NotCaptured));
+    // One tick is that of the plan before.
+    halves.tick(SCOPE_VALUES as u32 / 2 + 2);
+    let told = ask_scope(&mut halves, ScopeCommand::Status);
+    let Outcome::Scope(status) = told else { panic!("{told:?}") };
+    assert_eq!((status.state, status.rows), (ScopeState::Complete, SCOPE_VALUES as u16 / 2));
+    let read = ask_scope(&mut halves, ScopeCommand::Read(0));
+    let Outcome::ScopeRows(rows) = read else { panic!("{read:?}") };
+    // This board does not measure its bus: it takes the nominal 11.1 V.
+    let counts = (11.1 / Channel::Bus.quantity().count()) as i16;
+    // The rotors of this test stand a quarter turn to the left.
+    let row = [i16::MIN / 2, counts].map(i16::to_le_bytes).concat();
+    assert_eq!(rows.values[..8], [row.clone(), row].concat());
+    assert_eq!(
+        ask_scope(
+            &mut halves,
+            ScopeCommand::Begin(ScopePlan { before: 2_400, ..ScopePlan::watch() })
+        ),
+        Outcome::Refused(Refusal::Scope)
+    );
+}
+
+#[test]
+fn what_another_operator_asked_of_the_scope_is_not_answered_to_the_next() {
+    let mut halves = Halves::connected();
+    let frame = halves.seal(Command::Scope(ScopeCommand::Status));
+    halves.slow.receive(halves.now, halves.address, &frame);
+    halves.change_operator();
+    halves.now = halves.now + core::time::Duration::from_secs(2);
+    halves.connect();
+    halves.exchange();
+    halves.hear(&[]);
+    assert_eq!(halves.outcome, None);
 }
 
 #[test]

@@ -18,7 +18,8 @@ use flix_protocol::failsafe::{COMMAND_AGE, LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
     Command, Event, Fault, Faults, Identity, OperatorName, Outcome, PARAMETERS_PER_REPLY,
-    ParameterCommand, Refusal, ResetReason, Setpoint, State, Telemetry, ToOperator, ToRobot,
+    ParameterCommand, Refusal, ResetReason, ScopeCommand, ScopePlan, Setpoint, State, Telemetry,
+    ToOperator, ToRobot,
 };
 use flix_protocol::session::{
     Key, Operator, OperatorReceived, OperatorSession, Operators, STOP_RETRY, Status, StopSession,
@@ -382,10 +383,13 @@ fn what_comes_too_late_is_refused_with_its_age_but_for_stopping_and_reading() {
         (Command::Ping(3), true),
         (Command::Parameter(read), true),
         (Command::Parameter(ParameterCommand::List(0)), true),
+        (Command::Scope(ScopeCommand::Status), true),
+        (Command::Scope(ScopeCommand::Read(0)), true),
         (Command::Setpoint(setpoint(20.0, 0.0)), false),
         (Command::Arm, false),
         (Command::Clear, false),
         (Command::Parameter(set), false),
+        (Command::Scope(ScopeCommand::Begin(ScopePlan::watch())), false),
     ] {
         let mut ends = Ends::at(State::Armed);
         let [first, second] = [ends.seal(command.clone()), ends.seal(command.clone())];
