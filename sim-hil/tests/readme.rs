@@ -337,6 +337,15 @@ impl Program {
     }
 }
 
+impl Drop for Program {
+    /// A test that fails leaves no robot behind at the port of the README.
+    fn drop(&mut self) {
+        // One that has ended already is none to kill.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
 /// Ends a program as Ctrl-C does.
 fn interrupt(mut program: Program) {
     kill_process(Pid::from_child(&program.child), Signal::INT).unwrap();
