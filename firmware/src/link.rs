@@ -68,6 +68,8 @@ pub struct Link {
     replies: Deque<Reply, REPLIES>,
     /// Commands to the scope, which lies where both halves reach it.
     scope: Deque<(u32, ScopeCommand), REPLIES>,
+    /// Whether the scope is to watch for faults again.
+    releases_scope: bool,
     events: Events,
     telemetry_due: Instant,
 }
@@ -103,6 +105,7 @@ impl Link {
             answers: Deque::new(),
             replies: Deque::new(),
             scope: Deque::new(),
+            releases_scope: false,
             events,
             telemetry_due: report.time,
         }
@@ -302,6 +305,7 @@ impl Link {
         self.is_slow = false;
         self.replies.clear();
         self.scope.clear();
+        self.releases_scope = true;
     }
 
     /// Obeys a command, and answers it; one to the scope waits until [`Link::consult`].
@@ -317,15 +321,17 @@ impl Link {
         }
     }
 
-    /// Returns whether a command to the scope waits.
+    /// Returns whether something waits for the scope.
     #[must_use]
     pub fn asks_scope(&self) -> bool {
-        !self.scope.is_empty()
+        self.releases_scope || !self.scope.is_empty()
     }
 
-    /// Lets the scope obey the oldest command that waits for it.
+    /// Lets the scope obey the oldest command that waits for it; watch for faults again first, after another operator.
     pub fn consult(&mut self, scope: &mut Scope<impl BorrowMut<Memory>>) {
-        if let Some((request, command)) = self.scope.pop_front() {
+        if core::mem::take(&mut self.releases_scope) {
+            scope.release();
+        } else if let Some((request, command)) = self.scope.pop_front() {
             let outcome = scope.obey(command);
             self.reply(request, outcome);
         }

@@ -110,6 +110,14 @@ impl<M: BorrowMut<Memory>> Scope<M> {
         }
     }
 
+    /// Watches for faults again, unless it does: whoever wanted something else has gone.
+    pub fn release(&mut self) {
+        if self.plan.trigger != Trigger::Fault {
+            self.plan = ScopePlan::watch();
+            self.begin();
+        }
+    }
+
     /// Takes the values of a tick, unless they are of the channels of an earlier plan. Never panics.
     #[inline]
     pub fn record(&mut self, sample: &Sample) {

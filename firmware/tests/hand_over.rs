@@ -290,6 +290,20 @@ fn the_scope_is_begun_by_an_operator_filled_by_the_fast_half_and_read_by_the_ope
 }
 
 #[test]
+fn the_scope_watches_for_faults_again_once_its_operator_has_gone() {
+    let mut halves = Halves::connected();
+    let plan = ScopePlan { trigger: Trigger::Now, before: 0, ..ScopePlan::watch() };
+    ask_scope(&mut halves, ScopeCommand::Begin(plan));
+    halves.tick(3_000);
+    halves.change_operator();
+    halves.now = halves.now + core::time::Duration::from_secs(2);
+    halves.connect();
+    let told = ask_scope(&mut halves, ScopeCommand::Status);
+    let Outcome::Scope(status) = told else { panic!("{told:?}") };
+    assert_eq!((status.plan, status.state), (ScopePlan::watch(), ScopeState::Waiting));
+}
+
+#[test]
 fn what_another_operator_asked_of_the_scope_is_not_answered_to_the_next() {
     let mut halves = Halves::connected();
     let frame = halves.seal(Command::Scope(ScopeCommand::Status));

@@ -16,8 +16,8 @@ const PORT: u16 = flix_protocol::DEFAULT_PORT + 1;
 /// Drive in the browser, by keyboard, touch or gamepad, and see the robot move.
 ///
 /// Prints the address of the page; open it in any browser. One page drives, others watch, and every page can stop.
-/// A page that is hidden, frozen or closed lets the robot rest, and disarms it after a second. The page needs no
-/// internet. Ctrl-C ends; it stops a robot that is driven.
+/// A page that is hidden, frozen or closed lets the robot rest, and disarms it after a second. The page changes
+/// settings and shows the scope, too; it needs no internet. Ctrl-C ends; it stops a robot that is driven.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:

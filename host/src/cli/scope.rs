@@ -157,7 +157,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     Ok(Exit::Done.into())
 }
 
-/// Captures once, drives meanwhile where that is wanted, and lets the robot watch for faults again.
+/// Captures once, and drives meanwhile where that is wanted. Once the session ends the robot watches for faults again.
 fn once(
     connection: &mut Connection,
     plan: &ScopePlan,
@@ -175,7 +175,6 @@ fn once(
     let status = await_capture(connection, driven, patience)?;
     driven.end(connection)?;
     let capture = status.map(|status| fetch(connection, driven, status)).transpose()?;
-    watch(connection)?;
     Ok(capture.flatten())
 }
 
@@ -230,8 +229,7 @@ fn live(
     // A terminal that is closed cannot be restored, and needs not be.
     let _ = ratatui::try_restore();
     ended?;
-    driven.end(connection)?;
-    watch(connection)
+    driven.end(connection)
 }
 
 /// A robot that is driven while it is captured, or one that is left alone.
@@ -321,11 +319,6 @@ fn ask(connection: &mut Connection, command: ScopeCommand) -> Result<ScopeStatus
     }
 }
 
-/// Lets the robot watch for faults, as it does from the start.
-fn watch(connection: &mut Connection) -> Result<(), Error> {
-    ask(connection, ScopeCommand::Begin(ScopePlan::watch())).map(drop)
-}
-
 /// Waits until the capture is complete; `None` when the operator leaves before.
 fn await_capture(
     connection: &mut Connection,
@@ -340,7 +333,6 @@ fn await_capture(
         }
         if status.state == ScopeState::Waiting && start.elapsed() > patience {
             driven.end(connection)?;
-            watch(connection)?;
             let sentence = format!(
                 "the trigger has not come within {} s: wait longer with --for, or choose another",
                 patience.as_secs_f64()

@@ -1,7 +1,8 @@
 //! The scope: inner values of the fast loop, tick by tick, kept in the robot's memory until they are fetched.
 //!
 //! A ring of rows always runs; a row holds one value of each channel, once a tick. At its trigger the scope goes on
-//! until the ring is full of what was wanted before and after it, and then waits to be read.
+//! until the ring is full of what was wanted before and after it, and then waits to be read. A plan of an operator that
+//! does not wait for a fault holds as long as the session: then the robot watches for faults again.
 
 use heapless::Vec;
 use postcard_schema::Schema;
