@@ -18,7 +18,7 @@
 
 use core::borrow::BorrowMut;
 
-use flix_protocol::message::{Fault, Faults, LoopTiming, Setpoint, State};
+use flix_protocol::message::{Fault, Faults, LoopTiming, Setpoint, State, Trial};
 use flix_protocol::units::Instant;
 use serde::{Deserialize, Serialize};
 
@@ -45,6 +45,8 @@ pub struct Order {
     pub expires: Instant,
     /// What is asked for once.
     pub requests: Requests,
+    /// The trial that [`Requests::trial`] asks for.
+    pub trial: Option<Trial>,
     /// Counts telemetry sent: starts a new measuring period of [`LoopTiming::longest_interval_us`] and
     /// [`Report::modulation`].
     pub period: u8,
@@ -61,6 +63,8 @@ pub struct Requests {
     pub stop: u8,
     /// Counts clear commands.
     pub clear: u8,
+    /// Counts trials.
+    pub trial: u8,
 }
 
 impl Order {

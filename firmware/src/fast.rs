@@ -5,7 +5,7 @@
 //! ```text
 //! encoders -> tracker -> rotor angles and speeds ----------------------------+
 //! Order ----> supervisor (armed? fresh? faults?) -> shaker (f, theta -> currents) -> foc -> duties
-//!                 ^                                 or aligner (finds the electrical angles)
+//!                 ^                                 or aligner (finds the electrical angles), or trial (measures)
 //!             monitor (what is wrong)
 //! ```
 //!
@@ -18,6 +18,8 @@ pub mod control;
 pub mod foc;
 mod monitor;
 mod shaker;
+mod still;
 mod supervisor;
 mod tracker;
+mod trial;
 pub mod units;

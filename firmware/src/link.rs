@@ -28,15 +28,15 @@ use core::time::Duration;
 use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::{Frame, HandshakeFrame};
 use flix_protocol::message::{
-    Command, Event, EventReport, Faults, Identity, LinkQuality, MotorTelemetry, OperatorName,
-    Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Refusal, Reply, ResetReason, ScopeCommand,
-    Setpoint, State, Telemetry, ToOperator, ToRobot,
+    Bridges, Command, Event, EventReport, Faults, Identity, LinkQuality, MotorTelemetry,
+    OperatorName, Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Refusal, Reply, ResetReason,
+    ScopeCommand, Setpoint, State, Telemetry, ToOperator, ToRobot, Trial,
 };
 use flix_protocol::session::{Operators, RobotReceived, RobotSession};
 use flix_protocol::units::{Instant, Ratio, Volts};
 use heapless::{Deque, Vec};
 
-use crate::exchange::{MotorReport, Order, Report};
+use crate::exchange::{MotorReport, Order, Report, Requests};
 use crate::fast::units::Speed;
 use crate::hardware::{Hardware, SettingsStore};
 use crate::scope::{Memory, Scope};
@@ -53,6 +53,8 @@ const ANSWERS: usize = 4;
 pub struct Link {
     session: RobotSession,
     identity: Identity,
+    /// What a trial is told of the bridges; `None` where the board measures no currents.
+    bridges: Option<Bridges>,
     signal_dbm: Option<i8>,
     order: Order,
     setpoint: Setpoint,
@@ -75,13 +77,14 @@ pub struct Link {
 }
 
 impl Link {
-    /// Starts with nobody connected. Without operators everybody is refused.
+    /// Starts with nobody connected. Without operators everybody is refused; without `bridges` every trial.
     ///
     /// `report` is the fast half's first. `entropy` comes from a hardware random source, fresh at
     /// every start.
     #[must_use]
     pub fn new(
         identity: Identity,
+        bridges: Option<Bridges>,
         operators: impl Into<Operators>,
         entropy: [u8; 32],
         settings: &Settings,
@@ -94,6 +97,7 @@ impl Link {
         Self {
             session,
             identity,
+            bridges,
             signal_dbm: None,
             order: Order::default(),
             setpoint: Setpoint::REST,
@@ -351,6 +355,7 @@ impl Link {
             Command::Stop => self.stop(self.session.operator(now)),
             Command::Clear => self.clear()?,
             Command::Parameter(command) => return self.tune(now, command, tuning).map(Some),
+            Command::Trial(trial) => return self.try_out(now, trial).map(Some),
             Command::Identify => return Ok(Some(Outcome::Identity(self.identity.clone()))),
             Command::Ping(number) => return Ok(Some(Outcome::Pong(number))),
             Command::Scope(command) => {
@@ -383,6 +388,7 @@ impl Link {
             | Command::Scope(ScopeCommand::Status | ScopeCommand::Read(_)) => Ok(()),
             Command::Setpoint(_)
             | Command::Arm
+            | Command::Trial(_)
             | Command::Clear
             | Command::Parameter(_)
             | Command::Scope(_) => Err(Refusal::Late { age_ms, limit_ms }),
@@ -413,10 +419,30 @@ impl Link {
     /// Asks the fast half to arm; does nothing while it is armed.
     fn arm(&mut self, now: Instant) -> Result<(), Refusal> {
         self.check_cleared()?;
+        if matches!(self.state(), State::Aligning | State::Armed | State::Running) {
+            return Ok(());
+        }
+        self.prepare_to_drive(now)?;
+        self.order.requests.arm = self.order.requests.arm.wrapping_add(1);
+        Ok(())
+    }
+
+    /// Asks the fast half for a trial.
+    fn try_out(&mut self, now: Instant, trial: Trial) -> Result<Outcome, Refusal> {
+        trial.check()?;
+        let bridges = self.bridges.ok_or(Refusal::NoCurrentSense)?;
+        self.check_cleared()?;
+        self.prepare_to_drive(now)?;
+        self.order.trial = Some(trial);
+        self.order.requests.trial = self.order.requests.trial.wrapping_add(1);
+        Ok(Outcome::Trial(bridges))
+    }
+
+    /// Accepts that motors are driven which were not: only those of a disarmed robot, over a steady link.
+    fn prepare_to_drive(&mut self, now: Instant) -> Result<(), Refusal> {
         match self.state() {
-            State::Aligning | State::Armed | State::Running => return Ok(()),
-            State::Disarmed if !self.ramps_down => {}
-            State::Disarmed => return Err(Refusal::State(State::Stopping)),
+            State::Disarmed if self.ramps_down => return Err(Refusal::State(State::Stopping)),
+            State::Disarmed => {}
             state => return Err(Refusal::State(state)),
         }
         if !self.steadiness.is_proven() {
@@ -424,17 +450,15 @@ impl Link {
         }
         self.order.frequency = Speed::ZERO;
         self.note_sign_of_life(now);
-        self.order.requests.arm = self.order.requests.arm.wrapping_add(1);
         Ok(())
     }
 
     /// Returns whether the fast half is idle and nothing on its way could change that, however old its
-    /// report is: it starts to move only when it is asked to arm.
+    /// report is: it starts to move only when it is asked to arm, or for a trial.
     fn is_at_rest(&self) -> bool {
         let (asked, obeyed) = (self.order.requests, self.report.obeyed);
-        let is_obeyed =
-            (asked.arm, asked.disarm, asked.stop) == (obeyed.arm, obeyed.disarm, obeyed.stop);
-        is_obeyed && is_idle(self.report.state)
+        let moves = |it: Requests| [it.arm, it.disarm, it.stop, it.trial];
+        moves(asked) == moves(obeyed) && is_idle(self.report.state)
     }
 
     /// Asks the fast half to disarm. A robot at rest has nothing to ramp down: it can be armed at once again.
@@ -570,6 +594,16 @@ pub fn identity(name: &str, hardware: &Hardware) -> Identity {
         version: text(env!("CARGO_PKG_VERSION")),
         reset: ResetReason::PowerOn,
     }
+}
+
+/// Returns what a trial is told of the board's bridges; `None` where it measures no currents.
+#[must_use]
+pub fn bridges(hardware: &Hardware) -> Option<Bridges> {
+    hardware.current_sense.map(|_| Bridges {
+        dead_time_ns: hardware.dead_time_ns,
+        pwm_frequency_hz: hardware.pwm_frequency_hz,
+        measures_bus: hardware.bus_microvolts_per_count.is_some(),
+    })
 }
 
 /// Returns whether the motors are not driven.

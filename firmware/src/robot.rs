@@ -24,7 +24,7 @@ use crate::exchange::{Access, Exchange, Order, Report};
 use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
 use crate::hardware::{Actuation, Hardware, Sensors, SettingsStore};
-use crate::link::{Link, identity, is_idle};
+use crate::link::{Link, bridges, identity, is_idle};
 use crate::scope::Sample;
 use crate::settings::{Settings, Tuning};
 
@@ -140,7 +140,8 @@ pub fn halves<S: SettingsStore>(
     let tuning = Tuning::new(store);
     let mut control = Control::new(Configuration::new(tuning.settings(), &hardware));
     let identity = identity(name, &hardware);
-    let mut link = Link::new(identity, operators, entropy, tuning.settings(), control.report());
+    let (settings, report) = (tuning.settings(), control.report());
+    let mut link = Link::new(identity, bridges(&hardware), operators, entropy, settings, report);
     if tuning.loaded().is_err() {
         link.add_event(control.report().time, Event::SettingsDefaulted);
         control.raise(Fault::Settings);

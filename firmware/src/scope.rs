@@ -26,6 +26,8 @@ pub struct Sample {
     pub is_faulted: bool,
     /// Whether the motors are driven.
     pub is_driven: bool,
+    /// Whether the pattern of a trial is under way.
+    pub is_pattern: bool,
 }
 
 /// Room for the rows.
@@ -158,6 +160,7 @@ impl<M: BorrowMut<Memory>> Scope<M> {
         match self.plan.trigger {
             Trigger::Now => true,
             Trigger::Fault => is_new_fault,
+            Trigger::Pattern => sample.is_pattern,
             Trigger::Level { channel, level, rising } => {
                 let Some(&value) = sample.row.get(usize::from(channel)) else { return false };
                 let last = self.last_level.replace(value);
@@ -270,9 +273,10 @@ mod tests {
             for _ in 0..ticks {
                 let time = Instant::from_micros(100 * self.tick.unsigned_abs() as u64);
                 let row = row([i32::from(self.tick), -7].into_iter());
-                let (is_faulted, is_driven) = (self.is_faulted, self.is_driven);
+                let (is_faulted, is_driven, is_pattern) = (self.is_faulted, self.is_driven, false);
                 let revision = self.scope.revision();
-                self.scope.record(&Sample { time, revision, row, is_faulted, is_driven });
+                let sample = Sample { time, revision, row, is_faulted, is_driven, is_pattern };
+                self.scope.record(&sample);
                 self.tick += 1;
             }
         }
@@ -291,6 +295,11 @@ mod tests {
             }
             rows
         }
+    }
+
+    /// Of a tick in which the motors are driven.
+    fn sample(time: Instant, revision: u8, row: Row) -> Sample {
+        Sample { time, revision, row, is_faulted: false, is_driven: true, is_pattern: false }
     }
 
     const ROWS: u16 = (SCOPE_VALUES / 2) as u16;
@@ -375,7 +384,7 @@ mod tests {
             for (time, value) in (0..).zip(values()) {
                 let (time, row) = (Instant::from_micros(time), row([value, 0].into_iter()));
                 let revision = bench.scope.revision();
-                let sample = Sample { time, revision, row, is_faulted: false, is_driven: true };
+                let sample = sample(time, revision, row);
                 bench.scope.record(&sample);
             }
             assert_eq!(bench.scope.status().trigger_time_us, expected, "rising: {rising}");
@@ -390,13 +399,7 @@ mod tests {
         assert!(bench.scope.obey(ScopeCommand::Begin(plan)).is_ok());
         let row = [99; SCOPE_CHANNELS];
         let time = Instant::START;
-        bench.scope.record(&Sample {
-            time,
-            revision: old,
-            row,
-            is_faulted: false,
-            is_driven: true,
-        });
+        bench.scope.record(&sample(time, old, row));
         bench.run(u32::from(ROWS));
         assert_eq!(ticks(&bench.fetch())[..3], [0, 1, 2]);
     }

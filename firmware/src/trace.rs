@@ -100,6 +100,8 @@ mod tests {
     use crate::board::BOARDS;
     use crate::exchange::Requests;
     use crate::fast::units::RotorAngle;
+    use flix_protocol::message::{Pattern, Trial};
+
     use crate::hardware::{Bridge, Duty, Encoder, EncoderAngle, EncoderReading, Hardware};
     use std::io::Read;
 
@@ -130,7 +132,14 @@ mod tests {
                 setpoints: u16::MAX,
                 heard: Instant::from_micros(u64::MAX),
                 expires: Instant::from_micros(u64::MAX),
-                requests: Requests { arm: 1, disarm: 2, stop: 3, clear: 4 },
+                requests: Requests { arm: 1, disarm: 2, stop: 3, clear: 4, trial: 5 },
+                trial: Some(Trial {
+                    motors: [true, false],
+                    current_ma: u16::MAX,
+                    angle: u16::MAX,
+                    pattern: Pattern::Turn(i16::MIN),
+                    ticks: u16::MAX,
+                }),
                 period: 5,
             },
             outcome: Outcome {

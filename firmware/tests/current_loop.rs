@@ -61,9 +61,9 @@ impl Reference {
         let (alpha, beta) =
             (given[0] * cosine - given[1] * sine, given[0] * sine + given[1] * cosine);
         let half = beta * 3_f64.sqrt() / 2.0;
-        let knee = 3_932.0 / 65_536.0;
         let lost = rows::BUS * rows::DEAD_SHARE;
-        let dead = |current: f64| (current / knee).clamp(-1.0, 1.0) * lost;
+        let slope = f64::from(rows::model().dead_time) / 16_777_216.0;
+        let dead = |current: f64| (slope * current).clamp(-lost, lost);
         let phases =
             [alpha + dead(a), half - alpha / 2.0 + dead(b), -half - alpha / 2.0 + dead(-a - b)];
         let most = phases.iter().fold(f64::MIN, |most, phase| most.max(*phase));

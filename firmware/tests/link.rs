@@ -11,15 +11,15 @@ use core::time::Duration;
 use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::exchange::{EventCounters, MotorReport, Report, Requests};
 use flix_firmware::fast::units::{Current, RotorAngle, Speed, Voltage};
-use flix_firmware::link::{EVENTS, Link, identity};
+use flix_firmware::link::{EVENTS, Link, bridges, identity};
 use flix_firmware::robot::Robot;
 use flix_firmware::settings::{COUNT, Settings, Tuning};
 use flix_protocol::failsafe::{COMMAND_AGE, LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
     Command, Event, Fault, Faults, Identity, OperatorName, Outcome, PARAMETERS_PER_REPLY,
-    ParameterCommand, Refusal, ResetReason, ScopeCommand, ScopePlan, Setpoint, State, Telemetry,
-    ToOperator, ToRobot,
+    ParameterCommand, Pattern, Refusal, ResetReason, ScopeCommand, ScopePlan, Setpoint, State,
+    Telemetry, ToOperator, ToRobot, Trial,
 };
 use flix_protocol::session::{
     Key, Operator, OperatorReceived, OperatorSession, Operators, STOP_RETRY, Status, StopSession,
@@ -78,7 +78,8 @@ impl Ends {
         let report = Robot::new(hardware, "ends", None, [1; 32], NoStore).report();
         let (tuning, now) = (Tuning::new(NoStore), Instant::from_micros(1_000));
         let name = identity("ends", &hardware);
-        let link = Link::new(name, Some(key()), [2; 32], tuning.settings(), report);
+        let (settings, bridges) = (tuning.settings(), bridges(&hardware));
+        let link = Link::new(name, bridges, Some(key()), [2; 32], settings, report);
         let operator = OperatorSession::new(key(), [3; 32], now);
         let (outcomes, events, telemetry) = (Vec::new(), Vec::new(), Vec::new());
         Self { link, tuning, operator, now, report, outcomes, events, telemetry }
@@ -625,4 +626,35 @@ fn a_robot_says_who_it_is_and_who_holds_it() {
     assert!(ends.link.is_provisioned());
     ends.link.set_operators(None);
     assert!(!ends.link.is_provisioned());
+}
+
+const TRIAL: Trial = Trial {
+    motors: [true, false],
+    current_ma: 700,
+    angle: 0,
+    pattern: Pattern::Turn(60),
+    ticks: 3_000,
+};
+
+#[test]
+fn a_trial_is_for_a_disarmed_robot_over_a_steady_link() {
+    let mut ends = Ends::proven();
+    let bridges = bridges(&DENGFOC_V3_01.hardware).unwrap();
+    assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Trial(bridges));
+    let order = *ends.link.order();
+    assert_eq!((order.trial, order.requests.trial), (Some(TRIAL), 1));
+    for state in [State::Aligning, State::Armed, State::Running, State::Stopping, State::Faulted] {
+        let mut ends = Ends::at(state);
+        assert_eq!(ends.say(Command::Trial(TRIAL)), refused(Refusal::State(state)), "{state}");
+        assert_eq!(ends.link.order().trial, None, "{state}");
+    }
+    let mut ends = Ends::connected();
+    assert_eq!(ends.say(Command::Trial(TRIAL)), refused(Refusal::LinkUnproven));
+    let mut ends = Ends::proven();
+    let wild = Trial { current_ma: 5_000, ..TRIAL };
+    let refusal = ends.say(Command::Trial(wild));
+    assert!(matches!(refusal, Outcome::Refused(Refusal::OutOfRange { .. })), "{refusal:?}");
+    ends.observe(|report| report.stopped = true);
+    assert_eq!(ends.say(Command::Trial(TRIAL)), refused(Refusal::Stopped));
+    assert_eq!(ends.link.order().requests.trial, 0);
 }

@@ -78,6 +78,7 @@
 #[cfg(feature = "program")]
 pub mod cli;
 pub mod cockpit;
+pub mod commission;
 #[cfg(feature = "program")]
 pub mod experiment;
 pub mod explain;

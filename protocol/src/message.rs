@@ -14,6 +14,7 @@ mod reset;
 mod scope;
 mod setpoint;
 mod telemetry;
+mod trial;
 
 use heapless::{String, Vec};
 use postcard_schema::Schema;
@@ -32,6 +33,10 @@ pub use scope::{
 };
 pub use setpoint::{MAXIMUM_DIRECTION, MAXIMUM_FREQUENCY, Setpoint};
 pub use telemetry::{Event, EventReport, LoopTiming, MotorTelemetry, State, Telemetry};
+pub use trial::{
+    Bridges, FASTEST_FIELD, GATHER_TICKS, LEAST_TRIAL_CURRENT_MA, LONGEST_PATTERN_TICKS,
+    MOST_TRIAL_CURRENT_MA, Pattern, TRIAL_BOUND_MA, Trial,
+};
 
 /// A command to the robot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
@@ -54,6 +59,8 @@ pub enum Command {
     Ping(u32),
     /// Capture inner values of the fast loop, or read them.
     Scope(ScopeCommand),
+    /// Drive motors that nobody knows yet, in bounds; the robot is disarmed before and after.
+    Trial(Trial),
 }
 
 /// A command with its request number, as sent.
@@ -140,6 +147,8 @@ pub enum Outcome {
     Scope(ScopeStatus),
     /// Rows of the scope.
     ScopeRows(ScopeRows),
+    /// The trial begins, on these bridges.
+    Trial(Bridges),
 }
 
 /// Which robot this is, which firmware it runs, and since what.

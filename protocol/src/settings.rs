@@ -12,6 +12,8 @@ macro_rules! settings_table {
                 phase_resistance: "ohm", real, 0.02 ..= 30.0, 2.5, "Resistance from terminal to star point. Assumed: the paper names no motor.";
                 phase_inductance: "mH", real, 0.005 ..= 20.0, 1.0, "Inductance from terminal to star point. Assumed.";
                 flux_linkage: "mWb", real, 0.2 ..= 30.0, 3.0, "Flux linkage of the magnets: peak phase back-EMF per electrical rad/s. Assumed.";
+                current_gain_a: "1", real, 0.5 ..= 2.0, 1.0, "True current of phase A over what its amplifier shows.";
+                current_gain_b: "1", real, 0.5 ..= 2.0, 1.0, "True current of phase B over what its amplifier shows.";
                 encoder_zero: "deg", real, -180.0 ..= 360.0, 0.0, "Clockwise angle of the eccentric mass from forward where the encoder reads zero.";
                 encoder_clockwise: "1", whole, 0.0 ..= 1.0, 0.0, "1 when the encoder counts clockwise seen from above.";
                 aligned: "1", whole, 0.0 ..= 1.0, 0.0, "1 when alignment has found the values below; 0 makes the next arming align.";
@@ -36,7 +38,7 @@ macro_rules! settings_table {
                 tracker_bandwidth: "Hz", real, 10.0 ..= 500.0, 125.0, "Natural frequency of the encoder trackers.";
                 frequency_ramp: "Hz/s", real, 1.0 ..= 1000.0, 200.0, "Steepest change of f.";
                 direction_ramp: "deg/s", real, 10.0 ..= 10000.0, 900.0, "Fastest change of theta.";
-                encoder_latency: "us", real, 0.0 ..= 2000.0, 0.0, "How much older a fresh encoder reading is than it says.";
+                encoder_latency: "us", real, 0.0 ..= 3000.0, 0.0, "How much older a fresh encoder reading is than it says.";
                 actuation_delay: "us", real, 0.0 ..= 500.0, 50.0, "From the current sample of a tick to the middle of the interval in which its duties act.";
                 nominal_voltage: "V", real, 5.0 ..= 30.0, 11.1, "Bus voltage taken where the board cannot measure it: 3.7 V a cell.";
                 battery_low: "V", real, 4.0 ..= 30.0, $crate::failsafe::BATTERY_LOW_VOLTS, "Bus voltage below which the battery is reported low: 3.3 V a cell.";

@@ -50,9 +50,18 @@ fn command_name(command: &Command) -> &'static str {
         Command::Scope(ScopeCommand::Begin(_)) => "scope-begin",
         Command::Scope(ScopeCommand::Status) => "scope-status",
         Command::Scope(ScopeCommand::Read(_)) => "scope-read",
+        Command::Trial(Trial { pattern: Pattern::Halve(_), .. }) => "trial-halve",
+        Command::Trial(Trial { pattern: Pattern::Turn(_), .. }) => "trial-turn",
     }
 }
-const COMMANDS: usize = 15;
+const TURN: Trial = Trial {
+    motors: [true, false],
+    current_ma: 800,
+    angle: 0x4000,
+    pattern: Pattern::Turn(-79),
+    ticks: 4_000,
+};
+const COMMANDS: usize = 17;
 
 fn commands() -> Vec<Command> {
     vec![
@@ -74,6 +83,8 @@ fn commands() -> Vec<Command> {
         })),
         Command::Scope(ScopeCommand::Status),
         Command::Scope(ScopeCommand::Read(300)),
+        Command::Trial(Trial { pattern: Pattern::Halve(40), ..TURN }),
+        Command::Trial(TURN),
     ]
 }
 
@@ -91,9 +102,10 @@ fn refusal_name(refusal: &Refusal) -> &'static str {
         Refusal::Late { .. } => "late",
         Refusal::Scope => "scope",
         Refusal::NotCaptured => "not-captured",
+        Refusal::NoCurrentSense => "no-current-sense",
     }
 }
-const REFUSALS: usize = 12;
+const REFUSALS: usize = 13;
 
 fn refusals() -> Vec<Refusal> {
     vec![
@@ -109,6 +121,7 @@ fn refusals() -> Vec<Refusal> {
         Refusal::Late { age_ms: 612, limit_ms: 400 },
         Refusal::Scope,
         Refusal::NotCaptured,
+        Refusal::NoCurrentSense,
     ]
 }
 
@@ -122,9 +135,10 @@ fn outcome_name(outcome: &Outcome) -> String {
         Outcome::Pong(_) => "pong".into(),
         Outcome::Scope(_) => "scope".into(),
         Outcome::ScopeRows(_) => "scope-rows".into(),
+        Outcome::Trial(_) => "trial".into(),
     }
 }
-const OUTCOMES: usize = 7 + REFUSALS;
+const OUTCOMES: usize = 8 + REFUSALS;
 
 fn outcomes() -> Vec<Outcome> {
     let parameter = |index| Parameter {
@@ -161,6 +175,7 @@ fn outcomes() -> Vec<Outcome> {
             first: 28,
             values: [0x34, 0x12, 0xFF, 0xFF].into_iter().collect(),
         }),
+        Outcome::Trial(Bridges { dead_time_ns: 300, pwm_frequency_hz: 20_000, measures_bus: true }),
     ];
     outcomes.extend(refusals().into_iter().map(Outcome::Refused));
     outcomes

@@ -137,12 +137,27 @@ fn any_command() -> impl Strategy<Value = Command> {
         any::<u32>().prop_map(Command::Ping),
         scope_plan().prop_map(|plan| Command::Scope(ScopeCommand::Begin(plan))),
         any::<u16>().prop_map(|first| Command::Scope(ScopeCommand::Read(first))),
+        trial().prop_map(Command::Trial),
     ]
+}
+
+fn trial() -> impl Strategy<Value = Trial> {
+    let pattern =
+        prop_oneof![any::<u16>().prop_map(Pattern::Halve), any::<i16>().prop_map(Pattern::Turn),];
+    (any::<[bool; 2]>(), any::<u16>(), any::<u16>(), pattern, any::<u16>()).prop_map(
+        |(motors, current_ma, angle, pattern, ticks)| Trial {
+            motors,
+            current_ma,
+            angle,
+            pattern,
+            ticks,
+        },
+    )
 }
 
 fn scope_plan() -> impl Strategy<Value = ScopePlan> {
     let trigger = prop_oneof![
-        select(vec![Trigger::Now, Trigger::Fault]),
+        select(vec![Trigger::Now, Trigger::Fault, Trigger::Pattern]),
         (any::<u8>(), any::<i16>(), any::<bool>())
             .prop_map(|(channel, level, rising)| Trigger::Level { channel, level, rising }),
     ];

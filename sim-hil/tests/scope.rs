@@ -83,7 +83,7 @@ fn a_lost_phase_lock_is_kept_as_it_happened() {
     operation.await_state(&[State::Disarmed]).unwrap();
     // Motors that may take next to nothing do not follow.
     set(&mut operation, "alignment_current", 0.1);
-    set(&mut operation, "current_limit", 0.12);
+    set(&mut operation, "current_limit", 0.11);
     ask(&mut operation, ScopeCommand::Begin(plan(&channels, Trigger::Fault, 1_400)));
     operation.arm().unwrap();
     operation.hold(setpoint(35.0, 40.0).unwrap());

@@ -22,17 +22,16 @@ use crate::fast::alignment::Alignment;
 use crate::fast::configuration::Configuration;
 use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::{Direction, Stator, clarke, inverse_clarke, park};
+use crate::fast::still::{REST_TICKS, Stillness, ZERO_TICKS, ZeroMeter};
 use crate::fast::tracker::{Tracker, harmonic_factors};
 use crate::fast::units::{
-    Counts, ElectricalAngle, Quantity, RotorAngle, Speed, magnitude, multiply_high,
+    Counts, ElectricalAngle, Quantity, RotorAngle, Voltage, magnitude, multiply_high,
 };
 use crate::hardware::Bridge;
 
 #[cfg(test)]
 mod tests;
 
-/// Ticks over which the current zero is averaged: 0.1 s.
-const ZERO_TICKS: u32 = 1 << 10;
 /// Ticks for the voltage to build up, for the field to turn to where it begins, and to let the
 /// rotor swing out: 0.15 s each.
 const RAMP_TICKS: u32 = 1_500;
@@ -52,12 +51,6 @@ const WINDOW_END: u32 = WINDOW_BEGIN + TURN_TICKS;
 const WAY_TICKS: u32 = WINDOW_END + LEAD_TICKS + GATHER_TICKS;
 /// Ticks of the check's quarter electrical turn, and again to swing out: 0.1 s each.
 const CHECK_TICKS: u32 = 1_000;
-/// Ticks that the rotor may take to come to rest beforehand: 2 s.
-const REST_TICKS: u32 = 20_000;
-/// Ticks that both rotors must have been slow to count as at rest: 50 ms.
-const STILL_TICKS: u32 = 500;
-/// A rotor slower than this is at rest: 0.5 Hz.
-const STILL: Speed = Speed::from_raw(214_748);
 /// A quarter electrical turn: a rotor that lags this far has lost the field.
 const QUARTER: i64 = 1 << 30;
 /// A rotor in the check may be off by this much: an eighth electrical turn.
@@ -113,7 +106,6 @@ struct Sweep {
 
 #[derive(Debug, Clone, Copy, Default)]
 struct Motor {
-    zero_sum: [i32; 2],
     /// Electrical angle of the field at field position zero.
     base: ElectricalAngle,
     /// Uncorrected rotor angle when the field began to move.
@@ -129,9 +121,12 @@ pub(crate) struct Aligner {
     pub(crate) full: bool,
     stage: Stage,
     tick: u32,
-    still: u32,
+    stillness: Stillness,
+    zero: ZeroMeter,
     /// Mechanical position of the field, 2^-32 turn in its own direction.
     field: u32,
+    /// By how much it moved in this tick.
+    rate: i32,
     motors: [Motor; 2],
     /// What the amplifiers of phases A and B show at no current.
     pub(crate) zeros: [[Counts; 2]; 2],
@@ -142,7 +137,17 @@ impl Aligner {
     pub(crate) fn new(full: bool, configuration: &Configuration) -> Self {
         let motors = configuration.alignment.map(|result| Motor { result, ..Motor::default() });
         let zeros = [[Counts::ZERO; 2]; 2];
-        Self { full, stage: Stage::Rest, tick: 0, still: 0, field: 0, motors, zeros }
+        Self {
+            full,
+            stage: Stage::Rest,
+            tick: 0,
+            stillness: Stillness::default(),
+            zero: ZeroMeter::default(),
+            field: 0,
+            rate: 0,
+            motors,
+            zeros,
+        }
     }
 
     /// Returns what was found.
@@ -176,12 +181,7 @@ impl Aligner {
 
     /// Waits until both rotors stand.
     fn rest(&mut self, observation: &Observation<'_>) -> Progress {
-        let still = observation
-            .trackers
-            .iter()
-            .all(|tracker| tracker.settled() && tracker.speed().magnitude() < STILL);
-        self.still = if still { self.still + 1 } else { 0 };
-        if self.still >= STILL_TICKS {
+        if self.stillness.look(observation.trackers) {
             self.enter(Stage::Zero);
         } else if self.tick >= REST_TICKS {
             return Progress::Failed(Fault::Alignment);
@@ -198,21 +198,12 @@ impl Aligner {
             self.enter(Stage::Ramp);
             return Progress::Busy;
         };
-        for (motor, counts) in self.motors.iter_mut().zip(counts) {
-            for (sum, count) in motor.zero_sum.iter_mut().zip(counts) {
-                *sum = sum.saturating_add(count.raw());
-            }
-        }
+        self.zero.add(counts);
         if self.tick + 1 >= ZERO_TICKS {
-            for (zeros, motor) in self.zeros.iter_mut().zip(&self.motors) {
-                *zeros = motor.zero_sum.map(|sum| Counts::from_raw(sum / ZERO_TICKS as i32));
-            }
-            let off = |zero: &Counts| {
-                (*zero - configuration.zero_design).magnitude() > configuration.zero_tolerance
-            };
-            if self.zeros.iter().flatten().any(off) {
+            let Some(zeros) = self.zero.zeros(configuration) else {
                 return Progress::Failed(Fault::CurrentSense);
-            }
+            };
+            self.zeros = zeros;
             self.enter(Stage::Ramp);
         }
         Progress::Busy
@@ -271,8 +262,8 @@ impl Aligner {
         }
         let to_end = WAY_TICKS.saturating_sub(self.tick);
         let rate = SWEEP_RATE.min(self.tick.min(to_end).saturating_mul(SWEEP_RATE / GATHER_TICKS));
-        self.field =
-            if forward { self.field.wrapping_add(rate) } else { self.field.wrapping_sub(rate) };
+        self.rate = if forward { rate as i32 } else { -(rate as i32) };
+        self.field = self.field.wrapping_add(self.rate as u32);
         if self.tick >= WAY_TICKS {
             if forward {
                 self.enter(Stage::Back);
@@ -390,14 +381,24 @@ impl Aligner {
             Stage::Forward | Stage::Back | Stage::Check => 1 << 30,
         };
         let mut bridges = [Bridge::Off; 2];
-        for ((bridge, motor), voltage) in
-            bridges.iter_mut().zip(&self.motors).zip(configuration.alignment_voltage)
+        for (((bridge, motor), voltage), model) in bridges
+            .iter_mut()
+            .zip(&self.motors)
+            .zip(configuration.alignment_voltage)
+            .zip(&configuration.motors)
         {
             let direction = Direction::from(motor.electrical(configuration, self.field));
             let current = field(direction, share, configuration.alignment_current);
+            // Beside what the windings take, what the magnets give as they turn with the field.
+            let speed = self.rate.wrapping_mul(configuration.pole_pairs as i32);
+            let back_emf = Voltage::from_raw(multiply_high(speed, model.back_emf));
+            let across = direction.quarter_turn_ahead();
             let mut phases = field(direction, share, voltage);
+            for (phase, back_emf) in phases.iter_mut().zip(field(across, 1 << 30, back_emf)) {
+                *phase = *phase + back_emf;
+            }
             for (phase, current) in phases.iter_mut().zip(current) {
-                *phase = *phase + bus.dead_time_compensation(current);
+                *phase = *phase + bus.dead_time_compensation(model.dead_time, current);
             }
             *bridge = Bridge::Duty(bus.duties(phases));
         }
@@ -445,7 +446,7 @@ impl Sweep {
 
 /// Returns the phases of a field in this direction, of so much current or voltage; `share` is in
 /// 2^-30.
-fn field<T: Quantity>(direction: Direction, share: i32, size: T) -> [T; 3] {
+pub(crate) fn field<T: Quantity>(direction: Direction, share: i32, size: T) -> [T; 3] {
     // 2^-31 times 2^-30 leaves an eighth of it after two upper halves.
     let along = |component: i32| {
         T::from_raw(multiply_high(multiply_high(component, share), size.raw() << 3))

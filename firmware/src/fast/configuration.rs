@@ -6,6 +6,7 @@ use core::f64::consts::TAU;
 use crate::fast::alignment::Alignment;
 use crate::fast::foc::burning;
 use crate::fast::foc::current::Model;
+use crate::fast::foc::modulation::dead_time_slope;
 use crate::fast::shaker::{LARGEST_ACCELERATION, ShakerModel};
 use crate::fast::tracker::{EncoderModel, TABLE_LENGTH};
 use crate::fast::units::{
@@ -30,15 +31,15 @@ pub struct Configuration {
     pub(crate) signed_pole_pairs: [i32; 2],
     /// +1 where a positive current turns the rotor clockwise, else -1.
     pub(crate) clockwise: [i32; 2],
-    /// 2^-16 A per [`Counts`], in 2^-21, with the sign of the current sense.
-    pub(crate) current_per_count: [i32; 2],
+    /// 2^-16 A per [`Counts`] of phases A and B, in 2^-21, with the sign of the current sense.
+    pub(crate) current_per_count: [[i32; 2]; 2],
     /// What the amplifiers show at no current as designed, and how far they may be off.
     pub(crate) zero_design: Counts,
     pub(crate) zero_tolerance: Counts,
     pub(crate) sensed: bool,
-    /// Distance of a phase from zero that is an over-current: the limit, or the end of the range of
-    /// amplifier and converter where that is nearer.
-    pub(crate) over_current: Counts,
+    /// Current of a phase that is an over-current: the limit, or the end of the range of amplifier and
+    /// converter where that is nearer.
+    pub(crate) over_current: [Current; 2],
     pub(crate) alignment_voltage: [Voltage; 2],
     pub(crate) alignment_current: Current,
     /// What the amplifiers show of the alignment current.
@@ -88,14 +89,20 @@ impl Configuration {
         let range = f64::from(valid_counts.1) - f64::from(valid_counts.0);
         let zero = sense.map_or(0, |sense| i32::from(sense.zero_count));
         let reach = (i32::from(valid_counts.1) - zero).min(zero - i32::from(valid_counts.0));
-        let over_current = sense.map_or(i32::MAX / 4, |_| counts(settings.over_current));
+        let gains = [0, 1].map(|motor| {
+            [settings.current_gain_a, settings.current_gain_b].map(|gain| f64::from(gain[motor]))
+        });
+        let end = f64::from(reach) * amperes_per_count;
+        let over_current = gains.map(|[a, b]| match sense {
+            Some(_) => Current::from_amperes((end * a.min(b)).min(settings.over_current.into())),
+            None => Current::from_raw(i32::MAX / 4),
+        });
         let divider = hardware.bus_microvolts_per_count;
         let bus = divider.map_or(0.0, |scale| f64::from(scale.get()) * 1e-6)
             * f64::from(settings.battery_scale);
-        let dead_time = f64::from(hardware.dead_time_ns) * 1e-9;
         let mut configuration = Self {
             shaker: shaker(settings),
-            motors: [0, 1].map(|motor| Self::current_loop(settings, motor)),
+            motors: [0, 1].map(|motor| Self::current_loop(settings, hardware, motor)),
             burning_per_speed: [0, 1].map(|motor| match divider {
                 Some(_) => 0,
                 None => scaled(burning_per_speed(settings, motor), 16),
@@ -106,11 +113,12 @@ impl Configuration {
             pole_pairs: u32::from(pole_pairs(settings).max(1)),
             signed_pole_pairs: [0; 2],
             clockwise: [1; 2],
-            current_per_count: [scaled(amperes_per_count * 4096.0, 21); 2],
+            current_per_count: gains
+                .map(|motor| motor.map(|gain| scaled(gain * amperes_per_count * 4096.0, 21))),
             zero_design: Counts::from_raw(zero * 16),
             zero_tolerance: Counts::from_raw(scaled(ZERO_SHARE * range, 4)),
             sensed: sense.is_some(),
-            over_current: Counts::from_raw(over_current.min(reach * 16)),
+            over_current,
             alignment_voltage: settings
                 .phase_resistance
                 .map(|resistance| volts(resistance * settings.alignment_current)),
@@ -126,7 +134,7 @@ impl Configuration {
             largest_residual: Voltage::from_volts(
                 RESIDUAL_SHARE * f64::from(settings.nominal_voltage),
             ),
-            dead_share: scaled(dead_time * f64::from(hardware.pwm_frequency_hz), 31),
+            dead_share: scaled(dead_share(hardware), 31),
             over_speed: Speed::from_hertz(settings.over_speed),
         };
         configuration.apply(configuration.alignment);
@@ -138,8 +146,9 @@ impl Configuration {
         self.alignment = alignment;
         for (index, found) in alignment.iter().enumerate() {
             let sign = |negative: bool| if negative { -1 } else { 1 };
-            let scale = &mut self.current_per_count[index % 2];
-            *scale = magnitude(*scale) * sign(found.current_inverted);
+            for scale in &mut self.current_per_count[index % 2] {
+                *scale = magnitude(*scale) * sign(found.current_inverted);
+            }
             self.clockwise[index % 2] = sign(found.reversed);
             self.signed_pole_pairs[index % 2] = self.pole_pairs as i32 * sign(found.reversed);
         }
@@ -147,12 +156,13 @@ impl Configuration {
 
     /// Returns the current loop of a motor (0: top, 1: bottom).
     #[must_use]
-    pub fn current_loop(settings: &Settings, motor: usize) -> Model {
+    pub fn current_loop(settings: &Settings, hardware: &Hardware, motor: usize) -> Model {
         let bandwidth = TAU * f64::from(settings.current_bandwidth);
         let resistance = f64::from(settings.phase_resistance[motor]);
         let inductance = f64::from(settings.phase_inductance[motor] * MILLI);
         // Electrical radians per second in one 2^-32 turn per tick, times 2^32.
         let speed = TAU * RATE;
+        let pwm_frequency = f64::from(hardware.pwm_frequency_hz);
         Model {
             proportional: scaled(inductance * bandwidth, 24),
             integral: scaled(resistance * bandwidth / RATE, 24),
@@ -160,6 +170,7 @@ impl Configuration {
             reactance: scaled(speed * inductance, 22),
             back_emf: scaled(speed * flux_linkage(settings, motor), 16),
             lead: scaled(TAU * f64::from(settings.actuation_delay) * 1e-6 * RATE, 28),
+            dead_time: scaled(dead_time_slope(dead_share(hardware), inductance, pwm_frequency), 24),
         }
     }
 
@@ -186,6 +197,11 @@ impl Configuration {
     pub(crate) fn clockwise<Q: Quantity>(&self, motor: usize, q: Q) -> Q {
         Q::from_raw(q.raw().wrapping_mul(self.clockwise[motor % 2]))
     }
+}
+
+/// Returns the share of a PWM period that dead time takes.
+fn dead_share(hardware: &Hardware) -> f64 {
+    f64::from(hardware.dead_time_ns) * 1e-9 * f64::from(hardware.pwm_frequency_hz)
 }
 
 fn pole_pairs(settings: &Settings) -> u8 {

@@ -23,6 +23,7 @@ use crate::fast::monitor::{DIAGNOSTIC_TICKS, Monitor, Observation};
 use crate::fast::shaker::{Rotors, STRIDE, Shaker, Target};
 use crate::fast::supervisor::{Conditions, Drive, Supervisor};
 use crate::fast::tracker::{TABLE_LENGTH, Tracker};
+use crate::fast::trial::{self, TrialRun};
 use crate::fast::units::{Counts, Current, RotorAngle, Speed, TICK_US, Voltage, multiply_high};
 use crate::hardware::{Actuation, Bridge, Sensors};
 use crate::scope::{Sample, row};
@@ -48,13 +49,13 @@ const BATTERY_HYSTERESIS: Voltage = Voltage::from_raw(19_661);
 
 /// What the bridges do at present.
 #[derive(Debug, Clone)]
-#[expect(clippy::large_enum_variant, reason = "one exists, in a static; nothing is allocated")]
 enum Activity {
     /// Off or braking.
     Idle,
     Aligning(Aligner),
     /// Alignment is done; its eccentricity goes into the tables, one entry a tick.
     Tabulating(usize),
+    Trying(TrialRun),
     Shaking,
 }
 
@@ -134,6 +135,9 @@ impl Control {
             && self.still >= REST_TICKS;
         if idle {
             self.configuration = *configuration;
+            if configuration.bus_per_count == 0 {
+                self.bus_voltage = configuration.bus_nominal;
+            }
         }
         idle
     }
@@ -179,6 +183,7 @@ impl Control {
                 self.shake(&rotors, &target, count.is_multiple_of(STRIDE))
             }
             Drive::Align => self.align(sensors),
+            Drive::Try => self.try_out(sensors, order),
             Drive::Brake => self.rest_in(Bridge::BRAKE),
             Drive::Off => self.rest_in(Bridge::Off),
         }
@@ -231,6 +236,7 @@ impl Control {
             row: row(channels.iter().map(|channel| self.count(*channel, &rotors))),
             is_faulted: self.supervisor.first_fault.is_some(),
             is_driven: matches!(self.supervisor.state, State::Aligning | State::Running),
+            is_pattern: matches!(&self.activity, Activity::Trying(run) if run.is_pattern()),
         }
     }
 
@@ -335,14 +341,16 @@ impl Control {
     #[inline(always)]
     fn measure_motor(&mut self, motor: usize, [a, b]: [i16; 2]) -> bool {
         let Configuration { over_current, current_per_count, .. } = &self.configuration;
-        let limit = over_current.raw();
-        let beyond =
-            |count: Counts| count.raw().wrapping_add(limit) as u32 > limit.wrapping_mul(2) as u32;
-        let scale = current_per_count[motor];
-        let amperes = |count: Counts| Current::from_raw(multiply_high(count.raw() << 11, scale));
-        let [zero_a, zero_b] = self.zeros[motor];
-        let (a, b) = (Counts::new(a) - zero_a, Counts::new(b) - zero_b);
-        self.currents[motor] = [amperes(a), amperes(b)];
+        let limit = over_current[motor].raw();
+        let beyond = |current: Current| {
+            current.raw().wrapping_add(limit) as u32 > limit.wrapping_mul(2) as u32
+        };
+        let amperes =
+            |count: Counts, scale: i32| Current::from_raw(multiply_high(count.raw() << 11, scale));
+        let ([zero_a, zero_b], [scale_a, scale_b]) = (self.zeros[motor], current_per_count[motor]);
+        let a = amperes(Counts::new(a) - zero_a, scale_a);
+        let b = amperes(Counts::new(b) - zero_b, scale_b);
+        self.currents[motor] = [a, b];
         beyond(a) || beyond(b) || beyond(a + b)
     }
 
@@ -495,6 +503,39 @@ impl Control {
                     self.aligned = true;
                 }
             }
+        }
+        Actuation { bridges }
+    }
+
+    /// Does a tick of a trial: motors and sense are driven and measured without any value of theirs.
+    #[inline(never)]
+    fn try_out(&mut self, sensors: &Sensors, order: &Order) -> Actuation {
+        let (Some(counts), Some(trial)) = (sensors.phase_current, &order.trial) else {
+            self.misaligned = Faults::NONE.with(Fault::CurrentSense);
+            return Actuation { bridges: [Bridge::BRAKE; 2] };
+        };
+        if !matches!(self.activity, Activity::Trying(_)) {
+            self.activity = Activity::Trying(TrialRun::new(trial));
+        }
+        let Activity::Trying(run) = &mut self.activity else { return Actuation::OFF };
+        let observation = trial::Observation {
+            trackers: &self.trackers,
+            counts: counts.map(|phases| phases.map(Counts::new)),
+            currents: &self.currents,
+            bus: &self.bus,
+        };
+        let (bridges, progress) = run.update(&self.configuration, &observation);
+        for (index, (current_loop, currents)) in
+            self.loops.iter_mut().zip(self.currents).enumerate()
+        {
+            let (current, voltage) = run.of_motor(index, currents);
+            current_loop.note(current, voltage);
+        }
+        self.zeros = run.zeros.unwrap_or(self.zeros);
+        match progress {
+            Progress::Busy => {}
+            Progress::Failed(fault) => self.misaligned = Faults::NONE.with(fault),
+            Progress::Done => self.aligned = true,
         }
         Actuation { bridges }
     }

@@ -58,6 +58,8 @@ pub(crate) enum Drive {
     Brake,
     /// Find the electrical angles.
     Align,
+    /// Do the trial that was asked for.
+    Try,
     /// Follow this f; `false`: keep theta as it is.
     Shake(Speed, bool),
 }
@@ -69,7 +71,7 @@ pub(crate) struct Conditions {
     pub(crate) present: Faults,
     /// Whether both rotors stand.
     pub(crate) at_rest: bool,
-    /// Whether alignment finished in the last tick.
+    /// Whether alignment, or the trial, finished in the last tick.
     pub(crate) aligned: bool,
 }
 
@@ -103,6 +105,8 @@ pub(crate) struct Supervisor {
     pub(crate) obeyed: Requests,
     armed_at_setpoint: u16,
     ramp_down: bool,
+    /// Whether what measures the motors is a trial.
+    tries: bool,
     /// What happened since power-up.
     pub(crate) events: EventCounters,
 }
@@ -122,6 +126,7 @@ impl Supervisor {
             obeyed: Requests::default(),
             armed_at_setpoint: 0,
             ramp_down: false,
+            tries: false,
             events: EventCounters::default(),
         }
     }
@@ -177,9 +182,10 @@ impl Supervisor {
     /// Returns whether the order asks for something new; as one comparison of a word.
     #[inline(always)]
     fn commanded(&self, order: &Order) -> bool {
-        let word =
-            |Requests { arm, disarm, stop, clear }| u32::from_le_bytes([arm, disarm, stop, clear]);
-        word(order.requests) != word(self.obeyed)
+        let word = |Requests { arm, disarm, stop, clear, .. }| {
+            u32::from_le_bytes([arm, disarm, stop, clear])
+        };
+        word(order.requests) != word(self.obeyed) || order.requests.trial != self.obeyed.trial
     }
 
     /// Obeys what was asked for since the last tick. Counters do not show which request came last:
@@ -204,16 +210,19 @@ impl Supervisor {
         if asked.clear != obeyed.clear && !stop {
             self.clear(conditions);
         }
-        if asked.arm != obeyed.arm && !stop && !disarm {
-            self.arm(now, order);
+        let tries = asked.trial != obeyed.trial;
+        if (tries || asked.arm != obeyed.arm) && !stop && !disarm {
+            self.arm(now, order, tries);
         }
     }
 
-    fn arm(&mut self, now: Instant, order: &Order) {
+    /// Begins to align, or with a trial, after which it is disarmed again.
+    fn arm(&mut self, now: Instant, order: &Order, tries: bool) {
         let silence = now.as_micros().saturating_sub(order.heard.as_micros());
         let heard = silence < LINK_LATE_US && now <= order.expires;
         if self.state == State::Disarmed && !self.stopped && heard {
             self.armed_at_setpoint = order.setpoints;
+            self.tries = tries;
             self.enter(State::Aligning);
         }
     }
@@ -291,11 +300,15 @@ impl Supervisor {
         match self.state {
             State::Disarmed => self.rest(conditions),
             State::Aligning => {
+                if conditions.aligned && self.tries {
+                    self.enter(State::Disarmed);
+                    return Drive::Brake;
+                }
                 if conditions.aligned {
                     self.enter(State::Armed);
                     return Drive::Shake(Speed::ZERO, false);
                 }
-                Drive::Align
+                if self.tries { Drive::Try } else { Drive::Align }
             }
             State::Armed => {
                 let asked =

@@ -35,7 +35,7 @@ const SETTLING_TICKS: u16 = 200;
 /// Fastest speed that is followed: 75 Hz.
 const FASTEST: Speed = Speed::from_centihertz(7_500);
 /// Oldest reading that is brought forward, microseconds.
-const OLDEST_US: i32 = 3_000;
+const OLDEST_US: i32 = 4_000;
 /// Most ticks between readings that raise the gain of the next.
 const LARGEST_WEIGHT: i32 = 4;
 
@@ -225,10 +225,10 @@ impl Tracker {
     /// Returns how far the rotor went since a reading of this age, 2^-32 turn.
     #[inline(always)]
     const fn travel(&self, model: &EncoderModel, age_us: u16) -> i32 {
-        /// One tick per microsecond, 2^-26.
-        const TICKS_PER_MICROSECOND: i32 = ((1 << 26) / TICK_US) as i32;
+        /// One tick per microsecond, 2^-25.
+        const TICKS_PER_MICROSECOND: i32 = ((1 << 25) / TICK_US) as i32;
         let age = model.latency_us.wrapping_add(age_us as i32);
         let age = if age > OLDEST_US { OLDEST_US } else { age };
-        multiply_high(self.speed.raw() << 6, age.wrapping_mul(TICKS_PER_MICROSECOND))
+        multiply_high(self.speed.raw() << 7, age.wrapping_mul(TICKS_PER_MICROSECOND))
     }
 }

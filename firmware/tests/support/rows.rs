@@ -1,5 +1,6 @@
 //! Inputs of the current loop over its whole operating range, from a fixed seed.
 
+use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::fast::configuration::Configuration;
 use flix_firmware::fast::foc::current::{Input, Model};
 use flix_firmware::fast::foc::modulation::Bus;
@@ -16,7 +17,7 @@ pub(crate) const DEAD_SHARE: f64 = 0.0125;
 
 /// The default motor.
 pub(crate) fn model() -> Model {
-    Configuration::current_loop(&Settings::DEFAULT, 0)
+    Configuration::current_loop(&Settings::DEFAULT, &DENGFOC_V3_01.hardware, 0)
 }
 
 /// A battery at its nominal voltage.

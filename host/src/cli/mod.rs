@@ -17,6 +17,7 @@ pub mod by_hand;
 pub mod clear;
 #[cfg(feature = "live")]
 pub mod cockpit;
+pub mod commission;
 pub mod completions;
 pub mod course;
 pub mod discover;
@@ -191,6 +192,7 @@ enum Command {
     Experiment(experiment::Args),
     Doctor(doctor::Args),
     Scope(scope::Args),
+    Commission(commission::Args),
     Runs(runs::Args),
     Completions(completions::Args),
     #[command(after_help = "Example:\n  flix man ~/.local/share/man/man1")]
@@ -222,6 +224,7 @@ impl Cli {
             Command::Experiment(args) => experiment::run(args),
             Command::Doctor(args) => doctor::run(args),
             Command::Scope(args) => scope::run(args),
+            Command::Commission(args) => commission::run(args),
             Command::Runs(args) => runs::run(args),
             Command::Completions(args) => completions::run(args),
             Command::Man(args) => man::run(args),

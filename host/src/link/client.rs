@@ -164,11 +164,9 @@ impl Client {
         if matches!(command, Command::Clear) && self.stop == StopState::Acknowledged {
             self.stop = StopState::None;
         }
-        if command == Command::Arm {
-            self.is_driving = true;
-            if self.held.is_none() && self.stop != StopState::Sending {
-                self.hold(now, Setpoint::REST);
-            }
+        self.is_driving |= matches!(command, Command::Arm | Command::Trial(_));
+        if command == Command::Arm && self.held.is_none() && self.stop != StopState::Sending {
+            self.hold(now, Setpoint::REST);
         }
         let request = self.number();
         self.pending.push_back(Pending {

@@ -195,6 +195,7 @@ impl FakeRobot {
         }
         match command {
             Command::Scope(_) => Outcome::Refused(Refusal::NotCaptured),
+            Command::Trial(_) => Outcome::Refused(Refusal::NoCurrentSense),
             Command::Stop => {
                 self.stopped = true;
                 self.setpoint = Setpoint::REST;

@@ -80,6 +80,9 @@ pub enum Refusal {
         /// The largest age at which it counts, milliseconds.
         limit_ms: u16,
     },
+    /// The board measures no phase currents, so that nothing bounds a trial.
+    #[error("the board measures no phase currents, so that its motors cannot be measured")]
+    NoCurrentSense,
 }
 
 impl Refusal {

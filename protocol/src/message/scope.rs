@@ -178,6 +178,8 @@ pub enum Trigger {
         /// Whether it is crossed upwards.
         rising: bool,
     },
+    /// The pattern of a [`Trial`](super::Trial) begins; a turning field has its speed.
+    Pattern,
 }
 
 /// What is to be captured.
@@ -218,7 +220,7 @@ impl ScopePlan {
     #[must_use]
     pub fn is_possible(&self) -> bool {
         let is_known = match self.trigger {
-            Trigger::Now | Trigger::Fault => true,
+            Trigger::Now | Trigger::Fault | Trigger::Pattern => true,
             Trigger::Level { channel, .. } => usize::from(channel) < self.channels.len(),
         };
         is_known && self.before < self.rows()

@@ -15,7 +15,7 @@ use crate::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
 pub enum State {
     /// The motors coast.
     Disarmed,
-    /// The robot finds the electrical angles and the zero of the current sensors.
+    /// The robot drives the motors to measure: electrical angles and the zero of the current sensors, or in a trial.
     Aligning,
     /// The robot holds the rotors at rest, ready for a setpoint.
     Armed,

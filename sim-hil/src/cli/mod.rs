@@ -6,6 +6,7 @@
 pub mod accuracy;
 pub mod adversary;
 pub mod arguments;
+pub mod commission;
 pub mod completions;
 pub mod conditions;
 mod console;
@@ -49,6 +50,8 @@ enum Command {
     Serve(serve::Args),
     /// Measure how well f and theta are held over their whole range
     Accuracy(accuracy::Args),
+    /// Let robots with unknown motors find their own values, and check these
+    Commission(commission::Args),
     /// Inject every fault in every walking mode at every onset and report what the robot does
     Faults(faults::Args),
     /// Attack live robots over their link and count what the attack achieves
@@ -251,6 +254,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Man(args) => man::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Accuracy(args) => accuracy::run(&args),
+        Command::Commission(args) => commission::run(&args),
         Command::Faults(args) => faults::run(&args),
         Command::Adversary(args) => adversary::run(&args),
         Command::Soak(args) => soak::run(&args),

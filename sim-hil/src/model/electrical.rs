@@ -100,7 +100,7 @@ pub struct Encoder {
     pub period_ticks: u32,
     /// Time from the sampled angle to the tick, as the driver states it, us, 0 to 2000. AS5600 filter and bus (200).
     pub age_us: u16,
-    /// By how much every reading is older than that, us, 0 to 2000: an AS5600 that keeps the filter it is sold with is
+    /// By how much every reading is older than that, us, 0 to 3000: an AS5600 that keeps the filter it is sold with is
     /// 957 late (0).
     pub late_us: f64,
     /// Largest error of that time, us, 0 to 1000. Assumed (15).
@@ -359,7 +359,7 @@ impl Electrical {
         add("encoder.noise_deg", e.noise_deg, 0.0, 5.0);
         add("encoder.period_ticks", f64::from(e.period_ticks), 1.0, 100.0);
         add("encoder.age_us", f64::from(e.age_us), 0.0, 2000.0);
-        add("encoder.late_us", e.late_us, 0.0, 2000.0);
+        add("encoder.late_us", e.late_us, 0.0, 3000.0);
         add("encoder.age_error_us", e.age_error_us, 0.0, 1000.0);
         for (harmonic, value) in e.eccentricity_deg.into_iter().enumerate() {
             add(&format!("encoder.eccentricity_deg[{harmonic}]"), value, 0.0, 10.0);

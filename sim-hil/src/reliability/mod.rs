@@ -6,6 +6,8 @@ pub mod accuracy;
 pub mod adversary;
 pub mod case;
 #[cfg(feature = "program")]
+pub mod commission;
+#[cfg(feature = "program")]
 pub mod fault_matrix;
 #[cfg(feature = "program")]
 pub mod soak;

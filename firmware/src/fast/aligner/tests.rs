@@ -4,6 +4,8 @@ use std::f64::consts::TAU;
 
 use super::*;
 use crate::fast::control::bench::HARDWARE;
+use crate::fast::still::{STILL, STILL_TICKS};
+use crate::fast::units::Speed;
 use crate::fast::units::{EncoderAngle, Voltage};
 use crate::hardware::{Encoder, EncoderReading};
 use crate::settings::Settings;
@@ -101,6 +103,8 @@ fn settings() -> Settings {
         encoder_zero: [0.0; 2],
         encoder_latency: 0.0,
         pole_pairs: POLE_PAIRS as f32,
+        // A needle gives no voltage: the least that there is.
+        flux_linkage: [0.2; 2],
         ..Settings::DEFAULT
     }
 }

@@ -217,7 +217,7 @@ fn an_empty_battery_ramps_down_phase_locked() {
 #[test]
 fn frequency_gives_way_to_a_weak_battery_and_direction_does_not() {
     let mut bench = running(FREE, 35.0, 30.0);
-    bench.bus = 9.6;
+    bench.bus = 9.4;
     bench.run(2.0);
     assert!((20.0..34.0).contains(&bench.frequency().abs()), "{} Hz", bench.frequency());
     assert!(bench.direction_error(30.0).abs() < 5.0, "{}", bench.direction_error(30.0));

@@ -31,6 +31,8 @@ pub struct Model {
     pub back_emf: i32,
     /// Electrical turn during the actuation delay: 2^-28 rad per (2^-32 turn per tick), in 2^-32.
     pub lead: i32,
+    /// What dead time takes of a small current, V/A in 2^-24.
+    pub dead_time: i32,
 }
 
 /// What the loop works from in one tick.
@@ -80,6 +82,12 @@ impl CurrentLoop {
         self.limited
     }
 
+    /// Takes what another drive measures and asks for, to be reported.
+    pub(crate) const fn note(&mut self, current: Rotor<Current>, voltage: Rotor<Voltage>) {
+        self.current = current;
+        self.voltage = voltage;
+    }
+
     /// Does one tick, from phase currents to duties. Never panics.
     #[inline(always)]
     pub fn update(&mut self, model: &Model, bus: &Bus, input: &Input) -> [Duty; 3] {
@@ -103,9 +111,9 @@ impl CurrentLoop {
         let [a, b, c] = inverse_clarke(inverse_park(turn_ahead(voltage, lead), direction));
         let [i_a, i_b, i_c] = phases;
         bus.duties([
-            a + bus.dead_time_compensation(i_a),
-            b + bus.dead_time_compensation(i_b),
-            c + bus.dead_time_compensation(i_c),
+            a + bus.dead_time_compensation(model.dead_time, i_a),
+            b + bus.dead_time_compensation(model.dead_time, i_b),
+            c + bus.dead_time_compensation(model.dead_time, i_c),
         ])
     }
 

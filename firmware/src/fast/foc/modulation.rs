@@ -8,13 +8,18 @@ use crate::fast::units::{Current, Duty, Voltage, multiply_high};
 /// Up to 0.6 the corners add 4 % of voltage and the flats are cut by at most 4 %, which is less
 /// ripple than an encoder's noise makes.
 const LIMIT: i32 = 39_322;
-/// Current at which dead-time compensation is at its full value, 2^-16 A: 60 mA. Below, the current
-/// itself swings through zero within a PWM period and the error shrinks with it.
-const KNEE: i32 = 3_932;
 /// A bus below this reads as this: 4 V, 2^-16 V.
 const LOWEST_BUS: i32 = 4 << 16;
 /// A bus above this reads as this: 60 V, 2^-16 V.
 const HIGHEST_BUS: i32 = 60 << 16;
+
+/// Returns what dead time takes for each ampere of a phase that swings through zero within a PWM period, V/A: what it takes
+/// in whole, `share` x bus, over half the ripple, bus / (8 L f). `share` is of the PWM period, the inductance in H, the
+/// frequency in Hz.
+#[must_use]
+pub fn dead_time_slope(share: f64, inductance: f64, pwm_frequency: f64) -> f64 {
+    8.0 * share * inductance * pwm_frequency
+}
 
 /// What the bridge can do with the present bus voltage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,8 +36,8 @@ pub struct Bus {
     reciprocal: i32,
     /// 2^39 / limit.
     pub(crate) reciprocal_limit: i32,
-    /// Voltage lost to dead time over the knee, V/A in 2^-12.
-    dead_slope: i32,
+    /// What dead time takes of a phase that carries much.
+    dead_voltage: Voltage,
 }
 
 impl Bus {
@@ -50,7 +55,6 @@ impl Bus {
         };
         let limit = multiply_high(voltage << 4, LIMIT << 12);
         let reciprocal = ((u32::MAX / (voltage as u32 >> 4)) << 12) as i32;
-        let dead_voltage = multiply_high(voltage << 1, dead_share);
         Self {
             voltage: Voltage::from_raw(voltage),
             limit: Voltage::from_raw(limit),
@@ -59,21 +63,20 @@ impl Bus {
             reciprocal,
             // 2^39 / (0.6 voltage) = reciprocal x 5/6 / 2^8.
             reciprocal_limit: multiply_high(reciprocal, 1_789_569_706) >> 7,
-            // The knee is a constant, so no division happens.
-            dead_slope: multiply_high(dead_voltage << 4, (1 << 30) / KNEE * 1024),
+            dead_voltage: Voltage::from_raw(multiply_high(voltage << 1, dead_share)),
         }
     }
 
     /// Returns what must be added to the voltage of a phase that carries this current (into the
-    /// motor), to make up for dead time.
+    /// motor), to make up for dead time; `slope` is in V/A, 2^-24 ([`dead_time_slope`]).
     #[inline(always)]
     #[must_use]
-    pub const fn dead_time_compensation(&self, current: Current) -> Voltage {
-        // Most often beyond the knee, either way: no branch.
-        let current = current.raw();
-        let bent = if current < -KNEE { -KNEE } else { current };
-        let bent = if bent > KNEE { KNEE } else { bent };
-        Voltage::from_raw(bent.wrapping_mul(self.dead_slope) >> 12)
+    pub const fn dead_time_compensation(&self, slope: i32, current: Current) -> Voltage {
+        // Most often beyond the bend, either way: no branch.
+        let most = self.dead_voltage.raw();
+        let volts = multiply_high(current.raw().wrapping_shl(8), slope);
+        let bent = if volts < -most { -most } else { volts };
+        Voltage::from_raw(if bent > most { most } else { bent })
     }
 
     /// Returns duties that give these phase voltages, up to a common part: the middle of the largest and
@@ -146,11 +149,13 @@ mod tests {
     fn dead_time_is_made_up_for_with_the_sign_of_the_current() {
         // 1.25 % of 12 V are 0.15 V.
         let bus = Bus::new(TWELVE_VOLTS, (0.0125 * 2_147_483_648.0) as i32);
-        let added = |current| bus.dead_time_compensation(Current::from_raw(current)).raw();
+        // 2 V/A.
+        let added = |current| bus.dead_time_compensation(2 << 24, Current::from_raw(current)).raw();
         let full = added(1 << 16);
         assert!((full - 9_830).abs() < 4, "{full}");
         assert!((added(-(1 << 16)) + full).abs() < 2);
         assert_eq!(added(0), 0);
+        assert!((added(3_277) - 6_554).abs() < 2, "{}", added(3_277));
     }
 
     #[test]

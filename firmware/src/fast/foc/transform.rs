@@ -34,6 +34,14 @@ pub struct Direction {
     pub sine: i32,
 }
 
+impl Direction {
+    /// Returns the direction a quarter electrical turn ahead.
+    #[must_use]
+    pub const fn quarter_turn_ahead(self) -> Self {
+        Self { cosine: self.sine.wrapping_neg(), sine: self.cosine }
+    }
+}
+
 impl From<ElectricalAngle> for Direction {
     /// Converts with an error of at most 2.3e-5.
     #[inline(always)]

@@ -88,8 +88,10 @@ impl Desk {
 /// What is asked for in one tick.
 fn ask(desk: &mut Desk, [arm, disarm, stop, clear]: [u8; 4]) -> Drive {
     let asked = &mut desk.order.requests;
-    let [a, d, s, c] = [asked.arm, asked.disarm, asked.stop, asked.clear];
-    *asked = Requests { arm: a + arm, disarm: d + disarm, stop: s + stop, clear: c + clear };
+    asked.arm += arm;
+    asked.disarm += disarm;
+    asked.stop += stop;
+    asked.clear += clear;
     desk.tick()
 }
 

@@ -323,7 +323,7 @@ mod tests {
         operation.ask(Command::Parameter(set)).unwrap();
         operation.ask(Command::Parameter(ParameterCommand::Save)).unwrap();
         let flash = operation.robot.parameters().flash.content();
-        let verdict = attack(3, Effort { sessions: 22, ..NONE }, &flash, |_| ()).unwrap();
+        let verdict = attack(3, Effort { sessions: 44, ..NONE }, &flash, |_| ()).unwrap();
         let movement_s = verdict.longest_movement_after_intent_s;
         assert!(!verdict.pass && movement_s > MOVEMENT_LIMIT_S, "{verdict:?}");
     }

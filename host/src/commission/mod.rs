@@ -1,0 +1,408 @@
+//! Commissioning: measures the motors of a robot that knows nothing of them, over its link, and finds the settings that they
+//! need.
+//!
+//! ```text
+//! standing field   R, L, dead time, delay of the bridges; sign and balance of the amplifiers      phases
+//! turning field    pole pairs, direction, which encoder sees it, flux linkage roughly             turning
+//! alignment        electrical angles and eccentricity of the encoders                             the robot's own
+//! slow, then fast  flux linkage and latency of the encoders                                       running
+//! ramps            what a shown ampere is worth, by the inertia of the rotors                     running
+//! ```
+//!
+//! Every step is bounded by the robot itself: nothing of a motor is assumed until it was measured. Known are the inertia of
+//! the rotors, by their mass, and the bus voltage.
+
+mod desk;
+mod least_squares;
+#[cfg(feature = "program")]
+mod live;
+pub mod phases;
+pub mod running;
+pub mod turning;
+
+use std::f64::consts::TAU;
+use std::time::Duration;
+
+use flix_protocol::message::{Command, Faults, Outcome, Setpoint, Telemetry};
+
+use self::desk::Desk;
+use self::phases::Phases;
+use self::running::BackEmf;
+use self::turning::Rotor;
+
+/// A robot over its link, and the time that passes.
+pub trait Subject {
+    /// Why it did not do as asked.
+    type Error;
+
+    /// Asks, and waits for the answer; a refusal is an error. While the robot refuses for a reason that passes, it is
+    /// asked again.
+    ///
+    /// # Errors
+    /// When it refuses, or there is no answer.
+    fn ask(&mut self, command: Command) -> Result<Outcome, Self::Error>;
+
+    /// Lets this time pass.
+    ///
+    /// # Errors
+    /// When the session ends or the operator interrupts.
+    fn pause(&mut self, duration: Duration) -> Result<(), Self::Error>;
+
+    /// Returns the newest telemetry.
+    fn telemetry(&mut self) -> Option<Telemetry>;
+
+    /// Arms, and waits until the motors are aligned.
+    ///
+    /// # Errors
+    /// When the robot refuses or has a fault.
+    fn arm(&mut self) -> Result<(), Self::Error>;
+
+    /// Brings the rotors to rest and waits until they are.
+    ///
+    /// # Errors
+    /// When they do not come to rest.
+    fn disarm(&mut self) -> Result<(), Self::Error>;
+
+    /// Commands the robot to shake so until something else is commanded.
+    fn hold(&mut self, setpoint: Setpoint);
+}
+
+/// Commissioning came to no end.
+#[derive(Debug, thiserror::Error)]
+pub enum CommissionError<E> {
+    /// The robot did not do as asked.
+    #[error(transparent)]
+    Robot(#[from] E),
+    /// A step ended in a fault.
+    #[error("{step} ended in a fault: {faults}")]
+    Faulted {
+        /// Of which step.
+        step: Step,
+        /// All that are latched.
+        faults: Faults,
+    },
+    /// The robot did not do what a step takes.
+    #[error("{0} came to no end")]
+    Endless(Step),
+    /// The answer was of another kind.
+    #[error("the robot answered something else than was asked; is its firmware of this version?")]
+    OtherAnswer,
+    /// A motor does not behave like one.
+    #[error("the {} motor {finding}", motor_name(*motor))]
+    Found {
+        /// 0: top, 1: bottom.
+        motor: usize,
+        /// What is wrong.
+        finding: Finding,
+    },
+}
+
+/// What is wrong with a motor or what it hangs on.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum Finding {
+    /// No fit.
+    #[error("carries no current as a winding does: look at its three wires")]
+    NoWinding,
+    /// It does not turn with its field.
+    #[error(
+        "does not turn with its field: does something block it, and does its encoder see its magnet?"
+    )]
+    DoesNotTurn,
+    /// The other encoder sees it turn.
+    #[error("turns under the other motor's encoder: swap the two encoders")]
+    EncodersSwapped,
+    /// No whole number of pole pairs.
+    #[error(
+        "follows its field as one of {0:.2} pole pairs would: is the magnet of its encoder in place?"
+    )]
+    PolePairs(f64),
+    /// Not the other motor's pole pairs.
+    #[error("has {0} pole pairs, the top one {1}: both must be of one kind")]
+    OtherPolePairs(u32, u32),
+}
+
+/// Returns the name of a motor, 0 or 1.
+#[must_use]
+pub const fn motor_name(motor: usize) -> &'static str {
+    if motor == 0 { "top" } else { "bottom" }
+}
+
+/// Parts of commissioning, for progress and errors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Step {
+    /// [`phases`].
+    Phases,
+    /// [`turning`], of the top or the bottom motor.
+    Turning(usize),
+    /// Alignment.
+    Aligning,
+    /// [`running`], slow.
+    Slow,
+    /// [`running`], fast.
+    Fast,
+    /// [`running`], changing speed.
+    Ramps,
+}
+
+impl Step {
+    /// All, in order.
+    pub const ALL: [Self; 7] = [
+        Self::Phases,
+        Self::Turning(0),
+        Self::Turning(1),
+        Self::Aligning,
+        Self::Slow,
+        Self::Fast,
+        Self::Ramps,
+    ];
+}
+
+impl std::fmt::Display for Step {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::Phases => "measuring the phases",
+            Self::Turning(0) => "turning the top motor",
+            Self::Turning(_) => "turning the bottom motor",
+            Self::Aligning => "aligning",
+            Self::Slow => "running slowly",
+            Self::Fast => "running fast",
+            Self::Ramps => "changing speed",
+        })
+    }
+}
+
+/// What somebody knows of the robot who measured it by hand.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Known {
+    /// Inertia of one rotor, kg m^2; else the setting `rotor_inertia` holds.
+    pub rotor_inertia: Option<f64>,
+    /// Voltage of the battery while the robot rests, V: corrects the divider, or stands for it where there is none.
+    pub battery: Option<f64>,
+}
+
+/// What was measured of one motor.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Motor {
+    /// Terminal to star point, ohm.
+    pub resistance: f64,
+    /// Terminal to star point, H.
+    pub inductance: f64,
+    /// Peak phase back-EMF per electrical rad/s, Wb.
+    pub flux_linkage: f64,
+    /// True current over what the amplifiers of phases A and B show.
+    pub current_gains: [f64; 2],
+    /// Whether the amplifiers count down for current into the motor.
+    pub current_inverted: bool,
+    /// What dead time takes of a phase that carries much, V.
+    pub dead_voltage: f64,
+    /// The rotor as it followed a turning field.
+    pub rotor: Rotor,
+}
+
+/// What was measured, and is in force until power-off.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Commissioned {
+    /// Top, bottom.
+    pub motors: [Motor; 2],
+    /// Pole pairs of both.
+    pub pole_pairs: u32,
+    /// How much older a fresh encoder reading is than it says, s.
+    pub encoder_latency: f64,
+    /// From a tick's current sample to the middle of the interval in which its duties act, s.
+    pub actuation_delay: f64,
+    /// Settings that it changed: name, value before, value now.
+    pub changes: Vec<(String, f32, f32)>,
+}
+
+/// Electrical frequency at which the encoder's latency is looked at first, Hz: one that is 1.3 ms off turns the field by 19
+/// degrees there.
+const SLOW_ELECTRICAL_HZ: f64 = 40.0;
+/// Fastest shaking frequency of commissioning, Hz.
+const FASTEST_HZ: f64 = 20.0;
+/// Share of the bus that the back-EMF may take at the fastest.
+const EMF_SHARE: f64 = 0.35;
+/// Ramps go from this share of the fastest to that.
+const RAMP_SHARES: [f64; 2] = [0.2, 1.0];
+/// Believed first: the middle of what encoders have, s.
+const FIRST_LATENCY: f64 = 1.2e-3;
+/// Longest latency that the robot corrects, s.
+const LONGEST_LATENCY: f64 = 3e-3;
+/// Bandwidths of trackers and position loops that bear any latency of the range, and those of a new robot, Hz.
+const CAREFUL: [f64; 2] = [60.0, 6.0];
+const QUICK: [f64; 2] = [125.0, 20.0];
+/// How far the rotor's tracker may turn in its own time while a reading is late, rad, and how late a reading is beside its
+/// latency, s.
+const TRACKER_ADVANCE: f64 = 0.5;
+const READING_AGE: f64 = 0.2e-3;
+/// Current that speeds up the rotors when the amplifiers' scale is measured, A.
+const RAMP_CURRENT: f64 = 0.3;
+/// Torque that turns the rotors while aligning, N m, several times friction and cogging of motors of this size; and the
+/// least and most current for it, A.
+const ALIGNMENT_TORQUE: f64 = 25e-3;
+const ALIGNMENT_CURRENTS: (f64, f64) = (0.3, 1.2);
+/// Current limit while the amplifiers' scale is not known, A: a margin of 20 % and more below 2 A.
+const CURRENT_LIMIT: f64 = 1.4;
+/// Gentlest and steepest ramps, Hz/s.
+const RAMPS: (f64, f64) = (10.0, 300.0);
+
+/// Commissions a robot at rest, disarmed, without faults. `step` is told of each step as it begins. What it finds is in force
+/// until power-off, and stored when the settings are saved. On an error the robot is disarmed and has the settings of
+/// before, as far as it still answers.
+///
+/// # Errors
+/// When the robot refuses, a step ends in a fault, or a motor does not behave like one.
+pub fn commission<S: Subject>(
+    subject: &mut S,
+    known: &Known,
+    step: impl FnMut(Step),
+) -> Result<Commissioned, CommissionError<S::Error>> {
+    let mut desk = Desk::new(subject);
+    let found = measure(&mut desk, known, step);
+    if found.is_err() {
+        desk.restore();
+    }
+    found.map(|found| Commissioned { changes: desk.changes(), ..found })
+}
+
+fn measure<S: Subject>(
+    desk: &mut Desk<'_, S>,
+    known: &Known,
+    mut step: impl FnMut(Step),
+) -> Result<Commissioned, CommissionError<S::Error>> {
+    if let Some(inertia) = known.rotor_inertia {
+        desk.set("rotor_inertia", 1e7 * inertia)?;
+    }
+    let inertia = desk.setting("rotor_inertia")? * 1e-7;
+    if let Some(battery) = known.battery {
+        desk.take_battery(battery)?;
+    }
+    desk.set_each("aligned", [0.0; 2])?;
+    desk.set_each("current_gain_a", [1.0; 2])?;
+    desk.set_each("current_gain_b", [1.0; 2])?;
+
+    step(Step::Phases);
+    let (standing, bridges) = desk.stand()?;
+    let mut windings = [check_winding(0, phases::measure(&standing[0], &bridges, 1.0))?; 2];
+    windings[1] = check_winding(1, phases::measure(&standing[1], &bridges, 1.0))?;
+    // One bridge delays like the other.
+    let delay = (windings[0].circuit.delay + windings[1].circuit.delay) / 2.0;
+
+    step(Step::Turning(0));
+    let mut rotors = [desk.turn(0, &windings[0], &bridges)?; 2];
+    step(Step::Turning(1));
+    rotors[1] = desk.turn(1, &windings[1], &bridges)?;
+    let [pole_pairs, of_bottom] = rotors.map(|rotor| rotor.pole_pairs());
+    if pole_pairs != of_bottom {
+        let finding = Finding::OtherPolePairs(of_bottom, pole_pairs);
+        return Err(CommissionError::Found { motor: 1, finding });
+    }
+    let pairs = f64::from(pole_pairs);
+    let mut flux = rotors.map(|rotor| rotor.flux_linkage);
+
+    step(Step::Aligning);
+    let actuation_delay = delay + phases::TICK / 2.0;
+    let mut latency = FIRST_LATENCY;
+    desk.set("pole_pairs", pairs)?;
+    desk.set_each("phase_resistance", windings.map(|it| it.circuit.resistance))?;
+    desk.set_each("phase_inductance", windings.map(|it| 1e3 * it.circuit.inductance))?;
+    desk.set_each("current_gain_b", windings.map(|it| 1.0 / it.balance))?;
+    desk.set_each("flux_linkage", flux.map(|it| 1e3 * it))?;
+    desk.set("actuation_delay", 1e6 * actuation_delay)?;
+    desk.set("encoder_latency", 1e6 * latency)?;
+    desk.set("tracker_bandwidth", CAREFUL[0])?;
+    desk.set("position_bandwidth", CAREFUL[1])?;
+    let weaker = 1.5 * pairs * flux[0].min(flux[1]);
+    let ramp = (weaker * RAMP_CURRENT / inertia / TAU).clamp(RAMPS.0, RAMPS.1);
+    desk.set("frequency_ramp", ramp)?;
+    desk.set("current_limit", CURRENT_LIMIT)?;
+    let alignment_current = ALIGNMENT_TORQUE / weaker;
+    desk.set(
+        "alignment_current",
+        alignment_current.clamp(ALIGNMENT_CURRENTS.0, ALIGNMENT_CURRENTS.1),
+    )?;
+    desk.arm(Step::Aligning)?;
+
+    let bus = standing[0].bus.min(standing[1].bus);
+    let fastest = flux.map(|flux| EMF_SHARE * bus / (TAU * pairs * flux));
+    let fastest = FASTEST_HZ.min(fastest[0]).min(fastest[1]);
+    let slow = (SLOW_ELECTRICAL_HZ / pairs).min(fastest);
+    for (speed, frequency) in [(Step::Slow, slow), (Step::Fast, fastest)] {
+        step(speed);
+        let mut back_emfs = [[BackEmf::default(); 2]; 2];
+        for (way, frequency) in [frequency, -frequency].into_iter().enumerate() {
+            for (motor, steady) in desk.steady(speed, frequency)?.into_iter().enumerate() {
+                back_emfs[motor][way] = BackEmf::of(&steady, &windings[motor].circuit, pairs);
+            }
+        }
+        let off = back_emfs.map(|both| running::latency(&both).unwrap_or(0.0));
+        latency = (latency + (off[0] + off[1]) / 2.0).clamp(0.0, LONGEST_LATENCY);
+        flux = back_emfs.map(|[one, other]| (one.flux_linkage + other.flux_linkage) / 2.0);
+        desk.disarm(speed)?;
+        desk.set("encoder_latency", 1e6 * latency)?;
+        desk.set_each("flux_linkage", flux.map(|it| 1e3 * it))?;
+        desk.arm(speed)?;
+    }
+
+    step(Step::Ramps);
+    let ends = RAMP_SHARES.map(|share| share * fastest);
+    let slopes = desk.ramps(ends, ramp, bridges.measures_bus)?;
+    desk.disarm(Step::Ramps)?;
+    let mut scales = [1.0; 2];
+    for motor in [0, 1] {
+        scales[motor] = slopes[motor] * 1.5 * pairs * flux[motor] / inertia;
+        let again = phases::measure(&standing[motor], &bridges, scales[motor]);
+        windings[motor] = check_winding(motor, again)?;
+    }
+    let motors = [0, 1].map(|motor| {
+        let Phases { circuit, inverted, balance, .. } = windings[motor];
+        Motor {
+            resistance: circuit.resistance,
+            inductance: circuit.inductance,
+            flux_linkage: flux[motor],
+            current_gains: [1.0 / scales[motor], 1.0 / (scales[motor] * balance)],
+            current_inverted: inverted,
+            dead_voltage: circuit.dead_voltage,
+            rotor: rotors[motor],
+        }
+    });
+    desk.set_each("phase_resistance", motors.map(|it| it.resistance))?;
+    desk.set_each("phase_inductance", motors.map(|it| 1e3 * it.inductance))?;
+    desk.set_each("current_gain_a", motors.map(|it| it.current_gains[0]))?;
+    desk.set_each("current_gain_b", motors.map(|it| it.current_gains[1]))?;
+    let [tracker, position] = bandwidths(latency);
+    desk.set("tracker_bandwidth", tracker)?;
+    desk.set("position_bandwidth", position)?;
+    desk.set_back("frequency_ramp")?;
+    desk.set_back("current_limit")?;
+    let changes = Vec::new();
+    Ok(Commissioned { motors, pole_pairs, encoder_latency: latency, actuation_delay, changes })
+}
+
+/// Returns the bandwidths of trackers and position loops, Hz, that bear an encoder of this latency.
+fn bandwidths(latency: f64) -> [f64; 2] {
+    let [careful, quick] = [CAREFUL[0], QUICK[0]];
+    let tracker = (TRACKER_ADVANCE / (TAU * (latency + READING_AGE))).clamp(careful, quick);
+    let share = (tracker - careful) / (quick - careful);
+    [tracker, CAREFUL[1] + share * (QUICK[1] - CAREFUL[1])]
+}
+
+/// Most that the current of a winding differs from its circuit's, as a share.
+const LARGEST_MISFIT: f64 = 0.05;
+
+fn check_winding<E>(motor: usize, found: Option<Phases>) -> Result<Phases, CommissionError<E>> {
+    let fits = |it: &Phases| it.misfit < LARGEST_MISFIT && (0.5..2.0).contains(&it.balance);
+    found.filter(fits).ok_or(CommissionError::Found { motor, finding: Finding::NoWinding })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bandwidths_are_those_of_a_new_robot_unless_its_encoders_are_slow() {
+        assert_eq!(bandwidths(0.0), QUICK);
+        assert_eq!(bandwidths(2.5e-3), CAREFUL);
+        let [tracker, position] = bandwidths(0.8e-3);
+        assert!((75.0..85.0).contains(&tracker) && (9.0..12.0).contains(&position));
+    }
+}

@@ -1,0 +1,119 @@
+//! A robot whose motors nobody knows finds their values, harms none of them, and is left as it was when it cannot.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::cell::Cell;
+use std::time::Duration;
+
+use flix_firmware::hardware::Sensors;
+use flix_firmware::settings::TABLE;
+use flix_host::commission::{CommissionError, Finding, Known, Step, Subject, commission};
+use flix_protocol::message::{Command, Outcome, Setpoint, Telemetry};
+use flix_protocol::units::Instant;
+use flix_sim::reliability::commission::{CURRENT_LIMIT_A, Watched, measure, stranger};
+use flix_sim::rig::operation::OperationError;
+use flix_sim::rig::robot::Disturbance;
+
+#[test]
+fn strangers_find_their_own_values() {
+    let measured = measure(4, 1, || {}).unwrap();
+    assert_eq!(measured.refused_without_current_sense, 4);
+    for robot in measured.each {
+        assert!(robot.passes(), "{robot:?}");
+    }
+}
+
+/// The encoders are on each other's motors.
+struct Swapped;
+
+impl Disturbance for Swapped {
+    fn sensors(&mut self, _now: Instant, sensors: &mut Sensors) {
+        sensors.encoders.swap(0, 1);
+    }
+}
+
+/// Returns all settings of a robot.
+fn settings(robot: &mut Watched) -> Vec<f64> {
+    TABLE.iter().map(|setting| robot.operation.setting(setting.name).unwrap()).collect()
+}
+
+#[test]
+fn swapped_encoders_are_named_and_the_settings_stay_as_they_were() {
+    let mut robot = Watched::power_up(stranger(2), 2).unwrap();
+    robot.operation.robot.disturb(Swapped);
+    let before = settings(&mut robot);
+    let found = commission(&mut robot, &Known::default(), |_| {});
+    let Err(CommissionError::Found { motor: 0, finding }) = found else { panic!("{found:?}") };
+    assert_eq!(finding, Finding::EncodersSwapped);
+    assert_eq!(settings(&mut robot), before);
+}
+
+/// A robot whose operator falls silent some time after a step has begun.
+struct Leaving<'a> {
+    robot: &'a mut Watched,
+    leaves: &'a Cell<bool>,
+    /// Commands that still go out.
+    left: u32,
+}
+
+impl Leaving<'_> {
+    fn goes_on(&mut self) -> Result<(), OperationError> {
+        if self.leaves.get() {
+            self.left = self.left.saturating_sub(1);
+        }
+        match self.left {
+            0 => Err(OperationError::OtherAnswer),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl Subject for Leaving<'_> {
+    type Error = OperationError;
+
+    fn ask(&mut self, command: Command) -> Result<Outcome, OperationError> {
+        self.goes_on()?;
+        self.robot.ask(command)
+    }
+
+    fn pause(&mut self, duration: Duration) -> Result<(), OperationError> {
+        self.goes_on()?;
+        self.robot.pause(duration)
+    }
+
+    fn telemetry(&mut self) -> Option<Telemetry> {
+        self.robot.telemetry()
+    }
+
+    fn arm(&mut self) -> Result<(), OperationError> {
+        self.goes_on()?;
+        self.robot.arm()
+    }
+
+    fn disarm(&mut self) -> Result<(), OperationError> {
+        self.goes_on()?;
+        self.robot.disarm()
+    }
+
+    fn hold(&mut self, setpoint: Setpoint) {
+        self.robot.hold(setpoint);
+    }
+}
+
+#[test]
+fn an_operator_who_falls_silent_at_any_step_leaves_rotors_at_rest() {
+    for last in Step::ALL {
+        let mut robot = Watched::power_up(stranger(3), 3).unwrap();
+        let leaves = Cell::new(false);
+        let mut leaving = Leaving { robot: &mut robot, leaves: &leaves, left: 20 };
+        let found = commission(&mut leaving, &Known::default(), |step| {
+            leaves.set(leaves.get() || step == last);
+        });
+        assert!(found.is_err(), "{last}");
+        robot.operation.operators[0].is_gone = true;
+        robot.operation.run(Duration::from_secs(3), |_| {}).unwrap();
+        let truth = robot.operation.robot.truth();
+        assert!(truth.is_slower_than(0.1), "{last}: {:?}", truth.rotor_speed);
+        assert!(truth.largest_current() < 0.01, "{last}");
+        assert!(robot.largest_current.get() < CURRENT_LIMIT_A, "{last}");
+    }
+}
