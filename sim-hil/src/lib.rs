@@ -13,6 +13,7 @@
 //! |---|---|
 //! | [`model`] | the robot as data: TOML with units in the names, ranges checked; MJCF for MuJoCo |
 //! | [`plant`] | the physics: [`plant::mechanics`] (rotors, body, four soft legs, contact), [`plant::electronics`] (motors, bridges, battery, sensors) |
+//! | [`batch`] | thousands of plants at once, a robot in each lane of a vector unit |
 //! | [`rig`] | the robot's software on the plant, its network, cameras, hardware faults, operators; the bench |
 //! | [`experiment`] | a walk, a closed loop, probes of the mechanics, the metrics, the reference table |
 //! | [`reliability`] | what is promised, measured: accuracy, fault matrix, soak test, adversary |
@@ -53,6 +54,8 @@
 //! `examples/own-controller.rs` drives the closed loop with a controller of its own, `examples/own-model.rs` walks a
 //! changed robot.
 
+#[cfg(feature = "program")]
+pub mod batch;
 #[cfg(feature = "program")]
 pub mod cli;
 #[cfg(feature = "program")]

@@ -211,7 +211,7 @@ impl Error {
                         | ProbeError::Overloaded
                         | ProbeError::Still
                 )
-                | Self::Walk(WalkError::Model(_) | WalkError::NoLegs { .. })
+                | Self::Walk(WalkError::Model(_))
         )
     }
 }

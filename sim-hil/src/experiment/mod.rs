@@ -5,3 +5,4 @@ pub mod metrics;
 pub mod probe;
 pub mod validation;
 pub mod walk;
+pub mod walks;

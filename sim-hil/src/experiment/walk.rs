@@ -15,8 +15,8 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
 
-use crate::model::{Base, GRAVITY, ModelError, RobotModel};
-use crate::plant::{Diverged, Drive, Mechanics, Plant};
+use crate::model::{GRAVITY, ModelError, RobotModel};
+use crate::plant::{BodyState, Diverged, Drive, Mechanics, Plant};
 use crate::rig::bench::setpoint;
 use crate::rig::channel::ChannelParameters;
 use crate::rig::operation::{Operation, OperationError};
@@ -73,6 +73,12 @@ impl Shaking {
         }
     }
 
+    /// Returns the ideal drive.
+    #[must_use]
+    pub const fn drive(&self) -> Drive {
+        Drive::Ideal { frequency_hz: self.frequency_hz, theta_rad: self.direction_deg.to_radians() }
+    }
+
     /// Returns what is commanded of a robot.
     ///
     /// # Errors
@@ -104,6 +110,29 @@ pub struct Walk {
     pub step: f64,
     /// Heading at the start, rad, left positive; none: each seed starts at its own.
     pub heading: Option<f64>,
+}
+
+/// How a walk starts.
+#[derive(Debug, Clone, Copy)]
+pub struct Start {
+    /// Of the disturbance.
+    pub seed: u64,
+    /// Heading, rad, left positive; none: each seed starts at its own.
+    pub heading: Option<f64>,
+}
+
+impl Start {
+    /// Puts a robot there.
+    ///
+    /// # Errors
+    /// When the model is refused or cannot walk.
+    pub fn plant(&self, model: &RobotModel) -> Result<Plant, WalkError> {
+        require_walker(model)?;
+        let mut plant = Plant::new(model)?;
+        plant.disturb(self.seed, false);
+        plant.displace([0.0; 3], self.heading.unwrap_or_else(|| own_heading(self.seed)));
+        Ok(plant)
+    }
 }
 
 /// Result of one walk.
@@ -164,14 +193,6 @@ pub enum WalkError {
     /// The model is refused.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// The model cannot walk.
-    #[error(
-        "the model {name} has no legs or does not stand free: choose one that can walk, for example A or W"
-    )]
-    NoLegs {
-        /// Name of the model.
-        name: String,
-    },
     /// The plant's state is useless.
     #[error(transparent)]
     Diverged(#[from] Diverged),
@@ -188,10 +209,7 @@ pub enum WalkError {
 /// # Errors
 /// When it has no legs or does not stand free.
 pub fn require_walker(model: &RobotModel) -> Result<(), WalkError> {
-    if model.legs.is_none() || model.base != (Base::Free {}) {
-        return Err(WalkError::NoLegs { name: model.name.clone() });
-    }
-    Ok(())
+    Ok(model.check_walker()?)
 }
 
 /// Walks once. `watch` sees the plant after every step that is measured.
@@ -204,10 +222,7 @@ pub fn walk(
     seed: u64,
     watch: impl FnMut(&Plant),
 ) -> Result<Walked, WalkError> {
-    require_walker(model)?;
-    let mut plant = Plant::new(model)?;
-    plant.disturb(seed, false);
-    plant.displace([0.0; 3], walk.heading.unwrap_or_else(|| own_heading(seed)));
+    let mut plant = Start { seed, heading: walk.heading }.plant(model)?;
     plant.set_longest_step(walk.step);
     match walk.drive {
         WalkDrive::Ideal => ideally(plant, walk, watch),
@@ -244,18 +259,15 @@ fn ideally(
     walk: &Walk,
     mut watch: impl FnMut(&Plant),
 ) -> Result<Walked, WalkError> {
-    plant.set_drive(Drive::Ideal {
-        frequency_hz: walk.shaking.frequency_hz,
-        theta_rad: walk.shaking.direction_deg.to_radians(),
-    });
+    plant.set_drive(walk.shaking.drive());
     let mut odometer = Odometer::start(&plant);
     let work = plant.energy().motor_work;
     for _ in 0..(walk.seconds / walk.step).round() as usize {
         plant.step([0.0; 2], walk.step)?;
-        odometer.add(&plant, walk.step);
+        odometer.add(&plant.body(), walk.step);
         watch(&plant);
     }
-    Ok(odometer.finish(&plant, plant.energy().motor_work - work))
+    Ok(odometer.finish(&plant.body(), plant.energy().motor_work - work))
 }
 
 fn by_firmware(
@@ -273,7 +285,7 @@ fn by_firmware(
     let end = operation.now() + Duration::from_secs_f64(walk.seconds);
     while operation.now() < end {
         operation.tick()?;
-        odometer.add(operation.robot.mechanics(), crate::plant::electronics::TICK);
+        odometer.add(&operation.robot.mechanics().body(), crate::plant::electronics::TICK);
         watch(operation.robot.mechanics());
     }
     let report = operation.robot.report();
@@ -281,12 +293,13 @@ fn by_firmware(
         return Err(OperationError::Faulted(report.faults).into());
     }
     let spent = operation.robot.electronics().battery().delivered() - spent;
-    Ok(odometer.finish(operation.robot.mechanics(), spent))
+    Ok(odometer.finish(&operation.robot.mechanics().body(), spent))
 }
 
 /// Sums up motion in the body's own axes.
 #[derive(Debug, Clone)]
-struct Odometer {
+pub(super) struct Odometer {
+    weight: f64,
     position: [f64; 2],
     yaw: f64,
     seconds: f64,
@@ -302,10 +315,12 @@ struct Odometer {
 const PATH_INTERVAL: f64 = 0.25;
 
 impl Odometer {
-    fn start(plant: &Plant) -> Self {
+    pub(super) fn start(plant: &Plant) -> Self {
+        let (mass, ..) = plant.mass_properties();
         let body = plant.body();
         let position = [body.position[0], body.position[1]];
         Self {
+            weight: mass * GRAVITY,
             position,
             yaw: body.yaw(),
             seconds: 0.0,
@@ -317,8 +332,7 @@ impl Odometer {
         }
     }
 
-    fn add(&mut self, plant: &Plant, interval: f64) {
-        let body = plant.body();
+    pub(super) fn add(&mut self, body: &BodyState, interval: f64) {
         let turn = wrap(body.yaw() - self.yaw);
         let (sin, cos) = (self.yaw + 0.5 * turn).sin_cos();
         let [dx, dy] = [body.position[0] - self.position[0], body.position[1] - self.position[1]];
@@ -339,17 +353,16 @@ impl Odometer {
         self.mark = (self.position, self.seconds);
     }
 
-    fn finish(mut self, plant: &Plant, energy: f64) -> Walked {
+    pub(super) fn finish(mut self, body: &BodyState, energy: f64) -> Walked {
         self.close_path();
-        let (mass, ..) = plant.mass_properties();
         Walked {
             forward_m_s: self.forward / self.seconds,
             lateral_m_s: self.left / self.seconds,
             yaw_rad_s: self.turned / self.seconds,
             energy_j: energy,
             path_m: self.path,
-            cost_of_transport: energy / (mass * GRAVITY * self.path),
-            upright: plant.body().is_upright(),
+            cost_of_transport: energy / (self.weight * self.path),
+            upright: body.is_upright(),
         }
     }
 }

@@ -79,6 +79,14 @@ pub enum ModelError {
         /// Why.
         error: Box<ModelError>,
     },
+    /// Asked to walk.
+    #[error(
+        "the model {name} has no legs or does not stand free: choose one that can walk, for example A or W"
+    )]
+    NoWalker {
+        /// Name of the model.
+        name: String,
+    },
     /// No such file and no such name.
     #[error("cannot read the model {name}: {error}; give a TOML file or one of {}, random-SEED", NAMES.join(", "))]
     NotFound {
@@ -415,6 +423,17 @@ impl RobotModel {
             .map_err(|error| ModelError::NotFound { name: name.to_owned(), error })?;
         Self::from_toml(&text)
             .map_err(|error| ModelError::File { file: name.to_owned(), error: Box::new(error) })
+    }
+
+    /// Checks that the robot has legs and stands free.
+    ///
+    /// # Errors
+    /// [`ModelError::NoWalker`] if it has none or is held.
+    pub fn check_walker(&self) -> Result<(), ModelError> {
+        if self.legs.is_none() || self.base != (Base::Free {}) {
+            return Err(ModelError::NoWalker { name: self.name.clone() });
+        }
+        Ok(())
     }
 
     /// Checks every value.

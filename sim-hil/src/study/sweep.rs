@@ -8,13 +8,14 @@ use flix_host::nav::Twist;
 use serde_json::json;
 
 use super::{Column, Row, Study, Table, Value};
-use crate::experiment::walk::{Shaking, Spread, Walk, WalkDrive, walk};
+use crate::experiment::walk::{Shaking, Spread, Start, Walk, WalkDrive, WalkError, Walked, walk};
+use crate::experiment::walks::{OneOfMany, TOGETHER, walks};
 use crate::model::{RobotModel, scattered};
 use crate::rig::bench::{DIRECTIONS, FREQUENCIES};
 
 /// Time that the paper walks, s.
 pub const SECONDS: f64 = 8.0;
-/// Walks that are computed together: few enough to lose little, enough to write seldom.
+/// Walks by the firmware that are computed together: few enough to lose little, enough to write seldom.
 const BATCH: usize = 4;
 
 /// A robot, or a changed one.
@@ -130,33 +131,43 @@ pub fn cells(table: &Table) -> Vec<Cell> {
 }
 
 impl Sweep {
-    fn walk(&self, cell: usize) -> Result<Row, String> {
+    /// Returns the variant, f in Hz, theta in degrees and seed of a cell.
+    fn cell(&self, cell: usize) -> (&Variant, f64, f64, u64) {
         let per_variant = self.pairs.len() * self.seeds as usize;
-        let variant = &self.variants[cell / per_variant];
         let (f, theta) = self.pairs[cell % per_variant / self.seeds as usize];
         let seed = self.first_seed.wrapping_add((cell % self.seeds as usize) as u64);
+        (&self.variants[cell / per_variant], f, theta, seed)
+    }
+
+    fn failed(&self, cell: usize, error: &dyn std::fmt::Display) -> String {
+        let (variant, f, theta, seed) = self.cell(cell);
+        format!("{} at {f} Hz, {theta} degrees, seed {seed}: {error}", variant.name)
+    }
+
+    fn prepare(&self, cell: usize) -> Result<OneOfMany, String> {
+        let (variant, f, theta, seed) = self.cell(cell);
         let sign = if self.mirrored { -1.0 } else { 1.0 };
-        let failed = |error: &dyn std::fmt::Display| {
-            format!("{} at {f} Hz, {theta} degrees, seed {seed}: {error}", variant.name)
-        };
-        let what = Walk {
-            shaking: Shaking::new(sign * f, sign * theta).map_err(|error| failed(&error))?,
-            seconds: self.seconds,
-            drive: self.drive,
-            step: self.step,
-            heading: None,
-        };
-        let model = scattered(&variant.model, self.scatter, seed);
-        let walked = walk(&model, &what, seed, |_| {}).map_err(|error| failed(&error))?;
-        Ok(vec![
-            Value::Text(variant.name.clone()),
-            f.into(),
-            theta.into(),
-            (seed as f64).into(),
-            walked.forward_m_s.into(),
-            walked.lateral_m_s.into(),
-            walked.yaw_rad_s.into(),
-        ])
+        Ok(OneOfMany {
+            model: scattered(&variant.model, self.scatter, seed),
+            shaking: Shaking::new(sign * f, sign * theta)
+                .map_err(|error| self.failed(cell, &error))?,
+            start: Start { seed, heading: None },
+        })
+    }
+
+    fn walk(&self, many: &[OneOfMany]) -> Vec<Result<Walked, WalkError>> {
+        match self.drive {
+            WalkDrive::Ideal => walks(many, self.seconds, self.step),
+            drive @ WalkDrive::Firmware => {
+                let (seconds, step) = (self.seconds, self.step);
+                let each = many.iter().map(|OneOfMany { model, shaking, start }| {
+                    let heading = start.heading;
+                    let what = Walk { shaking: *shaking, seconds, drive, step, heading };
+                    walk(model, &what, start.seed, |_| {})
+                });
+                each.collect()
+            }
+        }
     }
 }
 
@@ -182,6 +193,8 @@ impl Study for Sweep {
             "seconds": self.seconds,
             "step_s": self.step,
             "drive": self.drive,
+            // Results of the two precisions are never mixed.
+            "precision": if self.drive == WalkDrive::Ideal { "single" } else { "double" },
             "scatter": self.scatter,
             "mirrored": self.mirrored,
         })
@@ -204,11 +217,28 @@ impl Study for Sweep {
     }
 
     fn batch(&self) -> usize {
-        BATCH
+        match self.drive {
+            WalkDrive::Ideal => TOGETHER,
+            WalkDrive::Firmware => BATCH,
+        }
     }
 
     fn compute(&self, cells: &[usize]) -> Result<Vec<Row>, String> {
-        cells.iter().map(|cell| self.walk(*cell)).collect()
+        let many = cells.iter().map(|cell| self.prepare(*cell)).collect::<Result<Vec<_>, _>>()?;
+        let rows = cells.iter().zip(self.walk(&many)).map(|(cell, walked)| {
+            let walked = walked.map_err(|error| self.failed(*cell, &error))?;
+            let (variant, f, theta, seed) = self.cell(*cell);
+            Ok(vec![
+                Value::Text(variant.name.clone()),
+                f.into(),
+                theta.into(),
+                (seed as f64).into(),
+                walked.forward_m_s.into(),
+                walked.lateral_m_s.into(),
+                walked.yaw_rad_s.into(),
+            ])
+        });
+        rows.collect()
     }
 }
 

@@ -1,13 +1,13 @@
 //! Numbers that may be several numbers.
 //!
-//! The dynamics are written once over [`Lane`]. With `f64` they serve one body; with [`Quad`] one
-//! robot's four legs go side by side, or four robots do. Every lane sees the same operations in the
-//! same order, with no fused multiply-add and no library transcendentals, so that a lane's result is the
-//! same bits on every machine and in every company.
+//! The dynamics are written once over [`Lane`]. With `f64` they serve one body; with [`Quad`] one robot's four legs go
+//! side by side; with [`Double`] and [`Single`] eight or sixteen robots do. Every lane sees the same operations in the
+//! same order, with no fused multiply-add and no library transcendentals, so that a lane's result is the same bits on
+//! every machine and in every company.
 
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-/// One or several `f64`, computed elementwise.
+/// One or several numbers of one kind, computed elementwise.
 pub trait Lane:
     Copy
     + Send
@@ -22,6 +22,8 @@ pub trait Lane:
 {
     /// How many numbers.
     const LANES: usize;
+    /// Have they 24 bits instead of 53?
+    const SHORT: bool;
     /// The same value in every lane.
     fn splat(value: f64) -> Self;
     /// Value of one lane, `lane < LANES`.
@@ -52,12 +54,13 @@ pub trait Lane:
     }
     /// True if any lane is below zero.
     fn any_negative(self) -> bool;
-    /// True if every lane is finite.
-    fn all_finite(self) -> bool;
+    /// `self - quarters pi/2`, for |quarters| < 1e6 (`f64`) or 100 (`f32`).
+    fn less_quarter_turns(self, quarters: Self) -> Self;
 }
 
 impl Lane for f64 {
     const LANES: usize = 1;
+    const SHORT: bool = false;
     #[inline(always)]
     fn splat(value: f64) -> Self {
         value
@@ -88,22 +91,29 @@ impl Lane for f64 {
         self < 0.0
     }
     #[inline(always)]
-    fn all_finite(self) -> bool {
-        self.is_finite()
+    fn less_quarter_turns(self, quarters: Self) -> Self {
+        self - quarters * HALF_PI[0] - quarters * HALF_PI[1]
     }
 }
 
 /// 1.5 * 2^52: the sum with it has no fraction bits left.
 const ROUNDER: f64 = 6_755_399_441_055_744.0;
+/// The same for `f32`: 1.5 * 2^23.
+const SHORT_ROUNDER: f32 = 12_582_912.0;
+/// pi/2 in parts, the first so short that its product with a small whole number is exact (Cody and Waite).
+const HALF_PI: [f64; 2] = [1.570_796_326_734_125_6, 6.077_100_506_506_192e-11];
+/// The same for `f32`.
+const SHORT_HALF_PI: [f32; 3] = [1.570_312_5, 4.837_513e-4, 7.549_79e-8];
 
-/// Returns sine and cosine of `angle` in radians, |angle| < 1e6, to 2e-16 absolute.
+/// Returns sine and cosine of `angle` in radians, to 2e-16 absolute (`f64`, |angle| < 1e6) or 2e-7 (`f32`, |angle| <
+/// 100).
 ///
-/// Quadrant reduction in two parts (Cody and Waite) and the minimax polynomials of fdlibm.
+/// Quadrant reduction (Cody and Waite) and the minimax polynomials of fdlibm.
 #[inline(always)]
 pub fn sin_cos<F: Lane>(angle: F) -> (F, F) {
     let c = F::splat;
     let quadrant = (angle * c(core::f64::consts::FRAC_2_PI)).round();
-    let x = angle - quadrant * c(1.570_796_326_734_125_6) - quadrant * c(6.077_100_506_506_192e-11);
+    let x = angle.less_quarter_turns(quadrant);
     let z = x * x;
     let sine = x + x
         * z
@@ -132,92 +142,122 @@ pub fn sin_cos<F: Lane>(angle: F) -> (F, F) {
     (s * flip_s, k * flip_c)
 }
 
-/// Four numbers side by side.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[repr(align(32))]
-pub struct Quad(pub [f64; 4]);
+/// Numbers side by side. Every element is written out: thousands of loops would take the compiler minutes.
+macro_rules! side_by_side {
+    (
+        $(#[$doc:meta])* $name:ident: $number:ty, align $align:literal, rounder $rounder:expr,
+        half_pi $half_pi:expr, $($i:literal)+
+    ) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[repr(align($align))]
+        pub struct $name(pub [$number; [$($i),+].len()]);
 
-macro_rules! elementwise {
-    ($trait:ident, $method:ident, $op:tt) => {
-        impl $trait for Quad {
-            type Output = Quad;
+        impl Add for $name {
+            type Output = Self;
             #[inline(always)]
-            fn $method(self, o: Quad) -> Quad {
-                let (a, b) = (self.0, o.0);
-                Quad([a[0] $op b[0], a[1] $op b[1], a[2] $op b[2], a[3] $op b[3]])
+            fn add(self, o: Self) -> Self {
+                $name([$(self.0[$i] + o.0[$i]),+])
+            }
+        }
+        impl Sub for $name {
+            type Output = Self;
+            #[inline(always)]
+            fn sub(self, o: Self) -> Self {
+                $name([$(self.0[$i] - o.0[$i]),+])
+            }
+        }
+        impl Mul for $name {
+            type Output = Self;
+            #[inline(always)]
+            fn mul(self, o: Self) -> Self {
+                $name([$(self.0[$i] * o.0[$i]),+])
+            }
+        }
+        impl Div for $name {
+            type Output = Self;
+            #[inline(always)]
+            fn div(self, o: Self) -> Self {
+                $name([$(self.0[$i] / o.0[$i]),+])
+            }
+        }
+        impl Neg for $name {
+            type Output = Self;
+            #[inline(always)]
+            fn neg(self) -> Self {
+                $name([$(-self.0[$i]),+])
+            }
+        }
+        impl AddAssign for $name {
+            #[inline(always)]
+            fn add_assign(&mut self, o: Self) {
+                *self = *self + o;
+            }
+        }
+        impl SubAssign for $name {
+            #[inline(always)]
+            fn sub_assign(&mut self, o: Self) {
+                *self = *self - o;
+            }
+        }
+
+        impl Lane for $name {
+            const LANES: usize = [$($i),+].len();
+            const SHORT: bool = size_of::<$number>() < size_of::<f64>();
+            #[inline(always)]
+            fn splat(v: f64) -> Self {
+                $name([v as $number; [$($i),+].len()])
+            }
+            #[inline(always)]
+            fn lane(self, lane: usize) -> f64 {
+                f64::from(self.0[lane])
+            }
+            #[inline(always)]
+            fn with_lane(mut self, lane: usize, value: f64) -> Self {
+                self.0[lane] = value as $number;
+                self
+            }
+            #[inline(always)]
+            fn negative_then(self, yes: Self, no: Self) -> Self {
+                $name([$(if self.0[$i] < 0.0 { yes.0[$i] } else { no.0[$i] }),+])
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                $name([$(self.0[$i].sqrt()),+])
+            }
+            #[inline(always)]
+            fn round(self) -> Self {
+                let rounder = $name([$rounder; [$($i),+].len()]);
+                (self + rounder) - rounder
+            }
+            #[inline(always)]
+            fn any_negative(self) -> bool {
+                $((self.0[$i] < 0.0))|+
+            }
+            #[inline(always)]
+            fn less_quarter_turns(self, quarters: Self) -> Self {
+                let mut rest = self;
+                for part in $half_pi {
+                    rest = rest - quarters * $name([part; [$($i),+].len()]);
+                }
+                rest
             }
         }
     };
 }
-elementwise!(Add, add, +);
-elementwise!(Sub, sub, -);
-elementwise!(Mul, mul, *);
-elementwise!(Div, div, /);
 
-impl Neg for Quad {
-    type Output = Quad;
-    #[inline(always)]
-    fn neg(self) -> Quad {
-        let a = self.0;
-        Quad([-a[0], -a[1], -a[2], -a[3]])
-    }
+side_by_side! {
+    /// Four `f64`: the legs of a robot.
+    Quad: f64, align 32, rounder ROUNDER, half_pi HALF_PI, 0 1 2 3
 }
-
-impl AddAssign for Quad {
-    #[inline(always)]
-    fn add_assign(&mut self, o: Quad) {
-        *self = *self + o;
-    }
+side_by_side! {
+    /// Eight `f64`: eight robots.
+    Double: f64, align 64, rounder ROUNDER, half_pi HALF_PI, 0 1 2 3 4 5 6 7
 }
-
-impl SubAssign for Quad {
-    #[inline(always)]
-    fn sub_assign(&mut self, o: Quad) {
-        *self = *self - o;
-    }
-}
-
-impl Lane for Quad {
-    const LANES: usize = 4;
-    #[inline(always)]
-    fn splat(v: f64) -> Self {
-        Quad([v; 4])
-    }
-    #[inline(always)]
-    fn lane(self, lane: usize) -> f64 {
-        self.0[lane]
-    }
-    #[inline(always)]
-    fn with_lane(mut self, lane: usize, value: f64) -> Self {
-        self.0[lane] = value;
-        self
-    }
-    #[inline(always)]
-    fn negative_then(self, yes: Self, no: Self) -> Self {
-        let pick = |i: usize| if self.0[i] < 0.0 { yes.0[i] } else { no.0[i] };
-        Quad([pick(0), pick(1), pick(2), pick(3)])
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        let a = self.0;
-        Quad([a[0].sqrt(), a[1].sqrt(), a[2].sqrt(), a[3].sqrt()])
-    }
-    #[inline(always)]
-    fn round(self) -> Self {
-        let r = Quad::splat(ROUNDER);
-        (self + r) - r
-    }
-    #[inline(always)]
-    fn any_negative(self) -> bool {
-        (self.0[0] < 0.0) | (self.0[1] < 0.0) | (self.0[2] < 0.0) | (self.0[3] < 0.0)
-    }
-    #[inline(always)]
-    fn all_finite(self) -> bool {
-        self.0[0].is_finite()
-            & self.0[1].is_finite()
-            & self.0[2].is_finite()
-            & self.0[3].is_finite()
-    }
+side_by_side! {
+    /// Sixteen `f32`: sixteen robots.
+    Single: f32, align 64, rounder SHORT_ROUNDER, half_pi SHORT_HALF_PI,
+    0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15
 }
 
 #[cfg(test)]
@@ -233,6 +273,18 @@ mod tests {
             worst = worst.max((s - x.sin()).abs()).max((c - x.cos()).abs());
         }
         assert!(worst < 1e-14, "worst error {worst:e}");
+    }
+
+    #[test]
+    fn short_sine_and_cosine_agree_with_the_library() {
+        let mut worst = 0.0f64;
+        for i in -4000..4000 {
+            let x = Single([i as f32 * 0.013_7; 16]);
+            let (s, c) = sin_cos(x);
+            let x = x.lane(3);
+            worst = worst.max((s.lane(3) - x.sin()).abs()).max((c.lane(3) - x.cos()).abs());
+        }
+        assert!(worst < 2e-7, "worst error {worst:e}");
     }
 
     #[test]

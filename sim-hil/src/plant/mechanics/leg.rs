@@ -126,6 +126,15 @@ pub struct Grip<F> {
     pub slip: [F; FRICTIONS],
 }
 
+impl<F: Lane> Grip<F> {
+    /// Creates the grip of a corner in the air.
+    #[inline(always)]
+    fn none() -> Self {
+        let o = F::splat(0.0);
+        Grip { push: o, hold: o, slip: [o; FRICTIONS] }
+    }
+}
+
 impl<F: Lane> LegState<F> {
     /// Creates a leg straight and at rest.
     pub fn straight() -> Self {
@@ -134,11 +143,21 @@ impl<F: Lane> LegState<F> {
             angle: [o; 6],
             speed: [o; 6],
             acceleration: [o; 6],
-            grip: [Grip { push: o, hold: o, slip: [o; FRICTIONS] }; CORNERS],
+            grip: [Grip::none(); CORNERS],
             rest: [o; CORNERS],
             tangential_strain: [[o; 2]; CORNERS],
             force: Vec3::zero(),
         }
+    }
+
+    /// Returns the sum of the hinge angles' magnitudes, rad.
+    #[inline(always)]
+    pub fn bent(&self) -> F {
+        let mut bent = F::splat(0.0);
+        for angle in &self.angle {
+            bent += angle.abs();
+        }
+        bent
     }
 }
 
@@ -183,7 +202,10 @@ pub struct LegStep<F> {
     /// Joint-space inertia that stiffness and damping of each hinge add in an implicit step, kg m^2.
     implicit_inertia: [F; 6],
     corner: [Corner<F>; CORNERS],
-    touching: bool,
+    /// The grips that the equations hold now.
+    grip: [Grip<F>; CORNERS],
+    /// Height of the lowest corner over the floor, m; at most 0.
+    pub lowest: F,
     /// Half the step.
     half: F,
     contact: Articulated<F>,
@@ -224,6 +246,18 @@ pub struct BodyStep<F> {
     pub floor: bool,
 }
 
+/// Multiplies one by one.
+#[inline(always)]
+fn products<F: Lane>(a: &[F; FRICTIONS], b: &[F; FRICTIONS]) -> [F; FRICTIONS] {
+    [a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3], a[4] * b[4]]
+}
+
+/// A force at `r` and a couple, as one wrench about the origin.
+#[inline(always)]
+fn wrench<F: Lane>(r: Vec3<F>, force: Vec3<F>, couple: Vec3<F>) -> Spatial<F> {
+    Spatial::new(couple + r.cross(force), force)
+}
+
 /// Adds up mirror images alike.
 #[inline(always)]
 fn sum_of_products<F: Lane>(a: &[F; FRICTIONS], b: &[F; FRICTIONS]) -> F {
@@ -253,7 +287,8 @@ impl<F: Lane> LegStep<F> {
                 slide: [o; 2],
                 load: o,
             }; CORNERS],
-            touching: false,
+            grip: [Grip::none(); CORNERS],
+            lowest: o,
             half: o,
             contact: Articulated::zero(),
             contact_bias: Spatial::zero(),
@@ -320,9 +355,10 @@ impl<F: Lane> LegStep<F> {
             self.bias[2] - Spatial::new(push.angular + point.cross(push.linear), push.linear);
         self.velocity = start;
         self.half = half;
-        self.touching = false;
+        self.lowest = c(0.0);
         self.contact = Articulated::zero();
         self.contact_bias = Spatial::zero();
+        self.grip = s.grip;
         if body.floor {
             self.touch(m, s, body.height);
         } else {
@@ -367,7 +403,7 @@ impl<F: Lane> LegStep<F> {
             let k = m.foot.stiffness * d;
             // Only what stands is strained, at the middle of the step as the gap is.
             let spring = (s.rest[j] - c(REST_TIME)).negative_then(o, k);
-            let strain = |i: usize| spring * (s.tangential_strain[j][i] + self.half * v.0[i]);
+            let [x, y] = s.tangential_strain[j];
             self.corner[j] = Corner {
                 at,
                 weight,
@@ -375,8 +411,8 @@ impl<F: Lane> LegStep<F> {
                 stiffness: k,
                 normal: b * v.0[2] + k * gap,
                 tangent: [
-                    mu[0] * (b * v.0[0] + strain(0)),
-                    mu[1] * (b * v.0[1] + strain(1)),
+                    mu[0] * (b * v.0[0] + spring * (x + self.half * v.0[0])),
+                    mu[1] * (b * v.0[1] + spring * (y + self.half * v.0[1])),
                     mu[2] * (b * w.0[2]),
                     mu[3] * (b * w.0[0]),
                     mu[4] * (b * w.0[1]),
@@ -385,38 +421,33 @@ impl<F: Lane> LegStep<F> {
                 load: o,
             };
         }
-        self.touching = lowest.any_negative();
+        self.lowest = lowest;
     }
 
     /// Assembles the contact's share of the equations for the present grips.
     #[inline(always)]
-    pub fn assemble_contact(&mut self, m: &LegModel<F>, s: &LegState<F>) {
-        if !self.touching {
-            return;
-        }
+    pub fn assemble_contact(&mut self, m: &LegModel<F>) {
         // Opposite corners in pairs, so that a mirrored robot adds the same numbers.
-        let (c0, b0) = self.held(0, m, s);
-        let (c1, b1) = self.held(1, m, s);
-        let (c2, b2) = self.held(2, m, s);
-        let (c3, b3) = self.held(3, m, s);
+        let (c0, b0) = self.held(0, m);
+        let (c1, b1) = self.held(1, m);
+        let (c2, b2) = self.held(2, m);
+        let (c3, b3) = self.held(3, m);
         self.contact = (c0 + c1) + (c2 + c3);
         self.contact_bias = (b0 + b1) + (b2 + b3);
     }
 
     /// One corner's share.
     #[inline(always)]
-    fn held(&self, j: usize, m: &LegModel<F>, s: &LegState<F>) -> (Articulated<F>, Spatial<F>) {
+    fn held(&self, j: usize, m: &LegModel<F>) -> (Articulated<F>, Spatial<F>) {
         let o = F::splat(0.0);
         let mu = &m.foot.friction;
         let p = &self.corner[j];
-        let grip = &s.grip[j];
+        let grip = &self.grip[j];
         let r = p.at;
-        let wrench =
-            |linear: Vec3<F>, couple: Vec3<F>| Spatial::new(couple + r.cross(linear), linear);
         let (push, hold) = (p.weight * grip.push, p.weight * grip.hold);
-        let e: [F; FRICTIONS] = core::array::from_fn(|i| mu[i] * grip.slip[i]);
-        let along = wrench(Vec3([e[0], e[1], o]), Vec3([e[3], e[4], e[2]]));
-        let up = wrench(Vec3([o, o, F::splat(1.0)]), Vec3::zero());
+        let e = products(mu, &grip.slip);
+        let along = wrench(r, Vec3([e[0], e[1], o]), Vec3([e[3], e[4], e[2]]));
+        let up = wrench(r, Vec3([o, o, F::splat(1.0)]), Vec3::zero());
         let cone = up - along;
 
         // The springs of all five friction directions, without what the slip takes away.
@@ -442,6 +473,7 @@ impl<F: Lane> LegStep<F> {
         let t = &p.tangent;
         let slip = sum_of_products(&grip.slip, t);
         let bias = wrench(
+            r,
             Vec3([hold * mu[0] * t[0], hold * mu[1] * t[1], o]),
             Vec3([hold * mu[3] * t[3], hold * mu[4] * t[4], hold * mu[2] * t[2]]),
         ) + cone.scale(push * (p.normal - slip))
@@ -485,12 +517,16 @@ impl<F: Lane> LegStep<F> {
         x
     }
 
-    /// Sets how the corners meet the floor under the foot's acceleration `x`; true if that differs from before.
+    /// Finds how the corners of a robot that touches the floor (`touching` below zero) meet it under the foot's
+    /// acceleration `x`; below zero if that differs from the grips in the equations, which stay as they are.
     #[inline(always)]
-    pub fn choose(&mut self, m: &LegModel<F>, s: &mut LegState<F>, x: Spatial<F>) -> bool {
-        if !self.touching {
-            return false;
-        }
+    pub fn choose(
+        &mut self,
+        m: &LegModel<F>,
+        s: &mut LegState<F>,
+        x: Spatial<F>,
+        touching: F,
+    ) -> F {
         let c = F::splat;
         let (o, one) = (c(0.0), c(1.0));
         let mu = &m.foot.friction;
@@ -504,35 +540,68 @@ impl<F: Lane> LegStep<F> {
             let w = x.angular.0;
             let along = [a.0[0], a.0[1], w[2], w[0], w[1]];
             let normal = p.lead * a.0[2] + p.normal;
-            let pull: [F; FRICTIONS] =
-                core::array::from_fn(|i| mu[i] * (p.lead * along[i]) + p.tangent[i]);
+            let (lead, t) = (p.lead, &p.tangent);
+            let pull = [
+                mu[0] * (lead * along[0]) + t[0],
+                mu[1] * (lead * along[1]) + t[1],
+                mu[2] * (lead * along[2]) + t[2],
+                mu[3] * (lead * along[3]) + t[3],
+                mu[4] * (lead * along[4]) + t[4],
+            ];
             let length = sum_of_products(&pull, &pull).sqrt();
             let inverse = one / (length + c(TINY));
             // Negative where it touches and pushes; where it also slides.
             let touches = (-p.weight).negative_then(normal - length, o);
             let slides = -(length + square * normal);
             // A slip that turns over has passed the point where the corner sticks: take that first.
-            let over = sum_of_products(&pull, &s.grip[j].slip);
+            let old = self.grip[j];
+            let over = sum_of_products(&pull, &old.slip);
             let slides = over.negative_then(o, slides);
             let push = touches.negative_then(slides.negative_then(sliding, one), o);
             let hold = slides.negative_then(push * (one - normal * inverse), sticking);
             let hold = touches.negative_then(hold, o);
             let slip = inverse * touches.negative_then(slides.negative_then(one, o), o);
-            let slip = pull.map(|pull| pull * slip);
-            let old = s.grip[j];
-            let turned: [F; FRICTIONS] = core::array::from_fn(|i| slip[i] - old.slip[i]);
+            let slip = products(&pull, &[slip; FRICTIONS]);
+            let (a, b) = (&slip, &old.slip);
+            let turned = [a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4]];
             let turned = c(TURN) - sum_of_products(&turned, &turned);
             let more = c(CHANGE) * hold - (hold - old.hold).abs();
             changed = changed.min(turned).min(more).min(-(push - old.push).abs());
-            s.grip[j] = Grip { push, hold, slip };
+            let last = &mut s.grip[j];
+            last.push = touching.negative_then(push, last.push);
+            last.hold = touching.negative_then(hold, last.hold);
+            for i in 0..FRICTIONS {
+                last.slip[i] = touching.negative_then(slip[i], last.slip[i]);
+            }
             self.corner[j].load = slides.negative_then(length - normal, -normal) * push;
         }
-        changed.any_negative()
+        touching.negative_then(changed, o)
+    }
+
+    /// Takes the grips found into the equations, of robots for which `changed` is below zero: what the others have
+    /// solved stays theirs, bit for bit, however often their neighbours solve again.
+    #[inline(always)]
+    pub fn adopt(&mut self, s: &LegState<F>, changed: F) {
+        for j in 0..CORNERS {
+            let (grip, found) = (&mut self.grip[j], &s.grip[j]);
+            grip.push = changed.negative_then(found.push, grip.push);
+            grip.hold = changed.negative_then(found.hold, grip.hold);
+            for i in 0..FRICTIONS {
+                grip.slip[i] = changed.negative_then(found.slip[i], grip.slip[i]);
+            }
+        }
     }
 
     /// Ends the step: hinges and tangential strain move on. Returns energy lost in the hinges and given to the floor, J.
     #[inline(always)]
-    pub fn finish(&self, m: &LegModel<F>, s: &mut LegState<F>, x: Spatial<F>, h: F) -> (F, F) {
+    pub fn finish(
+        &self,
+        m: &LegModel<F>,
+        s: &mut LegState<F>,
+        x: Spatial<F>,
+        h: F,
+        touching: F,
+    ) -> (F, F) {
         let half = h * F::splat(0.5);
         let mut lost = F::splat(0.0);
         for j in 0..6 {
@@ -544,7 +613,7 @@ impl<F: Lane> LegStep<F> {
         }
         let mut given = F::splat(0.0);
         s.force = Vec3::zero();
-        if self.touching {
+        if touching.any_negative() {
             let wrench = self.contact.apply(x) + self.contact_bias;
             given = wrench.dot(self.velocity + x.scale(half));
             s.force = -wrench.linear;

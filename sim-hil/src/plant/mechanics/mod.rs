@@ -29,6 +29,7 @@
 pub mod lane;
 pub mod spatial;
 
+mod block;
 mod body;
 mod build;
 mod cords;
@@ -38,9 +39,11 @@ mod pack;
 mod robot;
 mod system;
 
+pub use block::Block;
 pub use body::{BodyState, Wrench};
 pub use build::reference_contact;
 pub use cords::Cords;
 pub use linear::{FREEDOMS, Linear};
+pub use pack::Pack;
 pub use robot::{Drive, Energy, LegView, Plant};
 pub use system::{multiply, rotation};

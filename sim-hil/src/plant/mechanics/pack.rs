@@ -1,9 +1,9 @@
 //! Single robots into lanes and out again.
 
-use super::lane::{Lane, Quad};
+use super::lane::{Double, Lane, Quad, Single};
 use super::leg::{Foot, Grip, LegModel, LegState};
 use super::spatial::{Mat3, RigidInertia, Spatial, Sym3, Vec3};
-use super::system::Rotor;
+use super::system::{Robots, Rotor};
 
 /// Something made of lanes, each of which can be read and set alone.
 pub trait Pack {
@@ -33,7 +33,7 @@ macro_rules! pack_number {
         }
     )+};
 }
-pack_number!(f64, Quad);
+pack_number!(f64, Quad, Double, Single);
 
 impl<P: Pack, const N: usize> Pack for [P; N] {
     type Single = [P::Single; N];
@@ -80,5 +80,9 @@ pack_struct! {
     LegModel {
         root, frame, twist, stiffness, damping, segment, mass, inertia, end_mass, end_center,
         end_inertia, foot_center, foot_half, foot
+    }
+    Robots {
+        position, orientation, velocity, acceleration, rotors, legs, push, tip_push, shaker, middle,
+        motor_torque, work
     }
 }

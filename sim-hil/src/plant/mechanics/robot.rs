@@ -1,25 +1,23 @@
 //! One robot, and four at a time.
 
+use core::f64::consts::TAU;
+
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::SplitMix64;
 
 use super::body::{BodyState, Wrench};
-use super::build;
+use super::build::{self, PlainState};
 use super::cords::{Cords, Support};
 use super::lane::{Lane, Quad, sin_cos};
 use super::leg::{LegModel, LegStep};
 use super::pack::Pack;
 use super::spatial::{Mat3, RigidInertia, Spatial, Sym3, Vec3};
-use super::system::{Constants, State, advance, multiply, rotation};
+use super::system::{
+    Constants, HINGE_LIMIT, ROTOR_SPEED_LIMIT, Rotor, SPEED_LIMIT, State, TURN_LIMIT, advance,
+    multiply, rotation,
+};
 use crate::model::{GRAVITY, ModelError, RobotModel};
 use crate::plant::{Diverged, Mechanics, Part};
-
-/// Bodies faster than this, m/s or 0.01 rad/s, are no motion of this robot.
-const SPEED_LIMIT: f64 = 100.0;
-/// A rotor faster than this, rad/s (1600 Hz), is none either.
-const ROTOR_SPEED_LIMIT: f64 = 1e4;
-/// A leg whose hinges are bent by more than this in all, rad, has wound itself up.
-const HINGE_LIMIT: f64 = 6.0;
 
 /// What turns the rotors.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -165,25 +163,20 @@ impl Plant {
     /// Chooses what turns the rotors. An ideal drive puts them at once where `theta` says, at speed; the
     /// phase runs on if it was ideal before.
     pub fn set_drive(&mut self, drive: Drive) {
-        use core::f64::consts::TAU;
         self.constants.ideal = matches!(drive, Drive::Ideal { .. });
         if let Drive::Ideal { frequency_hz, theta_rad } = drive {
             let phase = match self.drive {
-                Drive::Ideal { .. } => {
-                    let [top, bottom] = self.rotor_angle();
-                    0.5 * (top - bottom)
-                }
+                Drive::Ideal { .. } => phase(&self.state.rotors),
                 Drive::Torque => 0.0,
             };
-            for (rotor, sign) in self.state.rotors.iter_mut().zip([1.0, -1.0]) {
-                let angle = sign * phase - theta_rad;
-                rotor.turns = (angle / TAU).round();
-                rotor.angle = angle - rotor.turns * TAU;
-                rotor.speed = -(sign * TAU * frequency_hz);
-                rotor.acceleration = 0.0;
-            }
+            self.state.rotors = aimed(phase, frequency_hz, theta_rad);
         }
         self.drive = drive;
+    }
+
+    /// Returns what turns the rotors.
+    pub fn drive(&self) -> Drive {
+        self.drive
     }
 
     /// Turns both rotors on, against each other, by an angle of the phase: rad, positive like f.
@@ -355,6 +348,47 @@ impl Plant {
         legs.expect("only asked of a robot with legs")[0].get(leg)
     }
 
+    /// Returns what changes, legs one after the other.
+    pub(super) fn plain_state(&self) -> PlainState {
+        let s = &self.state;
+        State {
+            position: s.position,
+            orientation: s.orientation,
+            velocity: s.velocity,
+            acceleration: s.acceleration,
+            rotors: s.rotors,
+            legs: core::array::from_fn(|i| s.legs[0].get(i)),
+            push: s.push,
+            tip_push: core::array::from_fn(|i| s.tip_push[0].get(i)),
+            shaker: s.shaker,
+            middle: s.middle,
+            motor_torque: s.motor_torque,
+            work: s.work,
+        }
+    }
+
+    /// Puts everything that changes where `plain` says, at `time` in s, under this drive.
+    pub(super) fn set_plain_state(&mut self, plain: &PlainState, time: f64, drive: Drive) {
+        let s = &mut self.state;
+        for (i, (leg, push)) in plain.legs.iter().zip(&plain.tip_push).enumerate() {
+            s.legs[0].set(i, leg);
+            s.tip_push[0].set(i, push);
+        }
+        s.position = plain.position;
+        s.orientation = plain.orientation;
+        s.velocity = plain.velocity;
+        s.acceleration = plain.acceleration;
+        s.rotors = plain.rotors;
+        s.push = plain.push;
+        s.shaker = plain.shaker;
+        s.middle = plain.middle;
+        s.motor_torque = plain.motor_torque;
+        s.work = plain.work;
+        self.constants.ideal = matches!(drive, Drive::Ideal { .. });
+        self.drive = drive;
+        self.time = time;
+    }
+
     pub(super) fn state_mut(&mut self) -> &mut State<f64, Quad, 1> {
         &mut self.state
     }
@@ -427,21 +461,44 @@ impl Plant {
 
     fn diverged(&self) -> Option<Part> {
         let s = &self.state;
-        let bad = |v: f64, limit: f64| v.is_nan() || v.abs() > limit;
-        let body = s.velocity.linear.0.iter().any(|v| bad(*v, SPEED_LIMIT))
-            || s.velocity.angular.0.iter().any(|v| bad(*v, 100.0 * SPEED_LIMIT));
-        if body {
-            return Some(Part::Body);
+        if !s.sane().any_negative() {
+            return None;
         }
-        if let Some(i) = (0..2).find(|i| bad(s.rotors[*i].speed, ROTOR_SPEED_LIMIT)) {
-            return Some(Part::Rotor(i));
-        }
-        let mut bent = Quad::splat(0.0);
-        for angle in &s.legs[0].angle {
-            bent += angle.abs();
-        }
-        (0..4).find(|i| bad(bent.lane(*i), HINGE_LIMIT)).map(Part::Leg)
+        let bent = s.legs[0].bent();
+        stray(&s.velocity, self.rotor_speed(), core::array::from_fn(|i| bent.lane(i)))
     }
+}
+
+/// Returns the angle of an ideal drive's rotors about their mean, rad.
+pub(super) fn phase(rotors: &[Rotor<f64>; 2]) -> f64 {
+    let [top, bottom] = rotors.map(|r| r.angle + TAU * r.turns);
+    0.5 * (top - bottom)
+}
+
+/// Returns ideal rotors at this phase (rad), f (Hz) and theta (rad).
+pub(super) fn aimed(phase: f64, frequency_hz: f64, theta_rad: f64) -> [Rotor<f64>; 2] {
+    [1.0, -1.0].map(|sign| {
+        let angle = sign * phase - theta_rad;
+        let turns = (angle / TAU).round();
+        Rotor {
+            angle: angle - turns * TAU,
+            turns,
+            speed: -(sign * TAU * frequency_hz),
+            acceleration: 0.0,
+        }
+    })
+}
+
+/// Returns what moves as no robot does, given the body's velocity, the rotors' speeds and each leg's angles in all.
+pub(super) fn stray(velocity: &Spatial<f64>, rotors: [f64; 2], bent: [f64; 4]) -> Option<Part> {
+    let bad = |v: f64, limit: f64| v.is_nan() || v.abs() > limit;
+    let body = velocity.linear.0.iter().any(|v| bad(*v, SPEED_LIMIT))
+        || velocity.angular.0.iter().any(|v| bad(*v, TURN_LIMIT));
+    if body {
+        return Some(Part::Body);
+    }
+    let rotor = (0..2).find(|i| bad(rotors[*i], ROTOR_SPEED_LIMIT)).map(Part::Rotor);
+    rotor.or_else(|| (0..4).find(|i| bad(bent[*i], HINGE_LIMIT)).map(Part::Leg))
 }
 
 fn columns(m: &Mat3<f64>) -> [[f64; 3]; 3] {
@@ -474,7 +531,7 @@ impl Mechanics for Plant {
         }
     }
     fn rotor_angle(&self) -> [f64; 2] {
-        self.state.rotors.map(|r| r.angle + core::f64::consts::TAU * r.turns)
+        self.state.rotors.map(|r| r.angle + TAU * r.turns)
     }
     fn rotor_speed(&self) -> [f64; 2] {
         self.state.rotors.map(|r| r.speed)

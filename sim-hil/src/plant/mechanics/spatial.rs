@@ -89,23 +89,29 @@ impl<F: Lane> SubAssign for Vec3<F> {
 
 /// Numbers of the body as numbers of legs, and back.
 ///
-/// A single robot has its body in one number and its four legs in four lanes; a batch has four robots in
-/// the lanes of both.
+/// A single robot has its body in one number and its four legs in four lanes; several robots have theirs in the lanes
+/// of both.
 pub trait Spread<L: Lane>: Lane {
     /// The same for every leg.
     fn spread(self) -> L;
     /// The sum over the legs: front pair plus rear pair, so that a mirrored robot adds the same numbers.
     fn gather<const GROUPS: usize>(legs: [L; GROUPS]) -> Self;
+    /// The least of the legs.
+    fn least<const GROUPS: usize>(legs: [L; GROUPS]) -> Self;
 }
 
-impl Spread<f64> for f64 {
+impl<B: Lane> Spread<B> for B {
     #[inline(always)]
-    fn spread(self) -> f64 {
+    fn spread(self) -> B {
         self
     }
     #[inline(always)]
-    fn gather<const GROUPS: usize>(legs: [f64; GROUPS]) -> f64 {
+    fn gather<const GROUPS: usize>(legs: [B; GROUPS]) -> B {
         (legs[0] + legs[1]) + (legs[2] + legs[3])
+    }
+    #[inline(always)]
+    fn least<const GROUPS: usize>(legs: [B; GROUPS]) -> B {
+        legs[0].min(legs[1]).min(legs[2].min(legs[3]))
     }
 }
 
@@ -119,16 +125,10 @@ impl Spread<super::lane::Quad> for f64 {
         let [fl, fr, rl, rr] = legs[0].0;
         (fl + fr) + (rl + rr)
     }
-}
-
-impl Spread<super::lane::Quad> for super::lane::Quad {
     #[inline(always)]
-    fn spread(self) -> Self {
-        self
-    }
-    #[inline(always)]
-    fn gather<const GROUPS: usize>(legs: [Self; GROUPS]) -> Self {
-        (legs[0] + legs[1]) + (legs[2] + legs[3])
+    fn least<const GROUPS: usize>(legs: [super::lane::Quad; GROUPS]) -> Self {
+        let [fl, fr, rl, rr] = legs[0].0;
+        fl.min(fr).min(rl.min(rr))
     }
 }
 
@@ -338,9 +338,24 @@ impl<F: Lane> Sym3<F> {
             self.apply(Vec3(r.0[1])),
             self.apply(Vec3(r.0[2])),
         );
-        // columns of rs are S R^T
-        let e = |i: usize, j: usize| Vec3(r.0[i]).dot(rs.column(j));
-        Sym3([e(0, 0), e(0, 1), e(0, 2), e(1, 1), e(1, 2), e(2, 2)])
+        // Columns of rs are S R^T.
+        let ([x, y, z], [a, b, c]) = (r.0, [rs.column(0), rs.column(1), rs.column(2)]);
+        let (x, y, z) = (Vec3(x), Vec3(y), Vec3(z));
+        Sym3([x.dot(a), x.dot(b), x.dot(c), y.dot(b), y.dot(c), z.dot(c)])
+    }
+    /// Returns `self - p q^T`, of which only the upper triangle is kept.
+    #[inline(always)]
+    #[must_use]
+    fn less_product(&self, p: Vec3<F>, q: Vec3<F>) -> Self {
+        let (s, p, q) = (self.0, p.0, q.0);
+        Sym3([
+            s[0] - p[0] * q[0],
+            s[1] - p[0] * q[1],
+            s[2] - p[0] * q[2],
+            s[3] - p[1] * q[1],
+            s[4] - p[1] * q[2],
+            s[5] - p[2] * q[2],
+        ])
     }
     /// Multiplies by a vector.
     #[inline(always)]
@@ -539,24 +554,15 @@ impl<F: Lane> Articulated<F> {
     #[inline(always)]
     #[must_use]
     pub fn without(&self, u: Spatial<F>, w: Spatial<F>) -> Self {
-        let (ua, ul, wa, wl) = (u.angular.0, u.linear.0, w.angular.0, w.linear.0);
-        let (a, c, l) = (self.angular.0, self.coupling.0, self.linear.0);
-        let row =
-            |i: usize| [c[i][0] - ua[i] * wl[0], c[i][1] - ua[i] * wl[1], c[i][2] - ua[i] * wl[2]];
-        let sym = |s: [F; 6], p: [F; 3], q: [F; 3]| {
-            Sym3([
-                s[0] - p[0] * q[0],
-                s[1] - p[0] * q[1],
-                s[2] - p[0] * q[2],
-                s[3] - p[1] * q[1],
-                s[4] - p[1] * q[2],
-                s[5] - p[2] * q[2],
-            ])
-        };
+        let (p, q, c) = (u.angular.0, w.linear.0, self.coupling.0);
         Articulated {
-            angular: sym(a, ua, wa),
-            coupling: Mat3([row(0), row(1), row(2)]),
-            linear: sym(l, ul, wl),
+            angular: self.angular.less_product(u.angular, w.angular),
+            coupling: Mat3([
+                [c[0][0] - p[0] * q[0], c[0][1] - p[0] * q[1], c[0][2] - p[0] * q[2]],
+                [c[1][0] - p[1] * q[0], c[1][1] - p[1] * q[1], c[1][2] - p[1] * q[2]],
+                [c[2][0] - p[2] * q[0], c[2][1] - p[2] * q[1], c[2][2] - p[2] * q[2]],
+            ]),
+            linear: self.linear.less_product(u.linear, w.linear),
         }
     }
     /// Returns the upper triangle as a full matrix, angular first.

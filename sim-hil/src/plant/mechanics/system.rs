@@ -8,6 +8,15 @@ use crate::model::GRAVITY;
 /// Newton steps after which the grips are taken as they are.
 const NEWTON_LIMIT: usize = 12;
 
+/// Bodies faster than this, m/s,
+pub const SPEED_LIMIT: f64 = 100.0;
+/// or turning faster than this, rad/s, are no motion of this robot.
+pub const TURN_LIMIT: f64 = 1e4;
+/// A rotor faster than this, rad/s (1600 Hz), is none either.
+pub const ROTOR_SPEED_LIMIT: f64 = 1e4;
+/// A leg whose hinges are bent by more than this in all, rad, has wound itself up.
+pub const HINGE_LIMIT: f64 = 6.0;
+
 /// How the base may move, with its damping.
 #[derive(Clone, Copy, Debug)]
 pub enum BaseJoint<B> {
@@ -86,6 +95,37 @@ pub struct State<B, L, const G: usize> {
     pub work: [B; 5],
 }
 
+impl<B: Spread<L>, L: Lane, const G: usize> State<B, L, G> {
+    /// Returns -1 for robots that move as none does, else 1.
+    #[inline(always)]
+    pub fn sane(&self) -> B {
+        let bad = B::splat(-1.0);
+        let mut sane = B::splat(1.0);
+        for i in 0..3 {
+            sane = within(sane, self.velocity.linear.0[i], SPEED_LIMIT);
+            sane = within(sane, self.velocity.angular.0[i], TURN_LIMIT);
+        }
+        for rotor in &self.rotors {
+            sane = within(sane, rotor.speed, ROTOR_SPEED_LIMIT);
+        }
+        let mut legs = [L::splat(0.0); G];
+        for g in 0..G {
+            let more = self.legs[g].bent() - L::splat(HINGE_LIMIT);
+            legs[g] = more.negative_then(L::splat(1.0), L::splat(-1.0));
+        }
+        B::least(legs).negative_then(bad, sane)
+    }
+}
+
+/// Returns `sane` where the value is within the limit, else -1.
+#[inline(always)]
+fn within<F: Lane>(sane: F, value: F, limit: f64) -> F {
+    (value.abs() - F::splat(limit)).negative_then(sane, F::splat(-1.0))
+}
+
+/// Several robots, each with its legs one after the other.
+pub type Robots<F> = State<F, F, 4>;
+
 impl<L, const G: usize> State<f64, L, G> {
     /// Returns a leg of this body as it stands now.
     pub fn still(&self, model: &LegModel<f64>, state: &LegState<f64>) -> LegStep<f64> {
@@ -117,6 +157,18 @@ struct RotorStep<B> {
 }
 
 impl<B: Lane> RotorStep<B> {
+    #[inline(always)]
+    fn blank() -> Self {
+        RotorStep {
+            axis: Spatial::zero(),
+            inertia: RigidInertia::zero(),
+            bias: Spatial::zero(),
+            reach: Spatial::zero(),
+            joint_inertia: B::splat(1.0),
+            drive: B::splat(0.0),
+        }
+    }
+
     #[inline(always)]
     fn new<L, const G: usize>(
         c: &Constants<B, L, G>,
@@ -194,11 +246,10 @@ pub fn advance<B, L, const G: usize>(
     };
     let mut matrix = own.articulated();
     let mut rest = own.apply(body.bias) + velocity.cross_force(own.apply(velocity)) - s.push;
-    let rotors = [
-        RotorStep::new(c, &s.rotors[0], c.rotor_height[0], &body, torque[0]),
-        RotorStep::new(c, &s.rotors[1], c.rotor_height[1], &body, torque[1]),
-    ];
-    for r in &rotors {
+    let mut rotors = [RotorStep::blank(); 2];
+    for i in 0..2 {
+        rotors[i] = RotorStep::new(c, &s.rotors[i], c.rotor_height[i], &body, torque[i]);
+        let r = &rotors[i];
         matrix = matrix + r.inertia.articulated();
         rest += r.bias;
         if !c.ideal {
@@ -274,31 +325,46 @@ where
     for g in 0..G {
         steps[g].prepare(&legs[g], &s.legs[g], &seen, s.tip_push[g]);
     }
+    let mut lowest = [L::splat(0.0); G];
+    for g in 0..G {
+        lowest[g] = steps[g].lowest;
+    }
+    // Below zero for robots that touch the floor.
+    let touching: L = B::least(lowest).spread();
+    let near = touching.any_negative();
     let mut round = 0;
     loop {
         let mut inertia = [Articulated::zero(); G];
         let mut bias = [Spatial::zero(); G];
         for g in 0..G {
-            steps[g].assemble_contact(&legs[g], &s.legs[g]);
+            if near {
+                steps[g].assemble_contact(&legs[g]);
+            }
             (inertia[g], bias[g]) = steps[g].eliminate();
         }
         let a = *matrix + Articulated::gather(&inertia);
         let b = rest + Spatial::gather(&bias);
         let x = base_acceleration(&c.base, &a, b, old, h);
         round += 1;
-        let mut changed = false;
+        let mut changed = [L::splat(0.0); G];
         let mut feet = [Spatial::zero(); G];
         for g in 0..G {
             feet[g] = steps[g].solve(&mut s.legs[g], x.spread());
-            if round < NEWTON_LIMIT {
-                changed |= steps[g].choose(&legs[g], &mut s.legs[g], feet[g]);
+            if near && round < NEWTON_LIMIT {
+                changed[g] = steps[g].choose(&legs[g], &mut s.legs[g], feet[g], touching);
             }
         }
-        if !changed {
+        // Below zero for robots of which a corner changed.
+        let changed: L = B::least(changed).spread();
+        if changed.any_negative() {
+            for g in 0..G {
+                steps[g].adopt(&s.legs[g], changed);
+            }
+        } else {
             let (mut lost, mut given) = ([L::splat(0.0); G], [L::splat(0.0); G]);
             for g in 0..G {
                 (lost[g], given[g]) =
-                    steps[g].finish(&legs[g], &mut s.legs[g], feet[g], h.spread());
+                    steps[g].finish(&legs[g], &mut s.legs[g], feet[g], h.spread(), touching);
             }
             s.work[3] += B::gather(lost);
             s.work[4] += B::gather(given);

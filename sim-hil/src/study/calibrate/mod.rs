@@ -21,7 +21,8 @@ use flix_host::interrupt::Interrupt;
 use flix_host::nav::Twist;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use rayon::iter::ParallelIterator as _;
+use rayon::slice::ParallelSlice as _;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -30,7 +31,7 @@ use super::measured::Measured;
 use super::modes::{LEVER, PaperMode};
 use super::selection::LEAST_SPEED;
 use super::write_whole;
-use crate::experiment::walk::ideal_motion;
+use crate::experiment::walks::{TOGETHER, ideal_motions};
 use crate::model::{RobotModel, scattered};
 
 /// Margin from which a mode counts as safe, as a share.
@@ -265,25 +266,14 @@ fn trials(
     points: &[Vec<f64>],
     generation: u64,
 ) -> Vec<Trial> {
-    let tasks: Vec<(usize, usize)> = (0..points.len())
-        .flat_map(|point| (0..settings.samples).map(move |sample| (point, sample)))
+    let each: Vec<Vec<Trial>> = (0..settings.samples)
+        .map(|sample| sampled(settings, unknowns, points, generation, sample))
         .collect();
-    let each: Vec<Trial> = tasks
-        .into_par_iter()
-        .map(|(point, sample)| {
-            if settings.interrupt.is_raised() {
-                return Trial { loss: f64::NAN, signs: 0.0, hits: 0.0 };
-            }
-            let seed = sample_seed(settings.seed, generation, sample);
-            let model = apply(unknowns, &settings.base, &points[point]);
-            let step = settings.steps[sample % settings.steps.len()];
-            walked_sample(settings, &scattered(&model, settings.scatter, seed), step, seed)
-        })
-        .collect();
-    each.chunks(settings.samples)
-        .map(|samples| {
-            let mean =
-                |of: fn(&Trial) -> f64| samples.iter().map(of).sum::<f64>() / samples.len() as f64;
+    (0..points.len())
+        .map(|point| {
+            let mean = |of: fn(&Trial) -> f64| {
+                each.iter().map(|sample| of(&sample[point])).sum::<f64>() / each.len() as f64
+            };
             Trial { loss: mean(|s| s.loss), signs: mean(|s| s.signs), hits: mean(|s| s.hits) }
         })
         .collect()
@@ -294,10 +284,40 @@ fn sample_seed(seed: u64, generation: u64, sample: usize) -> u64 {
     (seed << 40) ^ (generation << 16) ^ (sample as u64) ^ 0xC0DE_0000_0000_0000
 }
 
-fn walked_sample(settings: &Settings, model: &RobotModel, step: f64, seed: u64) -> Trial {
+/// Tries every point on one sample, all goals of all points side by side.
+fn sampled(
+    settings: &Settings,
+    unknowns: &[Unknown],
+    points: &[Vec<f64>],
+    generation: u64,
+    sample: usize,
+) -> Vec<Trial> {
+    let seed = sample_seed(settings.seed, generation, sample);
+    let step = settings.steps[sample % settings.steps.len()];
+    let models: Vec<RobotModel> = points
+        .iter()
+        .map(|point| scattered(&apply(unknowns, &settings.base, point), settings.scatter, seed))
+        .collect();
+    let many: Vec<_> = models
+        .iter()
+        .flat_map(|model| settings.goals.iter().map(move |goal| (model, goal.pair(), seed)))
+        .collect();
+    let motions: Vec<Option<Twist>> = many
+        .par_chunks(TOGETHER)
+        .flat_map(|many| {
+            if settings.interrupt.is_raised() {
+                return vec![None; many.len()];
+            }
+            ideal_motions(many, settings.seconds, step)
+        })
+        .collect();
+    motions.chunks(settings.goals.len()).map(|motions| scored(settings, motions)).collect()
+}
+
+/// Scores the motions of one point, one a goal.
+fn scored(settings: &Settings, motions: &[Option<Twist>]) -> Trial {
     let mut sum = Trial { loss: 0.0, signs: 0.0, hits: 0.0 };
-    for goal in &settings.goals {
-        let motion = ideal_motion(model, goal.pair(), settings.seconds, step, seed);
+    for (goal, motion) in settings.goals.iter().zip(motions.iter().copied()) {
         sum.loss += motion.map_or(goal.worst(), |motion| goal.loss(motion));
         if let (Some(motion), Goal::Mode(mode) | Goal::Advancing(mode)) = (motion, goal) {
             let score = mode.score(motion);

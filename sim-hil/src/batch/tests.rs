@@ -1,0 +1,124 @@
+use super::*;
+use crate::model::random;
+use crate::plant::{Drive, Mechanics};
+
+const STEP: f64 = 1e-4;
+
+/// Robots of several kinds that start and are shaken each in its own way.
+fn crowd(robots: usize) -> Vec<(RobotModel, u64, [f64; 2])> {
+    let shipped = ["A", "W", "calibrated"].map(|name| RobotModel::named(name).unwrap());
+    (0..robots)
+        .map(|i| {
+            let model = if i % 4 == 3 { random(i as u64) } else { shipped[i % 4].clone() };
+            (model, i as u64, [15.0 + 4.0 * i as f64, -1.5 + 0.4 * i as f64])
+        })
+        .collect()
+}
+
+fn batch(crowd: &[(RobotModel, u64, [f64; 2])], precision: Precision) -> Batch {
+    let models = crowd.iter().map(|(model, ..)| model.clone()).collect();
+    let mut batch = Batch::new(models, precision).unwrap();
+    for (robot, (_, seed, [f, theta])) in crowd.iter().enumerate() {
+        batch.change(robot, |plant| plant.disturb(*seed, false)).unwrap();
+        batch.set_drive(robot, *f, *theta);
+    }
+    batch
+}
+
+#[test]
+fn a_robot_of_a_long_batch_has_the_bits_of_a_plant_alone() {
+    let crowd = crowd(11);
+    let mut together = batch(&crowd, Precision::Double);
+    together.run(600, STEP);
+    for (robot, (model, seed, [frequency_hz, theta_rad])) in crowd.iter().enumerate() {
+        let mut alone = Plant::new(model).unwrap();
+        alone.disturb(*seed, false);
+        alone.set_drive(Drive::Ideal { frequency_hz: *frequency_hz, theta_rad: *theta_rad });
+        for _ in 0..600 {
+            alone.step([0.0; 2], STEP).unwrap();
+        }
+        assert_eq!(together.body(robot), alone.body(), "robot {robot}");
+        assert_eq!(together.motor_work(robot), alone.energy().motor_work, "robot {robot}");
+        let told = together.plant(robot).unwrap();
+        assert_eq!((told.energy(), told.legs()), (alone.energy(), alone.legs()), "robot {robot}");
+    }
+}
+
+/// Bodies of these robots after a while, in this precision.
+fn bodies(crowd: &[(RobotModel, u64, [f64; 2])], precision: Precision) -> Vec<BodyState> {
+    let mut batch = batch(crowd, precision);
+    batch.run(300, STEP);
+    (0..crowd.len()).map(|robot| batch.body(robot)).collect()
+}
+
+#[test]
+fn a_robots_bits_do_not_depend_on_its_neighbours() {
+    for precision in [Precision::Single, Precision::Double] {
+        let mut crowd = crowd(19);
+        let mut there = bodies(&crowd, precision);
+        crowd.reverse();
+        crowd.truncate(12);
+        there.reverse();
+        there.truncate(12);
+        assert_eq!(bodies(&crowd, precision), there, "{precision:?}");
+    }
+}
+
+#[test]
+fn another_drive_takes_over_at_the_phase_of_the_last() {
+    let crowd = crowd(3);
+    let (mut short, mut long) =
+        (batch(&crowd, Precision::Single), batch(&crowd, Precision::Double));
+    let mut alone = long.plant(1).unwrap();
+    for [frequency_hz, theta_rad] in [[30.0, 0.0], [-22.0, 1.2], [17.0, -0.4]] {
+        for batch in [&mut short, &mut long] {
+            batch.set_drive(1, frequency_hz, theta_rad);
+            batch.run(77, STEP);
+        }
+        alone.set_drive(Drive::Ideal { frequency_hz, theta_rad });
+        for _ in 0..77 {
+            alone.step([0.0; 2], STEP).unwrap();
+        }
+    }
+    assert_eq!(long.body(1), alone.body());
+    let angles = short.plant(1).unwrap().rotor_angle();
+    for (short, exact) in angles.into_iter().zip(alone.rotor_angle()) {
+        assert!((short - exact).sin().abs() < 1e-5, "{short} {exact}");
+    }
+}
+
+#[test]
+fn a_robot_that_diverges_is_named_with_its_time_and_the_others_walk_on() {
+    let crowd = crowd(5);
+    for precision in [Precision::Single, Precision::Double] {
+        let healthy = bodies(&crowd, precision);
+        let mut batch = batch(&crowd, precision);
+        batch.set_push(3, Wrench { force: [1e9, 0.0, 0.0], torque: [0.0; 3] });
+        batch.run(300, STEP);
+        let diverged = batch.diverged(3).unwrap();
+        assert_eq!((diverged.time, diverged.part), (STEP, crate::plant::Part::Body));
+        for robot in [0, 1, 2, 4] {
+            assert_eq!((batch.body(robot), batch.diverged(robot)), (healthy[robot], None));
+        }
+    }
+}
+
+#[test]
+fn a_robot_that_is_replaced_starts_anew() {
+    let crowd = crowd(4);
+    let mut batch = batch(&crowd, Precision::Single);
+    let fresh = batch.plant(2).unwrap();
+    batch.run(200, STEP);
+    let first = batch.body(2);
+    batch.place(2, crowd[2].0.clone(), &fresh).unwrap();
+    assert_eq!(batch.body(2), fresh.body());
+    batch.run(200, STEP);
+    assert_eq!(batch.body(2), first);
+}
+
+#[test]
+fn a_model_that_cannot_walk_is_refused() {
+    let bench = RobotModel::named("bench-planar").unwrap();
+    let error = Batch::new(vec![bench], Precision::Single).unwrap_err();
+    assert!(error.to_string().contains("bench-planar has no legs"), "{error}");
+}

@@ -1,0 +1,274 @@
+//! Several robots that walk side by side, one in each lane.
+
+use core::f64::consts::TAU;
+
+use super::body::{BodyState, Wrench};
+use super::build;
+use super::lane::Lane;
+use super::leg::LegStep;
+use super::pack::Pack;
+use super::robot::{Drive, Plant, aimed, phase, stray};
+use super::spatial::RigidInertia;
+use super::system::{BaseJoint, Constants, Robots, advance};
+use crate::model::{ModelError, RobotModel};
+use crate::plant::{Diverged, Part};
+
+/// Steps after which short numbers are folded into long ones.
+const FOLD: usize = 50;
+
+/// What a robot has beside its lane.
+#[derive(Clone, Copy, Debug)]
+struct Seat {
+    /// f in Hz and theta in rad.
+    drive: [f64; 2],
+    /// Angle of the rotors about their mean, rad; short numbers only.
+    phase: f64,
+    /// Where the lane's own x and y begin, m; zero for long numbers.
+    origin: [f64; 2],
+    /// Energies that the lane no longer holds, J; zero for long numbers.
+    work: [f64; 5],
+    /// Did it move as no robot does?
+    diverged: Option<Diverged>,
+}
+
+/// As many robots as `B` has lanes, on ideal drives.
+#[derive(Clone, Debug)]
+pub struct Block<B> {
+    constants: Constants<B, B, 4>,
+    state: Robots<B>,
+    scratch: [LegStep<B>; 4],
+    /// -1 for robots that have moved as none does, and the steps until then since the last look.
+    sane: B,
+    steps: B,
+    seats: Vec<Seat>,
+    time: f64,
+    arch: pulp::Arch,
+}
+
+/// Steps, compiled once for every vector unit that the machine may have.
+struct Steps<'a, B> {
+    block: &'a mut Block<B>,
+    steps: usize,
+    step: B,
+}
+
+impl<B: Lane> pulp::NullaryFnOnce for Steps<'_, B> {
+    type Output = ();
+    #[inline(always)]
+    fn call(self) {
+        let Block { constants, state, scratch, sane, steps, .. } = self.block;
+        let (none, one) = (B::splat(0.0), B::splat(1.0));
+        for _ in 0..self.steps {
+            advance(constants, state, scratch, [none; 2], self.step);
+            *sane = sane.negative_then(*sane, state.sane());
+            *steps += sane.negative_then(none, one);
+        }
+    }
+}
+
+impl<B: Lane + Pack<Single = f64>> Block<B> {
+    /// Creates a block with this robot in every lane, shaken at 0 Hz.
+    ///
+    /// # Errors
+    /// If the model is refused or cannot walk ([`RobotModel::check_walker`]).
+    pub fn new(model: &RobotModel, plant: &Plant) -> Result<Self, ModelError> {
+        model.check_walker()?;
+        let c = B::splat;
+        let plain = build::constants(model);
+        let mut block = Block {
+            constants: Constants {
+                base: BaseJoint::Free,
+                inertia: RigidInertia::zero(),
+                rotor_mass: c(0.0),
+                rotor_arm: c(0.0),
+                bell_inertia: c(0.0),
+                rotor_height: [c(0.0); 2],
+                shaker_height: c(0.0),
+                legs: plain.legs.as_ref().map(Pack::all),
+                floor: true,
+                ideal: true,
+            },
+            state: Pack::all(&plant.plain_state()),
+            scratch: [LegStep::blank(); 4],
+            sane: c(1.0),
+            steps: c(0.0),
+            seats: Vec::new(),
+            time: 0.0,
+            arch: pulp::Arch::new(),
+        };
+        let seat =
+            Seat { drive: [0.0; 2], phase: 0.0, origin: [0.0; 2], work: [0.0; 5], diverged: None };
+        block.seats.resize(B::LANES, seat);
+        for lane in 0..B::LANES {
+            block.place(lane, model, plant)?;
+        }
+        Ok(block)
+    }
+
+    /// Puts another robot into a lane, as it stands, moves and is shaken; 0 Hz if it has no ideal drive.
+    ///
+    /// # Errors
+    /// If the model is refused or cannot walk.
+    pub fn place(
+        &mut self,
+        lane: usize,
+        model: &RobotModel,
+        plant: &Plant,
+    ) -> Result<(), ModelError> {
+        model.check_walker()?;
+        let plain = build::constants(model);
+        let c = &mut self.constants;
+        c.inertia.set(lane, &plain.inertia);
+        c.rotor_mass.set(lane, &plain.rotor_mass);
+        c.rotor_arm.set(lane, &plain.rotor_arm);
+        c.bell_inertia.set(lane, &plain.bell_inertia);
+        c.rotor_height.set(lane, &plain.rotor_height);
+        c.shaker_height.set(lane, &plain.shaker_height);
+        if let (Some(legs), Some(own)) = (&mut c.legs, &plain.legs) {
+            legs.set(lane, own);
+        }
+        let mut state = plant.plain_state();
+        let drive = match plant.drive() {
+            Drive::Ideal { frequency_hz, theta_rad } => [frequency_hz, theta_rad],
+            Drive::Torque => {
+                state.rotors = aimed(0.0, 0.0, 0.0);
+                [0.0; 2]
+            }
+        };
+        self.seats[lane] = Seat {
+            drive,
+            phase: phase(&state.rotors),
+            origin: [0.0; 2],
+            work: [0.0; 5],
+            diverged: None,
+        };
+        self.state.set(lane, &state);
+        self.sane.set(lane, &1.0);
+        self.steps.set(lane, &0.0);
+        self.fold_lane(lane);
+        Ok(())
+    }
+
+    /// Shakes a robot at another f (Hz) and theta (rad) from now on; its phase runs on.
+    pub fn set_drive(&mut self, lane: usize, frequency_hz: f64, theta_rad: f64) {
+        let now = phase(&self.state.rotors.get(lane));
+        let seat = &mut self.seats[lane];
+        let now = if B::SHORT { seat.phase } else { now };
+        seat.drive = [frequency_hz, theta_rad];
+        self.state.rotors.set(lane, &aimed(now, frequency_hz, theta_rad));
+    }
+
+    /// Applies a force and a couple to a body at its origin, world axes, until changed.
+    pub fn set_push(&mut self, lane: usize, push: Wrench) {
+        self.state.push.set(lane, &push.spatial());
+    }
+
+    /// Advances all robots by equal steps, s.
+    pub fn run(&mut self, steps: usize, step: f64) {
+        let arch = self.arch;
+        let mut left = steps;
+        while left > 0 {
+            let now = left.min(FOLD);
+            arch.dispatch(Steps { block: self, steps: now, step: B::splat(step) });
+            self.look(step, now);
+            self.time += step * now as f64;
+            left -= now;
+        }
+    }
+
+    /// Notes who has diverged in the last steps, and folds short numbers into long ones.
+    fn look(&mut self, step: f64, steps: usize) {
+        if self.sane.any_negative() {
+            self.note_strays(step);
+        }
+        self.steps = B::splat(0.0);
+        if !B::SHORT {
+            return;
+        }
+        for lane in 0..B::LANES {
+            let seat = &mut self.seats[lane];
+            let [f, theta] = seat.drive;
+            seat.phase -= TAU * f * step * steps as f64;
+            self.state.rotors.set(lane, &aimed(seat.phase, f, theta));
+            self.fold_lane(lane);
+        }
+    }
+
+    #[cold]
+    fn note_strays(&mut self, step: f64) {
+        for (lane, seat) in self.seats.iter_mut().enumerate() {
+            if self.sane.get(lane) >= 0.0 || seat.diverged.is_some() {
+                continue;
+            }
+            let s = &self.state;
+            let bent = core::array::from_fn(|leg| s.legs[leg].bent().get(lane));
+            let speeds = s.rotors.get(lane).map(|rotor| rotor.speed);
+            // What strayed for a moment only was the body.
+            let part = stray(&s.velocity.get(lane), speeds, bent).unwrap_or(Part::Body);
+            let time = self.time + step * (self.steps.get(lane) + 1.0);
+            seat.diverged = Some(Diverged { time, part });
+        }
+    }
+
+    fn fold_lane(&mut self, lane: usize) {
+        if !B::SHORT {
+            return;
+        }
+        let (s, seat) = (&mut self.state, &mut self.seats[lane]);
+        for (axis, origin) in seat.origin.iter_mut().enumerate() {
+            *origin += s.position.0[axis].get(lane);
+            s.position.0[axis].set(lane, &0.0);
+        }
+        for (long, short) in seat.work.iter_mut().zip(&mut s.work) {
+            *long += short.get(lane);
+            short.set(lane, &0.0);
+        }
+    }
+
+    /// Returns how long the block has run, s.
+    pub fn time(&self) -> f64 {
+        self.time
+    }
+
+    /// Returns when and where a robot moved as none does, if it did: its state is useless from then on.
+    pub fn diverged(&self, lane: usize) -> Option<Diverged> {
+        self.seats[lane].diverged
+    }
+
+    /// Returns the pose and velocity of a body.
+    pub fn body(&self, lane: usize) -> BodyState {
+        let (s, [x, y]) = (&self.state, self.seats[lane].origin);
+        let position = s.position.get(lane).0;
+        let velocity = s.velocity.get(lane);
+        BodyState {
+            position: [position[0] + x, position[1] + y, position[2]],
+            orientation: s.orientation.get(lane),
+            velocity: velocity.linear.0,
+            angular_velocity: velocity.angular.0,
+        }
+    }
+
+    /// Returns the energy that the ideal drive has put into a robot, J.
+    pub fn motor_work(&self, lane: usize) -> f64 {
+        self.seats[lane].work[0] + self.state.work[0].get(lane)
+    }
+
+    /// Returns a robot as a plant of its own, for everything that a plant can tell.
+    ///
+    /// # Errors
+    /// If the model is refused.
+    pub fn plant(&self, lane: usize, model: &RobotModel) -> Result<Plant, ModelError> {
+        let mut plant = Plant::new(model)?;
+        let seat = &self.seats[lane];
+        let mut state = self.state.get(lane);
+        for (axis, origin) in seat.origin.iter().enumerate() {
+            state.position.0[axis] += origin;
+        }
+        for (work, long) in state.work.iter_mut().zip(seat.work) {
+            *work += long;
+        }
+        let [frequency_hz, theta_rad] = seat.drive;
+        plant.set_plain_state(&state, self.time, Drive::Ideal { frequency_hz, theta_rad });
+        Ok(plant)
+    }
+}
