@@ -333,14 +333,18 @@ where
     let touching: L = B::least(lowest).spread();
     let near = touching.any_negative();
     let mut round = 0;
+    let mut inertia = [Articulated::zero(); G];
+    let mut bias = [Spatial::zero(); G];
+    // Legs whose grips are not yet those in the equations.
+    let mut stale = [true; G];
     loop {
-        let mut inertia = [Articulated::zero(); G];
-        let mut bias = [Spatial::zero(); G];
         for g in 0..G {
-            if near {
-                steps[g].assemble_contact(&legs[g]);
+            if stale[g] {
+                if near {
+                    steps[g].assemble_contact(&legs[g]);
+                }
+                (inertia[g], bias[g]) = steps[g].eliminate();
             }
-            (inertia[g], bias[g]) = steps[g].eliminate();
         }
         let a = *matrix + Articulated::gather(&inertia);
         let b = rest + Spatial::gather(&bias);
@@ -355,10 +359,15 @@ where
             }
         }
         // Below zero for robots of which a corner changed.
-        let changed: L = B::least(changed).spread();
-        if changed.any_negative() {
+        let robot: L = B::least(changed).spread();
+        if robot.any_negative() {
             for g in 0..G {
-                steps[g].adopt(&s.legs[g], changed);
+                // Short numbers leave a leg alone whose own corners are found: most are, and they cost the most.
+                let changed = if L::SHORT { changed[g] } else { robot };
+                stale[g] = changed.any_negative();
+                if stale[g] {
+                    steps[g].adopt(&s.legs[g], changed);
+                }
             }
         } else {
             let (mut lost, mut given) = ([L::splat(0.0); G], [L::splat(0.0); G]);

@@ -1,0 +1,310 @@
+"""The robot as a Gymnasium environment: ``FlixWalker-v0``.
+
+Every quarter of a second the agent sees where the robot is and how it moved, and chooses f and theta for the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from ._flixwalker import Film, Model, paper_pairs
+from .batch import Batch
+
+#: Fastest shaking that the robot's own software allows, Hz.
+FASTEST_HZ = 35.0
+#: Weight of a metre off the path against a metre along it, for a quarter of a second.
+OFF_PATH = 0.5
+#: A robot this near to home has arrived, m.
+HOME_M = 0.03
+#: Standard gravity of the simulator, m/s^2.
+GRAVITY = 9.81
+
+TASKS = ("path", "home", "speed", "transport")
+
+
+def figure_eight(size_m: float = 0.5, points: int = 256) -> np.ndarray:
+    """Return a closed path like an 8, `size_m` long and half as wide, as (points, 2) in m, from the origin."""
+    t = np.linspace(0.0, 2.0 * np.pi, points, endpoint=False)
+    return 0.5 * size_m * np.stack([np.sin(t), np.sin(t) * np.cos(t)], axis=1)
+
+
+class FlixWalkerVectorEnv(VectorEnv):
+    """Many robots at once.
+
+    Parameters
+    ----------
+    num_envs
+        Robots.
+    task
+        ``"path"``: follow a path; the reward is the way along it less half the distance from it. ``"home"``: return to
+        the origin from a start up to 0.5 m away. ``"speed"``: go as far as possible in any direction. ``"transport"``:
+        the same at the lowest energy; the reward is the way less the energy over the weight.
+    actions
+        ``"pair"``: f and theta as two numbers from -1 to 1, for -35 to 35 Hz and -90 to 90 degrees. ``"modes"``: one of
+        the nine modes of the paper's Tables III and IV.
+    model
+        A `Model` or its name.
+    randomize
+        Ranges of factors by the fields' paths, drawn anew for each episode and robot: ``{"legs.fl.friction": (0.42,
+        1.58)}``. A tuple of paths shares one draw.
+    path
+        (k, 2) in m, closed; an 8 of half a metre if none is given.
+    seconds
+        Length of an episode, s.
+    interval, step
+        Time between two actions, and of the integration, s.
+    render_mode
+        ``"html"``: `render` returns a page that plays the first robot's episode.
+
+    Observations (9): x and y in m, cosine and sine of the heading, speed forward and to the left in m/s and yaw rate in
+    rad/s (means over the last interval), and the goal ahead and to the left in m: the next point of the path, or home.
+    """
+
+    metadata = {"render_modes": ["html"], "autoreset_mode": AutoresetMode.NEXT_STEP}
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        task: str = "path",
+        actions: str = "pair",
+        model: Model | str = "W",
+        randomize: Mapping[str | tuple[str, ...], tuple[float, float]] | None = None,
+        path: np.ndarray | None = None,
+        seconds: float = 60.0,
+        interval: float = 0.25,
+        step: float = 1e-4,
+        threads: int | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        if task not in TASKS:
+            raise ValueError(f"task is {task!r}: choose one of {', '.join(TASKS)}")
+        if actions not in ("pair", "modes"):
+            raise ValueError(f'actions is {actions!r}: choose "pair" or "modes"')
+        if render_mode not in (None, "html"):
+            raise ValueError(f'render_mode is {render_mode!r}: choose "html" or none')
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.task = task
+        self.model = Model(model) if isinstance(model, str) else model
+        self.randomize = dict(randomize or {})
+        self.path = figure_eight() if path is None else np.asarray(path, dtype=np.float64)
+        if self.path.ndim != 2 or self.path.shape[1] != 2 or len(self.path) < 3:
+            raise ValueError(f"path has the shape {self.path.shape}: give (k, 2), three points at least")
+        self.interval = interval
+        self.step_s = step
+        self.limit = max(1, round(seconds / interval))
+        self.modes = np.array([[f, theta] for _, f, theta in paper_pairs()])
+        self.single_action_space: spaces.Space[Any] = (
+            spaces.Discrete(len(self.modes))
+            if actions == "modes"
+            else spaces.Box(-1.0, 1.0, (2,), np.float32)
+        )
+        self.single_observation_space = spaces.Box(-np.inf, np.inf, (9,), np.float32)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.batch = Batch([self.model] * num_envs, threads=threads)
+        self.weight = np.full(num_envs, GRAVITY * _mass(self.model))
+        self.steps = np.zeros(num_envs, dtype=np.int64)
+        self.done = np.ones(num_envs, dtype=bool)
+        self.nearest = np.zeros(num_envs, dtype=np.int64)
+        self.motion = np.zeros((num_envs, 3))
+        self.film: Film | None = None
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Put all robots, or those of ``options["reset_mask"]``, to new starts."""
+        if isinstance(seed, int):
+            seed = [seed + robot for robot in range(self.num_envs)]
+        if seed is not None or not hasattr(self, "random"):
+            seeds = seed or [None] * self.num_envs
+            self.random = [np.random.default_rng(each) for each in seeds]
+            self._np_random = self.random[0]
+        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, dtype=bool))
+        self._begin(np.flatnonzero(mask))
+        return self._observe(), {}
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Shake every robot by its action for one interval; those that were done begin anew instead."""
+        begin = np.flatnonzero(self.done)
+        self.batch.set_drive(*self._drive(actions))
+        position, yaw = self.batch.position.copy(), self.batch.yaw.copy()
+        energy, nearest = self.batch.energy.copy(), self.nearest.copy()
+        self._run()
+        self.steps += 1
+        moved = self.batch.position - position
+        turned = _wrapped(self.batch.yaw - yaw)
+        self.motion = np.column_stack([*_turned(moved, yaw + 0.5 * turned), turned]) / self.interval
+        reward = self._reward(position, nearest, self.batch.energy - energy)
+        fallen = ~self.batch.alive | (_upward(self.batch.orientation) < 0.5)
+        arrived = (self.task == "home") & (
+            np.hypot(*self.batch.position[:, :2].T) < HOME_M
+        )
+        terminated = fallen | arrived
+        truncated = ~terminated & (self.steps >= self.limit)
+        if len(begin):
+            self._begin(begin)
+            reward[begin], terminated[begin], truncated[begin] = 0.0, False, False
+        self.done = terminated | truncated
+        return self._observe(), reward, terminated, truncated, {"energy_j": self.batch.energy.copy()}
+
+    def render(self) -> str | None:
+        """Return a page for the browser with the first robot's episode so far."""
+        if self.film is None:
+            return None
+        return self.film.to_html(f"FlixWalker-v0, {self.task}")
+
+    def _drive(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if isinstance(self.single_action_space, spaces.Discrete):
+            f, theta = self.modes[np.asarray(actions)].T
+        else:
+            actions = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
+            f, theta = FASTEST_HZ * actions[:, 0], 90.0 * actions[:, 1]
+        return f, np.radians(theta)
+
+    def _run(self) -> None:
+        if self.film is None:
+            self.batch.run(self.interval, self.step_s)
+            return
+        for _ in range(10):
+            self.batch.run(0.1 * self.interval, self.step_s)
+            self.film.shoot(self.batch, 0)
+
+    def _begin(self, robots: np.ndarray) -> None:
+        if not len(robots):
+            return
+        models, seeds, positions, headings = [], [], [], []
+        for robot in robots:
+            random = self.random[robot]
+            models.append(self._drawn(random))
+            seeds.append(int(random.integers(2**63)))
+            headings.append(random.uniform(-np.pi, np.pi))
+            if self.task == "home":
+                angle, distance = random.uniform(-np.pi, np.pi), random.uniform(0.1, 0.5)
+                positions.append([distance * np.cos(angle), distance * np.sin(angle)])
+            elif self.task == "path":
+                positions.append(self.path[0])
+            else:
+                positions.append([0.0, 0.0])
+        self.batch.reset(seeds, robots, models if self.randomize else None, positions, headings)
+        if self.randomize:
+            self.weight[robots] = [GRAVITY * _mass(model) for model in models]
+        self.steps[robots] = 0
+        self.done[robots] = False
+        self.nearest[robots] = 0
+        self.motion[robots] = 0.0
+        if self.render_mode is not None and 0 in robots:
+            reference = self.path.tolist() if self.task == "path" else []
+            self.film = Film(self.batch.model(0), 0.1 * self.interval, reference)
+            self.film.shoot(self.batch, 0)
+
+    def _drawn(self, random: np.random.Generator) -> Model:
+        fields = {}
+        for paths, (low, high) in self.randomize.items():
+            factor = random.uniform(low, high)
+            for path in (paths,) if isinstance(paths, str) else paths:
+                fields[path] = factor * self.model[path]
+        return self.model.replace(fields) if fields else self.model
+
+    def _goals(self) -> np.ndarray:
+        if self.task == "path":
+            return self.path[(self.nearest + 1) % len(self.path)]
+        return np.zeros((self.num_envs, 2))
+
+    def _reward(self, before: np.ndarray, nearest: np.ndarray, energy: np.ndarray) -> np.ndarray:
+        now, before = self.batch.position[:, :2], before[:, :2]
+        if self.task == "path":
+            self._follow()
+            count = len(self.path)
+            ahead = (self.nearest - nearest + count // 2) % count - count // 2
+            off = np.hypot(*(now - self.path[self.nearest]).T)
+            length = np.hypot(*np.diff(self.path, axis=0, append=self.path[:1]).T).sum()
+            return ahead * length / count - OFF_PATH * self.interval * off
+        if self.task == "home":
+            return np.hypot(*before.T) - np.hypot(*now.T)
+        way = np.hypot(*(now - before).T)
+        return way if self.task == "speed" else way - energy / self.weight
+
+    def _follow(self) -> None:
+        """Take the nearest point of the next eighth of the path, so that crossings are no short cuts."""
+        ahead = np.arange(-len(self.path) // 32, len(self.path) // 8 + 1)
+        candidates = (self.nearest[:, None] + ahead) % len(self.path)
+        gap = self.path[candidates] - self.batch.position[:, None, :2]
+        best = np.hypot(gap[..., 0], gap[..., 1]).argmin(axis=1)
+        self.nearest = candidates[np.arange(self.num_envs), best]
+
+    def _observe(self) -> np.ndarray:
+        at, yaw = self.batch.position[:, :2], self.batch.yaw
+        goal = _turned(self._goals() - at, yaw)
+        seen = np.column_stack([at, np.cos(yaw), np.sin(yaw), self.motion, *goal])
+        return np.nan_to_num(seen).astype(np.float32)
+
+
+class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
+    """One robot; parameters, observations and rewards are those of `FlixWalkerVectorEnv`."""
+
+    metadata = {"render_modes": ["html"], "render_fps": 40}
+
+    def __init__(self, **parameters: Any) -> None:
+        self.many = FlixWalkerVectorEnv(1, **parameters)
+        self.render_mode = self.many.render_mode
+        self.observation_space = self.many.single_observation_space
+        self.action_space = self.many.single_action_space
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Put the robot to a new start."""
+        super().reset(seed=seed)
+        if seed is not None or not hasattr(self.many, "random"):
+            seen, _ = self.many.reset(seed=[int(self.np_random.integers(2**63))])
+        else:
+            seen, _ = self.many.reset()
+        return seen[0], {}
+
+    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Shake the robot by the action for one interval."""
+        seen, reward, terminated, truncated, info = self.many.step(np.asarray(action)[None])
+        # Whoever goes on after the end goes on with this robot, as Gymnasium has it.
+        self.many.done[:] = False
+        return (
+            seen[0],
+            float(reward[0]),
+            bool(terminated[0]),
+            bool(truncated[0]),
+            {"energy_j": float(info["energy_j"][0])},
+        )
+
+    def render(self) -> str | None:
+        """Return a page for the browser with the episode so far."""
+        return self.many.render()
+
+
+def _mass(model: Model) -> float:
+    loads = sum(load["mass_g"] for load in model.to_dict().get("load", []))
+    return 1e-3 * (model["body.total_mass_g"] + loads)
+
+
+def _turned(vectors: np.ndarray, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the parts forward and to the left of a robot with this heading."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    x, y = vectors[:, 0], vectors[:, 1]
+    return cos * x + sin * y, cos * y - sin * x
+
+
+def _wrapped(angle: np.ndarray) -> np.ndarray:
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def _upward(orientation: np.ndarray) -> np.ndarray:
+    """Return the vertical part of the body's upward axis: 1 upright, -1 on its back."""
+    return 1.0 - 2.0 * (orientation[:, 1] ** 2 + orientation[:, 2] ** 2)

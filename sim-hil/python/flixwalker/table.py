@@ -1,0 +1,100 @@
+"""Walks as tables: a column a quantity."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _flixwalker
+from ._flixwalker import Model
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+
+
+def walk(
+    models: Model | Sequence[Model],
+    f_hz: ArrayLike,
+    theta_deg: ArrayLike,
+    seeds: ArrayLike = 0,
+    seconds: float = 8.0,
+    step: float = 1e-4,
+) -> dict[str, np.ndarray]:
+    """Walk robots, each at its f and theta from a heading of its own, and return how they went.
+
+    What is given once is used for all.
+
+    Parameters
+    ----------
+    models
+        The robots.
+    f_hz, theta_deg
+        -120 to 120 Hz; -90 to 90 degrees, positive to the right.
+    seeds
+        Of the disturbed starts.
+    seconds
+        Simulated time, s.
+    step
+        Of the integration, s.
+
+    Returns
+    -------
+    dict
+        Columns f_hz, theta_deg, seed, then, as means over the walk in the body's axes: forward_m_s, lateral_m_s (left
+        positive), yaw_rad_s (left positive); energy_j of the ideal motors, path_m, cost_of_transport, upright.
+
+    Raises
+    ------
+    ValueError
+        If a model or a value is refused, or a robot moves as none does.
+    """
+    given = [models] if isinstance(models, Model) else list(models)
+    which, f, theta, seed = np.broadcast_arrays(
+        np.arange(len(given)),
+        np.asarray(f_hz, dtype=np.float64),
+        np.asarray(theta_deg, dtype=np.float64),
+        np.asarray(seeds, dtype=np.uint64),
+    )
+    which, f, theta, seed = (np.atleast_1d(column).ravel().copy() for column in (which, f, theta, seed))
+    walked = _flixwalker.walk(
+        [given[i] for i in which], f, theta, [int(s) for s in seed], seconds, step
+    )
+    return {"f_hz": f, "theta_deg": theta, "seed": seed, **walked}
+
+
+def mobility(
+    model: Model,
+    f_hz: ArrayLike = (-35, -30, -20, -10, 10, 20, 30, 35),
+    theta_deg: ArrayLike = (-90, -60, -30, 0, 30, 60, 90),
+    seeds: ArrayLike = (0, 1, 2, 3),
+    seconds: float = 8.0,
+    step: float = 1e-4,
+) -> pandas.DataFrame:
+    """Walk every pair (f, theta) from every seed: the paper's mobility study as a data frame, a row a walk.
+
+    Parameters, columns and errors are those of `walk`. Needs pandas.
+    """
+    import pandas
+
+    f, theta, seed = (
+        grid.ravel() for grid in np.meshgrid(f_hz, theta_deg, seeds, indexing="ij")
+    )
+    return pandas.DataFrame(walk(model, f, theta, seed, seconds, step))
+
+
+def read_table(path: str | os.PathLike[str]) -> pyarrow.Table:
+    """Read the results.parquet that `flix-sim study` writes. Needs pyarrow; `.to_pandas()` makes a data frame of it.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    """
+    import pyarrow.parquet
+
+    return pyarrow.parquet.read_table(path)

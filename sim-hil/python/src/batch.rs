@@ -1,0 +1,270 @@
+//! Thousands of robots, read and commanded as arrays.
+
+use flix_sim::batch::{Batch as Engine, Precision};
+use flix_sim::experiment::walk::Start;
+use flix_sim::plant::Plant;
+use numpy::{
+    PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1, PyReadonlyArray2,
+    PyUntypedArrayMethods as _,
+};
+use pyo3::exceptions::{PyIndexError, PyValueError};
+use pyo3::prelude::*;
+
+use crate::model::Model;
+use crate::refused;
+
+/// Creates robots that stand still at the origin, shaken at 0 Hz.
+#[pyclass(subclass, module = "flixwalker")]
+pub struct Batch {
+    engine: Engine,
+    pool: rayon::ThreadPool,
+    #[pyo3(get)]
+    position: Py<PyArray2<f64>>,
+    #[pyo3(get)]
+    orientation: Py<PyArray2<f64>>,
+    #[pyo3(get)]
+    velocity: Py<PyArray2<f64>>,
+    #[pyo3(get)]
+    angular_velocity: Py<PyArray2<f64>>,
+    #[pyo3(get)]
+    yaw: Py<PyArray1<f64>>,
+    #[pyo3(get)]
+    energy: Py<PyArray1<f64>>,
+    #[pyo3(get)]
+    alive: Py<PyArray1<bool>>,
+}
+
+/// A value for each robot, or one for all.
+fn each(values: &PyReadonlyArray1<'_, f64>, robots: usize, what: &str) -> PyResult<Vec<f64>> {
+    let values: Vec<f64> = values.as_array().iter().copied().collect();
+    if let Some(bad) = values.iter().find(|value| !value.is_finite()) {
+        return Err(PyValueError::new_err(format!(
+            "{what} holds {bad}: every value has to be a number"
+        )));
+    }
+    match values.len() {
+        1 => Ok(vec![values[0]; robots]),
+        n if n == robots => Ok(values),
+        n => Err(PyValueError::new_err(format!(
+            "{what} has {n} values: give 1 or {robots}, one a robot"
+        ))),
+    }
+}
+
+impl Batch {
+    /// The robots asked for, all if none are named.
+    fn chosen(&self, robots: Option<Vec<i64>>) -> PyResult<Vec<usize>> {
+        let len = self.engine.len();
+        let Some(robots) = robots else { return Ok((0..len).collect()) };
+        robots
+            .into_iter()
+            .map(|robot| {
+                usize::try_from(robot).ok().filter(|robot| *robot < len).ok_or_else(|| {
+                    PyIndexError::new_err(format!("robot {robot}: this batch has 0 to {}", len - 1))
+                })
+            })
+            .collect()
+    }
+
+    /// Writes what the robots do now into the arrays.
+    fn show(&self, py: Python<'_>) {
+        let row = |array: &Py<PyArray2<f64>>| array.bind(py).readwrite();
+        let (mut position, mut orientation) = (row(&self.position), row(&self.orientation));
+        let (mut velocity, mut angular) = (row(&self.velocity), row(&self.angular_velocity));
+        let mut yaw = self.yaw.bind(py).readwrite();
+        let mut energy = self.energy.bind(py).readwrite();
+        let mut alive = self.alive.bind(py).readwrite();
+        let (mut position, mut orientation) = (position.as_array_mut(), orientation.as_array_mut());
+        let (mut velocity, mut angular) = (velocity.as_array_mut(), angular.as_array_mut());
+        let (mut yaw, mut energy, mut alive) =
+            (yaw.as_array_mut(), energy.as_array_mut(), alive.as_array_mut());
+        for robot in 0..self.engine.len() {
+            let body = self.engine.body(robot);
+            for axis in 0..3 {
+                position[[robot, axis]] = body.position[axis];
+                velocity[[robot, axis]] = body.velocity[axis];
+                angular[[robot, axis]] = body.angular_velocity[axis];
+            }
+            for part in 0..4 {
+                orientation[[robot, part]] = body.orientation[part];
+            }
+            yaw[robot] = body.yaw();
+            energy[robot] = self.engine.motor_work(robot);
+            alive[robot] = self.engine.diverged(robot).is_none();
+        }
+    }
+}
+
+#[pymethods]
+impl Batch {
+    #[new]
+    #[pyo3(signature = (models, precision = "single", threads = None))]
+    fn new(
+        py: Python<'_>,
+        models: Vec<Model>,
+        precision: &str,
+        threads: Option<usize>,
+    ) -> PyResult<Self> {
+        let precision = match precision {
+            "single" => Precision::Single,
+            "double" => Precision::Double,
+            other => {
+                return Err(PyValueError::new_err(format!(
+                    "precision is {other:?}: choose \"single\" or \"double\""
+                )));
+            }
+        };
+        if models.is_empty() {
+            return Err(PyValueError::new_err("a batch needs one model at least"));
+        }
+        let n = models.len();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.unwrap_or(0))
+            .build()
+            .map_err(refused)?;
+        let models = models.into_iter().map(|model| model.0).collect();
+        let engine =
+            py.detach(|| pool.install(|| Engine::new(models, precision))).map_err(refused)?;
+        let rows = |columns| PyArray2::zeros(py, [n, columns], false).unbind();
+        let batch = Self {
+            engine,
+            pool,
+            position: rows(3),
+            orientation: rows(4),
+            velocity: rows(3),
+            angular_velocity: rows(3),
+            yaw: PyArray1::zeros(py, n, false).unbind(),
+            energy: PyArray1::zeros(py, n, false).unbind(),
+            alive: PyArray1::zeros(py, n, false).unbind(),
+        };
+        batch.show(py);
+        Ok(batch)
+    }
+
+    fn __len__(&self) -> usize {
+        self.engine.len()
+    }
+
+    #[getter]
+    fn time(&self) -> f64 {
+        self.engine.time()
+    }
+
+    fn model(&self, robot: i64) -> PyResult<Model> {
+        let robot = self.chosen(Some(vec![robot]))?[0];
+        Ok(Model(self.engine.model(robot).clone()))
+    }
+
+    #[pyo3(signature = (seeds, robots = None, models = None, positions = None, headings = None))]
+    fn reset(
+        &mut self,
+        py: Python<'_>,
+        seeds: Vec<u64>,
+        robots: Option<Vec<i64>>,
+        models: Option<Vec<Model>>,
+        positions: Option<PyReadonlyArray2<'_, f64>>,
+        headings: Option<PyReadonlyArray1<'_, f64>>,
+    ) -> PyResult<()> {
+        let robots = self.chosen(robots)?;
+        let wrong = |what: &str, n: usize| {
+            PyValueError::new_err(format!(
+                "{n} {what} for {} robots: give one a robot",
+                robots.len()
+            ))
+        };
+        if seeds.len() != robots.len() {
+            return Err(wrong("seeds", seeds.len()));
+        }
+        if let Some(models) = models.as_ref().filter(|models| models.len() != robots.len()) {
+            return Err(wrong("models", models.len()));
+        }
+        if let Some(positions) = positions.as_ref().filter(|p| p.shape() != [robots.len(), 2]) {
+            return Err(PyValueError::new_err(format!(
+                "positions have the shape {:?}: give ({}, 2)",
+                positions.shape(),
+                robots.len()
+            )));
+        }
+        let headings =
+            headings.map(|headings| each(&headings, robots.len(), "headings")).transpose()?;
+        for (i, robot) in robots.iter().enumerate() {
+            let model = match &models {
+                Some(models) => models[i].0.clone(),
+                None => self.engine.model(*robot).clone(),
+            };
+            let heading = Some(headings.as_ref().map_or(0.0, |headings| headings[i]));
+            let mut plant: Plant =
+                Start { seed: seeds[i], heading }.plant(&model).map_err(refused)?;
+            if let Some(positions) = &positions {
+                let at = positions.as_array();
+                plant.displace([at[[i, 0]], at[[i, 1]], 0.0], 0.0);
+            }
+            self.engine.place(*robot, model, &plant).map_err(refused)?;
+        }
+        self.show(py);
+        Ok(())
+    }
+
+    #[pyo3(signature = (f_hz, theta_rad, robots = None))]
+    fn set_drive(
+        &mut self,
+        f_hz: PyReadonlyArray1<'_, f64>,
+        theta_rad: PyReadonlyArray1<'_, f64>,
+        robots: Option<Vec<i64>>,
+    ) -> PyResult<()> {
+        let robots = self.chosen(robots)?;
+        let f_hz = each(&f_hz, robots.len(), "f_hz")?;
+        let theta_rad = each(&theta_rad, robots.len(), "theta_rad")?;
+        if let Some(fast) = f_hz.iter().find(|f| f.abs() > FASTEST_HZ) {
+            return Err(PyValueError::new_err(format!(
+                "f_hz holds {fast}: the simulation shakes at -{FASTEST_HZ} to {FASTEST_HZ} Hz"
+            )));
+        }
+        for ((robot, f), theta) in robots.into_iter().zip(f_hz).zip(theta_rad) {
+            self.engine.set_drive(robot, f, theta);
+        }
+        Ok(())
+    }
+
+    #[pyo3(signature = (seconds, step = 1e-4))]
+    fn run(&mut self, py: Python<'_>, seconds: f64, step: f64) -> PyResult<()> {
+        if !(1e-6..=1e-3).contains(&step) {
+            return Err(PyValueError::new_err(format!(
+                "step is {step} s: choose 0.000001 to 0.001 s"
+            )));
+        }
+        if !(0.0..=1e5).contains(&seconds) {
+            return Err(PyValueError::new_err(format!(
+                "seconds is {seconds}: choose 0 to 100000 s"
+            )));
+        }
+        let steps = (seconds / step).round() as usize;
+        let (engine, pool) = (&mut self.engine, &self.pool);
+        // A tenth of a second or so of each robot, then a look at who wants to interrupt.
+        const SLICE: usize = 1000;
+        let mut left = steps;
+        while left > 0 {
+            let now = left.min(SLICE);
+            py.detach(|| pool.install(|| engine.run(now, step)));
+            py.check_signals()?;
+            left -= now;
+        }
+        self.show(py);
+        Ok(())
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Batch of {} robots at {:.4} s", self.engine.len(), self.engine.time())
+    }
+}
+
+/// Fastest shaking, Hz.
+const FASTEST_HZ: f64 = flix_sim::experiment::walk::Shaking::FASTEST_HZ;
+
+impl Batch {
+    /// Returns a robot as a plant.
+    pub fn plant(&self, robot: i64) -> PyResult<Plant> {
+        let robot = self.chosen(Some(vec![robot]))?[0];
+        self.engine.plant(robot).map_err(refused)
+    }
+}

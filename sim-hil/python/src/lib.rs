@@ -1,0 +1,26 @@
+//! The module `flixwalker._flixwalker`: thin classes over the simulator. Their words for people are in
+//! `flixwalker/_flixwalker.pyi`.
+
+mod batch;
+mod film;
+mod model;
+mod walk;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+mod _flixwalker {
+    #[pymodule_export]
+    use super::batch::Batch;
+    #[pymodule_export]
+    use super::film::Film;
+    #[pymodule_export]
+    use super::model::{Model, models};
+    #[pymodule_export]
+    use super::walk::{paper_pairs, walk};
+}
+
+/// Tells Python what the simulator refuses, in its own words.
+fn refused(error: impl std::fmt::Display) -> PyErr {
+    pyo3::exceptions::PyValueError::new_err(error.to_string())
+}

@@ -1,0 +1,106 @@
+//! A robot as data.
+
+use flix_sim::model::mjcf::mjcf;
+use flix_sim::model::{NAMES, RobotModel, random};
+use flix_sim::plant::mechanics::reference_contact;
+use pyo3::exceptions::PyKeyError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use serde_json::Value;
+
+use crate::refused;
+
+/// Creates a model of that name, or reads a TOML file.
+#[pyclass(frozen, eq, module = "flixwalker", from_py_object)]
+#[derive(Clone, PartialEq)]
+pub struct Model(pub RobotModel);
+
+/// Returns a model's fields as nested values.
+fn tree(model: &RobotModel) -> PyResult<Value> {
+    serde_json::to_value(model).map_err(refused)
+}
+
+/// Finds a field by its path, names joined by dots.
+fn find<'a>(tree: &'a mut Value, path: &str) -> PyResult<&'a mut Value> {
+    let missing = || PyKeyError::new_err(format!("a model has no field {path}"));
+    path.split('.').try_fold(tree, |at, name| {
+        match at {
+            Value::Array(list) => name.parse().ok().and_then(|i: usize| list.get_mut(i)),
+            other => other.get_mut(name),
+        }
+        .ok_or_else(missing)
+    })
+}
+
+/// Converts by way of JSON.
+fn to_python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
+    py.import("json")?.call_method1("loads", (value.to_string(),))
+}
+
+fn from_python(value: &Bound<'_, PyAny>) -> PyResult<Value> {
+    let text: String = value.py().import("json")?.call_method1("dumps", (value,))?.extract()?;
+    serde_json::from_str(&text).map_err(refused)
+}
+
+#[pymethods]
+impl Model {
+    #[new]
+    fn new(name: &str) -> PyResult<Self> {
+        RobotModel::named(name).map(Self).map_err(refused)
+    }
+
+    #[staticmethod]
+    fn from_toml(text: &str) -> PyResult<Self> {
+        RobotModel::from_toml(text).map(Self).map_err(refused)
+    }
+
+    #[staticmethod]
+    fn random(seed: u64) -> Self {
+        Self(random(seed))
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.0.name
+    }
+
+    fn to_toml(&self) -> PyResult<String> {
+        toml::to_string(&self.0).map_err(refused)
+    }
+
+    fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        to_python(py, &tree(&self.0)?)
+    }
+
+    fn mjcf(&self, step: f64) -> String {
+        mjcf(&self.0, step, reference_contact(&self.0))
+    }
+
+    fn __getitem__<'py>(&self, py: Python<'py>, path: &str) -> PyResult<Bound<'py, PyAny>> {
+        to_python(py, find(&mut tree(&self.0)?, path)?)
+    }
+
+    fn replace(&self, fields: &Bound<'_, PyDict>) -> PyResult<Self> {
+        let mut tree = tree(&self.0)?;
+        for (path, value) in fields {
+            *find(&mut tree, path.extract()?)? = from_python(&value)?;
+        }
+        let model: RobotModel = serde_json::from_value(tree).map_err(refused)?;
+        model.check().map_err(refused)?;
+        Ok(Self(model))
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
+        Ok((py.get_type::<Self>().getattr("from_toml")?, (self.to_toml()?,)))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Model({:?})", self.0.name)
+    }
+}
+
+/// Names of the models that come with the simulator.
+#[pyfunction]
+pub fn models() -> Vec<&'static str> {
+    NAMES.to_vec()
+}

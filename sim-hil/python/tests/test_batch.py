@@ -1,0 +1,98 @@
+"""Batches: what a robot does, alone and in company."""
+
+import numpy as np
+import pytest
+
+from flixwalker import Batch, Film, Model, mobility, walk
+
+MODEL = Model("W")
+
+
+def moved(robots: int, precision: str = "single", threads: int | None = None) -> np.ndarray:
+    batch = Batch([MODEL] * robots, precision, threads)
+    batch.reset(range(robots))
+    batch.set_drive(30.0, 0.1 * np.arange(robots))
+    batch.run(0.05)
+    return batch.position.copy()
+
+
+def test_a_robots_bits_do_not_depend_on_company_or_threads() -> None:
+    for precision in ("single", "double"):
+        many = moved(40, precision, threads=2)
+        assert (moved(40, precision, threads=1) == many).all()
+        assert (moved(7, precision) == many[:7]).all()
+
+
+def test_arrays_are_written_in_place() -> None:
+    batch = Batch([MODEL] * 3)
+    position = batch.position
+    before = position.copy()
+    batch.set_drive([30.0, -30.0, 0.0], 0.5)
+    batch.run(0.05)
+    assert position is batch.position
+    assert (np.abs(position - before)[:2].max(axis=1) > 1e-4).all()
+
+
+def test_single_and_double_agree_before_chaos_takes_over() -> None:
+    assert np.abs(moved(5) - moved(5, "double")).max() < 1e-4
+
+
+def test_a_reset_robot_starts_anew_while_the_others_walk_on() -> None:
+    batch = Batch([MODEL] * 4)
+    batch.reset(range(4))
+    start = batch.position.copy()
+    batch.set_drive(30.0, 0.5)
+    batch.run(0.05)
+    walked = batch.position.copy()
+    batch.reset([2], robots=[2])
+    assert (batch.position[2] == start[2]).all()
+    assert (batch.position[[0, 1, 3]] == walked[[0, 1, 3]]).all()
+    assert batch.energy[2] == 0.0
+
+
+def test_bad_input_says_what_to_do() -> None:
+    batch = Batch([MODEL] * 3)
+    with pytest.raises(ValueError, match="f_hz has 2 values: give 1 or 3"):
+        batch.set_drive([1.0, 2.0], 0.0)
+    with pytest.raises(ValueError, match="f_hz holds NaN"):
+        batch.set_drive(np.nan, 0.0)
+    with pytest.raises(ValueError, match="-120 to 120 Hz"):
+        batch.set_drive(1000.0, 0.0)
+    with pytest.raises(IndexError, match="robot 3: this batch has 0 to 2"):
+        batch.set_drive(1.0, 0.0, robots=[3])
+    with pytest.raises(ValueError, match="step is 0.01"):
+        batch.run(1.0, 0.01)
+    with pytest.raises(ValueError, match="1 seeds for 3 robots"):
+        batch.reset([1])
+    with pytest.raises(ValueError, match="bench-fixed has no legs"):
+        Batch([Model("bench-fixed")])
+    with pytest.raises(ValueError, match='"single" or "double"'):
+        Batch([MODEL], "half")
+    with pytest.raises(ValueError, match="one model at least"):
+        Batch([])
+
+
+def test_walks_are_those_of_the_studies() -> None:
+    table = walk(MODEL, 30.0, [0.0, 60.0], seeds=[1, 2], seconds=0.2)
+    alone = walk(MODEL, 30.0, 60.0, seeds=2, seconds=0.2)
+    assert table["forward_m_s"][1] == alone["forward_m_s"][0]
+    assert table["upright"].all()
+    with pytest.raises(ValueError, match="-120 to 120 Hz"):
+        walk(MODEL, 500.0, 0.0)
+
+
+def test_mobility_is_a_row_a_walk() -> None:
+    frame = mobility(MODEL, [-30, 30], [0, 90], [1, 2, 3], seconds=0.05)
+    assert len(frame) == 12
+    assert set(frame.columns) >= {"f_hz", "theta_deg", "seed", "forward_m_s", "yaw_rad_s"}
+
+
+def test_a_film_becomes_a_page() -> None:
+    batch = Batch([MODEL])
+    film = Film(MODEL)
+    with pytest.raises(ValueError, match="frame"):
+        film.to_html("empty")
+    for _ in range(3):
+        film.shoot(batch, 0)
+        batch.run(0.01)
+    assert "<title>a walk" in film.to_html("a walk")

@@ -1,0 +1,82 @@
+"""The environment, as Gymnasium's checker and a stranger see it."""
+
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import flixwalker
+from flixwalker.env import TASKS, FlixWalkerVectorEnv
+
+SHORT = {"seconds": 0.5, "interval": 0.05, "step": 5e-4}
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("actions", ["pair", "modes"])
+def test_the_checker_has_nothing_to_say(task: str, actions: str) -> None:
+    env = gymnasium.make("FlixWalker-v0", task=task, actions=actions, **SHORT)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # What has no bounds in space has none here either.
+        warnings.filterwarnings("ignore", message=".*observation space (minimum|maximum) value is.*inf.*")
+        warnings.filterwarnings("ignore", message=".*A Box observation space.*inf.*")
+        warnings.filterwarnings("ignore", message=".*render.*")
+        check_env(env.unwrapped)
+
+
+def rolled(num_envs: int, seed: int = 5) -> tuple[np.ndarray, np.ndarray]:
+    envs = gymnasium.make_vec("FlixWalker-v0", num_envs=num_envs, task="home", **SHORT)
+    seen, _ = envs.reset(seed=seed)
+    action = np.tile([0.8, 0.3], (num_envs, 1)).astype(np.float32)
+    all_seen, rewards = [seen], []
+    for _ in range(14):
+        seen, reward, *_ = envs.step(action)
+        all_seen.append(seen)
+        rewards.append(reward)
+    return np.array(all_seen), np.array(rewards)
+
+
+def test_the_same_seed_gives_the_same_episodes_in_any_company() -> None:
+    seen, rewards = rolled(20)
+    again, _ = rolled(20)
+    fewer, _ = rolled(3)
+    assert (seen == again).all()
+    assert (seen[:, :3] == fewer).all()
+    assert (np.abs(rewards) > 0.0).any()
+
+
+def test_an_episode_ends_and_the_next_step_begins_another() -> None:
+    envs = FlixWalkerVectorEnv(2, "speed", **SHORT)
+    envs.reset(seed=1)
+    for step in range(1, 11):
+        *_, truncated, _ = envs.step(np.zeros((2, 2)))
+        assert truncated.all() == (step == 10)
+    seen, reward, terminated, truncated, _ = envs.step(np.ones((2, 2)))
+    assert not terminated.any() and not truncated.any() and (reward == 0.0).all()
+    assert np.abs(seen[:, :2]).max() < 2e-3
+
+
+def test_every_episode_draws_a_robot_of_its_own() -> None:
+    left = ("legs.fl.friction", "legs.rl.friction")
+    envs = FlixWalkerVectorEnv(4, "path", randomize={left: (0.42, 1.58)}, **SHORT)
+    envs.reset(seed=1)
+    usual = flixwalker.Model("W")
+    factors = [
+        [envs.batch.model(robot)[path] / usual[path] for path in left] for robot in range(4)
+    ]
+    assert len({front for front, _ in factors}) == 4
+    assert all(front == pytest.approx(rear) and 0.42 <= front <= 1.58 for front, rear in factors)
+
+
+def test_the_first_robots_episode_is_a_page() -> None:
+    env = gymnasium.make("FlixWalker-v0", render_mode="html", **SHORT)
+    env.reset(seed=1)
+    env.step(env.action_space.sample())
+    assert "<html" in env.unwrapped.render()
+
+
+def test_a_wrong_word_is_refused_with_the_right_ones() -> None:
+    with pytest.raises(ValueError, match="path, home, speed, transport"):
+        FlixWalkerVectorEnv(1, "fly")
