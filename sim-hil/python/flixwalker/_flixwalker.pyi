@@ -73,4 +73,5 @@ def walk(
     seeds: Sequence[int],
     seconds: float = 8.0,
     step: float = 1e-4,
+    threads: int | None = None,
 ) -> dict[str, NDArray[Any]]: ...

@@ -60,6 +60,8 @@ class FlixWalkerVectorEnv(VectorEnv):
         Length of an episode, s.
     interval, step
         Time between two actions, and of the integration, s.
+    threads
+        How many; all cores if none is given, one for a single robot.
     render_mode
         ``"html"``: `render` returns a page that plays the first robot's episode.
 
@@ -255,7 +257,7 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
     metadata = {"render_modes": ["html"], "render_fps": 40}
 
     def __init__(self, **parameters: Any) -> None:
-        self.many = FlixWalkerVectorEnv(1, **parameters)
+        self.many = FlixWalkerVectorEnv(1, **{"threads": 1, **parameters})
         self.render_mode = self.many.render_mode
         self.observation_space = self.many.single_observation_space
         self.action_space = self.many.single_action_space

@@ -24,6 +24,7 @@ def walk(
     seeds: ArrayLike = 0,
     seconds: float = 8.0,
     step: float = 1e-4,
+    threads: int | None = None,
 ) -> dict[str, np.ndarray]:
     """Walk robots, each at its f and theta from a heading of its own, and return how they went.
 
@@ -41,6 +42,8 @@ def walk(
         Simulated time, s.
     step
         Of the integration, s.
+    threads
+        How many; all cores if none is given.
 
     Returns
     -------
@@ -62,7 +65,7 @@ def walk(
     )
     which, f, theta, seed = (np.atleast_1d(column).ravel().copy() for column in (which, f, theta, seed))
     walked = _flixwalker.walk(
-        [given[i] for i in which], f, theta, [int(s) for s in seed], seconds, step
+        [given[i] for i in which], f, theta, [int(s) for s in seed], seconds, step, threads
     )
     return {"f_hz": f, "theta_deg": theta, "seed": seed, **walked}
 

@@ -11,7 +11,7 @@ use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::model::Model;
-use crate::refused;
+use crate::{pool, refused};
 
 /// Creates robots that stand still at the origin, shaken at 0 Hz.
 #[pyclass(subclass, module = "flixwalker")]
@@ -118,10 +118,7 @@ impl Batch {
             return Err(PyValueError::new_err("a batch needs one model at least"));
         }
         let n = models.len();
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.unwrap_or(0))
-            .build()
-            .map_err(refused)?;
+        let pool = pool(threads)?;
         let models = models.into_iter().map(|model| model.0).collect();
         let engine =
             py.detach(|| pool.install(|| Engine::new(models, precision))).map_err(refused)?;
@@ -183,6 +180,11 @@ impl Batch {
                 "positions have the shape {:?}: give ({}, 2)",
                 positions.shape(),
                 robots.len()
+            )));
+        }
+        if let Some(bad) = positions.iter().flat_map(|p| p.as_array()).find(|v| !v.is_finite()) {
+            return Err(PyValueError::new_err(format!(
+                "positions hold {bad}: every value has to be a number"
             )));
         }
         let headings =

@@ -20,6 +20,11 @@ mod _flixwalker {
     use super::walk::{paper_pairs, walk};
 }
 
+/// Creates threads of one's own, all cores if no number is given: those of a process do not survive its fork.
+fn pool(threads: Option<usize>) -> PyResult<rayon::ThreadPool> {
+    rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0)).build().map_err(refused)
+}
+
 /// Tells Python what the simulator refuses, in its own words.
 fn refused(error: impl std::fmt::Display) -> PyErr {
     pyo3::exceptions::PyValueError::new_err(error.to_string())

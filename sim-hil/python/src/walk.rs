@@ -11,11 +11,11 @@ use rayon::iter::ParallelIterator as _;
 use rayon::slice::ParallelSlice as _;
 
 use crate::model::Model;
-use crate::refused;
+use crate::{pool, refused};
 
 /// Walks each robot for a while and returns a column for each quantity.
 #[pyfunction]
-#[pyo3(signature = (models, f_hz, theta_deg, seeds, seconds = 8.0, step = 1e-4))]
+#[pyo3(signature = (models, f_hz, theta_deg, seeds, seconds = 8.0, step = 1e-4, threads = None))]
 pub fn walk<'py>(
     py: Python<'py>,
     models: Vec<Model>,
@@ -24,6 +24,7 @@ pub fn walk<'py>(
     seeds: Vec<u64>,
     seconds: f64,
     step: f64,
+    threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (f, theta) = (f_hz.as_array(), theta_deg.as_array());
     let n = models.len();
@@ -50,12 +51,14 @@ pub fn walk<'py>(
             Ok(OneOfMany { model: model.0, shaking, start })
         })
         .collect::<PyResult<Vec<_>>>()?;
+    let pool = pool(threads)?;
     let mut columns: [Vec<f64>; 6] = Default::default();
     let mut upright = Vec::new();
     // Few enough at a time that somebody who presses Ctrl-C need not wait.
     for part in many.chunks(TOGETHER * 64) {
         let walked: Vec<_> = py.detach(|| {
-            part.par_chunks(TOGETHER).flat_map(|many| walks(many, seconds, step)).collect()
+            let each = || part.par_chunks(TOGETHER).flat_map(|many| walks(many, seconds, step));
+            pool.install(|| each().collect())
         });
         py.check_signals()?;
         for walked in walked {

@@ -62,6 +62,8 @@ def test_bad_input_says_what_to_do() -> None:
         batch.set_drive(1.0, 0.0, robots=[3])
     with pytest.raises(ValueError, match="step is 0.01"):
         batch.run(1.0, 0.01)
+    with pytest.raises(ValueError, match="positions hold inf"):
+        batch.reset([1], robots=[0], positions=[[np.inf, 0.0]])
     with pytest.raises(ValueError, match="1 seeds for 3 robots"):
         batch.reset([1])
     with pytest.raises(ValueError, match="bench-fixed has no legs"):
