@@ -5,7 +5,7 @@ use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 use flix_sim::model::RobotModel;
 use flix_sim::plant::mechanics::lane::Lane;
-use flix_sim::plant::mechanics::{Block, Pack};
+use flix_sim::plant::mechanics::{Block, Pack, Robots as _};
 use flix_sim::plant::{Drive, Plant};
 
 thread_local! {

@@ -16,6 +16,7 @@ use crate::{pool, refused};
 /// Walks each robot for a while and returns a column for each quantity.
 #[pyfunction]
 #[pyo3(signature = (models, f_hz, theta_deg, seeds, seconds = 8.0, step = 1e-4, threads = None))]
+#[expect(clippy::too_many_arguments, reason = "keywords of Python")]
 pub fn walk<'py>(
     py: Python<'py>,
     models: Vec<Model>,

@@ -26,7 +26,7 @@ use rayon::slice::ParallelSlice as _;
 
 use crate::model::{ModelError, RobotModel};
 use crate::plant::mechanics::lane::{Double, Lane, Single};
-use crate::plant::mechanics::{Block, Pack};
+use crate::plant::mechanics::{Block, Pack, Robots};
 use crate::plant::{BodyState, Diverged, Plant, Wrench};
 
 /// Numbers that a batch computes with.
@@ -46,49 +46,6 @@ pub struct Batch {
     models: Vec<RobotModel>,
     /// Robots of a block.
     lanes: usize,
-}
-
-/// A block, whatever its numbers.
-trait Robots: Send + Sync + core::fmt::Debug {
-    fn place(&mut self, lane: usize, model: &RobotModel, plant: &Plant) -> Result<(), ModelError>;
-    fn set_drive(&mut self, lane: usize, frequency_hz: f64, theta_rad: f64);
-    fn set_push(&mut self, lane: usize, push: Wrench);
-    fn run(&mut self, steps: usize, step: f64);
-    fn time(&self) -> f64;
-    fn diverged(&self, lane: usize) -> Option<Diverged>;
-    fn body(&self, lane: usize) -> BodyState;
-    fn motor_work(&self, lane: usize) -> f64;
-    fn plant(&self, lane: usize, model: &RobotModel) -> Result<Plant, ModelError>;
-}
-
-impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Robots for Block<B> {
-    fn place(&mut self, lane: usize, model: &RobotModel, plant: &Plant) -> Result<(), ModelError> {
-        self.place(lane, model, plant)
-    }
-    fn set_drive(&mut self, lane: usize, frequency_hz: f64, theta_rad: f64) {
-        self.set_drive(lane, frequency_hz, theta_rad);
-    }
-    fn set_push(&mut self, lane: usize, push: Wrench) {
-        self.set_push(lane, push);
-    }
-    fn run(&mut self, steps: usize, step: f64) {
-        self.run(steps, step);
-    }
-    fn time(&self) -> f64 {
-        self.time()
-    }
-    fn diverged(&self, lane: usize) -> Option<Diverged> {
-        self.diverged(lane)
-    }
-    fn body(&self, lane: usize) -> BodyState {
-        self.body(lane)
-    }
-    fn motor_work(&self, lane: usize) -> f64 {
-        self.motor_work(lane)
-    }
-    fn plant(&self, lane: usize, model: &RobotModel) -> Result<Plant, ModelError> {
-        self.plant(lane, model)
-    }
 }
 
 impl Batch {

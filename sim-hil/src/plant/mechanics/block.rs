@@ -9,7 +9,7 @@ use super::leg::LegStep;
 use super::pack::Pack;
 use super::robot::{Drive, Plant, aimed, phase, stray};
 use super::spatial::RigidInertia;
-use super::system::{BaseJoint, Constants, Robots, advance};
+use super::system::{BaseJoint, Constants, Several, advance};
 use crate::model::{ModelError, RobotModel};
 use crate::plant::{Diverged, Part};
 
@@ -31,11 +31,39 @@ struct Seat {
     diverged: Option<Diverged>,
 }
 
+/// Robots in the lanes of a block, whatever its numbers.
+pub trait Robots: Send + Sync + core::fmt::Debug {
+    /// Puts another robot into a lane, as it stands, moves and is shaken; 0 Hz if it has no ideal drive.
+    ///
+    /// # Errors
+    /// If the model is refused or cannot walk.
+    fn place(&mut self, lane: usize, model: &RobotModel, plant: &Plant) -> Result<(), ModelError>;
+    /// Shakes a robot at another f (Hz) and theta (rad) from now on; its phase runs on.
+    fn set_drive(&mut self, lane: usize, frequency_hz: f64, theta_rad: f64);
+    /// Applies a force and a couple to a body at its origin, world axes, until changed.
+    fn set_push(&mut self, lane: usize, push: Wrench);
+    /// Advances all robots by equal steps, s.
+    fn run(&mut self, steps: usize, step: f64);
+    /// Returns how long the block has run, s.
+    fn time(&self) -> f64;
+    /// Returns when and where a robot moved as none does, if it did: its state is useless from then on.
+    fn diverged(&self, lane: usize) -> Option<Diverged>;
+    /// Returns the pose and velocity of a body.
+    fn body(&self, lane: usize) -> BodyState;
+    /// Returns the energy that the ideal drive has put into a robot, J.
+    fn motor_work(&self, lane: usize) -> f64;
+    /// Returns a robot as a plant of its own, for everything that a plant can tell.
+    ///
+    /// # Errors
+    /// If the model is refused.
+    fn plant(&self, lane: usize, model: &RobotModel) -> Result<Plant, ModelError>;
+}
+
 /// As many robots as `B` has lanes, on ideal drives.
 #[derive(Clone, Debug)]
 pub struct Block<B> {
     constants: Constants<B, B, 4>,
-    state: Robots<B>,
+    state: Several<B>,
     scratch: [LegStep<B>; 4],
     /// -1 for robots that have moved as none does, and the steps until then since the last look.
     sane: B,
@@ -66,7 +94,7 @@ impl<B: Lane> pulp::NullaryFnOnce for Steps<'_, B> {
     }
 }
 
-impl<B: Lane + Pack<Single = f64>> Block<B> {
+impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
     /// Creates a block with this robot in every lane, shaken at 0 Hz.
     ///
     /// # Errors
@@ -103,77 +131,6 @@ impl<B: Lane + Pack<Single = f64>> Block<B> {
             block.place(lane, model, plant)?;
         }
         Ok(block)
-    }
-
-    /// Puts another robot into a lane, as it stands, moves and is shaken; 0 Hz if it has no ideal drive.
-    ///
-    /// # Errors
-    /// If the model is refused or cannot walk.
-    pub fn place(
-        &mut self,
-        lane: usize,
-        model: &RobotModel,
-        plant: &Plant,
-    ) -> Result<(), ModelError> {
-        model.check_walker()?;
-        let plain = build::constants(model);
-        let c = &mut self.constants;
-        c.inertia.set(lane, &plain.inertia);
-        c.rotor_mass.set(lane, &plain.rotor_mass);
-        c.rotor_arm.set(lane, &plain.rotor_arm);
-        c.bell_inertia.set(lane, &plain.bell_inertia);
-        c.rotor_height.set(lane, &plain.rotor_height);
-        c.shaker_height.set(lane, &plain.shaker_height);
-        if let (Some(legs), Some(own)) = (&mut c.legs, &plain.legs) {
-            legs.set(lane, own);
-        }
-        let mut state = plant.plain_state();
-        let drive = match plant.drive() {
-            Drive::Ideal { frequency_hz, theta_rad } => [frequency_hz, theta_rad],
-            Drive::Torque => {
-                state.rotors = aimed(0.0, 0.0, 0.0);
-                [0.0; 2]
-            }
-        };
-        self.seats[lane] = Seat {
-            drive,
-            phase: phase(&state.rotors),
-            origin: [0.0; 2],
-            work: [0.0; 5],
-            diverged: None,
-        };
-        self.state.set(lane, &state);
-        self.sane.set(lane, &1.0);
-        self.steps.set(lane, &0.0);
-        self.fold_lane(lane);
-        Ok(())
-    }
-
-    /// Shakes a robot at another f (Hz) and theta (rad) from now on; its phase runs on.
-    pub fn set_drive(&mut self, lane: usize, frequency_hz: f64, theta_rad: f64) {
-        let now = phase(&self.state.rotors.get(lane));
-        let seat = &mut self.seats[lane];
-        let now = if B::SHORT { seat.phase } else { now };
-        seat.drive = [frequency_hz, theta_rad];
-        self.state.rotors.set(lane, &aimed(now, frequency_hz, theta_rad));
-    }
-
-    /// Applies a force and a couple to a body at its origin, world axes, until changed.
-    pub fn set_push(&mut self, lane: usize, push: Wrench) {
-        self.state.push.set(lane, &push.spatial());
-    }
-
-    /// Advances all robots by equal steps, s.
-    pub fn run(&mut self, steps: usize, step: f64) {
-        let arch = self.arch;
-        let mut left = steps;
-        while left > 0 {
-            let now = left.min(FOLD);
-            arch.dispatch(Steps { block: self, steps: now, step: B::splat(step) });
-            self.look(step, now);
-            self.time += step * now as f64;
-            left -= now;
-        }
     }
 
     /// Notes who has diverged in the last steps, and folds short numbers into long ones.
@@ -224,19 +181,71 @@ impl<B: Lane + Pack<Single = f64>> Block<B> {
             short.set(lane, &0.0);
         }
     }
+}
 
-    /// Returns how long the block has run, s.
-    pub fn time(&self) -> f64 {
+impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Robots for Block<B> {
+    fn place(&mut self, lane: usize, model: &RobotModel, plant: &Plant) -> Result<(), ModelError> {
+        model.check_walker()?;
+        let plain = build::constants(model);
+        let c = &mut self.constants;
+        c.inertia.set(lane, &plain.inertia);
+        c.rotor_mass.set(lane, &plain.rotor_mass);
+        c.rotor_arm.set(lane, &plain.rotor_arm);
+        c.bell_inertia.set(lane, &plain.bell_inertia);
+        c.rotor_height.set(lane, &plain.rotor_height);
+        c.shaker_height.set(lane, &plain.shaker_height);
+        if let (Some(legs), Some(own)) = (&mut c.legs, &plain.legs) {
+            legs.set(lane, own);
+        }
+        let mut state = plant.plain_state();
+        let drive = match plant.drive() {
+            Drive::Ideal { frequency_hz, theta_rad } => [frequency_hz, theta_rad],
+            Drive::Torque => {
+                state.rotors = aimed(0.0, 0.0, 0.0);
+                [0.0; 2]
+            }
+        };
+        self.seats[lane] = Seat {
+            drive,
+            phase: phase(&state.rotors),
+            origin: [0.0; 2],
+            work: [0.0; 5],
+            diverged: None,
+        };
+        self.state.set(lane, &state);
+        self.sane.set(lane, &1.0);
+        self.steps.set(lane, &0.0);
+        self.fold_lane(lane);
+        Ok(())
+    }
+    fn set_drive(&mut self, lane: usize, frequency_hz: f64, theta_rad: f64) {
+        let now = phase(&self.state.rotors.get(lane));
+        let seat = &mut self.seats[lane];
+        let now = if B::SHORT { seat.phase } else { now };
+        seat.drive = [frequency_hz, theta_rad];
+        self.state.rotors.set(lane, &aimed(now, frequency_hz, theta_rad));
+    }
+    fn set_push(&mut self, lane: usize, push: Wrench) {
+        self.state.push.set(lane, &push.spatial());
+    }
+    fn run(&mut self, steps: usize, step: f64) {
+        let arch = self.arch;
+        let mut left = steps;
+        while left > 0 {
+            let now = left.min(FOLD);
+            arch.dispatch(Steps { block: self, steps: now, step: B::splat(step) });
+            self.look(step, now);
+            self.time += step * now as f64;
+            left -= now;
+        }
+    }
+    fn time(&self) -> f64 {
         self.time
     }
-
-    /// Returns when and where a robot moved as none does, if it did: its state is useless from then on.
-    pub fn diverged(&self, lane: usize) -> Option<Diverged> {
+    fn diverged(&self, lane: usize) -> Option<Diverged> {
         self.seats[lane].diverged
     }
-
-    /// Returns the pose and velocity of a body.
-    pub fn body(&self, lane: usize) -> BodyState {
+    fn body(&self, lane: usize) -> BodyState {
         let (s, [x, y]) = (&self.state, self.seats[lane].origin);
         let position = s.position.get(lane).0;
         let velocity = s.velocity.get(lane);
@@ -247,17 +256,10 @@ impl<B: Lane + Pack<Single = f64>> Block<B> {
             angular_velocity: velocity.angular.0,
         }
     }
-
-    /// Returns the energy that the ideal drive has put into a robot, J.
-    pub fn motor_work(&self, lane: usize) -> f64 {
+    fn motor_work(&self, lane: usize) -> f64 {
         self.seats[lane].work[0] + self.state.work[0].get(lane)
     }
-
-    /// Returns a robot as a plant of its own, for everything that a plant can tell.
-    ///
-    /// # Errors
-    /// If the model is refused.
-    pub fn plant(&self, lane: usize, model: &RobotModel) -> Result<Plant, ModelError> {
+    fn plant(&self, lane: usize, model: &RobotModel) -> Result<Plant, ModelError> {
         let mut plant = Plant::new(model)?;
         let seat = &self.seats[lane];
         let mut state = self.state.get(lane);

@@ -3,13 +3,13 @@
 use super::leg::{Foot, LegModel, LegState, LegStep};
 use super::pack::Pack;
 use super::spatial::{Mat3, RigidInertia, Spatial, Sym3, Vec3};
-use super::system::{BaseJoint, Constants, Robots, Rotor, State, advance};
+use super::system::{BaseJoint, Constants, Rotor, Several, State, advance};
 use crate::model::{Base, FootAxis, LEG_SIDE, Legs, RobotModel};
 
 /// One robot with its legs one after the other, for set-up and analysis.
 pub type PlainConstants = Constants<f64, f64, 4>;
 /// Its state.
-pub type PlainState = Robots<f64>;
+pub type PlainState = Several<f64>;
 
 /// Creates a state with everything at rest, legs straight, soles on the floor, rotors forward.
 pub fn state<B, L, const G: usize>(model: &RobotModel) -> State<B, L, G>

@@ -238,7 +238,7 @@ macro_rules! side_by_side {
             fn less_quarter_turns(self, quarters: Self) -> Self {
                 let mut rest = self;
                 for part in $half_pi {
-                    rest = rest - quarters * $name([part; [$($i),+].len()]);
+                    rest -= quarters * $name([part; [$($i),+].len()]);
                 }
                 rest
             }

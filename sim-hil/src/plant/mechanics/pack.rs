@@ -3,7 +3,7 @@
 use super::lane::{Double, Lane, Quad, Single};
 use super::leg::{Foot, Grip, LegModel, LegState};
 use super::spatial::{Mat3, RigidInertia, Spatial, Sym3, Vec3};
-use super::system::{Robots, Rotor};
+use super::system::{Rotor, Several};
 
 /// Something made of lanes, each of which can be read and set alone.
 pub trait Pack {
@@ -81,7 +81,7 @@ pack_struct! {
         root, frame, twist, stiffness, damping, segment, mass, inertia, end_mass, end_center,
         end_inertia, foot_center, foot_half, foot
     }
-    Robots {
+    Several {
         position, orientation, velocity, acceleration, rotors, legs, push, tip_push, shaker, middle,
         motor_torque, work
     }

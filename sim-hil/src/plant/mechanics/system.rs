@@ -124,7 +124,7 @@ fn within<F: Lane>(sane: F, value: F, limit: f64) -> F {
 }
 
 /// Several robots, each with its legs one after the other.
-pub type Robots<F> = State<F, F, 4>;
+pub type Several<F> = State<F, F, 4>;
 
 impl<L, const G: usize> State<f64, L, G> {
     /// Returns a leg of this body as it stands now.
