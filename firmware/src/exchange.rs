@@ -112,6 +112,8 @@ pub struct EventCounters {
     pub link_lost: u8,
     /// The battery fell below its warning threshold.
     pub battery_low: u8,
+    /// f was held below what was asked, for want of voltage or current.
+    pub frequency_limited: u8,
 }
 
 /// How the fast half is, for telemetry, events and settings.

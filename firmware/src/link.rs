@@ -277,6 +277,10 @@ impl Link {
             (new.command_age.wrapping_sub(old.command_age), Event::CommandAge),
             (new.link_lost.wrapping_sub(old.link_lost), Event::LinkLost),
             (new.battery_low.wrapping_sub(old.battery_low), Event::BatteryLow(voltage)),
+            (
+                new.frequency_limited.wrapping_sub(old.frequency_limited),
+                Event::FrequencyLimited(report.frequency.into()),
+            ),
         ];
         for (count, event) in counted {
             for _ in 0..count {

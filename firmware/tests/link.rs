@@ -460,8 +460,10 @@ fn what_the_fast_half_reports_becomes_one_event_each_with_numbers_that_count_up(
             command_age: 1,
             link_lost: 1,
             battery_low: 1,
+            frequency_limited: 1,
         };
         report.bus_voltage = Some(Voltage::from_volts(9.5));
+        report.frequency = Speed::ZERO;
         report.faults = Faults::NONE.with(Fault::Stall).with(Fault::OverSpeed);
         report.state = State::Faulted;
     });
@@ -479,6 +481,7 @@ fn what_the_fast_half_reports_becomes_one_event_each_with_numbers_that_count_up(
             Event::CommandAge,
             Event::LinkLost,
             Event::BatteryLow(Volts::new(9.5).unwrap()),
+            Event::FrequencyLimited(Hertz::ZERO),
             Event::Fault(Fault::OverSpeed),
             Event::Fault(Fault::Stall),
             Event::State(State::Faulted),

@@ -100,6 +100,9 @@ pub fn event(event: &Event) -> String {
         Event::SettingsSaved => "settings saved".to_owned(),
         Event::SettingsDefaulted => "stored settings were damaged: defaults in force".to_owned(),
         Event::BatteryLow(voltage) => format!("battery low: {:.1} V", voltage.get()),
+        Event::FrequencyLimited(frequency) => {
+            format!("f limited by voltage or current: {:.1} Hz", frequency.get())
+        }
     }
 }
 

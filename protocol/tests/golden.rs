@@ -199,10 +199,11 @@ fn event_name(event: &Event) -> String {
         Event::CommandsLate { .. } => "commands-late".into(),
         Event::CommandAge => "command-age".into(),
         Event::StoppedFromOutside(_) => "stopped-from-outside".into(),
+        Event::FrequencyLimited(_) => "frequency-limited".into(),
     }
 }
 const STATES: usize = 6;
-const EVENTS: usize = 14 + STATES + Fault::ALL.len();
+const EVENTS: usize = 15 + STATES + Fault::ALL.len();
 
 fn events() -> Vec<Event> {
     let mut events = vec![
@@ -220,6 +221,7 @@ fn events() -> Vec<Event> {
         Event::CommandsLate { age_ms: 612, limit_ms: 400 },
         Event::CommandAge,
         Event::StoppedFromOutside(operator("bob")),
+        Event::FrequencyLimited(Hertz::new(21.5).unwrap()),
         Event::State(State::Disarmed),
         Event::State(State::Aligning),
         Event::State(State::Armed),

@@ -343,6 +343,7 @@ fn event() -> impl Strategy<Value = Event> {
         state().prop_map(Event::State),
         fault().prop_map(Event::Fault),
         volts().prop_map(Event::BatteryLow),
+        hertz().prop_map(Event::FrequencyLimited),
     ]
 }
 

@@ -72,6 +72,8 @@ const ZERO_SHARE: f64 = 0.1;
 const MILLI: f32 = 1e-3;
 /// Settings state inertias in g cm^2.
 const KG_M2_PER_G_CM2: f32 = 1e-7;
+/// A resistance below this is taken for this, ohm, where one is divided by it.
+const LEAST_RESISTANCE: f64 = 0.02;
 /// Ticks per second.
 const RATE: f64 = TICK_RATE_HZ as f64;
 
@@ -167,6 +169,7 @@ impl Configuration {
             proportional: scaled(inductance * bandwidth, 24),
             integral: scaled(resistance * bandwidth / RATE, 24),
             resistance: scaled(resistance, 24),
+            conductance: scaled(1.0 / resistance.max(LEAST_RESISTANCE), 24),
             reactance: scaled(speed * inductance, 22),
             back_emf: scaled(speed * flux_linkage(settings, motor), 16),
             lead: scaled(TAU * f64::from(settings.actuation_delay) * 1e-6 * RATE, 28),

@@ -370,6 +370,11 @@ impl Control {
         };
         let misaligned = core::mem::take(&mut self.misaligned);
         self.present = self.monitor.faults(misaligned, &observation);
+        let held_back = self.reference().is_some_and(|it| it.held_back(order.frequency));
+        if self.monitor.becomes_limited(held_back) {
+            let events = &mut self.supervisor.events;
+            events.frequency_limited = events.frequency_limited.wrapping_add(1);
+        }
         self.at_rest = self.rest(rotors);
         self.frequency += rotors.frequency().raw() - (self.frequency >> FREQUENCY_FILTER_SHIFT);
         for current_loop in &self.loops {

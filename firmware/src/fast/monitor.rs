@@ -35,6 +35,8 @@ const DROOP_TICKS: u32 = 10_000;
 /// f may be off by this much: 10 Hz. A walking body that swings against its rotors at 35 Hz takes up
 /// to 8 Hz for a second (seen in simulation); theta is held meanwhile, and telemetry shows f.
 const LARGEST_DROOP: Speed = Speed::from_centihertz(1_000);
+/// Ticks for which f must be held back to be called limited, longer than a ramp stays at its steepest: 1 s.
+const HELD_BACK_TICKS: u32 = 10_000;
 /// Ticks for which a motor may differ from its model: 10 ms.
 const RESIDUAL_TICKS: u32 = 100;
 /// Ticks for which a phase must carry next to nothing while the others do: 0.1 s.
@@ -101,6 +103,8 @@ pub(crate) struct Monitor {
     blocked: [Debounce; 2],
     unlocked: Debounce,
     droop: Debounce,
+    held_back: Debounce,
+    frequency_limited: bool,
     residual: Debounce,
     open_phase: [Debounce; 2],
     /// Fading peaks of the phase currents.
@@ -111,6 +115,15 @@ impl Monitor {
     /// Starts anew, but for over-current, as the rotors begin to be controlled.
     pub(crate) fn restart(&mut self) {
         *self = Self { over_current: self.over_current, ..Self::default() };
+    }
+
+    /// Takes a diagnosis of whether f is held back; returns whether it has just become limited. It ends
+    /// where it has not been held back for as long.
+    pub(crate) const fn becomes_limited(&mut self, held_back: bool) -> bool {
+        let limited = self.held_back.diagnose(held_back, HELD_BACK_TICKS);
+        let becomes = limited && !self.frequency_limited;
+        self.frequency_limited = limited || (self.frequency_limited && self.held_back.0 != 0);
+        becomes
     }
 
     /// Counts a tick in which a phase carried too much, or not; returns whether that is a fault.
@@ -387,6 +400,21 @@ mod tests {
             let (count, fault) = fading.unwrap();
             assert!((115..=135).contains(&count) && fault == Fault::Alignment, "{count} {fault}");
         }
+    }
+
+    #[test]
+    fn f_that_is_held_back_for_a_second_is_said_once_until_it_was_free_for_as_long() {
+        let mut monitor = Monitor::default();
+        let mut said = |held_back: bool, ticks: u32| {
+            (0..ticks).filter(|_| monitor.becomes_limited(held_back)).count()
+        };
+        const LOOKS: u32 = HELD_BACK_TICKS / DIAGNOSTIC_TICKS;
+        assert_eq!(said(true, LOOKS - 1), 0);
+        assert_eq!(said(false, LOOKS), 0);
+        assert_eq!(said(true, 3 * LOOKS), 1);
+        assert_eq!(said(false, LOOKS / 10) + said(true, 2 * LOOKS), 0);
+        assert_eq!(said(false, 2 * LOOKS), 0);
+        assert_eq!(said(true, 2 * LOOKS), 1);
     }
 
     #[test]

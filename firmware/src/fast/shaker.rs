@@ -83,6 +83,10 @@ const SCHEDULE_UPDATES: u8 = 4;
 const ADAPTATION_RATE: i32 = 32;
 /// All of the headroom, 2^-15.
 const FULL_HEADROOM: i32 = 1 << 15;
+/// With less headroom than this, the motors are at their limits again and again: three quarters.
+const HELD_BACK: i32 = FULL_HEADROOM - FULL_HEADROOM / 4;
+/// f is not reached when it is off by more than this: 0.5 Hz.
+const UNREACHED: i32 = Speed::from_centihertz(50).raw();
 /// Below this a reference counts as standing: 0.01 Hz.
 const STANDING: i32 = Speed::from_centihertz(100).raw() / 100;
 
@@ -316,6 +320,12 @@ impl Shaker {
     /// Returns whether current or voltage were at their limits in the last tick.
     pub(crate) const fn limited(&self) -> bool {
         self.limited
+    }
+
+    /// Returns whether f is held below what is asked because the motors are at their limits.
+    pub(crate) const fn held_back(&self, target: Speed) -> bool {
+        let (reached, asked) = (magnitude(self.frequency.raw()), magnitude(target.raw()));
+        self.headroom < HELD_BACK && asked - reached > UNREACHED
     }
 
     /// Moves the references on by ticks that the loop missed.

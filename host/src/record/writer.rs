@@ -272,7 +272,8 @@ impl Recorder {
             | Event::CommandAge
             | Event::StoppedFromOutside(_)
             | Event::LinkLost
-            | Event::BatteryLow(_) => Level::Warning,
+            | Event::BatteryLow(_)
+            | Event::FrequencyLimited(_) => Level::Warning,
             _ => Level::Information,
         };
         let seconds = report.time.as_micros() as f64 * 1e-6;

@@ -228,7 +228,8 @@ impl Cockpit {
                     | Event::CommandsLate { .. }
                     | Event::CommandAge
                     | Event::StoppedFromOutside(_)
-                    | Event::BatteryLow(_) => Weight::Warning,
+                    | Event::BatteryLow(_)
+                    | Event::FrequencyLimited(_) => Weight::Warning,
                     _ => Weight::Note,
                 };
                 self.note(now, weight, &explain::event(&report.event));

@@ -149,4 +149,6 @@ pub enum Event {
     CommandAge,
     /// This operator stopped the robot from outside the session.
     StoppedFromOutside(OperatorName),
+    /// The asked f is beyond what voltage and current reach: the robot holds this one, with theta.
+    FrequencyLimited(Hertz),
 }

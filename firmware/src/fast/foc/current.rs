@@ -3,7 +3,8 @@
 //! integrators that are pulled back when the limit holds (back-calculation).
 //!
 //! Without a current sense the same code runs in voltage mode: the reference is taken for the
-//! measurement, so that only the feed-forward remains.
+//! measurement, so that only the feed-forward remains, and there is no integral. Where the voltage
+//! limit holds, the current is the one that the model says is left, and d is decoupled from that one.
 
 use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::{
@@ -25,6 +26,8 @@ pub struct Model {
     pub integral: i32,
     /// Phase resistance, ohm in 2^-24.
     pub resistance: i32,
+    /// One over the phase resistance, S in 2^-24.
+    pub conductance: i32,
     /// Phase inductance times electrical speed: ohm in 2^-22 per (2^-32 turn per tick) in 2^-32.
     pub reactance: i32,
     /// Flux linkage times electrical speed: 2^-16 V per (2^-32 turn per tick), in 2^-32.
@@ -70,7 +73,7 @@ impl CurrentLoop {
         self.voltage
     }
 
-    /// Returns what the motor took beyond the model: zero for a perfect model.
+    /// Returns what the motor took beyond the model: zero for a perfect model, and where no current is measured.
     #[must_use]
     pub const fn residual(&self) -> Rotor<Voltage> {
         self.integral
@@ -99,13 +102,15 @@ impl CurrentLoop {
         self.current = current;
         let error = Rotor { d: input.wanted.d - current.d, q: input.wanted.q - current.q };
         let wanted = self.demand(model, input, current, error);
-        let voltage = self.limit(wanted, bus);
+        let voltage = self.limit(wanted, model, bus, input);
         self.voltage = voltage;
-        let step = |error: Current| {
-            Voltage::from_raw(multiply_high(error.raw().wrapping_shl(8), model.integral))
-        };
-        self.integral.d = self.integral.d + step(error.d);
-        self.integral.q = self.integral.q + step(error.q);
+        if input.phases.is_some() {
+            let step = |error: Current| {
+                Voltage::from_raw(multiply_high(error.raw().wrapping_shl(8), model.integral))
+            };
+            self.integral.d = self.integral.d + step(error.d);
+            self.integral.q = self.integral.q + step(error.q);
+        }
 
         let lead = multiply_high(input.speed.raw(), model.lead) << 4;
         let [a, b, c] = inverse_clarke(inverse_park(turn_ahead(voltage, lead), direction));
@@ -148,10 +153,16 @@ impl CurrentLoop {
     }
 
     /// Returns the voltage nearest to what is wanted that the bridge can give: d gets up to half of
-    /// the limit, q the rest, `sqrt(limit^2 - d^2)`. What was wanted beyond it is taken back from the
-    /// integrals within a few ticks, so that they stay bounded.
+    /// the limit, q the rest, `sqrt(limit^2 - d^2)`. Where currents are measured, what was wanted beyond
+    /// it is taken back from the integrals within a few ticks, so that they stay bounded.
     #[inline(always)]
-    fn limit(&mut self, wanted: Rotor<Voltage>, bus: &Bus) -> Rotor<Voltage> {
+    fn limit(
+        &mut self,
+        wanted: Rotor<Voltage>,
+        model: &Model,
+        bus: &Bus,
+        input: &Input,
+    ) -> Rotor<Voltage> {
         // Most often neither is near its limit: d within a quarter leaves q at least 0.968.
         let near = |value: Voltage, bound: i32| {
             value.raw().wrapping_add(bound) as u32 <= (bound as u32).wrapping_mul(2)
@@ -162,13 +173,35 @@ impl CurrentLoop {
         }
         core::hint::cold_path();
         let given = circle(wanted, bus);
+        self.limited = given != wanted;
+        if input.phases.is_none() {
+            return self.settle(wanted, given, model, bus, input.speed);
+        }
         let excess = |given: Voltage, wanted: Voltage| {
             Voltage::from_raw((given - wanted).raw() >> BACK_CALCULATION_SHIFT)
         };
-        self.limited = given != wanted;
         self.integral.d = self.integral.d + excess(given.d, wanted.d);
         self.integral.q = self.integral.q + excess(given.q, wanted.q);
         given
+    }
+
+    /// Notes the q current that the model says a limited voltage leaves, and returns that voltage with d
+    /// decoupled from what is left rather than from what was wanted: d carries no current for it.
+    #[cold]
+    fn settle(
+        &mut self,
+        wanted: Rotor<Voltage>,
+        given: Rotor<Voltage>,
+        model: &Model,
+        bus: &Bus,
+        speed: ElectricalSpeed,
+    ) -> Rotor<Voltage> {
+        let missing = (wanted.q - given.q).raw();
+        let lost = multiply_high(missing.wrapping_shl(8), model.conductance);
+        self.current.q = self.current.q - Current::from_raw(lost);
+        let reactance = multiply_high(speed.raw(), model.reactance);
+        let coupling = Voltage::from_raw(multiply_high(lost.wrapping_shl(10), reactance));
+        circle(Rotor { d: wanted.d + coupling, q: given.q }, bus)
     }
 }
 
@@ -183,4 +216,54 @@ const fn circle(wanted: Rotor<Voltage>, bus: &Bus) -> Rotor<Voltage> {
     let root = (1 << 15) - (y >> 1) - (y_squared >> 3) - (y_cubed >> 4);
     let room = multiply_high(bus.limit.raw() << 2, root << 15);
     Rotor { d, q: Voltage::from_raw(within(wanted.q.raw(), room)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::board::DENGFOC_V3_01;
+    use crate::fast::configuration::Configuration;
+    use crate::settings::Settings;
+
+    /// A speed whose back-EMF leaves next to nothing of the bus below: 35 Hz with 7 pole pairs.
+    const SPEED: ElectricalSpeed = ElectricalSpeed::from_raw(245 * 429_497);
+
+    fn input(phases: Option<[Current; 2]>) -> Input {
+        let wanted = Rotor { d: Current::ZERO, q: Current::from_amperes(1.5) };
+        Input { phases, angle: ElectricalAngle::from_raw(0), speed: SPEED, wanted }
+    }
+
+    /// Does ten thousand ticks at a bus voltage and returns the loop.
+    fn after(volts: f64, phases: Option<[Current; 2]>) -> CurrentLoop {
+        let model = Configuration::current_loop(&Settings::DEFAULT, &DENGFOC_V3_01.hardware, 0);
+        let bus = Bus::new(Voltage::from_volts(volts), 0);
+        let mut current_loop = CurrentLoop::default();
+        for _ in 0..10_000 {
+            current_loop.update(&model, &bus, &input(phases));
+        }
+        current_loop
+    }
+
+    #[test]
+    fn a_limit_in_voltage_mode_leaves_no_integral_and_the_current_that_the_model_says() {
+        let held = after(5.0, None);
+        assert!(held.limited());
+        assert_eq!((held.integral, held.residual()), Default::default());
+        let settings = Settings::DEFAULT;
+        let volts = |voltage: Voltage| f64::from(voltage.raw()) / 65_536.0;
+        let amperes = |current: Current| f64::from(current.raw()) / 65_536.0;
+        let omega = f64::from(SPEED.raw()) / 4_294_967_296.0 * core::f64::consts::TAU * 1e4;
+        let flux = f64::from(settings.flux_linkage[0]) * 1e-3;
+        let reactance = omega * f64::from(settings.phase_inductance[0]) * 1e-3;
+        let resistance = f64::from(settings.phase_resistance[0]);
+        // The current that this voltage settles at, in both axes.
+        let (d, q) = (volts(held.voltage().d), volts(held.voltage().q) - omega * flux);
+        let square = resistance * resistance + reactance * reactance;
+        let i_d = (resistance * d + reactance * q) / square;
+        let i_q = (resistance * q - reactance * d) / square;
+        assert!(i_d.abs() < 0.02, "d carries {i_d} A");
+        assert!((i_q - amperes(held.current().q)).abs() < 0.02, "{i_q} A");
+        assert!(i_q < 1.4, "{i_q} A");
+        assert!(!after(24.0, None).limited());
+    }
 }
