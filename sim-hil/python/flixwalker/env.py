@@ -123,8 +123,8 @@ class FlixWalkerVectorEnv(VectorEnv):
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Put all robots, or those of ``options["reset_mask"]``, to new starts."""
-        if isinstance(seed, int):
-            seed = [seed + robot for robot in range(self.num_envs)]
+        if isinstance(seed, (int, np.integer)):
+            seed = [int(seed) + robot for robot in range(self.num_envs)]
         if seed is not None or not hasattr(self, "random"):
             seeds = seed or [None] * self.num_envs
             self.random = [np.random.default_rng(each) for each in seeds]
