@@ -308,6 +308,34 @@ fn the_voltage_that_dead_time_takes_is_added() {
 }
 
 #[test]
+fn what_the_magnets_give_while_they_turn_is_added_a_quarter_turn_ahead() {
+    let turning = |flux: f32| {
+        let mut stand = Stand::with(true, &Settings { flux_linkage: [flux; 2], ..settings() });
+        while stand.aligner.stage != Stage::Forward {
+            stand.tick();
+        }
+        for _ in 0..4_000 {
+            stand.tick();
+        }
+        let fields = stand.bridges.map(|bridge| {
+            let Bridge::Duty(duties) = bridge else { unreachable!("a field") };
+            field_of(duties, 12.0)
+        });
+        (fields, f64::from(stand.aligner.rate) / TURN * 1e4)
+    };
+    let ((weak, rate), (strong, _)) = (turning(0.2), turning(10.2));
+    let back_emf = TAU * POLE_PAIRS * rate * 10e-3;
+    assert!(back_emf > 0.2, "{back_emf} V");
+    for ((weak, ahead), (strong, direction)) in weak.into_iter().zip(strong) {
+        let turn = (direction - ahead) * TAU;
+        // Beside the field, and across it.
+        let (beside, across) = (strong * turn.cos() - weak, strong * turn.sin());
+        assert!(beside.abs() < 0.02, "{beside} V");
+        assert!((across - back_emf).abs() < 0.02, "{across} V for {back_emf} V");
+    }
+}
+
+#[test]
 fn nothing_is_driven_before_both_rotors_stood_still_for_50_ms() {
     // The trackers are settled 200 ticks after their first reading.
     let mut stand = Stand::full();

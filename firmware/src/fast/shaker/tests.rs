@@ -121,6 +121,23 @@ impl Rig {
 }
 
 #[test]
+fn f_is_held_back_where_it_stays_away_from_what_is_asked_with_less_than_three_quarters_of_the_headroom()
+ {
+    let mut shaker = Rig::at_rest().shaker;
+    for sign in [1, -1] {
+        shaker.frequency = Speed::from_raw(sign * hertz(30.0).raw());
+        let asked = |beyond: i32| Speed::from_raw(shaker.frequency.raw() + sign * beyond);
+        let half_a_hertz = Speed::from_centihertz(50).raw();
+        for (headroom, limited) in [(24_576, false), (24_575, true), (0, true)] {
+            shaker.headroom = headroom;
+            assert_eq!(shaker.held_back(asked(half_a_hertz + 1)), limited, "{headroom}");
+            assert!(!shaker.held_back(asked(half_a_hertz)), "{headroom}");
+            assert!(!shaker.held_back(asked(-hertz(20.0).raw())), "{headroom}");
+        }
+    }
+}
+
+#[test]
 fn f_and_theta_are_half_difference_and_half_sum_of_the_rotors() {
     let rotors =
         Rotors { angles: [degrees(70.0), degrees(-30.0)], speeds: [hertz(31.0), hertz(-29.0)] };
