@@ -25,28 +25,7 @@ const STEP: f64 = 1e-4;
 const ROUNDS: usize = 3;
 
 /// Rolls out robots of the exported model, each at its own theta, and prints steps a second.
-const THEIRS: &str = "
-import math, sys, time, numpy, mujoco
-from mujoco import rollout
-model = mujoco.MjModel.from_xml_path(sys.argv[1])
-threads, robots, steps = (int(word) for word in sys.argv[2:5])
-states = []
-for robot in range(robots):
-    data = mujoco.MjData(model)
-    for name, sign in (('top', 1), ('bottom', -1)):
-        joint = model.joint(name)
-        model.dof_armature[joint.dofadr[0]] = 1e6
-        data.qpos[joint.qposadr[0]] = -3.0 * robot / robots
-        data.qvel[joint.dofadr[0]] = -sign * 2 * math.pi * 30
-    state = numpy.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
-    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-    states.append(state)
-datas = [mujoco.MjData(model) for _ in range(threads)]
-states, _ = rollout.rollout(model, datas, numpy.array(states), nstep=1000)
-start = time.perf_counter()
-rollout.rollout(model, datas, states[:, -1], nstep=steps)
-print(robots * steps / (time.perf_counter() - start))
-";
+const THEIRS: &str = include_str!("../python/flixwalker/_rollout.py");
 
 fn main() {
     rayon::ThreadPoolBuilder::new()

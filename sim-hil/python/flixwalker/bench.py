@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import tempfile
 import time
@@ -48,32 +47,13 @@ def environment(model: Model, threads: int, robots: int) -> float:
 
 def rollout(model: Model, threads: int, robots: int = 64, steps: int = 1000) -> float:
     """Return steps a second of MuJoCo's own batch."""
-    import mujoco
-    from mujoco import rollout as theirs
+    from ._rollout import rate
 
     with tempfile.TemporaryDirectory() as folder:
         path = os.path.join(folder, "robot.xml")
         with open(path, "w") as file:
             file.write(model.mjcf(STEP))
-        mj = mujoco.MjModel.from_xml_path(path)
-    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
-    states = []
-    for robot in range(robots):
-        data = mujoco.MjData(mj)
-        for name, sign in (("top", 1), ("bottom", -1)):
-            joint = mj.joint(name)
-            # Heavy rotors keep their speed, as ideal ones do.
-            mj.dof_armature[joint.dofadr[0]] = 1e6
-            data.qpos[joint.qposadr[0]] = -3.0 * robot / robots
-            data.qvel[joint.dofadr[0]] = -sign * 2.0 * math.pi * 30.0
-        state = np.empty(mujoco.mj_stateSize(mj, kind))
-        mujoco.mj_getState(mj, data, state, kind)
-        states.append(state)
-    datas = [mujoco.MjData(mj) for _ in range(threads)]
-    warm, _ = theirs.rollout(mj, datas, np.array(states), nstep=1000)
-    start = time.perf_counter()
-    theirs.rollout(mj, datas, np.ascontiguousarray(warm[:, -1]), nstep=steps)
-    return robots * steps / (time.perf_counter() - start)
+        return rate(path, threads, robots, steps)
 
 
 def main() -> None:
