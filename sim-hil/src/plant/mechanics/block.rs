@@ -3,12 +3,11 @@
 use core::f64::consts::TAU;
 
 use super::body::{BodyState, Wrench};
-use super::build;
+use super::build::{self, PlainState};
 use super::lane::Lane;
 use super::leg::LegStep;
 use super::pack::Pack;
 use super::robot::{Drive, Plant, aimed, phase, stray};
-use super::spatial::RigidInertia;
 use super::system::{BaseJoint, Constants, Several, advance};
 use crate::model::{ModelError, RobotModel};
 use crate::plant::{Diverged, Part};
@@ -94,42 +93,51 @@ impl<B: Lane> pulp::NullaryFnOnce for Steps<'_, B> {
     }
 }
 
+/// Returns a robot as it is put into a lane.
+fn seated(plant: &Plant) -> (PlainState, Seat) {
+    let mut state = plant.plain_state();
+    let drive = match plant.drive() {
+        Drive::Ideal { frequency_hz, theta_rad } => [frequency_hz, theta_rad],
+        Drive::Torque => {
+            state.rotors = aimed(0.0, 0.0, 0.0);
+            [0.0; 2]
+        }
+    };
+    let phase = phase(&state.rotors);
+    (state, Seat { drive, phase, origin: [0.0; 2], work: [0.0; 5], diverged: None })
+}
+
 impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
-    /// Creates a block with this robot in every lane, shaken at 0 Hz.
+    /// Creates a block with this robot in every lane, as it stands, moves and is shaken; 0 Hz if it has no ideal drive.
     ///
     /// # Errors
     /// If the model is refused or cannot walk ([`RobotModel::check_walker`]).
     pub fn new(model: &RobotModel, plant: &Plant) -> Result<Self, ModelError> {
         model.check_walker()?;
-        let c = B::splat;
         let plain = build::constants(model);
+        let (state, seat) = seated(plant);
         let mut block = Block {
             constants: Constants {
                 base: BaseJoint::Free,
-                inertia: RigidInertia::zero(),
-                rotor_mass: c(0.0),
-                rotor_arm: c(0.0),
-                bell_inertia: c(0.0),
-                rotor_height: [c(0.0); 2],
-                shaker_height: c(0.0),
+                inertia: Pack::all(&plain.inertia),
+                rotor_mass: Pack::all(&plain.rotor_mass),
+                rotor_arm: Pack::all(&plain.rotor_arm),
+                bell_inertia: Pack::all(&plain.bell_inertia),
+                rotor_height: Pack::all(&plain.rotor_height),
+                shaker_height: Pack::all(&plain.shaker_height),
                 legs: plain.legs.as_ref().map(Pack::all),
                 floor: true,
                 ideal: true,
             },
-            state: Pack::all(&plant.plain_state()),
+            state: Pack::all(&state),
             scratch: [LegStep::blank(); 4],
-            sane: c(1.0),
-            steps: c(0.0),
-            seats: Vec::new(),
+            sane: B::splat(1.0),
+            steps: B::splat(0.0),
+            seats: vec![seat; B::LANES],
             time: 0.0,
             arch: pulp::Arch::new(),
         };
-        let seat =
-            Seat { drive: [0.0; 2], phase: 0.0, origin: [0.0; 2], work: [0.0; 5], diverged: None };
-        block.seats.resize(B::LANES, seat);
-        for lane in 0..B::LANES {
-            block.place(lane, model, plant)?;
-        }
+        (0..B::LANES).for_each(|lane| block.fold_lane(lane));
         Ok(block)
     }
 
@@ -197,21 +205,8 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Robots for Block<B> {
         if let (Some(legs), Some(own)) = (&mut c.legs, &plain.legs) {
             legs.set(lane, own);
         }
-        let mut state = plant.plain_state();
-        let drive = match plant.drive() {
-            Drive::Ideal { frequency_hz, theta_rad } => [frequency_hz, theta_rad],
-            Drive::Torque => {
-                state.rotors = aimed(0.0, 0.0, 0.0);
-                [0.0; 2]
-            }
-        };
-        self.seats[lane] = Seat {
-            drive,
-            phase: phase(&state.rotors),
-            origin: [0.0; 2],
-            work: [0.0; 5],
-            diverged: None,
-        };
+        let (state, seat) = seated(plant);
+        self.seats[lane] = seat;
         self.state.set(lane, &state);
         self.sane.set(lane, &1.0);
         self.steps.set(lane, &0.0);
@@ -219,9 +214,8 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Robots for Block<B> {
         Ok(())
     }
     fn set_drive(&mut self, lane: usize, frequency_hz: f64, theta_rad: f64) {
-        let now = phase(&self.state.rotors.get(lane));
         let seat = &mut self.seats[lane];
-        let now = if B::SHORT { seat.phase } else { now };
+        let now = if B::SHORT { seat.phase } else { phase(&self.state.rotors.get(lane)) };
         seat.drive = [frequency_hz, theta_rad];
         self.state.rotors.set(lane, &aimed(now, frequency_hz, theta_rad));
     }
