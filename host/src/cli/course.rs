@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use flix_protocol::message::Setpoint;
@@ -10,8 +11,8 @@ use super::Error;
 use super::number::{fixed, parse_within, whole};
 use super::output::{complain, read_text};
 use crate::nav::{
-    Approach, Area, ControllerKind, ModeTable, ModeTableError, Navigator, PAPER_PAIRS, Path,
-    PathError, PlanarPose, Position, Settings, Task,
+    Approach, Area, ControllerKind, Experience, ModeTable, ModeTableError, Navigator, PAPER_PAIRS,
+    Path, PathError, PlanarPose, Position, Repertoire, Settings, Task,
 };
 use crate::steering::{self, ControllerProcess, Steering};
 
@@ -76,9 +77,13 @@ fn parse_turned(text: &str) -> Result<f64, String> {
 /// Options of steering.
 #[derive(Debug, Clone, clap::Args)]
 pub struct SteeringArgs {
-    /// Controller: `predictive` chooses among all modes, `two-state` is the paper's.
+    /// Controller: `predictive` chooses among the modes of the table, `learned` among many more by experience, and learns
+    /// this robot while it walks; `two-state` is the paper's.
     #[arg(long, default_value = "predictive")]
     pub controller: ControllerKind,
+    /// Experience of the learned controller, which `flix-sim learn` writes [default: of robots like the simulator's W].
+    #[arg(long, value_name = "FILE")]
+    pub experience: Option<PathBuf>,
     /// Fence, m: outside it the run ends [default: 0.5 m around the path, 1.5 m around a point].
     #[arg(long, value_name = "W,S,E,N", allow_hyphen_values = true)]
     pub fence: Option<Area>,
@@ -169,7 +174,7 @@ impl CourseArgs {
     pub fn steering(
         &self,
         task: Task,
-        table: &ModeTable,
+        repertoire: Repertoire,
         settings: Settings,
         patience: Duration,
     ) -> Result<Steering, Error> {
@@ -179,8 +184,9 @@ impl CourseArgs {
             })
         };
         let process = self.controller_process.as_ref().map(start).transpose()?;
-        let navigator = Navigator::new(task, table, settings).map_err(Error::usage)?;
-        Ok(Steering::new(navigator, process, table.modes().len()))
+        let modes = repertoire.table().modes().len();
+        let navigator = Navigator::new(task, repertoire, settings).map_err(Error::usage)?;
+        Ok(Steering::new(navigator, process, modes))
     }
 
     /// Returns the name of the controller.
@@ -190,13 +196,45 @@ impl CourseArgs {
     }
 }
 
+/// Reads an experience, or takes the one that comes with the program.
+///
+/// # Errors
+/// When the file cannot be read or holds none.
+pub fn load_experience(file: Option<&std::path::Path>) -> Result<Experience, Error> {
+    let Some(file) = file else { return Ok(Experience::shipped()) };
+    let refused = |error: &dyn std::fmt::Display| {
+        Error::usage(format_args!("--experience {}: {error}", file.display()))
+    };
+    let text = read_text(file).map_err(|error| refused(&error))?;
+    Experience::from_toml(&text).map_err(|error| refused(&error))
+}
+
 impl SteeringArgs {
+    /// Returns what the controller may command: the experience of the learned one, or else the mode table.
+    ///
+    /// # Errors
+    /// When the experience cannot be used or is for another controller, or as `table` says.
+    pub fn repertoire<E: From<Error>>(
+        &self,
+        table: impl FnOnce() -> Result<ModeTable, E>,
+    ) -> Result<Repertoire, E> {
+        if self.controller == ControllerKind::Learned {
+            let experience = load_experience(self.experience.as_deref())?;
+            return Ok(Repertoire::Experience(Arc::new(experience)));
+        }
+        if self.experience.is_some() {
+            let error = Error::usage("--experience is for --controller learned: add it");
+            return Err(error.into());
+        }
+        Ok(Repertoire::Table(table()?))
+    }
+
     /// Returns the settings for a task.
     #[must_use]
     pub fn settings(&self, task: &Task) -> Settings {
         let settings = Settings::for_task(task);
         let fence = self.fence.unwrap_or(settings.fence);
-        Settings { controller: self.controller, fence, ..settings }
+        Settings { fence, ..settings }.steered_by(self.controller)
     }
 }
 

@@ -42,9 +42,12 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let task = Task::Reach { point: args.to, stay: args.stay };
     let settings = args.steering.settings(&task);
-    let table = table_for(&args.robot.robot, &args.files.modes)?;
+    let repertoire = args.steering.repertoire(|| -> Result<_, Error> {
+        Ok(table_for(&args.robot.robot, &args.files.modes)?)
+    })?;
+    let table = repertoire.table();
     let setup = facts(&settings);
-    let navigator = Navigator::new(task, &table, settings).map_err(Error::usage)?;
+    let navigator = Navigator::new(task, repertoire, settings).map_err(Error::usage)?;
     let mut walk = Walk::open(&args.robot, &args.poses)?;
     let mut recorder = walk.record(&args.files.record, "home", setup)?;
     recorder.attach(walk.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;

@@ -55,14 +55,17 @@ impl From<ModeTableError> for Error {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let task = args.course.task()?;
     let settings = args.course.settings(&task)?;
-    let table = table_for(&args.robot.robot, &args.files.modes)?;
+    let repertoire = args.course.steering.repertoire(|| -> Result<_, Error> {
+        Ok(table_for(&args.robot.robot, &args.files.modes)?)
+    })?;
+    let table = repertoire.table();
     let name = match &task {
         Task::Follow { path, .. } => format!("track-{}", path.name()),
         Task::Reach { .. } => "reach".to_owned(),
     };
     let mut setup = facts(&settings);
     setup.insert("controller".into(), args.course.controller());
-    let steering = args.course.steering(task.clone(), &table, settings, ANSWER_PATIENCE)?;
+    let steering = args.course.steering(task.clone(), repertoire, settings, ANSWER_PATIENCE)?;
     let mut walk = Walk::open(&args.robot, &args.poses)?;
     let mut recorder = walk.record(&args.files.record, &name, setup)?;
     if let Task::Follow { path, .. } = &task {

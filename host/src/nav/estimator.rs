@@ -7,16 +7,21 @@
 //!
 //! The walk is chaotic and floors differ, so the means of the table are adapted while driving: after
 //! each [`WINDOW`] of steady motion in one mode, its motion moves towards the measured one by the
-//! share `WINDOW / `[`ADAPTATION_TIME`], within limits around the table.
+//! share `WINDOW / `[`ADAPTATION_TIME`], within limits around the table. With an [`Experience`] in the place of a table, all
+//! modes are adapted after each [`STRETCH`] of walking, steady or not, as the [`Belief`] says.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::time::Duration;
 
 use flix_protocol::units::Instant;
 
+use super::belief::Belief;
+use super::experience::Experience;
 use super::geometry::{PlanarPose, Twist, wrap};
 use super::modes::{Mode, ModeTable, Spread};
 use super::motion::{Gait, Motion, REST, Response, motions};
+use super::pace::Pace;
 
 /// Time constant of the pose filter, s: two periods of the slowest useful shaking (some 20 Hz).
 const FILTER_TIME: f64 = 0.1;
@@ -24,6 +29,10 @@ const FILTER_TIME: f64 = 0.1;
 const WINDOW: f64 = 0.5;
 /// Time in a mode after which its adapted motion is mostly measured, s.
 const ADAPTATION_TIME: f64 = 4.0;
+/// Walking from which a belief is corrected at once, s.
+const STRETCH: f64 = 0.3;
+/// Time over which poses are averaged at its ends, s: three periods of 30 Hz.
+const END: f64 = 0.1;
 /// A larger jump than this is a push, m.
 const PUSHED_BY: f64 = 0.06;
 /// A larger turn than this is a push, rad.
@@ -40,14 +49,30 @@ const SHARE_OF_MEAN: f64 = 0.5;
 #[derive(Debug, Clone)]
 pub struct Estimator {
     motions: Vec<Motion>,
-    modes: Vec<Mode>,
+    knowledge: Knowledge,
     response: Response,
     latency: Duration,
     gait: Gait,
     pose: PlanarPose,
     time: Option<Instant>,
     pending: VecDeque<(Instant, usize)>,
-    window: Option<(Instant, PlanarPose)>,
+}
+
+/// What the motions are adapted from.
+#[derive(Debug, Clone)]
+enum Knowledge {
+    /// The modes of a table, and the start of the present window.
+    Table { modes: Vec<Mode>, window: Option<(Instant, PlanarPose)> },
+    /// What is believed, how fast the robot can therefore go on, and the present stretch.
+    Experience { belief: Box<Belief>, pace: Box<Pace>, stretch: Vec<Moment> },
+}
+
+/// A measured pose, unfiltered, and the gait then.
+#[derive(Debug, Clone, Copy)]
+struct Moment {
+    time: Instant,
+    pose: PlanarPose,
+    shares: [(usize, f64); 2],
 }
 
 impl Estimator {
@@ -55,16 +80,48 @@ impl Estimator {
     /// obeys it.
     #[must_use]
     pub fn new(table: &ModeTable, response: Response, latency: Duration) -> Self {
+        let knowledge = Knowledge::Table { modes: table.modes().to_vec(), window: None };
+        Self::with(knowledge, motions(table), response, latency)
+    }
+
+    /// Creates an estimator that knows robots of the same kind, but not this one. Otherwise as [`Estimator::new`].
+    #[must_use]
+    pub fn experienced(
+        experience: &Arc<Experience>,
+        response: Response,
+        latency: Duration,
+    ) -> Self {
+        let belief = Box::new(Belief::new(Arc::clone(experience)));
+        let motions = motions(&experience.table());
+        let pace = Box::new(Pace::new(&motions));
+        let knowledge = Knowledge::Experience { belief, pace, stretch: Vec::new() };
+        Self::with(knowledge, motions, response, latency)
+    }
+
+    fn with(
+        knowledge: Knowledge,
+        motions: Vec<Motion>,
+        response: Response,
+        latency: Duration,
+    ) -> Self {
         Self {
-            motions: motions(table),
-            modes: table.modes().to_vec(),
+            motions,
+            knowledge,
             response,
             latency,
             gait: Gait::at_rest(),
             pose: PlanarPose::default(),
             time: None,
             pending: VecDeque::new(),
-            window: None,
+        }
+    }
+
+    /// Returns how fast the robot can go on, if that is known by experience.
+    #[must_use]
+    pub fn pace(&self) -> Option<&Pace> {
+        match &self.knowledge {
+            Knowledge::Table { .. } => None,
+            Knowledge::Experience { pace, .. } => Some(pace),
         }
     }
 
@@ -114,8 +171,10 @@ impl Estimator {
             self.pending.pop_front();
         }
         self.time = Some(time);
-        self.correct(measured, elapsed);
-        self.adapt(time);
+        if !self.correct(measured, elapsed) {
+            self.forget_start();
+        }
+        self.adapt(time, measured);
     }
 
     /// Returns pose and gait at a later moment, if nothing new is commanded.
@@ -128,7 +187,7 @@ impl Estimator {
         let due = self.pending.iter().filter(|p| p.0 <= until);
         for (moment, mode) in due {
             self.roll(&mut pose, &mut gait, moment.since(now).as_secs_f64());
-            gait = gait.commanded(*mode, &self.motions, &self.response);
+            gait = gait.commanded(*mode, pose.heading, &self.motions, &self.response);
             now = now.max(*moment);
         }
         self.roll(&mut pose, &mut gait, until.since(now).as_secs_f64());
@@ -142,40 +201,110 @@ impl Estimator {
         }
     }
 
-    fn correct(&mut self, measured: PlanarPose, elapsed: f64) {
+    /// Pulls the estimate to a measured pose; returns false if the robot was moved by hand.
+    fn correct(&mut self, measured: PlanarPose, elapsed: f64) -> bool {
         let turned = wrap(measured.heading - self.pose.heading);
         let pushed = self.pose.distance_to(measured.position()) > PUSHED_BY;
         if pushed || turned.abs() > TURNED_BY {
             self.pose = measured;
-            self.window = None;
-            return;
+            return false;
         }
         let gain = 1.0 - (-elapsed / FILTER_TIME).exp();
         self.pose.x += gain * (measured.x - self.pose.x);
         self.pose.y += gain * (measured.y - self.pose.y);
         self.pose.heading += gain * turned;
+        true
     }
 
-    fn adapt(&mut self, now: Instant) {
-        let mode = self.gait.mode();
-        if mode == REST || !self.gait.is_steady() {
-            self.window = None;
-            return;
+    fn forget_start(&mut self) {
+        match &mut self.knowledge {
+            Knowledge::Table { window, .. } => *window = None,
+            Knowledge::Experience { stretch, .. } => stretch.clear(),
         }
-        let (since, from) = *self.window.get_or_insert((now, self.pose));
-        let seconds = now.since(since).as_secs_f64();
-        if seconds < WINDOW {
-            return;
-        }
-        self.window = Some((now, self.pose));
-        let measured = mean_twist(&from, &self.pose, seconds);
-        let gain = (seconds / ADAPTATION_TIME).min(1.0);
-        let known = &self.modes[mode - 1];
-        let twist = &mut self.motions[mode].twist;
-        twist.forward = pulled(twist.forward, measured.forward, gain, known.forward, SPEED_FLOOR);
-        twist.lateral = pulled(twist.lateral, measured.lateral, gain, known.lateral, SPEED_FLOOR);
-        twist.yaw = pulled(twist.yaw, measured.yaw, gain, known.yaw, YAW_FLOOR);
     }
+
+    fn adapt(&mut self, now: Instant, measured: PlanarPose) {
+        match &mut self.knowledge {
+            Knowledge::Table { modes, window } => {
+                let mode = self.gait.mode();
+                if mode == REST || !self.gait.is_steady() {
+                    *window = None;
+                    return;
+                }
+                let (since, from) = *window.get_or_insert((now, self.pose));
+                let seconds = now.since(since).as_secs_f64();
+                if seconds >= WINDOW {
+                    *window = Some((now, self.pose));
+                    let measured = mean_twist(&from, &self.pose, seconds);
+                    self.motions[mode].twist =
+                        adapted(self.motions[mode].twist, measured, seconds, &modes[mode - 1]);
+                }
+            }
+            Knowledge::Experience { belief, pace, stretch } => {
+                // As near to the estimate as the shaking is: no jump from one turn to the next.
+                let heading = self.pose.heading + wrap(measured.heading - self.pose.heading);
+                let pose = PlanarPose { heading, ..measured };
+                if stretch.last().is_some_and(|m| now.since(m.time).as_secs_f64() > END) {
+                    stretch.clear();
+                }
+                let shares = self.gait.shares(&self.motions, &self.response);
+                stretch.push(Moment { time: now, pose, shares });
+                if now.since(stretch[0].time).as_secs_f64() >= STRETCH + END {
+                    walked(stretch, belief);
+                    belief.tell(&mut self.motions);
+                    **pace = Pace::new(&self.motions);
+                    let kept = |m: &Moment| now.since(m.time).as_secs_f64() <= END;
+                    stretch.retain(kept);
+                }
+            }
+        }
+    }
+}
+
+/// Corrects a belief by a stretch of walking.
+fn walked(stretch: &[Moment], belief: &mut Belief) {
+    let begin = stretch[0].time;
+    let at = |moment: &Moment| moment.time.since(begin).as_secs_f64();
+    let length = stretch.last().map_or(0.0, at);
+    let mean = |part: &dyn Fn(f64) -> bool| {
+        let part: Vec<&Moment> = stretch.iter().filter(|moment| part(at(moment))).collect();
+        let of = |value: &dyn Fn(&Moment) -> f64| {
+            part.iter().map(|moment| value(moment)).sum::<f64>() / part.len() as f64
+        };
+        let pose = PlanarPose {
+            x: of(&|m| m.pose.x),
+            y: of(&|m| m.pose.y),
+            heading: of(&|m| m.pose.heading),
+        };
+        (of(&at), pose)
+    };
+    let (since, from) = mean(&|time| time <= END);
+    let (until, to) = mean(&|time| time >= length - END);
+    let between: Vec<&Moment> =
+        stretch.iter().filter(|moment| (since..=until).contains(&at(moment))).collect();
+    let seconds = until - since;
+    if between.is_empty() || seconds < 0.5 * STRETCH {
+        return;
+    }
+    let mut shares: Vec<(usize, f64)> = Vec::new();
+    for (mode, share) in between.iter().flat_map(|moment| moment.shares) {
+        let share = share / between.len() as f64;
+        match shares.iter_mut().find(|(other, _)| *other == mode) {
+            Some((_, sum)) => *sum += share,
+            None => shares.push((mode, share)),
+        }
+    }
+    let heading = 0.5 * (from.heading + to.heading);
+    belief.observe(&shares, heading, mean_twist(&from, &to, seconds), seconds);
+}
+
+/// Returns the motion of a mode, moved towards a measured one.
+fn adapted(mut twist: Twist, measured: Twist, seconds: f64, known: &Mode) -> Twist {
+    let gain = (seconds / ADAPTATION_TIME).min(1.0);
+    twist.forward = pulled(twist.forward, measured.forward, gain, known.forward, SPEED_FLOOR);
+    twist.lateral = pulled(twist.lateral, measured.lateral, gain, known.lateral, SPEED_FLOOR);
+    twist.yaw = pulled(twist.yaw, measured.yaw, gain, known.yaw, YAW_FLOOR);
+    twist
 }
 
 fn pulled(present: f64, measured: f64, gain: f64, known: Spread, floor: f64) -> f64 {

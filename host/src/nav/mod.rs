@@ -12,28 +12,34 @@
 //! Everything here takes the time as an argument and returns what to do. [`Position`] and
 //! [`PlanarPose`] fix frame and units: world frame ENU, metres, radians counter-clockwise.
 
+mod belief;
 mod estimator;
+mod experience;
 mod geometry;
 mod identification;
 mod modes;
 mod motion;
 mod navigator;
+mod pace;
 mod path;
 pub mod predictive;
 mod safety;
 mod standstill;
 pub mod two_state;
 
+pub use belief::Belief;
 pub use estimator::{Estimator, mean_twist};
+pub use experience::{Experience, ExperienceError, Walks};
 pub(crate) use geometry::FARTHEST;
 pub use geometry::{Area, NotAPosition, NotAnArea, PlanarPose, Position, Twist, wrap};
 pub use identification::{ENOUGH_MODES, Identification, IdentificationSettings, Stretch};
 pub use modes::{Mode, ModeTable, ModeTableError, PAPER_PAIRS, Spread};
 pub use motion::{Gait, Motion, REST, Response, motions};
 pub use navigator::{
-    Approach, ControllerKind, Decision, JOINED_WITHIN, Navigator, Progress, Resting, Settings,
-    Task, UnknownController,
+    Approach, ControllerKind, Decision, JOINED_WITHIN, Navigator, NavigatorError, Progress,
+    Repertoire, Resting, Settings, Task, UnknownController,
 };
+pub use pace::Pace;
 pub use path::{Path, PathError, Projection, SPACING};
 pub use safety::Stop;
 

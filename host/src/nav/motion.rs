@@ -20,6 +20,13 @@ pub struct Response {
     pub settling: f64,
 }
 
+impl Response {
+    /// The response of simulated robots in the 0.3 s after a command: what the learned controller, which keeps on
+    /// comparing, predicts best with.
+    pub const MEASURED: Self =
+        Self { frequency_ramp: 200.0, direction_slew: 900.0, settling: 0.12 };
+}
+
 impl Default for Response {
     /// Returns a response slightly slower than the robot's ramps (settings `frequency_ramp`, default
     /// 200 Hz/s, and `direction_ramp`, default 900 degrees/s), because their ends are rounded.
@@ -35,8 +42,19 @@ pub struct Motion {
     pub frequency: f64,
     /// Shaking direction theta, degrees.
     pub direction: f64,
-    /// Expected steady motion.
+    /// Expected steady motion on a level floor.
     pub twist: Twist,
+    /// What a sloping floor adds: the first times the cosine of the heading, the second times its sine.
+    pub slide: [Twist; 2],
+}
+
+impl Motion {
+    /// Returns the expected steady motion of a robot with this heading, rad.
+    #[must_use]
+    pub fn at(&self, heading: f64) -> Twist {
+        let (sin, cos) = heading.sin_cos();
+        self.twist.plus(self.slide[0].scaled(cos)).plus(self.slide[1].scaled(sin))
+    }
 }
 
 /// Index of rest in every list of motions.
@@ -45,11 +63,13 @@ pub const REST: usize = 0;
 /// Returns the motions of a table, rest first.
 #[must_use]
 pub fn motions(table: &ModeTable) -> Vec<Motion> {
-    let rest = Motion { frequency: 0.0, direction: 0.0, twist: Twist::REST };
+    let slide = [Twist::REST; 2];
+    let rest = Motion { frequency: 0.0, direction: 0.0, twist: Twist::REST, slide };
     let modes = table.modes().iter().map(|mode| Motion {
         frequency: f64::from(mode.setpoint.frequency().get()),
         direction: f64::from(mode.setpoint.direction().get()),
         twist: mode.twist(),
+        slide,
     });
     std::iter::once(rest).chain(modes).collect()
 }
@@ -62,6 +82,7 @@ pub struct Gait {
     duration: f64,
     from_frequency: f64,
     from_direction: f64,
+    from: usize,
     from_twist: Twist,
 }
 
@@ -75,6 +96,7 @@ impl Gait {
             duration: 0.0,
             from_frequency: 0.0,
             from_direction: 0.0,
+            from: REST,
             from_twist: Twist::REST,
         }
     }
@@ -93,7 +115,13 @@ impl Gait {
 
     /// Returns this gait at the moment when another command reaches it.
     #[must_use]
-    pub fn commanded(self, mode: usize, motions: &[Motion], response: &Response) -> Self {
+    pub fn commanded(
+        self,
+        mode: usize,
+        heading: f64,
+        motions: &[Motion],
+        response: &Response,
+    ) -> Self {
         if mode == self.mode {
             return self;
         }
@@ -109,7 +137,8 @@ impl Gait {
             duration: ramp.max(if from_frequency == 0.0 { 0.0 } else { slew }) + response.settling,
             from_frequency,
             from_direction: if from_frequency == 0.0 { direction } else { from_direction },
-            from_twist: self.twist(motions, response),
+            from: self.mode,
+            from_twist: self.twist(heading, motions, response),
         }
     }
 
@@ -129,25 +158,34 @@ impl Gait {
         )
     }
 
-    /// Returns the present motion.
+    /// Returns how much of the present motion is that of the mode before, and how much that of the mode in force. Through
+    /// a reversal it is less than one together.
     #[must_use]
-    pub fn twist(&self, motions: &[Motion], response: &Response) -> Twist {
+    pub fn shares(&self, motions: &[Motion], response: &Response) -> [(usize, f64); 2] {
         let target = &motions[self.mode];
-        if self.is_steady() {
-            return target.twist;
-        }
-        if self.from_frequency * target.frequency > 0.0 {
-            let share = self.elapsed / self.duration;
-            return self.from_twist.scaled(1.0 - share).plus(target.twist.scaled(share));
-        }
-        let (frequency, _) = self.rotors(motions, response);
-        let force = |whole: f64| if whole == 0.0 { 0.0 } else { (frequency / whole).powi(2) };
-        if frequency * self.from_frequency > 0.0 {
-            self.from_twist.scaled(force(self.from_frequency).min(1.0))
+        let share = (self.elapsed / self.duration).min(1.0);
+        let (before, now) = if self.is_steady() {
+            (0.0, 1.0)
+        } else if self.from_frequency * target.frequency > 0.0 {
+            (1.0 - share, share)
         } else {
-            let share = (self.elapsed / self.duration).min(1.0);
-            target.twist.scaled(force(target.frequency).min(1.0).min(share))
-        }
+            let (frequency, _) = self.rotors(motions, response);
+            let force =
+                |whole: f64| if whole == 0.0 { 0.0 } else { (frequency / whole).powi(2).min(1.0) };
+            if frequency * self.from_frequency > 0.0 {
+                (force(self.from_frequency), 0.0)
+            } else {
+                (0.0, force(target.frequency).min(share))
+            }
+        };
+        [(self.from, before), (self.mode, now)]
+    }
+
+    /// Returns the present motion of a robot with this heading, rad.
+    #[must_use]
+    pub fn twist(&self, heading: f64, motions: &[Motion], response: &Response) -> Twist {
+        let [(_, before), (mode, now)] = self.shares(motions, response);
+        self.from_twist.scaled(before).plus(motions[mode].at(heading).scaled(now))
     }
 
     /// Advances `pose` and the gait by `seconds` (one step: below some 0.1 s).
@@ -158,9 +196,9 @@ impl Gait {
         motions: &[Motion],
         response: &Response,
     ) {
-        let before = self.twist(motions, response);
+        let before = self.twist(pose.heading, motions, response);
         self.elapsed += seconds;
-        let after = self.twist(motions, response);
+        let after = self.twist(pose.heading, motions, response);
         *pose = pose.moved(before.plus(after).scaled(0.5), seconds);
     }
 }
@@ -177,7 +215,7 @@ mod tests {
     const RIGHT: usize = 5;
 
     fn steady(mode: usize, motions: &[Motion]) -> Gait {
-        let mut gait = Gait::at_rest().commanded(mode, motions, &RESPONSE);
+        let mut gait = Gait::at_rest().commanded(mode, 0.0, motions, &RESPONSE);
         gait.elapsed = 10.0;
         gait
     }
@@ -185,34 +223,34 @@ mod tests {
     #[test]
     fn a_reversal_takes_the_ramp_through_zero() {
         let motions = motions(&model_w());
-        let turn = steady(LEFT, &motions).commanded(RIGHT, &motions, &RESPONSE);
+        let turn = steady(LEFT, &motions).commanded(RIGHT, 0.0, &motions, &RESPONSE);
         assert!((turn.duration - (60.0 / 60.0 + 0.1)).abs() < 1e-9, "{turn:?}");
     }
 
     #[test]
     fn in_the_middle_of_a_reversal_the_robot_is_at_rest() {
         let motions = motions(&model_w());
-        let mut turn = steady(LEFT, &motions).commanded(RIGHT, &motions, &RESPONSE);
+        let mut turn = steady(LEFT, &motions).commanded(RIGHT, 0.0, &motions, &RESPONSE);
         turn.elapsed = 0.5;
-        assert!(turn.twist(&motions, &RESPONSE).yaw.abs() < 1e-9);
+        assert!(turn.twist(0.0, &motions, &RESPONSE).yaw.abs() < 1e-9);
     }
 
     #[test]
     fn from_forward_to_left_only_theta_slews() {
         let motions = motions(&model_w());
-        let turn = steady(FORWARD, &motions).commanded(LEFT, &motions, &RESPONSE);
+        let turn = steady(FORWARD, &motions).commanded(LEFT, 0.0, &motions, &RESPONSE);
         assert!((turn.duration - (60.0 / 360.0 + 0.1)).abs() < 1e-9, "{turn:?}");
     }
 
     #[test]
     fn an_interrupted_ramp_continues_from_where_it_is() {
         let motions = motions(&model_w());
-        let mut gait = Gait::at_rest().commanded(FORWARD, &motions, &RESPONSE);
+        let mut gait = Gait::at_rest().commanded(FORWARD, 0.0, &motions, &RESPONSE);
         gait.elapsed = 0.25;
-        let stopped = gait.commanded(REST, &motions, &RESPONSE);
+        let stopped = gait.commanded(REST, 0.0, &motions, &RESPONSE);
         assert!((stopped.from_frequency + 15.0).abs() < 1e-9);
-        let before = gait.twist(&motions, &RESPONSE);
-        assert_eq!(stopped.twist(&motions, &RESPONSE), before);
+        let before = gait.twist(0.0, &motions, &RESPONSE);
+        assert_eq!(stopped.twist(0.0, &motions, &RESPONSE), before);
     }
 
     #[test]

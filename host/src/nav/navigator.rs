@@ -6,12 +6,14 @@
 
 use std::fmt;
 use std::str::FromStr;
+use std::sync::Arc;
 use std::time::Duration;
 
 use flix_protocol::message::Setpoint;
 use flix_protocol::units::Instant;
 
 use super::estimator::Estimator;
+use super::experience::Experience;
 use super::geometry::{Area, PlanarPose, Position};
 use super::modes::ModeTable;
 use super::motion::{REST, Response};
@@ -49,6 +51,48 @@ pub enum ControllerKind {
     Predictive,
     /// The paper's controller: turns left or right.
     TwoState,
+    /// Chooses as [`ControllerKind::Predictive`] does, from many more pairs, and learns how this robot walks from
+    /// [`Experience`] and its own walk.
+    Learned,
+}
+
+/// The pairs that a run may command, and what is known of the motion under each.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Repertoire {
+    /// The modes that were measured with this robot.
+    Table(ModeTable),
+    /// What robots of its kind do.
+    Experience(Arc<Experience>),
+}
+
+impl From<&ModeTable> for Repertoire {
+    fn from(table: &ModeTable) -> Self {
+        Self::Table(table.clone())
+    }
+}
+
+impl Repertoire {
+    /// Returns its pairs as a table: a mode of a decision is counted in it.
+    #[must_use]
+    pub fn table(&self) -> ModeTable {
+        match self {
+            Self::Table(table) => table.clone(),
+            Self::Experience(experience) => experience.table(),
+        }
+    }
+}
+
+/// Why a controller cannot steer.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum NavigatorError {
+    /// The two-state controller lacks a turn.
+    #[error(transparent)]
+    MissingTurn(#[from] MissingTurn),
+    /// The learned controller was given a table.
+    #[error(
+        "the learned controller needs the experience of many robots, not the mode table of one"
+    )]
+    NoExperience,
 }
 
 /// Whether a run may begin away from its path.
@@ -206,18 +250,47 @@ impl Settings {
     }
 }
 
+impl Settings {
+    /// Returns the same settings for another controller.
+    #[must_use]
+    pub fn steered_by(self, controller: ControllerKind) -> Self {
+        let response = match controller {
+            ControllerKind::Learned => Response::MEASURED,
+            ControllerKind::Predictive | ControllerKind::TwoState => Response::default(),
+        };
+        Self { controller, response, ..self }
+    }
+}
+
 impl Navigator {
     /// Creates the navigator of a run.
     ///
     /// # Errors
-    /// When the two-state controller is asked for and the table lacks one of its turns.
-    pub fn new(task: Task, table: &ModeTable, settings: Settings) -> Result<Self, MissingTurn> {
+    /// When the two-state controller is asked for and the table lacks one of its turns, or the learned one and there is
+    /// no experience.
+    pub fn new(
+        task: Task,
+        repertoire: impl Into<Repertoire>,
+        settings: Settings,
+    ) -> Result<Self, NavigatorError> {
+        let repertoire = repertoire.into();
+        let table = repertoire.table();
+        let (response, latency) = (settings.response, settings.latency);
         let two_state = match settings.controller {
-            ControllerKind::Predictive => None,
-            ControllerKind::TwoState => Some(TwoState::new(table)?),
+            ControllerKind::TwoState => Some(TwoState::new(&table)?),
+            ControllerKind::Predictive | ControllerKind::Learned => None,
+        };
+        let estimator = match (settings.controller, &repertoire) {
+            (ControllerKind::Learned, Repertoire::Experience(experience)) => {
+                Estimator::experienced(experience, response, latency)
+            }
+            (ControllerKind::Learned, Repertoire::Table(_)) => {
+                return Err(NavigatorError::NoExperience);
+            }
+            _ => Estimator::new(&table, response, latency),
         };
         Ok(Self {
-            estimator: Estimator::new(table, settings.response, settings.latency),
+            estimator,
             setpoints: table.modes().iter().map(|m| m.setpoint).collect(),
             task,
             settings,
@@ -465,7 +538,7 @@ impl Navigator {
         const LONGEST: u32 = 60;
         let (mut pose, gait) = self.estimator.predicted(now + self.settings.latency);
         let (motions, response) = (self.estimator.motions(), self.estimator.response());
-        let mut gait = gait.commanded(REST, motions, response);
+        let mut gait = gait.commanded(REST, pose.heading, motions, response);
         for _ in 0..LONGEST {
             if gait.is_steady() {
                 break;
@@ -486,7 +559,8 @@ impl Navigator {
 
     fn look_ahead(&self, now: Instant, goal: Goal<'_>) -> usize {
         let (pose, gait) = self.estimator.predicted(now + self.settings.latency);
-        Prospects::new(self.estimator.motions(), self.estimator.response())
+        let estimator = &self.estimator;
+        Prospects::new(estimator.motions(), estimator.response(), estimator.pace())
             .best_mode(pose, gait, goal)
     }
 
@@ -535,13 +609,14 @@ impl fmt::Display for ControllerKind {
         f.write_str(match self {
             Self::Predictive => "predictive",
             Self::TwoState => "two-state",
+            Self::Learned => "learned",
         })
     }
 }
 
 /// A text was refused as the name of a controller.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("there is no controller \"{0}\": choose predictive or two-state")]
+#[error("there is no controller \"{0}\": choose predictive, learned or two-state")]
 pub struct UnknownController(String);
 
 impl FromStr for ControllerKind {
@@ -551,6 +626,7 @@ impl FromStr for ControllerKind {
         match text {
             "predictive" => Ok(Self::Predictive),
             "two-state" => Ok(Self::TwoState),
+            "learned" => Ok(Self::Learned),
             other => Err(UnknownController(other.to_owned())),
         }
     }

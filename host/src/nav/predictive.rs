@@ -1,4 +1,4 @@
-//! The default controller: chooses the mode whose predicted future is best.
+//! The search of the default and of the learned controller: chooses the mode whose predicted future is best.
 //!
 //! It looks [`SEGMENTS`] segments of [`SEGMENT`] seconds ahead. In each segment the robot may be in
 //! any mode; every sequence is simulated with the response of the robot (ramps, reversals) and costs
@@ -14,7 +14,8 @@
 
 use super::geometry::{PlanarPose, Position, Twist, wrap};
 use super::motion::{Gait, Motion, REST, Response};
-use super::path::{Path, Projection};
+use super::pace::Pace;
+use super::path::Path;
 
 /// Length of a segment, s: the time of a change of mode.
 pub const SEGMENT: f64 = 0.4;
@@ -26,20 +27,51 @@ pub const BEAM: usize = 40;
 const STEPS: usize = 4;
 const STEP: f64 = SEGMENT / STEPS as f64;
 
-/// Error that costs one second per second, m.
-const ERROR_SCALE: f64 = 0.025;
-/// Errors beyond this many scales count linearly.
-const LINEAR_FROM: f64 = 2.0;
-/// Reward for progress at full speed, seconds per second.
-const PROGRESS: f64 = 2.0;
-/// Cost of a switch, s.
-const SWITCH: f64 = 0.06;
-/// Weight of the course at the end, s.
-const COURSE: f64 = 2.0;
-/// Time for which the error at the end is assumed to last, s.
-const TAIL: f64 = 0.6;
-/// Distance ahead at which the course returns to the path, m.
-const RETURN_LENGTH: f64 = 0.12;
+/// What counts how much in a decision.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Weights {
+    /// Error that costs one second per second, m.
+    pub error_scale: f64,
+    /// Errors beyond this many scales count linearly.
+    pub linear_from: f64,
+    /// Reward for progress at full speed, seconds per second.
+    pub progress: f64,
+    /// Cost of a switch, s.
+    pub switch: f64,
+    /// Cost of a switch that reverses the sense of rotation, s, besides.
+    pub reversal: f64,
+    /// Weight of the course at the end, s; with a pace: seconds per second that it loses.
+    pub course: f64,
+    /// Time for which the error at the end is assumed to last, s.
+    pub tail: f64,
+    /// Distance ahead at which the course returns to the path, m.
+    pub return_length: f64,
+}
+
+impl Weights {
+    /// Those of the predictive controller, chosen by hand.
+    pub const PREDICTIVE: Self = Self {
+        error_scale: 0.025,
+        linear_from: 2.0,
+        progress: 2.0,
+        switch: 0.06,
+        reversal: 0.0,
+        course: 2.0,
+        tail: 0.6,
+        return_length: 0.12,
+    };
+    /// Those of the learned controller.
+    pub const LEARNED: Self = Self {
+        error_scale: 0.025,
+        linear_from: 2.0,
+        progress: 4.0,
+        switch: 0.06,
+        reversal: 0.15,
+        course: 6.0,
+        tail: 0.6,
+        return_length: 0.12,
+    };
+}
 
 /// The goal of a decision.
 #[derive(Debug, Clone, Copy)]
@@ -65,6 +97,10 @@ pub struct Prospects<'a> {
     pub motions: &'a [Motion],
     /// How the robot follows commands.
     pub response: &'a Response,
+    /// What counts how much.
+    pub weights: Weights,
+    /// How fast the robot can go on, where that is known.
+    pub pace: Option<&'a Pace>,
     /// Fastest translation of any mode, m/s.
     cruise_speed: f64,
     /// Direction of that translation relative to the heading, rad.
@@ -84,9 +120,9 @@ struct Node {
 }
 
 impl<'a> Prospects<'a> {
-    /// Prepares the search for these motions.
+    /// Prepares the search for these motions; with a pace it judges by it where to go on and how to face.
     #[must_use]
-    pub fn new(motions: &'a [Motion], response: &'a Response) -> Self {
+    pub fn new(motions: &'a [Motion], response: &'a Response, pace: Option<&'a Pace>) -> Self {
         let fastest = motions
             .iter()
             .map(|motion| motion.twist)
@@ -94,7 +130,9 @@ impl<'a> Prospects<'a> {
             .unwrap_or(Twist::REST);
         let turn = motions.iter().map(|m| m.twist.yaw.abs()).fold(1e-2, f64::max);
         let cruise_speed = fastest.speed().max(1e-3);
-        Self { motions, response, cruise_speed, cruise_course: fastest.course(), turn }
+        let weights = if pace.is_some() { Weights::LEARNED } else { Weights::PREDICTIVE };
+        let cruise_course = fastest.course();
+        Self { motions, response, weights, pace, cruise_speed, cruise_course, turn }
     }
 
     /// Returns the mode to command now. `pose` and `gait`: as predicted for the moment when a
@@ -136,8 +174,13 @@ impl<'a> Prospects<'a> {
             next.first = mode;
         }
         if mode != node.gait.mode() {
-            next.cost += SWITCH;
-            next.gait = node.gait.commanded(mode, self.motions, self.response);
+            next.cost += self.weights.switch;
+            let (from, to) = (&self.motions[node.gait.mode()], &self.motions[mode]);
+            if from.frequency * to.frequency < 0.0 {
+                next.cost += self.weights.reversal;
+            }
+            let heading = node.pose.heading;
+            next.gait = node.gait.commanded(mode, heading, self.motions, self.response);
         }
         for _ in 0..STEPS {
             next.gait.advance(&mut next.pose, STEP, self.motions, self.response);
@@ -154,9 +197,11 @@ impl<'a> Prospects<'a> {
                 let place = path.follow(node.pose.position(), node.arc_length);
                 let progress = (place.arc_length - node.arc_length) / STEP;
                 node.arc_length = place.arc_length;
-                robust(place.error) - PROGRESS * (progress / self.cruise_speed).clamp(-2.0, 2.0)
+                let usual = self.speed_along(place.tangent);
+                self.robust(place.error)
+                    - self.weights.progress * (progress / usual).clamp(-2.0, 2.0)
             }
-            Goal::Reach { point } => robust(node.pose.distance_to(point)),
+            Goal::Reach { point } => self.robust(node.pose.distance_to(point)),
         }
     }
 
@@ -165,36 +210,48 @@ impl<'a> Prospects<'a> {
         match goal {
             Goal::Follow { path, .. } => {
                 let place = path.follow(node.pose.position(), node.arc_length);
-                let astray = self.course_error(node, course_on(&place));
-                TAIL * robust(place.error) + COURSE * (1.0 - astray.cos())
+                let course = place.tangent - (place.error / self.weights.return_length).atan();
+                let Some(pace) = self.pace else {
+                    let astray = 1.0 - self.course_error(node, course).cos();
+                    return self.weights.tail * self.robust(place.error)
+                        + self.weights.course * astray;
+                };
+                // An error lasts until the robot faces so that it can return, and has returned.
+                let loss = pace.loss(node.pose.heading, course);
+                let way = 0.5 * place.error.abs() / pace.best(course);
+                (self.weights.tail + loss + way) * self.robust(place.error)
+                    + self.weights.course * loss
             }
             Goal::Reach { point } => {
                 let distance = node.pose.distance_to(point);
+                let course = node.pose.position().bearing_to(point);
+                let turning = match self.pace {
+                    Some(pace) => pace.loss(node.pose.heading, course),
+                    None => self.course_error(node, course).abs() / self.turn,
+                };
+                let way = distance / self.speed_along(course);
                 // To turn first matters when there is some way to go.
-                let turning = self.course_error(node, node.pose.position().bearing_to(point)).abs()
-                    / self.turn;
-                let way = distance / self.cruise_speed;
-                let seconds = way + turning * (distance / RETURN_LENGTH).min(1.0);
-                0.5 * seconds * robust(distance)
+                let seconds = way + turning * (distance / self.weights.return_length).min(1.0);
+                0.5 * seconds * self.robust(distance)
             }
         }
+    }
+
+    /// Returns the fastest speed that is reckoned with along a course (rad), m/s.
+    fn speed_along(&self, course: f64) -> f64 {
+        self.pace.map_or(self.cruise_speed, |pace| pace.best(course))
     }
 
     /// Returns the angle from the course of the fastest mode to this course, rad.
     fn course_error(&self, node: &Node, course: f64) -> f64 {
         wrap(course - node.pose.heading - self.cruise_course)
     }
-}
 
-/// Returns the direction that leads back to the path and along it, rad.
-fn course_on(place: &Projection) -> f64 {
-    place.tangent - (place.error / RETURN_LENGTH).atan()
-}
-
-/// Returns Huber's function of an error in scales: square near zero, linear beyond.
-fn robust(error: f64) -> f64 {
-    let scales = error.abs() / ERROR_SCALE;
-    if scales <= LINEAR_FROM { scales * scales } else { LINEAR_FROM * (2.0 * scales - LINEAR_FROM) }
+    /// Returns Huber's function of an error in scales: square near zero, linear beyond.
+    fn robust(&self, error: f64) -> f64 {
+        let (scales, from) = (error.abs() / self.weights.error_scale, self.weights.linear_from);
+        if scales <= from { scales * scales } else { from * (2.0 * scales - from) }
+    }
 }
 
 #[cfg(test)]
@@ -209,7 +266,7 @@ mod tests {
     fn best(pose: PlanarPose, goal: Goal<'_>) -> String {
         let table = model_w();
         let motions = motions(&table);
-        let mode = Prospects::new(&motions, &RESPONSE).best_mode(pose, Gait::at_rest(), goal);
+        let mode = Prospects::new(&motions, &RESPONSE, None).best_mode(pose, Gait::at_rest(), goal);
         if mode == REST { "rest".into() } else { table.modes()[mode - 1].name.clone() }
     }
 
@@ -241,8 +298,10 @@ mod tests {
 
     #[test]
     fn the_cost_of_errors_has_no_kink() {
-        let edge = LINEAR_FROM * ERROR_SCALE;
-        let slope = |at: f64| (robust(at + 1e-9) - robust(at)) / 1e-9;
+        let motions = motions(&model_w());
+        let search = Prospects::new(&motions, &RESPONSE, None);
+        let edge = search.weights.linear_from * search.weights.error_scale;
+        let slope = |at: f64| (search.robust(at + 1e-9) - search.robust(at)) / 1e-9;
         assert!((slope(edge - 1e-6) / slope(edge + 1e-6) - 1.0).abs() < 1e-3);
     }
 }

@@ -88,7 +88,8 @@ impl Walker {
     fn step(&mut self, now: Instant) {
         while self.underway.front().is_some_and(|c| c.0 <= now) {
             if let Some((_, mode)) = self.underway.pop_front() {
-                self.gait = self.gait.commanded(mode, &self.truth, &self.response);
+                self.gait =
+                    self.gait.commanded(mode, self.pose.heading, &self.truth, &self.response);
             }
         }
         let dt = STEP.as_secs_f64();

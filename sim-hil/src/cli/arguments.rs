@@ -13,7 +13,8 @@ use crate::rig::bench::setpoint;
 /// Robot to simulate.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ModelArgs {
-    /// Model: a TOML file or the name of a shipped one (A, W, calibrated, flix, bench-fixed, bench-planar, random-SEED)
+    /// Model: a TOML file or the name of a shipped one (A, W, calibrated, flix, bench-fixed, bench-planar, random-SEED,
+    /// stranger-SEED)
     #[arg(long, value_name = "FILE|NAME", default_value = "W")]
     pub model: String,
 }

@@ -76,12 +76,13 @@ struct Report {
 /// When model or table is refused, the simulation diverges, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let task = Task::Reach { point: Position::ORIGIN, stay: true };
-    let table = args.conditions.table()?;
+    let repertoire = args.steering.repertoire(|| args.conditions.table())?;
+    let table = repertoire.table();
     let mut settings = args.steering.settings(&task);
     settings.latency = args.conditions.latency;
     let mut setup = facts(&settings);
     setup.extend(args.conditions.facts());
-    let navigator = Navigator::new(task, &table, settings).map_err(Error::refused)?;
+    let navigator = Navigator::new(task, repertoire, settings).map_err(Error::refused)?;
     let mut recorder = Recorder::create(&args.out, SystemTime::now(), &description("home", setup))?;
     recorder.attach(
         Instant::START,

@@ -17,6 +17,7 @@ pub mod export_urdf;
 pub mod faults;
 pub mod home;
 pub mod identify;
+pub mod learn;
 pub mod leg;
 mod live;
 pub mod man;
@@ -81,6 +82,7 @@ enum Command {
     Home(home::Args),
     /// Identify the walking modes of a simulated robot and write its mode table, in virtual time
     Identify(identify::Args),
+    Learn(learn::Args),
     /// Repeat the paper's studies, one command each
     Study(study::Args),
     /// Print the completion script of a shell
@@ -249,6 +251,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Track(args) => track::run(&args),
         Command::Home(args) => home::run(&args),
         Command::Identify(args) => identify::run(&args),
+        Command::Learn(args) => learn::run(&args),
         Command::Study(args) => study::run(&args),
         Command::Completions(args) => completions::run(&args),
         Command::Man(args) => man::run(&args),

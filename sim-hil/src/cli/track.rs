@@ -125,7 +125,8 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     let Task::Follow { path, laps } = &task else {
         return Err(Error::refused("this is no path to follow"));
     };
-    let table = args.conditions.table()?;
+    let repertoire = args.course.steering.repertoire(|| args.conditions.table())?;
+    let table = repertoire.table();
     let mut settings = args.course.settings(&task)?;
     settings.latency = args.conditions.latency;
     let mut setup = facts(&settings);
@@ -133,7 +134,7 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     setup.insert("controller".into(), args.course.controller());
     setup.insert("heading_deg".into(), args.heading.to_string());
     let about = description(&format!("track-{}", path.name()), setup);
-    let steering = args.course.steering(task.clone(), &table, settings, ANSWER_PATIENCE)?;
+    let steering = args.course.steering(task.clone(), repertoire, settings, ANSWER_PATIENCE)?;
     let mut recorder = Recorder::create(&args.out, SystemTime::now(), &about)?;
     let begin = flix_protocol::units::Instant::START;
     recorder.path_to_follow(begin, path)?;

@@ -6,7 +6,7 @@
 
 use crate::model::links::{Link, links};
 use crate::model::xml::{escape, line, list};
-use crate::model::{Base, GRAVITY, LEGS, RobotModel};
+use crate::model::{Base, LEGS, RobotModel};
 
 /// Writes the model as MJCF with the given step in seconds and each foot's `solref`: time constant in s, damping ratio.
 ///
@@ -19,7 +19,10 @@ pub fn mjcf(model: &RobotModel, step: f64, contact: [[f64; 2]; 4]) -> String {
     line(
         &mut out,
         1,
-        &format!("<option timestep=\"{step}\" gravity=\"0 0 {}\" cone=\"elliptic\"/>", -GRAVITY),
+        &format!(
+            "<option timestep=\"{step}\" gravity=\"{}\" cone=\"elliptic\"/>",
+            list(&model.gravity())
+        ),
     );
     line(&mut out, 1, "<worldbody>");
     line(&mut out, 2, "<light pos=\"0 0 1\"/>");

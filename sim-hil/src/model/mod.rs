@@ -18,12 +18,14 @@ pub mod links;
 pub mod mjcf;
 mod random;
 mod scatter;
+mod stranger;
 pub mod urdf;
 mod xml;
 
 pub use electrical::Electrical;
 pub use random::random;
 pub use scatter::scattered;
+pub use stranger::{STEEPEST_DEG, STRANGERS, stranger};
 
 /// The four legs, in the order of every array in this crate.
 pub const LEGS: [&str; 4] = ["fl", "fr", "rl", "rr"];
@@ -88,7 +90,7 @@ pub enum ModelError {
         name: String,
     },
     /// No such file and no such name.
-    #[error("cannot read the model {name}: {error}; give a TOML file or one of {}, random-SEED", NAMES.join(", "))]
+    #[error("cannot read the model {name}: {error}; give a TOML file or one of {}, random-SEED, stranger-SEED", NAMES.join(", "))]
     NotFound {
         /// What was asked for.
         name: String,
@@ -324,6 +326,12 @@ pub struct Contact {
     pub torsional_friction_mm: f64,
     /// Rolling friction about both tangents, mm, 0 to 100.
     pub rolling_friction_mm: f64,
+    /// Slope of the floor, degrees, 0 to 30. World z stays normal to the floor; weight leans.
+    #[serde(default)]
+    pub slope_deg: f64,
+    /// Direction in which it falls, degrees from world x towards world y, -360 to 360.
+    #[serde(default)]
+    pub downhill_deg: f64,
 }
 
 /// An extra mass on the body.
@@ -388,6 +396,9 @@ fn exactly<'de, D: Deserializer<'de>, const COUNT: usize>(
 /// Names of the models that come with the program.
 pub const NAMES: [&str; 6] = ["A", "W", "calibrated", "flix", "bench-fixed", "bench-planar"];
 
+/// The model that a stranger is when it is asked for by name.
+pub const STRANGERS_PLAN: &str = "W";
+
 const SHIPPED: [&str; 6] = [
     include_str!("../../models/A.toml"),
     include_str!("../../models/W.toml"),
@@ -408,7 +419,8 @@ impl RobotModel {
         Ok(model)
     }
 
-    /// Takes a shipped model by name, draws a random one (`random-7`), or reads a file.
+    /// Takes a shipped model by name, draws a random one (`random-7`) or a changed W ([`stranger`], `stranger-7`), or
+    /// reads a file.
     ///
     /// # Errors
     /// As [`RobotModel::from_toml`] with the name of the file, or that there is no such file.
@@ -419,10 +431,24 @@ impl RobotModel {
         if let Some(seed) = random::seed_of(name) {
             return Ok(random(seed));
         }
+        if let Some(seed) = stranger::seed_of(name) {
+            return Ok(stranger(&Self::named(STRANGERS_PLAN)?, seed));
+        }
         let text = flix_host::file::read_text(name.as_ref())
             .map_err(|error| ModelError::NotFound { name: name.to_owned(), error })?;
         Self::from_toml(&text)
             .map_err(|error| ModelError::File { file: name.to_owned(), error: Box::new(error) })
+    }
+
+    /// Returns the acceleration of free fall along the axes of the world, whose z is the floor's normal, m/s^2.
+    #[must_use]
+    pub fn gravity(&self) -> [f64; 3] {
+        if self.contact.slope_deg == 0.0 {
+            return [0.0, 0.0, -GRAVITY];
+        }
+        let (along, normal) = libm::sincos(self.contact.slope_deg.to_radians());
+        let (y, x) = libm::sincos(self.contact.downhill_deg.to_radians());
+        [GRAVITY * along * x, GRAVITY * along * y, -GRAVITY * normal]
     }
 
     /// Checks that the robot has legs and stands free.
@@ -573,6 +599,8 @@ impl RobotModel {
         add("contact.impedance_width_mm", c.impedance_width_mm, 0.01, 50.0);
         add("contact.torsional_friction_mm", c.torsional_friction_mm, 0.0, 100.0);
         add("contact.rolling_friction_mm", c.rolling_friction_mm, 0.0, 100.0);
+        add("contact.slope_deg", c.slope_deg, 0.0, 30.0);
+        add("contact.downhill_deg", c.downhill_deg, -360.0, 360.0);
         for (i, load) in self.load.iter().enumerate() {
             add(&format!("load[{i}].mass_g"), load.mass_g, 0.0, 2000.0);
             add(&format!("load[{i}].x_mm"), load.x_mm, -300.0, 300.0);

@@ -108,6 +108,8 @@ fn draw(name: String, source: &mut Xoshiro256PlusPlus) -> RobotModel {
             impedance_width_mm: within(0.5, 2.0),
             torsional_friction_mm: within(1.0, 8.0),
             rolling_friction_mm: within(0.05, 0.5),
+            slope_deg: 0.0,
+            downhill_deg: 0.0,
         },
         electrical: Electrical::default(),
         load: (within(-1.0, 1.0) < 0.0)

@@ -2,6 +2,8 @@
 
 use flix_host::nav::ModeTable;
 
+use crate::model::{STRANGERS, STRANGERS_PLAN};
+
 /// The mode tables that come with models: learnt on them by `flix-sim identify`.
 const TABLES: [(&str, &str); 3] = [
     ("W", include_str!("../../models/W.modes.toml")),
@@ -14,7 +16,9 @@ const TABLES: [(&str, &str); 3] = [
 /// # Errors
 /// When the model has none; the sentence says how to learn one.
 pub fn shipped_table(model: &str) -> Result<ModeTable, String> {
-    let Some((_, table)) = TABLES.iter().find(|(name, _)| *name == model) else {
+    // A stranger is a changed W, and known as W.
+    let known = if model.starts_with(STRANGERS) { STRANGERS_PLAN } else { model };
+    let Some((_, table)) = TABLES.iter().find(|(name, _)| *name == known) else {
         return Err(format!(
             "model {model} has no mode table: learn one with \
              `flix-sim identify --model {model} --modes FILE` and name it with --modes"

@@ -16,6 +16,8 @@
 pub mod actuation;
 pub mod calibrate;
 pub mod cmaes;
+pub mod controllers;
+pub mod experience;
 pub mod figure;
 mod journal;
 pub mod leg;

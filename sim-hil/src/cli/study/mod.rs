@@ -3,6 +3,7 @@
 pub mod actuation;
 pub mod all;
 pub mod calibrate;
+pub mod controllers;
 pub mod leg;
 pub mod merge;
 pub mod mobility;
@@ -51,6 +52,8 @@ enum Command {
     Calibrate(calibrate::Args),
     /// Identify a real robot from experiments, with error bars (section II, generalised).
     Sysid(sysid::Args),
+    /// Follow a path with robots that no controller has seen: the learned one against the predictive one.
+    Controllers(controllers::Args),
     /// Join the slices of a study.
     Merge(merge::Args),
     /// Run every study.
@@ -74,6 +77,7 @@ fn run_command(command: &Command) -> Result<ExitCode, Error> {
         Command::Select(args) => select::run(args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Sysid(args) => sysid::run(args),
+        Command::Controllers(args) => controllers::run(args),
         Command::Merge(args) => merge::run(args),
         Command::All(args) => all::run(args),
     }

@@ -125,6 +125,7 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
                 bell_inertia: Pack::all(&plain.bell_inertia),
                 rotor_height: Pack::all(&plain.rotor_height),
                 shaker_height: Pack::all(&plain.shaker_height),
+                gravity: Pack::all(&plain.gravity),
                 legs: plain.legs.as_ref().map(Pack::all),
                 floor: true,
                 ideal: true,
@@ -202,6 +203,7 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Robots for Block<B> {
         c.bell_inertia.set(lane, &plain.bell_inertia);
         c.rotor_height.set(lane, &plain.rotor_height);
         c.shaker_height.set(lane, &plain.shaker_height);
+        c.gravity.set(lane, &plain.gravity);
         if let (Some(legs), Some(own)) = (&mut c.legs, &plain.legs) {
             legs.set(lane, own);
         }

@@ -53,6 +53,7 @@ pub fn constants(model: &RobotModel) -> PlainConstants {
         bell_inertia: 1e-7 * shaker.bell_inertia_g_cm2,
         rotor_height: [height(1.0), height(-1.0)],
         shaker_height: 1e-3 * shaker.z_mm,
+        gravity: Vec3(model.gravity()),
         legs: model.legs.as_ref().map(|legs| core::array::from_fn(|i| leg(model, legs, i))),
         floor: false,
         ideal: false,

@@ -3,7 +3,6 @@
 use flix_host::pose::Quaternion;
 
 use super::body::{BodyState, Wrench};
-use crate::model::GRAVITY;
 
 /// Natural frequency of the swing on the cords, Hz: at 20 Hz they are less than a thousandth of the robot's inertia.
 const SWING_HZ: f64 = 0.5;
@@ -35,12 +34,18 @@ pub struct Cords {
     /// Centre of mass, m, and orientation of the body when it was hung.
     place: [f64; 3],
     orientation: Quaternion,
+    /// Acceleration of free fall, m/s^2.
+    gravity: [f64; 3],
 }
 
 impl Cords {
     /// Hangs a robot of these mass properties where it is.
-    pub(super) fn holding((_, place, _): MassProperties, body: &BodyState) -> Self {
-        Self { place, orientation: body.orientation.into() }
+    pub(super) fn holding(
+        (_, place, _): MassProperties,
+        body: &BodyState,
+        gravity: [f64; 3],
+    ) -> Self {
+        Self { place, orientation: body.orientation.into(), gravity }
     }
 
     /// Returns the wrench on the body at its origin.
@@ -53,8 +58,9 @@ impl Cords {
         let turned = Quaternion::from(orientation).after(self.orientation.inverse());
         let turned = turned.rotation_vector().coordinates();
         let force: [f64; 3] = core::array::from_fn(|i| {
-            let weight = if i == 2 { GRAVITY } else { 0.0 };
-            mass * (weight - stiffness * (centre[i] - self.place[i]) - damping * velocity[i])
+            mass * (-self.gravity[i]
+                - stiffness * (centre[i] - self.place[i])
+                - damping * velocity[i])
         });
         let [x, y, z]: [f64; 3] = core::array::from_fn(|i| centre[i] - position[i]);
         let [fx, fy, fz] = force;
@@ -70,7 +76,7 @@ impl Cords {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::RobotModel;
+    use crate::model::{GRAVITY, RobotModel};
     use crate::plant::{Mechanics, Plant};
 
     fn robot() -> Plant {

@@ -16,7 +16,7 @@ use super::system::{
     Constants, HINGE_LIMIT, ROTOR_SPEED_LIMIT, Rotor, SPEED_LIMIT, State, TURN_LIMIT, advance,
     multiply, rotation,
 };
-use crate::model::{GRAVITY, ModelError, RobotModel};
+use crate::model::{ModelError, RobotModel};
 use crate::plant::{Diverged, Mechanics, Part};
 
 /// What turns the rotors.
@@ -133,6 +133,7 @@ impl Plant {
             bell_inertia: plain.bell_inertia,
             rotor_height: plain.rotor_height,
             shaker_height: plain.shaker_height,
+            gravity: plain.gravity,
             legs: plain.legs.map(|each| {
                 let mut lanes: LegModel<Quad> = Pack::all(&each[0]);
                 for (lane, leg) in each.iter().enumerate() {
@@ -190,7 +191,11 @@ impl Plant {
     pub fn hang(&mut self, height: f64) {
         self.displace([0.0, 0.0, height], 0.0);
         self.set_floor(false);
-        self.support = Support::Cords(Cords::holding(self.mass_properties(), &self.body()));
+        self.support = Support::Cords(Cords::holding(
+            self.mass_properties(),
+            &self.body(),
+            self.constants.gravity.0,
+        ));
     }
 
     /// Returns whether the robot hangs on cords.
@@ -303,7 +308,7 @@ impl Plant {
     /// the base stands still.
     pub fn shaker_wrench(&self) -> Wrench {
         let (s, r) = (&self.state, &self.state.middle);
-        let weight = Vec3([0.0, 0.0, 2.0 * self.constants.rotor_mass * GRAVITY]);
+        let weight = self.constants.gravity.scale(-2.0 * self.constants.rotor_mass);
         let center = r.column(2).scale(self.constants.shaker_height);
         Wrench {
             force: r.apply_transposed(s.shaker.linear + weight).0,
@@ -445,7 +450,8 @@ impl Plant {
         let (mut kinetic, mut potential) = (0.0, 0.0);
         for (inertia, velocity) in self.parts() {
             kinetic += 0.5 * velocity.dot(inertia.apply(velocity));
-            potential += GRAVITY * (inertia.moment.0[2] + inertia.mass * s.position.0[2]);
+            let moment = inertia.moment + s.position.scale(inertia.mass);
+            potential -= self.constants.gravity.dot(moment);
         }
         if let Some(models) = &self.constants.legs {
             for i in 0..4 {
@@ -544,7 +550,7 @@ impl Mechanics for Plant {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Base;
+    use crate::model::{Base, GRAVITY};
 
     fn plant(name: &str) -> Plant {
         Plant::new(&RobotModel::named(name).unwrap()).unwrap()
@@ -684,6 +690,32 @@ mod tests {
         for angle in [0.2, core::f64::consts::FRAC_PI_4, 1.1, 2.5, 4.0] {
             assert!((braking(angle) / straight - 1.0).abs() < 0.01, "{angle}");
         }
+    }
+
+    #[test]
+    fn on_a_slope_the_robot_stands_up_to_the_angle_of_friction_and_slides_downhill_beyond() {
+        // 0.3 is the tangent of 16.7 degrees.
+        let (mut model, downhill_deg) = (RobotModel::named("W").unwrap(), 110.0);
+        for leg in model.legs.iter_mut().flat_map(|legs| legs.each_mut()) {
+            leg.friction = 0.3;
+        }
+        let velocity = |slope_deg: f64| {
+            let mut model = model.clone();
+            model.contact = crate::model::Contact { slope_deg, downhill_deg, ..model.contact };
+            let mut p = Plant::new(&model).unwrap();
+            run(&mut p, 3.0, 1e-4);
+            let before = p.body().position;
+            run(&mut p, 0.2, 1e-4);
+            let now = p.body().position;
+            [0, 1].map(|axis| (now[axis] - before[axis]) / 0.2)
+        };
+        let [x, y] = velocity(14.0);
+        assert!(x.hypot(y) < 1e-4, "{x} {y}");
+        let [x, y] = velocity(18.5);
+        assert!(
+            (y.atan2(x).to_degrees() - downhill_deg).abs() < 5.0 && x.hypot(y) > 0.1,
+            "{x} {y}"
+        );
     }
 
     #[test]

@@ -3,7 +3,6 @@
 use super::lane::{Lane, sin_cos};
 use super::leg::{BodyStep, LegModel, LegState, LegStep};
 use super::spatial::{Articulated, Mat3, RigidInertia, Spatial, Spread, Sym3, Vec3, solve6};
-use crate::model::GRAVITY;
 
 /// Newton steps after which the grips are taken as they are.
 const NEWTON_LIMIT: usize = 12;
@@ -45,6 +44,8 @@ pub struct Constants<B, L, const G: usize> {
     pub rotor_height: [B; 2],
     /// Height of the shaker's middle, m.
     pub shaker_height: B,
+    /// Acceleration of free fall, world, m/s^2.
+    pub gravity: Vec3<B>,
     /// The legs, if there are any.
     pub legs: Option<[LegModel<L>; G]>,
     /// Is there a floor?
@@ -228,13 +229,12 @@ pub fn advance<B, L, const G: usize>(
     let middle = turned(s.orientation, old.angular, half);
     let frame = rotation(middle);
     let velocity = old + s.acceleration.scale(half);
-    let weight = Vec3::splat([0.0, 0.0, GRAVITY]);
     // Acceleration of every part when nothing unknown accelerates: weight, and the origin's convective part.
     let body = BodyStep {
         frame,
         velocity,
         start: old,
-        bias: Spatial::new(Vec3::zero(), weight - velocity.angular.cross(velocity.linear)),
+        bias: Spatial::new(Vec3::zero(), -c.gravity - velocity.angular.cross(velocity.linear)),
         height: s.position.0[2] + half * old.linear.0[2],
         step: h,
         floor: c.floor,

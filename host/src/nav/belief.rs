@@ -1,0 +1,223 @@
+//! What is believed of the robot at hand, from [`Experience`] and from how it has walked so far.
+//!
+//! Everything that the experience leaves open is one vector of unknowns: the slope along the floor's x and y, the factors
+//! that all pairs share, and what each pair has of its own. Before the first step it has mean zero and the spreads of the
+//! experience. A measured motion is linear in it, so that each stretch of walking corrects all of it at once (a Kalman
+//! filter of constants): who slides in one mode slides in the others.
+
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::experience::{Experience, Walks, numbers};
+use super::geometry::Twist;
+use super::motion::{Motion, REST};
+
+/// Unknowns of the slope, at the beginning of the vector.
+const SLOPE: usize = 2;
+/// Where the unknowns begin that last for a while only: what no pair and no slope explains, m/s, m/s, rad/s.
+const PASSING: usize = SLOPE;
+/// Where the factors begin.
+const FACTORS: usize = PASSING + 3;
+/// Spread of what passes, and the time in which it does, s.
+const PASSING_SPREAD: Twist = Twist { forward: 0.015, lateral: 0.015, yaw: 0.15 };
+const PASSING_TIME: f64 = 3.0;
+/// Spread of a stretch in which the gait changes all the time, besides the noise.
+const CHANGE_SPREAD: Twist = Twist { forward: 0.02, lateral: 0.02, yaw: 0.2 };
+/// Growth of the variance of what a pair has of its own, as a share of the experience's a second: walks wander.
+const WANDER: f64 = 0.01;
+
+/// A belief about one robot; see the module's documentation.
+#[derive(Debug, Clone)]
+pub struct Belief {
+    experience: Arc<Experience>,
+    mean: DVector<f64>,
+    covariance: DMatrix<f64>,
+}
+
+impl Belief {
+    /// Believes what experience says.
+    #[must_use]
+    pub fn new(experience: Arc<Experience>) -> Self {
+        let factors = experience.factors();
+        let own = experience.walks().iter().flat_map(|walks| numbers(walks.own));
+        let spreads: Vec<f64> = [experience.slope; SLOPE]
+            .into_iter()
+            .chain(numbers(PASSING_SPREAD))
+            .chain((0..factors).map(|_| 1.0))
+            .chain(own)
+            .collect();
+        let covariance = DMatrix::from_diagonal(&DVector::from_iterator(
+            spreads.len(),
+            spreads.iter().map(|s| s * s),
+        ));
+        Self { mean: DVector::zeros(spreads.len()), covariance, experience }
+    }
+
+    /// Takes the mean motion of a stretch of `seconds` with this mean heading (rad). `shares`: how much of it was in which
+    /// mode, counted as in the list of motions, rest first.
+    pub fn observe(
+        &mut self,
+        shares: &[(usize, f64)],
+        heading: f64,
+        measured: Twist,
+        seconds: f64,
+    ) {
+        let experience = Arc::clone(&self.experience);
+        let walked = shares.iter().filter(|(mode, share)| *mode != REST && *share > 0.0);
+        let walked: Vec<(usize, &Walks, f64)> =
+            walked.map(|(mode, share)| (mode - 1, &experience.walks()[mode - 1], *share)).collect();
+        if walked.is_empty() {
+            return;
+        }
+        self.pass(seconds);
+        let (sin, cos) = heading.sin_cos();
+        for axis in 0..3 {
+            let of = |twist: Twist| numbers(twist)[axis];
+            let (mut expected, mut noise) = (0.0, 0.0);
+            let mut row: Vec<(usize, f64)> = Vec::new();
+            for (pair, walks, share) in &walked {
+                expected += share * of(walks.mean);
+                noise += share * of(walks.noise).powi(2);
+                let [ahead, left] = walks.slide.map(of);
+                row.push((0, share * (ahead * cos - left * sin)));
+                row.push((1, share * (ahead * sin + left * cos)));
+                let factors = walks.factors.iter().enumerate();
+                row.extend(factors.map(|(k, factor)| (FACTORS + k, share * of(*factor))));
+                let own = FACTORS + experience.factors() + 3 * pair + axis;
+                row.push((own, *share));
+                self.covariance[(own, own)] += WANDER * seconds * of(walks.own).powi(2);
+            }
+            row.push((PASSING + axis, 1.0));
+            // A stretch in which the gait changes tells less.
+            let steady = walked.iter().map(|(_, _, share)| share * share).sum::<f64>().min(1.0);
+            noise *= experience.stretch / seconds;
+            noise += (1.0 - steady) * of(CHANGE_SPREAD).powi(2);
+            self.correct(&row, of(measured) - expected, noise);
+        }
+    }
+
+    /// Lets time pass.
+    fn pass(&mut self, seconds: f64) {
+        let kept = (-seconds / PASSING_TIME).exp();
+        for (axis, spread) in numbers(PASSING_SPREAD).into_iter().enumerate() {
+            let index = PASSING + axis;
+            self.mean[index] *= kept;
+            self.covariance.row_mut(index).scale_mut(kept);
+            self.covariance.column_mut(index).scale_mut(kept);
+            self.covariance[(index, index)] += (1.0 - kept * kept) * spread.powi(2);
+        }
+    }
+
+    /// Corrects by one number: the sum of unknowns by these weights, measured with noise of this variance.
+    fn correct(&mut self, row: &[(usize, f64)], measured: f64, noise: f64) {
+        let mut along = DVector::zeros(self.mean.len());
+        for (index, weight) in row {
+            along.axpy(*weight, &self.covariance.column(*index), 1.0);
+        }
+        let weigh = |values: &DVector<f64>| row.iter().map(|(i, w)| w * values[*i]).sum::<f64>();
+        let variance = noise + weigh(&along);
+        let surprise = measured - weigh(&self.mean);
+        self.mean.axpy(surprise / variance, &along, 1.0);
+        self.covariance.ger(-1.0 / variance, &along, &along, 1.0);
+    }
+
+    /// Writes the expected motions of this robot into the list of motions, rest first.
+    ///
+    /// # Panics
+    /// If the list is not that of the experience's table.
+    pub fn tell(&self, motions: &mut [Motion]) {
+        let factors = self.experience.factors();
+        let (x, y) = (self.mean[0], self.mean[1]);
+        for (pair, walks) in self.experience.walks().iter().enumerate() {
+            let own = FACTORS + factors + 3 * pair;
+            let mut twist = walks.mean.plus(Twist {
+                forward: self.mean[own] + self.mean[PASSING],
+                lateral: self.mean[own + 1] + self.mean[PASSING + 1],
+                yaw: self.mean[own + 2] + self.mean[PASSING + 2],
+            });
+            for (k, factor) in walks.factors.iter().enumerate() {
+                twist = twist.plus(factor.scaled(self.mean[FACTORS + k]));
+            }
+            let [ahead, left] = walks.slide;
+            let motion = &mut motions[pair + 1];
+            motion.twist = twist;
+            motion.slide =
+                [ahead.scaled(x).plus(left.scaled(y)), ahead.scaled(y).plus(left.scaled(-x))];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::experience::tests::quicker_and_slower;
+    use super::super::motion::motions;
+    use super::*;
+
+    const FORWARD: usize = 1;
+    const LEFT: usize = 3;
+
+    /// What is believed after `stretches` of 0.3 s in a mode, of a robot that moves so at this heading.
+    fn after(stretches: u32, mode: usize, moves: impl Fn(f64, Twist) -> Twist) -> Vec<Motion> {
+        let experience = Arc::new(quicker_and_slower());
+        let mut motions = motions(&experience.table());
+        let known = motions[mode].twist;
+        let mut belief = Belief::new(experience);
+        for stretch in 0..stretches {
+            let heading = 0.2 * f64::from(stretch);
+            belief.observe(&[(mode, 1.0)], heading, moves(heading, known), 0.3);
+        }
+        belief.tell(&mut motions);
+        motions
+    }
+
+    #[test]
+    fn before_the_first_step_all_is_as_experience_says() {
+        let before = after(0, FORWARD, |_, known| known);
+        assert_eq!(before, motions(&quicker_and_slower().table()));
+    }
+
+    #[test]
+    fn a_robot_that_walks_slower_is_expected_to_turn_slower() {
+        let usual = motions(&quicker_and_slower().table())[LEFT].twist.yaw;
+        let slower = after(30, FORWARD, |_, known| known.scaled(0.5));
+        let share = slower[LEFT].twist.yaw / usual;
+        assert!((0.45..0.7).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn a_slope_is_found_and_expected_in_every_mode() {
+        // It falls towards x: a robot that faces there is faster by 0.05 m/s.
+        let found = after(60, FORWARD, |heading, known| {
+            known.plus(Twist {
+                forward: 0.05 * heading.cos(),
+                lateral: -0.02 * heading.sin(),
+                yaw: 0.0,
+            })
+        });
+        let usual = motions(&quicker_and_slower().table())[LEFT].twist;
+        let downhill = found[LEFT].at(0.0).forward - usual.forward;
+        let uphill = found[LEFT].at(core::f64::consts::PI).forward - usual.forward;
+        assert!(
+            (downhill - 0.05).abs() < 0.015 && (uphill + 0.05).abs() < 0.015,
+            "{downhill} {uphill}"
+        );
+    }
+
+    #[test]
+    fn what_no_pair_explains_passes() {
+        let experience = Arc::new(quicker_and_slower());
+        let mut belief = Belief::new(Arc::clone(&experience));
+        let mut motions = motions(&experience.table());
+        let known = motions[FORWARD].twist;
+        let off = known.plus(Twist { forward: 0.02, lateral: 0.0, yaw: 0.0 });
+        let mut last = 0.0;
+        for stretch in 0..80 {
+            belief.observe(&[(FORWARD, 1.0)], 0.3, if stretch < 10 { off } else { known }, 0.3);
+            belief.tell(&mut motions);
+            last = motions[FORWARD].at(0.3).forward - known.forward;
+            assert!(stretch != 9 || last > 0.012, "{last}");
+        }
+        assert!(last.abs() < 0.004, "{last}");
+    }
+}
