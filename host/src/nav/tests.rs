@@ -3,10 +3,12 @@
 
 use std::collections::VecDeque;
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 use std::time::Duration;
 
 use flix_protocol::units::Instant;
 
+use super::experience::tests::quicker_and_slower;
 use super::modes::tests::model_w;
 use super::*;
 use crate::pose::{Pose, PoseSample, Quaternion};
@@ -478,5 +480,38 @@ fn a_robot_away_from_its_path_walks_there_unless_that_is_forbidden() {
                 ),
             }
         }
+    }
+}
+
+#[test]
+fn the_learned_controller_needs_experience() {
+    let settings = Settings::for_task(&eight(1)).steered_by(ControllerKind::Learned);
+    let refused = Navigator::new(eight(1), &model_w(), settings).err();
+    assert_eq!(refused, Some(NavigatorError::NoExperience));
+}
+
+#[test]
+fn by_experience_a_slow_robot_on_a_slope_follows_the_figure_eight_within_40_mm() {
+    let experience = Arc::new(quicker_and_slower());
+    for (seed, downhill) in [(1, 0.0), (2, 2.0)] {
+        let mut run =
+            Run::new(eight(1), ControllerKind::Predictive, GOOD, seed, PlanarPose::default());
+        let settings = Settings { latency: GOOD.latency, ..Settings::for_task(&eight(1)) }
+            .steered_by(ControllerKind::Learned);
+        let repertoire = Repertoire::Experience(Arc::clone(&experience));
+        run.navigator = Navigator::new(eight(1), repertoire, settings).unwrap();
+        for motion in &mut run.walker.truth[1..] {
+            motion.twist = motion.twist.scaled(0.7);
+            let (x, y) = (0.02 * f64::cos(downhill), 0.02 * f64::sin(downhill));
+            motion.slide = [
+                Twist { forward: x, lateral: 0.4 * y, yaw: 0.0 },
+                Twist { forward: y, lateral: -0.4 * x, yaw: 0.0 },
+            ];
+        }
+        run.walker.response = Response::MEASURED;
+        run.until_end(600.0);
+        assert_eq!(run.last, Decision::Finished, "{:?}", run.navigator.progress());
+        let rms = run.navigator.progress().error_rms;
+        assert!(rms < 0.04, "seed {seed}: {rms}");
     }
 }

@@ -75,7 +75,6 @@ impl Cords {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::model::{GRAVITY, RobotModel};
     use crate::plant::{Mechanics, Plant};
 
