@@ -6,6 +6,8 @@
 //!   nearest point on the branch the robot is on.
 //! - The **predictive** controller chooses among all modes by their predicted future
 //!   ([`predictive`]); the **two-state** controller is the paper's ([`two_state`]).
+//! - The **learned** controller searches as the predictive one does, but has no table: it begins with the
+//!   [`Experience`] of many robots, keeps a [`Belief`] about the one at hand, and judges by its [`Pace`].
 //! - A **decision** is what to command now ([`Navigator::decide`]).
 //! - **Identification** measures the motion of each mode ([`Identification`]).
 //!

@@ -11,11 +11,22 @@ of robots, each with its own model, start and shaking, is stepped by the simulat
     (32, 3)
 """
 
-from ._flixwalker import Film, Model, models, paper_pairs
+from ._flixwalker import Film, Model, Robot, models, paper_pairs
 from .batch import Batch
-from .table import mobility, read_table, walk
+from .table import mobility, read_record, read_table, walk
 
-__all__ = ["Batch", "Film", "Model", "mobility", "models", "paper_pairs", "read_table", "walk"]
+__all__ = [
+    "Batch",
+    "Film",
+    "Model",
+    "Robot",
+    "mobility",
+    "models",
+    "paper_pairs",
+    "read_record",
+    "read_table",
+    "walk",
+]
 
 try:
     import gymnasium as _gymnasium

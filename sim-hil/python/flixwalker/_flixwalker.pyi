@@ -18,6 +18,10 @@ class Model:
     @staticmethod
     def random(seed: int) -> Model:
         """Draw a robot that nobody has built."""
+    def scattered(self, share: float, seed: int) -> Model:
+        """Return the same robot built again: every number of its mechanics off by this share (standard deviation)."""
+    def stranger(self, seed: int) -> Model:
+        """Return it with other friction left and right, 50 g somewhere, other legs, on a floor that may fall."""
     @property
     def name(self) -> str: ...
     def to_toml(self) -> str: ...
@@ -48,6 +52,70 @@ class Batch:
     def model(self, robot: int) -> Model: ...
     def run(self, seconds: float, step: float = 1e-4) -> None:
         """Advance all robots by so many seconds in steps of 1e-6 to 1e-3 s; other Python threads run meanwhile."""
+
+class Robot:
+    """Create one robot with its own software, just powered up, and an operator who connects to it over a link.
+
+    All times are the robot's. Slower than a `Batch`: some 20 times real time.
+
+    Parameters
+    ----------
+    model
+        The robot.
+    seed
+        Of its wiring, sensor errors, noise and start.
+    heading
+        At the start, rad, positive to the left.
+    latency, loss
+        Of the link, each way: 0 to 10 s; share of datagrams, 0 to 0.9.
+
+    Raises
+    ------
+    ValueError
+        If the model is refused or cannot walk, or a value is out of its range.
+    RuntimeError
+        From every method: the robot refused, has a fault, or did not answer; the sentence says what.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        seed: int = 0,
+        heading: float = 0.0,
+        latency: float = 0.005,
+        loss: float = 0.0,
+    ) -> None: ...
+    def arm(self) -> None:
+        """Connect, align the motors if need be, and arm: some seconds of the robot's time."""
+    def disarm(self) -> None: ...
+    def drive(self, f_hz: float, theta_deg: float) -> None:
+        """Command f (-35 to 35 Hz) and theta (-90 to 90 degrees, right positive) from now on; `run` lets it happen."""
+    def run(self, seconds: float) -> None: ...
+    def setting(self, name: str, value: float | None = None) -> float:
+        """Return a setting of the software, as `flix parameters list` names it; set it first if a value is given."""
+    @property
+    def time(self) -> float:
+        """Since power-up, s."""
+    @property
+    def state(self) -> str:
+        """Of the robot's software, for example ``"armed"``."""
+    @property
+    def faults(self) -> str: ...
+    @property
+    def position(self) -> list[float]:
+        """Of the body's origin in the world, m."""
+    @property
+    def yaw(self) -> float:
+        """Heading, rad, positive to the left."""
+    @property
+    def f_hz(self) -> float:
+        """At which it truly shakes."""
+    @property
+    def theta_deg(self) -> float:
+        """In which it truly shakes, -90 to 90."""
+    @property
+    def energy(self) -> float:
+        """Given by the battery so far, J."""
 
 class Film:
     """What was seen of a robot, as a page for the browser: a frame every `interval` seconds, and a path on the floor."""

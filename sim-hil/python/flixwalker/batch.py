@@ -86,12 +86,27 @@ class Batch(_flixwalker.Batch):
             rad, positive to the left; 0 if none are given.
         """
         super().reset(
-            [int(seed) for seed in np.atleast_1d(seeds)],
+            whole_seeds(seeds),
             _whole(robots),
             None if models is None else list(models),
             None if positions is None else np.ascontiguousarray(positions, dtype=np.float64),
             None if headings is None else _numbers(headings),
         )
+
+
+def whole_seeds(seeds: ArrayLike) -> list[int]:
+    """Return seeds as whole numbers.
+
+    Raises
+    ------
+    ValueError
+        If one of them is none, or outside 0 to 2**64 - 1.
+    """
+    whole = [int(seed) for seed in np.atleast_1d(np.asarray(seeds, dtype=object)).ravel()]
+    for seed in whole:
+        if not 0 <= seed < 2**64:
+            raise ValueError(f"a seed is {seed}: choose whole numbers from 0 to 2**64 - 1")
+    return whole
 
 
 def _numbers(values: ArrayLike) -> np.ndarray:

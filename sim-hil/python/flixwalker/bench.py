@@ -81,7 +81,8 @@ def main() -> None:
                 if not args.json:
                     print(f"{name}: left out ({error})")
     if args.json:
-        print(json.dumps({"threads": args.threads, "robots": args.robots, "steps_per_s": best}))
+        rates = {name: None if np.isnan(rate) else rate for name, rate in best.items()}
+        print(json.dumps({"threads": args.threads, "robots": args.robots, "steps_per_s": rates}))
         return
     print(f"model {args.model}, 0.1 ms, {args.threads} threads, best of {ROUNDS}")
     for name, rate in best.items():

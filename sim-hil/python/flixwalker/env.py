@@ -99,6 +99,11 @@ class FlixWalkerVectorEnv(VectorEnv):
         self.path = figure_eight() if path is None else np.asarray(path, dtype=np.float64)
         if self.path.ndim != 2 or self.path.shape[1] != 2 or len(self.path) < 3:
             raise ValueError(f"path has the shape {self.path.shape}: give (k, 2), three points at least")
+        for field, (low, high) in self.randomize.items():
+            if not low <= high:
+                raise ValueError(f"randomize has {low} to {high} for {field}: give (low, high)")
+            self._drawn_at({field: low})
+            self._drawn_at({field: high})
         self.interval = interval
         self.step_s = step
         self.limit = max(1, round(seconds / interval))
@@ -123,13 +128,20 @@ class FlixWalkerVectorEnv(VectorEnv):
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Put all robots, or those of ``options["reset_mask"]``, to new starts."""
+        mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs)), dtype=bool)
+        if mask.shape != (self.num_envs,):
+            raise ValueError(f"reset_mask has the shape {mask.shape}: give ({self.num_envs},)")
         if isinstance(seed, (int, np.integer)):
             seed = [int(seed) + robot for robot in range(self.num_envs)]
-        if seed is not None or not hasattr(self, "random"):
-            seeds = seed or [None] * self.num_envs
-            self.random = [np.random.default_rng(each) for each in seeds]
+        if not hasattr(self, "random"):
+            self.random = [np.random.default_rng() for _ in range(self.num_envs)]
+        if seed is not None:
+            seeds = [None if each is None else int(each) for each in seed]
+            if len(seeds) != self.num_envs:
+                raise ValueError(f"{len(seeds)} seeds for {self.num_envs} robots: give one, or one a robot")
+            for robot in np.flatnonzero(mask):
+                self.random[robot] = np.random.default_rng(seeds[robot])
             self._np_random = self.random[0]
-        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, dtype=bool))
         self._begin(np.flatnonzero(mask))
         return self._observe(), {}
 
@@ -167,7 +179,10 @@ class FlixWalkerVectorEnv(VectorEnv):
 
     def _drive(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if isinstance(self.single_action_space, spaces.Discrete):
-            f, theta = self.modes[np.asarray(actions)].T
+            chosen = np.asarray(actions)
+            if ((chosen < 0) | (chosen >= len(self.modes))).any():
+                raise ValueError(f"an action is not a mode: choose 0 to {len(self.modes) - 1}")
+            f, theta = self.modes[chosen].T
         else:
             actions = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
             f, theta = FASTEST_HZ * actions[:, 0], 90.0 * actions[:, 1]
@@ -210,9 +225,13 @@ class FlixWalkerVectorEnv(VectorEnv):
             self.film.shoot(self.batch, 0)
 
     def _drawn(self, random: np.random.Generator) -> Model:
+        return self._drawn_at(
+            {paths: random.uniform(low, high) for paths, (low, high) in self.randomize.items()}
+        )
+
+    def _drawn_at(self, factors: Mapping[str | tuple[str, ...], float]) -> Model:
         fields = {}
-        for paths, (low, high) in self.randomize.items():
-            factor = random.uniform(low, high)
+        for paths, factor in factors.items():
             for path in (paths,) if isinstance(paths, str) else paths:
                 fields[path] = factor * self.model[path]
         return self.model.replace(fields) if fields else self.model

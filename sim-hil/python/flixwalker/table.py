@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from . import _flixwalker
 from ._flixwalker import Model
+from .batch import whole_seeds
 
 if TYPE_CHECKING:
     import pandas
@@ -61,7 +63,7 @@ def walk(
         np.arange(len(given)),
         np.asarray(f_hz, dtype=np.float64),
         np.asarray(theta_deg, dtype=np.float64),
-        np.asarray(seeds, dtype=np.uint64),
+        np.array(whole_seeds(seeds), dtype=np.uint64).reshape(np.shape(seeds)),
     )
     which, f, theta, seed = (np.atleast_1d(column).ravel().copy() for column in (which, f, theta, seed))
     walked = _flixwalker.walk(
@@ -101,3 +103,31 @@ def read_table(path: str | os.PathLike[str]) -> pyarrow.Table:
     import pyarrow.parquet
 
     return pyarrow.parquet.read_table(path)
+
+
+def read_record(path: str | os.PathLike[str]) -> dict[str, pandas.DataFrame]:
+    """Read the record of a run (MCAP) as a data frame for each topic, a row a message. Needs pandas and mcap.
+
+    The index is the time of the message, s from the first; nested fields are columns with dots, as in ``pose.position.x``.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    """
+    import pandas
+    from mcap.reader import make_reader
+
+    rows: dict[str, list[dict[str, object]]] = {}
+    times: dict[str, list[int]] = {}
+    with open(path, "rb") as file:
+        for _, channel, message in make_reader(file).iter_messages():
+            rows.setdefault(channel.topic, []).append(json.loads(message.data))
+            times.setdefault(channel.topic, []).append(message.log_time)
+    begin = min((each[0] for each in times.values()), default=0)
+    frames = {}
+    for topic, messages in rows.items():
+        frame = pandas.json_normalize(messages)
+        frame.index = pandas.Index((np.array(times[topic]) - begin) * 1e-9, name="seconds")
+        frames[topic] = frame
+    return frames

@@ -3,9 +3,10 @@
 use flix_sim::batch::{Batch as Engine, Precision};
 use flix_sim::experiment::walk::Start;
 use flix_sim::plant::Plant;
+use numpy::ndarray::Dimension;
 use numpy::{
-    PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1, PyReadonlyArray2,
-    PyUntypedArrayMethods as _,
+    PyArray, PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1, PyReadonlyArray2,
+    PyReadwriteArray, PyUntypedArrayMethods as _,
 };
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
@@ -51,6 +52,16 @@ fn each(values: &PyReadonlyArray1<'_, f64>, robots: usize, what: &str) -> PyResu
     }
 }
 
+/// Opens an array of the batch for writing.
+fn open<'py, T: numpy::Element, D: Dimension>(
+    py: Python<'py>,
+    array: &Py<PyArray<T, D>>,
+) -> PyResult<PyReadwriteArray<'py, T, D>> {
+    array.bind(py).try_readwrite().map_err(|_| {
+        PyValueError::new_err("an array of this batch has been made read-only: copy it instead")
+    })
+}
+
 impl Batch {
     /// The robots asked for, all if none are named.
     fn chosen(&self, robots: Option<Vec<i64>>) -> PyResult<Vec<usize>> {
@@ -67,13 +78,17 @@ impl Batch {
     }
 
     /// Writes what the robots do now into the arrays.
-    fn show(&self, py: Python<'_>) {
-        let row = |array: &Py<PyArray2<f64>>| array.bind(py).readwrite();
-        let (mut position, mut orientation) = (row(&self.position), row(&self.orientation));
-        let (mut velocity, mut angular) = (row(&self.velocity), row(&self.angular_velocity));
-        let mut yaw = self.yaw.bind(py).readwrite();
-        let mut energy = self.energy.bind(py).readwrite();
-        let mut alive = self.alive.bind(py).readwrite();
+    ///
+    /// # Errors
+    /// If somebody has made one of them read-only.
+    fn show(&self, py: Python<'_>) -> PyResult<()> {
+        let (mut position, mut orientation) =
+            (open(py, &self.position)?, open(py, &self.orientation)?);
+        let (mut velocity, mut angular) =
+            (open(py, &self.velocity)?, open(py, &self.angular_velocity)?);
+        let mut yaw = open(py, &self.yaw)?;
+        let mut energy = open(py, &self.energy)?;
+        let mut alive = open(py, &self.alive)?;
         let (mut position, mut orientation) = (position.as_array_mut(), orientation.as_array_mut());
         let (mut velocity, mut angular) = (velocity.as_array_mut(), angular.as_array_mut());
         let (mut yaw, mut energy, mut alive) =
@@ -92,6 +107,7 @@ impl Batch {
             energy[robot] = self.engine.motor_work(robot);
             alive[robot] = self.engine.diverged(robot).is_none();
         }
+        Ok(())
     }
 }
 
@@ -134,7 +150,7 @@ impl Batch {
             energy: PyArray1::zeros(py, n, false).unbind(),
             alive: PyArray1::zeros(py, n, false).unbind(),
         };
-        batch.show(py);
+        batch.show(py)?;
         Ok(batch)
     }
 
@@ -203,8 +219,7 @@ impl Batch {
             }
             self.engine.place(*robot, model, &plant).map_err(refused)?;
         }
-        self.show(py);
-        Ok(())
+        self.show(py)
     }
 
     #[pyo3(signature = (f_hz, theta_rad, robots = None))]
@@ -251,8 +266,7 @@ impl Batch {
             py.check_signals()?;
             left -= now;
         }
-        self.show(py);
-        Ok(())
+        self.show(py)
     }
 
     fn __repr__(&self) -> String {

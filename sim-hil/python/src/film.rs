@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use flix_sim::view::Film as Frames;
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
@@ -28,8 +29,13 @@ impl Film {
 impl Film {
     #[new]
     #[pyo3(signature = (model, interval = 0.005, reference = Vec::new()))]
-    fn new(model: &Model, interval: f64, reference: Vec<[f64; 2]>) -> Self {
-        Self { frames: Frames::new(&model.0, interval), reference }
+    fn new(model: &Model, interval: f64, reference: Vec<[f64; 2]>) -> PyResult<Self> {
+        if !(1e-4..=1e3).contains(&interval) {
+            return Err(PyValueError::new_err(format!(
+                "interval is {interval} s: choose 0.0001 to 1000 s"
+            )));
+        }
+        Ok(Self { frames: Frames::new(&model.0, interval), reference })
     }
 
     fn shoot(&mut self, batch: &Batch, robot: i64) -> PyResult<()> {

@@ -4,6 +4,7 @@
 mod batch;
 mod film;
 mod model;
+mod robot;
 mod walk;
 
 use pyo3::prelude::*;
@@ -16,6 +17,8 @@ mod _flixwalker {
     use super::film::Film;
     #[pymodule_export]
     use super::model::{Model, models};
+    #[pymodule_export]
+    use super::robot::Robot;
     #[pymodule_export]
     use super::walk::{paper_pairs, walk};
 }

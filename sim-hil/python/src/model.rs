@@ -1,9 +1,9 @@
 //! A robot as data.
 
 use flix_sim::model::mjcf::mjcf;
-use flix_sim::model::{NAMES, RobotModel, random};
+use flix_sim::model::{NAMES, RobotModel, random, scattered, stranger};
 use flix_sim::plant::mechanics::reference_contact;
-use pyo3::exceptions::PyKeyError;
+use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::Value;
@@ -38,7 +38,13 @@ fn to_python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>>
 }
 
 fn from_python(value: &Bound<'_, PyAny>) -> PyResult<Value> {
-    let text: String = value.py().import("json")?.call_method1("dumps", (value,))?.extract()?;
+    let py = value.py();
+    // Numbers and arrays of numpy become plain ones.
+    let plain = py.import("operator")?.call_method1("methodcaller", ("tolist",))?;
+    let options = PyDict::new(py);
+    options.set_item("default", plain)?;
+    let text: String =
+        py.import("json")?.call_method("dumps", (value,), Some(&options))?.extract()?;
     serde_json::from_str(&text).map_err(refused)
 }
 
@@ -59,6 +65,17 @@ impl Model {
         Self(random(seed))
     }
 
+    fn scattered(&self, share: f64, seed: u64) -> PyResult<Self> {
+        if !(0.0..=0.2).contains(&share) {
+            return Err(PyValueError::new_err(format!("share is {share}: choose 0 to 0.2")));
+        }
+        Ok(Self(scattered(&self.0, share, seed)))
+    }
+
+    fn stranger(&self, seed: u64) -> Self {
+        Self(stranger(&self.0, seed))
+    }
+
     #[getter]
     fn name(&self) -> &str {
         &self.0.name
@@ -72,8 +89,13 @@ impl Model {
         to_python(py, &tree(&self.0)?)
     }
 
-    fn mjcf(&self, step: f64) -> String {
-        mjcf(&self.0, step, reference_contact(&self.0))
+    fn mjcf(&self, step: f64) -> PyResult<String> {
+        if !(1e-6..=1e-1).contains(&step) {
+            return Err(PyValueError::new_err(format!(
+                "step is {step} s: choose 0.000001 to 0.1 s"
+            )));
+        }
+        Ok(mjcf(&self.0, step, reference_contact(&self.0)))
     }
 
     fn __getitem__<'py>(&self, py: Python<'py>, path: &str) -> PyResult<Bound<'py, PyAny>> {

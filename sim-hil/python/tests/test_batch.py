@@ -98,3 +98,14 @@ def test_a_film_becomes_a_page() -> None:
         film.shoot(batch, 0)
         batch.run(0.01)
     assert "<title>a walk" in film.to_html("a walk")
+
+
+def test_a_seed_that_is_none_and_a_read_only_array_are_refused() -> None:
+    batch = Batch([MODEL] * 2)
+    with pytest.raises(ValueError, match="a seed is -1"):
+        batch.reset([0, -1])
+    with pytest.raises(ValueError, match="a seed is -3"):
+        walk(MODEL, 30.0, 0.0, seeds=-3, seconds=0.1)
+    batch.position.flags.writeable = False
+    with pytest.raises(ValueError, match="read-only"):
+        batch.run(1e-3)

@@ -80,3 +80,30 @@ def test_the_first_robots_episode_is_a_page() -> None:
 def test_a_wrong_word_is_refused_with_the_right_ones() -> None:
     with pytest.raises(ValueError, match="path, home, speed, transport"):
         FlixWalkerVectorEnv(1, "fly")
+
+
+def test_a_reset_of_some_robots_leaves_the_others_as_they_were() -> None:
+    envs = FlixWalkerVectorEnv(3, "home", **SHORT)
+    envs.reset(seed=1)
+    before = [random.bit_generator.state for random in envs.random]
+    seen, _ = envs.reset(seed=[7, 8, 9], options={"reset_mask": np.array([False, True, False])})
+    after = [random.bit_generator.state for random in envs.random]
+    assert before[0] == after[0] and before[2] == after[2] and before[1] != after[1]
+    alone = FlixWalkerVectorEnv(3, "home", **SHORT)
+    assert (alone.reset(seed=np.array([7, 8, 9]))[0][1] == seen[1]).all()
+
+
+def test_what_cannot_be_is_refused_at_once_in_a_sentence() -> None:
+    with pytest.raises(KeyError, match="no field legs.colour"):
+        FlixWalkerVectorEnv(1, randomize={"legs.colour": (0.5, 1.5)})
+    with pytest.raises(ValueError, match="give .low, high."):
+        FlixWalkerVectorEnv(1, randomize={"legs.fl.friction": (1.5, 0.5)})
+    with pytest.raises(ValueError, match="friction = .* is outside"):
+        FlixWalkerVectorEnv(1, randomize={"legs.fl.friction": (0.5, 100.0)})
+    envs = FlixWalkerVectorEnv(2, actions="modes", **SHORT)
+    with pytest.raises(ValueError, match="2 robots"):
+        envs.reset(seed=[1, 2, 3])
+    envs.reset(seed=1)
+    for mode in (-1, 9):
+        with pytest.raises(ValueError, match="choose 0 to 8"):
+            envs.step(np.array([0, mode]))

@@ -2,6 +2,7 @@
 
 import pickle
 
+import numpy as np
 import pytest
 
 import flixwalker
@@ -34,3 +35,26 @@ def test_what_is_refused_says_which_key_and_what_it_may_be() -> None:
 def test_every_shipped_model_loads() -> None:
     assert "W" in flixwalker.models()
     assert all(Model(name).name for name in flixwalker.models())
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    changed = Model("W").replace(
+        {"legs.fl.friction": np.float32(0.25), "core.size_mm": np.array([50, 51, 52])}
+    )
+    assert changed["legs.fl.friction"] == 0.25 and changed["core.size_mm"] == [50.0, 51.0, 52.0]
+
+
+def test_robots_that_are_built_again_and_strangers_differ_and_can_walk() -> None:
+    model = Model("W")
+    again, stranger = model.scattered(0.02, 7), model.stranger(7)
+    assert again != model and stranger != model
+    assert stranger == Model("stranger-7")
+    flixwalker.Batch([again, stranger])
+
+
+@pytest.mark.parametrize("step", [0.0, -1.0, float("nan")])
+def test_a_step_or_interval_that_is_none_is_refused(step: float) -> None:
+    with pytest.raises(ValueError, match="step is"):
+        Model("W").mjcf(step)
+    with pytest.raises(ValueError, match="interval is"):
+        flixwalker.Film(Model("W"), step)

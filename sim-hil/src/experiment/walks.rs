@@ -7,8 +7,8 @@ use crate::batch::{Batch, Precision};
 use crate::model::RobotModel;
 use crate::plant::mechanics::lane::{Lane as _, Single};
 
-/// Time between two looks at the robots, s: twenty in a turn at 100 Hz.
-const LOOK: f64 = 5e-4;
+/// Time between two looks at the robots, s: ten in a turn at 100 Hz.
+const LOOK: f64 = 1e-3;
 /// Walks that fill the lanes of a block.
 pub const TOGETHER: usize = Single::LANES;
 

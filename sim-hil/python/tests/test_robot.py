@@ -1,0 +1,65 @@
+"""One robot with firmware and link, and the records of runs."""
+
+import pytest
+
+import flixwalker
+from flixwalker import Model, Robot
+
+
+def test_an_armed_robot_shakes_as_it_is_driven_and_walks() -> None:
+    robot = Robot(Model("W"), seed=3, latency=0.02, loss=0.05)
+    assert robot.state == "disarmed"
+    robot.arm()
+    robot.drive(f_hz=-30.0, theta_deg=30.0)
+    robot.run(2.0)
+    assert robot.f_hz == pytest.approx(-30.0, abs=1.0)
+    assert robot.theta_deg == pytest.approx(30.0, abs=5.0)
+    assert robot.position[0] ** 2 + robot.position[1] ** 2 > 0.05**2
+    assert robot.energy > 1.0
+    robot.drive(0.0, 0.0)
+    robot.run(1.0)
+    robot.disarm()
+    robot.run(0.5)
+    assert robot.state == "disarmed" and abs(robot.f_hz) < 1.0
+
+
+def test_the_same_seed_gives_the_same_run() -> None:
+    def end(seed: int) -> list[float]:
+        robot = Robot(Model("W"), seed=seed)
+        robot.arm()
+        robot.drive(25.0, 0.0)
+        robot.run(0.3)
+        return robot.position
+
+    assert end(1) == end(1) != end(2)
+
+
+def test_settings_are_read_and_written_and_refusals_are_sentences() -> None:
+    robot = Robot(Model("W"))
+    assert robot.setting("frequency_ramp", 100.0) == 100.0
+    assert robot.setting("frequency_ramp") == 100.0
+    with pytest.raises(RuntimeError):
+        robot.setting("no_such_setting")
+    with pytest.raises(ValueError):
+        robot.drive(200.0, 0.0)
+    with pytest.raises(ValueError, match="seconds is NaN"):
+        robot.run(float("nan"))
+    with pytest.raises(ValueError, match="latency -1"):
+        Robot(Model("W"), latency=-1.0)
+
+
+def test_a_record_is_a_data_frame_for_each_topic(tmp_path) -> None:
+    mcap = pytest.importorskip("mcap.writer")
+    file = tmp_path / "run.mcap"
+    with open(file, "wb") as out:
+        writer = mcap.Writer(out)
+        writer.start()
+        schema = writer.register_schema("pose", "jsonschema", b"{}")
+        channel = writer.register_channel("/pose", "json", schema)
+        for second in (5, 6):
+            writer.add_message(channel, second * 10**9, b'{"pose": {"x": %d}}' % second, second * 10**9)
+        writer.finish()
+    frames = flixwalker.read_record(file)
+    assert list(frames) == ["/pose"]
+    assert frames["/pose"].index.tolist() == [0.0, 1.0]
+    assert frames["/pose"]["pose.x"].tolist() == [5, 6]
