@@ -21,7 +21,8 @@ const SLICE: Duration = Duration::from_millis(100);
 /// Creates a robot that has just been powered up, and an operator who connects to it.
 #[pyclass(module = "flixwalker", unsendable)]
 pub struct Robot {
-    operation: Operation<Plant>,
+    // Its vectors are aligned more strictly than Python aligns its objects.
+    operation: Box<Operation<Plant>>,
 }
 
 /// Tells Python what the robot did not do, in its own words.
@@ -57,7 +58,8 @@ impl Robot {
             loss,
             ..ChannelParameters::PERFECT
         };
-        Ok(Self { operation: Operation::new(SimulatedRobot::new(parameters, plant), network) })
+        let robot = SimulatedRobot::new(parameters, plant);
+        Ok(Self { operation: Box::new(Operation::new(robot, network)) })
     }
 
     fn arm(&mut self) -> PyResult<()> {
