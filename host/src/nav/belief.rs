@@ -2,8 +2,8 @@
 //!
 //! Everything that the experience leaves open is one vector of unknowns: the slope along the floor's x and y, the factors
 //! that all pairs share, and what each pair has of its own. Before the first step it has mean zero and the spreads of the
-//! experience. A measured motion is linear in it, so that each stretch of walking corrects all of it at once (a Kalman
-//! filter of constants): who slides in one mode slides in the others.
+//! experience. A measured motion is nearly linear in it, so that each stretch of walking corrects all of it at once (an
+//! extended Kalman filter of constants): who slides in one mode slides in the others.
 
 use std::sync::Arc;
 
@@ -71,7 +71,7 @@ impl Belief {
             return;
         }
         self.pass(seconds);
-        let (sin, cos) = heading.sin_cos();
+        let lean = self.lean(heading);
         for axis in 0..3 {
             let of = |twist: Twist| numbers(twist)[axis];
             let (mut expected, mut noise) = (0.0, 0.0);
@@ -79,13 +79,14 @@ impl Belief {
             for (pair, walks, share) in &walked {
                 expected += share * of(walks.mean);
                 noise += share * of(walks.noise).powi(2);
-                let [ahead, left] = walks.slide.map(of);
-                row.push((0, share * (ahead * cos - left * sin)));
-                row.push((1, share * (ahead * sin + left * cos)));
-                let factors = walks.factors.iter().enumerate();
-                row.extend(factors.map(|(k, factor)| (FACTORS + k, share * of(*factor))));
+                row.extend(self.row(*pair, walks, *share, heading, axis));
+                // A product of two unknowns, about what is believed of both: in the row it counts for each.
+                for (k, factor) in walks.factors.iter().enumerate() {
+                    let [ahead, left] = factor.slide.map(of);
+                    let slides = ahead * lean[0] + left * lean[1];
+                    expected -= share * slides * self.mean[FACTORS + k];
+                }
                 let own = FACTORS + experience.factors() + 3 * pair + axis;
-                row.push((own, *share));
                 self.covariance[(own, own)] += WANDER * seconds * of(walks.own).powi(2);
             }
             row.push((PASSING + axis, 1.0));
@@ -95,6 +96,58 @@ impl Belief {
             noise += (1.0 - steady) * of(CHANGE_SPREAD).powi(2);
             self.correct(&row, of(measured) - expected, noise);
         }
+    }
+
+    /// Returns the spread of the translation that is expected of a pair at this heading, m/s.
+    fn spread(&self, pair: usize, walks: &Walks, heading: f64) -> f64 {
+        let variance = |axis: usize| {
+            let row = self.row(pair, walks, 1.0, heading, axis);
+            let along = |(i, w): &(usize, f64)| {
+                w * row.iter().map(|(j, v)| v * self.covariance[(*i, *j)]).sum::<f64>()
+            };
+            row.iter().map(along).sum::<f64>()
+        };
+        (variance(0) + variance(1)).max(0.0).sqrt()
+    }
+
+    /// Returns what the motion of a pair along an axis depends on, for so much of it, linear about what is believed.
+    fn row(
+        &self,
+        pair: usize,
+        walks: &Walks,
+        share: f64,
+        heading: f64,
+        axis: usize,
+    ) -> Vec<(usize, f64)> {
+        let of = |twist: Twist| numbers(twist)[axis];
+        let (sin, cos) = heading.sin_cos();
+        let [ahead, left] = self.slide(walks).map(of);
+        let slope = [ahead * cos - left * sin, ahead * sin + left * cos];
+        let lean = self.lean(heading);
+        let factors = walks.factors.iter().map(|factor| {
+            let [ahead, left] = factor.slide.map(of);
+            of(factor.level) + ahead * lean[0] + left * lean[1]
+        });
+        let own = FACTORS + self.experience.factors() + 3 * pair + axis;
+        let first = slope.into_iter().enumerate();
+        let factors = factors.enumerate().map(|(k, weight)| (FACTORS + k, weight));
+        let all = first.chain(factors).chain([(own, 1.0)]);
+        all.map(|(index, weight)| (index, share * weight)).collect()
+    }
+
+    /// Returns the slope that is believed in, forward and to the left of a robot with this heading.
+    fn lean(&self, heading: f64) -> [f64; 2] {
+        let (sin, cos) = heading.sin_cos();
+        [self.mean[0] * cos + self.mean[1] * sin, self.mean[1] * cos - self.mean[0] * sin]
+    }
+
+    /// Returns how this robot is believed to slide in a pair.
+    fn slide(&self, walks: &Walks) -> [Twist; 2] {
+        let factors = walks.factors.iter().enumerate();
+        factors.fold(walks.slide, |[ahead, left], (k, factor)| {
+            let of = |i: usize| factor.slide[i].scaled(self.mean[FACTORS + k]);
+            [ahead.plus(of(0)), left.plus(of(1))]
+        })
     }
 
     /// Lets time pass.
@@ -122,11 +175,12 @@ impl Belief {
         self.covariance.ger(-1.0 / variance, &along, &along, 1.0);
     }
 
-    /// Writes the expected motions of this robot into the list of motions, rest first.
+    /// Writes the expected motions of this robot into the list of motions, rest first, with their spreads at this heading
+    /// (rad).
     ///
     /// # Panics
     /// If the list is not that of the experience's table.
-    pub fn tell(&self, motions: &mut [Motion]) {
+    pub fn tell(&self, heading: f64, motions: &mut [Motion]) {
         let factors = self.experience.factors();
         let (x, y) = (self.mean[0], self.mean[1]);
         for (pair, walks) in self.experience.walks().iter().enumerate() {
@@ -137,13 +191,14 @@ impl Belief {
                 yaw: self.mean[own + 2] + self.mean[PASSING + 2],
             });
             for (k, factor) in walks.factors.iter().enumerate() {
-                twist = twist.plus(factor.scaled(self.mean[FACTORS + k]));
+                twist = twist.plus(factor.level.scaled(self.mean[FACTORS + k]));
             }
-            let [ahead, left] = walks.slide;
+            let [ahead, left] = self.slide(walks);
             let motion = &mut motions[pair + 1];
             motion.twist = twist;
             motion.slide =
                 [ahead.scaled(x).plus(left.scaled(y)), ahead.scaled(y).plus(left.scaled(-x))];
+            motion.spread = self.spread(pair, walks, heading);
         }
     }
 }
@@ -167,14 +222,23 @@ mod tests {
             let heading = 0.2 * f64::from(stretch);
             belief.observe(&[(mode, 1.0)], heading, moves(heading, known), 0.3);
         }
-        belief.tell(&mut motions);
+        belief.tell(0.0, &mut motions);
         motions
     }
 
     #[test]
     fn before_the_first_step_all_is_as_experience_says() {
         let before = after(0, FORWARD, |_, known| known);
-        assert_eq!(before, motions(&quicker_and_slower().table()));
+        let known = motions(&quicker_and_slower().table());
+        for (before, known) in before.iter().zip(&known) {
+            assert_eq!((before.twist, before.slide), (known.twist, known.slide));
+        }
+        // 30 % of its speed, its own 0.01 m/s along and across, and a slope of 0.03.
+        let usual = (0.3 * known[FORWARD].twist.speed()).hypot(0.01f64.hypot(0.01));
+        let spread = before[FORWARD].spread;
+        assert!((spread - usual.hypot(0.03f64.hypot(0.4 * 0.03))).abs() < 2e-3, "{spread}");
+        let walked = after(30, FORWARD, |_, known| known);
+        assert!(walked[FORWARD].spread < 0.5 * spread, "{}", walked[FORWARD].spread);
     }
 
     #[test]
@@ -214,7 +278,7 @@ mod tests {
         let mut last = 0.0;
         for stretch in 0..80 {
             belief.observe(&[(FORWARD, 1.0)], 0.3, if stretch < 10 { off } else { known }, 0.3);
-            belief.tell(&mut motions);
+            belief.tell(0.0, &mut motions);
             last = motions[FORWARD].at(0.3).forward - known.forward;
             assert!(stretch != 9 || last > 0.012, "{last}");
         }

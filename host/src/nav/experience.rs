@@ -5,7 +5,7 @@
 //! each pair (f, theta)
 //!
 //! ```text
-//! motion = mean + slide * w(heading) + sum over k of factor_k * z_k + own * e + noise
+//! motion = mean + slide * w(heading) + sum over k of (factor_k + slide_k * w(heading)) * z_k + own * e + noise
 //! ```
 //!
 //! with w the slope (sine of its angle, downhill, in body axes), the same w and z for all pairs of one robot, and z and
@@ -30,11 +30,20 @@ pub struct Walks {
     /// Change of the motion where the floor falls forward, and where it falls to the left, per sine of the slope.
     pub slide: [Twist; 2],
     /// How robots differ, per unit of each of the ways that all pairs share.
-    pub factors: Vec<Twist>,
+    pub factors: Vec<Factor>,
     /// Spread between robots that these ways leave unexplained.
     pub own: Twist,
     /// Spread between stretches of [`Experience::stretch`] of one robot.
     pub noise: Twist,
+}
+
+/// A change of the motion under a pair.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Factor {
+    /// On a level floor.
+    pub level: Twist,
+    /// Of [`Walks::slide`].
+    pub slide: [Twist; 2],
 }
 
 /// The motions of many robots of a kind; see the module's documentation.
@@ -117,8 +126,9 @@ impl Experience {
             for value in numbers(one.noise) {
                 positive("noise", value)?;
             }
-            for twist in one.slide.iter().chain(&one.factors) {
-                if let Some(value) = numbers(*twist).into_iter().find(|v| !v.is_finite()) {
+            let factors = one.factors.iter().flat_map(|f| [f.level, f.slide[0], f.slide[1]]);
+            for twist in one.slide.into_iter().chain(factors) {
+                if let Some(value) = numbers(twist).into_iter().find(|v| !v.is_finite()) {
                     return Err(ExperienceError::Value { key: "slide or factors", value });
                 }
             }
@@ -163,7 +173,7 @@ impl Experience {
         let modes = self.walks.iter().map(|walks| {
             let spread = |of: fn(&Twist) -> f64| Spread {
                 mean: of(&walks.mean),
-                spread: walks.factors.iter().fold(of(&walks.own), |sum, f| sum.hypot(of(f))),
+                spread: walks.factors.iter().fold(of(&walks.own), |sum, f| sum.hypot(of(&f.level))),
             };
             Mode {
                 name: walks.name(),
@@ -239,7 +249,8 @@ struct Pair {
     slide: [[f64; 3]; 2],
     own: [f64; 3],
     noise: [f64; 3],
-    factors: Vec<[f64; 3]>,
+    /// On a level floor, and where it falls forward and to the left.
+    factors: Vec<[[f64; 3]; 3]>,
 }
 
 impl From<&Walks> for Pair {
@@ -254,7 +265,11 @@ impl From<&Walks> for Pair {
             slide: walks.slide.map(round),
             own: round(walks.own),
             noise: round(walks.noise),
-            factors: walks.factors.iter().copied().map(round).collect(),
+            factors: walks
+                .factors
+                .iter()
+                .map(|f| [f.level, f.slide[0], f.slide[1]].map(round))
+                .collect(),
         }
     }
 }
@@ -274,7 +289,14 @@ impl TryFrom<Pair> for Walks {
             slide: pair.slide.map(twist),
             own: twist(pair.own),
             noise: twist(pair.noise),
-            factors: pair.factors.into_iter().map(twist).collect(),
+            factors: pair
+                .factors
+                .into_iter()
+                .map(|[level, ahead, left]| Factor {
+                    level: twist(level),
+                    slide: [twist(ahead), twist(left)],
+                })
+                .collect(),
         })
     }
 }
@@ -291,7 +313,7 @@ pub(super) mod tests {
             setpoint: mode.setpoint,
             mean: mode.twist(),
             slide: [twist([1.0, 0.0, 0.0]), twist([0.0, 0.4, 0.0])],
-            factors: vec![mode.twist().scaled(0.3)],
+            factors: vec![Factor { level: mode.twist().scaled(0.3), slide: [Twist::REST; 2] }],
             own: twist([0.01, 0.01, 0.1]),
             noise: twist([0.01, 0.01, 0.1]),
         });
@@ -305,7 +327,7 @@ pub(super) mod tests {
         assert_eq!(read.factors(), 1);
         for (a, b) in experience.walks().iter().zip(read.walks()) {
             assert_eq!((a.setpoint, a.slide, a.own), (b.setpoint, b.slide, b.own));
-            assert!((a.factors[0].forward - b.factors[0].forward).abs() < 1e-4);
+            assert!((a.factors[0].level.forward - b.factors[0].level.forward).abs() < 1e-4);
         }
         assert_eq!(Experience::from_toml(&read.to_toml()).unwrap(), read);
     }
@@ -327,7 +349,13 @@ pub(super) mod tests {
         assert!(refusal("stretch_s = 0.5", "stretch_s = 0.0").contains("stretch_s of 0"));
         assert!(refusal("own = [0.01", "own = [-0.01").contains("own of -0.01"));
         assert!(refusal("noise = [0.01", "noise = [nan").contains("noise of NaN"));
-        assert!(refusal("factors = [[", "factors = [[0.1, 0.1, 0.1], [").contains("factors"));
+        assert!(
+            refusal(
+                "factors = [[[",
+                "factors = [[[0.1, 0.1, 0.1], [0.1, 0.1, 0.1], [0.1, 0.1, 0.1]], [["
+            )
+            .contains("factors")
+        );
         assert!(refusal("mean = [0.084", "mean = [84.0").contains("84"));
         assert!(refusal("slope", "steepness").contains("steepness"));
         assert!(Experience::from_toml("").is_err());

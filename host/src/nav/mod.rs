@@ -7,7 +7,7 @@
 //! - The **predictive** controller chooses among all modes by their predicted future
 //!   ([`predictive`]); the **two-state** controller is the paper's ([`two_state`]).
 //! - The **learned** controller searches as the predictive one does, but has no table: it begins with the
-//!   [`Experience`] of many robots, keeps a [`Belief`] about the one at hand, and judges by its [`Pace`].
+//!   [`Experience`] of many robots, keeps a [`Belief`] about the one at hand, and judges by its [`Pace`] and its [`Outlook`].
 //! - A **decision** is what to command now ([`Navigator::decide`]).
 //! - **Identification** measures the motion of each mode ([`Identification`]).
 //!
@@ -22,6 +22,7 @@ mod identification;
 mod modes;
 mod motion;
 mod navigator;
+mod outlook;
 mod pace;
 mod path;
 pub mod predictive;
@@ -31,7 +32,7 @@ pub mod two_state;
 
 pub use belief::Belief;
 pub use estimator::{Estimator, mean_twist};
-pub use experience::{Experience, ExperienceError, Walks};
+pub use experience::{Experience, ExperienceError, Factor, Walks};
 pub(crate) use geometry::FARTHEST;
 pub use geometry::{Area, NotAPosition, NotAnArea, PlanarPose, Position, Twist, wrap};
 pub use identification::{ENOUGH_MODES, Identification, IdentificationSettings, Stretch};
@@ -41,6 +42,7 @@ pub use navigator::{
     Approach, ControllerKind, Decision, JOINED_WITHIN, Navigator, NavigatorError, Progress,
     Repertoire, Resting, Settings, Task, UnknownController,
 };
+pub use outlook::Outlook;
 pub use pace::Pace;
 pub use path::{Path, PathError, Projection, SPACING};
 pub use safety::Stop;

@@ -46,6 +46,8 @@ pub struct Motion {
     pub twist: Twist,
     /// What a sloping floor adds: the first times the cosine of the heading, the second times its sine.
     pub slide: [Twist; 2],
+    /// Spread of what is expected of the translation, m/s.
+    pub spread: f64,
 }
 
 impl Motion {
@@ -64,12 +66,13 @@ pub const REST: usize = 0;
 #[must_use]
 pub fn motions(table: &ModeTable) -> Vec<Motion> {
     let slide = [Twist::REST; 2];
-    let rest = Motion { frequency: 0.0, direction: 0.0, twist: Twist::REST, slide };
+    let rest = Motion { frequency: 0.0, direction: 0.0, twist: Twist::REST, slide, spread: 0.0 };
     let modes = table.modes().iter().map(|mode| Motion {
         frequency: f64::from(mode.setpoint.frequency().get()),
         direction: f64::from(mode.setpoint.direction().get()),
         twist: mode.twist(),
         slide,
+        spread: 0.0,
     });
     std::iter::once(rest).chain(modes).collect()
 }

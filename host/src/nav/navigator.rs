@@ -17,8 +17,9 @@ use super::experience::Experience;
 use super::geometry::{Area, PlanarPose, Position};
 use super::modes::ModeTable;
 use super::motion::{REST, Response};
+use super::outlook::Outlook;
 use super::path::Path;
-use super::predictive::{Goal, Prospects};
+use super::predictive::{Goal, Prospects, Weights};
 use super::safety::Stop;
 use super::standstill::Standstill;
 use super::two_state::{LOOK_AHEAD, MissingTurn, TwoState};
@@ -192,6 +193,11 @@ pub const JOINED_WITHIN: f64 = 0.05;
 /// Room around a robot that approaches its fence from outside, m: half a turn of the widest mode.
 const CORRIDOR_MARGIN: f64 = 0.3;
 
+/// A robot that has not left this length of its path, m, is held; after this time, s, it dares more, up to so many times.
+const HELD_WITHIN: f64 = 0.05;
+const HELD_FOR: f64 = 2.0;
+const MOST_DARING: f64 = 5.0;
+
 /// Distance before the end of an open path from which the end is approached as a point, m.
 const FINAL_APPROACH: f64 = 0.12;
 
@@ -203,6 +209,9 @@ pub struct Navigator {
     setpoints: Vec<Setpoint>,
     estimator: Estimator,
     two_state: Option<TwoState>,
+    outlook: Option<Outlook>,
+    /// How far the robot has come, and since when.
+    furthest: (f64, Instant),
     mode: usize,
     mode_since: Instant,
     decided: Option<Instant>,
@@ -295,6 +304,8 @@ impl Navigator {
             task,
             settings,
             two_state,
+            outlook: None,
+            furthest: (f64::NEG_INFINITY, Instant::START),
             mode: REST,
             mode_since: Instant::START,
             decided: None,
@@ -386,6 +397,7 @@ impl Navigator {
         }
         if self.may_change(now) {
             self.decided = Some(now);
+            self.look_further(now);
             let mode = self.choose(now);
             self.command(now, mode);
         }
@@ -506,6 +518,38 @@ impl Navigator {
         }
     }
 
+    /// Works out what the way ahead costs, where it is known how the robot walks.
+    fn look_further(&mut self, now: Instant) {
+        let arc_length = self.progress.arc_length;
+        if self.mode == REST || (arc_length - self.furthest.0).abs() > HELD_WITHIN {
+            self.furthest = (arc_length, now);
+        }
+        let weights = self.weights(now);
+        let mut outlook = self.outlook.take();
+        if let (Some(pace), Goal::Follow { path, arc_length }) =
+            (self.estimator.pace(), self.goal())
+        {
+            outlook.get_or_insert_with(|| Outlook::new(weights)).consider(
+                path,
+                arc_length,
+                self.estimator.motions(),
+                weights.progress,
+                |course| pace.best(course),
+            );
+        }
+        self.outlook = outlook;
+    }
+
+    /// Returns what counts how much: the longer a robot by experience has been held, the more it dares.
+    fn weights(&self, now: Instant) -> Weights {
+        if self.estimator.pace().is_none() {
+            return Weights::PREDICTIVE;
+        }
+        let held = now.since(self.furthest.1).as_secs_f64();
+        let daring = (held / HELD_FOR).clamp(1.0, MOST_DARING);
+        Weights { progress: daring * Weights::LEARNED.progress, ..Weights::LEARNED }
+    }
+
     fn goal(&self) -> Goal<'_> {
         let arc_length = self.progress.arc_length;
         match &self.task {
@@ -560,8 +604,11 @@ impl Navigator {
     fn look_ahead(&self, now: Instant, goal: Goal<'_>) -> usize {
         let (pose, gait) = self.estimator.predicted(now + self.settings.latency);
         let estimator = &self.estimator;
-        Prospects::new(estimator.motions(), estimator.response(), estimator.pace())
-            .best_mode(pose, gait, goal)
+        let mut prospects = Prospects::new(estimator.motions(), estimator.response());
+        prospects.weights = self.weights(now);
+        prospects.pace = estimator.pace();
+        prospects.outlook = self.outlook.as_ref();
+        prospects.best_mode(pose, gait, goal)
     }
 
     fn measure_error(&mut self, first: bool, elapsed: Duration) {

@@ -167,7 +167,7 @@ mod tests {
 
     fn motion(frequency: f64, forward: f64, lateral: f64, yaw: f64) -> Motion {
         let twist = Twist { forward, lateral, yaw };
-        Motion { frequency, direction: 0.0, twist, slide: [STILL; 2] }
+        Motion { frequency, direction: 0.0, twist, slide: [STILL; 2], spread: 0.0 }
     }
 
     /// Walks ahead at 0.1 m/s in two slow turns that cancel, and strafes at 0.02 m/s either way.

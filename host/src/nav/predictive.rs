@@ -7,13 +7,14 @@
 //! J = integral of error(t) dt  -  reward for progress  +  switches  +  terminal cost
 //! ```
 //!
-//! where the error counts squared near the path and linearly far from it. This is a beam search:
+//! where the error counts squared near the path and linearly far from it, and with it what is not known of a motion. This is a beam search:
 //! the sequences grow segment by segment, and only the best [`BEAM`] are kept. The first mode of the
 //! best one is driven, until the next decision. The cost of a switch gives hysteresis; the navigator
 //! adds a minimum dwell.
 
 use super::geometry::{PlanarPose, Position, Twist, wrap};
 use super::motion::{Gait, Motion, REST, Response};
+use super::outlook::Outlook;
 use super::pace::Pace;
 use super::path::Path;
 
@@ -40,12 +41,14 @@ pub struct Weights {
     pub switch: f64,
     /// Cost of a switch that reverses the sense of rotation, s, besides.
     pub reversal: f64,
-    /// Weight of the course at the end, s; with a pace: seconds per second that it loses.
+    /// Weight of the course at the end, s, where nothing is known of the way ahead.
     pub course: f64,
-    /// Time for which the error at the end is assumed to last, s.
+    /// Time for which the error at the end is assumed to last, s, likewise.
     pub tail: f64,
     /// Distance ahead at which the course returns to the path, m.
     pub return_length: f64,
+    /// Weight of what is not known of a motion.
+    pub risk: f64,
 }
 
 impl Weights {
@@ -59,18 +62,23 @@ impl Weights {
         course: 2.0,
         tail: 0.6,
         return_length: 0.12,
+        risk: 0.0,
     };
     /// Those of the learned controller.
-    pub const LEARNED: Self = Self {
-        error_scale: 0.025,
-        linear_from: 2.0,
-        progress: 4.0,
-        switch: 0.06,
-        reversal: 0.15,
-        course: 6.0,
-        tail: 0.6,
-        return_length: 0.12,
-    };
+    pub const LEARNED: Self = Self { progress: 2.0, reversal: 0.15, risk: 1.0, ..Self::PREDICTIVE };
+
+    /// Returns what it costs a second that the motion may be another than expected: an error of a second of it.
+    #[must_use]
+    pub fn risk(&self, spread: f64) -> f64 {
+        self.risk * (spread / self.error_scale).powi(2)
+    }
+
+    /// Returns Huber's function of an error in scales: square near zero, linear beyond.
+    #[must_use]
+    pub fn robust(&self, error: f64) -> f64 {
+        let (scales, from) = (error.abs() / self.error_scale, self.linear_from);
+        if scales <= from { scales * scales } else { from * (2.0 * scales - from) }
+    }
 }
 
 /// The goal of a decision.
@@ -101,6 +109,8 @@ pub struct Prospects<'a> {
     pub weights: Weights,
     /// How fast the robot can go on, where that is known.
     pub pace: Option<&'a Pace>,
+    /// What the way ahead costs, where that is known.
+    pub outlook: Option<&'a Outlook>,
     /// Fastest translation of any mode, m/s.
     cruise_speed: f64,
     /// Direction of that translation relative to the heading, rad.
@@ -120,9 +130,10 @@ struct Node {
 }
 
 impl<'a> Prospects<'a> {
-    /// Prepares the search for these motions; with a pace it judges by it where to go on and how to face.
+    /// Prepares the search of the predictive controller. With a pace it judges by it how long a way takes, with an outlook by
+    /// that what comes after its last segment.
     #[must_use]
-    pub fn new(motions: &'a [Motion], response: &'a Response, pace: Option<&'a Pace>) -> Self {
+    pub fn new(motions: &'a [Motion], response: &'a Response) -> Self {
         let fastest = motions
             .iter()
             .map(|motion| motion.twist)
@@ -130,9 +141,17 @@ impl<'a> Prospects<'a> {
             .unwrap_or(Twist::REST);
         let turn = motions.iter().map(|m| m.twist.yaw.abs()).fold(1e-2, f64::max);
         let cruise_speed = fastest.speed().max(1e-3);
-        let weights = if pace.is_some() { Weights::LEARNED } else { Weights::PREDICTIVE };
         let cruise_course = fastest.course();
-        Self { motions, response, weights, pace, cruise_speed, cruise_course, turn }
+        Self {
+            motions,
+            response,
+            weights: Weights::PREDICTIVE,
+            pace: None,
+            outlook: None,
+            cruise_speed,
+            cruise_course,
+            turn,
+        }
     }
 
     /// Returns the mode to command now. `pose` and `gait`: as predicted for the moment when a
@@ -186,6 +205,10 @@ impl<'a> Prospects<'a> {
             next.gait.advance(&mut next.pose, STEP, self.motions, self.response);
             next.cost += STEP * self.cost_rate(&mut next, goal);
         }
+        // Who comes to a point may rest; doubt must not keep the robot from it.
+        if matches!(goal, Goal::Follow { .. }) {
+            next.cost += SEGMENT * self.weights.risk(self.motions[mode].spread);
+        }
         next.total = next.cost + self.terminal_cost(&next, goal);
         next
     }
@@ -198,10 +221,10 @@ impl<'a> Prospects<'a> {
                 let progress = (place.arc_length - node.arc_length) / STEP;
                 node.arc_length = place.arc_length;
                 let usual = self.speed_along(place.tangent);
-                self.robust(place.error)
+                self.weights.robust(place.error)
                     - self.weights.progress * (progress / usual).clamp(-2.0, 2.0)
             }
-            Goal::Reach { point } => self.robust(node.pose.distance_to(point)),
+            Goal::Reach { point } => self.weights.robust(node.pose.distance_to(point)),
         }
     }
 
@@ -210,17 +233,12 @@ impl<'a> Prospects<'a> {
         match goal {
             Goal::Follow { path, .. } => {
                 let place = path.follow(node.pose.position(), node.arc_length);
+                if let Some(outlook) = self.outlook {
+                    return outlook.cost(place.arc_length, place.error, node.pose.heading);
+                }
                 let course = place.tangent - (place.error / self.weights.return_length).atan();
-                let Some(pace) = self.pace else {
-                    let astray = 1.0 - self.course_error(node, course).cos();
-                    return self.weights.tail * self.robust(place.error)
-                        + self.weights.course * astray;
-                };
-                // An error lasts until the robot faces so that it can return, and has returned.
-                let loss = pace.loss(node.pose.heading, course);
-                let way = 0.5 * place.error.abs() / pace.best(course);
-                (self.weights.tail + loss + way) * self.robust(place.error)
-                    + self.weights.course * loss
+                let astray = 1.0 - self.course_error(node, course).cos();
+                self.weights.tail * self.weights.robust(place.error) + self.weights.course * astray
             }
             Goal::Reach { point } => {
                 let distance = node.pose.distance_to(point);
@@ -232,7 +250,7 @@ impl<'a> Prospects<'a> {
                 let way = distance / self.speed_along(course);
                 // To turn first matters when there is some way to go.
                 let seconds = way + turning * (distance / self.weights.return_length).min(1.0);
-                0.5 * seconds * self.robust(distance)
+                0.5 * seconds * self.weights.robust(distance)
             }
         }
     }
@@ -245,12 +263,6 @@ impl<'a> Prospects<'a> {
     /// Returns the angle from the course of the fastest mode to this course, rad.
     fn course_error(&self, node: &Node, course: f64) -> f64 {
         wrap(course - node.pose.heading - self.cruise_course)
-    }
-
-    /// Returns Huber's function of an error in scales: square near zero, linear beyond.
-    fn robust(&self, error: f64) -> f64 {
-        let (scales, from) = (error.abs() / self.weights.error_scale, self.weights.linear_from);
-        if scales <= from { scales * scales } else { from * (2.0 * scales - from) }
     }
 }
 
@@ -266,7 +278,7 @@ mod tests {
     fn best(pose: PlanarPose, goal: Goal<'_>) -> String {
         let table = model_w();
         let motions = motions(&table);
-        let mode = Prospects::new(&motions, &RESPONSE, None).best_mode(pose, Gait::at_rest(), goal);
+        let mode = Prospects::new(&motions, &RESPONSE).best_mode(pose, Gait::at_rest(), goal);
         if mode == REST { "rest".into() } else { table.modes()[mode - 1].name.clone() }
     }
 
@@ -299,9 +311,9 @@ mod tests {
     #[test]
     fn the_cost_of_errors_has_no_kink() {
         let motions = motions(&model_w());
-        let search = Prospects::new(&motions, &RESPONSE, None);
+        let search = Prospects::new(&motions, &RESPONSE);
         let edge = search.weights.linear_from * search.weights.error_scale;
-        let slope = |at: f64| (search.robust(at + 1e-9) - search.robust(at)) / 1e-9;
+        let slope = |at: f64| (search.weights.robust(at + 1e-9) - search.weights.robust(at)) / 1e-9;
         assert!((slope(edge - 1e-6) / slope(edge + 1e-6) - 1.0).abs() < 1e-3);
     }
 }

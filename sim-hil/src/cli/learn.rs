@@ -22,13 +22,13 @@ pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
     /// Number of robots
-    #[arg(long, default_value_t = 150, value_parser = whole::<u64>(2..=100_000))]
+    #[arg(long, default_value_t = 160, value_parser = whole::<u64>(2..=100_000))]
     robots: u64,
     /// Seed of the first robot
     #[arg(long, default_value_t = 1_000_000, value_parser = whole::<u64>(0..=u64::MAX))]
     first_seed: u64,
     /// Ways to differ that all pairs (f, theta) share
-    #[arg(long, default_value_t = 8, value_parser = whole::<u32>(0..=50))]
+    #[arg(long, default_value_t = 12, value_parser = whole::<u32>(0..=50))]
     factors: u32,
     /// File for the experience
     #[arg(long, value_name = "FILE", default_value = "experience.toml")]

@@ -6,7 +6,9 @@
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
-use flix_host::nav::{Experience, ExperienceError, PlanarPose, Twist, Walks, mean_twist, wrap};
+use flix_host::nav::{
+    Experience, ExperienceError, Factor, PlanarPose, Twist, Walks, mean_twist, wrap,
+};
 use flix_protocol::message::Setpoint;
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt as _, SeedableRng as _};
@@ -33,6 +35,8 @@ const END: f64 = 0.1;
 const LOOKS: usize = 20;
 /// Length that makes a yaw rate comparable with a speed: half the robot's, m.
 const LEVER: f64 = 0.1;
+/// Numbers of a pair that robots are compared by.
+const COLUMNS: usize = 9;
 /// Least spread of what is a robot's own, m/s.
 const LEAST: f64 = 3e-3;
 
@@ -67,6 +71,11 @@ struct Seen {
     slide: [Twist; 2],
     /// Sum of squares within a walk, of that many numbers.
     noise: Twist,
+}
+
+/// Returns the spread of the slope along one axis, as a sine: it is evenly distributed in steepness and direction.
+fn usual_slope() -> f64 {
+    STEEPEST_DEG.to_radians().sin() / 6f64.sqrt()
 }
 
 /// Returns all pairs.
@@ -114,9 +123,7 @@ pub fn gain(
     });
     let source =
         format!("{} robots from seed {}, {} factors", plan.robots, plan.first_seed, plan.factors);
-    // A slope that is evenly distributed in steepness and direction.
-    let slope = STEEPEST_DEG.to_radians().sin() / 6f64.sqrt();
-    Ok(Experience::new(&model.name, &source, [STRETCH, slope], walks.collect())?)
+    Ok(Experience::new(&model.name, &source, [STRETCH, usual_slope()], walks.collect())?)
 }
 
 /// Lets one robot walk in every pair.
@@ -241,42 +248,49 @@ fn fit(all: &[(Twist, [f64; 2])]) -> (Twist, [Twist; 2]) {
 
 /// What one pair has in common with others, and what not.
 struct Common {
-    factors: Vec<Twist>,
+    factors: Vec<Factor>,
     own: Twist,
 }
 
-/// Finds the principal components of the robots' motions.
+/// Finds the principal components of the robots' motions and slides.
 fn factors(seen: &[Vec<Seen>], count: usize) -> Vec<Common> {
     let pairs = seen.first().map_or(0, Vec::len);
+    // By pair: on a level floor, and on usual slopes forward and to the left; three speeds each.
     let number = |robot: usize, column: usize| {
-        let Twist { forward, lateral, yaw } = seen[robot][column / 3].mean;
-        [forward, lateral, LEVER * yaw][column % 3]
+        let seen = &seen[robot][column / COLUMNS];
+        let [ahead, left] = seen.slide.map(|slide| slide.scaled(usual_slope()));
+        let twist = [seen.mean, ahead, left][column % COLUMNS / 3];
+        [twist.forward, twist.lateral, LEVER * twist.yaw][column % 3]
     };
-    let mut table = DMatrix::from_fn(seen.len(), 3 * pairs, number);
-    let means = DVector::from_fn(3 * pairs, |column, _| table.column(column).mean());
-    for column in 0..3 * pairs {
+    let mut table = DMatrix::from_fn(seen.len(), COLUMNS * pairs, number);
+    let means = DVector::from_fn(COLUMNS * pairs, |column, _| table.column(column).mean());
+    for column in 0..COLUMNS * pairs {
         table.column_mut(column).add_scalar_mut(-means[column]);
     }
     let freedom = (seen.len() as f64 - 1.0).max(1.0);
     let variances: Vec<f64> = table.column_iter().map(|c| c.norm_squared() / freedom).collect();
     let found = table.svd(false, true);
-    let components = found.v_t.unwrap_or_else(|| DMatrix::zeros(0, 3 * pairs));
+    let components = found.v_t.unwrap_or_else(|| DMatrix::zeros(0, COLUMNS * pairs));
     let count = count.min(components.nrows());
     (0..pairs)
         .map(|pair| {
-            let loading = |k: usize, axis: usize| {
-                components[(k, 3 * pair + axis)] * found.singular_values[k] / freedom.sqrt()
+            let loading = |k: usize, column: usize| {
+                components[(k, COLUMNS * pair + column)] * found.singular_values[k] / freedom.sqrt()
+            };
+            let twist = |k: usize, first: usize| Twist {
+                forward: loading(k, first),
+                lateral: loading(k, first + 1),
+                yaw: loading(k, first + 2) / LEVER,
             };
             let own = |axis: usize| {
                 let explained = (0..count).map(|k| loading(k, axis).powi(2)).sum::<f64>();
-                (variances[3 * pair + axis] - explained).max(LEAST * LEAST).sqrt()
+                (variances[COLUMNS * pair + axis] - explained).max(LEAST * LEAST).sqrt()
             };
             Common {
                 factors: (0..count)
-                    .map(|k| Twist {
-                        forward: loading(k, 0),
-                        lateral: loading(k, 1),
-                        yaw: loading(k, 2) / LEVER,
+                    .map(|k| Factor {
+                        level: twist(k, 0),
+                        slide: [3, 6].map(|first| twist(k, first).scaled(1.0 / usual_slope())),
                     })
                     .collect(),
                 own: Twist { forward: own(0), lateral: own(1), yaw: own(2) / LEVER },
