@@ -384,6 +384,10 @@ impl Navigator {
         }
         self.estimator.observe(sample.time, pose);
         self.measure_error(first, elapsed.min(self.settings.pose_deadline));
+        // Until it drives there is time to think.
+        if self.decided.is_none() {
+            self.look_further(sample.time);
+        }
         // Not at the edge of the fence: a robot that walks in arcs crosses it several times.
         if self.progress.joined {
             self.corridor = None;

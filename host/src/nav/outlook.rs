@@ -40,8 +40,7 @@ const WALKED: f64 = 0.45;
 const HORIZON: f64 = 12.0;
 /// Share of the risk of a mode that lasts: who walks in it learns.
 const LASTING: f64 = 0.3;
-/// Rounds at the beginning, and with each decision.
-const FIRST_ROUNDS: usize = 60;
+/// Rounds of a thought: few, since nobody waits for more. The costs settle in some 60.
 const ROUNDS: usize = 2;
 
 /// The costs ahead; see the module's documentation.
@@ -129,11 +128,11 @@ impl Outlook {
     ) {
         self.weights.progress = progress;
         let first = (arc_length / PLACE).floor() as i64 - BEHIND;
-        let rounds = if self.move_on(first) { ROUNDS } else { FIRST_ROUNDS };
+        self.move_on(first);
         let steps: Vec<Vec<Step>> = (0..HEADINGS).map(|heading| steps(motions, heading)).collect();
         let tangents: Vec<f64> =
             (0..=PLACES).map(|p| path.at((first + p as i64) as f64 * PLACE).heading).collect();
-        for _ in 0..rounds {
+        for _ in 0..ROUNDS {
             for place in (0..PLACES).rev() {
                 let bend = wrap(tangents[place + 1] - tangents[place]) / PLACE;
                 let usual = usual(tangents[place]);
@@ -177,13 +176,14 @@ impl Outlook {
         best
     }
 
-    /// Makes this place the first; returns whether the costs of some places are still known.
-    fn move_on(&mut self, first: i64) -> bool {
+    /// Makes this place the first.
+    fn move_on(&mut self, first: i64) {
         let on = self.first.map_or(i64::MAX, |before| first.saturating_sub(before));
         self.first = Some(first);
         let moved = on.unsigned_abs() as usize;
+        // Elsewhere on the path all is new: what was thought is as good a beginning as any.
         if moved >= PLACES {
-            return false;
+            return;
         }
         // New places cost as the nearest that is known.
         if on > 0 {
@@ -197,7 +197,6 @@ impl Outlook {
                 self.costs.copy_within((place + 1) * LAYER..(place + 2) * LAYER, place * LAYER);
             }
         }
-        true
     }
 
     /// Returns a cost between those of the grid.
@@ -276,7 +275,9 @@ mod tests {
 
     fn considered(motions: &[Motion], arc_length: f64) -> Outlook {
         let mut outlook = Outlook::new(Weights::LEARNED);
-        outlook.consider(&line(), arc_length, motions, 2.0, |_| 0.1);
+        for _ in 0..60 {
+            outlook.consider(&line(), arc_length, motions, 2.0, |_| 0.1);
+        }
         outlook
     }
 
@@ -311,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn it_goes_on_with_the_robot_and_begins_anew_elsewhere() {
+    fn it_goes_on_with_the_robot_and_settles_elsewhere() {
         let mut walked = considered(&walker(), 1.0);
         for cm in 101..150 {
             walked.consider(&line(), f64::from(cm) * 0.01, &walker(), 2.0, |_| 0.1);
@@ -321,7 +322,9 @@ mod tests {
             let [a, b] = [&walked, &anew].map(|it| it.cost(1.5, error, heading));
             assert!((a - b).abs() < 0.5, "{a} {b}");
         }
-        walked.consider(&line(), 4.0, &walker(), 2.0, |_| 0.1);
+        for _ in 0..30 {
+            walked.consider(&line(), 4.0, &walker(), 2.0, |_| 0.1);
+        }
         let there = considered(&walker(), 4.0);
         assert!((walked.cost(4.0, 0.1, 1.0) - there.cost(4.0, 0.1, 1.0)).abs() < 0.5);
     }

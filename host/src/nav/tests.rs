@@ -509,6 +509,12 @@ fn by_experience_a_slow_robot_on_a_slope_follows_the_figure_eight_within_40_mm()
             ];
         }
         run.walker.response = Response::MEASURED;
+        // It is watched while it is armed.
+        for _ in 0..60 {
+            run.now = run.now + 2 * STEP;
+            let sample = run.walker.sample(run.now);
+            run.navigator.observe(&sample);
+        }
         run.until_end(600.0);
         assert_eq!(run.last, Decision::Finished, "{:?}", run.navigator.progress());
         let rms = run.navigator.progress().error_rms;
