@@ -8,6 +8,7 @@ prints both beside each other and beside the reference table. Needs `pip install
     python3 sim-hil/validation/validate.py --model W --leg rr --force 0,0.1,0 --frequency 25
     python3 sim-hil/validation/validate.py --model W --walk 8      # the nine locomotion modes, 8 seeds
     python3 sim-hil/validation/validate.py --model calibrated --walk 4 --step-ms 0.05
+    python3 sim-hil/validation/validate.py --model W --pair=-35,30 --walk 4   # speed and cost of transport of a pair
     python3 sim-hil/validation/validate.py --robots 3              # random robots: every row, and a walk of each
     python3 sim-hil/validation/validate.py --robots 30 --first-robot 1000 --pairs 3 --seconds 2 --step-ms 0.02
 
@@ -57,6 +58,8 @@ SHARE = 0.1
 NIL = [0.002, 0.002, 0.02]
 # Share of the components of random robots' walks that have to agree.
 WALKS_MET = 230 / 240
+# Interval of the smoothed path, s.
+PATH_INTERVAL = 0.25
 # Time between two samples of a walk's speed, s.
 SAMPLE = 2e-4
 # Walks of random robots: f in Hz and theta in degrees, chosen in turn.
@@ -258,17 +261,29 @@ def rest_rows(xml):
 
 def walk(xml, f, theta, seed, seconds):
     """Mean forward, lateral and yaw speed from a start disturbed by up to 1 mm."""
+    return walk_and_work(xml, f, theta, seed, seconds)[:3]
+
+
+def walk_and_work(xml, f, theta, seed, seconds):
+    """The same, then the speed along the smoothed path and the cost of transport."""
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
     random = np.random.default_rng(seed)
     data.qpos[:2] += 1e-3 * random.uniform(-1, 1, 2)
     data.qpos[2] += 1e-3 * random.uniform(0, 1)
     ideal(model, data, f, theta)
-    forward = lateral = yaw = last = 0.0
+    rotors = [model.joint(name).dofadr[0] for name in ("top", "bottom")]
+    forward = lateral = yaw = last = work = path = 0.0
+    mark = data.qpos[:2].copy()
     steps = max(1, round(SAMPLE / model.opt.timestep))
     samples = round(seconds / (steps * model.opt.timestep))
-    for _ in range(samples):
-        mujoco.mj_step(model, data, nstep=steps)
+    smooth = max(1, round(PATH_INTERVAL / (steps * model.opt.timestep)))
+    for sample in range(samples):
+        for _ in range(steps):
+            mujoco.mj_step(model, data)
+            # What holds a rotor of infinite inertia at its speed is what a motor would have to give.
+            torque = -model.dof_armature[rotors] * data.qacc[rotors]
+            work += float(torque @ data.qvel[rotors]) * model.opt.timestep
         w, x, y, z = data.qpos[3:7].tolist()
         heading = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         yaw += (heading - last + math.pi) % (2 * math.pi) - math.pi
@@ -277,7 +292,11 @@ def walk(xml, f, theta, seed, seconds):
         along_x, along_y = data.qvel[:2].tolist()
         forward += along_x * c + along_y * s
         lateral += along_y * c - along_x * s
-    return forward / samples, lateral / samples, yaw / seconds
+        if (sample + 1) % smooth == 0 or sample + 1 == samples:
+            path += math.dist(data.qpos[:2], mark)
+            mark = data.qpos[:2].copy()
+    weight = float(model.body_mass.sum()) * np.linalg.norm(model.opt.gravity)
+    return forward / samples, lateral / samples, yaw / seconds, path / seconds, work / (weight * path)
 
 
 def agree(theirs, ours):
@@ -315,6 +334,20 @@ def walks(program, xml, model, seeds, seconds, step_ms):
         marks = "  ".join("hit " if hit else "miss" for hit in hits)
         print(f"{name:16}{f:5}{theta:7}   {cells}   {marks}", flush=True)
     print(f"hits of {len(MODES)}: MuJoCo {total[0]:.0f}, here {total[1]:.0f}")
+
+
+def pair(program, xml, model, f, theta, seeds, seconds, step_ms):
+    """Speed along the path and cost of transport of one pair, MuJoCo's and ours, as means over the seeds."""
+    theirs = np.array([walk_and_work(xml, f, math.radians(theta), s, seconds)[3:] for s in range(seeds)])
+    report = flix_sim(
+        program, "walk", "--model", model, "--drive", "ideal", "--json", f"--frequency={f}",
+        f"--direction={theta}", "--seconds", str(seconds), "--seeds", str(seeds), "--step", f"{step_ms:g}ms",
+    )
+    walked = json.loads(report)
+    ours = [walked["path_m"]["mean"] / seconds, walked["cost_of_transport"]["mean"]]
+    for name, unit, their, our in zip(("speed", "cost of transport"), ("m/s", ""), theirs.T, ours):
+        spread = their.std(ddof=1) if seeds > 1 else 0.0
+        print(f"{name:18} MuJoCo {their.mean():.4f} +- {spread:.4f}, here {our:.4f} {unit}")
 
 
 def tolerance(name, value):
@@ -381,6 +414,7 @@ def main():
     parser.add_argument("--force", default="0.2,0,0", help="N, X,Y,Z")
     parser.add_argument("--torque", default="0,0,0", help="N m, X,Y,Z")
     parser.add_argument("--walk", type=int, metavar="SEEDS", help="walk the nine modes instead")
+    parser.add_argument("--pair", metavar="F,THETA", help="walk this pair alone: speed and cost of transport")
     parser.add_argument("--robots", type=int, metavar="N", help="compare random robots instead")
     parser.add_argument("--first-robot", type=int, default=1, metavar="SEED", help="seed of the first random robot")
     parser.add_argument("--pairs", type=int, default=1, choices=range(1, 6), help="walks of each random robot")
@@ -391,6 +425,11 @@ def main():
     program = a.program.split()
     if a.robots:
         return robots(program, a)
+    if a.pair:
+        xml = flix_sim(program, "export-mjcf", "--model", a.model, "--step-ms", f"{a.step_ms:g}")
+        f, theta = (float(value) for value in a.pair.split(","))
+        pair(program, xml, a.model, f, theta, a.walk or 4, a.seconds, a.step_ms)
+        return 0
     if a.walk:
         xml = flix_sim(program, "export-mjcf", "--model", a.model, "--step-ms", f"{a.step_ms:g}")
         return walks(program, xml, a.model, a.walk, a.seconds, a.step_ms)

@@ -73,6 +73,7 @@ struct Report {
     lateral_m_s: Spread,
     yaw_rad_s: Spread,
     energy_j: Spread,
+    path_m: Spread,
     cost_of_transport: Spread,
     /// Walks that ended on the side or the back.
     fallen: usize,
@@ -134,6 +135,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         lateral_m_s: spread(|w| w.lateral_m_s),
         yaw_rad_s: spread(|w| w.yaw_rad_s),
         energy_j: spread(|w| w.energy_j),
+        path_m: spread(|w| w.path_m),
         cost_of_transport: spread(|w| w.cost_of_transport),
         fallen: walked.iter().filter(|(walked, _)| !walked.upright).count(),
     };
@@ -172,6 +174,7 @@ fn text(report: &Report) -> String {
             row("lateral (left +)", &report.lateral_m_s, "m/s"),
             row("yaw rate (left +)", &report.yaw_rad_s, "rad/s"),
             row("energy", &report.energy_j, "J"),
+            row("path", &report.path_m, "m"),
             row("cost of transport", &report.cost_of_transport, ""),
         ])
     )

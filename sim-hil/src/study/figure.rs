@@ -9,6 +9,7 @@ use flix_host::plot::{
 
 use super::Table;
 use super::actuation::CYCLES;
+use super::front::{Gait, front, gaits};
 use super::measured::Measured;
 use super::modes::{Component, PaperMode, paper_modes};
 use super::selection::{Candidate, robustness};
@@ -49,7 +50,10 @@ const KINDS: [(&str, Component); 3] = [
 /// When they cannot be drawn or written.
 pub fn draw(table: &Table, folder: &Path) -> Result<Vec<Written>, PlotError> {
     match table.study.as_str() {
-        "mobility" => Ok(vec![mobility(table, &cells(table)).write(folder, "mobility")?]),
+        "mobility" => Ok(vec![
+            mobility(table, &cells(table)).write(folder, "mobility")?,
+            speed_and_cost(table).write(folder, "front")?,
+        ]),
         "sensitivity-mass" | "sensitivity-friction" => {
             let cells = cells(table);
             Ok(vec![
@@ -119,6 +123,33 @@ fn mobility(table: &Table, cells: &[Cell]) -> HeatMaps {
             mark(map, cells, (mode.f_hz, mode.theta_deg), (number + 1).to_string())
         }))
     })
+}
+
+/// Speed against cost of transport: a dot for each pair, and the pairs that none beats in both.
+fn speed_and_cost(table: &Table) -> Chart {
+    let all = gaits(table);
+    let points = |gaits: &[Gait]| -> Vec<(f64, f64)> {
+        gaits.iter().map(|gait| (1e3 * gait.speed_m_s, gait.cost_of_transport)).collect()
+    };
+    let best = front(&all);
+    let fastest = best.last().map_or(1.0, |gait| 1e3 * gait.speed_m_s);
+    let dots = Series::line("all pairs", points(&all)).stroke(Stroke::Dots).width(4.0);
+    let line =
+        Series::line("the front", points(&best)).stroke(Stroke::Marked).colour(colour::ORANGE);
+    Chart::new(
+        format!("Speed and cost of transport of model {}", name(table)),
+        "speed along the path (mm/s)",
+    )
+    .subtitle(conditions(table))
+    .x_range(0.0, 1.05 * fastest)
+    .panel(
+        Panel::new("cost of transport (energy / weight / path)")
+            .height(300.0)
+            .logarithmic()
+            .series(dots.colour(colour::BLUE))
+            .series(line),
+    )
+    .width(640.0)
 }
 
 /// Draws measured speeds (dots) over simulated ones (lines) of the same pairs, as figure 3b: over theta, a colour for each f.

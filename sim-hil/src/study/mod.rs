@@ -19,6 +19,7 @@ pub mod cmaes;
 pub mod controllers;
 pub mod experience;
 pub mod figure;
+pub mod front;
 mod journal;
 pub mod leg;
 pub mod measured;

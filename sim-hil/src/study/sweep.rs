@@ -209,6 +209,8 @@ impl Study for Sweep {
             Column::number("forward_m_s"),
             Column::number("lateral_m_s"),
             Column::number("yaw_rad_s"),
+            Column::number("path_m_s"),
+            Column::number("cost_of_transport"),
         ]
     }
 
@@ -236,6 +238,8 @@ impl Study for Sweep {
                 walked.forward_m_s.into(),
                 walked.lateral_m_s.into(),
                 walked.yaw_rad_s.into(),
+                (walked.path_m / self.seconds).into(),
+                walked.cost_of_transport.into(),
             ])
         });
         rows.collect()

@@ -12,6 +12,7 @@ use crate::cli::Error;
 use crate::cli::output::{headings, print, print_figures, row, table};
 use crate::experiment::walk::{Shaking, Spread, Walk, walk};
 use crate::study::figure::axis;
+use crate::study::front::{Gait, front, gaits};
 use crate::study::modes::{ModeRow, classify, paper_modes, score_modes};
 use crate::study::sweep::{Cell, Sweep, Variant, cells};
 
@@ -45,6 +46,8 @@ struct Report {
     rows: Vec<ModeRow>,
     /// Every pair that was walked.
     pairs: Vec<PairRow>,
+    /// Pairs that no other beats in speed and cost of transport, from the slowest.
+    front: Vec<Gait>,
     /// Modes with the right sign, on average over the seeds.
     mean_signs: f64,
     /// Modes that are hits, on average over the seeds.
@@ -94,7 +97,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let sweep = args.sweep.sweep(name, variants, pairs);
     let Some(table) = args.sweep.run.run(&sweep)? else { return Ok(ExitCode::SUCCESS) };
     let cells = cells(&table);
-    let report = report(&sweep, &cells);
+    let report = report(&sweep, &cells, front(&gaits(&table)));
     if args.json {
         return print_figures(&report, true, true, String::new);
     }
@@ -104,6 +107,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if !report.rows.is_empty() {
         print(&(text(&report) + "\n"))?;
     }
+    print(&(best(&report.front) + "\n"))?;
     let folder = args.sweep.run.folder(&sweep);
     show(&table, &folder)?;
     if !args.table3 && !report.rows.is_empty() {
@@ -112,7 +116,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn report(sweep: &Sweep, cells: &[Cell]) -> Report {
+fn report(sweep: &Sweep, cells: &[Cell], front: Vec<Gait>) -> Report {
     let rows = score_modes(&paper_modes(), cells);
     let mean =
         |of: fn(&ModeRow) -> usize| rows.iter().map(of).sum::<usize>() as f64 / sweep.seeds as f64;
@@ -127,6 +131,7 @@ fn report(sweep: &Sweep, cells: &[Cell]) -> Report {
         mean_hits: mean(|row| row.hits),
         rows,
         pairs: cells.iter().map(PairRow::of).collect(),
+        front,
     }
 }
 
@@ -153,6 +158,22 @@ fn text(report: &Report) -> String {
         report.mean_signs,
         report.mean_hits
     )
+}
+
+/// Returns the pairs that no other beats in both.
+fn best(front: &[Gait]) -> String {
+    let mut rows = vec![headings("f (Hz)|theta (deg)|speed (m/s)|cost of transport|yaw (rad/s)")];
+    rows.extend(front.iter().map(|gait| {
+        let [speed, cost, yaw] = [gait.speed_m_s, gait.cost_of_transport, gait.yaw_rad_s];
+        row![
+            gait.f_hz,
+            gait.theta_deg,
+            format!("{speed:.4}"),
+            format!("{cost:.2}"),
+            format!("{yaw:.2}")
+        ]
+    }));
+    format!("Pairs that no other beats in speed and cost of transport\n\n{}", table(&rows))
 }
 
 /// Returns the grid with the word for each pair's mean motion.
