@@ -60,6 +60,8 @@ pub struct Link {
     setpoint: Setpoint,
     /// Who asked first for the stop that is latched, or on its way.
     stopped_by: Option<OperatorName>,
+    /// The request that began the last trial of this operator: repeated, it is answered again and begins no other.
+    tried: Option<u32>,
     /// Asked to ramp down and disarm, and not there yet.
     ramps_down: bool,
     /// Whether commands arrived too old to count, and have not been steady since.
@@ -102,6 +104,7 @@ impl Link {
             order: Order::default(),
             setpoint: Setpoint::REST,
             stopped_by: None,
+            tried: None,
             ramps_down: false,
             is_slow: false,
             report,
@@ -311,6 +314,7 @@ impl Link {
         self.disarm();
         self.steadiness = Steadiness::default();
         self.is_slow = false;
+        self.tried = None;
         self.replies.clear();
         self.scope.clear();
         self.releases_scope = true;
@@ -359,7 +363,7 @@ impl Link {
             Command::Stop => self.stop(self.session.operator(now)),
             Command::Clear => self.clear()?,
             Command::Parameter(command) => return self.tune(now, command, tuning).map(Some),
-            Command::Trial(trial) => return self.try_out(now, trial).map(Some),
+            Command::Trial(trial) => return self.try_out(now, request, trial).map(Some),
             Command::Identify => return Ok(Some(Outcome::Identity(self.identity.clone()))),
             Command::Ping(number) => return Ok(Some(Outcome::Pong(number))),
             Command::Scope(command) => {
@@ -432,11 +436,15 @@ impl Link {
     }
 
     /// Asks the fast half for a trial.
-    fn try_out(&mut self, now: Instant, trial: Trial) -> Result<Outcome, Refusal> {
+    fn try_out(&mut self, now: Instant, request: u32, trial: Trial) -> Result<Outcome, Refusal> {
         trial.check()?;
         let bridges = self.bridges.ok_or(Refusal::NoCurrentSense)?;
+        if self.tried == Some(request) {
+            return Ok(Outcome::Trial(bridges));
+        }
         self.check_cleared()?;
         self.prepare_to_drive(now)?;
+        self.tried = Some(request);
         self.order.trial = Some(trial);
         self.order.requests.trial = self.order.requests.trial.wrapping_add(1);
         Ok(Outcome::Trial(bridges))

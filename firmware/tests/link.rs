@@ -661,3 +661,24 @@ fn a_trial_is_for_a_disarmed_robot_over_a_steady_link() {
     assert_eq!(ends.say(Command::Trial(TRIAL)), refused(Refusal::Stopped));
     assert_eq!(ends.link.order().requests.trial, 0);
 }
+
+#[test]
+fn a_trial_whose_answer_was_lost_begins_once() {
+    let mut ends = Ends::proven();
+    let bridges = bridges(&DENGFOC_V3_01.hardware).unwrap();
+    assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Trial(bridges));
+    ends.observe(|report| report.state = State::Aligning);
+    // The same request again, as it comes over the link: answered, whatever became of it.
+    assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Trial(bridges));
+    ends.observe(|report| {
+        report.state = State::Faulted;
+        report.faults = Faults::NONE.with(Fault::CurrentSense);
+    });
+    assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Trial(bridges));
+    assert_eq!(ends.link.order().requests.trial, 1);
+    // Another request is another trial.
+    let another = ToRobot { request: 8, command: Command::Trial(TRIAL) };
+    let frame = ends.operator.send(ends.now, &another).unwrap();
+    ends.hear(&frame);
+    assert!(matches!(ends.outcomes.pop(), Some(Outcome::Refused(Refusal::Faulted(_)))));
+}

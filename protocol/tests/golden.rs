@@ -52,6 +52,7 @@ fn command_name(command: &Command) -> &'static str {
         Command::Scope(ScopeCommand::Read(_)) => "scope-read",
         Command::Trial(Trial { pattern: Pattern::Halve(_), .. }) => "trial-halve",
         Command::Trial(Trial { pattern: Pattern::Turn(_), .. }) => "trial-turn",
+        Command::Trial(Trial { pattern: Pattern::Swing(_), .. }) => "trial-swing",
     }
 }
 const TURN: Trial = Trial {
@@ -61,7 +62,7 @@ const TURN: Trial = Trial {
     pattern: Pattern::Turn(-79),
     ticks: 4_000,
 };
-const COMMANDS: usize = 17;
+const COMMANDS: usize = 18;
 
 fn commands() -> Vec<Command> {
     vec![
@@ -85,6 +86,7 @@ fn commands() -> Vec<Command> {
         Command::Scope(ScopeCommand::Read(300)),
         Command::Trial(Trial { pattern: Pattern::Halve(40), ..TURN }),
         Command::Trial(TURN),
+        Command::Trial(Trial { pattern: Pattern::Swing(600), ..TURN }),
     ]
 }
 

@@ -142,8 +142,11 @@ fn any_command() -> impl Strategy<Value = Command> {
 }
 
 fn trial() -> impl Strategy<Value = Trial> {
-    let pattern =
-        prop_oneof![any::<u16>().prop_map(Pattern::Halve), any::<i16>().prop_map(Pattern::Turn),];
+    let pattern = prop_oneof![
+        any::<u16>().prop_map(Pattern::Halve),
+        any::<i16>().prop_map(Pattern::Turn),
+        any::<u16>().prop_map(Pattern::Swing),
+    ];
     (any::<[bool; 2]>(), any::<u16>(), any::<u16>(), pattern, any::<u16>()).prop_map(
         |(motors, current_ma, angle, pattern, ticks)| Trial {
             motors,

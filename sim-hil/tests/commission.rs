@@ -14,9 +14,13 @@ use flix_sim::rig::operation::OperationError;
 use flix_sim::rig::robot::Disturbance;
 
 #[test]
-fn strangers_find_their_own_values() {
+fn strangers_find_their_own_values_and_name_what_is_wired_wrongly() {
     let measured = measure(4, 1, || {}).unwrap();
     assert_eq!(measured.refused_without_current_sense, 4);
+    let wiring = &measured.wiring_faults;
+    assert!(wiring.kinds.len() > 20 && wiring.tried == 4 * wiring.kinds.len());
+    assert!(wiring.missed.is_empty(), "{:?}", wiring.missed);
+    assert!(wiring.largest_current_a <= CURRENT_LIMIT_A);
     for robot in measured.each {
         assert!(robot.passes(), "{robot:?}");
     }
@@ -42,8 +46,8 @@ fn swapped_encoders_are_named_and_the_settings_stay_as_they_were() {
     robot.operation.robot.disturb(Swapped);
     let before = settings(&mut robot);
     let found = commission(&mut robot, &Known::default(), |_| {});
-    let Err(CommissionError::Found { motor: 0, finding }) = found else { panic!("{found:?}") };
-    assert_eq!(finding, Finding::EncodersSwapped);
+    let Err(CommissionError::Found(finding)) = found else { panic!("{found:?}") };
+    assert_eq!(finding, Finding::EncodersSwapped(0));
     assert_eq!(settings(&mut robot), before);
 }
 

@@ -3,31 +3,20 @@
 use std::time::Duration;
 
 use flix_protocol::message::{
-    Bridges, Channel, Command, Outcome, ParameterCommand, Pattern, ScopeCommand, ScopePlan,
-    ScopeState, Setpoint, State, Trial, Trigger,
+    Channel, Command, Outcome, ParameterCommand, ScopeCommand, ScopePlan, ScopeState, Setpoint,
+    State, Trigger,
 };
 
-use super::phases::{Phases, Standing};
 use super::running::{self, Change, Steady};
-use super::turning::{self, Rotor, Turning};
 use super::{CommissionError, Finding, Step, Subject, motor_name};
 use crate::scope::Capture;
 
-/// Most current of a standing field, mA: a rotor that swings to it adds as much again in a motor of little resistance.
-const STANDING_CURRENT_MA: u16 = 700;
-/// Ticks of half, and of whole, voltage.
-const HALVED_TICKS: u16 = 20;
-/// Ticks that the scope keeps of the halved voltages, and some more.
-const STANDING_TICKS: u16 = 2_800;
-/// Speed of the turning field, 2^-16 turn per tick, and its most current, mA: 10 Hz; where the rotor does not follow
-/// that, 6 Hz of more.
-const FIELDS: [(i16, u16); 2] = [(66, 800), (40, 1_000)];
-/// Ticks for which it turns.
-const TURNING_TICKS: u16 = 3_300;
+/// How far the divider may be off a voltmeter.
+const BATTERY_RATIOS: std::ops::Range<f64> = 0.85..1.18;
 /// Interval of looks at a trial or capture.
-const LOOK: Duration = Duration::from_millis(20);
+pub(super) const LOOK: Duration = Duration::from_millis(20);
 /// Looks after which one is not waited for any longer: 10 s.
-const LOOKS: usize = 500;
+pub(super) const LOOKS: usize = 500;
 /// Time to settle at another frequency.
 const SETTLING: Duration = Duration::from_millis(1_200);
 /// Longest ramp, s.
@@ -38,16 +27,11 @@ const BEFORE_RAMP: Duration = Duration::from_millis(80);
 const STEADY_ROWS: [usize; 2] = [800, 1_500];
 /// Ramps up and down.
 const RAMPS: usize = 6;
-/// Most that a rotor which follows its field is off, root mean square, electrical degrees.
-const LARGEST_SLIP_DEG: f64 = 60.0;
-/// How far the pole pairs may be from a whole number.
-const LARGEST_FRACTION: f64 = 0.3;
-
-type Done<T, S> = Result<T, CommissionError<<S as Subject>::Error>>;
+pub(super) type Done<T, S> = Result<T, CommissionError<<S as Subject>::Error>>;
 
 /// A robot, and what was changed about it.
 pub(super) struct Desk<'a, S> {
-    subject: &'a mut S,
+    pub(super) subject: &'a mut S,
     /// Settings: name, value before, value now.
     changed: Vec<(String, f32, f32)>,
 }
@@ -120,15 +104,20 @@ impl<'a, S: Subject> Desk<'a, S> {
         let shown = self.subject.telemetry().and_then(|telemetry| telemetry.bus_voltage);
         match shown {
             Some(shown) => {
+                let (shown, entered) = (shown.get(), battery);
+                if !BATTERY_RATIOS.contains(&(entered / f64::from(shown))) {
+                    let finding = Finding::Battery { shown: shown.into(), entered };
+                    return Err(CommissionError::Found(finding));
+                }
                 let scale = self.setting("battery_scale")?;
-                self.set("battery_scale", scale * battery / f64::from(shown.get()))
+                self.set("battery_scale", scale * battery / f64::from(shown))
             }
             None => self.set("nominal_voltage", battery),
         }
     }
 
     /// Returns the faults, where there are any.
-    fn check(&mut self, step: Step) -> Done<(), S> {
+    pub(super) fn check(&mut self, step: Step) -> Done<(), S> {
         match self.subject.telemetry() {
             Some(telemetry) if telemetry.state == State::Faulted => {
                 Err(CommissionError::Faulted { step, faults: telemetry.faults })
@@ -149,27 +138,40 @@ impl<'a, S: Subject> Desk<'a, S> {
         Ok(disarmed?)
     }
 
-    fn begin_capture(&mut self, channels: &[Channel], trigger: Trigger) -> Done<(), S> {
+    pub(super) fn begin_capture(
+        &mut self,
+        channels: &[Channel],
+        trigger: Trigger,
+        before: u16,
+    ) -> Done<(), S> {
         let channels = channels.iter().copied().collect();
-        let plan = ScopePlan { channels, trigger, before: 0 };
+        let plan = ScopePlan { channels, trigger, before };
         self.subject.ask(Command::Scope(ScopeCommand::Begin(plan)))?;
         Ok(())
     }
 
-    /// Waits until the capture is complete, and fetches it.
-    fn capture(&mut self, step: Step) -> Done<Columns, S> {
+    /// Waits until the capture is complete, and fetches its first rows, at most so many.
+    pub(super) fn capture(&mut self, step: Step, rows: u16) -> Done<Columns, S> {
         for _ in 0..LOOKS {
-            let Outcome::Scope(status) = self.subject.ask(Command::Scope(ScopeCommand::Status))?
-            else {
-                return Err(CommissionError::OtherAnswer);
-            };
-            if status.state == ScopeState::Complete {
-                return self.fetch(Capture::new(status));
+            if let Some(columns) = self.captured(rows)? {
+                return Ok(columns);
             }
             self.check(step)?;
             self.subject.pause(LOOK)?;
         }
         Err(CommissionError::Endless(step))
+    }
+
+    /// Fetches the capture if it is complete.
+    pub(super) fn captured(&mut self, rows: u16) -> Done<Option<Columns>, S> {
+        match self.subject.ask(Command::Scope(ScopeCommand::Status))? {
+            Outcome::Scope(mut status) if status.state == ScopeState::Complete => {
+                status.rows = status.rows.min(rows);
+                self.fetch(Capture::new(status)).map(Some)
+            }
+            Outcome::Scope(_) => Ok(None),
+            _ => Err(CommissionError::OtherAnswer),
+        }
     }
 
     fn fetch(&mut self, mut capture: Capture) -> Done<Columns, S> {
@@ -183,120 +185,18 @@ impl<'a, S: Subject> Desk<'a, S> {
         Ok(Columns(capture))
     }
 
-    /// Does a trial and captures its pattern.
-    fn try_out(
-        &mut self,
-        step: Step,
-        trial: Trial,
-        channels: &[Channel],
-    ) -> Done<(Columns, Bridges), S> {
-        self.begin_capture(channels, Trigger::Pattern)?;
-        let Outcome::Trial(bridges) = self.subject.ask(Command::Trial(trial))? else {
-            return Err(CommissionError::OtherAnswer);
-        };
-        let columns = self.capture(step)?;
+    /// Waits until the robot is in this state. A fault ends that unless it is `expected`.
+    pub(super) fn await_state(&mut self, step: Step, state: State, expected: bool) -> Done<(), S> {
         for _ in 0..LOOKS {
-            self.check(step)?;
-            if self.subject.telemetry().is_some_and(|it| it.state == State::Disarmed) {
-                return Ok((columns, bridges));
+            if !expected {
+                self.check(step)?;
+            }
+            if self.subject.telemetry().is_some_and(|it| it.state == state) {
+                return Ok(());
             }
             self.subject.pause(LOOK)?;
         }
         Err(CommissionError::Endless(step))
-    }
-
-    /// Captures a standing field of both motors.
-    pub(super) fn stand(&mut self) -> Done<([Standing; 2], Bridges), S> {
-        let channels = [
-            Channel::TopVoltageD,
-            Channel::TopPhaseA,
-            Channel::TopPhaseB,
-            Channel::BottomVoltageD,
-            Channel::BottomPhaseA,
-            Channel::BottomPhaseB,
-            Channel::Bus,
-        ];
-        let trial = Trial {
-            motors: [true; 2],
-            current_ma: STANDING_CURRENT_MA,
-            angle: 0,
-            pattern: Pattern::Halve(HALVED_TICKS),
-            ticks: STANDING_TICKS,
-        };
-        let (columns, bridges) = self.try_out(Step::Phases, trial, &channels)?;
-        let standing = [0, 1].map(|motor| Standing {
-            voltage: columns.of(3 * motor),
-            currents: [columns.of(3 * motor + 1), columns.of(3 * motor + 2)],
-            bus: columns.mean(6),
-            interval: HALVED_TICKS.into(),
-        });
-        Ok((standing, bridges))
-    }
-
-    /// Measures one motor under a turning field.
-    pub(super) fn turn(
-        &mut self,
-        motor: usize,
-        phases: &Phases,
-        bridges: &Bridges,
-    ) -> Done<Rotor, S> {
-        let mut finding = Finding::DoesNotTurn;
-        for field in FIELDS {
-            let turning = self.turn_at(field, motor, phases, bridges)?;
-            match check_rotor(turning::measure(&turning, &phases.circuit)) {
-                Ok(rotor) => return Ok(rotor),
-                Err(found) => finding = found,
-            }
-        }
-        Err(CommissionError::Found { motor, finding })
-    }
-
-    fn turn_at(
-        &mut self,
-        (speed, current_ma): (i16, u16),
-        motor: usize,
-        phases: &Phases,
-        bridges: &Bridges,
-    ) -> Done<Turning, S> {
-        let channels = if motor == 0 {
-            [
-                Channel::TopVoltageD,
-                Channel::TopPhaseA,
-                Channel::TopPhaseB,
-                Channel::TopAngle,
-                Channel::BottomAngle,
-                Channel::Bus,
-            ]
-        } else {
-            [
-                Channel::BottomVoltageD,
-                Channel::BottomPhaseA,
-                Channel::BottomPhaseB,
-                Channel::BottomAngle,
-                Channel::TopAngle,
-                Channel::Bus,
-            ]
-        };
-        let trial = Trial {
-            motors: [motor == 0, motor == 1],
-            current_ma,
-            angle: 0,
-            pattern: Pattern::Turn(speed),
-            ticks: TURNING_TICKS,
-        };
-        let (columns, _) = self.try_out(Step::Turning(motor), trial, &channels)?;
-        let sign = if phases.inverted { -1.0 } else { 1.0 };
-        let scaled = |column, scale: f64| -> Vec<f64> {
-            columns.of(column).into_iter().map(|current| current * scale).collect()
-        };
-        Ok(Turning {
-            trial,
-            voltage: columns.of(0),
-            currents: [scaled(1, sign), scaled(2, sign / phases.balance)],
-            angles: [columns.of(3), columns.of(4)],
-            bus: columns.mean(5),
-            pwm_frequency: bridges.pwm_frequency_hz.into(),
-        })
     }
 
     fn hold(&mut self, frequency: f64) {
@@ -317,8 +217,8 @@ impl<'a, S: Subject> Desk<'a, S> {
             Channel::BottomVoltageD,
             Channel::BottomVoltageQ,
         ];
-        self.begin_capture(&channels, Trigger::Now)?;
-        let columns = self.capture(step)?;
+        self.begin_capture(&channels, Trigger::Now, 0)?;
+        let columns = self.capture(step, u16::MAX)?;
         Ok([0, 1].map(|motor| {
             let mean = |column: usize| columns.mean(4 * motor + column);
             Steady { speed: mean(0), current: mean(1), voltage: [mean(2), mean(3)] }
@@ -344,10 +244,10 @@ impl<'a, S: Subject> Desk<'a, S> {
         self.subject.pause(SETTLING)?;
         let mut changes: [Vec<Change>; 2] = Default::default();
         for count in 0..RAMPS {
-            self.begin_capture(&channels, Trigger::Now)?;
+            self.begin_capture(&channels, Trigger::Now, 0)?;
             self.subject.pause(BEFORE_RAMP)?;
             self.hold(if count % 2 == 0 { fast } else { slow });
-            let columns = self.capture(Step::Ramps)?;
+            let columns = self.capture(Step::Ramps, u16::MAX)?;
             if !measures_bus && count % 2 == 1 {
                 continue;
             }
@@ -360,30 +260,15 @@ impl<'a, S: Subject> Desk<'a, S> {
     }
 }
 
-/// Returns the rotor if it followed its field.
-fn check_rotor(rotor: Option<Rotor>) -> Result<Rotor, Finding> {
-    let Some(rotor) = rotor else { return Err(Finding::DoesNotTurn) };
-    if rotor.other_travel > rotor.travel {
-        return Err(Finding::EncodersSwapped);
-    }
-    if !(1..=32).contains(&rotor.pole_pairs()) || rotor.slip > LARGEST_SLIP_DEG {
-        return Err(Finding::DoesNotTurn);
-    }
-    if (rotor.ratio.abs() - f64::from(rotor.pole_pairs())).abs() > LARGEST_FRACTION {
-        return Err(Finding::PolePairs(rotor.ratio.abs()));
-    }
-    Ok(rotor)
-}
-
 /// The columns of a capture.
-struct Columns(Capture);
+pub(super) struct Columns(Capture);
 
 impl Columns {
-    fn of(&self, column: usize) -> Vec<f64> {
+    pub(super) fn of(&self, column: usize) -> Vec<f64> {
         self.0.column(column).map(|(_, value)| value).collect()
     }
 
-    fn mean(&self, column: usize) -> f64 {
+    pub(super) fn mean(&self, column: usize) -> f64 {
         let column = self.of(column);
         column.iter().sum::<f64>() / column.len().max(1) as f64
     }

@@ -32,6 +32,10 @@ pub(super) fn fit<const N: usize>(
                 )
             })
             .collect();
+        // The decomposition never ends with anything else.
+        if !columns.iter().flatten().chain(&rest).all(|value| value.is_finite()) {
+            break;
+        }
         let jacobian = DMatrix::from_columns(&columns);
         let target = DVector::from_column_slice(&rest);
         let Ok(step) = jacobian.svd(true, true).solve(&target, 1e-12) else { break };
@@ -56,8 +60,12 @@ pub(super) fn fit<const N: usize>(
     best
 }
 
-/// Returns the coefficients with which `columns` add up to `target` best. All must be of one length.
+/// Returns the coefficients with which `columns` add up to `target` best; `None` where a value is not finite. All must be of one
+/// length.
 pub(super) fn solve<const N: usize>(columns: [&[f64]; N], target: &[f64]) -> Option<[f64; N]> {
+    if !columns.iter().copied().flatten().chain(target).all(|value| value.is_finite()) {
+        return None;
+    }
     let columns = columns.map(DVector::from_column_slice);
     let matrix = DMatrix::from_columns(&columns);
     // Columns of one size, so that small ones count as well.
@@ -89,6 +97,13 @@ mod tests {
                 .collect()
         });
         assert!((found[0] - 3.0).abs() < 1e-6 && (found[1] - 2.0).abs() < 1e-6, "{found:?}");
+    }
+
+    #[test]
+    fn what_is_not_finite_ends_at_once() {
+        assert_eq!(solve([&[1.0, f64::NAN]], &[1.0, 2.0]), None);
+        assert_eq!(solve([&[1.0, 2.0]], &[f64::INFINITY, 2.0]), None);
+        assert_eq!(fit([2.0], |_| vec![f64::NAN; 3]), [2.0]);
     }
 
     #[test]

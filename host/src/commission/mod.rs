@@ -2,8 +2,10 @@
 //! need.
 //!
 //! ```text
+//! standing field   what is wired wrongly, by its name                                              wiring
 //! standing field   R, L, dead time, delay of the bridges; sign and balance of the amplifiers      phases
 //! turning field    pole pairs, direction, which encoder sees it, flux linkage roughly             turning
+//! jumping field    whether a shown ampere speeds a rotor up about as much as it should            swing
 //! alignment        electrical angles and eccentricity of the encoders                             the robot's own
 //! slow, then fast  flux linkage and latency of the encoders                                       running
 //! ramps            what a shown ampere is worth, by the inertia of the rotors                     running
@@ -13,19 +15,24 @@
 //! the rotors, by their mass, and the bus voltage.
 
 mod desk;
+mod finding;
 mod least_squares;
 #[cfg(feature = "program")]
 mod live;
 pub mod phases;
 pub mod running;
+pub mod swing;
+mod trials;
 pub mod turning;
+pub mod wiring;
 
 use std::f64::consts::TAU;
 use std::time::Duration;
 
-use flix_protocol::message::{Command, Faults, Outcome, Setpoint, Telemetry};
+use flix_protocol::message::{Command, Fault, Faults, Outcome, Setpoint, Telemetry};
 
 use self::desk::Desk;
+pub use self::finding::{Finding, Phase, motor_name};
 use self::phases::Phases;
 use self::running::BackEmf;
 use self::turning::Rotor;
@@ -87,49 +94,16 @@ pub enum CommissionError<E> {
     /// The answer was of another kind.
     #[error("the robot answered something else than was asked; is its firmware of this version?")]
     OtherAnswer,
-    /// A motor does not behave like one.
-    #[error("the {} motor {finding}", motor_name(*motor))]
-    Found {
-        /// 0: top, 1: bottom.
-        motor: usize,
-        /// What is wrong.
-        finding: Finding,
-    },
-}
-
-/// What is wrong with a motor or what it hangs on.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum Finding {
-    /// No fit.
-    #[error("carries no current as a winding does: look at its three wires")]
-    NoWinding,
-    /// It does not turn with its field.
-    #[error(
-        "does not turn with its field: does something block it, and does its encoder see its magnet?"
-    )]
-    DoesNotTurn,
-    /// The other encoder sees it turn.
-    #[error("turns under the other motor's encoder: swap the two encoders")]
-    EncodersSwapped,
-    /// No whole number of pole pairs.
-    #[error(
-        "follows its field as one of {0:.2} pole pairs would: is the magnet of its encoder in place?"
-    )]
-    PolePairs(f64),
-    /// Not the other motor's pole pairs.
-    #[error("has {0} pole pairs, the top one {1}: both must be of one kind")]
-    OtherPolePairs(u32, u32),
-}
-
-/// Returns the name of a motor, 0 or 1.
-#[must_use]
-pub const fn motor_name(motor: usize) -> &'static str {
-    if motor == 0 { "top" } else { "bottom" }
+    /// Something is wired wrongly, or a motor does not behave like one.
+    #[error(transparent)]
+    Found(Finding),
 }
 
 /// Parts of commissioning, for progress and errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Step {
+    /// [`wiring`].
+    Wiring,
     /// [`phases`].
     Phases,
     /// [`turning`], of the top or the bottom motor.
@@ -146,7 +120,8 @@ pub enum Step {
 
 impl Step {
     /// All, in order.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
+        Self::Wiring,
         Self::Phases,
         Self::Turning(0),
         Self::Turning(1),
@@ -160,6 +135,7 @@ impl Step {
 impl std::fmt::Display for Step {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.pad(match self {
+            Self::Wiring => "looking at the wiring",
             Self::Phases => "measuring the phases",
             Self::Turning(0) => "turning the top motor",
             Self::Turning(_) => "turning the bottom motor",
@@ -240,6 +216,8 @@ const RAMP_CURRENT: f64 = 0.3;
 /// least and most current for it, A.
 const ALIGNMENT_TORQUE: f64 = 25e-3;
 const ALIGNMENT_CURRENTS: (f64, f64) = (0.3, 1.2);
+/// Most current that a rotor swings by, A.
+const SWING_CURRENT: f64 = 0.9;
 /// Current limit while the amplifiers' scale is not known, A: a margin of 20 % and more below 2 A.
 const CURRENT_LIMIT: f64 = 1.4;
 /// Gentlest and steepest ramps, Hz/s.
@@ -261,7 +239,13 @@ pub fn commission<S: Subject>(
     if found.is_err() {
         desk.restore();
     }
-    found.map(|found| Commissioned { changes: desk.changes(), ..found })
+    match found {
+        Ok(found) => Ok(Commissioned { changes: desk.changes(), ..found }),
+        Err(CommissionError::Faulted { faults, .. }) if faults.contains(Fault::EncoderLost) => {
+            Err(CommissionError::Found(Finding::EncoderLost))
+        }
+        Err(error) => Err(error),
+    }
 }
 
 fn measure<S: Subject>(
@@ -269,6 +253,8 @@ fn measure<S: Subject>(
     known: &Known,
     mut step: impl FnMut(Step),
 ) -> Result<Commissioned, CommissionError<S::Error>> {
+    step(Step::Wiring);
+    desk.check(Step::Wiring)?;
     if let Some(inertia) = known.rotor_inertia {
         desk.set("rotor_inertia", 1e7 * inertia)?;
     }
@@ -280,6 +266,9 @@ fn measure<S: Subject>(
     desk.set_each("current_gain_a", [1.0; 2])?;
     desk.set_each("current_gain_b", [1.0; 2])?;
 
+    desk.look()?.check().map_err(CommissionError::Found)?;
+    wiring::judge(&desk.wiring()?).map_err(CommissionError::Found)?;
+
     step(Step::Phases);
     let (standing, bridges) = desk.stand()?;
     let mut windings = [check_winding(0, phases::measure(&standing[0], &bridges, 1.0))?; 2];
@@ -288,16 +277,26 @@ fn measure<S: Subject>(
     let delay = (windings[0].circuit.delay + windings[1].circuit.delay) / 2.0;
 
     step(Step::Turning(0));
-    let mut rotors = [desk.turn(0, &windings[0], &bridges)?; 2];
+    let top = desk.turn(0, &windings[0], &bridges)?;
     step(Step::Turning(1));
-    rotors[1] = desk.turn(1, &windings[1], &bridges)?;
+    let turned = [top, desk.turn(1, &windings[1], &bridges)?];
+    let rotors = turned.map(|(rotor, _)| rotor);
     let [pole_pairs, of_bottom] = rotors.map(|rotor| rotor.pole_pairs());
     if pole_pairs != of_bottom {
-        let finding = Finding::OtherPolePairs(of_bottom, pole_pairs);
-        return Err(CommissionError::Found { motor: 1, finding });
+        let finding = Finding::OtherPolePairs { top: pole_pairs, bottom: of_bottom };
+        return Err(CommissionError::Found(finding));
     }
     let pairs = f64::from(pole_pairs);
     let mut flux = rotors.map(|rotor| rotor.flux_linkage);
+    let mut scales = [1.0; 2];
+    for motor in [0, 1] {
+        let current =
+            alignment_current(pairs * flux[motor]).min(SWING_CURRENT).max(turned[motor].1);
+        let swing = desk.swing(motor, &windings[motor], current)?;
+        // One that friction holds says nothing.
+        scales[motor] = swing::scale(&swing, &rotors[motor], inertia).unwrap_or(1.0);
+    }
+    check_scales(scales).map_err(CommissionError::Found)?;
 
     step(Step::Aligning);
     let actuation_delay = delay + phases::TICK / 2.0;
@@ -315,11 +314,7 @@ fn measure<S: Subject>(
     let ramp = (weaker * RAMP_CURRENT / inertia / TAU).clamp(RAMPS.0, RAMPS.1);
     desk.set("frequency_ramp", ramp)?;
     desk.set("current_limit", CURRENT_LIMIT)?;
-    let alignment_current = ALIGNMENT_TORQUE / weaker;
-    desk.set(
-        "alignment_current",
-        alignment_current.clamp(ALIGNMENT_CURRENTS.0, ALIGNMENT_CURRENTS.1),
-    )?;
+    desk.set("alignment_current", alignment_current(pairs * flux[0].min(flux[1])))?;
     desk.arm(Step::Aligning)?;
 
     let bus = standing[0].bus.min(standing[1].bus);
@@ -347,9 +342,9 @@ fn measure<S: Subject>(
     let ends = RAMP_SHARES.map(|share| share * fastest);
     let slopes = desk.ramps(ends, ramp, bridges.measures_bus)?;
     desk.disarm(Step::Ramps)?;
-    let mut scales = [1.0; 2];
+    let scales = [0, 1].map(|motor| slopes[motor] * 1.5 * pairs * flux[motor] / inertia);
+    check_scales(scales).map_err(CommissionError::Found)?;
     for motor in [0, 1] {
-        scales[motor] = slopes[motor] * 1.5 * pairs * flux[motor] / inertia;
         let again = phases::measure(&standing[motor], &bridges, scales[motor]);
         windings[motor] = check_winding(motor, again)?;
     }
@@ -378,6 +373,11 @@ fn measure<S: Subject>(
     Ok(Commissioned { motors, pole_pairs, encoder_latency: latency, actuation_delay, changes })
 }
 
+/// Returns the current that turns a motor of these pole pairs times flux linkage (Wb) safely, A.
+fn alignment_current(linked: f64) -> f64 {
+    (ALIGNMENT_TORQUE / (1.5 * linked)).clamp(ALIGNMENT_CURRENTS.0, ALIGNMENT_CURRENTS.1)
+}
+
 /// Returns the bandwidths of trackers and position loops, Hz, that bear an encoder of this latency.
 fn bandwidths(latency: f64) -> [f64; 2] {
     let [careful, quick] = [CAREFUL[0], QUICK[0]];
@@ -391,7 +391,22 @@ const LARGEST_MISFIT: f64 = 0.05;
 
 fn check_winding<E>(motor: usize, found: Option<Phases>) -> Result<Phases, CommissionError<E>> {
     let fits = |it: &Phases| it.misfit < LARGEST_MISFIT && (0.5..2.0).contains(&it.balance);
-    found.filter(fits).ok_or(CommissionError::Found { motor, finding: Finding::NoWinding })
+    found.filter(fits).ok_or(CommissionError::Found(Finding::NoWinding(motor)))
+}
+
+/// What a motor may show over the current that its inertia takes: amplifiers are within 20 %, and the stated inertia nearly
+/// right.
+const SCALES: std::ops::Range<f64> = 0.65..1.45;
+
+fn check_scales(scales: [f64; 2]) -> Result<(), Finding> {
+    let fits = scales.map(|scale| SCALES.contains(&scale));
+    let light = scales.map(|scale| scale < SCALES.start);
+    match (fits, light) {
+        ([true, true], _) => Ok(()),
+        (_, [true, false]) => Err(Finding::NoMass { motor: 0, share: scales[0] }),
+        (_, [false, true]) => Err(Finding::NoMass { motor: 1, share: scales[1] }),
+        _ => Err(Finding::CurrentScale { scale: (scales[0] + scales[1]) / 2.0 }),
+    }
 }
 
 #[cfg(test)]

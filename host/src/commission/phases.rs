@@ -23,9 +23,9 @@ const LEFT_OUT: usize = 4;
 const DEAD_TIME_SPREAD: f64 = 0.05;
 /// What dead time may take where the board states none, V.
 const UNKNOWN_DEAD_TIME: f64 = 0.05;
-/// Delay of the bridges that is believed beforehand, and how far it may be off, in ticks: less than 10 us of them are told
-/// apart from the inductance.
-const DELAY: (f64, f64) = (0.6, 0.3);
+/// How far the delay of the bridges may be off what is believed beforehand, that duties act from the next PWM period on, s: a
+/// conversion may be early or late by so much. Less is not told apart from the inductance.
+const DELAY_SPREAD: f64 = 10e-6;
 /// What the mean period may differ from the circuit's, A.
 const DIFFERENCE: f64 = 2e-3;
 
@@ -145,6 +145,9 @@ pub fn measure(standing: &Standing, bridges: &Bridges, scale: f64) -> Option<Pha
     let shown: Vec<f64> = a.iter().map(|current| sign * current / scale).collect();
     let whole = shown.iter().copied().fold(0.0, f64::max);
     let most = voltages.iter().copied().fold(0.0, f64::max);
+    if whole <= 0.0 || most <= 0.0 {
+        return None;
+    }
     let frequency = f64::from(bridges.pwm_frequency_hz);
     let stated = f64::from(bridges.dead_time_ns) * 1e-9 * frequency * standing.bus;
     let spread = if stated > 0.0 { DEAD_TIME_SPREAD * stated } else { UNKNOWN_DEAD_TIME };
@@ -163,7 +166,7 @@ pub fn measure(standing: &Standing, bridges: &Bridges, scale: f64) -> Option<Pha
             .map(|(solved, shown)| (solved - shown) / DIFFERENCE)
             .collect();
         all.push((circuit.dead_voltage - stated) / spread);
-        all.push((circuit.delay / TICK - DELAY.0) / DELAY.1);
+        all.push((circuit.delay - 1.0 / frequency) / DELAY_SPREAD);
         all
     };
     let best = [0.1e-3, 0.4e-3, 1.5e-3]

@@ -63,6 +63,17 @@ pub fn latency(measured: &[BackEmf]) -> Option<f64> {
     solve([&speeds, &ones], &ahead).map(|[slope, _]| -slope)
 }
 
+/// Returns the integral of a column over time, tick by tick.
+pub(super) fn integral(column: &[f64]) -> Vec<f64> {
+    column
+        .iter()
+        .scan(0.0, |sum, value| {
+            *sum += value * TICK;
+            Some(*sum)
+        })
+        .collect()
+}
+
 /// A change of speed, tick by tick, as the scope shows it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Change {
@@ -77,15 +88,6 @@ pub struct Change {
 /// constant, and growing with speed.
 #[must_use]
 pub fn current_per_acceleration(changes: &[Change], steady: [usize; 2]) -> Option<f64> {
-    let integral = |column: &[f64]| -> Vec<f64> {
-        column
-            .iter()
-            .scan(0.0, |sum, value| {
-                *sum += value * TICK;
-                Some(*sum)
-            })
-            .collect()
-    };
     let ends = |column: &[f64]| {
         let [first, last] = steady.map(|rows| rows.min(column.len()));
         [&column[..first], &column[column.len() - last..]].concat()

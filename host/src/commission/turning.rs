@@ -14,6 +14,15 @@ use flix_protocol::message::Trial;
 use super::least_squares::solve;
 use super::phases::{Circuit, TICK};
 
+/// Least flux linkage of magnets, Wb, besides this share of what the current makes: so much is left of it by what is not known
+/// of the circuit.
+const LEAST_FLUX: f64 = 0.2e-3;
+const FLUX_SHARE: f64 = 1.1;
+
+/// Of a rotor that turned less, degrees, or whose pole pairs are so far from a whole number, they are not sure yet.
+const LEAST_TRAVEL: f64 = 120.0;
+const CLEAR_FRACTION: f64 = 0.12;
+
 /// A capture of a turning field, of one motor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Turning {
@@ -44,6 +53,8 @@ pub struct Rotor {
     pub other_travel: f64,
     /// Root mean square of how far the rotor was from where its pole pairs have it, electrical degrees.
     pub slip: f64,
+    /// Electrical angle of its magnets where the encoder shows forward, rad.
+    pub offset: f64,
 }
 
 impl Rotor {
@@ -52,10 +63,21 @@ impl Rotor {
     pub fn pole_pairs(&self) -> u32 {
         self.ratio.abs().round() as u32
     }
+
+    /// Returns whether it did not turn far enough to be sure of its pole pairs.
+    pub(super) fn is_unclear(&self) -> bool {
+        self.travel < LEAST_TRAVEL || self.fraction() > CLEAR_FRACTION
+    }
+
+    /// Returns how far they are from a whole number.
+    #[must_use]
+    pub fn fraction(&self) -> f64 {
+        (self.ratio - self.ratio.round()).abs()
+    }
 }
 
 /// Returns the angle without jumps, degrees.
-fn unwrapped(angles: &[f64]) -> Vec<f64> {
+pub(super) fn unwrapped(angles: &[f64]) -> Vec<f64> {
     let mut turned = 0.0;
     let mut last = angles.first().copied().unwrap_or_default();
     angles
@@ -73,14 +95,8 @@ fn unwrapped(angles: &[f64]) -> Vec<f64> {
 pub fn measure(turning: &Turning, circuit: &Circuit) -> Option<Rotor> {
     let rows = turning.voltage.len();
     let [own, other] = [&turning.angles[0], &turning.angles[1]].map(|angles| unwrapped(angles));
-    let first = turning.trial.ticks_before();
-    let turns = |raw: u32| f64::from(raw as i32) / 4_294_967_296.0;
-    let start = turning.trial.field(first);
-    let step = turns(turning.trial.field(first + 1).wrapping_sub(start));
-    let field: Vec<f64> = (0..rows).map(|row| turns(start) + step * row as f64).collect();
-    let ones = vec![1.0; rows];
-    let [turns, _] = solve([&field, &ones], &own)?;
-    let ratio = 360.0 / turns;
+    let field = field(&turning.trial, rows);
+    let (ratio, _) = ratio(&turning.trial, &turning.angles[0])?;
     let travel = |angles: &[f64]| {
         let span = angles
             .iter()
@@ -94,13 +110,55 @@ pub fn measure(turning: &Turning, circuit: &Circuit) -> Option<Rotor> {
     let lag: Vec<f64> = (0..rows).map(|row| electrical[row] - TAU * field[row]).collect();
     let mean = lag.iter().sum::<f64>() / lag.len() as f64;
     let slip = lag.iter().map(|one| (one - mean).powi(2)).sum::<f64>() / lag.len() as f64;
-    let flux_linkage = flux(turning, circuit, &field, &electrical)?;
+    let [along, across] = flux(turning, circuit, &field, &electrical)?;
+    let flux_linkage = along.hypot(across);
     let (travel, other_travel) = (travel(&own), travel(&other));
-    Some(Rotor { ratio, flux_linkage, travel, other_travel, slip: slip.sqrt().to_degrees() })
+    let start = turning.angles[0].first()?.to_radians();
+    let offset = across.atan2(along) - ratio.round() * start;
+    let slip = slip.sqrt().to_degrees();
+    Some(Rotor { ratio, flux_linkage, travel, other_travel, slip, offset })
 }
 
-/// Returns the flux linkage, Wb, of a rotor at these electrical angles (rad) under a field at these (turns).
-fn flux(turning: &Turning, circuit: &Circuit, field: &[f64], electrical: &[f64]) -> Option<f64> {
+/// Returns the electrical turns of the field over the turns of a rotor at these angles (degrees), and how far it is off that,
+/// root mean square, electrical degrees.
+#[must_use]
+pub fn ratio(trial: &Trial, angles: &[f64]) -> Option<(f64, f64)> {
+    let (field, ones) = (field(trial, angles.len()), vec![1.0; angles.len()]);
+    let angles = unwrapped(angles);
+    let [turns, start] = solve([&field, &ones], &angles)?;
+    let off = angles.iter().zip(&field).map(|(it, field)| (it - start - turns * field).powi(2));
+    let off = (off.sum::<f64>() / field.len() as f64).sqrt();
+    let ratio = 360.0 / turns;
+    Some((ratio, ratio.abs() * off))
+}
+
+/// Returns the angles of the field, turns.
+fn field(trial: &Trial, rows: usize) -> Vec<f64> {
+    let first = trial.ticks_before();
+    let turns = |raw: u32| f64::from(raw as i32) / 4_294_967_296.0;
+    let start = trial.field(first);
+    let step = turns(trial.field(first + 1).wrapping_sub(start));
+    (0..rows).map(|row| turns(start) + step * row as f64).collect()
+}
+
+/// Returns whether magnets turn with the field, whatever the encoder sees: they leave a flux along it that no current makes.
+#[must_use]
+pub fn is_drawn_along(turning: &Turning, circuit: &Circuit) -> bool {
+    let field = field(&turning.trial, turning.voltage.len());
+    let electrical: Vec<f64> = field.iter().map(|turns| TAU * turns).collect();
+    let found = flux(turning, circuit, &field, &electrical);
+    let most = turning.currents[0].iter().fold(0.0, |most: f64, it| most.max(it.abs()));
+    let least = LEAST_FLUX + FLUX_SHARE * circuit.inductance * most;
+    found.is_some_and(|[along, _]| along > least)
+}
+
+/// Returns the flux linkage, Wb, along and across a rotor at these electrical angles (rad) under a field at these (turns).
+fn flux(
+    turning: &Turning,
+    circuit: &Circuit,
+    field: &[f64],
+    electrical: &[f64],
+) -> Option<[f64; 2]> {
     let Circuit { resistance, inductance, delay, dead_voltage } = *circuit;
     let knee = turning.bus / (8.0 * inductance * turning.pwm_frequency);
     let lost = |current: f64| dead_voltage * (current / knee).clamp(-1.0, 1.0);
@@ -142,5 +200,5 @@ fn flux(turning: &Turning, circuit: &Circuit, field: &[f64], electrical: &[f64])
         both(&none, &time),
     ];
     let found = solve(columns.each_ref().map(Vec::as_slice), &linked.concat())?;
-    Some(found[0].hypot(found[1]))
+    Some([found[0], found[1]])
 }

@@ -13,7 +13,7 @@ use crate::units::{OutOfRange, within};
 /// Least current of a trial, mA.
 pub const LEAST_TRIAL_CURRENT_MA: u16 = 100;
 /// Most current of a trial, mA.
-pub const MOST_TRIAL_CURRENT_MA: u16 = 1_000;
+pub const MOST_TRIAL_CURRENT_MA: u16 = 1_300;
 /// Current that ends a trial, mA: with an amplifier that shows 20 % too little still below 2 A.
 pub const TRIAL_BOUND_MA: u16 = 1_500;
 /// Longest pattern, ticks: 1 s.
@@ -26,7 +26,7 @@ pub const FASTEST_FIELD: i16 = 328;
 pub struct Trial {
     /// Whether the top and the bottom motor are driven; one that is not is shorted.
     pub motors: [bool; 2],
-    /// Largest phase current, 100 to 1,000 mA.
+    /// Largest phase current, 100 to 1,300 mA.
     pub current_ma: u16,
     /// Electrical angle of the field where it grows, from phase A, 2^-16 turn.
     pub angle: u16,
@@ -44,10 +44,15 @@ pub enum Pattern {
     /// It turns, in the order of the phases where positive; it gathers speed evenly in [`GATHER_TICKS`], which come before
     /// the others. In 2^-16 turn per tick, 328 (50 Hz) either way.
     Turn(i16),
+    /// It jumps a third of a turn, in the order of the phases, after so many ticks, then back, and so on; at least 1.
+    Swing(u16),
 }
 
 /// Ticks in which a turning field gathers its speed, so softly that the rotor hardly swings: 0.41 s.
 pub const GATHER_TICKS: u16 = 1 << 12;
+
+/// A third of a turn, 2^-32 turn.
+const THIRD: u32 = 0x5555_5555;
 
 impl Trial {
     /// Checks its values against their ranges.
@@ -60,7 +65,7 @@ impl Trial {
         within("length", "ticks", self.ticks.into(), 1.0, LONGEST_PATTERN_TICKS.into())?;
         let fastest: f32 = FASTEST_FIELD.into();
         match self.pattern {
-            Pattern::Halve(ticks) => {
+            Pattern::Halve(ticks) | Pattern::Swing(ticks) => {
                 within("interval", "ticks", ticks.into(), 1.0, LONGEST_PATTERN_TICKS.into())?;
             }
             Pattern::Turn(speed) => {
@@ -74,7 +79,7 @@ impl Trial {
     #[must_use]
     pub const fn ticks_before(&self) -> u32 {
         match self.pattern {
-            Pattern::Halve(_) => 0,
+            Pattern::Halve(_) | Pattern::Swing(_) => 0,
             Pattern::Turn(_) => GATHER_TICKS as u32,
         }
     }
@@ -83,7 +88,14 @@ impl Trial {
     #[must_use]
     pub const fn field(&self, tick: u32) -> u32 {
         let start = (self.angle as u32) << 16;
-        let Pattern::Turn(speed) = self.pattern else { return start };
+        let speed = match self.pattern {
+            Pattern::Halve(_) | Pattern::Swing(0) => return start,
+            Pattern::Swing(ticks) => {
+                let is_ahead = !(tick / ticks as u32).is_multiple_of(2);
+                return start.wrapping_add(if is_ahead { THIRD } else { 0 });
+            }
+            Pattern::Turn(speed) => speed,
+        };
         // Sum of the speeds of the ticks before: evenly more in each while it gathers.
         let gather = GATHER_TICKS as u32;
         let gathered = if tick < gather { tick } else { gather };
@@ -126,6 +138,9 @@ mod tests {
         assert_eq!([0, 1, 2_048, 4_096, 9_000].map(step), expected);
         let standing = Trial { pattern: Pattern::Halve(40), ..TURNING };
         assert_eq!(standing.field(7_777), 0x4000_0000);
+        let swinging = Trial { pattern: Pattern::Swing(40), ..TURNING };
+        let expected = [0x4000_0000, 0x4000_0000, 0x9555_5555, 0x9555_5555, 0x4000_0000];
+        assert_eq!([0, 39, 40, 79, 80].map(|tick| swinging.field(tick)), expected);
     }
 
     #[test]
@@ -133,10 +148,11 @@ mod tests {
         assert!(TURNING.check().is_ok());
         for wrong in [
             Trial { current_ma: 99, ..TURNING },
-            Trial { current_ma: 1_001, ..TURNING },
+            Trial { current_ma: 1_301, ..TURNING },
             Trial { ticks: 0, ..TURNING },
             Trial { ticks: 10_001, ..TURNING },
             Trial { pattern: Pattern::Halve(0), ..TURNING },
+            Trial { pattern: Pattern::Swing(0), ..TURNING },
             Trial { pattern: Pattern::Turn(329), ..TURNING },
             Trial { pattern: Pattern::Turn(i16::MIN), ..TURNING },
         ] {

@@ -55,13 +55,27 @@ fn text(all: &Commissioning) -> String {
         "exact",
         format!("{CURRENT_LIMIT_A:.2}"),
     ]);
+    let wiring = &all.wiring_faults;
+    let mut faults = vec![headings("wiring fault|tried|named")];
+    let line = |(kind, [tried, named]): (&&str, &[usize; 2])| {
+        row![kind, tried, named, mark(tried == named)]
+    };
+    faults.extend(wiring.kinds.iter().map(line));
+    let missed =
+        wiring.missed.iter().map(|one| format!("seed {}, {}: {}\n", one.seed, one.kind, one.said));
     format!(
         "Largest error of the two motors of each robot, against the plant:\n\n{}\n{} of {} robots found within the limits; \
-         {} of them refused without current sense.\n",
+         {} of them refused without current sense.\n\n{}\n{} of {} wiring faults named, with motor and phase; at most \
+         {:.2} A\n{}",
         table(&rows),
         all.found,
         all.robots,
         all.refused_without_current_sense,
+        table(&faults),
+        wiring.named,
+        wiring.tried,
+        wiring.largest_current_a,
+        missed.collect::<String>(),
     )
 }
 

@@ -17,13 +17,15 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::model::RobotModel;
+use super::wiring::{Wiring, search};
+use crate::model::{RobotModel, Shaker};
 use crate::plant::Plant;
 use crate::plant::electronics::Electronics;
 use crate::plant::electronics::motor::MotorParameters;
 use crate::rig::bench::{Base, BenchError, Subject};
 use crate::rig::operation::{Operation, OperationError, PATIENCE};
 use crate::rig::robot::Disturbance;
+use crate::rig::wiring_fault::Miswired;
 
 /// Largest relative error of resistance, inductance and flux linkage.
 pub const VALUE_LIMIT: f64 = 0.03;
@@ -194,6 +196,8 @@ pub struct Commissioning {
     pub longest_s: f64,
     /// The same robots without current sense that refused to be measured; all must.
     pub refused_without_current_sense: usize,
+    /// The same robots with each wiring fault.
+    pub wiring_faults: Wiring,
     /// One after the other.
     pub each: Vec<Trialled>,
     /// Whether all are within the limits.
@@ -215,12 +219,14 @@ pub fn measure(
         .map(|seed| {
             let trialled = try_stranger(*seed)?;
             let refused = is_refused_without_sense(*seed)?;
+            let searched = search(*seed)?;
             done();
-            Ok((trialled, refused))
+            Ok((trialled, refused, searched))
         })
         .collect::<Result<Vec<_>, BenchError>>()?;
     let refused_without_current_sense = each.iter().filter(|it| it.1).count();
-    let each: Vec<Trialled> = each.into_iter().map(|it| it.0).collect();
+    let (each, searched): (Vec<Trialled>, Vec<_>) = each.into_iter().map(|it| (it.0, it.2)).unzip();
+    let wiring_faults = Wiring::of(searched.into_iter().flatten().collect());
     let ended = each.iter().filter_map(|it| it.errors);
     let largest = |of: fn(&Trialled) -> f64| each.iter().map(of).fold(0.0, f64::max);
     let found = each.iter().filter(|it| it.passes()).count();
@@ -228,10 +234,14 @@ pub fn measure(
         robots,
         found,
         worst: ended.reduce(Errors::worse).unwrap_or_default(),
-        largest_current_a: largest(|it| it.largest_current_a),
+        largest_current_a: largest(|it| it.largest_current_a).max(wiring_faults.largest_current_a),
         longest_s: largest(|it| it.seconds),
         refused_without_current_sense,
-        pass: found == robots && refused_without_current_sense == robots,
+        pass: found == robots
+            && refused_without_current_sense == robots
+            && wiring_faults.named == wiring_faults.tried
+            && wiring_faults.largest_current_a <= CURRENT_LIMIT_A,
+        wiring_faults,
         each,
     })
 }
@@ -243,15 +253,11 @@ pub fn measure(
 pub fn try_stranger(seed: u64) -> Result<Trialled, BenchError> {
     let model = stranger(seed);
     let drawn = Drawn::of(&model);
-    let shaker = &model.shaker;
-    let inertia = 1e-9 * shaker.mass_g * shaker.arm_mm.powi(2) + 1e-7 * shaker.bell_inertia_g_cm2;
+    let shaker = model.shaker;
     let mut watched = Watched::power_up(model, seed)?;
-    let mut source = Xoshiro256PlusPlus::seed_from_u64(!seed);
-    let error = VOLTMETER_ERROR * (2.0 * source.random::<f64>() - 1.0);
-    let battery = watched.operation.robot.truth().bus_voltage * (1.0 + error);
-    let known = Known { rotor_inertia: Some(inertia), battery: Some(battery) };
+    let known = known(&shaker, seed, &watched);
     let start = watched.operation.now();
-    let found = commission(&mut watched, &known, |_| {});
+    let found = watched.commission(&known);
     let electronics = watched.operation.robot.electronics();
     let truth = [0, 1].map(|motor| *electronics.motor(motor).parameters());
     Ok(Trialled {
@@ -264,12 +270,21 @@ pub fn try_stranger(seed: u64) -> Result<Trialled, BenchError> {
     })
 }
 
+/// Returns what its owner knows of this seed's stranger: its rotors' inertia, and the battery by a voltmeter.
+pub(super) fn known(shaker: &Shaker, seed: u64, watched: &Watched) -> Known {
+    let inertia = 1e-9 * shaker.mass_g * shaker.arm_mm.powi(2) + 1e-7 * shaker.bell_inertia_g_cm2;
+    let mut source = Xoshiro256PlusPlus::seed_from_u64(!seed);
+    let error = VOLTMETER_ERROR * (2.0 * source.random::<f64>() - 1.0);
+    let battery = watched.operation.robot.truth().bus_voltage * (1.0 + error);
+    Known { rotor_inertia: Some(inertia), battery: Some(battery) }
+}
+
 /// Returns whether the same stranger on a board without current sense refuses to be measured and no current ever flows.
 fn is_refused_without_sense(seed: u64) -> Result<bool, BenchError> {
     let mut model = stranger(seed);
     model.electrical.sense.current = false;
     let mut watched = Watched::power_up(model, seed)?;
-    let found = commission(&mut watched, &Known::default(), |_| {});
+    let found = watched.commission(&Known::default());
     let refusal = OperationError::Refused(Refusal::NoCurrentSense);
     let is_refused = matches!(found, Err(CommissionError::Robot(error)) if error == refusal);
     Ok(is_refused && watched.largest_current.get() == 0.0)
@@ -310,13 +325,39 @@ impl Watched {
     /// # Errors
     /// When it cannot be built or connected to.
     pub fn power_up(model: RobotModel, seed: u64) -> Result<Self, BenchError> {
+        Self::power_up_with(model, seed, None)
+    }
+
+    /// The same of a robot that is wired wrongly.
+    ///
+    /// # Errors
+    /// When it cannot be built or connected to.
+    pub fn power_up_with(
+        model: RobotModel,
+        seed: u64,
+        miswired: Option<Miswired>,
+    ) -> Result<Self, BenchError> {
         let subject = Subject { model: Some(model), seed };
         let largest_current = Ammeter::default();
         let mut watched = Self { operation: subject.on(Base::Fixed)?, largest_current };
         watched.operation.robot.disturb(watched.largest_current.clone());
+        if let Some(miswired) = miswired {
+            watched.operation.robot.disturb(miswired);
+        }
         watched.operation.connect()?;
         watched.pause(Duration::from_millis(300))?;
         Ok(watched)
+    }
+
+    /// Commissions it.
+    ///
+    /// # Errors
+    /// As [`commission`].
+    pub fn commission(
+        &mut self,
+        known: &Known,
+    ) -> Result<Commissioned, CommissionError<OperationError>> {
+        commission(self, known, |_| {})
     }
 }
 

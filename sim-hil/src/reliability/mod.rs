@@ -11,3 +11,5 @@ pub mod commission;
 pub mod fault_matrix;
 #[cfg(feature = "program")]
 pub mod soak;
+#[cfg(feature = "program")]
+pub mod wiring;

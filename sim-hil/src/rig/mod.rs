@@ -11,3 +11,4 @@ pub mod motion_capture;
 pub mod network;
 pub mod operation;
 pub mod robot;
+pub mod wiring_fault;

@@ -81,6 +81,8 @@ pub struct Electronics {
     random: Xoshiro256PlusPlus,
     ticks: u64,
     ledger: Ledger,
+    /// Share of its inertia that each rotor has.
+    inertia_share: [f64; 2],
 }
 
 /// One motor with its bridge and sensors.
@@ -152,6 +154,7 @@ impl Electronics {
             random,
             ticks: 0,
             ledger: Ledger::default(),
+            inertia_share: [1.0; 2],
         };
         electronics.ledger.stored = -electronics.stored([0.0; 2]);
         electronics
@@ -205,7 +208,9 @@ impl Electronics {
             torque[index] +=
                 friction[index] + chain.motor.cogging(angle[index], speed[index] * TICK);
         }
-        mechanics.step(torque, TICK)?;
+        let accelerating: [f64; 2] =
+            core::array::from_fn(|index| torque[index] / self.inertia_share[index]);
+        mechanics.step(accelerating, TICK)?;
         let after = mechanics.rotor_angle();
         for (index, chain) in self.chains.iter_mut().enumerate() {
             let turned = after[index] - angle[index];
@@ -284,6 +289,12 @@ impl Electronics {
     #[must_use]
     pub fn motor(&self, index: usize) -> &Motor {
         &self.chains[index].motor
+    }
+
+    /// Leaves a rotor (0 top, 1 bottom) this share of its inertia, as without its mass. Right on a stand that does not move
+    /// only, where a rotor's inertia is all that its torque meets.
+    pub fn lighten(&mut self, index: usize, share: f64) {
+        self.inertia_share[index] = share;
     }
 
     /// Returns where energy went, with the rotors at these angles.

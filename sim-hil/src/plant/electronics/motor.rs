@@ -99,6 +99,8 @@ pub struct Motor {
     /// Deflection of the bearing's spring, rad.
     deflection: f64,
     open: [bool; 3],
+    /// Resistance (ohm) and inductance (henry) of each phase, where they are not all alike.
+    uneven: Option<[(f64, f64); 3]>,
 }
 
 impl Motor {
@@ -113,6 +115,7 @@ impl Motor {
             current: [0.0; 2],
             deflection: 0.0,
             open: [false; 3],
+            uneven: None,
         }
     }
 
@@ -120,6 +123,18 @@ impl Motor {
     #[must_use]
     pub fn parameters(&self) -> &MotorParameters {
         &self.parameters
+    }
+
+    /// Returns what it is made of, to be another motor from now on. Its circuit stays: see [`Motor::spoil`].
+    pub fn parameters_mut(&mut self) -> &mut MotorParameters {
+        &mut self.parameters
+    }
+
+    /// Multiplies resistance and inductance of each phase by these. The back EMF stays that of a good motor, so that what
+    /// such a motor does at speed is not shown.
+    pub fn spoil(&mut self, factors: [(f64, f64); 3]) {
+        let MotorParameters { resistance, inductance, .. } = self.parameters;
+        self.uneven = Some(factors.map(|(r, l)| (r * resistance, l * inductance)));
     }
 
     /// Currents of phases A, B, C, positive into the motor, A. Their sum is zero.
@@ -187,7 +202,10 @@ impl Motor {
         }
         let before = self.current;
         self.current = match terminals {
-            [Some(a), Some(b), Some(c)] => self.three_conduct([a, b, c], sweep, decay),
+            [Some(a), Some(b), Some(c)] => match &self.uneven {
+                None => self.three_conduct([a, b, c], sweep, decay),
+                Some(phases) => self.uneven_conduct([a, b, c], phases, sweep, decay.seconds),
+            },
             _ => self.two_conduct(terminals, sweep, decay),
         };
         let mean = [0, 1].map(|axis| 0.5 * (before[axis] + self.current[axis]));
@@ -217,6 +235,28 @@ impl Motor {
             let steady = (voltage[axis] - emf[axis]) / self.parameters.resistance;
             steady + (self.current[axis] - steady) * decay.factor
         })
+    }
+
+    /// Three phases of their own resistance and inductance at one star point, by the midpoint rule.
+    fn uneven_conduct(
+        &self,
+        terminals: [f64; 3],
+        phases: &[(f64, f64); 3],
+        sweep: &Sweep,
+        seconds: f64,
+    ) -> [f64; 2] {
+        let (emf, now) = (Self::back_emf(sweep), self.phase_currents());
+        let driven: [(f64, f64); 3] = core::array::from_fn(|phase| {
+            let (resistance, inductance) = phases[phase];
+            let half = 0.5 * seconds * resistance;
+            let flux = (inductance - half) * now[phase] + seconds * (terminals[phase] - emf[phase]);
+            let admittance = 1.0 / (inductance + half);
+            (flux * admittance, admittance)
+        });
+        let all = driven.iter().fold((0.0, 0.0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
+        // What the star point takes of each, so that no current is left over.
+        let star = all.0 / all.1;
+        to_alpha_beta(driven.map(|(current, admittance)| current - star * admittance))
     }
 
     /// One current through two phases in series, or none through fewer.

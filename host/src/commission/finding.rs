@@ -1,0 +1,228 @@
+//! What commissioning finds to be wrong, in sentences that say what to look at.
+
+use std::fmt;
+
+/// Returns the name of a motor, 0 or 1.
+#[must_use]
+pub const fn motor_name(motor: usize) -> &'static str {
+    if motor == 0 { "top" } else { "bottom" }
+}
+
+/// A phase: 0, 1 or 2.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+pub struct Phase(pub usize);
+
+impl fmt::Display for Phase {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(["A", "B", "C"].get(self.0).copied().unwrap_or("?"))
+    }
+}
+
+/// What is wrong with a robot. Motors are 0 (top) and 1 (bottom).
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
+pub enum Finding {
+    /// What the divider shows is far from what a voltmeter does.
+    #[error(
+        "the board shows {shown:.1} V for a battery of {entered:.1} V: look at its divider, and whether this is the image of \
+         this board"
+    )]
+    Battery {
+        /// By the board, V.
+        shown: f64,
+        /// By the voltmeter, V.
+        entered: f64,
+    },
+    /// No reading.
+    #[error("an encoder does not answer: look at the wires and the supply of both")]
+    EncoderLost,
+    /// A standing rotor seems to move.
+    #[error(
+        "the {} encoder's angle jumps by {degrees:.1} degrees while nothing turns: is its magnet near and above its middle, and \
+         does the rotor stand?", motor_name(*motor)
+    )]
+    EncoderNoisy {
+        /// Which.
+        motor: usize,
+        /// Root mean square.
+        degrees: f64,
+    },
+    /// The other encoder sees it turn.
+    #[error("the {} motor turns under the other one's encoder: swap the two encoders", motor_name(*.0))]
+    EncodersSwapped(usize),
+    /// The rotor turned, and its encoder did not see it.
+    #[error(
+        "the {} motor turns and its encoder does not see it: is the magnet fixed to the shaft?",
+        motor_name(*.0)
+    )]
+    EncoderBlind(usize),
+    /// An amplifier shows a current where none flows.
+    #[error(
+        "the current amplifier of phase {phase} of the {} motor shows {shown:+.2} A where none flows: look at its supply and \
+         reference", motor_name(*motor)
+    )]
+    AmplifierOffset {
+        /// Of which motor.
+        motor: usize,
+        /// Of which phase.
+        phase: Phase,
+        /// What it shows, A.
+        shown: f64,
+    },
+    /// No current shows, in no phase.
+    #[error(
+        "no current shows in the {} motor: are its three wires and the supply of its driver connected?",
+        motor_name(*.0)
+    )]
+    NotConnected(usize),
+    /// A phase carries nothing.
+    #[error("phase {phase} of the {} motor is open: look at its wire", motor_name(*motor))]
+    OpenPhase {
+        /// Of which motor.
+        motor: usize,
+        /// Which.
+        phase: Phase,
+    },
+    /// A phase has more resistance than the others.
+    #[error(
+        "phase {phase} of the {} motor has {ratio:.1} times the resistance of the others: look at its joints",
+        motor_name(*motor)
+    )]
+    BadJoint {
+        /// Of which motor.
+        motor: usize,
+        /// Which.
+        phase: Phase,
+        /// Its resistance over that of the others.
+        ratio: f64,
+    },
+    /// Two windings touch.
+    #[error(
+        "phases {} and {} of the {} motor touch within their windings: replace the motor",
+        phases[0], phases[1], motor_name(*motor)
+    )]
+    ShortedPhases {
+        /// Of which motor.
+        motor: usize,
+        /// Which.
+        phases: [Phase; 2],
+    },
+    /// A winding has fewer turns than the others.
+    #[error(
+        "phase {phase} of the {} motor has {ratio:.1} times the resistance of the others: turns of it are shorted, replace \
+         the motor", motor_name(*motor)
+    )]
+    ShortedTurns {
+        /// Of which motor.
+        motor: usize,
+        /// Which.
+        phase: Phase,
+        /// Its resistance over that of the others.
+        ratio: f64,
+    },
+    /// A phase carries current, and its amplifier shows none.
+    #[error(
+        "the current amplifier of phase {phase} of the {} motor shows nothing: look at its shunt and its wire",
+        motor_name(*motor)
+    )]
+    AmplifierDead {
+        /// Of which motor.
+        motor: usize,
+        /// Of which phase.
+        phase: Phase,
+    },
+    /// Each shows what the other should.
+    #[error("the current amplifiers of phases A and B of the {} motor are swapped", motor_name(*.0))]
+    AmplifiersSwapped(usize),
+    /// It shows another phase.
+    #[error(
+        "the current amplifier of phase {amplifier} of the {} motor shows phase {phase}",
+        motor_name(*motor)
+    )]
+    AmplifierElsewhere {
+        /// Of which motor.
+        motor: usize,
+        /// Which amplifier.
+        amplifier: Phase,
+        /// What it shows.
+        phase: Phase,
+    },
+    /// They count in opposite directions.
+    #[error(
+        "the current amplifiers of phases A and B of the {} motor have opposite signs: swap the two inputs of one of them",
+        motor_name(*.0)
+    )]
+    AmplifiersOpposed(usize),
+    /// They show one current as different ones.
+    #[error(
+        "the current amplifiers of phases A and B of the {} motor differ by a factor of {:.1}: is one shunt another?",
+        motor_name(*motor), ratio.max(1.0 / ratio)
+    )]
+    AmplifiersDiffer {
+        /// Of which motor.
+        motor: usize,
+        /// What B shows over what A does.
+        ratio: f64,
+    },
+    /// Those of a motor show the other's currents.
+    #[error("the current amplifiers of the {} motor are connected to the other motor", motor_name(*.0))]
+    AmplifiersOfOther(usize),
+    /// One of a motor shows the other's current.
+    #[error(
+        "the current amplifier of phase {phase} of the {} motor is connected to the other motor",
+        motor_name(*motor)
+    )]
+    AmplifierOfOther {
+        /// Of which motor.
+        motor: usize,
+        /// Which.
+        phase: Phase,
+    },
+    /// No fit.
+    #[error("the {} motor carries no current as a winding does: look at its three wires", motor_name(*.0))]
+    NoWinding(usize),
+    /// It does not turn with its field.
+    #[error("the {} motor does not turn with its field: does something block it?", motor_name(*.0))]
+    Blocked(usize),
+    /// No whole number of pole pairs.
+    #[error(
+        "the {} motor follows its field as one of {ratio:.2} pole pairs would: does its magnet slip on the shaft?",
+        motor_name(*motor)
+    )]
+    PolePairs {
+        /// Which.
+        motor: usize,
+        /// Turns of the field over turns of the rotor.
+        ratio: f64,
+    },
+    /// Not the other motor's pole pairs.
+    #[error(
+        "the bottom motor has {bottom} pole pairs, the top one {top}: both must be of one kind"
+    )]
+    OtherPolePairs {
+        /// Of the top motor.
+        top: u32,
+        /// Of the bottom motor.
+        bottom: u32,
+    },
+    /// It speeds up too easily.
+    #[error(
+        "the {} motor speeds up as if it had {:.0} % of the inertia that is stated: is its eccentric mass in place?",
+        motor_name(*motor), 100.0 * share
+    )]
+    NoMass {
+        /// Which.
+        motor: usize,
+        /// Of the inertia.
+        share: f64,
+    },
+    /// Both motors take another current than they should to speed up.
+    #[error(
+        "both motors seem to carry {scale:.2} times the current that their inertia takes: is this the image of this board, and \
+         are rotor_inertia and both eccentric masses right?"
+    )]
+    CurrentScale {
+        /// What is shown over what it should be.
+        scale: f64,
+    },
+}

@@ -1,0 +1,196 @@
+//! Robots that are wired, mounted or made wrongly, and whether commissioning names what is wrong.
+
+use std::collections::BTreeMap;
+
+use flix_host::commission::{CommissionError, Finding, Phase};
+use rand::{RngExt as _, SeedableRng as _};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use serde::Serialize;
+
+use super::commission::{Watched, known, stranger};
+use crate::model::RobotModel;
+use crate::rig::bench::BenchError;
+use crate::rig::robot::SIMULATED_BOARD;
+use crate::rig::wiring_fault::{Miswired, WiringFault};
+
+/// A wiring fault that was looked for.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Searched {
+    /// Seed of the robot.
+    pub seed: u64,
+    /// Kind of the fault.
+    pub kind: &'static str,
+    /// What commissioning said.
+    pub said: String,
+    /// Whether that names the fault, with its motor and its phase.
+    pub named: bool,
+    /// Largest phase current from power-up on, A.
+    pub largest_current_a: f64,
+}
+
+/// How many wiring faults were tried, and named.
+#[derive(Debug, Clone, Serialize)]
+pub struct Wiring {
+    /// Tried.
+    pub tried: usize,
+    /// Named, with motor and phase.
+    pub named: usize,
+    /// Largest phase current, A.
+    pub largest_current_a: f64,
+    /// The same by kind: tried, named.
+    pub kinds: BTreeMap<&'static str, [usize; 2]>,
+    /// Those that were not named.
+    pub missed: Vec<Searched>,
+}
+
+impl Wiring {
+    /// Counts.
+    #[must_use]
+    pub fn of(searched: Vec<Searched>) -> Self {
+        let mut kinds = BTreeMap::<_, [usize; 2]>::new();
+        for one in &searched {
+            let counts = kinds.entry(one.kind).or_default();
+            counts[0] += 1;
+            counts[1] += usize::from(one.named);
+        }
+        let largest_current_a =
+            searched.iter().map(|one| one.largest_current_a).fold(0.0, f64::max);
+        Self {
+            tried: searched.len(),
+            named: searched.iter().filter(|one| one.named).count(),
+            largest_current_a,
+            kinds,
+            missed: searched.into_iter().filter(|one| !one.named).collect(),
+        }
+    }
+}
+
+/// Gives the stranger of this seed each wiring fault in turn, at a motor, phase and strength that chance picks.
+///
+/// # Errors
+/// When it cannot be built.
+pub fn search(seed: u64) -> Result<Vec<Searched>, BenchError> {
+    let model = stranger(seed);
+    faults(&model, seed)
+        .into_iter()
+        .map(|(kind, fault)| {
+            let mut model = model.clone();
+            if kind == "divider" {
+                // Only a board that has one.
+                model.electrical.sense.bus_uv_per_count =
+                    SIMULATED_BOARD.bus_microvolts_per_count.map_or(0, std::num::NonZeroU16::get);
+            }
+            search_one(model, seed, kind, fault)
+        })
+        .collect()
+}
+
+fn search_one(
+    model: RobotModel,
+    seed: u64,
+    kind: &'static str,
+    fault: WiringFault,
+) -> Result<Searched, BenchError> {
+    let sense = SIMULATED_BOARD.current_sense;
+    let shaker = model.shaker;
+    let mut watched = Watched::power_up_with(model, seed, Some(Miswired::new(fault, sense, seed)))?;
+    let known = known(&shaker, seed, &watched);
+    let found = watched.commission(&known);
+    let named = matches!(&found, Err(CommissionError::Found(finding)) if is_named(fault, *finding));
+    Ok(Searched {
+        seed,
+        kind,
+        said: found.err().map_or_else(|| "nothing".to_owned(), |error| error.to_string()),
+        named,
+        largest_current_a: watched.largest_current.get(),
+    })
+}
+
+/// Draws one fault of each kind.
+fn faults(model: &RobotModel, seed: u64) -> Vec<(&'static str, WiringFault)> {
+    let mut source = Xoshiro256PlusPlus::seed_from_u64(seed ^ 0x5157);
+    let motor = source.random_range(0..2);
+    let phase = source.random_range(0..3);
+    let amplifier = source.random_range(0..2);
+    let mut within = |low: f64, high: f64| low + (high - low) * source.random::<f64>();
+    let pairs = model.electrical.motor.pole_pairs;
+    let other_pairs = if pairs > 7 {
+        pairs - 1 - (3.0 * within(0.0, 1.0)) as u32
+    } else {
+        pairs + 1 + (3.0 * within(0.0, 1.0)) as u32
+    };
+    let offset = if within(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 } * within(200.0, 1_000.0);
+    let divider = if within(-1.0, 1.0) < 0.0 { within(0.4, 0.75) } else { within(1.35, 2.5) };
+    let gain = if within(-1.0, 1.0) < 0.0 { within(0.3, 0.4) } else { within(2.5, 3.3) };
+    vec![
+        ("motor not connected", WiringFault::NotConnected(motor)),
+        ("open phase", WiringFault::OpenPhase(motor, phase)),
+        ("bad joint", WiringFault::BadJoint(motor, phase, within(2.0, 10.0))),
+        ("shorted phases", WiringFault::ShortedBut(motor, phase)),
+        ("shorted turns", WiringFault::ShortedTurns(motor, phase, within(0.3, 0.6))),
+        ("amplifier dead", WiringFault::AmplifierDead(motor, amplifier)),
+        ("amplifier inverted", WiringFault::AmplifierInverted(motor, amplifier)),
+        ("amplifier offset", WiringFault::AmplifierOffset(motor, amplifier, offset as i16)),
+        ("amplifier of another gain", WiringFault::AmplifierGain(motor, amplifier, gain)),
+        ("amplifier on phase C", WiringFault::AmplifierOnC(motor, amplifier)),
+        ("amplifiers swapped", WiringFault::AmplifiersSwapped(motor)),
+        ("amplifier of the other motor", WiringFault::AmplifierCrossed(amplifier)),
+        ("amplifiers of the other motor", WiringFault::AmplifiersCrossed),
+        ("other board", WiringFault::OtherBoard(within(1.9, 2.6))),
+        ("divider", WiringFault::Divider(divider)),
+        ("encoders swapped", WiringFault::EncodersSwapped),
+        ("encoder lost", WiringFault::EncoderLost(motor)),
+        ("encoder noisy", WiringFault::EncoderNoisy(motor, within(3.0, 20.0))),
+        ("magnet does not turn", WiringFault::EncoderStill(motor)),
+        (
+            "magnet slips",
+            WiringFault::MagnetSlips(motor, f64::from(pairs) / (f64::from(pairs) + 0.5)),
+        ),
+        ("rotor blocked", WiringFault::Blocked(motor)),
+        ("other pole pairs", WiringFault::BottomPolePairs(other_pairs)),
+        ("mass missing", WiringFault::NoMass(motor, within(0.1, 0.4))),
+    ]
+}
+
+/// Returns whether a finding names a fault.
+fn is_named(fault: WiringFault, finding: Finding) -> bool {
+    let third = |first: usize, second: usize| 3 - first - second;
+    match (fault, finding) {
+        (WiringFault::NotConnected(it), Finding::NotConnected(motor))
+        | (WiringFault::AmplifiersSwapped(it), Finding::AmplifiersSwapped(motor))
+        | (WiringFault::AmplifierInverted(it, _), Finding::AmplifiersOpposed(motor))
+        | (WiringFault::AmplifierGain(it, ..), Finding::AmplifiersDiffer { motor, .. })
+        | (WiringFault::EncoderNoisy(it, _), Finding::EncoderNoisy { motor, .. })
+        | (WiringFault::EncoderStill(it), Finding::EncoderBlind(motor))
+        | (WiringFault::MagnetSlips(it, _), Finding::PolePairs { motor, .. })
+        | (WiringFault::Blocked(it), Finding::Blocked(motor))
+        | (WiringFault::NoMass(it, _), Finding::NoMass { motor, .. }) => it == motor,
+        (WiringFault::OpenPhase(it, at), Finding::OpenPhase { motor, phase })
+        | (WiringFault::BadJoint(it, at, _), Finding::BadJoint { motor, phase, .. })
+        | (WiringFault::ShortedTurns(it, at, _), Finding::ShortedTurns { motor, phase, .. })
+        | (WiringFault::AmplifierDead(it, at), Finding::AmplifierDead { motor, phase })
+        | (
+            WiringFault::AmplifierOffset(it, at, _),
+            Finding::AmplifierOffset { motor, phase, .. },
+        ) => (it, Phase(at)) == (motor, phase),
+        (WiringFault::ShortedBut(it, at), Finding::ShortedPhases { motor, phases: [one, two] }) => {
+            it == motor && at == third(one.0, two.0)
+        }
+        (
+            WiringFault::AmplifierOnC(it, at),
+            Finding::AmplifierElsewhere { motor, amplifier, phase },
+        ) => (it, Phase(at), Phase(2)) == (motor, amplifier, phase),
+        (WiringFault::AmplifierCrossed(at), Finding::AmplifierOfOther { phase, .. }) => {
+            phase == Phase(at)
+        }
+        (WiringFault::BottomPolePairs(pairs), Finding::OtherPolePairs { bottom, .. }) => {
+            bottom == pairs
+        }
+        (WiringFault::AmplifiersCrossed, Finding::AmplifiersOfOther(_))
+        | (WiringFault::OtherBoard(_), Finding::CurrentScale { .. })
+        | (WiringFault::Divider(_), Finding::Battery { .. })
+        | (WiringFault::EncodersSwapped, Finding::EncodersSwapped(_))
+        | (WiringFault::EncoderLost(_), Finding::EncoderLost) => true,
+        _ => false,
+    }
+}
