@@ -21,7 +21,7 @@ use crate::study::controllers::{CONTROLLERS, Controllers, Taken, is_better, take
 /// predictive one
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "A robot is the model with other friction left and right (58 % up or down), 50 g somewhere on its plate, legs 20 % stiffer or softer, on a floor that falls by up to 5 degrees. `--model stranger-SEED` of the other commands is one of them. 40 robots take 30 minutes on two cores.\n\nExamples:\n  flix-sim study controllers --robots 40 --first-seed 1000 --json\n  flix-sim track figure8 --model stranger-1007 --controller learned"
+    after_help = "A robot is the model with other friction left and right (58 % up or down), 50 g somewhere on its plate, legs 20 % stiffer or softer, on a floor that falls by up to 5 degrees. `--model stranger-SEED` of the other commands is one of them. 40 robots take 20 minutes on two cores.\n\nExamples:\n  flix-sim study controllers --robots 40 --first-seed 1000 --json\n  flix-sim track figure8 --model stranger-1007 --controller learned"
 )]
 pub struct Args {
     #[command(flatten)]
