@@ -240,23 +240,30 @@ impl<'a, S: Subject> Desk<'a, S> {
             Channel::BottomSpeed,
         ];
         let fast = fast.min(slow + RAMP_SECONDS * ramp);
-        self.hold(slow);
-        self.subject.pause(SETTLING)?;
         let mut changes: [Vec<Change>; 2] = Default::default();
+        let mut add = |steady, columns: &Columns| {
+            for (motor, changes) in changes.iter_mut().enumerate() {
+                let (current, speed) = (columns.of(2 * motor), columns.of(2 * motor + 1));
+                changes.push(Change { steady, current, speed });
+            }
+        };
+        // Friction, where nothing changes.
+        for frequency in [fast, slow] {
+            self.hold(frequency);
+            self.subject.pause(SETTLING)?;
+            self.begin_capture(&channels, Trigger::Now, 0)?;
+            add([usize::MAX, 0], &self.capture(Step::Ramps, u16::MAX)?);
+        }
         for count in 0..RAMPS {
             self.begin_capture(&channels, Trigger::Now, 0)?;
             self.subject.pause(BEFORE_RAMP)?;
             self.hold(if count % 2 == 0 { fast } else { slow });
             let columns = self.capture(Step::Ramps, u16::MAX)?;
-            if !measures_bus && count % 2 == 1 {
-                continue;
-            }
-            for (motor, changes) in changes.iter_mut().enumerate() {
-                let (current, speed) = (columns.of(2 * motor), columns.of(2 * motor + 1));
-                changes.push(Change { current, speed });
+            if measures_bus || count % 2 == 0 {
+                add(STEADY_ROWS, &columns);
             }
         }
-        Ok(changes.map(|all| running::current_per_acceleration(&all, STEADY_ROWS).unwrap_or(0.0)))
+        Ok(changes.map(|all| running::current_per_acceleration(&all).unwrap_or(0.0)))
     }
 }
 

@@ -10,6 +10,9 @@
 //!
 //! Below `i_r`, half the ripple of a phase, dead time looks like a resistance and cannot be told from the winding's: there the
 //! board's description is believed. Above, it is measured.
+//!
+//! No current is converted in the middle of a PWM period itself, but before it and after it in turn: a sample is off by what
+//! the pulses move the current meanwhile, `-+ v t / L`, and that `t` is fitted too.
 
 use flix_protocol::message::{Bridges, SCOPE_RATE_HZ};
 
@@ -26,11 +29,13 @@ const UNKNOWN_DEAD_TIME: f64 = 0.05;
 /// How far the delay of the bridges may be off what is believed beforehand, that duties act from the next PWM period on, s: a
 /// conversion may be early or late by so much. Less is not told apart from the inductance.
 const DELAY_SPREAD: f64 = 10e-6;
+/// How far samples may lie off the middle of the PWM period, s: one conversion, or two.
+const ASIDE: f64 = 5e-6;
 /// What the mean period may differ from the circuit's, A.
 const DIFFERENCE: f64 = 2e-3;
 
 /// What a motor's circuit is made of.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 pub struct Circuit {
     /// Terminal to star point, ohm.
     pub resistance: f64,
@@ -38,6 +43,8 @@ pub struct Circuit {
     pub inductance: f64,
     /// From a tick's samples until its duties act, s.
     pub delay: f64,
+    /// How far its samples lie off the middle of the PWM period, in turn before and after it, s.
+    pub aside: f64,
     /// What dead time takes of a phase that carries much, V.
     pub dead_voltage: f64,
 }
@@ -70,12 +77,11 @@ pub struct Phases {
     pub current: f64,
 }
 
-/// Solves the circuit for one period of voltages (per tick) that has been repeated for long; returns the current at the
-/// samples.
+/// Solves the circuit for one period of voltages (per tick) that has been repeated for long; returns the samples.
 fn period(circuit: &Circuit, voltages: &[f64], bus: f64, frequency: f64) -> Vec<f64> {
     /// Parts of a tick in which the dead time is constant.
     const PARTS: usize = 4;
-    let Circuit { resistance, inductance, delay, dead_voltage } = *circuit;
+    let Circuit { resistance, inductance, delay, aside, dead_voltage } = *circuit;
     let knee = bus / (8.0 * inductance * frequency);
     let lost = |current: f64| {
         let share = |current: f64| (current / knee).clamp(-1.0, 1.0);
@@ -99,8 +105,10 @@ fn period(circuit: &Circuit, voltages: &[f64], bus: f64, frequency: f64) -> Vec<
     let rounds = 12.0 * inductance / resistance / (ticks as f64 * TICK);
     for _ in 0..2 + rounds.clamp(0.0, 40.0) as usize {
         for tick in 0..ticks {
-            samples[tick] = current;
             let before = voltages[(tick + ticks - 1) % ticks];
+            // All phases are low there: the mean voltage is what the current falls by.
+            let side = if tick % 2 == 0 { aside } else { -aside };
+            samples[tick] = current - side * before / inductance;
             current = run(current, before, late);
             current = run(current, voltages[tick], TICK - late);
         }
@@ -118,13 +126,6 @@ fn folded(column: &[f64], period: usize) -> Vec<f64> {
             of_tick.sum::<f64>() / (periods - first).max(1) as f64
         })
         .collect()
-}
-
-/// Returns the means of neighbouring ticks: samples lie before and after the middle of a PWM period in turn, and what the
-/// ripple adds to one it takes from the next.
-fn pairs(period: &[f64]) -> impl Iterator<Item = f64> {
-    let next = period.iter().cycle().skip(1);
-    period.iter().zip(next).map(|(one, next)| (one + next) / 2.0)
 }
 
 /// Measures the phases of a motor. `scale` is what a true ampere is shown as, 1 where nobody knows.
@@ -152,17 +153,19 @@ pub fn measure(standing: &Standing, bridges: &Bridges, scale: f64) -> Option<Pha
     let stated = f64::from(bridges.dead_time_ns) * 1e-9 * frequency * standing.bus;
     let spread = if stated > 0.0 { DEAD_TIME_SPREAD * stated } else { UNKNOWN_DEAD_TIME };
     let resistance = most / whole;
-    let circuit = |[resistance, inductance, delay, dead]: &[f64; 4]| Circuit {
+    let circuit = |[resistance, inductance, delay, aside, dead]: &[f64; 5]| Circuit {
         resistance: resistance.exp(),
         inductance: inductance.exp(),
         delay: *delay,
+        aside: *aside,
         dead_voltage: dead.abs(),
     };
-    let residuals = |parameters: &[f64; 4]| -> Vec<f64> {
+    let residuals = |parameters: &[f64; 5]| -> Vec<f64> {
         let circuit = circuit(parameters);
         let solved = period(&circuit, &voltages, standing.bus, frequency);
-        let mut all: Vec<f64> = pairs(&solved)
-            .zip(pairs(&shown))
+        let mut all: Vec<f64> = solved
+            .iter()
+            .zip(&shown)
             .map(|(solved, shown)| (solved - shown) / DIFFERENCE)
             .collect();
         all.push((circuit.dead_voltage - stated) / spread);
@@ -171,8 +174,8 @@ pub fn measure(standing: &Standing, bridges: &Bridges, scale: f64) -> Option<Pha
     };
     let best = [0.1e-3, 0.4e-3, 1.5e-3]
         .map(|time_constant: f64| {
-            let start =
-                [resistance.ln(), (resistance * time_constant).ln(), 0.5 * TICK, stated.max(1e-3)];
+            let inductance = (resistance * time_constant).ln();
+            let start = [resistance.ln(), inductance, 0.5 * TICK, ASIDE, stated.max(1e-3)];
             let found = fit(start, residuals);
             (found, residuals(&found).iter().map(|one| one * one).sum::<f64>())
         })
@@ -181,8 +184,7 @@ pub fn measure(standing: &Standing, bridges: &Bridges, scale: f64) -> Option<Pha
         .0;
     let circuit = circuit(&best);
     let solved = period(&circuit, &voltages, standing.bus, frequency);
-    let left =
-        pairs(&solved).zip(pairs(&shown)).map(|(one, other)| (one - other).powi(2)).sum::<f64>();
+    let left = solved.iter().zip(&shown).map(|(one, other)| (one - other).powi(2)).sum::<f64>();
     let misfit = (left / ticks as f64).sqrt() / whole;
     Some(Phases { circuit, inverted: sign < 0.0, balance, misfit, current: whole })
 }

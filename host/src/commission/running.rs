@@ -74,9 +74,11 @@ pub(super) fn integral(column: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// A change of speed, tick by tick, as the scope shows it.
+/// A change of speed, or none, tick by tick, as the scope shows it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Change {
+    /// Rows at the beginning and at the end in which the speed is steady.
+    pub steady: [usize; 2],
     /// q current, A.
     pub current: Vec<f64>,
     /// Speed of the rotor, Hz.
@@ -84,17 +86,16 @@ pub struct Change {
 }
 
 /// Returns the current that a rotor takes for each rad/s^2, A s^2/rad, from changes of its speed. Speeds count where they are
-/// steady, in the first and the last rows, `steady` of either; in between they lag. Friction is one for all changes:
-/// constant, and growing with speed.
+/// steady; in between they lag. Friction is one for all changes: constant, and growing with speed.
 #[must_use]
-pub fn current_per_acceleration(changes: &[Change], steady: [usize; 2]) -> Option<f64> {
-    let ends = |column: &[f64]| {
-        let [first, last] = steady.map(|rows| rows.min(column.len()));
-        [&column[..first], &column[column.len() - last..]].concat()
-    };
+pub fn current_per_acceleration(changes: &[Change]) -> Option<f64> {
     let mut columns: [Vec<f64>; 3] = Default::default();
     let mut target = Vec::new();
-    for Change { current, speed } in changes {
+    for Change { steady, current, speed } in changes {
+        let ends = |column: &[f64]| {
+            let [first, last] = steady.map(|rows| rows.min(column.len()));
+            [&column[..first], &column[column.len() - last..]].concat()
+        };
         let first = *speed.first()?;
         let gained: Vec<f64> = speed.iter().map(|speed| TAU * (speed - first)).collect();
         let time: Vec<f64> = (0..speed.len()).map(|row| row as f64 * TICK).collect();

@@ -159,7 +159,7 @@ fn flux(
     field: &[f64],
     electrical: &[f64],
 ) -> Option<[f64; 2]> {
-    let Circuit { resistance, inductance, delay, dead_voltage } = *circuit;
+    let Circuit { resistance, inductance, delay, dead_voltage, .. } = *circuit;
     let knee = turning.bus / (8.0 * inductance * turning.pwm_frequency);
     let lost = |current: f64| dead_voltage * (current / knee).clamp(-1.0, 1.0);
     let rows = field.len();

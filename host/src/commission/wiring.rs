@@ -327,8 +327,7 @@ mod tests {
     #[test]
     fn windings_that_touch_lose_their_inductance() {
         let with = |stood: [Stood; 3], inductance: f64| {
-            let circuit =
-                Some(Circuit { resistance: 1.0, inductance, delay: 0.0, dead_voltage: 0.0 });
+            let circuit = Some(Circuit { resistance: 1.0, inductance, ..Circuit::default() });
             stood.map(|it| Stood { circuit, ..it })
         };
         let good = with(star([2.0; 3], [1.0; 2]), 1e-3);
