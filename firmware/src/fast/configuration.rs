@@ -11,7 +11,7 @@ use crate::fast::shaker::{LARGEST_ACCELERATION, ShakerModel};
 use crate::fast::tracker::{EncoderModel, TABLE_LENGTH};
 use crate::fast::units::{
     Counts, Current, ElectricalAngle, ElectricalSpeed, Quantity, RotorAngle, SPEED_PER_HERTZ,
-    Speed, TICK_RATE_HZ, Voltage, magnitude, scaled,
+    Speed, TICK_RATE_HZ, TICK_US, Voltage, magnitude, scaled,
 };
 use crate::hardware::Hardware;
 use crate::settings::Settings;
@@ -249,11 +249,15 @@ fn shaker(settings: &Settings) -> ShakerModel {
 
 fn encoder(settings: &Settings, motor: usize) -> EncoderModel {
     let natural = TAU * f64::from(settings.tracker_bandwidth) / RATE;
+    // A reading is brought forward at the present speed, so that an error of that speed shows in it with the other sign: it
+    // takes damping, as much as the late reading is ticks late.
+    let late = f64::from(settings.encoder_latency) / f64::from(TICK_US);
+    let damping = 2.0 * TRACKER_DAMPING * natural + natural * natural * late;
     let mut model = EncoderModel {
         direction_sign: if settings.encoder_clockwise[motor] != 0.0 { 1 } else { -1 },
         zero: RotorAngle::from_degrees(settings.encoder_zero[motor]),
         latency_us: settings.encoder_latency as i32,
-        angle_gain: scaled(2.0 * TRACKER_DAMPING * natural, 32),
+        angle_gain: scaled(damping, 32),
         speed_gain: scaled(natural * natural, 32),
         eccentricity: [0; TABLE_LENGTH],
     };

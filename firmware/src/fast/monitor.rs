@@ -35,8 +35,8 @@ const DROOP_TICKS: u32 = 10_000;
 /// f may be off by this much: 10 Hz. A walking body that swings against its rotors at 35 Hz takes up
 /// to 8 Hz for a second (seen in simulation); theta is held meanwhile, and telemetry shows f.
 const LARGEST_DROOP: Speed = Speed::from_centihertz(1_000);
-/// Ticks for which f must be held back to be called limited, longer than a ramp stays at its steepest: 1 s.
-const HELD_BACK_TICKS: u32 = 10_000;
+/// Ticks for which f must be held back to be called limited, too long for a step to settle in half a second: 0.3 s.
+const HELD_BACK_TICKS: u32 = 3_000;
 /// Ticks for which a motor may differ from its model: 10 ms.
 const RESIDUAL_TICKS: u32 = 100;
 /// Ticks for which a phase must carry next to nothing while the others do: 0.1 s.
@@ -161,8 +161,9 @@ impl Monitor {
         let droop = (target - shaker.frequency()).magnitude();
         let lost = self.unlocked.diagnose(unlocked, UNLOCKED_TICKS)
             | self.droop.diagnose(pressed && droop > LARGEST_DROOP, DROOP_TICKS);
-        let off = loops.iter().any(|current_loop| {
-            let residual = current_loop.residual();
+        let off = loops.iter().enumerate().any(|(motor, current_loop)| {
+            let speed = configuration.electrical_speed(motor, trackers[motor % 2].speed());
+            let residual = current_loop.residual(&configuration.motors[motor % 2], speed);
             residual.d.magnitude().max(residual.q.magnitude()) > configuration.largest_residual
         });
         faults
@@ -431,7 +432,7 @@ mod tests {
             };
             let mut state = CurrentLoop::default();
             state.update(&scene.configuration.motors[0], &bus, &input);
-            let residual = state.residual();
+            let residual = state.residual(&scene.configuration.motors[0], input.speed);
             let residual = residual.d.magnitude().max(residual.q.magnitude());
             for motor in [0, 1] {
                 let bound = |bound| {

@@ -83,10 +83,10 @@ const SCHEDULE_UPDATES: u8 = 4;
 const ADAPTATION_RATE: i32 = 32;
 /// All of the headroom, 2^-15.
 const FULL_HEADROOM: i32 = 1 << 15;
-/// With less headroom than this, the motors are at their limits again and again: three quarters.
-const HELD_BACK: i32 = FULL_HEADROOM - FULL_HEADROOM / 4;
-/// f is not reached when it is off by more than this: 0.5 Hz.
-const UNREACHED: i32 = Speed::from_centihertz(50).raw();
+/// With less headroom than this, the motors are at their limits at least once a turn: 15/16, which come back within 40 ms.
+const HELD_BACK: i32 = FULL_HEADROOM - FULL_HEADROOM / 16;
+/// f is not reached when it is off by more than this: 0.1 Hz.
+const UNREACHED: i32 = Speed::from_centihertz(10).raw();
 /// Below this a reference counts as standing: 0.01 Hz.
 const STANDING: i32 = Speed::from_centihertz(100).raw() / 100;
 

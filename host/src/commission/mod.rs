@@ -203,13 +203,13 @@ const RAMP_SHARES: [f64; 2] = [0.2, 1.0];
 const FIRST_LATENCY: f64 = 1.2e-3;
 /// Longest latency that the robot corrects, s.
 const LONGEST_LATENCY: f64 = 3e-3;
-/// Bandwidths of trackers and position loops that bear any latency of the range, and those of a new robot, Hz.
+/// Bandwidths of trackers and position loops while the latency is not known, and those of a new robot, Hz.
 const CAREFUL: [f64; 2] = [60.0, 6.0];
 const QUICK: [f64; 2] = [125.0, 20.0];
-/// How far the rotor's tracker may turn in its own time while a reading is late, rad, and how late a reading is beside its
-/// latency, s.
-const TRACKER_ADVANCE: f64 = 0.5;
-const READING_AGE: f64 = 0.2e-3;
+/// How far a position loop may turn in its own time before it sees what it did, rad, and how late that is beside the latency of
+/// the encoder, s: readings, and the tracker's own lag.
+const LOOP_ADVANCE: f64 = 0.45;
+const LOOP_AGE: f64 = 2.5e-3;
 /// Current that speeds up the rotors when the amplifiers' scale is measured, A.
 const RAMP_CURRENT: f64 = 0.3;
 /// Torque that turns the rotors while aligning, N m, several times friction and cogging of motors of this size; and the
@@ -364,9 +364,8 @@ fn measure<S: Subject>(
     desk.set_each("phase_inductance", motors.map(|it| 1e3 * it.inductance))?;
     desk.set_each("current_gain_a", motors.map(|it| it.current_gains[0]))?;
     desk.set_each("current_gain_b", motors.map(|it| it.current_gains[1]))?;
-    let [tracker, position] = bandwidths(latency);
-    desk.set("tracker_bandwidth", tracker)?;
-    desk.set("position_bandwidth", position)?;
+    desk.set("tracker_bandwidth", QUICK[0])?;
+    desk.set("position_bandwidth", position_bandwidth(latency))?;
     desk.set_back("frequency_ramp")?;
     desk.set_back("current_limit")?;
     let changes = Vec::new();
@@ -378,12 +377,9 @@ fn alignment_current(linked: f64) -> f64 {
     (ALIGNMENT_TORQUE / (1.5 * linked)).clamp(ALIGNMENT_CURRENTS.0, ALIGNMENT_CURRENTS.1)
 }
 
-/// Returns the bandwidths of trackers and position loops, Hz, that bear an encoder of this latency.
-fn bandwidths(latency: f64) -> [f64; 2] {
-    let [careful, quick] = [CAREFUL[0], QUICK[0]];
-    let tracker = (TRACKER_ADVANCE / (TAU * (latency + READING_AGE))).clamp(careful, quick);
-    let share = (tracker - careful) / (quick - careful);
-    [tracker, CAREFUL[1] + share * (QUICK[1] - CAREFUL[1])]
+/// Returns the bandwidth of the position loops, Hz, that bears encoders of this latency.
+fn position_bandwidth(latency: f64) -> f64 {
+    (LOOP_ADVANCE / (TAU * (latency + LOOP_AGE))).min(QUICK[1])
 }
 
 /// Most that the current of a winding differs from its circuit's, as a share.
@@ -414,10 +410,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bandwidths_are_those_of_a_new_robot_unless_its_encoders_are_slow() {
-        assert_eq!(bandwidths(0.0), QUICK);
-        assert_eq!(bandwidths(2.5e-3), CAREFUL);
-        let [tracker, position] = bandwidths(0.8e-3);
-        assert!((75.0..85.0).contains(&tracker) && (9.0..12.0).contains(&position));
+    fn position_loops_are_those_of_a_new_robot_unless_its_encoders_are_slow() {
+        assert_eq!(position_bandwidth(0.0), QUICK[1]);
+        assert_eq!(position_bandwidth(1e-3), QUICK[1]);
+        assert!((13.0..16.0).contains(&position_bandwidth(2.5e-3)));
     }
 }

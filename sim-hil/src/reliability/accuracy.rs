@@ -9,7 +9,9 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::experiment::metrics::{Band, HoldMeter, StepMeter};
+use crate::plant::Plant;
 use crate::rig::bench::{BASES, Base, BenchError, DIRECTIONS, FREQUENCIES, Subject, setpoint};
+use crate::rig::operation::Operation;
 
 /// f, averaged over each turn: largest root mean square error, Hz.
 pub const FREQUENCY_LIMIT_HZ: f64 = 0.05;
@@ -152,7 +154,15 @@ pub fn hold_all_directions(
     base: Base,
     frequency: f64,
 ) -> Result<Vec<HoldResult>, BenchError> {
-    let mut operation = subject.on(base)?;
+    hold_directions(&mut subject.on(base)?, base, frequency)
+}
+
+/// As [`hold_all_directions`], by this operator.
+pub(super) fn hold_directions(
+    operation: &mut Operation<Plant>,
+    base: Base,
+    frequency: f64,
+) -> Result<Vec<HoldResult>, BenchError> {
     operation.arm()?;
     DIRECTIONS
         .into_iter()
@@ -181,7 +191,15 @@ pub fn hold_all_directions(
 /// # Errors
 /// As for [`measure`].
 pub fn measure_step(subject: &Subject, base: Base, step: Step) -> Result<StepResult, BenchError> {
-    let mut operation = subject.on(base)?;
+    step_of(&mut subject.on(base)?, base, step)
+}
+
+/// As [`measure_step`], by this operator.
+pub(super) fn step_of(
+    operation: &mut Operation<Plant>,
+    base: Base,
+    step: Step,
+) -> Result<StepResult, BenchError> {
     let current_limit_a = operation.connect().and_then(|()| operation.setting("current_limit"))?;
     operation.arm()?;
     operation.hold(setpoint(step.from.0, step.from.1)?);

@@ -41,8 +41,6 @@ const VOLTMETER_ERROR: f64 = 0.005;
 /// R 0.1 to 10 ohm, L 20 uH to 5 mH, flux linkage 0.5 to 10 mWb, 4 to 14 pole pairs, latency of the encoders 0 to 2.5 ms, gain
 /// errors to 20 %, with and without a battery divider.
 ///
-/// # Panics
-/// Never: the bench is shipped.
 #[must_use]
 pub fn stranger(seed: u64) -> RobotModel {
     let mut source = Xoshiro256PlusPlus::seed_from_u64(seed);
@@ -72,7 +70,8 @@ pub fn stranger(seed: u64) -> RobotModel {
     model
 }
 
-fn bench_model() -> RobotModel {
+/// Returns the shipped bench.
+pub(super) fn bench_model() -> RobotModel {
     match RobotModel::named(Base::Fixed.model()) {
         Ok(model) => model,
         Err(error) => unreachable!("the shipped bench is damaged: {error}"),
@@ -272,11 +271,15 @@ pub fn try_stranger(seed: u64) -> Result<Trialled, BenchError> {
 
 /// Returns what its owner knows of this seed's stranger: its rotors' inertia, and the battery by a voltmeter.
 pub(super) fn known(shaker: &Shaker, seed: u64, watched: &Watched) -> Known {
-    let inertia = 1e-9 * shaker.mass_g * shaker.arm_mm.powi(2) + 1e-7 * shaker.bell_inertia_g_cm2;
     let mut source = Xoshiro256PlusPlus::seed_from_u64(!seed);
     let error = VOLTMETER_ERROR * (2.0 * source.random::<f64>() - 1.0);
     let battery = watched.operation.robot.truth().bus_voltage * (1.0 + error);
-    Known { rotor_inertia: Some(inertia), battery: Some(battery) }
+    Known { rotor_inertia: Some(rotor_inertia(shaker)), battery: Some(battery) }
+}
+
+/// Returns the inertia of one rotor about its shaft, kg m^2.
+pub(super) const fn rotor_inertia(shaker: &Shaker) -> f64 {
+    1e-9 * shaker.mass_g * shaker.arm_mm * shaker.arm_mm + 1e-7 * shaker.bell_inertia_g_cm2
 }
 
 /// Returns whether the same stranger on a board without current sense refuses to be measured and no current ever flows.

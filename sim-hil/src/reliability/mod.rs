@@ -8,6 +8,8 @@ pub mod case;
 #[cfg(feature = "program")]
 pub mod commission;
 #[cfg(feature = "program")]
+pub mod commissioned;
+#[cfg(feature = "program")]
 pub mod fault_matrix;
 #[cfg(feature = "program")]
 pub mod soak;

@@ -58,6 +58,10 @@ pub struct CurrentLoop {
     current: Rotor<Current>,
     voltage: Rotor<Voltage>,
     limited: bool,
+    /// What of the last tick's wish was not met.
+    error: Rotor<Current>,
+    /// What the limit gave beyond what was wanted, where it held.
+    excess: Rotor<Voltage>,
 }
 
 impl CurrentLoop {
@@ -73,10 +77,28 @@ impl CurrentLoop {
         self.voltage
     }
 
-    /// Returns what the motor took beyond the model: zero for a perfect model, and where no current is measured.
+    /// Returns what the motor takes beyond its model at this electrical speed, for the current that flows: zero for a perfect
+    /// model in a steady state, whether or not the limit holds, and where no current is measured.
     #[must_use]
-    pub const fn residual(&self) -> Rotor<Voltage> {
-        self.integral
+    pub fn residual(&self, model: &Model, speed: ElectricalSpeed) -> Rotor<Voltage> {
+        let volts = |current: Current, shift: u32, gain: i32| {
+            Voltage::from_raw(multiply_high(current.raw().wrapping_shl(shift), gain))
+        };
+        let gain = model.resistance.saturating_add(model.proportional);
+        // d was decoupled from the q current that was wanted, not from the one that flows.
+        let coupling = volts(self.error.q, 10, multiply_high(speed.raw(), model.reactance));
+        let held = Rotor {
+            d: self.integral.d + volts(self.error.d, 8, gain) - coupling,
+            q: self.integral.q + volts(self.error.q, 8, gain),
+        };
+        if self.limited {
+            return Rotor { d: held.d + self.excess.d, q: held.q + self.excess.q };
+        }
+        // A current that changes takes the proportional part, and an integral that a limit has left behind is made up for by it.
+        let least = |integral: Voltage, held: Voltage| {
+            if held.magnitude() < integral.magnitude() { held } else { integral }
+        };
+        Rotor { d: least(self.integral.d, held.d), q: least(self.integral.q, held.q) }
     }
 
     /// Returns whether the voltage limit held in the last tick.
@@ -101,6 +123,7 @@ impl CurrentLoop {
         };
         self.current = current;
         let error = Rotor { d: input.wanted.d - current.d, q: input.wanted.q - current.q };
+        self.error = error;
         let wanted = self.demand(model, input, current, error);
         let voltage = self.limit(wanted, model, bus, input);
         self.voltage = voltage;
@@ -177,11 +200,11 @@ impl CurrentLoop {
         if input.phases.is_none() {
             return self.settle(wanted, given, model, bus, input.speed);
         }
-        let excess = |given: Voltage, wanted: Voltage| {
-            Voltage::from_raw((given - wanted).raw() >> BACK_CALCULATION_SHIFT)
-        };
-        self.integral.d = self.integral.d + excess(given.d, wanted.d);
-        self.integral.q = self.integral.q + excess(given.q, wanted.q);
+        let excess = Rotor { d: given.d - wanted.d, q: given.q - wanted.q };
+        self.excess = excess;
+        let share = |excess: Voltage| Voltage::from_raw(excess.raw() >> BACK_CALCULATION_SHIFT);
+        self.integral.d = self.integral.d + share(excess.d);
+        self.integral.q = self.integral.q + share(excess.q);
         given
     }
 
@@ -248,7 +271,7 @@ mod tests {
     fn a_limit_in_voltage_mode_leaves_no_integral_and_the_current_that_the_model_says() {
         let held = after(5.0, None);
         assert!(held.limited());
-        assert_eq!((held.integral, held.residual()), Default::default());
+        assert_eq!((held.integral, held.excess), Default::default());
         let settings = Settings::DEFAULT;
         let volts = |voltage: Voltage| f64::from(voltage.raw()) / 65_536.0;
         let amperes = |current: Current| f64::from(current.raw()) / 65_536.0;
@@ -265,5 +288,51 @@ mod tests {
         assert!((i_q - amperes(held.current().q)).abs() < 0.02, "{i_q} A");
         assert!(i_q < 1.4, "{i_q} A");
         assert!(!after(24.0, None).limited());
+    }
+
+    #[test]
+    fn a_motor_like_its_model_has_no_residual_at_the_limit_of_the_voltage_nor_after_it() {
+        let settings = Settings::DEFAULT;
+        let model = Configuration::current_loop(&settings, &DENGFOC_V3_01.hardware, 0);
+        let omega = f64::from(SPEED.raw()) / 4_294_967_296.0 * core::f64::consts::TAU * 1e4;
+        let [resistance, inductance, flux] = [
+            f64::from(settings.phase_resistance[0]),
+            f64::from(settings.phase_inductance[0]) * 1e-3,
+            f64::from(settings.flux_linkage[0]) * 1e-3,
+        ];
+        let mut current_loop = CurrentLoop::default();
+        let [mut d, mut q] = [0.0_f64; 2];
+        let mut largest = Voltage::ZERO;
+        // Limited for half a second, then not.
+        for (volts, ticks) in [(9.0, 5_000), (24.0, 500)] {
+            let bus = Bus::new(Voltage::from_volts(volts), 0);
+            for tick in 0..ticks {
+                // At angle 0 d lies along phase A.
+                let phases = [d, -d / 2.0 + 0.75_f64.sqrt() * q].map(Current::from_amperes);
+                current_loop.update(&model, &bus, &input(Some(phases)));
+                let given = current_loop.voltage();
+                let [v_d, v_q] = [given.d, given.q].map(|it| f64::from(it.raw()) / 65_536.0);
+                // Ten steps of 10 us.
+                for _ in 0..10 {
+                    let slopes = [
+                        (v_d - resistance * d + omega * inductance * q) / inductance,
+                        (v_q - resistance * q - omega * (inductance * d + flux)) / inductance,
+                    ];
+                    d += 1e-5 * slopes[0];
+                    q += 1e-5 * slopes[1];
+                }
+                // Once the currents stand.
+                if tick >= 100 {
+                    let residual = current_loop.residual(&model, SPEED);
+                    largest = largest.max(residual.d.magnitude()).max(residual.q.magnitude());
+                }
+            }
+            if volts < 10.0 {
+                assert!(current_loop.limited());
+                assert!(current_loop.integral.q.magnitude() > Voltage::from_volts(1.0));
+            }
+        }
+        assert!(!current_loop.limited());
+        assert!(largest < Voltage::from_volts(0.5), "{largest:?}");
     }
 }

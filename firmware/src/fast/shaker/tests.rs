@@ -121,17 +121,16 @@ impl Rig {
 }
 
 #[test]
-fn f_is_held_back_where_it_stays_away_from_what_is_asked_with_less_than_three_quarters_of_the_headroom()
- {
+fn f_is_held_back_where_it_stays_away_from_what_is_asked_with_less_than_all_of_the_headroom() {
     let mut shaker = Rig::at_rest().shaker;
     for sign in [1, -1] {
         shaker.frequency = Speed::from_raw(sign * hertz(30.0).raw());
         let asked = |beyond: i32| Speed::from_raw(shaker.frequency.raw() + sign * beyond);
-        let half_a_hertz = Speed::from_centihertz(50).raw();
-        for (headroom, limited) in [(24_576, false), (24_575, true), (0, true)] {
+        let unreached = Speed::from_centihertz(10).raw();
+        for (headroom, limited) in [(30_720, false), (30_719, true), (0, true)] {
             shaker.headroom = headroom;
-            assert_eq!(shaker.held_back(asked(half_a_hertz + 1)), limited, "{headroom}");
-            assert!(!shaker.held_back(asked(half_a_hertz)), "{headroom}");
+            assert_eq!(shaker.held_back(asked(unreached + 1)), limited, "{headroom}");
+            assert!(!shaker.held_back(asked(unreached)), "{headroom}");
             assert!(!shaker.held_back(asked(-hertz(20.0).raw())), "{headroom}");
         }
     }

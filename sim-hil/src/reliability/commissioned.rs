@@ -1,0 +1,358 @@
+//! Robots that chance draws about the assumed one, commissioned: whether each then keeps the promises of [`accuracy`],
+//! or says why not.
+//!
+//! [`accuracy`]: super::accuracy
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use flix_host::commission::motor_name;
+use flix_host::link::Update;
+use flix_protocol::message::{Event, Fault};
+use flix_protocol::units::Instant;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::accuracy::{HoldResult, STEPS, Step, StepResult, hold_directions, step_of};
+use super::commission::{Ammeter, CURRENT_LIMIT_A, Watched, bench_model, known, rotor_inertia};
+use crate::model::RobotModel;
+use crate::plant::electronics::Electronics;
+use crate::rig::bench::{BASES, Base, BenchError, FREQUENCIES, Subject};
+use crate::rig::robot::Disturbance;
+
+/// By how much values measured by hand are off, as a share.
+pub const BY_HAND: f64 = 0.03;
+/// By how much their latency is, us.
+pub const LATE_BY_HAND_US: f64 = 50.0;
+
+/// theta of a robot whose f is limited: largest root mean square error, degrees.
+pub const LIMITED_DIRECTION_DEG: f64 = 3.0;
+/// Within which a robot says what is wrong.
+const SAYING: Duration = Duration::from_millis(500);
+
+/// Draws a robot about the assumed one, the same for the same seed, with or without current sense.
+#[must_use]
+pub fn draw(seed: u64, measures_current: bool) -> RobotModel {
+    let mut source = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let mut share = || source.random::<f64>();
+    let mut model = bench_model();
+    // Evenly in its logarithm.
+    let mut times = |low: f64, high: f64| low * (high / low).powf(share());
+    let electrical = &mut model.electrical;
+    let motor = &mut electrical.motor;
+    motor.phase_resistance_ohm *= times(0.3, 3.0);
+    motor.phase_inductance_mh *= times(0.3, 3.0);
+    motor.flux_linkage_mwb *= times(0.7, 1.4);
+    motor.cogging_torque_mn_m *= times(0.5, 2.0);
+    motor.coulomb_friction_mn_m *= times(0.5, 2.0);
+    motor.viscous_friction_un_m_s_rad *= times(0.5, 2.0);
+    model.shaker.mass_g *= times(0.8, 1.25);
+    model.body.total_mass_g *= times(0.8, 1.25);
+    electrical.pack.cell_resistance_mohm *= times(0.5, 3.0);
+    electrical.sense.current_offset_counts *= times(0.3, 3.0);
+    electrical.encoder.eccentricity_deg[0] *= times(0.3, 1.5);
+    electrical.encoder.late_us = 900.0 * share();
+    let charge = 0.1 + 0.9 * share();
+    (electrical.pack.charge_at_least, electrical.pack.charge_at_most) = (charge, charge);
+    electrical.sense.current = measures_current;
+    model
+}
+
+/// What a robot did of what it promises.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kept {
+    /// Every promise.
+    Held,
+    /// Voltage or current held f back, it said so, and held theta within [`LIMITED_DIRECTION_DEG`].
+    Limited,
+    /// It came to rest with a fault that names what was wrong.
+    Named,
+    /// It came to rest with a fault that names something else, or could not be commissioned.
+    Misnamed,
+    /// A promise was broken, and it said nothing.
+    Silent,
+}
+
+/// One run of a robot.
+#[derive(Debug, Clone, Serialize)]
+pub struct Run {
+    /// What the shaker stood on.
+    pub base: Base,
+    /// What was asked.
+    pub asked: String,
+    /// See [`Kept`].
+    pub kept: Kept,
+    /// What was out of its limits, and what the robot said.
+    pub why: String,
+}
+
+/// One robot.
+#[derive(Debug, Clone, Serialize)]
+pub struct Robot {
+    /// Its seed.
+    pub seed: u64,
+    /// The worst of its runs.
+    pub kept: Kept,
+    /// Runs that broke a promise.
+    pub broken: Vec<Run>,
+    /// Largest phase current from the first power-up on, commissioning included, A.
+    pub largest_current_a: f64,
+}
+
+/// Robots of one kind of board.
+#[derive(Debug, Clone, Serialize)]
+pub struct Count {
+    /// How many kept every promise.
+    pub held: usize,
+    /// See [`Kept::Limited`].
+    pub limited: usize,
+    /// See [`Kept::Named`].
+    pub named: usize,
+    /// See [`Kept::Misnamed`].
+    pub misnamed: usize,
+    /// See [`Kept::Silent`].
+    pub silent: usize,
+    /// Those of which a phase carried more than [`CURRENT_LIMIT_A`].
+    pub beyond_current: usize,
+    /// Largest phase current, A.
+    pub largest_current_a: f64,
+    /// One after the other.
+    pub each: Vec<Robot>,
+}
+
+impl Count {
+    fn of(each: Vec<Robot>) -> Self {
+        let count = |kept| each.iter().filter(|it| it.kept == kept).count();
+        let currents = || each.iter().map(|it| it.largest_current_a);
+        Self {
+            held: count(Kept::Held),
+            limited: count(Kept::Limited),
+            named: count(Kept::Named),
+            misnamed: count(Kept::Misnamed),
+            silent: count(Kept::Silent),
+            beyond_current: currents().filter(|it| *it > CURRENT_LIMIT_A).count(),
+            largest_current_a: currents().fold(0.0, f64::max),
+            each,
+        }
+    }
+
+    const fn passes(&self) -> bool {
+        self.misnamed == 0 && self.silent == 0 && self.beyond_current == 0
+    }
+}
+
+/// How many robots kept their promises.
+#[derive(Debug, Clone, Serialize)]
+pub struct Promises {
+    /// Of each kind of board.
+    pub robots: usize,
+    /// Boards that measure phase currents; commissioned.
+    pub current_sense: Count,
+    /// Boards that do not; measured by hand.
+    pub voltage_mode: Count,
+    /// Whether all held their promises or said why not, and no phase carried too much.
+    pub pass: bool,
+}
+
+/// Draws so many robots from this seed on, each with and without current sense. `done` is called after each.
+///
+/// # Errors
+/// When a robot cannot be built.
+pub fn measure(
+    robots: usize,
+    first_seed: u64,
+    done: impl Fn() + Sync,
+) -> Result<Promises, BenchError> {
+    let seeds: Vec<u64> = (0..robots as u64).map(|count| first_seed.wrapping_add(count)).collect();
+    let count = |measures_current| {
+        let each = seeds.par_iter().map(|seed| {
+            let robot = try_robot(*seed, measures_current);
+            done();
+            robot
+        });
+        Ok::<_, BenchError>(Count::of(each.collect::<Result<_, _>>()?))
+    };
+    let (current_sense, voltage_mode) = (count(true)?, count(false)?);
+    let pass = current_sense.passes() && voltage_mode.passes();
+    Ok(Promises { robots, current_sense, voltage_mode, pass })
+}
+
+/// Commissions one robot and asks for everything that it promises.
+///
+/// # Errors
+/// When it cannot be built.
+pub fn try_robot(seed: u64, measures_current: bool) -> Result<Robot, BenchError> {
+    let mut model = draw(seed, measures_current);
+    let mut watched = Watched::power_up(model.clone(), seed)?;
+    let ammeter = watched.largest_current.clone();
+    let mut broken = Vec::new();
+    let settings = if measures_current {
+        let known = known(&model.shaker, seed, &watched);
+        let now = |(name, _, now): (String, f32, f32)| (name, f64::from(now));
+        watched.commission(&known).map(|found| found.changes.into_iter().map(now).collect())
+    } else {
+        Ok(measured_by_hand(&watched, &model, seed))
+    };
+    match settings {
+        Ok(settings) => {
+            model.electrical.settings.extend::<BTreeMap<_, _>>(settings);
+            let subject = Subject { model: Some(model), seed };
+            for base in BASES {
+                for asked in Asked::all() {
+                    broken.extend(try_run(&subject, &ammeter, base, asked)?);
+                }
+            }
+        }
+        Err(error) => broken.push(Run {
+            base: Base::Fixed,
+            asked: "commissioning".to_owned(),
+            kept: Kept::Misnamed,
+            why: error.to_string(),
+        }),
+    }
+    let kept = broken.iter().map(|it| it.kept).max().unwrap_or(Kept::Held);
+    Ok(Robot { seed, kept, broken, largest_current_a: ammeter.get() })
+}
+
+/// Returns the settings that somebody enters who has measured the motors of this robot by hand, and knows the rotors' inertia and
+/// how late the encoders are.
+fn measured_by_hand(watched: &Watched, model: &RobotModel, seed: u64) -> BTreeMap<String, f64> {
+    let mut source = Xoshiro256PlusPlus::seed_from_u64(seed.rotate_left(32));
+    let mut error = || 2.0 * source.random::<f64>() - 1.0;
+    let mut settings = BTreeMap::new();
+    for motor in [0, 1] {
+        let truth = watched.operation.robot.electronics().motor(motor).parameters();
+        let values = [
+            ("phase_resistance", truth.resistance),
+            ("phase_inductance", 1e3 * truth.inductance),
+            ("flux_linkage", 1e3 * truth.flux_linkage),
+        ];
+        for (name, value) in values {
+            let name = format!("{}_{name}", motor_name(motor));
+            settings.insert(name, value * (1.0 + BY_HAND * error()));
+        }
+    }
+    let late = model.electrical.encoder.late_us + LATE_BY_HAND_US * error();
+    settings.insert("encoder_latency".to_owned(), late.max(0.0));
+    settings.insert("rotor_inertia".to_owned(), 1e7 * rotor_inertia(&model.shaker));
+    settings
+}
+
+/// What is asked of a robot in one run.
+#[derive(Debug, Clone, Copy)]
+enum Asked {
+    /// This f, Hz, through all directions.
+    Hold(f64),
+    /// A step.
+    Step(Step),
+}
+
+impl Asked {
+    fn all() -> impl Iterator<Item = Self> {
+        FREQUENCIES.map(Self::Hold).into_iter().chain(STEPS.map(Self::Step))
+    }
+}
+
+/// Holds the lowest bus voltage of a robot, V. It disturbs nothing; clones share the reading.
+#[derive(Debug, Clone)]
+struct Voltmeter(Arc<AtomicU64>);
+
+impl Voltmeter {
+    fn new() -> Self {
+        Self(Arc::new(AtomicU64::new(f64::INFINITY.to_bits())))
+    }
+
+    fn get(&self) -> f64 {
+        f64::from_bits(self.0.load(Ordering::Relaxed))
+    }
+}
+
+impl Disturbance for Voltmeter {
+    fn electronics(&mut self, _now: Instant, electronics: &mut Electronics) {
+        let lowest = self.get().min(electronics.battery().bus_voltage());
+        self.0.store(lowest.to_bits(), Ordering::Relaxed);
+    }
+}
+
+/// Returns what became of one run, unless every promise was kept.
+fn try_run(
+    subject: &Subject,
+    ammeter: &Ammeter,
+    base: Base,
+    asked: Asked,
+) -> Result<Option<Run>, BenchError> {
+    let mut operation = subject.on(base)?;
+    let (here, voltmeter) = (Ammeter::default(), Voltmeter::new());
+    operation.robot.disturb(ammeter.clone());
+    operation.robot.disturb(here.clone());
+    operation.robot.disturb(voltmeter.clone());
+    let (name, outcome) = match asked {
+        Asked::Hold(frequency) => {
+            let held = hold_directions(&mut operation, base, frequency);
+            (format!("{frequency:+} Hz"), held.map(|held| worst_hold(&held)))
+        }
+        Asked::Step(step) => {
+            (step.name.to_owned(), step_of(&mut operation, base, step).map(|it| bad_step(&it)))
+        }
+    };
+    let (mut why, direction_rms_deg) = match outcome {
+        Ok(None) => return Ok(None),
+        Ok(Some(why)) => why,
+        Err(BenchError::Operation(error)) => (error.to_string(), 0.0),
+        Err(error) => return Err(error),
+    };
+    // What went wrong last is told a little later.
+    operation.run(SAYING, |_| {})?;
+    let mut is_limited = false;
+    while let Some(update) = operation.client().update() {
+        if let Update::Event(report) = update {
+            is_limited |= matches!(report.event, Event::FrequencyLimited(_));
+        }
+    }
+    let settings = operation.robot.software().settings();
+    let kept = match operation.robot.report().first_fault {
+        Some(fault) => {
+            why += &format!("; fault: {fault}");
+            // Whether it is true.
+            let is_right = match fault {
+                Fault::OverCurrent => here.get() > 0.9 * f64::from(settings.current_limit),
+                Fault::UnderVoltage => voltmeter.get() < 1.02 * f64::from(settings.under_voltage),
+                Fault::PhaseLockLost => is_limited,
+                _ => false,
+            };
+            if is_right { Kept::Named } else { Kept::Misnamed }
+        }
+        None if is_limited && direction_rms_deg <= LIMITED_DIRECTION_DEG => Kept::Limited,
+        None => Kept::Silent,
+    };
+    Ok(Some(Run { base, asked: name, kept, why }))
+}
+
+/// Returns what was wrong with holds, and the largest error of theta, degrees.
+fn worst_hold(held: &[HoldResult]) -> Option<(String, f64)> {
+    let broken = || held.iter().filter(|it| !it.passes());
+    let most = |of: fn(&HoldResult) -> f64| broken().map(|it| of(it).abs()).fold(0.0, f64::max);
+    let theta = most(|it| it.theta_rms_deg);
+    broken().next().map(|_| {
+        let why = format!(
+            "f {:.3} Hz, theta {theta:.2} deg, force {:.2} deg, across {:.1} %",
+            most(|it| it.f_rms_hz),
+            most(|it| it.force_error_deg),
+            100.0 * most(|it| it.across_axis)
+        );
+        (why, theta)
+    })
+}
+
+/// Returns what was wrong with a step.
+fn bad_step(step: &StepResult) -> Option<(String, f64)> {
+    let settled = step.settle_s.map_or_else(|| "never".to_owned(), |s| format!("{s:.3} s"));
+    let (peak, limit) = (step.peak_current_a, step.current_limit_a);
+    let why = format!("settled {settled}, {peak:.3} A of {limit:.3} A");
+    (!step.passes()).then_some((why, 0.0))
+}
