@@ -1,5 +1,4 @@
 //! The features of the chip binary: sensible defaults, and one sentence where they contradict.
-#![allow(missing_docs)]
 
 #[path = "../board_choice.rs"]
 mod board_choice;

@@ -1,10 +1,5 @@
 //! The current loop, in integers, against the same loop in double precision.
 
-#![allow(missing_docs, reason = "a test")]
-
-#[path = "support/rows.rs"]
-mod rows;
-
 use flix_firmware::fast::foc::current::{CurrentLoop, Input};
 use flix_firmware::settings::Settings;
 use std::f64::consts::TAU;
@@ -46,7 +41,7 @@ impl Reference {
             demand[axis] =
                 inductance * bandwidth * errors[axis] + self.integral[axis] + feed_forward[axis];
         }
-        let limit = 0.6 * rows::BUS;
+        let limit = 0.6 * crate::rows::BUS;
         let given_d = demand[0].clamp(-limit / 2.0, limit / 2.0);
         let room = (limit * limit - given_d * given_d).sqrt();
         let given = [given_d, demand[1].clamp(-room, room)];
@@ -61,23 +56,24 @@ impl Reference {
         let (alpha, beta) =
             (given[0] * cosine - given[1] * sine, given[0] * sine + given[1] * cosine);
         let half = beta * 3_f64.sqrt() / 2.0;
-        let lost = rows::BUS * rows::DEAD_SHARE;
-        let slope = f64::from(rows::model().dead_time) / 16_777_216.0;
+        let lost = crate::rows::BUS * crate::rows::DEAD_SHARE;
+        let slope = f64::from(crate::rows::model().dead_time) / 16_777_216.0;
         let dead = |current: f64| (slope * current).clamp(-lost, lost);
         let phases =
             [alpha + dead(a), half - alpha / 2.0 + dead(b), -half - alpha / 2.0 + dead(-a - b)];
         let most = phases.iter().fold(f64::MIN, |most, phase| most.max(*phase));
         let least = phases.iter().fold(f64::MAX, |least, phase| least.min(*phase));
-        phases.map(|phase| ((phase - (most + least) / 2.0) / rows::BUS + 0.5).clamp(0.0, 1.0))
+        phases
+            .map(|phase| ((phase - (most + least) / 2.0) / crate::rows::BUS + 0.5).clamp(0.0, 1.0))
     }
 }
 
 #[test]
 fn duties_are_those_of_double_precision_within_a_thousandth() {
-    let (model, bus) = (rows::model(), rows::bus());
+    let (model, bus) = (crate::rows::model(), crate::rows::bus());
     let (mut fixed, mut reference) = (CurrentLoop::default(), Reference::default());
     let mut worst = 0.0_f64;
-    for input in rows::rows() {
+    for input in crate::rows::rows() {
         let duties = fixed.update(&model, &bus, &input);
         for (duty, wanted) in duties.into_iter().zip(reference.update(&input)) {
             worst = worst.max((f64::from(duty.raw()) / 65_536.0 - wanted).abs());
@@ -86,7 +82,7 @@ fn duties_are_those_of_double_precision_within_a_thousandth() {
     println!(
         "largest duty error {worst:.6}, {} of {} rows at the voltage limit",
         reference.limited,
-        rows::COUNT
+        crate::rows::COUNT
     );
     assert!(worst < 1e-3, "{worst}");
     assert!((500..9_500).contains(&reference.limited), "{}", reference.limited);

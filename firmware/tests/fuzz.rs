@@ -6,15 +6,11 @@
 //! ```text
 //! cargo bolero test -p flix-firmware robot_receive_survives_any_datagrams -T 10min
 //! ```
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-#[path = "support/no_store.rs"]
-mod no_store;
-#[path = "support/still.rs"]
-mod still;
 
 use core::net::SocketAddr;
 
+use crate::no_store::NoStore;
+use crate::still::AT_REST;
 use bolero::{TypeGenerator, check};
 use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::hardware::{Actuation, Bridge};
@@ -23,8 +19,6 @@ use flix_protocol::frame::Frame;
 use flix_protocol::message::{Command, State, ToRobot};
 use flix_protocol::session::{Key, OperatorSession, Status};
 use flix_protocol::units::Instant;
-use no_store::NoStore;
-use still::AT_REST;
 
 /// A robot and an operator who holds its session.
 struct Ends {

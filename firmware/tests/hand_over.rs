@@ -1,14 +1,10 @@
 //! What crosses between the two halves, as on a chip: each half gets its turns when the test says so, and the
 //! slow half may work from an old report.
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-#[path = "support/no_store.rs"]
-mod no_store;
-#[path = "support/still.rs"]
-mod still;
 
 use core::net::SocketAddr;
 
+use crate::no_store::NoStore;
+use crate::still::AT_REST;
 use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::exchange::{Access, Exchange, Report};
 use flix_firmware::fast::alignment::Alignment;
@@ -24,8 +20,6 @@ use flix_protocol::message::{
 };
 use flix_protocol::session::{Key, OperatorReceived, OperatorSession, Status};
 use flix_protocol::units::Instant;
-use no_store::NoStore;
-use still::AT_REST;
 
 /// Ticks from one ping to the next: 20 ms.
 const PING_TICKS: u32 = 200;

@@ -1,13 +1,10 @@
 //! The robot's end of the link alone: what an operator may ask for in each state, and what comes back. The fast half
 //! is a report that the test writes.
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-#[path = "support/no_store.rs"]
-mod no_store;
 
 use core::net::SocketAddr;
 use core::time::Duration;
 
+use crate::no_store::NoStore;
 use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::exchange::{EventCounters, MotorReport, Report, Requests};
 use flix_firmware::fast::units::{Current, RotorAngle, Speed, Voltage};
@@ -26,7 +23,6 @@ use flix_protocol::session::{
     StopStatus,
 };
 use flix_protocol::units::{Degrees, Hertz, Instant, Volts};
-use no_store::NoStore;
 
 const MILLISECOND: Duration = Duration::from_millis(1);
 /// Telemetry comes so often by default.

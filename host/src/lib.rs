@@ -75,29 +75,25 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-#[cfg(feature = "program")]
-pub mod cli;
 pub mod cockpit;
 pub mod commission;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod experiment;
 pub mod explain;
 pub mod file;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod interrupt;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod keys;
 pub mod link;
 pub mod nav;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod pilot;
-#[cfg(feature = "program")]
-pub mod plot;
 pub mod pose;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod record;
 pub mod scope;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod steering;
 pub mod system;
 pub mod teleop;

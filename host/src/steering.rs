@@ -22,7 +22,7 @@ use flix_protocol::message::Setpoint;
 use flix_protocol::units::{Degrees, Hertz, Instant};
 use serde::Deserialize;
 
-use crate::nav::{Decision, Navigator, PlanarPose, Progress, Stop, Task};
+use crate::nav::{Decision, ModeTable, Navigator, PlanarPose, Progress, Stop, Task};
 use crate::pilot::Helm;
 use crate::pose::PoseSample;
 use crate::system;
@@ -39,6 +39,13 @@ const POINT_SPACING: f64 = 0.02;
 const LONGEST: u64 = 4096;
 /// Longest part of a wrong answer that is repeated to people, characters.
 const SHOWN: usize = 80;
+
+/// Returns the names of the modes, in the order of the table, and of what a controller process commands.
+#[must_use]
+pub fn names(table: &ModeTable) -> Vec<String> {
+    let names = table.modes().iter().map(|mode| mode.name.clone());
+    names.chain([NAME.to_owned()]).collect()
+}
 
 /// A program that chooses f and theta.
 #[derive(Debug)]

@@ -35,6 +35,16 @@ fn is_shown(letter: char) -> bool {
     !letter.is_control() && !turns_or_hides
 }
 
+/// Returns a number with so many decimals, and never a negative zero.
+#[must_use]
+pub fn fixed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(rest) if rest.bytes().all(|c| matches!(c, b'0' | b'.')) => rest.to_owned(),
+        _ => text,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -59,5 +69,11 @@ mod tests {
             assert_eq!(printable(text), text);
         }
         assert_eq!(printable_lines("a\tb\nc"), "a\tb\nc");
+    }
+
+    #[test]
+    fn no_zero_is_negative() {
+        let texts = [fixed(-0.0, 0), fixed(-0.004, 2), fixed(-0.006, 2), fixed(0.5, 1)];
+        assert_eq!(texts, ["0", "0.00", "-0.01", "0.5"]);
     }
 }

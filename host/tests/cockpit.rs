@@ -1,11 +1,8 @@
 //! The cockpit's pages in virtual time: who drives, who may stop, and what a page's silence does.
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
-
-mod support;
-
 use std::net::SocketAddr;
 use std::time::Duration;
 
+use crate::support::{FakeRobot, key};
 use flix_host::cockpit::message::{Message, Request};
 use flix_host::cockpit::pages::{Misuse, PageId, Pages, SIGN_OF_LIFE};
 use flix_host::cockpit::snapshot::snapshot;
@@ -14,7 +11,6 @@ use flix_host::teleop::Cockpit;
 use flix_host::teleop::action::{Action, Mode};
 use flix_protocol::message::{Command, Fault, Setpoint, State};
 use flix_protocol::units::Instant;
-use support::{FakeRobot, key};
 
 /// Interval of a page's signs of life.
 const FRAME: Duration = Duration::from_millis(33);

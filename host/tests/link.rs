@@ -1,16 +1,12 @@
 //! The client's promises, in virtual time against a robot's end of the link.
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
-
-mod support;
-
 use std::net::SocketAddr;
 use std::time::Duration;
 
+use crate::support::{FakeRobot, key, seeded_loss};
 use flix_host::link::{Client, KEEP_ALIVE, StopState, Update};
 use flix_protocol::message::{Command, Outcome, Refusal, Setpoint, State};
 use flix_protocol::session::ConnectError;
 use flix_protocol::units::Instant;
-use support::{FakeRobot, key, seeded_loss};
 
 const OPERATOR: &str = "10.0.0.1:5000";
 const TICK: Duration = Duration::from_millis(1);

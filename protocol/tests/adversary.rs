@@ -1,10 +1,6 @@
 //! Somebody on the network who sees everything, sends anything, and does not have the key.
 
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-mod ends;
-
-use ends::{Ends, OPERATOR, answer, command, key, setpoint, telemetry};
+use crate::ends::{Ends, OPERATOR, answer, command, key, setpoint, telemetry};
 use flix_protocol::frame::MAXIMUM_DATAGRAM;
 use flix_protocol::message::{Command, DropReason};
 use flix_protocol::session::{OperatorReceived, OperatorSession, RobotReceived, RobotSession};

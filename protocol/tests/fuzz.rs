@@ -7,14 +7,10 @@
 //! cargo bolero test -p flix-protocol robot_survives_any_datagrams -T 10min
 //! ```
 
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-mod ends;
-
 use core::time::Duration;
 
+use crate::ends::{Ends, OPERATOR, SECOND_OPERATOR, command, key, telemetry};
 use bolero::{check, generator::*};
-use ends::{Ends, OPERATOR, SECOND_OPERATOR, command, key, telemetry};
 use flix_protocol::frame::Datagram;
 use flix_protocol::message::{Command, ToOperator, ToRobot, unreadable};
 use flix_protocol::provision::{Answer, FrameReader, Request};
@@ -165,7 +161,7 @@ fn a_handshake_survives_any_datagrams() {
             ends.now = ends.now.max(at);
             while let Some(frame) = ends.operator.poll(ends.now) {
                 disturb(&mut ends);
-                let answer = ends::answer(ends.robot_hears(&frame), frame.len());
+                let answer = crate::ends::answer(ends.robot_hears(&frame), frame.len());
                 disturb(&mut ends);
                 if let Some(answer) = answer {
                     ends.operator_hears(&answer);

@@ -12,14 +12,10 @@
 //! The names come from matches without a wildcard, so a new variant does not compile until it is
 //! named here, and does not pass until an example of it is listed.
 
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-mod ends;
-
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-use ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, key, setpoint, telemetry};
+use crate::ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, key, setpoint, telemetry};
 use flix_protocol::frame::{HANDSHAKE_LENGTHS, MAXIMUM_MESSAGE};
 use flix_protocol::message::*;
 use flix_protocol::provision::{

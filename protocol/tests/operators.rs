@@ -1,10 +1,6 @@
 //! Several operators of one robot, each with a key of its own.
 
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-mod ends;
-
-use ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, connect, key, telemetry};
+use crate::ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, connect, key, telemetry};
 use flix_protocol::frame::{Frame, KEY_ID_LENGTH};
 use flix_protocol::message::{Command, DropReason, OperatorName};
 use flix_protocol::session::{

@@ -1,14 +1,10 @@
 //! What holds for every unit, message, counter and network, tried on values that nobody chose.
 
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-mod ends;
-
 use std::collections::{BTreeSet, VecDeque};
 
 use core::time::Duration;
 
-use ends::{Ends, OPERATOR, answer, command, key, setpoint};
+use crate::ends::{Ends, OPERATOR, answer, command, key, setpoint};
 use flix_protocol::frame::{Datagram, MAXIMUM_MESSAGE};
 use flix_protocol::message::*;
 use flix_protocol::session::{
@@ -622,7 +618,7 @@ proptest! {
             return Err(TestCaseError::fail("the first command is not taken"));
         };
         prop_assert_eq!(received, command(1, Command::Arm));
-        let (_, frame) = robot.send(now, &ends::telemetry(1)).unwrap();
-        prop_assert_eq!(operator.receive(now, &frame), OperatorReceived::Message(ends::telemetry(1)));
+        let (_, frame) = robot.send(now, &crate::ends::telemetry(1)).unwrap();
+        prop_assert_eq!(operator.receive(now, &frame), OperatorReceived::Message(crate::ends::telemetry(1)));
     }
 }

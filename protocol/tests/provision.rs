@@ -1,7 +1,5 @@
 //! Serial frames: found after any noise, refused when damaged in any way.
 
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 use flix_protocol::provision::{FrameReader, Provisioning, Request, write_frame};
 use flix_protocol::session::{Key, Operator};
 use proptest::prelude::*;

@@ -1,13 +1,9 @@
 //! The keys of a session are renewed without a gap, and end when they are not; in virtual time.
 
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-mod ends;
-
 use core::time::Duration;
 use std::collections::BTreeSet;
 
-use ends::{Ends, OPERATOR, command, setpoint, telemetry};
+use crate::ends::{Ends, OPERATOR, command, setpoint, telemetry};
 use flix_protocol::failsafe::COMMAND_DEADLINE;
 use flix_protocol::message::{Command, DropReason};
 use flix_protocol::session::{
@@ -177,7 +173,7 @@ fn the_operator_hears_what_was_under_way_and_nothing_of_former_keys_later() {
 
 #[test]
 fn a_session_that_is_not_renewed_ends_with_its_keys() {
-    let mut ends = Ends::new(Some(ends::key(1)), ends::key(1));
+    let mut ends = Ends::new(Some(crate::ends::key(1)), crate::ends::key(1));
     let begun = ends.now;
     assert_eq!(ends.run(), Status::Connected);
     ends.talk_until(begun + (SESSION_LIFE - MILLISECOND), false);

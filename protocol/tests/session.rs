@@ -1,13 +1,11 @@
 //! What a session promises, between two ends in virtual time.
 
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-mod ends;
-
 use core::net::SocketAddr;
 use core::time::Duration;
 
-use ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, connect, key, setpoint, telemetry};
+use crate::ends::{
+    Ends, OPERATOR, SECOND_OPERATOR, answer, command, connect, key, setpoint, telemetry,
+};
 use flix_protocol::failsafe::COMMAND_AGE;
 use flix_protocol::frame::{Datagram, Frame, MAGIC, MAXIMUM_DATAGRAM, SEALED, SEALED_HEADER};
 use flix_protocol::message::{

@@ -1,13 +1,9 @@
 //! A stop from any holder of the key, whoever holds the session, in virtual time.
 
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-mod ends;
-
 use core::net::SocketAddr;
 use core::time::Duration;
 
-use ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, key, setpoint};
+use crate::ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, key, setpoint};
 use flix_protocol::frame::MAXIMUM_DATAGRAM;
 use flix_protocol::message::{Command, DropReason};
 use flix_protocol::session::{

@@ -7,7 +7,8 @@
 //!
 //! # Layers
 //!
-//! Each wing uses those above it in this table, never one below.
+//! Each wing uses those above it in this table, never one below. The first three are the package `flix-plant`; the paper's
+//! studies are `flix-study`, the program `flix-sim` is `flix-sim-cli`.
 //!
 //! | wing | what it holds |
 //! |---|---|
@@ -17,9 +18,7 @@
 //! | [`rig`] | the robot's software on the plant, its network, cameras, hardware faults, operators; the bench |
 //! | [`experiment`] | a walk, a closed loop, probes of the mechanics, the metrics, the reference table |
 //! | [`reliability`] | what is promised, measured: accuracy, fault matrix, soak test, adversary |
-//! | [`study`] | the paper's studies: thousands of walks in parallel, resumable, as Parquet and figures |
 //! | [`view`] | a replay of a run for the browser |
-//! | [`cli`] | the commands of `flix-sim`, one file each |
 //!
 //! Two journeys through them:
 //!
@@ -54,16 +53,12 @@
 //! `examples/own-controller.rs` drives the closed loop with a controller of its own, `examples/own-model.rs` walks a
 //! changed robot.
 
-#[cfg(feature = "program")]
-pub mod batch;
-#[cfg(feature = "program")]
-pub mod cli;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
+pub use flix_plant::batch;
+pub use flix_plant::{model, plant};
+
+#[cfg(not(target_family = "wasm"))]
 pub mod experiment;
-pub mod model;
-pub mod plant;
 pub mod reliability;
 pub mod rig;
-#[cfg(feature = "program")]
-pub mod study;
 pub mod view;

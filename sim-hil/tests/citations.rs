@@ -1,8 +1,6 @@
 //! Every equation, table, section and figure of the paper that sources and documentation cite exists.
 //!
 //! The paper is not part of the repository; what it numbers is listed in the first table of docs/paper.md.
-#![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
-
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 

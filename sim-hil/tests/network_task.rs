@@ -1,7 +1,5 @@
 //! The robot's network task on a network without hardware ([`flix_sim::rig::network`]), with the robot's two halves at
 //! rest.
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
-
 use std::cell::{Cell, RefCell};
 use std::future::Future;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};

@@ -3,10 +3,11 @@
 use flix_protocol::message::{Command, Outcome};
 use flix_protocol::session::Key;
 use flix_sim::model::RobotModel;
+use flix_sim::model::SIMULATED_BOARD;
 use flix_sim::plant::Plant;
 use flix_sim::rig::channel::ChannelParameters;
 use flix_sim::rig::operation::Operation;
-use flix_sim::rig::robot::{RobotParameters, SIMULATED_BOARD, SimulatedRobot};
+use flix_sim::rig::robot::{RobotParameters, SimulatedRobot};
 
 fn operation(network: ChannelParameters) -> Operation<Plant> {
     let model = RobotModel::named("bench-fixed").expect("a shipped model");

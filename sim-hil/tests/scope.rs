@@ -1,6 +1,4 @@
 //! What the scope keeps is what happened: tick by tick, value by value, around a lost phase lock as at any other time.
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
-
 use std::time::Duration;
 
 use flix_firmware::exchange::Report;

@@ -12,13 +12,7 @@
 //! browser or proxy held it back: its operator has seen nothing newer. A message that is older than
 //! [`SIGN_OF_LIFE`](pages::SIGN_OF_LIFE) is no sign of life and moves nothing; stop, rest and disarm are always done.
 
-#[cfg(feature = "live")]
-pub mod desk;
-#[cfg(feature = "live")]
-pub mod guard;
 pub mod message;
 pub mod page;
 pub mod pages;
-#[cfg(feature = "live")]
-pub mod server;
 pub mod snapshot;

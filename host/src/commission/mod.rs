@@ -17,7 +17,7 @@
 mod desk;
 mod finding;
 mod least_squares;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 mod live;
 pub mod phases;
 pub mod running;

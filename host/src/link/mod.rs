@@ -24,13 +24,13 @@
 //! *Unanswered*: no reply within [`ANSWER_TIME`]; either direction may have lost it.
 
 mod client;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod discovery;
 mod reached;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod serial;
 pub mod statistics;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod udp;
 
 pub use client::{Client, StopState, Update};

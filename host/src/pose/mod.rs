@@ -4,12 +4,12 @@
 //! (REP 103) into the world. Every source delivers the same [`PoseSample`]; a sample that its source
 //! does not trust is marked and is never used to move.
 
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod any;
 pub mod continuity;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod natnet;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod udp;
 
 use flix_protocol::units::Instant;

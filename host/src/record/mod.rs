@@ -16,12 +16,9 @@
 //! mode table. [`Recorder`] writes a record, [`Run`] reads it, [`figures`] and [`csv`] show it.
 
 pub mod csv;
-pub mod figures;
 mod message;
 mod reader;
 mod repair;
-#[cfg(feature = "live")]
-pub mod stream;
 mod writer;
 
 pub use message::{
@@ -51,6 +48,3 @@ pub struct Channel {
 pub const FOLDER: &str = "runs";
 /// File extension of a record.
 pub const ENDING: &str = "mcap";
-
-#[cfg(test)]
-pub(crate) mod tests;

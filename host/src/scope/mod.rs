@@ -2,10 +2,8 @@
 //!
 //! [`Capture`] is plain data; [`files`] makes tables, pictures and records of it. `flix scope` fetches it.
 
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod files;
-#[cfg(feature = "program")]
-pub mod screen;
 
 use flix_protocol::message::{
     Channel, Quantity, SCOPE_CHANNELS, SCOPE_RATE_HZ, ScopeRows, ScopeStatus, Trigger,

@@ -82,9 +82,9 @@ pub enum Action {
 }
 
 /// Step of f, Hz: coarse, and fine with shift.
-pub(crate) const FREQUENCY_STEPS: [f32; 2] = [1.0, 0.1];
+pub const FREQUENCY_STEPS: [f32; 2] = [1.0, 0.1];
 /// Step of theta, degrees: coarse, and fine with shift.
-pub(crate) const DIRECTION_STEPS: [f32; 2] = [5.0, 1.0];
+pub const DIRECTION_STEPS: [f32; 2] = [5.0, 1.0];
 
 #[cfg(test)]
 mod tests {

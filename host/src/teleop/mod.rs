@@ -7,18 +7,8 @@
 
 pub mod action;
 pub mod cockpit;
-#[cfg(feature = "program")]
-pub mod drive;
 pub mod floor;
-#[cfg(feature = "program")]
-pub mod gamepad;
-#[cfg(feature = "program")]
-pub mod keyboard;
 pub mod scope;
-#[cfg(feature = "program")]
-pub mod screen;
 pub mod settings;
-#[cfg(feature = "program")]
-pub mod view;
 
 pub use cockpit::Cockpit;

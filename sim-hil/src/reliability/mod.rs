@@ -1,17 +1,17 @@
 //! What the robot promises, measured: its accuracy, and what it does when something goes wrong.
 
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod accuracy;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod adversary;
 pub mod case;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod commission;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod commissioned;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod fault_matrix;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod soak;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod wiring;

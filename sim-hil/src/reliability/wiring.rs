@@ -9,8 +9,8 @@ use serde::Serialize;
 
 use super::commission::{Watched, known, stranger};
 use crate::model::RobotModel;
+use crate::model::SIMULATED_BOARD;
 use crate::rig::bench::BenchError;
-use crate::rig::robot::SIMULATED_BOARD;
 use crate::rig::wiring_fault::{Miswired, WiringFault};
 
 /// A wiring fault that was looked for.

@@ -7,7 +7,7 @@ pub mod channel;
 pub mod hardware_fault;
 pub mod mode_table;
 pub mod motion_capture;
-#[cfg(feature = "program")]
+#[cfg(not(target_family = "wasm"))]
 pub mod network;
 pub mod operation;
 pub mod robot;

@@ -5,12 +5,10 @@
 //! ([`Disturbance`]) act on what passes between the two, or on the plant.
 
 use core::net::SocketAddr;
-use std::num::NonZeroU16;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::exchange::Report;
-use flix_firmware::hardware::{Actuation, Hardware, Sensors, SettingsStore, TICK_US};
+use flix_firmware::hardware::{Actuation, Sensors, SettingsStore, TICK_US};
 use flix_firmware::robot::Robot;
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{LinkQuality, OperatorName};
@@ -20,17 +18,9 @@ use flix_protocol::units::Instant;
 use rand::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::model::{Electrical, ModelError};
+use crate::model::{Electrical, ModelError, SIMULATED_BOARD};
 use crate::plant::electronics::{Electronics, ElectronicsParameters};
 use crate::plant::{Diverged, Mechanics};
-
-/// The board of the simulated robot: DengFOC V3.01 (bridges that coast, current sense both ways) with a
-/// battery divider of 100 and 22 kiloohms added.
-pub const SIMULATED_BOARD: Hardware = Hardware {
-    name: "simulated DengFOC V3.01",
-    bus_microvolts_per_count: NonZeroU16::new(4_464),
-    ..DENGFOC_V3_01.hardware
-};
 
 /// What a simulated robot is, besides its mechanics.
 #[derive(Clone)]

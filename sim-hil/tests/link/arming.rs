@@ -5,7 +5,7 @@ use std::time::Duration;
 use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME};
 use flix_protocol::message::{Command, Outcome, Refusal, State};
 
-use crate::bench::{Bench, TICK, setpoint};
+use super::bench::{Bench, TICK, setpoint};
 
 /// Says a ping every 20 ms from now on, for exactly so long; the last tick is not the last ping.
 fn prove(bench: &mut Bench, duration: Duration) {

@@ -10,7 +10,7 @@ use flix_protocol::session::{Key, OperatorSession};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::bench::{Bench, setpoint};
+use super::bench::{Bench, setpoint};
 
 fn stranger() -> SocketAddr {
     SocketAddr::from(([192, 0, 2, 66], 666))

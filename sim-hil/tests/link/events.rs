@@ -5,7 +5,7 @@ use std::time::Duration;
 use flix_firmware::link::EVENTS;
 use flix_protocol::message::{Command, Event};
 
-use crate::bench::{Bench, setpoint};
+use super::bench::{Bench, setpoint};
 
 fn numbers(bench: &Bench) -> Vec<u32> {
     bench.operator.events.iter().map(|report| report.number).collect()

@@ -6,7 +6,7 @@ use std::time::Duration;
 use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LATE, LINK_LOST};
 use flix_protocol::message::{Command, Event, State};
 
-use crate::bench::{Bench, TICK, setpoint};
+use super::bench::{Bench, TICK, setpoint};
 
 /// A robot that shakes, heard of for the last time so long before its last tick.
 fn silent_for(silence: Duration) -> Bench {

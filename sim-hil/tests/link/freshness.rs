@@ -7,7 +7,7 @@ use flix_protocol::failsafe::COMMAND_AGE;
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{Command, Event, Outcome, ParameterCommand, Refusal, State};
 
-use crate::bench::{Bench, TICK, setpoint};
+use super::bench::{Bench, TICK, setpoint};
 
 /// The command age and the ramp down from 35 Hz.
 const LONGEST_MOVEMENT: Duration = Duration::from_millis(850);

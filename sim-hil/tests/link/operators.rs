@@ -6,7 +6,7 @@ use flix_protocol::frame::Frame;
 use flix_protocol::message::{Command, Event, OperatorName, State};
 use flix_protocol::session::{self, HOLDER_SILENCE, Key};
 
-use crate::bench::{Bench, Operator, TICK, key, setpoint};
+use super::bench::{Bench, Operator, TICK, key, setpoint};
 
 /// Lets a stranger try to connect for so long while the first operator holds his setpoint. Returns
 /// whether the stranger got in.

@@ -2,7 +2,7 @@
 
 use flix_protocol::message::{Command, Name, Outcome, ParameterCommand, Refusal, Setpoint, State};
 
-use crate::bench::{Bench, setpoint};
+use super::bench::{Bench, setpoint};
 
 /// A setpoint as a faulty program would send it: the types refuse to make one.
 fn impossible(frequency: f32, direction: f32) -> Command {

@@ -8,7 +8,7 @@ use flix_protocol::message::{
 };
 use flix_sim::rig::robot::Flash;
 
-use crate::bench::Bench;
+use super::bench::Bench;
 
 fn name(name: &str) -> Name {
     Name::try_from(name).unwrap()
@@ -76,7 +76,7 @@ fn a_changed_setting_is_obeyed_by_the_fast_loop() {
     bench.wait(Duration::from_millis(20));
     bench.say(set("over_speed", 15.0));
     bench.arm();
-    bench.hold(Command::Setpoint(crate::bench::setpoint(20.0, 0.0)), Duration::from_millis(600));
+    bench.hold(Command::Setpoint(super::bench::setpoint(20.0, 0.0)), Duration::from_millis(600));
     assert_eq!(bench.robot.report().first_fault, Some(Fault::OverSpeed));
 }
 

@@ -6,7 +6,7 @@ use flix_protocol::frame::Frame;
 use flix_protocol::message::{Command, Event, OperatorName, Outcome, Refusal, State};
 use flix_protocol::session::{StopSession, StopStatus};
 
-use crate::bench::{Bench, key, setpoint};
+use super::bench::{Bench, key, setpoint};
 
 #[test]
 fn a_stopped_robot_rests_whatever_is_asked_of_it() {
@@ -123,7 +123,7 @@ fn a_stop_outlives_the_operator_who_said_it() {
     let mut bench = Bench::shaking();
     bench.say(Command::Stop);
     bench.wait(Duration::from_secs(12));
-    bench.operator = crate::bench::Operator::new(crate::bench::key(), 2, bench.now());
+    bench.operator = super::bench::Operator::new(super::bench::key(), 2, bench.now());
     bench.connect();
     bench.hold(Command::Ping(0), Duration::from_millis(600));
     assert_eq!(bench.say(Command::Arm), Outcome::Refused(Refusal::Stopped));

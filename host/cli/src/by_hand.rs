@@ -1,0 +1,80 @@
+//! Driving by hand: what the commands share that differ in their screen alone.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use super::robot::RobotArgs;
+use super::walk::{PoseArgs, record};
+use super::{Error, Exit, drive};
+use crate::teleop::drive::{Drive, DriveError, Ending, Extras};
+use flix_host::interrupt::Interrupt;
+use flix_host::pose::any::Poses;
+use flix_shell::output::print;
+use flix_shell::stream::StreamArgs;
+
+/// Options of driving by hand.
+#[derive(Debug, clap::Args)]
+pub struct ByHandArgs {
+    #[command(flatten)]
+    robot: RobotArgs,
+    #[command(flatten)]
+    poses: PoseArgs,
+    /// Record the drive below OUT/runs; so does --foxglove.
+    #[arg(long)]
+    record: bool,
+    /// Folder for the record.
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    out: PathBuf,
+    #[command(flatten)]
+    stream: StreamArgs,
+}
+
+impl ByHandArgs {
+    /// Connects, lets `operate` drive until the operator leaves, and leaves the robot disarmed or stopped. `name`: of
+    /// the command, for the record.
+    ///
+    /// # Errors
+    /// When the robot cannot be reached, `operate` fails, or the program is interrupted.
+    pub fn drive(
+        &self,
+        name: &str,
+        operate: impl FnOnce(&mut Drive, &Interrupt) -> Result<Ending, Error>,
+    ) -> Result<ExitCode, Error> {
+        let interrupt = Interrupt::listen().map_err(Error::usage)?;
+        let mut extras = Extras { poses: self.poses.open_if_named()?, ..Extras::default() };
+        let mut connection = self.robot.connect(&interrupt)?;
+        if self.record || self.stream.is_asked_for() {
+            let poses = extras.poses.as_ref().map(Poses::name);
+            let mut recorder = record(&self.out, &mut connection, poses, name, BTreeMap::new())?;
+            self.stream.start(&mut recorder)?;
+            extras.recorder = Some(recorder);
+        }
+        let mut hand = Drive::new(&mut connection, &self.robot.robot, &mut extras);
+        let ended = match operate(&mut hand, &interrupt) {
+            Ok(Ending::Interrupted) => Err(drive::stop(&mut connection)),
+            Ok(Ending::Quit) if connection.client().is_driving() => {
+                connection.disarm().map_err(Error::from)
+            }
+            Ok(Ending::Quit) => Ok(()),
+            Err(error) => Err(drive::give_up(&mut connection, error)),
+        };
+        let ending = ended.as_ref().map_or_else(ToString::to_string, |()| "finished".to_owned());
+        let results = BTreeMap::from([("ending".to_owned(), ending)]);
+        let record = extras.recorder.map(|recorder| recorder.conclude(results)).transpose();
+        ended?;
+        if let Some(file) = record? {
+            print(&format!("record {}\n", file.display()))?;
+        }
+        Ok(Exit::Done.into())
+    }
+}
+
+impl From<DriveError> for Error {
+    fn from(error: DriveError) -> Self {
+        match error {
+            DriveError::Link(error) => error.into(),
+            DriveError::Pose(error) => error.into(),
+        }
+    }
+}

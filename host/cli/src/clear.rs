@@ -1,0 +1,28 @@
+//! `flix clear`: clears a latched stop, and faults whose cause is gone.
+
+use std::process::ExitCode;
+
+use super::robot::RobotArgs;
+use super::{Error, Exit};
+use flix_host::interrupt::Interrupt;
+use flix_shell::output::print;
+
+/// Clear a latched stop, and faults whose cause is gone.
+///
+/// Nothing moves: the next command must arm the robot.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    robot: RobotArgs,
+}
+
+/// Clears, and waits until the robot reports it.
+///
+/// # Errors
+/// When the robot cannot be reached, or the cause of a fault is still there.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let interrupt = Interrupt::listen().map_err(Error::usage)?;
+    args.robot.connect(&interrupt)?.clear()?;
+    print("ready\n")?;
+    Ok(Exit::Done.into())
+}

@@ -1,0 +1,287 @@
+//! The sockets: serves the page and its WebSocket on a thread of its own.
+//!
+//! The loop that drives the robot never waits for a page: pages get the newest snapshot when they can take one, and
+//! what they say waits in a bounded queue.
+
+use std::io;
+use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+
+use axum::Router;
+use axum::extract::ws::{Message as Frame, WebSocket, WebSocketUpgrade};
+use axum::extract::{Path, State};
+use axum::http::header::{self, HeaderMap};
+use axum::http::{HeaderName, StatusCode};
+use axum::response::{Html, IntoResponse, Response};
+use axum::routing::get;
+use axum::serve::ListenerExt as _;
+use futures_util::{SinkExt as _, StreamExt as _};
+use tokio::sync::{Semaphore, watch};
+
+use super::guard::{Guard, Refusal, hexadecimal};
+use flix_host::cockpit::message::Message;
+use flix_host::cockpit::page::Page;
+use flix_host::cockpit::pages::PageId;
+use flix_host::cockpit::snapshot::{self, EXTRAS};
+
+/// How the page reaches this program.
+const CONNECTION: &str = include_str!("connection.js");
+/// Pages that are open at once.
+const MOST_PAGES: usize = 16;
+/// Longest message that is read at all, bytes: only messages of pages are obeyed, which are shorter.
+const LONGEST_READ: usize = 4096;
+/// Messages of pages that wait: a second of all pages. A page whose message finds no place is closed.
+const QUEUE: usize = 1024;
+
+/// What happens at the pages.
+#[derive(Debug, Clone, PartialEq)]
+pub enum FromPage {
+    /// A page was opened.
+    Opened,
+    /// It says something.
+    Said(Message),
+    /// It says what no page says, and is closed.
+    Misused,
+    /// It is closed.
+    Closed,
+}
+
+/// Why pages cannot be served.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// The address cannot be used.
+    #[error(
+        "cannot serve at {address}: {source}; choose an address of this computer and a free port with --bind (port 0: any free)"
+    )]
+    Bind {
+        /// The address.
+        address: SocketAddr,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The operating system gave no randomness for the token.
+    #[error("the operating system gave no random numbers for the token: {0}")]
+    Random(#[from] getrandom::Error),
+    /// The thread cannot run.
+    #[error("the page cannot be served: {0}")]
+    Thread(#[from] io::Error),
+}
+
+/// A server of pages. When it is dropped, all pages are closed.
+pub struct Server {
+    address: SocketAddr,
+    token: String,
+    snapshots: watch::Sender<Arc<str>>,
+    extras: [watch::Sender<Arc<str>>; EXTRAS.len()],
+    events: Receiver<(PageId, FromPage)>,
+}
+
+#[derive(Clone)]
+struct Shared {
+    guard: Arc<Guard>,
+    snapshots: watch::Receiver<Arc<str>>,
+    extras: [watch::Receiver<Arc<str>>; EXTRAS.len()],
+    events: SyncSender<(PageId, FromPage)>,
+    next: Arc<AtomicU32>,
+    places: Arc<Semaphore>,
+}
+
+impl Server {
+    /// Begins to serve at this address; port 0 is any free port.
+    ///
+    /// # Errors
+    /// When the address cannot be used, or the operating system refuses a thread or randomness.
+    pub fn start(address: SocketAddr) -> Result<Self, ServeError> {
+        let bind = |source| ServeError::Bind { address, source };
+        let listener = TcpListener::bind(address).map_err(bind)?;
+        listener.set_nonblocking(true)?;
+        let address = listener.local_addr()?;
+        let mut entropy = [0; 16];
+        getrandom::fill(&mut entropy)?;
+        let guard = Guard::new(address, entropy);
+        let token = guard.token().to_owned();
+        let (snapshots, shown) = watch::channel(Arc::from(""));
+        let extras = EXTRAS.map(|_| watch::Sender::new(Arc::from("")));
+        let (sender, events) = sync_channel(QUEUE);
+        let mut closed = shown.clone();
+        let shared = Shared {
+            guard: Arc::new(guard),
+            snapshots: shown,
+            extras: extras.each_ref().map(watch::Sender::subscribe),
+            events: sender,
+            next: Arc::default(),
+            places: Arc::new(Semaphore::new(MOST_PAGES)),
+        };
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build()?;
+        std::thread::Builder::new().name("pages".to_owned()).spawn(move || {
+            runtime.block_on(async {
+                let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
+                let pages = Router::new()
+                    .route("/{token}/", get(page))
+                    .route("/{token}/socket", get(socket))
+                    .with_state(shared);
+                tokio::select! {
+                    // Only a listener that cannot listen any more ends it.
+                    _ = async { axum::serve(listener.tap_io(|page| drop(page.set_nodelay(true))), pages).await } => {}
+                    () = async { while closed.changed().await.is_ok() {} } => {}
+                }
+            });
+        })?;
+        Ok(Self { address, token, snapshots, extras, events })
+    }
+
+    /// Returns the address of the page for a browser: on this computer, unless another address is bound.
+    #[must_use]
+    pub fn url(&self) -> String {
+        let mut address = self.address;
+        if address.ip().is_unspecified() {
+            address.set_ip(outward(address).unwrap_or(std::net::Ipv4Addr::LOCALHOST.into()));
+        }
+        format!("http://{address}/{}/", self.token)
+    }
+
+    /// Returns whether other computers can reach it.
+    #[must_use]
+    pub const fn is_public(&self) -> bool {
+        !self.address.ip().is_loopback()
+    }
+
+    /// Shows a snapshot to all pages.
+    pub fn show(&self, snapshot: String) {
+        self.snapshots.send_replace(snapshot.into());
+    }
+
+    /// Shows one of the [`EXTRAS`] to all pages, also to those that open later.
+    pub fn show_extra(&self, extra: usize, value: serde_json::Value) {
+        let text = serde_json::json!({ EXTRAS[extra]: value }).to_string();
+        self.extras[extra].send_replace(text.into());
+    }
+
+    /// Returns what has happened at a page, oldest first.
+    pub fn event(&self) -> Option<(PageId, FromPage)> {
+        self.events.try_recv().ok()
+    }
+}
+
+/// Returns the address of this computer that others reach it by, without sending anything.
+fn outward(bound: SocketAddr) -> Option<std::net::IpAddr> {
+    let socket = UdpSocket::bind((bound.ip(), 0)).ok()?;
+    socket.connect(("192.0.2.1", 9)).ok()?;
+    Some(socket.local_addr().ok()?.ip())
+}
+
+fn text_of(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
+    headers.get(name).and_then(|value| value.to_str().ok())
+}
+
+impl Shared {
+    fn check(&self, token: &str, headers: &HeaderMap, needs_origin: bool) -> Result<(), Refusal> {
+        let (host, origin) = (text_of(headers, header::HOST), text_of(headers, header::ORIGIN));
+        self.guard.check(token, host, origin, needs_origin)
+    }
+}
+
+impl IntoResponse for Refusal {
+    fn into_response(self) -> Response {
+        (StatusCode::FORBIDDEN, format!("{self}\n")).into_response()
+    }
+}
+
+async fn page(
+    State(shared): State<Shared>,
+    Path(token): Path<String>,
+    headers: HeaderMap,
+) -> Response {
+    if let Err(refusal) = shared.check(&token, &headers, false) {
+        return refusal.into_response();
+    }
+    let mut entropy = [0; 16];
+    if getrandom::fill(&mut entropy).is_err() {
+        return StatusCode::INTERNAL_SERVER_ERROR.into_response();
+    }
+    let nonce = hexadecimal(entropy);
+    let html = Page { connection: CONNECTION, ..Page::default() }.to_html(&nonce);
+    let host = text_of(&headers, header::HOST).unwrap_or_default();
+    let policy = format!(
+        "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src data:; \
+         connect-src ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    );
+    let secure = [
+        (header::CONTENT_SECURITY_POLICY, policy.as_str()),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::CACHE_CONTROL, "no-store"),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+    ]
+    .map(|(name, value)| (name, value.to_owned()));
+    (secure, Html(html)).into_response()
+}
+
+async fn socket(
+    State(shared): State<Shared>,
+    Path(token): Path<String>,
+    headers: HeaderMap,
+    upgrade: WebSocketUpgrade,
+) -> Response {
+    if let Err(refusal) = shared.check(&token, &headers, true) {
+        return refusal.into_response();
+    }
+    let Ok(place) = Arc::clone(&shared.places).try_acquire_owned() else {
+        return (StatusCode::SERVICE_UNAVAILABLE, "too many pages are open\n").into_response();
+    };
+    upgrade.max_message_size(LONGEST_READ).max_frame_size(LONGEST_READ).on_upgrade(
+        async move |socket| {
+            let id = shared.next.fetch_add(1, Ordering::Relaxed);
+            // The receiver is gone only when the program ends.
+            if shared.events.try_send((id, FromPage::Opened)).is_ok() {
+                let ended = talk(id, socket, &shared).await;
+                // Whatever the queue holds, this must not be lost: it leaves the robot without an operator.
+                let _ = shared.events.send((id, ended));
+            }
+            drop(place);
+        },
+    )
+}
+
+/// Talks with a page until it is closed; returns how it ended.
+async fn talk(id: PageId, socket: WebSocket, shared: &Shared) -> FromPage {
+    let (mut to_page, mut from_page) = socket.split();
+    let (mut snapshots, mut extras) = (shared.snapshots.clone(), shared.extras.clone());
+    for extra in extras.iter_mut().filter(|extra| !extra.borrow().is_empty()) {
+        extra.mark_changed();
+    }
+    let [mut settings, mut scope] = extras;
+    let show = async {
+        let mut text = snapshot::hello(id);
+        while to_page.send(Frame::text(text)).await.is_ok() {
+            let newest = tokio::select! {
+                changed = settings.changed() => changed.map(|()| settings.borrow_and_update().to_string()),
+                changed = scope.changed() => changed.map(|()| scope.borrow_and_update().to_string()),
+                changed = snapshots.changed() => changed.map(|()| snapshots.borrow_and_update().to_string()),
+            };
+            let Ok(newest) = newest else { break };
+            text = newest;
+        }
+    };
+    let hear = async {
+        while let Some(frame) = from_page.next().await {
+            let said = match frame {
+                Ok(Frame::Text(text)) => Message::parse(&text).map(FromPage::Said),
+                Ok(Frame::Ping(_) | Frame::Pong(_)) => continue,
+                Ok(Frame::Close(_)) => break,
+                Ok(Frame::Binary(_)) => None,
+                // A connection that breaks is a page that is closed.
+                Err(_) => break,
+            };
+            let Some(Ok(())) = said.map(|said| shared.events.try_send((id, said))) else {
+                return FromPage::Misused;
+            };
+        }
+        FromPage::Closed
+    };
+    tokio::select! {
+        () = show => FromPage::Closed,
+        ended = hear => ended,
+    }
+}

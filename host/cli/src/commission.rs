@@ -1,0 +1,155 @@
+//! `flix commission`: lets a robot find the values of its motors.
+
+use std::fmt::Write;
+use std::process::ExitCode;
+
+use flix_protocol::message::{Command, ParameterCommand, Refusal};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+use super::drive::{give_up, stop};
+use super::robot::RobotArgs;
+use super::{Error, Exit};
+use flix_host::commission::{CommissionError, Commissioned, Known, Motor, Step, commission};
+use flix_host::interrupt::Interrupt;
+use flix_host::link::udp::LinkError;
+use flix_host::text::fixed;
+use flix_shell::number::parse_within;
+use flix_shell::output::{headings, print, print_json, table};
+
+/// Measure the robot's motors, encoders and current amplifiers, and set what follows.
+///
+/// Nothing of a motor is assumed: a voltage grows from nothing until a current flows, at most 1.5 A as the amplifiers show it. Then
+/// the rotors turn, first slowly, at last at up to 26 Hz: put the robot on its feet or a stand, with room around its
+/// rotors. It takes a minute. What is wired, mounted or made wrongly is named, and the settings stay as they were. Both
+/// motors must be of one kind. Boards that measure no phase currents refuse. Ctrl-C stops the robot.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix commission walker-1 --save
+  flix commission walker-1 --battery 12.31 --inertia 105
+  flix commission walker-1 --json | jq .motors")]
+pub struct Args {
+    #[command(flatten)]
+    robot: RobotArgs,
+    /// Battery voltage by a voltmeter, the robot at rest, 5 to 30 V: it corrects the divider, or stands for the battery
+    /// where there is none.
+    #[arg(long, value_name = "V", value_parser = battery)]
+    battery: Option<f64>,
+    /// Inertia of one rotor about its shaft, mass and bell, 1 to 10000 g cm2 [default: the setting rotor_inertia].
+    #[arg(long, value_name = "G_CM2", value_parser = inertia)]
+    inertia: Option<f64>,
+    /// Store the settings; otherwise they are in force until power-off.
+    #[arg(long)]
+    save: bool,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+fn battery(text: &str) -> Result<f64, String> {
+    parse_within(text, 5.0..=30.0, "voltage", " V")
+}
+
+fn inertia(text: &str) -> Result<f64, String> {
+    parse_within(text, 1.0..=10_000.0, "inertia", " g cm2")
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    #[serde(flatten)]
+    found: Commissioned,
+    saved: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the robot cannot be reached, refuses, has a fault, or a motor does not behave like one; its settings are as before
+/// then, unless the link is lost or the program interrupted.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let interrupt = Interrupt::listen().map_err(Error::usage)?;
+    let mut connection = args.robot.connect(&interrupt)?;
+    let bar = ProgressBar::new(Step::ALL.len() as u64);
+    let style = ProgressStyle::with_template("{bar:40} {pos} of {len}: {msg}");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let known = Known { rotor_inertia: args.inertia.map(|it| 1e-7 * it), battery: args.battery };
+    let found = commission(&mut connection, &known, |step| {
+        let place = Step::ALL.iter().position(|it| *it == step).unwrap_or(0);
+        bar.set_position(place as u64);
+        bar.set_message(step.to_string());
+    });
+    bar.finish_and_clear();
+    let found = match found {
+        Ok(found) => found,
+        Err(CommissionError::Robot(LinkError::Interrupted)) => {
+            let error = stop(&mut connection);
+            return Err(Error {
+                sentence: format!("{error}; restart the robot: some of its settings were on trial"),
+                ..error
+            });
+        }
+        Err(error) => return Err(give_up(&mut connection, sentence(error))),
+    };
+    if args.save {
+        connection.ask(Command::Parameter(ParameterCommand::Save))?;
+    }
+    connection.leave();
+    if args.json {
+        print_json(&Report { found, saved: args.save })?;
+    } else {
+        print(&describe(&found, args.save))?;
+    }
+    Ok(Exit::Done.into())
+}
+
+fn sentence(error: CommissionError<LinkError>) -> Error {
+    match error {
+        CommissionError::Robot(LinkError::Refused(Refusal::NoCurrentSense)) => Error::new(
+            Exit::RobotFault,
+            "the board measures no phase currents, so that nothing would bound them: measure the motors by hand and enter \
+             them with `flix parameters set`: phase_resistance, phase_inductance, flux_linkage, pole_pairs, encoder_latency",
+        ),
+        CommissionError::Robot(error) => error.into(),
+        other => Error::new(Exit::RobotFault, other),
+    }
+}
+
+fn describe(found: &Commissioned, saved: bool) -> String {
+    let line = |name: &str, unit: &str, of: &dyn Fn(&Motor) -> String| {
+        let [top, bottom] = found.motors.each_ref().map(of);
+        vec![name.to_owned(), top, bottom, unit.to_owned()]
+    };
+    let rows = [
+        headings("measured|top|bottom|unit"),
+        line("phase resistance", "ohm", &|it| fixed(it.resistance, 3)),
+        line("phase inductance", "mH", &|it| fixed(1e3 * it.inductance, 4)),
+        line("flux linkage", "mWb", &|it| fixed(1e3 * it.flux_linkage, 3)),
+        line("true over shown current, A", "1", &|it| fixed(it.current_gains[0], 3)),
+        line("true over shown current, B", "1", &|it| fixed(it.current_gains[1], 3)),
+        line("dead time takes", "mV", &|it| fixed(1e3 * it.dead_voltage, 0)),
+    ];
+    let mut text = table(&rows);
+    let _ = writeln!(
+        text,
+        "{} pole pairs; encoders {:.0} us late; duties act {:.0} us after the samples",
+        found.pole_pairs,
+        1e6 * found.encoder_latency,
+        1e6 * found.actuation_delay
+    );
+    let mut rows = vec![headings("setting|before|now")];
+    let value = |value: &f32| value.to_string();
+    rows.extend(
+        found
+            .changes
+            .iter()
+            .map(|(name, before, now)| vec![name.clone(), value(before), value(now)]),
+    );
+    let _ = write!(text, "\n{}", table(&rows));
+    text += if saved {
+        "\nStored.\n"
+    } else {
+        "\nIn force until power-off; `flix parameters save` stores them.\n"
+    };
+    text
+}

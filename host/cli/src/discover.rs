@@ -1,0 +1,72 @@
+//! `flix discover`: lists the robots on the local network.
+
+use std::process::ExitCode;
+use std::time::Duration;
+
+use super::{Error, Exit};
+use flix_host::interrupt::Interrupt;
+use flix_host::keys::{Keyring, SIMULATED_ROBOT};
+use flix_host::link::discovery::{self, Found};
+use flix_host::link::udp::LinkError;
+use flix_shell::output::{headings, print, print_json, table};
+use flix_shell::time::positive_duration;
+
+/// List the robots that announce themselves on the local network (mDNS, `_flix._udp`), and the simulated robot of this
+/// computer.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix discover
+  flix discover --for 10s --json | jq -r '.[].name'")]
+pub struct Args {
+    /// Duration of listening.
+    #[arg(long = "for", value_name = "TIME", default_value = "3s", value_parser = positive_duration)]
+    duration: Duration,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When multicast does not work here (usage), or no robot was found (no answer).
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let interrupt = Interrupt::listen().map_err(Error::usage)?;
+    let keyring = Keyring::of_user()?;
+    let simulated = keyring
+        .key(SIMULATED_ROBOT)
+        .ok()
+        .and_then(|key| discovery::on_this_computer(SIMULATED_ROBOT, &key));
+    let announced = discovery::browse(args.duration, &interrupt);
+    let robots: Vec<Found> = match (announced, simulated) {
+        (Err(error), None) => return Err(Error::usage(error)),
+        (announced, simulated) => {
+            simulated.into_iter().chain(announced.unwrap_or_default()).collect()
+        }
+    };
+    if interrupt.is_raised() {
+        return Err(LinkError::Interrupted.into());
+    }
+    if args.json {
+        print_json(&robots)?;
+    } else if robots.is_empty() {
+        return Err(Error::new(
+            Exit::NoAnswer,
+            "no robot was found: check that it is on and in this network, and that the network forwards multicast; an address works without it",
+        ));
+    } else {
+        let mut rows = vec![headings("robot|address|key|board")];
+        rows.extend(robots.iter().map(|robot| row(robot, &keyring)));
+        print(&table(&rows))?;
+    }
+    Ok(if robots.is_empty() { Exit::NoAnswer } else { Exit::Done }.into())
+}
+
+fn row(robot: &Found, keyring: &Keyring) -> Vec<String> {
+    let address =
+        robot.socket_address().map_or_else(|| "no address".to_owned(), |it| it.to_string());
+    let key = if keyring.contains(&robot.name) { "known" } else { "none" };
+    let board = robot.properties.get("board").cloned().unwrap_or_default();
+    vec![robot.name.clone(), address, key.to_owned(), board]
+}

@@ -1,0 +1,457 @@
+//! `flix doctor`: finds what is wrong with a set-up, and reports it in sentences.
+
+use std::process::ExitCode;
+use std::time::{Duration, Instant as Clock};
+
+use flix_protocol::failsafe::BATTERY_LOW_VOLTS;
+use flix_protocol::message::{Command, Outcome, ResetReason, State, Telemetry};
+use flix_protocol::units::Instant;
+
+use super::robot::RobotArgs;
+use super::walk::PoseArgs;
+use super::{Error, Exit};
+use flix_host::interrupt::Interrupt;
+use flix_host::link::udp::{Connection, LinkError};
+use flix_host::pose::PoseSource;
+use flix_host::pose::any::Poses;
+use flix_host::pose::natnet::NatNetStatistics;
+use flix_host::pose::udp::UdpStatistics;
+use flix_host::text::printable;
+use flix_shell::output::{print, print_json};
+
+/// Time for which poses and telemetry are observed.
+const WATCH: Duration = Duration::from_secs(2);
+/// Fewest poses per second for good control.
+const FEW_POSES: f64 = 50.0;
+/// Largest difference of the two clocks, as a share.
+const CLOCK_DRIFT: f64 = 0.02;
+/// Jitter of the telemetry, s.
+const TELEMETRY_JITTER: f64 = 0.1;
+/// Longest good round trip.
+const LONG_ROUND_TRIP: Duration = Duration::from_millis(100);
+
+/// Check a set-up: robot, link, battery, clock, and poses.
+///
+/// Nothing moves. The exit code is 0 without a problem, and that of the first problem otherwise.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix doctor walker-1 --natnet-server 192.168.1.5
+  flix doctor --json                         (against flix-sim serve --natnet)")]
+pub struct Args {
+    #[command(flatten)]
+    robot: RobotArgs,
+    #[command(flatten)]
+    poses: PoseArgs,
+    /// Do not check the poses.
+    #[arg(long, conflicts_with_all = ["pose", "natnet_server"])]
+    no_poses: bool,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Result of one check.
+#[derive(Debug, Clone, serde::Serialize)]
+struct Finding {
+    what: &'static str,
+    ok: bool,
+    sentence: String,
+    #[serde(skip)]
+    exit: Option<Exit>,
+}
+
+impl Finding {
+    fn good(what: &'static str, sentence: impl std::fmt::Display) -> Self {
+        Self { what, ok: true, sentence: sentence.to_string(), exit: None }
+    }
+
+    fn bad(what: &'static str, exit: Exit, sentence: impl std::fmt::Display) -> Self {
+        Self { what, ok: false, sentence: sentence.to_string(), exit: Some(exit) }
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When a check found a problem; all results were printed by then.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let interrupt = Interrupt::listen().map_err(Error::usage)?;
+    let mut findings = look_at_robot(&args.robot, &interrupt);
+    if !args.no_poses {
+        findings.extend(look_at_poses(&args.poses, &interrupt));
+    }
+    // What was seen of half a check is no diagnosis.
+    if interrupt.is_raised() {
+        return Err(LinkError::Interrupted.into());
+    }
+    if args.json {
+        print_json(&findings)?;
+    } else {
+        let mut text = String::new();
+        for finding in &findings {
+            let mark = if finding.ok { "ok" } else { "!!" };
+            text.push_str(&format!("{mark}  {:<9} {}\n", finding.what, finding.sentence));
+        }
+        print(&text)?;
+    }
+    let trouble = findings.iter().filter_map(|f| f.exit).collect::<Vec<_>>();
+    match trouble.first() {
+        None => Ok(Exit::Done.into()),
+        Some(exit) => Err(Error::new(*exit, format_args!("{} found", count(trouble.len())))),
+    }
+}
+
+fn count(things: usize) -> String {
+    if things == 1 { "1 problem".to_owned() } else { format!("{things} problems") }
+}
+
+fn look_at_robot(robot: &RobotArgs, interrupt: &Interrupt) -> Vec<Finding> {
+    let mut connection = match robot.connect(interrupt) {
+        Ok(connection) => connection,
+        // The sentence names key, version, second operator or silence.
+        Err(error) => return vec![Finding::bad("robot", error.exit, error.sentence)],
+    };
+    let mut findings = identity(&mut connection);
+    let begin = Clock::now();
+    let first = connection.client().telemetry().map(|t| t.time);
+    while begin.elapsed() < WATCH && !interrupt.is_raised() {
+        if let Err(error) = connection.step(Duration::from_millis(20)) {
+            findings.push(Finding::bad("link", Exit::NoAnswer, error));
+            return findings;
+        }
+        while connection.operate().0.update().is_some() {}
+    }
+    findings.push(link(&connection));
+    findings.extend(telemetry(&connection, first, begin.elapsed()));
+    connection.leave();
+    findings
+}
+
+fn identity(connection: &mut Connection) -> Vec<Finding> {
+    let answer = connection.ask(Command::Identify);
+    let operator = connection
+        .client()
+        .telemetry()
+        .map_or_else(String::new, |it| format!(" of {}", it.operator));
+    let identity = match answer {
+        Ok(Outcome::Identity(identity)) => identity,
+        Ok(_) => {
+            let sentence = "its answer does not fit the request";
+            return vec![Finding::bad("robot", Exit::Refused, sentence)];
+        }
+        Err(error) => return vec![Finding::bad("robot", Exit::NoAnswer, error)],
+    };
+    let [name, board, version] =
+        [identity.name.as_str(), &identity.board, &identity.version].map(printable);
+    let sentence = format!("{name} on {board}, firmware {version}; key{operator} and version fit");
+    vec![Finding::good("robot", sentence), judge_reset(&identity.reset)]
+}
+
+fn judge_reset(reset: &ResetReason) -> Finding {
+    let advice = match reset {
+        ResetReason::BrownOut => "charge the battery, and look at its leads and the board's supply",
+        reset if reset.is_accident() => "a defect of the firmware: report it with this line",
+        _ => return Finding::good("reset", format_args!("started after {reset}")),
+    };
+    Finding::bad("reset", Exit::RobotFault, format_args!("started after {reset}: {advice}"))
+}
+
+fn link(connection: &Connection) -> Finding {
+    let statistics = connection.client().statistics();
+    let (Some(middle), Some(late)) =
+        (statistics.round_trip_quantile(0.5), statistics.round_trip_quantile(0.99))
+    else {
+        return Finding::bad("link", Exit::NoAnswer, "no round trip came back");
+    };
+    let sentence = format!(
+        "round trip {:.1} ms, 99 % within {:.1} ms, {:.1} % of the commands unanswered",
+        middle.as_secs_f64() * 1e3,
+        late.as_secs_f64() * 1e3,
+        statistics.loss() * 1e2
+    );
+    if late > LONG_ROUND_TRIP || statistics.loss() > 0.2 {
+        let advice = "move nearer to the access point, or use a channel with less traffic";
+        return Finding::bad("link", Exit::NoAnswer, format_args!("{sentence}: {advice}"));
+    }
+    Finding::good("link", sentence)
+}
+
+fn telemetry(connection: &Connection, first: Option<Instant>, watched: Duration) -> Vec<Finding> {
+    let Some(telemetry) = connection.client().telemetry() else {
+        return vec![Finding::bad("state", Exit::NoAnswer, "the robot sends no telemetry")];
+    };
+    let clock = first.map(|first| judge_clock(telemetry, telemetry.time.since(first), watched));
+    [judge_state(telemetry), judge_battery(telemetry)].into_iter().chain(clock).collect()
+}
+
+fn judge_state(telemetry: &Telemetry) -> Finding {
+    let bad = |sentence: String| Finding::bad("state", Exit::RobotFault, sentence);
+    if telemetry.state == State::Faulted || !telemetry.faults.is_empty() {
+        bad(format!("faulted: {}; remove the cause, then `flix clear`", telemetry.faults))
+    } else if let Some(by) = telemetry.stopped_by {
+        bad(LinkError::StoppedBy(by).to_string())
+    } else if telemetry.stopped {
+        bad("a stop is latched: `flix clear` clears it".to_owned())
+    } else {
+        Finding::good("state", format_args!("{}, no faults", telemetry.state))
+    }
+}
+
+fn judge_battery(telemetry: &Telemetry) -> Finding {
+    match telemetry.bus_voltage.map(|volts| volts.get()) {
+        Some(volts) if volts < BATTERY_LOW_VOLTS => {
+            let sentence = format_args!("{volts:.1} V: charge it");
+            Finding::bad("battery", Exit::RobotFault, sentence)
+        }
+        Some(volts) => Finding::good("battery", format_args!("{volts:.1} V")),
+        None => Finding::good("battery", "not measured on this board"),
+    }
+}
+
+/// Compares the time on the robot's clock with the observed time.
+fn judge_clock(telemetry: &Telemetry, reported: Duration, watched: Duration) -> Finding {
+    let ratio = reported.as_secs_f64() / watched.as_secs_f64();
+    if (ratio - 1.0).abs() > CLOCK_DRIFT + TELEMETRY_JITTER / watched.as_secs_f64() {
+        let advice = "its processor is too slow, or the link delays telemetry";
+        let sentence = format_args!(
+            "the robot's clock runs at {ratio:.2} of the speed of this computer's: {advice}"
+        );
+        return Finding::bad("clock", Exit::RobotFault, sentence);
+    }
+    Finding::good(
+        "clock",
+        format_args!("runs as this computer's ({} overruns)", telemetry.timing.overruns),
+    )
+}
+
+fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
+    let mut source = match args.open() {
+        Ok(source) => source,
+        Err(error) => return vec![Finding::bad("poses", error.exit, error.sentence)],
+    };
+    let name = match &source {
+        Poses::NatNet(natnet) => {
+            let info = natnet.server();
+            let stream = if info.connection.multicast {
+                format!("multicast {}:{}", info.multicast_group(), info.connection.data_port)
+            } else {
+                "unicast".to_owned()
+            };
+            let name = printable(&info.application_name);
+            format!("{name}, NatNet {}, {stream}", info.protocol_version)
+        }
+        Poses::Udp(_) => source.name(),
+    };
+    let mut findings = vec![Finding::good("server", name)];
+    let begin = Clock::now();
+    let mut newest = None;
+    while begin.elapsed() < WATCH && !interrupt.is_raised() {
+        match source.poll(Instant::START + begin.elapsed()) {
+            Ok(Some(sample)) => newest = Some(sample),
+            Ok(None) => std::thread::sleep(Duration::from_millis(1)),
+            Err(error) => return vec![Finding::bad("poses", Exit::NoAnswer, error)],
+        }
+    }
+    let watched = begin.elapsed().as_secs_f64();
+    findings.push(match &source {
+        Poses::NatNet(source) => judge_stream(source.statistics(), watched, source.bodies()),
+        Poses::Udp(source) => judge_datagrams(source.statistics(), watched),
+    });
+    if let Some(sample) = newest.filter(|s| s.valid) {
+        let floor = sample.pose.on_the_floor();
+        let height = sample.pose.position.z;
+        let place = format!(
+            "at {:.3},{:.3} m, {:.3} m high, heading {:.0} degrees",
+            floor.x,
+            floor.y,
+            height,
+            floor.heading.to_degrees()
+        );
+        findings.push(match sample.pose.floating(source.is_planar()) {
+            None => Finding::good("pose", place),
+            Some(trouble) => Finding::bad("pose", Exit::Usage, format_args!("{place}: {trouble}")),
+        });
+    }
+    findings
+}
+
+/// What every source of poses counts alike.
+fn judge_poses(untracked: u64, jumps: u64, count: u64, watched: f64) -> Result<f64, String> {
+    if untracked > 0 {
+        return Err(format!(
+            "the cameras lost the robot in {untracked} of {count} frames: clean or add markers, check occlusion"
+        ));
+    }
+    if jumps > 0 {
+        return Err(format!(
+            "{jumps} poses jump farther than a robot can move: let nobody carry the robot, check for swapped markers, \
+             and for a second sender of poses on this network"
+        ));
+    }
+    let rate = count as f64 / watched;
+    if rate < FEW_POSES {
+        return Err(format!(
+            "{rate:.0} poses per second are too few: let the tracker send 100 or more"
+        ));
+    }
+    Ok(rate)
+}
+
+fn judge_datagrams(seen: UdpStatistics, watched: f64) -> Finding {
+    let bad = |sentence: String| Finding::bad("poses", Exit::NoAnswer, sentence);
+    if seen.poses + seen.unreadable == 0 {
+        return bad("no datagram arrives: let the tracker send to this computer and port; for a tracker on another \
+                    computer, name the network card here that reaches it with --interface"
+            .to_owned());
+    }
+    if let Some(stranger) = seen.stranger {
+        return bad(format!(
+            "a second sender, {stranger}, sends poses too ({} datagrams, all dropped): stop it",
+            seen.strangers
+        ));
+    }
+    if seen.unreadable > 0 {
+        return bad(format!(
+            "{} datagrams are no pose: write six numbers, x y z roll pitch yaw in metres and radians, or \
+             {{\"x\": 0.5, \"y\": 0.2, \"yaw\": 1.57}}",
+            seen.unreadable
+        ));
+    }
+    match judge_poses(seen.untracked, seen.jumps, seen.poses, watched) {
+        Ok(rate) => Finding::good("poses", format_args!("{rate:.0} per second, all tracked")),
+        Err(sentence) => bad(sentence),
+    }
+}
+
+fn judge_stream(seen: NatNetStatistics, watched: f64, bodies: &[(String, i32)]) -> Finding {
+    let bad = |sentence: String| Finding::bad("poses", Exit::NoAnswer, sentence);
+    let names: Vec<_> = bodies.iter().map(|(name, id)| format!("\"{name}\" ({id})")).collect();
+    if let Some(stranger) = seen.stranger.filter(|_| seen.datagrams == 0) {
+        return bad(format!(
+            "the server answers, but the frames come from {stranger}: if that is Motive's computer, give it as \
+             --natnet-server; if not, somebody forges poses: use a network of its own for the cameras"
+        ));
+    }
+    if seen.datagrams == 0 {
+        return bad("the server answers, but no frame arrives: check that Motive is live and not paused, that its \
+                    streaming interface is the card that reaches this computer (not loopback), and that \
+                    no firewall blocks UDP port 1511; with several network cards here, name one with --interface"
+            .to_owned());
+    }
+    if let Some(stranger) = seen.stranger {
+        return bad(format!(
+            "{stranger} sends poses beside the server ({} datagrams, all dropped): stop it, or use a network of \
+             its own for the cameras",
+            seen.strangers
+        ));
+    }
+    if seen.unreadable > seen.frames {
+        return bad(format!(
+            "{} datagrams could not be read: the stream has another NatNet version than the server announces",
+            seen.unreadable
+        ));
+    }
+    if seen.without_body == seen.frames {
+        return bad(format!(
+            "{} frames, none with the robot's rigid body; streamed are {}: choose with --body",
+            seen.frames,
+            if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+        ));
+    }
+    match judge_poses(seen.untracked, seen.jumps, seen.frames, watched) {
+        Ok(rate) => Finding::good(
+            "poses",
+            format_args!("{rate:.0} per second, all tracked, {} lost", seen.lost),
+        ),
+        Err(sentence) => bad(sentence),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen() -> NatNetStatistics {
+        NatNetStatistics { datagrams: 240, frames: 240, ..NatNetStatistics::default() }
+    }
+
+    #[test]
+    fn a_good_stream_is_found_good() {
+        assert!(judge_stream(seen(), 2.0, &[]).ok);
+    }
+
+    #[test]
+    fn every_trouble_of_a_stream_has_its_own_advice() {
+        let bodies = [("drone".to_owned(), 4)];
+        let stranger = Some([10, 0, 0, 7].into());
+        for (statistics, advice) in [
+            (NatNetStatistics::default(), "loopback"),
+            (NatNetStatistics { without_body: 240, ..seen() }, "\"drone\" (4)"),
+            (NatNetStatistics { untracked: 3, ..seen() }, "markers"),
+            (NatNetStatistics { frames: 20, ..seen() }, "few"),
+            (NatNetStatistics { jumps: 2, ..seen() }, "second sender"),
+            (NatNetStatistics { strangers: 9, stranger, ..seen() }, "10.0.0.7 sends poses"),
+            (
+                NatNetStatistics { strangers: 9, stranger, ..NatNetStatistics::default() },
+                "come from 10.0.0.7",
+            ),
+            (NatNetStatistics { frames: 0, unreadable: 240, ..seen() }, "version"),
+        ] {
+            let finding = judge_stream(statistics, 2.0, &bodies);
+            assert!(!finding.ok && finding.sentence.contains(advice), "{finding:?}");
+        }
+    }
+
+    #[test]
+    fn every_trouble_of_datagrams_has_its_own_advice() {
+        let seen = UdpStatistics { poses: 240, ..UdpStatistics::default() };
+        assert!(judge_datagrams(seen, 2.0).ok);
+        let stranger = Some([10, 0, 0, 7].into());
+        for (statistics, advice) in [
+            (UdpStatistics::default(), "--interface"),
+            (UdpStatistics { unreadable: 3, ..seen }, "roll pitch yaw"),
+            (UdpStatistics { untracked: 3, ..seen }, "markers"),
+            (UdpStatistics { jumps: 2, ..seen }, "second sender"),
+            (UdpStatistics { poses: 20, ..seen }, "few"),
+            (UdpStatistics { strangers: 9, stranger, ..seen }, "10.0.0.7"),
+        ] {
+            let finding = judge_datagrams(statistics, 2.0);
+            assert!(!finding.ok && finding.sentence.contains(advice), "{finding:?}");
+        }
+    }
+
+    #[test]
+    fn every_trouble_of_a_robot_has_its_own_advice() {
+        use crate::walked::telemetry;
+        use flix_protocol::message::{Fault, Faults};
+        use flix_protocol::units::Volts;
+        let well = Telemetry { faults: Faults::NONE, first_fault: None, ..telemetry(1.0) };
+        let faults = Faults::NONE.with(Fault::Stall);
+        let empty = Volts::new(9.7).ok();
+        let two = Duration::from_secs(2);
+        for (finding, advice) in [
+            (judge_state(&Telemetry { state: State::Faulted, faults, ..well }), "flix clear"),
+            (judge_state(&Telemetry { stopped: true, ..well }), "latched"),
+            (judge_battery(&Telemetry { bus_voltage: empty, ..well }), "9.7 V: charge"),
+            (judge_clock(&well, two / 2, two), "0.50 of the speed"),
+        ] {
+            assert!(!finding.ok && finding.sentence.contains(advice), "{finding:?}");
+        }
+        assert!(
+            judge_state(&well).ok && judge_battery(&well).ok && judge_clock(&well, two, two).ok
+        );
+    }
+
+    #[test]
+    fn a_robot_that_should_not_have_started_is_a_finding() {
+        let panic = ResetReason::panic("src/link.rs", 12);
+        for reset in [ResetReason::BrownOut, ResetReason::FastLoop, ResetReason::Tasks, panic] {
+            let Finding { ok, sentence, .. } = judge_reset(&reset);
+            assert!(!ok && sentence.contains(&reset.to_string()), "{sentence}");
+        }
+        for reset in [ResetReason::PowerOn, ResetReason::Requested, ResetReason::Other] {
+            assert!(judge_reset(&reset).ok, "{reset}");
+        }
+    }
+}

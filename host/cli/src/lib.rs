@@ -1,0 +1,178 @@
+#![forbid(unsafe_code)]
+//! The `flix` command line: one file per command, each with `Args` and `run`.
+//!
+//! # Exit codes
+//!
+//! | code | meaning |
+//! |---|---|
+//! | 0 | done |
+//! | 2 | usage: an option, a file or a value is wrong |
+//! | 10 | no answer from the robot |
+//! | 20 | the robot refused: other key, other version, or another operator holds it |
+//! | 30 | the robot has a fault, or is in a state that does not allow the command |
+//! | 40 | interrupted; the robot was stopped first |
+//!
+//! A failure is one sentence on stderr that says what to do. With `--json`, stdout carries JSON only.
+
+pub mod by_hand;
+pub mod clear;
+pub mod cockpit;
+pub mod commission;
+pub mod completions;
+pub mod discover;
+pub mod doctor;
+pub mod drive;
+pub mod experiment;
+pub mod home;
+pub mod identify;
+pub mod keygen;
+pub mod link_test;
+pub mod man;
+mod moved;
+pub mod parameters;
+pub mod provision;
+pub mod robot;
+pub mod runs;
+pub mod scope;
+pub mod status;
+pub mod stop;
+pub mod teleop;
+pub mod track;
+pub mod walk;
+
+use std::process::ExitCode;
+
+use clap::{CommandFactory as _, Parser, Subcommand};
+use flix_shell::{Error, Exit, output, parse};
+
+/// Drive, watch and record a Flix-Walker
+#[derive(Debug, Parser)]
+#[command(
+    name = "flix",
+    version,
+    propagate_version = true,
+    subcommand_required = true,
+    arg_required_else_help = true,
+    after_help = EXAMPLES
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  flix teleop 127.0.0.1                      drive with the keyboard
+  flix cockpit 127.0.0.1                     drive in the browser
+  flix drive walker-1 --frequency -30 --direction 30 --for 5s
+  flix status walker-1 --json | jq .state
+  flix stop walker-1
+
+Exit codes: 0 done, 2 usage, 10 no answer, 20 refused (key, version or another operator),
+30 robot fault, 40 interrupted (the robot was stopped first).";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Teleop(teleop::Args),
+    Cockpit(cockpit::Args),
+    Drive(drive::Args),
+    Status(status::Args),
+    Stop(stop::Args),
+    Clear(clear::Args),
+    Parameters(parameters::Args),
+    LinkTest(link_test::Args),
+    Discover(discover::Args),
+    Provision(provision::Args),
+    Keygen(keygen::Args),
+    Track(track::Args),
+    Home(home::Args),
+    Identify(identify::Args),
+    Experiment(experiment::Args),
+    Doctor(doctor::Args),
+    Scope(scope::Args),
+    Commission(commission::Args),
+    Runs(runs::Args),
+    Completions(completions::Args),
+    #[command(after_help = "Example:\n  flix man ~/.local/share/man/man1")]
+    Man(man::Args),
+}
+
+impl Cli {
+    /// Runs the command.
+    ///
+    /// # Errors
+    /// When the command fails; with the exit code and the sentence to show.
+    pub fn run(&self) -> Result<ExitCode, Error> {
+        match &self.command {
+            Command::Teleop(args) => teleop::run(args),
+            Command::Cockpit(args) => cockpit::run(args),
+            Command::Drive(args) => drive::run(args),
+            Command::Status(args) => status::run(args),
+            Command::Stop(args) => stop::run(args),
+            Command::Clear(args) => clear::run(args),
+            Command::Parameters(args) => parameters::run(args),
+            Command::LinkTest(args) => link_test::run(args),
+            Command::Discover(args) => discover::run(args),
+            Command::Provision(args) => provision::run(args),
+            Command::Keygen(args) => keygen::run(args),
+            Command::Track(args) => track::run(args),
+            Command::Home(args) => home::run(args),
+            Command::Identify(args) => identify::run(args),
+            Command::Experiment(args) => experiment::run(args),
+            Command::Doctor(args) => doctor::run(args),
+            Command::Scope(args) => scope::run(args),
+            Command::Commission(args) => commission::run(args),
+            Command::Runs(args) => runs::run(args),
+            Command::Completions(args) => completions::run(args),
+            Command::Man(args) => man::run(args),
+        }
+    }
+
+    /// Returns the command line as data, for completions and tests.
+    #[must_use]
+    pub fn description() -> clap::Command {
+        flix_shell::numbers_may_be_negative(Self::command())
+    }
+}
+
+/// Parses the command line, runs it, and reports an error.
+pub fn main() -> ExitCode {
+    let cli: Cli = match parse(Cli::description()) {
+        Ok(cli) => cli,
+        Err(code) => return code,
+    };
+    match cli.run() {
+        Ok(code) => code,
+        Err(error) => {
+            output::complain(&error);
+            error.exit.into()
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "../../tests/support/walked.rs"]
+mod walked;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns the examples and tables of help that are wider than a terminal.
+    fn wide_lines(command: &clap::Command) -> Vec<String> {
+        let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+        let wide = |line: &&str| line.starts_with("  ") && line.chars().count() > 80;
+        let own = help.lines().filter(wide).map(str::to_owned);
+        own.chain(command.get_subcommands().flat_map(wide_lines)).collect()
+    }
+
+    #[test]
+    fn help_fits_80_columns() {
+        assert_eq!(wide_lines(&Cli::description()), Vec::<String>::new());
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::description().debug_assert();
+    }
+}

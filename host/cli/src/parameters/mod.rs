@@ -1,0 +1,309 @@
+//! `flix parameters`: reads, changes and stores the settings of the robot.
+
+mod file;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::Subcommand;
+use flix_protocol::message::{Command, Name, Outcome, Parameter, ParameterCommand, Refusal};
+use flix_protocol::settings::description;
+
+use super::robot::{RobotArgs, key_file};
+use super::{Error, Exit};
+use file::Change;
+use flix_host::interrupt::Interrupt;
+use flix_host::keys::KEY_FILE_VARIABLE;
+use flix_host::link::udp::{Connection, LinkError};
+use flix_host::teleop::settings::Described;
+use flix_shell::output::{headings, print, print_json, read_text, table, write_text};
+
+/// Read, change and store the settings of the robot.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix parameters list walker-1
+  flix parameters get walker-1 current_limit
+  flix parameters set walker-1 current_limit 1.5 --save
+  flix parameters export walker-1 walker-1.toml
+  flix parameters import walker-1 walker-1.toml --save")]
+pub struct Args {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// List all settings with unit, range, default and purpose.
+    List {
+        #[command(flatten)]
+        robot: RobotArgs,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Show one setting.
+    #[command(allow_missing_positional = true)]
+    Get {
+        #[command(flatten)]
+        robot: RobotArgs,
+        /// Name of the setting.
+        name: String,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Change one setting, until power-off unless saved.
+    #[command(override_usage = "flix parameters set [OPTIONS] [ROBOT] <NAME> <VALUE>")]
+    Set {
+        /// Robot as for the other commands, name of the setting, new value in the unit of the setting.
+        #[arg(value_name = "[ROBOT] NAME VALUE", required = true, num_args = 2..=3)]
+        words: Vec<String>,
+        /// Key file [default: the robot's key in your keyring].
+        #[arg(long, value_name = "FILE", env = KEY_FILE_VARIABLE, value_parser = key_file())]
+        key: Option<PathBuf>,
+        /// Save all settings, so that they survive power-off.
+        #[arg(long)]
+        save: bool,
+    },
+    /// Save all settings, so that they survive power-off.
+    Save {
+        #[command(flatten)]
+        robot: RobotArgs,
+    },
+    /// Reset all settings to their defaults.
+    Reset {
+        #[command(flatten)]
+        robot: RobotArgs,
+        /// Save the defaults, so that they survive power-off.
+        #[arg(long)]
+        save: bool,
+    },
+    /// Export all settings to a TOML file.
+    Export {
+        #[command(flatten)]
+        robot: RobotArgs,
+        /// File to write; `-` is standard output.
+        #[arg(default_value = "-")]
+        file: PathBuf,
+    },
+    /// Import settings from a TOML file. The whole file is checked before anything is changed.
+    #[command(allow_missing_positional = true)]
+    Import {
+        #[command(flatten)]
+        robot: RobotArgs,
+        /// File, as `export` writes it; `-` is standard input. Settings that it does not contain stay
+        /// unchanged.
+        file: PathBuf,
+        /// Save all settings, so that they survive power-off.
+        #[arg(long)]
+        save: bool,
+    },
+}
+
+fn number(text: &str) -> Result<f32, String> {
+    match text.trim().parse::<f32>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => Err(format!("`{text}` is not a number")),
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the robot cannot be reached or refuses; when a name, a value or a file is wrong.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let interrupt = Interrupt::listen().map_err(Error::usage)?;
+    let robot = args.action.robot();
+    match &args.action {
+        Action::List { json, .. } => {
+            let parameters = list(&mut robot.connect(&interrupt)?)?;
+            show(&parameters, *json)?;
+        }
+        Action::Get { name, json, .. } => {
+            let name = wire_name(name)?;
+            let parameter = get(&mut robot.connect(&interrupt)?, name)?;
+            if *json {
+                print_json(&Described::from(&parameter))?;
+            } else {
+                print(&format!("{}\n", with_unit(parameter.value, &parameter.unit)))?;
+            }
+        }
+        Action::Set { words, save, .. } => {
+            let [.., name, value] = &words[..] else {
+                return Err(Error::usage("name a setting and its value"));
+            };
+            let value = number(value).map_err(|why| Error::usage(format_args!("{name}: {why}")))?;
+            let name = wire_name(name)?;
+            let mut connection = robot.connect(&interrupt)?;
+            set(&mut connection, name.clone(), value)
+                .map_err(|error| explained(&mut connection, (name, value), error))?;
+            save_if(&mut connection, *save)?;
+        }
+        Action::Save { .. } => save_if(&mut robot.connect(&interrupt)?, true)?,
+        Action::Reset { save, .. } => {
+            let mut connection = robot.connect(&interrupt)?;
+            connection.ask(Command::Parameter(ParameterCommand::Reset))?;
+            save_if(&mut connection, *save)?;
+        }
+        Action::Export { file, .. } => {
+            let mut connection = robot.connect(&interrupt)?;
+            let text = file::write(&super::status::ask(&mut connection)?, &list(&mut connection)?);
+            write_text(file, &text)?;
+        }
+        Action::Import { file, save, .. } => {
+            let text = read_text(file).map_err(|error| cannot_use(file, &error))?;
+            let wanted = file::read(file, &text).map_err(Error::usage)?;
+            let mut connection = robot.connect(&interrupt)?;
+            let changed = import(&mut connection, file, &wanted)?;
+            save_if(&mut connection, *save)?;
+            print(&format!("{changed} of {} settings changed\n", wanted.len()))?;
+        }
+    }
+    Ok(Exit::Done.into())
+}
+
+impl Action {
+    fn robot(&self) -> RobotArgs {
+        match self {
+            Self::Set { words, key, .. } => {
+                RobotArgs::new((words.len() > 2).then(|| words[0].clone()), key.clone())
+            }
+            Self::List { robot, .. }
+            | Self::Get { robot, .. }
+            | Self::Save { robot }
+            | Self::Reset { robot, .. }
+            | Self::Export { robot, .. }
+            | Self::Import { robot, .. } => robot.clone(),
+        }
+    }
+}
+
+fn cannot_use(path: &Path, error: &std::io::Error) -> Error {
+    Error::usage(format_args!("{}: {error}", path.display()))
+}
+
+fn wire_name(name: &str) -> Result<Name, Error> {
+    name.try_into().map_err(|_| {
+        Error::usage(format_args!(
+            "the robot has no setting `{name}`; `flix parameters list` shows all names"
+        ))
+    })
+}
+
+/// Returns all settings, in the order of the robot.
+fn list(connection: &mut Connection) -> Result<Vec<Parameter>, LinkError> {
+    let mut parameters = Vec::new();
+    loop {
+        let first = u16::try_from(parameters.len()).unwrap_or(u16::MAX);
+        let command = Command::Parameter(ParameterCommand::List(first));
+        let Outcome::Parameters { total, entries } = connection.ask(command)? else {
+            return Err(LinkError::Unanswered);
+        };
+        if entries.is_empty() {
+            return Ok(parameters);
+        }
+        parameters.extend(entries);
+        if parameters.len() >= usize::from(total) {
+            return Ok(parameters);
+        }
+    }
+}
+
+fn get(connection: &mut Connection, name: Name) -> Result<Parameter, LinkError> {
+    match connection.ask(Command::Parameter(ParameterCommand::Get(name)))? {
+        Outcome::Parameter(parameter) => Ok(parameter),
+        _ => Err(LinkError::Unanswered),
+    }
+}
+
+fn set(connection: &mut Connection, name: Name, value: f32) -> Result<(), LinkError> {
+    connection.ask(Command::Parameter(ParameterCommand::Set(name, value))).map(drop)
+}
+
+/// Adds unit and value to a refusal for the setting's range.
+fn explained(connection: &mut Connection, (name, value): (Name, f32), error: LinkError) -> Error {
+    let LinkError::Refused(Refusal::OutOfRange { .. }) = error else { return error.into() };
+    let unit = match get(connection, name) {
+        Ok(Parameter { unit, .. }) if unit != "1" => format!(" {unit}"),
+        _ => String::new(),
+    };
+    Error::usage(format_args!("{error}{unit}, not {value}"))
+}
+
+fn save_if(connection: &mut Connection, wanted: bool) -> Result<(), LinkError> {
+    if wanted {
+        connection.ask(Command::Parameter(ParameterCommand::Save))?;
+    }
+    Ok(())
+}
+
+/// Sets what differs, and returns how many settings. All are set or, as long as the robot can be
+/// reached, none.
+fn import(
+    connection: &mut Connection,
+    path: &Path,
+    wanted: &[(String, f32)],
+) -> Result<usize, Error> {
+    let present = list(connection)?;
+    let mut left = file::check(path, wanted, &present).map_err(Error::usage)?;
+    let count = left.len();
+    let mut done = Vec::new();
+    // Some settings bound each other, so the order matters and is unknown: repeat as long as a round
+    // changes something.
+    while !left.is_empty() {
+        let before = done.len();
+        let mut refusal = None;
+        for change in std::mem::take(&mut left) {
+            match set(connection, change.name.clone(), change.new) {
+                Ok(()) => done.push(change),
+                Err(error @ LinkError::Refused(_)) => {
+                    refusal = Some(error);
+                    left.push(change);
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
+        if let Some(error) = refusal.filter(|_| done.len() == before) {
+            undo(connection, &done);
+            return Err(error.into());
+        }
+    }
+    Ok(count)
+}
+
+/// Restores the old values, newest first, so that every intermediate state was once in force.
+fn undo(connection: &mut Connection, done: &[Change]) {
+    for change in done.iter().rev() {
+        // The error that led here is reported; another one adds nothing.
+        let _ = set(connection, change.name.clone(), change.old);
+    }
+}
+
+fn with_unit(value: f32, unit: &str) -> String {
+    if unit == "1" { value.to_string() } else { format!("{value} {unit}") }
+}
+
+fn show(parameters: &[Parameter], json: bool) -> Result<(), Error> {
+    if json {
+        return print_json(&parameters.iter().map(Described::from).collect::<Vec<_>>());
+    }
+    let mut rows = vec![headings("setting||value|unit|minimum|maximum|default")];
+    rows.extend(parameters.iter().map(|parameter| {
+        let Parameter { name, unit, value, default, minimum, maximum, .. } = parameter;
+        let mark = if value == default { "" } else { "*" };
+        let unit = if unit == "1" { "" } else { unit };
+        let [value, minimum, maximum, default] =
+            [value, minimum, maximum, default].map(f32::to_string);
+        vec![name.to_string(), mark.into(), value, unit.into(), minimum, maximum, default]
+    }));
+    let mut text = String::new();
+    let purposes = parameters.iter().map(|parameter| description(&parameter.name));
+    for (line, purpose) in table(&rows).lines().zip(std::iter::once(None).chain(purposes)) {
+        text += &format!("{line}\n");
+        if let Some(purpose) = purpose {
+            text += &format!("    {purpose}\n");
+        }
+    }
+    print(&format!("{text}* differs from the default\n"))
+}

@@ -1,0 +1,359 @@
+//! `flix provision`: gives a robot its name, network and key over its serial port.
+
+use std::fs;
+use std::net::Ipv4Addr;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::str::FromStr;
+
+use flix_protocol::message::{Identity, OPERATOR_NAME_LENGTH, OperatorName};
+use flix_protocol::provision::{
+    FixedAddress, ProvisionRefusal, Provisioning, ProvisioningError, Request,
+};
+use flix_protocol::session::{Key, Operator};
+use zeroize::Zeroizing;
+
+use super::{Error, Exit};
+use flix_host::file;
+use flix_host::interrupt::Interrupt;
+use flix_host::keys::{self, Keyring};
+use flix_host::link::serial::{SerialError, SerialRobot};
+use flix_shell::output::print;
+
+/// Environment variable with the network's password.
+const PASSWORD_VARIABLE: &str = "FLIX_NETWORK_PASSWORD";
+
+/// One of them is done at a time; the first takes [`SETTINGS`].
+const TASKS: [&str; 5] = ["ssid", "operators", "add_operator", "revoke_operator", "forget"];
+/// What may be said besides the network.
+const SETTINGS: [&str; 7] =
+    ["name", "operator", "password_file", "open", "address", "gateway", "new_key"];
+
+/// Give a robot its name, network and key, over its serial port.
+///
+/// The key is made here, stored in your keyring for this robot only, and never shown. A robot keeps its
+/// key when it proves to have it; no other device is handed a key of your keyring. The network's
+/// password comes from --password-file, from the variable FLIX_NETWORK_PASSWORD, or from a prompt
+/// that does not show it.
+///
+/// A robot has up to eight operators, each with a name and a key of its own. It reports by name who
+/// drives it, and any of them can stop it.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix provision --port /dev/ttyUSB0 --ssid lab
+  flix provision --port /dev/ttyUSB0 --ssid lab --password-file lab.password
+  flix provision --port /dev/ttyUSB0 --ssid lab --address 10.0.0.7/24
+  flix provision --port /dev/ttyUSB0 --ssid lab --new-key  the old one is known
+  flix provision --port /dev/ttyUSB0 --operators           list who may drive
+  flix provision --port /dev/ttyUSB0 --add-operator bob    make a key for bob
+  flix provision --port /dev/ttyUSB0 --revoke-operator bob bob may drive no more
+  flix provision --port /dev/ttyUSB0 --forget              before giving it away")]
+#[command(group = clap::ArgGroup::new("task").required(true).args(TASKS))]
+#[command(group = clap::ArgGroup::new("setting").multiple(true).args(SETTINGS).conflicts_with_all(&TASKS[1..]))]
+pub struct Args {
+    /// Serial port of the robot.
+    #[arg(long, value_name = "PORT")]
+    port: PathBuf,
+    /// Network to join.
+    #[arg(long, value_name = "NETWORK")]
+    ssid: Option<String>,
+    /// Name of the robot [default: its present name, or the next free `walker-N`].
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
+    /// Your name, under which the robot reports that you drive [default: your user name].
+    #[arg(long, value_name = "NAME")]
+    operator: Option<OperatorName>,
+    /// File with the network's password on its first line.
+    #[arg(long, value_name = "FILE", conflicts_with = "open")]
+    password_file: Option<PathBuf>,
+    /// Join a network without a password.
+    #[arg(long)]
+    open: bool,
+    /// Fixed address, for a network without DHCP.
+    #[arg(long, value_name = "IPV4/PREFIX")]
+    address: Option<Network>,
+    /// Gateway of that network.
+    #[arg(long, value_name = "IPV4", requires = "address")]
+    gateway: Option<Ipv4Addr>,
+    /// Make a new key for a robot that has one; all its former keys are erased.
+    #[arg(long)]
+    new_key: bool,
+    /// List the operators, one name a line.
+    #[arg(long)]
+    operators: bool,
+    /// Add an operator: make a key, hand it to the robot, and write it to a file for the operator.
+    #[arg(long, value_name = "NAME")]
+    add_operator: Option<OperatorName>,
+    /// File for the key of --add-operator; it must not exist [default: ROBOT-NAME.key].
+    #[arg(long, value_name = "FILE", requires = "add_operator")]
+    key_file: Option<PathBuf>,
+    /// Erase the key of an operator from the robot.
+    #[arg(long, value_name = "NAME")]
+    revoke_operator: Option<OperatorName>,
+    /// Erase name, network and all keys from the robot.
+    #[arg(long)]
+    forget: bool,
+}
+
+/// An address with the length of its network part, such as `10.0.0.7/24`.
+#[derive(Debug, Clone, Copy)]
+struct Network {
+    address: Ipv4Addr,
+    prefix_length: u8,
+}
+
+impl FromStr for Network {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once('/').and_then(|(address, prefix_length)| {
+            let prefix_length = prefix_length.parse().ok().filter(|length| *length <= 32)?;
+            Some(Self { address: address.parse().ok()?, prefix_length })
+        });
+        parts.ok_or_else(|| {
+            "write an IPv4 address and the length of its network part, for example 10.0.0.7/24"
+                .to_owned()
+        })
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When a value cannot be used, the port cannot be opened, or the robot does not answer or refuses.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let interrupt = Interrupt::listen().map_err(Error::usage)?;
+    let robot = SerialRobot::open(&args.port, interrupt)?;
+    let keyring = Keyring::of_user()?;
+    let said = if let Some(network) = &args.ssid {
+        provision(args, network, &robot, &keyring)?
+    } else if let Some(name) = args.add_operator {
+        add_operator(args, name, &robot, &keyring)?
+    } else if let Some(name) = args.revoke_operator {
+        revoke_operator(name, &robot, &keyring)?
+    } else if args.operators {
+        robot_in_hand(&robot, &keyring)?;
+        robot.operators()?.iter().map(|name| format!("{name}\n")).collect()
+    } else {
+        robot.order(&Request::Forget)?;
+        "name, network and keys are erased from the robot\n".to_owned()
+    };
+    print(&said)?;
+    Ok(Exit::Done.into())
+}
+
+/// Returns the name of a robot that has an owner, and proves it where the keyring has a key of that name.
+fn robot_in_hand(robot: &SerialRobot, keyring: &Keyring) -> Result<String, Error> {
+    let (identity, has_key) = robot.identify()?;
+    let name = identity.name.as_str();
+    if !has_key {
+        return Err(SerialError::Refused(ProvisionRefusal::Unprovisioned).into());
+    }
+    keys::check_name(name)?;
+    if keyring.contains(name) && !robot.proves(&keyring.key(name)?)? {
+        return Err(unproved(name));
+    }
+    Ok(name.to_owned())
+}
+
+fn add_operator(
+    args: &Args,
+    name: OperatorName,
+    robot: &SerialRobot,
+    keyring: &Keyring,
+) -> Result<String, Error> {
+    let robot_name = robot_in_hand(robot, keyring)?;
+    let default = || PathBuf::from(format!("{robot_name}-{name}.key"));
+    let path = args.key_file.clone().unwrap_or_else(default);
+    let key = keys::generate()?;
+    // Stored before the robot has it: a key that is lost must be revoked again.
+    keys::write_new(&path, &key)?;
+    let added = robot.order(&Request::Add(Operator::new(name, &key)));
+    if let Err(SerialError::Refused(_)) = added {
+        // Nobody needs this key. One that stays is good for nothing.
+        let _ = fs::remove_file(&path);
+    }
+    added?;
+    let file = path.display();
+    Ok(format!(
+        "{robot_name} obeys {name}, too; the key is in {file}\nbring this file to {name} by a way that you trust, and delete it here; then: flix teleop {robot_name} --key {file}\n"
+    ))
+}
+
+fn revoke_operator(
+    name: OperatorName,
+    robot: &SerialRobot,
+    keyring: &Keyring,
+) -> Result<String, Error> {
+    let robot_name = robot_in_hand(robot, keyring)?;
+    let known = robot.operators()?;
+    if !known.contains(&name) {
+        return Err(Error::usage(format_args!(
+            "{robot_name} has no operator called {name}; it has: {}",
+            list(&known)
+        )));
+    }
+    robot.order(&Request::Revoke(name))?;
+    Ok(format!("the key of {name} is erased from {robot_name}\n"))
+}
+
+fn list(names: &[OperatorName]) -> String {
+    names.iter().map(OperatorName::as_str).collect::<Vec<_>>().join(", ")
+}
+
+/// Returns the name of the user, as far as it can be an operator's.
+fn user_name() -> OperatorName {
+    let user = ["USER", "LOGNAME"].iter().find_map(|name| std::env::var(name).ok());
+    let label: String = user
+        .unwrap_or_default()
+        .chars()
+        .map(|letter| if letter.is_ascii_alphanumeric() { letter } else { '-' })
+        .take(OPERATOR_NAME_LENGTH)
+        .collect();
+    label.trim_matches('-').parse().unwrap_or(OperatorName::OWNER)
+}
+
+fn provision(
+    args: &Args,
+    network: &str,
+    robot: &SerialRobot,
+    keyring: &Keyring,
+) -> Result<String, Error> {
+    // Check everything else before the password is typed.
+    let check = |name: &str| Provisioning::new(name, network, "", None);
+    check(args.name.as_deref().unwrap_or("walker")).map_err(Error::usage)?;
+
+    let (identity, has_key) = robot.identify()?;
+    let name = match &args.name {
+        Some(name) => name.clone(),
+        None => known_or_next_name(&identity, has_key, keyring),
+    };
+    let former = if has_key { robot.operators()? } else { Vec::new() };
+    let key = KeyInHand::find_or_make(args, &name, robot, keyring)?;
+    let password = password(args)?;
+    if password.is_empty() && !args.open {
+        return Err(Error::usage("the password is empty: give --open for a network without one"));
+    }
+    let address = args.address.map(|Network { address, prefix_length }| FixedAddress {
+        address: address.octets(),
+        prefix_length,
+        gateway: args.gateway.map(|gateway| gateway.octets()),
+    });
+    let provisioning = Provisioning::new(&name, network, &password, address)
+        .map_err(|error| explain(error, &password))?;
+    let operator = Operator::new(args.operator.unwrap_or_else(user_name), &key.key);
+    robot.order(&Request::Provision(provisioning, operator))?;
+    let path = key.keep(keyring)?;
+    if let Some(Network { address, .. }) = args.address {
+        keyring.store_address(&name, &address.to_string())?;
+    }
+    let erased = match former.as_slice() {
+        [] => String::new(),
+        _ if key.is_proved => String::new(),
+        names => format!("its former keys are erased: {}\n", list(names)),
+    };
+    Ok(format!(
+        "{name} has its key and joins the network `{network}`; the key is in {}\n{erased}try: flix teleop {name}\n",
+        path.display()
+    ))
+}
+
+fn explain(error: ProvisioningError, password: &str) -> Error {
+    match error {
+        // The message shows the length, not the password.
+        ProvisioningError::Password => {
+            Error::usage(format_args!("{error}; this one has {}", password.len()))
+        }
+        error => Error::usage(error),
+    }
+}
+
+/// Returns the name on which robot and keyring agree, else the first free one.
+fn known_or_next_name(identity: &Identity, has_key: bool, keyring: &Keyring) -> String {
+    if has_key && keyring.contains(&identity.name) {
+        return identity.name.to_string();
+    }
+    (1u32..)
+        .map(|number| format!("walker-{number}"))
+        .find(|name| !keyring.contains(name))
+        .unwrap_or_else(|| "walker".to_owned())
+}
+
+fn unproved(name: &str) -> Error {
+    Error::new(
+        Exit::Refused,
+        format_args!(
+            "your keyring has a key for a robot called `{name}`, and this device does not have it: choose another --name for another robot, or --new-key if it is the same robot and its key was changed or forgotten"
+        ),
+    )
+}
+
+/// A key, whether the robot has it already, and whether it replaces one in the keyring.
+struct KeyInHand {
+    name: String,
+    key: Key,
+    is_proved: bool,
+    replaces: bool,
+}
+
+impl KeyInHand {
+    /// Returns the key of the robot, which stays when the network changes, or a new one. Two robots
+    /// never share a key, and a stored key goes to a device that proves to have it already alone.
+    fn find_or_make(
+        args: &Args,
+        name: &str,
+        robot: &SerialRobot,
+        keyring: &Keyring,
+    ) -> Result<Self, Error> {
+        let made =
+            |key, replaces| Ok(Self { name: name.to_owned(), key, is_proved: false, replaces });
+        if !keyring.contains(name) {
+            let key = keys::generate()?;
+            // Stored before the robot has it: a robot whose key is lost must be provisioned again.
+            keyring.store(name, &key)?;
+            return made(key, false);
+        }
+        if args.new_key {
+            return made(keys::generate()?, true);
+        }
+        let key = keyring.key(name)?;
+        if robot.proves(&key)? {
+            return Ok(Self { is_proved: true, ..made(key, false)? });
+        }
+        Err(unproved(name))
+    }
+
+    /// Stores the key after the robot has accepted it.
+    fn keep(&self, keyring: &Keyring) -> Result<PathBuf, Error> {
+        if self.replaces {
+            keyring.replace(&self.name, &self.key)?;
+        }
+        Ok(keyring.key_file(&self.name))
+    }
+}
+
+fn password(args: &Args) -> Result<Zeroizing<String>, Error> {
+    if args.open {
+        return Ok(Zeroizing::default());
+    }
+    if let Some(path) = &args.password_file {
+        return read_password(path);
+    }
+    if let Ok(password) = std::env::var(PASSWORD_VARIABLE) {
+        return Ok(Zeroizing::new(password));
+    }
+    let prompt = "password of the network (not shown): ";
+    rpassword::prompt_password(prompt).map(Zeroizing::new).map_err(|error| {
+        Error::usage(format_args!(
+            "there is no terminal to ask for the network's password ({error}): give --password-file FILE, {PASSWORD_VARIABLE}, or --open"
+        ))
+    })
+}
+
+fn read_password(path: &Path) -> Result<Zeroizing<String>, Error> {
+    let text = file::read_text(path)
+        .map(Zeroizing::new)
+        .map_err(|error| Error::usage(format_args!("{}: {error}", path.display())))?;
+    Ok(Zeroizing::new(text.lines().next().unwrap_or_default().to_owned()))
+}

@@ -1,0 +1,229 @@
+//! Options that name a robot, and the search for its address and key.
+
+use std::net::{IpAddr, SocketAddr, ToSocketAddrs};
+use std::path::PathBuf;
+
+use clap::builder::{OsStringValueParser, TypedValueParser};
+use flix_protocol::DEFAULT_PORT;
+use flix_protocol::session::Key;
+
+use super::{Error, Exit};
+use flix_host::interrupt::Interrupt;
+use flix_host::keys::{self, KEY_FILE_VARIABLE, KeyError, Keyring, SIMULATED_ROBOT};
+use flix_host::link::discovery;
+use flix_host::link::udp::Connection;
+
+/// Options that name a robot and its key.
+#[derive(Debug, Clone, clap::Args)]
+pub struct RobotArgs {
+    /// Address (HOST or HOST:PORT), or the name of a provisioned robot. `simulated` is the simulator on
+    /// this computer.
+    #[arg(value_name = "ROBOT", env = ROBOT_VARIABLE, default_value = SIMULATED_ROBOT)]
+    pub robot: String,
+    /// Key file [default: the robot's key in your keyring].
+    #[arg(long, value_name = "FILE", env = KEY_FILE_VARIABLE, value_parser = key_file())]
+    pub key: Option<PathBuf>,
+}
+
+/// Takes the name of a key file.
+pub fn key_file() -> impl TypedValueParser<Value = PathBuf> {
+    OsStringValueParser::new().try_map(|file| match file.is_empty() {
+        true => Err(format!("name a file; is {KEY_FILE_VARIABLE} set, and empty?")),
+        false => Ok(PathBuf::from(file)),
+    })
+}
+
+/// Environment variable that names the robot.
+const ROBOT_VARIABLE: &str = "FLIX_ROBOT";
+
+impl RobotArgs {
+    /// Names a robot; without a name it is that of the environment, or the simulated one.
+    #[must_use]
+    pub fn new(robot: Option<String>, key: Option<PathBuf>) -> Self {
+        let robot = robot.or_else(|| std::env::var(ROBOT_VARIABLE).ok());
+        Self { robot: robot.unwrap_or_else(|| SIMULATED_ROBOT.to_owned()), key }
+    }
+
+    /// Finds the robot and its key, and connects.
+    ///
+    /// # Errors
+    /// When there is no usable key (usage), no robot answers, or the robot refuses.
+    pub fn connect(&self, interrupt: &Interrupt) -> Result<Connection, Error> {
+        let mut connection = self.begin(interrupt)?;
+        connection.wait_until_connected()?;
+        Ok(connection)
+    }
+
+    /// Finds the robot and its key, and begins to connect.
+    ///
+    /// # Errors
+    /// When there is no usable key (usage), or no such robot is found.
+    pub fn begin(&self, interrupt: &Interrupt) -> Result<Connection, Error> {
+        let (address, key) = self.find(interrupt)?;
+        Ok(Connection::open(address, key, interrupt.clone())?)
+    }
+
+    /// Finds the robot and its key.
+    ///
+    /// # Errors
+    /// As for [`RobotArgs::begin`].
+    pub fn find(&self, interrupt: &Interrupt) -> Result<(SocketAddr, Key), Error> {
+        split_port(&self.robot).map_err(Error::usage)?;
+        let keyring = Keyring::of_user()?;
+        let key = self.find_key(&keyring)?;
+        Ok((self.find_address(&keyring, &key, interrupt)?, key))
+    }
+
+    /// Returns the key: the named file, else that of the robot's name or address in the keyring.
+    /// Every address of this machine belongs to the simulated robot.
+    fn find_key(&self, keyring: &Keyring) -> Result<Key, KeyError> {
+        if let Some(path) = &self.key {
+            return keys::read(path);
+        }
+        let (host, _) = split_port(&self.robot).unwrap_or((&self.robot, None));
+        let name = if keyring.contains(host) {
+            Some(host.to_owned())
+        } else if let Some(name) = keyring.name_at(&self.robot).or_else(|| keyring.name_at(host)) {
+            Some(name)
+        } else {
+            is_this_machine(host)
+                .then(|| SIMULATED_ROBOT.to_owned())
+                .filter(|name| keyring.contains(name))
+        };
+        match name {
+            Some(name) => keyring.key(&name),
+            None => Err(KeyError::Unknown { robot: self.robot.clone(), names: keyring.names() }),
+        }
+    }
+
+    fn find_address(
+        &self,
+        keyring: &Keyring,
+        key: &Key,
+        interrupt: &Interrupt,
+    ) -> Result<SocketAddr, Error> {
+        let (host, port) = split_port(&self.robot).map_err(Error::usage)?;
+        let port = port.unwrap_or(DEFAULT_PORT);
+        if let Ok(address) = host.parse::<IpAddr>() {
+            return Ok(SocketAddr::new(address, port));
+        }
+        if let Some(address) = keyring.address(host) {
+            let (host, own_port) = split_port(&address).map_err(Error::usage)?;
+            return resolve(host, own_port.unwrap_or(port)).ok_or_else(|| not_found(&self.robot));
+        }
+        if host == SIMULATED_ROBOT {
+            return Ok(SocketAddr::from(([127, 0, 0, 1], port)));
+        }
+        // A provisioned robot announces itself; where multicast does not work, names may.
+        if keyring.contains(host)
+            && let Ok(Some(address)) = discovery::find(host, key, interrupt)
+        {
+            return Ok(address);
+        }
+        if interrupt.is_raised() {
+            return Err(flix_host::link::udp::LinkError::Interrupted.into());
+        }
+        resolve(host, port)
+            .or_else(|| resolve(&format!("{host}.local"), port))
+            .ok_or_else(|| not_found(&self.robot))
+    }
+}
+
+fn not_found(robot: &str) -> Error {
+    Error::new(
+        Exit::NoAnswer,
+        format_args!(
+            "no robot or machine called `{robot}` was found: check the name, that it is on and in this network, or give its address; `flix discover` lists the robots in the network"
+        ),
+    )
+}
+
+/// Resolves a host name. IPv4 comes first: robots have no IPv6.
+fn resolve(host: &str, port: u16) -> Option<SocketAddr> {
+    let addresses: Vec<SocketAddr> = (host, port).to_socket_addrs().ok()?.collect();
+    addresses.iter().find(|address| address.is_ipv4()).or(addresses.first()).copied()
+}
+
+fn is_this_machine(host: &str) -> bool {
+    host.eq_ignore_ascii_case("localhost")
+        || host.parse().is_ok_and(|address: IpAddr| address.is_loopback())
+}
+
+/// Splits `host`, `host:port`, `[v6]:port` or a bare IPv6 address into host and port.
+fn split_port(text: &str) -> Result<(&str, Option<u16>), String> {
+    let wrong = |what: &str| {
+        Err(format!("`{text}` is not a robot: {what}; write HOST, HOST:PORT, or a robot's name"))
+    };
+    if text.parse::<std::net::Ipv6Addr>().is_ok() {
+        return Ok((text, None));
+    }
+    let (host, port) = match text.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
+        Some((host, "")) => (host, None),
+        Some((host, rest)) => (host, Some(rest.strip_prefix(':').unwrap_or_default())),
+        None => match text.split_once(':') {
+            Some((host, port)) => (host, Some(port)),
+            None => (text, None),
+        },
+    };
+    if host.is_empty() {
+        return wrong("there is no host");
+    }
+    match port.map(str::parse) {
+        None => Ok((host, None)),
+        Some(Ok(port)) if port > 0 => Ok((host, Some(port))),
+        Some(_) => wrong("the port is not a number from 1 to 65535"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_taken_apart() {
+        for (text, host, port) in [
+            ("walker-1", "walker-1", None),
+            ("10.0.0.7", "10.0.0.7", None),
+            ("10.0.0.7:4000", "10.0.0.7", Some(4000)),
+            ("robot.lab:1", "robot.lab", Some(1)),
+            ("::1", "::1", None),
+            ("[::1]", "::1", None),
+            ("[::1]:4000", "::1", Some(4000)),
+        ] {
+            assert_eq!(split_port(text), Ok((host, port)), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_address_is_refused_with_what_would_be() {
+        for text in ["", ":4000", "host:", "host:0", "host:65536", "host:x", "[::1]4000", "a:1:2"] {
+            let sentence = split_port(text).unwrap_err();
+            assert!(sentence.contains("HOST:PORT"), "{text}: {sentence}");
+        }
+    }
+
+    #[test]
+    fn this_machine_is_the_simulated_robot_unless_it_has_a_name() {
+        let directory = tempfile::tempdir().unwrap();
+        let keyring = Keyring::in_directory(directory.path().to_owned());
+        let simulated = keyring.key_or_new(SIMULATED_ROBOT).unwrap();
+        let find =
+            |robot: &str| RobotArgs { robot: robot.to_owned(), key: None }.find_key(&keyring);
+        for robot in ["127.0.0.1", "localhost:4000", "::1", "[::1]:9", "simulated"] {
+            assert_eq!(find(robot).unwrap(), simulated, "{robot}");
+        }
+        assert!(matches!(find("10.0.0.7"), Err(KeyError::Unknown { .. })));
+    }
+
+    #[test]
+    fn a_fixed_address_leads_to_its_key() {
+        let directory = tempfile::tempdir().unwrap();
+        let keyring = Keyring::in_directory(directory.path().to_owned());
+        let key = keyring.key_or_new("walker").unwrap();
+        keyring.store_address("walker", "10.0.0.7").unwrap();
+        for robot in ["walker", "walker:99", "10.0.0.7", "10.0.0.7:4000"] {
+            let args = RobotArgs { robot: robot.to_owned(), key: None };
+            assert_eq!(args.find_key(&keyring).unwrap(), key, "{robot}");
+        }
+    }
+}

@@ -1,0 +1,249 @@
+//! `flix runs`: lists, shows, plots and exports the records of runs.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use serde_json::{Value, json};
+
+use super::{Error, Exit};
+use flix_host::record::{Listing, ReadError, Run, csv, is_being_written, list, repair};
+use flix_plot::Figure;
+use flix_shell::output::{complain, headings, print, table_for_terminal};
+
+/// List, show, plot and export the records of runs.
+///
+/// Every run of `flix track`, `home`, `identify`, `experiment` and `drive`, and `teleop --record`, writes one MCAP file
+/// below OUT/runs, which Foxglove opens as it is.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix runs list
+  flix runs show last
+  flix runs plot last              SVG and PNG beside the record
+  flix runs repair last            of a program that was killed
+  flix runs export-csv 20261121 --to tables")]
+pub struct Args {
+    /// Folder of the output.
+    #[arg(long, value_name = "DIR", default_value = "out", global = true)]
+    out: PathBuf,
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Action {
+    /// List all runs, the oldest first.
+    List {
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Complete the record of a program that was killed, for other programs that read MCAP.
+    Repair {
+        /// Run: `last`, a part of its name, or its file.
+        #[arg(default_value = "last")]
+        run: String,
+    },
+    /// Show the settings and results of a run.
+    Show {
+        /// Run: `last`, a part of its name, or its file.
+        #[arg(default_value = "last")]
+        run: String,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Plot the track and the timeline of a run, as SVG and PNG.
+    Plot {
+        /// Run: `last`, a part of its name, or its file.
+        #[arg(default_value = "last")]
+        run: String,
+        /// Folder for the figures [default: beside the record].
+        #[arg(long, value_name = "DIR")]
+        to: Option<PathBuf>,
+    },
+    /// Export the rows of a run as tables, one CSV file per topic.
+    ExportCsv {
+        /// Run: `last`, a part of its name, or its file.
+        #[arg(default_value = "last")]
+        run: String,
+        /// Folder for the tables [default: beside the record].
+        #[arg(long, value_name = "DIR")]
+        to: Option<PathBuf>,
+    },
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When a record is missing, cannot be read, or its figures and tables cannot be written.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    match &args.action {
+        Action::List { json } => list_runs(&args.out, *json)?,
+        Action::Repair { run } => {
+            let file = Run::find(&args.out, run)?.file;
+            let said = match repair(&file)? {
+                Some(rows) => format!("completed, {rows} rows: {}\n", file.display()),
+                None => format!("is complete: {}\n", file.display()),
+            };
+            print(&said)?;
+        }
+        Action::Show { run, json } => show(&Run::find(&args.out, run)?, *json)?,
+        Action::Plot { run, to } => {
+            let run = Run::find(&args.out, run)?;
+            if counts(&run).iter().all(|(_, rows)| *rows == 0) {
+                return Err(Error::usage(format_args!(
+                    "{}: there is nothing to plot: the record has no rows",
+                    run.file.display()
+                )));
+            }
+            let (folder, stem) = beside(&run, to.as_ref());
+            for (kind, figure) in [
+                ("track", &flix_plot::record::track(&run) as &dyn Figure),
+                ("timeline", &flix_plot::record::timeline(&run)),
+            ] {
+                let written =
+                    figure.write(&folder, &format!("{stem}-{kind}")).map_err(Error::usage)?;
+                print(&format!("{}\n{}\n", written.svg.display(), written.png.display()))?;
+            }
+        }
+        Action::ExportCsv { run, to } => {
+            let run = Run::find(&args.out, run)?;
+            for file in csv::export(&run, &beside(&run, to.as_ref()).0)? {
+                print(&format!("{}\n", file.display()))?;
+            }
+        }
+    }
+    Ok(Exit::Done.into())
+}
+
+/// Returns the folder for the output of a run, and the stem of its file names.
+fn beside(run: &Run, to: Option<&PathBuf>) -> (PathBuf, String) {
+    let own = run.file.parent().map(PathBuf::from).unwrap_or_default();
+    let stem =
+        run.file.file_stem().map_or_else(|| "run".into(), |s| s.to_string_lossy().into_owned());
+    (to.cloned().unwrap_or(own), stem)
+}
+
+fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
+    let Listing { runs, skipped } = list(out)?;
+    for reason in skipped {
+        complain(format_args!("{reason}: skipped"));
+    }
+    let heads = runs
+        .iter()
+        .map(|run| Ok((Run::read_head(&run.file)?, run.bytes)))
+        .collect::<Result<Vec<_>, ReadError>>()?;
+    if as_json {
+        let rows: Vec<Value> = heads
+            .iter()
+            .map(|(run, bytes)| {
+                json!({
+                    "file": run.file.to_string_lossy(),
+                    "bytes": bytes,
+                    "started": run.fact("run", "started"),
+                    "robot": run.fact("run", "robot"),
+                    "name": run.fact("run", "name"),
+                    "result": result(run),
+                })
+            })
+            .collect();
+        return print(&format!("{}\n", Value::from(rows)));
+    }
+    if runs.is_empty() {
+        return print(&format!("no runs below {}\n", out.display()));
+    }
+    let mut rows = vec![headings("run|robot|kB|result")];
+    rows.extend(heads.iter().map(|(run, bytes)| {
+        let stem = run.file.file_stem().unwrap_or_default();
+        vec![
+            stem.to_string_lossy().into_owned(),
+            run.fact("run", "robot").to_owned(),
+            format!("{:.1}", *bytes as f64 / 1e3),
+            result(run),
+        ]
+    }));
+    print(&table_for_terminal(&rows))
+}
+
+/// Returns how a run ended, and its figures.
+fn result(run: &Run) -> String {
+    if !run.is_complete {
+        return unfinished(run);
+    }
+    let fact = |name| run.fact("results", name);
+    let figures =
+        match (fact("path_error_rms_mm"), fact("final_error_mm"), fact("frequency_rms_error_hz")) {
+            ("", "", "") => String::new(),
+            ("", "", f) => {
+                format!(", within {f} Hz and {} degrees RMS", fact("direction_rms_error_deg"))
+            }
+            ("", error, _) => format!(", {error} mm away"),
+            (error, ..) => format!(", {error} mm RMS, {} laps", fact("laps")),
+        };
+    fact("ending").to_owned() + &figures
+}
+
+/// Returns why a record has no end, and what to do.
+fn unfinished(run: &Run) -> String {
+    match Run::read(&run.file) {
+        _ if is_being_written(&run.file) => "still running".to_owned(),
+        Ok(_) => "unfinished: `flix runs repair` completes the record".to_owned(),
+        Err(ReadError::Format { reason, .. }) => format!("not a record of a run: {reason}"),
+        Err(error) => error.to_string(),
+    }
+}
+
+fn show(run: &Run, as_json: bool) -> Result<(), Error> {
+    if as_json {
+        return print(&format!("{}\n", description(run)));
+    }
+    let mut text = format!("{}\n{:>14}  {:.1} s\n", run.file.display(), "duration", run.seconds());
+    for (topic, rows) in counts(run) {
+        text += &format!("{topic:>14}  {rows} rows\n");
+    }
+    for (name, bytes) in &run.attachments {
+        text += &format!("{:>14}  {name}, {bytes} bytes\n", "attached");
+    }
+    for (group, facts) in &run.facts {
+        text += &format!("\n{group}\n");
+        for (name, value) in facts {
+            text += &format!("{name:>24}  {value}\n");
+        }
+    }
+    if !run.events.is_empty() {
+        text += "\nevents\n";
+    }
+    for event in &run.events {
+        text += &format!("{:>12.3} s  {}\n", run.time(&event.timestamp), event.message);
+    }
+    print(&text)
+}
+
+fn counts(run: &Run) -> [(&'static str, usize); 5] {
+    [
+        ("pose", run.poses.len()),
+        ("command", run.commands.len()),
+        ("navigation", run.navigation.len()),
+        ("telemetry", run.telemetry.len()),
+        ("log", run.events.len()),
+    ]
+}
+
+fn description(run: &Run) -> Value {
+    let events: Vec<Value> = run
+        .events
+        .iter()
+        .map(
+            |e| json!({ "time_s": run.time(&e.timestamp), "level": e.level, "message": e.message }),
+        )
+        .collect();
+    json!({
+        "file": run.file.to_string_lossy(),
+        "seconds": run.seconds(),
+        "rows": counts(run).into_iter().collect::<std::collections::BTreeMap<_, _>>(),
+        "attachments": run.attachments.iter().map(|a| &a.0).collect::<Vec<_>>(),
+        "facts": run.facts,
+        "events": events,
+    })
+}

@@ -1,0 +1,463 @@
+//! `flix scope`: captures inner values of the fast loop.
+
+mod screen;
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::mpsc::Receiver;
+use std::time::{Duration, SystemTime};
+
+use flix_protocol::message::{
+    Command, Outcome, Refusal, SCOPE_RATE_HZ, ScopeCommand, ScopePlan, ScopeState, ScopeStatus,
+    Setpoint, State, Trigger,
+};
+use flix_protocol::units::{Degrees, Hertz};
+use indicatif::ProgressBar;
+use serde::Serialize;
+
+use super::drive::{direction, frequency, give_up, stop};
+use super::robot::RobotArgs;
+use super::{Error, Exit};
+use crate::teleop::screen::{is_closed, keyboard};
+use flix_host::interrupt::Interrupt;
+use flix_host::link::udp::{Connection, LinkError, faulted};
+use flix_host::link::{Update, is_reached};
+use flix_host::record::dated;
+use flix_host::scope::{Capture, Extent, channels, files, trigger};
+use flix_host::teleop::action::Action;
+use flix_host::text::fixed;
+use flix_plot::Figure as _;
+use flix_shell::output::{headings, path_as_text, print, print_json, table};
+use flix_shell::time::positive_duration;
+
+/// Interval of looks at a capture that is under way.
+const LOOK: Duration = Duration::from_millis(20);
+/// Time for which a robot that is driven may take to hold f and theta before it is captured all the same.
+const SETTLING: Duration = Duration::from_secs(3);
+/// Folder of the files.
+const FOLDER: &str = "scope";
+
+/// Capture inner values of the robot's fast loop, 10,000 rows a second.
+///
+/// Up to 8 channels go into the robot's memory: 240 ms of eight, 1.92 s of one. Without a plan of yours the robot
+/// always watches for faults; --last fetches the 200 ms before the last one. With --frequency and --direction the
+/// robot is armed, driven meanwhile, and disarmed. Ctrl-C stops a robot that is driven.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Channels, of each motor (iq is both, top_iq one):
+  id iq iq_wanted   currents, d and q (torque), A       vd vq   voltages, V
+  ia ib             phase currents as measured, A       angle   deg
+  speed             Hz
+and of the robot: f f_wanted (Hz), theta theta_error (deg), bus (V)
+
+Examples:
+  flix scope walker-1 --channels ia,ib,angle
+  flix scope walker-1 --channels id,iq,theta --frequency -30 --direction 30
+  flix scope walker-1 --trigger 'f>15' --frequency 30 --direction 90
+  flix scope walker-1 --trigger fault --frequency 35 --direction 0 --for 1m
+  flix scope walker-1 --last
+  flix scope walker-1 --live --channels iq,f,bus")]
+pub struct Args {
+    #[command(flatten)]
+    robot: RobotArgs,
+    /// Channels, with commas between them.
+    #[arg(long, value_name = "LIST", default_value = "iq,id,f,f_wanted,theta_error,bus")]
+    channels: String,
+    /// Trigger: now, fault, or a level such as 'top_iq>0.8' or 'bus<10'.
+    #[arg(long, value_name = "WHEN", default_value = "now")]
+    trigger: String,
+    /// Share of the capture from before the trigger, 0 to 99 % [default: 50% for a fault or level].
+    #[arg(long, value_name = "PERCENT", value_parser = percent)]
+    pre: Option<u16>,
+    /// Wait so long for the trigger.
+    #[arg(long = "for", value_name = "TIME", default_value = "10s", value_parser = positive_duration)]
+    patience: Duration,
+    /// Drive meanwhile: shaking frequency, -35 to 35 Hz.
+    #[arg(long, value_name = "HZ", requires = "direction", allow_hyphen_values = true, value_parser = frequency)]
+    frequency: Option<Hertz>,
+    /// Drive meanwhile: shaking direction, -90 to 90 degrees.
+    #[arg(long, value_name = "DEG", requires = "frequency", allow_hyphen_values = true, value_parser = direction)]
+    direction: Option<Degrees>,
+    /// Fetch what the robot has kept of the last fault.
+    #[arg(long, conflicts_with_all = ["channels", "trigger", "pre", "patience", "frequency", "live"])]
+    last: bool,
+    /// Draw one capture after the other in the terminal, until Esc; write no files.
+    #[arg(long, conflicts_with = "json")]
+    live: bool,
+    /// Folder for the files.
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    out: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+fn percent(text: &str) -> Result<u16, String> {
+    match text.trim().trim_end_matches('%').trim_end().parse() {
+        Ok(percent @ 0..100) => Ok(percent),
+        _ => Err(format!("`{text}` is not a share: write 0% to 99%")),
+    }
+}
+
+impl Args {
+    fn plan(&self) -> Result<ScopePlan, Error> {
+        let mut channels = channels(&self.channels).map_err(Error::usage)?;
+        let trigger = trigger(&self.trigger, &mut channels).map_err(Error::usage)?;
+        let plan = ScopePlan { channels: channels.into_iter().collect(), trigger, before: 0 };
+        let share = match (trigger, self.pre) {
+            (Trigger::Now, Some(1..)) => {
+                return Err(Error::usage(
+                    "a capture that begins now has nothing before it: leave --pre out, or name a --trigger",
+                ));
+            }
+            (Trigger::Now, _) => 0,
+            (_, share) => share.unwrap_or(50),
+        };
+        let before = u32::from(plan.rows()) * u32::from(share) / 100;
+        Ok(ScopePlan { before: before as u16, ..plan })
+    }
+
+    fn setpoint(&self) -> Result<Option<Setpoint>, Error> {
+        let pair = self.frequency.zip(self.direction);
+        pair.map(|(f, theta)| Setpoint::new(f, theta)).transpose().map_err(Error::usage)
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the robot cannot be reached or driven, when the trigger does not come, when a file cannot be written, or the
+/// program is interrupted; a robot that is driven is stopped then.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let (plan, setpoint) = (args.plan()?, args.setpoint()?);
+    let interrupt = Interrupt::listen().map_err(Error::usage)?;
+    let mut connection = args.robot.connect(&interrupt)?;
+    let mut driven = Driven { setpoint, awaits_fault: plan.trigger == Trigger::Fault, keys: None };
+    let done = if args.last {
+        last(&mut connection, &driven)
+    } else if args.live {
+        live(&mut connection, &plan, &mut driven, args.patience).map(|()| None)
+    } else {
+        once(&mut connection, &plan, &driven, args.patience)
+    };
+    let capture = match done {
+        Ok(capture) => capture,
+        Err(error) if error.exit == Exit::Interrupted && connection.client().is_driving() => {
+            return Err(stop(&mut connection));
+        }
+        Err(error) => return Err(give_up(&mut connection, error)),
+    };
+    connection.leave();
+    let Some(capture) = capture else { return Ok(Exit::Done.into()) };
+    let report = Report::write(&args.out, &args.robot.robot, &capture)?;
+    if args.json {
+        print_json(&report)?
+    } else {
+        print(&report.describe())?
+    }
+    Ok(Exit::Done.into())
+}
+
+/// Captures once, and drives meanwhile where that is wanted. Once the session ends the robot watches for faults again.
+fn once(
+    connection: &mut Connection,
+    plan: &ScopePlan,
+    driven: &Driven,
+    patience: Duration,
+) -> Result<Option<Capture>, Error> {
+    let begins_now = plan.trigger == Trigger::Now;
+    if !begins_now {
+        ask(connection, ScopeCommand::Begin(plan.clone()))?;
+    }
+    driven.begin(connection)?;
+    if begins_now {
+        ask(connection, ScopeCommand::Begin(plan.clone()))?;
+    }
+    let status = await_capture(connection, driven, patience)?;
+    driven.end(connection)?;
+    let capture = status.map(|status| fetch(connection, driven, status)).transpose()?;
+    Ok(capture.flatten())
+}
+
+/// Fetches what the robot has kept of a fault.
+fn last(connection: &mut Connection, driven: &Driven) -> Result<Option<Capture>, Error> {
+    let status = ask(connection, ScopeCommand::Status)?;
+    if status.state != ScopeState::Complete {
+        return Err(Error::new(
+            Exit::RobotFault,
+            "the robot has had no fault since it was armed last, so nothing is kept; `flix scope --trigger fault` waits for one",
+        ));
+    }
+    fetch(connection, driven, status)
+}
+
+/// Draws one capture after the other until the operator leaves.
+fn live(
+    connection: &mut Connection,
+    plan: &ScopePlan,
+    driven: &mut Driven,
+    patience: Duration,
+) -> Result<(), Error> {
+    if is_closed() {
+        return Err(Error::usage(
+            "--live needs a terminal; without it the capture is written to files",
+        ));
+    }
+    driven.begin(connection)?;
+    let mut terminal = ratatui::try_init()
+        .map_err(|error| Error::usage(format_args!("the terminal failed: {error}")))?;
+    driven.keys = Some(keyboard());
+    let mut newest: Option<Capture> = None;
+    let mut count = 0_u32;
+    let ended = loop {
+        let words = format!("capture {count}");
+        if terminal.draw(|frame| screen::draw(frame, newest.as_ref(), &words)).is_err() {
+            break Err(LinkError::Interrupted.into());
+        }
+        let captured = ask(connection, ScopeCommand::Begin(plan.clone()))
+            .and_then(|_| await_capture(connection, driven, patience))
+            .and_then(|status| match status {
+                Some(status) => fetch(connection, driven, status),
+                None => Ok(None),
+            });
+        match captured {
+            Ok(Some(capture)) => newest = Some(capture),
+            Ok(None) => break Ok(()),
+            Err(error) => break Err(error),
+        }
+        count += 1;
+    };
+    // A terminal that is closed cannot be restored, and needs not be.
+    let _ = ratatui::try_restore();
+    ended?;
+    driven.end(connection)
+}
+
+/// A robot that is driven while it is captured, or one that is left alone.
+struct Driven {
+    setpoint: Option<Setpoint>,
+    awaits_fault: bool,
+    /// What the operator presses meanwhile.
+    keys: Option<Receiver<Action>>,
+}
+
+impl Driven {
+    /// Returns whether the operator wants to leave.
+    ///
+    /// # Errors
+    /// When the operator stops or interrupts.
+    fn is_left(&self) -> Result<bool, Error> {
+        let Some(keys) = &self.keys else { return Ok(false) };
+        if is_closed() {
+            return Err(LinkError::Interrupted.into());
+        }
+        let mut is_left = false;
+        for action in keys.try_iter() {
+            match action {
+                Action::Stop | Action::Interrupt => return Err(LinkError::Interrupted.into()),
+                action => is_left |= action == Action::Quit,
+            }
+        }
+        Ok(is_left)
+    }
+
+    /// Arms and waits until f and theta are held, as long as no fault is awaited.
+    fn begin(&self, connection: &mut Connection) -> Result<(), Error> {
+        let Some(setpoint) = self.setpoint else { return Ok(()) };
+        connection.arm()?;
+        let (client, now) = connection.operate();
+        client.hold(now, setpoint);
+        if self.awaits_fault {
+            return Ok(());
+        }
+        let held = connection.wait_for(SETTLING, |_, update| match update {
+            Update::Telemetry(telemetry) if telemetry.state == State::Faulted => {
+                Some(Err(faulted(telemetry)))
+            }
+            Update::Telemetry(telemetry) if is_reached(telemetry, &setpoint) => Some(Ok(())),
+            _ => None,
+        })?;
+        // One that cannot hold them is worth looking at.
+        Ok(held.transpose().map(drop)?)
+    }
+
+    /// Returns why the robot is driven no more, unless that is what is waited for.
+    fn check(&self, update: &Update) -> Option<LinkError> {
+        self.setpoint?;
+        match update {
+            Update::Telemetry(telemetry)
+                if self.awaits_fault && telemetry.state == State::Faulted =>
+            {
+                None
+            }
+            Update::Telemetry(telemetry) => match (telemetry.stopped_by, telemetry.state) {
+                (Some(by), _) => Some(LinkError::StoppedBy(by)),
+                (None, State::Faulted) => Some(faulted(telemetry)),
+                (None, State::Disarmed) => Some(LinkError::Lapsed),
+                _ => None,
+            },
+            Update::SetpointRefused(Refusal::Stopped | Refusal::Faulted(_)) => None,
+            Update::SetpointRefused(refusal) => Some(LinkError::Refused(refusal.clone())),
+            _ => None,
+        }
+    }
+
+    /// Disarms; a robot with the fault that was waited for is disarmed.
+    fn end(&self, connection: &mut Connection) -> Result<(), Error> {
+        if self.setpoint.is_none()
+            || connection.client().telemetry().is_some_and(|it| it.state == State::Faulted)
+        {
+            return Ok(());
+        }
+        Ok(connection.disarm()?)
+    }
+}
+
+fn ask(connection: &mut Connection, command: ScopeCommand) -> Result<ScopeStatus, Error> {
+    match connection.ask(Command::Scope(command))? {
+        Outcome::Scope(status) => Ok(status),
+        _ => Err(LinkError::Unanswered.into()),
+    }
+}
+
+/// Waits until the capture is complete; `None` when the operator leaves before.
+fn await_capture(
+    connection: &mut Connection,
+    driven: &Driven,
+    patience: Duration,
+) -> Result<Option<ScopeStatus>, Error> {
+    let start = std::time::Instant::now();
+    while !driven.is_left()? {
+        let status = ask(connection, ScopeCommand::Status)?;
+        if status.state == ScopeState::Complete {
+            return Ok(Some(status));
+        }
+        if status.state == ScopeState::Waiting && start.elapsed() > patience {
+            driven.end(connection)?;
+            let sentence = format!(
+                "the trigger has not come within {} s: wait longer with --for, or choose another",
+                patience.as_secs_f64()
+            );
+            return Err(Error::new(Exit::RobotFault, sentence));
+        }
+        if let Some(error) = connection.wait_for(LOOK, |_, update| driven.check(update))? {
+            return Err(error.into());
+        }
+    }
+    Ok(None)
+}
+
+/// Fetches the rows; `None` when the operator leaves before.
+fn fetch(
+    connection: &mut Connection,
+    driven: &Driven,
+    status: ScopeStatus,
+) -> Result<Option<Capture>, Error> {
+    // On the screen of --live it would be in the way.
+    let bar = match driven.keys {
+        Some(_) => ProgressBar::hidden(),
+        None => ProgressBar::new(status.rows.into()),
+    };
+    let mut capture = Capture::new(status);
+    while let Some(first) = capture.wanted() {
+        if driven.is_left()? {
+            return Ok(None);
+        }
+        let outcome = connection.ask(Command::Scope(ScopeCommand::Read(first)))?;
+        let is_taken = matches!(&outcome, Outcome::ScopeRows(rows) if capture.take(rows));
+        if !is_taken {
+            return Err(LinkError::Unanswered.into());
+        }
+        bar.set_position(capture.rows() as u64);
+    }
+    bar.finish_and_clear();
+    Ok(Some(capture))
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    rows: usize,
+    rate_hz: u32,
+    trigger_row: u16,
+    /// On the robot's clock.
+    trigger_time_s: f64,
+    channels: Vec<Column>,
+    #[serde(serialize_with = "path_as_text")]
+    csv: PathBuf,
+    #[serde(serialize_with = "path_as_text")]
+    svg: PathBuf,
+    #[serde(serialize_with = "path_as_text")]
+    png: PathBuf,
+    #[serde(serialize_with = "path_as_text")]
+    mcap: PathBuf,
+}
+
+#[derive(Debug, Serialize)]
+struct Column {
+    name: String,
+    unit: &'static str,
+    #[serde(flatten)]
+    extent: Option<Extent>,
+}
+
+impl Report {
+    fn write(out: &Path, robot: &str, capture: &Capture) -> Result<Self, Error> {
+        let folder = out.join(FOLDER);
+        let cannot = |path: &Path, why: &dyn std::fmt::Display| {
+            Error::usage(format_args!("cannot write {}: {why}", path.display()))
+        };
+        std::fs::create_dir_all(&folder).map_err(|error| cannot(&folder, &error))?;
+        let first = dated(SystemTime::now(), robot);
+        let name = std::iter::once(first.clone())
+            .chain((2..1_000).map(|attempt| format!("{first}-{attempt}")))
+            .find(|name| !folder.join(format!("{name}.csv")).exists())
+            .unwrap_or(first);
+        let file = |ending: &str| folder.join(format!("{name}.{ending}"));
+        let (csv, mcap) = (file("csv"), file("mcap"));
+        files::write_csv(capture, &csv).map_err(|error| cannot(&csv, &error))?;
+        files::write_mcap(capture, &mcap).map_err(|error| cannot(&mcap, &error))?;
+        let title = format!("Scope of {robot}");
+        let written =
+            flix_plot::scope::chart(capture, &title).write(&folder, &name).map_err(Error::usage)?;
+        let columns = capture.channels().iter().enumerate().map(|(column, channel)| Column {
+            name: channel.to_string(),
+            unit: channel.quantity().unit(),
+            extent: capture.extent(column),
+        });
+        Ok(Self {
+            rows: capture.rows(),
+            rate_hz: SCOPE_RATE_HZ,
+            trigger_row: capture.status().trigger_row,
+            trigger_time_s: capture.status().trigger_time_us as f64 * 1e-6,
+            channels: columns.collect(),
+            csv,
+            svg: written.svg,
+            png: written.png,
+            mcap,
+        })
+    }
+
+    fn describe(&self) -> String {
+        let mut rows = vec![headings("channel|minimum|maximum|mean|unit")];
+        for Column { name, unit, extent } in &self.channels {
+            let [minimum, maximum, mean] = extent
+                .map_or([f64::NAN; 3], |it| [it.minimum, it.maximum, it.mean])
+                .map(|value| fixed(value, 3));
+            rows.push(vec![name.clone(), minimum, maximum, mean, (*unit).to_owned()]);
+        }
+        let mut text = table(&rows);
+        let milliseconds = |rows: f64| 1e3 * rows / f64::from(self.rate_hz);
+        let before = milliseconds(self.trigger_row.into());
+        let _ = writeln!(
+            text,
+            "{} rows: {before:.1} ms before the trigger, {:.1} ms from it on",
+            self.rows,
+            milliseconds(self.rows as f64) - before
+        );
+        for path in [&self.csv, &self.svg, &self.png, &self.mcap] {
+            let _ = writeln!(text, "{}", path.display());
+        }
+        text
+    }
+}

@@ -1,0 +1,324 @@
+//! `flix status`: shows the state of the robot.
+
+use std::fmt::Write;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use flix_protocol::message::{
+    Command, DropReason, Dropped, Fault, Identity, MotorTelemetry, Outcome, Setpoint, Telemetry,
+};
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+use super::robot::RobotArgs;
+use super::{Error, Exit};
+use flix_host::explain;
+use flix_host::interrupt::Interrupt;
+use flix_host::link::Client;
+use flix_host::link::udp::{Connection, LinkError};
+use flix_host::text::printable;
+use flix_shell::output::{milliseconds, print, print_json};
+
+/// Longest wait for telemetry; its lowest rate is one per second.
+pub const TELEMETRY_PATIENCE: Duration = Duration::from_secs(3);
+
+/// Show the state of the robot: faults with their first cause, rotors, battery, link.
+///
+/// The robot does not move, and its state does not change.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix status walker-1
+  flix status walker-1 --json | jq -e '.faults == []'")]
+pub struct Args {
+    #[command(flatten)]
+    robot: RobotArgs,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the robot cannot be reached.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let interrupt = Interrupt::listen().map_err(Error::usage)?;
+    let mut connection = args.robot.connect(&interrupt)?;
+    let status = ask(&mut connection)?;
+    connection.leave();
+    if args.json {
+        print_json(&status)?;
+    } else {
+        print(&describe(&status))?;
+    }
+    Ok(Exit::Done.into())
+}
+
+/// The state of a robot, with units in the names.
+#[derive(Debug, Clone, Serialize)]
+pub struct Status {
+    robot: Robot,
+    operator: String,
+    state: String,
+    stopped: bool,
+    stopped_by: Option<String>,
+    link_late: bool,
+    faults: Vec<Explained>,
+    first_fault: Option<String>,
+    commanded: Shaking,
+    measured: Shaking,
+    motors: Motors,
+    bus_voltage_v: Option<f32>,
+    modulation: f32,
+    #[serde(rename = "loop")]
+    timing: Timing,
+    link: Link,
+}
+
+#[derive(Debug, Clone, Serialize)]
+struct Robot {
+    name: String,
+    board: String,
+    version: String,
+    reset_reason: String,
+}
+
+#[derive(Debug, Clone, Serialize)]
+struct Explained {
+    name: String,
+    meaning: &'static str,
+}
+
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Shaking {
+    frequency_hz: f32,
+    direction_deg: f32,
+}
+
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Motors {
+    top: Motor,
+    bottom: Motor,
+}
+
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Motor {
+    angle_deg: f32,
+    speed_hz: f32,
+    current_d_a: f32,
+    current_q_a: f32,
+}
+
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Timing {
+    uptime_s: f64,
+    ticks: u64,
+    longest_interval_us: u32,
+    overruns: u32,
+}
+
+#[derive(Debug, Clone, Serialize)]
+struct Link {
+    round_trip_ms: Option<f64>,
+    command_age_ms: Option<f64>,
+    late_commands: u32,
+    signal_dbm: Option<i8>,
+    robot: End,
+    host: End,
+}
+
+/// One end's view of the link; dropped datagrams by reason.
+#[derive(Debug, Clone, Serialize)]
+struct End {
+    accepted: u64,
+    lost: u64,
+    dropped: Map<String, Value>,
+}
+
+/// Requests the state of a connected robot.
+///
+/// # Errors
+/// When it does not answer.
+pub fn ask(connection: &mut Connection) -> Result<Status, LinkError> {
+    let Outcome::Identity(identity) = connection.ask(Command::Identify)? else {
+        return Err(LinkError::Unanswered);
+    };
+    let telemetry = match connection.client().telemetry() {
+        Some(telemetry) => *telemetry,
+        None => connection
+            .wait_for_telemetry(TELEMETRY_PATIENCE, |_| true)?
+            .ok_or(LinkError::Unanswered)?,
+    };
+    Ok(Status::new(&identity, &telemetry, connection.client()))
+}
+
+impl Status {
+    /// Returns the robot with its board and firmware.
+    #[must_use]
+    pub fn robot_line(&self) -> String {
+        let Robot { name, board, version, .. } = &self.robot;
+        format!("{name} on {board}, firmware {version}")
+    }
+
+    fn new(identity: &Identity, telemetry: &Telemetry, client: &Client) -> Self {
+        let [top, bottom] = telemetry.motors.map(Motor::from);
+        let health = client.health();
+        Self {
+            robot: Robot {
+                name: printable(&identity.name).into_owned(),
+                board: printable(&identity.board).into_owned(),
+                version: printable(&identity.version).into_owned(),
+                reset_reason: identity.reset.to_string(),
+            },
+            operator: telemetry.operator.to_string(),
+            state: telemetry.state.to_string(),
+            stopped: telemetry.stopped,
+            stopped_by: telemetry.stopped_by.map(|by| by.to_string()),
+            link_late: telemetry.link_late,
+            faults: telemetry.faults.iter().map(Explained::from).collect(),
+            first_fault: telemetry.first_fault.map(|fault| fault.to_string()),
+            commanded: telemetry.setpoint.into(),
+            measured: Shaking {
+                frequency_hz: telemetry.frequency.get(),
+                direction_deg: telemetry.direction.get(),
+            },
+            motors: Motors { top, bottom },
+            bus_voltage_v: telemetry.bus_voltage.map(|voltage| voltage.get()),
+            modulation: telemetry.modulation.get(),
+            timing: Timing {
+                uptime_s: telemetry.time.as_micros() as f64 * 1e-6,
+                ticks: telemetry.timing.ticks,
+                longest_interval_us: telemetry.timing.longest_interval_us,
+                overruns: telemetry.timing.overruns,
+            },
+            link: Link {
+                round_trip_ms: client.statistics().last_round_trip().map(milliseconds),
+                command_age_ms: telemetry.link.age().map(milliseconds),
+                late_commands: telemetry.link.late,
+                signal_dbm: telemetry.link.signal_dbm,
+                robot: End {
+                    accepted: telemetry.link.accepted.into(),
+                    lost: telemetry.link.lost.into(),
+                    dropped: by_reason(&telemetry.link.dropped),
+                },
+                host: End {
+                    accepted: health.accepted,
+                    lost: health.lost,
+                    dropped: by_reason(&health.dropped),
+                },
+            },
+        }
+    }
+}
+
+impl From<Fault> for Explained {
+    fn from(fault: Fault) -> Self {
+        Self { name: fault.to_string(), meaning: explain::fault(fault) }
+    }
+}
+
+impl From<Setpoint> for Shaking {
+    fn from(setpoint: Setpoint) -> Self {
+        Self { frequency_hz: setpoint.frequency().get(), direction_deg: setpoint.direction().get() }
+    }
+}
+
+impl From<MotorTelemetry> for Motor {
+    fn from(motor: MotorTelemetry) -> Self {
+        Self {
+            angle_deg: motor.angle.get(),
+            speed_hz: motor.speed.get(),
+            current_d_a: motor.current_d.get(),
+            current_q_a: motor.current_q.get(),
+        }
+    }
+}
+
+/// Returns the counter of every reason, also of those that never happened.
+fn by_reason(dropped: &Dropped) -> Map<String, Value> {
+    DropReason::ALL
+        .into_iter()
+        .map(|reason| (reason.to_string().replace(' ', "_"), dropped.get(reason).into()))
+        .collect()
+}
+
+fn describe(status: &Status) -> String {
+    let mut text = String::new();
+    let mut row = |name: &str, value: String| {
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "{name:<12} {value}");
+    };
+    row("robot", status.robot_line());
+    row("started", format!("after {}", status.robot.reset_reason));
+    row("you are", status.operator.clone());
+    let stopped = match &status.stopped_by {
+        Some(by) => format!(", stopped by {by}: `flix clear` makes it ready again"),
+        None if status.stopped => ", stopped: `flix clear` makes it ready again".to_owned(),
+        None => String::new(),
+    };
+    let late = if status.link_late { ", commands are late" } else { "" };
+    row("state", format!("{}{stopped}{late}", status.state));
+    match &status.first_fault {
+        None => row("faults", "none".to_owned()),
+        Some(first) => {
+            for fault in &status.faults {
+                let rank = if fault.name == *first { "first" } else { "then" };
+                row("fault", format!("{rank}: {}: {}", fault.name, fault.meaning));
+            }
+        }
+    }
+    let Shaking { frequency_hz, direction_deg } = status.commanded;
+    row("commanded", format!("f {frequency_hz:.1} Hz, theta {direction_deg:.0} deg"));
+    let Shaking { frequency_hz, direction_deg } = status.measured;
+    row("measured", format!("f {frequency_hz:.2} Hz, theta {direction_deg:.1} deg"));
+    for (name, motor) in [("top", status.motors.top), ("bottom", status.motors.bottom)] {
+        let Motor { angle_deg, speed_hz, current_d_a, current_q_a } = motor;
+        row(
+            name,
+            format!(
+                "{angle_deg:.1} deg, {speed_hz:.2} Hz, d {current_d_a:.2} A, q {current_q_a:.2} A"
+            ),
+        );
+    }
+    row(
+        "battery",
+        status
+            .bus_voltage_v
+            .map_or_else(|| "not measured on this board".to_owned(), |it| format!("{it:.2} V")),
+    );
+    let Timing { uptime_s, ticks, longest_interval_us, overruns } = status.timing;
+    row(
+        "loop",
+        format!(
+            "{ticks} ticks in {uptime_s:.1} s, longest interval {longest_interval_us} us, {overruns} overruns"
+        ),
+    );
+    let round_trip =
+        status.link.round_trip_ms.map_or_else(|| "unknown".to_owned(), |it| format!("{it:.2} ms"));
+    let signal = status.link.signal_dbm.map_or_else(String::new, |dbm| format!(", {dbm} dBm"));
+    let age = status.link.command_age_ms.map_or_else(
+        || "age not measured yet".to_owned(),
+        |it| format!("{it:.0} ms old on arrival"),
+    );
+    let late = match status.link.late_commands {
+        0 => String::new(),
+        count => format!(", {count} came too late"),
+    };
+    row("link", format!("round trip {round_trip}{signal}"));
+    row("commands", format!("{age}{late}"));
+    for (name, end) in [("robot hears", &status.link.robot), ("host hears", &status.link.host)] {
+        let End { accepted, lost, dropped } = end;
+        row(name, format!("{accepted} accepted, {lost} lost, dropped: {}", reasons(dropped)));
+    }
+    text
+}
+
+fn reasons(dropped: &Map<String, Value>) -> String {
+    let happened: Vec<String> = dropped
+        .iter()
+        .filter(|(_, count)| count.as_u64() != Some(0))
+        .map(|(reason, count)| format!("{count} {}", reason.replace('_', " ")))
+        .collect();
+    if happened.is_empty() { "none".to_owned() } else { happened.join(", ") }
+}

@@ -1,0 +1,108 @@
+//! `flix track`: follows a path.
+
+use std::path::Path;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use super::robot::RobotArgs;
+use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
+use super::{Error, Exit};
+use flix_host::nav::Task;
+use flix_host::pilot::{Pilot, Recorded};
+use flix_host::steering::names;
+use flix_shell::course::{CourseArgs, facts, results, table_for};
+use flix_shell::output::{print, print_json};
+
+/// Longest time for an answer of a controller process: well within the command deadline of 250 ms.
+const ANSWER_PATIENCE: Duration = Duration::from_millis(100);
+
+/// Follow a path, with poses from motion capture.
+///
+/// The robot is armed, driven, and disarmed. Lost poses, the fence, a large path error, Ctrl-C,
+/// SIGTERM and a closed terminal stop it.
+#[derive(Debug, clap::Args)]
+#[command(
+    allow_missing_positional = true,
+    after_help = "\
+Examples:
+  flix track walker-1 figure8 --modes walker-1.toml --natnet-server 192.168.1.5
+  flix track circle --radius 0.3 --laps 1    (against flix-sim serve --natnet)
+  flix track walker-1 room.csv --at 0.5,0.2 --turned 90"
+)]
+pub struct Args {
+    #[command(flatten)]
+    robot: RobotArgs,
+    #[command(flatten)]
+    course: CourseArgs,
+    #[command(flatten)]
+    poses: PoseArgs,
+    #[command(flatten)]
+    files: FileArgs,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When something is missing, or the run ended early.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let task = args.course.task()?;
+    let settings = args.course.settings(&task)?;
+    let repertoire = args.course.steering.repertoire(|| -> Result<_, Error> {
+        Ok(table_for(&args.robot.robot, &args.files.modes)?)
+    })?;
+    let table = repertoire.table();
+    let name = match &task {
+        Task::Follow { path, .. } => format!("track-{}", path.name()),
+        Task::Reach { .. } => "reach".to_owned(),
+    };
+    let mut setup = facts(&settings);
+    setup.insert("controller".into(), args.course.controller());
+    let steering = args.course.steering(task.clone(), repertoire, settings, ANSWER_PATIENCE)?;
+    let mut walk = Walk::open(&args.robot, &args.poses)?;
+    let mut recorder = walk.record(&args.files.record, &name, setup)?;
+    if let Task::Follow { path, .. } = &task {
+        recorder.path_to_follow(walk.now(), path)?;
+    }
+    recorder.attach(walk.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
+    let mut pilot = Pilot::new(steering, names(&table), Some(recorder))
+        .driving_unrecorded(args.files.record.unrecorded);
+    let (ending, seconds) = walk.drive(&mut pilot, |pilot| {
+        let progress = pilot.helm().navigator().progress();
+        format!(
+            "{:<24} {:.2} laps, error {:>4.0} mm now, {:.0} mm RMS",
+            pilot.doing(),
+            progress.laps,
+            progress.error * 1e3,
+            progress.error_rms * 1e3
+        )
+    })?;
+    walk.leave();
+    let numbers = results(pilot.helm().navigator(), seconds);
+    let (_, Recorded { file, error }) = pilot.finish(numbers.clone());
+    verdict(&ending, file.as_ref())?;
+    if args.json {
+        let mut report = serde_json::Map::new();
+        for (key, value) in &numbers {
+            report.insert(
+                key.clone(),
+                value.parse::<f64>().map_or_else(|_| value.clone().into(), Into::into),
+            );
+        }
+        report.insert("record".into(), file.as_deref().map(Path::to_string_lossy).into());
+        print_json(&report)?;
+    } else {
+        let mut text = String::new();
+        for (key, value) in &numbers {
+            text.push_str(&format!("{key:>20}  {value}\n"));
+        }
+        if let Some(file) = file {
+            text.push_str(&format!("{:>20}  {}\n", "record", file.display()));
+        }
+        print(&text)?;
+    }
+    unrecorded(error, args.files.record.unrecorded)?;
+    Ok(Exit::Done.into())
+}

@@ -1,0 +1,402 @@
+//! A run in real time: link, poses, record and progress around a [`Pilot`].
+
+use std::collections::BTreeMap;
+use std::net::{IpAddr, Ipv4Addr, SocketAddrV4};
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::time::{Duration, SystemTime};
+
+use flix_protocol::message::{Command, Outcome};
+use flix_protocol::units::Instant;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::robot::RobotArgs;
+use super::status::TELEMETRY_PATIENCE;
+use super::{Error, Exit};
+use flix_host::interrupt::Interrupt;
+use flix_host::link::udp::{Connection, LinkError};
+use flix_host::pilot::{Ending, Helm, Pilot};
+use flix_host::pose::any::Poses;
+use flix_host::pose::natnet::{Body, COMMAND_PORT, NatNetSettings, NatNetSource, UpAxis};
+use flix_host::pose::udp::UdpSource;
+use flix_host::pose::{PoseSample, PoseSource};
+use flix_host::record::{RecordError, Recorder, RunDescription};
+use flix_host::text::printable;
+use flix_shell::output::complain;
+use flix_shell::stream::StreamArgs;
+
+/// Longest wait for datagrams of the robot between two checks for poses.
+const SLICE: Duration = Duration::from_millis(2);
+
+/// Address of the simulator's stream, and of Motive on this computer.
+const LOCAL_SERVER: SocketAddrV4 = SocketAddrV4::new(Ipv4Addr::LOCALHOST, COMMAND_PORT);
+
+/// Options of the pose source.
+#[derive(Debug, Clone, clap::Args)]
+pub struct PoseArgs {
+    /// Source of the poses: `natnet` (OptiTrack), or `udp:PORT` for any tracker that sends them as text, `udp:PORT@ADDRESS`
+    /// for the one at that address [default: natnet; for teleop and drive, none].
+    #[arg(long, value_name = "SOURCE")]
+    pub pose: Option<PoseKind>,
+    /// Address of Motive's computer (or of the simulator), and its command port [default: 127.0.0.1].
+    #[arg(long, value_name = "HOST[:PORT]", value_parser = server)]
+    pub natnet_server: Option<SocketAddrV4>,
+    /// Address of this computer's network card that reaches it [default: found; for udp, this computer alone].
+    #[arg(long, value_name = "ADDRESS")]
+    pub interface: Option<Ipv4Addr>,
+    /// Name or streaming number of the robot's rigid body; not needed if there is only one.
+    #[arg(long, value_name = "BODY", value_parser = body)]
+    pub body: Option<Body>,
+    /// Up axis of Motive, y or z, as in its streaming settings [default: y].
+    #[arg(long, value_name = "AXIS")]
+    pub up: Option<UpAxis>,
+}
+
+/// Kind of a source of poses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PoseKind {
+    /// OptiTrack.
+    NatNet,
+    /// Datagrams at this port, and of this address alone.
+    Udp(u16, Option<IpAddr>),
+}
+
+impl FromStr for PoseKind {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let port = |text: &str| {
+            let (port, tracker) = match text.split_once('@') {
+                Some((port, tracker)) => (port, Some(tracker.parse().ok()?)),
+                None => (text, None),
+            };
+            let port = port.parse().ok().filter(|port| *port > 0)?;
+            Some(Self::Udp(port, tracker))
+        };
+        match text {
+            "natnet" => Ok(Self::NatNet),
+            _ => text.strip_prefix("udp:").and_then(port).ok_or_else(|| {
+                format!("\"{text}\" is not a source of poses: write natnet, udp:PORT with a port from 1 to 65535, or udp:PORT@ADDRESS")
+            }),
+        }
+    }
+}
+
+/// Options of the files of a run.
+#[derive(Debug, Clone, clap::Args)]
+pub struct FileArgs {
+    /// Mode table of the robot: `flix identify` writes it, the other commands read it.
+    #[arg(long, value_name = "FILE", default_value = "modes.toml")]
+    pub modes: PathBuf,
+    /// The record.
+    #[command(flatten)]
+    pub record: RecordArgs,
+}
+
+/// Options of the record of a run.
+#[derive(Debug, Clone, clap::Args)]
+pub struct RecordArgs {
+    /// Folder for the record.
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    pub out: PathBuf,
+    /// Go on without a record when it cannot be written any more, for example because the disk is full
+    /// [default: stop the robot].
+    #[arg(long)]
+    pub unrecorded: bool,
+    /// A stream.
+    #[command(flatten)]
+    pub stream: StreamArgs,
+}
+
+fn body(text: &str) -> Result<Body, std::convert::Infallible> {
+    text.parse()
+}
+
+fn server(text: &str) -> Result<SocketAddrV4, String> {
+    if let Ok(address) = text.parse::<SocketAddrV4>() {
+        return Ok(address);
+    }
+    text.parse::<Ipv4Addr>().map(|ip| SocketAddrV4::new(ip, COMMAND_PORT)).map_err(|_| {
+        format!(
+            "\"{text}\" is not an IPv4 address: write 192.168.1.5 or 192.168.1.5:{COMMAND_PORT}"
+        )
+    })
+}
+
+impl PoseArgs {
+    /// Returns the settings of a source of NatNet.
+    #[must_use]
+    pub fn settings(&self) -> NatNetSettings {
+        let server = self.natnet_server.unwrap_or(LOCAL_SERVER);
+        let own =
+            if server.ip().is_loopback() { Ipv4Addr::LOCALHOST } else { Ipv4Addr::UNSPECIFIED };
+        NatNetSettings {
+            server,
+            interface: self.interface.unwrap_or(own),
+            body: self.body.clone().unwrap_or_default(),
+            up: self.up.unwrap_or_default(),
+            timeout: Duration::from_secs(2),
+        }
+    }
+
+    /// Connects to the source, if --pose names one.
+    ///
+    /// # Errors
+    /// As for [`PoseArgs::open`], and when options of a source are given without one.
+    pub fn open_if_named(&self) -> Result<Option<Poses>, Error> {
+        match (self.pose, self.given()) {
+            (Some(_), _) => self.open().map(Some),
+            (None, Some(option)) => Err(Error::usage(format_args!(
+                "{option} is for a source of poses, and this command has none by itself: add --pose natnet"
+            ))),
+            (None, None) => Ok(None),
+        }
+    }
+
+    /// Returns an option that is given, and is for a source of poses.
+    fn given(&self) -> Option<&'static str> {
+        self.interface.map(|_| "--interface").or_else(|| self.given_for_natnet())
+    }
+
+    fn given_for_natnet(&self) -> Option<&'static str> {
+        let server = self.natnet_server.map(|_| "--natnet-server");
+        server.or(self.body.as_ref().map(|_| "--body")).or(self.up.map(|_| "--up"))
+    }
+
+    /// Connects to the source.
+    ///
+    /// # Errors
+    /// When there is no stream, or an option is for another source; the message says what to change.
+    pub fn open(&self) -> Result<Poses, Error> {
+        if let (Some(PoseKind::Udp(..)), Some(option)) = (self.pose, self.given_for_natnet()) {
+            return Err(Error::usage(format_args!("{option} is for --pose natnet alone")));
+        }
+        match self.pose.unwrap_or(PoseKind::NatNet) {
+            PoseKind::NatNet => {
+                NatNetSource::connect(self.settings()).map(Poses::NatNet).map_err(Error::from)
+            }
+            PoseKind::Udp(port, tracker) => {
+                let interface = self.interface.unwrap_or(Ipv4Addr::LOCALHOST);
+                UdpSource::bind(interface, port, tracker).map(Poses::Udp).map_err(|error| {
+                    Error::usage(format_args!(
+                        "cannot listen for poses at {interface}:{port}: {error}; choose another port, or the address of \
+                         a network card of this computer as --interface"
+                    ))
+                })
+            }
+        }
+    }
+}
+
+/// Reports once that poses are not those of a robot on the floor.
+#[derive(Debug, Default)]
+pub(super) struct HeightCheck {
+    is_over: bool,
+}
+
+impl HeightCheck {
+    pub(super) fn look(&mut self, sample: &PoseSample, is_planar: bool) {
+        if self.is_over || sample.trusted().is_none() {
+            return;
+        }
+        if let Some(trouble) = sample.pose.floating(is_planar) {
+            self.is_over = true;
+            complain(trouble);
+        }
+    }
+}
+
+/// A connected robot with its poses.
+pub struct Walk {
+    connection: Connection,
+    source: Poses,
+    interrupt: Interrupt,
+    heights: HeightCheck,
+}
+
+impl Walk {
+    /// Connects to the pose source, then to the robot.
+    ///
+    /// # Errors
+    /// When either is missing.
+    pub fn open(robot: &RobotArgs, poses: &PoseArgs) -> Result<Self, Error> {
+        let interrupt = Interrupt::listen().map_err(Error::usage)?;
+        let source = poses.open()?;
+        let connection = robot.begin(&interrupt)?;
+        Ok(Self { connection, source, interrupt, heights: HeightCheck::default() })
+    }
+
+    /// Accepts poses of any height: the robot hangs.
+    #[must_use]
+    pub fn above_the_floor(mut self) -> Self {
+        self.heights.is_over = true;
+        self
+    }
+
+    /// Drives to the end of the run. Returns the ending and the duration of driving, s. `message` is
+    /// the text of the progress bar.
+    ///
+    /// # Errors
+    /// When the network or the pose source fails; the robot is stopped then.
+    pub fn drive<H: Helm>(
+        &mut self,
+        pilot: &mut Pilot<H>,
+        message: impl Fn(&Pilot<H>) -> String,
+    ) -> Result<(Ending, f64), Error> {
+        self.drive_keeping(pilot, message, |_| Ok(()))
+    }
+
+    /// Drives as [`Self::drive`], and offers the helm to `keep` after every step; why it could not keep something ends
+    /// the run.
+    ///
+    /// # Errors
+    /// As for [`Self::drive`].
+    pub fn drive_keeping<H: Helm>(
+        &mut self,
+        pilot: &mut Pilot<H>,
+        message: impl Fn(&Pilot<H>) -> String,
+        mut keep: impl FnMut(&H) -> Result<(), String>,
+    ) -> Result<(Ending, f64), Error> {
+        let bar = ProgressBar::new_spinner();
+        if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {msg}") {
+            bar.set_style(style);
+        }
+        let mut poses = Vec::new();
+        let mut is_warned = false;
+        loop {
+            self.connection.step(SLICE)?;
+            let (client, now) = self.connection.operate();
+            poses.clear();
+            while let Some(sample) = self.source.poll(now)? {
+                bar.suspend(|| self.heights.look(&sample, self.source.is_planar()));
+                poses.push(sample);
+            }
+            if self.interrupt.is_raised() {
+                pilot.end(now, client, Ending::Interrupted);
+            }
+            let ending = pilot.step(now, client, &poses);
+            if let Err(trouble) = keep(pilot.helm()) {
+                pilot.end(now, client, Ending::NotRecorded(trouble));
+            }
+            if let Some(error) = pilot.unrecorded().filter(|_| !is_warned) {
+                is_warned = true;
+                bar.suspend(|| complain(error));
+            }
+            bar.set_message(message(pilot));
+            bar.tick();
+            if let Some(ending) = ending {
+                bar.finish_and_clear();
+                let seconds = now.since(pilot.driving_since().unwrap_or(now)).as_secs_f64();
+                return Ok((ending, seconds));
+            }
+        }
+    }
+
+    /// Closes the session. A stop stays latched until the next run or `flix clear`.
+    pub fn leave(mut self) {
+        self.connection.leave();
+    }
+
+    /// Begins the record of the run, and its stream where one is asked for.
+    ///
+    /// # Errors
+    /// As for [`record`], and when the stream's address cannot be had.
+    pub fn record(
+        &mut self,
+        args: &RecordArgs,
+        name: &str,
+        settings: BTreeMap<String, String>,
+    ) -> Result<Recorder, Error> {
+        let poses = Some(self.source.name());
+        let mut recorder = record(&args.out, &mut self.connection, poses, name, settings)?;
+        args.stream.start(&mut recorder)?;
+        Ok(recorder)
+    }
+
+    /// Returns the time of the run, which starts with the connection.
+    #[must_use]
+    pub fn now(&self) -> Instant {
+        self.connection.now()
+    }
+}
+
+/// Begins a record with the clock of a connection. `poses`: the name of their source, if there is one.
+///
+/// # Errors
+/// When the robot does not answer, or the file cannot be made.
+pub fn record(
+    out: &Path,
+    connection: &mut Connection,
+    poses: Option<String>,
+    name: &str,
+    settings: BTreeMap<String, String>,
+) -> Result<Recorder, Error> {
+    if !connection.client().is_connected(connection.now()) {
+        connection.wait_until_connected()?;
+    }
+    let mut run = BTreeMap::from([("clock".into(), "real time".into())]);
+    run.extend(poses.map(|poses| ("poses".into(), poses)));
+    let mut versions = BTreeMap::from([("flix".into(), env!("CARGO_PKG_VERSION").into())]);
+    if let Outcome::Identity(identity) = connection.ask(Command::Identify)? {
+        run.insert("robot".into(), printable(&identity.name).into_owned());
+        versions.insert("board".into(), printable(&identity.board).into_owned());
+        versions.insert("firmware".into(), printable(&identity.version).into_owned());
+    }
+    if let Some(telemetry) = connection.wait_for_telemetry(TELEMETRY_PATIENCE, |_| true)? {
+        run.insert("operator".into(), telemetry.operator.to_string());
+    }
+    let elapsed = Duration::from_micros(connection.now().as_micros());
+    let description = RunDescription { name: name.to_owned(), run, settings, versions };
+    Ok(Recorder::create(out, SystemTime::now() - elapsed, &description)?)
+}
+
+/// Returns an error for a run that did not finish.
+///
+/// # Errors
+/// For every ending except [`Ending::Finished`].
+pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
+    let exit = match ending {
+        Ending::Finished => return Ok(()),
+        Ending::Interrupted => Exit::Interrupted,
+        Ending::NoSession(error) => return Err(LinkError::Connect(*error).into()),
+        Ending::Lost | Ending::Lapsed => Exit::NoAnswer,
+        Ending::Revoked => Exit::Refused,
+        Ending::NotRecorded(_) => Exit::Usage,
+        Ending::Refused(refusal) => return Err(LinkError::Refused(refusal.clone()).into()),
+        Ending::Stopped(_)
+        | Ending::StoppedBy(_)
+        | Ending::OutOfTime(_)
+        | Ending::Faulted(_)
+        | Ending::NotReady(_) => Exit::RobotFault,
+    };
+    let mut sentence = match record {
+        Some(file) => format!("{ending} (record: {})", file.display()),
+        None => ending.to_string(),
+    };
+    let is_stopped = matches!(
+        ending,
+        Ending::Stopped(_)
+            | Ending::StoppedBy(_)
+            | Ending::Interrupted
+            | Ending::OutOfTime(_)
+            | Ending::NotReady(_)
+            | Ending::Lapsed
+            | Ending::NotRecorded(_)
+    );
+    if is_stopped {
+        sentence.push_str("; `flix clear` makes the robot ready again");
+    }
+    Err(Error::new(exit, sentence))
+}
+
+/// Returns an error for a record that is not complete, unless the run may go on without one: the
+/// results were printed, and the trouble was reported when it arose.
+///
+/// # Errors
+/// When the record is not complete.
+pub fn unrecorded(error: Option<RecordError>, is_allowed: bool) -> Result<(), Error> {
+    match error {
+        Some(error) if !is_allowed => Err(error.into()),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,974 @@
+//! The `flix` command line against a robot on loopback: exit codes, sentences, JSON, signals.
+use std::io::{Read, Write};
+use std::net::{SocketAddr, UdpSocket};
+use std::path::PathBuf;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::support::{FakeRobot, MODES, ServedRobot, key, seeded_loss};
+use flix_host::interrupt::Interrupt;
+use flix_host::keys;
+use flix_host::link::udp::Connection;
+use flix_host::nav::PlanarPose;
+use flix_host::pose::Pose;
+use flix_host::pose::natnet::{NatNetServer, ServerSettings};
+use flix_protocol::message::{Fault, Faults, ResetReason, Setpoint, State};
+use flix_protocol::session::Key;
+use flix_protocol::units::{Degrees, Hertz};
+
+/// An operator's account: a home of its own, and a key file.
+struct Operator {
+    home: tempfile::TempDir,
+    key: PathBuf,
+}
+
+impl Operator {
+    fn new() -> Self {
+        Self::with_key(&key())
+    }
+
+    fn with_key(secret: &Key) -> Self {
+        let home = tempfile::tempdir().unwrap();
+        let key = home.path().join("robot.key");
+        keys::write_new(&key, secret).unwrap();
+        Self { home, key }
+    }
+
+    /// `flix` with these words, then the key.
+    fn command(&self, words: &[&str]) -> Command {
+        let mut command = self.command_without_key(words);
+        command.arg("--key").arg(&self.key);
+        command
+    }
+
+    fn command_without_key(&self, words: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_flix"));
+        command
+            .args(words)
+            .env("XDG_CONFIG_HOME", self.home.path())
+            .env("HOME", self.home.path())
+            .env_remove("FLIX_KEY_FILE")
+            .env_remove("FLIX_ROBOT")
+            .current_dir(self.home.path())
+            .stdin(Stdio::null());
+        command
+    }
+
+    fn flix(&self, words: &[&str]) -> Ended {
+        Ended(self.command(words).output().unwrap())
+    }
+}
+
+/// A tracker that sends the poses of a robot on a circle, as text.
+struct Tracker {
+    /// For `--pose`.
+    source: String,
+    _end: std::sync::mpsc::Sender<()>,
+}
+
+impl Tracker {
+    const SPEED: f64 = 0.2;
+    const YAW_RATE: f64 = 1.0;
+
+    fn start() -> Self {
+        let free = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let (end, ended) = std::sync::mpsc::channel();
+        std::thread::spawn(move || {
+            let (socket, start) = (UdpSocket::bind("127.0.0.1:0").unwrap(), Instant::now());
+            let radius = Self::SPEED / Self::YAW_RATE;
+            let slice = Duration::from_millis(5);
+            while ended.recv_timeout(slice) == Err(std::sync::mpsc::RecvTimeoutError::Timeout) {
+                let heading = Self::YAW_RATE * start.elapsed().as_secs_f64();
+                let (x, y) = (radius * heading.sin(), radius * (1.0 - heading.cos()));
+                let _ = socket.send_to(format!("{x} {y} 0.06 0 0 {heading}").as_bytes(), free);
+            }
+        });
+        Self { source: format!("udp:{}", free.port()), _end: end }
+    }
+}
+
+struct Ended(Output);
+
+impl Ended {
+    fn code(&self) -> i32 {
+        self.0.status.code().unwrap()
+    }
+
+    fn stdout(&self) -> String {
+        String::from_utf8(self.0.stdout.clone()).unwrap()
+    }
+
+    fn stderr(&self) -> String {
+        String::from_utf8(self.0.stderr.clone()).unwrap()
+    }
+
+    fn json(&self) -> serde_json::Value {
+        serde_json::from_str(&self.stdout()).unwrap()
+    }
+
+    #[track_caller]
+    fn expect(self, code: i32, words: &[&str]) -> Self {
+        let said = self.stderr();
+        assert_eq!(self.code(), code, "stderr: {said}");
+        for word in words {
+            assert!(said.contains(word), "`{word}` is missing in: {said}");
+        }
+        if code != 0 {
+            assert_eq!(self.stdout(), "", "a failure prints nothing on stdout");
+        }
+        self
+    }
+}
+
+fn serve(robot: FakeRobot) -> (ServedRobot, String) {
+    let served = ServedRobot::steady(robot);
+    let address = served.address.to_string();
+    (served, address)
+}
+
+fn robot() -> FakeRobot {
+    FakeRobot::new(Some(key()))
+}
+
+const FORWARD: [&str; 6] = ["--frequency", "-30", "--direction", "30", "--for", "300ms"];
+
+fn drive<'a>(address: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    [&["drive", address][..], &FORWARD, more].concat()
+}
+
+#[test]
+fn drive_shakes_as_commanded_and_leaves_the_robot_disarmed() {
+    let (served, address) = serve(robot());
+    let ended = Operator::new().flix(&drive(&address, &["--json"])).expect(0, &[]);
+    let json = ended.json();
+    assert_eq!(json["commanded"]["frequency_hz"], -30.0);
+    assert_eq!(json["commanded"]["direction_deg"], 30.0);
+    assert!((json["held"]["frequency_hz"].as_f64().unwrap() + 30.0).abs() < 0.01);
+    assert_eq!(served.robot().state, State::Disarmed);
+    assert!(!served.robot().stopped, "a finished drive is no stop");
+}
+
+#[test]
+fn a_drive_with_poses_reports_how_the_robot_moved() {
+    let (_served, address) = serve(robot());
+    let tracker = Tracker::start();
+    let ended = Operator::new().flix(&drive(&address, &["--json", "--pose", &tracker.source]));
+    let json = ended.expect(0, &[]).json();
+    // Both are as fast as the tracker says, however long the drive was.
+    let moved = |name: &str| json["moved"][name].as_f64().unwrap();
+    let ratio = moved("turned_deg").to_radians() / moved("forward_m").hypot(moved("left_m"));
+    assert!((ratio - Tracker::YAW_RATE / Tracker::SPEED).abs() < 0.5, "{json}");
+    assert!(moved("yaw_rate_rad_s") > 0.5, "{json}");
+}
+
+#[test]
+fn drive_gets_through_a_link_that_loses_a_fifth() {
+    let served = ServedRobot::new(robot(), seeded_loss(3, 0.2));
+    let address = served.address.to_string();
+    Operator::new().flix(&drive(&address, &[])).expect(0, &[]);
+}
+
+#[test]
+fn a_drive_goes_on_after_its_commands_were_late_for_a_moment() {
+    let mut hears_late = robot();
+    hears_late.reports_of_late_commands = 5;
+    let (served, address) = serve(hears_late);
+    Operator::new().flix(&drive(&address, &[])).expect(0, &[]);
+    assert_eq!(served.robot().reports_of_late_commands, 0);
+    assert!(!served.robot().stopped);
+}
+
+#[test]
+fn numbers_out_of_range_are_usage_and_name_the_range() {
+    let operator = Operator::new();
+    for (frequency, direction, range) in [
+        ("36", "0", "-35 to 35"),
+        ("-35.5", "0", "-35 to 35"),
+        ("NaN", "0", "-35 to 35"),
+        ("-inf", "0", "-35 to 35"),
+        ("30", "91", "-90 to 90"),
+        ("30", "-nan", "-90 to 90"),
+    ] {
+        let words = [
+            "drive",
+            "127.0.0.1:9",
+            "--frequency",
+            frequency,
+            "--direction",
+            direction,
+            "--for",
+            "1s",
+        ];
+        operator.flix(&words).expect(2, &[range]);
+    }
+}
+
+#[test]
+fn a_robot_with_another_key_is_refused_with_a_sentence() {
+    let (_served, address) = serve(robot());
+    let other = Operator::with_key(&Key::new([8; 32]));
+    for words in [drive(&address, &[]), vec!["status", &address], vec!["stop", &address]] {
+        other.flix(&words).expect(20, &["key"]);
+    }
+}
+
+#[test]
+fn a_robot_without_a_key_is_refused_with_what_to_do() {
+    let (_served, address) = serve(FakeRobot::new(None));
+    Operator::new().flix(&["status", &address]).expect(20, &["no key yet", "provision"]);
+}
+
+#[test]
+fn nobody_there_is_no_answer() {
+    let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let address = silent.local_addr().unwrap().to_string();
+    Operator::new().flix(&["status", &address]).expect(10, &["does not answer"]);
+}
+
+#[test]
+fn a_name_that_nobody_knows_is_no_answer() {
+    let name = "no-such-robot.invalid";
+    Operator::new().flix(&["status", name]).expect(10, &[name, "flix discover"]);
+}
+
+#[test]
+fn a_robot_of_another_version_is_refused_with_what_to_update() {
+    const NEWER: u16 = flix_protocol::session::PROTOCOL_VERSION + 1;
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let address = socket.local_addr().unwrap().to_string();
+    let refuser = std::thread::spawn(move || refuse_version(&socket, NEWER));
+    Operator::new()
+        .flix(&["status", &address])
+        .expect(20, &[&format!("version {NEWER}"), "update this program"]);
+    refuser.join().unwrap();
+}
+
+/// Answers every Hello for a while as a robot of this version would; see `flix_protocol::frame`.
+fn refuse_version(socket: &UdpSocket, version: u16) {
+    socket.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
+    let start = Instant::now();
+    let mut hello = [0; 600];
+    while start.elapsed() < Duration::from_secs(2) {
+        let Ok((62, operator)) = socket.recv_from(&mut hello) else { continue };
+        let mut refusal = b"flx\x05\x01".to_vec();
+        refusal.extend(version.to_le_bytes());
+        refusal.extend(77u64.to_le_bytes());
+        refusal.extend(&hello[14..30]);
+        refusal.extend([0; 16]);
+        socket.send_to(&refusal, operator).unwrap();
+    }
+}
+
+#[test]
+fn a_robot_that_another_operator_holds_is_refused_as_busy() {
+    let (_served, address) = serve(robot());
+    let first = hold_session(address.parse().unwrap());
+    Operator::new().flix(&["status", &address]).expect(20, &["another operator", "owner"]);
+    first.0.raise();
+    first.1.join().unwrap();
+    Operator::new().flix(&["status", &address]).expect(0, &[]);
+}
+
+/// Another operator, who stays until the flag is raised.
+fn hold_session(address: SocketAddr) -> (Interrupt, std::thread::JoinHandle<()>) {
+    let ends = Interrupt::never();
+    let mut connection = Connection::open(address, key(), ends.clone()).unwrap();
+    connection.wait_until_connected().unwrap();
+    let thread = std::thread::spawn(move || {
+        let _ = connection.wait_for(Duration::from_secs(60), |_, _| None::<()>);
+    });
+    (ends, thread)
+}
+
+/// Starts a drive of a minute, and waits until the robot runs.
+fn long_drive(operator: &Operator, served: &ServedRobot) -> Child {
+    drive_until(operator, served, State::Running)
+}
+
+fn drive_until(operator: &Operator, served: &ServedRobot, state: State) -> Child {
+    let address = served.address.to_string();
+    let words = drive(&address, &[]);
+    run_until(operator, served, &[&words[..words.len() - 1], &["60s"]].concat(), state)
+}
+
+/// Starts to follow a circle, and waits for this state.
+fn track_until(
+    operator: &Operator,
+    served: &ServedRobot,
+    cameras: &Cameras,
+    state: State,
+) -> Child {
+    let modes = operator.home.path().join("modes.toml");
+    std::fs::write(&modes, MODES).unwrap();
+    let (robot, modes) = (served.address.to_string(), modes.to_str().unwrap());
+    let poses = ["--natnet-server", &cameras.address, "--modes", modes];
+    run_until(operator, served, &[&["track", &robot, "circle"][..], &poses].concat(), state)
+}
+
+fn run_until(operator: &Operator, served: &ServedRobot, words: &[&str], state: State) -> Child {
+    let mut command = operator.command(words);
+    let child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    wait_until(|| served.robot().state == state);
+    child
+}
+
+#[test]
+fn a_stop_while_the_motors_are_aligned_ends_a_run_by_name() {
+    let cameras = Cameras::start();
+    let operator = Operator::new();
+    let starts: [&dyn Fn(&ServedRobot) -> Child; 2] =
+        [&|served| drive_until(&operator, served, State::Aligning), &|served| {
+            track_until(&operator, served, &cameras, State::Aligning)
+        }];
+    for start in starts {
+        let mut robot = robot();
+        robot.aligns_for_ever = true;
+        let (served, _) = serve(robot);
+        let child = start(&served);
+        let bob = "bob".parse().unwrap();
+        let mut robot = served.robot();
+        (robot.state, robot.stopped, robot.stopped_by) = (State::Disarmed, true, bob);
+        drop(robot);
+        Ended(child.wait_with_output().unwrap()).expect(30, &["bob stopped the robot"]);
+    }
+}
+
+#[test]
+fn anybody_with_the_key_stops_a_drive_and_its_operator_learns_of_it() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let child = long_drive(&operator, &served);
+    Operator::new().flix(&["stop", &address]).expect(0, &[]);
+    assert!(served.robot().stopped);
+    Ended(child.wait_with_output().unwrap()).expect(30, &["owner stopped the robot"]);
+}
+
+#[test]
+fn a_drive_whose_robot_stops_by_itself_points_at_the_link() {
+    let (served, _) = serve(robot());
+    let operator = Operator::new();
+    let child = long_drive(&operator, &served);
+    served.robot().state = State::Disarmed;
+    let ended = Ended(child.wait_with_output().unwrap());
+    ended.expect(10, &["stopped by itself", "flix link-test", "flix clear"]);
+}
+
+#[test]
+fn everybody_learns_who_stopped_the_robot() {
+    let mut stopped = robot();
+    (stopped.stopped, stopped.stopped_by) = (true, "bob".parse().unwrap());
+    let (_served, address) = serve(stopped);
+    let operator = Operator::new();
+    let json = operator.flix(&["status", &address, "--json"]).expect(0, &[]).json();
+    assert_eq!((&json["stopped"], &json["stopped_by"]), (&true.into(), &"bob".into()));
+    let text = operator.flix(&["status", &address]).expect(0, &[]).stdout();
+    assert!(text.contains("stopped by bob: `flix clear`"), "{text}");
+    operator.flix(&drive(&address, &[])).expect(30, &["bob stopped the robot", "flix clear"]);
+    let doctor = operator.flix(&["doctor", &address, "--no-poses"]);
+    assert_eq!(doctor.code(), 30);
+    assert!(doctor.stdout().contains("bob stopped the robot"), "{}", doctor.stdout());
+}
+
+#[test]
+fn a_drive_whose_robot_restarts_states_the_stop_that_it_latched() {
+    let (served, _) = serve(robot());
+    let operator = Operator::new();
+    let child = long_drive(&operator, &served);
+    served.robot().restart();
+    let ended = Ended(child.wait_with_output().unwrap());
+    ended.expect(10, &["restarted", "has acknowledged a stop", "flix clear"]);
+    assert!(served.robot().stopped);
+}
+
+#[test]
+fn an_operator_whose_key_is_revoked_while_driving_is_told_so() {
+    let (served, _) = serve(robot());
+    let operator = Operator::new();
+    let child = long_drive(&operator, &served);
+    served.robot().revoke();
+    Ended(child.wait_with_output().unwrap()).expect(20, &["your key was revoked"]);
+}
+
+#[test]
+fn an_operator_whose_key_is_revoked_while_walking_is_told_so() {
+    let cameras = Cameras::start();
+    let (served, _) = serve(robot());
+    let operator = Operator::new();
+    let child = track_until(&operator, &served, &cameras, State::Running);
+    served.robot().revoke();
+    Ended(child.wait_with_output().unwrap()).expect(20, &["your key was revoked", ".mcap"]);
+}
+
+#[test]
+fn a_stop_with_another_key_is_refused() {
+    let (served, address) = serve(robot());
+    let other = Operator::with_key(&Key::new([8; 32]));
+    other.flix(&["stop", &address]).expect(20, &["another key"]);
+    assert!(!served.robot().stopped);
+}
+
+#[test]
+fn every_way_to_end_a_drive_stops_the_robot_first() {
+    for signal in ["INT", "TERM", "HUP", "QUIT"] {
+        let (served, _) = serve(robot());
+        let operator = Operator::new();
+        let child = long_drive(&operator, &served);
+        kill(signal, child.id());
+        let ended = Ended(child.wait_with_output().unwrap());
+        ended.expect(40, &["interrupted", "has acknowledged the stop"]);
+        assert!(served.robot().stopped, "SIG{signal}");
+        assert_eq!(served.robot().state, State::Disarmed, "SIG{signal}");
+    }
+}
+
+#[test]
+fn an_interrupted_drive_ends_even_when_the_robot_is_gone() {
+    let (served, _) = serve(robot());
+    let operator = Operator::new();
+    let child = long_drive(&operator, &served);
+    drop(served);
+    kill("INT", child.id());
+    let start = Instant::now();
+    Ended(child.wait_with_output().unwrap()).expect(40, &["has not acknowledged"]);
+    assert!(start.elapsed() < Duration::from_secs(5));
+}
+
+#[test]
+fn every_way_to_end_a_walk_stops_the_robot_first() {
+    let cameras = Cameras::start();
+    for signal in ["INT", "TERM", "HUP", "QUIT"] {
+        let (served, address) = serve(robot());
+        let operator = Operator::new();
+        let modes = operator.home.path().join("modes.toml");
+        std::fs::write(&modes, MODES).unwrap();
+        let mut command = operator.command(&["track", &address, "circle", "--pose", "natnet"]);
+        command.args(["--natnet-server", &cameras.address, "--modes"]).arg(&modes);
+        command.arg("--out").arg(operator.home.path());
+        let child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        wait_until(|| served.robot().state == State::Running);
+        kill(signal, child.id());
+        Ended(child.wait_with_output().unwrap()).expect(40, &["the robot was stopped", ".mcap"]);
+        assert!(served.robot().stopped, "SIG{signal}");
+        assert_eq!(served.robot().state, State::Disarmed, "SIG{signal}");
+    }
+}
+
+/// `flix track` whose files may not grow beyond 512 KiB, as on a full disk.
+fn track_on_a_full_disk(operator: &Operator, address: &str, cameras: &Cameras) -> Command {
+    let modes = operator.home.path().join("modes.toml");
+    std::fs::write(&modes, MODES).unwrap();
+    let mut shell = Command::new("bash");
+    // Without the signal, the write itself fails.
+    shell.args(["-c", "trap '' XFSZ; ulimit -f 512; exec \"$@\"", "bash"]);
+    shell.arg(env!("CARGO_BIN_EXE_flix")).args(["track", address, "circle", "--natnet-server"]);
+    shell.arg(&cameras.address).arg("--modes").arg(&modes).arg("--key").arg(&operator.key);
+    shell.arg("--out").arg(operator.home.path()).env("HOME", operator.home.path());
+    shell
+}
+
+#[test]
+fn a_full_disk_stops_the_robot_and_the_record_up_to_then_can_be_read() {
+    let cameras = Cameras::start();
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let output = track_on_a_full_disk(&operator, &address, &cameras).output().unwrap();
+    let ended = Ended(output);
+    let said = ended.stderr();
+    assert_eq!(said.matches("cannot write the record").count(), 1, "{said}");
+    ended.expect(2, &["cannot write the record", "the robot was stopped", "flix clear"]);
+    assert!(served.robot().stopped);
+    let runs = flix_host::record::list(operator.home.path()).unwrap().runs;
+    let run = flix_host::record::Run::read(&runs[0].file).unwrap();
+    assert!(!run.poses.is_empty() && !run.telemetry.is_empty());
+}
+
+#[test]
+fn a_full_disk_is_reported_at_once_when_the_run_goes_on_without_a_record() {
+    use std::io::{BufRead, BufReader};
+    let cameras = Cameras::start();
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let mut command = track_on_a_full_disk(&operator, &address, &cameras);
+    command.arg("--unrecorded").stderr(Stdio::piped()).stdout(Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    let mut said = String::new();
+    let mut errors = BufReader::new(child.stderr.take().unwrap());
+    while !said.contains("cannot write the record") {
+        assert_ne!(errors.read_line(&mut said).unwrap(), 0, "{said}");
+    }
+    assert_eq!(served.robot().state, State::Running, "it walks on");
+    kill("INT", child.id());
+    assert_eq!(child.wait().unwrap().code(), Some(40));
+}
+
+#[test]
+fn a_drive_whose_record_fails_reports_its_figures_all_the_same() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let mut long = Command::new("bash");
+    long.args([
+        "-c",
+        "trap '' XFSZ; ulimit -f 64; exec \"$@\"",
+        "bash",
+        env!("CARGO_BIN_EXE_flix"),
+    ])
+    .args(["drive", &address, "--frequency", "-30", "--direction", "30", "--for", "10s"])
+    .args(["--json", "--key"])
+    .arg(&operator.key)
+    .current_dir(operator.home.path())
+    .env("HOME", operator.home.path());
+    let ended = Ended(long.output().unwrap());
+    assert_eq!(ended.code(), 2, "{}", ended.stderr());
+    assert!(ended.stderr().contains("cannot write the record"), "{}", ended.stderr());
+    let json = ended.json();
+    assert!(json["held"]["frequency_hz"].is_number() && json["record"].is_null(), "{json}");
+    assert_eq!(served.robot().state, State::Disarmed);
+}
+
+#[test]
+fn a_program_that_panics_stops_the_robot_first() {
+    let (served, address) = serve(robot());
+    let mut connection =
+        Connection::open(address.parse().unwrap(), key(), Interrupt::never()).unwrap();
+    let program = std::thread::spawn(move || {
+        connection.wait_until_connected().unwrap();
+        connection.arm().unwrap();
+        let (client, now) = connection.operate();
+        client.hold(now, Setpoint::new(Hertz::saturating(30.0), Degrees::ZERO).unwrap());
+        connection
+            .wait_for_telemetry(Duration::from_secs(5), |it| it.state == State::Running)
+            .unwrap();
+        panic!("this test is about a program that breaks");
+    });
+    program.join().unwrap_err();
+    assert!(served.robot().stopped);
+    assert_eq!(served.robot().state, State::Disarmed);
+}
+
+/// One mode is enough to walk away with.
+/// Motion capture of a robot that goes back and forth on a circle of 0.4 m.
+struct Cameras {
+    address: String,
+    ends: Interrupt,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Cameras {
+    fn start() -> Self {
+        let settings = ServerSettings { multicast: None, ..ServerSettings::default() };
+        let mut server = NatNetServer::bind(([127, 0, 0, 1], 0).into(), settings).unwrap();
+        let address = server.local_addr().unwrap().to_string();
+        let ends = Interrupt::never();
+        let end = ends.clone();
+        let thread = std::thread::spawn(move || {
+            let begin = Instant::now();
+            while !end.is_raised() {
+                let time = begin.elapsed();
+                let y = 0.1 * time.as_secs_f64().sin();
+                let pose = Pose::planar(PlanarPose { x: 0.4, y, heading: 1.5 }, 0.06);
+                server.serve(flix_protocol::units::Instant::START + time).unwrap();
+                server.stream(time.as_secs_f64(), Some(&pose)).unwrap();
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        });
+        Self { address, ends, thread: Some(thread) }
+    }
+}
+
+impl Drop for Cameras {
+    fn drop(&mut self) {
+        self.ends.raise();
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn kill(signal: &str, process: u32) {
+    let signal = format!("-{signal}");
+    assert!(Command::new("kill").args([&signal, &process.to_string()]).status().unwrap().success());
+}
+
+#[track_caller]
+fn wait_until(condition: impl Fn() -> bool) {
+    let start = Instant::now();
+    while !condition() {
+        assert!(start.elapsed() < Duration::from_secs(10), "it did not come about");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn a_fault_ends_the_drive_with_its_name_and_what_to_do() {
+    let mut stalls = robot();
+    stalls.fault_when_running = Some(Fault::Stall);
+    let (_served, address) = serve(stalls);
+    Operator::new().flix(&drive(&address, &[])).expect(30, &["stall", "free the rotor"]);
+}
+
+#[test]
+fn a_stopped_robot_is_driven_again_only_after_clear() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    operator.flix(&["stop", &address]).expect(0, &[]);
+    assert!(served.robot().stopped);
+    operator.flix(&drive(&address, &[])).expect(30, &["owner stopped the robot", "flix clear"]);
+    operator.flix(&["clear", &address]).expect(0, &[]);
+    operator.flix(&drive(&address, &[])).expect(0, &[]);
+}
+
+#[test]
+fn a_stopped_robot_walks_again_only_after_clear() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    operator.flix(&["stop", &address]).expect(0, &[]);
+    let cameras = Cameras::start();
+    let modes = operator.home.path().join("modes.toml");
+    std::fs::write(&modes, MODES).unwrap();
+    let mut command = operator.command(&["track", &address, "circle"]);
+    command.args(["--natnet-server", &cameras.address, "--modes"]).arg(&modes);
+    command.arg("--out").arg(operator.home.path());
+    Ended(command.output().unwrap()).expect(30, &["flix clear"]);
+    assert!(served.robot().stopped, "only `flix clear` clears a latched stop");
+}
+
+#[test]
+fn commands_wait_for_a_state_that_passes() {
+    let operator = Operator::new();
+    for words in [&["clear"][..], &["drive"]] {
+        let mut busy = robot();
+        busy.ramps_down_for = 3;
+        let (served, address) = serve(busy);
+        let words = if words == ["drive"] { drive(&address, &[]) } else { vec!["clear", &address] };
+        operator.flix(&words).expect(0, &[]);
+        assert_eq!(served.robot().ramps_down_for, 0);
+    }
+}
+
+/// Starts a program at a terminal of 80 by 24 characters; returns it with the other side of that.
+fn at_a_terminal(mut command: Command) -> (Child, std::fs::File) {
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+    grantpt(&master).unwrap();
+    unlockpt(&master).unwrap();
+    let size = rustix::termios::Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 };
+    rustix::termios::tcsetwinsize(&master, size).unwrap();
+    let port = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
+    let terminal = || std::fs::File::options().read(true).write(true).open(&port).unwrap();
+    command.env("TERM", "xterm").stdin(terminal()).stdout(terminal()).stderr(terminal());
+    (command.spawn().unwrap(), std::fs::File::from(master))
+}
+
+#[test]
+fn teleop_shows_a_map_of_any_tracker_s_poses() {
+    let (_served, address) = serve(robot());
+    let (operator, tracker) = (Operator::new(), Tracker::start());
+    let (mut child, mut master) =
+        at_a_terminal(operator.command(&["teleop", &address, "--pose", &tracker.source]));
+    let (mut shown, mut bytes) = (String::new(), [0; 4096]);
+    // Every screen is drawn soon; without the map the end of the test's patience comes.
+    while !shown.contains("map,") {
+        let length = master.read(&mut bytes).unwrap();
+        shown.push_str(&String::from_utf8_lossy(&bytes[..length]));
+    }
+    master.write_all(b"\x1b").unwrap();
+    while master.read(&mut bytes).is_ok_and(|length| length > 0) {}
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+}
+
+#[test]
+fn teleop_stops_the_robot_when_its_terminal_closes() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    // Not its controlling terminal: no SIGHUP arrives, only the end of the input.
+    let (mut child, master) = at_a_terminal(operator.command(&["teleop", &address]));
+    let mut screen = master.try_clone().unwrap();
+    let (closing, closed) = std::sync::mpsc::channel::<()>();
+    let reader = std::thread::spawn(move || {
+        let mut bytes = [0; 4096];
+        while closed.try_recv().is_err() && screen.read(&mut bytes).is_ok() {}
+    });
+    wait_until(|| {
+        (&master).write_all(b"\r").unwrap();
+        served.robot().state == State::Armed
+    });
+    closing.send(()).unwrap();
+    drop(master);
+    reader.join().unwrap();
+    let start = Instant::now();
+    let status = loop {
+        if let Some(status) = child.try_wait().unwrap() {
+            break status;
+        }
+        if start.elapsed() > Duration::from_secs(10) {
+            child.kill().unwrap();
+            panic!("teleop goes on without a terminal");
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    assert_eq!(status.code(), Some(40));
+    assert!(served.robot().stopped, "the stop is latched");
+}
+
+/// Returns whether this process has a handler for SIGINT: bit 1 of the mask of caught signals.
+fn listens_for_interrupts(process: u32) -> bool {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap();
+    let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:")).unwrap();
+    u64::from_str_radix(caught.trim(), 16).unwrap() & 2 != 0
+}
+
+#[test]
+fn an_interrupted_search_or_check_is_interrupted_and_no_diagnosis() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    for words in [&["discover", "--for", "60"][..], &["doctor", &address]] {
+        let mut command = match words {
+            ["doctor", ..] => operator.command(words),
+            _ => operator.command_without_key(words),
+        };
+        let child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        wait_until(|| listens_for_interrupts(child.id()));
+        kill("INT", child.id());
+        Ended(child.wait_with_output().unwrap()).expect(40, &["interrupted"]);
+    }
+}
+
+#[test]
+fn status_tells_faults_in_plain_words_with_the_first_cause() {
+    let mut ill = robot();
+    ill.faults = Faults::NONE.with(Fault::OverCurrent).with(Fault::Stall);
+    ill.state = State::Faulted;
+    let (_served, address) = serve(ill);
+    let operator = Operator::new();
+    let json = operator.flix(&["status", &address, "--json"]).expect(0, &[]).json();
+    assert_eq!(json["state"], "faulted");
+    assert_eq!(json["first_fault"], "over-current");
+    assert_eq!(json["faults"][1]["name"], "stall");
+    assert_eq!(json["link"]["robot"]["dropped"]["forged"], 0);
+    let text = operator.flix(&["status", &address]).expect(0, &[]).stdout();
+    assert!(text.contains("first: over-current") && text.contains("free the rotor"), "{text}");
+}
+
+#[test]
+fn status_tells_why_the_robot_started() {
+    for (reset, said) in [
+        (ResetReason::PowerOn, "power-on"),
+        (ResetReason::panic("src/link.rs", 12), "a panic at src/link.rs:12"),
+    ] {
+        let mut started = robot();
+        started.reset = reset;
+        let (_served, address) = serve(started);
+        let operator = Operator::new();
+        let json = operator.flix(&["status", &address, "--json"]).expect(0, &[]).json();
+        assert_eq!(json["robot"]["reset_reason"], said);
+        let text = operator.flix(&["status", &address]).expect(0, &[]).stdout();
+        assert!(text.contains(&format!("after {said}")), "{text}");
+    }
+}
+
+#[test]
+fn status_counts_dropped_datagrams_by_reason() {
+    let (_served, address) = serve(robot());
+    let stranger = UdpSocket::bind("127.0.0.1:0").unwrap();
+    for _ in 0..5 {
+        stranger.send_to(b"junk", &address).unwrap();
+    }
+    let json = Operator::new().flix(&["status", &address, "--json"]).expect(0, &[]).json();
+    assert_eq!(json["link"]["robot"]["dropped"]["malformed"], 5);
+}
+
+#[test]
+fn link_test_measures_round_trip_and_loss() {
+    let served = ServedRobot::new(robot(), seeded_loss(11, 0.1));
+    let address = served.address.to_string();
+    let words = ["link-test", &address, "--for", "3s", "--json"];
+    let json = Operator::new().flix(&words).expect(0, &[]).json();
+    let loss = json["loss"].as_f64().unwrap();
+    assert!((0.08..0.32).contains(&loss), "0.19 there and back: {loss}");
+    let (half, most) = (&json["round_trip_ms"]["p50"], &json["round_trip_ms"]["p99"]);
+    assert!(half.as_f64().unwrap() <= most.as_f64().unwrap());
+}
+
+#[test]
+fn exported_settings_come_back_by_import() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let file = operator.home.path().join("walker.toml");
+    let file = file.to_str().unwrap();
+    operator.flix(&["parameters", "set", &address, "current_limit", "2.25"]).expect(0, &[]);
+    operator.flix(&["parameters", "export", &address, file]).expect(0, &[]);
+    operator.flix(&["parameters", "reset", &address]).expect(0, &[]);
+    assert!((served.robot().parameters[0].value - 1.5).abs() < 1e-6);
+    operator.flix(&["parameters", "import", &address, file]).expect(0, &[]);
+    assert!((served.robot().parameters[0].value - 2.25).abs() < 1e-6);
+    let shown = operator.flix(&["parameters", "get", &address, "current_limit"]).expect(0, &[]);
+    assert_eq!(shown.stdout(), "2.25 A\n");
+}
+
+#[test]
+fn a_file_with_one_wrong_value_sets_nothing() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let file = operator.home.path().join("wrong.toml");
+    std::fs::write(&file, "[settings]\ncurrent_limit = 2.0\nloop_gain = 99.0\n").unwrap();
+    let words = ["parameters", "import", &address, file.to_str().unwrap()];
+    operator.flix(&words).expect(2, &["loop_gain", "0.1 to 10", "nothing was changed"]);
+    assert!((served.robot().parameters[0].value - 1.5).abs() < 1e-6);
+}
+
+#[test]
+fn a_value_out_of_range_is_usage_and_names_the_range() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    let set = |value| operator.flix(&["parameters", "set", &address, "current_limit", value]);
+    set("-5").expect(2, &["0.1 to 3 A, not -5"]);
+    set("NaN").expect(2, &["current_limit: `NaN` is not a number"]);
+    let unknown = ["parameters", "get", &address, "colour"];
+    operator.flix(&unknown).expect(2, &["flix parameters list"]);
+}
+
+#[test]
+fn all_settings_are_listed() {
+    let (_served, address) = serve(robot());
+    let json =
+        Operator::new().flix(&["parameters", "list", &address, "--json"]).expect(0, &[]).json();
+    let names: Vec<_> = json.as_array().unwrap().iter().map(|it| &it["name"]).collect();
+    assert_eq!(names.len(), 6);
+    assert_eq!(names[5], "pole_pairs");
+}
+
+#[test]
+fn without_a_key_one_sentence_says_what_to_do() {
+    let operator = Operator::new();
+    let output = operator.command_without_key(&["status", "10.0.0.7"]).output().unwrap();
+    let ended = Ended(output).expect(2, &["10.0.0.7", "--key", "FLIX_KEY_FILE", "flix provision"]);
+    assert_eq!(ended.stderr().lines().count(), 1);
+}
+
+#[test]
+fn the_key_file_can_be_named_by_the_environment() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    let mut command = operator.command_without_key(&["status", &address]);
+    let empty =
+        operator.command_without_key(&["status", "10.0.0.7"]).env("FLIX_KEY_FILE", "").output();
+    Ended(empty.unwrap()).expect(2, &["is FLIX_KEY_FILE set, and empty?"]);
+    let output = command.env("FLIX_KEY_FILE", &operator.key).output().unwrap();
+    Ended(output).expect(0, &[]);
+}
+
+#[test]
+fn the_keyring_opens_a_robot_by_its_name() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    let keyring = keys::Keyring::in_directory(operator.home.path().join("flix/robots"));
+    keyring.store("walker", &key()).unwrap();
+    keyring.store_address("walker", &address).unwrap();
+    let output = operator.command_without_key(&["status", "walker"]).output().unwrap();
+    Ended(output).expect(0, &[]);
+}
+
+#[test]
+fn a_key_file_that_others_can_read_is_refused() {
+    use std::os::unix::fs::PermissionsExt;
+    let operator = Operator::new();
+    std::fs::set_permissions(&operator.key, std::fs::Permissions::from_mode(0o644)).unwrap();
+    operator.flix(&["status", "127.0.0.1:9"]).expect(2, &["chmod 600"]);
+}
+
+#[test]
+fn keygen_makes_a_private_file_and_does_not_show_the_key() {
+    use std::os::unix::fs::PermissionsExt;
+    let operator = Operator::new();
+    let file = operator.home.path().join("new.key");
+    let output =
+        operator.command_without_key(&["keygen", file.to_str().unwrap()]).output().unwrap();
+    let ended = Ended(output).expect(0, &[]);
+    let secret = std::fs::read_to_string(&file).unwrap();
+    assert!(!ended.stdout().contains(secret.trim()) && !ended.stderr().contains(secret.trim()));
+    assert_eq!(std::fs::metadata(&file).unwrap().permissions().mode() & 0o777, 0o600);
+    let again = operator.command_without_key(&["keygen", file.to_str().unwrap()]).output().unwrap();
+    Ended(again).expect(2, &["exists already"]);
+}
+
+#[test]
+fn every_shell_gets_its_completions() {
+    let operator = Operator::new();
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let output = operator.command_without_key(&["completions", shell]).output().unwrap();
+        assert!(Ended(output).expect(0, &[]).stdout().contains("link-test"), "{shell}");
+    }
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let operator = Operator::new();
+    let mut command = operator.command_without_key(&["completions", "bash"]);
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    Ended(child.wait_with_output().unwrap()).expect(0, &[]);
+}
+
+#[test]
+fn a_frequency_of_zero_is_driven_too() {
+    let (served, address) = serve(robot());
+    let words =
+        ["drive", &address, "--frequency", "0", "--direction", "-90", "--for", "200ms", "--json"];
+    let json = Operator::new().flix(&words).expect(0, &[]).json();
+    assert_eq!(json["held"]["frequency_hz"], 0.0);
+    assert_eq!(served.robot().setpoint.frequency(), Hertz::ZERO);
+}
+
+#[test]
+fn the_list_of_settings_states_what_each_is_for() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    let list = operator.flix(&["parameters", "list", &address]).expect(0, &[]).stdout();
+    let sentence = flix_protocol::settings::description("current_limit").unwrap();
+    let mut lines = list.lines().skip_while(|line| !line.starts_with("current_limit"));
+    assert_eq!(lines.nth(1).map(str::trim), Some(sentence), "{list}");
+}
+
+#[test]
+fn a_setting_is_changed_on_the_robot_of_the_environment() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let mut set = operator.command(&["parameters", "set", "current_limit", "1.5"]);
+    Ended(set.env("FLIX_ROBOT", address).output().unwrap()).expect(0, &[]);
+    let limit =
+        served.robot().parameters.iter().find(|it| it.name == "current_limit").unwrap().value;
+    assert_eq!(limit, 1.5);
+}
+
+#[test]
+fn every_command_has_a_manual_page() {
+    let operator = Operator::new();
+    Ended(operator.command_without_key(&["man", "pages"]).output().unwrap()).expect(0, &[]);
+    let pages = operator.home.path().join("pages");
+    for command in flix_cli::Cli::description().get_subcommands().filter(|it| !it.is_hide_set()) {
+        let page =
+            std::fs::read_to_string(pages.join(format!("flix-{}.1", command.get_name()))).unwrap();
+        assert!(page.contains(".SH SYNOPSIS"), "{}", command.get_name());
+    }
+}
+
+#[test]
+fn a_drive_is_recorded_unless_that_is_declined() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    let json = operator.flix(&drive(&address, &["--json"])).expect(0, &[]).json();
+    let run = flix_host::record::Run::read(
+        json["record"].as_str().map(|file| operator.home.path().join(file)).unwrap().as_ref(),
+    )
+    .unwrap();
+    assert!(run.is_complete && !run.telemetry.is_empty(), "{} rows", run.telemetry.len());
+    assert_eq!(run.fact("results", "ending"), "finished");
+    std::fs::write(operator.home.path().join("out/runs/0.mcap"), "no record").unwrap();
+    let list = operator.command_without_key(&["runs", "list"]).output().unwrap();
+    let list = Ended(list).expect(0, &[]).stdout();
+    assert!(list.contains("finished, within 0.000 Hz"), "{list}");
+    assert!(list.contains("not a record of a run") && !list.contains("repair"), "{list}");
+    assert_eq!(run.commands.iter().map(|row| row.frequency_hz).collect::<Vec<_>>(), [-30.0]);
+    let json = operator.flix(&drive(&address, &["--json", "--no-record"])).expect(0, &[]).json();
+    assert!(json["record"].is_null());
+}

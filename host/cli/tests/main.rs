@@ -1,0 +1,11 @@
+//! The promises of `flix`: one file each, one binary for all.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "../../tests/support/mod.rs"]
+mod support;
+
+mod bad_inputs;
+mod command_line;
+#[cfg(unix)]
+mod provision;
+mod teleop;

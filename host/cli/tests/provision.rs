@@ -1,0 +1,453 @@
+//! `flix provision` on a pseudo-terminal with a robot's serial end behind it.
+use std::fs::{self, File};
+use std::io::{Read, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::path::PathBuf;
+use std::process::{Command, Output, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+
+use flix_host::keys::Keyring;
+use flix_protocol::message::{Identity, ResetReason};
+use flix_protocol::provision::{
+    Answer, FrameReader, ProvisionRefusal, Provisioning, Request, write_frame,
+};
+use flix_protocol::session::{Key, Operator as Holder, Operators};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+
+/// What a robot stores.
+#[derive(Clone)]
+struct Kept {
+    provisioning: Provisioning,
+    operators: Operators,
+}
+
+impl std::ops::Deref for Kept {
+    type Target = Provisioning;
+
+    fn deref(&self) -> &Provisioning {
+        &self.provisioning
+    }
+}
+
+impl Kept {
+    /// Returns the first operator's key.
+    fn key(&self) -> Key {
+        self.operators.iter().next().unwrap().key()
+    }
+
+    fn names(&self) -> Vec<String> {
+        self.operators.names().iter().map(|name| name.to_string()).collect()
+    }
+}
+
+/// A robot at the other end of a cable, which also logs to it.
+struct CabledRobot {
+    port: PathBuf,
+    kept: Arc<Mutex<Option<Kept>>>,
+    asked: Arc<Mutex<Vec<Request>>>,
+    ends: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl CabledRobot {
+    fn new() -> Self {
+        Self::with_trouble(0, None)
+    }
+
+    /// Is deaf to its first `deaf` requests, then refuses with this, if anything.
+    fn with_trouble(mut deaf: u32, refusal: Option<ProvisionRefusal>) -> Self {
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        grantpt(&master).unwrap();
+        unlockpt(&master).unwrap();
+        let port = PathBuf::from(ptsname(&master, Vec::new()).unwrap().into_string().unwrap());
+        // As long as one end stays open here, the cable is never cut.
+        let held = File::options().read(true).write(true).open(&port).unwrap();
+        let kept = Arc::new(Mutex::new(None));
+        let asked = Arc::new(Mutex::new(Vec::new()));
+        let ends = Arc::new(AtomicBool::new(false));
+        let (shared, log, stop) = (Arc::clone(&kept), Arc::clone(&asked), Arc::clone(&ends));
+        let thread = std::thread::spawn(move || {
+            let mut master = File::from(master);
+            let mut reader = FrameReader::new();
+            let mut bytes = [0; 64];
+            while !stop.load(Ordering::SeqCst) {
+                let Ok(length) = master.read(&mut bytes) else { break };
+                let mut requests: Vec<Request> = Vec::new();
+                requests.extend(bytes[..length].iter().filter_map(|byte| reader.push(*byte)));
+                for request in requests {
+                    log.lock().unwrap().push(request.clone());
+                    if deaf > 0 {
+                        deaf -= 1;
+                        master.write_all(b"I (42) boot: not there yet\r\n").unwrap();
+                        continue;
+                    }
+                    let answer = answer(&mut shared.lock().unwrap(), request, refusal);
+                    master.write_all(b"I (99) flix: answering\r\n").unwrap();
+                    master.write_all(&write_frame(&answer).unwrap()).unwrap();
+                }
+            }
+            drop(held);
+        });
+        Self { port, kept, asked, ends, thread: Some(thread) }
+    }
+
+    fn kept(&self) -> Kept {
+        self.kept.lock().unwrap().clone().unwrap()
+    }
+}
+
+fn answer(kept: &mut Option<Kept>, request: Request, refusal: Option<ProvisionRefusal>) -> Answer {
+    match (request, refusal) {
+        (Request::Identify, _) => Answer::Identity {
+            identity: Identity {
+                name: kept.as_ref().map_or("", |kept| kept.name()).try_into().unwrap(),
+                board: "bench".try_into().unwrap(),
+                version: "0.1.0".try_into().unwrap(),
+                reset: ResetReason::PowerOn,
+            },
+            has_key: kept.is_some(),
+        },
+        (Request::Prove(challenge, id), _) => {
+            let holder = kept.as_ref().and_then(|kept| kept.operators.find(&id));
+            Answer::Proof(holder.map(|holder| holder.key().prove(&challenge)))
+        }
+        (Request::Operators, _) => {
+            Answer::Operators(kept.as_ref().map(|it| it.operators.names()).unwrap_or_default())
+        }
+        (_, Some(refusal)) => Answer::Refused(refusal),
+        (Request::Provision(provisioning, operator), None) => {
+            let former = kept.take().map(|kept| kept.operators);
+            let known = former.filter(|it| it.find(&operator.key().id()).is_some());
+            let mut operators = known.unwrap_or_default();
+            operators.add(operator).unwrap();
+            *kept = Some(Kept { provisioning, operators });
+            Answer::Done
+        }
+        (Request::Add(operator), None) => match kept.as_mut().unwrap().operators.add(operator) {
+            Ok(()) => Answer::Done,
+            Err(error) => Answer::Refused(error.into()),
+        },
+        (Request::Revoke(name), None) => {
+            kept.as_mut().unwrap().operators.revoke(name);
+            Answer::Done
+        }
+        (Request::Forget, None) => {
+            *kept = None;
+            Answer::Done
+        }
+    }
+}
+
+impl Drop for CabledRobot {
+    fn drop(&mut self) {
+        self.ends.store(true, Ordering::SeqCst);
+        // Wakes the thread.
+        let _ = File::options().write(true).open(&self.port).and_then(|mut it| it.write_all(b"\n"));
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+struct Operator {
+    home: tempfile::TempDir,
+}
+
+impl Operator {
+    fn new() -> Self {
+        Self { home: tempfile::tempdir().unwrap() }
+    }
+
+    fn keyring(&self) -> Keyring {
+        Keyring::in_directory(self.home.path().join("flix/robots"))
+    }
+
+    fn provision(&self, robot: &CabledRobot, words: &[&str]) -> Output {
+        Command::new(env!("CARGO_BIN_EXE_flix"))
+            .args(["provision", "--port", robot.port.to_str().unwrap()])
+            .args(words)
+            .env("XDG_CONFIG_HOME", self.home.path())
+            .env("HOME", self.home.path())
+            .env("FLIX_NETWORK_PASSWORD", "correct horse")
+            .env("USER", "anna.b")
+            .current_dir(self.home.path())
+            .stdin(Stdio::null())
+            .output()
+            .unwrap()
+    }
+
+    #[track_caller]
+    fn provisions(&self, robot: &CabledRobot, words: &[&str]) -> String {
+        let output = self.provision(robot, words);
+        let said = String::from_utf8(output.stdout).unwrap();
+        let complaint = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(0), "{complaint}");
+        said + &complaint
+    }
+
+    #[track_caller]
+    fn fails(&self, robot: &CabledRobot, words: &[&str], code: i32, word: &str) {
+        let output = self.provision(robot, words);
+        let complaint = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{complaint}");
+        assert!(complaint.contains(word), "`{word}` is missing in: {complaint}");
+    }
+}
+
+#[test]
+fn a_new_robot_gets_name_network_password_and_the_key_that_is_kept() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    let kept = robot.kept();
+    assert_eq!(
+        (kept.name(), kept.network(), kept.password()),
+        ("walker-1", "lab", "correct horse")
+    );
+    assert_eq!(operator.keyring().key("walker-1").unwrap(), kept.key());
+}
+
+#[test]
+fn neither_key_nor_password_is_shown() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    let said = operator.provisions(&robot, &["--ssid", "lab"]);
+    let text = robot.kept().key().to_text();
+    let key = std::str::from_utf8(text.as_slice()).unwrap();
+    assert!(!said.contains(key) && !said.contains("correct horse"), "{said}");
+}
+
+#[test]
+fn the_key_file_is_for_its_owner_alone() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab", "--name", "rover"]);
+    let mode = fs::metadata(operator.keyring().key_file("rover")).unwrap().permissions().mode();
+    assert_eq!(mode & 0o777, 0o600);
+}
+
+#[test]
+fn a_robot_that_is_still_starting_is_asked_again() {
+    let (operator, robot) = (Operator::new(), CabledRobot::with_trouble(2, None));
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    assert!(robot.asked.lock().unwrap().len() >= 4);
+}
+
+#[test]
+fn another_network_keeps_name_and_key() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab", "--name", "rover"]);
+    let first = robot.kept();
+    operator.provisions(&robot, &["--ssid", "home"]);
+    let second = robot.kept();
+    assert_eq!((second.name(), second.network()), ("rover", "home"));
+    assert_eq!(first.key(), second.key());
+}
+
+#[test]
+fn a_key_is_rotated_on_demand_and_the_robot_has_what_is_kept() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    let first = robot.kept().key();
+    operator.provisions(&robot, &["--ssid", "lab", "--new-key"]);
+    assert_ne!(first, robot.kept().key());
+    assert_eq!(operator.keyring().key("walker-1").unwrap(), robot.kept().key());
+}
+
+#[test]
+fn a_refused_rotation_keeps_the_old_key() {
+    let operator = Operator::new();
+    let robot = CabledRobot::new();
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    let first = operator.keyring().key("walker-1").unwrap();
+    let driving = CabledRobot::with_trouble(0, Some(ProvisionRefusal::Driving));
+    let words = ["--ssid", "lab", "--name", "walker-1", "--new-key"];
+    operator.fails(&driving, &words, 30, "disarm");
+    assert_eq!(operator.keyring().key("walker-1").unwrap(), first);
+}
+
+#[test]
+fn two_robots_never_share_a_key() {
+    let operator = Operator::new();
+    let (first, second) = (CabledRobot::new(), CabledRobot::new());
+    operator.provisions(&first, &["--ssid", "lab", "--name", "rover"]);
+    operator.fails(&second, &["--ssid", "lab", "--name", "rover"], 20, "another --name");
+    operator.provisions(&second, &["--ssid", "lab"]);
+    assert_ne!(first.kept().key(), second.kept().key());
+}
+
+/// Returns whether the device was ever sent this key.
+fn was_sent(device: &CabledRobot, key: &Key) -> bool {
+    let is_it = |request: &Request| matches!(request, Request::Provision(_, sent) | Request::Add(sent) if sent.key() == *key);
+    device.asked.lock().unwrap().iter().any(is_it)
+}
+
+#[test]
+fn a_device_that_claims_a_known_name_is_not_handed_its_key() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab", "--name", "rover"]);
+    let device = CabledRobot::new();
+    let provisioning = Provisioning::new("rover", "lab", "password", None).unwrap();
+    let operators = Operators::from(Some(Key::new([9; 32])));
+    *device.kept.lock().unwrap() = Some(Kept { provisioning, operators });
+    for words in [&["--ssid", "lab"][..], &["--ssid", "lab", "--name", "rover"]] {
+        operator.fails(&device, words, 20, "--new-key");
+    }
+    for task in [&["--operators"][..], &["--add-operator", "bob"], &["--revoke-operator", "owner"]]
+    {
+        operator.fails(&device, task, 20, "does not have it");
+    }
+    assert_eq!(device.kept().names(), ["owner"]);
+    assert!(!was_sent(&device, &robot.kept().key()));
+    assert_eq!(operator.keyring().key("rover").unwrap(), robot.kept().key());
+}
+
+#[test]
+fn a_robot_that_forgot_its_key_gets_a_new_one_and_the_old_is_sent_to_nobody() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab", "--name", "rover"]);
+    let old = robot.kept().key();
+    robot.asked.lock().unwrap().clear();
+    operator.provisions(&robot, &["--forget"]);
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    assert_eq!(robot.kept().name(), "walker-1");
+    operator.provisions(&robot, &["--ssid", "lab", "--name", "rover", "--new-key"]);
+    assert_eq!(operator.keyring().key("rover").unwrap(), robot.kept().key());
+    assert!(!was_sent(&robot, &old));
+}
+
+#[test]
+fn operators_are_added_with_keys_of_their_own_listed_and_revoked() {
+    let (anna, robot) = (Operator::new(), CabledRobot::new());
+    anna.provisions(&robot, &["--ssid", "lab"]);
+    assert_eq!(robot.kept().names(), ["anna-b"]);
+    let said = anna.provisions(&robot, &["--add-operator", "bob"]);
+    let file = anna.home.path().join("walker-1-bob.key");
+    let key = flix_host::keys::read(&file).unwrap();
+    let text = String::from_utf8(key.to_text().to_vec()).unwrap();
+    assert!(said.contains("walker-1-bob.key") && !said.contains(&text), "{said}");
+    let bob = Holder::new("bob".parse().unwrap(), &key);
+    assert_eq!(robot.kept().operators.iter().nth(1), Some(&bob));
+    assert_eq!(anna.provisions(&robot, &["--operators"]), "anna-b\nbob\n");
+
+    // With his key in his keyring, bob owns the robot as anna does: another network keeps both.
+    let his = Operator::new();
+    his.keyring().store("walker-1", &key).unwrap();
+    his.provisions(&robot, &["--ssid", "home", "--operator", "robert"]);
+    assert_eq!(
+        (robot.kept().network(), robot.kept().names()),
+        ("home", vec!["anna-b".into(), "robert".into()])
+    );
+
+    his.fails(&robot, &["--revoke-operator", "carla"], 2, "anna-b, robert");
+    his.provisions(&robot, &["--revoke-operator", "anna-b"]);
+    assert_eq!(robot.kept().names(), ["robert"]);
+    anna.fails(&robot, &["--operators"], 20, "--new-key");
+}
+
+#[test]
+fn an_operator_that_the_robot_refuses_leaves_no_key_behind() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab", "--operator", "anna"]);
+    operator.fails(&robot, &["--add-operator", "anna"], 30, "another operator has this name");
+    assert!(!operator.home.path().join("walker-1-anna.key").exists());
+    let file = operator.home.path().join("known.key");
+    fs::write(&file, "mine").unwrap();
+    let words = ["--add-operator", "bob", "--key-file", "known.key"];
+    operator.fails(&robot, &words, 2, "exists already");
+    assert_eq!(fs::read_to_string(file).unwrap(), "mine");
+    assert_eq!(robot.kept().names(), ["anna"]);
+}
+
+#[test]
+fn a_new_key_erases_all_former_ones_and_says_whose() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab", "--operator", "anna"]);
+    operator.provisions(&robot, &["--add-operator", "bob"]);
+    let kept = operator.provisions(&robot, &["--ssid", "home", "--operator", "anna"]);
+    assert!(!kept.contains("erased"), "{kept}");
+    let said = operator.provisions(&robot, &["--ssid", "lab", "--new-key"]);
+    assert!(said.contains("erased: anna, bob"), "{said}");
+    assert_eq!(robot.kept().names(), ["anna-b"]);
+}
+
+#[test]
+fn a_robot_without_an_owner_has_no_operators_to_change() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    for task in [&["--operators"][..], &["--add-operator", "bob"], &["--revoke-operator", "bob"]] {
+        operator.fails(&robot, task, 30, "provision it first");
+    }
+}
+
+#[test]
+fn a_fixed_address_is_sent_and_remembered() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    let words = ["--ssid", "lab", "--address", "10.0.0.7/24", "--gateway", "10.0.0.1"];
+    operator.provisions(&robot, &words);
+    let address = robot.kept().address().unwrap();
+    assert_eq!((address.address, address.prefix_length), ([10, 0, 0, 7], 24));
+    assert_eq!(address.gateway, Some([10, 0, 0, 1]));
+    assert_eq!(operator.keyring().address("walker-1").as_deref(), Some("10.0.0.7"));
+}
+
+#[test]
+fn the_password_can_come_from_a_file() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    let file = operator.home.path().join("password");
+    fs::write(&file, "from a file\n").unwrap();
+    operator.provisions(&robot, &["--ssid", "lab", "--password-file", file.to_str().unwrap()]);
+    assert_eq!(robot.kept().password(), "from a file");
+}
+
+#[test]
+fn an_open_network_has_no_password() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "café", "--open"]);
+    assert_eq!((robot.kept().network(), robot.kept().password()), ("café", ""));
+}
+
+#[test]
+fn a_robot_forgets_before_it_is_given_away() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    operator.provisions(&robot, &["--forget"]);
+    assert!(robot.kept.lock().unwrap().is_none());
+}
+
+#[test]
+fn values_that_no_robot_takes_are_usage() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    for (words, word) in [
+        (&["--ssid", ""][..], "network"),
+        (&["--ssid", &"x".repeat(33)], "network"),
+        (&["--ssid", "lab", "--name", "a b"], "name"),
+        (&["--ssid", "lab", "--address", "10.0.0.7"], "10.0.0.7/24"),
+        (&["--ssid", "lab", "--operator", "a b"], "operator's name"),
+        (&["--add-operator", "a-name-too-long-x"], "operator's name"),
+        (&["--ssid", "lab", "--operators"], "--operators"),
+        (&["--name", "rover", "--forget"], "--forget"),
+        (&[], "--add-operator"),
+        (&["--ssid", "lab", "--password-file", "/nonexistent"], "/nonexistent"),
+    ] {
+        operator.fails(&robot, words, 2, word);
+    }
+    assert!(robot.kept.lock().unwrap().is_none());
+}
+
+#[test]
+fn a_port_that_is_not_there_is_usage_with_what_to_look_for() {
+    let operator = Operator::new();
+    let output = Command::new(env!("CARGO_BIN_EXE_flix"))
+        .args(["provision", "--port", "/dev/ttyNONE", "--ssid", "lab"])
+        .env("XDG_CONFIG_HOME", operator.home.path())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8(output.stderr).unwrap().contains("dialout"));
+}
+
+#[test]
+fn a_silent_port_is_no_answer() {
+    let operator = Operator::new();
+    let robot = CabledRobot::with_trouble(u32::MAX, None);
+    operator.fails(&robot, &["--ssid", "lab"], 10, "no robot answers");
+}

@@ -1,0 +1,282 @@
+//! The teleoperation screen: what it shows, as pictures kept in files, and what its keys do.
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use crate::support::{FakeRobot, key};
+use flix_cli::teleop::view;
+use flix_host::link::Client;
+use flix_host::nav::PlanarPose;
+use flix_host::pose::{Pose, PoseSample};
+use flix_host::teleop::Cockpit;
+use flix_host::teleop::action::{Action, Mode};
+use flix_host::teleop::cockpit::Sample;
+use flix_protocol::message::{Fault, Setpoint, State};
+use flix_protocol::units::Instant;
+use ratatui::Terminal;
+use ratatui::backend::TestBackend;
+
+/// An operator at the screen of a robot that answers at once.
+struct Desk {
+    now: Instant,
+    client: Client,
+    robot: FakeRobot,
+    cockpit: Cockpit,
+    is_cut: bool,
+}
+
+impl Desk {
+    fn new() -> Self {
+        let now = Instant::from_micros(5_000_000);
+        let mut desk = Self {
+            now,
+            client: Client::new(key(), [9; 32], now),
+            robot: FakeRobot::new(Some(key())),
+            cockpit: Cockpit::new("walker-1", now),
+            is_cut: false,
+        };
+        desk.run(Duration::from_millis(700));
+        desk
+    }
+
+    fn armed() -> Self {
+        let mut desk = Self::new();
+        desk.press(Action::Arm);
+        assert_eq!(desk.robot.state, State::Armed);
+        desk
+    }
+
+    fn press(&mut self, action: Action) {
+        self.cockpit.act(action, &mut self.client, self.now);
+        self.run(Duration::from_millis(100));
+    }
+
+    fn run(&mut self, duration: Duration) {
+        let operator: SocketAddr = "10.0.0.1:5000".parse().unwrap();
+        let end = self.now + duration;
+        while self.now < end {
+            let mut answers = self.robot.tick(self.now);
+            while let Some(frame) = self.client.transmit(self.now) {
+                if !self.is_cut {
+                    answers.extend(self.robot.receive(self.now, operator, &frame));
+                }
+            }
+            for (_, datagram) in answers {
+                if !self.is_cut {
+                    self.client.receive(self.now, &datagram);
+                }
+            }
+            while let Some(update) = self.client.update() {
+                self.cockpit.observe(&update, &mut self.client, self.now);
+            }
+            self.cockpit.tick(&self.client, self.now);
+            self.now = self.now + Duration::from_millis(1);
+        }
+    }
+
+    fn picture(&self, width: u16, height: u16) -> String {
+        let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+        terminal.draw(|frame| view::draw(frame, &self.cockpit)).unwrap();
+        terminal.backend().to_string()
+    }
+}
+
+#[test]
+fn a_new_session_fits_80_by_24() {
+    insta::assert_snapshot!(Desk::new().picture(80, 24));
+}
+
+#[test]
+fn a_walk_shows_setpoint_rotors_and_force() {
+    let mut desk = Desk::armed();
+    desk.press(Action::Walk(Mode::LeftTurn));
+    desk.run(Duration::from_secs(6));
+    desk.press(Action::Walk(Mode::Forward));
+    desk.run(Duration::from_secs(6));
+    insta::assert_snapshot!(desk.picture(80, 24));
+}
+
+#[test]
+fn a_fault_is_shown_in_plain_words_with_its_first_cause() {
+    let mut desk = Desk::armed();
+    desk.robot.fault_when_running = Some(Fault::Stall);
+    desk.press(Action::Walk(Mode::RightTurn));
+    insta::assert_snapshot!(desk.picture(80, 24));
+}
+
+#[test]
+fn a_silent_robot_is_shown_as_such() {
+    let mut desk = Desk::armed();
+    desk.press(Action::Walk(Mode::Forward));
+    desk.is_cut = true;
+    desk.run(Duration::from_millis(600));
+    insta::assert_snapshot!(desk.picture(80, 24));
+}
+
+#[test]
+fn a_larger_terminal_gives_room_to_histories_and_log() {
+    let mut desk = Desk::armed();
+    desk.press(Action::Walk(Mode::StrafeRight));
+    desk.run(Duration::from_secs(20));
+    insta::assert_snapshot!(desk.picture(120, 40));
+}
+
+#[test]
+fn a_tiny_terminal_still_shows_state_and_stop() {
+    let desk = Desk::armed();
+    for (width, height) in [(1, 1), (10, 2), (79, 24), (80, 23), (40, 6), (300, 3)] {
+        let picture = desk.picture(width, height);
+        if width >= 40 {
+            assert!(picture.contains("ARMED") && picture.contains("space = stop"), "{picture}");
+        }
+    }
+}
+
+#[test]
+fn every_mode_key_drives_its_pair_of_table_iv() {
+    for mode in Mode::ALL {
+        let mut desk = Desk::armed();
+        desk.press(Action::Walk(mode));
+        assert_eq!(desk.robot.setpoint, mode.setpoint(), "{mode:?}");
+        assert_eq!(desk.robot.state, State::Running);
+    }
+}
+
+#[test]
+fn f_and_theta_move_in_steps_and_stay_in_range() {
+    let mut desk = Desk::armed();
+    desk.press(Action::Walk(Mode::Forward));
+    for _ in 0..20 {
+        desk.press(Action::Frequency(-1.0));
+        desk.press(Action::Direction(5.0));
+    }
+    assert_eq!(desk.robot.setpoint.frequency().get(), -35.0);
+    assert_eq!(desk.robot.setpoint.direction().get(), 90.0);
+    desk.press(Action::Frequency(0.1));
+    assert_eq!(desk.robot.setpoint.frequency().get(), -34.9);
+}
+
+#[test]
+fn a_line_of_force_at_90_degrees_does_not_seem_to_jump() {
+    let mut desk = Desk::armed();
+    desk.press(Action::Walk(Mode::LeftTurn));
+    let mut telemetry = desk.robot.telemetry(desk.now);
+    for (measured, shown) in [(89.5, 89.5), (-89.5, 90.5), (90.0, 90.0), (-90.0, 90.0)] {
+        telemetry.direction = flix_protocol::units::Degrees::saturating(measured);
+        assert_eq!(Sample::of(&telemetry).direction, shown);
+    }
+}
+
+#[test]
+fn nothing_moves_before_arming() {
+    let mut desk = Desk::new();
+    for action in [Action::Walk(Mode::Forward), Action::Frequency(1.0), Action::Direction(5.0)] {
+        desk.press(action);
+    }
+    assert_eq!((desk.robot.state, desk.robot.setpoint), (State::Disarmed, Setpoint::REST));
+    assert!(desk.cockpit.log.back().unwrap().text.contains("Enter"));
+}
+
+#[test]
+fn stop_is_latched_until_cleared_and_then_armed_again() {
+    let mut desk = Desk::armed();
+    desk.press(Action::Walk(Mode::Forward));
+    desk.press(Action::Stop);
+    assert!(desk.robot.stopped);
+    desk.press(Action::Arm);
+    desk.press(Action::Walk(Mode::Forward));
+    assert_eq!(desk.robot.setpoint, Setpoint::REST);
+    desk.press(Action::Clear);
+    desk.press(Action::Arm);
+    assert_eq!((desk.robot.state, desk.robot.setpoint), (State::Armed, Setpoint::REST));
+}
+
+#[test]
+fn arming_at_once_waits_until_the_link_is_proven() {
+    let now = Instant::from_micros(5_000_000);
+    let mut desk = Desk {
+        now,
+        client: Client::new(key(), [9; 32], now),
+        robot: FakeRobot::new(Some(key())),
+        cockpit: Cockpit::new("walker-1", now),
+        is_cut: false,
+    };
+    desk.run(Duration::from_millis(50));
+    desk.press(Action::Arm);
+    assert_eq!(desk.robot.state, State::Disarmed);
+    desk.run(Duration::from_secs(1));
+    assert_eq!(desk.robot.state, State::Armed);
+}
+
+#[test]
+fn a_robot_that_was_lost_comes_back_at_rest() {
+    let mut desk = Desk::armed();
+    desk.press(Action::Walk(Mode::Forward));
+    desk.is_cut = true;
+    desk.run(Duration::from_secs(6));
+    desk.is_cut = false;
+    desk.run(Duration::from_secs(2));
+    assert!(!desk.cockpit.is_stale());
+    assert_eq!((desk.robot.state, desk.robot.setpoint), (State::Disarmed, Setpoint::REST));
+    desk.press(Action::Arm);
+    assert_eq!((desk.robot.state, desk.robot.setpoint), (State::Armed, Setpoint::REST));
+}
+
+impl Desk {
+    /// Shows the robot to the cameras on a curve to the left, for so many poses at 100 Hz.
+    fn see(&mut self, poses: u32) {
+        for index in 0..poses {
+            let heading = 0.01 * f64::from(index);
+            let pose = PlanarPose { x: heading.sin(), y: 1.0 - heading.cos(), heading };
+            let sample = PoseSample {
+                time: self.now,
+                pose: Pose::planar(pose, 0.06),
+                valid: true,
+                picture: None,
+            };
+            self.cockpit.see(&sample, &mut self.client, self.now);
+            self.run(Duration::from_millis(10));
+        }
+    }
+}
+
+#[test]
+fn a_map_shows_way_and_heading_where_poses_are_known() {
+    let mut desk = Desk::armed();
+    desk.press(Action::Walk(Mode::Forward));
+    desk.see(100);
+    insta::assert_snapshot!(desk.picture(80, 24));
+}
+
+#[test]
+fn a_wide_terminal_shows_the_map_beside_the_shaker() {
+    let mut desk = Desk::armed();
+    desk.see(100);
+    let picture = desk.picture(120, 40);
+    assert!(picture.contains(" map, ") && picture.contains(" from above "), "{picture}");
+}
+
+#[test]
+fn a_forward_walk_that_curves_is_reported_and_a_held_heading_turns_it_back() {
+    let mut desk = Desk::armed();
+    desk.see(1);
+    desk.press(Action::Walk(Mode::Forward));
+    desk.see(50);
+    let curves = |desk: &Desk| {
+        desk.cockpit.log.iter().any(|line| line.text.contains("forward curves to the left"))
+    };
+    assert!(curves(&desk));
+    let mut desk = Desk::armed();
+    desk.see(1);
+    desk.press(Action::HoldHeading);
+    desk.press(Action::Walk(Mode::Forward));
+    desk.see(50);
+    assert_eq!(desk.robot.telemetry(desk.now).setpoint, Mode::RightTurn.setpoint());
+    assert!(!curves(&desk));
+}
+
+#[test]
+fn without_poses_there_is_no_heading_to_hold() {
+    let mut desk = Desk::armed();
+    desk.press(Action::HoldHeading);
+    assert!(desk.cockpit.log.back().unwrap().text.contains("--pose natnet"));
+}

@@ -1,0 +1,120 @@
+#![forbid(unsafe_code)]
+//! Figures: the same picture as SVG and PNG, on any machine.
+//!
+//! A figure is plain data ([`Chart`], [`Track`], [`HeatMaps`]) that draws itself once, as SVG
+//! ([`Canvas`]). The PNG is that SVG, rasterised with an embedded font (DejaVu Sans): both files show
+//! the same picture, also on a machine without fonts. Only
+//! [`record`] and [`scope`] decide what to show, of runs and of captures.
+//!
+//! Lengths inside a figure are logical pixels (CSS pixels of the SVG); the PNG has [`PNG_DENSITY`]
+//! pixels for each. Data are in the unit that the label of the axis names; points that are not finite
+//! break a line.
+//!
+//! ```
+//! use flix_plot::{Chart, Figure, Panel, Series, colour};
+//!
+//! let sine = (0..200).map(|i| f64::from(i) * 0.05).map(|t| (t, t.sin()));
+//! let figure = Chart::new("A sine", "Time (s)")
+//!     .panel(Panel::new("Amplitude (V)").series(Series::line("sine", sine).colour(colour::BLUE)));
+//! assert!(figure.svg().starts_with("<svg"));
+//! ```
+
+mod axis;
+mod canvas;
+mod chart;
+pub mod colour;
+mod heatmap;
+mod raster;
+pub mod record;
+pub mod scope;
+mod series;
+mod track;
+
+use std::path::{Path, PathBuf};
+
+pub use axis::Limits;
+pub use canvas::{Canvas, Size};
+pub use chart::{Chart, Panel};
+pub use colour::Colour;
+pub use heatmap::{HeatMap, HeatMaps, Palette};
+pub use raster::rasterise;
+pub use series::{Point, Series, Stroke};
+pub use track::{Mark, Outline, Track};
+
+/// Pixels of the PNG for each logical pixel of the figure: sharp on dense screens and in print.
+pub const PNG_DENSITY: f32 = 2.0;
+
+/// Why a figure was not made.
+#[derive(Debug, thiserror::Error)]
+pub enum PlotError {
+    /// The SVG could not be rasterised.
+    #[error("the figure could not be converted to PNG: {0}")]
+    Rasterise(String),
+    /// A file or folder could not be written.
+    #[error("cannot write {}: {source}; check that the folder exists and may be written to", path.display())]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// The error of the operating system.
+        source: std::io::Error,
+    },
+}
+
+/// The two files of [`Figure::write`].
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Written {
+    /// The vector picture.
+    pub svg: PathBuf,
+    /// The same picture in pixels.
+    pub png: PathBuf,
+}
+
+/// A picture that can be drawn.
+pub trait Figure {
+    /// Returns width and height.
+    fn size(&self) -> Size;
+
+    /// Draws everything onto an empty white canvas of [`size`](Self::size).
+    fn draw(&self, canvas: &mut Canvas);
+
+    /// Returns the picture as one SVG document.
+    fn svg(&self) -> String {
+        let mut canvas = Canvas::new(self.size());
+        self.draw(&mut canvas);
+        canvas.finish()
+    }
+
+    /// Returns the picture as PNG, with [`PNG_DENSITY`] pixels for each logical pixel.
+    ///
+    /// # Errors
+    /// When the picture is too large.
+    fn png(&self) -> Result<Vec<u8>, PlotError> {
+        rasterise(&self.svg())
+    }
+
+    /// Writes `name.svg` and `name.png` into `folder`, which is created if it is missing.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    fn write(&self, folder: &Path, name: &str) -> Result<Written, PlotError> {
+        let written = Written {
+            svg: folder.join(format!("{name}.svg")),
+            png: folder.join(format!("{name}.png")),
+        };
+        let failed = |path: &Path| {
+            let path = path.to_owned();
+            move |source| PlotError::Write { path, source }
+        };
+        let svg = self.svg();
+        std::fs::create_dir_all(folder).map_err(failed(folder))?;
+        std::fs::write(&written.svg, &svg).map_err(failed(&written.svg))?;
+        std::fs::write(&written.png, rasterise(&svg)?).map_err(failed(&written.png))?;
+        Ok(written)
+    }
+}
+
+#[cfg(test)]
+mod tests;
+#[cfg(test)]
+#[path = "../../tests/support/walked.rs"]
+mod walked;

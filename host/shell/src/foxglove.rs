@@ -1,0 +1,218 @@
+//! Live streams for Foxglove, Lichtblick and whatever else speaks their WebSocket protocol.
+//!
+//! A stream only shows: nobody can command through it. Who falls behind loses rows, and holds up nobody.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+
+use foxglove::{
+    ChannelBuilder, Context, PartialMetadata, RawChannel, Schema, WebSocketServerHandle,
+};
+
+use flix_host::record::{Channel, Reader};
+
+/// Port that Foxglove tries first.
+pub const PORT: u16 = 8765;
+/// Rows that wait for a slow reader: some two seconds of a run.
+const BACKLOG: usize = 512;
+/// Time after which a row that holds is sent again, for those who came later, ns.
+const AGAIN: u64 = 1_000_000_000;
+
+/// Why nothing can be streamed.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "cannot stream at {address}: {reason}; is another stream there? Give another port: --foxglove=127.0.0.1:8766"
+)]
+pub struct StreamError {
+    /// Where.
+    address: SocketAddr,
+    /// Why.
+    reason: String,
+}
+
+/// A stream of rows to whoever connects. It ends when it is dropped.
+pub struct Stream {
+    server: Option<WebSocketServerHandle>,
+    offers: Vec<Offer>,
+    /// The server offers what is in here for as long as it lives.
+    _context: Arc<Context>,
+}
+
+/// A channel, and its last row if that holds.
+struct Offer {
+    channel: Arc<RawChannel>,
+    holds: bool,
+    last: Vec<u8>,
+    sent: u64,
+}
+
+impl Stream {
+    /// Listens at an address and offers these channels. `name`: of the source, as it is shown.
+    ///
+    /// # Errors
+    /// When the address cannot be had.
+    pub fn open(
+        address: SocketAddr,
+        name: &str,
+        channels: &[Channel],
+    ) -> Result<Self, StreamError> {
+        let failed =
+            |error: foxglove::FoxgloveError| StreamError { address, reason: error.to_string() };
+        let context = Context::new();
+        let offers = channels
+            .iter()
+            .map(|offered| {
+                let channel = ChannelBuilder::new(offered.topic)
+                    .context(&context)
+                    .message_encoding("json")
+                    .schema(Schema::new(offered.schema, "jsonschema", offered.text.as_bytes()))
+                    .build_raw()?;
+                Ok(Offer { channel, holds: offered.holds, last: Vec::new(), sent: 0 })
+            })
+            .collect::<Result<_, foxglove::FoxgloveError>>()
+            .map_err(failed)?;
+        let host = match address {
+            SocketAddr::V4(address) => address.ip().to_string(),
+            SocketAddr::V6(address) => format!("[{}]", address.ip()),
+        };
+        let server = context
+            .websocket_server()
+            .name(name)
+            .bind(host, address.port())
+            .message_backlog_size(BACKLOG)
+            .start_blocking()
+            .map_err(failed)?;
+        Ok(Self { server: Some(server), offers, _context: context })
+    }
+
+    /// Returns the port, which the system chose where 0 was asked for.
+    #[must_use]
+    pub fn port(&self) -> u16 {
+        self.server.as_ref().map_or(0, WebSocketServerHandle::port)
+    }
+}
+
+impl Reader for Stream {
+    fn row(&mut self, channel: usize, nanos: u64, row: &[u8]) {
+        let metadata = PartialMetadata { log_time: Some(nanos) };
+        for offer in &mut self.offers {
+            if !offer.last.is_empty() && nanos.saturating_sub(offer.sent) >= AGAIN {
+                offer.sent = nanos;
+                offer.channel.log_with_meta(&offer.last, metadata);
+            }
+        }
+        let offer = &mut self.offers[channel];
+        offer.channel.log_with_meta(row, metadata);
+        if offer.holds {
+            (offer.last, offer.sent) = (row.to_owned(), nanos);
+        }
+    }
+}
+
+impl Drop for Stream {
+    fn drop(&mut self) {
+        if let Some(server) = self.server.take() {
+            let _ = server.stop();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::TcpStream;
+    use std::time::Duration;
+
+    use serde_json::{Value, json};
+    use tungstenite::client::{IntoClientRequest, client};
+    use tungstenite::{Message, WebSocket};
+
+    use super::*;
+
+    const CHANNELS: [Channel; 2] = [
+        Channel { topic: "/a", schema: "flix.A", text: "{}", holds: false },
+        Channel { topic: "/b", schema: "flix.B", text: "{}", holds: true },
+    ];
+
+    /// Another program that reads the stream.
+    struct Client {
+        socket: WebSocket<TcpStream>,
+    }
+
+    impl Client {
+        /// Connects, and subscribes to every channel by the number of its topic's letter.
+        fn subscribed(port: u16) -> Self {
+            let stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+            stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+            let mut request = format!("ws://127.0.0.1:{port}").into_client_request().unwrap();
+            let protocol = "foxglove.sdk.v1".parse().unwrap();
+            request.headers_mut().insert("Sec-WebSocket-Protocol", protocol);
+            let (socket, _) = client(request, stream).unwrap();
+            let mut this = Self { socket };
+            assert_eq!(this.json("serverInfo")["name"], "robot");
+            let mut offered = Vec::new();
+            while offered.len() < CHANNELS.len() {
+                let advertised = this.json("advertise");
+                offered.extend(advertised["channels"].as_array().unwrap().clone());
+            }
+            let wanted: Vec<_> = offered
+                .iter()
+                .map(|channel| {
+                    assert_eq!(channel["encoding"], "json");
+                    assert_eq!(channel["schemaEncoding"], "jsonschema");
+                    let letter = channel["topic"].as_str().unwrap().as_bytes()[1];
+                    json!({ "id": letter, "channelId": channel["id"] })
+                })
+                .collect();
+            let text = json!({ "op": "subscribe", "subscriptions": wanted }).to_string();
+            this.socket.send(Message::text(text)).unwrap();
+            this
+        }
+
+        /// Reads up to a message of this operation.
+        fn json(&mut self, operation: &str) -> Value {
+            loop {
+                if let Message::Text(text) = self.socket.read().unwrap() {
+                    let value: Value = serde_json::from_str(&text).unwrap();
+                    if value["op"] == operation {
+                        return value;
+                    }
+                }
+            }
+        }
+
+        /// Reads the next row: the letter of its channel, its time, itself.
+        fn row(&mut self) -> (u8, u64, Vec<u8>) {
+            loop {
+                if let Message::Binary(bytes) = self.socket.read().unwrap() {
+                    assert_eq!(bytes[0], 1);
+                    let nanos = u64::from_le_bytes(bytes[5..13].try_into().unwrap());
+                    return (bytes[1], nanos, bytes[13..].to_vec());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn readers_get_every_row_and_late_ones_what_still_holds() {
+        let mut stream = Stream::open("127.0.0.1:0".parse().unwrap(), "robot", &CHANNELS).unwrap();
+        stream.row(1, 5 * AGAIN, b"{\"path\":1}");
+        stream.row(1, 5 * AGAIN, b"{\"path\":2}");
+        let mut client = Client::subscribed(stream.port());
+        while !stream.offers.iter().all(|offer| offer.channel.has_sinks()) {
+            std::thread::yield_now();
+        }
+        stream.row(0, 5 * AGAIN + 1, b"{\"n\":1}");
+        assert_eq!(client.row(), (b'a', 5 * AGAIN + 1, b"{\"n\":1}".to_vec()));
+        stream.row(0, 6 * AGAIN, b"{\"n\":2}");
+        assert_eq!(client.row(), (b'b', 6 * AGAIN, b"{\"path\":2}".to_vec()));
+        assert_eq!(client.row(), (b'a', 6 * AGAIN, b"{\"n\":2}".to_vec()));
+    }
+
+    #[test]
+    fn a_port_that_is_taken_is_named() {
+        let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = taken.local_addr().unwrap();
+        let error = Stream::open(address, "robot", &CHANNELS).err().unwrap().to_string();
+        assert!(error.contains(&address.to_string()), "{error}");
+    }
+}

@@ -1,0 +1,109 @@
+//! Options of an identification, and its stretches: what all commands that walk a robot in stretches share.
+
+use std::time::Duration;
+
+use flix_host::nav::{Area, Identification, IdentificationSettings, ModeTable};
+use flix_protocol::message::Setpoint;
+
+use crate::Error;
+use crate::course::pairs;
+use crate::number::whole;
+use crate::output::{headings, table};
+use crate::time::duration;
+
+/// Options of an identification.
+#[derive(Debug, Clone, clap::Args)]
+pub struct IdentificationArgs {
+    /// Duration of each stretch, 2 to 120 s; its first second does not count.
+    #[arg(long, value_name = "TIME", default_value = "8s", value_parser = stretch)]
+    pub seconds: Duration,
+    /// Number of stretches of each mode; their scatter becomes the spread.
+    #[arg(long, default_value_t = 2, value_parser = whole::<u32>(1..=100))]
+    pub rounds: u32,
+    /// Names of the modes to identify [default: all of the paper].
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    pub only: Vec<String>,
+    /// Fence, m: outside it the identification ends.
+    #[arg(long, value_name = "W,S,E,N", default_value = "-2,-2,2,2", allow_hyphen_values = true)]
+    pub fence: Area,
+}
+
+impl IdentificationArgs {
+    /// Returns an identification with these options, and the names of its modes.
+    ///
+    /// # Errors
+    /// When the name of a mode is unknown.
+    pub fn identification(&self) -> Result<(Identification, Vec<String>), Error> {
+        let pairs = pairs(&self.only)?;
+        let names = pairs.iter().map(|(name, _)| name.clone()).collect();
+        Ok((Identification::new(self.settings(pairs)), names))
+    }
+
+    /// Returns the settings of an identification of these pairs.
+    #[must_use]
+    pub fn settings(&self, pairs: Vec<(String, Setpoint)>) -> IdentificationSettings {
+        settings(pairs, self.seconds, self.rounds, self.fence)
+    }
+
+    /// Returns how the table is made, in a few words.
+    #[must_use]
+    pub fn source(&self) -> String {
+        let seconds = self.seconds.as_secs_f64();
+        match self.rounds {
+            1 => format!("identified: 1 stretch of {seconds} s a mode; the spread is assumed"),
+            rounds => format!("identified: {rounds} stretches of {seconds} s a mode"),
+        }
+    }
+}
+
+/// Without trusted poses a measurement ends after this time.
+pub const POSE_PATIENCE: Duration = Duration::from_secs(5);
+
+/// Parses the duration of a stretch, 2 to 120 s.
+pub fn stretch(text: &str) -> Result<Duration, String> {
+    let time = duration(text)?;
+    if (Duration::from_secs(2)..=Duration::from_secs(120)).contains(&time) {
+        Ok(time)
+    } else {
+        Err(format!("a stretch of {} s is outside 2 to 120 s", time.as_secs_f64()))
+    }
+}
+
+/// Returns the settings of an identification of these pairs, as every command has them.
+pub fn settings(
+    pairs: Vec<(String, Setpoint)>,
+    stretch: Duration,
+    rounds: u32,
+    fence: Area,
+) -> IdentificationSettings {
+    IdentificationSettings {
+        pairs,
+        stretch,
+        rounds,
+        fence,
+        pose_deadline: Duration::from_millis(100),
+        pose_patience: POSE_PATIENCE,
+        least_battery: None,
+        known: None,
+    }
+}
+
+/// Returns the table as text.
+#[must_use]
+pub fn describe(modes: &ModeTable) -> String {
+    let speed = |s: flix_host::nav::Spread, digits: usize| {
+        format!("{:.*} \u{b1} {:.*}", digits, s.mean, digits, s.spread)
+    };
+    let mut rows = vec![headings("mode|f/Hz|theta/deg|forward m/s|lateral m/s|yaw rad/s")];
+    rows.extend(modes.modes().iter().map(|mode| {
+        vec![
+            mode.name.clone(),
+            mode.setpoint.frequency().get().to_string(),
+            mode.setpoint.direction().get().to_string(),
+            speed(mode.forward, 4),
+            speed(mode.lateral, 4),
+            speed(mode.yaw, 3),
+        ]
+    }));
+    table(&rows)
+}

@@ -1,0 +1,220 @@
+#![forbid(unsafe_code)]
+//! What the command lines of `flix` and `flix-sim` share.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`Exit`], [`Error`] | exit codes for scripts, sentences for people |
+//! | [`number`], [`time`] | read numbers and durations within their limits |
+//! | [`output`] | prints texts, JSON, tables and progress bars |
+//! | [`course`], [`identification`] | options of a path, of steering, of an identification |
+//! | [`stream`] | `--foxglove` |
+//! | [`man`] | manual pages |
+
+pub mod course;
+#[cfg(feature = "foxglove")]
+pub mod foxglove;
+pub mod identification;
+pub mod man;
+pub mod number;
+pub mod output;
+pub mod stream;
+pub mod time;
+
+use std::fmt;
+use std::io::{self, Write as _};
+use std::process::ExitCode;
+
+use clap::FromArgMatches;
+use flix_host::experiment::SheetError;
+use flix_host::keys::KeyError;
+use flix_host::link::serial::SerialError;
+use flix_host::link::udp::LinkError;
+use flix_host::nav::ModeTableError;
+use flix_host::pose::PoseError;
+use flix_host::pose::natnet::NatNetError;
+use flix_host::record::{ReadError, RecordError, RepairError};
+use flix_protocol::message::Refusal;
+use flix_protocol::session::ConnectError;
+
+/// Exit code of a command: a contract with scripts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Exit {
+    /// The command is done.
+    Done = 0,
+    /// An option, a file or a value is wrong.
+    Usage = 2,
+    /// The robot did not answer, or fell silent.
+    NoAnswer = 10,
+    /// The robot refused this operator.
+    Refused = 20,
+    /// The robot has a fault or cannot do this in its state.
+    RobotFault = 30,
+    /// A signal, or a closed terminal.
+    Interrupted = 40,
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(exit as u8)
+    }
+}
+
+/// Why a command failed: an exit code for scripts, a sentence for people.
+#[derive(Debug)]
+pub struct Error {
+    /// Exit code for scripts.
+    pub exit: Exit,
+    /// Sentence for people.
+    pub sentence: String,
+}
+
+impl Error {
+    /// Makes an error from an exit code and a sentence.
+    pub fn new(exit: Exit, sentence: impl fmt::Display) -> Self {
+        Self { exit, sentence: sentence.to_string() }
+    }
+
+    /// Makes an error about a wrong option, file or value.
+    pub fn usage(sentence: impl fmt::Display) -> Self {
+        Self::new(Exit::Usage, sentence)
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.sentence)
+    }
+}
+
+impl std::error::Error for Error {}
+
+impl From<LinkError> for Error {
+    fn from(error: LinkError) -> Self {
+        let exit = match &error {
+            LinkError::Network(_)
+            | LinkError::Random(_)
+            | LinkError::Connect(ConnectError::NoAnswer)
+            | LinkError::Silent
+            | LinkError::Back
+            | LinkError::Left
+            | LinkError::Unanswered
+            | LinkError::Lapsed
+            | LinkError::Refused(Refusal::LinkUnproven | Refusal::Late { .. }) => Exit::NoAnswer,
+            LinkError::Connect(_) | LinkError::Revoked | LinkError::Refused(Refusal::Malformed) => {
+                Exit::Refused
+            }
+            LinkError::Refused(
+                Refusal::OutOfRange { .. } | Refusal::NotWhole { .. } | Refusal::UnknownParameter,
+            ) => Exit::Usage,
+            LinkError::Refused(_)
+            | LinkError::Faulted { .. }
+            | LinkError::State { .. }
+            | LinkError::StoppedBy(_)
+            | LinkError::StillStopped => Exit::RobotFault,
+            LinkError::Interrupted => Exit::Interrupted,
+        };
+        Self::new(exit, error)
+    }
+}
+
+impl From<KeyError> for Error {
+    fn from(error: KeyError) -> Self {
+        Self::usage(error)
+    }
+}
+
+impl From<ModeTableError> for Error {
+    fn from(error: ModeTableError) -> Self {
+        Self::usage(error)
+    }
+}
+
+impl From<SerialError> for Error {
+    fn from(error: SerialError) -> Self {
+        let exit = match error {
+            SerialError::Open { .. } => Exit::Usage,
+            SerialError::Port(_) | SerialError::Random(_) | SerialError::NoAnswer => Exit::NoAnswer,
+            SerialError::Confused => Exit::Refused,
+            SerialError::Refused(_) => Exit::RobotFault,
+            SerialError::Interrupted => Exit::Interrupted,
+        };
+        Self::new(exit, error)
+    }
+}
+
+impl From<SheetError> for Error {
+    fn from(error: SheetError) -> Self {
+        Self::usage(error)
+    }
+}
+
+impl From<ReadError> for Error {
+    fn from(error: ReadError) -> Self {
+        Self::usage(error)
+    }
+}
+
+impl From<RecordError> for Error {
+    fn from(error: RecordError) -> Self {
+        Self::usage(error)
+    }
+}
+
+impl From<RepairError> for Error {
+    fn from(error: RepairError) -> Self {
+        Self::usage(error)
+    }
+}
+
+impl From<NatNetError> for Error {
+    fn from(error: NatNetError) -> Self {
+        let exit = match error {
+            NatNetError::NoSuchBody { .. }
+            | NatNetError::WhichBody(_)
+            | NatNetError::Socket { .. } => Exit::Usage,
+            _ => Exit::NoAnswer,
+        };
+        Self::new(exit, error)
+    }
+}
+
+impl From<PoseError> for Error {
+    fn from(error: PoseError) -> Self {
+        Self::new(Exit::NoAnswer, error)
+    }
+}
+
+/// Lets every option take `-5` as its value, so that its own check refuses it with the range.
+#[must_use]
+pub fn numbers_may_be_negative(command: clap::Command) -> clap::Command {
+    command
+        .mut_args(|argument| {
+            if !argument.get_action().takes_values() {
+                return argument;
+            }
+            let is_time = argument
+                .get_value_names()
+                .is_some_and(|names| names.iter().any(|name| name.as_str() == "TIME"));
+            let argument = argument.allow_negative_numbers(true);
+            if is_time { argument.allow_hyphen_values(true) } else { argument }
+        })
+        .mut_subcommands(numbers_may_be_negative)
+}
+
+/// Parses the command line of a program. Prints help, the version, or what is wrong.
+///
+/// # Errors
+/// With the exit code of a program that ends with that.
+pub fn parse<C: FromArgMatches>(description: clap::Command) -> Result<C, ExitCode> {
+    let name = description.get_name().to_owned();
+    let parsed = description.try_get_matches().and_then(|matches| C::from_arg_matches(&matches));
+    parsed.map_err(|error| match error.print() {
+        // Help that was asked for has to be printed; a reader that has closed the pipe has enough.
+        Err(lost) if !error.use_stderr() && lost.kind() != io::ErrorKind::BrokenPipe => {
+            let _ = writeln!(io::stderr(), "{name}: stdout cannot be written: {lost}");
+            Exit::Usage.into()
+        }
+        _ => u8::try_from(error.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from),
+    })
+}

@@ -1,0 +1,208 @@
+//! A run is recorded, read back, repaired, listed and exported.
+
+use std::path::PathBuf;
+use std::process::Command;
+
+use flix_host::record::*;
+
+use crate::walked::*;
+
+#[test]
+fn what_was_recorded_is_read_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = Run::read(&write_record(folder.path())).unwrap();
+    assert_eq!(
+        (run.poses.len(), run.commands.len(), run.telemetry.len(), run.events.len()),
+        (600, 600, 600, 1)
+    );
+    assert_eq!(run.poses[100].pose, sample(5.0).pose);
+    assert!((run.seconds() - 29.95).abs() < 1e-6);
+    assert_eq!(run.fact("settings", "latency"), "20ms");
+    assert_eq!(run.fact("results", "path_error_rms_mm"), "7.1");
+    assert_eq!(run.attachments, [("modes.toml".to_owned(), 8)]);
+    assert_eq!(run.telemetry[0].faults, ["stall"]);
+    assert_eq!(run.telemetry[0].first_fault.as_deref(), Some("stall"));
+    assert_eq!(run.telemetry[0].dropped["forged"], 3);
+}
+
+#[test]
+fn a_record_whose_program_was_killed_is_still_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_record(folder.path());
+    let bytes = std::fs::read(&file).unwrap();
+    std::fs::write(&file, &bytes[..bytes.len() * 2 / 3]).unwrap();
+    let run = Run::read(&file).unwrap();
+    assert!(run.poses.len() > 100, "{} poses", run.poses.len());
+}
+
+#[test]
+fn a_record_whose_program_was_killed_is_completed_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_record(folder.path());
+    let whole = std::fs::read(&file).unwrap();
+    std::fs::write(&file, &whole[..whole.len() * 2 / 3]).unwrap();
+    let before = Run::read(&file).unwrap();
+    assert!(!before.is_complete && mcap::Summary::read(&std::fs::read(&file).unwrap()).is_err());
+    let rows = repair(&file).unwrap().unwrap();
+    let after = Run::read(&file).unwrap();
+    assert!(after.is_complete, "other readers find its summary");
+    assert_eq!((after.poses.len(), &after.facts), (before.poses.len(), &before.facts));
+    assert_eq!(after.attachments, before.attachments);
+    assert!(rows > 100);
+    assert_eq!(repair(&file).unwrap(), None, "a complete record is left as it is");
+}
+
+#[test]
+fn a_record_that_is_being_written_is_not_repaired() {
+    let folder = tempfile::tempdir().unwrap();
+    let description = RunDescription::default();
+    let recorder = Recorder::create(folder.path(), UNIX_EPOCH, &description).unwrap();
+    let file = recorder.path().to_owned();
+    assert!(is_being_written(&file));
+    assert!(matches!(repair(&file), Err(RepairError::Busy(_))));
+    recorder.finish().unwrap();
+    assert!(!is_being_written(&file));
+}
+
+#[test]
+fn a_record_that_is_cut_off_within_its_first_rows_still_says_what_the_run_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_record(folder.path());
+    let whole = std::fs::read(&file).unwrap();
+    let facts = Run::read(&file).unwrap().facts;
+    let is_cut = |length: &usize| {
+        std::fs::write(&file, &whole[..*length]).unwrap();
+        Run::read(&file).is_ok_and(|run| run.poses.is_empty() && !run.facts.is_empty())
+    };
+    let length = (64..whole.len()).step_by(256).find(is_cut).expect("the facts come first");
+    std::fs::write(&file, &whole[..length]).unwrap();
+    let run = Run::read(&file).unwrap();
+    assert_eq!(run.fact("run", "name"), facts["run"]["name"]);
+    assert!(!run.is_complete);
+}
+
+#[test]
+fn a_file_that_is_no_record_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("x.mcap");
+    std::fs::write(&file, b"hello").unwrap();
+    assert!(Run::read(&file).unwrap_err().to_string().contains("not a record"));
+}
+
+#[test]
+fn runs_of_one_second_get_files_of_their_own_and_are_found_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let first = write_record(folder.path());
+    assert_eq!(Run::find(folder.path(), "circle").unwrap().poses.len(), 600);
+    let second = write_record(folder.path());
+    assert_ne!(first, second);
+    assert_eq!(list(folder.path()).unwrap().runs.len(), 2);
+    let find = |name: &str| Run::find(folder.path(), name).map(|run| run.file);
+    assert_eq!(find("last").unwrap(), second);
+    // Its whole name is a part of the other's, too.
+    assert_eq!(find(first.file_stem().unwrap().to_str().unwrap()).unwrap(), first);
+    assert!(matches!(find("circle"), Err(ReadError::Ambiguous { count: 2, .. })));
+    for name in ["square", ""] {
+        assert!(matches!(find(name), Err(ReadError::NoSuchRun { .. })), "{name}");
+    }
+}
+
+#[test]
+fn entries_that_are_no_files_are_named_and_no_runs() {
+    let out = tempfile::tempdir().unwrap();
+    let run = write_record(out.path());
+    let at = |name: &str| out.path().join(FOLDER).join(name);
+    let owner = rustix::fs::Mode::from_raw_mode(0o600);
+    rustix::fs::mkfifoat(rustix::fs::CWD, at("9-pipe.mcap"), owner).unwrap();
+    std::fs::create_dir(at("9-folder.mcap")).unwrap();
+    std::os::unix::fs::symlink(at("nothing"), at("9-link.mcap")).unwrap();
+    let found = list(out.path()).unwrap();
+    assert_eq!(found.runs.iter().map(|it| &it.file).collect::<Vec<_>>(), [&run]);
+    let mut skipped: Vec<_> = found.skipped.iter().map(ToString::to_string).collect();
+    skipped.sort();
+    for (sentence, words) in
+        skipped.iter().zip(["folder.mcap: it is a directory", "No such file", "it is a pipe"])
+    {
+        assert!(sentence.contains(words), "{skipped:?}");
+    }
+    assert_eq!(Run::find(out.path(), "last").unwrap().file, run);
+    assert!(Run::find(out.path(), at("9-pipe.mcap").to_str().unwrap()).is_err());
+}
+
+#[test]
+fn tables_have_one_line_a_row_and_quote_texts() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = Run::read(&write_record(folder.path())).unwrap();
+    let files = csv::export(&run, &folder.path().join("tables")).unwrap();
+    assert_eq!(files.len(), 5);
+    let telemetry = std::fs::read_to_string(&files[3]).unwrap();
+    let columns: Vec<_> = telemetry.lines().map(|line| line.split(',').count()).collect();
+    assert!(columns.len() == 601 && columns.iter().all(|c| *c == columns[0]), "{}", columns[0]);
+}
+
+/// An independent reader: the `mcap` package of PyPI. Missing, the test says so and passes, unless
+/// `FLIX_REQUIRE_PYTHON_MCAP` is set, as continuous integration does after installing it.
+#[test]
+fn an_independent_reader_opens_the_record() {
+    const SCRIPT: &str = r#"
+import json, sys
+from mcap.reader import make_reader
+with open(sys.argv[1], "rb") as file:
+    reader = make_reader(file, validate_crcs=True)
+    summary = reader.get_summary()
+    schemas = {summary.schemas[c.schema_id].name: c.topic for c in summary.channels.values()}
+    assert schemas["foxglove.PoseInFrame"] == "/pose", schemas
+    rows = [json.loads(m.data) for _, c, m in reader.iter_messages(topics=["/pose"])]
+    assert abs(rows[0]["pose"]["position"]["x"] - 0.5) < 1e-9
+    names = [m.name for m in reader.iter_metadata()]
+    assert {"run", "settings", "versions", "results"} <= set(names), names
+    assert [a.name for a in reader.iter_attachments()] == ["modes.toml"]
+    print(len(rows))
+"#;
+    let has_mcap = Command::new("python3").args(["-c", "import mcap"]).output();
+    if !has_mcap.is_ok_and(|output| output.status.success()) {
+        assert!(
+            std::env::var_os("FLIX_REQUIRE_PYTHON_MCAP").is_none(),
+            "python3 with the package mcap is required here: pip install mcap"
+        );
+        eprintln!("skipped: python3 has no package mcap (pip install mcap)");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_record(folder.path());
+    let output = Command::new("python3").args(["-c", SCRIPT]).arg(&file).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && output.stdout.starts_with(b"600"), "{said}");
+}
+
+/// What the panels of a layout show, by topic: `/telemetry.top.current_q_a`.
+fn shown(panel: &serde_json::Value) -> Vec<String> {
+    let text = |value: &serde_json::Value| value.as_str().unwrap().to_owned();
+    let paths = panel["paths"].as_array().into_iter().flatten().map(|path| text(&path["value"]));
+    let topics = panel["topics"].as_object().into_iter().flat_map(|topics| topics.keys().cloned());
+    paths.chain(topics).chain(panel.get("topicToRender").map(text)).collect()
+}
+
+#[test]
+fn the_layout_for_foxglove_shows_what_records_have() {
+    let layout: serde_json::Value =
+        serde_json::from_str(include_str!("../docs/foxglove-layout.json")).unwrap();
+    let panels = layout["configById"].as_object().unwrap();
+    let paths: Vec<String> = panels.values().flat_map(shown).collect();
+    assert!(paths.len() > 10, "{paths:?}");
+    for path in &paths {
+        let mut words = path.split('.');
+        let topic = words.next().unwrap();
+        let channel = CHANNELS.iter().find(|channel| channel.topic == topic);
+        let channel = channel.unwrap_or_else(|| panic!("no record has {topic}"));
+        let mut schema: serde_json::Value = serde_json::from_str(channel.text).unwrap();
+        for word in words {
+            schema = schema["properties"][word].clone();
+            assert!(schema.is_object(), "{path}: no row has {word}");
+        }
+    }
+    let arranged = layout["layout"].to_string();
+    for name in panels.keys() {
+        assert!(arranged.contains(&format!("\"{name}\"")), "{name} has no place");
+    }
+}

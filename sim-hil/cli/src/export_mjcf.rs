@@ -1,0 +1,56 @@
+//! `flix-sim export-mjcf`: the model for MuJoCo.
+
+use flix_shell::number::parse_within;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use super::Error;
+use super::arguments::ModelArgs;
+use super::output::{complain, write_or_print};
+use flix_sim::model::mjcf::mjcf;
+use flix_sim::plant::mechanics::reference_contact;
+
+/// Time constants of contacts below so many steps MuJoCo raises without a word (`refsafe`).
+const MUJOCO_LEAST_STEPS: f64 = 2.0;
+
+/// Write the model as MJCF for MuJoCo
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  flix-sim export-mjcf --model W > W.xml\n  flix-sim export-mjcf --model my.toml --out out/my.xml"
+)]
+pub struct Args {
+    #[command(flatten)]
+    model: ModelArgs,
+    /// Step of the simulation in the file, ms, 0.001 to 10
+    #[arg(long, value_name = "MS", default_value_t = 0.1, value_parser = parse_step, allow_hyphen_values = true)]
+    step_ms: f64,
+    /// File to write [default: standard output]
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+fn parse_step(text: &str) -> Result<f64, String> {
+    parse_within(text, 1e-3..=10.0, "step", " ms")
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the model is refused or the file cannot be written.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let model = args.model.load()?;
+    let contact = reference_contact(&model);
+    let step = 1e-3 * args.step_ms;
+    let shortest = contact.iter().map(|[time, _]| *time).filter(|time| *time > 0.0);
+    let shortest = shortest.fold(f64::INFINITY, f64::min);
+    if shortest < MUJOCO_LEAST_STEPS * step {
+        complain(format_args!(
+            "MuJoCo takes no time constant of a contact shorter than two steps, and this floor's is {:.3} ms: give a --step-ms of at most {:.4}, or it will be another floor",
+            1e3 * shortest,
+            1e3 * shortest / MUJOCO_LEAST_STEPS
+        ));
+    }
+    let text = mjcf(&model, step, contact);
+    write_or_print(args.out.as_deref(), &text)?;
+    Ok(ExitCode::SUCCESS)
+}

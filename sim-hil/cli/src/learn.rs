@@ -1,0 +1,60 @@
+//! `flix-sim learn`: gain the experience that the learned controller needs.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use flix_shell::number::whole;
+
+use super::Error;
+use super::arguments::ModelArgs;
+use super::output::{print, progress};
+use flix_study::experience::{Plan, gain};
+
+/// Let many robots of a kind walk, for the learned controller
+///
+/// Each has other friction left and right, 50 g somewhere on its plate, other legs, and walks on a slope of 5 degrees.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  flix-sim learn --model W --out W.experience.toml
+  flix-sim track figure8 --model stranger-7 --controller learned --experience W.experience.toml")]
+pub struct Args {
+    #[command(flatten)]
+    model: ModelArgs,
+    /// Number of robots
+    #[arg(long, default_value_t = 160, value_parser = whole::<u64>(2..=100_000))]
+    robots: u64,
+    /// Seed of the first robot
+    #[arg(long, default_value_t = 1_000_000, value_parser = whole::<u64>(0..=u64::MAX))]
+    first_seed: u64,
+    /// Ways to differ that all pairs (f, theta) share
+    #[arg(long, default_value_t = 12, value_parser = whole::<u32>(0..=50))]
+    factors: u32,
+    /// File for the experience
+    #[arg(long, value_name = "FILE", default_value = "experience.toml")]
+    out: PathBuf,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the model is refused or cannot walk, or the file cannot be written.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let failed = |error| Error::refused(format!("cannot write {}: {error}", args.out.display()));
+    flix_host::file::check_writable(&args.out).map_err(failed)?;
+    let model = args.model.load()?;
+    let plan = Plan {
+        robots: args.robots,
+        first_seed: args.first_seed,
+        factors: args.factors as usize,
+        step: 2e-4,
+    };
+    let bar = progress(args.robots, "robots walked");
+    let experience =
+        gain(&model, &plan, &mut |robots| bar.set_position(robots)).map_err(Error::refused)?;
+    bar.finish_and_clear();
+    std::fs::write(&args.out, experience.to_toml()).map_err(failed)?;
+    let pairs = experience.walks().len();
+    print(&format!("{} pairs, {} robots  {}\n", pairs, args.robots, args.out.display()))?;
+    Ok(ExitCode::SUCCESS)
+}

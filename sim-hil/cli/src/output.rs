@@ -1,0 +1,99 @@
+//! What commands print: figures as JSON for programs, tables for people.
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use serde::Serialize;
+
+use super::Error;
+pub(crate) use flix_shell::output::{headings, optional_path_as_text, path_as_text, print, table};
+pub(crate) use flix_study::progress;
+
+/// Prints a sentence on standard error. When nobody can read it there, it is lost.
+pub(crate) fn complain(sentence: impl std::fmt::Display) {
+    flix_shell::output::say("flix-sim", sentence);
+}
+
+/// Writes a text into a file, or prints it where none is named.
+pub(crate) fn write_or_print(file: Option<&Path>, text: &str) -> Result<(), Error> {
+    match file {
+        None => Ok(print(text)?),
+        Some(path) => std::fs::write(path, text)
+            .map_err(|error| Error::Write { path: path.to_owned(), error }),
+    }
+}
+
+/// Prints figures as one line of JSON, or as `text` for people; the exit code states whether all promises were kept.
+pub(crate) fn print_figures(
+    figures: &impl Serialize,
+    pass: bool,
+    json: bool,
+    text: impl FnOnce() -> String,
+) -> Result<ExitCode, Error> {
+    print(&if json { serde_json::to_string(figures)? + "\n" } else { text() })?;
+    Ok(if pass { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Prints the figures of robots that were measured. When one could not be brought to run, its JSON, too, says so.
+pub(crate) fn print_verdict<F: Serialize>(
+    measured: Result<F, impl Into<Error>>,
+    pass: impl FnOnce(&F) -> bool,
+    json: bool,
+    text: impl FnOnce(&F) -> String,
+) -> Result<ExitCode, Error> {
+    match measured {
+        Ok(figures) => print_figures(&figures, pass(&figures), json, || text(&figures)),
+        Err(error) if json => print_figures(&failure(&error.into()), false, true, String::new),
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// Returns the figures of a robot that could not be measured.
+fn failure(error: &Error) -> serde_json::Value {
+    serde_json::json!({ "pass": false, "error": error.to_string() })
+}
+
+/// The cells of a row of [`table()`], each by its `Display`.
+macro_rules! row {
+    ($($cell:expr),* $(,)?) => { vec![$($cell.to_string()),*] };
+}
+pub(crate) use row;
+
+/// Returns the last cell of a row of figures: a mark when they are outside their limits.
+pub(crate) const fn mark(passes: bool) -> &'static str {
+    if passes { "" } else { "<-- outside" }
+}
+
+/// Returns the name of a variant in words: `EarlierSession` is `earlier session`.
+pub(crate) fn words(variant: &impl core::fmt::Debug) -> String {
+    let mut text = String::new();
+    for letter in format!("{variant:?}").chars() {
+        if letter.is_uppercase() && !text.is_empty() {
+            text.push(' ');
+        }
+        text.extend(letter.to_lowercase());
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use flix_sim::rig::operation::OperationError;
+
+    #[test]
+    fn a_robot_that_cannot_be_brought_to_run_fails_in_json_too() {
+        let error = OperationError::TooLate { awaited: "a session" }.into();
+        let json = failure(&error);
+        assert_eq!((&json["pass"], &json["error"]), (&false.into(), &error.to_string().into()));
+        let measured: Result<(), OperationError> = Err(OperationError::OtherAnswer);
+        let exit = print_verdict(measured, |()| true, true, |()| String::new()).unwrap();
+        assert_eq!(exit, ExitCode::FAILURE);
+    }
+
+    #[test]
+    fn numbers_stand_to_the_right_and_text_to_the_left() {
+        let rows = [row!["fault", "safe (s)"], row!["a", 0.25], row!["longer", "never"]];
+        assert_eq!(table(&rows), "fault   safe (s)\na           0.25\nlonger     never\n");
+    }
+}

@@ -1,0 +1,34 @@
+//! `flix-sim study merge`: slices become one.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use super::show;
+use crate::Error;
+
+/// Join the results of all slices of a study and draw its figures
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Slices of another study, other parameters or another version are refused.\n\nExample:\n  flix-sim study merge /shared/mobility/results-*.parquet --out /shared/mobility"
+)]
+pub struct Args {
+    /// results-I-of-N.parquet files of all slices
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// Folder for the whole table and its figures [default: that of the first file]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When slices are missing, twice, or of something else.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let table = flix_study::merge(&args.files)?;
+    let beside = args.files.first().and_then(|file| file.parent()).map(PathBuf::from);
+    let folder = args.out.clone().or(beside).unwrap_or_default();
+    table.write(&folder.join("results.parquet"))?;
+    show(&table, &folder)?;
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,88 @@
+//! `flix-sim validate`: every figure beside what it must agree with.
+
+use flix_shell::number::parse_within;
+use std::process::ExitCode;
+
+use super::Error;
+use super::arguments::{Vector, parse_leg};
+use super::output::{mark, print_figures, row, table};
+use flix_sim::experiment::validation::{Options, Report, validate};
+
+/// Compute every figure of the reference table, or others, and check whether they agree
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Without options the figures are those of reference model A. For the same figures from MuJoCo:\n  python3 sim-hil/validation/validate.py\n\nExamples:\n  flix-sim validate --json\n  flix-sim validate --model W --leg rr --force 0,0.1,0 --frequency 25"
+)]
+pub struct Args {
+    /// Model: a TOML file, the name of a shipped one, or random-SEED
+    #[arg(long, default_value = "A")]
+    model: String,
+    /// Frequency of the shaker on a stand, -35 to 35 Hz; may be given several times
+    #[arg(long, value_name = "HZ", allow_hyphen_values = true, value_parser = parse_frequency)]
+    frequency: Vec<f64>,
+    /// Direction of the shaker, -90 to 90 degrees, positive to the right
+    #[arg(long, value_name = "DEG", default_value_t = 30.0, allow_hyphen_values = true, value_parser = parse_direction)]
+    direction: f64,
+    /// Leg that is loaded: fl, fr, rl or rr
+    #[arg(long, default_value = "fl", value_parser = parse_leg)]
+    leg: usize,
+    /// Force on its tip, N
+    #[arg(long, value_name = "X,Y,Z", default_value = "0.2,0,0", allow_hyphen_values = true)]
+    force: Vector,
+    /// Torque on its tip, N m
+    #[arg(long, value_name = "X,Y,Z", default_value = "0,0,0", allow_hyphen_values = true)]
+    torque: Vector,
+    /// Print JSON only
+    #[arg(long)]
+    json: bool,
+}
+
+fn parse_frequency(text: &str) -> Result<f64, String> {
+    parse_within(text, -35.0..=35.0, "frequency", " Hz")
+}
+
+fn parse_direction(text: &str) -> Result<f64, String> {
+    parse_within(text, -90.0..=90.0, "direction", " degrees")
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the model is refused, has no legs, or the motion diverges.
+pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let model = flix_sim::model::RobotModel::named(&args.model)?;
+    let mut options = Options {
+        direction_deg: args.direction,
+        leg: args.leg,
+        force: args.force.0,
+        torque: args.torque.0,
+        ..Options::default()
+    };
+    if !args.frequency.is_empty() {
+        options.frequencies_hz.clone_from(&args.frequency);
+    }
+    let report = validate(&model, &options)?;
+    print_figures(&report, report.pass, args.json, || text(&report))
+}
+
+fn text(report: &Report) -> String {
+    let number = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.4e}"));
+    let mut rows = vec![row!["", "here", "reference", "within"]];
+    rows.extend(report.rows.iter().map(|it| {
+        let (value, reference) = (number(Some(it.value)), number(it.reference));
+        row![it.name, value, reference, number(it.tolerance), it.unit, mark(it.pass)]
+    }));
+    let compared = report.rows.iter().filter(|row| row.reference.is_some()).count();
+    let outside: Vec<&str> =
+        report.rows.iter().filter(|row| !row.pass).map(|row| row.name.as_ref()).collect();
+    let verdict = match (compared, outside.as_slice()) {
+        (0, []) => "No figure has a reference for this model: nothing was compared.".to_owned(),
+        (_, []) => format!("All {compared} figures with a reference agree with it."),
+        (_, names) => format!(
+            "{} of {compared} figures with a reference are outside: {}.",
+            names.len(),
+            names.join(", ")
+        ),
+    };
+    format!("Model {}\n\n{}\n{verdict}\n", report.model, table(&rows))
+}

@@ -1,0 +1,468 @@
+//! `flix cockpit` in a real browser, with a served robot: keyboard, touch and gamepad drive it, and a page that freezes
+//! or dies leaves it at rest within a second.
+//!
+//! Times are of the robot's clock. Without `chromium` and `chromedriver` (Debian: `chromium chromium-driver`) the test
+//! is skipped, unless FLIX_REQUIRE_BROWSER is set; with FLIX_WITHOUT_BROWSER it is in any case. This program is its own operator: started with `cockpit` it is `flix`.
+
+mod browser;
+
+use std::io::{BufReader, Read as _, Write as _};
+use std::net::{Ipv4Addr, TcpStream, UdpSocket};
+use std::process::{Child, Command, ExitCode, Stdio};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant as WallClock};
+
+use browser::Browser;
+use flix_host::interrupt::Interrupt;
+use flix_host::keys;
+use flix_protocol::session::Key;
+use flix_protocol::units::Instant;
+use flix_sim::model::RobotModel;
+use flix_sim::plant::Plant;
+use flix_sim::reliability::fault_matrix::REST_HZ;
+use flix_sim::rig::bench::{Base, learnt};
+use flix_sim::rig::robot::{RobotParameters, SimulatedRobot};
+use flix_sim_cli::serve::serve;
+
+type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
+
+/// Time in which a robot that is left alone comes to rest.
+const REST_WITHIN: Duration = Duration::from_secs(1);
+/// Time for which it must then stay there.
+const STAYS: Duration = Duration::from_secs(1);
+/// Frequency from which it walks, Hz.
+const WALKING_HZ: f64 = 29.0;
+/// Time after which a robot that does not walk is commanded again.
+const TRY_AGAIN: Duration = Duration::from_secs(3);
+/// Wall time after which something hangs.
+const PATIENCE: Duration = Duration::from_secs(180);
+/// Pause between two looks at a condition.
+const LOOK: Duration = Duration::from_millis(5);
+const SEED: u64 = 1;
+const ENTER: char = '\u{e007}';
+
+fn main() -> ExitCode {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    if words.first().is_some_and(|word| word == "cockpit") {
+        return flix_cli::main();
+    }
+    let mut filters = words.iter().filter(|word| !word.starts_with('-')).peekable();
+    if filters.peek().is_some() && !filters.any(|filter| "cockpit".contains(filter.as_str())) {
+        return ExitCode::SUCCESS;
+    }
+    match with_a_robot() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("cockpit: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// What the robot does, as the simulator knows it.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    now: Instant,
+    frequency: f64,
+    /// When a rotor last turned.
+    moved: Instant,
+}
+
+/// Serves a robot while the pages are tried.
+fn with_a_robot() -> Outcome<()> {
+    let key = Key::new([0x5a; 32]);
+    let model = RobotModel::named("bench-fixed")?;
+    let mut parameters = RobotParameters::of(&model.electrical, key.clone(), SEED)?;
+    parameters.flash.overwrite(learnt(Base::Fixed, SEED)?);
+    parameters.entropy = *keys::generate()?.as_bytes();
+    let robot = SimulatedRobot::new(parameters, Plant::new(&model)?);
+    let directory = tempfile::tempdir()?;
+    let key_file = directory.path().join("robot.key");
+    keys::write_new(&key_file, &key)?;
+    let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
+    let address = socket.local_addr()?.to_string();
+    let start = Seen { now: Instant::START, frequency: 0.0, moved: Instant::START };
+    let seen = Arc::new(Mutex::new(start));
+    let interrupt = Interrupt::never();
+    let server = std::thread::spawn({
+        let (interrupt, seen) = (interrupt.clone(), Arc::clone(&seen));
+        move || {
+            serve(robot, &socket, None, &interrupt, |robot| {
+                let (now, truth) = (robot.now(), robot.truth());
+                if let Ok(mut seen) = seen.lock() {
+                    let moved = if truth.is_slower_than(REST_HZ) { seen.moved } else { now };
+                    *seen = Seen { now, frequency: truth.frequency(), moved };
+                }
+                Ok(())
+            })
+        }
+    });
+    let mut program = Command::new(std::env::current_exe()?)
+        .args(["cockpit", &address, "--bind", "127.0.0.1:0", "--key"])
+        .arg(&key_file)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .spawn()?;
+    let tried = program
+        .stdout
+        .take()
+        .ok_or("no output".into())
+        .and_then(|output| try_pages(BufReader::new(output), seen));
+    end(&mut program)?;
+    interrupt.raise();
+    server.join().map_err(|_| "the robot panicked")??;
+    tried
+}
+
+fn end(program: &mut Child) -> Outcome<()> {
+    program.kill()?;
+    program.wait()?;
+    Ok(())
+}
+
+fn try_pages(mut output: impl std::io::BufRead, seen: Arc<Mutex<Seen>>) -> Outcome<()> {
+    let mut line = String::new();
+    output.read_line(&mut line)?;
+    let url = line.trim().strip_prefix("open ").ok_or("no address")?.to_owned();
+    strangers_are_refused(&url)?;
+    println!("test strangers_are_refused ... ok");
+    if std::env::var_os("FLIX_WITHOUT_BROWSER").is_some() {
+        println!("skipped the pages: FLIX_WITHOUT_BROWSER is set");
+        return Ok(());
+    }
+    let Some(browser) = Browser::open()? else {
+        if std::env::var_os("FLIX_REQUIRE_BROWSER").is_some() {
+            return Err("no chromedriver: install `chromium` and `chromium-driver`".into());
+        }
+        println!("skipped the pages: no chromedriver; install `chromium` and `chromium-driver`");
+        return Ok(());
+    };
+    let mut desk = Desk { browser, seen, url };
+    type Test = (&'static str, fn(&mut Desk) -> Outcome<()>);
+    let tests: [Test; 8] = [
+        ("the_scope_shows_its_channels", Desk::scope),
+        ("settings_are_read_and_changed", Desk::settings),
+        ("keys_drive_and_the_space_bar_stops", Desk::keys),
+        ("a_finger_drives_and_stops", Desk::finger),
+        ("a_gamepad_drives_once_it_was_neutral", Desk::gamepad),
+        ("a_page_that_freezes_leaves_the_robot_at_rest", Desk::freeze),
+        ("of_two_pages_one_drives_and_both_stop", Desk::two_pages),
+        ("a_page_that_dies_leaves_the_robot_at_rest", Desk::dies),
+    ];
+    for (name, test) in tests {
+        let verdict = test(&mut desk);
+        println!("test {name} ... {}", if verdict.is_ok() { "ok" } else { "FAILED" });
+        verdict.map_err(|error| format!("{name}: {error}"))?;
+    }
+    Ok(())
+}
+
+/// Asks without a browser, as whoever can reach the port.
+fn strangers_are_refused(url: &str) -> Outcome<()> {
+    let (host, path) =
+        url.strip_prefix("http://").and_then(|it| it.split_once('/')).ok_or("no path")?;
+    let own = format!("http://{host}");
+    let (token, other) = (&path[..path.len() - 2], if path.ends_with("0/") { '1' } else { '0' });
+    let wrong = format!("{token}{other}/");
+    let port = host.rsplit(':').next().ok_or("no port")?;
+    let strange = format!("evil.example:{port}");
+    let socket = |path: &str| format!("{path}socket");
+    for (path, asked, origin, expected) in [
+        (path, host, None, 200),
+        (&wrong, host, None, 403),
+        (path, &strange, None, 403),
+        (path, host, Some("http://evil.example"), 403),
+        (&socket(path), host, Some(own.as_str()), 101),
+        (&socket(&wrong), host, Some(&own), 403),
+        (&socket(path), host, Some("http://evil.example"), 403),
+        (&socket(path), host, None, 403),
+        (&socket(path), &strange, Some(&format!("http://{strange}")), 403),
+    ] {
+        let status = status(host, path, asked, origin)?;
+        if status != expected {
+            return Err(
+                format!("{path} of {asked} from {origin:?}: {status}, not {expected}").into()
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Returns the status of the answer to a request for a page or a WebSocket.
+fn status(to: &str, path: &str, host: &str, origin: Option<&str>) -> Outcome<u16> {
+    let mut stream = TcpStream::connect(to)?;
+    let origin = origin.map_or_else(String::new, |it| format!("Origin: {it}\r\n"));
+    write!(
+        stream,
+        "GET /{path} HTTP/1.1\r\nHost: {host}\r\n{origin}Connection: Upgrade\r\nUpgrade: websocket\r\n\
+         Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+    )?;
+    let mut answer = [0; 12];
+    stream.read_exact(&mut answer)?;
+    Ok(std::str::from_utf8(&answer[9..])?.parse()?)
+}
+
+/// A browser, and the robot that it drives.
+struct Desk {
+    browser: Browser,
+    seen: Arc<Mutex<Seen>>,
+    url: String,
+}
+
+impl Desk {
+    fn seen(&self) -> Outcome<Seen> {
+        self.seen.lock().map(|seen| *seen).map_err(|_| "the robot panicked".into())
+    }
+
+    fn until(&self, what: &str, is_so: impl Fn(&Self) -> Outcome<bool>) -> Outcome<()> {
+        let begun = WallClock::now();
+        while !is_so(self)? {
+            if begun.elapsed() > PATIENCE {
+                let page = self.browser.run("return document.body.innerText");
+                return Err(format!("not {what}: {:?}, {page:?}", self.seen()?).into());
+            }
+            std::thread::sleep(LOOK);
+        }
+        Ok(())
+    }
+
+    fn until_text(&self, id: &str, text: &str) -> Outcome<()> {
+        let script = format!("return document.getElementById('{id}').textContent");
+        self.until(&format!("{id} = {text}"), |desk| Ok(desk.browser.run(&script)? == text))
+    }
+
+    /// Commands this until it is so: where the machine has no time for the page, a command is not done, or the robot rests.
+    fn command(
+        &self,
+        what: &str,
+        command: impl Fn(&Self) -> Outcome<()>,
+        is_so: impl Fn(&Self) -> Outcome<bool>,
+    ) -> Outcome<()> {
+        let tried = std::cell::Cell::new(None::<Instant>);
+        self.until(what, |desk| {
+            if is_so(desk)? {
+                return Ok(true);
+            }
+            let now = desk.seen()?.now;
+            if tried.get().is_none_or(|at| now.since(at) > TRY_AGAIN) {
+                tried.set(Some(now));
+                command(desk)?;
+            }
+            Ok(false)
+        })
+    }
+
+    fn walk(&self, command: impl Fn(&Self) -> Outcome<()>) -> Outcome<()> {
+        let armed = |desk: &Self| desk.until_armed().and_then(|()| command(desk));
+        self.command("walking", armed, |desk| Ok(desk.seen()?.frequency.abs() > WALKING_HZ))
+    }
+
+    fn state(&self) -> Outcome<serde_json::Value> {
+        self.browser.run("return document.getElementById('state').textContent")
+    }
+
+    /// Arms by keyboard, unless the robot is armed.
+    fn until_armed(&self) -> Outcome<()> {
+        self.until("armed", |desk| {
+            let state = desk.state()?;
+            if state == "disarmed" {
+                desk.browser.press(ENTER)?;
+            }
+            Ok(state == "armed" || state == "running")
+        })
+    }
+
+    fn until_resting(&self) -> Outcome<()> {
+        self.until("resting", |desk| {
+            desk.seen().map(|seen| seen.now.since(seen.moved) > Duration::from_millis(100))
+        })
+    }
+
+    /// Opens the page, and arms by keyboard whatever was before.
+    fn arm(&self) -> Outcome<()> {
+        self.browser.go(&self.url)?;
+        self.until("connected", |desk| {
+            desk.browser
+                .run("return document.querySelector('[data-do=arm]').disabled === false")
+                .map(|it| it == true)
+        })?;
+        let clear = |desk: &Self| desk.browser.press('c');
+        self.command("cleared", clear, |desk| {
+            let state = desk.state()?;
+            Ok(["disarmed", "armed", "running"].iter().any(|it| state == *it))
+        })?;
+        self.until_armed()
+    }
+
+    /// Checks that the robot has come to rest in time after this, and stays there.
+    fn rests_since(&self, left: Instant) -> Outcome<()> {
+        self.until("a while later", |desk| Ok(desk.seen()?.now.since(left) > REST_WITHIN + STAYS))?;
+        let moved = self.seen()?.moved.since(left);
+        println!("     at rest after {moved:?}");
+        if moved > REST_WITHIN { Err(format!("moved for {moved:?}").into()) } else { Ok(()) }
+    }
+
+    /// Changes a setting as its operator does, and waits until the robot has it.
+    fn change(&self, setting: &str, value: f64) -> Outcome<()> {
+        let find = format!("const input = document.getElementById('setting-{setting}');");
+        let change = format!(
+            "{find} input.value = {value}; input.dispatchEvent(new Event('input'));
+             input.dispatchEvent(new Event('change'));
+             // What the page shows next comes from the robot.
+             input.value = '';"
+        );
+        self.command(
+            &format!("{setting} = {value}"),
+            |desk| desk.browser.run(&change).map(drop),
+            |desk| {
+                let seen = format!("{find} return input?.disabled === false ? input.value : null");
+                Ok(desk.browser.run(&seen)?.as_str() == Some(&value.to_string()))
+            },
+        )
+    }
+
+    fn settings(&mut self) -> Outcome<()> {
+        self.browser.go(&self.url)?;
+        self.browser.touch("#settings summary")?;
+        self.until("settings", |desk| {
+            let rows = "return document.querySelectorAll('.setting input:enabled').length";
+            Ok(desk.browser.run(rows)?.as_u64() > Some(40))
+        })?;
+        self.change("current_limit", 1.75)?;
+        self.change("current_limit", 2.0)?;
+        // What is out of range is said by the page, and not sent.
+        let refused = "const input = document.getElementById('setting-current_limit'); input.value = 99;
+                       input.dispatchEvent(new Event('change')); input.blur(); return input.validity.rangeOverflow";
+        if self.browser.run(refused)? != true {
+            return Err("99 A is no limit of a current".into());
+        }
+        self.until_armed()?;
+        self.until("no change while armed", |desk| {
+            let enabled = "return document.querySelectorAll('.setting input:enabled').length";
+            Ok(desk.browser.run(enabled)? == 0)
+        })
+    }
+
+    fn scope(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        self.browser.touch("#scope summary")?;
+        let captions = "return document.getElementById('scope-charts').innerText";
+        let capture = |desk: &Self| desk.browser.touch("#scope-now");
+        self.command("captured", capture, |desk| {
+            let text = desk.browser.run(captions)?;
+            let text = text.as_str().unwrap_or_default();
+            Ok(["top_iq", "bottom_id", "ms: f", "theta_error"]
+                .iter()
+                .all(|name| text.contains(name)))
+        })?;
+        self.browser.press('s')?;
+        self.until_resting()
+    }
+
+    fn keys(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        self.browser.press('s')?;
+        self.until_resting()?;
+        self.walk(|desk| desk.browser.press('d'))?;
+        let left = self.seen()?.now;
+        self.browser.press(' ')?;
+        self.until_text("state", "stopped")?;
+        self.rests_since(left)
+    }
+
+    fn finger(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.walk(|desk| desk.browser.touch("[data-mode='left turn']"))?;
+        self.browser.touch("[data-mode=rest]")?;
+        self.until_resting()?;
+        self.walk(|desk| desk.browser.touch("[data-mode='strafe right']"))?;
+        self.browser.touch("#stop")?;
+        self.until_text("state", "stopped")?;
+        self.until_resting()
+    }
+
+    /// Checks that nothing moves the robot, which is at rest.
+    fn stays_at_rest(&self) -> Outcome<()> {
+        let begun = self.seen()?.now;
+        self.until("a while later", |desk| Ok(desk.seen()?.now.since(begun) > STAYS))?;
+        let is_moved = self.seen()?.moved > begun;
+        if is_moved { Err("the robot moved".into()) } else { Ok(()) }
+    }
+
+    /// Moves the stick of the gamepad: right and down, from -1 to 1.
+    fn stick(&self, axes: [f64; 2]) -> Outcome<()> {
+        let script = format!(
+            "window.stick = {axes:?};
+             const buttons = Array.from({{ length: 17 }}, () => ({{ pressed: false, value: 0 }}));
+             navigator.getGamepads = () => [{{ connected: true, axes: window.stick, buttons }}];"
+        );
+        self.browser.run(&script).map(drop)
+    }
+
+    fn push_from_neutral(&self, axes: [f64; 2]) -> Outcome<()> {
+        self.stick([0.0, 0.0])?;
+        self.until_text("gamepad", "neutral")?;
+        self.stick(axes)
+    }
+
+    fn gamepad(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.stick([0.0, -1.0])?;
+        self.until_text("gamepad", "let go of stick and buttons first")?;
+        self.stays_at_rest()?;
+        self.walk(|desk| desk.push_from_neutral([0.0, -1.0]))?;
+        self.stick([0.0, 0.0])?;
+        self.until_resting()
+    }
+
+    fn freeze(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.walk(|desk| desk.push_from_neutral([1.0, 0.0]))?;
+        let hang = "setTimeout(() => { const end = Date.now() + 4000; while (Date.now() < end); })";
+        // The browser may answer only when the page does.
+        let left = self.seen()?.now;
+        self.browser.run(hang)?;
+        self.rests_since(left)?;
+        // It thaws with its stick still pushed, and does not walk on.
+        self.until_armed()?;
+        self.until_text("gamepad", "let go of stick and buttons first")?;
+        self.stays_at_rest()
+    }
+
+    fn two_pages(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        let first = self.browser.window()?;
+        let second = self.browser.open_window()?;
+        self.browser.switch(&second)?;
+        self.browser.go(&self.url)?;
+        self.until("watching", |desk| {
+            let text =
+                desk.browser.run("return document.getElementById('banner-text').textContent")?;
+            Ok(text.as_str().is_some_and(|text| text.contains("watches")))
+        })?;
+        self.browser.press(ENTER)?;
+        self.browser.touch("#stop")?;
+        self.until_text("state", "stopped")?;
+        self.until_resting()?;
+        let take = |desk: &Self| desk.browser.touch("#drive");
+        self.command("driving", take, |desk| {
+            desk.browser.run("return document.getElementById('drive').hidden").map(|it| it == true)
+        })?;
+        self.browser.switch(&first)?;
+        self.until("watching", |desk| {
+            desk.browser.run("return document.getElementById('drive').hidden").map(|it| it == false)
+        })?;
+        self.browser.switch(&second)
+    }
+
+    fn dies(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        // It takes its time where the machine is busy, and its page goes on until then.
+        self.browser.kill()?;
+        self.rests_since(self.seen()?.now)
+    }
+}

@@ -1,0 +1,659 @@
+//! The robot as data: every geometric, mass, leg, foot and contact parameter, with its unit in its name.
+//!
+//! A [`RobotModel`] is read from TOML ([`RobotModel::from_toml`]) or taken by name
+//! ([`RobotModel::named`]: `A`, `W`, `calibrated`, `flix`, `bench-fixed`, `bench-planar`, `random-SEED`). Unknown keys are refused, so a key with
+//! another unit (`mass_kg` for `mass_g`) is too; every value has a range.
+//!
+//! Axes are FLU (x forward, y left, z up) about the **origin**: the middle of the plate, on its mid-plane,
+//! which is also where the shaker's axis passes. Legs are named `fl fr rl rr`.
+//!
+//! The paper's error set X is here as `body.total_mass_g`, `body.offset_x_mm`, `body.offset_y_mm` and, per
+//! leg, four factors on stiffness and damping and the tangential friction.
+
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
+
+pub mod electrical;
+pub mod links;
+pub mod mjcf;
+mod random;
+mod scatter;
+mod stranger;
+pub mod urdf;
+mod xml;
+
+pub use electrical::{Electrical, SIMULATED_BOARD};
+pub use random::random;
+pub use scatter::scattered;
+pub use stranger::{STEEPEST_DEG, STRANGERS, stranger};
+
+/// The four legs, in the order of every array in this crate.
+pub const LEGS: [&str; 4] = ["fl", "fr", "rl", "rr"];
+
+/// Standard gravity, m/s^2 (the paper's simulator's value).
+pub const GRAVITY: f64 = 9.81;
+
+/// Why a model is refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelError {
+    /// Not TOML, an unknown key, a missing one or one of the wrong type.
+    #[error("the model does not read: {0}")]
+    Syntax(#[from] toml::de::Error),
+    /// A value outside its range.
+    #[error(
+        "{key} = {value} is outside {low} .. {high}: give it in the unit that its name ends in"
+    )]
+    OutOfRange {
+        /// Path of the key in the file.
+        key: String,
+        /// What was given.
+        value: f64,
+        /// Lowest allowed.
+        low: f64,
+        /// Highest allowed.
+        high: f64,
+    },
+    /// Values that cannot be true together.
+    #[error("{key} = {value}: {reason}")]
+    Impossible {
+        /// Path of the key in the file.
+        key: String,
+        /// What was given.
+        value: f64,
+        /// What it contradicts.
+        reason: String,
+    },
+    /// A setting of the robot's software that it would refuse.
+    #[error("{key} = {value}: {reason}; `flix parameters list` shows all with their ranges")]
+    Setting {
+        /// Path of the key in the file.
+        key: String,
+        /// What was given.
+        value: f64,
+        /// What the software says.
+        reason: String,
+    },
+    /// A file whose model is refused.
+    #[error("{file}: {error}")]
+    File {
+        /// Which.
+        file: String,
+        /// Why.
+        error: Box<ModelError>,
+    },
+    /// Asked to walk.
+    #[error(
+        "the model {name} has no legs or does not stand free: choose one that can walk, for example A or W"
+    )]
+    NoWalker {
+        /// Name of the model.
+        name: String,
+    },
+    /// No such file and no such name.
+    #[error("cannot read the model {name}: {error}; give a TOML file or one of {}, random-SEED, stranger-SEED", NAMES.join(", "))]
+    NotFound {
+        /// What was asked for.
+        name: String,
+        /// What the system said.
+        error: std::io::Error,
+    },
+}
+
+/// How the body's origin may move.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "joint", rename_all = "lowercase", deny_unknown_fields)]
+pub enum Base {
+    /// Not at all: a test stand.
+    Fixed {},
+    /// In the horizontal plane, against linear damping, and about the vertical axis.
+    Planar {
+        /// Resistance to motion, N s/m, 0 to 100.
+        damping_n_s_m: f64,
+        /// Resistance to turning, N m s/rad, 0 to 10.
+        yaw_damping_n_m_s: f64,
+    },
+    /// Freely.
+    Free {},
+}
+
+/// Total mass and where it deviates.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Body {
+    /// The whole robot without loads, g, 150 to 2000. Source: paper, section II-A (350).
+    pub total_mass_g: f64,
+    /// Forward offset of the core (error set X, m_x), mm, -30 to 30.
+    #[serde(default)]
+    pub offset_x_mm: f64,
+    /// Leftward offset of the core (error set X, m_y), mm, -30 to 30.
+    #[serde(default)]
+    pub offset_y_mm: f64,
+}
+
+/// The carbon plate, centred on the origin.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plate {
+    /// Along x, mm, 10 to 1000. Source: paper, table II (220).
+    pub length_mm: f64,
+    /// Along y, mm, 10 to 1000. Source: paper, table II (120).
+    pub width_mm: f64,
+    /// Along z, mm, 0.1 to 50. Source: paper, table II (3.5).
+    pub thickness_mm: f64,
+    /// Mass, g, 0 to 1000. Source: paper, section II-A (16).
+    pub mass_g: f64,
+}
+
+/// A solid box fixed to the plate.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Block {
+    /// Mass, g, 0 to 1000.
+    pub mass_g: f64,
+    /// Its centre, mm, -200 to 200.
+    pub x_mm: f64,
+    /// Its centre, mm, -200 to 200.
+    #[serde(default)]
+    pub y_mm: f64,
+    /// Its centre, mm, -100 to 200.
+    pub z_mm: f64,
+    /// Its size along x, y, z, mm, each 0 to 200; zero is a point.
+    #[serde(default, deserialize_with = "exactly")]
+    pub size_mm: [f64; 3],
+}
+
+/// Motors and cage: they take what is left of the total mass.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Core {
+    /// Its centre, mm, -100 to 100.
+    pub x_mm: f64,
+    /// Its centre, mm, -100 to 200.
+    pub z_mm: f64,
+    /// Its size along x, y, z, mm, each 0 to 200. Assumed: the paper gives none.
+    #[serde(deserialize_with = "exactly")]
+    pub size_mm: [f64; 3],
+}
+
+/// Two eccentric masses on one vertical axis through the origin.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Shaker {
+    /// Each mass, g, 0.1 to 100. Source: paper, table II (12).
+    pub mass_g: f64,
+    /// Arm, mm, 1 to 100. Source: paper, table II (28).
+    pub arm_mm: f64,
+    /// Height of the top mass above the bottom one, mm, 0 to 100. Source: paper, table II (28).
+    pub spacing_mm: f64,
+    /// Height of the plane half-way between both above the origin, mm, -50 to 100. Open in the paper.
+    pub z_mm: f64,
+    /// Inertia of each motor's bell about the axis, g cm^2, 0 to 1000; half of it about any other, as of a thin ring.
+    /// Open in the paper.
+    #[serde(default)]
+    pub bell_inertia_g_cm2: f64,
+}
+
+/// What the four legs share.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Legs {
+    /// Forward distance of the roots from the centre, mm, 10 to 300.
+    pub root_x_mm: f64,
+    /// Sideward distance of the roots from the centre, mm, 10 to 300.
+    pub root_y_mm: f64,
+    /// Length of the beam, mm, 10 to 300. Source: paper, table II (50).
+    pub length_mm: f64,
+    /// Width of the beam, mm, 1 to 100. Source: paper, table II (20).
+    pub width_mm: f64,
+    /// Thickness of the beam, mm, 0.1 to 50. Source: paper, table II (3).
+    pub thickness_mm: f64,
+    /// Mass of a beam, g, 0.3 to 200.
+    pub mass_g: f64,
+    /// Direction of the first bending hinge, degrees from body x about z for the left legs, mirrored for the
+    /// right ones, -180 to 180. Open in the paper.
+    pub hinge_deg: f64,
+    /// Twist about the beam between each segment and the one above it, degrees, each -180 to 180; a leg's
+    /// `twist_hand` gives the direction sign. Source: paper, section II-C (0, 45, 45).
+    #[serde(deserialize_with = "exactly")]
+    pub twist_deg: [f64; 3],
+    /// Stiffness of each bending hinge, N m/rad, 0.01 to 100. Source: paper, S* (1.062072).
+    pub bend_stiffness_n_m_rad: f64,
+    /// Stiffness of each twisting hinge, N m/rad, 0.01 to 100. Source: paper, S* (2.21209, read as the twist).
+    pub twist_stiffness_n_m_rad: f64,
+    /// Damping of each bending hinge, N m s/rad, 0 to 1. Source: paper, S* (0.0024).
+    pub bend_damping_n_m_s_rad: f64,
+    /// Damping of each twisting hinge, N m s/rad, 0 to 1. Source: paper, S* (0.00183).
+    pub twist_damping_n_m_s_rad: f64,
+    /// Front left.
+    pub fl: Leg,
+    /// Front right.
+    pub fr: Leg,
+    /// Rear left.
+    pub rl: Leg,
+    /// Rear right.
+    pub rr: Leg,
+    /// What the four feet share.
+    pub foot: Foot,
+}
+
+impl Legs {
+    /// Returns the legs in the order of [`LEGS`].
+    pub fn each(&self) -> [&Leg; 4] {
+        [&self.fl, &self.fr, &self.rl, &self.rr]
+    }
+    /// Returns the legs in the order of [`LEGS`], to change.
+    pub fn each_mut(&mut self) -> [&mut Leg; 4] {
+        [&mut self.fl, &mut self.fr, &mut self.rl, &mut self.rr]
+    }
+}
+
+/// What differs between legs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Leg {
+    /// Direction sign of the twist about the beam's axis (from root to foot): 1 or -1.
+    pub twist_hand: f64,
+    /// Tangential friction coefficient, 0.01 to 3. Source: paper, section III-B (0.508 fr, 0.646 fl, 0.553 rr,
+    /// 0.451 rl; 0.54 on average).
+    pub friction: f64,
+    /// Factor on the bending stiffness (error set X), 0.1 to 10.
+    #[serde(default = "one")]
+    pub bend_stiffness_factor: f64,
+    /// Factor on the twisting stiffness (error set X), 0.1 to 10.
+    #[serde(default = "one")]
+    pub twist_stiffness_factor: f64,
+    /// Factor on the bending damping (error set X), 0 to 10.
+    #[serde(default = "one")]
+    pub bend_damping_factor: f64,
+    /// Factor on the twisting damping (error set X), 0 to 10.
+    #[serde(default = "one")]
+    pub twist_damping_factor: f64,
+    /// Shift of the foot along its long axis, outward (or forward) positive, mm, -40 to 40.
+    #[serde(default)]
+    pub foot_shift_mm: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// A rigid foot under the last segment, level when the robot stands.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Foot {
+    /// Long side, mm, 1 to 300. Source: paper, table II (85).
+    pub length_mm: f64,
+    /// Short side, mm, 1 to 100. Source: paper, table II (5).
+    pub width_mm: f64,
+    /// Height, mm, 0.5 to 100. Assumed (5).
+    pub height_mm: f64,
+    /// Mass, g, 0 (a bare beam) to 200. Estimated for PLA (3).
+    pub mass_g: f64,
+    /// Which way the long side points when the robot stands. Open in the paper.
+    pub axis: FootAxis,
+}
+
+/// Direction of a foot's long side.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FootAxis {
+    /// Along y.
+    Across,
+    /// Along x.
+    Along,
+}
+
+/// Feet on the floor.
+///
+/// The law is the one of MuJoCo's documentation ("computation", constraint model) with its elliptic cone: the
+/// penetration `r` of a corner obeys `R f = -(a + b v + k d(r) r)`, `f >= 0`, with `R = (1 - d(r))/d(r)` of the foot's
+/// inverse apparent mass; `b` and `k` follow from the stiffness and the damping here. Friction is isotropic in the plane
+/// and does not change the floor's softness.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Contact {
+    /// Stiffness of one of a foot's four corners, pressed in by `impedance_width_mm` or more, N/m, 100 to 1e6.
+    pub stiffness_n_per_m: f64,
+    /// Its damping there, N s/m, 1 to 1e5.
+    pub damping_n_s_per_m: f64,
+    /// Impedance d at first touch, 0.1 to 0.999.
+    pub impedance_touch: f64,
+    /// Impedance d at full width, 0.1 to 0.999.
+    pub impedance_full: f64,
+    /// Penetration of full impedance, mm, 0.01 to 50.
+    pub impedance_width_mm: f64,
+    /// Torsional friction about the normal, mm, 0 to 100.
+    pub torsional_friction_mm: f64,
+    /// Rolling friction about both tangents, mm, 0 to 100.
+    pub rolling_friction_mm: f64,
+    /// Slope of the floor, degrees, 0 to 30. World z stays normal to the floor; weight leans.
+    #[serde(default)]
+    pub slope_deg: f64,
+    /// Direction in which it falls, degrees from world x towards world y, -360 to 360.
+    #[serde(default)]
+    pub downhill_deg: f64,
+}
+
+/// An extra mass on the body.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Load {
+    /// Mass, g, 0 to 2000.
+    pub mass_g: f64,
+    /// Where, mm, -300 to 300.
+    pub x_mm: f64,
+    /// Where, mm, -300 to 300.
+    pub y_mm: f64,
+    /// Where, mm, -300 to 300.
+    #[serde(default)]
+    pub z_mm: f64,
+}
+
+/// The whole robot, or a part of it on a stand.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RobotModel {
+    /// What reports call it.
+    pub name: String,
+    /// How the body may move.
+    pub base: Base,
+    /// Total mass and its offsets.
+    pub body: Body,
+    /// The plate.
+    pub plate: Plate,
+    /// The battery.
+    pub battery: Block,
+    /// The electronics.
+    pub electronics: Block,
+    /// Motors and cage.
+    pub core: Core,
+    /// The shaker.
+    pub shaker: Shaker,
+    /// The legs; a bench has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub legs: Option<Legs>,
+    /// The floor's contact.
+    pub contact: Contact,
+    /// Motors, sensors, inverter, the battery's voltage: everything between software and rotors.
+    #[serde(default, skip_serializing_if = "Electrical::is_assumed")]
+    pub electrical: Electrical,
+    /// Extra masses.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub load: Vec<Load>,
+}
+
+/// Reads exactly `COUNT` numbers: a longer list has another meaning than the one it is read with.
+fn exactly<'de, D: Deserializer<'de>, const COUNT: usize>(
+    deserializer: D,
+) -> Result<[f64; COUNT], D::Error> {
+    let numbers = Vec::<f64>::deserialize(deserializer)?;
+    let given = numbers.len();
+    numbers
+        .try_into()
+        .map_err(|_| D::Error::custom(format!("{given} numbers where {COUNT} are meant")))
+}
+
+/// Names of the models that come with the program.
+pub const NAMES: [&str; 6] = ["A", "W", "calibrated", "flix", "bench-fixed", "bench-planar"];
+
+/// The model that a stranger is when it is asked for by name.
+pub const STRANGERS_PLAN: &str = "W";
+
+const SHIPPED: [&str; 6] = [
+    include_str!("../../../models/A.toml"),
+    include_str!("../../../models/W.toml"),
+    include_str!("../../../models/calibrated.toml"),
+    include_str!("../../../models/flix.toml"),
+    include_str!("../../../models/bench-fixed.toml"),
+    include_str!("../../../models/bench-planar.toml"),
+];
+
+impl RobotModel {
+    /// Reads and checks a model.
+    ///
+    /// # Errors
+    /// [`ModelError`] names the key, its value and its range.
+    pub fn from_toml(text: &str) -> Result<Self, ModelError> {
+        let model: Self = toml::from_str(text)?;
+        model.check()?;
+        Ok(model)
+    }
+
+    /// Takes a shipped model by name, draws a random one (`random-7`) or a changed W ([`stranger`], `stranger-7`), or
+    /// reads a file.
+    ///
+    /// # Errors
+    /// As [`RobotModel::from_toml`] with the name of the file, or that there is no such file.
+    pub fn named(name: &str) -> Result<Self, ModelError> {
+        if let Some(i) = NAMES.iter().position(|n| *n == name) {
+            return Self::from_toml(SHIPPED[i]);
+        }
+        if let Some(seed) = random::seed_of(name) {
+            return Ok(random(seed));
+        }
+        if let Some(seed) = stranger::seed_of(name) {
+            return Ok(stranger(&Self::named(STRANGERS_PLAN)?, seed));
+        }
+        let text = flix_host::file::read_text(name.as_ref())
+            .map_err(|error| ModelError::NotFound { name: name.to_owned(), error })?;
+        Self::from_toml(&text)
+            .map_err(|error| ModelError::File { file: name.to_owned(), error: Box::new(error) })
+    }
+
+    /// Returns the acceleration of free fall along the axes of the world, whose z is the floor's normal, m/s^2.
+    #[must_use]
+    pub fn gravity(&self) -> [f64; 3] {
+        if self.contact.slope_deg == 0.0 {
+            return [0.0, 0.0, -GRAVITY];
+        }
+        let (along, normal) = libm::sincos(self.contact.slope_deg.to_radians());
+        let (y, x) = libm::sincos(self.contact.downhill_deg.to_radians());
+        [GRAVITY * along * x, GRAVITY * along * y, -GRAVITY * normal]
+    }
+
+    /// Checks that the robot has legs and stands free.
+    ///
+    /// # Errors
+    /// [`ModelError::NoWalker`] if it has none or is held.
+    pub fn check_walker(&self) -> Result<(), ModelError> {
+        if self.legs.is_none() || self.base != (Base::Free {}) {
+            return Err(ModelError::NoWalker { name: self.name.clone() });
+        }
+        Ok(())
+    }
+
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] or [`ModelError::Impossible`] for the first bad key.
+    pub fn check(&self) -> Result<(), ModelError> {
+        for (key, value, low, high) in self.bounds() {
+            if !(low..=high).contains(&value) {
+                return Err(ModelError::OutOfRange { key, value, low, high });
+            }
+        }
+        let core = self.core_mass_g();
+        if core < 1.0 {
+            return Err(ModelError::Impossible {
+                key: "body.total_mass_g".to_owned(),
+                value: self.body.total_mass_g,
+                reason: format!(
+                    "the parts weigh {:.1} g more than that allows; raise it",
+                    1.0 - core
+                ),
+            });
+        }
+        if let Some(legs) = &self.legs {
+            for (name, leg) in LEGS.iter().zip(legs.each()) {
+                if leg.twist_hand.abs() != 1.0 {
+                    return Err(ModelError::Impossible {
+                        key: format!("legs.{name}.twist_hand"),
+                        value: leg.twist_hand,
+                        reason: "a twist is 1 or -1".to_owned(),
+                    });
+                }
+            }
+            self.check_feet_apart(legs)?;
+        }
+        self.electrical.check()
+    }
+
+    /// Mass of motors and cage: what the other parts leave of the total, g.
+    pub fn core_mass_g(&self) -> f64 {
+        let legs = self.legs.map_or(0.0, |l| 4.0 * (l.mass_g + l.foot.mass_g));
+        self.body.total_mass_g
+            - self.plate.mass_g
+            - self.battery.mass_g
+            - self.electronics.mass_g
+            - 2.0 * self.shaker.mass_g
+            - legs
+    }
+
+    /// Returns the centre of a foot in body axes when the legs are straight, m.
+    pub fn foot_center(&self, legs: &Legs, leg: usize) -> [f64; 3] {
+        let (x, y) = (LEG_SIDE[leg][0], LEG_SIDE[leg][1]);
+        let shift = legs.each()[leg].foot_shift_mm;
+        let (sx, sy) = match legs.foot.axis {
+            FootAxis::Across => (0.0, shift * y),
+            FootAxis::Along => (shift * x, 0.0),
+        };
+        [
+            1e-3 * (x * legs.root_x_mm + sx),
+            1e-3 * (y * legs.root_y_mm + sy),
+            -1e-3 * (0.5 * self.plate.thickness_mm + legs.length_mm + 0.5 * legs.foot.height_mm),
+        ]
+    }
+
+    /// Returns the height of the body's origin when the robot stands on straight legs, m; 0 without legs.
+    pub fn standing_height(&self) -> f64 {
+        self.legs.map_or(0.0, |l| {
+            1e-3 * (0.5 * self.plate.thickness_mm + l.length_mm + l.foot.height_mm)
+        })
+    }
+
+    fn check_feet_apart(&self, legs: &Legs) -> Result<(), ModelError> {
+        let (sx, sy) = legs.foot.size_xy_mm();
+        for (a, one) in LEGS.iter().enumerate() {
+            for (b, other) in LEGS.iter().enumerate().take(a) {
+                let (p, q) = (self.foot_center(legs, a), self.foot_center(legs, b));
+                let apart = (1e3 * (p[0] - q[0]).abs() >= sx) || (1e3 * (p[1] - q[1]).abs() >= sy);
+                if !apart {
+                    return Err(ModelError::Impossible {
+                        key: "legs.foot.length_mm".to_owned(),
+                        value: legs.foot.length_mm,
+                        reason: format!(
+                            "the feet {other} and {one} lie inside each other; shorten them or move the roots apart",
+                        ),
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Every bounded value: key, value, lowest, highest.
+    fn bounds(&self) -> Vec<(String, f64, f64, f64)> {
+        let mut all = Vec::new();
+        let mut add = |key: &str, value: f64, low: f64, high: f64| {
+            all.push((key.to_owned(), value, low, high));
+        };
+        if let Base::Planar { damping_n_s_m, yaw_damping_n_m_s } = self.base {
+            add("base.damping_n_s_m", damping_n_s_m, 0.0, 100.0);
+            add("base.yaw_damping_n_m_s", yaw_damping_n_m_s, 0.0, 10.0);
+        }
+        add("body.total_mass_g", self.body.total_mass_g, 150.0, 2000.0);
+        add("body.offset_x_mm", self.body.offset_x_mm, -30.0, 30.0);
+        add("body.offset_y_mm", self.body.offset_y_mm, -30.0, 30.0);
+        add("plate.length_mm", self.plate.length_mm, 10.0, 1000.0);
+        add("plate.width_mm", self.plate.width_mm, 10.0, 1000.0);
+        add("plate.thickness_mm", self.plate.thickness_mm, 0.1, 50.0);
+        add("plate.mass_g", self.plate.mass_g, 0.0, 1000.0);
+        for (name, block) in [("battery", &self.battery), ("electronics", &self.electronics)] {
+            add(&format!("{name}.mass_g"), block.mass_g, 0.0, 1000.0);
+            add(&format!("{name}.x_mm"), block.x_mm, -200.0, 200.0);
+            add(&format!("{name}.y_mm"), block.y_mm, -200.0, 200.0);
+            add(&format!("{name}.z_mm"), block.z_mm, -100.0, 200.0);
+            for (axis, size) in ["x", "y", "z"].iter().zip(block.size_mm) {
+                add(&format!("{name}.size_mm ({axis})"), size, 0.0, 200.0);
+            }
+        }
+        add("core.x_mm", self.core.x_mm, -100.0, 100.0);
+        add("core.z_mm", self.core.z_mm, -100.0, 200.0);
+        for (axis, size) in ["x", "y", "z"].iter().zip(self.core.size_mm) {
+            add(&format!("core.size_mm ({axis})"), size, 0.0, 200.0);
+        }
+        add("shaker.mass_g", self.shaker.mass_g, 0.1, 100.0);
+        add("shaker.arm_mm", self.shaker.arm_mm, 1.0, 100.0);
+        add("shaker.spacing_mm", self.shaker.spacing_mm, 0.0, 100.0);
+        add("shaker.z_mm", self.shaker.z_mm, -50.0, 100.0);
+        add("shaker.bell_inertia_g_cm2", self.shaker.bell_inertia_g_cm2, 0.0, 1000.0);
+        if let Some(legs) = &self.legs {
+            legs.bounds(&mut add);
+        }
+        self.electrical.bounds(&mut add);
+        let c = &self.contact;
+        add("contact.stiffness_n_per_m", c.stiffness_n_per_m, 100.0, 1e6);
+        add("contact.damping_n_s_per_m", c.damping_n_s_per_m, 1.0, 1e5);
+        add("contact.impedance_touch", c.impedance_touch, 0.1, 0.999);
+        add("contact.impedance_full", c.impedance_full, 0.1, 0.999);
+        add("contact.impedance_width_mm", c.impedance_width_mm, 0.01, 50.0);
+        add("contact.torsional_friction_mm", c.torsional_friction_mm, 0.0, 100.0);
+        add("contact.rolling_friction_mm", c.rolling_friction_mm, 0.0, 100.0);
+        add("contact.slope_deg", c.slope_deg, 0.0, 30.0);
+        add("contact.downhill_deg", c.downhill_deg, -360.0, 360.0);
+        for (i, load) in self.load.iter().enumerate() {
+            add(&format!("load[{i}].mass_g"), load.mass_g, 0.0, 2000.0);
+            add(&format!("load[{i}].x_mm"), load.x_mm, -300.0, 300.0);
+            add(&format!("load[{i}].y_mm"), load.y_mm, -300.0, 300.0);
+            add(&format!("load[{i}].z_mm"), load.z_mm, -300.0, 300.0);
+        }
+        all
+    }
+}
+
+/// Sign of x and y of each leg's root.
+pub const LEG_SIDE: [[f64; 2]; 4] = [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]];
+
+impl Foot {
+    /// Returns the size along body x and y when the robot stands, mm.
+    pub fn size_xy_mm(&self) -> (f64, f64) {
+        match self.axis {
+            FootAxis::Across => (self.width_mm, self.length_mm),
+            FootAxis::Along => (self.length_mm, self.width_mm),
+        }
+    }
+}
+
+impl Legs {
+    fn bounds(&self, add: &mut impl FnMut(&str, f64, f64, f64)) {
+        add("legs.root_x_mm", self.root_x_mm, 10.0, 300.0);
+        add("legs.root_y_mm", self.root_y_mm, 10.0, 300.0);
+        add("legs.length_mm", self.length_mm, 10.0, 300.0);
+        add("legs.width_mm", self.width_mm, 1.0, 100.0);
+        add("legs.thickness_mm", self.thickness_mm, 0.1, 50.0);
+        add("legs.mass_g", self.mass_g, 0.3, 200.0);
+        add("legs.hinge_deg", self.hinge_deg, -180.0, 180.0);
+        for (i, twist) in self.twist_deg.iter().enumerate() {
+            add(&format!("legs.twist_deg[{i}]"), *twist, -180.0, 180.0);
+        }
+        add("legs.bend_stiffness_n_m_rad", self.bend_stiffness_n_m_rad, 0.01, 100.0);
+        add("legs.twist_stiffness_n_m_rad", self.twist_stiffness_n_m_rad, 0.01, 100.0);
+        add("legs.bend_damping_n_m_s_rad", self.bend_damping_n_m_s_rad, 0.0, 1.0);
+        add("legs.twist_damping_n_m_s_rad", self.twist_damping_n_m_s_rad, 0.0, 1.0);
+        for (name, leg) in LEGS.iter().zip(self.each()) {
+            let mut add =
+                |key: &str, v, low, high| add(&format!("legs.{name}.{key}"), v, low, high);
+            add("twist_hand", leg.twist_hand, -1.0, 1.0);
+            add("friction", leg.friction, 0.01, 3.0);
+            add("bend_stiffness_factor", leg.bend_stiffness_factor, 0.1, 10.0);
+            add("twist_stiffness_factor", leg.twist_stiffness_factor, 0.1, 10.0);
+            add("bend_damping_factor", leg.bend_damping_factor, 0.0, 10.0);
+            add("twist_damping_factor", leg.twist_damping_factor, 0.0, 10.0);
+            add("foot_shift_mm", leg.foot_shift_mm, -40.0, 40.0);
+        }
+        add("legs.foot.length_mm", self.foot.length_mm, 1.0, 300.0);
+        add("legs.foot.width_mm", self.foot.width_mm, 1.0, 100.0);
+        add("legs.foot.height_mm", self.foot.height_mm, 0.5, 100.0);
+        add("legs.foot.mass_g", self.foot.mass_g, 0.0, 200.0);
+    }
+}

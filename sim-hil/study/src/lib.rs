@@ -1,0 +1,314 @@
+#![forbid(unsafe_code)]
+//! Studies: many independent cells, computed in parallel, never lost.
+//!
+//! A [`Study`] lists its cells and computes a batch of them. [`run`] does the rest: it takes the
+//! cells of its [`Shard`], skips those that an earlier, interrupted run already finished, computes
+//! the others on all cores with a progress bar, writes each batch to the journal as it ends, and at
+//! last writes one Parquet file. [`merge`] joins the Parquet files of shards into that of the whole.
+//!
+//! ```text
+//! cells of the study -> those of the shard -> those not in cells.csv -> computed -> cells.csv
+//!                                                                  all there? -> results.parquet
+//! ```
+//!
+//! What a result depends on (parameters, model, version of this crate) is hashed into a
+//! [`Fingerprint`]; results of another fingerprint are refused, never mixed.
+
+pub mod actuation;
+pub mod calibrate;
+pub mod cmaes;
+pub mod controllers;
+pub mod experience;
+pub mod figure;
+pub mod front;
+mod journal;
+pub mod leg;
+pub mod measured;
+pub mod modes;
+pub mod selection;
+pub mod sensitivity;
+mod shard;
+pub mod statements;
+pub mod sweep;
+pub mod sysid;
+mod table;
+
+pub use journal::JournalError;
+pub use shard::{Shard, ShardError};
+pub use table::{Table, TableError, merge};
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::time::Duration;
+
+use flix_host::interrupt::Interrupt;
+use indicatif::{ProgressBar, ProgressStyle};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use journal::Journal;
+
+/// One column of a study's table.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Column {
+    /// Name with its unit, for example `forward_m_s`.
+    pub name: String,
+    /// Whether the values are text; numbers otherwise.
+    pub text: bool,
+}
+
+impl Column {
+    /// Creates a column of numbers.
+    pub fn number(name: impl Into<String>) -> Self {
+        Self { name: name.into(), text: false }
+    }
+
+    /// Creates a column of words.
+    pub fn text(name: impl Into<String>) -> Self {
+        Self { name: name.into(), text: true }
+    }
+}
+
+/// One entry of a row.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Value {
+    /// For a column of numbers.
+    Number(f64),
+    /// For a column of words.
+    Text(String),
+}
+
+impl From<f64> for Value {
+    fn from(number: f64) -> Self {
+        Self::Number(number)
+    }
+}
+
+impl From<&str> for Value {
+    fn from(text: &str) -> Self {
+        Self::Text(text.to_owned())
+    }
+}
+
+impl Value {
+    /// Returns the number, if it is one.
+    #[must_use]
+    pub const fn number(&self) -> Option<f64> {
+        match self {
+            Self::Number(number) => Some(*number),
+            Self::Text(_) => None,
+        }
+    }
+
+    /// Returns the text, if it is one.
+    #[must_use]
+    pub fn as_text(&self) -> Option<&str> {
+        match self {
+            Self::Number(_) => None,
+            Self::Text(text) => Some(text),
+        }
+    }
+}
+
+/// One row: a value a column.
+pub type Row = Vec<Value>;
+
+/// What all results of a table depend on, as a hash.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Fingerprint(String);
+
+impl fmt::Display for Fingerprint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// Many independent cells.
+pub trait Study: Sync {
+    /// For files and people, for example `mobility`.
+    fn name(&self) -> &'static str;
+
+    /// What is in the results, in a few words for the name of a folder: the model at least.
+    fn label(&self) -> String;
+
+    /// Everything that results depend on and that the caller can change, models included.
+    fn parameters(&self) -> serde_json::Value;
+
+    /// The columns of the table.
+    fn columns(&self) -> Vec<Column>;
+
+    /// How many cells there are.
+    fn cells(&self) -> usize;
+
+    /// How many cells are best computed together.
+    fn batch(&self) -> usize {
+        1
+    }
+
+    /// Computes these cells, one row each, in order. Must not depend on which cells come together.
+    ///
+    /// # Errors
+    /// With what went wrong, as a sentence.
+    fn compute(&self, cells: &[usize]) -> Result<Vec<Row>, String>;
+
+    /// The hash of name, parameters, columns and program version.
+    fn fingerprint(&self) -> Fingerprint {
+        let identity = serde_json::json!({
+            "study": self.name(),
+            "parameters": self.parameters(),
+            "columns": self.columns(),
+            "version": env!("CARGO_PKG_VERSION"),
+        });
+        let digest = Sha256::digest(identity.to_string().as_bytes());
+        Fingerprint(digest.iter().take(8).map(|byte| format!("{byte:02x}")).collect())
+    }
+}
+
+/// Where and how to run a study.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Folder for everything that the study writes; made when missing.
+    pub folder: PathBuf,
+    /// Which of the cells to compute.
+    pub shard: Shard,
+    /// Forget what an earlier run left in the folder.
+    pub restart: bool,
+    /// Ends the run between two batches, with all finished cells kept.
+    pub interrupt: Interrupt,
+}
+
+/// Why a study did not end with a table.
+#[derive(Debug, thiserror::Error)]
+pub enum StudyError {
+    /// The journal failed.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+    /// The table failed.
+    #[error(transparent)]
+    Table(#[from] TableError),
+    /// A cell could not be computed.
+    #[error("a cell of the study failed: {sentence}; the {finished} finished cells are kept")]
+    Cell {
+        /// What went wrong.
+        sentence: String,
+        /// Cells that are safe.
+        finished: usize,
+    },
+    /// Somebody asked to end.
+    #[error(
+        "interrupted with {finished} of {cells} cells finished; run the same command again to go on"
+    )]
+    Interrupted {
+        /// Cells that are safe.
+        finished: usize,
+        /// Cells of the shard.
+        cells: usize,
+    },
+}
+
+impl Options {
+    /// Name of the folder's files for this shard.
+    fn path(&self, stem: &str, extension: &str) -> PathBuf {
+        self.folder.join(format!("{stem}{}.{extension}", self.shard.suffix()))
+    }
+}
+
+/// Computes what is missing and returns the whole table of the shard, rows in order of cells.
+///
+/// # Errors
+/// See [`StudyError`]; finished cells are on the disk whatever happens, and the same call goes on
+/// from there.
+pub fn run(study: &dyn Study, options: &Options) -> Result<Table, StudyError> {
+    let fingerprint = study.fingerprint();
+    let columns = study.columns();
+    let cells: Vec<usize> =
+        (0..study.cells()).filter(|cell| options.shard.contains(*cell)).collect();
+    let journal_path = options.path("cells", "csv");
+    let (journal, finished) =
+        Journal::open(&journal_path, study.name(), &fingerprint, &columns, options.restart)?;
+    let mut rows = finished;
+    rows.retain(|cell, _| options.shard.contains(*cell) && *cell < study.cells());
+    let missing: Vec<usize> =
+        cells.iter().copied().filter(|cell| !rows.contains_key(cell)).collect();
+
+    let bar = progress(cells.len() as u64, study.name());
+    bar.set_position(rows.len() as u64);
+    bar.reset_eta();
+    let journal = Mutex::new(journal);
+    let computed: Vec<Result<Vec<(usize, Row)>, StudyError>> = missing
+        .chunks(study.batch().max(1))
+        .collect::<Vec<_>>()
+        .into_par_iter()
+        .map(|batch| {
+            if options.interrupt.is_raised() {
+                return Ok(Vec::new());
+            }
+            let rows = study
+                .compute(batch)
+                .map_err(|sentence| StudyError::Cell { sentence, finished: 0 })?;
+            let rows: Vec<(usize, Row)> = batch.iter().copied().zip(rows).collect();
+            journal.lock().unwrap_or_else(std::sync::PoisonError::into_inner).append(&rows)?;
+            bar.inc(batch.len() as u64);
+            Ok(rows)
+        })
+        .collect();
+
+    let mut failure = None;
+    for batch in computed {
+        match batch {
+            Ok(batch) => rows.extend(batch),
+            Err(error) => failure = failure.or(Some(error)),
+        }
+    }
+    match failure {
+        Some(StudyError::Cell { sentence, .. }) => {
+            return Err(StudyError::Cell { sentence, finished: rows.len() });
+        }
+        Some(other) => return Err(other),
+        None if rows.len() < cells.len() => {
+            return Err(StudyError::Interrupted { finished: rows.len(), cells: cells.len() });
+        }
+        None => bar.finish_and_clear(),
+    }
+    let table = Table {
+        study: study.name().to_owned(),
+        fingerprint,
+        shard: options.shard,
+        cells: study.cells(),
+        parameters: study.parameters(),
+        columns,
+        rows,
+    };
+    table.write(&options.path("results", "parquet"))?;
+    Ok(table)
+}
+
+/// Creates a bar with time left on standard error; invisible when that is no terminal.
+#[must_use]
+pub fn progress(steps: u64, what: &'static str) -> ProgressBar {
+    let bar = ProgressBar::new(steps).with_message(what);
+    if let Ok(style) =
+        ProgressStyle::with_template("{msg} [{bar:40}] {pos}/{len} {elapsed} (left: {eta})")
+    {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar.enable_steady_tick(Duration::from_millis(200));
+    bar
+}
+
+/// Writes a file that appears whole or not at all.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
+    let partial = path.with_added_extension("partial");
+    std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, path)).inspect_err(
+        |_| {
+            // What is left of it is of no use to anybody.
+            let _ = std::fs::remove_file(&partial);
+        },
+    )
+}
+
+#[cfg(test)]
+mod tests;

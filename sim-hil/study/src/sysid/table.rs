@@ -1,0 +1,60 @@
+//! The files of an identification: one CSV for each experiment.
+
+use std::path::Path;
+
+pub use crate::measured::Column;
+use crate::measured::{Lines, MeasuredError, read_columns};
+
+/// A file of required columns.
+#[derive(Debug, Clone, Copy)]
+pub struct Table<const N: usize> {
+    /// Its name, without `.csv`.
+    pub name: &'static str,
+    /// Its columns.
+    pub columns: [Column; N],
+    /// How many rows it takes.
+    pub fewest: usize,
+}
+
+impl<const N: usize> Table<N> {
+    /// Reads it, if it is there.
+    ///
+    /// # Errors
+    /// When it is refused, with file, line and column.
+    pub fn read(&self, folder: &Path) -> Result<Option<Vec<[f64; N]>>, MeasuredError> {
+        let lines = self.read_with(folder, &[])?;
+        let row = |row: &Vec<f64>| core::array::from_fn(|i| row[i]);
+        Ok(lines.map(|lines| lines.rows.iter().map(|(_, values)| row(values)).collect()))
+    }
+
+    /// Reads it with further columns that it may have.
+    ///
+    /// # Errors
+    /// As [`Table::read`].
+    pub fn read_with(
+        &self,
+        folder: &Path,
+        optional: &[Column],
+    ) -> Result<Option<Lines>, MeasuredError> {
+        let path = folder.join(self.name).with_extension("csv");
+        // A link that leads nowhere is refused when it is opened.
+        if !path.is_symlink() && !path.exists() {
+            return Ok(None);
+        }
+        let columns = [self.columns.as_slice(), optional].concat();
+        read_columns(&path, &columns, N, self.fewest).map(Some)
+    }
+
+    /// Writes rows as they are read. Rows may have the further columns.
+    #[must_use]
+    pub fn to_csv(&self, optional: &[Column], rows: &[Vec<f64>]) -> String {
+        let columns = [self.columns.as_slice(), optional].concat();
+        let names: Vec<&str> = columns.iter().map(|column| column.name).collect();
+        let mut text = names.join(",") + "\n";
+        for row in rows {
+            let cells = row.iter().zip(&columns).map(|(value, column)| column.show(*value));
+            text += &(cells.collect::<Vec<_>>().join(",") + "\n");
+        }
+        text
+    }
+}

@@ -1,0 +1,11 @@
+//! Promises over many seeds, faults and robots: minutes on two cores, so they are no part of `cargo test --workspace`.
+//!
+//! ```text
+//! cargo test -p flix-sim --test statistics
+//! ```
+#![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
+
+mod commissioned;
+mod fault_matrix;
+mod on_its_feet;
+mod strangers;
