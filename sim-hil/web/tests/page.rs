@@ -4,7 +4,7 @@
 //! Skipped without `chromedriver` (Debian: `chromium chromium-driver`) or the page (`cargo xtask web`), unless
 //! FLIX_REQUIRE_BROWSER is set; with FLIX_WITHOUT_BROWSER it is in any case.
 
-#[path = "../../tests/cockpit/browser.rs"]
+#[path = "../../cli/tests/cockpit/browser.rs"]
 #[allow(dead_code, reason = "shared with the test of the cockpit, which needs more of it")]
 mod browser;
 
