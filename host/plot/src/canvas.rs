@@ -1,15 +1,12 @@
-//! Writes the few shapes of a figure as SVG, in logical pixels.
+//! The few shapes that a figure has, in logical pixels: [`svg`](super::svg) and [`raster`](super::raster) both draw
+//! them.
 
-use std::fmt::Write;
 use std::sync::OnceLock;
 
 use ab_glyph::{Font, FontRef};
-
-use super::Colour;
 use flix_host::text::printable;
 
-/// Font family in the SVG: the embedded font, then one of the same widths, then any.
-const FONT: &str = "DejaVu Sans, Verdana, sans-serif";
+use super::Colour;
 
 /// A point of the page, logical pixels, y downwards.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,10 +62,11 @@ pub(super) struct Text {
 /// Style of a line.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pen {
-    colour: Colour,
-    width: f64,
-    opacity: f64,
-    dashes: Option<[f64; 2]>,
+    pub(super) colour: Colour,
+    pub(super) width: f64,
+    pub(super) opacity: f64,
+    /// Lengths of a dash and of a gap.
+    pub(super) dashes: Option<[f64; 2]>,
 }
 
 impl Pen {
@@ -88,127 +86,61 @@ impl Pen {
     }
 }
 
-/// An SVG document under construction.
+/// One thing that is drawn. Fillings have an opacity of 0 to 1.
+#[derive(Debug, Clone)]
+pub(super) enum Shape {
+    Line { points: Vec<Pixel>, pen: Pen },
+    Polygon { corners: Vec<Pixel>, colour: Colour, opacity: f64 },
+    Rectangle { corner: Pixel, size: Size, colour: Colour, opacity: f64 },
+    Disc { centre: Pixel, radius: f64, colour: Colour, opacity: f64 },
+    Text { at: Pixel, text: String, look: Text },
+}
+
+/// A white page, and what is drawn on it so far.
 pub struct Canvas {
-    svg: String,
+    pub(super) size: Size,
+    pub(super) shapes: Vec<Shape>,
 }
 
 impl Canvas {
     /// Starts a white page.
-    pub(super) fn new(Size { width, height }: Size) -> Self {
-        let mut canvas = Self { svg: String::new() };
-        canvas.write(format_args!(
-            "<svg width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
-             font-family=\"{FONT}\" stroke-linejoin=\"round\" stroke-linecap=\"round\" \
-             xmlns=\"http://www.w3.org/2000/svg\">"
-        ));
-        canvas.rectangle(
-            Pixel::new(0.0, 0.0),
-            Pixel::new(width, height),
-            super::colour::WHITE,
-            1.0,
-        );
+    pub(super) fn new(size: Size) -> Self {
+        let mut canvas = Self { size, shapes: Vec::new() };
+        let corners = [Pixel::new(0.0, 0.0), Pixel::new(size.width, size.height)];
+        canvas.rectangle(corners[0], corners[1], super::colour::WHITE, 1.0);
         canvas
-    }
-
-    /// Ends the document and returns it.
-    pub(super) fn finish(mut self) -> String {
-        self.svg.push_str("</svg>\n");
-        self.svg
     }
 
     /// Draws a polyline.
     pub(super) fn line(&mut self, points: &[Pixel], pen: Pen) {
-        if points.len() < 2 {
-            return;
+        if points.len() >= 2 {
+            self.shapes.push(Shape::Line { points: points.to_vec(), pen });
         }
-        let Pen { colour, width, opacity, dashes } = pen;
-        self.write(format_args!(
-            "<polyline fill=\"none\" stroke=\"{colour}\" stroke-width=\"{}\" stroke-opacity=\"{}\"",
-            rounded(width),
-            rounded(opacity)
-        ));
-        if let Some([dash, gap]) = dashes {
-            self.write(format_args!(" stroke-dasharray=\"{dash} {gap}\""));
-        }
-        self.points(points);
     }
 
-    /// Draws a filled polygon; `opacity` 0 to 1, as for all fillings.
+    /// Draws a filled polygon.
     pub(super) fn polygon(&mut self, corners: &[Pixel], colour: Colour, opacity: f64) {
-        self.write(format_args!(
-            "<polygon fill=\"{colour}\" fill-opacity=\"{}\"",
-            rounded(opacity)
-        ));
-        self.points(corners);
+        self.shapes.push(Shape::Polygon { corners: corners.to_vec(), colour, opacity });
     }
 
     /// Draws a filled rectangle between its upper left and its lower right corner.
     pub(super) fn rectangle(&mut self, a: Pixel, b: Pixel, colour: Colour, opacity: f64) {
-        self.write(format_args!(
-            "<rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" fill=\"{colour}\" \
-             fill-opacity=\"{}\"/>\n",
-            rounded(a.x),
-            rounded(a.y),
-            rounded(b.x - a.x),
-            rounded(b.y - a.y),
-            rounded(opacity)
-        ));
+        let size = Size { width: b.x - a.x, height: b.y - a.y };
+        self.shapes.push(Shape::Rectangle { corner: a, size, colour, opacity });
     }
 
     /// Draws a filled disc.
     pub(super) fn disc(&mut self, centre: Pixel, radius: f64, colour: Colour, opacity: f64) {
-        self.write(format_args!(
-            "<circle cx=\"{}\" cy=\"{}\" r=\"{}\" fill=\"{colour}\" fill-opacity=\"{}\"/>\n",
-            rounded(centre.x),
-            rounded(centre.y),
-            rounded(radius),
-            rounded(opacity)
-        ));
+        self.shapes.push(Shape::Disc { centre, radius, colour, opacity });
     }
 
     /// Writes one line of text, vertically centred on `at`.
-    pub(super) fn text(&mut self, at: Pixel, text: &str, Text { size, colour, bold, align }: Text) {
-        if text.is_empty() {
-            return;
+    pub(super) fn text(&mut self, at: Pixel, text: &str, look: Text) {
+        if !text.is_empty() {
+            let text = printable(text).into_owned();
+            self.shapes.push(Shape::Text { at, text, look });
         }
-        let anchor = match align {
-            Align::Left => "start",
-            Align::Centre => "middle",
-            Align::Right => "end",
-        };
-        let weight = if bold { "bold" } else { "normal" };
-        self.write(format_args!(
-            "<text x=\"{}\" y=\"{}\" dy=\"0.5ex\" text-anchor=\"{anchor}\" font-size=\"{size}\" \
-             font-weight=\"{weight}\" fill=\"{colour}\">{}</text>\n",
-            rounded(at.x),
-            rounded(at.y),
-            escaped(text)
-        ));
     }
-
-    fn points(&mut self, points: &[Pixel]) {
-        self.svg.push_str(" points=\"");
-        for Pixel { x, y } in points {
-            self.write(format_args!("{},{} ", rounded(*x), rounded(*y)));
-        }
-        self.svg.push_str("\"/>\n");
-    }
-
-    fn write(&mut self, text: std::fmt::Arguments<'_>) {
-        // Writing to a string does not fail.
-        let _ = self.svg.write_fmt(text);
-    }
-}
-
-/// A hundredth of a pixel is far below what can be seen, and keeps the file small.
-fn rounded(value: f64) -> f64 {
-    (value * 100.0).round() / 100.0
-}
-
-/// Returns a text in which XML finds no markup.
-fn escaped(text: &str) -> String {
-    printable(text).replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
 /// Returns the embedded font.

@@ -1,9 +1,9 @@
 #![forbid(unsafe_code)]
 //! Figures: the same picture as SVG and PNG, on any machine.
 //!
-//! A figure is plain data ([`Chart`], [`Track`], [`HeatMaps`]) that draws itself once, as SVG
-//! ([`Canvas`]). The PNG is that SVG, rasterised with an embedded font (DejaVu Sans): both files show
-//! the same picture, also on a machine without fonts. Only
+//! A figure is plain data ([`Chart`], [`Track`], [`HeatMaps`]) that draws itself once, onto a [`Canvas`]. SVG and PNG
+//! are written from its shapes, the PNG with an embedded font (DejaVu Sans): both files show the same picture, also on a
+//! machine without fonts. Only
 //! [`record`] and [`scope`] decide what to show, of runs and of captures.
 //!
 //! Lengths inside a figure are logical pixels (CSS pixels of the SVG); the PNG has [`PNG_DENSITY`]
@@ -28,6 +28,7 @@ mod raster;
 pub mod record;
 pub mod scope;
 mod series;
+mod svg;
 mod track;
 
 use std::path::{Path, PathBuf};
@@ -37,17 +38,16 @@ pub use canvas::{Canvas, Size};
 pub use chart::{Chart, Panel};
 pub use colour::Colour;
 pub use heatmap::{HeatMap, HeatMaps, Palette};
-pub use raster::rasterise;
 pub use series::{Point, Series, Stroke};
 pub use track::{Mark, Outline, Track};
 
 /// Pixels of the PNG for each logical pixel of the figure: sharp on dense screens and in print.
-pub const PNG_DENSITY: f32 = 2.0;
+pub const PNG_DENSITY: f64 = 2.0;
 
 /// Why a figure was not made.
 #[derive(Debug, thiserror::Error)]
 pub enum PlotError {
-    /// The SVG could not be rasterised.
+    /// The page could not be drawn in pixels.
     #[error("the figure could not be converted to PNG: {0}")]
     Rasterise(String),
     /// A file or folder could not be written.
@@ -77,11 +77,16 @@ pub trait Figure {
     /// Draws everything onto an empty white canvas of [`size`](Self::size).
     fn draw(&self, canvas: &mut Canvas);
 
-    /// Returns the picture as one SVG document.
-    fn svg(&self) -> String {
+    /// Returns the page with everything on it.
+    fn page(&self) -> Canvas {
         let mut canvas = Canvas::new(self.size());
         self.draw(&mut canvas);
-        canvas.finish()
+        canvas
+    }
+
+    /// Returns the picture as one SVG document.
+    fn svg(&self) -> String {
+        svg::document(&self.page())
     }
 
     /// Returns the picture as PNG, with [`PNG_DENSITY`] pixels for each logical pixel.
@@ -89,7 +94,7 @@ pub trait Figure {
     /// # Errors
     /// When the picture is too large.
     fn png(&self) -> Result<Vec<u8>, PlotError> {
-        rasterise(&self.svg())
+        raster::png(&self.page())
     }
 
     /// Writes `name.svg` and `name.png` into `folder`, which is created if it is missing.
@@ -105,10 +110,10 @@ pub trait Figure {
             let path = path.to_owned();
             move |source| PlotError::Write { path, source }
         };
-        let svg = self.svg();
+        let page = self.page();
         std::fs::create_dir_all(folder).map_err(failed(folder))?;
-        std::fs::write(&written.svg, &svg).map_err(failed(&written.svg))?;
-        std::fs::write(&written.png, rasterise(&svg)?).map_err(failed(&written.png))?;
+        std::fs::write(&written.svg, svg::document(&page)).map_err(failed(&written.svg))?;
+        std::fs::write(&written.png, raster::png(&page)?).map_err(failed(&written.png))?;
         Ok(written)
     }
 }

@@ -1,91 +1,79 @@
-//! Rasterises what [`Canvas`](super::Canvas) writes: rectangles, polylines, polygons, discs and lines of text.
+//! Draws a page in pixels.
 //!
 //! A renderer of all of SVG costs a fifth of what there is to compile; five shapes are all that a figure has.
 
-use std::str::FromStr;
-
-use ab_glyph::{Font, FontRef, OutlineCurve};
-use roxmltree::{Document, Node};
+use ab_glyph::{Font as _, OutlineCurve};
 use tiny_skia::{
-    Color, FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, Rect, Stroke, StrokeDash,
+    FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, Rect, Stroke, StrokeDash,
     Transform,
 };
 
-use super::{PNG_DENSITY, PlotError, canvas};
+use super::canvas::{self, Align, Canvas, Pen, Pixel, Shape, Text};
+use super::{Colour, PNG_DENSITY, PlotError};
 
-/// Converts a figure's SVG to PNG with the embedded fonts; fonts of the machine are not used.
+/// Half of the height of an x, em: half of what SVG's `0.5ex` is in a font of which nothing is known.
+const HALF_X_HEIGHT: f64 = 0.25;
+
+/// Returns the page as PNG, with [`PNG_DENSITY`] pixels for each logical pixel.
 ///
 /// # Errors
-/// When it is not SVG of a figure, or too large.
-pub fn rasterise(svg: &str) -> Result<Vec<u8>, PlotError> {
-    let failed = |e: &dyn std::fmt::Display| PlotError::Rasterise(e.to_string());
-    let document = Document::parse(svg).map_err(|e| failed(&e))?;
-    let root = document.root_element();
-    let size = |name| number(root, name).ok_or_else(|| failed(&format!("no {name}")));
-    let pixels = |logical: f32| (logical * PNG_DENSITY).ceil().max(1.0) as u32;
-    let mut map = Pixmap::new(pixels(size("width")?), pixels(size("height")?))
-        .ok_or_else(|| failed(&"it is too large"))?;
-    map.fill(Color::WHITE);
-    for shape in root.children().filter(Node::is_element) {
+/// When it is too large.
+pub(super) fn png(canvas: &Canvas) -> Result<Vec<u8>, PlotError> {
+    let pixels = |logical: f64| (logical * PNG_DENSITY).ceil().max(1.0) as u32;
+    let (width, height) = (pixels(canvas.size.width), pixels(canvas.size.height));
+    let too_large = || PlotError::Rasterise(format!("{width} x {height} pixels are too many"));
+    let mut map = Pixmap::new(width, height).ok_or_else(too_large)?;
+    for shape in &canvas.shapes {
         draw(&mut map, shape);
     }
-    map.encode_png().map_err(|e| failed(&e))
+    map.encode_png().map_err(|error| PlotError::Rasterise(error.to_string()))
 }
 
-/// Draws one element; one without an extent draws nothing.
-fn draw(map: &mut Pixmap, shape: Node<'_, '_>) -> Option<()> {
-    let scale = Transform::from_scale(PNG_DENSITY, PNG_DENSITY);
-    let of = |name| number(shape, name);
-    let path = match shape.tag_name().name() {
-        "rect" => PathBuilder::from_rect(Rect::from_xywh(
-            of("x")?,
-            of("y")?,
-            of("width")?,
-            of("height")?,
-        )?),
-        "circle" => PathBuilder::from_circle(of("cx")?, of("cy")?, of("r")?)?,
-        "polygon" => points(shape, true)?,
-        "polyline" => {
-            let dash = shape.attribute("stroke-dasharray").and_then(|lengths| {
-                StrokeDash::new(lengths.split(' ').filter_map(|it| it.parse().ok()).collect(), 0.0)
-            });
+/// Draws one shape; one without an extent draws nothing.
+fn draw(map: &mut Pixmap, shape: &Shape) -> Option<()> {
+    let scale = Transform::from_scale(PNG_DENSITY as f32, PNG_DENSITY as f32);
+    let (path, paint) = match shape {
+        Shape::Line { points, pen: Pen { colour, width, opacity, dashes } } => {
             let stroke = Stroke {
-                width: of("stroke-width")?,
+                width: *width as f32,
                 line_cap: LineCap::Round,
                 line_join: LineJoin::Round,
-                dash,
+                dash: dashes.and_then(|it| StrokeDash::new(it.map(|l| l as f32).to_vec(), 0.0)),
                 ..Stroke::default()
             };
-            let paint = paint(shape, "stroke", "stroke-opacity")?;
-            map.stroke_path(&points(shape, false)?, &paint, &stroke, scale, None);
+            let path = polyline(points, false)?;
+            map.stroke_path(&path, &paint(*colour, *opacity), &stroke, scale, None);
             return Some(());
         }
-        "text" => text(shape)?,
-        _ => return None,
+        Shape::Polygon { corners, colour, opacity } => {
+            (polyline(corners, true)?, paint(*colour, *opacity))
+        }
+        Shape::Rectangle { corner, size, colour, opacity } => {
+            let [x, y, width, height] = [corner.x, corner.y, size.width, size.height];
+            let rectangle =
+                Rect::from_xywh(x as f32, y as f32, width as f32, height as f32)?;
+            (PathBuilder::from_rect(rectangle), paint(*colour, *opacity))
+        }
+        Shape::Disc { centre, radius, colour, opacity } => {
+            let (x, y) = (centre.x as f32, centre.y as f32);
+            (PathBuilder::from_circle(x, y, *radius as f32)?, paint(*colour, *opacity))
+        }
+        Shape::Text { at, text, look } => (outlines(*at, text, look)?, paint(look.colour, 1.0)),
     };
-    map.fill_path(&path, &paint(shape, "fill", "fill-opacity")?, FillRule::Winding, scale, None);
+    map.fill_path(&path, &paint, FillRule::Winding, scale, None);
     Some(())
 }
 
-fn number(shape: Node<'_, '_>, name: &str) -> Option<f32> {
-    shape.attribute(name).and_then(|text| f32::from_str(text).ok())
-}
-
-/// Returns the colour `#rrggbb` with its opacity.
-fn paint(shape: Node<'_, '_>, colour: &str, opacity: &str) -> Option<Paint<'static>> {
-    let rgb = u32::from_str_radix(shape.attribute(colour)?.strip_prefix('#')?, 16).ok()?;
-    let [_, red, green, blue] = rgb.to_be_bytes();
-    let alpha = number(shape, opacity).unwrap_or(1.0).clamp(0.0, 1.0);
+fn paint(Colour(red, green, blue): Colour, opacity: f64) -> Paint<'static> {
     let mut paint = Paint::default();
-    paint.set_color_rgba8(red, green, blue, (alpha * 255.0).round() as u8);
-    Some(paint)
+    paint.set_color_rgba8(red, green, blue, (opacity.clamp(0.0, 1.0) * 255.0).round() as u8);
+    paint
 }
 
-fn points(shape: Node<'_, '_>, closed: bool) -> Option<Path> {
+fn polyline(points: &[Pixel], closed: bool) -> Option<Path> {
     let mut path = PathBuilder::new();
-    for point in shape.attribute("points")?.split_whitespace() {
-        let (x, y) = point.split_once(',')?;
-        let (x, y) = (x.parse().ok()?, y.parse().ok()?);
+    for Pixel { x, y } in points {
+        let (x, y) = (*x as f32, *y as f32);
         if path.is_empty() { path.move_to(x, y) } else { path.line_to(x, y) }
     }
     if closed {
@@ -95,42 +83,43 @@ fn points(shape: Node<'_, '_>, closed: bool) -> Option<Path> {
 }
 
 /// Returns the outlines of a line of text.
-fn text(shape: Node<'_, '_>) -> Option<Path> {
-    let (text, size) = (shape.text()?, number(shape, "font-size")?);
-    let bold = shape.attribute("font-weight") == Some("bold");
-    let font: &FontRef<'_> = canvas::font(bold)?;
-    let scale = size / font.units_per_em()?;
-    let width = canvas::text_width(text, f64::from(size), bold) as f32;
-    let mut x = number(shape, "x")?
-        - match shape.attribute("text-anchor") {
-            Some("middle") => width / 2.0,
-            Some("end") => width,
-            _ => 0.0,
-        };
-    // Half of the height of an x, which counts as half an em: what `dy="0.5ex"` asks for.
-    let y = number(shape, "y")? + size / 4.0;
+fn outlines(at: Pixel, text: &str, look: &Text) -> Option<Path> {
+    let font = canvas::font(look.bold)?;
+    let scale = look.size as f32 / font.units_per_em()?;
+    let width = canvas::text_width(text, look.size, look.bold);
+    let begin = match look.align {
+        Align::Left => 0.0,
+        Align::Centre => width / 2.0,
+        Align::Right => width,
+    };
+    let mut x = (at.x - begin) as f32;
+    let y = (at.y + look.size * HALF_X_HEIGHT) as f32;
     let mut path = PathBuilder::new();
-    for c in text.chars() {
-        let glyph = font.glyph_id(c);
+    for letter in text.chars() {
+        let glyph = font.glyph_id(letter);
+        let place = |point: ab_glyph::Point| (x + point.x * scale, y - point.y * scale);
+        // A contour ends where the next curve begins elsewhere.
         let mut last = None;
         for curve in font.outline(glyph).into_iter().flat_map(|outline| outline.curves) {
-            let at = |p: ab_glyph::Point| (x + p.x * scale, y - p.y * scale);
-            let (from, to) = match &curve {
-                OutlineCurve::Line(from, to)
-                | OutlineCurve::Quad(from, _, to)
-                | OutlineCurve::Cubic(from, _, _, to) => (*from, *to),
-            };
+            let (OutlineCurve::Line(from, to)
+            | OutlineCurve::Quad(from, _, to)
+            | OutlineCurve::Cubic(from, _, _, to)) = curve;
             if last != Some(from) {
                 path.close();
-                path.move_to(at(from).0, at(from).1);
+                let (x, y) = place(from);
+                path.move_to(x, y);
             }
             last = Some(to);
-            let (end_x, end_y) = at(to);
+            let (end_x, end_y) = place(to);
             match curve {
                 OutlineCurve::Line(..) => path.line_to(end_x, end_y),
-                OutlineCurve::Quad(_, by, _) => path.quad_to(at(by).0, at(by).1, end_x, end_y),
-                OutlineCurve::Cubic(_, by, then, _) => {
-                    path.cubic_to(at(by).0, at(by).1, at(then).0, at(then).1, end_x, end_y);
+                OutlineCurve::Quad(_, by, _) => {
+                    let (x, y) = place(by);
+                    path.quad_to(x, y, end_x, end_y);
+                }
+                OutlineCurve::Cubic(_, first, second, _) => {
+                    let (first, second) = (place(first), place(second));
+                    path.cubic_to(first.0, first.1, second.0, second.1, end_x, end_y);
                 }
             }
         }

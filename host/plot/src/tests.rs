@@ -100,11 +100,10 @@ fn a_heat_map_writes_every_cell() {
 
 #[test]
 fn the_png_shows_text_without_any_font_of_the_machine() {
-    let blank = Chart::new("", "").panel(Panel::new("")).svg();
-    let titled = Chart::new("", "").panel(Panel::new("MMMMMMMM")).svg();
-    let dark = |svg: &str| {
-        let png = rasterise(svg).unwrap();
-        let map = tiny_skia::Pixmap::decode_png(&png).unwrap();
+    let blank = Chart::new("", "").panel(Panel::new(""));
+    let titled = Chart::new("", "").panel(Panel::new("MMMMMMMM"));
+    let dark = |chart: &Chart| {
+        let map = tiny_skia::Pixmap::decode_png(&chart.png().unwrap()).unwrap();
         map.pixels().iter().filter(|p| p.red() < 100).count()
     };
     assert!(dark(&titled) > dark(&blank) + 300, "{} {}", dark(&titled), dark(&blank));
@@ -116,10 +115,10 @@ fn a_text_is_as_wide_as_it_is_measured() {
         canvas::Text { size: 20.0, colour: colour::INK, bold: true, align: canvas::Align::Left };
     let mut page = Canvas::new(Size { width: 400.0, height: 40.0 });
     page.text(canvas::Pixel::new(0.0, 20.0), "MWMWMWMWM", look);
-    let map = tiny_skia::Pixmap::decode_png(&rasterise(&page.finish()).unwrap()).unwrap();
+    let map = tiny_skia::Pixmap::decode_png(&raster::png(&page).unwrap()).unwrap();
     let last = (0..map.width()).rev().find(|x| map.pixel(*x, 40).is_some_and(|p| p.red() < 128));
     let (drawn, measured) = (
-        f64::from(last.unwrap()) / f64::from(PNG_DENSITY),
+        f64::from(last.unwrap()) / PNG_DENSITY,
         canvas::text_width("MWMWMWMWM", look.size, look.bold),
     );
     assert!((drawn - measured).abs() < 3.0, "{drawn} px drawn, {measured} px measured");
@@ -149,7 +148,6 @@ fn a_chart_without_data_is_still_a_picture() {
 fn letters_that_mean_something_to_xml_are_escaped() {
     let svg = Chart::new("a < b & \"c\"", "x").panel(Panel::new("y")).svg();
     assert!(svg.contains("a &lt; b &amp;"));
-    assert!(rasterise(&svg).is_ok());
 }
 
 #[test]
