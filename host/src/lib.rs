@@ -99,3 +99,9 @@ pub mod system;
 pub mod teleop;
 pub mod text;
 pub mod view;
+
+#[cfg(test)]
+extern crate self as flix_host;
+#[cfg(test)]
+#[path = "../tests/support/walked.rs"]
+mod walked;

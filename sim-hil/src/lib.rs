@@ -7,7 +7,7 @@
 //!
 //! # Layers
 //!
-//! Each wing uses those above it in this table, never one below. The first three are the package `flix-plant`; the paper's
+//! Each wing uses those above it in this table, never one below. The first two are the package `flix-plant`, the third is `flix-batch`; the paper's
 //! studies are `flix-study`, the program `flix-sim` is `flix-sim-cli`.
 //!
 //! | wing | what it holds |
@@ -54,7 +54,7 @@
 //! changed robot.
 
 #[cfg(not(target_family = "wasm"))]
-pub use flix_plant::batch;
+pub use flix_batch as batch;
 pub use flix_plant::{model, plant};
 
 #[cfg(not(target_family = "wasm"))]

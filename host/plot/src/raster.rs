@@ -50,8 +50,7 @@ fn draw(map: &mut Pixmap, shape: &Shape) -> Option<()> {
         }
         Shape::Rectangle { corner, size, colour, opacity } => {
             let [x, y, width, height] = [corner.x, corner.y, size.width, size.height];
-            let rectangle =
-                Rect::from_xywh(x as f32, y as f32, width as f32, height as f32)?;
+            let rectangle = Rect::from_xywh(x as f32, y as f32, width as f32, height as f32)?;
             (PathBuilder::from_rect(rectangle), paint(*colour, *opacity))
         }
         Shape::Disc { centre, radius, colour, opacity } => {

@@ -367,7 +367,7 @@ mod tests {
     use super::super::modes::tests::model_w;
     use super::*;
     use crate::pose::Pose;
-    use crate::record::tests::telemetry;
+    use crate::walked::telemetry;
 
     fn identified(rounds: u32) -> Identification {
         identified_from(PlanarPose::default(), rounds, Duration::from_secs(4)).0

@@ -5,12 +5,9 @@
 //! |---|---|
 //! | [`model`] | the robot as data: TOML with units in the names, ranges checked; MJCF for MuJoCo, URDF |
 //! | [`plant`] | [`plant::mechanics`] (rotors, body, four soft legs, contact), [`plant::electronics`] (motors, bridges, battery, sensors) |
-//! | [`batch`] | thousands of plants at once, a robot in each lane of a vector unit |
 //!
 //! A model file to a physics step: `model` (TOML, checked) -> `plant::mechanics::build` (constants and state) ->
 //! `plant::mechanics::system` (one implicit step of all legs at once).
 
-#[cfg(not(target_family = "wasm"))]
-pub mod batch;
 pub mod model;
 pub mod plant;

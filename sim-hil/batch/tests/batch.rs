@@ -1,6 +1,9 @@
-use super::*;
-use crate::model::random;
-use crate::plant::{Drive, Mechanics};
+//! The promises of the batch.
+#![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
+
+use flix_batch::{Batch, Precision};
+use flix_plant::model::{RobotModel, random};
+use flix_plant::plant::{Drive, Mechanics, Plant};
 
 const STEP: f64 = 1e-4;
 

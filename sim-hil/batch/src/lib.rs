@@ -1,3 +1,4 @@
+#![forbid(unsafe_code)]
 //! Thousands of robots at once, each with its own model, start and shaking.
 //!
 //! The equations are those of [`Plant`], written once; here each lane of a vector unit holds one robot, and blocks of
@@ -5,7 +6,7 @@
 //! [`Precision::Double`] they are those of a [`Plant`] alone.
 //!
 //! ```
-//! use flix_plant::batch::{Batch, Precision};
+//! use flix_batch::{Batch, Precision};
 //! use flix_plant::model::RobotModel;
 //!
 //! let mut batch = Batch::new(vec![RobotModel::named("W")?; 20], Precision::Single)?;
@@ -24,10 +25,10 @@ use rayon::iter::{
 };
 use rayon::slice::ParallelSlice as _;
 
-use crate::model::{ModelError, RobotModel};
-use crate::plant::mechanics::lane::{Double, Lane, Single};
-use crate::plant::mechanics::{Block, Pack, Robots};
-use crate::plant::{BodyState, Diverged, Plant, Wrench};
+use flix_plant::model::{ModelError, RobotModel};
+use flix_plant::plant::mechanics::lane::{Double, Lane, Single};
+use flix_plant::plant::mechanics::{Block, Pack, Robots};
+use flix_plant::plant::{BodyState, Diverged, Plant, Wrench};
 
 /// Numbers that a batch computes with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -215,6 +216,3 @@ fn block<B: Lane + Pack<Single = f64> + core::fmt::Debug + 'static>(
     }
     Ok(Box::new(block))
 }
-
-#[cfg(test)]
-mod tests;
