@@ -1,7 +1,7 @@
 //! A run is recorded, read back, repaired, listed and exported.
 
-use std::path::PathBuf;
 use std::process::Command;
+use std::time::UNIX_EPOCH;
 
 use flix_host::record::*;
 

@@ -11,7 +11,7 @@
 //! | [`man`] | manual pages |
 
 pub mod course;
-#[cfg(feature = "foxglove")]
+#[cfg_attr(not(feature = "foxglove"), path = "no_foxglove.rs")]
 pub mod foxglove;
 pub mod identification;
 pub mod man;

@@ -2,32 +2,11 @@
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 
-use flix_host::record::Recorder;
+use flix_host::record::{CHANNELS, Channel, Recorder};
 
-#[cfg(feature = "foxglove")]
-pub use live::StreamArgs;
-
-/// Options of a live stream, which this program was built without.
-#[cfg(not(feature = "foxglove"))]
-#[derive(Debug, Clone, clap::Args)]
-pub struct StreamArgs {}
-
-#[cfg(not(feature = "foxglove"))]
-impl StreamArgs {
-    /// Streams nothing.
-    ///
-    /// # Errors
-    /// Never.
-    pub fn start(&self, _: &mut Recorder) -> Result<(), crate::Error> {
-        Ok(())
-    }
-
-    /// Returns whether a stream is asked for: never.
-    #[must_use]
-    pub fn is_asked_for(&self) -> bool {
-        false
-    }
-}
+use crate::Error;
+use crate::foxglove::{PORT, Stream};
+use crate::output::say;
 
 /// Parses an address of this computer, which takes this port when it names none.
 ///
@@ -44,65 +23,54 @@ pub fn address(text: &str, port: u16) -> Result<SocketAddr, String> {
     })
 }
 
-#[cfg(feature = "foxglove")]
-mod live {
-    use std::net::SocketAddr;
+/// Options of a live stream.
+#[derive(Debug, Clone, clap::Args)]
+pub struct StreamArgs {
+    /// Stream live to Foxglove or Lichtblick on this computer; =0.0.0.0 for others in this network, too,
+    /// =127.0.0.1:8766 for another port than 8765.
+    #[arg(
+        long,
+        value_name = "ADDRESS[:PORT]",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "127.0.0.1",
+        value_parser = |text: &str| address(text, PORT),
+    )]
+    foxglove: Option<SocketAddr>,
+}
 
-    use super::{Recorder, address};
-    use crate::Error;
-    use crate::foxglove::{PORT, Stream};
-    use crate::output::say;
-    use flix_host::record::{CHANNELS, Channel};
-
-    /// Options of a live stream.
-    #[derive(Debug, Clone, clap::Args)]
-    pub struct StreamArgs {
-        /// Stream live to Foxglove or Lichtblick on this computer; =0.0.0.0 for others in this network, too,
-        /// =127.0.0.1:8766 for another port than 8765.
-        #[arg(
-            long,
-            value_name = "ADDRESS[:PORT]",
-            num_args = 0..=1,
-            require_equals = true,
-            default_missing_value = "127.0.0.1",
-            value_parser = |text: &str| address(text, PORT),
-        )]
-        foxglove: Option<SocketAddr>,
+impl StreamArgs {
+    /// Streams what this record gets from now on, where that is asked for, and says where.
+    ///
+    /// # Errors
+    /// When the address cannot be had.
+    pub fn start(&self, recorder: &mut Recorder) -> Result<(), Error> {
+        if let Some(stream) = self.open("flix", &CHANNELS)? {
+            recorder.show(stream);
+        }
+        Ok(())
     }
 
-    impl StreamArgs {
-        /// Streams what this record gets from now on, where that is asked for, and says where.
-        ///
-        /// # Errors
-        /// When the address cannot be had.
-        pub fn start(&self, recorder: &mut Recorder) -> Result<(), Error> {
-            if let Some(stream) = self.open("flix", &CHANNELS)? {
-                recorder.show(stream);
-            }
-            Ok(())
-        }
+    /// Opens a stream of these channels, where one is asked for, and says where.
+    ///
+    /// # Errors
+    /// When the address cannot be had.
+    pub fn open(&self, program: &str, channels: &[Channel]) -> Result<Option<Stream>, Error> {
+        let Some(address) = self.foxglove else { return Ok(None) };
+        let stream = Stream::open(address, program, channels).map_err(Error::usage)?;
+        let is_every = address.ip().is_unspecified();
+        let ip = if is_every { Ipv4Addr::LOCALHOST.into() } else { address.ip() };
+        let at = SocketAddr::new(ip, stream.port());
+        say(
+            program,
+            format_args!("streams: open the connection ws://{at} in Foxglove or Lichtblick"),
+        );
+        Ok(Some(stream))
+    }
 
-        /// Opens a stream of these channels, where one is asked for, and says where.
-        ///
-        /// # Errors
-        /// When the address cannot be had.
-        pub fn open(&self, program: &str, channels: &[Channel]) -> Result<Option<Stream>, Error> {
-            let Some(address) = self.foxglove else { return Ok(None) };
-            let stream = Stream::open(address, program, channels).map_err(Error::usage)?;
-            let is_every = address.ip().is_unspecified();
-            let ip = if is_every { Ipv4Addr::LOCALHOST.into() } else { address.ip() };
-            let at = SocketAddr::new(ip, stream.port());
-            say(
-                program,
-                format_args!("streams: open the connection ws://{at} in Foxglove or Lichtblick"),
-            );
-            Ok(Some(stream))
-        }
-
-        /// Returns whether a stream is asked for.
-        #[must_use]
-        pub fn is_asked_for(&self) -> bool {
-            self.foxglove.is_some()
-        }
+    /// Returns whether a stream is asked for.
+    #[must_use]
+    pub fn is_asked_for(&self) -> bool {
+        self.foxglove.is_some()
     }
 }

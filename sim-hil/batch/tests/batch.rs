@@ -3,7 +3,7 @@
 
 use flix_batch::{Batch, Precision};
 use flix_plant::model::{RobotModel, random};
-use flix_plant::plant::{Drive, Mechanics, Plant};
+use flix_plant::plant::{BodyState, Drive, Mechanics, Part, Plant, Wrench};
 
 const STEP: f64 = 1e-4;
 
@@ -99,7 +99,7 @@ fn a_robot_that_diverges_is_named_with_its_time_and_the_others_walk_on() {
         batch.set_push(3, Wrench { force: [1e9, 0.0, 0.0], torque: [0.0; 3] });
         batch.run(300, STEP);
         let diverged = batch.diverged(3).unwrap();
-        assert_eq!((diverged.time, diverged.part), (STEP, crate::plant::Part::Body));
+        assert_eq!((diverged.time, diverged.part), (STEP, Part::Body));
         for robot in [0, 1, 2, 4] {
             assert_eq!((batch.body(robot), batch.diverged(robot)), (healthy[robot], None));
         }
