@@ -244,7 +244,7 @@ fn introduce(args: &Args, socket: &UdpSocket) -> Result<(), Error> {
     };
     // Who runs this by cargo has no `flix` installed.
     let flix = if std::env::var_os("CARGO").is_some() {
-        "cargo run --release -p flix-host --"
+        "cargo flix"
     } else {
         "flix"
     };

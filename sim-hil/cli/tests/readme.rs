@@ -40,8 +40,15 @@ const IDENTIFIED_WITHIN: (f64, f64) = (1.0, 0.15);
 /// The first command of the README in full.
 const DEMO: &str = "cargo run --release -- demo";
 /// Commands that build for hardware, ask the network, or are what runs this test.
-const NOT_HERE: [&str; 6] =
-    ["cargo xtask", "cargo flash-", "cargo install", "cargo test", "cargo doc", "cargo bench"];
+const NOT_HERE: [&str; 7] = [
+    "cargo xtask",
+    "cargo flash-",
+    "cargo install",
+    "cargo test",
+    "cargo doc",
+    "cargo bench",
+    "python3 -m pip",
+];
 
 fn main() -> ExitCode {
     let name = std::env::args_os().next().map(PathBuf::from).unwrap_or_default();
@@ -80,13 +87,16 @@ fn main() -> ExitCode {
 
 /// Stands in for cargo: starts the program of this build that a `run` names.
 fn cargo(words: Vec<String>) -> ExitCode {
+    let is_alias = words.first().is_some_and(|word| ["flix", "sim"].contains(&word.as_str()));
     let (options, arguments) = match words.iter().position(|word| word == "--") {
+        _ if is_alias => (&words[..1], &words[1..]),
         Some(end) => (&words[..end], &words[end + 1..]),
         None => (&words[..], &[][..]),
     };
     let program = match options.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["run", "--release"] => env!("CARGO_BIN_EXE_flix-sim"),
-        ["run", "--release", "-p", "flix-host"] => "flix",
+        ["flix", ..] => "flix",
+        ["sim", ..] => env!("CARGO_BIN_EXE_flix-sim"),
         _ => {
             eprintln!("cargo: the README test does not know {options:?}");
             return ExitCode::from(101);
