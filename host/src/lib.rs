@@ -9,19 +9,21 @@
 //! | [`pose`] | takes poses from motion capture |
 //! | [`nav`] | chooses the walking mode from pose and task |
 //! | [`pilot`] | drives a whole run: link, poses, navigation, record |
-//! | [`experiment`] | records what a robot is identified from |
+//! | [`steering`] | runs a controller of one's own, and reads mode tables |
+//! | [`commission`], [`experiment`] | measures motors that nobody knows; records what a robot is identified from |
 //! | [`teleop`], [`cockpit`] | drives by hand, in a terminal and in a browser |
-//! | [`record`] | writes a run as MCAP, and reads it |
-//! | [`plot`], [`view`] | draws figures as SVG and PNG; scenes in pages |
-//! | [`explain`], [`interrupt`] | words for people; Ctrl-C and signals |
-//! | [`cli`] | the commands of `flix`, one file each |
+//! | [`scope`], [`record`] | fetches inner values of the fast loop; writes a run as MCAP, and reads it |
+//! | [`view`] | draws scenes in pages |
+//! | [`explain`], [`text`], [`file`], [`interrupt`], [`system`] | words for people; files; Ctrl-C and signals; what differs by system |
+//!
+//! Above this library are three packages: `flix-plot` draws figures, `flix-shell` is what the command lines of `flix` and
+//! `flix-sim` share, `flix-cli` is the program `flix`.
 //!
 //! What decides is sans-IO: [`link::Client`], [`nav::Navigator`] and [`pilot::Pilot`] take time,
-//! datagrams and poses as arguments and return what to send. Only [`link::udp`], [`link::serial`],
-//! [`pose::natnet`], [`teleop::screen`], [`cockpit::server`] and [`cli`] touch sockets, clocks and terminals. So the
-//! simulator runs the same code in virtual time, and without the feature `program` it builds for targets that have
-//! none of these. Frames, signs and units are those of
-//! [`flix_protocol`].
+//! datagrams and poses as arguments and return what to send. Only [`link::udp`], [`link::serial`], [`pose`], [`keys`],
+//! [`interrupt`] and [`system`] touch sockets, clocks, files and processes. So the
+//! simulator runs the same code in virtual time, and what needs none of these builds for browsers, too. Frames, signs and
+//! units are those of [`flix_protocol`].
 //!
 //! # Example
 //!

@@ -5,7 +5,7 @@
 //! write the file anew and read its difference:
 //!
 //! ```text
-//! FLIX_REGENERATE_GOLDEN=1 cargo test -p flix-protocol --test golden
+//! FLIX_REGENERATE_GOLDEN=1 cargo test -p flix-protocol --test promises golden
 //! git diff protocol/tests/golden.txt
 //! ```
 //!

@@ -7,8 +7,9 @@
 //!
 //! # Layers
 //!
-//! Each wing uses those above it in this table, never one below. The first two are the package `flix-plant`, the third is `flix-batch`; the paper's
-//! studies are `flix-study`, the program `flix-sim` is `flix-sim-cli`.
+//! Each wing uses those above it in this table, never one below. The first two are the package `flix-plant`, the third is
+//! `flix-batch`. Above this library are `flix-study`, the paper's studies and the identification of robots, and
+//! `flix-sim-cli`, the program `flix-sim`.
 //!
 //! | wing | what it holds |
 //! |---|---|

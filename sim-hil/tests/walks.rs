@@ -2,5 +2,6 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
 mod citations;
+mod documents;
 mod navigation;
 mod whole_robot;

@@ -122,7 +122,7 @@ def draw(errors):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--program", default="cargo run --release -q --bin flix-sim --")
+    parser.add_argument("--program", default="cargo run --release -q -p flix-sim-cli --")
     parser.add_argument("--release", default="cargo run --release -q -p flix-sim --example release --")
     parser.add_argument("--seeds", type=int, default=16)
     parser.add_argument("--seconds", type=float, default=4)

@@ -406,7 +406,7 @@ def robots(program, a):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--program", default="cargo run --release -q --bin flix-sim --", help="how to run flix-sim")
+    parser.add_argument("--program", default="cargo run --release -q -p flix-sim-cli --", help="how to run flix-sim")
     parser.add_argument("--model", default="A", help="a shipped name or a TOML file")
     parser.add_argument("--frequency", type=float, action="append", help="Hz; several allowed")
     parser.add_argument("--direction", type=float, default=30.0, help="degrees to the right")

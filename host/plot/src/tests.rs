@@ -59,7 +59,7 @@ fn maps() -> HeatMaps {
         .map(map("Spread (m/s)").palette(Palette::Sequential))
 }
 
-/// Writes the pictures for a look: `FLIX_PLOT_OUT=out cargo test -p flix-host plot`.
+/// Writes the pictures for a look: `FLIX_PLOT_OUT=out cargo test -p flix-plot`.
 fn keep(figure: &impl Figure, name: &str) {
     if let Ok(folder) = std::env::var("FLIX_PLOT_OUT") {
         figure.write(Path::new(&folder), name).unwrap();

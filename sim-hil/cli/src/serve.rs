@@ -243,11 +243,7 @@ fn introduce(args: &Args, socket: &UdpSocket) -> Result<(), Error> {
         SocketAddr::new(host, address.port()).to_string()
     };
     // Who runs this by cargo has no `flix` installed.
-    let flix = if std::env::var_os("CARGO").is_some() {
-        "cargo run --release -p flix-host --"
-    } else {
-        "flix"
-    };
+    let flix = if std::env::var_os("CARGO").is_some() { "cargo flix" } else { "flix" };
     let first = args.operator.first().map(|operator| &operator.file);
     let key = args.key.as_ref().or(first);
     let key = key.map_or_else(String::new, |file| format!(" --key {}", file.display()));
