@@ -1,5 +1,5 @@
 #![forbid(unsafe_code)]
-//! Chip work that is more than one cargo call: `cargo xtask --help`.
+//! Work that is more than one cargo call, on chips and on what a change has to pass: `cargo xtask --help`.
 //!
 //! Where rustup and espup are installed their toolchains are used. Where they cannot be had,
 //! Debian's compiler builds the ESP32-C6 and a stand-in target type-checks the other two chips.
@@ -7,12 +7,16 @@
 mod chip;
 mod emulate;
 mod image;
+mod lanes;
+mod marked;
 mod panic_free;
 mod pil;
 mod run;
 mod setup;
 mod toolchain;
+mod tree;
 mod web;
+mod workspace;
 
 use std::process::ExitCode;
 
@@ -20,7 +24,7 @@ use clap::{Args, Parser, Subcommand};
 
 use chip::{Chip, Options};
 
-/// Build, check, measure and flash the chip images.
+/// Build, check, measure and flash the chip images; run what a change has to pass.
 #[derive(Parser)]
 #[command(name = "cargo xtask", version, after_help = EXAMPLES)]
 struct Cli {
@@ -37,7 +41,9 @@ const EXAMPLES: &str = "Examples:
   cargo xtask emulate --quick --json
   cargo xtask emulate --live                         then: flix provision --port PORT --ssid lab --open
   cargo xtask size
-  cargo xtask web                                    then open target/site/index.html";
+  cargo xtask web                                    then open target/site/index.html
+  cargo xtask lanes                                  which checks are due, and why
+  cargo xtask lanes --run web chips";
 
 #[derive(Subcommand)]
 enum Task {
@@ -59,6 +65,8 @@ enum Task {
     Size,
     /// Build the page of the simulated robot into target/site; fail when it is too large.
     Web(web::Args),
+    /// Print the checks of `.ci/lanes.toml`, which of them are due and why; run those.
+    Lanes(lanes::Args),
     /// Check that no panic can be reached from the fast tick; fail when one can.
     PanicFree,
 }
@@ -82,6 +90,7 @@ fn main() -> ExitCode {
         Task::Emulate(args) => emulate::run(&args),
         Task::Size => image::size(),
         Task::Web(args) => web::run(&args),
+        Task::Lanes(args) => lanes::run(&args),
         Task::PanicFree => panic_free::run(),
     };
     match outcome {
