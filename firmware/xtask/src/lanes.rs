@@ -52,6 +52,7 @@ pub(crate) struct Args {
 /// Prints the lanes, or runs them.
 pub(crate) fn run(args: &Args) -> Result<(), Error> {
     let tree = Tree::new(&run::root());
+    tree.must_be_clone()?;
     let logs = run::target_directory().join("lanes");
     if args.table {
         return renew_table(&tree, &List::read(&tree)?);
@@ -83,7 +84,8 @@ fn print(tree: &Tree, names: &[String]) -> Result<(), Error> {
             lane.last.as_ref().map_or("-".into(), words)
         );
     }
-    Ok(())
+    let orphans = judge.orphans(&tree.tracked()?);
+    if orphans.is_empty() { Ok(()) } else { Err(Error::Sentence(orphans.join("\n"))) }
 }
 
 /// Returns a green run in words.
@@ -201,6 +203,7 @@ impl Program {
                     .env("XTASK", &self.0)
                     // Nothing is skipped for want of a program.
                     .env("CI", "true")
+                    .env("SUDO", if run::is_root() { "" } else { "sudo" })
                     .stdout(Stdio::from(output))
                     .stderr(Stdio::from(errors)),
             )
@@ -247,8 +250,7 @@ fn record(tree: &Tree, lane: &Lane, commit: &str, seconds: u64) -> Result<(), Er
         println!("{}: not recorded, since it ran {reason}", lane.name);
         return Ok(());
     }
-    let date = run::output(run::command("date").args(["-u", "+%F"]))?.trim().to_owned();
-    let record = Record { commit: commit.to_owned(), date, seconds };
+    let record = Record { commit: commit.to_owned(), date: run::today()?, seconds };
     let text = list::with_record(&text, &lane.name, &record)?;
     run::write(&tree.root().join(list::FILE), &text)?;
     renew_table(tree, &List::parse(&text)?)

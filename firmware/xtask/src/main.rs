@@ -9,8 +9,10 @@ mod emulate;
 mod image;
 mod lanes;
 mod marked;
+mod measure;
 mod panic_free;
 mod pil;
+mod quick;
 mod run;
 mod setup;
 mod toolchain;
@@ -42,6 +44,7 @@ const EXAMPLES: &str = "Examples:
   cargo xtask emulate --live                         then: flix provision --port PORT --ssid lab --open
   cargo xtask size
   cargo xtask web                                    then open target/site/index.html
+  cargo xtask quick                                  is my change wrong?
   cargo xtask lanes                                  which checks are due, and why
   cargo xtask lanes --run web chips";
 
@@ -65,6 +68,12 @@ enum Task {
     Size,
     /// Build the page of the simulated robot into target/site; fail when it is too large.
     Web(web::Args),
+    /// Check a change within a minute or two: format, types, lints, and the tests of the packages that changed.
+    Quick(quick::Args),
+    /// Test single packages without building their dependencies with other features than the whole workspace's.
+    Test(quick::TestArgs),
+    /// Measure builds and tests, and write the tables of CONTRIBUTING.md.
+    Measure(measure::Args),
     /// Print the checks of `.ci/lanes.toml`, which of them are due and why; run those.
     Lanes(lanes::Args),
     /// Check that no panic can be reached from the fast tick; fail when one can.
@@ -80,6 +89,9 @@ struct Choice {
 }
 
 fn main() -> ExitCode {
+    if let Some(log) = std::env::var_os(measure::LOG) {
+        return measure::compile(&log);
+    }
     let outcome = match Cli::parse().task {
         Task::Setup => setup::setup(),
         Task::Build(Choice { chip, options }) => toolchain::build(chip, &options).map(drop),
@@ -90,6 +102,9 @@ fn main() -> ExitCode {
         Task::Emulate(args) => emulate::run(&args),
         Task::Size => image::size(),
         Task::Web(args) => web::run(&args),
+        Task::Quick(args) => quick::run(&args),
+        Task::Test(args) => quick::test(&args),
+        Task::Measure(args) => measure::run(&args),
         Task::Lanes(args) => lanes::run(&args),
         Task::PanicFree => panic_free::run(),
     };

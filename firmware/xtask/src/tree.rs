@@ -45,7 +45,18 @@ impl Tree {
 
     /// Returns whether this folder is a clone, not what was unpacked from an archive.
     pub(crate) fn is_clone(&self) -> bool {
-        run::succeeds(&mut self.git(&["rev-parse", "--git-dir"]))
+        run::succeeds(&mut self.git(&["rev-parse", "--verify", "HEAD"]))
+    }
+
+    /// Checks that this folder is a clone.
+    pub(crate) fn must_be_clone(&self) -> Result<(), Error> {
+        if self.is_clone() {
+            return Ok(());
+        }
+        Err(Error::Sentence(format!(
+            "{} is no clone with a commit, and what changed is asked of git: clone the repository",
+            self.root.display()
+        )))
     }
 
     /// Returns the commit that is checked out.
@@ -80,7 +91,6 @@ impl Tree {
     }
 
     /// Returns all tracked files.
-    #[cfg(test)]
     pub(crate) fn tracked(&self) -> Result<Vec<String>, Error> {
         self.names(&["ls-files", "-z"])
     }

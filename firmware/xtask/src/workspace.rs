@@ -72,6 +72,11 @@ impl Workspace {
         self.packages.keys().map(String::as_str)
     }
 
+    /// Returns the folder of a package, from the root, with a `/` at its end.
+    pub(crate) fn folder(&self, name: &str) -> Option<&str> {
+        self.packages.get(name).map(|package| package.folder.as_str())
+    }
+
     /// Returns the package that a file belongs to: that of the innermost folder around it.
     pub(crate) fn owner(&self, file: &str) -> Option<&str> {
         let around = self.packages.iter().filter(|(_, package)| file.starts_with(&package.folder));

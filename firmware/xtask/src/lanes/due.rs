@@ -142,7 +142,6 @@ impl<'a> Judge<'a> {
     }
 
     /// Returns what is wrong with the list: a package or a file that no lane depends on and nothing else checks.
-    #[cfg(test)]
     pub(super) fn orphans(&self, files: &[String]) -> Vec<String> {
         let always = &self.list.always;
         let has_lane = |package: &str| {
