@@ -17,7 +17,7 @@ use std::process::{Command, ExitCode, Stdio};
 use std::time::{Instant, SystemTime};
 
 use crate::marked;
-use crate::quick::UNIFIED;
+use crate::quick::{named, unified};
 use crate::run::{self, Error};
 use crate::toolchain;
 use crate::workspace::Workspace;
@@ -39,7 +39,7 @@ pub(crate) struct Args {
     /// Build from nothing, in target/measure.
     #[arg(long)]
     cold: bool,
-    /// Measure the build after a change of these packages alone, and their tests; write no table.
+    /// Measure these packages alone, their tests built after a change of each; write no table.
     #[arg(long, conflicts_with = "cold")]
     package: Vec<String>,
 }
@@ -50,7 +50,9 @@ pub(crate) fn compile(log: &OsString) -> ExitCode {
     let Some(rustc) = arguments.next() else { return ExitCode::FAILURE };
     let arguments: Vec<OsString> = arguments.collect();
     let status = Command::new(rustc).args(&arguments).status();
-    let is_unit = arguments.iter().any(|argument| argument == "--crate-name");
+    // What is no question about the compiler itself, which cargo asks in the name of ___.
+    let name = arguments.iter().skip_while(|argument| *argument != "--crate-name").nth(1);
+    let is_unit = name.is_some_and(|name| name != "___");
     if let (true, Ok(package)) = (is_unit, std::env::var("CARGO_PKG_NAME")) {
         let line = format!("{package} {}\n", seconds_of_children().unwrap_or_default());
         // One write, which is not mixed with those of others.
@@ -90,7 +92,7 @@ struct Build {
 
 impl Build {
     /// Builds, with this program between cargo and the compiler.
-    fn run(folder: &Path, words: &[&str]) -> Result<Self, Error> {
+    fn run(folder: &Path, cargo: &mut Command) -> Result<Self, Error> {
         let log = run::target_directory().join("measure.log");
         run::write(&log, [])?;
         let own =
@@ -98,9 +100,8 @@ impl Build {
         let kept = run::target_directory().join("measure-compiler");
         std::fs::copy(own, &kept).map_err(|source| Error::File { path: kept.clone(), source })?;
         let start = Instant::now();
-        let mut cargo = toolchain::cargo();
-        cargo.args(words).env("CARGO_TARGET_DIR", folder).env("RUSTC_WRAPPER", kept).env(LOG, &log);
-        run::run(cargo.envs(UNIFIED))?;
+        cargo.env("CARGO_TARGET_DIR", folder).env("RUSTC_WRAPPER", kept).env(LOG, &log);
+        run::run(cargo)?;
         let wall = start.elapsed().as_secs_f64();
         let text = String::from_utf8_lossy(&run::read(&log)?).into_owned();
         Ok(Self { packages: sums(&text), wall })
@@ -132,10 +133,9 @@ fn sums(log: &str) -> BTreeMap<String, f64> {
 }
 
 /// Runs tests; returns how long each binary took, s.
-fn tests(folder: &Path, words: &[&str]) -> Result<Vec<(String, f64)>, Error> {
-    let mut cargo = toolchain::cargo();
-    cargo.arg("test").args(words).env("CARGO_TARGET_DIR", folder).envs(UNIFIED);
-    let name = || Error::Failed(format!("cargo test {}", words.join(" ")));
+fn tests(folder: &Path, mut cargo: Command) -> Result<Vec<(String, f64)>, Error> {
+    cargo.env("CARGO_TARGET_DIR", folder);
+    let name = || Error::Failed("cargo test".to_owned());
     let mut child = cargo.stderr(Stdio::piped()).spawn().map_err(|_| name())?;
     let mut binaries = Vec::new();
     let mut running: Option<(String, Instant)> = None;
@@ -168,7 +168,8 @@ fn binary(line: &str) -> Option<String> {
 fn table_of_tests(mut binaries: Vec<(String, f64)>) -> String {
     binaries.sort_by(|one, other| other.1.total_cmp(&one.1));
     let slow = binaries.iter().filter(|(_, seconds)| *seconds >= LEAST).count();
-    let sum = |binaries: &[(String, f64)]| binaries.iter().map(|(_, seconds)| seconds).sum::<f64>();
+    let sum =
+        |binaries: &[(String, f64)]| binaries.iter().fold(0.0, |sum, (_, seconds)| sum + seconds);
     let mut table = "| tests | seconds |\n|---|---:|\n".to_owned();
     // Writing to a string never fails.
     for (name, seconds) in &binaries[..slow] {
@@ -203,13 +204,12 @@ fn table_of_builds(ours: &BTreeSet<&str>, release: &Build, tests: &Build) -> Str
 
 /// Returns the table of builds after a change of one package each.
 fn table_of_changes(changes: &[(&str, Build)]) -> String {
-    let mut table =
-        "| `cargo test --workspace` built after a change in | CPU seconds | on the clock |\n\
+    let mut table = "| tests built after a change in | CPU seconds | on the clock |\n\
                      |---|---:|---:|\n"
-            .to_owned();
+        .to_owned();
     for (name, build) in changes {
         // Writing to a string never fails.
-        let _ = writeln!(table, "| {name} | {:.0} | {:.0} |", build.total(), build.wall);
+        let _ = writeln!(table, "| {name} | {:.1} | {:.1} |", build.total(), build.wall);
     }
     table
 }
@@ -235,18 +235,40 @@ fn write(name: &str, circumstances: &str, table: &str) -> Result<(), Error> {
     run::write(&path, page)
 }
 
-/// Makes cargo believe that a package was edited: its first source file becomes new.
-fn touch(workspace: &Workspace, package: &str) -> Result<(), Error> {
-    let folder = run::root().join(workspace.folder(package).unwrap_or_default());
-    let source = ["src/lib.rs", "src/main.rs"].map(|file| folder.join(file));
-    let source = source.into_iter().find(|file| file.is_file()).ok_or_else(|| {
-        Error::Sentence(format!(
-            "{package} has no src/lib.rs: name one of the workspace's packages"
-        ))
-    })?;
-    let file = |source_error| Error::File { path: source.clone(), source: source_error };
-    let opened = File::options().append(true).open(&source).map_err(file)?;
-    opened.set_modified(SystemTime::now()).map_err(file)
+/// A package with one public function more, as long as this lives. A file that is new and says the same would not do: the
+/// compiler would find all that it had compiled.
+struct Edited {
+    source: PathBuf,
+    text: Vec<u8>,
+}
+
+impl Edited {
+    fn new(workspace: &Workspace, package: &str) -> Result<Self, Error> {
+        let folder = run::root().join(workspace.folder(package).unwrap_or_default());
+        let sources = ["src/lib.rs", "src/main.rs"].map(|file| folder.join(file));
+        let source = sources.into_iter().find(|file| file.is_file()).ok_or_else(|| {
+            Error::Sentence(format!(
+                "{package} has neither src/lib.rs nor src/main.rs, so no change of it can be measured"
+            ))
+        })?;
+        let text = run::read(&source)?;
+        // One that no build had before.
+        let number = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        let function = format!(
+            "\n/// Returns a number.\n#[must_use]\npub fn measured() -> u128 {{\n    {}\n}}\n",
+            number.as_nanos()
+        );
+        run::write(&source, [&text[..], function.as_bytes()].concat())?;
+        Ok(Self { source, text })
+    }
+}
+
+impl Drop for Edited {
+    fn drop(&mut self) {
+        if let Err(error) = run::write(&self.source, &self.text) {
+            eprintln!("{error}: `git checkout` it, a function `measured` was added");
+        }
+    }
 }
 
 /// Measures, prints, and writes the tables.
@@ -255,8 +277,17 @@ pub(crate) fn run(args: &Args) -> Result<(), Error> {
     if args.cold { cold(&workspace) } else { warm(&workspace, &args.package) }
 }
 
-/// Words of cargo that build all tests.
-const ALL_TESTS: [&str; 3] = ["test", "--workspace", "--no-run"];
+/// Prepares a run of tests: of these packages, or of all.
+fn testing(packages: &BTreeSet<&str>) -> Command {
+    if packages.is_empty() {
+        let mut cargo = toolchain::cargo();
+        cargo.args(["test", "--workspace"]);
+        return cargo;
+    }
+    let mut cargo = unified();
+    cargo.arg("test").args(named(packages));
+    cargo
+}
 
 fn cold(workspace: &Workspace) -> Result<(), Error> {
     let circumstances = circumstances()?;
@@ -265,17 +296,17 @@ fn cold(workspace: &Workspace) -> Result<(), Error> {
         std::fs::remove_dir_all(&folder)
             .map_err(|source| Error::File { path: folder.clone(), source })?;
     }
-    let release = Build::run(&folder, &["build", "--release"])?;
-    let built = Build::run(&folder, &ALL_TESTS)?;
-    let ours: BTreeSet<&str> = workspace.names().collect();
-    let builds = table_of_builds(&ours, &release, &built);
+    let all = BTreeSet::new();
+    let release = Build::run(&folder, toolchain::cargo().args(["build", "--release"]))?;
+    let built = Build::run(&folder, testing(&all).arg("--no-run"))?;
+    let builds = table_of_builds(&workspace.names().collect(), &release, &built);
     println!("{builds}");
     write("builds", &circumstances, &builds)?;
     measure_tests(&folder, &circumstances)
 }
 
 fn measure_tests(folder: &Path, circumstances: &str) -> Result<(), Error> {
-    let binaries = table_of_tests(tests(folder, &["--workspace"])?);
+    let binaries = table_of_tests(tests(folder, testing(&BTreeSet::new()))?);
     println!("{binaries}");
     write("tests", circumstances, &binaries)
 }
@@ -283,23 +314,21 @@ fn measure_tests(folder: &Path, circumstances: &str) -> Result<(), Error> {
 fn warm(workspace: &Workspace, packages: &[String]) -> Result<(), Error> {
     let circumstances = circumstances()?;
     let folder: PathBuf = run::target_directory();
+    let wanted: BTreeSet<&str> = packages.iter().map(String::as_str).collect();
     // Whatever is not built yet is not counted.
-    Build::run(&folder, &ALL_TESTS)?;
+    Build::run(&folder, testing(&wanted).arg("--no-run"))?;
     let mut changes = Vec::new();
-    let is_wanted =
-        |name: &&str| packages.is_empty() || packages.iter().any(|wanted| wanted == name);
-    for name in workspace.names().filter(is_wanted) {
-        touch(workspace, name)?;
-        changes.push((name, Build::run(&folder, &ALL_TESTS)?));
+    for name in workspace.names().filter(|name| wanted.is_empty() || wanted.contains(name)) {
+        let _edited = Edited::new(workspace, name)?;
+        changes.push((name, Build::run(&folder, testing(&wanted).arg("--no-run"))?));
     }
     let changes = table_of_changes(&changes);
     println!("{circumstances}:\n\n{changes}");
-    if packages.is_empty() {
+    if wanted.is_empty() {
         write("changes", &circumstances, &changes)?;
         return measure_tests(&folder, &circumstances);
     }
-    let named: Vec<&str> = packages.iter().flat_map(|name| ["-p", name]).collect();
-    println!("{}", table_of_tests(tests(&folder, &named)?));
+    println!("{}", table_of_tests(tests(&folder, testing(&wanted))?));
     Ok(())
 }
 

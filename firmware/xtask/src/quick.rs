@@ -21,7 +21,7 @@ use crate::workspace::Workspace;
 /// Makes cargo give dependencies the features that the whole workspace asks for, whichever packages are named; else a test of one
 /// package builds most of its dependencies once more. The pinned cargo knows this, and keeps it for nightly ones, which the
 /// last variable lets it take itself for; the compiler and build scripts see no difference.
-pub(crate) const UNIFIED: [(&str, &str); 3] = [
+const UNIFIED: [(&str, &str); 3] = [
     ("CARGO_UNSTABLE_FEATURE_UNIFICATION", "true"),
     ("CARGO_RESOLVER_FEATURE_UNIFICATION", "workspace"),
     ("__CARGO_TEST_CHANNEL_OVERRIDE_DO_NOT_USE_THIS", "nightly"),
@@ -50,7 +50,8 @@ pub(crate) fn test(args: &TestArgs) -> Result<(), Error> {
     run::run(unified().arg("test").args(&args.arguments))
 }
 
-fn unified() -> Command {
+/// Prepares cargo for single packages, which share what the whole workspace's tests have built.
+pub(crate) fn unified() -> Command {
     let mut cargo = toolchain::cargo();
     cargo.envs(UNIFIED);
     cargo
@@ -102,7 +103,7 @@ impl Step {
 }
 
 /// Returns the options of cargo that name these packages.
-fn named<'a>(packages: &BTreeSet<&'a str>) -> Vec<&'a str> {
+pub(crate) fn named<'a>(packages: &BTreeSet<&'a str>) -> Vec<&'a str> {
     packages.iter().flat_map(|name| ["-p", *name]).collect()
 }
 
