@@ -11,6 +11,7 @@ use super::{Args, run_lanes};
 use crate::marked;
 use crate::run;
 use crate::tree::Tree;
+use crate::workspace::Workspace;
 
 /// A clone in a folder of its own.
 struct Clone {
@@ -477,6 +478,39 @@ fn every_package_and_file_here_belongs_to_a_lane_or_is_always_checked() {
     assert!(orphans.is_empty(), "{}", orphans.join("\n"));
     let idle: Vec<&str> = list.lanes.iter().flat_map(|lane| lane.files.idle(&files)).collect();
     assert!(idle.is_empty(), "patterns of lanes that name no file: {}", idle.join(", "));
+}
+
+#[test]
+fn what_the_lines_of_each_lane_here_name_is_what_it_depends_on() {
+    let Some(tree) = here() else { return };
+    let list = List::read(&tree).unwrap();
+    let judge = Judge::new(&tree, &list).unwrap();
+    let workspace = Workspace::read(tree.root()).unwrap();
+    let files = tree.tracked().unwrap();
+    for lane in &list.lanes {
+        let mut text = lane.run.join("\n");
+        let scripts = files.iter().filter(|file| text.contains(file.as_str()));
+        let scripts: Vec<String> = scripts.filter_map(|file| tree.now(file)).collect();
+        text.push_str(&scripts.join("\n"));
+        let is_part = |letter: char| letter.is_alphanumeric() || "._-/".contains(letter);
+        let words: BTreeSet<&str> = text.split(|letter| !is_part(letter)).collect();
+        let is_named = |file: &&String| {
+            let file = file.as_str();
+            words.contains(file) || words.iter().any(|word| word.strip_prefix('/') == Some(file))
+        };
+        let named: Vec<String> = files.iter().filter(is_named).cloned().collect();
+        let inputs = judge.inputs(lane, &named);
+        assert_eq!(inputs, named, "{} runs or reads files that it does not depend on", lane.name);
+        // What follows `-p`, and this program.
+        let options: Vec<&str> = text.split_whitespace().collect();
+        let pairs = options.windows(2).filter(|pair| pair[0] == "-p").map(|pair| pair[1]);
+        let ours = text.contains("cargo xtask").then_some("xtask");
+        let packages = workspace.closure(&lane.packages);
+        for package in pairs.chain(ours).filter(|name| workspace.names().any(|one| one == *name)) {
+            let is_input = packages.contains(package);
+            assert!(is_input, "{} builds {package} and does not depend on it", lane.name);
+        }
+    }
 }
 
 #[test]
