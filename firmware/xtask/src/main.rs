@@ -5,6 +5,8 @@
 //! Debian's compiler builds the ESP32-C6 and a stand-in target type-checks the other two chips.
 
 mod chip;
+#[cfg(test)]
+mod clone;
 mod emulate;
 mod image;
 mod lanes;

@@ -143,8 +143,35 @@ pub(crate) fn run(args: &Args) -> Result<(), Error> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 mod tests {
     use super::*;
+    use crate::clone::Clone;
+
+    #[test]
+    fn a_change_is_what_is_not_committed_or_else_the_last_commit_or_since_the_one_named() {
+        let clone = Clone::of([("file", b"1".to_vec())]);
+        let base = |since: Option<&str>| base(&clone.tree(), since);
+        let first = clone.tree().head().unwrap();
+        assert_eq!(base(None).unwrap(), first, "the first commit has none before it");
+        clone.write("file", "2");
+        let second = clone.commit();
+        assert_eq!(base(None).unwrap(), first);
+        clone.write("new", "");
+        assert_eq!(base(None).unwrap(), second);
+        assert_eq!(base(Some("HEAD~1")).unwrap(), first);
+        let error = base(Some("no-such")).unwrap_err().to_string();
+        assert!(error.starts_with("this clone has no commit \"no-such\""), "{error}");
+    }
+
+    #[test]
+    fn pages_are_of_no_package() {
+        let workspace = Workspace::read(&run::root()).unwrap();
+        let folder = workspace.folder("xtask").unwrap();
+        let of = |file: &str| packages(&workspace, &[format!("{folder}{file}")]);
+        assert_eq!(of("src/quick.rs"), ["xtask"].into());
+        assert_eq!(of("README.md"), [].into());
+    }
 
     #[test]
     fn types_are_checked_of_all_that_needs_a_change_and_tests_run_of_it_alone() {

@@ -3,56 +3,17 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
-use std::process::Command;
 
 use super::due::{Judge, Reason};
 use super::list::{FILE, List, Record, TABLE, with_record};
 use super::{Args, run_lanes};
+use crate::clone::Clone;
 use crate::marked;
 use crate::run;
 use crate::tree::Tree;
 use crate::workspace::Workspace;
 
-/// A clone in a folder of its own.
-struct Clone {
-    folder: tempfile::TempDir,
-}
-
 impl Clone {
-    /// Makes a clone of these files, one commit, in which all lanes were green.
-    fn of<'a>(files: impl IntoIterator<Item = (&'a str, Vec<u8>)>) -> Self {
-        let clone = Self { folder: tempfile::tempdir().unwrap() };
-        for (file, contents) in files {
-            run::write(&clone.path(file), contents).unwrap();
-        }
-        clone.git(&["init", "--quiet"]);
-        clone.commit();
-        clone
-    }
-
-    fn path(&self, file: &str) -> std::path::PathBuf {
-        self.folder.path().join(file)
-    }
-
-    fn git(&self, arguments: &[&str]) -> String {
-        let mut git = Command::new("git");
-        for variable in ["GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE"] {
-            git.env_remove(variable);
-        }
-        git.env("GIT_CONFIG_GLOBAL", "/dev/null").env("GIT_CONFIG_NOSYSTEM", "1");
-        for role in ["AUTHOR", "COMMITTER"] {
-            git.env(format!("GIT_{role}_NAME"), "x").env(format!("GIT_{role}_EMAIL"), "x@y");
-        }
-        run::output(git.current_dir(self.folder.path()).args(arguments)).unwrap()
-    }
-
-    /// Commits everything and returns the commit.
-    fn commit(&self) -> String {
-        self.git(&["add", "--all"]);
-        self.git(&["commit", "--quiet", "--allow-empty", "--message", "x"]);
-        self.tree().head().unwrap()
-    }
-
     /// Writes into the list that all lanes were green at the commit that is checked out.
     fn all_green(&self) {
         let head = self.tree().head().unwrap();
@@ -62,24 +23,6 @@ impl Clone {
             text = with_record(&text, &lane.name, &record).unwrap();
         }
         self.write(FILE, &text);
-    }
-
-    fn tree(&self) -> Tree {
-        Tree::new(self.folder.path())
-    }
-
-    fn read(&self, file: &str) -> String {
-        self.tree().now(file).unwrap()
-    }
-
-    fn write(&self, file: &str, contents: &str) {
-        run::write(&self.path(file), contents).unwrap();
-    }
-
-    fn edit(&self, file: &str, from: &str, to: &str) {
-        let text = self.read(file);
-        assert!(text.contains(from), "{file} lacks {from}");
-        self.write(file, &text.replacen(from, to, 1));
     }
 
     /// Returns the lanes that are due, with the reason.
