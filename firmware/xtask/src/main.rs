@@ -1,18 +1,26 @@
 #![forbid(unsafe_code)]
-//! Chip work that is more than one cargo call: `cargo xtask --help`.
+//! Work that is more than one cargo call, on chips and on what a change has to pass: `cargo xtask --help`.
 //!
 //! Where rustup and espup are installed their toolchains are used. Where they cannot be had,
 //! Debian's compiler builds the ESP32-C6 and a stand-in target type-checks the other two chips.
 
 mod chip;
+#[cfg(test)]
+mod clone;
 mod emulate;
 mod image;
+mod lanes;
+mod marked;
+mod measure;
 mod panic_free;
 mod pil;
+mod quick;
 mod run;
 mod setup;
 mod toolchain;
+mod tree;
 mod web;
+mod workspace;
 
 use std::process::ExitCode;
 
@@ -20,7 +28,7 @@ use clap::{Args, Parser, Subcommand};
 
 use chip::{Chip, Options};
 
-/// Build, check, measure and flash the chip images.
+/// Build, check, measure and flash the chip images; run what a change has to pass.
 #[derive(Parser)]
 #[command(name = "cargo xtask", version, after_help = EXAMPLES)]
 struct Cli {
@@ -37,7 +45,10 @@ const EXAMPLES: &str = "Examples:
   cargo xtask emulate --quick --json
   cargo xtask emulate --live                         then: flix provision --port PORT --ssid lab --open
   cargo xtask size
-  cargo xtask web                                    then open target/site/index.html";
+  cargo xtask web                                    then open target/site/index.html
+  cargo xtask quick                                  is my change wrong?
+  cargo xtask lanes                                  which checks are due, and why
+  cargo xtask lanes --run web chips";
 
 #[derive(Subcommand)]
 enum Task {
@@ -59,6 +70,14 @@ enum Task {
     Size,
     /// Build the page of the simulated robot into target/site; fail when it is too large.
     Web(web::Args),
+    /// Check a change within a minute or two: format, types, lints, and the tests of the packages that changed.
+    Quick(quick::Args),
+    /// Test single packages without building their dependencies with other features than the whole workspace's.
+    Test(quick::TestArgs),
+    /// Measure builds and tests, and write the tables of CONTRIBUTING.md.
+    Measure(measure::Args),
+    /// Print the checks of `.ci/lanes.toml`, which of them are due and why; run those.
+    Lanes(lanes::Args),
     /// Check that no panic can be reached from the fast tick; fail when one can.
     PanicFree,
 }
@@ -72,6 +91,9 @@ struct Choice {
 }
 
 fn main() -> ExitCode {
+    if let Some(log) = std::env::var_os(measure::LOG) {
+        return measure::compile(&log);
+    }
     let outcome = match Cli::parse().task {
         Task::Setup => setup::setup(),
         Task::Build(Choice { chip, options }) => toolchain::build(chip, &options).map(drop),
@@ -82,6 +104,10 @@ fn main() -> ExitCode {
         Task::Emulate(args) => emulate::run(&args),
         Task::Size => image::size(),
         Task::Web(args) => web::run(&args),
+        Task::Quick(args) => quick::run(&args),
+        Task::Test(args) => quick::test(&args),
+        Task::Measure(args) => measure::run(&args),
+        Task::Lanes(args) => lanes::run(&args),
         Task::PanicFree => panic_free::run(),
     };
     match outcome {

@@ -86,6 +86,17 @@ pub(crate) fn succeeds(command: &mut Command) -> bool {
         .is_ok_and(|status| status.success())
 }
 
+/// Returns whether the user may install programs.
+pub(crate) fn is_root() -> bool {
+    let user = command("id").arg("-u").output();
+    user.is_ok_and(|user| user.stdout.trim_ascii() == b"0")
+}
+
+/// Returns the day, as in 2026-11-25, in UTC.
+pub(crate) fn today() -> Result<String, Error> {
+    Ok(output(command("date").args(["-u", "+%F"]))?.trim().to_owned())
+}
+
 /// Reads a file.
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Error> {
     std::fs::read(path).map_err(|source| Error::File { path: path.to_path_buf(), source })

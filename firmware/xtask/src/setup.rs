@@ -102,8 +102,7 @@ fn rustup(arguments: [&str; 3]) {
 
 /// Prepares a command with the rights to install.
 fn as_root(program: &str) -> Command {
-    let user = run::command("id").arg("-u").output();
-    if user.is_ok_and(|user| user.stdout.trim_ascii() == b"0") {
+    if run::is_root() {
         return run::command(program);
     }
     let mut command = run::command("sudo");
