@@ -4,7 +4,7 @@
 //! flashed from, and nothing but the firmware is built again. It is linked without optimization across packages, in a tenth
 //! of the time. What that costs the fast loop is made up for by the compiler's highest level: at the level of the real image
 //! its duties would be set 54 to 75 us after the tick, at the very end of the 25 to 75 us that one PWM period takes over, where
-//! the real image needs 30 to 42 us. The image without a defect, built likewise, has to pass.
+//! the real image needs 35 to 47 us. The image without a defect, built likewise, has to pass.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
