@@ -5,6 +5,7 @@
 //! computer finds it.
 
 use std::collections::VecDeque;
+use std::sync::LazyLock;
 
 use flix_protocol::network_key::{NetworkKey, is_key};
 
@@ -83,6 +84,9 @@ pub fn key_of(name: &str, password: &str) -> Option<[u8; 32]> {
     }
     Some(key)
 }
+
+/// The network's key: derived once.
+static KEY: LazyLock<Option<[u8; 32]>> = LazyLock::new(|| key_of(NAME, PASSPHRASE));
 
 /// Attempts to connect that the radio's library accepts, and of which nothing comes: no event, whatever is waited for.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -167,7 +171,7 @@ impl Default for Network {
         Self {
             air: Air::default(),
             lease: LEASE,
-            key: key_of(NAME, PASSPHRASE),
+            key: *KEY,
             silence: Silence::None,
             trouble: DhcpTrouble::default(),
             dhcp: Vec::new(),
