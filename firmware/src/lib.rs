@@ -89,6 +89,9 @@ pub mod board;
 pub mod exchange;
 pub mod fast;
 pub mod hardware;
+pub mod joining;
+#[cfg(feature = "net")]
+mod lease;
 pub mod link;
 #[cfg(feature = "net")]
 pub mod mdns;

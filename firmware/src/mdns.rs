@@ -3,11 +3,17 @@
 //! The robot is an instance of the service `_flix._udp` named like itself, on the host
 //! `flix-NAME.local`. Queries come in, answers go out; the sockets are [`crate::net`]'s.
 
-use core::net::{Ipv4Addr, Ipv6Addr, SocketAddr, SocketAddrV4};
+use core::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
 
-use edge_mdns::domain::base::Ttl;
-use edge_mdns::host::{Host, Service, ServiceAnswers};
-use edge_mdns::{HostAnswersMdnsHandler, MdnsHandler, MdnsRequest, MdnsResponse};
+use edge_mdns::domain::base::iana::Class;
+use edge_mdns::domain::base::name::ToName;
+use edge_mdns::domain::base::{Message, Record, Rtype, Ttl};
+use edge_mdns::domain::rdata::dnssec::RtypeBitmap;
+use edge_mdns::domain::rdata::{A, AllRecordData, Nsec, Ptr, Srv};
+use edge_mdns::{
+    DNS_SD_OWNER, HostAnswer, HostAnswers, HostAnswersMdnsHandler, MdnsError, MdnsHandler,
+    MdnsRequest, MdnsResponse, NameSlice, RecordDataChain, Txt,
+};
 use flix_protocol::message::{NAME_LENGTH, Name};
 use heapless::String;
 
@@ -19,16 +25,43 @@ pub const GROUP: Ipv4Addr = Ipv4Addr::new(224, 0, 0, 251);
 pub const ANSWER_LENGTH: usize = 512;
 /// How long others may remember an answer, seconds (RFC 6762, section 10: records with a host name).
 const TIME_TO_LIVE_S: u32 = 120;
+/// The same for a resolver that knows no multicast, and hears of no change (RFC 6762, section 6.7: 10 s at most).
+const LEGACY_TIME_TO_LIVE_S: u32 = 10;
+/// Class of records that nobody else has, in answers to all: what others remember of them is replaced (RFC 6762, section 10.2).
+const UNIQUE: u16 = 0x8001;
+/// Types of records that the host name has, as NSEC lists them: the first 8 types, A (1) alone (RFC 4034, section 4.1.2).
+const HOST_TYPES: [u8; 3] = [0, 1, 0b0100_0000];
 /// Most bytes of an answer for each byte of its question: what the shortest question for the service and the longest name
 /// of a robot need. More would make the robot worth asking in somebody else's name.
 pub const AMPLIFICATION: usize = 11;
 const HOST_PREFIX: &str = "flix-";
+/// Parts of the service's name.
+const SERVICE: &str = "_flix";
+const PROTOCOL: &str = "_udp";
+const DOMAIN: &str = "local";
+/// What a robot without a name is called.
+const NAMELESS: &str = "robot";
+
+/// Name of a host: bytes at most.
+const HOST_LENGTH: usize = NAME_LENGTH + HOST_PREFIX.len();
+
+/// Returns the host name of a robot, without its domain: `flix-` and the name, with hyphens for what no host name has.
+#[must_use]
+pub fn host_name(name: &str) -> String<HOST_LENGTH> {
+    let name = if name.is_empty() { NAMELESS } else { name };
+    let plain = |character: char| {
+        if character.is_ascii_alphanumeric() { character.to_ascii_lowercase() } else { '-' }
+    };
+    let mut host = String::new();
+    let _ = HOST_PREFIX.chars().chain(name.chars().map(plain)).try_for_each(|it| host.push(it));
+    host
+}
 
 /// Answers queries about one robot.
 #[derive(Debug, Clone)]
 pub struct Responder {
     name: Name,
-    host: String<{ NAME_LENGTH + HOST_PREFIX.len() }>,
+    host: String<HOST_LENGTH>,
     port: u16,
 }
 
@@ -36,16 +69,8 @@ impl Responder {
     /// Answers for a robot that listens on this UDP port. An empty name becomes `robot`.
     #[must_use]
     pub fn new(name: &str, port: u16) -> Self {
-        let name = if name.is_empty() { "robot" } else { name };
-        let mut host = String::new();
-        let plain = |character: char| {
-            if character.is_ascii_alphanumeric() { character.to_ascii_lowercase() } else { '-' }
-        };
-        for character in HOST_PREFIX.chars().chain(name.chars().map(plain)) {
-            if host.push(character).is_err() {
-                break;
-            }
-        }
+        let name = if name.is_empty() { NAMELESS } else { name };
+        let host = host_name(name);
         Self { name: crate::settings::text(name), host, port }
     }
 
@@ -77,29 +102,29 @@ impl Responder {
         self.handle(address, MdnsRequest::None, answer)
     }
 
+    /// Returns whether a query asks for the host's address of IPv6.
+    fn asks_for_ipv6(&self, query: &[u8]) -> bool {
+        let name = [self.host.as_str(), DOMAIN];
+        let name = NameSlice::new(&name);
+        Message::from_octets(query).is_ok_and(|message| {
+            let mut questions = message.question().filter_map(Result::ok);
+            questions.any(|asked| asked.qtype() == Rtype::AAAA && asked.qname().name_eq(&name))
+        })
+    }
+
     fn handle(
         &self,
         address: Ipv4Addr,
         request: MdnsRequest<'_>,
         answer: &mut [u8; ANSWER_LENGTH],
     ) -> Option<usize> {
-        let host = Host {
-            hostname: &self.host,
-            ipv4: address,
-            ipv6: Ipv6Addr::UNSPECIFIED,
-            ttl: Ttl::from_secs(TIME_TO_LIVE_S),
+        let legacy = matches!(request, MdnsRequest::Request { legacy: true, .. });
+        let asks_for_ipv6 = match &request {
+            MdnsRequest::Request { data, .. } => self.asks_for_ipv6(data),
+            _ => false,
         };
-        let service = Service {
-            name: &self.name,
-            priority: 0,
-            weight: 0,
-            service: "_flix",
-            protocol: "_udp",
-            port: self.port,
-            service_subtypes: &[],
-            txt_kvs: &[("version", env!("CARGO_PKG_VERSION"))],
-        };
-        let mut handler = HostAnswersMdnsHandler::new(ServiceAnswers::new(&host, &service));
+        let records = Records { responder: self, address, legacy, asks_for_ipv6 };
+        let mut handler = HostAnswersMdnsHandler::new(records);
         match handler.handle(request, answer) {
             Ok(MdnsResponse::Reply { data, .. }) => Some(data.len()),
             Ok(MdnsResponse::None) | Err(_) => None,
@@ -107,13 +132,59 @@ impl Responder {
     }
 }
 
+/// What the robot's names stand for.
+struct Records<'a> {
+    responder: &'a Responder,
+    address: Ipv4Addr,
+    legacy: bool,
+    asks_for_ipv6: bool,
+}
+
+impl HostAnswers for Records<'_> {
+    fn visit<F, E>(&self, mut f: F) -> Result<(), E>
+    where
+        F: FnMut(HostAnswer) -> Result<(), E>,
+        E: From<MdnsError>,
+    {
+        let Responder { name, host, port } = self.responder;
+        let (host, service) = ([host.as_str(), DOMAIN], [SERVICE, PROTOCOL, DOMAIN]);
+        let instance = [name.as_str(), SERVICE, PROTOCOL, DOMAIN];
+        let host = || NameSlice::new(&host);
+        let service = || NameSlice::new(&service);
+        let instance = || NameSlice::new(&instance);
+        let (unique, seconds) = match self.legacy {
+            false => (Class::from_int(UNIQUE), TIME_TO_LIVE_S),
+            true => (Class::IN, LEGACY_TIME_TO_LIVE_S),
+        };
+        let ttl = Ttl::from_secs(seconds);
+        let next = RecordDataChain::Next;
+        let address = AllRecordData::A(A::new(self.address));
+        f(Record::new(host(), unique, ttl, next(address)))?;
+        // Nobody has to wait for an address of IPv6. Only who asks gets it: with every answer it would make the robot
+        // worth asking in somebody else's name.
+        if self.asks_for_ipv6
+            && let Ok(types) = RtypeBitmap::from_octets(&HOST_TYPES[..])
+        {
+            let only_ipv4 = AllRecordData::Nsec(Nsec::new(host(), types));
+            f(Record::new(host(), unique, ttl, next(only_ipv4)))?;
+        }
+        let place = AllRecordData::Srv(Srv::new(0, 0, *port, host()));
+        f(Record::new(instance(), unique, ttl, next(place)))?;
+        let text = RecordDataChain::This(Txt::new(&[("version", env!("CARGO_PKG_VERSION"))]));
+        f(Record::new(instance(), unique, ttl, text))?;
+        // Every robot has these.
+        let kind = AllRecordData::Ptr(Ptr::new(service()));
+        f(Record::new(DNS_SD_OWNER, Class::IN, ttl, RecordDataChain::Next(kind)))?;
+        let robot = AllRecordData::Ptr(Ptr::new(instance()));
+        f(Record::new(service(), Class::IN, ttl, RecordDataChain::Next(robot)))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use edge_mdns::domain::base::iana::Class;
-    use edge_mdns::domain::base::{Message, ParsedName, Question, Rtype};
-    use edge_mdns::domain::rdata::Srv;
-    use edge_mdns::{HostQuestion, HostQuestions, MdnsError, NameSlice};
+    use edge_mdns::domain::base::{ParsedName, Question};
+    use edge_mdns::{HostQuestion, HostQuestions};
     use std::vec::Vec;
 
     const ADDRESS: Ipv4Addr = Ipv4Addr::new(192, 168, 4, 20);
@@ -122,7 +193,7 @@ mod tests {
     const LEGACY: SocketAddr =
         SocketAddr::V4(SocketAddrV4::new(Ipv4Addr::new(192, 168, 4, 2), 40_000));
 
-    struct Ask(&'static [&'static str]);
+    struct Ask(&'static [&'static str], Rtype);
 
     impl HostQuestions for Ask {
         fn visit<F, E>(&self, mut f: F) -> Result<(), E>
@@ -130,14 +201,54 @@ mod tests {
             F: FnMut(HostQuestion) -> Result<(), E>,
             E: From<MdnsError>,
         {
-            f(Question::new(NameSlice::new(self.0), Rtype::PTR, Class::IN))
+            f(Question::new(NameSlice::new(self.0), self.1, Class::IN))
         }
     }
 
-    fn query(name: &'static [&'static str]) -> Vec<u8> {
+    fn query_for(name: &'static [&'static str], kind: Rtype) -> Vec<u8> {
         let mut query = [0; 256];
-        let length = Ask(name).query(0, &mut query).unwrap();
+        let length = Ask(name, kind).query(0, &mut query).unwrap();
         query[..length].to_vec()
+    }
+
+    fn query(name: &'static [&'static str]) -> Vec<u8> {
+        query_for(name, Rtype::PTR)
+    }
+
+    /// Types, classes and times of all records of an answer.
+    fn records(answer: &[u8]) -> Vec<(Rtype, u16, u32)> {
+        let message = Message::from_octets(answer).unwrap();
+        let all = message.iter().map(|record| record.unwrap().0);
+        all.map(|it| (it.rtype(), it.class().to_int(), it.ttl().as_secs())).collect()
+    }
+
+    #[test]
+    fn who_asks_for_an_address_of_ipv6_hears_that_there_is_none() {
+        let responder = Responder::new("Daisy", 13549);
+        let mut answer = [0; ANSWER_LENGTH];
+        for (kind, hears) in [(Rtype::AAAA, true), (Rtype::A, false)] {
+            let query = query_for(&["flix-daisy", "local"], kind);
+            let (_, length) = responder.answer(ADDRESS, NEIGHBOUR, &query, &mut answer).unwrap();
+            let found = records(&answer[..length]);
+            assert_eq!(found.iter().any(|(kind, ..)| *kind == Rtype::NSEC), hears, "{kind}");
+        }
+    }
+
+    #[test]
+    fn records_that_nobody_else_has_replace_what_is_remembered() {
+        let (_, answer) = ask(NEIGHBOUR, &["_flix", "_udp", "local"]).unwrap();
+        for (kind, class, seconds) in records(&answer) {
+            let is_shared = kind == Rtype::PTR;
+            assert_eq!((class, seconds), (if is_shared { 1 } else { 0x8001 }, 120), "{kind}");
+        }
+    }
+
+    #[test]
+    fn a_resolver_without_multicast_remembers_for_10_s() {
+        let (_, answer) = ask(LEGACY, &["_flix", "_udp", "local"]).unwrap();
+        let found = records(&answer);
+        assert!(found.len() >= 4);
+        assert!(found.iter().all(|(_, class, seconds)| *class == 1 && *seconds <= 10), "{found:?}");
     }
 
     fn ask(from: SocketAddr, name: &'static [&'static str]) -> Option<(SocketAddr, Vec<u8>)> {

@@ -10,17 +10,21 @@
 //!   address elsewhere is dropped, and it is renewed in the stack before `RENEWED_AFTER` others can displace it.
 //!
 //! This covers operators in the robot's own network; one beyond a router depends on the router's ARP.
+//!
+//! The stack's DHCP client is kept from what networks do to it ([`crate::lease`]), and nothing leaves before the stack knows
+//! that the link is up: it would begin twice, with two messages in a millisecond, and hear the answer to neither if both are lost.
 
 use core::cell::RefCell;
 use core::net::{IpAddr, Ipv4Addr, SocketAddr};
 use core::task::Context;
 
-use embassy_net::driver::{Capabilities, Driver, HardwareAddress, LinkState, RxToken};
+use embassy_net::driver::{Capabilities, Driver, HardwareAddress, LinkState, RxToken, TxToken};
 use embassy_time::{Duration, Instant as Moment};
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::session::HOLDER_SILENCE;
 use heapless::Deque;
 
+use crate::lease::{LONGEST_MESSAGE, Lease, SHORTEST_MESSAGE};
 use crate::link::push_newest;
 
 /// Time for which the sender of an authentic datagram stays pinned: as long as its session keeps others out.
@@ -94,6 +98,7 @@ struct State {
     reported: Option<Neighbour>,
     /// Neighbours that the stack took since the pinned one was renewed.
     taken: usize,
+    lease: Lease,
 }
 
 impl Guard {
@@ -152,7 +157,7 @@ impl State {
                         self.due = Some(sender);
                     }
                 }
-                true
+                self.lease.admits(frame)
             }
             _ => true,
         }
@@ -195,12 +200,14 @@ fn datagram_sender(frame: &[u8]) -> Option<(Neighbour, Mark)> {
 pub struct Guarded<D> {
     driver: D,
     guard: &'static Guard,
+    /// What the stack knows of the link.
+    is_up: bool,
 }
 
 impl<D: Driver> Guarded<D> {
     /// Stands before this driver; the network task gets the same guard.
     pub const fn new(driver: D, guard: &'static Guard) -> Self {
-        Self { driver, guard }
+        Self { driver, guard, is_up: false }
     }
 
     fn report(&self) -> Option<(Neighbour, Hardware)> {
@@ -215,7 +222,7 @@ impl<D: Driver> Driver for Guarded<D> {
     where
         Self: 'a;
     type TxToken<'a>
-        = D::TxToken<'a>
+        = Sent<D::TxToken<'a>>
     where
         Self: 'a;
 
@@ -223,18 +230,28 @@ impl<D: Driver> Driver for Guarded<D> {
         if let Some((neighbour, own)) = self.report() {
             let transmit = self.driver.transmit(cx)?;
             self.guard.0.borrow_mut().reported(neighbour);
-            return Some((Received::Report(neighbour.reply(own)), transmit));
+            return Some((Received::Report(neighbour.reply(own)), Sent(transmit, self.guard)));
         }
         let (receive, transmit) = self.driver.receive(cx)?;
-        Some((Received::Frame(receive, self.guard), transmit))
+        Some((Received::Frame(receive, self.guard), Sent(transmit, self.guard)))
     }
 
     fn transmit(&mut self, cx: &mut Context<'_>) -> Option<Self::TxToken<'_>> {
-        self.driver.transmit(cx)
+        if !self.is_up {
+            return None;
+        }
+        Some(Sent(self.driver.transmit(cx)?, self.guard))
     }
 
     fn link_state(&mut self, cx: &mut Context<'_>) -> LinkState {
-        self.driver.link_state(cx)
+        let state = self.driver.link_state(cx);
+        let is_up = state == LinkState::Up;
+        if is_up && !self.is_up {
+            // What was held back is sent in the stack's next turn.
+            cx.waker().wake_by_ref();
+        }
+        self.is_up = is_up;
+        state
     }
 
     fn capabilities(&self) -> Capabilities {
@@ -243,6 +260,26 @@ impl<D: Driver> Driver for Guarded<D> {
 
     fn hardware_address(&self) -> HardwareAddress {
         self.driver.hardware_address()
+    }
+}
+
+/// Takes a frame of the stack to the driver.
+pub struct Sent<T>(T, &'static Guard);
+
+impl<T: TxToken> TxToken for Sent<T> {
+    fn consume<R, F: FnOnce(&mut [u8]) -> R>(self, length: usize, make: F) -> R {
+        let Self(token, guard) = self;
+        if !(SHORTEST_MESSAGE..=LONGEST_MESSAGE).contains(&length) {
+            return token.consume(length, make);
+        }
+        // It may be one that does not leave.
+        let mut buffer = [0; LONGEST_MESSAGE];
+        let frame = &mut buffer[..length];
+        let made = make(frame);
+        if guard.0.borrow_mut().lease.releases(frame, Moment::now()) {
+            token.consume(length, |place| place.copy_from_slice(frame));
+        }
+        made
     }
 }
 

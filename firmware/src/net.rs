@@ -20,7 +20,7 @@ use core::task::Poll;
 use embassy_futures::select::select3;
 use embassy_futures::{poll_once, yield_now};
 use embassy_net::udp::{PacketMetadata, UdpSocket};
-use embassy_net::{IpEndpoint, Ipv4Cidr, Stack};
+use embassy_net::{DhcpConfig, IpEndpoint, Ipv4Cidr, Stack};
 use embassy_time::{Duration, Instant as Moment, Timer};
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::frame::{Datagram, Frame, MAXIMUM_DATAGRAM, MAXIMUM_HANDSHAKE};
@@ -46,6 +46,22 @@ const RECEIVE_LENGTH: usize = 1536;
 const ANNOUNCEMENT_REPEAT: Duration = Duration::from_secs(1);
 /// Hop limit of mDNS (RFC 6762, section 11).
 const DISCOVERY_HOP_LIMIT: u8 = 255;
+
+/// The first message of DHCP is repeated after so long, and each request, too (RFC 2131, section 4.1: 4 s; the client's
+/// own 10 s are long for somebody who waits).
+const DHCP_REPEAT: core::time::Duration = core::time::Duration::from_secs(3);
+
+/// Returns how the robot asks for an address, by DHCP; it names itself as in mDNS.
+#[must_use]
+pub fn dhcp(name: &str) -> DhcpConfig {
+    let mut config = DhcpConfig::default();
+    config.retry_config.discover_timeout = DHCP_REPEAT.into();
+    config.retry_config.initial_request_timeout = DHCP_REPEAT.into();
+    let mut host = heapless::String::new();
+    let _ = mdns::host_name(name).chars().try_for_each(|character| host.push(character));
+    config.hostname = Some(host);
+    config
+}
 
 /// The robot, as the network task sees it: its slow half, and the clock and mailboxes of the chip.
 pub trait Station {
@@ -200,9 +216,6 @@ struct Discovery<'a> {
 impl<'a> Discovery<'a> {
     fn open(stack: Stack<'a>, name: &str, mut socket: UdpSocket<'a>) -> Self {
         socket.set_hop_limit(Some(DISCOVERY_HOP_LIMIT));
-        // Fails only when the stack has no room for a group: then the robot is not found, but
-        // works.
-        let _ = stack.join_multicast_group(mdns::GROUP);
         Self {
             stack,
             responder: Responder::new(name, DEFAULT_PORT),
@@ -214,11 +227,20 @@ impl<'a> Discovery<'a> {
     }
 
     fn serve(&mut self, query: &mut [u8; RECEIVE_LENGTH]) {
-        let network = self.stack.config_v4().map(|config| config.address);
+        // A fixed address stays while the link is gone.
+        let network = self.stack.config_v4().filter(|_| self.stack.is_link_up());
+        let network = network.map(|config| config.address);
         let address = network.map(|network| network.address());
         let is_new = address != self.address;
         self.address = address;
         let received = self.outlet.take(query);
+        // Joining is reported (IGMP) once, with the next message that leaves, and only from an address: so the group is left
+        // with each change, and joined in the next turn. Without a report, a switch that looks for them passes no question on.
+        // Both fail only when the stack has no room for a group: then the robot is not found, but works.
+        let _ = match address {
+            Some(_) if !is_new => self.stack.join_multicast_group(mdns::GROUP),
+            _ => self.stack.leave_multicast_group(mdns::GROUP),
+        };
         let Some(address) = address else { return };
         if is_new {
             self.announce(address);

@@ -9,19 +9,28 @@ use crate::chip::{Chip, Options};
 use crate::run::{self, Error};
 use crate::toolchain;
 
+/// Builds the emulator, unless there is one, and the program that makes the journey beside it; returns the emulator's path.
+fn program(args: &Args) -> Result<PathBuf, Error> {
+    if let Some(program) = &args.program {
+        return absolute(program);
+    }
+    let mut build = toolchain::cargo();
+    build.args([
+        "build",
+        "--quiet",
+        "--release",
+        "--package",
+        "flix-host",
+        "--package",
+        "flix-chip",
+    ]);
+    run::run(&mut build)?;
+    absolute(&run::target_directory().join("release/flix-chip"))
+}
+
 /// Prepares a run of an image.
 fn emulator(args: &Args, image: &Path) -> Result<Command, Error> {
-    let mut command = match &args.program {
-        Some(program) => run::command(absolute(program)?),
-        None => {
-            // The one that makes the journey lies beside the emulator.
-            let mut flix = toolchain::cargo();
-            run::run(flix.args(["build", "--quiet", "--release", "--package", "flix-host"]))?;
-            let mut cargo = toolchain::cargo();
-            cargo.args(["run", "--quiet", "--release", "--package", "flix-chip", "--"]);
-            cargo
-        }
-    };
+    let mut command = run::command(program(args)?);
     command.arg(image);
     Ok(command)
 }
@@ -45,7 +54,7 @@ pub(crate) struct Args {
     /// Print JSON.
     #[arg(long)]
     json: bool,
-    /// Run these parts alone: session, network, restarts, power, journey, other.
+    /// Run these parts alone: session, network, join, restarts, power, journey, other.
     #[arg(long, value_delimiter = ',', num_args = 1..)]
     part: Vec<String>,
     /// Serve the robot to `flix` and other programs of this computer, at most in real time, until Ctrl-C.
@@ -57,9 +66,9 @@ pub(crate) struct Args {
     /// Build an image with each of the defects in `sim-hil/chip/defects.toml`, and check that each is caught.
     #[arg(long, conflicts_with_all = ["image", "encoder", "quick", "part", "live"])]
     defects: bool,
-    /// Try these defects alone: those whose names contain this.
-    #[arg(long, requires = "defects")]
-    named: Option<String>,
+    /// Try these defects alone: those whose names contain one of these, separated by commas.
+    #[arg(long, requires = "defects", value_delimiter = ',', num_args = 1..)]
+    named: Vec<String>,
 }
 
 impl Args {

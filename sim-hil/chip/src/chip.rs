@@ -11,8 +11,8 @@ use crate::cpu::{Cpu, Exit, MSTATUS_MIE};
 use crate::fault::{Fault, Trouble};
 use crate::image::{Image, STORE, programmed_flash};
 use crate::memory::{BOOT_LOADER, Memory, PAINT};
-use crate::network::Network;
-use crate::radio::{self, Radio};
+use crate::network::{Network, Silence};
+use crate::radio::{self, Radio, Times};
 use crate::rom::{self, Outcome, Rom};
 use crate::soc::{Finding, Outside, Soc, Watchdog};
 
@@ -142,6 +142,7 @@ impl<O: Outside> Chip<O> {
         }
         self.soc.reset(now, reason.code());
         self.radio.reset();
+        self.network.silence.end(Silence::UntilRestarted);
         // The boot loader has been there; its memory is nothing that a program starts with.
         if let Some(memory) = self.soc.memory.bytes_mut(BOOT_LOADER.start, BOOT_LOADER.len()) {
             memory.fill(PAINT);
@@ -197,7 +198,13 @@ impl<O: Outside> Chip<O> {
                     .map_err(|trouble| self.fault(trouble))?;
             }
             self.interrupt();
-            let horizon = self.soc.next_event.min(self.next_poll).min(until);
+            let given = self
+                .radio
+                .give_back(&mut self.cpu, &mut self.soc)
+                .map_err(|trouble| self.fault(trouble))?;
+            self.waits &= !given;
+            let kept = self.radio.keeps_until().unwrap_or(u64::MAX).max(now + 1);
+            let horizon = self.soc.next_event.min(self.next_poll).min(until).min(kept);
             if self.waits {
                 self.cpu.cycles = horizon.max(now);
                 continue;
@@ -352,6 +359,11 @@ impl<O: Outside> Chip<O> {
         self.soc.output(pin, now)
     }
 
+    /// Charges these times to the radio's library from now on.
+    pub fn charge(&mut self, times: Times) {
+        self.radio.times = times;
+    }
+
     /// Returns what is soldered to the pins.
     pub fn outside(&mut self) -> &mut O {
         &mut self.soc.outside
@@ -432,6 +444,9 @@ impl<O: Outside> Chip<O> {
             transfers: self.soc.spi.transfers,
             transmit_power_dbm: self.radio.transmit_power(),
             radio_sleeps: self.radio.sleeps(),
+            signal_dbm: self.radio.signal(),
+            connect_attempts: self.radio.attempts,
+            radio_renewals: self.radio.renewals,
             longest_radio_call_cycles: self.radio.longest_call,
             frames_dropped: self.radio.overruns,
             fast_watchdog_is_on: self.soc.timers[1].watchdog_is_on(),
@@ -524,7 +539,7 @@ pub enum Place {
 /// Cycles after a feeding for which the task that fed goes on.
 const SHORTLY: u64 = 1_000;
 /// Memory of the ROM, which nothing else here uses.
-const SCRATCH: u32 = crate::memory::RAM + crate::memory::RAM_BYTES as u32 - 0x40;
+pub(crate) const SCRATCH: u32 = crate::memory::RAM + crate::memory::RAM_BYTES as u32 - 0x40;
 
 /// What the chip counted since power-on or, where it says so, since the image last started.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -555,6 +570,12 @@ pub struct Counters {
     pub transfers: u64,
     /// Whether the radio sleeps between beacons, as it does unless the image asks for the contrary.
     pub radio_sleeps: bool,
+    /// Received power while connected, dBm.
+    pub signal_dbm: Option<i32>,
+    /// Attempts to connect since power-on.
+    pub connect_attempts: u64,
+    /// How often the radio was taken down, to be made anew.
+    pub radio_renewals: u64,
     /// Transmit power that the image asked for.
     pub transmit_power_dbm: Option<f64>,
     /// Longest call of the image by the radio library.

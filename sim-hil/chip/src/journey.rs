@@ -15,6 +15,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::live::{Live, Pace, REACHED_HZ, Terminal, Watch};
+use crate::network::{NAME, PASSPHRASE};
 use crate::rig::{PATIENCE, Rig, RigError};
 use crate::session::{Hold, MODES, Times, loop_failures};
 
@@ -140,7 +141,7 @@ pub fn travel(
 
 impl Desk<'_> {
     fn travel(&mut self, times: Times) -> Result<(), JourneyError> {
-        let mut provision = vec!["provision", "--ssid", "lab", "--open", "--name", ROBOT];
+        let mut provision = vec!["provision", "--ssid", NAME, "--name", ROBOT];
         let fixed = format!("{}/24", self.live.address());
         if !self.live.is_announced {
             // Nothing finds it by its name.
@@ -337,6 +338,7 @@ impl Desk<'_> {
     fn command(&self, arguments: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Command {
         let mut command = Command::new(self.flix);
         command.args(arguments).env("HOME", &self.home).env("XDG_CONFIG_HOME", &self.home);
+        command.env("FLIX_NETWORK_PASSWORD", PASSPHRASE);
         command.stderr(Stdio::piped());
         command
     }

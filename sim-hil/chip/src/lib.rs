@@ -12,6 +12,7 @@ mod cpu;
 pub mod fault;
 pub mod flood;
 pub mod image;
+pub mod join;
 pub mod journey;
 pub mod live;
 pub mod marks;
@@ -30,6 +31,7 @@ mod soc;
 pub use block::flash;
 pub use block::mcpwm::Wave;
 pub use block::spi::Transfer;
+pub use radio::Times as RadioTimes;
 pub use soc::{Outside, Pins};
 
 /// Cycles of the clock that all times are counted in, in a second.

@@ -12,9 +12,11 @@ use flix_chip::CYCLES_PER_SECOND;
 use flix_chip::air::{self, Air};
 use flix_chip::chip::{ResetReason, cycles};
 use flix_chip::image::{Image, ImageError};
+use flix_chip::join::{self, Join};
 use flix_chip::journey::{Journey, JourneyError, travel};
 use flix_chip::live::Live;
 use flix_chip::marks::Memory;
+use flix_chip::network::PASSPHRASE;
 use flix_chip::power;
 use flix_chip::restart::{self, Restart};
 use flix_chip::rig::{Rig, RigError};
@@ -64,6 +66,8 @@ enum Part {
     Session,
     /// A flood of forged datagrams; the radio gone for 5 s and back.
     Network,
+    /// A pass phrase, DHCP that loses and refuses, attempts of which nothing comes, a wrong password.
+    Join,
     /// Hangs and panics before the fast loop, in it, and in the tasks.
     Restarts,
     /// Power lost in flash operations of provisioning and of a settings save.
@@ -121,6 +125,7 @@ struct Verdict {
     #[serde(flatten)]
     session: Option<Report>,
     network: Option<Air>,
+    join: Option<Join>,
     restarts: Option<Vec<Restart>>,
     flash_cuts: Option<usize>,
     flash_lost: Option<usize>,
@@ -173,6 +178,19 @@ fn run(cli: &Cli) -> Result<bool, Error> {
         eprintln!("{}", rig.log());
     }
     verdict.failures.extend(rig.findings());
+    if cli.runs(Part::Join) {
+        let mut rig = Rig::new(image.clone(), encoder, cli.seed);
+        match join::try_all(&mut rig, cli.quick, &progress) {
+            Ok(mut join) => {
+                verdict.failures.append(&mut join.failures);
+                verdict.join = Some(join);
+            }
+            Err(error) => verdict.failures.push(format!("joining: {error}{}", tail(&rig))),
+        }
+        if cli.log {
+            eprintln!("{}", rig.log());
+        }
+    }
     if cli.runs(Part::Power) {
         let stride = if cli.quick { QUICK_STRIDE } else { 1 };
         match power::cut_all(&image, encoder, cli.seed, stride, &progress) {
@@ -226,7 +244,10 @@ fn serve(rig: Rig, log: bool) -> JourneyError {
         }
     };
     println!("serial port {}, address {}", live.port.display(), live.address());
-    println!("first: flix provision --port {} --ssid lab --open", live.port.display());
+    println!(
+        "first: flix provision --port {} --ssid lab, password `{PASSPHRASE}`",
+        live.port.display()
+    );
     let mut shown = 0;
     loop {
         if let Err(error) = live.advance() {
@@ -236,6 +257,21 @@ fn serve(rig: Rig, log: bool) -> JourneyError {
             eprint!("{}", String::from_utf8_lossy(&live.rig.serial[shown..]));
             shown = live.rig.serial.len();
         }
+    }
+}
+
+/// Returns what a robot's start is, again and again, if it restarts; for the sentence of what it did not do.
+fn tail(rig: &Rig) -> String {
+    let unasked = rig.resets.iter().filter(|(_, reason)| *reason != ResetReason::Software);
+    match unasked.clone().next() {
+        Some((at, reason)) => {
+            format!(
+                " (a reset by {reason:?} after {:.2} s, {} in all)",
+                at.as_secs_f64(),
+                unasked.count()
+            )
+        }
+        None => String::new(),
     }
 }
 
@@ -336,6 +372,21 @@ fn print(verdict: &Verdict, host: Duration) {
         println!(
             "armed {:.2} s after the radio was back; missed ticks: {}; longest gap: {:.0} us",
             network.back_s, network.missed, network.longest_gap_us
+        );
+    }
+    if let Some(join) = &verdict.join {
+        println!(
+            "connected after {:.2} s, an address {:.2} s later by {} messages; a silent radio is tried again after {:.1} s, \
+             made anew and connected after {:.1} s, {}",
+            join.connected_after_s,
+            join.address_after_s,
+            join.dhcp_messages,
+            join.retried_after_s,
+            join.renewed_after_s,
+            match join.restarted_after_s {
+                Some(seconds) => format!("restarted after {seconds:.1} s without the cable"),
+                None => "no restart tried".to_owned(),
+            }
         );
     }
     for restart in verdict.restarts.iter().flatten() {

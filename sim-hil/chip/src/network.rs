@@ -5,6 +5,9 @@
 //! computer finds it.
 
 use std::collections::VecDeque;
+use std::sync::LazyLock;
+
+use flix_protocol::network_key::{NetworkKey, is_key};
 
 use crate::block::CYCLES_PER_SECOND;
 
@@ -24,9 +27,21 @@ const BROADCAST: [u8; 6] = [0xFF; 6];
 const ARP: [u8; 2] = [8, 6];
 const IPV4: [u8; 2] = [8, 0];
 const UDP: u8 = 17;
+/// Group management, and its report of a member (RFC 2236, section 2.1).
+const IGMP: u8 = 2;
+const IGMP_REPORT: u8 = 0x16;
 const DHCP_SERVER: u16 = 67;
 const DHCP_CLIENT: u16 = 68;
 const DHCP_COOKIE: [u8; 4] = [99, 130, 83, 99];
+/// Kinds of messages (RFC 2132, section 9.6).
+pub const DISCOVER: u8 = 1;
+const OFFER: u8 = 2;
+/// See [`DISCOVER`].
+pub const REQUEST: u8 = 3;
+const ACKNOWLEDGEMENT: u8 = 5;
+const REFUSAL: u8 = 6;
+/// A DHCP server that is not asked.
+const REFUSER: [u8; 4] = [127, 0, 0, 3];
 
 /// How the air treats a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,6 +61,74 @@ impl Default for Air {
     }
 }
 
+/// Channels that a scan goes through, in the world's rules.
+pub const CHANNELS: u64 = 13;
+/// The network's name, and the pass phrase that it has by default.
+pub const NAME: &str = "lab";
+/// See [`NAME`].
+pub const PASSPHRASE: &str = "correct horse battery staple";
+/// Its access points in the order of their channels: channel and power at the robot, dBm.
+pub const ACCESS_POINTS: [(u64, i32); 2] = [(1, -78), (11, -42)];
+
+/// Returns the key that a network of this name has with this password; none for an open network.
+#[must_use]
+pub fn key_of(name: &str, password: &str) -> Option<[u8; 32]> {
+    let digits = match password {
+        "" => return None,
+        key if is_key(key) => key.to_owned(),
+        passphrase => NetworkKey::new(name, passphrase).advance(u32::MAX)?.as_str().to_owned(),
+    };
+    let mut key = [0; 32];
+    for (byte, pair) in key.iter_mut().zip(digits.as_bytes().chunks(2)) {
+        *byte = u8::from_str_radix(core::str::from_utf8(pair).ok()?, 16).ok()?;
+    }
+    Some(key)
+}
+
+/// The network's key: derived once.
+static KEY: LazyLock<Option<[u8; 32]>> = LazyLock::new(|| key_of(NAME, PASSPHRASE));
+
+/// Attempts to connect that the radio's library accepts, and of which nothing comes: no event, whatever is waited for.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Silence {
+    /// None.
+    #[default]
+    None,
+    /// The next one.
+    Once,
+    /// All, until the library is taken down and started again.
+    UntilRenewed,
+    /// All, until the chip starts anew.
+    UntilRestarted,
+}
+
+impl Silence {
+    /// Returns whether an attempt comes to nothing.
+    pub(crate) fn swallows(&mut self) -> bool {
+        let swallows = *self != Self::None;
+        self.end(Self::Once);
+        swallows
+    }
+
+    /// Ends this kind.
+    pub(crate) fn end(&mut self, kind: Self) {
+        if *self == kind {
+            *self = Self::None;
+        }
+    }
+}
+
+/// What DHCP does wrong.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct DhcpTrouble {
+    /// So many of the robot's next messages are lost.
+    pub lost: u32,
+    /// The server refuses each request.
+    pub refuses: bool,
+    /// A second server, which was not chosen, refuses each request.
+    pub has_refuser: bool,
+}
+
 /// A datagram between the robot and a port of the peer, or from the robot to all that listen for robots.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Datagram {
@@ -62,6 +145,18 @@ pub struct Network {
     pub air: Air,
     /// What DHCP gives to the robot.
     pub lease: [u8; 4],
+    /// Its key; none where it is open.
+    pub key: Option<[u8; 32]>,
+    /// What becomes of attempts to connect.
+    pub silence: Silence,
+    /// What DHCP does wrong.
+    pub trouble: DhcpTrouble,
+    /// Messages of DHCP that the robot sent: when, and of which kind.
+    pub dhcp: Vec<(u64, u8)>,
+    /// The host name that it gave with the last of them.
+    pub host_name: Option<Vec<u8>>,
+    /// Reports of the robot that it is in the group of multicast DNS (IGMP).
+    pub group_reports: u64,
     robot: Option<([u8; 6], [u8; 4])>,
     to_robot: VecDeque<(u64, Vec<u8>)>,
     from_robot: VecDeque<(u64, Datagram)>,
@@ -76,6 +171,12 @@ impl Default for Network {
         Self {
             air: Air::default(),
             lease: LEASE,
+            key: *KEY,
+            silence: Silence::None,
+            trouble: DhcpTrouble::default(),
+            dhcp: Vec::new(),
+            host_name: None,
+            group_reports: 0,
             robot: None,
             to_robot: VecDeque::new(),
             from_robot: VecDeque::new(),
@@ -91,6 +192,18 @@ impl Network {
     #[must_use]
     pub fn robot(&self) -> Option<[u8; 4]> {
         self.robot.map(|(_, address)| address)
+    }
+
+    /// Returns how many channels are scanned to find a network of this name, and the power of the access point that is
+    /// taken: the strongest where all are scanned, else the first.
+    pub(crate) fn found(&self, name: &str, scans_all: bool) -> Option<(u64, i32)> {
+        if !self.air.is_up || name != NAME {
+            return None;
+        }
+        match scans_all {
+            true => ACCESS_POINTS.iter().map(|(_, dbm)| *dbm).max().map(|dbm| (CHANNELS, dbm)),
+            false => ACCESS_POINTS.first().copied(),
+        }
     }
 
     fn survives(&mut self) -> bool {
@@ -179,6 +292,10 @@ impl Network {
         if source != [0; 4] {
             self.robot = Some((mac, source));
         }
+        let is_report = packet[9] == IGMP && packet.get(header) == Some(&IGMP_REPORT);
+        if is_report && packet.get(header + 4..header + 8) == Some(&GROUP) {
+            self.group_reports += 1;
+        }
         let Some(datagram) = packet.get(header..).filter(|it| packet[9] == UDP && it.len() >= 8)
         else {
             return;
@@ -202,34 +319,53 @@ impl Network {
         let mut options = &message[240..];
         let mut kind = None;
         while let [code, length, rest @ ..] = options {
-            if *code == 53 {
-                kind = rest.first();
+            match *code {
+                53 => kind = rest.first(),
+                12 => self.host_name = rest.get(..usize::from(*length)).map(<[u8]>::to_vec),
+                _ => {}
             }
             options = rest.get(usize::from(*length)..).unwrap_or(&[]);
         }
+        let Some(&kind) = kind else { return };
+        self.dhcp.push((now, kind));
+        if self.trouble.lost > 0 {
+            self.trouble.lost -= 1;
+            return;
+        }
         // Discover is answered by an offer, request by an acknowledgement.
-        let answer = match kind {
-            Some(1) => 2,
-            Some(3) => 5,
-            _ => return,
-        };
+        match kind {
+            DISCOVER => self.reply_dhcp(mac, message, OFFER, PEER, now),
+            REQUEST => {
+                if self.trouble.has_refuser {
+                    self.reply_dhcp(mac, message, REFUSAL, REFUSER, now);
+                }
+                let answer = if self.trouble.refuses { REFUSAL } else { ACKNOWLEDGEMENT };
+                self.reply_dhcp(mac, message, answer, PEER, now);
+            }
+            _ => {}
+        }
+    }
+
+    fn reply_dhcp(&mut self, mac: [u8; 6], message: &[u8], answer: u8, server: [u8; 4], now: u64) {
         let mut reply = vec![2, 1, 6, 0];
         reply.extend(&message[4..8]);
         reply.extend([0; 8]);
-        reply.extend(self.lease);
-        reply.extend(PEER);
+        reply.extend(if answer == REFUSAL { [0; 4] } else { self.lease });
+        reply.extend(server);
         reply.extend([0; 4]);
         reply.extend(mac);
         reply.resize(236, 0);
         reply.extend(DHCP_COOKIE);
         reply.extend([53, 1, answer, 54, 4]);
-        reply.extend(PEER);
-        reply.extend([51, 4, 0, 1, 81, 128, 1, 4, 255, 255, 255, 0, 3, 4]);
-        reply.extend(PEER);
+        reply.extend(server);
+        if answer != REFUSAL {
+            reply.extend([51, 4, 0, 1, 81, 128, 1, 4, 255, 255, 255, 0, 3, 4]);
+            reply.extend(PEER);
+        }
         reply.push(255);
         self.identification = self.identification.wrapping_add(1);
         let ports = [DHCP_SERVER, DHCP_CLIENT];
-        let packet = udp(PEER, [255; 4], ports, &reply, self.identification);
+        let packet = udp(server, [255; 4], ports, &reply, self.identification);
         self.send(ethernet(BROADCAST, IPV4, &packet), now);
     }
 }

@@ -1,14 +1,19 @@
 //! The radio at the border between the open driver (esp-radio) and Espressif's closed library: the functions of the
 //! library that the image calls are done here, and the driver's callbacks are called as the library would.
 //!
-//! The library's own work (its tasks, the hardware, encryption) is not emulated, and its time is not counted.
+//! The library's own work (its tasks, the hardware, encryption) is not emulated. What it takes is charged ([`Times`]): it
+//! scans and waits for answers while others run, and it calibrates and derives keys on the processor, in threads above all
+//! of the image's, which only interrupts above its own come through.
 
 use std::collections::{HashMap, VecDeque};
+use std::time::Duration;
+
+use flix_protocol::network_key::is_key;
 
 use crate::cpu::Cpu;
 use crate::fault::Trouble;
 use crate::memory::{RADIO, RADIO_BYTES};
-use crate::network::Network;
+use crate::network::{Network, Silence, key_of};
 use crate::soc::{Outside, Soc};
 
 /// Where a call of the image by the library returns to: an address that no function has.
@@ -28,8 +33,72 @@ const OWN_PRIORITY: u32 = 1;
 /// Modes of saving power: none, and what the library starts with (ESP-IDF, `wifi_ps_type_t`).
 const NO_SLEEP: u32 = 0;
 const LEAST_SLEEP: u32 = 1;
-/// Received power, dBm.
-const SIGNAL_DBM: i32 = -42;
+/// Bytes of a station's configuration (`wifi_sta_config_t`): name, password, how to scan.
+const NAME: std::ops::Range<usize> = 0..32;
+const PASSWORD: std::ops::Range<usize> = 32..96;
+const SCAN_METHOD: usize = 96;
+const STATION_BYTES: usize = 100;
+/// Scans all channels and takes the strongest access point (`WIFI_ALL_CHANNEL_SCAN`).
+const ALL_CHANNELS: u8 = 1;
+/// What the program waits in while the library works: an interrupt, and again.
+const WAIT: u32 = crate::chip::SCRATCH + 0x30;
+const WAIT_FOR_INTERRUPT: u32 = 0x1050_0073;
+const JUMP_BACK: u32 = 0xFFDF_F06F;
+
+/// What the closed library takes, at worst.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Times {
+    /// To calibrate the radio when it starts, on the processor: 100 ms were seen (ESP-IDF, "RF calibration"), three times
+    /// as long is assumed.
+    pub calibration: Duration,
+    /// To listen on a channel (ESP-IDF, default of `wifi_scan_time_t`: active scans stay 120 ms at most).
+    pub channel: Duration,
+    /// For authentication, association and handshake, most of it waiting: assumed.
+    pub association: Duration,
+    /// For the handshake's check sums, on the processor: assumed.
+    pub handshake: Duration,
+    /// To derive a key from a pass phrase, on the processor. 111.8 million instructions of the library in this very image
+    /// take 0.7 s at the least; three times as long is charged.
+    pub derivation: Duration,
+}
+
+impl Times {
+    /// At worst.
+    pub const WORST: Self = Self {
+        calibration: Duration::from_millis(300),
+        channel: Duration::from_millis(120),
+        association: Duration::from_millis(300),
+        handshake: Duration::from_millis(50),
+        derivation: Duration::from_secs(2),
+    };
+    /// None: the radio is ready at once.
+    pub const NONE: Self = Self {
+        calibration: Duration::ZERO,
+        channel: Duration::ZERO,
+        association: Duration::ZERO,
+        handshake: Duration::ZERO,
+        derivation: Duration::ZERO,
+    };
+}
+
+/// How the image wants to connect.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+struct Station {
+    name: Vec<u8>,
+    password: Vec<u8>,
+    scans_all: bool,
+}
+
+/// What the library does at a time.
+#[derive(Debug, Clone, Copy)]
+enum Task {
+    /// Keeps the processor for so many cycles.
+    Keep(u64),
+    /// Is on the network, and receives this power, dBm.
+    Connect(i32),
+    /// Is not, for this reason.
+    Fail(u8),
+}
 
 /// Events of the library (`wifi_event_t`).
 mod event {
@@ -37,13 +106,19 @@ mod event {
     pub(super) const CONNECTED: u32 = 4;
     pub(super) const DISCONNECTED: u32 = 5;
 }
-/// Why a connection ended: the beacon was lost.
-const REASON_BEACON_LOST: u8 = 200;
+/// Why a connection ended, or none began (`wifi_err_reason_t`): the station leaves, the password is wrong, the beacon was
+/// lost, there is no such network.
+mod reason {
+    pub(super) const LEAVES: u8 = 8;
+    pub(super) const HANDSHAKE: u8 = 15;
+    pub(super) const BEACON_LOST: u8 = 200;
+    pub(super) const NO_ACCESS_POINT: u8 = 201;
+}
 /// Where the reason lies in the event's data (`wifi_event_sta_disconnected_t`).
 const REASON_OFFSET: usize = 39;
 
 /// Functions of the library that are known; those that only set something return 0.
-const FUNCTIONS: [&str; 20] = [
+const FUNCTIONS: [&str; 22] = [
     "esp_wifi_init_internal",
     "esp_wifi_set_mode",
     "esp_wifi_get_mode",
@@ -64,15 +139,17 @@ const FUNCTIONS: [&str; 20] = [
     "esp_wifi_set_protocols",
     "esp_wifi_set_bandwidths",
     "esp_wifi_disconnect_internal",
+    "esp_wifi_deinit_internal",
+    "esp_supplicant_deinit",
 ];
 /// The driver's own receiver of events.
 const EVENT_RECEIVER: &str = "__esp_radio_esp_event_post";
 
-/// A call that the library makes of the image.
+/// A call that the library makes of the image, or so many cycles in which it lets none of its threads run.
 #[derive(Debug, Clone, Copy)]
-struct Call {
-    function: u32,
-    arguments: [u32; 5],
+enum Call {
+    Image { function: u32, arguments: [u32; 5] },
+    Keep(u64),
 }
 
 /// What a call interrupted.
@@ -93,8 +170,19 @@ pub(crate) struct Radio {
     transmit_power: Option<i8>,
     power_saving: u32,
     is_connected: bool,
+    station: Station,
+    signal_dbm: i32,
+    /// What it does at which cycle.
+    agenda: VecDeque<(u64, Task)>,
     calls: VecDeque<Call>,
     interrupted: Option<Interrupted>,
+    /// Until when it keeps the processor.
+    keeps_until: Option<u64>,
+    /// What everything takes.
+    pub(crate) times: Times,
+    /// Attempts to connect since power-on, and how often it was made anew.
+    pub(crate) attempts: u64,
+    pub(crate) renewals: u64,
     busy: [bool; FRAMES],
     /// Frames that no buffer was free for.
     pub(crate) overruns: u64,
@@ -120,8 +208,15 @@ impl Radio {
             transmit_power: None,
             power_saving: LEAST_SLEEP,
             is_connected: false,
+            station: Station::default(),
+            signal_dbm: 0,
+            agenda: VecDeque::new(),
             calls: VecDeque::new(),
             interrupted: None,
+            keeps_until: None,
+            times: Times::NONE,
+            attempts: 0,
+            renewals: 0,
             busy: [false; FRAMES],
             overruns: 0,
             longest_call: 0,
@@ -129,11 +224,16 @@ impl Radio {
         }
     }
 
+    fn none() -> Self {
+        Self::new(std::iter::empty())
+    }
+
     /// Resets, as with the chip.
     pub(crate) fn reset(&mut self) {
         let functions = std::mem::take(&mut self.functions);
-        let event_receiver = self.event_receiver;
-        *self = Self { functions, event_receiver, ..Self::new(std::iter::empty()) };
+        let Self { event_receiver, times, attempts, renewals, .. } = *self;
+        let kept = Self { functions, event_receiver, times, attempts, renewals, ..Self::none() };
+        *self = kept;
     }
 
     /// Returns the transmit power that the image asked for, dBm; `None` where it left the driver's.
@@ -145,6 +245,83 @@ impl Radio {
     /// Returns whether it sleeps between beacons.
     pub(crate) fn sleeps(&self) -> bool {
         self.power_saving != NO_SLEEP
+    }
+
+    /// Returns the received power, dBm, while it is connected.
+    pub(crate) fn signal(&self) -> Option<i32> {
+        self.is_connected.then_some(self.signal_dbm)
+    }
+
+    /// Notes how the image wants to connect.
+    fn configure(&mut self, at: u32, soc: &Soc<impl Outside>) -> Option<()> {
+        let bytes = soc.memory.bytes(at, STATION_BYTES)?;
+        let text = |range: std::ops::Range<usize>| {
+            bytes[range].iter().copied().take_while(|byte| *byte != 0).collect()
+        };
+        self.station = Station {
+            name: text(NAME),
+            password: text(PASSWORD),
+            scans_all: bytes[SCAN_METHOD] == ALL_CHANNELS,
+        };
+        Some(())
+    }
+
+    /// Begins to connect: what it will do when.
+    fn connect(&mut self, network: &mut Network, now: u64) {
+        self.attempts += 1;
+        self.is_connected = false;
+        self.agenda.clear();
+        if network.silence.swallows() {
+            return;
+        }
+        let times = self.times;
+        let cycles = crate::chip::cycles;
+        let mut at = now;
+        let name = String::from_utf8_lossy(&self.station.name).into_owned();
+        let found = network.found(&name, self.station.scans_all);
+        let channels = found.map_or(crate::network::CHANNELS, |(channels, _)| channels);
+        at += channels * cycles(times.channel);
+        let Some((_, signal_dbm)) = found else {
+            self.agenda.push_back((at, Task::Fail(reason::NO_ACCESS_POINT)));
+            return;
+        };
+        at += cycles(times.association);
+        let password = String::from_utf8_lossy(&self.station.password).into_owned();
+        if !password.is_empty() {
+            let derivation = if is_key(&password) { Duration::ZERO } else { times.derivation };
+            let kept = cycles(derivation + times.handshake);
+            self.agenda.push_back((at, Task::Keep(kept)));
+            at += kept;
+        }
+        let is_right = network.key == key_of(&name, &password);
+        let task = if is_right { Task::Connect(signal_dbm) } else { Task::Fail(reason::HANDSHAKE) };
+        self.agenda.push_back((at, task));
+    }
+
+    /// Does what is due.
+    fn work(
+        &mut self,
+        now: u64,
+        soc: &mut Soc<impl Outside>,
+        network: &Network,
+    ) -> Result<(), Trouble> {
+        while let Some((_, task)) = self.agenda.pop_front_if(|(at, _)| *at <= now) {
+            let call = match task {
+                Task::Keep(0) => continue,
+                Task::Keep(cycles) => Call::Keep(cycles),
+                Task::Connect(signal_dbm) if network.air.is_up => {
+                    self.is_connected = true;
+                    self.signal_dbm = signal_dbm;
+                    self.event(event::CONNECTED, 0, soc)?
+                }
+                Task::Connect(_) => {
+                    self.event(event::DISCONNECTED, reason::NO_ACCESS_POINT, soc)?
+                }
+                Task::Fail(reason) => self.event(event::DISCONNECTED, reason, soc)?,
+            };
+            self.calls.push_back(call);
+        }
+        Ok(())
     }
 
     /// Does a function of the library.
@@ -171,21 +348,40 @@ impl Radio {
             "esp_wifi_set_tx_done_cb" => self.sent_receiver = argument(0),
             "esp_wifi_internal_reg_rxcb" if argument(0) == 0 => self.frame_receiver = argument(1),
             "esp_wifi_sta_get_rssi" => {
-                soc.memory.store(argument(0), SIGNAL_DBM as u32, 4).ok_or_else(beyond)?;
+                soc.memory.store(argument(0), self.signal_dbm as u32, 4).ok_or_else(beyond)?;
+            }
+            // Interface 0 is the station's.
+            "esp_wifi_set_config" if argument(0) == 0 => {
+                self.configure(argument(1), soc).ok_or_else(beyond)?;
             }
             // ESP_ERR_WIFI_NOT_INIT: nothing was configured before.
             "esp_wifi_get_config" => result = 0x3001,
-            // Events come before the call returns: the receiver is called in its place.
-            "esp_wifi_start" => return self.post(event::STARTED, cpu, soc),
-            "esp_wifi_connect_internal" => {
-                self.is_connected = network.air.is_up;
-                let event = match self.is_connected {
-                    true => event::CONNECTED,
-                    false => event::DISCONNECTED,
-                };
-                return self.post(event, cpu, soc);
+            // Its event comes before the call returns: the receiver is called in its place.
+            "esp_wifi_start" => {
+                let calibration = crate::chip::cycles(self.times.calibration);
+                self.agenda.push_back((cpu.cycles, Task::Keep(calibration)));
+                return self.post(event::STARTED, cpu, soc);
             }
-            "esp_wifi_disconnect_internal" | "esp_wifi_stop" => self.is_connected = false,
+            "esp_wifi_connect_internal" => self.connect(network, cpu.cycles),
+            "esp_wifi_disconnect_internal" => {
+                // An attempt is over, too; but one that nothing comes of stays so.
+                let is_on = self.is_connected || !self.agenda.is_empty();
+                self.is_connected = false;
+                self.agenda.clear();
+                if is_on {
+                    self.agenda.push_back((cpu.cycles, Task::Fail(reason::LEAVES)));
+                }
+            }
+            "esp_wifi_stop" => {
+                self.is_connected = false;
+                self.agenda.clear();
+            }
+            "esp_wifi_deinit_internal" => {
+                self.renewals += 1;
+                self.mode = 0;
+                self.frame_receiver = 0;
+                network.silence.end(Silence::UntilRenewed);
+            }
             "esp_wifi_internal_free_rx_buffer" => {
                 let index = (argument(0).wrapping_sub(RADIO) / FRAME_BYTES) as usize;
                 *self.busy.get_mut(index).ok_or_else(beyond)? = false;
@@ -194,7 +390,7 @@ impl Radio {
                 let (data, length) = (argument(1), argument(2) as usize);
                 let frame = soc.memory.bytes(data, length).ok_or_else(beyond)?.to_vec();
                 let arguments = [0, data, 0, 1, 0];
-                self.calls.push_back(Call { function: self.sent_receiver, arguments });
+                self.calls.push_back(Call::Image { function: self.sent_receiver, arguments });
                 if self.is_connected {
                     network.transmit(&frame, cpu.cycles);
                 }
@@ -206,15 +402,15 @@ impl Radio {
         Ok(())
     }
 
-    fn event(&self, event: u32, soc: &mut Soc<impl Outside>) -> Result<Call, Trouble> {
+    fn event(&self, event: u32, reason: u8, soc: &mut Soc<impl Outside>) -> Result<Call, Trouble> {
         let beyond = || Trouble::Radio("no memory for an event".to_owned());
         let data = soc.memory.bytes_mut(EVENT_DATA, EVENT_BYTES).ok_or_else(beyond)?;
         data.fill(0);
         if event == event::DISCONNECTED {
-            data[REASON_OFFSET] = REASON_BEACON_LOST;
+            data[REASON_OFFSET] = reason;
         }
         let arguments = [0, event, EVENT_DATA, EVENT_BYTES as u32, 0];
-        Ok(Call { function: self.event_receiver, arguments })
+        Ok(Call::Image { function: self.event_receiver, arguments })
     }
 
     fn post(
@@ -223,9 +419,10 @@ impl Radio {
         cpu: &mut Cpu,
         soc: &mut Soc<impl Outside>,
     ) -> Result<(), Trouble> {
-        let call = self.event(event, soc)?;
-        cpu.x[10..15].copy_from_slice(&call.arguments);
-        cpu.pc = call.function;
+        if let Call::Image { function, arguments } = self.event(event, 0, soc)? {
+            cpu.x[10..15].copy_from_slice(&arguments);
+            cpu.pc = function;
+        }
         Ok(())
     }
 
@@ -238,9 +435,10 @@ impl Radio {
     ) -> Result<(), Trouble> {
         if self.is_connected && !network.air.is_up {
             self.is_connected = false;
-            let call = self.event(event::DISCONNECTED, soc)?;
+            let call = self.event(event::DISCONNECTED, reason::BEACON_LOST, soc)?;
             self.calls.push_back(call);
         }
+        self.work(now, soc, network)?;
         while let Some(frame) = network.arrived(now) {
             if !self.is_connected || self.frame_receiver == 0 {
                 continue;
@@ -254,7 +452,7 @@ impl Radio {
             memory.copy_from_slice(&frame);
             self.busy[index] = true;
             let arguments = [at, frame.len() as u32, at, 0, 0];
-            self.calls.push_back(Call { function: self.frame_receiver, arguments });
+            self.calls.push_back(Call::Image { function: self.frame_receiver, arguments });
         }
         Ok(())
     }
@@ -271,10 +469,41 @@ impl Radio {
         self.interrupted = Some(Interrupted { x: cpu.x, pc: cpu.pc, threshold });
         soc.interrupts.set_threshold(OWN_PRIORITY + 1);
         self.began = cpu.cycles;
-        cpu.x[1] = RETURN;
-        cpu.x[10..15].copy_from_slice(&call.arguments);
-        cpu.pc = call.function;
+        match call {
+            Call::Image { function, arguments } => {
+                cpu.x[1] = RETURN;
+                cpu.x[10..15].copy_from_slice(&arguments);
+                cpu.pc = function;
+            }
+            Call::Keep(cycles) => {
+                soc.memory.store(WAIT, WAIT_FOR_INTERRUPT, 4);
+                soc.memory.store(WAIT + 4, JUMP_BACK, 4);
+                cpu.forget(WAIT, 8);
+                cpu.pc = WAIT;
+                self.keeps_until = Some(cpu.cycles + cycles);
+            }
+        }
         true
+    }
+
+    /// Returns when the library gives the processor back.
+    pub(crate) fn keeps_until(&self) -> Option<u64> {
+        self.keeps_until
+    }
+
+    /// Gives the processor back, once it is time and no interrupt is under way; whether it did.
+    pub(crate) fn give_back(
+        &mut self,
+        cpu: &mut Cpu,
+        soc: &mut Soc<impl Outside>,
+    ) -> Result<bool, Trouble> {
+        let is_over = self.keeps_until.is_some_and(|until| until <= cpu.cycles);
+        let is_waiting = cpu.pc.wrapping_sub(WAIT) < 8;
+        if !(is_over && is_waiting && cpu.takes_interrupts()) {
+            return Ok(false);
+        }
+        self.keeps_until = None;
+        self.returned(cpu, soc).map(|()| true)
     }
 
     /// Returns whether the image is in a call by the library.
@@ -295,7 +524,9 @@ impl Radio {
     ) -> Result<(), Trouble> {
         let nobody = || Trouble::Radio("a return without a call".to_owned());
         let interrupted = self.interrupted.take().ok_or_else(nobody)?;
-        self.longest_call = self.longest_call.max(cpu.cycles - self.began);
+        if cpu.pc == RETURN {
+            self.longest_call = self.longest_call.max(cpu.cycles - self.began);
+        }
         cpu.x = interrupted.x;
         cpu.pc = interrupted.pc;
         soc.interrupts.set_threshold(interrupted.threshold);

@@ -21,7 +21,8 @@ use crate::chip::{Chip, ResetReason, Stop, cycles};
 use crate::flash::Flash;
 use crate::flood::Flood;
 use crate::image::{Image, programmed_flash};
-use crate::network::Datagram;
+use crate::network::{ACCESS_POINTS, Datagram, NAME, PASSPHRASE};
+use crate::radio::Times;
 use crate::robot::{Robot, STEP_CYCLES};
 
 /// How long an operator waits for an answer, for arming (which may align first), for a restart.
@@ -132,16 +133,27 @@ pub struct Rig {
     /// Ticks of the loop's timer and rounds of the loop at which counting starts.
     ticks: u64,
     rounds: u64,
+    /// Attempts to connect so far, those of them while a motor was driven, and the weakest signal while connected.
+    attempts: u64,
+    attempts_driven: u64,
+    weakest_signal_dbm: Option<i32>,
+}
+
+/// The strongest access point's power, dBm.
+fn strongest_dbm() -> i32 {
+    ACCESS_POINTS.iter().map(|(_, dbm)| *dbm).max().unwrap_or(0)
 }
 
 impl Rig {
     /// Creates a robot with an image, powered on. `seed` is where all chance starts.
     #[must_use]
     pub fn new(image: Image, encoder: EncoderKind, seed: u64) -> Self {
-        Self::with_flash(image, encoder, seed, programmed_flash())
+        let mut rig = Self::with_flash(image, encoder, seed, programmed_flash());
+        rig.chip.charge(Times::WORST);
+        rig
     }
 
-    /// Does so with a flash that was used before.
+    /// Does so with a flash that was used before, and a radio that is ready at once.
     #[must_use]
     pub fn with_flash(image: Image, encoder: EncoderKind, seed: u64, flash: Flash) -> Self {
         let chip = Chip::with_flash(image, Robot::new(encoder, seed), flash, seed);
@@ -160,6 +172,9 @@ impl Rig {
             flood: None,
             ticks: 0,
             rounds: 0,
+            attempts: 0,
+            attempts_driven: 0,
+            weakest_signal_dbm: None,
         }
     }
 
@@ -193,7 +208,14 @@ impl Rig {
     pub fn findings(&self) -> Vec<String> {
         let is_known =
             |finding: &String| KNOWN_FINDINGS.iter().any(|known| finding.contains(known));
-        self.chip.findings().into_iter().filter(|finding| !is_known(finding)).collect()
+        let findings = self.chip.findings().into_iter().filter(|finding| !is_known(finding));
+        let driven = (self.attempts_driven > 0).then(|| {
+            format!("the radio connects while a motor is driven, {} times", self.attempts_driven)
+        });
+        let signal = self.weakest_signal_dbm.filter(|dbm| *dbm < strongest_dbm()).map(|dbm| {
+            format!("the radio is on an access point with {dbm} dBm, not {}", strongest_dbm())
+        });
+        findings.chain(driven).chain(signal).collect()
     }
 
     /// Advances everything to the end of a step of the plant.
@@ -271,12 +293,19 @@ impl Rig {
         self.is_driven = Robot::bridge_pins().into_iter().any(|(phases, enable)| {
             enable.is_some_and(&mut is_high) && phases.into_iter().any(&mut is_high)
         });
+        let counters = self.chip.counters();
+        if self.is_driven {
+            self.attempts_driven += counters.connect_attempts - self.attempts;
+        }
+        self.attempts = counters.connect_attempts;
+        if let Some(dbm) = counters.signal_dbm {
+            self.weakest_signal_dbm = Some(self.weakest_signal_dbm.map_or(dbm, |it| it.min(dbm)));
+        }
         if !(was_driven && self.is_driven) {
             self.watch_loop_from_here();
             return;
         }
         self.watch_phase();
-        let counters = self.chip.counters();
         let [ticks, rounds] = [counters.ticks - self.ticks, counters.rounds - self.rounds];
         // One may be on its way.
         let missed = ticks.saturating_sub(rounds + 1);
@@ -437,7 +466,23 @@ impl Rig {
     pub fn provisioning(&self, name: &str) -> Result<Provisioning, RigError> {
         let address =
             FixedAddress { address: self.chip.network.lease, prefix_length: 24, gateway: None };
-        Provisioning::new(name, "lab", "", Some(address)).map_err(|_| RigError::OtherAnswer)
+        self.provisioning_with(name, Some(address))
+    }
+
+    /// Returns the same without an address: DHCP gives one.
+    ///
+    /// # Errors
+    /// Never: the values are good.
+    pub fn provisioning_without_address(&self, name: &str) -> Result<Provisioning, RigError> {
+        self.provisioning_with(name, None)
+    }
+
+    fn provisioning_with(
+        &self,
+        name: &str,
+        address: Option<FixedAddress>,
+    ) -> Result<Provisioning, RigError> {
+        Provisioning::new(name, NAME, PASSPHRASE, address).map_err(|_| RigError::OtherAnswer)
     }
 
     /// Returns who may command this rig's robot.

@@ -10,8 +10,8 @@
 //!
 //! Fast loop and tasks exchange whole values through the library's `exchange`, [`shared`];
 //! neither waits for the other.
-//! A panic, a brown-out, a fast loop that stops for 200 ms and tasks that hang for 600 ms all end with the bridges off
-//! and a restart.
+//! A panic, a brown-out, a fast loop that stops for 200 ms and tasks that hang for 600 ms, or 4 s while the radio connects with
+//! motors that are not driven, all end with the bridges off and a restart.
 
 mod bridge;
 mod chip;
@@ -38,7 +38,7 @@ use esp_hal::clock::CpuClock;
 use esp_hal::peripherals::UART0;
 use esp_hal::rng::{Rng, Trng};
 use esp_hal::timer::timg::TimerGroup;
-use esp_radio::wifi::{ControllerConfig, Interface, WifiController};
+use esp_radio::wifi::{Interface, WifiController};
 use esp_storage::FlashStorage;
 use flix_firmware::board::store::{Entry, FlashStore};
 use flix_firmware::exchange::Exchange;
@@ -104,14 +104,7 @@ async fn main(spawner: Spawner) {
     }
     let provisioning = provisioner.provisioning().cloned().map(|found| &*PROVISIONING.init(found));
 
-    // Calibrating the radio takes its time.
-    watchdog::feed();
-    let radio = provisioning.and_then(|_| {
-        WifiController::new(parts.wifi, ControllerConfig::default())
-            .inspect_err(|error| log!("wi-fi: does not start: {error:?}"))
-            .ok()
-    });
-    watchdog::feed();
+    let radio = provisioning.and_then(|_| network::start(parts.wifi));
     // Random numbers are only random while the radio runs. Without them the robot has no key, and so
     // no session.
     let entropy = secret();
@@ -196,7 +189,8 @@ async fn operate(
         RESOURCES.init(StackResources::new()),
         seed,
     );
-    let tasks = (network::run_stack(runner), network::stay_connected(radio, provisioning));
+    let tasks =
+        (network::run_stack(runner), network::stay_connected(radio, provisioning, robot.shared()));
     if let (Ok(stack), Ok(wifi)) = tasks {
         spawner.spawn(stack);
         spawner.spawn(wifi);

@@ -1,6 +1,10 @@
 //! The serial port, where the robot is provisioned. The log goes out over the same port.
 
-use embassy_time::{Duration, Timer};
+use core::cell::Cell;
+
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_time::{Duration, Instant as Moment, Timer};
 use esp_hal::Async;
 use esp_hal::peripherals::UART0;
 use esp_hal::uart::{Config, Uart, UartRx, UartTx};
@@ -16,6 +20,16 @@ use crate::shared::Shared;
 
 /// Bytes taken at once.
 const CHUNK: usize = 64;
+/// When the last byte came in.
+static LAST_BYTE: Mutex<CriticalSectionRawMutex, Cell<Option<Moment>>> =
+    Mutex::new(Cell::new(None));
+
+/// Returns how long ago the last byte came in; none before the first.
+pub(crate) fn silence() -> Option<core::time::Duration> {
+    let last = LAST_BYTE.lock(Cell::get)?;
+    Some(core::time::Duration::from_micros(last.elapsed().as_micros()))
+}
+
 /// Rest between the answer and the restart, for the last bytes to leave.
 const REST: Duration = Duration::from_millis(200);
 
@@ -45,6 +59,7 @@ pub(crate) async fn serve(
     loop {
         // An error is lost bytes; the frame that they were part of is refused by its check sum.
         let Ok(length) = port.read_async(&mut chunk).await else { continue };
+        LAST_BYTE.lock(|last| last.set(Some(Moment::now())));
         for byte in &chunk[..length] {
             let Some(response) = provisioner.receive(*byte, exchange.state()) else { continue };
             log::put(&response.frame);

@@ -5,6 +5,7 @@ use core::net::SocketAddr;
 
 use embassy_time::Timer;
 use flix_firmware::hardware::SettingsStore;
+use flix_firmware::joining;
 use flix_firmware::net::{EXCHANGE_INTERVAL, Station};
 use flix_firmware::robot::SlowHalf;
 use flix_protocol::frame::Frame;
@@ -37,6 +38,11 @@ impl<S: SettingsStore> Robot<S> {
         Self { slow, exchange, printed: None, ticks: 0 }
     }
 
+    /// Returns the way to the fast loop.
+    pub(crate) const fn shared(&self) -> &'static Shared {
+        self.exchange
+    }
+
     /// Runs for ever without a network: settings and faults still cross.
     pub(crate) async fn run_alone(mut self) -> ! {
         loop {
@@ -47,7 +53,11 @@ impl<S: SettingsStore> Robot<S> {
 
     /// Feeds the watchdog while the fast loop goes on.
     fn feed(&mut self) {
-        let ticks = self.slow.report().timing.ticks;
+        let report = self.slow.report();
+        if !joining::may_try(report.state) {
+            watchdog::close_window();
+        }
+        let ticks = report.timing.ticks;
         if self.ticks != ticks {
             self.ticks = ticks;
             watchdog::feed();
