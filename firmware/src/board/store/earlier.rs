@@ -65,9 +65,9 @@ pub(super) struct Earlier {
 /// How a sector is marked.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Use {
-    /// Neither in use nor full, or erased by half.
+    /// Neither of the two, or erased by half.
     None,
-    InUse,
+    Begun,
     Full,
 }
 
@@ -103,7 +103,7 @@ impl<F: NorFlash> FlashStore<F> {
         for sector in 0..sectors {
             let use_of_next = self.use_of((sector + 1) % sectors)?;
             match self.use_of(sector)? {
-                Use::InUse if !self.is_one_before_in_use(sector)? => {
+                Use::Begun if !self.is_one_before_in_use(sector)? => {
                     return Ok(Some((sector, true)));
                 }
                 Use::Full if use_of_next != Use::Full => last_full = Some(sector),
@@ -117,7 +117,7 @@ impl<F: NorFlash> FlashStore<F> {
     fn is_one_before_in_use(&mut self, sector: u32) -> Result<bool, StoreError> {
         let sectors = self.sectors()?;
         for before in 1..=MOST_AFTER.min(sectors - 1) {
-            if self.use_of((sector + sectors - before) % sectors)? == Use::InUse {
+            if self.use_of((sector + sectors - before) % sectors)? == Use::Begun {
                 return Ok(true);
             }
         }
@@ -131,7 +131,7 @@ impl<F: NorFlash> FlashStore<F> {
             |word: [u8; SHORTEST_WORD]| u32::from_le_bytes(word).count_zeros() >= MARKED_BITS;
         Ok(match (is_marked(self.word(at)?), is_marked(self.word(end)?)) {
             (true, true) => Use::Full,
-            (true, false) => Use::InUse,
+            (true, false) => Use::Begun,
             (false, _) => Use::None,
         })
     }
