@@ -62,22 +62,41 @@ pub fn mt6701(frame: [u8; 3]) -> Option<EncoderAngle> {
 pub const AS5047P_READ_ANGLE: [u8; 2] = [0xFF, 0xFF];
 /// AS5047P: read DIAAGC (0x3FFC); parity even, as above.
 pub const AS5047P_READ_DIAGNOSTICS: [u8; 2] = [0xFF, 0xFC];
+/// AS5047P: read ERRFL (0x0001), which clears the error flag; parity even, as above.
+pub const AS5047P_READ_ERRORS: [u8; 2] = [0x40, 0x01];
 /// AS5047P DIAAGC: the field is too weak, too strong, or the angle computation overflowed.
 const AS5047P_FIELD: u16 = 1 << 11 | 1 << 10 | 1 << 9;
 /// AS5047P DIAAGC: offset compensation has finished; set whenever the encoder works.
 const AS5047P_READY: u16 = 1 << 8;
-/// AS5047P: the command before was wrong.
+/// AS5047P: a command was wrong since [`AS5047P_READ_ERRORS`].
 const AS5047P_ERROR: u16 = 1 << 14;
 /// AS5047P: the 14 bits of data.
 const AS5047P_DATA: u16 = 0x3FFF;
 
+/// Returns whether somebody answers, without a wrong bit.
+const fn as5047p_is_word(word: u16) -> bool {
+    word != u16::MAX && word.count_ones().is_multiple_of(2)
+}
+
+/// Returns whether an answer can be read and carries the error flag, which every answer does until
+/// [`AS5047P_READ_ERRORS`].
+#[must_use]
+pub const fn as5047p_has_error(frame: [u8; 2]) -> bool {
+    let word = u16::from_be_bytes(frame);
+    as5047p_is_word(word) && word & AS5047P_ERROR != 0
+}
+
+/// Returns whether an answer can be read and carries no error flag.
+#[must_use]
+pub const fn as5047p_is_answer(frame: [u8; 2]) -> bool {
+    let word = u16::from_be_bytes(frame);
+    as5047p_is_word(word) && word & AS5047P_ERROR == 0
+}
+
 /// Returns the data of an answer: parity, error flag, 14 bits. `None` when parity is odd, the error flag
 /// set, or nobody answers (the bus is pulled up).
 fn as5047p_data(frame: [u8; 2]) -> Option<u16> {
-    let word = u16::from_be_bytes(frame);
-    let answered = word != u16::MAX;
-    let good = answered && word.count_ones().is_multiple_of(2) && word & AS5047P_ERROR == 0;
-    good.then_some(word & AS5047P_DATA)
+    as5047p_is_answer(frame).then_some(u16::from_be_bytes(frame) & AS5047P_DATA)
 }
 
 /// Reads the answer to [`AS5047P_READ_ANGLE`], which comes with the next transfer.
@@ -166,7 +185,7 @@ mod tests {
 
     #[test]
     fn as5047p_commands_have_even_parity() {
-        for command in [AS5047P_READ_ANGLE, AS5047P_READ_DIAGNOSTICS] {
+        for command in [AS5047P_READ_ANGLE, AS5047P_READ_DIAGNOSTICS, AS5047P_READ_ERRORS] {
             assert_eq!(u16::from_be_bytes(command).count_ones() % 2, 0, "{command:02X?}");
         }
     }

@@ -11,6 +11,7 @@
 //! Sources: the vendors' schematics and examples (MKS, DengFOC), the ESP32, ESP32-S3 and
 //! ESP32-C6 data sheets (pin tables, ADC chapter).
 
+pub mod as5047p;
 pub mod as5600;
 pub mod encoder;
 pub mod store;

@@ -1,35 +1,59 @@
-//! Settings in flash: one entry of a map that is written round a region of the flash, so that
-//! power may go at any moment and either the old or the new bytes are there afterwards
-//! (crate `sequential-storage`). Works on any flash that `embedded-storage` describes.
+//! A few short entries in flash: settings, provisioning. Power may go at any moment, within an erasure too, and
+//! either the old or the new bytes are there after every start that follows. Works on any flash that
+//! `embedded-storage` describes whose words may be programmed again with the same bits.
+//!
+//! A *copy* is all entries in one sector. Saving writes a whole copy into another sector; the newest complete one counts:
+//!
+//! | word | holds |
+//! |---|---|
+//! | 0 | nothing: the map of earlier releases takes such a sector for blank ([`earlier`]) |
+//! | 1 | the mark *complete*: zero once the copy has been written and read back |
+//! | 2 | the mark *swept*: zero once all other sectors have been erased and read back |
+//! | 3 | head, 16 bytes: format, counter, length, whether it owes a sweep, CRC-32 |
+//! | 7 | entries: key and length in a word, then the bytes in whole words |
+//! | last | nothing, as word 0 |
+//!
+//! What is written last decides, and no cell is trusted whose last change may have been cut (it reads well, and fades):
+//!
+//! - A sector is erased in the same step that writes it, whatever it reads: nothing is ever written to a sector that was
+//!   found blank.
+//! - The mark *complete* is begun after the last of the copy. A mark that reads zero says that the copy is whole;
+//!   the mark itself may be weak, so it is programmed again before any other sector is erased.
+//! - A copy that replaces a key owes a sweep, as do all that follow it, until one has the mark *swept*: the sweep goes on at
+//!   the next start.
+//! - Everything that is written or erased is read back: flash that does not take it is an error.
+
+mod earlier;
 
 use core::cell::RefCell;
 use core::ops::Range;
 
-use embassy_embedded_hal::adapter::BlockingAsync;
-use embassy_futures::block_on;
 use embedded_storage::nor_flash::NorFlash;
-use sequential_storage::Error;
-use sequential_storage::cache::{Cache, CacheImpl};
-use sequential_storage::map::{MapConfig, MapStorage};
+use heapless::Vec;
 
 use crate::hardware::SettingsStore;
+use crate::stored::CRC;
 
-/// Key of an entry; settings have the first, provisioning the second.
+/// Key of an entry; settings have the first, provisioning the second. 254 and 255 are not for callers: earlier
+/// releases had entries of their own there.
 pub type Key = u8;
 
-/// Key of the entry that says whether superseded bytes may still be in flash. Not for callers.
-const SWEEP: Key = 254;
-/// Key of the entries that a sweep fills the flash with. Not for callers.
-const FILLER: Key = 255;
-/// Content of the entry [`SWEEP`] when no superseded bytes are in flash.
-const SWEPT: &[u8] = &[1];
-/// Content of the entry [`SWEEP`] when superseded bytes may be in flash; also what a store without it means.
-const UNSWEPT: &[u8] = &[0];
-/// Length of an entry that a sweep fills the flash with, bytes.
-const FILLER_LENGTH: usize = 960;
-
-/// Longest entry, with its key, rounded up to words of the flash.
+/// Longest entry, with its key, bytes.
 const LONGEST: usize = 1024;
+/// Most entries.
+const MOST_ENTRIES: usize = 16;
+/// Bytes that are read or written at once, in a buffer of the flash's alignment.
+const CHUNK: usize = 256;
+/// Shortest word, bytes: marks are one, and must not come about by chance.
+const SHORTEST_WORD: usize = 4;
+/// Times that reading is tried before it counts as failed.
+const READ_TRIES: usize = 3;
+/// Length of a copy's head, bytes.
+const HEAD: usize = 16;
+/// Begins a head: this form of a copy.
+const FORMAT: [u8; 4] = *b"flx2";
+/// Fewest sectors: a copy and the one that replaces it.
+const FEWEST_SECTORS: u32 = 2;
 
 /// Why an entry was not read or written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -37,26 +61,63 @@ pub enum StoreError {
     /// More bytes than fit: an entry, or what the caller has room for.
     #[error("the entry is longer than fits")]
     TooLong,
-    /// No room left in the region, or too small a region.
+    /// No room for all entries in a sector, or too small a region.
     #[error("the flash region is full or too small")]
     Full,
-    /// What is in flash makes no sense.
-    #[error("the flash region is corrupted")]
-    Corrupted,
-    /// The flash itself failed.
+    /// The flash reported an error.
     #[error("the flash failed")]
     Flash,
+    /// The flash reported success, but other bytes come back.
+    #[error("the flash does not keep what is written")]
+    NotKept,
 }
 
-impl<E> From<Error<E>> for StoreError {
-    fn from(error: Error<E>) -> Self {
-        match error {
-            Error::FullStorage => Self::Full,
-            Error::BufferTooBig | Error::BufferTooSmall(_) | Error::ItemTooBig => Self::TooLong,
-            Error::Corrupted { .. } | Error::SerializationError(_) => Self::Corrupted,
-            _ => Self::Flash,
-        }
+/// A buffer as flash drivers want it: those of the chips copy by way of a whole sector on the stack otherwise.
+#[repr(align(4))]
+struct Chunk([u8; CHUNK]);
+
+impl Chunk {
+    const BLANK: Self = Self([0xFF; CHUNK]);
+}
+
+/// Where the bytes of an entry lie.
+#[derive(Debug, Clone, Copy)]
+struct Located {
+    key: Key,
+    /// From the start of the flash.
+    at: u32,
+    length: usize,
+}
+
+type Entries = Vec<Located, MOST_ENTRIES>;
+
+/// A complete copy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Copy {
+    sector: u32,
+    counter: u32,
+    /// Bytes of its entries, in whole words.
+    length: u32,
+    owes_sweep: bool,
+    is_swept: bool,
+}
+
+impl Copy {
+    const fn has_superseded(self) -> bool {
+        self.owes_sweep && !self.is_swept
     }
+}
+
+/// What the flash holds, and where a new copy may go.
+struct Mounted {
+    newest: Option<Copy>,
+    entries: Entries,
+    /// Whether superseded bytes may be in flash.
+    has_superseded: bool,
+    /// A word of zeros, on which everything rests: programmed again before anything is erased.
+    mark: Option<u32>,
+    /// The first sector for a new copy, and how many from there on may be tried.
+    targets: (u32, u32),
 }
 
 /// A region of flash that keeps a few short entries.
@@ -66,18 +127,25 @@ pub struct FlashStore<F> {
 }
 
 impl<F: NorFlash> FlashStore<F> {
-    /// Takes a region, which must begin and end at sectors and hold at least two of them. Fewer
-    /// than a handful wear out early: each write takes a part of a sector, each full round an
-    /// erasure of every sector.
+    /// Bytes that are read and written together.
+    const WORD: usize = {
+        let word = if F::READ_SIZE > F::WRITE_SIZE { F::READ_SIZE } else { F::WRITE_SIZE };
+        let word = if word > SHORTEST_WORD { word } else { SHORTEST_WORD };
+        assert!(HEAD.is_multiple_of(word) && CHUNK.is_multiple_of(word));
+        assert!(F::ERASE_SIZE.is_multiple_of(CHUNK));
+        word
+    };
+    const COMPLETE_AT: u32 = Self::WORD as u32;
+    const SWEPT_AT: u32 = 2 * Self::WORD as u32;
+    const HEAD_AT: u32 = 3 * Self::WORD as u32;
+    const ENTRIES_AT: u32 = Self::HEAD_AT + HEAD as u32;
+    /// Most bytes of the entries of a copy.
+    const ROOM: u32 = F::ERASE_SIZE as u32 - Self::ENTRIES_AT - Self::WORD as u32;
+
+    /// Takes a region, which must begin and end at sectors and hold at least two of them. Each save takes an erasure of one
+    /// of them in turn.
     pub const fn new(flash: F, region: Range<u32>) -> Self {
         Self { flash, region }
-    }
-
-    fn map(
-        &mut self,
-    ) -> Result<MapStorage<Key, BlockingAsync<&mut F>, impl CacheImpl<Key>>, StoreError> {
-        let config = MapConfig::try_new(self.region.clone()).map_err(|_| StoreError::Full)?;
-        Ok(MapStorage::new(BlockingAsync::new(&mut self.flash), config, Cache::new_uncached()))
     }
 
     /// Copies an entry into `buffer`; `None` when it was never written.
@@ -85,33 +153,27 @@ impl<F: NorFlash> FlashStore<F> {
     /// # Errors
     /// When the flash fails or the entry does not fit.
     pub fn load(&mut self, key: Key, buffer: &mut [u8]) -> Result<Option<usize>, StoreError> {
-        let mut scratch = [0; LONGEST];
-        let mut map = self.map()?;
-        let Some(bytes) = block_on(map.fetch_item::<&[u8]>(&mut scratch, &key))? else {
-            return Ok(None);
-        };
-        let room = buffer.get_mut(..bytes.len()).ok_or(StoreError::TooLong)?;
-        room.copy_from_slice(bytes);
-        Ok(Some(bytes.len()))
+        let entries = self.mount()?.entries;
+        let Some(entry) = entries.iter().find(|entry| entry.key == key) else { return Ok(None) };
+        let mut rest = buffer.get_mut(..entry.length).ok_or(StoreError::TooLong)?;
+        self.stream(entry.at, entry.length, |_, piece| {
+            if let Some((room, more)) = core::mem::take(&mut rest).split_at_mut_checked(piece.len())
+            {
+                room.copy_from_slice(piece);
+                rest = more;
+            }
+        })?;
+        Ok(Some(entry.length))
     }
 
-    /// Replaces an entry. A region of which no sense can be made is erased first.
+    /// Replaces an entry. Takes an erasure of a sector: 45 ms typically, up to 400 ms.
     ///
     /// # Errors
-    /// When the flash fails or the entry does not fit; what was kept before is kept still.
+    /// When the flash fails, does not keep it, or the entry does not fit; what was kept before is kept still.
     pub fn save(&mut self, key: Key, bytes: &[u8]) -> Result<(), StoreError> {
-        if size_of::<Key>() + bytes.len() > LONGEST {
-            return Err(StoreError::TooLong);
-        }
-        let mut scratch = [0; LONGEST];
-        let mut map = self.map()?;
-        match block_on(map.store_item(&mut scratch, &key, &bytes)).map_err(StoreError::from) {
-            Err(StoreError::Corrupted) => {
-                block_on(map.erase_all())?;
-                Ok(block_on(map.store_item(&mut scratch, &key, &bytes))?)
-            }
-            outcome => outcome,
-        }
+        let mounted = self.mount()?;
+        let has_superseded = mounted.has_superseded;
+        self.replace(&mounted, Some((key, bytes)), has_superseded)
     }
 
     /// Replaces an entry, and erases from flash what it replaces: [`FlashStore::save`] alone leaves the
@@ -119,34 +181,371 @@ impl<F: NorFlash> FlashStore<F> {
     /// the old one or the new one, and [`FlashStore::sweep`] goes on at the next start.
     ///
     /// # Errors
-    /// When the flash fails or the entry does not fit. [`FlashStore::load`] says which entry is kept;
-    /// old bytes may then still be in flash.
+    /// When the flash fails, does not keep the entry, or it does not fit. [`FlashStore::load`] says which entry is
+    /// kept; old bytes may then still be in flash.
     pub fn save_and_sweep(&mut self, key: Key, bytes: &[u8]) -> Result<(), StoreError> {
-        self.save(SWEEP, UNSWEPT)?;
-        self.save(key, bytes)?;
+        let mounted = self.mount()?;
+        self.replace(&mounted, Some((key, bytes)), true)?;
         self.sweep()
     }
 
-    /// Erases all superseded bytes from flash, unless this is done already: writes a whole round of
-    /// the region, which erases every sector and keeps the newest of every entry. Power may go at
-    /// any moment. Takes an erasure of every sector: up to 2.4 s for six.
+    /// Erases all superseded bytes from flash, unless this is done already: every sector but that of the newest copy.
+    /// Brings a store of earlier releases into today's form first. Power may go at any moment. Takes up to 2.4 s for six
+    /// sectors.
     ///
     /// # Errors
-    /// When the flash fails; what is kept is kept still.
+    /// When the flash fails, or a sector still holds something afterwards; what is kept is kept still.
     pub fn sweep(&mut self) -> Result<(), StoreError> {
-        let mut state = [0; SWEPT.len()];
-        if self.load(SWEEP, &mut state)?.is_some() && state == SWEPT {
+        let mut mounted = self.mount()?;
+        if mounted.newest.is_none() && !mounted.entries.is_empty() {
+            self.replace(&mounted, None, true)?;
+            mounted = self.mount()?;
+        }
+        let Some(newest) = mounted.newest.filter(|newest| newest.has_superseded()) else {
             return Ok(());
+        };
+        self.strengthen(&mounted);
+        for sector in (0..self.sectors()?).filter(|sector| *sector != newest.sector) {
+            // A sector that cannot be erased and holds nothing never held anything.
+            let erased = self.erase(sector);
+            self.check_blank(sector).map_err(|error| erased.err().unwrap_or(error))?;
         }
-        let filler = [0; FILLER_LENGTH];
-        // One round, and the sector that was in use when it began.
-        let round = self.region.end - self.region.start + F::ERASE_SIZE as u32;
-        for _ in 0..=round as usize / FILLER_LENGTH {
-            self.save(FILLER, &filler)?;
-        }
-        self.save(FILLER, &[])?;
-        self.save(SWEEP, SWEPT)
+        self.set_mark(self.sector_at(newest.sector) + Self::SWEPT_AT)
     }
+
+    /// Number of sectors.
+    fn sectors(&self) -> Result<u32, StoreError> {
+        let sector = F::ERASE_SIZE as u32;
+        let is_whole =
+            self.region.start.is_multiple_of(sector) && self.region.end.is_multiple_of(sector);
+        let sectors = self.region.end.saturating_sub(self.region.start) / sector;
+        if is_whole && sectors >= FEWEST_SECTORS { Ok(sectors) } else { Err(StoreError::Full) }
+    }
+
+    const fn sector_at(&self, sector: u32) -> u32 {
+        self.region.start + sector * F::ERASE_SIZE as u32
+    }
+
+    /// Looks at the flash as after a start: nothing is remembered between two calls.
+    fn mount(&mut self) -> Result<Mounted, StoreError> {
+        let sectors = self.sectors()?;
+        if let Some(newest) = self.newest()? {
+            return Ok(Mounted {
+                newest: Some(newest),
+                entries: self.entries(newest)?,
+                has_superseded: newest.has_superseded(),
+                mark: Some(self.sector_at(newest.sector) + Self::COMPLETE_AT),
+                targets: (newest.sector + 1, sectors - 1),
+            });
+        }
+        let earlier = self.earlier()?;
+        let targets = if earlier.entries.is_empty() { (0, sectors) } else { (earlier.free, 1) };
+        Ok(Mounted {
+            newest: None,
+            entries: earlier.entries,
+            // Of whatever is there nobody knows what it is.
+            has_superseded: true,
+            mark: earlier.mark,
+            targets,
+        })
+    }
+
+    /// Finds the newest complete copy.
+    fn newest(&mut self) -> Result<Option<Copy>, StoreError> {
+        let order = |copy: &Copy| (copy.counter, copy.sector);
+        let mut below = None;
+        loop {
+            let mut best: Option<Copy> = None;
+            for sector in 0..self.sectors()? {
+                let Some(copy) = self.head(sector)? else { continue };
+                let is_left = below.as_ref().is_none_or(|below| order(&copy) < order(below));
+                if is_left && best.as_ref().is_none_or(|best| order(&copy) > order(best)) {
+                    best = Some(copy);
+                }
+            }
+            let Some(found) = best else { return Ok(None) };
+            if self.is_intact(found)? {
+                return Ok(Some(found));
+            }
+            below = Some(found);
+        }
+    }
+
+    /// Reads the head of a copy that is marked as complete. Its check sum is for [`FlashStore::is_intact`].
+    fn head(&mut self, sector: u32) -> Result<Option<Copy>, StoreError> {
+        let at = self.sector_at(sector);
+        let is_blank = |word: [u8; SHORTEST_WORD]| word == [0xFF; SHORTEST_WORD];
+        let end = at + F::ERASE_SIZE as u32 - Self::WORD as u32;
+        if !is_blank(self.word(at)?)
+            || !is_blank(self.word(end)?)
+            || !self.is_marked(at + Self::COMPLETE_AT)?
+        {
+            return Ok(None);
+        }
+        let is_swept = self.is_marked(at + Self::SWEPT_AT)?;
+        let [format, counter, length, _] = self.head_words(sector)?;
+        let length = u32::from_le_bytes(length);
+        let copy = Copy {
+            sector,
+            counter: u32::from_le_bytes(counter),
+            length: length >> 1,
+            owes_sweep: length & 1 == 1,
+            is_swept,
+        };
+        let fits = copy.length <= Self::ROOM && (copy.length as usize).is_multiple_of(Self::WORD);
+        Ok((format == FORMAT && fits).then_some(copy))
+    }
+
+    /// Format, counter, length and whether it owes a sweep, check sum.
+    fn head_words(&mut self, sector: u32) -> Result<[[u8; 4]; HEAD / 4], StoreError> {
+        let mut words = [[0; 4]; HEAD / 4];
+        let at = self.sector_at(sector) + Self::HEAD_AT;
+        self.stream(at, HEAD, |_, head| {
+            for (word, bytes) in words.iter_mut().zip(head.chunks_exact(4)) {
+                word.copy_from_slice(bytes);
+            }
+        })?;
+        Ok(words)
+    }
+
+    /// Whether a copy has its check sum, in one of a few readings.
+    fn is_intact(&mut self, copy: Copy) -> Result<bool, StoreError> {
+        for _ in 0..READ_TRIES {
+            let [format, counter, length, sum] = self.head_words(copy.sector)?;
+            if self.sum(copy.sector, copy.length, [format, counter, length])? == sum {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// The check sum of the entries in a sector, and of the head before them.
+    fn sum(&mut self, sector: u32, length: u32, head: [[u8; 4]; 3]) -> Result<[u8; 4], StoreError> {
+        let mut digest = CRC.digest();
+        let at = self.sector_at(sector) + Self::ENTRIES_AT;
+        self.stream(at, length as usize, |_, piece| digest.update(piece))?;
+        digest.update(head.as_flattened());
+        Ok(digest.finalize().to_le_bytes())
+    }
+
+    /// Where the entries of a copy lie.
+    fn entries(&mut self, copy: Copy) -> Result<Entries, StoreError> {
+        let mut entries = Entries::new();
+        let mut at = self.sector_at(copy.sector) + Self::ENTRIES_AT;
+        let end = at + copy.length;
+        while at < end {
+            let [key, _, length @ ..] = self.word(at)?;
+            let length = usize::from(u16::from_le_bytes(length));
+            let entry = Located { key, at: at + Self::WORD as u32, length };
+            entries.push(entry).map_err(|_| StoreError::Full)?;
+            at = entry.at + Self::padded(length);
+        }
+        Ok(entries)
+    }
+
+    /// The length of as many whole words, bytes.
+    const fn padded(length: usize) -> u32 {
+        length.next_multiple_of(Self::WORD) as u32
+    }
+
+    /// Writes a copy of what is mounted, one entry replaced, to the first sector that takes it.
+    fn replace(
+        &mut self,
+        mounted: &Mounted,
+        entry: Option<(Key, &[u8])>,
+        owes_sweep: bool,
+    ) -> Result<(), StoreError> {
+        let new = entry.map_or(0, |(_, bytes)| size_of::<Key>() + bytes.len());
+        if new > LONGEST {
+            return Err(StoreError::TooLong);
+        }
+        self.strengthen(mounted);
+        let sectors = self.sectors()?;
+        let (first, tries) = mounted.targets;
+        let counter = mounted.newest.map_or(0, |newest| newest.counter);
+        let mut outcome = Err(StoreError::Full);
+        for step in 0..tries {
+            let sector = (first + step) % sectors;
+            // Each try has a number of its own: what one left behind is no copy of another.
+            outcome = self.write_copy(
+                sector,
+                counter.saturating_add(step + 1),
+                mounted,
+                entry,
+                owes_sweep,
+            );
+            if matches!(outcome, Ok(()) | Err(StoreError::Full)) {
+                break;
+            }
+        }
+        outcome
+    }
+
+    fn write_copy(
+        &mut self,
+        sector: u32,
+        counter: u32,
+        mounted: &Mounted,
+        entry: Option<(Key, &[u8])>,
+        owes_sweep: bool,
+    ) -> Result<(), StoreError> {
+        let kept =
+            || mounted.entries.iter().filter(|kept| entry.is_none_or(|(key, _)| key != kept.key));
+        let size = |length: usize| Self::WORD as u32 + Self::padded(length);
+        let length = kept().map(|kept| size(kept.length)).sum::<u32>()
+            + entry.map_or(0, |(_, bytes)| size(bytes.len()));
+        if length > Self::ROOM || kept().count() == MOST_ENTRIES {
+            return Err(StoreError::Full);
+        }
+        self.erase(sector)?;
+        self.check_blank(sector)?;
+        let mut at = self.sector_at(sector) + Self::ENTRIES_AT;
+        for kept in kept() {
+            at = self.write_entry(at, kept.key, Source::Flash(kept.at, kept.length))?;
+        }
+        if let Some((key, bytes)) = entry {
+            self.write_entry(at, key, Source::Memory(bytes))?;
+        }
+        let words =
+            [FORMAT, counter.to_le_bytes(), (length << 1 | u32::from(owes_sweep)).to_le_bytes()];
+        let [format, counter_bytes, length_bytes] = words;
+        let sum = self.sum(sector, length, words)?;
+        let mut head = Chunk::BLANK;
+        head.0[..HEAD].copy_from_slice([format, counter_bytes, length_bytes, sum].as_flattened());
+        self.write(self.sector_at(sector) + Self::HEAD_AT, &head.0[..HEAD])?;
+        let copy = Copy { sector, counter, length, owes_sweep, is_swept: false };
+        if !self.is_intact(copy)? {
+            return Err(StoreError::NotKept);
+        }
+        self.set_mark(self.sector_at(sector) + Self::COMPLETE_AT)?;
+        // As the next start will.
+        if self.newest()? == Some(copy) { Ok(()) } else { Err(StoreError::NotKept) }
+    }
+
+    /// Writes an entry; returns where the next one begins.
+    fn write_entry(&mut self, at: u32, key: Key, source: Source<'_>) -> Result<u32, StoreError> {
+        let length = match source {
+            Source::Flash(_, length) => length,
+            Source::Memory(bytes) => bytes.len(),
+        };
+        let [low, high] = (length as u16).to_le_bytes();
+        let mut chunk = Chunk::BLANK;
+        chunk.0[..SHORTEST_WORD].copy_from_slice(&[key, 0xFF, low, high]);
+        self.write(at, &chunk.0[..Self::WORD])?;
+        let at = at + Self::WORD as u32;
+        for done in (0..length).step_by(CHUNK) {
+            let piece = CHUNK.min(length - done);
+            let mut chunk = Chunk::BLANK;
+            self.fill(&mut chunk, source, done, piece)?;
+            self.write(at + done as u32, &chunk.0[..Self::padded(piece) as usize])?;
+            // The source is read again, too: one wrong reading must not be kept.
+            let mut again = Chunk::BLANK;
+            self.fill(&mut again, source, done, piece)?;
+            if chunk.0 != again.0 {
+                return Err(StoreError::Flash);
+            }
+        }
+        Ok(at + Self::padded(length))
+    }
+
+    /// Copies a piece of a source into a chunk.
+    fn fill(
+        &mut self,
+        chunk: &mut Chunk,
+        source: Source<'_>,
+        done: usize,
+        piece: usize,
+    ) -> Result<(), StoreError> {
+        match source {
+            Source::Memory(bytes) => {
+                chunk.0[..piece].copy_from_slice(&bytes[done..][..piece]);
+                Ok(())
+            }
+            Source::Flash(at, _) => self.stream(at + done as u32, piece, |from, bytes| {
+                chunk.0[from..][..bytes.len()].copy_from_slice(bytes);
+            }),
+        }
+    }
+
+    /// Programs the mark again on which everything rests: power may have gone while it was written the first time.
+    /// A sector that takes nothing any more keeps its mark as it is.
+    fn strengthen(&mut self, mounted: &Mounted) {
+        if let Some(mark) = mounted.mark {
+            let _ = self.set_mark(mark);
+        }
+    }
+
+    fn set_mark(&mut self, at: u32) -> Result<(), StoreError> {
+        let mut zeros = Chunk::BLANK;
+        zeros.0.fill(0);
+        self.write(at, &zeros.0[..Self::WORD])
+    }
+
+    fn is_marked(&mut self, at: u32) -> Result<bool, StoreError> {
+        Ok(self.word(at)? == [0; SHORTEST_WORD])
+    }
+
+    fn word(&mut self, at: u32) -> Result<[u8; SHORTEST_WORD], StoreError> {
+        let mut word = [0; SHORTEST_WORD];
+        self.stream(at, SHORTEST_WORD, |_, bytes| word.copy_from_slice(bytes))?;
+        Ok(word)
+    }
+
+    fn erase(&mut self, sector: u32) -> Result<(), StoreError> {
+        let at = self.sector_at(sector);
+        self.flash.erase(at, at + F::ERASE_SIZE as u32).map_err(|_| StoreError::Flash)
+    }
+
+    fn check_blank(&mut self, sector: u32) -> Result<(), StoreError> {
+        let mut is_blank = true;
+        self.stream(self.sector_at(sector), F::ERASE_SIZE, |_, piece| {
+            is_blank &= piece.iter().all(|byte| *byte == 0xFF);
+        })?;
+        if is_blank { Ok(()) } else { Err(StoreError::NotKept) }
+    }
+
+    /// Writes whole words, at most a chunk, and reads them back.
+    fn write(&mut self, at: u32, words: &[u8]) -> Result<(), StoreError> {
+        self.flash.write(at, words).map_err(|_| StoreError::Flash)?;
+        let mut is_kept = true;
+        self.stream(at, words.len(), |from, found| {
+            is_kept &= words.get(from..from + found.len()) == Some(found);
+        })?;
+        if is_kept { Ok(()) } else { Err(StoreError::NotKept) }
+    }
+
+    /// Reads from anywhere, in pieces, each with its distance from the first byte.
+    fn stream(
+        &mut self,
+        at: u32,
+        length: usize,
+        mut take: impl FnMut(usize, &[u8]),
+    ) -> Result<(), StoreError> {
+        let mut chunk = Chunk::BLANK;
+        let mut done = 0;
+        while done < length {
+            let at = at + done as u32;
+            let before = at as usize % Self::WORD;
+            let piece = (CHUNK - before).min(length - done);
+            let words = &mut chunk.0[..Self::padded(before + piece) as usize];
+            let is_read =
+                (0..READ_TRIES).any(|_| self.flash.read(at - before as u32, words).is_ok());
+            if !is_read {
+                return Err(StoreError::Flash);
+            }
+            take(done, &words[before..][..piece]);
+            done += piece;
+        }
+        Ok(())
+    }
+}
+
+/// Where the bytes of an entry come from.
+#[derive(Clone, Copy)]
+enum Source<'a> {
+    /// Address and length.
+    Flash(u32, usize),
+    Memory(&'a [u8]),
 }
 
 /// One entry of a store that several share, as the robot wants it.
@@ -183,225 +582,6 @@ impl<F: NorFlash> SettingsStore for Entry<'_, F> {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::vec;
-    use std::vec::Vec;
-
-    use embedded_storage::nor_flash::{ErrorType, NorFlashError, NorFlashErrorKind, ReadNorFlash};
-
-    use super::*;
-
-    const SECTOR: usize = 4096;
-    const SECTORS: usize = 6;
-
-    /// Flash whose power goes after so many words written or sectors erased.
-    #[derive(Clone)]
-    struct Flash {
-        bytes: Vec<u8>,
-        power: usize,
-    }
-
-    #[derive(Debug)]
-    struct PowerGone;
-
-    impl NorFlashError for PowerGone {
-        fn kind(&self) -> NorFlashErrorKind {
-            NorFlashErrorKind::Other
-        }
-    }
-
-    impl Flash {
-        fn new() -> Self {
-            Self { bytes: vec![0xFF; SECTOR * SECTORS], power: usize::MAX }
-        }
-
-        fn spend(&mut self) -> Result<(), PowerGone> {
-            self.power = self.power.checked_sub(1).ok_or(PowerGone)?;
-            Ok(())
-        }
-    }
-
-    impl ErrorType for Flash {
-        type Error = PowerGone;
-    }
-
-    impl ReadNorFlash for Flash {
-        const READ_SIZE: usize = 4;
-
-        fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerGone> {
-            bytes.copy_from_slice(&self.bytes[offset as usize..][..bytes.len()]);
-            Ok(())
-        }
-
-        fn capacity(&self) -> usize {
-            self.bytes.len()
-        }
-    }
-
-    impl NorFlash for Flash {
-        const WRITE_SIZE: usize = 4;
-        const ERASE_SIZE: usize = SECTOR;
-
-        fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerGone> {
-            for sector in (from as usize..to as usize).step_by(SECTOR) {
-                self.spend()?;
-                self.bytes[sector..][..SECTOR].fill(0xFF);
-            }
-            Ok(())
-        }
-
-        fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerGone> {
-            for (index, byte) in bytes.iter().enumerate() {
-                if index % Self::WRITE_SIZE == 0 {
-                    self.spend()?;
-                }
-                self.bytes[offset as usize + index] &= byte;
-            }
-            Ok(())
-        }
-    }
-
-    fn store(flash: Flash) -> FlashStore<Flash> {
-        FlashStore::new(flash, 0..(SECTOR * SECTORS) as u32)
-    }
-
-    fn loaded(store: &mut FlashStore<Flash>, key: Key) -> Option<Vec<u8>> {
-        let mut buffer = [0; 512];
-        let length = store.load(key, &mut buffer).unwrap()?;
-        Some(buffer[..length].to_vec())
-    }
-
-    #[test]
-    fn empty_flash_holds_nothing() {
-        assert_eq!(loaded(&mut store(Flash::new()), 0), None);
-    }
-
-    #[test]
-    fn the_newest_bytes_come_back_after_many_rounds_of_the_region() {
-        let mut store = store(Flash::new());
-        store.save(1, b"name and key").unwrap();
-        for round in 0..200_u16 {
-            store.save(0, &round.to_le_bytes().repeat(150)).unwrap();
-        }
-        assert_eq!(loaded(&mut store, 0), Some(199_u16.to_le_bytes().repeat(150)));
-        assert_eq!(loaded(&mut store, 1), Some(b"name and key".to_vec()));
-    }
-
-    #[test]
-    fn power_may_go_at_any_word_and_old_or_new_remains() {
-        let mut before = store(Flash::new());
-        // Nearly a whole round, so that the writes below also erase sectors.
-        for _ in 0..57 {
-            before.save(0, &[0xAA; 400]).unwrap();
-        }
-        let mut power = 0;
-        loop {
-            let mut flash = before.flash.clone();
-            flash.power = power;
-            let mut interrupted = store(flash);
-            let finished = (0..4).all(|_| interrupted.save(0, &[0x55; 400]).is_ok());
-            let mut flash = interrupted.flash;
-            flash.power = usize::MAX;
-            let found = loaded(&mut store(flash), 0).unwrap();
-            assert!(found == [0xAA; 400] || found == [0x55; 400], "power for {power} words");
-            if finished {
-                assert_eq!(found, [0x55; 400]);
-                break;
-            }
-            power += 1;
-        }
-        assert!(power > 400, "the test never wrote");
-    }
-
-    fn holds(flash: &Flash, secret: &[u8]) -> bool {
-        flash.bytes.windows(secret.len()).any(|window| window == secret)
-    }
-
-    const OLD: &[u8] = b"the old key, which somebody knows";
-    const NEW: &[u8] = b"the new key, which nobody knows";
-
-    /// Settings saved so often, then the old key between two of them.
-    fn used(saves: usize) -> FlashStore<Flash> {
-        let mut store = store(Flash::new());
-        for _ in 0..saves {
-            store.save(0, &[0xAA; 400]).unwrap();
-        }
-        store.save(1, OLD).unwrap();
-        store.save(0, &[0xBB; 400]).unwrap();
-        store
-    }
-
-    #[test]
-    fn a_replaced_key_is_nowhere_in_flash_wherever_it_was() {
-        for saves in 0..70 {
-            let mut store = used(saves);
-            assert!(holds(&store.flash, OLD));
-            store.save_and_sweep(1, NEW).unwrap();
-            assert!(!holds(&store.flash, OLD), "after {saves} saves");
-            assert_eq!(loaded(&mut store, 1).as_deref(), Some(NEW));
-            assert_eq!(loaded(&mut store, 0), Some(vec![0xBB; 400]));
-        }
-    }
-
-    #[test]
-    fn power_may_go_while_a_key_is_replaced_and_the_next_start_erases_the_old_one() {
-        let before = used(40);
-        let mut power = 0;
-        loop {
-            let mut flash = before.flash.clone();
-            flash.power = power;
-            let mut interrupted = store(flash);
-            let finished = interrupted.save_and_sweep(1, NEW).is_ok();
-            let mut flash = interrupted.flash;
-            flash.power = usize::MAX;
-            let mut next = store(flash);
-            next.sweep().unwrap();
-            let key = loaded(&mut next, 1).unwrap();
-            assert!(key == OLD || key == NEW, "power for {power} words");
-            assert_eq!(holds(&next.flash, OLD), key == OLD, "power for {power} words");
-            assert_eq!(loaded(&mut next, 0), Some(vec![0xBB; 400]), "power for {power} words");
-            if finished {
-                break;
-            }
-            // Every word at first, then every seventh: a round is some 7000 words.
-            power += if power < 100 { 1 } else { 7 };
-        }
-        assert!(power > 6000, "the test never wrote a round");
-    }
-
-    #[test]
-    fn a_swept_store_is_not_swept_again() {
-        let mut store = used(3);
-        store.sweep().unwrap();
-        store.flash.power = 0;
-        assert_eq!(store.sweep(), Ok(()));
-    }
-
-    #[test]
-    fn an_entry_that_does_not_fit_is_refused_and_the_old_one_stays() {
-        let mut store = store(Flash::new());
-        store.save(0, b"old").unwrap();
-        assert_eq!(store.save(0, &[0; 2 * LONGEST]), Err(StoreError::TooLong));
-        assert_eq!(store.load(0, &mut [0; 2]), Err(StoreError::TooLong));
-        assert_eq!(loaded(&mut store, 0), Some(b"old".to_vec()));
-    }
-
-    #[test]
-    fn rubbish_in_flash_can_be_written_over() {
-        let mut flash = Flash::new();
-        let mut noise = 0x1234_5678_u32;
-        for byte in &mut flash.bytes {
-            noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            *byte = (noise >> 24) as u8;
-        }
-        let mut store = store(flash);
-        store.save(0, b"new").unwrap();
-        assert_eq!(loaded(&mut store, 0), Some(b"new".to_vec()));
-    }
-
-    #[test]
-    fn a_region_of_one_sector_is_refused() {
-        let mut store = FlashStore::new(Flash::new(), 0..SECTOR as u32);
-        assert_eq!(store.save(0, b"x"), Err(StoreError::Full));
-    }
-}
+mod model;
+#[cfg(test)]
+mod tests;

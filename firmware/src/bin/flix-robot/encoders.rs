@@ -11,9 +11,8 @@ use esp_hal::gpio::{InputConfig, Output, Pull};
 use esp_hal::spi::Mode;
 use esp_hal::spi::master::{Config, Spi};
 use esp_hal::time::Rate;
-use flix_firmware::board::encoder::{
-    AS5047P_READ_ANGLE, AS5047P_READ_DIAGNOSTICS, as5047p, as5047p_is_healthy, mt6701,
-};
+use flix_firmware::board::as5047p::{As5047p, As5047pReading};
+use flix_firmware::board::encoder::mt6701;
 use flix_firmware::board::{EncoderKind, SpiPins};
 use flix_firmware::hardware::{Encoder, EncoderAngle, EncoderReading, TICK_US};
 use flix_protocol::units::Instant;
@@ -67,16 +66,13 @@ impl Encoders {
 
 /// SPI clock: both encoders allow 10 MHz and more; wires to the motors are long.
 const SPI_CLOCK: Rate = Rate::from_mhz(8);
-/// One exchange with an AS5047P in so many asks for its diagnostics.
-const DIAGNOSTICS_EVERY: u16 = 64;
 
 /// Two SPI encoders on one bus.
 pub(crate) struct SpiEncoders {
     bus: Spi<'static, Blocking>,
     selects: [Output<'static>; 2],
     kind: EncoderKind,
-    exchanges: u16,
-    healthy: [bool; 2],
+    as5047p: [As5047p; 2],
 }
 
 impl SpiEncoders {
@@ -98,7 +94,7 @@ impl SpiEncoders {
             .with_miso(miso.peripheral_input());
         let mut selects = pins.selects.map(output);
         selects.iter_mut().for_each(Output::set_high);
-        Some(Self { bus, selects, kind, exchanges: 0, healthy: [true; 2] })
+        Some(Self { bus, selects, kind, as5047p: [As5047p::new(); 2] })
     }
 
     fn exchange<const N: usize>(&mut self, motor: usize, mut frame: [u8; N]) -> Option<[u8; N]> {
@@ -110,7 +106,6 @@ impl SpiEncoders {
     }
 
     fn read(&mut self, now: Instant) -> [Encoder; 2] {
-        self.exchanges = (self.exchanges + 1) % DIAGNOSTICS_EVERY;
         [0, 1].map(|motor| match self.kind {
             EncoderKind::Mt6701 => {
                 let angle = self.exchange(motor, [0; 3]).and_then(mt6701);
@@ -120,18 +115,15 @@ impl SpiEncoders {
         })
     }
 
-    /// Reads one encoder; an exchange answers the command of the one before.
     fn read_as5047p(&mut self, motor: usize, now: Instant) -> Encoder {
-        let command = match self.exchanges {
-            0 => AS5047P_READ_DIAGNOSTICS,
-            _ => AS5047P_READ_ANGLE,
+        let mut driver = self.as5047p[motor];
+        let reading = driver.read(|command| self.exchange(motor, command));
+        self.as5047p[motor] = driver;
+        let angle = match reading {
+            As5047pReading::Angle(angle) => Some(angle),
+            As5047pReading::Other => return Encoder::Pending,
+            As5047pReading::Failed => None,
         };
-        let answer = self.exchange(motor, command);
-        if self.exchanges == 1 {
-            self.healthy[motor] = answer.is_some_and(as5047p_is_healthy);
-            return if self.healthy[motor] { Encoder::Pending } else { Encoder::Failed };
-        }
-        let angle = answer.and_then(as5047p).filter(|_| self.healthy[motor]);
         // The angle was latched when the exchange before ended, one tick ago.
         let latched = now.as_micros().saturating_sub(TICK_US.into());
         Sample { angle, time: Instant::from_micros(latched) }.at(now)
