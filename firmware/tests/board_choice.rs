@@ -1,9 +1,6 @@
 //! The features of the chip binary: sensible defaults, and one sentence where they contradict.
 
-#[path = "../board_choice.rs"]
-mod board_choice;
-
-use board_choice::{Choice, choose};
+use crate::choice::{Choice, choose};
 use flix_firmware::board::{BOARDS, Board, Chip, EncoderKind};
 
 /// The cargo feature that selects a chip.

@@ -367,29 +367,28 @@ fn what_an_earlier_release_left_torn_is_old_or_new_in_this_one() {
 #[test]
 fn the_change_over_may_be_torn_after_the_earlier_release_was() {
     for (seed, share) in (1..).zip(SHARES) {
-        for fading in [FADINGS[seed as usize % FADINGS.len()]] {
-            let before = earlier(5 * seed as usize);
-            cut(
-                &before,
-                (share, seed, 997),
-                |flash| release_1::save_and_sweep(flash, PROVISIONING, NEW).is_ok(),
-                |mut flash, acknowledged, at| {
-                    flash.start(fading);
-                    for cut in [1, 2, 10] {
-                        for rise in RISES {
-                            let mut flash = flash.with_seed(cut + seed);
-                            let what = std::format!(
-                                "{share} of operation {at}, {rise:?}, fading {fading}, then {cut}"
-                            );
-                            (flash.power, flash.share, flash.rise) = (cut as usize, share, rise);
-                            let mut store = store(flash);
-                            let _ = store.sweep();
-                            check_two_starts(store.flash, acknowledged, fading, &what);
-                        }
+        let fading = FADINGS[seed as usize % FADINGS.len()];
+        let before = earlier(5 * seed as usize);
+        cut(
+            &before,
+            (share, seed, 997),
+            |flash| release_1::save_and_sweep(flash, PROVISIONING, NEW).is_ok(),
+            |mut flash, acknowledged, at| {
+                flash.start(fading);
+                for cut in [1, 2, 10] {
+                    for rise in RISES {
+                        let mut flash = flash.with_seed(cut + seed);
+                        let what = std::format!(
+                            "{share} of operation {at}, {rise:?}, fading {fading}, then {cut}"
+                        );
+                        (flash.power, flash.share, flash.rise) = (cut as usize, share, rise);
+                        let mut store = store(flash);
+                        let _ = store.sweep();
+                        check_two_starts(store.flash, acknowledged, fading, &what);
                     }
-                },
-            );
-        }
+                }
+            },
+        );
     }
 }
 
