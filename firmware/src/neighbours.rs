@@ -11,7 +11,7 @@
 //!
 //! This covers operators in the robot's own network; one beyond a router depends on the router's ARP.
 //!
-//! The stack's DHCP client is kept from what networks do to it ([`crate::lease`]), and nothing leaves before the stack knows
+//! The stack's DHCP client is kept from what networks do to it (`lease.rs`), and nothing leaves before the stack knows
 //! that the link is up: it would begin twice, with two messages in a millisecond, and hear the answer to neither if both are lost.
 
 use core::cell::RefCell;

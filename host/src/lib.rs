@@ -14,7 +14,7 @@
 //! | [`teleop`], [`cockpit`] | drives by hand, in a terminal and in a browser |
 //! | [`scope`], [`record`] | fetches inner values of the fast loop; writes a run as MCAP, and reads it |
 //! | [`view`] | draws scenes in pages |
-//! | [`explain`], [`text`], [`file`], [`interrupt`], [`system`] | words for people; files; Ctrl-C and signals; what differs by system |
+//! | [`explain`], [`text`], [`mod@file`], [`interrupt`], [`system`] | words for people; files; Ctrl-C and signals; what differs by system |
 //!
 //! Above this library are three packages: `flix-plot` draws figures, `flix-shell` is what the command lines of `flix` and
 //! `flix-sim` share, `flix-cli` is the program `flix`.

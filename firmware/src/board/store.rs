@@ -6,7 +6,7 @@
 //!
 //! | word | holds |
 //! |---|---|
-//! | 0 | nothing: the map of earlier releases takes such a sector for blank ([`earlier`]) |
+//! | 0 | nothing: the map of earlier releases takes such a sector for blank (`store::earlier`) |
 //! | 1 | the mark *complete*: zero once the copy has been written and read back |
 //! | 2 | the mark *swept*: zero once all other sectors have been erased and read back |
 //! | 3 | head, 16 bytes: format, counter, length, whether it owes a sweep, CRC-32 |

@@ -1,9 +1,8 @@
 //! Driving by hand in a browser, from this computer or a phone.
 //!
-//! Pure parts and a thin shell: [`message`] checks what a page says, [`pages`] decides which page drives and when its
-//! operator is silent, [`snapshot`] is what all pages see, [`guard`] who may ask at all. [`server`] owns the sockets, [`desk`] the loop.
-//! The robot's side is that of the terminal: [`teleop::Cockpit`](crate::teleop::Cockpit) and
-//! [`teleop::drive::Drive`](crate::teleop::drive::Drive).
+//! Pure parts: [`message`] checks what a page says, [`pages`] decides which page drives and when its operator is silent,
+//! [`snapshot`] is what all pages see. `flix-cli` owns the sockets and the loop, and decides who may ask at all. The
+//! robot's side is that of the terminal: [`teleop::Cockpit`](crate::teleop::Cockpit).
 //!
 //! # Freshness
 //!

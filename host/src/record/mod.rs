@@ -13,7 +13,7 @@
 //! | `/telemetry` | `flix.Telemetry` | telemetry of the robot |
 //!
 //! The file also carries the metadata `run`, `settings` and `versions`, and attachments such as the
-//! mode table. [`Recorder`] writes a record, [`Run`] reads it, [`figures`] and [`csv`] show it.
+//! mode table. [`Recorder`] writes a record, [`Run`] reads it, [`csv`] exports it; `flix-plot` draws it.
 
 pub mod csv;
 mod message;

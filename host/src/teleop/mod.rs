@@ -1,9 +1,7 @@
 //! Driving by hand in a terminal.
 //!
-//! Three pure parts and a thin shell: [`keyboard`] and [`gamepad`] convert keys and sticks to [`Action`](action::Action)s,
-//! [`Cockpit`] keeps the state from actions and the reports of the link, and [`view`] draws it.
-//! [`drive::Drive`] moves what link and poses report into it, for every kind of screen; [`screen`] owns the terminal and
-//! the loop.
+//! [`Cockpit`] keeps the state from [`Action`](action::Action)s and the reports of the link. `flix-cli` converts keys and
+//! sticks to actions, draws the state, and owns the terminal.
 
 pub mod action;
 pub mod cockpit;
