@@ -20,7 +20,7 @@ fn program(args: &Args) -> Result<PathBuf, Error> {
         "--quiet",
         "--release",
         "--package",
-        "flix-host",
+        "flix-cli",
         "--package",
         "flix-chip",
     ]);
