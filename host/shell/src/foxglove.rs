@@ -11,8 +11,6 @@ use foxglove::{
 
 use flix_host::record::{Channel, Reader};
 
-/// Port that Foxglove tries first.
-pub const PORT: u16 = 8765;
 /// Rows that wait for a slow reader: some two seconds of a run.
 const BACKLOG: usize = 512;
 /// Time after which a row that holds is sent again, for those who came later, ns.

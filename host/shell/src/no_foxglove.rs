@@ -4,9 +4,6 @@ use std::net::SocketAddr;
 
 use flix_host::record::{Channel, Reader};
 
-/// Port that Foxglove tries first.
-pub const PORT: u16 = 8765;
-
 /// Why nothing can be streamed.
 #[derive(Debug, thiserror::Error)]
 #[error(

@@ -5,8 +5,11 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use flix_host::record::{CHANNELS, Channel, Recorder};
 
 use crate::Error;
-use crate::foxglove::{PORT, Stream};
+use crate::foxglove::Stream;
 use crate::output::say;
+
+/// Port that Foxglove tries first.
+const PORT: u16 = 8765;
 
 /// Parses an address of this computer, which takes this port when it names none.
 ///
