@@ -41,6 +41,9 @@ pub(crate) struct Args {
     /// Run long lanes, too, as `.ci/long` does.
     #[arg(long, requires = "run")]
     long: bool,
+    /// Those alone that build in folders of their own and may run beside the tests (true), or the others alone (false).
+    #[arg(long, requires = "run")]
+    apart: Option<bool>,
     /// Write each green run into `.ci/lanes.toml` and its table; a run that was cut short goes on where it was.
     #[arg(long, requires = "run")]
     record: bool,
@@ -114,6 +117,9 @@ fn run_lanes(tree: &Tree, logs: &Path, args: &Args) -> Result<(), Error> {
     let mut judge = Judge::new(tree, &list)?;
     let mut wanted = Vec::new();
     for lane in chosen(&list, &args.names)? {
+        if args.apart.is_some_and(|apart| apart != lane.apart) {
+            continue;
+        }
         let reason = judge.reason(lane)?;
         match left_out(lane, reason.as_ref(), args) {
             Some(why) => println!("{}: left out, {why}", lane.name),

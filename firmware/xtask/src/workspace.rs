@@ -118,3 +118,46 @@ impl Workspace {
 fn slashed(folder: &Path) -> String {
     folder.iter().map(|part| format!("{}/", part.to_string_lossy())).collect()
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
+mod tests {
+    use super::*;
+
+    /// Returns the features of each package that a program is built of.
+    fn features(program: &str) -> BTreeMap<String, BTreeSet<String>> {
+        let mut cargo = toolchain::cargo();
+        cargo.args(["tree", "--offline", "--locked", "--package", program]);
+        cargo.args([
+            "--edges",
+            "normal,build",
+            "--prefix",
+            "none",
+            "--no-dedupe",
+            "--format",
+            "{p}|{f}",
+        ]);
+        let printed = run::output(cargo.current_dir(run::root())).unwrap();
+        let mut features = BTreeMap::<_, BTreeSet<_>>::new();
+        for (package, of) in printed.lines().filter_map(|line| line.split_once('|')) {
+            // Once for the program, once for what runs while it is built.
+            features.entry(package.to_owned()).or_default().insert(of.to_owned());
+        }
+        features
+    }
+
+    #[test]
+    fn what_both_programs_need_has_the_same_features_in_both_and_is_built_once() {
+        let (robot, operator) = (features("flix-sim-cli"), features("flix-cli"));
+        assert!(robot.len() > 100 && operator.len() > 100, "cargo printed no packages");
+        let differ: Vec<String> = robot
+            .iter()
+            .filter_map(|(package, one)| {
+                let other = operator.get(package).filter(|other| *other != one)?;
+                Some(format!("{package}: {one:?} and {other:?}"))
+            })
+            .collect();
+        let page = "host/shell/Cargo.toml";
+        assert!(differ.is_empty(), "name these features in {page}:\n{}", differ.join("\n"));
+    }
+}

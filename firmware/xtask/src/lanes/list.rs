@@ -65,6 +65,9 @@ pub(super) struct Lane {
     /// Whether it is too long for `.ci/run`.
     #[serde(default)]
     pub(super) long: bool,
+    /// Whether it builds in folders of its own, so that it may run beside the tests.
+    #[serde(default)]
+    pub(super) apart: bool,
     /// Its last green run.
     pub(super) last: Option<Record>,
 }

@@ -49,6 +49,7 @@ impl Clone {
             run: true,
             all: has("--all"),
             long: has("--long"),
+            apart: has("--apart").then_some(true).or(has("--together").then_some(false)),
             record: has("--record"),
             table: false,
         };
@@ -363,6 +364,18 @@ fn those_that_are_due_run_and_leave_their_record_and_are_not_run_again() {
             .unwrap()
             .contains("+ echo base\nbase\n")
     );
+}
+
+#[test]
+fn those_that_run_beside_the_tests_and_the_others_are_all() {
+    let clone = small();
+    clone.edit(FILE, "name = \"script\"", "name = \"script\"\napart = true");
+    let log = |lane: &str| clone.path(&format!("logs/{lane}.log")).exists();
+    clone.run(&["--all", "--apart"]).unwrap();
+    assert!(log("script") && !log("base") && !log("inner") && !log("tool"));
+    std::fs::remove_file(clone.path("logs/script.log")).unwrap();
+    clone.run(&["--all", "--together"]).unwrap();
+    assert!(!log("script") && log("base") && log("inner") && log("tool"));
 }
 
 #[test]
