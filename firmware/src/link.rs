@@ -10,8 +10,8 @@
 //! - **Stop**: any operator latches the stop, also without the session, which goes on; its
 //!   operator learns of it by an event.
 //! - **How old**: a command counts only while it is fresh ([`flix_protocol::session`]), up to the
-//!   setting `command_age`. `Stop` and `Disarm` count at any age; reading (`Identify`, `Ping`,
-//!   parameters) is answered at any age but is no sign of life then; all else is refused, and the
+//!   setting `command_age`. `Stop` and `Disarm` count at any age; reading (`Identify`, `Crash`,
+//!   `Ping`, parameters) is answered at any age but is no sign of life then; all else is refused, and the
 //!   refusal states the age. The fast half also stops the rotors when the newest command has grown
 //!   older than that ([`Order::expires`]).
 //! - **What is refused** changes nothing, and the refusal says what would be accepted.
@@ -28,14 +28,15 @@ use core::time::Duration;
 use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::{Frame, HandshakeFrame};
 use flix_protocol::message::{
-    Bridges, Command, Event, EventReport, Faults, Identity, LinkQuality, MotorTelemetry,
-    OperatorName, Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Refusal, Reply, ResetReason,
-    ScopeCommand, Setpoint, State, Telemetry, ToOperator, ToRobot, Trial,
+    Bridges, BuildId, Command, CrashReport, Event, EventReport, Faults, Identity, LinkQuality,
+    Mark, MotorTelemetry, OperatorName, Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Refusal,
+    Reply, ResetReason, ScopeCommand, Setpoint, State, Telemetry, ToOperator, ToRobot, Trial,
 };
 use flix_protocol::session::{Operators, RobotReceived, RobotSession};
 use flix_protocol::units::{Instant, Ratio, Volts};
 use heapless::{Deque, Vec};
 
+use crate::blackbox::{BlackBox, LIFE_BYTES};
 use crate::exchange::{MotorReport, Order, Report, Requests};
 use crate::fast::units::Speed;
 use crate::hardware::{Hardware, SettingsStore};
@@ -53,6 +54,7 @@ const ANSWERS: usize = 4;
 pub struct Link {
     session: RobotSession,
     identity: Identity,
+    black_box: BlackBox,
     /// What a trial is told of the bridges; `None` where the board measures no currents.
     bridges: Option<Bridges>,
     signal_dbm: Option<i8>,
@@ -98,6 +100,7 @@ impl Link {
         session.set_command_age(command_age(settings));
         Self {
             session,
+            black_box: BlackBox::new(&identity.version),
             identity,
             bridges,
             signal_dbm: None,
@@ -169,6 +172,21 @@ impl Link {
     /// Changes why it says that it last started.
     pub fn set_reset(&mut self, reset: ResetReason) {
         self.identity.reset = reset;
+    }
+
+    /// Changes what it says of the run before its last start.
+    pub fn set_crash(&mut self, crash: Option<CrashReport>) {
+        self.black_box.set_crash(crash);
+    }
+
+    /// Notes which build of the firmware runs, for the next run.
+    pub fn set_build(&mut self, build: Option<BuildId>) {
+        self.black_box.set_build(build);
+    }
+
+    /// Returns what to leave in [`LIFE`](crate::blackbox::LIFE) for the next run when it has changed since the last call.
+    pub fn keep(&mut self) -> Option<[u8; LIFE_BYTES]> {
+        self.black_box.keep()
     }
 
     /// Notes the radio power as last received, for telemetry.
@@ -269,6 +287,7 @@ impl Link {
     /// Takes over how the fast half is, and notes what happened since it was last observed.
     pub fn observe(&mut self, report: &Report) {
         let last = core::mem::replace(&mut self.report, *report);
+        self.black_box.observe(&last, report);
         let now = report.time;
         let (new, old) = (&report.events, &last.events);
         let voltage = report.bus_voltage.map_or(Volts::ZERO, Volts::from);
@@ -358,13 +377,14 @@ impl Link {
     ) -> Result<Option<Outcome>, Refusal> {
         match command {
             Command::Setpoint(setpoint) => self.shake(now, setpoint)?,
-            Command::Arm => self.arm(now)?,
+            Command::Arm => self.arm(now, tuning.settings())?,
             Command::Disarm => self.disarm(),
             Command::Stop => self.stop(self.session.operator(now)),
             Command::Clear => self.clear()?,
             Command::Parameter(command) => return self.tune(now, command, tuning).map(Some),
             Command::Trial(trial) => return self.try_out(now, request, trial).map(Some),
             Command::Identify => return Ok(Some(Outcome::Identity(self.identity.clone()))),
+            Command::Crash => return Ok(Some(Outcome::Crash(self.black_box.crash().cloned()))),
             Command::Ping(number) => return Ok(Some(Outcome::Pong(number))),
             Command::Scope(command) => {
                 push_newest(&mut self.scope, (request, command));
@@ -391,6 +411,7 @@ impl Link {
             Command::Stop
             | Command::Disarm
             | Command::Identify
+            | Command::Crash
             | Command::Ping(_)
             | Command::Parameter(ParameterCommand::Get(_) | ParameterCommand::List(_))
             | Command::Scope(ScopeCommand::Status | ScopeCommand::Read(_)) => Ok(()),
@@ -425,10 +446,13 @@ impl Link {
     }
 
     /// Asks the fast half to arm; does nothing while it is armed.
-    fn arm(&mut self, now: Instant) -> Result<(), Refusal> {
+    fn arm(&mut self, now: Instant, settings: &Settings) -> Result<(), Refusal> {
         self.check_cleared()?;
         if matches!(self.state(), State::Aligning | State::Armed | State::Running) {
             return Ok(());
+        }
+        if let Some(name) = settings.unknown() {
+            return Err(Refusal::MotorUnknown { name: text(name) });
         }
         self.prepare_to_drive(now)?;
         self.order.requests.arm = self.order.requests.arm.wrapping_add(1);
@@ -527,10 +551,10 @@ impl Link {
             ParameterCommand::Get(name) => return parameter(tuning.settings(), &name),
             ParameterCommand::List(first) => return Ok(list(tuning.settings(), first)),
             ParameterCommand::Set(name, value) => {
-                self.check_idle()?;
-                tuning.set(&name, value)?;
-                self.session.set_command_age(command_age(tuning.settings()));
-                return parameter(tuning.settings(), &name);
+                return self.put(tuning, &name, value, Mark::Entered);
+            }
+            ParameterCommand::Put(name, value, mark) => {
+                return self.put(tuning, &name, value, mark);
             }
             ParameterCommand::Reset => {
                 self.check_idle()?;
@@ -544,6 +568,19 @@ impl Link {
             }
         }
         Ok(Outcome::Done)
+    }
+
+    fn put<S: SettingsStore>(
+        &mut self,
+        tuning: &mut Tuning<S>,
+        name: &str,
+        value: f32,
+        mark: Mark,
+    ) -> Result<Outcome, Refusal> {
+        self.check_idle()?;
+        tuning.put(name, value, mark)?;
+        self.session.set_command_age(command_age(tuning.settings()));
+        parameter(tuning.settings(), name)
     }
 
     /// Accepts a change of settings, or writing flash, only while the motors are not driven.

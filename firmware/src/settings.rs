@@ -8,13 +8,17 @@
 //! Where one value bounds another ([`ORDERED`]), the range that a setting accepts narrows
 //! accordingly, and that narrowed range is what lists and refusals show.
 //!
-//! Stored settings are a list of (hash of name, value) with a format version and a CRC-32. A
-//! setting that is new in a firmware therefore starts at its default and keeps the others; only
-//! bytes that are damaged, or a value that is out of range now, make the whole default.
+//! What a motor is like ([`MOTOR_VALUES`]) is **unknown** until somebody enters it or commissioning measures it, and
+//! the robot does not arm until then: its default is an assumption.
+//!
+//! Stored settings are a list of (hash of name, value, mark) with a format version and a CRC-32. A setting that is new
+//! in a firmware therefore starts at its default and keeps the others, and one of another firmware is passed over. A
+//! value that is out of range now has its default, and is unknown again where it is a motor's; bytes that are damaged
+//! make all so. Either is reported, and nothing of it is written back before an operator says so.
 //!
 //! Deadlines and what follows from them are constants, not settings: see [`crate::link`].
 
-use flix_protocol::message::{Parameter, Refusal};
+use flix_protocol::message::{Mark, Parameter, Refusal};
 use heapless::{String, Vec};
 
 use crate::fast::alignment::Alignment;
@@ -23,10 +27,14 @@ use crate::hardware::SettingsStore;
 use crate::stored::{self, LoadError, SaveError};
 
 /// Most bytes that settings take in a [`SettingsStore`].
-pub const STORED_LENGTH: usize = 8 + COUNT * 9;
+pub const STORED_LENGTH: usize = 1_000;
 
 /// Version of the stored form.
-const FORMAT_VERSION: u16 = 1;
+const FORMAT_VERSION: u16 = 2;
+/// Version of the stored form that knows no marks.
+const FORMAT_WITHOUT_MARKS: u16 = 1;
+/// Most settings in a stored form: those of another firmware, too.
+const MOST_STORED: usize = 96;
 /// How many settings there are.
 pub const COUNT: usize = TABLE.len();
 
@@ -63,6 +71,8 @@ macro_rules! settings {
         pub struct Settings {
             $(#[doc = concat!($each_description, " In ", $each_unit, ".")] pub $each: [f32; 2],)*
             $(#[doc = concat!($description, " In ", $unit, ".")] pub $name: f32,)*
+            /// How each of [`MOTOR_VALUES`] is known.
+            pub marks: [Mark; MOTOR_VALUES.len()],
         }
 
         impl Settings {
@@ -70,6 +80,7 @@ macro_rules! settings {
             pub const DEFAULT: Self = Self {
                 $($each: [$each_default; 2],)*
                 $($name: $default,)*
+                marks: [Mark::Unknown; MOTOR_VALUES.len()],
             };
         }
 
@@ -100,6 +111,18 @@ macro_rules! settings {
 }
 
 flix_protocol::settings_table!(settings);
+
+/// What a motor is like: settings with a [`Mark`]. Until all of them are known the robot does not arm.
+pub const MOTOR_VALUES: [&str; 8] = [
+    "top_phase_resistance",
+    "bottom_phase_resistance",
+    "top_phase_inductance",
+    "bottom_phase_inductance",
+    "top_flux_linkage",
+    "bottom_flux_linkage",
+    "pole_pairs",
+    "encoder_latency",
+];
 
 /// Pairs of settings of which the first must not exceed the second.
 pub const ORDERED: &[(&str, &str)] = &[
@@ -152,11 +175,19 @@ impl Settings {
         TABLE.iter().find(|setting| setting.name == name).map(|setting| (setting.read)(self))
     }
 
-    /// Changes one setting.
+    /// Changes one setting to a value that somebody entered.
     ///
     /// # Errors
     /// When there is none of this name, or the value is not acceptable beside the other values.
     pub fn set(&mut self, name: &str, value: f32) -> Result<(), SetError> {
+        self.put(name, value, Mark::Entered)
+    }
+
+    /// Changes one setting to a value that is known in this way.
+    ///
+    /// # Errors
+    /// As for [`Settings::set`].
+    pub fn put(&mut self, name: &str, value: f32, mark: Mark) -> Result<(), SetError> {
         let setting = TABLE.iter().find(|setting| setting.name == name).ok_or(SetError::Unknown)?;
         let (minimum, maximum) = self.range(setting);
         if !(value >= minimum && value <= maximum) {
@@ -166,7 +197,35 @@ impl Settings {
             return Err(SetError::NotWhole { name: setting.name });
         }
         (setting.write)(self, value);
+        self.mark(name, mark);
         Ok(())
+    }
+
+    /// Says how a motor's value is known; nothing for another setting.
+    fn mark(&mut self, name: &str, mark: Mark) {
+        if let Some(place) = MOTOR_VALUES.iter().position(|it| *it == name) {
+            self.marks[place % MOTOR_VALUES.len()] = mark;
+        }
+    }
+
+    /// Returns how a motor's value is known; `None` for another setting.
+    #[must_use]
+    pub fn marked(&self, name: &str) -> Option<Mark> {
+        MOTOR_VALUES.iter().zip(self.marks).find(|(it, _)| **it == name).map(|(_, mark)| mark)
+    }
+
+    /// Returns the first value of the motors that is unknown.
+    #[must_use]
+    pub fn unknown(&self) -> Option<&'static str> {
+        let mut marked = MOTOR_VALUES.iter().zip(self.marks);
+        marked.find(|(_, mark)| *mark == Mark::Unknown).map(|(name, _)| *name)
+    }
+
+    /// Returns these settings, the values of the motors entered as they are.
+    #[must_use]
+    pub const fn entered(mut self) -> Self {
+        self.marks = [Mark::Entered; MOTOR_VALUES.len()];
+        self
     }
 
     /// Returns the setting at a position of the list, as operators see it.
@@ -182,6 +241,7 @@ impl Settings {
             default: setting.default,
             minimum,
             maximum,
+            mark: self.marked(setting.name),
         })
     }
 
@@ -207,26 +267,39 @@ impl Settings {
         (minimum, maximum)
     }
 
-    /// Returns whether each value is one that [`Settings::set`] accepts.
-    fn is_valid(&self) -> bool {
-        let mut copy = *self;
-        TABLE.iter().all(|setting| copy.set(setting.name, (setting.read)(self)).is_ok())
+    /// Gives every value that [`Settings::set`] would not accept its default, and makes it unknown where it is a
+    /// motor's; returns whether there was any.
+    fn mend(&mut self) -> bool {
+        let mut mended = false;
+        // Each round takes one value back to its default. Of two that bound each other wrongly one is no default, as the
+        // defaults are all accepted.
+        while let Some(setting) = TABLE.iter().find(|setting| {
+            let value = (setting.read)(self);
+            value != setting.default && { *self }.set(setting.name, value).is_err()
+        }) {
+            (setting.write)(self, setting.default);
+            self.mark(setting.name, Mark::Unknown);
+            mended = true;
+        }
+        mended
     }
 
-    /// Reads what was saved. `Ok(None)` when nothing ever was.
-    ///
-    /// # Errors
-    /// When the store fails or what it holds cannot be trusted.
-    pub fn load<S: SettingsStore>(store: &mut S) -> Result<Option<Self>, LoadError> {
-        let values: Option<Stored> = stored::load(store, FORMAT_VERSION, &mut [0; STORED_LENGTH])?;
-        let Some(values) = values else { return Ok(None) };
+    /// Reads what was saved, by this firmware or another one: what cannot be trusted has its default. Says whether there
+    /// was such, and why: the store failed, or what it holds is damaged or out of range.
+    pub fn load<S: SettingsStore>(store: &mut S) -> (Self, Result<(), LoadError>) {
         let mut settings = Self::DEFAULT;
-        for (hash, value) in values {
+        let stored = match load_entries(store) {
+            Ok(stored) => stored.unwrap_or_default(),
+            Err(error) => return (settings, Err(error)),
+        };
+        for (hash, value, mark) in stored {
             if let Some(setting) = TABLE.iter().find(|setting| name_hash(setting.name) == hash) {
                 (setting.write)(&mut settings, value);
+                settings.mark(setting.name, mark.unwrap_or(Mark::Unknown));
             }
         }
-        if settings.is_valid() { Ok(Some(settings)) } else { Err(LoadError::Damaged) }
+        let loaded = if settings.mend() { Err(LoadError::OutOfRange) } else { Ok(()) };
+        (settings, loaded)
     }
 
     /// Keeps these settings over power-off.
@@ -234,13 +307,12 @@ impl Settings {
     /// # Errors
     /// When the store fails.
     pub fn save<S: SettingsStore>(&self, store: &mut S) -> Result<(), SaveError> {
-        let value = |setting: &Setting| (name_hash(setting.name), (setting.read)(self));
+        let entry = |setting: &Setting| {
+            (name_hash(setting.name), (setting.read)(self), self.marked(setting.name))
+        };
         let mut buffer = [0; STORED_LENGTH];
-        let bytes = stored::encode(
-            FORMAT_VERSION,
-            &TABLE.iter().map(value).collect::<Stored>(),
-            &mut buffer,
-        )?;
+        let entries: Stored = TABLE.iter().map(entry).collect();
+        let bytes = stored::encode(FORMAT_VERSION, &entries, &mut buffer)?;
         store.save(bytes).map_err(|_| SaveError)
     }
 
@@ -287,8 +359,27 @@ const fn switch(on: bool) -> f32 {
     if on { 1.0 } else { 0.0 }
 }
 
-/// The stored form: hashes of names, and values.
-type Stored = Vec<(u32, f32), COUNT>;
+/// The stored form: hashes of names, values and their marks.
+type Stored = Vec<(u32, f32, Option<Mark>), MOST_STORED>;
+
+/// Reads the stored form, this firmware's or an older one's.
+fn load_entries(store: &mut impl SettingsStore) -> Result<Option<Stored>, LoadError> {
+    let mut buffer = [0; STORED_LENGTH];
+    let error = match stored::load(store, FORMAT_VERSION, &mut buffer) {
+        Err(error) => error,
+        outcome => return outcome,
+    };
+    let older: Option<Vec<(u32, f32), MOST_STORED>> =
+        stored::load(store, FORMAT_WITHOUT_MARKS, &mut buffer).map_err(|_| error)?;
+    // What differs from the default was entered or measured; who says of the rest that it is right?
+    let marked = |(hash, value): (u32, f32)| {
+        let is_default =
+            |setting: &Setting| name_hash(setting.name) == hash && setting.default == value;
+        let mark = if TABLE.iter().any(is_default) { Mark::Unknown } else { Mark::Entered };
+        (hash, value, Some(mark))
+    };
+    Ok(older.map(|older| older.into_iter().map(marked).collect()))
+}
 
 /// Returns the FNV-1a hash of a name: names are few and a test shows that none collide.
 fn name_hash(name: &str) -> u32 {
@@ -317,20 +408,16 @@ pub struct Tuning<S> {
 }
 
 impl<S: SettingsStore> Tuning<S> {
-    /// Reads what is stored. When that cannot be trusted the defaults are in force, and
-    /// [`Tuning::loaded`] says why.
+    /// Reads what is stored. What cannot be trusted has its default, and [`Tuning::loaded`] says why.
     pub fn new(mut store: S) -> Self {
-        let (settings, loaded) = match Settings::load(&mut store) {
-            Ok(settings) => (settings.unwrap_or(Settings::DEFAULT), Ok(())),
-            Err(error) => (Settings::DEFAULT, Err(error)),
-        };
+        let (settings, loaded) = Settings::load(&mut store);
         Self { store, present: settings, stored: settings, loaded, learnt: false, revision: 0 }
     }
 
     /// Returns whether what was stored could be read at power-up.
     ///
     /// # Errors
-    /// When the defaults are in force instead of what was stored.
+    /// When defaults are in force instead of what was stored.
     pub const fn loaded(&self) -> Result<(), LoadError> {
         self.loaded
     }
@@ -341,17 +428,17 @@ impl<S: SettingsStore> Tuning<S> {
         &self.present
     }
 
-    /// Changes one setting until power-off.
+    /// Changes one setting until power-off, to a value that is known in this way.
     ///
     /// # Errors
     /// As for [`Settings::set`].
-    pub fn set(&mut self, name: &str, value: f32) -> Result<(), SetError> {
-        self.present.set(name, value)?;
+    pub fn put(&mut self, name: &str, value: f32, mark: Mark) -> Result<(), SetError> {
+        self.present.put(name, value, mark)?;
         self.revision = self.revision.wrapping_add(1);
         Ok(())
     }
 
-    /// Puts the defaults in force until power-off.
+    /// Puts the defaults in force until power-off: motors are unknown then.
     pub fn reset(&mut self) {
         self.present = Settings::DEFAULT;
         self.revision = self.revision.wrapping_add(1);
@@ -398,7 +485,6 @@ impl<S: SettingsStore> Tuning<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::stored::CRC;
 
     /// Keeps bytes as a flash partition would.
     #[derive(Default)]
@@ -435,7 +521,7 @@ mod tests {
 
     #[test]
     fn every_default_is_accepted_by_its_own_range() {
-        assert!(Settings::DEFAULT.is_valid());
+        assert!(!{ Settings::DEFAULT }.mend());
     }
 
     #[test]
@@ -458,12 +544,12 @@ mod tests {
 
     #[test]
     fn settings_survive_power_off() {
-        assert_eq!(Settings::load(&mut saved(&tuned())), Ok(Some(tuned())));
+        assert_eq!(Settings::load(&mut saved(&tuned())), (tuned(), Ok(())));
     }
 
     #[test]
     fn a_new_robot_has_nothing_stored() {
-        assert_eq!(Settings::load(&mut Memory::default()), Ok(None));
+        assert_eq!(Settings::load(&mut Memory::default()), (Settings::DEFAULT, Ok(())));
     }
 
     #[test]
@@ -473,7 +559,7 @@ mod tests {
             let mut damaged = intact.clone();
             damaged[bit / 8] ^= 1 << (bit % 8);
             let loaded = Settings::load(&mut Memory(Some(damaged)));
-            assert_eq!(loaded, Err(LoadError::Damaged), "bit {bit}");
+            assert_eq!(loaded, (Settings::DEFAULT, Err(LoadError::Damaged)), "bit {bit}");
         }
     }
 
@@ -482,41 +568,93 @@ mod tests {
         let intact = saved(&tuned()).0.unwrap();
         for length in 0..intact.len() {
             let loaded = Settings::load(&mut Memory(Some(intact[..length].to_vec())));
-            assert_eq!(loaded, Err(LoadError::Damaged), "{length} bytes");
+            assert_eq!(loaded, (Settings::DEFAULT, Err(LoadError::Damaged)), "{length} bytes");
         }
     }
 
-    fn store_of(version: u16, values: &[(u32, f32)]) -> Memory {
-        let values: Stored = values.iter().copied().collect();
-        let mut buffer = [0; STORED_LENGTH];
-        let bytes =
-            postcard::to_slice_crc32(&(version, values), &mut buffer, CRC.digest()).unwrap();
-        Memory(Some(bytes.to_vec()))
+    fn store_of(version: u16, values: &impl serde::Serialize) -> Memory {
+        let mut buffer = [0; 2 * STORED_LENGTH];
+        Memory(Some(stored::encode(version, values, &mut buffer).unwrap().to_vec()))
+    }
+
+    /// As [`Settings::save`] stores, these alone.
+    fn store_with(values: &[(&str, f32, Option<Mark>)]) -> Memory {
+        let entries: std::vec::Vec<_> =
+            values.iter().map(|(name, value, mark)| (name_hash(name), *value, *mark)).collect();
+        store_of(FORMAT_VERSION, &entries.as_slice())
     }
 
     #[test]
     fn another_format_version_is_named() {
-        let loaded = Settings::load(&mut store_of(FORMAT_VERSION + 1, &[]));
-        assert_eq!(loaded, Err(LoadError::Version));
+        let loaded = Settings::load(&mut store_of(FORMAT_VERSION + 1, &<&[u8]>::default()));
+        assert_eq!(loaded, (Settings::DEFAULT, Err(LoadError::Version)));
     }
 
     #[test]
-    fn a_setting_that_is_new_in_this_firmware_starts_at_its_default() {
-        let older = store_of(
-            FORMAT_VERSION,
-            &[(name_hash("over_speed"), 60.0), (name_hash("a_setting_of_old"), 1.0)],
-        )
-        .0;
+    fn settings_of_another_firmware_are_passed_over_however_many_and_the_others_kept() {
+        let other = (0..30).map(|number| (number, 1.0_f32, None::<Mark>));
+        let known = (name_hash("over_speed"), 60.0, None);
+        let entries: std::vec::Vec<_> = other.chain([known]).collect();
         let expected = Settings { over_speed: 60.0, ..Settings::DEFAULT };
-        assert_eq!(Settings::load(&mut Memory(older)), Ok(Some(expected)));
+        let mut store = store_of(FORMAT_VERSION, &entries.as_slice());
+        assert_eq!(Settings::load(&mut store), (expected, Ok(())));
     }
 
     #[test]
-    fn a_stored_value_that_is_no_number_or_out_of_range_is_damage() {
+    fn what_an_older_firmware_stored_is_kept_and_a_motors_default_is_unknown() {
+        let values = [("top_phase_resistance", 5.0), ("pole_pairs", 7.0), ("over_speed", 60.0)]
+            .map(|(name, value): (_, f32)| (name_hash(name), value));
+        let mut store = store_of(FORMAT_WITHOUT_MARKS, &values.as_slice());
+        let settings = Settings::load(&mut store).0;
+        let found = (settings.phase_resistance[0], settings.pole_pairs, settings.over_speed);
+        assert_eq!(found, (5.0, 7.0, 60.0));
+        let marks = ["top_phase_resistance", "pole_pairs"].map(|name| settings.marked(name));
+        assert_eq!(marks, [Some(Mark::Entered), Some(Mark::Unknown)]);
+    }
+
+    #[test]
+    fn a_stored_value_that_is_no_number_or_out_of_range_is_reported_and_the_others_kept() {
+        let expected = Settings { telemetry_rate: 20.0, ..Settings::DEFAULT };
         for value in [f32::NAN, f32::INFINITY, -1.0, 1e9] {
-            let mut store = store_of(FORMAT_VERSION, &[(name_hash("over_speed"), value)]);
-            assert_eq!(Settings::load(&mut store), Err(LoadError::Damaged), "{value}");
+            let mut store =
+                store_with(&[("telemetry_rate", 20.0, None), ("over_speed", value, None)]);
+            let loaded = Settings::load(&mut store);
+            assert_eq!(loaded, (expected, Err(LoadError::OutOfRange)), "{value}");
         }
+    }
+
+    #[test]
+    fn stored_values_that_bound_each_other_wrongly_have_their_defaults() {
+        let mut store = store_with(&[("over_current", 1.0, None), ("current_limit", 1.5, None)]);
+        assert_eq!(Settings::load(&mut store), (Settings::DEFAULT, Err(LoadError::OutOfRange)));
+    }
+
+    #[test]
+    fn a_motors_value_that_cannot_be_trusted_is_unknown_again() {
+        let mut settings = Settings::DEFAULT.entered();
+        settings.pole_pairs = 7.5;
+        let (loaded, _) = Settings::load(&mut saved(&settings));
+        assert_eq!((loaded.unknown(), loaded.pole_pairs), (Some("pole_pairs"), 7.0));
+    }
+
+    #[test]
+    fn how_a_value_is_known_survives_power_off() {
+        let mut settings = Settings::DEFAULT;
+        settings.put("pole_pairs", 11.0, Mark::Measured).unwrap();
+        settings.set("encoder_latency", 250.0).unwrap();
+        assert_eq!(Settings::load(&mut saved(&settings)), (settings, Ok(())));
+    }
+
+    #[test]
+    fn motors_are_known_once_each_of_their_values_was_entered_or_measured() {
+        let mut settings = Settings::DEFAULT;
+        for (index, name) in MOTOR_VALUES.into_iter().enumerate() {
+            assert_eq!(settings.unknown(), Some(name));
+            let mark = if index % 2 == 0 { Mark::Entered } else { Mark::Measured };
+            let value = settings.get(name).unwrap();
+            settings.put(name, value, mark).unwrap();
+        }
+        assert_eq!(settings.unknown(), None);
     }
 
     #[test]
@@ -566,10 +704,10 @@ mod tests {
     #[test]
     fn what_alignment_found_is_kept_without_settings_that_are_only_being_tried() {
         let mut tuning = Tuning::new(Memory::default());
-        tuning.set("over_speed", 60.0).unwrap();
+        tuning.put("over_speed", 60.0, Mark::Entered).unwrap();
         tuning.learn([Alignment { reversed: true, ..Alignment::default() }; 2]);
         assert_eq!(tuning.save_learnt(), Ok(true));
-        let stored = Settings::load(&mut tuning.store).unwrap().unwrap();
+        let stored = Settings::load(&mut tuning.store).0;
         let kept = (stored.aligned, stored.phases_reversed, stored.over_speed);
         assert_eq!(kept, ([1.0; 2], [1.0; 2], Settings::DEFAULT.over_speed));
     }
@@ -583,6 +721,6 @@ mod tests {
             ..Alignment::default()
         };
         settings.learn([extreme; 2]);
-        assert_eq!(Settings::load(&mut saved(&settings)), Ok(Some(settings)));
+        assert_eq!(Settings::load(&mut saved(&settings)), (settings, Ok(())));
     }
 }

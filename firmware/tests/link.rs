@@ -8,18 +8,19 @@ mod no_store;
 use core::net::SocketAddr;
 use core::time::Duration;
 
+use flix_firmware::blackbox::{self, Kept};
 use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::exchange::{EventCounters, MotorReport, Report, Requests};
 use flix_firmware::fast::units::{Current, RotorAngle, Speed, Voltage};
 use flix_firmware::link::{EVENTS, Link, bridges, identity};
 use flix_firmware::robot::Robot;
-use flix_firmware::settings::{COUNT, Settings, Tuning};
+use flix_firmware::settings::{COUNT, MOTOR_VALUES, Settings, Tuning};
 use flix_protocol::failsafe::{COMMAND_AGE, LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, Event, Fault, Faults, Identity, OperatorName, Outcome, PARAMETERS_PER_REPLY,
-    ParameterCommand, Pattern, Refusal, ResetReason, ScopeCommand, ScopePlan, Setpoint, State,
-    Telemetry, ToOperator, ToRobot, Trial,
+    Command, Event, Fault, Faults, Identity, Mark, Name, OperatorName, Outcome,
+    PARAMETERS_PER_REPLY, ParameterCommand, Pattern, Refusal, ResetReason, ScopeCommand, ScopePlan,
+    Setpoint, State, Telemetry, ToOperator, ToRobot, Trial,
 };
 use flix_protocol::session::{
     Key, Operator, OperatorReceived, OperatorSession, Operators, STOP_RETRY, Status, StopSession,
@@ -197,6 +198,7 @@ fn each_state_accepts_what_its_rotors_may_do_and_refuses_the_rest_with_its_name(
         (Command::Parameter(ParameterCommand::Reset), &[Disarmed, Faulted], none),
         (Command::Parameter(ParameterCommand::Save), &[Disarmed, Faulted], none),
         (Command::Ping(5), &STATES, none),
+        (Command::Crash, &STATES, none),
     ] {
         for state in STATES {
             let mut ends = Ends::at(state);
@@ -381,6 +383,7 @@ fn what_comes_too_late_is_refused_with_its_age_but_for_stopping_and_reading() {
         (Command::Stop, true),
         (Command::Disarm, true),
         (Command::Identify, true),
+        (Command::Crash, true),
         (Command::Ping(3), true),
         (Command::Parameter(read), true),
         (Command::Parameter(ParameterCommand::List(0)), true),
@@ -585,6 +588,28 @@ fn parameters_are_listed_page_by_page_found_by_name_and_kept_in_range() {
 }
 
 #[test]
+fn a_robot_with_an_unknown_motor_does_not_arm_until_its_values_are_entered_or_measured() {
+    let mut ends = Ends::proven();
+    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Reset)), Outcome::Done);
+    for (index, name) in MOTOR_VALUES.into_iter().enumerate() {
+        let name: Name = name.try_into().unwrap();
+        let refusal = Refusal::MotorUnknown { name: name.clone() };
+        assert_eq!(ends.say(Command::Arm), refused(refusal));
+        let value = ends.tuning.settings().get(&name).unwrap();
+        let mark = if index % 2 == 0 { Mark::Entered } else { Mark::Measured };
+        let command = match mark {
+            Mark::Entered => ParameterCommand::Set(name, value),
+            mark => ParameterCommand::Put(name, value, mark),
+        };
+        let Outcome::Parameter(put) = ends.say(Command::Parameter(command)) else {
+            panic!("not set")
+        };
+        assert_eq!(put.mark, Some(mark));
+    }
+    assert_eq!(ends.say(Command::Arm), Outcome::Done);
+}
+
+#[test]
 fn another_operator_inherits_no_running_robot() {
     for leave in [false, true] {
         let mut ends = Ends::at(State::Running);
@@ -629,6 +654,28 @@ fn a_robot_says_who_it_is_and_who_holds_it() {
     assert!(ends.link.is_provisioned());
     ends.link.set_operators(None);
     assert!(!ends.link.is_provisioned());
+}
+
+#[test]
+fn a_robot_says_what_it_kept_of_its_last_accident_and_keeps_its_faults_for_the_next_run() {
+    let mut ends = Ends::connected();
+    assert_eq!(ends.say(Command::Crash), Outcome::Crash(None));
+    let life = |link: &mut Link| {
+        let mut bytes = [0; blackbox::BYTES];
+        bytes[blackbox::LIFE].copy_from_slice(&link.keep().unwrap());
+        Kept::decode(&bytes).report(ResetReason::Tasks).unwrap()
+    };
+    let quiet = life(&mut ends.link);
+    assert_eq!((quiet.version.as_str(), quiet.fault), (env!("CARGO_PKG_VERSION"), None));
+    ends.observe(|report| {
+        report.faults = Faults::NONE.with(Fault::Stall);
+        report.first_fault = Some(Fault::Stall);
+    });
+    let kept = life(&mut ends.link);
+    assert_eq!(kept.fault.unwrap().first_fault, Some(Fault::Stall));
+    assert_eq!(ends.say(Command::Crash), Outcome::Crash(None), "that was this run");
+    ends.link.set_crash(Some(kept.clone()));
+    assert_eq!(ends.say(Command::Crash), Outcome::Crash(Some(kept)));
 }
 
 const TRIAL: Trial = Trial {

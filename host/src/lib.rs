@@ -13,6 +13,7 @@
 //! | [`teleop`], [`cockpit`] | drives by hand, in a terminal and in a browser |
 //! | [`record`] | writes a run as MCAP, and reads it |
 //! | [`plot`], [`view`] | draws figures as SVG and PNG; scenes in pages |
+//! | [`symbols`] | names functions and lines of the firmware |
 //! | [`explain`], [`interrupt`] | words for people; Ctrl-C and signals |
 //! | [`cli`] | the commands of `flix`, one file each |
 //!
@@ -99,6 +100,8 @@ pub mod record;
 pub mod scope;
 #[cfg(feature = "program")]
 pub mod steering;
+#[cfg(feature = "program")]
+pub mod symbols;
 pub mod system;
 pub mod teleop;
 pub mod text;

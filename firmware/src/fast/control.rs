@@ -213,7 +213,7 @@ impl Control {
             stopped: self.supervisor.stopped,
             link_late: self.supervisor.link_late,
             obeyed: self.supervisor.obeyed,
-            frequency: Speed::from_raw(self.frequency >> FREQUENCY_FILTER_SHIFT),
+            frequency: self.frequency(),
             direction: rotors.direction(),
             motors,
             bus_voltage: (self.configuration.bus_per_count != 0).then_some(self.bus_voltage),
@@ -276,6 +276,12 @@ impl Control {
             Channel::ThetaError => self.reference().map_or(0, |it| -(it.sum_error() >> 17)),
             Channel::Bus => voltage(self.bus_voltage),
         }
+    }
+
+    /// Returns f as measured, averaged over about a turn.
+    #[inline]
+    const fn frequency(&self) -> Speed {
+        Speed::from_raw(self.frequency >> FREQUENCY_FILTER_SHIFT)
     }
 
     /// Returns the shaker while it drives.
@@ -370,7 +376,8 @@ impl Control {
         };
         let misaligned = core::mem::take(&mut self.misaligned);
         self.present = self.monitor.faults(misaligned, &observation);
-        let held_back = self.reference().is_some_and(|it| it.held_back(order.frequency));
+        let measured = self.frequency();
+        let held_back = self.reference().is_some_and(|it| it.held_back(order.frequency, measured));
         if self.monitor.becomes_limited(held_back) {
             let events = &mut self.supervisor.events;
             events.frequency_limited = events.frequency_limited.wrapping_add(1);

@@ -20,6 +20,7 @@ pub mod cockpit;
 pub mod commission;
 pub mod completions;
 pub mod course;
+pub mod crash;
 pub mod discover;
 pub mod doctor;
 pub mod drive;
@@ -179,6 +180,7 @@ enum Command {
     Cockpit(cockpit::Args),
     Drive(drive::Args),
     Status(status::Args),
+    Crash(crash::Args),
     Stop(stop::Args),
     Clear(clear::Args),
     Parameters(parameters::Args),
@@ -211,6 +213,7 @@ impl Cli {
             Command::Cockpit(args) => cockpit::run(args),
             Command::Drive(args) => drive::run(args),
             Command::Status(args) => status::run(args),
+            Command::Crash(args) => crash::run(args),
             Command::Stop(args) => stop::run(args),
             Command::Clear(args) => clear::run(args),
             Command::Parameters(args) => parameters::run(args),

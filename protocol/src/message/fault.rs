@@ -31,7 +31,7 @@ pub enum Fault {
     Alignment,
     /// The current sensors disagree, or read far from zero at rest.
     CurrentSense,
-    /// The stored settings are unreadable; the defaults are in force.
+    /// Stored settings are unreadable or out of range; these have their defaults, and motors are unknown.
     Settings,
 }
 

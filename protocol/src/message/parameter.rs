@@ -4,6 +4,8 @@ use heapless::String;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::names::names;
+
 /// Longest parameter name, in bytes.
 pub const NAME_LENGTH: usize = 32;
 /// A name on the wire.
@@ -22,9 +24,27 @@ pub enum ParameterCommand {
     List(u16),
     /// Store all settings in flash.
     Save,
-    /// Return to the defaults, until power-off unless saved.
+    /// Return to the defaults, until power-off unless saved: motors are unknown then.
     Reset,
+    /// Change one setting as [`ParameterCommand::Set`] does, and say how its value is known. The mark of a setting that
+    /// has none is ignored.
+    Put(Name, f32, Mark),
 }
+
+/// How the value of a motor is known. A robot does not arm while one is unknown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, Schema)]
+#[repr(u8)]
+pub enum Mark {
+    /// Nobody said: the default, an assumption, is in force.
+    Unknown,
+    /// An operator entered it.
+    Entered,
+    /// Commissioning measured it.
+    Measured,
+}
+
+// In the order of their numbers.
+names!(Mark { Unknown: "unknown", Entered: "entered", Measured: "measured" });
 
 /// A setting with its unit, range and default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
@@ -43,4 +63,6 @@ pub struct Parameter {
     pub minimum: f32,
     /// Largest accepted value.
     pub maximum: f32,
+    /// How it is known; `None` for what is no motor's value.
+    pub mark: Option<Mark>,
 }

@@ -83,6 +83,14 @@ pub enum Refusal {
     /// The board measures no phase currents, so that nothing bounds a trial.
     #[error("the board measures no phase currents, so that its motors cannot be measured")]
     NoCurrentSense,
+    /// A value of a motor is unknown, so that nothing that follows from it can be trusted.
+    #[error(
+        "{name} is unknown: measure the motors with `flix commission`, enter their values with `flix parameters set`, or, where they are the defaults, with `flix parameters confirm`"
+    )]
+    MotorUnknown {
+        /// The first such setting.
+        name: Name,
+    },
 }
 
 impl Refusal {

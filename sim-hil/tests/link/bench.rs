@@ -3,6 +3,7 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
+use flix_firmware::settings::Settings;
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
     Command, Event, EventReport, LinkQuality, Outcome, Reply, Setpoint, State, Telemetry,
@@ -80,7 +81,7 @@ pub(crate) fn setpoint(frequency: f64, direction: f64) -> Setpoint {
 
 impl Bench {
     pub(crate) fn new() -> Self {
-        Self::with_flash(Flash::default())
+        Self::with_flash(Flash::with(&Settings::DEFAULT.entered()))
     }
 
     pub(crate) fn with_flash(flash: Flash) -> Self {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Subcommand;
-use flix_protocol::message::{Command, Name, Outcome, Parameter, ParameterCommand, Refusal};
+use flix_protocol::message::{Command, Mark, Name, Outcome, Parameter, ParameterCommand, Refusal};
 use flix_protocol::settings::description;
 
 use super::output::{headings, print, print_json, read_text, table, write_text};
@@ -25,6 +25,7 @@ Examples:
   flix parameters list walker-1
   flix parameters get walker-1 current_limit
   flix parameters set walker-1 current_limit 1.5 --save
+  flix parameters confirm walker-1 --yes --save
   flix parameters export walker-1 walker-1.toml
   flix parameters import walker-1 walker-1.toml --save")]
 pub struct Args {
@@ -66,12 +67,26 @@ enum Action {
         #[arg(long)]
         save: bool,
     },
+    /// Confirm that the robot's motors are those that its settings describe, where they are unknown.
+    ///
+    /// A robot does not arm while a value of its motors is unknown. `flix commission` measures them; this command is for
+    /// boards that cannot measure, and for motors that are known to be those of the defaults.
+    Confirm {
+        #[command(flatten)]
+        robot: RobotArgs,
+        /// Enter the unknown values as they are; without it they are only shown.
+        #[arg(long)]
+        yes: bool,
+        /// Save all settings, so that they survive power-off.
+        #[arg(long, requires = "yes")]
+        save: bool,
+    },
     /// Save all settings, so that they survive power-off.
     Save {
         #[command(flatten)]
         robot: RobotArgs,
     },
-    /// Reset all settings to their defaults.
+    /// Reset all settings to their defaults: the motors are unknown then.
     Reset {
         #[command(flatten)]
         robot: RobotArgs,
@@ -140,6 +155,11 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
                 .map_err(|error| explained(&mut connection, (name, value), error))?;
             save_if(&mut connection, *save)?;
         }
+        Action::Confirm { yes, save, .. } => {
+            let mut connection = robot.connect(&interrupt)?;
+            confirm(&mut connection, *yes)?;
+            save_if(&mut connection, *save)?;
+        }
         Action::Save { .. } => save_if(&mut robot.connect(&interrupt)?, true)?,
         Action::Reset { save, .. } => {
             let mut connection = robot.connect(&interrupt)?;
@@ -171,6 +191,7 @@ impl Action {
             }
             Self::List { robot, .. }
             | Self::Get { robot, .. }
+            | Self::Confirm { robot, .. }
             | Self::Save { robot }
             | Self::Reset { robot, .. }
             | Self::Export { robot, .. }
@@ -219,6 +240,33 @@ fn get(connection: &mut Connection, name: Name) -> Result<Parameter, LinkError> 
 
 fn set(connection: &mut Connection, name: Name, value: f32) -> Result<(), LinkError> {
     connection.ask(Command::Parameter(ParameterCommand::Set(name, value))).map(drop)
+}
+
+fn put(connection: &mut Connection, name: Name, value: f32, mark: Mark) -> Result<(), LinkError> {
+    connection.ask(Command::Parameter(ParameterCommand::Put(name, value, mark))).map(drop)
+}
+
+/// Shows the unknown values of the motors, and enters them as they are where that is wanted.
+fn confirm(connection: &mut Connection, yes: bool) -> Result<(), Error> {
+    let mut parameters = list(connection)?;
+    parameters.retain(|parameter| parameter.mark == Some(Mark::Unknown));
+    if parameters.is_empty() {
+        return print("All values of the motors are known.\n");
+    }
+    for Parameter { name, value, .. } in parameters.iter().filter(|_| yes) {
+        set(connection, name.clone(), *value)?;
+    }
+    let mut rows = vec![headings("setting|value|unit")];
+    rows.extend(parameters.iter().map(|Parameter { name, value, unit, .. }| {
+        let unit = if unit == "1" { "" } else { unit };
+        vec![name.to_string(), value.to_string(), unit.into()]
+    }));
+    let outcome = if yes {
+        "Entered as they are."
+    } else {
+        "These are unknown. If they are right, add --yes; otherwise `flix commission` or `flix parameters set`."
+    };
+    print(&format!("{}{outcome}\n", table(&rows)))
 }
 
 /// Adds unit and value to a refusal for the setting's range.
@@ -276,7 +324,10 @@ fn import(
 fn undo(connection: &mut Connection, done: &[Change]) {
     for change in done.iter().rev() {
         // The error that led here is reported; another one adds nothing.
-        let _ = set(connection, change.name.clone(), change.old);
+        let _ = match change.mark {
+            Some(mark) => put(connection, change.name.clone(), change.old, mark),
+            None => set(connection, change.name.clone(), change.old),
+        };
     }
 }
 
@@ -290,8 +341,12 @@ fn show(parameters: &[Parameter], json: bool) -> Result<(), Error> {
     }
     let mut rows = vec![headings("setting||value|unit|minimum|maximum|default")];
     rows.extend(parameters.iter().map(|parameter| {
-        let Parameter { name, unit, value, default, minimum, maximum, .. } = parameter;
-        let mark = if value == default { "" } else { "*" };
+        let Parameter { name, unit, value, default, minimum, maximum, mark, .. } = parameter;
+        let mark = match mark {
+            Some(Mark::Unknown) => "?",
+            _ if value == default => "",
+            _ => "*",
+        };
         let unit = if unit == "1" { "" } else { unit };
         let [value, minimum, maximum, default] =
             [value, minimum, maximum, default].map(f32::to_string);
@@ -305,5 +360,10 @@ fn show(parameters: &[Parameter], json: bool) -> Result<(), Error> {
             text += &format!("    {purpose}\n");
         }
     }
-    print(&format!("{text}* differs from the default\n"))
+    let legend = if parameters.iter().any(|parameter| parameter.mark == Some(Mark::Unknown)) {
+        "? unknown: the robot does not arm; `flix commission` measures it\n"
+    } else {
+        ""
+    };
+    print(&format!("{text}* differs from the default\n{legend}"))
 }
