@@ -2,7 +2,7 @@
 //!
 //! A called function keeps on the stack where it returns to: behind the instruction that called it. So each word of the
 //! stack that points behind a call may be such an address. Words that earlier calls left behind look the same: a list found
-//! so has all calls of which the stack still tells, and may have some that were over.
+//! so has all calls of which the stack still shows, and may have some that were over.
 
 use flix_protocol::message::ProgramCounters;
 

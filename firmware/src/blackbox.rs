@@ -1,6 +1,6 @@
 //! The black box: what a run leaves behind for the next, in memory that survives a restart.
 //!
-//! The bytes have two parts, each with a version and a CRC-32. The slow half writes the first, [`LIFE`], whenever a fault
+//! The bytes have two parts, each with a version and a CRC-32. The slow half writes the first, [`RUN`], whenever a fault
 //! is latched and once a second; whoever handles a panic writes the second, [`PANIC`]. At the next start [`Kept::decode`]
 //! reads both. A chip copies the bytes to memory that a restart leaves alone, the simulator to an array.
 //!
@@ -28,11 +28,11 @@ use crate::stored;
 /// Bytes of the black box.
 pub const BYTES: usize = PANIC.end;
 /// What a run leaves while it goes on.
-pub const LIFE: Range<usize> = 0..LIFE_BYTES;
+pub const RUN: Range<usize> = 0..RUN_BYTES;
 /// What a panic leaves.
-pub const PANIC: Range<usize> = LIFE_BYTES..LIFE_BYTES + PANIC_BYTES;
-/// Bytes of [`LIFE`].
-pub const LIFE_BYTES: usize = 96;
+pub const PANIC: Range<usize> = RUN_BYTES..RUN_BYTES + PANIC_BYTES;
+/// Bytes of [`RUN`].
+pub const RUN_BYTES: usize = 96;
 /// Bytes of [`PANIC`].
 pub const PANIC_BYTES: usize = 224;
 
@@ -43,18 +43,18 @@ const VERSION: u16 = 1;
 
 /// What a run leaves while it goes on.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-struct Life {
+struct Run {
     version: String<16>,
     build: Option<BuildId>,
     uptime: Instant,
     fault: Option<FaultSummary>,
 }
 
-/// Returns the bytes for [`LIFE`] of a run of this firmware, in this build, that has just begun: what the first accident after
+/// Returns the bytes for [`RUN`] of a run of this firmware, in this build, that has just begun: what the first accident after
 /// it finds, should the run not come as far as to leave anything by itself.
 #[must_use]
-pub fn beginning(build: Option<BuildId>) -> [u8; LIFE_BYTES] {
-    encode(&Life { version: text(env!("CARGO_PKG_VERSION")), build, ..Life::default() })
+pub fn beginning(build: Option<BuildId>) -> [u8; RUN_BYTES] {
+    encode(&Run { version: text(env!("CARGO_PKG_VERSION")), build, ..Run::default() })
 }
 
 /// What a panic leaves behind.
@@ -103,7 +103,7 @@ impl Write for Beginning {
 /// What was found at a start.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Kept {
-    life: Option<Life>,
+    run: Option<Run>,
     panic: Option<Panic>,
 }
 
@@ -111,8 +111,8 @@ impl Kept {
     /// Reads what an earlier run left. Never panics; noise is read as nothing.
     #[must_use]
     pub fn decode(bytes: &[u8; BYTES]) -> Self {
-        let (life, panic) = bytes.split_at(LIFE_BYTES);
-        Self { life: decode(life), panic: decode(panic) }
+        let (run, panic) = bytes.split_at(RUN_BYTES);
+        Self { run: decode(run), panic: decode(panic) }
     }
 
     /// Returns why a program that asked for a restart did: for a panic, or on request.
@@ -126,7 +126,7 @@ impl Kept {
     #[must_use]
     pub fn report(self, reset: ResetReason) -> Option<CrashReport> {
         let panic = self.panic.filter(|_| matches!(reset, ResetReason::Panic(_)));
-        let fault = self.life.as_ref().and_then(|life| life.fault);
+        let fault = self.run.as_ref().and_then(|run| run.fault);
         if reset == ResetReason::PowerOn || !(reset.is_accident() || fault.is_some()) {
             return None;
         }
@@ -139,7 +139,7 @@ impl Kept {
             uptime: None,
             fault,
         };
-        if let Some(Life { version, build, uptime, .. }) = self.life {
+        if let Some(Run { version, build, uptime, .. }) = self.run {
             report = CrashReport { version, build, uptime: Some(uptime), ..report };
         }
         if let Some(Panic { message, counters, uptime, .. }) = panic {
@@ -152,7 +152,7 @@ impl Kept {
 /// The black box of a run, and what was found of the run before.
 #[derive(Debug, Clone)]
 pub(crate) struct BlackBox {
-    life: Life,
+    run: Run,
     crash: Option<CrashReport>,
     /// Whether there is something that [`BlackBox::keep`] has not returned yet.
     is_new: bool,
@@ -161,13 +161,13 @@ pub(crate) struct BlackBox {
 impl BlackBox {
     /// Starts the black box of this version of the firmware.
     pub(crate) fn new(version: &String<16>) -> Self {
-        let life = Life { version: version.clone(), ..Life::default() };
-        Self { life, crash: None, is_new: true }
+        let run = Run { version: version.clone(), ..Run::default() };
+        Self { run, crash: None, is_new: true }
     }
 
     /// Notes which build of the firmware runs.
     pub(crate) fn set_build(&mut self, build: Option<BuildId>) {
-        self.life.build = build;
+        self.run.build = build;
         self.is_new = true;
     }
 
@@ -183,27 +183,27 @@ impl BlackBox {
 
     /// Notes faults that were latched since the last report, and the time.
     pub(crate) fn observe(&mut self, last: &Report, new: &Report) {
-        match &mut self.life.fault {
+        match &mut self.run.fault {
             _ if new.faults == last.faults || new.faults.is_empty() => {}
             Some(fault) if !last.faults.is_empty() => {
                 fault.faults = new.faults.iter().fold(fault.faults, Faults::with);
             }
             fault => *fault = Some(summary(last, new)),
         }
-        let is_due = new.time.since(self.life.uptime) >= INTERVAL;
+        let is_due = new.time.since(self.run.uptime) >= INTERVAL;
         if new.faults != last.faults || is_due {
-            self.life.uptime = new.time;
+            self.run.uptime = new.time;
             self.is_new = true;
         }
     }
 
-    /// Returns the bytes for [`LIFE`] when they have changed since the last call.
-    pub(crate) fn keep(&mut self) -> Option<[u8; LIFE_BYTES]> {
-        core::mem::take(&mut self.is_new).then(|| encode(&self.life))
+    /// Returns the bytes for [`RUN`] when they have changed since the last call.
+    pub(crate) fn keep(&mut self) -> Option<[u8; RUN_BYTES]> {
+        core::mem::take(&mut self.is_new).then(|| encode(&self.run))
     }
 }
 
-/// Faults of this report, and how the robot was in the last: what drives no motor any more tells little.
+/// Faults of this report, and how the robot was in the last: what drives no motor any more shows little.
 fn summary(last: &Report, new: &Report) -> FaultSummary {
     FaultSummary {
         time: new.time,
@@ -282,9 +282,9 @@ mod tests {
         BlackBox::new(&"1.2.3".try_into().unwrap())
     }
 
-    fn bytes(life: &[u8], panic: &[u8]) -> [u8; BYTES] {
+    fn bytes(run: &[u8], panic: &[u8]) -> [u8; BYTES] {
         let mut bytes = [0; BYTES];
-        bytes[LIFE][..life.len()].copy_from_slice(life);
+        bytes[RUN][..run.len()].copy_from_slice(run);
         bytes[PANIC][..panic.len()].copy_from_slice(panic);
         bytes
     }
@@ -309,8 +309,8 @@ mod tests {
         let both = faulted(&after, Fault::OverCurrent);
         black_box.observe(&after, &both);
         black_box.observe(&both, &Report { faults: both.faults.without(Fault::Stall), ..both });
-        let life = black_box.keep().unwrap();
-        let report = Kept::decode(&bytes(&life, &[])).report(ResetReason::Other).unwrap();
+        let run = black_box.keep().unwrap();
+        let report = Kept::decode(&bytes(&run, &[])).report(ResetReason::Other).unwrap();
         assert_eq!((report.version.as_str(), report.build), ("1.2.3", Some(BUILD)));
         assert_eq!(report.uptime, Some(Instant::from_micros(2_502_000)));
         let fault = report.fault.unwrap();
@@ -329,9 +329,9 @@ mod tests {
         black_box.observe(&running(), &first);
         let cleared = Report { faults: Faults::NONE, first_fault: None, ..running() };
         black_box.observe(&first, &cleared);
-        assert_eq!(black_box.life.fault.unwrap().first_fault, Some(Fault::Stall), "still the last");
+        assert_eq!(black_box.run.fault.unwrap().first_fault, Some(Fault::Stall), "still the last");
         black_box.observe(&cleared, &faulted(&cleared, Fault::EncoderLost));
-        let fault = black_box.life.fault.unwrap();
+        let fault = black_box.run.fault.unwrap();
         assert_eq!(fault.faults, Faults::NONE.with(Fault::EncoderLost));
         assert_eq!(fault.first_fault, Some(Fault::EncoderLost));
     }
@@ -362,8 +362,8 @@ mod tests {
         let time = Instant::from_micros(9_000_000);
         let long = "\u{e4}".repeat(PANIC_MESSAGE_LENGTH);
         let panic = Panic::new(time, Some(place), &long, counters.clone()).encode();
-        let life = black_box().keep().unwrap();
-        let kept = Kept::decode(&bytes(&life, &panic));
+        let run = black_box().keep().unwrap();
+        let kept = Kept::decode(&bytes(&run, &panic));
         let reset = kept.reset_by_software();
         assert!(reset.to_string().ends_with(&format!("blackbox.rs:{line}")), "{reset}");
         let report = kept.report(reset.clone()).unwrap();
@@ -383,7 +383,7 @@ mod tests {
 
     #[test]
     fn only_accidents_and_faults_are_reported_and_none_that_power_ended() {
-        let quiet = || Kept { life: Some(Life::default()), panic: None };
+        let quiet = || Kept { run: Some(Run::default()), panic: None };
         for reset in [ResetReason::PowerOn, ResetReason::Requested, ResetReason::Other] {
             assert_eq!(quiet().report(reset), None);
         }
@@ -391,15 +391,15 @@ mod tests {
             assert_eq!(quiet().report(reset.clone()).map(|it| it.reset), Some(reset));
         }
         let fault = Some(summary(&running(), &faulted(&running(), Fault::Stall)));
-        let faulted = || Kept { life: Some(Life { fault, ..Life::default() }), panic: None };
+        let faulted = || Kept { run: Some(Run { fault, ..Run::default() }), panic: None };
         assert_eq!(faulted().report(ResetReason::Requested).unwrap().fault, fault);
         assert_eq!(faulted().report(ResetReason::PowerOn), None);
     }
 
     #[test]
-    fn a_panic_of_long_ago_is_not_told_of_another_restart() {
+    fn a_panic_of_long_ago_is_not_reported_of_another_restart() {
         let panic = Panic::new(Instant::START, None, "old", ProgramCounters::new());
-        let kept = Kept { life: None, panic: Some(panic) };
+        let kept = Kept { run: None, panic: Some(panic) };
         assert_eq!(kept.report(ResetReason::Tasks).unwrap().message, "");
     }
 
@@ -409,7 +409,7 @@ mod tests {
         let all = Fault::ALL
             .into_iter()
             .fold(last, |report, fault| Report { time: last.time, ..faulted(&report, fault) });
-        let life = Life {
+        let run = Run {
             version: "v".repeat(16).as_str().try_into().unwrap(),
             build: Some(BUILD),
             uptime: Instant::from_micros(u64::MAX),
@@ -418,7 +418,7 @@ mod tests {
                 ..summary(&last, &all)
             }),
         };
-        assert_eq!(decode(&encode::<LIFE_BYTES>(&life)), Some(life));
+        assert_eq!(decode(&encode::<RUN_BYTES>(&run)), Some(run));
         let panic = Panic {
             reset: ResetReason::panic(&"n".repeat(99), u32::MAX),
             message: "m".repeat(PANIC_MESSAGE_LENGTH).as_str().try_into().unwrap(),
@@ -440,15 +440,15 @@ mod tests {
     #[test]
     fn a_damaged_byte_makes_its_part_nothing() {
         let panic = Panic::new(Instant::START, None, "whole", ProgramCounters::new()).encode();
-        let life = black_box().keep().unwrap();
-        let whole = Kept::decode(&bytes(&life, &panic));
+        let run = black_box().keep().unwrap();
+        let whole = Kept::decode(&bytes(&run, &panic));
         let stored = |part: &[u8]| part.iter().rposition(|byte| *byte != 0).unwrap() + 1;
-        for index in (0..stored(&life)).chain(PANIC.start..PANIC.start + stored(&panic)) {
-            let mut damaged = bytes(&life, &panic);
+        for index in (0..stored(&run)).chain(PANIC.start..PANIC.start + stored(&panic)) {
+            let mut damaged = bytes(&run, &panic);
             damaged[index] ^= 0x10;
             let mut expected = whole.clone();
-            if LIFE.contains(&index) {
-                expected.life = None;
+            if RUN.contains(&index) {
+                expected.run = None;
             } else {
                 expected.panic = None;
             }

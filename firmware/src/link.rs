@@ -36,8 +36,9 @@ use flix_protocol::session::{Operators, RobotReceived, RobotSession};
 use flix_protocol::units::{Instant, Ratio, Volts};
 use heapless::{Deque, Vec};
 
-use crate::blackbox::{BlackBox, LIFE_BYTES};
+use crate::blackbox::{BlackBox, RUN_BYTES};
 use crate::exchange::{MotorReport, Order, Report, Requests};
+use crate::fast::margin;
 use crate::fast::units::Speed;
 use crate::hardware::{Hardware, SettingsStore};
 use crate::scope::{Memory, Scope};
@@ -184,8 +185,8 @@ impl Link {
         self.black_box.set_build(build);
     }
 
-    /// Returns what to leave in [`LIFE`](crate::blackbox::LIFE) for the next run when it has changed since the last call.
-    pub fn keep(&mut self) -> Option<[u8; LIFE_BYTES]> {
+    /// Returns what to leave in [`RUN`](crate::blackbox::RUN) for the next run when it has changed since the last call.
+    pub fn keep(&mut self) -> Option<[u8; RUN_BYTES]> {
         self.black_box.keep()
     }
 
@@ -413,7 +414,9 @@ impl Link {
             | Command::Identify
             | Command::Crash
             | Command::Ping(_)
-            | Command::Parameter(ParameterCommand::Get(_) | ParameterCommand::List(_))
+            | Command::Parameter(
+                ParameterCommand::Get(_) | ParameterCommand::List(_) | ParameterCommand::Check,
+            )
             | Command::Scope(ScopeCommand::Status | ScopeCommand::Read(_)) => Ok(()),
             Command::Setpoint(_)
             | Command::Arm
@@ -451,12 +454,31 @@ impl Link {
         if matches!(self.state(), State::Aligning | State::Armed | State::Running) {
             return Ok(());
         }
-        if let Some(name) = settings.unknown() {
-            return Err(Refusal::MotorUnknown { name: text(name) });
-        }
+        self.check_settings(settings)?;
         self.prepare_to_drive(now)?;
         self.order.requests.arm = self.order.requests.arm.wrapping_add(1);
         Ok(())
+    }
+
+    /// Refuses settings that nothing is armed with.
+    fn check_settings(&self, settings: &Settings) -> Result<(), Refusal> {
+        match settings.assumed(self.measures_current()) {
+            Some(name) => Err(self.refuse_assumed(name)),
+            None => margin::judge(settings, self.measures_current()),
+        }
+    }
+
+    const fn measures_current(&self) -> bool {
+        self.bridges.is_some()
+    }
+
+    fn refuse_assumed(&self, name: &str) -> Refusal {
+        let name = text(name);
+        if self.measures_current() {
+            Refusal::Assumed { name }
+        } else {
+            Refusal::AssumedUnmeasured { name }
+        }
     }
 
     /// Asks the fast half for a trial.
@@ -556,6 +578,12 @@ impl Link {
             ParameterCommand::Put(name, value, mark) => {
                 return self.put(tuning, &name, value, mark);
             }
+            ParameterCommand::Check => self.check_settings(tuning.settings())?,
+            ParameterCommand::Accept => {
+                self.check_idle()?;
+                let accepted = tuning.accept(self.measures_current());
+                accepted.map_err(|name| self.refuse_assumed(name))?;
+            }
             ParameterCommand::Reset => {
                 self.check_idle()?;
                 tuning.reset();
@@ -583,9 +611,16 @@ impl Link {
         parameter(tuning.settings(), name)
     }
 
-    /// Accepts a change of settings, or writing flash, only while the motors are not driven.
+    /// Accepts a change of settings, or writing flash, only while the motors are not driven, nor may be before the fast
+    /// half reports again.
     fn check_idle(&self) -> Result<(), Refusal> {
-        if is_idle(self.report.state) { Ok(()) } else { Err(Refusal::State(self.report.state)) }
+        let (asked, obeyed) = (&self.order.requests, &self.report.obeyed);
+        let begins = asked.arm != obeyed.arm || asked.trial != obeyed.trial;
+        match self.report.state {
+            state if !is_idle(state) => Err(Refusal::State(state)),
+            _ if begins => Err(Refusal::State(State::Aligning)),
+            _ => Ok(()),
+        }
     }
 
     fn next_message(

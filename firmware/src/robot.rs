@@ -22,7 +22,7 @@ use flix_protocol::message::{
 use flix_protocol::session::Operators;
 use flix_protocol::units::Instant;
 
-use crate::blackbox::LIFE_BYTES;
+use crate::blackbox::RUN_BYTES;
 use crate::exchange::{Access, Exchange, Order, Report};
 use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
@@ -30,6 +30,7 @@ use crate::hardware::{Actuation, Hardware, Sensors, SettingsStore};
 use crate::link::{Link, bridges, identity, is_idle};
 use crate::scope::Sample;
 use crate::settings::{Settings, Tuning};
+use crate::stored::LoadError;
 
 /// What a robot without a key says at boot; the operator's program says the same.
 pub const UNPROVISIONED: &str = "this robot has no key yet and refuses the network; connect it by USB and run: flix provision --port PORT --ssid NETWORK";
@@ -137,7 +138,7 @@ impl<S: SettingsStore> Robot<S> {
     }
 
     /// Does as [`SlowHalf::keep`].
-    pub fn keep(&mut self) -> Option<[u8; LIFE_BYTES]> {
+    pub fn keep(&mut self) -> Option<[u8; RUN_BYTES]> {
         self.slow.keep()
     }
 }
@@ -146,8 +147,8 @@ impl<S: SettingsStore> Robot<S> {
 /// priority or a core of its own, and the fast half's first report, for the [`Exchange`] between them.
 ///
 /// Operators see `name` (at most 32 bytes of it). Without operators the robot refuses everybody. `entropy` must come from a
-/// hardware random source, fresh at every start. Stored settings that cannot be trusted have their defaults, and
-/// [`Fault::Settings`] stands until it is cleared; then too the robot arms only once its motors are known.
+/// hardware random source, fresh at every start. Stored values that are out of range have their defaults and are assumed: the
+/// robot does not arm on them. Where nothing can be read all have, and [`Fault::Settings`] stands until it is cleared.
 pub fn halves<S: SettingsStore>(
     hardware: Hardware,
     name: &str,
@@ -160,9 +161,12 @@ pub fn halves<S: SettingsStore>(
     let identity = identity(name, &hardware);
     let (settings, report) = (tuning.settings(), control.report());
     let mut link = Link::new(identity, bridges(&hardware), operators, entropy, settings, report);
-    if tuning.loaded().is_err() {
+    if let Err(error) = tuning.loaded() {
         link.add_event(control.report().time, Event::SettingsDefaulted);
-        control.raise(Fault::Settings);
+        // Of values that are out of range the others are in force, and these are assumed.
+        if error != LoadError::OutOfRange {
+            control.raise(Fault::Settings);
+        }
     }
     let report = control.report();
     let slow = SlowHalf {
@@ -337,9 +341,9 @@ impl<S: SettingsStore> SlowHalf<S> {
         self.link.set_build(build);
     }
 
-    /// Returns what to leave in [`LIFE`](crate::blackbox::LIFE) for the next run when it has changed since the last call:
+    /// Returns what to leave in [`RUN`](crate::blackbox::RUN) for the next run when it has changed since the last call:
     /// at the start, with each fault, and once a second. Call after each [`SlowHalf::exchange`].
-    pub fn keep(&mut self) -> Option<[u8; LIFE_BYTES]> {
+    pub fn keep(&mut self) -> Option<[u8; RUN_BYTES]> {
         self.link.keep()
     }
 

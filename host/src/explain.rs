@@ -30,7 +30,10 @@ pub const fn fault(fault: Fault) -> &'static str {
             "the current sensors disagree, or read far from zero at rest: check the board"
         }
         Fault::Settings => {
-            "stored settings could not be trusted and have their defaults: import yours again, or measure the motors anew"
+            "the stored settings were unreadable and defaults are in force: import yours again, or measure the motors anew"
+        }
+        Fault::Shiver => {
+            "a rotor shivers where it should rest: lower position_bandwidth, or raise tracker_bandwidth; are the motors as the settings say?"
         }
     }
 }
@@ -113,7 +116,8 @@ pub fn event(event: &Event) -> String {
         Event::CommandAge => "the newest command is too old: ramping down".to_owned(),
         Event::SettingsSaved => "settings saved".to_owned(),
         Event::SettingsDefaulted => {
-            "stored settings could not be trusted: these have their defaults".to_owned()
+            "stored settings could not be used: these have their defaults, which are assumed"
+                .to_owned()
         }
         Event::BatteryLow(voltage) => format!("battery low: {:.1} V", voltage.get()),
         Event::FrequencyLimited(frequency) => {

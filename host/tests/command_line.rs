@@ -797,7 +797,7 @@ fn watchdog_after_a_stall() -> CrashReport {
 }
 
 #[test]
-fn an_accident_is_pointed_out_by_status_and_told_by_crash() {
+fn an_accident_is_pointed_out_by_status_and_described_by_crash() {
     let mut restarted = robot();
     restarted.crash = Some(watchdog_after_a_stall());
     let (_served, address) = serve(restarted);
@@ -902,21 +902,19 @@ fn a_file_with_one_wrong_value_sets_nothing() {
 }
 
 #[test]
-fn unknown_values_of_the_motors_are_shown_and_entered_only_where_that_is_wanted() {
+fn assumed_values_are_shown_and_accepted_only_where_that_is_wanted() {
     let (served, address) = serve(robot());
     let operator = Operator::new();
     let mark = || served.robot().parameters.iter().find_map(|parameter| parameter.mark);
     let list = operator.flix(&["parameters", "list", &address]).expect(0, &[]).stdout();
     assert!(list.contains("flix commission"), "{list}");
-    let confirm = ["parameters", "confirm", &address];
-    let shown = operator.flix(&confirm).expect(0, &[]).stdout();
-    assert!(shown.contains("pole_pairs") && shown.contains("--yes"), "{shown}");
-    assert_eq!(mark(), Some(Mark::Unknown));
-    operator.flix(&[&confirm[..], &["--save"]].concat()).expect(2, &["--yes"]);
-    operator.flix(&[&confirm[..], &["--yes", "--save"]].concat()).expect(0, &[]);
+    assert_eq!(mark(), Some(Mark::Assumed));
+    let accept = ["parameters", "accept", &address, "--save"];
+    let shown = operator.flix(&accept).expect(0, &[]).stdout();
+    assert!(shown.contains("pole_pairs") && shown.contains("Accepted"), "{shown}");
     assert_eq!(mark(), Some(Mark::Entered));
-    let shown = operator.flix(&confirm).expect(0, &[]).stdout();
-    assert_eq!(shown, "All values of the motors are known.\n");
+    let shown = operator.flix(&accept).expect(0, &[]).stdout();
+    assert_eq!(shown, "No value is assumed.\n");
 }
 
 #[test]

@@ -46,6 +46,8 @@ fn command_name(command: &Command) -> &'static str {
         Command::Parameter(ParameterCommand::Save) => "parameter-save",
         Command::Parameter(ParameterCommand::Reset) => "parameter-reset",
         Command::Parameter(ParameterCommand::Put(..)) => "parameter-put",
+        Command::Parameter(ParameterCommand::Accept) => "parameter-accept",
+        Command::Parameter(ParameterCommand::Check) => "parameter-check",
         Command::Identify => "identify",
         Command::Ping(_) => "ping",
         Command::Scope(ScopeCommand::Begin(_)) => "scope-begin",
@@ -64,7 +66,7 @@ const TURN: Trial = Trial {
     pattern: Pattern::Turn(-79),
     ticks: 4_000,
 };
-const COMMANDS: usize = 20;
+const COMMANDS: usize = 22;
 
 fn commands() -> Vec<Command> {
     vec![
@@ -83,6 +85,8 @@ fn commands() -> Vec<Command> {
             5.5,
             Mark::Measured,
         )),
+        Command::Parameter(ParameterCommand::Accept),
+        Command::Parameter(ParameterCommand::Check),
         Command::Identify,
         Command::Ping(0xDEAD_BEEF),
         Command::Scope(ScopeCommand::Begin(ScopePlan {
@@ -113,10 +117,13 @@ fn refusal_name(refusal: &Refusal) -> &'static str {
         Refusal::Scope => "scope",
         Refusal::NotCaptured => "not-captured",
         Refusal::NoCurrentSense => "no-current-sense",
-        Refusal::MotorUnknown { .. } => "motor-unknown",
+        Refusal::Assumed { .. } => "assumed",
+        Refusal::AssumedUnmeasured { .. } => "assumed-unmeasured",
+        Refusal::UnstablePosition { .. } => "unstable-position",
+        Refusal::UnstableCurrent { .. } => "unstable-current",
     }
 }
-const REFUSALS: usize = 14;
+const REFUSALS: usize = 17;
 
 fn refusals() -> Vec<Refusal> {
     vec![
@@ -133,7 +140,23 @@ fn refusals() -> Vec<Refusal> {
         Refusal::Scope,
         Refusal::NotCaptured,
         Refusal::NoCurrentSense,
-        Refusal::MotorUnknown { name: name("top_phase_resistance") },
+        Refusal::Assumed { name: name("top_phase_resistance") },
+        Refusal::AssumedUnmeasured { name: name("top_flux_linkage") },
+        Refusal::UnstablePosition {
+            margin: -0.0625,
+            least: 0.1,
+            position_bandwidth: 45.0,
+            tracker_bandwidth: 125.0,
+            encoder_latency: 200.0,
+            current_bandwidth: 700.0,
+            position_bandwidth_instead: 37.0,
+        },
+        Refusal::UnstableCurrent {
+            margin: -0.5,
+            least: 0.1,
+            current_bandwidth: 1_500.0,
+            actuation_delay: 400.0,
+        },
     ]
 }
 

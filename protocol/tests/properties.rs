@@ -130,7 +130,9 @@ fn any_command() -> impl Strategy<Value = Command> {
             Command::Crash,
             Command::Parameter(ParameterCommand::Save),
             Command::Parameter(ParameterCommand::Reset),
-            Command::Parameter(ParameterCommand::Put(Name::new(), 1.0, Mark::Unknown)),
+            Command::Parameter(ParameterCommand::Put(Name::new(), 1.0, Mark::Assumed)),
+            Command::Parameter(ParameterCommand::Accept),
+            Command::Parameter(ParameterCommand::Check),
         ]),
         text().prop_map(|name| Command::Parameter(ParameterCommand::Get(name))),
         (text(), finite())

@@ -87,8 +87,6 @@ const FULL_HEADROOM: i32 = 1 << 15;
 const HELD_BACK: i32 = FULL_HEADROOM - FULL_HEADROOM / 16;
 /// f is not reached when it is off by more than this: 0.1 Hz.
 const UNREACHED: i32 = Speed::from_centihertz(10).raw();
-/// The rotors, averaged over about a turn, do not reach it when they are slower by more than this: 1 Hz.
-const LEFT_BEHIND: i32 = Speed::from_centihertz(100).raw();
 /// Below this a reference counts as standing: 0.01 Hz.
 const STANDING: i32 = Speed::from_centihertz(100).raw() / 100;
 
@@ -324,13 +322,10 @@ impl Shaker {
         self.limited
     }
 
-    /// Returns whether f, the reference or what the rotors do on average (`measured`), is held below what is asked because
-    /// the motors are at their limits.
-    pub(crate) const fn held_back(&self, target: Speed, measured: Speed) -> bool {
-        let asked = magnitude(target.raw());
-        let reference = asked - magnitude(self.frequency.raw());
-        let rotors = asked - magnitude(measured.raw());
-        self.headroom < HELD_BACK && (reference > UNREACHED || rotors > LEFT_BEHIND)
+    /// Returns whether f is held below what is asked because the motors are at their limits.
+    pub(crate) const fn held_back(&self, target: Speed) -> bool {
+        let (reached, asked) = (magnitude(self.frequency.raw()), magnitude(target.raw()));
+        self.headroom < HELD_BACK && asked - reached > UNREACHED
     }
 
     /// Moves the references on by ticks that the loop missed.

@@ -1,4 +1,4 @@
-//! `flix crash`: tells what the robot kept of its last accident.
+//! `flix crash`: shows what the robot kept of its last accident.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ use crate::link::udp::{Connection, LinkError};
 use crate::symbols::{Frame, LARGEST_ELF, Symbols};
 use crate::text::printable;
 
-/// Tell what ended the robot's run before its last start: panic, watchdog or brown-out, and the last fault.
+/// Show what ended the robot's run before its last start: panic, watchdog or brown-out, and the last fault.
 ///
 /// The robot keeps this over a restart, until power goes. It does not move, and its state does not change.
 #[derive(Debug, clap::Args)]
@@ -291,13 +291,13 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_is_told_in_sentences_with_the_fault_before_it() {
+    fn a_panic_is_described_in_sentences_with_the_fault_before_it() {
         let report = report(ResetReason::panic("src/link.rs", 12));
         insta::assert_snapshot!(describe(&Crash::new(&report, None)));
     }
 
     #[test]
-    fn a_watchdog_without_a_fault_is_told_with_what_to_do() {
+    fn a_watchdog_without_a_fault_is_described_with_what_to_do() {
         let report = CrashReport {
             message: "".try_into().unwrap(),
             counters: [].into_iter().collect(),
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn calls_are_told_with_what_was_inlined() {
+    fn calls_are_listed_with_what_was_inlined() {
         let mut crash = Crash::new(&report(ResetReason::panic("a", 1)), None);
         let frame = |function: Option<&str>, line: Option<u32>| Frame {
             function: function.map(str::to_owned),

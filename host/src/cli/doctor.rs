@@ -154,7 +154,7 @@ fn judge_reset(reset: &ResetReason) -> Finding {
         Some(advice) => Finding::bad(
             "reset",
             Exit::RobotFault,
-            format_args!("started after {reset}: {advice}; `flix crash` tells more"),
+            format_args!("started after {reset}: {advice}; `flix crash` shows more"),
         ),
         None => Finding::good("reset", format_args!("started after {reset}")),
     }

@@ -269,7 +269,7 @@ fn describe(status: &Status, name: &str) -> String {
     row("robot", status.robot_line());
     row("started", format!("after {}", status.robot.reset_reason));
     if let Some(crash) = &status.crash {
-        row("accident", format!("{crash}: `flix crash {name}` tells more"));
+        row("accident", format!("{crash}: `flix crash {name}` shows more"));
     }
     row("you are", status.operator.clone());
     let stopped = match &status.stopped_by {

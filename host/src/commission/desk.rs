@@ -33,20 +33,22 @@ pub(super) type Done<T, S> = Result<T, CommissionError<<S as Subject>::Error>>;
 pub(super) struct Desk<'a, S> {
     pub(super) subject: &'a mut S,
     changed: Vec<Changed>,
+    /// Whether the robot was armed, and so aligned anew.
+    is_aligned: bool,
 }
 
 /// A setting that was changed.
 struct Changed {
     name: String,
     before: f32,
-    /// How the value before was known; `None` for what is no motor's value.
+    /// How the value before was known; `None` where that needs no word.
     mark: Option<Mark>,
     now: f32,
 }
 
 impl<'a, S: Subject> Desk<'a, S> {
     pub(super) const fn new(subject: &'a mut S) -> Self {
-        Self { subject, changed: Vec::new() }
+        Self { subject, changed: Vec::new(), is_aligned: false }
     }
 
     /// Returns the settings that are not what they were.
@@ -55,11 +57,19 @@ impl<'a, S: Subject> Desk<'a, S> {
         differing.map(|it| (it.name.clone(), it.before, it.now)).collect()
     }
 
-    /// Disarms, and puts all settings back; what the robot refuses stays.
+    /// Disarms, and puts all settings back, the newest first; what the robot refuses stays. An alignment of before does not
+    /// come back once there was a new one.
     pub(super) fn restore(&mut self) {
         let _ = self.subject.disarm();
-        for Changed { name, before, mark, .. } in core::mem::take(&mut self.changed) {
-            let _ = self.write(&name, before, mark.unwrap_or(Mark::Entered));
+        for Changed { name, before, mark, .. } in
+            core::mem::take(&mut self.changed).into_iter().rev()
+        {
+            if self.is_aligned && name.ends_with("_aligned") {
+                continue;
+            }
+            // First as if it were measured: that makes nothing else assumed.
+            let _ = self.write(&name, before, Mark::Measured);
+            let _ = mark.map(|mark| self.write(&name, before, mark));
         }
     }
 
@@ -136,6 +146,7 @@ impl<'a, S: Subject> Desk<'a, S> {
     }
 
     pub(super) fn arm(&mut self, step: Step) -> Done<(), S> {
+        self.is_aligned = true;
         let armed = self.subject.arm();
         self.check(step)?;
         Ok(armed?)

@@ -141,7 +141,7 @@ pub struct Described<'a> {
     pub minimum: f32,
     /// Largest accepted value.
     pub maximum: f32,
-    /// How the value of a motor is known: "unknown", "entered" or "measured"; `None` for another setting.
+    /// How the value is known: "assumed", "entered" or "measured"; `None` where that needs no word.
     pub mark: Option<String>,
     /// What it is for; `None` for a setting that this program does not know.
     pub description: Option<&'static str>,

@@ -285,6 +285,18 @@ impl FakeRobot {
                 };
                 Outcome::Parameter(parameter.clone())
             }
+            ParameterCommand::Accept => {
+                for parameter in &mut self.parameters {
+                    parameter.mark = parameter.mark.map(|_| Mark::Entered);
+                }
+                Outcome::Done
+            }
+            ParameterCommand::Check => {
+                let assumed = |it: &&Parameter| it.mark == Some(Mark::Assumed);
+                self.parameters.iter().find(assumed).map_or(Outcome::Done, |it| {
+                    Outcome::Refused(Refusal::Assumed { name: it.name.clone() })
+                })
+            }
             ParameterCommand::List(from) => Outcome::Parameters {
                 total: u16::try_from(self.parameters.len()).unwrap(),
                 entries: self.parameters.iter().skip(usize::from(*from)).take(4).cloned().collect(),
@@ -349,7 +361,7 @@ fn parameters() -> Vec<Parameter> {
             default,
             minimum,
             maximum,
-            mark: (name == "pole_pairs").then_some(Mark::Unknown),
+            mark: (name == "pole_pairs").then_some(Mark::Assumed),
         })
         .collect()
 }

@@ -24,19 +24,24 @@ pub enum ParameterCommand {
     List(u16),
     /// Store all settings in flash.
     Save,
-    /// Return to the defaults, until power-off unless saved: motors are unknown then.
+    /// Return to the defaults, until power-off unless saved: what the motors are like is assumed then.
     Reset,
     /// Change one setting as [`ParameterCommand::Set`] does, and say how its value is known. The mark of a setting that
     /// has none is ignored.
     Put(Name, f32, Mark),
+    /// Take every assumed value as if it had been entered. A board that measures no currents does not take the
+    /// resistance and the flux linkage of a motor in this way.
+    Accept,
+    /// Ask whether the robot would arm with these settings: it answers with the refusal that arming would get.
+    Check,
 }
 
-/// How the value of a motor is known. A robot does not arm while one is unknown.
+/// How a value is known. A robot does not arm on assumed values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, Schema)]
 #[repr(u8)]
 pub enum Mark {
-    /// Nobody said: the default, an assumption, is in force.
-    Unknown,
+    /// Nobody entered or measured it, or what it follows from was changed since: an assumption is in force.
+    Assumed,
     /// An operator entered it.
     Entered,
     /// Commissioning measured it.
@@ -44,7 +49,7 @@ pub enum Mark {
 }
 
 // In the order of their numbers.
-names!(Mark { Unknown: "unknown", Entered: "entered", Measured: "measured" });
+names!(Mark { Assumed: "assumed", Entered: "entered", Measured: "measured" });
 
 /// A setting with its unit, range and default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
@@ -63,6 +68,6 @@ pub struct Parameter {
     pub minimum: f32,
     /// Largest accepted value.
     pub maximum: f32,
-    /// How it is known; `None` for what is no motor's value.
+    /// How it is known. `None` for what is no motor's value, unless its stored value could not be used: it is assumed then.
     pub mark: Option<Mark>,
 }

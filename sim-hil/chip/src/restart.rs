@@ -182,7 +182,7 @@ fn happen(
     Ok(restart)
 }
 
-/// Returns what the robot does not tell of the accident as it should.
+/// Returns what the robot does not report of the accident as it should.
 fn check_black_box(
     rig: &mut Rig,
     accident: Accident,

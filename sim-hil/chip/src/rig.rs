@@ -527,7 +527,7 @@ impl Rig {
         }
     }
 
-    /// Arms, and waits for it: alignment comes first, and before it what is unknown of the motors is entered as it is.
+    /// Arms, and waits for it: alignment comes first, and before it what is assumed is entered as it is.
     ///
     /// # Errors
     /// When the robot refuses, or has a fault.
@@ -536,7 +536,9 @@ impl Rig {
         loop {
             match self.ask(Command::Arm)? {
                 Outcome::Done => break,
-                Outcome::Refused(Refusal::MotorUnknown { name }) => {
+                Outcome::Refused(
+                    Refusal::Assumed { name } | Refusal::AssumedUnmeasured { name },
+                ) => {
                     let value = self.setting(&name)? as f32;
                     self.ask(Command::Parameter(ParameterCommand::Set(name, value)))?;
                 }

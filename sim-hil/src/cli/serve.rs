@@ -58,9 +58,9 @@ pub struct Args {
     pose_rate: f64,
     #[command(flatten)]
     stream: StreamArgs,
-    /// Forget what the motors are like: the robot does not arm until `flix commission` has measured them
+    /// Assume what the motors are like, as in a new robot: it does not arm until `flix commission` has measured them
     #[arg(long)]
-    unknown_motors: bool,
+    assumed_motors: bool,
     /// Hang the robot on soft cords, without a floor, for `flix experiment air`
     #[arg(long)]
     hang: bool,
@@ -231,7 +231,7 @@ fn robot(
         mechanics.hang(HUNG_AT);
     }
     let mut parameters = RobotParameters::of(&model.electrical, operators, args.seed)?;
-    if args.unknown_motors {
+    if args.assumed_motors {
         parameters.flash = Flash::default();
     }
     // Sessions of an earlier run must not be replayed, though the plant is the same.

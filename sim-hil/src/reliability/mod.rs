@@ -12,6 +12,8 @@ pub mod commissioned;
 #[cfg(feature = "program")]
 pub mod fault_matrix;
 #[cfg(feature = "program")]
+pub mod shiver;
+#[cfg(feature = "program")]
 pub mod soak;
 #[cfg(feature = "program")]
 pub mod wiring;

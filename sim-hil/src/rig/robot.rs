@@ -53,7 +53,7 @@ pub struct RobotParameters {
 }
 
 impl RobotParameters {
-    /// Creates a robot on the simulated board, its motors known.
+    /// Creates a robot on the simulated board, what its motors are like entered.
     #[must_use]
     pub fn new(operators: impl Into<Operators>, seed: u64) -> Self {
         let mut entropy = [0; 32];
@@ -342,7 +342,7 @@ impl<M: Mechanics> SimulatedRobot<M> {
                 }
                 self.actuation = self.software.tick(self.software_time(), sensors);
                 if let Some(bytes) = self.software.keep() {
-                    self.black_box[blackbox::LIFE].copy_from_slice(&bytes);
+                    self.black_box[blackbox::RUN].copy_from_slice(&bytes);
                 }
             }
             Processor::Hangs => {}

@@ -85,8 +85,13 @@ impl Bench {
     }
 
     pub(crate) fn with_flash(flash: Flash) -> Self {
+        Self::of_seed(1, flash)
+    }
+
+    /// The robot of this seed: its motors' difference, its encoders' errors, its noise.
+    pub(crate) fn of_seed(seed: u64, flash: Flash) -> Self {
         let mechanics = Plant::new(&RobotModel::named("bench-fixed").unwrap()).unwrap();
-        let parameters = RobotParameters { flash, ..RobotParameters::new(key(), 1) };
+        let parameters = RobotParameters { flash, ..RobotParameters::new(key(), seed) };
         let robot = SimulatedRobot::new(parameters, mechanics);
         let operator = Operator::new(key(), 1, robot.now());
         Self { robot, operator }

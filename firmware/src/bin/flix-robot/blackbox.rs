@@ -5,7 +5,7 @@ use core::ops::Range;
 use core::panic::PanicInfo;
 use core::sync::atomic::Ordering;
 
-use flix_firmware::blackbox::{BYTES, Kept, LIFE, LIFE_BYTES, PANIC, Panic, beginning};
+use flix_firmware::blackbox::{BYTES, Kept, PANIC, Panic, RUN, RUN_BYTES, beginning};
 use flix_protocol::message::BuildId;
 use portable_atomic::AtomicU8;
 
@@ -26,13 +26,13 @@ pub(crate) fn take() -> Kept {
         *byte = kept.load(Ordering::Relaxed);
         kept.store(0, Ordering::Relaxed);
     }
-    keep_life(&beginning(build()));
+    keep_run(&beginning(build()));
     Kept::decode(&bytes)
 }
 
 /// Leaves for the next run how this one is.
-pub(crate) fn keep_life(bytes: &[u8; LIFE_BYTES]) {
-    keep(LIFE, bytes);
+pub(crate) fn keep_run(bytes: &[u8; RUN_BYTES]) {
+    keep(RUN, bytes);
 }
 
 /// Leaves for the next run that this one panics.

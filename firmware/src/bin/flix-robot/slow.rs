@@ -82,7 +82,7 @@ impl<S: SettingsStore> Station for Robot<S> {
         self.slow.set_signal(SIGNAL.lock(Cell::get));
         self.slow.exchange(&mut self.exchange);
         if let Some(bytes) = self.slow.keep() {
-            blackbox::keep_life(&bytes);
+            blackbox::keep_run(&bytes);
         }
         self.feed();
         self.print_state();

@@ -129,13 +129,9 @@ fn f_is_held_back_where_it_stays_away_from_what_is_asked_with_less_than_all_of_t
         let unreached = Speed::from_centihertz(10).raw();
         for (headroom, limited) in [(30_720, false), (30_719, true), (0, true)] {
             shaker.headroom = headroom;
-            let held_back = |target: Speed| shaker.held_back(target, target);
-            assert_eq!(held_back(asked(unreached + 1)), limited, "{headroom}");
-            assert!(!held_back(asked(unreached)), "{headroom}");
-            assert!(!held_back(asked(-hertz(20.0).raw())), "{headroom}");
-            let behind = |less: i32| shaker.held_back(asked(0), asked(-less));
-            assert_eq!(behind(hertz(1.0).raw() + 1), limited, "{headroom}");
-            assert!(!behind(hertz(1.0).raw()), "{headroom}");
+            assert_eq!(shaker.held_back(asked(unreached + 1)), limited, "{headroom}");
+            assert!(!shaker.held_back(asked(unreached)), "{headroom}");
+            assert!(!shaker.held_back(asked(-hertz(20.0).raw())), "{headroom}");
         }
     }
 }

@@ -43,8 +43,6 @@ pub(super) enum FileError {
 pub(super) struct Change {
     pub(super) name: Name,
     pub(super) old: f32,
-    /// How the old value was known; `None` for what is no motor's value.
-    pub(super) mark: Option<Mark>,
     pub(super) new: f32,
 }
 
@@ -55,12 +53,12 @@ pub(super) fn write(status: &Status, parameters: &[Parameter]) -> String {
     text
 }
 
-/// Returns the lines of one setting. What nobody knows is a comment: an import is not to enter it.
+/// Returns the lines of one setting. What is assumed is a comment: an import is not to enter it.
 fn lines(parameter: &Parameter) -> String {
     let Parameter { name, unit, value, default, minimum, maximum, mark, .. } = parameter;
     let unit = if unit == "1" { String::new() } else { format!("{unit}, ") };
     let known = mark.map_or_else(String::new, |mark| format!(", {mark}"));
-    let comment = if *mark == Some(Mark::Unknown) { "# " } else { "" };
+    let comment = if *mark == Some(Mark::Assumed) { "# " } else { "" };
     format!(
         "# {unit}{minimum} to {maximum}, default {default}{known}\n{comment}{name} = {value:?}\n"
     )
@@ -116,13 +114,8 @@ pub(super) fn check(
         let maximum = bound(parameter, parameter.maximum, wanted, present);
         if !(minimum..=maximum).contains(new) {
             problems.push(format!("{name} = {new} is outside {minimum} to {maximum}"));
-        } else if *new != parameter.value || parameter.mark == Some(Mark::Unknown) {
-            changes.push(Change {
-                name: parameter.name.clone(),
-                old: parameter.value,
-                mark: parameter.mark,
-                new: *new,
-            });
+        } else if *new != parameter.value || parameter.mark == Some(Mark::Assumed) {
+            changes.push(Change { name: parameter.name.clone(), old: parameter.value, new: *new });
         }
     }
     if problems.is_empty() {
@@ -182,12 +175,12 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_value_is_entered_even_as_it_is_and_is_not_exported_as_if_it_were_known() {
+    fn an_assumed_value_is_entered_even_as_it_is_and_is_not_exported_as_if_it_were_known() {
         let present =
-            [Parameter { mark: Some(Mark::Unknown), ..parameter("pole_pairs", 7.0, 1.0, 32.0) }];
+            [Parameter { mark: Some(Mark::Assumed), ..parameter("pole_pairs", 7.0, 1.0, 32.0) }];
         let changes = super::check(Path::new("x.toml"), &wanted(&[("pole_pairs", 7.0)]), &present);
         assert_eq!(changes.unwrap().len(), 1);
-        assert!(lines(&present[0]).ends_with("default 7, unknown\n# pole_pairs = 7.0\n"));
+        assert!(lines(&present[0]).ends_with("default 7, assumed\n# pole_pairs = 7.0\n"));
     }
 
     #[test]

@@ -9,7 +9,7 @@ use clap::Subcommand;
 use flix_protocol::message::{Command, Mark, Name, Outcome, Parameter, ParameterCommand, Refusal};
 use flix_protocol::settings::description;
 
-use super::output::{headings, print, print_json, read_text, table, write_text};
+use super::output::{complain, headings, print, print_json, read_text, table, write_text};
 use super::robot::{RobotArgs, key_file};
 use super::{Error, Exit};
 use crate::interrupt::Interrupt;
@@ -25,7 +25,7 @@ Examples:
   flix parameters list walker-1
   flix parameters get walker-1 current_limit
   flix parameters set walker-1 current_limit 1.5 --save
-  flix parameters confirm walker-1 --yes --save
+  flix parameters accept walker-1 --save
   flix parameters export walker-1 walker-1.toml
   flix parameters import walker-1 walker-1.toml --save")]
 pub struct Args {
@@ -67,18 +67,16 @@ enum Action {
         #[arg(long)]
         save: bool,
     },
-    /// Confirm that the robot's motors are those that its settings describe, where they are unknown.
+    /// Accept every value that is assumed, as if it had been entered.
     ///
-    /// A robot does not arm while a value of its motors is unknown. `flix commission` measures them; this command is for
-    /// boards that cannot measure, and for motors that are known to be those of the defaults.
-    Confirm {
+    /// A robot does not arm on assumed values; `flix parameters list` marks them with ?. `flix commission` measures what
+    /// the motors are like; this command is for motors that are known to be those of the defaults. A board that measures
+    /// no phase currents does not accept the resistance and the flux linkage of a motor: set them.
+    Accept {
         #[command(flatten)]
         robot: RobotArgs,
-        /// Enter the unknown values as they are; without it they are only shown.
-        #[arg(long)]
-        yes: bool,
         /// Save all settings, so that they survive power-off.
-        #[arg(long, requires = "yes")]
+        #[arg(long)]
         save: bool,
     },
     /// Save all settings, so that they survive power-off.
@@ -86,7 +84,7 @@ enum Action {
         #[command(flatten)]
         robot: RobotArgs,
     },
-    /// Reset all settings to their defaults: the motors are unknown then.
+    /// Reset all settings to their defaults: what the motors are like is assumed then.
     Reset {
         #[command(flatten)]
         robot: RobotArgs,
@@ -154,10 +152,11 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             set(&mut connection, name.clone(), value)
                 .map_err(|error| explained(&mut connection, (name, value), error))?;
             save_if(&mut connection, *save)?;
+            warn(&mut connection)?;
         }
-        Action::Confirm { yes, save, .. } => {
+        Action::Accept { save, .. } => {
             let mut connection = robot.connect(&interrupt)?;
-            confirm(&mut connection, *yes)?;
+            accept(&mut connection)?;
             save_if(&mut connection, *save)?;
         }
         Action::Save { .. } => save_if(&mut robot.connect(&interrupt)?, true)?,
@@ -178,6 +177,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             let changed = import(&mut connection, file, &wanted)?;
             save_if(&mut connection, *save)?;
             print(&format!("{changed} of {} settings changed\n", wanted.len()))?;
+            warn(&mut connection)?;
         }
     }
     Ok(Exit::Done.into())
@@ -191,7 +191,7 @@ impl Action {
             }
             Self::List { robot, .. }
             | Self::Get { robot, .. }
-            | Self::Confirm { robot, .. }
+            | Self::Accept { robot, .. }
             | Self::Save { robot }
             | Self::Reset { robot, .. }
             | Self::Export { robot, .. }
@@ -246,27 +246,35 @@ fn put(connection: &mut Connection, name: Name, value: f32, mark: Mark) -> Resul
     connection.ask(Command::Parameter(ParameterCommand::Put(name, value, mark))).map(drop)
 }
 
-/// Shows the unknown values of the motors, and enters them as they are where that is wanted.
-fn confirm(connection: &mut Connection, yes: bool) -> Result<(), Error> {
+/// Warns of settings that would be refused for what they are together when the robot is armed.
+fn warn(connection: &mut Connection) -> Result<(), Error> {
+    match connection.ask(Command::Parameter(ParameterCommand::Check)) {
+        Err(LinkError::Refused(
+            refusal @ (Refusal::UnstablePosition { .. } | Refusal::UnstableCurrent { .. }),
+        )) => {
+            complain(format_args!("set, but the robot does not arm so: {refusal}"));
+            Ok(())
+        }
+        // What is assumed is shown by the list, and by the refusal to arm.
+        Ok(_) | Err(LinkError::Refused(_)) => Ok(()),
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// Accepts what is assumed, and shows it.
+fn accept(connection: &mut Connection) -> Result<(), Error> {
     let mut parameters = list(connection)?;
-    parameters.retain(|parameter| parameter.mark == Some(Mark::Unknown));
+    parameters.retain(|parameter| parameter.mark == Some(Mark::Assumed));
     if parameters.is_empty() {
-        return print("All values of the motors are known.\n");
+        return print("No value is assumed.\n");
     }
-    for Parameter { name, value, .. } in parameters.iter().filter(|_| yes) {
-        set(connection, name.clone(), *value)?;
-    }
+    connection.ask(Command::Parameter(ParameterCommand::Accept))?;
     let mut rows = vec![headings("setting|value|unit")];
     rows.extend(parameters.iter().map(|Parameter { name, value, unit, .. }| {
         let unit = if unit == "1" { "" } else { unit };
         vec![name.to_string(), value.to_string(), unit.into()]
     }));
-    let outcome = if yes {
-        "Entered as they are."
-    } else {
-        "These are unknown. If they are right, add --yes; otherwise `flix commission` or `flix parameters set`."
-    };
-    print(&format!("{}{outcome}\n", table(&rows)))
+    print(&format!("{}Accepted as they are.\n", table(&rows)))
 }
 
 /// Adds unit and value to a refusal for the setting's range.
@@ -313,21 +321,26 @@ fn import(
             }
         }
         if let Some(error) = refusal.filter(|_| done.len() == before) {
-            undo(connection, &done);
+            undo(connection, &done, &present);
             return Err(error.into());
         }
     }
     Ok(count)
 }
 
-/// Restores the old values, newest first, so that every intermediate state was once in force.
-fn undo(connection: &mut Connection, done: &[Change]) {
+/// Restores the old values, newest first, so that every intermediate state was once in force; then what else they changed:
+/// how a value is known, and what follows from it.
+fn undo(connection: &mut Connection, done: &[Change], present: &[Parameter]) {
+    // The error that led here is reported; another one adds nothing.
     for change in done.iter().rev() {
-        // The error that led here is reported; another one adds nothing.
-        let _ = match change.mark {
-            Some(mark) => put(connection, change.name.clone(), change.old, mark),
-            None => set(connection, change.name.clone(), change.old),
-        };
+        let _ = put(connection, change.name.clone(), change.old, Mark::Measured);
+    }
+    let now = list(connection).unwrap_or_default();
+    for (before, now) in present.iter().zip(&now) {
+        if (before.value, before.mark) != (now.value, now.mark) {
+            let mark = before.mark.unwrap_or(Mark::Measured);
+            let _ = put(connection, before.name.clone(), before.value, mark);
+        }
     }
 }
 
@@ -343,7 +356,7 @@ fn show(parameters: &[Parameter], json: bool) -> Result<(), Error> {
     rows.extend(parameters.iter().map(|parameter| {
         let Parameter { name, unit, value, default, minimum, maximum, mark, .. } = parameter;
         let mark = match mark {
-            Some(Mark::Unknown) => "?",
+            Some(Mark::Assumed) => "?",
             _ if value == default => "",
             _ => "*",
         };
@@ -360,8 +373,8 @@ fn show(parameters: &[Parameter], json: bool) -> Result<(), Error> {
             text += &format!("    {purpose}\n");
         }
     }
-    let legend = if parameters.iter().any(|parameter| parameter.mark == Some(Mark::Unknown)) {
-        "? unknown: the robot does not arm; `flix commission` measures it\n"
+    let legend = if parameters.iter().any(|parameter| parameter.mark == Some(Mark::Assumed)) {
+        "? assumed: the robot does not arm on it; `flix commission` measures, `flix parameters set` enters it\n"
     } else {
         ""
     };

@@ -198,7 +198,7 @@ fn undivided_pwm_clock() {
     PCR::regs().pwm_clk_conf().modify(|_, w| unsafe { w.pwm_div_num().bits(0) });
 }
 
-/// Returns the calls that led here, as far as the stack tells.
+/// Returns the calls that led here, as far as the stack shows them.
 #[expect(unsafe_code, reason = "a stack is looked at while the processor uses it")]
 pub(crate) fn calls() -> ProgramCounters {
     let top: usize;
