@@ -534,8 +534,8 @@ fn load_entries(store: &mut impl SettingsStore) -> Result<Option<Stored>, LoadEr
             name_hash(name) == hash
                 && Settings::DEFAULT.get(name).is_some_and(|default| default != value)
         };
-        let is_given = |name: &&str| older.iter().any(|(hash, value)| differs(name, *hash, *value));
-        let motors_are_known = VOLTAGE_MODE_VALUES.iter().all(|name| is_given(&name));
+        let is_given = |name: &str| older.iter().any(|(hash, value)| differs(name, *hash, *value));
+        let motors_are_known = VOLTAGE_MODE_VALUES.iter().all(|name| is_given(name));
         let marked = |(hash, value): &(u32, f32)| {
             let name = MOTOR_VALUES.iter().find(|name| name_hash(name) == *hash);
             let mark = name.map(|name| match motors_are_known || differs(name, *hash, *value) {
