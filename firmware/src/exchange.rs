@@ -11,7 +11,7 @@
 //! - What must not be lost when a value is overwritten crosses as a wrapping counter: requests in the
 //!   [`Order`], events in the [`Report`].
 //! - A [`Configuration`] waits until the fast half takes it, which it does only while the motors are
-//!   not driven, and always before it obeys the order that was handed over with it.
+//!   not driven. It drives none while one waits.
 //!
 //! Who shares the exchange between interrupts, cores or threads implements [`Access`]. Each access
 //! lasts for the copy of the values that cross, so that a lock delays a tick by no more.

@@ -19,6 +19,8 @@
 //! | [`exchange`] | hands orders and configurations to the fast half, reports to the slow half |
 //! | [`fast`] | decides the duties, 10,000 times a second, in integers alone |
 //! | [`settings`] | names, checks and stores what can be tuned |
+//! | [`blackbox`] | keeps the last fault and panic over a restart |
+//! | [`backtrace`] | finds the calls that led to a panic on a stack |
 //! | [`stored`] | keeps values over power-off, with version and check sum |
 //! | [`board`] | describes boards and encoders as data, and keeps settings in flash |
 //! | [`hardware`] | defines what crosses the border in each tick |
@@ -85,6 +87,8 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod backtrace;
+pub mod blackbox;
 pub mod board;
 pub mod exchange;
 pub mod fast;

@@ -10,8 +10,8 @@
 //! - **Stop**: any operator latches the stop, also without the session, which goes on; its
 //!   operator learns of it by an event.
 //! - **How old**: a command counts only while it is fresh ([`flix_protocol::session`]), up to the
-//!   setting `command_age`. `Stop` and `Disarm` count at any age; reading (`Identify`, `Ping`,
-//!   parameters) is answered at any age but is no sign of life then; all else is refused, and the
+//!   setting `command_age`. `Stop` and `Disarm` count at any age; reading (`Identify`, `Crash`,
+//!   `Ping`, parameters) is answered at any age but is no sign of life then; all else is refused, and the
 //!   refusal states the age. The fast half also stops the rotors when the newest command has grown
 //!   older than that ([`Order::expires`]).
 //! - **What is refused** changes nothing, and the refusal says what would be accepted.
@@ -28,15 +28,17 @@ use core::time::Duration;
 use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::{Frame, HandshakeFrame};
 use flix_protocol::message::{
-    Bridges, Command, Event, EventReport, Faults, Identity, LinkQuality, MotorTelemetry,
-    OperatorName, Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Refusal, Reply, ResetReason,
-    ScopeCommand, Setpoint, State, Telemetry, ToOperator, ToRobot, Trial,
+    Bridges, BuildId, Command, CrashReport, Event, EventReport, Faults, Identity, LinkQuality,
+    Mark, MotorTelemetry, OperatorName, Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Refusal,
+    Reply, ResetReason, ScopeCommand, Setpoint, State, Telemetry, ToOperator, ToRobot, Trial,
 };
 use flix_protocol::session::{Operators, RobotReceived, RobotSession};
 use flix_protocol::units::{Instant, Ratio, Volts};
 use heapless::{Deque, Vec};
 
+use crate::blackbox::{BlackBox, RUN_BYTES};
 use crate::exchange::{MotorReport, Order, Report, Requests};
+use crate::fast::margin;
 use crate::fast::units::Speed;
 use crate::hardware::{Hardware, SettingsStore};
 use crate::scope::{Memory, Scope};
@@ -53,6 +55,7 @@ const ANSWERS: usize = 4;
 pub struct Link {
     session: RobotSession,
     identity: Identity,
+    black_box: BlackBox,
     /// What a trial is told of the bridges; `None` where the board measures no currents.
     bridges: Option<Bridges>,
     signal_dbm: Option<i8>,
@@ -98,6 +101,7 @@ impl Link {
         session.set_command_age(command_age(settings));
         Self {
             session,
+            black_box: BlackBox::new(&identity.version),
             identity,
             bridges,
             signal_dbm: None,
@@ -169,6 +173,21 @@ impl Link {
     /// Changes why it says that it last started.
     pub fn set_reset(&mut self, reset: ResetReason) {
         self.identity.reset = reset;
+    }
+
+    /// Changes what it says of the run before its last start.
+    pub fn set_crash(&mut self, crash: Option<CrashReport>) {
+        self.black_box.set_crash(crash);
+    }
+
+    /// Notes which build of the firmware runs, for the next run.
+    pub fn set_build(&mut self, build: Option<BuildId>) {
+        self.black_box.set_build(build);
+    }
+
+    /// Returns what to leave in [`RUN`](crate::blackbox::RUN) for the next run when it has changed since the last call.
+    pub fn keep(&mut self) -> Option<[u8; RUN_BYTES]> {
+        self.black_box.keep()
     }
 
     /// Notes the radio power as last received, for telemetry.
@@ -269,6 +288,7 @@ impl Link {
     /// Takes over how the fast half is, and notes what happened since it was last observed.
     pub fn observe(&mut self, report: &Report) {
         let last = core::mem::replace(&mut self.report, *report);
+        self.black_box.observe(&last, report);
         let now = report.time;
         let (new, old) = (&report.events, &last.events);
         let voltage = report.bus_voltage.map_or(Volts::ZERO, Volts::from);
@@ -358,13 +378,14 @@ impl Link {
     ) -> Result<Option<Outcome>, Refusal> {
         match command {
             Command::Setpoint(setpoint) => self.shake(now, setpoint)?,
-            Command::Arm => self.arm(now)?,
+            Command::Arm => self.arm(now, tuning.settings())?,
             Command::Disarm => self.disarm(),
             Command::Stop => self.stop(self.session.operator(now)),
             Command::Clear => self.clear()?,
             Command::Parameter(command) => return self.tune(now, command, tuning).map(Some),
             Command::Trial(trial) => return self.try_out(now, request, trial).map(Some),
             Command::Identify => return Ok(Some(Outcome::Identity(self.identity.clone()))),
+            Command::Crash => return Ok(Some(Outcome::Crash(self.black_box.crash().cloned()))),
             Command::Ping(number) => return Ok(Some(Outcome::Pong(number))),
             Command::Scope(command) => {
                 push_newest(&mut self.scope, (request, command));
@@ -391,8 +412,11 @@ impl Link {
             Command::Stop
             | Command::Disarm
             | Command::Identify
+            | Command::Crash
             | Command::Ping(_)
-            | Command::Parameter(ParameterCommand::Get(_) | ParameterCommand::List(_))
+            | Command::Parameter(
+                ParameterCommand::Get(_) | ParameterCommand::List(_) | ParameterCommand::Check,
+            )
             | Command::Scope(ScopeCommand::Status | ScopeCommand::Read(_)) => Ok(()),
             Command::Setpoint(_)
             | Command::Arm
@@ -425,14 +449,36 @@ impl Link {
     }
 
     /// Asks the fast half to arm; does nothing while it is armed.
-    fn arm(&mut self, now: Instant) -> Result<(), Refusal> {
+    fn arm(&mut self, now: Instant, settings: &Settings) -> Result<(), Refusal> {
         self.check_cleared()?;
         if matches!(self.state(), State::Aligning | State::Armed | State::Running) {
             return Ok(());
         }
+        self.check_settings(settings)?;
         self.prepare_to_drive(now)?;
         self.order.requests.arm = self.order.requests.arm.wrapping_add(1);
         Ok(())
+    }
+
+    /// Refuses settings that nothing is armed with.
+    fn check_settings(&self, settings: &Settings) -> Result<(), Refusal> {
+        match settings.assumed(self.measures_current()) {
+            Some(name) => Err(self.refuse_assumed(name)),
+            None => margin::judge(settings, self.measures_current()),
+        }
+    }
+
+    const fn measures_current(&self) -> bool {
+        self.bridges.is_some()
+    }
+
+    fn refuse_assumed(&self, name: &str) -> Refusal {
+        let name = text(name);
+        if self.measures_current() {
+            Refusal::Assumed { name }
+        } else {
+            Refusal::AssumedUnmeasured { name }
+        }
     }
 
     /// Asks the fast half for a trial.
@@ -527,10 +573,16 @@ impl Link {
             ParameterCommand::Get(name) => return parameter(tuning.settings(), &name),
             ParameterCommand::List(first) => return Ok(list(tuning.settings(), first)),
             ParameterCommand::Set(name, value) => {
+                return self.put(tuning, &name, value, Mark::Entered);
+            }
+            ParameterCommand::Put(name, value, mark) => {
+                return self.put(tuning, &name, value, mark);
+            }
+            ParameterCommand::Check => self.check_settings(tuning.settings())?,
+            ParameterCommand::Accept => {
                 self.check_idle()?;
-                tuning.set(&name, value)?;
-                self.session.set_command_age(command_age(tuning.settings()));
-                return parameter(tuning.settings(), &name);
+                let accepted = tuning.accept(self.measures_current());
+                accepted.map_err(|name| self.refuse_assumed(name))?;
             }
             ParameterCommand::Reset => {
                 self.check_idle()?;
@@ -546,9 +598,29 @@ impl Link {
         Ok(Outcome::Done)
     }
 
-    /// Accepts a change of settings, or writing flash, only while the motors are not driven.
+    fn put<S: SettingsStore>(
+        &mut self,
+        tuning: &mut Tuning<S>,
+        name: &str,
+        value: f32,
+        mark: Mark,
+    ) -> Result<Outcome, Refusal> {
+        self.check_idle()?;
+        tuning.put(name, value, mark)?;
+        self.session.set_command_age(command_age(tuning.settings()));
+        parameter(tuning.settings(), name)
+    }
+
+    /// Accepts a change of settings, or writing flash, only while the motors are not driven, nor may be before the fast
+    /// half reports again.
     fn check_idle(&self) -> Result<(), Refusal> {
-        if is_idle(self.report.state) { Ok(()) } else { Err(Refusal::State(self.report.state)) }
+        let (asked, obeyed) = (&self.order.requests, &self.report.obeyed);
+        let begins = asked.arm != obeyed.arm || asked.trial != obeyed.trial;
+        match self.report.state {
+            state if !is_idle(state) => Err(Refusal::State(state)),
+            _ if begins => Err(Refusal::State(State::Aligning)),
+            _ => Ok(()),
+        }
     }
 
     fn next_message(

@@ -16,10 +16,13 @@
 use core::net::SocketAddr;
 
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{Event, Fault, LinkQuality, OperatorName, ResetReason, SCOPE_VALUES};
+use flix_protocol::message::{
+    BuildId, CrashReport, Event, Fault, LinkQuality, OperatorName, ResetReason, SCOPE_VALUES,
+};
 use flix_protocol::session::Operators;
 use flix_protocol::units::Instant;
 
+use crate::blackbox::RUN_BYTES;
 use crate::exchange::{Access, Exchange, Order, Report};
 use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
@@ -27,6 +30,7 @@ use crate::hardware::{Actuation, Hardware, Sensors, SettingsStore};
 use crate::link::{Link, bridges, identity, is_idle};
 use crate::scope::Sample;
 use crate::settings::{Settings, Tuning};
+use crate::stored::LoadError;
 
 /// What a robot without a key says at boot; the operator's program says the same.
 pub const UNPROVISIONED: &str = "this robot has no key yet and refuses the network; connect it by USB and run: flix provision --port PORT --ssid NETWORK";
@@ -122,14 +126,29 @@ impl<S: SettingsStore> Robot<S> {
     pub fn provision(&mut self, name: &str, operators: impl Into<Operators>) {
         self.slow.provision(name, operators);
     }
+
+    /// Does as [`SlowHalf::set_reset`].
+    pub fn set_reset(&mut self, reset: ResetReason) {
+        self.slow.set_reset(reset);
+    }
+
+    /// Does as [`SlowHalf::set_crash`].
+    pub fn set_crash(&mut self, crash: Option<CrashReport>) {
+        self.slow.set_crash(crash);
+    }
+
+    /// Does as [`SlowHalf::keep`].
+    pub fn keep(&mut self) -> Option<[u8; RUN_BYTES]> {
+        self.slow.keep()
+    }
 }
 
 /// Starts at power-up: disarmed, with the settings that `store` holds. Returns the two halves for a fast loop with a
 /// priority or a core of its own, and the fast half's first report, for the [`Exchange`] between them.
 ///
 /// Operators see `name` (at most 32 bytes of it). Without operators the robot refuses everybody. `entropy` must come from a
-/// hardware random source, fresh at every start. When the stored settings cannot be trusted the defaults are in force and
-/// [`Fault::Settings`] stands until it is cleared.
+/// hardware random source, fresh at every start. Stored values that are out of range have their defaults and are assumed: the
+/// robot does not arm on them. Where nothing can be read all have, and [`Fault::Settings`] stands until it is cleared.
 pub fn halves<S: SettingsStore>(
     hardware: Hardware,
     name: &str,
@@ -142,9 +161,12 @@ pub fn halves<S: SettingsStore>(
     let identity = identity(name, &hardware);
     let (settings, report) = (tuning.settings(), control.report());
     let mut link = Link::new(identity, bridges(&hardware), operators, entropy, settings, report);
-    if tuning.loaded().is_err() {
+    if let Err(error) = tuning.loaded() {
         link.add_event(control.report().time, Event::SettingsDefaulted);
-        control.raise(Fault::Settings);
+        // Of values that are out of range the others are in force, and these are assumed.
+        if error != LoadError::OutOfRange {
+            control.raise(Fault::Settings);
+        }
     }
     let report = control.report();
     let slow = SlowHalf {
@@ -307,6 +329,22 @@ impl<S: SettingsStore> SlowHalf<S> {
     /// Notes why the robot last started, for [`Command::Identify`](flix_protocol::message::Command::Identify).
     pub fn set_reset(&mut self, reset: ResetReason) {
         self.link.set_reset(reset);
+    }
+
+    /// Notes what was found of the run before, for [`Command::Crash`](flix_protocol::message::Command::Crash).
+    pub fn set_crash(&mut self, crash: Option<CrashReport>) {
+        self.link.set_crash(crash);
+    }
+
+    /// Notes which build of the firmware runs, for the next run; `None` when nobody knows.
+    pub fn set_build(&mut self, build: Option<BuildId>) {
+        self.link.set_build(build);
+    }
+
+    /// Returns what to leave in [`RUN`](crate::blackbox::RUN) for the next run when it has changed since the last call:
+    /// at the start, with each fault, and once a second. Call after each [`SlowHalf::exchange`].
+    pub fn keep(&mut self) -> Option<[u8; RUN_BYTES]> {
+        self.link.keep()
     }
 
     /// Notes the radio power as last received, for telemetry.

@@ -20,6 +20,9 @@ pub enum LoadError {
     /// Written in a form of another version.
     #[error("the stored settings are of another version")]
     Version,
+    /// Some are out of range: these have their defaults.
+    #[error("some of the stored settings are out of range")]
+    OutOfRange,
 }
 
 /// A value could not be written; what was stored before is stored still.
@@ -34,10 +37,14 @@ pub(crate) fn load<T: DeserializeOwned>(
     buffer: &mut [u8],
 ) -> Result<Option<T>, LoadError> {
     let Some(length) = store.load(buffer).map_err(|_| LoadError::Store)? else { return Ok(None) };
-    let bytes = buffer.get(..length).ok_or(LoadError::Damaged)?;
+    decode(version, buffer.get(..length).ok_or(LoadError::Damaged)?).map(Some)
+}
+
+/// Returns the value at the beginning of these bytes, in the form of this version. Never panics.
+pub(crate) fn decode<T: DeserializeOwned>(version: u16, bytes: &[u8]) -> Result<T, LoadError> {
     let (stored, value) = postcard::from_bytes_crc32::<(u16, T)>(bytes, CRC.digest())
         .map_err(|_| LoadError::Damaged)?;
-    if stored == version { Ok(Some(value)) } else { Err(LoadError::Version) }
+    if stored == version { Ok(value) } else { Err(LoadError::Version) }
 }
 
 /// Returns the bytes to store of a value, in the form of this version.

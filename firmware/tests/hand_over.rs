@@ -10,7 +10,7 @@ use flix_firmware::exchange::{Access, Exchange, Report};
 use flix_firmware::fast::alignment::Alignment;
 use flix_firmware::fast::configuration::Configuration;
 use flix_firmware::fast::units::ElectricalAngle;
-use flix_firmware::hardware::{Actuation, TICK};
+use flix_firmware::hardware::{Actuation, Bridge, TICK};
 use flix_firmware::robot::{FastHalf, SlowHalf, halves};
 use flix_firmware::scope::Memory;
 use flix_protocol::frame::Frame;
@@ -213,20 +213,37 @@ fn of_two_configurations_the_newest_wins() {
 }
 
 #[test]
-fn a_configuration_that_comes_while_the_motors_are_driven_waits_until_they_are_not() {
+fn settings_are_refused_once_arming_was_asked_for_though_the_last_report_says_disarmed() {
     let mut halves = Halves::proven();
     halves.say(Command::Arm);
     halves.exchange();
     halves.tick(1);
-    // By its last report the robot is disarmed still.
-    halves.set("over_speed", 60.0);
-    halves.exchange();
-    halves.tick(100);
-    let while_driven = halves.exchange.is_configuration_waiting();
-    halves.say(Command::Disarm);
-    halves.exchange();
-    halves.tick(100);
-    assert_eq!((while_driven, halves.exchange.is_configuration_waiting()), (true, false));
+    assert_eq!(halves.slow.report().state, State::Disarmed);
+    let command = ParameterCommand::Set("over_speed".try_into().unwrap(), 60.0);
+    let outcome = halves.say(Command::Parameter(command));
+    assert_eq!(outcome, Outcome::Refused(Refusal::State(State::Aligning)));
+}
+
+#[test]
+fn a_configuration_that_comes_while_the_motors_are_driven_waits_until_they_are_not() {
+    let mut halves = Halves::aligning();
+    let is_driven = |actuation: &Actuation| {
+        actuation.bridges.iter().any(|bridge| ![Bridge::BRAKE, Bridge::Off].contains(bridge))
+    };
+    halves.live(3_000);
+    assert!(is_driven(&halves.actuation));
+    // Past the link, which lets none pass by now.
+    let order = halves.exchange.take(|_| false);
+    let configuration = Configuration::new(halves.slow.settings(), &DENGFOC_V3_01.hardware);
+    halves.exchange.ask(order, Some(&configuration));
+    let mut seen = Vec::new();
+    for _ in 0..100 {
+        halves.tick(1);
+        seen.push((is_driven(&halves.actuation), halves.exchange.is_configuration_waiting()));
+    }
+    assert_eq!(seen[0], (false, true), "let go before it is taken over");
+    assert!(!seen.contains(&(true, true)), "{seen:?}");
+    assert!(seen.iter().any(|(_, waits)| !waits), "taken over in the end");
 }
 
 #[test]

@@ -5,18 +5,20 @@ use core::net::SocketAddr;
 use core::time::Duration;
 
 use crate::no_store::NoStore;
-use flix_firmware::board::DENGFOC_V3_01;
+use flix_firmware::blackbox::{self, Kept};
+use flix_firmware::board::{DENGFOC_V3_01, GENERIC_ESP32C6};
 use flix_firmware::exchange::{EventCounters, MotorReport, Report, Requests};
 use flix_firmware::fast::units::{Current, RotorAngle, Speed, Voltage};
+use flix_firmware::hardware::Hardware;
 use flix_firmware::link::{EVENTS, Link, bridges, identity};
 use flix_firmware::robot::Robot;
-use flix_firmware::settings::{COUNT, Settings, Tuning};
+use flix_firmware::settings::{COUNT, MOTOR_VALUES, Settings, Tuning};
 use flix_protocol::failsafe::{COMMAND_AGE, LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, Event, Fault, Faults, Identity, OperatorName, Outcome, PARAMETERS_PER_REPLY,
-    ParameterCommand, Pattern, Refusal, ResetReason, ScopeCommand, ScopePlan, Setpoint, State,
-    Telemetry, ToOperator, ToRobot, Trial,
+    Command, Event, Fault, Faults, Identity, Mark, Name, OperatorName, Outcome,
+    PARAMETERS_PER_REPLY, ParameterCommand, Pattern, Refusal, ResetReason, ScopeCommand, ScopePlan,
+    Setpoint, State, Telemetry, ToOperator, ToRobot, Trial,
 };
 use flix_protocol::session::{
     Key, Operator, OperatorReceived, OperatorSession, Operators, STOP_RETRY, Status, StopSession,
@@ -70,7 +72,10 @@ fn refused(refusal: Refusal) -> Outcome {
 
 impl Ends {
     fn unconnected() -> Self {
-        let hardware = DENGFOC_V3_01.hardware;
+        Self::on(DENGFOC_V3_01.hardware)
+    }
+
+    fn on(hardware: Hardware) -> Self {
         let report = Robot::new(hardware, "ends", None, [1; 32], NoStore).report();
         let (tuning, now) = (Tuning::new(NoStore), Instant::from_micros(1_000));
         let name = identity("ends", &hardware);
@@ -192,7 +197,10 @@ fn each_state_accepts_what_its_rotors_may_do_and_refuses_the_rest_with_its_name(
         (Command::Parameter(set), &[Disarmed, Faulted], none),
         (Command::Parameter(ParameterCommand::Reset), &[Disarmed, Faulted], none),
         (Command::Parameter(ParameterCommand::Save), &[Disarmed, Faulted], none),
+        (Command::Parameter(ParameterCommand::Accept), &[Disarmed, Faulted], none),
+        (Command::Parameter(ParameterCommand::Check), &STATES, none),
         (Command::Ping(5), &STATES, none),
+        (Command::Crash, &STATES, none),
     ] {
         for state in STATES {
             let mut ends = Ends::at(state);
@@ -377,9 +385,12 @@ fn what_comes_too_late_is_refused_with_its_age_but_for_stopping_and_reading() {
         (Command::Stop, true),
         (Command::Disarm, true),
         (Command::Identify, true),
+        (Command::Crash, true),
         (Command::Ping(3), true),
         (Command::Parameter(read), true),
         (Command::Parameter(ParameterCommand::List(0)), true),
+        (Command::Parameter(ParameterCommand::Check), true),
+        (Command::Parameter(ParameterCommand::Accept), false),
         (Command::Scope(ScopeCommand::Status), true),
         (Command::Scope(ScopeCommand::Read(0)), true),
         (Command::Setpoint(setpoint(20.0, 0.0)), false),
@@ -581,6 +592,62 @@ fn parameters_are_listed_page_by_page_found_by_name_and_kept_in_range() {
 }
 
 #[test]
+fn a_robot_does_not_arm_on_assumed_motors_until_their_values_are_entered_or_measured() {
+    let mut ends = Ends::proven();
+    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Reset)), Outcome::Done);
+    for (index, name) in MOTOR_VALUES.into_iter().enumerate() {
+        let name: Name = name.try_into().unwrap();
+        let refusal = Refusal::Assumed { name: name.clone() };
+        assert!(refusal.to_string().contains("flix commission"), "{refusal}");
+        assert!(refusal.to_string().contains("flix parameters accept"), "{refusal}");
+        for command in [Command::Arm, Command::Parameter(ParameterCommand::Check)] {
+            assert_eq!(ends.say(command), refused(refusal.clone()));
+        }
+        let value = ends.tuning.settings().get(&name).unwrap();
+        let mark = if index % 2 == 0 { Mark::Entered } else { Mark::Measured };
+        let command = match mark {
+            Mark::Entered => ParameterCommand::Set(name, value),
+            mark => ParameterCommand::Put(name, value, mark),
+        };
+        let Outcome::Parameter(put) = ends.say(Command::Parameter(command)) else {
+            panic!("not set")
+        };
+        assert_eq!(put.mark, Some(mark));
+    }
+    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Check)), Outcome::Done);
+    assert_eq!(ends.say(Command::Arm), Outcome::Done);
+}
+
+#[test]
+fn what_is_assumed_is_taken_on_request_where_currents_are_measured() {
+    let mut ends = Ends::proven();
+    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Reset)), Outcome::Done);
+    assert!(matches!(ends.say(Command::Arm), Outcome::Refused(Refusal::Assumed { .. })));
+    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Accept)), Outcome::Done);
+    assert_eq!(ends.say(Command::Arm), Outcome::Done);
+}
+
+#[test]
+fn in_voltage_mode_resistance_and_flux_are_entered_and_nothing_else_will_do() {
+    let mut ends = Ends::on(GENERIC_ESP32C6.hardware);
+    ends.connect();
+    ends.live(PROVING_TIME + LINK_LATE);
+    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Reset)), Outcome::Done);
+    let accept = Command::Parameter(ParameterCommand::Accept);
+    for name in ["phase_resistance", "flux_linkage"] {
+        for motor in ["top", "bottom"] {
+            let name: Name = format!("{motor}_{name}").as_str().try_into().unwrap();
+            let refusal = Refusal::AssumedUnmeasured { name: name.clone() };
+            assert!(refusal.to_string().contains("flix parameters set"), "{refusal}");
+            assert_eq!(ends.say(Command::Arm), refused(refusal.clone()));
+            assert_eq!(ends.say(accept.clone()), refused(refusal));
+            ends.say(Command::Parameter(ParameterCommand::Set(name, 4.0)));
+        }
+    }
+    assert_eq!(ends.say(Command::Arm), Outcome::Done);
+}
+
+#[test]
 fn another_operator_inherits_no_running_robot() {
     for leave in [false, true] {
         let mut ends = Ends::at(State::Running);
@@ -625,6 +692,28 @@ fn a_robot_says_who_it_is_and_who_holds_it() {
     assert!(ends.link.is_provisioned());
     ends.link.set_operators(None);
     assert!(!ends.link.is_provisioned());
+}
+
+#[test]
+fn a_robot_says_what_it_kept_of_its_last_accident_and_keeps_its_faults_for_the_next_run() {
+    let mut ends = Ends::connected();
+    assert_eq!(ends.say(Command::Crash), Outcome::Crash(None));
+    let run = |link: &mut Link| {
+        let mut bytes = [0; blackbox::BYTES];
+        bytes[blackbox::RUN].copy_from_slice(&link.keep().unwrap());
+        Kept::decode(&bytes).report(ResetReason::Tasks).unwrap()
+    };
+    let quiet = run(&mut ends.link);
+    assert_eq!((quiet.version.as_str(), quiet.fault), (env!("CARGO_PKG_VERSION"), None));
+    ends.observe(|report| {
+        report.faults = Faults::NONE.with(Fault::Stall);
+        report.first_fault = Some(Fault::Stall);
+    });
+    let kept = run(&mut ends.link);
+    assert_eq!(kept.fault.unwrap().first_fault, Some(Fault::Stall));
+    assert_eq!(ends.say(Command::Crash), Outcome::Crash(None), "that was this run");
+    ends.link.set_crash(Some(kept.clone()));
+    assert_eq!(ends.say(Command::Crash), Outcome::Crash(Some(kept)));
 }
 
 const TRIAL: Trial = Trial {

@@ -1,7 +1,7 @@
 //! Explains what the robot reports, in plain words, with what to do.
 
 use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LOST};
-use flix_protocol::message::{Event, Fault, Refusal, State};
+use flix_protocol::message::{Event, Fault, Refusal, ResetReason, State};
 
 /// Returns what a fault means and what to do.
 #[must_use]
@@ -30,8 +30,25 @@ pub const fn fault(fault: Fault) -> &'static str {
             "the current sensors disagree, or read far from zero at rest: check the board"
         }
         Fault::Settings => {
-            "the stored settings were unreadable and defaults are in force: import yours again"
+            "the stored settings were unreadable and defaults are in force: import yours again, or measure the motors anew"
         }
+        Fault::Shiver => {
+            "a rotor shivers where it should rest: lower position_bandwidth, or raise tracker_bandwidth; are the motors as the settings say?"
+        }
+    }
+}
+
+/// Returns what to do about a restart that was an accident.
+#[must_use]
+pub const fn reset(reset: &ResetReason) -> Option<&'static str> {
+    match reset {
+        ResetReason::BrownOut => {
+            Some("charge the battery, and look at its leads and the board's supply")
+        }
+        reset if reset.is_accident() => {
+            Some("a defect of the firmware: report it with what is shown here")
+        }
+        _ => None,
     }
 }
 
@@ -98,7 +115,10 @@ pub fn event(event: &Event) -> String {
         Event::StoppedFromOutside(by) => format!("stopped by {by}, until cleared"),
         Event::CommandAge => "the newest command is too old: ramping down".to_owned(),
         Event::SettingsSaved => "settings saved".to_owned(),
-        Event::SettingsDefaulted => "stored settings were damaged: defaults in force".to_owned(),
+        Event::SettingsDefaulted => {
+            "stored settings could not be used: these have their defaults, which are assumed"
+                .to_owned()
+        }
         Event::BatteryLow(voltage) => format!("battery low: {:.1} V", voltage.get()),
         Event::FrequencyLimited(frequency) => {
             format!("f limited by voltage or current: {:.1} Hz", frequency.get())

@@ -4,6 +4,7 @@
 //! command, a periodic [`Telemetry`], or an [`Event`] that is sent once. They travel in
 //! [`ToRobot`] and [`ToOperator`], inside the sessions of [`crate::session`], encoded by postcard.
 
+mod crash;
 mod fault;
 mod link;
 mod names;
@@ -20,11 +21,15 @@ use heapless::{String, Vec};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+pub use crash::{
+    BuildId, CrashReport, FaultSummary, MotorCurrents, PANIC_MESSAGE_LENGTH, PROGRAM_COUNTERS,
+    PanicMessage, ProgramCounters,
+};
 pub use fault::{Fault, Faults};
 pub use link::{DropReason, Dropped, LinkQuality};
 pub(crate) use operator::is_label;
 pub use operator::{OPERATOR_NAME_LENGTH, OperatorName, OperatorNameError};
-pub use parameter::{NAME_LENGTH, Name, PARAMETERS_PER_REPLY, Parameter, ParameterCommand};
+pub use parameter::{Mark, NAME_LENGTH, Name, PARAMETERS_PER_REPLY, Parameter, ParameterCommand};
 pub use refusal::Refusal;
 pub use reset::ResetReason;
 pub use scope::{
@@ -61,6 +66,8 @@ pub enum Command {
     Scope(ScopeCommand),
     /// Drive motors that nobody knows yet, in bounds; the robot is disarmed before and after.
     Trial(Trial),
+    /// Report what was kept of the last accident.
+    Crash,
 }
 
 /// A command with its request number, as sent.
@@ -149,6 +156,8 @@ pub enum Outcome {
     ScopeRows(ScopeRows),
     /// The trial begins, on these bridges.
     Trial(Bridges),
+    /// What was kept of the last accident; `None`: there was none since power came.
+    Crash(Option<CrashReport>),
 }
 
 /// Which robot this is, which firmware it runs, and since what.

@@ -41,6 +41,9 @@ fn command_name(command: &Command) -> &'static str {
         Command::Parameter(ParameterCommand::List(_)) => "parameter-list",
         Command::Parameter(ParameterCommand::Save) => "parameter-save",
         Command::Parameter(ParameterCommand::Reset) => "parameter-reset",
+        Command::Parameter(ParameterCommand::Put(..)) => "parameter-put",
+        Command::Parameter(ParameterCommand::Accept) => "parameter-accept",
+        Command::Parameter(ParameterCommand::Check) => "parameter-check",
         Command::Identify => "identify",
         Command::Ping(_) => "ping",
         Command::Scope(ScopeCommand::Begin(_)) => "scope-begin",
@@ -49,6 +52,7 @@ fn command_name(command: &Command) -> &'static str {
         Command::Trial(Trial { pattern: Pattern::Halve(_), .. }) => "trial-halve",
         Command::Trial(Trial { pattern: Pattern::Turn(_), .. }) => "trial-turn",
         Command::Trial(Trial { pattern: Pattern::Swing(_), .. }) => "trial-swing",
+        Command::Crash => "crash",
     }
 }
 const TURN: Trial = Trial {
@@ -58,7 +62,7 @@ const TURN: Trial = Trial {
     pattern: Pattern::Turn(-79),
     ticks: 4_000,
 };
-const COMMANDS: usize = 18;
+const COMMANDS: usize = 22;
 
 fn commands() -> Vec<Command> {
     vec![
@@ -72,6 +76,13 @@ fn commands() -> Vec<Command> {
         Command::Parameter(ParameterCommand::List(300)),
         Command::Parameter(ParameterCommand::Save),
         Command::Parameter(ParameterCommand::Reset),
+        Command::Parameter(ParameterCommand::Put(
+            name("top_phase_resistance"),
+            5.5,
+            Mark::Measured,
+        )),
+        Command::Parameter(ParameterCommand::Accept),
+        Command::Parameter(ParameterCommand::Check),
         Command::Identify,
         Command::Ping(0xDEAD_BEEF),
         Command::Scope(ScopeCommand::Begin(ScopePlan {
@@ -83,6 +94,7 @@ fn commands() -> Vec<Command> {
         Command::Trial(Trial { pattern: Pattern::Halve(40), ..TURN }),
         Command::Trial(TURN),
         Command::Trial(Trial { pattern: Pattern::Swing(600), ..TURN }),
+        Command::Crash,
     ]
 }
 
@@ -101,9 +113,13 @@ fn refusal_name(refusal: &Refusal) -> &'static str {
         Refusal::Scope => "scope",
         Refusal::NotCaptured => "not-captured",
         Refusal::NoCurrentSense => "no-current-sense",
+        Refusal::Assumed { .. } => "assumed",
+        Refusal::AssumedUnmeasured { .. } => "assumed-unmeasured",
+        Refusal::UnstablePosition { .. } => "unstable-position",
+        Refusal::UnstableCurrent { .. } => "unstable-current",
     }
 }
-const REFUSALS: usize = 13;
+const REFUSALS: usize = 17;
 
 fn refusals() -> Vec<Refusal> {
     vec![
@@ -120,6 +136,23 @@ fn refusals() -> Vec<Refusal> {
         Refusal::Scope,
         Refusal::NotCaptured,
         Refusal::NoCurrentSense,
+        Refusal::Assumed { name: name("top_phase_resistance") },
+        Refusal::AssumedUnmeasured { name: name("top_flux_linkage") },
+        Refusal::UnstablePosition {
+            margin: -0.0625,
+            least: 0.1,
+            position_bandwidth: 45.0,
+            tracker_bandwidth: 125.0,
+            encoder_latency: 200.0,
+            current_bandwidth: 700.0,
+            position_bandwidth_instead: 37.0,
+        },
+        Refusal::UnstableCurrent {
+            margin: -0.5,
+            least: 0.1,
+            current_bandwidth: 1_500.0,
+            actuation_delay: 400.0,
+        },
     ]
 }
 
@@ -134,9 +167,11 @@ fn outcome_name(outcome: &Outcome) -> String {
         Outcome::Scope(_) => "scope".into(),
         Outcome::ScopeRows(_) => "scope-rows".into(),
         Outcome::Trial(_) => "trial".into(),
+        Outcome::Crash(None) => "no-crash".into(),
+        Outcome::Crash(Some(_)) => "crash".into(),
     }
 }
-const OUTCOMES: usize = 8 + REFUSALS;
+const OUTCOMES: usize = 10 + REFUSALS;
 
 fn outcomes() -> Vec<Outcome> {
     let parameter = |index| Parameter {
@@ -147,6 +182,7 @@ fn outcomes() -> Vec<Outcome> {
         default: 2.0,
         minimum: 0.1,
         maximum: 3.0,
+        mark: None,
     };
     let mut outcomes = vec![
         Outcome::Done,
@@ -174,9 +210,37 @@ fn outcomes() -> Vec<Outcome> {
             values: [0x34, 0x12, 0xFF, 0xFF].into_iter().collect(),
         }),
         Outcome::Trial(Bridges { dead_time_ns: 300, pwm_frequency_hz: 20_000, measures_bus: true }),
+        Outcome::Crash(None),
+        Outcome::Crash(Some(crash())),
     ];
     outcomes.extend(refusals().into_iter().map(Outcome::Refused));
     outcomes
+}
+
+/// An accident with a different number in every field.
+fn crash() -> CrashReport {
+    let currents = |first: f32| MotorCurrents {
+        direct: Amperes::new(first).unwrap(),
+        quadrature: Amperes::new(first + 1.0).unwrap(),
+    };
+    CrashReport {
+        reset: ResetReason::panic("src/link.rs", 12),
+        message: "index out of bounds".try_into().unwrap(),
+        counters: [0x4200_1234, 0x4080_5678].into_iter().collect(),
+        version: "0.1.0".try_into().unwrap(),
+        build: Some(BuildId([1, 2, 3, 4, 5, 6, 7, 8])),
+        uptime: Some(Instant::from_micros(7_654_321)),
+        fault: Some(FaultSummary {
+            time: Instant::from_micros(1_234_567),
+            faults: Faults::NONE.with(Fault::Stall).with(Fault::OverCurrent),
+            first_fault: Some(Fault::Stall),
+            state: State::Running,
+            frequency: Hertz::new(-29.75).unwrap(),
+            direction: Degrees::new(59.5).unwrap(),
+            currents: [currents(1.0), currents(3.0)],
+            bus_voltage: Some(Volts::new(11.5).unwrap()),
+        }),
+    }
 }
 
 fn event_name(event: &Event) -> String {
@@ -519,6 +583,7 @@ fn the_longest_messages_fit_a_datagram() {
         default: f32::MIN,
         minimum: f32::MIN,
         maximum: f32::MAX,
+        mark: Some(Mark::Measured),
     };
     let ToOperator::Telemetry(mut longest) = running() else { unreachable!() };
     let most = u32::MAX;
@@ -544,6 +609,16 @@ fn the_longest_messages_fit_a_datagram() {
         signal_dbm: Some(i8::MIN),
     };
     let reply = |outcome| ToOperator::Reply(Reply { request: most, outcome });
+    let mut longest_crash = crash();
+    longest_crash.reset = ResetReason::panic(&name, most);
+    longest_crash.message = "m".repeat(PANIC_MESSAGE_LENGTH).as_str().try_into().unwrap();
+    longest_crash.counters = [most; PROGRAM_COUNTERS].into_iter().collect();
+    longest_crash.version = "v".repeat(16).as_str().try_into().unwrap();
+    longest_crash.uptime = Some(Instant::from_micros(u64::MAX));
+    if let Some(fault) = &mut longest_crash.fault {
+        fault.time = Instant::from_micros(u64::MAX);
+        fault.faults = Fault::ALL.into_iter().fold(Faults::NONE, Faults::with);
+    }
     let mut ends = Ends::connected();
     for message in [
         ToOperator::Telemetry(longest),
@@ -558,6 +633,7 @@ fn the_longest_messages_fit_a_datagram() {
             version: "v".repeat(16).as_str().try_into().unwrap(),
             reset: ResetReason::panic(&name, most),
         })),
+        reply(Outcome::Crash(Some(longest_crash))),
         reply(Outcome::Refused(Refusal::OutOfRange {
             name: name.clone(),
             minimum: f32::MIN,

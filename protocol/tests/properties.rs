@@ -123,8 +123,12 @@ fn any_command() -> impl Strategy<Value = Command> {
             Command::Stop,
             Command::Clear,
             Command::Identify,
+            Command::Crash,
             Command::Parameter(ParameterCommand::Save),
             Command::Parameter(ParameterCommand::Reset),
+            Command::Parameter(ParameterCommand::Put(Name::new(), 1.0, Mark::Assumed)),
+            Command::Parameter(ParameterCommand::Accept),
+            Command::Parameter(ParameterCommand::Check),
         ]),
         text().prop_map(|name| Command::Parameter(ParameterCommand::Get(name))),
         (text(), finite())
@@ -189,8 +193,8 @@ fn state() -> impl Strategy<Value = State> {
 }
 
 fn parameter() -> impl Strategy<Value = Parameter> {
-    (any::<u16>(), text(), text(), [finite(), finite(), finite(), finite()]).prop_map(
-        |(index, name, unit, [value, default, minimum, maximum])| Parameter {
+    (any::<u16>(), text(), text(), [finite(), finite(), finite(), finite()], mark()).prop_map(
+        |(index, name, unit, [value, default, minimum, maximum], mark)| Parameter {
             index,
             name,
             unit,
@@ -198,8 +202,13 @@ fn parameter() -> impl Strategy<Value = Parameter> {
             default,
             minimum,
             maximum,
+            mark,
         },
     )
+}
+
+fn mark() -> impl Strategy<Value = Option<Mark>> {
+    proptest::option::of(select(Mark::ALL.to_vec()))
 }
 
 fn refusal() -> impl Strategy<Value = Refusal> {
@@ -232,6 +241,44 @@ fn resets() -> impl Strategy<Value = ResetReason> {
     ]
 }
 
+fn crash() -> impl Strategy<Value = CrashReport> {
+    let currents = || {
+        (amperes(), amperes()).prop_map(|(direct, quadrature)| MotorCurrents { direct, quadrature })
+    };
+    let fault = (
+        (instant(), faults(), prop::option::of(fault()), state()),
+        (hertz(), degrees(), [currents(), currents()], prop::option::of(volts())),
+    )
+        .prop_map(|(standing, (frequency, direction, currents, bus_voltage))| {
+            let (time, faults, first_fault, state) = standing;
+            FaultSummary {
+                time,
+                faults,
+                first_fault,
+                state,
+                frequency,
+                direction,
+                currents,
+                bus_voltage,
+            }
+        });
+    (
+        (resets(), text(), prop::collection::vec(any::<u32>(), 0..=PROGRAM_COUNTERS)),
+        (text(), any::<Option<[u8; 8]>>(), prop::option::of(instant()), prop::option::of(fault)),
+    )
+        .prop_map(|((reset, message, counters), (version, build, uptime, fault))| {
+            CrashReport {
+                reset,
+                message,
+                counters: counters.into_iter().collect(),
+                version,
+                build: build.map(BuildId),
+                uptime,
+                fault,
+            }
+        })
+}
+
 fn outcome() -> impl Strategy<Value = Outcome> {
     prop_oneof![
         Just(Outcome::Done),
@@ -246,6 +293,7 @@ fn outcome() -> impl Strategy<Value = Outcome> {
         (text(), text(), text(), resets()).prop_map(|(name, board, version, reset)| {
             Outcome::Identity(Identity { name, board, version, reset })
         }),
+        prop::option::of(crash()).prop_map(Outcome::Crash),
         any::<u32>().prop_map(Outcome::Pong),
         (any::<u16>(), prop::collection::vec(any::<u8>(), 0..=2 * SCOPE_VALUES_PER_REPLY))
             .prop_map(|(first, values)| {

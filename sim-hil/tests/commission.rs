@@ -4,9 +4,9 @@ use std::cell::Cell;
 use std::time::Duration;
 
 use flix_firmware::hardware::Sensors;
-use flix_firmware::settings::TABLE;
+use flix_firmware::settings::{MOTOR_VALUES, Settings};
 use flix_host::commission::{CommissionError, Finding, Known, Step, Subject, commission};
-use flix_protocol::message::{Command, Outcome, Setpoint, Telemetry};
+use flix_protocol::message::{Command, Mark, Outcome, Setpoint, Telemetry};
 use flix_protocol::units::Instant;
 use flix_sim::reliability::commission::{CURRENT_LIMIT_A, Watched, measure, stranger};
 use flix_sim::rig::operation::OperationError;
@@ -34,20 +34,30 @@ impl Disturbance for Swapped {
     }
 }
 
-/// Returns all settings of a robot.
-fn settings(robot: &mut Watched) -> Vec<f64> {
-    TABLE.iter().map(|setting| robot.operation.setting(setting.name).unwrap()).collect()
+/// Returns all settings of a robot, and how they are known.
+fn settings(robot: &Watched) -> Settings {
+    *robot.operation.robot.software().settings()
+}
+
+#[test]
+fn a_commissioned_robot_knows_its_motors() {
+    let mut robot = Watched::power_up(stranger(3), 3).unwrap();
+    assert_eq!(settings(&robot).marks, Settings::DEFAULT.marks);
+    commission(&mut robot, &Known::default(), |_| {}).unwrap();
+    for name in MOTOR_VALUES {
+        assert_eq!(settings(&robot).marked(name), Some(Mark::Measured), "{name}");
+    }
 }
 
 #[test]
 fn swapped_encoders_are_named_and_the_settings_stay_as_they_were() {
     let mut robot = Watched::power_up(stranger(2), 2).unwrap();
     robot.operation.robot.disturb(Swapped);
-    let before = settings(&mut robot);
+    let before = settings(&robot);
     let found = commission(&mut robot, &Known::default(), |_| {});
     let Err(CommissionError::Found(finding)) = found else { panic!("{found:?}") };
     assert_eq!(finding, Finding::EncodersSwapped(0));
-    assert_eq!(settings(&mut robot), before);
+    assert_eq!(settings(&robot), before);
 }
 
 /// A robot whose operator falls silent some time after a step has begun.

@@ -1,13 +1,17 @@
 //! What an operator asks travels through protocol and session to the robot's software and back.
 
-use flix_protocol::message::{Command, Outcome};
+use core::time::Duration;
+
+use flix_protocol::message::{Command, CrashReport, Fault, Outcome, ResetReason, State};
 use flix_protocol::session::Key;
 use flix_sim::model::RobotModel;
 use flix_sim::model::SIMULATED_BOARD;
 use flix_sim::plant::Plant;
+use flix_sim::rig::bench::setpoint;
 use flix_sim::rig::channel::ChannelParameters;
+use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
 use flix_sim::rig::operation::Operation;
-use flix_sim::rig::robot::{RobotParameters, SimulatedRobot};
+use flix_sim::rig::robot::{Processor, RobotParameters, SimulatedRobot};
 
 fn operation(network: ChannelParameters) -> Operation<Plant> {
     let model = RobotModel::named("bench-fixed").expect("a shipped model");
@@ -38,4 +42,42 @@ fn a_session_stands_through_heavy_loss_and_jitter() {
     });
     operation.connect().unwrap();
     assert_eq!(operation.ask(Command::Ping(5)).unwrap(), Outcome::Pong(5));
+}
+
+fn crash(operation: &mut Operation<Plant>) -> Option<CrashReport> {
+    operation.connect().unwrap();
+    match operation.ask(Command::Crash).unwrap() {
+        Outcome::Crash(crash) => crash,
+        other => panic!("another answer: {other:?}"),
+    }
+}
+
+#[test]
+fn a_fault_survives_a_restart_and_the_operator_learns_of_it() {
+    let mut operation = operation(ChannelParameters::PERFECT);
+    assert_eq!(crash(&mut operation), None, "power came");
+    operation.arm().unwrap();
+    operation.hold(setpoint(-30.0, 30.0).unwrap());
+    operation.run(Duration::from_secs(3), |_| {}).unwrap();
+
+    let lost = operation.now();
+    let mut from = lost;
+    for (fault, milliseconds) in [
+        (HardwareFault::EncoderLost(1), 300),
+        (HardwareFault::Processor(Processor::Hangs), 200),
+        (HardwareFault::Processor(Processor::Restarts), 500),
+    ] {
+        let until = from + Duration::from_millis(milliseconds);
+        operation.robot.disturb(Injected::new(fault, from, until, 1));
+        from = until;
+    }
+    operation.run(from.since(lost) + Duration::from_secs(1), |_| {}).unwrap();
+
+    let crash = crash(&mut operation).unwrap();
+    assert_eq!(crash.reset, ResetReason::FastLoop);
+    let fault = crash.fault.unwrap();
+    assert_eq!((fault.first_fault, fault.state), (Some(Fault::EncoderLost), State::Running));
+    assert!((fault.frequency.get() + 30.0).abs() < 1.0, "{fault:?}");
+    assert!(fault.time.since(lost) < Duration::from_millis(300), "{fault:?}");
+    assert!(fault.time > lost && crash.uptime >= Some(fault.time), "{crash:?}");
 }

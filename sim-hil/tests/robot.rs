@@ -10,4 +10,5 @@ mod network_task;
 mod operator_reaches_robot;
 mod scope;
 mod settles_within_half_a_second;
+mod shiver;
 mod voltage_mode;

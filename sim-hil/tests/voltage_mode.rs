@@ -4,10 +4,14 @@
 use core::time::Duration;
 
 use flix_host::link::Update;
-use flix_protocol::message::{Event, Fault};
+use flix_protocol::message::{Command, Event, Fault, Outcome, ParameterCommand};
 use flix_sim::experiment::metrics::HoldMeter;
 use flix_sim::model::RobotModel;
-use flix_sim::rig::bench::{BASES, Base, BenchError, Subject, setpoint};
+use flix_sim::plant::Plant;
+use flix_sim::rig::bench::{BASES, Base, BenchError, Subject, bench_key, setpoint};
+use flix_sim::rig::channel::ChannelParameters;
+use flix_sim::rig::operation::Operation;
+use flix_sim::rig::robot::{Flash, RobotParameters, SimulatedRobot};
 
 /// Asked for, Hz: the most there is.
 const ASKED: f64 = 35.0;
@@ -103,4 +107,49 @@ fn a_battery_that_is_strong_enough_limits_nothing() {
         assert!((seen.f_hz - ASKED).abs() < 0.05, "{base}: {seen:?}");
         assert!(seen.theta_rms_deg < 1.0 && !seen.is_told(), "{base}: {seen:?}");
     }
+}
+
+/// A new robot in voltage mode with motors of a tenth of an ohm, of which it knows nothing.
+fn new_with_strong_motors() -> Operation<Plant> {
+    let mut model = RobotModel::named("bench-fixed").unwrap();
+    model.electrical.sense.current = false;
+    model.electrical.motor.phase_resistance_ohm = 0.1;
+    let mut parameters = RobotParameters::of(&model.electrical, bench_key(), 1).unwrap();
+    parameters.flash = Flash::default();
+    let robot = SimulatedRobot::new(parameters, Plant::new(&model).unwrap());
+    Operation::new(robot, ChannelParameters::QUIET_WIFI)
+}
+
+/// Arms, or is refused; returns the largest phase current meanwhile and for a second after, A, and the refusal.
+fn armed(operation: &mut Operation<Plant>) -> (f64, Option<String>) {
+    let refusal = operation.arm().err().map(|error| error.to_string());
+    let mut largest = 0.0_f64;
+    operation
+        .run(Duration::from_secs(1), |truth| largest = largest.max(truth.largest_current()))
+        .unwrap();
+    (largest, refusal)
+}
+
+#[test]
+fn a_new_robot_gives_its_motors_no_current_before_they_are_entered() {
+    let mut operation = new_with_strong_motors();
+    operation.connect().unwrap();
+    let settings = [
+        ("top_phase_resistance", 0.1),
+        ("bottom_phase_resistance", 0.1),
+        ("top_flux_linkage", 3.0),
+        ("bottom_flux_linkage", 3.0),
+    ];
+    for (name, value) in settings {
+        let (largest, refusal) = armed(&mut operation);
+        assert!(refusal.is_some_and(|it| it.contains("flix parameters set") && it.contains(name)));
+        assert!(largest < 0.01, "{largest} A");
+        let accept = operation.ask(Command::Parameter(ParameterCommand::Accept)).unwrap();
+        assert!(matches!(accept, Outcome::Refused(_)), "{accept:?}");
+        let set = ParameterCommand::Set(name.try_into().unwrap(), value);
+        operation.ask(Command::Parameter(set)).unwrap();
+    }
+    let (largest, refusal) = armed(&mut operation);
+    assert_eq!(refusal, None);
+    assert!(largest < 2.0, "{largest} A");
 }

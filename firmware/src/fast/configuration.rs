@@ -103,7 +103,7 @@ impl Configuration {
         let bus = divider.map_or(0.0, |scale| f64::from(scale.get()) * 1e-6)
             * f64::from(settings.battery_scale);
         let mut configuration = Self {
-            shaker: shaker(settings),
+            shaker: position_loop(settings),
             motors: [0, 1].map(|motor| Self::current_loop(settings, hardware, motor)),
             burning_per_speed: [0, 1].map(|motor| match divider {
                 Some(_) => 0,
@@ -159,21 +159,11 @@ impl Configuration {
     /// Returns the current loop of a motor (0: top, 1: bottom).
     #[must_use]
     pub fn current_loop(settings: &Settings, hardware: &Hardware, motor: usize) -> Model {
-        let bandwidth = TAU * f64::from(settings.current_bandwidth);
-        let resistance = f64::from(settings.phase_resistance[motor]);
         let inductance = f64::from(settings.phase_inductance[motor] * MILLI);
-        // Electrical radians per second in one 2^-32 turn per tick, times 2^32.
-        let speed = TAU * RATE;
         let pwm_frequency = f64::from(hardware.pwm_frequency_hz);
         Model {
-            proportional: scaled(inductance * bandwidth, 24),
-            integral: scaled(resistance * bandwidth / RATE, 24),
-            resistance: scaled(resistance, 24),
-            conductance: scaled(1.0 / resistance.max(LEAST_RESISTANCE), 24),
-            reactance: scaled(speed * inductance, 22),
-            back_emf: scaled(speed * flux_linkage(settings, motor), 16),
-            lead: scaled(TAU * f64::from(settings.actuation_delay) * 1e-6 * RATE, 28),
             dead_time: scaled(dead_time_slope(dead_share(hardware), inductance, pwm_frequency), 24),
+            ..regulator(settings, motor)
         }
     }
 
@@ -202,6 +192,32 @@ impl Configuration {
     }
 }
 
+/// Returns the current loop of a motor on bridges without dead time.
+pub(crate) fn regulator(settings: &Settings, motor: usize) -> Model {
+    let bandwidth = TAU * f64::from(settings.current_bandwidth);
+    let resistance = f64::from(settings.phase_resistance[motor]);
+    let inductance = f64::from(settings.phase_inductance[motor] * MILLI);
+    // Electrical radians per second in one 2^-32 turn per tick, times 2^32.
+    let speed = TAU * RATE;
+    Model {
+        proportional: scaled(inductance * bandwidth, 24),
+        integral: scaled(resistance * bandwidth / RATE, 24),
+        resistance: scaled(resistance, 24),
+        conductance: scaled(1.0 / resistance.max(LEAST_RESISTANCE), 24),
+        reactance: scaled(speed * inductance, 22),
+        back_emf: scaled(speed * flux_linkage(settings, motor), 16),
+        lead: scaled(TAU * f64::from(settings.actuation_delay) * 1e-6 * RATE, 28),
+        dead_time: 0,
+    }
+}
+
+/// Returns by which share of its speed a shorted motor of this inertia slows down in a tick, at first.
+pub(crate) fn braking(settings: &Settings, motor: usize) -> f32 {
+    let linked = f32::from(pole_pairs(settings)) * settings.flux_linkage[motor] * MILLI;
+    let inertia = settings.rotor_inertia * KG_M2_PER_G_CM2;
+    1.5 * linked * linked / (settings.phase_resistance[motor] * inertia * TICK_RATE_HZ as f32)
+}
+
 /// Returns the share of a PWM period that dead time takes.
 fn dead_share(hardware: &Hardware) -> f64 {
     f64::from(hardware.dead_time_ns) * 1e-9 * f64::from(hardware.pwm_frequency_hz)
@@ -222,7 +238,8 @@ fn burning_per_speed(settings: &Settings, motor: usize) -> f64 {
     burning::current_per_speed(resistance, TAU * RATE * flux_linkage(settings, motor))
 }
 
-fn shaker(settings: &Settings) -> ShakerModel {
+/// Returns the loops that hold f and theta.
+pub(crate) fn position_loop(settings: &Settings) -> ShakerModel {
     let natural = TAU * f64::from(settings.position_bandwidth) / RATE;
     let limit = f64::from(settings.current_limit) * CURRENT_MARGIN;
     let inertia = f64::from(settings.rotor_inertia * KG_M2_PER_G_CM2);
@@ -248,24 +265,29 @@ fn shaker(settings: &Settings) -> ShakerModel {
 }
 
 fn encoder(settings: &Settings, motor: usize) -> EncoderModel {
+    let mut model = tracker(settings, motor);
+    let alignment = settings.alignment(motor);
+    for entry in 0..TABLE_LENGTH {
+        model.set_entry(entry, &alignment.eccentricity);
+    }
+    model
+}
+
+/// Returns how the encoder of a motor is followed, but for its eccentricity.
+pub(crate) fn tracker(settings: &Settings, motor: usize) -> EncoderModel {
     let natural = TAU * f64::from(settings.tracker_bandwidth) / RATE;
     // A reading is brought forward at the present speed, so that an error of that speed shows in it with the other sign: it
     // takes damping, as much as the late reading is ticks late.
     let late = f64::from(settings.encoder_latency) / f64::from(TICK_US);
     let damping = 2.0 * TRACKER_DAMPING * natural + natural * natural * late;
-    let mut model = EncoderModel {
+    EncoderModel {
         direction_sign: if settings.encoder_clockwise[motor] != 0.0 { 1 } else { -1 },
         zero: RotorAngle::from_degrees(settings.encoder_zero[motor]),
         latency_us: settings.encoder_latency as i32,
         angle_gain: scaled(damping, 32),
         speed_gain: scaled(natural * natural, 32),
         eccentricity: [0; TABLE_LENGTH],
-    };
-    let alignment = settings.alignment(motor);
-    for entry in 0..TABLE_LENGTH {
-        model.set_entry(entry, &alignment.eccentricity);
     }
-    model
 }
 
 #[cfg(test)]

@@ -81,6 +81,8 @@ pub struct Control {
     present: Faults,
     at_rest: bool,
     aligned: bool,
+    /// Whether a configuration waits that was not taken yet.
+    outdated: bool,
     /// A fault that alignment found, for the next tick.
     misaligned: Faults,
     still: u32,
@@ -115,6 +117,7 @@ impl Control {
             present: Faults::NONE,
             at_rest: false,
             aligned: false,
+            outdated: false,
             misaligned: Faults::NONE,
             still: 0,
             lateness: 0,
@@ -128,12 +131,24 @@ impl Control {
         }
     }
 
-    /// Takes over a new configuration; only while disarmed or faulted, with the rotors at rest.
-    /// Returns whether it did.
+    /// Takes over a new configuration; only while disarmed or faulted, or before aligning begins, with the rotors at rest.
+    /// Returns whether it did; one that it did not take keeps it from beginning to drive the motors in the next tick.
     pub fn configure(&mut self, configuration: &Configuration) -> bool {
-        let idle = matches!(self.supervisor.state, State::Disarmed | State::Faulted)
-            && self.still >= REST_TICKS;
+        let idle = match self.supervisor.state {
+            State::Disarmed | State::Faulted => true,
+            State::Aligning => matches!(self.activity, Activity::Idle),
+            State::Armed | State::Running | State::Stopping => false,
+        };
+        let idle = idle && (self.still >= REST_TICKS || self.supervisor.braked_for_long());
+        self.outdated = !idle;
         if idle {
+            for (tracker, (old, new)) in self
+                .trackers
+                .iter_mut()
+                .zip(self.configuration.encoders.iter().zip(&configuration.encoders))
+            {
+                tracker.count_otherwise(old, new);
+            }
             self.configuration = *configuration;
             if configuration.bus_per_count == 0 {
                 self.bus_voltage = configuration.bus_nominal;
@@ -176,6 +191,7 @@ impl Control {
             present,
             at_rest: self.at_rest,
             aligned: core::mem::take(&mut self.aligned),
+            outdated: core::mem::take(&mut self.outdated),
         };
         match self.supervisor.update(now, order, &conditions) {
             Drive::Shake(frequency, turn) => {

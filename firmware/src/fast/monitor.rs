@@ -10,7 +10,7 @@ use crate::fast::configuration::Configuration;
 use crate::fast::foc::current::CurrentLoop;
 use crate::fast::shaker::Shaker;
 use crate::fast::tracker::Tracker;
-use crate::fast::units::{Current, Speed, TURN_PER_DEGREE, Voltage, magnitude};
+use crate::fast::units::{Current, Speed, TURN_PER_DEGREE, Voltage, magnitude, within};
 
 /// Consecutive samples above the limit that are an over-current: one alone may be a spike.
 const OVER_CURRENT_TICKS: u32 = 2;
@@ -47,6 +47,17 @@ const OPEN_PHASE_SHIFT: u32 = 3;
 const SIGNIFICANT_CURRENT: Current = Current::from_raw(9_830);
 /// Peaks fade within 2^5 diagnoses, 50 ms, several electrical turns.
 const PEAK_SHIFT: u32 = 5;
+/// Heat that currents which come and go may make in both motors where the rotors are to rest: 0.4 W, 2^-16 W. Holding a
+/// mass against gravity takes a current that stays; a robot that is carried about, less than 0.1 W.
+const LARGEST_SHIVER: i64 = 26_214;
+/// Ticks for which they may make more: 0.5 s, longer than what a push leaves in the averages.
+const SHIVER_TICKS: u32 = 5_000;
+/// The current that stays is averaged over 2^4 diagnoses: what changes more slowly than at 6 Hz stays.
+const STAY_SHIFT: u32 = 4;
+/// Squares are averaged over 2^6 diagnoses: 0.1 s.
+const SHIVER_SHIFT: u32 = 6;
+/// Larger currents are taken for this: 8 A.
+const LARGEST_SHIVER_CURRENT: i32 = 8 << 16;
 /// What builds up slowly is looked at in one tick of so many.
 pub(crate) const DIAGNOSTIC_TICKS: u32 = 16;
 
@@ -69,6 +80,34 @@ impl Debounce {
     /// Counts one diagnosis, for a limit in ticks.
     const fn diagnose(&mut self, wrong: bool, ticks: u32) -> bool {
         self.count(wrong, ticks / DIAGNOSTIC_TICKS)
+    }
+}
+
+/// How far the currents of a motor come and go.
+#[derive(Debug, Clone, Copy, Default)]
+struct Shiver {
+    /// Means of d and q current, 2^-16 A in 2^-4.
+    means: [i32; 2],
+    /// Mean square about them, 2^-16 A^2 in 2^-6.
+    square: i32,
+}
+
+impl Shiver {
+    /// Takes d and q current of a diagnosis.
+    fn add(&mut self, currents: [Current; 2]) {
+        let mut square = 0;
+        for (mean, current) in self.means.iter_mut().zip(currents) {
+            *mean += current.raw() - (*mean >> STAY_SHIFT);
+            let off = within(current.raw() - (*mean >> STAY_SHIFT), LARGEST_SHIVER_CURRENT);
+            square += ((i64::from(off) * i64::from(off)) >> 16) as i32;
+        }
+        self.square += square - (self.square >> SHIVER_SHIFT);
+    }
+
+    /// Returns the heat that they make in phases of this resistance, 2^-24 ohm: 2^-16 W. A square of d and q currents is
+    /// two thirds of the sum of the phases' squares.
+    fn heat(self, resistance: i32) -> i64 {
+        (i64::from(self.square >> SHIVER_SHIFT) * i64::from(resistance) * 3) >> 25
     }
 }
 
@@ -107,6 +146,9 @@ pub(crate) struct Monitor {
     frequency_limited: bool,
     residual: Debounce,
     open_phase: [Debounce; 2],
+    shiver: Debounce,
+    /// Top, bottom.
+    shivers: [Shiver; 2],
     /// Fading peaks of the phase currents.
     peaks: [[Current; 3]; 2],
 }
@@ -150,11 +192,13 @@ impl Monitor {
         let Observation { configuration, trackers, loops, shaker, target, .. } = *observation;
         let pressed = shaker.limited();
         let going_on = shaker.frequency().magnitude() > GOING_ON;
+        let shivers = self.shivers(observation);
         let mut stalled = false;
         let counts = self.stall.iter_mut().zip(&mut self.blocked);
         for (tracker, (stall, blocked)) in trackers.iter().zip(counts) {
             let still = tracker.speed().magnitude() < STALLED;
-            stalled |= stall.diagnose(still && pressed, STALL_TICKS)
+            // One that shivers is pressed, and moves too fast to be seen to.
+            stalled |= stall.diagnose(still && pressed && !shivers, STALL_TICKS)
                 | blocked.diagnose(still && going_on, BLOCKED_TICKS);
         }
         let unlocked = shaker.slipping() || magnitude(shaker.sum_error()) > LARGEST_SUM_ERROR;
@@ -167,10 +211,29 @@ impl Monitor {
             residual.d.magnitude().max(residual.q.magnitude()) > configuration.largest_residual
         });
         faults
+            .with_if(Fault::Shiver, self.shiver.diagnose(shivers, SHIVER_TICKS))
             .with_if(Fault::Stall, stalled)
             .with_if(Fault::PhaseLockLost, lost)
             .with_if(Fault::Alignment, self.open_phase(observation.currents, going_on))
             .with_if(Fault::CurrentSense, self.residual.diagnose(off, RESIDUAL_TICKS))
+    }
+
+    /// Returns whether currents come and go, now, in motors whose rotors are to rest.
+    fn shivers(&mut self, observation: &Observation<'_>) -> bool {
+        let Observation { configuration, loops, shaker, .. } = *observation;
+        if !shaker.standing() {
+            self.shivers = [Shiver::default(); 2];
+            return false;
+        }
+        let mut heat = 0;
+        for ((shiver, current_loop), model) in
+            self.shivers.iter_mut().zip(loops).zip(&configuration.motors)
+        {
+            let current = current_loop.current();
+            shiver.add([current.d, current.q]);
+            heat += shiver.heat(model.resistance);
+        }
+        heat > LARGEST_SHIVER
     }
 
     /// Returns whether a phase carries next to nothing while its motor turns and the others carry.
@@ -327,6 +390,42 @@ mod tests {
         let step = Voltage::from_raw(1);
         assert_limit(&at(least), &at(least - step), Fault::UnderVoltage, UNDER_VOLTAGE_TICKS);
         assert_limit(&at(most), &at(most + step), Fault::OverVoltage, OVER_VOLTAGE_TICKS);
+    }
+
+    /// When a monitor names something that currents of this size make of a robot at rest, which come and go in the q axis of a
+    /// motor, or stay; in diagnoses.
+    fn seen_at_rest(motor: usize, amperes: f64, comes_and_goes: bool) -> Option<(u32, Fault)> {
+        let mut scene = Scene::with(Speed::ZERO, 0, true);
+        let mut monitor = Monitor::default();
+        (1..=LONG).find_map(|count| {
+            let sign = if comes_and_goes && count % 8 < 4 { -1.0 } else { 1.0 };
+            let q = Current::from_amperes(sign * amperes);
+            scene.loops[motor].note(Rotor { d: Current::ZERO, q }, Rotor::default());
+            scene.look(&mut monitor).iter().next().map(|fault| (count, fault))
+        })
+    }
+
+    #[test]
+    fn currents_that_come_and_go_at_rest_are_a_shiver_from_four_tenths_of_a_watt_on() {
+        // 2.5 ohm: 3.75 W at 1 A.
+        for motor in [0, 1] {
+            for amperes in [0.35, 0.5, 1.8] {
+                let (count, fault) = seen_at_rest(motor, amperes, true).unwrap();
+                assert_eq!(fault, Fault::Shiver, "{amperes} A");
+                assert!(count * DIAGNOSTIC_TICKS < 8_000, "{amperes} A: {count}");
+            }
+            assert_eq!(seen_at_rest(motor, 0.3, true), None);
+            assert_eq!(seen_at_rest(motor, 0.3, false), None);
+        }
+    }
+
+    #[test]
+    fn a_current_that_stays_is_no_shiver() {
+        for motor in [0, 1] {
+            for amperes in [0.5, 1.0, 2.0] {
+                assert_eq!(seen_at_rest(motor, amperes, false), None, "{amperes} A");
+            }
+        }
     }
 
     #[test]

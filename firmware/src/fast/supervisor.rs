@@ -10,6 +10,9 @@
 //! Faulted <------------------ any fault, from any state
 //! ```
 //!
+//! Settings are taken over where the rotors rest. Aligning, and so arming, begins once they are; where the rotors do not come
+//! to rest, it fails.
+//!
 //! The failsafe ladder counts from the arrival of the newest valid command: after [`LINK_LATE`] the
 //! operator is warned, after [`COMMAND_DEADLINE`] both rotors ramp down together, after [`LINK_LOST`]
 //! the motors are disarmed. Apart from that, a command counts only until it expires
@@ -33,6 +36,7 @@ use flix_protocol::message::{Fault, Faults, State};
 use flix_protocol::units::Instant;
 
 use crate::exchange::{EventCounters, Order, Requests};
+use crate::fast::still::REST_TICKS;
 use crate::fast::units::Speed;
 
 /// [`LINK_LATE`] in microseconds.
@@ -48,6 +52,9 @@ const LONGEST_RAMP_TICKS: u16 = 4_000;
 const BRAKE_TICKS: u16 = 5_000;
 /// Ticks for which an over-current coasts before it brakes: 2 ms, six electrical time constants.
 const COAST_TICKS: u16 = 20;
+
+/// Ticks for which arming waits for rotors to come to rest, so that settings are taken over: 2 s, as alignment does.
+const LONGEST_WAIT_TICKS: u16 = REST_TICKS as u16;
 
 /// What the motors are to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,6 +80,8 @@ pub(crate) struct Conditions {
     pub(crate) at_rest: bool,
     /// Whether alignment, or the trial, finished in the last tick.
     pub(crate) aligned: bool,
+    /// Whether settings wait to be taken over: nothing is driven with those before.
+    pub(crate) outdated: bool,
 }
 
 /// Why the rotors ramp down.
@@ -172,6 +181,11 @@ impl Supervisor {
             self.link_lost = false;
         }
         self.advance(order, conditions)
+    }
+
+    /// Returns whether it has been in its state for so long that rotors which are not driven stand, whatever the encoders say.
+    pub(crate) const fn braked_for_long(&self) -> bool {
+        self.ticks == u16::MAX
     }
 
     fn enter(&mut self, state: State) {
@@ -299,6 +313,7 @@ impl Supervisor {
     fn advance(&mut self, order: &Order, conditions: &Conditions) -> Drive {
         match self.state {
             State::Disarmed => self.rest(conditions),
+            State::Aligning if conditions.outdated => self.wait(conditions),
             State::Aligning => {
                 if conditions.aligned && self.tries {
                     self.enter(State::Disarmed);
@@ -330,6 +345,16 @@ impl Supervisor {
         }
     }
 
+    /// Brakes until the newest settings are in force.
+    #[cold]
+    fn wait(&mut self, conditions: &Conditions) -> Drive {
+        if self.ticks <= LONGEST_WAIT_TICKS {
+            return Drive::Brake;
+        }
+        self.raise(Faults::NONE.with(Fault::Alignment));
+        self.make_safe(conditions)
+    }
+
     fn stop(&mut self, conditions: &Conditions) -> Drive {
         let back = self.reason == Reason::Deadline && !self.link_late;
         if back {
@@ -352,7 +377,7 @@ impl Supervisor {
     /// Switches off where the rotors stand, and brakes where they do not: a robot that restarts in the
     /// middle of a run finds them spinning.
     fn rest(&self, conditions: &Conditions) -> Drive {
-        let stands = conditions.at_rest || self.ticks == u16::MAX;
+        let stands = conditions.at_rest || self.braked_for_long();
         if self.ticks >= BRAKE_TICKS && stands { Drive::Off } else { Drive::Brake }
     }
 

@@ -159,6 +159,14 @@ impl Tracker {
         self.angle = self.angle.after(ticks, self.speed);
     }
 
+    /// Counts the same rotor as another model of its encoder does: from another zero, or the other way.
+    pub(crate) fn count_otherwise(&mut self, old: &EncoderModel, new: &EncoderModel) {
+        let sign = old.direction_sign * new.direction_sign;
+        let turned = self.angle.ahead_of(old.zero).wrapping_mul(sign);
+        self.angle = new.zero.turned(turned);
+        self.speed = Speed::from_raw(self.speed.raw() * sign);
+    }
+
     /// Does one tick. Never panics.
     #[inline(always)]
     pub(crate) fn update(&mut self, model: &EncoderModel, encoder: Encoder) {

@@ -29,7 +29,9 @@ pub(crate) fn make(chip: Chip, options: &Options) -> Result<PathBuf, Error> {
         Some(ImageMaker::Esptool(esptool)) => {
             run::run(
                 run::command(&esptool)
-                    .args(["--chip", chip.name(), "elf2image", "--output"])
+                    .args(["--chip", chip.name(), "elf2image"])
+                    // As espflash does by itself: which build it is, into the descriptor at the image's beginning.
+                    .args(["--elf-sha256-offset", "0xb0", "--output"])
                     .arg(&image)
                     .arg(&elf),
             )?;

@@ -10,6 +10,7 @@ use flix_protocol::units::Instant;
 use super::robot::RobotArgs;
 use super::walk::PoseArgs;
 use super::{Error, Exit};
+use flix_host::explain;
 use flix_host::interrupt::Interrupt;
 use flix_host::link::udp::{Connection, LinkError};
 use flix_host::pose::PoseSource;
@@ -149,12 +150,14 @@ fn identity(connection: &mut Connection) -> Vec<Finding> {
 }
 
 fn judge_reset(reset: &ResetReason) -> Finding {
-    let advice = match reset {
-        ResetReason::BrownOut => "charge the battery, and look at its leads and the board's supply",
-        reset if reset.is_accident() => "a defect of the firmware: report it with this line",
-        _ => return Finding::good("reset", format_args!("started after {reset}")),
-    };
-    Finding::bad("reset", Exit::RobotFault, format_args!("started after {reset}: {advice}"))
+    match explain::reset(reset) {
+        Some(advice) => Finding::bad(
+            "reset",
+            Exit::RobotFault,
+            format_args!("started after {reset}: {advice}; `flix crash` shows more"),
+        ),
+        None => Finding::good("reset", format_args!("started after {reset}")),
+    }
 }
 
 fn link(connection: &Connection) -> Finding {

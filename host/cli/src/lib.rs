@@ -19,6 +19,7 @@ pub mod clear;
 pub mod cockpit;
 pub mod commission;
 pub mod completions;
+pub mod crash;
 pub mod discover;
 pub mod doctor;
 pub mod drive;
@@ -36,6 +37,7 @@ pub mod runs;
 pub mod scope;
 pub mod status;
 pub mod stop;
+mod symbols;
 pub mod teleop;
 pub mod track;
 pub mod walk;
@@ -77,6 +79,7 @@ enum Command {
     Cockpit(cockpit::Args),
     Drive(drive::Args),
     Status(status::Args),
+    Crash(crash::Args),
     Stop(stop::Args),
     Clear(clear::Args),
     Parameters(parameters::Args),
@@ -108,6 +111,7 @@ impl Cli {
             Command::Cockpit(args) => cockpit::run(args),
             Command::Drive(args) => drive::run(args),
             Command::Status(args) => status::run(args),
+            Command::Crash(args) => crash::run(args),
             Command::Stop(args) => stop::run(args),
             Command::Clear(args) => clear::run(args),
             Command::Parameters(args) => parameters::run(args),

@@ -5,11 +5,13 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use flix_protocol::message::{
-    Command, DropReason, Dropped, Fault, Identity, MotorTelemetry, Outcome, Setpoint, Telemetry,
+    Command, CrashReport, DropReason, Dropped, Fault, Identity, MotorTelemetry, Outcome, Setpoint,
+    Telemetry,
 };
 use serde::Serialize;
 use serde_json::{Map, Value};
 
+use super::crash;
 use super::robot::RobotArgs;
 use super::{Error, Exit};
 use flix_host::explain;
@@ -50,7 +52,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if args.json {
         print_json(&status)?;
     } else {
-        print(&describe(&status))?;
+        print(&describe(&status, &args.robot.robot))?;
     }
     Ok(Exit::Done.into())
 }
@@ -59,6 +61,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 #[derive(Debug, Clone, Serialize)]
 pub struct Status {
     robot: Robot,
+    crash: Option<String>,
     operator: String,
     state: String,
     stopped: bool,
@@ -144,13 +147,15 @@ pub fn ask(connection: &mut Connection) -> Result<Status, LinkError> {
     let Outcome::Identity(identity) = connection.ask(Command::Identify)? else {
         return Err(LinkError::Unanswered);
     };
+    let crash = crash::ask(connection)?;
     let telemetry = match connection.client().telemetry() {
         Some(telemetry) => *telemetry,
         None => connection
             .wait_for_telemetry(TELEMETRY_PATIENCE, |_| true)?
             .ok_or(LinkError::Unanswered)?,
     };
-    Ok(Status::new(&identity, &telemetry, connection.client()))
+    let status = Status::new(&identity, &telemetry, connection.client());
+    Ok(Status { crash: crash.as_ref().map(accident), ..status })
 }
 
 impl Status {
@@ -171,6 +176,7 @@ impl Status {
                 version: printable(&identity.version).into_owned(),
                 reset_reason: identity.reset.to_string(),
             },
+            crash: None,
             operator: telemetry.operator.to_string(),
             state: telemetry.state.to_string(),
             stopped: telemetry.stopped,
@@ -212,6 +218,17 @@ impl Status {
     }
 }
 
+/// Returns what a robot kept of its last accident, in a few words.
+fn accident(report: &CrashReport) -> String {
+    let reset = report.reset.to_string();
+    let reset = printable(&reset);
+    match report.fault.as_ref().and_then(|fault| fault.first_fault) {
+        Some(fault) if report.reset.is_accident() => format!("{reset}, after the fault {fault}"),
+        Some(fault) => format!("{fault}, before {reset}"),
+        None => reset.into_owned(),
+    }
+}
+
 impl From<Fault> for Explained {
     fn from(fault: Fault) -> Self {
         Self { name: fault.to_string(), meaning: explain::fault(fault) }
@@ -243,7 +260,7 @@ fn by_reason(dropped: &Dropped) -> Map<String, Value> {
         .collect()
 }
 
-fn describe(status: &Status) -> String {
+fn describe(status: &Status, name: &str) -> String {
     let mut text = String::new();
     let mut row = |name: &str, value: String| {
         // Writing to a string does not fail.
@@ -251,6 +268,9 @@ fn describe(status: &Status) -> String {
     };
     row("robot", status.robot_line());
     row("started", format!("after {}", status.robot.reset_reason));
+    if let Some(crash) = &status.crash {
+        row("accident", format!("{crash}: `flix crash {name}` shows more"));
+    }
     row("you are", status.operator.clone());
     let stopped = match &status.stopped_by {
         Some(by) => format!(", stopped by {by}: `flix clear` makes it ready again"),

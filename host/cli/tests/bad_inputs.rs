@@ -48,6 +48,15 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("status 127.0.0.1:9 --key {home}/good.key", 10, "answer"),
     ("clear 127.0.0.1:9 --key {home}/good.key", 10, "answer"),
     ("stop 127.0.0.1:9 --key {home}/good.key", 10, "answer"),
+    // A crash and its ELF file.
+    ("crash 127.0.0.1:9 --elf", 2, "--elf"),
+    ("crash 127.0.0.1:9 --elf {home}/none.elf", 2, "No such file"),
+    ("crash 127.0.0.1:9 --elf {home}", 2, "is a directory"),
+    ("crash 127.0.0.1:9 --elf {home}/fifo", 2, "is a pipe"),
+    ("crash 127.0.0.1:9 --elf /dev/zero", 2, "is a device"),
+    ("crash 127.0.0.1:9 --elf {home}/empty", 2, "not an ELF file"),
+    ("crash 127.0.0.1:9 --elf {home}/short.key", 2, "not an ELF file"),
+    ("crash 127.0.0.1:9 --key {home}/good.key", 10, "answer"),
     // Its key.
     ("status 127.0.0.1:9 --key", 2, "--key"),
     ("status 127.0.0.1:9 --key {home}/none.key", 2, "No such file"),

@@ -12,9 +12,14 @@ use flix_host::link::udp::Connection;
 use flix_host::nav::PlanarPose;
 use flix_host::pose::Pose;
 use flix_host::pose::natnet::{NatNetServer, ServerSettings};
-use flix_protocol::message::{Fault, Faults, ResetReason, Setpoint, State};
+use flix_protocol::message::{
+    BuildId, CrashReport, Fault, FaultSummary, Faults, Mark, MotorCurrents, ResetReason, Setpoint,
+    State,
+};
 use flix_protocol::session::Key;
-use flix_protocol::units::{Degrees, Hertz};
+use flix_protocol::units::{Amperes, Degrees, Hertz};
+use object::{Object, ObjectSymbol, SymbolKind};
+use sha2::{Digest, Sha256};
 
 /// An operator's account: a home of its own, and a key file.
 struct Operator {
@@ -766,6 +771,82 @@ fn status_tells_why_the_robot_started() {
     }
 }
 
+fn watchdog_after_a_stall() -> CrashReport {
+    CrashReport {
+        reset: ResetReason::Tasks,
+        message: "".try_into().unwrap(),
+        counters: [0x4200_1234].into_iter().collect(),
+        version: "0.1.0".try_into().unwrap(),
+        build: None,
+        uptime: None,
+        fault: Some(FaultSummary {
+            time: flix_protocol::units::Instant::from_micros(2_500_000),
+            faults: Faults::NONE.with(Fault::Stall),
+            first_fault: Some(Fault::Stall),
+            state: State::Running,
+            frequency: Hertz::saturating(-30.0),
+            direction: Degrees::saturating(30.0),
+            currents: [MotorCurrents { direct: Amperes::ZERO, quadrature: Amperes::ZERO }; 2],
+            bus_voltage: None,
+        }),
+    }
+}
+
+#[test]
+fn an_accident_is_pointed_out_by_status_and_described_by_crash() {
+    let mut restarted = robot();
+    restarted.crash = Some(watchdog_after_a_stall());
+    let (_served, address) = serve(restarted);
+    let operator = Operator::new();
+    let status = operator.flix(&["status", &address]).expect(0, &[]).stdout();
+    assert!(status.contains("tasks that hung, after the fault stall"), "{status}");
+    assert!(status.contains(&format!("`flix crash {address}`")), "{status}");
+    let text = operator.flix(&["crash", &address]).expect(0, &[]).stdout();
+    for said in ["after tasks that hung", "2.500 s", "stall: ", "0x42001234", "--elf FILE"] {
+        assert!(text.contains(said), "`{said}` is missing in: {text}");
+    }
+    let json = operator.flix(&["crash", &address, "--json"]).expect(0, &[]).json();
+    assert_eq!(json["fault"]["first_fault"], "stall");
+    assert_eq!(json["fault"]["state"], "running");
+    assert_eq!(json["calls"][0]["address"], "0x42001234");
+}
+
+#[test]
+fn without_an_accident_status_is_silent_about_it_and_crash_says_so() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    let status = operator.flix(&["status", &address]).expect(0, &[]).stdout();
+    assert!(!status.contains("flix crash"), "{status}");
+    let text = operator.flix(&["crash", &address]).expect(0, &[]).stdout();
+    assert!(text.contains("no accident"), "{text}");
+    let json = operator.flix(&["crash", &address, "--json"]).expect(0, &[]).json();
+    assert!(json.is_null(), "{json}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn the_elf_file_of_the_build_that_crashed_names_its_functions_and_another_is_refused() {
+    // Any program will do: this one is at hand.
+    let program = env!("CARGO_BIN_EXE_flix");
+    let elf = std::fs::read(program).unwrap();
+    let build = BuildId::of(&Sha256::digest(&elf).into());
+    let file = object::File::parse(&*elf).unwrap();
+    let main = file.symbols().find(|symbol| {
+        symbol.kind() == SymbolKind::Text && symbol.name().is_ok_and(|it| it.contains("4flix4main"))
+    });
+    let counter = u32::try_from(main.unwrap().address()).unwrap();
+    let mut restarted = robot();
+    let counters = [counter].into_iter().collect();
+    restarted.crash = Some(CrashReport { build, counters, ..watchdog_after_a_stall() });
+    let (_served, address) = serve(restarted);
+    let operator = Operator::new();
+    let text = operator.flix(&["crash", &address, "--elf", program]).expect(0, &[]).stdout();
+    assert!(text.contains("flix::main") && text.contains("src/main.rs:"), "{text}");
+    let other = std::env::current_exe().unwrap();
+    let words = ["crash", &address, "--elf", other.to_str().unwrap()];
+    operator.flix(&words).expect(2, &["build", "that was flashed"]);
+}
+
 #[test]
 fn status_counts_dropped_datagrams_by_reason() {
     let (_served, address) = serve(robot());
@@ -814,6 +895,22 @@ fn a_file_with_one_wrong_value_sets_nothing() {
     let words = ["parameters", "import", &address, file.to_str().unwrap()];
     operator.flix(&words).expect(2, &["loop_gain", "0.1 to 10", "nothing was changed"]);
     assert!((served.robot().parameters[0].value - 1.5).abs() < 1e-6);
+}
+
+#[test]
+fn assumed_values_are_shown_and_accepted_only_where_that_is_wanted() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let mark = || served.robot().parameters.iter().find_map(|parameter| parameter.mark);
+    let list = operator.flix(&["parameters", "list", &address]).expect(0, &[]).stdout();
+    assert!(list.contains("flix commission"), "{list}");
+    assert_eq!(mark(), Some(Mark::Assumed));
+    let accept = ["parameters", "accept", &address, "--save"];
+    let shown = operator.flix(&accept).expect(0, &[]).stdout();
+    assert!(shown.contains("pole_pairs") && shown.contains("Accepted"), "{shown}");
+    assert_eq!(mark(), Some(Mark::Entered));
+    let shown = operator.flix(&accept).expect(0, &[]).stdout();
+    assert_eq!(shown, "No value is assumed.\n");
 }
 
 #[test]

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use flix_protocol::message::{
-    Channel, Command, Outcome, ParameterCommand, ScopeCommand, ScopePlan, ScopeState, Setpoint,
-    State, Trigger,
+    Channel, Command, Mark, Outcome, Parameter, ParameterCommand, ScopeCommand, ScopePlan,
+    ScopeState, Setpoint, State, Trigger,
 };
 
 use super::running::{self, Change, Steady};
@@ -32,57 +32,76 @@ pub(super) type Done<T, S> = Result<T, CommissionError<<S as Subject>::Error>>;
 /// A robot, and what was changed about it.
 pub(super) struct Desk<'a, S> {
     pub(super) subject: &'a mut S,
-    /// Settings: name, value before, value now.
-    changed: Vec<(String, f32, f32)>,
+    changed: Vec<Changed>,
+    /// Whether the robot was armed, and so aligned anew.
+    is_aligned: bool,
+}
+
+/// A setting that was changed.
+struct Changed {
+    name: String,
+    before: f32,
+    /// How the value before was known; `None` where that needs no word.
+    mark: Option<Mark>,
+    now: f32,
 }
 
 impl<'a, S: Subject> Desk<'a, S> {
     pub(super) const fn new(subject: &'a mut S) -> Self {
-        Self { subject, changed: Vec::new() }
+        Self { subject, changed: Vec::new(), is_aligned: false }
     }
 
     /// Returns the settings that are not what they were.
     pub(super) fn changes(&self) -> Vec<(String, f32, f32)> {
-        self.changed.iter().filter(|(_, before, now)| before != now).cloned().collect()
+        let differing = self.changed.iter().filter(|it| it.before != it.now);
+        differing.map(|it| (it.name.clone(), it.before, it.now)).collect()
     }
 
-    /// Disarms, and puts all settings back; what the robot refuses stays.
+    /// Disarms, and puts all settings back, the newest first; what the robot refuses stays. An alignment of before does not
+    /// come back once there was a new one.
     pub(super) fn restore(&mut self) {
         let _ = self.subject.disarm();
-        for (name, before, _) in core::mem::take(&mut self.changed) {
-            let _ = self.write(&name, before);
+        for Changed { name, before, mark, .. } in
+            core::mem::take(&mut self.changed).into_iter().rev()
+        {
+            if self.is_aligned && name.ends_with("_aligned") {
+                continue;
+            }
+            // First as if it were measured: that makes nothing else assumed.
+            let _ = self.write(&name, before, Mark::Measured);
+            let _ = mark.map(|mark| self.write(&name, before, mark));
         }
     }
 
     pub(super) fn setting(&mut self, name: &str) -> Done<f64, S> {
-        self.read(name).map(f64::from)
+        self.read(name).map(|parameter| parameter.value.into())
     }
 
-    fn read(&mut self, name: &str) -> Done<f32, S> {
+    fn read(&mut self, name: &str) -> Done<Parameter, S> {
         let name = name.try_into().map_err(|_| CommissionError::OtherAnswer)?;
         match self.subject.ask(Command::Parameter(ParameterCommand::Get(name)))? {
-            Outcome::Parameter(parameter) => Ok(parameter.value),
+            Outcome::Parameter(parameter) => Ok(parameter),
             _ => Err(CommissionError::OtherAnswer),
         }
     }
 
-    fn write(&mut self, name: &str, value: f32) -> Done<(), S> {
+    fn write(&mut self, name: &str, value: f32, mark: Mark) -> Done<(), S> {
         let name = name.try_into().map_err(|_| CommissionError::OtherAnswer)?;
-        self.subject.ask(Command::Parameter(ParameterCommand::Set(name, value)))?;
+        self.subject.ask(Command::Parameter(ParameterCommand::Put(name, value, mark)))?;
         Ok(())
     }
 
     /// Changes a setting.
     pub(super) fn set(&mut self, name: &str, value: f64) -> Done<(), S> {
         let value = value as f32;
-        match self.changed.iter().position(|changed| changed.0 == name) {
-            Some(index) => self.changed[index].2 = value,
+        match self.changed.iter().position(|changed| changed.name == name) {
+            Some(index) => self.changed[index].now = value,
             None => {
-                let before = self.read(name)?;
-                self.changed.push((name.to_owned(), before, value));
+                let Parameter { value: before, mark, .. } = self.read(name)?;
+                self.changed.push(Changed { name: name.to_owned(), before, mark, now: value });
             }
         }
-        self.write(name, value)
+        self.write(name, value, Mark::Measured)
     }
 
     /// Changes a setting of both motors.
@@ -95,7 +114,7 @@ impl<'a, S: Subject> Desk<'a, S> {
 
     /// Gives a setting the value that it had.
     pub(super) fn set_back(&mut self, name: &str) -> Done<(), S> {
-        let before = self.changed.iter().find(|changed| changed.0 == name).map(|it| it.1);
+        let before = self.changed.iter().find(|changed| changed.name == name).map(|it| it.before);
         before.map_or(Ok(()), |before| self.set(name, before.into()))
     }
 
@@ -127,6 +146,7 @@ impl<'a, S: Subject> Desk<'a, S> {
     }
 
     pub(super) fn arm(&mut self, step: Step) -> Done<(), S> {
+        self.is_aligned = true;
         let armed = self.subject.arm();
         self.check(step)?;
         Ok(armed?)

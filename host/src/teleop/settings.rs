@@ -141,6 +141,8 @@ pub struct Described<'a> {
     pub minimum: f32,
     /// Largest accepted value.
     pub maximum: f32,
+    /// How the value is known: "assumed", "entered" or "measured"; `None` where that needs no word.
+    pub mark: Option<String>,
     /// What it is for; `None` for a setting that this program does not know.
     pub description: Option<&'static str>,
 }
@@ -154,6 +156,7 @@ impl<'a> From<&'a Parameter> for Described<'a> {
             default: parameter.default,
             minimum: parameter.minimum,
             maximum: parameter.maximum,
+            mark: parameter.mark.map(|mark| mark.to_string()),
             description: description(&parameter.name),
         }
     }

@@ -9,9 +9,9 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use flix_protocol::message::{
-    Command, Event, EventReport, Fault, Faults, Identity, LoopTiming, MotorTelemetry, OperatorName,
-    Outcome, Parameter, ParameterCommand, Refusal, Reply, ResetReason, Setpoint, State, Telemetry,
-    ToOperator, ToRobot,
+    Command, CrashReport, Event, EventReport, Fault, Faults, Identity, LoopTiming, Mark,
+    MotorTelemetry, OperatorName, Outcome, Parameter, ParameterCommand, Refusal, Reply,
+    ResetReason, Setpoint, State, Telemetry, ToOperator, ToRobot,
 };
 use flix_protocol::session::{Key, RobotReceived, RobotSession};
 use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
@@ -47,6 +47,7 @@ pub type Datagrams = Vec<(SocketAddr, Vec<u8>)>;
 pub struct FakeRobot {
     session: RobotSession,
     pub reset: ResetReason,
+    pub crash: Option<CrashReport>,
     pub state: State,
     pub stopped: bool,
     /// Who is reported to have latched the stop.
@@ -74,6 +75,7 @@ impl FakeRobot {
         Self {
             session: RobotSession::new(key, [3; 32]),
             reset: ResetReason::PowerOn,
+            crash: None,
             state: State::Disarmed,
             stopped: false,
             stopped_by: OperatorName::OWNER,
@@ -226,6 +228,7 @@ impl FakeRobot {
                 version: "0.1.0".try_into().unwrap(),
                 reset: self.reset.clone(),
             }),
+            Command::Crash => Outcome::Crash(self.crash.clone()),
             Command::Ping(number) => Outcome::Pong(*number),
         }
     }
@@ -267,7 +270,7 @@ impl FakeRobot {
                 let found = self.parameters.iter().find(|parameter| parameter.name == *name);
                 found.map_or(unknown, |parameter| Outcome::Parameter(parameter.clone()))
             }
-            ParameterCommand::Set(name, value) => {
+            ParameterCommand::Set(name, value) | ParameterCommand::Put(name, value, _) => {
                 let found = self.parameters.iter_mut().find(|parameter| parameter.name == *name);
                 let Some(parameter) = found else { return unknown };
                 let (minimum, maximum) = (parameter.minimum, parameter.maximum);
@@ -275,7 +278,24 @@ impl FakeRobot {
                     return Outcome::Refused(Refusal::out_of_range(name, minimum, maximum));
                 }
                 parameter.value = *value;
+                parameter.mark = match command {
+                    _ if parameter.mark.is_none() => None,
+                    ParameterCommand::Put(_, _, mark) => Some(*mark),
+                    _ => Some(Mark::Entered),
+                };
                 Outcome::Parameter(parameter.clone())
+            }
+            ParameterCommand::Accept => {
+                for parameter in &mut self.parameters {
+                    parameter.mark = parameter.mark.map(|_| Mark::Entered);
+                }
+                Outcome::Done
+            }
+            ParameterCommand::Check => {
+                let assumed = |it: &&Parameter| it.mark == Some(Mark::Assumed);
+                self.parameters.iter().find(assumed).map_or(Outcome::Done, |it| {
+                    Outcome::Refused(Refusal::Assumed { name: it.name.clone() })
+                })
             }
             ParameterCommand::List(from) => Outcome::Parameters {
                 total: u16::try_from(self.parameters.len()).unwrap(),
@@ -341,6 +361,7 @@ fn parameters() -> Vec<Parameter> {
             default,
             minimum,
             maximum,
+            mark: (name == "pole_pairs").then_some(Mark::Assumed),
         })
         .collect()
 }

@@ -31,8 +31,10 @@ pub enum Fault {
     Alignment,
     /// The current sensors disagree, or read far from zero at rest.
     CurrentSense,
-    /// The stored settings are unreadable; the defaults are in force.
+    /// The stored settings are unreadable; the defaults are in force, and what the motors are like is assumed.
     Settings,
+    /// A rotor shivers where it should rest: the loops that hold it are too quick for their encoders or motors.
+    Shiver,
 }
 
 // In the order of their bits.
@@ -48,6 +50,7 @@ names!(Fault {
     Alignment: "alignment failed",
     CurrentSense: "current sense",
     Settings: "settings unreadable",
+    Shiver: "shivers at rest",
 });
 
 /// A set of faults.

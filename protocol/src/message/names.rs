@@ -2,7 +2,7 @@
 
 /// Gives an enum without fields its list of all variants and its words for people.
 macro_rules! names {
-    ($enum:ident { $($variant:ident: $name:literal,)* }) => {
+    ($enum:ident { $($variant:ident: $name:literal),* $(,)? }) => {
         impl $enum {
             /// All variants, in order.
             pub const ALL: [Self; [$($name),*].len()] = [$(Self::$variant),*];

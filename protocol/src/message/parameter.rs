@@ -4,6 +4,8 @@ use heapless::String;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::names::names;
+
 /// Longest parameter name, in bytes.
 pub const NAME_LENGTH: usize = 32;
 /// A name on the wire.
@@ -22,9 +24,32 @@ pub enum ParameterCommand {
     List(u16),
     /// Store all settings in flash.
     Save,
-    /// Return to the defaults, until power-off unless saved.
+    /// Return to the defaults, until power-off unless saved: what the motors are like is assumed then.
     Reset,
+    /// Change one setting as [`ParameterCommand::Set`] does, and say how its value is known. The mark of a setting that
+    /// has none is ignored.
+    Put(Name, f32, Mark),
+    /// Take every assumed value as if it had been entered. A board that measures no currents does not take the
+    /// resistance and the flux linkage of a motor in this way.
+    Accept,
+    /// Ask whether the robot would arm with these settings: it answers with the refusal that arming would get.
+    Check,
 }
+
+/// How a value is known. A robot does not arm on assumed values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, Schema)]
+#[repr(u8)]
+pub enum Mark {
+    /// Nobody entered or measured it, or what it follows from was changed since: an assumption is in force.
+    Assumed,
+    /// An operator entered it.
+    Entered,
+    /// Commissioning measured it.
+    Measured,
+}
+
+// In the order of their numbers.
+names!(Mark { Assumed: "assumed", Entered: "entered", Measured: "measured" });
 
 /// A setting with its unit, range and default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
@@ -43,4 +68,6 @@ pub struct Parameter {
     pub minimum: f32,
     /// Largest accepted value.
     pub maximum: f32,
+    /// How it is known. `None` for what is no motor's value, unless its stored value could not be used: it is assumed then.
+    pub mark: Option<Mark>,
 }

@@ -24,6 +24,19 @@ impl fmt::Display for Age {
     }
 }
 
+/// Writes what to set instead of a position bandwidth, Hz; 0 when no other will do.
+struct Instead(f32);
+
+impl fmt::Display for Instead {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.0 > 0.0 {
+            write!(f, "lower position_bandwidth to {} Hz, or raise tracker_bandwidth", self.0)
+        } else {
+            f.write_str("raise tracker_bandwidth and current_bandwidth, or lower encoder_latency where it is not that of the encoder")
+        }
+    }
+}
+
 /// Why a command was not done.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema, thiserror::Error)]
 pub enum Refusal {
@@ -83,6 +96,57 @@ pub enum Refusal {
     /// The board measures no phase currents, so that nothing bounds a trial.
     #[error("the board measures no phase currents, so that its motors cannot be measured")]
     NoCurrentSense,
+    /// A value is assumed, and nothing is armed on assumed values; the board measures phase currents.
+    #[error(
+        "{name} is assumed, and the robot does not arm on assumed values: measure the motors with `flix commission`, or look at what `flix parameters list` marks with ? and take it with `flix parameters accept`"
+    )]
+    Assumed {
+        /// The first such setting.
+        name: Name,
+    },
+    /// A value is assumed on a board that measures no phase currents, so that nothing else bounds them.
+    #[error(
+        "{name} is assumed, and this board measures no phase currents that would show whether it is right: enter it with `flix parameters set`, as for every value that `flix parameters list` marks with ?"
+    )]
+    AssumedUnmeasured {
+        /// The first such setting.
+        name: Name,
+    },
+    /// The loops that hold f and theta would oscillate, or nearly.
+    #[error(
+        "the rotors would shiver: position_bandwidth {position_bandwidth} Hz beside tracker_bandwidth {tracker_bandwidth} Hz, encoder_latency {encoder_latency} us and current_bandwidth {current_bandwidth} Hz has a stability margin of {margin:.2}, and at least {least} is needed: {}",
+        Instead(*position_bandwidth_instead)
+    )]
+    UnstablePosition {
+        /// The margin: 1 is a loop that amplifies no disturbance, less than 0 one that oscillates by itself.
+        margin: f32,
+        /// The least with which the robot arms.
+        least: f32,
+        /// Setting, Hz.
+        position_bandwidth: f32,
+        /// Setting, Hz.
+        tracker_bandwidth: f32,
+        /// Setting, microseconds.
+        encoder_latency: f32,
+        /// Setting, Hz.
+        current_bandwidth: f32,
+        /// The largest position bandwidth that has margin enough beside the others, Hz; 0 when none has.
+        position_bandwidth_instead: f32,
+    },
+    /// The current loops would oscillate, or nearly.
+    #[error(
+        "the motors would whistle: current_bandwidth {current_bandwidth} Hz beside actuation_delay {actuation_delay} us has a stability margin of {margin:.2}, and at least {least} is needed: lower current_bandwidth, or actuation_delay where it is not that of the board"
+    )]
+    UnstableCurrent {
+        /// As of [`Refusal::UnstablePosition`].
+        margin: f32,
+        /// The least with which the robot arms.
+        least: f32,
+        /// Setting, Hz.
+        current_bandwidth: f32,
+        /// Setting, microseconds.
+        actuation_delay: f32,
+    },
 }
 
 impl Refusal {

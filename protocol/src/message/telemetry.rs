@@ -133,7 +133,7 @@ pub enum Event {
     LinkLost,
     /// Settings were written.
     SettingsSaved,
-    /// Stored settings were damaged; the defaults are in force.
+    /// Stored settings were damaged or out of range; these have their defaults, and are assumed.
     SettingsDefaulted,
     /// The battery is low.
     BatteryLow(Volts),

@@ -22,6 +22,9 @@ use crate::session::{Hold, MODES, Times, loop_failures};
 /// What the robot and its second operator are called.
 const ROBOT: &str = "walker";
 const SECOND: &str = "bob";
+/// What has to be entered before a robot arms that measures no currents.
+const MOTORS: [&str; 4] =
+    ["top_phase_resistance", "bottom_phase_resistance", "top_flux_linkage", "bottom_flux_linkage"];
 /// A setting and another value than its default.
 const SETTING: [&str; 2] = ["current_limit", "1.9"];
 /// Rotors that are stopped rest so soon after they began to slow down: the longest ramp.
@@ -161,6 +164,12 @@ impl Desk<'_> {
         self.expect(is_well, "status", &status);
         let [name, value] = SETTING;
         self.flix(&["parameters", "set", ROBOT, name, value, "--save"], DONE)?;
+        for name in MOTORS {
+            // Those of the rig are as a new robot assumes.
+            let value = self.flix(&["parameters", "get", ROBOT, name, "--json"], DONE)?;
+            let value = value["default"].to_string();
+            self.flix(&["parameters", "set", ROBOT, name, &value, "--save"], DONE)?;
+        }
         let listed = self.flix(&["parameters", "list", ROBOT, "--json"], DONE)?;
         // Settings have single precision.
         let is_set = |entry: &Value| {

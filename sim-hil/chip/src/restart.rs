@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use flix_protocol::message::{Command, Outcome, ParameterCommand, State};
+use flix_protocol::message::{Command, Outcome, ParameterCommand, ResetReason, State};
 use serde::Serialize;
 
 use crate::chip::{Place, cycles};
@@ -167,6 +167,9 @@ fn happen(
     let Outcome::Identity(identity) = rig.ask(Command::Identify)? else {
         return Err(RigError::OtherAnswer);
     };
+    for failure in check_black_box(rig, accident, &identity.reset)? {
+        restart.failures.push(format!("{accident:?} {name}: {failure}"));
+    }
     rig.client = None;
     if identity.reset.to_string() != reason {
         let failure = format!("an operator is told that it was {}, not {reason:?}", identity.reset);
@@ -177,4 +180,27 @@ fn happen(
         restart.failures.push(format!("{accident:?} {name}: {failure}"));
     }
     Ok(restart)
+}
+
+/// Returns what the robot does not report of the accident as it should.
+fn check_black_box(
+    rig: &mut Rig,
+    accident: Accident,
+    reset: &ResetReason,
+) -> Result<Vec<String>, RigError> {
+    let crash = match rig.ask(Command::Crash)? {
+        Outcome::Crash(Some(crash)) => crash,
+        Outcome::Crash(None) => return Ok(vec!["the robot kept nothing of it".to_owned()]),
+        _ => return Err(RigError::OtherAnswer),
+    };
+    let panicked = accident == Accident::Panic;
+    let promises = [
+        (crash.reset == *reset, "another reason than that of the start"),
+        (panicked == crash.message.starts_with("index out of bounds"), "another message"),
+        (panicked != crash.counters.is_empty(), "no calls of a panic, or calls without one"),
+        (crash.uptime.is_some(), "no time"),
+        (!crash.version.is_empty(), "no version"),
+    ];
+    let broken = promises.into_iter().filter(|(holds, _)| !holds);
+    Ok(broken.map(|(_, what)| format!("it kept {what}: {crash:?}")).collect())
 }

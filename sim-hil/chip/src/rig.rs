@@ -572,7 +572,7 @@ impl Rig {
         }
     }
 
-    /// Arms, and waits for it: alignment comes first.
+    /// Arms, and waits for it: alignment comes first, and before it what is assumed is entered as it is.
     ///
     /// # Errors
     /// When the robot refuses, or has a fault.
@@ -581,6 +581,12 @@ impl Rig {
         loop {
             match self.ask(Command::Arm)? {
                 Outcome::Done => break,
+                Outcome::Refused(
+                    Refusal::Assumed { name } | Refusal::AssumedUnmeasured { name },
+                ) => {
+                    let value = self.setting(&name)? as f32;
+                    self.ask(Command::Parameter(ParameterCommand::Set(name, value)))?;
+                }
                 // Soon after connecting or disarming: asked again.
                 Outcome::Refused(_) if self.chip.cycles() < end => {
                     self.run(Duration::from_millis(50))?;

@@ -26,6 +26,7 @@ pub(crate) mod output;
 pub mod rest;
 pub mod serve;
 pub mod shake;
+pub mod shiver;
 pub mod soak;
 pub mod study;
 pub mod track;
@@ -54,6 +55,8 @@ enum Command {
     Accuracy(accuracy::Args),
     /// Let robots with unknown motors find their own values, and check these
     Commission(commission::Args),
+    /// Draw settings, judge them by the robot's stability margin, and run those nearest its border
+    Shiver(shiver::Args),
     /// Inject every fault in every walking mode at every onset and report what the robot does
     Faults(faults::Args),
     /// Attack live robots over their link and count what the attack achieves
@@ -250,6 +253,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Serve(args) => serve::run(&args),
         Command::Accuracy(args) => accuracy::run(&args),
         Command::Commission(args) => commission::run(&args),
+        Command::Shiver(args) => shiver::run(&args),
         Command::Faults(args) => faults::run(&args),
         Command::Adversary(args) => adversary::run(&args),
         Command::Soak(args) => soak::run(&args),

@@ -27,7 +27,7 @@ use flix_sim::experiment::walk::require_walker;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
 use flix_sim::rig::motion_capture::MotionCapture;
-use flix_sim::rig::robot::{RobotParameters, SimulatedRobot};
+use flix_sim::rig::robot::{Flash, RobotParameters, SimulatedRobot};
 
 /// Serve a simulated robot on the network, in real time
 #[derive(Debug, clap::Args)]
@@ -58,6 +58,9 @@ pub struct Args {
     pose_rate: f64,
     #[command(flatten)]
     stream: StreamArgs,
+    /// Assume what the motors are like, as in a new robot: it does not arm until `flix commission` has measured them
+    #[arg(long)]
+    assumed_motors: bool,
     /// Hang the robot on soft cords, without a floor, for `flix experiment air`
     #[arg(long)]
     hang: bool,
@@ -228,6 +231,9 @@ fn robot(
         mechanics.hang(HUNG_AT);
     }
     let mut parameters = RobotParameters::of(&model.electrical, operators, args.seed)?;
+    if args.assumed_motors {
+        parameters.flash = Flash::default();
+    }
     // Sessions of an earlier run must not be replayed, though the plant is the same.
     parameters.entropy = keys::generate().map(|random| *random.as_bytes())?;
     Ok(SimulatedRobot::new(parameters, mechanics))

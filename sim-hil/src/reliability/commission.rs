@@ -10,7 +10,9 @@ use std::time::Duration;
 use flix_host::commission::{
     CommissionError, Commissioned, Known, Subject as Commissionable, commission,
 };
-use flix_protocol::message::{Command, Outcome, Refusal, Setpoint, State, Telemetry};
+use flix_protocol::message::{
+    Command, Outcome, ParameterCommand, Refusal, Setpoint, State, Telemetry,
+};
 use flix_protocol::units::Instant;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -348,6 +350,8 @@ impl Watched {
             watched.operation.robot.disturb(miswired);
         }
         watched.operation.connect()?;
+        // As a new robot: nobody knows its motors.
+        watched.operation.ask(Command::Parameter(ParameterCommand::Reset))?;
         watched.pause(Duration::from_millis(300))?;
         Ok(watched)
     }

@@ -12,6 +12,8 @@ pub mod commissioned;
 #[cfg(not(target_family = "wasm"))]
 pub mod fault_matrix;
 #[cfg(not(target_family = "wasm"))]
+pub mod shiver;
+#[cfg(not(target_family = "wasm"))]
 pub mod soak;
 #[cfg(not(target_family = "wasm"))]
 pub mod wiring;

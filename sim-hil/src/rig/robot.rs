@@ -7,11 +7,13 @@
 use core::net::SocketAddr;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use flix_firmware::blackbox::{self, Kept};
 use flix_firmware::exchange::Report;
 use flix_firmware::hardware::{Actuation, Sensors, SettingsStore, TICK_US};
 use flix_firmware::robot::Robot;
+use flix_firmware::settings::Settings;
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{LinkQuality, OperatorName};
+use flix_protocol::message::{LinkQuality, OperatorName, ResetReason};
 use flix_protocol::session::{Key, Operator, Operators};
 use flix_protocol::shaker;
 use flix_protocol::units::Instant;
@@ -41,7 +43,7 @@ pub struct RobotParameters {
 }
 
 impl RobotParameters {
-    /// Creates a new robot on the simulated board.
+    /// Creates a robot on the simulated board, what its motors are like entered.
     #[must_use]
     pub fn new(operators: impl Into<Operators>, seed: u64) -> Self {
         let mut entropy = [0; 32];
@@ -54,7 +56,7 @@ impl RobotParameters {
             electronics: ElectronicsParameters::on(SIMULATED_BOARD),
             name: "simulated",
             operators: operators.into(),
-            flash: Flash::default(),
+            flash: Flash::with(&Settings::DEFAULT.entered()),
             seed,
         }
     }
@@ -77,8 +79,7 @@ impl RobotParameters {
         let mut parameters = Self::new(operators, seed);
         parameters.electronics = electrical.parameters();
         if let Some(settings) = electrical.stored_settings()? {
-            // This memory never fails.
-            let _ = settings.save(&mut parameters.flash);
+            parameters.flash = Flash::with(&settings);
         }
         Ok(parameters)
     }
@@ -97,6 +98,15 @@ pub struct FlashError {
 }
 
 impl Flash {
+    /// Creates one that holds these settings.
+    #[must_use]
+    pub fn with(settings: &Settings) -> Self {
+        let mut flash = Self::default();
+        // This memory never fails.
+        let _ = settings.save(&mut flash);
+        flash
+    }
+
     /// Overwrites the content, as wear or a power failure would.
     pub fn overwrite(&self, bytes: Option<Vec<u8>>) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = bytes;
@@ -134,7 +144,8 @@ pub enum Processor {
     IsDeaf,
     /// It hangs: the bridges keep their last orders.
     Hangs,
-    /// It is without power or in its boot loader: the bridges are off. When it runs again the software starts anew.
+    /// It is in its boot loader: the bridges are off. When it runs again the software starts anew, and finds in its black
+    /// box what the run before left.
     Restarts,
 }
 
@@ -230,6 +241,10 @@ pub struct SimulatedRobot<M> {
     ticks: u64,
     started: u64,
     processor: Processor,
+    /// Memory that survives a restart.
+    black_box: [u8; blackbox::BYTES],
+    /// Why it restarts, or did last.
+    reset: ResetReason,
     entropy: Xoshiro256PlusPlus,
 }
 
@@ -247,6 +262,8 @@ impl<M: Mechanics> SimulatedRobot<M> {
             ticks: 0,
             started: 0,
             processor: Processor::Runs,
+            black_box: [0; blackbox::BYTES],
+            reset: ResetReason::PowerOn,
             parameters,
             entropy,
         }
@@ -311,14 +328,33 @@ impl<M: Mechanics> SimulatedRobot<M> {
         match processor {
             Processor::Runs | Processor::IsDeaf => {
                 if before == Processor::Restarts {
-                    self.started = self.ticks;
-                    self.software = power_up(&self.parameters, &mut self.entropy);
+                    self.restart();
                 }
                 self.actuation = self.software.tick(self.software_time(), sensors);
+                if let Some(bytes) = self.software.keep() {
+                    self.black_box[blackbox::RUN].copy_from_slice(&bytes);
+                }
             }
             Processor::Hangs => {}
-            Processor::Restarts => self.actuation = Actuation::OFF,
+            Processor::Restarts => {
+                self.actuation = Actuation::OFF;
+                self.reset = match before {
+                    Processor::Runs => ResetReason::Other,
+                    Processor::IsDeaf => ResetReason::Tasks,
+                    Processor::Hangs => ResetReason::FastLoop,
+                    Processor::Restarts => return,
+                };
+            }
         }
+    }
+
+    /// Starts the software anew, with what it finds in its black box.
+    fn restart(&mut self) {
+        self.started = self.ticks;
+        self.software = power_up(&self.parameters, &mut self.entropy);
+        let kept = Kept::decode(&self.black_box);
+        self.software.set_crash(kept.report(self.reset.clone()));
+        self.software.set_reset(self.reset.clone());
     }
 
     /// Hands a datagram to the robot's network interface, and returns whether its operator sent it just now.

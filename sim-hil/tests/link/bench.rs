@@ -3,6 +3,7 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
+use flix_firmware::settings::Settings;
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
     Command, Event, EventReport, LinkQuality, Outcome, Reply, Setpoint, State, Telemetry,
@@ -80,12 +81,17 @@ pub(crate) fn setpoint(frequency: f64, direction: f64) -> Setpoint {
 
 impl Bench {
     pub(crate) fn new() -> Self {
-        Self::with_flash(Flash::default())
+        Self::with_flash(Flash::with(&Settings::DEFAULT.entered()))
     }
 
     pub(crate) fn with_flash(flash: Flash) -> Self {
+        Self::of_seed(1, flash)
+    }
+
+    /// The robot of this seed: its motors' difference, its encoders' errors, its noise.
+    pub(crate) fn of_seed(seed: u64, flash: Flash) -> Self {
         let mechanics = Plant::new(&RobotModel::named("bench-fixed").unwrap()).unwrap();
-        let parameters = RobotParameters { flash, ..RobotParameters::new(key(), 1) };
+        let parameters = RobotParameters { flash, ..RobotParameters::new(key(), seed) };
         let robot = SimulatedRobot::new(parameters, mechanics);
         let operator = Operator::new(key(), 1, robot.now());
         Self { robot, operator }

@@ -7,6 +7,7 @@ mod bench;
 mod events;
 mod failsafe_ladder;
 mod freshness;
+mod in_force;
 mod operators;
 mod refused_commands;
 mod settings;

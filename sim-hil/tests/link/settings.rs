@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use flix_firmware::settings::{self, Settings};
+use flix_firmware::settings::{self, MOTOR_VALUES, Settings};
 use flix_protocol::message::{
     Command, Event, Fault, Name, Outcome, ParameterCommand, Refusal, State,
 };
@@ -117,9 +117,17 @@ fn a_robot_with_damaged_settings_does_not_arm() {
 }
 
 #[test]
-fn a_robot_with_damaged_settings_arms_once_they_are_cleared() {
+fn a_robot_with_damaged_settings_arms_once_they_are_cleared_and_its_motors_known() {
     let mut bench = corrupt();
     assert_eq!(bench.say(Command::Clear), Outcome::Done);
+    bench.hold(Command::Ping(0), Duration::from_millis(1_000));
+    let refused = bench.say(Command::Arm);
+    assert!(matches!(refused, Outcome::Refused(Refusal::Assumed { .. })), "{refused:?}");
+    for setting in MOTOR_VALUES {
+        let known = value(&mut bench, setting);
+        let entered = bench.say(set(setting, known));
+        assert!(matches!(entered, Outcome::Parameter(_)), "{entered:?}");
+    }
     bench.arm();
     assert_eq!(bench.state(), State::Armed);
 }

@@ -13,6 +13,7 @@
 //! A panic, a brown-out, a fast loop that stops for 200 ms and tasks that hang for 600 ms, or 4 s while the radio connects with
 //! motors that are not driven, all end with the bridges off and a restart.
 
+mod blackbox;
 mod bridge;
 mod chip;
 mod choice;
@@ -84,7 +85,8 @@ async fn main(spawner: Spawner) {
     esp_alloc::heap_allocator!(#[esp_hal::ram(reclaimed)] size: RECLAIMED_HEAP_BYTES);
     esp_alloc::heap_allocator!(size: MORE_HEAP_BYTES);
     chip::reset_on_brown_out();
-    let reset = watchdog::reason();
+    let kept = blackbox::take();
+    let reset = watchdog::reason(&kept);
     announce(&reset);
 
     let (timers, software_interrupt) = parts.scheduler;
@@ -140,7 +142,7 @@ async fn main(spawner: Spawner) {
         spawner.spawn(serial);
         spawner.spawn(log);
     }
-    let robot = slow::Robot::new(slow, reset, exchange);
+    let robot = slow::Robot::new(slow, reset, kept, exchange);
     match (provisioning, radio) {
         (Some(provisioning), Some(radio)) => operate(spawner, robot, provisioning, radio).await,
         _ => {

@@ -1,12 +1,12 @@
-//! A panic switches the bridges off, prints why, and restarts the robot.
+//! A panic switches the bridges off, notes and prints why, and restarts the robot.
 
 use core::panic::PanicInfo;
 
 use esp_println::println;
 
+use crate::blackbox;
 use crate::bridge::output;
 use crate::choice::BOARD;
-use crate::watchdog;
 
 #[panic_handler]
 fn on_panic(info: &PanicInfo) -> ! {
@@ -17,8 +17,9 @@ fn on_panic(info: &PanicInfo) -> ! {
                 core::mem::forget(output(*pin));
             }
         }
+        blackbox::keep_panic(info);
         println!("panic: {info}");
         println!("bridges off; starting anew");
-        watchdog::restart_after_panic(info.location())
+        esp_hal::system::software_reset()
     })
 }

@@ -4,6 +4,7 @@ use core::cell::Cell;
 use core::net::SocketAddr;
 
 use embassy_time::Timer;
+use flix_firmware::blackbox::Kept;
 use flix_firmware::hardware::SettingsStore;
 use flix_firmware::joining;
 use flix_firmware::net::{EXCHANGE_INTERVAL, Station};
@@ -12,6 +13,7 @@ use flix_protocol::frame::Frame;
 use flix_protocol::message::{ResetReason, State};
 use flix_protocol::units::Instant;
 
+use crate::blackbox;
 use crate::clock::now;
 use crate::log::log;
 use crate::network::SIGNAL;
@@ -28,12 +30,16 @@ pub(crate) struct Robot<S> {
 }
 
 impl<S: SettingsStore> Robot<S> {
-    /// Starts before the first exchange; `reset` is why the chip last started, for operators who ask.
+    /// Starts before the first exchange; `reset` is why the chip last started, and `kept` what the run before left, for
+    /// operators who ask.
     pub(crate) fn new(
         mut slow: SlowHalf<S>,
         reset: ResetReason,
+        kept: Kept,
         exchange: &'static Shared,
     ) -> Self {
+        slow.set_crash(kept.report(reset.clone()));
+        slow.set_build(blackbox::build());
         slow.set_reset(reset);
         Self { slow, exchange, printed: None, ticks: 0 }
     }
@@ -85,6 +91,9 @@ impl<S: SettingsStore> Station for Robot<S> {
     fn exchange(&mut self) {
         self.slow.set_signal(SIGNAL.lock(Cell::get));
         self.slow.exchange(&mut self.exchange);
+        if let Some(bytes) = self.slow.keep() {
+            blackbox::keep_run(&bytes);
+        }
         self.feed();
         self.print_state();
     }

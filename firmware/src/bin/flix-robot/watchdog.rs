@@ -5,16 +5,14 @@
 //! connects, which it does only with motors that are not driven ([`Window`]).
 
 use core::cell::RefCell;
-use core::panic::Location;
-use core::sync::atomic::Ordering;
 
 use critical_section::Mutex;
 use esp_hal::peripherals::RTC_TIMER;
 use esp_hal::rtc_cntl::{Rtc, RwdtStage, SocResetReason};
 use esp_hal::time::{Duration, Instant};
+use flix_firmware::blackbox::Kept;
 use flix_firmware::joining;
-use flix_protocol::message::{NAME_LENGTH, Name, ResetReason};
-use portable_atomic::{AtomicU8, AtomicU32};
+use flix_protocol::message::ResetReason;
 
 /// The chip starts anew when nobody has fed for so long. A sector takes up to 400 ms to erase (Winbond W25Q32JV, data
 /// sheet revision G, table 9.6) and the slow clock may run a quarter fast: assumed, the data sheet states no figure.
@@ -24,19 +22,8 @@ const PATIENCE: Duration = Duration::from_millis(600);
 const CONNECTING_PATIENCE: Duration = Duration::from_secs(4);
 /// For so long at most after it was opened.
 const WINDOW: Duration = Duration::from_millis(joining::WINDOW.as_millis() as u64);
-/// What a panic leaves behind.
-const PANICKED: u32 = 0x7061_6E69;
 
 static WATCHDOG: Mutex<RefCell<Option<Watchdog>>> = Mutex::new(RefCell::new(None));
-/// Survives every restart but one after power was lost, which clears it. The ESP32's fast memory of the low-power side is
-/// core 0's alone, and core 1 panics, too: there, it lies in the slow one (ESP32 technical reference manual, table 1-2).
-#[cfg_attr(feature = "esp32", esp_hal::ram(unstable(rtc_slow, persistent)))]
-#[cfg_attr(not(feature = "esp32"), esp_hal::ram(unstable(rtc_fast, persistent)))]
-static LAST_WORD: AtomicU32 = AtomicU32::new(0);
-/// The place of a panic, with zeros behind it. Survives likewise.
-#[cfg_attr(feature = "esp32", esp_hal::ram(unstable(rtc_slow, persistent)))]
-#[cfg_attr(not(feature = "esp32"), esp_hal::ram(unstable(rtc_fast, persistent)))]
-static PLACE: [AtomicU8; NAME_LENGTH] = [const { AtomicU8::new(0) }; NAME_LENGTH];
 
 struct Watchdog {
     rtc: Rtc<'static>,
@@ -107,40 +94,14 @@ impl Drop for Window {
     }
 }
 
-/// Restarts the chip after a panic at this place.
-pub(crate) fn restart_after_panic(place: Option<&Location<'_>>) -> ! {
-    let place = place.map(|place| ResetReason::panic(place.file(), place.line()));
-    let bytes = match &place {
-        Some(ResetReason::Panic(place)) => place.as_bytes(),
-        _ => &[],
-    };
-    for (kept, byte) in PLACE.iter().zip(bytes.iter().copied().chain(core::iter::repeat(0))) {
-        kept.store(byte, Ordering::Relaxed);
-    }
-    LAST_WORD.store(PANICKED, Ordering::Relaxed);
-    esp_hal::system::software_reset()
-}
-
-/// Returns why the chip started. Call once.
-pub(crate) fn reason() -> ResetReason {
-    let panicked = LAST_WORD.load(Ordering::Relaxed) == PANICKED;
-    LAST_WORD.store(0, Ordering::Relaxed);
+/// Returns why the chip started, given what the run before left.
+pub(crate) fn reason(kept: &Kept) -> ResetReason {
     match esp_hal::system::reset_reason() {
-        Some(SocResetReason::CoreSw) if panicked => ResetReason::Panic(place_of_panic()),
-        Some(SocResetReason::CoreSw) => ResetReason::Requested,
+        Some(SocResetReason::CoreSw) => kept.reset_by_software(),
         Some(SocResetReason::ChipPowerOn) => ResetReason::PowerOn,
         Some(SocResetReason::CoreMwdt1) => ResetReason::FastLoop,
         Some(SocResetReason::CoreRtcWdt | SocResetReason::SysRtcWdt) => ResetReason::Tasks,
         Some(SocResetReason::SysBrownOut) => ResetReason::BrownOut,
         _ => ResetReason::Other,
     }
-}
-
-fn place_of_panic() -> Name {
-    let mut place = Name::new();
-    for byte in PLACE.iter().map(|kept| kept.load(Ordering::Relaxed)).take_while(|it| *it != 0) {
-        // As long as the name at most; what is no ASCII is left out.
-        let _ = if byte.is_ascii() { place.push(byte.into()) } else { Ok(()) };
-    }
-    place
 }

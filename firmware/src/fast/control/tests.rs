@@ -539,7 +539,8 @@ fn encoders_that_see_no_rest_do_not_keep_a_stopped_robot_armed() {
     let mut supervisor = Supervisor::new();
     let mut order = Order::default();
     order.requests.arm = 1;
-    let conditions = Conditions { present: Faults::NONE, at_rest: false, aligned: true };
+    let conditions =
+        Conditions { present: Faults::NONE, at_rest: false, aligned: true, outdated: false };
     supervisor.update(Instant::START, &order, &conditions);
     supervisor.update(Instant::START, &order, &conditions);
     order.requests.disarm = 1;

@@ -18,6 +18,7 @@ struct Desk {
     present: Faults,
     at_rest: bool,
     aligned: bool,
+    outdated: bool,
 }
 
 impl Desk {
@@ -25,7 +26,7 @@ impl Desk {
         let mut order = Order::default();
         order.hear(Instant::START, Instant::from_micros(u64::MAX));
         let (supervisor, present) = (Supervisor::new(), Faults::NONE);
-        Self { supervisor, order, present, at_rest: false, aligned: false }
+        Self { supervisor, order, present, at_rest: false, aligned: false, outdated: false }
     }
 
     fn aligning() -> Self {
@@ -66,8 +67,8 @@ impl Desk {
 
     /// One tick, this long after the newest command.
     fn after(&mut self, silence: Duration) -> Drive {
-        let Self { present, at_rest, aligned, .. } = *self;
-        let conditions = Conditions { present, at_rest, aligned };
+        let Self { present, at_rest, aligned, outdated, .. } = *self;
+        let conditions = Conditions { present, at_rest, aligned, outdated };
         self.supervisor.update(self.order.heard + silence, &self.order, &conditions)
     }
 
@@ -99,6 +100,44 @@ const ARM: [u8; 4] = [1, 0, 0, 0];
 const DISARM: [u8; 4] = [0, 1, 0, 0];
 const STOP: [u8; 4] = [0, 0, 1, 0];
 const CLEAR: [u8; 4] = [0, 0, 0, 1];
+
+#[test]
+fn aligning_begins_once_the_newest_settings_are_in_force_and_not_before() {
+    let mut desk = Desk::disarmed();
+    desk.outdated = true;
+    assert_eq!(ask(&mut desk, ARM), Drive::Brake);
+    for _ in 0..1_000 {
+        assert_eq!((desk.tick(), desk.state()), (Drive::Brake, State::Aligning));
+    }
+    desk.outdated = false;
+    assert_eq!((desk.tick(), desk.state()), (Drive::Align, State::Aligning));
+}
+
+#[test]
+fn an_operator_who_disarms_or_stops_while_arming_waits_for_settings_has_a_disarmed_robot() {
+    for asked in [DISARM, STOP] {
+        let mut desk = Desk::disarmed();
+        desk.outdated = true;
+        ask(&mut desk, ARM);
+        ask(&mut desk, asked);
+        desk.outdated = false;
+        desk.tick();
+        assert_eq!(desk.state(), State::Disarmed);
+    }
+}
+
+#[test]
+fn arming_fails_where_settings_are_not_taken_over_within_two_seconds() {
+    let mut desk = Desk::disarmed();
+    desk.outdated = true;
+    ask(&mut desk, ARM);
+    for _ in 0..LONGEST_WAIT_TICKS {
+        assert_eq!((desk.tick(), desk.state()), (Drive::Brake, State::Aligning));
+    }
+    assert_eq!(desk.tick(), Drive::Brake);
+    let alignment = Faults::NONE.with(Fault::Alignment);
+    assert_eq!((desk.state(), desk.supervisor.faults), (State::Faulted, alignment));
+}
 
 #[test]
 fn each_step_of_the_ladder_comes_at_its_deadline_and_not_a_microsecond_before() {

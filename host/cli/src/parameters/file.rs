@@ -1,9 +1,8 @@
 //! Settings as a TOML file, and the check whether a robot accepts them.
 
-use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use flix_protocol::message::{Name, Parameter};
+use flix_protocol::message::{Mark, Name, Parameter};
 
 use crate::status::Status;
 
@@ -50,14 +49,19 @@ pub(super) struct Change {
 /// Returns all settings as TOML, each with unit, range and default.
 pub(super) fn write(status: &Status, parameters: &[Parameter]) -> String {
     let mut text = format!("# Settings of {}\n\n[{TABLE}]\n", status.robot_line());
-    for parameter in parameters {
-        let Parameter { name, unit, value, default, minimum, maximum, .. } = parameter;
-        let unit = if unit == "1" { String::new() } else { format!("{unit}, ") };
-        // Writing to a string does not fail.
-        let _ = writeln!(text, "# {unit}{minimum} to {maximum}, default {default}");
-        let _ = writeln!(text, "{name} = {value:?}");
-    }
+    text.extend(parameters.iter().map(lines));
     text
+}
+
+/// Returns the lines of one setting. What is assumed is a comment: an import is not to enter it.
+fn lines(parameter: &Parameter) -> String {
+    let Parameter { name, unit, value, default, minimum, maximum, mark, .. } = parameter;
+    let unit = if unit == "1" { String::new() } else { format!("{unit}, ") };
+    let known = mark.map_or_else(String::new, |mark| format!(", {mark}"));
+    let comment = if *mark == Some(Mark::Assumed) { "# " } else { "" };
+    format!(
+        "# {unit}{minimum} to {maximum}, default {default}{known}\n{comment}{name} = {value:?}\n"
+    )
 }
 
 /// Returns names and values of the file. Every value is a finite number.
@@ -110,7 +114,7 @@ pub(super) fn check(
         let maximum = bound(parameter, parameter.maximum, wanted, present);
         if !(minimum..=maximum).contains(new) {
             problems.push(format!("{name} = {new} is outside {minimum} to {maximum}"));
-        } else if *new != parameter.value {
+        } else if *new != parameter.value || parameter.mark == Some(Mark::Assumed) {
             changes.push(Change { name: parameter.name.clone(), old: parameter.value, new: *new });
         }
     }
@@ -153,6 +157,7 @@ mod tests {
             default: value,
             minimum,
             maximum,
+            mark: None,
         }
     }
 
@@ -167,6 +172,15 @@ mod tests {
     fn check(values: &[(&str, f32)]) -> Result<Vec<Change>, String> {
         super::check(Path::new("x.toml"), &wanted(values), &bounded_pair())
             .map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn an_assumed_value_is_entered_even_as_it_is_and_is_not_exported_as_if_it_were_known() {
+        let present =
+            [Parameter { mark: Some(Mark::Assumed), ..parameter("pole_pairs", 7.0, 1.0, 32.0) }];
+        let changes = super::check(Path::new("x.toml"), &wanted(&[("pole_pairs", 7.0)]), &present);
+        assert_eq!(changes.unwrap().len(), 1);
+        assert!(lines(&present[0]).ends_with("default 7, assumed\n# pole_pairs = 7.0\n"));
     }
 
     #[test]

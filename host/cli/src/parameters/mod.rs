@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Subcommand;
-use flix_protocol::message::{Command, Name, Outcome, Parameter, ParameterCommand, Refusal};
+use flix_protocol::message::{Command, Mark, Name, Outcome, Parameter, ParameterCommand, Refusal};
 use flix_protocol::settings::description;
 
 use super::robot::{RobotArgs, key_file};
@@ -16,7 +16,7 @@ use flix_host::interrupt::Interrupt;
 use flix_host::keys::KEY_FILE_VARIABLE;
 use flix_host::link::udp::{Connection, LinkError};
 use flix_host::teleop::settings::Described;
-use flix_shell::output::{headings, print, print_json, read_text, table, write_text};
+use flix_shell::output::{complain, headings, print, print_json, read_text, table, write_text};
 
 /// Read, change and store the settings of the robot.
 #[derive(Debug, clap::Args)]
@@ -25,6 +25,7 @@ Examples:
   flix parameters list walker-1
   flix parameters get walker-1 current_limit
   flix parameters set walker-1 current_limit 1.5 --save
+  flix parameters accept walker-1 --save
   flix parameters export walker-1 walker-1.toml
   flix parameters import walker-1 walker-1.toml --save")]
 pub struct Args {
@@ -66,12 +67,24 @@ enum Action {
         #[arg(long)]
         save: bool,
     },
+    /// Accept every value that is assumed, as if it had been entered.
+    ///
+    /// A robot does not arm on assumed values; `flix parameters list` marks them with ?. `flix commission` measures what
+    /// the motors are like; this command is for motors that are known to be those of the defaults. A board that measures
+    /// no phase currents does not accept the resistance and the flux linkage of a motor: set them.
+    Accept {
+        #[command(flatten)]
+        robot: RobotArgs,
+        /// Save all settings, so that they survive power-off.
+        #[arg(long)]
+        save: bool,
+    },
     /// Save all settings, so that they survive power-off.
     Save {
         #[command(flatten)]
         robot: RobotArgs,
     },
-    /// Reset all settings to their defaults.
+    /// Reset all settings to their defaults: what the motors are like is assumed then.
     Reset {
         #[command(flatten)]
         robot: RobotArgs,
@@ -139,6 +152,12 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             set(&mut connection, name.clone(), value)
                 .map_err(|error| explained(&mut connection, (name, value), error))?;
             save_if(&mut connection, *save)?;
+            warn(&mut connection)?;
+        }
+        Action::Accept { save, .. } => {
+            let mut connection = robot.connect(&interrupt)?;
+            accept(&mut connection)?;
+            save_if(&mut connection, *save)?;
         }
         Action::Save { .. } => save_if(&mut robot.connect(&interrupt)?, true)?,
         Action::Reset { save, .. } => {
@@ -158,6 +177,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             let changed = import(&mut connection, file, &wanted)?;
             save_if(&mut connection, *save)?;
             print(&format!("{changed} of {} settings changed\n", wanted.len()))?;
+            warn(&mut connection)?;
         }
     }
     Ok(Exit::Done.into())
@@ -171,6 +191,7 @@ impl Action {
             }
             Self::List { robot, .. }
             | Self::Get { robot, .. }
+            | Self::Accept { robot, .. }
             | Self::Save { robot }
             | Self::Reset { robot, .. }
             | Self::Export { robot, .. }
@@ -221,6 +242,41 @@ fn set(connection: &mut Connection, name: Name, value: f32) -> Result<(), LinkEr
     connection.ask(Command::Parameter(ParameterCommand::Set(name, value))).map(drop)
 }
 
+fn put(connection: &mut Connection, name: Name, value: f32, mark: Mark) -> Result<(), LinkError> {
+    connection.ask(Command::Parameter(ParameterCommand::Put(name, value, mark))).map(drop)
+}
+
+/// Warns of settings that would be refused for what they are together when the robot is armed.
+fn warn(connection: &mut Connection) -> Result<(), Error> {
+    match connection.ask(Command::Parameter(ParameterCommand::Check)) {
+        Err(LinkError::Refused(
+            refusal @ (Refusal::UnstablePosition { .. } | Refusal::UnstableCurrent { .. }),
+        )) => {
+            complain(format_args!("set, but the robot does not arm so: {refusal}"));
+            Ok(())
+        }
+        // What is assumed is shown by the list, and by the refusal to arm.
+        Ok(_) | Err(LinkError::Refused(_)) => Ok(()),
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// Accepts what is assumed, and shows it.
+fn accept(connection: &mut Connection) -> Result<(), Error> {
+    let mut parameters = list(connection)?;
+    parameters.retain(|parameter| parameter.mark == Some(Mark::Assumed));
+    if parameters.is_empty() {
+        return print("No value is assumed.\n");
+    }
+    connection.ask(Command::Parameter(ParameterCommand::Accept))?;
+    let mut rows = vec![headings("setting|value|unit")];
+    rows.extend(parameters.iter().map(|Parameter { name, value, unit, .. }| {
+        let unit = if unit == "1" { "" } else { unit };
+        vec![name.to_string(), value.to_string(), unit.into()]
+    }));
+    print(&format!("{}Accepted as they are.\n", table(&rows)))
+}
+
 /// Adds unit and value to a refusal for the setting's range.
 fn explained(connection: &mut Connection, (name, value): (Name, f32), error: LinkError) -> Error {
     let LinkError::Refused(Refusal::OutOfRange { .. }) = error else { return error.into() };
@@ -265,18 +321,26 @@ fn import(
             }
         }
         if let Some(error) = refusal.filter(|_| done.len() == before) {
-            undo(connection, &done);
+            undo(connection, &done, &present);
             return Err(error.into());
         }
     }
     Ok(count)
 }
 
-/// Restores the old values, newest first, so that every intermediate state was once in force.
-fn undo(connection: &mut Connection, done: &[Change]) {
+/// Restores the old values, newest first, so that every intermediate state was once in force; then what else they changed:
+/// how a value is known, and what follows from it.
+fn undo(connection: &mut Connection, done: &[Change], present: &[Parameter]) {
+    // The error that led here is reported; another one adds nothing.
     for change in done.iter().rev() {
-        // The error that led here is reported; another one adds nothing.
-        let _ = set(connection, change.name.clone(), change.old);
+        let _ = put(connection, change.name.clone(), change.old, Mark::Measured);
+    }
+    let now = list(connection).unwrap_or_default();
+    for (before, now) in present.iter().zip(&now) {
+        if (before.value, before.mark) != (now.value, now.mark) {
+            let mark = before.mark.unwrap_or(Mark::Measured);
+            let _ = put(connection, before.name.clone(), before.value, mark);
+        }
     }
 }
 
@@ -290,8 +354,12 @@ fn show(parameters: &[Parameter], json: bool) -> Result<(), Error> {
     }
     let mut rows = vec![headings("setting||value|unit|minimum|maximum|default")];
     rows.extend(parameters.iter().map(|parameter| {
-        let Parameter { name, unit, value, default, minimum, maximum, .. } = parameter;
-        let mark = if value == default { "" } else { "*" };
+        let Parameter { name, unit, value, default, minimum, maximum, mark, .. } = parameter;
+        let mark = match mark {
+            Some(Mark::Assumed) => "?",
+            _ if value == default => "",
+            _ => "*",
+        };
         let unit = if unit == "1" { "" } else { unit };
         let [value, minimum, maximum, default] =
             [value, minimum, maximum, default].map(f32::to_string);
@@ -305,5 +373,10 @@ fn show(parameters: &[Parameter], json: bool) -> Result<(), Error> {
             text += &format!("    {purpose}\n");
         }
     }
-    print(&format!("{text}* differs from the default\n"))
+    let legend = if parameters.iter().any(|parameter| parameter.mark == Some(Mark::Assumed)) {
+        "? assumed: the robot does not arm on it; `flix commission` measures, `flix parameters set` enters it\n"
+    } else {
+        ""
+    };
+    print(&format!("{text}* differs from the default\n{legend}"))
 }

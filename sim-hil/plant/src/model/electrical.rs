@@ -311,7 +311,7 @@ impl Electrical {
         if self.settings.is_empty() {
             return Ok(None);
         }
-        let mut settings = Settings::DEFAULT;
+        let mut settings = Settings::DEFAULT.entered();
         let mut rest: Vec<(&String, &f64)> = self.settings.iter().collect();
         // A setting may bound another: what is refused now may be accepted after the others.
         while !rest.is_empty() {

@@ -3,6 +3,8 @@
 //! Its converter has to settle for 40 microseconds a conversion, so it reads the battery alone,
 //! one step of a conversion a tick, and the motors run in voltage mode.
 
+use core::ops::Range;
+
 use esp_hal::Blocking;
 use esp_hal::analog::adc::{
     Adc, AdcCalCurve, AdcCalScheme, AdcChannel, AdcConfig, Attenuation, RegisterAccess,
@@ -11,7 +13,9 @@ use esp_hal::peripherals::{
     ADC1, FROM_CPU_INTR2, GPIO0, LP_ANA, MCPWM0, PCR, Peripherals, SPI2, TIMG1,
 };
 use esp_storage::FlashStorage;
+use flix_firmware::backtrace;
 use flix_firmware::board::{EncoderKind, Pin, counts_of_millivolts};
+use flix_protocol::message::ProgramCounters;
 
 use super::parts::Parts;
 use crate::bridge::{self, Carrier, Motors};
@@ -22,6 +26,11 @@ use crate::encoders::{Encoders, SpiEncoders};
 pub(crate) const SERIAL_RECEIVE: Pin = 17;
 /// Data to the USB connector.
 pub(crate) const SERIAL_TRANSMIT: Pin = 16;
+
+/// The processor's memory (esp-hal 1.2, `ld/esp32c6/memory.x`).
+const MEMORY: Range<usize> = 0x4080_0000..0x4088_0000;
+/// How much of a stack is searched for calls.
+const STACK_BYTES: usize = 4096;
 
 /// What the fast loop owns.
 pub(crate) struct FastParts {
@@ -187,6 +196,39 @@ pub(crate) fn reset_on_brown_out() {
 fn undivided_pwm_clock() {
     // SAFETY: every value of the field is a divider; the outputs are not connected yet.
     PCR::regs().pwm_clk_conf().modify(|_, w| unsafe { w.pwm_div_num().bits(0) });
+}
+
+/// Returns the calls that led here, as far as the stack shows them.
+#[expect(unsafe_code, reason = "a stack is looked at while the processor uses it")]
+pub(crate) fn calls() -> ProgramCounters {
+    let top: usize;
+    // SAFETY: it reads a register.
+    unsafe { core::arch::asm!("mv {}, sp", out(reg) top) };
+    let within = if MEMORY.contains(&top) { top..MEMORY.end.min(top + STACK_BYTES) } else { 0..0 };
+    // SAFETY: all of this is memory, aligned as the stack is; every value of a word is one.
+    let word =
+        |address| unsafe { core::ptr::with_exposed_provenance::<u32>(address).read_volatile() };
+    backtrace::calls(within.step_by(size_of::<u32>()).map(word), code)
+}
+
+/// Returns two bytes of the program; `None` where there is none.
+#[expect(unsafe_code, reason = "the program is looked at as data")]
+fn code(address: u32) -> Option<u16> {
+    unsafe extern "C" {
+        static _start: u8;
+        static _rtc_fast_sidata: u8;
+        static _rwtext_start: u8;
+        static _rwtext_end: u8;
+    }
+    let address = usize::try_from(address).ok()?;
+    let in_flash = (&raw const _start).addr()..(&raw const _rtc_fast_sidata).addr();
+    let in_memory = (&raw const _rwtext_start).addr()..(&raw const _rwtext_end).addr();
+    if !(in_flash.contains(&address) || in_memory.contains(&address)) {
+        return None;
+    }
+    // SAFETY: the linker put the program there, from its first function to what follows the last; it begins and ends at
+    // even addresses, and callers ask for even ones. Nothing writes it.
+    Some(unsafe { core::ptr::with_exposed_provenance::<u16>(address).read_volatile() })
 }
 
 /// Lets interrupts in. The architecture has them off after a reset, and no start-up code of ours enables them: only

@@ -21,5 +21,6 @@ use {esp32c6 as chosen, esp32c6 as cores};
 
 pub(crate) use chosen::{SERIAL_RECEIVE, SERIAL_TRANSMIT, reset_on_brown_out, unsuitable};
 pub(crate) use cores::{
-    Electronics, enable_interrupts, share_out, share_with_other_core, start_fast_loop, unused_stack,
+    Electronics, calls, enable_interrupts, share_out, share_with_other_core, start_fast_loop,
+    unused_stack,
 };
