@@ -681,6 +681,207 @@ fn teleop_shows_a_map_of_any_tracker_s_poses() {
     assert_eq!(child.wait().unwrap().code(), Some(0));
 }
 
+/// A terminal by xterm's rules: it does what the program asked for, and sends what a person causes.
+struct Desk {
+    child: Child,
+    master: std::fs::File,
+    /// The private modes that the program has set.
+    modes: std::sync::Arc<std::sync::Mutex<std::collections::BTreeSet<u32>>>,
+    reader: std::thread::JoinHandle<()>,
+}
+
+/// Modes in which a terminal reports buttons of the mouse.
+const MOUSE: [u32; 3] = [1000, 1002, 1003];
+const FOCUS: u32 = 1004;
+const PASTE: u32 = 2004;
+
+impl Desk {
+    fn new(command: Command) -> Self {
+        let (child, master) = at_a_terminal(command);
+        let modes = std::sync::Arc::<std::sync::Mutex<_>>::default();
+        let (mut screen, known) = (master.try_clone().unwrap(), modes.clone());
+        let reader = std::thread::spawn(move || {
+            let (mut shown, mut bytes) = (String::new(), [0; 4096]);
+            while let Ok(length @ 1..) = screen.read(&mut bytes) {
+                shown.push_str(&String::from_utf8_lossy(&bytes[..length]));
+                // The last sequence may not be whole yet.
+                let end = shown.rfind('\u{1b}').unwrap_or(shown.len());
+                let whole = shown.drain(..end).collect::<String>();
+                Self::follow(&whole, &known);
+            }
+            Self::follow(&shown, &known);
+        });
+        Self { child, master, modes, reader }
+    }
+
+    fn follow(shown: &str, modes: &std::sync::Mutex<std::collections::BTreeSet<u32>>) {
+        for sequence in shown.split("\u{1b}[?").skip(1) {
+            let end = sequence.find(|letter: char| !letter.is_ascii_digit() && letter != ';');
+            let (numbers, rest) = sequence.split_at(end.unwrap_or(sequence.len()));
+            for mode in numbers.split(';').filter_map(|number| number.parse().ok()) {
+                let mut modes = modes.lock().unwrap();
+                match rest.chars().next() {
+                    Some('h') => modes.insert(mode),
+                    Some('l') => modes.remove(&mode),
+                    _ => false,
+                };
+            }
+        }
+    }
+
+    fn has(&self, mode: u32) -> bool {
+        self.modes.lock().unwrap().contains(&mode)
+    }
+
+    fn send(&self, bytes: &str) {
+        (&self.master).write_all(bytes.as_bytes()).unwrap();
+    }
+
+    /// Turns the wheel: reported to a program that asks for the mouse, arrow keys for one in full screen that does not.
+    fn wheel(&self, notches: usize, up: bool) {
+        let (button, arrow) = if up { (64, 'A') } else { (65, 'B') };
+        for _ in 0..notches {
+            if MOUSE.iter().any(|mode| self.has(*mode)) {
+                self.send(&format!("\u{1b}[<{button};40;12M"));
+            } else {
+                self.send(&format!("\u{1b}[{arrow}"));
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Pastes a text, marked for a program that asks for it.
+    fn paste(&self, text: &str) {
+        if self.has(PASTE) {
+            self.send(&format!("\u{1b}[200~{text}\u{1b}[201~"));
+        } else {
+            self.send(text);
+        }
+    }
+
+    fn lose_focus(&self) {
+        if self.has(FOCUS) {
+            self.send("\u{1b}[O");
+        }
+    }
+
+    /// Arms, and lets the robot walk.
+    fn walk(&self, served: &ServedRobot) {
+        self.arm(served);
+        self.press_until("w", || served.robot().state == State::Running);
+    }
+
+    fn arm(&self, served: &ServedRobot) {
+        self.press_until("\r", || served.robot().state == State::Armed);
+    }
+
+    /// Presses a key again and again, as a hand does whose robot is not ready yet.
+    fn press_until(&self, key: &str, condition: impl Fn() -> bool) {
+        wait_until(|| {
+            self.send(key);
+            std::thread::sleep(Duration::from_millis(30));
+            condition()
+        });
+    }
+
+    /// Presses a key whose effect shows that all before it was taken.
+    fn mark(&self, served: &ServedRobot, theta: f32) {
+        self.send("\u{1b}[C");
+        wait_until(|| served.robot().setpoint.direction() == Degrees::saturating(theta));
+    }
+
+    fn leave(mut self) {
+        self.send("\u{1b}");
+        assert_eq!(self.child.wait().unwrap().code(), Some(0));
+        drop(self.master);
+        self.reader.join().unwrap();
+        let left = self.modes.lock().unwrap();
+        let is_left = |mode: &u32| MOUSE.contains(mode) || [FOCUS, PASTE].contains(mode);
+        assert!(!left.iter().any(is_left), "the terminal is left with {left:?}");
+    }
+}
+
+#[test]
+fn a_wheel_a_paste_and_an_answer_of_the_terminal_move_nothing() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let desk = Desk::new(operator.command(&["teleop", &address]));
+    desk.arm(&served);
+    desk.wheel(10, true);
+    desk.wheel(10, false);
+    desk.paste("flix-walker\n");
+    desk.paste("w");
+    // One that does not mark pasted text, and the colour of a background that nobody here asked for.
+    desk.send("flix-walker\nwwwwww");
+    std::thread::sleep(Duration::from_millis(20));
+    desk.send("\u{1b}]11;rgb:1e1e/1e1e/2e2e\u{1b}\\");
+    std::thread::sleep(Duration::from_millis(20));
+    desk.mark(&served, 5.0);
+    assert_eq!(served.robot().setpoint.frequency(), Hertz::ZERO);
+    // A step of f alone begins nothing.
+    desk.send("\u{1b}[A");
+    desk.mark(&served, 10.0);
+    assert_eq!(served.robot().setpoint.frequency(), Hertz::ZERO);
+    // Nor does any of it change a walk.
+    desk.press_until("w", || served.robot().state == State::Running);
+    desk.wheel(10, true);
+    desk.paste("d");
+    // The walk's own direction is 30 degrees.
+    desk.mark(&served, 35.0);
+    assert_eq!(served.robot().setpoint.frequency(), Hertz::saturating(-30.0));
+    desk.leave();
+}
+
+#[test]
+fn a_robot_rests_when_its_operator_looks_elsewhere() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let desk = Desk::new(operator.command(&["teleop", &address]));
+    desk.walk(&served);
+    desk.lose_focus();
+    wait_until(|| served.robot().setpoint == Setpoint::REST);
+    assert_ne!(served.robot().state, State::Disarmed);
+    desk.leave();
+}
+
+#[test]
+fn a_robot_rests_without_keys_and_a_held_key_lets_it_walk() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let desk = Desk::new(operator.command(&["teleop", &address, "--rest-after", "1s"]));
+    desk.walk(&served);
+    let start = Instant::now();
+    while start.elapsed() < Duration::from_millis(1500) {
+        desk.send("w");
+        std::thread::sleep(Duration::from_millis(30));
+        assert_ne!(served.robot().setpoint, Setpoint::REST);
+    }
+    wait_until(|| served.robot().setpoint == Setpoint::REST);
+    desk.leave();
+    let refused = operator.flix(&["teleop", &address, "--rest-after", "0.5s"]);
+    refused.expect(2, &["name a time between 1s and 1h"]);
+}
+
+#[test]
+fn a_robot_rests_when_nobody_is_attached_to_tmux() {
+    use std::os::unix::fs::PermissionsExt;
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let attached = operator.home.path().join("attached");
+    let tmux = operator.home.path().join("tmux");
+    std::fs::write(&attached, "1 1\n").unwrap();
+    std::fs::write(&tmux, format!("#!/bin/sh\ncat {}\n", attached.display())).unwrap();
+    std::fs::set_permissions(&tmux, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let mut command = operator.command(&["teleop", &address]);
+    let path = format!("{}:/usr/bin:/bin", operator.home.path().display());
+    command.env("PATH", path).env("TMUX", "/tmp/tmux-0/default,7,0").env("TMUX_PANE", "%0");
+    let desk = Desk::new(command);
+    desk.walk(&served);
+    std::fs::write(&attached, "0 1\n").unwrap();
+    wait_until(|| served.robot().setpoint == Setpoint::REST);
+    desk.leave();
+}
+
 #[test]
 fn teleop_stops_the_robot_when_its_terminal_closes() {
     let (served, address) = serve(robot());

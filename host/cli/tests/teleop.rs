@@ -156,6 +156,41 @@ fn f_and_theta_move_in_steps_and_stay_in_range() {
 }
 
 #[test]
+fn a_step_of_f_begins_no_walk_and_one_to_zero_ends_it() {
+    let mut desk = Desk::armed();
+    for step in [1.0, -1.0, 30.0] {
+        desk.press(Action::Frequency(step));
+        assert_eq!(desk.robot.setpoint, Setpoint::REST);
+    }
+    desk.press(Action::Walk(Mode::RightTurn));
+    for _ in 0..40 {
+        desk.press(Action::Frequency(-1.0));
+    }
+    assert_eq!(desk.robot.setpoint.frequency().get(), 0.0);
+}
+
+#[test]
+fn a_robot_without_an_operator_rests_and_the_time_left_is_shown() {
+    let mut desk = Desk::armed();
+    desk.cockpit.be_attended(Duration::from_secs(30), desk.now);
+    desk.run(Duration::from_secs(60));
+    assert_eq!(desk.cockpit.walks_for(), None, "it does not walk");
+    desk.press(Action::Walk(Mode::Forward));
+    desk.run(Duration::from_secs(20));
+    insta::assert_snapshot!(desk.picture(80, 24));
+    desk.cockpit.attend(desk.now);
+    desk.run(Duration::from_secs(29));
+    assert_eq!(desk.robot.setpoint, Mode::Forward.setpoint());
+    for _ in 0..101 {
+        desk.run(Duration::from_millis(10));
+        desk.cockpit.watch(&mut desk.client, desk.now);
+    }
+    desk.run(Duration::from_millis(100));
+    assert_eq!((desk.robot.setpoint, desk.robot.state), (Setpoint::REST, State::Armed));
+    assert!(desk.cockpit.log.back().unwrap().text.contains("no key for 30 s"));
+}
+
+#[test]
 fn a_line_of_force_at_90_degrees_does_not_seem_to_jump() {
     let mut desk = Desk::armed();
     desk.press(Action::Walk(Mode::LeftTurn));

@@ -122,6 +122,14 @@ pub struct Cockpit {
     animated: Instant,
     insisting: Option<Insisting>,
     asked: Vec<u32>,
+    attention: Option<Attention>,
+}
+
+/// How long a robot walks on without an operator who shows that he is there, and since when he has not.
+#[derive(Debug, Clone, Copy)]
+struct Attention {
+    patience: Duration,
+    since: Instant,
 }
 
 /// A request that is repeated while the robot refuses it because of a state that passes.
@@ -158,7 +166,52 @@ impl Cockpit {
             animated: now,
             insisting: None,
             asked: Vec::new(),
+            attention: None,
         }
+    }
+
+    /// Lets the robot rest after so long without an action or another sign of the operator.
+    pub const fn be_attended(&mut self, patience: Duration, now: Instant) {
+        self.attention = Some(Attention { patience, since: now });
+    }
+
+    /// Takes a sign of the operator that is no action: any key, a stick that is held.
+    pub const fn attend(&mut self, now: Instant) {
+        if let Some(attention) = &mut self.attention {
+            attention.since = now;
+        }
+    }
+
+    /// Returns how long the robot still walks without a sign of the operator, as of the last [`tick`](Self::tick); nothing where
+    /// it is at rest, or for ever.
+    #[must_use]
+    pub fn walks_for(&self) -> Option<Duration> {
+        self.left(self.animated)
+    }
+
+    fn left(&self, now: Instant) -> Option<Duration> {
+        let Attention { patience, since } = self.attention.filter(|_| self.is_walking())?;
+        Some(patience.saturating_sub(now.since(since)))
+    }
+
+    /// Lets the robot rest if the operator has shown no sign for too long.
+    pub fn watch(&mut self, client: &mut Client, now: Instant) {
+        if self.left(now) == Some(Duration::ZERO) {
+            let patience = self.attention.map_or(0, |attention| attention.patience.as_secs());
+            self.abandon(&format!("no key for {patience} s"), client, now);
+        }
+    }
+
+    /// Lets a robot that walks rest, since its operator is not there; `why` in words.
+    pub fn abandon(&mut self, why: &str, client: &mut Client, now: Instant) {
+        if self.is_walking() {
+            self.want(Setpoint::REST, client, now);
+            self.note(now, Weight::Warning, &format!("{why}: the robot rests"));
+        }
+    }
+
+    fn is_walking(&self) -> bool {
+        self.wanted.frequency() != Hertz::ZERO
     }
 
     /// Begins a session: requests the identity of the robot.
@@ -178,6 +231,7 @@ impl Cockpit {
 
     /// Does an action of the operator, except leaving.
     pub fn act(&mut self, action: Action, client: &mut Client, now: Instant) {
+        self.attend(now);
         match action {
             Action::Stop | Action::Interrupt => {
                 self.rest();
@@ -204,6 +258,11 @@ impl Cockpit {
             Action::HoldHeading => self.hold_heading(now),
             Action::Rest => {
                 self.want(Setpoint::REST, client, now);
+            }
+            // A wheel, or a key that is hit by mistake, begins no walk.
+            Action::Frequency(_) if !self.is_walking() => {
+                let text = "at rest: begin a walk first, then change f";
+                self.note(now, Weight::Warning, text);
             }
             Action::Frequency(step) => self.adjust(step, 0.0, client, now),
             Action::Direction(step) => self.adjust(0.0, step, client, now),

@@ -5,7 +5,6 @@ mod screen;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::mpsc::Receiver;
 use std::time::{Duration, SystemTime};
 
 use flix_protocol::message::{
@@ -14,12 +13,13 @@ use flix_protocol::message::{
 };
 use flix_protocol::units::{Degrees, Hertz};
 use indicatif::ProgressBar;
+use ratatui::Frame;
 use serde::Serialize;
 
 use super::drive::{direction, frequency, give_up, stop};
 use super::robot::RobotArgs;
 use super::{Error, Exit};
-use crate::teleop::screen::{is_closed, keyboard};
+use crate::teleop::terminal::{Screen, is_closed};
 use flix_host::interrupt::Interrupt;
 use flix_host::link::udp::{Connection, LinkError, faulted};
 use flix_host::link::{Update, is_reached};
@@ -133,13 +133,14 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (plan, setpoint) = (args.plan()?, args.setpoint()?);
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let mut connection = args.robot.connect(&interrupt)?;
-    let mut driven = Driven { setpoint, awaits_fault: plan.trigger == Trigger::Fault, keys: None };
+    let mut driven =
+        Driven { setpoint, awaits_fault: plan.trigger == Trigger::Fault, screen: None };
     let done = if args.last {
-        last(&mut connection, &driven)
+        last(&mut connection, &mut driven)
     } else if args.live {
         live(&mut connection, &plan, &mut driven, args.patience).map(|()| None)
     } else {
-        once(&mut connection, &plan, &driven, args.patience)
+        once(&mut connection, &plan, &mut driven, args.patience)
     };
     let capture = match done {
         Ok(capture) => capture,
@@ -163,7 +164,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 fn once(
     connection: &mut Connection,
     plan: &ScopePlan,
-    driven: &Driven,
+    driven: &mut Driven,
     patience: Duration,
 ) -> Result<Option<Capture>, Error> {
     let begins_now = plan.trigger == Trigger::Now;
@@ -181,7 +182,7 @@ fn once(
 }
 
 /// Fetches what the robot has kept of a fault.
-fn last(connection: &mut Connection, driven: &Driven) -> Result<Option<Capture>, Error> {
+fn last(connection: &mut Connection, driven: &mut Driven) -> Result<Option<Capture>, Error> {
     let status = ask(connection, ScopeCommand::Status)?;
     if status.state != ScopeState::Complete {
         return Err(Error::new(
@@ -205,14 +206,15 @@ fn live(
         ));
     }
     driven.begin(connection)?;
-    let mut terminal = ratatui::try_init()
+    let screen = Screen::open()
         .map_err(|error| Error::usage(format_args!("the terminal failed: {error}")))?;
-    driven.keys = Some(keyboard());
+    driven.screen = Some(screen);
     let mut newest: Option<Capture> = None;
     let mut count = 0_u32;
     let ended = loop {
         let words = format!("capture {count}");
-        if terminal.draw(|frame| screen::draw(frame, newest.as_ref(), &words)).is_err() {
+        let draw = |frame: &mut Frame<'_>| screen::draw(frame, newest.as_ref(), &words);
+        if driven.screen.as_mut().is_some_and(|screen| screen.draw(draw).is_err()) {
             break Err(LinkError::Interrupted.into());
         }
         let captured = ask(connection, ScopeCommand::Begin(plan.clone()))
@@ -228,8 +230,7 @@ fn live(
         }
         count += 1;
     };
-    // A terminal that is closed cannot be restored, and needs not be.
-    let _ = ratatui::try_restore();
+    driven.screen = None;
     ended?;
     driven.end(connection)
 }
@@ -238,8 +239,8 @@ fn live(
 struct Driven {
     setpoint: Option<Setpoint>,
     awaits_fault: bool,
-    /// What the operator presses meanwhile.
-    keys: Option<Receiver<Action>>,
+    /// Where the operator looks meanwhile, and may press keys.
+    screen: Option<Screen>,
 }
 
 impl Driven {
@@ -247,13 +248,15 @@ impl Driven {
     ///
     /// # Errors
     /// When the operator stops or interrupts.
-    fn is_left(&self) -> Result<bool, Error> {
-        let Some(keys) = &self.keys else { return Ok(false) };
+    fn is_left(&mut self) -> Result<bool, Error> {
+        let Some(screen) = &mut self.screen else { return Ok(false) };
         if is_closed() {
             return Err(LinkError::Interrupted.into());
         }
-        let mut is_left = false;
-        for action in keys.try_iter() {
+        let typed = screen.typed();
+        // A robot does not walk on for nobody.
+        let mut is_left = self.setpoint.is_some() && typed.is_unwatched;
+        for action in typed.actions {
             match action {
                 Action::Stop | Action::Interrupt => return Err(LinkError::Interrupted.into()),
                 action => is_left |= action == Action::Quit,
@@ -324,7 +327,7 @@ fn ask(connection: &mut Connection, command: ScopeCommand) -> Result<ScopeStatus
 /// Waits until the capture is complete; `None` when the operator leaves before.
 fn await_capture(
     connection: &mut Connection,
-    driven: &Driven,
+    driven: &mut Driven,
     patience: Duration,
 ) -> Result<Option<ScopeStatus>, Error> {
     let start = std::time::Instant::now();
@@ -351,11 +354,11 @@ fn await_capture(
 /// Fetches the rows; `None` when the operator leaves before.
 fn fetch(
     connection: &mut Connection,
-    driven: &Driven,
+    driven: &mut Driven,
     status: ScopeStatus,
 ) -> Result<Option<Capture>, Error> {
     // On the screen of --live it would be in the way.
-    let bar = match driven.keys {
+    let bar = match driven.screen {
         Some(_) => ProgressBar::hidden(),
         None => ProgressBar::new(status.rows.into()),
     };

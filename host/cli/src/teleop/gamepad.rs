@@ -111,6 +111,12 @@ impl Hand {
         actions
     }
 
+    /// Returns whether it lets the robot walk.
+    #[must_use]
+    pub const fn is_held(&self) -> bool {
+        self.drives.is_some()
+    }
+
     /// Returns the commands of buttons that have just been pressed.
     fn commands(&mut self, reading: &Reading) -> Vec<Action> {
         let before = std::mem::replace(&mut self.pressed, reading.commands);
@@ -148,6 +154,12 @@ mod device {
         #[must_use]
         pub fn open() -> Self {
             Self { gilrs: Gilrs::new().ok(), hand: Hand::default() }
+        }
+
+        /// Returns whether one lets the robot walk.
+        #[must_use]
+        pub const fn is_held(&self) -> bool {
+            self.hand.is_held()
         }
 
         /// Returns what the operator wants now.
@@ -188,6 +200,12 @@ mod without {
         #[must_use]
         pub fn open() -> Self {
             Self
+        }
+
+        /// Returns that none does.
+        #[must_use]
+        pub const fn is_held(&self) -> bool {
+            false
         }
 
         /// Returns nothing.

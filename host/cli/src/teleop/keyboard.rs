@@ -1,5 +1,7 @@
 //! Converts keys to actions.
 
+use std::time::Duration;
+
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 use flix_host::teleop::action::{Action, DIRECTION_STEPS, FREQUENCY_STEPS, Mode};
@@ -10,13 +12,19 @@ pub fn action(key: KeyEvent) -> Option<Action> {
     if key.kind == KeyEventKind::Release {
         return None;
     }
+    // The space bar stops, whatever else is pressed.
+    if key.code == KeyCode::Char(' ') {
+        return Some(Action::Stop);
+    }
     if key.modifiers.contains(KeyModifiers::CONTROL) {
         return match key.code {
             KeyCode::Char('c' | 'd' | '\\') => Some(Action::Interrupt),
-            // The space bar stops, whatever else is pressed.
-            KeyCode::Char(' ') => Some(Action::Stop),
             _ => None,
         };
+    }
+    // Nothing is at a key with Alt and the like; an answer of the terminal to somebody else begins as such a key does.
+    if !KeyModifiers::SHIFT.contains(key.modifiers) {
+        return None;
     }
     let fine = usize::from(key.modifiers.contains(KeyModifiers::SHIFT));
     let KeyCode::Char(character) = key.code else {
@@ -32,7 +40,6 @@ pub fn action(key: KeyEvent) -> Option<Action> {
         };
     };
     Some(match character.to_ascii_lowercase() {
-        ' ' => Action::Stop,
         'w' | '1' => Action::Walk(Mode::Forward),
         'a' | '2' => Action::Walk(Mode::LeftTurn),
         'd' | '3' => Action::Walk(Mode::RightTurn),
@@ -45,9 +52,182 @@ pub fn action(key: KeyEvent) -> Option<Action> {
     })
 }
 
+/// Time between two keys that a hand leaves at the least: keys repeat up to 50 times per second, and a hand rolls over two
+/// of them in some 10 ms.
+const APART: Duration = Duration::from_millis(5);
+/// Most keys in one go that may come from a hand: a slow network hands over some together.
+const TOGETHER: usize = 3;
+
+/// What a terminal reports.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Report {
+    /// A key, or what looks like one.
+    Key(KeyEvent),
+    /// Nobody looks: the focus is lost, or nobody is attached to tmux or screen.
+    Unwatched,
+    /// It cannot be read any more.
+    Closed,
+}
+
+/// What was typed.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Typed {
+    /// What the operator wants.
+    pub actions: Vec<Action>,
+    /// Whether a key was pressed, with an action or without.
+    pub is_touched: bool,
+    /// Whether nobody looks any more.
+    pub is_unwatched: bool,
+    /// Keys that came in one go and were dropped.
+    pub dropped: usize,
+}
+
+/// Tells typing from text: pasted into a terminal that does not mark it, held back while a network stood still, or the answer
+/// to somebody else's question. A hand leaves time between two keys. What lets the robot rest or stop is obeyed in any case.
+#[derive(Debug, Clone, Default)]
+pub struct Typing {
+    ready: Typed,
+    /// What the keys that came together last are there for, and when the last of them came.
+    together: Vec<Option<Action>>,
+    last: Duration,
+}
+
+impl Typing {
+    /// Takes what a terminal reported at this time.
+    pub fn report(&mut self, at: Duration, report: Report) {
+        self.settle(at);
+        match report {
+            Report::Key(key) if key.kind == KeyEventKind::Release => {}
+            Report::Key(key) => {
+                let action = action(key);
+                if let Some(calming) = action.filter(is_calming) {
+                    // What was pressed before it is over.
+                    self.together.fill(None);
+                    self.ready.actions.push(calming);
+                }
+                self.together.push(action.filter(|action| !is_calming(action)));
+                self.last = at;
+            }
+            Report::Unwatched => self.ready.is_unwatched = true,
+            Report::Closed => self.ready.actions.push(Action::Interrupt),
+        }
+    }
+
+    /// Returns what was typed since the last call, as far as that is known by now.
+    pub fn take(&mut self, now: Duration) -> Typed {
+        self.settle(now);
+        std::mem::take(&mut self.ready)
+    }
+
+    /// Judges the keys that came together, once nothing followed for long enough.
+    fn settle(&mut self, now: Duration) {
+        if self.together.is_empty() || now.saturating_sub(self.last) < APART {
+            return;
+        }
+        let keys = std::mem::take(&mut self.together);
+        if keys.len() > TOGETHER {
+            self.ready.dropped += keys.len();
+            return;
+        }
+        self.ready.is_touched = true;
+        self.ready.actions.extend(keys.into_iter().flatten());
+    }
+}
+
+/// Returns whether an action moves nothing, so that it never waits for doubts.
+const fn is_calming(action: &Action) -> bool {
+    matches!(action, Action::Stop | Action::Interrupt | Action::Rest | Action::Disarm)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const fn key(code: KeyCode) -> Report {
+        Report::Key(KeyEvent::new(code, KeyModifiers::NONE))
+    }
+
+    const fn ms(time: u64) -> Duration {
+        Duration::from_millis(time)
+    }
+
+    /// Reports keys of a text, so long apart.
+    fn type_text(typing: &mut Typing, text: &str, apart: Duration) -> Typed {
+        for (index, character) in (0..).zip(text.chars()) {
+            typing.report(ms(100) + apart * index, key(KeyCode::Char(character)));
+        }
+        typing.take(ms(100) + apart * u32::try_from(text.len()).unwrap_or(0) + APART)
+    }
+
+    #[test]
+    fn typed_keys_act_and_a_text_in_one_go_does_not() {
+        let typed = type_text(&mut Typing::default(), "wq", ms(20));
+        let walk = |mode| Action::Walk(mode);
+        assert_eq!(typed.actions, [walk(Mode::Forward), walk(Mode::StrafeLeft)]);
+        assert!(typed.is_touched && typed.dropped == 0);
+        let text = type_text(&mut Typing::default(), "flix-walker", ms(0));
+        assert_eq!(text, Typed { dropped: 11, ..Typed::default() });
+        // A slow network hands over two keys together.
+        assert_eq!(type_text(&mut Typing::default(), "wq", ms(0)).actions.len(), 2);
+    }
+
+    #[test]
+    fn an_answer_to_somebody_else_is_no_typing() {
+        // The colour of the background, as it is read when nobody asked for it here: Alt and ], then characters.
+        let mut typing = Typing::default();
+        typing.report(ms(1), Report::Key(KeyEvent::new(KeyCode::Char(']'), KeyModifiers::ALT)));
+        for character in "11;rgb:1e1e/1e1e/2e2e".chars() {
+            typing.report(ms(1), key(KeyCode::Char(character)));
+        }
+        assert_eq!(typing.take(ms(50)).actions, []);
+        for code in ['w', '1', 'c', 'h'] {
+            for with in [KeyModifiers::ALT, KeyModifiers::META, KeyModifiers::SUPER] {
+                assert_eq!(action(KeyEvent::new(KeyCode::Char(code), with)), None);
+            }
+        }
+    }
+
+    #[test]
+    fn what_stops_or_rests_is_obeyed_at_once_even_within_a_text() {
+        let mut typing = Typing::default();
+        for character in "was ist los".chars() {
+            typing.report(ms(1), key(KeyCode::Char(character)));
+        }
+        let actions = typing.take(ms(1)).actions;
+        assert!(actions.iter().all(is_calming) && actions.contains(&Action::Stop), "{actions:?}");
+        // Once, not again when the rest is judged.
+        assert_eq!(typing.take(ms(100)).actions, []);
+        // Nor does a key act that was pressed before.
+        for character in ['w', 's'] {
+            typing.report(ms(200), key(KeyCode::Char(character)));
+        }
+        assert_eq!(typing.take(ms(300)).actions, [Action::Rest]);
+    }
+
+    #[test]
+    fn keys_that_repeat_act_and_those_held_back_by_a_network_do_not() {
+        let mut typing = Typing::default();
+        for count in 0..50 {
+            typing.report(ms(20 * count), key(KeyCode::Up));
+        }
+        assert_eq!(typing.take(ms(2000)).actions.len(), 50);
+        for _ in 0..50 {
+            typing.report(ms(5000), key(KeyCode::Up));
+        }
+        let held_back = typing.take(ms(6000));
+        assert_eq!((held_back.actions.len(), held_back.dropped), (0, 50));
+        assert!(!held_back.is_touched);
+    }
+
+    #[test]
+    fn nobody_looking_and_a_closed_terminal_are_reported() {
+        let mut typing = Typing::default();
+        typing.report(ms(1), Report::Unwatched);
+        typing.report(ms(1), Report::Closed);
+        let typed = typing.take(ms(1));
+        assert!(typed.is_unwatched && !typed.is_touched);
+        assert_eq!(typed.actions, [Action::Interrupt]);
+    }
 
     #[test]
     fn the_space_bar_stops_whatever_else_is_pressed() {

@@ -1,18 +1,15 @@
-//! The terminal and the loop.
+//! The loop of driving at a terminal.
 
 use std::io::{self, IsTerminal};
-use std::sync::mpsc;
 use std::time::{Duration, Instant};
-
-use ratatui::DefaultTerminal;
-use ratatui::crossterm::event::{self, Event};
 
 use super::drive::{Drive, DriveError, Ending};
 use super::gamepad::Gamepads;
-use super::keyboard::action;
+use super::terminal::{Screen, is_closed};
 use super::view;
 use flix_host::interrupt::Interrupt;
 use flix_host::teleop::action::Action;
+use flix_host::teleop::cockpit::Weight;
 
 /// Longest wait for a datagram between two checks of the keys.
 const KEY_LATENCY: Duration = Duration::from_millis(10);
@@ -34,83 +31,57 @@ pub enum ScreenError {
 }
 
 /// Drives by hand until the operator leaves. Restores the terminal at the end, also after errors and
-/// panics.
+/// panics. A robot that walks rests after `patience` without a key.
 ///
 /// # Errors
 /// When there is no terminal, or the network fails.
-pub fn run(drive: &mut Drive, interrupt: &Interrupt) -> Result<Ending, ScreenError> {
+pub fn run(
+    drive: &mut Drive,
+    interrupt: &Interrupt,
+    patience: Duration,
+) -> Result<Ending, ScreenError> {
     if !(io::stdin().is_terminal() && io::stdout().is_terminal()) {
         return Err(ScreenError::NoTerminal);
     }
-    // Its panic hook restores the terminal before the message is printed; unwinding then drops the
-    // connection, which stops the robot.
-    let mut terminal = ratatui::try_init().map_err(ScreenError::Terminal)?;
-    let ending = show(&mut terminal, drive, interrupt);
-    if is_closed() {
-        // Dropped, it would report its cursor to a standard error that may be closed as well, and panic.
-        std::mem::forget(terminal);
-        return ending;
-    }
-    // A terminal that is closed cannot be restored, and needs not be.
-    let _ = ratatui::try_restore();
-    ending
-}
-
-fn show(
-    terminal: &mut DefaultTerminal,
-    drive: &mut Drive,
-    interrupt: &Interrupt,
-) -> Result<Ending, ScreenError> {
+    let mut screen = Screen::open().map_err(ScreenError::Terminal)?;
     let mut drawn = None::<Instant>;
-    let keys = keyboard();
     let mut gamepads = Gamepads::open();
+    let (cockpit, _, now) = drive.operate();
+    cockpit.be_attended(patience, now);
     loop {
         drive.step(KEY_LATENCY)?;
         if interrupt.is_raised() || is_closed() {
             return Ok(Ending::Interrupted);
         }
         let (cockpit, client, now) = drive.operate();
-        for action in keys.try_iter() {
+        let typed = screen.typed();
+        if typed.is_touched || gamepads.is_held() {
+            cockpit.attend(now);
+        }
+        if typed.dropped > 0 {
+            let text = format!("{} keys at once are no typing: ignored", typed.dropped);
+            cockpit.note(now, Weight::Warning, &text);
+        }
+        for action in typed.actions {
             match action {
                 Action::Quit => return Ok(Ending::Quit),
                 Action::Interrupt => return Ok(Ending::Interrupted),
                 action => cockpit.act(action, client, now),
             }
         }
+        if typed.is_unwatched {
+            cockpit.abandon("nobody looks at the terminal", client, now);
+        }
         for action in gamepads.read(cockpit, now) {
             cockpit.act(action, client, now);
         }
+        cockpit.watch(client, now);
         if drawn.is_none_or(|at| at.elapsed() >= FRAME) {
             drawn = Some(Instant::now());
             cockpit.tick(client, now);
-            if terminal.draw(|frame| view::draw(frame, cockpit)).is_err() {
+            if screen.draw(|frame| view::draw(frame, cockpit)).is_err() {
                 return Ok(Ending::Interrupted);
             }
         }
     }
-}
-
-/// Returns the actions of the keys as they are pressed. A thread of its own reads them: a read of a
-/// terminal that closes at that moment never returns.
-pub(crate) fn keyboard() -> mpsc::Receiver<Action> {
-    let (sender, actions) = mpsc::channel();
-    std::thread::spawn(move || {
-        loop {
-            let pressed = match event::read() {
-                Ok(Event::Key(key)) => action(key),
-                Ok(_) => None,
-                // A terminal that cannot be read is closed.
-                Err(_) => Some(Action::Interrupt),
-            };
-            if pressed.is_some_and(|action| sender.send(action).is_err()) {
-                return;
-            }
-        }
-    });
-    actions
-}
-
-/// Returns whether the terminal is closed: it is no terminal any more.
-pub(crate) fn is_closed() -> bool {
-    !io::stdin().is_terminal()
 }

@@ -13,6 +13,7 @@
 //! The smallest size is 80 by 24 characters; a larger terminal shows more of histories and log.
 
 use std::f32::consts::PI;
+use std::time::Duration;
 
 use flix_protocol::failsafe::BATTERY_LOW_VOLTS;
 use flix_protocol::message::{MAXIMUM_DIRECTION, MAXIMUM_FREQUENCY, State, Telemetry};
@@ -52,6 +53,8 @@ const BATTERY_RANGE: (f32, f32) = (9.0, 12.6);
 const LOG_INDENT: usize = 9;
 /// Loss above which it is shown in red.
 const POOR_LOSS: f64 = 0.1;
+/// Time before a robot without an operator rests from which on it is shown.
+const COUNTED: Duration = Duration::from_secs(15);
 
 /// Draws everything.
 pub fn draw(frame: &mut Frame<'_>, cockpit: &Cockpit) {
@@ -210,6 +213,10 @@ fn trouble_lines(cockpit: &Cockpit) -> Vec<Line<'static>> {
         }
     } else {
         lines.push(Line::styled("no faults", FAINT));
+    }
+    if let Some(left) = cockpit.walks_for().filter(|left| *left <= COUNTED) {
+        let text = format!("rests in {} s unless a key is pressed", left.as_secs() + 1);
+        lines.push(Line::from(text).fg(Color::Yellow));
     }
     if telemetry.link_late {
         lines.push(Line::from("commands reach the robot late").fg(Color::Yellow));

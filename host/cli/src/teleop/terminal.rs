@@ -1,0 +1,135 @@
+//! The terminal in full screen, and what of its input a person pressed.
+//!
+//! A terminal sends bytes for more than keys: for the wheel of a mouse (as arrow keys, unless the program asks for the mouse
+//! itself; xterm's control sequences, mode 1007), for pasted text (mode 2004 marks it), for a window that gains or loses the
+//! focus (mode 1004), and as answers to questions of other programs. All of that is asked for here and dropped, but for the
+//! lost focus. What still comes in one go is no typing, see [`keyboard::Typing`](super::keyboard::Typing).
+
+use std::io::{self, IsTerminal};
+use std::sync::Once;
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+use ratatui::crossterm::event::{
+    self, DisableBracketedPaste, DisableFocusChange, DisableMouseCapture, EnableBracketedPaste,
+    EnableFocusChange, EnableMouseCapture, Event,
+};
+use ratatui::crossterm::execute;
+use ratatui::{DefaultTerminal, Frame};
+
+use super::keyboard::{Report, Typed, Typing};
+use super::multiplexer::Multiplexer;
+
+/// Interval of looking whether anybody is attached to tmux or screen.
+const LOOK: Duration = Duration::from_secs(1);
+
+/// A terminal in full screen. Dropped, also by a panic, it is as it was.
+pub(crate) struct Screen {
+    /// None once it is closed.
+    terminal: Option<DefaultTerminal>,
+    reports: mpsc::Receiver<(Instant, Report)>,
+    typing: Typing,
+    start: Instant,
+}
+
+impl Screen {
+    /// Takes the terminal.
+    ///
+    /// # Errors
+    /// When the terminal fails.
+    pub(crate) fn open() -> io::Result<Self> {
+        // Restores the terminal before the message of a panic is printed; unwinding then drops the connection, which stops the
+        // robot.
+        let terminal = ratatui::try_init()?;
+        static ONCE: Once = Once::new();
+        ONCE.call_once(|| {
+            let restore = std::panic::take_hook();
+            std::panic::set_hook(Box::new(move |panic| {
+                let _ = be_quiet();
+                restore(panic);
+            }));
+        });
+        let screen = Self {
+            terminal: Some(terminal),
+            reports: reports(),
+            typing: Typing::default(),
+            start: Instant::now(),
+        };
+        execute!(io::stdout(), EnableMouseCapture, EnableBracketedPaste, EnableFocusChange)?;
+        Ok(screen)
+    }
+
+    /// Draws; an error when the terminal is closed.
+    pub(crate) fn draw(&mut self, draw: impl FnOnce(&mut Frame<'_>)) -> io::Result<()> {
+        self.terminal.as_mut().map_or_else(
+            || Err(io::ErrorKind::BrokenPipe.into()),
+            |terminal| terminal.draw(draw).map(drop),
+        )
+    }
+
+    /// Returns what was typed since the last call. Never waits.
+    pub(crate) fn typed(&mut self) -> Typed {
+        for (at, report) in self.reports.try_iter() {
+            self.typing.report(at.saturating_duration_since(self.start), report);
+        }
+        self.typing.take(self.start.elapsed())
+    }
+}
+
+impl Drop for Screen {
+    fn drop(&mut self) {
+        if is_closed() {
+            // Dropped, it would report its cursor to a standard error that may be closed as well, and panic.
+            std::mem::forget(self.terminal.take());
+            return;
+        }
+        // A terminal that is closed at this moment cannot be restored, and needs not be.
+        let _ = be_quiet();
+        let _ = ratatui::try_restore();
+        // What was typed or pasted meanwhile is for nobody, least of all for the shell.
+        #[cfg(unix)]
+        let _ = rustix::termios::tcflush(io::stdin(), rustix::termios::QueueSelector::IFlush);
+    }
+}
+
+/// Lets the terminal report no more than keys.
+fn be_quiet() -> io::Result<()> {
+    execute!(io::stdout(), DisableFocusChange, DisableBracketedPaste, DisableMouseCapture)
+}
+
+/// Returns what the terminal reports, as it does. Threads of their own read it: a read of a terminal that closes at that moment
+/// never returns.
+fn reports() -> mpsc::Receiver<(Instant, Report)> {
+    let (sender, reports) = mpsc::channel();
+    let looking = sender.clone();
+    std::thread::spawn(move || {
+        loop {
+            let report = match event::read() {
+                Ok(Event::Key(key)) => Report::Key(key),
+                Ok(Event::FocusLost) => Report::Unwatched,
+                // The mouse, pasted text, a window of another size, a focus that is back.
+                Ok(_) => continue,
+                // A terminal that cannot be read is closed.
+                Err(_) => Report::Closed,
+            };
+            if sender.send((Instant::now(), report)).is_err() || report == Report::Closed {
+                return;
+            }
+        }
+    });
+    if let Some(multiplexer) = Multiplexer::around() {
+        std::thread::spawn(move || {
+            let is_sent = || looking.send((Instant::now(), Report::Unwatched)).is_ok();
+            // Where it cannot be known, the operator's patience decides.
+            while multiplexer.is_attached() != Some(false) || is_sent() {
+                std::thread::sleep(LOOK);
+            }
+        });
+    }
+    reports
+}
+
+/// Returns whether the terminal is closed: it is no terminal any more.
+pub(crate) fn is_closed() -> bool {
+    !io::stdin().is_terminal()
+}
