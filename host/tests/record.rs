@@ -1,9 +1,11 @@
 //! A run is recorded, read back, repaired, listed and exported.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 use std::time::UNIX_EPOCH;
 
 use flix_host::record::*;
+use flix_protocol::message::Telemetry;
 
 use crate::walked::*;
 
@@ -181,6 +183,94 @@ fn shown(panel: &serde_json::Value) -> Vec<String> {
     let paths = panel["paths"].as_array().into_iter().flatten().map(|path| text(&path["value"]));
     let topics = panel["topics"].as_object().into_iter().flat_map(|topics| topics.keys().cloned());
     paths.chain(topics).chain(panel.get("topicToRender").map(text)).collect()
+}
+
+/// What the readers of Foxglove and Lichtblick make of a schema, by which one field they cannot read drops a whole topic: each has
+/// one type, by its name; an object has fields, or is a table of any names; an array has items of one type.
+fn refused(schema: &serde_json::Value, path: &str) -> Vec<String> {
+    match schema["type"].as_str() {
+        Some("boolean" | "number" | "integer") => Vec::new(),
+        Some("string") => match schema.get("contentEncoding").map(|it| it.as_str()) {
+            None | Some(Some("base64")) => Vec::new(),
+            other => vec![format!("{path}: content encoding {other:?}")],
+        },
+        Some("object") => {
+            let fields = schema["properties"].as_object().into_iter().flatten();
+            fields.flat_map(|(name, field)| refused(field, &format!("{path}.{name}"))).collect()
+        }
+        Some("array") => refused(&schema["items"], &format!("{path}[]")),
+        _ => vec![format!("{path}: type {}", schema["type"])],
+    }
+}
+
+/// Returns the values of a row that its schema does not allow.
+fn mismatches(value: &serde_json::Value, schema: &serde_json::Value, path: &str) -> Vec<String> {
+    let fits = match schema["type"].as_str() {
+        Some("boolean") => value.is_boolean(),
+        Some("string") => value.is_string(),
+        Some("number") => value.is_number(),
+        Some("integer") => value.is_i64() || value.is_u64(),
+        Some("object") => value.is_object(),
+        Some("array") => value.is_array(),
+        _ => false,
+    };
+    if !fits {
+        return vec![format!("{path}: {value} is no {}", schema["type"])];
+    }
+    if let Some(items) = value.as_array() {
+        return items.iter().flat_map(|it| mismatches(it, &schema["items"], path)).collect();
+    }
+    let fields = value.as_object().into_iter().flatten();
+    let of = |(name, field)| {
+        let path = format!("{path}.{name}");
+        match [&schema["properties"][name], &schema["additionalProperties"]]
+            .into_iter()
+            .find(|schema| schema.is_object())
+        {
+            Some(schema) => mismatches(field, schema, &path),
+            None => vec![format!("{path} is not in the schema")],
+        }
+    };
+    fields.flat_map(of).collect()
+}
+
+#[test]
+fn every_schema_is_one_that_viewers_read() {
+    let kinds = ["string", "null"];
+    let two = serde_json::json!({"type": "object", "properties": {"a": {"type": kinds}}});
+    assert_eq!(refused(&two, "").len(), 1);
+    for channel in &CHANNELS {
+        let schema: serde_json::Value = serde_json::from_str(channel.text).unwrap();
+        assert_eq!(refused(&schema, channel.topic), [""; 0]);
+    }
+}
+
+#[test]
+fn every_row_is_what_its_schema_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let description = RunDescription {
+        name: "absent".into(),
+        run: BTreeMap::new(),
+        settings: BTreeMap::new(),
+        versions: BTreeMap::new(),
+    };
+    // A robot that measures no voltage, and has neither a fault nor a memory of a command.
+    let mut recorder = Recorder::create(folder.path(), started(), &description).unwrap();
+    let bare = Telemetry { first_fault: None, bus_voltage: None, ..telemetry(0.0) };
+    recorder.telemetry(at(0.0), &bare).unwrap();
+    let files = [write_record(folder.path()), recorder.finish().unwrap()];
+    let mut topics = BTreeSet::new();
+    for file in files {
+        let bytes = std::fs::read(file).unwrap();
+        for message in mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap) {
+            let schema = serde_json::from_slice(&message.channel.schema.as_ref().unwrap().data);
+            let row = serde_json::from_slice(&message.data).unwrap();
+            let topic = &message.channel.topic;
+            assert_eq!(mismatches(&row, &schema.unwrap(), topic), [""; 0], "{row}");
+            topics.insert(topic.clone());
+        }
+    }
+    assert!(topics.len() >= 5, "{topics:?}");
 }
 
 #[test]

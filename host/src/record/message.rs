@@ -132,7 +132,7 @@ pub struct MotorRow {
     pub current_q_a: f64,
 }
 
-/// Telemetry of the robot.
+/// Telemetry of the robot. What is absent is left out: a field of a schema has one type, by the readers of Foxglove and Lichtblick.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TelemetryRow {
     /// Time of arrival.
@@ -144,7 +144,7 @@ pub struct TelemetryRow {
     /// Latched faults.
     pub faults: Vec<String>,
     /// The first of them: the cause of the rest. None in records older than this column.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub first_fault: Option<String>,
     /// Whether a stop is latched.
     pub stopped: bool,
@@ -163,6 +163,7 @@ pub struct TelemetryRow {
     /// Bottom motor.
     pub bottom: MotorRow,
     /// Voltage on the battery side of the bridge, V; none where it is not measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bus_voltage_v: Option<f64>,
     /// Largest recent duty, as a share of the bridge's range.
     pub modulation: f64,
@@ -181,7 +182,7 @@ pub struct TelemetryRow {
     pub silence_us: u32,
     /// Age of the newest command at its arrival, ms; none when it was older than the robot remembers,
     /// and in records older than this column.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub command_age_ms: Option<f64>,
 }
 
