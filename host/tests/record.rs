@@ -45,7 +45,8 @@ fn a_record_whose_program_was_killed_is_completed_once() {
     std::fs::write(&file, &whole[..whole.len() * 2 / 3]).unwrap();
     let before = Run::read(&file).unwrap();
     assert!(!before.is_complete && mcap::Summary::read(&std::fs::read(&file).unwrap()).is_err());
-    let rows = repair(&file).unwrap().unwrap();
+    let Repaired { rows, damage, original } = repair(&file).unwrap().unwrap();
+    assert!(damage.is_none() && original.is_none(), "{damage}, {original:?}");
     let after = Run::read(&file).unwrap();
     assert!(after.is_complete, "other readers find its summary");
     assert_eq!((after.poses.len(), &after.facts), (before.poses.len(), &before.facts));
@@ -183,6 +184,74 @@ fn shown(panel: &serde_json::Value) -> Vec<String> {
     let paths = panel["paths"].as_array().into_iter().flatten().map(|path| text(&path["value"]));
     let topics = panel["topics"].as_object().into_iter().flat_map(|topics| topics.keys().cloned());
     paths.chain(topics).chain(panel.get("topicToRender").map(text)).collect()
+}
+
+/// Returns the rows of a run by topic, each as its text.
+fn rows(run: &Run) -> Vec<String> {
+    let texts = |rows: Vec<serde_json::Result<String>>| rows.into_iter().map(Result::unwrap);
+    let poses = texts(run.poses.iter().map(serde_json::to_string).collect());
+    let commands = texts(run.commands.iter().map(serde_json::to_string).collect());
+    let telemetry = texts(run.telemetry.iter().map(serde_json::to_string).collect());
+    let navigation = texts(run.navigation.iter().map(serde_json::to_string).collect());
+    let events = texts(run.events.iter().map(serde_json::to_string).collect());
+    let path = texts(run.path.iter().map(serde_json::to_string).collect());
+    poses.chain(commands).chain(telemetry).chain(navigation).chain(events).chain(path).collect()
+}
+
+#[test]
+fn damage_costs_the_rows_of_its_part_alone_and_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_record_of(folder.path(), 120);
+    let whole = std::fs::read(&file).unwrap();
+    let run = Run::read(&file).unwrap();
+    let all: BTreeSet<String> = rows(&run).into_iter().collect();
+    let count = all.len() + run.unknown;
+    assert_eq!(repair(&file).unwrap(), None);
+    // From a fixed seed: where, how many bytes, and whether the file is cut off as well.
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut draw = |below: usize| {
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % below
+    };
+    let (mut most, mut said) = (0, 0);
+    for attempt in 0..200 {
+        let mut bytes = whole.clone();
+        let (at, length) = (draw(bytes.len()), [1, 1, 9, 4_000][draw(4)]);
+        for byte in bytes.iter_mut().skip(at).take(length) {
+            *byte ^= 1 << draw(8);
+        }
+        let is_cut = attempt % 4 == 3;
+        if is_cut {
+            bytes.truncate(bytes.len() * 3 / 4);
+        }
+        std::fs::write(&file, &bytes).unwrap();
+        let run = Run::read(&file).unwrap();
+        let read = rows(&run);
+        assert!(read.iter().all(|row| all.contains(row)), "{attempt}: a row is another one");
+        let missing = count - read.len() - run.unknown;
+        if !is_cut {
+            most = most.max(missing);
+            assert_eq!(run.damage.rows as usize, missing, "{attempt} at {at}: {}", run.damage);
+            assert!(missing == 0 || !run.damage.is_none(), "{attempt} at {at}");
+        }
+        said += usize::from(!run.damage.is_none() || !run.is_complete);
+        if let Some(Repaired { damage, original, .. }) = repair(&file).unwrap() {
+            assert_eq!(original.is_some(), damage.rows > 0 || damage.parts > 0, "{attempt}");
+            if let Some(original) = original {
+                assert_eq!(std::fs::read(&original).unwrap(), bytes, "{attempt}: it is kept");
+                std::fs::remove_file(original).unwrap();
+            }
+            let again = Run::read(&file).unwrap();
+            assert!(again.is_complete && again.damage.is_none(), "{attempt}: {}", again.damage);
+            assert_eq!(rows(&again), read, "{attempt}");
+        } else {
+            assert_eq!(std::fs::read(&file).unwrap(), bytes, "{attempt}");
+        }
+    }
+    // A second of five topics, and the one beside it.
+    assert!(most <= 2 * 5 * 21, "{most} rows of one place");
+    assert_eq!(said, 200, "every damage is seen");
 }
 
 /// What the readers of Foxglove and Lichtblick make of a schema, by which one field they cannot read drops a whole topic: each has

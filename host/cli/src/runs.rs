@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use serde_json::{Value, json};
 
 use super::{Error, Exit};
-use flix_host::record::{Listing, ReadError, Run, csv, is_being_written, list, repair};
+use flix_host::record::{Listing, ReadError, Repaired, Run, csv, is_being_written, list, repair};
 use flix_plot::Figure;
 use flix_shell::output::{complain, headings, print, table_for_terminal};
 
@@ -38,7 +38,9 @@ enum Action {
         #[arg(long)]
         json: bool,
     },
-    /// Complete the record of a program that was killed, for other programs that read MCAP.
+    /// Complete the record of a program that was killed, or one that is damaged, for other programs that read MCAP.
+    ///
+    /// Where rows have to be left out, the file as it was stays beside it, with `.damaged` behind its name.
     Repair {
         /// Run: `last`, a part of its name, or its file.
         #[arg(default_value = "last")]
@@ -82,15 +84,19 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         Action::List { json } => list_runs(&args.out, *json)?,
         Action::Repair { run } => {
             let file = Run::find(&args.out, run)?.file;
-            let said = match repair(&file)? {
-                Some(rows) => format!("completed, {rows} rows: {}\n", file.display()),
-                None => format!("is complete: {}\n", file.display()),
-            };
-            print(&said)?;
+            match repair(&file)? {
+                Some(Repaired { rows, damage, original }) => {
+                    if let Some(original) = original {
+                        complain(format_args!("{damage}; as it was: {}", original.display()));
+                    }
+                    print(&format!("completed, {rows} rows: {}\n", file.display()))?;
+                }
+                None => print(&format!("is complete: {}\n", file.display()))?,
+            }
         }
-        Action::Show { run, json } => show(&Run::find(&args.out, run)?, *json)?,
+        Action::Show { run, json } => show(&find(args, run)?, *json)?,
         Action::Plot { run, to } => {
-            let run = Run::find(&args.out, run)?;
+            let run = find(args, run)?;
             if counts(&run).iter().all(|(_, rows)| *rows == 0) {
                 return Err(Error::usage(format_args!(
                     "{}: there is nothing to plot: the record has no rows",
@@ -108,13 +114,22 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             }
         }
         Action::ExportCsv { run, to } => {
-            let run = Run::find(&args.out, run)?;
+            let run = find(args, run)?;
             for file in csv::export(&run, &beside(&run, to.as_ref()).0)? {
                 print(&format!("{}\n", file.display()))?;
             }
         }
     }
     Ok(Exit::Done.into())
+}
+
+/// Finds a run and reads it; says what was left out.
+fn find(args: &Args, name: &str) -> Result<Run, Error> {
+    let run = Run::find(&args.out, name)?;
+    if !run.damage.is_none() {
+        complain(format_args!("{}: {}", run.file.display(), run.damage));
+    }
+    Ok(run)
 }
 
 /// Returns the folder for the output of a run, and the stem of its file names.
@@ -170,6 +185,9 @@ fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
 fn result(run: &Run) -> String {
     if !run.is_complete {
         return unfinished(run);
+    }
+    if !run.damage.is_none() {
+        return "damaged: `flix runs repair` keeps what is whole".to_owned();
     }
     let fact = |name| run.fact("results", name);
     let figures =
@@ -244,6 +262,8 @@ fn description(run: &Run) -> Value {
         "rows": counts(run).into_iter().collect::<std::collections::BTreeMap<_, _>>(),
         "attachments": run.attachments.iter().map(|a| &a.0).collect::<Vec<_>>(),
         "facts": run.facts,
+        "rows_left_out": run.damage.rows,
+        "is_complete": run.is_complete,
         "events": events,
     })
 }

@@ -17,6 +17,7 @@
 
 pub mod csv;
 mod message;
+mod parts;
 mod reader;
 mod repair;
 mod writer;
@@ -25,8 +26,8 @@ pub use message::{
     BODY, CommandRow, FrameRow, FramesRow, LogRow, MotorRow, NavigationRow, PathRow, PoseRow,
     TelemetryRow, Timestamp, WORLD,
 };
-pub use reader::{Listing, ReadError, Run, RunSummary, list};
-pub use repair::{RepairError, is_being_written, repair};
+pub use reader::{Damage, Listing, ReadError, Run, RunSummary, list};
+pub use repair::{RepairError, Repaired, is_being_written, repair};
 pub use writer::{
     CHANNELS, FRAMES_CHANNEL, Level, Reader, RecordError, Recorder, RunDescription, dated,
 };

@@ -1,19 +1,18 @@
 //! Reads a record.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::{Path as FilePath, PathBuf};
+use std::time::{Duration, UNIX_EPOCH};
 
-use mcap::read::Options;
 use serde::Deserialize;
 
 use super::message::{
     CommandRow, LogRow, NavigationRow, PathRow, PoseRow, TelemetryRow, Timestamp,
 };
+use super::parts::{Directory, Part, Parts};
 use super::{ENDING, FOLDER};
 use crate::file;
-
-/// Largest record that is read, bytes: several days of driving.
-const LARGEST_RECORD: u64 = 1 << 30;
 
 /// A whole run.
 #[derive(Debug, Clone, Default)]
@@ -40,8 +39,46 @@ pub struct Run {
     pub is_complete: bool,
     /// Rows of topics that this version does not know.
     pub unknown: usize,
+    /// What of the file could not be trusted and was left out.
+    pub damage: Damage,
     first: Option<u64>,
     last: u64,
+}
+
+/// What of a record could not be trusted and was left out. Its text is a sentence about that, empty for none.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Damage {
+    /// Parts of the file whose check sum or form is wrong.
+    pub parts: usize,
+    /// Rows in them, as far as they can be counted.
+    pub rows: u64,
+    /// Whether the check sum over the whole file is wrong although no part is: facts have none of their own.
+    pub is_changed: bool,
+}
+
+impl Damage {
+    /// Returns whether anything was left out or may be wrong.
+    #[must_use]
+    pub const fn is_none(&self) -> bool {
+        self.parts == 0 && self.rows == 0 && !self.is_changed
+    }
+}
+
+impl fmt::Display for Damage {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.parts > 0 || self.rows > 0 {
+            let count = |count: u64, what: &str| match count {
+                1 => format!("1 {what}"),
+                count => format!("{count} {what}s"),
+            };
+            let (rows, parts) = (count(self.rows, "row"), count(self.parts as u64, "part"));
+            write!(formatter, "damaged: {rows} left out, {parts} of the file cannot be trusted")
+        } else if self.is_changed {
+            formatter.write_str("changed since it was written: a setting or a result may be wrong")
+        } else {
+            Ok(())
+        }
+    }
 }
 
 /// File and size of a run.
@@ -51,6 +88,8 @@ pub struct RunSummary {
     pub file: PathBuf,
     /// Size, bytes.
     pub bytes: u64,
+    /// Time of its first row since 1970, or when the file was written where it has none.
+    pub started: Duration,
 }
 
 /// Why a record could not be read.
@@ -124,23 +163,36 @@ pub fn list(out: &FilePath) -> Result<Listing, ReadError> {
     for entry in entries {
         let path = entry.map_err(failed)?.path();
         if path.extension().is_some_and(|e| e == ENDING) {
-            match file::open(&path).and_then(|file| file.metadata()) {
-                Ok(metadata) => {
-                    found.runs.push(RunSummary { file: path, bytes: metadata.len() });
-                }
+            match summary(&path) {
+                Ok((bytes, started)) => found.runs.push(RunSummary { file: path, bytes, started }),
                 Err(source) => found.skipped.push(ReadError::File { path, source }),
             }
         }
     }
     // Without the extension: the second of one moment follows the first.
-    found.runs.sort_by(|a, b| a.file.file_stem().cmp(&b.file.file_stem()));
+    found.runs.sort_by_key(|run| (run.started, run.file.file_stem().map(ToOwned::to_owned)));
     Ok(found)
 }
 
-/// Reads the bytes of a record.
-pub(super) fn read_bytes(path: &FilePath) -> Result<Vec<u8>, ReadError> {
-    file::read(path, LARGEST_RECORD)
-        .map_err(|source| ReadError::File { path: path.to_owned(), source })
+/// Returns the size of a record, and when its run started.
+fn summary(path: &FilePath) -> std::io::Result<(u64, Duration)> {
+    let metadata = file::open(path)?.metadata()?;
+    let mut parts = Parts::open(path)?;
+    let mut first = None;
+    while first.is_none() {
+        match parts.next(true)? {
+            Some(Part::Rows(rows) | Part::Rest(rows)) => {
+                Directory::default().read(&rows, |_, header, _| {
+                    first.get_or_insert(header.log_time);
+                });
+            }
+            Some(_) => {}
+            None => break,
+        }
+    }
+    let written = || metadata.modified().ok()?.duration_since(UNIX_EPOCH).ok();
+    let started = first.map(Duration::from_nanos).or_else(written);
+    Ok((metadata.len(), started.unwrap_or_default()))
 }
 
 impl Run {
@@ -178,14 +230,14 @@ impl Run {
         }
     }
 
-    /// Reads a record, also one without its end because the program was killed.
+    /// Reads a record, also one without its end because the program was killed. Of one that is damaged it reads the parts
+    /// that are whole, and [`damage`](Self::damage) says what was left out.
     ///
     /// # Errors
     /// When the file cannot be read or is not a record.
     pub fn read(file: &FilePath) -> Result<Self, ReadError> {
-        let bytes = read_bytes(file)?;
         let mut run = Self { file: file.to_owned(), ..Self::default() };
-        run.fill(&bytes).map_err(|reason| ReadError::Format { path: file.to_owned(), reason })?;
+        run.fill(true)?;
         Ok(run)
     }
 
@@ -194,9 +246,8 @@ impl Run {
     /// # Errors
     /// When the file cannot be read.
     pub fn read_head(file: &FilePath) -> Result<Self, ReadError> {
-        let bytes = read_bytes(file)?;
         let mut run = Self { file: file.to_owned(), ..Self::default() };
-        run.read_facts(&bytes);
+        run.fill(false)?;
         Ok(run)
     }
 
@@ -218,74 +269,81 @@ impl Run {
         timestamp.seconds_since(&Timestamp::from_nanos(self.first.unwrap_or(0)))
     }
 
-    fn fill(&mut self, bytes: &[u8]) -> Result<(), String> {
-        let tolerant = Options::IgnoreEndMagic.into();
-        let stream =
-            mcap::MessageStream::new_with_options(bytes, tolerant).map_err(|e| e.to_string())?;
-        let mut trouble = None;
-        for message in stream {
-            let message = match message {
-                Ok(message) => message,
-                // The file was cut off here; the rows before are valid.
-                Err(e) => {
-                    trouble = Some(e.to_string());
-                    break;
+    fn fill(&mut self, with_rows: bool) -> Result<(), ReadError> {
+        let failed = |path: &FilePath| {
+            let path = path.to_owned();
+            |source| ReadError::File { path, source }
+        };
+        let path = self.file.clone();
+        let mut parts = Parts::open(&path).map_err(failed(&path))?;
+        let mut directory = Directory::default();
+        directory.read(parts.summary(), |_, _, _| ());
+        self.is_complete = parts.is_complete();
+        let mut read = 0;
+        while let Some(part) = parts.next(with_rows).map_err(failed(&path))? {
+            let (rows, is_rest) = match part {
+                Part::Facts(facts) => {
+                    self.facts.insert(facts.name, facts.metadata);
+                    continue;
                 }
+                Part::Attachment(header, data) => {
+                    self.attachments.push((header.name, data.len()));
+                    continue;
+                }
+                Part::Damaged(part) => {
+                    self.damage.parts += 1;
+                    self.damage.rows += directory.read_damaged(&part);
+                    continue;
+                }
+                Part::Rows(rows) => (rows, false),
+                Part::Rest(rows) => (rows, true),
             };
-            self.first = Some(self.first.map_or(message.log_time, |t| t.min(message.log_time)));
-            self.last = self.last.max(message.log_time);
-            self.keep(&message.channel.topic, &message.data)?;
+            directory.read(&rows, |directory, header, data| {
+                let topic = directory.channels.get(&header.channel_id).map(|it| it.topic.as_str());
+                if topic.is_some_and(|topic| self.keep(topic, data).is_some()) {
+                    read += 1;
+                    let time = header.log_time;
+                    self.first = Some(self.first.map_or(time, |first| first.min(time)));
+                    self.last = self.last.max(time);
+                } else if !is_rest {
+                    // One that is no row although its chunk is whole, or whose channel was lost.
+                    self.damage.rows += 1;
+                }
+            });
         }
-        self.read_facts(bytes);
-        // Cut off within its first rows it still says what the run was; damaged with its end in place it is not to be trusted.
-        match trouble {
-            Some(reason) if self.first.is_none() && (self.is_complete || self.facts.is_empty()) => {
-                Err(reason)
+        if with_rows {
+            if let Some(rows) = parts.rows() {
+                self.damage.rows = rows.saturating_sub(read);
             }
-            None if self.first.is_none() && self.facts.is_empty() => Err("it is empty".to_owned()),
-            _ => Ok(()),
+            let is_changed = parts.is_unchanged().map_err(failed(&path))? == Some(false);
+            self.damage.is_changed = is_changed && self.damage.parts == 0;
         }
+        if self.first.is_some() || !self.facts.is_empty() || !with_rows {
+            return Ok(());
+        }
+        let reason = if self.damage.parts > 0 {
+            "none of its parts is whole"
+        } else {
+            "it has neither rows nor facts"
+        };
+        Err(ReadError::Format { path, reason: reason.to_owned() })
     }
 
-    fn keep(&mut self, topic: &str, data: &[u8]) -> Result<(), String> {
+    /// Keeps a row; nothing where it is none.
+    fn keep(&mut self, topic: &str, data: &[u8]) -> Option<()> {
         match topic {
-            "/pose" => self.poses.push(row(topic, data)?),
-            "/path" => self.path = Some(row(topic, data)?),
-            "/log" => self.events.push(row(topic, data)?),
-            "/command" => self.commands.push(row(topic, data)?),
-            "/navigation" => self.navigation.push(row(topic, data)?),
-            "/telemetry" => self.telemetry.push(row(topic, data)?),
+            "/pose" => self.poses.push(row(data)?),
+            "/path" => self.path = Some(row(data)?),
+            "/log" => self.events.push(row(data)?),
+            "/command" => self.commands.push(row(data)?),
+            "/navigation" => self.navigation.push(row(data)?),
+            "/telemetry" => self.telemetry.push(row(data)?),
             _ => self.unknown += 1,
         }
-        Ok(())
-    }
-
-    fn read_facts(&mut self, bytes: &[u8]) {
-        self.is_complete = is_complete(bytes);
-        let Ok(records) =
-            mcap::read::LinearReader::new_with_options(bytes, Options::IgnoreEndMagic.into())
-        else {
-            return;
-        };
-        for record in records.map_while(Result::ok) {
-            match record {
-                mcap::records::Record::Metadata(metadata) => {
-                    self.facts.insert(metadata.name, metadata.metadata);
-                }
-                mcap::records::Record::Attachment { header, data, .. } => {
-                    self.attachments.push((header.name, data.len()));
-                }
-                _ => {}
-            }
-        }
+        Some(())
     }
 }
 
-/// Returns whether a record has its summary and its end.
-pub(super) fn is_complete(bytes: &[u8]) -> bool {
-    matches!(mcap::Summary::read(bytes), Ok(Some(_)))
-}
-
-fn row<'a, T: Deserialize<'a>>(topic: &str, data: &'a [u8]) -> Result<T, String> {
-    serde_json::from_slice(data).map_err(|e| format!("a row of {topic} is damaged: {e}"))
+fn row<'a, T: Deserialize<'a>>(data: &'a [u8]) -> Option<T> {
+    serde_json::from_slice(data).ok()
 }

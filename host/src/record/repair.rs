@@ -1,16 +1,17 @@
-//! Completes the record of a program that was killed: the rows up to then get the index and the end
+//! Completes the record of a program that was killed, or one that is damaged: the rows that are whole get the index and the end
 //! that other readers of MCAP need.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::fs::{File, TryLockError};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
-use mcap::read::{LinearReader, Options};
-use mcap::records::Record;
-use mcap::{Attachment, McapError, McapResult, MessageStream, WriteOptions};
+use mcap::records::MessageHeader;
+use mcap::{Attachment, McapError, McapResult, WriteOptions, Writer};
 
-use super::reader::{ReadError, is_complete, read_bytes};
+use super::parts::{Described, Directory, Part, Parts};
+use super::reader::{Damage, ReadError};
 use super::writer::{RecordError, failed};
 
 /// Why a record could not be completed. The file is as it was.
@@ -34,62 +35,122 @@ pub fn is_being_written(file: &Path) -> bool {
     matches!(lock, Ok(Err(TryLockError::WouldBlock)))
 }
 
-/// Completes a record, and returns its rows; `None` when it is complete already. The file is replaced
-/// in one step.
+/// What was done to a record.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Repaired {
+    /// Rows of the complete record.
+    pub rows: u64,
+    /// What was left out.
+    pub damage: Damage,
+    /// The file as it was, where something was left out.
+    pub original: Option<PathBuf>,
+}
+
+/// Completes a record from the parts that are whole; `None` when it is complete and not damaged. The file is replaced in one
+/// step. Where anything is left out, the original stays beside it, with `.damaged` behind its name.
 ///
 /// # Errors
 /// When it cannot be read, is not a record, is still being written, or the complete one cannot be written.
-pub fn repair(file: &Path) -> Result<Option<u64>, RepairError> {
-    let bytes = read_bytes(file)?;
-    if is_complete(&bytes) {
-        return Ok(None);
-    }
+pub fn repair(file: &Path) -> Result<Option<Repaired>, RepairError> {
     if is_being_written(file) {
         return Err(RepairError::Busy(file.to_owned()));
     }
     // Refuses what is no record at all.
-    super::Run::read(file)?;
+    let run = super::Run::read(file)?;
+    if run.is_complete && run.damage.parts == 0 && run.damage.rows == 0 {
+        return Ok(None);
+    }
     let new = file.with_extension("mcap.part");
     let write = |source| RecordError::File { path: new.clone(), source };
     let target = File::create(&new).map_err(write)?;
-    let copied = copy(&bytes, &target).map_err(|error| failed(&new, error));
-    let rows = copied.and_then(|rows| {
+    let replaced = copy(file, &target).map_err(|error| failed(&new, error)).and_then(|rows| {
         target.sync_all().map_err(write)?;
+        let kept = (run.damage.parts > 0 || run.damage.rows > 0).then(|| keep(file)).transpose();
+        let original = kept.map_err(write)?;
         std::fs::rename(&new, file).map_err(write)?;
-        Ok(rows)
+        Ok(Repaired { rows, damage: run.damage, original })
     });
-    if rows.is_err() {
+    if replaced.is_err() {
         // The rest of an attempt; the record itself was not touched.
         let _ = std::fs::remove_file(&new);
     }
-    Ok(Some(rows?))
+    Ok(Some(replaced?))
 }
 
-fn copy(bytes: &[u8], target: &File) -> McapResult<u64> {
+/// Gives a file a second name that is not in use, or a copy where the file system knows no second names; returns that name.
+fn keep(file: &Path) -> std::io::Result<PathBuf> {
+    let mut attempt = 1;
+    loop {
+        let ending = if attempt == 1 { "damaged".to_owned() } else { format!("damaged-{attempt}") };
+        let kept = file.with_extension(format!("mcap.{ending}"));
+        match std::fs::hard_link(file, &kept) {
+            Ok(()) => return Ok(kept),
+            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => attempt += 1,
+            Err(_) => return std::fs::copy(file, &kept).map(|_| kept),
+        }
+    }
+}
+
+fn copy(file: &Path, target: &File) -> McapResult<u64> {
     let options = WriteOptions::new().compression(None);
     let mut writer = options
         .library(concat!("flix ", env!("CARGO_PKG_VERSION")))
         .create(BufWriter::new(target))?;
-    let tolerant = || Options::IgnoreEndMagic.into();
-    for record in LinearReader::new_with_options(bytes, tolerant())?.map_while(Result::ok) {
-        match record {
-            Record::Metadata(metadata) => writer.write_metadata(&metadata)?,
-            Record::Attachment { header, data, .. } => writer.attach(&Attachment {
+    let mut parts = Parts::open(file)?;
+    let mut directory = Directory::default();
+    directory.read(parts.summary(), |_, _, _| ());
+    let (mut rows, mut ids) = (0, BTreeMap::new());
+    while let Some(part) = parts.next(true)? {
+        match part {
+            Part::Facts(facts) => writer.write_metadata(&facts)?,
+            Part::Attachment(header, data) => writer.attach(&Attachment {
                 log_time: header.log_time,
                 create_time: header.create_time,
                 name: header.name,
                 media_type: header.media_type,
-                data: Cow::Borrowed(&data),
+                data: Cow::Owned(data),
             })?,
-            _ => {}
+            Part::Damaged(part) => drop(directory.read_damaged(&part)),
+            Part::Rows(part) | Part::Rest(part) => {
+                let mut written = Ok(());
+                directory.read(&part, |directory, header, data| {
+                    let Some(channel) = directory.channels.get(&header.channel_id) else { return };
+                    let is_json = || serde_json::from_slice::<serde::de::IgnoredAny>(data).is_ok();
+                    if written.is_err() || (channel.encoding == "json" && !is_json()) {
+                        return;
+                    }
+                    written =
+                        channel_of(&mut writer, directory, channel, &mut ids).and_then(|id| {
+                            rows += 1;
+                            let header = MessageHeader { channel_id: id, ..*header };
+                            writer.write_to_known_channel(&header, data)
+                        });
+                });
+                written?;
+            }
         }
-    }
-    let mut rows = 0;
-    for message in MessageStream::new_with_options(bytes, tolerant())?.map_while(Result::ok) {
-        writer.write(&message)?;
-        rows += 1;
     }
     writer.finish()?;
     writer.into_inner().into_inner().map_err(|error| McapError::Io(error.into_error()))?;
     Ok(rows)
+}
+
+/// Returns the number of a channel in the new file.
+fn channel_of(
+    writer: &mut Writer<BufWriter<&File>>,
+    directory: &Directory,
+    channel: &Described,
+    ids: &mut BTreeMap<String, u16>,
+) -> McapResult<u16> {
+    if let Some(id) = ids.get(&channel.topic) {
+        return Ok(*id);
+    }
+    // One whose schema was lost has none.
+    let schema = match directory.schemas.get(&channel.schema) {
+        Some(schema) => writer.add_schema(&schema.name, &schema.encoding, &schema.text)?,
+        None => 0,
+    };
+    let id = writer.add_channel(schema, &channel.topic, &channel.encoding, &channel.metadata)?;
+    ids.insert(channel.topic.clone(), id);
+    Ok(id)
 }

@@ -139,6 +139,20 @@ pub struct Recorder {
     start_nanos: u64,
     flushed: u64,
     reader: Option<Box<dyn Reader>>,
+    /// Behind the writer, which completes the file when it is dropped.
+    _lock: Lock,
+}
+
+/// Marks a file as one that is being written, until it is dropped; a program that is being started meanwhile, and has the file open
+/// for a moment, does not keep the mark.
+struct Lock(Option<File>);
+
+impl Drop for Lock {
+    fn drop(&mut self) {
+        if let Some(file) = &self.0 {
+            let _ = file.unlock();
+        }
+    }
 }
 
 /// Longest time of the run that is not yet on the disk, ns: what a program that is killed loses, and how
@@ -168,6 +182,7 @@ impl Recorder {
         started: SystemTime,
         description: &RunDescription,
     ) -> Result<Self, RecordError> {
+        let lock = Lock(file.try_clone().ok());
         let mut writer = WriteOptions::new()
             .compression(None)
             .library(concat!("flix ", env!("CARGO_PKG_VERSION")))
@@ -198,6 +213,7 @@ impl Recorder {
             start_nanos,
             flushed: start_nanos,
             reader: None,
+            _lock: lock,
         })
     }
 

@@ -69,6 +69,11 @@ pub fn sample(seconds: f64) -> PoseSample {
 
 /// A record of 30 s on a circle in `folder`.
 pub fn write_record(folder: &FilePath) -> PathBuf {
+    write_record_of(folder, 600)
+}
+
+/// A record of so many steps of 50 ms.
+pub fn write_record_of(folder: &FilePath, steps: u16) -> PathBuf {
     let description = RunDescription {
         name: "track circle".into(),
         run: BTreeMap::from([("robot".into(), "walker-1".into())]),
@@ -78,7 +83,7 @@ pub fn write_record(folder: &FilePath) -> PathBuf {
     let mut recorder = Recorder::create(folder, started(), &description).unwrap();
     recorder.path_to_follow(at(0.0), &Path::circle(0.5).unwrap()).unwrap();
     recorder.attach(at(0.0), "modes.toml", "application/toml", b"[[mode]]").unwrap();
-    for step in 0..600 {
+    for step in 0..steps {
         let seconds = f64::from(step) * 0.05;
         let sample = sample(seconds);
         recorder.pose(&sample).unwrap();

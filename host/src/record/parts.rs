@@ -1,0 +1,416 @@
+//! The parts of a record's file, each judged by itself, so that one that is damaged hides no other.
+//!
+//! ```text
+//! magic  header  [chunk of rows | facts | attachment | index] ...  end of data  summary  footer  magic
+//! ```
+//!
+//! Every part is a kind, the length of its body, and the body (MCAP specification, <https://mcap.dev/spec>). A chunk carries the
+//! check sum of its rows, an attachment one of its own. Where a length is damaged, the next part is found by the summary,
+//! or else by looking for one whose check sum is right.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use crc::{CRC_32_ISO_HDLC, Crc};
+use mcap::read::parse_record;
+use mcap::records::{AttachmentHeader, Metadata, Record, op};
+
+/// What a file begins and ends with.
+const MAGIC: &[u8] = b"\x89MCAP0\r\n";
+/// Length of a kind and a length, bytes.
+const PREFIX: u64 = 9;
+/// Length of a footer's body, bytes.
+const FOOTER: u64 = 20;
+/// Length of what stands before the rows of a chunk that is not compressed, bytes.
+const CHUNK_HEADER: u64 = 40;
+/// Longest part that is taken for one, bytes: the writer's chunks have some 100 kB.
+const LONGEST: u64 = 256 << 20;
+/// Bytes that are looked through at once for the next part.
+const STRETCH: u64 = 1 << 20;
+/// Longest name of facts, bytes.
+const LONGEST_NAME: usize = 256;
+
+const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+
+/// A part of a record.
+pub(super) enum Part {
+    /// A group of facts.
+    Facts(Metadata),
+    /// A file in the record.
+    Attachment(AttachmentHeader, Vec<u8>),
+    /// Rows, with the channels that they need; for [`records`].
+    Rows(Vec<u8>),
+    /// The last rows of a program that was killed: nothing says that they are whole.
+    Rest(Vec<u8>),
+    /// What cannot be trusted, for [`Directory::read_damaged`].
+    Damaged(Vec<u8>),
+}
+
+/// What stands behind the data of a record that is complete.
+struct Summary {
+    /// Where it begins.
+    start: u64,
+    /// Its records.
+    records: Vec<u8>,
+    /// Rows of the whole record.
+    rows: Option<u64>,
+    /// Where parts begin, in order.
+    places: Vec<u64>,
+}
+
+/// Reads a record part by part.
+pub(super) struct Parts {
+    file: BufReader<File>,
+    at: u64,
+    end: u64,
+    summary: Option<Summary>,
+}
+
+impl Parts {
+    /// Opens a file.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub(super) fn open(path: &Path) -> io::Result<Self> {
+        let file = crate::file::open(path)?;
+        let end = file.metadata()?.len();
+        let mut parts = Self { file: BufReader::new(file), at: 0, end, summary: None };
+        parts.at = MAGIC.len() as u64;
+        if let Some(summary) = parts.find_summary()? {
+            parts.end = summary.start;
+            parts.summary = Some(summary);
+        }
+        Ok(parts)
+    }
+
+    /// Returns whether the record has its summary and its end.
+    pub(super) const fn is_complete(&self) -> bool {
+        self.summary.is_some()
+    }
+
+    /// Returns how many rows the record was given, where it is complete.
+    pub(super) fn rows(&self) -> Option<u64> {
+        self.summary.as_ref()?.rows
+    }
+
+    /// Returns the records of the summary, which name all channels; for [`records`].
+    pub(super) fn summary(&self) -> &[u8] {
+        self.summary.as_ref().map_or(&[], |summary| &summary.records)
+    }
+
+    /// Returns whether the check sum over all of the data is right; nothing where there is none.
+    ///
+    /// # Errors
+    /// When the file cannot be read.
+    pub(super) fn is_unchanged(&mut self) -> io::Result<Option<bool>> {
+        let Some(end) = self.summary.as_ref().map(|summary| summary.start) else { return Ok(None) };
+        let Some(data) = end.checked_sub(PREFIX + 4) else { return Ok(None) };
+        let stored = self.bytes(data, PREFIX + 4)?;
+        let stored = number(&stored, PREFIX as usize, 4);
+        if stored == 0 {
+            return Ok(None);
+        }
+        let (mut digest, mut at) = (CRC.digest(), 0);
+        while at < data {
+            let stretch = self.bytes(at, STRETCH.min(data - at))?;
+            if stretch.is_empty() {
+                break;
+            }
+            digest.update(&stretch);
+            at += stretch.len() as u64;
+        }
+        Ok(Some(u64::from(digest.finalize()) == stored))
+    }
+
+    /// Returns the next part; rows only where they are wanted.
+    ///
+    /// # Errors
+    /// When the file cannot be read.
+    pub(super) fn next(&mut self, with_rows: bool) -> io::Result<Option<Part>> {
+        while self.at < self.end {
+            let at = self.at;
+            if let Some((part, next)) = self.part(at, with_rows)? {
+                self.at = next;
+                match part {
+                    Some(part) => return Ok(Some(part)),
+                    None => continue,
+                }
+            }
+            // Its length is wrong, or the file was cut off within it.
+            if let Some(next) = self.find(at + 1)? {
+                self.at = next;
+                let lost = self.bytes(at + PREFIX + CHUNK_HEADER, (next - at).min(LONGEST))?;
+                return Ok(Some(Part::Damaged(lost)));
+            }
+            self.at = self.end;
+            if self.bytes(at, 1)? == [op::CHUNK] {
+                let begin = at + PREFIX + CHUNK_HEADER;
+                let rest = self.bytes(begin, self.end.saturating_sub(begin).min(LONGEST))?;
+                return Ok(Some(Part::Rest(rest)));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Returns the part at this place, if it is one that is wanted, and where the next begins; nothing where its length is
+    /// wrong.
+    fn part(&mut self, at: u64, with_rows: bool) -> io::Result<Option<(Option<Part>, u64)>> {
+        let prefix = self.bytes(at, PREFIX)?;
+        if prefix.len() < PREFIX as usize {
+            return Ok(None);
+        }
+        let (kind, length) = (prefix[0], number(&prefix, 1, 8));
+        let next = at.saturating_add(PREFIX).saturating_add(length);
+        let has_length = length <= LONGEST && self.can_be_next(next)?;
+        if kind == op::CHUNK {
+            return self.chunk(at, has_length.then_some(next), with_rows);
+        }
+        if !has_length {
+            return Ok(None);
+        }
+        let body = self.bytes(at + PREFIX, length)?;
+        let is_record = parse_record(kind, &body).is_ok();
+        let part = match kind {
+            op::METADATA | op::ATTACHMENT => described(kind, &body),
+            // Rows without a chunk, as others write them.
+            op::SCHEMA | op::CHANNEL | op::MESSAGE if is_record => {
+                Some(Part::Rows(self.bytes(at, PREFIX + length)?))
+            }
+            op::HEADER if is_record && at == MAGIC.len() as u64 => return Ok(Some((None, next))),
+            op::DATA_END if length == 4 => return Ok(Some((None, next))),
+            // A channel, then the length of its table.
+            op::MESSAGE_INDEX if number(&body, 2, 4) + 6 == length => {
+                return Ok(Some((None, next)));
+            }
+            _ => None,
+        };
+        // Its kind is wrong, or what it holds; it may have been a chunk.
+        let damaged =
+            || Part::Damaged(body.get(CHUNK_HEADER as usize..).unwrap_or_default().to_vec());
+        Ok(Some((Some(part.unwrap_or_else(damaged)), next)))
+    }
+
+    fn chunk(
+        &mut self,
+        at: u64,
+        next: Option<u64>,
+        with_rows: bool,
+    ) -> io::Result<Option<(Option<Part>, u64)>> {
+        let header = self.bytes(at + PREFIX, CHUNK_HEADER)?;
+        let rows = at + PREFIX + CHUNK_HEADER;
+        if let (false, Some(next)) = (with_rows, next) {
+            return Ok(Some((None, next)));
+        }
+        if header.len() == CHUNK_HEADER as usize && number(&header, 28, 4) == 0 {
+            let sum = number(&header, 24, 4);
+            // Its length stands there three times.
+            let by_prefix = next.and_then(|next| next.checked_sub(rows));
+            let sizes = [by_prefix, Some(number(&header, 32, 8)), Some(number(&header, 16, 8))];
+            for size in sizes.into_iter().flatten() {
+                if size > LONGEST || rows.saturating_add(size) > self.end {
+                    continue;
+                }
+                let data = self.bytes(rows, size)?;
+                if sum != 0 && u64::from(CRC.checksum(&data)) == sum {
+                    return Ok(Some((Some(Part::Rows(data)), rows + size)));
+                }
+                if sum == 0 && next == Some(rows + size) {
+                    return Ok(Some((Some(Part::Rows(data)), rows + size)));
+                }
+            }
+        }
+        let Some(next) = next else { return Ok(None) };
+        let data = self.bytes(rows, next.saturating_sub(rows))?;
+        Ok(Some((Some(Part::Damaged(data)), next)))
+    }
+
+    /// Returns whether a part can begin here, or the data ends.
+    fn can_be_next(&mut self, at: u64) -> io::Result<bool> {
+        Ok(at == self.end || (at < self.end && (1..=op::DATA_END).contains(&self.byte(at)?)))
+    }
+
+    /// Looks for the next part that is whole, from a place on.
+    fn find(&mut self, from: u64) -> io::Result<Option<u64>> {
+        if let Some(summary) = &self.summary {
+            return Ok(summary.places.iter().copied().find(|place| *place >= from));
+        }
+        let mut at = from;
+        while at < self.end {
+            let stretch = self.bytes(at, STRETCH.min(self.end - at))?;
+            for (place, kind) in (at..).zip(&stretch) {
+                if self.is_whole(place, *kind)? {
+                    return Ok(Some(place));
+                }
+            }
+            at += stretch.len().max(1) as u64;
+        }
+        Ok(None)
+    }
+
+    /// Returns whether a part of this kind begins here, by more than its length.
+    fn is_whole(&mut self, at: u64, kind: u8) -> io::Result<bool> {
+        if kind != op::CHUNK && kind != op::METADATA && kind != op::ATTACHMENT {
+            return Ok(false);
+        }
+        let part = self.part(at, true)?.and_then(|(part, _)| part);
+        Ok(match part {
+            Some(Part::Rows(_)) => {
+                let sum = self.bytes(at + PREFIX + 24, 4)?;
+                number(&sum, 0, 4) != 0
+            }
+            Some(Part::Facts(_) | Part::Attachment(..)) => true,
+            _ => false,
+        })
+    }
+
+    fn find_summary(&mut self) -> io::Result<Option<Summary>> {
+        let magic = MAGIC.len() as u64;
+        let Some(footer) = self.end.checked_sub(magic + PREFIX + FOOTER) else { return Ok(None) };
+        let tail = self.bytes(footer, magic + PREFIX + FOOTER)?;
+        let start = number(&tail, PREFIX as usize, 8);
+        let is_footer = tail.first() == Some(&op::FOOTER) && tail.ends_with(MAGIC);
+        if !is_footer || !(magic..footer).contains(&start) || footer - start > LONGEST {
+            return Ok(None);
+        }
+        let mut all = self.bytes(start, footer - start + PREFIX + FOOTER)?;
+        let sum = number(&all, all.len() - 4, 4);
+        if sum != 0 && u64::from(CRC.checksum(&all[..all.len() - 4])) != sum {
+            return Ok(None);
+        }
+        all.truncate((footer - start) as usize);
+        let (mut rows, mut places) = (None, Vec::new());
+        for (kind, body) in records(&all) {
+            match parse_record(kind, body) {
+                Ok(Record::Statistics(statistics)) => rows = Some(statistics.message_count),
+                Ok(Record::ChunkIndex(index)) => places.push(index.chunk_start_offset),
+                Ok(Record::MetadataIndex(index)) => places.push(index.offset),
+                Ok(Record::AttachmentIndex(index)) => places.push(index.offset),
+                _ => {}
+            }
+        }
+        places.sort_unstable();
+        Ok(Some(Summary { start, records: all, rows, places }))
+    }
+
+    fn byte(&mut self, at: u64) -> io::Result<u8> {
+        Ok(self.bytes(at, 1)?.first().copied().unwrap_or(0))
+    }
+
+    /// Returns so many bytes from here on, or those that there are.
+    fn bytes(&mut self, at: u64, count: u64) -> io::Result<Vec<u8>> {
+        let here = self.file.stream_position()?;
+        // Keeps what is buffered, where that is near.
+        match i64::try_from(i128::from(at) - i128::from(here)) {
+            Ok(distance) => self.file.seek_relative(distance)?,
+            Err(_) => drop(self.file.seek(SeekFrom::Start(at))?),
+        }
+        let mut bytes = Vec::new();
+        self.file.by_ref().take(count).read_to_end(&mut bytes)?;
+        Ok(bytes)
+    }
+}
+
+/// Returns facts or an attachment, if its body is one from its first to its last byte.
+fn described(kind: u8, body: &[u8]) -> Option<Part> {
+    match parse_record(kind, body).ok()? {
+        Record::Metadata(facts) => {
+            let name = number(body, 0, 4) as usize;
+            let table = number(body, name.checked_add(4)?, 4) as usize;
+            let is_whole = name.checked_add(table)?.checked_add(8)? == body.len();
+            (is_whole && name <= LONGEST_NAME).then_some(Part::Facts(facts))
+        }
+        Record::Attachment { header, data, .. } => {
+            Some(Part::Attachment(header, data.into_owned()))
+        }
+        _ => None,
+    }
+}
+
+/// Returns a number of so many bytes, the least first; 0 where it is cut off.
+fn number(bytes: &[u8], at: usize, count: usize) -> u64 {
+    let digits = bytes.get(at..).and_then(|bytes| bytes.get(..count)).unwrap_or_default();
+    digits.iter().rev().fold(0, |sum, digit| sum << 8 | u64::from(*digit))
+}
+
+/// Returns kind and body of each record of a part, up to the first that does not fit.
+pub(super) fn records(mut bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
+    std::iter::from_fn(move || {
+        let kind = *bytes.first()?;
+        let length = usize::try_from(number(bytes.get(..PREFIX as usize)?, 1, 8)).ok()?;
+        let body = bytes.get(PREFIX as usize..)?;
+        let record = body.get(..length)?;
+        bytes = &body[length..];
+        Some((kind, record))
+    })
+}
+
+/// A kind of row, as a record describes it.
+#[derive(Debug, Clone)]
+pub(super) struct Described {
+    pub(super) topic: String,
+    pub(super) encoding: String,
+    pub(super) metadata: BTreeMap<String, String>,
+    pub(super) schema: u16,
+}
+
+/// A schema, as a record has it.
+#[derive(Debug, Clone)]
+pub(super) struct Schema {
+    pub(super) name: String,
+    pub(super) encoding: String,
+    pub(super) text: Vec<u8>,
+}
+
+/// The channels and schemas that a record has named so far.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Directory {
+    pub(super) channels: BTreeMap<u16, Described>,
+    pub(super) schemas: BTreeMap<u16, Schema>,
+}
+
+impl Directory {
+    /// Takes the channels and schemas of a part, and gives each row, with its channel's number, to `row`.
+    pub(super) fn read(
+        &mut self,
+        part: &[u8],
+        mut row: impl FnMut(&Self, &mcap::records::MessageHeader, &[u8]),
+    ) {
+        for (kind, body) in records(part) {
+            match parse_record(kind, body) {
+                Ok(Record::Schema { header, data }) => {
+                    let mcap::records::SchemaHeader { id, name, encoding } = header;
+                    self.schemas.insert(id, Schema { name, encoding, text: data.into_owned() });
+                }
+                Ok(Record::Channel(channel)) => {
+                    let described = Described {
+                        topic: channel.topic,
+                        encoding: channel.message_encoding,
+                        metadata: channel.metadata,
+                        schema: channel.schema_id,
+                    };
+                    self.channels.insert(channel.id, described);
+                }
+                Ok(Record::Message { header, data }) => row(self, &header, &data),
+                _ => {}
+            }
+        }
+    }
+
+    /// Takes from a damaged part the channels of topics that are known, and counts its rows.
+    pub(super) fn read_damaged(&mut self, part: &[u8]) -> u64 {
+        let (mut found, mut rows) = (Self::default(), 0);
+        found.read(part, |_, _, _| rows += 1);
+        let is_known = |topic: &str| super::CHANNELS.iter().any(|channel| channel.topic == topic);
+        for (id, channel) in found.channels {
+            if is_known(&channel.topic) {
+                self.channels.entry(id).or_insert(channel);
+            }
+        }
+        for (id, schema) in found.schemas {
+            self.schemas.entry(id).or_insert(schema);
+        }
+        rows
+    }
+}
