@@ -2,10 +2,9 @@
 
 use std::process::ExitCode;
 
-use clap_complete::Shell;
+use flix_shell::completions::{self, Shell};
 
 use super::{Cli, Error, Exit};
-use flix_shell::output::print;
 
 /// Print the completion script of a shell.
 #[derive(Debug, clap::Args)]
@@ -24,8 +23,6 @@ pub struct Args {
 /// # Errors
 /// When stdout cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut Cli::description(), "flix", &mut script);
-    print(&String::from_utf8_lossy(&script))?;
+    completions::write(args.shell, Cli::description())?;
     Ok(Exit::Done.into())
 }

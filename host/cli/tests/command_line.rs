@@ -1199,6 +1199,20 @@ fn every_shell_gets_its_completions() {
 }
 
 #[test]
+fn a_path_with_a_blank_is_completed_whole() {
+    let operator = Operator::new();
+    let home = operator.home.path();
+    std::fs::write(home.join("my robot.key"), "").unwrap();
+    let script = operator.command_without_key(&["completions", "bash"]).output().unwrap();
+    std::fs::write(home.join("script"), script.stdout).unwrap();
+    let asked = "compopt() { :; }; source ./script
+        COMP_WORDS=(flix status --key my); COMP_CWORD=3
+        _flix flix my --key; printf '%s\\n' \"${COMPREPLY[@]}\"";
+    let completed = Command::new("bash").args(["-c", asked]).current_dir(home).output().unwrap();
+    assert_eq!(String::from_utf8_lossy(&completed.stdout), "my robot.key\n");
+}
+
+#[test]
 fn a_reader_that_goes_away_is_no_error() {
     let operator = Operator::new();
     let mut command = operator.command_without_key(&["completions", "bash"]);

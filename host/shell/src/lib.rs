@@ -8,8 +8,9 @@
 //! | [`output`] | prints texts, JSON, tables and progress bars |
 //! | [`course`], [`identification`] | options of a path, of steering, of an identification |
 //! | [`stream`] | `--foxglove` |
-//! | [`man`] | manual pages |
+//! | [`completions`], [`man`] | completion scripts, manual pages |
 
+pub mod completions;
 pub mod course;
 #[cfg_attr(not(feature = "foxglove"), path = "no_foxglove.rs")]
 pub mod foxglove;

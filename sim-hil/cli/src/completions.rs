@@ -2,9 +2,8 @@
 
 use std::process::ExitCode;
 
-use clap_complete::Shell;
+use flix_shell::completions::{self, Shell};
 
-use super::output::print;
 use super::{Cli, Error};
 
 /// Print the completion script of a shell
@@ -24,8 +23,6 @@ pub struct Args {
 /// # Errors
 /// When standard output cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut Cli::description(), "flix-sim", &mut script);
-    print(&String::from_utf8_lossy(&script))?;
+    completions::write(args.shell, Cli::description())?;
     Ok(ExitCode::SUCCESS)
 }
