@@ -47,7 +47,7 @@ impl Page {
                     Connection::open(robot, key, Interrupt::never()).expect("loopback");
                 connection.wait_until_connected().expect("a session");
                 let server = Server::start((Ipv4Addr::LOCALHOST, 0).into()).expect("a free port");
-                sender.send(server.url()).expect("the page waits");
+                sender.send(server.urls().remove(0)).expect("the page waits");
                 let mut extras = Extras::default();
                 let mut drive = Drive::new(&mut connection, "simulated", &mut extras);
                 desk::run(&mut drive, &server, &interrupt).expect("loopback");

@@ -53,7 +53,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
                  use a network of your own",
             );
         }
-        print(&format!("open {}\n", server.url()))?;
+        print(&format!("open {}\n", server.urls().join("\n  or ")))?;
         Ok(desk::run(drive, &server, interrupt)?)
     })
 }

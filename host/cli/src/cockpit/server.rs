@@ -4,7 +4,7 @@
 //! what they say waits in a bounded queue.
 
 use std::io;
-use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::net::{IpAddr, SocketAddr, TcpListener, UdpSocket};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -132,14 +132,21 @@ impl Server {
         Ok(Self { address, token, snapshots, extras, events })
     }
 
-    /// Returns the address of the page for a browser: on this computer, unless another address is bound.
+    /// Returns the addresses of the page for a browser: the one that is bound, or where every one is, all that other computers
+    /// may reach this one by, the likeliest first.
     #[must_use]
-    pub fn url(&self) -> String {
-        let mut address = self.address;
-        if address.ip().is_unspecified() {
-            address.set_ip(outward(address).unwrap_or(std::net::Ipv4Addr::LOCALHOST.into()));
-        }
-        format!("http://{address}/{}/", self.token)
+    pub fn urls(&self) -> Vec<String> {
+        let addresses = if self.address.ip().is_unspecified() {
+            let known = if_addrs::get_if_addrs().unwrap_or_default();
+            let known = known.into_iter().filter(|card| card.is_oper_up()).map(|card| card.ip());
+            reachable(self.address.ip(), outward(self.address), known)
+        } else {
+            vec![self.address.ip()]
+        };
+        let url = |address| {
+            format!("http://{}/{}/", SocketAddr::new(address, self.address.port()), self.token)
+        };
+        addresses.into_iter().map(url).collect()
     }
 
     /// Returns whether other computers can reach it.
@@ -165,11 +172,35 @@ impl Server {
     }
 }
 
-/// Returns the address of this computer that others reach it by, without sending anything.
-fn outward(bound: SocketAddr) -> Option<std::net::IpAddr> {
+/// Returns the address of this computer on the way to the internet, without sending anything.
+fn outward(bound: SocketAddr) -> Option<IpAddr> {
     let socket = UdpSocket::bind((bound.ip(), 0)).ok()?;
     socket.connect(("192.0.2.1", 9)).ok()?;
     Some(socket.local_addr().ok()?.ip())
+}
+
+/// Returns those of a computer's addresses that others reach it by, of the kind that is bound, `first` first; loopback where it
+/// has none.
+fn reachable(
+    bound: IpAddr,
+    first: Option<IpAddr>,
+    known: impl Iterator<Item = IpAddr>,
+) -> Vec<IpAddr> {
+    let mut addresses = Vec::new();
+    for address in first.into_iter().chain(known) {
+        // Of no use without the name of the card, which no browser takes.
+        let is_link_local = matches!(address, IpAddr::V6(it) if it.is_unicast_link_local());
+        // What is bound to IPv6 serves both.
+        let is_served = bound.is_ipv6() || address.is_ipv4();
+        let is_of_use = is_served && !address.is_loopback() && !address.is_unspecified();
+        if is_of_use && !is_link_local && !addresses.contains(&address) {
+            addresses.push(address);
+        }
+    }
+    if addresses.is_empty() {
+        addresses.push(std::net::Ipv4Addr::LOCALHOST.into());
+    }
+    addresses
 }
 
 fn text_of(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
@@ -283,5 +314,26 @@ async fn talk(id: PageId, socket: WebSocket, shared: &Shared) -> FromPage {
     tokio::select! {
         () = show => FromPage::Closed,
         ended = hear => ended,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(bound: &str, first: Option<&str>, known: &[&str]) -> Vec<String> {
+        let read = |text: &str| text.parse::<IpAddr>().ok();
+        let known = known.iter().filter_map(|text| read(text));
+        let found = read(bound).map(|bound| reachable(bound, first.and_then(read), known));
+        found.into_iter().flatten().map(|address| address.to_string()).collect()
+    }
+
+    #[test]
+    fn every_address_that_others_may_use_is_named_once_the_likeliest_first() {
+        let cards = ["127.0.0.1", "10.8.0.2", "192.168.1.7", "::1", "fe80::1", "fd00::7"];
+        assert_eq!(of("0.0.0.0", Some("192.168.1.7"), &cards), ["192.168.1.7", "10.8.0.2"]);
+        assert_eq!(of("0.0.0.0", None, &cards), ["10.8.0.2", "192.168.1.7"]);
+        assert_eq!(of("::", None, &cards), ["10.8.0.2", "192.168.1.7", "fd00::7"]);
+        assert_eq!(of("0.0.0.0", None, &["127.0.0.1"]), ["127.0.0.1"]);
     }
 }
