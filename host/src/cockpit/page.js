@@ -22,7 +22,7 @@ function connect() {
     snapshot = data;
     if (shown) send();
   };
-  connection.onclose = () => { me = snapshot = undefined; shown = 0; pad.neutral = false; setTimeout(connect, 1000); };
+  connection.onclose = () => { me = snapshot = undefined; shown = 0; pad.neutral = false; wasNeutral.clear(); setTimeout(connect, 1000); };
 }
 const isOld = (event) => performance.now() - event.timeStamp > OLD_INPUT_MS;
 const drives = () => snapshot !== undefined && snapshot.driver === me;
@@ -43,7 +43,10 @@ function keyed(event) {
   const steps = { ArrowUp: ["frequency", 1, 0.1], ArrowDown: ["frequency", -1, -0.1], ArrowRight: ["direction", 5, 1], ArrowLeft: ["direction", -5, -1] };
   const step = steps[event.key];
   if (step) return { [step[0]]: step[fine ? 2 : 1] };
-  return event.repeat ? undefined : KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+  if (event.repeat) return undefined;
+  // On a keyboard without Latin letters a key is known by its place.
+  const isLatin = /^[ -~]$/.test(event.key), placed = event.key.length === 1 && /^(?:Key|Digit)(.)$/.exec(event.code);
+  return KEYS[isLatin ? event.key.toLowerCase() : placed ? placed[1].toLowerCase() : event.key];
 }
 addEventListener("keydown", (event) => {
   if (event.code === "Space" || event.key === " ") {
@@ -101,6 +104,9 @@ function settingRow({ name, unit, minimum, maximum, default: usual, description 
   label.textContent = name;
   label.htmlFor = input.id = `setting-${name}`;
   Object.assign(input, { type: "number", step: "any", min: short(minimum), max: short(maximum), required: true });
+  // Who scrolls the page, or reaches for f, changes no setting.
+  input.addEventListener("wheel", (event) => { if (document.activeElement === input) event.preventDefault(); }, { passive: false });
+  input.onkeydown = (event) => { if (event.key === "ArrowUp" || event.key === "ArrowDown") event.preventDefault(); };
   input.oninput = () => { input.dataset.edited = ""; };
   input.onchange = (event) => {
     delete input.dataset.edited;
@@ -157,10 +163,30 @@ function showScope({ begin_ms, step_ms, channels }) {
   }));
 }
 
-// ---- gamepad: obeyed after it was seen neutral, and again after everything that lets the robot rest
-const pad = { neutral: false, mode: undefined, since: 0, pressed: {} };
+// ---- gamepads: the one that was touched last drives, and any stops; obeyed after it was seen neutral, and again after
+// everything that lets the robot rest
+const pad = { index: undefined, neutral: false, mode: undefined, since: 0 };
 const BUTTONS = { 1: "stop", 3: "clear", 8: "disarm", 9: "arm" };
 const DEAD_ZONE = 0.25, DEFLECTED = 0.6;
+// By gamepad: the buttons that were down when it was seen last; those that were neutral then.
+const held = new Map(), wasNeutral = new Set();
+// A browser may have none, or give none to a page that is not encrypted.
+function gamepads() {
+  try {
+    return [...(navigator.getGamepads?.() ?? [])].filter((one) => one?.connected);
+  } catch {
+    return [];
+  }
+}
+// Where the layout is not known, nobody knows which button stops: every one does.
+const isKnown = (gamepad) => gamepad.mapping === "standard";
+function newlyPressed(gamepad) {
+  const down = gamepad.buttons.flatMap((button, index) => (button.pressed ? [index] : []));
+  // Many a browser shows a gamepad only once a button is pressed.
+  const before = held.get(gamepad.index) ?? [];
+  held.set(gamepad.index, down);
+  return down.filter((index) => !before.includes(index));
+}
 function wantedBy(gamepad) {
   const [x = 0, y = 0] = gamepad.axes;
   const down = (index) => gamepad.buttons[index]?.pressed;
@@ -178,15 +204,30 @@ function release() {
   pad.neutral = false;
 }
 function readGamepad(now) {
-  const gamepad = [...navigator.getGamepads()].find((one) => one && one.connected);
+  const connected = gamepads();
+  for (const index of held.keys()) if (!connected.some((one) => one.index === index)) held.delete(index);
+  const pressed = new Map(connected.map((one) => [one, newlyPressed(one)]));
+  for (const [one, indexes] of pressed) {
+    if (indexes.some((index) => !isKnown(one) || BUTTONS[index] === "stop")) send("stop");
+  }
+  const known = connected.filter(isKnown);
+  // A gamepad that lets the robot walk keeps it until it is let go of.
+  const touched = known.find((one) => one.index === pad.index && pad.mode !== undefined) ?? known.find((one) => !isNeutral(one));
+  const gamepad = touched ?? known.find((one) => one.index === pad.index) ?? known[0];
   if (!gamepad) {
     release();
-    return "none";
+    pad.index = undefined;
+    return connected.length ? "of a layout that is not known: its buttons stop" : "none";
   }
-  for (const [index, request] of Object.entries(BUTTONS)) {
-    const pressed = Boolean(gamepad.buttons[index]?.pressed);
-    if (pressed && !pad.pressed[index] && (pad.neutral || request === "stop")) send(request);
-    pad.pressed[index] = pressed;
+  if (gamepad.index !== pad.index) {
+    release();
+    pad.index = gamepad.index;
+    // Another one that was at rest a moment ago may drive at once.
+    pad.neutral = wasNeutral.has(gamepad.index);
+  }
+  for (const one of known) isNeutral(one) ? wasNeutral.add(one.index) : wasNeutral.delete(one.index);
+  for (const index of pressed.get(gamepad)) {
+    if (pad.neutral && BUTTONS[index] && BUTTONS[index] !== "stop") send(BUTTONS[index]);
   }
   const state = snapshot?.telemetry?.state;
   if (!drives() || !(state === "armed" || state === "running")) pad.mode = undefined;
@@ -216,6 +257,8 @@ function neutral() {
 }
 addEventListener("blur", neutral);
 addEventListener("pagehide", neutral);
+// On a phone a keyboard comes up, and who types does not watch.
+addEventListener("focusin", ({ target }) => { if (target.matches("input")) neutral(); });
 document.addEventListener("visibilitychange", () => { if (document.visibilityState !== "visible") neutral(); });
 
 // ---- the robot as boxes, at rest on its legs: half size and place in the body's frame, turn, colour. Legs as the
@@ -372,7 +415,7 @@ function drawWords(gamepad) {
   write("battery", telemetry ? (telemetry.battery === null ? "not measured" : `${figure(telemetry.battery, 1)} V`) : "–");
   write("quality", link?.round_trip_ms != null ? `${figure(link.round_trip_ms, 1)} ms, ${figure(100 * link.loss, 0)} % lost` : "–");
   write("gamepad", gamepad);
-  write("note", [snapshot && !snapshot.floor && "no poses: drawn where it stands (--pose)", snapshot?.slow_motion && "rotors 30 times slower", snapshot?.pages > 1 && `${snapshot.pages} pages open`].filter(Boolean).join(" · "));
+  write("note", [failed && `${failed} failed in this browser`, snapshot && !snapshot.floor && "no poses: drawn where it stands (--pose)", snapshot?.slow_motion && "rotors 30 times slower", snapshot?.pages > 1 && `${snapshot.pages} pages open`].filter(Boolean).join(" · "));
   const log = snapshot?.log ?? [];
   const lines = log.map((line) => `${line.at.toFixed(1)} s  ${line.text}`).reverse();
   if (byId("log").dataset.lines !== lines.join("\n")) {
@@ -386,23 +429,39 @@ function drawWords(gamepad) {
   }
 }
 
-let written = 0;
+let written = 0, failed;
+// What fails is said, and ends nothing but itself: the page goes on to show the robot, and stops it.
+function attempt(what, run) {
+  try {
+    run();
+    if (failed === what) failed = undefined;
+  } catch (error) {
+    if (failed !== what) console.error(what, error);
+    failed = what;
+  }
+}
+let gamepad = "none";
 function draw(now) {
-  const gamepad = readGamepad(now);
+  requestAnimationFrame(draw);
+  attempt("the gamepad", () => { gamepad = readGamepad(now); });
   if (snapshot?.telemetry && history.at(-1)?.stamp !== snapshot.stamp) {
     const { telemetry, wanted, stamp } = snapshot;
     history.push({ stamp, f: telemetry.frequency, theta: telemetry.direction, wanted });
     while (history[0].stamp < stamp - HISTORY_MS) history.shift();
   }
-  drawScene();
+  attempt("the picture", drawScene);
+  let isShown = true;
   if (now - written >= WORDS_MS) {
     written = now;
-    drawWords(gamepad);
-    chart("f-chart", (one) => one.f, (one) => one.wanted[0], 10);
-    chart("theta-chart", (one) => (turns(one.f) ? one.theta : undefined), (one) => one.wanted[1], 20);
+    isShown = false;
+    attempt("the words", () => { drawWords(gamepad); isShown = true; });
+    attempt("the charts", () => {
+      chart("f-chart", (one) => one.f, (one) => one.wanted[0], 10);
+      chart("theta-chart", (one) => (turns(one.f) ? one.theta : undefined), (one) => one.wanted[1], 20);
+    });
   }
-  if (snapshot) shown = snapshot.stamp;
-  requestAnimationFrame(draw);
+  // An operator who does not see how the robot is drives none.
+  if (snapshot && isShown) shown = snapshot.stamp;
 }
 connect();
 requestAnimationFrame(draw);

@@ -487,6 +487,10 @@ impl Cockpit {
                     self.current_limit = limit;
                 }
             }
+            Outcome::Parameter(set) if about == Some(Answered::Change) => {
+                let unit = if set.unit == "1" { String::new() } else { format!(" {}", set.unit) };
+                self.note(now, Weight::Note, &format!("{} is {}{unit} now", set.name, set.value));
+            }
             _ if about == Some(Answered::Save) => {
                 self.note(now, Weight::Note, "the settings are saved");
             }

@@ -139,12 +139,14 @@ fn try_pages(mut output: impl std::io::BufRead, seen: Arc<Mutex<Seen>>) -> Outco
     };
     let mut desk = Desk { browser, seen, url };
     type Test = (&'static str, fn(&mut Desk) -> Outcome<()>);
-    let tests: [Test; 8] = [
+    let tests: [Test; 10] = [
         ("the_scope_shows_its_channels", Desk::scope),
         ("settings_are_read_and_changed", Desk::settings),
         ("keys_drive_and_the_space_bar_stops", Desk::keys),
         ("a_finger_drives_and_stops", Desk::finger),
         ("a_gamepad_drives_once_it_was_neutral", Desk::gamepad),
+        ("any_gamepad_stops_and_the_one_touched_drives", Desk::gamepads),
+        ("a_page_outlives_what_its_browser_lacks", Desk::poor_browser),
         ("a_page_that_freezes_leaves_the_robot_at_rest", Desk::freeze),
         ("of_two_pages_one_drives_and_both_stop", Desk::two_pages),
         ("a_page_that_dies_leaves_the_robot_at_rest", Desk::dies),
@@ -395,8 +397,11 @@ impl Desk {
     fn stick(&self, axes: [f64; 2]) -> Outcome<()> {
         let script = format!(
             "window.stick = {axes:?};
-             const buttons = Array.from({{ length: 17 }}, () => ({{ pressed: false, value: 0 }}));
-             navigator.getGamepads = () => [{{ connected: true, axes: window.stick, buttons }}];"
+             window.buttons = Array.from({{ length: 17 }}, () => ({{ pressed: false, value: 0 }}));
+             const pad = (index, mapping, axes) => ({{ index, mapping, connected: true, axes, buttons: window.buttons }});
+             window.pads = () => [null, pad(1, 'standard', window.stick)];
+             window.pad = pad;
+             navigator.getGamepads = () => window.pads();"
         );
         self.browser.run(&script).map(drop)
     }
@@ -415,6 +420,83 @@ impl Desk {
         self.walk(|desk| desk.push_from_neutral([0.0, -1.0]))?;
         self.stick([0.0, 0.0])?;
         self.until_resting()
+    }
+
+    /// Shows these gamepads, an expression of `stick`, `pad` and `buttons`.
+    fn pads(&self, expression: &str) -> Outcome<()> {
+        self.browser.run(&format!("window.pads = () => {expression};")).map(drop)
+    }
+
+    fn gamepads(&mut self) -> Outcome<()> {
+        let pressed = "{ ...window.pad(3, 'standard', [0, 0]), buttons: [{ pressed: false }, { pressed: true }] }";
+        self.arm()?;
+        self.walk(|desk| desk.push_from_neutral([0.0, -1.0]))?;
+        // B of another one, which this browser shows only now.
+        self.pads(&format!("[null, window.pad(1, 'standard', window.stick), {pressed}]"))?;
+        self.until_text("state", "stopped")?;
+        self.arm()?;
+        // The second one drives, once it is touched.
+        self.stick([0.0, 0.0])?;
+        self.pads("[window.pad(0, 'standard', [0, 0]), window.pad(1, 'standard', window.stick)]")?;
+        self.until_text("gamepad", "neutral")?;
+        self.walk(|desk| {
+            desk.browser.run("window.stick = [0, 0]")?;
+            desk.until_text("gamepad", "neutral")?;
+            desk.browser.run("window.stick = [1, 0]").map(drop)
+        })?;
+        // Of one whose layout is not known every button stops.
+        self.pads("[{ ...window.pad(0, '', [0, -1]), buttons: [{ pressed: window.isPressed }] }]")?;
+        self.until_text("gamepad", "of a layout that is not known: its buttons stop")?;
+        self.until_resting()?;
+        self.browser.run("window.isPressed = true")?;
+        self.until_text("state", "stopped")
+    }
+
+    fn poor_browser(&mut self) -> Outcome<()> {
+        self.arm()?;
+        for lacks in ["undefined", "() => { throw new Error('not allowed'); }"] {
+            self.browser.run(&format!("navigator.getGamepads = {lacks};"))?;
+            self.until_text("gamepad", "none")?;
+        }
+        // A picture that fails is said, and the robot is driven on.
+        let broken = "HTMLCanvasElement.prototype.getContext = () => { throw new Error('lost'); };
+                      CanvasRenderingContext2D.prototype.clearRect = CanvasRenderingContext2D.prototype.beginPath = () => { throw new Error('lost'); };";
+        self.browser.run(broken)?;
+        self.until("a note", |desk| {
+            let note = desk.browser.run("return document.getElementById('note').textContent")?;
+            Ok(note.as_str().is_some_and(|note| note.contains("failed in this browser")))
+        })?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        // A keyboard without Latin letters: the key at the place of S.
+        let other = "dispatchEvent(new KeyboardEvent('keydown', { key: 'ы', code: 'KeyS', bubbles: true }))";
+        let other = format!("document.body.{other}");
+        self.command(
+            "at rest",
+            |desk| desk.browser.run(&other).map(drop),
+            |desk| desk.seen().map(|seen| seen.now.since(seen.moved) > Duration::from_millis(100)),
+        )?;
+        // Who types does not watch.
+        self.walk(|desk| desk.browser.press('w'))?;
+        self.browser.run(
+            "document.getElementById('settings').open = true; document.getElementById('settings-find').focus()",
+        )?;
+        self.until_resting()?;
+        self.until("settings", |desk| {
+            desk.browser
+                .run("return document.getElementById('setting-current_limit') !== null")
+                .map(|it| it == true)
+        })?;
+        // A wheel over a field is none over its value.
+        let wheel = "const input = document.getElementById('setting-current_limit');
+                     input.disabled = false; input.focus();
+                     const wheel = new WheelEvent('wheel', { deltaY: 1, cancelable: true });
+                     const key = new KeyboardEvent('keydown', { key: 'ArrowUp', cancelable: true });
+                     input.dispatchEvent(wheel); input.dispatchEvent(key); input.blur();
+                     return wheel.defaultPrevented && key.defaultPrevented";
+        if self.browser.run(wheel)? != true {
+            return Err("a wheel changes a setting".into());
+        }
+        Ok(())
     }
 
     fn freeze(&mut self) -> Outcome<()> {
