@@ -28,6 +28,7 @@ use zeroize::{Zeroize, Zeroizing};
 
 use crate::frame::{KeyId, Nonce, Tag};
 use crate::message::{Identity, NAME_LENGTH, Name, OperatorName, is_label};
+use crate::network_key::is_key;
 use crate::session::{AddError, MAXIMUM_OPERATORS, Operator};
 
 /// Version of these messages, incremented with every change. Both ends drop frames of another version.
@@ -102,10 +103,10 @@ pub enum ProvisioningError {
     /// The network's name is empty or longer than [`NETWORK_LENGTH`] bytes.
     #[error("a network's name is 1 to {NETWORK_LENGTH} bytes long")]
     Network,
-    /// The password is not UTF-8, or neither empty (an open network) nor of 8 to
-    /// [`PASSWORD_LENGTH`] bytes.
+    /// The password is not UTF-8, or neither empty (an open network) nor a pass phrase of 8 to 63 bytes nor a key of
+    /// [`PASSWORD_LENGTH`] hexadecimal digits (IEEE 802.11, annex J.4).
     #[error(
-        "a network's password is {SHORTEST_PASSWORD} to {PASSWORD_LENGTH} bytes long, or empty for an open network"
+        "a network's password is {SHORTEST_PASSWORD} to {LONGEST_PHRASE} bytes long, or a key of {PASSWORD_LENGTH} hexadecimal digits, or empty for an open network"
     )]
     Password,
     /// A fixed address with more than 32 bits of network.
@@ -115,6 +116,8 @@ pub enum ProvisioningError {
 
 /// WPA2's shortest password.
 const SHORTEST_PASSWORD: usize = 8;
+/// WPA2's longest password that is no key.
+const LONGEST_PHRASE: usize = PASSWORD_LENGTH - 1;
 /// Longest robot's name; one less than fits, so that it also serves as a C string.
 const LONGEST_LABEL: usize = NAME_LENGTH - 1;
 
@@ -156,9 +159,10 @@ impl Provisioning {
         if self.network.is_empty() {
             return Err(ProvisioningError::Network);
         }
-        let length = self.password.len();
-        if (1..SHORTEST_PASSWORD).contains(&length) || core::str::from_utf8(&self.password).is_err()
-        {
+        let password =
+            core::str::from_utf8(&self.password).map_err(|_| ProvisioningError::Password)?;
+        let is_phrase = (SHORTEST_PASSWORD..=LONGEST_PHRASE).contains(&password.len());
+        if !(password.is_empty() || is_phrase || is_key(password)) {
             return Err(ProvisioningError::Password);
         }
         match self.address {
@@ -344,7 +348,7 @@ mod tests {
     fn longest() -> Provisioning {
         let address =
             FixedAddress { address: [255; 4], prefix_length: 24, gateway: Some([255; 4]) };
-        let (name, network, password) = ["n".repeat(31), "w".repeat(32), "p".repeat(64)].into();
+        let (name, network, password) = ["n".repeat(31), "w".repeat(32), "a".repeat(64)].into();
         Provisioning::new(&name, &network, &password, Some(address)).unwrap()
     }
 
@@ -361,6 +365,17 @@ mod tests {
     fn the_longest_request_fits_a_frame_and_comes_back() {
         let request = Request::Provision(longest(), operator());
         assert_eq!(read::<Request>(&write_frame(&request).unwrap()), [request]);
+    }
+
+    #[test]
+    fn a_password_is_a_phrase_or_a_key() {
+        let new = |password: &str| Provisioning::new("walker", "lab", password, None).map(drop);
+        for password in ["", "12345678", &"p".repeat(63), &"aB".repeat(32)] {
+            assert_eq!(new(password), Ok(()), "{password}");
+        }
+        for password in ["1234567", &"p".repeat(64), &"a".repeat(65)] {
+            assert_eq!(new(password), Err(ProvisioningError::Password), "{password}");
+        }
     }
 
     #[test]

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 fn request() -> impl Strategy<Value = Request> {
     let operator = ("[a-zA-Z0-9]{1,16}", prop::array::uniform32(1_u8..))
         .prop_map(|(name, key)| Operator::new(name.parse().unwrap(), &Key::new(key)));
-    let provisioning = ("[a-zA-Z0-9]{1,31}", "[ -~]{1,32}", "[ -~]{8,64}").prop_map(
+    let provisioning = ("[a-zA-Z0-9]{1,31}", "[ -~]{1,32}", "[ -~]{8,63}|[0-9a-f]{64}").prop_map(
         |(name, network, password)| Provisioning::new(&name, &network, &password, None).unwrap(),
     );
     prop_oneof![
