@@ -146,10 +146,16 @@ impl<S: SettingsStore> Provisioner<S> {
         operator: Operator,
         state: State,
     ) -> Option<Response> {
-        match operators.add(operator) {
-            Ok(()) => self.change(Some((provisioning, operators)), state),
-            Err(error) => refuse(error.into()),
+        if let Err(error) = operators.add(operator) {
+            return refuse(error.into());
         }
+        let owned = Some((provisioning, operators));
+        if is_idle(state) && self.loaded.is_ok() && self.owned == owned {
+            // A repeated request: the answer to the first was lost, or power went before it.
+            let erased = self.finish_erasure();
+            return respond(&done_or_storage(erased));
+        }
+        self.change(owned, state)
     }
 
     /// Erases a former key that is still stored because power went while it was replaced. Takes
@@ -161,7 +167,8 @@ impl<S: SettingsStore> Provisioner<S> {
         self.store.sweep().map_err(|_| SaveError)
     }
 
-    /// Stores first, and changes only when that worked.
+    /// Stores first, and changes only when that worked. What is there already is stored anew: a key that is to go may lie
+    /// in flash though the robot does not know it, because power went while it was given.
     fn change(&mut self, owned: Option<Owned>, state: State) -> Option<Response> {
         if !is_idle(state) {
             return refuse(ProvisionRefusal::Driving);
@@ -169,11 +176,7 @@ impl<S: SettingsStore> Provisioner<S> {
         if owned.as_ref().is_some_and(|owned| !is_usable(owned)) {
             return refuse(ProvisionRefusal::Malformed);
         }
-        if self.loaded.is_ok() && self.owned == owned {
-            // A repeated request: the answer to the first was lost, or power went before it.
-            let erased = self.finish_erasure();
-            return respond(&done_or_storage(erased));
-        }
+        let changes = self.loaded.is_err() || self.owned != owned;
         let saved = save(&mut self.store, &owned);
         // A store that could write but not erase keeps the new one.
         if saved.is_err() && load(&mut self.store).as_ref() != Ok(&owned) {
@@ -181,7 +184,7 @@ impl<S: SettingsStore> Provisioner<S> {
         }
         self.owned = owned;
         self.loaded = Ok(());
-        respond(&done_or_storage(saved)).map(|response| Response { changed: true, ..response })
+        respond(&done_or_storage(saved)).map(|response| Response { changed: changes, ..response })
     }
 }
 

@@ -21,6 +21,7 @@
 //!   the mark itself may be weak, so it is programmed again before any other sector is erased.
 //! - A copy that replaces a key owes a sweep, as do all that follow it, until one has the mark *swept*: the sweep goes on at
 //!   the next start.
+//! - What lies in a copy that was not completed was never in force, and may be a key: the next start erases it.
 //! - Everything that is written or erased is read back: flash that does not take it is an error.
 
 mod earlier;
@@ -46,6 +47,8 @@ const MOST_ENTRIES: usize = 16;
 const CHUNK: usize = 256;
 /// Shortest word, bytes: marks are one, and must not come about by chance.
 const SHORTEST_WORD: usize = 4;
+/// What a word reads like that was erased.
+const BLANK_WORD: [u8; SHORTEST_WORD] = [0xFF; SHORTEST_WORD];
 /// Times that reading is tried before it counts as failed.
 const READ_TRIES: usize = 3;
 /// Length of a copy's head, bytes.
@@ -189,8 +192,8 @@ impl<F: NorFlash> FlashStore<F> {
         self.sweep()
     }
 
-    /// Erases all superseded bytes from flash, unless this is done already: every sector but that of the newest copy.
-    /// Brings a store of earlier releases into today's form first. Power may go at any moment. Takes up to 2.4 s for six
+    /// Erases all superseded bytes from flash, unless this is done already: every sector but that of the newest copy; and
+    /// what is left of copies that were not completed. Brings a store of earlier releases into today's form first. Power may go at any moment. Takes up to 2.4 s for six
     /// sectors.
     ///
     /// # Errors
@@ -202,15 +205,36 @@ impl<F: NorFlash> FlashStore<F> {
             mounted = self.mount()?;
         }
         let Some(newest) = mounted.newest.filter(|newest| newest.has_superseded()) else {
+            for sector in 0..self.sectors()? {
+                if self.is_unfinished(sector)? {
+                    self.clear(sector)?;
+                }
+            }
             return Ok(());
         };
         self.strengthen(&mounted);
         for sector in (0..self.sectors()?).filter(|sector| *sector != newest.sector) {
-            // A sector that cannot be erased and holds nothing never held anything.
-            let erased = self.erase(sector);
-            self.check_blank(sector).map_err(|error| erased.err().unwrap_or(error))?;
+            self.clear(sector)?;
         }
         self.set_mark(self.sector_at(newest.sector) + Self::SWEPT_AT)
+    }
+
+    /// Erases a sector, and reads that back. One that cannot be erased and holds nothing never held anything.
+    fn clear(&mut self, sector: u32) -> Result<(), StoreError> {
+        let erased = self.erase(sector);
+        self.check_blank(sector).map_err(|error| erased.err().unwrap_or(error))
+    }
+
+    /// Whether a sector holds a part of a copy that was not completed, or that was erased by half.
+    fn is_unfinished(&mut self, sector: u32) -> Result<bool, StoreError> {
+        let at = self.sector_at(sector);
+        if self.word(at)? != BLANK_WORD || self.is_marked(at + Self::COMPLETE_AT)? {
+            return Ok(false);
+        }
+        match self.check_blank(sector) {
+            Err(StoreError::NotKept) => Ok(true),
+            outcome => outcome.map(|()| false),
+        }
     }
 
     /// Number of sectors.
@@ -274,10 +298,9 @@ impl<F: NorFlash> FlashStore<F> {
     /// Reads the head of a copy that is marked as complete. Its check sum is for [`FlashStore::is_intact`].
     fn head(&mut self, sector: u32) -> Result<Option<Copy>, StoreError> {
         let at = self.sector_at(sector);
-        let is_blank = |word: [u8; SHORTEST_WORD]| word == [0xFF; SHORTEST_WORD];
         let end = at + F::ERASE_SIZE as u32 - Self::WORD as u32;
-        if !is_blank(self.word(at)?)
-            || !is_blank(self.word(end)?)
+        if self.word(at)? != BLANK_WORD
+            || self.word(end)? != BLANK_WORD
             || !self.is_marked(at + Self::COMPLETE_AT)?
         {
             return Ok(None);
