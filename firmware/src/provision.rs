@@ -247,6 +247,7 @@ mod tests {
     struct Memory {
         bytes: Option<std::vec::Vec<u8>>,
         is_worn: bool,
+        writes: usize,
         /// Writes, but cannot erase.
         cannot_erase: bool,
     }
@@ -265,6 +266,7 @@ mod tests {
                 return Err(());
             }
             self.bytes = Some(bytes.to_vec());
+            self.writes += 1;
             Ok(())
         }
 
@@ -421,6 +423,24 @@ mod tests {
         ask(&mut robot(&mut memory), &Request::Forget, State::Disarmed);
         let holds = holds_key(memory.bytes.as_ref().unwrap());
         assert_eq!((held, holds, robot(&mut memory).provisioning()), (true, false, None));
+    }
+
+    #[test]
+    fn what_is_to_go_is_erased_though_the_robot_does_not_know_it() {
+        let bob = Request::Revoke("bob".parse().unwrap());
+        for (request, has_owner) in [(Request::Forget, false), (bob, true)] {
+            let mut memory = Memory::default();
+            if has_owner {
+                provision(&mut memory);
+            }
+            memory.writes = 0;
+            let mut robot = robot(&mut memory);
+            let frame = write_frame(&request).unwrap();
+            let responses = frame.iter().filter_map(|it| robot.receive(*it, State::Disarmed));
+            let changed: std::vec::Vec<_> = responses.map(|response| response.changed).collect();
+            // It is the same robot as before, and does not start anew.
+            assert_eq!((changed, memory.writes), (std::vec![false], 1), "{request:?}");
+        }
     }
 
     #[test]

@@ -34,8 +34,6 @@ fn key_number(number: usize) -> Vec<u8> {
     (number as u32).to_le_bytes().iter().flat_map(|byte| [0x3C ^ byte; 6]).collect()
 }
 
-/// Most words and sectors that are written before power goes: a copy has some 130 words.
-const LONGEST_POWER: usize = 300;
 const ROUNDS: usize = 30;
 /// Chances with which cells fade before a start.
 const FADES: [f64; 4] = [0.0, 0.01, 0.5, 1.0];
@@ -92,12 +90,24 @@ impl Robot {
         FlashStore::new(self.flash.clone(), self.region.clone())
     }
 
-    /// Draws when power goes, how, and which sectors take nothing.
-    fn draw_faults(&mut self, longest: usize) {
+    /// Draws when power goes in `work`, how, and which sectors take nothing.
+    fn draw_faults(&mut self, work: impl FnOnce(&mut FlashStore<Flash>) -> Result<(), StoreError>) {
+        let mut whole = self.store();
+        whole.flash.operations.clear();
+        let _ = work(&mut whole);
+        let operations = whole.flash.operations;
         let Self { draw, flash, .. } = self;
         flash.share = draw.share();
         flash.rise = RISES[draw.below(RISES.len())];
-        flash.power = if draw.once_in(3) { usize::MAX } else { 1 + draw.below(longest) };
+        // Everything is decided in an erasure, in the mark before one, and in the last mark.
+        let is_erased = |at: usize| operations.get(at).is_none_or(|is_erasure| *is_erasure);
+        let decisive: Vec<usize> =
+            (0..operations.len()).filter(|at| is_erased(*at) || is_erased(at + 1)).collect();
+        flash.power = match (draw.below(3), operations.len()) {
+            (0, _) | (_, 0) => usize::MAX,
+            (1, all) => 1 + draw.below(all),
+            _ => 1 + decisive[draw.below(decisive.len())],
+        };
         flash.protection = [Protection::None; SECTORS];
         if draw.once_in(8) {
             let kind = [Protection::Silent, Protection::Reported][draw.below(2)];
@@ -110,18 +120,19 @@ impl Robot {
 
     /// Saves settings, or gives, changes or forgets the key.
     fn change(&mut self, round: usize, what: &str) {
-        self.draw_faults(LONGEST_POWER);
         let is_key = self.draw.once_in(2);
         let bytes = match (is_key, self.draw.once_in(4)) {
             (true, true) => Vec::new(),
             (true, false) => key_number(round),
             (false, _) => vec![round as u8; 1 + self.draw.below(500)],
         };
-        let mut store = self.store();
-        let outcome = match is_key {
+        let save = |store: &mut FlashStore<Flash>| match is_key {
             true => store.save_and_sweep(PROVISIONING, &bytes),
             false => store.save(SETTINGS, &bytes),
         };
+        self.draw_faults(save);
+        let mut store = self.store();
+        let outcome = save(&mut store);
         let key = if is_key { PROVISIONING } else { SETTINGS };
         let admitted = if is_key { &mut self.keys } else { &mut self.settings };
         if outcome.is_ok() {
@@ -138,14 +149,15 @@ impl Robot {
     /// Starts the robot, and has a look.
     fn start(&mut self, what: &str) {
         self.flash.start(FADES[self.draw.below(FADES.len())]);
-        self.draw_faults(8);
+        self.draw_faults(FlashStore::sweep);
         let mut store = self.store();
         let swept = store.sweep();
         let found = loaded(&mut store, PROVISIONING);
         assert!(self.keys.contains(&found), "{what}: {found:?} of {:?}", self.keys);
         assert!(self.settings.contains(&loaded(&mut store, SETTINGS)), "{what}");
         let is_other = |key: &&Vec<u8>| Some(*key) != found.as_ref();
-        if swept.is_ok() {
+        let takes_all = store.flash.protection == [Protection::None; SECTORS];
+        if swept.is_ok() && takes_all {
             for former in self.were_in_force.iter().filter(is_other) {
                 assert!(!store.flash.may_hold(former), "{what}: {former:?} is in flash");
             }
@@ -178,4 +190,4 @@ fn cuts_upon_cuts_lose_nothing_and_leave_no_former_key_in_regions_of_two_sectors
 }
 
 /// Sequences that are drawn for each number of sectors.
-const SEEDS: u64 = 60;
+const SEEDS: u64 = 24;
