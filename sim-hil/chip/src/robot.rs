@@ -6,7 +6,7 @@
 
 use flix_firmware::board::{Board, EncoderKind, GENERIC_ESP32C6};
 use flix_firmware::hardware::{
-    Actuation, Bridge, Duty, Encoder as Reading, Hardware, TICK_RATE_HZ,
+    Actuation, Bridge, Duty, Encoder as Reading, Hardware, Magnet, TICK_RATE_HZ,
 };
 use flix_protocol::units::Instant;
 use flix_sim::model::RobotModel;
@@ -55,6 +55,8 @@ pub struct Robot {
     errors: [u16; 2],
     /// Commands that AS5047P encoders received.
     commands: [u64; 2],
+    /// What the encoders find of their magnets.
+    pub magnets: [Magnet; 2],
     /// SPI transfers that no encoder answered, or two at once did.
     pub bad_transfers: u64,
 }
@@ -84,6 +86,7 @@ impl Robot {
             answers: [0; 2],
             errors: [0; 2],
             commands: [0; 2],
+            magnets: [Magnet::Good; 2],
             bad_transfers: 0,
         }
     }
@@ -157,7 +160,7 @@ impl Robot {
     fn word(&mut self, motor: usize, cycles: u64, transfer: &Transfer) -> u32 {
         match self.kind {
             EncoderKind::As5047p => self.as5047p_word(motor, cycles, transfer),
-            _ => mt6701_word(self.count(motor, cycles)),
+            _ => mt6701_word(self.count(motor, cycles), mt6701_status(self.magnets[motor])),
         }
     }
 
@@ -167,8 +170,13 @@ impl Robot {
         const ANGLE: u16 = 0x3FFF;
         const DIAGNOSTICS: u16 = 0x3FFC;
         const ERRORS: u16 = 0x0001;
+        const READY: u16 = 1 << 8;
+        const LARGEST_GAIN: u16 = 0xFF;
         /// Ready, field in range.
-        const HEALTHY: u16 = 1 << 8 | 0x80;
+        const HEALTHY: u16 = READY | 0x80;
+        /// MAGL and MAGH.
+        const WEAK: u16 = 1 << 11;
+        const STRONG: u16 = 1 << 10;
         /// Errors: a frame cut short, no such register, parity.
         const FRAME: u16 = 1 << 0;
         const INVALID: u16 = 1 << 1;
@@ -183,7 +191,11 @@ impl Robot {
         let mut errors = self.errors[motor];
         let data = match asked & 0x3FFF {
             ANGLE => self.count(motor, cycles) as u16,
-            DIAGNOSTICS => HEALTHY,
+            DIAGNOSTICS => match self.magnets[motor] {
+                Magnet::Good => HEALTHY,
+                Magnet::Weak | Magnet::Missing => READY | WEAK | LARGEST_GAIN,
+                Magnet::Strong => READY | STRONG,
+            },
             ERRORS => core::mem::take(&mut errors),
             _ => {
                 errors |= INVALID;
@@ -220,9 +232,18 @@ impl Robot {
     }
 }
 
+/// An MT6701's status: its field is too strong, or too weak.
+const fn mt6701_status(magnet: Magnet) -> u32 {
+    match magnet {
+        Magnet::Good => 0,
+        Magnet::Strong => 0b01,
+        Magnet::Weak | Magnet::Missing => 0b10,
+    }
+}
+
 /// An MT6701's frame: 14 bits of angle, 4 of status, 6 of check sum (polynomial x^6 + x + 1).
-fn mt6701_word(count: u32) -> u32 {
-    let payload = count << 4;
+fn mt6701_word(count: u32, status: u32) -> u32 {
+    let payload = count << 4 | status;
     let sum = (0..18).rev().fold(0_u32, |sum, bit| {
         let feedback = (sum >> 5 ^ payload >> bit) & 1;
         (sum << 1 & 0x3F) ^ (feedback * 0b11)
@@ -283,7 +304,7 @@ mod tests {
 
     #[test]
     fn an_mt6701s_frame_is_read_by_the_robots_own_driver() {
-        let [_, frame @ ..] = mt6701_word(0x2A5F).to_be_bytes();
+        let [_, frame @ ..] = mt6701_word(0x2A5F, 0).to_be_bytes();
         assert_eq!(mt6701(frame), Some(EncoderAngle::from_count(0x2A5F, 14)));
     }
 
