@@ -18,7 +18,7 @@
 
 use core::borrow::BorrowMut;
 
-use flix_protocol::message::{Fault, Faults, LoopTiming, Setpoint, State, Trial};
+use flix_protocol::message::{EncoderHealth, Fault, Faults, LoopTiming, Setpoint, State, Trial};
 use flix_protocol::units::Instant;
 use serde::{Deserialize, Serialize};
 
@@ -139,6 +139,8 @@ pub struct Report {
     pub direction: RotorAngle,
     /// Top, bottom.
     pub motors: [MotorReport; 2],
+    /// Top, bottom.
+    pub encoders: [EncoderHealth; 2],
     /// Battery side of the bridges, where the board measures it.
     pub bus_voltage: Option<Voltage>,
     /// Largest phase voltage of this measuring period as a share of what the bridge can give;

@@ -8,6 +8,7 @@ use core::num::NonZeroU16;
 use serde::{Deserialize, Serialize};
 
 pub use crate::fast::units::{Duty, EncoderAngle, TICK, TICK_RATE_HZ, TICK_US};
+pub use flix_protocol::message::Magnet;
 
 /// One reading of an absolute angle encoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -34,6 +35,8 @@ pub enum Encoder {
 pub struct Sensors {
     /// Top and bottom encoder.
     pub encoders: [Encoder; 2],
+    /// What each of them last said of its magnet.
+    pub magnets: [Magnet; 2],
     /// Raw counts of the phase current amplifiers, phases A and B of each motor. Positive counts
     /// above the zero count are current into the motor, up to a sign that alignment finds.
     /// `None` where the board has no usable current sense.

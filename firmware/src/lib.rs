@@ -32,7 +32,7 @@
 //! ```
 //! use flix_firmware::board::DENGFOC_V3_01;
 //! use flix_firmware::hardware::{
-//!     Actuation, Bridge, Encoder, EncoderAngle, EncoderReading, Sensors, SettingsStore, TICK,
+//!     Actuation, Bridge, Encoder, EncoderAngle, EncoderReading, Magnet, Sensors, SettingsStore, TICK,
 //! };
 //! use flix_firmware::robot::Robot;
 //! use flix_protocol::frame::Frame;
@@ -61,6 +61,7 @@
 //! let reading = EncoderReading { angle: EncoderAngle::ZERO, age_us: 0 };
 //! let still = Sensors {
 //!     encoders: [Encoder::Reading(reading); 2],
+//!     magnets: [Magnet::Good; 2],
 //!     phase_current: Some([[2_048; 2]; 2]),
 //!     bus_voltage: None,
 //! };

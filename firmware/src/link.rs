@@ -28,9 +28,10 @@ use core::time::Duration;
 use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::{Frame, HandshakeFrame};
 use flix_protocol::message::{
-    Bridges, BuildId, Command, CrashReport, Event, EventReport, Faults, Identity, LinkQuality,
-    Mark, MotorTelemetry, OperatorName, Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Refusal,
-    Reply, ResetReason, ScopeCommand, Setpoint, State, Telemetry, ToOperator, ToRobot, Trial,
+    Bridges, BuildId, Command, CrashReport, EncoderHealth, Event, EventReport, Faults, Identity,
+    LinkQuality, Magnet, Mark, MotorTelemetry, OperatorName, Outcome, PARAMETERS_PER_REPLY,
+    ParameterCommand, Refusal, Reply, ResetReason, ScopeCommand, Setpoint, State, Telemetry,
+    ToOperator, ToRobot, Trial,
 };
 use flix_protocol::session::{Operators, RobotReceived, RobotSession};
 use flix_protocol::units::{Instant, Ratio, Volts};
@@ -78,6 +79,8 @@ pub struct Link {
     /// Whether the scope is to watch for faults again.
     releases_scope: bool,
     events: Events,
+    /// What was said of each encoder's magnet: weak, strong, missing.
+    magnets: [[bool; Magnet::ALL.len()]; 2],
     telemetry_due: Instant,
 }
 
@@ -118,6 +121,7 @@ impl Link {
             scope: Deque::new(),
             releases_scope: false,
             events,
+            magnets: Default::default(),
             telemetry_due: report.time,
         }
     }
@@ -285,6 +289,18 @@ impl Link {
         Some(if waiting { now } else { self.telemetry_due.max(now) })
     }
 
+    /// Notes each kind of trouble with a magnet once: one on the border comes and goes.
+    fn look_at_magnets(&mut self, report: &Report) {
+        let encoders = report.encoders.iter().zip(&mut self.magnets);
+        for (motor, (EncoderHealth { magnet, .. }, said)) in (0..).zip(encoders) {
+            let is_new =
+                said.get_mut(*magnet as usize).is_some_and(|it| !core::mem::replace(it, true));
+            if is_new && *magnet != Magnet::Good {
+                self.events.push(report.time, Event::Magnet { motor, magnet: *magnet });
+            }
+        }
+    }
+
     /// Takes over how the fast half is, and notes what happened since it was last observed.
     pub fn observe(&mut self, report: &Report) {
         let last = core::mem::replace(&mut self.report, *report);
@@ -313,6 +329,7 @@ impl Link {
         for fault in report.faults.iter().filter(|fault| !last.faults.contains(*fault)) {
             self.events.push(now, Event::Fault(fault));
         }
+        self.look_at_magnets(report);
         if report.state != last.state {
             self.events.push(now, Event::State(report.state));
         }
@@ -659,6 +676,7 @@ impl Link {
             frequency: report.frequency.into(),
             direction: report.direction.into(),
             motors: report.motors.map(motor),
+            encoders: report.encoders,
             bus_voltage: report.bus_voltage.map(Volts::from),
             modulation: Ratio::saturating(f32::from(report.modulation) / f32::from(u16::MAX)),
             timing: report.timing,

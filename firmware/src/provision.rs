@@ -146,10 +146,16 @@ impl<S: SettingsStore> Provisioner<S> {
         operator: Operator,
         state: State,
     ) -> Option<Response> {
-        match operators.add(operator) {
-            Ok(()) => self.change(Some((provisioning, operators)), state),
-            Err(error) => refuse(error.into()),
+        if let Err(error) = operators.add(operator) {
+            return refuse(error.into());
         }
+        let owned = Some((provisioning, operators));
+        if is_idle(state) && self.loaded.is_ok() && self.owned == owned {
+            // A repeated request: the answer to the first was lost, or power went before it.
+            let erased = self.finish_erasure();
+            return respond(&done_or_storage(erased));
+        }
+        self.change(owned, state)
     }
 
     /// Erases a former key that is still stored because power went while it was replaced. Takes
@@ -161,7 +167,8 @@ impl<S: SettingsStore> Provisioner<S> {
         self.store.sweep().map_err(|_| SaveError)
     }
 
-    /// Stores first, and changes only when that worked.
+    /// Stores first, and changes only when that worked. What is there already is stored anew: a key that is to go may lie
+    /// in flash though the robot does not know it, because power went while it was given.
     fn change(&mut self, owned: Option<Owned>, state: State) -> Option<Response> {
         if !is_idle(state) {
             return refuse(ProvisionRefusal::Driving);
@@ -169,11 +176,7 @@ impl<S: SettingsStore> Provisioner<S> {
         if owned.as_ref().is_some_and(|owned| !is_usable(owned)) {
             return refuse(ProvisionRefusal::Malformed);
         }
-        if self.loaded.is_ok() && self.owned == owned {
-            // A repeated request: the answer to the first was lost, or power went before it.
-            let erased = self.finish_erasure();
-            return respond(&done_or_storage(erased));
-        }
+        let changes = self.loaded.is_err() || self.owned != owned;
         let saved = save(&mut self.store, &owned);
         // A store that could write but not erase keeps the new one.
         if saved.is_err() && load(&mut self.store).as_ref() != Ok(&owned) {
@@ -181,7 +184,7 @@ impl<S: SettingsStore> Provisioner<S> {
         }
         self.owned = owned;
         self.loaded = Ok(());
-        respond(&done_or_storage(saved)).map(|response| Response { changed: true, ..response })
+        respond(&done_or_storage(saved)).map(|response| Response { changed: changes, ..response })
     }
 }
 
@@ -244,6 +247,7 @@ mod tests {
     struct Memory {
         bytes: Option<std::vec::Vec<u8>>,
         is_worn: bool,
+        writes: usize,
         /// Writes, but cannot erase.
         cannot_erase: bool,
     }
@@ -262,6 +266,7 @@ mod tests {
                 return Err(());
             }
             self.bytes = Some(bytes.to_vec());
+            self.writes += 1;
             Ok(())
         }
 
@@ -418,6 +423,24 @@ mod tests {
         ask(&mut robot(&mut memory), &Request::Forget, State::Disarmed);
         let holds = holds_key(memory.bytes.as_ref().unwrap());
         assert_eq!((held, holds, robot(&mut memory).provisioning()), (true, false, None));
+    }
+
+    #[test]
+    fn what_is_to_go_is_erased_though_the_robot_does_not_know_it() {
+        let bob = Request::Revoke("bob".parse().unwrap());
+        for (request, has_owner) in [(Request::Forget, false), (bob, true)] {
+            let mut memory = Memory::default();
+            if has_owner {
+                provision(&mut memory);
+            }
+            memory.writes = 0;
+            let mut robot = robot(&mut memory);
+            let frame = write_frame(&request).unwrap();
+            let responses = frame.iter().filter_map(|it| robot.receive(*it, State::Disarmed));
+            let changed: std::vec::Vec<_> = responses.map(|response| response.changed).collect();
+            // It is the same robot as before, and does not start anew.
+            assert_eq!((changed, memory.writes), (std::vec![false], 1), "{request:?}");
+        }
     }
 
     #[test]

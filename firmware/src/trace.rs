@@ -102,7 +102,7 @@ mod tests {
     use crate::fast::units::RotorAngle;
     use flix_protocol::message::{Pattern, Trial};
 
-    use crate::hardware::{Bridge, Duty, Encoder, EncoderAngle, EncoderReading, Hardware};
+    use crate::hardware::{Bridge, Duty, Encoder, EncoderAngle, EncoderReading, Hardware, Magnet};
     use std::io::Read;
 
     fn read<T: DeserializeOwned>(mut bytes: &[u8]) -> Result<Option<T>, Malformed> {
@@ -122,6 +122,7 @@ mod tests {
         Row {
             now: Instant::from_micros(u64::MAX - 5),
             sensors: Sensors {
+                magnets: [Magnet::Weak, Magnet::Missing],
                 encoders: [first, second],
                 phase_current: Some([[1, -2], [i16::MAX, i16::MIN]]),
                 bus_voltage: Some(0xABCD),

@@ -1,7 +1,7 @@
 //! Explains what the robot reports, in plain words, with what to do.
 
 use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LOST};
-use flix_protocol::message::{Event, Fault, Refusal, ResetReason, State};
+use flix_protocol::message::{Event, Fault, Magnet, Refusal, ResetReason, State};
 
 /// Returns what a fault means and what to do.
 #[must_use]
@@ -34,6 +34,23 @@ pub const fn fault(fault: Fault) -> &'static str {
         }
         Fault::Shiver => {
             "a rotor shivers where it should rest: lower position_bandwidth, or raise tracker_bandwidth; are the motors as the settings say?"
+        }
+    }
+}
+
+/// Returns what an encoder says of its magnet, with what to do.
+#[must_use]
+pub const fn magnet(magnet: Magnet) -> &'static str {
+    match magnet {
+        Magnet::Good => "its magnet is good",
+        Magnet::Weak => {
+            "its magnet is too weak or too far away: bring it nearer, or take a stronger one"
+        }
+        Magnet::Strong => {
+            "its magnet is too strong or too near: move it away, or take a weaker one"
+        }
+        Magnet::Missing => {
+            "it finds no magnet: is there one above the sensor, magnetised across its axis?"
         }
     }
 }
@@ -120,6 +137,10 @@ pub fn event(event: &Event) -> String {
                 .to_owned()
         }
         Event::BatteryLow(voltage) => format!("battery low: {:.1} V", voltage.get()),
+        Event::Magnet { motor, magnet: found } => {
+            let encoder = if *motor == 0 { "top" } else { "bottom" };
+            format!("{encoder} encoder: {}", magnet(*found))
+        }
         Event::FrequencyLimited(frequency) => {
             format!("f limited by voltage or current: {:.1} Hz", frequency.get())
         }

@@ -37,7 +37,9 @@ pub use scope::{
     ScopeCommand, ScopePlan, ScopeRows, ScopeState, ScopeStatus, Trigger,
 };
 pub use setpoint::{MAXIMUM_DIRECTION, MAXIMUM_FREQUENCY, Setpoint};
-pub use telemetry::{Event, EventReport, LoopTiming, MotorTelemetry, State, Telemetry};
+pub use telemetry::{
+    EncoderHealth, Event, EventReport, LoopTiming, Magnet, MotorTelemetry, State, Telemetry,
+};
 pub use trial::{
     Bridges, FASTEST_FIELD, GATHER_TICKS, LEAST_TRIAL_CURRENT_MA, LONGEST_PATTERN_TICKS,
     MOST_TRIAL_CURRENT_MA, Pattern, TRIAL_BOUND_MA, Trial,

@@ -9,8 +9,8 @@ macro_rules! settings_table {
     ($with:ident) => {
         $with! {
             each motor {
-                phase_resistance: "ohm", real, 0.02 ..= 30.0, 2.5, "Resistance from terminal to star point. Assumed: the paper names no motor.";
-                phase_inductance: "mH", real, 0.005 ..= 20.0, 1.0, "Inductance from terminal to star point. Assumed.";
+                phase_resistance: "ohm", real, 0.02 ..= 30.0, 2.5, "Resistance of one phase, terminal to star point: half of what an ohmmeter shows between two terminals. Assumed: the paper names no motor.";
+                phase_inductance: "mH", real, 0.005 ..= 20.0, 1.0, "Inductance of one phase, terminal to star point: half of what is measured between two terminals. Assumed.";
                 flux_linkage: "mWb", real, 0.2 ..= 30.0, 3.0, "Flux linkage of the magnets: peak phase back-EMF per electrical rad/s. Assumed.";
                 current_gain_a: "1", real, 0.5 ..= 2.0, 1.0, "True current of phase A over what its amplifier shows.";
                 current_gain_b: "1", real, 0.5 ..= 2.0, 1.0, "True current of phase B over what its amplifier shows.";

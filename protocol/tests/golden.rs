@@ -262,10 +262,11 @@ fn event_name(event: &Event) -> String {
         Event::CommandAge => "command-age".into(),
         Event::StoppedFromOutside(_) => "stopped-from-outside".into(),
         Event::FrequencyLimited(_) => "frequency-limited".into(),
+        Event::Magnet { .. } => "magnet".into(),
     }
 }
 const STATES: usize = 6;
-const EVENTS: usize = 15 + STATES + Fault::ALL.len();
+const EVENTS: usize = 16 + STATES + Fault::ALL.len();
 
 fn events() -> Vec<Event> {
     let mut events = vec![
@@ -284,6 +285,7 @@ fn events() -> Vec<Event> {
         Event::CommandAge,
         Event::StoppedFromOutside(operator("bob")),
         Event::FrequencyLimited(Hertz::new(21.5).unwrap()),
+        Event::Magnet { motor: 1, magnet: Magnet::Strong },
         Event::State(State::Disarmed),
         Event::State(State::Aligning),
         Event::State(State::Armed),
@@ -322,6 +324,10 @@ fn running() -> ToOperator {
         frequency: Hertz::new(-29.75).unwrap(),
         direction: Degrees::new(59.5).unwrap(),
         motors: [motor(10.0), motor(20.0)],
+        encoders: [
+            EncoderHealth { dropped: 31, corrected: 32, magnet: Magnet::Weak },
+            EncoderHealth { dropped: 33, corrected: 34, magnet: Magnet::Missing },
+        ],
         bus_voltage: Some(Volts::new(11.5).unwrap()),
         modulation: Ratio::new(0.75).unwrap(),
         timing: LoopTiming { ticks: 70_000, longest_interval_us: 130, overruns: 2 },
@@ -589,6 +595,8 @@ fn the_longest_messages_fit_a_datagram() {
     let most = u32::MAX;
     longest.time = Instant::from_micros(u64::MAX);
     longest.faults = Fault::ALL.into_iter().fold(Faults::NONE, Faults::with);
+    let encoder = EncoderHealth { dropped: most, corrected: most, magnet: Magnet::Missing };
+    longest.encoders = [encoder; 2];
     longest.timing = LoopTiming { ticks: u64::MAX, longest_interval_us: most, overruns: most };
     longest.link = LinkQuality {
         accepted: most,

@@ -302,6 +302,10 @@ fn outcome() -> impl Strategy<Value = Outcome> {
     ]
 }
 
+fn magnet() -> impl Strategy<Value = Magnet> {
+    select(Magnet::ALL.to_vec())
+}
+
 fn telemetry() -> impl Strategy<Value = Telemetry> {
     let motor = || {
         (degrees(), hertz(), amperes(), amperes()).prop_map(
@@ -336,18 +340,25 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
             signal_dbm,
         },
     );
+    let encoder = || {
+        (any::<[u32; 2]>(), magnet()).prop_map(|([dropped, corrected], magnet)| EncoderHealth {
+            dropped,
+            corrected,
+            magnet,
+        })
+    };
     let timing =
         (any::<u64>(), any::<[u32; 2]>()).prop_map(|(ticks, [longest_interval_us, overruns])| {
             LoopTiming { ticks, longest_interval_us, overruns }
         });
     (
         (instant(), state(), faults(), prop::option::of(fault()), any::<[bool; 3]>()),
-        (any_setpoint(), hertz(), degrees(), [motor(), motor()]),
+        (any_setpoint(), hertz(), degrees(), [motor(), motor()], [encoder(), encoder()]),
         (prop::option::of(volts()), any::<f32>(), timing, link),
     )
         .prop_map(|(standing, motion, (bus_voltage, modulation, timing, link))| {
             let (time, state, faults, first_fault, [stopped, link_late, named]) = standing;
-            let (setpoint, frequency, direction, motors) = motion;
+            let (setpoint, frequency, direction, motors, encoders) = motion;
             Telemetry {
                 operator: OperatorName::OWNER,
                 stopped_by: named.then_some(OperatorName::OWNER),
@@ -361,6 +372,7 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
                 frequency,
                 direction,
                 motors,
+                encoders,
                 bus_voltage,
                 modulation: Ratio::saturating(modulation),
                 timing,
@@ -391,6 +403,7 @@ fn event() -> impl Strategy<Value = Event> {
         fault().prop_map(Event::Fault),
         volts().prop_map(Event::BatteryLow),
         hertz().prop_map(Event::FrequencyLimited),
+        (any::<u8>(), magnet()).prop_map(|(motor, magnet)| Event::Magnet { motor, magnet }),
     ]
 }
 

@@ -55,6 +55,7 @@ impl Brain {
         let zero = DENGFOC_V3_01.hardware.current_sense.map_or(0, |sense| sense.zero_count);
         let reading = Encoder::Reading(EncoderReading { angle: EncoderAngle::ZERO, age_us: 0 });
         let sensors = Sensors {
+            magnets: Default::default(),
             encoders: [reading; 2],
             phase_current: Some([[zero; 2]; 2]),
             bus_voltage: None,

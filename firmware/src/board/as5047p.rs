@@ -8,9 +8,9 @@
 
 use super::encoder::{
     AS5047P_READ_ANGLE, AS5047P_READ_DIAGNOSTICS, AS5047P_READ_ERRORS, as5047p, as5047p_has_error,
-    as5047p_is_answer, as5047p_is_healthy,
+    as5047p_is_answer, as5047p_is_healthy, as5047p_magnet,
 };
-use crate::hardware::EncoderAngle;
+use crate::hardware::{EncoderAngle, Magnet};
 
 /// One transfer in so many asks for the diagnostics.
 const DIAGNOSTICS_EVERY: u16 = 64;
@@ -57,6 +57,7 @@ pub struct As5047p {
     /// Bad diagnostics in a row: one may be the answer to a command that was disturbed.
     bad_diagnostics: u8,
     has_error: bool,
+    magnet: Magnet,
 }
 
 impl Default for As5047p {
@@ -69,11 +70,23 @@ impl As5047p {
     /// Knows nothing yet, and takes the encoder for healthy.
     #[must_use]
     pub const fn new() -> Self {
-        Self { asked: None, since_diagnostics: 0, bad_diagnostics: 0, has_error: false }
+        Self {
+            asked: None,
+            since_diagnostics: 0,
+            bad_diagnostics: 0,
+            has_error: false,
+            magnet: Magnet::Good,
+        }
     }
 
     const fn is_healthy(&self) -> bool {
         self.bad_diagnostics < BAD_DIAGNOSTICS
+    }
+
+    /// Returns what it last said of its magnet, twice in a row if it is not good.
+    #[must_use]
+    pub const fn magnet(&self) -> Magnet {
+        self.magnet
     }
 
     /// Does the tick's transfer, which `transfer` carries out: a command goes out, the answer to the one before comes in, or
@@ -100,6 +113,11 @@ impl As5047p {
                     (self.since_diagnostics, self.bad_diagnostics) = (1, 0);
                 } else {
                     self.bad_diagnostics = self.bad_diagnostics.saturating_add(1);
+                }
+                if let Some(magnet) = as5047p_magnet(answer)
+                    && (magnet == Magnet::Good || !self.is_healthy())
+                {
+                    self.magnet = magnet;
                 }
                 if self.is_healthy() { As5047pReading::Other } else { As5047pReading::Failed }
             }
@@ -215,6 +233,24 @@ mod tests {
         assert_eq!(last(&mut part), Some(As5047pReading::Failed));
         part.field = 0;
         assert_eq!(last(&mut part), Some(ANGLE));
+    }
+
+    #[test]
+    fn a_magnet_that_is_too_weak_or_too_strong_is_named_until_it_is_good_again() {
+        let (mut driver, mut part) = (As5047p::new(), Part::default());
+        let cases = [
+            (0, Magnet::Good),
+            (1 << 11, Magnet::Weak),
+            (1 << 10, Magnet::Strong),
+            (0, Magnet::Good),
+        ];
+        for (field, magnet) in cases {
+            part.field = field;
+            for _ in 0..2 * DIAGNOSTICS_EVERY {
+                read(&mut driver, &mut part);
+            }
+            assert_eq!(driver.magnet(), magnet);
+        }
     }
 
     #[test]

@@ -5,10 +5,10 @@ use embedded_hal::i2c::I2c;
 use flix_protocol::units::Instant;
 
 use super::encoder::{
-    AS5600_ADDRESS, AS5600_CONFIGURATION, AS5600_CONFIGURATION_REGISTER, AS5600_STATUS_REGISTER,
-    as5600,
+    AS5600_ADDRESS, AS5600_CONFIGURATION, AS5600_CONFIGURATION_BITS, AS5600_CONFIGURATION_REGISTER,
+    AS5600_STATUS_REGISTER, as5600, as5600_magnet,
 };
-use crate::hardware::EncoderAngle;
+use crate::hardware::{EncoderAngle, Magnet};
 
 /// Failures in a row, at any time, after which the bus is to run slower until the next start.
 const FAILURES: u8 = 8;
@@ -18,13 +18,14 @@ const FAILURES: u8 = 8;
 pub struct As5600 {
     is_configured: bool,
     failures: u8,
+    magnet: Magnet,
 }
 
 impl As5600 {
     /// Knows nothing yet.
     #[must_use]
     pub const fn new() -> Self {
-        Self { is_configured: false, failures: 0 }
+        Self { is_configured: false, failures: 0, magnet: Magnet::Good }
     }
 
     /// Reads the angle, and when it was sampled; `None` when the encoder does not answer, has no magnet, or does not keep
@@ -43,9 +44,18 @@ impl As5600 {
         // The angle is latched as its first byte is read, about in the middle.
         let half = now().as_micros().saturating_sub(before.as_micros()) / 2;
         self.failures = if outcome.is_ok() { 0 } else { self.failures.saturating_add(1) };
+        if let (Ok(()), [status, ..]) = (&outcome, frame) {
+            self.magnet = as5600_magnet(status);
+        }
         let angle = outcome.ok().and_then(|()| as5600(frame)).filter(|_| self.is_configured);
         self.is_configured = angle.is_some();
         (angle, Instant::from_micros(before.as_micros() + half))
+    }
+
+    /// Returns what it last said of its magnet.
+    #[must_use]
+    pub const fn magnet(&self) -> Magnet {
+        self.magnet
     }
 
     /// Returns whether the last reading was the one after which the bus is to run slower.
@@ -55,13 +65,18 @@ impl As5600 {
     }
 }
 
-/// Sets the filter; returns whether it is set then.
+/// Sets the filter, and leaves reserved bits as they are; returns whether it is set then.
 fn configure(bus: &mut impl I2c) -> bool {
-    let [high, low] = AS5600_CONFIGURATION;
-    let mut found = [0; 2];
+    let read = |bus: &mut _| {
+        let mut found = [0; 2];
+        I2c::write_read(bus, AS5600_ADDRESS, &[AS5600_CONFIGURATION_REGISTER], &mut found).ok()?;
+        Some(u16::from_be_bytes(found))
+    };
+    let [wanted, bits] = [AS5600_CONFIGURATION, AS5600_CONFIGURATION_BITS].map(u16::from_be_bytes);
+    let Some(found) = read(bus) else { return false };
+    let [high, low] = (found & !bits | wanted).to_be_bytes();
     bus.write(AS5600_ADDRESS, &[AS5600_CONFIGURATION_REGISTER, high, low]).is_ok()
-        && bus.write_read(AS5600_ADDRESS, &[AS5600_CONFIGURATION_REGISTER], &mut found).is_ok()
-        && found == AS5600_CONFIGURATION
+        && read(bus).is_some_and(|found| found & bits == wanted)
 }
 
 #[cfg(test)]
@@ -77,13 +92,23 @@ mod tests {
         khz: u32,
         fastest_khz: u32,
         configuration: [u8; 2],
+        /// Bits of its configuration that no write changes.
+        fixed: [u8; 2],
+        status: u8,
         /// Refuses what is written to its configuration.
         is_stubborn: bool,
     }
 
     impl Bus {
         const fn up_to(fastest_khz: u32) -> Self {
-            Self { khz: 1_000, fastest_khz, configuration: [0; 2], is_stubborn: false }
+            Self {
+                khz: 1_000,
+                fastest_khz,
+                configuration: [0; 2],
+                fixed: [0; 2],
+                status: 0x20,
+                is_stubborn: false,
+            }
         }
     }
 
@@ -102,15 +127,17 @@ mod tests {
             }
             match operations {
                 [Operation::Write([AS5600_CONFIGURATION_REGISTER, high, low])] => {
-                    if !self.is_stubborn {
-                        self.configuration = [*high, *low];
+                    for (index, byte) in [*high, *low].into_iter().enumerate() {
+                        let fixed = if self.is_stubborn { 0xFF } else { self.fixed[index] };
+                        self.configuration[index] =
+                            self.configuration[index] & fixed | byte & !fixed;
                     }
                 }
                 [Operation::Write([AS5600_CONFIGURATION_REGISTER]), Operation::Read(found)] => {
                     found.copy_from_slice(&self.configuration);
                 }
                 [Operation::Write([AS5600_STATUS_REGISTER]), Operation::Read(frame)] => {
-                    frame.copy_from_slice(&[0x20, 0x08, 0x00]);
+                    frame.copy_from_slice(&[self.status, 0x08, 0x00]);
                 }
                 _ => return Err(ErrorKind::Other),
             }
@@ -160,6 +187,47 @@ mod tests {
         (bus.fastest_khz, bus.configuration) = (1_000, [0; 2]);
         assert_eq!(angle(&mut encoder, &mut bus), ANGLE);
         assert_eq!(bus.configuration, AS5600_CONFIGURATION);
+    }
+
+    #[test]
+    fn reserved_bits_of_the_configuration_keep_what_they_are_whether_they_can_be_written_or_not() {
+        for reserved in [0x00, 0x40, 0x80, 0xC0] {
+            for fixed in [0x00, 0x40, 0x80, 0xC0] {
+                let configuration = [reserved | 0x20, 0x13];
+                let mut bus = Bus { configuration, fixed: [fixed, 0], ..Bus::up_to(1_000) };
+                assert_eq!(
+                    angle(&mut As5600::new(), &mut bus),
+                    ANGLE,
+                    "{reserved:02X} {fixed:02X}"
+                );
+                assert_eq!(bus.configuration, [reserved | 0x03, 0x00]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_filter_bit_that_cannot_be_written_is_a_lost_encoder() {
+        for bit in 0..14 {
+            let fixed = (1_u16 << bit).to_be_bytes();
+            let configuration = if bit == 8 || bit == 9 { [0; 2] } else { fixed };
+            let mut bus = Bus { configuration, fixed, ..Bus::up_to(1_000) };
+            assert_eq!(angle(&mut As5600::new(), &mut bus), None, "bit {bit}");
+        }
+    }
+
+    #[test]
+    fn a_magnet_that_is_too_weak_or_too_strong_is_named_beside_the_angle() {
+        let (mut encoder, mut bus) = (As5600::new(), Bus::up_to(1_000));
+        for (status, magnet, seen) in [
+            (0x30, Magnet::Weak, ANGLE),
+            (0x28, Magnet::Strong, ANGLE),
+            (0x10, Magnet::Missing, None),
+            (0x20, Magnet::Good, ANGLE),
+        ] {
+            bus.status = status;
+            let found = angle(&mut encoder, &mut bus);
+            assert_eq!((found, encoder.magnet()), (seen, magnet), "{status:02X}");
+        }
     }
 
     #[test]

@@ -4,7 +4,7 @@
 //! frames, parity, DIAAGC), MagnTek MT6701 data sheet (SSI frame, CRC-6). Angles come out
 //! left-aligned ([`EncoderAngle`]), as [`EncoderReading`](crate::hardware::EncoderReading) wants them.
 
-use crate::hardware::EncoderAngle;
+use crate::hardware::{EncoderAngle, Magnet};
 
 /// AS5600: I2C address.
 pub const AS5600_ADDRESS: u8 = 0x36;
@@ -15,8 +15,14 @@ pub const AS5600_CONFIGURATION_REGISTER: u8 = 0x07;
 /// AS5600 CONF: always on, no hysteresis, its least filter (SF = 2x), which settles in 0.29 ms. Out of the box it is 16x,
 /// 2.2 ms: at 35 Hz and 7 pole pairs 97 electrical degrees.
 pub const AS5600_CONFIGURATION: [u8; 2] = [0x03, 0x00];
+/// AS5600 CONF: the bits that mean something. The two others are reserved and keep what the part was made with.
+pub const AS5600_CONFIGURATION_BITS: [u8; 2] = [0x3F, 0xFF];
 /// AS5600 STATUS: a magnet is there.
 const AS5600_MAGNET_DETECTED: u8 = 1 << 5;
+/// AS5600 STATUS, ML: the gain is at its largest, the magnet too weak.
+const AS5600_MAGNET_WEAK: u8 = 1 << 4;
+/// AS5600 STATUS, MH: the gain is at its smallest, the magnet too strong.
+const AS5600_MAGNET_STRONG: u8 = 1 << 3;
 /// AS5600 and its brothers: 12 bits.
 const TWELVE_BITS: u32 = 12;
 /// AS5047P and MT6701: 14 bits.
@@ -30,8 +36,27 @@ pub fn as5600(frame: [u8; 3]) -> Option<EncoderAngle> {
     (status & AS5600_MAGNET_DETECTED != 0).then_some(EncoderAngle::from_count(angle, TWELVE_BITS))
 }
 
-/// MT6701 status: the field is too strong, too weak, or over-speed makes the angle worthless.
+/// Reads what the first of the three bytes from [`AS5600_STATUS_REGISTER`] on says of the magnet. Too weak or too strong,
+/// there is an angle still, with more noise.
+#[must_use]
+pub const fn as5600_magnet(status: u8) -> Magnet {
+    if status & AS5600_MAGNET_DETECTED == 0 {
+        Magnet::Missing
+    } else if status & AS5600_MAGNET_STRONG != 0 {
+        Magnet::Strong
+    } else if status & AS5600_MAGNET_WEAK != 0 {
+        Magnet::Weak
+    } else {
+        Magnet::Good
+    }
+}
+
+/// MT6701 status: the field is too strong (1), too weak (2), or both bits.
 const MT6701_FIELD: u8 = 0b0011;
+/// MT6701 status: the field is too strong.
+const MT6701_STRONG: u8 = 0b0001;
+/// MT6701 status: the field is too weak.
+const MT6701_WEAK: u8 = 0b0010;
 /// MT6701 status: loss of track.
 const MT6701_LOSS_OF_TRACK: u8 = 0b1000;
 /// MT6701: x^6 + x + 1.
@@ -49,13 +74,27 @@ fn mt6701_crc(bits: u32) -> u8 {
 /// `None` when the check sum is wrong, the field out of range or the track lost.
 #[must_use]
 pub fn mt6701(frame: [u8; 3]) -> Option<EncoderAngle> {
-    let [first, second, third] = frame;
+    let (angle, status) = mt6701_parts(frame)?;
+    let good = status & (MT6701_FIELD | MT6701_LOSS_OF_TRACK) == 0;
+    good.then_some(EncoderAngle::from_count(angle, FOURTEEN_BITS))
+}
+
+/// Reads what an MT6701's frame says of the magnet; `None` when the check sum is wrong.
+#[must_use]
+pub fn mt6701_magnet(frame: [u8; 3]) -> Option<Magnet> {
+    let (_, status) = mt6701_parts(frame)?;
+    Some(match status & MT6701_FIELD {
+        MT6701_STRONG => Magnet::Strong,
+        MT6701_WEAK => Magnet::Weak,
+        _ => Magnet::Good,
+    })
+}
+
+/// Angle and status of a frame; `None` when the check sum is wrong.
+fn mt6701_parts([first, second, third]: [u8; 3]) -> Option<(u32, u8)> {
     let word = u32::from(first) << 16 | u32::from(second) << 8 | u32::from(third);
     let (payload, crc) = (word >> 6, (word & 0x3F) as u8);
-    let (angle, status) = (payload >> 4, (payload & 0x0F) as u8);
-    let field_good = matches!(status & MT6701_FIELD, 0);
-    let good = mt6701_crc(payload) == crc && field_good && status & MT6701_LOSS_OF_TRACK == 0;
-    good.then_some(EncoderAngle::from_count(angle, FOURTEEN_BITS))
+    (mt6701_crc(payload) == crc).then_some((payload >> 4, (payload & 0x0F) as u8))
 }
 
 /// AS5047P: read ANGLECOM (0x3FFF), with the read bit; its parity is even without the top bit.
@@ -64,8 +103,12 @@ pub const AS5047P_READ_ANGLE: [u8; 2] = [0xFF, 0xFF];
 pub const AS5047P_READ_DIAGNOSTICS: [u8; 2] = [0xFF, 0xFC];
 /// AS5047P: read ERRFL (0x0001), which clears the error flag; parity even, as above.
 pub const AS5047P_READ_ERRORS: [u8; 2] = [0x40, 0x01];
+/// AS5047P DIAAGC, MAGL: the field is too weak.
+const AS5047P_WEAK: u16 = 1 << 11;
+/// AS5047P DIAAGC, MAGH: the field is too strong.
+const AS5047P_STRONG: u16 = 1 << 10;
 /// AS5047P DIAAGC: the field is too weak, too strong, or the angle computation overflowed.
-const AS5047P_FIELD: u16 = 1 << 11 | 1 << 10 | 1 << 9;
+const AS5047P_FIELD: u16 = AS5047P_WEAK | AS5047P_STRONG | 1 << 9;
 /// AS5047P DIAAGC: offset compensation has finished; set whenever the encoder works.
 const AS5047P_READY: u16 = 1 << 8;
 /// AS5047P: a command was wrong since [`AS5047P_READ_ERRORS`].
@@ -109,6 +152,17 @@ pub fn as5047p(frame: [u8; 2]) -> Option<EncoderAngle> {
 #[must_use]
 pub fn as5047p_is_healthy(frame: [u8; 2]) -> bool {
     as5047p_data(frame).is_some_and(|d| d & AS5047P_READY != 0 && d & AS5047P_FIELD == 0)
+}
+
+/// Reads what the answer to [`AS5047P_READ_DIAGNOSTICS`] says of the magnet; `None` when it cannot be read.
+#[must_use]
+pub fn as5047p_magnet(frame: [u8; 2]) -> Option<Magnet> {
+    let diagnostics = as5047p_data(frame).filter(|data| data & AS5047P_READY != 0)?;
+    Some(match diagnostics {
+        it if it & AS5047P_WEAK != 0 => Magnet::Weak,
+        it if it & AS5047P_STRONG != 0 => Magnet::Strong,
+        _ => Magnet::Good,
+    })
 }
 
 #[cfg(test)]
@@ -161,6 +215,21 @@ mod tests {
         for status in [0b0001, 0b0010, 0b1000] {
             assert_eq!(mt6701(mt6701_frame(0x1234, status)), None, "status {status:04b}");
         }
+    }
+
+    #[test]
+    fn each_encoder_says_whether_its_magnet_is_too_weak_or_too_strong() {
+        let as5600 = [0x00, 0x10, 0x20, 0x28, 0x30].map(as5600_magnet);
+        let [missing, good, weak, strong] =
+            [Magnet::Missing, Magnet::Good, Magnet::Weak, Magnet::Strong];
+        assert_eq!(as5600, [missing, missing, good, strong, weak]);
+        let mt6701 = [0, 1, 2, 4].map(|status| mt6701_magnet(mt6701_frame(0x1234, status)));
+        assert_eq!(mt6701, [good, strong, weak, good].map(Some));
+        assert_eq!(mt6701_magnet([0xFF; 3]), None);
+        // Ready, the gain in the middle: the top bit makes the parity even.
+        let answers = [[0x81, 0x80 ^ 0x80], [0x09, 0x00], [0x05, 0x00], [0xFF, 0xFF]];
+        let as5047p = answers.map(as5047p_magnet);
+        assert_eq!(as5047p, [Some(good), Some(weak), Some(strong), None]);
     }
 
     #[test]

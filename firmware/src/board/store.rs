@@ -8,7 +8,7 @@
 //! |---|---|
 //! | 0 | nothing: the map of earlier releases takes such a sector for blank (`store::earlier`) |
 //! | 1 | the mark *complete*: zero once the copy has been written and read back |
-//! | 2 | the mark *swept*: zero once all other sectors have been erased and read back |
+//! | 2 | the mark *swept*: zero once all other sectors have been erased and read back; where no copy is, this sector |
 //! | 3 | head, 16 bytes: format, counter, length, whether it owes a sweep, CRC-32 |
 //! | 7 | entries: key and length in a word, then the bytes in whole words |
 //! | last | nothing, as word 0 |
@@ -21,6 +21,8 @@
 //!   the mark itself may be weak, so it is programmed again before any other sector is erased.
 //! - A copy that replaces a key owes a sweep, as do all that follow it, until one has the mark *swept*: the sweep goes on at
 //!   the next start.
+//! - What lies in a copy that was not completed was never in force, and may be a key: the next start erases it, and what
+//!   reads blank but is not marked as erased.
 //! - Everything that is written or erased is read back: flash that does not take it is an error.
 
 mod earlier;
@@ -46,6 +48,10 @@ const MOST_ENTRIES: usize = 16;
 const CHUNK: usize = 256;
 /// Shortest word, bytes: marks are one, and must not come about by chance.
 const SHORTEST_WORD: usize = 4;
+/// What a word reads like that was erased.
+const BLANK_WORD: [u8; SHORTEST_WORD] = [0xFF; SHORTEST_WORD];
+/// What a mark reads like that is set.
+const ZERO_WORD: [u8; SHORTEST_WORD] = [0; SHORTEST_WORD];
 /// Times that reading is tried before it counts as failed.
 const READ_TRIES: usize = 3;
 /// Length of a copy's head, bytes.
@@ -106,6 +112,19 @@ impl Copy {
     const fn has_superseded(self) -> bool {
         self.owes_sweep && !self.is_swept
     }
+}
+
+/// What is in a sector.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Content {
+    /// Nothing, and that it was erased to the end.
+    Erased,
+    /// Nothing; it was never written, or erased and that was cut.
+    Blank,
+    /// A part of a copy that was not completed, or that was erased by half.
+    Unfinished,
+    /// A copy, or something else's.
+    Other,
 }
 
 /// What the flash holds, and where a new copy may go.
@@ -189,9 +208,9 @@ impl<F: NorFlash> FlashStore<F> {
         self.sweep()
     }
 
-    /// Erases all superseded bytes from flash, unless this is done already: every sector but that of the newest copy.
-    /// Brings a store of earlier releases into today's form first. Power may go at any moment. Takes up to 2.4 s for six
-    /// sectors.
+    /// Erases all superseded bytes from flash, unless this is done already: every sector but that of the newest copy; and
+    /// what is left of copies that were not completed. Brings a store of earlier releases into today's form first. Power may
+    /// go at any moment. Takes up to 2.4 s for six sectors.
     ///
     /// # Errors
     /// When the flash fails, or a sector still holds something afterwards; what is kept is kept still.
@@ -202,15 +221,63 @@ impl<F: NorFlash> FlashStore<F> {
             mounted = self.mount()?;
         }
         let Some(newest) = mounted.newest.filter(|newest| newest.has_superseded()) else {
-            return Ok(());
+            return self.clear_remains();
         };
         self.strengthen(&mounted);
         for sector in (0..self.sectors()?).filter(|sector| *sector != newest.sector) {
-            // A sector that cannot be erased and holds nothing never held anything.
-            let erased = self.erase(sector);
-            self.check_blank(sector).map_err(|error| erased.err().unwrap_or(error))?;
+            self.clear(sector)?;
         }
         self.set_mark(self.sector_at(newest.sector) + Self::SWEPT_AT)
+    }
+
+    /// Erases what is left of copies that were not completed, and sectors that look erased without the mark of it: those
+    /// first, so that a store that was used never looks like a new one.
+    fn clear_remains(&mut self) -> Result<(), StoreError> {
+        let mut is_new = true;
+        for sector in 0..self.sectors()? {
+            is_new &= self.content(sector)? == Content::Blank;
+        }
+        if is_new {
+            return Ok(());
+        }
+        for content in [Content::Blank, Content::Unfinished] {
+            for sector in 0..self.sectors()? {
+                if self.content(sector)? == content {
+                    self.clear(sector)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Erases a sector, reads that back, and marks it as erased. One that cannot be erased and holds nothing never held
+    /// anything.
+    fn clear(&mut self, sector: u32) -> Result<(), StoreError> {
+        let erased = self.erase(sector);
+        self.check_blank(sector).map_err(|error| erased.err().unwrap_or(error))?;
+        // Without the mark it is erased again at the next start.
+        let _ = self.set_mark(self.sector_at(sector) + Self::SWEPT_AT);
+        Ok(())
+    }
+
+    /// Looks at what is in a sector.
+    fn content(&mut self, sector: u32) -> Result<Content, StoreError> {
+        let at = self.sector_at(sector);
+        if self.word(at)? != BLANK_WORD || self.is_marked(at + Self::COMPLETE_AT)? {
+            return Ok(Content::Other);
+        }
+        let mark = Self::SWEPT_AT as usize..Self::SWEPT_AT as usize + Self::WORD;
+        let mut is_blank = true;
+        self.stream(at, F::ERASE_SIZE, |from, piece| {
+            let mut bytes = (from..).zip(piece);
+            is_blank &= bytes.all(|(place, byte)| *byte == 0xFF || mark.contains(&place));
+        })?;
+        Ok(match self.word(at + Self::SWEPT_AT)? {
+            _ if !is_blank => Content::Unfinished,
+            BLANK_WORD => Content::Blank,
+            ZERO_WORD => Content::Erased,
+            _ => Content::Unfinished,
+        })
     }
 
     /// Number of sectors.
@@ -274,10 +341,9 @@ impl<F: NorFlash> FlashStore<F> {
     /// Reads the head of a copy that is marked as complete. Its check sum is for [`FlashStore::is_intact`].
     fn head(&mut self, sector: u32) -> Result<Option<Copy>, StoreError> {
         let at = self.sector_at(sector);
-        let is_blank = |word: [u8; SHORTEST_WORD]| word == [0xFF; SHORTEST_WORD];
         let end = at + F::ERASE_SIZE as u32 - Self::WORD as u32;
-        if !is_blank(self.word(at)?)
-            || !is_blank(self.word(end)?)
+        if self.word(at)? != BLANK_WORD
+            || self.word(end)? != BLANK_WORD
             || !self.is_marked(at + Self::COMPLETE_AT)?
         {
             return Ok(None);
@@ -482,7 +548,7 @@ impl<F: NorFlash> FlashStore<F> {
     }
 
     fn is_marked(&mut self, at: u32) -> Result<bool, StoreError> {
-        Ok(self.word(at)? == [0; SHORTEST_WORD])
+        Ok(self.word(at)? == ZERO_WORD)
     }
 
     fn word(&mut self, at: u32) -> Result<[u8; SHORTEST_WORD], StoreError> {

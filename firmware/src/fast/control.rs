@@ -9,7 +9,7 @@ pub(crate) mod bench;
 #[cfg(test)]
 mod tests;
 
-use flix_protocol::message::{Channel, Fault, Faults, LoopTiming, State};
+use flix_protocol::message::{Channel, EncoderHealth, Fault, Faults, LoopTiming, State};
 use flix_protocol::units::Instant;
 
 use crate::exchange::{MotorReport, Order, Report};
@@ -25,7 +25,7 @@ use crate::fast::supervisor::{Conditions, Drive, Supervisor};
 use crate::fast::tracker::{TABLE_LENGTH, Tracker};
 use crate::fast::trial::{self, TrialRun};
 use crate::fast::units::{Counts, Current, RotorAngle, Speed, TICK_US, Voltage, multiply_high};
-use crate::hardware::{Actuation, Bridge, Sensors};
+use crate::hardware::{Actuation, Bridge, Magnet, Sensors};
 use crate::scope::{Sample, row};
 
 /// A tick later than this is late: half as long again, microseconds.
@@ -65,6 +65,8 @@ pub struct Control {
     configuration: Configuration,
     supervisor: Supervisor,
     trackers: [Tracker; 2],
+    /// What the encoders said of their magnets at the last diagnosis.
+    magnets: [Magnet; 2],
     loops: [CurrentLoop; 2],
     shaker: Shaker,
     activity: Activity,
@@ -104,6 +106,7 @@ impl Control {
         Self {
             supervisor: Supervisor::new(),
             trackers: [Tracker::new(); 2],
+            magnets: [Magnet::Good; 2],
             loops: [CurrentLoop::default(); 2],
             shaker: Shaker::at_rest(&rotors),
             activity: Activity::Idle,
@@ -232,6 +235,7 @@ impl Control {
             frequency: Speed::from_raw(self.frequency >> FREQUENCY_FILTER_SHIFT),
             direction: rotors.direction(),
             motors,
+            encoders: [0, 1].map(|index| self.encoder(index)),
             bus_voltage: (self.configuration.bus_per_count != 0).then_some(self.bus_voltage),
             modulation: modulation.clamp(0, i64::from(u16::MAX)) as u16,
             timing: self.timing,
@@ -239,6 +243,11 @@ impl Control {
             alignment: self.configuration.alignment,
             events: self.supervisor.events,
         }
+    }
+
+    fn encoder(&self, index: usize) -> EncoderHealth {
+        let (dropped, corrected) = self.trackers[index % 2].counted();
+        EncoderHealth { dropped, corrected, magnet: self.magnets[index % 2] }
     }
 
     /// Returns what the scope keeps of the last tick; `revision` is that of the plan with these channels.
@@ -374,6 +383,7 @@ impl Control {
     #[inline(never)]
     fn diagnose(&mut self, sensors: &Sensors, order: &Order, rotors: &Rotors) {
         self.measure_bus(sensors.bus_voltage);
+        self.magnets = sensors.magnets;
         let observation = Observation {
             configuration: &self.configuration,
             bus_voltage: self.bus_voltage,

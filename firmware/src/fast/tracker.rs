@@ -27,6 +27,9 @@ pub(crate) const TABLE_LENGTH: usize = 64;
 /// A reading further from the prediction is not believed, 2^-32 turn: 1/32 turn. The largest torque
 /// moves a rotor by a hundredth of it before the loop follows.
 const PLAUSIBLE: i32 = 1 << 27;
+/// A reading further from the prediction is believed, but counted, 2^-32 turn: 1/128 turn, 2.8 degrees. Noise, what is left
+/// of the eccentricity and the steepest ramps stay below a fifth of it.
+const NOTICED: i32 = 1 << 25;
 /// From this speed on, two readings in a row are never the same unless the encoder is stuck: 10 Hz are
 /// four steps of a 12-bit encoder a tick.
 const MOVING: Speed = Speed::from_centihertz(1_000);
@@ -109,6 +112,10 @@ pub(crate) struct Tracker {
     last_reading: EncoderAngle,
     silence: u16,
     settling: u16,
+    /// Readings since the start that failed or were not believed.
+    dropped: u32,
+    /// Readings since the start that were believed beyond [`NOTICED`].
+    corrected: u32,
 }
 
 impl Tracker {
@@ -120,6 +127,8 @@ impl Tracker {
             last_reading: EncoderAngle::ZERO,
             silence: LOST_AFTER_TICKS,
             settling: 0,
+            dropped: 0,
+            corrected: 0,
         }
     }
 
@@ -139,6 +148,11 @@ impl Tracker {
     #[inline(always)]
     pub(crate) const fn lost(&self) -> bool {
         self.silence >= LOST_AFTER_TICKS
+    }
+
+    /// Returns how many readings were dropped, and how many believed far from the prediction, since the start.
+    pub(crate) const fn counted(&self) -> (u32, u32) {
+        (self.dropped, self.corrected)
     }
 
     /// Returns whether angle and speed can be relied on.
@@ -175,10 +189,10 @@ impl Tracker {
             core::hint::cold_path();
             self.settling -= 1;
         }
-        if let Encoder::Reading(reading) = encoder {
-            self.correct(model, reading);
-        } else {
-            self.miss();
+        match encoder {
+            Encoder::Reading(reading) => self.correct(model, reading),
+            Encoder::Pending => self.miss(),
+            Encoder::Failed => self.drop(),
         }
     }
 
@@ -189,6 +203,14 @@ impl Tracker {
         if self.lost() {
             self.speed = Speed::ZERO;
         }
+    }
+
+    /// Notes that a reading failed, or is not believed.
+    #[inline(always)]
+    fn drop(&mut self) {
+        core::hint::cold_path();
+        self.dropped = self.dropped.wrapping_add(1);
+        self.miss();
     }
 
     #[inline(always)]
@@ -202,6 +224,7 @@ impl Tracker {
                 last_reading: reading.angle,
                 silence: 0,
                 settling: SETTLING_TICKS,
+                ..*self
             };
             return;
         }
@@ -210,10 +233,14 @@ impl Tracker {
         let repeated = reading.angle == self.last_reading && self.speed.magnitude() > MOVING;
         self.last_reading = reading.angle;
         let plausible = within(error, PLAUSIBLE);
-        if repeated || (plausible != error && self.settling == 0) {
+        if repeated || within(error, NOTICED) != error {
             core::hint::cold_path();
-            self.miss();
-            return;
+            let is_settled = self.settling == 0;
+            if repeated || (plausible != error && is_settled) {
+                self.drop();
+                return;
+            }
+            self.corrected = self.corrected.wrapping_add(is_settled.into());
         }
         let error = plausible.wrapping_mul(self.weight());
         self.angle = self.angle.turned(multiply_high(error, model.angle_gain));

@@ -108,7 +108,8 @@ fn sentence(error: CommissionError<LinkError>) -> Error {
         CommissionError::Robot(LinkError::Refused(Refusal::NoCurrentSense)) => Error::new(
             Exit::RobotFault,
             "the board measures no phase currents, so that nothing would bound them: measure the motors by hand and enter \
-             them with `flix parameters set`: phase_resistance, phase_inductance, flux_linkage, pole_pairs, encoder_latency",
+             them with `flix parameters set`: phase_resistance and phase_inductance (of one phase: half of what is measured between \
+             two wires), flux_linkage, pole_pairs, encoder_latency",
         ),
         CommissionError::Robot(error) => error.into(),
         other => Error::new(Exit::RobotFault, other),

@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use flix_protocol::message::{
-    Command, CrashReport, DropReason, Dropped, Fault, Identity, MotorTelemetry, Outcome, Setpoint,
-    Telemetry,
+    Command, CrashReport, DropReason, Dropped, EncoderHealth, Fault, Identity, Magnet,
+    MotorTelemetry, Outcome, Setpoint, Telemetry,
 };
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -111,6 +111,20 @@ struct Motor {
     speed_hz: f32,
     current_d_a: f32,
     current_q_a: f32,
+    encoder: Encoder,
+}
+
+/// Readings since power-up, and what the encoder says of its magnet.
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Encoder {
+    dropped: u32,
+    corrected: u32,
+    #[serde(serialize_with = "as_text")]
+    magnet: Magnet,
+}
+
+fn as_text<S: serde::Serializer>(magnet: &Magnet, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(magnet)
 }
 
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -167,7 +181,8 @@ impl Status {
     }
 
     fn new(identity: &Identity, telemetry: &Telemetry, client: &Client) -> Self {
-        let [top, bottom] = telemetry.motors.map(Motor::from);
+        let [top, bottom] =
+            [0, 1].map(|motor| Motor::new(telemetry.motors[motor], telemetry.encoders[motor]));
         let health = client.health();
         Self {
             robot: Robot {
@@ -241,13 +256,15 @@ impl From<Setpoint> for Shaking {
     }
 }
 
-impl From<MotorTelemetry> for Motor {
-    fn from(motor: MotorTelemetry) -> Self {
+impl Motor {
+    fn new(motor: MotorTelemetry, encoder: EncoderHealth) -> Self {
+        let EncoderHealth { dropped, corrected, magnet } = encoder;
         Self {
             angle_deg: motor.angle.get(),
             speed_hz: motor.speed.get(),
             current_d_a: motor.current_d.get(),
             current_q_a: motor.current_q.get(),
+            encoder: Encoder { dropped, corrected, magnet },
         }
     }
 }
@@ -293,11 +310,19 @@ fn describe(status: &Status, name: &str) -> String {
     let Shaking { frequency_hz, direction_deg } = status.measured;
     row("measured", format!("f {frequency_hz:.2} Hz, theta {direction_deg:.1} deg"));
     for (name, motor) in [("top", status.motors.top), ("bottom", status.motors.bottom)] {
-        let Motor { angle_deg, speed_hz, current_d_a, current_q_a } = motor;
+        let Motor { angle_deg, speed_hz, current_d_a, current_q_a, encoder } = motor;
         row(
             name,
             format!(
                 "{angle_deg:.1} deg, {speed_hz:.2} Hz, d {current_d_a:.2} A, q {current_q_a:.2} A"
+            ),
+        );
+        let Encoder { dropped, corrected, magnet } = encoder;
+        row(
+            "  encoder",
+            format!(
+                "{dropped} readings dropped, {corrected} corrected; {}",
+                explain::magnet(magnet)
             ),
         );
     }

@@ -289,6 +289,7 @@ impl Recorder {
             | Event::StoppedFromOutside(_)
             | Event::LinkLost
             | Event::BatteryLow(_)
+            | Event::Magnet { .. }
             | Event::FrequencyLimited(_) => Level::Warning,
             _ => Level::Information,
         };

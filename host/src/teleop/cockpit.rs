@@ -288,6 +288,7 @@ impl Cockpit {
                     | Event::CommandAge
                     | Event::StoppedFromOutside(_)
                     | Event::BatteryLow(_)
+                    | Event::Magnet { .. }
                     | Event::FrequencyLimited(_) => Weight::Warning,
                     _ => Weight::Note,
                 };

@@ -328,6 +328,7 @@ impl FakeRobot {
                 current_d: Amperes::ZERO,
                 current_q: Amperes::saturating(0.3 * sign),
             }),
+            encoders: Default::default(),
             bus_voltage: Some(Volts::saturating(11.4)),
             modulation: Ratio::saturating(0.4),
             timing: LoopTiming {

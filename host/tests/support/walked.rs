@@ -42,6 +42,7 @@ pub fn telemetry(seconds: f64) -> Telemetry {
         frequency: Hertz::saturating(-29.9),
         direction: Degrees::saturating(30.2),
         motors: [motor; 2],
+        encoders: Default::default(),
         bus_voltage: Some(Volts::saturating(11.8)),
         modulation: Ratio::saturating(0.7),
         timing: Default::default(),

@@ -60,6 +60,34 @@ pub struct LoopTiming {
     pub overruns: u32,
 }
 
+/// What an encoder says of its magnet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
+pub enum Magnet {
+    /// Nothing is wrong with it.
+    #[default]
+    Good,
+    /// Its field is too weak: the encoder amplifies as much as it can.
+    Weak,
+    /// Its field is too strong: the encoder amplifies as little as it can.
+    Strong,
+    /// There is none.
+    Missing,
+}
+
+names!(Magnet { Good: "good", Weak: "too weak", Strong: "too strong", Missing: "missing" });
+
+/// How an encoder does its work; counters since power-up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
+pub struct EncoderHealth {
+    /// Readings that failed, or that were not believed.
+    pub dropped: u32,
+    /// Readings that were believed though they were 2.8 to 11 degrees from where the rotor was expected: each pulls the
+    /// motor.
+    pub corrected: u32,
+    /// What it says of its magnet.
+    pub magnet: Magnet,
+}
+
 /// The state of the robot at one moment.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Telemetry {
@@ -83,6 +111,8 @@ pub struct Telemetry {
     pub direction: Degrees,
     /// Top motor, bottom motor.
     pub motors: [MotorTelemetry; 2],
+    /// Top encoder, bottom encoder.
+    pub encoders: [EncoderHealth; 2],
     /// Voltage on the battery side of the bridge; none where the board does not measure it.
     pub bus_voltage: Option<Volts>,
     /// Largest recent duty, as a share of the bridge's range.
@@ -151,4 +181,11 @@ pub enum Event {
     StoppedFromOutside(OperatorName),
     /// The asked f is beyond what voltage and current reach: the robot holds this one, with theta.
     FrequencyLimited(Hertz),
+    /// An encoder says that its magnet is not good. Sent once a start for each kind.
+    Magnet {
+        /// 0 top, 1 bottom.
+        motor: u8,
+        /// What is wrong.
+        magnet: Magnet,
+    },
 }

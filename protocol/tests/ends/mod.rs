@@ -51,6 +51,7 @@ pub(crate) fn telemetry(time: u64) -> ToOperator {
         frequency: Hertz::ZERO,
         direction: Degrees::ZERO,
         motors: [motor; 2],
+        encoders: Default::default(),
         bus_voltage: None,
         modulation: Ratio::ZERO,
         timing: LoopTiming::default(),

@@ -20,7 +20,7 @@ use flix_chip::network::PASSPHRASE;
 use flix_chip::power;
 use flix_chip::restart::{self, Restart};
 use flix_chip::rig::{Rig, RigError};
-use flix_chip::session::{Battery, Hold, Report, Times, drive};
+use flix_chip::session::{Battery, Hold, Report, Times, drive, magnet_failures};
 use flix_firmware::board::EncoderKind;
 use serde::Serialize;
 
@@ -289,7 +289,9 @@ fn try_other(mut rig: Rig) -> Result<(Other, Vec<String>), RigError> {
     let battery = Battery::of(&mut rig)?;
     let [settle, measure] = QUICK_TIMES;
     let session = drive(&mut rig, Times { settle, measure }, &progress)?;
-    let failures = session.failures().into_iter().chain(battery.failure()).chain(rig.findings());
+    let magnets = magnet_failures(&mut rig)?;
+    let failures = session.failures().into_iter().chain(battery.failure()).chain(magnets);
+    let failures = failures.chain(rig.findings());
     let failures = failures.map(|failure| format!("other image: {failure}")).collect();
     Ok((Other { session, battery }, failures))
 }

@@ -1,5 +1,7 @@
 //! Power that goes within a flash operation: each write and each erase of provisioning a new robot, of provisioning it
-//! anew, and of saving its settings is cut, and the robot that then starts must have the old or the new, whole.
+//! anew, and of saving its settings is cut, erasures at several shares, and the robot that then starts must have the old or
+//! the new, whole; as must the one that starts again after cells faded that were left half-way. What it saves later
+//! it must have after two more starts.
 
 use flix_firmware::board::EncoderKind;
 use flix_protocol::message::{Command, Fault, Outcome, ParameterCommand};
@@ -12,8 +14,14 @@ use crate::flash::{Flash, Operation};
 use crate::image::{Image, STORE};
 use crate::rig::{Rig, RigError};
 
-/// How much of an operation is done when power goes.
-const SHARE: f64 = 0.5;
+/// How much of a write is done when power goes.
+const WRITTEN: [f64; 1] = [0.5];
+/// How much of an erasure is done when power goes; at last every cell reads as erased.
+const ERASED: [f64; 5] = [0.02, 0.5, 0.95, 0.999, 1.0];
+/// Chance that a cell fades before a start whose change was cut.
+const FADING: f64 = 0.5;
+/// Another value of [`SETTING`], saved after a cut and two starts.
+const LATER: f32 = 1.2;
 /// A setting and another value than its default.
 const SETTING: (&str, f32) = ("current_limit", 1.5);
 /// Keys: before and after provisioning anew.
@@ -58,10 +66,12 @@ impl Subject<'_> {
 
     /// Does `work` with a robot, then cuts it in the operations of it and looks what is kept.
     ///
+    /// With `saves_later` each robot whose erasure was cut saves another value in the end, and keeps it.
+    ///
     /// `work` returns how many operations were done when it was acknowledged: from there on only the new counts.
     fn cut(
         &mut self,
-        what: &str,
+        (what, saves_later): (&str, bool),
         before: &Flash,
         work: impl FnOnce(&mut Rig) -> Result<usize, RigError>,
         kept: impl Fn(&mut Rig) -> Result<Kept, RigError>,
@@ -77,23 +87,56 @@ impl Subject<'_> {
         for number in (0..operations.len()).step_by(self.stride.max(1)) {
             let of = operations.len();
             (self.progress)(&format!("power cut in operation {} of {of} of {what}", number + 1));
-            self.cuts.cuts += 1;
-            let mut rig = self.start(before.cut(&operations[..=number], SHARE));
-            let found = kept(&mut rig);
-            let is_right = match found {
-                Ok(Kept::New) => true,
-                Ok(Kept::Old) => number < acknowledged,
-                _ => false,
-            };
-            if !is_right {
-                self.cuts.lost += 1;
-                self.cuts.failures.push(match found {
-                    Ok(kept) => format!("{what}: {kept:?} after a cut in operation {number}"),
-                    Err(error) => format!("{what}: {error} after a cut in operation {number}"),
-                });
+            let is_write = matches!(operations[number], Operation::Program { .. });
+            let shares = if is_write { &WRITTEN[..] } else { &ERASED };
+            for share in shares {
+                self.cuts.cuts += 1;
+                let mut flash = before.cut(&operations[..=number], *share);
+                for start in ["first", "second"] {
+                    let mut rig = self.start(flash);
+                    let found = kept(&mut rig);
+                    let is_right = match found {
+                        Ok(Kept::New) => true,
+                        Ok(Kept::Old) => number < acknowledged,
+                        _ => false,
+                    };
+                    if !is_right {
+                        let found = found.map_or_else(|it| it.to_string(), |it| format!("{it:?}"));
+                        self.cuts.lost += 1;
+                        self.cuts.failures.push(format!(
+                            "{what}: {found} at the {start} start after a cut in operation {number} at {share}"
+                        ));
+                        break;
+                    }
+                    flash = rig.chip.flash().clone();
+                    flash.fade(FADING);
+                }
+                if saves_later && !is_write {
+                    // Cells may begin to fade only once they were written again.
+                    let flash = before.cut(&operations[..=number], *share);
+                    let what = format!("{what}, cut in operation {number} at {share}");
+                    self.save_later(flash, &what);
+                }
             }
         }
         Ok(rig.chip.flash().clone())
+    }
+
+    /// Saves another value with a robot that has this flash, then starts it twice, cells fading before.
+    fn save_later(&mut self, flash: Flash, what: &str) {
+        let mut rig = self.start(flash);
+        let mut outcome = save_setting(&mut rig, LATER).map(|_| f64::from(LATER));
+        for _ in 0..2 {
+            let mut flash = rig.chip.flash().clone();
+            flash.fade(FADING);
+            rig = self.start(flash);
+            outcome = outcome.and_then(|_| value_of(&mut rig));
+        }
+        if outcome != Ok(f64::from(LATER)) {
+            self.cuts.lost += 1;
+            let sentence = format!("{what}: what was saved later is {outcome:?} after two starts");
+            self.cuts.failures.push(sentence);
+        }
     }
 }
 
@@ -121,18 +164,20 @@ pub fn cut_all(
         }
     };
     let [first, second] = KEYS;
-    let provisioned =
-        subject.cut("provisioning", &empty, provision(first), |rig| key_of(rig, None, first))?;
-    let renewed = subject.cut("provisioning anew", &provisioned, provision(second), |rig| {
-        key_of(rig, Some(first), second)
-    })?;
+    let provisioned = subject
+        .cut(("provisioning", false), &empty, provision(first), |rig| key_of(rig, None, first))?;
+    let renewed =
+        subject.cut(("provisioning anew", false), &provisioned, provision(second), |rig| {
+            key_of(rig, Some(first), second)
+        })?;
     if is_stored(&renewed, first) || !is_stored(&renewed, second) {
         let sentence = "of the former and the new key flash is to hold the new one alone";
         subject.cuts.failures.push(sentence.to_owned());
     }
     // A handful.
     subject.stride = 1;
-    subject.cut("saving settings", &provisioned, save_settings, setting_of)?;
+    let save = |rig: &mut Rig| save_setting(rig, SETTING.1);
+    subject.cut(("saving settings", true), &provisioned, save, setting_of)?;
     Ok(subject.cuts)
 }
 
@@ -168,8 +213,8 @@ fn key_of(rig: &mut Rig, old: Option<[u8; 32]>, new: [u8; 32]) -> Result<Kept, R
 }
 
 /// Connects, changes a setting and saves it.
-fn save_settings(rig: &mut Rig) -> Result<usize, RigError> {
-    let (name, value) = SETTING;
+fn save_setting(rig: &mut Rig, value: f32) -> Result<usize, RigError> {
+    let (name, _) = SETTING;
     let name = name.try_into().map_err(|_| RigError::OtherAnswer)?;
     rig.until_log("connection to the network", "wi-fi: connected")?;
     rig.connect()?;
@@ -181,12 +226,17 @@ fn save_settings(rig: &mut Rig) -> Result<usize, RigError> {
     Ok(rig.chip.flash().operations().len())
 }
 
-/// Which value the setting has.
-fn setting_of(rig: &mut Rig) -> Result<Kept, RigError> {
+/// Connects and asks for the setting.
+fn value_of(rig: &mut Rig) -> Result<f64, RigError> {
     rig.until_log("connection to the network", "wi-fi: connected")?;
     rig.connect()?;
-    let (name, new) = SETTING;
-    let value = rig.setting(name)?;
+    rig.setting(SETTING.0)
+}
+
+/// Which value the setting has.
+fn setting_of(rig: &mut Rig) -> Result<Kept, RigError> {
+    let (_, new) = SETTING;
+    let value = value_of(rig)?;
     let is_unreadable =
         rig.telemetry.is_some_and(|telemetry| telemetry.first_fault == Some(Fault::Settings));
     Ok(match value == f64::from(new) {

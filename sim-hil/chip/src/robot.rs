@@ -6,7 +6,7 @@
 
 use flix_firmware::board::{Board, EncoderKind, GENERIC_ESP32C6};
 use flix_firmware::hardware::{
-    Actuation, Bridge, Duty, Encoder as Reading, Hardware, TICK_RATE_HZ,
+    Actuation, Bridge, Duty, Encoder as Reading, Hardware, Magnet, TICK_RATE_HZ,
 };
 use flix_protocol::units::Instant;
 use flix_sim::model::RobotModel;
@@ -30,6 +30,9 @@ const DIVIDER: f64 = 22.0 / 122.0;
 /// Fastest clocks that the encoders follow (MT6701 data sheet rev. 1.8, SSI; AS5047P data sheet v1-08, table 12).
 const MT6701_FASTEST_HZ: u64 = 15_625_000;
 const AS5047P_FASTEST_HZ: u64 = 10_000_000;
+/// An AS5047P receives one command in so many, prime to those that ask for something else, with a wrong bit: the wires to
+/// the motors are long.
+const DISTURBED_EVERY: u64 = 4_999;
 /// Both put data out on the rising edge, to be read on the falling one.
 const ENCODER_MODE: u8 = 1;
 
@@ -48,6 +51,12 @@ pub struct Robot {
     before: [f64; 2],
     /// What AS5047P encoders answer with the next frame: the data that the last one asked for, of when it ended.
     answers: [u16; 2],
+    /// Error registers of AS5047P encoders: what is set there is flagged in every answer until it is read.
+    errors: [u16; 2],
+    /// Commands that AS5047P encoders received.
+    commands: [u64; 2],
+    /// What the encoders find of their magnets.
+    pub magnets: [Magnet; 2],
     /// SPI transfers that no encoder answered, or two at once did.
     pub bad_transfers: u64,
 }
@@ -75,6 +84,9 @@ impl Robot {
             began: 0,
             before: [0.0; 2],
             answers: [0; 2],
+            errors: [0; 2],
+            commands: [0; 2],
+            magnets: [Magnet::Good; 2],
             bad_transfers: 0,
         }
     }
@@ -148,25 +160,59 @@ impl Robot {
     fn word(&mut self, motor: usize, cycles: u64, transfer: &Transfer) -> u32 {
         match self.kind {
             EncoderKind::As5047p => self.as5047p_word(motor, cycles, transfer),
-            _ => mt6701_word(self.count(motor, cycles)),
+            _ => mt6701_word(self.count(motor, cycles), mt6701_status(self.magnets[motor])),
         }
     }
 
+    /// Answers the command before, with the error flag while an error is latched (AS5047P data sheet v1-08, ERRFL).
     fn as5047p_word(&mut self, motor: usize, cycles: u64, transfer: &Transfer) -> u32 {
         const READ: u16 = 1 << 14;
         const ANGLE: u16 = 0x3FFF;
         const DIAGNOSTICS: u16 = 0x3FFC;
+        const ERRORS: u16 = 0x0001;
+        const READY: u16 = 1 << 8;
+        const LARGEST_GAIN: u16 = 0xFF;
         /// Ready, field in range.
-        const HEALTHY: u16 = 1 << 8 | 0x80;
+        const HEALTHY: u16 = READY | 0x80;
+        /// MAGL and MAGH.
+        const WEAK: u16 = 1 << 11;
+        const STRONG: u16 = 1 << 10;
+        /// Errors: a frame cut short, no such register, parity.
+        const FRAME: u16 = 1 << 0;
+        const INVALID: u16 = 1 << 1;
+        const PARITY: u16 = 1 << 2;
         let [first, second] = [0, 1].map(|index| transfer.data.get(index).copied().unwrap_or(0));
-        let asked = u16::from_be_bytes([first, second]);
+        let mut asked = u16::from_be_bytes([first, second]);
+        self.commands[motor] += 1;
+        let number = self.commands[motor] + motor as u64 * DISTURBED_EVERY / 2;
+        if number.is_multiple_of(DISTURBED_EVERY) {
+            asked ^= 1 << (number / DISTURBED_EVERY % 16);
+        }
+        let mut errors = self.errors[motor];
         let data = match asked & 0x3FFF {
             ANGLE => self.count(motor, cycles) as u16,
-            DIAGNOSTICS => HEALTHY,
-            _ => 0,
+            DIAGNOSTICS => match self.magnets[motor] {
+                Magnet::Good => HEALTHY,
+                Magnet::Weak | Magnet::Missing => READY | WEAK | LARGEST_GAIN,
+                Magnet::Strong => READY | STRONG,
+            },
+            ERRORS => core::mem::take(&mut errors),
+            _ => {
+                errors |= INVALID;
+                0
+            }
         };
-        let is_wrong = asked.count_ones() % 2 == 1 || asked & READ == 0;
-        let answer = data | u16::from(is_wrong) << 14;
+        if transfer.bits != 16 {
+            errors |= FRAME;
+        }
+        if asked.count_ones() % 2 == 1 {
+            errors |= PARITY;
+        }
+        if asked & READ == 0 {
+            errors |= INVALID;
+        }
+        self.errors[motor] = errors;
+        let answer = data | u16::from(errors != 0) << 14;
         let answer = answer | ((answer.count_ones() % 2) as u16) << 15;
         u32::from(core::mem::replace(&mut self.answers[motor], answer))
     }
@@ -186,9 +232,18 @@ impl Robot {
     }
 }
 
+/// An MT6701's status: its field is too strong, or too weak.
+const fn mt6701_status(magnet: Magnet) -> u32 {
+    match magnet {
+        Magnet::Good => 0,
+        Magnet::Strong => 0b01,
+        Magnet::Weak | Magnet::Missing => 0b10,
+    }
+}
+
 /// An MT6701's frame: 14 bits of angle, 4 of status, 6 of check sum (polynomial x^6 + x + 1).
-fn mt6701_word(count: u32) -> u32 {
-    let payload = count << 4;
+fn mt6701_word(count: u32, status: u32) -> u32 {
+    let payload = count << 4 | status;
     let sum = (0..18).rev().fold(0_u32, |sum, bit| {
         let feedback = (sum >> 5 ^ payload >> bit) & 1;
         (sum << 1 & 0x3F) ^ (feedback * 0b11)
@@ -243,12 +298,32 @@ impl Outside for Robot {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use flix_firmware::board::as5047p::{As5047p, As5047pReading};
     use flix_firmware::board::encoder::mt6701;
     use flix_firmware::hardware::EncoderAngle;
 
     #[test]
     fn an_mt6701s_frame_is_read_by_the_robots_own_driver() {
-        let [_, frame @ ..] = mt6701_word(0x2A5F).to_be_bytes();
+        let [_, frame @ ..] = mt6701_word(0x2A5F, 0).to_be_bytes();
         assert_eq!(mt6701(frame), Some(EncoderAngle::from_count(0x2A5F, 14)));
+    }
+
+    #[test]
+    fn an_as5047p_latches_a_wrong_command_and_its_driver_ends_that() {
+        let mut robot = Robot::new(EncoderKind::As5047p, 1);
+        let mut word = |command: [u8; 2]| {
+            let transfer = Transfer { mode: 1, hertz: 8_000_000, bits: 16, data: command.to_vec() };
+            let [.., high, low] = robot.as5047p_word(0, 0, &transfer).to_be_bytes();
+            Some([high, low])
+        };
+        word([0x52, 0x34]);
+        let is_flagged = |answer: Option<[u8; 2]>| answer.is_some_and(|[high, _]| high & 0x40 != 0);
+        let latched = (0..100).filter(|_| is_flagged(word([0xFF, 0xFF]))).count();
+        let mut driver = As5047p::new();
+        let mut read = |driver: &mut As5047p| driver.read(&mut word);
+        let first = core::iter::repeat_with(|| read(&mut driver))
+            .take(10)
+            .position(|reading| matches!(reading, As5047pReading::Angle(_)));
+        assert_eq!((latched, first), (100, Some(3)));
     }
 }

@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use flix_protocol::message::State;
+use flix_firmware::hardware::Magnet;
+use flix_protocol::message::{Command, State};
 use flix_sim::experiment::metrics::HoldMeter;
 use flix_sim::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
 use flix_sim::rig::bench::setpoint;
@@ -39,6 +40,8 @@ const BATTERY_TOLERANCE: f64 = 0.01;
 /// Largest mean direct current of both motors, A. Voltages lag the rotors by what `actuation_delay` leaves out, 75 us by
 /// default, which at 30 Hz is 0.16 A; an angle that is older than stated by a tick adds as much again.
 const LARGEST_DIRECT_CURRENT_A: f64 = 0.24;
+/// A robot's telemetry shows what its encoders say of their magnets within this time.
+const MAGNET_PATIENCE: Duration = Duration::from_millis(300);
 /// The mean share of every phase's pin lies this near to a half.
 const SHARE_TOLERANCE: f64 = 0.05;
 
@@ -257,6 +260,29 @@ impl Battery {
         let is_off = (said_v / true_v - 1.0).abs() > BATTERY_TOLERANCE;
         is_off.then(|| format!("the battery has {true_v:.2} V, the robot says {said_v:.2} V"))
     }
+}
+
+/// Makes the magnet of one encoder after the other too weak, then too strong, and good again; returns what the robot does not
+/// report of it.
+///
+/// # Errors
+/// When the robot is silent.
+pub fn magnet_failures(rig: &mut Rig) -> Result<Vec<String>, RigError> {
+    let mut failures = Vec::new();
+    for motor in [0, 1] {
+        for magnet in [Magnet::Weak, Magnet::Strong, Magnet::Good] {
+            rig.chip.outside().magnets[motor] = magnet;
+            rig.run(MAGNET_PATIENCE)?;
+            rig.ask(Command::Ping(0))?;
+            let found = rig.telemetry.map(|telemetry| telemetry.encoders.map(|it| it.magnet));
+            let mut wanted = [Magnet::Good; 2];
+            wanted[motor] = magnet;
+            if found != Some(wanted) {
+                failures.push(format!("magnets that are {wanted:?} are reported as {found:?}"));
+            }
+        }
+    }
+    Ok(failures)
 }
 
 /// Arms, holds the five modes, of which the last reverses the one before, and disarms, all in one session.

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use flix_firmware::hardware::{Encoder, EncoderAngle, EncoderReading, Sensors};
+use flix_firmware::hardware::{Encoder, EncoderAngle, EncoderReading, Magnet, Sensors};
 use flix_protocol::units::Instant;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -23,6 +23,10 @@ pub enum HardwareFault {
     EncoderLost(usize),
     /// The readings of both encoders have this much more noise, degrees RMS.
     EncoderNoise(f64),
+    /// Every so many readings of this motor's encoder are off by this much, degrees.
+    EncoderJumps(usize, u32, f64),
+    /// The encoder of this motor says this of its magnet.
+    Magnet(usize, Magnet),
     /// The wire of a phase (0 to 2) of this motor breaks.
     OpenPhase(usize, usize),
     /// The amplifier of phase A of this motor reads so many counts too much.
@@ -43,6 +47,8 @@ pub struct Injected {
     random: Xoshiro256PlusPlus,
     /// Where the encoder got stuck.
     stuck: Option<EncoderAngle>,
+    /// Readings of the encoder that jumps.
+    readings: u32,
 }
 
 impl Injected {
@@ -50,7 +56,7 @@ impl Injected {
     #[must_use]
     pub fn new(fault: HardwareFault, from: Instant, until: Instant, seed: u64) -> Self {
         let random = Xoshiro256PlusPlus::seed_from_u64(seed);
-        Self { fault, from, until, is_active: false, random, stuck: None }
+        Self { fault, from, until, is_active: false, random, stuck: None, readings: 0 }
     }
 
     fn set(&mut self, is_active: bool, electronics: &mut Electronics) {
@@ -60,6 +66,9 @@ impl Injected {
         match self.fault {
             HardwareFault::OpenPhase(motor, phase) => {
                 electronics.motor_mut(motor).break_wire(phase, is_active);
+            }
+            HardwareFault::Magnet(motor, magnet) => {
+                electronics.set_magnet(motor, if is_active { magnet } else { Magnet::Good });
             }
             HardwareFault::BusSag(volts) => {
                 electronics.battery_mut().disturb(if is_active { -volts } else { 0.0 });
@@ -79,12 +88,24 @@ impl Injected {
             }
             HardwareFault::EncoderNoise(degrees) if self.is_active => {
                 let error: f64 = StandardNormal.sample(&mut self.random);
-                let turns = error * degrees / 360.0;
-                *angle = angle.turned((turns * 2f64.powi(32)) as i64 as i32);
+                *angle = angle.turned(turned(error * degrees));
+            }
+            HardwareFault::EncoderJumps(motor, every, degrees)
+                if motor == index && self.is_active =>
+            {
+                self.readings += 1;
+                if self.readings.is_multiple_of(every) {
+                    *angle = angle.turned(turned(degrees));
+                }
             }
             _ => {}
         }
     }
+}
+
+/// Degrees in 2^-32 turn.
+fn turned(degrees: f64) -> i32 {
+    (degrees / 360.0 * 2f64.powi(32)) as i64 as i32
 }
 
 impl Disturbance for Injected {

@@ -4,6 +4,7 @@
 mod arming;
 mod bad_datagrams;
 mod bench;
+mod encoders;
 mod events;
 mod failsafe_ladder;
 mod freshness;

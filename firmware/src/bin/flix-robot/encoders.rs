@@ -12,9 +12,9 @@ use esp_hal::spi::Mode;
 use esp_hal::spi::master::{Config, Spi};
 use esp_hal::time::Rate;
 use flix_firmware::board::as5047p::{As5047p, As5047pReading};
-use flix_firmware::board::encoder::mt6701;
+use flix_firmware::board::encoder::{mt6701, mt6701_magnet};
 use flix_firmware::board::{EncoderKind, SpiPins};
-use flix_firmware::hardware::{Encoder, EncoderAngle, EncoderReading, TICK_US};
+use flix_firmware::hardware::{Encoder, EncoderAngle, EncoderReading, Magnet, TICK_US};
 use flix_protocol::units::Instant;
 
 use crate::bridge::{output, pin};
@@ -27,6 +27,8 @@ pub(crate) struct Sample {
     pub(crate) angle: Option<EncoderAngle>,
     /// When it was sampled.
     pub(crate) time: Instant,
+    /// What the encoder says of its magnet.
+    pub(crate) magnet: Magnet,
 }
 
 impl Sample {
@@ -48,17 +50,32 @@ pub(crate) static SAMPLES: [Signal<CriticalSectionRawMutex, Sample>; 2] =
 pub(crate) enum Encoders {
     /// Read in the tick.
     Spi(SpiEncoders),
-    /// Read elsewhere, found in [`SAMPLES`].
-    Elsewhere,
+    /// Read elsewhere, found in [`SAMPLES`]; with what each encoder last said of its magnet.
+    Elsewhere([Magnet; 2]),
 }
 
 impl Encoders {
+    /// Takes what another thread reads.
+    pub(crate) const fn elsewhere() -> Self {
+        Self::Elsewhere([Magnet::Good; 2])
+    }
+
+    /// Returns what each encoder last said of its magnet.
+    pub(crate) const fn magnets(&self) -> [Magnet; 2] {
+        match self {
+            Self::Spi(spi) => spi.magnets,
+            Self::Elsewhere(magnets) => *magnets,
+        }
+    }
+
     /// Reads top and bottom, for the tick at `now`.
     pub(crate) fn read(&mut self, now: Instant) -> [Encoder; 2] {
         match self {
             Self::Spi(spi) => spi.read(now),
-            Self::Elsewhere => [0, 1].map(|motor| {
-                SAMPLES[motor].try_take().map_or(Encoder::Pending, |sample| sample.at(now))
+            Self::Elsewhere(magnets) => [0, 1].map(|motor| {
+                let Some(sample) = SAMPLES[motor].try_take() else { return Encoder::Pending };
+                magnets[motor] = sample.magnet;
+                sample.at(now)
             }),
         }
     }
@@ -73,6 +90,7 @@ pub(crate) struct SpiEncoders {
     selects: [Output<'static>; 2],
     kind: EncoderKind,
     as5047p: [As5047p; 2],
+    magnets: [Magnet; 2],
 }
 
 impl SpiEncoders {
@@ -94,7 +112,8 @@ impl SpiEncoders {
             .with_miso(miso.peripheral_input());
         let mut selects = pins.selects.map(output);
         selects.iter_mut().for_each(Output::set_high);
-        Some(Self { bus, selects, kind, as5047p: [As5047p::new(); 2] })
+        let magnets = [Magnet::Good; 2];
+        Some(Self { bus, selects, kind, as5047p: [As5047p::new(); 2], magnets })
     }
 
     fn exchange<const N: usize>(&mut self, motor: usize, mut frame: [u8; N]) -> Option<[u8; N]> {
@@ -108,8 +127,14 @@ impl SpiEncoders {
     fn read(&mut self, now: Instant) -> [Encoder; 2] {
         [0, 1].map(|motor| match self.kind {
             EncoderKind::Mt6701 => {
-                let angle = self.exchange(motor, [0; 3]).and_then(mt6701);
-                Sample { angle, time: now }.at(now)
+                let frame = self.exchange(motor, [0; 3]);
+                let angle = frame.and_then(mt6701);
+                let magnet = match angle {
+                    Some(_) => Magnet::Good,
+                    None => frame.and_then(mt6701_magnet).unwrap_or(self.magnets[motor]),
+                };
+                self.magnets[motor] = magnet;
+                Sample { angle, time: now, magnet }.at(now)
             }
             _ => self.read_as5047p(motor, now),
         })
@@ -119,6 +144,7 @@ impl SpiEncoders {
         let mut driver = self.as5047p[motor];
         let reading = driver.read(|command| self.exchange(motor, command));
         self.as5047p[motor] = driver;
+        self.magnets[motor] = driver.magnet();
         let angle = match reading {
             As5047pReading::Angle(angle) => Some(angle),
             As5047pReading::Other => return Encoder::Pending,
@@ -126,6 +152,7 @@ impl SpiEncoders {
         };
         // The angle was latched when the exchange before ended, one tick ago.
         let latched = now.as_micros().saturating_sub(TICK_US.into());
-        Sample { angle, time: Instant::from_micros(latched) }.at(now)
+        let (time, magnet) = (Instant::from_micros(latched), driver.magnet());
+        Sample { angle, time, magnet }.at(now)
     }
 }

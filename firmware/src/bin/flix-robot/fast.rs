@@ -88,6 +88,7 @@ async fn run(mut work: Loop, mut watchdog: Wdt<TIMG1<'static>>) {
         let now = now();
         let sensors = Sensors {
             encoders: work.encoders.read(now),
+            magnets: work.encoders.magnets(),
             phase_current: work.electronics.phase_current(),
             bus_voltage: work.electronics.bus_voltage(),
         };

@@ -44,6 +44,8 @@ pub(super) struct Flash {
     pub(super) power: usize,
     /// Share of the operation that is done when power goes, 0 to 1.
     pub(super) share: f64,
+    /// Cells whose change was cut read either way at each start, those too that read unchanged at first.
+    pub(super) flickers: bool,
     /// How sectors rise that are cut.
     pub(super) rise: Rise,
     /// Of each sector.
@@ -76,6 +78,7 @@ impl Flash {
             faded: blank,
             power: usize::MAX,
             share: 0.0,
+            flickers: false,
             rise: Rise::Even,
             protection: [Protection::None; SECTORS],
             stuck: vec![0; SECTOR * SECTORS],
@@ -105,6 +108,9 @@ impl Flash {
             if changed != 0 {
                 let bits = changed & self.bits(fading);
                 self.cells[index] ^= bits;
+                if self.flickers {
+                    self.faded[index] ^= bits;
+                }
             }
         }
     }
@@ -125,6 +131,11 @@ impl Flash {
 
     pub(super) fn holds(&self, secret: &[u8]) -> bool {
         self.cells.windows(secret.len()).any(|window| window == secret)
+    }
+
+    /// Whether it holds this, or may again once cells have faded.
+    pub(super) fn may_hold(&self, secret: &[u8]) -> bool {
+        self.holds(secret) || self.faded.windows(secret.len()).any(|window| window == secret)
     }
 
     fn draw(&mut self) -> f64 {
@@ -150,6 +161,10 @@ impl Flash {
             let moved = (from ^ to) & self.bits(share);
             self.faded[index] = (self.faded[index] & !moved) | (from & moved);
             self.cells[index] = from ^ moved;
+            if self.flickers {
+                let unsure = from ^ to;
+                self.faded[index] = (self.faded[index] & !unsure) | (!self.cells[index] & unsure);
+            }
         } else {
             self.cells[index] = to;
         }

@@ -5,6 +5,7 @@ use super::model::{Flash, Protection, Rise, SECTOR, SECTORS};
 use super::*;
 
 mod release_1;
+mod sequences;
 
 const OLD: &[u8] = b"the old key, which somebody knows";
 const NEW: &[u8] = b"the new key, which nobody knows";
@@ -504,69 +505,5 @@ fn all_entries_of_a_sector_fit_and_one_more_is_refused() {
     for key in 0..4 {
         assert_eq!(store.load(key, &mut buffer), Ok(Some(1_000)));
         assert_eq!(buffer, [key; 1_000]);
-    }
-}
-
-/// A small generator of numbers, for tests that draw what happens.
-struct Draw(u64);
-
-impl Draw {
-    fn below(&mut self, end: usize) -> usize {
-        self.0 =
-            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) as usize % end
-    }
-}
-
-fn key_number(number: u32) -> Vec<u8> {
-    number.to_le_bytes().iter().flat_map(|byte| [0x3C ^ byte; 6]).collect()
-}
-
-#[test]
-fn cuts_upon_cuts_lose_nothing_and_leave_no_former_key_in_regions_of_two_sectors_and_more() {
-    for sectors in [2, 3, 6] {
-        for seed in 0..16 {
-            let mut draw = Draw(seed * 977 + sectors as u64);
-            let region = 0..(SECTOR * sectors) as u32;
-            let mut flash = Flash::seeded(seed);
-            // What may be there: since the last success, anything that was tried.
-            let mut keys = vec![None];
-            let mut settings = vec![None];
-            let mut were_in_force = Vec::new();
-            for round in 1..40 {
-                flash.share = SHARES[draw.below(SHARES.len())];
-                flash.rise = RISES[draw.below(RISES.len())];
-                flash.power = if draw.below(3) == 0 { usize::MAX } else { 1 + draw.below(260) };
-                let mut store = FlashStore::new(flash, region.clone());
-                let key = draw.below(2) == 0;
-                let bytes = if key { key_number(round) } else { vec![round as u8; 400] };
-                let tried = if key { &mut keys } else { &mut settings };
-                let outcome = match key {
-                    true => store.save_and_sweep(PROVISIONING, &bytes),
-                    false => store.save(SETTINGS, &bytes),
-                };
-                if outcome.is_ok() {
-                    tried.clear();
-                }
-                tried.push(Some(bytes));
-                flash = store.flash;
-                flash.start([0.0, 0.01, 0.5, 1.0][draw.below(4)]);
-                // This start may be cut, too.
-                flash.power = if draw.below(3) == 0 { 1 + draw.below(8) } else { usize::MAX };
-                let mut store = FlashStore::new(flash, region.clone());
-                let swept = store.sweep();
-                let found = loaded(&mut store, PROVISIONING);
-                let what = std::format!("{sectors} sectors, seed {seed}, round {round}");
-                assert!(keys.contains(&found), "{what}: {found:?} of {keys:?}");
-                assert!(settings.contains(&loaded(&mut store, SETTINGS)), "{what}");
-                if swept.is_ok() {
-                    were_in_force.extend(found.clone());
-                    for former in were_in_force.iter().filter(|key| Some(*key) != found.as_ref()) {
-                        assert!(!store.flash.holds(former), "{what}: {former:?} is in flash");
-                    }
-                }
-                flash = store.flash;
-            }
-        }
     }
 }

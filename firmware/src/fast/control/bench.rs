@@ -229,6 +229,7 @@ impl Bench {
             encoders.swap(0, 1);
         }
         Sensors {
+            magnets: Default::default(),
             encoders,
             phase_current: Some(counts),
             bus_voltage: Some((self.bus / 4e-3) as u16),

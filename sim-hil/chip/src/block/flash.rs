@@ -1,8 +1,9 @@
-//! The flash: bits only fall, sectors erase, both take their time, and power may go in the middle.
+//! The flash: bits only fall, sectors erase, both take their time, and power may go in the middle. A cell whose change was
+//! cut may read well, take a write, and fade later to what it was ([`Flash::fade`]).
 //!
 //! Times are those of a Winbond W25Q32JV (data sheet revision G, table 9.6).
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use super::CYCLES_PER_SECOND;
@@ -41,6 +42,8 @@ pub enum Operation {
 #[derive(Debug, Clone)]
 pub struct Flash {
     cells: Vec<u8>,
+    /// Bits whose last change was cut, by their byte's address.
+    weak: BTreeMap<usize, u8>,
     /// Operations since power-on of the emulation.
     operations: Vec<Operation>,
     /// Where operations ever began.
@@ -66,6 +69,7 @@ impl Flash {
     pub fn new() -> Self {
         Self {
             cells: vec![0xFF; FLASH_BYTES],
+            weak: BTreeMap::new(),
             operations: Vec::new(),
             touched: BTreeSet::new(),
             cut: None,
@@ -120,6 +124,25 @@ impl Flash {
         flash
     }
 
+    /// Lets each cell whose last change was cut fade with this chance (0 to 1) to what it was before.
+    pub fn fade(&mut self, chance: f64) {
+        for (at, bits) in std::mem::take(&mut self.weak) {
+            let faded = bits & self.chosen_bits(chance);
+            self.cells[at] ^= faded;
+            if bits != faded {
+                self.weak.insert(at, bits & !faded);
+            }
+        }
+    }
+
+    /// Notes which bits of a byte were changed by an operation that was cut.
+    fn weaken(&mut self, at: usize, before: u8) {
+        let bits = self.cells[at] ^ before;
+        if bits != 0 {
+            *self.weak.entry(at).or_default() |= bits;
+        }
+    }
+
     fn random(&mut self) -> u64 {
         self.random ^= self.random << 13;
         self.random ^= self.random >> 7;
@@ -156,12 +179,19 @@ impl Flash {
                     for (cell, byte) in self.cells[start..].iter_mut().zip(piece) {
                         *cell &= byte;
                     }
+                    for (at, byte) in (start..).zip(piece) {
+                        if let Some(bits) = self.weak.get_mut(&at) {
+                            *bits &= byte;
+                        }
+                    }
                 }
                 Some(share) => {
                     // Each bit that is to fall has fallen or not.
                     for (index, byte) in piece.iter().enumerate() {
                         let fallen = self.chosen_bits(share);
+                        let before = self.cells[start + index];
                         self.cells[start + index] &= byte | !fallen;
+                        self.weaken(start + index, before);
                     }
                     return Some(Err(PowerLost));
                 }
@@ -177,11 +207,16 @@ impl Flash {
         let at = sector * SECTOR_BYTES;
         self.cells.get(at..at + SECTOR_BYTES)?;
         match self.begin(Operation::Erase { at }) {
-            None => self.cells[at..at + SECTOR_BYTES].fill(0xFF),
+            None => {
+                self.cells[at..at + SECTOR_BYTES].fill(0xFF);
+                self.weak.retain(|byte, _| !(at..at + SECTOR_BYTES).contains(byte));
+            }
             Some(share) => {
                 for index in at..at + SECTOR_BYTES {
                     let risen = self.chosen_bits(share);
+                    let before = self.cells[index];
                     self.cells[index] |= risen;
+                    self.weaken(index, before);
                 }
                 return Some(Err(PowerLost));
             }
@@ -225,5 +260,22 @@ mod tests {
         assert_eq!(flash.erase(0).unwrap(), Err(PowerLost));
         let risen: u32 = flash.cells()[..64].iter().map(|byte| byte.count_ones()).sum();
         assert!((100..412).contains(&risen), "{risen} of 512 bits");
+    }
+
+    #[test]
+    fn what_a_cut_erasure_left_blank_takes_a_write_and_fades() {
+        let mut flash = Flash::new();
+        flash.program(0, &[0; 64]).unwrap().unwrap();
+        flash.cut_power_in(Some((0, 1.0)));
+        assert_eq!(flash.erase(0).unwrap(), Err(PowerLost));
+        assert_eq!(flash.cells()[..64], [0xFF; 64]);
+        flash.cut_power_in(None);
+        flash.program(0, &[0xF0; 64]).unwrap().unwrap();
+        assert_eq!(flash.cells()[..64], [0xF0; 64]);
+        flash.fade(1.0);
+        assert_eq!(flash.cells()[..64], [0; 64]);
+        flash.erase(0).unwrap().unwrap();
+        flash.fade(1.0);
+        assert_eq!(flash.cells()[..64], [0xFF; 64]);
     }
 }

@@ -236,11 +236,11 @@ impl EncoderUnits {
     fn start(self) -> (Encoders, I2cBuses) {
         match (BOARD.encoder, BOARD.i2c) {
             (EncoderKind::As5600, Some([top, bottom])) => {
-                (Encoders::Elsewhere, [i2c(self.top, top), i2c(self.bottom, bottom)])
+                (Encoders::elsewhere(), [i2c(self.top, top), i2c(self.bottom, bottom)])
             }
             (kind, _) => {
                 let spi = SpiEncoders::new(self.spi, BOARD.spi, kind);
-                (spi.map_or(Encoders::Elsewhere, Encoders::Spi), [None, None])
+                (spi.map_or(Encoders::elsewhere(), Encoders::Spi), [None, None])
             }
         }
     }
@@ -270,7 +270,7 @@ fn read_i2c_for_ever(mut buses: I2cBuses) -> ! {
             if driver.wants_slower_bus() && bus.apply_config(&i2c_config(I2C_SLOW_CLOCK)).is_ok() {
                 log!("encoder {motor}: no answer at 1 MHz: its bus runs at 400 kHz");
             }
-            newest.signal(Sample { angle, time });
+            newest.signal(Sample { angle, time, magnet: driver.magnet() });
         }
     }
 }

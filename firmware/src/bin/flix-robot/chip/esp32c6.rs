@@ -66,10 +66,9 @@ pub(crate) fn start_fast_loop(
 ) {
     let encoders = match BOARD.encoder {
         // `Board::check` refuses them on this chip.
-        EncoderKind::As5600 => Encoders::Elsewhere,
-        kind => {
-            SpiEncoders::new(parts.spi, BOARD.spi, kind).map_or(Encoders::Elsewhere, Encoders::Spi)
-        }
+        EncoderKind::As5600 => Encoders::elsewhere(),
+        kind => SpiEncoders::new(parts.spi, BOARD.spi, kind)
+            .map_or(Encoders::elsewhere(), Encoders::Spi),
     };
     let electronics = Electronics::new(parts.pwm, parts.converter);
     start(electronics, encoders, parts.timers, parts.software_interrupt);

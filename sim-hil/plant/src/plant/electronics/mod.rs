@@ -5,7 +5,7 @@
 //! mechanics in one step, in which the rotors are taken to turn at the speed they had at its start.
 
 use flix_firmware::hardware::{
-    Actuation, Bridge, Encoder as EncoderOutput, Hardware, Sensors, TICK_RATE_HZ,
+    Actuation, Bridge, Encoder as EncoderOutput, Hardware, Magnet, Sensors, TICK_RATE_HZ,
 };
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -83,6 +83,7 @@ pub struct Electronics {
     ledger: Ledger,
     /// Share of its inertia that each rotor has.
     inertia_share: [f64; 2],
+    magnets: [Magnet; 2],
 }
 
 /// One motor with its bridge and sensors.
@@ -155,6 +156,7 @@ impl Electronics {
             ticks: 0,
             ledger: Ledger::default(),
             inertia_share: [1.0; 2],
+            magnets: [Magnet::Good; 2],
         };
         electronics.ledger.stored = -electronics.stored([0.0; 2]);
         electronics
@@ -167,7 +169,9 @@ impl Electronics {
         let mut encoders = [EncoderOutput::Pending; 2];
         let mut currents = [None; 2];
         for (index, chain) in self.chains.iter().enumerate() {
-            encoders[index] = chain.encoder.read(ticks, angle[index], speed[index], random);
+            let reading = chain.encoder.read(ticks, angle[index], speed[index], random);
+            let is_missing = self.magnets[index] == Magnet::Missing;
+            encoders[index] = if is_missing { EncoderOutput::Failed } else { reading };
             let sampled = || {
                 let currents = chain.motor.phase_currents();
                 [0, 1].map(|phase| {
@@ -182,6 +186,7 @@ impl Electronics {
         let [top, bottom] = currents;
         Sensors {
             encoders,
+            magnets: self.magnets,
             phase_current: top.zip(bottom).map(|(top, bottom)| [top, bottom]),
             bus_voltage: self
                 .bus_sensor
@@ -267,6 +272,11 @@ impl Electronics {
     #[must_use]
     pub fn rotor_frame_currents(&self, rotor_angle: [f64; 2]) -> [[f64; 2]; 2] {
         [0, 1].map(|index| self.chains[index].motor.rotor_frame_current(rotor_angle[index]))
+    }
+
+    /// Changes what an encoder says of its magnet; without one it gives no angle.
+    pub const fn set_magnet(&mut self, motor: usize, magnet: Magnet) {
+        self.magnets[motor] = magnet;
     }
 
     /// Returns the battery, to read or to disturb.
