@@ -54,8 +54,8 @@ const LARGEST_SHIVER: i64 = 26_214;
 const SHIVER_TICKS: u32 = 5_000;
 /// The current that stays is averaged over 2^4 diagnoses: what changes more slowly than at 6 Hz stays.
 const STAY_SHIFT: u32 = 4;
-/// Squares are averaged over 2^6 diagnoses: 0.1 s.
-const SHIVER_SHIFT: u32 = 6;
+/// Squares are averaged over 2^6 diagnoses, 0.1 s, to judge them; over 2^4, 26 ms, to know whether it goes on.
+const SHIVER_SHIFTS: [u32; 2] = [6, 4];
 /// Larger currents are taken for this: 8 A.
 const LARGEST_SHIVER_CURRENT: i32 = 8 << 16;
 /// What builds up slowly is looked at in one tick of so many.
@@ -88,8 +88,8 @@ impl Debounce {
 struct Shiver {
     /// Means of d and q current, 2^-16 A in 2^-4.
     means: [i32; 2],
-    /// Mean square about them, 2^-16 A^2 in 2^-6.
-    square: i32,
+    /// Mean squares about them by [`SHIVER_SHIFTS`], 2^-16 A^2, each in 2^-shift.
+    squares: [i32; 2],
 }
 
 impl Shiver {
@@ -101,13 +101,19 @@ impl Shiver {
             let off = within(current.raw() - (*mean >> STAY_SHIFT), LARGEST_SHIVER_CURRENT);
             square += ((i64::from(off) * i64::from(off)) >> 16) as i32;
         }
-        self.square += square - (self.square >> SHIVER_SHIFT);
+        for (mean, shift) in self.squares.iter_mut().zip(SHIVER_SHIFTS) {
+            *mean += square - (*mean >> shift);
+        }
     }
 
-    /// Returns the heat that they make in phases of this resistance, 2^-24 ohm: 2^-16 W. A square of d and q currents is
-    /// two thirds of the sum of the phases' squares.
-    fn heat(self, resistance: i32) -> i64 {
-        (i64::from(self.square >> SHIVER_SHIFT) * i64::from(resistance) * 3) >> 25
+    /// Returns the heat that they make in phases of this resistance, 2^-24 ohm, by each mean: 2^-16 W. A square of d and q
+    /// currents is two thirds of the sum of the phases' squares.
+    fn heat(self, resistance: i32) -> [i64; 2] {
+        let heat = |index: usize| {
+            let square = self.squares[index] >> SHIVER_SHIFTS[index];
+            (i64::from(square) * i64::from(resistance) * 3) >> 25
+        };
+        [heat(0), heat(1)]
     }
 }
 
@@ -192,13 +198,14 @@ impl Monitor {
         let Observation { configuration, trackers, loops, shaker, target, .. } = *observation;
         let pressed = shaker.limited();
         let going_on = shaker.frequency().magnitude() > GOING_ON;
-        let shivers = self.shivers(observation);
+        let [shivers, goes_on] = self.shivers(observation);
         let mut stalled = false;
         let counts = self.stall.iter_mut().zip(&mut self.blocked);
         for (tracker, (stall, blocked)) in trackers.iter().zip(counts) {
             let still = tracker.speed().magnitude() < STALLED;
-            // One that shivers is pressed, and moves too fast to be seen to.
-            stalled |= stall.diagnose(still && pressed && !shivers, STALL_TICKS)
+            // One that shivers is pressed, and moves too fast to be seen to; one that was stopped suddenly stands by the time
+            // that this counts.
+            stalled |= (stall.diagnose(still && pressed, STALL_TICKS) && !goes_on)
                 | blocked.diagnose(still && going_on, BLOCKED_TICKS);
         }
         let unlocked = shaker.slipping() || magnitude(shaker.sum_error()) > LARGEST_SUM_ERROR;
@@ -218,22 +225,24 @@ impl Monitor {
             .with_if(Fault::CurrentSense, self.residual.diagnose(off, RESIDUAL_TICKS))
     }
 
-    /// Returns whether currents come and go, now, in motors whose rotors are to rest.
-    fn shivers(&mut self, observation: &Observation<'_>) -> bool {
+    /// Returns whether currents come and go in motors whose rotors are to rest: lately, and now.
+    fn shivers(&mut self, observation: &Observation<'_>) -> [bool; 2] {
         let Observation { configuration, loops, shaker, .. } = *observation;
         if !shaker.standing() {
             self.shivers = [Shiver::default(); 2];
-            return false;
+            return [false; 2];
         }
-        let mut heat = 0;
+        let mut heat = [0; 2];
         for ((shiver, current_loop), model) in
             self.shivers.iter_mut().zip(loops).zip(&configuration.motors)
         {
             let current = current_loop.current();
             shiver.add([current.d, current.q]);
-            heat += shiver.heat(model.resistance);
+            for (sum, heat) in heat.iter_mut().zip(shiver.heat(model.resistance)) {
+                *sum += heat;
+            }
         }
-        heat > LARGEST_SHIVER
+        heat.map(|heat| heat > LARGEST_SHIVER)
     }
 
     /// Returns whether a phase carries next to nothing while its motor turns and the others carry.
