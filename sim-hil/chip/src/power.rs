@@ -16,8 +16,10 @@ use crate::rig::{Rig, RigError};
 
 /// How much of a write is done when power goes.
 const WRITTEN: [f64; 1] = [0.5];
-/// How much of an erasure is done when power goes; at last every cell reads as erased.
-const ERASED: [f64; 5] = [0.02, 0.5, 0.95, 0.999, 1.0];
+/// How much of an erasure is done when power goes: nothing yet at first, at last every cell reads as erased.
+const ERASED: [f64; 6] = [0.0, 0.02, 0.5, 0.95, 0.999, 1.0];
+/// So many saves have written to every sector of the store.
+const SECTORS: usize = 6;
 /// Chance that a cell fades before a start whose change was cut.
 const FADING: f64 = 0.5;
 /// Another value of [`SETTING`], saved after a cut and two starts.
@@ -84,7 +86,12 @@ impl Subject<'_> {
             |(at, reason): &(_, _)| format!("{what}: a reset by {reason:?} after {at:?}");
         self.cuts.failures.extend(unasked.map(sentence));
         let operations: Vec<Operation> = rig.chip.flash().operations().to_vec();
-        for number in (0..operations.len()).step_by(self.stride.max(1)) {
+        let is_cut = |number: &usize| {
+            let is_erasure = matches!(operations[*number], Operation::Erase { .. });
+            is_erasure || number.is_multiple_of(self.stride.max(1))
+        };
+        let numbers: Vec<usize> = (0..operations.len()).filter(is_cut).collect();
+        for number in numbers {
             let of = operations.len();
             (self.progress)(&format!("power cut in operation {} of {of} of {what}", number + 1));
             let is_write = matches!(operations[number], Operation::Program { .. });
@@ -118,6 +125,16 @@ impl Subject<'_> {
                     self.save_later(flash, &what);
                 }
             }
+        }
+        Ok(rig.chip.flash().clone())
+    }
+
+    /// Saves settings until every sector of the store was written to; returns the flash.
+    fn use_store(&mut self, flash: &Flash) -> Result<Flash, RigError> {
+        let mut rig = self.start(flash.clone());
+        connect(&mut rig)?;
+        for number in 0..SECTORS {
+            set_and_save(&mut rig, LATER + number as f32 / 100.0)?;
         }
         Ok(rig.chip.flash().clone())
     }
@@ -176,8 +193,9 @@ pub fn cut_all(
     }
     // A handful.
     subject.stride = 1;
+    let used = subject.use_store(&provisioned)?;
     let save = |rig: &mut Rig| save_setting(rig, SETTING.1);
-    subject.cut(("saving settings", true), &provisioned, save, setting_of)?;
+    subject.cut(("saving settings", true), &used, save, setting_of)?;
     Ok(subject.cuts)
 }
 
@@ -214,10 +232,18 @@ fn key_of(rig: &mut Rig, old: Option<[u8; 32]>, new: [u8; 32]) -> Result<Kept, R
 
 /// Connects, changes a setting and saves it.
 fn save_setting(rig: &mut Rig, value: f32) -> Result<usize, RigError> {
-    let (name, _) = SETTING;
-    let name = name.try_into().map_err(|_| RigError::OtherAnswer)?;
+    connect(rig)?;
+    set_and_save(rig, value)
+}
+
+fn connect(rig: &mut Rig) -> Result<(), RigError> {
     rig.until_log("connection to the network", "wi-fi: connected")?;
-    rig.connect()?;
+    rig.connect()
+}
+
+/// Changes a setting and saves it; returns how many flash operations were done by then.
+fn set_and_save(rig: &mut Rig, value: f32) -> Result<usize, RigError> {
+    let name = SETTING.0.try_into().map_err(|_| RigError::OtherAnswer)?;
     for command in [ParameterCommand::Set(name, value), ParameterCommand::Save] {
         if let Outcome::Refused(refusal) = rig.ask(Command::Parameter(command))? {
             return Err(RigError::Refused(refusal));
@@ -228,8 +254,7 @@ fn save_setting(rig: &mut Rig, value: f32) -> Result<usize, RigError> {
 
 /// Connects and asks for the setting.
 fn value_of(rig: &mut Rig) -> Result<f64, RigError> {
-    rig.until_log("connection to the network", "wi-fi: connected")?;
-    rig.connect()?;
+    connect(rig)?;
     rig.setting(SETTING.0)
 }
 
