@@ -92,10 +92,7 @@ impl NatNetServer {
     /// When the socket fails for good.
     pub fn serve(&mut self, now: Instant) -> io::Result<()> {
         let mut buffer = [0u8; 2048];
-        loop {
-            let Some((length, from)) = transient(self.socket.recv_from(&mut buffer))? else {
-                break;
-            };
+        while let Some((length, from)) = transient(self.socket.recv_from(&mut buffer))? {
             if let Some(answer) = self.answer(&buffer[..length], from, now) {
                 // A client that is gone is its own affair.
                 let _ = self.socket.send_to(&answer, from);

@@ -447,6 +447,6 @@ fn a_body_with_a_number_for_a_name_is_found() {
 #[test]
 fn of_two_bodies_with_one_number_neither_is_taken() {
     let body = PlannedBody::tracked(7, [0.0; 3], [0.0, 0.0, 0.0, 1.0]);
-    assert_eq!(read(&[body.clone(), body.clone()], Some(7)).body, None);
-    assert_eq!(read(&[body.clone(), body], None).body, None);
+    assert_eq!(read(&[body, body], Some(7)).body, None);
+    assert_eq!(read(&[body, body], None).body, None);
 }
