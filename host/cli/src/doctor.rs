@@ -275,7 +275,7 @@ fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
                 "unicast".to_owned()
             };
             let name = printable(&info.application_name);
-            format!("{name}, NatNet {}, {stream}", info.protocol_version)
+            format!("{name}, NatNet {}, {stream}", natnet.version())
         }
         Poses::Udp(_) => source.name(),
     };

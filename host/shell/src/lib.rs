@@ -173,6 +173,7 @@ impl From<NatNetError> for Error {
         let exit = match error {
             NatNetError::NoSuchBody { .. }
             | NatNetError::WhichBody(_)
+            | NatNetError::Ambiguous(_)
             | NatNetError::Socket { .. } => Exit::Usage,
             _ => Exit::NoAnswer,
         };

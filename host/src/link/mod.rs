@@ -35,6 +35,8 @@ pub mod udp;
 
 pub use client::{Client, StopState, Update};
 pub use reached::{errors, is_reached, line_difference};
+#[cfg(not(target_family = "wasm"))]
+pub use udp::transient;
 
 use std::time::Duration;
 

@@ -509,8 +509,12 @@ fn entropy() -> Result<[u8; 32], getrandom::Error> {
     Ok(entropy)
 }
 
-/// Returns the result; `None` when the error passes.
-fn transient<T>(result: io::Result<T>) -> io::Result<Option<T>> {
+/// Returns the result of a socket; `None` when the error passes: nothing came in time, nobody listens there yet, or a
+/// network is away for a while.
+///
+/// # Errors
+/// When it does not pass.
+pub fn transient<T>(result: io::Result<T>) -> io::Result<Option<T>> {
     match result {
         Ok(value) => Ok(Some(value)),
         Err(error) if is_transient(&error) => Ok(None),
@@ -537,5 +541,6 @@ fn is_transient(error: &io::Error) -> bool {
             | Kind::HostUnreachable
             | Kind::NetworkUnreachable
             | Kind::NetworkDown
+            | Kind::AddrNotAvailable
     )
 }

@@ -38,7 +38,7 @@ impl Poses {
             Self::NatNet(source) => {
                 let info = source.server();
                 let name = printable(&info.application_name);
-                format!("{name} (NatNet {})", info.protocol_version)
+                format!("{name} (NatNet {})", source.version())
             }
             Self::Udp(source) => source
                 .address()

@@ -22,6 +22,8 @@ use std::time::Duration;
 use flix_protocol::units::Instant;
 use serde::Deserialize;
 
+use crate::link::transient;
+
 use super::continuity::Continuity;
 use super::{Picture, Pose, PoseError, PoseSample, PoseSource, Quaternion, Vector};
 
@@ -115,10 +117,8 @@ impl PoseSource for UdpSource {
     fn poll(&mut self, now: Instant) -> Result<Option<PoseSample>, PoseError> {
         let mut buffer = [0; LONGEST + 1];
         for _ in 0..DATAGRAMS_AT_ONCE {
-            let (length, from) = match self.socket.recv_from(&mut buffer) {
-                Ok(received) => received,
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(None),
-                Err(error) => return Err(error.into()),
+            let Some((length, from)) = transient(self.socket.recv_from(&mut buffer))? else {
+                return Ok(None);
             };
             if !self.is_sender(from, now) {
                 continue;
@@ -245,6 +245,18 @@ mod tests {
             assert!(std::time::Instant::now() < deadline, "the datagram does not arrive");
             std::thread::yield_now();
         }
+    }
+
+    /// What the system reports of a network that is away, or of another socket, is no end of the poses.
+    #[test]
+    fn an_error_that_passes_does_not_end_the_poses() {
+        let (mut source, [tracker, _]) = wired();
+        let nobody = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap().local_addr().unwrap();
+        source.socket.connect(nobody).unwrap();
+        source.socket.send(b"?").unwrap();
+        assert_eq!(source.poll(at(0)).unwrap(), None);
+        source.socket.connect(tracker.local_addr().unwrap()).unwrap();
+        assert!(deliver(&mut source, &tracker, "0 0 0.06 0 0 0", at(1)).is_some());
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! OptiTrack: poses over NatNet, layouts 3.0 to 4.1, multicast and unicast.
+//! OptiTrack: poses over NatNet, layouts 3.0 to 4.1, multicast and unicast. A newer server is asked for 4.1, by unicast.
 //!
 //! [`NatNetSource`] reads the stream of Motive (or of a simulated robot); [`NatNetServer`] sends
 //! such a stream. Motive's frame has y up by default; [`UpAxis`] converts its frame to ENU and back.

@@ -11,6 +11,7 @@ use natnet::{
 };
 
 use super::{DATA_PORT, MULTICAST_GROUP, UpAxis};
+use crate::link::transient;
 use crate::pose::Pose;
 
 /// Ticks of the stream's clock in a second, as Motive's.
@@ -91,17 +92,10 @@ impl NatNetServer {
     /// When the socket fails for good.
     pub fn serve(&mut self, now: Instant) -> io::Result<()> {
         let mut buffer = [0u8; 2048];
-        loop {
-            match self.socket.recv_from(&mut buffer) {
-                Ok((length, from)) => {
-                    if let Some(answer) = self.answer(&buffer[..length], from, now) {
-                        // A client that is gone is its own affair.
-                        let _ = self.socket.send_to(&answer, from);
-                    }
-                }
-                Err(e) if e.kind() == io::ErrorKind::WouldBlock => break,
-                Err(e) if e.kind() == io::ErrorKind::ConnectionRefused => {}
-                Err(e) => return Err(e),
+        while let Some((length, from)) = transient(self.socket.recv_from(&mut buffer))? {
+            if let Some(answer) = self.answer(&buffer[..length], from, now) {
+                // A client that is gone is its own affair.
+                let _ = self.socket.send_to(&answer, from);
             }
         }
         self.clients.retain(|(_, heard)| now.since(*heard) <= FORGET_AFTER);
@@ -117,7 +111,7 @@ impl NatNetServer {
         let datagram = self.frame_datagram(self.frame, seconds, pose)?;
         match self.settings.multicast {
             Some(group) => {
-                self.socket.send_to(&datagram, group)?;
+                transient(self.socket.send_to(&datagram, group))?;
             }
             None => {
                 for (client, _) in &self.clients {

@@ -10,12 +10,19 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use flix_protocol::units::Instant;
-use natnet::command::{disconnect_datagram, keepalive_datagram, request_modeldef};
-use natnet::net::{CommandClient, DataClient, HandshakeError, MIN_DATA_BUFFER, RawCommandClient};
-use natnet::{Decoder, Message, ModelDef, ParsePolicy, ServerInfo, Version};
+use natnet::command::{
+    CommandError, ConnectOptions, connect_request, connect_request_with, disconnect_datagram,
+    keepalive_datagram, request_modeldef,
+};
+use natnet::net::{DataClient, MIN_DATA_BUFFER, RawCommandClient};
+use natnet::{
+    Decoder, Message, MessageHeader, ModelDef, NAT_MODELDEF, NAT_SERVERINFO, ParsePolicy,
+    ServerInfo, Version,
+};
 use socket2::{Domain, Protocol, Socket, Type};
 
 use super::UpAxis;
+use crate::link::transient;
 use crate::pose::continuity::Continuity;
 use crate::pose::{Picture, Pose, PoseError, PoseSample, PoseSource};
 use crate::text::printable;
@@ -23,6 +30,14 @@ use crate::text::printable;
 /// A unicast server forgets a client that is silent for longer; NatNet's own samples send this
 /// often.
 const KEEPALIVE: Duration = Duration::from_millis(250);
+/// A question without an answer is asked again after so long: either datagram may be lost.
+const ASK_AGAIN: Duration = Duration::from_millis(300);
+/// Shortest wait that is requested from the operating system.
+const SHORTEST_WAIT: Duration = Duration::from_millis(1);
+/// Frames in a row that prove the layout that was asked for. A frame of the layout before may still be on its way.
+const FRAMES_OF_PROOF: u32 = 3;
+/// The newest layout that is understood: it is asked for where the server's own is newer.
+const NEWEST: Version = Version::V4_1;
 /// Most datagrams that one call of `poll` reads: a flood of them cannot keep the caller from its other work.
 /// 128,000 a second at 500 calls a second.
 const DATAGRAMS_AT_ONCE: u32 = 256;
@@ -43,7 +58,9 @@ impl FromStr for Body {
     type Err = std::convert::Infallible;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Ok(text.parse().map_or_else(|_| Self::Name(text.to_owned()), Self::Number))
+        // "007" is a name.
+        let number = text.parse().ok().filter(|number: &i32| number.to_string() == text);
+        Ok(number.map_or_else(|| Self::Name(text.to_owned()), Self::Number))
     }
 }
 
@@ -93,13 +110,38 @@ pub enum NatNetError {
     },
     /// A layout that is not known.
     #[error(
-        "{server} streams NatNet {version}; versions 3.0 to 4.1 are understood: set another in Motive"
+        "{server} streams NatNet {version}; versions from 3.0 are understood: update Motive to 2.1 or later"
     )]
     Version {
         /// Who.
         server: SocketAddrV4,
         /// Which.
         version: String,
+    },
+    /// A layout that is newer than what is known, on a stream that nobody can ask another one of.
+    #[error(
+        "{server} streams NatNet {version} by multicast; there 3.0 to 4.1 are understood: switch Motive's data streaming to \
+         unicast, where 4.1 can be asked for"
+    )]
+    Multicast {
+        /// Who.
+        server: SocketAddrV4,
+        /// Which.
+        version: String,
+    },
+    /// The server was asked for a layout that is known, and streams another.
+    #[error(
+        "{server} speaks NatNet {version}, was asked for 4.1, and does not send it ({reason}): close other programs that \
+         receive from Motive by unicast, then restart its data streaming; if that does not help, use Motive 3.1 or \
+         earlier, or send the poses as text (--pose udp:PORT)"
+    )]
+    NotGranted {
+        /// Who.
+        server: SocketAddrV4,
+        /// Which version it speaks.
+        version: String,
+        /// What did not fit.
+        reason: String,
     },
     /// The asked body is not streamed.
     #[error("Motive streams no rigid body \"{wanted}\"; it has: {present}")]
@@ -112,6 +154,12 @@ pub enum NatNetError {
     /// Several bodies and none was named.
     #[error("Motive streams several rigid bodies ({0}): say which is the robot with --body")]
     WhichBody(String),
+    /// Several bodies are meant.
+    #[error(
+        "it is ambiguous which rigid body is the robot: {0} share a name or a number; give each its own name and streaming \
+         number in Motive"
+    )]
+    Ambiguous(String),
 }
 
 /// What was received so far.
@@ -165,6 +213,7 @@ enum Channel {
 pub struct NatNetSource {
     settings: NatNetSettings,
     info: ServerInfo,
+    layout: Layout,
     bodies: Vec<(String, i32)>,
     body: Option<i32>,
     channel: Channel,
@@ -186,25 +235,27 @@ impl NatNetSource {
                 .map_err(|source| NatNetError::Socket { interface: settings.interface, source })?;
         }
         let socket = |source| NatNetError::Socket { interface: settings.interface, source };
-        let mut client =
-            CommandClient::bind(settings.interface, settings.server).map_err(socket)?;
-        let info = client
-            .connect_handshake(settings.timeout)
-            .map_err(|error| refused(settings.server, &error))?;
-        let (bodies, body) = find_body(&mut client, &settings, info.protocol_version)?;
+        let client = RawCommandClient::bind(settings.interface, settings.server).map_err(socket)?;
+        let conversation = Conversation { client, settings };
+        let info = conversation.greet()?;
+        let layout = Layout::of(&info, conversation.settings.server)?;
+        let bodies = conversation.bodies(&info, layout)?;
+        let body = choose(&bodies, &conversation.settings.body)?;
+        let Conversation { client, settings } = conversation;
+        let socket = |source| NatNetError::Socket { interface: settings.interface, source };
         let channel = if info.connection.multicast {
             let group = info.multicast_group();
             let socket = multicast_socket(group, info.connection.data_port, settings.interface)
                 .map_err(socket)?;
             Channel::Multicast(DataClient::from_socket(socket))
         } else {
-            let raw = client.into_raw();
-            raw.set_nonblocking(true).map_err(socket)?;
-            Channel::Unicast { socket: raw, next_keepalive: Instant::START }
+            client.set_nonblocking(true).map_err(socket)?;
+            Channel::Unicast { socket: client, next_keepalive: Instant::START }
         };
         Ok(Self {
             settings,
             info,
+            layout,
             bodies,
             body,
             channel,
@@ -219,6 +270,17 @@ impl NatNetSource {
     #[must_use]
     pub fn server(&self) -> &ServerInfo {
         &self.info
+    }
+
+    /// Describes the version that the server speaks, and the one that it was asked for.
+    #[must_use]
+    pub fn version(&self) -> String {
+        let spoken = self.info.protocol_version;
+        if self.layout.is_asked_for {
+            format!("{spoken}, asked for {}", self.layout.version)
+        } else {
+            format!("{spoken}, asked for no other")
+        }
     }
 
     /// Names and numbers of all streamed rigid bodies.
@@ -239,23 +301,18 @@ impl NatNetSource {
             Channel::Unicast { socket, next_keepalive } => {
                 if now >= *next_keepalive {
                     *next_keepalive = now + KEEPALIVE;
-                    socket.send(&keepalive_datagram())?;
+                    transient(socket.send(&keepalive_datagram()))?;
                 }
                 socket.recv(&mut self.buffer)
             }
         };
-        match received {
-            Ok((length, from)) if from.ip() == *self.settings.server.ip() => {
-                Ok(Some(Received::Datagram(length)))
-            }
-            Ok((_, from)) => {
-                self.statistics.strangers += 1;
-                self.statistics.stranger = Some(from.ip());
-                Ok(Some(Received::Foreign))
-            }
-            Err(error) if is_only_empty(&error) => Ok(None),
-            Err(error) => Err(error),
+        let Some((length, from)) = transient(received)? else { return Ok(None) };
+        if from.ip() == *self.settings.server.ip() {
+            return Ok(Some(Received::Datagram(length)));
         }
+        self.statistics.strangers += 1;
+        self.statistics.stranger = Some(from.ip());
+        Ok(Some(Received::Foreign))
     }
 
     fn count(&mut self, reading: &NatNetReading) {
@@ -282,8 +339,7 @@ impl PoseSource for NatNetSource {
             };
             self.statistics.datagrams += 1;
             let datagram = &self.buffer[..length];
-            let version = self.info.protocol_version;
-            match NatNetReading::from_datagram(datagram, version, self.body, self.settings.up) {
+            match NatNetReading::in_layout(datagram, self.layout, self.body, self.settings.up) {
                 Ok(Some(reading)) => {
                     self.count(&reading);
                     if let Some((pose, tracked)) = reading.body {
@@ -323,14 +379,23 @@ impl NatNetReading {
         body: Option<i32>,
         up: UpAxis,
     ) -> Result<Option<Self>, natnet::Error> {
-        let decoder = Decoder::new(version)?.with_policy(ParsePolicy::Compatible);
+        Self::in_layout(datagram, Layout { version, is_asked_for: false }, body, up)
+    }
+
+    fn in_layout(
+        datagram: &[u8],
+        layout: Layout,
+        body: Option<i32>,
+        up: UpAxis,
+    ) -> Result<Option<Self>, natnet::Error> {
+        let decoder = Decoder::new(layout.version)?.with_policy(layout.policy());
         let Message::FrameOfData(frame) = decoder.parse(datagram)?.into_message() else {
             return Ok(None);
         };
-        let found = match body {
-            Some(number) => frame.rigid_bodies.iter().find(|b| b.id == number),
-            None => frame.rigid_bodies.first(),
-        };
+        let mut meant =
+            frame.rigid_bodies.iter().filter(|b| body.is_none_or(|number| b.id == number));
+        // Of several, nobody knows which is the robot.
+        let found = meant.next().filter(|_| meant.next().is_none());
         let body = found.map(|b| {
             let pose = up.to_pose(b.position, b.orientation);
             (pose, b.tracking_valid() && pose.is_sound())
@@ -351,51 +416,159 @@ fn picture(ticks: [u64; 2], frequency: u64) -> Option<Picture> {
     is_stated.then(|| Picture { exposed, sent: sent.max(exposed) })
 }
 
-fn refused(server: SocketAddrV4, error: &HandshakeError) -> NatNetError {
-    match error {
-        HandshakeError::Io(_) => NatNetError::NoAnswer(server),
-        HandshakeError::UnsupportedVersion { info, .. } => {
-            NatNetError::Version { server, version: info.protocol_version.to_string() }
+/// What the datagrams of a stream look like.
+#[derive(Debug, Clone, Copy)]
+struct Layout {
+    version: Version,
+    /// Whether it is not the server's own: then it is not taken on trust.
+    is_asked_for: bool,
+}
+
+impl Layout {
+    fn of(info: &ServerInfo, server: SocketAddrV4) -> Result<Self, NatNetError> {
+        let spoken = info.protocol_version;
+        if spoken.validate().is_ok() {
+            return Ok(Self { version: spoken, is_asked_for: false });
         }
-        HandshakeError::Command(_) | HandshakeError::Decode(_) => {
-            NatNetError::NotNatNet { server, reason: error.to_string() }
+        let version = spoken.to_string();
+        if !spoken.at_least(NEWEST.major, NEWEST.minor) {
+            return Err(NatNetError::Version { server, version });
         }
+        if info.connection.multicast {
+            return Err(NatNetError::Multicast { server, version });
+        }
+        Ok(Self { version: NEWEST, is_asked_for: true })
+    }
+
+    const fn policy(self) -> ParsePolicy {
+        if self.is_asked_for { ParsePolicy::Strict } else { ParsePolicy::Compatible }
     }
 }
 
 type Bodies = Vec<(String, i32)>;
 
-/// All bodies, and the number of the robot's.
-fn find_body(
-    client: &mut CommandClient,
-    settings: &NatNetSettings,
-    version: Version,
-) -> Result<(Bodies, Option<i32>), NatNetError> {
-    let server = settings.server;
-    let strange = |reason: String| NatNetError::NotNatNet { server, reason };
-    let request = request_modeldef().map_err(|e| strange(e.to_string()))?;
-    let answer =
-        client.exchange(&request, settings.timeout).map_err(|_| NatNetError::NoAnswer(server))?;
-    let model = ModelDef::parse_with_policy(&answer, version, ParsePolicy::Compatible)
-        .map_err(|e| strange(e.to_string()))?;
-    let bodies: Bodies = model.rigid_bodies().map(|(name, id)| (name.to_owned(), id)).collect();
-    let present = list(&bodies);
-    let missing = |wanted: String| NatNetError::NoSuchBody { wanted, present: present.clone() };
-    let number = match &settings.body {
-        Body::Only if bodies.len() > 1 => return Err(NatNetError::WhichBody(present)),
-        Body::Only => bodies.first().map(|b| b.1),
-        Body::Number(number) => Some(
-            bodies
-                .iter()
-                .find(|b| b.1 == *number)
-                .map(|b| b.1)
-                .ok_or_else(|| missing(number.to_string()))?,
-        ),
-        Body::Name(name) => {
-            Some(model.resolve_rigid_body(name).ok_or_else(|| missing(name.clone()))?)
+/// Questions to a server, and its answers.
+struct Conversation {
+    client: RawCommandClient,
+    settings: NatNetSettings,
+}
+
+impl Conversation {
+    /// Asks, again and again, until `read` makes something of a datagram; `None`: not within the time-out.
+    fn ask<T>(
+        &self,
+        questions: &[&[u8]],
+        mut read: impl FnMut(u16, &[u8]) -> Option<T>,
+    ) -> Result<Option<T>, NatNetError> {
+        let interface = self.settings.interface;
+        let socket = |source| NatNetError::Socket { interface, source };
+        let begin = std::time::Instant::now();
+        let mut ask_at = Duration::ZERO;
+        let mut buffer = vec![0; MIN_DATA_BUFFER];
+        loop {
+            let now = begin.elapsed();
+            if now >= self.settings.timeout {
+                return Ok(None);
+            }
+            if now >= ask_at {
+                ask_at = now + ASK_AGAIN;
+                for question in questions {
+                    transient(self.client.send(question)).map_err(socket)?;
+                }
+            }
+            let wait = ask_at.min(self.settings.timeout).saturating_sub(now);
+            self.client.set_read_timeout(Some(wait.max(SHORTEST_WAIT))).map_err(socket)?;
+            let received = transient(self.client.recv(&mut buffer)).map_err(socket)?;
+            let Some((length, from)) = received else { continue };
+            if from.ip() != *self.settings.server.ip() {
+                continue;
+            }
+            let datagram = &buffer[..length];
+            let Ok(header) = MessageHeader::parse(datagram) else { continue };
+            if let Some(found) = read(header.message_id, datagram) {
+                return Ok(Some(found));
+            }
         }
+    }
+
+    fn strange(&self, reason: impl ToString) -> NatNetError {
+        NatNetError::NotNatNet { server: self.settings.server, reason: reason.to_string() }
+    }
+
+    /// Returns who answers, and what it speaks when nothing is asked for.
+    fn greet(&self) -> Result<ServerInfo, NatNetError> {
+        let question = connect_request().map_err(|e| self.strange(e))?;
+        self.ask(&[question.as_bytes()], |id, datagram| {
+            (id == NAT_SERVERINFO).then(|| ServerInfo::parse(datagram))
+        })?
+        .ok_or(NatNetError::NoAnswer(self.settings.server))?
+        .map_err(|e| self.strange(e))
+    }
+
+    /// Returns all rigid bodies. Where a layout is asked for, proves on what comes that it is granted.
+    fn bodies(&self, info: &ServerInfo, layout: Layout) -> Result<Bodies, NatNetError> {
+        let server = self.settings.server;
+        let strange = |error: CommandError| self.strange(error);
+        let wish = connect_request_with(ConnectOptions::requesting(layout.version));
+        let wish = wish.map_err(strange)?;
+        let question = request_modeldef().map_err(strange)?;
+        // The wish each time: the answer to a greeting that was repeated is no sign that it has arrived.
+        let wishes: &[&[u8]] = if layout.is_asked_for { &[wish.as_bytes()] } else { &[] };
+        let mut misfit = None;
+        let model = self.ask(&[wishes, &[question.as_bytes()]].concat(), |id, datagram| {
+            let read = (id == NAT_MODELDEF)
+                .then(|| ModelDef::parse_with_policy(datagram, layout.version, layout.policy()))?;
+            read.map_err(|error| misfit = Some(error)).ok()
+        })?;
+        let mut frames = 0;
+        if model.is_some() && layout.is_asked_for {
+            let decoder = Decoder::new(layout.version).map_err(|e| self.strange(e))?;
+            misfit = None;
+            // Without any frame the stream is paused, which is no misfit.
+            let _ = self.ask(wishes, |_, datagram| {
+                match decoder.parse(datagram).map(natnet::DecodedMessage::into_message) {
+                    Ok(Message::FrameOfData(_)) => frames += 1,
+                    Ok(_) => {}
+                    Err(error) => {
+                        frames = 0;
+                        misfit = Some(error);
+                    }
+                }
+                (frames >= FRAMES_OF_PROOF).then_some(())
+            })?;
+        }
+        let is_proven = !layout.is_asked_for || frames >= FRAMES_OF_PROOF;
+        match (model, misfit) {
+            (Some(model), misfit) if misfit.is_none() || is_proven => {
+                Ok(model.rigid_bodies().map(|(name, id)| (name.to_owned(), id)).collect())
+            }
+            (_, Some(error)) if layout.is_asked_for => Err(NatNetError::NotGranted {
+                server,
+                version: info.protocol_version.to_string(),
+                reason: error.to_string(),
+            }),
+            (None, Some(error)) => Err(self.strange(error)),
+            _ => Err(NatNetError::NoAnswer(server)),
+        }
+    }
+}
+
+/// Returns the number of the robot's body; `None` when none is streamed yet and none was named.
+fn choose(bodies: &[(String, i32)], wanted: &Body) -> Result<Option<i32>, NatNetError> {
+    let word = match wanted {
+        Body::Only if bodies.len() > 1 => return Err(NatNetError::WhichBody(list(bodies))),
+        Body::Only => return Ok(bodies.first().map(|b| b.1)),
+        Body::Number(number) => number.to_string(),
+        Body::Name(name) => name.clone(),
     };
-    Ok((bodies, number))
+    let is_meant = |(name, number): &(String, i32)| *name == word || number.to_string() == word;
+    let Some(&(_, number)) = bodies.iter().find(|body| is_meant(body)) else {
+        return Err(NatNetError::NoSuchBody { wanted: word, present: list(bodies) });
+    };
+    // Frames know bodies by their number alone.
+    let alike: Bodies =
+        bodies.iter().filter(|body| is_meant(body) || body.1 == number).cloned().collect();
+    if alike.len() > 1 { Err(NatNetError::Ambiguous(list(&alike))) } else { Ok(Some(number)) }
 }
 
 fn list(bodies: &[(String, i32)]) -> String {
@@ -428,12 +601,4 @@ fn multicast_socket(group: Ipv4Addr, port: u16, interface: Ipv4Addr) -> io::Resu
     socket.join_multicast_v4(&group, &interface)?;
     socket.set_nonblocking(true)?;
     Ok(socket.into())
-}
-
-fn is_only_empty(error: &io::Error) -> bool {
-    // A unicast server that is gone makes itself known as a refused connection: it may come back.
-    matches!(
-        error.kind(),
-        io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut | io::ErrorKind::ConnectionRefused
-    )
 }

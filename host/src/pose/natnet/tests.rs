@@ -246,3 +246,207 @@ fn a_body_is_named_by_number_or_name() {
     assert_eq!("3".parse(), Ok(Body::Number(3)));
     assert_eq!("robot 3".parse(), Ok(Body::Name("robot 3".into())));
 }
+
+/// A Motive that speaks a newer version, written by hand from the description of the format and not with the codec that
+/// reads it.
+struct Motive {
+    /// The version that it speaks by itself.
+    minor: u8,
+    grants: bool,
+    is_multicast: bool,
+    /// Datagrams of each kind that are lost before it hears one.
+    deaf_for: usize,
+    bodies: &'static [(&'static str, i32)],
+}
+
+const MOTIVE: Motive = Motive {
+    minor: 2,
+    grants: true,
+    is_multicast: false,
+    deaf_for: 0,
+    bodies: &[("flix-walker", 3)],
+};
+
+fn packet(id: u16, payload: &[u8]) -> Vec<u8> {
+    [&id.to_le_bytes()[..], &(payload.len() as u16).to_le_bytes(), payload].concat()
+}
+
+impl Motive {
+    fn info(&self) -> Vec<u8> {
+        let mut payload = vec![0; 256];
+        payload[..6].copy_from_slice(b"Motive");
+        payload.extend([3, self.minor, 0, 0, 4, self.minor, 0, 0]);
+        payload.extend(10_000_000_u64.to_le_bytes());
+        payload.extend(1511_u16.to_le_bytes());
+        payload.push(self.is_multicast.into());
+        payload.extend([239, 255, 42, 99]);
+        packet(1, &payload)
+    }
+
+    fn model(&self, is_newer: bool) -> Vec<u8> {
+        let mut payload = (self.bodies.len() as i32).to_le_bytes().to_vec();
+        for (name, number) in self.bodies {
+            let mut body = [name.as_bytes(), &[0], &number.to_le_bytes()].concat();
+            body.extend((-1_i32).to_le_bytes());
+            body.extend([0; 12]);
+            body.extend(0_i32.to_le_bytes());
+            if is_newer {
+                // Nobody here knows what a later version adds; it is after the name.
+                body.splice(name.len() + 1..=name.len(), [0xff; 16]);
+            }
+            payload.extend(1_i32.to_le_bytes());
+            payload.extend((body.len() as i32).to_le_bytes());
+            payload.extend(body);
+        }
+        packet(5, &payload)
+    }
+
+    fn frame(&self, number: i32, is_newer: bool) -> Vec<u8> {
+        let mut payload = number.to_le_bytes().to_vec();
+        let mut section = |count: usize, bytes: &[u8]| {
+            payload.extend((count as i32).to_le_bytes());
+            payload.extend((bytes.len() as i32).to_le_bytes());
+            payload.extend(bytes);
+        };
+        section(0, &[]);
+        section(0, &[]);
+        let (position, orientation) = UpAxis::Y.from_pose(&some_pose());
+        let mut bodies = Vec::new();
+        for (_, body) in self.bodies {
+            bodies.extend(body.to_le_bytes());
+            for value in position.iter().chain(&orientation).chain(&[0.0002]) {
+                bodies.extend(value.to_le_bytes());
+            }
+            bodies.extend(1_i16.to_le_bytes());
+            bodies.extend(vec![0x11; if is_newer { 4 } else { 0 }]);
+        }
+        section(self.bodies.len(), &bodies);
+        for _ in 0..5 {
+            section(0, &[]);
+        }
+        payload.extend([0; 8]);
+        payload.extend(f64::from(number).to_le_bytes());
+        payload.extend([0; 24 + 8]);
+        payload.extend(0_i16.to_le_bytes());
+        payload.extend(0_i32.to_le_bytes());
+        packet(7, &payload)
+    }
+
+    /// Serves until `client` is done.
+    fn beside<T>(&self, client: impl FnOnce(SocketAddrV4) -> T) -> T {
+        let socket = std::net::UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        socket.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
+        let SocketAddr::V4(address) = socket.local_addr().unwrap() else { panic!("IPv4") };
+        let done = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let mut heard = [0; 3];
+                let (mut client, mut is_newer, mut number) = (None, true, 0);
+                let mut buffer = [0; 1024];
+                while !done.load(Ordering::Relaxed) {
+                    if let Ok((length, from)) = socket.recv_from(&mut buffer) {
+                        let kind = match (buffer[0], length) {
+                            (0, ..=4) => 0,
+                            (0, _) => 1,
+                            (4, _) => 2,
+                            _ => continue,
+                        };
+                        heard[kind] += 1;
+                        if heard[kind] > self.deaf_for {
+                            if kind == 2 {
+                                socket.send_to(&self.model(is_newer), from).unwrap();
+                            } else {
+                                is_newer &=
+                                    !(self.grants && buffer[4 + 265..][..2] == [4, 1] && kind == 1);
+                                client = Some(from);
+                                socket.send_to(&self.info(), from).unwrap();
+                            }
+                        }
+                    }
+                    if let Some(client) = client {
+                        number += 1;
+                        let _ = socket.send_to(&self.frame(number, is_newer), client);
+                    }
+                }
+            });
+            let result = client(address);
+            done.store(true, Ordering::Relaxed);
+            result
+        })
+    }
+
+    fn refuses(&self, body: Body) -> String {
+        let timeout = Duration::from_millis(500);
+        self.beside(|server| {
+            let settings = NatNetSettings { timeout, ..to(server, body) };
+            NatNetSource::connect(settings).err().unwrap().to_string()
+        })
+    }
+}
+
+#[test]
+fn a_newer_motive_is_asked_for_what_is_understood() {
+    for minor in 2..=4 {
+        Motive { minor, ..MOTIVE }.beside(|server| {
+            let mut source = NatNetSource::connect(to(server, Body::Only)).unwrap();
+            assert!(close(&first_trusted_pose(&mut source).pose, &some_pose()), "4.{minor}");
+            assert_eq!(source.version(), format!("4.{minor}.0.0, asked for 4.1.0.0"));
+        });
+    }
+}
+
+#[test]
+fn a_motive_that_ignores_the_wish_is_not_followed() {
+    let said = Motive { minor: 3, grants: false, ..MOTIVE }.refuses(Body::Only);
+    assert!(said.contains("speaks NatNet 4.3") && said.contains("asked for 4.1"), "{said}");
+    // With no body described, the frames alone tell.
+    let said = Motive { grants: false, bodies: &[], ..MOTIVE }
+        .beside(|server| NatNetSource::connect(to(server, Body::Only)).is_ok());
+    assert!(said, "without bodies both layouts are one");
+}
+
+#[test]
+fn a_newer_motive_is_asked_for_unicast() {
+    let said = Motive { minor: 4, is_multicast: true, ..MOTIVE }.refuses(Body::Only);
+    assert!(said.contains("4.4") && said.contains("to unicast"), "{said}");
+}
+
+#[test]
+fn questions_that_are_lost_are_asked_again() {
+    Motive { deaf_for: 2, ..MOTIVE }.beside(|server| {
+        let mut source = NatNetSource::connect(to(server, Body::Only)).unwrap();
+        assert!(close(&first_trusted_pose(&mut source).pose, &some_pose()));
+    });
+}
+
+#[test]
+fn bodies_that_are_mistaken_for_each_other_are_named() {
+    const CASES: [(&[(&str, i32)], &str); 4] = [
+        (&[("a", 1), ("b", 1)], "a"),
+        (&[("a", 1), ("b", 1)], "1"),
+        (&[("a", 1), ("a", 2)], "a"),
+        (&[("7", 1), ("b", 7)], "7"),
+    ];
+    for (bodies, word) in CASES {
+        let said = Motive { bodies, ..MOTIVE }.refuses(word.parse().unwrap());
+        let both =
+            bodies.iter().all(|(name, n)| said.contains(&format!("\"{name}\" (number {n})")));
+        assert!(both && said.contains("ambiguous"), "{word}: {said}");
+    }
+}
+
+#[test]
+fn a_body_with_a_number_for_a_name_is_found() {
+    Motive { bodies: &[("7", 2), ("b", 1)], ..MOTIVE }.beside(|server| {
+        let mut source = NatNetSource::connect(to(server, Body::Number(7))).unwrap();
+        assert!(first_trusted_pose(&mut source).valid);
+    });
+    assert_eq!("007".parse(), Ok(Body::Name("007".into())));
+}
+
+#[test]
+fn of_two_bodies_with_one_number_neither_is_taken() {
+    let body = PlannedBody::tracked(7, [0.0; 3], [0.0, 0.0, 0.0, 1.0]);
+    assert_eq!(read(&[body, body], Some(7)).body, None);
+    assert_eq!(read(&[body, body], None).body, None);
+}
