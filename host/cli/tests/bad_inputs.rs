@@ -279,7 +279,7 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("runs show {home}/fifo", 2, "is a pipe"),
     ("runs plot /dev/zero", 2, "is a device"),
     ("runs repair {home}/fifo", 2, "is a pipe"),
-    ("runs show {home}/huge", 2, "larger than"),
+    ("runs show {home}/huge", 2, "does not begin as an MCAP file"),
     ("runs list --out {home}/fifo", 2, "Not a directory"),
     ("runs list --out /dev/zero", 2, "Not a directory"),
     ("man {home}/one.csv", 2, "one.csv is not a folder"),

@@ -29,6 +29,8 @@ const CHUNK_HEADER: u64 = 40;
 const LONGEST: u64 = 256 << 20;
 /// Bytes that are looked through at once for the next part.
 const STRETCH: u64 = 1 << 20;
+/// Most bytes of the first eight that may be damaged.
+const MOST_WRONG: usize = 2;
 /// Longest name of facts, bytes.
 const LONGEST_NAME: usize = 256;
 
@@ -66,6 +68,8 @@ pub(super) struct Parts {
     at: u64,
     end: u64,
     summary: Option<Summary>,
+    /// Whether it begins or ends as a record does.
+    pub(super) is_record: bool,
 }
 
 impl Parts {
@@ -76,11 +80,18 @@ impl Parts {
     pub(super) fn open(path: &Path) -> io::Result<Self> {
         let file = crate::file::open(path)?;
         let end = file.metadata()?.len();
-        let mut parts = Self { file: BufReader::new(file), at: 0, end, summary: None };
+        let mut parts =
+            Self { file: BufReader::new(file), at: 0, end, summary: None, is_record: true };
         parts.at = MAGIC.len() as u64;
         if let Some(summary) = parts.find_summary()? {
             parts.end = summary.start;
             parts.summary = Some(summary);
+        } else {
+            // Any other file is not looked through.
+            let begin = parts.bytes(0, MAGIC.len() as u64)?;
+            let right = begin.iter().zip(MAGIC).filter(|(one, other)| one == other).count();
+            parts.is_record = right + MOST_WRONG >= MAGIC.len();
+            parts.end = if parts.is_record { parts.end } else { 0 };
         }
         Ok(parts)
     }
@@ -236,9 +247,9 @@ impl Parts {
         if let Some(summary) = &self.summary {
             return Ok(summary.places.iter().copied().find(|place| *place >= from));
         }
-        let mut at = from;
-        while at < self.end {
-            let stretch = self.bytes(at, STRETCH.min(self.end - at))?;
+        let (mut at, end) = (from, self.end.min(from.saturating_add(LONGEST)));
+        while at < end {
+            let stretch = self.bytes(at, STRETCH.min(end - at))?;
             for (place, kind) in (at..).zip(&stretch) {
                 if self.is_whole(place, *kind)? {
                     return Ok(Some(place));

@@ -321,7 +321,9 @@ impl Run {
         if self.first.is_some() || !self.facts.is_empty() || !with_rows {
             return Ok(());
         }
-        let reason = if self.damage.parts > 0 {
+        let reason = if !parts.is_record {
+            "it does not begin as an MCAP file does"
+        } else if self.damage.parts > 0 {
             "none of its parts is whole"
         } else {
             "it has neither rows nor facts"
