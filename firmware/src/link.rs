@@ -52,6 +52,19 @@ const REPLIES: usize = 4;
 /// Handshake datagrams that wait to be sent.
 const ANSWERS: usize = 4;
 
+/// Settings with what their stability margin says of them. Working that out takes a processor without a floating-point unit some
+/// 100 ms, in which nothing is received: whoever arms must not wait for it.
+struct Judged {
+    settings: Settings,
+    verdict: Result<(), Refusal>,
+}
+
+impl Judged {
+    fn of(settings: &Settings, measures_current: bool) -> Self {
+        Self { settings: *settings, verdict: margin::judge(settings, measures_current) }
+    }
+}
+
 /// The robot's end of the link.
 pub struct Link {
     session: RobotSession,
@@ -82,6 +95,7 @@ pub struct Link {
     /// What was said of each encoder's magnet: weak, strong, missing.
     magnets: [[bool; Magnet::ALL.len()]; 2],
     telemetry_due: Instant,
+    judged: Judged,
 }
 
 impl Link {
@@ -123,6 +137,7 @@ impl Link {
             events,
             magnets: Default::default(),
             telemetry_due: report.time,
+            judged: Judged::of(settings, bridges.is_some()),
         }
     }
 
@@ -481,7 +496,15 @@ impl Link {
     fn check_settings(&self, settings: &Settings) -> Result<(), Refusal> {
         match settings.assumed(self.measures_current()) {
             Some(name) => Err(self.refuse_assumed(name)),
+            None if self.judged.settings == *settings => self.judged.verdict.clone(),
             None => margin::judge(settings, self.measures_current()),
+        }
+    }
+
+    /// Judges settings that were changed, before anything waits for it.
+    fn judge(&mut self, settings: &Settings) {
+        if self.judged.settings != *settings {
+            self.judged = Judged::of(settings, self.measures_current());
         }
     }
 
@@ -600,11 +623,13 @@ impl Link {
                 self.check_idle()?;
                 let accepted = tuning.accept(self.measures_current());
                 accepted.map_err(|name| self.refuse_assumed(name))?;
+                self.judge(tuning.settings());
             }
             ParameterCommand::Reset => {
                 self.check_idle()?;
                 tuning.reset();
                 self.session.set_command_age(command_age(tuning.settings()));
+                self.judge(tuning.settings());
             }
             ParameterCommand::Save => {
                 self.check_idle()?;
@@ -625,6 +650,7 @@ impl Link {
         self.check_idle()?;
         tuning.put(name, value, mark)?;
         self.session.set_command_age(command_age(tuning.settings()));
+        self.judge(tuning.settings());
         parameter(tuning.settings(), name)
     }
 
