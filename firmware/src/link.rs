@@ -39,6 +39,7 @@ use heapless::{Deque, Vec};
 
 use crate::blackbox::{BlackBox, RUN_BYTES};
 use crate::exchange::{MotorReport, Order, Report, Requests};
+use crate::fast::alignment::Alignment;
 use crate::fast::margin;
 use crate::fast::units::Speed;
 use crate::hardware::{Hardware, SettingsStore};
@@ -61,8 +62,20 @@ struct Judged {
 
 impl Judged {
     fn of(settings: &Settings, measures_current: bool) -> Self {
-        Self { settings: *settings, verdict: margin::judge(settings, measures_current) }
+        let settings = unaligned(settings);
+        Self { settings, verdict: margin::judge(&settings, measures_current) }
     }
+
+    fn is_of(&self, settings: &Settings) -> bool {
+        self.settings == unaligned(settings)
+    }
+}
+
+/// Returns settings without what an alignment finds, by which no loop is judged.
+fn unaligned(settings: &Settings) -> Settings {
+    let mut settings = *settings;
+    settings.learn([Alignment::default(); 2]);
+    settings
 }
 
 /// The robot's end of the link.
@@ -496,14 +509,14 @@ impl Link {
     fn check_settings(&self, settings: &Settings) -> Result<(), Refusal> {
         match settings.assumed(self.measures_current()) {
             Some(name) => Err(self.refuse_assumed(name)),
-            None if self.judged.settings == *settings => self.judged.verdict.clone(),
+            None if self.judged.is_of(settings) => self.judged.verdict.clone(),
             None => margin::judge(settings, self.measures_current()),
         }
     }
 
     /// Judges settings that were changed, before anything waits for it.
     fn judge(&mut self, settings: &Settings) {
-        if self.judged.settings != *settings {
+        if !self.judged.is_of(settings) {
             self.judged = Judged::of(settings, self.measures_current());
         }
     }
