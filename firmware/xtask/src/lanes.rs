@@ -11,8 +11,10 @@ mod lock;
 mod tests;
 
 use std::fs::File;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
+use std::sync::{Mutex, PoisonError, mpsc};
 use std::time::Instant;
 
 use due::{Judge, Reason};
@@ -44,6 +46,9 @@ pub(crate) struct Args {
     /// Those alone that build in folders of their own and may run beside the tests (true), or the others alone (false).
     #[arg(long, requires = "run")]
     apart: Option<bool>,
+    /// Run so many at once.
+    #[arg(long, requires = "run", default_value = "1", value_name = "N")]
+    jobs: NonZeroUsize,
     /// Write each green run into `.ci/lanes.toml` and its table; a run that was cut short goes on where it was.
     #[arg(long, requires = "run")]
     record: bool,
@@ -130,28 +135,42 @@ fn run_lanes(tree: &Tree, logs: &Path, args: &Args) -> Result<(), Error> {
         is_recordable(tree, &list, &judge, &wanted)?;
     }
     let program = Program::keep(logs)?;
+    let head = tree.head()?;
+    let queue = Mutex::new(wanted.iter());
+    let next = || queue.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let (sender, ended) = mpsc::channel();
     let mut failed = Vec::new();
-    for (lane, why) in &wanted {
-        let log = logs.join(format!("{}.log", lane.name));
-        println!("{}: runs, {why}; log: {}", lane.name, log.display());
-        let head = tree.head()?;
-        let start = Instant::now();
-        let outcome = program.run(tree, lane, &log);
-        let seconds = start.elapsed().as_secs();
-        match outcome {
-            Ok(()) => {
-                println!("{}: green after {seconds} s", lane.name);
-                if args.record {
-                    record(tree, lane, &head, seconds)?;
+    std::thread::scope(|scope| {
+        for sender in vec![sender; args.jobs.get().min(wanted.len())] {
+            let (next, program) = (&next, &program);
+            scope.spawn(move || {
+                while let Some((lane, why)) = next() {
+                    let log = logs.join(format!("{}.log", lane.name));
+                    println!("{}: runs, {why}; log: {}", lane.name, log.display());
+                    let start = Instant::now();
+                    let outcome = program.run(tree, lane, &log);
+                    // Refused where recording failed and nobody listens any more.
+                    let _ = sender.send((lane, log, outcome, start.elapsed().as_secs()));
+                }
+            });
+        }
+        for (lane, log, outcome, seconds) in ended {
+            match outcome {
+                Ok(()) => {
+                    println!("{}: green after {seconds} s", lane.name);
+                    if args.record {
+                        record(tree, lane, &head, seconds)?;
+                    }
+                }
+                Err(error) => {
+                    print_end(&log);
+                    println!("{}: failed after {seconds} s: {error}", lane.name);
+                    failed.push(lane.name.as_str());
                 }
             }
-            Err(error) => {
-                print_end(&log);
-                println!("{}: failed after {seconds} s: {error}", lane.name);
-                failed.push(lane.name.as_str());
-            }
         }
-    }
+        Ok(())
+    })?;
     if failed.is_empty() {
         return Ok(());
     }

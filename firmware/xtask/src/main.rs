@@ -53,7 +53,7 @@ const EXAMPLES: &str = "Examples:
 #[derive(Subcommand)]
 enum Task {
     /// Install what is missing: the compiler's target and sources, QEMU, an image maker.
-    Setup,
+    Setup(setup::Args),
     /// Build the chip's firmware.
     Build(Choice),
     /// Type-check the chip's firmware with every board and encoder, or with those named.
@@ -95,7 +95,7 @@ fn main() -> ExitCode {
         return measure::compile(&log);
     }
     let outcome = match Cli::parse().task {
-        Task::Setup => setup::setup(),
+        Task::Setup(args) => setup::setup(&args),
         Task::Build(Choice { chip, options }) => toolchain::build(chip, &options).map(drop),
         Task::Check(Choice { chip, options }) => toolchain::check(chip, &options),
         Task::Image(Choice { chip, options }) => image::make(chip, &options).map(drop),

@@ -1,5 +1,6 @@
 //! What a fresh machine lacks, from rustup where it can be reached, else from Debian and PyPI.
 
+use std::fs::File;
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -12,6 +13,8 @@ const DEBIAN_COMPILER: [&str; 4] =
     ["rustc-web=1.96*", "libstd-rust-web-dev=1.96*", "rust-web-src=1.96*", "lld-22"];
 /// Debian's emulator for RISC-V.
 const DEBIAN_QEMU: &str = "qemu-system-misc";
+/// Debian's browser, and what drives it.
+const DEBIAN_BROWSER: [&str; 2] = ["chromium", "chromium-driver"];
 /// The image maker, from PyPI, where espflash is not installed.
 const ESPTOOL: &str = "esptool==5.*";
 /// Where the security archive is named, if the machine's sources do not name it.
@@ -20,10 +23,25 @@ const SECURITY_LIST: &str = "/etc/apt/sources.list.d/flix-walker-security.list";
 const RUSTUP_PATIENCE: &str = "90s";
 
 /// Brings everything that `build esp32c6`, `check`, `image`, `pil` and `size` need.
-pub(crate) fn setup() -> Result<(), Error> {
+pub(crate) fn setup(args: &Args) -> Result<(), Error> {
+    // Two at once would disturb each other.
+    let lock = run::target_directory().join("xtask/setup.lock");
+    run::write(&lock, [])?;
+    let file = |source| Error::File { path: lock.clone(), source };
+    let held = File::open(&lock).map_err(file)?;
+    held.lock().map_err(file)?;
     compiler()?;
     emulator()?;
-    image_maker()
+    image_maker()?;
+    if args.browser { browser() } else { Ok(()) }
+}
+
+/// What else is brought.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Also Chromium and what drives it, for the tests of pages.
+    #[arg(long)]
+    browser: bool,
 }
 
 fn compiler() -> Result<(), Error> {
@@ -53,6 +71,15 @@ fn emulator() -> Result<(), Error> {
         install(&[DEBIAN_QEMU])?;
     }
     println!("emulator: qemu-system-riscv32");
+    Ok(())
+}
+
+fn browser() -> Result<(), Error> {
+    if !run::succeeds(run::command("chromedriver").arg("--version")) {
+        refresh_packages(DEBIAN_BROWSER[0])?;
+        install(&DEBIAN_BROWSER)?;
+    }
+    println!("browser: {}", DEBIAN_BROWSER[0]);
     Ok(())
 }
 

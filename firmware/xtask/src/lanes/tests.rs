@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::num::NonZeroUsize;
 use std::path::Path;
 
 use super::due::{Judge, Reason};
@@ -50,6 +51,7 @@ impl Clone {
             all: has("--all"),
             long: has("--long"),
             apart: has("--apart").then_some(true).or(has("--together").then_some(false)),
+            jobs: if has("--at-once") { NonZeroUsize::MAX } else { NonZeroUsize::MIN },
             record: has("--record"),
             table: false,
         };
@@ -376,6 +378,22 @@ fn those_that_run_beside_the_tests_and_the_others_are_all() {
     std::fs::remove_file(clone.path("logs/script.log")).unwrap();
     clone.run(&["--all", "--together"]).unwrap();
     assert!(!log("script") && log("base") && log("inner") && log("tool"));
+}
+
+#[test]
+fn several_run_at_once_and_each_leaves_its_record_or_is_named() {
+    let clone = small();
+    // Each waits for the other.
+    let meet = |own: &str, other: &str| {
+        format!("touch logs/{own}; timeout 60 sh -c 'until test -e logs/{other}; do :; done'")
+    };
+    clone.edit(FILE, "echo base", &meet("base-ran", "inner-ran"));
+    clone.edit(FILE, "echo inner", &meet("inner-ran", "base-ran"));
+    clone.edit(FILE, "echo script", "exit 1");
+    clone.commit();
+    let error = clone.run(&["--at-once", "--record"]).unwrap_err().to_string();
+    assert!(error.starts_with("1 of 3 lanes failed: script;"), "{error}");
+    assert_eq!(clone.due(), ["script"]);
 }
 
 #[test]
