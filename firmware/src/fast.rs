@@ -18,6 +18,7 @@ pub mod control;
 pub mod foc;
 pub mod margin;
 mod monitor;
+pub mod reference;
 mod shaker;
 mod still;
 mod supervisor;

@@ -7,11 +7,12 @@ use crate::fast::alignment::Alignment;
 use crate::fast::foc::burning;
 use crate::fast::foc::current::Model;
 use crate::fast::foc::modulation::dead_time_slope;
+use crate::fast::reference::Ramps;
 use crate::fast::shaker::{LARGEST_ACCELERATION, ShakerModel};
 use crate::fast::tracker::{EncoderModel, TABLE_LENGTH};
 use crate::fast::units::{
-    Counts, Current, ElectricalAngle, ElectricalSpeed, Quantity, RotorAngle, SPEED_PER_HERTZ,
-    Speed, TICK_RATE_HZ, TICK_US, Voltage, magnitude, scaled,
+    Counts, Current, ElectricalAngle, ElectricalSpeed, Quantity, RotorAngle, Speed, TICK_RATE_HZ,
+    TICK_US, Voltage, magnitude, scaled,
 };
 use crate::hardware::Hardware;
 use crate::settings::Settings;
@@ -251,7 +252,6 @@ pub(crate) fn position_loop(settings: &Settings) -> ShakerModel {
         scaled(per_turn / 2.0, 8).max(1)
     });
     let largest = gains.map(|gain| scaled(limit / f64::from(gain), 48));
-    let frequency_ramp = settings.frequency_ramp * SPEED_PER_HERTZ / TICK_RATE_HZ as f32;
     ShakerModel {
         proportional: scaled(natural * natural, 40),
         derivative: scaled(2.0 * natural, 32),
@@ -259,8 +259,7 @@ pub(crate) fn position_loop(settings: &Settings) -> ShakerModel {
         current_per_acceleration: gains,
         largest_acceleration: largest[0].min(largest[1]).min(LARGEST_ACCELERATION),
         current_limit: Current::from_amperes(limit),
-        frequency_ramp: (frequency_ramp as i32).clamp(64, 60_000),
-        sum_ramp: Speed::from_hertz(2.0 * settings.direction_ramp / 360.0),
+        ramps: Ramps::of(settings),
     }
 }
 

@@ -273,7 +273,8 @@ mod tests {
     use crate::fast::foc::current::Input;
     use crate::fast::foc::modulation::Bus;
     use crate::fast::foc::transform::Rotor;
-    use crate::fast::shaker::{Rotors, STRIDE, Target};
+    use crate::fast::reference::STRIDE;
+    use crate::fast::shaker::{Rotors, Target};
     use crate::fast::units::{ElectricalAngle, ElectricalSpeed, RotorAngle};
     use crate::settings::Settings;
 

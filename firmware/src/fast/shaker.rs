@@ -37,21 +37,14 @@
 //! error of that harmonic decays at the rate `mu`. The second harmonic of the difference scales
 //! with `w^2` as the equation above says, so that it stays right while f changes.
 
-use crate::fast::units::{
-    Current, RotorAngle, Speed, TICK_RATE_HZ, cosine_sine, magnitude, multiply_high, within,
-};
-
 #[cfg(test)]
 mod tests;
 
-/// How fast a ramp closes in on its end, 1/s: the last `ramp / 50` are approached exponentially.
-const FREQUENCY_APPROACH: i64 = 50;
-/// The same for theta.
-const DIRECTION_APPROACH: i64 = 20;
-/// A ramp's slope builds up over this many updates.
-const SLOPE_UPDATES: i32 = 16;
-/// A difference of f below this is none: 0.001 Hz.
-const SAME_FREQUENCY: i32 = 430;
+use crate::fast::reference::{FULL_HEADROOM, Ramps, Reference, STEP};
+use crate::fast::units::{
+    Current, RotorAngle, Speed, cosine_sine, magnitude, multiply_high, within,
+};
+
 /// Largest error of a coordinate that is acted on: 1/16 turn.
 const LARGEST_ERROR: i32 = 1 << 28;
 /// Largest error of a coordinate's speed that is acted on: 19.5 Hz.
@@ -73,27 +66,14 @@ const INVERSE_NORMAL_FREQUENCY: i32 =
 const LARGEST_INTEGRAL: i32 = i32::MAX >> 1;
 /// Largest acceleration of a coordinate, 2^-40 turn per tick^2: 12 times what two amperes give.
 pub(crate) const LARGEST_ACCELERATION: i32 = 1 << 27;
-/// Ticks between two updates: the position loops are fifty times slower than the current loops.
-pub(crate) const STRIDE: u32 = 4;
-/// The same, for what is signed.
-const STEP: i32 = STRIDE as i32;
 /// One in this many updates works out what changes slowly.
 const SCHEDULE_UPDATES: u8 = 4;
 /// Rate of adaptation, in every eighth tick: errors of a harmonic decay in 0.1 s.
 const ADAPTATION_RATE: i32 = 32;
-/// All of the headroom, 2^-15.
-const FULL_HEADROOM: i32 = 1 << 15;
 /// With less headroom than this, the motors are at their limits at least once a turn: 15/16, which come back within 40 ms.
 const HELD_BACK: i32 = FULL_HEADROOM - FULL_HEADROOM / 16;
 /// f is not reached when it is off by more than this: 0.1 Hz.
 const UNREACHED: i32 = Speed::from_centihertz(10).raw();
-/// Below this a reference counts as standing: 0.01 Hz.
-const STANDING: i32 = Speed::from_centihertz(100).raw() / 100;
-
-/// Converts `1/s` to a factor per tick in 2^-32.
-const fn per_second(rate: i64) -> i32 {
-    (rate * (1 << 32) / TICK_RATE_HZ as i64) as i32
-}
 
 /// Gains and limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -110,10 +90,8 @@ pub(crate) struct ShakerModel {
     pub(crate) largest_acceleration: i32,
     /// Largest current.
     pub(crate) current_limit: Current,
-    /// Steepest change of f, 2^-32 turn per tick^2.
-    pub(crate) frequency_ramp: i32,
-    /// Fastest change of the sum (twice theta).
-    pub(crate) sum_ramp: Speed,
+    /// How steeply f and theta change.
+    pub(crate) ramps: Ramps,
 }
 
 /// One of the two coordinates: integral and adapted amplitudes, all in 2^-48 turn per tick^2.
@@ -252,11 +230,7 @@ pub(crate) struct Demand {
 /// References, feedback and adapted feed-forward. Phase, sum and their errors are in 2^-32 turn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Shaker {
-    phase: u32,
-    frequency: Speed,
-    frequency_slope: i32,
-    sum: u32,
-    sum_speed: Speed,
+    reference: Reference,
     sum_coordinate: Coordinate,
     difference_coordinate: Coordinate,
     inverse_responses: [Complex; 2],
@@ -274,11 +248,7 @@ impl Shaker {
     /// Starts at rest with the rotors where they are, and with nothing adapted.
     pub(crate) fn at_rest(rotors: &Rotors) -> Self {
         Self {
-            phase: rotors.difference() >> 1,
-            frequency: Speed::ZERO,
-            frequency_slope: 0,
-            sum: rotors.sum(),
-            sum_speed: Speed::ZERO,
+            reference: Reference::at_rest(rotors.difference(), rotors.sum()),
             sum_coordinate: Coordinate::default(),
             difference_coordinate: Coordinate::default(),
             inverse_responses: [Complex::default(); 2],
@@ -294,17 +264,17 @@ impl Shaker {
 
     /// Returns the reference of f in this tick.
     pub(crate) const fn frequency(&self) -> Speed {
-        self.frequency
+        self.reference.frequency
     }
 
     /// Returns whether the references stand still.
     pub(crate) const fn standing(&self) -> bool {
-        magnitude(self.frequency.raw()) < STANDING && magnitude(self.sum_speed.raw()) < STANDING
+        self.reference.is_standing()
     }
 
     /// Returns whether f is being lowered towards zero: the rotors give energy back.
     pub(crate) const fn slowing(&self) -> bool {
-        self.frequency_slope != 0 && (self.frequency_slope ^ self.frequency.raw()) < 0
+        self.reference.is_slowing()
     }
 
     /// Returns by how much twice theta is off, 2^-32 turn.
@@ -324,14 +294,13 @@ impl Shaker {
 
     /// Returns whether f is held below what is asked because the motors are at their limits.
     pub(crate) const fn held_back(&self, target: Speed) -> bool {
-        let (reached, asked) = (magnitude(self.frequency.raw()), magnitude(target.raw()));
+        let (reached, asked) = (magnitude(self.reference.frequency.raw()), magnitude(target.raw()));
         self.headroom < HELD_BACK && asked - reached > UNREACHED
     }
 
     /// Moves the references on by ticks that the loop missed.
     pub(crate) const fn skip(&mut self, ticks: u32) {
-        self.phase = moved(self.phase, self.frequency, ticks);
-        self.sum = moved(self.sum, self.sum_speed, ticks);
+        self.reference.skip(ticks);
     }
 
     /// Does one update, due every [`STRIDE`] ticks. `voltage_limited`: either motor got less voltage
@@ -348,21 +317,23 @@ impl Shaker {
         if voltage_limited {
             self.give_way();
         }
-        let acceleration_difference = self.ramp_frequency(model, target.frequency.raw());
-        let acceleration_sum = self.ramp_direction(model, target.direction);
+        let (ramps, headroom) = (&model.ramps, self.headroom);
+        let acceleration_difference =
+            self.reference.ramp_frequency(ramps, headroom, target.frequency.raw());
+        let acceleration_sum = self.reference.ramp_direction(ramps, target.direction);
         if self.countdown == 0 {
             self.schedule(model);
         }
         self.countdown = self.countdown.wrapping_sub(1) & (SCHEDULE_UPDATES - 1);
 
-        self.sum_error = self.sum.wrapping_sub(rotors.sum()) as i32;
+        self.sum_error = self.reference.sum.wrapping_sub(rotors.sum()) as i32;
         self.difference_error = self.wait_for(rotors);
         let (top, bottom) = (rotors.speeds[0].raw(), rotors.speeds[1].raw());
-        let sum_speed_error = self.sum_speed.raw().wrapping_sub(top).wrapping_sub(bottom);
+        let sum_speed_error = self.reference.sum_speed.raw().wrapping_sub(top).wrapping_sub(bottom);
         let difference_speed_error =
-            self.frequency.raw().wrapping_mul(2).wrapping_sub(top).wrapping_add(bottom);
+            self.reference.frequency.raw().wrapping_mul(2).wrapping_sub(top).wrapping_add(bottom);
 
-        let first = Complex::harmonic(self.phase);
+        let first = Complex::harmonic(self.reference.phase);
         let second = first.doubled();
         let (periodic_sum, periodic_difference) = self.periodic(first, second);
         let u_sum = acceleration_sum
@@ -414,58 +385,22 @@ impl Shaker {
     #[cold]
     fn give_way(&mut self) {
         if magnitude(self.sum_error) > YIELDING_SUM_ERROR {
-            self.frequency =
-                self.frequency - Speed::from_raw(self.frequency.raw() >> GIVING_WAY_SHIFT);
+            self.reference.frequency = self.reference.frequency
+                - Speed::from_raw(self.reference.frequency.raw() >> GIVING_WAY_SHIFT);
         }
-    }
-
-    /// Moves f and phase on; returns the acceleration of the difference, 2^-40.
-    #[inline(always)]
-    fn ramp_frequency(&mut self, model: &ShakerModel, target: i32) -> i32 {
-        let frequency = self.frequency.raw();
-        let gap = target.wrapping_sub(frequency);
-        if magnitude(gap) < SAME_FREQUENCY {
-            self.frequency = Speed::from_raw(target);
-            self.frequency_slope = 0;
-        } else {
-            // Slowing down takes less voltage than going on: it needs no headroom.
-            let slows = (gap ^ frequency) < 0;
-            let headroom = if slows { FULL_HEADROOM } else { self.headroom };
-            let steepest = (model.frequency_ramp * headroom) >> 15;
-            let slope = within(multiply_high(gap, per_second(FREQUENCY_APPROACH)), steepest);
-            let change = slope - self.frequency_slope;
-            self.frequency_slope += within(change, model.frequency_ramp / SLOPE_UPDATES);
-            self.frequency = Speed::from_raw(frequency.wrapping_add(self.frequency_slope * STEP));
-        }
-        self.phase = moved(self.phase, self.frequency, STRIDE);
-        self.frequency_slope << 9
-    }
-
-    /// Moves theta on, the short way; returns the acceleration of the sum, 2^-40.
-    #[inline(always)]
-    fn ramp_direction(&mut self, model: &ShakerModel, direction: Option<RotorAngle>) -> i32 {
-        let ramp = model.sum_ramp.raw();
-        let wanted = direction.map_or(0, |direction| {
-            let gap = direction.raw().wrapping_mul(2).wrapping_sub(self.sum) as i32;
-            within(multiply_high(gap, per_second(DIRECTION_APPROACH)), ramp)
-        });
-        let steepest = multiply_high(ramp, per_second(DIRECTION_APPROACH));
-        let change = within(wanted - self.sum_speed.raw(), (steepest + 1) * STEP);
-        self.sum_speed = self.sum_speed + Speed::from_raw(change);
-        self.sum = moved(self.sum, self.sum_speed, STRIDE);
-        change << 6
     }
 
     /// Returns the error of the difference; beyond [`LARGEST_LAG`] the reference gives way, and f
     /// with it.
     #[inline(always)]
     fn wait_for(&mut self, rotors: &Rotors) -> i32 {
-        let error = self.phase.wrapping_mul(2).wrapping_sub(rotors.difference()) as i32;
+        let error = self.reference.phase.wrapping_mul(2).wrapping_sub(rotors.difference()) as i32;
         let held = within(error, LARGEST_LAG);
         if held != error {
-            self.phase = self.phase.wrapping_sub((error.wrapping_sub(held) / 2) as u32);
-            let excess = self.frequency.raw() - rotors.frequency().raw();
-            self.frequency = self.frequency - Speed::from_raw(excess >> 4);
+            self.reference.phase =
+                self.reference.phase.wrapping_sub((error.wrapping_sub(held) / 2) as u32);
+            let excess = self.reference.frequency.raw() - rotors.frequency().raw();
+            self.reference.frequency = self.reference.frequency - Speed::from_raw(excess >> 4);
         }
         held
     }
@@ -509,24 +444,20 @@ impl Shaker {
 
     /// Works out what depends on f alone.
     fn schedule(&mut self, model: &ShakerModel) {
-        self.inverse_responses =
-            [1, 2].map(|harmonic| Complex::inverse_response(model, self.frequency, harmonic));
+        self.inverse_responses = [1, 2]
+            .map(|harmonic| Complex::inverse_response(model, self.reference.frequency, harmonic));
         // f / 35 Hz in 2^-14.
-        let ratio = multiply_high(self.frequency.raw().wrapping_shl(6), INVERSE_NORMAL_FREQUENCY);
+        let ratio =
+            multiply_high(self.reference.frequency.raw().wrapping_shl(6), INVERSE_NORMAL_FREQUENCY);
         let square = ratio.wrapping_mul(ratio);
         self.square = square >> 2;
-        self.inverse_square = if magnitude(self.frequency.raw()) < SLOWEST_ADAPTATION.raw() {
-            0
-        } else {
-            (ADAPTATION_RATE << 24).wrapping_div(square >> 4 | 1).min(16 * ADAPTATION_RATE)
-        };
+        self.inverse_square =
+            if magnitude(self.reference.frequency.raw()) < SLOWEST_ADAPTATION.raw() {
+                0
+            } else {
+                (ADAPTATION_RATE << 24).wrapping_div(square >> 4 | 1).min(16 * ADAPTATION_RATE)
+            };
     }
-}
-
-/// Returns an angle, 2^-32 turn, after so many ticks at this speed.
-#[inline(always)]
-const fn moved(angle: u32, speed: Speed, ticks: u32) -> u32 {
-    angle.wrapping_add((speed.raw() as u32).wrapping_mul(ticks))
 }
 
 /// Returns `kp e + kd e'`, 2^-40.

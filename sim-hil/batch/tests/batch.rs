@@ -91,6 +91,63 @@ fn another_drive_takes_over_at_the_phase_of_the_last() {
 }
 
 #[test]
+fn a_run_in_pieces_that_somebody_looks_at_has_the_bits_of_one() {
+    let crowd = crowd(5);
+    for precision in [Precision::Single, Precision::Double] {
+        let walk = |pieces: &[usize]| {
+            let mut batch = batch(&crowd, precision);
+            for (f, theta) in [(30.0, 0.0), (-30.0, 0.9), (24.0, -1.3)] {
+                batch.set_drive(1, f, theta);
+                for steps in pieces {
+                    batch.run(*steps, STEP);
+                    let looked = batch.plant(1).unwrap();
+                    assert_eq!(looked.body(), batch.body(1));
+                }
+            }
+            let seen = (0..crowd.len()).map(|i| (batch.body(i), batch.motor_work(i)));
+            (seen.collect::<Vec<_>>(), batch.time())
+        };
+        let whole = walk(&[700]);
+        assert_eq!(walk(&[1, 3, 149, 547]), whole, "{precision:?}");
+        assert_eq!(walk(&[350; 2]), whole, "{precision:?}");
+    }
+}
+
+#[test]
+fn a_robot_placed_late_walks_as_one_placed_at_the_start() {
+    let crowd = crowd(4);
+    for precision in [Precision::Single, Precision::Double] {
+        let mut batch = batch(&crowd, precision);
+        let fresh = batch.plant(2).unwrap();
+        let walk = |batch: &mut Batch| {
+            batch.set_drive(2, -25.0, 0.3);
+            batch.run(333, STEP);
+            batch.body(2)
+        };
+        let first = walk(&mut batch);
+        batch.place(2, crowd[2].0.clone(), &fresh).unwrap();
+        assert_eq!(walk(&mut batch), first, "{precision:?}");
+    }
+}
+
+#[test]
+fn short_numbers_follow_a_change_of_f_and_theta_as_long_ones() {
+    let crowd = crowd(3);
+    let [short, long] = [Precision::Single, Precision::Double].map(|precision| {
+        let mut batch = batch(&crowd, precision);
+        for (f, theta) in [(30.0, 0.0), (-30.0, 0.9), (24.0, -1.3)] {
+            batch.set_drive(0, f, theta);
+            batch.run(1500, STEP);
+        }
+        (batch.plant(0).unwrap(), batch.motor_work(0))
+    });
+    for (short, long) in short.0.rotor_angle().into_iter().zip(long.0.rotor_angle()) {
+        assert!((short - long).sin().abs() < 1e-4, "{short} {long}");
+    }
+    assert!((short.1 / long.1 - 1.0).abs() < 0.05, "{} {}", short.1, long.1);
+}
+
+#[test]
 fn a_robot_that_diverges_is_named_with_its_time_and_the_others_walk_on() {
     let crowd = crowd(5);
     for precision in [Precision::Single, Precision::Double] {

@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use super::*;
 use crate::fast::configuration::Configuration;
 use crate::fast::control::bench::HARDWARE;
+use crate::fast::reference::{SLOPE_UPDATES, STANDING, STRIDE, moved};
 use crate::settings::Settings;
 
 const TURN: f64 = 4_294_967_296.0;
@@ -64,9 +65,9 @@ impl Rig {
     /// Shakes at this f already.
     fn at(frequency: f64) -> Self {
         let mut rig = Self::at_rest();
-        rig.shaker.frequency = hertz(frequency);
+        rig.shaker.reference.frequency = hertz(frequency);
         // The references of an update are those of its end.
-        rig.shaker.phase = moved(rig.shaker.phase, hertz(-frequency), STRIDE);
+        rig.shaker.reference.phase = moved(rig.shaker.reference.phase, hertz(-frequency), STRIDE);
         let speed = f64::from(hertz(frequency).raw());
         rig.speeds = [speed, -speed];
         rig
@@ -116,7 +117,7 @@ impl Rig {
     }
 
     fn f(&self) -> f64 {
-        f64::from(self.shaker.frequency.raw()) / f64::from(hertz(1.0).raw())
+        f64::from(self.shaker.reference.frequency.raw()) / f64::from(hertz(1.0).raw())
     }
 }
 
@@ -124,8 +125,8 @@ impl Rig {
 fn f_is_held_back_where_it_stays_away_from_what_is_asked_with_less_than_all_of_the_headroom() {
     let mut shaker = Rig::at_rest().shaker;
     for sign in [1, -1] {
-        shaker.frequency = Speed::from_raw(sign * hertz(30.0).raw());
-        let asked = |beyond: i32| Speed::from_raw(shaker.frequency.raw() + sign * beyond);
+        shaker.reference.frequency = Speed::from_raw(sign * hertz(30.0).raw());
+        let asked = |beyond: i32| Speed::from_raw(shaker.reference.frequency.raw() + sign * beyond);
         let unreached = Speed::from_centihertz(10).raw();
         for (headroom, limited) in [(30_720, false), (30_719, true), (0, true)] {
             shaker.headroom = headroom;
@@ -152,17 +153,17 @@ fn f_and_theta_are_half_difference_and_half_sum_of_the_rotors() {
 fn f_ramps_as_steeply_as_is_set_and_no_steeper_and_the_rotors_follow_without_error() {
     for target in [30.0, -30.0] {
         let mut rig = Rig::at_rest();
-        let ramp = f64::from(rig.model.frequency_ramp);
+        let ramp = f64::from(rig.model.ramps.frequency);
         let (mut before, mut steepest, mut slope_before) = (0, 0, 0);
-        let updates = (hertz(30.0).raw() / (rig.model.frequency_ramp * STEP)) as usize;
+        let updates = (hertz(30.0).raw() / (rig.model.ramps.frequency * STEP)) as usize;
         for update in 0..updates + 400 {
             rig.update(hertz(target), None);
-            let f = rig.shaker.frequency.raw();
+            let f = rig.shaker.reference.frequency.raw();
             let slope = (f - before) / STEP;
             steepest = steepest.max(slope.abs());
             let build_up = (slope - slope_before).abs();
             assert!(
-                build_up <= rig.model.frequency_ramp / SLOPE_UPDATES + 1
+                build_up <= rig.model.ramps.frequency / SLOPE_UPDATES + 1
                     || f == hertz(target).raw(),
                 "{build_up}"
             );
@@ -177,7 +178,7 @@ fn f_ramps_as_steeply_as_is_set_and_no_steeper_and_the_rotors_follow_without_err
             }
         }
         assert!((f64::from(steepest) - ramp).abs() <= 1.0, "{steepest} of {ramp}");
-        assert_eq!(rig.shaker.frequency, hertz(target));
+        assert_eq!(rig.shaker.reference.frequency, hertz(target));
         assert!(!rig.shaker.limited() && !rig.shaker.slipping());
     }
 }
@@ -191,9 +192,9 @@ fn what_is_announced_of_the_rotors_speeds_is_what_the_references_do() {
         for (sum, change) in announced.iter_mut().zip(rig.demand.speed_changes) {
             *sum += f64::from(change.raw());
         }
-        turned = f64::from(rig.shaker.sum_speed.raw());
+        turned = f64::from(rig.shaker.reference.sum_speed.raw());
     }
-    let f = f64::from(rig.shaker.frequency.raw());
+    let f = f64::from(rig.shaker.reference.frequency.raw());
     let wanted = [f + turned / 2.0, turned / 2.0 - f];
     for (have, want) in announced.iter().zip(wanted) {
         assert!((have - want).abs() < 2_000.0, "{have} for {want}");
@@ -205,11 +206,11 @@ fn theta_turns_the_short_way_as_fast_as_is_set_and_no_faster() {
     // Theta is 20 degrees at first; from it, 100 degrees are as far as 80 the other way.
     for (direction, sign) in [(80.0, 1.0), (-60.0, -1.0), (105.0, 1.0), (-75.0, 1.0)] {
         let mut rig = Rig::at(20.0);
-        let ramp = rig.model.sum_ramp.raw();
+        let ramp = rig.model.ramps.sum.raw();
         let mut fastest = 0;
         for _ in 0..UPDATES_PER_S {
             rig.update(hertz(20.0), Some(degrees(direction)));
-            let speed = rig.shaker.sum_speed.raw();
+            let speed = rig.shaker.reference.sum_speed.raw();
             fastest = fastest.max(speed.abs());
             assert!(f64::from(speed) * sign > -2_000.0, "{speed} towards {direction}");
             for error in [rig.shaker.sum_error, rig.shaker.difference_error] {
@@ -221,9 +222,9 @@ fn theta_turns_the_short_way_as_fast_as_is_set_and_no_faster() {
         let off = (f64::from(off) / DEGREE / 180.0).fract() * 180.0;
         assert!(off.abs().min(180.0 - off.abs()) < 0.3, "{off} degrees from {direction}");
         // Without a wish it stays where it is.
-        let there = rig.shaker.sum;
+        let there = rig.shaker.reference.sum;
         rig.hold(20.0, 0.5);
-        let moved = f64::from(rig.shaker.sum.wrapping_sub(there) as i32) / DEGREE;
+        let moved = f64::from(rig.shaker.reference.sum.wrapping_sub(there) as i32) / DEGREE;
         assert!(moved.abs() < 0.5, "{moved} degrees");
     }
 }
@@ -370,14 +371,14 @@ fn f_gives_way_to_theta_alone_and_only_at_the_limit_of_voltage() {
         rig.shaker.sum_error = (error * DEGREE) as i32;
         rig.voltage_limited = true;
         rig.update(hertz(30.0), None);
-        let lost = f64::from(hertz(30.0).raw() - rig.shaker.frequency.raw());
+        let lost = f64::from(hertz(30.0).raw() - rig.shaker.reference.frequency.raw());
         let share = lost / f64::from(hertz(30.0).raw());
         let expected = if gives_way { 1.0 / 1024.0 } else { 0.0 };
         assert!((share - expected).abs() < 2e-4, "{share} at {error} degrees");
         let mut rig = Rig::at(30.0);
         rig.shaker.sum_error = (error * DEGREE) as i32;
         rig.update(hertz(30.0), None);
-        assert_eq!(rig.shaker.frequency, hertz(30.0));
+        assert_eq!(rig.shaker.reference.frequency, hertz(30.0));
     }
 }
 
@@ -400,7 +401,7 @@ fn the_phase_reference_waits_for_rotors_that_lag_by_an_eighth_of_a_turn() {
             // It stands just an eighth of a turn ahead of where they were.
             let before = lag.signum() * 45.0;
             assert!((error - before).abs() < 1e-3, "{error}");
-            let behind = rig.shaker.phase.wrapping_mul(2) as i32;
+            let behind = rig.shaker.reference.phase.wrapping_mul(2) as i32;
             let rotors =
                 Rotors { angles: [degrees(70.0 - lag), degrees(-30.0)], speeds: [Speed::ZERO; 2] };
             let ahead = behind.wrapping_sub(rotors.difference() as i32);
@@ -450,26 +451,27 @@ fn theta_gets_three_quarters_of_what_the_motors_can_and_f_the_rest() {
 #[test]
 fn missed_ticks_move_the_references_on_as_they_would_have() {
     let mut rig = Rig::at(30.0);
-    rig.shaker.sum_speed = hertz(0.3);
-    let (phase, sum) = (rig.shaker.phase, rig.shaker.sum);
+    rig.shaker.reference.sum_speed = hertz(0.3);
+    let (phase, sum) = (rig.shaker.reference.phase, rig.shaker.reference.sum);
     rig.shaker.skip(7);
-    assert_eq!(rig.shaker.phase.wrapping_sub(phase), hertz(30.0).raw() as u32 * 7);
-    assert_eq!(rig.shaker.sum.wrapping_sub(sum), hertz(0.3).raw() as u32 * 7);
+    assert_eq!(rig.shaker.reference.phase.wrapping_sub(phase), hertz(30.0).raw() as u32 * 7);
+    assert_eq!(rig.shaker.reference.sum.wrapping_sub(sum), hertz(0.3).raw() as u32 * 7);
 }
 
 #[test]
 fn references_stand_below_a_hundredth_of_a_hertz_of_both() {
     let standing = |frequency: f64, sum: f64| {
         let mut shaker = Rig::at_rest().shaker;
-        (shaker.frequency, shaker.sum_speed) = (hertz(frequency), hertz(sum));
+        (shaker.reference.frequency, shaker.reference.sum_speed) = (hertz(frequency), hertz(sum));
         shaker.standing()
     };
     assert!(standing(0.0099, 0.0099) && standing(-0.0099, -0.0099));
     assert!(!standing(0.0101, 0.0) && !standing(0.0, 0.0101) && !standing(-0.0101, 0.0));
     let just = Speed::from_raw(STANDING);
     let shaker = Rig::at_rest().shaker;
-    assert!(!Shaker { frequency: just, ..shaker }.standing());
-    assert!(!Shaker { sum_speed: just, ..shaker }.standing());
+    let with = |reference: Reference| Shaker { reference, ..shaker };
+    assert!(!with(Reference { frequency: just, ..shaker.reference }).standing());
+    assert!(!with(Reference { sum_speed: just, ..shaker.reference }).standing());
     assert_eq!(Rig::at(30.0).shaker.frequency(), hertz(30.0));
     let mut rig = Rig::at_rest();
     rig.shaker.sum_error = 17;

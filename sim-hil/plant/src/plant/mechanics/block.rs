@@ -4,11 +4,12 @@ use core::f64::consts::TAU;
 
 use super::body::{BodyState, Wrench};
 use super::build::{self, PlainState};
+use super::course::Course;
 use super::lane::Lane;
 use super::leg::LegStep;
 use super::pack::Pack;
 use super::robot::{Drive, Plant, aimed, phase, stray};
-use super::system::{BaseJoint, Constants, Several, advance};
+use super::system::{BaseJoint, Constants, Rotor, Several, advance};
 use crate::model::{ModelError, RobotModel};
 use crate::plant::{Diverged, Part};
 
@@ -18,16 +19,43 @@ const FOLD: usize = 50;
 /// What a robot has beside its lane.
 #[derive(Clone, Copy, Debug)]
 struct Seat {
-    /// f in Hz and theta in rad.
+    /// f in Hz and theta in rad, as asked.
     drive: [f64; 2],
-    /// Angle of the rotors about their mean, rad; short numbers only.
+    /// What the rotors follow, from the first drive on.
+    course: Option<Course>,
+    /// Angle of the rotors about their mean, rad, so many steps ago; short numbers only.
     phase: f64,
+    phase_steps: usize,
+    /// Did the rotors change speed in the last step?
+    follows: bool,
+    /// Steps since short numbers were folded into long ones.
+    unfolded: usize,
     /// Where the lane's own x and y begin, m; zero for long numbers.
     origin: [f64; 2],
     /// Energies that the lane no longer holds, J; zero for long numbers.
     work: [f64; 5],
     /// Did it move as no robot does?
     diverged: Option<Diverged>,
+}
+
+impl Seat {
+    /// Returns f and the speed of the line of force now, turns per second.
+    fn speeds(&self) -> [f64; 2] {
+        self.course.map_or([0.0; 2], |course| course.now())
+    }
+
+    /// Brings the phase up to now, through steps of constant speed.
+    fn catch_up(&mut self, step: f64) {
+        let [f, _] = self.speeds();
+        self.phase -= TAU * f * step * self.phase_steps as f64;
+        self.phase_steps = 0;
+    }
+
+    /// Returns rotors that turn at constant speed.
+    fn aimed(&self) -> [Rotor<f64>; 2] {
+        let theta = self.course.map_or(0.0, |course| course.theta_rad());
+        aimed(self.phase, self.speeds(), theta)
+    }
 }
 
 /// Robots in the lanes of a block, whatever its numbers.
@@ -37,7 +65,8 @@ pub trait Robots: Send + Sync + core::fmt::Debug {
     /// # Errors
     /// If the model is refused or cannot walk.
     fn place(&mut self, lane: usize, model: &RobotModel, plant: &Plant) -> Result<(), ModelError>;
-    /// Shakes a robot at another f (Hz) and theta (rad) from now on; its phase runs on.
+    /// Shakes a robot at this f (Hz) and theta (rad): at once if it was shaken at none before, else approached as the robot's
+    /// software does. Its phase runs on.
     fn set_drive(&mut self, lane: usize, frequency_hz: f64, theta_rad: f64);
     /// Applies a force and a couple to a body at its origin, world axes, until changed.
     fn set_push(&mut self, lane: usize, push: Wrench);
@@ -68,7 +97,10 @@ pub struct Block<B> {
     sane: B,
     steps: B,
     seats: Vec<Seat>,
-    time: f64,
+    /// Until steps of this length began, s; their number and length.
+    began: f64,
+    taken: usize,
+    step: f64,
     arch: pulp::Arch,
 }
 
@@ -99,12 +131,22 @@ fn seated(plant: &Plant) -> (PlainState, Seat) {
     let drive = match plant.drive() {
         Drive::Ideal { frequency_hz, theta_rad } => [frequency_hz, theta_rad],
         Drive::Torque => {
-            state.rotors = aimed(0.0, 0.0, 0.0);
+            state.rotors = aimed(0.0, [0.0; 2], 0.0);
             [0.0; 2]
         }
     };
-    let phase = phase(&state.rotors);
-    (state, Seat { drive, phase, origin: [0.0; 2], work: [0.0; 5], diverged: None })
+    let seat = Seat {
+        drive,
+        course: plant.course(),
+        phase: phase(&state.rotors),
+        phase_steps: 0,
+        follows: state.rotors.iter().any(|rotor| rotor.acceleration != 0.0),
+        unfolded: 0,
+        origin: [0.0; 2],
+        work: [0.0; 5],
+        diverged: None,
+    };
+    (state, seat)
 }
 
 impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
@@ -135,33 +177,76 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
             sane: B::splat(1.0),
             steps: B::splat(0.0),
             seats: vec![seat; B::LANES],
-            time: 0.0,
+            began: 0.0,
+            taken: 0,
+            step: 0.0,
             arch: pulp::Arch::new(),
         };
         (0..B::LANES).for_each(|lane| block.fold_lane(lane));
         Ok(block)
     }
 
+    /// Returns how many steps can be taken at once: up to the next fold of a robot, one where the rotors of a robot change speed.
+    fn at_once(&self) -> usize {
+        let steps = |seat: &Seat| match seat.course {
+            Some(course) if !course.is_steady() => 1,
+            _ => FOLD - seat.unfolded,
+        };
+        self.seats.iter().map(steps).min().unwrap_or(FOLD)
+    }
+
+    /// Lets rotors that change speed do so in the coming steps.
+    fn follow_courses(&mut self, steps: usize) {
+        for (lane, seat) in self.seats.iter_mut().enumerate() {
+            let course = match &mut seat.course {
+                Some(course) if seat.follows || !course.is_steady() => course,
+                _ => {
+                    seat.phase_steps += steps;
+                    continue;
+                }
+            };
+            let [from, _] = course.now();
+            let rotors = if B::SHORT {
+                aimed(seat.phase, course.now(), course.theta_rad())
+            } else {
+                self.state.rotors.get(lane)
+            };
+            seat.follows = !course.is_steady();
+            self.state.rotors.set(lane, &course.followed(rotors, self.step));
+            if seat.follows {
+                let [to, _] = course.now();
+                seat.phase -= 0.5 * TAU * self.step * (from + to);
+            } else {
+                seat.phase_steps += steps;
+            }
+        }
+    }
+
     /// Notes who has diverged in the last steps, and folds short numbers into long ones.
-    fn look(&mut self, step: f64, steps: usize) {
+    fn look(&mut self, steps: usize) {
         if self.sane.any_negative() {
-            self.note_strays(step);
+            self.note_strays();
         }
         self.steps = B::splat(0.0);
-        if !B::SHORT {
-            return;
-        }
+        self.taken += steps;
         for lane in 0..B::LANES {
             let seat = &mut self.seats[lane];
-            let [f, theta] = seat.drive;
-            seat.phase -= TAU * f * step * steps as f64;
-            self.state.rotors.set(lane, &aimed(seat.phase, f, theta));
+            seat.unfolded += steps;
+            if seat.unfolded < FOLD {
+                continue;
+            }
+            seat.unfolded = 0;
+            if B::SHORT && !seat.follows {
+                seat.catch_up(self.step);
+                self.state.rotors.set(lane, &seat.aimed());
+            }
             self.fold_lane(lane);
         }
     }
 
     #[cold]
-    fn note_strays(&mut self, step: f64) {
+    fn note_strays(&mut self) {
+        let time = self.time();
         for (lane, seat) in self.seats.iter_mut().enumerate() {
             if self.sane.get(lane) >= 0.0 || seat.diverged.is_some() {
                 continue;
@@ -171,7 +256,7 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
             let speeds = s.rotors.get(lane).map(|rotor| rotor.speed);
             // What strayed for a moment only was the body.
             let part = stray(&s.velocity.get(lane), speeds, bent).unwrap_or(Part::Body);
-            let time = self.time + step * (self.steps.get(lane) + 1.0);
+            let time = time + self.step * (self.steps.get(lane) + 1.0);
             seat.diverged = Some(Diverged { time, part });
         }
     }
@@ -217,26 +302,42 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Robots for Block<B> {
     }
     fn set_drive(&mut self, lane: usize, frequency_hz: f64, theta_rad: f64) {
         let seat = &mut self.seats[lane];
-        let now = if B::SHORT { seat.phase } else { phase(&self.state.rotors.get(lane)) };
         seat.drive = [frequency_hz, theta_rad];
-        self.state.rotors.set(lane, &aimed(now, frequency_hz, theta_rad));
+        if let Some(mut course) = seat.course {
+            course.ask(frequency_hz, theta_rad);
+            if !course.is_steady() && !seat.follows {
+                seat.catch_up(self.step);
+            }
+            seat.course = Some(course);
+            return;
+        }
+        if !B::SHORT {
+            seat.phase = phase(&self.state.rotors.get(lane));
+        }
+        seat.course = Some(Course::new(frequency_hz, theta_rad));
+        self.state.rotors.set(lane, &seat.aimed());
     }
     fn set_push(&mut self, lane: usize, push: Wrench) {
         self.state.push.set(lane, &push.spatial());
     }
     fn run(&mut self, steps: usize, step: f64) {
+        if step != self.step {
+            let before = self.step;
+            self.seats.iter_mut().for_each(|seat| seat.catch_up(before));
+            (self.began, self.taken, self.step) = (self.time(), 0, step);
+        }
         let arch = self.arch;
         let mut left = steps;
         while left > 0 {
-            let now = left.min(FOLD);
+            let now = left.min(self.at_once());
+            self.follow_courses(now);
             arch.dispatch(Steps { block: self, steps: now, step: B::splat(step) });
-            self.look(step, now);
-            self.time += step * now as f64;
+            self.look(now);
             left -= now;
         }
     }
     fn time(&self) -> f64 {
-        self.time
+        self.began + self.taken as f64 * self.step
     }
     fn diverged(&self, lane: usize) -> Option<Diverged> {
         self.seats[lane].diverged
@@ -266,7 +367,8 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Robots for Block<B> {
             *work += long;
         }
         let [frequency_hz, theta_rad] = seat.drive;
-        plant.set_plain_state(&state, self.time, Drive::Ideal { frequency_hz, theta_rad });
+        let drive = Drive::Ideal { frequency_hz, theta_rad };
+        plant.set_plain_state(&state, self.time(), drive, seat.course);
         Ok(plant)
     }
 }

@@ -33,6 +33,7 @@ mod block;
 mod body;
 mod build;
 mod cords;
+mod course;
 mod leg;
 mod linear;
 mod pack;

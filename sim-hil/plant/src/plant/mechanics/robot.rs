@@ -8,6 +8,7 @@ use rand_xoshiro::SplitMix64;
 use super::body::{BodyState, Wrench};
 use super::build::{self, PlainState};
 use super::cords::{Cords, Support};
+use super::course::{Course, rotor_speeds};
 use super::lane::{Lane, Quad, sin_cos};
 use super::leg::{LegModel, LegStep};
 use super::pack::Pack;
@@ -25,7 +26,7 @@ pub enum Drive {
     /// The torques given to [`Mechanics::step`].
     Torque,
     /// Kinematically ideal: the angles are prescribed, the reaction on the body is exact, torques given
-    /// are ignored.
+    /// are ignored. From one pair to the next the rotors follow the references of the robot's software.
     Ideal {
         /// Shaking frequency, Hz, positive when the top rotor turns clockwise seen from above.
         frequency_hz: f64,
@@ -96,6 +97,8 @@ pub struct Plant {
     scratch: [LegStep<Quad>; 1],
     arch: pulp::Arch,
     drive: Drive,
+    /// What an ideal drive follows.
+    course: Option<Course>,
     time: f64,
     longest_step: f64,
     support: Support,
@@ -150,6 +153,7 @@ impl Plant {
             scratch: [LegStep::blank()],
             arch: pulp::Arch::new(),
             drive: Drive::Torque,
+            course: None,
             time: 0.0,
             longest_step: f64::INFINITY,
             support: Support::Floor,
@@ -161,18 +165,37 @@ impl Plant {
         self.longest_step = step;
     }
 
-    /// Chooses what turns the rotors. An ideal drive puts them at once where `theta` says, at speed; the
-    /// phase runs on if it was ideal before.
+    /// Chooses what turns the rotors. The first ideal drive puts them at once where `theta` says, at speed; another one is
+    /// approached as the robot's software does.
     pub fn set_drive(&mut self, drive: Drive) {
         self.constants.ideal = matches!(drive, Drive::Ideal { .. });
-        if let Drive::Ideal { frequency_hz, theta_rad } = drive {
-            let phase = match self.drive {
-                Drive::Ideal { .. } => phase(&self.state.rotors),
-                Drive::Torque => 0.0,
-            };
-            self.state.rotors = aimed(phase, frequency_hz, theta_rad);
-        }
+        self.course = match (drive, self.course) {
+            (Drive::Torque, _) => None,
+            (Drive::Ideal { frequency_hz, theta_rad }, Some(mut course)) => {
+                course.ask(frequency_hz, theta_rad);
+                Some(course)
+            }
+            (Drive::Ideal { frequency_hz, theta_rad }, None) => {
+                let phase = match self.drive {
+                    Drive::Ideal { .. } => phase(&self.state.rotors),
+                    Drive::Torque => 0.0,
+                };
+                self.state.rotors = aimed(phase, [frequency_hz, 0.0], theta_rad);
+                Some(Course::new(frequency_hz, theta_rad))
+            }
+        };
         self.drive = drive;
+    }
+
+    pub(super) fn course(&self) -> Option<Course> {
+        self.course
+    }
+
+    /// Lets ideal rotors follow their course through the next step, s.
+    fn follow_course(&mut self, step: f64) {
+        if let Some(course) = &mut self.course {
+            self.state.rotors = course.followed(self.state.rotors, step);
+        }
     }
 
     /// Returns what turns the rotors.
@@ -373,7 +396,13 @@ impl Plant {
     }
 
     /// Puts everything that changes where `plain` says, at `time` in s, under this drive.
-    pub(super) fn set_plain_state(&mut self, plain: &PlainState, time: f64, drive: Drive) {
+    pub(super) fn set_plain_state(
+        &mut self,
+        plain: &PlainState,
+        time: f64,
+        drive: Drive,
+        course: Option<Course>,
+    ) {
         let s = &mut self.state;
         for (i, (leg, push)) in plain.legs.iter().zip(&plain.tip_push).enumerate() {
             s.legs[0].set(i, leg);
@@ -391,6 +420,7 @@ impl Plant {
         s.work = plain.work;
         self.constants.ideal = matches!(drive, Drive::Ideal { .. });
         self.drive = drive;
+        self.course = course;
         self.time = time;
     }
 
@@ -481,17 +511,13 @@ pub(super) fn phase(rotors: &[Rotor<f64>; 2]) -> f64 {
     0.5 * (top - bottom)
 }
 
-/// Returns ideal rotors at this phase (rad), f (Hz) and theta (rad).
-pub(super) fn aimed(phase: f64, frequency_hz: f64, theta_rad: f64) -> [Rotor<f64>; 2] {
-    [1.0, -1.0].map(|sign| {
-        let angle = sign * phase - theta_rad;
+/// Returns ideal rotors at this phase (rad), f and speed of the line of force (turns per second), and theta (rad).
+pub(super) fn aimed(phase: f64, speeds: [f64; 2], theta_rad: f64) -> [Rotor<f64>; 2] {
+    let speeds = rotor_speeds(speeds);
+    core::array::from_fn(|i| {
+        let angle = [phase, -phase][i] - theta_rad;
         let turns = (angle / TAU).round();
-        Rotor {
-            angle: angle - turns * TAU,
-            turns,
-            speed: -(sign * TAU * frequency_hz),
-            acceleration: 0.0,
-        }
+        Rotor { angle: angle - turns * TAU, turns, speed: speeds[i], acceleration: 0.0 }
     })
 }
 
@@ -528,6 +554,7 @@ impl Mechanics for Plant {
         // A hair of rounding is no step more.
         let parts = (dt / self.longest_step - 1e-9).ceil().max(1.0);
         for _ in 0..parts as u32 {
+            self.follow_course(dt / parts);
             arch.dispatch(Step { plant: self, torque: motor_torque, step: dt / parts });
         }
         self.time += dt;
@@ -612,6 +639,74 @@ mod tests {
         let e = p.energy();
         assert!(e.leg_loss > 0.0 && e.contact_loss > 0.0);
         assert!(e.balance(&start).abs() < 0.01 * e.motor_work, "{e:?}");
+    }
+
+    /// Momentum (N s) and angular momentum about the world's origin (N m s) of everything.
+    fn momenta(p: &Plant) -> [Vec3<f64>; 2] {
+        let at = p.state.position;
+        p.parts().iter().fold([Vec3::zero(); 2], |[linear, angular], (inertia, velocity)| {
+            let own = inertia.apply(*velocity);
+            [linear + own.linear, angular + own.angular + at.cross(own.linear)]
+        })
+    }
+
+    /// Largest change of both momenta of a robot that floats without weight, while f and theta change.
+    fn drift(step: f64) -> [f64; 2] {
+        let mut p = plant("W");
+        p.set_floor(false);
+        p.constants.gravity = Vec3::zero();
+        p.disturb(1, false);
+        let drive = |f: f64, degrees: f64| Drive::Ideal {
+            frequency_hz: f,
+            theta_rad: degrees.to_radians(),
+        };
+        p.set_drive(drive(30.0, 0.0));
+        let start = momenta(&p);
+        let mut largest = [0.0f64; 2];
+        for (f, degrees) in [(33.0, 60.0), (-33.0, 30.0), (0.0, -80.0), (31.0, 90.0), (31.0, -90.0)]
+        {
+            p.set_drive(drive(f, degrees));
+            for _ in 0..30 {
+                run(&mut p, 0.02, step);
+                for ((largest, now), start) in largest.iter_mut().zip(momenta(&p)).zip(start) {
+                    let by = now - start;
+                    *largest = largest.max(by.dot(by).sqrt());
+                }
+            }
+        }
+        largest
+    }
+
+    #[test]
+    fn momentum_is_kept_while_f_and_theta_change_to_second_order_of_the_step() {
+        let (coarse, fine) = (drift(1e-4), drift(5e-5));
+        println!("momentum {:.2e} N s, angular {:.2e} N m s at 0.1 ms", coarse[0], coarse[1]);
+        for (coarse, fine) in coarse.into_iter().zip(fine) {
+            assert!((3.0..5.5).contains(&(coarse / fine)), "{coarse:e} {fine:e}");
+        }
+        assert!(coarse[0] < 1e-3 && coarse[1] < 1e-4, "{coarse:?}");
+    }
+
+    #[test]
+    fn reversing_takes_the_time_of_a_ramp_and_is_paid_both_ways() {
+        let mut p = plant("W");
+        p.set_drive(Drive::Ideal { frequency_hz: 30.0, theta_rad: 0.0 });
+        run(&mut p, 1.0, 1e-4);
+        let start = p.energy();
+        p.set_drive(Drive::Ideal { frequency_hz: -30.0, theta_rad: 0.0 });
+        let (mut taken, mut given, mut before) = (0.0, 0.0, start.motor_work);
+        let mut slowest = f64::INFINITY;
+        for _ in 0..10_000 {
+            run(&mut p, 1e-4, 1e-4);
+            slowest = slowest.min(p.rotor_speed()[0].abs());
+            let work = p.energy().motor_work - before;
+            (taken, given) = (taken + work.max(0.0), given - work.min(0.0));
+            before += work;
+        }
+        assert!(slowest < 1.0, "it passes through rest: {slowest} rad/s");
+        // What both rotors hold at 30 Hz is given back, and taken again.
+        assert!(taken > 0.1 && given > 0.1, "{taken} {given}");
+        assert!(p.energy().balance(&start).abs() < 0.02 * (taken + given));
     }
 
     #[test]

@@ -50,7 +50,7 @@ pub struct Constants<B, L, const G: usize> {
     pub legs: Option<[LegModel<L>; G]>,
     /// Is there a floor?
     pub floor: bool,
-    /// Do rotors turn as prescribed, at constant speed?
+    /// Do rotors turn as prescribed, with the acceleration that their state holds?
     pub ideal: bool,
 }
 
@@ -252,7 +252,9 @@ pub fn advance<B, L, const G: usize>(
         let r = &rotors[i];
         matrix = matrix + r.inertia.articulated();
         rest += r.bias;
-        if !c.ideal {
+        if c.ideal {
+            rest += r.reach.scale(s.rotors[i].acceleration);
+        } else {
             let share = r.reach.scale(B::splat(1.0) / r.joint_inertia);
             matrix = matrix.without(r.reach, share);
             rest += share.scale(r.drive);
@@ -268,7 +270,8 @@ pub fn advance<B, L, const G: usize>(
     for i in 0..2 {
         let r = &rotors[i];
         let (acceleration, used) = if c.ideal {
-            (B::splat(0.0), r.axis.dot(r.inertia.apply(x) + r.bias))
+            let own = s.rotors[i].acceleration;
+            (own, r.axis.dot(r.inertia.apply(x + r.axis.scale(own)) + r.bias))
         } else {
             ((r.drive - r.reach.dot(x)) / r.joint_inertia, torque[i])
         };
