@@ -4,4 +4,5 @@
 mod citations;
 mod documents;
 mod navigation;
+mod sequences;
 mod whole_robot;
