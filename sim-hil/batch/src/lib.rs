@@ -154,7 +154,8 @@ impl Batch {
         self.place(robot, model, &plant)
     }
 
-    /// Shakes a robot at another f (Hz) and theta (rad) from now on; its phase runs on.
+    /// Shakes a robot at this f (Hz) and theta (rad): at once if it was shaken at none before, else it gets there as the robot's
+    /// software does, by a ramp of f and the short way of theta. Its phase runs on.
     pub fn set_drive(&mut self, robot: usize, frequency_hz: f64, theta_rad: f64) {
         let (block, lane) = self.seat_mut(robot);
         block.set_drive(lane, frequency_hz, theta_rad);
@@ -181,7 +182,8 @@ impl Batch {
         self.blocks.first().map_or(0.0, |block| block.time())
     }
 
-    /// Returns when and where a robot moved as none does, if it did: its state is useless from then on.
+    /// Returns when and where a robot moved as none does, if it did. From then on its body and its work are those of a
+    /// moment before, at most 50 steps.
     #[must_use]
     pub fn diverged(&self, robot: usize) -> Option<Diverged> {
         let (block, lane) = self.seat(robot);

@@ -157,6 +157,10 @@ fn a_robot_that_diverges_is_named_with_its_time_and_the_others_walk_on() {
         batch.run(300, STEP);
         let diverged = batch.diverged(3).unwrap();
         assert_eq!((diverged.time, diverged.part), (STEP, Part::Body));
+        let (body, start) = (batch.body(3), Plant::new(&crowd[3].0).unwrap().body());
+        let far = |at: [f64; 3], from: [f64; 3]| (0..3).any(|i| (at[i] - from[i]).abs() > 0.01);
+        assert!(!far(body.position, start.position) && !far(body.velocity, [0.0; 3]), "{body:?}");
+        assert_eq!(batch.motor_work(3), 0.0);
         for robot in [0, 1, 2, 4] {
             assert_eq!((batch.body(robot), batch.diverged(robot)), (healthy[robot], None));
         }

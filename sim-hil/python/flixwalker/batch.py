@@ -36,7 +36,7 @@ class Batch(_flixwalker.Batch):
     energy : (n,)
         What the ideal motors have put in since the last reset, J.
     alive : (n,) of bool
-        False once a robot has moved as none does: reset it.
+        False once a robot has moved as none does: reset it. Its other values are those of a moment before.
 
     The arrays are written in place by `run` and `reset`: copy what you want to keep.
 
@@ -50,6 +50,10 @@ class Batch(_flixwalker.Batch):
         self, f_hz: ArrayLike, theta_rad: ArrayLike, robots: Iterable[int] | None = None
     ) -> None:
         """Shake robots at another frequency and direction from now on.
+
+        The first drive after a reset is there at once. From one to the next the rotors go as the robot's software lets them,
+        with its default settings: f along a ramp of 200 Hz/s, through rest where it changes its sign, and theta the short way,
+        900 degrees a second at most.
 
         Parameters
         ----------

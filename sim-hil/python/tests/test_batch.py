@@ -50,6 +50,27 @@ def test_a_reset_robot_starts_anew_while_the_others_walk_on() -> None:
     assert batch.energy[2] == 0.0
 
 
+def test_what_diverged_keeps_the_values_of_a_moment_before() -> None:
+    batch = Batch([MODEL] * 4)
+    batch.set_drive(120.0, [0.0, 0.5, 1.0, 1.5])
+    batch.run(2.0, 0.01)
+    assert not batch.alive.any()
+    for values in (batch.position, batch.orientation, batch.velocity, batch.energy):
+        assert np.isfinite(values).all() and np.abs(values).max() < 100.0
+
+
+def test_a_change_of_drive_takes_the_time_of_a_ramp() -> None:
+    batch = Batch([MODEL] * 2)
+    batch.set_drive(30.0, [0.0, 0.0])
+    batch.run(0.5)
+    before = batch.energy.copy()
+    batch.set_drive([30.0, -30.0], 0.0)
+    batch.run(0.5)
+    # The one whose rotors turn about pays for it.
+    spent = batch.energy - before
+    assert spent[1] > 0.0 and spent[1] != spent[0]
+
+
 def test_bad_input_says_what_to_do() -> None:
     batch = Batch([MODEL] * 3)
     with pytest.raises(ValueError, match="f_hz has 2 values: give 1 or 3"):

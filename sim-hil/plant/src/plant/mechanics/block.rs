@@ -34,6 +34,8 @@ struct Seat {
     origin: [f64; 2],
     /// Energies that the lane no longer holds, J; zero for long numbers.
     work: [f64; 5],
+    /// Its body and motor work when it was last looked at and moved as robots do.
+    sane: (BodyState, f64),
     /// Did it move as no robot does?
     diverged: Option<Diverged>,
 }
@@ -74,7 +76,8 @@ pub trait Robots: Send + Sync + core::fmt::Debug {
     fn run(&mut self, steps: usize, step: f64);
     /// Returns how long the block has run, s.
     fn time(&self) -> f64;
-    /// Returns when and where a robot moved as none does, if it did: its state is useless from then on.
+    /// Returns when and where a robot moved as none does, if it did: its state is useless from then on, and its body and work
+    /// are those of at most 50 steps before.
     fn diverged(&self, lane: usize) -> Option<Diverged>;
     /// Returns the pose and velocity of a body.
     fn body(&self, lane: usize) -> BodyState;
@@ -144,6 +147,7 @@ fn seated(plant: &Plant) -> (PlainState, Seat) {
         unfolded: 0,
         origin: [0.0; 2],
         work: [0.0; 5],
+        sane: (plant.body(), state.work[0]),
         diverged: None,
     };
     (state, seat)
@@ -241,7 +245,31 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
                 self.state.rotors.set(lane, &seat.aimed());
             }
             self.fold_lane(lane);
+            if self.seats[lane].diverged.is_none() {
+                self.seats[lane].sane = self.present(lane);
+            }
         }
+    }
+
+    /// Returns a body, and the energy that the ideal drive has put in, J.
+    fn present(&self, lane: usize) -> (BodyState, f64) {
+        let (s, seat) = (&self.state, &self.seats[lane]);
+        let [x, y] = seat.origin;
+        let position = s.position.get(lane).0;
+        let velocity = s.velocity.get(lane);
+        let body = BodyState {
+            position: [position[0] + x, position[1] + y, position[2]],
+            orientation: s.orientation.get(lane),
+            velocity: velocity.linear.0,
+            angular_velocity: velocity.angular.0,
+        };
+        (body, seat.work[0] + s.work[0].get(lane))
+    }
+
+    /// Returns the same of a robot that moves as robots do, or of when it did.
+    fn sane(&self, lane: usize) -> (BodyState, f64) {
+        let seat = &self.seats[lane];
+        if seat.diverged.is_some() { seat.sane } else { self.present(lane) }
     }
 
     #[cold]
@@ -343,18 +371,10 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Robots for Block<B> {
         self.seats[lane].diverged
     }
     fn body(&self, lane: usize) -> BodyState {
-        let (s, [x, y]) = (&self.state, self.seats[lane].origin);
-        let position = s.position.get(lane).0;
-        let velocity = s.velocity.get(lane);
-        BodyState {
-            position: [position[0] + x, position[1] + y, position[2]],
-            orientation: s.orientation.get(lane),
-            velocity: velocity.linear.0,
-            angular_velocity: velocity.angular.0,
-        }
+        self.sane(lane).0
     }
     fn motor_work(&self, lane: usize) -> f64 {
-        self.seats[lane].work[0] + self.state.work[0].get(lane)
+        self.sane(lane).1
     }
     fn plant(&self, lane: usize, model: &RobotModel) -> Result<Plant, ModelError> {
         let mut plant = Plant::new(model)?;
