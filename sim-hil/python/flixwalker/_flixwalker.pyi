@@ -11,7 +11,7 @@ class Model:
     `Model("W")` takes a model that comes with the simulator (`models()`) or reads a TOML file.
     """
 
-    def __init__(self, name: str) -> None: ...
+    def __init__(self, name: str | os.PathLike[str]) -> None: ...
     @staticmethod
     def from_toml(text: str) -> Model:
         """Read a model from TOML. Raises ValueError that names the key and what it may be."""

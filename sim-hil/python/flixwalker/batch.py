@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _flixwalker
+from . import _arguments, _flixwalker
 from ._flixwalker import Model
 
 
@@ -46,6 +46,13 @@ class Batch(_flixwalker.Batch):
         If a model is refused or cannot walk.
     """
 
+    def __new__(
+        cls, models: Sequence[Model], precision: str = "single", threads: int | None = None
+    ) -> Batch:
+        if isinstance(models, (Model, str)):
+            raise TypeError(f"models is {models!r}: give a list, one a robot, such as [model] * 32")
+        return super().__new__(cls, list(models), precision, threads)
+
     def set_drive(
         self, f_hz: ArrayLike, theta_rad: ArrayLike, robots: Iterable[int] | None = None
     ) -> None:
@@ -62,9 +69,13 @@ class Batch(_flixwalker.Batch):
         theta_rad
             Direction of the line of force, rad, positive to the right.
         robots
-            Which; all if none are named.
+            Which, by their numbers or a mask; all if none are named.
         """
-        super().set_drive(_numbers(f_hz), _numbers(theta_rad), _whole(robots))
+        super().set_drive(
+            _arguments.numbers("f_hz", f_hz),
+            _arguments.numbers("theta_rad", theta_rad),
+            _arguments.chosen(robots, len(self)),
+        )
 
     def reset(
         self,
@@ -81,7 +92,7 @@ class Batch(_flixwalker.Batch):
         seeds
             One a robot.
         robots
-            Which; all if none are named.
+            Which, by their numbers or a mask; all if none are named.
         models
             New ones, one a robot; as before if none are given.
         positions : (k, 2)
@@ -90,32 +101,10 @@ class Batch(_flixwalker.Batch):
             rad, positive to the left; 0 if none are given.
         """
         super().reset(
-            whole_seeds(seeds),
-            _whole(robots),
+            _arguments.seeds(seeds),
+            _arguments.chosen(robots, len(self)),
             None if models is None else list(models),
             None if positions is None else np.ascontiguousarray(positions, dtype=np.float64),
-            None if headings is None else _numbers(headings),
+            None if headings is None else _arguments.numbers("headings", headings),
         )
 
-
-def whole_seeds(seeds: ArrayLike) -> list[int]:
-    """Return seeds as whole numbers.
-
-    Raises
-    ------
-    ValueError
-        If one of them is none, or outside 0 to 2**64 - 1.
-    """
-    whole = [int(seed) for seed in np.atleast_1d(np.asarray(seeds, dtype=object)).ravel()]
-    for seed in whole:
-        if not 0 <= seed < 2**64:
-            raise ValueError(f"a seed is {seed}: choose whole numbers from 0 to 2**64 - 1")
-    return whole
-
-
-def _numbers(values: ArrayLike) -> np.ndarray:
-    return np.atleast_1d(np.asarray(values, dtype=np.float64))
-
-
-def _whole(robots: Iterable[int] | None) -> list[int] | None:
-    return None if robots is None else [int(robot) for robot in robots]

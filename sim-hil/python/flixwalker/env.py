@@ -14,6 +14,7 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from . import _arguments
 from ._flixwalker import Film, Model, paper_pairs
 from .batch import Batch
 
@@ -59,7 +60,7 @@ class FlixWalkerVectorEnv(VectorEnv):
     seconds
         Length of an episode, s.
     interval, step
-        Time between two actions, and of the integration, s.
+        Time between two actions, and of the integration, s; the first is a whole number of the second.
     threads
         How many; all cores if none is given, one for a single robot.
     render_mode
@@ -102,8 +103,14 @@ class FlixWalkerVectorEnv(VectorEnv):
         for field, (low, high) in self.randomize.items():
             if not low <= high:
                 raise ValueError(f"randomize has {low} to {high} for {field}: give (low, high)")
+            for name in (field,) if isinstance(field, str) else field:
+                if self.model[name] == 0:
+                    raise ValueError(f"randomize names {name}, which is 0, and any factor of it is 0: leave it out")
             self._drawn_at({field: low})
             self._drawn_at({field: high})
+        steps = interval / step if step > 0.0 else 0.0
+        if round(steps) < 1 or abs(steps - round(steps)) > 1e-9 * steps:
+            raise ValueError(f"interval is {interval} s and step {step} s: choose an interval of whole steps")
         self.interval = interval
         self.step_s = step
         self.limit = max(1, round(seconds / interval))
@@ -136,7 +143,7 @@ class FlixWalkerVectorEnv(VectorEnv):
         if not hasattr(self, "random"):
             self.random = [np.random.default_rng() for _ in range(self.num_envs)]
         if seed is not None:
-            seeds = [None if each is None else int(each) for each in seed]
+            seeds = [None if each is None else _arguments.seeds(each)[0] for each in seed]
             if len(seeds) != self.num_envs:
                 raise ValueError(f"{len(seeds)} seeds for {self.num_envs} robots: give one, or one a robot")
             for robot in np.flatnonzero(mask):
@@ -149,6 +156,8 @@ class FlixWalkerVectorEnv(VectorEnv):
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Shake every robot by its action for one interval; those that were done begin anew instead."""
+        if not hasattr(self, "random"):
+            raise gymnasium.error.ResetNeeded("step was called before reset: call reset first")
         begin = np.flatnonzero(self.done)
         self.batch.set_drive(*self._drive(actions))
         position, yaw = self.batch.position.copy(), self.batch.yaw.copy()
@@ -178,13 +187,22 @@ class FlixWalkerVectorEnv(VectorEnv):
         return self.film.to_html(f"FlixWalker-v0, {self.task}")
 
     def _drive(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        actions = np.asarray(actions)
+        if actions.shape != self.action_space.shape:
+            raise ValueError(
+                f"actions have the shape {actions.shape}: give {self.action_space.shape}, one a robot"
+            )
         if isinstance(self.single_action_space, spaces.Discrete):
-            chosen = np.asarray(actions)
+            chosen = actions
+            if chosen.dtype.kind not in _arguments.WHOLE:
+                raise ValueError(f"an action is {chosen.flat[0]!r}: give whole numbers")
             if ((chosen < 0) | (chosen >= len(self.modes))).any():
                 raise ValueError(f"an action is not a mode: choose 0 to {len(self.modes) - 1}")
             f, theta = self.modes[chosen].T
         else:
-            actions = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
+            if actions.dtype.kind not in _arguments.NUMBERS or not np.isfinite(actions).all():
+                raise ValueError(f"actions hold what is no number: {actions.tolist()}")
+            actions = np.clip(actions.astype(np.float64), -1.0, 1.0)
             f, theta = FASTEST_HZ * actions[:, 0], 90.0 * actions[:, 1]
         return f, np.radians(theta)
 
@@ -192,8 +210,10 @@ class FlixWalkerVectorEnv(VectorEnv):
         if self.film is None:
             self.batch.run(self.interval, self.step_s)
             return
-        for _ in range(10):
-            self.batch.run(0.1 * self.interval, self.step_s)
+        # In ten pieces of whole steps: what is filmed walks as what is not.
+        ends = np.linspace(0, round(self.interval / self.step_s), 11).round()
+        for steps in np.diff(ends):
+            self.batch.run(steps * self.step_s, self.step_s)
             self.film.shoot(self.batch, 0)
 
     def _begin(self, robots: np.ndarray) -> None:

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _flixwalker
+from . import _arguments, _flixwalker
 from ._flixwalker import Model
-from .batch import whole_seeds
 
 if TYPE_CHECKING:
     import pandas
@@ -63,7 +62,7 @@ def walk(
         np.arange(len(given)),
         np.asarray(f_hz, dtype=np.float64),
         np.asarray(theta_deg, dtype=np.float64),
-        np.array(whole_seeds(seeds), dtype=np.uint64).reshape(np.shape(seeds)),
+        np.array(_arguments.seeds(seeds), dtype=np.uint64).reshape(np.shape(seeds)),
     )
     which, f, theta, seed = (np.atleast_1d(column).ravel().copy() for column in (which, f, theta, seed))
     walked = _flixwalker.walk(

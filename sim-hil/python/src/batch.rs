@@ -1,5 +1,7 @@
 //! Thousands of robots, read and commanded as arrays.
 
+use std::sync::{Mutex, MutexGuard};
+
 use flix_sim::batch::{Batch as Engine, Precision};
 use flix_sim::experiment::walk::Start;
 use flix_sim::plant::Plant;
@@ -8,17 +10,18 @@ use numpy::{
     PyArray, PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1, PyReadonlyArray2,
     PyReadwriteArray, PyUntypedArrayMethods as _,
 };
-use pyo3::exceptions::{PyIndexError, PyValueError};
+use pyo3::exceptions::{PyIndexError, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 
 use crate::model::Model;
-use crate::{pool, refused};
+use crate::{Pool, locked, refused};
 
 /// Creates robots that stand still at the origin, shaken at 0 Hz.
-#[pyclass(subclass, module = "flixwalker")]
+#[pyclass(frozen, subclass, module = "flixwalker")]
 pub struct Batch {
-    engine: Engine,
-    pool: rayon::ThreadPool,
+    // Any thread may ask while another runs the robots.
+    engine: Mutex<Engine>,
+    pool: Mutex<Pool>,
     #[pyo3(get)]
     position: Py<PyArray2<f64>>,
     #[pyo3(get)]
@@ -62,26 +65,31 @@ fn open<'py, T: numpy::Element, D: Dimension>(
     })
 }
 
-impl Batch {
-    /// The robots asked for, all if none are named.
-    fn chosen(&self, robots: Option<Vec<i64>>) -> PyResult<Vec<usize>> {
-        let len = self.engine.len();
-        let Some(robots) = robots else { return Ok((0..len).collect()) };
-        robots
-            .into_iter()
-            .map(|robot| {
-                usize::try_from(robot).ok().filter(|robot| *robot < len).ok_or_else(|| {
-                    PyIndexError::new_err(format!("robot {robot}: this batch has 0 to {}", len - 1))
-                })
+/// The robots asked for, all if none are named.
+fn chosen(engine: &Engine, robots: Option<Vec<i64>>) -> PyResult<Vec<usize>> {
+    let len = engine.len();
+    let Some(robots) = robots else { return Ok((0..len).collect()) };
+    robots
+        .into_iter()
+        .map(|robot| {
+            usize::try_from(robot).ok().filter(|robot| *robot < len).ok_or_else(|| {
+                PyIndexError::new_err(format!("robot {robot}: this batch has 0 to {}", len - 1))
             })
-            .collect()
+        })
+        .collect()
+}
+
+impl Batch {
+    /// Waits, without the interpreter, until no other thread runs the robots.
+    fn lock(&self, py: Python<'_>) -> MutexGuard<'_, Engine> {
+        locked(&self.engine, py)
     }
 
     /// Writes what the robots do now into the arrays.
     ///
     /// # Errors
     /// If somebody has made one of them read-only.
-    fn show(&self, py: Python<'_>) -> PyResult<()> {
+    fn show(&self, py: Python<'_>, engine: &Engine) -> PyResult<()> {
         let (mut position, mut orientation) =
             (open(py, &self.position)?, open(py, &self.orientation)?);
         let (mut velocity, mut angular) =
@@ -93,8 +101,8 @@ impl Batch {
         let (mut velocity, mut angular) = (velocity.as_array_mut(), angular.as_array_mut());
         let (mut yaw, mut energy, mut alive) =
             (yaw.as_array_mut(), energy.as_array_mut(), alive.as_array_mut());
-        for robot in 0..self.engine.len() {
-            let body = self.engine.body(robot);
+        for robot in 0..engine.len() {
+            let body = engine.body(robot);
             for axis in 0..3 {
                 position[[robot, axis]] = body.position[axis];
                 velocity[[robot, axis]] = body.velocity[axis];
@@ -104,8 +112,8 @@ impl Batch {
                 orientation[[robot, part]] = body.orientation[part];
             }
             yaw[robot] = body.yaw();
-            energy[robot] = self.engine.motor_work(robot);
-            alive[robot] = self.engine.diverged(robot).is_none();
+            energy[robot] = engine.motor_work(robot);
+            alive[robot] = engine.diverged(robot).is_none();
         }
         Ok(())
     }
@@ -134,14 +142,14 @@ impl Batch {
             return Err(PyValueError::new_err("a batch needs one model at least"));
         }
         let n = models.len();
-        let pool = pool(threads)?;
+        let mut pool = Pool::new(threads)?;
         let models = models.into_iter().map(|model| model.0).collect();
         let engine =
-            py.detach(|| pool.install(|| Engine::new(models, precision))).map_err(refused)?;
+            py.detach(|| pool.install(|| Engine::new(models, precision)))?.map_err(refused)?;
         let rows = |columns| PyArray2::zeros(py, [n, columns], false).unbind();
         let batch = Self {
-            engine,
-            pool,
+            engine: Mutex::new(engine),
+            pool: Mutex::new(pool),
             position: rows(3),
             orientation: rows(4),
             velocity: rows(3),
@@ -150,27 +158,28 @@ impl Batch {
             energy: PyArray1::zeros(py, n, false).unbind(),
             alive: PyArray1::zeros(py, n, false).unbind(),
         };
-        batch.show(py)?;
+        batch.show(py, &batch.lock(py))?;
         Ok(batch)
     }
 
-    fn __len__(&self) -> usize {
-        self.engine.len()
+    fn __len__(&self, py: Python<'_>) -> usize {
+        self.lock(py).len()
     }
 
     #[getter]
-    fn time(&self) -> f64 {
-        self.engine.time()
+    fn time(&self, py: Python<'_>) -> f64 {
+        self.lock(py).time()
     }
 
-    fn model(&self, robot: i64) -> PyResult<Model> {
-        let robot = self.chosen(Some(vec![robot]))?[0];
-        Ok(Model(self.engine.model(robot).clone()))
+    fn model(&self, py: Python<'_>, robot: i64) -> PyResult<Model> {
+        let engine = self.lock(py);
+        let robot = chosen(&engine, Some(vec![robot]))?[0];
+        Ok(Model(engine.model(robot).clone()))
     }
 
     #[pyo3(signature = (seeds, robots = None, models = None, positions = None, headings = None))]
     fn reset(
-        &mut self,
+        &self,
         py: Python<'_>,
         seeds: Vec<u64>,
         robots: Option<Vec<i64>>,
@@ -178,7 +187,8 @@ impl Batch {
         positions: Option<PyReadonlyArray2<'_, f64>>,
         headings: Option<PyReadonlyArray1<'_, f64>>,
     ) -> PyResult<()> {
-        let robots = self.chosen(robots)?;
+        let mut engine = self.lock(py);
+        let robots = chosen(&engine, robots)?;
         let wrong = |what: &str, n: usize| {
             PyValueError::new_err(format!(
                 "{n} {what} for {} robots: give one a robot",
@@ -208,7 +218,7 @@ impl Batch {
         for (i, robot) in robots.iter().enumerate() {
             let model = match &models {
                 Some(models) => models[i].0.clone(),
-                None => self.engine.model(*robot).clone(),
+                None => engine.model(*robot).clone(),
             };
             let heading = Some(headings.as_ref().map_or(0.0, |headings| headings[i]));
             let mut plant: Plant =
@@ -217,19 +227,21 @@ impl Batch {
                 let at = positions.as_array();
                 plant.displace([at[[i, 0]], at[[i, 1]], 0.0], 0.0);
             }
-            self.engine.place(*robot, model, &plant).map_err(refused)?;
+            engine.place(*robot, model, &plant).map_err(refused)?;
         }
-        self.show(py)
+        self.show(py, &engine)
     }
 
     #[pyo3(signature = (f_hz, theta_rad, robots = None))]
     fn set_drive(
-        &mut self,
+        &self,
+        py: Python<'_>,
         f_hz: PyReadonlyArray1<'_, f64>,
         theta_rad: PyReadonlyArray1<'_, f64>,
         robots: Option<Vec<i64>>,
     ) -> PyResult<()> {
-        let robots = self.chosen(robots)?;
+        let mut engine = self.lock(py);
+        let robots = chosen(&engine, robots)?;
         let f_hz = each(&f_hz, robots.len(), "f_hz")?;
         let theta_rad = each(&theta_rad, robots.len(), "theta_rad")?;
         if let Some(fast) = f_hz.iter().find(|f| f.abs() > FASTEST_HZ) {
@@ -238,13 +250,13 @@ impl Batch {
             )));
         }
         for ((robot, f), theta) in robots.into_iter().zip(f_hz).zip(theta_rad) {
-            self.engine.set_drive(robot, f, theta);
+            engine.set_drive(robot, f, theta);
         }
         Ok(())
     }
 
     #[pyo3(signature = (seconds, step = 1e-4))]
-    fn run(&mut self, py: Python<'_>, seconds: f64, step: f64) -> PyResult<()> {
+    fn run(&self, py: Python<'_>, seconds: f64, step: f64) -> PyResult<()> {
         if !(1e-6..=1e-3).contains(&step) {
             return Err(PyValueError::new_err(format!(
                 "step is {step} s: choose 0.000001 to 0.001 s"
@@ -255,23 +267,44 @@ impl Batch {
                 "seconds is {seconds}: choose 0 to 100000 s"
             )));
         }
-        let steps = (seconds / step).round() as usize;
-        let (engine, pool) = (&mut self.engine, &self.pool);
+        let steps = whole_steps(seconds, step)?;
+        if step > LONGEST_SURE_STEP {
+            let warning = c"with steps beyond 0.00025 s walks are off by more than 1 %, by 10 % at 0.001 s: choose 0.0001 s";
+            PyErr::warn(py, &py.get_type::<PyUserWarning>(), warning, 1)?;
+        }
         // A tenth of a second or so of each robot, then a look at who wants to interrupt.
         const SLICE: usize = 1000;
         let mut left = steps;
         while left > 0 {
             let now = left.min(SLICE);
-            py.detach(|| pool.install(|| engine.run(now, step)));
+            let (engine, pool) = (&mut *self.lock(py), &mut *locked(&self.pool, py));
+            py.detach(|| pool.install(|| engine.run(now, step)))?;
             py.check_signals()?;
             left -= now;
         }
-        self.show(py)
+        self.show(py, &self.lock(py))
     }
 
-    fn __repr__(&self) -> String {
-        format!("Batch of {} robots at {:.4} s", self.engine.len(), self.engine.time())
+    fn __repr__(&self, py: Python<'_>) -> String {
+        let engine = self.lock(py);
+        format!("Batch of {} robots at {:.4} s", engine.len(), engine.time())
     }
+}
+
+/// Longest step with which walks are within 1 % (`sim-hil/docs/convergence.md`), s.
+const LONGEST_SURE_STEP: f64 = 2.5e-4;
+/// What rounding takes from a whole number of steps, as a part of it.
+const ROUNDING: f64 = 1e-9;
+
+/// Returns how many steps a time is; an error when it is no whole number of them.
+fn whole_steps(seconds: f64, step: f64) -> PyResult<usize> {
+    let steps = seconds / step;
+    if (steps - steps.round()).abs() > ROUNDING * steps.max(1.0) {
+        return Err(PyValueError::new_err(format!(
+            "seconds is {seconds} s, {steps:.3} steps of {step} s: choose a whole number of steps"
+        )));
+    }
+    Ok(steps.round() as usize)
 }
 
 /// Fastest shaking, Hz.
@@ -279,8 +312,9 @@ const FASTEST_HZ: f64 = flix_sim::experiment::walk::Shaking::FASTEST_HZ;
 
 impl Batch {
     /// Returns a robot as a plant.
-    pub fn plant(&self, robot: i64) -> PyResult<Plant> {
-        let robot = self.chosen(Some(vec![robot]))?[0];
-        self.engine.plant(robot).map_err(refused)
+    pub fn plant(&self, py: Python<'_>, robot: i64) -> PyResult<Plant> {
+        let engine = self.lock(py);
+        let robot = chosen(&engine, Some(vec![robot]))?[0];
+        engine.plant(robot).map_err(refused)
     }
 }

@@ -38,8 +38,8 @@ impl Film {
         Ok(Self { frames: Frames::new(&model.0, interval), reference })
     }
 
-    fn shoot(&mut self, batch: &Batch, robot: i64) -> PyResult<()> {
-        self.frames.shoot(&batch.plant(robot)?);
+    fn shoot(&mut self, py: Python<'_>, batch: &Batch, robot: i64) -> PyResult<()> {
+        self.frames.shoot(&batch.plant(py, robot)?);
         Ok(())
     }
 

@@ -7,7 +7,10 @@ mod model;
 mod robot;
 mod walk;
 
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
 use pyo3::prelude::*;
+use pyo3::sync::MutexExt as _;
 
 #[pymodule]
 mod _flixwalker {
@@ -23,9 +26,45 @@ mod _flixwalker {
     use super::walk::{paper_pairs, walk};
 }
 
-/// Creates threads of one's own, all cores if no number is given: those of a process do not survive its fork.
-fn pool(threads: Option<usize>) -> PyResult<rayon::ThreadPool> {
-    rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0)).build().map_err(refused)
+/// Threads of one's own.
+struct Pool {
+    threads: Option<usize>,
+    pool: Option<rayon::ThreadPool>,
+    /// Whose threads these are: those of a process do not survive its fork.
+    process: u32,
+}
+
+impl Pool {
+    /// Starts so many threads, one for each core if no number is given.
+    fn new(threads: Option<usize>) -> PyResult<Self> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0)).build();
+        Ok(Self { threads, pool: Some(pool.map_err(refused)?), process: std::process::id() })
+    }
+
+    /// Runs something on these threads, or on new ones in a process that was forked.
+    fn install<T: Send>(&mut self, work: impl FnOnce() -> T + Send) -> PyResult<T> {
+        if self.process != std::process::id() {
+            // What it replaces waits for threads that are not there.
+            *self = Self::new(self.threads)?;
+        }
+        Ok(match &self.pool {
+            Some(pool) => pool.install(work),
+            None => work(),
+        })
+    }
+}
+
+impl Drop for Pool {
+    fn drop(&mut self) {
+        if self.process != std::process::id() {
+            std::mem::forget(self.pool.take());
+        }
+    }
+}
+
+/// Waits, without the interpreter, until no other thread has it. One that panicked has left what can still be looked at.
+fn locked<'a, T>(shared: &'a Mutex<T>, py: Python<'_>) -> MutexGuard<'a, T> {
+    shared.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Tells Python what the simulator refuses, in its own words.

@@ -5,7 +5,7 @@ use flix_sim::model::{NAMES, RobotModel, random, scattered, stranger};
 use flix_sim::plant::mechanics::reference_contact;
 use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyString};
 use serde_json::Value;
 
 use crate::refused;
@@ -51,7 +51,8 @@ fn from_python(value: &Bound<'_, PyAny>) -> PyResult<Value> {
 #[pymethods]
 impl Model {
     #[new]
-    fn new(name: &str) -> PyResult<Self> {
+    fn new(name: std::path::PathBuf) -> PyResult<Self> {
+        let name = name.to_str().ok_or_else(|| refused("a model's name is text"))?;
         RobotModel::named(name).map(Self).map_err(refused)
     }
 
@@ -110,6 +111,12 @@ impl Model {
         let model: RobotModel = serde_json::from_value(tree).map_err(refused)?;
         model.check().map_err(refused)?;
         Ok(Self(model))
+    }
+
+    fn __hash__(&self, py: Python<'_>) -> PyResult<isize> {
+        // Models that are equal may differ in the sign of a zero.
+        let text = self.to_toml()?.replace("-0.0", "0.0");
+        PyString::new(py, &text).hash()
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {

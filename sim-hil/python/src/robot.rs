@@ -1,5 +1,6 @@
 //! One robot with its own software, commanded over its link.
 
+use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 
 use flix_protocol::message::{Command, Outcome, ParameterCommand, Setpoint};
@@ -13,16 +14,16 @@ use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::model::Model;
-use crate::refused;
+use crate::{locked, refused};
 
 /// Slice of virtual time between two looks at who wants to interrupt.
 const SLICE: Duration = Duration::from_millis(100);
 
 /// Creates a robot that has just been powered up, and an operator who connects to it.
-#[pyclass(module = "flixwalker", unsendable)]
+#[pyclass(frozen, module = "flixwalker")]
 pub struct Robot {
-    // Its vectors are aligned more strictly than Python aligns its objects.
-    operation: Box<Operation<Plant>>,
+    // In a box, since its vectors are aligned more strictly than Python aligns its objects; any thread may ask.
+    operation: Mutex<Box<Operation<Plant>>>,
 }
 
 /// Tells Python what the robot did not do, in its own words.
@@ -31,11 +32,16 @@ fn failed(error: impl std::fmt::Display) -> PyErr {
 }
 
 impl Robot {
-    fn ask(&mut self, command: Command) -> PyResult<Outcome> {
-        match self.operation.ask(command).map_err(failed)? {
-            Outcome::Refused(refusal) => Err(failed(refusal)),
-            outcome => Ok(outcome),
-        }
+    /// Waits, without the interpreter, until no other thread uses the robot.
+    fn lock(&self, py: Python<'_>) -> MutexGuard<'_, Box<Operation<Plant>>> {
+        locked(&self.operation, py)
+    }
+}
+
+fn ask(operation: &mut Operation<Plant>, command: Command) -> PyResult<Outcome> {
+    match operation.ask(command).map_err(failed)? {
+        Outcome::Refused(refusal) => Err(failed(refusal)),
+        outcome => Ok(outcome),
     }
 }
 
@@ -59,40 +65,43 @@ impl Robot {
             ..ChannelParameters::PERFECT
         };
         let robot = SimulatedRobot::new(parameters, plant);
-        Ok(Self { operation: Box::new(Operation::new(robot, network)) })
+        Ok(Self { operation: Mutex::new(Box::new(Operation::new(robot, network))) })
     }
 
-    fn arm(&mut self) -> PyResult<()> {
-        self.operation.arm().map_err(failed)
+    fn arm(&self, py: Python<'_>) -> PyResult<()> {
+        self.lock(py).arm().map_err(failed)
     }
 
-    fn disarm(&mut self) -> PyResult<()> {
-        self.ask(Command::Disarm).map(drop)
+    fn disarm(&self, py: Python<'_>) -> PyResult<()> {
+        ask(&mut self.lock(py), Command::Disarm).map(drop)
     }
 
-    fn drive(&mut self, f_hz: f64, theta_deg: f64) -> PyResult<()> {
+    fn drive(&self, py: Python<'_>, f_hz: f64, theta_deg: f64) -> PyResult<()> {
         let setpoint: Setpoint = setpoint(f_hz, theta_deg).map_err(refused)?;
-        self.operation.hold(setpoint);
+        self.lock(py).hold(setpoint);
         Ok(())
     }
 
-    fn run(&mut self, py: Python<'_>, seconds: f64) -> PyResult<()> {
+    fn run(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
         if !(0.0..=1e5).contains(&seconds) {
             return Err(PyValueError::new_err(format!(
                 "seconds is {seconds}: choose 0 to 100000 s"
             )));
         }
-        let end = self.operation.now() + Duration::from_secs_f64(seconds);
-        while self.operation.now() < end {
-            let left = end.since(self.operation.now()).min(SLICE);
-            self.operation.run(left, |_| {}).map_err(failed)?;
+        let end = self.lock(py).now() + Duration::from_secs_f64(seconds);
+        loop {
+            let operation = &mut **self.lock(py);
+            let left = end.since(operation.now()).min(SLICE);
+            if left.is_zero() {
+                return Ok(());
+            }
+            py.detach(|| operation.run(left, |_| {})).map_err(failed)?;
             py.check_signals()?;
         }
-        Ok(())
     }
 
     #[pyo3(signature = (name, value = None))]
-    fn setting(&mut self, name: &str, value: Option<f32>) -> PyResult<f64> {
+    fn setting(&self, py: Python<'_>, name: &str, value: Option<f32>) -> PyResult<f64> {
         let known = name
             .try_into()
             .map_err(|_| PyValueError::new_err(format!("no setting is called {name:?}")))?;
@@ -100,59 +109,60 @@ impl Robot {
             Some(value) => ParameterCommand::Set(known, value),
             None => ParameterCommand::Get(known),
         };
-        let now = self.operation.now();
-        if !self.operation.client().is_connected(now) {
-            self.operation.connect().map_err(failed)?;
+        let operation = &mut **self.lock(py);
+        let now = operation.now();
+        if !operation.client().is_connected(now) {
+            operation.connect().map_err(failed)?;
         }
-        match self.ask(Command::Parameter(command))? {
+        match ask(operation, Command::Parameter(command))? {
             Outcome::Parameter(parameter) => Ok(f64::from(parameter.value)),
             _ => Err(failed("the robot answered something else than was asked")),
         }
     }
 
     #[getter]
-    fn time(&self) -> f64 {
-        self.operation.now().as_micros() as f64 * 1e-6
+    fn time(&self, py: Python<'_>) -> f64 {
+        self.lock(py).now().as_micros() as f64 * 1e-6
     }
 
     #[getter]
-    fn state(&self) -> String {
-        self.operation.robot.report().state.to_string()
+    fn state(&self, py: Python<'_>) -> String {
+        self.lock(py).robot.report().state.to_string()
     }
 
     #[getter]
-    fn faults(&self) -> String {
-        self.operation.robot.report().faults.to_string()
+    fn faults(&self, py: Python<'_>) -> String {
+        self.lock(py).robot.report().faults.to_string()
     }
 
     #[getter]
-    fn position(&self) -> [f64; 3] {
-        self.operation.robot.mechanics().body().position
+    fn position(&self, py: Python<'_>) -> [f64; 3] {
+        self.lock(py).robot.mechanics().body().position
     }
 
     #[getter]
-    fn yaw(&self) -> f64 {
-        self.operation.robot.mechanics().body().yaw()
+    fn yaw(&self, py: Python<'_>) -> f64 {
+        self.lock(py).robot.mechanics().body().yaw()
     }
 
     #[getter]
-    fn f_hz(&self) -> f64 {
-        self.operation.robot.truth().frequency()
+    fn f_hz(&self, py: Python<'_>) -> f64 {
+        self.lock(py).robot.truth().frequency()
     }
 
     #[getter]
-    fn theta_deg(&self) -> f64 {
-        let theta = self.operation.robot.truth().direction.to_degrees();
+    fn theta_deg(&self, py: Python<'_>) -> f64 {
+        let theta = self.lock(py).robot.truth().direction.to_degrees();
         // A line of force is the same half a turn further.
         (theta + 90.0).rem_euclid(180.0) - 90.0
     }
 
     #[getter]
-    fn energy(&self) -> f64 {
-        self.operation.robot.electronics().battery().delivered()
+    fn energy(&self, py: Python<'_>) -> f64 {
+        self.lock(py).robot.electronics().battery().delivered()
     }
 
-    fn __repr__(&self) -> String {
-        format!("Robot {} at {:.3} s", self.state(), self.time())
+    fn __repr__(&self, py: Python<'_>) -> String {
+        format!("Robot {} at {:.3} s", self.state(py), self.time(py))
     }
 }

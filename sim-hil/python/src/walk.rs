@@ -11,7 +11,7 @@ use rayon::iter::ParallelIterator as _;
 use rayon::slice::ParallelSlice as _;
 
 use crate::model::Model;
-use crate::{pool, refused};
+use crate::{Pool, refused};
 
 /// Walks each robot for a while and returns a column for each quantity.
 #[pyfunction]
@@ -52,7 +52,7 @@ pub fn walk<'py>(
             Ok(OneOfMany { model: model.0, shaking, start })
         })
         .collect::<PyResult<Vec<_>>>()?;
-    let pool = pool(threads)?;
+    let mut pool = Pool::new(threads)?;
     let mut columns: [Vec<f64>; 6] = Default::default();
     let mut upright = Vec::new();
     // Few enough at a time that somebody who presses Ctrl-C need not wait.
@@ -60,7 +60,7 @@ pub fn walk<'py>(
         let walked: Vec<_> = py.detach(|| {
             let each = || part.par_chunks(TOGETHER).flat_map(|many| walks(many, seconds, step));
             pool.install(|| each().collect())
-        });
+        })?;
         py.check_signals()?;
         for walked in walked {
             let w = walked.map_err(refused)?;

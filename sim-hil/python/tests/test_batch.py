@@ -1,5 +1,9 @@
 """Batches: what a robot does, alone and in company."""
 
+import multiprocessing
+import os
+import threading
+
 import numpy as np
 import pytest
 
@@ -50,13 +54,15 @@ def test_a_reset_robot_starts_anew_while_the_others_walk_on() -> None:
     assert batch.energy[2] == 0.0
 
 
-def test_what_diverged_keeps_the_values_of_a_moment_before() -> None:
-    batch = Batch([MODEL] * 4)
-    batch.set_drive(120.0, [0.0, 0.5, 1.0, 1.5])
-    batch.run(2.0, 0.01)
-    assert not batch.alive.any()
-    for values in (batch.position, batch.orientation, batch.velocity, batch.energy):
-        assert np.isfinite(values).all() and np.abs(values).max() < 100.0
+def test_a_time_is_a_whole_number_of_steps_and_long_steps_are_said_to_be_off() -> None:
+    batch = Batch([MODEL])
+    for seconds in (4e-5, 0.12345):
+        with pytest.raises(ValueError, match="choose a whole number of steps"):
+            batch.run(seconds)
+    assert batch.time == 0.0
+    batch.run(0.3, 1e-4)
+    with pytest.warns(UserWarning, match="off by more than 1 %"):
+        batch.run(0.01, 1e-3)
 
 
 def test_a_change_of_drive_takes_the_time_of_a_ramp() -> None:
@@ -130,3 +136,58 @@ def test_a_seed_that_is_none_and_a_read_only_array_are_refused() -> None:
     batch.position.flags.writeable = False
     with pytest.raises(ValueError, match="read-only"):
         batch.run(1e-3)
+
+
+@pytest.mark.parametrize("robots", [[1.7], ["1"], [1, 1], [True, False], np.ones((2, 2), dtype=int)])
+def test_robots_that_are_no_numbers_and_no_mask_are_refused(robots: object) -> None:
+    with pytest.raises(ValueError, match="robots"):
+        Batch([MODEL] * 3).set_drive(30.0, 0.0, robots=robots)
+
+
+def test_a_mask_and_numbers_from_the_end_mean_what_they_mean_to_numpy() -> None:
+    def moved_by(robots: object) -> np.ndarray:
+        batch = Batch([MODEL] * 3)
+        batch.set_drive(30.0, 0.5, robots=robots)
+        batch.run(0.05)
+        return np.flatnonzero(np.abs(batch.position[:, :2]).max(axis=1) > 1e-4)
+
+    assert moved_by(np.array([False, False, True])).tolist() == [2]
+    assert moved_by([-1]).tolist() == [2]
+    assert moved_by(np.array([True, False, True])).tolist() == [0, 2]
+
+
+@pytest.mark.parametrize("seeds", [[0.5, 1.0], ["3", "4"], [-1, 2], [True, False], [2**64, 0]])
+def test_seeds_that_are_no_whole_numbers_are_refused(seeds: object) -> None:
+    with pytest.raises(ValueError, match="seed"):
+        Batch([MODEL] * 2).reset(seeds)
+
+
+def test_texts_are_no_numbers_and_one_model_is_no_list() -> None:
+    with pytest.raises(ValueError, match="f_hz holds '3'"):
+        Batch([MODEL]).set_drive(["3"], 0.0)
+    with pytest.raises(TypeError, match="give a list, one a robot"):
+        Batch(MODEL)
+
+
+def test_another_thread_may_look_while_one_runs() -> None:
+    batch = Batch([MODEL] * 8)
+    batch.set_drive(30.0, 0.5)
+    runner = threading.Thread(target=batch.run, args=(2.0,))
+    runner.start()
+    times = [batch.time]
+    while runner.is_alive():
+        times.append(batch.time)
+    runner.join()
+    assert times == sorted(times) and batch.time == pytest.approx(2.0)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not forked here")
+def test_a_batch_runs_in_a_process_that_was_forked() -> None:
+    batch = Batch([MODEL] * 40, threads=2)
+    batch.set_drive(30.0, 0.5)
+    batch.run(0.01)
+    child = multiprocessing.get_context("fork").Process(target=batch.run, args=(0.05,))
+    child.start()
+    child.join(60)
+    assert child.exitcode == 0
+    batch.run(0.05)

@@ -10,7 +10,7 @@ from gymnasium.utils.env_checker import check_env
 import flixwalker
 from flixwalker.env import TASKS, FlixWalkerVectorEnv
 
-SHORT = {"seconds": 0.5, "interval": 0.05, "step": 5e-4}
+SHORT = {"seconds": 0.5, "interval": 0.05, "step": 2.5e-4}
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -107,3 +107,38 @@ def test_what_cannot_be_is_refused_at_once_in_a_sentence() -> None:
     for mode in (-1, 9):
         with pytest.raises(ValueError, match="choose 0 to 8"):
             envs.step(np.array([0, mode]))
+
+
+def test_watching_changes_nothing() -> None:
+    def walked(render_mode: str | None) -> np.ndarray:
+        env = gymnasium.make("FlixWalker-v0", render_mode=render_mode, interval=0.0123, seconds=1.0)
+        env.reset(seed=5)
+        seen = []
+        for action in ([0.9, 0.3], [-0.8, 0.9], [0.7, -0.9], [0.0, 0.0]) * 3:
+            seen.append(env.step(np.array(action, dtype=np.float32))[0])
+            if render_mode:
+                env.render()
+        return np.array(seen)
+
+    assert (walked("html") == walked(None)).all()
+
+
+def test_an_interval_is_a_whole_number_of_steps() -> None:
+    with pytest.raises(ValueError, match="choose an interval of whole steps"):
+        FlixWalkerVectorEnv(2, interval=0.12345)
+
+
+@pytest.mark.parametrize("actions", [np.zeros((4, 3)), np.zeros((1, 2)), np.zeros(2), [["1", "0"]] * 4, [[np.nan, 0.0]] * 4])
+def test_actions_of_another_shape_or_kind_are_refused(actions: object) -> None:
+    envs = FlixWalkerVectorEnv(4, **SHORT)
+    envs.reset(seed=1)
+    with pytest.raises(ValueError, match="actions"):
+        envs.step(actions)
+
+
+def test_a_step_before_a_reset_and_a_factor_of_nothing_are_refused() -> None:
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        FlixWalkerVectorEnv(2, **SHORT).step(np.zeros((2, 2)))
+    zero = flixwalker.Model("W").replace({"contact.rolling_friction_mm": 0.0})
+    with pytest.raises(ValueError, match="which is 0"):
+        FlixWalkerVectorEnv(2, model=zero, randomize={"contact.rolling_friction_mm": (0.5, 1.5)})

@@ -1,6 +1,8 @@
 """Models: read, changed, refused."""
 
+import pathlib
 import pickle
+import tempfile
 
 import numpy as np
 import pytest
@@ -58,3 +60,19 @@ def test_a_step_or_interval_that_is_none_is_refused(step: float) -> None:
         Model("W").mjcf(step)
     with pytest.raises(ValueError, match="interval is"):
         flixwalker.Film(Model("W"), step)
+
+
+def test_a_model_is_found_by_a_path_and_is_a_key() -> None:
+    model = Model("W")
+    with tempfile.TemporaryDirectory() as folder:
+        path = pathlib.Path(folder) / "own.toml"
+        path.write_text(model.to_toml())
+        assert {Model(path): 1}[model] == 1
+    other = model.replace({"contact.rolling_friction_mm": 0.123})
+    assert other != model and len({model, other, Model("W")}) == 2
+
+
+def test_numbers_survive_to_the_last_bit() -> None:
+    for number in np.random.default_rng(1).uniform(0.01, 1.0, 300):
+        replaced = Model("W").replace({"contact.rolling_friction_mm": float(number)})
+        assert replaced["contact.rolling_friction_mm"] == number

@@ -1,5 +1,7 @@
 """One robot with firmware and link, and the records of runs."""
 
+import threading
+
 import pytest
 
 import flixwalker
@@ -63,3 +65,11 @@ def test_a_record_is_a_data_frame_for_each_topic(tmp_path) -> None:
     assert list(frames) == ["/pose"]
     assert frames["/pose"].index.tolist() == [0.0, 1.0]
     assert frames["/pose"]["pose.x"].tolist() == [5, 6]
+
+
+def test_a_robot_may_be_used_in_another_thread() -> None:
+    robot = Robot(Model("W"))
+    thread = threading.Thread(target=robot.run, args=(0.2,))
+    thread.start()
+    thread.join()
+    assert robot.time == pytest.approx(0.2)
