@@ -16,7 +16,7 @@ def _array(name: str, values: Any, kinds: str, what: str) -> np.ndarray:
         # Whole numbers that fit no type together, such as seeds of 64 bits beside small ones.
         return array
     if array.dtype.kind not in kinds and array.size:
-        raise ValueError(f"{name} holds {array.flat[0]!r} ({array.dtype}): give {what}")
+        raise ValueError(f"{name} holds {array.ravel().tolist()[0]!r}: give {what}")
     if array.ndim > 1:
         raise ValueError(f"{name} has the shape {array.shape}: give one, or a list of them")
     return np.atleast_1d(array)

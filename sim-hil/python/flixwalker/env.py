@@ -195,7 +195,7 @@ class FlixWalkerVectorEnv(VectorEnv):
         if isinstance(self.single_action_space, spaces.Discrete):
             chosen = actions
             if chosen.dtype.kind not in _arguments.WHOLE:
-                raise ValueError(f"an action is {chosen.flat[0]!r}: give whole numbers")
+                raise ValueError(f"an action is {chosen.ravel().tolist()[0]!r}: give whole numbers")
             if ((chosen < 0) | (chosen >= len(self.modes))).any():
                 raise ValueError(f"an action is not a mode: choose 0 to {len(self.modes) - 1}")
             f, theta = self.modes[chosen].T
