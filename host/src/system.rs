@@ -8,7 +8,8 @@ mod present;
 
 #[cfg(not(target_family = "wasm"))]
 pub use present::{
-    SIGNALS, create_private, create_private_folder, end_together, exposed_mode, has_keys, shell,
+    PASSING_SOCKET_ERRORS, SIGNALS, create_private, create_private_folder, end_together,
+    exposed_mode, has_keys, shell,
 };
 
 /// Returns whether a file is a named pipe.

@@ -14,6 +14,7 @@ use flix_protocol::units::Instant;
 use super::{Client, PASSING_PATIENCE, StopState, Update, passes};
 use crate::explain;
 use crate::interrupt::Interrupt;
+use crate::system::PASSING_SOCKET_ERRORS;
 
 /// Time for which a program that ends by accident repeats stop without an acknowledgement. The
 /// robot's own deadline is [`flix_protocol::failsafe::COMMAND_DEADLINE`].
@@ -528,7 +529,7 @@ pub const fn faulted(telemetry: &Telemetry) -> LinkError {
     LinkError::Faulted { first: telemetry.first_fault, all: telemetry.faults }
 }
 
-/// Returns whether the error passes: nothing arrived in time, or no program listens there yet.
+/// Returns whether the error passes: nothing arrived in time, no program listens there yet, or the network is away.
 fn is_transient(error: &io::Error) -> bool {
     use io::ErrorKind as Kind;
     matches!(
@@ -542,5 +543,30 @@ fn is_transient(error: &io::Error) -> bool {
             | Kind::NetworkUnreachable
             | Kind::NetworkDown
             | Kind::AddrNotAvailable
-    )
+    ) || error.raw_os_error().is_some_and(|code| PASSING_SOCKET_ERRORS.contains(&code))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As the systems number them: `EPERM`, `ENOMEM`, `ENODEV`, `EINVAL`, `ENETDOWN`, `ENETUNREACH`, `ECONNRESET`, `ENOBUFS`,
+    /// `ECONNREFUSED`, `EHOSTDOWN`, `EHOSTUNREACH` of Linux; the same of Windows.
+    #[cfg(target_os = "linux")]
+    const PASSING: &[i32] = &[1, 12, 19, 22, 100, 101, 104, 105, 111, 112, 113];
+    #[cfg(windows)]
+    const PASSING: &[i32] =
+        &[10_022, 10_040, 10_050, 10_051, 10_052, 10_054, 10_055, 10_064, 10_065];
+    #[cfg(not(any(target_os = "linux", windows)))]
+    const PASSING: &[i32] = &[];
+
+    #[test]
+    fn a_network_that_is_away_or_busy_passes_and_a_broken_socket_does_not() {
+        for code in PASSING {
+            let away = transient(Err::<(), _>(io::Error::from_raw_os_error(*code)));
+            assert!(matches!(away, Ok(None)), "{code}: {away:?}");
+        }
+        // EBADF everywhere that is not Windows; there, no error of a socket.
+        assert!(transient(Err::<(), _>(io::Error::from_raw_os_error(9))).is_err());
+    }
 }
