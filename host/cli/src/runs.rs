@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::{Error, Exit};
 use flix_host::record::{Listing, ReadError, Repaired, Run, csv, is_being_written, list, repair};
 use flix_plot::Figure;
-use flix_shell::output::{complain, headings, print, table_for_terminal};
+use flix_shell::output::{complain, headings, print, print_json, table_for_terminal};
 
 /// List, show, plot and export the records of runs.
 ///
@@ -163,7 +163,7 @@ fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
                 })
             })
             .collect();
-        return print(&format!("{}\n", Value::from(rows)));
+        return print_json(&rows);
     }
     if runs.is_empty() {
         return print(&format!("no runs below {}\n", out.display()));
@@ -214,7 +214,7 @@ fn unfinished(run: &Run) -> String {
 
 fn show(run: &Run, as_json: bool) -> Result<(), Error> {
     if as_json {
-        return print(&format!("{}\n", description(run)));
+        return print_json(&description(run));
     }
     let mut text = format!("{}\n{:>14}  {:.1} s\n", run.file.display(), "duration", run.seconds());
     for (topic, rows) in counts(run) {

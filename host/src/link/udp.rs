@@ -54,6 +54,11 @@ pub enum LinkError {
     /// There is no session.
     #[error("{0}")]
     Connect(ConnectError),
+    /// There is no session with a robot of this computer: only a simulated one is there.
+    #[error(
+        "the robot does not answer at {0}, which is this computer: start `flix-sim serve` here, or name your robot"
+    )]
+    NoneHere(SocketAddr),
     /// The robot fell silent.
     #[error("the robot fell silent: it stops by itself; check its battery and the network")]
     Silent,
@@ -227,7 +232,7 @@ impl Connection {
                     Update::Failed(ConnectError::WrongKey) if self.was_connected => {
                         return Err(LinkError::Revoked);
                     }
-                    Update::Failed(error) => return Err(LinkError::Connect(error)),
+                    Update::Failed(error) => return Err(self.no_session(error)),
                     Update::Lost => return Err(self.why_lost()),
                     Update::Left => return Err(LinkError::Left),
                     _ => {}
@@ -242,6 +247,12 @@ impl Connection {
             }
             self.step(deadline.since(now).min(LONGEST_WAIT))?;
         }
+    }
+
+    /// Returns why there is no session.
+    #[must_use]
+    pub fn no_session(&self, error: ConnectError) -> LinkError {
+        no_session(self.socket.peer_addr().ok(), error)
     }
 
     /// Returns why the session is lost: a robot that is there refuses a key that was revoked.
@@ -271,7 +282,8 @@ impl Connection {
         let is_connected =
             |_: &Client, update: &Update| (*update == Update::Connected).then_some(());
         let patience = 2 * flix_protocol::session::CONNECT_PATIENCE;
-        self.wait_for(patience, is_connected)?.ok_or(LinkError::Connect(ConnectError::NoAnswer))?;
+        self.wait_for(patience, is_connected)?
+            .ok_or_else(|| self.no_session(ConnectError::NoAnswer))?;
         self.was_connected = true;
         Ok(())
     }
@@ -476,7 +488,7 @@ pub fn stop(address: SocketAddr, key: &Key, interrupt: &Interrupt) -> Result<(),
         }
         match stop.status() {
             StopStatus::AtRest => return Ok(()),
-            StopStatus::Failed(error) => return Err(LinkError::Connect(error)),
+            StopStatus::Failed(error) => return Err(no_session(Some(address), error)),
             StopStatus::Latched if *latched.get_or_insert(now()) + DISARM_PATIENCE <= now() => {
                 return Err(LinkError::State { wanted: State::Disarmed, actual: State::Stopping });
             }
@@ -491,6 +503,13 @@ pub fn stop(address: SocketAddr, key: &Key, interrupt: &Interrupt) -> Result<(),
             // One that is dropped is one that a stranger sent, or came twice.
             let _ = stop.receive(now(), &datagram[..length]);
         }
+    }
+}
+
+fn no_session(address: Option<SocketAddr>, error: ConnectError) -> LinkError {
+    match address.filter(|it| it.ip().is_loopback() && error == ConnectError::NoAnswer) {
+        Some(address) => LinkError::NoneHere(address),
+        None => LinkError::Connect(error),
     }
 }
 
