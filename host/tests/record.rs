@@ -325,7 +325,12 @@ fn every_row_is_what_its_schema_says() {
     };
     // A robot that measures no voltage, and has neither a fault nor a memory of a command.
     let mut recorder = Recorder::create(folder.path(), started(), &description).unwrap();
-    let bare = Telemetry { first_fault: None, bus_voltage: None, ..telemetry(0.0) };
+    let bare = Telemetry {
+        first_fault: None,
+        bus_voltage: None,
+        bus_voltage_range: None,
+        ..telemetry(0.0)
+    };
     recorder.telemetry(at(0.0), &bare).unwrap();
     let files = [write_record(folder.path()), recorder.finish().unwrap()];
     let mut topics = BTreeSet::new();

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use flix_protocol::message::{Refusal, Setpoint, State, Telemetry};
 use flix_protocol::units::{self, Degrees, Hertz, OutOfRange};
@@ -20,6 +20,7 @@ use flix_host::link::{Update, errors, is_reached};
 use flix_host::pose::PoseSource;
 use flix_host::pose::any::Poses;
 use flix_host::record::{RecordError, Recorder};
+use flix_host::system::Clock;
 use flix_host::teleop::action::Mode;
 use flix_host::text::fixed;
 use flix_shell::number::in_unit;
@@ -221,7 +222,7 @@ fn drive(
     log.write(|recorder| recorder.command(now, &setpoint, "drive"));
     let began = now;
     let bar = progress(duration);
-    let start = Instant::now();
+    let start = Clock::start();
     let mut has_run = false;
     // Poses that waited for the arming show no drive.
     log.look(now);

@@ -14,7 +14,7 @@ use flix_protocol::units::Instant;
 use super::{Client, PASSING_PATIENCE, StopState, Update, passes};
 use crate::explain;
 use crate::interrupt::Interrupt;
-use crate::system::PASSING_SOCKET_ERRORS;
+use crate::system::{Clock, PASSING_SOCKET_ERRORS};
 
 /// Time for which a program that ends by accident repeats stop without an acknowledgement. The
 /// robot's own deadline is [`flix_protocol::failsafe::COMMAND_DEADLINE`].
@@ -130,7 +130,7 @@ fn describe(first: Option<Fault>, all: Faults) -> String {
 pub struct Connection {
     socket: UdpSocket,
     client: Client,
-    start: std::time::Instant,
+    start: Clock,
     interrupt: Interrupt,
     was_connected: bool,
 }
@@ -145,7 +145,7 @@ impl Connection {
         let socket = socket_to(address)?;
         let entropy = entropy()?;
         let client = Client::new(key, entropy, Instant::START);
-        let start = std::time::Instant::now();
+        let start = Clock::start();
         Ok(Self { socket, client, start, interrupt, was_connected: false })
     }
 
@@ -361,7 +361,7 @@ impl Connection {
     pub fn arm(&mut self) -> Result<(), LinkError> {
         let deadline = self.now() + ARM_PATIENCE;
         self.ask_until(deadline, &Command::Arm)?;
-        let asked = std::time::Instant::now();
+        let asked = Clock::start();
         let mut actual = State::Disarmed;
         let patience = deadline.since(self.now());
         let ended = self.wait_for(patience, |_, update| {
@@ -477,7 +477,7 @@ impl Drop for Connection {
 /// the program is interrupted.
 pub fn stop(address: SocketAddr, key: &Key, interrupt: &Interrupt) -> Result<(), LinkError> {
     let socket = socket_to(address)?;
-    let start = std::time::Instant::now();
+    let start = Clock::start();
     let now = || Instant::START + start.elapsed();
     let mut stop = StopSession::new(key, entropy()?, now());
     let mut latched = None;
