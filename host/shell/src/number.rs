@@ -59,9 +59,10 @@ pub fn in_unit(text: &str, unit: &str) -> Result<f64, String> {
     let number = |text: &str| text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
     let position = || POSITIONS.iter().find(|it| it.0.eq_ignore_ascii_case(trimmed));
     let scaled = || {
-        // From behind: "1e3" ends in a digit.
-        let end = trimmed.rfind(|it: char| it.is_ascii_digit() || it == '.')? + 1;
-        let (value, word) = trimmed.split_at(end);
+        // From behind: 1e3 is longer than 1.
+        let ends = trimmed.char_indices().rev();
+        let (value, word) =
+            ends.map(|(end, _)| trimmed.split_at(end)).find(|it| number(it.0).is_some())?;
         Some(number(value)? * scale(word, unit)?)
     };
     let found = match unit {
