@@ -24,6 +24,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::fast::alignment::Alignment;
 use crate::fast::configuration::Configuration;
+use crate::fast::interval::Interval;
 use crate::fast::units::{Current, RotorAngle, Speed, Voltage};
 use crate::scope::{Memory, Scope};
 
@@ -139,6 +140,8 @@ pub struct Report {
     pub direction: RotorAngle,
     /// Top, bottom.
     pub motors: [MotorReport; 2],
+    /// What ripples, over this measuring period.
+    pub interval: Interval,
     /// Top, bottom.
     pub encoders: [EncoderHealth; 2],
     /// Battery side of the bridges, where the board measures it.

@@ -16,6 +16,7 @@ pub mod alignment;
 pub mod configuration;
 pub mod control;
 pub mod foc;
+pub mod interval;
 pub mod margin;
 mod monitor;
 pub mod reference;

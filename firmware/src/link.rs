@@ -34,11 +34,11 @@ use flix_protocol::message::{
     ToOperator, ToRobot, Trial,
 };
 use flix_protocol::session::{Operators, RobotReceived, RobotSession};
-use flix_protocol::units::{Instant, Ratio, Volts};
+use flix_protocol::units::{Amperes, Degrees, Instant, Ratio, Volts};
 use heapless::{Deque, Vec};
 
 use crate::blackbox::{BlackBox, RUN_BYTES};
-use crate::exchange::{MotorReport, Order, Report, Requests};
+use crate::exchange::{Order, Report, Requests};
 use crate::fast::alignment::Alignment;
 use crate::fast::margin;
 use crate::fast::units::Speed;
@@ -704,6 +704,9 @@ impl Link {
         self.order.period = self.order.period.wrapping_add(1);
         let link = self.quality(now);
         let report = &self.report;
+        let now_alone = [report.direction; 3];
+        let [direction, least, largest] = report.interval.theta().unwrap_or(now_alone);
+        let bus = report.bus_voltage.map(|now| report.interval.bus().unwrap_or([now; 3]));
         Telemetry {
             time: report.time,
             state: report.state,
@@ -713,10 +716,12 @@ impl Link {
             link_late: report.link_late,
             setpoint: self.setpoint,
             frequency: report.frequency.into(),
-            direction: report.direction.into(),
-            motors: report.motors.map(motor),
+            direction: direction.into(),
+            direction_range: [least, largest].map(Degrees::from),
+            motors: [motor(report, 0), motor(report, 1)],
             encoders: report.encoders,
-            bus_voltage: report.bus_voltage.map(Volts::from),
+            bus_voltage: bus.map(|[mean, ..]| mean.into()),
+            bus_voltage_range: bus.map(|[_, least, largest]| [least, largest].map(Volts::from)),
             modulation: Ratio::saturating(f32::from(report.modulation) / f32::from(u16::MAX)),
             timing: report.timing,
             link,
@@ -820,11 +825,15 @@ impl Events {
     }
 }
 
-fn motor(motor: MotorReport) -> MotorTelemetry {
+fn motor(report: &Report, index: usize) -> MotorTelemetry {
+    let motor = report.motors[index];
+    let now_alone = [motor.current_q; 3];
+    let [mean, least, largest] = report.interval.current(index).unwrap_or(now_alone);
     MotorTelemetry {
         angle: motor.angle.into(),
         speed: motor.speed.into(),
         current_d: motor.current_d.into(),
-        current_q: motor.current_q.into(),
+        current_q: mean.into(),
+        current_q_range: [least, largest].map(Amperes::from),
     }
 }

@@ -517,12 +517,17 @@ fn telemetry_comes_at_its_rate_and_says_what_was_reported() {
     ends.link.set_signal(Some(-60));
     ends.observe(|report| {
         report.modulation = u16::MAX / 4;
-        report.direction = RotorAngle::from_degrees(30.0);
+        report.direction = RotorAngle::from_degrees(31.0);
+        // Two readings since the telemetry before: what is reported is their mean, and both.
+        for (theta, current) in [(29.0, -0.5), (31.0, -1.5)] {
+            let currents = [0.0, current].map(Current::from_amperes);
+            report.interval.add(RotorAngle::from_degrees(theta), currents, Voltage::ZERO);
+        }
         report.motors[1] = MotorReport {
             angle: RotorAngle::from_degrees(90.0),
             speed: Speed::from_hertz(10.0),
             current_d: Current::from_amperes(0.5),
-            current_q: Current::from_amperes(-1.0),
+            current_q: Current::from_amperes(-1.5),
         };
     });
     ends.telemetry.clear();
@@ -532,6 +537,11 @@ fn telemetry_comes_at_its_rate_and_says_what_was_reported() {
     assert!((telemetry.modulation.get() - 0.25).abs() < 1e-4);
     assert!((telemetry.direction.get() - 30.0).abs() < 1e-4);
     let motor = telemetry.motors[1];
+    let ranges =
+        [telemetry.direction_range.map(|it| it.get()), motor.current_q_range.map(|it| it.get())];
+    for (value, expected) in ranges.concat().into_iter().zip([29.0, 31.0, -1.5, -0.5]) {
+        assert!((value - expected).abs() < 1e-3, "{ranges:?}");
+    }
     let values =
         [motor.angle.get(), motor.speed.get(), motor.current_d.get(), motor.current_q.get()];
     for (value, expected) in values.into_iter().zip([90.0, 10.0, 0.5, -1.0]) {

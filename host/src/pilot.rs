@@ -271,7 +271,8 @@ impl<H: Helm> Pilot<H> {
         }
     }
 
-    /// Completes the record, with these results, and returns it with the helm.
+    /// Completes the record, with these results, and returns it with the helm. A run that was refused before it began has no
+    /// record.
     pub fn finish(mut self, mut results: BTreeMap<String, String>) -> (H, Recorded) {
         if let Some(ending) = &self.ending {
             results.insert("ending".into(), ending.to_string());
@@ -279,6 +280,11 @@ impl<H: Helm> Pilot<H> {
         let Some(recorder) = self.recorder.take() else {
             return (self.helm, Recorded { file: None, error: None });
         };
+        let is_refused = matches!(self.ending, Some(Ending::Refused(_) | Ending::NoSession(_)));
+        if is_refused && self.driving_since.is_none() {
+            recorder.discard();
+            return (self.helm, Recorded { file: None, error: None });
+        }
         let file = Some(recorder.path().to_owned());
         let error = self.record_error.or_else(|| recorder.conclude(results).err());
         (self.helm, Recorded { file, error })

@@ -1,5 +1,8 @@
-//! What differs between operating systems: files for their owner alone, signals, programs that end together, and whose
-//! keys a terminal takes.
+//! What differs between operating systems: files for their owner alone, signals, programs that end together, whose keys a
+//! terminal takes, and the clock that goes on while the computer is suspended.
+
+#[cfg(not(target_family = "wasm"))]
+use std::time::Duration;
 
 #[cfg(not(target_family = "wasm"))]
 #[cfg_attr(unix, path = "system/unix.rs")]
@@ -8,8 +11,32 @@ mod present;
 
 #[cfg(not(target_family = "wasm"))]
 pub use present::{
-    SIGNALS, create_private, create_private_folder, end_together, exposed_mode, has_keys, shell,
+    PASSING_SOCKET_ERRORS, SIGNALS, create_private, create_private_folder, end_together,
+    exposed_mode, has_keys, shell,
 };
+
+/// Measures time, that of a suspended computer too, which [`std::time::Instant`] leaves out on most systems: the robot and the
+/// world go on meanwhile.
+#[cfg(not(target_family = "wasm"))]
+#[derive(Debug, Clone, Copy)]
+pub struct Clock {
+    start: Duration,
+}
+
+#[cfg(not(target_family = "wasm"))]
+impl Clock {
+    /// Starts to measure.
+    #[must_use]
+    pub fn start() -> Self {
+        Self { start: present::uptime() }
+    }
+
+    /// Returns the time since the start.
+    #[must_use]
+    pub fn elapsed(self) -> Duration {
+        present::uptime().saturating_sub(self.start)
+    }
+}
 
 /// Returns whether a file is a named pipe.
 #[cfg(unix)]
@@ -23,4 +50,18 @@ pub fn is_pipe(kind: std::fs::FileType) -> bool {
 #[must_use]
 pub fn is_pipe(_kind: std::fs::FileType) -> bool {
     false
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    #[test]
+    fn the_clock_counts_what_the_system_has_lived_and_slept() {
+        // The kernel's own count, suspended time included, in hundredths of a second.
+        let stated = || -> f64 {
+            let text = std::fs::read_to_string("/proc/uptime").unwrap();
+            text.split_whitespace().next().unwrap().parse().unwrap()
+        };
+        let (before, read, after) = (stated(), super::present::uptime().as_secs_f64(), stated());
+        assert!((before - 0.01..=after + 0.02).contains(&read), "{before} {read} {after}");
+    }
 }

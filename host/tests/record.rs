@@ -232,7 +232,10 @@ fn damage_costs_the_rows_of_its_part_alone_and_is_said() {
         let missing = count - read.len() - run.unknown;
         if !is_cut {
             most = most.max(missing);
-            assert_eq!(run.damage.rows as usize, missing, "{attempt} at {at}: {}", run.damage);
+            // Where the end is damaged, too, rows that are no rows any more cannot be counted.
+            let counted = run.damage.rows as usize;
+            let is_told = if run.is_complete { counted == missing } else { counted <= missing };
+            assert!(is_told, "{attempt} at {at}: {missing} missing, {}", run.damage);
             assert!(missing == 0 || !run.damage.is_none(), "{attempt} at {at}");
         }
         said += usize::from(!run.damage.is_none() || !run.is_complete);
@@ -325,7 +328,12 @@ fn every_row_is_what_its_schema_says() {
     };
     // A robot that measures no voltage, and has neither a fault nor a memory of a command.
     let mut recorder = Recorder::create(folder.path(), started(), &description).unwrap();
-    let bare = Telemetry { first_fault: None, bus_voltage: None, ..telemetry(0.0) };
+    let bare = Telemetry {
+        first_fault: None,
+        bus_voltage: None,
+        bus_voltage_range: None,
+        ..telemetry(0.0)
+    };
     recorder.telemetry(at(0.0), &bare).unwrap();
     let files = [write_record(folder.path()), recorder.finish().unwrap()];
     let mut topics = BTreeSet::new();

@@ -312,6 +312,7 @@ fn running() -> ToOperator {
         speed: Hertz::new(first + 1.0).unwrap(),
         current_d: Amperes::new(first + 2.0).unwrap(),
         current_q: Amperes::new(first + 3.0).unwrap(),
+        current_q_range: [first + 2.5, first + 3.5].map(|it| Amperes::new(it).unwrap()),
     };
     ToOperator::Telemetry(Telemetry {
         time: Instant::from_micros(1_234_567),
@@ -323,12 +324,14 @@ fn running() -> ToOperator {
         setpoint: Setpoint::new(Hertz::new(-30.0).unwrap(), Degrees::new(60.0).unwrap()).unwrap(),
         frequency: Hertz::new(-29.75).unwrap(),
         direction: Degrees::new(59.5).unwrap(),
+        direction_range: [58.5, 60.25].map(|it| Degrees::new(it).unwrap()),
         motors: [motor(10.0), motor(20.0)],
         encoders: [
             EncoderHealth { dropped: 31, corrected: 32, magnet: Magnet::Weak },
             EncoderHealth { dropped: 33, corrected: 34, magnet: Magnet::Missing },
         ],
         bus_voltage: Some(Volts::new(11.5).unwrap()),
+        bus_voltage_range: Some([11.25, 11.75].map(|it| Volts::new(it).unwrap())),
         modulation: Ratio::new(0.75).unwrap(),
         timing: LoopTiming { ticks: 70_000, longest_interval_us: 130, overruns: 2 },
         link: LinkQuality {

@@ -308,12 +308,13 @@ fn magnet() -> impl Strategy<Value = Magnet> {
 
 fn telemetry() -> impl Strategy<Value = Telemetry> {
     let motor = || {
-        (degrees(), hertz(), amperes(), amperes()).prop_map(
-            |(angle, speed, current_d, current_q)| MotorTelemetry {
+        (degrees(), hertz(), amperes(), amperes(), [amperes(), amperes()]).prop_map(
+            |(angle, speed, current_d, current_q, current_q_range)| MotorTelemetry {
                 angle,
                 speed,
                 current_d,
                 current_q,
+                current_q_range,
             },
         )
     };
@@ -353,12 +354,20 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
         });
     (
         (instant(), state(), faults(), prop::option::of(fault()), any::<[bool; 3]>()),
-        (any_setpoint(), hertz(), degrees(), [motor(), motor()], [encoder(), encoder()]),
-        (prop::option::of(volts()), any::<f32>(), timing, link),
+        (
+            any_setpoint(),
+            hertz(),
+            degrees(),
+            [degrees(), degrees()],
+            [motor(), motor()],
+            [encoder(), encoder()],
+        ),
+        ([volts(), volts(), volts()], any::<bool>(), any::<f32>(), timing, link),
     )
-        .prop_map(|(standing, motion, (bus_voltage, modulation, timing, link))| {
+        .prop_map(|(standing, motion, (voltages, measured, modulation, timing, link))| {
             let (time, state, faults, first_fault, [stopped, link_late, named]) = standing;
-            let (setpoint, frequency, direction, motors, encoders) = motion;
+            let (setpoint, frequency, direction, direction_range, motors, encoders) = motion;
+            let [bus, least, largest] = voltages;
             Telemetry {
                 operator: OperatorName::OWNER,
                 stopped_by: named.then_some(OperatorName::OWNER),
@@ -371,9 +380,11 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
                 setpoint,
                 frequency,
                 direction,
+                direction_range,
                 motors,
                 encoders,
-                bus_voltage,
+                bus_voltage: measured.then_some(bus),
+                bus_voltage_range: measured.then_some([least, largest]),
                 modulation: Ratio::saturating(modulation),
                 timing,
                 link,

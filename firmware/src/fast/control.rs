@@ -19,6 +19,7 @@ use crate::fast::foc::burning::direct_current;
 use crate::fast::foc::current::{CurrentLoop, Input};
 use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::Rotor;
+use crate::fast::interval::Interval;
 use crate::fast::monitor::{DIAGNOSTIC_TICKS, Monitor, Observation};
 use crate::fast::reference::STRIDE;
 use crate::fast::shaker::{Rotors, Shaker, Target};
@@ -94,6 +95,7 @@ pub struct Control {
     /// [`Report::frequency`], 2^-4.
     frequency: i32,
     largest_voltage: Voltage,
+    interval: Interval,
     timing: LoopTiming,
     period: u8,
     alignments: u8,
@@ -128,6 +130,7 @@ impl Control {
             time: Instant::START,
             frequency: 0,
             largest_voltage: Voltage::ZERO,
+            interval: Interval::default(),
             timing: LoopTiming::default(),
             period: 0,
             alignments: 0,
@@ -236,6 +239,7 @@ impl Control {
             frequency: Speed::from_raw(self.frequency >> FREQUENCY_FILTER_SHIFT),
             direction: rotors.direction(),
             motors,
+            interval: self.interval,
             encoders: [0, 1].map(|index| self.encoder(index)),
             bus_voltage: (self.configuration.bus_per_count != 0).then_some(self.bus_voltage),
             modulation: modulation.clamp(0, i64::from(u16::MAX)) as u16,
@@ -327,6 +331,7 @@ impl Control {
             self.period = period;
             self.timing.longest_interval_us = 0;
             self.largest_voltage = Voltage::ZERO;
+            self.interval = Interval::default();
         }
         self.timing.longest_interval_us = self.timing.longest_interval_us.max(interval);
         if interval > LATE_US {
@@ -404,6 +409,10 @@ impl Control {
         }
         self.at_rest = self.rest(rotors);
         self.frequency += rotors.frequency().raw() - (self.frequency >> FREQUENCY_FILTER_SHIFT);
+        let [top, bottom] = self.loops.each_ref().map(CurrentLoop::current);
+        let signs = &self.configuration;
+        let currents = [signs.clockwise(0, top.q), signs.clockwise(1, bottom.q)];
+        self.interval.add(rotors.direction(), currents, self.bus_voltage);
         for current_loop in &self.loops {
             self.largest_voltage = self.largest_voltage.max(current_loop.voltage().q.magnitude());
         }

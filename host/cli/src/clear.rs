@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use super::robot::RobotArgs;
 use super::{Error, Exit};
 use flix_host::interrupt::Interrupt;
-use flix_shell::output::print;
+use flix_shell::output::{print, waiting};
 
 /// Clear a latched stop, and faults whose cause is gone.
 ///
@@ -22,7 +22,8 @@ pub struct Args {
 /// When the robot cannot be reached, or the cause of a fault is still there.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
-    args.robot.connect(&interrupt)?.clear()?;
+    let mut connection = args.robot.connect(&interrupt)?;
+    waiting("the robot to be ready again", || connection.clear())?;
     print("ready\n")?;
     Ok(Exit::Done.into())
 }

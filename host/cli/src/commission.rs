@@ -106,7 +106,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 fn sentence(error: CommissionError<LinkError>) -> Error {
     match error {
         CommissionError::Robot(LinkError::Refused(Refusal::NoCurrentSense)) => Error::new(
-            Exit::RobotFault,
+            Exit::NotNow,
             "the board measures no phase currents, so that nothing would bound them: measure the motors by hand and enter \
              them with `flix parameters set`: phase_resistance and phase_inductance (of one phase: half of what is measured between \
              two wires), flux_linkage, pole_pairs, encoder_latency",

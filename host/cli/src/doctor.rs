@@ -226,9 +226,9 @@ fn judge_state(telemetry: &Telemetry) -> Finding {
     if telemetry.state == State::Faulted || !telemetry.faults.is_empty() {
         bad(format!("faulted: {}; remove the cause, then `flix clear`", telemetry.faults))
     } else if let Some(by) = telemetry.stopped_by {
-        bad(LinkError::StoppedBy(by).to_string())
+        Finding::bad("state", Exit::Stopped, LinkError::StoppedBy(by))
     } else if telemetry.stopped {
-        bad("a stop is latched: `flix clear` clears it".to_owned())
+        Finding::bad("state", Exit::Stopped, "a stop is latched: `flix clear` clears it")
     } else {
         Finding::good("state", format_args!("{}, no faults", telemetry.state))
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use flix_protocol::message::{Refusal, Setpoint, State, Telemetry};
 use flix_protocol::units::{self, Degrees, Hertz, OutOfRange};
@@ -20,9 +20,13 @@ use flix_host::link::{Update, errors, is_reached};
 use flix_host::pose::PoseSource;
 use flix_host::pose::any::Poses;
 use flix_host::record::{RecordError, Recorder};
+use flix_host::system::Clock;
 use flix_host::teleop::action::Mode;
 use flix_host::text::fixed;
-use flix_shell::output::{milliseconds, optional_path_as_text, print, print_json, progress};
+use flix_shell::number::in_unit;
+use flix_shell::output::{
+    milliseconds, optional_path_as_text, print, print_json, progress, waiting,
+};
 use flix_shell::stream::StreamArgs;
 use flix_shell::time::positive_duration;
 
@@ -79,7 +83,12 @@ pub struct Args {
 pub fn frequency(text: &str) -> Result<Hertz, String> {
     let check =
         |value| Hertz::new(value).and_then(|it| Setpoint::new(it, Degrees::ZERO).map(|_| it));
-    parse(text, check, "shaking frequency", -flix_protocol::message::MAXIMUM_FREQUENCY.get())
+    parse(
+        text,
+        check,
+        ("shaking frequency", "Hz"),
+        -flix_protocol::message::MAXIMUM_FREQUENCY.get(),
+    )
 }
 
 /// Parses a shaking direction.
@@ -89,20 +98,25 @@ pub fn frequency(text: &str) -> Result<Hertz, String> {
 pub fn direction(text: &str) -> Result<Degrees, String> {
     let check =
         |value| Degrees::new(value).and_then(|it| Setpoint::new(Hertz::ZERO, it).map(|_| it));
-    parse(text, check, "shaking direction", -flix_protocol::message::MAXIMUM_DIRECTION.get())
+    parse(
+        text,
+        check,
+        ("shaking direction", "deg"),
+        -flix_protocol::message::MAXIMUM_DIRECTION.get(),
+    )
 }
 
 /// Parses a number. The error always names the range of a command, not the wider one of the unit.
 fn parse<T>(
     text: &str,
     check: impl Fn(f32) -> Result<T, OutOfRange>,
-    quantity: &str,
+    (quantity, unit): (&str, &str),
     minimum: f32,
 ) -> Result<T, String> {
     let maximum = -minimum;
-    let value: f32 = text.trim().parse().map_err(|_| {
-        format!("`{text}` is not a number; the {quantity} is from {minimum} to {maximum}")
-    })?;
+    let value = in_unit(text, unit)
+        .map_err(|error| format!("{error}; the {quantity} is from {minimum} to {maximum} {unit}"))?
+        as f32;
     // No negative zero.
     check(value + 0.0).map_err(|error| {
         let unit = error.unit;
@@ -141,7 +155,12 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         heights: HeightCheck::default(),
         walked: None,
     };
-    let driven = drive(&mut connection, setpoint, args.duration, &mut log);
+    let armed = waiting("the robot to align its motors and prove its link", || connection.arm());
+    if armed.is_err() {
+        // Nothing was driven: it is no run.
+        log.recorder.take().map(Recorder::discard);
+    }
+    let driven = armed.and_then(|()| drive(&mut connection, setpoint, args.duration, &mut log));
     let failed = match driven {
         Ok(()) => None,
         Err(LinkError::Interrupted) => Some(stop(&mut connection)),
@@ -191,19 +210,19 @@ pub fn give_up(connection: &mut Connection, error: Error) -> Error {
     Error { sentence, ..error }
 }
 
+/// Drives an armed robot, and disarms it.
 fn drive(
     connection: &mut Connection,
     setpoint: Setpoint,
     duration: Duration,
     log: &mut DriveLog,
 ) -> Result<(), LinkError> {
-    connection.arm()?;
     let (client, now) = connection.operate();
     client.hold(now, setpoint);
     log.write(|recorder| recorder.command(now, &setpoint, "drive"));
     let began = now;
     let bar = progress(duration);
-    let start = Instant::now();
+    let start = Clock::start();
     let mut has_run = false;
     // Poses that waited for the arming show no drive.
     log.look(now);
@@ -483,7 +502,7 @@ mod tests {
 
     #[test]
     fn numbers_that_cannot_be_driven_are_refused_with_the_range() {
-        for text in ["36", "-35.1", "NaN", "nan", "inf", "-inf", "1e9", "1e99", "", "fast", "30Hz"]
+        for text in ["36", "-35.1", "NaN", "nan", "inf", "-inf", "1e9", "1e99", "", "fast", "30kg"]
         {
             let sentence = frequency(text).unwrap_err();
             assert!(sentence.contains("-35 to 35"), "{text}: {sentence}");
@@ -496,10 +515,10 @@ mod tests {
 
     #[test]
     fn the_whole_range_can_be_driven() {
-        for text in ["-35", "35", "0", "-0", "29.5", "+30"] {
+        for text in ["-35", "35", "0", "-0", "29.5", "+30", "30Hz", "-30 Hz"] {
             assert!(frequency(text).is_ok(), "{text}");
         }
-        for text in ["-90", "90", "0.25"] {
+        for text in ["-90", "90", "0.25", "30deg", "-1.5 rad"] {
             assert!(direction(text).is_ok(), "{text}");
         }
     }

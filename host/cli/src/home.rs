@@ -8,7 +8,7 @@ use super::{Error, Exit};
 use flix_host::nav::{Navigator, Position, Task};
 use flix_host::pilot::{Pilot, Recorded};
 use flix_host::steering::names;
-use flix_shell::course::{SteeringArgs, facts, results, table_for};
+use flix_shell::course::{SteeringArgs, describe, facts, results, row, table_for};
 use flix_shell::output::print;
 
 /// Walk to a point and rest there.
@@ -58,11 +58,14 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         format!("{:<24} {:>4.0} mm away", pilot.doing(), pilot.helm().progress().error * 1e3)
     })?;
     walk.leave();
-    let error = pilot.helm().progress().error * 1e3;
     let numbers = results(pilot.helm(), seconds);
-    let (_, Recorded { file, error: record_error }) = pilot.finish(numbers);
+    let (_, Recorded { file, error: record_error }) = pilot.finish(numbers.clone());
     verdict(&ending, file.as_ref())?;
-    print(&format!("arrived within {error:.0} mm after {seconds:.1} s\n"))?;
+    let mut text = format!("arrived: {ending}\n{}", describe(&numbers));
+    if let Some(file) = file {
+        text += &row("record", format_args!("{} (MCAP)", file.display()));
+    }
+    print(&text)?;
     unrecorded(record_error, args.files.record.unrecorded)?;
     Ok(Exit::Done.into())
 }

@@ -179,7 +179,7 @@ fn walk_grid(args: &Args, file: &Path) -> Result<ExitCode, Error> {
     }
     let missing: Vec<String> = missing.iter().map(grid::name).collect();
     Err(Error::new(
-        Exit::RobotFault,
+        Exit::NotNow,
         format_args!("walks are missing at {}: run the same command again", missing.join(", ")),
     ))
 }

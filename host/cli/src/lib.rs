@@ -1,18 +1,7 @@
 #![forbid(unsafe_code)]
 //! The `flix` command line: one file per command, each with `Args` and `run`.
 //!
-//! # Exit codes
-//!
-//! | code | meaning |
-//! |---|---|
-//! | 0 | done |
-//! | 2 | usage: an option, a file or a value is wrong |
-//! | 10 | no answer from the robot |
-//! | 20 | the robot refused: other key, other version, or another operator holds it |
-//! | 30 | the robot has a fault, or is in a state that does not allow the command |
-//! | 40 | interrupted; the robot was stopped first |
-//!
-//! A failure is one sentence on stderr that says what to do. With `--json`, stdout carries JSON only.
+//! A failure has an exit code ([`Exit::ALL`]) and one sentence on stderr that says what to do. With `--json`, stdout carries JSON only.
 
 pub mod by_hand;
 pub mod clear;
@@ -55,7 +44,7 @@ use flix_shell::{Error, Exit, output, parse};
     propagate_version = true,
     subcommand_required = true,
     arg_required_else_help = true,
-    after_help = EXAMPLES
+    after_help = format!("{EXAMPLES}\n\n{}", Exit::help())
 )]
 pub struct Cli {
     #[command(subcommand)]
@@ -68,10 +57,7 @@ Examples:
   flix cockpit 127.0.0.1                     drive in the browser
   flix drive walker-1 --frequency -30 --direction 30 --for 5s
   flix status walker-1 --json | jq .state
-  flix stop walker-1
-
-Exit codes: 0 done, 2 usage, 10 no answer, 20 refused (key, version or another operator),
-30 robot fault, 40 interrupted (the robot was stopped first).";
+  flix stop walker-1";
 
 #[derive(Debug, Subcommand)]
 enum Command {

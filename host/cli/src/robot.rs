@@ -12,6 +12,7 @@ use flix_host::interrupt::Interrupt;
 use flix_host::keys::{self, KEY_FILE_VARIABLE, KeyError, Keyring, SIMULATED_ROBOT};
 use flix_host::link::discovery;
 use flix_host::link::udp::Connection;
+use flix_shell::output::waiting;
 
 /// Options that name a robot and its key.
 #[derive(Debug, Clone, clap::Args)]
@@ -50,7 +51,7 @@ impl RobotArgs {
     /// When there is no usable key (usage), no robot answers, or the robot refuses.
     pub fn connect(&self, interrupt: &Interrupt) -> Result<Connection, Error> {
         let mut connection = self.begin(interrupt)?;
-        connection.wait_until_connected()?;
+        waiting(format_args!("{} to answer", self.robot), || connection.wait_until_connected())?;
         Ok(connection)
     }
 
@@ -116,7 +117,10 @@ impl RobotArgs {
         }
         // A provisioned robot announces itself; where multicast does not work, names may.
         if keyring.contains(host)
-            && let Ok(Some(address)) = discovery::find(host, key, interrupt)
+            && let Ok(Some(address)) =
+                waiting(format_args!("{host} to be found in the network"), || {
+                    discovery::find(host, key, interrupt)
+                })
         {
             return Ok(address);
         }

@@ -7,8 +7,8 @@ use serde_json::{Value, json};
 
 use super::{Error, Exit};
 use flix_host::record::{Listing, ReadError, Repaired, Run, csv, is_being_written, list, repair};
-use flix_plot::Figure;
-use flix_shell::output::{complain, headings, print, table_for_terminal};
+use flix_plot::{Figure, record};
+use flix_shell::output::{complain, headings, print, print_json, table_for_terminal};
 
 /// List, show, plot and export the records of runs.
 ///
@@ -97,17 +97,19 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         Action::Show { run, json } => show(&find(args, run)?, *json)?,
         Action::Plot { run, to } => {
             let run = find(args, run)?;
-            if counts(&run).iter().all(|(_, rows)| *rows == 0) {
+            let (has_track, has_timeline) = (record::has_track(&run), record::has_timeline(&run));
+            if !has_track && !has_timeline {
                 return Err(Error::usage(format_args!(
-                    "{}: there is nothing to plot: the record has no rows",
+                    "{}: there is nothing to plot: the record has no rows of poses, commands or telemetry",
                     run.file.display()
                 )));
             }
             let (folder, stem) = beside(&run, to.as_ref());
-            for (kind, figure) in [
-                ("track", &flix_plot::record::track(&run) as &dyn Figure),
-                ("timeline", &flix_plot::record::timeline(&run)),
-            ] {
+            let figures: [(_, _, &dyn Figure); 2] = [
+                ("track", has_track, &record::track(&run)),
+                ("timeline", has_timeline, &record::timeline(&run)),
+            ];
+            for (kind, _, figure) in figures.into_iter().filter(|(_, has_data, _)| *has_data) {
                 let written =
                     figure.write(&folder, &format!("{stem}-{kind}")).map_err(Error::usage)?;
                 print(&format!("{}\n{}\n", written.svg.display(), written.png.display()))?;
@@ -163,7 +165,7 @@ fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
                 })
             })
             .collect();
-        return print(&format!("{}\n", Value::from(rows)));
+        return print_json(&rows);
     }
     if runs.is_empty() {
         return print(&format!("no runs below {}\n", out.display()));
@@ -214,7 +216,7 @@ fn unfinished(run: &Run) -> String {
 
 fn show(run: &Run, as_json: bool) -> Result<(), Error> {
     if as_json {
-        return print(&format!("{}\n", description(run)));
+        return print_json(&description(run));
     }
     let mut text = format!("{}\n{:>14}  {:.1} s\n", run.file.display(), "duration", run.seconds());
     for (topic, rows) in counts(run) {

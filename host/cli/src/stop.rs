@@ -6,7 +6,7 @@ use super::robot::RobotArgs;
 use super::{Error, Exit};
 use flix_host::interrupt::Interrupt;
 use flix_host::link::udp;
-use flix_shell::output::print;
+use flix_shell::output::{print, waiting};
 
 /// Stop the robot, in every state, whoever drives it.
 ///
@@ -26,7 +26,8 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let (address, key) = args.robot.find(&interrupt)?;
-    udp::stop(address, &key, &interrupt)?;
+    let at_rest = format_args!("{address} to acknowledge the stop and to come to rest");
+    waiting(at_rest, || udp::stop(address, &key, &interrupt))?;
     print("stopped; `flix clear` makes it ready again\n")?;
     Ok(Exit::Done.into())
 }

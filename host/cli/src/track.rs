@@ -10,7 +10,7 @@ use super::{Error, Exit};
 use flix_host::nav::Task;
 use flix_host::pilot::{Pilot, Recorded};
 use flix_host::steering::names;
-use flix_shell::course::{CourseArgs, facts, results, table_for};
+use flix_shell::course::{CourseArgs, describe, facts, results, row, table_for};
 use flix_shell::output::{print, print_json};
 
 /// Longest time for an answer of a controller process: well within the command deadline of 250 ms.
@@ -80,6 +80,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         )
     })?;
     walk.leave();
+    let (walked, controller) = (name.trim_start_matches("track-"), args.course.controller());
     let numbers = results(pilot.helm().navigator(), seconds);
     let (_, Recorded { file, error }) = pilot.finish(numbers.clone());
     verdict(&ending, file.as_ref())?;
@@ -91,15 +92,17 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
                 value.parse::<f64>().map_or_else(|_| value.clone().into(), Into::into),
             );
         }
+        report.insert("path".into(), walked.into());
+        report.insert("controller".into(), controller.into());
+        report.insert("finished".into(), true.into());
+        report.insert("ending".into(), ending.to_string().into());
         report.insert("record".into(), file.as_deref().map(Path::to_string_lossy).into());
         print_json(&report)?;
     } else {
-        let mut text = String::new();
-        for (key, value) in &numbers {
-            text.push_str(&format!("{key:>20}  {value}\n"));
-        }
+        let mut text = format!("{walked} ({controller} controller): {ending}\n");
+        text += &describe(&numbers);
         if let Some(file) = file {
-            text.push_str(&format!("{:>20}  {}\n", "record", file.display()));
+            text += &row("record", format_args!("{} (MCAP)", file.display()));
         }
         print(&text)?;
     }

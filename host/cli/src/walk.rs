@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::{Duration, SystemTime};
 
-use flix_protocol::message::{Command, Outcome};
+use flix_protocol::message::{Command, Outcome, State};
 use flix_protocol::units::Instant;
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -22,7 +22,7 @@ use flix_host::pose::udp::UdpSource;
 use flix_host::pose::{PoseSample, PoseSource};
 use flix_host::record::{RecordError, Recorder, RunDescription};
 use flix_host::text::printable;
-use flix_shell::output::complain;
+use flix_shell::output::{complain, waiting};
 use flix_shell::stream::StreamArgs;
 
 /// Longest wait for datagrams of the robot between two checks for poses.
@@ -173,7 +173,11 @@ impl PoseArgs {
         }
         match self.pose.unwrap_or(PoseKind::NatNet) {
             PoseKind::NatNet => {
-                NatNetSource::connect(self.settings()).map(Poses::NatNet).map_err(Error::from)
+                let settings = self.settings();
+                let server =
+                    format_args!("{} to state its rigid bodies", settings.server).to_string();
+                let source = waiting(server, || NatNetSource::connect(settings));
+                source.map(Poses::NatNet).map_err(Error::from)
             }
             PoseKind::Udp(port, tracker) => {
                 let interface = self.interface.unwrap_or(Ipv4Addr::LOCALHOST);
@@ -363,11 +367,9 @@ pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
         Ending::Revoked => Exit::Refused,
         Ending::NotRecorded(_) => Exit::Usage,
         Ending::Refused(refusal) => return Err(LinkError::Refused(refusal.clone()).into()),
-        Ending::Stopped(_)
-        | Ending::StoppedBy(_)
-        | Ending::OutOfTime(_)
-        | Ending::Faulted(_)
-        | Ending::NotReady(_) => Exit::RobotFault,
+        Ending::Faulted(_) | Ending::NotReady(State::Faulted) => Exit::RobotFault,
+        Ending::StoppedBy(_) => Exit::Stopped,
+        Ending::Stopped(_) | Ending::OutOfTime(_) | Ending::NotReady(_) => Exit::NotNow,
     };
     let mut sentence = match record {
         Some(file) => format!("{ending} (record: {})", file.display()),

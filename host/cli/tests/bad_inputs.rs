@@ -78,7 +78,7 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("drive w --frequency nan --direction 30 --for 5s", 2, "-35 to 35"),
     ("drive w --frequency -inf --direction 30 --for 5s", 2, "-35 to 35"),
     ("drive w --frequency 1e99 --direction 30 --for 5s", 2, "-35 to 35"),
-    ("drive w --frequency 30Hz --direction 30 --for 5s", 2, "not a number"),
+    ("drive w --frequency 30kg --direction 30 --for 5s", 2, "not a number"),
     ("drive w --frequency 30,5 --direction 30 --for 5s", 2, "not a number"),
     ("drive w --frequency --direction 30 --for 5s", 2, "unexpected argument"),
     ("drive w --frequency 30 --direction 91 --for 5s", 2, "-90 to 90"),

@@ -268,7 +268,7 @@ fn refuse_version(socket: &UdpSocket, version: u16) {
 fn a_robot_that_another_operator_holds_is_refused_as_busy() {
     let (_served, address) = serve(robot());
     let first = hold_session(address.parse().unwrap());
-    Operator::new().flix(&["status", &address]).expect(20, &["another operator", "owner"]);
+    Operator::new().flix(&["status", &address]).expect(21, &["another operator", "owner"]);
     first.0.raise();
     first.1.join().unwrap();
     Operator::new().flix(&["status", &address]).expect(0, &[]);
@@ -334,7 +334,7 @@ fn a_stop_while_the_motors_are_aligned_ends_a_run_by_name() {
         let mut robot = served.robot();
         (robot.state, robot.stopped, robot.stopped_by) = (State::Disarmed, true, bob);
         drop(robot);
-        Ended(child.wait_with_output().unwrap()).expect(30, &["bob stopped the robot"]);
+        Ended(child.wait_with_output().unwrap()).expect(31, &["bob stopped the robot"]);
     }
 }
 
@@ -345,7 +345,7 @@ fn anybody_with_the_key_stops_a_drive_and_its_operator_learns_of_it() {
     let child = long_drive(&operator, &served);
     Operator::new().flix(&["stop", &address]).expect(0, &[]);
     assert!(served.robot().stopped);
-    Ended(child.wait_with_output().unwrap()).expect(30, &["owner stopped the robot"]);
+    Ended(child.wait_with_output().unwrap()).expect(31, &["owner stopped the robot"]);
 }
 
 #[test]
@@ -368,9 +368,9 @@ fn everybody_learns_who_stopped_the_robot() {
     assert_eq!((&json["stopped"], &json["stopped_by"]), (&true.into(), &"bob".into()));
     let text = operator.flix(&["status", &address]).expect(0, &[]).stdout();
     assert!(text.contains("stopped by bob: `flix clear`"), "{text}");
-    operator.flix(&drive(&address, &[])).expect(30, &["bob stopped the robot", "flix clear"]);
+    operator.flix(&drive(&address, &[])).expect(31, &["bob stopped the robot", "flix clear"]);
     let doctor = operator.flix(&["doctor", &address, "--no-poses"]);
-    assert_eq!(doctor.code(), 30);
+    assert_eq!(doctor.code(), 31);
     assert!(doctor.stdout().contains("bob stopped the robot"), "{}", doctor.stdout());
 }
 
@@ -617,7 +617,7 @@ fn a_stopped_robot_is_driven_again_only_after_clear() {
     let operator = Operator::new();
     operator.flix(&["stop", &address]).expect(0, &[]);
     assert!(served.robot().stopped);
-    operator.flix(&drive(&address, &[])).expect(30, &["owner stopped the robot", "flix clear"]);
+    operator.flix(&drive(&address, &[])).expect(31, &["owner stopped the robot", "flix clear"]);
     operator.flix(&["clear", &address]).expect(0, &[]);
     operator.flix(&drive(&address, &[])).expect(0, &[]);
 }
@@ -633,7 +633,7 @@ fn a_stopped_robot_walks_again_only_after_clear() {
     let mut command = operator.command(&["track", &address, "circle"]);
     command.args(["--natnet-server", &cameras.address, "--modes"]).arg(&modes);
     command.arg("--out").arg(operator.home.path());
-    Ended(command.output().unwrap()).expect(30, &["flix clear"]);
+    Ended(command.output().unwrap()).expect(31, &["flix clear"]);
     assert!(served.robot().stopped, "only `flix clear` clears a latched stop");
 }
 
@@ -1123,6 +1123,70 @@ fn a_value_out_of_range_is_usage_and_names_the_range() {
     set("NaN").expect(2, &["current_limit: `NaN` is not a number"]);
     let unknown = ["parameters", "get", &address, "colour"];
     operator.flix(&unknown).expect(2, &["flix parameters list"]);
+}
+
+#[test]
+fn a_value_may_have_its_unit_and_a_name_that_is_nearly_right_is_answered_with_the_right_one() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let set = |name, value| operator.flix(&["parameters", "set", &address, name, value]);
+    let value = |index: usize| served.robot().parameters[index].value;
+    set("current_limit", "1750mA").expect(0, &[]);
+    set("frequency_slew", "0.2 kHz/s").expect(2, &["not a number in Hz/s"]);
+    set("frequency_slew", "200 Hz/s").expect(0, &[]);
+    assert_eq!((value(0), value(1)), (1.75, 200.0));
+    set("loop_gain", "on").expect(0, &[]);
+    set("current_limit", "2V").expect(2, &["current_limit: `2V` is not a number in A"]);
+    set("current_limit", "on").expect(2, &["current_limit: `on` is not a number in A"]);
+    set("current_limit", "much").expect(2, &["`much` is not a number, on or off"]);
+    set("curent_limit", "1").expect(2, &["`curent_limit`, did you mean `current_limit`?"]);
+    let get = ["parameters", "get", &address, "frequency-slew"];
+    operator.flix(&get).expect(2, &["did you mean `frequency_slew`?"]);
+    let file = operator.home.path().join("wrong.toml");
+    std::fs::write(&file, "[settings]\npol_pairs = 7\n").unwrap();
+    let import = ["parameters", "import", &address, file.to_str().unwrap()];
+    operator.flix(&import).expect(2, &["did you mean `pole_pairs`?"]);
+    let with_units = ["drive", &address, "--frequency", "-30Hz", "--direction", "30deg", "--for"];
+    operator.flix(&[&with_units[..], &["200ms"]].concat()).expect(0, &[]);
+}
+
+#[test]
+fn a_drive_that_was_refused_leaves_no_record() {
+    let mut stopped = robot();
+    stopped.stopped = true;
+    let (_served, address) = serve(stopped);
+    let operator = Operator::new();
+    operator.flix(&drive(&address, &[])).expect(31, &["flix clear"]);
+    let list = operator.command_without_key(&["runs", "show", "last"]).output().unwrap();
+    Ended(list).expect(2, &["no run"]);
+}
+
+#[test]
+fn where_no_simulated_robot_runs_its_start_is_named_and_what_is_waited_for() {
+    let nobody = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let address = nobody.local_addr().unwrap().to_string();
+    let words = ["flix-sim serve", &format!("waiting for {address} to answer")];
+    for command in ["status", "stop"] {
+        Operator::new().flix(&[command, &address]).expect(10, &words[..1]);
+    }
+    Operator::new().flix(&["clear", &address]).expect(10, &words);
+}
+
+#[test]
+fn nothing_to_show_is_no_fault_and_every_code_is_in_help_and_in_the_table() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    operator.flix(&["scope", &address, "--last"]).expect(33, &[]);
+    let help = operator.command_without_key(&["--help"]).output().unwrap();
+    let page = include_str!("../../docs/drive.md");
+    for (exit, meaning) in flix_shell::Exit::ALL {
+        let code = exit as u8;
+        assert!(
+            Ended(help.clone()).stdout().contains(&format!("  {code:>2}  {meaning}\n")),
+            "{code}"
+        );
+        assert!(page.contains(&format!("\n| {code} | {meaning} |\n")), "{code}");
+    }
 }
 
 #[test]

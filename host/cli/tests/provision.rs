@@ -261,7 +261,7 @@ fn a_refused_rotation_keeps_the_old_key() {
     let first = operator.keyring().key("walker-1").unwrap();
     let driving = CabledRobot::with_trouble(0, Some(ProvisionRefusal::Driving));
     let words = ["--ssid", "lab", "--name", "walker-1", "--new-key"];
-    operator.fails(&driving, &words, 30, "disarm");
+    operator.fails(&driving, &words, 32, "disarm");
     assert_eq!(operator.keyring().key("walker-1").unwrap(), first);
 }
 
@@ -348,7 +348,7 @@ fn operators_are_added_with_keys_of_their_own_listed_and_revoked() {
 fn an_operator_that_the_robot_refuses_leaves_no_key_behind() {
     let (operator, robot) = (Operator::new(), CabledRobot::new());
     operator.provisions(&robot, &["--ssid", "lab", "--operator", "anna"]);
-    operator.fails(&robot, &["--add-operator", "anna"], 30, "another operator has this name");
+    operator.fails(&robot, &["--add-operator", "anna"], 32, "another operator has this name");
     assert!(!operator.home.path().join("walker-1-anna.key").exists());
     let file = operator.home.path().join("known.key");
     fs::write(&file, "mine").unwrap();
@@ -374,7 +374,7 @@ fn a_new_key_erases_all_former_ones_and_says_whose() {
 fn a_robot_without_an_owner_has_no_operators_to_change() {
     let (operator, robot) = (Operator::new(), CabledRobot::new());
     for task in [&["--operators"][..], &["--add-operator", "bob"], &["--revoke-operator", "bob"]] {
-        operator.fails(&robot, task, 30, "provision it first");
+        operator.fails(&robot, task, 32, "provision it first");
     }
 }
 

@@ -26,6 +26,10 @@ pub const PINK: Colour = Colour(0xd6, 0x4f, 0xa8);
 pub const BROWN: Colour = Colour(0x85, 0x58, 0x2e);
 /// A reference or a set value.
 pub const GREY: Colour = Colour(0x8a, 0x93, 0x9f);
+/// What is commanded, here, on the pages and in Foxglove.
+pub const COMMANDED: Colour = GREY;
+/// f and theta as they are measured, here, on the pages and in Foxglove.
+pub const MEASURED: Colour = ORANGE;
 /// Text.
 pub const INK: Colour = Colour(0x1c, 0x23, 0x2e);
 /// Labels of axes and other quiet text.

@@ -13,6 +13,18 @@ const JUMP: f64 = 0.05;
 /// Number of robots drawn along a track.
 const SNAPSHOTS: usize = 12;
 
+/// Returns whether there is a track to draw: trusted poses, or a path.
+#[must_use]
+pub fn has_track(run: &Run) -> bool {
+    run.path.is_some() || run.poses.iter().any(|pose| pose.valid)
+}
+
+/// Returns whether anything of a run changes over time.
+#[must_use]
+pub fn has_timeline(run: &Run) -> bool {
+    !(run.navigation.is_empty() && run.commands.is_empty() && run.telemetry.is_empty())
+}
+
 /// Draws the track on the floor: the path, the way of the robot, and its pose at some moments.
 #[must_use]
 pub fn track(run: &Run) -> Track {
@@ -88,14 +100,13 @@ pub fn timeline(run: &Run) -> Chart {
     }
     if !run.commands.is_empty() || !run.telemetry.is_empty() {
         chart = chart
-            .panel(commanded_and_held(
-                run,
-                "Frequency f (Hz)",
-                |c| c.frequency_hz,
-                |t| t.frequency_hz,
-            ))
+            .panel(commanded_and_held(run, "f (Hz)", |c| c.frequency_hz, |t| t.frequency_hz))
             .panel(
-                commanded_and_held(run, "Direction θ (°)", |c| c.direction_deg, line_held)
+                commanded_and_held(run, "theta (deg)", |c| c.direction_deg, line_held)
+                    .series(extreme(run, "", colour::MEASURED, |t| line(t, t.direction_least_deg?)))
+                    .series(extreme(run, EXTREMES, colour::MEASURED, |t| {
+                        line(t, t.direction_largest_deg?)
+                    }))
                     .degrees(),
             );
     }
@@ -103,8 +114,17 @@ pub fn timeline(run: &Run) -> Chart {
         chart = chart
             .panel(
                 Panel::new("Current q (A)")
-                    .series(measured(run, "top", |t| Some(t.top.current_q_a)))
-                    .series(measured(run, "bottom", |t| Some(t.bottom.current_q_a))),
+                    .series(extreme(run, "", colour::BLUE, |t| t.top.current_q_least_a))
+                    .series(extreme(run, "", colour::BLUE, |t| t.top.current_q_largest_a))
+                    .series(extreme(run, "", colour::ORANGE, |t| t.bottom.current_q_least_a))
+                    .series(extreme(run, EXTREMES, colour::ORANGE, |t| {
+                        t.bottom.current_q_largest_a
+                    }))
+                    .series(measured(run, "top", |t| Some(t.top.current_q_a)).colour(colour::BLUE))
+                    .series(
+                        measured(run, "bottom", |t| Some(t.bottom.current_q_a))
+                            .colour(colour::ORANGE),
+                    ),
             )
             .panel(
                 Panel::new("Battery (V)")
@@ -138,14 +158,32 @@ fn commanded_and_held(
     }
     Panel::new(label)
         .height(110.0)
-        .series(Series::line("commanded", commands).stroke(Stroke::Step).colour(colour::GREY))
-        .series(measured(run, "held", move |t| Some(held(t))).colour(colour::ORANGE).width(1.2))
+        .series(Series::line("commanded", commands).stroke(Stroke::Step).colour(colour::COMMANDED))
+        .series(measured(run, "measured", move |t| Some(held(t))).colour(colour::MEASURED))
 }
 
 /// Returns the measured line of force next to the commanded one, degrees: it repeats every half turn.
 fn line_held(row: &TelemetryRow) -> f64 {
     let commanded = row.commanded_direction_deg;
     commanded + line_difference(row.direction_deg - commanded)
+}
+
+/// Returns an end of the range of theta beside its mean, degrees.
+fn line(row: &TelemetryRow, direction: f64) -> Option<f64> {
+    Some(line_held(row) + line_difference(direction - row.direction_deg))
+}
+
+/// Names the thin lines above and below a mean.
+const EXTREMES: &str = "least and largest";
+
+/// Returns an end of the range of what ripples, since the telemetry before.
+fn extreme(
+    run: &Run,
+    label: &str,
+    of: colour::Colour,
+    value: impl Fn(&TelemetryRow) -> Option<f64>,
+) -> Series {
+    measured(run, label, value).colour(of.towards(colour::WHITE, 0.55)).width(0.8)
 }
 
 fn measured(run: &Run, label: &str, value: impl Fn(&TelemetryRow) -> Option<f64>) -> Series {
@@ -213,7 +251,9 @@ mod tests {
         let timeline = timeline(&run);
         timeline.write(&out, "run-timeline").unwrap();
         let svg = timeline.svg();
-        for label in ["Heading", "Current q", "commanded", "held", "walker-1"] {
+        for label in
+            ["Heading", "Current q", "commanded", "measured", "least and largest", "walker-1"]
+        {
             assert!(svg.contains(label), "{label}");
         }
     }

@@ -50,7 +50,7 @@ fn maps() -> HeatMaps {
     let rows: Vec<Vec<f64>> = y.iter().map(|y| x.iter().map(|x| value(*x, *y)).collect()).collect();
     let map = |name: &str| {
         HeatMap::new(name, x.clone(), y.clone(), rows.clone())
-            .labels("Direction θ (°)", "f (Hz)")
+            .labels("theta (deg)", "f (Hz)")
             .decimals(3)
     };
     HeatMaps::new("Speeds over frequency and direction", 2)

@@ -10,6 +10,7 @@ use flix_protocol::message::Setpoint;
 use crate::Error;
 use crate::number::{parse_within, whole};
 use crate::output::{complain, read_text};
+use crate::suggestion::nearest;
 use flix_host::nav::{
     Approach, Area, ControllerKind, Experience, ModeTable, ModeTableError, Navigator, PAPER_PAIRS,
     Path, PathError, PlanarPose, Position, Repertoire, Settings, Task,
@@ -287,6 +288,28 @@ pub fn results(navigator: &Navigator, seconds: f64) -> BTreeMap<String, String> 
     results
 }
 
+/// Returns the [`results`] of a run as rows for people, the same for a robot and a simulated one.
+#[must_use]
+pub fn describe(results: &BTreeMap<String, String>) -> String {
+    let fact = |name| results.get(name).map_or("", String::as_str);
+    let mut text = String::new();
+    if !fact("path_error_rms_mm").is_empty() {
+        let (rms, peak) = (fact("path_error_rms_mm"), fact("path_error_peak_mm"));
+        text += &row("path error", format_args!("{rms} mm RMS, {peak} mm at most"));
+        text += &row("laps", format_args!("{} in {} s", fact("laps"), fact("seconds")));
+    } else if !fact("final_error_mm").is_empty() {
+        let (error, seconds) = (fact("final_error_mm"), fact("seconds"));
+        text += &row("final error", format_args!("{error} mm after {seconds} s"));
+    }
+    text + &row("modes", format_args!("changed {} times", fact("mode_switches")))
+}
+
+/// Returns a row of what [`describe`] returns.
+#[must_use]
+pub fn row(name: &str, value: impl std::fmt::Display) -> String {
+    format!("  {name:11} {value}\n")
+}
+
 /// Reads the mode table, and says when it was measured with another robot.
 ///
 /// # Errors
@@ -308,7 +331,9 @@ pub fn pairs(wanted: &[String]) -> Result<Vec<(String, Setpoint)>, Error> {
     let known = PAPER_PAIRS.map(|(name, ..)| name);
     if let Some(stranger) = wanted.iter().find(|name| !known.contains(&name.as_str())) {
         return Err(Error::usage(format_args!(
-            "there is no mode \"{stranger}\": choose from {}",
+            "there is no mode \"{stranger}\"{}: choose from {}",
+            nearest(stranger, known.into_iter())
+                .map_or_else(String::new, |it| format!(", did you mean \"{it}\"?")),
             known.join(", ")
         )));
     }

@@ -9,6 +9,9 @@ use foxglove::{
     ChannelBuilder, Context, PartialMetadata, RawChannel, Schema, WebSocketServerHandle,
 };
 
+use log::{Level, LevelFilter, Log, Metadata, Record};
+
+use crate::output::complain;
 use flix_host::record::{Channel, Reader};
 
 /// Rows that wait for a slow reader: some two seconds of a run.
@@ -56,6 +59,7 @@ impl Stream {
     ) -> Result<Self, StreamError> {
         let failed =
             |error: foxglove::FoxgloveError| StreamError { address, reason: error.to_string() };
+        hear_of_refusals();
         let context = Context::new();
         let offers = channels
             .iter()
@@ -88,6 +92,42 @@ impl Stream {
     pub fn port(&self) -> u16 {
         self.server.as_ref().map_or(0, WebSocketServerHandle::port)
     }
+}
+
+/// Says on stderr that a viewer was refused: to it, that is an HTTP status without a word.
+struct Refusals;
+
+impl Log for Refusals {
+    fn enabled(&self, metadata: &Metadata<'_>) -> bool {
+        metadata.level() == Level::Error && metadata.target().starts_with("foxglove")
+    }
+
+    fn log(&self, record: &Record<'_>) {
+        if self.enabled(record.metadata())
+            && let Some(sentence) = refusal(&record.args().to_string())
+        {
+            complain(sentence);
+        }
+    }
+
+    fn flush(&self) {}
+}
+
+/// Has what the library reports of viewers explained, once for the program.
+fn hear_of_refusals() {
+    // Where another logger is set already, it hears of them.
+    if log::set_logger(&Refusals).is_ok() {
+        log::set_max_level(LevelFilter::Error);
+    }
+}
+
+/// Returns a sentence about a viewer that the library refused, of what it reports.
+fn refusal(report: &str) -> Option<String> {
+    let viewer = report.strip_prefix("Dropping client ")?.strip_suffix(": handshake failed")?;
+    Some(format!(
+        "the viewer at {viewer} was refused: it does not speak foxglove.sdk.v1, as Foxglove and Lichtblick after 1.21 \
+         do: update it, or open the record (`flix runs list`)"
+    ))
 }
 
 impl Reader for Stream {
@@ -204,6 +244,28 @@ mod tests {
         stream.row(0, 6 * AGAIN, b"{\"n\":2}");
         assert_eq!(client.row(), (b'b', 6 * AGAIN, b"{\"path\":2}".to_vec()));
         assert_eq!(client.row(), (b'a', 6 * AGAIN, b"{\"n\":2}".to_vec()));
+    }
+
+    #[test]
+    fn a_viewer_of_the_older_protocol_is_answered_with_a_sentence() {
+        use std::io::{Read as _, Write as _};
+        let stream = Stream::open("127.0.0.1:0".parse().unwrap(), "robot", &CHANNELS).unwrap();
+        let mut viewer = TcpStream::connect(("127.0.0.1", stream.port())).unwrap();
+        viewer.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        let request = "GET / HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
+                       Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\
+                       Sec-WebSocket-Protocol: foxglove.websocket.v1\r\n\r\n";
+        viewer.write_all(request.as_bytes()).unwrap();
+        let mut answer = String::new();
+        viewer.read_to_string(&mut answer).unwrap();
+        assert!(answer.starts_with("HTTP/1.1 400"), "{answer}");
+        let address = viewer.local_addr().unwrap();
+        let sentence = refusal(&format!("Dropping client {address}: handshake failed")).unwrap();
+        assert!(sentence.contains(&address.to_string()) && sentence.contains("update it"));
+        assert_eq!(refusal("Dropping client: it left"), None);
+        assert!(log::logger().enabled(
+            &Metadata::builder().level(Level::Error).target("foxglove::websocket::server").build()
+        ));
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use flix_host::nav::{Area, Identification, IdentificationSettings, ModeTable};
+use flix_host::teleop::action::Mode;
 use flix_protocol::message::Setpoint;
 
 use crate::Error;
@@ -105,5 +106,56 @@ pub fn describe(modes: &ModeTable) -> String {
             speed(mode.yaw, 3),
         ]
     }));
-    table(&rows)
+    let remarks = modes.modes().iter().filter_map(wrong_way);
+    remarks.fold(table(&rows), |text, remark| text + &remark + "\n")
+}
+
+/// Returns a remark on a turn that goes the other way.
+fn wrong_way(mode: &flix_host::nav::Mode) -> Option<String> {
+    let is = |turn: Mode| turn.setpoint() == mode.setpoint;
+    let (side, other, sign) = if is(Mode::LeftTurn) {
+        ("left", "right", 1.0)
+    } else if is(Mode::RightTurn) {
+        ("right", "left", -1.0)
+    } else {
+        return None;
+    };
+    (sign * mode.yaw.mean < -mode.yaw.spread).then(|| {
+        format!(
+            "{}: it turns to the {other}, where this pair turns to the {side}: are the motors swapped (top, bottom), or the \
+             tracked body's axes (z up, --up)?",
+            mode.name
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use flix_host::nav::{Mode as Measured, Spread};
+
+    #[test]
+    fn a_turn_that_goes_the_other_way_is_remarked() {
+        let of = |turn: Mode, mean: f64| {
+            let still = Spread { mean: 0.0, spread: 0.01 };
+            let mode = Measured {
+                name: "turning".into(),
+                setpoint: turn.setpoint(),
+                forward: still,
+                lateral: still,
+                yaw: Spread { mean, spread: 0.2 },
+            };
+            describe(&ModeTable::new("robot", "test", vec![mode]).unwrap())
+        };
+        assert!(of(Mode::LeftTurn, -1.0).contains("turning: it turns to the right, where"));
+        assert!(of(Mode::RightTurn, 1.0).contains("turning: it turns to the left, where"));
+        for (turn, mean) in [
+            (Mode::LeftTurn, 1.0),
+            (Mode::LeftTurn, -0.1),
+            (Mode::RightTurn, -1.0),
+            (Mode::Forward, -1.0),
+        ] {
+            assert!(!of(turn, mean).contains("it turns"), "{turn:?} {mean}");
+        }
+    }
 }

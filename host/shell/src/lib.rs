@@ -8,6 +8,7 @@
 //! | [`output`] | prints texts, JSON, tables and progress bars |
 //! | [`course`], [`identification`] | options of a path, of steering, of an identification |
 //! | [`stream`] | `--foxglove` |
+//! | [`suggestion`] | what may have been meant |
 //! | [`completions`], [`man`] | completion scripts, manual pages |
 
 pub mod completions;
@@ -19,6 +20,7 @@ pub mod man;
 pub mod number;
 pub mod output;
 pub mod stream;
+pub mod suggestion;
 pub mod time;
 
 use std::fmt;
@@ -34,7 +36,7 @@ use flix_host::nav::ModeTableError;
 use flix_host::pose::PoseError;
 use flix_host::pose::natnet::NatNetError;
 use flix_host::record::{ReadError, RecordError, RepairError};
-use flix_protocol::message::Refusal;
+use flix_protocol::message::{Refusal, State};
 use flix_protocol::session::ConnectError;
 
 /// Exit code of a command: a contract with scripts.
@@ -49,10 +51,41 @@ pub enum Exit {
     NoAnswer = 10,
     /// The robot refused this operator.
     Refused = 20,
-    /// The robot has a fault or cannot do this in its state.
+    /// Another operator holds the robot.
+    Held = 21,
+    /// The robot has a fault.
     RobotFault = 30,
+    /// A stop is latched.
+    Stopped = 31,
+    /// The robot cannot do this in its state, or did not come to do it.
+    NotNow = 32,
+    /// There is nothing to show.
+    Nothing = 33,
     /// A signal, or a closed terminal.
     Interrupted = 40,
+}
+
+impl Exit {
+    /// Every code of `flix` and what it means.
+    pub const ALL: [(Self, &str); 10] = [
+        (Self::Done, "done"),
+        (Self::Usage, "usage: an option, a file or a value is wrong"),
+        (Self::NoAnswer, "no answer from the robot"),
+        (Self::Refused, "the robot refused: other key or other version"),
+        (Self::Held, "another operator holds the robot"),
+        (Self::RobotFault, "the robot has a fault"),
+        (Self::Stopped, "a stop is latched: `flix clear` ends it"),
+        (Self::NotNow, "the robot cannot do this now, or did not do it in time"),
+        (Self::Nothing, "there is nothing to show, such as no fault"),
+        (Self::Interrupted, "interrupted; the robot was stopped first"),
+    ];
+
+    /// Returns all codes as lines of help.
+    #[must_use]
+    pub fn help() -> String {
+        let line = |(exit, meaning): (Self, &str)| format!("\n  {:>2}  {meaning}", exit as u8);
+        "Exit codes:".to_owned() + &Self::ALL.map(line).concat()
+    }
 }
 
 impl From<Exit> for ExitCode {
@@ -96,23 +129,31 @@ impl From<LinkError> for Error {
             LinkError::Network(_)
             | LinkError::Random(_)
             | LinkError::Connect(ConnectError::NoAnswer)
+            | LinkError::NoneHere(_)
             | LinkError::Silent
             | LinkError::Back
             | LinkError::Left
             | LinkError::Unanswered
             | LinkError::Lapsed
             | LinkError::Refused(Refusal::LinkUnproven | Refusal::Late { .. }) => Exit::NoAnswer,
+            LinkError::Connect(ConnectError::Busy(_)) => Exit::Held,
             LinkError::Connect(_) | LinkError::Revoked | LinkError::Refused(Refusal::Malformed) => {
                 Exit::Refused
             }
             LinkError::Refused(
                 Refusal::OutOfRange { .. } | Refusal::NotWhole { .. } | Refusal::UnknownParameter,
             ) => Exit::Usage,
-            LinkError::Refused(_)
+            // Flash that cannot be written is broken.
+            LinkError::Refused(
+                Refusal::Faulted(_) | Refusal::State(State::Faulted) | Refusal::Storage,
+            )
             | LinkError::Faulted { .. }
-            | LinkError::State { .. }
+            | LinkError::State { actual: State::Faulted, .. } => Exit::RobotFault,
+            LinkError::Refused(Refusal::Stopped)
             | LinkError::StoppedBy(_)
-            | LinkError::StillStopped => Exit::RobotFault,
+            | LinkError::StillStopped => Exit::Stopped,
+            LinkError::Refused(Refusal::NotCaptured) => Exit::Nothing,
+            LinkError::Refused(_) | LinkError::State { .. } => Exit::NotNow,
             LinkError::Interrupted => Exit::Interrupted,
         };
         Self::new(exit, error)
@@ -137,7 +178,7 @@ impl From<SerialError> for Error {
             SerialError::Open { .. } => Exit::Usage,
             SerialError::Port(_) | SerialError::Random(_) | SerialError::NoAnswer => Exit::NoAnswer,
             SerialError::Confused => Exit::Refused,
-            SerialError::Refused(_) => Exit::RobotFault,
+            SerialError::Refused(_) => Exit::NotNow,
             SerialError::Interrupted => Exit::Interrupted,
         };
         Self::new(exit, error)

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::io::{self, IsTerminal as _, Write};
 use std::path::{Path, PathBuf};
+use std::sync::mpsc;
 use std::time::Duration;
 
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
@@ -142,6 +143,24 @@ pub fn progress(duration: Duration) -> ProgressBar {
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.set_message(format!("{} s", duration.as_secs_f32()));
     bar
+}
+
+/// A wait that lasts longer is explained.
+const UNEXPLAINED: Duration = Duration::from_secs(1);
+
+/// Waits; what takes longer than a second says on stderr what it waits for.
+pub fn waiting<T>(for_what: impl fmt::Display, wait: impl FnOnce() -> T) -> T {
+    let for_what = for_what.to_string();
+    std::thread::scope(|scope| {
+        let (is_waiting, waits) = mpsc::channel::<()>();
+        scope.spawn(move || {
+            if waits.recv_timeout(UNEXPLAINED) == Err(mpsc::RecvTimeoutError::Timeout) {
+                complain(format_args!("waiting for {for_what}"));
+            }
+        });
+        let _until_then = is_waiting;
+        wait()
+    })
 }
 
 /// Returns milliseconds with a fraction.

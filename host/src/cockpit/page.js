@@ -99,7 +99,7 @@ settings.ontoggle = () => { if (settings.open) send("settings"); };
 // The robot counts in single precision.
 const short = (value) => Number(value.toPrecision(7));
 function settingRow({ name, unit, minimum, maximum, default: usual, description }) {
-  const row = document.createElement("div"), label = document.createElement("label"), input = document.createElement("input"), help = document.createElement("small");
+  const row = document.createElement("div"), label = document.createElement("label"), input = document.createElement("input"), help = document.createElement("small"), mark = document.createElement("em");
   row.className = "setting";
   label.textContent = name;
   label.htmlFor = input.id = `setting-${name}`;
@@ -113,7 +113,7 @@ function settingRow({ name, unit, minimum, maximum, default: usual, description 
     if (input.reportValidity()) act({ set: [name, input.valueAsNumber] }, event);
   };
   help.textContent = `${short(minimum)} to ${short(maximum)}, at first ${short(usual)}. ${description ?? ""}`;
-  row.append(label, input, Object.assign(document.createElement("span"), { textContent: unit === "1" ? "" : unit }), help);
+  row.append(label, input, Object.assign(document.createElement("span"), { textContent: unit === "1" ? "" : unit }), mark, help);
   byId("settings-list").append(row);
   settingInputs.set(name, input);
   return input;
@@ -123,6 +123,10 @@ function showSettings(list) {
     const input = settingInputs.get(one.name) ?? settingRow(one);
     if (!("edited" in input.dataset)) input.value = short(one.value);
     input.parentElement.classList.toggle("changed", one.value !== one.default);
+    // On what is assumed a robot does not arm.
+    const mark = input.parentElement.querySelector("em");
+    mark.textContent = one.mark ?? "";
+    mark.className = one.mark === "assumed" ? "assumed" : "";
   }
 }
 byId("settings-find").oninput = ({ target }) => {
@@ -359,8 +363,8 @@ function chart(id, of, wantedOf, floorRange) {
     pen.strokeStyle = style; pen.lineWidth = 1.5 * ratio; pen.setLineDash(dash); pen.stroke();
   };
   const style = getComputedStyle(document.documentElement);
-  draw(wantedOf, style.getPropertyValue("--quiet"), [4 * ratio, 3 * ratio]);
-  draw(of, style.getPropertyValue("--accent"), []);
+  draw(wantedOf, style.getPropertyValue("--commanded"), [4 * ratio, 3 * ratio]);
+  draw(of, style.getPropertyValue("--measured"), []);
 }
 const figure = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−"));
 const write = (id, text) => { const element = byId(id); if (element.textContent !== text) element.textContent = text; };
@@ -404,9 +408,9 @@ function drawWords(gamepad) {
   for (const input of settingInputs.values()) input.disabled = !drives() || !isIdle;
   write("settings-note", settingInputs.size ? (isIdle ? "Changes hold until power-off, unless saved." : "Disarm to change settings.") : "");
   write("f", telemetry ? `${figure(telemetry.frequency, 1)} Hz` : "–");
-  write("theta", telemetry && turns(telemetry.frequency) ? `${figure(telemetry.direction, 0)}°` : "–");
-  write("f-wanted", telemetry ? `wanted ${figure(f, 1)}` : "");
-  write("theta-wanted", telemetry ? `wanted ${figure(theta, 0)}` : "");
+  write("theta", telemetry && turns(telemetry.frequency) ? `${figure(telemetry.direction, 0)} deg` : "–");
+  write("f-wanted", telemetry ? `commanded ${figure(f, 1)}` : "");
+  write("theta-wanted", telemetry ? `commanded ${figure(theta, 0)}` : "");
   ["top", "bottom"].forEach((id, index) => {
     byId(id).max = snapshot?.current_limit ?? 3;
     byId(id).value = telemetry?.currents[index] ?? 0;

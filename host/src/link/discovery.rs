@@ -11,6 +11,7 @@ use flix_protocol::units as protocol;
 use flix_protocol::{DEFAULT_PORT, SERVICE_TYPE};
 use mdns_sd::{ResolvedService, ServiceDaemon, ServiceEvent};
 
+use super::transient;
 use crate::interrupt::Interrupt;
 use crate::text::printable;
 
@@ -141,18 +142,15 @@ impl Greeted {
         let now = protocol::Instant::START + self.begin.elapsed();
         let mut answer = [0; MAXIMUM_DATAGRAM];
         for _ in 0..ANSWERS_AT_ONCE {
-            match self.socket.recv(&mut answer) {
-                // One that is dropped is a stranger's.
-                Ok(length) => drop(self.greeting.receive(now, &answer[..length])),
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => break,
-                Err(error) => return Err(error),
-            }
+            let Some(length) = transient(self.socket.recv(&mut answer))? else { break };
+            // One that is dropped is a stranger's.
+            let _ = self.greeting.receive(now, &answer[..length]);
             if self.greeting.is_challenged() {
                 return Ok(true);
             }
         }
         if let Some(hello) = self.greeting.poll(now) {
-            self.socket.send(&hello)?;
+            transient(self.socket.send(&hello))?;
         }
         Ok(false)
     }

@@ -14,6 +14,7 @@ use flix_protocol::units::Instant;
 use super::{Client, PASSING_PATIENCE, StopState, Update, passes};
 use crate::explain;
 use crate::interrupt::Interrupt;
+use crate::system::{Clock, PASSING_SOCKET_ERRORS};
 
 /// Time for which a program that ends by accident repeats stop without an acknowledgement. The
 /// robot's own deadline is [`flix_protocol::failsafe::COMMAND_DEADLINE`].
@@ -53,6 +54,11 @@ pub enum LinkError {
     /// There is no session.
     #[error("{0}")]
     Connect(ConnectError),
+    /// There is no session with a robot of this computer: only a simulated one is there.
+    #[error(
+        "the robot does not answer at {0}, which is this computer: start `flix-sim serve` here, or name your robot"
+    )]
+    NoneHere(SocketAddr),
     /// The robot fell silent.
     #[error("the robot fell silent: it stops by itself; check its battery and the network")]
     Silent,
@@ -124,7 +130,7 @@ fn describe(first: Option<Fault>, all: Faults) -> String {
 pub struct Connection {
     socket: UdpSocket,
     client: Client,
-    start: std::time::Instant,
+    start: Clock,
     interrupt: Interrupt,
     was_connected: bool,
 }
@@ -139,7 +145,7 @@ impl Connection {
         let socket = socket_to(address)?;
         let entropy = entropy()?;
         let client = Client::new(key, entropy, Instant::START);
-        let start = std::time::Instant::now();
+        let start = Clock::start();
         Ok(Self { socket, client, start, interrupt, was_connected: false })
     }
 
@@ -226,7 +232,7 @@ impl Connection {
                     Update::Failed(ConnectError::WrongKey) if self.was_connected => {
                         return Err(LinkError::Revoked);
                     }
-                    Update::Failed(error) => return Err(LinkError::Connect(error)),
+                    Update::Failed(error) => return Err(self.no_session(error)),
                     Update::Lost => return Err(self.why_lost()),
                     Update::Left => return Err(LinkError::Left),
                     _ => {}
@@ -241,6 +247,12 @@ impl Connection {
             }
             self.step(deadline.since(now).min(LONGEST_WAIT))?;
         }
+    }
+
+    /// Returns why there is no session.
+    #[must_use]
+    pub fn no_session(&self, error: ConnectError) -> LinkError {
+        no_session(self.socket.peer_addr().ok(), error)
     }
 
     /// Returns why the session is lost: a robot that is there refuses a key that was revoked.
@@ -270,7 +282,8 @@ impl Connection {
         let is_connected =
             |_: &Client, update: &Update| (*update == Update::Connected).then_some(());
         let patience = 2 * flix_protocol::session::CONNECT_PATIENCE;
-        self.wait_for(patience, is_connected)?.ok_or(LinkError::Connect(ConnectError::NoAnswer))?;
+        self.wait_for(patience, is_connected)?
+            .ok_or_else(|| self.no_session(ConnectError::NoAnswer))?;
         self.was_connected = true;
         Ok(())
     }
@@ -348,7 +361,7 @@ impl Connection {
     pub fn arm(&mut self) -> Result<(), LinkError> {
         let deadline = self.now() + ARM_PATIENCE;
         self.ask_until(deadline, &Command::Arm)?;
-        let asked = std::time::Instant::now();
+        let asked = Clock::start();
         let mut actual = State::Disarmed;
         let patience = deadline.since(self.now());
         let ended = self.wait_for(patience, |_, update| {
@@ -464,7 +477,7 @@ impl Drop for Connection {
 /// the program is interrupted.
 pub fn stop(address: SocketAddr, key: &Key, interrupt: &Interrupt) -> Result<(), LinkError> {
     let socket = socket_to(address)?;
-    let start = std::time::Instant::now();
+    let start = Clock::start();
     let now = || Instant::START + start.elapsed();
     let mut stop = StopSession::new(key, entropy()?, now());
     let mut latched = None;
@@ -475,7 +488,7 @@ pub fn stop(address: SocketAddr, key: &Key, interrupt: &Interrupt) -> Result<(),
         }
         match stop.status() {
             StopStatus::AtRest => return Ok(()),
-            StopStatus::Failed(error) => return Err(LinkError::Connect(error)),
+            StopStatus::Failed(error) => return Err(no_session(Some(address), error)),
             StopStatus::Latched if *latched.get_or_insert(now()) + DISARM_PATIENCE <= now() => {
                 return Err(LinkError::State { wanted: State::Disarmed, actual: State::Stopping });
             }
@@ -490,6 +503,13 @@ pub fn stop(address: SocketAddr, key: &Key, interrupt: &Interrupt) -> Result<(),
             // One that is dropped is one that a stranger sent, or came twice.
             let _ = stop.receive(now(), &datagram[..length]);
         }
+    }
+}
+
+fn no_session(address: Option<SocketAddr>, error: ConnectError) -> LinkError {
+    match address.filter(|it| it.ip().is_loopback() && error == ConnectError::NoAnswer) {
+        Some(address) => LinkError::NoneHere(address),
+        None => LinkError::Connect(error),
     }
 }
 
@@ -528,7 +548,7 @@ pub const fn faulted(telemetry: &Telemetry) -> LinkError {
     LinkError::Faulted { first: telemetry.first_fault, all: telemetry.faults }
 }
 
-/// Returns whether the error passes: nothing arrived in time, or no program listens there yet.
+/// Returns whether the error passes: nothing arrived in time, no program listens there yet, or the network is away.
 fn is_transient(error: &io::Error) -> bool {
     use io::ErrorKind as Kind;
     matches!(
@@ -542,5 +562,30 @@ fn is_transient(error: &io::Error) -> bool {
             | Kind::NetworkUnreachable
             | Kind::NetworkDown
             | Kind::AddrNotAvailable
-    )
+    ) || error.raw_os_error().is_some_and(|code| PASSING_SOCKET_ERRORS.contains(&code))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As the systems number them: `EPERM`, `ENOMEM`, `ENODEV`, `EINVAL`, `ENETDOWN`, `ENETUNREACH`, `ECONNRESET`, `ENOBUFS`,
+    /// `ECONNREFUSED`, `EHOSTDOWN`, `EHOSTUNREACH` of Linux; the same of Windows.
+    #[cfg(target_os = "linux")]
+    const PASSING: &[i32] = &[1, 12, 19, 22, 100, 101, 104, 105, 111, 112, 113];
+    #[cfg(windows)]
+    const PASSING: &[i32] =
+        &[10_022, 10_040, 10_050, 10_051, 10_052, 10_054, 10_055, 10_064, 10_065];
+    #[cfg(not(any(target_os = "linux", windows)))]
+    const PASSING: &[i32] = &[];
+
+    #[test]
+    fn a_network_that_is_away_or_busy_passes_and_a_broken_socket_does_not() {
+        for code in PASSING {
+            let away = transient(Err::<(), _>(io::Error::from_raw_os_error(*code)));
+            assert!(matches!(away, Ok(None)), "{code}: {away:?}");
+        }
+        // EBADF everywhere that is not Windows; there, no error of a socket.
+        assert!(transient(Err::<(), _>(io::Error::from_raw_os_error(9))).is_err());
+    }
 }

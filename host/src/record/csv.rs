@@ -96,7 +96,9 @@ fn tables(run: &Run) -> [Table; 5] {
             "time_s,robot_time_s,state,faults,commanded_frequency_hz,commanded_direction_deg,\
              frequency_hz,direction_deg,top_angle_deg,top_speed_hz,top_current_d_a,top_current_q_a,\
              bottom_angle_deg,bottom_speed_hz,bottom_current_d_a,bottom_current_q_a,bus_voltage_v,\
-             modulation,overruns,lost,command_age_ms",
+             modulation,overruns,lost,command_age_ms,direction_least_deg,direction_largest_deg,\
+             top_current_q_least_a,top_current_q_largest_a,bottom_current_q_least_a,bottom_current_q_largest_a,\
+             bus_voltage_least_v,bus_voltage_largest_v",
             &run.telemetry,
             |row| {
                 let cells = [
@@ -106,10 +108,14 @@ fn tables(run: &Run) -> [Table; 5] {
                     texts([row.frequency_hz, row.direction_deg]),
                     motor(&row.top),
                     motor(&row.bottom),
-                    texts([row.bus_voltage_v.map(|v| v.to_string()).unwrap_or_default()]),
+                    optional([row.bus_voltage_v]),
                     texts([row.modulation]),
                     texts([row.overruns, row.lost]),
-                    texts([row.command_age_ms.map(|age| age.to_string()).unwrap_or_default()]),
+                    optional([row.command_age_ms]),
+                    optional([row.direction_least_deg, row.direction_largest_deg]),
+                    optional([row.top.current_q_least_a, row.top.current_q_largest_a]),
+                    optional([row.bottom.current_q_least_a, row.bottom.current_q_largest_a]),
+                    optional([row.bus_voltage_least_v, row.bus_voltage_largest_v]),
                 ];
                 (row.timestamp, cells.concat())
             },
@@ -122,6 +128,11 @@ fn tables(run: &Run) -> [Table; 5] {
 
 fn motor(motor: &MotorRow) -> Vec<String> {
     texts([motor.angle_deg, motor.speed_hz, motor.current_d_a, motor.current_q_a])
+}
+
+/// Returns an empty cell for what is not there.
+fn optional<const COUNT: usize>(values: [Option<f64>; COUNT]) -> Vec<String> {
+    values.iter().map(|value| value.map_or_else(String::new, |it| it.to_string())).collect()
 }
 
 fn texts<const COUNT: usize>(values: [impl ToString; COUNT]) -> Vec<String> {

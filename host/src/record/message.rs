@@ -128,8 +128,14 @@ pub struct MotorRow {
     pub speed_hz: f64,
     /// Direct current, which makes no torque, A.
     pub current_d_a: f64,
-    /// Quadrature current, which makes torque, A.
+    /// Quadrature current, which makes torque, the mean since the row before, A.
     pub current_q_a: f64,
+    /// Its least value since the row before, A. None in records older than this column, as of all such.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub current_q_least_a: Option<f64>,
+    /// Its largest value since the row before, A.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub current_q_largest_a: Option<f64>,
 }
 
 /// Telemetry of the robot. What is absent is left out: a field of a schema has one type, by the readers of Foxglove and Lichtblick.
@@ -156,15 +162,27 @@ pub struct TelemetryRow {
     pub commanded_direction_deg: f64,
     /// Measured f, Hz.
     pub frequency_hz: f64,
-    /// Measured theta, degrees.
+    /// Measured theta, the mean since the row before, degrees.
     pub direction_deg: f64,
+    /// Its least value since the row before, degrees; the line of force repeats every half turn.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub direction_least_deg: Option<f64>,
+    /// Its largest value since the row before, degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub direction_largest_deg: Option<f64>,
     /// Top motor.
     pub top: MotorRow,
     /// Bottom motor.
     pub bottom: MotorRow,
-    /// Voltage on the battery side of the bridge, V; none where it is not measured.
+    /// Voltage on the battery side of the bridge, the mean since the row before, V; none where it is not measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bus_voltage_v: Option<f64>,
+    /// Its least value since the row before, V.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bus_voltage_least_v: Option<f64>,
+    /// Its largest value since the row before, V.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bus_voltage_largest_v: Option<f64>,
     /// Largest recent duty, as a share of the bridge's range.
     pub modulation: f64,
     /// Longest interval between two ticks of the fast loop, microseconds.
@@ -268,6 +286,8 @@ impl From<&MotorTelemetry> for MotorRow {
             speed_hz: motor.speed.get().into(),
             current_d_a: motor.current_d.get().into(),
             current_q_a: motor.current_q.get().into(),
+            current_q_least_a: Some(motor.current_q_range[0].get().into()),
+            current_q_largest_a: Some(motor.current_q_range[1].get().into()),
         }
     }
 }
@@ -275,6 +295,7 @@ impl From<&MotorTelemetry> for MotorRow {
 impl TelemetryRow {
     pub(super) fn new(timestamp: Timestamp, telemetry: &Telemetry) -> Self {
         let [top, bottom] = &telemetry.motors;
+        let bus = telemetry.bus_voltage_range.map(|range| range.map(|it| f64::from(it.get())));
         Self {
             timestamp,
             robot_time_s: telemetry.time.as_micros() as f64 * 1e-6,
@@ -287,9 +308,13 @@ impl TelemetryRow {
             commanded_direction_deg: telemetry.setpoint.direction().get().into(),
             frequency_hz: telemetry.frequency.get().into(),
             direction_deg: telemetry.direction.get().into(),
+            direction_least_deg: Some(telemetry.direction_range[0].get().into()),
+            direction_largest_deg: Some(telemetry.direction_range[1].get().into()),
             top: top.into(),
             bottom: bottom.into(),
             bus_voltage_v: telemetry.bus_voltage.map(|volts| volts.get().into()),
+            bus_voltage_least_v: bus.map(|[least, _]| least),
+            bus_voltage_largest_v: bus.map(|[_, largest]| largest),
             modulation: telemetry.modulation.get().into(),
             longest_interval_us: telemetry.timing.longest_interval_us,
             overruns: telemetry.timing.overruns,

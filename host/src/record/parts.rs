@@ -13,7 +13,7 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
-use crc::{CRC_32_ISO_HDLC, Crc};
+use crc::{CRC_32_ISO_HDLC, Crc, Digest};
 use mcap::read::parse_record;
 use mcap::records::{AttachmentHeader, Metadata, Record, op};
 
@@ -34,7 +34,7 @@ const MOST_WRONG: usize = 2;
 /// Longest name of facts, bytes.
 const LONGEST_NAME: usize = 256;
 
-const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// A part of a record.
 pub(super) enum Part {
@@ -68,6 +68,11 @@ pub(super) struct Parts {
     at: u64,
     end: u64,
     summary: Option<Summary>,
+    /// Check sum of the file up to `summed`: of what was read anyway, as far as that follows on.
+    sum: Digest<'static, u32>,
+    summed: u64,
+    /// Where what it is stored of ends.
+    sum_end: u64,
     /// Whether it begins or ends as a record does.
     pub(super) is_record: bool,
 }
@@ -80,11 +85,19 @@ impl Parts {
     pub(super) fn open(path: &Path) -> io::Result<Self> {
         let file = crate::file::open(path)?;
         let end = file.metadata()?.len();
-        let mut parts =
-            Self { file: BufReader::new(file), at: 0, end, summary: None, is_record: true };
-        parts.at = MAGIC.len() as u64;
+        let mut parts = Self {
+            file: BufReader::new(file),
+            at: MAGIC.len() as u64,
+            end,
+            summary: None,
+            sum: CRC.digest(),
+            summed: 0,
+            sum_end: 0,
+            is_record: true,
+        };
         if let Some(summary) = parts.find_summary()? {
             parts.end = summary.start;
+            parts.sum_end = summary.start.saturating_sub(PREFIX + 4);
             parts.summary = Some(summary);
         } else {
             // Any other file is not looked through.
@@ -123,16 +136,14 @@ impl Parts {
         if stored == 0 {
             return Ok(None);
         }
-        let (mut digest, mut at) = (CRC.digest(), 0);
-        while at < data {
-            let stretch = self.bytes(at, STRETCH.min(data - at))?;
-            if stretch.is_empty() {
+        // What was not read, such as behind a length that is wrong.
+        while self.summed < data {
+            let stretch = STRETCH.min(data - self.summed);
+            if self.bytes(self.summed, stretch)?.is_empty() {
                 break;
             }
-            digest.update(&stretch);
-            at += stretch.len() as u64;
         }
-        Ok(Some(u64::from(digest.finalize()) == stored))
+        Ok(Some(u64::from(self.sum.clone().finalize()) == stored))
     }
 
     /// Returns the next part; rows only where they are wanted.
@@ -319,6 +330,14 @@ impl Parts {
         }
         let mut bytes = Vec::new();
         self.file.by_ref().take(count).read_to_end(&mut bytes)?;
+        let place = |of: u64| usize::try_from(of.checked_sub(at)?).ok();
+        let end = place(self.sum_end).map(|end| end.min(bytes.len()));
+        if let (Some(known), Some(end)) = (place(self.summed), end)
+            && let Some(new) = bytes.get(known..end)
+        {
+            self.sum.update(new);
+            self.summed += new.len() as u64;
+        }
         Ok(bytes)
     }
 }

@@ -57,16 +57,22 @@ pub struct Damage {
 }
 
 impl Damage {
+    /// Returns whether anything was left out.
+    #[must_use]
+    pub const fn is_loss(&self) -> bool {
+        self.parts > 0 || self.rows > 0
+    }
+
     /// Returns whether anything was left out or may be wrong.
     #[must_use]
     pub const fn is_none(&self) -> bool {
-        self.parts == 0 && self.rows == 0 && !self.is_changed
+        !self.is_loss() && !self.is_changed
     }
 }
 
 impl fmt::Display for Damage {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.parts > 0 || self.rows > 0 {
+        if self.is_loss() {
             let count = |count: u64, what: &str| match count {
                 1 => format!("1 {what}"),
                 count => format!("{count} {what}s"),

@@ -57,7 +57,7 @@ pub fn repair(file: &Path) -> Result<Option<Repaired>, RepairError> {
     }
     // Refuses what is no record at all.
     let run = super::Run::read(file)?;
-    if run.is_complete && run.damage.parts == 0 && run.damage.rows == 0 {
+    if run.is_complete && !run.damage.is_loss() {
         return Ok(None);
     }
     let new = file.with_extension("mcap.part");
@@ -65,7 +65,7 @@ pub fn repair(file: &Path) -> Result<Option<Repaired>, RepairError> {
     let target = File::create(&new).map_err(write)?;
     let replaced = copy(file, &target).map_err(|error| failed(&new, error)).and_then(|rows| {
         target.sync_all().map_err(write)?;
-        let kept = (run.damage.parts > 0 || run.damage.rows > 0).then(|| keep(file)).transpose();
+        let kept = run.damage.is_loss().then(|| keep(file)).transpose();
         let original = kept.map_err(write)?;
         std::fs::rename(&new, file).map_err(write)?;
         Ok(Repaired { rows, damage: run.damage, original })

@@ -388,6 +388,14 @@ impl Recorder {
         self.finish()
     }
 
+    /// Removes the file: the run did not take place.
+    pub fn discard(self) {
+        let path = self.path.clone();
+        drop(self);
+        // What cannot be removed is a record without rows.
+        let _ = std::fs::remove_file(path);
+    }
+
     /// Completes the file and returns its path.
     ///
     /// # Errors

@@ -9,11 +9,40 @@ use std::process::{Child, Command};
 use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
 use rustix::process::{Pid, Signal, getpgrp, kill_process_group};
+use rustix::time::{ClockId, clock_gettime};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 
 /// Signals that ask a program to end.
 pub const SIGNALS: &[i32] = &[SIGINT, SIGTERM, SIGHUP, SIGQUIT];
+
+/// The clock that goes on while the computer is suspended: on macOS the monotonic one does.
+#[cfg(any(target_os = "linux", target_os = "android"))]
+const SLEEPLESS: ClockId = ClockId::Boottime;
+/// See above.
+#[cfg(not(any(target_os = "linux", target_os = "android")))]
+const SLEEPLESS: ClockId = ClockId::Monotonic;
+
+/// Returns the time since the computer started, suspended or not.
+#[must_use]
+pub fn uptime() -> Duration {
+    let time = clock_gettime(SLEEPLESS);
+    let nanos = u32::try_from(time.tv_nsec).unwrap_or_default();
+    Duration::new(u64::try_from(time.tv_sec).unwrap_or_default(), nanos)
+}
+
+/// What a socket that is in order reports while a network is away or busy, and `std` has no name of its own for: the card is
+/// taken out (`ENODEV`), its address is (`EINVAL` for a socket that is bound to it), its queue is full (`ENOBUFS`, `ENOMEM`),
+/// the neighbour is off (`EHOSTDOWN`), or a firewall drops what is sent (`EPERM`).
+pub const PASSING_SOCKET_ERRORS: &[i32] = &[
+    Errno::NODEV.raw_os_error(),
+    Errno::INVAL.raw_os_error(),
+    Errno::NOBUFS.raw_os_error(),
+    Errno::NOMEM.raw_os_error(),
+    Errno::HOSTDOWN.raw_os_error(),
+    Errno::PERM.raw_os_error(),
+];
 
 /// Creates a new file that only its owner can read, for writing.
 ///

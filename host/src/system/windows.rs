@@ -4,12 +4,24 @@ use std::fs::{DirBuilder, File};
 use std::io;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
 
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 /// Signals that ask a program to end.
 pub const SIGNALS: &[i32] = &[SIGINT, SIGTERM];
+
+/// What a socket that is in order reports while a network is away or busy, or of a datagram that is longer than any of ours, and
+/// `std` has no name of its own for: `WSAEINVAL`, `WSAEMSGSIZE`, `WSAENETRESET`, `WSAENOBUFS`, `WSAEHOSTDOWN`.
+pub const PASSING_SOCKET_ERRORS: &[i32] = &[10_022, 10_040, 10_052, 10_055, 10_064];
+
+/// Returns the time since the first call: the counter behind goes on while the computer is suspended.
+#[must_use]
+pub fn uptime() -> Duration {
+    static FIRST: OnceLock<Instant> = OnceLock::new();
+    FIRST.get_or_init(Instant::now).elapsed()
+}
 
 /// Creates a new file, for writing.
 ///

@@ -322,14 +322,17 @@ impl FakeRobot {
             setpoint: self.setpoint,
             frequency: self.setpoint.frequency(),
             direction: self.setpoint.direction(),
+            direction_range: [self.setpoint.direction(); 2],
             motors: [1.0, -1.0].map(|sign| MotorTelemetry {
                 angle: Degrees::saturating(10.0 * sign),
                 speed: Hertz::saturating(sign * self.setpoint.frequency().get()),
                 current_d: Amperes::ZERO,
                 current_q: Amperes::saturating(0.3 * sign),
+                current_q_range: [0.2, 0.4].map(|it| Amperes::saturating(it * sign)),
             }),
             encoders: Default::default(),
             bus_voltage: Some(Volts::saturating(11.4)),
+            bus_voltage_range: Some([Volts::saturating(11.4); 2]),
             modulation: Ratio::saturating(0.4),
             timing: LoopTiming {
                 ticks: now.as_micros() / 100,

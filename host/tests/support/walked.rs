@@ -29,6 +29,7 @@ pub fn telemetry(seconds: f64) -> Telemetry {
         speed: Hertz::saturating(30.0),
         current_d: Amperes::saturating(0.01),
         current_q: Amperes::saturating(0.5 + 0.1 * (seconds * 3.0).sin() as f32),
+        current_q_range: [0.2, 0.8].map(Amperes::saturating),
     };
     Telemetry {
         time: at(seconds),
@@ -41,9 +42,11 @@ pub fn telemetry(seconds: f64) -> Telemetry {
         setpoint: forward(),
         frequency: Hertz::saturating(-29.9),
         direction: Degrees::saturating(30.2),
+        direction_range: [29.0, 31.5].map(Degrees::saturating),
         motors: [motor; 2],
         encoders: Default::default(),
         bus_voltage: Some(Volts::saturating(11.8)),
+        bus_voltage_range: Some([11.7, 11.9].map(Volts::saturating)),
         modulation: Ratio::saturating(0.7),
         timing: Default::default(),
         link: LinkQuality {

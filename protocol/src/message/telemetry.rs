@@ -45,8 +45,10 @@ pub struct MotorTelemetry {
     pub speed: Hertz,
     /// Direct current, which makes no torque.
     pub current_d: Amperes,
-    /// Quadrature current, which makes torque.
+    /// Quadrature current, which makes torque: the mean since the previous telemetry, as it ripples with the rotors.
     pub current_q: Amperes,
+    /// Its least and its largest value since the previous telemetry.
+    pub current_q_range: [Amperes; 2],
 }
 
 /// Timing of the fast loop.
@@ -107,14 +109,20 @@ pub struct Telemetry {
     pub setpoint: Setpoint,
     /// Measured f, over the last turn.
     pub frequency: Hertz,
-    /// Measured theta.
+    /// Measured theta: the mean since the previous telemetry, as it ripples with the rotors.
     pub direction: Degrees,
+    /// Its least and its largest value since the previous telemetry. The line of force repeats every half turn, so that
+    /// either may be half a turn away.
+    pub direction_range: [Degrees; 2],
     /// Top motor, bottom motor.
     pub motors: [MotorTelemetry; 2],
     /// Top encoder, bottom encoder.
     pub encoders: [EncoderHealth; 2],
-    /// Voltage on the battery side of the bridge; none where the board does not measure it.
+    /// Voltage on the battery side of the bridge, the mean since the previous telemetry; none where the board does not
+    /// measure it.
     pub bus_voltage: Option<Volts>,
+    /// Its least and its largest value since the previous telemetry.
+    pub bus_voltage_range: Option<[Volts; 2]>,
     /// Largest recent duty, as a share of the bridge's range.
     pub modulation: Ratio,
     /// Timing of the fast loop.

@@ -39,6 +39,7 @@ pub(crate) fn telemetry(time: u64) -> ToOperator {
         speed: Hertz::ZERO,
         current_d: Amperes::ZERO,
         current_q: Amperes::ZERO,
+        current_q_range: [Amperes::ZERO; 2],
     };
     ToOperator::Telemetry(Telemetry {
         time: Instant::from_micros(time),
@@ -50,9 +51,11 @@ pub(crate) fn telemetry(time: u64) -> ToOperator {
         setpoint: Setpoint::REST,
         frequency: Hertz::ZERO,
         direction: Degrees::ZERO,
+        direction_range: [Degrees::ZERO; 2],
         motors: [motor; 2],
         encoders: Default::default(),
         bus_voltage: None,
+        bus_voltage_range: None,
         modulation: Ratio::ZERO,
         timing: LoopTiming::default(),
         link: LinkQuality { dropped: Dropped::default(), ..Default::default() },

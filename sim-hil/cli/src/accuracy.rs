@@ -89,8 +89,9 @@ fn text_of_all(promises: &Promises) -> String {
 }
 
 fn text(accuracy: &Accuracy, seed: u64) -> String {
-    let mut held =
-        vec![headings("base|f (Hz)|theta (deg)|f rms (Hz)|theta rms (deg)|force (deg)|across (%)")];
+    let mut held = vec![headings(
+        "base|f (Hz)|theta (deg)|f rms (Hz)|theta rms (deg)|force error (deg)|across (%)",
+    )];
     held.extend(accuracy.hold.iter().map(|hold| {
         let mut row = row![hold.base, hold.f_hz, hold.theta_deg];
         row.extend(figures([

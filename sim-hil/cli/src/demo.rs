@@ -153,7 +153,7 @@ fn show_scenes(
 
 fn text(shown: &[Shown], current_limit: f64) -> String {
     let mut rows = vec![headings(
-        "walking mode|f (Hz)|theta (deg)|f rms (Hz)|theta rms (deg)|force (deg)|across (%)|settled (s)|current (A)",
+        "walking mode|f (Hz)|theta (deg)|f rms (Hz)|theta rms (deg)|force error (deg)|across (%)|settled (s)|current (A)",
     )];
     rows.extend(shown.iter().map(|scene| {
         let (f, theta) = (scene.setpoint.frequency().get(), scene.setpoint.direction().get());
@@ -164,7 +164,7 @@ fn text(shown: &[Shown], current_limit: f64) -> String {
             theta,
             format!("{:.3}", figures.frequency_rms_hz),
             format!("{:.2}", figures.direction_rms_deg),
-            format!("{:.2}", f64::from(theta) + figures.force_error_deg),
+            format!("{:.2}", figures.force_error_deg),
             format!("{:.1}", 100.0 * figures.across_axis),
             scene.settled_s.map_or_else(|| "never".to_owned(), |s| format!("{s:.2}")),
             format!("{:.2}", scene.peak_current),

@@ -6,7 +6,9 @@ use std::process::ExitCode;
 use serde::Serialize;
 
 use super::Error;
-pub(crate) use flix_shell::output::{headings, optional_path_as_text, path_as_text, print, table};
+pub(crate) use flix_shell::output::{
+    headings, optional_path_as_text, path_as_text, print, print_json, table,
+};
 pub(crate) use flix_study::progress;
 
 /// Prints a sentence on standard error. When nobody can read it there, it is lost.
@@ -23,14 +25,18 @@ pub(crate) fn write_or_print(file: Option<&Path>, text: &str) -> Result<(), Erro
     }
 }
 
-/// Prints figures as one line of JSON, or as `text` for people; the exit code states whether all promises were kept.
+/// Prints figures as JSON, or as `text` for people; the exit code states whether all promises were kept.
 pub(crate) fn print_figures(
     figures: &impl Serialize,
     pass: bool,
     json: bool,
     text: impl FnOnce() -> String,
 ) -> Result<ExitCode, Error> {
-    print(&if json { serde_json::to_string(figures)? + "\n" } else { text() })?;
+    if json {
+        print_json(figures)?
+    } else {
+        print(&text())?
+    }
     Ok(if pass { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant as WallClock};
 
 use flix_host::interrupt::Interrupt;
 use flix_host::keys::{self, Keyring, SIMULATED_ROBOT};
+use flix_host::link::transient;
 use flix_host::pose::natnet::{NatNetServer, ServerSettings};
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::frame::{Frame, MAXIMUM_DATAGRAM};
@@ -371,19 +372,10 @@ fn take_datagrams(
     buffer: &mut [u8],
     mut take: impl FnMut(SocketAddr, &[u8]),
 ) -> io::Result<()> {
-    loop {
-        match socket.recv_from(buffer) {
-            Ok((length, from)) => take(from, &buffer[..length]),
-            Err(error) => match error.kind() {
-                io::ErrorKind::WouldBlock => return Ok(()),
-                // An operator that is gone (its port answers "unreachable") or a signal.
-                io::ErrorKind::ConnectionReset
-                | io::ErrorKind::ConnectionRefused
-                | io::ErrorKind::Interrupted => {}
-                _ => return Err(error),
-            },
-        }
+    while let Some((length, from)) = transient(socket.recv_from(buffer))? {
+        take(from, &buffer[..length]);
     }
+    Ok(())
 }
 
 /// The robot's time against the wall clock.

@@ -1,5 +1,6 @@
 //! `flix-sim track`: follow a path, in virtual time.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime};
@@ -10,9 +11,8 @@ use flix_host::pilot::{Ending, Pilot};
 use flix_host::record::{Recorder, Run};
 use flix_host::steering::Steering;
 use flix_host::steering::names;
-use flix_host::text::fixed;
 use flix_plot::Figure;
-use flix_shell::course::{CourseArgs, facts, results};
+use flix_shell::course::{CourseArgs, describe, facts, results, row};
 use serde::Serialize;
 
 use super::Error;
@@ -92,6 +92,9 @@ pub struct Report {
     pub energy_j: f64,
     /// Changes of mode.
     pub mode_switches: u32,
+    /// What the record states of it.
+    #[serde(skip)]
+    results: BTreeMap<String, String>,
     /// The MCAP.
     #[serde(serialize_with = "path_as_text")]
     pub record: PathBuf,
@@ -179,8 +182,8 @@ fn finish(
     let energy = course.energy();
     let pilot = course.into_pilot();
     let numbers = results(pilot.helm().navigator(), seconds);
-    let (steering, record) = pilot.finish(numbers);
-    let record = record.complete()?.unwrap_or_default();
+    let (steering, record) = pilot.finish(numbers.clone());
+    let Some(record) = record.complete()? else { return Err(Error::refused(ending)) };
     let run = Run::read(&record)?;
     let stem = record.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     let folder = record.parent().map(PathBuf::from).unwrap_or_default();
@@ -210,6 +213,7 @@ fn finish(
         seconds,
         energy_j: energy,
         mode_switches: progress.switches,
+        results: numbers,
         record,
         plot: plot.png,
         replay,
@@ -223,25 +227,12 @@ impl Report {
             "{} ({} controller, seed {}): {}\n",
             self.path, self.controller, self.seed, self.ending
         );
-        let mut row = |name: &str, value: String| text.push_str(&format!("  {name:11} {value}\n"));
-        row(
-            "path error",
-            format!(
-                "{:.1} mm RMS, {:.1} mm at most",
-                self.path_error_rms_mm, self.path_error_peak_mm
-            ),
-        );
-        row(
-            "laps",
-            format!("{} in {:.1} s of the robot's time", fixed(self.laps, 2), self.seconds),
-        );
-        row("energy", format!("{:.0} J from the battery", self.energy_j));
-        row("modes", format!("changed {} times", self.mode_switches));
-        row("plot", self.plot.display().to_string());
+        text += &describe(&self.results);
+        text += &row("energy", format_args!("{:.0} J from the battery", self.energy_j));
+        text += &row("plot", self.plot.display());
         if let Some(replay) = &self.replay {
-            row("replay", replay.display().to_string());
+            text += &row("replay", replay.display());
         }
-        row("record", format!("{} (MCAP)", self.record.display()));
-        text
+        text + &row("record", format_args!("{} (MCAP)", self.record.display()))
     }
 }

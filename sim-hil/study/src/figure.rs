@@ -86,7 +86,7 @@ fn map(
     let (x, y) = (axis(cells, |c| c.f_hz), axis(cells, |c| c.theta_deg));
     let row = |theta: &f64| x.iter().map(|f| value(*f, *theta).unwrap_or(f64::NAN)).collect();
     let values = y.iter().map(row).collect();
-    HeatMap::new(title, x, y, values).labels("f (Hz)", "\u{3b8} (\u{b0})")
+    HeatMap::new(title, x, y, values).labels("f (Hz)", "theta (deg)")
 }
 
 /// A map of one of the three mean speeds of these cells.
@@ -166,7 +166,7 @@ pub fn overlay(robot: &str, rows: &[(Measured, Cell)]) -> Chart {
     let ends = axis(&cells, |cell| cell.theta_deg);
     let (low, high) = (ends.first().copied().unwrap_or(0.0), ends.last().copied().unwrap_or(0.0));
     let chart =
-        Chart::new(format!("Measured and simulated speeds of model {robot}"), "\u{3b8} (\u{b0})")
+        Chart::new(format!("Measured and simulated speeds of model {robot}"), "theta (deg)")
             .subtitle("dots: measured; lines: simulated, the mean over the seeds")
             .x_range(low - 4.0, high + 4.0);
     SPEEDS.iter().fold(chart, |chart, speed| {

@@ -12,6 +12,8 @@ use super::by_hand::ByHandArgs;
 use crate::cockpit::server::{ServeError, Server};
 use flix_shell::output::{complain, print};
 use flix_shell::stream::address;
+use qrcode::QrCode;
+use qrcode::render::unicode::Dense1x2;
 
 /// Port of the page: the one after the robot's.
 const PORT: u16 = flix_protocol::DEFAULT_PORT + 1;
@@ -53,13 +55,58 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
                  use a network of your own",
             );
         }
-        print(&format!("open {}\n", server.urls().join("\n  or ")))?;
+        let urls = server.urls();
+        print(&format!("open {}\n", urls.join("\n  or ")))?;
+        if let Some(picture) = urls.first().filter(|_| server.is_public()).and_then(|it| qr(it)) {
+            print(&format!("{picture}\n"))?;
+        }
         Ok(desk::run(drive, &server, interrupt)?)
     })
+}
+
+/// Returns an address for the camera of a phone, for terminals with a dark ground; `None` where it is too long.
+fn qr(url: &str) -> Option<String> {
+    let code = QrCode::new(url).ok()?;
+    let mut picture = code.render::<Dense1x2>();
+    Some(picture.dark_color(Dense1x2::Light).light_color(Dense1x2::Dark).build())
 }
 
 impl From<ServeError> for Error {
     fn from(error: ServeError) -> Self {
         Self::usage(error)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The rows of a picture: what is dark to a camera that sees light blocks on a dark ground.
+    fn dark(picture: &str) -> Vec<Vec<bool>> {
+        let halves = |half: usize| {
+            move |line: &str| {
+                let is_dark = |it: char| match it {
+                    '\u{2588}' => false,
+                    '\u{2580}' => half == 1,
+                    '\u{2584}' => half == 0,
+                    _ => true,
+                };
+                line.chars().map(is_dark).collect::<Vec<_>>()
+            }
+        };
+        picture.lines().flat_map(|line| [halves(0)(line), halves(1)(line)]).collect()
+    }
+
+    #[test]
+    fn the_address_of_the_page_has_a_code_with_three_corners_and_a_light_rim() {
+        let picture = qr("http://192.168.1.7:4211/0123456789abcdef0123456789abcdef/").unwrap();
+        let rows = dark(&picture);
+        let width = rows[0].len();
+        assert!(width >= 33 && rows.iter().all(|row| row.len() == width), "{picture}");
+        // Four light modules all around, then the corners: seven dark ones, a light one.
+        assert!(rows[..4].iter().flatten().all(|dark| !dark), "{picture}");
+        for (row, column) in [(4, 4), (4, width - 11), (width - 11, 4)] {
+            assert!(rows[row][column..column + 7].iter().all(|dark| *dark), "{picture}");
+        }
     }
 }

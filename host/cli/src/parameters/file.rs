@@ -107,7 +107,7 @@ pub(super) fn check(
     for (name, new) in wanted {
         let Some(parameter) = present.iter().find(|parameter| parameter.name == name.as_str())
         else {
-            problems.push(format!("the robot has no setting `{name}`"));
+            problems.push(super::no_setting(name, present.iter().map(|it| it.name.as_str())));
             continue;
         };
         let minimum = bound(parameter, parameter.minimum, wanted, present);

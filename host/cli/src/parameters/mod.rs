@@ -16,7 +16,9 @@ use flix_host::interrupt::Interrupt;
 use flix_host::keys::KEY_FILE_VARIABLE;
 use flix_host::link::udp::{Connection, LinkError};
 use flix_host::teleop::settings::Described;
+use flix_shell::number::in_unit;
 use flix_shell::output::{complain, headings, print, print_json, read_text, table, write_text};
+use flix_shell::suggestion::nearest;
 
 /// Read, change and store the settings of the robot.
 #[derive(Debug, clap::Args)]
@@ -114,11 +116,26 @@ enum Action {
     },
 }
 
-fn number(text: &str) -> Result<f32, String> {
-    match text.trim().parse::<f32>() {
-        Ok(value) if value.is_finite() => Ok(value),
-        _ => Err(format!("`{text}` is not a number")),
+/// Reads a value; where it is more than a number, in the unit that the robot states for the setting.
+fn value_of(connection: &mut Connection, name: &Name, text: &str) -> Result<f32, Error> {
+    if let Ok(number) = text.trim().parse::<f32>() {
+        return Ok(number);
     }
+    let found = get(connection, name.clone());
+    let parameter = found.map_err(|error| named(connection, name, error))?;
+    in_unit(text, &parameter.unit)
+        .map(|value| value as f32)
+        .map_err(|why| Error::usage(format_args!("{name}: {why}")))
+}
+
+/// Refuses what is no number in any unit, before a robot is asked.
+fn check_value(name: &str, text: &str) -> Result<(), Error> {
+    let is_like_one = match text.trim().parse::<f32>() {
+        Ok(number) => number.is_finite(),
+        Err(_) => in_unit(text, "1").is_ok() || text.contains(|it: char| it.is_ascii_digit()),
+    };
+    let why = || Error::usage(format_args!("{name}: `{text}` is not a number, on or off"));
+    if is_like_one { Ok(()) } else { Err(why()) }
 }
 
 /// Runs the command.
@@ -135,7 +152,9 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         }
         Action::Get { name, json, .. } => {
             let name = wire_name(name)?;
-            let parameter = get(&mut robot.connect(&interrupt)?, name)?;
+            let mut connection = robot.connect(&interrupt)?;
+            let parameter = get(&mut connection, name.clone())
+                .map_err(|error| named(&mut connection, &name, error))?;
             if *json {
                 print_json(&Described::from(&parameter))?;
             } else {
@@ -146,9 +165,10 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             let [.., name, value] = &words[..] else {
                 return Err(Error::usage("name a setting and its value"));
             };
-            let value = number(value).map_err(|why| Error::usage(format_args!("{name}: {why}")))?;
+            check_value(name, value)?;
             let name = wire_name(name)?;
             let mut connection = robot.connect(&interrupt)?;
+            let value = value_of(&mut connection, &name, value)?;
             set(&mut connection, name.clone(), value)
                 .map_err(|error| explained(&mut connection, (name, value), error))?;
             save_if(&mut connection, *save)?;
@@ -205,11 +225,7 @@ fn cannot_use(path: &Path, error: &std::io::Error) -> Error {
 }
 
 fn wire_name(name: &str) -> Result<Name, Error> {
-    name.try_into().map_err(|_| {
-        Error::usage(format_args!(
-            "the robot has no setting `{name}`; `flix parameters list` shows all names"
-        ))
-    })
+    name.try_into().map_err(|_| Error::usage(no_setting(name, std::iter::empty())))
 }
 
 /// Returns all settings, in the order of the robot.
@@ -277,9 +293,25 @@ fn accept(connection: &mut Connection) -> Result<(), Error> {
     print(&format!("{}Accepted as they are.\n", table(&rows)))
 }
 
+/// Adds the nearest name to a refusal of a name that the robot does not know.
+fn named(connection: &mut Connection, name: &Name, error: LinkError) -> Error {
+    let LinkError::Refused(Refusal::UnknownParameter) = error else { return error.into() };
+    let known = list(connection).unwrap_or_default();
+    Error::usage(no_setting(name, known.iter().map(|it| it.name.as_str())))
+}
+
+/// Returns that there is no such setting, and which may be meant.
+fn no_setting<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
+    let meant =
+        nearest(name, known).map_or_else(String::new, |it| format!(", did you mean `{it}`?"));
+    format!("the robot has no setting `{name}`{meant}; `flix parameters list` shows all names")
+}
+
 /// Adds unit and value to a refusal for the setting's range.
 fn explained(connection: &mut Connection, (name, value): (Name, f32), error: LinkError) -> Error {
-    let LinkError::Refused(Refusal::OutOfRange { .. }) = error else { return error.into() };
+    let LinkError::Refused(Refusal::OutOfRange { .. }) = error else {
+        return named(connection, &name, error);
+    };
     let unit = match get(connection, name) {
         Ok(Parameter { unit, .. }) if unit != "1" => format!(" {unit}"),
         _ => String::new(),

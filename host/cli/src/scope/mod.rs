@@ -28,7 +28,7 @@ use flix_host::scope::{Capture, Extent, channels, files, trigger};
 use flix_host::teleop::action::Action;
 use flix_host::text::fixed;
 use flix_plot::Figure as _;
-use flix_shell::output::{headings, path_as_text, print, print_json, table};
+use flix_shell::output::{headings, path_as_text, print, print_json, table, waiting};
 use flix_shell::time::positive_duration;
 
 /// Interval of looks at a capture that is under way.
@@ -186,7 +186,7 @@ fn last(connection: &mut Connection, driven: &mut Driven) -> Result<Option<Captu
     let status = ask(connection, ScopeCommand::Status)?;
     if status.state != ScopeState::Complete {
         return Err(Error::new(
-            Exit::RobotFault,
+            Exit::Nothing,
             "the robot has had no fault since it was armed last, so nothing is kept; `flix scope --trigger fault` waits for one",
         ));
     }
@@ -268,7 +268,7 @@ impl Driven {
     /// Arms and waits until f and theta are held, as long as no fault is awaited.
     fn begin(&self, connection: &mut Connection) -> Result<(), Error> {
         let Some(setpoint) = self.setpoint else { return Ok(()) };
-        connection.arm()?;
+        waiting("the robot to align its motors and prove its link", || connection.arm())?;
         let (client, now) = connection.operate();
         client.hold(now, setpoint);
         if self.awaits_fault {
@@ -342,7 +342,7 @@ fn await_capture(
                 "the trigger has not come within {} s: wait longer with --for, or choose another",
                 patience.as_secs_f64()
             );
-            return Err(Error::new(Exit::RobotFault, sentence));
+            return Err(Error::new(Exit::Nothing, sentence));
         }
         if let Some(error) = connection.wait_for(LOOK, |_, update| driven.check(update))? {
             return Err(error.into());

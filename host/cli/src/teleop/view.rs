@@ -35,7 +35,8 @@ pub const SMALLEST: (u16, u16) = (80, 24);
 
 const TOP_ROTOR: Color = Color::Cyan;
 const BOTTOM_ROTOR: Color = Color::Magenta;
-const FORCE: Color = Color::Yellow;
+/// f and theta as they are measured: the nearest of 256 colours to that of the plots and the page.
+const FORCE: Color = Color::Indexed(208);
 const FAINT: Style = Style::new().fg(Color::DarkGray);
 
 /// Smallest width of state, faults and gauges, characters.

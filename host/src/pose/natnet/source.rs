@@ -11,8 +11,8 @@ use std::time::Duration;
 
 use flix_protocol::units::Instant;
 use natnet::command::{
-    CommandError, ConnectOptions, connect_request, connect_request_with, disconnect_datagram,
-    keepalive_datagram, request_modeldef,
+    CommandError, ConnectOptions, Request, connect_request, connect_request_with,
+    disconnect_datagram, keepalive_datagram, request_modeldef,
 };
 use natnet::net::{DataClient, MIN_DATA_BUFFER, RawCommandClient};
 use natnet::{
@@ -32,6 +32,8 @@ use crate::text::printable;
 const KEEPALIVE: Duration = Duration::from_millis(250);
 /// A question without an answer is asked again after so long: either datagram may be lost.
 const ASK_AGAIN: Duration = Duration::from_millis(300);
+/// A stream without a frame for longer is over, as after a restart of Motive, which knows no client then: it is greeted again.
+const SILENCE: Duration = Duration::from_secs(1);
 /// Shortest wait that is requested from the operating system.
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
 /// Frames in a row that prove the layout that was asked for. A frame of the layout before may still be on its way.
@@ -109,9 +111,7 @@ pub enum NatNetError {
         reason: String,
     },
     /// A layout that is not known.
-    #[error(
-        "{server} streams NatNet {version}; versions from 3.0 are understood: update Motive to 2.1 or later"
-    )]
+    #[error("{server} streams NatNet {version}; versions from 3.0 are understood: update Motive")]
     Version {
         /// Who.
         server: SocketAddrV4,
@@ -132,8 +132,8 @@ pub enum NatNetError {
     /// The server was asked for a layout that is known, and streams another.
     #[error(
         "{server} speaks NatNet {version}, was asked for 4.1, and does not send it ({reason}): close other programs that \
-         receive from Motive by unicast, then restart its data streaming; if that does not help, use Motive 3.1 or \
-         earlier, or send the poses as text (--pose udp:PORT)"
+         receive from Motive by unicast, then restart its data streaming; if that does not help, use a Motive \
+         that speaks 4.1 or earlier, or send the poses as text (--pose udp:PORT)"
     )]
     NotGranted {
         /// Who.
@@ -206,7 +206,13 @@ enum Received {
 
 enum Channel {
     Multicast(DataClient),
-    Unicast { socket: RawCommandClient, next_keepalive: Instant },
+    Unicast {
+        socket: RawCommandClient,
+        next_keepalive: Instant,
+        /// What begins the stream.
+        greeting: Request,
+        greet_at: Instant,
+    },
 }
 
 /// A stream of poses from Motive.
@@ -219,6 +225,7 @@ pub struct NatNetSource {
     channel: Channel,
     buffer: Vec<u8>,
     last_frame: Option<i32>,
+    heard: Option<Instant>,
     continuity: Continuity,
     statistics: NatNetStatistics,
 }
@@ -250,7 +257,9 @@ impl NatNetSource {
             Channel::Multicast(DataClient::from_socket(socket))
         } else {
             client.set_nonblocking(true).map_err(socket)?;
-            Channel::Unicast { socket: client, next_keepalive: Instant::START }
+            let greeting = layout.greeting().map_err(|error| not_natnet(settings.server, error))?;
+            let [next_keepalive, greet_at] = [Instant::START; 2];
+            Channel::Unicast { socket: client, next_keepalive, greeting, greet_at }
         };
         Ok(Self {
             settings,
@@ -261,6 +270,7 @@ impl NatNetSource {
             channel,
             buffer: vec![0; MIN_DATA_BUFFER],
             last_frame: None,
+            heard: None,
             continuity: Continuity::default(),
             statistics: NatNetStatistics::default(),
         })
@@ -298,10 +308,15 @@ impl NatNetSource {
     fn receive(&mut self, now: Instant) -> io::Result<Option<Received>> {
         let received = match &mut self.channel {
             Channel::Multicast(client) => client.recv(&mut self.buffer),
-            Channel::Unicast { socket, next_keepalive } => {
+            Channel::Unicast { socket, next_keepalive, greeting, greet_at } => {
                 if now >= *next_keepalive {
                     *next_keepalive = now + KEEPALIVE;
                     transient(socket.send(&keepalive_datagram()))?;
+                }
+                let heard = *self.heard.get_or_insert(now);
+                if now.since(heard) > SILENCE && now >= *greet_at {
+                    *greet_at = now + ASK_AGAIN;
+                    transient(socket.send(greeting.as_bytes()))?;
                 }
                 socket.recv(&mut self.buffer)
             }
@@ -341,6 +356,7 @@ impl PoseSource for NatNetSource {
             let datagram = &self.buffer[..length];
             match NatNetReading::in_layout(datagram, self.layout, self.body, self.settings.up) {
                 Ok(Some(reading)) => {
+                    self.heard = Some(now);
                     self.count(&reading);
                     if let Some((pose, tracked)) = reading.body {
                         let valid = tracked && self.continuity.take(now, &pose);
@@ -440,9 +456,22 @@ impl Layout {
         Ok(Self { version: NEWEST, is_asked_for: true })
     }
 
+    /// Returns what begins a stream of it.
+    fn greeting(self) -> Result<Request, CommandError> {
+        if self.is_asked_for {
+            connect_request_with(ConnectOptions::requesting(self.version))
+        } else {
+            connect_request()
+        }
+    }
+
     const fn policy(self) -> ParsePolicy {
         if self.is_asked_for { ParsePolicy::Strict } else { ParsePolicy::Compatible }
     }
+}
+
+fn not_natnet(server: SocketAddrV4, reason: impl ToString) -> NatNetError {
+    NatNetError::NotNatNet { server, reason: reason.to_string() }
 }
 
 type Bodies = Vec<(String, i32)>;
@@ -492,7 +521,7 @@ impl Conversation {
     }
 
     fn strange(&self, reason: impl ToString) -> NatNetError {
-        NatNetError::NotNatNet { server: self.settings.server, reason: reason.to_string() }
+        not_natnet(self.settings.server, reason)
     }
 
     /// Returns who answers, and what it speaks when nothing is asked for.
@@ -509,8 +538,7 @@ impl Conversation {
     fn bodies(&self, info: &ServerInfo, layout: Layout) -> Result<Bodies, NatNetError> {
         let server = self.settings.server;
         let strange = |error: CommandError| self.strange(error);
-        let wish = connect_request_with(ConnectOptions::requesting(layout.version));
-        let wish = wish.map_err(strange)?;
+        let wish = layout.greeting().map_err(strange)?;
         let question = request_modeldef().map_err(strange)?;
         // The wish each time: the answer to a greeting that was repeated is no sign that it has arrived.
         let wishes: &[&[u8]] = if layout.is_asked_for { &[wish.as_bytes()] } else { &[] };

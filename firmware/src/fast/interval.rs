@@ -1,0 +1,123 @@
+//! What ripples with the rotors, over the interval between two telemetries: mean, least and largest.
+//!
+//! Each rotor pulls at the other and at the body twice a turn, so theta, the torque currents and the bus ripple at up to 70 Hz.
+//! Single values, 50 a second, would show the 60 Hz of f = 30 Hz as a swing of 10 Hz that is not there.
+
+use crate::fast::units::{Current, RotorAngle, Voltage};
+
+/// Sum and extremes of the raw values of a quantity.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Range {
+    count: i32,
+    sum: i64,
+    least: i32,
+    largest: i32,
+}
+
+impl Range {
+    fn add(&mut self, value: i32) {
+        if self.count == 0 {
+            (self.least, self.largest) = (value, value);
+        }
+        self.count = self.count.saturating_add(1);
+        self.sum += i64::from(value);
+        self.least = self.least.min(value);
+        self.largest = self.largest.max(value);
+    }
+
+    /// Returns mean, least and largest; `None` of no values.
+    fn spread(&self) -> Option<[i32; 3]> {
+        let mean = (self.sum / i64::from(self.count.max(1))) as i32;
+        (self.count > 0).then_some([mean, self.least, self.largest])
+    }
+}
+
+/// What ripples, since the last telemetry.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Interval {
+    /// The first theta, and the turns of the line of force from there.
+    reference: RotorAngle,
+    turned: Range,
+    currents: [Range; 2],
+    bus: Range,
+}
+
+impl Interval {
+    /// Takes theta, the torque currents (top, bottom; clockwise positive) and the voltage of the bus.
+    pub fn add(&mut self, theta: RotorAngle, currents: [Current; 2], bus: Voltage) {
+        if self.turned.count == 0 {
+            self.reference = theta;
+        }
+        let turned = theta.raw().wrapping_sub(self.reference.raw()) as i32;
+        // The line of force repeats every half turn, and theta with it.
+        self.turned.add((turned << 1) >> 1);
+        for (range, current) in self.currents.iter_mut().zip(currents) {
+            range.add(current.raw());
+        }
+        self.bus.add(bus.raw());
+    }
+
+    /// Returns mean, least and largest theta; least and largest are those around the mean, which repeats every half turn.
+    #[must_use]
+    pub fn theta(&self) -> Option<[RotorAngle; 3]> {
+        let angle = |turned: i32| self.reference.raw().wrapping_add_signed(turned);
+        Some(self.turned.spread()?.map(|turned| RotorAngle::from_raw(angle(turned))))
+    }
+
+    /// Returns mean, least and largest torque current of a motor: 0 top, 1 bottom.
+    #[must_use]
+    pub fn current(&self, motor: usize) -> Option<[Current; 3]> {
+        Some(self.currents[motor % 2].spread()?.map(Current::from_raw))
+    }
+
+    /// Returns mean, least and largest voltage of the bus.
+    #[must_use]
+    pub fn bus(&self) -> Option<[Voltage; 3]> {
+        Some(self.bus.spread()?.map(Voltage::from_raw))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use flix_protocol::units::{Amperes, Degrees};
+
+    fn of(thetas: impl IntoIterator<Item = f64>) -> Interval {
+        let mut interval = Interval::default();
+        for theta in thetas {
+            let current = Current::from_amperes(0.01 * theta);
+            interval.add(
+                RotorAngle::from_degrees(theta as f32),
+                [current, -current],
+                Voltage::from_volts(11.0),
+            );
+        }
+        interval
+    }
+
+    #[test]
+    fn mean_and_extremes_are_those_of_all_values() {
+        let interval = of([30.0, 40.0, 20.0, 30.0]);
+        let [mean, least, largest] =
+            interval.theta().unwrap().map(|it| f64::from(Degrees::from(it).get()));
+        let close = |a: f64, b: f64| (a - b).abs() < 1e-3;
+        assert!(close(mean, 30.0) && close(least, 20.0) && close(largest, 40.0));
+        let [mean, least, largest] =
+            interval.current(1).unwrap().map(|it| f64::from(Amperes::from(it).get()));
+        assert!(close(mean, -0.3) && close(least, -0.4) && close(largest, -0.2));
+        assert_eq!(interval.bus().unwrap(), [Voltage::from_volts(11.0); 3]);
+        assert_eq!(Interval::default().theta(), None);
+    }
+
+    #[test]
+    fn a_line_of_force_across_its_end_has_the_mean_between() {
+        // 88 degrees and -88 degrees are 4 degrees apart, and so is the other end of the same line.
+        for thetas in [[88.0, -88.0], [-92.0, -88.0], [179.0, -177.0]] {
+            let [mean, least, largest] =
+                of(thetas).theta().unwrap().map(|it| f64::from(Degrees::from(it).get()));
+            let apart = |a: f64, b: f64| (a - b).rem_euclid(180.0);
+            assert!((apart(mean, thetas[0]) - 2.0).abs() < 1e-3, "{thetas:?}: {mean}");
+            assert!((apart(largest, least) - 4.0).abs() < 1e-3, "{thetas:?}");
+        }
+    }
+}
