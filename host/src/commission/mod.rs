@@ -267,12 +267,17 @@ fn measure<S: Subject>(
     desk.set_each("current_gain_b", [1.0; 2])?;
 
     desk.look()?.check().map_err(CommissionError::Found)?;
-    wiring::judge(&desk.wiring()?).map_err(CommissionError::Found)?;
+    let wiring = desk.wiring()?;
+    wiring::judge(&wiring).map_err(CommissionError::Found)?;
+    let uneven = wiring.each_ref().map(wiring::uneven);
 
     step(Step::Phases);
     let (standing, bridges) = desk.stand()?;
-    let mut windings = [check_winding(0, phases::measure(&standing[0], &bridges, 1.0))?; 2];
-    windings[1] = check_winding(1, phases::measure(&standing[1], &bridges, 1.0))?;
+    let winding = |motor: usize, scale: f64| {
+        let found = phases::measure(&standing[motor], &bridges, scale);
+        check_winding(motor, found.map(|it| it.of_uneven(uneven[motor])))
+    };
+    let mut windings = [winding(0, 1.0)?, winding(1, 1.0)?];
     // One bridge delays like the other.
     let delay = (windings[0].circuit.delay + windings[1].circuit.delay) / 2.0;
 
@@ -345,8 +350,7 @@ fn measure<S: Subject>(
     let scales = [0, 1].map(|motor| slopes[motor] * 1.5 * pairs * flux[motor] / inertia);
     check_scales(scales).map_err(CommissionError::Found)?;
     for motor in [0, 1] {
-        let again = phases::measure(&standing[motor], &bridges, scales[motor]);
-        windings[motor] = check_winding(motor, again)?;
+        windings[motor] = winding(motor, scales[motor])?;
     }
     let motors = [0, 1].map(|motor| {
         let Phases { circuit, inverted, balance, .. } = windings[motor];

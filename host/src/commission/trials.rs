@@ -275,6 +275,7 @@ impl<S: Subject> Desk<'_, S> {
             voltage: columns.of(0),
             currents: currents([columns.of(1), columns.of(2)], phases),
             angles: [columns.of(3), columns.of(4)],
+            uneven: phases.uneven,
             bus: columns.mean(5),
             pwm_frequency: bridges.pwm_frequency_hz.into(),
         })

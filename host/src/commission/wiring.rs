@@ -30,6 +30,8 @@ const LEAST: f64 = 0.02;
 const NOISE: f64 = 0.013;
 /// Largest ratio of the resistances of two phases of a good motor.
 const LARGEST_RATIO: f64 = 1.25;
+/// Phases whose resistances differ by less than this are alike: what dead time and noise make of a good motor.
+const ALIKE: f64 = 1.04;
 /// Largest ratio of the gains of two amplifiers that are each within 20 %, and some more.
 const LARGEST_GAINS: f64 = 1.72;
 /// Two phases that touch have less than this share of the other motor's inductance.
@@ -103,6 +105,20 @@ pub fn judge(motors: &[[Stood; 3]; 2]) -> Result<(), Finding> {
         connected.is_even()?;
     }
     Ok(())
+}
+
+/// Returns the resistances of phases A, B and C of a motor over their mean, by its three fields; all 1 where they are alike.
+#[must_use]
+pub fn uneven(stood: &[Stood; 3]) -> [f64; 3] {
+    let star = star([0, 1].map(|amplifier| stood.map(|it| it.own[amplifier])));
+    let [low, high] = [f64::min, f64::max].map(|of| star.into_iter().fold(1.0, of));
+    let mean = star.iter().sum::<f64>() / 3.0;
+    if high / low < ALIKE { [1.0; 3] } else { star.map(|resistance| resistance / mean) }
+}
+
+/// Returns the resistances of phases A, B and C over that of C, from what amplifiers A and B showed along A, B and C.
+fn star([a, b]: [[f64; 3]; 2]) -> [f64; 3] {
+    [b[2] / b[0], a[2] / a[1], 1.0]
 }
 
 struct Motor<'a> {
@@ -209,8 +225,7 @@ impl Motor<'_> {
     /// Whether its phases have one resistance.
     fn is_even(&self) -> Result<(), Finding> {
         let motor = self.motor;
-        let [a, b] = [self.row(0), self.row(1)];
-        let star = [b[2] / b[0], a[2] / a[1], 1.0];
+        let star = star([self.row(0), self.row(1)]);
         let mut order = [0, 1, 2];
         order.sort_by(|one, other| star[*one].total_cmp(&star[*other]));
         let [low, middle, high] = order;
