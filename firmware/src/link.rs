@@ -62,18 +62,18 @@ struct Judged {
 
 impl Judged {
     fn of(settings: &Settings, measures_current: bool) -> Self {
-        let settings = unaligned(settings);
+        let settings = decisive(settings);
         Self { settings, verdict: margin::judge(&settings, measures_current) }
     }
 
     fn is_of(&self, settings: &Settings) -> bool {
-        self.settings == unaligned(settings)
+        self.settings == decisive(settings)
     }
 }
 
-/// Returns settings without what an alignment finds, by which no loop is judged.
-fn unaligned(settings: &Settings) -> Settings {
-    let mut settings = *settings;
+/// Returns settings without what no loop is judged by: what an alignment finds, and how values are known.
+fn decisive(settings: &Settings) -> Settings {
+    let mut settings = Settings { marks: Settings::DEFAULT.marks, ..*settings };
     settings.learn([Alignment::default(); 2]);
     settings
 }
@@ -506,19 +506,19 @@ impl Link {
     }
 
     /// Refuses settings that nothing is armed with.
-    fn check_settings(&self, settings: &Settings) -> Result<(), Refusal> {
+    fn check_settings(&mut self, settings: &Settings) -> Result<(), Refusal> {
         match settings.assumed(self.measures_current()) {
             Some(name) => Err(self.refuse_assumed(name)),
-            None if self.judged.is_of(settings) => self.judged.verdict.clone(),
-            None => margin::judge(settings, self.measures_current()),
+            None => self.judge(settings).clone(),
         }
     }
 
-    /// Judges settings that were changed, before anything waits for it.
-    fn judge(&mut self, settings: &Settings) {
+    /// Returns what the stability margin says of settings. Changed ones are judged before anything waits for it.
+    fn judge(&mut self, settings: &Settings) -> &Result<(), Refusal> {
         if !self.judged.is_of(settings) {
             self.judged = Judged::of(settings, self.measures_current());
         }
+        &self.judged.verdict
     }
 
     const fn measures_current(&self) -> bool {
@@ -636,13 +636,12 @@ impl Link {
                 self.check_idle()?;
                 let accepted = tuning.accept(self.measures_current());
                 accepted.map_err(|name| self.refuse_assumed(name))?;
-                self.judge(tuning.settings());
             }
             ParameterCommand::Reset => {
                 self.check_idle()?;
                 tuning.reset();
                 self.session.set_command_age(command_age(tuning.settings()));
-                self.judge(tuning.settings());
+                let _ = self.judge(tuning.settings());
             }
             ParameterCommand::Save => {
                 self.check_idle()?;
@@ -663,7 +662,7 @@ impl Link {
         self.check_idle()?;
         tuning.put(name, value, mark)?;
         self.session.set_command_age(command_age(tuning.settings()));
-        self.judge(tuning.settings());
+        let _ = self.judge(tuning.settings());
         parameter(tuning.settings(), name)
     }
 

@@ -16,7 +16,7 @@ use flix_firmware::settings::{COUNT, MOTOR_VALUES, Settings, Tuning};
 use flix_protocol::failsafe::{COMMAND_AGE, LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, Event, Fault, Faults, Identity, Mark, Name, OperatorName, Outcome,
+    Command, Event, Fault, Faults, Identity, Magnet, Mark, Name, OperatorName, Outcome,
     PARAMETERS_PER_REPLY, ParameterCommand, Pattern, Refusal, ResetReason, ScopeCommand, ScopePlan,
     Setpoint, State, Telemetry, ToOperator, ToRobot, Trial,
 };
@@ -655,6 +655,61 @@ fn in_voltage_mode_resistance_and_flux_are_entered_and_nothing_else_will_do() {
         }
     }
     assert_eq!(ends.say(Command::Arm), Outcome::Done);
+}
+
+#[test]
+fn arming_is_refused_by_what_the_loops_are_now_and_by_nothing_that_was_before() {
+    let unstable =
+        |outcome: &Outcome| matches!(outcome, Outcome::Refused(Refusal::UnstablePosition { .. }));
+    let set = |ends: &mut Ends, name: &str, value| {
+        ends.say(Command::Parameter(ParameterCommand::Set(name.try_into().unwrap(), value)))
+    };
+    let said = |ends: &mut Ends| {
+        let check = ends.say(Command::Parameter(ParameterCommand::Check));
+        let arm = ends.say(Command::Arm);
+        assert_eq!(check, arm);
+        check
+    };
+    let mut ends = Ends::proven();
+    let stable = ends.tuning.settings().position_bandwidth;
+    assert!(matches!(set(&mut ends, "position_bandwidth", 50.0), Outcome::Parameter(_)));
+    assert!(unstable(&said(&mut ends)));
+    // Nothing else makes it better: neither a mark, nor another alignment.
+    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Accept)), Outcome::Done);
+    assert!(unstable(&said(&mut ends)));
+    set(&mut ends, "top_electrical_offset", 12.0);
+    assert!(unstable(&said(&mut ends)));
+    // What the loops are changes with their partners, one after the other, and back.
+    set(&mut ends, "position_bandwidth", stable);
+    set(&mut ends, "tracker_bandwidth", 40.0);
+    assert!(unstable(&said(&mut ends)));
+    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Reset)), Outcome::Done);
+    assert!(matches!(ends.say(Command::Arm), Outcome::Refused(Refusal::Assumed { .. })));
+    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Accept)), Outcome::Done);
+    assert_eq!(said(&mut ends), Outcome::Done);
+}
+
+#[test]
+fn each_trouble_with_a_magnet_is_an_event_once_for_each_motor() {
+    let mut ends = Ends::connected();
+    ends.happened();
+    let mut shown = |magnets: [Magnet; 2]| {
+        ends.observe(|report| {
+            for (encoder, magnet) in report.encoders.iter_mut().zip(magnets) {
+                encoder.magnet = magnet;
+            }
+        });
+        ends.happened()
+    };
+    let event = |motor, magnet| Event::Magnet { motor, magnet };
+    let troubles = Magnet::ALL.into_iter().filter(|magnet| *magnet != Magnet::Good);
+    assert_eq!(shown([Magnet::Good; 2]), []);
+    for magnet in troubles {
+        assert_eq!(shown([magnet, Magnet::Good]), [event(0, magnet)]);
+        assert_eq!(shown([Magnet::Good; 2]), [], "it is good again");
+        assert_eq!(shown([magnet, magnet]), [event(1, magnet)], "one on the border comes and goes");
+        assert_eq!(shown([magnet, Magnet::Good]), []);
+    }
 }
 
 #[test]

@@ -2,8 +2,8 @@
 //! sense, and the encoders' eccentricity, for both motors at once.
 //!
 //! With the bridges off the current amplifiers' zero is averaged. Then a voltage vector, as much as
-//! drives the alignment current through a resting motor, pulls each rotor along for a whole turn
-//! forward and back. The rotor follows the field like a compass needle, so the field *is* the
+//! drives the alignment current through a resting motor, or as the supply gives where that is less
+//! ([`SUPPLY_SHARE`]), pulls each rotor along for a whole turn forward and back. The rotor follows the field like a compass needle, so the field *is* the
 //! angle reference:
 //!
 //! - the direction in which the encoder follows is the phase order;
@@ -56,6 +56,12 @@ const QUARTER: i64 = 1 << 30;
 /// A rotor in the check may be off by this much: an eighth electrical turn.
 const CHECK_TOLERANCE: i32 = 1 << 29;
 
+/// A field takes at most this share of [`Bus::limit`], 2^-31: 0.9 of 1/sqrt(3) of the bus, which the bridge gives in every
+/// direction.
+const SUPPLY_SHARE: i32 = 1_859_775_393;
+/// All of the alignment current, 2^-30.
+const WHOLE: i32 = 1 << 30;
+
 /// Currents are summed with so many more bits than they have.
 const CURRENT_SHIFT: u32 = 8;
 
@@ -106,6 +112,8 @@ struct Sweep {
 
 #[derive(Debug, Clone, Copy, Default)]
 struct Motor {
+    /// What the supply gives of the alignment current, 2^-30.
+    share: i32,
     /// Electrical angle of the field at field position zero.
     base: ElectricalAngle,
     /// Uncorrected rotor angle when the field began to move.
@@ -212,7 +220,14 @@ impl Aligner {
     /// Raises the voltage and draws the rotor to the field; in the check it should be there already.
     fn ramp(&mut self, configuration: &Configuration, observation: &Observation<'_>) -> Progress {
         if self.tick == 0 {
+            let given = multiply_high(observation.bus.limit.raw() << 1, SUPPLY_SHARE);
             for (index, motor) in self.motors.iter_mut().enumerate() {
+                let wanted = configuration.alignment_voltage[index % 2].raw();
+                motor.share = if wanted > given {
+                    ((i64::from(given) << 30) / i64::from(wanted)) as i32
+                } else {
+                    WHOLE
+                };
                 let angle = observation.trackers[index % 2].angle();
                 motor.start = angle;
                 motor.base = if self.full {
@@ -319,7 +334,7 @@ impl Aligner {
             // Sums hold half the products; a Fourier coefficient is twice the mean.
             motor.result.eccentricity = harmonics.map(|sum| (4 * sum / samples) as i32);
             if sensed {
-                let expected = configuration.alignment_counts.raw();
+                let expected = motor.of_whole(configuration.alignment_counts.raw());
                 let amplitudes = currents.map(|sum| (4 * sum / samples) as i32 >> CURRENT_SHIFT);
                 let inverted = amplitudes.iter().all(|amplitude| amplitude.is_negative());
                 let agree = amplitudes.iter().all(|amplitude| {
@@ -354,7 +369,7 @@ impl Aligner {
             let field = Direction::from(motor.electrical(configuration, self.field));
             let current = park(clarke(a, b), field);
             let along = if motor.result.current_inverted { -current.d } else { current.d }.raw();
-            let expected = configuration.alignment_counts.raw();
+            let expected = motor.of_whole(configuration.alignment_counts.raw());
             if along < expected / 2 || along > expected.saturating_mul(2) {
                 return Progress::Failed(Fault::CurrentSense);
             }
@@ -377,8 +392,8 @@ impl Aligner {
         let share = match self.stage {
             Stage::Rest => return [Bridge::BRAKE; 2],
             Stage::Zero => return [Bridge::Off; 2],
-            Stage::Ramp => (self.tick.min(RAMP_TICKS) * ((1 << 30) / RAMP_TICKS)) as i32,
-            Stage::Forward | Stage::Back | Stage::Check => 1 << 30,
+            Stage::Ramp => (self.tick.min(RAMP_TICKS) * (WHOLE as u32 / RAMP_TICKS)) as i32,
+            Stage::Forward | Stage::Back | Stage::Check => WHOLE,
         };
         let mut bridges = [Bridge::Off; 2];
         for (((bridge, motor), voltage), model) in bridges
@@ -388,13 +403,14 @@ impl Aligner {
             .zip(&configuration.motors)
         {
             let direction = Direction::from(motor.electrical(configuration, self.field));
+            let share = motor.of_whole(share);
             let current = field(direction, share, configuration.alignment_current);
             // Beside what the windings take, what the magnets give as they turn with the field.
             let speed = self.rate.wrapping_mul(configuration.pole_pairs as i32);
             let back_emf = Voltage::from_raw(multiply_high(speed, model.back_emf));
             let across = direction.quarter_turn_ahead();
             let mut phases = field(direction, share, voltage);
-            for (phase, back_emf) in phases.iter_mut().zip(field(across, 1 << 30, back_emf)) {
+            for (phase, back_emf) in phases.iter_mut().zip(field(across, WHOLE, back_emf)) {
                 *phase = *phase + back_emf;
             }
             for (phase, current) in phases.iter_mut().zip(current) {
@@ -407,6 +423,11 @@ impl Aligner {
 }
 
 impl Motor {
+    /// Returns what is left of this where it goes with the alignment current.
+    fn of_whole(&self, value: i32) -> i32 {
+        ((i64::from(value) * i64::from(self.share)) >> 30) as i32
+    }
+
     /// Returns the electrical angle of the field at this mechanical position.
     fn electrical(&self, configuration: &Configuration, field: u32) -> ElectricalAngle {
         self.base.turned(field.wrapping_mul(configuration.pole_pairs) as i32)

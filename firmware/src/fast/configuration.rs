@@ -7,6 +7,7 @@ use crate::fast::alignment::Alignment;
 use crate::fast::foc::burning;
 use crate::fast::foc::current::Model;
 use crate::fast::foc::modulation::dead_time_slope;
+use crate::fast::monitor::DIAGNOSTIC_TICKS;
 use crate::fast::reference::Ramps;
 use crate::fast::shaker::{LARGEST_ACCELERATION, ShakerModel};
 use crate::fast::tracker::{EncoderModel, TABLE_LENGTH};
@@ -56,6 +57,9 @@ pub struct Configuration {
     /// Share of a PWM period, 2^-31.
     pub(crate) dead_share: i32,
     pub(crate) over_speed: Speed,
+    /// By how much a current changes the speed of its rotor from one diagnosis to the next: 2^-32 turn per tick for 2^-16 A,
+    /// in 2^-24.
+    pub(crate) speed_per_current: [i32; 2],
 }
 
 /// Damping of the encoder trackers.
@@ -139,6 +143,7 @@ impl Configuration {
             ),
             dead_share: scaled(dead_share(hardware), 31),
             over_speed: Speed::from_hertz(settings.over_speed),
+            speed_per_current: [0, 1].map(|motor| speed_per_current(settings, motor)),
         };
         configuration.apply(configuration.alignment);
         configuration
@@ -239,18 +244,28 @@ fn burning_per_speed(settings: &Settings, motor: usize) -> f64 {
     burning::current_per_speed(resistance, TAU * RATE * flux_linkage(settings, motor))
 }
 
+/// Returns the current that speeds up the rotor of a motor, A per (turn per tick^2).
+fn current_per_acceleration(settings: &Settings, motor: usize) -> f64 {
+    let inertia = f64::from(settings.rotor_inertia * KG_M2_PER_G_CM2);
+    // N m per ampere of torque-making current.
+    let torque_constant = 1.5 * f64::from(pole_pairs(settings)) * flux_linkage(settings, motor);
+    inertia * TAU * RATE * RATE / torque_constant.max(1e-6)
+}
+
+/// See [`Configuration::speed_per_current`].
+fn speed_per_current(settings: &Settings, motor: usize) -> i32 {
+    let ticks = f64::from(DIAGNOSTIC_TICKS);
+    // From 2^-16 A to 2^-32 turn.
+    scaled(ticks / current_per_acceleration(settings, motor).max(1e-3), 24 + 16)
+}
+
 /// Returns the loops that hold f and theta.
 pub(crate) fn position_loop(settings: &Settings) -> ShakerModel {
     let natural = TAU * f64::from(settings.position_bandwidth) / RATE;
     let limit = f64::from(settings.current_limit) * CURRENT_MARGIN;
-    let inertia = f64::from(settings.rotor_inertia * KG_M2_PER_G_CM2);
     // 2^-16 A per 2^-40 turn per tick^2, and a half because each motor takes half of either.
-    let gains = [0, 1].map(|motor| {
-        // N m per ampere of torque-making current.
-        let torque_constant = 1.5 * f64::from(pole_pairs(settings)) * flux_linkage(settings, motor);
-        let per_turn = inertia * TAU * RATE * RATE / torque_constant.max(1e-6);
-        scaled(per_turn / 2.0, 8).max(1)
-    });
+    let gains =
+        [0, 1].map(|motor| scaled(current_per_acceleration(settings, motor) / 2.0, 8).max(1));
     let largest = gains.map(|gain| scaled(limit / f64::from(gain), 48));
     ShakerModel {
         proportional: scaled(natural * natural, 40),

@@ -80,6 +80,8 @@ pub struct Control {
     /// Currents of phases A and B.
     currents: [[Current; 2]; 2],
     wanted: [Rotor<Current>; 2],
+    /// f that the shaker is asked for.
+    asked: Speed,
     monitor: Monitor,
     /// Faults of the last diagnosis.
     present: Faults,
@@ -119,6 +121,7 @@ impl Control {
             zeros: [[configuration.zero_design; 2]; 2],
             currents: [[Current::ZERO; 2]; 2],
             wanted: [Rotor::default(); 2],
+            asked: Speed::ZERO,
             monitor: Monitor::default(),
             present: Faults::NONE,
             at_rest: false,
@@ -398,7 +401,7 @@ impl Control {
             loops: &self.loops,
             shaking: matches!(self.activity, Activity::Shaking),
             shaker: &self.shaker,
-            target: order.frequency,
+            target: self.asked,
         };
         let misaligned = core::mem::take(&mut self.misaligned);
         self.present = self.monitor.faults(misaligned, &observation);
@@ -449,6 +452,7 @@ impl Control {
             self.begin_shaking(rotors);
         }
         if outer {
+            self.asked = target.frequency;
             let limited = self.loops[0].limited() | self.loops[1].limited();
             let demand = self.shaker.update(&self.configuration.shaker, rotors, target, limited);
             let [top, bottom] = demand.currents;

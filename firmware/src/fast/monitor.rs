@@ -10,7 +10,9 @@ use crate::fast::configuration::Configuration;
 use crate::fast::foc::current::CurrentLoop;
 use crate::fast::shaker::Shaker;
 use crate::fast::tracker::Tracker;
-use crate::fast::units::{Current, Speed, TURN_PER_DEGREE, Voltage, magnitude, within};
+use crate::fast::units::{
+    Current, Speed, TURN_PER_DEGREE, Voltage, magnitude, multiply_high, within,
+};
 
 /// Consecutive samples above the limit that are an over-current: one alone may be a spike.
 const OVER_CURRENT_TICKS: u32 = 2;
@@ -58,6 +60,15 @@ const STAY_SHIFT: u32 = 4;
 const SHIVER_SHIFTS: [u32; 2] = [6, 4];
 /// Larger currents are taken for this: 8 A.
 const LARGEST_SHIVER_CURRENT: i32 = 8 << 16;
+/// In voltage mode, a change of the sum of both speeds that currents should have made and the rotors did not: 6 Hz. With a battery
+/// too weak for f it stays below 6 Hz wherever theta is off by as much as here; with a strong one below 3 Hz.
+const LARGEST_UNANSWERED: i32 = Speed::from_centihertz(600).raw();
+/// It is forgotten within 2^4 diagnoses: 26 ms.
+const UNANSWERED_SHIFT: u32 = 4;
+/// It counts where twice theta is off by more than this: 2.2 degrees of theta.
+const UNANSWERED_SUM_ERROR: i32 = (4.4 * TURN_PER_DEGREE) as i32;
+/// Ticks for which it must be there: 6.4 ms.
+const UNANSWERED_TICKS: u32 = 64;
 /// What builds up slowly is looked at in one tick of so many.
 pub(crate) const DIAGNOSTIC_TICKS: u32 = 16;
 
@@ -117,6 +128,25 @@ impl Shiver {
     }
 }
 
+/// What currents that nobody measures should have done to the sum of both speeds, and did not: a bridge that shuts itself down
+/// drives nothing. Friction slows both rotors alike, and so does a body that swings against them: neither shows in the sum.
+#[derive(Debug, Clone, Copy, Default)]
+struct Unanswered {
+    /// 2^-32 turn per tick.
+    speed: i32,
+    /// The sum of both speeds at the last diagnosis.
+    last: i32,
+}
+
+impl Unanswered {
+    /// Takes what the currents since the last diagnosis should have added to the sum of both speeds, and that sum.
+    const fn add(&mut self, expected: i32, sum: i32) {
+        let came = sum.wrapping_sub(self.last);
+        self.last = sum;
+        self.speed += expected.wrapping_sub(came) - (self.speed >> UNANSWERED_SHIFT);
+    }
+}
+
 /// What the monitor looks at.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Observation<'a> {
@@ -153,6 +183,8 @@ pub(crate) struct Monitor {
     residual: Debounce,
     open_phase: [Debounce; 2],
     shiver: Debounce,
+    unanswered: Unanswered,
+    unanswered_for_long: Debounce,
     /// Top, bottom.
     shivers: [Shiver; 2],
     /// Fading peaks of the phase currents.
@@ -199,10 +231,12 @@ impl Monitor {
         let pressed = shaker.limited();
         let going_on = shaker.frequency().magnitude() > GOING_ON;
         let [shivers, goes_on] = self.shivers(observation);
-        let mut stalled = false;
+        let held = is_held(observation);
+        let [mut stalled, mut stuck] = [false; 2];
         let counts = self.stall.iter_mut().zip(&mut self.blocked);
         for (tracker, (stall, blocked)) in trackers.iter().zip(counts) {
             let still = tracker.speed().magnitude() < STALLED;
+            stuck |= still && pressed;
             // One that shivers is pressed, and moves too fast to be seen to; one that was stopped suddenly stands by the time
             // that this counts.
             stalled |= (stall.diagnose(still && pressed, STALL_TICKS) && !goes_on)
@@ -210,8 +244,10 @@ impl Monitor {
         }
         let unlocked = shaker.slipping() || magnitude(shaker.sum_error()) > LARGEST_SUM_ERROR;
         let droop = (target - shaker.frequency()).magnitude();
-        let lost = self.unlocked.diagnose(unlocked, UNLOCKED_TICKS)
-            | self.droop.diagnose(pressed && droop > LARGEST_DROOP, DROOP_TICKS);
+        // What is stuck is about to be a stall.
+        let lost = self.unlocked.diagnose(unlocked && !stuck, UNLOCKED_TICKS)
+            | self.droop.diagnose(pressed && droop > LARGEST_DROOP, DROOP_TICKS)
+            | self.unanswered(observation, going_on && !held);
         let off = loops.iter().enumerate().any(|(motor, current_loop)| {
             let speed = configuration.electrical_speed(motor, trackers[motor % 2].speed());
             let residual = current_loop.residual(&configuration.motors[motor % 2], speed);
@@ -222,7 +258,25 @@ impl Monitor {
             .with_if(Fault::Stall, stalled)
             .with_if(Fault::PhaseLockLost, lost)
             .with_if(Fault::Alignment, self.open_phase(observation.currents, going_on))
-            .with_if(Fault::CurrentSense, self.residual.diagnose(off, RESIDUAL_TICKS))
+            .with_if(Fault::CurrentSense, self.residual.diagnose(off && !held, RESIDUAL_TICKS))
+    }
+
+    /// Returns whether, in voltage mode, the rotors have not answered to their currents for long. It counts where they `turn`: one
+    /// that is held does not answer either, and that is a stall.
+    fn unanswered(&mut self, observation: &Observation<'_>, turn: bool) -> bool {
+        let Observation { configuration, trackers, loops, shaker, .. } = *observation;
+        if configuration.sensed {
+            return false;
+        }
+        let [top, bottom] = [0, 1].map(|motor: usize| {
+            let q = configuration.clockwise(motor, loops[motor].current().q);
+            multiply_high(q.raw() << 8, configuration.speed_per_current[motor])
+        });
+        let sum = trackers[0].speed().raw().wrapping_add(trackers[1].speed().raw());
+        self.unanswered.add(top.saturating_add(bottom), sum);
+        let is_large = magnitude(self.unanswered.speed) > LARGEST_UNANSWERED
+            && magnitude(shaker.sum_error()) > UNANSWERED_SUM_ERROR;
+        self.unanswered_for_long.diagnose(is_large && turn, UNANSWERED_TICKS)
     }
 
     /// Returns whether currents come and go in motors whose rotors are to rest: lately, and now.
@@ -264,6 +318,14 @@ impl Monitor {
         }
         found
     }
+}
+
+/// Returns whether f goes on and a rotor is slower than half of that, or of the other: something holds it. What the motors do
+/// meanwhile is no word against their current sense.
+fn is_held(observation: &Observation<'_>) -> bool {
+    let [top, bottom] = observation.trackers.each_ref().map(|it| it.speed().magnitude());
+    let fastest = top.max(bottom).max(observation.shaker.frequency().magnitude());
+    fastest > GOING_ON && top.min(bottom).raw() < fastest.raw() >> 1
 }
 
 #[cfg(test)]

@@ -71,10 +71,25 @@ pub struct Phases {
     pub inverted: bool,
     /// What phase B's amplifier shows for the same current, over what A's does.
     pub balance: f64,
+    /// Resistances of phases A, B and C over their mean.
+    pub uneven: [f64; 3],
     /// Root mean square of what is left over, as a share of the current.
     pub misfit: f64,
     /// Current of phase A with the whole voltage, A.
     pub current: f64,
+}
+
+impl Phases {
+    /// Returns what it is where the resistances of phases A, B and C are these, over their mean: the field along A met A and what
+    /// B and C make together, and drew unlike currents out of those.
+    #[must_use]
+    pub fn of_uneven(self, uneven: [f64; 3]) -> Self {
+        let [a, b, c] = uneven;
+        let along = (a + b * c / (b + c)) / 1.5;
+        let resistance = self.circuit.resistance / along;
+        let balance = self.balance * (b + c) / (2.0 * c);
+        Self { circuit: Circuit { resistance, ..self.circuit }, balance, uneven, ..self }
+    }
 }
 
 /// Solves the circuit for one period of voltages (per tick) that has been repeated for long; returns the samples.
@@ -186,5 +201,6 @@ pub fn measure(standing: &Standing, bridges: &Bridges, scale: f64) -> Option<Pha
     let solved = period(&circuit, &voltages, standing.bus, frequency);
     let left = solved.iter().zip(&shown).map(|(one, other)| (one - other).powi(2)).sum::<f64>();
     let misfit = (left / ticks as f64).sqrt() / whole;
-    Some(Phases { circuit, inverted: sign < 0.0, balance, misfit, current: whole })
+    let uneven = [1.0; 3];
+    Some(Phases { circuit, inverted: sign < 0.0, balance, uneven, misfit, current: whole })
 }

@@ -34,6 +34,8 @@ pub struct Turning {
     pub currents: [Vec<f64>; 2],
     /// Angles of the rotor of this motor, and of the other's, degrees, within half a turn of forward.
     pub angles: [Vec<f64>; 2],
+    /// Resistances of phases A, B and C over their mean.
+    pub uneven: [f64; 3],
     /// Bus voltage, V.
     pub bus: f64,
     /// PWM frequency, Hz.
@@ -168,7 +170,11 @@ fn flux(
     for row in 0..rows {
         let (a, b) = (turning.currents[0][row], turning.currents[1][row]);
         let stator = [a, (a + 2.0 * b) / 3.0_f64.sqrt()];
-        let [lost_a, lost_b, lost_c] = [a, b, -a - b].map(lost);
+        let phases = [a, b, -a - b];
+        // Of each phase: what dead time takes, and what its resistance differs from the mean by.
+        let [lost_a, lost_b, lost_c] = core::array::from_fn(|phase| {
+            lost(phases[phase]) + (turning.uneven[phase] - 1.0) * resistance * phases[phase]
+        });
         let lost = [(2.0 * lost_a - lost_b - lost_c) / 3.0, (lost_b - lost_c) / 3.0_f64.sqrt()];
         for axis in 0..2 {
             linked[axis].push(sum[axis] - inductance * stator[axis]);

@@ -28,8 +28,12 @@ const CROSSED: f64 = 0.3;
 const LEAST: f64 = 0.02;
 /// Less than this is not told from noise, A/V.
 const NOISE: f64 = 0.013;
+/// And less than this does not compare two resistances, A/V: 4 mA/V of noise are a fifth of it.
+const FAINT: f64 = 0.02;
 /// Largest ratio of the resistances of two phases of a good motor.
 const LARGEST_RATIO: f64 = 1.25;
+/// Phases whose resistances differ by less than this are alike: what dead time and noise make of a good motor.
+const ALIKE: f64 = 1.04;
 /// Largest ratio of the gains of two amplifiers that are each within 20 %, and some more.
 const LARGEST_GAINS: f64 = 1.72;
 /// Two phases that touch have less than this share of the other motor's inductance.
@@ -88,6 +92,19 @@ pub struct Stood {
     pub circuit: Option<Circuit>,
 }
 
+impl Stood {
+    /// Returns what amplifiers would have shown that show a current as it is, of what these did that show `scale` times as much.
+    pub(super) fn unscaled(self, scale: f64) -> Self {
+        let [own, other] = [self.own, self.other].map(|pair| pair.map(|it| it / scale));
+        let circuit = self.circuit.map(|it| Circuit {
+            resistance: scale * it.resistance,
+            inductance: scale * it.inductance,
+            ..it
+        });
+        Self { own, other, circuit }
+    }
+}
+
 /// Judges both motors, each under a field along A, B and C.
 ///
 /// # Errors
@@ -103,6 +120,32 @@ pub fn judge(motors: &[[Stood; 3]; 2]) -> Result<(), Finding> {
         connected.is_even()?;
     }
     Ok(())
+}
+
+/// Returns whether a finding compares sizes of currents.
+pub(super) const fn compares(finding: Finding) -> bool {
+    matches!(
+        finding,
+        Finding::NotConnected(_)
+            | Finding::AmplifiersDiffer { .. }
+            | Finding::BadJoint { .. }
+            | Finding::ShortedTurns { .. }
+            | Finding::ShortedPhases { .. }
+    )
+}
+
+/// Returns the resistances of phases A, B and C of a motor over their mean, by its three fields; all 1 where they are alike.
+#[must_use]
+pub fn uneven(stood: &[Stood; 3]) -> [f64; 3] {
+    let star = star([0, 1].map(|amplifier| stood.map(|it| it.own[amplifier])));
+    let [low, high] = [f64::min, f64::max].map(|of| star.into_iter().fold(1.0, of));
+    let mean = star.iter().sum::<f64>() / 3.0;
+    if high / low < ALIKE { [1.0; 3] } else { star.map(|resistance| resistance / mean) }
+}
+
+/// Returns the resistances of phases A, B and C over that of C, from what amplifiers A and B showed along A, B and C.
+fn star([a, b]: [[f64; 3]; 2]) -> [f64; 3] {
+    [b[2] / b[0], a[2] / a[1], 1.0]
 }
 
 struct Motor<'a> {
@@ -148,8 +191,8 @@ impl Motor<'_> {
 
     /// Whether its own amplifiers show its currents, and not the other motor's.
     fn is_own(&self) -> Result<(), Finding> {
-        let crossed =
-            [0, 1].map(|amplifier| largest(self.other_row(amplifier)) > CROSSED * self.most());
+        let most = (CROSSED * self.most()).max(NOISE);
+        let crossed = [0, 1].map(|amplifier| largest(self.other_row(amplifier)) > most);
         let motor = 1 - self.motor;
         match crossed {
             [false, false] => Ok(()),
@@ -210,7 +253,10 @@ impl Motor<'_> {
     fn is_even(&self) -> Result<(), Finding> {
         let motor = self.motor;
         let [a, b] = [self.row(0), self.row(1)];
-        let star = [b[2] / b[0], a[2] / a[1], 1.0];
+        if [b[0], b[2], a[1], a[2]].iter().all(|it| it.abs() < FAINT) {
+            return Ok(());
+        }
+        let star = star([a, b]);
         let mut order = [0, 1, 2];
         order.sort_by(|one, other| star[*one].total_cmp(&star[*other]));
         let [low, middle, high] = order;

@@ -45,6 +45,8 @@ pub struct Case {
     pub lasts: Duration,
     /// How long after the onset the robot can know.
     pub knowable_after: Duration,
+    /// Whether the board measures currents.
+    pub senses_current: bool,
     /// What the robot makes of it.
     pub promise: Promise,
 }
@@ -62,6 +64,7 @@ const fn link(name: &'static str, network: ChannelParameters) -> Case {
         cause: Cause::Link(network),
         lasts: STAYS,
         knowable_after: Duration::ZERO,
+        senses_current: true,
         promise: Promise::Holds,
     }
 }
@@ -72,6 +75,7 @@ const fn hardware(name: &'static str, fault: HardwareFault, promise: Promise) ->
         cause: Cause::Hardware(fault),
         lasts: STAYS,
         knowable_after: Duration::ZERO,
+        senses_current: true,
         promise,
     }
 }
@@ -81,7 +85,7 @@ const fn millis(milliseconds: u64) -> Duration {
 }
 
 /// All that goes wrong.
-pub const CASES: [Case; 28] = [
+pub const CASES: [Case; 32] = [
     link("loss of 30 %", ChannelParameters { loss: 0.3, ..WIFI }),
     link(
         "bursts of 120 ms",
@@ -119,6 +123,32 @@ pub const CASES: [Case; 28] = [
     hardware("encoders noisy by 20 degrees", HardwareFault::EncoderNoise(20.0), Promise::Rests),
     hardware("top phase A open", HardwareFault::OpenPhase(0, 0), Promise::HoldsOrRests),
     hardware("bottom phase C open", HardwareFault::OpenPhase(1, 2), Promise::HoldsOrRests),
+    hardware("top rotor held", HardwareFault::Jammed(0, 1.0), Promise::Rests),
+    Case {
+        senses_current: false,
+        ..hardware(
+            "bottom rotor held, no current sense",
+            HardwareFault::Jammed(1, 1.0),
+            Promise::Rests,
+        )
+    },
+    Case {
+        lasts: millis(200),
+        ..hardware(
+            "top bridge off for 200 ms",
+            HardwareFault::BridgeShutDown(0),
+            Promise::HoldsOrRests,
+        )
+    },
+    Case {
+        lasts: millis(200),
+        senses_current: false,
+        ..hardware(
+            "bottom bridge off for 200 ms, no current sense",
+            HardwareFault::BridgeShutDown(1),
+            Promise::HoldsOrRests,
+        )
+    },
     hardware("current offset of 0.1 A", HardwareFault::CurrentOffset(0, 62), Promise::Holds),
     hardware("current offset of 1 A", HardwareFault::CurrentOffset(1, 620), Promise::Holds),
     hardware("bus sag of 1 V", HardwareFault::BusSag(1.0), Promise::HoldsOrRests),

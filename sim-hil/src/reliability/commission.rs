@@ -280,7 +280,8 @@ pub(super) fn known(shaker: &Shaker, seed: u64, watched: &Watched) -> Known {
 }
 
 /// Returns the inertia of one rotor about its shaft, kg m^2.
-pub(super) const fn rotor_inertia(shaker: &Shaker) -> f64 {
+#[must_use]
+pub const fn rotor_inertia(shaker: &Shaker) -> f64 {
     1e-9 * shaker.mass_g * shaker.arm_mm * shaker.arm_mm + 1e-7 * shaker.bell_inertia_g_cm2
 }
 

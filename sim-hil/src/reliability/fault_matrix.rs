@@ -18,7 +18,7 @@ use crate::experiment::metrics::{HoldMeter, line_error};
 use crate::plant::Plant;
 use crate::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
 use crate::reliability::case::{CASES, Case, Cause, Promise, WIFI};
-use crate::rig::bench::{BASES, Base, BenchError, bench_knowing, learnt, setpoint};
+use crate::rig::bench::{BASES, Base, BenchError, bench_of_board, learnt, setpoint};
 use crate::rig::channel::ChannelParameters;
 use crate::rig::hardware_fault::{HardwareFault, Injected};
 use crate::rig::operation::Operation;
@@ -166,7 +166,10 @@ impl Place<'_> {
     fn run(&self) -> Result<Cell, BenchError> {
         let mut random = self.random();
         let (frequency, direction) = self.mode;
-        let mut operation = bench_knowing(self.base, self.seed, self.flash.clone(), WIFI)?;
+        let senses_current = self.case.senses_current;
+        // Chance wires a robot without current sense otherwise: it aligns anew.
+        let flash = self.flash.clone().filter(|_| senses_current);
+        let mut operation = bench_of_board(self.base, senses_current, self.seed, flash, WIFI)?;
         operation.arm()?;
         if self.onset == Onset::Reversing {
             operation.hold(setpoint(-frequency, direction)?);

@@ -123,7 +123,23 @@ pub fn bench_knowing(
     flash: Option<Vec<u8>>,
     network: ChannelParameters,
 ) -> Result<Operation<Plant>, ModelError> {
-    operation(&RobotModel::named(base.model())?, seed, flash, network)
+    bench_of_board(base, true, seed, flash, network)
+}
+
+/// Builds the same as [`bench_knowing`], of a board with or without current sense.
+///
+/// # Errors
+/// When the model is damaged.
+pub fn bench_of_board(
+    base: Base,
+    senses_current: bool,
+    seed: u64,
+    flash: Option<Vec<u8>>,
+    network: ChannelParameters,
+) -> Result<Operation<Plant>, ModelError> {
+    let mut model = RobotModel::named(base.model())?;
+    model.electrical.sense.current = senses_current;
+    operation(&model, seed, flash, network)
 }
 
 /// As [`bench()`], with the body, the shaker and the electrical part of this model.

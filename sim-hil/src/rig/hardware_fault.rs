@@ -2,7 +2,9 @@
 
 use core::time::Duration;
 
-use flix_firmware::hardware::{Encoder, EncoderAngle, EncoderReading, Magnet, Sensors};
+use flix_firmware::hardware::{
+    Actuation, Bridge, Encoder, EncoderAngle, EncoderReading, Magnet, Sensors,
+};
 use flix_protocol::units::Instant;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -27,6 +29,10 @@ pub enum HardwareFault {
     EncoderJumps(usize, u32, f64),
     /// The encoder of this motor says this of its magnet.
     Magnet(usize, Magnet),
+    /// Something holds the rotor of this motor: a bearing of so much friction, N m.
+    Jammed(usize, f64),
+    /// The driver of this motor's bridge shuts itself down, as one that is too hot does.
+    BridgeShutDown(usize),
     /// The wire of a phase (0 to 2) of this motor breaks.
     OpenPhase(usize, usize),
     /// The amplifier of phase A of this motor reads so many counts too much.
@@ -49,6 +55,8 @@ pub struct Injected {
     stuck: Option<EncoderAngle>,
     /// Readings of the encoder that jumps.
     readings: u32,
+    /// Friction of a bearing that nothing holds, N m.
+    free: f64,
 }
 
 impl Injected {
@@ -56,7 +64,7 @@ impl Injected {
     #[must_use]
     pub fn new(fault: HardwareFault, from: Instant, until: Instant, seed: u64) -> Self {
         let random = Xoshiro256PlusPlus::seed_from_u64(seed);
-        Self { fault, from, until, is_active: false, random, stuck: None, readings: 0 }
+        Self { fault, from, until, is_active: false, random, stuck: None, readings: 0, free: 0.0 }
     }
 
     fn set(&mut self, is_active: bool, electronics: &mut Electronics) {
@@ -69,6 +77,13 @@ impl Injected {
             }
             HardwareFault::Magnet(motor, magnet) => {
                 electronics.set_magnet(motor, if is_active { magnet } else { Magnet::Good });
+            }
+            HardwareFault::Jammed(motor, held) => {
+                let friction = &mut electronics.motor_mut(motor).parameters_mut().coulomb_friction;
+                if is_active {
+                    self.free = *friction;
+                }
+                *friction = if is_active { held } else { self.free };
             }
             HardwareFault::BusSag(volts) => {
                 electronics.battery_mut().disturb(if is_active { -volts } else { 0.0 });
@@ -115,6 +130,12 @@ impl Disturbance for Injected {
 
     fn mend(&mut self, electronics: &mut Electronics) {
         self.set(false, electronics);
+    }
+
+    fn actuation(&mut self, _now: Instant, actuation: &mut Actuation) {
+        if let (HardwareFault::BridgeShutDown(motor), true) = (self.fault, self.is_active) {
+            actuation.bridges[motor] = Bridge::Off;
+        }
     }
 
     fn processor(&mut self, _now: Instant) -> Processor {

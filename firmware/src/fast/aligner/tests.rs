@@ -291,6 +291,36 @@ fn the_field_grows_for_150_ms_a_quarter_turn_behind_and_then_turns_to_where_it_b
 }
 
 #[test]
+fn a_current_beyond_the_supply_becomes_what_the_supply_gives() {
+    let strong = Settings { phase_resistance: [30.0, 10.0], ..settings() };
+    for full in [true, false] {
+        let mut stand = Stand::with(full, &strong);
+        stand.remember();
+        stand.aligner = Aligner::new(full, &stand.configuration);
+        let mut largest = [0.0_f64; 2];
+        let mut progress = Progress::Busy;
+        while progress == Progress::Busy && stand.ticks < LONG {
+            progress = stand.tick();
+            for (largest, bridge) in largest.iter_mut().zip(stand.bridges) {
+                if let Bridge::Duty(duties) = bridge {
+                    *largest = largest.max(field_of(duties, 12.0).0);
+                }
+            }
+        }
+        assert_eq!(progress, Progress::Done);
+        // 0.9 of 12 V / sqrt(3), and a hundredth for what the magnets give.
+        assert!((largest[0] - 6.235).abs() < 0.07, "{} V", largest[0]);
+        for (gain, is_found) in [(0.45, false), (0.55, true), (1.9, true), (2.1, false)] {
+            let mut stand = stand.clone();
+            stand.aligner = Aligner::new(full, &stand.configuration);
+            stand.ticks = 0;
+            stand.needles[0].gains = [gain; 2];
+            assert_eq!(stand.end() == Progress::Done, is_found, "{gain}");
+        }
+    }
+}
+
+#[test]
 fn the_voltage_that_dead_time_takes_is_added() {
     let mut stand = Stand::full();
     // 1.25 % of 12 V.
