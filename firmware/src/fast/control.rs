@@ -38,6 +38,8 @@ const LONGEST_GAP_US: u32 = 3_000;
 const LATE_LIMIT: u32 = 10;
 /// Ticks in time that make up for one late tick.
 const LATE_FORGIVEN_TICKS: u32 = 100;
+/// What ripples is summed up in this tick of [`DIAGNOSTIC_TICKS`]: neither that of the diagnosis nor one of the shaker's.
+const SUMMING_TICK: u32 = 3;
 /// Ticks of slow rotors that count as rest: 10 ms.
 const REST_TICKS: u32 = 100;
 /// Slower than this is at rest: 0.3 Hz.
@@ -184,6 +186,8 @@ impl Control {
         let count = self.timing.ticks as u32;
         if count % DIAGNOSTIC_TICKS == 1 {
             self.diagnose(sensors, order, &rotors);
+        } else if count % DIAGNOSTIC_TICKS == SUMMING_TICK {
+            self.sum_up(&rotors);
         }
         let lost = self.trackers[0].lost() || self.trackers[1].lost();
         let mut present = self.present;
@@ -412,13 +416,18 @@ impl Control {
         }
         self.at_rest = self.rest(rotors);
         self.frequency += rotors.frequency().raw() - (self.frequency >> FREQUENCY_FILTER_SHIFT);
+        for current_loop in &self.loops {
+            self.largest_voltage = self.largest_voltage.max(current_loop.voltage().q.magnitude());
+        }
+    }
+
+    /// Takes what ripples into the interval between two telemetries.
+    #[inline(never)]
+    fn sum_up(&mut self, rotors: &Rotors) {
         let [top, bottom] = self.loops.each_ref().map(CurrentLoop::current);
         let signs = &self.configuration;
         let currents = [signs.clockwise(0, top.q), signs.clockwise(1, bottom.q)];
         self.interval.add(rotors.direction(), currents, self.bus_voltage);
-        for current_loop in &self.loops {
-            self.largest_voltage = self.largest_voltage.max(current_loop.voltage().q.magnitude());
-        }
     }
 
     fn measure_bus(&mut self, counts: Option<u16>) {
