@@ -30,6 +30,9 @@ use crate::fast::units::{Counts, Current, RotorAngle, Speed, TICK_US, Voltage, m
 use crate::hardware::{Actuation, Bridge, Magnet, Sensors};
 use crate::scope::{Sample, row};
 
+/// Tick after a multiple of [`DIAGNOSTIC_TICKS`] that adds to the interval: half-way between two diagnoses, and not one of those
+/// in which the shaker is updated.
+const OBSERVED: u32 = 9;
 /// A tick later than this is late: half as long again, microseconds.
 const LATE_US: u32 = TICK_US + TICK_US / 2;
 /// A gap beyond which references and trackers are of no use any more: 3 ms.
@@ -38,8 +41,6 @@ const LONGEST_GAP_US: u32 = 3_000;
 const LATE_LIMIT: u32 = 10;
 /// Ticks in time that make up for one late tick.
 const LATE_FORGIVEN_TICKS: u32 = 100;
-/// What ripples is summed up in this tick of [`DIAGNOSTIC_TICKS`]: neither that of the diagnosis nor one of the shaker's.
-const SUMMING_TICK: u32 = 3;
 /// Ticks of slow rotors that count as rest: 10 ms.
 const REST_TICKS: u32 = 100;
 /// Slower than this is at rest: 0.3 Hz.
@@ -186,8 +187,8 @@ impl Control {
         let count = self.timing.ticks as u32;
         if count % DIAGNOSTIC_TICKS == 1 {
             self.diagnose(sensors, order, &rotors);
-        } else if count % DIAGNOSTIC_TICKS == SUMMING_TICK {
-            self.sum_up(&rotors);
+        } else if count % DIAGNOSTIC_TICKS == OBSERVED {
+            self.observe(&rotors);
         }
         let lost = self.trackers[0].lost() || self.trackers[1].lost();
         let mut present = self.present;
@@ -338,7 +339,7 @@ impl Control {
             self.period = period;
             self.timing.longest_interval_us = 0;
             self.largest_voltage = Voltage::ZERO;
-            self.interval = Interval::default();
+            self.interval.restart();
         }
         self.timing.longest_interval_us = self.timing.longest_interval_us.max(interval);
         if interval > LATE_US {
@@ -392,6 +393,15 @@ impl Control {
         beyond(a) || beyond(b) || beyond(a + b)
     }
 
+    /// Adds to what telemetry reports of the interval.
+    #[inline(never)]
+    fn observe(&mut self, rotors: &Rotors) {
+        let [top, bottom] = self.loops.each_ref().map(CurrentLoop::current);
+        let signs = &self.configuration;
+        let currents = [signs.clockwise(0, top.q), signs.clockwise(1, bottom.q)];
+        self.interval.add(rotors.direction(), currents, self.bus_voltage);
+    }
+
     /// Looks at what need not be looked at in every tick: bus, faults that build up, rest, averages.
     #[inline(never)]
     fn diagnose(&mut self, sensors: &Sensors, order: &Order, rotors: &Rotors) {
@@ -419,15 +429,6 @@ impl Control {
         for current_loop in &self.loops {
             self.largest_voltage = self.largest_voltage.max(current_loop.voltage().q.magnitude());
         }
-    }
-
-    /// Takes what ripples into the interval between two telemetries.
-    #[inline(never)]
-    fn sum_up(&mut self, rotors: &Rotors) {
-        let [top, bottom] = self.loops.each_ref().map(CurrentLoop::current);
-        let signs = &self.configuration;
-        let currents = [signs.clockwise(0, top.q), signs.clockwise(1, bottom.q)];
-        self.interval.add(rotors.direction(), currents, self.bus_voltage);
     }
 
     fn measure_bus(&mut self, counts: Option<u16>) {

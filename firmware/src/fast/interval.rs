@@ -5,36 +5,41 @@
 
 use crate::fast::units::{Current, RotorAngle, Voltage};
 
+/// Most values of an interval: sums of so many fit, and telemetry comes once a second or more often.
+const MOST: i32 = 1_000;
+/// Bits of an angle that its sum leaves out: what is left is 2^-22 turns.
+const ANGLE_SHIFT: u32 = 10;
+
 /// Sum and extremes of the raw values of a quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct Range {
-    count: i32,
-    sum: i64,
+    sum: i32,
     least: i32,
     largest: i32,
 }
 
 impl Range {
-    fn add(&mut self, value: i32) {
-        if self.count == 0 {
-            (self.least, self.largest) = (value, value);
+    #[inline(always)]
+    fn add(&mut self, value: i32, is_first: bool) {
+        if is_first {
+            *self = Self { sum: value, least: value, largest: value };
+        } else {
+            self.sum = self.sum.wrapping_add(value);
+            self.least = self.least.min(value);
+            self.largest = self.largest.max(value);
         }
-        self.count = self.count.saturating_add(1);
-        self.sum += i64::from(value);
-        self.least = self.least.min(value);
-        self.largest = self.largest.max(value);
     }
 
-    /// Returns mean, least and largest; `None` of no values.
-    fn spread(&self) -> Option<[i32; 3]> {
-        let mean = (self.sum / i64::from(self.count.max(1))) as i32;
-        (self.count > 0).then_some([mean, self.least, self.largest])
+    /// Returns mean, least and largest of so many values; `None` of none.
+    fn spread(&self, count: i32) -> Option<[i32; 3]> {
+        (count > 0).then(|| [self.sum / count, self.least, self.largest])
     }
 }
 
 /// What ripples, since the last telemetry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Interval {
+    count: i32,
     /// The first theta, and the turns of the line of force from there.
     reference: RotorAngle,
     turned: Range,
@@ -43,37 +48,47 @@ pub struct Interval {
 }
 
 impl Interval {
+    /// Begins anew with the next values.
+    pub const fn restart(&mut self) {
+        self.count = 0;
+    }
+
     /// Takes theta, the torque currents (top, bottom; clockwise positive) and the voltage of the bus.
     pub fn add(&mut self, theta: RotorAngle, currents: [Current; 2], bus: Voltage) {
-        if self.turned.count == 0 {
+        if self.count >= MOST {
+            return;
+        }
+        let is_first = self.count == 0;
+        self.count += 1;
+        if is_first {
             self.reference = theta;
         }
         let turned = theta.raw().wrapping_sub(self.reference.raw()) as i32;
         // The line of force repeats every half turn, and theta with it.
-        self.turned.add((turned << 1) >> 1);
+        self.turned.add((turned << 1) >> (1 + ANGLE_SHIFT), is_first);
         for (range, current) in self.currents.iter_mut().zip(currents) {
-            range.add(current.raw());
+            range.add(current.raw(), is_first);
         }
-        self.bus.add(bus.raw());
+        self.bus.add(bus.raw(), is_first);
     }
 
     /// Returns mean, least and largest theta; least and largest are those around the mean, which repeats every half turn.
     #[must_use]
     pub fn theta(&self) -> Option<[RotorAngle; 3]> {
-        let angle = |turned: i32| self.reference.raw().wrapping_add_signed(turned);
-        Some(self.turned.spread()?.map(|turned| RotorAngle::from_raw(angle(turned))))
+        let angle = |turned: i32| self.reference.raw().wrapping_add_signed(turned << ANGLE_SHIFT);
+        Some(self.turned.spread(self.count)?.map(|turned| RotorAngle::from_raw(angle(turned))))
     }
 
     /// Returns mean, least and largest torque current of a motor: 0 top, 1 bottom.
     #[must_use]
     pub fn current(&self, motor: usize) -> Option<[Current; 3]> {
-        Some(self.currents[motor % 2].spread()?.map(Current::from_raw))
+        Some(self.currents[motor % 2].spread(self.count)?.map(Current::from_raw))
     }
 
     /// Returns mean, least and largest voltage of the bus.
     #[must_use]
     pub fn bus(&self) -> Option<[Voltage; 3]> {
-        Some(self.bus.spread()?.map(Voltage::from_raw))
+        Some(self.bus.spread(self.count)?.map(Voltage::from_raw))
     }
 }
 
