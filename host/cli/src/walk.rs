@@ -177,7 +177,7 @@ impl PoseArgs {
                 let server =
                     format_args!("{} to state its rigid bodies", settings.server).to_string();
                 let source = waiting(server, || NatNetSource::connect(settings));
-                source.map(Poses::NatNet).map_err(Error::from)
+                source.map(|it| Poses::NatNet(Box::new(it))).map_err(Error::from)
             }
             PoseKind::Udp(port, tracker) => {
                 let interface = self.interface.unwrap_or(Ipv4Addr::LOCALHOST);

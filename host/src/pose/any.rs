@@ -10,7 +10,7 @@ use crate::text::printable;
 /// An open source of poses.
 pub enum Poses {
     /// OptiTrack.
-    NatNet(NatNetSource),
+    NatNet(Box<NatNetSource>),
     /// Any tracker.
     Udp(UdpSource),
 }

@@ -210,7 +210,7 @@ enum Channel {
         socket: RawCommandClient,
         next_keepalive: Instant,
         /// What begins the stream.
-        greeting: Request,
+        greeting: Vec<u8>,
         greet_at: Instant,
     },
 }
@@ -258,6 +258,7 @@ impl NatNetSource {
         } else {
             client.set_nonblocking(true).map_err(socket)?;
             let greeting = layout.greeting().map_err(|error| not_natnet(settings.server, error))?;
+            let greeting = greeting.as_bytes().to_vec();
             let [next_keepalive, greet_at] = [Instant::START; 2];
             Channel::Unicast { socket: client, next_keepalive, greeting, greet_at }
         };
@@ -316,7 +317,7 @@ impl NatNetSource {
                 let heard = *self.heard.get_or_insert(now);
                 if now.since(heard) > SILENCE && now >= *greet_at {
                     *greet_at = now + ASK_AGAIN;
-                    transient(socket.send(greeting.as_bytes()))?;
+                    transient(socket.send(greeting))?;
                 }
                 socket.recv(&mut self.buffer)
             }
