@@ -158,7 +158,9 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let armed = waiting("the robot to align its motors and prove its link", || connection.arm());
     if armed.is_err() {
         // Nothing was driven: it is no run.
-        log.recorder.take().map(Recorder::discard);
+        if let Some(recorder) = log.recorder.take() {
+            recorder.discard();
+        }
     }
     let driven = armed.and_then(|()| drive(&mut connection, setpoint, args.duration, &mut log));
     let failed = match driven {

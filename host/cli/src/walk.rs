@@ -181,7 +181,7 @@ impl PoseArgs {
             }
             PoseKind::Udp(port, tracker) => {
                 let interface = self.interface.unwrap_or(Ipv4Addr::LOCALHOST);
-                UdpSource::bind(interface, port, tracker).map(Poses::Udp).map_err(|error| {
+                UdpSource::bind(interface, port, tracker).map(|it| Poses::Udp(Box::new(it))).map_err(|error| {
                     Error::usage(format_args!(
                         "cannot listen for poses at {interface}:{port}: {error}; choose another port, or the address of \
                          a network card of this computer as --interface"

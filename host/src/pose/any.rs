@@ -12,7 +12,7 @@ pub enum Poses {
     /// OptiTrack.
     NatNet(Box<NatNetSource>),
     /// Any tracker.
-    Udp(UdpSource),
+    Udp(Box<UdpSource>),
 }
 
 impl PoseSource for Poses {
