@@ -199,7 +199,7 @@ struct Program(PathBuf);
 impl Program {
     fn keep(folder: &Path) -> Result<Self, Error> {
         let kept = folder.join("xtask");
-        let new = kept.with_extension("new");
+        let new = kept.with_extension(std::process::id().to_string());
         let file = |source| Error::File { path: kept.clone(), source };
         run::write(&new, [])?;
         std::env::current_exe().and_then(|own| std::fs::copy(own, &new)).map_err(file)?;
