@@ -103,9 +103,9 @@ fn words(Record { commit, date, seconds }: &Record) -> String {
 
 /// Returns why a lane is left out; nothing where it runs.
 fn left_out(lane: &Lane, reason: Option<&Reason>, args: &Args) -> Option<String> {
-    let is_wanted = args.long || args.all || !args.names.is_empty();
+    let is_wanted = args.long || !args.names.is_empty();
     match (reason, &lane.last) {
-        _ if args.all => None,
+        _ if args.all && (is_wanted || !lane.long) => None,
         (None, Some(last)) => {
             Some(format!("nothing that it depends on changed since {}", words(last)))
         }
