@@ -95,9 +95,9 @@ byId("stop").onclick = (event) => { if (event.detail) byId("stop").blur(); else 
 // ---- settings: read when they are opened, each changed by itself
 const settings = byId("settings"), settingInputs = new Map();
 settings.querySelector("summary").onclick = (event) => { if (event.detail) event.currentTarget.blur(); };
-let asked = 0;
+let settingsAskedAt = 0;
 const ASK_AGAIN_MS = 1000;
-function askForSettings() { asked = performance.now(); send("settings"); }
+function askForSettings() { settingsAskedAt = performance.now(); send("settings"); }
 settings.ontoggle = () => { if (settings.open) askForSettings(); };
 // The robot counts in single precision.
 const short = (value) => Number(value.toPrecision(7));
@@ -410,7 +410,7 @@ function drawWords(gamepad) {
   const isIdle = telemetry?.state === "disarmed" || telemetry?.state === "faulted";
   for (const input of settingInputs.values()) input.disabled = !drives() || !isIdle;
   // A page that was slow for a moment was not heard.
-  if (settings.open && !settingInputs.size && performance.now() - asked > ASK_AGAIN_MS) askForSettings();
+  if (settings.open && !settingInputs.size && performance.now() - settingsAskedAt > ASK_AGAIN_MS) askForSettings();
   write("settings-note", settingInputs.size ? (isIdle ? "Changes hold until power-off, unless saved." : "Disarm to change settings.") : "");
   write("f", telemetry ? `${figure(telemetry.frequency, 1)} Hz` : "–");
   write("theta", telemetry && turns(telemetry.frequency) ? `${figure(telemetry.direction, 0)} deg` : "–");
