@@ -224,7 +224,7 @@ impl Aligner {
             for (index, motor) in self.motors.iter_mut().enumerate() {
                 let wanted = configuration.alignment_voltage[index % 2].raw();
                 motor.share = if wanted > given {
-                    ((i64::from(given) << 30) / i64::from(wanted)) as i32
+                    ((i64::from(given) << 30) / i64::from(wanted.max(1))) as i32
                 } else {
                     WHOLE
                 };

@@ -269,8 +269,8 @@ impl Monitor {
             return false;
         }
         let [top, bottom] = [0, 1].map(|motor: usize| {
-            let q = configuration.clockwise(motor, loops[motor].current().q);
-            multiply_high(q.raw() << 8, configuration.speed_per_current[motor])
+            let q = configuration.clockwise(motor, loops[motor % 2].current().q);
+            multiply_high(q.raw() << 8, configuration.speed_per_current[motor % 2])
         });
         let sum = trackers[0].speed().raw().wrapping_add(trackers[1].speed().raw());
         self.unanswered.add(top.saturating_add(bottom), sum);
