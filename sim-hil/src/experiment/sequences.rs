@@ -8,10 +8,10 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::walk::{Start, WalkError};
 use crate::batch::{Batch, Precision};
 use crate::model::RobotModel;
-use crate::plant::{BodyState, Diverged, Plant};
+use crate::plant::{BodyState, Plant};
 use crate::rig::bench::{bench_key, setpoint};
 use crate::rig::channel::ChannelParameters;
-use crate::rig::operation::{Operation, OperationError};
+use crate::rig::operation::Operation;
 use crate::rig::robot::{RobotParameters, SimulatedRobot};
 
 /// Commands of a drawn sequence after its first.
@@ -48,26 +48,6 @@ pub fn drawn(seed: u64) -> Vec<Held> {
     core::iter::once(true).chain([false; CHANGES]).map(&mut held).collect()
 }
 
-/// Why a sequence was not walked.
-#[derive(Debug, thiserror::Error)]
-pub enum SequenceError {
-    /// It could not start, or diverged.
-    #[error(transparent)]
-    Walk(#[from] WalkError),
-    /// The robot did not do what it was asked.
-    #[error(transparent)]
-    Operation(#[from] OperationError),
-    /// A command that no robot takes.
-    #[error(transparent)]
-    Setpoint(#[from] flix_protocol::units::OutOfRange),
-    /// A model that is none.
-    #[error(transparent)]
-    Model(#[from] crate::model::ModelError),
-    /// The plant's state is useless.
-    #[error(transparent)]
-    Diverged(#[from] Diverged),
-}
-
 /// Returns how far a body came, seen from where it was: forward and to the left, m.
 fn displacement(from: &BodyState, to: &BodyState) -> [f64; 2] {
     let (sin, cos) = from.yaw().sin_cos();
@@ -83,7 +63,7 @@ pub fn in_batch(
     model: &RobotModel,
     start: Start,
     sequence: &[Held],
-) -> Result<[f64; 2], SequenceError> {
+) -> Result<[f64; 2], WalkError> {
     let plant = start.plant(model)?;
     let mut batch = Batch::of(vec![model.clone()], &[&plant], Precision::Single)?;
     let mut began = plant.body();
@@ -108,7 +88,7 @@ pub fn under_software(
     model: &RobotModel,
     start: Start,
     sequence: &[Held],
-) -> Result<[f64; 2], SequenceError> {
+) -> Result<[f64; 2], WalkError> {
     let plant = start.plant(model)?;
     let parameters = RobotParameters::of(&model.electrical, bench_key(), start.seed)?;
     let robot = SimulatedRobot::new(parameters, plant);
