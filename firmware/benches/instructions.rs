@@ -15,7 +15,7 @@ use flix_firmware::hardware::{Actuation, Duty, Sensors};
 use flix_protocol::units::Instant;
 
 // The shaker of the unit tests names the library `crate`.
-pub(crate) use flix_firmware::{exchange, fast, hardware, settings};
+pub(crate) use flix_firmware::{fast, hardware, settings};
 
 #[path = "../src/fast/control/bench.rs"]
 #[expect(dead_code, reason = "the unit tests use the rest of it")]
@@ -35,7 +35,7 @@ fn whole_tick(
     control: &mut fast::control::Control,
     now: Instant,
     sensors: &Sensors,
-    order: &exchange::Order,
+    order: &fast::exchange::Order,
 ) -> Actuation {
     control.tick(now, sensors, order)
 }

@@ -5,23 +5,21 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | [`keys`], [`link`] | connects to the robot: keys, sessions, requests, stop, discovery, serial port |
-//! | [`pose`] | takes poses from motion capture |
+//! | [`link`] | connects to the robot: keys, sessions, requests, stop, discovery, serial port; what the robot reports in words |
+//! | [`pose`] | takes poses from motion capture; frames and geometry |
 //! | [`nav`] | chooses the walking mode from pose and task |
-//! | [`pilot`] | drives a whole run: link, poses, navigation, record |
-//! | [`steering`] | runs a controller of one's own, and reads mode tables |
+//! | [`pilot`] | drives a whole run: link, poses, navigation or a controller of one's own, record |
 //! | [`commission`], [`experiment`] | measures motors that nobody knows; records what a robot is identified from |
-//! | [`teleop`], [`cockpit`] | drives by hand, in a terminal and in a browser |
+//! | [`teleop`] | drives by hand, in a terminal and on a page |
 //! | [`scope`], [`record`] | fetches inner values of the fast loop; writes a run as MCAP, and reads it |
-//! | [`view`] | draws scenes in pages |
-//! | [`explain`], [`text`], [`mod@file`], [`interrupt`], [`system`] | words for people; files; Ctrl-C and signals; what differs by system |
+//! | [`system`] | files, text of strangers, Ctrl-C and signals; what differs by system |
 //!
 //! Above this library are three packages: `flix-plot` draws figures, `flix-shell` is what the command lines of `flix` and
 //! `flix-sim` share, `flix-cli` is the program `flix`.
 //!
 //! What decides is sans-IO: [`link::Client`], [`nav::Navigator`] and [`pilot::Pilot`] take time,
-//! datagrams and poses as arguments and return what to send. Only [`link::udp`], [`link::serial`], [`pose`], [`keys`],
-//! [`interrupt`] and [`system`] touch sockets, clocks, files and processes. So the
+//! datagrams and poses as arguments and return what to send. Only [`link::udp`], [`link::serial`], [`link::keys`],
+//! [`pose`] and [`system`] touch sockets, clocks, files and processes. So the
 //! simulator runs the same code in virtual time, and what needs none of these builds for browsers, too. Frames, signs and
 //! units are those of [`flix_protocol`].
 //!
@@ -77,16 +75,9 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-pub mod cockpit;
 pub mod commission;
 #[cfg(not(target_family = "wasm"))]
 pub mod experiment;
-pub mod explain;
-pub mod file;
-#[cfg(not(target_family = "wasm"))]
-pub mod interrupt;
-#[cfg(not(target_family = "wasm"))]
-pub mod keys;
 pub mod link;
 pub mod nav;
 #[cfg(not(target_family = "wasm"))]
@@ -95,12 +86,8 @@ pub mod pose;
 #[cfg(not(target_family = "wasm"))]
 pub mod record;
 pub mod scope;
-#[cfg(not(target_family = "wasm"))]
-pub mod steering;
 pub mod system;
 pub mod teleop;
-pub mod text;
-pub mod view;
 
 #[cfg(test)]
 extern crate self as flix_host;

@@ -13,8 +13,10 @@ use hmac::{Hmac, KeyInit, Mac};
 use sha1::Sha1;
 use zeroize::{Zeroize, Zeroizing};
 
-use crate::provision::PASSWORD_LENGTH;
-
+/// Longest network name, bytes (IEEE 802.11).
+pub const NETWORK_LENGTH: usize = 32;
+/// Longest network password, bytes (WPA2: 63 characters; 64 hexadecimal digits for a raw key).
+pub const PASSWORD_LENGTH: usize = 64;
 /// Rounds of each block (IEEE 802.11-2020, J.4.1).
 pub const ROUNDS: u32 = 4096;
 /// Blocks of SHA-1 that make up a key.
@@ -49,7 +51,7 @@ pub struct NetworkKey {
     rounds: u32,
     /// Number of the present block, from 1.
     block: u32,
-    network: String<{ crate::provision::NETWORK_LENGTH }>,
+    network: String<NETWORK_LENGTH>,
     key: [u8; BLOCK_BYTES * BLOCKS as usize],
 }
 

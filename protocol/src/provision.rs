@@ -28,7 +28,7 @@ use zeroize::{Zeroize, Zeroizing};
 
 use crate::frame::{KeyId, Nonce, Tag};
 use crate::message::{Identity, NAME_LENGTH, Name, OperatorName, is_label};
-use crate::network_key::is_key;
+use crate::network_key::{NETWORK_LENGTH, PASSWORD_LENGTH, is_key};
 use crate::session::{AddError, MAXIMUM_OPERATORS, Operator};
 
 /// Version of these messages, incremented with every change. Both ends drop frames of another version.
@@ -37,11 +37,6 @@ pub const PROVISION_VERSION: u8 = 3;
 /// Baud rate of the robot's serial port, that of the chip's boot log. 8 data bits, no parity, one
 /// stop bit.
 pub const BAUD_RATE: u32 = 115_200;
-
-/// Longest network name, bytes (IEEE 802.11).
-pub const NETWORK_LENGTH: usize = 32;
-/// Longest network password, bytes (WPA2: 63 characters; 64 hexadecimal digits for a raw key).
-pub const PASSWORD_LENGTH: usize = 64;
 
 /// Longest frame with both its zeros, bytes.
 pub const MAXIMUM_FRAME: usize = 256;

@@ -8,7 +8,8 @@ use flix_firmware::settings::{MOTOR_VALUES, Settings};
 use flix_host::commission::{CommissionError, Finding, Known, Step, Subject, commission};
 use flix_protocol::message::{Command, Mark, Outcome, Setpoint, Telemetry};
 use flix_protocol::units::Instant;
-use flix_sim::reliability::commission::{CURRENT_LIMIT_A, Watched, measure, stranger};
+use flix_sim::reliability::commission::{CURRENT_LIMIT_A, measure};
+use flix_sim::reliability::stranger::{Watched, stranger};
 use flix_sim::rig::operation::OperationError;
 use flix_sim::rig::robot::Disturbance;
 

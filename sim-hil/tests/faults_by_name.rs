@@ -7,8 +7,9 @@ use flix_protocol::message::{Fault, Faults};
 use flix_sim::experiment::metrics::line_error;
 use flix_sim::model::{RobotModel, SIMULATED_BOARD};
 use flix_sim::plant::{Plant, Wrench};
-use flix_sim::reliability::commission::{self, CURRENT_LIMIT_A, Watched, stranger};
+use flix_sim::reliability::commission::CURRENT_LIMIT_A;
 use flix_sim::reliability::fault_matrix::MODES;
+use flix_sim::reliability::stranger::{self, Watched, stranger};
 use flix_sim::rig::bench::{BASES, Base, Subject, setpoint};
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
 use flix_sim::rig::operation::Operation;
@@ -174,7 +175,7 @@ fn a_phase_of_more_resistance_is_a_bad_joint_or_no_fault() {
     for (seed, factor) in (1..).zip([1.2, 1.1, 1.05, 1.22, 1.35, 1.24, 1.26, 1.15]) {
         let (motor, phase) = (seed as usize % 2, seed as usize / 2 % 3);
         let model = stranger(seed);
-        let rotor_inertia = commission::rotor_inertia(&model.shaker);
+        let rotor_inertia = stranger::rotor_inertia(&model.shaker);
         let fault = WiringFault::BadJoint(motor, phase, factor);
         let miswired = Miswired::new(fault, SIMULATED_BOARD.current_sense, seed);
         let mut watched = Watched::power_up_with(model, seed, Some(miswired)).unwrap();

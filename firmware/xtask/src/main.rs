@@ -6,6 +6,8 @@
 
 mod chip;
 #[cfg(test)]
+mod circles;
+#[cfg(test)]
 mod clone;
 mod emulate;
 mod image;

@@ -14,16 +14,17 @@ use flix_protocol::units::Instant;
 
 use super::estimator::Estimator;
 use super::experience::Experience;
-use super::geometry::{Area, PlanarPose, Position};
 use super::modes::ModeTable;
 use super::motion::{REST, Response};
 use super::outlook::Outlook;
 use super::path::Path;
-use super::predictive::{Goal, Prospects, Weights};
+use super::predictive::{Goal, Prospects};
 use super::safety::Stop;
 use super::standstill::Standstill;
 use super::two_state::{LOOK_AHEAD, MissingTurn, TwoState};
+use super::weights::Weights;
 use crate::pose::PoseSample;
+use crate::pose::geometry::{Area, PlanarPose, Position};
 
 /// The task of a run.
 #[derive(Debug, Clone, PartialEq)]

@@ -15,7 +15,7 @@ use std::time::Duration;
 use flix_protocol::units::Instant;
 
 use super::Pose;
-use crate::nav::wrap;
+use crate::pose::geometry::wrap;
 
 /// Distance that is always within reach, m: noise and shaking of the body (5 mm), and 0.1 s of walking for
 /// poses that waited in a queue and arrive at once.
@@ -81,7 +81,7 @@ fn is_within_reach(from: &Pose, to: &Pose, seconds: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nav::PlanarPose;
+    use crate::pose::geometry::PlanarPose;
 
     fn at(milliseconds: u64) -> Instant {
         Instant::from_micros(milliseconds * 1000)

@@ -206,7 +206,7 @@ fn rotation(roll: f64, pitch: f64, yaw: f64) -> Quaternion {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nav::PlanarPose;
+    use crate::pose::geometry::PlanarPose;
 
     fn at(milliseconds: u64) -> Instant {
         Instant::from_micros(milliseconds * 1000)

@@ -31,7 +31,7 @@ pub enum RepairError {
 /// Returns whether a program still writes this record.
 #[must_use]
 pub fn is_being_written(file: &Path) -> bool {
-    let lock = crate::file::open(file).map(|file| file.try_lock_shared());
+    let lock = crate::system::file::open(file).map(|file| file.try_lock_shared());
     matches!(lock, Ok(Err(TryLockError::WouldBlock)))
 }
 

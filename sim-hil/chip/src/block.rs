@@ -14,6 +14,8 @@ pub(crate) mod timer_group;
 pub(crate) mod uart;
 pub(crate) mod watchdog;
 
+use std::time::Duration;
+
 /// Why a model does not answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Unmodelled {
@@ -27,7 +29,13 @@ pub(crate) enum Unmodelled {
 pub(crate) type Answer<T> = Result<T, Unmodelled>;
 
 /// Cycles of the 160 MHz clock in a second: what all times are counted in.
-pub(crate) const CYCLES_PER_SECOND: u64 = 160_000_000;
+pub const CYCLES_PER_SECOND: u64 = 160_000_000;
+
+/// Cycles of that clock in a time.
+#[must_use]
+pub const fn cycles(time: Duration) -> u64 {
+    (time.as_nanos() * 4 / 25) as u64
+}
 
 /// Never.
 pub(crate) const NEVER: u64 = u64::MAX;

@@ -2,18 +2,18 @@
 
 use std::time::Duration;
 
-use crate::block::CYCLES_PER_SECOND;
 use crate::block::flash::Flash;
 use crate::block::interrupt::source;
 use crate::block::mcpwm::Wave;
 use crate::block::watchdog::Action;
+use crate::block::{CYCLES_PER_SECOND, cycles};
 use crate::cpu::{Cpu, Exit, MSTATUS_MIE};
 use crate::fault::{Fault, Trouble};
 use crate::image::{Image, STORE, programmed_flash};
-use crate::memory::{BOOT_LOADER, Memory, PAINT};
+use crate::memory::{BOOT_LOADER, Memory, PAINT, ROM, ROM_BYTES, SCRATCH};
 use crate::network::{Network, Silence};
 use crate::radio::{self, Radio, Times};
-use crate::rom::{self, Outcome, Rom};
+use crate::rom::{Outcome, Rom};
 use crate::soc::{Finding, Outside, Soc, Watchdog};
 
 /// Why the chip started, as its ROM states it (technical reference manual, table 9.1-1).
@@ -276,7 +276,7 @@ impl<O: Outside> Chip<O> {
 
     fn fault(&self, trouble: Trouble) -> Stop {
         // Functions outside are entered by a call: the caller is of interest.
-        let in_rom = self.cpu.pc.wrapping_sub(rom::ROM) < rom::ROM_BYTES;
+        let in_rom = self.cpu.pc.wrapping_sub(ROM) < ROM_BYTES;
         Stop::Fault(Fault { trouble, pc: if in_rom { self.cpu.x[1] } else { self.cpu.pc } })
     }
 
@@ -538,8 +538,6 @@ pub enum Place {
 
 /// Cycles after a feeding for which the task that fed goes on.
 const SHORTLY: u64 = 1_000;
-/// Memory of the ROM, which nothing else here uses.
-pub(crate) const SCRATCH: u32 = crate::memory::RAM + crate::memory::RAM_BYTES as u32 - 0x40;
 
 /// What the chip counted since power-on or, where it says so, since the image last started.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -592,10 +590,4 @@ pub struct Counters {
     pub slow_watchdog_after_cycles: Option<u64>,
     /// Whether a duty was ever to be taken over elsewhere than at the counter's peak.
     pub duties_taken_over_elsewhere: bool,
-}
-
-/// Cycles of 160 MHz in a time.
-#[must_use]
-pub const fn cycles(time: Duration) -> u64 {
-    (time.as_nanos() * 4 / 25) as u64
 }

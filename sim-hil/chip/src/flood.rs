@@ -6,7 +6,7 @@ use flix_protocol::DEFAULT_PORT;
 use rand::{Rng as _, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::chip::cycles;
+use crate::cycles;
 use crate::network::{Datagram, Network};
 
 /// Forged datagrams a second.

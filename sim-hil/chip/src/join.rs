@@ -6,7 +6,8 @@ use std::time::Duration;
 use flix_protocol::provision::Request;
 use serde::Serialize;
 
-use crate::chip::{ResetReason, cycles};
+use crate::chip::ResetReason;
+use crate::cycles;
 use crate::marks::Memory;
 use crate::network::{DISCOVER, DhcpTrouble, NAME, PASSPHRASE, REQUEST, Silence, key_of};
 use crate::rig::{Rig, RigError};

@@ -28,11 +28,8 @@ mod rom;
 pub mod session;
 mod soc;
 
-pub use block::flash;
 pub use block::mcpwm::Wave;
 pub use block::spi::Transfer;
+pub use block::{CYCLES_PER_SECOND, cycles, flash};
 pub use radio::Times as RadioTimes;
 pub use soc::{Outside, Pins};
-
-/// Cycles of the clock that all times are counted in, in a second.
-pub const CYCLES_PER_SECOND: u64 = block::CYCLES_PER_SECOND;

@@ -1,9 +1,14 @@
 //! The chip's memories: addresses as in the technical reference manual, chapter 5.
 
+/// Addresses of the ROM.
+pub(crate) const ROM: u32 = 0x4000_0000;
+pub(crate) const ROM_BYTES: u32 = 0x5_0000;
 /// Working memory, also executed.
 pub(crate) const RAM: u32 = 0x4080_0000;
 /// 512 KiB.
 pub(crate) const RAM_BYTES: usize = 0x8_0000;
+/// Memory of the ROM, which nothing else here uses.
+pub(crate) const SCRATCH: u32 = RAM + RAM_BYTES as u32 - 0x40;
 /// What the boot loader uses of it, from its code on (esp-hal 1.2, `ld/esp32c6/memory.x`): a program may have it later.
 pub(crate) const BOOT_LOADER: std::ops::Range<u32> = 0x4086_E610..0x4087_E610;
 /// Where flash is mapped, executed and read.

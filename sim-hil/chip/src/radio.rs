@@ -10,14 +10,15 @@ use std::time::Duration;
 
 use flix_protocol::network_key::is_key;
 
+use crate::block::cycles;
 use crate::cpu::Cpu;
 use crate::fault::Trouble;
-use crate::memory::{RADIO, RADIO_BYTES};
+use crate::memory::{RADIO, RADIO_BYTES, ROM, ROM_BYTES, SCRATCH};
 use crate::network::{Network, Silence, key_of};
 use crate::soc::{Outside, Soc};
 
 /// Where a call of the image by the library returns to: an address that no function has.
-pub(crate) const RETURN: u32 = crate::rom::ROM + crate::rom::ROM_BYTES - 0x10;
+pub(crate) const RETURN: u32 = ROM + ROM_BYTES - 0x10;
 /// Bytes for a received frame.
 const FRAME_BYTES: u32 = 2_048;
 /// Received frames that the driver may hold.
@@ -41,7 +42,7 @@ const STATION_BYTES: usize = 100;
 /// Scans all channels and takes the strongest access point (`WIFI_ALL_CHANNEL_SCAN`).
 const ALL_CHANNELS: u8 = 1;
 /// What the program waits in while the library works: an interrupt, and again.
-const WAIT: u32 = crate::chip::SCRATCH + 0x30;
+const WAIT: u32 = SCRATCH + 0x30;
 const WAIT_FOR_INTERRUPT: u32 = 0x1050_0073;
 const JUMP_BACK: u32 = 0xFFDF_F06F;
 
@@ -275,7 +276,6 @@ impl Radio {
             return;
         }
         let times = self.times;
-        let cycles = crate::chip::cycles;
         let mut at = now;
         let name = String::from_utf8_lossy(&self.station.name).into_owned();
         let found = network.found(&name, self.station.scans_all);
@@ -358,7 +358,7 @@ impl Radio {
             "esp_wifi_get_config" => result = 0x3001,
             // Its event comes before the call returns: the receiver is called in its place.
             "esp_wifi_start" => {
-                let calibration = crate::chip::cycles(self.times.calibration);
+                let calibration = cycles(self.times.calibration);
                 self.agenda.push_back((cpu.cycles, Task::Keep(calibration)));
                 return self.post(event::STARTED, cpu, soc);
             }

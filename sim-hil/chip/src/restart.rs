@@ -5,7 +5,8 @@ use std::time::Duration;
 use flix_protocol::message::{Command, Outcome, ParameterCommand, ResetReason, State};
 use serde::Serialize;
 
-use crate::chip::{Place, cycles};
+use crate::chip::Place;
+use crate::cycles;
 use crate::flash::Operation;
 use crate::rig::{Rig, RigError};
 

@@ -17,7 +17,8 @@ use flix_sim::plant::Diverged;
 use flix_sim::rig::robot::Truth;
 
 use crate::CYCLES_PER_SECOND;
-use crate::chip::{Chip, ResetReason, Stop, cycles};
+use crate::chip::{Chip, ResetReason, Stop};
+use crate::cycles;
 use crate::flash::Flash;
 use crate::flood::Flood;
 use crate::image::{Image, programmed_flash};

@@ -10,11 +10,8 @@ use crate::block::CYCLES_PER_SECOND;
 use crate::block::flash::PowerLost;
 use crate::cpu::Cpu;
 use crate::fault::Trouble;
+use crate::memory::{ROM, ROM_BYTES};
 use crate::soc::{Outside, Soc};
-
-/// Addresses of the ROM.
-pub(crate) const ROM: u32 = 0x4000_0000;
-pub(crate) const ROM_BYTES: u32 = 0x5_0000;
 
 /// A call and the return from it.
 const CALL_CYCLES: u64 = 10;

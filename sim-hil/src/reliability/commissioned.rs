@@ -18,7 +18,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::accuracy::{HoldResult, STEPS, Step, StepResult, hold_directions, step_of};
-use super::commission::{Ammeter, CURRENT_LIMIT_A, Watched, bench_model, known, rotor_inertia};
+use super::commission::CURRENT_LIMIT_A;
+use super::stranger::{Ammeter, Watched, bench_model, known, rotor_inertia};
 use crate::model::RobotModel;
 use crate::plant::electronics::Electronics;
 use crate::rig::bench::{BASES, Base, BenchError, FREQUENCIES, Subject};

@@ -16,4 +16,6 @@ pub mod shiver;
 #[cfg(not(target_family = "wasm"))]
 pub mod soak;
 #[cfg(not(target_family = "wasm"))]
+pub mod stranger;
+#[cfg(not(target_family = "wasm"))]
 pub mod wiring;

@@ -7,7 +7,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
 
-use super::commission::{Watched, known, stranger};
+use super::stranger::{Watched, known, stranger};
 use crate::model::RobotModel;
 use crate::model::SIMULATED_BOARD;
 use crate::rig::bench::BenchError;

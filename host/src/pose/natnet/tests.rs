@@ -7,7 +7,7 @@ use flix_protocol::units::Instant;
 use natnet::{PlannedBody, SyntheticServer, Version};
 
 use super::*;
-use crate::nav::PlanarPose;
+use crate::pose::geometry::PlanarPose;
 use crate::pose::{PoseSample, PoseSource};
 
 const LAYOUTS: [Version; 4] = [

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::fault::{Fault, Trouble};
 use crate::memory::{FLASH, FLASH_BYTES, RAM, RAM_BYTES};
-use crate::rom::{ROM, ROM_BYTES};
+use crate::memory::{ROM, ROM_BYTES};
 
 /// An instruction that did not complete.
 enum Incomplete {

@@ -15,10 +15,6 @@ use flix_firmware::settings::Settings;
 use serde::{Deserialize, Serialize};
 
 use super::{ModelError, exactly};
-use crate::plant::electronics::ElectronicsParameters;
-use crate::plant::electronics::battery::BatteryParameters;
-use crate::plant::electronics::motor::MotorParameters;
-use crate::plant::electronics::sensor::{AmplifierParameters, EncoderParameters};
 
 /// The board of the simulated robot: DengFOC V3.01 (bridges that coast, current sense both ways) with a
 /// battery divider of 100 and 22 kiloohms added.
@@ -229,9 +225,6 @@ impl Default for Pack {
     }
 }
 
-/// Coulombs in a milliampere hour.
-const COULOMBS_PER_MAH: f64 = 3.6;
-
 impl Electrical {
     /// Returns whether every value is the assumed one.
     #[must_use]
@@ -239,54 +232,9 @@ impl Electrical {
         *self == Self::default()
     }
 
-    /// Returns the plant's parameters, SI units.
-    #[must_use]
-    pub fn parameters(&self) -> ElectronicsParameters {
-        let (motor, encoder, pack, sense) = (&self.motor, &self.encoder, &self.pack, &self.sense);
-        ElectronicsParameters {
-            hardware: self.board(),
-            motor: MotorParameters {
-                pole_pairs: motor.pole_pairs,
-                resistance: motor.phase_resistance_ohm,
-                inductance: motor.phase_inductance_mh / 1e3,
-                flux_linkage: motor.flux_linkage_mwb / 1e3,
-                cogging_torque: motor.cogging_torque_mn_m / 1e3,
-                cogging_periods: motor.cogging_periods,
-                viscous_friction: motor.viscous_friction_un_m_s_rad / 1e6,
-                coulomb_friction: motor.coulomb_friction_mn_m / 1e3,
-                presliding_stiffness: motor.presliding_stiffness_n_m_rad,
-                presliding_damping: motor.presliding_damping_mn_m_s_rad / 1e3,
-            },
-            motor_difference: motor.difference,
-            battery: BatteryParameters {
-                cells: pack.cells,
-                capacity: pack.capacity_mah * COULOMBS_PER_MAH,
-                resistance: f64::from(pack.cells) * (pack.cell_resistance_mohm / 1e3)
-                    + pack.lead_resistance_mohm / 1e3,
-                bus_capacitance: pack.bus_capacitance_uf / 1e6,
-                takes_charge: pack.takes_charge,
-            },
-            charge: (pack.charge_at_least, pack.charge_at_most),
-            encoder: EncoderParameters {
-                bits: encoder.bits,
-                noise: encoder.noise_deg.to_radians(),
-                period: u64::from(encoder.period_ticks),
-                age_us: encoder.age_us,
-                late_us: encoder.late_us,
-                age_error_us: encoder.age_error_us,
-                eccentricity: encoder.eccentricity_deg.map(f64::to_radians),
-                zero_error: encoder.zero_error_deg.to_radians(),
-            },
-            amplifier: AmplifierParameters {
-                noise: sense.current_noise_counts,
-                offset: sense.current_offset_counts,
-                gain_error: sense.current_gain_error,
-            },
-        }
-    }
-
     /// Returns the board that the robot's software is built for.
-    fn board(&self) -> Hardware {
+    #[must_use]
+    pub fn board(&self) -> Hardware {
         let (inverter, sense) = (&self.inverter, &self.sense);
         let amplifiers = SIMULATED_BOARD.current_sense.filter(|_| sense.current);
         let board = Hardware {
@@ -400,12 +348,6 @@ mod tests {
     fn model(electrical: &str) -> Result<RobotModel, ModelError> {
         let shipped = include_str!("../../../models/A.toml");
         RobotModel::from_toml(&format!("{shipped}\n{electrical}"))
-    }
-
-    #[test]
-    fn the_defaults_are_the_assumed_robot_to_the_bit() {
-        let assumed = ElectronicsParameters::on(SIMULATED_BOARD);
-        assert_eq!(Electrical::default().parameters(), assumed);
     }
 
     #[test]

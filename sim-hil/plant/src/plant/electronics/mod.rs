@@ -21,6 +21,7 @@ use self::sensor::{
 use super::{Diverged, Mechanics};
 
 pub mod battery;
+mod build;
 pub mod inverter;
 pub mod motor;
 pub mod ripple;

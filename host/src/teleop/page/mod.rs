@@ -14,4 +14,5 @@
 pub mod message;
 pub mod page;
 pub mod pages;
+pub mod scene;
 pub mod snapshot;

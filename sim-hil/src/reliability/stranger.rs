@@ -1,0 +1,194 @@
+//! A robot whose motors nobody knows, and its owner.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use flix_host::commission::{
+    CommissionError, Commissioned, Known, Subject as Commissionable, commission,
+};
+use flix_protocol::message::{Command, Outcome, ParameterCommand, Setpoint, State, Telemetry};
+use flix_protocol::units::Instant;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use crate::model::{RobotModel, Shaker};
+use crate::plant::Plant;
+use crate::plant::electronics::Electronics;
+use crate::rig::bench::{Base, BenchError, Subject};
+use crate::rig::operation::{Operation, OperationError, PATIENCE};
+use crate::rig::robot::Disturbance;
+use crate::rig::wiring_fault::Miswired;
+
+/// How well a voltmeter reads, as a share.
+const VOLTMETER_ERROR: f64 = 0.005;
+
+/// Draws a robot with unknown motors, encoders and amplifiers, the same for the same seed.
+///
+/// R 0.1 to 10 ohm, L 20 uH to 5 mH, flux linkage 0.5 to 10 mWb, 4 to 14 pole pairs, latency of the encoders 0 to 2.5 ms, gain
+/// errors to 20 %, with and without a battery divider.
+///
+#[must_use]
+pub fn stranger(seed: u64) -> RobotModel {
+    let mut source = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let mut share = || source.random::<f64>();
+    let mut model = bench_model();
+    let electrical = &mut model.electrical;
+    let motor = &mut electrical.motor;
+    let assumed = *motor;
+    // Within `factor` either way, evenly in its logarithm.
+    let mut about = |factor: f64| factor.powf(2.0 * share() - 1.0);
+    // Wound for 0.1 to 10 ohm.
+    let resistance = about(10.0);
+    let turns = (resistance / assumed.phase_resistance_ohm).sqrt();
+    motor.phase_resistance_ohm = resistance;
+    motor.phase_inductance_mh =
+        (assumed.phase_inductance_mh * turns * turns * about(2.0)).clamp(0.02, 5.0);
+    motor.flux_linkage_mwb = (assumed.flux_linkage_mwb * turns * about(1.5)).clamp(0.5, 10.0);
+    motor.cogging_torque_mn_m *= about(1.5);
+    motor.coulomb_friction_mn_m *= about(1.5);
+    motor.pole_pairs = 4 + (11.0 * share()) as u32;
+    motor.cogging_periods = 12 * motor.pole_pairs;
+    electrical.encoder.late_us = 2_500.0 * share();
+    electrical.sense.current_gain_error = 0.2;
+    if share() < 0.5 {
+        electrical.sense.bus_uv_per_count = 0;
+    }
+    model
+}
+
+/// Returns the shipped bench.
+pub(super) fn bench_model() -> RobotModel {
+    match RobotModel::named(Base::Fixed.model()) {
+        Ok(model) => model,
+        Err(error) => unreachable!("the shipped bench is damaged: {error}"),
+    }
+}
+
+/// Returns what its owner knows of this seed's stranger: its rotors' inertia, and the battery by a voltmeter.
+pub(super) fn known(shaker: &Shaker, seed: u64, watched: &Watched) -> Known {
+    let mut source = Xoshiro256PlusPlus::seed_from_u64(!seed);
+    let error = VOLTMETER_ERROR * (2.0 * source.random::<f64>() - 1.0);
+    let battery = watched.operation.robot.truth().bus_voltage * (1.0 + error);
+    Known { rotor_inertia: Some(rotor_inertia(shaker)), battery: Some(battery) }
+}
+
+/// Returns the inertia of one rotor about its shaft, kg m^2.
+#[must_use]
+pub const fn rotor_inertia(shaker: &Shaker) -> f64 {
+    1e-9 * shaker.mass_g * shaker.arm_mm * shaker.arm_mm + 1e-7 * shaker.bell_inertia_g_cm2
+}
+
+/// Holds the largest current that any phase of a robot carried, A. It disturbs nothing; clones share the reading.
+#[derive(Debug, Clone, Default)]
+pub struct Ammeter(Arc<AtomicU64>);
+
+impl Ammeter {
+    /// Returns it.
+    #[must_use]
+    pub fn get(&self) -> f64 {
+        f64::from_bits(self.0.load(Ordering::Relaxed))
+    }
+}
+
+impl Disturbance for Ammeter {
+    fn electronics(&mut self, _now: Instant, electronics: &mut Electronics) {
+        let currents = electronics.phase_currents();
+        let largest =
+            currents.as_flattened().iter().fold(self.get(), |most, it| most.max(it.abs()));
+        self.0.store(largest.to_bits(), Ordering::Relaxed);
+    }
+}
+
+/// A simulated robot on the fixed bench, and the largest current that any of its phases ever carried.
+pub struct Watched {
+    /// The robot and its operator.
+    pub operation: Operation<Plant>,
+    /// From power-up on.
+    pub largest_current: Ammeter,
+}
+
+impl Watched {
+    /// Powers it up, and lets it connect and its link prove steady.
+    ///
+    /// # Errors
+    /// When it cannot be built or connected to.
+    pub fn power_up(model: RobotModel, seed: u64) -> Result<Self, BenchError> {
+        Self::power_up_with(model, seed, None)
+    }
+
+    /// The same of a robot that is wired wrongly.
+    ///
+    /// # Errors
+    /// When it cannot be built or connected to.
+    pub fn power_up_with(
+        model: RobotModel,
+        seed: u64,
+        miswired: Option<Miswired>,
+    ) -> Result<Self, BenchError> {
+        let subject = Subject { model: Some(model), seed };
+        let largest_current = Ammeter::default();
+        let mut watched = Self { operation: subject.on(Base::Fixed)?, largest_current };
+        watched.operation.robot.disturb(watched.largest_current.clone());
+        if let Some(miswired) = miswired {
+            watched.operation.robot.disturb(miswired);
+        }
+        watched.operation.connect()?;
+        // As a new robot: nobody knows its motors.
+        watched.operation.ask(Command::Parameter(ParameterCommand::Reset))?;
+        watched.pause(Duration::from_millis(300))?;
+        Ok(watched)
+    }
+
+    /// Commissions it.
+    ///
+    /// # Errors
+    /// As [`commission`].
+    pub fn commission(
+        &mut self,
+        known: &Known,
+    ) -> Result<Commissioned, CommissionError<OperationError>> {
+        commission(self, known, |_| {})
+    }
+}
+
+impl Commissionable for Watched {
+    type Error = OperationError;
+
+    fn ask(&mut self, command: Command) -> Result<Outcome, OperationError> {
+        let end = self.operation.now() + PATIENCE;
+        loop {
+            match self.operation.ask(command.clone())? {
+                Outcome::Refused(refusal)
+                    if flix_host::link::passes(&refusal) && self.operation.now() < end =>
+                {
+                    self.pause(Duration::from_millis(20))?;
+                }
+                Outcome::Refused(refusal) => return Err(OperationError::Refused(refusal)),
+                outcome => return Ok(outcome),
+            }
+        }
+    }
+
+    fn pause(&mut self, duration: Duration) -> Result<(), OperationError> {
+        Ok(self.operation.run(duration, |_| {})?)
+    }
+
+    fn telemetry(&mut self) -> Option<Telemetry> {
+        self.operation.client().telemetry().copied()
+    }
+
+    fn arm(&mut self) -> Result<(), OperationError> {
+        self.operation.arm()
+    }
+
+    fn disarm(&mut self) -> Result<(), OperationError> {
+        self.operation.client().release();
+        self.ask(Command::Disarm)?;
+        self.operation.await_state(&[State::Disarmed])
+    }
+
+    fn hold(&mut self, setpoint: Setpoint) {
+        self.operation.hold(setpoint);
+    }
+}
