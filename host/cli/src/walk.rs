@@ -351,7 +351,9 @@ pub fn record(
     }
     let elapsed = Duration::from_micros(connection.now().as_micros());
     let description = RunDescription { name: name.to_owned(), run, settings, versions };
-    Ok(Recorder::create(out, SystemTime::now() - elapsed, &description)?)
+    // Of a clock that was not set, less may be shown than has gone by.
+    let started = SystemTime::now().checked_sub(elapsed).unwrap_or(SystemTime::UNIX_EPOCH);
+    Ok(Recorder::create(out, started, &description)?)
 }
 
 /// Returns an error for a run that did not finish.
