@@ -15,6 +15,8 @@ pub mod completions;
 pub mod course;
 #[cfg_attr(not(feature = "foxglove"), path = "no_foxglove.rs")]
 pub mod foxglove;
+#[cfg(feature = "foxglove")]
+mod front;
 pub mod identification;
 pub mod man;
 pub mod number;
