@@ -75,6 +75,7 @@ impl From<DriveError> for Error {
         match error {
             DriveError::Link(error) => error.into(),
             DriveError::Pose(error) => error.into(),
+            DriveError::Pages(error) => Self::new(Exit::PageLost, error),
         }
     }
 }

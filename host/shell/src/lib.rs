@@ -67,6 +67,8 @@ pub enum Exit {
     Interrupted = 40,
 }
 
+    /// The page of a cockpit cannot be served any more.
+    PageLost = 41,
 impl Exit {
     /// Every code of `flix` and what it means.
     pub const ALL: [(Self, &str); 10] = [
@@ -83,6 +85,7 @@ impl Exit {
     ];
 
     /// Returns all codes as lines of help.
+        (Self::PageLost, "the page cannot be served any more; the robot was stopped first"),
     #[must_use]
     pub fn help() -> String {
         let line = |(exit, meaning): (Self, &str)| format!("\n  {:>2}  {meaning}", exit as u8);

@@ -1,6 +1,7 @@
 //! `flix cockpit`: drives in the browser.
 
 pub mod desk;
+mod door;
 pub mod guard;
 pub mod server;
 

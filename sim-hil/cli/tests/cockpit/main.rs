@@ -5,6 +5,7 @@
 //! is skipped, unless FLIX_REQUIRE_BROWSER is set; with FLIX_WITHOUT_BROWSER it is in any case. This program is its own operator: started with `cockpit` it is `flix`.
 
 mod browser;
+mod page;
 
 use std::io::{BufReader, Read as _, Write as _};
 use std::net::{Ipv4Addr, TcpStream, UdpSocket};
@@ -23,6 +24,7 @@ use flix_sim::reliability::fault_matrix::REST_HZ;
 use flix_sim::rig::bench::{Base, learnt};
 use flix_sim::rig::robot::{RobotParameters, SimulatedRobot};
 use flix_sim_cli::serve::serve;
+use page::Page;
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
 
@@ -38,6 +40,11 @@ const TRY_AGAIN: Duration = Duration::from_secs(3);
 const PATIENCE: Duration = Duration::from_secs(180);
 /// Pause between two looks at a condition.
 const LOOK: Duration = Duration::from_millis(5);
+/// Descriptors that the program is left with: some 20 are its own.
+#[cfg(target_os = "linux")]
+const DESCRIPTORS: u64 = 128;
+/// Sockets that strangers open.
+const SOCKETS: usize = 600;
 const SEED: u64 = 1;
 const ENTER: char = '\u{e007}';
 
@@ -107,7 +114,7 @@ fn with_a_robot() -> Outcome<()> {
         .stdout
         .take()
         .ok_or("no output".into())
-        .and_then(|output| try_pages(BufReader::new(output), seen));
+        .and_then(|output| try_pages(BufReader::new(output), seen, program.id()));
     end(&mut program)?;
     interrupt.raise();
     server.join().map_err(|_| "the robot panicked")??;
@@ -120,12 +127,18 @@ fn end(program: &mut Child) -> Outcome<()> {
     Ok(())
 }
 
-fn try_pages(mut output: impl std::io::BufRead, seen: Arc<Mutex<Seen>>) -> Outcome<()> {
+fn try_pages(
+    mut output: impl std::io::BufRead,
+    seen: Arc<Mutex<Seen>>,
+    program: u32,
+) -> Outcome<()> {
     let mut line = String::new();
     output.read_line(&mut line)?;
     let url = line.trim().strip_prefix("open ").ok_or("no address")?.to_owned();
     strangers_are_refused(&url)?;
     println!("test strangers_are_refused ... ok");
+    idle_and_slow_sockets_keep_no_page_from_stopping(&url, program)?;
+    println!("test idle_and_slow_sockets_keep_no_page_from_stopping ... ok");
     if std::env::var_os("FLIX_WITHOUT_BROWSER").is_some() {
         println!("skipped the pages: FLIX_WITHOUT_BROWSER is set");
         return Ok(());
@@ -187,6 +200,51 @@ fn strangers_are_refused(url: &str) -> Outcome<()> {
             );
         }
     }
+    Ok(())
+}
+
+/// Opens more sockets than the program has descriptors, some of which say something slowly, as whoever can reach the port.
+fn idle_and_slow_sockets_keep_no_page_from_stopping(url: &str, program: u32) -> Outcome<()> {
+    let (host, path) =
+        url.strip_prefix("http://").and_then(|it| it.split_once('/')).ok_or("no path")?;
+    leave_descriptors(program)?;
+    let mut page = Page::open(url)?;
+    page.until("rest", "disarmed")?;
+    let mut sockets = Vec::new();
+    for number in 0..SOCKETS {
+        let mut socket = TcpStream::connect(host)?;
+        if number % 2 == 0 {
+            // Whom the server has turned out already is of no use any more.
+            let _ = socket.write_all(b"GET / HTTP/1.1\r\nHost: a");
+        }
+        sockets.push(socket);
+    }
+    // The page that is open stops the robot, and one that is opened now shows it.
+    page.say("stop")?;
+    page.until("stop", "stopped")?;
+    let served = status(host, path, host, None)?;
+    if served != 200 {
+        return Err(format!("a page is answered with {served} among {SOCKETS} sockets").into());
+    }
+    let mut other = Page::open(url)?;
+    other.say("drive")?;
+    other.say("clear")?;
+    other.until("clear", "disarmed")?;
+    Ok(())
+}
+
+/// Leaves a program few descriptors, where that can be done from outside.
+#[cfg(target_os = "linux")]
+fn leave_descriptors(program: u32) -> Outcome<()> {
+    use rustix::process::{Pid, Resource, Rlimit, prlimit};
+    let few = Rlimit { current: Some(DESCRIPTORS), maximum: Some(DESCRIPTORS) };
+    let program = Pid::from_raw(program.try_into()?);
+    prlimit(program, Resource::Nofile, few)?;
+    Ok(())
+}
+
+#[cfg(not(target_os = "linux"))]
+fn leave_descriptors(_: u32) -> Outcome<()> {
     Ok(())
 }
 
