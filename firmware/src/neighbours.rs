@@ -6,8 +6,9 @@
 //!
 //! - Whoever sends a datagram to [`DEFAULT_PORT`] becomes the stack's newest neighbour, at the link-layer address that
 //!   the datagram came from: the answer goes there, and the stack has to ask nobody.
-//! - The sender of an authentic datagram ([`Guard::confirm`]) is *pinned* for `PINNED`: an ARP packet that places its IP
-//!   address elsewhere is dropped, and it is renewed in the stack before `RENEWED_AFTER` others can displace it.
+//! - The sender of an authentic datagram ([`Guard::confirm`]) is *pinned* for `PINNED`; of several that sent the same one
+//!   the first, as the others copied it. An ARP packet that places its IP address elsewhere is dropped, and it is renewed in
+//!   the stack before `RENEWED_AFTER` others can displace it.
 //!
 //! This covers operators in the robot's own network; one beyond a router depends on the router's ARP.
 //!
@@ -108,8 +109,9 @@ impl Guard {
             return;
         };
         let mut state = self.0.borrow_mut();
-        let senders = state.senders.iter().rev();
-        let sender = senders.into_iter().find(|(it, end)| it.address == address && end == mark);
+        // The oldest: whoever copies a datagram sends it later.
+        let mut senders = state.senders.iter();
+        let sender = senders.find(|(it, end)| it.address == address && end == mark);
         let Some(&(sender, _)) = sender else { return };
         if state.pinned.is_none_or(|(pinned, _)| pinned != sender) {
             state.taken = RENEWED_AFTER;

@@ -316,6 +316,25 @@ fn forged_arp_takes_no_answers_from_the_operator() {
 }
 
 #[test]
+#[test]
+fn copies_of_an_operators_datagrams_take_no_answers_from_him() {
+    play(Some(key()), |world| async move {
+        world.wire.copy_from(66);
+        let astray = Rc::new(Cell::new(0));
+        let counted = astray.clone();
+        world.wire.watch(move |frame| {
+            counted.set(counted.get() + u32::from(frame[..6] == network::hardware(66)));
+        });
+        let mut operator = Operator::new(&world);
+        operator.connect().await;
+        operator.ping_for(2_000).await;
+        let (answers, telemetry) = (operator.outcomes.len(), operator.telemetry);
+        assert!(answers >= 97 && telemetry >= 95, "{answers} answers, {telemetry} telemetry");
+        let astray = astray.get();
+        assert!(astray <= 2, "{astray} answers to whoever copies");
+    });
+}
+
 fn an_operator_who_gets_another_network_card_is_answered_there() {
     play(Some(key()), |world| async move {
         let mut operator = Operator::new(&world);
