@@ -25,7 +25,7 @@ use core::borrow::BorrowMut;
 use core::net::SocketAddr;
 use core::time::Duration;
 
-use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME};
+use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME, longest_command_age};
 use flix_protocol::frame::{Frame, HandshakeFrame};
 use flix_protocol::message::{
     Bridges, BuildId, Command, CrashReport, EncoderHealth, Event, EventReport, Faults, Identity,
@@ -63,7 +63,9 @@ struct Judged {
 impl Judged {
     fn of(settings: &Settings, measures_current: bool) -> Self {
         let settings = decisive(settings);
-        Self { settings, verdict: margin::judge(&settings, measures_current) }
+        let verdict =
+            judge_command_age(&settings).and_then(|()| margin::judge(&settings, measures_current));
+        Self { settings, verdict }
     }
 
     fn is_of(&self, settings: &Settings) -> bool {
@@ -74,6 +76,19 @@ impl Judged {
 /// Returns settings without what no loop is judged by: what an alignment finds, and how values are known.
 fn decisive(settings: &Settings) -> Settings {
     let mut settings = Settings { marks: Settings::DEFAULT.marks, ..*settings };
+/// Refuses an age of commands with which the rotors could turn longer than promised after the last intent to move. It stays
+/// stored: only its robot does not arm.
+fn judge_command_age(settings: &Settings) -> Result<(), Refusal> {
+    const NAME: &str = "command_age";
+    let longest = longest_command_age(settings.frequency_ramp);
+    let age_ms = (settings.command_age * 1e3 + 0.5) as u128;
+    if age_ms <= longest.as_millis() {
+        return Ok(());
+    }
+    let minimum = settings::TABLE.iter().find(|it| it.name == NAME).map_or(0.0, |it| it.minimum);
+    Err(Refusal::OutOfRange { name: text(NAME), minimum, maximum: longest.as_secs_f32() })
+}
+
     settings.learn([Alignment::default(); 2]);
     settings
 }
@@ -513,7 +528,7 @@ impl Link {
         }
     }
 
-    /// Returns what the stability margin says of settings. Changed ones are judged before anything waits for it.
+    /// Returns what is to be said of settings. Changed ones are judged before anything waits for it.
     fn judge(&mut self, settings: &Settings) -> &Result<(), Refusal> {
         if !self.judged.is_of(settings) {
             self.judged = Judged::of(settings, self.measures_current());

@@ -456,6 +456,41 @@ fn the_command_age_counts_as_soon_as_it_is_set_and_until_it_is_reset() {
 
 #[test]
 fn what_the_fast_half_reports_becomes_one_event_each_with_numbers_that_count_up() {
+/// The age of commands and the ramp down are 0.85 s together at most: the promise holds for the settings that are in force.
+#[test]
+fn a_robot_arms_with_no_age_of_commands_that_lets_rotors_turn_longer_than_promised() {
+    let set = |ends: &mut Ends, name: &str, value: f32| {
+        let outcome =
+            ends.say(Command::Parameter(ParameterCommand::Set(name.try_into().unwrap(), value)));
+        assert!(matches!(outcome, Outcome::Parameter(it) if it.value == value), "{name}");
+    };
+    for (ramp, age, longest) in [
+        (200.0, 1.0, Some(0.6)),
+        (200.0, 0.61, Some(0.6)),
+        (200.0, 0.6, None),
+        (1_000.0, 0.74, None),
+        (1_000.0, 0.75, Some(0.74)),
+        (20.0, 0.41, Some(0.4)),
+        (20.0, 0.4, None),
+        (200.0, 0.1, None),
+    ] {
+        let mut ends = Ends::proven();
+        set(&mut ends, "frequency_ramp", ramp);
+        set(&mut ends, "command_age", age);
+        let wanted = longest.map_or(Outcome::Done, |maximum| {
+            let name = "command_age".try_into().unwrap();
+            Outcome::Refused(Refusal::OutOfRange { name, minimum: 0.1, maximum })
+        });
+        for command in [Command::Parameter(ParameterCommand::Check), Command::Arm] {
+            assert_eq!(ends.say(command), wanted, "{age} s, {ramp} Hz/s");
+        }
+        // It is refused, and never changed.
+        let get = ParameterCommand::Get("command_age".try_into().unwrap());
+        let outcome = ends.say(Command::Parameter(get));
+        assert!(matches!(outcome, Outcome::Parameter(it) if it.value == age), "{age} s");
+    }
+}
+
     let mut ends = Ends::connected();
     ends.happened();
     ends.observe(|report| {

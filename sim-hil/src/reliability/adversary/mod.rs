@@ -316,10 +316,10 @@ mod tests {
 
     /// The check of the age of commands is what bounds the movement: a robot that takes older ones moves on for longer.
     #[test]
-    fn a_robot_that_obeys_commands_of_a_second_does_not_pass() {
+    fn a_robot_that_ramps_down_slowly_does_not_pass() {
         let mut operation = bench(Base::Free, 3).unwrap();
         operation.connect().unwrap();
-        let set = ParameterCommand::Set("command_age".try_into().unwrap(), 1.0);
+        let set = ParameterCommand::Set("frequency_ramp".try_into().unwrap(), 20.0);
         operation.ask(Command::Parameter(set)).unwrap();
         operation.ask(Command::Parameter(ParameterCommand::Save)).unwrap();
         let flash = operation.robot.parameters().flash.content();
