@@ -506,6 +506,11 @@ fn serial(golden: &mut Golden) {
         Request::Revoke(operator("anna")),
     ] {
         let name = match &request {
+        Request::Keep(
+            Provisioning::new("flix-7", "lab", "correct horse", None).unwrap(),
+            operator("anna"),
+            key(0xA5).id(),
+        ),
             Request::Identify => "identify",
             Request::Provision(provisioning, _) if provisioning.address().is_some() => {
                 "provision-fixed-address"
@@ -518,6 +523,7 @@ fn serial(golden: &mut Golden) {
             Request::Revoke(_) => "revoke",
         };
         golden.raw(format!("serial/{name}"), &write_frame(&request).unwrap());
+            Request::Keep(..) => "keep",
     }
     for answer in [
         Answer::Identity { identity, has_key: true },
@@ -531,6 +537,7 @@ fn serial(golden: &mut Golden) {
         Answer::Refused(ProvisionRefusal::Last),
         Answer::Operators([operator("anna"), operator("bob")].into_iter().collect()),
         Answer::Proof(None),
+        Answer::Refused(ProvisionRefusal::Unknown),
         Answer::Proof(Some(key(0xA5).prove(&[0x5A; 16]))),
     ] {
         let name = match &answer {
@@ -545,6 +552,7 @@ fn serial(golden: &mut Golden) {
             Answer::Refused(ProvisionRefusal::Last) => "refused-last",
             Answer::Operators(_) => "operators",
             Answer::Proof(None) => "no-proof",
+            Answer::Refused(ProvisionRefusal::Unknown) => "refused-unknown",
             Answer::Proof(Some(_)) => "proof",
         };
         golden.raw(format!("serial/answer-{name}"), &write_frame(&answer).unwrap());
