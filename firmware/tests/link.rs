@@ -43,6 +43,7 @@ struct Ends {
     link: Link,
     tuning: Tuning<NoStore>,
     operator: OperatorSession,
+    intent: u8,
     now: Instant,
     report: Report,
     outcomes: Vec<Outcome>,
@@ -83,7 +84,7 @@ impl Ends {
         let link = Link::new(name, bridges, Some(key()), [2; 32], settings, report);
         let operator = OperatorSession::new(key(), [3; 32], now);
         let (outcomes, events, telemetry) = (Vec::new(), Vec::new(), Vec::new());
-        Self { link, tuning, operator, now, report, outcomes, events, telemetry }
+        Self { link, tuning, operator, intent: 0, now, report, outcomes, events, telemetry }
     }
 
     fn connected() -> Self {
@@ -140,7 +141,8 @@ impl Ends {
     }
 
     fn seal(&mut self, command: Command) -> Frame {
-        self.operator.send(self.now, &ToRobot { request: 7, command }).unwrap()
+        let message = ToRobot { request: 7, intent: self.intent, command };
+        self.operator.send(self.now, &message).unwrap()
     }
 
     fn say(&mut self, command: Command) -> Outcome {
@@ -252,7 +254,7 @@ fn a_setpoint_is_handed_on_and_shown_until_the_robot_ramps_down() {
         let mut ends = Ends::at(State::Armed);
         ends.say(Command::Setpoint(setpoint(20.0, 30.0)));
         let order = *ends.link.order();
-        assert_eq!((order.frequency, order.setpoints), (Speed::from_hertz(20.0), 1));
+        assert_eq!((order.frequency, order.wanted), (Speed::from_hertz(20.0), 1));
         assert_eq!(order.direction, RotorAngle::from_degrees(30.0));
         assert_eq!(shown(&mut ends), setpoint(20.0, 30.0));
         act(&mut ends);
@@ -454,8 +456,6 @@ fn the_command_age_counts_as_soon_as_it_is_set_and_until_it_is_reset() {
     assert_eq!([longer, limit(&mut ends)], [800, 400]);
 }
 
-#[test]
-fn what_the_fast_half_reports_becomes_one_event_each_with_numbers_that_count_up() {
 /// The age of commands and the ramp down are 0.85 s together at most: the promise holds for the settings that are in force.
 #[test]
 fn a_robot_arms_with_no_age_of_commands_that_lets_rotors_turn_longer_than_promised() {
@@ -491,6 +491,8 @@ fn a_robot_arms_with_no_age_of_commands_that_lets_rotors_turn_longer_than_promis
     }
 }
 
+#[test]
+fn what_the_fast_half_reports_becomes_one_event_each_with_numbers_that_count_up() {
     let mut ends = Ends::connected();
     ends.happened();
     ends.observe(|report| {
@@ -862,7 +864,7 @@ fn a_trial_whose_answer_was_lost_begins_once() {
     assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Trial(bridges));
     assert_eq!(ends.link.order().requests.trial, 1);
     // Another request is another trial.
-    let another = ToRobot { request: 8, command: Command::Trial(TRIAL) };
+    let another = ToRobot { request: 8, intent: 0, command: Command::Trial(TRIAL) };
     let frame = ends.operator.send(ends.now, &another).unwrap();
     ends.hear(&frame);
     assert!(matches!(ends.outcomes.pop(), Some(Outcome::Refused(Refusal::Faulted(_)))));

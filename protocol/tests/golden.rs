@@ -117,9 +117,10 @@ fn refusal_name(refusal: &Refusal) -> &'static str {
         Refusal::AssumedUnmeasured { .. } => "assumed-unmeasured",
         Refusal::UnstablePosition { .. } => "unstable-position",
         Refusal::UnstableCurrent { .. } => "unstable-current",
+        Refusal::Rested => "rested",
     }
 }
-const REFUSALS: usize = 17;
+const REFUSALS: usize = 18;
 
 fn refusals() -> Vec<Refusal> {
     vec![
@@ -153,6 +154,7 @@ fn refusals() -> Vec<Refusal> {
             current_bandwidth: 1_500.0,
             actuation_delay: 400.0,
         },
+        Refusal::Rested,
     ]
 }
 
@@ -504,13 +506,13 @@ fn serial(golden: &mut Golden) {
         Request::Operators,
         Request::Add(anna.clone()),
         Request::Revoke(operator("anna")),
-    ] {
-        let name = match &request {
         Request::Keep(
             Provisioning::new("flix-7", "lab", "correct horse", None).unwrap(),
             operator("anna"),
             key(0xA5).id(),
         ),
+    ] {
+        let name = match &request {
             Request::Identify => "identify",
             Request::Provision(provisioning, _) if provisioning.address().is_some() => {
                 "provision-fixed-address"
@@ -521,9 +523,9 @@ fn serial(golden: &mut Golden) {
             Request::Operators => "operators",
             Request::Add(_) => "add",
             Request::Revoke(_) => "revoke",
+            Request::Keep(..) => "keep",
         };
         golden.raw(format!("serial/{name}"), &write_frame(&request).unwrap());
-            Request::Keep(..) => "keep",
     }
     for answer in [
         Answer::Identity { identity, has_key: true },
@@ -535,9 +537,9 @@ fn serial(golden: &mut Golden) {
         Answer::Refused(ProvisionRefusal::Full),
         Answer::Refused(ProvisionRefusal::Taken),
         Answer::Refused(ProvisionRefusal::Last),
+        Answer::Refused(ProvisionRefusal::Unknown),
         Answer::Operators([operator("anna"), operator("bob")].into_iter().collect()),
         Answer::Proof(None),
-        Answer::Refused(ProvisionRefusal::Unknown),
         Answer::Proof(Some(key(0xA5).prove(&[0x5A; 16]))),
     ] {
         let name = match &answer {
@@ -550,9 +552,9 @@ fn serial(golden: &mut Golden) {
             Answer::Refused(ProvisionRefusal::Full) => "refused-full",
             Answer::Refused(ProvisionRefusal::Taken) => "refused-taken",
             Answer::Refused(ProvisionRefusal::Last) => "refused-last",
+            Answer::Refused(ProvisionRefusal::Unknown) => "refused-unknown",
             Answer::Operators(_) => "operators",
             Answer::Proof(None) => "no-proof",
-            Answer::Refused(ProvisionRefusal::Unknown) => "refused-unknown",
             Answer::Proof(Some(_)) => "proof",
         };
         golden.raw(format!("serial/answer-{name}"), &write_frame(&answer).unwrap());

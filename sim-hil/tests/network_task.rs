@@ -176,7 +176,8 @@ impl Operator {
             if now().as_micros() >= next {
                 next = now().as_micros() + 20_000;
                 number += 1;
-                let command = ToRobot { request: number, command: Command::Ping(number) };
+                let command =
+                    ToRobot { request: number, intent: 0, command: Command::Ping(number) };
                 if let Ok(frame) = self.session.send(now(), &command) {
                     self.send(&frame).await;
                 }
@@ -316,7 +317,6 @@ fn forged_arp_takes_no_answers_from_the_operator() {
 }
 
 #[test]
-#[test]
 fn copies_of_an_operators_datagrams_take_no_answers_from_him() {
     play(Some(key()), |world| async move {
         world.wire.copy_from(66);
@@ -335,13 +335,14 @@ fn copies_of_an_operators_datagrams_take_no_answers_from_him() {
     });
 }
 
+#[test]
 fn an_operator_who_gets_another_network_card_is_answered_there() {
     play(Some(key()), |world| async move {
         let mut operator = Operator::new(&world);
         operator.connect().await;
         operator.ping_for(100).await;
         // From another card, and then the old one again.
-        let command = ToRobot { request: 900, command: Command::Ping(900) };
+        let command = ToRobot { request: 900, intent: 0, command: Command::Ping(900) };
         let sealed = operator.session.send(now(), &command).unwrap();
         let [from, to] = [(OPERATOR, 40_000), (ROBOT, DEFAULT_PORT)];
         let [from, to] = [from, to].map(|(address, port)| SocketAddrV4::new(address, port));
