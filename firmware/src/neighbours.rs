@@ -5,10 +5,9 @@
 //! [`Guarded`] stands between the stack and the driver:
 //!
 //! - Whoever sends a datagram to [`DEFAULT_PORT`] becomes the stack's newest neighbour, at the link-layer address that
-//!   the datagram came from: the answer goes there, and the stack has to ask nobody.
-//! - The sender of an authentic datagram ([`Guard::confirm`]) is *pinned* for `PINNED`; of several that sent the same one
-//!   the first, as the others copied it. An ARP packet that places its IP address elsewhere is dropped, and it is renewed in
-//!   the stack before `RENEWED_AFTER` others can displace it.
+//!   the datagram came from: the answer goes there, and the stack has to ask nobody. Who sends a copy of another's does not.
+//! - The sender of an authentic datagram ([`Guard::confirm`]) is *pinned* for `PINNED`: an ARP packet that places its IP
+//!   address elsewhere is dropped, and it is renewed in the stack before `RENEWED_AFTER` others can displace it.
 //!
 //! This covers operators in the robot's own network; one beyond a router depends on the router's ARP.
 //!
@@ -109,9 +108,8 @@ impl Guard {
             return;
         };
         let mut state = self.0.borrow_mut();
-        // The oldest: whoever copies a datagram sends it later.
-        let mut senders = state.senders.iter();
-        let sender = senders.find(|(it, end)| it.address == address && end == mark);
+        let senders = state.senders.iter().rev();
+        let sender = senders.into_iter().find(|(it, end)| it.address == address && end == mark);
         let Some(&(sender, _)) = sender else { return };
         if state.pinned.is_none_or(|(pinned, _)| pinned != sender) {
             state.taken = RENEWED_AFTER;
@@ -128,6 +126,13 @@ impl State {
     /// Returns whether an IP address is another machine's than this.
     fn is_pinned_elsewhere(&self, address: Ipv4Addr, hardware: &[u8]) -> bool {
         self.pinned().is_some_and(|it| it.address == address && it.hardware != hardware)
+    }
+
+    /// Returns whether another machine sent this datagram before, in the name of the same IP address.
+    fn is_copy(&self, sender: &Neighbour, mark: &Mark) -> bool {
+        self.senders.iter().any(|(first, end)| {
+            first.address == sender.address && first.hardware != sender.hardware && end == mark
+        })
     }
 
     /// Returns who is to be reported to the stack now.
@@ -152,7 +157,9 @@ impl State {
                     .is_some_and(|(address, hardware)| !self.is_pinned_elsewhere(address, hardware))
             }
             Some(kind) if kind == ETHERTYPE_IPV4 => {
-                if let Some((sender, mark)) = datagram_sender(frame) {
+                if let Some((sender, mark)) = datagram_sender(frame)
+                    && !self.is_copy(&sender, &mark)
+                {
                     push_newest(&mut self.senders, (sender, mark));
                     let is_elsewhere = self.is_pinned_elsewhere(sender.address, &sender.hardware);
                     if !is_elsewhere && self.reported != Some(sender) {

@@ -71,7 +71,7 @@ fn commands_that_come_back_while_the_rotors_ramp_down_are_obeyed_again() {
 /// Whoever sees the rotors stand may reach for the robot: only a person starts them again.
 #[test]
 fn rotors_that_came_to_rest_by_silence_turn_again_only_when_a_person_asks_for_it() {
-    for silence in (400..1_000).step_by(7) {
+    for silence in (400..1_000).step_by(31) {
         let mut bench = silent_for(Duration::from_millis(silence));
         let mut has_rested = false;
         let mut refused = false;
