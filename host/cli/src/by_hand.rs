@@ -20,6 +20,9 @@ pub struct ByHandArgs {
     robot: RobotArgs,
     #[command(flatten)]
     poses: PoseArgs,
+    /// Walk only while the key or button of a walk is held. `teleop` needs a terminal with kitty's keyboard protocol for it.
+    #[arg(long)]
+    pub hold_to_run: bool,
     /// Record the drive below OUT/runs; so does --foxglove.
     #[arg(long)]
     record: bool,

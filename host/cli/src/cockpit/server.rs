@@ -98,20 +98,22 @@ struct Shared {
     events: SyncSender<(PageId, FromPage)>,
     next: Arc<AtomicU32>,
     places: Arc<Semaphore>,
+    holds_to_run: bool,
 }
 
 impl Server {
-    /// Begins to serve at this address; port 0 is any free port.
+    /// Begins to serve at this address; port 0 is any free port. Pages that hold to run let the robot rest when the key or
+    /// button of a walk is released.
     ///
     /// # Errors
     /// When the address cannot be used, or the operating system refuses a thread or randomness.
-    pub fn start(address: SocketAddr) -> Result<Self, ServeError> {
+    pub fn start(address: SocketAddr, holds_to_run: bool) -> Result<Self, ServeError> {
         let bind = |source| ServeError::Bind { address, source };
         let listener = TcpListener::bind(address).map_err(bind)?;
         listener.set_nonblocking(true)?;
         let runtime =
             tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
-        Self::on_a_thread(listener.local_addr()?, move |shared| {
+        Self::on_a_thread(listener.local_addr()?, holds_to_run, move |shared| {
             let mut closed = shared.snapshots.clone();
             runtime.block_on(async {
                 let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
@@ -126,6 +128,7 @@ impl Server {
     /// Begins to serve at this address by this work, on a thread of its own.
     fn on_a_thread(
         address: SocketAddr,
+        holds_to_run: bool,
         work: impl FnOnce(Shared) + Send + 'static,
     ) -> Result<Self, ServeError> {
         let mut entropy = [0; 16];
@@ -142,6 +145,7 @@ impl Server {
             events: sender,
             next: Arc::default(),
             places: Arc::new(Semaphore::new(MOST_PAGES)),
+            holds_to_run,
         };
         std::thread::Builder::new().name("pages".to_owned()).spawn(move || work(shared))?;
         Ok(Self { address, token, snapshots, extras, events })
@@ -197,7 +201,7 @@ impl Server {
     #[cfg(test)]
     pub(super) fn that_fails() -> Self {
         let address = (std::net::Ipv4Addr::LOCALHOST, 0).into();
-        Self::on_a_thread(address, |_| panic!("a page that cannot be served")).unwrap()
+        Self::on_a_thread(address, false, |_| panic!("a page that cannot be served")).unwrap()
     }
 }
 
@@ -281,7 +285,8 @@ async fn page(
         return StatusCode::INTERNAL_SERVER_ERROR.into_response();
     }
     let nonce = hexadecimal(entropy);
-    let html = Page { connection: CONNECTION, ..Page::default() }.to_html(&nonce);
+    let holds_to_run = asked.shared.holds_to_run;
+    let html = Page { connection: CONNECTION, holds_to_run, ..Page::default() }.to_html(&nonce);
     let host = text_of(&headers, header::HOST).unwrap_or_default();
     let policy = format!(
         "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src data:; \

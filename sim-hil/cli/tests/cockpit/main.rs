@@ -104,18 +104,21 @@ fn with_a_robot() -> Outcome<()> {
             })
         }
     });
-    let mut program = Command::new(std::env::current_exe()?)
-        .args(["cockpit", &address, "--bind", "127.0.0.1:0", "--key"])
-        .arg(&key_file)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .spawn()?;
-    let tried = program
-        .stdout
-        .take()
-        .ok_or("no output".into())
-        .and_then(|output| try_pages(BufReader::new(output), seen, program.id()));
-    end(&mut program)?;
+    let cockpit = |option: &[&str], tests: &[Test]| {
+        let mut program = Command::new(std::env::current_exe()?)
+            .args(["cockpit", &address, "--bind", "127.0.0.1:0", "--key"])
+            .arg(&key_file)
+            .args(option)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()?;
+        let tried = program.stdout.take().ok_or("no output".into()).and_then(|output| {
+            try_pages(BufReader::new(output), Arc::clone(&seen), program.id(), tests)
+        });
+        end(&mut program)?;
+        tried
+    };
+    let tried = cockpit(&[], &TESTS).and_then(|()| cockpit(&["--hold-to-run"], &HELD));
     interrupt.raise();
     server.join().map_err(|_| "the robot panicked")??;
     tried
@@ -127,10 +130,27 @@ fn end(program: &mut Child) -> Outcome<()> {
     Ok(())
 }
 
+type Test = (&'static str, fn(&mut Desk) -> Outcome<()>);
+const TESTS: [Test; 10] = [
+    ("the_scope_shows_its_channels", Desk::scope),
+    ("settings_are_read_and_changed", Desk::settings),
+    ("keys_drive_and_the_space_bar_stops", Desk::keys),
+    ("a_finger_drives_and_stops", Desk::finger),
+    ("a_gamepad_drives_once_it_was_neutral", Desk::gamepad),
+    ("any_gamepad_stops_and_the_one_touched_drives", Desk::gamepads),
+    ("a_page_outlives_what_its_browser_lacks", Desk::poor_browser),
+    ("a_page_that_freezes_leaves_the_robot_at_rest", Desk::freeze),
+    ("of_two_pages_one_drives_and_both_stop", Desk::two_pages),
+    ("a_page_that_dies_leaves_the_robot_at_rest", Desk::dies),
+];
+/// With `--hold-to-run`.
+const HELD: [Test; 1] = [("a_walk_that_is_held_ends_when_it_is_released", Desk::held)];
+
 fn try_pages(
     mut output: impl std::io::BufRead,
     seen: Arc<Mutex<Seen>>,
     program: u32,
+    tests: &[Test],
 ) -> Outcome<()> {
     let mut line = String::new();
     output.read_line(&mut line)?;
@@ -151,19 +171,6 @@ fn try_pages(
         return Ok(());
     };
     let mut desk = Desk { browser, seen, url };
-    type Test = (&'static str, fn(&mut Desk) -> Outcome<()>);
-    let tests: [Test; 10] = [
-        ("the_scope_shows_its_channels", Desk::scope),
-        ("settings_are_read_and_changed", Desk::settings),
-        ("keys_drive_and_the_space_bar_stops", Desk::keys),
-        ("a_finger_drives_and_stops", Desk::finger),
-        ("a_gamepad_drives_once_it_was_neutral", Desk::gamepad),
-        ("any_gamepad_stops_and_the_one_touched_drives", Desk::gamepads),
-        ("a_page_outlives_what_its_browser_lacks", Desk::poor_browser),
-        ("a_page_that_freezes_leaves_the_robot_at_rest", Desk::freeze),
-        ("of_two_pages_one_drives_and_both_stop", Desk::two_pages),
-        ("a_page_that_dies_leaves_the_robot_at_rest", Desk::dies),
-    ];
     for (name, test) in tests {
         let verdict = test(&mut desk);
         println!("test {name} ... {}", if verdict.is_ok() { "ok" } else { "FAILED" });
@@ -441,6 +448,29 @@ impl Desk {
         self.browser.touch("#stop")?;
         self.until_text("state", "stopped")?;
         self.until_resting()
+    }
+
+    fn held(&mut self) -> Outcome<()> {
+        self.arm()?;
+        for by in ["w", "[data-mode='left turn']"] {
+            let key = by.chars().next().filter(|_| by.len() == 1);
+            let hold = |desk: &Self, is_down: bool| match key {
+                Some(key) => desk.browser.hold(key, is_down),
+                None if is_down => desk.browser.finger(by, &["pointerDown"]),
+                None => desk.browser.finger(by, &["pointerUp"]),
+            };
+            // On a busy machine a command may not be done, or the robot rests.
+            self.walk(|desk| hold(desk, false).and_then(|()| hold(desk, true)))?;
+            let begun = self.seen()?.now;
+            self.until("a while later", |desk| Ok(desk.seen()?.now.since(begun) > STAYS))?;
+            if self.seen()?.frequency.abs() < WALKING_HZ {
+                return Err(format!("{by} is held, and the robot does not walk").into());
+            }
+            let left = self.seen()?.now;
+            hold(self, false)?;
+            self.rests_since(left)?;
+        }
+        Ok(())
     }
 
     /// Checks that nothing moves the robot, which is at rest.
