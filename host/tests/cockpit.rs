@@ -3,12 +3,12 @@ use std::net::SocketAddr;
 use std::time::Duration;
 
 use crate::support::{FakeRobot, key};
-use flix_host::cockpit::message::{Message, Request};
-use flix_host::cockpit::pages::{Misuse, PageId, Pages, SIGN_OF_LIFE};
-use flix_host::cockpit::snapshot::snapshot;
 use flix_host::link::Client;
 use flix_host::teleop::Cockpit;
 use flix_host::teleop::action::{Action, Mode};
+use flix_host::teleop::page::message::{Message, Request};
+use flix_host::teleop::page::pages::{Misuse, PageId, Pages, SIGN_OF_LIFE};
+use flix_host::teleop::page::snapshot::snapshot;
 use flix_protocol::message::{Command, Fault, Setpoint, State};
 use flix_protocol::units::Instant;
 

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use flix_host::nav::{ControllerKind, Navigator, Path, PlanarPose, Position, Settings, Stop, Task};
+use flix_host::pilot::steering::names;
 use flix_host::pilot::{Ending, Pilot};
-use flix_host::steering::names;
 use flix_protocol::message::State;
 use flix_sim::experiment::course::{Conditions, Course};
 use flix_sim::model::RobotModel;

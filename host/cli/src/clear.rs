@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use super::robot::RobotArgs;
 use super::{Error, Exit};
-use flix_host::interrupt::Interrupt;
+use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::{print, waiting};
 
 /// Clear a latched stop, and faults whose cause is gone.

@@ -11,9 +11,9 @@ use super::drive::{give_up, stop};
 use super::robot::RobotArgs;
 use super::{Error, Exit};
 use flix_host::commission::{CommissionError, Commissioned, Known, Motor, Step, commission};
-use flix_host::interrupt::Interrupt;
+use flix_host::system::interrupt::Interrupt;
 use flix_host::link::udp::LinkError;
-use flix_host::text::fixed;
+use flix_host::system::text::fixed;
 use flix_shell::number::parse_within;
 use flix_shell::output::{headings, print, print_json, table};
 

@@ -10,11 +10,11 @@ use serde::Serialize;
 use super::robot::RobotArgs;
 use super::{Error, Exit};
 use crate::symbols::{Frame, LARGEST_ELF, Symbols};
-use flix_host::explain;
-use flix_host::file;
-use flix_host::interrupt::Interrupt;
+use flix_host::link::explain;
+use flix_host::system::file;
+use flix_host::system::interrupt::Interrupt;
 use flix_host::link::udp::{Connection, LinkError};
-use flix_host::text::printable;
+use flix_host::system::text::printable;
 use flix_shell::output::{complain, print, print_json};
 
 /// Show what ended the robot's run before its last start: panic, watchdog or brown-out, and the last fault.

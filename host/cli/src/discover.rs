@@ -4,8 +4,8 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use super::{Error, Exit};
-use flix_host::interrupt::Interrupt;
-use flix_host::keys::{Keyring, SIMULATED_ROBOT};
+use flix_host::system::interrupt::Interrupt;
+use flix_host::link::keys::{Keyring, SIMULATED_ROBOT};
 use flix_host::link::discovery::{self, Found};
 use flix_host::link::udp::LinkError;
 use flix_shell::output::{headings, print, print_json, table};

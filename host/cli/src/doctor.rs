@@ -14,14 +14,14 @@ use flix_protocol::units::Instant;
 use super::robot::RobotArgs;
 use super::walk::PoseArgs;
 use super::{Error, Exit};
-use flix_host::explain;
-use flix_host::interrupt::Interrupt;
+use flix_host::link::explain;
+use flix_host::system::interrupt::Interrupt;
 use flix_host::link::udp::{Connection, LinkError};
 use flix_host::pose::PoseSource;
 use flix_host::pose::any::Poses;
 use flix_host::pose::natnet::NatNetStatistics;
 use flix_host::pose::udp::UdpStatistics;
-use flix_host::text::printable;
+use flix_host::system::text::printable;
 use flix_shell::output::{print, print_json};
 
 /// Time for which poses and telemetry are observed.

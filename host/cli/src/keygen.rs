@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use super::{Error, Exit};
-use flix_host::keys::{self, Keyring};
+use flix_host::link::keys::{self, Keyring};
 use flix_shell::output::print;
 
 /// Make a new key, in a file that only you can read.

@@ -14,9 +14,9 @@ use flix_protocol::session::{Key, Operator};
 use zeroize::Zeroizing;
 
 use super::{Error, Exit};
-use flix_host::file;
-use flix_host::interrupt::Interrupt;
-use flix_host::keys::{self, Keyring};
+use flix_host::system::file;
+use flix_host::system::interrupt::Interrupt;
+use flix_host::link::keys::{self, Keyring};
 use flix_host::link::serial::{SerialError, SerialRobot};
 use flix_shell::output::print;
 

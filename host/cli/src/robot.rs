@@ -9,8 +9,8 @@ use flix_protocol::DEFAULT_PORT;
 use flix_protocol::session::Key;
 
 use super::{Error, Exit};
-use flix_host::interrupt::Interrupt;
-use flix_host::keys::{self, KEY_FILE_VARIABLE, KeyError, Keyring, SIMULATED_ROBOT};
+use flix_host::system::interrupt::Interrupt;
+use flix_host::link::keys::{self, KEY_FILE_VARIABLE, KeyError, Keyring, SIMULATED_ROBOT};
 use flix_host::link::discovery;
 use flix_host::link::udp::Connection;
 use flix_shell::output::waiting;

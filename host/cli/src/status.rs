@@ -14,11 +14,11 @@ use serde_json::{Map, Value};
 use super::crash;
 use super::robot::RobotArgs;
 use super::{Error, Exit};
-use flix_host::explain;
-use flix_host::interrupt::Interrupt;
+use flix_host::link::explain;
+use flix_host::system::interrupt::Interrupt;
 use flix_host::link::Client;
 use flix_host::link::udp::{Connection, LinkError};
-use flix_host::text::printable;
+use flix_host::system::text::printable;
 use flix_shell::output::{milliseconds, print, print_json};
 
 /// Longest wait for telemetry; its lowest rate is one per second.

@@ -119,7 +119,7 @@ impl<'elf> Symbols<'elf> {
 #[cfg(all(test, target_os = "linux"))]
 mod tests {
     use super::*;
-    use flix_host::file;
+    use flix_host::system::file;
 
     /// Where nothing is inlined.
     #[inline(never)]

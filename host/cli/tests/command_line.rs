@@ -6,12 +6,12 @@ use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use crate::support::{FakeRobot, MODES, ServedRobot, key, seeded_loss};
-use flix_host::interrupt::Interrupt;
-use flix_host::keys;
+use flix_host::link::keys;
 use flix_host::link::udp::Connection;
 use flix_host::nav::PlanarPose;
 use flix_host::pose::Pose;
 use flix_host::pose::natnet::{NatNetServer, ServerSettings};
+use flix_host::system::interrupt::Interrupt;
 use flix_protocol::message::{
     BuildId, CrashReport, Fault, FaultSummary, Faults, Mark, MotorCurrents, ResetReason, Setpoint,
     State,

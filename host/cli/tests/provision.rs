@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
-use flix_host::keys::Keyring;
+use flix_host::link::keys::Keyring;
 use flix_protocol::message::{Identity, ResetReason};
 use flix_protocol::provision::{
     Answer, FrameReader, ProvisionRefusal, Provisioning, Request, write_frame,
@@ -381,7 +381,7 @@ fn operators_are_added_with_keys_of_their_own_listed_and_revoked() {
     assert_eq!(robot.kept().names(), ["anna-b"]);
     let said = anna.provisions(&robot, &["--add-operator", "bob"]);
     let file = anna.home.path().join("walker-1-bob.key");
-    let key = flix_host::keys::read(&file).unwrap();
+    let key = flix_host::link::keys::read(&file).unwrap();
     let text = String::from_utf8(key.to_text().to_vec()).unwrap();
     assert!(said.contains("walker-1-bob.key") && !said.contains(&text), "{said}");
     let bob = Holder::new("bob".parse().unwrap(), &key);

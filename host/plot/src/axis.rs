@@ -1,6 +1,6 @@
 //! Axes: position and text of the ticks, and the conversion of data to pixels.
 
-use flix_host::text::fixed;
+use flix_host::system::text::fixed;
 
 /// Scale of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -4,7 +4,7 @@
 use std::sync::OnceLock;
 
 use ab_glyph::{Font, FontRef};
-use flix_host::text::printable;
+use flix_host::system::text::printable;
 
 use super::Colour;
 

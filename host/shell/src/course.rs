@@ -15,8 +15,8 @@ use flix_host::nav::{
     Approach, Area, ControllerKind, Experience, ModeTable, ModeTableError, Navigator, PAPER_PAIRS,
     Path, PathError, PlanarPose, Position, Repertoire, Settings, Task,
 };
-use flix_host::steering::{ControllerProcess, Steering};
-use flix_host::text::fixed;
+use flix_host::pilot::steering::{ControllerProcess, Steering};
+use flix_host::system::text::fixed;
 
 /// Size of the figure eight when none is given, m.
 const WIDTH: f64 = 1.6;

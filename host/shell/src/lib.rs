@@ -31,7 +31,7 @@ use std::process::ExitCode;
 
 use clap::FromArgMatches;
 use flix_host::experiment::SheetError;
-use flix_host::keys::KeyError;
+use flix_host::link::keys::KeyError;
 use flix_host::link::serial::SerialError;
 use flix_host::link::udp::LinkError;
 use flix_host::nav::ModeTableError;

@@ -12,8 +12,8 @@ use serde::{Serialize, Serializer};
 use terminal_size::{Width, terminal_size};
 
 use crate::Error;
-use flix_host::file;
-use flix_host::text::{printable, printable_lines};
+use flix_host::system::file;
+use flix_host::system::text::{printable, printable_lines};
 
 /// Prints a text on stdout, as far as it is one ([`printable_lines`]). A reader that has closed the pipe (`| head`) is not an error.
 ///

@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use crate::file;
+use crate::system::file;
 
 /// A column of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

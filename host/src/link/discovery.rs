@@ -12,8 +12,8 @@ use flix_protocol::{DEFAULT_PORT, SERVICE_TYPE};
 use mdns_sd::{ResolvedService, ServiceDaemon, ServiceEvent};
 
 use super::transient;
-use crate::interrupt::Interrupt;
-use crate::text::printable;
+use crate::system::interrupt::Interrupt;
+use crate::system::text::printable;
 
 /// Longest search for a name: mDNS answers within 0.1 s, and repeats its question after 1 s.
 pub const FIND_PATIENCE: Duration = Duration::from_millis(2500);

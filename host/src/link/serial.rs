@@ -16,8 +16,8 @@ use flix_protocol::session::Key;
 use serial2::SerialPort;
 use zeroize::Zeroize;
 
-use crate::interrupt::Interrupt;
-use crate::text::printable;
+use crate::system::interrupt::Interrupt;
+use crate::system::text::printable;
 
 /// Longest time to an answer: the robot may be starting.
 pub const PATIENCE: Duration = Duration::from_secs(8);

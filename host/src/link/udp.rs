@@ -12,8 +12,8 @@ use flix_protocol::session::{ConnectError, HINT_PATIENCE, Key, StopSession, Stop
 use flix_protocol::units::Instant;
 
 use super::{Client, PASSING_PATIENCE, StopState, Update, passes};
-use crate::explain;
-use crate::interrupt::Interrupt;
+use crate::link::explain;
+use crate::system::interrupt::Interrupt;
 use crate::system::{Clock, PASSING_SOCKET_ERRORS};
 
 /// Time for which a program that ends by accident repeats stop without an acknowledgement. The

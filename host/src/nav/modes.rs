@@ -220,7 +220,7 @@ impl ModeTable {
     /// # Errors
     /// When it cannot be read or is not a mode table.
     pub fn load(path: &Path) -> Result<Self, ModeTableError> {
-        let text = crate::file::read_text(path)
+        let text = crate::system::file::read_text(path)
             .map_err(|source| ModeTableError::Read { path: path.to_owned(), source })?;
         Self::from_toml(&text)
             .map_err(|source| ModeTableError::File { path: path.to_owned(), source: source.into() })
@@ -231,7 +231,7 @@ impl ModeTable {
     /// # Errors
     /// When it will not.
     pub fn check_writable(path: &Path) -> Result<(), ModeTableError> {
-        crate::file::check_writable(path)
+        crate::system::file::check_writable(path)
             .map_err(|source| ModeTableError::Write { path: path.to_owned(), source })
     }
 

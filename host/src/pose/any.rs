@@ -5,7 +5,7 @@ use flix_protocol::units::Instant;
 use super::natnet::NatNetSource;
 use super::udp::UdpSource;
 use super::{PoseError, PoseSample, PoseSource};
-use crate::text::printable;
+use crate::system::text::printable;
 
 /// An open source of poses.
 pub enum Poses {

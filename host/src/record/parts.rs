@@ -83,7 +83,7 @@ impl Parts {
     /// # Errors
     /// When it cannot be read.
     pub(super) fn open(path: &Path) -> io::Result<Self> {
-        let file = crate::file::open(path)?;
+        let file = crate::system::file::open(path)?;
         let end = file.metadata()?.len();
         let mut parts = Self {
             file: BufReader::new(file),

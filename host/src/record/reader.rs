@@ -12,7 +12,7 @@ use super::message::{
 };
 use super::parts::{Directory, Part, Parts};
 use super::{ENDING, FOLDER};
-use crate::file;
+use crate::system::file;
 
 /// A whole run.
 #[derive(Debug, Clone, Default)]

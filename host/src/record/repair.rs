@@ -34,7 +34,7 @@ pub enum RepairError {
 /// Returns whether a program still writes this record.
 #[must_use]
 pub fn is_being_written(file: &Path) -> bool {
-    let lock = crate::file::open(file).map(|file| file.try_lock_shared());
+    let lock = crate::system::file::open(file).map(|file| file.try_lock_shared());
     matches!(lock, Ok(Err(TryLockError::WouldBlock)))
 }
 
@@ -106,7 +106,7 @@ fn keep(file: &Path) -> std::io::Result<PathBuf> {
             Ok(()) => return Ok(kept),
             Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => attempt += 1,
             Err(_) => {
-                std::io::copy(&mut crate::file::open(file)?, &mut File::create_new(&kept)?)?;
+                std::io::copy(&mut crate::system::file::open(file)?, &mut File::create_new(&kept)?)?;
                 return Ok(kept);
             }
         }

@@ -18,7 +18,7 @@ use super::message::{
     WORLD,
 };
 use super::{Channel, ENDING, FOLDER};
-use crate::explain;
+use crate::link::explain;
 use crate::link::Update;
 use crate::nav::{Path, PlanarPose, Progress};
 use crate::pose::PoseSample;

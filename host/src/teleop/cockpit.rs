@@ -14,7 +14,7 @@ use super::action::{Action, Mode};
 use super::floor::Floor;
 use super::scope::{self, Viewer};
 use super::settings::{Answered, Settings};
-use crate::explain;
+use crate::link::explain;
 use crate::link::{Client, PASSING_PATIENCE, Update, line_difference, passes};
 use crate::pose::PoseSample;
 

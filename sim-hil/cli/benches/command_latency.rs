@@ -5,8 +5,8 @@ mod latency;
 
 use std::time::Duration;
 
-use flix_host::interrupt::Interrupt;
 use flix_host::link::udp::Connection;
+use flix_host::system::interrupt::Interrupt;
 use flix_protocol::message::Setpoint;
 use flix_sim::rig::bench::setpoint;
 

@@ -11,9 +11,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use flix_host::interrupt::Interrupt;
-use flix_host::keys;
+use flix_host::link::keys;
 use flix_host::link::udp::Connection;
+use flix_host::system::interrupt::Interrupt;
 use flix_protocol::session::{Key, OperatorSession};
 use served::Robot;
 

@@ -16,9 +16,9 @@ use std::time::{Duration, Instant};
 use flix_cli::cockpit::desk;
 use flix_cli::cockpit::server::Server;
 use flix_cli::teleop::drive::{Drive, Extras};
-use flix_host::interrupt::Interrupt;
-use flix_host::keys;
+use flix_host::link::keys;
 use flix_host::link::udp::Connection;
+use flix_host::system::interrupt::Interrupt;
 use page::Page;
 use served::Robot;
 

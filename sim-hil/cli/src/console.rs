@@ -6,7 +6,7 @@ use std::time::{Duration, Instant as WallClock};
 
 use flix_host::experiment::drops::{HEIGHT, HEIGHTS};
 use flix_host::system::has_keys;
-use flix_host::text::fixed;
+use flix_host::system::text::fixed;
 use flix_protocol::message::{Faults, OperatorName, State};
 use flix_shell::number::parse_within;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};

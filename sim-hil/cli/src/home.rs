@@ -6,9 +6,9 @@ use std::process::ExitCode;
 use std::time::{Duration, SystemTime};
 
 use flix_host::nav::{Navigator, PlanarPose, Position, Task};
+use flix_host::pilot::steering::names;
 use flix_host::pilot::{Ending, Pilot};
 use flix_host::record::Recorder;
-use flix_host::steering::names;
 use flix_protocol::units::Instant;
 use flix_shell::course::{SteeringArgs, facts, results};
 use flix_shell::number::whole;

@@ -41,7 +41,7 @@ pub struct Args {
 /// When the model is refused or cannot walk, or the file cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let failed = |error| Error::refused(format!("cannot write {}: {error}", args.out.display()));
-    flix_host::file::check_writable(&args.out).map_err(failed)?;
+    flix_host::system::file::check_writable(&args.out).map_err(failed)?;
     let model = args.model.load()?;
     let plan = Plan {
         robots: args.robots,

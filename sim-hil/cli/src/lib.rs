@@ -113,7 +113,7 @@ pub enum Error {
     Plot(#[from] flix_plot::PlotError),
     /// A key could not be made or read.
     #[error(transparent)]
-    Key(#[from] flix_host::keys::KeyError),
+    Key(#[from] flix_host::link::keys::KeyError),
     /// The robot cannot be on the network.
     #[error(transparent)]
     Serve(#[from] serve::ServeError),

@@ -7,10 +7,10 @@ use std::process::ExitCode;
 use std::str::FromStr;
 use std::time::{Duration, Instant as WallClock};
 
-use flix_host::interrupt::Interrupt;
-use flix_host::keys::{self, Keyring, SIMULATED_ROBOT};
+use flix_host::link::keys::{self, Keyring, SIMULATED_ROBOT};
 use flix_host::link::transient;
 use flix_host::pose::natnet::{NatNetServer, ServerSettings};
+use flix_host::system::interrupt::Interrupt;
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::frame::{Frame, MAXIMUM_DATAGRAM};
 use flix_protocol::message::OperatorName;

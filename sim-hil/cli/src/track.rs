@@ -7,10 +7,10 @@ use std::time::{Duration, SystemTime};
 
 use clap::{Args as _, FromArgMatches as _};
 use flix_host::nav::{Path, PlanarPose, Task};
+use flix_host::pilot::steering::Steering;
+use flix_host::pilot::steering::names;
 use flix_host::pilot::{Ending, Pilot};
 use flix_host::record::{Recorder, Run};
-use flix_host::steering::Steering;
-use flix_host::steering::names;
 use flix_plot::Figure;
 use flix_shell::course::{CourseArgs, describe, facts, results, row};
 use serde::Serialize;

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use flix_host::nav::{PlanarPose, Position};
-use flix_host::text::fixed;
+use flix_host::system::text::fixed;
 use flix_plot::{Figure, Outline, Series, Track, colour};
 use flix_shell::number::whole;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};

@@ -9,8 +9,8 @@ use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::time::{Duration, Instant as WallClock};
 
-use flix_host::interrupt::Interrupt;
-use flix_host::keys;
+use flix_host::link::keys;
+use flix_host::system::interrupt::Interrupt;
 use flix_protocol::frame::{Frame, MAXIMUM_DATAGRAM};
 use flix_protocol::session::{Key, OperatorReceived, OperatorSession};
 use flix_protocol::units::Instant;

@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use flix_host::pose::Pose;
-use flix_host::view::SCENE;
+use flix_host::teleop::page::scene::SCENE;
 use serde::Serialize;
 
 /// The page, with a place each for the title, the drawing and the data.

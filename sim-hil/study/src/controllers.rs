@@ -10,8 +10,8 @@ use std::time::Duration;
 use flix_host::nav::{
     ControllerKind, Experience, ModeTable, Navigator, Path, Repertoire, Settings, Task,
 };
+use flix_host::pilot::steering::names;
 use flix_host::pilot::{Ending, Pilot};
-use flix_host::steering::names;
 use flix_protocol::units::Instant;
 use serde::Serialize;
 use serde_json::json;

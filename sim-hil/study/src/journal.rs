@@ -54,7 +54,7 @@ impl Journal {
         restart: bool,
     ) -> Result<(Self, BTreeMap<usize, Row>), JournalError> {
         let failed = |source| JournalError::File { path: path.to_owned(), source };
-        flix_host::file::check_writable(path).map_err(failed)?;
+        flix_host::system::file::check_writable(path).map_err(failed)?;
         let mut file = OpenOptions::new()
             .read(true)
             .write(true)

@@ -5,8 +5,8 @@
 
 use std::path::{Path, PathBuf};
 
-use flix_host::file::{self, LARGEST_TEXT};
 use flix_host::nav::Twist;
+use flix_host::system::file::{self, LARGEST_TEXT};
 use serde::Serialize;
 
 use flix_sim::model::LEGS;

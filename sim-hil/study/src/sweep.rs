@@ -250,7 +250,7 @@ impl Study for Sweep {
 
 #[cfg(test)]
 mod tests {
-    use flix_host::interrupt::Interrupt;
+    use flix_host::system::interrupt::Interrupt;
 
     use super::*;
     use crate::{Options, merge, run};

@@ -189,7 +189,7 @@ impl Table {
     /// # Errors
     /// When the file is missing, damaged, or of something else.
     pub fn read(path: &Path) -> Result<Self, TableError> {
-        let file = flix_host::file::open(path)
+        let file = flix_host::system::file::open(path)
             .map_err(|source| TableError::File { path: path.to_owned(), source })?;
         let damaged = |source| TableError::Parquet { path: path.to_owned(), source };
         let stranger =

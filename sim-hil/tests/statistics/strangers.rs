@@ -4,8 +4,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use flix_host::nav::{ControllerKind, Experience, Navigator, Path, Repertoire, Settings, Task};
+use flix_host::pilot::steering::names;
 use flix_host::pilot::{Ending, Pilot};
-use flix_host::steering::names;
 use flix_sim::experiment::course::{Conditions, Course};
 use flix_sim::model::{RobotModel, stranger};
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use flix_host::cockpit::pages::Pages;
+use flix_host::teleop::page::pages::Pages;
 use flix_protocol::units::Instant;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};

@@ -2,15 +2,15 @@
 
 use std::time::Duration;
 
-use flix_host::cockpit::message::Message;
-use flix_host::cockpit::pages::{PageId, Pages};
-use flix_host::cockpit::snapshot::{EXTRAS, News, snapshot};
 use flix_host::nav::{
     Approach, Decision, ModeTable, Navigator, Path, PathError, Position, Settings, Task,
 };
 use flix_host::pose::PoseSample;
 use flix_host::teleop::Cockpit;
 use flix_host::teleop::cockpit::Weight;
+use flix_host::teleop::page::message::Message;
+use flix_host::teleop::page::pages::{PageId, Pages};
+use flix_host::teleop::page::snapshot::{EXTRAS, News, snapshot};
 use flix_protocol::message::{Command, Setpoint, State};
 use flix_protocol::session::Key;
 use flix_protocol::units::Instant;

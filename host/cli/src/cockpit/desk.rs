@@ -4,9 +4,9 @@ use std::time::{Duration, Instant};
 
 use super::server::{FromPage, Server};
 use crate::teleop::drive::{Drive, DriveError, Ending};
-use flix_host::cockpit::pages::Pages;
-use flix_host::cockpit::snapshot::{News, snapshot};
-use flix_host::interrupt::Interrupt;
+use flix_host::teleop::page::pages::Pages;
+use flix_host::teleop::page::snapshot::{News, snapshot};
+use flix_host::system::interrupt::Interrupt;
 
 /// Longest wait for a datagram between two looks at the pages.
 const SLICE: Duration = Duration::from_millis(2);

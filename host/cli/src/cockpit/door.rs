@@ -1,4 +1,4 @@
-//! The door of the server: takes in who comes, and turns out whom the [hall](flix_host::cockpit::hall) does not bear.
+//! The door of the server: takes in who comes, and turns out whom the [hall](flix_host::teleop::page::hall) does not bear.
 
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::Router;
-use flix_host::cockpit::hall::{DELIVERY, Hall, Number, PATIENCE};
+use flix_host::teleop::page::hall::{DELIVERY, Hall, Number, PATIENCE};
 use hyper::server::conn::http1;
 use hyper_util::rt::TokioIo;
 use hyper_util::service::TowerToHyperService;
@@ -132,7 +132,7 @@ mod tests {
 
     use axum::extract::State;
     use axum::routing::get;
-    use flix_host::cockpit::hall::{MOST_GUESTS, MOST_STRANGERS};
+    use flix_host::teleop::page::hall::{MOST_GUESTS, MOST_STRANGERS};
     use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
     use tokio::time::Instant;
 

@@ -23,10 +23,10 @@ use tokio::time::timeout;
 
 use super::door::{self, Visitor};
 use super::guard::{Guard, Refusal, hexadecimal};
-use flix_host::cockpit::message::Message;
-use flix_host::cockpit::page::Page;
-use flix_host::cockpit::pages::PageId;
-use flix_host::cockpit::snapshot::{self, EXTRAS};
+use flix_host::teleop::page::message::Message;
+use flix_host::teleop::page::page::Page;
+use flix_host::teleop::page::pages::PageId;
+use flix_host::teleop::page::snapshot::{self, EXTRAS};
 
 /// How the page reaches this program.
 const CONNECTION: &str = include_str!("connection.js");

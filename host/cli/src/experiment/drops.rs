@@ -13,7 +13,7 @@ use crate::walk::PoseArgs;
 use crate::{Error, Exit};
 use flix_host::experiment::Sheet;
 use flix_host::experiment::drops::{COLUMNS, Drops, HEIGHT, HEIGHTS, NoDrop};
-use flix_host::interrupt::Interrupt;
+use flix_host::system::interrupt::Interrupt;
 use flix_host::nav::Stop;
 use flix_host::pose::PoseSource;
 use flix_host::pose::any::Poses;

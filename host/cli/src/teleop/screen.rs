@@ -7,7 +7,7 @@ use super::drive::{Drive, DriveError, Ending};
 use super::gamepad::Gamepads;
 use super::terminal::{Screen, is_closed};
 use super::view;
-use flix_host::interrupt::Interrupt;
+use flix_host::system::interrupt::Interrupt;
 use flix_host::teleop::action::Action;
 use flix_host::teleop::cockpit::Weight;
 

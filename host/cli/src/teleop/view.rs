@@ -25,7 +25,7 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::canvas::{Canvas, Circle, Context, Line as Stroke, Points, Rectangle};
 use ratatui::widgets::{Block, BorderType, Paragraph, Sparkline, Wrap};
 
-use flix_host::explain;
+use flix_host::link::explain;
 use flix_host::nav::Area;
 use flix_host::teleop::cockpit::{Cockpit, Link, SLOW_MOTION, Sample, Weight};
 use flix_host::teleop::floor::Floor;

@@ -25,7 +25,7 @@ use super::UpAxis;
 use crate::link::transient;
 use crate::pose::continuity::Continuity;
 use crate::pose::{Picture, Pose, PoseError, PoseSample, PoseSource};
-use crate::text::printable;
+use crate::system::text::printable;
 
 /// A unicast server forgets a client that is silent for longer; NatNet's own samples send this
 /// often.

@@ -12,7 +12,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant as WallClock};
 
 use flix_firmware::hardware::{Actuation, Bridge, Duty};
-use flix_host::interrupt::Interrupt;
+use flix_host::system::interrupt::Interrupt;
 use flix_protocol::session::Key;
 use flix_protocol::units::Instant;
 use flix_sim::model::RobotModel;

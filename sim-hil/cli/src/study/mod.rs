@@ -16,7 +16,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Subcommand;
-use flix_host::interrupt::Interrupt;
+use flix_host::system::interrupt::Interrupt;
 use flix_protocol::message::MAXIMUM_FREQUENCY;
 use flix_shell::number::{parse_within, whole};
 

@@ -14,8 +14,8 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant as WallClock};
 
 use browser::Browser;
-use flix_host::interrupt::Interrupt;
-use flix_host::keys;
+use flix_host::link::keys;
+use flix_host::system::interrupt::Interrupt;
 use flix_protocol::session::Key;
 use flix_protocol::units::Instant;
 use flix_sim::model::RobotModel;

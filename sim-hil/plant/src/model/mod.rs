@@ -434,7 +434,7 @@ impl RobotModel {
         if let Some(seed) = stranger::seed_of(name) {
             return Ok(stranger(&Self::named(STRANGERS_PLAN)?, seed));
         }
-        let text = flix_host::file::read_text(name.as_ref())
+        let text = flix_host::system::file::read_text(name.as_ref())
             .map_err(|error| ModelError::NotFound { name: name.to_owned(), error })?;
         Self::from_toml(&text)
             .map_err(|error| ModelError::File { file: name.to_owned(), error: Box::new(error) })

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::provision::Provisioner;
-use flix_host::cockpit::hall::{Hall, PATIENCE};
+use flix_host::teleop::page::hall::{Hall, PATIENCE};
 use flix_protocol::failsafe::LINK_LOST;
 use flix_protocol::frame::{HEAD, Nonce};
 use flix_protocol::message::{Command, OperatorName, Outcome, Reply, State, ToOperator, ToRobot};

@@ -17,8 +17,8 @@ pub use unknowns::{Fit, Unknown, WIDEST, apply, point, unknowns, values};
 
 use std::path::{Path, PathBuf};
 
-use flix_host::interrupt::Interrupt;
 use flix_host::nav::Twist;
+use flix_host::system::interrupt::Interrupt;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::iter::ParallelIterator as _;
@@ -348,7 +348,7 @@ fn begin(settings: &Settings, unknowns: &[Unknown]) -> Result<Progress, Calibrat
     let path = &settings.checkpoint;
     if path.exists() && !settings.restart {
         let other = |reason: String| CalibrationError::Other { path: path.clone(), reason };
-        let text = flix_host::file::read_text(path)
+        let text = flix_host::system::file::read_text(path)
             .map_err(|source| CalibrationError::Keep { path: path.clone(), source })?;
         let kept: Progress = toml::from_str(&text).map_err(|error| other(error.to_string()))?;
         if kept.fingerprint != fingerprint {

@@ -1,6 +1,6 @@
 //! What was found, for people: a page with figures that needs no network, and the model with its intervals.
 
-use flix_host::text::fixed;
+use flix_host::system::text::fixed;
 use flix_plot::{Chart, Figure, Panel, Series, Stroke, colour};
 use flix_shell::output::table;
 

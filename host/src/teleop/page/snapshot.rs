@@ -5,7 +5,7 @@ use flix_protocol::units::Instant;
 use serde_json::{Value, json};
 
 use super::pages::Pages;
-use crate::explain;
+use crate::link::explain;
 use crate::scope::Capture;
 use crate::teleop::Cockpit;
 use crate::teleop::action::Mode;

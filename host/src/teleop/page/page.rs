@@ -1,7 +1,7 @@
 //! The page itself: one document that asks for nothing from elsewhere.
 
 use super::snapshot;
-use crate::view;
+use crate::teleop::page::scene;
 
 const PAGE: &str = include_str!("page.html");
 const STYLE: &str = include_str!("page.css");

@@ -8,7 +8,7 @@ use super::robot::RobotArgs;
 use super::walk::{PoseArgs, record};
 use super::{Error, Exit, drive};
 use crate::teleop::drive::{Drive, DriveError, Ending, Extras};
-use flix_host::interrupt::Interrupt;
+use flix_host::system::interrupt::Interrupt;
 use flix_host::pose::any::Poses;
 use flix_shell::output::print;
 use flix_shell::stream::StreamArgs;

@@ -16,7 +16,7 @@ use flix_protocol::provision;
 use flix_protocol::session::{self, Key};
 use zeroize::Zeroizing;
 
-use crate::file;
+use crate::system::file;
 use crate::system::{create_private, create_private_folder, exposed_mode};
 
 /// Name of the simulated robot, under which `flix-sim serve` stores its key. It is also the key for
