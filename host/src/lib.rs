@@ -77,16 +77,9 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-pub mod cockpit;
 pub mod commission;
 #[cfg(not(target_family = "wasm"))]
 pub mod experiment;
-pub mod explain;
-pub mod file;
-#[cfg(not(target_family = "wasm"))]
-pub mod interrupt;
-#[cfg(not(target_family = "wasm"))]
-pub mod keys;
 pub mod link;
 pub mod nav;
 #[cfg(not(target_family = "wasm"))]
@@ -95,12 +88,8 @@ pub mod pose;
 #[cfg(not(target_family = "wasm"))]
 pub mod record;
 pub mod scope;
-#[cfg(not(target_family = "wasm"))]
-pub mod steering;
 pub mod system;
 pub mod teleop;
-pub mod text;
-pub mod view;
 
 #[cfg(test)]
 extern crate self as flix_host;

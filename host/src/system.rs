@@ -1,6 +1,11 @@
 //! What differs between operating systems: files for their owner alone, signals, programs that end together, whose keys a
 //! terminal takes, and the clock that goes on while the computer is suspended.
 
+pub mod file;
+#[cfg(not(target_family = "wasm"))]
+pub mod interrupt;
+pub mod text;
+
 #[cfg(not(target_family = "wasm"))]
 use std::time::Duration;
 

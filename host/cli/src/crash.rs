@@ -11,9 +11,9 @@ use super::robot::RobotArgs;
 use super::{Error, Exit};
 use crate::symbols::{Frame, LARGEST_ELF, Symbols};
 use flix_host::link::explain;
+use flix_host::link::udp::{Connection, LinkError};
 use flix_host::system::file;
 use flix_host::system::interrupt::Interrupt;
-use flix_host::link::udp::{Connection, LinkError};
 use flix_host::system::text::printable;
 use flix_shell::output::{complain, print, print_json};
 

@@ -15,12 +15,12 @@ use super::robot::RobotArgs;
 use super::walk::PoseArgs;
 use super::{Error, Exit};
 use flix_host::link::explain;
-use flix_host::system::interrupt::Interrupt;
 use flix_host::link::udp::{Connection, LinkError};
 use flix_host::pose::PoseSource;
 use flix_host::pose::any::Poses;
 use flix_host::pose::natnet::NatNetStatistics;
 use flix_host::pose::udp::UdpStatistics;
+use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
 use flix_shell::output::{print, print_json};
 

@@ -14,15 +14,15 @@ use super::moved::{Motion, Walked};
 use super::robot::RobotArgs;
 use super::walk::{HeightCheck, PoseArgs, record};
 use super::{Error, Exit};
-use flix_host::system::interrupt::Interrupt;
 use flix_host::link::udp::{Connection, FAREWELL_PATIENCE, LinkError, STOP_PATIENCE, faulted};
 use flix_host::link::{Update, errors, is_reached};
 use flix_host::pose::PoseSource;
 use flix_host::pose::any::Poses;
 use flix_host::record::{RecordError, Recorder};
 use flix_host::system::Clock;
-use flix_host::teleop::action::Mode;
+use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::fixed;
+use flix_host::teleop::action::Mode;
 use flix_shell::number::in_unit;
 use flix_shell::output::{
     milliseconds, optional_path_as_text, print, print_json, progress, waiting,

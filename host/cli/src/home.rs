@@ -6,8 +6,8 @@ use super::robot::RobotArgs;
 use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
 use super::{Error, Exit};
 use flix_host::nav::{Navigator, Position, Task};
-use flix_host::pilot::{Pilot, Recorded};
 use flix_host::pilot::steering::names;
+use flix_host::pilot::{Pilot, Recorded};
 use flix_shell::course::{SteeringArgs, describe, facts, results, row, table_for};
 use flix_shell::output::print;
 

@@ -14,10 +14,10 @@ use flix_protocol::session::{Key, Operator};
 use zeroize::Zeroizing;
 
 use super::{Error, Exit};
-use flix_host::system::file;
-use flix_host::system::interrupt::Interrupt;
 use flix_host::link::keys::{self, Keyring};
 use flix_host::link::serial::{SerialError, SerialRobot};
+use flix_host::system::file;
+use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::print;
 
 /// Environment variable with the network's password.

@@ -9,10 +9,10 @@ use flix_protocol::DEFAULT_PORT;
 use flix_protocol::session::Key;
 
 use super::{Error, Exit};
-use flix_host::system::interrupt::Interrupt;
-use flix_host::link::keys::{self, KEY_FILE_VARIABLE, KeyError, Keyring, SIMULATED_ROBOT};
 use flix_host::link::discovery;
+use flix_host::link::keys::{self, KEY_FILE_VARIABLE, KeyError, Keyring, SIMULATED_ROBOT};
 use flix_host::link::udp::Connection;
+use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::waiting;
 
 /// Options that name a robot and its key.

@@ -14,10 +14,10 @@ use serde_json::{Map, Value};
 use super::crash;
 use super::robot::RobotArgs;
 use super::{Error, Exit};
-use flix_host::link::explain;
-use flix_host::system::interrupt::Interrupt;
 use flix_host::link::Client;
+use flix_host::link::explain;
 use flix_host::link::udp::{Connection, LinkError};
+use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
 use flix_shell::output::{milliseconds, print, print_json};
 

@@ -4,8 +4,8 @@ use std::process::ExitCode;
 
 use super::robot::RobotArgs;
 use super::{Error, Exit};
-use flix_host::system::interrupt::Interrupt;
 use flix_host::link::udp;
+use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::{print, waiting};
 
 /// Stop the robot, in every state, whoever drives it.

@@ -13,7 +13,6 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::robot::RobotArgs;
 use super::status::TELEMETRY_PATIENCE;
 use super::{Error, Exit};
-use flix_host::system::interrupt::Interrupt;
 use flix_host::link::udp::{Connection, LinkError};
 use flix_host::pilot::{Ending, Helm, Pilot};
 use flix_host::pose::any::Poses;
@@ -21,6 +20,7 @@ use flix_host::pose::natnet::{Body, COMMAND_PORT, NatNetSettings, NatNetSource, 
 use flix_host::pose::udp::UdpSource;
 use flix_host::pose::{PoseSample, PoseSource};
 use flix_host::record::{RecordError, Recorder, RunDescription};
+use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
 use flix_shell::output::{complain, waiting};
 use flix_shell::stream::StreamArgs;

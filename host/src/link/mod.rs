@@ -26,6 +26,9 @@
 mod client;
 #[cfg(not(target_family = "wasm"))]
 pub mod discovery;
+pub mod explain;
+#[cfg(not(target_family = "wasm"))]
+pub mod keys;
 mod reached;
 #[cfg(not(target_family = "wasm"))]
 pub mod serial;

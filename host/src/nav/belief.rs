@@ -10,8 +10,8 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 
 use super::experience::{Experience, Walks, numbers};
-use super::geometry::Twist;
 use super::motion::{Motion, REST};
+use crate::pose::geometry::Twist;
 
 /// Unknowns of the slope, at the beginning of the vector.
 const SLOPE: usize = 2;

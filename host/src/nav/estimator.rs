@@ -18,10 +18,10 @@ use flix_protocol::units::Instant;
 
 use super::belief::Belief;
 use super::experience::Experience;
-use super::geometry::{PlanarPose, Twist, wrap};
 use super::modes::{Mode, ModeTable, Spread};
 use super::motion::{Gait, Motion, REST, Response, motions};
 use super::pace::Pace;
+use crate::pose::geometry::{PlanarPose, Twist, wrap};
 
 /// Time constant of the pose filter, s: two periods of the slowest useful shaking (some 20 Hz).
 const FILTER_TIME: f64 = 0.1;

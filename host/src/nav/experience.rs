@@ -14,8 +14,8 @@
 use flix_protocol::message::Setpoint;
 use serde::{Deserialize, Serialize};
 
-use super::geometry::Twist;
 use super::modes::{Mode, ModeTable, ModeTableError, Spread};
+use crate::pose::geometry::Twist;
 
 /// The experience that comes with the program: of 350 g robots like the simulator's model W.
 const SHIPPED: &str = include_str!("experience.toml");

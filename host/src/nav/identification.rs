@@ -16,13 +16,13 @@ use flix_protocol::message::{Setpoint, Telemetry};
 use flix_protocol::units::Instant;
 
 use super::estimator::mean_twist;
-use super::geometry::{Area, PlanarPose, Position, Twist, wrap};
 use super::modes::{Mode, ModeTable, ModeTableError, Spread};
 use super::navigator::{Decision, Navigator, Resting, Settings, Task};
 use super::safety::Stop;
 use super::standstill::Standstill;
 use crate::link::is_reached;
 use crate::pose::PoseSample;
+use crate::pose::geometry::{Area, PlanarPose, Position, Twist, wrap};
 
 /// Start of a stretch that does not count.
 const SETTLING: Duration = Duration::from_millis(1000);

@@ -17,7 +17,6 @@
 mod belief;
 mod estimator;
 mod experience;
-mod geometry;
 mod identification;
 mod modes;
 mod motion;
@@ -30,11 +29,10 @@ mod safety;
 mod standstill;
 pub mod two_state;
 
+pub use crate::pose::geometry::{Area, NotAPosition, NotAnArea, PlanarPose, Position, Twist, wrap};
 pub use belief::Belief;
 pub use estimator::{Estimator, mean_twist};
 pub use experience::{Experience, ExperienceError, Factor, Walks};
-pub(crate) use geometry::FARTHEST;
-pub use geometry::{Area, NotAPosition, NotAnArea, PlanarPose, Position, Twist, wrap};
 pub use identification::{ENOUGH_MODES, Identification, IdentificationSettings, Stretch};
 pub use modes::{Mode, ModeTable, ModeTableError, PAPER_PAIRS, Spread};
 pub use motion::{Gait, Motion, REST, Response, motions};

@@ -24,7 +24,7 @@ use flix_protocol::message::Setpoint;
 use flix_protocol::units::OutOfRange;
 use serde::{Deserialize, Serialize};
 
-use super::geometry::Twist;
+use crate::pose::geometry::Twist;
 
 /// The pairs of Tables III and IV (Right Strafing from Table IV) by name, with f in Hz and theta in
 /// degrees. A new robot is identified with these.

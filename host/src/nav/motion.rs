@@ -5,9 +5,9 @@
 //! stays, the motion changes evenly from the old to the new. Through a reversal it fades with
 //! (f/f0)^2, as the shaking force does, and returns the same way.
 
-use super::geometry::{PlanarPose, Twist};
 use super::modes::ModeTable;
 use crate::link::line_difference;
+use crate::pose::geometry::{PlanarPose, Twist};
 
 /// Response of the robot to a command.
 #[derive(Debug, Clone, Copy, PartialEq)]

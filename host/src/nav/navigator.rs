@@ -14,7 +14,6 @@ use flix_protocol::units::Instant;
 
 use super::estimator::Estimator;
 use super::experience::Experience;
-use super::geometry::{Area, PlanarPose, Position};
 use super::modes::ModeTable;
 use super::motion::{REST, Response};
 use super::outlook::Outlook;
@@ -24,6 +23,7 @@ use super::safety::Stop;
 use super::standstill::Standstill;
 use super::two_state::{LOOK_AHEAD, MissingTurn, TwoState};
 use crate::pose::PoseSample;
+use crate::pose::geometry::{Area, PlanarPose, Position};
 
 /// The task of a run.
 #[derive(Debug, Clone, PartialEq)]

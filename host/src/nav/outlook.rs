@@ -8,10 +8,10 @@
 
 use std::f64::consts::TAU;
 
-use super::geometry::wrap;
 use super::motion::{Motion, REST};
 use super::path::Path;
 use super::predictive::Weights;
+use crate::pose::geometry::wrap;
 
 /// Distance between two places along the path, m, their number, and how many of them lie behind the robot.
 const PLACE: f64 = 0.05;
@@ -256,8 +256,8 @@ fn steps(motions: &[Motion], heading: usize) -> Vec<Step> {
 mod tests {
     use core::f64::consts::{FRAC_PI_2, PI};
 
-    use super::super::geometry::{Position, Twist};
     use super::*;
+    use crate::pose::geometry::{Position, Twist};
 
     fn motion(forward: f64, yaw: f64) -> Motion {
         let twist = Twist { forward, lateral: 0.0, yaw };

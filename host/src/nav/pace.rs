@@ -6,8 +6,8 @@
 
 use std::f64::consts::TAU;
 
-use super::geometry::wrap;
 use super::motion::{Motion, REST};
+use crate::pose::geometry::wrap;
 
 /// Headings and directions that are told apart.
 const SECTORS: usize = 24;
@@ -160,8 +160,8 @@ fn hull(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
 mod tests {
     use core::f64::consts::PI;
 
-    use super::super::geometry::Twist;
     use super::*;
+    use crate::pose::geometry::Twist;
 
     const STILL: Twist = Twist::REST;
 

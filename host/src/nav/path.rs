@@ -4,7 +4,7 @@
 //! is its arc length in metres from the start; on a closed path the arc length continues to grow
 //! lap after lap.
 
-use super::geometry::{Area, PlanarPose, Position};
+use crate::pose::geometry::{Area, PlanarPose, Position};
 
 /// Largest distance between two neighbouring points, m: a fortieth of the robot's length.
 pub const SPACING: f64 = 0.005;

@@ -12,11 +12,11 @@
 //! best one is driven, until the next decision. The cost of a switch gives hysteresis; the navigator
 //! adds a minimum dwell.
 
-use super::geometry::{PlanarPose, Position, Twist, wrap};
 use super::motion::{Gait, Motion, REST, Response};
 use super::outlook::Outlook;
 use super::pace::Pace;
 use super::path::Path;
+use crate::pose::geometry::{PlanarPose, Position, Twist, wrap};
 
 /// Length of a segment, s: the time of a change of mode.
 pub const SEGMENT: f64 = 0.4;

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use super::geometry::{Area, Position};
+use crate::pose::geometry::{Area, Position};
 
 /// Why a run ended early. The robot is at rest then.
 #[derive(Debug, Clone, PartialEq)]

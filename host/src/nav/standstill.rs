@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use flix_protocol::units::Instant;
 
-use super::geometry::{PlanarPose, wrap};
+use crate::pose::geometry::{PlanarPose, wrap};
 
 /// A robot that came this far has moved, m: well above the noise of motion capture, and a third of a
 /// second's way in the paper's slowest mode.

@@ -5,9 +5,9 @@
 //! they alternate, the robot drifts in one direction of the body. The paper does not state which; here
 //! the mode table gives it. The controller keeps this direction on the desired one.
 
-use super::geometry::{PlanarPose, Position, wrap};
 use super::modes::ModeTable;
 use super::motion::REST;
+use crate::pose::geometry::{PlanarPose, Position, wrap};
 
 /// Names of the two modes (Table IV, E and D).
 pub const LEFT: &str = "left";

@@ -4,6 +4,8 @@
 //! calls [`Pilot::step`] some hundred times a second, with the poses that have arrived: the simulator
 //! in virtual time, `flix track` in real time.
 
+pub mod steering;
+
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;

@@ -8,6 +8,7 @@
 pub mod any;
 pub mod continuity;
 pub mod footing;
+pub mod geometry;
 #[cfg(not(target_family = "wasm"))]
 pub mod natnet;
 #[cfg(not(target_family = "wasm"))]
@@ -16,7 +17,7 @@ pub mod udp;
 use flix_protocol::units::Instant;
 use serde::{Deserialize, Serialize};
 
-use crate::nav::{FARTHEST, PlanarPose, wrap};
+use crate::pose::geometry::{FARTHEST, PlanarPose, wrap};
 
 /// A body that is tilted by more is on its side or back, rad.
 const MOST_TILT: f64 = core::f64::consts::FRAC_PI_3;

@@ -106,7 +106,10 @@ fn keep(file: &Path) -> std::io::Result<PathBuf> {
             Ok(()) => return Ok(kept),
             Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => attempt += 1,
             Err(_) => {
-                std::io::copy(&mut crate::system::file::open(file)?, &mut File::create_new(&kept)?)?;
+                std::io::copy(
+                    &mut crate::system::file::open(file)?,
+                    &mut File::create_new(&kept)?,
+                )?;
                 return Ok(kept);
             }
         }

@@ -18,8 +18,8 @@ use super::message::{
     WORLD,
 };
 use super::{Channel, ENDING, FOLDER};
-use crate::link::explain;
 use crate::link::Update;
+use crate::link::explain;
 use crate::nav::{Path, PlanarPose, Progress};
 use crate::pose::PoseSample;
 

@@ -4,14 +4,16 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use self::drive::{Drive, DriveError, Ending, Extras};
 use super::robot::RobotArgs;
 use super::walk::{PoseArgs, record};
-use super::{Error, Exit, drive};
-use crate::teleop::drive::{Drive, DriveError, Ending, Extras};
-use flix_host::system::interrupt::Interrupt;
+use super::{Error, Exit};
 use flix_host::pose::any::Poses;
+use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::print;
 use flix_shell::stream::StreamArgs;
+
+pub mod drive;
 
 /// Options of driving by hand.
 #[derive(Debug, clap::Args)]
@@ -55,12 +57,12 @@ impl ByHandArgs {
         }
         let mut hand = Drive::new(&mut connection, &self.robot.robot, &mut extras);
         let ended = match operate(&mut hand, &interrupt) {
-            Ok(Ending::Interrupted) => Err(drive::stop(&mut connection)),
+            Ok(Ending::Interrupted) => Err(super::drive::stop(&mut connection)),
             Ok(Ending::Quit) if connection.client().is_driving() => {
                 connection.disarm().map_err(Error::from)
             }
             Ok(Ending::Quit) => Ok(()),
-            Err(error) => Err(drive::give_up(&mut connection, error)),
+            Err(error) => Err(super::drive::give_up(&mut connection, error)),
         };
         let ending = ended.as_ref().map_or_else(ToString::to_string, |()| "finished".to_owned());
         let results = BTreeMap::from([("ending".to_owned(), ending)]);

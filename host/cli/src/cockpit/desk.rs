@@ -3,10 +3,10 @@
 use std::time::{Duration, Instant};
 
 use super::server::{FromPage, Server};
-use crate::teleop::drive::{Drive, DriveError, Ending};
+use crate::by_hand::drive::{Drive, DriveError, Ending};
+use flix_host::system::interrupt::Interrupt;
 use flix_host::teleop::page::pages::Pages;
 use flix_host::teleop::page::snapshot::{News, snapshot};
-use flix_host::system::interrupt::Interrupt;
 
 /// Longest wait for a datagram between two looks at the pages.
 const SLICE: Duration = Duration::from_millis(2);

@@ -1,6 +1,5 @@
 //! `flix teleop`: drives by hand.
 
-pub mod drive;
 pub mod gamepad;
 pub mod keyboard;
 mod multiplexer;

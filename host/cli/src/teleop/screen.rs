@@ -3,10 +3,10 @@
 use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
 
-use super::drive::{Drive, DriveError, Ending};
 use super::gamepad::Gamepads;
 use super::terminal::{Screen, is_closed};
 use super::view;
+use crate::by_hand::drive::{Drive, DriveError, Ending};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::teleop::action::Action;
 use flix_host::teleop::cockpit::Weight;

@@ -16,4 +16,5 @@ pub mod hall;
 pub mod message;
 pub mod page;
 pub mod pages;
+pub mod scene;
 pub mod snapshot;

@@ -1,7 +1,7 @@
 //! The page itself: one document that asks for nothing from elsewhere.
 
+use super::scene;
 use super::snapshot;
-use crate::teleop::page::scene;
 
 const PAGE: &str = include_str!("page.html");
 const STYLE: &str = include_str!("page.css");
@@ -33,7 +33,7 @@ impl Page<'_> {
             .replace("{{panel}}", self.panel)
             .replace("{{world}}", self.world)
             .replace("{{modes}}", &snapshot::modes().to_string())
-            .replace("{{scene}}", view::SCENE)
+            .replace("{{scene}}", scene::SCENE)
             .replace("{{script}}", &format!("const HOLDS = {};\n{SCRIPT}", self.holds_to_run))
             .replace("{{connection}}", self.connection)
     }
