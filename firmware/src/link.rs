@@ -7,6 +7,8 @@
 //!   on commands are signs of life: any command while the rotors rest, setpoints alone while they
 //!   are asked to shake. The fast half itself watches their age ([`Order::heard`]), so that its
 //!   deadlines hold even when this half hangs.
+//! - **Wanted by a person**: rotors that came to rest because commands stayed away turn again only by a setpoint with another
+//!   [`ToRobot::intent`] than the last that was obeyed; others are refused ([`Refusal::Rested`]), and keep the robot armed.
 //! - **Stop**: any operator latches the stop, also without the session, which goes on; its
 //!   operator learns of it by an event.
 //! - **How old**: a command counts only while it is fresh ([`flix_protocol::session`]), up to the
@@ -25,7 +27,7 @@ use core::borrow::BorrowMut;
 use core::net::SocketAddr;
 use core::time::Duration;
 
-use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME};
+use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME, longest_command_age};
 use flix_protocol::frame::{Frame, HandshakeFrame};
 use flix_protocol::message::{
     Bridges, BuildId, Command, CrashReport, EncoderHealth, Event, EventReport, Faults, Identity,
@@ -34,7 +36,7 @@ use flix_protocol::message::{
     ToOperator, ToRobot, Trial,
 };
 use flix_protocol::session::{Operators, RobotReceived, RobotSession};
-use flix_protocol::units::{Amperes, Degrees, Instant, Ratio, Volts};
+use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
 use heapless::{Deque, Vec};
 
 use crate::alignment::Alignment;
@@ -53,7 +55,8 @@ const REPLIES: usize = 4;
 /// Handshake datagrams that wait to be sent.
 const ANSWERS: usize = 4;
 
-/// Settings with what their stability margin says of them. Working that out takes a processor without a floating-point unit some
+/// Settings with what is to be said of them before anything moves: of the age of commands, and of their stability margin.
+/// Working that out takes a processor without a floating-point unit some
 /// 100 ms, in which nothing is received: whoever arms must not wait for it.
 struct Judged {
     settings: Settings,
@@ -63,12 +66,27 @@ struct Judged {
 impl Judged {
     fn of(settings: &Settings, measures_current: bool) -> Self {
         let settings = decisive(settings);
-        Self { settings, verdict: margin::judge(&settings, measures_current) }
+        let verdict =
+            judge_command_age(&settings).and_then(|()| margin::judge(&settings, measures_current));
+        Self { settings, verdict }
     }
 
     fn is_of(&self, settings: &Settings) -> bool {
         self.settings == decisive(settings)
     }
+}
+
+/// Refuses an age of commands with which the rotors could turn longer than promised after the last intent to move. It stays
+/// stored: only its robot does not arm.
+fn judge_command_age(settings: &Settings) -> Result<(), Refusal> {
+    const NAME: &str = "command_age";
+    let longest = longest_command_age(settings.frequency_ramp);
+    let age_ms = (settings.command_age * 1e3 + 0.5) as u128;
+    if age_ms <= longest.as_millis() {
+        return Ok(());
+    }
+    let minimum = settings::TABLE.iter().find(|it| it.name == NAME).map_or(0.0, |it| it.minimum);
+    Err(Refusal::OutOfRange { name: text(NAME), minimum, maximum: longest.as_secs_f32() })
 }
 
 /// Returns settings without what no loop is judged by: what an alignment finds, and how values are known.
@@ -94,6 +112,10 @@ pub struct Link {
     tried: Option<u32>,
     /// Asked to ramp down and disarm, and not there yet.
     ramps_down: bool,
+    /// The last intent of a person that was obeyed; `None` since arming.
+    intent: Option<u8>,
+    /// The rotors came to rest because commands stayed away, and wait for another intent.
+    has_rested: bool,
     /// Whether commands arrived too old to count, and have not been steady since.
     is_slow: bool,
     report: Report,
@@ -140,6 +162,8 @@ impl Link {
             stopped_by: None,
             tried: None,
             ramps_down: false,
+            intent: None,
+            has_rested: false,
             is_slow: false,
             report,
             steadiness: Steadiness::default(),
@@ -257,17 +281,17 @@ impl Link {
                 }
                 push_newest(&mut self.answers, (from, answer));
             }
-            RobotReceived::Command(ToRobot { request, command }) => {
+            RobotReceived::Command(ToRobot { request, intent, command }) => {
                 self.steadiness.heard(now);
                 self.is_slow &= !self.steadiness.is_proven();
                 if self.order.frequency == Speed::ZERO {
                     self.note_sign_of_life(now);
                 }
-                self.take(now, request, command, tuning);
+                self.take(now, request, intent, command, tuning);
             }
-            RobotReceived::Late { command: ToRobot { request, command }, age } => {
+            RobotReceived::Late { command: ToRobot { request, intent, command }, age } => {
                 match self.check_late(now, &command, age) {
-                    Ok(()) => self.take(now, request, command, tuning),
+                    Ok(()) => self.take(now, request, intent, command, tuning),
                     Err(refusal) => self.reply(request, Err(refusal)),
                 }
             }
@@ -364,8 +388,22 @@ impl Link {
         if matches!(report.state, State::Disarmed | State::Aligning | State::Faulted) {
             self.setpoint = Setpoint::REST;
         }
+        self.note_rest(last.state);
         if self.is_at_rest() {
             self.ramps_down = false;
+        }
+    }
+
+    /// Notes that the rotors came to rest although nobody asked for it. Signs of life of any kind keep them armed then.
+    fn note_rest(&mut self, before: State) {
+        match (before, self.report.state) {
+            (State::Stopping, State::Armed) => {
+                self.has_rested = true;
+                self.setpoint = Setpoint::REST;
+                self.order.frequency = Speed::ZERO;
+            }
+            (_, State::Armed) => {}
+            _ => self.has_rested = false,
         }
     }
 
@@ -390,10 +428,11 @@ impl Link {
         &mut self,
         now: Instant,
         request: u32,
+        intent: u8,
         command: Command,
         tuning: &mut Tuning<S>,
     ) {
-        if let Some(outcome) = self.obey(now, request, command, tuning).transpose() {
+        if let Some(outcome) = self.obey(now, request, intent, command, tuning).transpose() {
             self.reply(request, outcome);
         }
     }
@@ -418,11 +457,12 @@ impl Link {
         &mut self,
         now: Instant,
         request: u32,
+        intent: u8,
         command: Command,
         tuning: &mut Tuning<S>,
     ) -> Result<Option<Outcome>, Refusal> {
         match command {
-            Command::Setpoint(setpoint) => self.shake(now, setpoint)?,
+            Command::Setpoint(setpoint) => self.shake(now, intent, setpoint)?,
             Command::Arm => self.arm(now, tuning.settings())?,
             Command::Disarm => self.disarm(),
             Command::Stop => self.stop(self.session.operator(now)),
@@ -478,14 +518,20 @@ impl Link {
     }
 
     /// Obeys a setpoint. One in range is a sign of life even where it cannot be obeyed, as while aligning.
-    fn shake(&mut self, now: Instant, setpoint: Setpoint) -> Result<(), Refusal> {
+    fn shake(&mut self, now: Instant, intent: u8, setpoint: Setpoint) -> Result<(), Refusal> {
         setpoint.check()?;
         self.note_sign_of_life(now);
         self.check_cleared()?;
         match self.state() {
             // One that only waits for commands goes on when they come back.
             State::Armed | State::Running | State::Stopping if !self.ramps_down => {
-                self.order.set(&setpoint);
+                let is_wanted = self.intent != Some(intent);
+                if self.has_rested && !is_wanted && setpoint.frequency() != Hertz::ZERO {
+                    return Err(Refusal::Rested);
+                }
+                self.has_rested &= !is_wanted;
+                self.intent = Some(intent);
+                self.order.set(&setpoint, is_wanted);
                 self.setpoint = setpoint;
                 Ok(())
             }
@@ -502,6 +548,8 @@ impl Link {
         self.check_settings(settings)?;
         self.prepare_to_drive(now)?;
         self.order.requests.arm = self.order.requests.arm.wrapping_add(1);
+        // Whoever arms wants movement.
+        self.intent = None;
         Ok(())
     }
 
@@ -513,7 +561,7 @@ impl Link {
         }
     }
 
-    /// Returns what the stability margin says of settings. Changed ones are judged before anything waits for it.
+    /// Returns what is to be said of settings. Changed ones are judged before anything waits for it.
     fn judge(&mut self, settings: &Settings) -> &Result<(), Refusal> {
         if !self.judged.is_of(settings) {
             self.judged = Judged::of(settings, self.measures_current());

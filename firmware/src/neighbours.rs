@@ -5,7 +5,7 @@
 //! [`Guarded`] stands between the stack and the driver:
 //!
 //! - Whoever sends a datagram to [`DEFAULT_PORT`] becomes the stack's newest neighbour, at the link-layer address that
-//!   the datagram came from: the answer goes there, and the stack has to ask nobody.
+//!   the datagram came from: the answer goes there, and the stack has to ask nobody. Who sends a copy of another's does not.
 //! - The sender of an authentic datagram ([`Guard::confirm`]) is *pinned* for `PINNED`: an ARP packet that places its IP
 //!   address elsewhere is dropped, and it is renewed in the stack before `RENEWED_AFTER` others can displace it.
 //!
@@ -128,6 +128,13 @@ impl State {
         self.pinned().is_some_and(|it| it.address == address && it.hardware != hardware)
     }
 
+    /// Returns whether another machine sent this datagram before, in the name of the same IP address.
+    fn is_copy(&self, sender: &Neighbour, mark: &Mark) -> bool {
+        self.senders.iter().any(|(first, end)| {
+            first.address == sender.address && first.hardware != sender.hardware && end == mark
+        })
+    }
+
     /// Returns who is to be reported to the stack now.
     fn report(&self) -> Option<Neighbour> {
         self.pinned().filter(|_| self.taken >= RENEWED_AFTER).or(self.due)
@@ -150,7 +157,9 @@ impl State {
                     .is_some_and(|(address, hardware)| !self.is_pinned_elsewhere(address, hardware))
             }
             Some(kind) if kind == ETHERTYPE_IPV4 => {
-                if let Some((sender, mark)) = datagram_sender(frame) {
+                if let Some((sender, mark)) = datagram_sender(frame)
+                    && !self.is_copy(&sender, &mark)
+                {
                     push_newest(&mut self.senders, (sender, mark));
                     let is_elsewhere = self.is_pinned_elsewhere(sender.address, &sender.hardware);
                     if !is_elsewhere && self.reported != Some(sender) {

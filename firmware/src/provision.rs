@@ -105,12 +105,18 @@ impl<S: SettingsStore> Provisioner<S> {
                 },
                 has_key: self.owned.is_some(),
             }),
+            // The robot has changed hands: whoever had a key before has none now.
             Request::Provision(provisioning, operator) => {
-                let known =
-                    Some(self.operators()).filter(|it| it.find(&operator.key().id()).is_some());
-                // With another key, the robot has changed hands: whoever had a key before has none now.
-                let operators = known.unwrap_or_default();
-                self.add(provisioning, operators, operator, state)
+                self.add(provisioning, Operators::default(), operator, state)
+            }
+            Request::Keep(provisioning, name, key_id) => {
+                let operators = self.operators();
+                match operators.find(&key_id).map(Operator::key) {
+                    Some(key) => {
+                        self.add(provisioning, operators, Operator::new(name, &key), state)
+                    }
+                    None => refuse(ProvisionRefusal::Unknown),
+                }
             }
             Request::Forget => self.change(None, state),
             Request::Prove(challenge, key_id) => {
@@ -548,8 +554,14 @@ mod tests {
     fn another_network_keeps_the_operators_and_another_key_erases_them() {
         let add = Request::Add(operator("bob", OTHER_KEY));
         let elsewhere = Provisioning::new("daisy", "elsewhere", "correct horse", None).unwrap();
-        let renamed = Request::Provision(elsewhere.clone(), operator("anna", KEY));
-        assert_eq!(names(&mut after(&[add.clone(), renamed])), ["anna", "bob"]);
+        let keep =
+            |key| Request::Keep(elsewhere.clone(), "anna".parse().unwrap(), Key::new(key).id());
+        assert_eq!(names(&mut after(&[add.clone(), keep(KEY)])), ["anna", "bob"]);
+        assert_eq!(names(&mut after(&[add.clone(), keep(OTHER_KEY)])), ["owner", "anna"]);
+        let mut memory = after(&[add.clone()]);
+        let answer = ask(&mut robot(&mut memory), &keep([5; 32]), State::Disarmed);
+        assert_eq!(answer, Answer::Refused(ProvisionRefusal::Unknown));
+        assert_eq!(robot(&mut memory).provisioning(), Some(&mine()));
         let sold = Request::Provision(elsewhere, operator("carla", [5; 32]));
         let mut memory = after(&[add, sold]);
         let bytes = memory.bytes.as_ref().unwrap();

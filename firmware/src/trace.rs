@@ -130,7 +130,7 @@ mod tests {
             order: Order {
                 frequency: Speed::from_raw(i32::MIN),
                 direction: RotorAngle::from_raw(u32::MAX),
-                setpoints: u16::MAX,
+                wanted: u16::MAX,
                 heard: Instant::from_micros(u64::MAX),
                 expires: Instant::from_micros(u64::MAX),
                 requests: Requests { arm: 1, disarm: 2, stop: 3, clear: 4, trial: 5 },

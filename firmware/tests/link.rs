@@ -43,6 +43,7 @@ struct Ends {
     link: Link,
     tuning: Tuning<NoStore>,
     operator: OperatorSession,
+    intent: u8,
     now: Instant,
     report: Report,
     outcomes: Vec<Outcome>,
@@ -83,7 +84,7 @@ impl Ends {
         let link = Link::new(name, bridges, Some(key()), [2; 32], settings, report);
         let operator = OperatorSession::new(key(), [3; 32], now);
         let (outcomes, events, telemetry) = (Vec::new(), Vec::new(), Vec::new());
-        Self { link, tuning, operator, now, report, outcomes, events, telemetry }
+        Self { link, tuning, operator, intent: 0, now, report, outcomes, events, telemetry }
     }
 
     fn connected() -> Self {
@@ -140,7 +141,8 @@ impl Ends {
     }
 
     fn seal(&mut self, command: Command) -> Frame {
-        self.operator.send(self.now, &ToRobot { request: 7, command }).unwrap()
+        let message = ToRobot { request: 7, intent: self.intent, command };
+        self.operator.send(self.now, &message).unwrap()
     }
 
     fn say(&mut self, command: Command) -> Outcome {
@@ -252,7 +254,7 @@ fn a_setpoint_is_handed_on_and_shown_until_the_robot_ramps_down() {
         let mut ends = Ends::at(State::Armed);
         ends.say(Command::Setpoint(setpoint(20.0, 30.0)));
         let order = *ends.link.order();
-        assert_eq!((order.frequency, order.setpoints), (Speed::from_hertz(20.0), 1));
+        assert_eq!((order.frequency, order.wanted), (Speed::from_hertz(20.0), 1));
         assert_eq!(order.direction, RotorAngle::from_degrees(30.0));
         assert_eq!(shown(&mut ends), setpoint(20.0, 30.0));
         act(&mut ends);
@@ -452,6 +454,41 @@ fn the_command_age_counts_as_soon_as_it_is_set_and_until_it_is_reset() {
     let longer = limit(&mut ends);
     ends.say(Command::Parameter(ParameterCommand::Reset));
     assert_eq!([longer, limit(&mut ends)], [800, 400]);
+}
+
+/// The age of commands and the ramp down are 0.85 s together at most: the promise holds for the settings that are in force.
+#[test]
+fn a_robot_arms_with_no_age_of_commands_that_lets_rotors_turn_longer_than_promised() {
+    let set = |ends: &mut Ends, name: &str, value: f32| {
+        let outcome =
+            ends.say(Command::Parameter(ParameterCommand::Set(name.try_into().unwrap(), value)));
+        assert!(matches!(outcome, Outcome::Parameter(it) if it.value == value), "{name}");
+    };
+    for (ramp, age, longest) in [
+        (200.0, 1.0, Some(0.6)),
+        (200.0, 0.61, Some(0.6)),
+        (200.0, 0.6, None),
+        (1_000.0, 0.74, None),
+        (1_000.0, 0.75, Some(0.74)),
+        (20.0, 0.41, Some(0.4)),
+        (20.0, 0.4, None),
+        (200.0, 0.1, None),
+    ] {
+        let mut ends = Ends::proven();
+        set(&mut ends, "frequency_ramp", ramp);
+        set(&mut ends, "command_age", age);
+        let wanted = longest.map_or(Outcome::Done, |maximum| {
+            let name = "command_age".try_into().unwrap();
+            Outcome::Refused(Refusal::OutOfRange { name, minimum: 0.1, maximum })
+        });
+        for command in [Command::Parameter(ParameterCommand::Check), Command::Arm] {
+            assert_eq!(ends.say(command), wanted, "{age} s, {ramp} Hz/s");
+        }
+        // It is refused, and never changed.
+        let get = ParameterCommand::Get("command_age".try_into().unwrap());
+        let outcome = ends.say(Command::Parameter(get));
+        assert!(matches!(outcome, Outcome::Parameter(it) if it.value == age), "{age} s");
+    }
 }
 
 #[test]
@@ -827,7 +864,7 @@ fn a_trial_whose_answer_was_lost_begins_once() {
     assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Trial(bridges));
     assert_eq!(ends.link.order().requests.trial, 1);
     // Another request is another trial.
-    let another = ToRobot { request: 8, command: Command::Trial(TRIAL) };
+    let another = ToRobot { request: 8, intent: 0, command: Command::Trial(TRIAL) };
     let frame = ends.operator.send(ends.now, &another).unwrap();
     ends.hear(&frame);
     assert!(matches!(ends.outcomes.pop(), Some(Outcome::Refused(Refusal::Faulted(_)))));

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
-use std::time::UNIX_EPOCH;
+use std::time::{Duration, UNIX_EPOCH};
 
 use flix_host::record::*;
 use flix_protocol::message::Telemetry;
@@ -255,6 +255,87 @@ fn damage_costs_the_rows_of_its_part_alone_and_is_said() {
     // A second of five topics, and the one beside it.
     assert!(most <= 2 * 5 * 21, "{most} rows of one place");
     assert_eq!(said, 200, "every damage is seen");
+}
+
+/// Lengths that a file states of itself: none may be trusted.
+#[test]
+fn no_length_in_a_record_lets_its_reader_panic_or_wait() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_record_of(folder.path(), 2);
+    let whole = std::fs::read(&file).unwrap();
+    let judge = |bytes: &[u8], repairs: bool| {
+        std::fs::write(&file, bytes).unwrap();
+        let read = Run::read(&file).is_ok();
+        Run::read_head(&file).unwrap();
+        list(folder.path()).unwrap();
+        // It waits for the disk.
+        assert!(!repairs || repair(&file).is_ok() == read);
+        for entry in std::fs::read_dir(file.parent().unwrap()).unwrap() {
+            std::fs::remove_file(entry.unwrap().path()).unwrap();
+        }
+    };
+    // A length of 2^64 - 1, and shorter ones, wherever one may stand.
+    for at in (0..whole.len() - 8).step_by(101) {
+        let mut bytes = whole.clone();
+        bytes[at..at + 8 - at % 5].fill(0xff);
+        judge(&bytes, at % 8 == 0);
+    }
+    // Parts of every kind and of every length that is too short, beside others that are whole.
+    for kind in 0..=0x10_u8 {
+        for filling in [0, 1, 0xff] {
+            let mut bytes = whole[..8].to_vec();
+            for length in 0..80_u64 {
+                bytes.push(kind);
+                bytes.extend(length.to_le_bytes());
+                bytes.extend(std::iter::repeat_n(filling, length as usize));
+            }
+            bytes.extend(&whole[8..]);
+            judge(&bytes, filling == 1);
+        }
+    }
+}
+
+#[test]
+#[cfg(unix)]
+fn a_repair_follows_no_link() {
+    use std::os::unix::fs::symlink;
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_record(folder.path());
+    let whole = std::fs::read(&file).unwrap();
+    std::fs::write(&file, &whole[..whole.len() * 2 / 3]).unwrap();
+    let precious = folder.path().join("precious");
+    std::fs::write(&precious, "kept").unwrap();
+    for planted in ["mcap.part", "mcap.damaged"] {
+        symlink(&precious, file.with_extension(planted)).unwrap();
+    }
+    repair(&file).unwrap().unwrap();
+    assert_eq!(std::fs::read_to_string(&precious).unwrap(), "kept");
+    assert!(Run::read(&file).unwrap().is_complete);
+    // Neither the record itself: what it leads to stays as it is.
+    let away = folder.path().join("away");
+    std::fs::write(&away, &whole[..whole.len() * 2 / 3]).unwrap();
+    let link = file.with_file_name("link.mcap");
+    symlink(&away, &link).unwrap();
+    assert!(matches!(repair(&link), Err(RepairError::Link(_))));
+    assert!(link.is_symlink() && std::fs::read(&away).unwrap().len() == whole.len() * 2 / 3);
+}
+
+#[test]
+fn a_computer_whose_clock_is_not_set_records_too() {
+    let folder = tempfile::tempdir().unwrap();
+    for (started, begins) in [
+        (UNIX_EPOCH - Duration::from_secs(9), "19700101-000000-"),
+        (UNIX_EPOCH, "19700101-000000-"),
+        (UNIX_EPOCH + Duration::from_secs(300_000_000_000), "99991231-235959-"),
+    ] {
+        let description = RunDescription { name: "drive".into(), ..Default::default() };
+        let mut recorder = Recorder::create(folder.path(), started, &description).unwrap();
+        recorder.pose(&sample(1.0)).unwrap();
+        let file = recorder.finish().unwrap();
+        let name = file.file_name().unwrap().to_string_lossy().into_owned();
+        assert!(name.starts_with(begins), "{name}");
+        assert_eq!(Run::read(&file).unwrap().poses.len(), 1);
+    }
 }
 
 /// What the readers of Foxglove and Lichtblick make of a schema, by which one field they cannot read drops a whole topic: each has

@@ -1,6 +1,10 @@
 //! What happens to a robot whose commands stay away, and from which battery voltage it warns: the
 //! figures that robot, operator and tests share.
 //!
+//! A rotor turns for at most [`LONGEST_MOVEMENT`] after its operator's last intent to move, whatever a network does: for
+//! the age up to which a command counts, and for the ramp down. Both are settings, so a robot arms only while
+//! they keep it together ([`longest_command_age`]).
+//!
 //! Silence counts from the last valid command. moteus stops after 0.1 s, Crazyflie after 0.5 and
 //! 2 s, PX4's offboard mode after 1 s; Betaflight holds for 0.3 s and drops after 1.5 s.
 
@@ -15,6 +19,38 @@ pub const COMMAND_DEADLINE: Duration = Duration::from_millis(250);
 pub const COMMAND_AGE: Duration = Duration::from_millis(400);
 /// [`COMMAND_AGE`] in seconds, as the robot's setting has it.
 pub const COMMAND_AGE_SECONDS: f32 = COMMAND_AGE.as_millis() as f32 / 1e3;
+/// Longest time for which a rotor turns after its operator's last intent to move, unless ramps are set slower than
+/// [`SLOWEST_RAMP`].
+pub const LONGEST_MOVEMENT: Duration = Duration::from_millis(850);
+/// Time of a ramp down beside its steepest part: its slope builds up, and rest is approached exponentially. Measured on the
+/// simulated robot, from 35 Hz.
+const RAMP_ENDS_MS: u32 = 75;
+/// Ramps down that take longer end by braking.
+const LONGEST_RAMP_MS: u32 = 400;
+/// Time in which a shorted motor brakes from 35 Hz.
+const BRAKES_MS: u32 = 300;
+/// Fastest shaking, mHz.
+const FASTEST_MHZ: f32 = 35_000.0;
+/// Slowest ramp, Hz/s, by which rotors stand [`LONGEST_MOVEMENT`] after the last intent at the default [`COMMAND_AGE`].
+/// Slower ones, as commissioning has for a minute, brake in the end: 1.1 s.
+pub const SLOWEST_RAMP: f32 = FASTEST_MHZ / (LONGEST_RAMP_MS - RAMP_ENDS_MS) as f32;
+
+/// Returns the longest time in which rotors come to rest that ramp down by this setting `frequency_ramp`, Hz/s.
+#[must_use]
+pub fn ramp_down(frequency_ramp: f32) -> Duration {
+    let ramp_ms = (FASTEST_MHZ / frequency_ramp) as u32;
+    let within = ramp_ms.saturating_add(RAMP_ENDS_MS);
+    let ends_ms = if within <= LONGEST_RAMP_MS { within } else { LONGEST_RAMP_MS + BRAKES_MS };
+    Duration::from_millis(ends_ms.into())
+}
+
+/// Returns the longest age of commands that a robot arms with whose setting `frequency_ramp` is this, Hz/s: what the ramp down
+/// leaves of [`LONGEST_MOVEMENT`], and never less than the default.
+#[must_use]
+pub fn longest_command_age(frequency_ramp: f32) -> Duration {
+    LONGEST_MOVEMENT.saturating_sub(ramp_down(frequency_ramp)).max(COMMAND_AGE)
+}
+
 /// Silence after which the motors are disarmed: as in PX4's offboard mode.
 pub const LINK_LOST: Duration = Duration::from_secs(1);
 /// For how long commands must have come without a gap of [`LINK_LATE`] before the robot arms: twice
@@ -22,3 +58,20 @@ pub const LINK_LOST: Duration = Duration::from_secs(1);
 pub const PROVING_TIME: Duration = Duration::from_millis(500);
 /// Bus voltage below which a new robot reports a low battery, volt: 3.3 V for each of three cells.
 pub const BATTERY_LOW_VOLTS: f32 = 9.9;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_age_of_commands_and_the_ramp_down_are_the_longest_movement_together() {
+        for (ramp, age_ms) in
+            [(200.0, 600), (1_000.0, 740), (150.0, 542), (108.0, 451), (107.0, 400)]
+        {
+            let age = longest_command_age(ramp);
+            assert_eq!(age.as_millis(), age_ms, "{ramp} Hz/s");
+            assert_eq!(age + ramp_down(ramp) <= LONGEST_MOVEMENT, ramp >= SLOWEST_RAMP, "{ramp}");
+        }
+        assert_eq!(ramp_down(0.0), ramp_down(1.0));
+    }
+}

@@ -77,18 +77,21 @@ pub enum Command {
 pub struct ToRobot {
     /// Chosen by the operator; comes back in the reply.
     pub request: u32,
+    /// Counts what a person wants, wrapping: a key press, a touch, the start of a program. Rotors that came to rest because
+    /// commands stayed away turn again only by a [`Command::Setpoint`] with another number here than the last that was obeyed.
+    pub intent: u8,
     /// The command.
     pub command: Command,
 }
 
 /// Returns the answer to an authentic command that cannot be read: its request number, and the
 /// range when it was a setpoint outside every range (NaN, infinite, absurd),
-/// [`Refusal::Malformed`] otherwise. `None` when not even the request number can be read.
+/// [`Refusal::Malformed`] otherwise. `None` when not even the numbers before it can be read.
 ///
 /// Never panics.
 #[must_use]
 pub fn unreadable(plain: &[u8]) -> Option<(u32, Refusal)> {
-    let (request, rest) = postcard::take_from_bytes::<u32>(plain).ok()?;
+    let ((request, _), rest) = postcard::take_from_bytes::<(u32, u8)>(plain).ok()?;
     let refusal = match postcard::from_bytes(rest) {
         Ok(UncheckedSetpoint::Setpoint(f, _)) if Setpoint::from_numbers(f, 0.0).is_err() => {
             Refusal::frequency()

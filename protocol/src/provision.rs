@@ -12,12 +12,13 @@
 //! [`write_frame`] writes frames; [`FrameReader`] finds them in any stream of bytes and never
 //! panics. The operator sends a [`Request`]; the robot answers each with one [`Answer`].
 //!
-//! Whatever is at the other end of a cable can say that it is a known robot. So an operator hands a
-//! key that it has stored only to a device that proves to have it already ([`Request::Prove`]); every
-//! other device gets a new key.
+//! Whatever is at the other end of a cable can say that it is a known robot, and can pass questions on to the
+//! true one. So a key crosses the cable once, when it is new: a robot that proves to have a key already
+//! ([`Request::Prove`]) is given the identifier of the key alone ([`Request::Keep`]); every other device gets
+//! a new key.
 //!
-//! A robot has up to [`MAXIMUM_OPERATORS`] operators. [`Request::Provision`] with a key of one of them keeps
-//! the others; with any other key, the robot has changed hands, and all former keys are erased.
+//! A robot has up to [`MAXIMUM_OPERATORS`] operators, which [`Request::Keep`] keeps. With
+//! [`Request::Provision`] the robot has changed hands, and all former keys are erased.
 
 use core::fmt;
 
@@ -32,7 +33,7 @@ use crate::network_key::{NETWORK_LENGTH, PASSWORD_LENGTH, is_key};
 use crate::session::{AddError, MAXIMUM_OPERATORS, Operator};
 
 /// Version of these messages, incremented with every change. Both ends drop frames of another version.
-pub const PROVISION_VERSION: u8 = 3;
+pub const PROVISION_VERSION: u8 = 4;
 
 /// Baud rate of the robot's serial port, that of the chip's boot log. 8 data bits, no parity, one
 /// stop bit.
@@ -52,7 +53,7 @@ const CRC_LENGTH: usize = 4;
 pub enum Request {
     /// Report the identity, and whether there is a key.
     Identify,
-    /// Store this in flash, and join the network with it; the robot obeys this operator.
+    /// Store this in flash, and join the network with it; the robot obeys this operator, and no other any more.
     Provision(Provisioning, Operator),
     /// Erase name, network and all keys: return to the state of a new robot.
     Forget,
@@ -64,6 +65,9 @@ pub enum Request {
     Add(Operator),
     /// Erase the key of this operator.
     Revoke(OperatorName),
+    /// As [`Request::Provision`], for the operator whose key has this identifier: it has this name from now on. Its key
+    /// and the other operators stay.
+    Keep(Provisioning, OperatorName, KeyId),
 }
 
 /// Name and network of a robot. `Debug` does not show the password, which is wiped from memory when
@@ -251,6 +255,9 @@ pub enum ProvisionRefusal {
     /// The only operator is not revoked: nobody could command the robot.
     #[error("the robot has no other operator: add one first, or use --new-key or --forget")]
     Last,
+    /// No operator has a key with this identifier.
+    #[error("the robot does not have your key any more: use --new-key")]
+    Unknown,
 }
 
 impl From<AddError> for ProvisionRefusal {

@@ -117,9 +117,10 @@ fn refusal_name(refusal: &Refusal) -> &'static str {
         Refusal::AssumedUnmeasured { .. } => "assumed-unmeasured",
         Refusal::UnstablePosition { .. } => "unstable-position",
         Refusal::UnstableCurrent { .. } => "unstable-current",
+        Refusal::Rested => "rested",
     }
 }
-const REFUSALS: usize = 17;
+const REFUSALS: usize = 18;
 
 fn refusals() -> Vec<Refusal> {
     vec![
@@ -153,6 +154,7 @@ fn refusals() -> Vec<Refusal> {
             current_bandwidth: 1_500.0,
             actuation_delay: 400.0,
         },
+        Refusal::Rested,
     ]
 }
 
@@ -504,6 +506,11 @@ fn serial(golden: &mut Golden) {
         Request::Operators,
         Request::Add(anna.clone()),
         Request::Revoke(operator("anna")),
+        Request::Keep(
+            Provisioning::new("flix-7", "lab", "correct horse", None).unwrap(),
+            operator("anna"),
+            key(0xA5).id(),
+        ),
     ] {
         let name = match &request {
             Request::Identify => "identify",
@@ -516,6 +523,7 @@ fn serial(golden: &mut Golden) {
             Request::Operators => "operators",
             Request::Add(_) => "add",
             Request::Revoke(_) => "revoke",
+            Request::Keep(..) => "keep",
         };
         golden.raw(format!("serial/{name}"), &write_frame(&request).unwrap());
     }
@@ -529,6 +537,7 @@ fn serial(golden: &mut Golden) {
         Answer::Refused(ProvisionRefusal::Full),
         Answer::Refused(ProvisionRefusal::Taken),
         Answer::Refused(ProvisionRefusal::Last),
+        Answer::Refused(ProvisionRefusal::Unknown),
         Answer::Operators([operator("anna"), operator("bob")].into_iter().collect()),
         Answer::Proof(None),
         Answer::Proof(Some(key(0xA5).prove(&[0x5A; 16]))),
@@ -543,6 +552,7 @@ fn serial(golden: &mut Golden) {
             Answer::Refused(ProvisionRefusal::Full) => "refused-full",
             Answer::Refused(ProvisionRefusal::Taken) => "refused-taken",
             Answer::Refused(ProvisionRefusal::Last) => "refused-last",
+            Answer::Refused(ProvisionRefusal::Unknown) => "refused-unknown",
             Answer::Operators(_) => "operators",
             Answer::Proof(None) => "no-proof",
             Answer::Proof(Some(_)) => "proof",

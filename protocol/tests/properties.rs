@@ -450,13 +450,14 @@ proptest! {
     #[test]
     fn an_unreadable_setpoint_is_answered_with_the_range_that_it_left(
         request in any::<u32>(),
+        intent in any::<u8>(),
         f in number(),
         theta in number(),
     ) {
         let mut buffer = [0; 32];
         let length = postcard::to_slice(&request, &mut buffer).unwrap().len();
         let plain =
-            [&buffer[..length], &[0], &f.to_le_bytes(), &theta.to_le_bytes()].concat();
+            [&buffer[..length], &[intent, 0], &f.to_le_bytes(), &theta.to_le_bytes()].concat();
         let refusal = match postcard::from_bytes::<ToRobot>(&plain) {
             Err(_) => unreadable(&plain),
             Ok(_) => return Ok(()),

@@ -15,6 +15,8 @@ fn request() -> impl Strategy<Value = Request> {
         Just(Request::Forget),
         Just(Request::Operators),
         any::<([u8; 16], [u8; 8])>().prop_map(|(challenge, id)| Request::Prove(challenge, id)),
+        (provisioning.clone(), operator.clone(), any::<[u8; 8]>())
+            .prop_map(|(it, operator, id)| Request::Keep(it, operator.name(), id)),
         (provisioning, operator.clone())
             .prop_map(|(it, operator)| Request::Provision(it, operator)),
         operator.clone().prop_map(Request::Add),

@@ -390,7 +390,7 @@ fn telemetry_older_than_what_was_shown_is_stale_but_replies_are_not() {
 
 /// Request 7 for a setpoint of these numbers, whatever they are.
 fn unchecked_setpoint(frequency: f32, direction: f32) -> Vec<u8> {
-    [[7, 0].as_slice(), &frequency.to_le_bytes(), &direction.to_le_bytes()].concat()
+    [[7, 0, 0].as_slice(), &frequency.to_le_bytes(), &direction.to_le_bytes()].concat()
 }
 
 #[test]

@@ -359,3 +359,55 @@ fn a_stop_without_an_answer_gives_up_after_the_patience() {
     assert_eq!(stop.status(), StopStatus::Failed(ConnectError::NoAnswer));
     assert_eq!(now, Instant::from_micros(1_000) + CONNECT_PATIENCE);
 }
+
+/// A stop that is forgotten must not count again: its cookie is good for a while longer.
+#[test]
+fn no_stop_counts_twice_however_many_came_between() {
+    for between in [7, 8, 9, 17, 40] {
+        let mut ends = Ends::connected();
+        let now = ends.now;
+        let recorded: Vec<Vec<u8>> = (0..=between)
+            .map(|number| {
+                let mut stop = StopSession::new(&key(1), [number; 32], now);
+                let datagram = challenged(&mut ends.robot, &mut stop, now);
+                let stopped = obeyed(ends.robot.receive(now, SECOND_OPERATOR, &datagram));
+                stop.receive(now, &stopped).unwrap();
+                assert_eq!(stop.status(), StopStatus::Latched, "{number} of {between}");
+                datagram
+            })
+            .collect();
+        for age in [0, 500, 1_200, 2_000] {
+            for (number, datagram) in recorded.iter().enumerate() {
+                let later = now + age * MILLISECOND;
+                let received = ends.robot.receive(later, SECOND_OPERATOR, datagram);
+                let is_obeyed = matches!(received, RobotReceived::Stop(..));
+                assert!(!is_obeyed, "{number} of {between} counts again after {age} ms");
+            }
+        }
+    }
+}
+
+/// Whose cookie is made invalid by the stops of others asks for another.
+#[test]
+fn a_stop_gets_through_while_others_stop_without_end() {
+    let mut ends = Ends::connected();
+    let mut stop = stop(ends.now);
+    let begun = ends.now;
+    let _ = challenged(&mut ends.robot, &mut stop, ends.now);
+    for number in 0..20 {
+        let mut other = StopSession::new(&key(1), [100 + number; 32], ends.now);
+        let datagram = challenged(&mut ends.robot, &mut other, ends.now);
+        obeyed(ends.robot.receive(ends.now, SECOND_OPERATOR, &datagram));
+    }
+    while stop.status() == StopStatus::Asking {
+        ends.wait(MILLISECOND);
+        if let Some(frame) = stop.poll(ends.now) {
+            let received = ends.robot.receive(ends.now, SECOND_OPERATOR, &frame);
+            if let Some(answer) = answer(received, frame.len()) {
+                let _ = stop.receive(ends.now, &answer);
+            }
+        }
+    }
+    assert_eq!(stop.status(), StopStatus::Latched);
+    assert!(ends.now.since(begun) <= CONFIRM_PATIENCE + LIMIT);
+}

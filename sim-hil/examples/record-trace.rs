@@ -114,7 +114,7 @@ fn record(file: &Path) -> Result<u64, Box<dyn std::error::Error>> {
     recording.until(State::Armed)?;
     for (frequency, direction) in MODES {
         let setpoint = setpoint(frequency, direction)?;
-        recording.order.set(&setpoint);
+        recording.order.set(&setpoint, true);
         recording.ticks(MODE_TICKS)?;
         recording.expect(State::Running)?;
     }

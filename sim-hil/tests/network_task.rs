@@ -176,7 +176,8 @@ impl Operator {
             if now().as_micros() >= next {
                 next = now().as_micros() + 20_000;
                 number += 1;
-                let command = ToRobot { request: number, command: Command::Ping(number) };
+                let command =
+                    ToRobot { request: number, intent: 0, command: Command::Ping(number) };
                 if let Ok(frame) = self.session.send(now(), &command) {
                     self.send(&frame).await;
                 }
@@ -316,13 +317,32 @@ fn forged_arp_takes_no_answers_from_the_operator() {
 }
 
 #[test]
+fn copies_of_an_operators_datagrams_take_no_answers_from_him() {
+    play(Some(key()), |world| async move {
+        world.wire.copy_from(66);
+        let astray = Rc::new(Cell::new(0));
+        let counted = astray.clone();
+        world.wire.watch(move |frame| {
+            counted.set(counted.get() + u32::from(frame[..6] == network::hardware(66)));
+        });
+        let mut operator = Operator::new(&world);
+        operator.connect().await;
+        operator.ping_for(2_000).await;
+        let (answers, telemetry) = (operator.outcomes.len(), operator.telemetry);
+        assert!(answers >= 97 && telemetry >= 95, "{answers} answers, {telemetry} telemetry");
+        let astray = astray.get();
+        assert!(astray <= 2, "{astray} answers to whoever copies");
+    });
+}
+
+#[test]
 fn an_operator_who_gets_another_network_card_is_answered_there() {
     play(Some(key()), |world| async move {
         let mut operator = Operator::new(&world);
         operator.connect().await;
         operator.ping_for(100).await;
         // From another card, and then the old one again.
-        let command = ToRobot { request: 900, command: Command::Ping(900) };
+        let command = ToRobot { request: 900, intent: 0, command: Command::Ping(900) };
         let sealed = operator.session.send(now(), &command).unwrap();
         let [from, to] = [(OPERATOR, 40_000), (ROBOT, DEFAULT_PORT)];
         let [from, to] = [from, to].map(|(address, port)| SocketAddrV4::new(address, port));

@@ -37,8 +37,9 @@ pub struct Order {
     pub frequency: Speed,
     /// theta, within a quarter turn either side of forward.
     pub direction: RotorAngle,
-    /// Counts setpoints obeyed: after arming the rotors rest until the first new one.
-    pub setpoints: u16,
+    /// Counts what a person wanted: after arming, and after the rotors came to rest because commands stayed away, they rest
+    /// until the first new setpoint that is wanted.
+    pub wanted: u16,
     /// When the newest valid command arrived.
     pub heard: Instant,
     /// Until when the newest valid command counts, however it travelled: its moment and the command
@@ -75,11 +76,11 @@ impl Order {
         self.expires = expires;
     }
 
-    /// Takes over a setpoint, which is in range by its type.
-    pub fn set(&mut self, setpoint: &Setpoint) {
+    /// Takes over a setpoint, which is in range by its type; `is_wanted`: by a person, anew.
+    pub fn set(&mut self, setpoint: &Setpoint, is_wanted: bool) {
         self.frequency = setpoint.frequency().into();
         self.direction = setpoint.direction().into();
-        self.setpoints = self.setpoints.wrapping_add(1);
+        self.wanted = self.wanted.wrapping_add(is_wanted.into());
     }
 }
 

@@ -15,7 +15,8 @@
 //!
 //! The failsafe ladder counts from the arrival of the newest valid command: after [`LINK_LATE`] the
 //! operator is warned, after [`COMMAND_DEADLINE`] both rotors ramp down together, after [`LINK_LOST`]
-//! the motors are disarmed. Apart from that, a command counts only until it expires
+//! the motors are disarmed. Commands that come back while they ramp down are obeyed again; once the rotors
+//! stand, they turn again only when a person wants it anew ([`Order::wanted`]). Apart from that, a command counts only until it expires
 //! ([`Order::expires`]): once the newest has, both rotors ramp down too, so that a network that
 //! delays commands gains no time of movement.
 //!
@@ -87,7 +88,7 @@ pub(crate) struct Conditions {
 /// Why the rotors ramp down.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Reason {
-    /// No commands: may go on when they come back.
+    /// No commands: may go on when they come back before the rotors stand.
     Deadline,
     /// Asked to, or gone for too long.
     Final,
@@ -112,7 +113,8 @@ pub(crate) struct Supervisor {
     ticks: u16,
     /// What was obeyed last.
     pub(crate) obeyed: Requests,
-    armed_at_setpoint: u16,
+    /// What was wanted before the rotors rested: no more of that moves them.
+    rested_at: u16,
     ramp_down: bool,
     /// Whether what measures the motors is a trial.
     tries: bool,
@@ -133,7 +135,7 @@ impl Supervisor {
             reason: Reason::Final,
             ticks: 0,
             obeyed: Requests::default(),
-            armed_at_setpoint: 0,
+            rested_at: 0,
             ramp_down: false,
             tries: false,
             events: EventCounters::default(),
@@ -235,7 +237,7 @@ impl Supervisor {
         let silence = now.as_micros().saturating_sub(order.heard.as_micros());
         let heard = silence < LINK_LATE_US && now <= order.expires;
         if self.state == State::Disarmed && !self.stopped && heard {
-            self.armed_at_setpoint = order.setpoints;
+            self.rested_at = order.wanted;
             self.tries = tries;
             self.enter(State::Aligning);
         }
@@ -326,8 +328,7 @@ impl Supervisor {
                 if self.tries { Drive::Try } else { Drive::Align }
             }
             State::Armed => {
-                let asked =
-                    order.setpoints != self.armed_at_setpoint && order.frequency != Speed::ZERO;
+                let asked = order.wanted != self.rested_at && order.frequency != Speed::ZERO;
                 if asked && !self.link_late {
                     self.enter(State::Running);
                     return Drive::Shake(order.frequency, true);
@@ -340,7 +341,7 @@ impl Supervisor {
                 }
                 Drive::Shake(order.frequency, true)
             }
-            State::Stopping => self.stop(conditions),
+            State::Stopping => self.stop(order, conditions),
             State::Faulted => self.make_safe(conditions),
         }
     }
@@ -355,11 +356,12 @@ impl Supervisor {
         self.make_safe(conditions)
     }
 
-    fn stop(&mut self, conditions: &Conditions) -> Drive {
+    fn stop(&mut self, order: &Order, conditions: &Conditions) -> Drive {
         let back = self.reason == Reason::Deadline && !self.link_late;
         if back {
             self.enter(State::Running);
         } else if conditions.at_rest {
+            self.rested_at = order.wanted;
             self.enter(match self.reason {
                 Reason::Deadline => State::Armed,
                 Reason::Final => State::Disarmed,

@@ -3,8 +3,12 @@
 use std::process::ExitCode;
 use std::time::{Duration, Instant as Clock};
 
-use flix_protocol::failsafe::BATTERY_LOW_VOLTS;
-use flix_protocol::message::{Command, Magnet, Outcome, ResetReason, State, Telemetry};
+use flix_protocol::failsafe::{
+    BATTERY_LOW_VOLTS, LONGEST_MOVEMENT, SLOWEST_RAMP, longest_command_age, ramp_down,
+};
+use flix_protocol::message::{
+    Command, Magnet, Outcome, ParameterCommand, ResetReason, State, Telemetry,
+};
 use flix_protocol::units::Instant;
 
 use super::robot::RobotArgs;
@@ -116,6 +120,7 @@ fn look_at_robot(robot: &RobotArgs, interrupt: &Interrupt) -> Vec<Finding> {
         Err(error) => return vec![Finding::bad("robot", error.exit, error.sentence)],
     };
     let mut findings = identity(&mut connection);
+    findings.extend(movement(&mut connection));
     let begin = Clock::now();
     let first = connection.client().telemetry().copied();
     while begin.elapsed() < WATCH && !interrupt.is_raised() {
@@ -149,6 +154,40 @@ fn identity(connection: &mut Connection) -> Vec<Finding> {
         [identity.name.as_str(), &identity.board, &identity.version].map(printable);
     let sentence = format!("{name} on {board}, firmware {version}; key{operator} and version fit");
     vec![Finding::good("robot", sentence), judge_reset(&identity.reset)]
+}
+
+/// Asks for the settings by which the rotors come to rest.
+fn movement(connection: &mut Connection) -> Option<Finding> {
+    let mut value = |name: &str| {
+        let get = ParameterCommand::Get(name.try_into().ok()?);
+        match connection.ask(Command::Parameter(get)) {
+            Ok(Outcome::Parameter(parameter)) => Some(parameter.value),
+            // A robot of another kind has no such setting.
+            _ => None,
+        }
+    };
+    Some(judge_movement(value("command_age")?, value("frequency_ramp")?))
+}
+
+/// States for how long the rotors turn at most after the last intent to move.
+fn judge_movement(command_age: f32, frequency_ramp: f32) -> Finding {
+    let most = f64::from(command_age) + ramp_down(frequency_ramp).as_secs_f64();
+    let sentence = format!(
+        "the rotors rest at most {most:.2} s after your last command, whatever the network does \
+         (command_age {command_age} s, frequency_ramp {frequency_ramp} Hz/s)"
+    );
+    let limit = LONGEST_MOVEMENT.as_secs_f64();
+    if most <= limit + 5e-4 {
+        return Finding::good("movement", sentence);
+    }
+    let longest = longest_command_age(frequency_ramp).as_secs_f64();
+    let advice = if f64::from(command_age) > longest + 5e-4 {
+        format!("the robot does not arm: `flix parameters set command_age {longest}`")
+    } else {
+        format!("set frequency_ramp to at least {SLOWEST_RAMP:.0}")
+    };
+    let sentence = format_args!("{sentence}, more than {limit} s: {advice}");
+    Finding::bad("movement", Exit::NotNow, sentence)
 }
 
 fn judge_reset(reset: &ResetReason) -> Finding {
@@ -503,6 +542,25 @@ mod tests {
         // What happened before the watch is shown, and is no trouble now.
         let old = after(5_000, 5_000, Magnet::Good);
         assert!(judge_encoders(&old, &old).iter().all(|it| it.ok));
+    }
+
+    #[test]
+    fn a_robot_whose_rotors_may_turn_for_long_is_a_finding() {
+        for (age, ramp, word) in [
+            (1.0, 200.0, "1.25 s after"),
+            (1.0, 200.0, "command_age 0.6"),
+            (0.61, 200.0, "does not arm"),
+            (0.4, 20.0, "frequency_ramp to at least 108"),
+        ] {
+            let Finding { ok, sentence, .. } = judge_movement(age, ramp);
+            assert!(!ok && sentence.contains(word), "{sentence}");
+        }
+        for (age, ramp, word) in
+            [(0.4, 200.0, "0.65 s"), (0.6, 200.0, "0.85 s"), (0.1, 1e3, "0.21 s")]
+        {
+            let Finding { ok, sentence, .. } = judge_movement(age, ramp);
+            assert!(ok && sentence.contains(word), "{sentence}");
+        }
     }
 
     #[test]

@@ -32,7 +32,7 @@ const SETTINGS: [&str; 7] =
 /// Give a robot its name, network and key, over its serial port.
 ///
 /// The key is made here, stored in your keyring for this robot only, and never shown. A robot keeps its
-/// key when it proves to have it; no other device is handed a key of your keyring. The network's
+/// key when it proves to have it; a key of your keyring crosses no cable again. The network's
 /// password comes from --password-file, from the variable FLIX_NETWORK_PASSWORD, or from a prompt
 /// that does not show it.
 ///
@@ -151,7 +151,7 @@ fn robot_in_hand(robot: &SerialRobot, keyring: &Keyring) -> Result<String, Error
         return Err(SerialError::Refused(ProvisionRefusal::Unprovisioned).into());
     }
     keys::check_name(name)?;
-    if keyring.contains(name) && !robot.proves(&keyring.key(name)?)? {
+    if keyring.contains(name) && proved(name, robot, keyring)?.is_none() {
         return Err(unproved(name));
     }
     Ok(name.to_owned())
@@ -242,9 +242,9 @@ fn provision(
     });
     let provisioning = Provisioning::new(&name, network, &password, address)
         .map_err(|error| explain(error, &password))?;
-    let operator = Operator::new(args.operator.unwrap_or_else(user_name), &key.key);
-    robot.order(&Request::Provision(provisioning, operator))?;
-    let path = key.keep(keyring)?;
+    let operator = args.operator.unwrap_or_else(user_name);
+    key.give(provisioning, operator, robot, keyring)?;
+    let path = keyring.key_file(&name);
     if let Some(Network { address, .. }) = args.address {
         keyring.store_address(&name, &address.to_string())?;
     }
@@ -289,6 +289,25 @@ fn unproved(name: &str) -> Error {
     )
 }
 
+/// Returns the stored key of this name that the robot proves to have.
+fn proved(name: &str, robot: &SerialRobot, keyring: &Keyring) -> Result<Option<Key>, Error> {
+    if let Some(offered) = settled(name, robot, keyring)? {
+        return Ok(Some(offered));
+    }
+    let key = keyring.key(name)?;
+    Ok(robot.proves(&key)?.then_some(key))
+}
+
+/// Returns the key that was offered to this robot, if the robot proves to have it: it is in the place of the former one then.
+fn settled(name: &str, robot: &SerialRobot, keyring: &Keyring) -> Result<Option<Key>, Error> {
+    let Some(offered) = keyring.offered(name)? else { return Ok(None) };
+    if !robot.proves(&offered)? {
+        return Ok(None);
+    }
+    keyring.settle(name)?;
+    Ok(Some(offered))
+}
+
 /// A key, whether the robot has it already, and whether it replaces one in the keyring.
 struct KeyInHand {
     name: String,
@@ -299,7 +318,7 @@ struct KeyInHand {
 
 impl KeyInHand {
     /// Returns the key of the robot, which stays when the network changes, or a new one. Two robots
-    /// never share a key, and a stored key goes to a device that proves to have it already alone.
+    /// never share a key, and a stored key goes to no device.
     fn find_or_make(
         args: &Args,
         name: &str,
@@ -315,22 +334,58 @@ impl KeyInHand {
             return made(key, false);
         }
         if args.new_key {
+            settled(name, robot, keyring)?;
             return made(keys::generate()?, true);
         }
-        let key = keyring.key(name)?;
-        if robot.proves(&key)? {
-            return Ok(Self { is_proved: true, ..made(key, false)? });
+        match proved(name, robot, keyring)? {
+            Some(key) => Ok(Self { is_proved: true, ..made(key, false)? }),
+            None => Err(unproved(name)),
         }
-        Err(unproved(name))
     }
 
-    /// Stores the key after the robot has accepted it.
-    fn keep(&self, keyring: &Keyring) -> Result<PathBuf, Error> {
-        if self.replaces {
-            keyring.replace(&self.name, &self.key)?;
+    /// Gives the robot its name, its network and this key; of one that it has, the identifier alone. While it is not known
+    /// which of two keys the robot has, both are kept.
+    fn give(
+        &self,
+        provisioning: Provisioning,
+        operator: OperatorName,
+        robot: &SerialRobot,
+        keyring: &Keyring,
+    ) -> Result<(), Error> {
+        let Self { name, key, .. } = self;
+        if self.is_proved {
+            return Ok(robot.order(&Request::Keep(provisioning, operator, key.id()))?);
         }
-        Ok(keyring.key_file(&self.name))
+        let request = Request::Provision(provisioning, Operator::new(operator, key));
+        if !self.replaces {
+            return Ok(robot.order(&request)?);
+        }
+        keyring.offer(name, key)?;
+        let ordered = robot.order(&request);
+        // A robot that could store the key and not erase the former one refuses, and has it.
+        match (ordered, robot.proves(key)) {
+            (ordered, Ok(true)) => {
+                keyring.settle(name)?;
+                Ok(ordered?)
+            }
+            (Err(error @ SerialError::Refused(_)), Ok(false)) => {
+                keyring.withdraw(name)?;
+                Err(error.into())
+            }
+            (Ok(()), Ok(false)) => Err(unsettled(name, SerialError::Confused)),
+            (Err(error), _) | (Ok(()), Err(error)) => Err(unsettled(name, error)),
+        }
     }
+}
+
+fn unsettled(name: &str, error: SerialError) -> Error {
+    let Error { exit, sentence } = error.into();
+    Error::new(
+        exit,
+        format_args!(
+            "{sentence}; whether {name} has its new key is not known: both keys are kept, and `flix` uses the one that it answers by"
+        ),
+    )
 }
 
 fn password(args: &Args) -> Result<Zeroizing<String>, Error> {

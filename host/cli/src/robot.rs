@@ -2,6 +2,7 @@
 
 use std::net::{IpAddr, SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use flix_protocol::DEFAULT_PORT;
@@ -37,6 +38,15 @@ pub fn key_file() -> impl TypedValueParser<Value = PathBuf> {
 /// Environment variable that names the robot.
 const ROBOT_VARIABLE: &str = "FLIX_ROBOT";
 
+/// Longest wait for an answer by a key of which it is not known whether the robot has it.
+const ANSWER_PATIENCE: Duration = Duration::from_millis(500);
+
+/// A key, and the name of its robot in the keyring.
+struct Known {
+    name: Option<String>,
+    key: Key,
+}
+
 impl RobotArgs {
     /// Names a robot; without a name it is that of the environment, or the simulated one.
     #[must_use]
@@ -71,15 +81,25 @@ impl RobotArgs {
     pub fn find(&self, interrupt: &Interrupt) -> Result<(SocketAddr, Key), Error> {
         split_port(&self.robot).map_err(Error::usage)?;
         let keyring = Keyring::of_user()?;
-        let key = self.find_key(&keyring)?;
+        let Known { name, key } = self.find_key(&keyring)?;
+        let name = name.unwrap_or_default();
+        if let Some(offered) = keyring.offered(&name)? {
+            let address = self.find_address(&keyring, &offered, interrupt);
+            if let Ok(address) = address
+                && discovery::proves(address, &offered, ANSWER_PATIENCE)
+            {
+                keyring.settle(&name)?;
+                return Ok((address, offered));
+            }
+        }
         Ok((self.find_address(&keyring, &key, interrupt)?, key))
     }
 
     /// Returns the key: the named file, else that of the robot's name or address in the keyring.
     /// Every address of this machine belongs to the simulated robot.
-    fn find_key(&self, keyring: &Keyring) -> Result<Key, KeyError> {
+    fn find_key(&self, keyring: &Keyring) -> Result<Known, KeyError> {
         if let Some(path) = &self.key {
-            return keys::read(path);
+            return Ok(Known { name: None, key: keys::read(path)? });
         }
         let (host, _) = split_port(&self.robot).unwrap_or((&self.robot, None));
         let name = if keyring.contains(host) {
@@ -92,7 +112,7 @@ impl RobotArgs {
                 .filter(|name| keyring.contains(name))
         };
         match name {
-            Some(name) => keyring.key(&name),
+            Some(name) => Ok(Known { key: keyring.key(&name)?, name: Some(name) }),
             None => Err(KeyError::Unknown { robot: self.robot.clone(), names: keyring.names() }),
         }
     }
@@ -214,7 +234,7 @@ mod tests {
         let find =
             |robot: &str| RobotArgs { robot: robot.to_owned(), key: None }.find_key(&keyring);
         for robot in ["127.0.0.1", "localhost:4000", "::1", "[::1]:9", "simulated"] {
-            assert_eq!(find(robot).unwrap(), simulated, "{robot}");
+            assert_eq!(find(robot).unwrap().key, simulated, "{robot}");
         }
         assert!(matches!(find("10.0.0.7"), Err(KeyError::Unknown { .. })));
     }
@@ -227,7 +247,7 @@ mod tests {
         keyring.store_address("walker", "10.0.0.7").unwrap();
         for robot in ["walker", "walker:99", "10.0.0.7", "10.0.0.7:4000"] {
             let args = RobotArgs { robot: robot.to_owned(), key: None };
-            assert_eq!(args.find_key(&keyring).unwrap(), key, "{robot}");
+            assert_eq!(args.find_key(&keyring).unwrap().key, key, "{robot}");
         }
     }
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::{Duration, SystemTime};
 
-use flix_protocol::message::{Command, Outcome, State};
+use flix_protocol::message::{Command, Outcome, Refusal, State};
 use flix_protocol::units::Instant;
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -351,7 +351,9 @@ pub fn record(
     }
     let elapsed = Duration::from_micros(connection.now().as_micros());
     let description = RunDescription { name: name.to_owned(), run, settings, versions };
-    Ok(Recorder::create(out, SystemTime::now() - elapsed, &description)?)
+    // Of a clock that was not set, less may be shown than has gone by.
+    let started = SystemTime::now().checked_sub(elapsed).unwrap_or(SystemTime::UNIX_EPOCH);
+    Ok(Recorder::create(out, started, &description)?)
 }
 
 /// Returns an error for a run that did not finish.
@@ -366,6 +368,7 @@ pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
         Ending::Lost | Ending::Lapsed => Exit::NoAnswer,
         Ending::Revoked => Exit::Refused,
         Ending::NotRecorded(_) => Exit::Usage,
+        Ending::Refused(Refusal::Rested) => Exit::Rested,
         Ending::Refused(refusal) => return Err(LinkError::Refused(refusal.clone()).into()),
         Ending::Faulted(_) | Ending::NotReady(State::Faulted) => Exit::RobotFault,
         Ending::StoppedBy(_) => Exit::Stopped,
@@ -383,6 +386,7 @@ pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
             | Ending::OutOfTime(_)
             | Ending::NotReady(_)
             | Ending::Lapsed
+            | Ending::Refused(Refusal::Rested)
             | Ending::NotRecorded(_)
     );
     if is_stopped {

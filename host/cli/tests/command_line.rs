@@ -64,6 +64,26 @@ impl Operator {
     }
 }
 
+#[test]
+fn of_two_keys_the_one_that_the_robot_answers_by_is_used_and_kept() {
+    let other = Key::new([9; 32]);
+    for command in ["status", "stop"] {
+        for (former, offered, left) in [(&other, &key(), None), (&key(), &other, Some(&other))] {
+            let operator = Operator::new();
+            let keyring = keys::Keyring::in_directory(operator.home.path().join("flix/robots"));
+            keyring.store("simulated", former).unwrap();
+            keyring.offer("simulated", offered).unwrap();
+            let robot = ServedRobot::steady(FakeRobot::new(Some(key())));
+            let address = robot.address.to_string();
+            let output = operator.command_without_key(&[command, &address]).output().unwrap();
+            let complaint = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(0), "{command}: {complaint}");
+            assert_eq!(keyring.key("simulated").unwrap(), key());
+            assert_eq!(keyring.offered("simulated").unwrap().as_ref(), left);
+        }
+    }
+}
+
 /// A tracker that sends the poses of a robot on a circle, as text.
 struct Tracker {
     /// For `--pose`.

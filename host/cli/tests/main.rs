@@ -3,9 +3,12 @@
 
 #[path = "../../tests/support/mod.rs"]
 mod support;
+#[path = "../../tests/support/walked.rs"]
+mod walked;
 
 mod bad_inputs;
 mod command_line;
+mod hostile_records;
 #[cfg(unix)]
 mod provision;
 mod teleop;

@@ -57,14 +57,32 @@ impl CabledRobot {
     }
 
     /// Is deaf to its first `deaf` requests, then refuses with this, if anything.
-    fn with_trouble(mut deaf: u32, refusal: Option<ProvisionRefusal>) -> Self {
+    fn with_trouble(deaf: u32, refusal: Option<ProvisionRefusal>) -> Self {
+        Self::at_a_cable(Arc::default(), deaf, refusal, false)
+    }
+
+    /// Somebody between the cable and that robot, who passes on all that is said.
+    fn relay(robot: &Self) -> Self {
+        Self::at_a_cable(Arc::clone(&robot.kept), 0, None, false)
+    }
+
+    /// A robot whose cable is pulled when it has taken a key, before it answers.
+    fn cut_off(robot: &Self) -> Self {
+        Self::at_a_cable(Arc::clone(&robot.kept), 0, None, true)
+    }
+
+    fn at_a_cable(
+        kept: Arc<Mutex<Option<Kept>>>,
+        mut deaf: u32,
+        refusal: Option<ProvisionRefusal>,
+        is_cut: bool,
+    ) -> Self {
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
         grantpt(&master).unwrap();
         unlockpt(&master).unwrap();
         let port = PathBuf::from(ptsname(&master, Vec::new()).unwrap().into_string().unwrap());
         // As long as one end stays open here, the cable is never cut.
         let held = File::options().read(true).write(true).open(&port).unwrap();
-        let kept = Arc::new(Mutex::new(None));
         let asked = Arc::new(Mutex::new(Vec::new()));
         let ends = Arc::new(AtomicBool::new(false));
         let (shared, log, stop) = (Arc::clone(&kept), Arc::clone(&asked), Arc::clone(&ends));
@@ -83,7 +101,11 @@ impl CabledRobot {
                         master.write_all(b"I (42) boot: not there yet\r\n").unwrap();
                         continue;
                     }
+                    let takes_a_key = matches!(request, Request::Provision(..));
                     let answer = answer(&mut shared.lock().unwrap(), request, refusal);
+                    if is_cut && takes_a_key {
+                        return;
+                    }
                     master.write_all(b"I (99) flix: answering\r\n").unwrap();
                     master.write_all(&write_frame(&answer).unwrap()).unwrap();
                 }
@@ -118,10 +140,13 @@ fn answer(kept: &mut Option<Kept>, request: Request, refusal: Option<ProvisionRe
         }
         (_, Some(refusal)) => Answer::Refused(refusal),
         (Request::Provision(provisioning, operator), None) => {
-            let former = kept.take().map(|kept| kept.operators);
-            let known = former.filter(|it| it.find(&operator.key().id()).is_some());
-            let mut operators = known.unwrap_or_default();
-            operators.add(operator).unwrap();
+            *kept = Some(Kept { provisioning, operators: operator.into() });
+            Answer::Done
+        }
+        (Request::Keep(provisioning, name, id), None) => {
+            let mut operators = kept.take().unwrap().operators;
+            let key = operators.find(&id).unwrap().key();
+            operators.add(Holder::new(name, &key)).unwrap();
             *kept = Some(Kept { provisioning, operators });
             Answer::Done
         }
@@ -299,6 +324,40 @@ fn a_device_that_claims_a_known_name_is_not_handed_its_key() {
     assert_eq!(device.kept().names(), ["owner"]);
     assert!(!was_sent(&device, &robot.kept().key()));
     assert_eq!(operator.keyring().key("rover").unwrap(), robot.kept().key());
+}
+
+/// Somebody at the cable proves every key that the robot has, by asking the robot.
+#[test]
+fn a_device_that_passes_questions_on_to_the_robot_is_handed_no_key_either() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    let key = robot.kept().key();
+    let relay = CabledRobot::relay(&robot);
+    operator.provisions(&relay, &["--ssid", "home"]);
+    operator.provisions(&relay, &["--operators"]);
+    assert!(!was_sent(&relay, &key));
+    assert_eq!((robot.kept().network(), robot.kept().key()), ("home", key));
+}
+
+#[test]
+fn a_lost_answer_to_a_new_key_locks_nobody_out() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    let former = robot.kept().key();
+    let words = ["--ssid", "lab", "--new-key"];
+    operator.fails(&CabledRobot::cut_off(&robot), &words, 10, "both keys are kept");
+    assert_ne!(robot.kept().key(), former);
+    // At the cable, as if nothing had been.
+    operator.provisions(&CabledRobot::relay(&robot), &["--operators"]);
+    assert_eq!(operator.keyring().key("walker-1").unwrap(), robot.kept().key());
+    // One that was never taken is of no harm.
+    let key = robot.kept().key();
+    operator.keyring().offer("walker-1", &former).unwrap();
+    operator.provisions(&CabledRobot::relay(&robot), &["--ssid", "home"]);
+    assert_eq!(operator.keyring().key("walker-1").unwrap(), key);
+    operator.provisions(&CabledRobot::relay(&robot), &words);
+    assert_eq!(operator.keyring().key("walker-1").unwrap(), robot.kept().key());
+    assert_eq!(operator.keyring().offered("walker-1").unwrap(), None);
 }
 
 #[test]

@@ -132,6 +132,9 @@ pub(super) fn range_of(
     })
 }
 
+/// More ticks than fit any axis.
+const MOST_TICKS: f64 = 1_000.0;
+
 /// Returns the smallest round number that is not below `least`.
 fn round_step(least: f64) -> f64 {
     let decade = 10f64.powf(least.log10().floor());
@@ -168,6 +171,10 @@ pub(super) fn ended_at_ticks(limits: Limits, count: f64) -> Limits {
 }
 
 fn linear_ticks(Limits { low, high }: Limits, step: f64) -> Vec<(f64, String)> {
+    // A range that is no range: of the least numbers there are, or of the greatest.
+    if !step.is_normal() || (high - low) / step > MOST_TICKS {
+        return Vec::new();
+    }
     let decimals = decimals_of(step);
     let first = (low / step - 1e-9).ceil() as i64;
     let last = (high / step + 1e-9).floor() as i64;

@@ -1,8 +1,9 @@
 //! Live streams for Foxglove, Lichtblick and whatever else speaks their WebSocket protocol.
 //!
-//! A stream only shows: nobody can command through it. Who falls behind loses rows, and holds up nobody.
+//! A stream only shows: nobody can command through it. Who falls behind loses rows, and holds up nobody. Who may look is the
+//! matter of [`front`](crate::front).
 
-use std::net::SocketAddr;
+use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
 
 use foxglove::{
@@ -11,6 +12,7 @@ use foxglove::{
 
 use log::{Level, LevelFilter, Log, Metadata, Record};
 
+use crate::front::{Front, hidden};
 use crate::output::complain;
 use flix_host::record::{Channel, Reader};
 
@@ -33,6 +35,7 @@ pub struct StreamError {
 
 /// A stream of rows to whoever connects. It ends when it is dropped.
 pub struct Stream {
+    front: Front,
     server: Option<WebSocketServerHandle>,
     offers: Vec<Offer>,
     /// The server offers what is in here for as long as it lives.
@@ -48,7 +51,8 @@ struct Offer {
 }
 
 impl Stream {
-    /// Listens at an address and offers these channels. `name`: of the source, as it is shown.
+    /// Listens at an address and offers these channels. `name`: of the source, as it is shown; `origins`: of pages that may
+    /// look besides the known viewers.
     ///
     /// # Errors
     /// When the address cannot be had.
@@ -56,9 +60,12 @@ impl Stream {
         address: SocketAddr,
         name: &str,
         channels: &[Channel],
+        origins: &[String],
     ) -> Result<Self, StreamError> {
         let failed =
             |error: foxglove::FoxgloveError| StreamError { address, reason: error.to_string() };
+        let refused = |error: std::io::Error| StreamError { address, reason: error.to_string() };
+        let listener = TcpListener::bind(address).map_err(refused)?;
         hear_of_refusals();
         let context = Context::new();
         let offers = channels
@@ -73,24 +80,23 @@ impl Stream {
             })
             .collect::<Result<_, foxglove::FoxgloveError>>()
             .map_err(failed)?;
-        let host = match address {
-            SocketAddr::V4(address) => address.ip().to_string(),
-            SocketAddr::V6(address) => format!("[{}]", address.ip()),
-        };
+        let host = hidden();
         let server = context
             .websocket_server()
             .name(name)
-            .bind(host, address.port())
+            .bind(host.to_string(), 0)
             .message_backlog_size(BACKLOG)
             .start_blocking()
             .map_err(failed)?;
-        Ok(Self { server: Some(server), offers, _context: context })
+        let library = SocketAddr::new(host.into(), server.port());
+        let front = Front::open(listener, library, origins.to_vec()).map_err(refused)?;
+        Ok(Self { front, server: Some(server), offers, _context: context })
     }
 
     /// Returns the port, which the system chose where 0 was asked for.
     #[must_use]
     pub fn port(&self) -> u16 {
-        self.server.as_ref().map_or(0, WebSocketServerHandle::port)
+        self.front.address().port()
     }
 }
 
@@ -122,12 +128,13 @@ fn hear_of_refusals() {
 }
 
 /// Returns a sentence about a viewer that the library refused, of what it reports.
-fn refusal(report: &str) -> Option<String> {
-    let viewer = report.strip_prefix("Dropping client ")?.strip_suffix(": handshake failed")?;
-    Some(format!(
-        "the viewer at {viewer} was refused: it does not speak foxglove.sdk.v1, as Foxglove and Lichtblick after 1.21 \
-         do: update it, or open the record (`flix runs list`)"
-    ))
+fn refusal(report: &str) -> Option<&'static str> {
+    // The address that it names is the front's.
+    report.strip_prefix("Dropping client ")?.strip_suffix(": handshake failed")?;
+    Some(
+        "a viewer was refused: it does not speak foxglove.sdk.v1, as Foxglove and Lichtblick after 1.21 do: update it, \
+         or open the record (`flix runs list`)",
+    )
 }
 
 impl Reader for Stream {
@@ -232,7 +239,8 @@ mod tests {
 
     #[test]
     fn readers_get_every_row_and_late_ones_what_still_holds() {
-        let mut stream = Stream::open("127.0.0.1:0".parse().unwrap(), "robot", &CHANNELS).unwrap();
+        let mut stream =
+            Stream::open("127.0.0.1:0".parse().unwrap(), "robot", &CHANNELS, &[]).unwrap();
         stream.row(1, 5 * AGAIN, b"{\"path\":1}");
         stream.row(1, 5 * AGAIN, b"{\"path\":2}");
         let mut client = Client::subscribed(stream.port());
@@ -249,7 +257,7 @@ mod tests {
     #[test]
     fn a_viewer_of_the_older_protocol_is_answered_with_a_sentence() {
         use std::io::{Read as _, Write as _};
-        let stream = Stream::open("127.0.0.1:0".parse().unwrap(), "robot", &CHANNELS).unwrap();
+        let stream = Stream::open("127.0.0.1:0".parse().unwrap(), "robot", &CHANNELS, &[]).unwrap();
         let mut viewer = TcpStream::connect(("127.0.0.1", stream.port())).unwrap();
         viewer.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
         let request = "GET / HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
@@ -261,18 +269,52 @@ mod tests {
         assert!(answer.starts_with("HTTP/1.1 400"), "{answer}");
         let address = viewer.local_addr().unwrap();
         let sentence = refusal(&format!("Dropping client {address}: handshake failed")).unwrap();
-        assert!(sentence.contains(&address.to_string()) && sentence.contains("update it"));
+        assert!(sentence.contains("update it"));
         assert_eq!(refusal("Dropping client: it left"), None);
         assert!(log::logger().enabled(
             &Metadata::builder().level(Level::Error).target("foxglove::websocket::server").build()
         ));
     }
 
+    /// A page that somebody else serves looks from the operator's own browser.
+    #[test]
+    fn a_page_of_another_site_sees_no_stream() {
+        let named = ["https://robots.example".to_owned()];
+        let address = "127.0.0.1:0".parse().unwrap();
+        let stream = Stream::open(address, "robot", &CHANNELS, &named).unwrap();
+        let status = |host: &str, origin: &str| {
+            let socket = TcpStream::connect(("127.0.0.1", stream.port())).unwrap();
+            socket.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+            let mut request =
+                format!("ws://{host}:{}", stream.port()).into_client_request().unwrap();
+            let headers = request.headers_mut();
+            headers.insert("Sec-WebSocket-Protocol", "foxglove.sdk.v1".parse().unwrap());
+            headers.insert("Origin", origin.parse().unwrap());
+            match client(request, socket) {
+                Ok((_, response)) => response.status().as_u16(),
+                Err(tungstenite::HandshakeError::Failure(tungstenite::Error::Http(response))) => {
+                    response.status().as_u16()
+                }
+                Err(error) => panic!("{error}"),
+            }
+        };
+        for (host, origin, expected) in [
+            ("127.0.0.1", "https://evil.example", 403),
+            ("127.0.0.1", "null", 403),
+            ("evil.example", "http://evil.example", 421),
+            ("127.0.0.1", "https://app.foxglove.dev", 101),
+            ("localhost", "http://localhost:8080", 101),
+            ("127.0.0.1", "https://robots.example", 101),
+        ] {
+            assert_eq!(status(host, origin), expected, "{host} from {origin}");
+        }
+    }
+
     #[test]
     fn a_port_that_is_taken_is_named() {
         let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let address = taken.local_addr().unwrap();
-        let error = Stream::open(address, "robot", &CHANNELS).err().unwrap().to_string();
+        let error = Stream::open(address, "robot", &CHANNELS, &[]).err().unwrap().to_string();
         assert!(error.contains(&address.to_string()), "{error}");
     }
 }

@@ -15,6 +15,8 @@ pub mod completions;
 pub mod course;
 #[cfg_attr(not(feature = "foxglove"), path = "no_foxglove.rs")]
 pub mod foxglove;
+#[cfg(feature = "foxglove")]
+mod front;
 pub mod identification;
 pub mod man;
 pub mod number;
@@ -61,13 +63,17 @@ pub enum Exit {
     NotNow = 32,
     /// There is nothing to show.
     Nothing = 33,
+    /// The rotors came to rest because commands stayed away.
+    Rested = 34,
     /// A signal, or a closed terminal.
     Interrupted = 40,
+    /// The page of a cockpit cannot be served any more.
+    PageLost = 41,
 }
 
 impl Exit {
     /// Every code of `flix` and what it means.
-    pub const ALL: [(Self, &str); 10] = [
+    pub const ALL: [(Self, &str); 12] = [
         (Self::Done, "done"),
         (Self::Usage, "usage: an option, a file or a value is wrong"),
         (Self::NoAnswer, "no answer from the robot"),
@@ -77,7 +83,9 @@ impl Exit {
         (Self::Stopped, "a stop is latched: `flix clear` ends it"),
         (Self::NotNow, "the robot cannot do this now, or did not do it in time"),
         (Self::Nothing, "there is nothing to show, such as no fault"),
+        (Self::Rested, "the rotors came to rest because commands stayed away: start again"),
         (Self::Interrupted, "interrupted; the robot was stopped first"),
+        (Self::PageLost, "the page cannot be served any more; the robot was stopped first"),
     ];
 
     /// Returns all codes as lines of help.
@@ -153,6 +161,7 @@ impl From<LinkError> for Error {
             | LinkError::StoppedBy(_)
             | LinkError::StillStopped => Exit::Stopped,
             LinkError::Refused(Refusal::NotCaptured) => Exit::Nothing,
+            LinkError::Refused(Refusal::Rested) => Exit::Rested,
             LinkError::Refused(_) | LinkError::State { .. } => Exit::NotNow,
             LinkError::Interrupted => Exit::Interrupted,
         };

@@ -19,7 +19,7 @@ impl Stream {
     ///
     /// # Errors
     /// Always.
-    pub fn open(_: SocketAddr, _: &str, _: &[Channel]) -> Result<Self, StreamError> {
+    pub fn open(_: SocketAddr, _: &str, _: &[Channel], _: &[String]) -> Result<Self, StreamError> {
         Err(StreamError)
     }
 

@@ -40,6 +40,20 @@ pub struct StreamArgs {
         value_parser = |text: &str| address(text, PORT),
     )]
     foxglove: Option<SocketAddr>,
+    /// Show the stream to pages of this site, too, such as http://192.168.1.5:8080; beside programs and pages of this
+    /// computer, Foxglove's and Lichtblick's own. May be given several times.
+    #[arg(long, value_name = "ORIGIN", requires = "foxglove", value_parser = origin)]
+    foxglove_origin: Vec<String>,
+}
+
+/// Parses the origin of pages: scheme, host and, but for the usual one, port.
+fn origin(text: &str) -> Result<String, String> {
+    let rest = text.strip_prefix("http://").or_else(|| text.strip_prefix("https://"));
+    let is_plain = |it: char| it.is_ascii_alphanumeric() || ".-:[]".contains(it);
+    match rest {
+        Some(rest) if !rest.is_empty() && rest.chars().all(is_plain) => Ok(text.to_owned()),
+        _ => Err("write it as a browser does, without a path: http://192.168.1.5:8080".to_owned()),
+    }
 }
 
 impl StreamArgs {
@@ -60,7 +74,8 @@ impl StreamArgs {
     /// When the address cannot be had.
     pub fn open(&self, program: &str, channels: &[Channel]) -> Result<Option<Stream>, Error> {
         let Some(address) = self.foxglove else { return Ok(None) };
-        let stream = Stream::open(address, program, channels).map_err(Error::usage)?;
+        let stream = Stream::open(address, program, channels, &self.foxglove_origin)
+            .map_err(Error::usage)?;
         let is_every = address.ip().is_unspecified();
         let ip = if is_every { Ipv4Addr::LOCALHOST.into() } else { address.ip() };
         let at = SocketAddr::new(ip, stream.port());

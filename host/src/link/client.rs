@@ -80,6 +80,8 @@ pub struct Client {
     was_established: bool,
     has_failed: bool,
     held: Option<Setpoint>,
+    /// Counts what a person wants.
+    intent: u8,
     refusal: Option<Refusal>,
     stop: StopState,
     stop_number: u32,
@@ -105,6 +107,7 @@ impl Client {
             was_established: false,
             has_failed: false,
             held: None,
+            intent: 0,
             refusal: None,
             stop: StopState::None,
             stop_number: 0,
@@ -128,8 +131,20 @@ impl Client {
         self.session.connect(now);
     }
 
+    /// Holds a setpoint that a person asks for at this moment. Rotors that came to rest because commands stayed away turn
+    /// again by nothing else. Otherwise as [`Client::hold`].
+    pub fn want(&mut self, now: Instant, setpoint: Setpoint) {
+        self.intent = self.intent.wrapping_add(1);
+        if self.held == Some(setpoint) {
+            self.refusal = None;
+            self.keep_alive_at = now;
+        }
+        self.hold(now, setpoint);
+    }
+
     /// Holds a setpoint: sends it now, and repeats it as sign of life until [`Client::release`], a
-    /// stop or a lost session.
+    /// stop or a lost session. A program that steers by itself holds what it decides; what a person asks for is
+    /// [wanted](Client::want).
     pub fn hold(&mut self, now: Instant, setpoint: Setpoint) {
         if self.stop == StopState::Sending || self.held == Some(setpoint) {
             return;
@@ -170,7 +185,7 @@ impl Client {
         }
         let request = self.number();
         self.pending.push_back(Pending {
-            message: ToRobot { request, command },
+            message: ToRobot { request, intent: self.intent, command },
             is_sent: false,
             send_at: now,
             give_up_at: now + REQUEST_PATIENCE,
@@ -329,7 +344,8 @@ impl Client {
         if self.stop == StopState::Sending {
             if now >= self.stop_at {
                 self.stop_at = now + STOP_RETRY;
-                return Some(ToRobot { request: self.stop_number, command: Command::Stop });
+                let (request, intent) = (self.stop_number, self.intent);
+                return Some(ToRobot { request, intent, command: Command::Stop });
             }
         } else if let Some(pending) = self.pending.iter_mut().find(|it| now >= it.send_at) {
             let number = pending.message.request;
@@ -351,7 +367,7 @@ impl Client {
         let request = self.number();
         self.statistics.sent(request, now);
         let command = self.sign_of_life().map_or(Command::Ping(request), Command::Setpoint);
-        Some(ToRobot { request, command })
+        Some(ToRobot { request, intent: self.intent, command })
     }
 
     /// Returns the held setpoint; rest while the robot ramps down, so that commands are not late.

@@ -101,13 +101,8 @@ pub fn find(
 #[must_use]
 pub fn on_this_computer(name: &str, key: &Key) -> Option<Found> {
     let address = SocketAddr::from((Ipv4Addr::LOCALHOST, DEFAULT_PORT));
-    let mut greeted = Greeted::new(address, key)?;
-    let begin = Instant::now();
-    while !greeted.proves().ok()? {
-        if begin.elapsed() > GREETING_PATIENCE {
-            return None;
-        }
-        std::thread::sleep(SLICE);
+    if !proves(address, key, GREETING_PATIENCE) {
+        return None;
     }
     Some(Found {
         name: name.to_owned(),
@@ -115,6 +110,20 @@ pub fn on_this_computer(name: &str, key: &Key) -> Option<Found> {
         port: address.port(),
         properties: BTreeMap::from([("board".to_owned(), "simulated".to_owned())]),
     })
+}
+
+/// Returns whether a robot at this address proves within this time that it has this key.
+#[must_use]
+pub fn proves(address: SocketAddr, key: &Key, patience: Duration) -> bool {
+    let Some(mut greeted) = Greeted::new(address, key) else { return false };
+    let begin = Instant::now();
+    loop {
+        match greeted.proves() {
+            Ok(true) => return true,
+            Ok(false) if begin.elapsed() <= patience => std::thread::sleep(SLICE),
+            _ => return false,
+        }
+    }
 }
 
 /// An address that may be the robot's. It is greeted like one that is to be stopped, and never asked to: its session, if

@@ -1,6 +1,6 @@
 //! Explains what the robot reports, in plain words, with what to do.
 
-use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LOST};
+use flix_protocol::failsafe::{COMMAND_AGE, COMMAND_DEADLINE, LINK_LOST, LONGEST_MOVEMENT};
 use flix_protocol::message::{Event, Fault, Magnet, Refusal, ResetReason, State};
 
 /// Returns what a fault means and what to do.
@@ -93,6 +93,17 @@ pub fn refusal(refusal: &Refusal) -> Option<String> {
             });
         }
         Refusal::UnknownParameter => "`flix parameters list` shows all names",
+        Refusal::Rested => {
+            "look that nobody is at the robot, then start again; `flix link-test` shows the link"
+        }
+        Refusal::OutOfRange { name, .. } if name == "command_age" => {
+            return Some(format!(
+                "with an older command and the setting frequency_ramp the rotors could turn for more than {} s after the \
+                 last intent to move: `flix parameters set command_age {}`, and move nearer to the access point",
+                LONGEST_MOVEMENT.as_secs_f64(),
+                COMMAND_AGE.as_secs_f64()
+            ));
+        }
         Refusal::State(state) => blocking(*state),
         _ => return None,
     };

@@ -3,7 +3,8 @@
 //! A key file holds the 256-bit pre-shared key of one robot as 64 hexadecimal digits on one line.
 //! The keys of the user are in the *keyring*, one file per robot:
 //! `$XDG_CONFIG_HOME/flix/robots/NAME.key` (`~/.config/flix/robots/NAME.key`). Beside a
-//! key, `NAME.address` holds the address of a robot with a fixed one.
+//! key, `NAME.address` holds the address of a robot with a fixed one, and `NAME.new` a key that was
+//! offered to the robot, for as long as nobody knows whether it has it: then both are kept.
 //!
 //! A file that other users can read is refused, as ssh does.
 
@@ -267,19 +268,53 @@ impl Keyring {
         }
     }
 
-    /// Replaces the key of a robot; at every moment one of the two is stored.
+    /// Stores a key that is about to be offered to a robot which has another one. Both are kept until it is
+    /// [settled](Keyring::settle) which of them the robot has.
     ///
     /// # Errors
     /// As for [`Keyring::store`].
-    pub fn replace(&self, name: &str, key: &Key) -> Result<(), KeyError> {
+    pub fn offer(&self, name: &str, key: &Key) -> Result<(), KeyError> {
         check_name(name)?;
         self.create_directory()?;
-        let new = self.directory.join(format!("{name}.new"));
-        if new.exists() {
-            fs::remove_file(&new).map_err(at(&new))?;
+        self.withdraw(name)?;
+        write_new(&self.offered_file(name), key)
+    }
+
+    /// Returns the key that was offered to this robot, and of which nobody knows whether it has it.
+    ///
+    /// # Errors
+    /// When its file cannot be read.
+    pub fn offered(&self, name: &str) -> Result<Option<Key>, KeyError> {
+        let path = self.offered_file(name);
+        if check_name(name).is_err() || !path.exists() {
+            return Ok(None);
         }
-        write_new(&new, key)?;
-        fs::rename(&new, self.key_file(name)).map_err(at(&new))
+        read(&path).map(Some)
+    }
+
+    /// Puts the offered key in the place of the former one: the robot has answered by it.
+    ///
+    /// # Errors
+    /// When the file cannot be renamed.
+    pub fn settle(&self, name: &str) -> Result<(), KeyError> {
+        let offered = self.offered_file(name);
+        fs::rename(&offered, self.key_file(name)).map_err(at(&offered))
+    }
+
+    /// Erases the offered key, if there is one: the robot did not take it.
+    ///
+    /// # Errors
+    /// When the file cannot be erased.
+    pub fn withdraw(&self, name: &str) -> Result<(), KeyError> {
+        let offered = self.offered_file(name);
+        match fs::remove_file(&offered) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(at(&offered)(error)),
+            _ => Ok(()),
+        }
+    }
+
+    fn offered_file(&self, name: &str) -> PathBuf {
+        self.directory.join(format!("{name}.new"))
     }
 
     /// Stores the fixed address (`host` or `host:port`) of a robot.
@@ -416,14 +451,25 @@ mod tests {
     }
 
     #[test]
-    fn a_replaced_key_is_as_private_as_a_new_one() {
+    fn an_offered_key_is_kept_beside_the_former_one_until_it_is_settled() {
         let (_directory, keyring) = keyring();
-        let path = keyring.store("walker", &generate().unwrap()).unwrap();
+        let former = generate().unwrap();
+        let path = keyring.store("walker", &former).unwrap();
+        assert_eq!(keyring.offered("walker").unwrap(), None);
+        keyring.withdraw("walker").unwrap();
         let key = generate().unwrap();
-        keyring.replace("walker", &key).unwrap();
+        keyring.offer("walker", &generate().unwrap()).unwrap();
+        keyring.offer("walker", &key).unwrap();
+        assert_eq!(keyring.key("walker").unwrap(), former);
+        assert_eq!(keyring.offered("walker").unwrap().as_ref(), Some(&key));
+        keyring.settle("walker").unwrap();
         assert_eq!(keyring.key("walker").unwrap(), key);
+        assert_eq!(keyring.offered("walker").unwrap(), None);
         assert_eq!(fs::metadata(path).unwrap().permissions().mode() & 0o777, 0o600);
         assert_eq!(keyring.names(), ["walker"]);
+        keyring.offer("walker", &former).unwrap();
+        keyring.withdraw("walker").unwrap();
+        assert_eq!(keyring.offered("walker").unwrap(), None);
     }
 
     #[test]

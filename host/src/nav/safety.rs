@@ -25,6 +25,16 @@ pub enum Stop {
         /// The fence.
         fence: Area,
     },
+    /// The robot is on its side or back.
+    Tilted {
+        /// How far its body is from upright, degrees.
+        degrees: f64,
+    },
+    /// Somebody carries the robot.
+    Lifted {
+        /// How far it is above where it began, m.
+        rise: f64,
+    },
     /// The run begins away from its path, and may not approach it.
     NotOnPath {
         /// Distance from the path, m.
@@ -71,6 +81,15 @@ impl fmt::Display for Stop {
                 "the robot is outside the fence ({fence}) at {:.2},{:.2} m: carry it back, let it walk \
                  to the path with --approach, or give --fence",
                 at.x, at.y
+            ),
+            Self::Tilted { degrees } => write!(
+                f,
+                "the robot is tilted by {degrees:.0} degrees: wait until the rotors stand, then put it on its feet"
+            ),
+            Self::Lifted { rise } => write!(
+                f,
+                "the robot was lifted by {:.0} mm: wait until the rotors stand, then put it on the floor",
+                rise * 1e3
             ),
             Self::NotOnPath { error, limit } => write!(
                 f,

@@ -21,6 +21,7 @@ use crate::link::udp::{LAPSED, REVOKED_PATIENCE, TELEMETRY_LAG};
 use crate::link::{Client, StopState, Update, passes};
 use crate::nav::{Decision, Identification, Navigator, PlanarPose, Progress, Resting, Stop};
 use crate::pose::PoseSample;
+use crate::pose::footing::Footing;
 use crate::record::{Level, RecordError, Recorder};
 
 /// Longest time for preparation: link and alignment of the motors.
@@ -189,6 +190,7 @@ impl Recorded {
 /// Pilot of one run; see the module's documentation.
 pub struct Pilot<H> {
     helm: H,
+    footing: Footing,
     names: Vec<String>,
     phase: Phase,
     since: Option<Instant>,
@@ -208,6 +210,7 @@ impl<H: Helm> Pilot<H> {
     pub fn new(helm: H, names: Vec<String>, recorder: Option<Recorder>) -> Self {
         Self {
             helm,
+            footing: Footing::default(),
             names,
             phase: Phase::Connecting,
             since: None,
@@ -300,9 +303,14 @@ impl<H: Helm> Pilot<H> {
         client: &mut Client,
         poses: &[PoseSample],
     ) -> Option<Ending> {
+        let mut off_its_feet = None;
         for sample in poses {
+            off_its_feet = self.footing.observe(sample).or(off_its_feet);
             self.helm.observe(sample);
             self.record(|recorder| recorder.pose(sample));
+        }
+        if let Some(stop) = off_its_feet.filter(|_| self.phase == Phase::Driving) {
+            self.fail(now, client, Ending::Stopped(stop));
         }
         while let Some(update) = client.update() {
             self.take(now, client, update);

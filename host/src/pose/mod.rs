@@ -7,6 +7,7 @@
 #[cfg(not(target_family = "wasm"))]
 pub mod any;
 pub mod continuity;
+pub mod footing;
 pub mod geometry;
 #[cfg(not(target_family = "wasm"))]
 pub mod natnet;
@@ -203,11 +204,17 @@ impl Pose {
         PlanarPose { x, y, heading: wrap(self.orientation.heading()) }
     }
 
+    /// Returns how far the body's z axis is from up, rad.
+    #[must_use]
+    pub fn tilt(&self) -> f64 {
+        let Quaternion { x, y, .. } = self.orientation;
+        (1.0 - 2.0 * (x * x + y * y)).clamp(-1.0, 1.0).acos()
+    }
+
     /// Returns why this is no pose of a robot on the floor, with what to do. A tracker in the plane states no height.
     #[must_use]
     pub fn floating(&self, is_planar: bool) -> Option<String> {
-        let Quaternion { x, y, .. } = self.orientation;
-        let tilt = (1.0 - 2.0 * (x * x + y * y)).clamp(-1.0, 1.0).acos();
+        let tilt = self.tilt();
         if tilt > MOST_TILT {
             return Some(format!(
                 "the pose is tilted by {:.0} degrees: put the robot on its feet, or give the tracked body its axes, z up",

@@ -14,7 +14,7 @@ use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use crc::{CRC_32_ISO_HDLC, Crc, Digest};
-use mcap::read::parse_record;
+use mcap::McapResult;
 use mcap::records::{AttachmentHeader, Metadata, Record, op};
 
 /// What a file begins and ends with.
@@ -340,6 +340,29 @@ impl Parts {
         }
         Ok(bytes)
     }
+}
+
+/// Parses the body of a record.
+///
+/// # Errors
+/// When it is none of this kind.
+fn parse_record(kind: u8, body: &[u8]) -> McapResult<Record<'_>> {
+    // The library takes for granted that an attachment has the four bytes of its check sum.
+    if kind == op::ATTACHMENT && !is_attachment(body) {
+        return Err(mcap::McapError::UnexpectedEof);
+    }
+    mcap::read::parse_record(kind, body)
+}
+
+/// Returns whether the lengths in an attachment fill its body.
+fn is_attachment(body: &[u8]) -> bool {
+    let text = |at: u64| at.checked_add(4 + number(body, usize::try_from(at).ok()?, 4));
+    // Two times, its name, its type, its data, its check sum.
+    let end = text(16).and_then(text).and_then(|data| {
+        let length = number(body, usize::try_from(data).ok()?, 8);
+        data.checked_add(8)?.checked_add(length)?.checked_add(4)
+    });
+    end == Some(body.len() as u64)
 }
 
 /// Returns facts or an attachment, if its body is one from its first to its last byte.

@@ -20,6 +20,9 @@ pub enum RepairError {
     /// It cannot be read, or is not a record.
     #[error(transparent)]
     Read(#[from] ReadError),
+    /// It is a link.
+    #[error("{} is a link: name the file that it leads to", .0.display())]
+    Link(PathBuf),
     /// Its run goes on.
     #[error("{} is still being written: let the run end first", .0.display())]
     Busy(PathBuf),
@@ -47,11 +50,15 @@ pub struct Repaired {
 }
 
 /// Completes a record from the parts that are whole; `None` when it is complete and not damaged. The file is replaced in one
-/// step. Where anything is left out, the original stays beside it, with `.damaged` behind its name.
+/// step. Where anything is left out, the original stays beside it, with `.damaged` behind its name. Follows no link, so that
+/// nothing outside the record's folder changes.
 ///
 /// # Errors
 /// When it cannot be read, is not a record, is still being written, or the complete one cannot be written.
 pub fn repair(file: &Path) -> Result<Option<Repaired>, RepairError> {
+    if std::fs::symlink_metadata(file).is_ok_and(|it| it.is_symlink()) {
+        return Err(RepairError::Link(file.to_owned()));
+    }
     if is_being_written(file) {
         return Err(RepairError::Busy(file.to_owned()));
     }
@@ -62,7 +69,7 @@ pub fn repair(file: &Path) -> Result<Option<Repaired>, RepairError> {
     }
     let new = file.with_extension("mcap.part");
     let write = |source| RecordError::File { path: new.clone(), source };
-    let target = File::create(&new).map_err(write)?;
+    let target = create(&new).map_err(write)?;
     let replaced = copy(file, &target).map_err(|error| failed(&new, error)).and_then(|rows| {
         target.sync_all().map_err(write)?;
         let kept = run.damage.is_loss().then(|| keep(file)).transpose();
@@ -77,6 +84,18 @@ pub fn repair(file: &Path) -> Result<Option<Repaired>, RepairError> {
     Ok(Some(replaced?))
 }
 
+/// Makes a file of this name, in the place of whatever has it.
+fn create(path: &Path) -> std::io::Result<File> {
+    match File::create_new(path) {
+        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {
+            // The rest of an attempt that was killed, or a link.
+            std::fs::remove_file(path)?;
+            File::create_new(path)
+        }
+        created => created,
+    }
+}
+
 /// Gives a file a second name that is not in use, or a copy where the file system knows no second names; returns that name.
 fn keep(file: &Path) -> std::io::Result<PathBuf> {
     let mut attempt = 1;
@@ -86,7 +105,13 @@ fn keep(file: &Path) -> std::io::Result<PathBuf> {
         match std::fs::hard_link(file, &kept) {
             Ok(()) => return Ok(kept),
             Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => attempt += 1,
-            Err(_) => return std::fs::copy(file, &kept).map(|_| kept),
+            Err(_) => {
+                std::io::copy(
+                    &mut crate::system::file::open(file)?,
+                    &mut File::create_new(&kept)?,
+                )?;
+                return Ok(kept);
+            }
         }
     }
 }

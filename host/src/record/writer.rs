@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path as FilePath, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use flix_protocol::message::{EventReport, Setpoint, Telemetry};
 use flix_protocol::units::Instant;
@@ -195,6 +195,7 @@ impl Recorder {
         }
         let mut run = description.run.clone();
         run.insert("name".into(), description.name.clone());
+        let started = in_calendar(started);
         run.insert("started".into(), humantime::format_rfc3339_millis(started).to_string());
         for (name, metadata) in [
             ("run", &run),
@@ -448,10 +449,20 @@ pub(super) fn failed(path: &FilePath, error: mcap::McapError) -> RecordError {
     }
 }
 
+/// Last second of the year 9999, s since 1970: dates have four digits for the year.
+const LAST_SECOND: u64 = 253_402_300_799;
+
+/// Returns a time that has a date: of a computer whose clock is not set, and says less than 1970 or more than 9999, the
+/// nearest.
+#[must_use]
+pub fn in_calendar(time: SystemTime) -> SystemTime {
+    time.clamp(UNIX_EPOCH, UNIX_EPOCH + Duration::from_secs(LAST_SECOND))
+}
+
 /// Returns a name for files: date and time, and what they are of.
 #[must_use]
 pub fn dated(started: SystemTime, name: &str) -> String {
-    let date: String = humantime::format_rfc3339_seconds(started)
+    let date: String = humantime::format_rfc3339_seconds(in_calendar(started))
         .to_string()
         .chars()
         .filter_map(|c| match c {

@@ -524,7 +524,7 @@ impl Cockpit {
         let can_obey = matches!(state, Some(State::Armed | State::Running));
         if can_obey && !self.is_stopping {
             self.wanted = setpoint;
-            client.hold(now, setpoint);
+            client.want(now, setpoint);
         } else {
             self.note(now, Weight::Warning, "not armed: press Enter first");
         }

@@ -117,7 +117,7 @@ impl FakeRobot {
                 datagrams.extend(self.report(now, Event::OperatorConnected(OperatorName::OWNER)));
                 datagrams
             }
-            RobotReceived::Command(ToRobot { request, command }) => {
+            RobotReceived::Command(ToRobot { request, command, .. }) => {
                 let outcome = self.obey(now, &command);
                 self.commands.push(command);
                 self.send(now, &ToOperator::Reply(Reply { request, outcome }))

@@ -28,9 +28,9 @@ pub(super) struct SendTimes {
 /// The first datagram of a slot.
 #[derive(Clone, Copy)]
 struct Slot {
-    number: u32,
+    number: u64,
     /// Milliseconds since the Accept.
-    at: u32,
+    at: u64,
 }
 
 impl SendTimes {
@@ -44,13 +44,9 @@ impl SendTimes {
 
     /// Remembers that the datagram of this number was sent now; numbers count up.
     pub(super) fn sent(&mut self, number: u64, now: Instant) {
-        // What does not fit is not remembered: its moment is that of an earlier datagram.
-        let (Ok(number), Ok(at)) =
-            (u32::try_from(number), u32::try_from(now.since(self.opened).as_millis()))
-        else {
-            return;
-        };
-        let slot_ms = SEND_SLOT.as_millis() as u32;
+        // Some 600 million years.
+        let at = now.since(self.opened).as_millis() as u64;
+        let slot_ms = SEND_SLOT.as_millis() as u64;
         if self.slots.back().is_some_and(|newest| at.saturating_sub(newest.at) < slot_ms) {
             return;
         }
@@ -63,8 +59,8 @@ impl SendTimes {
 
     /// Returns a moment not after the sending of this datagram; `None` when that is too long ago.
     pub(super) fn moment(&self, number: u64) -> Option<Instant> {
-        let slot = self.slots.iter().rev().find(|slot| u64::from(slot.number) <= number)?;
-        Some(self.opened + Duration::from_millis(slot.at.into()))
+        let slot = self.slots.iter().rev().find(|slot| slot.number <= number)?;
+        Some(self.opened + Duration::from_millis(slot.at))
     }
 }
 
@@ -115,13 +111,23 @@ mod tests {
         assert_eq!(times.moment(0), Some(OPENED));
     }
 
+    /// A session whose keys are renewed goes on for as long as its operator wants.
     #[test]
-    fn a_time_that_no_longer_fits_only_makes_datagrams_look_older() {
-        let mut times = SendTimes::new(OPENED);
-        times.sent(1, after(20));
-        times.sent(2, after(u64::from(u32::MAX) + 1));
-        times.sent(u64::from(u32::MAX) + 1, after(40));
-        assert_eq!(times.moment(2), Some(after(20)));
-        assert_eq!(times.moment(u64::from(u32::MAX) + 1), Some(after(20)));
+    fn moments_are_as_exact_in_every_month_of_a_session() {
+        for (number, milliseconds) in [
+            (1, u64::from(u32::MAX) - 5),
+            (1 << 31, u64::from(u32::MAX) + 1),
+            (u64::from(u32::MAX) + 1, 40),
+            (1 << 40, 1 << 42),
+        ] {
+            let mut times = SendTimes::new(OPENED);
+            for later in 0..2 * SLOTS as u64 {
+                times.sent(number + later, after(milliseconds + 20 * later));
+            }
+            for later in SLOTS as u64..2 * SLOTS as u64 {
+                let moment = times.moment(number + later);
+                assert_eq!(moment, Some(after(milliseconds + 20 * later)), "{number}, {later}");
+            }
+        }
     }
 }

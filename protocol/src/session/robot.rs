@@ -3,7 +3,7 @@
 use core::net::SocketAddr;
 use core::time::Duration;
 
-use heapless::{Deque, Vec};
+use heapless::Vec;
 
 use super::channel::{Channel, Plain, SendError, split_echo};
 use super::cookie::Cookies;
@@ -67,7 +67,7 @@ pub struct RobotSession {
     /// Of stops: a session that begins meanwhile does not make them invalid.
     stop_cookies: Cookies,
     /// Cookies of the newest stops: each stops the robot once.
-    stops: Deque<Nonce, STOPS>,
+    stops: Vec<Nonce, STOPS>,
     is_at_rest: bool,
     holder: Option<Holder>,
     accepted: u32,
@@ -79,7 +79,8 @@ pub struct RobotSession {
     late: u32,
 }
 
-/// Stops that are remembered: more than operators demand within the life of a cookie.
+/// Stops that are remembered: more than operators demand within the life of a cookie. One more makes all cookies of stops
+/// invalid, so that whoever demands a stop then asks for another.
 const STOPS: usize = 8;
 
 /// An operator, and what is derived from its key for every session.
@@ -148,7 +149,7 @@ impl RobotSession {
         Self {
             cookies: Cookies::new(&mut entropy),
             stop_cookies: Cookies::new(&mut entropy),
-            stops: Deque::new(),
+            stops: Vec::new(),
             is_at_rest: false,
             entropy,
             credentials: operators.into().iter().map(Credential::new).collect(),
@@ -430,12 +431,13 @@ impl RobotSession {
         if self.stops.iter().any(|known| same(known, robot_nonce)) {
             return RobotReceived::Answer(answer);
         }
-        if self.stops.is_full() {
-            self.stops.pop_front();
+        let name = *name;
+        if self.stops.push(*robot_nonce).is_err() {
+            // One that is forgotten must not count again: no cookie made until now does.
+            self.stops.clear();
+            self.stop_cookies = Cookies::new(&mut self.entropy);
         }
-        // Room was just made.
-        let _ = self.stops.push_back(*robot_nonce);
-        RobotReceived::Stop(answer, *name)
+        RobotReceived::Stop(answer, name)
     }
 
     /// Opens a sealed datagram of the holder.

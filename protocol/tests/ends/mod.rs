@@ -24,7 +24,7 @@ pub(crate) fn key(number: u8) -> Key {
 }
 
 pub(crate) fn command(request: u32, command: Command) -> ToRobot {
-    ToRobot { request, command }
+    ToRobot { request, intent: 0, command }
 }
 
 pub(crate) fn setpoint(frequency: f32, direction: f32) -> Command {

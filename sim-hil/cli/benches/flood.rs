@@ -3,9 +3,9 @@
 //! Starts `flix-sim serve`, floods it with noise and with Hellos under another key, and connects over and over. Prints
 //! one line; the limit is 1 s for each handshake.
 
-use std::io::{BufRead, BufReader};
+mod served;
+
 use std::net::{SocketAddr, UdpSocket};
-use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
@@ -15,43 +15,13 @@ use flix_host::link::keys;
 use flix_host::link::udp::Connection;
 use flix_host::system::interrupt::Interrupt;
 use flix_protocol::session::{Key, OperatorSession};
+use served::Robot;
 
 /// Datagrams sent at once, and how often: 10,000 a second.
 const BATCH: u64 = 10;
 const PAUSE: Duration = Duration::from_millis(1);
 /// Handshakes that are timed.
 const HANDSHAKES: usize = 50;
-
-/// A robot in a process of its own, ended with this value.
-struct Robot {
-    process: Child,
-    address: SocketAddr,
-}
-
-impl Robot {
-    fn start(key_file: &std::path::Path) -> Self {
-        let mut process = Command::new(env!("CARGO_BIN_EXE_flix-sim"))
-            .args(["serve", "--listen", "127.0.0.1:0", "--key"])
-            .arg(key_file)
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("flix-sim was built");
-        let output = process.stdout.take().expect("it was piped");
-        let address = BufReader::new(output)
-            .lines()
-            .map_while(Result::ok)
-            .find_map(|line| line.trim_end_matches('.').rsplit_once(" listens on ")?.1.parse().ok())
-            .expect("it says where it listens");
-        Self { process, address }
-    }
-}
-
-impl Drop for Robot {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
-    }
-}
 
 /// Keeps its rate: what a slow moment held back is sent after it.
 fn flood(robot: SocketAddr, ends: &AtomicBool, sent: &AtomicU64) {

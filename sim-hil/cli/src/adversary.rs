@@ -89,6 +89,7 @@ fn text(verdict: &Verdict) -> String {
         ],
         row!["answers of mDNS a second", verdict.discovery_answers_per_s, DISCOVERY_LIMIT_PER_S],
         row!["failures while keys are renewed", verdict.renewal_failures, 0],
+        row!["failures at the operator's end, cable and door", verdict.siege_failures, 0],
         row![
             "farthest trusted pose (m)",
             format!("{:.3}", verdict.farthest_trusted_pose_m),

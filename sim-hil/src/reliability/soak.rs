@@ -367,7 +367,7 @@ impl Scenario {
         let name = |text: &str| text.try_into().unwrap_or_default();
         let request = match what {
             0..=7 => {
-                client.hold(now, setpoint);
+                client.want(now, setpoint);
                 None
             }
             8 => {
@@ -576,7 +576,7 @@ impl Scenario {
         } else if telemetry.state == State::Disarmed {
             client.request(now, Command::Arm);
         } else if matches!(telemetry.state, State::Armed | State::Running) {
-            client.hold(now, wanted);
+            client.want(now, wanted);
         }
     }
 }

@@ -58,6 +58,8 @@ pub struct Wire {
     random: Cell<u32>,
     injected: RefCell<VecDeque<Vec<u8>>>,
     watcher: RefCell<Option<Watcher>>,
+    /// The card of somebody who sends a copy of each of the operator's frames at once.
+    copied_by: Cell<Option<u8>>,
 }
 
 impl Wire {
@@ -69,6 +71,11 @@ impl Wire {
     /// Puts a frame of somebody else on the wire, to the robot.
     pub fn inject(&self, frame: Vec<u8>) {
         self.injected.borrow_mut().push_back(frame);
+    }
+
+    /// Lets the card of this number send a copy of each frame of the operator, at once, as its own.
+    pub fn copy_from(&self, card: u8) {
+        self.copied_by.set(Some(card));
     }
 
     /// Shows this watcher each frame that the robot sends.
@@ -158,9 +165,16 @@ pub fn play<Scenario: Future>(
             watcher(frame);
         }
     };
+    let copied = |frame: &[u8]| {
+        if let Some(card) = wire.copied_by.get() {
+            let mut copy = frame.to_vec();
+            copy[6..12].copy_from_slice(&hardware(card));
+            wire.inject(copy);
+        }
+    };
     let wires = join3(
         carry(&wire, robot_tx, &operator_rx, watched),
-        carry(&wire, operator_tx, &robot_rx, |_| {}),
+        carry(&wire, operator_tx, &robot_rx, copied),
         intrude(&wire, &robot_rx),
     );
     let stacks = join(robot_runner.run(), operator_runner.run());

@@ -362,9 +362,9 @@ impl<M: Mechanics> Operation<M> {
         })?
     }
 
-    /// Commands the robot to shake so; nothing has happened yet when this returns.
+    /// Commands the robot to shake so, as a person does; nothing has happened yet when this returns.
     pub fn hold(&mut self, setpoint: Setpoint) {
         let now = self.shown();
-        self.client().hold(now, setpoint);
+        self.client().want(now, setpoint);
     }
 }

@@ -26,6 +26,8 @@ pub(crate) struct Operator {
     pub(crate) address: SocketAddr,
     pub(crate) session: OperatorSession,
     requests: u32,
+    /// Counts what the person wants: the caller counts on.
+    pub(crate) intent: u8,
     pub(crate) replies: Vec<Reply>,
     pub(crate) events: Vec<EventReport>,
     pub(crate) telemetry: Vec<Telemetry>,
@@ -38,6 +40,7 @@ impl Operator {
             address: SocketAddr::from(([192, 0, 2, number], 40_000)),
             session: OperatorSession::new(key, [number; 32], now),
             requests: 0,
+            intent: 0,
             replies: Vec::new(),
             events: Vec::new(),
             telemetry: Vec::new(),
@@ -48,7 +51,8 @@ impl Operator {
     /// The sealed datagram of a command.
     pub(crate) fn seal(&mut self, now: Instant, command: Command) -> Frame {
         self.requests += 1;
-        self.session.send(now, &ToRobot { request: self.requests, command }).unwrap()
+        let message = ToRobot { request: self.requests, intent: self.intent, command };
+        self.session.send(now, &message).unwrap()
     }
 
     pub(crate) fn receive(&mut self, now: Instant, datagram: &[u8]) {

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LATE, LINK_LOST};
-use flix_protocol::message::{Command, Event, State};
+use flix_protocol::message::{Command, Event, Outcome, Refusal, State};
 
 use super::bench::{Bench, TICK, setpoint};
 
@@ -61,11 +61,44 @@ fn theta_is_held_while_the_rotors_ramp_down() {
 }
 
 #[test]
-fn commands_that_come_back_in_time_are_obeyed_again() {
+fn commands_that_come_back_while_the_rotors_ramp_down_are_obeyed_again() {
     let mut bench = silent_for(COMMAND_DEADLINE + Duration::from_millis(50));
     bench.hold(Command::Setpoint(setpoint(15.0, 0.0)), Duration::from_millis(800));
     let frequency = bench.robot.truth().frequency();
     assert!((frequency - 15.0).abs() < 0.5, "{frequency} Hz");
+}
+
+/// Whoever sees the rotors stand may reach for the robot: only a person starts them again.
+#[test]
+fn rotors_that_came_to_rest_by_silence_turn_again_only_when_a_person_asks_for_it() {
+    for silence in (400..1_000).step_by(31) {
+        let mut bench = silent_for(Duration::from_millis(silence));
+        let mut has_rested = false;
+        let mut refused = false;
+        for _ in 0..100 {
+            bench.operator.replies.clear();
+            bench.hold(Command::Setpoint(setpoint(15.0, 0.0)), Duration::from_millis(10));
+            has_rested |= bench.state() == State::Armed;
+            refused |= bench
+                .operator
+                .replies
+                .iter()
+                .any(|reply| reply.outcome == Outcome::Refused(Refusal::Rested));
+            let speed = bench.speed();
+            assert!(!has_rested || speed < 0.5, "{speed} Hz again after {silence} ms");
+        }
+        assert_eq!(has_rested, refused, "{silence} ms");
+        if !has_rested {
+            // A dip: the rotors were still ramping down.
+            assert!(silence < 600, "{silence} ms");
+            continue;
+        }
+        assert_eq!(bench.state(), State::Armed, "{silence} ms");
+        bench.operator.intent += 1;
+        bench.hold(Command::Setpoint(setpoint(15.0, 0.0)), Duration::from_millis(800));
+        let frequency = bench.robot.truth().frequency();
+        assert!((frequency - 15.0).abs() < 0.5, "{frequency} Hz after {silence} ms");
+    }
 }
 
 #[test]

@@ -3,20 +3,21 @@
 
 use std::time::Duration;
 
-use flix_protocol::failsafe::COMMAND_AGE;
+use flix_protocol::failsafe::{COMMAND_AGE, LONGEST_MOVEMENT, longest_command_age};
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{Command, Event, Outcome, ParameterCommand, Refusal, State};
 
 use super::bench::{Bench, TICK, setpoint};
 
-/// The command age and the ramp down from 35 Hz.
-const LONGEST_MOVEMENT: Duration = Duration::from_millis(850);
 /// Keeps every deadline of silence.
 const DRIP: Duration = Duration::from_millis(90);
 
 /// A robot at full speed, and datagrams that its operator sealed then and that the network kept.
 fn at_full_speed(kept: usize) -> (Bench, Vec<Frame>) {
-    let mut bench = Bench::armed();
+    at_full_speed_of(Bench::armed(), kept)
+}
+
+fn at_full_speed_of(mut bench: Bench, kept: usize) -> (Bench, Vec<Frame>) {
     let full = Command::Setpoint(setpoint(35.0, 0.0));
     bench.hold(full.clone(), Duration::from_millis(800));
     assert!(bench.speed() > 34.0);
@@ -27,7 +28,27 @@ fn at_full_speed(kept: usize) -> (Bench, Vec<Frame>) {
 
 #[test]
 fn setpoints_released_one_by_one_prolong_no_movement() {
-    let (mut bench, frames) = at_full_speed(40);
+    let (bench, frames) = at_full_speed(40);
+    release_one_by_one(bench, frames);
+}
+
+/// Whatever a robot arms with keeps the promise.
+#[test]
+fn setpoints_released_one_by_one_prolong_no_movement_at_the_longest_age_of_commands() {
+    for ramp in [110.0, 200.0, 1_000.0] {
+        let mut bench = Bench::connected();
+        let age = longest_command_age(ramp).as_secs_f32();
+        for (name, value) in [("frequency_ramp", ramp), ("command_age", age)] {
+            let set = ParameterCommand::Set(name.try_into().unwrap(), value);
+            assert!(matches!(bench.say(Command::Parameter(set)), Outcome::Parameter(_)));
+        }
+        bench.arm();
+        let (bench, frames) = at_full_speed_of(bench, 40);
+        release_one_by_one(bench, frames);
+    }
+}
+
+fn release_one_by_one(mut bench: Bench, frames: Vec<Frame>) {
     let (intent, address) = (bench.now(), bench.operator.address);
     for frame in frames {
         bench.robot.receive(address, &frame);

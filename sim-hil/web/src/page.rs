@@ -22,7 +22,14 @@ pub fn document(module: &[u8]) -> io::Result<String> {
     let connection = CONNECTION
         .replace("{{worker}}", &serde_json::to_string(WORKER)?.replace('<', "\\u003c"))
         .replace("{{module}}", &STANDARD.encode(pack(module)?));
-    Ok(Page { style: STYLE, panel: PANEL, world: WORLD, connection: &connection }.to_html("robot"))
+    Ok(Page {
+        style: STYLE,
+        panel: PANEL,
+        world: WORLD,
+        connection: &connection,
+        holds_to_run: false,
+    }
+    .to_html("robot"))
 }
 
 /// Packs bytes with gzip, as small as it can.

@@ -325,7 +325,7 @@ impl Bench {
     pub(crate) fn command(&mut self, frequency: f32, direction: f32) {
         let setpoint =
             Setpoint::new(Hertz::new(frequency).unwrap(), Degrees::new(direction).unwrap());
-        self.order.set(&setpoint.unwrap());
+        self.order.set(&setpoint.unwrap(), true);
         let now = Instant::from_micros(self.now_us);
         self.order.hear(now, now + COMMAND_AGE);
     }

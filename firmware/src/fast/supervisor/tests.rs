@@ -46,7 +46,7 @@ impl Desk {
 
     fn running() -> Self {
         let mut desk = Self::armed();
-        desk.order.setpoints += 1;
+        desk.order.wanted += 1;
         desk.order.frequency = TEN_HERTZ;
         assert_eq!((desk.tick(), desk.state()), (Drive::Shake(TEN_HERTZ, true), State::Running));
         desk
@@ -300,7 +300,7 @@ fn rotors_turn_only_for_a_setpoint_that_came_after_arming_and_in_time() {
         (1, TEN_HERTZ, LINK_LATE - MICROSECOND, State::Running),
     ] {
         let mut desk = Desk::armed();
-        desk.order.setpoints += new;
+        desk.order.wanted += new;
         desk.order.frequency = frequency;
         desk.after(silence);
         assert_eq!(desk.state(), state, "{new} {frequency:?} {silence:?}");
@@ -316,6 +316,26 @@ fn rotors_turn_only_for_a_setpoint_that_came_after_arming_and_in_time() {
         assert_eq!(desk.state(), state);
     }
     assert_eq!(Desk::aligning().tick(), Drive::Align);
+}
+
+#[test]
+fn rotors_that_stand_because_commands_stayed_away_turn_again_only_when_a_person_wants_it() {
+    let mut desk = Desk::running();
+    desk.after(COMMAND_DEADLINE);
+    assert_eq!(desk.state(), State::Stopping);
+    // While they ramp down, commands that come back are obeyed.
+    let mut ramping = Desk::running();
+    ramping.after(COMMAND_DEADLINE);
+    ramping.after(Duration::ZERO);
+    assert_eq!(ramping.state(), State::Running);
+    desk.at_rest = true;
+    desk.after(COMMAND_DEADLINE);
+    assert_eq!(desk.state(), State::Armed);
+    desk.after(Duration::ZERO);
+    assert_eq!(desk.state(), State::Armed, "the same commands are back");
+    desk.order.wanted += 1;
+    desk.after(Duration::ZERO);
+    assert_eq!(desk.state(), State::Running);
 }
 
 #[test]

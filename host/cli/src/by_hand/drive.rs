@@ -5,6 +5,7 @@ use std::time::Duration;
 use flix_protocol::message::Setpoint;
 use flix_protocol::units::Instant;
 
+use crate::cockpit::server::Gone;
 use flix_host::link::Client;
 use flix_host::link::udp::{Connection, LinkError};
 use flix_host::pose::any::Poses;
@@ -31,6 +32,9 @@ pub enum DriveError {
     /// The poses failed.
     #[error(transparent)]
     Pose(#[from] PoseError),
+    /// The pages that drive are gone.
+    #[error(transparent)]
+    Pages(#[from] Gone),
 }
 
 /// Poses and a record, where the operator wants them.

@@ -22,6 +22,9 @@ pub struct ByHandArgs {
     robot: RobotArgs,
     #[command(flatten)]
     poses: PoseArgs,
+    /// Walk only while the key or button of a walk is held. `teleop` needs a terminal with kitty's keyboard protocol for it.
+    #[arg(long)]
+    pub hold_to_run: bool,
     /// Record the drive below OUT/runs; so does --foxglove.
     #[arg(long)]
     record: bool,
@@ -77,6 +80,7 @@ impl From<DriveError> for Error {
         match error {
             DriveError::Link(error) => error.into(),
             DriveError::Pose(error) => error.into(),
+            DriveError::Pages(error) => Self::new(Exit::PageLost, error),
         }
     }
 }

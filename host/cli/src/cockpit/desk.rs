@@ -16,7 +16,7 @@ const FRAME: Duration = Duration::from_millis(33);
 /// Lets the pages drive until the program is interrupted.
 ///
 /// # Errors
-/// When the network or the source of poses fails.
+/// When the network, the source of poses or the server of the pages fails.
 pub fn run(
     drive: &mut Drive,
     server: &Server,
@@ -28,7 +28,7 @@ pub fn run(
     while !interrupt.is_raised() {
         drive.step(SLICE)?;
         let (cockpit, client, now) = drive.operate();
-        while let Some((page, event)) = server.event() {
+        while let Some((page, event)) = server.event()? {
             let is_misused = match event {
                 FromPage::Said(said) => pages.receive(page, said, cockpit, client, now).is_err(),
                 FromPage::Misused => true,
@@ -57,4 +57,25 @@ pub fn run(
     }
     // With a robot that is not driven, Ctrl-C is the way to leave.
     Ok(if drive.operate().1.is_driving() { Ending::Interrupted } else { Ending::Quit })
+}
+
+#[cfg(test)]
+mod tests {
+    use flix_host::link::udp::Connection;
+    use flix_protocol::session::Key;
+
+    use super::*;
+    use crate::teleop::drive::Extras;
+
+    #[test]
+    fn pages_that_cannot_be_served_any_more_end_the_drive() {
+        let nobody = (std::net::Ipv4Addr::LOCALHOST, flix_protocol::DEFAULT_PORT).into();
+        let mut connection =
+            Connection::open(nobody, Key::new([7; 32]), Interrupt::never()).unwrap();
+        let mut extras = Extras::default();
+        let mut drive = Drive::new(&mut connection, "walker", &mut extras);
+        let ended = run(&mut drive, &Server::that_fails(), &Interrupt::never());
+        let error = crate::Error::from(ended.unwrap_err());
+        assert_eq!(error.exit, crate::Exit::PageLost, "{error}");
+    }
 }

@@ -1,6 +1,7 @@
 //! `flix cockpit`: drives in the browser.
 
 pub mod desk;
+mod door;
 pub mod guard;
 pub mod server;
 
@@ -48,7 +49,7 @@ pub struct Args {
 /// When the robot cannot be reached, the page cannot be served, or the program is interrupted while it drives.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     args.by_hand.drive("cockpit", |drive, interrupt| {
-        let server = Server::start(args.bind)?;
+        let server = Server::start(args.bind, args.by_hand.hold_to_run)?;
         if server.is_public() {
             complain(
                 "the page is not encrypted: whoever can read this network can take its address, and drive; \

@@ -7,7 +7,8 @@ use std::io;
 use std::net::{IpAddr, SocketAddr, TcpListener, UdpSocket};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
+use std::time::Duration;
 
 use axum::Router;
 use axum::extract::ws::{Message as Frame, WebSocket, WebSocketUpgrade};
@@ -16,10 +17,11 @@ use axum::http::header::{self, HeaderMap};
 use axum::http::{HeaderName, StatusCode};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::get;
-use axum::serve::ListenerExt as _;
 use futures_util::{SinkExt as _, StreamExt as _};
 use tokio::sync::{Semaphore, watch};
+use tokio::time::timeout;
 
+use super::door::{self, Visitor};
 use super::guard::{Guard, Refusal, hexadecimal};
 use flix_host::teleop::page::message::Message;
 use flix_host::teleop::page::page::Page;
@@ -34,6 +36,9 @@ const MOST_PAGES: usize = 16;
 const LONGEST_READ: usize = 4096;
 /// Messages of pages that wait: a second of all pages. A page whose message finds no place is closed.
 const QUEUE: usize = 1024;
+/// Time in which a page takes a snapshot; one that is out of reach, as a phone is beyond its radio, takes none and gives its
+/// place back.
+const LONGEST_SEND: Duration = Duration::from_secs(10);
 
 /// What happens at the pages.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,6 +74,13 @@ pub enum ServeError {
     Thread(#[from] io::Error),
 }
 
+/// The pages are served no more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the page cannot be served any more: its part of this program has failed; start `flix cockpit` again"
+)]
+pub struct Gone;
+
 /// A server of pages. When it is dropped, all pages are closed.
 pub struct Server {
     address: SocketAddr,
@@ -86,18 +98,39 @@ struct Shared {
     events: SyncSender<(PageId, FromPage)>,
     next: Arc<AtomicU32>,
     places: Arc<Semaphore>,
+    holds_to_run: bool,
 }
 
 impl Server {
-    /// Begins to serve at this address; port 0 is any free port.
+    /// Begins to serve at this address; port 0 is any free port. Pages that hold to run let the robot rest when the key or
+    /// button of a walk is released.
     ///
     /// # Errors
     /// When the address cannot be used, or the operating system refuses a thread or randomness.
-    pub fn start(address: SocketAddr) -> Result<Self, ServeError> {
+    pub fn start(address: SocketAddr, holds_to_run: bool) -> Result<Self, ServeError> {
         let bind = |source| ServeError::Bind { address, source };
         let listener = TcpListener::bind(address).map_err(bind)?;
         listener.set_nonblocking(true)?;
-        let address = listener.local_addr()?;
+        let runtime =
+            tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
+        Self::on_a_thread(listener.local_addr()?, holds_to_run, move |shared| {
+            let mut closed = shared.snapshots.clone();
+            runtime.block_on(async {
+                let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
+                tokio::select! {
+                    never = door::serve(listener, |visitor| shared.pages(visitor)) => match never {},
+                    () = async { while closed.changed().await.is_ok() {} } => {}
+                }
+            });
+        })
+    }
+
+    /// Begins to serve at this address by this work, on a thread of its own.
+    fn on_a_thread(
+        address: SocketAddr,
+        holds_to_run: bool,
+        work: impl FnOnce(Shared) + Send + 'static,
+    ) -> Result<Self, ServeError> {
         let mut entropy = [0; 16];
         getrandom::fill(&mut entropy)?;
         let guard = Guard::new(address, entropy);
@@ -105,7 +138,6 @@ impl Server {
         let (snapshots, shown) = watch::channel(Arc::from(""));
         let extras = EXTRAS.map(|_| watch::Sender::new(Arc::from("")));
         let (sender, events) = sync_channel(QUEUE);
-        let mut closed = shown.clone();
         let shared = Shared {
             guard: Arc::new(guard),
             snapshots: shown,
@@ -113,22 +145,9 @@ impl Server {
             events: sender,
             next: Arc::default(),
             places: Arc::new(Semaphore::new(MOST_PAGES)),
+            holds_to_run,
         };
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build()?;
-        std::thread::Builder::new().name("pages".to_owned()).spawn(move || {
-            runtime.block_on(async {
-                let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
-                let pages = Router::new()
-                    .route("/{token}/", get(page))
-                    .route("/{token}/socket", get(socket))
-                    .with_state(shared);
-                tokio::select! {
-                    // Only a listener that cannot listen any more ends it.
-                    _ = async { axum::serve(listener.tap_io(|page| drop(page.set_nodelay(true))), pages).await } => {}
-                    () = async { while closed.changed().await.is_ok() {} } => {}
-                }
-            });
-        })?;
+        std::thread::Builder::new().name("pages".to_owned()).spawn(move || work(shared))?;
         Ok(Self { address, token, snapshots, extras, events })
     }
 
@@ -167,8 +186,22 @@ impl Server {
     }
 
     /// Returns what has happened at a page, oldest first.
-    pub fn event(&self) -> Option<(PageId, FromPage)> {
-        self.events.try_recv().ok()
+    ///
+    /// # Errors
+    /// When no page can say anything any more, as the thread that serves them has ended.
+    pub fn event(&self) -> Result<Option<(PageId, FromPage)>, Gone> {
+        match self.events.try_recv() {
+            Ok(event) => Ok(Some(event)),
+            Err(TryRecvError::Empty) => Ok(None),
+            Err(TryRecvError::Disconnected) => Err(Gone),
+        }
+    }
+
+    /// Serves by a thread that fails at once.
+    #[cfg(test)]
+    pub(super) fn that_fails() -> Self {
+        let address = (std::net::Ipv4Addr::LOCALHOST, 0).into();
+        Self::on_a_thread(address, false, |_| panic!("a page that cannot be served")).unwrap()
     }
 }
 
@@ -208,9 +241,28 @@ fn text_of(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
 }
 
 impl Shared {
+    /// What a visitor may ask for.
+    fn pages(&self, visitor: Visitor) -> Router {
+        Router::new()
+            .route("/{token}/", get(page))
+            .route("/{token}/socket", get(socket))
+            .with_state(Asked { shared: self.clone(), visitor })
+    }
+}
+
+/// A visitor asks.
+#[derive(Clone)]
+struct Asked {
+    shared: Shared,
+    visitor: Visitor,
+}
+
+impl Asked {
     fn check(&self, token: &str, headers: &HeaderMap, needs_origin: bool) -> Result<(), Refusal> {
         let (host, origin) = (text_of(headers, header::HOST), text_of(headers, header::ORIGIN));
-        self.guard.check(token, host, origin, needs_origin)
+        self.shared.guard.check(token, host, origin, needs_origin)?;
+        self.visitor.welcome();
+        Ok(())
     }
 }
 
@@ -221,11 +273,11 @@ impl IntoResponse for Refusal {
 }
 
 async fn page(
-    State(shared): State<Shared>,
+    State(asked): State<Asked>,
     Path(token): Path<String>,
     headers: HeaderMap,
 ) -> Response {
-    if let Err(refusal) = shared.check(&token, &headers, false) {
+    if let Err(refusal) = asked.check(&token, &headers, false) {
         return refusal.into_response();
     }
     let mut entropy = [0; 16];
@@ -233,7 +285,8 @@ async fn page(
         return StatusCode::INTERNAL_SERVER_ERROR.into_response();
     }
     let nonce = hexadecimal(entropy);
-    let html = Page { connection: CONNECTION, ..Page::default() }.to_html(&nonce);
+    let holds_to_run = asked.shared.holds_to_run;
+    let html = Page { connection: CONNECTION, holds_to_run, ..Page::default() }.to_html(&nonce);
     let host = text_of(&headers, header::HOST).unwrap_or_default();
     let policy = format!(
         "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src data:; \
@@ -250,14 +303,15 @@ async fn page(
 }
 
 async fn socket(
-    State(shared): State<Shared>,
+    State(asked): State<Asked>,
     Path(token): Path<String>,
     headers: HeaderMap,
     upgrade: WebSocketUpgrade,
 ) -> Response {
-    if let Err(refusal) = shared.check(&token, &headers, true) {
+    if let Err(refusal) = asked.check(&token, &headers, true) {
         return refusal.into_response();
     }
+    let shared = asked.shared;
     let Ok(place) = Arc::clone(&shared.places).try_acquire_owned() else {
         return (StatusCode::SERVICE_UNAVAILABLE, "too many pages are open\n").into_response();
     };
@@ -285,7 +339,7 @@ async fn talk(id: PageId, socket: WebSocket, shared: &Shared) -> FromPage {
     let [mut settings, mut scope] = extras;
     let show = async {
         let mut text = snapshot::hello(id);
-        while to_page.send(Frame::text(text)).await.is_ok() {
+        while let Ok(Ok(())) = timeout(LONGEST_SEND, to_page.send(Frame::text(text))).await {
             let newest = tokio::select! {
                 changed = settings.changed() => changed.map(|()| settings.borrow_and_update().to_string()),
                 changed = scope.changed() => changed.map(|()| scope.borrow_and_update().to_string()),
@@ -320,6 +374,18 @@ async fn talk(id: PageId, socket: WebSocket, shared: &Shared) -> FromPage {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_server_whose_thread_has_failed_says_so() {
+        let server = Server::that_fails();
+        let event = loop {
+            match server.event() {
+                Ok(None) => std::thread::yield_now(),
+                event => break event,
+            }
+        };
+        assert_eq!(event, Err(Gone));
+    }
 
     fn of(bound: &str, first: Option<&str>, known: &[&str]) -> Vec<String> {
         let read = |text: &str| text.parse::<IpAddr>().ok();

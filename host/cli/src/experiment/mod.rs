@@ -20,6 +20,7 @@ use flix_host::experiment::walks::{SHORTEST, rows};
 use flix_host::experiment::{Sheet, SheetError};
 use flix_host::nav::Identification;
 use flix_host::pilot::{Ending, Helm, Pilot, Recorded};
+use flix_host::record::in_calendar;
 use flix_shell::output::{complain, optional_path_as_text, path_as_text, print, print_json};
 
 /// Record experiments with motion capture, from which `flix-sim study sysid` identifies a robot.
@@ -113,7 +114,7 @@ impl Report {
 
 /// Returns the comment above the rows: robot, date and command.
 fn comment(robot: &str) -> String {
-    let date = humantime::format_rfc3339_seconds(SystemTime::now());
+    let date = humantime::format_rfc3339_seconds(in_calendar(SystemTime::now()));
     let words: Vec<String> =
         std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
     format!("robot {robot}, {date}: flix {}", words.join(" "))

@@ -266,7 +266,9 @@ fn put(connection: &mut Connection, name: Name, value: f32, mark: Mark) -> Resul
 fn warn(connection: &mut Connection) -> Result<(), Error> {
     match connection.ask(Command::Parameter(ParameterCommand::Check)) {
         Err(LinkError::Refused(
-            refusal @ (Refusal::UnstablePosition { .. } | Refusal::UnstableCurrent { .. }),
+            refusal @ (Refusal::OutOfRange { .. }
+            | Refusal::UnstablePosition { .. }
+            | Refusal::UnstableCurrent { .. }),
         )) => {
             complain(format_args!("set, but the robot does not arm so: {refusal}"));
             Ok(())

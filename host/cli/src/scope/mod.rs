@@ -206,7 +206,7 @@ fn live(
         ));
     }
     driven.begin(connection)?;
-    let screen = Screen::open()
+    let screen = Screen::open(false)
         .map_err(|error| Error::usage(format_args!("the terminal failed: {error}")))?;
     driven.screen = Some(screen);
     let mut newest: Option<Capture> = None;

@@ -52,6 +52,14 @@ pub fn action(key: KeyEvent) -> Option<Action> {
     })
 }
 
+/// Returns a key, whether shift was held or not.
+const fn letter(code: KeyCode) -> KeyCode {
+    match code {
+        KeyCode::Char(character) => KeyCode::Char(character.to_ascii_lowercase()),
+        code => code,
+    }
+}
+
 /// Time between two keys that a hand leaves at the least: keys repeat up to 50 times per second, and a hand rolls over two
 /// of them in some 10 ms.
 const APART: Duration = Duration::from_millis(5);
@@ -86,6 +94,10 @@ pub struct Typed {
 /// to somebody else's question. A hand leaves time between two keys. What lets the robot rest or stop is obeyed in any case.
 #[derive(Debug, Clone, Default)]
 pub struct Typing {
+    /// Whether the robot walks only while its key is held.
+    holds: bool,
+    /// The key of the walk that goes on.
+    held: Option<KeyCode>,
     ready: Typed,
     /// What the keys that came together last are there for, and when the last of them came.
     together: Vec<Option<Action>>,
@@ -93,13 +105,27 @@ pub struct Typing {
 }
 
 impl Typing {
+    /// Reads keys. `holds`: a walk ends when its key is released, which the terminal has to report.
+    #[must_use]
+    pub fn new(holds: bool) -> Self {
+        Self { holds, ..Self::default() }
+    }
+
     /// Takes what a terminal reported at this time.
     pub fn report(&mut self, at: Duration, report: Report) {
         self.settle(at);
         match report {
-            Report::Key(key) if key.kind == KeyEventKind::Release => {}
+            Report::Key(key) if key.kind == KeyEventKind::Release => {
+                if self.held.take_if(|held| *held == letter(key.code)).is_some() {
+                    self.together.fill(None);
+                    self.ready.actions.push(Action::Rest);
+                }
+            }
             Report::Key(key) => {
                 let action = action(key);
+                if self.holds && matches!(action, Some(Action::Walk(_))) {
+                    self.held = Some(letter(key.code));
+                }
                 if let Some(calming) = action.filter(is_calming) {
                     // What was pressed before it is over.
                     self.together.fill(None);
@@ -243,5 +269,43 @@ mod tests {
         assert!(action(key).is_some());
         key.kind = KeyEventKind::Release;
         assert_eq!(action(key), None);
+    }
+
+    #[test]
+    fn a_walk_that_is_held_ends_when_its_key_is_released() {
+        let key = |code, kind| {
+            let key = KeyEvent::new(KeyCode::Char(code), KeyModifiers::NONE);
+            Report::Key(KeyEvent { kind, ..key })
+        };
+        let (down, again, up) = (KeyEventKind::Press, KeyEventKind::Repeat, KeyEventKind::Release);
+        let [forward, left] = [Mode::Forward, Mode::LeftTurn].map(Action::Walk);
+        for (holds, wanted) in [
+            (true, vec![forward, forward, left, Action::Rest, forward, Action::Rest]),
+            (false, vec![forward, forward, left, forward]),
+        ] {
+            let mut typing = Typing::new(holds);
+            let mut actions = Vec::new();
+            let reports = [
+                ('w', down),
+                ('w', again),
+                ('a', down),
+                // No more the key of the walk that goes on.
+                ('w', up),
+                ('A', up),
+                ('w', down),
+                ('w', up),
+                ('w', up),
+            ];
+            for (number, (code, kind)) in (1_u64..).zip(reports) {
+                typing.report(Duration::from_millis(100 * number), key(code, kind));
+                actions.extend(typing.take(Duration::from_millis(100 * number + 50)).actions);
+            }
+            assert_eq!(actions, wanted, "{holds}");
+        }
+        // A press that is released at once moves nothing.
+        let mut typing = Typing::new(true);
+        typing.report(Duration::ZERO, key('w', down));
+        typing.report(Duration::from_millis(1), key('w', up));
+        assert_eq!(typing.take(Duration::from_millis(50)).actions, [Action::Rest]);
     }
 }

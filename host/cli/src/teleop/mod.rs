@@ -61,15 +61,19 @@ fn patience(text: &str) -> Result<Duration, String> {
 /// # Errors
 /// When there is no terminal, the robot cannot be reached, or the program is interrupted.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    args.by_hand
-        .drive("teleop", |drive, interrupt| Ok(screen::run(drive, interrupt, args.rest_after)?))
+    let holds = args.by_hand.hold_to_run;
+    args.by_hand.drive("teleop", |drive, interrupt| {
+        Ok(screen::run(drive, interrupt, args.rest_after, holds)?)
+    })
 }
 
 impl From<ScreenError> for Error {
     fn from(error: ScreenError) -> Self {
         match error {
             ScreenError::Drive(error) => error.into(),
-            ScreenError::NoTerminal | ScreenError::Terminal(_) => Self::usage(error),
+            ScreenError::NoTerminal | ScreenError::NoReleases | ScreenError::Terminal(_) => {
+                Self::usage(error)
+            }
         }
     }
 }

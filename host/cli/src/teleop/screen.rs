@@ -22,6 +22,12 @@ pub enum ScreenError {
     /// There is no terminal.
     #[error("teleop needs a terminal: run it in one, or over `ssh -t`; `flix drive` works without")]
     NoTerminal,
+    /// The terminal does not report that a key is released.
+    #[error(
+        "--hold-to-run: this terminal does not report that a key is released, as those with kitty's keyboard protocol do \
+         (kitty, Ghostty, WezTerm, foot): take one of them, or `flix cockpit --hold-to-run`"
+    )]
+    NoReleases,
     /// The terminal failed.
     #[error("the terminal failed: {0}")]
     Terminal(io::Error),
@@ -31,7 +37,7 @@ pub enum ScreenError {
 }
 
 /// Drives by hand until the operator leaves. Restores the terminal at the end, also after errors and
-/// panics. A robot that walks rests after `patience` without a key.
+/// panics. A robot that walks rests after `patience` without a key; if it `holds`, when its key is released.
 ///
 /// # Errors
 /// When there is no terminal, or the network fails.
@@ -39,11 +45,15 @@ pub fn run(
     drive: &mut Drive,
     interrupt: &Interrupt,
     patience: Duration,
+    holds: bool,
 ) -> Result<Ending, ScreenError> {
     if !(io::stdin().is_terminal() && io::stdout().is_terminal()) {
         return Err(ScreenError::NoTerminal);
     }
-    let mut screen = Screen::open().map_err(ScreenError::Terminal)?;
+    let mut screen = Screen::open(holds).map_err(|error| match error.kind() {
+        io::ErrorKind::Unsupported => ScreenError::NoReleases,
+        _ => ScreenError::Terminal(error),
+    })?;
     let mut drawn = None::<Instant>;
     let mut gamepads = Gamepads::open();
     let (cockpit, _, now) = drive.operate();

@@ -12,9 +12,10 @@ use std::time::{Duration, Instant};
 
 use ratatui::crossterm::event::{
     self, DisableBracketedPaste, DisableFocusChange, DisableMouseCapture, EnableBracketedPaste,
-    EnableFocusChange, EnableMouseCapture, Event,
+    EnableFocusChange, EnableMouseCapture, Event, KeyboardEnhancementFlags,
+    PopKeyboardEnhancementFlags, PushKeyboardEnhancementFlags,
 };
-use ratatui::crossterm::execute;
+use ratatui::crossterm::{execute, terminal};
 use ratatui::{DefaultTerminal, Frame};
 
 use super::keyboard::{Report, Typed, Typing};
@@ -33,11 +34,15 @@ pub(crate) struct Screen {
 }
 
 impl Screen {
-    /// Takes the terminal.
+    /// Takes the terminal. `holds`: it has to report keys that are released.
     ///
     /// # Errors
-    /// When the terminal fails.
-    pub(crate) fn open() -> io::Result<Self> {
+    /// When the terminal fails; [`io::ErrorKind::Unsupported`] when it does not report that.
+    pub(crate) fn open(holds: bool) -> io::Result<Self> {
+        // Asked before anything else reads what it answers.
+        if holds && !reports_releases()? {
+            return Err(io::ErrorKind::Unsupported.into());
+        }
         // Restores the terminal before the message of a panic is printed; unwinding then drops the connection, which stops the
         // robot.
         let terminal = ratatui::try_init()?;
@@ -52,10 +57,16 @@ impl Screen {
         let screen = Self {
             terminal: Some(terminal),
             reports: reports(),
-            typing: Typing::default(),
+            typing: Typing::new(holds),
             start: Instant::now(),
         };
         execute!(io::stdout(), EnableMouseCapture, EnableBracketedPaste, EnableFocusChange)?;
+        if holds {
+            let flags = KeyboardEnhancementFlags::DISAMBIGUATE_ESCAPE_CODES
+                | KeyboardEnhancementFlags::REPORT_EVENT_TYPES
+                | KeyboardEnhancementFlags::REPORT_ALL_KEYS_AS_ESCAPE_CODES;
+            execute!(io::stdout(), PushKeyboardEnhancementFlags(flags))?;
+        }
         Ok(screen)
     }
 
@@ -92,9 +103,24 @@ impl Drop for Screen {
     }
 }
 
-/// Lets the terminal report no more than keys.
+/// Lets the terminal report no more than keys. To pop what was not pushed does nothing.
 fn be_quiet() -> io::Result<()> {
-    execute!(io::stdout(), DisableFocusChange, DisableBracketedPaste, DisableMouseCapture)
+    execute!(
+        io::stdout(),
+        PopKeyboardEnhancementFlags,
+        DisableFocusChange,
+        DisableBracketedPaste,
+        DisableMouseCapture
+    )
+}
+
+/// Returns whether the terminal reports keys that are released: kitty's keyboard protocol alone does.
+fn reports_releases() -> io::Result<bool> {
+    terminal::enable_raw_mode()?;
+    let supports = terminal::supports_keyboard_enhancement();
+    terminal::disable_raw_mode()?;
+    // Whoever does not answer does not.
+    Ok(supports.unwrap_or(false))
 }
 
 /// Returns what the terminal reports, as it does. Threads of their own read it: a read of a terminal that closes at that moment

@@ -1,7 +1,8 @@
 //! Driving by hand in a browser, from this computer or a phone.
 //!
 //! Pure parts: [`message`] checks what a page says, [`pages`] decides which page drives and when its operator is silent,
-//! [`snapshot`] is what all pages see. `flix-cli` owns the sockets and the loop, and decides who may ask at all. The
+//! [`snapshot`] is what all pages see, [`hall`] decides who may wait for a page. `flix-cli` owns the sockets and the loop, and
+//! decides who may ask at all. The
 //! robot's side is that of the terminal: [`teleop::Cockpit`](crate::teleop::Cockpit).
 //!
 //! # Freshness
@@ -11,6 +12,7 @@
 //! browser or proxy held it back: its operator has seen nothing newer. A message that is older than
 //! [`SIGN_OF_LIFE`](pages::SIGN_OF_LIFE) is no sign of life and moves nothing; stop, rest and disarm are always done.
 
+pub mod hall;
 pub mod message;
 pub mod page;
 pub mod pages;

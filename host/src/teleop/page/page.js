@@ -32,6 +32,18 @@ function act(request, event) {
   send(request);
 }
 
+// ---- a walk that is held: it ends when what began it, a key or a pointer, is released
+let heldBy;
+function hold(by) { heldBy = HOLDS ? by : undefined; }
+function letGo(by) {
+  if (heldBy === undefined || (by !== undefined && by !== heldBy)) return;
+  heldBy = undefined;
+  send("rest");
+}
+addEventListener("keyup", (event) => letGo(event.code));
+for (const kind of ["pointerup", "pointercancel"]) addEventListener(kind, (event) => letGo(event.pointerId));
+for (const kind of ["blur", "pagehide"]) addEventListener(kind, () => letGo());
+
 // ---- keyboard
 const KEYS = {
   Enter: "arm", Backspace: "disarm", Delete: "disarm", Escape: "disarm", c: "clear", h: "hold_heading", s: "rest", 0: "rest",
@@ -60,6 +72,7 @@ addEventListener("keydown", (event) => {
   if (request === undefined) return;
   event.preventDefault();
   act(request, event);
+  if (request.walk) hold(event.code);
 });
 // The space bar stops, and presses no button besides.
 addEventListener("keyup", (event) => { if (event.code === "Space") event.preventDefault(); });
@@ -81,10 +94,18 @@ for (const { name, request, key } of [...modes.map((mode) => ({ name: mode.name,
 for (const button of document.querySelectorAll("button[data-do]")) {
   const text = button.dataset.do;
   const request = /^[{"]/.test(text) ? JSON.parse(text) : text;
+  // What is held begins when the pointer comes down; by Enter nothing can be held.
+  const isHeld = HOLDS && request.walk;
+  if (isHeld) {
+    button.onpointerdown = (event) => { act(request, event); hold(event.pointerId); };
+    // A finger that stays opens no menu, and one that moves does not scroll.
+    button.oncontextmenu = (event) => event.preventDefault();
+    button.style.touchAction = "none";
+  }
   button.onclick = (event) => {
     // A button that the pointer has pressed does not wait for Enter.
     if (event.detail) button.blur();
-    act(request, event);
+    if (!isHeld) act(request, event);
   };
 }
 byId("drive").onclick = (event) => { byId("drive").blur(); act("drive", event); };

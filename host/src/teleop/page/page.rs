@@ -20,6 +20,8 @@ pub struct Page<'a> {
     /// WebSocket; `NO_CONNECTION`, what is said without one; and `drawWorld`, which returns whether it has drawn the
     /// robot.
     pub connection: &'a str,
+    /// Whether a walk ends when its key or button is released.
+    pub holds_to_run: bool,
 }
 
 impl Page<'_> {
@@ -32,7 +34,7 @@ impl Page<'_> {
             .replace("{{world}}", self.world)
             .replace("{{modes}}", &snapshot::modes().to_string())
             .replace("{{scene}}", scene::SCENE)
-            .replace("{{script}}", SCRIPT)
+            .replace("{{script}}", &format!("const HOLDS = {};\n{SCRIPT}", self.holds_to_run))
             .replace("{{connection}}", self.connection)
     }
 }

@@ -64,15 +64,26 @@ impl Browser {
         self.ask("actions", &json!({ "actions": actions })).map(drop)
     }
 
+    /// Presses a key and holds it, or releases it.
+    pub fn hold(&self, key: char, is_down: bool) -> Outcome<()> {
+        let kind = if is_down { "keyDown" } else { "keyUp" };
+        let actions =
+            json!([{ "type": "key", "id": "keys", "actions": [{ "type": kind, "value": key }] }]);
+        self.ask("actions", &json!({ "actions": actions })).map(drop)
+    }
+
     /// Touches an element with a finger.
     pub fn touch(&self, selector: &str) -> Outcome<()> {
+        self.finger(selector, &["pointerDown", "pointerUp"])
+    }
+
+    /// Moves a finger to an element and does this there.
+    pub fn finger(&self, selector: &str, kinds: &[&str]) -> Outcome<()> {
         let wanted = json!({ "using": "css selector", "value": selector });
         let element = self.ask("element", &wanted)?[ELEMENT].clone();
-        let actions = json!([
-            { "type": "pointerMove", "origin": { ELEMENT: element }, "x": 0, "y": 0 },
-            { "type": "pointerDown", "button": 0 },
-            { "type": "pointerUp", "button": 0 },
-        ]);
+        let mut actions =
+            vec![json!({ "type": "pointerMove", "origin": { ELEMENT: element }, "x": 0, "y": 0 })];
+        actions.extend(kinds.iter().map(|kind| json!({ "type": kind, "button": 0 })));
         let finger = json!({ "pointerType": "touch" });
         let actions = json!([{ "type": "pointer", "id": "finger", "parameters": finger, "actions": actions }]);
         self.ask("actions", &json!({ "actions": actions })).map(drop)

@@ -5,6 +5,7 @@
 //! is skipped, unless FLIX_REQUIRE_BROWSER is set; with FLIX_WITHOUT_BROWSER it is in any case. This program is its own operator: started with `cockpit` it is `flix`.
 
 mod browser;
+mod page;
 
 use std::io::{BufReader, Read as _, Write as _};
 use std::net::{Ipv4Addr, TcpStream, UdpSocket};
@@ -23,6 +24,7 @@ use flix_sim::reliability::fault_matrix::REST_HZ;
 use flix_sim::rig::bench::{Base, learnt};
 use flix_sim::rig::robot::{RobotParameters, SimulatedRobot};
 use flix_sim_cli::serve::serve;
+use page::Page;
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
 
@@ -38,6 +40,11 @@ const TRY_AGAIN: Duration = Duration::from_secs(3);
 const PATIENCE: Duration = Duration::from_secs(180);
 /// Pause between two looks at a condition.
 const LOOK: Duration = Duration::from_millis(5);
+/// Descriptors that the program is left with: some 20 are its own.
+#[cfg(target_os = "linux")]
+const DESCRIPTORS: u64 = 128;
+/// Sockets that strangers open.
+const SOCKETS: usize = 600;
 const SEED: u64 = 1;
 const ENTER: char = '\u{e007}';
 
@@ -97,18 +104,21 @@ fn with_a_robot() -> Outcome<()> {
             })
         }
     });
-    let mut program = Command::new(std::env::current_exe()?)
-        .args(["cockpit", &address, "--bind", "127.0.0.1:0", "--key"])
-        .arg(&key_file)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .spawn()?;
-    let tried = program
-        .stdout
-        .take()
-        .ok_or("no output".into())
-        .and_then(|output| try_pages(BufReader::new(output), seen));
-    end(&mut program)?;
+    let cockpit = |option: &[&str], tests: &[Test]| {
+        let mut program = Command::new(std::env::current_exe()?)
+            .args(["cockpit", &address, "--bind", "127.0.0.1:0", "--key"])
+            .arg(&key_file)
+            .args(option)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()?;
+        let tried = program.stdout.take().ok_or("no output".into()).and_then(|output| {
+            try_pages(BufReader::new(output), Arc::clone(&seen), program.id(), tests)
+        });
+        end(&mut program)?;
+        tried
+    };
+    let tried = cockpit(&[], &TESTS).and_then(|()| cockpit(&["--hold-to-run"], &HELD));
     interrupt.raise();
     server.join().map_err(|_| "the robot panicked")??;
     tried
@@ -120,12 +130,35 @@ fn end(program: &mut Child) -> Outcome<()> {
     Ok(())
 }
 
-fn try_pages(mut output: impl std::io::BufRead, seen: Arc<Mutex<Seen>>) -> Outcome<()> {
+type Test = (&'static str, fn(&mut Desk) -> Outcome<()>);
+const TESTS: [Test; 10] = [
+    ("the_scope_shows_its_channels", Desk::scope),
+    ("settings_are_read_and_changed", Desk::settings),
+    ("keys_drive_and_the_space_bar_stops", Desk::keys),
+    ("a_finger_drives_and_stops", Desk::finger),
+    ("a_gamepad_drives_once_it_was_neutral", Desk::gamepad),
+    ("any_gamepad_stops_and_the_one_touched_drives", Desk::gamepads),
+    ("a_page_outlives_what_its_browser_lacks", Desk::poor_browser),
+    ("a_page_that_freezes_leaves_the_robot_at_rest", Desk::freeze),
+    ("of_two_pages_one_drives_and_both_stop", Desk::two_pages),
+    ("a_page_that_dies_leaves_the_robot_at_rest", Desk::dies),
+];
+/// With `--hold-to-run`.
+const HELD: [Test; 1] = [("a_walk_that_is_held_ends_when_it_is_released", Desk::held)];
+
+fn try_pages(
+    mut output: impl std::io::BufRead,
+    seen: Arc<Mutex<Seen>>,
+    program: u32,
+    tests: &[Test],
+) -> Outcome<()> {
     let mut line = String::new();
     output.read_line(&mut line)?;
     let url = line.trim().strip_prefix("open ").ok_or("no address")?.to_owned();
     strangers_are_refused(&url)?;
     println!("test strangers_are_refused ... ok");
+    idle_and_slow_sockets_keep_no_page_from_stopping(&url, program)?;
+    println!("test idle_and_slow_sockets_keep_no_page_from_stopping ... ok");
     if std::env::var_os("FLIX_WITHOUT_BROWSER").is_some() {
         println!("skipped the pages: FLIX_WITHOUT_BROWSER is set");
         return Ok(());
@@ -138,19 +171,6 @@ fn try_pages(mut output: impl std::io::BufRead, seen: Arc<Mutex<Seen>>) -> Outco
         return Ok(());
     };
     let mut desk = Desk { browser, seen, url };
-    type Test = (&'static str, fn(&mut Desk) -> Outcome<()>);
-    let tests: [Test; 10] = [
-        ("the_scope_shows_its_channels", Desk::scope),
-        ("settings_are_read_and_changed", Desk::settings),
-        ("keys_drive_and_the_space_bar_stops", Desk::keys),
-        ("a_finger_drives_and_stops", Desk::finger),
-        ("a_gamepad_drives_once_it_was_neutral", Desk::gamepad),
-        ("any_gamepad_stops_and_the_one_touched_drives", Desk::gamepads),
-        ("a_page_outlives_what_its_browser_lacks", Desk::poor_browser),
-        ("a_page_that_freezes_leaves_the_robot_at_rest", Desk::freeze),
-        ("of_two_pages_one_drives_and_both_stop", Desk::two_pages),
-        ("a_page_that_dies_leaves_the_robot_at_rest", Desk::dies),
-    ];
     for (name, test) in tests {
         let verdict = test(&mut desk);
         println!("test {name} ... {}", if verdict.is_ok() { "ok" } else { "FAILED" });
@@ -187,6 +207,51 @@ fn strangers_are_refused(url: &str) -> Outcome<()> {
             );
         }
     }
+    Ok(())
+}
+
+/// Opens more sockets than the program has descriptors, some of which say something slowly, as whoever can reach the port.
+fn idle_and_slow_sockets_keep_no_page_from_stopping(url: &str, program: u32) -> Outcome<()> {
+    let (host, path) =
+        url.strip_prefix("http://").and_then(|it| it.split_once('/')).ok_or("no path")?;
+    leave_descriptors(program)?;
+    let mut page = Page::open(url)?;
+    page.until("rest", "disarmed")?;
+    let mut sockets = Vec::new();
+    for number in 0..SOCKETS {
+        let mut socket = TcpStream::connect(host)?;
+        if number % 2 == 0 {
+            // Whom the server has turned out already is of no use any more.
+            let _ = socket.write_all(b"GET / HTTP/1.1\r\nHost: a");
+        }
+        sockets.push(socket);
+    }
+    // The page that is open stops the robot, and one that is opened now shows it.
+    page.say("stop")?;
+    page.until("stop", "stopped")?;
+    let served = status(host, path, host, None)?;
+    if served != 200 {
+        return Err(format!("a page is answered with {served} among {SOCKETS} sockets").into());
+    }
+    let mut other = Page::open(url)?;
+    other.say("drive")?;
+    other.say("clear")?;
+    other.until("clear", "disarmed")?;
+    Ok(())
+}
+
+/// Leaves a program few descriptors, where that can be done from outside.
+#[cfg(target_os = "linux")]
+fn leave_descriptors(program: u32) -> Outcome<()> {
+    use rustix::process::{Pid, Resource, Rlimit, prlimit};
+    let few = Rlimit { current: Some(DESCRIPTORS), maximum: Some(DESCRIPTORS) };
+    let program = Pid::from_raw(program.try_into()?);
+    prlimit(program, Resource::Nofile, few)?;
+    Ok(())
+}
+
+#[cfg(not(target_os = "linux"))]
+fn leave_descriptors(_: u32) -> Outcome<()> {
     Ok(())
 }
 
@@ -383,6 +448,29 @@ impl Desk {
         self.browser.touch("#stop")?;
         self.until_text("state", "stopped")?;
         self.until_resting()
+    }
+
+    fn held(&mut self) -> Outcome<()> {
+        self.arm()?;
+        for by in ["w", "[data-mode='left turn']"] {
+            let key = by.chars().next().filter(|_| by.len() == 1);
+            let hold = |desk: &Self, is_down: bool| match key {
+                Some(key) => desk.browser.hold(key, is_down),
+                None if is_down => desk.browser.finger(by, &["pointerDown"]),
+                None => desk.browser.finger(by, &["pointerUp"]),
+            };
+            // On a busy machine a command may not be done, or the robot rests.
+            self.walk(|desk| hold(desk, false).and_then(|()| hold(desk, true)))?;
+            let begun = self.seen()?.now;
+            self.until("a while later", |desk| Ok(desk.seen()?.now.since(begun) > STAYS))?;
+            if self.seen()?.frequency.abs() < WALKING_HZ {
+                return Err(format!("{by} is held, and the robot does not walk").into());
+            }
+            let left = self.seen()?.now;
+            hold(self, false)?;
+            self.rests_since(left)?;
+        }
+        Ok(())
     }
 
     /// Checks that nothing moves the robot, which is at rest.

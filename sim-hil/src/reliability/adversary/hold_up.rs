@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use flix_host::link::{Client, Update};
-use flix_protocol::failsafe::{COMMAND_AGE, LINK_LOST};
+use flix_protocol::failsafe::{COMMAND_AGE, LINK_LOST, LONGEST_MOVEMENT};
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{Command, Setpoint, State};
 use flix_protocol::session::{HANDSHAKE_RETRY, Key, StopSession};
@@ -31,7 +31,7 @@ use crate::rig::operation::{Operation, Towards};
 use crate::rig::robot::Processor;
 
 /// Longest movement after the operator's last intent to move, s: the command age and the ramp down from 35 Hz.
-pub const MOVEMENT_LIMIT_S: f64 = 0.85;
+pub const MOVEMENT_LIMIT_S: f64 = LONGEST_MOVEMENT.as_millis() as f64 / 1e3;
 /// Longest time from an operator's last intent to the next one's session, s: the command age, the silence after which
 /// a session is free, and two attempts.
 pub const NEXT_OPERATOR_LIMIT_S: f64 =
@@ -201,8 +201,8 @@ pub(super) fn drive(client: &mut Client, now: Instant, wanted: Setpoint, changes
         State::Disarmed => {
             client.request(now, Command::Arm);
         }
-        State::Armed => client.hold(now, wanted),
-        State::Running if changes => client.hold(now, wanted),
+        State::Armed => client.want(now, wanted),
+        State::Running if changes => client.want(now, wanted),
         State::Running | State::Aligning | State::Stopping => {}
     }
 }

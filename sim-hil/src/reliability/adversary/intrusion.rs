@@ -239,6 +239,10 @@ impl Intruder {
                 self.wire.inject(arp(operation, INTRUDER, claimed, ROBOT));
                 return 0;
             }
+            Kind::CopiedFrames => {
+                self.wire.copy_from(INTRUDER);
+                return 0;
+            }
             Kind::ForeignQuestions => (ROUTER_CARD, self.elsewhere()),
             Kind::NeighbourQuestions => (INTRUDER, VICTIM),
             _ => {

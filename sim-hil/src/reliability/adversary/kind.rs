@@ -80,6 +80,28 @@ pub enum Kind {
     ForeignQuestions,
     /// Questions of mDNS in the name of a neighbour.
     NeighbourQuestions,
+    /// Copies of the operator's frames, from another card, at once.
+    CopiedFrames,
+    /// Many stops within a second, and all of them again.
+    StopsReplayed,
+    /// A device between the operator's cable and the robot, which passes on all that is said.
+    RelayedAtCable,
+    /// Sockets at the cockpit's port that say nothing, from other addresses.
+    SocketsOfStrangers,
+    /// The same from the address of the page.
+    SocketsBesideThePage,
+    /// A network that is silent until the rotors stand, and then carries what the operator's program repeats.
+    SilencedThenHeard,
+    /// Refusals in the robot's name, and that another holds it.
+    ForgedRefusal,
+    /// Challenges in the robot's name.
+    ForgedChallenge,
+    /// Acceptances in the robot's name.
+    ForgedAccept,
+    /// What the robot sends, with a bit flipped.
+    FlippedToOperator,
+    /// What the robot has sent, again.
+    ReplayedToOperator,
 }
 
 /// What the attacker makes up, each as often as the others.
@@ -124,5 +146,24 @@ pub const HOLD_UPS: [Kind; 11] = [
 pub const RENEWALS: [Kind; 2] = [Kind::RenewalHeldBack, Kind::RenewalReplayed];
 
 /// What is put on the wire beside genuine frames, each in as many sessions as the others.
-pub const INTRUSIONS: [Kind; 4] =
-    [Kind::ForgedArp, Kind::GratuitousArp, Kind::ForeignQuestions, Kind::NeighbourQuestions];
+pub const INTRUSIONS: [Kind; 5] = [
+    Kind::ForgedArp,
+    Kind::GratuitousArp,
+    Kind::ForeignQuestions,
+    Kind::NeighbourQuestions,
+    Kind::CopiedFrames,
+];
+
+/// What is attacked beside a session that stands.
+pub const SIEGES: [Kind; 10] = [
+    Kind::StopsReplayed,
+    Kind::RelayedAtCable,
+    Kind::SocketsOfStrangers,
+    Kind::SocketsBesideThePage,
+    Kind::SilencedThenHeard,
+    Kind::ForgedRefusal,
+    Kind::ForgedChallenge,
+    Kind::ForgedAccept,
+    Kind::FlippedToOperator,
+    Kind::ReplayedToOperator,
+];

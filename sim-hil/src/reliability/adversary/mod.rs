@@ -1,7 +1,7 @@
 //! Somebody on the network who sees everything, holds back and sends anything from any address, and does not have the
 //! key: what he makes up ([`FORGERIES`]), what he does to genuine datagrams ([`HOLD_UPS`]) and to the renewal of keys
-//! ([`RENEWALS`]), what he puts on the wire beside them ([`INTRUSIONS`]), poses in the name of the motion capture, and
-//! any bytes.
+//! ([`RENEWALS`]), what he puts on the wire beside them ([`INTRUSIONS`]), poses in the name of the motion capture, what he does
+//! at the operator's end, the cable and the cockpit's door ([`SIEGES`]), and any bytes.
 
 mod attacker;
 mod forgery;
@@ -11,6 +11,7 @@ mod intrusion;
 mod kind;
 mod poses;
 mod renewal;
+mod siege;
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -23,7 +24,7 @@ use serde::Serialize;
 
 use forgery::{Scenario, Turn};
 pub use hold_up::{FOREIGN_STOP_LIMIT_S, MOVEMENT_LIMIT_S, NEXT_OPERATOR_LIMIT_S};
-pub use kind::{FORGERIES, HOLD_UPS, INTRUSIONS, Kind, RENEWALS};
+pub use kind::{FORGERIES, HOLD_UPS, INTRUSIONS, Kind, RENEWALS, SIEGES};
 pub use poses::POSE_LIMIT_M;
 
 use crate::rig::bench::{Base, BenchError, learnt};
@@ -98,6 +99,9 @@ pub struct Verdict {
     pub longest_wait_of_next_operator_s: f64,
     /// Commands lost, and datagrams accepted that should not be, while keys were renewed under attack.
     pub renewal_failures: u64,
+    /// Stops that counted twice, keys heard at the cable, pages turned out of the cockpit, rotors that turned again unasked, forgeries
+    /// that an operator believed, and operators that were kept out.
+    pub siege_failures: u64,
     /// Farthest trusted pose from the robot, while somebody forges poses, m.
     pub farthest_trusted_pose_m: f64,
     /// Fed to decoders, sessions and [`flix_firmware::robot::Robot::receive`].
@@ -134,9 +138,11 @@ fn attack(
     let (intruded, held_up) = rayon::join(intrude, || hold_up(seed, effort.sessions, flash, &done));
     let (intruded, held_up) = (intruded?, held_up?);
     let renewed: Vec<_> = RENEWALS.into_par_iter().map(|kind| renewal::run(seed, kind)).collect();
+    let besieged = siege::run_all(seed, flash)?;
     let poses = poses::run(seed, (effort.datagrams / 10).clamp(FEWEST_POSES, MOST_POSES));
     let fuzzed = fuzz_all(seed, effort.bytes, &done);
-    Ok(verdict(seed, effort, &forged, &held_up, &intruded, (&renewed, poses), &fuzzed))
+    let beside = (&renewed[..], &besieged[..], poses);
+    Ok(verdict(seed, effort, &forged, &held_up, &intruded, beside, &fuzzed))
 }
 
 fn forge(
@@ -200,7 +206,7 @@ fn verdict(
     forged: &[forgery::Account],
     held_up: &[hold_up::Account],
     intruded: &[intrusion::Account],
-    (renewed, poses): (&[renewal::Account], poses::Account),
+    (renewed, besieged, poses): (&[renewal::Account], &[siege::Account], poses::Account),
     fuzzed: &[(u64, u64)],
 ) -> Verdict {
     let sum = |figure: &dyn Fn(&forgery::Account) -> u64| forged.iter().map(figure).sum::<u64>();
@@ -211,6 +217,7 @@ fn verdict(
         *kinds.entry(*kind).or_default() += count;
     }
     kinds.extend(renewed.iter().map(|account| (account.kind, account.datagrams)));
+    kinds.extend(besieged.iter().map(|account| (account.kind, account.sent)));
     kinds.insert(Kind::ForgedPoses, poses.forged);
     for account in intruded {
         *kinds.entry(account.kind).or_default() += account.frames;
@@ -262,6 +269,7 @@ fn verdict(
             &mut held_up.iter().map(|account| account.next_operator_s),
         ),
         renewal_failures: renewed.iter().map(|account| account.failures).sum(),
+        siege_failures: besieged.iter().map(|account| account.failures).sum(),
         farthest_trusted_pose_m: poses.farthest_m,
         fuzzed_bytes: fuzzed.iter().map(|(bytes, _)| bytes).sum(),
         panics: fuzzed.iter().map(|(_, panics)| panics).sum(),
@@ -280,6 +288,7 @@ fn verdict(
         && verdict.on_link_amplification <= AMPLIFICATION_LIMIT
         && verdict.discovery_answers_per_s <= DISCOVERY_LIMIT_PER_S
         && verdict.renewal_failures == 0
+        && verdict.siege_failures == 0
         && verdict.farthest_trusted_pose_m <= POSE_LIMIT_M
         // Else there was little to disturb.
         && (4 * verdict.driven_sessions >= verdict.sessions || verdict.sessions < A_FEW)
@@ -314,12 +323,12 @@ mod tests {
         assert!(verdict.on_link_amplification > 0.0, "{verdict:?}");
     }
 
-    /// The check of the age of commands is what bounds the movement: a robot that takes older ones moves on for longer.
+    /// The age of commands and the ramp down are what bounds the movement: a robot that ramps down slowly moves on for longer.
     #[test]
-    fn a_robot_that_obeys_commands_of_a_second_does_not_pass() {
+    fn a_robot_that_ramps_down_slowly_does_not_pass() {
         let mut operation = bench(Base::Free, 3).unwrap();
         operation.connect().unwrap();
-        let set = ParameterCommand::Set("command_age".try_into().unwrap(), 1.0);
+        let set = ParameterCommand::Set("frequency_ramp".try_into().unwrap(), 20.0);
         operation.ask(Command::Parameter(set)).unwrap();
         operation.ask(Command::Parameter(ParameterCommand::Save)).unwrap();
         let flash = operation.robot.parameters().flash.content();

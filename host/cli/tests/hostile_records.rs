@@ -1,0 +1,131 @@
+//! Records that somebody else made: whatever they hold, `flix runs` ends with a sentence, and never with a panic.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::{Value, json};
+
+use crate::walked::write_record_of;
+
+/// Floating-point numbers at the ends of what there is.
+const EXTREMES: [f64; 8] =
+    [f64::MAX, f64::MIN, 5e-324, 0.0, -0.0, 1e300, f64::MIN_POSITIVE, -1e-300];
+/// Whole numbers at the ends of what rows have.
+const WHOLE: [u64; 4] = [0, u32::MAX as u64, 1, u64::MAX];
+
+/// Replaces the numbers of a row; `turn` picks by which.
+fn distort(value: &mut Value, turn: &mut usize) {
+    match value {
+        Value::Number(number) => {
+            *turn += 1;
+            *value = if number.is_f64() {
+                json!(EXTREMES[*turn % EXTREMES.len()])
+            } else {
+                json!(WHOLE[*turn % 2])
+            };
+        }
+        Value::Array(items) => items.iter_mut().for_each(|item| distort(item, turn)),
+        Value::Object(fields) => fields.values_mut().for_each(|field| distort(field, turn)),
+        _ => {}
+    }
+}
+
+/// Writes the rows of a record into another, each changed.
+fn write_changed(from: &Path, to: &Path, mut change: impl FnMut(usize, &mut Value)) {
+    let bytes = std::fs::read(from).unwrap();
+    let mut writer = mcap::WriteOptions::new()
+        .compression(None)
+        .create(std::io::BufWriter::new(std::fs::File::create(to).unwrap()))
+        .unwrap();
+    let mut channels = BTreeMap::new();
+    for (number, message) in mcap::MessageStream::new(&bytes).unwrap().enumerate() {
+        let message = message.unwrap();
+        let topic = message.channel.topic.clone();
+        let id = *channels
+            .entry(topic.clone())
+            .or_insert_with(|| writer.add_channel(0, &topic, "json", &BTreeMap::new()).unwrap());
+        let mut row = serde_json::from_slice(&message.data).unwrap();
+        change(number, &mut row);
+        let time = WHOLE[number % WHOLE.len()];
+        let header = mcap::records::MessageHeader {
+            channel_id: id,
+            sequence: message.sequence,
+            log_time: time,
+            publish_time: time,
+        };
+        writer.write_to_known_channel(&header, row.to_string().as_bytes()).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+fn flix(words: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_flix")).args(words).output().unwrap()
+}
+
+fn judge(file: &Path, tables: &Path) {
+    let file = file.to_str().unwrap();
+    let tables = tables.to_str().unwrap();
+    for words in [
+        &["runs", "show", file][..],
+        &["runs", "show", file, "--json"],
+        &["runs", "plot", file, "--to", tables],
+        &["runs", "export-csv", file, "--to", tables],
+        &["runs", "repair", file],
+    ] {
+        let Output { status, stderr, .. } = flix(words);
+        let stderr = String::from_utf8_lossy(&stderr);
+        let is_end = matches!(status.code(), Some(0 | 2));
+        assert!(is_end && !stderr.contains("panicked"), "{words:?}: {status}, {stderr}");
+    }
+}
+
+#[test]
+fn rows_with_numbers_without_measure_are_shown_plotted_and_exported() {
+    let folder = tempfile::tempdir().unwrap();
+    let good = write_record_of(folder.path(), 6);
+    let (bad, tables) = (folder.path().join("bad.mcap"), folder.path().join("tables"));
+    for start in 0..EXTREMES.len() {
+        let mut turn = start;
+        write_changed(&good, &bad, |_, row| distort(row, &mut turn));
+        judge(&bad, &tables);
+        // One number in all rows: a range of nothing, or of the least there is.
+        let mut rows = 0;
+        write_changed(&good, &bad, |_, row| {
+            rows += 1;
+            let mut turn = start * usize::from(rows % 2 == 0);
+            distort_alike(row, &mut turn);
+        });
+        judge(&bad, &tables);
+    }
+}
+
+/// Replaces all floating-point numbers of a row by one.
+fn distort_alike(value: &mut Value, turn: &mut usize) {
+    match value {
+        Value::Number(number) if number.is_f64() => {
+            *value = json!(EXTREMES[(*turn + 2) % EXTREMES.len()])
+        }
+        Value::Array(items) => items.iter_mut().for_each(|item| distort_alike(item, turn)),
+        Value::Object(fields) => fields.values_mut().for_each(|it| distort_alike(it, turn)),
+        _ => {}
+    }
+}
+
+#[test]
+fn lengths_without_measure_end_no_command_with_a_panic() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = std::fs::read(write_record_of(folder.path(), 2)).unwrap();
+    let (bad, tables) = (folder.path().join("bad.mcap"), folder.path().join("tables"));
+    // An attachment that ends before its check sum, and one that says it is 2^64 - 1 bytes long.
+    for (length, data) in [(32_u64, 0_u64), (34, 0), (36, u64::MAX), (36, u64::MAX - 35)] {
+        let mut bytes = whole[..8].to_vec();
+        bytes.push(mcap::records::op::ATTACHMENT);
+        bytes.extend(length.to_le_bytes());
+        let body = [&[0; 24][..], &data.to_le_bytes(), &[0; 8]].concat();
+        bytes.extend(&body[..length as usize]);
+        bytes.extend(&whole[8..]);
+        std::fs::write(&bad, &bytes).unwrap();
+        judge(&bad, &tables);
+    }
+}

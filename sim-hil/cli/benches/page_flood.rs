@@ -1,0 +1,103 @@
+//! How long a stop takes from a page of `flix cockpit` while strangers keep 2,000 sockets open at its port, idle and slow ones.
+//!
+//! Starts `flix-sim serve`, and a cockpit in this process, which gets the descriptors for both ends. Prints one line; the limit
+//! is 0.3 s for each stop.
+
+#[path = "../tests/cockpit/page.rs"]
+mod page;
+mod served;
+
+use std::io::Write as _;
+use std::net::{Ipv4Addr, TcpStream};
+use std::sync::mpsc::channel;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use flix_cli::cockpit::desk;
+use flix_cli::cockpit::server::Server;
+use flix_cli::teleop::drive::{Drive, Extras};
+use flix_host::link::keys;
+use flix_host::link::udp::Connection;
+use flix_host::system::interrupt::Interrupt;
+use page::Page;
+use served::Robot;
+
+/// Sockets of strangers.
+const SOCKETS: usize = 2_000;
+/// Stops that are timed.
+const STOPS: usize = 30;
+/// Longest time to a latched stop.
+const LIMIT: Duration = Duration::from_millis(300);
+
+fn main() {
+    raise_descriptors();
+    let folder = tempfile::tempdir().expect("a directory");
+    let key_file = folder.path().join("robot.key");
+    let key = keys::generate().expect("randomness");
+    keys::write_new(&key_file, &key).expect("a key file");
+    let robot = Robot::start(&key_file);
+    let interrupt = Interrupt::never();
+    let (sender, served) = channel();
+    let cockpit = thread::spawn({
+        let (interrupt, address) = (interrupt.clone(), robot.address);
+        move || {
+            let mut connection =
+                Connection::open(address, key, Interrupt::never()).expect("loopback");
+            connection.wait_until_connected().expect("a session");
+            let server =
+                Server::start((Ipv4Addr::LOCALHOST, 0).into(), false).expect("a free port");
+            sender.send(server.urls().remove(0)).expect("the page waits");
+            let mut extras = Extras::default();
+            let mut drive = Drive::new(&mut connection, "simulated", &mut extras);
+            desk::run(&mut drive, &server, &interrupt).expect("loopback");
+        }
+    });
+    let url = served.recv().expect("it serves");
+    let (host, _) = url.trim_start_matches("http://").split_once('/').expect("it has a path");
+    let mut driver = Page::open(&url).expect("a page");
+    driver.until("rest", "disarmed").expect("a robot at rest");
+    let mut sockets: Vec<TcpStream> = Vec::new();
+    let mut times: Vec<Duration> = Vec::new();
+    for _ in 0..STOPS {
+        // Those that were turned out come again; every second one says something, slowly.
+        sockets.clear();
+        for number in 0..SOCKETS {
+            let mut socket = TcpStream::connect(host).expect("a socket");
+            if number % 2 == 0 {
+                let _ = socket.write_all(b"GET / HTTP/1.1\r\nHost: a");
+            }
+            sockets.push(socket);
+        }
+        let asked = Instant::now();
+        driver.say("stop").expect("the cockpit listens");
+        driver.until("stop", "stopped").expect("a stop");
+        times.push(asked.elapsed());
+        driver.until("clear", "disarmed").expect("a robot that is cleared");
+    }
+    let begun = Instant::now();
+    drop(Page::open(&url).expect("a page that comes late"));
+    let opened = begun.elapsed();
+    interrupt.raise();
+    cockpit.join().expect("it ends");
+    times.sort_unstable();
+    let longest = times[STOPS - 1];
+    println!(
+        "stop from a page beside {SOCKETS} idle and slow sockets: median {:.1} ms, longest {:.1} ms of {STOPS}; another page \
+         opens in {:.1} ms",
+        1e3 * times[STOPS / 2].as_secs_f64(),
+        1e3 * longest.as_secs_f64(),
+        1e3 * opened.as_secs_f64(),
+    );
+    assert!(longest <= LIMIT, "a stop took longer than {LIMIT:?}");
+}
+
+/// Lets this process have as many descriptors as it may.
+fn raise_descriptors() {
+    #[cfg(unix)]
+    {
+        use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+        let limit = getrlimit(Resource::Nofile);
+        let most = Rlimit { current: limit.maximum, ..limit };
+        setrlimit(Resource::Nofile, most).expect("what is allowed");
+    }
+}

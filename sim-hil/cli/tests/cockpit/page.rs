@@ -1,0 +1,61 @@
+//! A page of `flix cockpit` without a browser: its WebSocket.
+
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use tungstenite::client::IntoClientRequest as _;
+use tungstenite::{Message, WebSocket};
+
+type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
+
+/// Time after which it hangs.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// An open page.
+pub struct Page {
+    socket: WebSocket<TcpStream>,
+    seen: u64,
+}
+
+impl Page {
+    /// Opens the page of this address.
+    pub fn open(url: &str) -> Outcome<Self> {
+        let (host, _) =
+            url.trim_start_matches("http://").split_once('/').ok_or("an address without a path")?;
+        let stream = TcpStream::connect(host)?;
+        stream.set_nodelay(true)?;
+        stream.set_read_timeout(Some(PATIENCE))?;
+        let mut request =
+            format!("{}socket", url.replacen("http", "ws", 1)).into_client_request()?;
+        request.headers_mut().insert("Origin", format!("http://{host}").parse()?);
+        let (socket, _) = tungstenite::client(request, stream).map_err(|it| it.to_string())?;
+        Ok(Self { socket, seen: 0 })
+    }
+
+    /// Asks for something.
+    pub fn say(&mut self, request: &str) -> Outcome<()> {
+        let message = json!({ "seen": self.seen, "do": request });
+        Ok(self.socket.send(Message::text(message.to_string()))?)
+    }
+
+    /// Answers snapshots, and asks for this again, until the robot's state is this; `stopped` is a stop that is latched.
+    pub fn until(&mut self, request: &str, state: &str) -> Outcome<()> {
+        let begun = Instant::now();
+        loop {
+            let Message::Text(text) = self.socket.read()? else { continue };
+            let snapshot: Value = serde_json::from_str(&text)?;
+            let Some(seen) = snapshot["stamp"].as_u64() else { continue };
+            self.seen = seen;
+            let telemetry = &snapshot["telemetry"];
+            let is_stopped = telemetry["stopped"] == true;
+            if (state == "stopped" && is_stopped) || (telemetry["state"] == state && !is_stopped) {
+                return Ok(());
+            }
+            if begun.elapsed() > PATIENCE {
+                return Err(format!("not {state}: {telemetry}").into());
+            }
+            self.say(request)?;
+        }
+    }
+}
