@@ -273,12 +273,9 @@ fn an_instruction_that_cannot_name_its_target_is_refused_and_leaves_no_program()
 fn arithmetic_of_128_bits_is_refused_where_it_is_linked_and_only_there() {
     let division = |name: &'static str| {
         let code = Section::code(".text.a").with(&[0x25, 0, 0], INSTRUCTION, name, 0).plain(&[0]);
-        let others = ["__udivti3", "__udivdi3"].map(|name| Section::code(".text.b").named(name));
-        program(
-            code,
-            others.into(),
-            &[("__udivti3", "__udivti3", 0), ("__udivdi3", "__udivdi3", 0)],
-        )
+        let others = [".text.wide", ".text.long"].map(|name| Section::code(name).plain(&[0; 4]));
+        let symbols = [("__udivti3", ".text.wide", 0), ("__udivdi3", ".text.long", 0)];
+        program(code, others.into(), &symbols)
     };
     let bench = Bench::new();
     let refused = bench.link_object(&division("__udivti3")).unwrap_err().to_string();
