@@ -135,13 +135,12 @@ fn relocations(elf: &mut Elf<'_>, section: Section) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Moves what stands in a word into its relocation's addend: for Xtensa it is added, for RISC-V overwritten.
+/// Adds what stands in a word to its relocation's addend: for Xtensa it counts, for RISC-V it is overwritten.
 fn word(elf: &mut Elf<'_>, place: Section, relocation: Relocation) -> Result<Relocation, Fault> {
     if place.kind == elf::WITHOUT_CONTENTS {
         return Err(Fault::Truncated);
     }
     let contents = elf.at(place.offset + relocation.place as usize)?;
-    let contents = contents.first_chunk_mut().ok_or(Fault::Truncated)?;
-    let addend = relocation.addend.wrapping_add(u32::from_le_bytes(std::mem::take(contents)));
-    Ok(Relocation { addend, ..relocation })
+    let contents = u32::from_le_bytes(*contents.first_chunk().ok_or(Fault::Truncated)?);
+    Ok(Relocation { addend: relocation.addend.wrapping_add(contents), ..relocation })
 }
