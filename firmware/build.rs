@@ -24,7 +24,7 @@ fn main() {
         Err(sentence) => println!("cargo::error={sentence}"),
     }
     if has_feature("pil") {
-        link_processor_in_the_loop();
+        link_processor_in_the_loop(&target);
     }
 }
 
@@ -36,16 +36,23 @@ fn link(chip: &str) {
     }
 }
 
-/// riscv-rt brings `link.x` and wants the memory map of QEMU's `virt` machine.
-fn link_processor_in_the_loop() {
+/// riscv-rt brings `link.x` and wants the memory map of QEMU's `virt` machine; xtensa-lx-rt brings the vectors of a script
+/// for its machine `sim`.
+fn link_processor_in_the_loop(target: &str) {
     let Some(out) = env::var_os("OUT_DIR") else { return };
-    let memory = std::path::Path::new(&out).join("memory.x");
-    if let Err(error) = std::fs::write(&memory, include_str!("src/bin/pil/memory.x")) {
-        println!("cargo::error={} cannot be written: {error}", memory.display());
+    let (script, text) = match target.starts_with("xtensa") {
+        true => ("sim.x", include_str!("src/bin/pil/xtensa.x")),
+        false => ("memory.x", include_str!("src/bin/pil/riscv.x")),
+    };
+    let path = std::path::Path::new(&out).join(script);
+    if let Err(error) = std::fs::write(&path, text) {
+        println!("cargo::error={} cannot be written: {error}", path.display());
     }
     println!("cargo::rustc-link-search={}", std::path::Path::new(&out).display());
-    println!("cargo::rustc-link-arg-bin=pil=-Tmemory.x");
-    println!("cargo::rustc-link-arg-bin=pil=-Tlink.x");
+    println!("cargo::rustc-link-arg-bin=pil=-T{script}");
+    if script == "memory.x" {
+        println!("cargo::rustc-link-arg-bin=pil=-Tlink.x");
+    }
     println!("cargo::rustc-link-arg-bin=fast-tick=-efast_tick");
     println!("cargo::rustc-link-arg-bin=fast-tick=--gc-sections");
 }

@@ -182,6 +182,14 @@ pub const fn counts_of_millivolts(millivolts: u16) -> u16 {
     if counts < ADC_LARGEST_COUNT { counts as u16 } else { ADC_LARGEST_COUNT as u16 }
 }
 
+/// Returns the count of a counter that counts up and down, upwards, at which what takes so many counts has to begin to lie
+/// around its peak; nothing where it takes longer than the counter from zero to zero.
+#[must_use]
+pub const fn centred_start(half_period: u16, counts: u32) -> Option<u16> {
+    let before = counts.div_ceil(2);
+    if before <= half_period as u32 { Some(half_period - before as u16) } else { None }
+}
+
 /// Millivolts of an ideal full-scale conversion (4095 counts); chips' own conversions are calibrated to it.
 const ADC_FULL_SCALE_MILLIVOLTS: u32 = 3_300;
 /// Largest count of a 12-bit conversion.
@@ -540,6 +548,13 @@ mod tests {
                         .map(|encoder| board.with_encoder(encoder))
                 })
         })
+    }
+
+    #[test]
+    fn conversions_lie_around_the_peak_or_do_not_fit() {
+        // Four of 5 and of 10 us at 160 MHz, around the peak at 4,000 counts; the most that fits, and one more.
+        let starts = [0, 3_200, 6_400, 8_000, 8_001].map(|counts| centred_start(4_000, counts));
+        assert_eq!(starts, [Some(4_000), Some(2_400), Some(800), Some(0), None]);
     }
 
     #[test]

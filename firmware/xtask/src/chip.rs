@@ -29,6 +29,15 @@ impl Chip {
         }
     }
 
+    /// Returns the chip's name for people.
+    pub(crate) fn title(self) -> &'static str {
+        match self {
+            Self::Esp32 => "ESP32",
+            Self::Esp32s3 => "ESP32-S3",
+            Self::Esp32c6 => "ESP32-C6",
+        }
+    }
+
     /// Returns the compiler's target.
     pub(crate) fn target(self) -> &'static str {
         match self {

@@ -19,16 +19,19 @@ mod pil;
 mod quick;
 mod run;
 mod setup;
+mod stock;
 mod toolchain;
 mod tree;
 mod web;
 mod workspace;
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 
 use chip::{Chip, Options};
+use run::Error;
 
 /// Build, check, measure and flash the chip images; run what a change has to pass.
 #[derive(Parser)]
@@ -43,9 +46,11 @@ const EXAMPLES: &str = "Examples:
   cargo xtask build esp32c6
   cargo xtask flash esp32 --board dengfoc-v3-01
   cargo xtask check esp32 --encoder mt6701
+  cargo xtask build esp32 --stock                    an experiment: without espup
   cargo xtask emulate                                provision, drive, and try what goes wrong
   cargo xtask emulate --quick --json
   cargo xtask emulate --live                         then: flix provision --port PORT --ssid lab --open
+  cargo xtask pil --chip esp32 --json
   cargo xtask size
   cargo xtask web                                    then open target/site/index.html
   cargo xtask quick                                  is my change wrong?
@@ -57,19 +62,19 @@ enum Task {
     /// Install what is missing: the compiler's target and sources, QEMU, an image maker.
     Setup(setup::Args),
     /// Build the chip's firmware.
-    Build(Choice),
+    Build(Build),
     /// Type-check the chip's firmware with every board and encoder, or with those named.
     Check(Choice),
     /// Make a flashable file of the chip's firmware.
-    Image(Choice),
+    Image(Build),
     /// Build, flash and show the log (needs espflash and a board).
     Flash(Choice),
     /// Replay a recorded walk on an emulated processor: compare every bit, count instructions.
-    Pil,
+    Pil(pil::Args),
     /// Run the ESP32-C6 image on an emulated chip with the simulated robot at its pins.
     Emulate(emulate::Args),
-    /// Print what the ESP32-C6 image takes of flash and memory; fail above the ceilings.
-    Size,
+    /// Print what images take of flash and memory; fail above the ceilings.
+    Size(image::Args),
     /// Build the page of the simulated robot into target/site; fail when it is too large.
     Web(web::Args),
     /// Check a change within a minute or two: format, types, lints, and the tests of the packages that changed.
@@ -92,19 +97,38 @@ struct Choice {
     options: Options,
 }
 
+#[derive(Args)]
+struct Build {
+    #[command(flatten)]
+    choice: Choice,
+    /// Build for the ESP32 by the stock compiler: an experiment, which no chip has run.
+    #[arg(long)]
+    stock: bool,
+}
+
+impl Build {
+    /// Builds, prints the path of the ELF file and returns it.
+    fn elf(&self) -> Result<PathBuf, Error> {
+        let Choice { chip, options } = &self.choice;
+        if self.stock { stock::build(*chip, options) } else { toolchain::build(*chip, options) }
+    }
+}
+
 fn main() -> ExitCode {
     if let Some(log) = std::env::var_os(measure::LOG) {
         return measure::compile(&log);
     }
     let outcome = match Cli::parse().task {
         Task::Setup(args) => setup::setup(&args),
-        Task::Build(Choice { chip, options }) => toolchain::build(chip, &options).map(drop),
+        Task::Build(args) => args.elf().map(drop),
         Task::Check(Choice { chip, options }) => toolchain::check(chip, &options),
-        Task::Image(Choice { chip, options }) => image::make(chip, &options).map(drop),
+        Task::Image(args) => {
+            args.elf().and_then(|elf| image::make(args.choice.chip, &elf)).map(drop)
+        }
         Task::Flash(Choice { chip, options }) => toolchain::flash(chip, &options),
-        Task::Pil => pil::run(),
+        Task::Pil(args) => pil::run(&args),
         Task::Emulate(args) => emulate::run(&args),
-        Task::Size => image::size(),
+        Task::Size(args) => image::size(&args),
         Task::Web(args) => web::run(&args),
         Task::Quick(args) => quick::run(&args),
         Task::Test(args) => quick::test(&args),

@@ -1,8 +1,13 @@
-//! Processor in the loop: the fast half on an emulated RV32IMAC against a trace from the simulator.
+//! Processor in the loop: the fast half on an emulated processor, RV32IMAC or Xtensa, against a trace from the simulator.
 
-use std::process::Command;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 
+use serde::Serialize;
+
+use crate::chip::Chip;
 use crate::run::{self, Error};
+use crate::stock::{self, Core};
 use crate::toolchain;
 
 /// Most instructions of half of all ticks, both motors: 12.5 % of the ESP32-C6 at 10 kHz.
@@ -18,8 +23,80 @@ const FLOODS: [f64; 2] = [1_000.0, 10_000.0];
 /// The simulator's example that records the trace.
 const RECORDER: &str = "record-trace";
 
-/// What the image counted of one candidate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// On which processor, and what is printed.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// The chip: the ESP32-C6's processor, or, built by the stock compiler as an experiment, an Xtensa core near the ESP32's.
+    #[arg(long, default_value = "esp32c6")]
+    chip: Chip,
+    /// The core of QEMU's that stands in for the ESP32's LX6.
+    #[arg(long, default_value = "dc233c", value_parser = ["dc233c", "de233_fpu"])]
+    core: String,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A processor that QEMU emulates.
+struct Processor {
+    chip: Chip,
+    title: String,
+    program: &'static str,
+    arguments: Vec<String>,
+    /// Whether its instructions are those of the chip, so that the ceilings hold for them.
+    is_the_chips: bool,
+}
+
+impl Processor {
+    fn of(args: &Args) -> Result<Self, Error> {
+        let words = |text: &str| text.split(' ').map(str::to_owned).collect();
+        match args.chip {
+            Chip::Esp32c6 => Ok(Self {
+                chip: args.chip,
+                title: "RV32IMAC".into(),
+                program: "qemu-system-riscv32",
+                arguments: words(
+                    "-M virt -bios none -nographic -icount shift=0 -semihosting-config enable=on,target=native",
+                ),
+                is_the_chips: true,
+            }),
+            // The image counts on the shift. Longer than an instruction takes, so that the clock runs in whole counts.
+            Chip::Esp32 => Ok(Self {
+                chip: args.chip,
+                title: format!("Xtensa, QEMU's {}", args.core),
+                program: "qemu-system-xtensa",
+                arguments: words(&format!(
+                    "-M sim -m 64 -cpu {} -display none -serial none -monitor none -semihosting -icount shift=10,sleep=off",
+                    args.core
+                )),
+                is_the_chips: false,
+            }),
+            Chip::Esp32s3 => Err(Error::Sentence(
+                "no processor of QEMU's is near the ESP32-S3's: name esp32c6 or esp32".into(),
+            )),
+        }
+    }
+
+    /// Builds the image; returns its path.
+    fn image(&self) -> Result<PathBuf, Error> {
+        if self.chip == Chip::Esp32 {
+            return stock::binary(self.chip, Core::Emulated, "pil", "pil");
+        }
+        let arguments = ["--package", "flix-firmware", "--bin", "pil", "--features", "pil"];
+        run::run(toolchain::riscv("build")?.args(arguments))?;
+        Ok(toolchain::riscv_binary("pil"))
+    }
+
+    /// Runs an image in this folder; returns what it printed.
+    fn run(&self, image: &Path, folder: &Path) -> Result<String, Error> {
+        let mut emulator = Command::new(self.program);
+        emulator.args(&self.arguments).arg("-kernel").arg(image);
+        run::output(emulator.current_dir(folder).stdin(Stdio::null()))
+    }
+}
+
+/// What the image counted of one candidate, instructions a tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 struct Counts {
     median: u32,
     p99: u32,
@@ -35,20 +112,131 @@ fn counts(output: &str, name: &str) -> Option<Counts> {
     Some(Counts { median: median?, p99: p99?, worst: worst?, ticks: ticks? })
 }
 
+/// What a datagram of one kind takes, its answer included.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+struct Datagram {
+    kind: String,
+    instructions: u32,
+}
+
 /// Reads the lines `datagram N NAME` of the image's output.
-fn datagrams(output: &str) -> impl Iterator<Item = (f64, &str)> {
-    output.lines().filter_map(|line| {
-        let (count, name) = line.strip_prefix("datagram ")?.split_once(' ')?;
-        Some((count.parse().ok()?, name))
-    })
+fn datagrams(output: &str) -> Vec<Datagram> {
+    let read = |line: &str| {
+        let (count, kind) = line.strip_prefix("datagram ")?.split_once(' ')?;
+        Some(Datagram { kind: kind.into(), instructions: count.parse().ok()? })
+    };
+    output.lines().filter_map(read).collect()
+}
+
+/// What the image counted: the tick from power-up to the fault at the end, while running, and the peer's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+struct Instructions {
+    all: Counts,
+    running: Counts,
+    foc: Counts,
+}
+
+/// What a replay found.
+#[derive(Debug, PartialEq, Eq, Serialize)]
+struct Replay {
+    chip: &'static str,
+    /// Whose instructions are counted.
+    processor: String,
+    ticks: u32,
+    /// Ticks that decided otherwise than on this computer.
+    differences: u32,
+    instructions: Instructions,
+    datagrams: Vec<Datagram>,
+    #[serde(skip)]
+    is_the_chips: bool,
+}
+
+impl Replay {
+    /// Reads the image's output; an error where it did not finish.
+    fn read(processor: &Processor, output: &str) -> Result<Self, Error> {
+        let differences =
+            output.lines().find_map(|line| line.strip_prefix("differences ")?.trim().parse().ok());
+        let [all, running, foc] = ["tick", "running", "foc"].map(|name| counts(output, name));
+        match (differences, all, running, foc) {
+            (Some(differences), Some(all), Some(running), Some(foc)) if all.ticks > 0 => Ok(Self {
+                chip: processor.chip.name(),
+                processor: processor.title.clone(),
+                ticks: all.ticks,
+                differences,
+                instructions: Instructions { all, running, foc },
+                datagrams: datagrams(output),
+                is_the_chips: processor.is_the_chips,
+            }),
+            _ => Err(Error::Sentence(format!("the image did not finish; it said:\n{output}"))),
+        }
+    }
+
+    /// Prints the tables.
+    fn print(&self) {
+        let Self { processor, instructions: Instructions { all, running, foc }, .. } = self;
+        println!(
+            "| {processor}, instructions per tick, both motors | median | 99 % | worst | ceilings |"
+        );
+        println!("|---|---:|---:|---:|---|");
+        let row = |what: &str, counts: &Counts, ceilings: &str| {
+            let Counts { median, p99, worst, .. } = counts;
+            println!("| {what} | {median} | {p99} | {worst} | {ceilings} |");
+        };
+        let ceilings = match self.is_the_chips {
+            true => format!("{MEDIAN_CEILING} / {WORST_CEILING}"),
+            false => String::new(),
+        };
+        row(
+            "this firmware while running: sensors to duties, supervisor included",
+            running,
+            &ceilings,
+        );
+        row("the same, from power-up to the fault at the end", all, &ceilings);
+        row("crate `foc` 0.3: two current loops and modulation alone", foc, "");
+        if self.is_the_chips {
+            self.print_datagrams();
+        }
+    }
+
+    fn print_datagrams(&self) {
+        println!(
+            "\n| {}, a datagram received | instructions | of an ESP32-C6 at 1,000 a second | at 10,000 |",
+            self.processor
+        );
+        println!("|---|---:|---:|---:|");
+        for Datagram { kind, instructions } in &self.datagrams {
+            let share = |rate: f64| 100.0 * f64::from(*instructions) * rate / CLOCK_HZ;
+            let [few, many] = FLOODS.map(share);
+            println!("| {kind} | {instructions} | {few:.1} % | {many:.0} % |");
+        }
+    }
+
+    /// Returns an error where a promise does not hold.
+    fn verdict(&self, output: &str) -> Result<(), Error> {
+        let Self { ticks, differences, instructions: Instructions { all, running, .. }, .. } = self;
+        if *differences != 0 {
+            return Err(Error::Sentence(format!(
+                "{differences} of {ticks} ticks decided otherwise than on this computer:\n{output}"
+            )));
+        }
+        let is_slow =
+            |counts: &Counts| counts.median > MEDIAN_CEILING || counts.worst > WORST_CEILING;
+        if self.is_the_chips && (is_slow(running) || is_slow(all)) {
+            return Err(Error::Sentence(
+                "the tick takes more instructions than its ceilings".into(),
+            ));
+        }
+        Ok(())
+    }
 }
 
 /// Builds what is missing, records, replays, compares, counts.
-pub(crate) fn run() -> Result<(), Error> {
-    if !run::succeeds(run::command("qemu-system-riscv32").arg("--version")) {
-        let sentence = "qemu-system-riscv32 is not installed: run `cargo xtask setup`";
-        if std::env::var_os("CI").is_some() {
-            return Err(Error::Sentence(sentence.into()));
+pub(crate) fn run(args: &Args) -> Result<(), Error> {
+    let processor = Processor::of(args)?;
+    if !run::succeeds(run::command(processor.program).arg("--version")) {
+        let sentence = format!("{} is not installed: run `cargo xtask setup`", processor.program);
+        if args.json || std::env::var_os("CI").is_some() {
+            return Err(Error::Sentence(sentence));
         }
         println!("skipped: {sentence}");
         return Ok(());
@@ -56,6 +244,23 @@ pub(crate) fn run() -> Result<(), Error> {
     let directory = run::target_directory().join("xtask/pil");
     let trace = directory.join("trace.bin");
     run::write(&trace, [])?;
+    record(&trace)?;
+    let output = processor.run(&processor.image()?, &directory)?;
+    let replay = Replay::read(&processor, &output)?;
+    if args.json {
+        println!("{}", serde_json::json!(replay));
+    } else {
+        replay.print();
+    }
+    replay.verdict(&output)?;
+    if !args.json {
+        println!("{} ticks, every outcome bit for bit the same as on this computer", replay.ticks);
+    }
+    Ok(())
+}
+
+/// Records a walk of the simulated robot.
+fn record(trace: &Path) -> Result<(), Error> {
     // As the tests build it, so that it need not be built twice.
     run::run(
         toolchain::cargo()
@@ -63,76 +268,30 @@ pub(crate) fn run() -> Result<(), Error> {
             .args(["--example", RECORDER]),
     )?;
     let recorder = run::target_directory().join("debug/examples").join(RECORDER);
-    run::run(run::command(recorder).arg(&trace))?;
-    run::run(toolchain::riscv("build")?.args(["--package", "flix-firmware"]).args([
-        "--bin",
-        "pil",
-        "--features",
-        "pil",
-    ]))?;
-    let mut emulator = Command::new("qemu-system-riscv32");
-    emulator
-        .args(["-M", "virt", "-bios", "none", "-nographic", "-icount", "shift=0"])
-        .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
-        .arg(toolchain::riscv_binary("pil"))
-        .current_dir(&directory)
-        .stdin(std::process::Stdio::null());
-    let output = run::output(&mut emulator)?;
-    report(&output)
-}
-
-/// Prints the table; an error where a promise does not hold.
-fn report(output: &str) -> Result<(), Error> {
-    let incomplete = || Error::Sentence(format!("the image did not finish; it said:\n{output}"));
-    let differences: u32 = output
-        .lines()
-        .find_map(|line| line.strip_prefix("differences "))
-        .and_then(|number| number.trim().parse().ok())
-        .ok_or_else(incomplete)?;
-    let [all, running, peer] = ["tick", "running", "foc"].map(|name| counts(output, name));
-    let all = all.ok_or_else(incomplete)?;
-    let running = running.ok_or_else(incomplete)?;
-    let peer = peer.ok_or_else(incomplete)?;
-    println!("| RV32IMAC, instructions per tick, both motors | median | 99 % | worst | ceilings |");
-    println!("|---|---:|---:|---:|---|");
-    let row = |what: &str, counts: Counts, ceilings: &str| {
-        let Counts { median, p99, worst, .. } = counts;
-        println!("| {what} | {median} | {p99} | {worst} | {ceilings} |");
-    };
-    let ceilings = format!("{MEDIAN_CEILING} / {WORST_CEILING}");
-    row("this firmware while running: sensors to duties, supervisor included", running, &ceilings);
-    row("the same, from power-up to the fault at the end", all, &ceilings);
-    row("crate `foc` 0.3: two current loops and modulation alone", peer, "");
-    println!(
-        "\n| RV32IMAC, a datagram received | instructions | of an ESP32-C6 at 1,000 a second | at 10,000 |"
-    );
-    println!("|---|---:|---:|---:|");
-    for (count, name) in datagrams(output) {
-        let [few, many] = FLOODS.map(|rate| 100.0 * count * rate / CLOCK_HZ);
-        println!("| {name} | {count} | {few:.1} % | {many:.0} % |");
-    }
-    if differences != 0 {
-        return Err(Error::Sentence(format!(
-            "{differences} of {} ticks decided otherwise than on this computer:\n{output}",
-            all.ticks
-        )));
-    }
-    println!("{} ticks, every outcome bit for bit the same as on this computer", all.ticks);
-    let is_slow = |counts: Counts| counts.median > MEDIAN_CEILING || counts.worst > WORST_CEILING;
-    if is_slow(running) || is_slow(all) {
-        return Err(Error::Sentence("the tick takes more instructions than its ceilings".into()));
-    }
-    Ok(())
+    run::run(run::command(recorder).arg(trace).stdout(Stdio::null()))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const GOOD: &str = "differences 0\n\
+    const GOOD: &str = "datagram 300 a good stop\n\
+        differences 0\n\
         tick median 1500 p99 1700 worst 2900 ticks 60000\n\
         running median 1600 p99 1800 worst 2800 ticks 50000\n\
         foc median 2400 p99 2500 worst 2600 ticks 60000\n";
+
+    fn processor(chip: Chip) -> Processor {
+        Processor::of(&Args { chip, core: "dc233c".into(), json: false }).unwrap()
+    }
+
+    fn report_of(chip: Chip, output: &str) -> Result<(), Error> {
+        Replay::read(&processor(chip), output)?.verdict(output)
+    }
+
+    fn report(output: &str) -> Result<(), Error> {
+        report_of(Chip::Esp32c6, output)
+    }
 
     #[test]
     fn a_good_run_passes() {
@@ -141,18 +300,20 @@ mod tests {
 
     #[test]
     fn datagrams_are_read_with_their_names() {
-        let read: Vec<_> = datagrams("tick\ndatagram 300 a good stop\ndatagram x y\n").collect();
-        assert_eq!(read, [(300.0, "a good stop")]);
+        let read = datagrams("tick\ndatagram 300 a good stop\ndatagram x y\n");
+        assert_eq!(read, [Datagram { kind: "a good stop".into(), instructions: 300 }]);
     }
 
     #[test]
-    fn a_difference_fails() {
+    fn a_difference_fails_on_every_processor() {
         let output = GOOD.replace("differences 0", "differences 1");
-        assert!(report(&output).unwrap_err().to_string().contains("1 of 60000"));
+        for chip in [Chip::Esp32c6, Chip::Esp32] {
+            assert!(report_of(chip, &output).unwrap_err().to_string().contains("1 of 60000"));
+        }
     }
 
     #[test]
-    fn a_tick_above_its_ceiling_fails() {
+    fn a_tick_above_its_ceiling_fails_where_it_is_the_chips() {
         for (good, bad) in [
             ("worst 2900", "worst 3001"),
             ("median 1500", "median 2001"),
@@ -160,12 +321,35 @@ mod tests {
             ("median 1600", "median 2001"),
         ] {
             assert!(report(&GOOD.replace(good, bad)).is_err(), "{bad}");
+            assert!(report_of(Chip::Esp32, &GOOD.replace(good, bad)).is_ok(), "{bad}");
         }
     }
 
     #[test]
-    fn an_image_that_stops_early_fails() {
+    fn an_image_that_stops_early_or_replays_nothing_fails() {
         assert!(report("differences 0\n").is_err());
         assert!(report("panic: here\n").is_err());
+        assert!(report(&GOOD.replace("worst 2900 ticks 60000", "worst 2900 ticks 0")).is_err());
+    }
+
+    #[test]
+    fn programs_read_the_counts_and_whose_they_are() {
+        let replay = Replay::read(&processor(Chip::Esp32), GOOD).unwrap();
+        let counts = |median, p99, worst, ticks| serde_json::json!({"median": median, "p99": p99, "worst": worst, "ticks": ticks});
+        assert_eq!(
+            serde_json::json!(replay),
+            serde_json::json!({
+                "chip": "esp32",
+                "processor": "Xtensa, QEMU's dc233c",
+                "ticks": 60000,
+                "differences": 0,
+                "instructions": {
+                    "all": counts(1500, 1700, 2900, 60000),
+                    "running": counts(1600, 1800, 2800, 50000),
+                    "foc": counts(2400, 2500, 2600, 60000),
+                },
+                "datagrams": [{"kind": "a good stop", "instructions": 300}],
+            })
+        );
     }
 }

@@ -6,12 +6,12 @@ use std::process::Command;
 
 use crate::chip::RISCV_TARGET;
 use crate::run::{self, Error};
-use crate::toolchain;
+use crate::{stock, toolchain};
 
 /// Debian's compiler: new enough for the chip crates, from the security archive.
 const DEBIAN_COMPILER: [&str; 4] =
     ["rustc-web=1.96*", "libstd-rust-web-dev=1.96*", "rust-web-src=1.96*", "lld-22"];
-/// Debian's emulator for RISC-V.
+/// Debian's emulator for RISC-V and Xtensa.
 const DEBIAN_QEMU: &str = "qemu-system-misc";
 /// Debian's browser, and what drives it.
 const DEBIAN_BROWSER: [&str; 2] = ["chromium", "chromium-driver"];
@@ -19,8 +19,6 @@ const DEBIAN_BROWSER: [&str; 2] = ["chromium", "chromium-driver"];
 const ESPTOOL: &str = "esptool==5.*";
 /// Where the security archive is named, if the machine's sources do not name it.
 const SECURITY_LIST: &str = "/etc/apt/sources.list.d/flix-walker-security.list";
-/// How long rustup may try to bring one thing: a machine that cannot reach it should not wait.
-const RUSTUP_PATIENCE: &str = "90s";
 
 /// Brings everything that `build esp32c6`, `check`, `image`, `pil` and `size` need.
 pub(crate) fn setup(args: &Args) -> Result<(), Error> {
@@ -33,6 +31,9 @@ pub(crate) fn setup(args: &Args) -> Result<(), Error> {
     compiler()?;
     emulator()?;
     image_maker()?;
+    if args.stock {
+        stock::set_up()?;
+    }
     if args.browser { browser() } else { Ok(()) }
 }
 
@@ -42,15 +43,18 @@ pub(crate) struct Args {
     /// Also Chromium and what drives it, for the tests of pages.
     #[arg(long)]
     browser: bool,
+    /// Also what `build esp32 --stock` and `pil --chip esp32` need: components of the compiler, some 100 MB to download.
+    #[arg(long)]
+    stock: bool,
 }
 
 fn compiler() -> Result<(), Error> {
     if !toolchain::stock_has_riscv() {
-        rustup(["target", "add", RISCV_TARGET]);
+        toolchain::rustup(&["target", "add", RISCV_TARGET]);
     }
     // Who could not bring the one would not bring the other.
     if toolchain::stock_has_riscv() && !toolchain::stock_has_sources() {
-        rustup(["component", "add", "rust-src"]);
+        toolchain::rustup(&["component", "add", "rust-src"]);
     }
     if toolchain::stock_has_riscv() && toolchain::stock_has_sources() {
         println!("compiler: rustup's, with {RISCV_TARGET} and its sources");
@@ -66,11 +70,12 @@ fn compiler() -> Result<(), Error> {
 }
 
 fn emulator() -> Result<(), Error> {
-    if !run::succeeds(run::command("qemu-system-riscv32").arg("--version")) {
+    let programs = ["qemu-system-riscv32", "qemu-system-xtensa"];
+    if !programs.iter().all(|program| run::succeeds(run::command(program).arg("--version"))) {
         refresh_packages(DEBIAN_QEMU)?;
         install(&[DEBIAN_QEMU])?;
     }
-    println!("emulator: qemu-system-riscv32");
+    println!("emulators: {}", programs.join(", "));
     Ok(())
 }
 
@@ -120,11 +125,6 @@ impl ImageMaker {
             .find(|path| run::succeeds(run::command(path).arg("version")))
             .map(Self::Esptool)
     }
-}
-
-/// Lets rustup bring one thing; whether it could is seen from its effect.
-fn rustup(arguments: [&str; 3]) {
-    let _ = run::command("timeout").args([RUSTUP_PATIENCE, "rustup"]).args(arguments).status();
 }
 
 /// Prepares a command with the rights to install.

@@ -3,7 +3,8 @@
 //! | chip | with rustup / espup | without |
 //! |---|---|---|
 //! | ESP32-C6 | the target `riscv32imac-unknown-none-elf` | Debian's `rustc-web`, its sources, `lld` |
-//! | ESP32, ESP32-S3 | the toolchain `esp` | cannot be built; type-checked by a stand-in |
+//! | ESP32 | the toolchain `esp`; with `--stock`, an experiment, the stock one ([`crate::stock`]) | type-checked by a stand-in |
+//! | ESP32-S3 | the toolchain `esp` | type-checked by a stand-in |
 //!
 //! The stand-in: stock compilers know the Xtensa targets but no assembly for them. A target file
 //! that carries the Xtensa target's name and an ARM description, with `target_arch` overridden,
@@ -11,6 +12,7 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::{Duration, Instant};
 
 use crate::chip::{Chip, Options, RISCV_TARGET};
 use crate::run::{self, Error};
@@ -21,8 +23,10 @@ const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
 const DEBIAN_LINKER: &str = "ld.lld-22";
 /// The toolchain that `espup install` brings.
 const ESP_TOOLCHAIN: &str = "esp";
+/// How long rustup may try to bring one thing.
+const RUSTUP_PATIENCE: Duration = Duration::from_secs(180);
 /// Profile of chip images, in the root manifest.
-const PROFILE: &str = "chip";
+pub(crate) const PROFILE: &str = "chip";
 /// A bare target with inline assembly, to stand in for Xtensa.
 const STAND_IN: &str = "armv7a-none-eabi";
 
@@ -36,7 +40,7 @@ fn sysroot(rustc: &Path) -> Option<PathBuf> {
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().into())
 }
 
-fn stock_rustc() -> PathBuf {
+pub(crate) fn stock_rustc() -> PathBuf {
     std::env::var_os("RUSTC").map_or_else(|| "rustc".into(), PathBuf::from)
 }
 
@@ -60,6 +64,19 @@ pub(crate) fn stock_has_sources() -> bool {
 pub(crate) fn debian_is_complete() -> bool {
     has_sources(Path::new(DEBIAN_RUSTC))
         && run::succeeds(run::command(DEBIAN_LINKER).arg("--version"))
+}
+
+/// Lets rustup bring one thing; whether it could is seen from its effect. A machine that cannot reach it does not wait for long.
+pub(crate) fn rustup(arguments: &[&str]) {
+    let Ok(mut rustup) = run::command("rustup").args(arguments).spawn() else { return };
+    let start = Instant::now();
+    while rustup.try_wait().is_ok_and(|status| status.is_none()) {
+        if start.elapsed() > RUSTUP_PATIENCE {
+            // One that has ended meanwhile.
+            let _ = rustup.kill();
+        }
+        std::thread::sleep(RUSTUP_PATIENCE / 1000);
+    }
 }
 
 fn has_esp() -> bool {
@@ -95,7 +112,7 @@ pub(crate) fn riscv(subcommand: &str) -> Result<Command, Error> {
             "no compiler here builds for {RISCV_TARGET}: run `cargo xtask setup`"
         )));
     }
-    println!("rustup's target {RISCV_TARGET} is not installed: building with Debian's compiler");
+    eprintln!("rustup's target {RISCV_TARGET} is not installed: building with Debian's compiler");
     command
         .args(["-Zbuild-std=core,alloc"])
         .env("RUSTC", DEBIAN_RUSTC)
@@ -128,8 +145,9 @@ fn for_chip(chip: Chip, subcommand: &str) -> Result<Command, Error> {
             Error::Sentence(format!(
                 "building for the {0} needs the toolchain `{ESP_TOOLCHAIN}`: \
                  `cargo install espup && espup install`; \
-                 without it, `cargo xtask check {0}` checks its types",
-                chip.name()
+                 without it, `cargo xtask check {0}` checks its types{1}",
+                chip.name(),
+                if chip == Chip::Esp32 { ", and `--stock` builds what nobody has run" } else { "" }
             ))
         }),
     }

@@ -359,6 +359,12 @@ impl<O: Outside> Chip<O> {
         self.soc.output(pin, now)
     }
 
+    /// Returns the cycles from the image's first instruction to the one that first drove a pin low; `None` where none did.
+    #[must_use]
+    pub fn low_after(&self, pin: u32) -> Option<u64> {
+        self.soc.low_since(pin).map(|at| at.saturating_sub(self.started))
+    }
+
     /// Charges these times to the radio's library from now on.
     pub fn charge(&mut self, times: Times) {
         self.radio.times = times;
@@ -449,6 +455,7 @@ impl<O: Outside> Chip<O> {
             radio_renewals: self.radio.renewals,
             longest_radio_call_cycles: self.radio.longest_call,
             frames_dropped: self.radio.overruns,
+            radio_buffers: self.radio.buffers,
             fast_watchdog_is_on: self.soc.timers[1].watchdog_is_on(),
             slow_watchdog_is_on: self.soc.watchdog.is_on(),
             fast_loop_priority: [source::MCPWM, source::FROM_CPU + EXECUTOR]
@@ -580,6 +587,8 @@ pub struct Counters {
     pub longest_radio_call_cycles: u64,
     /// Frames that no buffer was free for.
     pub frames_dropped: u64,
+    /// Buffers for frames that the image allows the radio: received, static and dynamic, and to send, likewise; 0 is without end.
+    pub radio_buffers: Option<[u32; 4]>,
     /// Whether the watchdog of the fast loop's timer group is on.
     pub fast_watchdog_is_on: bool,
     /// Whether the low-power side's is.

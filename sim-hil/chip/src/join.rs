@@ -72,7 +72,7 @@ pub fn try_all(rig: &mut Rig, is_quick: bool, progress: &dyn Fn(&str)) -> Result
         }
     }
     join.failures.extend(unasked(rig));
-    join.failures.extend(Memory::of(&rig.chip).failure());
+    join.failures.extend(Memory::of(&rig.chip).failures());
     join.failures.extend(rig.findings());
     join.failures.iter_mut().for_each(|failure| failure.insert_str(0, "joining: "));
     Ok(join)

@@ -27,6 +27,7 @@ pub mod robot;
 mod rom;
 pub mod session;
 mod soc;
+pub mod start;
 
 pub use block::mcpwm::Wave;
 pub use block::spi::Transfer;

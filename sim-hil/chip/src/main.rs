@@ -8,7 +8,6 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use clap::{Parser, ValueEnum};
-use flix_chip::CYCLES_PER_SECOND;
 use flix_chip::air::{self, Air};
 use flix_chip::chip::ResetReason;
 use flix_chip::cycles;
@@ -22,6 +21,7 @@ use flix_chip::power;
 use flix_chip::restart::{self, Restart};
 use flix_chip::rig::{Rig, RigError};
 use flix_chip::session::{Battery, Hold, Report, Times, drive, magnet_failures};
+use flix_chip::start::{self, Start};
 use flix_firmware::board::EncoderKind;
 use serde::Serialize;
 
@@ -100,9 +100,6 @@ impl Cli {
 const LEAST_TRANSMIT_DBM: f64 = 10.0;
 /// Interrupts of the radio and the scheduler (esp-radio, esp-rtos).
 const RADIO_PRIORITY: u32 = 1;
-/// The tasks' watchdog is started so soon after the image: the HAL sets up the clocks in 1.2 ms, and flash and radio come
-/// later.
-const LATEST_WATCHDOG: Duration = Duration::from_millis(2);
 /// To approach each setpoint, and to measure it; the same in short.
 const TIMES: [Duration; 2] = [Duration::from_secs(4), Duration::from_secs(1)];
 const QUICK_TIMES: [Duration; 2] = [Duration::from_secs(1), Duration::from_millis(300)];
@@ -125,6 +122,7 @@ enum Error {
 struct Verdict {
     #[serde(flatten)]
     session: Option<Report>,
+    start: Option<start::Report>,
     network: Option<Air>,
     join: Option<Join>,
     restarts: Option<Vec<Restart>>,
@@ -315,12 +313,10 @@ fn try_robot(cli: &Cli, rig: &mut Rig, verdict: &mut Verdict) -> Result<(), RigE
         let sentence = "the fast loop's interrupt is not above the radio's: priority";
         verdict.failures.push(format!("{sentence} {priority}"));
     }
+    let start = Start::of(&rig.chip);
+    verdict.failures.extend(start.failures());
+    verdict.start = Some(start.report());
     let counters = rig.chip.counters();
-    let watched = counters.slow_watchdog_after_cycles;
-    if watched.is_none_or(|after| after > cycles(LATEST_WATCHDOG)) {
-        let us = watched.map(|after| after * 1_000_000 / CYCLES_PER_SECOND);
-        verdict.failures.push(format!("the tasks' watchdog starts after {us:?} us"));
-    }
     if counters.radio_sleeps {
         verdict.failures.push("the radio sleeps between beacons".to_owned());
     }
@@ -339,7 +335,7 @@ fn try_robot(cli: &Cli, rig: &mut Rig, verdict: &mut Verdict) -> Result<(), RigE
     let sentence = |(at, reason): &(_, _)| format!("a reset by {reason:?} after {at:?}");
     verdict.failures.extend(unexpected.map(sentence));
     verdict.memory = Some(Memory::of(&rig.chip));
-    verdict.failures.extend(verdict.memory.iter().filter_map(Memory::failure));
+    verdict.failures.extend(verdict.memory.iter().flat_map(Memory::failures));
     if cli.runs(Part::Restarts) {
         let restarts = restart::try_all(rig, &progress)?;
         verdict.failures.extend(restarts.iter().flat_map(|restart| restart.failures.clone()));
@@ -425,7 +421,7 @@ fn print(verdict: &Verdict, host: Duration) {
         session.hold.iter().for_each(print_hold);
     }
     if let Some(memory) = &verdict.memory {
-        let Memory { stack, stack_left, heap, heap_left } = memory;
+        let Memory { stack, stack_left, heap, heap_left, .. } = memory;
         println!(
             "never used: {stack_left} of {stack} bytes of the main stack, {heap_left} of {heap} of the heap"
         );

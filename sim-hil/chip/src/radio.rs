@@ -21,7 +21,7 @@ use crate::soc::{Outside, Soc};
 pub(crate) const RETURN: u32 = ROM + ROM_BYTES - 0x10;
 /// Bytes for a received frame.
 const FRAME_BYTES: u32 = 2_048;
-/// Received frames that the driver may hold.
+/// Received frames that there is room for here; how many the driver may hold the image states.
 const FRAMES: usize = 32;
 /// Where the data of an event lies.
 const EVENT_DATA: u32 = RADIO + FRAMES as u32 * FRAME_BYTES;
@@ -39,6 +39,10 @@ const NAME: std::ops::Range<usize> = 0..32;
 const PASSWORD: std::ops::Range<usize> = 32..96;
 const SCAN_METHOD: usize = 96;
 const STATION_BYTES: usize = 100;
+/// Of the configuration of the library (`wifi_init_config_t`): the size of a part of its own in front of the numbers of buffers, and
+/// those numbers behind it: received frames, static and dynamic, kind of those to send, these, static and dynamic.
+const CRYPTO_SIZE: u32 = 4;
+const BUFFERS: [u32; 4] = [0, 4, 12, 16];
 /// Scans all channels and takes the strongest access point (`WIFI_ALL_CHANNEL_SCAN`).
 const ALL_CHANNELS: u8 = 1;
 /// What the program waits in while the library works: an interrupt, and again.
@@ -184,6 +188,8 @@ pub(crate) struct Radio {
     /// Attempts to connect since power-on, and how often it was made anew.
     pub(crate) attempts: u64,
     pub(crate) renewals: u64,
+    /// Buffers for frames that the image allows: received, static and dynamic, and to send, likewise; 0 is without end.
+    pub(crate) buffers: Option<[u32; 4]>,
     busy: [bool; FRAMES],
     /// Frames that no buffer was free for.
     pub(crate) overruns: u64,
@@ -218,6 +224,7 @@ impl Radio {
             times: Times::NONE,
             attempts: 0,
             renewals: 0,
+            buffers: None,
             busy: [false; FRAMES],
             overruns: 0,
             longest_call: 0,
@@ -265,6 +272,25 @@ impl Radio {
             scans_all: bytes[SCAN_METHOD] == ALL_CHANNELS,
         };
         Some(())
+    }
+
+    /// Notes how many buffers the image allows.
+    fn configure_buffers(&mut self, at: u32, soc: &Soc<impl Outside>) -> Option<()> {
+        let behind = at + CRYPTO_SIZE + soc.memory.load(at + CRYPTO_SIZE, 4)?;
+        let mut buffers = [0; 4];
+        for (number, offset) in buffers.iter_mut().zip(BUFFERS) {
+            *number = soc.memory.load(behind.wrapping_add(offset), 4)?;
+        }
+        self.buffers = Some(buffers);
+        Some(())
+    }
+
+    /// Returns how many received frames the driver may hold.
+    fn frames(&self) -> usize {
+        match self.buffers {
+            Some([_, dynamic, ..]) if dynamic > 0 => FRAMES.min(dynamic as usize),
+            _ => FRAMES,
+        }
     }
 
     /// Begins to connect: what it will do when.
@@ -339,6 +365,9 @@ impl Radio {
         cpu.cycles += CALL_CYCLES;
         let mut result = 0;
         match name {
+            "esp_wifi_init_internal" => {
+                self.configure_buffers(argument(0), soc).ok_or_else(beyond)?;
+            }
             "esp_wifi_set_mode" => self.mode = argument(0),
             "esp_wifi_get_mode" => {
                 soc.memory.store(argument(0), self.mode, 4).ok_or_else(beyond)?;
@@ -443,7 +472,7 @@ impl Radio {
             if !self.is_connected || self.frame_receiver == 0 {
                 continue;
             }
-            let Some(index) = self.busy.iter().position(|busy| !busy) else {
+            let Some(index) = self.busy.iter().take(self.frames()).position(|busy| !busy) else {
                 self.overruns += 1;
                 continue;
             };

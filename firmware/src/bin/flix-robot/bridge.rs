@@ -63,8 +63,26 @@ const fn phase<const IS_A: bool>() -> PwmPinConfig<IS_A> {
 /// gates it.
 pub(crate) type Carrier = Timer<0, MCPWM0<'static>>;
 
+/// Both bridges off: enables and phases are outputs, low.
+pub(crate) struct Quiet([Option<Output<'static>>; 2]);
+
+/// Switches both bridges off, the enables first. Until then nothing drives their pins, which are what the board makes of
+/// them: it comes before everything that takes time.
+pub(crate) fn quiet() -> Quiet {
+    let enables = BOARD.bridges.map(|bridge| bridge.enable.map(output));
+    for phase in BOARD.bridges.into_iter().flat_map(|bridge| bridge.phases) {
+        // It stays an output, until the PWM takes it: to drop one changes nothing (esp-hal 1.2, `Output`).
+        drop(output(phase));
+    }
+    Quiet(enables)
+}
+
 /// Starts the PWM with both bridges off, and the tick's timer. `undivided` feeds the unit with its whole clock.
-pub(crate) fn start(unit: MCPWM0<'static>, undivided: impl FnOnce()) -> (Motors, Carrier) {
+pub(crate) fn start(
+    unit: MCPWM0<'static>,
+    Quiet([top_enable, bottom_enable]): Quiet,
+    undivided: impl FnOnce(),
+) -> (Motors, Carrier) {
     let clock = PeripheralClockConfig::with_prescaler(0);
     let mut pwm = McPwm::new(unit, clock);
     undivided();
@@ -84,8 +102,8 @@ pub(crate) fn start(unit: MCPWM0<'static>, undivided: impl FnOnce()) -> (Motors,
     let (top_b, bottom_b) = pwm.operator1.with_pins(b.0, phase(), b.1, phase());
     let (top_c, bottom_c) = pwm.operator2.with_pins(c.0, phase(), c.1, phase());
     let motors = Motors {
-        top: ThreePhase::new(top_a, top_b, top_c, top.enable),
-        bottom: ThreePhase::new(bottom_a, bottom_b, bottom_c, bottom.enable),
+        top: ThreePhase::new(top_a, top_b, top_c, top_enable),
+        bottom: ThreePhase::new(bottom_a, bottom_b, bottom_c, bottom_enable),
     };
     (motors, pwm.timer0)
 }
@@ -126,14 +144,14 @@ struct ThreePhase<const IS_A: bool> {
 }
 
 impl<const IS_A: bool> ThreePhase<IS_A> {
-    /// Takes the three outputs, at a duty of zero, and the enable, low.
+    /// Takes the three outputs, at a duty of zero, and the enable, which is low.
     fn new(
         a: PwmPin<'static, MCPWM0<'static>, 0, IS_A>,
         b: PwmPin<'static, MCPWM0<'static>, 1, IS_A>,
         c: PwmPin<'static, MCPWM0<'static>, 2, IS_A>,
-        enable: Option<Pin>,
+        enable: Option<Output<'static>>,
     ) -> Self {
-        let mut bridge = Self { a, b, c, enable: enable.map(output) };
+        let mut bridge = Self { a, b, c, enable };
         bridge.apply(Bridge::Off);
         bridge
     }

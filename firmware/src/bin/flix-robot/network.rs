@@ -42,6 +42,11 @@ const SIGNAL_INTERVAL: Duration = Duration::from_secs(1);
 /// to fail to authenticate (esp-radio 1.0.0-beta.1, `set_max_tx_power`).
 const TRANSMIT_POWER: i8 = 60;
 
+/// Frames that the driver keeps at most, each way. Each takes 1.6 KB of its heap; by default it is 32, 51 KB of 80 KiB, of which a
+/// connected driver takes some 50 KiB besides. No fewer than the receiver's own buffers, which are as many here, and those
+/// no fewer than the 6 frames that are acknowledged at once (esp-radio 1.0.0-beta.1, `ControllerConfig`).
+const BUFFERS: u8 = 8;
+
 /// Radio power as last received, dBm.
 pub(crate) static SIGNAL: Mutex<CriticalSectionRawMutex, Cell<Option<i8>>> =
     Mutex::new(Cell::new(None));
@@ -50,7 +55,11 @@ pub(crate) static SIGNAL: Mutex<CriticalSectionRawMutex, Cell<Option<i8>>> =
 pub(crate) fn start(wifi: WIFI<'static>) -> Option<WifiController<'static>> {
     // Calibrating takes its time.
     let _window = Window::open();
-    WifiController::new(wifi, ControllerConfig::default())
+    let buffers = ControllerConfig::default()
+        .with_static_rx_buf_num(BUFFERS)
+        .with_dynamic_rx_buf_num(BUFFERS.into())
+        .with_dynamic_tx_buf_num(BUFFERS.into());
+    WifiController::new(wifi, buffers)
         .inspect_err(|error| log!("wi-fi: does not start: {error:?}"))
         .ok()
 }

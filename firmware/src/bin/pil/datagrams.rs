@@ -9,9 +9,9 @@ use flix_protocol::frame::Frame;
 use flix_protocol::message::{Command, ToRobot};
 use flix_protocol::session::{Key, OperatorReceived, OperatorSession};
 use flix_protocol::units::Instant;
-use semihosting::println;
 
-use crate::{instructions, overhead};
+use crate::machine::{Stopwatch, println};
+use crate::overhead;
 
 const NOW: Instant = Instant::from_micros(1_000_000);
 /// A byte of every datagram that its tag covers.
@@ -40,10 +40,10 @@ impl Counter {
     /// Lets the robot receive a datagram, prints what that took, and returns the answer.
     fn receive(&mut self, name: &str, datagram: &[u8]) -> Frame {
         let mut answer = Frame::new();
-        let start = instructions();
+        let stopwatch = Stopwatch::start();
         self.robot.receive(NOW, self.address, core::hint::black_box(datagram));
         let _ = self.robot.transmit(NOW, &mut answer);
-        let spent = instructions().wrapping_sub(start).wrapping_sub(self.overhead);
+        let spent = stopwatch.instructions().wrapping_sub(self.overhead);
         println!("datagram {spent} {name}");
         answer
     }

@@ -1,14 +1,18 @@
 #![no_std]
 #![no_main]
-//! The fast half on an emulated RV32IMAC processor: replays a recorded trace
+#![cfg_attr(target_arch = "xtensa", feature(asm_experimental_arch))]
+//! The fast half on an emulated processor, RV32IMAC or Xtensa: replays a recorded trace
 //! ([`flix_firmware::trace`]) from the file `trace.bin` in QEMU's working directory, compares every
 //! outcome bit for bit, and counts instructions.
 //!
-//! With QEMU's `-icount shift=0` the counter `minstret` is exact and the same in every run. Beside
+//! With QEMU's `-icount` the count is exact and the same in every run. Beside
 //! it, as a peer, the crate `foc` does its two updates on the same currents and angles: current
 //! loops and modulation alone, without what the tick does besides. Before, it counts what a datagram takes.
 
 mod datagrams;
+#[cfg_attr(target_arch = "riscv32", path = "riscv.rs")]
+#[cfg_attr(target_arch = "xtensa", path = "xtensa.rs")]
+mod machine;
 
 use fixed::types::I16F16;
 use flix_firmware::fast::configuration::Configuration;
@@ -21,10 +25,8 @@ use flix_protocol::message::{SCOPE_VALUES, State};
 use foc::Foc;
 use foc::pid::PIController;
 use foc::pwm::SpaceVector;
-use riscv_rt::entry;
-use semihosting::fs::File;
-use semihosting::io::Read;
-use semihosting::{println, process};
+
+use machine::{File, Stopwatch, entry, exit, println};
 
 /// Counts above this are put together: the table is about a tick of at most 3,000.
 const LARGEST_COUNT: usize = 16_384;
@@ -70,16 +72,9 @@ impl Counts {
     }
 }
 
-/// Instructions retired, its lower half: a tick is far below its range.
-#[inline(always)]
-fn instructions() -> u32 {
-    riscv::register::minstret::read() as u32
-}
-
 /// Instructions that counting itself takes.
 fn overhead() -> u32 {
-    let start = instructions();
-    instructions().wrapping_sub(start)
+    Stopwatch::start().instructions()
 }
 
 /// The peer's two motors.
@@ -142,7 +137,7 @@ struct Counted {
 }
 
 fn replay(counted: &mut Counted) -> Result<u32, Malformed> {
-    let mut file = File::open(c"trace.bin").map_err(|_| Malformed)?;
+    let mut file = File::open(c"trace.bin").ok_or(Malformed)?;
     let hardware = trace::decode::<Hardware, _>(|room| file.read_exact(room))?.ok_or(Malformed)?;
     let mut control = Control::new(Configuration::new(&Settings::DEFAULT, &hardware));
     let mut peer = Peer::new();
@@ -150,9 +145,9 @@ fn replay(counted: &mut Counted) -> Result<u32, Malformed> {
     let overhead = overhead();
     let mut differences = 0;
     while let Some(row) = trace::decode::<Row, _>(|room| file.read_exact(room))? {
-        let start = instructions();
+        let stopwatch = Stopwatch::start();
         let actuation = core::hint::black_box(tick(&mut control, &mut scope, &row));
-        let spent = instructions().wrapping_sub(start).wrapping_sub(overhead);
+        let spent = stopwatch.instructions().wrapping_sub(overhead);
         counted.all.add(spent);
         if row.outcome.state == State::Running {
             counted.running.add(spent);
@@ -167,14 +162,14 @@ fn replay(counted: &mut Counted) -> Result<u32, Malformed> {
             differences += 1;
         }
         let currents = peer.inputs(&row.sensors);
-        let start = instructions();
+        let stopwatch = Stopwatch::start();
         core::hint::black_box(peer.tick(core::hint::black_box(currents)));
-        counted.peer.add(instructions().wrapping_sub(start).wrapping_sub(overhead));
+        counted.peer.add(stopwatch.instructions().wrapping_sub(overhead));
     }
     Ok(differences)
 }
 
-/// Replays the trace; called by riscv-rt.
+/// Replays the trace; called by what starts the processor.
 #[entry]
 fn main() -> ! {
     static COUNTED: static_cell::ConstStaticCell<Counted> =
@@ -186,7 +181,7 @@ fn main() -> ! {
     let counted = COUNTED.take();
     if datagrams::count().is_none() {
         println!("operator and robot got no session");
-        process::exit(4)
+        exit(4)
     }
     match replay(counted) {
         Ok(differences) => {
@@ -194,11 +189,11 @@ fn main() -> ! {
             counted.all.print("tick");
             counted.running.print("running");
             counted.peer.print("foc");
-            process::exit(0)
+            exit(0)
         }
         Err(Malformed) => {
             println!("trace.bin: {Malformed}");
-            process::exit(2)
+            exit(2)
         }
     }
 }
@@ -206,5 +201,5 @@ fn main() -> ! {
 #[panic_handler]
 fn on_panic(info: &core::panic::PanicInfo) -> ! {
     println!("panic: {info}");
-    process::exit(3)
+    exit(3)
 }

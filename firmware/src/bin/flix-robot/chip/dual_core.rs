@@ -14,13 +14,13 @@ use esp_hal::system::{CpuControl, Stack};
 use esp_hal::time::{Duration, Rate};
 use esp_storage::FlashStorage;
 use flix_firmware::board::as5600::As5600;
-use flix_firmware::board::{EncoderKind, I2cPins, counts_of_millivolts};
+use flix_firmware::board::{EncoderKind, I2cPins, centred_start, counts_of_millivolts};
 use flix_protocol::message::ProgramCounters;
 use static_cell::StaticCell;
 
-use super::chosen::{BottomA, BottomB, CONVERSION_US, Calibration, Divider, TopA, TopB};
+use super::chosen::{BottomA, BottomB, Calibration, Divider, TopA, TopB};
 use super::parts::Parts;
-use crate::bridge::{self, Carrier, HALF_PERIOD, Motors, PWM_CLOCK_HZ, pin};
+use crate::bridge::{self, Carrier, HALF_PERIOD, Motors, PWM_CLOCK_HZ, Quiet, pin};
 use crate::choice::BOARD;
 use crate::clock::now;
 use crate::encoders::{Encoders, SAMPLES, Sample, SpiEncoders};
@@ -44,6 +44,7 @@ const I2C_PATIENCE: Duration = Duration::from_millis(1);
 /// What core 1 owns.
 pub(crate) struct FastParts {
     core: CPU_CTRL<'static>,
+    bridges: Quiet,
     pwm: MCPWM0<'static>,
     converter: ADC1<'static>,
     encoders: EncoderUnits,
@@ -51,8 +52,9 @@ pub(crate) struct FastParts {
     software_interrupt: FROM_CPU_INTR2<'static>,
 }
 
-/// Shares the chip out.
+/// Shares the chip out, with both bridges off.
 pub(crate) fn share_out(chip: Peripherals) -> Parts<FastParts> {
+    let bridges = bridge::quiet();
     Parts {
         scheduler: (chip.TIMG0, chip.FROM_CPU_INTR0),
         low_power: chip.RTC_TIMER,
@@ -61,6 +63,7 @@ pub(crate) fn share_out(chip: Peripherals) -> Parts<FastParts> {
         serial: chip.UART0,
         fast: FastParts {
             core: chip.CPU_CTRL,
+            bridges,
             pwm: chip.MCPWM0,
             converter: chip.ADC1,
             encoders: EncoderUnits { top: chip.I2C0, bottom: chip.I2C1, spi: chip.SPI3 },
@@ -76,10 +79,10 @@ pub(crate) fn start_fast_loop(
     start: impl FnOnce(Electronics, Encoders, TIMG1<'static>, FROM_CPU_INTR2<'static>) + Send + 'static,
 ) {
     static STACK: StaticCell<Stack<STACK_BYTES>> = StaticCell::new();
-    let FastParts { core, pwm, converter, encoders, timers, software_interrupt } = parts;
+    let FastParts { core, bridges, pwm, converter, encoders, timers, software_interrupt } = parts;
     let work = move || {
         let (encoders, i2c) = encoders.start();
-        let electronics = Electronics::new(pwm, Analog::new(converter));
+        let electronics = Electronics::new(pwm, bridges, Analog::new(converter));
         start(electronics, encoders, timers, software_interrupt);
         read_i2c_for_ever(i2c)
     };
@@ -114,30 +117,29 @@ pub(crate) struct Electronics {
     pub(crate) motors: Motors,
     analog: Analog,
     carrier: Carrier,
+    /// Count of the carrier, upwards, at which the four conversions begin.
+    first_conversion: u16,
 }
 
-/// Counts up at which four conversions have to begin to lie around the carrier's peak, the middle of the time in which all
-/// low sides are on: the phases' ripple is zero there.
-const FIRST_CONVERSION: u16 = {
-    let half = CONVERSION_US * 4 / 2 * (PWM_CLOCK_HZ / 1_000_000);
-    assert!(half <= HALF_PERIOD as u32);
-    HALF_PERIOD - half as u16
-};
+/// Rounds of conversions whose time is measured at the start: as many forwards as backwards.
+const TIMED_ROUNDS: u32 = 8;
 
 impl Electronics {
-    fn new(unit: MCPWM0<'static>, analog: Analog) -> Self {
-        let (motors, carrier) = bridge::start(unit, || ());
-        Self { motors, analog, carrier }
+    fn new(unit: MCPWM0<'static>, bridges: Quiet, mut analog: Analog) -> Self {
+        let (motors, carrier) = bridge::start(unit, bridges, || ());
+        let first_conversion = analog.first_conversion();
+        Self { motors, analog, carrier, first_conversion }
     }
 
     /// Waits until the ripple is about to be zero, and returns counts of phases A and B of the top, then of the bottom motor.
     pub(crate) fn phase_current(&mut self) -> Option<[[i16; 2]; 2]> {
         BOARD.hardware.current_sense?;
+        let is_time = |(count, direction)| {
+            matches!(direction, CounterDirection::Increasing)
+                && (self.first_conversion..=HALF_PERIOD).contains(&count)
+        };
         // At most a PWM period. A carrier that stands is a hung loop: the watchdog ends both.
-        while !matches!(
-            self.carrier.status(),
-            (FIRST_CONVERSION..=HALF_PERIOD, CounterDirection::Increasing)
-        ) {}
+        while !is_time(self.carrier.status()) {}
         self.analog.currents()
     }
 
@@ -183,6 +185,27 @@ impl Analog {
             divider: config.enable_pin_with_cal(divider, range),
             converter: Adc::new(converter, config),
             backwards: false,
+        }
+    }
+
+    /// Measures how long the four conversions take, which data sheets give for the converter alone, and returns when they
+    /// have to begin to lie around the carrier's peak, the middle of the time in which all low sides are on: the phases'
+    /// ripple is zero there.
+    fn first_conversion(&mut self) -> u16 {
+        if BOARD.hardware.current_sense.is_none() {
+            return 0;
+        }
+        let start = now();
+        let is_converted = (0..TIMED_ROUNDS).all(|_| self.currents().is_some());
+        let us = now().since(start).as_micros() as u32 / TIMED_ROUNDS;
+        match centred_start(HALF_PERIOD, us * (PWM_CLOCK_HZ / 1_000_000)) {
+            Some(first) if is_converted => first,
+            _ => {
+                log!(
+                    "currents: four conversions take {us} us, more than there is: measured off the middle"
+                );
+                0
+            }
         }
     }
 

@@ -14,8 +14,6 @@ pub(crate) const SERIAL_TRANSMIT: Pin = 1;
 
 /// How a conversion becomes millivolts: by what the chip's fuses say of its own converter.
 pub(super) type Calibration = AdcCalLine<ADC1<'static>>;
-/// Time of a conversion, microseconds: 200,000 a second at most (ESP32 data sheet, ADC characteristics, RTC controller).
-pub(super) const CONVERSION_US: u32 = 5;
 
 /// Amplifier of the top motor's phase A.
 pub(super) type TopA = GPIO39<'static>;

@@ -18,7 +18,7 @@ use flix_firmware::board::{EncoderKind, Pin, counts_of_millivolts};
 use flix_protocol::message::ProgramCounters;
 
 use super::parts::Parts;
-use crate::bridge::{self, Carrier, Motors};
+use crate::bridge::{self, Carrier, Motors, Quiet};
 use crate::choice::BOARD;
 use crate::encoders::{Encoders, SpiEncoders};
 
@@ -34,6 +34,7 @@ const STACK_BYTES: usize = 4096;
 
 /// What the fast loop owns.
 pub(crate) struct FastParts {
+    bridges: Quiet,
     pwm: MCPWM0<'static>,
     converter: (ADC1<'static>, GPIO0<'static>),
     spi: SPI2<'static>,
@@ -41,8 +42,9 @@ pub(crate) struct FastParts {
     software_interrupt: FROM_CPU_INTR2<'static>,
 }
 
-/// Shares the chip out.
+/// Shares the chip out, with both bridges off.
 pub(crate) fn share_out(chip: Peripherals) -> Parts<FastParts> {
+    let bridges = bridge::quiet();
     Parts {
         scheduler: (chip.TIMG0, chip.FROM_CPU_INTR0),
         low_power: chip.RTC_TIMER,
@@ -50,6 +52,7 @@ pub(crate) fn share_out(chip: Peripherals) -> Parts<FastParts> {
         wifi: chip.WIFI,
         serial: chip.UART0,
         fast: FastParts {
+            bridges,
             pwm: chip.MCPWM0,
             converter: (chip.ADC1, chip.GPIO0),
             spi: chip.SPI2,
@@ -70,7 +73,7 @@ pub(crate) fn start_fast_loop(
         kind => SpiEncoders::new(parts.spi, BOARD.spi, kind)
             .map_or(Encoders::elsewhere(), Encoders::Spi),
     };
-    let electronics = Electronics::new(parts.pwm, parts.converter);
+    let electronics = Electronics::new(parts.pwm, parts.bridges, parts.converter);
     start(electronics, encoders, parts.timers, parts.software_interrupt);
 }
 
@@ -88,8 +91,12 @@ pub(crate) struct Electronics {
 }
 
 impl Electronics {
-    fn new(unit: MCPWM0<'static>, (converter, divider): (ADC1<'static>, GPIO0<'static>)) -> Self {
-        let (motors, carrier) = bridge::start(unit, undivided_pwm_clock);
+    fn new(
+        unit: MCPWM0<'static>,
+        bridges: Quiet,
+        (converter, divider): (ADC1<'static>, GPIO0<'static>),
+    ) -> Self {
+        let (motors, carrier) = bridge::start(unit, bridges, undivided_pwm_clock);
         let battery = BOARD.divider.map(|_| Battery::new(converter, divider));
         Self { motors, battery, _carrier: carrier }
     }

@@ -13,8 +13,6 @@ pub(crate) const SERIAL_TRANSMIT: Pin = 43;
 
 /// How a conversion becomes millivolts: by what the chip's fuses say of its own converter.
 pub(super) type Calibration = AdcCalCurve<ADC1<'static>>;
-/// Time of a conversion, microseconds: 100,000 a second at most (ESP32-S3 data sheet, ADC characteristics).
-pub(super) const CONVERSION_US: u32 = 10;
 
 /// Amplifier of the top motor's phase A.
 pub(super) type TopA = GPIO1<'static>;

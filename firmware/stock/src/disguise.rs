@@ -1,0 +1,146 @@
+//! Xtensa objects in the clothes of RISC-V, for a linker that does not know Xtensa.
+//!
+//! The linker is to lay sections out, keep what is reached, and write addresses into words of data. An absolute word and no
+//! relocation at all have the same numbers in both (1 and 0), so that it does this for Xtensa, too. A relocation of an
+//! instruction becomes none, which keeps its symbol alive; in what the linker emits it comes out with the final address and is
+//! filled in there ([`crate::link`]).
+//!
+//! Source of the kinds: GNU binutils, `include/elf/xtensa.h`; RISC-V ELF psABI, "Relocations".
+
+use std::fmt;
+
+use crate::elf::{self, Elf, Relocation, Section};
+
+/// The processors' numbers (System V ABI, `e_machine`).
+pub(crate) const XTENSA: u16 = 94;
+const RISCV: u16 = 243;
+/// Kinds of relocations: none; a word; an instruction.
+pub(crate) const NONE: u8 = 0;
+pub(crate) const WORD: u8 = 1;
+pub(crate) const INSTRUCTION: u8 = 20;
+/// What tells a linker that shortens code how code hung together: a long call, and differences of addresses, which are
+/// right as they are where nothing is shortened.
+const EXPANSION: u8 = 11;
+const DIFFERENCES: [std::ops::RangeInclusive<u8>; 2] = [17..=19, 57..=62];
+/// Sections that say the same, by the beginning of their names.
+const NOTES: [&[u8]; 2] = [b".xt.", b".xtensa.in"];
+
+/// What is wrong with an object or an archive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fault {
+    /// It is cut short: something that it names lies beyond its end.
+    Truncated,
+    /// An ELF file of another kind.
+    Foreign,
+    /// Relocations without addends.
+    WithoutAddends,
+    /// A relocation of another kind than Xtensa objects were seen to have.
+    Relocation(u8),
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Truncated => formatter.write_str("cut short: it names what lies beyond its end"),
+            Self::Foreign => formatter.write_str("no ELF file of 32 bits, little-endian"),
+            Self::WithoutAddends => {
+                formatter.write_str("relocations without addends, which no Xtensa object has")
+            }
+            Self::Relocation(kind) => write!(
+                formatter,
+                "a relocation of kind {kind}, and what is known is a word ({WORD}), an instruction ({INSTRUCTION}), \
+                 a long call ({EXPANSION}) and differences (17 to 19, 57 to 62)"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for Fault {}
+
+/// First bytes of an archive, and the sizes of a member's header and of what is before and in its field for the size.
+const ARCHIVE: &[u8] = b"!<arch>\n";
+const MEMBER: usize = 60;
+const MEMBER_SIZE: std::ops::Range<usize> = 48..58;
+
+/// Returns whether these bytes begin an object or an archive.
+pub(crate) fn is_linkable(bytes: &[u8]) -> bool {
+    elf::is_elf(bytes) || bytes.starts_with(ARCHIVE)
+}
+
+/// Calls a function with each ELF file: the file itself, or those in the archive.
+pub(crate) fn for_each_object(
+    file: &mut [u8],
+    mut with: impl FnMut(&mut [u8]) -> Result<(), Fault>,
+) -> Result<(), Fault> {
+    let Some(mut rest) = file.strip_prefix(ARCHIVE).map(<[u8]>::len).map(|length| {
+        let start = file.len() - length;
+        &mut file[start..]
+    }) else {
+        return if elf::is_elf(file) { with(file) } else { Ok(()) };
+    };
+    while let Some((header, members)) = rest.split_at_mut_checked(MEMBER) {
+        let digits = std::str::from_utf8(&header[MEMBER_SIZE]).map_err(|_| Fault::Truncated)?;
+        let size: usize = digits.trim_end().parse().map_err(|_| Fault::Truncated)?;
+        let (member, following) = members.split_at_mut_checked(size).ok_or(Fault::Truncated)?;
+        if elf::is_elf(member) {
+            with(member)?;
+        }
+        // Members begin at even offsets.
+        rest = following.get_mut(size % 2..).unwrap_or_default();
+    }
+    Ok(())
+}
+
+/// Disguises each Xtensa object of a file, in place; other objects stay as they are.
+///
+/// # Errors
+/// Where an object is cut short or has a relocation of an unknown kind.
+pub fn disguise(file: &mut [u8]) -> Result<(), Fault> {
+    for_each_object(file, object)
+}
+
+fn object(bytes: &mut [u8]) -> Result<(), Fault> {
+    let mut elf = Elf::read(bytes)?;
+    if elf.machine()? != XTENSA {
+        return Ok(());
+    }
+    elf.set_machine(RISCV, 0)?;
+    for section in elf.sections() {
+        if NOTES.iter().any(|note| elf.section_name(section).starts_with(note)) {
+            elf.set_section_flags(section, section.flags | elf::EXCLUDED)?;
+        }
+        match section.kind {
+            elf::WITHOUT_ADDENDS => return Err(Fault::WithoutAddends),
+            elf::WITH_ADDENDS => relocations(&mut elf, section)?,
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+fn relocations(elf: &mut Elf<'_>, section: Section) -> Result<(), Fault> {
+    let place = elf.section(section.info)?;
+    for relocation in elf.relocations(section)? {
+        let disguised = match relocation.kind {
+            NONE => continue,
+            WORD => word(elf, place, relocation)?,
+            INSTRUCTION => Relocation { kind: NONE, ..relocation },
+            kind if kind == EXPANSION || DIFFERENCES.iter().any(|range| range.contains(&kind)) => {
+                Relocation { kind: NONE, symbol: 0, ..relocation }
+            }
+            kind => return Err(Fault::Relocation(kind)),
+        };
+        elf.set_relocation(disguised)?;
+    }
+    Ok(())
+}
+
+/// Adds what stands in a word to its relocation's addend: for Xtensa it counts, for RISC-V it is overwritten.
+fn word(elf: &mut Elf<'_>, place: Section, relocation: Relocation) -> Result<Relocation, Fault> {
+    if place.kind == elf::WITHOUT_CONTENTS {
+        return Err(Fault::Truncated);
+    }
+    let contents = elf.at(place.offset + relocation.place as usize)?;
+    let contents = u32::from_le_bytes(*contents.first_chunk().ok_or(Fault::Truncated)?);
+    Ok(Relocation { addend: relocation.addend.wrapping_add(contents), ..relocation })
+}
