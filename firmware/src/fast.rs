@@ -15,6 +15,8 @@ mod aligner;
 pub mod alignment;
 pub mod configuration;
 pub mod control;
+#[cfg(test)]
+mod ends;
 pub mod foc;
 pub mod interval;
 pub mod margin;
