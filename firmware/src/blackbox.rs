@@ -21,7 +21,7 @@ use heapless::String;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::exchange::{MotorReport, Report};
+use crate::fast::exchange::{MotorReport, Report};
 use crate::settings::text;
 use crate::stored;
 
@@ -244,8 +244,8 @@ mod tests {
     use crate::board::DENGFOC_V3_01;
     use crate::fast::configuration::Configuration;
     use crate::fast::control::Control;
-    use crate::fast::units::{Current, Speed, Voltage};
     use crate::settings::Settings;
+    use crate::units::{Current, Speed, Voltage};
 
     const BUILD: BuildId = BuildId([1, 2, 3, 4, 5, 6, 7, 8]);
 

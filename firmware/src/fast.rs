@@ -9,14 +9,14 @@
 //!             monitor (what is wrong)
 //! ```
 //!
-//! [`configuration`] converts the settings to fixed point; [`units`] has a type for each quantity.
+//! [`configuration`] converts the settings to fixed point; [`units`](crate::units) has a type for each quantity.
 
 mod aligner;
-pub mod alignment;
 pub mod configuration;
 pub mod control;
 #[cfg(test)]
 mod ends;
+pub mod exchange;
 pub mod foc;
 pub mod interval;
 pub mod margin;
@@ -27,4 +27,3 @@ mod still;
 mod supervisor;
 mod tracker;
 mod trial;
-pub mod units;

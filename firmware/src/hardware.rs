@@ -7,7 +7,7 @@ use core::num::NonZeroU16;
 
 use serde::{Deserialize, Serialize};
 
-pub use crate::fast::units::{Duty, EncoderAngle, TICK, TICK_RATE_HZ, TICK_US};
+pub use crate::units::{Duty, EncoderAngle, TICK, TICK_RATE_HZ, TICK_US};
 pub use flix_protocol::message::Magnet;
 
 /// One reading of an absolute angle encoder.

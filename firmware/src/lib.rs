@@ -16,7 +16,7 @@
 //! | `net`, `neighbours`, `mdns` | carry datagrams between an embassy-net stack and the slow half (feature `net`) |
 //! | [`link`] | authenticates operators, answers commands, sends telemetry and events |
 //! | [`provision`] | takes name, network and key over the serial port |
-//! | [`exchange`] | hands orders and configurations to the fast half, reports to the slow half |
+//! | [`fast::exchange`] | hands orders and configurations to the fast half, reports to the slow half |
 //! | [`fast`] | decides the duties, 10,000 times a second, in integers alone |
 //! | [`settings`] | names, checks and stores what can be tuned |
 //! | [`blackbox`] | keeps the last fault and panic over a restart |
@@ -88,10 +88,10 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod alignment;
 pub mod backtrace;
 pub mod blackbox;
 pub mod board;
-pub mod exchange;
 pub mod fast;
 pub mod hardware;
 pub mod joining;
@@ -110,3 +110,4 @@ pub mod scope;
 pub mod settings;
 pub mod stored;
 pub mod trace;
+pub mod units;

@@ -37,14 +37,14 @@ use flix_protocol::session::{Operators, RobotReceived, RobotSession};
 use flix_protocol::units::{Amperes, Degrees, Instant, Ratio, Volts};
 use heapless::{Deque, Vec};
 
+use crate::alignment::Alignment;
 use crate::blackbox::{BlackBox, RUN_BYTES};
-use crate::exchange::{Order, Report, Requests};
-use crate::fast::alignment::Alignment;
+use crate::fast::exchange::{Order, Report, Requests};
 use crate::fast::margin;
-use crate::fast::units::Speed;
 use crate::hardware::{Hardware, SettingsStore};
 use crate::scope::{Memory, Scope};
 use crate::settings::{self, Settings, Tuning, text};
+use crate::units::Speed;
 
 /// Events that wait for an operator.
 pub const EVENTS: usize = 32;

@@ -23,9 +23,9 @@ use flix_protocol::session::Operators;
 use flix_protocol::units::Instant;
 
 use crate::blackbox::RUN_BYTES;
-use crate::exchange::{Access, Exchange, Order, Report};
 use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
+use crate::fast::exchange::{Access, Exchange, Order, Report};
 use crate::hardware::{Actuation, Hardware, Sensors, SettingsStore};
 use crate::link::{Link, bridges, identity, is_idle};
 use crate::scope::Sample;

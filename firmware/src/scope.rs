@@ -1,5 +1,5 @@
 //! The scope's memory: a ring of rows that the fast half fills in every tick, and that operators read once it is
-//! complete. It lies in the [`Exchange`](crate::exchange::Exchange), so that no half waits for the other.
+//! complete. It lies in the [`Exchange`](crate::fast::exchange::Exchange), so that no half waits for the other.
 
 use core::borrow::BorrowMut;
 

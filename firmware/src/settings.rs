@@ -22,10 +22,10 @@
 use flix_protocol::message::{Mark, Parameter, Refusal};
 use heapless::{String, Vec};
 
-use crate::fast::alignment::{Alignment, Frame};
-use crate::fast::units::{ElectricalAngle, RotorAngle, TURN_PER_DEGREE};
+use crate::alignment::{Alignment, Frame};
 use crate::hardware::SettingsStore;
 use crate::stored::{self, LoadError, SaveError};
+use crate::units::{ElectricalAngle, RotorAngle, TURN_PER_DEGREE};
 
 /// Most bytes that settings take in a [`SettingsStore`].
 pub const STORED_LENGTH: usize = 1_000;

@@ -10,10 +10,10 @@ use flix_protocol::units::Instant;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::exchange::Order;
 use crate::fast::control::Control;
-use crate::fast::units::Speed;
+use crate::fast::exchange::Order;
 use crate::hardware::{Actuation, Sensors};
+use crate::units::Speed;
 
 /// Most bytes that the hardware or a [`Row`] takes, its length included.
 pub const LONGEST: usize = 1 + u8::MAX as usize;
@@ -98,8 +98,8 @@ pub fn decode<T: DeserializeOwned, E>(
 mod tests {
     use super::*;
     use crate::board::BOARDS;
-    use crate::exchange::Requests;
-    use crate::fast::units::RotorAngle;
+    use crate::fast::exchange::Requests;
+    use crate::units::RotorAngle;
     use flix_protocol::message::{Pattern, Trial};
 
     use crate::hardware::{Bridge, Duty, Encoder, EncoderAngle, EncoderReading, Hardware, Magnet};

@@ -5,14 +5,14 @@ use core::net::SocketAddr;
 
 use crate::no_store::NoStore;
 use crate::still::AT_REST;
+use flix_firmware::alignment::Alignment;
 use flix_firmware::board::DENGFOC_V3_01;
-use flix_firmware::exchange::{Access, Exchange, Report};
-use flix_firmware::fast::alignment::Alignment;
 use flix_firmware::fast::configuration::Configuration;
-use flix_firmware::fast::units::ElectricalAngle;
+use flix_firmware::fast::exchange::{Access, Exchange, Report};
 use flix_firmware::hardware::{Actuation, Bridge, TICK};
 use flix_firmware::robot::{FastHalf, SlowHalf, halves};
 use flix_firmware::scope::Memory;
+use flix_firmware::units::ElectricalAngle;
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
     Channel, Command, Event, LoopTiming, Outcome, ParameterCommand, Refusal, SCOPE_VALUES,

@@ -7,12 +7,12 @@ use core::time::Duration;
 use crate::no_store::NoStore;
 use flix_firmware::blackbox::{self, Kept};
 use flix_firmware::board::{DENGFOC_V3_01, GENERIC_ESP32C6};
-use flix_firmware::exchange::{EventCounters, MotorReport, Report, Requests};
-use flix_firmware::fast::units::{Current, RotorAngle, Speed, Voltage};
+use flix_firmware::fast::exchange::{EventCounters, MotorReport, Report, Requests};
 use flix_firmware::hardware::Hardware;
 use flix_firmware::link::{EVENTS, Link, bridges, identity};
 use flix_firmware::robot::Robot;
 use flix_firmware::settings::{COUNT, MOTOR_VALUES, Settings, Tuning};
+use flix_firmware::units::{Current, RotorAngle, Speed, Voltage};
 use flix_protocol::failsafe::{COMMAND_AGE, LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{

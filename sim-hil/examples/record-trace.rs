@@ -10,9 +10,9 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use flix_firmware::board::DENGFOC_V3_01;
-use flix_firmware::exchange::Order;
 use flix_firmware::fast::configuration::Configuration;
 use flix_firmware::fast::control::Control;
+use flix_firmware::fast::exchange::Order;
 use flix_firmware::hardware::{Encoder, Hardware, TICK_RATE_HZ, TICK_US};
 use flix_firmware::settings::Settings;
 use flix_firmware::trace::{LONGEST, Outcome, Row, encode};

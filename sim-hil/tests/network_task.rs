@@ -11,7 +11,7 @@ use embassy_net::IpEndpoint;
 use embassy_net::udp::UdpSocket;
 use embassy_time::{Duration, Timer};
 use flix_firmware::board::DENGFOC_V3_01;
-use flix_firmware::exchange::Exchange;
+use flix_firmware::fast::exchange::Exchange;
 use flix_firmware::hardware::{Encoder, EncoderAngle, EncoderReading, Sensors};
 use flix_firmware::mdns;
 use flix_firmware::net::{self, Station};

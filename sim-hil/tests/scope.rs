@@ -1,7 +1,7 @@
 //! What the scope keeps is what happened: tick by tick, value by value, around a lost phase lock as at any other time.
 use std::time::Duration;
 
-use flix_firmware::exchange::Report;
+use flix_firmware::fast::exchange::Report;
 use flix_host::scope::Capture;
 use flix_protocol::message::{
     Channel, Command, Fault, Outcome, ParameterCommand, ScopeCommand, ScopePlan, ScopeState,

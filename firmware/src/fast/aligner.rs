@@ -18,16 +18,16 @@
 
 use flix_protocol::message::Fault;
 
-use crate::fast::alignment::Alignment;
+use crate::alignment::Alignment;
 use crate::fast::configuration::Configuration;
 use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::{Direction, Stator, clarke, inverse_clarke, park};
 use crate::fast::still::{REST_TICKS, Stillness, ZERO_TICKS, ZeroMeter};
 use crate::fast::tracker::{Tracker, harmonic_factors};
-use crate::fast::units::{
+use crate::hardware::Bridge;
+use crate::units::{
     Counts, ElectricalAngle, Quantity, RotorAngle, Voltage, magnitude, multiply_high,
 };
-use crate::hardware::Bridge;
 
 #[cfg(test)]
 mod tests;

@@ -3,20 +3,22 @@
 
 use core::f64::consts::TAU;
 
-use crate::fast::alignment::Alignment;
+use crate::alignment::Alignment;
 use crate::fast::foc::burning;
 use crate::fast::foc::current::{DELAY_BITS, Model, PROPORTIONAL_BITS, REACTANCE_BITS};
 use crate::fast::foc::modulation::dead_time_slope;
-use crate::fast::monitor::DIAGNOSTIC_TICKS;
 use crate::fast::reference::Ramps;
 use crate::fast::shaker::{LARGEST_ACCELERATION, ShakerModel};
 use crate::fast::tracker::{ANGLE_GAIN_BITS, EncoderModel, TABLE_LENGTH};
-use crate::fast::units::{
+use crate::hardware::Hardware;
+use crate::settings::Settings;
+use crate::units::{
     Counts, Current, ElectricalAngle, ElectricalSpeed, Quantity, RotorAngle, Speed, TICK_RATE_HZ,
     TICK_US, Voltage, magnitude, scaled,
 };
-use crate::hardware::Hardware;
-use crate::settings::Settings;
+
+/// What builds up slowly is looked at in one tick of so many.
+pub(crate) const DIAGNOSTIC_TICKS: u32 = 16;
 
 /// Settings and board as the tick wants them: see each type for its unit.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -12,23 +12,23 @@ mod tests;
 use flix_protocol::message::{Channel, EncoderHealth, Fault, Faults, LoopTiming, State};
 use flix_protocol::units::Instant;
 
-use crate::exchange::{MotorReport, Order, Report};
 use crate::fast::aligner::{self, Aligner, Progress};
-use crate::fast::configuration::Configuration;
+use crate::fast::configuration::{Configuration, DIAGNOSTIC_TICKS};
+use crate::fast::exchange::{MotorReport, Order, Report};
 use crate::fast::foc::burning::direct_current;
 use crate::fast::foc::current::{CurrentLoop, Input};
 use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::Rotor;
 use crate::fast::interval::Interval;
-use crate::fast::monitor::{DIAGNOSTIC_TICKS, Monitor, Observation};
+use crate::fast::monitor::{Monitor, Observation};
 use crate::fast::reference::STRIDE;
 use crate::fast::shaker::{Rotors, Shaker, Target};
 use crate::fast::supervisor::{Conditions, Drive, Supervisor};
 use crate::fast::tracker::{TABLE_LENGTH, Tracker};
 use crate::fast::trial::{self, TrialRun};
-use crate::fast::units::{Counts, Current, RotorAngle, Speed, TICK_US, Voltage, multiply_high};
 use crate::hardware::{Actuation, Bridge, Magnet, Sensors};
 use crate::scope::{Sample, row};
+use crate::units::{Counts, Current, RotorAngle, Speed, TICK_US, Voltage, multiply_high};
 
 /// Tick after a multiple of [`DIAGNOSTIC_TICKS`] that adds to the interval: half-way between two diagnoses, and not one of those
 /// in which the shaker is updated.

@@ -3,7 +3,7 @@
 //! Each rotor pulls at the other and at the body twice a turn, so theta, the torque currents and the bus ripple at up to 70 Hz.
 //! Single values, 50 a second, would show the 60 Hz of f = 30 Hz as a swing of 10 Hz that is not there.
 
-use crate::fast::units::{Current, RotorAngle, Voltage};
+use crate::units::{Current, RotorAngle, Voltage};
 
 /// Most values of an interval: sums of so many fit up to 40 V and 40 A, and telemetry comes once a second or more often, after
 /// 625.

@@ -31,8 +31,8 @@ use crate::fast::foc::current::{Model, PROPORTIONAL_BITS};
 use crate::fast::reference::STRIDE;
 use crate::fast::shaker::ShakerModel;
 use crate::fast::tracker::{ANGLE_GAIN_BITS, EncoderModel};
-use crate::fast::units::TICK_US;
 use crate::settings::Settings;
+use crate::units::TICK_US;
 
 /// Least margin with which the robot arms. The plant's gain varies by some 6 % as its base yields, and motors by a few
 /// per cent as they warm up; a disturbance is amplified tenfold at the most.

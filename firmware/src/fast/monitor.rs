@@ -6,11 +6,11 @@
 
 use flix_protocol::message::{Fault, Faults};
 
-use crate::fast::configuration::Configuration;
+use crate::fast::configuration::{Configuration, DIAGNOSTIC_TICKS};
 use crate::fast::foc::current::CurrentLoop;
 use crate::fast::shaker::Shaker;
 use crate::fast::tracker::Tracker;
-use crate::fast::units::{Current, Speed, TURN_PER_DEGREE, Voltage, magnitude, product, within};
+use crate::units::{Current, Speed, TURN_PER_DEGREE, Voltage, magnitude, product, within};
 
 /// Consecutive samples above the limit that are an over-current: one alone may be a spike.
 const OVER_CURRENT_TICKS: u32 = 2;
@@ -69,8 +69,6 @@ const UNANSWERED_SHIFT: u32 = 4;
 const UNANSWERED_SUM_ERROR: i32 = (4.4 * TURN_PER_DEGREE) as i32;
 /// Ticks for which it must be there: 6.4 ms.
 const UNANSWERED_TICKS: u32 = 64;
-/// What builds up slowly is looked at in one tick of so many.
-pub(crate) const DIAGNOSTIC_TICKS: u32 = 16;
 
 /// Counts observations of a fault; falls at the same rate while it is not observed.
 #[derive(Debug, Clone, Copy, Default)]
@@ -338,8 +336,8 @@ mod tests {
     use crate::fast::foc::transform::Rotor;
     use crate::fast::reference::STRIDE;
     use crate::fast::shaker::{Rotors, Target};
-    use crate::fast::units::{ElectricalAngle, ElectricalSpeed, RotorAngle};
     use crate::settings::Settings;
+    use crate::units::{ElectricalAngle, ElectricalSpeed, RotorAngle};
 
     /// More diagnoses than any fault takes.
     const LONG: u32 = 1_000;

@@ -3,10 +3,10 @@
 //! f changes along a ramp whose slope builds up and whose end is approached exponentially. Theta turns the short way, in twice
 //! theta, which wraps with half a turn. The simulator's ideal drive follows the same references.
 
-use crate::fast::units::{
+use crate::settings::Settings;
+use crate::units::{
     RotorAngle, SPEED_PER_HERTZ, Speed, TICK_RATE_HZ, magnitude, multiply_high, within,
 };
-use crate::settings::Settings;
 
 /// Ticks between two updates: the position loops are fifty times slower than the current loops.
 pub(crate) const STRIDE: u32 = 4;

@@ -41,9 +41,7 @@
 mod tests;
 
 use crate::fast::reference::{FULL_HEADROOM, Ramps, Reference, STEP};
-use crate::fast::units::{
-    Current, RotorAngle, Speed, cosine_sine, magnitude, multiply_high, within,
-};
+use crate::units::{Current, RotorAngle, Speed, cosine_sine, magnitude, multiply_high, within};
 
 /// Largest error of a coordinate that is acted on: 1/16 turn.
 const LARGEST_ERROR: i32 = 1 << 28;

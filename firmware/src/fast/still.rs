@@ -2,7 +2,7 @@
 
 use crate::fast::configuration::Configuration;
 use crate::fast::tracker::Tracker;
-use crate::fast::units::{Counts, Speed};
+use crate::units::{Counts, Speed};
 
 /// Ticks over which the current zero is averaged: 0.1 s.
 pub(crate) const ZERO_TICKS: u32 = 1 << 10;

@@ -35,9 +35,9 @@ use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LATE, LINK_LOST};
 use flix_protocol::message::{Fault, Faults, State};
 use flix_protocol::units::Instant;
 
-use crate::exchange::{EventCounters, Order, Requests};
+use crate::fast::exchange::{EventCounters, Order, Requests};
 use crate::fast::still::REST_TICKS;
-use crate::fast::units::Speed;
+use crate::units::Speed;
 
 /// [`LINK_LATE`] in microseconds.
 const LINK_LATE_US: u64 = LINK_LATE.as_micros() as u64;

@@ -16,10 +16,8 @@
 //! stuck. The loop follows a steady speed without error, and predicts where no reading came. All arithmetic
 //! wraps with the turn.
 
-use crate::fast::units::{
-    EncoderAngle, RotorAngle, Speed, TICK_US, cosine_sine, multiply_high, within,
-};
 use crate::hardware::{Encoder, EncoderReading};
+use crate::units::{EncoderAngle, RotorAngle, Speed, TICK_US, cosine_sine, multiply_high, within};
 
 /// Entries of the eccentricity table: between them a second harmonic of 1 degree is interpolated
 /// to within 0.005 degree.

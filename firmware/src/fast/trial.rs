@@ -15,8 +15,8 @@ use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::{Direction, Rotor, clarke, park};
 use crate::fast::still::{REST_TICKS, Stillness, ZERO_TICKS, ZeroMeter};
 use crate::fast::tracker::Tracker;
-use crate::fast::units::{Counts, Current, ElectricalAngle, Voltage, multiply_high};
 use crate::hardware::Bridge;
+use crate::units::{Counts, Current, ElectricalAngle, Voltage, multiply_high};
 
 #[cfg(test)]
 mod tests;

@@ -5,8 +5,8 @@ use flix_firmware::fast::configuration::Configuration;
 use flix_firmware::fast::foc::current::{Input, Model};
 use flix_firmware::fast::foc::modulation::Bus;
 use flix_firmware::fast::foc::transform::Rotor;
-use flix_firmware::fast::units::{Current, ElectricalAngle, ElectricalSpeed, Voltage};
 use flix_firmware::settings::Settings;
+use flix_firmware::units::{Current, ElectricalAngle, ElectricalSpeed, Voltage};
 
 /// How many there are.
 pub(crate) const COUNT: usize = 10_000;

@@ -8,7 +8,7 @@ use core::net::SocketAddr;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use flix_firmware::blackbox::{self, Kept};
-use flix_firmware::exchange::Report;
+use flix_firmware::fast::exchange::Report;
 use flix_firmware::hardware::{Actuation, Sensors, SettingsStore, TICK_US};
 use flix_firmware::robot::Robot;
 use flix_firmware::settings::Settings;

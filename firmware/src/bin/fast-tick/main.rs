@@ -3,7 +3,7 @@
 //! The fast tick and nothing else, for `cargo xtask panic-free`: linked with all that it can reach.
 //! Were a panic among that, the handler below would be linked too, and found by its name.
 
-use flix_firmware::exchange::Exchange;
+use flix_firmware::fast::exchange::Exchange;
 use flix_firmware::hardware::{Actuation, Sensors};
 use flix_firmware::robot::FastHalf;
 use flix_protocol::units::Instant;

@@ -42,7 +42,7 @@ use esp_hal::timer::timg::TimerGroup;
 use esp_radio::wifi::{Interface, WifiController};
 use esp_storage::FlashStorage;
 use flix_firmware::board::store::{Entry, FlashStore};
-use flix_firmware::exchange::Exchange;
+use flix_firmware::fast::exchange::Exchange;
 use flix_firmware::neighbours::{Guard, Guarded};
 use flix_firmware::net;
 use flix_firmware::provision::Provisioner;

@@ -5,7 +5,7 @@ use core::cell::RefCell;
 
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use flix_firmware::exchange::{Access, Exchange};
+use flix_firmware::fast::exchange::{Access, Exchange};
 use flix_firmware::scope::Memory;
 use flix_protocol::message::State;
 

@@ -5,10 +5,10 @@ use std::f64::consts::TAU;
 use super::*;
 use crate::fast::control::bench::HARDWARE;
 use crate::fast::still::{STILL, STILL_TICKS};
-use crate::fast::units::Speed;
-use crate::fast::units::{EncoderAngle, Voltage};
 use crate::hardware::{Encoder, EncoderReading};
 use crate::settings::Settings;
+use crate::units::Speed;
+use crate::units::{EncoderAngle, Voltage};
 
 const TURN: f64 = 4_294_967_296.0;
 const POLE_PAIRS: f64 = 7.0;
@@ -78,7 +78,7 @@ impl Needle {
 }
 
 /// Voltage and electrical angle of a field, turns.
-fn field_of(duties: [crate::fast::units::Duty; 3], bus: f64) -> (f64, f64) {
+fn field_of(duties: [crate::units::Duty; 3], bus: f64) -> (f64, f64) {
     let [a, b, c] = duties.map(|duty| bus * f64::from(duty.raw()) / 65_536.0);
     let (alpha, beta) = ((2.0 * a - b - c) / 3.0, (b - c) / 3_f64.sqrt());
     (alpha.hypot(beta), beta.atan2(alpha) / TAU)

@@ -5,9 +5,9 @@
 use core::num::NonZeroU16;
 use std::f64::consts::TAU;
 
-use crate::exchange::Order;
 use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
+use crate::fast::exchange::Order;
 use crate::hardware::{
     Actuation, Bridge, CurrentSense, Encoder, EncoderAngle, EncoderReading, Hardware, Sensors,
 };

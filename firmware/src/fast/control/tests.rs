@@ -1,13 +1,13 @@
 //! What the fast half promises, on the bench.
 
-use crate::exchange::Order;
 use crate::fast::configuration::Configuration;
 use crate::fast::control::bench::{Bench, HARDWARE};
+use crate::fast::exchange::Order;
 use crate::fast::foc::current::CurrentLoop;
 use crate::fast::supervisor::{Conditions, Supervisor};
-use crate::fast::units::Speed;
 use crate::hardware::{Bridge, CurrentSense, EncoderAngle, Hardware};
 use crate::settings::Settings;
+use crate::units::Speed;
 use flix_protocol::message::{Fault, Faults, State};
 use flix_protocol::units::Instant;
 

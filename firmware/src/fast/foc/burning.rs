@@ -11,7 +11,7 @@
 //! stay under control. `i_d` is against the magnets, which takes voltage from the bridge's limit
 //! rather than adding to it.
 
-use crate::fast::units::{Current, ElectricalSpeed, magnitude, multiply_high};
+use crate::units::{Current, ElectricalSpeed, magnitude, multiply_high};
 
 /// Beyond `b/2`, for a flux linkage or a resistance that differs from its setting: 1.25.
 const MARGIN: f64 = 1.25;

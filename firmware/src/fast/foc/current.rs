@@ -8,7 +8,7 @@
 
 use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::{Direction, Rotor, clarke, inverse_clarke, inverse_park, park};
-use crate::fast::units::{
+use crate::units::{
     Current, Duty, ElectricalAngle, ElectricalSpeed, Voltage, multiply_high, product, within,
 };
 

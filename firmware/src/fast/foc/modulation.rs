@@ -1,6 +1,6 @@
 //! Space-vector modulation with an over-modulation limit and dead-time compensation.
 
-use crate::fast::units::{Current, Duty, Voltage, multiply_high};
+use crate::units::{Current, Duty, Voltage, multiply_high};
 
 /// Largest phase voltage asked for, as a share of the bus, in 2^-16: 0.6.
 ///
@@ -111,7 +111,7 @@ impl Bus {
 mod tests {
     use super::*;
     use crate::fast::foc::transform::{Direction, Stator, inverse_clarke};
-    use crate::fast::units::ElectricalAngle;
+    use crate::units::ElectricalAngle;
 
     const TWELVE_VOLTS: Voltage = Voltage::from_raw(12 << 16);
 

@@ -1,6 +1,6 @@
 //! Clarke and Park transforms and their inverses, of any quantity that has two components.
 
-use crate::fast::units::{ElectricalAngle, Quantity, cosine_sine, multiply_high};
+use crate::units::{ElectricalAngle, Quantity, cosine_sine, multiply_high};
 
 /// 1/sqrt(3) in 2^-31.
 const INVERSE_ROOT_3: i32 = 1_239_850_262;
@@ -95,7 +95,7 @@ pub fn inverse_park<T: Quantity>(vector: Rotor<T>, direction: Direction) -> Stat
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fast::units::Current;
+    use crate::units::Current;
     use core::f64::consts::TAU;
 
     #[test]

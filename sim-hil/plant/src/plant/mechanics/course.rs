@@ -3,8 +3,8 @@
 use core::f64::consts::TAU;
 
 use flix_firmware::fast::reference::{Ramps, Reference, UPDATE_S};
-use flix_firmware::fast::units::{RotorAngle, Speed};
 use flix_firmware::settings::Settings;
+use flix_firmware::units::{RotorAngle, Speed};
 
 use super::system::Rotor;
 

@@ -1,6 +1,6 @@
 //! What an alignment finds out about a motor, as the fast half uses it and the settings keep it.
 
-use crate::fast::units::{ElectricalAngle, RotorAngle, cosine_sine};
+use crate::units::{ElectricalAngle, RotorAngle, cosine_sine};
 
 /// What alignment found out about one motor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -22,11 +22,11 @@ use flix_protocol::message::{EncoderHealth, Fault, Faults, LoopTiming, Setpoint,
 use flix_protocol::units::Instant;
 use serde::{Deserialize, Serialize};
 
-use crate::fast::alignment::Alignment;
+use crate::alignment::Alignment;
 use crate::fast::configuration::Configuration;
 use crate::fast::interval::Interval;
-use crate::fast::units::{Current, RotorAngle, Speed, Voltage};
 use crate::scope::{Memory, Scope};
+use crate::units::{Current, RotorAngle, Speed, Voltage};
 
 /// What the slow half wants, handed over whole in every tick.
 ///
