@@ -10,7 +10,6 @@ use std::time::{Duration, Instant};
 use clap::{Parser, ValueEnum};
 use flix_chip::air::{self, Air};
 use flix_chip::chip::ResetReason;
-use flix_chip::cycles;
 use flix_chip::image::{Image, ImageError};
 use flix_chip::join::{self, Join};
 use flix_chip::journey::{Journey, JourneyError, travel};

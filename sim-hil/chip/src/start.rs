@@ -6,7 +6,8 @@ use std::time::Duration;
 use serde::Serialize;
 
 use crate::CYCLES_PER_SECOND;
-use crate::chip::{Chip, cycles};
+use crate::chip::Chip;
+use crate::cycles;
 use crate::robot::Robot;
 
 /// All of it is done so soon after the image's first instruction: the HAL sets up the clocks in 1.2 ms, and flash and radio

@@ -13,9 +13,9 @@ use std::sync::mpsc::channel;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use flix_cli::by_hand::drive::{Drive, Extras};
 use flix_cli::cockpit::desk;
 use flix_cli::cockpit::server::Server;
-use flix_cli::teleop::drive::{Drive, Extras};
 use flix_host::link::keys;
 use flix_host::link::udp::Connection;
 use flix_host::system::interrupt::Interrupt;
