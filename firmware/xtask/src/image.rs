@@ -30,7 +30,7 @@ struct Memory {
 /// The bare Wi-Fi template for the ESP32-C6 is 528 KiB. RAM: technical reference manual, "System and Memory".
 const ESP32C6: Memory = Memory {
     ceilings: Ceilings { flash: 800 * 1024, memory: 200 * 1024 },
-    ranges: &[0x4080_0000..0x4088_0000],
+    ranges: core::slice::from_ref(&(0x4080_0000..0x4088_0000)),
 };
 /// Without optimization across packages, with arithmetic of floats in software; a tenth more than it takes, so that growth is
 /// seen. RAM: technical reference manual, "System and Memory":

@@ -6,7 +6,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use flix_host::teleop::page::page::Page;
+use flix_host::teleop::page::html::Page;
 
 const CONNECTION: &str = include_str!("../page/connection.js");
 const WORKER: &str = include_str!("../page/worker.js");

@@ -23,8 +23,8 @@ use tokio::time::timeout;
 
 use super::door::{self, Visitor};
 use super::guard::{Guard, Refusal, hexadecimal};
+use flix_host::teleop::page::html::Page;
 use flix_host::teleop::page::message::Message;
-use flix_host::teleop::page::page::Page;
 use flix_host::teleop::page::pages::PageId;
 use flix_host::teleop::page::snapshot::{self, EXTRAS};
 

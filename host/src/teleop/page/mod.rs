@@ -13,8 +13,8 @@
 //! [`SIGN_OF_LIFE`](pages::SIGN_OF_LIFE) is no sign of life and moves nothing; stop, rest and disarm are always done.
 
 pub mod hall;
+pub mod html;
 pub mod message;
-pub mod page;
 pub mod pages;
 pub mod scene;
 pub mod snapshot;
