@@ -558,7 +558,7 @@ mod tests {
             |key| Request::Keep(elsewhere.clone(), "anna".parse().unwrap(), Key::new(key).id());
         assert_eq!(names(&mut after(&[add.clone(), keep(KEY)])), ["anna", "bob"]);
         assert_eq!(names(&mut after(&[add.clone(), keep(OTHER_KEY)])), ["owner", "anna"]);
-        let mut memory = after(&[add.clone()]);
+        let mut memory = after(core::slice::from_ref(&add));
         let answer = ask(&mut robot(&mut memory), &keep([5; 32]), State::Disarmed);
         assert_eq!(answer, Answer::Refused(ProvisionRefusal::Unknown));
         assert_eq!(robot(&mut memory).provisioning(), Some(&mine()));

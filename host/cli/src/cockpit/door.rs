@@ -21,7 +21,13 @@ const PAUSE: Duration = Duration::from_millis(10);
 
 /// All who are here, and how each is asked to leave.
 #[derive(Debug, Clone, Default)]
-struct Door(Arc<Mutex<(Hall, BTreeMap<Number, Arc<Notify>>)>>);
+struct Door(Arc<Mutex<Here>>);
+
+#[derive(Debug, Default)]
+struct Here {
+    hall: Hall,
+    turned_out: BTreeMap<Number, Arc<Notify>>,
+}
 
 /// A socket that has come in. It leaves when all of these are dropped.
 #[derive(Debug, Clone)]
@@ -35,24 +41,27 @@ struct Visit {
 }
 
 impl Door {
-    fn hall<T>(&self, act: impl FnOnce(&mut Hall) -> T) -> T {
+    fn here<T>(&self, act: impl FnOnce(&mut Here) -> T) -> T {
         // What a panic left is as whole as what it found: each change is one step.
-        act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner).0)
+        act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Takes in a socket behind this address, if there is room.
     fn admit(&self, address: IpAddr) -> Option<Visitor> {
-        let (number, leaves) = self.hall(|hall| hall.admit(address))?;
-        self.ask_to_leave(leaves);
         let turned_out = Arc::new(Notify::new());
-        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        known.1.insert(number, Arc::clone(&turned_out));
+        let number = self.here(|here| {
+            let (number, leaves) = here.hall.admit(address)?;
+            here.ask_to_leave(leaves);
+            here.turned_out.insert(number, Arc::clone(&turned_out));
+            Some(number)
+        })?;
         Some(Visitor(Arc::new(Visit { number, turned_out, door: self.clone() })))
     }
+}
 
+impl Here {
     fn ask_to_leave(&self, number: Option<Number>) {
-        let known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(visitor) = number.and_then(|number| known.1.get(&number)) {
+        if let Some(visitor) = number.and_then(|number| self.turned_out.get(&number)) {
             visitor.notify_one();
         }
     }
@@ -61,7 +70,7 @@ impl Door {
 impl Visitor {
     /// Takes that it has shown the token: from now on nobody else turns it out.
     pub fn welcome(&self) {
-        self.0.door.hall(|hall| hall.welcome(self.0.number));
+        self.0.door.here(|here| here.hall.welcome(self.0.number));
     }
 
     /// Waits until it must leave.
@@ -70,7 +79,7 @@ impl Visitor {
             () = self.0.turned_out.notified() => return,
             () = sleep(PATIENCE) => {}
         }
-        if self.0.door.hall(|hall| hall.is_guest(self.0.number)) {
+        if self.0.door.here(|here| here.hall.is_guest(self.0.number)) {
             sleep(DELIVERY).await;
         }
     }
@@ -90,9 +99,10 @@ impl Visitor {
 
 impl Drop for Visit {
     fn drop(&mut self) {
-        let mut known = self.door.0.lock().unwrap_or_else(PoisonError::into_inner);
-        known.0.leave(self.number);
-        known.1.remove(&self.number);
+        self.door.here(|here| {
+            here.hall.leave(self.number);
+            here.turned_out.remove(&self.number);
+        });
     }
 }
 
@@ -111,7 +121,10 @@ pub async fn serve(listener: TcpListener, pages: impl Fn(Visitor) -> Router) -> 
             }
             Err(error) if is_of_one_socket(&error) => {}
             Err(_) => {
-                door.ask_to_leave(door.hall(Hall::turn_out));
+                door.here(|here| {
+                    let leaves = here.hall.turn_out();
+                    here.ask_to_leave(leaves);
+                });
                 sleep(PAUSE).await;
             }
         }

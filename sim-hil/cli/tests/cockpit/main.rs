@@ -234,8 +234,8 @@ fn idle_and_slow_sockets_keep_no_page_from_stopping(url: &str, program: u32) -> 
         return Err(format!("a page is answered with {served} among {SOCKETS} sockets").into());
     }
     let mut other = Page::open(url)?;
+    other.until("rest", "stopped")?;
     other.say("drive")?;
-    other.say("clear")?;
     other.until("clear", "disarmed")?;
     Ok(())
 }
