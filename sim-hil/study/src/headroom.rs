@@ -6,7 +6,7 @@
 //! |v|^2 = (R i_q + w lambda - w L i_w)^2 + (R i_w + w L i_q)^2
 //! ```
 //!
-//! A bridge gives up to [`VOLTAGE_SHARE`] of the bus, and the bus sags under what both motors draw. An ideal drive makes up for
+//! A bridge gives up to `VOLTAGE_SHARE` of the bus, and the bus sags under what both motors draw. An ideal drive makes up for
 //! friction alone and lets the rotors follow what the shaken body drives back, which leaves f averaged over a turn, and theta, as
 //! they are; it weakens the field by the `i_w` that leaves most. What it has left at 35 Hz is the *headroom* of a robot, and the f
 //! at which nothing is left its *ceiling*.

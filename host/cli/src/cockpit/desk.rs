@@ -65,7 +65,7 @@ mod tests {
     use flix_protocol::session::Key;
 
     use super::*;
-    use crate::teleop::drive::Extras;
+    use crate::by_hand::drive::Extras;
 
     #[test]
     fn pages_that_cannot_be_served_any_more_end_the_drive() {
