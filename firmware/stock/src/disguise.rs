@@ -7,55 +7,19 @@
 //!
 //! Source of the kinds: GNU binutils, `include/elf/xtensa.h`; RISC-V ELF psABI, "Relocations".
 
-use std::fmt;
-
 use crate::elf::{self, Elf, Relocation, Section};
+use crate::fault::{EXPANSION, Fault, INSTRUCTION, WORD};
 
 /// The processors' numbers (System V ABI, `e_machine`).
 pub(crate) const XTENSA: u16 = 94;
 const RISCV: u16 = 243;
-/// Kinds of relocations: none; a word; an instruction.
+/// Kind of no relocation.
 pub(crate) const NONE: u8 = 0;
-pub(crate) const WORD: u8 = 1;
-pub(crate) const INSTRUCTION: u8 = 20;
-/// What tells a linker that shortens code how code hung together: a long call, and differences of addresses, which are
+/// Kinds of what tells a linker that shortens code how code hung together, besides [`EXPANSION`]: differences of addresses, which are
 /// right as they are where nothing is shortened.
-const EXPANSION: u8 = 11;
 const DIFFERENCES: [std::ops::RangeInclusive<u8>; 2] = [17..=19, 57..=62];
 /// Sections that say the same, by the beginning of their names.
 const NOTES: [&[u8]; 2] = [b".xt.", b".xtensa.in"];
-
-/// What is wrong with an object or an archive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fault {
-    /// It is cut short: something that it names lies beyond its end.
-    Truncated,
-    /// An ELF file of another kind.
-    Foreign,
-    /// Relocations without addends.
-    WithoutAddends,
-    /// A relocation of another kind than Xtensa objects were seen to have.
-    Relocation(u8),
-}
-
-impl fmt::Display for Fault {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Truncated => formatter.write_str("cut short: it names what lies beyond its end"),
-            Self::Foreign => formatter.write_str("no ELF file of 32 bits, little-endian"),
-            Self::WithoutAddends => {
-                formatter.write_str("relocations without addends, which no Xtensa object has")
-            }
-            Self::Relocation(kind) => write!(
-                formatter,
-                "a relocation of kind {kind}, and what is known is a word ({WORD}), an instruction ({INSTRUCTION}), \
-                 a long call ({EXPANSION}) and differences (17 to 19, 57 to 62)"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for Fault {}
 
 /// First bytes of an archive, and the sizes of a member's header and of what is before and in its field for the size.
 const ARCHIVE: &[u8] = b"!<arch>\n";

@@ -1,6 +1,6 @@
 //! ELF files of 32 bits, little-endian, read and changed in place (System V ABI, "Object Files").
 
-use crate::disguise::Fault;
+use crate::fault::Fault;
 
 /// First bytes of a file of 32 bits, little-endian.
 const IDENTITY: [u8; 6] = [0x7f, b'E', b'L', b'F', 1, 1];

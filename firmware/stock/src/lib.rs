@@ -16,6 +16,7 @@
 
 pub mod disguise;
 mod elf;
+pub mod fault;
 pub mod instruction;
 pub mod link;
 pub mod literals;

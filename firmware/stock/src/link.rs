@@ -6,8 +6,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
-use crate::disguise::{self, Fault};
+use crate::disguise;
 use crate::elf::{self, Elf};
+use crate::fault::{self, Fault};
 use crate::instruction::{self, Kind, Misfit};
 use crate::release::LLD;
 
@@ -264,7 +265,7 @@ fn fill(elf: &mut Elf<'_>, misfits: &mut Vec<(u32, u32, Misfit)>) -> Result<Fill
                 Ok(kind) => *filled.entry(kind).or_default() += 1,
                 Err(misfit) => misfits.push((relocation.place, target, misfit)),
             }
-            let kind = disguise::INSTRUCTION;
+            let kind = fault::INSTRUCTION;
             elf.set_relocation(elf::Relocation { kind, ..relocation })?;
         }
     }

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use flix_xtensa::disguise::{Fault, disguise};
+use flix_xtensa::disguise::disguise;
+use flix_xtensa::fault::Fault;
 use flix_xtensa::instruction::Kind;
 use flix_xtensa::link::{Error, Filled, link};
 

@@ -17,6 +17,7 @@
 mod belief;
 mod estimator;
 mod experience;
+mod footing;
 mod identification;
 mod modes;
 mod motion;
@@ -34,6 +35,7 @@ pub use crate::pose::geometry::{Area, NotAPosition, NotAnArea, PlanarPose, Posit
 pub use belief::Belief;
 pub use estimator::{Estimator, mean_twist};
 pub use experience::{Experience, ExperienceError, Factor, Walks};
+pub use footing::Footing;
 pub use identification::{ENOUGH_MODES, Identification, IdentificationSettings, Stretch};
 pub use modes::{Mode, ModeTable, ModeTableError, PAPER_PAIRS, Spread};
 pub use motion::{Gait, Motion, REST, Response, motions};

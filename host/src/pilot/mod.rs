@@ -19,9 +19,10 @@ use flix_protocol::units::Instant;
 
 use crate::link::udp::{LAPSED, REVOKED_PATIENCE, TELEMETRY_LAG};
 use crate::link::{Client, StopState, Update, passes};
-use crate::nav::{Decision, Identification, Navigator, PlanarPose, Progress, Resting, Stop};
+use crate::nav::{
+    Decision, Footing, Identification, Navigator, PlanarPose, Progress, Resting, Stop,
+};
 use crate::pose::PoseSample;
-use crate::pose::footing::Footing;
 use crate::record::{Level, RecordError, Recorder};
 
 /// Longest time for preparation: link and alignment of the motors.

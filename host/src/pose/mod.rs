@@ -7,7 +7,6 @@
 #[cfg(not(target_family = "wasm"))]
 pub mod any;
 pub mod continuity;
-pub mod footing;
 pub mod geometry;
 #[cfg(not(target_family = "wasm"))]
 pub mod natnet;
@@ -20,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use crate::pose::geometry::{FARTHEST, PlanarPose, wrap};
 
 /// A body that is tilted by more is on its side or back, rad.
-const MOST_TILT: f64 = core::f64::consts::FRAC_PI_3;
+pub(crate) const MOST_TILT: f64 = core::f64::consts::FRAC_PI_3;
 /// Height of the markers of a robot on the floor, m: its plate is 0.06 m above its soles.
 const HEIGHTS: std::ops::RangeInclusive<f64> = 0.01..=0.3;
 

@@ -15,7 +15,7 @@ use crate::units::{
 /// How quickly a held voltage limit pulls the integrators back: a quarter of the excess a tick.
 const BACK_CALCULATION_SHIFT: u32 = 2;
 
-/// Fixed point of [`Model::proportional`]: 1,500 Hz and 20 mH make 188 V/A.
+/// Fixed point of `Model::proportional`: 1,500 Hz and 20 mH make 188 V/A.
 pub const PROPORTIONAL_BITS: u32 = 23;
 /// Fixed point of [`Model::reactance`]: 20 mH make 1,257 ohm.
 pub const REACTANCE_BITS: u32 = 20;

@@ -465,16 +465,17 @@ fn what_the_lines_of_each_lane_here_name_is_what_it_depends_on() {
     let files = tree.tracked().unwrap();
     for lane in &list.lanes {
         let mut text = lane.run.join("\n");
-        let scripts = files.iter().filter(|file| text.contains(file.as_str()));
-        let scripts: Vec<String> = scripts.filter_map(|file| tree.now(file)).collect();
-        text.push_str(&scripts.join("\n"));
-        let is_part = |letter: char| letter.is_alphanumeric() || "._-/".contains(letter);
-        let words: BTreeSet<&str> = text.split(|letter| !is_part(letter)).collect();
-        let is_named = |file: &&String| {
-            let file = file.as_str();
-            words.contains(file) || words.iter().any(|word| word.strip_prefix('/') == Some(file))
+        let named_in = |text: &str| -> Vec<String> {
+            let is_part = |letter: char| letter.is_alphanumeric() || "._-/".contains(letter);
+            let words = text.split(|letter| !is_part(letter));
+            let words: BTreeSet<&str> =
+                words.map(|word| word.strip_prefix('/').unwrap_or(word)).collect();
+            files.iter().filter(|file| words.contains(file.as_str())).cloned().collect()
         };
-        let named: Vec<String> = files.iter().filter(is_named).cloned().collect();
+        let scripts = named_in(&text);
+        let scripts: Vec<String> = scripts.iter().filter_map(|file| tree.now(file)).collect();
+        text.push_str(&scripts.join("\n"));
+        let named = named_in(&text);
         let inputs = judge.inputs(lane, &named);
         assert_eq!(inputs, named, "{} runs or reads files that it does not depend on", lane.name);
         // What follows `-p`, and this program.
@@ -537,7 +538,10 @@ impl Witness {
             let manifest =
                 std::fs::read_to_string(clone.path("").join(folder).join("Cargo.toml")).ok()?;
             let manifest: toml::Table = manifest.parse().unwrap();
-            Some(manifest.get("package")?["name"].as_str()?.to_owned())
+            // One with a workspace of its own is a folder of the package around it.
+            let is_apart = manifest.contains_key("workspace") && folder != Path::new("");
+            let package = manifest.get("package").filter(|_| !is_apart)?;
+            Some(package["name"].as_str()?.to_owned())
         })
     }
 

@@ -5,7 +5,6 @@ use std::time::Duration;
 use flix_protocol::message::Setpoint;
 use flix_protocol::units::Instant;
 
-use crate::cockpit::server::Gone;
 use flix_host::link::Client;
 use flix_host::link::udp::{Connection, LinkError};
 use flix_host::pose::any::Poses;
@@ -22,6 +21,13 @@ pub enum Ending {
     /// By Ctrl-C, a signal or a closed terminal.
     Interrupted,
 }
+
+/// The pages are served no more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the page cannot be served any more: its part of this program has failed; start `flix cockpit` again"
+)]
+pub struct Gone;
 
 /// Why driving by hand failed.
 #[derive(Debug, thiserror::Error)]

@@ -23,6 +23,7 @@ use tokio::time::timeout;
 
 use super::door::{self, Visitor};
 use super::guard::{Guard, Refusal, hexadecimal};
+use crate::by_hand::drive::Gone;
 use flix_host::teleop::page::html::Page;
 use flix_host::teleop::page::message::Message;
 use flix_host::teleop::page::pages::PageId;
@@ -73,13 +74,6 @@ pub enum ServeError {
     #[error("the page cannot be served: {0}")]
     Thread(#[from] io::Error),
 }
-
-/// The pages are served no more.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "the page cannot be served any more: its part of this program has failed; start `flix cockpit` again"
-)]
-pub struct Gone;
 
 /// A server of pages. When it is dropped, all pages are closed.
 pub struct Server {

@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use flix_protocol::units::Instant;
 
-use super::{MOST_TILT, PoseSample};
-use crate::nav::Stop;
+use super::Stop;
+use crate::pose::{MOST_TILT, PoseSample};
 
 /// Rise above the first pose from which a robot is carried, m: a jump of the markers of a walking robot is below 0.01 m.
 const CARRIED: f64 = 0.05;
