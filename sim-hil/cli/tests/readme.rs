@@ -74,7 +74,8 @@ const IDENTIFIED_WITHIN: (f64, f64) = (1.0, 0.15);
 /// The first command of the front page, short and in full.
 const DEMO: [&str; 2] = ["cargo run --release", "cargo sim demo"];
 /// Commands that build for hardware, ask the network, or are what runs this test.
-const NOT_HERE: [&str; 8] = [
+const NOT_HERE: [&str; 9] = [
+    "cargo +esp",
     "cargo xtask",
     "cargo flash-",
     "cargo install",
