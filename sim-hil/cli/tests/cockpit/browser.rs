@@ -74,18 +74,19 @@ impl Browser {
 
     /// Touches an element with a finger.
     pub fn touch(&self, selector: &str) -> Outcome<()> {
-        self.finger(selector, &["pointerDown", "pointerUp"])
+        self.point("touch", selector, &["pointerDown", "pointerUp"])
     }
 
-    /// Moves a finger to an element and does this there.
-    pub fn finger(&self, selector: &str, kinds: &[&str]) -> Outcome<()> {
+    /// Moves a pointer, `touch` or `mouse`, to an element and does this there. A finger that is down is lifted in the same call
+    /// or not at all: ChromeDriver forgets it.
+    pub fn point(&self, pointer: &str, selector: &str, kinds: &[&str]) -> Outcome<()> {
         let wanted = json!({ "using": "css selector", "value": selector });
         let element = self.ask("element", &wanted)?[ELEMENT].clone();
         let mut actions =
             vec![json!({ "type": "pointerMove", "origin": { ELEMENT: element }, "x": 0, "y": 0 })];
         actions.extend(kinds.iter().map(|kind| json!({ "type": kind, "button": 0 })));
-        let finger = json!({ "pointerType": "touch" });
-        let actions = json!([{ "type": "pointer", "id": "finger", "parameters": finger, "actions": actions }]);
+        let parameters = json!({ "pointerType": pointer });
+        let actions = json!([{ "type": "pointer", "id": pointer, "parameters": parameters, "actions": actions }]);
         self.ask("actions", &json!({ "actions": actions })).map(drop)
     }
 

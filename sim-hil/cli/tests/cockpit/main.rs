@@ -456,8 +456,8 @@ impl Desk {
             let key = by.chars().next().filter(|_| by.len() == 1);
             let hold = |desk: &Self, is_down: bool| match key {
                 Some(key) => desk.browser.hold(key, is_down),
-                None if is_down => desk.browser.finger(by, &["pointerDown"]),
-                None => desk.browser.finger(by, &["pointerUp"]),
+                None if is_down => desk.browser.point("mouse", by, &["pointerDown"]),
+                None => desk.browser.point("mouse", by, &["pointerUp"]),
             };
             // On a busy machine a command may not be done, or the robot rests.
             self.walk(|desk| hold(desk, false).and_then(|()| hold(desk, true)))?;
