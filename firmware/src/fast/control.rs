@@ -35,8 +35,6 @@ use crate::units::{Counts, Current, RotorAngle, Speed, TICK_US, Voltage, multipl
 const OBSERVED: u32 = 9;
 /// A tick later than this is late: half as long again, microseconds.
 const LATE_US: u32 = TICK_US + TICK_US / 2;
-/// Currents beyond this are taken for this, 32 A: more than any over-current limit.
-const LARGEST_CURRENT: Current = Current::from_raw(32 << 16);
 /// A gap beyond which references and trackers are of no use any more: 3 ms.
 const LONGEST_GAP_US: u32 = 3_000;
 /// Late ticks within [`LATE_FORGIVEN_TICKS`] each that are a fault.
@@ -392,12 +390,7 @@ impl Control {
         let a = amperes(Counts::new(a) - zero_a, scale_a);
         let b = amperes(Counts::new(b) - zero_b, scale_b);
         self.currents[motor] = [a, b];
-        if beyond(a) || beyond(b) || beyond(a + b) {
-            core::hint::cold_path();
-            self.currents[motor] = [a, b].map(|current| current.within(LARGEST_CURRENT));
-            return true;
-        }
-        false
+        beyond(a) || beyond(b) || beyond(a + b)
     }
 
     /// Adds to what telemetry reports of the interval.
@@ -470,7 +463,7 @@ impl Control {
         }
         if outer {
             self.asked = target.frequency;
-            let limited = self.loops[0].take_limited() | self.loops[1].take_limited();
+            let limited = self.loops[0].limited() | self.loops[1].limited();
             let demand = self.shaker.update(&self.configuration.shaker, rotors, target, limited);
             let [top, bottom] = demand.currents;
             self.wanted = [

@@ -45,8 +45,8 @@ use crate::units::{Current, RotorAngle, Speed, cosine_sine, magnitude, multiply_
 
 /// Largest error of a coordinate that is acted on: 1/16 turn.
 const LARGEST_ERROR: i32 = 1 << 28;
-/// Largest error of a coordinate's speed that is acted on: just below 19.5 Hz, of which 2^8 fit.
-const LARGEST_SPEED_ERROR: i32 = (1 << 23) - 1;
+/// Largest error of a coordinate's speed that is acted on: 19.5 Hz.
+const LARGEST_SPEED_ERROR: i32 = 1 << 23;
 /// Largest error that the periodic part adapts to: 1/128 turn.
 const LARGEST_ADAPTED_ERROR: i32 = 1 << 25;
 /// The phase reference waits for rotors that lag by more than this: 1/8 turn of the difference.
@@ -82,10 +82,8 @@ pub(crate) struct ShakerModel {
     pub(crate) derivative: i32,
     /// `ki` per tick^3, 2^-48.
     pub(crate) integral: i32,
-    /// `J / (2 K_t)` of top and bottom: 2^-16 A per (2^-40 turn per tick^2) times 2^`acceleration_shift`, in 2^-32.
+    /// `J / (2 K_t)` of top and bottom: 2^-16 A per (2^-40 turn per tick^2), in 2^-32.
     pub(crate) current_per_acceleration: [i32; 2],
-    /// As far as the largest acceleration goes up in 31 bits, so that heavy rotors of weak motors fit too.
-    pub(crate) acceleration_shift: u32,
     /// Largest sum of magnitudes of `u`, 2^-40 turn per tick^2.
     pub(crate) largest_acceleration: i32,
     /// Largest current.
@@ -304,7 +302,7 @@ impl Shaker {
     }
 
     /// Does one update, due every [`STRIDE`] ticks. `voltage_limited`: either motor got less voltage
-    /// than it wanted in a tick since the last. Never panics.
+    /// than it wanted. Never panics.
     #[inline]
     pub(crate) fn update(
         &mut self,
@@ -357,9 +355,8 @@ impl Shaker {
         // Half of STRIDE ticks of acceleration: from 2^-40 to 2^-32.
         let [sum_change, difference_change] = [acceleration_sum, acceleration_difference]
             .map(|acceleration| (acceleration * (STEP / 2)) >> 8);
-        let current = |acceleration: i32, gain| {
-            let scaled = acceleration << model.acceleration_shift;
-            Current::from_raw(multiply_high(scaled, gain)).within(model.current_limit)
+        let current = |acceleration, gain| {
+            Current::from_raw(multiply_high(acceleration, gain)).within(model.current_limit)
         };
         Demand {
             currents: [current(sum + difference, top_gain), current(sum - difference, bottom_gain)],

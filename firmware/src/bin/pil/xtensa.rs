@@ -3,6 +3,11 @@
 //! The cores that QEMU has are not the ESP32's LX6: counts of instructions are theirs. Those with windows lack the upper half of
 //! a product (`mulsh`, `muluh`), so that this image is built without it and takes a few instructions more for each.
 
+#![allow(
+    unsafe_code,
+    reason = "the first instructions after reset are assembly, and so are calls of the simulator"
+)]
+
 use core::arch::{asm, global_asm};
 use core::ffi::CStr;
 

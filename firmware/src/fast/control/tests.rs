@@ -3,7 +3,6 @@
 use crate::fast::configuration::Configuration;
 use crate::fast::control::bench::{Bench, HARDWARE};
 use crate::fast::exchange::Order;
-use crate::fast::foc::current::CurrentLoop;
 use crate::fast::supervisor::{Conditions, Supervisor};
 use crate::hardware::{Bridge, CurrentSense, EncoderAngle, Hardware};
 use crate::settings::Settings;
@@ -80,23 +79,6 @@ fn works_with_swapped_wires_on_one_motor() {
     bench.motors[0].reversed = true;
     bench.arm();
     assert_holds(&mut bench, 30.0, 30.0);
-}
-
-#[test]
-fn a_voltage_limit_counts_in_whichever_tick_it_holds() {
-    let mut bench = running(FREE, 20.0, 30.0);
-    for _ in 0..40 {
-        // A spike of the amplifiers between two updates of the shaker.
-        let count = bench.control.timing.ticks as u32;
-        bench.sense_offset = if count.is_multiple_of(4) { 1_000 } else { 0 };
-        bench.tick();
-        let limited = bench.control.loops.iter().any(CurrentLoop::limited);
-        match count % 4 {
-            0 => assert!(limited, "{count}"),
-            3 => assert!(!limited && bench.control.shaker.limited(), "{count}"),
-            _ => {}
-        }
-    }
 }
 
 #[test]
