@@ -3,57 +3,64 @@
 //! The cores that QEMU has are not the ESP32's LX6: counts of instructions are theirs. Those with windows lack the upper half of
 //! a product (`mulsh`, `muluh`), so that this image is built without it and takes a few instructions more for each.
 
-#![allow(
-    unsafe_code,
-    reason = "the first instructions after reset are assembly, and so are calls of the simulator"
-)]
-
-use core::arch::{asm, global_asm};
+use core::arch::asm;
 use core::ffi::CStr;
 
+use assembly::simcall;
 pub(crate) use xtensa_lx_rt::entry;
 
-// The state in which the ESP32's ROM hands over: windows on, one frame in use, interrupts off. xtensa-lx-rt goes on from there.
-global_asm!(
-    ".section .reset,\"ax\",@progbits",
-    ".global start",
-    ".p2align 2",
-    "start:",
-    "j .Lstart",
-    ".p2align 2",
-    // Windows on, exceptions of user programs, interrupts masked.
-    ".Lps: .4byte 0x4002f",
-    ".Lstack: .4byte _stack_start_cpu0",
-    ".Lvectors: .4byte _init_start",
-    ".Lreset: .4byte Reset",
-    ".Lstart:",
-    "movi a0, 0",
-    "wsr a0, windowbase",
-    "rsync",
-    "movi a0, 1",
-    "wsr a0, windowstart",
-    // Comparing and storing in one (`s32c1i`) on every kind of memory: ATOMCTL.
-    "movi a0, 0x15",
-    "wsr a0, 99",
-    "l32r a0, .Lps",
-    "wsr a0, ps",
-    "rsync",
-    "l32r a1, .Lstack",
-    "l32r a4, .Lvectors",
-    "wsr a4, vecbase",
-    "rsync",
-    "movi a0, 0",
-    "l32r a4, .Lreset",
-    "callx4 a4",
-    // `simcall`, which LLVM does not know: number and arguments from a2 on, the result in a2.
-    ".section .text.simcall,\"ax\",@progbits",
-    ".global simcall",
-    ".p2align 2",
-    "simcall:",
-    "entry a1, 32",
-    ".byte 0x00, 0x51, 0x00",
-    "retw.n",
-);
+/// The first instructions after reset, and the calls of the simulator.
+mod assembly {
+    #![expect(unsafe_code, reason = "assembly, and its name for what calls it")]
+
+    use core::arch::global_asm;
+
+    // The state in which the ESP32's ROM hands over: windows on, one frame in use, interrupts off. xtensa-lx-rt goes on from there.
+    global_asm!(
+        ".section .reset,\"ax\",@progbits",
+        ".global start",
+        ".p2align 2",
+        "start:",
+        "j .Lstart",
+        ".p2align 2",
+        // Windows on, exceptions of user programs, interrupts masked.
+        ".Lps: .4byte 0x4002f",
+        ".Lstack: .4byte _stack_start_cpu0",
+        ".Lvectors: .4byte _init_start",
+        ".Lreset: .4byte Reset",
+        ".Lstart:",
+        "movi a0, 0",
+        "wsr a0, windowbase",
+        "rsync",
+        "movi a0, 1",
+        "wsr a0, windowstart",
+        // Comparing and storing in one (`s32c1i`) on every kind of memory: ATOMCTL.
+        "movi a0, 0x15",
+        "wsr a0, 99",
+        "l32r a0, .Lps",
+        "wsr a0, ps",
+        "rsync",
+        "l32r a1, .Lstack",
+        "l32r a4, .Lvectors",
+        "wsr a4, vecbase",
+        "rsync",
+        "movi a0, 0",
+        "l32r a4, .Lreset",
+        "callx4 a4",
+        // `simcall`, which LLVM does not know: number and arguments from a2 on, the result in a2.
+        ".section .text.simcall,\"ax\",@progbits",
+        ".global simcall",
+        ".p2align 2",
+        "simcall:",
+        "entry a1, 32",
+        ".byte 0x00, 0x51, 0x00",
+        "retw.n",
+    );
+
+    unsafe extern "C" {
+        pub(super) fn simcall(number: u32, first: u32, second: u32, third: u32) -> i32;
+    }
+}
 
 /// Numbers of the simulator's calls (QEMU, `target/xtensa/xtensa-semi.c`).
 const EXIT: u32 = 1;
@@ -62,10 +69,6 @@ const WRITE: u32 = 4;
 const OPEN: u32 = 5;
 /// The computer's standard output.
 const OUTPUT: u32 = 1;
-
-unsafe extern "C" {
-    fn simcall(number: u32, first: u32, second: u32, third: u32) -> i32;
-}
 
 /// Asks the simulator for something.
 fn call(number: u32, first: u32, second: u32, third: u32) -> i32 {
