@@ -36,19 +36,18 @@ impl House {
     fn read(root: &str, file: &dyn Fn(&str) -> Option<String>) -> Self {
         let mut house = Self::default();
         let folder = root.rsplit_once('/').map_or("", |(folder, _)| folder);
-        house.add(Place::new(), root.to_owned(), folder, file);
+        house.add(Place::new(), &file(root).unwrap(), folder, file);
         house
     }
 
     fn add(
         &mut self,
         place: Place,
-        name: String,
+        text: &str,
         folder: &str,
         file: &dyn Fn(&str) -> Option<String>,
     ) {
-        let text = file(&name).unwrap();
-        let words = without_tests(words(&text));
+        let words = without_tests(words(text));
         for (index, word) in words.iter().enumerate() {
             let [child, ";"] = words.get(index + 1..index + 3).unwrap_or_default() else {
                 continue;
@@ -57,11 +56,11 @@ impl House {
                 continue;
             }
             let inner = format!("{folder}/{child}");
-            let candidates = [format!("{inner}.rs"), format!("{inner}/mod.rs")];
             // One that a path elsewhere declares is not looked for.
-            if let Some(name) = candidates.into_iter().find(|name| file(name).is_some()) {
+            let text = file(&format!("{inner}.rs")).or_else(|| file(&format!("{inner}/mod.rs")));
+            if let Some(text) = text {
                 let child = [place.as_slice(), &[(*child).to_owned()]].concat();
-                self.add(child, name, &inner, file);
+                self.add(child, &text, &inner, file);
             }
         }
         self.modules.insert(place, Module::of(&words));
@@ -293,9 +292,9 @@ fn without_tests(words: Vec<&str>) -> Vec<&str> {
     kept
 }
 
-/// Returns the root files of the crates in a package's folder.
-fn roots(tree: &Tree, folder: &str) -> Vec<String> {
-    let is_root = |file: &&String| {
+/// Returns the root files, of these, of the crates in a package's folder.
+fn roots<'a>(files: &'a [String], folder: &str) -> impl Iterator<Item = &'a String> {
+    let is_root = move |file: &&String| {
         let inner = file.strip_prefix(folder).and_then(|rest| rest.strip_prefix("src/"));
         inner.is_some_and(|inner| {
             ["lib.rs", "main.rs"].contains(&inner)
@@ -304,18 +303,19 @@ fn roots(tree: &Tree, folder: &str) -> Vec<String> {
                 })
         })
     };
-    tree.tracked().unwrap().iter().filter(is_root).cloned().collect()
+    files.iter().filter(is_root)
 }
 
 #[test]
 fn no_modules_of_a_package_need_each_other() {
     let tree = Tree::new(&run::root());
     let workspace = Workspace::read(&run::root()).unwrap();
+    let files = tree.tracked().unwrap();
     let mut modules = 0;
     let mut circles = Vec::new();
     for name in workspace.names() {
-        for root in roots(&tree, workspace.folder(name).unwrap()) {
-            let house = House::read(&root, &|file| tree.now(file));
+        for root in roots(&files, workspace.folder(name).unwrap()) {
+            let house = House::read(root, &|file| tree.now(file));
             modules += house.modules.len();
             circles.extend(house.circles().into_iter().map(|said| format!("{root}: {said}")));
         }
