@@ -27,7 +27,7 @@ use core::borrow::BorrowMut;
 use core::net::SocketAddr;
 use core::time::Duration;
 
-use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME, longest_command_age};
+use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME, arms_with, longest_command_age};
 use flix_protocol::frame::{Frame, HandshakeFrame};
 use flix_protocol::message::{
     Bridges, BuildId, Command, CrashReport, EncoderHealth, Event, EventReport, Faults, Identity,
@@ -80,11 +80,10 @@ impl Judged {
 /// stored: only its robot does not arm.
 fn judge_command_age(settings: &Settings) -> Result<(), Refusal> {
     const NAME: &str = "command_age";
-    let longest = longest_command_age(settings.frequency_ramp);
-    let age_ms = (settings.command_age * 1e3 + 0.5) as u128;
-    if age_ms <= longest.as_millis() {
+    if arms_with(settings.command_age, settings.frequency_ramp) {
         return Ok(());
     }
+    let longest = longest_command_age(settings.frequency_ramp);
     let minimum = settings::TABLE.iter().find(|it| it.name == NAME).map_or(0.0, |it| it.minimum);
     Err(Refusal::OutOfRange { name: text(NAME), minimum, maximum: longest.as_secs_f32() })
 }

@@ -59,6 +59,13 @@ pub const PROVING_TIME: Duration = Duration::from_millis(500);
 /// Bus voltage below which a new robot reports a low battery, volt: 3.3 V for each of three cells.
 pub const BATTERY_LOW_VOLTS: f32 = 9.9;
 
+/// Returns whether a robot arms with these settings `command_age`, s, counted in whole milliseconds, and `frequency_ramp`, Hz/s.
+#[must_use]
+pub fn arms_with(command_age: f32, frequency_ramp: f32) -> bool {
+    let age_ms = (command_age * 1e3 + 0.5) as u128;
+    age_ms <= longest_command_age(frequency_ramp).as_millis()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant as Clock};
 
 use flix_protocol::failsafe::{
-    BATTERY_LOW_VOLTS, LONGEST_MOVEMENT, SLOWEST_RAMP, longest_command_age, ramp_down,
+    BATTERY_LOW_VOLTS, LONGEST_MOVEMENT, SLOWEST_RAMP, arms_with, longest_command_age, ramp_down,
 };
 use flix_protocol::message::{
     Command, Magnet, Outcome, ParameterCommand, ResetReason, State, Telemetry,
@@ -180,11 +180,11 @@ fn judge_movement(command_age: f32, frequency_ramp: f32) -> Finding {
     if most <= limit + 5e-4 {
         return Finding::good("movement", sentence);
     }
-    let longest = longest_command_age(frequency_ramp).as_secs_f64();
-    let advice = if f64::from(command_age) > longest + 5e-4 {
-        format!("the robot does not arm: `flix parameters set command_age {longest}`")
-    } else {
+    let advice = if arms_with(command_age, frequency_ramp) {
         format!("set frequency_ramp to at least {SLOWEST_RAMP:.0}")
+    } else {
+        let longest = longest_command_age(frequency_ramp).as_secs_f64();
+        format!("the robot does not arm: `flix parameters set command_age {longest}`")
     };
     let sentence = format_args!("{sentence}, more than {limit} s: {advice}");
     Finding::bad("movement", Exit::NotNow, sentence)
