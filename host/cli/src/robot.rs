@@ -82,15 +82,13 @@ impl RobotArgs {
         split_port(&self.robot).map_err(Error::usage)?;
         let keyring = Keyring::of_user()?;
         let Known { name, key } = self.find_key(&keyring)?;
-        let name = name.unwrap_or_default();
-        if let Some(offered) = keyring.offered(&name)? {
-            let address = self.find_address(&keyring, &offered, interrupt);
-            if let Ok(address) = address
-                && discovery::proves(address, &offered, ANSWER_PATIENCE)
-            {
-                keyring.settle(&name)?;
-                return Ok((address, offered));
-            }
+        if let Some(name) = name
+            && let Some(offered) = keyring.offered(&name)?
+            && let Ok(address) = self.find_address(&keyring, &offered, interrupt)
+            && discovery::proves(address, &offered, ANSWER_PATIENCE)
+        {
+            keyring.settle(&name)?;
+            return Ok((address, offered));
         }
         Ok((self.find_address(&keyring, &key, interrupt)?, key))
     }
