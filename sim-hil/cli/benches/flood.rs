@@ -11,7 +11,6 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use flix_host::link::keys;
 use flix_host::link::udp::Connection;
 use flix_host::system::interrupt::Interrupt;
 use flix_protocol::session::{Key, OperatorSession};
@@ -46,11 +45,7 @@ fn flood(robot: SocketAddr, ends: &AtomicBool, sent: &AtomicU64) {
 }
 
 fn main() {
-    let folder = tempfile::tempdir().expect("a directory");
-    let key_file = folder.path().join("robot.key");
-    let key = keys::generate().expect("randomness");
-    keys::write_new(&key_file, &key).expect("a key file");
-    let robot = Robot::start(&key_file);
+    let robot = Robot::start();
 
     let ends = Arc::new(AtomicBool::new(false));
     let sent = Arc::new(AtomicU64::new(0));
@@ -63,7 +58,8 @@ fn main() {
         .map(|_| {
             let start = Instant::now();
             let mut connection =
-                Connection::open(robot.address, key.clone(), Interrupt::never()).expect("a socket");
+                Connection::open(robot.address, robot.key.clone(), Interrupt::never())
+                    .expect("a socket");
             connection.wait_until_connected().expect("the operator gets through");
             let took = start.elapsed();
             connection.leave();

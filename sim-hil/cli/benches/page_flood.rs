@@ -3,22 +3,16 @@
 //! Starts `flix-sim serve`, and a cockpit in this process, which gets the descriptors for both ends. Prints one line; the limit
 //! is 0.3 s for each stop.
 
+mod cockpit;
 #[path = "../tests/cockpit/page.rs"]
 mod page;
 mod served;
 
 use std::io::Write as _;
-use std::net::{Ipv4Addr, TcpStream};
-use std::sync::mpsc::channel;
-use std::thread;
+use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-use flix_cli::by_hand::drive::{Drive, Extras};
-use flix_cli::cockpit::desk;
-use flix_cli::cockpit::server::Server;
-use flix_host::link::keys;
-use flix_host::link::udp::Connection;
-use flix_host::system::interrupt::Interrupt;
+use cockpit::Cockpit;
 use page::Page;
 use served::Robot;
 
@@ -31,30 +25,11 @@ const LIMIT: Duration = Duration::from_millis(300);
 
 fn main() {
     raise_descriptors();
-    let folder = tempfile::tempdir().expect("a directory");
-    let key_file = folder.path().join("robot.key");
-    let key = keys::generate().expect("randomness");
-    keys::write_new(&key_file, &key).expect("a key file");
-    let robot = Robot::start(&key_file);
-    let interrupt = Interrupt::never();
-    let (sender, served) = channel();
-    let cockpit = thread::spawn({
-        let (interrupt, address) = (interrupt.clone(), robot.address);
-        move || {
-            let mut connection =
-                Connection::open(address, key, Interrupt::never()).expect("loopback");
-            connection.wait_until_connected().expect("a session");
-            let server =
-                Server::start((Ipv4Addr::LOCALHOST, 0).into(), false).expect("a free port");
-            sender.send(server.urls().remove(0)).expect("the page waits");
-            let mut extras = Extras::default();
-            let mut drive = Drive::new(&mut connection, "simulated", &mut extras);
-            desk::run(&mut drive, &server, &interrupt).expect("loopback");
-        }
-    });
-    let url = served.recv().expect("it serves");
+    let robot = Robot::start();
+    let cockpit = Cockpit::start(robot.address, robot.key.clone());
+    let url = &cockpit.url;
     let (host, _) = url.trim_start_matches("http://").split_once('/').expect("it has a path");
-    let mut driver = Page::open(&url).expect("a page");
+    let mut driver = Page::open(url).expect("a page");
     driver.until("rest", "disarmed").expect("a robot at rest");
     let mut sockets: Vec<TcpStream> = Vec::new();
     let mut times: Vec<Duration> = Vec::new();
@@ -75,10 +50,9 @@ fn main() {
         driver.until("clear", "disarmed").expect("a robot that is cleared");
     }
     let begun = Instant::now();
-    drop(Page::open(&url).expect("a page that comes late"));
+    drop(Page::open(url).expect("a page that comes late"));
     let opened = begun.elapsed();
-    interrupt.raise();
-    cockpit.join().expect("it ends");
+    cockpit.end();
     times.sort_unstable();
     let longest = times[STOPS - 1];
     println!(

@@ -1,111 +1,69 @@
 //! From a command's leaving a page of `flix cockpit` to the first duty that it changes: a WebSocket and two UDP sockets
 //! on loopback, and the served robot. Prints the quantiles; the target is a 99th percentile below 10 ms.
 
+mod cockpit;
 mod latency;
+#[path = "../tests/cockpit/page.rs"]
+mod page;
 
 use std::io;
-use std::net::{Ipv4Addr, SocketAddr, TcpStream};
-use std::sync::mpsc::channel;
-use std::thread::JoinHandle;
+use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
-use flix_cli::by_hand::drive::{Drive, Extras};
-use flix_cli::cockpit::desk;
-use flix_cli::cockpit::server::Server;
-use flix_host::link::udp::Connection;
-use flix_host::system::interrupt::Interrupt;
+use cockpit::Cockpit;
 use flix_protocol::session::Key;
+use page::Page;
 use serde_json::{Value, json};
-use tungstenite::client::IntoClientRequest as _;
-use tungstenite::http::HeaderValue;
-use tungstenite::{Error, Message, WebSocket};
+use tungstenite::Error;
 
 /// Longest wait for a snapshot.
 const SLICE: Duration = Duration::from_millis(2);
 
 fn main() {
-    latency::measure(Page::open);
+    latency::measure(Driver::open);
 }
 
 /// A page that drives.
-struct Page {
-    socket: WebSocket<TcpStream>,
-    seen: u64,
+struct Driver {
+    page: Page,
     walks: bool,
-    interrupt: Interrupt,
-    cockpit: JoinHandle<()>,
+    cockpit: Cockpit,
 }
 
-impl Page {
+impl Driver {
     fn open(robot: SocketAddr, key: Key) -> Self {
-        let interrupt = Interrupt::never();
-        let (sender, served) = channel();
-        let cockpit = {
-            let interrupt = interrupt.clone();
-            std::thread::spawn(move || {
-                let mut connection =
-                    Connection::open(robot, key, Interrupt::never()).expect("loopback");
-                connection.wait_until_connected().expect("a session");
-                let server =
-                    Server::start((Ipv4Addr::LOCALHOST, 0).into(), false).expect("a free port");
-                sender.send(server.urls().remove(0)).expect("the page waits");
-                let mut extras = Extras::default();
-                let mut drive = Drive::new(&mut connection, "simulated", &mut extras);
-                desk::run(&mut drive, &server, &interrupt).expect("loopback");
-            })
-        };
-        let url = served.recv().expect("it serves");
-        let (host, _) = url.trim_start_matches("http://").split_once('/').expect("it has a path");
-        let stream = TcpStream::connect(host).expect("loopback");
-        stream.set_nodelay(true).expect("it is open");
-        let mut request = format!("{}socket", url.replacen("http", "ws", 1))
-            .into_client_request()
-            .expect("an address");
-        let origin = HeaderValue::from_str(&format!("http://{host}")).expect("plain text");
-        request.headers_mut().insert("Origin", origin);
-        let (socket, _) = tungstenite::client(request, stream).expect("it is taken");
-        socket.get_ref().set_read_timeout(Some(SLICE)).expect("it is open");
-        let mut page = Self { socket, seen: 0, walks: false, interrupt, cockpit };
-        loop {
-            match page.look().as_deref() {
-                Some("armed") => break,
-                Some("disarmed") => page.say(Some(json!("arm"))),
-                _ => {}
-            }
-        }
-        page
+        let cockpit = Cockpit::start(robot, key);
+        let mut page = Page::open(&cockpit.url).expect("a page");
+        page.until("arm", "armed").expect("the robot arms");
+        page.socket.get_ref().set_read_timeout(Some(SLICE)).expect("it is open");
+        Self { page, walks: false, cockpit }
     }
 
-    fn say(&mut self, request: Option<Value>) {
-        let message = json!({ "seen": self.seen, "do": request });
-        self.socket.send(Message::text(message.to_string())).expect("the cockpit listens");
+    fn say(&mut self, request: Value) {
+        self.page.say(request).expect("the cockpit listens");
     }
 
-    /// Waits for a snapshot and answers it; returns the robot's state.
-    fn look(&mut self) -> Option<String> {
-        match self.socket.read() {
-            Ok(Message::Text(text)) => {
-                let snapshot: Value = serde_json::from_str(&text).expect("JSON");
-                self.seen = snapshot["stamp"].as_u64()?;
-                self.say(None);
-                snapshot["telemetry"]["state"].as_str().map(str::to_owned)
-            }
-            Ok(_) => None,
-            Err(Error::Io(error))
-                if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) =>
-            {
-                None
-            }
-            Err(error) => panic!("the cockpit is gone: {error}"),
+    /// Waits for a snapshot and answers it.
+    fn look(&mut self) {
+        match self.page.snapshot() {
+            Ok(Some(_)) => self.say(Value::Null),
+            Ok(None) => {}
+            Err(error) => assert!(is_early(&*error), "the cockpit is gone: {error}"),
         }
     }
 }
 
-impl latency::Operator for Page {
+/// Returns whether nothing has come yet.
+fn is_early(error: &(dyn std::error::Error + 'static)) -> bool {
+    use io::ErrorKind::{TimedOut, WouldBlock};
+    matches!(error.downcast_ref(), Some(Error::Io(error)) if matches!(error.kind(), TimedOut | WouldBlock))
+}
+
+impl latency::Operator for Driver {
     fn hold(&mut self, walks: bool, duration: Duration) {
         if self.walks != walks {
             self.walks = walks;
-            self.say(Some(if walks { json!({ "walk": "forward" }) } else { json!("rest") }));
+            self.say(if walks { json!({ "walk": "forward" }) } else { json!("rest") });
         }
         let begun = Instant::now();
         while begun.elapsed() < duration {
@@ -114,7 +72,6 @@ impl latency::Operator for Page {
     }
 
     fn leave(self) {
-        self.interrupt.raise();
-        self.cockpit.join().expect("it ends");
+        self.cockpit.end();
     }
 }

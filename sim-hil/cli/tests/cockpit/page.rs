@@ -3,6 +3,7 @@
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
+use serde::Serialize;
 use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest as _;
 use tungstenite::{Message, WebSocket};
@@ -14,7 +15,8 @@ const PATIENCE: Duration = Duration::from_secs(60);
 
 /// An open page.
 pub struct Page {
-    socket: WebSocket<TcpStream>,
+    /// Waits a minute for what it reads.
+    pub socket: WebSocket<TcpStream>,
     seen: u64,
 }
 
@@ -33,20 +35,26 @@ impl Page {
         Ok(Self { socket, seen: 0 })
     }
 
-    /// Asks for something.
-    pub fn say(&mut self, request: &str) -> Outcome<()> {
+    /// Asks for something; for nothing, it is a sign of life.
+    pub fn say(&mut self, request: impl Serialize) -> Outcome<()> {
         let message = json!({ "seen": self.seen, "do": request });
         Ok(self.socket.send(Message::text(message.to_string()))?)
+    }
+
+    /// Takes the next message; returns it where it is a snapshot.
+    pub fn snapshot(&mut self) -> Outcome<Option<Value>> {
+        let Message::Text(text) = self.socket.read()? else { return Ok(None) };
+        let snapshot: Value = serde_json::from_str(&text)?;
+        let Some(seen) = snapshot["stamp"].as_u64() else { return Ok(None) };
+        self.seen = seen;
+        Ok(Some(snapshot))
     }
 
     /// Answers snapshots, and asks for this again, until the robot's state is this; `stopped` is a stop that is latched.
     pub fn until(&mut self, request: &str, state: &str) -> Outcome<()> {
         let begun = Instant::now();
         loop {
-            let Message::Text(text) = self.socket.read()? else { continue };
-            let snapshot: Value = serde_json::from_str(&text)?;
-            let Some(seen) = snapshot["stamp"].as_u64() else { continue };
-            self.seen = seen;
+            let Some(snapshot) = self.snapshot()? else { continue };
             let telemetry = &snapshot["telemetry"];
             let is_stopped = telemetry["stopped"] == true;
             if (state == "stopped" && is_stopped) || (telemetry["state"] == state && !is_stopped) {
