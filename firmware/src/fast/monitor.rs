@@ -538,6 +538,43 @@ mod tests {
         }
     }
 
+    /// When a monitor finds that the rotors do not answer, in diagnoses: without current sense, with theta off by 5 degrees, q
+    /// current in one motor that adds this to the sum of both speeds at each diagnosis, of which this comes.
+    fn unanswered_by(motor: usize, adds: i32, comes: i32) -> Option<(u32, Fault)> {
+        let mut scene = Scene::with(MOVING, 2 * RotorAngle::from_degrees(5.0).raw() as i32, false);
+        scene.configuration.sensed = false;
+        // One that is twice as easy to turn is no other.
+        scene.configuration.speed_per_current[1] *= 2;
+        let least = f64::from(scene.configuration.speed_per_current[motor]) / f64::from(1_u32 << 24);
+        let amount = Current::from_raw((f64::from(adds) / least).round() as i32);
+        let q = scene.configuration.clockwise(motor, amount);
+        scene.loops[motor].note(Rotor { d: Current::ZERO, q }, Rotor::default());
+        let mut monitor = Monitor::default();
+        // As long as no rotor becomes too fast.
+        (1..=100).find_map(|count| {
+            scene.speeds[motor] = scene.speeds[motor] + Speed::from_raw(comes);
+            scene.look(&mut monitor).iter().next().map(|fault| (count, fault))
+        })
+    }
+
+    #[test]
+    fn without_current_sense_rotors_that_do_not_answer_to_their_currents_have_lost_the_lock() {
+        // What is forgotten at each diagnosis of as much as is allowed.
+        let most = LARGEST_UNANSWERED >> UNANSWERED_SHIFT;
+        for motor in [0, 1] {
+            for sign in [1, -1] {
+                let adds = |share: i32| sign * (most / 100 * share);
+                assert_eq!(unanswered_by(motor, adds(95), 0), None, "{motor} {sign}");
+                assert_eq!(unanswered_by(motor, adds(150), adds(60)), None, "{motor} {sign}");
+                for (share, diagnoses) in [(105, 45..=54), (200, 13..=16)] {
+                    let (count, fault) = unanswered_by(motor, adds(share), 0).unwrap();
+                    assert_eq!(fault, Fault::PhaseLockLost, "{motor} {sign}");
+                    assert!(diagnoses.contains(&count), "{motor} {sign} {share} %: {count}");
+                }
+            }
+        }
+    }
+
     #[test]
     fn a_phase_is_open_when_it_carries_next_to_nothing_while_others_carry() {
         let amperes = Current::from_amperes;
