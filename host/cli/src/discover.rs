@@ -8,7 +8,7 @@ use flix_host::link::discovery::{self, Found};
 use flix_host::link::keys::{Keyring, SIMULATED_ROBOT};
 use flix_host::link::udp::LinkError;
 use flix_host::system::interrupt::Interrupt;
-use flix_shell::output::{headings, print, print_json, table};
+use flix_shell::output::{headings, print, print_json, table, waiting};
 use flix_shell::time::positive_duration;
 
 /// List the robots that announce themselves on the local network (mDNS, `_flix._udp`), and the simulated robot of this
@@ -38,7 +38,8 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         .key(SIMULATED_ROBOT)
         .ok()
         .and_then(|key| discovery::on_this_computer(SIMULATED_ROBOT, &key));
-    let announced = discovery::browse(args.duration, &interrupt);
+    let announced =
+        waiting("robots to announce themselves", || discovery::browse(args.duration, &interrupt));
     let robots: Vec<Found> = match (announced, simulated) {
         (Err(error), None) => return Err(Error::usage(error)),
         (announced, simulated) => {

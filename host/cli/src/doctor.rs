@@ -16,13 +16,13 @@ use super::walk::PoseArgs;
 use super::{Error, Exit};
 use flix_host::link::explain;
 use flix_host::link::udp::{Connection, LinkError};
-use flix_host::pose::PoseSource;
 use flix_host::pose::any::Poses;
 use flix_host::pose::natnet::NatNetStatistics;
 use flix_host::pose::udp::UdpStatistics;
+use flix_host::pose::{PoseError, PoseSample, PoseSource};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
-use flix_shell::output::{print, print_json};
+use flix_shell::output::{print, print_json, waiting};
 
 /// Time for which poses and telemetry are observed.
 const WATCH: Duration = Duration::from_secs(2);
@@ -123,17 +123,24 @@ fn look_at_robot(robot: &RobotArgs, interrupt: &Interrupt) -> Vec<Finding> {
     findings.extend(movement(&mut connection));
     let begin = Clock::now();
     let first = connection.client().telemetry().copied();
-    while begin.elapsed() < WATCH && !interrupt.is_raised() {
-        if let Err(error) = connection.step(Duration::from_millis(20)) {
-            findings.push(Finding::bad("link", Exit::NoAnswer, error));
-            return findings;
-        }
-        while connection.operate().0.update().is_some() {}
+    let watched = waiting("two seconds of telemetry", || watch(&mut connection, interrupt));
+    if let Err(error) = watched {
+        findings.push(Finding::bad("link", Exit::NoAnswer, error));
+        return findings;
     }
     findings.push(link(&connection));
     findings.extend(telemetry(&connection, first, begin.elapsed()));
     connection.leave();
     findings
+}
+
+fn watch(connection: &mut Connection, interrupt: &Interrupt) -> Result<(), LinkError> {
+    let begin = Clock::now();
+    while begin.elapsed() < WATCH && !interrupt.is_raised() {
+        connection.step(Duration::from_millis(20))?;
+        while connection.operate().0.update().is_some() {}
+    }
+    Ok(())
 }
 
 fn identity(connection: &mut Connection) -> Vec<Finding> {
@@ -300,6 +307,19 @@ fn judge_clock(telemetry: &Telemetry, reported: Duration, watched: Duration) -> 
     )
 }
 
+/// Returns the newest pose of a while.
+fn watch_poses(source: &mut Poses, interrupt: &Interrupt) -> Result<Option<PoseSample>, PoseError> {
+    let begin = Clock::now();
+    let mut newest = None;
+    while begin.elapsed() < WATCH && !interrupt.is_raised() {
+        match source.poll(Instant::START + begin.elapsed())? {
+            Some(sample) => newest = Some(sample),
+            None => std::thread::sleep(Duration::from_millis(1)),
+        }
+    }
+    Ok(newest)
+}
+
 fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
     let mut source = match args.open() {
         Ok(source) => source,
@@ -320,14 +340,10 @@ fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
     };
     let mut findings = vec![Finding::good("server", name)];
     let begin = Clock::now();
-    let mut newest = None;
-    while begin.elapsed() < WATCH && !interrupt.is_raised() {
-        match source.poll(Instant::START + begin.elapsed()) {
-            Ok(Some(sample)) => newest = Some(sample),
-            Ok(None) => std::thread::sleep(Duration::from_millis(1)),
-            Err(error) => return vec![Finding::bad("poses", Exit::NoAnswer, error)],
-        }
-    }
+    let newest = match waiting("two seconds of poses", || watch_poses(&mut source, interrupt)) {
+        Ok(newest) => newest,
+        Err(error) => return vec![Finding::bad("poses", Exit::NoAnswer, error)],
+    };
     let watched = begin.elapsed().as_secs_f64();
     findings.push(match &source {
         Poses::NatNet(source) => judge_stream(source.statistics(), watched, source.bodies()),

@@ -6,7 +6,9 @@ use std::process::ExitCode;
 
 use flix_protocol::failsafe::BATTERY_LOW_VOLTS;
 use flix_protocol::message::Setpoint;
+use flix_protocol::units::{Degrees, Hertz};
 
+use super::drive;
 use super::experiment::Experimenter;
 use super::robot::RobotArgs;
 use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
@@ -43,15 +45,11 @@ const FREQUENCIES: [f32; 8] = [-35.0, -30.0, -20.0, -10.0, 10.0, 20.0, 30.0, 35.
 const DIRECTIONS: [f32; 7] = [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0];
 
 fn frequency(text: &str) -> Result<f32, String> {
-    let setpoint = |f| Setpoint::from_numbers(f, 0.0).map_err(|error| error.to_string());
-    let f = text.trim().parse().map_err(|_| format!("{text:?} is no frequency in Hz"))?;
-    setpoint(f).map(|setpoint| setpoint.frequency().get())
+    drive::frequency(text).map(Hertz::get)
 }
 
 fn direction(text: &str) -> Result<f32, String> {
-    let setpoint = |theta| Setpoint::from_numbers(0.0, theta).map_err(|error| error.to_string());
-    let theta = text.trim().parse().map_err(|_| format!("{text:?} is no direction in degrees"))?;
-    setpoint(theta).map(|setpoint| setpoint.direction().get())
+    drive::direction(text).map(Degrees::get)
 }
 
 fn volts(text: &str) -> Result<f32, String> {

@@ -2,10 +2,11 @@
 
 use std::ops::RangeInclusive;
 
-/// Reads a number within limits; `what` it is and its unit, with a space before it, are for the refusal.
+/// Reads a number within limits, in `unit`, which has a space before it and may be written behind the number, as for
+/// [`in_unit`]; `what` it is is for the refusal.
 ///
 /// # Errors
-/// When it is no number or beyond them.
+/// When it is no number, in another unit, or beyond the limits.
 pub fn parse_within(
     text: &str,
     limits: RangeInclusive<f64>,
@@ -13,8 +14,8 @@ pub fn parse_within(
     unit: &str,
 ) -> Result<f64, String> {
     let (low, high) = (limits.start(), limits.end());
-    text.parse::<f64>()
-        .ok()
+    let number = if unit.is_empty() { text.parse().ok() } else { in_unit(text, unit).ok() };
+    number
         .filter(|number| limits.contains(number))
         .ok_or_else(|| format!("{text:?} is no {what} from {low} to {high}{unit}"))
 }
@@ -35,7 +36,7 @@ pub fn whole<T: TryFrom<u64>>(
 const PREFIXES: [(&str, f64); 6] =
     [("", 1.0), ("u", 1e-6), ("\u{b5}", 1e-6), ("m", 1e-3), ("k", 1e3), ("M", 1e6)];
 /// Units that take prefixes.
-const BASES: [&str; 7] = ["s", "Hz", "A", "V", "ohm", "H", "Wb"];
+const BASES: [&str; 9] = ["s", "m", "g", "Hz", "A", "V", "ohm", "H", "Wb"];
 /// Other words for units, and for how many of the unit beside them each stands.
 const ALIASES: [(&str, &str, f64); 6] = [
     ("\u{b0}", "deg", 1.0),
@@ -82,8 +83,12 @@ fn scale(word: &str, unit: &str) -> Option<f64> {
     if word == unit {
         return Some(1.0);
     }
-    if let Some((_, of, count)) = ALIASES.iter().find(|(alias, ..)| *alias == word) {
+    let meant = |word: &str| ALIASES.iter().find(|(alias, ..)| *alias == word);
+    if let Some((_, of, count)) = meant(&word) {
         return scale(of, &unit).map(|scale| scale * count);
+    }
+    if let Some((_, of, count)) = meant(&unit) {
+        return scale(&word, of).map(|scale| scale / count);
     }
     let split = |unit: &str| {
         PREFIXES.iter().find_map(|(prefix, by)| {
@@ -115,6 +120,9 @@ mod tests {
             ("2.5ohm", "ohm", 2.5),
             ("900 deg/s", "deg/s", 900.0),
             ("105 g cm2", "g cm2", 105.0),
+            ("0.03 m", "mm", 30.0),
+            ("30deg", "degrees", 30.0),
+            ("30 degrees", "degrees", 30.0),
             ("on", "1", 1.0),
             ("Off", "1", 0.0),
             ("7", "1", 7.0),
@@ -123,6 +131,16 @@ mod tests {
             assert!((found - value).abs() < 1e-9, "{text}: {found}");
         }
         assert!((in_unit("1rad", "deg").unwrap() - 57.295_779_513).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_number_within_limits_may_have_its_unit_behind_it_too() {
+        let height = |text| parse_within(text, 5.0..=100.0, "height", " mm");
+        assert_eq!([height("30"), height("0.03 m")], [Ok(30.0), Ok(30.0)]);
+        for refused in ["4mm", "1 m", "30 s", "on"] {
+            assert!(height(refused).unwrap_err().ends_with("is no height from 5 to 100 mm"));
+        }
+        assert!(parse_within("on", 0.0..=1.0, "share", "").is_err());
     }
 
     #[test]

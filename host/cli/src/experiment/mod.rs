@@ -14,6 +14,7 @@ use std::time::SystemTime;
 use flix_protocol::message::Setpoint;
 use serde::Serialize;
 
+use super::drive;
 use super::walk::{RecordArgs, Walk, unrecorded, verdict};
 use super::{Error, Exit};
 use flix_host::experiment::walks::{SHORTEST, rows};
@@ -66,14 +67,14 @@ impl FromStr for Pair {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let number = |part: &str| part.trim().parse::<f32>().ok();
-        let numbers = text.split_once(':').map(|(f, theta)| (number(f), number(theta)));
-        let Some((Some(f), Some(theta))) = numbers else {
-            return Err(format!(
-                "{text:?} is no pair: write F:THETA in Hz and degrees, such as -30:30"
-            ));
+        let refusal = |why: String| {
+            format!("{text:?} is no pair F:THETA, such as -30:30, Hz and degrees{why}")
         };
-        Setpoint::from_numbers(f, theta).map(Self).map_err(|error| format!("{text:?}: {error}"))
+        let (f, theta) = text.split_once(':').ok_or_else(|| refusal(String::new()))?;
+        let because = |error: String| refusal(format!(": {error}"));
+        let f = drive::frequency(f).map_err(because)?;
+        let theta = drive::direction(theta).map_err(because)?;
+        Setpoint::new(f, theta).map(Self).map_err(|error| because(error.to_string()))
     }
 }
 
@@ -313,6 +314,7 @@ mod tests {
     #[test]
     fn a_pair_is_read_with_its_signs_or_refused_with_what_to_write() {
         assert_eq!("-35:30".parse(), Ok(Pair(Setpoint::saturating(-35.0, 30.0))));
+        assert_eq!("-35Hz:30deg".parse(), Ok(Pair(Setpoint::saturating(-35.0, 30.0))));
         assert_eq!("20.5: -90".parse(), Ok(Pair(Setpoint::saturating(20.5, -90.0))));
         for (text, words) in [
             ("30", "F:THETA"),
