@@ -263,6 +263,40 @@ fn a_setpoint_is_handed_on_and_shown_until_the_robot_ramps_down() {
 }
 
 #[test]
+fn rotors_that_came_to_rest_by_silence_turn_again_only_on_another_intent() {
+    let walk = || Command::Setpoint(setpoint(20.0, 30.0));
+    let mut ends = Ends::at(State::Armed);
+    assert_eq!(ends.say(walk()), Outcome::Done);
+    // A dip: what goes on before it rests needs no other intent.
+    for state in [State::Running, State::Stopping] {
+        ends.observe(|report| report.state = state);
+        assert_eq!(ends.say(walk()), Outcome::Done, "{state:?}");
+    }
+    ends.observe(|report| report.state = State::Armed);
+    assert_eq!(ends.link.order().frequency, Speed::ZERO);
+    for _ in 0..2 {
+        ends.wait(TELEMETRY);
+        assert_eq!(ends.telemetry.last().unwrap().setpoint.frequency(), Hertz::ZERO);
+        assert_eq!(ends.say(walk()), refused(Refusal::Rested));
+        assert_eq!(ends.say(Command::Setpoint(setpoint(0.0, 30.0))), Outcome::Done);
+        assert_eq!(ends.link.order().frequency, Speed::ZERO);
+        ends.observe(|_| {});
+    }
+    ends.intent = 1;
+    assert_eq!(ends.say(walk()), Outcome::Done);
+    let order = *ends.link.order();
+    assert_eq!((order.frequency, order.wanted), (Speed::from_hertz(20.0), 2));
+    // Nor does one that was asked for earlier, and one that is armed anew starts from nothing.
+    for state in [State::Stopping, State::Armed, State::Disarmed] {
+        ends.observe(|report| report.state = state);
+    }
+    ends.live(PROVING_TIME);
+    assert_eq!(ends.say(Command::Arm), Outcome::Done);
+    ends.observe(|report| report.state = State::Armed);
+    assert_eq!(ends.say(walk()), Outcome::Done);
+}
+
+#[test]
 fn a_robot_that_was_asked_to_ramp_down_takes_no_setpoint_until_it_did() {
     for command in [Command::Disarm, Command::Stop] {
         let mut ends = Ends::at(State::Running);
