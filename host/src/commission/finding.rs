@@ -42,7 +42,7 @@ pub enum Finding {
          does the rotor stand?", motor_name(*motor)
     )]
     EncoderNoisy {
-        /// Which.
+        /// Names the motor: 0 is the top one.
         motor: usize,
         /// Root mean square.
         degrees: f64,
@@ -80,7 +80,7 @@ pub enum Finding {
     OpenPhase {
         /// Of which motor.
         motor: usize,
-        /// Which.
+        /// Names the phase.
         phase: Phase,
     },
     /// A phase has more resistance than the others.
@@ -91,7 +91,7 @@ pub enum Finding {
     BadJoint {
         /// Of which motor.
         motor: usize,
-        /// Which.
+        /// Names the phase.
         phase: Phase,
         /// Its resistance over that of the others.
         ratio: f64,
@@ -104,7 +104,7 @@ pub enum Finding {
     ShortedPhases {
         /// Of which motor.
         motor: usize,
-        /// Which.
+        /// Names both phases.
         phases: [Phase; 2],
     },
     /// A winding has fewer turns than the others.
@@ -115,7 +115,7 @@ pub enum Finding {
     ShortedTurns {
         /// Of which motor.
         motor: usize,
-        /// Which.
+        /// Names the phase.
         phase: Phase,
         /// Its resistance over that of the others.
         ratio: f64,
@@ -175,7 +175,7 @@ pub enum Finding {
     AmplifierOfOther {
         /// Of which motor.
         motor: usize,
-        /// Which.
+        /// Names the phase.
         phase: Phase,
     },
     /// No fit.
@@ -190,7 +190,7 @@ pub enum Finding {
         motor_name(*motor)
     )]
     PolePairs {
-        /// Which.
+        /// Names the motor: 0 is the top one.
         motor: usize,
         /// Turns of the field over turns of the rotor.
         ratio: f64,
@@ -211,7 +211,7 @@ pub enum Finding {
         motor_name(*motor), 100.0 * share
     )]
     NoMass {
-        /// Which.
+        /// Names the motor: 0 is the top one.
         motor: usize,
         /// Of the inertia.
         share: f64,

@@ -223,7 +223,7 @@ const CURRENT_LIMIT: f64 = 1.4;
 /// Gentlest and steepest ramps, Hz/s.
 const RAMPS: (f64, f64) = (10.0, 300.0);
 
-/// Commissions a robot at rest, disarmed, without faults. `step` is told of each step as it begins. What it finds is in force
+/// Commissions a robot at rest, disarmed, without faults. `step` is called with each step as it begins. What it finds is in force
 /// until power-off, and stored when the settings are saved. On an error the robot is disarmed and has the settings of
 /// before, as far as it still answers.
 ///

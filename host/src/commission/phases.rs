@@ -8,7 +8,7 @@
 //! dead time of a phase = t f V_bus clamp(i / i_r, -1, 1),   i_r = V_bus / (8 L f)      f: PWM frequency
 //! ```
 //!
-//! Below `i_r`, half the ripple of a phase, dead time looks like a resistance and cannot be told from the winding's: there the
+//! Below `i_r`, half the ripple of a phase, dead time looks like a resistance and cannot be separated from the winding's: there the
 //! board's description is believed. Above, it is measured.
 //!
 //! No current is converted in the middle of a PWM period itself, but before it and after it in turn: a sample is off by what
@@ -27,7 +27,7 @@ const DEAD_TIME_SPREAD: f64 = 0.05;
 /// What dead time may take where the board states none, V.
 const UNKNOWN_DEAD_TIME: f64 = 0.05;
 /// How far the delay of the bridges may be off what is believed beforehand, that duties act from the next PWM period on, s: a
-/// conversion may be early or late by so much. Less is not told apart from the inductance.
+/// conversion may be early or late by so much. Less cannot be separated from the inductance.
 const DELAY_SPREAD: f64 = 10e-6;
 /// How far samples may lie off the middle of the PWM period, s: one conversion, or two.
 const ASIDE: f64 = 5e-6;

@@ -26,7 +26,7 @@ const NOTHING_OF_C: f64 = 0.06;
 const CROSSED: f64 = 0.3;
 /// Less than this is no current at all, A/V: 3 mA where the robot looks for one, at 0.15 V.
 const LEAST: f64 = 0.02;
-/// Less than this is not told from noise, A/V.
+/// Less than this may be noise, A/V.
 const NOISE: f64 = 0.013;
 /// Largest ratio of the resistances of two phases of a good motor.
 const LARGEST_RATIO: f64 = 1.25;

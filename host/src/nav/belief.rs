@@ -180,7 +180,7 @@ impl Belief {
     ///
     /// # Panics
     /// If the list is not that of the experience's table.
-    pub fn tell(&self, heading: f64, motions: &mut [Motion]) {
+    pub fn write_motions(&self, heading: f64, motions: &mut [Motion]) {
         let factors = self.experience.factors();
         let (x, y) = (self.mean[0], self.mean[1]);
         for (pair, walks) in self.experience.walks().iter().enumerate() {
@@ -222,7 +222,7 @@ mod tests {
             let heading = 0.2 * f64::from(stretch);
             belief.observe(&[(mode, 1.0)], heading, moves(heading, known), 0.3);
         }
-        belief.tell(0.0, &mut motions);
+        belief.write_motions(0.0, &mut motions);
         motions
     }
 
@@ -278,7 +278,7 @@ mod tests {
         let mut last = 0.0;
         for stretch in 0..80 {
             belief.observe(&[(FORWARD, 1.0)], 0.3, if stretch < 10 { off } else { known }, 0.3);
-            belief.tell(0.0, &mut motions);
+            belief.write_motions(0.0, &mut motions);
             last = motions[FORWARD].at(0.3).forward - known.forward;
             assert!(stretch != 9 || last > 0.012, "{last}");
         }

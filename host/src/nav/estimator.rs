@@ -251,7 +251,7 @@ impl Estimator {
                 stretch.push(Moment { time: now, pose, shares });
                 if now.since(stretch[0].time).as_secs_f64() >= STRETCH + END {
                     walked(stretch, belief);
-                    belief.tell(heading, &mut self.motions);
+                    belief.write_motions(heading, &mut self.motions);
                     **pace = Pace::new(&self.motions);
                     let kept = |m: &Moment| now.since(m.time).as_secs_f64() <= END;
                     stretch.retain(kept);

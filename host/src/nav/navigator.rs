@@ -15,7 +15,7 @@ use flix_protocol::units::Instant;
 use super::estimator::Estimator;
 use super::experience::Experience;
 use super::modes::ModeTable;
-use super::motion::{REST, Response};
+use super::motion::{Gait, REST, Response};
 use super::outlook::Outlook;
 use super::path::Path;
 use super::predictive::{Goal, Prospects};
@@ -194,13 +194,23 @@ pub const JOINED_WITHIN: f64 = 0.05;
 /// Room around a robot that approaches its fence from outside, m: half a turn of the widest mode.
 const CORRIDOR_MARGIN: f64 = 0.3;
 
-/// A robot that has not left this length of its path, m, is held; after this time, s, it dares more, up to so many times.
+/// A robot that has not left this length of its path, m, is held.
 const HELD_WITHIN: f64 = 0.05;
-const HELD_FOR: f64 = 2.0;
-const MOST_DARING: f64 = 5.0;
 
 /// Distance before the end of an open path from which the end is approached as a point, m.
 const FINAL_APPROACH: f64 = 0.12;
+
+/// Chooses the modes, with what it keeps from one decision to the next.
+#[derive(Debug, Clone)]
+enum Controller {
+    Predictive,
+    TwoState(TwoState),
+    Learned {
+        outlook: Outlook,
+        /// How far the robot has come, m, and since when.
+        furthest: (f64, Instant),
+    },
+}
 
 /// Navigator of one run; see the module's documentation.
 #[derive(Debug, Clone)]
@@ -209,10 +219,7 @@ pub struct Navigator {
     settings: Settings,
     setpoints: Vec<Setpoint>,
     estimator: Estimator,
-    two_state: Option<TwoState>,
-    outlook: Option<Outlook>,
-    /// How far the robot has come, and since when.
-    furthest: (f64, Instant),
+    controller: Controller,
     mode: usize,
     mode_since: Instant,
     decided: Option<Instant>,
@@ -286,9 +293,13 @@ impl Navigator {
         let repertoire = repertoire.into();
         let table = repertoire.table();
         let (response, latency) = (settings.response, settings.latency);
-        let two_state = match settings.controller {
-            ControllerKind::TwoState => Some(TwoState::new(&table)?),
-            ControllerKind::Predictive | ControllerKind::Learned => None,
+        let controller = match settings.controller {
+            ControllerKind::Predictive => Controller::Predictive,
+            ControllerKind::TwoState => Controller::TwoState(TwoState::new(&table)?),
+            ControllerKind::Learned => Controller::Learned {
+                outlook: Outlook::new(Weights::LEARNED),
+                furthest: (f64::NEG_INFINITY, Instant::START),
+            },
         };
         let estimator = match (settings.controller, &repertoire) {
             (ControllerKind::Learned, Repertoire::Experience(experience)) => {
@@ -304,9 +315,7 @@ impl Navigator {
             setpoints: table.modes().iter().map(|m| m.setpoint).collect(),
             task,
             settings,
-            two_state,
-            outlook: None,
-            furthest: (f64::NEG_INFINITY, Instant::START),
+            controller,
             mode: REST,
             mode_since: Instant::START,
             decided: None,
@@ -514,61 +523,35 @@ impl Navigator {
     }
 
     fn choose(&self, now: Instant) -> usize {
-        match self.goal() {
+        match goal_of(&self.task, &self.progress) {
             Goal::Reach { point } if self.should_rest_at(now, point) => REST,
-            goal => match &self.two_state {
-                Some(controller) => self.turn_towards(controller, goal),
-                None => self.look_ahead(now, goal),
+            goal => match &self.controller {
+                Controller::Predictive => self.look_ahead(now, goal, self.prospects()),
+                Controller::TwoState(controller) => self.turn_towards(controller, goal),
+                Controller::Learned { outlook, furthest } => {
+                    let mut prospects = self.prospects();
+                    prospects.weights = Weights::learned(now.since(furthest.1).as_secs_f64());
+                    prospects.pace = self.estimator.pace();
+                    prospects.outlook = Some(outlook);
+                    self.look_ahead(now, goal, prospects)
+                }
             },
         }
     }
 
-    /// Works out what the way ahead costs, where it is known how the robot walks.
+    /// Works out some more of what the way ahead costs, where it is known how the robot walks.
     fn look_further(&mut self, now: Instant) {
-        let arc_length = self.progress.arc_length;
-        if self.mode == REST || (arc_length - self.furthest.0).abs() > HELD_WITHIN {
-            self.furthest = (arc_length, now);
+        let Controller::Learned { outlook, furthest } = &mut self.controller else { return };
+        let reached = self.progress.arc_length;
+        if self.mode == REST || (reached - furthest.0).abs() > HELD_WITHIN {
+            *furthest = (reached, now);
         }
-        let weights = self.weights(now);
-        let mut outlook = self.outlook.take();
+        let weights = Weights::learned(now.since(furthest.1).as_secs_f64());
         if let (Some(pace), Goal::Follow { path, arc_length }) =
-            (self.estimator.pace(), self.goal())
+            (self.estimator.pace(), goal_of(&self.task, &self.progress))
         {
-            outlook.get_or_insert_with(|| Outlook::new(weights)).consider(
-                path,
-                arc_length,
-                self.estimator.motions(),
-                weights.progress,
-                |course| pace.best(course),
-            );
-        }
-        self.outlook = outlook;
-    }
-
-    /// Returns what counts how much: the longer a robot by experience has been held, the more it dares.
-    fn weights(&self, now: Instant) -> Weights {
-        if self.estimator.pace().is_none() {
-            return Weights::PREDICTIVE;
-        }
-        let held = now.since(self.furthest.1).as_secs_f64();
-        let daring = (held / HELD_FOR).clamp(1.0, MOST_DARING);
-        Weights { progress: daring * Weights::LEARNED.progress, ..Weights::LEARNED }
-    }
-
-    fn goal(&self) -> Goal<'_> {
-        let arc_length = self.progress.arc_length;
-        match &self.task {
-            // An open path is followed from its start.
-            Task::Follow { path, .. } if !path.is_closed() && !self.progress.joined => {
-                Goal::Reach { point: path.start().position() }
-            }
-            Task::Follow { path, .. }
-                if !path.is_closed() && path.length() - arc_length < FINAL_APPROACH =>
-            {
-                Goal::Reach { point: end_of(path) }
-            }
-            Task::Follow { path, .. } => Goal::Follow { path, arc_length },
-            Task::Reach { point, .. } => Goal::Reach { point: *point },
+            let motions = self.estimator.motions();
+            outlook.consider(path, arc_length, motions, weights.progress, |it| pace.best(it));
         }
     }
 
@@ -585,7 +568,7 @@ impl Navigator {
     fn resting_place(&self, now: Instant) -> PlanarPose {
         const STEP: f64 = 0.05;
         const LONGEST: u32 = 60;
-        let (mut pose, gait) = self.estimator.predicted(now + self.settings.latency);
+        let (mut pose, gait) = self.ahead(now);
         let (motions, response) = (self.estimator.motions(), self.estimator.response());
         let mut gait = gait.commanded(REST, pose.heading, motions, response);
         for _ in 0..LONGEST {
@@ -606,14 +589,18 @@ impl Navigator {
         controller.choose(&pose, target, self.mode)
     }
 
-    fn look_ahead(&self, now: Instant, goal: Goal<'_>) -> usize {
-        let (pose, gait) = self.estimator.predicted(now + self.settings.latency);
-        let estimator = &self.estimator;
-        let mut prospects = Prospects::new(estimator.motions(), estimator.response());
-        prospects.weights = self.weights(now);
-        prospects.pace = estimator.pace();
-        prospects.outlook = self.outlook.as_ref();
+    fn prospects(&self) -> Prospects<'_> {
+        Prospects::new(self.estimator.motions(), self.estimator.response())
+    }
+
+    fn look_ahead(&self, now: Instant, goal: Goal<'_>, prospects: Prospects<'_>) -> usize {
+        let (pose, gait) = self.ahead(now);
         prospects.best_mode(pose, gait, goal)
+    }
+
+    /// Returns pose and gait for the moment when a command sent now arrives.
+    fn ahead(&self, now: Instant) -> (PlanarPose, Gait) {
+        self.estimator.predicted(now + self.settings.latency)
     }
 
     fn measure_error(&mut self, first: bool, elapsed: Duration) {
@@ -649,6 +636,23 @@ impl Navigator {
         if self.joined_for > 0.0 {
             progress.error_rms = (self.squared_error / self.joined_for).sqrt();
         }
+    }
+}
+
+fn goal_of<'a>(task: &'a Task, progress: &Progress) -> Goal<'a> {
+    let arc_length = progress.arc_length;
+    match task {
+        // An open path is followed from its start.
+        Task::Follow { path, .. } if !path.is_closed() && !progress.joined => {
+            Goal::Reach { point: path.start().position() }
+        }
+        Task::Follow { path, .. }
+            if !path.is_closed() && path.length() - arc_length < FINAL_APPROACH =>
+        {
+            Goal::Reach { point: end_of(path) }
+        }
+        Task::Follow { path, .. } => Goal::Follow { path, arc_length },
+        Task::Reach { point, .. } => Goal::Reach { point: *point },
     }
 }
 

@@ -17,9 +17,9 @@ use crate::pose::geometry::wrap;
 const PLACE: f64 = 0.05;
 const PLACES: usize = 24;
 const BEHIND: i64 = 4;
-/// Headings that are told apart.
+/// Headings of the table.
 const HEADINGS: usize = 24;
-/// Errors that are told apart: finer near the path.
+/// Errors of the table: finer near the path.
 const ERRORS: usize = 17;
 const MIDDLE: f64 = 8.0;
 const FINEST: f64 = 0.03;
@@ -116,7 +116,7 @@ impl Outlook {
         self.table[place.min(self.table.len() - 1)]
     }
 
-    /// Thinks on, for a robot that has come this far (arc length, m). `progress`: its weight; `usual`: speed that is reckoned
+    /// Works out some more of the table, for a robot that has come this far (arc length, m). `progress`: its weight; `usual`: speed that is reckoned
     /// with along a course.
     pub fn consider(
         &mut self,

@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 use super::motion::{Motion, REST};
 use crate::pose::geometry::wrap;
 
-/// Headings and directions that are told apart.
+/// Headings and directions of the table.
 const SECTORS: usize = 24;
 /// Swing of the heading between the modes of a mixture, rad.
 const SWING: f64 = 0.4;

@@ -23,6 +23,11 @@ pub struct Weights {
     pub risk: f64,
 }
 
+/// A robot that has been held for so long, s, is taken to risk more for its progress,
+const HELD_FOR: f64 = 2.0;
+/// up to so many times.
+const LARGEST_FACTOR: f64 = 5.0;
+
 impl Weights {
     /// Those of the predictive controller, chosen by hand.
     pub const PREDICTIVE: Self = Self {
@@ -38,6 +43,14 @@ impl Weights {
     };
     /// Those of the learned controller.
     pub const LEARNED: Self = Self { progress: 2.0, reversal: 0.15, risk: 1.0, ..Self::PREDICTIVE };
+
+    /// Returns those of the learned controller for a robot that has come no further for so long, s: the longer, the more
+    /// progress counts.
+    #[must_use]
+    pub fn learned(held: f64) -> Self {
+        let factor = (held / HELD_FOR).clamp(1.0, LARGEST_FACTOR);
+        Self { progress: factor * Self::LEARNED.progress, ..Self::LEARNED }
+    }
 
     /// Returns what it costs a second that the motion may be another than expected: an error of a second of it.
     #[must_use]

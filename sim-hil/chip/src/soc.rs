@@ -131,7 +131,7 @@ impl Model {
 const PERIPHERALS: u32 = 0x6000_0000;
 const PERIPHERALS_BYTES: u32 = 0x10_0000;
 const CONTROLLER: u32 = 0x2000_1000;
-/// Blocks are told apart in steps of so many bytes.
+/// Addresses of blocks differ by at least so many bytes.
 const STEP: u32 = 0x100;
 /// Half a round of the fast loop.
 const SOON_CYCLES: u64 = CYCLES_PER_SECOND / 20_000;

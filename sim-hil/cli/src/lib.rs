@@ -132,7 +132,7 @@ pub enum Error {
     /// A file was not written.
     #[error("cannot write {}: {error}", path.display())]
     Write {
-        /// Which.
+        /// Names the folder or file.
         path: std::path::PathBuf,
         /// What the system said.
         error: std::io::Error,

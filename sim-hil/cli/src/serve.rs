@@ -114,7 +114,7 @@ pub enum ServeError {
     Listen {
         /// The option that gives it.
         option: &'static str,
-        /// Which.
+        /// Gives the address.
         address: SocketAddr,
         /// Why.
         source: io::Error,
@@ -127,7 +127,7 @@ pub enum ServeError {
         /// Why.
         source: AddError,
     },
-    /// Two operators cannot be told apart.
+    /// Two operators have one key.
     #[error(
         "--operator {name}: the key of this file is that of {known}; make one with `flix keygen FILE`"
     )]

@@ -115,7 +115,7 @@ pub enum NatNetError {
     Version {
         /// Who.
         server: SocketAddrV4,
-        /// Which.
+        /// Names the version.
         version: String,
     },
     /// A layout that is newer than what is known, on a stream that nobody can ask another one of.
@@ -126,7 +126,7 @@ pub enum NatNetError {
     Multicast {
         /// Who.
         server: SocketAddrV4,
-        /// Which.
+        /// Names the version.
         version: String,
     },
     /// The server was asked for a layout that is known, and streams another.

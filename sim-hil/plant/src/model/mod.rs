@@ -76,7 +76,7 @@ pub enum ModelError {
     /// A file whose model is refused.
     #[error("{file}: {error}")]
     File {
-        /// Which.
+        /// Names the file.
         file: String,
         /// Why.
         error: Box<ModelError>,

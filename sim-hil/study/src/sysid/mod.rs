@@ -84,7 +84,7 @@ pub enum SysidError {
     /// A file could not be written.
     #[error("cannot write {}: {source}", path.display())]
     Write {
-        /// Which.
+        /// Names the file.
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
@@ -184,7 +184,7 @@ pub type Left = [f64; 5];
 /// What was known after an experiment.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Stage {
-    /// Which.
+    /// Names the experiment.
     pub experiment: &'static str,
     /// What is left after it.
     pub left: Left,
@@ -196,7 +196,7 @@ pub struct Stage {
 /// What one more experiment would bring.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Proposal {
-    /// Which.
+    /// Names the experiment.
     pub experiment: &'static str,
     /// There is one already: this is about another.
     pub again: bool,

@@ -20,9 +20,9 @@ pub trait Lane:
     + AddAssign
     + SubAssign
 {
-    /// How many numbers.
+    /// Counts the numbers.
     const LANES: usize;
-    /// Have they 24 bits instead of 53?
+    /// States whether they have the 24 bits of `f32`, not the 53 of `f64`.
     const SHORT: bool;
     /// The same value in every lane.
     fn splat(value: f64) -> Self;
