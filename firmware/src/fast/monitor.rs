@@ -545,7 +545,8 @@ mod tests {
         scene.configuration.sensed = false;
         // One that is twice as easy to turn is no other.
         scene.configuration.speed_per_current[1] *= 2;
-        let least = f64::from(scene.configuration.speed_per_current[motor]) / f64::from(1_u32 << 24);
+        let least =
+            f64::from(scene.configuration.speed_per_current[motor]) / f64::from(1_u32 << 24);
         let amount = Current::from_raw((f64::from(adds) / least).round() as i32);
         let q = scene.configuration.clockwise(motor, amount);
         scene.loops[motor].note(Rotor { d: Current::ZERO, q }, Rotor::default());
