@@ -883,3 +883,22 @@ fn motor(report: &Report, index: usize) -> MotorTelemetry {
         current_q_range: [least, largest].map(Amperes::from),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// To judge takes a time in which nothing is received: what no loop depends on must not cause it.
+    #[test]
+    fn neither_marks_nor_an_alignment_make_settings_be_judged_anew() {
+        let judged = Judged::of(&Settings::DEFAULT, true);
+        let mut settings = Settings::DEFAULT;
+        assert_eq!(settings.accept(true), Ok(()));
+        assert_ne!(settings, Settings::DEFAULT);
+        assert!(judged.is_of(&settings), "other marks");
+        settings.learn([Alignment { reversed: true, ..Alignment::default() }; 2]);
+        assert!(judged.is_of(&settings), "another alignment");
+        settings.position_bandwidth += 1.0;
+        assert!(!judged.is_of(&settings), "another loop");
+    }
+}

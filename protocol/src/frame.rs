@@ -7,8 +7,8 @@
 //! |---|---|---|---|
 //! | 1 Hello | operator | 62 | version u16, schema key u64, client nonce 16, purpose u8, key identifier 8, zeros 7, tag |
 //! | 2 Challenge | robot | 36 | robot nonce 16, tag |
-//! | 3 Confirm | operator | 60 | client nonce 16, robot nonce 16, key identifier 8, tag |
-//! | 4 Accept | robot | 24 | session u32, tag |
+//! | 3 Confirm | operator | 92 | client nonce 16, robot nonce 16, key identifier 8, ephemeral key 32, tag |
+//! | 4 Accept | robot | 56 | session u32, ephemeral key 32, tag |
 //! | 5 Refusal | robot | 47 | reason u8, version u16, schema key u64, client nonce 16, tag |
 //! | 6 Sealed | both | 32 to 512 | session u32, counter u64, ciphertext, tag |
 //! | 7 Stop | operator | 60 | client nonce 16, robot nonce 16, key identifier 8, tag |
@@ -38,8 +38,8 @@ pub const MAXIMUM_DATAGRAM: usize = 512;
 /// A datagram.
 pub type Frame = Vec<u8, MAXIMUM_DATAGRAM>;
 
-/// Longest datagram of the handshake, bytes.
-pub const MAXIMUM_HANDSHAKE: usize = 64;
+/// Longest datagram of the handshake, bytes: Confirm.
+pub const MAXIMUM_HANDSHAKE: usize = 92;
 /// A datagram of the handshake.
 pub type HandshakeFrame = Vec<u8, MAXIMUM_HANDSHAKE>;
 
@@ -50,6 +50,8 @@ pub const MAGIC: [u8; 3] = *b"flx";
 pub const NONCE_LENGTH: usize = 16;
 /// Bytes in the identifier of a key.
 pub const KEY_ID_LENGTH: usize = 8;
+/// Bytes in the public half of an ephemeral key.
+pub const PUBLIC_KEY_LENGTH: usize = 32;
 /// Bytes in a tag.
 pub const TAG_LENGTH: usize = 16;
 /// Bytes of magic and kind, with which every datagram begins.
@@ -72,6 +74,8 @@ const HELLO_RESERVED: usize = 7;
 pub type Nonce = [u8; NONCE_LENGTH];
 /// Public number that tells the keys of one robot apart ([`Key::id`](crate::session::Key::id)).
 pub type KeyId = [u8; KEY_ID_LENGTH];
+/// Public half of an ephemeral key of X25519 (RFC 7748).
+pub type PublicKey = [u8; PUBLIC_KEY_LENGTH];
 /// Authentication tag: only a holder of the key can make it.
 pub type Tag = [u8; TAG_LENGTH];
 
@@ -95,8 +99,8 @@ const VERSION_LENGTH: usize = 2 + 8;
 pub const HANDSHAKE_LENGTHS: [(u8, usize); 8] = [
     (HELLO, HEAD + VERSION_LENGTH + NONCE_LENGTH + 1 + KEY_ID_LENGTH + HELLO_RESERVED + TAG_LENGTH),
     (CHALLENGE, HEAD + NONCE_LENGTH + TAG_LENGTH),
-    (CONFIRM, HEAD + 2 * NONCE_LENGTH + KEY_ID_LENGTH + TAG_LENGTH),
-    (ACCEPT, HEAD + 4 + TAG_LENGTH),
+    (CONFIRM, HEAD + 2 * NONCE_LENGTH + KEY_ID_LENGTH + PUBLIC_KEY_LENGTH + TAG_LENGTH),
+    (ACCEPT, HEAD + 4 + PUBLIC_KEY_LENGTH + TAG_LENGTH),
     (REFUSAL, HEAD + 1 + VERSION_LENGTH + NONCE_LENGTH + TAG_LENGTH),
     (STOP, HEAD + 2 * NONCE_LENGTH + KEY_ID_LENGTH + TAG_LENGTH),
     (STOPPED, HEAD + 1 + TAG_LENGTH),
@@ -182,6 +186,8 @@ pub enum Datagram<'a> {
         robot_nonce: Nonce,
         /// The key of Hello.
         key_id: KeyId,
+        /// Ephemeral key of the operator.
+        client_public: PublicKey,
         /// All bytes that the tag covers.
         signed: &'a [u8],
         /// Tag over `signed`.
@@ -191,9 +197,11 @@ pub enum Datagram<'a> {
     Accept {
         /// Number of the session, repeated in each sealed datagram.
         session: u32,
+        /// Ephemeral key of the robot.
+        robot_public: PublicKey,
         /// The bytes that the tag covers, without those that both ends know.
         signed: &'a [u8],
-        /// Tag over `signed` and both nonces.
+        /// Tag over `signed` and the tag of Confirm.
         tag: Tag,
     },
     /// The robot refuses a session.
@@ -285,10 +293,13 @@ impl<'a> Datagram<'a> {
                 client_nonce: fields.take()?,
                 robot_nonce: fields.take()?,
                 key_id: fields.take()?,
+                client_public: fields.take()?,
                 signed,
                 tag,
             },
-            ACCEPT => Self::Accept { session: fields.u32()?, signed, tag },
+            ACCEPT => {
+                Self::Accept { session: fields.u32()?, robot_public: fields.take()?, signed, tag }
+            }
             REFUSAL => Self::Refusal {
                 reason: RefusalReason::from_byte(fields.u8()?)?,
                 version: fields.version()?,
@@ -392,13 +403,18 @@ pub(crate) fn confirm(
     client_nonce: &Nonce,
     robot_nonce: &Nonce,
     key_id: &KeyId,
+    client_public: &PublicKey,
     sign: impl FnOnce(&[u8]) -> Tag,
 ) -> HandshakeFrame {
-    handshake(CONFIRM, &[client_nonce, robot_nonce, key_id], sign)
+    handshake(CONFIRM, &[client_nonce, robot_nonce, key_id, client_public], sign)
 }
 
-pub(crate) fn accept(session: u32, sign: impl FnOnce(&[u8]) -> Tag) -> HandshakeFrame {
-    handshake(ACCEPT, &[&session.to_le_bytes()], sign)
+pub(crate) fn accept(
+    session: u32,
+    robot_public: &PublicKey,
+    sign: impl FnOnce(&[u8]) -> Tag,
+) -> HandshakeFrame {
+    handshake(ACCEPT, &[&session.to_le_bytes(), robot_public], sign)
 }
 
 pub(crate) fn refusal(

@@ -1,30 +1,32 @@
 //! Sessions: who may command the robot, and how each datagram proves it.
 //!
 //! Operator and robot share one 256-bit [`Key`]. A robot has up to [`MAXIMUM_OPERATORS`] operators, each
-//! with a name and a key of its own. A handshake of four datagrams, with a fresh nonce
+//! with a name and a key of its own. A handshake of four datagrams, with a fresh nonce and an ephemeral key
 //! from each end, makes the keys of one session:
 //!
 //! ```text
 //! operator                                  robot
 //!   Hello    version, nonce, key id     ->          stores nothing
 //!            <-  Challenge    robot nonce           (a cookie: it can recompute it)
-//!   Confirm  both nonces, key id        ->          checks the cookie, opens the session
-//!            <-  Accept       session id
+//!   Confirm  both nonces, key id,       ->          checks tag and cookie, then multiplies,
+//!            ephemeral key                          opens the session
+//!            <-  Accept       session id, ephemeral key
 //!   Sealed   counter, echo, command     ->
 //!            <-  Sealed       counter, reply, telemetry or event
 //! ```
 //!
 //! - **Tags of the handshake** are HMAC-SHA256 under a key derived from the pre-shared key, cut to
-//!   16 bytes, over every byte of the datagram, the schema key and all nonces that its sender
-//!   knows. Challenge proves the robot fresh to the operator, Confirm the operator to the robot.
+//!   16 bytes, over every byte of the datagram, the schema key and what it answers: Challenge the client
+//!   nonce, Accept the tag of Confirm. Challenge proves the robot fresh to the operator, Confirm the operator to the robot.
 //! - **Key id**: a public number that is derived from the key ([`Key::id`]) states which of its keys the
 //!   robot is to try, so that a forged datagram costs it one tag at most, however many it has.
 //! - **The robot's nonce is a cookie**: HMAC-SHA256 over epoch, the operator's address and the
 //!   client nonce, under a secret that only the robot knows and changes with every session that it
 //!   accepts. So it stores no state for an operator that has not proved to hold the key, and an
 //!   old Confirm never opens a session again. Cookies are good for [`COOKIE_LIFE`].
-//! - **Keys of a session**, one for each direction, and the session's id are HKDF-SHA256 of the
-//!   pre-shared key with both nonces as salt and the schema key as info.
+//! - **Keys of a session**, one for each direction, and the session's id are HKDF-SHA256 with both nonces as
+//!   salt and the schema key as info. What it extracts from is the pre-shared key, the secret on which the ephemeral keys agree
+//!   by X25519 (RFC 7748), and their public halves.
 //! - **Sealed datagrams** are ChaCha20-Poly1305 with the counter as nonce and the header as
 //!   associated data. Counters are 64-bit, start at 0 and refuse to wrap. A sliding
 //!   [`ReplayWindow`] lets each through once.
@@ -32,6 +34,18 @@
 //!   [`Stop`](crate::message::Command::Stop), which is obeyed whenever it is authentic and not
 //!   replayed. The operator drops telemetry older than what it has already shown.
 //! - An empty sealed message closes the session (goodbye).
+//!
+//! # Forward secrecy
+//!
+//! An ephemeral key is made for one handshake and wiped once the keys of the session are derived. So whoever recorded a
+//! session and learns the pre-shared key later can neither read it nor seal for it. The shape is that of Noise's NNpsk0: the
+//! ephemeral keys prove nothing by themselves, the tags under the pre-shared key do. It is kept in the handshake above and not
+//! left to a library of Noise (clatter 2.3 was weighed): such a library knows neither cookies nor lost and repeated
+//! datagrams, which are most of this module, and its messages would be wrapped in ours.
+//!
+//! Multiplications on the curve cost the robot a hundred times what a tag does. It does two for each session, and none
+//! before tag and cookie of a Confirm hold; a cookie pays for one try. An ephemeral key of small order, with which
+//! everybody would know the secret, is refused.
 //!
 //! # Freshness
 //!
@@ -79,8 +93,9 @@
 //! # Life of the keys
 //!
 //! Keys of a session live for [`SESSION_LIFE`]. From [`SESSION_RENEWAL`] on the operator asks for new
-//! ones, every [`HANDSHAKE_RETRY`]: both ends send a fresh nonce, sealed, and derive keys and id from
-//! the pre-shared key and these nonces as at the beginning. Counters, replay window and echo count on,
+//! ones, every [`HANDSHAKE_RETRY`]: both ends send a fresh nonce, sealed, and derive keys and id from these nonces and a
+//! secret that was derived with the present keys for this alone. That costs hashes, no multiplication, so a robot renews
+//! while it moves; the pre-shared key opens no renewal, and no later secret an earlier one. Counters, replay window and echo count on,
 //! and nothing waits: the operator seals with the new keys once it has the robot's nonce, the robot
 //! once it has opened what they seal. What is under way under the former keys counts for
 //! [`OLD_KEYS_LIFE`] more, then they are erased. A session that is not renewed ends with its keys.
@@ -130,7 +145,7 @@ pub use stop::{StopSession, StopStatus};
 
 /// Version of the protocol, incremented when the meaning of messages changes and their schema does
 /// not, or when the handshake changes.
-pub const PROTOCOL_VERSION: u16 = 4;
+pub const PROTOCOL_VERSION: u16 = 5;
 
 /// Version of this build: [`PROTOCOL_VERSION`] and a hash over the schema of [`ToRobot`] and
 /// [`ToOperator`], names and types of all fields included.

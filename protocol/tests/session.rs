@@ -2,6 +2,7 @@
 
 use core::net::SocketAddr;
 use core::time::Duration;
+use std::collections::BTreeSet;
 
 use crate::ends::{
     Ends, OPERATOR, SECOND_OPERATOR, answer, command, connect, key, setpoint, telemetry,
@@ -180,17 +181,44 @@ fn a_lost_accept_is_said_again_and_nothing_starts_over() {
     assert_eq!(ends.operator_hears(&lost), OperatorReceived::Connected);
 }
 
+/// Accept brings the robot's ephemeral key, without which nothing opens.
 #[test]
-fn the_robots_first_message_says_what_a_lost_accept_would_have_said() {
+fn messages_before_a_lost_accept_are_dropped_and_those_after_its_repetition_are_heard() {
     let mut ends = Ends::new(Some(key(1)), key(1));
     let hello = ends.operator.poll(ends.now).unwrap();
     let challenge = answer(ends.robot_hears(&hello), hello.len()).unwrap();
     ends.operator_hears(&challenge);
     let confirm = ends.operator.poll(ends.now).unwrap();
     ends.robot_hears(&confirm);
-    let (_, frame) = ends.robot.send(ends.now, &telemetry(1)).unwrap();
-    assert_eq!(ends.operator_hears(&frame), OperatorReceived::Message(telemetry(1)));
-    assert_eq!(ends.operator.status(ends.now), Status::Connected);
+    let [before, after] = [1, 2].map(|time| ends.robot.send(ends.now, &telemetry(time)).unwrap().1);
+    assert_eq!(ends.operator_hears(&before), OperatorReceived::Dropped(DropReason::Session));
+    assert_eq!(ends.operator.status(ends.now), Status::Connecting);
+    ends.wait(HANDSHAKE_RETRY);
+    assert_eq!(ends.run(), Status::Connected);
+    assert_eq!(ends.operator_hears(&after), OperatorReceived::Message(telemetry(2)));
+}
+
+#[test]
+fn each_session_has_ephemeral_keys_of_its_own_at_either_end() {
+    let mut ends = Ends::new(Some(key(1)), key(1));
+    let mut publics = BTreeSet::new();
+    for _ in 0..3 {
+        ends.operator.connect(ends.now);
+        while let Some(frame) = ends.operator.poll(ends.now) {
+            let answer = answer(ends.robot_hears(&frame), frame.len()).unwrap();
+            for datagram in [&frame[..], &answer] {
+                if let Some(
+                    Datagram::Confirm { client_public: public, .. }
+                    | Datagram::Accept { robot_public: public, .. },
+                ) = Datagram::parse(datagram)
+                {
+                    publics.insert(public);
+                }
+            }
+            ends.operator_hears(&answer);
+        }
+    }
+    assert_eq!(publics.len(), 6, "{publics:?}");
 }
 
 #[test]

@@ -4,7 +4,7 @@ use core::net::SocketAddr;
 use core::time::Duration;
 
 use crate::ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, key, setpoint};
-use flix_protocol::frame::MAXIMUM_DATAGRAM;
+use flix_protocol::frame::{MAXIMUM_DATAGRAM, PUBLIC_KEY_LENGTH, TAG_LENGTH};
 use flix_protocol::message::{Command, DropReason};
 use flix_protocol::session::{
     CONFIRM_PATIENCE, CONNECT_PATIENCE, COOKIE_LIFE, ConnectError, Key, OperatorSession,
@@ -249,7 +249,13 @@ fn a_stop_cannot_be_made_from_a_handshake_nor_a_session_from_a_stop() {
     let challenge = answer(robot.receive(now, SECOND_OPERATOR, &hello), hello.len()).unwrap();
     operator.receive(now, &challenge);
     let confirm = operator.poll(now).unwrap();
-    for (kind, mut datagram) in [(confirm[3], stop), (7, confirm.to_vec())] {
+    // Confirm has an ephemeral key before its tag, and else what Stop has.
+    let place = stop.len() - TAG_LENGTH;
+    let (fields, key) = confirm[..confirm.len() - TAG_LENGTH].split_at(place);
+    let tag = &confirm[place + PUBLIC_KEY_LENGTH..];
+    let from_stop = [&stop[..place], key, &stop[place..]].concat();
+    let from_confirm = [fields, tag].concat();
+    for (kind, mut datagram) in [(confirm[3], from_stop), (stop[3], from_confirm)] {
         datagram[3] = kind;
         let received = robot.receive(now, SECOND_OPERATOR, &datagram);
         assert_eq!(received, RobotReceived::Dropped(DropReason::Forged, None));

@@ -5,6 +5,7 @@ use core::time::Duration;
 use chacha20poly1305::aead::AeadInOut;
 use chacha20poly1305::{ChaCha20Poly1305, KeyInit};
 use serde::Serialize;
+use zeroize::Zeroizing;
 
 use super::OLD_KEYS_LIFE;
 use super::key::SessionKeys;
@@ -38,6 +39,8 @@ struct Ciphers {
     session: u32,
     seal: ChaCha20Poly1305,
     open: ChaCha20Poly1305,
+    /// What the next keys are made from.
+    next: Zeroizing<[u8; 32]>,
 }
 
 /// One end of a session. Its counters count on when its keys are renewed.
@@ -93,9 +96,11 @@ impl Channel {
         now.since(self.since)
     }
 
-    /// Makes these keys ready: they are used from the moment at which the other end uses them.
-    pub(super) fn prepare(&mut self, keys: &SessionKeys) {
-        self.other = Some(Ciphers::new(keys, self.echoes));
+    /// Makes the next keys ready, from the present ones and a fresh nonce of each end, the operator's first: they are used
+    /// from the moment at which the other end uses them.
+    pub(super) fn prepare(&mut self, nonces: [&Nonce; 2]) {
+        let keys = SessionKeys::renewed(&self.present.next, nonces);
+        self.other = Some(Ciphers::new(&keys, self.echoes));
         self.erase_at = None;
     }
 
@@ -211,6 +216,7 @@ impl Ciphers {
             session: keys.session,
             seal: ChaCha20Poly1305::new(seal.into()),
             open: ChaCha20Poly1305::new(open.into()),
+            next: Zeroizing::new(keys.next),
         }
     }
 }

@@ -3,14 +3,15 @@
 use core::fmt;
 use core::str::FromStr;
 
-use hkdf::Hkdf;
+use hkdf::{Hkdf, HkdfExtract};
 use hmac::{Hmac, KeyInit, Mac};
 use sha2::Sha256;
 use subtle::ConstantTimeEq;
+use x25519_dalek::{X25519_BASEPOINT_BYTES, x25519};
 use zeroize::{Zeroize, ZeroizeOnDrop, Zeroizing};
 
 use super::VERSION;
-use crate::frame::{KEY_ID_LENGTH, KeyId, Nonce, TAG_LENGTH, Tag};
+use crate::frame::{KEY_ID_LENGTH, KeyId, Nonce, PublicKey, TAG_LENGTH, Tag};
 
 pub(super) type HmacSha256 = Hmac<Sha256>;
 
@@ -189,23 +190,68 @@ fn expand(derivation: &Hkdf<Sha256>, info: &[u8], output: &mut [u8]) {
     derivation.expand(info, output).expect("HKDF-SHA256 gives up to 8160 bytes");
 }
 
+/// The secret half of an ephemeral key of X25519 (RFC 7748): made for one handshake, and wiped with it.
+pub(super) struct EphemeralKey(Zeroizing<[u8; 32]>);
+
+impl EphemeralKey {
+    pub(super) fn new(entropy: &mut Entropy) -> Self {
+        Self(entropy.secret())
+    }
+
+    /// Returns the public half.
+    pub(super) fn public(&self) -> PublicKey {
+        x25519(*self.0, X25519_BASEPOINT_BYTES)
+    }
+
+    /// Returns what only the two ends know that have a secret half each; `None` when the other end's key is one of those
+    /// that make it zero, which everybody knows (RFC 7748, section 6.1).
+    pub(super) fn agree(&self, other: &PublicKey) -> Option<Zeroizing<[u8; 32]>> {
+        let shared = Zeroizing::new(x25519(*self.0, *other));
+        let is_zero: bool = shared.ct_eq(&[0; 32]).into();
+        (!is_zero).then_some(shared)
+    }
+}
+
 /// Keys and number of one session.
 #[derive(Zeroize, ZeroizeOnDrop)]
 pub(super) struct SessionKeys {
     pub(super) to_robot: [u8; 32],
     pub(super) to_operator: [u8; 32],
+    /// What the next keys are made from when these are renewed.
+    pub(super) next: [u8; 32],
     pub(super) session: u32,
 }
 
 impl SessionKeys {
-    pub(super) fn derive(key: &Key, client_nonce: &Nonce, robot_nonce: &Nonce) -> Self {
+    /// Derives the first keys of a session. `publics` and `shared` are of its ephemeral keys.
+    pub(super) fn first(
+        key: &Key,
+        nonces: [&Nonce; 2],
+        publics: [&PublicKey; 2],
+        shared: &[u8; 32],
+    ) -> Self {
+        Self::derive(nonces, &[&key.0, shared, publics[0], publics[1]])
+    }
+
+    /// Derives the keys that follow those with this `next`.
+    pub(super) fn renewed(next: &[u8; 32], nonces: [&Nonce; 2]) -> Self {
+        Self::derive(nonces, &[next])
+    }
+
+    /// Nonces and secrets have fixed lengths, so that none runs into another. The operator's come first.
+    fn derive(nonces: [&Nonce; 2], secrets: &[&[u8; 32]]) -> Self {
         let mut salt = [0; 32];
-        salt[..16].copy_from_slice(client_nonce);
-        salt[16..].copy_from_slice(robot_nonce);
-        let derivation = Hkdf::new(Some(&salt), &key.0);
-        let mut keys = Self { to_robot: [0; 32], to_operator: [0; 32], session: 0 };
+        salt[..16].copy_from_slice(nonces[0]);
+        salt[16..].copy_from_slice(nonces[1]);
+        let mut extract = HkdfExtract::<Sha256>::new(Some(&salt));
+        for secret in secrets {
+            extract.input_ikm(*secret);
+        }
+        let (_, derivation) = extract.finalize();
+        let mut keys = Self { to_robot: [0; 32], to_operator: [0; 32], next: [0; 32], session: 0 };
         expand(&derivation, &info(b'r'), &mut keys.to_robot);
         expand(&derivation, &info(b'o'), &mut keys.to_operator);
+        expand(&derivation, &info(b'n'), &mut keys.next);
         let mut session = [0; 4];
         expand(&derivation, &info(b's'), &mut session);
         keys.session = u32::from_le_bytes(session);
@@ -244,5 +290,78 @@ impl Entropy {
         let mut nonce = [0; 16];
         nonce.copy_from_slice(&self.secret()[..16]);
         nonce
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    extern crate std;
+
+    use super::*;
+
+    /// Points of order 1, 2, 4 and 8, the last three in a form that is not reduced (D. J. Bernstein, "A state-of-the-art
+    /// Diffie-Hellman function", "How do I validate Curve25519 public keys?").
+    pub(in super::super) const SMALL_ORDER: [PublicKey; 7] = [
+        [0; 32],
+        with([0; 32], 1, 0),
+        [
+            0xe0, 0xeb, 0x7a, 0x7c, 0x3b, 0x41, 0xb8, 0xae, 0x16, 0x56, 0xe3, 0xfa, 0xf1, 0x9f,
+            0xc4, 0x6a, 0xda, 0x09, 0x8d, 0xeb, 0x9c, 0x32, 0xb1, 0xfd, 0x86, 0x62, 0x05, 0x16,
+            0x5f, 0x49, 0xb8, 0x00,
+        ],
+        [
+            0x5f, 0x9c, 0x95, 0xbc, 0xa3, 0x50, 0x8c, 0x24, 0xb1, 0xd0, 0xb1, 0x55, 0x9c, 0x83,
+            0xef, 0x5b, 0x04, 0x44, 0x5c, 0xc4, 0x58, 0x1c, 0x8e, 0x86, 0xd8, 0x22, 0x4e, 0xdd,
+            0xd0, 0x9f, 0x11, 0x57,
+        ],
+        with([0xff; 32], 0xec, 0x7f),
+        with([0xff; 32], 0xed, 0x7f),
+        with([0xff; 32], 0xee, 0x7f),
+    ];
+
+    const fn with(mut bytes: PublicKey, first: u8, last: u8) -> PublicKey {
+        (bytes[0], bytes[31]) = (first, last);
+        bytes
+    }
+
+    fn ephemeral(seed: u8) -> EphemeralKey {
+        EphemeralKey::new(&mut Entropy::new([seed; 32]))
+    }
+
+    #[test]
+    fn two_ends_agree_and_a_third_does_not() {
+        let [anna, bob, eve] = [1, 2, 3].map(ephemeral);
+        let shared = anna.agree(&bob.public());
+        assert_eq!(shared, bob.agree(&anna.public()));
+        assert!(shared.is_some() && shared != eve.agree(&bob.public()));
+    }
+
+    #[test]
+    fn no_secret_is_made_of_points_of_small_order() {
+        assert_eq!(SMALL_ORDER.map(|public| ephemeral(1).agree(&public)), [const { None }; 7]);
+    }
+
+    /// Each input of a derivation is in every key that comes of it.
+    #[test]
+    fn keys_depend_on_each_secret_each_public_half_and_each_nonce() {
+        let derive = |changed: Option<usize>| {
+            let byte = |place| if changed == Some(place) { 9 } else { place as u8 };
+            let nonces = [&[byte(0); 16], &[byte(1); 16]];
+            let publics = [&[byte(2); 32], &[byte(3); 32]];
+            let key = Key::new([byte(4); 32]);
+            let first = SessionKeys::first(&key, nonces, publics, &[byte(5); 32]);
+            let renewed = SessionKeys::renewed(&first.next, [&[byte(6); 16], &[byte(7); 16]]);
+            [&first, &renewed].map(|keys| [keys.to_robot, keys.to_operator, keys.next])
+        };
+        let [first, renewed] = derive(None);
+        for place in 0..8 {
+            let [other, other_renewed] = derive(Some(place));
+            for number in 0..3 {
+                assert_eq!(first[number] != other[number], place < 6, "{place} in key {number}");
+                assert_ne!(renewed[number], other_renewed[number], "{place} in key {number}");
+            }
+        }
+        let all: std::collections::BTreeSet<_> = [first, renewed].into_iter().flatten().collect();
+        assert_eq!(all.len(), 6, "no key is another");
     }
 }

@@ -6,11 +6,11 @@ use heapless::{Deque, Vec};
 
 use super::channel::{Channel, Plain, SendError};
 use super::connect::{ConnectError, Greeting};
-use super::key::{Entropy, Key, SessionKeys, Signer};
+use super::key::{Entropy, EphemeralKey, Key, SessionKeys, Signer};
 use super::{
     CONFIRM_PATIENCE, HANDSHAKE_RETRY, HOLDER_SILENCE, SESSION_LIFE, SESSION_RENEWAL, VERSION,
 };
-use crate::frame::{self, Datagram, Frame, HandshakeFrame, KeyId, Nonce, Purpose};
+use crate::frame::{self, Datagram, Frame, HandshakeFrame, KeyId, Nonce, PublicKey, Purpose, Tag};
 use crate::message::{DropReason, Dropped, ToOperator, ToRobot};
 use crate::units::Instant;
 
@@ -89,10 +89,20 @@ pub struct OperatorSession {
 
 enum Phase {
     Greeting(Greeting),
-    Confirming { greeting: Greeting, robot_nonce: Nonce, since: Instant, opening: Session },
+    Confirming { greeting: Greeting, since: Instant, opening: Opening },
     Established(Session),
     Left,
     Failed(ConnectError),
+}
+
+/// A session that the robot is asked to open.
+struct Opening {
+    robot_nonce: Nonce,
+    ephemeral: EphemeralKey,
+    client_public: PublicKey,
+    /// The datagram that asks for it, and its tag.
+    confirm: HandshakeFrame,
+    tag: Tag,
 }
 
 struct Session {
@@ -195,9 +205,7 @@ impl OperatorSession {
         let client_nonce = greeting.client_nonce;
         let tag = |signed: &[u8]| self.signer.tag(signed, &[]);
         Some(match &self.phase {
-            Phase::Confirming { robot_nonce, .. } => {
-                frame::confirm(&client_nonce, robot_nonce, &self.key_id, tag)
-            }
+            Phase::Confirming { opening, .. } => opening.confirm.clone(),
             _ => frame::hello(VERSION, &client_nonce, Purpose::Drive, &self.key_id, tag),
         })
     }
@@ -276,34 +284,29 @@ impl OperatorSession {
                     // The robot may have accepted the first already, and takes no second.
                     return Err(DropReason::Replayed);
                 }
-                let keys = SessionKeys::derive(&self.key, &greeting.client_nonce, &robot_nonce);
                 let mut greeting = *greeting;
                 (greeting.send_at, greeting.hint) = (now, None);
-                self.phase = Phase::Confirming {
-                    greeting,
-                    robot_nonce,
-                    since: now,
-                    opening: Session {
-                        channel: Channel::operator(&keys, now),
-                        heard: now,
-                        newest_telemetry: None,
-                        renewal: None,
-                    },
-                };
+                let opening = self.opening(&greeting.client_nonce, robot_nonce);
+                self.phase = Phase::Confirming { greeting, since: now, opening };
                 Ok(OperatorReceived::Progress)
             }
-            Datagram::Accept { session, signed, tag } => {
-                let Phase::Confirming { greeting, robot_nonce, opening, .. } = &self.phase else {
+            Datagram::Accept { session, robot_public, signed, tag } => {
+                let Phase::Confirming { greeting, opening, .. } = &self.phase else {
                     return Err(DropReason::Session);
                 };
-                if session != opening.channel.session() {
-                    return Err(DropReason::Session);
-                }
-                let context = [&greeting.client_nonce, robot_nonce];
-                if !self.signer.verify(signed, &context, &tag) {
+                if !self.signer.verify(signed, &[&opening.tag], &tag) {
                     return Err(DropReason::Forged);
                 }
-                self.establish(now);
+                let nonces = [&greeting.client_nonce, &opening.robot_nonce];
+                let keys = opening.keys(&self.key, nonces, &robot_public);
+                let keys = keys.filter(|keys| keys.session == session);
+                let channel = Channel::operator(&keys.ok_or(DropReason::Malformed)?, now);
+                self.phase = Phase::Established(Session {
+                    channel,
+                    heard: now,
+                    newest_telemetry: None,
+                    renewal: None,
+                });
                 Ok(OperatorReceived::Connected)
             }
             Datagram::Refusal { reason, version, client_nonce, .. } => {
@@ -317,14 +320,11 @@ impl OperatorSession {
                 self.refused(now, ConnectError::Busy(holder), &client_nonce)
             }
             Datagram::Sealed { is_renewal, session, counter, header, ciphertext, tag } => {
-                // A sealed datagram of the session that is about to open says what Accept says.
-                let (Phase::Confirming { opening: open, .. } | Phase::Established(open)) =
-                    &mut self.phase
-                else {
+                let Phase::Established(open) = &mut self.phase else {
                     return Err(DropReason::Session);
                 };
                 let plain = open.channel.open(now, session, counter, header, ciphertext, &tag)?;
-                self.establish(now);
+                open.heard = now;
                 if is_renewal {
                     return self.renewed(now, &plain);
                 }
@@ -351,15 +351,18 @@ impl OperatorSession {
         Ok(OperatorReceived::Progress)
     }
 
-    fn establish(&mut self, now: Instant) {
-        let phase = core::mem::replace(&mut self.phase, Phase::Left);
-        self.phase = match phase {
-            Phase::Confirming { opening: mut session, .. } | Phase::Established(mut session) => {
-                session.heard = now;
-                Phase::Established(session)
-            }
-            other => other,
+    /// Prepares the datagram that asks a robot which has proved to be fresh for a session.
+    fn opening(&mut self, client_nonce: &Nonce, robot_nonce: Nonce) -> Opening {
+        let ephemeral = EphemeralKey::new(&mut self.entropy);
+        let client_public = ephemeral.public();
+        let mut tag = Tag::default();
+        let sign = |signed: &[u8]| {
+            tag = self.signer.tag(signed, &[]);
+            tag
         };
+        let confirm =
+            frame::confirm(client_nonce, &robot_nonce, &self.key_id, &client_public, sign);
+        Opening { robot_nonce, ephemeral, client_public, confirm, tag }
     }
 
     /// Ends a session whose keys were not renewed in time.
@@ -381,8 +384,7 @@ impl OperatorSession {
         let Some((client_nonce, _)) = session.renewal.take() else {
             return Err(DropReason::Stale);
         };
-        let keys = SessionKeys::derive(&self.key, &client_nonce, &robot_nonce);
-        session.channel.prepare(&keys);
+        session.channel.prepare([&client_nonce, &robot_nonce]);
         session.channel.switch(now);
         Ok(OperatorReceived::Progress)
     }
@@ -430,6 +432,19 @@ impl OperatorSession {
     }
 }
 
+impl Opening {
+    /// Returns the keys of the session; `None` when this key of the robot makes no secret.
+    fn keys(
+        &self,
+        key: &Key,
+        nonces: [&Nonce; 2],
+        robot_public: &PublicKey,
+    ) -> Option<SessionKeys> {
+        let shared = self.ephemeral.agree(robot_public)?;
+        Some(SessionKeys::first(key, nonces, [&self.client_public, robot_public], &shared))
+    }
+}
+
 impl Session {
     /// Returns the request for new keys, when it is due.
     fn renew(&mut self, entropy: &mut Entropy, now: Instant) -> Option<HandshakeFrame> {
@@ -442,5 +457,35 @@ impl Session {
         }
         *send_at = now + HANDSHAKE_RETRY;
         self.channel.seal_renewal(nonce)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::session::key::tests::SMALL_ORDER;
+
+    #[test]
+    fn a_robot_whose_ephemeral_key_makes_no_secret_is_not_believed() {
+        let now = Instant::from_micros(1_000);
+        let key = Key::new([1; 32]);
+        let signer = Signer::new(&key);
+        let mut operator = OperatorSession::new(key, [22; 32], now);
+        let hello = operator.poll(now).unwrap();
+        let Some(Datagram::Hello { client_nonce, .. }) = Datagram::parse(&hello) else {
+            panic!("a hello")
+        };
+        let challenge = frame::challenge(&[6; 16], |it| signer.tag(it, &[&client_nonce]));
+        assert_eq!(operator.receive(now, &challenge), OperatorReceived::Progress);
+        let confirm = operator.poll(now).unwrap();
+        let Some(Datagram::Confirm { tag, .. }) = Datagram::parse(&confirm) else {
+            panic!("a confirm")
+        };
+        for public in SMALL_ORDER {
+            let accept = frame::accept(7, &public, |it| signer.tag(it, &[&tag]));
+            let received = operator.receive(now, &accept);
+            assert_eq!(received, OperatorReceived::Dropped(DropReason::Malformed));
+        }
+        assert_eq!(operator.status(now), Status::Connecting);
     }
 }

@@ -8,12 +8,13 @@ use heapless::Vec;
 use super::channel::{Channel, Plain, SendError, split_echo};
 use super::cookie::Cookies;
 use super::history::{LONGEST_COMMAND_AGE, SendTimes};
-use super::key::{Entropy, Key, SessionKeys, Signer, same};
+use super::key::{Entropy, EphemeralKey, Key, SessionKeys, Signer, same};
 use super::operators::{MAXIMUM_OPERATORS, Operator, Operators};
 use super::{HOLDER_SILENCE, SESSION_EXPIRY, SESSION_LIFE, VERSION};
 use crate::failsafe::COMMAND_AGE;
 use crate::frame::{
-    self, Datagram, Frame, HandshakeFrame, KeyId, Nonce, Purpose, RefusalReason, Tag, Version,
+    self, Datagram, Frame, HandshakeFrame, KeyId, Nonce, PublicKey, Purpose, RefusalReason, Tag,
+    Version,
 };
 use crate::message::{
     Command, DropReason, Dropped, LinkQuality, OperatorName, Refusal, ToOperator, ToRobot,
@@ -126,8 +127,9 @@ struct Holder {
     peer: SocketAddr,
     name: OperatorName,
     key_id: KeyId,
-    client_nonce: Nonce,
-    robot_nonce: Nonce,
+    /// Tag of the Confirm that opened the session, and its answer.
+    confirm: Tag,
+    accept: HandshakeFrame,
     channel: Channel,
     sent: SendTimes,
     /// Arrival of the newest fresh datagram; before the first, the moment of the Challenge.
@@ -271,8 +273,16 @@ impl RobotSession {
             Some(Datagram::Hello { version, client_nonce, purpose, key_id, signed, tag }) => {
                 self.hello(now, from, version, &client_nonce, purpose, &key_id, signed, &tag)
             }
-            Some(Datagram::Confirm { client_nonce, robot_nonce, key_id, signed, tag }) => {
-                self.confirm(now, from, &client_nonce, &robot_nonce, &key_id, signed, &tag)
+            Some(Datagram::Confirm {
+                client_nonce,
+                robot_nonce,
+                key_id,
+                client_public,
+                signed,
+                tag,
+            }) => {
+                let nonces = [&client_nonce, &robot_nonce];
+                self.confirm(now, from, nonces, &key_id, &client_public, signed, &tag)
             }
             Some(Datagram::Sealed { is_renewal, session, counter, header, ciphertext, tag }) => {
                 match self.opened(now, from, session, counter, header, ciphertext, &tag) {
@@ -359,9 +369,9 @@ impl RobotSession {
         &mut self,
         now: Instant,
         from: SocketAddr,
-        client_nonce: &Nonce,
-        robot_nonce: &Nonce,
+        [client_nonce, robot_nonce]: [&Nonce; 2],
         key_id: &KeyId,
+        client_public: &PublicKey,
         signed: &[u8],
         claimed: &Tag,
     ) -> RobotReceived {
@@ -373,12 +383,10 @@ impl RobotSession {
         };
         if let Some(holder) = &self.holder
             && holder.peer == from
-            && holder.key_id == *key_id
-            && same(&holder.client_nonce, client_nonce)
-            && same(&holder.robot_nonce, robot_nonce)
+            && same(&holder.confirm, claimed)
         {
             // The Accept was lost: send it again. Nothing starts over.
-            return RobotReceived::Answer(accept(signer, holder));
+            return RobotReceived::Answer(holder.accept.clone());
         }
         let Some(moment) = self.cookies.moment(now, from, client_nonce, robot_nonce) else {
             return RobotReceived::Dropped(DropReason::Replayed, None);
@@ -386,22 +394,28 @@ impl RobotSession {
         if let Some(holder) = self.holder_against(now, from, key_id) {
             return held(client_nonce, holder, signer);
         }
-        let holder = Holder {
+        // From here on it costs two multiplications on the curve: one try for each cookie.
+        self.cookies = Cookies::new(&mut self.entropy);
+        let ephemeral = EphemeralKey::new(&mut self.entropy);
+        let Some(shared) = ephemeral.agree(client_public) else {
+            return RobotReceived::Dropped(DropReason::Malformed, None);
+        };
+        let publics = [client_public, &ephemeral.public()];
+        let keys = SessionKeys::first(key, [client_nonce, robot_nonce], publics, &shared);
+        let answer = frame::accept(keys.session, publics[1], |it| signer.tag(it, &[claimed]));
+        self.holder = Some(Holder {
             peer: from,
             name: *name,
             key_id: *key_id,
-            client_nonce: *client_nonce,
-            robot_nonce: *robot_nonce,
-            channel: Channel::robot(&SessionKeys::derive(key, client_nonce, robot_nonce), now),
+            confirm: *claimed,
+            accept: answer.clone(),
+            channel: Channel::robot(&keys, now),
             sent: SendTimes::new(now),
             heard: moment,
             moment,
             newest_command: None,
             renewal: None,
-        };
-        let answer = accept(signer, &holder);
-        self.holder = Some(holder);
-        self.cookies = Cookies::new(&mut self.entropy);
+        });
         RobotReceived::Connected(answer)
     }
 
@@ -465,10 +479,6 @@ impl RobotSession {
         let Some(holder) = &mut self.holder else {
             return RobotReceived::Dropped(DropReason::Session, None);
         };
-        let Some(Credential { key, .. }) = Credential::find(&self.credentials, &holder.key_id)
-        else {
-            return RobotReceived::Dropped(DropReason::Session, None);
-        };
         let Some(Ok(client_nonce)) = split_echo(plain).map(|(_, nonce)| Nonce::try_from(nonce))
         else {
             return RobotReceived::Dropped(DropReason::Malformed, None);
@@ -481,8 +491,7 @@ impl RobotSession {
             Some((known, robot_nonce)) if same(known, &client_nonce) => *robot_nonce,
             _ => {
                 let robot_nonce = self.entropy.nonce();
-                let keys = SessionKeys::derive(key, &client_nonce, &robot_nonce);
-                holder.channel.prepare(&keys);
+                holder.channel.prepare([&client_nonce, &robot_nonce]);
                 holder.renewal = Some((client_nonce, robot_nonce));
                 robot_nonce
             }
@@ -578,13 +587,40 @@ fn held(client_nonce: &Nonce, holder: OperatorName, signer: &Signer) -> RobotRec
     RobotReceived::Dropped(DropReason::Busy, Some(answer))
 }
 
-fn accept(signer: &Signer, holder: &Holder) -> HandshakeFrame {
-    frame::accept(holder.channel.session(), |signed| {
-        signer.tag(signed, &[&holder.client_nonce, &holder.robot_nonce])
-    })
-}
-
 /// Returns this time in microseconds; the longest there is when it is unknown or does not fit.
 fn microseconds(time: Option<Duration>) -> u32 {
     time.and_then(|time| u32::try_from(time.as_micros()).ok()).unwrap_or(u32::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::session::key::tests::SMALL_ORDER;
+
+    /// Only a holder of the key can send such a Confirm, and the multiplications are worth a cookie even to him.
+    #[test]
+    fn an_ephemeral_key_that_makes_no_secret_opens_no_session_and_uses_up_its_cookie() {
+        let now = Instant::from_micros(1_000);
+        let from = ([192, 168, 4, 2], 4000).into();
+        let key = Key::new([1; 32]);
+        let signer = Signer::new(&key);
+        let sign = |signed: &[u8]| signer.tag(signed, &[]);
+        let mut robot = RobotSession::new(Some(key.clone()), [11; 32]);
+        for public in SMALL_ORDER {
+            let hello = frame::hello(VERSION, &[5; 16], Purpose::Drive, &key.id(), sign);
+            let RobotReceived::Answer(challenge) = robot.receive(now, from, &hello) else {
+                panic!("a challenge")
+            };
+            let Some(Datagram::Challenge { robot_nonce, .. }) = Datagram::parse(&challenge) else {
+                panic!("a challenge")
+            };
+            let good = EphemeralKey::new(&mut Entropy::new([7; 32])).public();
+            let received = [public, good].map(|public| {
+                let confirm = frame::confirm(&[5; 16], &robot_nonce, &key.id(), &public, sign);
+                robot.receive(now, from, &confirm)
+            });
+            let dropped = [DropReason::Malformed, DropReason::Replayed];
+            assert_eq!(received, dropped.map(|reason| RobotReceived::Dropped(reason, None)));
+        }
+    }
 }

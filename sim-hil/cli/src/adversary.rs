@@ -91,6 +91,11 @@ fn text(verdict: &Verdict) -> String {
         row!["failures while keys are renewed", verdict.renewal_failures, 0],
         row!["failures at the operator's end, cable and door", verdict.siege_failures, 0],
         row![
+            "recorded sessions that a key learnt later opens",
+            if verdict.forward_secret { "none" } else { "some" },
+            "none"
+        ],
+        row![
             "farthest trusted pose (m)",
             format!("{:.3}", verdict.farthest_trusted_pose_m),
             POSE_LIMIT_M

@@ -3,8 +3,8 @@
 use core::net::{Ipv4Addr, SocketAddr};
 
 use flix_protocol::frame::{
-    Datagram, HANDSHAKE_LENGTHS, HEAD, MAGIC, MAXIMUM_DATAGRAM, RENEWAL, SEALED, SEALED_COUNTER,
-    SEALED_HEADER, TAG_LENGTH,
+    Datagram, HANDSHAKE_LENGTHS, HEAD, MAGIC, MAXIMUM_DATAGRAM, PUBLIC_KEY_LENGTH, RENEWAL, SEALED,
+    SEALED_COUNTER, SEALED_HEADER, TAG_LENGTH,
 };
 use flix_protocol::session::{Key, OperatorSession};
 use flix_protocol::units::Instant;
@@ -156,7 +156,10 @@ impl Attacker {
                 let confirm = self.to_robot.iter().find(|it| is_confirm(it)).cloned();
                 let mut datagram = self.stop.clone();
                 if let Some(confirm) = confirm.filter(|_| self.below(2) == 0) {
-                    datagram = [&datagram[..HEAD.min(datagram.len())], &confirm[HEAD..]].concat();
+                    // All but the ephemeral key, which a stop has not.
+                    let (fields, tag) = confirm.split_at(confirm.len() - TAG_LENGTH);
+                    let fields = &fields[HEAD..fields.len() - PUBLIC_KEY_LENGTH];
+                    datagram = [&datagram[..HEAD.min(datagram.len())], fields, tag].concat();
                 } else {
                     let bit =
                         8 * HEAD + self.below(8 * (datagram.len() - HEAD.min(datagram.len())));

@@ -70,6 +70,8 @@ pub enum Kind {
     RenewalHeldBack,
     /// Renewals of keys, of either end, that are played again in their own session.
     RenewalReplayed,
+    /// Sealed datagrams of sessions that were recorded, and the key that is learnt later.
+    RecordedSession,
     /// Poses in the name of the motion capture, beside the true ones.
     ForgedPoses,
     /// ARP packets that claim the operator's address and those of more neighbours than the robot knows.

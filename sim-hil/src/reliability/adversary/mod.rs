@@ -1,7 +1,8 @@
 //! Somebody on the network who sees everything, holds back and sends anything from any address, and does not have the
 //! key: what he makes up ([`FORGERIES`]), what he does to genuine datagrams ([`HOLD_UPS`]) and to the renewal of keys
 //! ([`RENEWALS`]), what he puts on the wire beside them ([`INTRUSIONS`]), poses in the name of the motion capture, what he does
-//! at the operator's end, the cable and the cockpit's door ([`SIEGES`]), and any bytes.
+//! at the operator's end, the cable and the cockpit's door ([`SIEGES`]), any bytes, and what he recorded, should he learn the key
+//! later.
 
 mod attacker;
 mod forgery;
@@ -10,6 +11,7 @@ mod hold_up;
 mod intrusion;
 mod kind;
 mod poses;
+mod recording;
 mod renewal;
 mod siege;
 
@@ -102,6 +104,9 @@ pub struct Verdict {
     /// Stops that counted twice, keys heard at the cable, pages turned out of the cockpit, rotors that turned again unasked, forgeries
     /// that an operator believed, and operators that were kept out.
     pub siege_failures: u64,
+    /// Whether recorded sessions stay closed when the key is learnt later, and the ephemeral secrets are all that is missing to
+    /// open them.
+    pub forward_secret: bool,
     /// Farthest trusted pose from the robot, while somebody forges poses, m.
     pub farthest_trusted_pose_m: f64,
     /// Fed to decoders, sessions and [`flix_firmware::robot::Robot::receive`].
@@ -139,9 +144,10 @@ fn attack(
     let (intruded, held_up) = (intruded?, held_up?);
     let renewed: Vec<_> = RENEWALS.into_par_iter().map(|kind| renewal::run(seed, kind)).collect();
     let besieged = siege::run_all(seed, flash)?;
+    let recorded = recording::run(seed);
     let poses = poses::run(seed, (effort.datagrams / 10).clamp(FEWEST_POSES, MOST_POSES));
     let fuzzed = fuzz_all(seed, effort.bytes, &done);
-    let beside = (&renewed[..], &besieged[..], poses);
+    let beside = (&renewed[..], &besieged[..], recorded, poses);
     Ok(verdict(seed, effort, &forged, &held_up, &intruded, beside, &fuzzed))
 }
 
@@ -200,13 +206,17 @@ fn fuzz_all(seed: u64, bytes: u64, done: &(impl Fn(u64) + Sync)) -> Vec<(u64, u6
         .collect()
 }
 
+/// What was attacked beside whole robots.
+type Beside<'a> =
+    (&'a [renewal::Account], &'a [siege::Account], recording::Account, poses::Account);
+
 fn verdict(
     seed: u64,
     effort: Effort,
     forged: &[forgery::Account],
     held_up: &[hold_up::Account],
     intruded: &[intrusion::Account],
-    (renewed, besieged, poses): (&[renewal::Account], &[siege::Account], poses::Account),
+    (renewed, besieged, recorded, poses): Beside<'_>,
     fuzzed: &[(u64, u64)],
 ) -> Verdict {
     let sum = |figure: &dyn Fn(&forgery::Account) -> u64| forged.iter().map(figure).sum::<u64>();
@@ -218,6 +228,7 @@ fn verdict(
     }
     kinds.extend(renewed.iter().map(|account| (account.kind, account.datagrams)));
     kinds.extend(besieged.iter().map(|account| (account.kind, account.sent)));
+    kinds.insert(Kind::RecordedSession, recorded.sealed);
     kinds.insert(Kind::ForgedPoses, poses.forged);
     for account in intruded {
         *kinds.entry(account.kind).or_default() += account.frames;
@@ -270,6 +281,7 @@ fn verdict(
         ),
         renewal_failures: renewed.iter().map(|account| account.failures).sum(),
         siege_failures: besieged.iter().map(|account| account.failures).sum(),
+        forward_secret: recorded.is_forward_secret(),
         farthest_trusted_pose_m: poses.farthest_m,
         fuzzed_bytes: fuzzed.iter().map(|(bytes, _)| bytes).sum(),
         panics: fuzzed.iter().map(|(_, panics)| panics).sum(),
@@ -289,6 +301,7 @@ fn verdict(
         && verdict.discovery_answers_per_s <= DISCOVERY_LIMIT_PER_S
         && verdict.renewal_failures == 0
         && verdict.siege_failures == 0
+        && verdict.forward_secret
         && verdict.farthest_trusted_pose_m <= POSE_LIMIT_M
         // Else there was little to disturb.
         && (4 * verdict.driven_sessions >= verdict.sessions || verdict.sessions < A_FEW)
