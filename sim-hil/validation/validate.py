@@ -95,7 +95,7 @@ def shaker_rows(xml, f, theta):
     data = mujoco.MjData(model)
     ideal(model, data, f, theta)
     omega = 2 * math.pi * f
-    middle = 0.5 * (model.body("top").pos + model.body("bottom").pos) + model.body("body").pos
+    middle = 0.5 * (model.body("top").pos + model.body("bottom").pos) + model.body("base_link").pos
     c, s = math.cos(theta), math.sin(theta)
     count = 400
     along = across = vertical = sine = cosine = 0.0

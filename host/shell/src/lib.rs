@@ -1,5 +1,5 @@
 #![forbid(unsafe_code)]
-//! What the command lines of `flix` and `flix-sim` share.
+#![doc = include_str!("../README.md")]
 //!
 //! | module | what it does |
 //! |---|---|

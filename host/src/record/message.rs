@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 use crate::nav::{Path, PlanarPose, Progress};
 use crate::pose::{Pose, PoseSample, Quaternion, Vector};
 
-/// Name of the world frame in the records.
-pub const WORLD: &str = "world";
-/// Name of the body's frame, as in the robot's URDF.
-pub const BODY: &str = "body";
+/// Name in the records of the frame that does not move, in which poses are given (REP 105).
+pub const MAP: &str = "map";
+/// Name of the body's frame, as in the robot's URDF (REP 105).
+pub const BASE_LINK: &str = "base_link";
 
 /// A moment in the format of Foxglove: time since 1970.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -222,7 +222,7 @@ impl Timestamp {
 
 impl PoseRow {
     pub(super) fn new(timestamp: Timestamp, sample: &PoseSample) -> Self {
-        Self { timestamp, frame_id: WORLD.to_owned(), pose: sample.pose, valid: sample.valid }
+        Self { timestamp, frame_id: MAP.to_owned(), pose: sample.pose, valid: sample.valid }
     }
 }
 
@@ -249,7 +249,7 @@ impl PathRow {
         if path.is_closed() {
             poses.extend(poses.first().copied());
         }
-        Self { timestamp, frame_id: WORLD.to_owned(), poses }
+        Self { timestamp, frame_id: MAP.to_owned(), poses }
     }
 }
 

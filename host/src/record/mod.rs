@@ -23,8 +23,8 @@ mod repair;
 mod writer;
 
 pub use message::{
-    BODY, CommandRow, FrameRow, FramesRow, LogRow, MotorRow, NavigationRow, PathRow, PoseRow,
-    TelemetryRow, Timestamp, WORLD,
+    BASE_LINK, CommandRow, FrameRow, FramesRow, LogRow, MAP, MotorRow, NavigationRow, PathRow,
+    PoseRow, TelemetryRow, Timestamp,
 };
 pub use reader::{Damage, Listing, ReadError, Run, RunSummary, list};
 pub use repair::{RepairError, Repaired, is_being_written, repair};

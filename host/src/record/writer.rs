@@ -14,8 +14,8 @@ use mcap::{Attachment, WriteOptions, Writer};
 use serde::Serialize;
 
 use super::message::{
-    BODY, CommandRow, FramesRow, LogRow, NavigationRow, PathRow, PoseRow, TelemetryRow, Timestamp,
-    WORLD,
+    BASE_LINK, CommandRow, FramesRow, LogRow, MAP, NavigationRow, PathRow, PoseRow, TelemetryRow,
+    Timestamp,
 };
 use super::{Channel, ENDING, FOLDER};
 use crate::link::Update;
@@ -242,7 +242,7 @@ impl Recorder {
         if !sample.valid {
             return Ok(());
         }
-        self.write(FRAMES, sample.time, &FramesRow::new(time, [(BODY, WORLD, sample.pose)]))
+        self.write(FRAMES, sample.time, &FramesRow::new(time, [(BASE_LINK, MAP, sample.pose)]))
     }
 
     /// Records the path to follow.

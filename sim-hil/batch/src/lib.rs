@@ -1,23 +1,8 @@
 #![forbid(unsafe_code)]
-//! Thousands of robots at once, each with its own model, start and shaking.
+#![doc = include_str!("../README.md")]
 //!
-//! The equations are those of [`Plant`], written once; here each lane of a vector unit holds one robot, and blocks of
-//! robots run on all cores. A robot's bits do not depend on its neighbours or on the number of threads. In
-//! [`Precision::Double`] they are those of a [`Plant`] alone.
-//!
-//! ```
-//! use flix_batch::{Batch, Precision};
-//! use flix_plant::model::RobotModel;
-//!
-//! let mut batch = Batch::new(vec![RobotModel::named("W")?; 20], Precision::Single)?;
-//! for robot in 0..batch.len() {
-//!     batch.change(robot, |plant| plant.disturb(robot as u64, false))?;
-//!     batch.set_drive(robot, 30.0, 0.1 * robot as f64);
-//! }
-//! batch.run(1000, 1e-4);
-//! assert!(batch.body(7).position[2] > 0.03);
-//! # Ok::<(), flix_plant::model::ModelError>(())
-//! ```
+//! A robot's bits do not depend on its neighbours or on the number of threads. In [`Precision::Double`] they are those of a
+//! [`Plant`] alone.
 
 use rayon::iter::{
     IndexedParallelIterator as _, IntoParallelRefIterator as _, IntoParallelRefMutIterator as _,

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use flix_host::record::{Channel, FRAMES_CHANNEL, FramesRow, Reader, Timestamp, WORLD};
+use flix_host::record::{Channel, FRAMES_CHANNEL, FramesRow, MAP, Reader, Timestamp};
 use flix_protocol::units::Instant;
 use flix_shell::foxglove::Stream;
 use flix_shell::stream::StreamArgs;
@@ -71,7 +71,7 @@ impl Shown {
         }
         self.next = now + PERIOD;
         let nanos = self.start.saturating_add(now.as_micros().saturating_mul(1000));
-        let poses = self.view.poses(WORLD, robot.mechanics());
+        let poses = self.view.poses(MAP, robot.mechanics());
         let row = FramesRow::new(Timestamp::from_nanos(nanos), poses);
         self.stream.row(FRAMES, nanos, &serde_json::to_vec(&row)?);
         Ok(())

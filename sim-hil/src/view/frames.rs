@@ -3,7 +3,7 @@
 use flix_host::pose::Pose;
 
 use crate::model::RobotModel;
-use crate::model::links::{BODY, links};
+use crate::model::links::{BASE_LINK, links};
 use crate::model::urdf::{Frame, frames, poses};
 use crate::plant::{Mechanics, Plant};
 
@@ -30,7 +30,7 @@ impl FrameView {
         let angles = plant.rotor_angle().into_iter().chain(legs);
         let carried = poses(&self.frames, angles)
             .map(|(frame, pose)| (frame.name.as_str(), frame.parent.as_str(), pose));
-        std::iter::once((BODY, world, body)).chain(carried).collect()
+        std::iter::once((BASE_LINK, world, body)).chain(carried).collect()
     }
 }
 
@@ -53,7 +53,7 @@ mod tests {
             }
             let view = FrameView::new(&model);
             let mut world = BTreeMap::new();
-            for (child, parent, pose) in view.poses("world", &plant) {
+            for (child, parent, pose) in view.poses("map", &plant) {
                 let Pose { position: Vector { x, y, z }, orientation } = pose;
                 let placed = world.get(parent).map_or(([x, y, z], orientation), |carrier| {
                     let (at, turned): &([f64; 3], Quaternion) = carrier;
@@ -73,7 +73,7 @@ mod tests {
                 }
                 is_at(&format!("{leg}_foot"), seen.foot_center);
             }
-            let turned = world["body"].1.inverse().after(world["bottom"].1).heading();
+            let turned = world["base_link"].1.inverse().after(world["bottom"].1).heading();
             assert!((turned - plant.rotor_angle()[1]).sin().abs() < 1e-9);
         }
     }

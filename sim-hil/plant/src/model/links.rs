@@ -58,8 +58,8 @@ pub fn orientation(axes: [[f64; 3]; 3]) -> UnitQuaternion<f64> {
     UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix))
 }
 
-/// Name of the link that carries all others.
-pub const BODY: &str = "body";
+/// Name of the link that carries all others (REP 105).
+pub const BASE_LINK: &str = "base_link";
 
 const PLATE: [f64; 4] = [0.2, 0.2, 0.2, 1.0];
 const LOAD: [f64; 4] = [0.5, 0.5, 0.6, 0.5];
@@ -75,7 +75,7 @@ pub fn links(model: &RobotModel) -> Vec<Link> {
     let plate = &model.plate;
     let size = [plate.length_mm, plate.width_mm, plate.thickness_mm].map(metres);
     let mut links = vec![Link {
-        name: BODY.into(),
+        name: BASE_LINK.into(),
         parent: None,
         colour: PLATE,
         ..solid(metres(plate.mass_g), size, [0.0; 3])
