@@ -65,6 +65,16 @@ const fn letter(code: KeyCode) -> KeyCode {
 const APART: Duration = Duration::from_millis(5);
 /// Most keys in one go that may come from a hand: a slow network hands over some together.
 const TOGETHER: usize = 3;
+/// Longest pause within an answer of the terminal, which may come in pieces. Its end may be lost.
+const PAUSE: Duration = Duration::from_secs(1);
+/// What an answer of the terminal begins with, read as a key with Alt: ECMA-48's control strings DCS, SOS, OSC, PM, APC.
+const STRINGS: [KeyCode; 5] = [
+    KeyCode::Char('P'),
+    KeyCode::Char('X'),
+    KeyCode::Char(']'),
+    KeyCode::Char('^'),
+    KeyCode::Char('_'),
+];
 
 /// What a terminal reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -102,6 +112,8 @@ pub struct Typing {
     /// What the keys that came together last are there for, and when the last of them came.
     together: Vec<Option<Action>>,
     last: Duration,
+    /// When the last character of an answer of the terminal came that has not ended yet.
+    answer: Option<Duration>,
 }
 
 impl Typing {
@@ -123,6 +135,11 @@ impl Typing {
             }
             Report::Key(key) => {
                 let action = action(key);
+                let is_answer = self.answers(at, key);
+                if is_answer && !action.as_ref().is_some_and(is_calming) {
+                    self.ready.dropped += 1;
+                    return;
+                }
                 if self.holds && matches!(action, Some(Action::Walk(_))) {
                     self.held = Some(letter(key.code));
                 }
@@ -137,6 +154,21 @@ impl Typing {
             Report::Unwatched => self.ready.is_unwatched = true,
             Report::Closed => self.ready.actions.push(Action::Interrupt),
         }
+    }
+
+    /// Returns whether a key is a part of an answer of the terminal to somebody else.
+    fn answers(&mut self, at: Duration, key: KeyEvent) -> bool {
+        let with = |modifier| key.modifiers.contains(modifier);
+        let begins = with(KeyModifiers::ALT) && STRINGS.contains(&key.code);
+        let goes_on = self.answer.is_some_and(|last| at.saturating_sub(last) < PAUSE);
+        let ends = match key.code {
+            KeyCode::Esc => true,
+            KeyCode::Char('\\') => with(KeyModifiers::ALT),
+            KeyCode::Char('g') => with(KeyModifiers::CONTROL),
+            _ => false,
+        };
+        self.answer = (begins || (goes_on && !ends)).then_some(at);
+        begins || goes_on
     }
 
     /// Returns what was typed since the last call, as far as that is known by now.
@@ -210,6 +242,34 @@ mod tests {
             for with in [KeyModifiers::ALT, KeyModifiers::META, KeyModifiers::SUPER] {
                 assert_eq!(action(KeyEvent::new(KeyCode::Char(code), with)), None);
             }
+        }
+    }
+
+    #[test]
+    fn an_answer_that_comes_in_pieces_is_no_typing() {
+        let alt =
+            |character| Report::Key(KeyEvent::new(KeyCode::Char(character), KeyModifiers::ALT));
+        let bell = Report::Key(KeyEvent::new(KeyCode::Char('g'), KeyModifiers::CONTROL));
+        let forward = [Action::Walk(Mode::Forward)];
+        let ends = [(']', Some(alt('\\'))), ('P', Some(bell)), ('X', Some(key(KeyCode::Esc)))];
+        for (begin, end) in ends.into_iter().chain([('^', None), ('_', None)]) {
+            let mut typing = Typing::default();
+            let mut typed = |at, report| {
+                typing.report(ms(at), report);
+                typing.take(ms(at + 50)).actions
+            };
+            assert_eq!(typed(1000, alt(begin)), []);
+            for (count, character) in (1..).zip("11;rgb:dcd".chars()) {
+                assert_eq!(typed(1000 + 200 * count, key(KeyCode::Char(character))), []);
+            }
+            assert_eq!(typed(3200, key(KeyCode::Char(' '))), [Action::Stop]);
+            // Where no end comes, silence is one.
+            match end {
+                Some(end) => assert_eq!(typed(3400, end), []),
+                None => assert_eq!(typed(4100, key(KeyCode::Char('w'))), []),
+            }
+            let next = if end.is_some() { 3500 } else { 5200 };
+            assert_eq!(typed(next, key(KeyCode::Char('w'))), forward, "{begin}");
         }
     }
 

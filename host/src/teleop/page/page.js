@@ -65,7 +65,8 @@ addEventListener("keydown", (event) => {
     event.preventDefault();
     return act("stop");
   }
-  if (event.ctrlKey || event.altKey || event.metaKey || event.target.matches("input, select")) return;
+  const isCommand = !(event.ctrlKey || event.altKey || event.metaKey || event.isComposing || event.getModifierState?.("AltGraph"));
+  if (!isCommand || event.target.matches("input, select")) return;
   // Enter presses the button that the keyboard has reached.
   if (event.key === "Enter" && document.activeElement.matches("button, summary")) return;
   const request = keyed(event);
@@ -198,14 +199,11 @@ const BUTTONS = { 1: "stop", 3: "clear", 8: "disarm", 9: "arm" };
 const DEAD_ZONE = 0.25, DEFLECTED = 0.6;
 // By gamepad: the buttons that were down when it was seen last; those that were neutral then.
 const held = new Map(), wasNeutral = new Set();
-// A browser may have none, or give none to a page that is not encrypted.
-function gamepads() {
-  try {
-    return [...(navigator.getGamepads?.() ?? [])].filter((one) => one?.connected);
-  } catch {
-    return [];
-  }
-}
+// A browser may have none, or give none to a page that is not encrypted. One that cannot be read is none: what it drives
+// rests, and the others go on.
+const orNone = (read) => { try { return read(); } catch { return []; } };
+const seen = ({ index, mapping, axes, buttons }) => ({ index, mapping, axes: [...axes], buttons: [...buttons].map(({ pressed }) => ({ pressed })) });
+const gamepads = () => orNone(() => [...(navigator.getGamepads?.() ?? [])]).flatMap((one) => orNone(() => (one?.connected ? [seen(one)] : [])));
 // Where the layout is not known, nobody knows which button stops: every one does.
 const isKnown = (gamepad) => gamepad.mapping === "standard";
 function newlyPressed(gamepad) {

@@ -537,6 +537,20 @@ impl Desk {
         self.until_text("gamepad", "of a layout that is not known: its buttons stop")?;
         self.until_resting()?;
         self.browser.run("window.isPressed = true")?;
+        self.until_text("state", "stopped")?;
+        // One that cannot be read keeps no other from resting and stopping, and drives none.
+        let broken = "{ index: 0, connected: true, get buttons() { throw new Error('lost'); } }";
+        let beside = format!("[{broken}, window.pad(1, 'standard', window.stick)]");
+        for end in ["window.stick = [0, 0]", "window.pads = () => [window.broken]"] {
+            self.arm()?;
+            self.walk(|desk| desk.push_from_neutral([0.0, -1.0]))?;
+            self.pads(&beside)?;
+            self.browser.run(&format!("window.broken = {broken}; {end}"))?;
+            self.until_resting()?;
+        }
+        self.stick([0.0, 0.0])?;
+        self.pads(&beside)?;
+        self.browser.run("window.buttons[1].pressed = true")?;
         self.until_text("state", "stopped")
     }
 
@@ -563,6 +577,14 @@ impl Desk {
             |desk| desk.browser.run(&other).map(drop),
             |desk| desk.seen().map(|seen| seen.now.since(seen.moved) > Duration::from_millis(100)),
         )?;
+        // What is written with AltGr, or composed, is no command.
+        for with in ["modifierAltGraph", "isComposing"] {
+            let walk = format!(
+                "new KeyboardEvent('keydown', {{ key: 'w', code: 'KeyW', bubbles: true, {with}: true }})"
+            );
+            self.browser.run(&format!("document.body.dispatchEvent({walk})"))?;
+            self.stays_at_rest()?;
+        }
         // Who types does not watch.
         self.walk(|desk| desk.browser.press('w'))?;
         self.browser.run(
