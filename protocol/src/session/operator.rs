@@ -470,19 +470,23 @@ mod tests {
         let now = Instant::from_micros(1_000);
         let key = Key::new([1; 32]);
         let signer = Signer::new(&key);
-        let mut operator = OperatorSession::new(key, [22; 32], now);
+        let mut operator = OperatorSession::new(key.clone(), [22; 32], now);
         let hello = operator.poll(now).unwrap();
         let Some(Datagram::Hello { client_nonce, .. }) = Datagram::parse(&hello) else {
             panic!("a hello")
         };
-        let challenge = frame::challenge(&[6; 16], |it| signer.tag(it, &[&client_nonce]));
+        let robot_nonce = [6; 16];
+        let challenge = frame::challenge(&robot_nonce, |it| signer.tag(it, &[&client_nonce]));
         assert_eq!(operator.receive(now, &challenge), OperatorReceived::Progress);
         let confirm = operator.poll(now).unwrap();
-        let Some(Datagram::Confirm { tag, .. }) = Datagram::parse(&confirm) else {
+        let Some(Datagram::Confirm { client_public, tag, .. }) = Datagram::parse(&confirm) else {
             panic!("a confirm")
         };
         for public in SMALL_ORDER {
-            let accept = frame::accept(7, &public, |it| signer.tag(it, &[&tag]));
+            // All else is right, the number of the session, too.
+            let (nonces, publics) = ([&client_nonce, &robot_nonce], [&client_public, &public]);
+            let keys = SessionKeys::first(&key, nonces, publics, &[0; 32]);
+            let accept = frame::accept(keys.session, &public, |it| signer.tag(it, &[&tag]));
             let received = operator.receive(now, &accept);
             assert_eq!(received, OperatorReceived::Dropped(DropReason::Malformed));
         }

@@ -194,7 +194,7 @@ impl Keys {
         let key = |purpose: &str| {
             let mut key = [0; 32];
             let schema_key = VERSION.schema_key.to_le_bytes();
-            let info = [b"flix session ", purpose.as_bytes(), &schema_key].concat();
+            let info = [&b"flix session "[..], purpose.as_bytes(), &schema_key].concat();
             expand(&derivation, &info, &mut key);
             key
         };
