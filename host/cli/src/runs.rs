@@ -83,11 +83,11 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     match &args.action {
         Action::List { json } => list_runs(&args.out, *json)?,
         Action::Repair { run } => {
-            let file = Run::find(&args.out, run)?.file;
+            let file = find(args, run)?.file;
             match repair(&file)? {
-                Some(Repaired { rows, damage, original }) => {
+                Some(Repaired { rows, original, .. }) => {
                     if let Some(original) = original {
-                        complain(format_args!("{damage}; as it was: {}", original.display()));
+                        complain(format_args!("as it was: {}", original.display()));
                     }
                     print(&format!("completed, {rows} rows: {}\n", file.display()))?;
                 }

@@ -836,6 +836,11 @@ fn a_wheel_a_paste_and_an_answer_of_the_terminal_move_nothing() {
     std::thread::sleep(Duration::from_millis(20));
     desk.send("\u{1b}]11;rgb:1e1e/1e1e/2e2e\u{1b}\\");
     std::thread::sleep(Duration::from_millis(20));
+    // The same in pieces, each as short as a word that is typed.
+    for piece in ["\u{1b}]11", ";rg", "b:1e1e/1e1e/2e2e\u{1b}\\"] {
+        desk.send(piece);
+        std::thread::sleep(Duration::from_millis(20));
+    }
     desk.mark(&served, 5.0);
     assert_eq!(served.robot().setpoint.frequency(), Hertz::ZERO);
     // A step of f alone begins nothing.
@@ -850,6 +855,30 @@ fn a_wheel_a_paste_and_an_answer_of_the_terminal_move_nothing() {
     desk.mark(&served, 35.0);
     assert_eq!(served.robot().setpoint.frequency(), Hertz::saturating(-30.0));
     desk.leave();
+}
+
+/// Only in a terminal of its own does a program get signals of its keys.
+#[test]
+#[cfg(target_os = "linux")]
+fn ctrl_c_stops_where_a_sequence_without_its_end_swallows_all_keys() {
+    for begun in ["\u{1b}[200~pasted", "\u{1b}[<0;1", "w\u{1a}"] {
+        let (served, address) = serve(robot());
+        let operator = Operator::new();
+        let flix = operator.command(&["teleop", &address]);
+        let mut command = Command::new("setsid");
+        command.arg("--ctty").arg("--wait").arg(flix.get_program()).args(flix.get_args());
+        for (name, value) in flix.get_envs() {
+            if let Some(value) = value {
+                command.env(name, value);
+            }
+        }
+        let mut desk = Desk::new(command);
+        desk.walk(&served);
+        desk.send(begun);
+        desk.send("\u{3}");
+        wait_until(|| served.robot().stopped);
+        assert_eq!(desk.child.wait().unwrap().code(), Some(40), "{begun:?}");
+    }
 }
 
 #[test]

@@ -1,9 +1,11 @@
 //! Driving with a gamepad, by the rules of the cockpit's page (`cockpit/page.js`).
 //!
 //! Stick or arrows walk and turn, the shoulder buttons strafe; B stops, Y clears, Select disarms, Start arms, by their
-//! names on an Xbox gamepad. A gamepad is obeyed only after it was seen neutral, and again after everything that let the
+//! names on an Xbox gamepad. Of several gamepads any stops, and the one that was touched last drives; one whose layout is not
+//! known stops with every button, and does no more. A gamepad is obeyed only after it was seen neutral, and again after everything that let the
 //! robot rest, so that a stick which is held, or stuck, begins nothing. Stop is always obeyed.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use flix_protocol::message::{Setpoint, State};
@@ -125,9 +127,82 @@ impl Hand {
         new.filter(|action| self.was_neutral || *action == Action::Stop).collect()
     }
 
+    /// Looks at a gamepad that does not drive; returns whether it stops.
+    fn stops(&mut self, reading: &Reading) -> bool {
+        let [stopped, ..] = std::mem::replace(&mut self.pressed, reading.commands);
+        self.was_neutral = reading.is_neutral();
+        reading.commands[0] && !stopped
+    }
+
     fn release(&mut self) -> Vec<Action> {
         self.was_neutral = false;
         self.drives.take().map(|_| Action::Rest).into_iter().collect()
+    }
+}
+
+/// A gamepad of this computer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pad {
+    /// Its number.
+    pub id: usize,
+    /// What it shows; nothing where its layout is not known.
+    pub reading: Option<Reading>,
+    /// Whether any of its buttons is pressed.
+    pub is_pressed: bool,
+}
+
+/// The hands on all gamepads.
+#[derive(Debug, Clone, Default)]
+pub struct Hands {
+    hands: BTreeMap<usize, Hand>,
+    driver: Option<usize>,
+}
+
+impl Hands {
+    /// Returns what the operator wants now.
+    pub fn read(&mut self, pads: &[Pad], cockpit: &Cockpit, now: Instant) -> Vec<Action> {
+        let mut actions = Vec::new();
+        let driver = self.choose(pads);
+        if let Some(before) = self.driver.filter(|before| Some(*before) != driver) {
+            actions.extend(self.hands.entry(before).or_default().release());
+        }
+        self.driver = driver;
+        self.hands.retain(|id, _| pads.iter().any(|pad| pad.id == *id));
+        for pad in pads {
+            let hand = self.hands.entry(pad.id).or_default();
+            match &pad.reading {
+                Some(reading) if driver == Some(pad.id) => {
+                    actions.extend(hand.read(Some(reading), cockpit, now));
+                }
+                reading => {
+                    let any = [pad.is_pressed, false, false, false];
+                    let unknown = Reading { commands: any, ..Reading::default() };
+                    actions.extend(
+                        hand.stops(reading.as_ref().unwrap_or(&unknown)).then_some(Action::Stop),
+                    );
+                }
+            }
+        }
+        actions
+    }
+
+    /// Returns whether one lets the robot walk.
+    #[must_use]
+    pub fn is_held(&self) -> bool {
+        self.driver.and_then(|id| self.hands.get(&id)).is_some_and(Hand::is_held)
+    }
+
+    /// Returns the gamepad that drives: one that lets the robot walk, until it is let go of; else the one that is touched; else
+    /// the one that did before.
+    fn choose(&self, pads: &[Pad]) -> Option<usize> {
+        let known = || pads.iter().filter_map(|pad| Some((pad.id, pad.reading?)));
+        let is_before = |(id, _): &(usize, Reading)| Some(*id) == self.driver;
+        known()
+            .find(|pad| is_before(pad) && self.is_held())
+            .or_else(|| known().find(|(_, reading)| !reading.is_neutral()))
+            .or_else(|| known().find(is_before))
+            .or_else(|| known().next())
+            .map(|(id, _)| id)
     }
 }
 
@@ -138,43 +213,51 @@ pub use without::Gamepads;
 
 #[cfg(feature = "gamepad")]
 mod device {
-    use gilrs::{Axis, Button, Gilrs};
+    use gilrs::{Axis, Button, Gamepad, Gilrs, MappingSource};
 
-    use super::{Action, Cockpit, Hand, Instant, Reading};
+    use super::{Action, Cockpit, Hands, Instant, Pad, Reading};
 
-    /// The gamepads of this computer; the first one drives.
+    /// The gamepads of this computer.
     pub struct Gamepads {
         /// None where the system has none to offer.
         gilrs: Option<Gilrs>,
-        hand: Hand,
+        hands: Hands,
     }
 
     impl Gamepads {
         /// Looks for gamepads. They may come and go later.
         #[must_use]
         pub fn open() -> Self {
-            Self { gilrs: Gilrs::new().ok(), hand: Hand::default() }
+            Self { gilrs: Gilrs::new().ok(), hands: Hands::default() }
         }
 
         /// Returns whether one lets the robot walk.
         #[must_use]
-        pub const fn is_held(&self) -> bool {
-            self.hand.is_held()
+        pub fn is_held(&self) -> bool {
+            self.hands.is_held()
         }
 
         /// Returns what the operator wants now.
         pub fn read(&mut self, cockpit: &Cockpit, now: Instant) -> Vec<Action> {
-            let reading = self.gilrs.as_mut().and_then(reading);
-            self.hand.read(reading.as_ref(), cockpit, now)
+            let pads = self.gilrs.as_mut().map(pads).unwrap_or_default();
+            self.hands.read(&pads, cockpit, now)
         }
     }
 
-    fn reading(gilrs: &mut Gilrs) -> Option<Reading> {
+    fn pads(gilrs: &mut Gilrs) -> Vec<Pad> {
         // Events change the state that is asked for below.
         while gilrs.next_event().is_some() {}
-        let (_, pad) = gilrs.gamepads().next()?;
+        let pad = |(id, pad): (gilrs::GamepadId, Gamepad<'_>)| Pad {
+            id: id.into(),
+            reading: (pad.mapping_source() != MappingSource::None).then(|| reading(&pad)),
+            is_pressed: pad.state().buttons().any(|(_, button)| button.is_pressed()),
+        };
+        gilrs.gamepads().map(pad).collect()
+    }
+
+    fn reading(pad: &Gamepad<'_>) -> Reading {
         let pressed = |button| pad.is_pressed(button);
-        Some(Reading {
+        Reading {
             right: pad.value(Axis::LeftStickX),
             up: pad.value(Axis::LeftStickY),
             arrows: [Button::DPadUp, Button::DPadLeft, Button::DPadRight].map(pressed),
@@ -184,7 +267,7 @@ mod device {
                 .into_iter()
                 .chain([Button::RightTrigger2, Button::LeftThumb, Button::RightThumb])
                 .any(pressed),
-        })
+        }
     }
 }
 
@@ -308,6 +391,54 @@ mod tests {
             assert_eq!(hand.read(Some(&pressed(index)), &cockpit, at(20)), [action]);
             assert_eq!(hand.read(Some(&pressed(index)), &cockpit, at(30)), []);
         }
+    }
+
+    #[test]
+    fn any_gamepad_stops_and_the_one_that_is_touched_drives() {
+        let (mut hands, mut cockpit) = (Hands::default(), cockpit(State::Running));
+        let still = Reading::default();
+        let mut read = |readings: [Option<Reading>; 2], is_walking: bool, time| {
+            cockpit.wanted = if is_walking { Mode::Forward.setpoint() } else { Setpoint::REST };
+            let pads = [0, 1].map(|id| Pad { id, reading: readings[id], is_pressed: false });
+            hands.read(&pads, &cockpit, at(time))
+        };
+        assert_eq!(read([Some(still), Some(still)], false, 0), []);
+        assert_eq!(read([Some(still), Some(AHEAD)], false, 10), [Action::Walk(Mode::Forward)]);
+        // It keeps the robot until it is let go of; the other one stops at any time.
+        assert_eq!(read([Some(AHEAD), Some(AHEAD)], true, 20), []);
+        assert_eq!(read([Some(pressed(0)), Some(AHEAD)], true, 30), [Action::Stop]);
+        assert_eq!(read([Some(pressed(0)), Some(still)], true, 40), [Action::Rest]);
+        // The other one was not neutral a moment ago.
+        assert_eq!(read([Some(AHEAD), Some(still)], false, 50), []);
+        assert_eq!(read([Some(still), Some(still)], false, 60), []);
+        assert_eq!(read([Some(AHEAD), Some(still)], false, 70), [Action::Walk(Mode::Forward)]);
+        // Its layout is known no more.
+        assert_eq!(read([None, Some(still)], true, 80), [Action::Rest]);
+    }
+
+    #[test]
+    fn a_gamepad_that_is_unplugged_while_it_drives_lets_the_robot_rest() {
+        let (mut hands, cockpit) = (Hands::default(), cockpit(State::Running));
+        let pad = |reading| Pad { id: 3, reading: Some(reading), is_pressed: false };
+        hands.read(&[pad(Reading::default())], &cockpit, at(0));
+        hands.read(&[pad(AHEAD)], &cockpit, at(10));
+        assert!(hands.is_held());
+        assert_eq!(hands.read(&[], &cockpit, at(20)), [Action::Rest]);
+        assert!(!hands.is_held());
+        // It is back, and still held.
+        assert_eq!(hands.read(&[pad(AHEAD)], &cockpit, at(30)), []);
+    }
+
+    #[test]
+    fn a_gamepad_of_an_unknown_layout_stops_with_every_button_once() {
+        let (mut hands, cockpit) = (Hands::default(), cockpit(State::Running));
+        let mut read =
+            |is_pressed| hands.read(&[Pad { id: 0, reading: None, is_pressed }], &cockpit, at(0));
+        assert_eq!(read(false), []);
+        assert_eq!(read(true), [Action::Stop]);
+        assert_eq!(read(true), []);
+        assert_eq!(read(false), []);
+        assert_eq!(read(true), [Action::Stop]);
     }
 
     #[test]

@@ -1,4 +1,7 @@
 //! tmux and GNU screen keep a program running when nobody looks at its terminal any more: they say whether somebody does.
+//!
+//! A terminal that is attached to tmux may itself be inside of another tmux. Where the system shows with what variables a
+//! process was started (Linux), that one is asked as well.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -7,8 +10,8 @@ use std::process::{Command, Stdio};
 /// What the terminal of this program is inside of.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Multiplexer {
-    /// tmux, with the name of this pane.
-    Tmux(OsString),
+    /// tmux, with its variable that names the server, and the name of this pane.
+    Tmux(OsString, OsString),
     /// GNU screen, with the places where the socket of this session may be.
     Screen(Vec<PathBuf>),
 }
@@ -20,8 +23,8 @@ impl Multiplexer {
     }
 
     fn of(variable: impl Fn(&str) -> Option<OsString>) -> Option<Self> {
-        if variable("TMUX").is_some() {
-            return variable("TMUX_PANE").map(Self::Tmux);
+        if let Some(server) = variable("TMUX").filter(|server| !server.is_empty()) {
+            return Some(Self::Tmux(server, variable("TMUX_PANE")?));
         }
         let session = variable("STY").filter(|session| !session.is_empty())?;
         let user = variable("USER").or_else(|| variable("LOGNAME")).unwrap_or_default();
@@ -38,27 +41,106 @@ impl Multiplexer {
 
     /// Returns whether a terminal is attached that shows this program; nothing where that cannot be known.
     pub(super) fn is_attached(&self) -> Option<bool> {
+        self.shows(None, MOST_NESTED)
+    }
+
+    /// Returns the same, and nothing where this terminal is not the one of the pane. Asks so many others around the terminals
+    /// that are attached.
+    fn shows(&self, terminal: Option<&str>, nested: u32) -> Option<bool> {
         match self {
-            Self::Tmux(pane) => {
-                let asked = Command::new("tmux")
-                    .args(["display-message", "-p", "-t"])
-                    .arg(pane)
-                    .arg("#{session_attached} #{window_active}")
-                    .stdin(Stdio::null())
-                    .stderr(Stdio::null())
-                    .output()
-                    .ok()?;
-                shown(&String::from_utf8_lossy(&asked.stdout))
+            Self::Tmux(server, pane) => {
+                let question = ["display-message", "-p", "-t", pane.to_str()?, PANE];
+                let pane = Pane::read(&ask(server, &question)?)?;
+                if terminal.is_some_and(|terminal| terminal != pane.terminal) {
+                    return None;
+                }
+                let clients = || ask(server, &["list-clients", "-F", CLIENT]).unwrap_or_default();
+                let is_watched = |process: &str, terminal: &str| {
+                    let outer = around(process).filter(|_| nested > 0);
+                    outer.and_then(|it| it.shows(Some(terminal), nested - 1)) != Some(false)
+                };
+                Some(pane.is_shown && any_of(&clients(), &pane.window, is_watched))
             }
-            Self::Screen(sockets) => sockets.iter().find_map(|socket| is_executable(socket)),
+            Self::Screen(sockets) if terminal.is_none() => {
+                sockets.iter().find_map(|socket| is_executable(socket))
+            }
+            // It does not say which terminals it is around.
+            Self::Screen(_) => None,
         }
     }
 }
 
-/// Reads how many clients a tmux session has, and whether the window is the one that they show.
-fn shown(answer: &str) -> Option<bool> {
-    let (clients, active) = answer.trim().split_once(' ')?;
-    Some(clients.parse::<u32>().ok()? > 0 && active.parse::<u32>().ok()? > 0)
+/// Most multiplexers inside of each other that are asked.
+const MOST_NESTED: u32 = 3;
+/// Most processes above one that are looked at: shells, and what runs them.
+const MOST_ANCESTORS: u32 = 8;
+/// What is asked of tmux: how many terminals are attached to the session, and whether its window is the one that they show;
+/// whether one pane fills the window, and whether this is the active one; the window and the terminal of the pane. Of tmux
+/// 3.1 and later also how many terminals show the window: sessions may share it.
+const PANE: &str = "#{session_attached} #{window_active} #{window_zoomed_flag} #{pane_active} #{window_id} #{pane_tty} \
+                    #{window_active_clients}";
+/// What is asked about each terminal that is attached: the window that it shows, its process and its name.
+const CLIENT: &str = "#{window_id} #{client_pid} #{client_tty}";
+
+/// A pane of tmux.
+#[derive(Debug, Default, PartialEq, Eq)]
+struct Pane {
+    /// Whether an attached terminal shows it.
+    is_shown: bool,
+    /// Its window.
+    window: String,
+    /// The terminal that it is.
+    terminal: String,
+}
+
+impl Pane {
+    fn read(answer: &str) -> Option<Self> {
+        let words: Vec<&str> = answer.split_whitespace().collect();
+        let number = |index: usize| words.get(index)?.parse::<u32>().ok();
+        let word = |index: usize| words.get(index).map_or_else(String::new, ToString::to_string);
+        let (attached, active) = (number(0)? > 0, number(1)? > 0);
+        let is_hidden = number(2) == Some(1) && number(3) == Some(0);
+        let is_shown = number(6).map_or(attached && active, |clients| clients > 0);
+        Some(Self { is_shown: is_shown && !is_hidden, window: word(4), terminal: word(5) })
+    }
+}
+
+/// Returns the answer of a tmux server.
+fn ask(server: &OsString, question: &[&str]) -> Option<String> {
+    let mut tmux = Command::new("tmux");
+    tmux.args(question).env("TMUX", server).stdin(Stdio::null()).stderr(Stdio::null());
+    Some(String::from_utf8_lossy(&tmux.output().ok()?.stdout).into_owned())
+}
+
+/// Returns whether this is true of any process and terminal that show a window; also where none is known.
+fn any_of(clients: &str, window: &str, is_true: impl Fn(&str, &str) -> bool) -> bool {
+    let clients = clients.lines().filter_map(|line| {
+        let (shown, client) = line.split_once(' ')?;
+        client.split_once(' ').filter(|_| shown == window)
+    });
+    let mut clients = clients.peekable();
+    clients.peek().is_none() || clients.any(|(process, terminal)| is_true(process, terminal))
+}
+
+/// Returns what another process, or the nearest above it, is inside of; nothing where the system does not say so. Who starts
+/// one tmux inside of another takes the variable away.
+fn around(process: &str) -> Option<Multiplexer> {
+    let mut process = process.to_owned();
+    for _ in 0..MOST_ANCESTORS {
+        let folder = Path::new("/proc").join(&process);
+        let variables = std::fs::read(folder.join("environ")).ok()?;
+        let variables = String::from_utf8_lossy(&variables);
+        let found = Multiplexer::of(|wanted| {
+            let mut all = variables.split('\0').filter_map(|one| one.split_once('='));
+            all.find(|(name, _)| *name == wanted).map(|(_, value)| value.into())
+        });
+        if found.is_some() {
+            return found;
+        }
+        let status = std::fs::read_to_string(folder.join("status")).ok()?;
+        process = status.lines().find_map(|line| line.strip_prefix("PPid:"))?.trim().to_owned();
+    }
+    None
 }
 
 /// Returns whether the owner may execute a file, by which screen marks the socket of an attached session.
@@ -95,17 +177,71 @@ mod tests {
     fn tmux_is_asked_for_the_pane_of_this_program() {
         let tmux =
             within(&[("TMUX", "/tmp/tmux-0/default,7,0"), ("TMUX_PANE", "%3"), ("STY", "1.a")]);
-        assert_eq!(tmux, Some(Multiplexer::Tmux("%3".into())));
+        let server = "/tmp/tmux-0/default,7,0";
+        assert_eq!(tmux, Some(Multiplexer::Tmux(server.into(), "%3".into())));
         for (answer, shows) in [
-            ("1 1\n", Some(true)),
-            ("2 1\n", Some(true)),
-            ("0 1\n", Some(false)),
-            ("1 0\n", Some(false)),
+            // Older than 3.1.
+            ("1 1 0 1 @0 /dev/pts/3 \n", Some(true)),
+            ("2 1 0 1 @0 /dev/pts/3 \n", Some(true)),
+            ("0 1 0 1 @0 /dev/pts/3 \n", Some(false)),
+            ("1 0 0 1 @0 /dev/pts/3 \n", Some(false)),
+            ("1 1 0 1 @0 /dev/pts/3 1\n", Some(true)),
+            ("0 1 0 1 @0 /dev/pts/3 0\n", Some(false)),
+            // Another session shows the same window, or this one shows another.
+            ("0 1 0 1 @0 /dev/pts/3 1\n", Some(true)),
+            ("1 0 0 1 @0 /dev/pts/3 0\n", Some(false)),
+            // Another pane fills the window; this one does.
+            ("1 1 1 0 @0 /dev/pts/3 1\n", Some(false)),
+            ("1 1 1 1 @0 /dev/pts/3 1\n", Some(true)),
+            ("1 1 0 0 @0 /dev/pts/3 1\n", Some(true)),
             ("", None),
             ("can't find pane: %3", None),
         ] {
-            assert_eq!(shown(answer), shows, "{answer:?}");
+            let pane = shows.map(|is_shown| Pane {
+                is_shown,
+                window: "@0".to_owned(),
+                terminal: "/dev/pts/3".to_owned(),
+            });
+            assert_eq!(Pane::read(answer), pane, "{answer:?}");
         }
+    }
+
+    #[test]
+    fn a_window_is_watched_where_one_of_its_terminals_is() {
+        let clients = "@0 812 /dev/pts/1\n@0 813 /dev/pts/2\n@1 814 /dev/pts/5\n";
+        for (window, watched, expected) in [
+            ("@0", ("812", "/dev/pts/1"), true),
+            ("@0", ("813", "/dev/pts/2"), true),
+            ("@0", ("814", "/dev/pts/5"), false),
+            ("@1", ("814", "/dev/pts/5"), true),
+            ("@1", ("812", "/dev/pts/1"), false),
+            ("@2", ("none", "none"), true),
+        ] {
+            let is_watched = |process: &str, terminal: &str| (process, terminal) == watched;
+            assert_eq!(any_of(clients, window, is_watched), expected, "{window} {watched:?}");
+        }
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn what_a_process_is_inside_of_is_read_from_the_processes_above_it() {
+        use std::io::BufRead;
+        let mut shell = Command::new("sh")
+            .args(["-c", "TMUX= sleep 60 & echo $!; wait"])
+            .env("TMUX", "/tmp/outer,1,0")
+            .env("TMUX_PANE", "%7")
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut process = String::new();
+        std::io::BufReader::new(shell.stdout.take().unwrap()).read_line(&mut process).unwrap();
+        let found = [process.trim(), &shell.id().to_string()].map(around);
+        let ended = Command::new("kill").arg(process.trim()).status().unwrap();
+        assert!(ended.success() && shell.wait().is_ok());
+        for found in found {
+            assert_eq!(found, Some(Multiplexer::Tmux("/tmp/outer,1,0".into(), "%7".into())));
+        }
+        assert_eq!(around("no process"), None);
     }
 
     #[test]

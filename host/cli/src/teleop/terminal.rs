@@ -4,6 +4,9 @@
 //! itself; xterm's control sequences, mode 1007), for pasted text (mode 2004 marks it), for a window that gains or loses the
 //! focus (mode 1004), and as answers to questions of other programs. All of that is asked for here and dropped, but for the
 //! lost focus. What still comes in one go is no typing, see [`keyboard::Typing`](super::keyboard::Typing).
+//!
+//! A sequence whose end is lost, of pasted text above all, swallows every key after it. Ctrl-C is therefore left to the
+//! terminal's driver, which makes a signal of it before any of that is read.
 
 use std::io::{self, IsTerminal};
 use std::sync::Once;
@@ -60,6 +63,8 @@ impl Screen {
             typing: Typing::new(holds),
             start: Instant::now(),
         };
+        #[cfg(unix)]
+        interrupt_by_signal()?;
         execute!(io::stdout(), EnableMouseCapture, EnableBracketedPaste, EnableFocusChange)?;
         if holds {
             let flags = KeyboardEnhancementFlags::DISAMBIGUATE_ESCAPE_CODES
@@ -101,6 +106,28 @@ impl Drop for Screen {
         #[cfg(unix)]
         let _ = rustix::termios::tcflush(io::stdin(), rustix::termios::QueueSelector::IFlush);
     }
+}
+
+/// Lets the driver of a terminal in raw mode make signals of Ctrl-C and Ctrl-\, and of no other key. What restores the
+/// terminal ends that, too.
+#[cfg(unix)]
+fn interrupt_by_signal() -> io::Result<()> {
+    use rustix::termios::{
+        LocalModes, OptionalActions, SpecialCodeIndex, tcgetattr, tcgetpgrp, tcsetattr,
+    };
+    const CTRL_C: u8 = 0x03;
+    const CTRL_BACKSLASH: u8 = 0x1c;
+    if tcgetpgrp(io::stdin()).ok() != Some(rustix::process::getpgrp()) {
+        // It would send signals to somebody else, or to nobody.
+        return Ok(());
+    }
+    let mut driver = tcgetattr(io::stdin())?;
+    driver.local_modes |= LocalModes::ISIG;
+    driver.special_codes[SpecialCodeIndex::VINTR] = CTRL_C;
+    driver.special_codes[SpecialCodeIndex::VQUIT] = CTRL_BACKSLASH;
+    // The first of two that are alike is the one that counts: no key suspends a program that drives a robot.
+    driver.special_codes[SpecialCodeIndex::VSUSP] = CTRL_C;
+    Ok(tcsetattr(io::stdin(), OptionalActions::Now, &driver)?)
 }
 
 /// Lets the terminal report no more than keys. To pop what was not pushed does nothing.

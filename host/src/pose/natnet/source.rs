@@ -34,6 +34,10 @@ const KEEPALIVE: Duration = Duration::from_millis(250);
 const ASK_AGAIN: Duration = Duration::from_millis(300);
 /// A stream without a frame for longer is over, as after a restart of Motive, which knows no client then: it is greeted again.
 const SILENCE: Duration = Duration::from_secs(1);
+/// Bit of a frame that says that the list of bodies has changed (NatNet SDK 4.1, `NatNetTypes.h`).
+const LIST_CHANGED: u16 = 0x02;
+/// Frames by which a network may shuffle two of them: one that is farther back is of a stream that began anew.
+const SHUFFLED: i32 = 100;
 /// Shortest wait that is requested from the operating system.
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
 /// Frames in a row that prove the layout that was asked for. A frame of the layout before may still be on its way.
@@ -194,18 +198,25 @@ pub struct NatNetReading {
     pub body: Option<(Pose, bool)>,
     /// When the cameras were exposed, and when the frame was sent, in ticks of the server's clock; 0: not stated.
     pub ticks: [u64; 2],
+    /// Whether the server says that its list of bodies has changed.
+    pub is_list_changed: bool,
 }
 
 /// What was read from the socket.
 enum Received {
-    /// A datagram of the server, of this length.
+    /// A datagram of the server's stream, of this length.
     Datagram(usize),
+    /// One beside the stream.
+    Answer(usize),
     /// A datagram of somebody else.
     Foreign,
 }
 
 enum Channel {
-    Multicast(DataClient),
+    Multicast {
+        stream: DataClient,
+        command: RawCommandClient,
+    },
     Unicast {
         socket: RawCommandClient,
         next_keepalive: Instant,
@@ -224,8 +235,11 @@ pub struct NatNetSource {
     body: Option<i32>,
     channel: Channel,
     buffer: Vec<u8>,
-    last_frame: Option<i32>,
+    last: Option<NatNetReading>,
     heard: Option<Instant>,
+    /// When to ask which bodies there are now; nothing while that is known. Numbers may be of other bodies until then, and
+    /// no pose is trusted.
+    ask_bodies_at: Option<Instant>,
     continuity: Continuity,
     statistics: NatNetStatistics,
 }
@@ -250,13 +264,13 @@ impl NatNetSource {
         let body = choose(&bodies, &conversation.settings.body)?;
         let Conversation { client, settings } = conversation;
         let socket = |source| NatNetError::Socket { interface: settings.interface, source };
+        client.set_nonblocking(true).map_err(socket)?;
         let channel = if info.connection.multicast {
             let group = info.multicast_group();
             let socket = multicast_socket(group, info.connection.data_port, settings.interface)
                 .map_err(socket)?;
-            Channel::Multicast(DataClient::from_socket(socket))
+            Channel::Multicast { stream: DataClient::from_socket(socket), command: client }
         } else {
-            client.set_nonblocking(true).map_err(socket)?;
             let greeting = layout.greeting().map_err(|error| not_natnet(settings.server, error))?;
             let greeting = greeting.as_bytes().to_vec();
             let [next_keepalive, greet_at] = [Instant::START; 2];
@@ -270,8 +284,9 @@ impl NatNetSource {
             body,
             channel,
             buffer: vec![0; MIN_DATA_BUFFER],
-            last_frame: None,
+            last: None,
             heard: None,
+            ask_bodies_at: None,
             continuity: Continuity::default(),
             statistics: NatNetStatistics::default(),
         })
@@ -307,8 +322,24 @@ impl NatNetSource {
     }
 
     fn receive(&mut self, now: Instant) -> io::Result<Option<Received>> {
+        if self.ask_bodies_at.is_some_and(|at| now >= at) {
+            self.ask_bodies_at = Some(now + ASK_AGAIN);
+            let question = request_modeldef().map_err(io::Error::other)?;
+            let (Channel::Multicast { command, .. } | Channel::Unicast { socket: command, .. }) =
+                &self.channel;
+            transient(command.send(question.as_bytes()))?;
+        }
+        let mut kind: fn(usize) -> Received = Received::Datagram;
         let received = match &mut self.channel {
-            Channel::Multicast(client) => client.recv(&mut self.buffer),
+            Channel::Multicast { stream, command } => {
+                match transient(command.recv(&mut self.buffer))? {
+                    Some(received) => {
+                        kind = Received::Answer;
+                        Ok(received)
+                    }
+                    None => stream.recv(&mut self.buffer),
+                }
+            }
             Channel::Unicast { socket, next_keepalive, greeting, greet_at } => {
                 if now >= *next_keepalive {
                     *next_keepalive = now + KEEPALIVE;
@@ -324,17 +355,40 @@ impl NatNetSource {
         };
         let Some((length, from)) = transient(received)? else { return Ok(None) };
         if from.ip() == *self.settings.server.ip() {
-            return Ok(Some(Received::Datagram(length)));
+            return Ok(Some(kind(length)));
         }
         self.statistics.strangers += 1;
         self.statistics.stranger = Some(from.ip());
         Ok(Some(Received::Foreign))
     }
 
+    /// Doubts the numbers of the bodies after a frame that says so, and after one of a stream that began anew.
+    fn doubt(&mut self, now: Instant, reading: &NatNetReading) {
+        let is_after_silence = self.heard.is_some_and(|heard| now.since(heard) > SILENCE);
+        let is_doubtful = self.last.as_ref().map_or(reading.is_list_changed, |last| {
+            (reading.is_list_changed && !last.is_list_changed)
+                || reading.frame < last.frame.saturating_sub(SHUFFLED)
+        });
+        if is_after_silence || is_doubtful {
+            self.ask_bodies_at = Some(now);
+        }
+        self.heard = Some(now);
+    }
+
+    /// Takes the list of bodies as it is now, which Motive also sends unasked. While it leaves open which is the robot, it is
+    /// asked for again.
+    fn look_up(&mut self, now: Instant, model: &ModelDef) {
+        self.bodies = named(model);
+        match choose(&self.bodies, &self.settings.body) {
+            Ok(body) => (self.body, self.ask_bodies_at) = (body, None),
+            Err(_) => self.ask_bodies_at = self.ask_bodies_at.or(Some(now)),
+        }
+    }
+
     fn count(&mut self, reading: &NatNetReading) {
         self.statistics.frames += 1;
-        if let Some(last) = self.last_frame.replace(reading.frame) {
-            let gap = i64::from(reading.frame) - i64::from(last) - 1;
+        if let Some(last) = self.last.replace(*reading) {
+            let gap = i64::from(reading.frame) - i64::from(last.frame) - 1;
             self.statistics.lost += u64::try_from(gap).unwrap_or(0);
         }
         match reading.body {
@@ -351,16 +405,30 @@ impl PoseSource for NatNetSource {
             let length = match self.receive(now)? {
                 None => return Ok(None),
                 Some(Received::Foreign) => continue,
-                Some(Received::Datagram(length)) => length,
+                Some(Received::Answer(length)) => length,
+                Some(Received::Datagram(length)) => {
+                    self.statistics.datagrams += 1;
+                    length
+                }
             };
-            self.statistics.datagrams += 1;
             let datagram = &self.buffer[..length];
+            let is_list =
+                || MessageHeader::parse(datagram).is_ok_and(|it| it.message_id == NAT_MODELDEF);
+            if is_list() {
+                let Layout { version, .. } = self.layout;
+                match ModelDef::parse_with_policy(datagram, version, self.layout.policy()) {
+                    Ok(model) => self.look_up(now, &model),
+                    Err(_) => self.statistics.unreadable += 1,
+                }
+                continue;
+            }
             match NatNetReading::in_layout(datagram, self.layout, self.body, self.settings.up) {
                 Ok(Some(reading)) => {
-                    self.heard = Some(now);
+                    self.doubt(now, &reading);
                     self.count(&reading);
                     if let Some((pose, tracked)) = reading.body {
-                        let valid = tracked && self.continuity.take(now, &pose);
+                        let is_steady = tracked && self.continuity.take(now, &pose);
+                        let valid = is_steady && self.ask_bodies_at.is_none();
                         self.statistics.jumps = self.continuity.jumps();
                         let picture = picture(reading.ticks, self.info.high_res_clock_frequency);
                         return Ok(Some(PoseSample { time: now, pose, valid, picture }));
@@ -418,7 +486,8 @@ impl NatNetReading {
             (pose, b.tracking_valid() && pose.is_sound())
         });
         let ticks = [frame.timing.camera_mid_exposure, frame.timing.transmit];
-        Ok(Some(Self { frame: frame.frame_number, body, ticks }))
+        let is_list_changed = frame.params & LIST_CHANGED != 0;
+        Ok(Some(Self { frame: frame.frame_number, body, ticks, is_list_changed }))
     }
 }
 
@@ -476,6 +545,10 @@ fn not_natnet(server: SocketAddrV4, reason: impl ToString) -> NatNetError {
 }
 
 type Bodies = Vec<(String, i32)>;
+
+fn named(model: &ModelDef) -> Bodies {
+    model.rigid_bodies().map(|(name, id)| (name.to_owned(), id)).collect()
+}
 
 /// Questions to a server, and its answers.
 struct Conversation {
@@ -568,9 +641,7 @@ impl Conversation {
         }
         let is_proven = !layout.is_asked_for || frames >= FRAMES_OF_PROOF;
         match (model, misfit) {
-            (Some(model), misfit) if misfit.is_none() || is_proven => {
-                Ok(model.rigid_bodies().map(|(name, id)| (name.to_owned(), id)).collect())
-            }
+            (Some(model), misfit) if misfit.is_none() || is_proven => Ok(named(&model)),
             (_, Some(error)) if layout.is_asked_for => Err(NatNetError::NotGranted {
                 server,
                 version: info.protocol_version.to_string(),

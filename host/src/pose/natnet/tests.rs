@@ -250,8 +250,12 @@ fn a_body_is_named_by_number_or_name() {
     assert_eq!("robot 3".parse(), Ok(Body::Name("robot 3".into())));
 }
 
+/// A body beside the robot.
+const OTHER: &str = "other";
+
 /// A Motive that speaks a newer version, written by hand from the description of the format and not with the codec that
 /// reads it.
+#[derive(Clone, Copy)]
 struct Motive {
     /// The version that it speaks by itself.
     minor: u8,
@@ -263,7 +267,15 @@ struct Motive {
     restarts_after: Option<i32>,
     /// Whether it then knows no client, too.
     forgets_clients: bool,
-    is_multicast: bool,
+    /// Its bodies from then on, and whether its frames say that they have changed.
+    becomes: Option<&'static [(&'static str, i32)]>,
+    says_so: bool,
+    /// Whether it sends its list of bodies then, unasked.
+    lists_them: bool,
+    /// Whether it then counts its frames from 1.
+    counts_anew: bool,
+    /// Number of its multicast group.
+    multicast: Option<u8>,
     /// Datagrams of each kind that are lost before it hears one.
     deaf_for: usize,
     bodies: &'static [(&'static str, i32)],
@@ -276,7 +288,11 @@ const MOTIVE: Motive = Motive {
     is_paused: false,
     restarts_after: None,
     forgets_clients: true,
-    is_multicast: false,
+    becomes: None,
+    says_so: false,
+    lists_them: false,
+    counts_anew: false,
+    multicast: None,
     deaf_for: 0,
     bodies: &[("flix-walker", 3)],
 };
@@ -300,15 +316,16 @@ impl Motive {
         payload[..6].copy_from_slice(b"Motive");
         payload.extend([3, self.minor, 0, 0, 4, self.minor, 0, 0]);
         payload.extend(10_000_000_u64.to_le_bytes());
-        payload.extend(1511_u16.to_le_bytes());
-        payload.push(self.is_multicast.into());
-        payload.extend([239, 255, 42, 99]);
+        let (group, port) = group(self.multicast.unwrap_or(99));
+        payload.extend(port.to_le_bytes());
+        payload.push(self.multicast.is_some().into());
+        payload.extend(group.octets());
         packet(1, &payload)
     }
 
-    fn model(&self, is_newer: bool) -> Vec<u8> {
-        let mut payload = (self.bodies.len() as i32).to_le_bytes().to_vec();
-        for (name, number) in self.bodies {
+    fn model(bodies: &[(&str, i32)], is_newer: bool) -> Vec<u8> {
+        let mut payload = (bodies.len() as i32).to_le_bytes().to_vec();
+        for (name, number) in bodies {
             let mut body = [name.as_bytes(), &[0], &number.to_le_bytes()].concat();
             body.extend((-1_i32).to_le_bytes());
             body.extend([0; 12]);
@@ -324,7 +341,7 @@ impl Motive {
         packet(5, &payload)
     }
 
-    fn frame(&self, number: i32, is_newer: bool) -> Vec<u8> {
+    fn frame(bodies: &[(&str, i32)], number: i32, is_newer: bool, flags: i16) -> Vec<u8> {
         let mut payload = number.to_le_bytes().to_vec();
         let mut section = |count: usize, bytes: &[u8]| {
             payload.extend((count as i32).to_le_bytes());
@@ -333,25 +350,28 @@ impl Motive {
         };
         section(0, &[]);
         section(0, &[]);
-        let (position, orientation) = UpAxis::Y.from_pose(&some_pose());
-        let mut bodies = Vec::new();
-        for (_, body) in self.bodies {
-            bodies.extend(body.to_le_bytes());
+        let mut described = Vec::new();
+        for (name, body) in bodies {
+            let mut pose = some_pose();
+            // So near that no jump gives it away.
+            pose.position.x += if *name == OTHER { 0.01 } else { 0.0 };
+            let (position, orientation) = UpAxis::Y.from_pose(&pose);
+            described.extend(body.to_le_bytes());
             // Nobody here knows what a later version adds: before the pose it is one that is not true.
-            bodies.extend(vec![0x3e; if is_newer { 4 } else { 0 }]);
+            described.extend(vec![0x3e; if is_newer { 4 } else { 0 }]);
             for value in position.iter().chain(&orientation).chain(&[0.0002]) {
-                bodies.extend(value.to_le_bytes());
+                described.extend(value.to_le_bytes());
             }
-            bodies.extend(1_i16.to_le_bytes());
+            described.extend(1_i16.to_le_bytes());
         }
-        section(self.bodies.len(), &bodies);
+        section(bodies.len(), &described);
         for _ in 0..5 {
             section(0, &[]);
         }
         payload.extend([0; 8]);
         payload.extend(f64::from(number).to_le_bytes());
         payload.extend([0; 24 + 8]);
-        payload.extend(0_i16.to_le_bytes());
+        payload.extend(flags.to_le_bytes());
         payload.extend(0_i32.to_le_bytes());
         packet(7, &payload)
     }
@@ -366,6 +386,7 @@ impl Motive {
             scope.spawn(|| {
                 let mut heard = [0; 3];
                 let (mut client, mut is_newer, mut number) = (None, self.minor > 1, 0);
+                let (mut bodies, mut flags, mut lives) = (self.bodies, 0, 1);
                 let mut buffer = [0; 1024];
                 while !done.load(Ordering::Relaxed) {
                     if let Ok((length, from)) = socket.recv_from(&mut buffer) {
@@ -378,24 +399,31 @@ impl Motive {
                         heard[kind] += 1;
                         if heard[kind] > self.deaf_for {
                             if kind == 2 {
-                                socket
-                                    .send_to(&self.model(is_newer && self.describes_anew), from)
-                                    .unwrap();
+                                let model = Self::model(bodies, is_newer && self.describes_anew);
+                                socket.send_to(&model, from).unwrap();
                             } else {
                                 is_newer &=
                                     !(self.grants && buffer[4 + 265..][..2] == [4, 1] && kind == 1);
-                                client = Some(from);
+                                client = Some(self.multicast.map_or(from, |it| group(it).into()));
                                 socket.send_to(&self.info(), from).unwrap();
                             }
                         }
                     }
                     if let Some(client) = client.filter(|_| !self.is_paused) {
                         number += 1;
-                        let _ = socket.send_to(&self.frame(number, is_newer), client);
+                        let frame = Self::frame(bodies, number, is_newer, flags);
+                        let _ = socket.send_to(&frame, client);
                     }
-                    if self.restarts_after == Some(number) {
+                    if self.restarts_after == Some(number) && lives > 0 {
+                        lives -= 1;
                         client = client.filter(|_| !self.forgets_clients);
                         (is_newer, number) = (self.minor > 1, number + 1);
+                        bodies = self.becomes.unwrap_or(bodies);
+                        flags = if self.says_so { 2 } else { 0 };
+                        if let Some(client) = client.filter(|_| self.lists_them) {
+                            socket.send_to(&Self::model(bodies, is_newer), client).unwrap();
+                        }
+                        number = if self.counts_anew { 0 } else { number };
                     }
                 }
             });
@@ -478,8 +506,73 @@ fn a_stream_that_changes_its_layout_later_gives_no_wrong_pose() {
 }
 
 #[test]
+fn a_body_that_gets_another_number_is_followed_and_its_old_number_is_not_trusted() {
+    let swapped = Motive {
+        minor: 1,
+        bodies: &[("flix-walker", 3), (OTHER, 4)],
+        becomes: Some(&[(OTHER, 3), ("flix-walker", 4)]),
+        restarts_after: Some(300),
+        forgets_clients: false,
+        ..MOTIVE
+    };
+    let said = Motive { says_so: true, ..swapped };
+    for motive in [
+        Motive { multicast: Some(81), ..said },
+        Motive { counts_anew: true, ..swapped },
+        Motive { lists_them: true, ..swapped },
+        Motive { forgets_clients: true, ..swapped },
+        Motive { minor: 2, forgets_clients: true, ..swapped },
+        said,
+    ] {
+        let bodies = motive.beside(|server| {
+            let mut source =
+                NatNetSource::connect(to(server, Body::Name("flix-walker".into()))).unwrap();
+            let begin = std::time::Instant::now();
+            let mut since = 0;
+            while since < 100 {
+                let now = Instant::from_micros(begin.elapsed().as_micros() as u64);
+                assert!(begin.elapsed() < Duration::from_secs(20), "{:?}", source.statistics());
+                let Some(sample) = source.poll(now).unwrap().filter(|it| it.valid) else {
+                    std::thread::yield_now();
+                    continue;
+                };
+                assert!(close(&sample.pose, &some_pose()), "{:?}", source.statistics());
+                since += u32::from(source.bodies()[0].0 == OTHER);
+            }
+            source.bodies().to_vec()
+        });
+        assert_eq!(bodies, [(OTHER.to_owned(), 3), ("flix-walker".to_owned(), 4)]);
+    }
+}
+
+#[test]
+fn a_body_that_is_gone_is_not_trusted_by_its_number() {
+    let motive = Motive {
+        minor: 1,
+        becomes: Some(&[(OTHER, 3)]),
+        restarts_after: Some(300),
+        forgets_clients: false,
+        says_so: true,
+        ..MOTIVE
+    };
+    motive.beside(|server| {
+        let mut source =
+            NatNetSource::connect(to(server, Body::Name("flix-walker".into()))).unwrap();
+        let begin = std::time::Instant::now();
+        let mut doubted = 0;
+        while doubted < 500 {
+            let now = Instant::from_micros(begin.elapsed().as_micros() as u64);
+            assert!(begin.elapsed() < Duration::from_secs(20), "{:?}", source.statistics());
+            let Some(sample) = source.poll(now).unwrap() else { continue };
+            assert!(!sample.valid || close(&sample.pose, &some_pose()));
+            doubted += u32::from(source.bodies()[0].0 == OTHER);
+        }
+    });
+}
+
+#[test]
 fn a_newer_motive_is_asked_for_unicast() {
-    let said = Motive { minor: 4, is_multicast: true, ..MOTIVE }.refuses(Body::Only);
+    let said = Motive { minor: 4, multicast: Some(99), ..MOTIVE }.refuses(Body::Only);
     assert!(said.contains("4.4") && said.contains("to unicast"), "{said}");
 }
 
