@@ -1,4 +1,7 @@
 //! Processor in the loop: the fast half on an emulated processor, RV32IMAC or Xtensa, against a trace from the simulator.
+//!
+//! Xtensa is emulated twice: by QEMU, whose cores are not the ESP32's, and by our own core (`sim-hil/chip/lx6`), which counts an
+//! LX6's cycles. `--beside` lets both execute the same image and compares all registers after each instruction.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -20,6 +23,14 @@ const CLOCK_HZ: f64 = 160e6;
 /// Datagrams a second whose share of the chip is printed.
 const FLOODS: [f64; 2] = [1_000.0, 10_000.0];
 
+/// Our own core, and the program that it is.
+const OWN: &str = "lx6";
+const OWN_PROGRAM: &str = "flix-lx6";
+/// Physical registers of QEMU's cores with windows.
+const REGISTERS: &str = "32";
+/// What the image makes an instruction of, with QEMU's options below.
+const COUNTS_PER: &str = "10.24";
+
 /// The simulator's example that records the trace.
 const RECORDER: &str = "record-trace";
 
@@ -29,9 +40,12 @@ pub(crate) struct Args {
     /// The chip: the ESP32-C6's processor, or, built by the stock compiler as an experiment, an Xtensa core near the ESP32's.
     #[arg(long, default_value = "esp32c6")]
     chip: Chip,
-    /// The core of QEMU's that stands in for the ESP32's LX6.
-    #[arg(long, default_value = "dc233c", value_parser = ["dc233c", "de233_fpu"])]
+    /// The core that stands in for the ESP32's: one of QEMU's, or our own, which counts the cycles of an LX6.
+    #[arg(long, default_value = "dc233c", value_parser = ["dc233c", "de233_fpu", OWN])]
     core: String,
+    /// Execute so many instructions on QEMU's core and on our own, from the first one on, and compare all registers after each.
+    #[arg(long, value_name = "INSTRUCTIONS", conflicts_with = "json")]
+    beside: Option<u64>,
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
@@ -41,10 +55,20 @@ pub(crate) struct Args {
 struct Processor {
     chip: Chip,
     title: String,
-    program: &'static str,
+    program: PathBuf,
     arguments: Vec<String>,
+    /// For what core the image is built.
+    core: Core,
+    counted: Counted,
     /// Whether its instructions are those of the chip, so that the ceilings hold for them.
     is_the_chips: bool,
+}
+
+/// What is counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Counted {
+    Instructions,
+    Cycles,
 }
 
 impl Processor {
@@ -54,21 +78,34 @@ impl Processor {
             Chip::Esp32c6 => Ok(Self {
                 chip: args.chip,
                 title: "RV32IMAC".into(),
-                program: "qemu-system-riscv32",
+                program: "qemu-system-riscv32".into(),
                 arguments: words(
-                    "-M virt -bios none -nographic -icount shift=0 -semihosting-config enable=on,target=native",
+                    "-M virt -bios none -nographic -icount shift=0 -semihosting-config enable=on,target=native -kernel",
                 ),
+                core: Core::Emulated,
+                counted: Counted::Instructions,
                 is_the_chips: true,
+            }),
+            Chip::Esp32 if args.core == OWN => Ok(Self {
+                chip: args.chip,
+                title: "Xtensa LX6, our own core".into(),
+                program: own_core(),
+                arguments: words(&format!("--counts-per {COUNTS_PER}")),
+                core: Core::Lx6,
+                counted: Counted::Cycles,
+                is_the_chips: false,
             }),
             // The image counts on the shift. Longer than an instruction takes, so that the clock runs in whole counts.
             Chip::Esp32 => Ok(Self {
                 chip: args.chip,
                 title: format!("Xtensa, QEMU's {}", args.core),
-                program: "qemu-system-xtensa",
+                program: "qemu-system-xtensa".into(),
                 arguments: words(&format!(
-                    "-M sim -m 64 -cpu {} -display none -serial none -monitor none -semihosting -icount shift=10,sleep=off",
+                    "-M sim -m 64 -cpu {} -display none -serial none -monitor none -semihosting -icount shift=10,sleep=off -kernel",
                     args.core
                 )),
+                core: Core::Emulated,
+                counted: Counted::Instructions,
                 is_the_chips: false,
             }),
             Chip::Esp32s3 => Err(Error::Sentence(
@@ -80,7 +117,7 @@ impl Processor {
     /// Builds the image; returns its path.
     fn image(&self) -> Result<PathBuf, Error> {
         if self.chip == Chip::Esp32 {
-            return stock::binary(self.chip, Core::Emulated, "pil", "pil");
+            return stock::binary(self.chip, self.core, "pil", "pil");
         }
         let arguments = ["--package", "flix-firmware", "--bin", "pil", "--features", "pil"];
         run::run(toolchain::riscv("build")?.args(arguments))?;
@@ -89,10 +126,42 @@ impl Processor {
 
     /// Runs an image in this folder; returns what it printed.
     fn run(&self, image: &Path, folder: &Path) -> Result<String, Error> {
-        let mut emulator = Command::new(self.program);
-        emulator.args(&self.arguments).arg("-kernel").arg(image);
+        let mut emulator = Command::new(&self.program);
+        emulator.args(&self.arguments).arg(image);
         run::output(emulator.current_dir(folder).stdin(Stdio::null()))
     }
+
+    /// Runs an image in this folder on it and on our own core; returns what was found alike.
+    fn run_beside(&self, image: &Path, folder: &Path, instructions: u64) -> Result<String, Error> {
+        let missing = |program: &Path| {
+            let program = program.display().to_string();
+            move |source| Error::Missing { program, source }
+        };
+        let mut emulator = Command::new(&self.program);
+        // A log of all registers before each instruction, on the standard error.
+        let mut emulator = emulator
+            .args(["-singlestep", "-d", "cpu,nochain"])
+            .args(&self.arguments)
+            .arg(image)
+            .current_dir(folder)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map_err(missing(&self.program))?;
+        let log = emulator.stderr.take().map_or_else(Stdio::null, Stdio::from);
+        let mut own = Command::new(own_core());
+        own.arg(image).args(["--registers", REGISTERS, "--beside", &instructions.to_string()]);
+        let compared = run::output(own.current_dir(folder).stdin(log));
+        // It has said enough, or ends by itself.
+        let _ = emulator.kill();
+        let _ = emulator.wait();
+        compared
+    }
+}
+
+fn own_core() -> PathBuf {
+    run::target_directory().join("debug").join(OWN_PROGRAM)
 }
 
 /// What the image counted of one candidate, instructions a tick.
@@ -130,7 +199,7 @@ fn datagrams(output: &str) -> Vec<Datagram> {
 
 /// What the image counted: the tick from power-up to the fault at the end, while running, and the peer's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-struct Instructions {
+struct Ticks {
     all: Counts,
     running: Counts,
     foc: Counts,
@@ -145,7 +214,12 @@ struct Replay {
     ticks: u32,
     /// Ticks that decided otherwise than on this computer.
     differences: u32,
-    instructions: Instructions,
+    /// Instructions, where they are counted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    instructions: Option<Ticks>,
+    /// Cycles, where they are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cycles: Option<Ticks>,
     datagrams: Vec<Datagram>,
     #[serde(skip)]
     is_the_chips: bool,
@@ -163,7 +237,16 @@ impl Replay {
                 processor: processor.title.clone(),
                 ticks: all.ticks,
                 differences,
-                instructions: Instructions { all, running, foc },
+                instructions: (processor.counted == Counted::Instructions).then_some(Ticks {
+                    all,
+                    running,
+                    foc,
+                }),
+                cycles: (processor.counted == Counted::Cycles).then_some(Ticks {
+                    all,
+                    running,
+                    foc,
+                }),
                 datagrams: datagrams(output),
                 is_the_chips: processor.is_the_chips,
             }),
@@ -171,11 +254,18 @@ impl Replay {
         }
     }
 
+    /// Returns what is counted, by name.
+    fn counted(&self) -> Option<(&'static str, &Ticks)> {
+        let instructions = self.instructions.iter().map(|ticks| ("instructions", ticks));
+        instructions.chain(self.cycles.iter().map(|ticks| ("cycles", ticks))).next()
+    }
+
     /// Prints the tables.
     fn print(&self) {
-        let Self { processor, instructions: Instructions { all, running, foc }, .. } = self;
+        let Self { processor, .. } = self;
+        let Some((what, Ticks { all, running, foc })) = self.counted() else { return };
         println!(
-            "| {processor}, instructions per tick, both motors | median | 99 % | worst | ceilings |"
+            "| {processor}, {what} per tick, both motors | median | 99 % | worst | ceilings |"
         );
         println!("|---|---:|---:|---:|---|");
         let row = |what: &str, counts: &Counts, ceilings: &str| {
@@ -213,7 +303,7 @@ impl Replay {
 
     /// Returns an error where a promise does not hold.
     fn verdict(&self, output: &str) -> Result<(), Error> {
-        let Self { ticks, differences, instructions: Instructions { all, running, .. }, .. } = self;
+        let Self { ticks, differences, .. } = self;
         if *differences != 0 {
             return Err(Error::Sentence(format!(
                 "{differences} of {ticks} ticks decided otherwise than on this computer:\n{output}"
@@ -221,7 +311,9 @@ impl Replay {
         }
         let is_slow =
             |counts: &Counts| counts.median > MEDIAN_CEILING || counts.worst > WORST_CEILING;
-        if self.is_the_chips && (is_slow(running) || is_slow(all)) {
+        let mut counted =
+            self.counted().into_iter().flat_map(|(_, ticks)| [&ticks.all, &ticks.running]);
+        if self.is_the_chips && counted.any(is_slow) {
             return Err(Error::Sentence(
                 "the tick takes more instructions than its ceilings".into(),
             ));
@@ -233,8 +325,22 @@ impl Replay {
 /// Builds what is missing, records, replays, compares, counts.
 pub(crate) fn run(args: &Args) -> Result<(), Error> {
     let processor = Processor::of(args)?;
-    if !run::succeeds(run::command(processor.program).arg("--version")) {
-        let sentence = format!("{} is not installed: run `cargo xtask setup`", processor.program);
+    if args.beside.is_some() && (args.chip != Chip::Esp32 || args.core == OWN) {
+        return Err(Error::Sentence(
+            "--beside compares one of QEMU's Xtensa cores with our own: --chip esp32".into(),
+        ));
+    }
+    if args.beside.is_some() || processor.program == own_core() {
+        // As the tests build it, so that it need not be built twice.
+        run::run(
+            toolchain::cargo()
+                .args(["build", "--quiet", "--workspace", "--profile", "test"])
+                .args(["--bin", OWN_PROGRAM]),
+        )?;
+    }
+    if !run::succeeds(run::command(&processor.program).arg("--version")) {
+        let program = processor.program.display();
+        let sentence = format!("{program} is not installed: run `cargo xtask setup`");
         if args.json || std::env::var_os("CI").is_some() {
             return Err(Error::Sentence(sentence));
         }
@@ -245,7 +351,12 @@ pub(crate) fn run(args: &Args) -> Result<(), Error> {
     let trace = directory.join("trace.bin");
     run::write(&trace, [])?;
     record(&trace)?;
-    let output = processor.run(&processor.image()?, &directory)?;
+    let image = processor.image()?;
+    if let Some(instructions) = args.beside {
+        print!("{}", processor.run_beside(&image, &directory, instructions)?);
+        return Ok(());
+    }
+    let output = processor.run(&image, &directory)?;
     let replay = Replay::read(&processor, &output)?;
     if args.json {
         println!("{}", serde_json::json!(replay));
@@ -281,8 +392,12 @@ mod tests {
         running median 1600 p99 1800 worst 2800 ticks 50000\n\
         foc median 2400 p99 2500 worst 2600 ticks 60000\n";
 
+    fn processor_with(chip: Chip, core: &str) -> Processor {
+        Processor::of(&Args { chip, core: core.into(), beside: None, json: false }).unwrap()
+    }
+
     fn processor(chip: Chip) -> Processor {
-        Processor::of(&Args { chip, core: "dc233c".into(), json: false }).unwrap()
+        processor_with(chip, "dc233c")
     }
 
     fn report_of(chip: Chip, output: &str) -> Result<(), Error> {
@@ -330,6 +445,15 @@ mod tests {
         assert!(report("differences 0\n").is_err());
         assert!(report("panic: here\n").is_err());
         assert!(report(&GOOD.replace("worst 2900 ticks 60000", "worst 2900 ticks 0")).is_err());
+    }
+
+    #[test]
+    fn our_own_core_counts_cycles_and_is_built_for_as_the_chip_is() {
+        let processor = processor_with(Chip::Esp32, OWN);
+        assert_eq!(processor.core, Core::Lx6);
+        let json = serde_json::json!(Replay::read(&processor, GOOD).unwrap());
+        assert_eq!(json["cycles"]["running"]["median"], 1600);
+        assert_eq!((json.get("instructions"), &json["differences"]), (None, &0.into()));
     }
 
     #[test]
