@@ -4,7 +4,7 @@
 //! same, with MuJoCo's elliptic friction cone; the friction that holds a foot fast is not (MuJoCo's creeps). Rotors are driven by `motor`
 //! actuators `top` and `bottom`, in N m about body +z.
 
-use crate::model::links::{Link, links};
+use crate::model::links::{BASE_LINK, Link, links};
 use crate::model::xml::{escape, line, list};
 use crate::model::{Base, LEGS, RobotModel};
 
@@ -47,7 +47,7 @@ pub fn mjcf(model: &RobotModel, step: f64, contact: [[f64; 2]; 4]) -> String {
 /// The body and all that it carries: fixed parts as bodies without joints, rotors and legs.
 fn body(out: &mut String, model: &RobotModel, contact: [[f64; 2]; 4]) {
     let links = links(model);
-    line(out, 2, &format!("<body name=\"body\" pos=\"0 0 {}\">", model.standing_height()));
+    line(out, 2, &format!("<body name=\"{BASE_LINK}\" pos=\"0 0 {}\">", model.standing_height()));
     match model.base {
         Base::Fixed {} => {}
         Base::Planar { damping_n_s_m, yaw_damping_n_m_s } => {
