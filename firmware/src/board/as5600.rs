@@ -1,17 +1,23 @@
 //! The driver of one AS5600 on its own I2C bus: filter set before any angle is taken, and a slower clock for a bus on which
-//! it does not answer.
+//! it does not answer, or answers what cannot be.
+//!
+//! Most readings are of the angle alone, whose address the part still knows: 29 clocks of the bus. Every [`STATUS_INTERVAL`]th also
+//! asks for the magnet's state and addresses the angle anew, so that a part whose supply dipped is not read elsewhere for longer.
 
 use embedded_hal::i2c::I2c;
 use flix_protocol::units::Instant;
 
 use super::encoder::{
-    AS5600_ADDRESS, AS5600_CONFIGURATION, AS5600_CONFIGURATION_BITS, AS5600_CONFIGURATION_REGISTER,
-    AS5600_STATUS_REGISTER, as5600, as5600_magnet,
+    AS5600_ADDRESS, AS5600_ANGLE_REGISTER, AS5600_CONFIGURATION, AS5600_CONFIGURATION_BITS,
+    AS5600_CONFIGURATION_REGISTER, AS5600_STATUS_REGISTER, as5600, as5600_magnet,
 };
 use crate::hardware::{EncoderAngle, Magnet};
 
-/// Failures in a row, at any time, after which the bus is to run slower until the next start.
+/// Failures in a row, at any time, after which the bus is to run slower until the next start: no answer, or one that cannot
+/// be, which is what weak pull-ups make of bits.
 const FAILURES: u8 = 8;
+/// So many readings from one look at the magnet to the next: 2 ms at most, as two parts are read in turn.
+pub const STATUS_INTERVAL: u8 = 16;
 
 /// What is known of an AS5600.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -19,13 +25,15 @@ pub struct As5600 {
     is_configured: bool,
     failures: u8,
     magnet: Magnet,
+    /// Readings until the next look at the magnet.
+    until_status: u8,
 }
 
 impl As5600 {
     /// Knows nothing yet.
     #[must_use]
     pub const fn new() -> Self {
-        Self { is_configured: false, failures: 0, magnet: Magnet::Good }
+        Self { is_configured: false, failures: 0, magnet: Magnet::Good, until_status: 0 }
     }
 
     /// Reads the angle, and when it was sampled; `None` when the encoder does not answer, has no magnet, or does not keep
@@ -35,21 +43,38 @@ impl As5600 {
         bus: &mut impl I2c,
         now: impl Fn() -> Instant,
     ) -> (Option<EncoderAngle>, Instant) {
-        if !self.is_configured {
-            self.is_configured = configure(bus);
-        }
-        let mut frame = [0; 3];
+        let prepared = self.prepare(bus);
+        let mut frame = [0; 2];
         let before = now();
-        let outcome = bus.write_read(AS5600_ADDRESS, &[AS5600_STATUS_REGISTER], &mut frame);
+        let outcome = match prepared {
+            Some(Pointer::AtAngle) => bus.read(AS5600_ADDRESS, &mut frame),
+            _ => bus.write_read(AS5600_ADDRESS, &[AS5600_ANGLE_REGISTER], &mut frame),
+        };
         // The angle is latched as its first byte is read, about in the middle.
         let half = now().as_micros().saturating_sub(before.as_micros()) / 2;
-        self.failures = if outcome.is_ok() { 0 } else { self.failures.saturating_add(1) };
-        if let (Ok(()), [status, ..]) = (&outcome, frame) {
-            self.magnet = as5600_magnet(status);
-        }
-        let angle = outcome.ok().and_then(|()| as5600(frame)).filter(|_| self.is_configured);
+        let is_good = outcome.is_ok() && prepared.is_some();
+        self.failures = if is_good { 0 } else { self.failures.saturating_add(1) };
+        let angle = (is_good && self.magnet != Magnet::Missing).then(|| as5600(frame));
         self.is_configured = angle.is_some();
+        self.until_status =
+            if self.is_configured { self.until_status.saturating_sub(1) } else { 0 };
         (angle, Instant::from_micros(before.as_micros() + half))
+    }
+
+    /// Sets the filter where it may be lost, and looks at the magnet where it is time; returns what the part's pointer is at, and
+    /// `None` where it answers nothing, or what cannot be.
+    fn prepare(&mut self, bus: &mut impl I2c) -> Option<Pointer> {
+        if self.is_configured && self.until_status > 0 {
+            return Some(Pointer::AtAngle);
+        }
+        if !self.is_configured && !configure(bus) {
+            return None;
+        }
+        let mut status = [0];
+        bus.write_read(AS5600_ADDRESS, &[AS5600_STATUS_REGISTER], &mut status).ok()?;
+        self.magnet = as5600_magnet(status[0])?;
+        self.until_status = STATUS_INTERVAL;
+        Some(Pointer::Elsewhere)
     }
 
     /// Returns what it last said of its magnet.
@@ -63,6 +88,15 @@ impl As5600 {
     pub const fn wants_slower_bus(&self) -> bool {
         self.failures == FAILURES
     }
+}
+
+/// Where the part's address pointer is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Pointer {
+    /// At the angle: it need not be addressed.
+    AtAngle,
+    /// Elsewhere.
+    Elsewhere,
 }
 
 /// Sets the filter, and leaves reserved bits as they are; returns whether it is set then.
@@ -95,6 +129,12 @@ mod tests {
         /// Bits of its configuration that no write changes.
         fixed: [u8; 2],
         status: u8,
+        /// Address that the next reading begins at.
+        pointer: u8,
+        /// Clocks of the bus of the last transaction: start or stop on either side, and nine a byte, the address among them.
+        clocks: u32,
+        /// Bits of all answers that are ones at 1 MHz, as rising edges come too late or early.
+        stuck: u8,
         /// Refuses what is written to its configuration.
         is_stubborn: bool,
     }
@@ -107,6 +147,9 @@ mod tests {
                 configuration: [0; 2],
                 fixed: [0; 2],
                 status: 0x20,
+                pointer: 0,
+                clocks: 0,
+                stuck: 0,
                 is_stubborn: false,
             }
         }
@@ -125,21 +168,38 @@ mod tests {
             if self.khz > self.fastest_khz || address != AS5600_ADDRESS {
                 return Err(ErrorKind::NoAcknowledge(NoAcknowledgeSource::Address));
             }
-            match operations {
-                [Operation::Write([AS5600_CONFIGURATION_REGISTER, high, low])] => {
-                    for (index, byte) in [*high, *low].into_iter().enumerate() {
-                        let fixed = if self.is_stubborn { 0xFF } else { self.fixed[index] };
-                        self.configuration[index] =
-                            self.configuration[index] & fixed | byte & !fixed;
+            self.clocks = 0;
+            for operation in operations {
+                self.clocks += 2 + 9;
+                match operation {
+                    Operation::Write([pointer, bytes @ ..]) => {
+                        self.clocks += 9 * (1 + bytes.len() as u32);
+                        self.pointer = *pointer;
+                        for (index, byte) in bytes.iter().enumerate() {
+                            assert_eq!((*pointer, bytes.len()), (AS5600_CONFIGURATION_REGISTER, 2));
+                            let fixed = if self.is_stubborn { 0xFF } else { self.fixed[index] };
+                            self.configuration[index] =
+                                self.configuration[index] & fixed | byte & !fixed;
+                        }
                     }
+                    Operation::Read(room) => {
+                        self.clocks += 9 * room.len() as u32;
+                        for (offset, byte) in (0..).zip(room.iter_mut()) {
+                            let found = match self.pointer + offset {
+                                0x07 => self.configuration[0],
+                                0x08 => self.configuration[1],
+                                0x0B => self.status,
+                                0x0C => 0x08,
+                                _ => 0x00,
+                            };
+                            *byte = if self.khz == 1_000 { found | self.stuck } else { found };
+                        }
+                        if self.pointer != AS5600_ANGLE_REGISTER {
+                            self.pointer += room.len() as u8;
+                        }
+                    }
+                    Operation::Write([]) => return Err(ErrorKind::Other),
                 }
-                [Operation::Write([AS5600_CONFIGURATION_REGISTER]), Operation::Read(found)] => {
-                    found.copy_from_slice(&self.configuration);
-                }
-                [Operation::Write([AS5600_STATUS_REGISTER]), Operation::Read(frame)] => {
-                    frame.copy_from_slice(&[self.status, 0x08, 0x00]);
-                }
-                _ => return Err(ErrorKind::Other),
             }
             Ok(())
         }
@@ -150,6 +210,14 @@ mod tests {
 
     fn angle(encoder: &mut As5600, bus: &mut Bus) -> Option<EncoderAngle> {
         encoder.read(bus, || Instant::START).0
+    }
+
+    /// Reads for so long that the magnet is looked at, and returns the last angle.
+    fn angle_a_while_later(encoder: &mut As5600, bus: &mut Bus) -> Option<EncoderAngle> {
+        for _ in 0..STATUS_INTERVAL {
+            angle(encoder, bus);
+        }
+        angle(encoder, bus)
     }
 
     #[test]
@@ -225,8 +293,50 @@ mod tests {
             (0x20, Magnet::Good, ANGLE),
         ] {
             bus.status = status;
-            let found = angle(&mut encoder, &mut bus);
+            let found = angle_a_while_later(&mut encoder, &mut bus);
             assert_eq!((found, encoder.magnet()), (seen, magnet), "{status:02X}");
+        }
+    }
+
+    #[test]
+    fn most_readings_take_29_clocks_and_the_magnet_is_seen_within_the_interval() {
+        let (mut encoder, mut bus) = (As5600::new(), Bus::up_to(1_000));
+        let mut clocks = std::vec::Vec::new();
+        for _ in 0..10 * usize::from(STATUS_INTERVAL) {
+            assert_eq!(angle(&mut encoder, &mut bus), ANGLE);
+            clocks.push(bus.clocks);
+        }
+        let long = clocks.iter().filter(|clocks| **clocks > 29).count();
+        assert_eq!((long, clocks.iter().min()), (10, Some(&29)));
+        bus.status = 0x00;
+        let seen = (1..).find(|_| angle(&mut encoder, &mut bus).is_none());
+        assert!(seen.is_some_and(|readings| readings <= u32::from(STATUS_INTERVAL)), "{seen:?}");
+    }
+
+    #[test]
+    fn a_pointer_that_was_lost_is_set_again_within_the_interval() {
+        let (mut encoder, mut bus) = (As5600::new(), Bus::up_to(1_000));
+        angle(&mut encoder, &mut bus);
+        bus.pointer = 0;
+        assert_eq!(angle_a_while_later(&mut encoder, &mut bus), ANGLE);
+    }
+
+    #[test]
+    fn a_bus_whose_bits_are_wrong_at_1_mhz_is_slowed_down_and_is_read_from_then_on() {
+        for bit in 0..8 {
+            let (mut encoder, mut bus) = (As5600::new(), Bus::up_to(1_000));
+            bus.stuck = 1 << bit;
+            let mut slowed_after = None;
+            for reading in 1..=40 {
+                angle(&mut encoder, &mut bus);
+                if encoder.wants_slower_bus() {
+                    slowed_after = Some(reading);
+                    bus.khz = 400;
+                }
+            }
+            // Two bits of the configuration's first byte are reserved, and its second one shows them.
+            assert_eq!(slowed_after, Some(u32::from(FAILURES)), "bit {bit}");
+            assert_eq!(angle(&mut encoder, &mut bus), ANGLE, "bit {bit}");
         }
     }
 

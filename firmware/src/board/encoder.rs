@@ -8,8 +8,11 @@ use crate::hardware::{EncoderAngle, Magnet};
 
 /// AS5600: I2C address.
 pub const AS5600_ADDRESS: u8 = 0x36;
-/// AS5600: STATUS, followed by the two bytes of RAW ANGLE: three bytes a reading.
+/// AS5600: STATUS, one byte.
 pub const AS5600_STATUS_REGISTER: u8 = 0x0B;
+/// AS5600: RAW ANGLE, two bytes. Once it was addressed, it can be read again and again without its address: reading it leaves
+/// the part's address pointer where it is (data sheet, "Automatic Increment of the Address Pointer").
+pub const AS5600_ANGLE_REGISTER: u8 = 0x0C;
 /// AS5600: CONF, two bytes, which last until its supply goes.
 pub const AS5600_CONFIGURATION_REGISTER: u8 = 0x07;
 /// AS5600 CONF: always on, no hysteresis, its least filter (SF = 2x), which settles in 0.29 ms. Out of the box it is 16x,
@@ -28,19 +31,20 @@ const TWELVE_BITS: u32 = 12;
 /// AS5047P and MT6701: 14 bits.
 const FOURTEEN_BITS: u32 = 14;
 
-/// Reads the three bytes from [`AS5600_STATUS_REGISTER`] on. `None` without a magnet.
+/// Reads the two bytes of [`AS5600_ANGLE_REGISTER`]: an angle only where there is a magnet ([`as5600_magnet`]).
 #[must_use]
-pub fn as5600(frame: [u8; 3]) -> Option<EncoderAngle> {
-    let [status, high, low] = frame;
-    let angle = u32::from(high & 0x0F) << 8 | u32::from(low);
-    (status & AS5600_MAGNET_DETECTED != 0).then_some(EncoderAngle::from_count(angle, TWELVE_BITS))
+pub const fn as5600([high, low]: [u8; 2]) -> EncoderAngle {
+    EncoderAngle::from_count((high as u32 & 0x0F) << 8 | low as u32, TWELVE_BITS)
 }
 
-/// Reads what the first of the three bytes from [`AS5600_STATUS_REGISTER`] on says of the magnet. Too weak or too strong,
-/// there is an angle still, with more noise.
+/// Reads what the byte of [`AS5600_STATUS_REGISTER`] says of the magnet; `None` where it says that the magnet is both too weak and
+/// too strong, which no AS5600 says. Too weak or too strong, there is an angle still, with more noise.
 #[must_use]
-pub const fn as5600_magnet(status: u8) -> Magnet {
-    if status & AS5600_MAGNET_DETECTED == 0 {
+pub const fn as5600_magnet(status: u8) -> Option<Magnet> {
+    const BOTH: u8 = AS5600_MAGNET_WEAK | AS5600_MAGNET_STRONG;
+    Some(if status & BOTH == BOTH {
+        return None;
+    } else if status & AS5600_MAGNET_DETECTED == 0 {
         Magnet::Missing
     } else if status & AS5600_MAGNET_STRONG != 0 {
         Magnet::Strong
@@ -48,7 +52,7 @@ pub const fn as5600_magnet(status: u8) -> Magnet {
         Magnet::Weak
     } else {
         Magnet::Good
-    }
+    })
 }
 
 /// MT6701 status: the field is too strong (1), too weak (2), or both bits.
@@ -171,13 +175,8 @@ mod tests {
 
     #[test]
     fn as5600_angle_fills_the_upper_twelve_bits() {
-        assert_eq!(as5600([0x20, 0x08, 0x00]), Some(EncoderAngle::from_raw(1 << 31)));
-        assert_eq!(as5600([0x20, 0xFF, 0xFF]), Some(EncoderAngle::from_raw(0xFFF0_0000)));
-    }
-
-    #[test]
-    fn as5600_without_a_magnet_gives_nothing() {
-        assert_eq!(as5600([0x00, 0x08, 0x00]), None);
+        assert_eq!(as5600([0x08, 0x00]), EncoderAngle::from_raw(1 << 31));
+        assert_eq!(as5600([0xFF, 0xFF]), EncoderAngle::from_raw(0xFFF0_0000));
     }
 
     fn mt6701_frame(angle: u32, status: u32) -> [u8; 3] {
@@ -220,9 +219,10 @@ mod tests {
     #[test]
     fn each_encoder_says_whether_its_magnet_is_too_weak_or_too_strong() {
         let as5600 = [0x00, 0x10, 0x20, 0x28, 0x30].map(as5600_magnet);
+        assert_eq!([0x18, 0x38, 0xFF].map(as5600_magnet), [None; 3]);
         let [missing, good, weak, strong] =
             [Magnet::Missing, Magnet::Good, Magnet::Weak, Magnet::Strong];
-        assert_eq!(as5600, [missing, missing, good, strong, weak]);
+        assert_eq!(as5600, [missing, missing, good, strong, weak].map(Some));
         let mt6701 = [0, 1, 2, 4].map(|status| mt6701_magnet(mt6701_frame(0x1234, status)));
         assert_eq!(mt6701, [good, strong, weak, good].map(Some));
         assert_eq!(mt6701_magnet([0xFF; 3]), None);
