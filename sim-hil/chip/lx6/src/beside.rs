@@ -5,6 +5,7 @@
 //! counter, the number of a file that it opens, and where handlers are after reset, are the other's.
 
 use std::io::{BufRead, Write};
+use std::ops::RangeInclusive;
 
 use crate::decode::{Operation, decode};
 use crate::processor::{REGISTERS, special};
@@ -79,8 +80,10 @@ pub enum Difference {
 /// What was compared.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Compared {
-    /// Instructions, all registers the same after each.
+    /// Instructions that were executed.
     pub instructions: u64,
+    /// Those at addresses that are compared: all registers the same after each.
+    pub compared: u64,
     /// Window overflows and underflows among them.
     pub windows: u64,
     /// How often each operation was among them.
@@ -159,7 +162,8 @@ impl State {
     }
 }
 
-/// Executes up to `most` instructions beside what this log says.
+/// Executes up to `most` instructions beside what this log says. Where `within` names addresses, only instructions at these are in the
+/// log; between them all registers still have to come out alike.
 ///
 /// # Errors
 /// At the first difference.
@@ -167,6 +171,7 @@ pub fn compare<W: Write>(
     simulator: &mut Simulator<W>,
     log: impl BufRead,
     most: u64,
+    within: &[RangeInclusive<u32>],
 ) -> Result<Compared, Difference> {
     let mut log = Log::new(log);
     let mut operations = std::collections::BTreeMap::new();
@@ -174,7 +179,17 @@ pub fn compare<W: Write>(
     let mut last: Option<State> = None;
     let stopped = |instructions, stop| Difference::Stop { instructions, stop };
     let mut adopted: Option<Operation> = None;
+    let mut compared = 0;
+    let is_logged = |pc: &u32| within.is_empty() || within.iter().any(|range| range.contains(pc));
     loop {
+        while !is_logged(&simulator.core.pc) {
+            adopted = None;
+            let instructions = simulator.core.instructions;
+            if simulator.step().map_err(|stop| stopped(instructions, stop))?.is_some() {
+                let windows = simulator.core.windows;
+                return Ok(Compared { instructions, compared, windows, operations });
+            }
+        }
         let instructions = simulator.core.instructions;
         let Some(state) = log.state()? else { return Err(Difference::Log(instructions)) };
         // Where the other emulator began an instruction twice, as when its time was up.
@@ -205,7 +220,7 @@ pub fn compare<W: Write>(
         last = Some(state);
         if instructions >= most {
             let windows = simulator.core.windows;
-            return Ok(Compared { instructions, windows, operations });
+            return Ok(Compared { instructions, compared, windows, operations });
         }
         before = simulator.core.pc;
         let instruction = decode(simulator.memory.fetch(before).unwrap_or_default());
@@ -220,10 +235,11 @@ pub fn compare<W: Write>(
             Operation::Simcall if is_call => Some(Operation::Simcall),
             _ => None,
         };
+        compared += u64::from(simulator.core.instructions > instructions);
         if end.is_some() {
             let instructions = simulator.core.instructions;
             let windows = simulator.core.windows;
-            return Ok(Compared { instructions, windows, operations });
+            return Ok(Compared { instructions, compared, windows, operations });
         }
     }
 }

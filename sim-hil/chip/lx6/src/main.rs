@@ -2,6 +2,7 @@
 //! Runs a program on an emulated LX6: `flix-lx6 PROGRAM`. With `--beside -`, compares it with another emulator's log.
 
 use std::io::{BufWriter, Read, Write, stdin, stdout};
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -29,6 +30,9 @@ struct Cli {
     /// Compare so many instructions with the log on the standard input, of `qemu-system-xtensa -singlestep -d cpu,nochain`.
     #[arg(long, value_name = "INSTRUCTIONS")]
     beside: Option<u64>,
+    /// The log holds instructions at these addresses alone, as QEMU's -dfilter names them: 0x1000..0x1fff,0x3000..0x3fff.
+    #[arg(long, value_delimiter = ',', value_parser = addresses, requires = "beside")]
+    within: Vec<RangeInclusive<u32>>,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -39,6 +43,13 @@ enum Count {
 
 /// Denominator of counts for each cycle.
 const EACH: u64 = 100;
+
+fn addresses(text: &str) -> Result<RangeInclusive<u32>, String> {
+    let number = |text: &str| u32::from_str_radix(text.strip_prefix("0x")?, 16).ok();
+    let range =
+        text.split_once("..").and_then(|(first, last)| Some(number(first)?..=number(last)?));
+    range.ok_or_else(|| format!("{text:?} is no range of addresses: write 0x1000..0x1fff"))
+}
 
 fn registers(text: &str) -> Result<usize, String> {
     match text {
@@ -87,7 +98,7 @@ fn run(cli: &Cli) -> Result<u8, Error> {
     if let Some(most) = cli.beside {
         let mut simulator = Simulator::new(core, memory, folder, std::io::sink());
         let mut input = stdin().lock();
-        let compared = compare(&mut simulator, &mut input, most)?;
+        let compared = compare(&mut simulator, &mut input, most, &cli.within)?;
         print(&compared);
         // Until the other emulator ends: it would end by a broken pipe.
         let _ = input.read(&mut []);
@@ -102,11 +113,13 @@ fn run(cli: &Cli) -> Result<u8, Error> {
     Ok(code.min(99) as u8)
 }
 
-fn print(Compared { instructions, windows, operations }: &Compared) {
+fn print(Compared { instructions, compared, windows, operations }: &Compared) {
     let mut output = stdout().lock();
     // Whoever reads it may have seen enough.
-    let _ =
-        writeln!(output, "{instructions} instructions alike, {windows} windows saved and fetched");
+    let _ = writeln!(
+        output,
+        "{instructions} instructions, registers alike after each of {compared}; {windows} windows saved and fetched"
+    );
     for (operation, count) in operations {
         let _ = writeln!(output, "{operation:?} {count}");
     }

@@ -50,10 +50,17 @@ impl Memory {
             };
             pieces.push(Piece { start: segment.address() as u32, bytes, is_code });
         }
-        let text = file.symbols().filter(|symbol| symbol.kind() == object::SymbolKind::Text);
-        let mut symbols: Vec<(u32, String)> = text
-            .map(|symbol| (symbol.address() as u32, symbol.name().unwrap_or_default().to_owned()))
-            .collect();
+        // Assembled text has no kinds of symbols: those in code are functions, or places in them.
+        let is_code = |address: u32| {
+            pieces.iter().any(|piece: &Piece| {
+                piece.is_code && (address.wrapping_sub(piece.start) as usize) < piece.bytes.len()
+            })
+        };
+        let symbols = file
+            .symbols()
+            .map(|symbol| (symbol.address() as u32, symbol.name().unwrap_or_default().to_owned()));
+        let mut symbols: Vec<(u32, String)> =
+            symbols.filter(|(address, name)| is_code(*address) && !name.is_empty()).collect();
         symbols.sort();
         Ok(Self { pieces, entry: file.entry() as u32, symbols })
     }
