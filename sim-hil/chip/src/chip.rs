@@ -8,6 +8,7 @@ use crate::block::mcpwm::Wave;
 use crate::block::watchdog::Action;
 use crate::block::{CYCLES_PER_SECOND, cycles};
 use crate::cpu::{Cpu, Exit, MSTATUS_MIE};
+use crate::early::{Early, Line};
 use crate::fault::{Fault, Trouble};
 use crate::image::{Image, STORE, programmed_flash};
 use crate::memory::{BOOT_LOADER, Memory, PAINT, ROM, ROM_BYTES, SCRATCH};
@@ -359,10 +360,19 @@ impl<O: Outside> Chip<O> {
         self.soc.output(pin, now)
     }
 
-    /// Returns the cycles from the image's first instruction to the one that first drove a pin low; `None` where none did.
+    /// Returns when a pin was driven otherwise than before and how, from the image's first instruction to the fast loop's first
+    /// tick, in cycles.
+    pub fn early_lines(&self, pin: u32) -> impl Iterator<Item = (u64, Line)> {
+        let changes = self.soc.early.changes.iter().filter(move |change| change.pin == pin);
+        changes.map(|change| (change.at.saturating_sub(self.started), change.line))
+    }
+
+    /// Returns the cycles from the image's first instruction to the first use of flash, of the radio, and to the fast loop's
+    /// first tick; `None` for what has not been yet.
     #[must_use]
-    pub fn low_after(&self, pin: u32) -> Option<u64> {
-        self.soc.low_since(pin).map(|at| at.saturating_sub(self.started))
+    pub fn early_uses(&self) -> [Option<u64>; 3] {
+        let Early { flash, radio, tick, .. } = self.soc.early;
+        [flash, radio, tick].map(|at| Some(at?.saturating_sub(self.started)))
     }
 
     /// Charges these times to the radio's library from now on.

@@ -9,6 +9,7 @@ pub mod air;
 mod block;
 pub mod chip;
 mod cpu;
+pub mod early;
 pub mod fault;
 pub mod flood;
 pub mod image;

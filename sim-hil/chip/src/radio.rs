@@ -360,6 +360,7 @@ impl Radio {
     ) -> Result<(), Trouble> {
         let unknown = || Trouble::Radio(format!("call of function {number}"));
         let (_, name) = *self.functions.get(number as usize).ok_or_else(unknown)?;
+        soc.early.radio.get_or_insert(cpu.cycles);
         let argument = |index: usize| cpu.x[10 + index];
         let beyond = || Trouble::Radio(format!("{name}: an argument beyond memory"));
         cpu.cycles += CALL_CYCLES;

@@ -183,6 +183,7 @@ impl Rom {
             "esp_rom_spiflash_erase_sector" => soc.flash.erase(at).ok_or_else(beyond)?,
             _ => return Ok(None),
         };
+        soc.early.flash.get_or_insert(cpu.cycles);
         if name == "esp_rom_spiflash_read" {
             cpu.forget(buffer, length);
         }

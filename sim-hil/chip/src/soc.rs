@@ -6,7 +6,7 @@ use crate::block::adc::Adc;
 use crate::block::analog::Analog;
 use crate::block::clock::{Clocks, Gate};
 use crate::block::flash::Flash;
-use crate::block::gpio::{Driver, Gpio, PINS};
+use crate::block::gpio::{Driver, Gpio};
 use crate::block::held::Held;
 use crate::block::interrupt::{Interrupts, source};
 use crate::block::mcpwm::{Mcpwm, Wave};
@@ -17,6 +17,7 @@ use crate::block::uart::Uart;
 use crate::block::watchdog::{Action, LowPowerWatchdog};
 use crate::block::{Answer, CYCLES_PER_SECOND, Unmodelled};
 use crate::cpu::{Access, Bus, Refusal};
+use crate::early::Early;
 use crate::fault::{Fault, Trouble};
 use crate::memory::Memory;
 use crate::registers::{BLOCKS, Block};
@@ -149,8 +150,8 @@ pub(crate) struct Soc<O> {
     gpio: Gpio,
     /// When each plain output last rose.
     rose: [u64; 32],
-    /// When each pin was first driven low since the reset.
-    low_since: [Option<u64>; 32],
+    /// What the pins did since the reset.
+    pub(crate) early: Early,
     pub(crate) mcpwm: Mcpwm,
     pub(crate) spi: Spi,
     adc: Adc,
@@ -183,7 +184,7 @@ impl<O: Outside> Soc<O> {
             uart: Uart::new(&clocks),
             gpio: Gpio::new(),
             rose: [0; 32],
-            low_since: [None; 32],
+            early: Early::default(),
             mcpwm: Mcpwm::new(),
             spi: Spi::new(),
             adc: Adc::new(),
@@ -210,7 +211,7 @@ impl<O: Outside> Soc<O> {
         self.uart = Uart::new(&self.clocks);
         self.gpio = Gpio::new();
         self.rose = [0; 32];
-        self.low_since = [None; 32];
+        self.early = Early::default();
         self.mcpwm = Mcpwm::new();
         self.spi = Spi::new();
         self.adc = Adc::new();
@@ -403,6 +404,9 @@ impl<O: Outside> Soc<O> {
             Model::Clocks => return self.write_clocks(offset, value, now),
             Model::Mcpwm => {
                 self.mcpwm.write(offset, value, now, self.clocks.mcpwm_hz())?;
+                if self.mcpwm.rounds > 0 {
+                    self.early.tick.get_or_insert(now);
+                }
                 // Six duties a tick need no more.
                 if !Mcpwm::concerns_interrupts(offset) {
                     return Ok(());
@@ -415,14 +419,12 @@ impl<O: Outside> Soc<O> {
                 for (pin, rose) in self.rose.iter_mut().enumerate() {
                     *rose = if risen >> pin & 1 == 1 { now } else { *rose };
                 }
-                if Gpio::connects(offset) {
-                    self.watch_low_pins(now);
-                }
+                self.early.look(&self.gpio, now);
                 return Ok(());
             }
             Model::Pads => {
                 self.gpio.write_pads(offset, value)?;
-                self.watch_low_pins(now);
+                self.early.look(&self.gpio, now);
                 return Ok(());
             }
             Model::Analog => {
@@ -450,19 +452,6 @@ impl<O: Outside> Soc<O> {
         }
         self.refresh();
         Ok(())
-    }
-
-    fn watch_low_pins(&mut self, now: u64) {
-        for (pin, since) in (0..PINS).zip(&mut self.low_since) {
-            if since.is_none() && self.gpio.driver(pin) == Driver::Level(false) {
-                *since = Some(now);
-            }
-        }
-    }
-
-    /// Returns when a pin was first driven low since the reset.
-    pub(crate) fn low_since(&self, pin: u32) -> Option<u64> {
-        self.low_since.get(pin as usize).copied().flatten()
     }
 
     fn write_spi(&mut self, offset: u32, value: u32, now: u64) -> Answer<()> {

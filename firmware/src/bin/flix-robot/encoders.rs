@@ -1,6 +1,6 @@
 //! The encoders on their buses.
 //!
-//! SPI encoders answer within the tick. An AS5600 takes 54 microseconds on its bus, more than the
+//! SPI encoders answer within the tick. An AS5600 takes 29 to 54 microseconds on its bus, more than the
 //! loop can wait for: a thread below the loop reads both in turn and leaves what it got, with
 //! the time at which it was sampled, for the loop to find.
 
@@ -9,7 +9,7 @@ use embassy_sync::signal::Signal;
 use esp_hal::Blocking;
 use esp_hal::gpio::{InputConfig, Output, Pull};
 use esp_hal::spi::Mode;
-use esp_hal::spi::master::{Config, Spi};
+use esp_hal::spi::master::{Config, ConfigError, Spi};
 use esp_hal::time::Rate;
 use flix_firmware::board::as5047p::{As5047p, As5047pReading};
 use flix_firmware::board::encoder::{mt6701, mt6701_magnet};
@@ -19,6 +19,7 @@ use flix_protocol::units::Instant;
 
 use crate::bridge::{output, pin};
 use crate::choice::BOARD;
+use crate::log::log;
 
 /// A reading, or the lack of one, and when.
 #[derive(Debug, Clone, Copy)]
@@ -55,6 +56,20 @@ pub(crate) enum Encoders {
 }
 
 impl Encoders {
+    /// Takes the bus of SPI encoders. Without it, nothing ever comes: the encoders are lost.
+    pub(crate) fn on_spi(
+        unit: impl esp_hal::spi::master::Instance + 'static,
+        kind: EncoderKind,
+    ) -> Self {
+        match SpiEncoders::new(unit, BOARD.spi, kind) {
+            Ok(spi) => Self::Spi(spi),
+            Err(error) => {
+                log!("encoders: their bus cannot be set up: {error:?}");
+                Self::elsewhere()
+            }
+        }
+    }
+
     /// Takes what another thread reads.
     pub(crate) const fn elsewhere() -> Self {
         Self::Elsewhere([Magnet::Good; 2])
@@ -95,25 +110,24 @@ pub(crate) struct SpiEncoders {
 
 impl SpiEncoders {
     /// Takes the bus. Both kinds put data out on the rising edge: mode 1.
-    pub(crate) fn new(
+    fn new(
         unit: impl esp_hal::spi::master::Instance + 'static,
         pins: SpiPins,
         kind: EncoderKind,
-    ) -> Option<Self> {
+    ) -> Result<Self, ConfigError> {
         let config = Config::default().with_frequency(SPI_CLOCK).with_mode(Mode::_1);
         let mut miso = esp_hal::gpio::Flex::new(pin(pins.miso));
         // Nobody there reads as ones.
         miso.apply_input_config(&InputConfig::default().with_pull(Pull::Up));
         miso.set_input_enable(true);
-        let bus = Spi::new(unit, config)
-            .ok()?
+        let bus = Spi::new(unit, config)?
             .with_sck(pin(pins.sclk))
             .with_mosi(pin(pins.mosi))
             .with_miso(miso.peripheral_input());
         let mut selects = pins.selects.map(output);
         selects.iter_mut().for_each(Output::set_high);
         let magnets = [Magnet::Good; 2];
-        Some(Self { bus, selects, kind, as5047p: [As5047p::new(); 2], magnets })
+        Ok(Self { bus, selects, kind, as5047p: [As5047p::new(); 2], magnets })
     }
 
     fn exchange<const N: usize>(&mut self, motor: usize, mut frame: [u8; N]) -> Option<[u8; N]> {

@@ -15,6 +15,7 @@ use crate::bridge;
 use crate::chip::Electronics;
 use crate::clock::now;
 use crate::encoders::Encoders;
+use crate::log::log;
 use crate::shared::Shared;
 
 /// The chip starts anew when the loop has not run for so long.
@@ -68,8 +69,10 @@ pub(crate) fn start(
 
     let executor = EXECUTOR.init(InterruptExecutor::new(software_interrupt));
     let spawner = executor.start(Priority::Priority3);
-    if let Ok(task) = run(work, watchdog) {
-        spawner.spawn(task);
+    match run(work, watchdog) {
+        Ok(task) => spawner.spawn(task),
+        // The watchdog restarts the chip.
+        Err(error) => log!("the fast loop does not start: {error:?}"),
     }
 
     bridge::listen(on_tick);

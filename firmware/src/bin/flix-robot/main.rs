@@ -32,7 +32,7 @@ mod watchdog;
 
 use core::cell::RefCell;
 
-use embassy_executor::Spawner;
+use embassy_executor::{SpawnError, SpawnToken, Spawner};
 use embassy_net::StackResources;
 use embassy_time::Timer;
 use esp_hal::clock::CpuClock;
@@ -131,16 +131,11 @@ async fn main(spawner: Spawner) {
         log!("provisioning: a former key may still be in flash");
     }
     let light = light::blink(bridge::output(BOARD.status_led), provisioning.is_some(), exchange);
-    if let Ok(light) = light {
-        spawner.spawn(light);
-    }
+    spawn(spawner, "the light", light);
     // Without the port there is nobody to say it to.
-    if let Some((receiver, transmitter)) = serial::port(parts.serial)
-        && let (Ok(serial), Ok(log)) =
-            (serial::serve(receiver, provisioner, exchange), log::drain(transmitter))
-    {
-        spawner.spawn(serial);
-        spawner.spawn(log);
+    if let Some((receiver, transmitter)) = serial::port(parts.serial) {
+        spawn(spawner, "the log", log::drain(transmitter));
+        spawn(spawner, "provisioning", serial::serve(receiver, provisioner, exchange));
     }
     let robot = slow::Robot::new(slow, reset, kept, exchange);
     match (provisioning, radio) {
@@ -152,12 +147,18 @@ async fn main(spawner: Spawner) {
     }
 }
 
+/// Starts a task; says so where it cannot, as when it runs already.
+fn spawn<S>(spawner: Spawner, name: &str, task: Result<SpawnToken<S>, SpawnError>) {
+    match task {
+        Ok(task) => spawner.spawn(task),
+        Err(error) => log!("{name} does not start: {error:?}"),
+    }
+}
+
 /// Says for ever why this chip drives no motors.
 async fn refuse(spawner: Spawner, port: UART0<'static>, why: &str) -> ! {
-    if let Some((_, transmitter)) = serial::port(port)
-        && let Ok(log) = log::drain(transmitter)
-    {
-        spawner.spawn(log);
+    if let Some((_, transmitter)) = serial::port(port) {
+        spawn(spawner, "the log", log::drain(transmitter));
     }
     loop {
         log!("robot: {why}");
@@ -191,12 +192,9 @@ async fn operate(
         RESOURCES.init(StackResources::new()),
         seed,
     );
-    let tasks =
-        (network::run_stack(runner), network::stay_connected(radio, provisioning, robot.shared()));
-    if let (Ok(stack), Ok(wifi)) = tasks {
-        spawner.spawn(stack);
-        spawner.spawn(wifi);
-    }
+    spawn(spawner, "the network", network::run_stack(runner));
+    let connected = network::stay_connected(radio, provisioning, robot.shared());
+    spawn(spawner, "the radio", connected);
     net::serve(stack, guard, provisioning.name(), &mut robot).await
 }
 

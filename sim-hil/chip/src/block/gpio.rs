@@ -184,11 +184,6 @@ impl Gpio {
         Ok(())
     }
 
-    /// Returns whether a write there may connect a pin to what drives it.
-    pub(crate) const fn connects(offset: u32) -> bool {
-        matches!(offset, ENABLE..=ENABLE_CLEAR | OUTPUT..)
-    }
-
     pub(crate) fn read_pads(&self, offset: u32) -> Answer<u32> {
         Ok(self.pads.get(offset))
     }

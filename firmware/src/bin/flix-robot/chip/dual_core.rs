@@ -1,7 +1,7 @@
 //! What the ESP32 and the ESP32-S3 have in common: core 1 belongs to the fast loop.
 
 use core::ptr::NonNull;
-use core::sync::atomic::{AtomicPtr, Ordering};
+use core::sync::atomic::{AtomicPtr, AtomicUsize, Ordering};
 
 use esp_hal::Blocking;
 use esp_hal::analog::adc::{Adc, AdcChannel, AdcConfig, AdcPin, Attenuation};
@@ -23,7 +23,7 @@ use super::parts::Parts;
 use crate::bridge::{self, Carrier, HALF_PERIOD, Motors, PWM_CLOCK_HZ, Quiet, pin};
 use crate::choice::BOARD;
 use crate::clock::now;
-use crate::encoders::{Encoders, SAMPLES, Sample, SpiEncoders};
+use crate::encoders::{Encoders, SAMPLES, Sample};
 use crate::log::log;
 
 /// Stack of core 1: the fast loop and the encoders; interrupts nest three deep at most.
@@ -32,13 +32,15 @@ const STACK_BYTES: usize = 12 * 1024;
 const STACK_PAINT: u8 = 0xA5;
 /// Its lowest bytes, among them the HAL's guard (esp-hal 1.2, `stack-guard-offset`).
 const STACK_GUARD_BYTES: usize = 64;
-/// Its lowest address, once it is painted.
-static STACK_BOTTOM: AtomicPtr<u8> = AtomicPtr::new(core::ptr::null_mut());
+/// The lowest address of what is painted and no longer needed to start the core, and how many bytes there are from it on.
+static PAINTED: AtomicPtr<u8> = AtomicPtr::new(core::ptr::null_mut());
+/// See [`PAINTED`].
+static PAINTED_BYTES: AtomicUsize = AtomicUsize::new(0);
 /// Fastest clock of the AS5600.
 const I2C_CLOCK: Rate = Rate::from_mhz(1);
 /// Clock of a bus whose pull-ups are too weak for that.
 const I2C_SLOW_CLOCK: Rate = Rate::from_khz(400);
-/// A reading takes 54 microseconds; one that takes this long is a failure.
+/// A reading takes 54 microseconds at most; one that takes this long is a failure.
 const I2C_PATIENCE: Duration = Duration::from_millis(1);
 
 /// What core 1 owns.
@@ -88,7 +90,10 @@ pub(crate) fn start_fast_loop(
     };
     let stack = STACK.init_with(Stack::new);
     stack.mem.write([STACK_PAINT; STACK_BYTES]);
-    STACK_BOTTOM.store(stack.mem.as_mut_ptr().cast(), Ordering::Release);
+    // The HAL hands the closure over at the bottom, above its guard; what was there is no paint, and no sign of a deep stack.
+    let beginning = STACK_GUARD_BYTES + size_of_val(&work) + align_of_val(&work);
+    PAINTED_BYTES.store(STACK_BYTES.saturating_sub(beginning), Ordering::Relaxed);
+    PAINTED.store(stack.mem.as_mut_ptr().cast::<u8>().wrapping_add(beginning), Ordering::Release);
     match CpuControl::new(core).start_app_core(stack, work) {
         // Dropping it would park the core.
         Ok(guard) => core::mem::forget(guard),
@@ -104,10 +109,10 @@ pub(crate) const fn calls() -> ProgramCounters {
 /// Returns how many bytes of core 1's stack were never used, and how many it has; `None` before it starts.
 #[expect(unsafe_code, reason = "a stack is looked at while its core uses it")]
 pub(crate) fn unused_stack() -> Option<[usize; 2]> {
-    let bottom = NonNull::new(STACK_BOTTOM.load(Ordering::Acquire))?;
+    let painted = NonNull::new(PAINTED.load(Ordering::Acquire))?;
     // SAFETY: the index is within the stack, which lives for ever; every value of a byte is one.
-    let is_painted = |index: &usize| unsafe { bottom.add(*index).read_volatile() } == STACK_PAINT;
-    let unused = (STACK_GUARD_BYTES..STACK_BYTES).take_while(is_painted).count();
+    let is_painted = |index: &usize| unsafe { painted.add(*index).read_volatile() } == STACK_PAINT;
+    let unused = (0..PAINTED_BYTES.load(Ordering::Relaxed)).take_while(is_painted).count();
     Some([unused, STACK_BYTES])
 }
 
@@ -133,7 +138,7 @@ impl Electronics {
 
     /// Waits until the ripple is about to be zero, and returns counts of phases A and B of the top, then of the bottom motor.
     pub(crate) fn phase_current(&mut self) -> Option<[[i16; 2]; 2]> {
-        BOARD.hardware.current_sense?;
+        self.analog.amplifiers.as_ref()?;
         let is_time = |(count, direction)| {
             matches!(direction, CounterDirection::Increasing)
                 && (self.first_conversion..=HALF_PERIOD).contains(&count)
@@ -146,19 +151,24 @@ impl Electronics {
     /// Counts of the divider.
     pub(crate) fn bus_voltage(&mut self) -> Option<u16> {
         let Analog { converter, divider, .. } = &mut self.analog;
-        BOARD.divider.and_then(|_| read(converter, divider)).map(i16::cast_unsigned)
+        divider.as_mut().and_then(|divider| read(converter, divider)).map(i16::cast_unsigned)
     }
 }
 
 type Converter = Adc<'static, ADC1<'static>, Blocking>;
 type Channel<Pin> = AdcPin<Pin, ADC1<'static>, Calibration>;
 
-/// The converter, and the pins of the amplifiers and the divider.
-struct Analog {
-    converter: Converter,
+/// The pins of both motors' amplifiers.
+struct Amplifiers {
     top: (Channel<TopA>, Channel<TopB>),
     bottom: (Channel<BottomA>, Channel<BottomB>),
-    divider: Channel<Divider>,
+}
+
+/// The converter, and the pins of the amplifiers and the divider, where the board has them.
+struct Analog {
+    converter: Converter,
+    amplifiers: Option<Amplifiers>,
+    divider: Option<Channel<Divider>>,
     /// Whether the currents are converted from the last to the first next time.
     backwards: bool,
 }
@@ -166,33 +176,33 @@ struct Analog {
 impl Analog {
     #[expect(unsafe_code, reason = "the chip's file names these pins by type")]
     fn new(converter: ADC1<'static>) -> Self {
-        // SAFETY: `Board::check` gave these pins to the converter alone. Where two of them are one pin, both
-        // only read it.
-        let (top, bottom, divider) = unsafe {
-            ((TopA::steal(), TopB::steal()), (BottomA::steal(), BottomB::steal()), Divider::steal())
-        };
         let mut config = AdcConfig::new();
         let range = Attenuation::_11dB;
-        Self {
-            top: (
-                config.enable_pin_with_cal(top.0, range),
-                config.enable_pin_with_cal(top.1, range),
-            ),
-            bottom: (
-                config.enable_pin_with_cal(bottom.0, range),
-                config.enable_pin_with_cal(bottom.1, range),
-            ),
-            divider: config.enable_pin_with_cal(divider, range),
-            converter: Adc::new(converter, config),
-            backwards: false,
-        }
+        // SAFETY: `Board::check` gave these pins to the converter alone, and each is taken once: a divider in an amplifier's place
+        // leaves the board without current sense.
+        let amplifiers = BOARD.hardware.current_sense.map(|_| unsafe {
+            Amplifiers {
+                top: (
+                    config.enable_pin_with_cal(TopA::steal(), range),
+                    config.enable_pin_with_cal(TopB::steal(), range),
+                ),
+                bottom: (
+                    config.enable_pin_with_cal(BottomA::steal(), range),
+                    config.enable_pin_with_cal(BottomB::steal(), range),
+                ),
+            }
+        });
+        // SAFETY: as above.
+        let divider =
+            BOARD.divider.map(|_| config.enable_pin_with_cal(unsafe { Divider::steal() }, range));
+        Self { amplifiers, divider, converter: Adc::new(converter, config), backwards: false }
     }
 
     /// Measures how long the four conversions take, which data sheets give for the converter alone, and returns when they
     /// have to begin to lie around the carrier's peak, the middle of the time in which all low sides are on: the phases'
     /// ripple is zero there.
     fn first_conversion(&mut self) -> u16 {
-        if BOARD.hardware.current_sense.is_none() {
+        if self.amplifiers.is_none() {
             return 0;
         }
         let start = now();
@@ -211,7 +221,8 @@ impl Analog {
 
     /// Converts the four in turn, forwards and backwards: what the ripple adds before its zero it takes away after it.
     fn currents(&mut self) -> Option<[[i16; 2]; 2]> {
-        let Self { converter, top, bottom, backwards, .. } = self;
+        let Self { converter, amplifiers, backwards, .. } = self;
+        let Amplifiers { top, bottom } = amplifiers.as_mut()?;
         *backwards = !*backwards;
         if *backwards {
             let bottom_b = read(converter, &mut bottom.1)?;
@@ -261,10 +272,7 @@ impl EncoderUnits {
             (EncoderKind::As5600, Some([top, bottom])) => {
                 (Encoders::elsewhere(), [i2c(self.top, top), i2c(self.bottom, bottom)])
             }
-            (kind, _) => {
-                let spi = SpiEncoders::new(self.spi, BOARD.spi, kind);
-                (spi.map_or(Encoders::elsewhere(), Encoders::Spi), [None, None])
-            }
+            (kind, _) => (Encoders::on_spi(self.spi, kind), [None, None]),
         }
     }
 }
@@ -291,7 +299,7 @@ fn read_i2c_for_ever(mut buses: I2cBuses) -> ! {
             let (driver, Some(bus)) = (&mut drivers[motor], &mut buses[motor]) else { continue };
             let (angle, time) = driver.read(bus, now);
             if driver.wants_slower_bus() && bus.apply_config(&i2c_config(I2C_SLOW_CLOCK)).is_ok() {
-                log!("encoder {motor}: no answer at 1 MHz: its bus runs at 400 kHz");
+                log!("encoder {motor}: no or wrong answers at 1 MHz: its bus runs at 400 kHz");
             }
             newest.signal(Sample { angle, time, magnet: driver.magnet() });
         }

@@ -20,7 +20,7 @@ use flix_protocol::message::ProgramCounters;
 use super::parts::Parts;
 use crate::bridge::{self, Carrier, Motors, Quiet};
 use crate::choice::BOARD;
-use crate::encoders::{Encoders, SpiEncoders};
+use crate::encoders::Encoders;
 
 /// Data from the USB connector.
 pub(crate) const SERIAL_RECEIVE: Pin = 17;
@@ -70,8 +70,7 @@ pub(crate) fn start_fast_loop(
     let encoders = match BOARD.encoder {
         // `Board::check` refuses them on this chip.
         EncoderKind::As5600 => Encoders::elsewhere(),
-        kind => SpiEncoders::new(parts.spi, BOARD.spi, kind)
-            .map_or(Encoders::elsewhere(), Encoders::Spi),
+        kind => Encoders::on_spi(parts.spi, kind),
     };
     let electronics = Electronics::new(parts.pwm, parts.bridges, parts.converter);
     start(electronics, encoders, parts.timers, parts.software_interrupt);

@@ -1,6 +1,6 @@
 //! The chip that the features choose: its parts, and what reads and drives them.
 
-#[cfg(not(feature = "esp32c6"))]
+#[cfg(any(feature = "esp32", feature = "esp32s3"))]
 mod dual_core;
 #[cfg(feature = "esp32")]
 mod esp32;
@@ -10,7 +10,7 @@ mod esp32c6;
 mod esp32s3;
 mod parts;
 
-#[cfg(not(feature = "esp32c6"))]
+#[cfg(any(feature = "esp32", feature = "esp32s3"))]
 use dual_core as cores;
 #[cfg(feature = "esp32")]
 use esp32 as chosen;
