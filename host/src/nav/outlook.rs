@@ -116,8 +116,8 @@ impl Outlook {
         self.table[place.min(self.table.len() - 1)]
     }
 
-    /// Works out some more of the table, for a robot that has come this far (arc length, m). `progress`: its weight; `usual`: speed that is reckoned
-    /// with along a course.
+    /// Works out some more of the table, for a robot that has come this far (arc length, m). `progress`: its weight; `usual`: speed
+    /// that is reckoned with along a course.
     pub fn consider(
         &mut self,
         path: &Path,
