@@ -221,10 +221,12 @@ impl Program {
                 Some(arguments) => format!(r#""$XTASK" {arguments}"#),
                 None => line.clone(),
             };
+            // Where the time goes: of the shell, then of what it started, in user and system mode.
+            let timed = format!("trap times EXIT; {command}");
             run::run(
                 run::command("bash")
                     .current_dir(tree.root())
-                    .args(["-euo", "pipefail", "-c", &command])
+                    .args(["-euo", "pipefail", "-c", &timed])
                     .env("XTASK", &self.0)
                     // Nothing is skipped for want of a program.
                     .env("CI", "true")

@@ -1,5 +1,6 @@
 //! `cargo xtask web`: the simulated robot in one page of a browser.
 
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::run::{self, Error, command, output, succeeds, target_directory};
@@ -15,6 +16,9 @@ pub(crate) struct Args {
     /// Compare the page's robot with the native one, bit for bit, and print JSON (needs Node.js)
     #[arg(long)]
     json: bool,
+    /// Program of the package that packs the page, where one is built already [default: built here]
+    #[arg(long, value_name = "PROGRAM")]
+    program: Option<PathBuf>,
 }
 
 #[derive(serde::Serialize)]
@@ -34,8 +38,11 @@ fn cargo() -> Command {
     command(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
 }
 
-/// Calls the program of the package, built in the same way whether the rest of the workspace is built or not.
-fn packer() -> Command {
+/// Calls the program of the package: this one, or built in the same way whether the rest of the workspace is built or not.
+fn packer(program: Option<&Path>) -> Command {
+    if let Some(program) = program {
+        return command(program);
+    }
     let mut packer = cargo();
     packer.args(["run", "--quiet", "--release", "--package", "flix-web", "--"]);
     packer
@@ -51,7 +58,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Error> {
     )?;
     let module = target_directory().join(TARGET).join("web/flix_web.wasm");
     let folder = target_directory().join("site");
-    let printed = output(packer().arg("pack").args([&module, &folder]))?;
+    let printed = output(packer(args.program.as_deref()).arg("pack").args([&module, &folder]))?;
     let bytes_gzip: u64 = printed
         .trim()
         .parse()
@@ -68,7 +75,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Error> {
         );
         return Ok(());
     }
-    let native = output(packer().args(["hash", "--seconds", SECONDS]))?;
+    let native = output(packer(args.program.as_deref()).args(["hash", "--seconds", SECONDS]))?;
     let printed = output(command("node").arg("sim-hil/web/check.mjs").arg(&module).arg(SECONDS))?;
     let checked: Checked = serde_json::from_str(&printed)
         .map_err(|error| Error::Sentence(format!("the check printed {printed}: {error}")))?;
