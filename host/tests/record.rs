@@ -25,6 +25,8 @@ fn what_was_recorded_is_read_back() {
     assert_eq!(run.telemetry[0].faults, ["stall"]);
     assert_eq!(run.telemetry[0].first_fault.as_deref(), Some("stall"));
     assert_eq!(run.telemetry[0].dropped["forged"], 3);
+    assert_eq!(run.telemetry[0].top.readings_dropped, Some(2));
+    assert_eq!(run.telemetry[0].bottom.readings_corrected, Some(5));
 }
 
 #[test]
@@ -53,25 +55,6 @@ fn a_record_whose_program_was_killed_is_completed_once() {
     assert_eq!(after.attachments, before.attachments);
     assert!(rows > 100);
     assert_eq!(repair(&file).unwrap(), None, "a complete record is left as it is");
-}
-
-#[test]
-fn a_clock_that_is_not_set_gives_a_record_the_nearest_date_there_is() {
-    let day = Duration::from_secs(86_400);
-    let late = UNIX_EPOCH + 3_000_000 * day;
-    for (started, date) in [(UNIX_EPOCH - day, "1970-01-01"), (late, "9999-12-31")] {
-        let folder = tempfile::tempdir().unwrap();
-        let mut recorder =
-            Recorder::create(folder.path(), started, &RunDescription::default()).unwrap();
-        let file = recorder.path().to_owned();
-        recorder.pose(&sample(1.0)).unwrap();
-        recorder.finish().unwrap();
-        let run = Run::read(&file).unwrap();
-        assert_eq!((run.poses.len(), run.is_complete), (1, true), "{date}");
-        assert!(run.fact("run", "started").starts_with(date), "{:?}", run.facts);
-        let name = file.file_name().unwrap().to_string_lossy();
-        assert!(name.starts_with(&date.replace('-', "")), "{name}");
-    }
 }
 
 #[test]

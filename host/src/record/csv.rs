@@ -98,7 +98,8 @@ fn tables(run: &Run) -> [Table; 5] {
              bottom_angle_deg,bottom_speed_hz,bottom_current_d_a,bottom_current_q_a,bus_voltage_v,\
              modulation,overruns,lost,command_age_ms,direction_least_deg,direction_largest_deg,\
              top_current_q_least_a,top_current_q_largest_a,bottom_current_q_least_a,bottom_current_q_largest_a,\
-             bus_voltage_least_v,bus_voltage_largest_v",
+             bus_voltage_least_v,bus_voltage_largest_v,top_readings_dropped,top_readings_corrected,\
+             bottom_readings_dropped,bottom_readings_corrected",
             &run.telemetry,
             |row| {
                 let cells = [
@@ -116,6 +117,8 @@ fn tables(run: &Run) -> [Table; 5] {
                     optional([row.top.current_q_least_a, row.top.current_q_largest_a]),
                     optional([row.bottom.current_q_least_a, row.bottom.current_q_largest_a]),
                     optional([row.bus_voltage_least_v, row.bus_voltage_largest_v]),
+                    optional([row.top.readings_dropped, row.top.readings_corrected]),
+                    optional([row.bottom.readings_dropped, row.bottom.readings_corrected]),
                 ];
                 (row.timestamp, cells.concat())
             },
@@ -131,8 +134,11 @@ fn motor(motor: &MotorRow) -> Vec<String> {
 }
 
 /// Returns an empty cell for what is not there.
-fn optional<const COUNT: usize>(values: [Option<f64>; COUNT]) -> Vec<String> {
-    values.iter().map(|value| value.map_or_else(String::new, |it| it.to_string())).collect()
+fn optional<const COUNT: usize>(values: [Option<impl ToString>; COUNT]) -> Vec<String> {
+    values
+        .iter()
+        .map(|value| value.as_ref().map_or_else(String::new, ToString::to_string))
+        .collect()
 }
 
 fn texts<const COUNT: usize>(values: [impl ToString; COUNT]) -> Vec<String> {

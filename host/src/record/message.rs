@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use flix_protocol::message::{DropReason, MotorTelemetry, Setpoint, Telemetry};
+use flix_protocol::message::{DropReason, EncoderHealth, MotorTelemetry, Setpoint, Telemetry};
 use serde::{Deserialize, Serialize};
 
 use crate::nav::{Path, PlanarPose, Progress};
@@ -136,6 +136,12 @@ pub struct MotorRow {
     /// Its largest value since the row before, A.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub current_q_largest_a: Option<f64>,
+    /// Readings of its encoder, since power-up, that failed or were not believed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub readings_dropped: Option<u32>,
+    /// Readings of its encoder, since power-up, that were believed though they were far from where the rotor was expected.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub readings_corrected: Option<u32>,
 }
 
 /// Telemetry of the robot. What is absent is left out: a field of a schema has one type, by the readers of Foxglove and Lichtblick.
@@ -279,8 +285,8 @@ impl NavigationRow {
     }
 }
 
-impl From<&MotorTelemetry> for MotorRow {
-    fn from(motor: &MotorTelemetry) -> Self {
+impl MotorRow {
+    fn new(motor: &MotorTelemetry, encoder: &EncoderHealth) -> Self {
         Self {
             angle_deg: motor.angle.get().into(),
             speed_hz: motor.speed.get().into(),
@@ -288,13 +294,16 @@ impl From<&MotorTelemetry> for MotorRow {
             current_q_a: motor.current_q.get().into(),
             current_q_least_a: Some(motor.current_q_range[0].get().into()),
             current_q_largest_a: Some(motor.current_q_range[1].get().into()),
+            readings_dropped: Some(encoder.dropped),
+            readings_corrected: Some(encoder.corrected),
         }
     }
 }
 
 impl TelemetryRow {
     pub(super) fn new(timestamp: Timestamp, telemetry: &Telemetry) -> Self {
-        let [top, bottom] = &telemetry.motors;
+        let [top, bottom] =
+            [0, 1].map(|it| MotorRow::new(&telemetry.motors[it], &telemetry.encoders[it]));
         let bus = telemetry.bus_voltage_range.map(|range| range.map(|it| f64::from(it.get())));
         Self {
             timestamp,
@@ -310,8 +319,8 @@ impl TelemetryRow {
             direction_deg: telemetry.direction.get().into(),
             direction_least_deg: Some(telemetry.direction_range[0].get().into()),
             direction_largest_deg: Some(telemetry.direction_range[1].get().into()),
-            top: top.into(),
-            bottom: bottom.into(),
+            top,
+            bottom,
             bus_voltage_v: telemetry.bus_voltage.map(|volts| volts.get().into()),
             bus_voltage_least_v: bus.map(|[least, _]| least),
             bus_voltage_largest_v: bus.map(|[_, largest]| largest),

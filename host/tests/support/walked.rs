@@ -10,8 +10,8 @@ use flix_host::nav::{Path, PlanarPose, Progress};
 use flix_host::pose::{Pose, PoseSample};
 use flix_host::record::{Recorder, RunDescription};
 use flix_protocol::message::{
-    Dropped, Event, EventReport, Fault, Faults, LinkQuality, MotorTelemetry, OperatorName,
-    Setpoint, State, Telemetry,
+    Dropped, EncoderHealth, Event, EventReport, Fault, Faults, LinkQuality, MotorTelemetry,
+    OperatorName, Setpoint, State, Telemetry,
 };
 use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
 
@@ -44,7 +44,11 @@ pub fn telemetry(seconds: f64) -> Telemetry {
         direction: Degrees::saturating(30.2),
         direction_range: [29.0, 31.5].map(Degrees::saturating),
         motors: [motor; 2],
-        encoders: Default::default(),
+        encoders: [(2, 0), (0, 5)].map(|(dropped, corrected)| EncoderHealth {
+            dropped,
+            corrected,
+            ..Default::default()
+        }),
         bus_voltage: Some(Volts::saturating(11.8)),
         bus_voltage_range: Some([11.7, 11.9].map(Volts::saturating)),
         modulation: Ratio::saturating(0.7),
