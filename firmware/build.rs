@@ -28,8 +28,24 @@ fn main() {
     }
 }
 
-/// esp-hal brings the scripts. The Xtensa linker is a C compiler that would add its own start.
+/// Writes a script of the linker into a folder that is searched.
+fn write_script(name: &str, text: &str) {
+    let Some(out) = env::var_os("OUT_DIR") else { return };
+    let path = std::path::Path::new(&out).join(name);
+    if let Err(error) = std::fs::write(&path, text) {
+        println!("cargo::error={} cannot be written: {error}", path.display());
+    }
+    println!("cargo::rustc-link-search={}", std::path::Path::new(&out).display());
+}
+
+/// esp-hal brings the scripts, and includes one of ours. The Xtensa linker is a C compiler that would add its own start.
 fn link(chip: &str) {
+    // Which the emulator checks, of the ESP32-C6.
+    let in_memory = match chip {
+        "esp32c6" => include_str!("src/bin/flix-robot/in_memory.x"),
+        _ => "",
+    };
+    write_script("rwtext_hook.x", in_memory);
     println!("cargo::rustc-link-arg-bin=flix-robot=-Tlinkall.x");
     if chip != "esp32c6" {
         println!("cargo::rustc-link-arg-bin=flix-robot=-nostartfiles");
@@ -39,16 +55,11 @@ fn link(chip: &str) {
 /// riscv-rt brings `link.x` and wants the memory map of QEMU's `virt` machine; xtensa-lx-rt brings the vectors of a script
 /// for its machine `sim`.
 fn link_processor_in_the_loop(target: &str) {
-    let Some(out) = env::var_os("OUT_DIR") else { return };
     let (script, text) = match target.starts_with("xtensa") {
         true => ("sim.x", include_str!("src/bin/pil/xtensa.x")),
         false => ("memory.x", include_str!("src/bin/pil/riscv.x")),
     };
-    let path = std::path::Path::new(&out).join(script);
-    if let Err(error) = std::fs::write(&path, text) {
-        println!("cargo::error={} cannot be written: {error}", path.display());
-    }
-    println!("cargo::rustc-link-search={}", std::path::Path::new(&out).display());
+    write_script(script, text);
     println!("cargo::rustc-link-arg-bin=pil=-T{script}");
     if script == "memory.x" {
         println!("cargo::rustc-link-arg-bin=pil=-Tlink.x");

@@ -105,26 +105,26 @@ pub struct BridgePins {
     pub currents: Option<[Pin; 2]>,
 }
 
-/// Pins of one I2C master.
+/// Pins of one I2C master, by number or as the chip's own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct I2cPins {
+pub struct I2cPins<P = Pin> {
     /// Data.
-    pub sda: Pin,
+    pub sda: P,
     /// Clock.
-    pub scl: Pin,
+    pub scl: P,
 }
 
-/// Pins of the SPI bus that both encoders share.
+/// Pins of the SPI bus that both encoders share, by number or as the chip's own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SpiPins {
+pub struct SpiPins<P = Pin> {
     /// Clock.
-    pub sclk: Pin,
+    pub sclk: P,
     /// From the encoders.
-    pub miso: Pin,
+    pub miso: P,
     /// To the encoders; the MT6701 does not listen.
-    pub mosi: Pin,
+    pub mosi: P,
     /// Chip selects of the top and the bottom encoder, active low.
-    pub selects: [Pin; 2],
+    pub selects: [P; 2],
 }
 
 /// A battery divider and the ADC1 pin that reads it.

@@ -29,7 +29,7 @@ struct Memory {
 
 /// The bare Wi-Fi template for the ESP32-C6 is 528 KiB. RAM: technical reference manual, "System and Memory".
 const ESP32C6: Memory = Memory {
-    ceilings: Ceilings { flash: 800 * 1024, memory: 200 * 1024 },
+    ceilings: Ceilings { flash: 800 * 1024, memory: 256 * 1024 },
     ranges: core::slice::from_ref(&(0x4080_0000..0x4088_0000)),
 };
 /// Without optimization across packages, with arithmetic of floats in software; a tenth more than it takes, so that growth is
@@ -46,14 +46,14 @@ pub(crate) fn make(chip: Chip, elf: &Path) -> Result<PathBuf, Error> {
     match ImageMaker::find() {
         Some(ImageMaker::Espflash) => run::run(
             run::command("espflash")
-                .args(["save-image", "--chip", chip.name()])
+                .args(["save-image", "--flash-freq", "80mhz", "--chip", chip.name()])
                 .arg(elf)
                 .arg(&image),
         )?,
         Some(ImageMaker::Esptool(esptool)) => {
             run::run(
                 run::command(&esptool)
-                    .args(["--chip", chip.name(), "elf2image"])
+                    .args(["--chip", chip.name(), "elf2image", "--flash-freq", "80m"])
                     // As espflash does by itself: which build it is, into the descriptor at the image's beginning.
                     .args(["--elf-sha256-offset", "0xb0", "--output"])
                     .arg(&image)

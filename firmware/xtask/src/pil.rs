@@ -1,11 +1,12 @@
 //! Processor in the loop: the fast half on an emulated processor, RV32IMAC or Xtensa, against a trace from the simulator.
 //!
 //! Xtensa is emulated twice: by QEMU, whose cores are not the ESP32's, and by our own core (`sim-hil/chip/lx6`), which counts an
-//! LX6's cycles. `--beside` lets both execute the same image and compares all registers after each instruction.
+//! LX6's cycles. `--beside` lets both execute the same image and compares all registers after each instruction of the fast loop.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use object::{Object, ObjectSymbol, SymbolKind};
 use serde::Serialize;
 
 use crate::chip::Chip;
@@ -31,6 +32,17 @@ const REGISTERS: &str = "32";
 /// What the image makes an instruction of, with QEMU's options below.
 const COUNTS_PER: &str = "10.24";
 
+/// What the names of the fast loop's functions hold: their modules, as rustc writes them alone and within others, and the replay's
+/// tick.
+const FAST_LOOP: [&str; 3] = ["flix_firmware4fast", "flix_firmware..fast", "3pil4tick"];
+/// Functions that read the time, which differs: what they read is taken over from the log. They are the replay with what it is
+/// called by, and what times a datagram.
+const REPLAY: &str = "main";
+/// See [`REPLAY`].
+const TIMED: &str = "3pil9datagrams";
+/// What they hold where settings become a configuration: floating point, before the first tick.
+const BEFORE_THE_LOOP: [&str; 2] = ["configuration", "margin"];
+
 /// The simulator's example that records the trace.
 const RECORDER: &str = "record-trace";
 
@@ -43,7 +55,8 @@ pub(crate) struct Args {
     /// The core that stands in for the ESP32's: one of QEMU's, or our own, which counts the cycles of an LX6.
     #[arg(long, default_value = "dc233c", value_parser = ["dc233c", "de233_fpu", OWN])]
     core: String,
-    /// Execute so many instructions on QEMU's core and on our own, from the first one on, and compare all registers after each.
+    /// Execute the image on QEMU's core and on our own until both have done so many instructions of the fast loop, and compare all
+    /// registers after each of these.
     #[arg(long, value_name = "INSTRUCTIONS", conflicts_with = "json")]
     beside: Option<u64>,
     /// Print one JSON object.
@@ -138,9 +151,10 @@ impl Processor {
             move |source| Error::Missing { program, source }
         };
         let mut emulator = Command::new(&self.program);
-        // A log of all registers before each instruction, on the standard error.
+        let within = fast_loop(&run::read(image)?)?;
+        // A log of all registers before each of these instructions, on the standard error.
         let mut emulator = emulator
-            .args(["-singlestep", "-d", "cpu,nochain"])
+            .args(["-singlestep", "-d", "cpu,nochain", "-dfilter", &within])
             .args(&self.arguments)
             .arg(image)
             .current_dir(folder)
@@ -152,12 +166,35 @@ impl Processor {
         let log = emulator.stderr.take().map_or_else(Stdio::null, Stdio::from);
         let mut own = Command::new(own_core());
         own.arg(image).args(["--registers", REGISTERS, "--beside", &instructions.to_string()]);
+        own.args(["--within", &within]);
         let compared = run::output(own.current_dir(folder).stdin(log));
         // It has said enough, or ends by itself.
         let _ = emulator.kill();
         let _ = emulator.wait();
         compared
     }
+}
+
+/// Returns where the fast loop's functions are among these (name, address, size), as both emulators take it:
+/// 0x1000..0x1fff,0x3000..0x3fff; nothing where there are none.
+fn ranges<'a>(functions: impl Iterator<Item = (&'a str, u64, u64)>) -> Option<String> {
+    let is_fast = |(name, _, size): &(&str, u64, u64)| {
+        let holds = |words: &[&str]| words.iter().any(|word| name.contains(word));
+        let is_clocked = *name == REPLAY || name.contains(TIMED);
+        *size > 0 && (holds(&FAST_LOOP) && !holds(&BEFORE_THE_LOOP) || is_clocked)
+    };
+    let range = |(_, at, size)| format!("{at:#x}..{:#x}", at + size - 1);
+    let ranges: Vec<String> = functions.filter(is_fast).map(range).collect();
+    (!ranges.is_empty()).then(|| ranges.join(","))
+}
+
+/// Returns the same of an image.
+fn fast_loop(elf: &[u8]) -> Result<String, Error> {
+    let file = object::File::parse(elf)
+        .map_err(|error| Error::Sentence(format!("the built file is not an ELF file: {error}")))?;
+    let functions = file.symbols().filter(|symbol| symbol.kind() == SymbolKind::Text);
+    ranges(functions.filter_map(|it| Some((it.name().ok()?, it.address(), it.size()))))
+        .ok_or_else(|| Error::Sentence("the image has no function of the fast loop".into()))
 }
 
 fn own_core() -> PathBuf {
@@ -411,6 +448,29 @@ mod tests {
     #[test]
     fn a_good_run_passes() {
         assert!(report(GOOD).is_ok());
+    }
+
+    #[test]
+    fn instructions_are_compared_of_the_fast_loop_alone() {
+        let functions = [
+            ("_ZN13flix_firmware4fast7control7Control5align17h0E", 0x1000, 0x20),
+            (
+                "_ZN69_$LT$flix_firmware..fast..foc..Foc$u20$as$u20$core..fmt..Debug$GT$3fmt17h0E",
+                0x2000,
+                1,
+            ),
+            ("_ZN3pil4tick17h0E", 0x3000, 4),
+            ("main", 0x4000, 0x10),
+            ("_ZN3pil9datagrams7Counter7receive17h0E", 0x8000, 2),
+            ("_ZN3pil7machine4exit17h0E", 0x4000, 4),
+            ("main_of_another", 0x9000, 4),
+            ("_ZN13flix_firmware4fast3foc17h0E", 0x5000, 0),
+            ("_ZN13flix_firmware4fast13configuration9regulator17h0E", 0x7000, 4),
+            ("__mulsf3", 0x6000, 4),
+        ];
+        let expected = "0x1000..0x101f,0x2000..0x2000,0x3000..0x3003,0x4000..0x400f,0x8000..0x8001";
+        assert_eq!(ranges(functions.into_iter()).as_deref(), Some(expected));
+        assert_eq!(ranges(functions[5..].iter().copied()), None);
     }
 
     #[test]

@@ -63,8 +63,8 @@ pub enum Stop {
 pub const BOOT_TIME: Duration = Duration::from_millis(300);
 /// Cycles between two looks at the network when nothing else happens.
 const NETWORK_CYCLES: u64 = CYCLES_PER_SECOND / 4_000;
-/// The software interrupt of the fast loop's executor.
-const EXECUTOR: u32 = 2;
+/// So many functions are named of those that should not be where they are.
+const NAMED_PLACES: usize = 8;
 /// A run without a single look at interrupts is no longer than this.
 const SLICE_CYCLES: u64 = CYCLES_PER_SECOND / 10_000;
 
@@ -136,7 +136,9 @@ impl<O: Outside> Chip<O> {
         self.reason = reason;
         self.rom.reset_reason = reason.code();
         let now = self.cpu.cycles + cycles(BOOT_TIME);
+        let tick = std::mem::take(&mut self.cpu.tick);
         self.cpu = Cpu::new(self.image.entry);
+        self.cpu.tick = tick.after_reset();
         self.cpu.cycles = now;
         if self.interrupts_at_hand_over {
             self.cpu.mstatus |= MSTATUS_MIE;
@@ -224,6 +226,9 @@ impl<O: Outside> Chip<O> {
             self.waits = false;
             if self.cpu.takes_interrupts() {
                 self.cpu.interrupt(line);
+                if self.soc.interrupts.is_of(source::MCPWM, line) {
+                    self.cpu.tick.begin();
+                }
                 return;
             }
         }
@@ -427,7 +432,24 @@ impl<O: Outside> Chip<O> {
         };
         let strays = self.soc.flash.touched().filter(|at| !STORE.contains(at));
         let stray = |at| format!("flash is changed at {at:#x}, outside of its partition");
-        self.soc.findings.iter().map(sentence).chain(strays.map(stray)).collect()
+        let findings = self.soc.findings.iter().map(sentence).chain(strays.map(stray));
+        findings.chain(self.flash_in_ticks()).collect()
+    }
+
+    /// Returns a sentence about what the fast loop takes of flash, if it does.
+    fn flash_in_ticks(&self) -> Option<String> {
+        let tick = &self.cpu.tick;
+        let mut places: Vec<String> = tick.addresses().map(|at| self.image.name(at)).collect();
+        places.dedup();
+        let named = places.len().min(NAMED_PLACES);
+        (named > 0).then(|| {
+            format!(
+                "the fast loop executes and reads flash, {} times, at {} places: {}",
+                tick.accesses,
+                places.len(),
+                places[..named].join(", ")
+            )
+        })
     }
 
     /// Functions of the last jumps, for the report of a fault.
@@ -468,11 +490,8 @@ impl<O: Outside> Chip<O> {
             radio_buffers: self.radio.buffers,
             fast_watchdog_is_on: self.soc.timers[1].watchdog_is_on(),
             slow_watchdog_is_on: self.soc.watchdog.is_on(),
-            fast_loop_priority: [source::MCPWM, source::FROM_CPU + EXECUTOR]
-                .map(|source| self.soc.interrupts.priority_of(source))
-                .into_iter()
-                .min()
-                .unwrap_or(0),
+            fast_loop_priority: self.soc.interrupts.priority_of(source::MCPWM),
+            flash_in_ticks: self.cpu.tick.accesses,
             slow_watchdog_after_cycles: self
                 .soc
                 .watchdog
@@ -603,8 +622,10 @@ pub struct Counters {
     pub fast_watchdog_is_on: bool,
     /// Whether the low-power side's is.
     pub slow_watchdog_is_on: bool,
-    /// Priority of the fast loop: the lower one of its tick's and its executor's.
+    /// Priority of the fast loop.
     pub fast_loop_priority: u32,
+    /// Instructions that the fast loop executed from flash, and data that it read there.
+    pub flash_in_ticks: u64,
     /// From the image's start to the start of the tasks' watchdog.
     pub slow_watchdog_after_cycles: Option<u64>,
     /// Whether a duty was ever to be taken over elsewhere than at the counter's peak.

@@ -5,8 +5,10 @@
 
 mod decode;
 mod execute;
+mod tick;
 
 pub(crate) use decode::Instruction;
+pub(crate) use tick::Tick;
 
 use std::collections::BTreeMap;
 
@@ -116,6 +118,8 @@ pub(crate) enum Exit {
 
 /// First address and number of halfwords of the two regions that are executed.
 const REGIONS: [(u32, usize); 2] = [(RAM, RAM_BYTES / 2), (FLASH, FLASH_BYTES / 2)];
+/// The one in flash.
+const FLASH_REGION: usize = 1;
 /// Granularity in which writes into code are noticed, as a power of two.
 const PAGE_BITS: u32 = 10;
 
@@ -141,6 +145,8 @@ pub(crate) struct Cpu {
     /// The last jumps, newest at `jumps_at`, for the report of a fault.
     jumps: [u32; JUMPS],
     jumps_at: usize,
+    /// What the fast loop's tick takes of flash.
+    pub(crate) tick: Tick,
 }
 
 /// How many jumps are remembered.
@@ -166,6 +172,7 @@ impl Cpu {
             holds_code: vec![false; RAM_BYTES >> PAGE_BITS],
             jumps: [0; JUMPS],
             jumps_at: 0,
+            tick: Tick::default(),
         }
     }
 
@@ -186,6 +193,7 @@ impl Cpu {
     }
 
     fn enter(&mut self, cause: u32, value: u32) {
+        self.tick.enter();
         self.mepc = self.pc;
         self.mcause = cause;
         self.mtval = value;

@@ -79,6 +79,15 @@ impl Image {
         wanted.map(|(at, size, _)| (*at, *size))
     }
 
+    /// Returns the function or constant that an address lies in; the address where none is known.
+    pub(crate) fn name(&self, address: u32) -> String {
+        let is_in = |(at, size, _): &&(u32, u32, String)| address.wrapping_sub(*at) < *size;
+        match self.symbols.iter().find(is_in) {
+            Some((.., name)) => format!("{:#}", rustc_demangle::demangle(name)),
+            None => format!("{address:#010x}"),
+        }
+    }
+
     /// Returns the function that an address lies in, with the offset.
     #[must_use]
     pub fn place(&self, address: u32) -> String {

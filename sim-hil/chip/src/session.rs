@@ -145,6 +145,8 @@ pub struct Report {
     pub were_low: bool,
     /// Whether duties are taken over at the PWM counter's peaks alone, where the pins are low.
     pub taken_over_at_peaks: bool,
+    /// Instructions and data that the fast loop took of flash.
+    pub flash_in_ticks: u64,
     /// Share of the time that the light is on: running, and disarmed.
     pub lit: [f64; 2],
 }
@@ -322,6 +324,7 @@ pub fn drive(rig: &mut Rig, times: Times, progress: &dyn Fn(&str)) -> Result<Rep
         lit += rig.light();
     }
     report.lit = [lit_at_ends / MODES.len() as f64, lit / f64::from(steps)];
+    report.flash_in_ticks = rig.chip.counters().flash_in_ticks;
     report.early_enables = rig.seen.early_enables;
     report.tick_phase_us = rig.seen.tick_phase_us;
     report.duties_after_us = rig.seen.duties_after_us;

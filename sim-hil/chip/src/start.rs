@@ -15,10 +15,6 @@ use crate::robot::Robot;
 /// come later.
 const LATEST: Duration = Duration::from_millis(2);
 
-/// Longest time for which nothing drives a phase as it passes from the output to the PWM: the HAL lets go of a pin first, for 1.8 us
-/// here. Enables are low then, and what a bridge's input keeps of its charge outlasts it.
-const HAND_OVER: Duration = Duration::from_micros(5);
-
 /// What a pin of a bridge is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -90,25 +86,17 @@ impl Pin {
         self.lines.iter().find(|(_, line)| *line == Line::Low).map(|(at, _)| *at)
     }
 
-    /// Returns what it was driven by that it may not be before the first tick: anything but a low level, and of a phase the PWM, to
-    /// which it may pass without a driver for [`HAND_OVER`].
+    /// Returns what it was driven by that it may not be before the first tick: anything but a low level, and of a phase the PWM.
     fn astray(&self) -> Option<(u64, Line)> {
         let low = self.low().unwrap_or(0);
         let is_phase = self.role == Role::Phase;
-        let mut next = self.lines.iter().skip(1);
-        self.lines.iter().copied().find(|(at, line)| {
-            let next = next.next();
-            let passes = next.is_some_and(|(then, line)| {
-                *line == Line::Peripheral && then - at <= cycles(HAND_OVER)
-            });
-            let may = match line {
-                Line::Low => true,
-                Line::Floats => *at < low || is_phase && passes,
-                Line::Peripheral => is_phase && *at > low,
-                Line::High => false,
-            };
-            !may
-        })
+        let may = |(at, line): &(u64, Line)| match line {
+            Line::Low => true,
+            Line::Floats => *at < low,
+            Line::Peripheral => is_phase && *at > low,
+            Line::High => false,
+        };
+        self.lines.iter().copied().find(|line| !may(line))
     }
 }
 
@@ -217,15 +205,7 @@ mod tests {
         Start {
             pins: vec![
                 pin(Role::Enable, 10, &[(160_000, Line::Low)]),
-                pin(
-                    Role::Phase,
-                    18,
-                    &[
-                        (176_000, Line::Low),
-                        (1_499_700, Line::Floats),
-                        (1_500_000, Line::Peripheral),
-                    ],
-                ),
+                pin(Role::Phase, 18, &[(176_000, Line::Low), (1_500_000, Line::Peripheral)]),
             ],
             flash: Some(320_000),
             radio: None,
@@ -239,7 +219,7 @@ mod tests {
         assert_eq!(good().failures(), [""; 0]);
         let Report { phases_low_us, flash_us, trace, .. } = good().report();
         assert_eq!((phases_low_us, flash_us), (Some(1_100.0), Some(2_000.0)));
-        assert_eq!(trace.len(), 4);
+        assert_eq!(trace.len(), 3);
     }
 
     #[test]
@@ -259,7 +239,10 @@ mod tests {
             (|start, _| start.pins[0].lines.push((170_000, Line::Peripheral)), "Enable 10 is Peri"),
             (|start, _| start.pins[0].lines.insert(0, (9, Line::High)), "Enable 10 is High"),
             (|start, _| start.pins[1].lines.push((1_500_001, Line::Floats)), "Phase 18 is Floats"),
-            (|start, _| start.pins[1].lines[1].0 = 1_499_000, "Phase 18 is Floats"),
+            (
+                |start, _| start.pins[1].lines.insert(1, (1_499_999, Line::Floats)),
+                "Phase 18 is Floats",
+            ),
             (|start, late| start.watchdog = Some(late), "watchdog"),
             (|start, _| start.watchdog = None, "watchdog"),
             (|start, _| start.tick = None, "does not tick"),

@@ -4,16 +4,16 @@
 //! zero there and at its peak. Timer 1 counts two of these periods on the same clock with whole counts, and its zero is the
 //! tick of the fast loop. Both are started in one critical section, so a tick begins with a period, now and for ever.
 
-use esp_hal::gpio::{AnyPin, Level, Output, OutputConfig};
+use esp_hal::gpio::Output;
 use esp_hal::interrupt::{InterruptHandler, bind_handler};
 use esp_hal::mcpwm::operator::{PwmActions, PwmPin, PwmPinConfig, PwmUpdateMethod, UpdateAction};
 use esp_hal::mcpwm::timer::{PwmWorkingMode, Timer};
 use esp_hal::mcpwm::{McPwm, PeripheralClockConfig};
 use esp_hal::peripherals::{Interrupt, MCPWM0};
-use flix_firmware::board::{PWM_FREQUENCY_HZ, Pin};
+use flix_firmware::board::PWM_FREQUENCY_HZ;
 use flix_firmware::hardware::{Actuation, Bridge, Duty, TICK_RATE_HZ};
 
-use crate::choice::BOARD;
+use crate::pins::{self, low};
 
 /// Clock of the MCPWM, undivided, on all three chips.
 pub(crate) const PWM_CLOCK_HZ: u32 = 160_000_000;
@@ -34,20 +34,6 @@ const fn whole(clock_hz: u32, hz: u32) -> u16 {
     counts as u16
 }
 
-/// Takes a pin of the board or the serial port by number.
-#[expect(unsafe_code, reason = "pins are data here; the HAL's singletons are types")]
-pub(crate) fn pin(number: Pin) -> AnyPin<'static> {
-    // SAFETY: `choice::BOARD` was checked to use each pin once and none of the serial port's or
-    // the flash's, every caller takes its numbers from there or is the serial port, and each part is
-    // made once.
-    unsafe { AnyPin::steal(number) }
-}
-
-/// Takes an output of the board, low.
-pub(crate) fn output(number: Pin) -> Output<'static> {
-    Output::new(pin(number), Level::Low, OutputConfig::default())
-}
-
 /// Describes how a phase's output follows the counter. High from the comparison on the way down to that on
 /// the way up; low at the peak whatever was missed, so that a duty of zero is zero.
 const fn phase<const IS_A: bool>() -> PwmPinConfig<IS_A> {
@@ -64,23 +50,23 @@ const fn phase<const IS_A: bool>() -> PwmPinConfig<IS_A> {
 pub(crate) type Carrier = Timer<0, MCPWM0<'static>>;
 
 /// Both bridges off: enables and phases are outputs, low.
-pub(crate) struct Quiet([Option<Output<'static>>; 2]);
+pub(crate) struct Quiet {
+    enables: [Option<Output<'static>>; 2],
+    phases: [[Output<'static>; 3]; 2],
+}
 
 /// Switches both bridges off, the enables first. Until then nothing drives their pins, which are what the board makes of
 /// them: it comes before everything that takes time.
-pub(crate) fn quiet() -> Quiet {
-    let enables = BOARD.bridges.map(|bridge| bridge.enable.map(output));
-    for phase in BOARD.bridges.into_iter().flat_map(|bridge| bridge.phases) {
-        // It stays an output, until the PWM takes it: to drop one changes nothing (esp-hal 1.2, `Output`).
-        drop(output(phase));
-    }
-    Quiet(enables)
+pub(crate) fn quiet([top, bottom]: [pins::Bridge; 2]) -> Quiet {
+    let enables = [top.enable, bottom.enable].map(|enable| enable.map(low));
+    let phases = [top.phases, bottom.phases].map(|phases| phases.map(low));
+    Quiet { enables, phases }
 }
 
 /// Starts the PWM with both bridges off, and the tick's timer. `undivided` feeds the unit with its whole clock.
 pub(crate) fn start(
     unit: MCPWM0<'static>,
-    Quiet([top_enable, bottom_enable]): Quiet,
+    Quiet { enables: [top_enable, bottom_enable], phases: [top, bottom] }: Quiet,
     undivided: impl FnOnce(),
 ) -> (Motors, Carrier) {
     let clock = PeripheralClockConfig::with_prescaler(0);
@@ -95,12 +81,11 @@ pub(crate) fn start(
         pwm.timer0.start(carrier);
         pwm.timer1.start(tick);
     });
-    let [top, bottom] = BOARD.bridges;
-    let pins = |index: usize| (pin(top.phases[index]), pin(bottom.phases[index]));
-    let (a, b, c) = (pins(0), pins(1), pins(2));
-    let (top_a, bottom_a) = pwm.operator0.with_pins(a.0, phase(), a.1, phase());
-    let (top_b, bottom_b) = pwm.operator1.with_pins(b.0, phase(), b.1, phase());
-    let (top_c, bottom_c) = pwm.operator2.with_pins(c.0, phase(), c.1, phase());
+    // The HAL leaves an output as it is and connects the PWM to it, whose own outputs are low: no phase floats meanwhile.
+    let ([top_a, top_b, top_c], [bottom_a, bottom_b, bottom_c]) = (top, bottom);
+    let (top_a, bottom_a) = pwm.operator0.with_pins(top_a, phase(), bottom_a, phase());
+    let (top_b, bottom_b) = pwm.operator1.with_pins(top_b, phase(), bottom_b, phase());
+    let (top_c, bottom_c) = pwm.operator2.with_pins(top_c, phase(), bottom_c, phase());
     let motors = Motors {
         top: ThreePhase::new(top_a, top_b, top_c, top_enable),
         bottom: ThreePhase::new(bottom_a, bottom_b, bottom_c, bottom_enable),

@@ -7,7 +7,7 @@
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use esp_hal::Blocking;
-use esp_hal::gpio::{InputConfig, Output, Pull};
+use esp_hal::gpio::{AnyPin, Flex, InputConfig, Output, Pull};
 use esp_hal::spi::Mode;
 use esp_hal::spi::master::{Config, ConfigError, Spi};
 use esp_hal::time::Rate;
@@ -17,9 +17,9 @@ use flix_firmware::board::{EncoderKind, SpiPins};
 use flix_firmware::hardware::{Encoder, EncoderAngle, EncoderReading, Magnet, TICK_US};
 use flix_protocol::units::Instant;
 
-use crate::bridge::{output, pin};
 use crate::choice::BOARD;
 use crate::log::log;
+use crate::pins::low;
 
 /// A reading, or the lack of one, and when.
 #[derive(Debug, Clone, Copy)]
@@ -59,9 +59,9 @@ impl Encoders {
     /// Takes the bus of SPI encoders. Without it, nothing ever comes: the encoders are lost.
     pub(crate) fn on_spi(
         unit: impl esp_hal::spi::master::Instance + 'static,
-        kind: EncoderKind,
+        pins: SpiPins<AnyPin<'static>>,
     ) -> Self {
-        match SpiEncoders::new(unit, BOARD.spi, kind) {
+        match SpiEncoders::new(unit, pins, BOARD.encoder) {
             Ok(spi) => Self::Spi(spi),
             Err(error) => {
                 log!("encoders: their bus cannot be set up: {error:?}");
@@ -112,19 +112,19 @@ impl SpiEncoders {
     /// Takes the bus. Both kinds put data out on the rising edge: mode 1.
     fn new(
         unit: impl esp_hal::spi::master::Instance + 'static,
-        pins: SpiPins,
+        pins: SpiPins<AnyPin<'static>>,
         kind: EncoderKind,
     ) -> Result<Self, ConfigError> {
         let config = Config::default().with_frequency(SPI_CLOCK).with_mode(Mode::_1);
-        let mut miso = esp_hal::gpio::Flex::new(pin(pins.miso));
+        let mut miso = Flex::new(pins.miso);
         // Nobody there reads as ones.
         miso.apply_input_config(&InputConfig::default().with_pull(Pull::Up));
         miso.set_input_enable(true);
         let bus = Spi::new(unit, config)?
-            .with_sck(pin(pins.sclk))
-            .with_mosi(pin(pins.mosi))
+            .with_sck(pins.sclk)
+            .with_mosi(pins.mosi)
             .with_miso(miso.peripheral_input());
-        let mut selects = pins.selects.map(output);
+        let mut selects = pins.selects.map(low);
         selects.iter_mut().for_each(Output::set_high);
         let magnets = [Magnet::Good; 2];
         Ok(Self { bus, selects, kind, as5047p: [As5047p::new(); 2], magnets })

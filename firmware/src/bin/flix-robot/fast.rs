@@ -1,12 +1,12 @@
-//! The fast loop: the PWM's tick wakes it 10,000 times a second, above everything else.
+//! The fast loop: the PWM's tick interrupts everything else for it, 10,000 times a second.
 
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::signal::Signal;
+use core::cell::Cell;
+
+use critical_section::Mutex;
 use esp_hal::interrupt::Priority;
-use esp_hal::peripherals::{FROM_CPU_INTR2, TIMG1};
+use esp_hal::peripherals::TIMG1;
 use esp_hal::time::Duration;
 use esp_hal::timer::timg::{MwdtStage, TimerGroup, Wdt};
-use esp_rtos::embassy::InterruptExecutor;
 use flix_firmware::hardware::Sensors;
 use flix_firmware::robot::FastHalf;
 use static_cell::StaticCell;
@@ -15,7 +15,6 @@ use crate::bridge;
 use crate::chip::Electronics;
 use crate::clock::now;
 use crate::encoders::Encoders;
-use crate::log::log;
 use crate::shared::Shared;
 
 /// The chip starts anew when the loop has not run for so long.
@@ -23,9 +22,8 @@ const WATCHDOG: Duration = Duration::from_millis(200);
 /// While flash is erased, during which no code runs from it: ten times what a sector may take.
 const PATIENT_WATCHDOG: Duration = Duration::from_secs(4);
 
-/// The tick's interrupt to the loop.
-static TICK: Signal<CriticalSectionRawMutex, ()> = Signal::new();
-static EXECUTOR: StaticCell<InterruptExecutor<2>> = StaticCell::new();
+/// The loop between two rounds; nothing until it is started, and during a round.
+static LOOP: Mutex<Cell<Option<&'static mut Fed>>> = Mutex::new(Cell::new(None));
 
 /// What the loop works with.
 pub(crate) struct Loop {
@@ -37,6 +35,12 @@ pub(crate) struct Loop {
     pub(crate) electronics: Electronics,
     /// Encoders.
     pub(crate) encoders: Encoders,
+}
+
+/// The loop, and the watchdog that it feeds.
+struct Fed {
+    work: Loop,
+    watchdog: Wdt<TIMG1<'static>>,
 }
 
 /// Runs `work`, during which the loop may stand still, with a watchdog that waits for it.
@@ -58,45 +62,39 @@ pub(crate) fn with_patient_watchdog<R>(work: impl FnOnce() -> R) -> R {
 }
 
 /// Starts the loop on the core that calls, and its watchdog.
-pub(crate) fn start(
-    timers: TIMG1<'static>,
-    software_interrupt: FROM_CPU_INTR2<'static>,
-    work: Loop,
-) {
+pub(crate) fn start(timers: TIMG1<'static>, work: Loop) {
+    static FED: StaticCell<Fed> = StaticCell::new();
     let mut watchdog = TimerGroup::new(timers).wdt;
     watchdog.set_timeout(MwdtStage::Stage0, WATCHDOG);
     watchdog.enable();
-
-    let executor = EXECUTOR.init(InterruptExecutor::new(software_interrupt));
-    let spawner = executor.start(Priority::Priority3);
-    match run(work, watchdog) {
-        Ok(task) => spawner.spawn(task),
-        // The watchdog restarts the chip.
-        Err(error) => log!("the fast loop does not start: {error:?}"),
-    }
-
+    let fed = FED.init(Fed { work, watchdog });
+    critical_section::with(|token| LOOP.borrow(token).set(Some(fed)));
     bridge::listen(on_tick);
 }
 
+/// Does a round. A tick that comes meanwhile waits for its end.
 #[esp_hal::handler(priority = Priority::Priority3)]
 fn on_tick() {
     bridge::acknowledge();
-    TICK.signal(());
+    let Some(fed) = critical_section::with(|token| LOOP.borrow(token).take()) else { return };
+    fed.work.round();
+    critical_section::with(|token| {
+        fed.watchdog.feed();
+        LOOP.borrow(token).set(Some(fed));
+    });
 }
 
-#[embassy_executor::task]
-async fn run(mut work: Loop, mut watchdog: Wdt<TIMG1<'static>>) {
-    loop {
-        TICK.wait().await;
+impl Loop {
+    /// Reads, decides, drives.
+    fn round(&mut self) {
         let now = now();
         let sensors = Sensors {
-            encoders: work.encoders.read(now),
-            magnets: work.encoders.magnets(),
-            phase_current: work.electronics.phase_current(),
-            bus_voltage: work.electronics.bus_voltage(),
+            encoders: self.encoders.read(now),
+            magnets: self.encoders.magnets(),
+            phase_current: self.electronics.phase_current(),
+            bus_voltage: self.electronics.bus_voltage(),
         };
-        let actuation = work.half.tick(now, &sensors, &mut work.exchange);
-        work.electronics.motors.apply(&actuation);
-        critical_section::with(|_| watchdog.feed());
+        let actuation = self.half.tick(now, &sensors, &mut self.exchange);
+        self.electronics.motors.apply(&actuation);
     }
 }

@@ -4,7 +4,7 @@
 //!
 //! | who | where | how often |
 //! |---|---|---|
-//! | fast loop ([`fast`]) | an interrupt executor; core 1 of the ESP32 and S3, the C6's only core | 10 kHz |
+//! | fast loop ([`fast`]) | an interrupt; core 1 of the ESP32 and S3, the C6's only core | 10 kHz |
 //! | I2C encoders ([`encoders`]) | core 1's thread, below the fast loop | as fast as the bus |
 //! | network, settings, lights | embassy tasks on core 0 | as needed |
 //!
@@ -25,6 +25,7 @@ mod light;
 mod log;
 mod network;
 mod panic;
+mod pins;
 mod serial;
 mod shared;
 mod slow;
@@ -36,7 +37,6 @@ use embassy_executor::{SpawnError, SpawnToken, Spawner};
 use embassy_net::StackResources;
 use embassy_time::Timer;
 use esp_hal::clock::CpuClock;
-use esp_hal::peripherals::UART0;
 use esp_hal::rng::{Rng, Trng};
 use esp_hal::timer::timg::TimerGroup;
 use esp_radio::wifi::{Interface, WifiController};
@@ -123,14 +123,14 @@ async fn main(spawner: Spawner) {
         Entry::new(store, flash::SETTINGS),
     );
     let exchange = &*EXCHANGE.init(Shared::new(Exchange::new(report, SCOPE.take())));
-    chip::start_fast_loop(parts.fast, |electronics, encoders, timers, software_interrupt| {
-        fast::start(timers, software_interrupt, Loop { half, exchange, electronics, encoders });
+    chip::start_fast_loop(parts.fast, |electronics, encoders, timers| {
+        fast::start(timers, Loop { half, exchange, electronics, encoders });
     });
     // After the loop: it owns the watchdog, which has to wait. Nobody can arm the robot yet.
     if provisioner.finish_erasure().is_err() {
         log!("provisioning: a former key may still be in flash");
     }
-    let light = light::blink(bridge::output(BOARD.status_led), provisioning.is_some(), exchange);
+    let light = light::blink(pins::low(parts.status_led), provisioning.is_some(), exchange);
     spawn(spawner, "the light", light);
     // Without the port there is nobody to say it to.
     if let Some((receiver, transmitter)) = serial::port(parts.serial) {
@@ -156,7 +156,7 @@ fn spawn<S>(spawner: Spawner, name: &str, task: Result<SpawnToken<S>, SpawnError
 }
 
 /// Says for ever why this chip drives no motors.
-async fn refuse(spawner: Spawner, port: UART0<'static>, why: &str) -> ! {
+async fn refuse(spawner: Spawner, port: serial::Parts, why: &str) -> ! {
     if let Some((_, transmitter)) = serial::port(port) {
         spawn(spawner, "the log", log::drain(transmitter));
     }

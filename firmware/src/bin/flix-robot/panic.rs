@@ -5,16 +5,18 @@ use core::panic::PanicInfo;
 use esp_println::println;
 
 use crate::blackbox;
-use crate::bridge::output;
 use crate::choice::BOARD;
+use crate::pins::seize;
 
+#[expect(unsafe_code, reason = "the bridges' pins belong to the fast loop")]
 #[panic_handler]
 fn on_panic(info: &PanicInfo) -> ! {
     critical_section::with(|_| {
         // Taken from the PWM, driven low: off where there is an enable, else braking.
         for bridge in &BOARD.bridges {
             for pin in bridge.enable.iter().chain(&bridge.phases) {
-                core::mem::forget(output(*pin));
+                // SAFETY: the chip starts anew before it leaves this critical section.
+                unsafe { seize(*pin) };
             }
         }
         blackbox::keep_panic(info);

@@ -12,10 +12,9 @@ use flix_firmware::board::store::Entry;
 use flix_firmware::provision::Provisioner;
 use flix_protocol::provision::BAUD_RATE;
 
-use crate::bridge::pin;
-use crate::chip;
 use crate::flash::Flash;
 use crate::log::{self, log};
+use crate::pins::Serial;
 use crate::shared::Shared;
 
 /// Bytes taken at once.
@@ -33,18 +32,16 @@ pub(crate) fn silence() -> Option<core::time::Duration> {
 /// Rest between the answer and the restart, for the last bytes to leave.
 const REST: Duration = Duration::from_millis(200);
 
+/// What the port is made of.
+pub(crate) type Parts = (UART0<'static>, Serial);
+
 /// Opens both directions of the port; `None` when it cannot be had at its speed.
 pub(crate) fn port(
-    unit: UART0<'static>,
+    (unit, pins): Parts,
 ) -> Option<(UartRx<'static, Async>, UartTx<'static, Async>)> {
     let config = Config::default().with_baudrate(BAUD_RATE);
     let port = Uart::new(unit, config).ok()?;
-    Some(
-        port.with_rx(pin(chip::SERIAL_RECEIVE))
-            .with_tx(pin(chip::SERIAL_TRANSMIT))
-            .into_async()
-            .split(),
-    )
+    Some(port.with_rx(pins.receive).with_tx(pins.transmit).into_async().split())
 }
 
 /// Answers requests for ever. A robot that was provisioned anew restarts;

@@ -162,8 +162,8 @@ impl State {
     }
 }
 
-/// Executes up to `most` instructions beside what this log says. Where `within` names addresses, only instructions at these are in the
-/// log; between them all registers still have to come out alike.
+/// Executes instructions beside what this log says until `most` were compared. Where `within` names addresses, only instructions at
+/// these are in the log; between them all registers still have to come out alike.
 ///
 /// # Errors
 /// At the first difference.
@@ -218,7 +218,7 @@ pub fn compare<W: Write>(
             });
         }
         last = Some(state);
-        if instructions >= most {
+        if compared >= most {
             let windows = simulator.core.windows;
             return Ok(Compared { instructions, compared, windows, operations });
         }

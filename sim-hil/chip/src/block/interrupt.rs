@@ -72,6 +72,11 @@ impl Interrupts {
         self.matrix.field(4 * source, 0, 5)
     }
 
+    /// Returns whether a line is that of a source.
+    pub(crate) fn is_of(&self, source: u32, line: u32) -> bool {
+        self.line_of(source) == line
+    }
+
     /// Lines that ask for the processor.
     fn pending(&self) -> u32 {
         let mut levels = self.levels;

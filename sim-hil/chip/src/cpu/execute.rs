@@ -2,8 +2,8 @@
 
 use super::decode::{Instruction, Kind};
 use super::{
-    Access, Bus, Cpu, Exit, JUMPS, MSTATUS_MIE, MSTATUS_MPIE, PAGE_BITS, Refusal, cause, cost,
-    place,
+    Access, Bus, Cpu, Exit, FLASH_REGION, JUMPS, MSTATUS_MIE, MSTATUS_MPIE, PAGE_BITS, Refusal,
+    cause, cost, place,
 };
 use crate::fault::{Fault, Trouble};
 use crate::memory::{FLASH, FLASH_BYTES, RAM, RAM_BYTES};
@@ -33,6 +33,9 @@ impl Cpu {
                 instruction = self.decode(bus, region, index);
             }
             self.instructions += 1;
+            if region == FLASH_REGION {
+                self.tick.access(index);
+            }
             match self.execute(bus, instruction) {
                 Ok(()) => {}
                 Err(Incomplete::Exception(cause, value)) => {
@@ -169,6 +172,7 @@ impl Cpu {
                 self.mstatus = self.mstatus & !MSTATUS_MIE | previous >> 4 | MSTATUS_MPIE;
                 self.cycles += cost::JUMP;
                 self.pc = self.mepc;
+                self.tick.leave();
                 self.reservation = None;
                 return self.noticing(previous != 0);
             }
@@ -231,7 +235,10 @@ impl Cpu {
         let (bytes, offset) = match address.wrapping_sub(RAM) as usize {
             offset if offset < RAM_BYTES => (&memory.ram[..], offset),
             _ => match address.wrapping_sub(FLASH) as usize {
-                offset if offset < FLASH_BYTES => (&memory.flash[..], offset),
+                offset if offset < FLASH_BYTES => {
+                    self.tick.access(offset / 2);
+                    (&memory.flash[..], offset)
+                }
                 _ => return self.load_elsewhere(bus, address, size, taken),
             },
         };

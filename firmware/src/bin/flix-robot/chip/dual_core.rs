@@ -5,26 +5,26 @@ use core::sync::atomic::{AtomicPtr, AtomicUsize, Ordering};
 
 use esp_hal::Blocking;
 use esp_hal::analog::adc::{Adc, AdcChannel, AdcConfig, AdcPin, Attenuation};
+use esp_hal::gpio::AnyPin;
 use esp_hal::i2c::master::{Config, I2c, SoftwareTimeout};
 use esp_hal::mcpwm::timer::CounterDirection;
-use esp_hal::peripherals::{
-    ADC1, CPU_CTRL, FROM_CPU_INTR2, I2C0, I2C1, MCPWM0, Peripherals, SPI3, TIMG1,
-};
+use esp_hal::peripherals::{ADC1, CPU_CTRL, I2C0, I2C1, MCPWM0, Peripherals, SPI3, TIMG1};
 use esp_hal::system::{CpuControl, Stack};
 use esp_hal::time::{Duration, Rate};
 use esp_storage::FlashStorage;
 use flix_firmware::board::as5600::As5600;
-use flix_firmware::board::{EncoderKind, I2cPins, centred_start, counts_of_millivolts};
+use flix_firmware::board::{I2cPins, centred_start, counts_of_millivolts};
 use flix_protocol::message::ProgramCounters;
 use static_cell::StaticCell;
 
-use super::chosen::{BottomA, BottomB, Calibration, Divider, TopA, TopB};
+use super::chosen::{BottomA, BottomB, Calibration, Divider, TopA, TopB, is_converting};
 use super::parts::Parts;
-use crate::bridge::{self, Carrier, HALF_PERIOD, Motors, PWM_CLOCK_HZ, Quiet, pin};
+use crate::bridge::{self, Carrier, HALF_PERIOD, Motors, PWM_CLOCK_HZ, Quiet};
 use crate::choice::BOARD;
 use crate::clock::now;
 use crate::encoders::{Encoders, SAMPLES, Sample};
 use crate::log::log;
+use crate::pins::{self, Pins};
 
 /// Stack of core 1: the fast loop and the encoders; interrupts nest three deep at most.
 const STACK_BYTES: usize = 12 * 1024;
@@ -51,26 +51,31 @@ pub(crate) struct FastParts {
     converter: ADC1<'static>,
     encoders: EncoderUnits,
     timers: TIMG1<'static>,
-    software_interrupt: FROM_CPU_INTR2<'static>,
 }
 
 /// Shares the chip out, with both bridges off.
 pub(crate) fn share_out(chip: Peripherals) -> Parts<FastParts> {
-    let bridges = bridge::quiet();
+    let pins = Pins::new(chip.IO_MUX);
+    let bridges = bridge::quiet(pins.bridges);
     Parts {
         scheduler: (chip.TIMG0, chip.FROM_CPU_INTR0),
         low_power: chip.RTC_TIMER,
         flash: chip.FLASH,
         wifi: chip.WIFI,
-        serial: chip.UART0,
+        serial: (chip.UART0, pins.serial),
+        status_led: pins.status_led,
         fast: FastParts {
             core: chip.CPU_CTRL,
             bridges,
             pwm: chip.MCPWM0,
             converter: chip.ADC1,
-            encoders: EncoderUnits { top: chip.I2C0, bottom: chip.I2C1, spi: chip.SPI3 },
+            encoders: EncoderUnits {
+                pins: pins.encoders,
+                top: chip.I2C0,
+                bottom: chip.I2C1,
+                spi: chip.SPI3,
+            },
             timers: chip.TIMG1,
-            software_interrupt: chip.FROM_CPU_INTR2,
         },
     }
 }
@@ -78,14 +83,14 @@ pub(crate) fn share_out(chip: Peripherals) -> Parts<FastParts> {
 /// Starts the fast loop on core 1, which has no scheduler, and what reads I2C encoders below it.
 pub(crate) fn start_fast_loop(
     parts: FastParts,
-    start: impl FnOnce(Electronics, Encoders, TIMG1<'static>, FROM_CPU_INTR2<'static>) + Send + 'static,
+    start: impl FnOnce(Electronics, Encoders, TIMG1<'static>) + Send + 'static,
 ) {
     static STACK: StaticCell<Stack<STACK_BYTES>> = StaticCell::new();
-    let FastParts { core, bridges, pwm, converter, encoders, timers, software_interrupt } = parts;
+    let FastParts { core, bridges, pwm, converter, encoders, timers } = parts;
     let work = move || {
         let (encoders, i2c) = encoders.start();
         let electronics = Electronics::new(pwm, bridges, Analog::new(converter));
-        start(electronics, encoders, timers, software_interrupt);
+        start(electronics, encoders, timers);
         read_i2c_for_ever(i2c)
     };
     let stack = STACK.init_with(Stack::new);
@@ -240,6 +245,8 @@ impl Analog {
 
 /// Does one conversion and returns the counts of an ideal converter. A hung converter is a hung loop: the watchdog ends both.
 fn read(converter: &mut Converter, channel: &mut Channel<impl AdcChannel>) -> Option<i16> {
+    // Until it rests, a start may be lost (ESP-IDF, `adc_oneshot_ll_start` of both chips).
+    while is_converting() {}
     let millivolts = nb::block!(converter.read_oneshot(channel)).ok()?;
     Some(counts_of_millivolts(millivolts).cast_signed())
 }
@@ -252,8 +259,10 @@ pub(crate) fn share_with_other_core(flash: FlashStorage<'static>) -> FlashStorag
     flash.multicore_auto_park()
 }
 
-/// The units that encoders can be on.
+/// The units that encoders can be on, and their pins.
 pub(crate) struct EncoderUnits {
+    /// Pins of those that the board has.
+    pub(crate) pins: pins::Encoders,
     /// I2C master of the top encoder.
     pub(crate) top: I2C0<'static>,
     /// I2C master of the bottom encoder.
@@ -268,21 +277,21 @@ type I2cBuses = [Option<I2c<'static, Blocking>>; 2];
 impl EncoderUnits {
     /// Takes the units that the board's encoders need.
     fn start(self) -> (Encoders, I2cBuses) {
-        match (BOARD.encoder, BOARD.i2c) {
-            (EncoderKind::As5600, Some([top, bottom])) => {
+        match self.pins {
+            pins::Encoders::I2c([top, bottom]) => {
                 (Encoders::elsewhere(), [i2c(self.top, top), i2c(self.bottom, bottom)])
             }
-            (kind, _) => (Encoders::on_spi(self.spi, kind), [None, None]),
+            pins::Encoders::Spi(pins) => (Encoders::on_spi(self.spi, pins), [None, None]),
         }
     }
 }
 
 fn i2c(
     unit: impl esp_hal::i2c::master::Instance + 'static,
-    pins: I2cPins,
+    pins: I2cPins<AnyPin<'static>>,
 ) -> Option<I2c<'static, Blocking>> {
     let bus = I2c::new(unit, i2c_config(I2C_CLOCK)).ok()?;
-    Some(bus.with_sda(pin(pins.sda)).with_scl(pin(pins.scl)))
+    Some(bus.with_sda(pins.sda).with_scl(pins.scl))
 }
 
 fn i2c_config(clock: Rate) -> Config {

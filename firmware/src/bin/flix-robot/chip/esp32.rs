@@ -2,7 +2,7 @@
 
 use esp_hal::analog::adc::AdcCalLine;
 use esp_hal::efuse::{ChipRevision, chip_revision};
-use esp_hal::peripherals::{ADC1, GPIO34, GPIO35, GPIO36, GPIO39, LPWR};
+use esp_hal::peripherals::{ADC1, GPIO34, GPIO35, GPIO36, GPIO39, LPWR, SENS};
 use flix_firmware::board::Pin;
 
 use crate::choice::BOARD;
@@ -38,6 +38,11 @@ const _: () = {
 pub(crate) fn unsuitable() -> Option<&'static str> {
     (chip_revision() < ChipRevision::from_combined(300))
         .then_some("this ESP32 is older than revision 3 (erratum CPU-3.10): take a newer board")
+}
+
+/// Returns whether the converter is at work.
+pub(super) fn is_converting() -> bool {
+    SENS::regs().sar_slave_addr1().read().meas_status().bits() != 0
 }
 
 /// Lets a supply that sags reset the chip, which switches the bridges off.

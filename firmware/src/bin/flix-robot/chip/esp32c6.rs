@@ -9,18 +9,17 @@ use esp_hal::Blocking;
 use esp_hal::analog::adc::{
     Adc, AdcCalCurve, AdcCalScheme, AdcChannel, AdcConfig, Attenuation, RegisterAccess,
 };
-use esp_hal::peripherals::{
-    ADC1, FROM_CPU_INTR2, GPIO0, LP_ANA, MCPWM0, PCR, Peripherals, SPI2, TIMG1,
-};
+use esp_hal::peripherals::{ADC1, GPIO0, LP_ANA, MCPWM0, PCR, Peripherals, SPI2, TIMG1};
 use esp_storage::FlashStorage;
 use flix_firmware::backtrace;
-use flix_firmware::board::{EncoderKind, Pin, counts_of_millivolts};
+use flix_firmware::board::{Pin, counts_of_millivolts};
 use flix_protocol::message::ProgramCounters;
 
 use super::parts::Parts;
 use crate::bridge::{self, Carrier, Motors, Quiet};
 use crate::choice::BOARD;
 use crate::encoders::Encoders;
+use crate::pins::{self, Pins};
 
 /// Data from the USB connector.
 pub(crate) const SERIAL_RECEIVE: Pin = 17;
@@ -37,27 +36,27 @@ pub(crate) struct FastParts {
     bridges: Quiet,
     pwm: MCPWM0<'static>,
     converter: (ADC1<'static>, GPIO0<'static>),
-    spi: SPI2<'static>,
+    encoders: (SPI2<'static>, pins::Encoders),
     timers: TIMG1<'static>,
-    software_interrupt: FROM_CPU_INTR2<'static>,
 }
 
 /// Shares the chip out, with both bridges off.
 pub(crate) fn share_out(chip: Peripherals) -> Parts<FastParts> {
-    let bridges = bridge::quiet();
+    let pins = Pins::new(chip.IO_MUX);
+    let bridges = bridge::quiet(pins.bridges);
     Parts {
         scheduler: (chip.TIMG0, chip.FROM_CPU_INTR0),
         low_power: chip.RTC_TIMER,
         flash: chip.FLASH,
         wifi: chip.WIFI,
-        serial: chip.UART0,
+        serial: (chip.UART0, pins.serial),
+        status_led: pins.status_led,
         fast: FastParts {
             bridges,
             pwm: chip.MCPWM0,
             converter: (chip.ADC1, chip.GPIO0),
-            spi: chip.SPI2,
+            encoders: (chip.SPI2, pins.encoders),
             timers: chip.TIMG1,
-            software_interrupt: chip.FROM_CPU_INTR2,
         },
     }
 }
@@ -65,15 +64,15 @@ pub(crate) fn share_out(chip: Peripherals) -> Parts<FastParts> {
 /// Starts the fast loop above everything else on the only core.
 pub(crate) fn start_fast_loop(
     parts: FastParts,
-    start: impl FnOnce(Electronics, Encoders, TIMG1<'static>, FROM_CPU_INTR2<'static>),
+    start: impl FnOnce(Electronics, Encoders, TIMG1<'static>),
 ) {
-    let encoders = match BOARD.encoder {
+    let encoders = match parts.encoders {
         // `Board::check` refuses them on this chip.
-        EncoderKind::As5600 => Encoders::elsewhere(),
-        kind => Encoders::on_spi(parts.spi, kind),
+        (_, pins::Encoders::I2c(_)) => Encoders::elsewhere(),
+        (unit, pins::Encoders::Spi(pins)) => Encoders::on_spi(unit, pins),
     };
     let electronics = Electronics::new(parts.pwm, parts.bridges, parts.converter);
-    start(electronics, encoders, parts.timers, parts.software_interrupt);
+    start(electronics, encoders, parts.timers);
 }
 
 /// There is no second stack.

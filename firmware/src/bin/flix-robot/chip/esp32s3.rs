@@ -1,7 +1,7 @@
 //! ESP32-S3: the fast loop has core 1 to itself; currents on ADC1.
 
 use esp_hal::analog::adc::AdcCalCurve;
-use esp_hal::peripherals::{ADC1, GPIO1, GPIO2, GPIO4, GPIO5, GPIO6, LPWR};
+use esp_hal::peripherals::{ADC1, GPIO1, GPIO2, GPIO4, GPIO5, GPIO6, LPWR, SENS};
 use flix_firmware::board::Pin;
 
 use crate::choice::BOARD;
@@ -35,6 +35,11 @@ const _: () = {
 /// Every revision will do.
 pub(crate) const fn unsuitable() -> Option<&'static str> {
     None
+}
+
+/// Returns whether the converter is at work.
+pub(super) fn is_converting() -> bool {
+    SENS::regs().sar_slave_addr1().read().sar_saradc_meas_status().bits() != 0
 }
 
 /// Lets a supply that sags reset the chip, which switches the bridges off.
