@@ -99,10 +99,11 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             let run = find(args, run)?;
             let (has_track, has_timeline) = (record::has_track(&run), record::has_timeline(&run));
             if !has_track && !has_timeline {
-                return Err(Error::usage(format_args!(
+                let sentence = format_args!(
                     "{}: there is nothing to plot: the record has no rows of poses, commands or telemetry",
                     run.file.display()
-                )));
+                );
+                return Err(Error::new(Exit::Nothing, sentence));
             }
             let (folder, stem) = beside(&run, to.as_ref());
             let figures: [(_, _, &dyn Figure); 2] = [
