@@ -891,6 +891,24 @@ fn ctrl_c_stops_where_a_sequence_without_its_end_swallows_all_keys() {
 }
 
 #[test]
+fn a_sequence_without_its_end_lets_the_robot_rest_and_the_space_bar_stop() {
+    let begun = ["\u{1b}[200~pasted", "\u{1b}[<0;1", "\u{1b}[", "\u{1b}O", "\u{1b}[1;2"];
+    for begun in begun {
+        let (served, address) = serve(robot());
+        let operator = Operator::new();
+        let mut desk = Desk::new(operator.command(&["teleop", &address]));
+        desk.walk(&served);
+        desk.send(begun);
+        wait_until(|| served.robot().setpoint.frequency() == Hertz::ZERO);
+        assert!(!served.robot().stopped, "{begun:?}");
+        desk.send(" ");
+        wait_until(|| served.robot().stopped);
+        desk.child.kill().unwrap();
+        desk.child.wait().unwrap();
+    }
+}
+
+#[test]
 fn a_robot_rests_when_its_operator_looks_elsewhere() {
     let (served, address) = serve(robot());
     let operator = Operator::new();
