@@ -1245,6 +1245,9 @@ fn where_no_simulated_robot_runs_its_start_is_named_and_what_is_waited_for() {
         Operator::new().flix(&[command, &address]).expect(10, &words[..1]);
     }
     Operator::new().flix(&["clear", &address]).expect(10, &words);
+    let search = Operator::new().command_without_key(&["discover", "--for", "1.2s"]).output();
+    let said = String::from_utf8_lossy(&search.unwrap().stderr).into_owned();
+    assert!(said.contains("waiting for robots to announce themselves"), "{said}");
 }
 
 #[test]

@@ -392,7 +392,7 @@ function chart(id, of, wantedOf, floorRange) {
   draw(wantedOf, style.getPropertyValue("--commanded"), [4 * ratio, 3 * ratio]);
   draw(of, style.getPropertyValue("--measured"), []);
 }
-const figure = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−"));
+const figure = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace(/^-(?!0\.?0*$)/, "−").replace("-", ""));
 const write = (id, text) => { const element = byId(id); if (element.textContent !== text) element.textContent = text; };
 
 // ---- words
