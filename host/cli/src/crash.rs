@@ -32,7 +32,7 @@ pub struct Args {
     /// ELF file of the firmware that the robot runs, for the names of functions and lines.
     #[arg(long, value_name = "FILE")]
     elf: Option<PathBuf>,
-    /// Print JSON; null without an accident.
+    /// Print JSON.
     #[arg(long)]
     json: bool,
 }
@@ -40,7 +40,7 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// When the ELF file cannot be read or is of another build, or the robot cannot be reached.
+/// When the ELF file cannot be read or is of another build, the robot cannot be reached, or there was no accident.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let elf = args.elf.as_deref().map(|path| Ok::<_, Error>((path, read(path)?))).transpose()?;
     let symbols = match &elf {
@@ -58,16 +58,20 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if let (Some((path, symbols)), Some(report)) = (&symbols, &report) {
         check_build(path, symbols.build(), report)?;
     }
-    let crash = report.map(|report| Crash::new(&report, symbols.as_ref().map(|(_, it)| it)));
+    let Some(report) = report else {
+        return Err(Error::new(
+            Exit::Nothing,
+            "no accident and no fault before the robot's last start",
+        ));
+    };
+    let crash = Crash::new(&report, symbols.as_ref().map(|(_, it)| it));
     if args.json {
         print_json(&crash)?;
     } else {
-        print(&crash.as_ref().map_or_else(|| NOTHING.to_owned(), describe))?;
+        print(&describe(&crash))?;
     }
     Ok(Exit::Done.into())
 }
-
-const NOTHING: &str = "no accident and no fault before the robot's last start\n";
 
 fn read(path: &Path) -> Result<Vec<u8>, Error> {
     file::read(path, LARGEST_ELF)

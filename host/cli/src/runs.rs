@@ -40,7 +40,7 @@ enum Action {
     },
     /// Complete the record of a program that was killed, or one that is damaged, for other programs that read MCAP.
     ///
-    /// Where rows have to be left out, the file as it was stays beside it, with `.damaged` behind its name.
+    /// The file as it was stays beside it, with `.original` behind its name.
     Repair {
         /// Run: `last`, a part of its name, or its file.
         #[arg(default_value = "last")]
@@ -86,9 +86,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             let file = find(args, run)?.file;
             match repair(&file)? {
                 Some(Repaired { rows, original, .. }) => {
-                    if let Some(original) = original {
-                        complain(format_args!("as it was: {}", original.display()));
-                    }
+                    complain(format_args!("as it was: {}", original.display()));
                     print(&format!("completed, {rows} rows: {}\n", file.display()))?;
                 }
                 None => print(&format!("is complete: {}\n", file.display()))?,
@@ -99,10 +97,11 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             let run = find(args, run)?;
             let (has_track, has_timeline) = (record::has_track(&run), record::has_timeline(&run));
             if !has_track && !has_timeline {
-                return Err(Error::usage(format_args!(
+                let sentence = format_args!(
                     "{}: there is nothing to plot: the record has no rows of poses, commands or telemetry",
                     run.file.display()
-                )));
+                );
+                return Err(Error::new(Exit::Nothing, sentence));
             }
             let (folder, stem) = beside(&run, to.as_ref());
             let figures: [(_, _, &dyn Figure); 2] = [

@@ -375,7 +375,7 @@ fn a_drive_whose_robot_stops_by_itself_points_at_the_link() {
     let child = long_drive(&operator, &served);
     served.robot().state = State::Disarmed;
     let ended = Ended(child.wait_with_output().unwrap());
-    ended.expect(10, &["stopped by itself", "flix link-test", "flix clear"]);
+    ended.expect(34, &["stopped by itself", "flix link-test", "flix clear"]);
 }
 
 #[test]
@@ -670,6 +670,15 @@ fn commands_wait_for_a_state_that_passes() {
     }
 }
 
+#[test]
+fn what_a_state_does_not_allow_has_a_code_of_its_own() {
+    let operator = Operator::new();
+    let mut busy = robot();
+    busy.ramps_down_for = u32::MAX;
+    let (_served, address) = serve(busy);
+    operator.flix(&["clear", &address]).expect(32, &["is stopping and cannot do this now"]);
+}
+
 /// Starts a program at a terminal of 80 by 24 characters; returns it with the other side of that.
 fn at_a_terminal(mut command: Command) -> (Child, std::fs::File) {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -882,6 +891,24 @@ fn ctrl_c_stops_where_a_sequence_without_its_end_swallows_all_keys() {
 }
 
 #[test]
+fn a_sequence_without_its_end_lets_the_robot_rest_and_the_space_bar_stop() {
+    let begun = ["\u{1b}[200~pasted", "\u{1b}[<0;1", "\u{1b}[", "\u{1b}O", "\u{1b}[1;2"];
+    for begun in begun {
+        let (served, address) = serve(robot());
+        let operator = Operator::new();
+        let mut desk = Desk::new(operator.command(&["teleop", &address]));
+        desk.walk(&served);
+        desk.send(begun);
+        wait_until(|| served.robot().setpoint.frequency() == Hertz::ZERO);
+        assert!(!served.robot().stopped, "{begun:?}");
+        desk.send(" ");
+        wait_until(|| served.robot().stopped);
+        desk.child.kill().unwrap();
+        desk.child.wait().unwrap();
+    }
+}
+
+#[test]
 fn a_robot_rests_when_its_operator_looks_elsewhere() {
     let (served, address) = serve(robot());
     let operator = Operator::new();
@@ -1067,10 +1094,9 @@ fn without_an_accident_status_is_silent_about_it_and_crash_says_so() {
     let operator = Operator::new();
     let status = operator.flix(&["status", &address]).expect(0, &[]).stdout();
     assert!(!status.contains("flix crash"), "{status}");
-    let text = operator.flix(&["crash", &address]).expect(0, &[]).stdout();
-    assert!(text.contains("no accident"), "{text}");
-    let json = operator.flix(&["crash", &address, "--json"]).expect(0, &[]).json();
-    assert!(json.is_null(), "{json}");
+    for words in [&["crash", &address][..], &["crash", &address, "--json"]] {
+        operator.flix(words).expect(33, &["no accident"]);
+    }
 }
 
 #[cfg(target_os = "linux")]
@@ -1207,7 +1233,7 @@ fn a_drive_that_was_refused_leaves_no_record() {
     let operator = Operator::new();
     operator.flix(&drive(&address, &[])).expect(31, &["flix clear"]);
     let list = operator.command_without_key(&["runs", "show", "last"]).output().unwrap();
-    Ended(list).expect(2, &["no run"]);
+    Ended(list).expect(33, &["no run"]);
 }
 
 #[test]
@@ -1219,6 +1245,9 @@ fn where_no_simulated_robot_runs_its_start_is_named_and_what_is_waited_for() {
         Operator::new().flix(&[command, &address]).expect(10, &words[..1]);
     }
     Operator::new().flix(&["clear", &address]).expect(10, &words);
+    let search = Operator::new().command_without_key(&["discover", "--for", "1.2s"]).output();
+    let said = String::from_utf8_lossy(&search.unwrap().stderr).into_owned();
+    assert!(said.contains("waiting for robots to announce themselves"), "{said}");
 }
 
 #[test]

@@ -82,7 +82,7 @@ impl Exit {
         (Self::RobotFault, "the robot has a fault"),
         (Self::Stopped, "a stop is latched: `flix clear` ends it"),
         (Self::NotNow, "the robot cannot do this now, or did not do it in time"),
-        (Self::Nothing, "there is nothing to show, such as no fault"),
+        (Self::Nothing, "there is nothing to show: no fault, no accident, no run yet"),
         (Self::Rested, "the rotors came to rest because commands stayed away: start again"),
         (Self::Interrupted, "interrupted; the robot was stopped first"),
         (Self::PageLost, "the page cannot be served any more; the robot was stopped first"),
@@ -142,7 +142,6 @@ impl From<LinkError> for Error {
             | LinkError::Back
             | LinkError::Left
             | LinkError::Unanswered
-            | LinkError::Lapsed
             | LinkError::Refused(Refusal::LinkUnproven | Refusal::Late { .. }) => Exit::NoAnswer,
             LinkError::Connect(ConnectError::Busy(_)) => Exit::Held,
             LinkError::Connect(_) | LinkError::Revoked | LinkError::Refused(Refusal::Malformed) => {
@@ -161,7 +160,7 @@ impl From<LinkError> for Error {
             | LinkError::StoppedBy(_)
             | LinkError::StillStopped => Exit::Stopped,
             LinkError::Refused(Refusal::NotCaptured) => Exit::Nothing,
-            LinkError::Refused(Refusal::Rested) => Exit::Rested,
+            LinkError::Refused(Refusal::Rested) | LinkError::Lapsed => Exit::Rested,
             LinkError::Refused(_) | LinkError::State { .. } => Exit::NotNow,
             LinkError::Interrupted => Exit::Interrupted,
         };
@@ -202,7 +201,11 @@ impl From<SheetError> for Error {
 
 impl From<ReadError> for Error {
     fn from(error: ReadError) -> Self {
-        Self::usage(error)
+        let exit = match error {
+            ReadError::NoRuns(_) => Exit::Nothing,
+            _ => Exit::Usage,
+        };
+        Self::new(exit, error)
     }
 }
 
@@ -269,4 +272,29 @@ pub fn parse<C: FromArgMatches>(description: clap::Command) -> Result<C, ExitCod
         }
         _ => u8::try_from(error.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_ended_a_command_has_the_exit_code_of_its_kind() {
+        let state = |actual| LinkError::Refused(Refusal::State(actual));
+        for (error, exit) in [
+            (LinkError::Silent, Exit::NoAnswer),
+            (LinkError::Revoked, Exit::Refused),
+            (state(State::Faulted), Exit::RobotFault),
+            (LinkError::StillStopped, Exit::Stopped),
+            (state(State::Aligning), Exit::NotNow),
+            (LinkError::Refused(Refusal::NotCaptured), Exit::Nothing),
+            (LinkError::Refused(Refusal::Rested), Exit::Rested),
+            (LinkError::Lapsed, Exit::Rested),
+            (LinkError::Interrupted, Exit::Interrupted),
+        ] {
+            assert_eq!(Error::from(error).exit, exit);
+        }
+        let none_yet = ReadError::NoRuns("out".into());
+        assert_eq!(Error::from(none_yet).exit, Exit::Nothing);
+    }
 }

@@ -221,6 +221,16 @@ impl Parts {
         with_rows: bool,
     ) -> io::Result<Option<(Option<Part>, u64)>> {
         let header = self.bytes(at + PREFIX, CHUNK_HEADER)?;
+        for name in ["zstd", "lz4"] {
+            if number(&header, 28, 4) == name.len() as u64
+                && header.get(32..).is_some_and(|rest| rest.starts_with(name.as_bytes()))
+            {
+                let sentence = format!(
+                    "other programs have compressed it ({name}): `mcap decompress` writes it without"
+                );
+                return Err(io::Error::new(io::ErrorKind::Unsupported, sentence));
+            }
+        }
         let rows = at + PREFIX + CHUNK_HEADER;
         if let (false, Some(next)) = (with_rows, next) {
             return Ok(Some((None, next)));

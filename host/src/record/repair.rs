@@ -45,13 +45,13 @@ pub struct Repaired {
     pub rows: u64,
     /// What was left out.
     pub damage: Damage,
-    /// The file as it was, where something was left out.
-    pub original: Option<PathBuf>,
+    /// The file as it was.
+    pub original: PathBuf,
 }
 
 /// Completes a record from the parts that are whole; `None` when it is complete and not damaged. The file is replaced in one
-/// step. Where anything is left out, the original stays beside it, with `.damaged` behind its name. Follows no link, so that
-/// nothing outside the record's folder changes.
+/// step; the original stays beside it, with `.original` behind its name. Follows no link, so that nothing outside the record's
+/// folder changes.
 ///
 /// # Errors
 /// When it cannot be read, is not a record, is still being written, or the complete one cannot be written.
@@ -72,8 +72,7 @@ pub fn repair(file: &Path) -> Result<Option<Repaired>, RepairError> {
     let target = create(&new).map_err(write)?;
     let replaced = copy(file, &target).map_err(|error| failed(&new, error)).and_then(|rows| {
         target.sync_all().map_err(write)?;
-        let kept = run.damage.is_loss().then(|| keep(file)).transpose();
-        let original = kept.map_err(write)?;
+        let original = keep(file).map_err(write)?;
         std::fs::rename(&new, file).map_err(write)?;
         Ok(Repaired { rows, damage: run.damage, original })
     });
@@ -100,8 +99,8 @@ fn create(path: &Path) -> std::io::Result<File> {
 fn keep(file: &Path) -> std::io::Result<PathBuf> {
     let mut attempt = 1;
     loop {
-        let ending = if attempt == 1 { "damaged".to_owned() } else { format!("damaged-{attempt}") };
-        let kept = file.with_extension(format!("mcap.{ending}"));
+        let ending = if attempt == 1 { String::new() } else { format!("-{attempt}") };
+        let kept = file.with_extension(format!("mcap.original{ending}"));
         match std::fs::hard_link(file, &kept) {
             Ok(()) => return Ok(kept),
             Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => attempt += 1,

@@ -255,7 +255,7 @@ impl Driven {
         }
         let typed = screen.typed();
         // A robot does not walk on for nobody.
-        let mut is_left = self.setpoint.is_some() && typed.is_unwatched;
+        let mut is_left = self.setpoint.is_some() && typed.doubt.is_some();
         for action in typed.actions {
             match action {
                 Action::Stop | Action::Interrupt => return Err(LinkError::Interrupted.into()),

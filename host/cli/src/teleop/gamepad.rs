@@ -156,6 +156,9 @@ pub struct Pad {
 pub struct Hands {
     hands: BTreeMap<usize, Hand>,
     driver: Option<usize>,
+    /// What the one that drives showed last.
+    seen: Option<Reading>,
+    is_touched: bool,
 }
 
 impl Hands {
@@ -167,6 +170,9 @@ impl Hands {
             actions.extend(self.hands.entry(before).or_default().release());
         }
         self.driver = driver;
+        let seen = pads.iter().find(|pad| Some(pad.id) == driver).and_then(|pad| pad.reading);
+        let before = std::mem::replace(&mut self.seen, seen);
+        self.is_touched = self.is_held() && before != seen;
         self.hands.retain(|id, _| pads.iter().any(|pad| pad.id == *id));
         for pad in pads {
             let hand = self.hands.entry(pad.id).or_default();
@@ -186,9 +192,14 @@ impl Hands {
         actions
     }
 
-    /// Returns whether one lets the robot walk.
+    /// Returns whether a hand was on the one that lets the robot walk, at the last reading: what it shows has changed. A gamepad
+    /// whose radio is lost may show for ever what it showed last.
     #[must_use]
-    pub fn is_held(&self) -> bool {
+    pub const fn is_touched(&self) -> bool {
+        self.is_touched
+    }
+
+    fn is_held(&self) -> bool {
         self.driver.and_then(|id| self.hands.get(&id)).is_some_and(Hand::is_held)
     }
 
@@ -231,10 +242,10 @@ mod device {
             Self { gilrs: Gilrs::new().ok(), hands: Hands::default() }
         }
 
-        /// Returns whether one lets the robot walk.
+        /// Returns whether a hand was on the one that lets the robot walk, at the last reading.
         #[must_use]
-        pub fn is_held(&self) -> bool {
-            self.hands.is_held()
+        pub const fn is_touched(&self) -> bool {
+            self.hands.is_touched()
         }
 
         /// Returns what the operator wants now.
@@ -285,9 +296,9 @@ mod without {
             Self
         }
 
-        /// Returns that none does.
+        /// Returns that none was touched.
         #[must_use]
-        pub const fn is_held(&self) -> bool {
+        pub const fn is_touched(&self) -> bool {
             false
         }
 
@@ -427,6 +438,25 @@ mod tests {
         assert!(!hands.is_held());
         // It is back, and still held.
         assert_eq!(hands.read(&[pad(AHEAD)], &cockpit, at(30)), []);
+    }
+
+    #[test]
+    fn a_gamepad_that_shows_the_same_for_ever_has_no_hand_on_it() {
+        let (mut hands, mut cockpit) = (Hands::default(), cockpit(State::Running));
+        cockpit.wanted = Mode::Forward.setpoint();
+        let mut is_touched = |reading, time| {
+            hands.read(
+                &[Pad { id: 0, reading: Some(reading), is_pressed: false }],
+                &cockpit,
+                at(time),
+            );
+            hands.is_touched()
+        };
+        assert!(!is_touched(Reading { up: 0.1, ..Reading::default() }, 0));
+        is_touched(AHEAD, 10);
+        assert!(!is_touched(AHEAD, 20), "its radio may be lost");
+        assert!(is_touched(Reading { up: 0.99, ..AHEAD }, 30));
+        assert!(!is_touched(Reading { up: 0.99, ..AHEAD }, 40));
     }
 
     #[test]

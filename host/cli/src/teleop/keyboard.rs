@@ -63,7 +63,8 @@ const fn letter(code: KeyCode) -> KeyCode {
 /// Time between two keys that a hand leaves at the least: keys repeat up to 50 times per second, and a hand rolls over two
 /// of them in some 10 ms.
 const APART: Duration = Duration::from_millis(5);
-/// Most keys in one go that may come from a hand: a slow network hands over some together.
+/// Most keys in one go that may come from a hand: a slow network hands over some together. Even of these none arms, clears or
+/// begins a walk: two letters may be pasted.
 const TOGETHER: usize = 3;
 /// Longest pause within an answer of the terminal, which may come in pieces. Its end may be lost.
 const PAUSE: Duration = Duration::from_secs(1);
@@ -83,6 +84,8 @@ pub enum Report {
     Key(KeyEvent),
     /// Nobody looks: the focus is lost, or nobody is attached to tmux or screen.
     Unwatched,
+    /// A sequence has no end: what follows may be a part of it.
+    BrokenOff,
     /// It cannot be read any more.
     Closed,
 }
@@ -94,8 +97,8 @@ pub struct Typed {
     pub actions: Vec<Action>,
     /// Whether a key was pressed, with an action or without.
     pub is_touched: bool,
-    /// Whether nobody looks any more.
-    pub is_unwatched: bool,
+    /// Why a robot that walks has to rest, in words.
+    pub doubt: Option<&'static str>,
     /// Keys that came in one go and were dropped.
     pub dropped: usize,
 }
@@ -114,6 +117,8 @@ pub struct Typing {
     last: Duration,
     /// When the last character of an answer of the terminal came that has not ended yet.
     answer: Option<Duration>,
+    /// When the last character came of what follows a sequence without its end.
+    rest: Option<Duration>,
 }
 
 impl Typing {
@@ -151,16 +156,23 @@ impl Typing {
                 self.together.push(action.filter(|action| !is_calming(action)));
                 self.last = at;
             }
-            Report::Unwatched => self.ready.is_unwatched = true,
+            Report::Unwatched => self.ready.doubt = Some("nobody looks at the terminal"),
+            Report::BrokenOff => {
+                self.together.fill(None);
+                self.rest = Some(at);
+                self.ready.doubt = Some("the terminal broke off within a sequence");
+            }
             Report::Closed => self.ready.actions.push(Action::Interrupt),
         }
     }
 
-    /// Returns whether a key is a part of an answer of the terminal to somebody else.
+    /// Returns whether a key is a part of an answer of the terminal to somebody else, or may be one of a sequence without its end.
     fn answers(&mut self, at: Duration, key: KeyEvent) -> bool {
         let with = |modifier| key.modifiers.contains(modifier);
         let begins = with(KeyModifiers::ALT) && STRINGS.contains(&key.code);
-        let goes_on = self.answer.is_some_and(|last| at.saturating_sub(last) < PAUSE);
+        let goes_on_since =
+            |last: Option<Duration>| last.is_some_and(|last| at.saturating_sub(last) < PAUSE);
+        let (goes_on, is_rest) = (goes_on_since(self.answer), goes_on_since(self.rest));
         let ends = match key.code {
             KeyCode::Esc => true,
             KeyCode::Char('\\') => with(KeyModifiers::ALT),
@@ -168,7 +180,8 @@ impl Typing {
             _ => false,
         };
         self.answer = (begins || (goes_on && !ends)).then_some(at);
-        begins || goes_on
+        self.rest = is_rest.then_some(at);
+        begins || goes_on || is_rest
     }
 
     /// Returns what was typed since the last call, as far as that is known by now.
@@ -188,7 +201,16 @@ impl Typing {
             return;
         }
         self.ready.is_touched = true;
-        self.ready.actions.extend(keys.into_iter().flatten());
+        let begins =
+            |action: &Action| matches!(action, Action::Walk(_) | Action::Arm | Action::Clear);
+        let is_alone = keys.len() == 1;
+        for action in keys.into_iter().flatten() {
+            if is_alone || !begins(&action) {
+                self.ready.actions.push(action);
+            } else {
+                self.ready.dropped += 1;
+            }
+        }
     }
 }
 
@@ -225,8 +247,14 @@ mod tests {
         assert!(typed.is_touched && typed.dropped == 0);
         let text = type_text(&mut Typing::default(), "flix-walker", ms(0));
         assert_eq!(text, Typed { dropped: 11, ..Typed::default() });
-        // A slow network hands over two keys together.
-        assert_eq!(type_text(&mut Typing::default(), "wq", ms(0)).actions.len(), 2);
+        // A slow network hands over some keys together: they may change a walk, and begin none.
+        let begins = type_text(&mut Typing::default(), "wq", ms(0));
+        assert_eq!(begins, Typed { dropped: 2, is_touched: true, ..Typed::default() });
+        let mut typing = Typing::default();
+        for code in [KeyCode::Up, KeyCode::Up, KeyCode::Enter] {
+            typing.report(ms(1), key(code));
+        }
+        assert_eq!(typing.take(ms(50)).actions, [Action::Frequency(FREQUENCY_STEPS[0]); 2]);
     }
 
     #[test]
@@ -311,7 +339,7 @@ mod tests {
         typing.report(ms(1), Report::Unwatched);
         typing.report(ms(1), Report::Closed);
         let typed = typing.take(ms(1));
-        assert!(typed.is_unwatched && !typed.is_touched);
+        assert!(typed.doubt.is_some() && !typed.is_touched);
         assert_eq!(typed.actions, [Action::Interrupt]);
     }
 

@@ -4,6 +4,7 @@ pub mod gamepad;
 pub mod keyboard;
 mod multiplexer;
 pub mod screen;
+pub mod sequences;
 pub(crate) mod terminal;
 pub mod view;
 

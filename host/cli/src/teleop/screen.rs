@@ -65,7 +65,7 @@ pub fn run(
         }
         let (cockpit, client, now) = drive.operate();
         let typed = screen.typed();
-        if typed.is_touched || gamepads.is_held() {
+        if typed.is_touched || gamepads.is_touched() {
             cockpit.attend(now);
         }
         if typed.dropped > 0 {
@@ -79,8 +79,8 @@ pub fn run(
                 action => cockpit.act(action, client, now),
             }
         }
-        if typed.is_unwatched {
-            cockpit.abandon("nobody looks at the terminal", client, now);
+        if let Some(doubt) = typed.doubt {
+            cockpit.abandon(doubt, client, now);
         }
         for action in gamepads.read(cockpit, now) {
             cockpit.act(action, client, now);

@@ -3,10 +3,9 @@
 //! A terminal sends bytes for more than keys: for the wheel of a mouse (as arrow keys, unless the program asks for the mouse
 //! itself; xterm's control sequences, mode 1007), for pasted text (mode 2004 marks it), for a window that gains or loses the
 //! focus (mode 1004), and as answers to questions of other programs. All of that is asked for here and dropped, but for the
-//! lost focus. What still comes in one go is no typing, see [`keyboard::Typing`](super::keyboard::Typing).
-//!
-//! A sequence whose end is lost, of pasted text above all, swallows every key after it. Ctrl-C is therefore left to the
-//! terminal's driver, which makes a signal of it before any of that is read.
+//! lost focus. What still comes in one go is no typing, see [`keyboard::Typing`](super::keyboard::Typing), and a sequence whose
+//! end is lost swallows no key, see [`Sequences`]. Ctrl-C is left to the terminal's driver, which makes a signal of it before
+//! any of that is read.
 
 use std::io::{self, IsTerminal};
 use std::sync::Once;
@@ -14,15 +13,16 @@ use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use ratatui::crossterm::event::{
-    self, DisableBracketedPaste, DisableFocusChange, DisableMouseCapture, EnableBracketedPaste,
-    EnableFocusChange, EnableMouseCapture, Event, KeyboardEnhancementFlags,
-    PopKeyboardEnhancementFlags, PushKeyboardEnhancementFlags,
+    DisableBracketedPaste, DisableFocusChange, DisableMouseCapture, EnableBracketedPaste,
+    EnableFocusChange, EnableMouseCapture, KeyboardEnhancementFlags, PopKeyboardEnhancementFlags,
+    PushKeyboardEnhancementFlags,
 };
 use ratatui::crossterm::{execute, terminal};
 use ratatui::{DefaultTerminal, Frame};
 
 use super::keyboard::{Report, Typed, Typing};
 use super::multiplexer::Multiplexer;
+use super::sequences::{Heard, Sequences};
 
 /// Interval of looking whether anybody is attached to tmux or screen.
 const LOOK: Duration = Duration::from_secs(1);
@@ -31,7 +31,8 @@ const LOOK: Duration = Duration::from_secs(1);
 pub(crate) struct Screen {
     /// None once it is closed.
     terminal: Option<DefaultTerminal>,
-    reports: mpsc::Receiver<(Instant, Report)>,
+    heard: mpsc::Receiver<(Instant, Heard)>,
+    sequences: Sequences,
     typing: Typing,
     start: Instant,
 }
@@ -59,7 +60,8 @@ impl Screen {
         });
         let screen = Self {
             terminal: Some(terminal),
-            reports: reports(),
+            heard: heard(),
+            sequences: Sequences::default(),
             typing: Typing::new(holds),
             start: Instant::now(),
         };
@@ -85,10 +87,21 @@ impl Screen {
 
     /// Returns what was typed since the last call. Never waits.
     pub(crate) fn typed(&mut self) -> Typed {
-        for (at, report) in self.reports.try_iter() {
-            self.typing.report(at.saturating_duration_since(self.start), report);
+        for (at, heard) in self.heard.try_iter() {
+            let at = at.saturating_duration_since(self.start);
+            let reports = match heard {
+                Heard::Bytes(bytes) => self.sequences.take(at, &bytes),
+                Heard::Report(report) => vec![report],
+            };
+            for report in reports {
+                self.typing.report(at, report);
+            }
         }
-        self.typing.take(self.start.elapsed())
+        let now = self.start.elapsed();
+        for report in self.sequences.settle(now) {
+            self.typing.report(now, report);
+        }
+        self.typing.take(now)
     }
 }
 
@@ -150,36 +163,68 @@ fn reports_releases() -> io::Result<bool> {
     Ok(supports.unwrap_or(false))
 }
 
-/// Returns what the terminal reports, as it does. Threads of their own read it: a read of a terminal that closes at that moment
-/// never returns.
-fn reports() -> mpsc::Receiver<(Instant, Report)> {
-    let (sender, reports) = mpsc::channel();
+/// Returns what the terminal lets us know, as it does. Threads of their own read it: a read of a terminal that closes at that
+/// moment never returns.
+fn heard() -> mpsc::Receiver<(Instant, Heard)> {
+    let (sender, heard) = mpsc::channel();
     let looking = sender.clone();
     std::thread::spawn(move || {
         loop {
-            let report = match event::read() {
-                Ok(Event::Key(key)) => Report::Key(key),
-                Ok(Event::FocusLost) => Report::Unwatched,
-                // The mouse, pasted text, a window of another size, a focus that is back.
-                Ok(_) => continue,
-                // A terminal that cannot be read is closed.
-                Err(_) => Report::Closed,
+            // A terminal that cannot be read is closed.
+            let is_open = match read() {
+                Ok(None) => continue,
+                Ok(Some(heard)) => sender.send((Instant::now(), heard)).is_ok(),
+                Err(_) => {
+                    let _ = sender.send((Instant::now(), Heard::Report(Report::Closed)));
+                    false
+                }
             };
-            if sender.send((Instant::now(), report)).is_err() || report == Report::Closed {
+            if !is_open {
                 return;
             }
         }
     });
     if let Some(multiplexer) = Multiplexer::around() {
         std::thread::spawn(move || {
-            let is_sent = || looking.send((Instant::now(), Report::Unwatched)).is_ok();
+            let unwatched = || (Instant::now(), Heard::Report(Report::Unwatched));
+            let is_sent = || looking.send(unwatched()).is_ok();
             // Where it cannot be known, the operator's patience decides.
             while multiplexer.is_attached() != Some(false) || is_sent() {
                 std::thread::sleep(LOOK);
             }
         });
     }
-    reports
+    heard
+}
+
+/// Waits for bytes of the terminal.
+#[cfg(unix)]
+fn read() -> io::Result<Option<Heard>> {
+    use rustix::io::Errno;
+    let mut bytes = [0; 4096];
+    match rustix::io::read(io::stdin(), &mut bytes) {
+        Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
+        Ok(length) => Ok(bytes.get(..length).map(|bytes| Heard::Bytes(bytes.to_vec()))),
+        Err(Errno::INTR) => Ok(None),
+        // Who shares it with us does not wait.
+        Err(Errno::AGAIN) => {
+            use rustix::event::{PollFd, PollFlags, poll};
+            poll(&mut [PollFd::new(&io::stdin(), PollFlags::IN)], None)?;
+            Ok(None)
+        }
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// Waits for an event of the terminal: here the system makes them.
+#[cfg(not(unix))]
+fn read() -> io::Result<Option<Heard>> {
+    use ratatui::crossterm::event::{Event, read};
+    Ok(match read()? {
+        Event::Key(key) => Some(Heard::Report(Report::Key(key))),
+        Event::FocusLost => Some(Heard::Report(Report::Unwatched)),
+        _ => None,
+    })
 }
 
 /// Returns whether the terminal is closed: it is no terminal any more.

@@ -250,12 +250,12 @@ fn gauge_lines(cockpit: &Cockpit, telemetry: &Telemetry, width: usize) -> Vec<Li
         row(
             "f",
             centred(frequency / most_f, wanted.frequency().get() / most_f, bar, FORCE),
-            format!("{frequency:+.2} Hz"),
+            format!("{} Hz", signed(frequency, 2)),
         ),
         row(
             "theta",
             centred(direction / most_theta, wanted.direction().get() / most_theta, bar, FORCE),
-            format!("{direction:+.1} deg"),
+            format!("{} deg", signed(direction, 1)),
         ),
         current("top", currents[0], TOP_ROTOR),
         current("bottom", currents[1], BOTTOM_ROTOR),
@@ -427,6 +427,12 @@ struct Curve {
     color: Color,
 }
 
+/// Returns a number with its sign; what is shown as nothing has a plus.
+fn signed(value: f32, digits: usize) -> String {
+    let text = format!("{value:+.digits$}");
+    if text.contains(|digit| matches!(digit, '1'..='9')) { text } else { text.replace('-', "+") }
+}
+
 /// One row a quantity: name, curve, newest value.
 fn draw_histories(frame: &mut Frame<'_>, area: Rect, cockpit: &Cockpit) {
     let Some(newest) = cockpit.history.back().copied() else {
@@ -438,12 +444,18 @@ fn draw_histories(frame: &mut Frame<'_>, area: Rect, cockpit: &Cockpit) {
     let (empty, full) = BATTERY_RANGE;
     let curve = |name, quantity, range, value, color| Curve { name, quantity, range, value, color };
     let rows = [
-        curve("f", |it| Some(it.frequency), (-f, f), format!("{:+.1} Hz", newest.frequency), FORCE),
+        curve(
+            "f",
+            |it| Some(it.frequency),
+            (-f, f),
+            format!("{} Hz", signed(newest.frequency, 1)),
+            FORCE,
+        ),
         curve(
             "theta",
             |it| Some(it.direction),
             (-theta, theta),
-            format!("{:+.0} deg", newest.direction),
+            format!("{} deg", signed(newest.direction, 0)),
             FORCE,
         ),
         curve(
@@ -586,4 +598,15 @@ fn draw_keys(frame: &mut Frame<'_>, area: Rect) {
         })
         .collect();
     frame.render_widget(Paragraph::new(lines), area);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_has_one_sign() {
+        let shown = [-0.04, 0.04, -0.06, -10.0].map(|value| signed(value, 1));
+        assert_eq!(shown, ["+0.0", "+0.0", "-0.1", "-10.0"]);
+    }
 }

@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use flix_protocol::units::Instant;
+use natnet::command::{disconnect_datagram, keepalive_datagram};
 use natnet::{PlannedBody, SyntheticServer, Version};
 
 use super::*;
@@ -276,7 +277,7 @@ struct Motive {
     counts_anew: bool,
     /// Number of its multicast group.
     multicast: Option<u8>,
-    /// Datagrams of each kind that are lost before it hears one.
+    /// Datagrams of each kind that are lost before it hears one, and again once it starts anew.
     deaf_for: usize,
     bodies: &'static [(&'static str, i32)],
 }
@@ -416,6 +417,7 @@ impl Motive {
                     }
                     if self.restarts_after == Some(number) && lives > 0 {
                         lives -= 1;
+                        heard = [0; 3];
                         client = client.filter(|_| !self.forgets_clients);
                         (is_newer, number) = (self.minor > 1, number + 1);
                         bodies = self.becomes.unwrap_or(bodies);
@@ -522,6 +524,7 @@ fn a_body_that_gets_another_number_is_followed_and_its_old_number_is_not_trusted
         Motive { lists_them: true, ..swapped },
         Motive { forgets_clients: true, ..swapped },
         Motive { minor: 2, forgets_clients: true, ..swapped },
+        Motive { deaf_for: 1, ..said },
         said,
     ] {
         let bodies = motive.beside(|server| {
@@ -543,6 +546,46 @@ fn a_body_that_gets_another_number_is_followed_and_its_old_number_is_not_trusted
         });
         assert_eq!(bodies, [(OTHER.to_owned(), 3), ("flix-walker".to_owned(), 4)]);
     }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn an_answer_of_somebody_else_is_none() {
+    let bind = |last| std::net::UdpSocket::bind((Ipv4Addr::new(127, 0, 0, last), 0)).unwrap();
+    let (server, stranger) = (bind(1), bind(2));
+    let SocketAddr::V4(address) = server.local_addr().unwrap() else { panic!("IPv4") };
+    let timeout = Duration::from_millis(300);
+    let settings = NatNetSettings { timeout, ..to(address, Body::Only) };
+    let client = std::thread::spawn(move || NatNetSource::connect(settings).err());
+    let (_, from) = server.recv_from(&mut [0; 1024]).unwrap();
+    stranger.send_to(&MOTIVE.info(), from).unwrap();
+    assert!(matches!(client.join().unwrap(), Some(NatNetError::NoAnswer(_))));
+}
+
+#[test]
+fn a_server_hears_four_times_a_second_who_listens_and_when_nobody_does() {
+    let motive = Motive { minor: 1, ..MOTIVE };
+    let server = std::net::UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+    server.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+    let SocketAddr::V4(address) = server.local_addr().unwrap() else { panic!("IPv4") };
+    std::thread::spawn(move || {
+        let mut source = NatNetSource::connect(to(address, Body::Only)).unwrap();
+        for quarter in 0..12 {
+            source.poll(Instant::from_micros(250_000 * quarter)).unwrap();
+        }
+    });
+    let (mut signs, mut buffer) = (0, [0; 1024]);
+    loop {
+        let (length, from) = server.recv_from(&mut buffer).unwrap();
+        match &buffer[..length] {
+            [0, ..] => drop(server.send_to(&motive.info(), from).unwrap()),
+            [4, ..] => drop(server.send_to(&Motive::model(motive.bodies, false), from).unwrap()),
+            datagram if *datagram == keepalive_datagram() => signs += 1,
+            datagram if *datagram == disconnect_datagram() => break,
+            datagram => panic!("{datagram:?}"),
+        }
+    }
+    assert_eq!(signs, 12);
 }
 
 #[test]

@@ -194,9 +194,9 @@ function showScope({ begin_ms, step_ms, channels }) {
 
 // ---- gamepads: the one that was touched last drives, and any stops; obeyed after it was seen neutral, and again after
 // everything that lets the robot rest
-const pad = { index: undefined, neutral: false, mode: undefined, since: 0 };
+const pad = { index: undefined, neutral: false, mode: undefined, since: 0, shown: "", changed: 0 };
 const BUTTONS = { 1: "stop", 3: "clear", 8: "disarm", 9: "arm" };
-const DEAD_ZONE = 0.25, DEFLECTED = 0.6;
+const DEAD_ZONE = 0.25, DEFLECTED = 0.6, UNTOUCHED_MS = 30000;
 // By gamepad: the buttons that were down when it was seen last; those that were neutral then.
 const held = new Map(), wasNeutral = new Set();
 // A browser may have none, or give none to a page that is not encrypted. One that cannot be read is none: what it drives
@@ -259,6 +259,10 @@ function readGamepad(now) {
   if (!drives() || !(state === "armed" || state === "running")) pad.mode = undefined;
   // The robot rests although the stick commands: something let it rest.
   if (pad.mode !== undefined && now - pad.since > SETTLED_MS && !isWanted()) release();
+  // One whose radio is lost may show for ever what it showed last.
+  const shown = JSON.stringify([gamepad.axes, gamepad.buttons]);
+  if (shown !== pad.shown) Object.assign(pad, { shown, changed: now });
+  if (pad.mode !== undefined && now - pad.changed > UNTOUCHED_MS) release();
   if (isNeutral(gamepad)) pad.neutral = true;
   if (!pad.neutral) return "let go of stick and buttons first";
   const mode = wantedBy(gamepad);
@@ -388,7 +392,7 @@ function chart(id, of, wantedOf, floorRange) {
   draw(wantedOf, style.getPropertyValue("--commanded"), [4 * ratio, 3 * ratio]);
   draw(of, style.getPropertyValue("--measured"), []);
 }
-const figure = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−"));
+const figure = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace(/^-(?!0\.?0*$)/, "−").replace("-", ""));
 const write = (id, text) => { const element = byId(id); if (element.textContent !== text) element.textContent = text; };
 
 // ---- words

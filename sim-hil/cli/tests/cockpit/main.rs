@@ -519,6 +519,14 @@ impl Desk {
         let pressed = "{ ...window.pad(3, 'standard', [0, 0]), buttons: [{ pressed: false }, { pressed: true }] }";
         self.arm()?;
         self.walk(|desk| desk.push_from_neutral([0.0, -1.0]))?;
+        // One whose radio is lost shows for ever what it showed last.
+        self.browser.run(
+            "const frame = window.requestAnimationFrame.bind(window);
+             window.requestAnimationFrame = (draw) => frame((now) => draw(now + 31000));",
+        )?;
+        self.until_resting()?;
+        self.until_text("gamepad", "let go of stick and buttons first")?;
+        self.walk(|desk| desk.push_from_neutral([0.0, -1.0]))?;
         // B of another one, which this browser shows only now.
         self.pads(&format!("[null, window.pad(1, 'standard', window.stick), {pressed}]"))?;
         self.until_text("state", "stopped")?;

@@ -1,0 +1,297 @@
+//! Splits the bytes of a terminal into keys and everything else.
+//!
+//! A control sequence goes from its introducer to its final byte (ECMA-48, 5.4), pasted text from `CSI 200 ~` to `CSI 201 ~`
+//! (xterm's control sequences, mode 2004). Either may come in pieces, and its end may be lost: whatever has none after
+//! [`WHOLE`] is reported as [broken off](Report::BrokenOff), and its bytes as the keys that they may be, since a space bar may
+//! be among them.
+
+use std::borrow::Cow;
+use std::time::Duration;
+
+use terminput::Event;
+use terminput_crossterm::to_crossterm_key;
+
+use super::keyboard::Report;
+
+const ESCAPE: u8 = 0x1b;
+/// What pasted text stands between, after the introducer.
+const PASTE: [&[u8]; 2] = [b"200~", b"\x1b[201~"];
+/// Longest time from the first byte of a sequence to its last.
+const WHOLE: Duration = Duration::from_millis(200);
+/// Time after which an escape begins nothing: it is the key.
+const ALONE: Duration = Duration::from_millis(50);
+
+/// What a terminal lets a program know.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Heard {
+    /// Bytes, as they came.
+    Bytes(Vec<u8>),
+    /// What is known already.
+    Report(Report),
+}
+
+/// The bytes of a terminal, as far as they are no whole sequence yet.
+#[derive(Debug, Clone, Default)]
+pub struct Sequences {
+    pending: Vec<u8>,
+    /// When the first of them came.
+    since: Duration,
+}
+
+impl Sequences {
+    /// Returns what bytes report that came at this time. Never panics.
+    pub fn take(&mut self, at: Duration, bytes: &[u8]) -> Vec<Report> {
+        let mut reports = self.settle(at);
+        if self.pending.is_empty() {
+            self.since = at;
+        }
+        self.pending.extend_from_slice(bytes);
+        self.split(at, &mut reports);
+        reports
+    }
+
+    /// Returns what bytes report that nothing followed by now.
+    pub fn settle(&mut self, now: Duration) -> Vec<Report> {
+        let mut reports = Vec::new();
+        let is_alone = self.pending == [ESCAPE];
+        let patience = if is_alone { ALONE } else { WHOLE };
+        if self.pending.is_empty() || now.saturating_sub(self.since) < patience {
+            return reports;
+        }
+        if is_alone {
+            self.pending.clear();
+            reports.extend(report(&[ESCAPE]));
+        } else {
+            reports.push(Report::BrokenOff);
+            self.pending.remove(0);
+            self.split(now, &mut reports);
+        }
+        reports
+    }
+
+    fn split(&mut self, at: Duration, reports: &mut Vec<Report>) {
+        while let Some(length) = length(&self.pending) {
+            let sequence: Vec<u8> = self.pending.drain(..length).collect();
+            reports.extend(report(&sequence));
+            self.since = at;
+        }
+    }
+}
+
+/// Returns the length of the sequence or character that bytes begin with, 1 or more; None if that is not known yet.
+fn length(bytes: &[u8]) -> Option<usize> {
+    match bytes {
+        [] | [ESCAPE] => None,
+        [ESCAPE, ESCAPE, ..] => Some(1),
+        [ESCAPE, b'[', rest @ ..] => Some(2 + control_sequence(rest)?),
+        [ESCAPE, b'O', rest @ ..] => Some(2 + usize::from(rest.first()?.is_ascii_graphic())),
+        [ESCAPE, rest @ ..] => Some(1 + character(rest)?),
+        bytes => character(bytes),
+    }
+}
+
+/// Returns how many bytes after the introducer belong to a control sequence.
+fn control_sequence(bytes: &[u8]) -> Option<usize> {
+    let [begin, end] = PASTE;
+    if bytes.starts_with(begin) {
+        return Some(bytes.windows(end.len()).position(|window| window == end)? + end.len());
+    }
+    match bytes.first()? {
+        // A button of the mouse, in the oldest encoding; a function key of Linux' console.
+        b'M' => (bytes.len() >= 4).then_some(4),
+        b'[' => (bytes.len() >= 2).then_some(2),
+        _ => {
+            // No terminal sends a space in one.
+            let end = bytes.iter().position(|byte| !(b'!'..=b'?').contains(byte))?;
+            let is_final = (b'@'..=b'~').contains(bytes.get(end)?);
+            Some(end + usize::from(is_final))
+        }
+    }
+}
+
+/// Returns the length of the character that bytes begin with; 1 or more also where they are none.
+fn character(bytes: &[u8]) -> Option<usize> {
+    let valid = match std::str::from_utf8(bytes) {
+        Ok(text) => text,
+        Err(error) if error.valid_up_to() == 0 => return error.error_len(),
+        Err(error) => std::str::from_utf8(bytes.get(..error.valid_up_to())?).ok()?,
+    };
+    valid.chars().next().map(char::len_utf8)
+}
+
+/// Returns a key with modifiers in the form that is known, `CSI character ; modifiers u`; xterm, and tmux for others, has
+/// `CSI 27 ; modifiers ; character ~` as well (its resource `formatOtherKeys`).
+fn with_modifiers(sequence: &[u8]) -> Cow<'_, [u8]> {
+    let inner = sequence.strip_prefix(b"\x1b[27;").and_then(|rest| rest.strip_suffix(b"~"));
+    let parts = inner.and_then(|inner| std::str::from_utf8(inner).ok()?.split_once(';'));
+    match parts {
+        Some((modifiers, character)) => {
+            format!("\x1b[{character};{modifiers}u").into_bytes().into()
+        }
+        None => sequence.into(),
+    }
+}
+
+/// Returns what a whole sequence reports: a key or a lost focus. The mouse, pasted text and what is unknown report nothing.
+fn report(sequence: &[u8]) -> Option<Report> {
+    let is_mouse = sequence.starts_with(b"\x1b[") && matches!(sequence, [.., b'm'] | [.., b'M']);
+    if is_mouse || sequence.starts_with(b"\x1b[M") {
+        return None;
+    }
+    match Event::parse_from(&with_modifiers(sequence)) {
+        Ok(Some(Event::Key(key))) => Some(Report::Key(to_crossterm_key(key))),
+        Ok(Some(Event::FocusLost)) => Some(Report::Unwatched),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+
+    use super::super::keyboard::Typing;
+    use super::*;
+    use flix_host::teleop::action::Action;
+
+    fn ms(time: u64) -> Duration {
+        Duration::from_millis(time)
+    }
+
+    fn key(code: KeyCode, modifiers: KeyModifiers) -> Report {
+        Report::Key(KeyEvent::new(code, modifiers))
+    }
+
+    /// Sequences and what each reports.
+    fn sequences() -> Vec<(&'static str, Option<Report>)> {
+        let plain = |code| Some(key(code, KeyModifiers::NONE));
+        vec![
+            ("w", plain(KeyCode::Char('w'))),
+            ("W", Some(key(KeyCode::Char('W'), KeyModifiers::SHIFT))),
+            (" ", plain(KeyCode::Char(' '))),
+            ("\r", plain(KeyCode::Enter)),
+            ("\u{7f}", plain(KeyCode::Backspace)),
+            ("\u{3}", Some(key(KeyCode::Char('c'), KeyModifiers::CONTROL))),
+            ("\u{e9}", plain(KeyCode::Char('\u{e9}'))),
+            ("\u{1b}[A", plain(KeyCode::Up)),
+            ("\u{1b}OA", plain(KeyCode::Up)),
+            ("\u{1b}[1;2C", Some(key(KeyCode::Right, KeyModifiers::SHIFT))),
+            ("\u{1b}[3~", plain(KeyCode::Delete)),
+            ("\u{1b}[27u", plain(KeyCode::Esc)),
+            // Shift and the space bar, Ctrl and C, in both forms.
+            ("\u{1b}[32;2u", Some(key(KeyCode::Char(' '), KeyModifiers::SHIFT))),
+            ("\u{1b}[27;2;32~", Some(key(KeyCode::Char(' '), KeyModifiers::SHIFT))),
+            ("\u{1b}[99;5u", Some(key(KeyCode::Char('c'), KeyModifiers::CONTROL))),
+            ("\u{1b}[27;5;99~", Some(key(KeyCode::Char('c'), KeyModifiers::CONTROL))),
+            ("\u{1b}x", Some(key(KeyCode::Char('x'), KeyModifiers::ALT))),
+            ("\u{1b}\u{e9}", Some(key(KeyCode::Char('\u{e9}'), KeyModifiers::ALT))),
+            ("\u{1b}[O", Some(Report::Unwatched)),
+            ("\u{1b}[I", None),
+            ("\u{1b}[200~was ist los w\r\u{1b}[A\u{1b}[201~", None),
+            ("\u{1b}[<64;40;12M", None),
+            ("\u{1b}[<0;0;0m", None),
+            ("\u{1b}[32;0;0M", None),
+            ("\u{1b}[M !w", None),
+            // How a terminal is, what it is and which colours it prefers; a key that no crate knows.
+            ("\u{1b}[0n", None),
+            ("\u{1b}[?62;22c", None),
+            ("\u{1b}[?997;1n", None),
+            ("\u{1b}[?2026;2$y", None),
+            ("\u{1b}[99~", None),
+        ]
+    }
+
+    #[test]
+    fn a_sequence_reports_the_same_in_whichever_pieces_it_comes() {
+        for (text, report) in sequences() {
+            // What follows is read as before.
+            let (text, reports) = (
+                format!("{text}w"),
+                report.into_iter().chain([key(KeyCode::Char('w'), KeyModifiers::NONE)]),
+            );
+            let reports: Vec<_> = reports.collect();
+            for cut in 0..=text.len() {
+                let (begin, end) = text.as_bytes().split_at(cut);
+                let mut sequences = Sequences::default();
+                let mut heard = sequences.take(ms(0), begin);
+                heard.extend(sequences.take(ms(40), end));
+                heard.extend(sequences.settle(ms(1000)));
+                assert_eq!(heard, reports, "{text:?} at {cut}");
+            }
+            let mut sequences = Sequences::default();
+            let single: Vec<_> = (0..)
+                .zip(text.bytes())
+                .flat_map(|(at, byte)| sequences.take(ms(at), &[byte]))
+                .collect();
+            assert_eq!(single, reports, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn an_escape_is_a_key_once_nothing_followed_and_never_swallows_an_arrow() {
+        let escape = key(KeyCode::Esc, KeyModifiers::NONE);
+        let mut sequences = Sequences::default();
+        assert_eq!(sequences.take(ms(100), b"\x1b"), []);
+        assert_eq!(sequences.settle(ms(149)), []);
+        assert_eq!(sequences.settle(ms(150)), [escape]);
+        let up = key(KeyCode::Up, KeyModifiers::NONE);
+        assert_eq!(sequences.take(ms(200), b"\x1b\x1b[A"), [escape, up]);
+        assert_eq!(sequences.settle(ms(9000)), []);
+    }
+
+    #[test]
+    fn a_sequence_without_its_end_swallows_no_stop_and_starts_nothing() {
+        let whole = sequences().into_iter().map(|(text, _)| text).filter(|text| text.len() > 1);
+        for text in whole.chain(["\u{1b}[200~w", "\u{1b}[200~w\u{1b}[201"]) {
+            for cut in (1..text.len()).filter(|cut| text.as_bytes()[..*cut] != *b"\x1b") {
+                let begun = &text.as_bytes()[..cut];
+                let (mut sequences, mut typing) = (Sequences::default(), Typing::default());
+                let mut typed = |at, bytes: &[u8]| {
+                    let settled = sequences.settle(ms(at));
+                    for report in settled.into_iter().chain(sequences.take(ms(at), bytes)) {
+                        typing.report(ms(at), report);
+                    }
+                    typing.take(ms(at + 6))
+                };
+                let at_once = typed(0, begun);
+                let begun_is_whole = length(begun).is_some();
+                let then = typed(200, b"");
+                assert_eq!(then.doubt.is_some(), !begun_is_whole, "{begun:?}");
+                for actions in [at_once.actions, then.actions, typed(300, b"w").actions] {
+                    let walks = actions.iter().any(|action| matches!(action, Action::Walk(_)));
+                    assert!(!walks || begun_is_whole, "{begun:?}: {actions:?}");
+                }
+                assert_eq!(typed(400, b" ").actions, [Action::Stop], "{begun:?}");
+                // Silence is an end, too.
+                assert!(matches!(typed(1500, b"w").actions[..], [Action::Walk(_)]), "{begun:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_space_bar_pressed_within_a_sequence_without_its_end_stops() {
+        for begun in ["\u{1b}[200~pasted", "\u{1b}[<0;1", "\u{1b}[", "\u{1b}O", "\u{1b}", "\u{c3}"]
+        {
+            let mut sequences = Sequences::default();
+            let mut reports = sequences.take(ms(0), begun.as_bytes());
+            reports.extend(sequences.take(ms(100), b" "));
+            reports.extend(sequences.settle(ms(200)));
+            let mut typing = Typing::default();
+            reports.into_iter().for_each(|report| typing.report(ms(200), report));
+            assert!(typing.take(ms(200)).actions.contains(&Action::Stop), "{begun:?}");
+        }
+    }
+
+    #[test]
+    fn no_bytes_panic_and_none_are_kept_for_ever() {
+        proptest::proptest!(|(bytes: Vec<u8>, alike in "(\u{1b}[\\[O]?[<?0-9;:]{0,9}[ -~]?){0,4}")| {
+            for bytes in [&bytes, alike.as_bytes()] {
+                let mut sequences = Sequences::default();
+                sequences.take(ms(0), bytes);
+                for round in 1..=bytes.len() as u64 {
+                    sequences.settle(ms(round * 200));
+                }
+                assert!(sequences.pending.is_empty(), "{bytes:?}");
+            }
+        });
+    }
+}
