@@ -78,7 +78,12 @@ mod tests {
             let age = longest_command_age(ramp);
             assert_eq!(age.as_millis(), age_ms, "{ramp} Hz/s");
             assert_eq!(age + ramp_down(ramp) <= LONGEST_MOVEMENT, ramp >= SLOWEST_RAMP, "{ramp}");
+            // In whole milliseconds, to the nearest.
+            for (beyond, arms) in [(-100.0, true), (0.0, true), (0.4, true), (0.6, false)] {
+                assert_eq!(arms_with((age_ms as f32 + beyond) / 1e3, ramp), arms, "{beyond} ms");
+            }
         }
         assert_eq!(ramp_down(0.0), ramp_down(1.0));
+        assert_eq!(ramp_down(1.0), Duration::from_millis(700));
     }
 }
