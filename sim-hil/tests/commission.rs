@@ -8,22 +8,44 @@ use flix_firmware::settings::{MOTOR_VALUES, Settings};
 use flix_host::commission::{CommissionError, Finding, Known, Step, Subject, commission};
 use flix_protocol::message::{Command, Mark, Outcome, Setpoint, Telemetry};
 use flix_protocol::units::Instant;
-use flix_sim::reliability::commission::{CURRENT_LIMIT_A, measure};
-use flix_sim::reliability::stranger::{Watched, stranger};
+use flix_sim::model::SIMULATED_BOARD;
+use flix_sim::reliability::commission::{CURRENT_LIMIT_A, measure, try_stranger};
+use flix_sim::reliability::stranger::{Watched, rotor_inertia, stranger};
 use flix_sim::rig::operation::OperationError;
 use flix_sim::rig::robot::Disturbance;
+use flix_sim::rig::wiring_fault::{Miswired, WiringFault};
 
-#[test]
-fn strangers_find_their_own_values_and_name_what_is_wired_wrongly() {
-    let measured = measure(4, 1, || {}).unwrap();
-    assert_eq!(measured.refused_without_current_sense, 4);
+/// Commissions the stranger of this seed, as it is and with each wiring fault.
+fn finds_itself_and_its_faults(seed: u64) {
+    let measured = measure(1, seed, || {}).unwrap();
+    assert_eq!(measured.refused_without_current_sense, 1);
     let wiring = &measured.wiring_faults;
-    assert!(wiring.kinds.len() > 20 && wiring.tried == 4 * wiring.kinds.len());
+    assert!(wiring.kinds.len() > 22 && wiring.tried == wiring.kinds.len());
     assert!(wiring.missed.is_empty(), "{:?}", wiring.missed);
     assert!(wiring.largest_current_a <= CURRENT_LIMIT_A);
     for robot in measured.each {
         assert!(robot.passes(), "{robot:?}");
     }
+}
+
+#[test]
+fn a_stranger_finds_its_own_values_and_names_what_is_wired_wrongly() {
+    finds_itself_and_its_faults(1);
+}
+
+#[test]
+fn another_stranger_finds_its_own_values_and_names_what_is_wired_wrongly() {
+    finds_itself_and_its_faults(2);
+}
+
+#[test]
+fn a_third_stranger_finds_its_own_values_and_names_what_is_wired_wrongly() {
+    finds_itself_and_its_faults(3);
+}
+
+#[test]
+fn a_fourth_stranger_finds_its_own_values_and_names_what_is_wired_wrongly() {
+    finds_itself_and_its_faults(4);
 }
 
 /// The encoders are on each other's motors.
@@ -129,5 +151,56 @@ fn an_operator_who_falls_silent_at_any_step_leaves_rotors_at_rest() {
         assert!(truth.is_slower_than(0.1), "{last}: {:?}", truth.rotor_speed);
         assert!(truth.largest_current() < 0.01, "{last}");
         assert!(robot.largest_current.get() < CURRENT_LIMIT_A, "{last}");
+    }
+}
+
+/// Commissions a robot whose amplifiers show another current than flows. Returns what is found, and the largest current, A.
+fn with_wrong_shunts(
+    seed: u64,
+    fault: WiringFault,
+) -> (Result<(), CommissionError<OperationError>>, f64) {
+    let model = stranger(seed);
+    let rotor_inertia = Some(rotor_inertia(&model.shaker));
+    let miswired = Miswired::new(fault, SIMULATED_BOARD.current_sense, seed);
+    let mut robot = Watched::power_up_with(model, seed, Some(miswired)).unwrap();
+    let battery = Some(robot.operation.robot.truth().bus_voltage);
+    let found = robot.commission(&Known { rotor_inertia, battery });
+    (found.map(drop), robot.largest_current.get())
+}
+
+/// What amplifiers show of the current.
+const TOO_LITTLE: [f64; 5] = [0.05, 0.1, 0.2, 0.35, 0.5];
+
+#[test]
+fn amplifiers_that_show_a_twentieth_to_half_of_the_current_let_no_more_than_2_a_flow() {
+    for (seed, share) in (1..=10).zip(TOO_LITTLE.into_iter().cycle()) {
+        let (found, largest) = with_wrong_shunts(seed, WiringFault::OtherBoard(share));
+        let Err(CommissionError::Found(finding)) = found else { panic!("{seed} {share}") };
+        let is_named = matches!(finding, Finding::CurrentScale { .. } | Finding::FaintCurrents);
+        assert!(is_named, "seed {seed}, {share}: {finding}");
+        assert!(largest < CURRENT_LIMIT_A, "seed {seed}, {share}: {largest} A");
+    }
+}
+
+#[test]
+fn amplifiers_of_one_motor_that_show_too_little_are_named_as_that_motors() {
+    for (seed, share) in (1..=10).zip(TOO_LITTLE.into_iter().cycle()) {
+        let motor = seed as usize % 2;
+        let (found, largest) = with_wrong_shunts(seed, WiringFault::AmplifiersGain(motor, share));
+        let Err(CommissionError::Found(finding)) = found else { panic!("{seed} {share}") };
+        let named = match finding {
+            Finding::AmplifiersScale { motor, .. } | Finding::NotConnected(motor) => Some(motor),
+            _ => None,
+        };
+        assert_eq!(named, Some(motor), "seed {seed}, {share}: {finding}");
+        assert!(largest < CURRENT_LIMIT_A, "seed {seed}, {share}: {largest} A");
+    }
+}
+
+#[test]
+fn motors_of_a_tenth_of_an_ohm_carry_no_more_than_2_a() {
+    for seed in [7032, 7039, 13] {
+        let robot = try_stranger(seed).unwrap();
+        assert!(robot.drawn.resistance < 0.12 && robot.passes(), "{robot:?}");
     }
 }

@@ -21,7 +21,7 @@ use flix_shell::output::{headings, print, print_json, table};
 ///
 /// Nothing of a motor is assumed: a voltage grows from nothing until a current flows, at most 1.5 A as the amplifiers show it. Then
 /// the rotors turn, first slowly, at last at up to 26 Hz: put the robot on its feet or a stand, with room around its
-/// rotors. It takes a minute. What is wired, mounted or made wrongly is named, and the settings stay as they were. Both
+/// rotors. It takes a minute and a half. What is wired, mounted or made wrongly is named, and the settings stay as they were. Both
 /// motors must be of one kind. Boards that measure no phase currents refuse. Ctrl-C stops the robot.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\

@@ -17,6 +17,8 @@ const BATTERY_RATIOS: std::ops::Range<f64> = 0.85..1.18;
 pub(super) const LOOK: Duration = Duration::from_millis(20);
 /// Looks after which one is not waited for any longer: 10 s.
 pub(super) const LOOKS: usize = 500;
+/// f that comes down is there when it is no more than this times what it comes down to.
+const NEARLY: f64 = 1.1;
 /// Time to settle at another frequency.
 const SETTLING: Duration = Duration::from_millis(1_200);
 /// Longest ramp, s.
@@ -152,7 +154,19 @@ impl<'a, S: Subject> Desk<'a, S> {
         Ok(armed?)
     }
 
-    pub(super) fn disarm(&mut self, step: Step) -> Done<(), S> {
+    /// Lets f, Hz, come down to this by its ramp, then disarms: what still turns 0.4 s later is braked, and a motor of little
+    /// resistance turns that into much current.
+    pub(super) fn disarm(&mut self, step: Step, braked_from: f64) -> Done<(), S> {
+        let mut frequency = self.frequency();
+        self.hold(braked_from.copysign(frequency));
+        for _ in 0..LOOKS {
+            if frequency.abs() <= NEARLY * braked_from {
+                break;
+            }
+            self.subject.pause(LOOK)?;
+            self.check(step)?;
+            frequency = self.frequency();
+        }
         let disarmed = self.subject.disarm();
         self.check(step)?;
         Ok(disarmed?)
@@ -217,6 +231,11 @@ impl<'a, S: Subject> Desk<'a, S> {
             self.subject.pause(LOOK)?;
         }
         Err(CommissionError::Endless(step))
+    }
+
+    /// Returns f, Hz.
+    fn frequency(&mut self) -> f64 {
+        self.subject.telemetry().map_or(0.0, |it| it.frequency.get().into())
     }
 
     fn hold(&mut self, frequency: f64) {

@@ -71,10 +71,16 @@ pub enum Finding {
     },
     /// No current shows, in no phase.
     #[error(
-        "no current shows in the {} motor: are its three wires and the supply of its driver connected?",
+        "no current shows in the {} motor: look at its three wires, the supply of its driver, its shunts, and whether this is \
+         the image of this board",
         motor_name(*.0)
     )]
     NotConnected(usize),
+    /// Hardly any current shows, in no motor.
+    #[error(
+        "hardly any current shows in either motor: is this the image of this board, and are their drivers supplied?"
+    )]
+    FaintCurrents,
     /// A phase carries nothing.
     #[error("phase {phase} of the {} motor is open: look at its wire", motor_name(*motor))]
     OpenPhase {
@@ -182,7 +188,10 @@ pub enum Finding {
     #[error("the {} motor carries no current as a winding does: look at its three wires", motor_name(*.0))]
     NoWinding(usize),
     /// It does not turn with its field.
-    #[error("the {} motor does not turn with its field: does something block it?", motor_name(*.0))]
+    #[error(
+        "the {} motor does not turn with its field: does something block it, or do its amplifiers show more current than flows?",
+        motor_name(*.0)
+    )]
     Blocked(usize),
     /// No whole number of pole pairs.
     #[error(
@@ -215,6 +224,17 @@ pub enum Finding {
         motor: usize,
         /// Of the inertia.
         share: f64,
+    },
+    /// Those of one motor show another current than flows.
+    #[error(
+        "both current amplifiers of the {} motor show {scale:.2} times the current that flows: are its shunts others than the \
+         other motor's?", motor_name(*motor)
+    )]
+    AmplifiersScale {
+        /// Of which motor.
+        motor: usize,
+        /// What they show over what flows.
+        scale: f64,
     },
     /// Both motors take another current than they should to speed up.
     #[error(

@@ -35,7 +35,9 @@ use self::desk::Desk;
 pub use self::finding::{Finding, Phase, motor_name};
 use self::phases::Phases;
 use self::running::BackEmf;
+use self::trials::First;
 use self::turning::Rotor;
+use self::wiring::Stood;
 
 /// A robot over its link, and the time that passes.
 pub trait Subject {
@@ -204,7 +206,12 @@ const FIRST_LATENCY: f64 = 1.2e-3;
 /// Longest latency that the robot corrects, s.
 const LONGEST_LATENCY: f64 = 3e-3;
 /// Bandwidths of trackers and position loops while the latency is not known, and those of a new robot, Hz.
-const CAREFUL: [f64; 2] = [60.0, 6.0];
+const CAREFUL: [f64; 2] = [60.0, 10.0];
+/// That of position loops, Hz, where the resistance leaves no voltage for the current that loops may ask for at the fastest: what is
+/// cut of their swinging would blur what is measured.
+const CALM: f64 = 6.0;
+/// Phase voltage that a bridge gives, as a share of the bus.
+const PHASE_SHARE: f64 = 0.577;
 const QUICK: [f64; 2] = [125.0, 20.0];
 /// How far a position loop may turn in its own time before it sees what it did, rad, and how late that is beside the latency of
 /// the encoder, s: readings, and the tracker's own lag.
@@ -218,8 +225,10 @@ const ALIGNMENT_TORQUE: f64 = 25e-3;
 const ALIGNMENT_CURRENTS: (f64, f64) = (0.3, 1.2);
 /// Most current that a rotor swings by, A.
 const SWING_CURRENT: f64 = 0.9;
-/// Current limit while the amplifiers' scale is not known, A: a margin of 20 % and more below 2 A.
+/// Current limit while the amplifiers' scale is hardly known, A: a margin of 30 % below 2 A for what currents overshoot.
 const CURRENT_LIMIT: f64 = 1.4;
+/// Current that rotors which are still turning may drive through shorted windings, A.
+const BRAKING_CURRENT: f64 = 1.0;
 /// Gentlest and steepest ramps, Hz/s.
 const RAMPS: (f64, f64) = (10.0, 300.0);
 
@@ -267,12 +276,30 @@ fn measure<S: Subject>(
     desk.set_each("current_gain_b", [1.0; 2])?;
 
     desk.look()?.check().map_err(CommissionError::Found)?;
-    let wiring = desk.wiring()?;
-    wiring::judge(&wiring).map_err(CommissionError::Found)?;
+    // Little current at first: amplifiers that show too little of it let more flow.
+    let mut first = [desk.first(0, inertia)?, desk.first(1, inertia)?];
+    let shown = first_scales(first);
+    let wiring = desk.wiring(shown)?;
+    match (judge(&wiring, shown), faint(first)) {
+        (Ok(()), None) => {}
+        (Err(found), Some(_)) if !wiring::compares(found) => {
+            return Err(CommissionError::Found(found));
+        }
+        (_, Some(found)) | (Err(found), None) => return Err(CommissionError::Found(found)),
+    }
+    for (motor, first) in first.iter_mut().enumerate().filter(|(_, it)| !it.shows) {
+        // It shows by now, or just about.
+        *first = desk.first(motor, inertia)?;
+        if !first.shows {
+            return Err(CommissionError::Found(Finding::NotConnected(motor)));
+        }
+    }
+    check_first(first).map_err(CommissionError::Found)?;
+    let shown = first_scales(first);
     let uneven = wiring.each_ref().map(wiring::uneven);
 
     step(Step::Phases);
-    let (standing, bridges) = desk.stand()?;
+    let (standing, bridges) = desk.stand(Step::Phases, [true; 2], trials::standing_ma(shown))?;
     let winding = |motor: usize, scale: f64| {
         let found = phases::measure(&standing[motor], &bridges, scale);
         check_winding(motor, found.map(|it| it.of_uneven(uneven[motor])))
@@ -282,9 +309,9 @@ fn measure<S: Subject>(
     let delay = (windings[0].circuit.delay + windings[1].circuit.delay) / 2.0;
 
     step(Step::Turning(0));
-    let top = desk.turn(0, &windings[0], &bridges)?;
+    let top = desk.turn(0, &windings[0], &bridges, shown[0])?;
     step(Step::Turning(1));
-    let turned = [top, desk.turn(1, &windings[1], &bridges)?];
+    let turned = [top, desk.turn(1, &windings[1], &bridges, shown[1])?];
     let rotors = turned.map(|(rotor, _)| rotor);
     let [pole_pairs, of_bottom] = rotors.map(|rotor| rotor.pole_pairs());
     if pole_pairs != of_bottom {
@@ -293,15 +320,19 @@ fn measure<S: Subject>(
     }
     let pairs = f64::from(pole_pairs);
     let mut flux = rotors.map(|rotor| rotor.flux_linkage);
-    let mut scales = [1.0; 2];
+    let mut swings = [None; 2];
     for motor in [0, 1] {
-        let current =
-            alignment_current(pairs * flux[motor]).min(SWING_CURRENT).max(turned[motor].1);
+        let most = SWING_CURRENT * shown[motor];
+        let current = alignment_current(pairs * flux[motor]).min(most).max(turned[motor].1);
         let swing = desk.swing(motor, &windings[motor], current)?;
         // One that friction holds says nothing.
-        scales[motor] = swing::scale(&swing, &rotors[motor], inertia).unwrap_or(1.0);
+        swings[motor] = swing::scale(&swing, &rotors[motor], inertia);
     }
-    check_scales(scales).map_err(CommissionError::Found)?;
+    let resistances = windings.map(|it| it.circuit.resistance);
+    let scales = of_one_kind(swings, resistances);
+    check_scales(&SCALES, scales, resistances).map_err(CommissionError::Found)?;
+    // As the amplifiers show it that show least.
+    let limit = CURRENT_LIMIT * scales[0].min(scales[1]).min(1.0);
 
     step(Step::Aligning);
     let actuation_delay = delay + phases::TICK / 2.0;
@@ -314,15 +345,18 @@ fn measure<S: Subject>(
     desk.set("actuation_delay", 1e6 * actuation_delay)?;
     desk.set("encoder_latency", 1e6 * latency)?;
     desk.set("tracker_bandwidth", CAREFUL[0])?;
-    desk.set("position_bandwidth", CAREFUL[1])?;
+    let bus = standing[0].bus.min(standing[1].bus);
+    let resistive = resistances[0].max(resistances[1]) * limit;
+    let is_free = resistive < (PHASE_SHARE - EMF_SHARE) * bus;
+    desk.set("position_bandwidth", if is_free { CAREFUL[1] } else { CALM })?;
     let weaker = 1.5 * pairs * flux[0].min(flux[1]);
     let ramp = (weaker * RAMP_CURRENT / inertia / TAU).clamp(RAMPS.0, RAMPS.1);
     desk.set("frequency_ramp", ramp)?;
-    desk.set("current_limit", CURRENT_LIMIT)?;
-    desk.set("alignment_current", alignment_current(pairs * flux[0].min(flux[1])))?;
+    desk.set("current_limit", limit)?;
+    let aligning = alignment_current(pairs * flux[0].min(flux[1])).min(limit);
+    desk.set("alignment_current", aligning)?;
     desk.arm(Step::Aligning)?;
 
-    let bus = standing[0].bus.min(standing[1].bus);
     let fastest = flux.map(|flux| EMF_SHARE * bus / (TAU * pairs * flux));
     let fastest = FASTEST_HZ.min(fastest[0]).min(fastest[1]);
     let slow = (SLOW_ELECTRICAL_HZ / pairs).min(fastest);
@@ -337,7 +371,7 @@ fn measure<S: Subject>(
         let off = back_emfs.map(|both| running::latency(&both).unwrap_or(0.0));
         latency = (latency + (off[0] + off[1]) / 2.0).clamp(0.0, LONGEST_LATENCY);
         flux = back_emfs.map(|[one, other]| (one.flux_linkage + other.flux_linkage) / 2.0);
-        desk.disarm(speed)?;
+        desk.disarm(speed, braked_from(&resistances, &flux, pairs).min(fastest))?;
         desk.set("encoder_latency", 1e6 * latency)?;
         desk.set_each("flux_linkage", flux.map(|it| 1e3 * it))?;
         desk.arm(speed)?;
@@ -346,9 +380,9 @@ fn measure<S: Subject>(
     step(Step::Ramps);
     let ends = RAMP_SHARES.map(|share| share * fastest);
     let slopes = desk.ramps(ends, ramp, bridges.measures_bus)?;
-    desk.disarm(Step::Ramps)?;
+    desk.disarm(Step::Ramps, braked_from(&resistances, &flux, pairs).min(fastest))?;
     let scales = [0, 1].map(|motor| slopes[motor] * 1.5 * pairs * flux[motor] / inertia);
-    check_scales(scales).map_err(CommissionError::Found)?;
+    check_scales(&SCALES, scales, resistances).map_err(CommissionError::Found)?;
     for motor in [0, 1] {
         windings[motor] = winding(motor, scales[motor])?;
     }
@@ -381,6 +415,13 @@ fn alignment_current(linked: f64) -> f64 {
     (ALIGNMENT_TORQUE / (1.5 * linked)).clamp(ALIGNMENT_CURRENTS.0, ALIGNMENT_CURRENTS.1)
 }
 
+/// Returns the f, Hz, at which motors that are shorted by their bridges drive [`BRAKING_CURRENT`] through themselves.
+fn braked_from(resistances: &[f64; 2], flux: &[f64; 2], pairs: f64) -> f64 {
+    let [top, bottom] =
+        [0, 1].map(|it| BRAKING_CURRENT * resistances[it] / (TAU * pairs * flux[it]));
+    top.min(bottom)
+}
+
 /// Returns the bandwidth of the position loops, Hz, that bears encoders of this latency.
 fn position_bandwidth(latency: f64) -> f64 {
     (LOOP_ADVANCE / (TAU * (latency + LOOP_AGE))).min(QUICK[1])
@@ -389,29 +430,152 @@ fn position_bandwidth(latency: f64) -> f64 {
 /// Most that the current of a winding differs from its circuit's, as a share.
 const LARGEST_MISFIT: f64 = 0.05;
 
+fn is_winding(found: &Phases) -> bool {
+    found.misfit < LARGEST_MISFIT && (0.5..2.0).contains(&found.balance)
+}
+
 fn check_winding<E>(motor: usize, found: Option<Phases>) -> Result<Phases, CommissionError<E>> {
-    let fits = |it: &Phases| it.misfit < LARGEST_MISFIT && (0.5..2.0).contains(&it.balance);
-    found.filter(fits).ok_or(CommissionError::Found(Finding::NoWinding(motor)))
+    found.filter(is_winding).ok_or(CommissionError::Found(Finding::NoWinding(motor)))
 }
 
 /// What a motor may show over the current that its inertia takes: amplifiers are within 20 %, and the stated inertia nearly
 /// right.
 const SCALES: std::ops::Range<f64> = 0.65..1.45;
 
-fn check_scales(scales: [f64; 2]) -> Result<(), Finding> {
-    let fits = scales.map(|scale| SCALES.contains(&scale));
-    let light = scales.map(|scale| scale < SCALES.start);
-    match (fits, light) {
-        ([true, true], _) => Ok(()),
-        (_, [true, false]) => Err(Finding::NoMass { motor: 0, share: scales[0] }),
-        (_, [false, true]) => Err(Finding::NoMass { motor: 1, share: scales[1] }),
-        _ => Err(Finding::CurrentScale { scale: (scales[0] + scales[1]) / 2.0 }),
-    }
+/// The same where little current was shown and friction blurs it. Less flows than is shown beyond: that endangers nothing, and
+/// what it comes from shows later, as a magnet that slips.
+const FIRST_SCALES: std::ops::Range<f64> = 0.5..f64::INFINITY;
+/// What amplifiers that are right show over what flows.
+const RIGHT: std::ops::Range<f64> = 0.8..1.2;
+/// Ratio of what both motors show over what flows where the amplifiers of one kind are wrong: each may be 20 % off, and friction
+/// adds.
+const LARGEST_RATIO: f64 = 1.7;
+/// Motors are of one kind: where their resistances differ by more, their amplifiers do.
+const ALIKE: std::ops::Range<f64> = 0.5..2.0;
+
+/// Checks what the motors show over what flows, by the resistances that they show, ohm.
+fn check_scales(
+    range: &std::ops::Range<f64>,
+    scales: [f64; 2],
+    resistances: [f64; 2],
+) -> Result<(), Finding> {
+    let both = Finding::CurrentScale { scale: (scales[0] + scales[1]) / 2.0 };
+    let motor = match scales.map(|scale| range.contains(&scale)) {
+        [true, true] => return Ok(()),
+        [false, false] => return Err(both),
+        [top, _] => usize::from(top),
+    };
+    let (scale, other) = (scales[motor], scales[1 - motor]);
+    let apart = (other / scale).ln();
+    let resistance = (resistances[motor] / resistances[1 - motor]).ln();
+    // The other one is hardly better, or off as amplifiers of one kind may be, too.
+    let is_as_bad = apart.abs() < scale.ln().abs() / 2.0;
+    let is_off = !RIGHT.contains(&other) && apart.abs() < LARGEST_RATIO.ln();
+    Err(if is_as_bad || is_off {
+        both
+    } else if resistance / apart > 0.5 {
+        // The same amplifiers show more resistance, and the same inertia less current.
+        Finding::AmplifiersScale { motor, scale }
+    } else if scale < range.start {
+        Finding::NoMass { motor, share: scale }
+    } else {
+        both
+    })
+}
+
+/// Returns what a motor that did not turn shows over what flows, by its resistance beside that of the other one, of its kind.
+fn by_other(motor: usize, scales: [Option<f64>; 2], resistances: [f64; 2]) -> Option<f64> {
+    let other = 1 - motor;
+    scales[other].map(|scale| scale * resistances[other] / resistances[motor])
+}
+
+/// Returns the scales of two motors of one kind. One that did not turn and has the other's resistance is not doubted.
+fn of_one_kind(scales: [Option<f64>; 2], resistances: [f64; 2]) -> [f64; 2] {
+    let is_alike = ALIKE.contains(&(resistances[0] / resistances[1]));
+    [0, 1].map(|motor| {
+        let by_other = || by_other(motor, scales, resistances).filter(|_| !is_alike);
+        scales[motor].or_else(by_other).unwrap_or(1.0)
+    })
+}
+
+fn resistances_of(first: [First; 2]) -> [f64; 2] {
+    first.map(|it| it.circuit.map_or(f64::NAN, |it| it.resistance))
+}
+
+/// Checks what little current showed.
+fn check_first(first: [First; 2]) -> Result<(), Finding> {
+    let resistances = resistances_of(first);
+    check_scales(&FIRST_SCALES, of_one_kind(first.map(|it| it.scale), resistances), resistances)
+}
+
+/// Returns what the amplifiers of both motors show over what flows, by little current and as far as they, not the inertia of a
+/// rotor, may be what is wrong, at most 1; 0 where none shows.
+fn first_scales(first: [First; 2]) -> [f64; 2] {
+    let finding = check_first(first).err();
+    let scales = first.map(|it| it.scale);
+    [0, 1].map(|motor| match (first[motor], finding) {
+        (First { shows: false, .. }, _) => 0.0,
+        (_, Some(Finding::NoMass { motor: it, .. })) if it == motor => 1.0,
+        _ => {
+            let by_other = || by_other(motor, scales, resistances_of(first));
+            scales[motor].or_else(by_other).unwrap_or(1.0).min(1.0)
+        }
+    })
+}
+
+/// Judges the wiring by what the amplifiers show, or would if they showed a current as it is: that some lie is no fault of wires.
+fn judge(wiring: &[[Stood; 3]; 2], shown: [f64; 2]) -> Result<(), Finding> {
+    // What is about right may be right.
+    let lies = |scale: f64| scale > 0.0 && !FIRST_SCALES.contains(&scale);
+    let unscaled = [0, 1].map(|motor| {
+        let scale = if lies(shown[motor]) { shown[motor] } else { 1.0 };
+        wiring[motor].map(|it| it.unscaled(scale))
+    });
+    wiring::judge(wiring).or_else(|found| wiring::judge(&unscaled).map_err(|_| found))
+}
+
+/// Returns what is wrong where one motor shows no current, and the other none or too little: what their amplifiers show does not
+/// compare phases then.
+fn faint(first: [First; 2]) -> Option<Finding> {
+    let scale = match first.map(|it| it.shows) {
+        [false, false] => return Some(Finding::FaintCurrents),
+        [true, true] => return None,
+        [top, _] => first[usize::from(!top)].scale,
+    };
+    scale.filter(|it| *it < FIRST_SCALES.start).map(|scale| Finding::CurrentScale { scale })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_wrong_is_told_from_what_both_motors_show_of_their_inertia_and_of_their_resistance() {
+        let both = |scale| Err(Finding::CurrentScale { scale });
+        let one = |motor, scale| Err(Finding::AmplifiersScale { motor, scale });
+        let mass = |motor, share| Err(Finding::NoMass { motor, share });
+        for (scales, resistances, expected) in [
+            ([1.1, 0.8], [2.0, 2.5], Ok(())),
+            ([0.25, 0.375], [8.0, 6.0], both(0.3125)),
+            ([2.5, 2.0], [1.0, 1.2], both(2.25)),
+            // Half of the current, and amplifiers 20 % off either way.
+            ([0.4, 0.66], [5.0, 3.0], both(0.53)),
+            ([0.1, 1.0], [20.0, 2.0], one(0, 0.1)),
+            ([1.0, 3.0], [2.0, 0.7], one(1, 3.0)),
+            ([1.0, 0.3], [2.0, 2.2], mass(1, 0.3)),
+            ([1.0, 0.3], [2.2, 2.0], mass(1, 0.3)),
+        ] {
+            assert_eq!(check_scales(&SCALES, scales, resistances), expected, "{scales:?}");
+        }
+    }
+
+    #[test]
+    fn a_motor_that_did_not_turn_is_known_by_the_other_one_of_its_kind() {
+        assert_eq!(of_one_kind([None, Some(0.1)], [0.2, 2.0]), [1.0, 0.1]);
+        assert_eq!(of_one_kind([Some(1.0), None], [0.2, 2.0]), [1.0, 0.1]);
+        assert_eq!(of_one_kind([Some(0.1), None], [2.0, 2.1]), [0.1, 1.0]);
+        assert_eq!(of_one_kind([None, None], [2.0, 0.1]), [1.0, 1.0]);
+    }
 
     #[test]
     fn position_loops_are_those_of_a_new_robot_unless_its_encoders_are_slow() {

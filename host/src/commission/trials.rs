@@ -6,7 +6,7 @@ use flix_protocol::message::{
 };
 
 use super::desk::{Columns, Desk, Done, LOOK, LOOKS};
-use super::phases::{Phases, Standing};
+use super::phases::{Circuit, Phases, Standing};
 use super::swing::Swing;
 use super::turning::{self, Rotor, Turning};
 use super::wiring::{ANGLES, Resting, Stood};
@@ -23,6 +23,9 @@ const TRIAL_LOOKS: usize = 120;
 const TRIES: usize = 4;
 /// Most current of a standing field, mA: a rotor that swings to it adds as much again in a motor of little resistance.
 const STANDING_CURRENT_MA: u16 = 700;
+/// Currents, as they are shown, at which a rotor is looked at before anything is known of the amplifiers, mA: such as show a
+/// twentieth let 1 A flow at first, and each rotor of this size turns before more than 2 A do.
+const FIRST_CURRENTS_MA: [u16; 4] = [LEAST_TRIAL_CURRENT_MA, 100, 200, 400];
 /// Ticks of half, and of whole, voltage.
 const HALVED_TICKS: u16 = 20;
 /// Ticks that the scope keeps of the halved voltages, and some more.
@@ -41,6 +44,17 @@ const LARGEST_SLIP_DEG: f64 = 60.0;
 const LEAST_OTHER_TRAVEL: f64 = 3.0;
 /// How far the pole pairs may be from a whole number.
 const LARGEST_FRACTION: f64 = 0.3;
+
+/// What a motor made of little current.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct First {
+    /// Whether any shows.
+    pub(super) shows: bool,
+    /// What its amplifiers show over what flows, by the inertia of its rotor; `None` where it did not turn.
+    pub(super) scale: Option<f64>,
+    /// By the currents that are shown; `None` where they are not a winding's.
+    pub(super) circuit: Option<Circuit>,
+}
 
 impl<S: Subject> Desk<'_, S> {
     /// Does a trial and captures its pattern.
@@ -76,18 +90,20 @@ impl<S: Subject> Desk<'_, S> {
         Ok(Resting { angles: [columns.of(0), columns.of(1)], currents })
     }
 
-    /// Lets a field stand along each phase of each motor.
-    pub(super) fn wiring(&mut self) -> Done<[[Stood; 3]; 2], S> {
+    /// Lets a field stand along each phase of each motor, whose amplifiers show so many times the current that flows; 0 where
+    /// nobody knows.
+    pub(super) fn wiring(&mut self, scales: [f64; 2]) -> Done<[[Stood; 3]; 2], S> {
         let mut motors = [[Stood::default(); 3]; 2];
         for (motor, fields) in motors.iter_mut().enumerate() {
+            let current_ma = shown_ma(WIRING_CURRENT_MA, scales[motor]);
             for (field, stood) in fields.iter_mut().enumerate() {
-                *stood = self.stand_along(motor, field)?;
+                *stood = self.stand_along(motor, field, current_ma)?;
             }
         }
         Ok(motors)
     }
 
-    fn stand_along(&mut self, motor: usize, field: usize) -> Done<Stood, S> {
+    fn stand_along(&mut self, motor: usize, field: usize, current_ma: u16) -> Done<Stood, S> {
         let voltages = [Channel::TopVoltageD, Channel::BottomVoltageD];
         let phases = [
             [Channel::TopPhaseA, Channel::TopPhaseB],
@@ -97,7 +113,7 @@ impl<S: Subject> Desk<'_, S> {
         let channels = [voltages[motor], a, b, other_a, other_b, Channel::Bus];
         let trial = Trial {
             motors: [motor == 0, motor == 1],
-            current_ma: WIRING_CURRENT_MA,
+            current_ma,
             angle: ANGLES[field],
             pattern: Pattern::Halve(HALVED_TICKS),
             ticks: WIRING_TICKS,
@@ -162,8 +178,13 @@ impl<S: Subject> Desk<'_, S> {
         Err(CommissionError::Endless(Step::Wiring))
     }
 
-    /// Captures a standing field of both motors.
-    pub(super) fn stand(&mut self) -> Done<([Standing; 2], Bridges), S> {
+    /// Captures a standing field of these motors.
+    pub(super) fn stand(
+        &mut self,
+        step: Step,
+        motors: [bool; 2],
+        current_ma: u16,
+    ) -> Done<([Standing; 2], Bridges), S> {
         let channels = [
             Channel::TopVoltageD,
             Channel::TopPhaseA,
@@ -174,13 +195,13 @@ impl<S: Subject> Desk<'_, S> {
             Channel::Bus,
         ];
         let trial = Trial {
-            motors: [true; 2],
-            current_ma: STANDING_CURRENT_MA,
+            motors,
+            current_ma,
             angle: 0,
             pattern: Pattern::Halve(HALVED_TICKS),
             ticks: STANDING_TICKS,
         };
-        let (columns, bridges) = self.try_out(Step::Phases, trial, &channels, STANDING_TICKS)?;
+        let (columns, bridges) = self.try_out(step, trial, &channels, STANDING_TICKS)?;
         let standing = [0, 1].map(|motor| Standing {
             voltage: columns.of(3 * motor),
             currents: [columns.of(3 * motor + 1), columns.of(3 * motor + 2)],
@@ -190,15 +211,63 @@ impl<S: Subject> Desk<'_, S> {
         Ok((standing, bridges))
     }
 
+    /// Looks what the amplifiers of a motor show of the current that turns it, while little is shown: at each step more, until
+    /// the rotor follows.
+    pub(super) fn first(&mut self, motor: usize, inertia: f64) -> Done<First, S> {
+        let mut first = First::default();
+        let mut tries = TRIES;
+        let mut currents = FIRST_CURRENTS_MA.into_iter().peekable();
+        while let Some(current_ma) = currents.peek() {
+            match self.scale_at(motor, *current_ma, inertia) {
+                Ok(found) => {
+                    first = found;
+                    currents.next();
+                }
+                Err(CommissionError::Faulted { faults, .. })
+                    if !faults.contains(Fault::EncoderLost) =>
+                {
+                    self.clear()?;
+                    tries -= 1;
+                    // Where a current just about shows, the next one may find it.
+                    if tries == 0 || !faults.contains(Fault::CurrentSense) {
+                        break;
+                    }
+                }
+                Err(error) => return Err(error),
+            }
+            if first.scale.is_some() {
+                break;
+            }
+        }
+        Ok(first)
+    }
+
+    fn scale_at(&mut self, motor: usize, current_ma: u16, inertia: f64) -> Done<First, S> {
+        let driven = [motor == 0, motor == 1];
+        let (standing, bridges) = self.stand(Step::Wiring, driven, current_ma)?;
+        let found = phases::measure(&standing[motor], &bridges, 1.0).filter(super::is_winding);
+        let shown = First { shows: true, ..First::default() };
+        let Some(phases) = found else { return Ok(shown) };
+        let still = First { circuit: Some(phases.circuit), ..shown };
+        let turning = self.turn_at((FIELDS[0].0, current_ma), motor, &phases, &bridges)?;
+        let Ok(rotor) = follows(motor, turning::measure(&turning, &phases.circuit)) else {
+            return Ok(still);
+        };
+        let swing = self.swing(motor, &phases, f64::from(turning.trial.current_ma) / 1e3)?;
+        Ok(First { scale: super::swing::scale(&swing, &rotor, inertia), ..still })
+    }
+
     /// Measures one motor under a turning field; returns it with the current that it followed, A.
     pub(super) fn turn(
         &mut self,
         motor: usize,
         phases: &Phases,
         bridges: &Bridges,
+        scale: f64,
     ) -> Done<(Rotor, f64), S> {
         let mut finding = Finding::Blocked(motor);
-        for field in FIELDS {
+        for (speed, current_ma) in FIELDS {
+            let field = (speed, shown_ma(current_ma, scale));
             let turning = self.turn_at(field, motor, phases, bridges)?;
             let current = f64::from(turning.trial.current_ma) / 1e3;
             match follows(motor, turning::measure(&turning, &phases.circuit)) {
@@ -321,6 +390,17 @@ impl<S: Subject> Desk<'_, S> {
         let currents = currents([columns.of(0), columns.of(1)], phases);
         Ok(Swing { currents, angles: columns.of(2) })
     }
+}
+
+/// Returns how much of the standing field motors of these scales show.
+pub(super) fn standing_ma(scales: [f64; 2]) -> u16 {
+    shown_ma(STANDING_CURRENT_MA, scales[0].min(scales[1]))
+}
+
+/// Returns what amplifiers of this scale, shown over true, show of a current; of one that they exaggerate no more than it is.
+pub(super) fn shown_ma(current_ma: u16, scale: f64) -> u16 {
+    let shown = f64::from(current_ma) * scale.min(1.0);
+    (shown as u16).max(LEAST_TRIAL_CURRENT_MA)
 }
 
 /// Returns the currents of phases A and B, in amperes as A shows them, from what both amplifiers showed.

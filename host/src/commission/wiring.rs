@@ -28,6 +28,8 @@ const CROSSED: f64 = 0.3;
 const LEAST: f64 = 0.02;
 /// Less than this may be noise, A/V.
 const NOISE: f64 = 0.013;
+/// And less than this does not compare two resistances, A/V: 4 mA/V of noise are a fifth of it.
+const FAINT: f64 = 0.02;
 /// Largest ratio of the resistances of two phases of a good motor.
 const LARGEST_RATIO: f64 = 1.25;
 /// Phases whose resistances differ by less than this are alike: what dead time and noise make of a good motor.
@@ -90,6 +92,19 @@ pub struct Stood {
     pub circuit: Option<Circuit>,
 }
 
+impl Stood {
+    /// Returns what amplifiers would have shown that show a current as it is, of what these did that show `scale` times as much.
+    pub(super) fn unscaled(self, scale: f64) -> Self {
+        let [own, other] = [self.own, self.other].map(|pair| pair.map(|it| it / scale));
+        let circuit = self.circuit.map(|it| Circuit {
+            resistance: scale * it.resistance,
+            inductance: scale * it.inductance,
+            ..it
+        });
+        Self { own, other, circuit }
+    }
+}
+
 /// Judges both motors, each under a field along A, B and C.
 ///
 /// # Errors
@@ -105,6 +120,18 @@ pub fn judge(motors: &[[Stood; 3]; 2]) -> Result<(), Finding> {
         connected.is_even()?;
     }
     Ok(())
+}
+
+/// Returns whether a finding compares sizes of currents.
+pub(super) const fn compares(finding: Finding) -> bool {
+    matches!(
+        finding,
+        Finding::NotConnected(_)
+            | Finding::AmplifiersDiffer { .. }
+            | Finding::BadJoint { .. }
+            | Finding::ShortedTurns { .. }
+            | Finding::ShortedPhases { .. }
+    )
 }
 
 /// Returns the resistances of phases A, B and C of a motor over their mean, by its three fields; all 1 where they are alike.
@@ -164,8 +191,8 @@ impl Motor<'_> {
 
     /// Whether its own amplifiers show its currents, and not the other motor's.
     fn is_own(&self) -> Result<(), Finding> {
-        let crossed =
-            [0, 1].map(|amplifier| largest(self.other_row(amplifier)) > CROSSED * self.most());
+        let most = (CROSSED * self.most()).max(NOISE);
+        let crossed = [0, 1].map(|amplifier| largest(self.other_row(amplifier)) > most);
         let motor = 1 - self.motor;
         match crossed {
             [false, false] => Ok(()),
@@ -225,7 +252,11 @@ impl Motor<'_> {
     /// Whether its phases have one resistance.
     fn is_even(&self) -> Result<(), Finding> {
         let motor = self.motor;
-        let star = star([self.row(0), self.row(1)]);
+        let [a, b] = [self.row(0), self.row(1)];
+        if [b[0], b[2], a[1], a[2]].iter().all(|it| it.abs() < FAINT) {
+            return Ok(());
+        }
+        let star = star([a, b]);
         let mut order = [0, 1, 2];
         order.sort_by(|one, other| star[*one].total_cmp(&star[*other]));
         let [low, middle, high] = order;

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::units::{OutOfRange, within};
 
 /// Least current of a trial, mA.
-pub const LEAST_TRIAL_CURRENT_MA: u16 = 100;
+pub const LEAST_TRIAL_CURRENT_MA: u16 = 50;
 /// Most current of a trial, mA.
 pub const MOST_TRIAL_CURRENT_MA: u16 = 1_300;
 /// Current that ends a trial, mA: with an amplifier that shows 20 % too little still below 2 A.
@@ -26,7 +26,7 @@ pub const FASTEST_FIELD: i16 = 328;
 pub struct Trial {
     /// Whether the top and the bottom motor are driven; one that is not is shorted.
     pub motors: [bool; 2],
-    /// Largest phase current, 100 to 1,300 mA.
+    /// Largest phase current, 50 to 1,300 mA.
     pub current_ma: u16,
     /// Electrical angle of the field where it grows, from phase A, 2^-16 turn.
     pub angle: u16,
@@ -147,7 +147,7 @@ mod tests {
     fn what_is_out_of_range_is_refused() {
         assert!(TURNING.check().is_ok());
         for wrong in [
-            Trial { current_ma: 99, ..TURNING },
+            Trial { current_ma: 49, ..TURNING },
             Trial { current_ma: 1_301, ..TURNING },
             Trial { ticks: 0, ..TURNING },
             Trial { ticks: 10_001, ..TURNING },

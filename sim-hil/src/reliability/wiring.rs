@@ -122,6 +122,8 @@ fn faults(model: &RobotModel, seed: u64) -> Vec<(&'static str, WiringFault)> {
     let offset = if within(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 } * within(200.0, 1_000.0);
     let divider = if within(-1.0, 1.0) < 0.0 { within(0.4, 0.75) } else { within(1.35, 2.5) };
     let gain = if within(-1.0, 1.0) < 0.0 { within(0.3, 0.4) } else { within(2.5, 3.3) };
+    // A twentieth to a half, evenly in its logarithm.
+    let share = 0.05 * 10.0_f64.powf(within(0.0, 1.0));
     vec![
         ("motor not connected", WiringFault::NotConnected(motor)),
         ("open phase", WiringFault::OpenPhase(motor, phase)),
@@ -137,6 +139,8 @@ fn faults(model: &RobotModel, seed: u64) -> Vec<(&'static str, WiringFault)> {
         ("amplifier of the other motor", WiringFault::AmplifierCrossed(amplifier)),
         ("amplifiers of the other motor", WiringFault::AmplifiersCrossed),
         ("other board", WiringFault::OtherBoard(within(1.9, 2.6))),
+        ("shunts too small", WiringFault::OtherBoard(share)),
+        ("shunts of one motor too small", WiringFault::AmplifiersGain(motor, share)),
         ("divider", WiringFault::Divider(divider)),
         ("encoders swapped", WiringFault::EncodersSwapped),
         ("encoder lost", WiringFault::EncoderLost(motor)),
@@ -158,6 +162,8 @@ fn is_named(fault: WiringFault, finding: Finding) -> bool {
     match (fault, finding) {
         (WiringFault::NotConnected(it), Finding::NotConnected(motor))
         | (WiringFault::AmplifiersSwapped(it), Finding::AmplifiersSwapped(motor))
+        | (WiringFault::AmplifiersGain(it, _), Finding::AmplifiersScale { motor, .. })
+        | (WiringFault::AmplifiersGain(it, _), Finding::NotConnected(motor))
         | (WiringFault::AmplifierInverted(it, _), Finding::AmplifiersOpposed(motor))
         | (WiringFault::AmplifierGain(it, ..), Finding::AmplifiersDiffer { motor, .. })
         | (WiringFault::EncoderNoisy(it, _), Finding::EncoderNoisy { motor, .. })
@@ -187,7 +193,7 @@ fn is_named(fault: WiringFault, finding: Finding) -> bool {
             bottom == pairs
         }
         (WiringFault::AmplifiersCrossed, Finding::AmplifiersOfOther(_))
-        | (WiringFault::OtherBoard(_), Finding::CurrentScale { .. })
+        | (WiringFault::OtherBoard(_), Finding::CurrentScale { .. } | Finding::FaintCurrents)
         | (WiringFault::Divider(_), Finding::Battery { .. })
         | (WiringFault::EncodersSwapped, Finding::EncodersSwapped(_))
         | (WiringFault::EncoderLost(_), Finding::EncoderLost) => true,

@@ -30,6 +30,8 @@ pub enum WiringFault {
     AmplifierOffset(usize, usize, i16),
     /// It shows so many times the current.
     AmplifierGain(usize, usize, f64),
+    /// Both of a motor show so many times the current.
+    AmplifiersGain(usize, f64),
     /// It is connected to phase C.
     AmplifierOnC(usize, usize),
     /// The two of a motor are swapped.
@@ -94,6 +96,9 @@ impl Miswired {
             }
             WiringFault::AmplifierGain(motor, amplifier, factor) => {
                 scaled(&mut currents[motor][amplifier], factor);
+            }
+            WiringFault::AmplifiersGain(motor, factor) => {
+                currents[motor].iter_mut().for_each(|count| scaled(count, factor));
             }
             WiringFault::AmplifierOnC(motor, amplifier) => {
                 let [a, b] = currents[motor].map(|count| count - zero);
