@@ -283,7 +283,9 @@ fn rotors_that_came_to_rest_by_silence_turn_again_only_on_another_intent() {
         ends.observe(|_| {});
     }
     ends.intent = 1;
-    assert_eq!(ends.say(walk()), Outcome::Done);
+    for _ in 0..2 {
+        assert_eq!(ends.say(walk()), Outcome::Done, "it goes on with what began it");
+    }
     let order = *ends.link.order();
     assert_eq!((order.frequency, order.wanted), (Speed::from_hertz(20.0), 2));
     // Nor does one that was asked for earlier, and one that is armed anew starts from nothing.

@@ -87,6 +87,7 @@ pub(crate) fn start(
     let (top_b, bottom_b) = pwm.operator1.with_pins(top_b, phase(), bottom_b, phase());
     let (top_c, bottom_c) = pwm.operator2.with_pins(top_c, phase(), bottom_c, phase());
     let motors = Motors {
+        tick: pwm.timer1,
         top: ThreePhase::new(top_a, top_b, top_c, top_enable),
         bottom: ThreePhase::new(bottom_a, bottom_b, bottom_c, bottom_enable),
     };
@@ -107,13 +108,16 @@ pub(crate) fn acknowledge() {
 
 /// Both bridges.
 pub(crate) struct Motors {
+    tick: Timer<1, MCPWM0<'static>>,
     top: ThreePhase<true>,
     bottom: ThreePhase<false>,
 }
 
 impl Motors {
-    /// Drives the bridges until the next tick.
+    /// Drives the bridges until the next tick. The outputs take duties over at the counter's peaks, of which a tick has two: a loop
+    /// that was quick waits for the first to pass, so that each tick's duties come into force at the second, always as late.
     pub(crate) fn apply(&mut self, actuation: &Actuation) {
+        while self.tick.status().0 <= HALF_PERIOD {}
         let [top, bottom] = actuation.bridges;
         self.top.apply(top);
         self.bottom.apply(bottom);

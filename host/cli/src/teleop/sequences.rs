@@ -2,7 +2,7 @@
 //!
 //! A control sequence goes from its introducer to its final byte (ECMA-48, 5.4), pasted text from `CSI 200 ~` to `CSI 201 ~`
 //! (xterm's control sequences, mode 2004). Either may come in pieces, and its end may be lost: whatever has none after
-//! [`WHOLE`] is reported as [broken off](Report::BrokenOff), and its bytes as the keys that they may be, since a space bar may
+//! 0.2 s is reported as [broken off](Report::BrokenOff), and its bytes as the keys that they may be, since a space bar may
 //! be among them.
 
 use std::borrow::Cow;
