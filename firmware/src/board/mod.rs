@@ -51,6 +51,16 @@ impl Chip {
         }
     }
 
+    /// Returns the pins of the serial port at the board's USB connector: from the computer, to the computer.
+    #[must_use]
+    pub const fn serial_pins(self) -> [Pin; 2] {
+        match self {
+            Self::Esp32 => [3, 1],
+            Self::Esp32S3 => [44, 43],
+            Self::Esp32C6 => [17, 16],
+        }
+    }
+
     /// Returns the channel of ADC1 on the pin. ADC2 is not used: on the ESP32 it collides with Wi-Fi.
     #[must_use]
     pub const fn adc1_channel(self, pin: Pin) -> Option<u8> {

@@ -351,14 +351,11 @@ fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
     });
     if let Some(sample) = newest.filter(|s| s.valid) {
         let floor = sample.pose.on_the_floor();
-        let height = sample.pose.position.z;
-        let place = format!(
-            "at {:.3},{:.3} m, {:.3} m high, heading {:.0} degrees",
-            floor.x,
-            floor.y,
-            height,
-            floor.heading.to_degrees()
-        );
+        // Rounded to what is shown; nothing has no sign.
+        let [x, y, height] = [floor.x, floor.y, sample.pose.position.z]
+            .map(|metres| (metres * 1e3).round() / 1e3 + 0.0);
+        let heading = floor.heading.to_degrees().round() + 0.0;
+        let place = format!("at {x:.3},{y:.3} m, {height:.3} m high, heading {heading:.0} degrees");
         findings.push(match sample.pose.floating(source.is_planar()) {
             None => Finding::good("pose", place),
             Some(trouble) => Finding::bad("pose", Exit::Usage, format_args!("{place}: {trouble}")),
@@ -538,7 +535,7 @@ mod tests {
     fn an_encoder_with_a_bad_magnet_or_bad_readings_is_a_finding() {
         use crate::walked::telemetry;
         use flix_protocol::message::{EncoderHealth, LoopTiming};
-        let well = telemetry(1.0);
+        let well = Telemetry { encoders: Default::default(), ..telemetry(1.0) };
         let after = |dropped, corrected, magnet| {
             let encoder = EncoderHealth { dropped, corrected, magnet };
             let timing = LoopTiming { ticks: well.timing.ticks + 20_000, ..well.timing };

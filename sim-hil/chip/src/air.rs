@@ -11,6 +11,10 @@ use crate::session::{Hold, Times, hold, loop_failures};
 
 /// How long the radio is gone.
 const GONE: Duration = Duration::from_secs(5);
+/// Sessions that are opened with a robot at rest, one after the other, and the pause between two, which is no multiple of the robot's
+/// own periods.
+const SESSIONS: usize = 100;
+const PAUSE: Duration = Duration::from_micros(13_700);
 /// What is held meanwhile: Hz, degrees.
 const HELD: (f64, f64) = (20.0, 0.0);
 
@@ -29,6 +33,8 @@ pub struct Air {
     pub longest_gap_us: f64,
     /// From the moment the radio came back to a robot that is armed again, s.
     pub back_s: f64,
+    /// From a client's first datagram to its session, with a robot at rest, ms: the 50th and the 99th of 100.
+    pub connect_ms: [f64; 2],
 }
 
 impl Air {
@@ -70,6 +76,7 @@ pub fn trouble(rig: &mut Rig, times: Times, seed: u64) -> Result<Air, RigError> 
     let back_s = (rig.chip.now() - back).as_secs_f64();
     let seen = rig.seen.clone();
     rig.disarm()?;
+    let connect_ms = connect_times(rig)?;
     Ok(Air {
         flooded,
         forged,
@@ -77,7 +84,21 @@ pub fn trouble(rig: &mut Rig, times: Times, seed: u64) -> Result<Air, RigError> 
         missed: seen.missed,
         longest_gap_us: seen.longest_gap_us,
         back_s,
+        connect_ms,
     })
+}
+
+/// Opens [`SESSIONS`] and returns how long half and 99 of 100 of them took at most, ms.
+fn connect_times(rig: &mut Rig) -> Result<[f64; 2], RigError> {
+    let mut times = Vec::with_capacity(SESSIONS);
+    for _ in 0..SESSIONS {
+        let from = rig.chip.now();
+        rig.connect()?;
+        times.push(1e3 * (rig.chip.now() - from).as_secs_f64());
+        rig.run(PAUSE)?;
+    }
+    times.sort_by(f64::total_cmp);
+    Ok([times[SESSIONS / 2 - 1], times[SESSIONS * 99 / 100 - 1]])
 }
 
 /// Instructions a second in a robot that holds.

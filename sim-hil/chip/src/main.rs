@@ -371,6 +371,8 @@ fn print(verdict: &Verdict, host: Duration) {
             "armed {:.2} s after the radio was back; missed ticks: {}; longest gap: {:.0} us",
             network.back_s, network.missed, network.longest_gap_us
         );
+        let [half, most] = network.connect_ms;
+        println!("a session takes {half:.0} ms to open, 99 of 100 at most {most:.0} ms");
     }
     if let Some(join) = &verdict.join {
         println!(

@@ -7,7 +7,6 @@ use esp_hal::gpio::{AnyPin, Level, Output, OutputConfig};
 use esp_hal::peripherals::IO_MUX;
 use flix_firmware::board::{EncoderKind, I2cPins, Pin, SpiPins};
 
-use crate::chip;
 use crate::choice::BOARD;
 
 /// Pins of one bridge.
@@ -75,14 +74,12 @@ impl Pins {
                 })
             }
         };
+        let [receive, transmit] = BOARD.chip.serial_pins().map(pin);
         Self {
             bridges: [bridge(0), bridge(1)],
             encoders,
             status_led: pin(BOARD.status_led),
-            serial: Serial {
-                receive: pin(chip::SERIAL_RECEIVE),
-                transmit: pin(chip::SERIAL_TRANSMIT),
-            },
+            serial: Serial { receive, transmit },
         }
     }
 }

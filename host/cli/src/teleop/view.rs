@@ -102,9 +102,16 @@ pub fn draw(frame: &mut Frame<'_>, cockpit: &Cockpit) {
     draw_keys(frame, keys);
 }
 
-/// Draws state and stop in a small terminal.
+/// Draws in a small terminal whether the robot walks, what is wrong, and how to stop it.
 fn draw_small(frame: &mut Frame<'_>, area: Rect, cockpit: &Cockpit) {
-    let mut lines = vec![state_line(cockpit), link_line(cockpit), "space = stop".bold().into()];
+    let mut lines = vec![state_line(cockpit), "space = stop".bold().into()];
+    if let Some(telemetry) = &cockpit.telemetry {
+        let Sample { frequency, direction, .. } = Sample::of(telemetry);
+        let [frequency, direction] = [signed(frequency, 2), signed(direction, 1)];
+        lines.push(format!("f {frequency} Hz, theta {direction} deg").into());
+    }
+    lines.extend(trouble_lines(cockpit));
+    lines.push(link_line(cockpit));
     lines.push(Line::styled(
         format!("enlarge the terminal to {} by {}", SMALLEST.0, SMALLEST.1),
         FAINT,

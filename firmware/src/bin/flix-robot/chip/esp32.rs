@@ -3,14 +3,8 @@
 use esp_hal::analog::adc::AdcCalLine;
 use esp_hal::efuse::{ChipRevision, chip_revision};
 use esp_hal::peripherals::{ADC1, GPIO34, GPIO35, GPIO36, GPIO39, LPWR, SENS};
-use flix_firmware::board::Pin;
 
 use crate::choice::BOARD;
-
-/// Data from the USB connector.
-pub(crate) const SERIAL_RECEIVE: Pin = 3;
-/// Data to the USB connector.
-pub(crate) const SERIAL_TRANSMIT: Pin = 1;
 
 /// How a conversion becomes millivolts: by what the chip's fuses say of its own converter.
 pub(super) type Calibration = AdcCalLine<ADC1<'static>>;

@@ -12,7 +12,7 @@ use esp_hal::analog::adc::{
 use esp_hal::peripherals::{ADC1, GPIO0, LP_ANA, MCPWM0, PCR, Peripherals, SPI2, TIMG1};
 use esp_storage::FlashStorage;
 use flix_firmware::backtrace;
-use flix_firmware::board::{Pin, counts_of_millivolts};
+use flix_firmware::board::counts_of_millivolts;
 use flix_protocol::message::ProgramCounters;
 
 use super::parts::Parts;
@@ -20,11 +20,6 @@ use crate::bridge::{self, Carrier, Motors, Quiet};
 use crate::choice::BOARD;
 use crate::encoders::Encoders;
 use crate::pins::{self, Pins};
-
-/// Data from the USB connector.
-pub(crate) const SERIAL_RECEIVE: Pin = 17;
-/// Data to the USB connector.
-pub(crate) const SERIAL_TRANSMIT: Pin = 16;
 
 /// The processor's memory (esp-hal 1.2, `ld/esp32c6/memory.x`).
 const MEMORY: Range<usize> = 0x4080_0000..0x4088_0000;

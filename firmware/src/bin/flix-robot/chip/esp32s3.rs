@@ -2,14 +2,8 @@
 
 use esp_hal::analog::adc::AdcCalCurve;
 use esp_hal::peripherals::{ADC1, GPIO1, GPIO2, GPIO4, GPIO5, GPIO6, LPWR, SENS};
-use flix_firmware::board::Pin;
 
 use crate::choice::BOARD;
-
-/// Data from the USB connector.
-pub(crate) const SERIAL_RECEIVE: Pin = 44;
-/// Data to the USB connector.
-pub(crate) const SERIAL_TRANSMIT: Pin = 43;
 
 /// How a conversion becomes millivolts: by what the chip's fuses say of its own converter.
 pub(super) type Calibration = AdcCalCurve<ADC1<'static>>;

@@ -19,7 +19,7 @@ use esp32s3 as chosen;
 #[cfg(feature = "esp32c6")]
 use {esp32c6 as chosen, esp32c6 as cores};
 
-pub(crate) use chosen::{SERIAL_RECEIVE, SERIAL_TRANSMIT, reset_on_brown_out, unsuitable};
+pub(crate) use chosen::{reset_on_brown_out, unsuitable};
 pub(crate) use cores::{
     Electronics, calls, enable_interrupts, share_out, share_with_other_core, start_fast_loop,
     unused_stack,

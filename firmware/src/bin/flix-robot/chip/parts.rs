@@ -1,9 +1,9 @@
 //! The chip, shared out among those who need a part of it.
 
 use esp_hal::gpio::AnyPin;
-use esp_hal::peripherals::{FLASH, FROM_CPU_INTR0, RTC_TIMER, TIMG0, WIFI};
+use esp_hal::peripherals::{FLASH, FROM_CPU_INTR0, RTC_TIMER, TIMG0, UART0, WIFI};
 
-use crate::serial;
+use crate::pins;
 
 /// The chip's parts. What the fast loop needs differs from chip to chip.
 pub(crate) struct Parts<Fast> {
@@ -16,7 +16,7 @@ pub(crate) struct Parts<Fast> {
     /// For the network.
     pub(crate) wifi: WIFI<'static>,
     /// For provisioning and the log, at the board's USB connector.
-    pub(crate) serial: serial::Parts,
+    pub(crate) serial: (UART0<'static>, pins::Serial),
     /// For the state.
     pub(crate) status_led: AnyPin<'static>,
     /// For the fast loop.
