@@ -96,12 +96,12 @@ fn a_walk_shows_setpoint_rotors_and_force() {
 }
 
 #[test]
-fn a_small_terminal_shows_how_fast_it_shakes_for_how_long_and_how_it_stops() {
+fn a_small_terminal_shows_how_fast_it_shakes_and_how_it_stops() {
     let mut desk = Desk::armed();
     desk.press(Action::Walk(Mode::Forward));
-    desk.run(Duration::from_secs(20));
+    desk.run(Duration::from_secs(6));
     let picture = desk.picture(60, 10);
-    for shown in ["RUNNING", "f -30.", "rests in ", "space = stop"] {
+    for shown in ["RUNNING", "f -30.", "no faults", "space = stop"] {
         assert!(picture.contains(shown), "{shown}\n{picture}");
     }
 }
