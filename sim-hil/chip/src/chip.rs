@@ -356,6 +356,7 @@ impl<O: Outside> Chip<O> {
         }
         self.cpu.x[10..13].copy_from_slice(&[7, 7, location]);
         self.cpu.pc = function;
+        self.cpu.tick.abandon();
         true
     }
 
