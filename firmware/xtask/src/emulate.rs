@@ -12,7 +12,7 @@ use crate::toolchain;
 /// Builds the emulator, unless there is one, and the program that makes the journey beside it; returns the emulator's path.
 fn program(args: &Args) -> Result<PathBuf, Error> {
     if let Some(program) = &args.program {
-        return absolute(program);
+        return run::absolute(program);
     }
     let mut build = toolchain::cargo();
     build.args([
@@ -25,7 +25,7 @@ fn program(args: &Args) -> Result<PathBuf, Error> {
         "flix-chip",
     ]);
     run::run(&mut build)?;
-    absolute(&run::target_directory().join("release/flix-chip"))
+    run::absolute(&run::target_directory().join("release/flix-chip"))
 }
 
 /// Prepares a run of an image.
@@ -33,11 +33,6 @@ fn emulator(args: &Args, image: &Path) -> Result<Command, Error> {
     let mut command = run::command(program(args)?);
     command.arg(image);
     Ok(command)
-}
-
-/// Commands run in the repository; paths are given from where the user is.
-fn absolute(path: &Path) -> Result<PathBuf, Error> {
-    std::path::absolute(path).map_err(|source| Error::File { path: path.to_path_buf(), source })
 }
 
 /// What is run, and how its result is printed.
@@ -102,7 +97,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Error> {
     }
     let other = if args.runs_other() { Some(other_image()?) } else { None };
     let image = match &args.image {
-        Some(image) => absolute(image)?,
+        Some(image) => run::absolute(image)?,
         None => toolchain::build_silently(
             Chip::Esp32c6,
             &Options { encoder: args.encoder.clone(), ..Options::default() },

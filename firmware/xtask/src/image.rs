@@ -94,8 +94,7 @@ struct Use {
 }
 
 fn measure(elf: &[u8], memory: &[Range<u64>]) -> Result<Use, Error> {
-    let file = object::File::parse(elf)
-        .map_err(|error| Error::Sentence(format!("the built file is not an ELF file: {error}")))?;
+    let file = run::elf(elf)?;
     let mut used = Use::default();
     for section in file.sections() {
         let SectionFlags::Elf { sh_flags, .. } = section.flags() else { continue };

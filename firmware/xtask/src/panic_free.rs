@@ -18,8 +18,7 @@ fn is_mark(name: &str) -> bool {
 
 /// Names of the symbols that an image defines.
 fn symbols(elf: &[u8]) -> Result<Vec<String>, Error> {
-    let file = object::File::parse(elf)
-        .map_err(|error| Error::Sentence(format!("the built file is not an ELF file: {error}")))?;
+    let file = run::elf(elf)?;
     let kinds = [SymbolKind::Text, SymbolKind::Unknown];
     let defined =
         file.symbols().filter(|symbol| !symbol.is_undefined() && kinds.contains(&symbol.kind()));

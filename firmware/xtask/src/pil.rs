@@ -190,8 +190,7 @@ fn ranges<'a>(functions: impl Iterator<Item = (&'a str, u64, u64)>) -> Option<St
 
 /// Returns the same of an image.
 fn fast_loop(elf: &[u8]) -> Result<String, Error> {
-    let file = object::File::parse(elf)
-        .map_err(|error| Error::Sentence(format!("the built file is not an ELF file: {error}")))?;
+    let file = run::elf(elf)?;
     let functions = file.symbols().filter(|symbol| symbol.kind() == SymbolKind::Text);
     ranges(functions.filter_map(|it| Some((it.name().ok()?, it.address(), it.size()))))
         .ok_or_else(|| Error::Sentence("the image has no function of the fast loop".into()))

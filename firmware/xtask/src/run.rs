@@ -97,6 +97,17 @@ pub(crate) fn today() -> Result<String, Error> {
     Ok(output(command("date").args(["-u", "+%F"]))?.trim().to_owned())
 }
 
+/// Commands run in the repository; paths are given from where the user is.
+pub(crate) fn absolute(path: &Path) -> Result<PathBuf, Error> {
+    std::path::absolute(path).map_err(|source| Error::File { path: path.to_path_buf(), source })
+}
+
+/// Parses a file that was built for a chip.
+pub(crate) fn elf(bytes: &[u8]) -> Result<object::File<'_>, Error> {
+    object::File::parse(bytes)
+        .map_err(|error| Error::Sentence(format!("the built file is not an ELF file: {error}")))
+}
+
 /// Reads a file.
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Error> {
     std::fs::read(path).map_err(|source| Error::File { path: path.to_path_buf(), source })

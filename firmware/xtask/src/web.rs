@@ -49,6 +49,7 @@ fn packer(program: Option<&Path>) -> Command {
 }
 
 pub(crate) fn run(args: &Args) -> Result<(), Error> {
+    let program = args.program.as_deref().map(run::absolute).transpose()?;
     // A toolchain without rustup has the target or fails with a sentence of its own.
     succeeds(command("rustup").args(["target", "add", TARGET]));
     run::run(
@@ -58,7 +59,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Error> {
     )?;
     let module = target_directory().join(TARGET).join("web/flix_web.wasm");
     let folder = target_directory().join("site");
-    let printed = output(packer(args.program.as_deref()).arg("pack").args([&module, &folder]))?;
+    let printed = output(packer(program.as_deref()).arg("pack").args([&module, &folder]))?;
     let bytes_gzip: u64 = printed
         .trim()
         .parse()
@@ -75,7 +76,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Error> {
         );
         return Ok(());
     }
-    let native = output(packer(args.program.as_deref()).args(["hash", "--seconds", SECONDS]))?;
+    let native = output(packer(program.as_deref()).args(["hash", "--seconds", SECONDS]))?;
     let printed = output(command("node").arg("sim-hil/web/check.mjs").arg(&module).arg(SECONDS))?;
     let checked: Checked = serde_json::from_str(&printed)
         .map_err(|error| Error::Sentence(format!("the check printed {printed}: {error}")))?;
