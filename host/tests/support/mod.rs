@@ -319,6 +319,7 @@ impl FakeRobot {
             first_fault: self.faults.iter().next(),
             stopped: self.stopped,
             link_late: false,
+            rests: 0,
             setpoint: self.setpoint,
             frequency: self.setpoint.frequency(),
             direction: self.setpoint.direction(),

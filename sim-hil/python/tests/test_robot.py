@@ -54,7 +54,7 @@ def test_a_record_is_a_data_frame_for_each_topic(tmp_path) -> None:
     mcap = pytest.importorskip("mcap.writer")
     file = tmp_path / "run.mcap"
     with open(file, "wb") as out:
-        writer = mcap.Writer(out)
+        writer = mcap.Writer(out, compression=mcap.CompressionType.NONE)
         writer.start()
         schema = writer.register_schema("pose", "jsonschema", b"{}")
         channel = writer.register_channel("/pose", "json", schema)

@@ -85,7 +85,6 @@ pub fn run(
         for action in gamepads.read(cockpit, now) {
             cockpit.act(action, client, now);
         }
-        cockpit.watch(client, now);
         if drawn.is_none_or(|at| at.elapsed() >= FRAME) {
             drawn = Some(Instant::now());
             cockpit.tick(client, now);
