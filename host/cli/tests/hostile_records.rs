@@ -178,3 +178,23 @@ fn a_record_that_cannot_be_read_hides_no_other_from_the_list() {
     assert!(status.success() && stdout.contains(stem), "{stdout}{stderr}");
     assert!(stderr.contains("mcap decompress") && stderr.contains("skipped"), "{stderr}");
 }
+
+#[test]
+fn figures_and_tables_beside_a_record_follow_no_link() {
+    let out = tempfile::tempdir().unwrap();
+    let record = write_record_of(out.path(), 6);
+    let victim = out.path().join("victim");
+    std::fs::write(&victim, "precious").unwrap();
+    let run = |words: &str| {
+        let Output { status, stdout, .. } = flix(&["runs", words, record.to_str().unwrap()]);
+        assert!(status.success());
+        String::from_utf8(stdout).unwrap()
+    };
+    let written = ["plot", "export-csv"].map(run).concat();
+    for file in written.lines() {
+        std::fs::remove_file(file).unwrap();
+        std::os::unix::fs::symlink(&victim, file).unwrap();
+    }
+    assert_eq!(["plot", "export-csv"].map(run).concat(), written);
+    assert_eq!(std::fs::read_to_string(victim).unwrap(), "precious");
+}
