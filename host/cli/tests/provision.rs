@@ -355,6 +355,7 @@ fn a_lost_answer_to_a_new_key_locks_nobody_out() {
     operator.keyring().offer("walker-1", &former).unwrap();
     operator.provisions(&CabledRobot::relay(&robot), &["--ssid", "home"]);
     assert_eq!(operator.keyring().key("walker-1").unwrap(), key);
+    assert_eq!(operator.keyring().offered("walker-1").unwrap(), None, "the robot has the other");
     operator.provisions(&CabledRobot::relay(&robot), &words);
     assert_eq!(operator.keyring().key("walker-1").unwrap(), robot.kept().key());
     assert_eq!(operator.keyring().offered("walker-1").unwrap(), None);
