@@ -290,6 +290,17 @@ fn unproved(name: &str) -> Error {
     )
 }
 
+fn unsettled_yet(name: &str, offered: &Path) -> Error {
+    Error::new(
+        Exit::Refused,
+        format_args!(
+            "`{name}` may have the key of an earlier --new-key, and this device has neither that one nor the former: connect \
+             {name} itself; if it has forgotten both, move {} away, and try again",
+            offered.display()
+        ),
+    )
+}
+
 /// Returns the stored key of this name that the robot proves to have; the one that was offered and is not proved is erased then.
 fn proved(name: &str, robot: &SerialRobot, keyring: &Keyring) -> Result<Option<Key>, Error> {
     if let Some(offered) = settled(name, robot, keyring)? {
@@ -339,7 +350,10 @@ impl KeyInHand {
             return made(key, false);
         }
         if args.new_key {
-            settled(name, robot, keyring)?;
+            // The robot may have the key of an earlier offer: none is lost before another has been proved.
+            if keyring.offered_file(name).exists() && proved(name, robot, keyring)?.is_none() {
+                return Err(unsettled_yet(name, &keyring.offered_file(name)));
+            }
             return made(keys::generate()?, true);
         }
         match proved(name, robot, keyring)? {

@@ -264,11 +264,10 @@ impl Keyring {
     /// [settled](Keyring::settle) which of them the robot has.
     ///
     /// # Errors
-    /// As for [`Keyring::store`].
+    /// As for [`Keyring::store`]; when an earlier offer is not settled, of which the robot may have the key.
     pub fn offer(&self, name: &str, key: &Key) -> Result<(), KeyError> {
         check_name(name)?;
         self.create_directory()?;
-        self.withdraw(name)?;
         write_new(&self.offered_file(name), key)
     }
 
@@ -305,7 +304,9 @@ impl Keyring {
         }
     }
 
-    fn offered_file(&self, name: &str) -> PathBuf {
+    /// Returns the path of the key that was offered to this robot, whether it exists or not.
+    #[must_use]
+    pub fn offered_file(&self, name: &str) -> PathBuf {
         self.directory.join(format!("{name}.new"))
     }
 
@@ -450,8 +451,9 @@ mod tests {
         assert_eq!(keyring.offered("walker").unwrap(), None);
         keyring.withdraw("walker").unwrap();
         let key = generate().unwrap();
-        keyring.offer("walker", &generate().unwrap()).unwrap();
         keyring.offer("walker", &key).unwrap();
+        let again = keyring.offer("walker", &generate().unwrap());
+        assert!(matches!(again, Err(KeyError::Exists { .. })), "the robot may have the first");
         assert_eq!(keyring.key("walker").unwrap(), former);
         assert_eq!(keyring.offered("walker").unwrap().as_ref(), Some(&key));
         keyring.settle("walker").unwrap();
