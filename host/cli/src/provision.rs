@@ -13,6 +13,7 @@ use flix_protocol::provision::{
 use flix_protocol::session::{Key, Operator};
 use zeroize::Zeroizing;
 
+use super::robot::offered;
 use super::{Error, Exit};
 use flix_host::link::keys::{self, Keyring};
 use flix_host::link::serial::{SerialError, SerialRobot};
@@ -289,18 +290,33 @@ fn unproved(name: &str) -> Error {
     )
 }
 
-/// Returns the stored key of this name that the robot proves to have.
+fn unsettled_yet(name: &str, offered: &Path) -> Error {
+    Error::new(
+        Exit::Refused,
+        format_args!(
+            "`{name}` may have the key of an earlier --new-key, and this device has neither that one nor the former: connect \
+             {name} itself; if it has forgotten both, move {} away, and try again",
+            offered.display()
+        ),
+    )
+}
+
+/// Returns the stored key of this name that the robot proves to have; the one that was offered and is not proved is erased then.
 fn proved(name: &str, robot: &SerialRobot, keyring: &Keyring) -> Result<Option<Key>, Error> {
     if let Some(offered) = settled(name, robot, keyring)? {
         return Ok(Some(offered));
     }
     let key = keyring.key(name)?;
-    Ok(robot.proves(&key)?.then_some(key))
+    if !robot.proves(&key)? {
+        return Ok(None);
+    }
+    keyring.withdraw(name)?;
+    Ok(Some(key))
 }
 
 /// Returns the key that was offered to this robot, if the robot proves to have it: it is in the place of the former one then.
 fn settled(name: &str, robot: &SerialRobot, keyring: &Keyring) -> Result<Option<Key>, Error> {
-    let Some(offered) = keyring.offered(name)? else { return Ok(None) };
+    let Some(offered) = offered(keyring, name) else { return Ok(None) };
     if !robot.proves(&offered)? {
         return Ok(None);
     }
@@ -334,7 +350,10 @@ impl KeyInHand {
             return made(key, false);
         }
         if args.new_key {
-            settled(name, robot, keyring)?;
+            // The robot may have the key of an earlier offer: none is lost before another has been proved.
+            if keyring.offered_file(name).exists() && proved(name, robot, keyring)?.is_none() {
+                return Err(unsettled_yet(name, &keyring.offered_file(name)));
+            }
             return made(keys::generate()?, true);
         }
         match proved(name, robot, keyring)? {

@@ -11,9 +11,9 @@ use flix_protocol::session::Key;
 use super::{Error, Exit};
 use flix_host::link::discovery;
 use flix_host::link::keys::{self, KEY_FILE_VARIABLE, KeyError, Keyring, SIMULATED_ROBOT};
-use flix_host::link::udp::Connection;
+use flix_host::link::udp::{self, Connection};
 use flix_host::system::interrupt::Interrupt;
-use flix_shell::output::waiting;
+use flix_shell::output::{complain, waiting};
 
 /// Options that name a robot and its key.
 #[derive(Debug, Clone, clap::Args)]
@@ -41,10 +41,23 @@ const ROBOT_VARIABLE: &str = "FLIX_ROBOT";
 /// Longest wait for an answer by a key of which it is not known whether the robot has it.
 const ANSWER_PATIENCE: Duration = Duration::from_millis(500);
 
-/// A key, and the name of its robot in the keyring.
+/// What follows when a robot is reached by the key that was to be replaced.
+const FORMER: &str =
+    ": it may be whoever knows the former one; `flix provision` at its cable settles which it has";
+
+/// The keys that a robot may have.
 struct Known {
+    /// The name of the robot in the keyring.
     name: Option<String>,
     key: Key,
+    /// The key that was offered to it, while it is not known whether it has it.
+    offered: Option<Key>,
+}
+
+impl Known {
+    fn keys(&self) -> impl Iterator<Item = &Key> {
+        self.offered.iter().chain([&self.key])
+    }
 }
 
 impl RobotArgs {
@@ -79,25 +92,54 @@ impl RobotArgs {
     /// # Errors
     /// As for [`RobotArgs::begin`].
     pub fn find(&self, interrupt: &Interrupt) -> Result<(SocketAddr, Key), Error> {
-        split_port(&self.robot).map_err(Error::usage)?;
         let keyring = Keyring::of_user()?;
-        let Known { name, key } = self.find_key(&keyring)?;
-        if let Some(name) = name
-            && let Some(offered) = keyring.offered(&name)?
-            && let Ok(address) = self.find_address(&keyring, &offered, interrupt)
-            && discovery::proves(address, &offered, ANSWER_PATIENCE)
-        {
-            keyring.settle(&name)?;
+        let (address, known) = self.locate(&keyring, interrupt)?;
+        let Known { name: Some(name), offered: Some(offered), key } = known else {
+            return Ok((address, known.key));
+        };
+        if discovery::proves(address, &offered, ANSWER_PATIENCE) {
+            settle(&keyring, &name);
             return Ok((address, offered));
         }
-        Ok((self.find_address(&keyring, &key, interrupt)?, key))
+        complain(format_args!("{name} has not answered by its new key{FORMER}"));
+        Ok((address, key))
+    }
+
+    /// Finds the robot and stops it, by both of its keys at once where it is not known which it has.
+    ///
+    /// # Errors
+    /// As for [`RobotArgs::begin`] and [`udp::stop`].
+    pub fn stop(&self, interrupt: &Interrupt) -> Result<(), Error> {
+        let keyring = Keyring::of_user()?;
+        let (address, known) = self.locate(&keyring, interrupt)?;
+        let keys: Vec<_> = known.keys().collect();
+        let at_rest = format_args!("{address} to acknowledge the stop and to come to rest");
+        let by = waiting(at_rest, || udp::stop(address, &keys, interrupt))?;
+        match (&known.name, &known.offered) {
+            (Some(name), Some(_)) if by == 0 => settle(&keyring, name),
+            (Some(name), Some(_)) => {
+                complain(format_args!("{name} was stopped by its former key{FORMER}"));
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn locate(
+        &self,
+        keyring: &Keyring,
+        interrupt: &Interrupt,
+    ) -> Result<(SocketAddr, Known), Error> {
+        split_port(&self.robot).map_err(Error::usage)?;
+        let known = self.find_key(keyring)?;
+        Ok((self.find_address(keyring, &known, interrupt)?, known))
     }
 
     /// Returns the key: the named file, else that of the robot's name or address in the keyring.
     /// Every address of this machine belongs to the simulated robot.
     fn find_key(&self, keyring: &Keyring) -> Result<Known, KeyError> {
         if let Some(path) = &self.key {
-            return Ok(Known { name: None, key: keys::read(path)? });
+            return Ok(Known { name: None, key: keys::read(path)?, offered: None });
         }
         let (host, _) = split_port(&self.robot).unwrap_or((&self.robot, None));
         let name = if keyring.contains(host) {
@@ -110,7 +152,11 @@ impl RobotArgs {
                 .filter(|name| keyring.contains(name))
         };
         match name {
-            Some(name) => Ok(Known { key: keyring.key(&name)?, name: Some(name) }),
+            Some(name) => Ok(Known {
+                key: keyring.key(&name)?,
+                offered: offered(keyring, &name),
+                name: Some(name),
+            }),
             None => Err(KeyError::Unknown { robot: self.robot.clone(), names: keyring.names() }),
         }
     }
@@ -118,7 +164,7 @@ impl RobotArgs {
     fn find_address(
         &self,
         keyring: &Keyring,
-        key: &Key,
+        known: &Known,
         interrupt: &Interrupt,
     ) -> Result<SocketAddr, Error> {
         let (host, port) = split_port(&self.robot).map_err(Error::usage)?;
@@ -137,7 +183,7 @@ impl RobotArgs {
         if keyring.contains(host)
             && let Ok(Some(address)) =
                 waiting(format_args!("{host} to be found in the network"), || {
-                    discovery::find(host, key, interrupt)
+                    discovery::find(host, known.keys(), interrupt)
                 })
         {
             return Ok(address);
@@ -148,6 +194,21 @@ impl RobotArgs {
         resolve(host, port)
             .or_else(|| resolve(&format!("{host}.local"), port))
             .ok_or_else(|| not_found(&self.robot))
+    }
+}
+
+/// Returns the key that was offered to a robot; complains of one that cannot be used, which is in nobody's way.
+pub fn offered(keyring: &Keyring, name: &str) -> Option<Key> {
+    keyring.offered(name).unwrap_or_else(|error| {
+        complain(format_args!("the new key of {name} is ignored: {error}"));
+        None
+    })
+}
+
+/// Puts the offered key of a robot in the place of the former one; both stay where that fails.
+fn settle(keyring: &Keyring, name: &str) {
+    if let Err(error) = keyring.settle(name) {
+        complain(format_args!("both keys of {name} are kept: {error}"));
     }
 }
 

@@ -6,7 +6,9 @@ use std::process::ExitCode;
 use serde_json::{Value, json};
 
 use super::{Error, Exit};
-use flix_host::record::{Listing, ReadError, Repaired, Run, csv, is_being_written, list, repair};
+use flix_host::record::{
+    Listing, ReadError, Repaired, Run, RunSummary, csv, is_being_written, list, repair,
+};
 use flix_plot::{Figure, record};
 use flix_shell::output::{complain, headings, print, print_json, table_for_terminal};
 
@@ -143,13 +145,14 @@ fn beside(run: &Run, to: Option<&PathBuf>) -> (PathBuf, String) {
 
 fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
     let Listing { runs, skipped } = list(out)?;
-    for reason in skipped {
-        complain(format_args!("{reason}: skipped"));
+    let mut heads = Vec::new();
+    let head_of = |run: RunSummary| Ok((Run::read_head(&run.file)?, run.bytes));
+    for head in skipped.into_iter().map(Err).chain(runs.into_iter().map(head_of)) {
+        match head {
+            Ok(head) => heads.push(head),
+            Err(reason) => complain(format_args!("{reason}: skipped")),
+        }
     }
-    let heads = runs
-        .iter()
-        .map(|run| Ok((Run::read_head(&run.file)?, run.bytes)))
-        .collect::<Result<Vec<_>, ReadError>>()?;
     if as_json {
         let rows: Vec<Value> = heads
             .iter()
@@ -166,7 +169,7 @@ fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
             .collect();
         return print_json(&rows);
     }
-    if runs.is_empty() {
+    if heads.is_empty() {
         return print(&format!("no runs below {}\n", out.display()));
     }
     let mut rows = vec![headings("run|robot|kB|result")];

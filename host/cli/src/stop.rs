@@ -4,9 +4,8 @@ use std::process::ExitCode;
 
 use super::robot::RobotArgs;
 use super::{Error, Exit};
-use flix_host::link::udp;
 use flix_host::system::interrupt::Interrupt;
-use flix_shell::output::{print, waiting};
+use flix_shell::output::print;
 
 /// Stop the robot, in every state, whoever drives it.
 ///
@@ -25,9 +24,7 @@ pub struct Args {
 /// When the robot cannot be reached, refuses this key, or does not come to rest.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
-    let (address, key) = args.robot.find(&interrupt)?;
-    let at_rest = format_args!("{address} to acknowledge the stop and to come to rest");
-    waiting(at_rest, || udp::stop(address, &key, &interrupt))?;
+    args.robot.stop(&interrupt)?;
     print("stopped; `flix clear` makes it ready again\n")?;
     Ok(Exit::Done.into())
 }

@@ -1,13 +1,14 @@
 //! The `flix` command line against a robot on loopback: exit codes, sentences, JSON, signals.
 use std::io::{Read, Write};
 use std::net::{SocketAddr, UdpSocket};
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use crate::support::{FakeRobot, MODES, ServedRobot, key, seeded_loss};
 use flix_host::link::keys;
-use flix_host::link::udp::Connection;
+use flix_host::link::udp::{self, Connection, LinkError};
 use flix_host::nav::PlanarPose;
 use flix_host::pose::Pose;
 use flix_host::pose::natnet::{NatNetServer, ServerSettings};
@@ -16,7 +17,7 @@ use flix_protocol::message::{
     BuildId, CrashReport, Fault, FaultSummary, Faults, Mark, MotorCurrents, ResetReason, Setpoint,
     State,
 };
-use flix_protocol::session::Key;
+use flix_protocol::session::{ConnectError, Key};
 use flix_protocol::units::{Amperes, Degrees, Hertz};
 use object::{Object, ObjectSymbol, SymbolKind};
 use sha2::{Digest, Sha256};
@@ -80,7 +81,39 @@ fn of_two_keys_the_one_that_the_robot_answers_by_is_used_and_kept() {
             assert_eq!(output.status.code(), Some(0), "{command}: {complaint}");
             assert_eq!(keyring.key("simulated").unwrap(), key());
             assert_eq!(keyring.offered("simulated").unwrap().as_ref(), left);
+            let is_warned = complaint.contains("whoever knows the former one");
+            assert_eq!(is_warned, left.is_some(), "{command}: {complaint}");
         }
+    }
+}
+
+#[test]
+fn a_robot_is_stopped_by_all_keys_at_once_and_says_which_it_has() {
+    let robot = ServedRobot::steady(FakeRobot::new(Some(key())));
+    let (others, own) = ([8, 9].map(|byte| Key::new([byte; 32])), key());
+    let interrupt = Interrupt::never();
+    let by = udp::stop(robot.address, &[&others[0], &own, &others[1]], &interrupt).unwrap();
+    assert!(by == 1 && robot.robot().stopped);
+    let refused = udp::stop(robot.address, &[&others[0], &others[1]], &interrupt);
+    assert!(matches!(refused, Err(LinkError::Connect(ConnectError::WrongKey))), "{refused:?}");
+}
+
+#[test]
+fn a_new_key_that_cannot_be_read_is_complained_of_and_in_nobodys_way() {
+    for (text, mode) in [("", 0o600), ("no key", 0o600), (&"0".repeat(64), 0o644)] {
+        let operator = Operator::new();
+        let folder = operator.home.path().join("flix/robots");
+        keys::Keyring::in_directory(folder.clone()).store("simulated", &key()).unwrap();
+        let new = folder.join("simulated.new");
+        std::fs::write(&new, text).unwrap();
+        std::fs::set_permissions(&new, std::fs::Permissions::from_mode(mode)).unwrap();
+        let robot = ServedRobot::steady(FakeRobot::new(Some(key())));
+        let address = robot.address.to_string();
+        for command in ["stop", "status"] {
+            let output = operator.command_without_key(&[command, &address]).output().unwrap();
+            Ended(output).expect(0, &["simulated is ignored", "simulated.new"]);
+        }
+        assert!(robot.robot().stopped && new.exists());
     }
 }
 

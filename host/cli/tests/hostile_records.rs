@@ -156,3 +156,45 @@ fn a_repair_says_what_is_wrong_and_keeps_the_file_as_it_was() {
         let _ = std::fs::remove_file(original);
     }
 }
+
+#[test]
+fn a_record_that_cannot_be_read_hides_no_other_from_the_list() {
+    let out = tempfile::tempdir().unwrap();
+    let runs = out.path().join("runs");
+    let file = write_record_of(out.path(), 6);
+    let mut bytes = std::fs::read(&file).unwrap();
+    // As long as a chunk's header, behind its first rows: rows that are said to be compressed.
+    let header = [&[0; 28][..], &4_u32.to_le_bytes(), b"zstd", &[0; 8]].concat();
+    let chunk = [&[mcap::records::op::CHUNK][..], &44_u64.to_le_bytes(), &header].concat();
+    let footer = bytes.len() - 37;
+    let end = u64::from_le_bytes(bytes[footer + 9..footer + 17].try_into().unwrap()) as usize - 13;
+    bytes.truncate(end);
+    bytes.extend(chunk);
+    std::fs::write(runs.join("compressed.mcap"), bytes).unwrap();
+    let Output { status, stdout, stderr, .. } =
+        flix(&["runs", "list", "--out", out.path().to_str().unwrap()]);
+    let (stdout, stderr) = (String::from_utf8_lossy(&stdout), String::from_utf8_lossy(&stderr));
+    let stem = file.file_stem().unwrap().to_str().unwrap();
+    assert!(status.success() && stdout.contains(stem), "{stdout}{stderr}");
+    assert!(stderr.contains("mcap decompress") && stderr.contains("skipped"), "{stderr}");
+}
+
+#[test]
+fn figures_and_tables_beside_a_record_follow_no_link() {
+    let out = tempfile::tempdir().unwrap();
+    let record = write_record_of(out.path(), 6);
+    let victim = out.path().join("victim");
+    std::fs::write(&victim, "precious").unwrap();
+    let run = |words: &str| {
+        let Output { status, stdout, .. } = flix(&["runs", words, record.to_str().unwrap()]);
+        assert!(status.success());
+        String::from_utf8(stdout).unwrap()
+    };
+    let written = ["plot", "export-csv"].map(run).concat();
+    for file in written.lines() {
+        std::fs::remove_file(file).unwrap();
+        std::os::unix::fs::symlink(&victim, file).unwrap();
+    }
+    assert_eq!(["plot", "export-csv"].map(run).concat(), written);
+    assert_eq!(std::fs::read_to_string(victim).unwrap(), "precious");
+}

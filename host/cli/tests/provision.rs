@@ -355,9 +355,34 @@ fn a_lost_answer_to_a_new_key_locks_nobody_out() {
     operator.keyring().offer("walker-1", &former).unwrap();
     operator.provisions(&CabledRobot::relay(&robot), &["--ssid", "home"]);
     assert_eq!(operator.keyring().key("walker-1").unwrap(), key);
+    assert_eq!(operator.keyring().offered("walker-1").unwrap(), None, "the robot has the other");
     operator.provisions(&CabledRobot::relay(&robot), &words);
     assert_eq!(operator.keyring().key("walker-1").unwrap(), robot.kept().key());
     assert_eq!(operator.keyring().offered("walker-1").unwrap(), None);
+}
+
+#[test]
+fn a_second_new_key_costs_no_key_that_the_robot_may_have() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    let words = ["--ssid", "lab", "--name", "walker-1", "--new-key"];
+    operator.fails(&CabledRobot::cut_off(&robot), &words, 10, "both keys are kept");
+    let (former, new) = (operator.keyring().key("walker-1").unwrap(), robot.kept().key());
+    // Another device at the cable, which refuses or obeys.
+    for refusal in [Some(ProvisionRefusal::Driving), None] {
+        let other = CabledRobot::with_trouble(0, refusal);
+        operator.fails(&other, &words, 20, "walker-1.new");
+        assert_eq!(operator.keyring().key("walker-1").unwrap(), former);
+        assert_eq!(operator.keyring().offered("walker-1").unwrap().as_ref(), Some(&new));
+        assert!(other.kept.lock().unwrap().is_none());
+    }
+    operator.provisions(&CabledRobot::relay(&robot), &words);
+    assert_ne!(robot.kept().key(), new);
+    assert_eq!(operator.keyring().key("walker-1").unwrap(), robot.kept().key());
+    // An offer whose file was never written whole, and a robot that proves the former.
+    fs::write(operator.keyring().offered_file("walker-1"), "").unwrap();
+    operator.provisions(&CabledRobot::relay(&robot), &words);
+    assert_eq!(operator.keyring().key("walker-1").unwrap(), robot.kept().key());
 }
 
 #[test]

@@ -31,7 +31,10 @@ mod series;
 mod svg;
 mod track;
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
+
+use flix_host::system::file;
 
 pub use axis::Limits;
 pub use canvas::{Canvas, Size};
@@ -97,7 +100,8 @@ pub trait Figure {
         raster::png(&self.page())
     }
 
-    /// Writes `name.svg` and `name.png` into `folder`, which is created if it is missing.
+    /// Writes `name.svg` and `name.png` into `folder`, which is created if it is missing. Replaces links of these
+    /// names, and follows none.
     ///
     /// # Errors
     /// When a file cannot be written.
@@ -112,8 +116,11 @@ pub trait Figure {
         };
         let page = self.page();
         std::fs::create_dir_all(folder).map_err(failed(folder))?;
-        std::fs::write(&written.svg, svg::document(&page)).map_err(failed(&written.svg))?;
-        std::fs::write(&written.png, raster::png(&page)?).map_err(failed(&written.png))?;
+        let write = |path: &Path, bytes: &[u8]| {
+            file::replace(path, |mut file| file.write_all(bytes)).map_err(failed(path))
+        };
+        write(&written.svg, svg::document(&page).as_bytes())?;
+        write(&written.png, &raster::png(&page)?)?;
         Ok(written)
     }
 }

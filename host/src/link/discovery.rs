@@ -70,16 +70,17 @@ pub fn browse(duration: Duration, interrupt: &Interrupt) -> Result<Vec<Found>, D
 }
 
 /// Searches for one robot by its name, for at most [`FIND_PATIENCE`], and returns the first address that proves to have
-/// its key. Whoever is in the network can answer for it, and faster; when nobody proves it, the first that answered is
+/// one of these keys. Whoever is in the network can answer for it, and faster; when nobody proves it, the first that answered is
 /// returned, whose handshake says what is wrong.
 ///
 /// # Errors
 /// When multicast does not work on this machine.
-pub fn find(
+pub fn find<'a>(
     name: &str,
-    key: &Key,
+    keys: impl Iterator<Item = &'a Key>,
     interrupt: &Interrupt,
 ) -> Result<Option<SocketAddr>, DiscoveryError> {
+    let keys: Vec<_> = keys.collect();
     let mut greeted: Vec<Greeted> = Vec::new();
     let mut proved = None;
     listen(FIND_PATIENCE, interrupt, |found| {
@@ -87,7 +88,7 @@ pub fn find(
         for address in named.iter().flat_map(Found::socket_addresses) {
             let is_new = greeted.iter().all(|it| it.address != address);
             if is_new && greeted.len() < MOST_GREETED {
-                greeted.extend(Greeted::new(address, key));
+                greeted.extend(keys.iter().filter_map(|key| Greeted::new(address, key)));
             }
         }
         let proves = |it: &mut Greeted| it.proves().unwrap_or(false).then_some(it.address);

@@ -9,7 +9,7 @@
 //! A file that other users can read is refused, as ssh does.
 
 use std::fs::{self, File};
-use std::io::{self, Read, Write};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use flix_protocol::provision;
@@ -17,7 +17,7 @@ use flix_protocol::session::{self, Key};
 use zeroize::Zeroizing;
 
 use crate::system::file;
-use crate::system::{create_private, create_private_folder, exposed_mode};
+use crate::system::{create_private_folder, exposed_mode};
 
 /// Name of the simulated robot, under which `flix-sim serve` stores its key. It is also the key for
 /// every address of this machine.
@@ -136,12 +136,13 @@ pub fn read(path: &Path) -> Result<Key, KeyError> {
     text.parse().map_err(|source| KeyError::Malformed { path: path.to_owned(), source })
 }
 
-/// Writes a new key file that only its owner can read.
+/// Writes a new key file that only its owner can read, whole or not at all.
 ///
 /// # Errors
 /// When the file exists already or cannot be written.
 pub fn write_new(path: &Path, key: &Key) -> Result<(), KeyError> {
-    let mut file = create_private(path).map_err(|error| {
+    let text = Zeroizing::new([key.to_text().as_slice(), b"\n"].concat());
+    file::write_private(path, &text).map_err(|error| {
         if error.kind() == io::ErrorKind::AlreadyExists {
             match file::kind(path) {
                 Ok(Some(what)) => at(path)(io::Error::other(format!("it exists, and is {what}"))),
@@ -150,16 +151,7 @@ pub fn write_new(path: &Path, key: &Key) -> Result<(), KeyError> {
         } else {
             at(path)(error)
         }
-    })?;
-    let text = key.to_text();
-    file.write_all(text.as_slice())
-        .and_then(|()| file.write_all(b"\n"))
-        .and_then(|()| file.sync_all())
-        .map_err(|error| {
-            // Part of a key, as a full disk leaves it, is of no use and in the way of the next.
-            let _ = fs::remove_file(path);
-            at(path)(error)
-        })
+    })
 }
 
 fn refuse_exposed(path: &Path, file: &File) -> Result<(), KeyError> {
@@ -272,11 +264,10 @@ impl Keyring {
     /// [settled](Keyring::settle) which of them the robot has.
     ///
     /// # Errors
-    /// As for [`Keyring::store`].
+    /// As for [`Keyring::store`]; when an earlier offer is not settled, of which the robot may have the key.
     pub fn offer(&self, name: &str, key: &Key) -> Result<(), KeyError> {
         check_name(name)?;
         self.create_directory()?;
-        self.withdraw(name)?;
         write_new(&self.offered_file(name), key)
     }
 
@@ -313,7 +304,9 @@ impl Keyring {
         }
     }
 
-    fn offered_file(&self, name: &str) -> PathBuf {
+    /// Returns the path of the key that was offered to this robot, whether it exists or not.
+    #[must_use]
+    pub fn offered_file(&self, name: &str) -> PathBuf {
         self.directory.join(format!("{name}.new"))
     }
 
@@ -458,8 +451,9 @@ mod tests {
         assert_eq!(keyring.offered("walker").unwrap(), None);
         keyring.withdraw("walker").unwrap();
         let key = generate().unwrap();
-        keyring.offer("walker", &generate().unwrap()).unwrap();
         keyring.offer("walker", &key).unwrap();
+        let again = keyring.offer("walker", &generate().unwrap());
+        assert!(matches!(again, Err(KeyError::Exists { .. })), "the robot may have the first");
         assert_eq!(keyring.key("walker").unwrap(), former);
         assert_eq!(keyring.offered("walker").unwrap().as_ref(), Some(&key));
         keyring.settle("walker").unwrap();

@@ -479,38 +479,51 @@ impl Drop for Connection {
     }
 }
 
-/// Stops the robot at this address without a session, whoever holds it, and waits until it is at rest.
+/// Stops the robot at this address without a session, whoever holds it, and waits until it is at rest. Asks by all of these keys
+/// at once, and returns the place of the one that the robot has answered by.
 ///
 /// # Errors
-/// When no robot answers, it refuses this key, or does not come to rest; when the network fails, or
+/// When no robot answers, it refuses every key, or does not come to rest; when the network fails, or
 /// the program is interrupted.
-pub fn stop(address: SocketAddr, key: &Key, interrupt: &Interrupt) -> Result<(), LinkError> {
-    let socket = socket_to(address)?;
+pub fn stop(address: SocketAddr, keys: &[&Key], interrupt: &Interrupt) -> Result<usize, LinkError> {
     let start = Clock::start();
     let now = || Instant::START + start.elapsed();
-    let mut stop = StopSession::new(key, entropy()?, now());
+    let ask = |key: &&Key| {
+        Ok::<_, LinkError>((socket_to(address)?, StopSession::new(key, entropy()?, now())))
+    };
+    let mut stops = keys.iter().map(ask).collect::<Result<Vec<_>, _>>()?;
     let mut latched = None;
     let mut datagram = [0; MAXIMUM_DATAGRAM + 1];
     loop {
-        while let Some(frame) = stop.poll(now()) {
-            transient(socket.send(&frame))?;
-        }
-        match stop.status() {
-            StopStatus::AtRest => return Ok(()),
-            StopStatus::Failed(error) => return Err(no_session(Some(address), error)),
-            StopStatus::Latched if *latched.get_or_insert(now()) + DISARM_PATIENCE <= now() => {
-                return Err(LinkError::State { wanted: State::Disarmed, actual: State::Stopping });
+        let (mut failed, mut failures) = (ConnectError::NoAnswer, 0);
+        for (by, (socket, stop)) in stops.iter_mut().enumerate() {
+            while let Some(frame) = stop.poll(now()) {
+                transient(socket.send(&frame))?;
             }
-            StopStatus::Latched | StopStatus::Asking => {}
+            match stop.status() {
+                StopStatus::AtRest => return Ok(by),
+                StopStatus::Failed(error) => (failed, failures) = (error, failures + 1),
+                StopStatus::Latched if *latched.get_or_insert(now()) + DISARM_PATIENCE <= now() => {
+                    let (wanted, actual) = (State::Disarmed, State::Stopping);
+                    return Err(LinkError::State { wanted, actual });
+                }
+                StopStatus::Latched | StopStatus::Asking => {}
+            }
+        }
+        if failures == stops.len() {
+            return Err(no_session(Some(address), failed));
         }
         if interrupt.is_raised() {
             return Err(LinkError::Interrupted);
         }
-        let due = stop.poll_at().map_or(LONGEST_WAIT, |due| due.since(now()).min(LONGEST_WAIT));
-        socket.set_read_timeout(Some(due.max(SHORTEST_WAIT)))?;
-        if let Some(length) = transient(socket.recv(&mut datagram))? {
-            // One that is dropped is one that a stranger sent, or came twice.
-            let _ = stop.receive(now(), &datagram[..length]);
+        for (socket, stop) in &mut stops {
+            let due = stop.poll_at().map_or(LONGEST_WAIT, |due| due.since(now()).min(LONGEST_WAIT));
+            // They share the wait.
+            socket.set_read_timeout(Some((due / keys.len() as u32).max(SHORTEST_WAIT)))?;
+            if let Some(length) = transient(socket.recv(&mut datagram))? {
+                // One that is dropped is one that a stranger sent, or came twice.
+                let _ = stop.receive(now(), &datagram[..length]);
+            }
         }
     }
 }

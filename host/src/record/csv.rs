@@ -1,13 +1,16 @@
 //! Exports a run as tables: one CSV file per topic, for spreadsheets and scripts.
 
+use std::fs::File;
 use std::path::{Path as FilePath, PathBuf};
 
 use csv::Writer;
 
 use super::{MotorRow, RecordError, Run, Timestamp};
+use crate::system::file;
 
 /// Writes `STEM-pose.csv`, `-command.csv`, `-navigation.csv`, `-telemetry.csv` and `-log.csv` (those
-/// that have rows) into `folder`, and returns their paths. Times are in seconds since the first row.
+/// that have rows) into `folder`, and returns their paths. Times are in seconds since the first row. Replaces links of
+/// these names, and follows none.
 ///
 /// # Errors
 /// When a file cannot be written.
@@ -25,13 +28,13 @@ pub fn export(run: &Run, folder: &FilePath) -> Result<Vec<PathBuf>, RecordError>
             continue;
         }
         let path = folder.join(format!("{stem}-{topic}.csv"));
-        let write = || -> csv::Result<()> {
-            let mut writer = Writer::from_path(&path)?;
+        let write = |file: &File| -> csv::Result<()> {
+            let mut writer = Writer::from_writer(file);
             writer.write_record(columns.split(','))?;
             rows.iter().try_for_each(|row| writer.write_record(row))?;
             Ok(writer.flush()?)
         };
-        write().map_err(std::io::Error::from).map_err(failed(&path))?;
+        file::replace(&path, write).map_err(std::io::Error::from).map_err(failed(&path))?;
         written.push(path);
     }
     Ok(written)

@@ -28,7 +28,10 @@ const CHUNK_HEADER: u64 = 40;
 /// Longest part that is taken for one, bytes: the writer's chunks have some 100 kB.
 const LONGEST: u64 = 256 << 20;
 /// Bytes that are looked through at once for the next part.
-const STRETCH: u64 = 1 << 20;
+const STRETCH: u64 = 64 << 10;
+/// How often lengths that contradict each other may have the whole file read again, of one that is shorter than [`LONGEST`]; then
+/// lost parts are looked for no more.
+const MOST_AGAIN: u64 = 64;
 /// Most bytes of the first eight that may be damaged.
 const MOST_WRONG: usize = 2;
 /// Longest name of facts, bytes.
@@ -73,6 +76,10 @@ pub(super) struct Parts {
     summed: u64,
     /// Where what it is stored of ends.
     sum_end: u64,
+    /// Up to where the file was read.
+    seen: u64,
+    /// Bytes that were read again.
+    again: u64,
     /// Whether it begins or ends as a record does.
     pub(super) is_record: bool,
 }
@@ -93,6 +100,8 @@ impl Parts {
             sum: CRC.digest(),
             summed: 0,
             sum_end: 0,
+            seen: 0,
+            again: 0,
             is_record: true,
         };
         if let Some(summary) = parts.find_summary()? {
@@ -135,6 +144,10 @@ impl Parts {
         let stored = number(&stored, PREFIX as usize, 4);
         if stored == 0 {
             return Ok(None);
+        }
+        // No part is as long: what is behind a wrong length, or the hole of a file that takes no room.
+        if data.saturating_sub(self.summed) > LONGEST {
+            return Ok(Some(false));
         }
         // What was not read, such as behind a length that is wrong.
         while self.summed < data {
@@ -241,14 +254,18 @@ impl Parts {
             let by_prefix = next.and_then(|next| next.checked_sub(rows));
             let sizes = [by_prefix, Some(number(&header, 32, 8)), Some(number(&header, 16, 8))];
             for size in sizes.into_iter().flatten() {
-                if size > LONGEST || rows.saturating_add(size) > self.end {
+                let is_stated = next == rows.checked_add(size);
+                if size > LONGEST
+                    || rows.saturating_add(size) > self.end
+                    || (!is_stated && self.is_exhausted())
+                {
                     continue;
                 }
                 let data = self.bytes(rows, size)?;
                 if sum != 0 && u64::from(CRC.checksum(&data)) == sum {
                     return Ok(Some((Some(Part::Rows(data)), rows + size)));
                 }
-                if sum == 0 && next == Some(rows + size) {
+                if sum == 0 && is_stated {
                     return Ok(Some((Some(Part::Rows(data)), rows + size)));
                 }
             }
@@ -266,12 +283,16 @@ impl Parts {
     /// Looks for the next part that is whole, from a place on.
     fn find(&mut self, from: u64) -> io::Result<Option<u64>> {
         if let Some(summary) = &self.summary {
-            return Ok(summary.places.iter().copied().find(|place| *place >= from));
+            let next = summary.places.partition_point(|place| *place < from);
+            return Ok(summary.places.get(next).copied());
         }
         let (mut at, end) = (from, self.end.min(from.saturating_add(LONGEST)));
         while at < end {
             let stretch = self.bytes(at, STRETCH.min(end - at))?;
             for (place, kind) in (at..).zip(&stretch) {
+                if self.is_exhausted() {
+                    return Ok(None);
+                }
                 if self.is_whole(place, *kind)? {
                     return Ok(Some(place));
                 }
@@ -295,6 +316,11 @@ impl Parts {
             Some(Part::Facts(_) | Part::Attachment(..)) => true,
             _ => false,
         })
+    }
+
+    /// Returns whether no more is read again for lengths that contradict each other.
+    fn is_exhausted(&self) -> bool {
+        self.again > self.end.saturating_mul(MOST_AGAIN).min(LONGEST)
     }
 
     fn find_summary(&mut self) -> io::Result<Option<Summary>> {
@@ -340,6 +366,9 @@ impl Parts {
         }
         let mut bytes = Vec::new();
         self.file.by_ref().take(count).read_to_end(&mut bytes)?;
+        let until = at.saturating_add(bytes.len() as u64);
+        self.again += self.seen.min(until).saturating_sub(at);
+        self.seen = self.seen.max(until);
         let place = |of: u64| usize::try_from(of.checked_sub(at)?).ok();
         let end = place(self.sum_end).map(|end| end.min(bytes.len()));
         if let (Some(known), Some(end)) = (place(self.summed), end)
@@ -475,5 +504,74 @@ impl Directory {
             self.schemas.entry(id).or_insert(schema);
         }
         rows
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write as _;
+
+    use super::*;
+
+    /// Chunks without rows, each of which states, in this of its lengths, that all that follows it is its rows.
+    fn nested(count: u64, lengths: [bool; 3]) -> Vec<u8> {
+        let mut file = MAGIC.to_vec();
+        for number in 1..=count {
+            let rest = (count - number) * (PREFIX + CHUNK_HEADER);
+            let [prefix, size, second] = lengths.map(|is_long| if is_long { rest } else { 0 });
+            file.push(op::CHUNK);
+            file.extend((prefix + CHUNK_HEADER).to_le_bytes());
+            file.extend([0; 16]);
+            file.extend(size.to_le_bytes());
+            file.extend(1_u32.to_le_bytes());
+            file.extend([0; 4]);
+            file.extend(second.saturating_sub(number % 2).to_le_bytes());
+        }
+        file.push(0);
+        file
+    }
+
+    #[test]
+    fn lengths_that_contradict_each_other_have_a_file_read_a_bounded_number_of_times() {
+        for lengths in [[true, true, true], [false, true, true], [true, false, false]] {
+            let mut file = tempfile::NamedTempFile::new().unwrap();
+            let bytes = nested(2000, lengths);
+            file.write_all(&bytes).unwrap();
+            let mut parts = Parts::open(file.path()).unwrap();
+            let (mut read, mut found) = (0, 0);
+            while let Some(part) = parts.next(true).unwrap() {
+                found += 1;
+                if let Part::Rows(rows) | Part::Rest(rows) | Part::Damaged(rows) = part {
+                    read += rows.len();
+                }
+            }
+            let times = (parts.again + read as u64) / bytes.len() as u64;
+            assert!(found > 0 && times <= MOST_AGAIN + 10, "{lengths:?}: {times} times");
+        }
+    }
+
+    #[test]
+    fn a_hole_that_no_part_is_as_long_as_is_not_read_for_its_check_sum() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let hole = 40 << 30;
+        let mut end = vec![op::DATA_END];
+        end.extend(4_u64.to_le_bytes());
+        end.extend(7_u32.to_le_bytes());
+        let start = hole + end.len() as u64;
+        end.extend([0xff; 9]);
+        end.push(op::FOOTER);
+        end.extend(FOOTER.to_le_bytes());
+        end.extend(start.to_le_bytes());
+        end.extend([0; 12]);
+        end.extend(MAGIC);
+        let mut target = file.reopen().unwrap();
+        target.write_all(MAGIC).unwrap();
+        target.seek(SeekFrom::Start(hole)).unwrap();
+        target.write_all(&end).unwrap();
+        let mut parts = Parts::open(file.path()).unwrap();
+        while parts.next(true).unwrap().is_some() {}
+        assert!(parts.is_complete());
+        assert_eq!(parts.is_unchanged().unwrap(), Some(false));
+        assert!(parts.summed <= LONGEST, "it is read no further");
     }
 }

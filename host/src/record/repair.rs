@@ -13,6 +13,7 @@ use mcap::{Attachment, McapError, McapResult, WriteOptions, Writer};
 use super::parts::{Described, Directory, Part, Parts};
 use super::reader::{Damage, ReadError};
 use super::writer::{RecordError, failed};
+use crate::system::file;
 
 /// Why a record could not be completed. The file is as it was.
 #[derive(Debug, thiserror::Error)]
@@ -34,7 +35,7 @@ pub enum RepairError {
 /// Returns whether a program still writes this record.
 #[must_use]
 pub fn is_being_written(file: &Path) -> bool {
-    let lock = crate::system::file::open(file).map(|file| file.try_lock_shared());
+    let lock = file::open(file).map(|file| file.try_lock_shared());
     matches!(lock, Ok(Err(TryLockError::WouldBlock)))
 }
 
@@ -67,32 +68,11 @@ pub fn repair(file: &Path) -> Result<Option<Repaired>, RepairError> {
     if run.is_complete && !run.damage.is_loss() {
         return Ok(None);
     }
-    let new = file.with_extension("mcap.part");
-    let write = |source| RecordError::File { path: new.clone(), source };
-    let target = create(&new).map_err(write)?;
-    let replaced = copy(file, &target).map_err(|error| failed(&new, error)).and_then(|rows| {
-        target.sync_all().map_err(write)?;
-        let original = keep(file).map_err(write)?;
-        std::fs::rename(&new, file).map_err(write)?;
-        Ok(Repaired { rows, damage: run.damage, original })
+    let repaired = file::replace(file, |target| {
+        let rows = copy(file, target)?;
+        Ok(Repaired { rows, damage: run.damage, original: keep(file)? })
     });
-    if replaced.is_err() {
-        // The rest of an attempt; the record itself was not touched.
-        let _ = std::fs::remove_file(&new);
-    }
-    Ok(Some(replaced?))
-}
-
-/// Makes a file of this name, in the place of whatever has it.
-fn create(path: &Path) -> std::io::Result<File> {
-    match File::create_new(path) {
-        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {
-            // The rest of an attempt that was killed, or a link.
-            std::fs::remove_file(path)?;
-            File::create_new(path)
-        }
-        created => created,
-    }
+    Ok(Some(repaired.map_err(|error| failed(file, error))?))
 }
 
 /// Gives a file a second name that is not in use, or a copy where the file system knows no second names; returns that name.
@@ -105,10 +85,7 @@ fn keep(file: &Path) -> std::io::Result<PathBuf> {
             Ok(()) => return Ok(kept),
             Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => attempt += 1,
             Err(_) => {
-                std::io::copy(
-                    &mut crate::system::file::open(file)?,
-                    &mut File::create_new(&kept)?,
-                )?;
+                std::io::copy(&mut file::open(file)?, &mut File::create_new(&kept)?)?;
                 return Ok(kept);
             }
         }

@@ -1,12 +1,12 @@
-//! Reads files that a person names: only what is a file, and only up to a size.
+//! Reads files that a person names: only what is a file, and only up to a size. Writes files whole or not at all.
 //!
 //! A pipe waits for its writer and a device may never end: neither is opened.
 
 use std::fs::{self, File};
 use std::io::{self, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use crate::system::is_pipe;
+use crate::system::{create_private, is_pipe};
 
 /// Largest text that is read as settings, waypoints, a model or a table, bytes.
 pub const LARGEST_TEXT: u64 = 16 << 20;
@@ -49,6 +49,70 @@ pub fn check_writable(path: &Path) -> io::Result<()> {
     let is_new = !path.exists();
     File::options().append(true).create(true).open(path)?;
     if is_new { fs::remove_file(path) } else { Ok(()) }
+}
+
+/// Writes a file in the place of what has its name: under a name of its own at first, so that whoever reads, and a cut of power,
+/// find the old one or the new one whole. A link is replaced; what it leads to stays as it is.
+///
+/// # Errors
+/// When it cannot be written, or `write` fails; then the old one stays.
+pub fn replace<T, E: From<io::Error>>(
+    path: &Path,
+    write: impl FnOnce(&File) -> Result<T, E>,
+) -> Result<T, E> {
+    write_beside(path, |new| File::create_new(new), write, |new| fs::rename(new, path))
+}
+
+/// Writes a new file that only its owner can read; a cut of power leaves it whole or not at all.
+///
+/// # Errors
+/// When there is anything of this name already, a link to nothing included, or it cannot be written.
+pub fn write_private(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let is_new = || match fs::symlink_metadata(path) {
+        Ok(_) => Err(io::ErrorKind::AlreadyExists.into()),
+        Err(_) => Ok(()),
+    };
+    is_new()?;
+    let write = |mut file: &File| io::Write::write_all(&mut file, bytes);
+    write_beside(path, create_private, write, |new| match fs::hard_link(new, path) {
+        Ok(()) => fs::remove_file(new),
+        // As on a memory card, which knows no second names.
+        Err(_) => is_new().and_then(|()| fs::rename(new, path)),
+    })
+}
+
+/// Writes a file under a name of its own, stores it, and gives it its place.
+fn write_beside<T, E: From<io::Error>>(
+    path: &Path,
+    create: impl Fn(&Path) -> io::Result<File>,
+    write: impl FnOnce(&File) -> Result<T, E>,
+    put: impl FnOnce(&Path) -> io::Result<()>,
+) -> Result<T, E> {
+    let mut new = path.as_os_str().to_owned();
+    new.push(".part");
+    let new = PathBuf::from(new);
+    let file = match create(&new) {
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
+            // The rest of an attempt that was killed, or a link.
+            fs::remove_file(&new)?;
+            create(&new)?
+        }
+        created => created?,
+    };
+    let written = write(&file).and_then(|written| {
+        file.sync_all()?;
+        put(&new)?;
+        Ok(written)
+    });
+    if written.is_err() {
+        // Part of a file, as a full disk leaves it.
+        let _ = fs::remove_file(&new);
+    }
+    // Its name, too, is stored before others rely on it, where folders can be.
+    if let Some(Ok(folder)) = path.parent().map(File::open) {
+        let _ = folder.sync_all();
+    }
+    written
 }
 
 /// Reads a whole file of at most `most` bytes.
@@ -96,6 +160,8 @@ fn too_large(most: u64) -> io::Error {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Write as _;
+
     use super::*;
 
     #[test]
@@ -107,6 +173,39 @@ mod tests {
         check_writable(&old).unwrap();
         assert!(!new.exists() && fs::read_to_string(&old).unwrap() == "kept");
         assert!(check_writable(folder.path()).is_err() && check_writable(&old.join("c")).is_err());
+    }
+
+    #[test]
+    fn a_file_is_replaced_whole_and_a_link_is_not_followed() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("other"), "precious").unwrap();
+        for name in ["new", "new.part"] {
+            std::os::unix::fs::symlink(at("other"), at(name)).unwrap();
+        }
+        let write = |text: &'static str| move |mut file: &File| file.write_all(text.as_bytes());
+        replace(&at("new"), write("first")).unwrap();
+        assert_eq!(fs::read_to_string(at("other")).unwrap(), "precious");
+        assert!(fs::symlink_metadata(at("new")).unwrap().is_file());
+        let failed: io::Result<()> =
+            replace(&at("new"), |file| write("sec")(file).and(Err(io::Error::other("full"))));
+        assert!(failed.is_err() && !at("new.part").exists());
+        assert_eq!(fs::read_to_string(at("new")).unwrap(), "first");
+    }
+
+    #[test]
+    fn a_private_file_takes_the_place_of_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("key.part"), "the rest of an attempt").unwrap();
+        std::os::unix::fs::symlink(at("nothing"), at("link")).unwrap();
+        write_private(&at("key"), b"first").unwrap();
+        for name in ["key", "link"] {
+            let error = write_private(&at(name), b"second").unwrap_err();
+            assert_eq!(error.kind(), io::ErrorKind::AlreadyExists, "{name}");
+        }
+        assert_eq!(fs::read_to_string(at("key")).unwrap(), "first");
+        assert!(!at("nothing").exists() && !at("key.part").exists());
     }
 
     #[test]
