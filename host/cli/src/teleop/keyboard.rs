@@ -84,6 +84,8 @@ pub enum Report {
     Key(KeyEvent),
     /// Nobody looks: the focus is lost, or nobody is attached to tmux or screen.
     Unwatched,
+    /// Text that nobody typed came to its end: pasted, an answer of the terminal, or bytes that are no character.
+    Text,
     /// A sequence has no end: what follows may be a part of it.
     BrokenOff,
     /// It cannot be read any more.
@@ -115,6 +117,8 @@ pub struct Typing {
     /// What the keys that came together last are there for, and when the last of them came.
     together: Vec<Option<Action>>,
     last: Duration,
+    /// Whether text came among them.
+    is_text: bool,
     /// When the last character of an answer of the terminal came that has not ended yet.
     answer: Option<Duration>,
     /// When the last character came of what follows a sequence without its end.
@@ -157,6 +161,7 @@ impl Typing {
                 self.last = at;
             }
             Report::Unwatched => self.ready.doubt = Some("nobody looks at the terminal"),
+            Report::Text => (self.is_text, self.last) = (true, at),
             Report::BrokenOff => {
                 self.together.fill(None);
                 self.rest = Some(at);
@@ -192,12 +197,16 @@ impl Typing {
 
     /// Judges the keys that came together, once nothing followed for long enough.
     fn settle(&mut self, now: Duration) {
-        if self.together.is_empty() || now.saturating_sub(self.last) < APART {
+        if now.saturating_sub(self.last) < APART {
             return;
         }
         let keys = std::mem::take(&mut self.together);
-        if keys.len() > TOGETHER {
+        let is_text = std::mem::take(&mut self.is_text);
+        if is_text || keys.len() > TOGETHER {
             self.ready.dropped += keys.len();
+            return;
+        }
+        if keys.is_empty() {
             return;
         }
         self.ready.is_touched = true;
