@@ -68,6 +68,8 @@ const APART: Duration = Duration::from_millis(5);
 const TOGETHER: usize = 3;
 /// Longest pause within an answer of the terminal, which may come in pieces. Its end may be lost.
 const PAUSE: Duration = Duration::from_secs(1);
+/// A program that did not look at its keys for longer stood still: what was typed meanwhile was for what it showed before.
+const STOOD_STILL: Duration = Duration::from_millis(250);
 /// What an answer of the terminal begins with, read as a key with Alt: ECMA-48's control strings DCS, SOS, OSC, PM, APC.
 const STRINGS: [KeyCode; 5] = [
     KeyCode::Char('P'),
@@ -101,7 +103,7 @@ pub struct Typed {
     pub is_touched: bool,
     /// Why a robot that walks has to rest, in words.
     pub doubt: Option<&'static str>,
-    /// Keys that came in one go and were dropped.
+    /// Keys that came in one go, or while the program stood still, and were dropped.
     pub dropped: usize,
 }
 
@@ -123,6 +125,10 @@ pub struct Typing {
     answer: Option<Duration>,
     /// When the last character came of what follows a sequence without its end.
     rest: Option<Duration>,
+    /// When the keys were looked at last.
+    looked: Duration,
+    /// Keys until then are too old. Those of a program that stood still are read shortly after it goes on.
+    old_until: Duration,
 }
 
 impl Typing {
@@ -130,6 +136,16 @@ impl Typing {
     #[must_use]
     pub fn new(holds: bool) -> Self {
         Self { holds, ..Self::default() }
+    }
+
+    /// Looks at the keys at this time, before those that wait are reported. They are too old after a time without a look, but
+    /// for what calms or leaves.
+    pub fn look(&mut self, now: Duration) {
+        if now.saturating_sub(self.looked) > STOOD_STILL {
+            self.together.clear();
+            self.old_until = now + STOOD_STILL;
+        }
+        self.looked = now;
     }
 
     /// Takes what a terminal reported at this time.
@@ -145,7 +161,8 @@ impl Typing {
             Report::Key(key) => {
                 let action = action(key);
                 let is_answer = self.answers(at, key);
-                if is_answer && !action.as_ref().is_some_and(is_calming) {
+                let is_old = at < self.old_until && action != Some(Action::Quit);
+                if (is_answer || is_old) && !action.as_ref().is_some_and(is_calming) {
                     self.ready.dropped += 1;
                     return;
                 }
@@ -340,6 +357,31 @@ mod tests {
         let held_back = typing.take(ms(6000));
         assert_eq!((held_back.actions.len(), held_back.dropped), (0, 50));
         assert!(!held_back.is_touched);
+    }
+
+    #[test]
+    fn keys_of_a_program_that_stood_still_do_nothing_but_calm() {
+        let mut typing = Typing::default();
+        typing.look(ms(200));
+        // Read before it stood still, while, and just after.
+        typing.report(ms(201), key(KeyCode::Char('w')));
+        typing.look(ms(6000));
+        for (at, code) in [
+            (3000, KeyCode::Enter),
+            (5999, KeyCode::Char('w')),
+            (6001, KeyCode::Char('c')),
+            (6003, KeyCode::Backspace),
+        ] {
+            typing.report(ms(at), key(code));
+        }
+        typing.look(ms(6240));
+        let typed = typing.take(ms(6240));
+        assert_eq!((typed.actions, typed.is_touched), (vec![Action::Disarm], true));
+        for (at, walks) in [(6249, 0), (6260, 1)] {
+            typing.report(ms(at), key(KeyCode::Char('w')));
+            typing.look(ms(at + 5));
+            assert_eq!(typing.take(ms(at + 5)).actions.len(), walks);
+        }
     }
 
     #[test]

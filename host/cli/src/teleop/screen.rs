@@ -69,7 +69,7 @@ pub fn run(
             cockpit.attend(now);
         }
         if typed.dropped > 0 {
-            let text = format!("{} keys at once are no typing: ignored", typed.dropped);
+            let text = format!("{} keys at once or too late are no typing: ignored", typed.dropped);
             cockpit.note(now, Weight::Warning, &text);
         }
         for action in typed.actions {
