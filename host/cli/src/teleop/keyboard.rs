@@ -66,6 +66,10 @@ const APART: Duration = Duration::from_millis(5);
 /// Most keys in one go that may come from a hand: a slow network hands over some together. Even of these none arms, clears or
 /// begins a walk: two letters may be pasted.
 const TOGETHER: usize = 3;
+/// A hand presses a key not faster again; one that comes faster repeats, since it is held.
+const PRESSED_AGAIN: Duration = Duration::from_millis(100);
+/// A key that repeats is held until it was silent for so long: a network may hold some of them back.
+const RELEASED: Duration = Duration::from_millis(500);
 /// Longest pause within an answer of the terminal, which may come in pieces. Its end may be lost.
 const PAUSE: Duration = Duration::from_secs(1);
 /// A program that did not look at its keys for longer stood still: what was typed meanwhile was for what it showed before.
@@ -99,6 +103,8 @@ pub enum Report {
 pub struct Typed {
     /// What the operator wants.
     pub actions: Vec<Action>,
+    /// Steps of f and theta by keys that repeat: they change a walk, and are no new wish of the operator.
+    pub steps: Vec<Action>,
     /// Whether a key was pressed, with an action or without.
     pub is_touched: bool,
     /// Why a robot that walks has to rest, in words.
@@ -116,8 +122,10 @@ pub struct Typing {
     /// The key of the walk that goes on.
     held: Option<KeyCode>,
     ready: Typed,
-    /// What the keys that came together last are there for, and when the last of them came.
-    together: Vec<Option<Action>>,
+    /// The key that was pressed last, when, and whether it repeats.
+    repeated: Option<(KeyCode, Duration, bool)>,
+    /// What the keys that came together last are there for, whether they repeat, and when the last of them came.
+    together: Vec<Option<(Action, bool)>>,
     last: Duration,
     /// Whether text came among them.
     is_text: bool,
@@ -153,13 +161,17 @@ impl Typing {
         self.settle(at);
         match report {
             Report::Key(key) if key.kind == KeyEventKind::Release => {
+                self.repeated = None;
                 if self.held.take_if(|held| *held == letter(key.code)).is_some() {
                     self.together.fill(None);
                     self.ready.actions.push(Action::Rest);
                 }
             }
             Report::Key(key) => {
-                let action = action(key);
+                let repeats = self.repeats(at, key);
+                // Whoever holds a key wants what he wanted when he pressed it.
+                let action =
+                    action(key).filter(|action| !repeats || is_step(action) || is_calming(action));
                 let is_answer = self.answers(at, key);
                 let is_old = at < self.old_until && action != Some(Action::Quit);
                 if (is_answer || is_old) && !action.as_ref().is_some_and(is_calming) {
@@ -174,7 +186,8 @@ impl Typing {
                     self.together.fill(None);
                     self.ready.actions.push(calming);
                 }
-                self.together.push(action.filter(|action| !is_calming(action)));
+                let wish = action.filter(|action| !is_calming(action));
+                self.together.push(wish.map(|action| (action, repeats)));
                 self.last = at;
             }
             Report::Unwatched => self.ready.doubt = Some("nobody looks at the terminal"),
@@ -186,6 +199,18 @@ impl Typing {
             }
             Report::Closed => self.ready.actions.push(Action::Interrupt),
         }
+    }
+
+    /// Returns whether a key comes again because it is held: the terminal says so, or no hand is as fast.
+    fn repeats(&mut self, at: Duration, key: KeyEvent) -> bool {
+        let code = letter(key.code);
+        let is_fast = self.repeated.is_some_and(|(before, last, repeats)| {
+            let longest = if repeats { RELEASED } else { PRESSED_AGAIN };
+            before == code && at.saturating_sub(last) < longest
+        });
+        let repeats = key.kind == KeyEventKind::Repeat || is_fast;
+        self.repeated = Some((code, at, repeats));
+        repeats
     }
 
     /// Returns whether a key is a part of an answer of the terminal to somebody else, or may be one of a sequence without its end.
@@ -230,8 +255,10 @@ impl Typing {
         let begins =
             |action: &Action| matches!(action, Action::Walk(_) | Action::Arm | Action::Clear);
         let is_alone = keys.len() == 1;
-        for action in keys.into_iter().flatten() {
-            if is_alone || !begins(&action) {
+        for (action, repeats) in keys.into_iter().flatten() {
+            if repeats {
+                self.ready.steps.push(action);
+            } else if is_alone || !begins(&action) {
                 self.ready.actions.push(action);
             } else {
                 self.ready.dropped += 1;
@@ -243,6 +270,11 @@ impl Typing {
 /// Returns whether an action moves nothing, so that it never waits for doubts.
 const fn is_calming(action: &Action) -> bool {
     matches!(action, Action::Stop | Action::Interrupt | Action::Rest | Action::Disarm)
+}
+
+/// Returns whether an action changes f or theta by a step.
+const fn is_step(action: &Action) -> bool {
+    matches!(action, Action::Frequency(_) | Action::Direction(_))
 }
 
 #[cfg(test)]
@@ -280,7 +312,9 @@ mod tests {
         for code in [KeyCode::Up, KeyCode::Up, KeyCode::Enter] {
             typing.report(ms(1), key(code));
         }
-        assert_eq!(typing.take(ms(50)).actions, [Action::Frequency(FREQUENCY_STEPS[0]); 2]);
+        let up = [Action::Frequency(FREQUENCY_STEPS[0])];
+        let typed = typing.take(ms(50));
+        assert_eq!((&typed.actions[..], &typed.steps[..]), (&up[..], &up[..]));
     }
 
     #[test]
@@ -350,13 +384,39 @@ mod tests {
         for count in 0..50 {
             typing.report(ms(20 * count), key(KeyCode::Up));
         }
-        assert_eq!(typing.take(ms(2000)).actions.len(), 50);
+        let typed = typing.take(ms(2000));
+        assert_eq!((typed.actions.len(), typed.steps.len()), (1, 49), "one wish");
         for _ in 0..50 {
             typing.report(ms(5000), key(KeyCode::Up));
         }
         let held_back = typing.take(ms(6000));
         assert_eq!((held_back.actions.len(), held_back.dropped), (0, 50));
         assert!(!held_back.is_touched);
+    }
+
+    #[test]
+    fn only_a_first_press_is_a_wish() {
+        // Held, with a pause of the network in it; and pressed again and again.
+        let held = (0..10).map(|count| 500 + 33 * count).chain([1200, 1233]);
+        let tapped = [3000, 3150, 3300];
+        for code in ['w', 'c', 'h'].map(KeyCode::Char).into_iter().chain([KeyCode::Enter]) {
+            let mut typing = Typing::default();
+            let wishes = |times: Vec<u64>, typing: &mut Typing| -> usize {
+                let mut wishes = 0;
+                for at in times {
+                    typing.report(ms(at), key(code));
+                    let typed = typing.take(ms(at + 10));
+                    assert!(typed.is_touched && typed.steps.is_empty());
+                    wishes += typed.actions.len();
+                }
+                wishes
+            };
+            assert_eq!(wishes(held.clone().collect(), &mut typing), 1, "{code:?}");
+            assert_eq!(wishes(tapped.to_vec(), &mut typing), 3, "{code:?}");
+        }
+        // What calms acts as often as it comes.
+        let typed = type_text(&mut Typing::default(), "sss", ms(33));
+        assert_eq!(typed.actions, [Action::Rest; 3]);
     }
 
     #[test]
@@ -377,8 +437,8 @@ mod tests {
         typing.look(ms(6240));
         let typed = typing.take(ms(6240));
         assert_eq!((typed.actions, typed.is_touched), (vec![Action::Disarm], true));
-        for (at, walks) in [(6249, 0), (6260, 1)] {
-            typing.report(ms(at), key(KeyCode::Char('w')));
+        for (at, code, walks) in [(6249, 'w', 0), (6260, 'a', 1)] {
+            typing.report(ms(at), key(KeyCode::Char(code)));
             typing.look(ms(at + 5));
             assert_eq!(typing.take(ms(at + 5)).actions.len(), walks);
         }
@@ -419,8 +479,8 @@ mod tests {
         let (down, again, up) = (KeyEventKind::Press, KeyEventKind::Repeat, KeyEventKind::Release);
         let [forward, left] = [Mode::Forward, Mode::LeftTurn].map(Action::Walk);
         for (holds, wanted) in [
-            (true, vec![forward, forward, left, Action::Rest, forward, Action::Rest]),
-            (false, vec![forward, forward, left, forward]),
+            (true, vec![forward, left, Action::Rest, forward, Action::Rest]),
+            (false, vec![forward, left, forward]),
         ] {
             let mut typing = Typing::new(holds);
             let mut actions = Vec::new();

@@ -79,6 +79,9 @@ pub fn run(
                 action => cockpit.act(action, client, now),
             }
         }
+        for step in typed.steps {
+            cockpit.step(step, client, now);
+        }
         if let Some(doubt) = typed.doubt {
             cockpit.abandon(doubt, client, now);
         }
