@@ -66,6 +66,8 @@ const APART: Duration = Duration::from_millis(5);
 /// Most keys in one go that may come from a hand: a slow network hands over some together. Even of these none arms, clears or
 /// begins a walk: two letters may be pasted.
 const TOGETHER: usize = 3;
+/// Longest silence of a key that is held: systems wait up to 0.7 s until it repeats, and the terminal may be gone.
+const HELD: Duration = Duration::from_millis(800);
 /// A hand presses a key not faster again; one that comes faster repeats, since it is held.
 const PRESSED_AGAIN: Duration = Duration::from_millis(100);
 /// A key that repeats is held until it was silent for so long: a network may hold some of them back.
@@ -88,6 +90,8 @@ const STRINGS: [KeyCode; 5] = [
 pub enum Report {
     /// A key, or what looks like one.
     Key(KeyEvent),
+    /// A key by kitty's protocol, whose release will be reported as well.
+    Held(KeyEvent),
     /// Nobody looks: the focus is lost, or nobody is attached to tmux or screen.
     Unwatched,
     /// Text that nobody typed came to its end: pasted, an answer of the terminal, or bytes that are no character.
@@ -119,8 +123,8 @@ pub struct Typed {
 pub struct Typing {
     /// Whether the robot walks only while its key is held.
     holds: bool,
-    /// The key of the walk that goes on.
-    held: Option<KeyCode>,
+    /// The key of the walk that goes on, and when it was reported last.
+    held: Option<(KeyCode, Duration)>,
     ready: Typed,
     /// The key that was pressed last, when, and whether it repeats.
     repeated: Option<(KeyCode, Duration, bool)>,
@@ -140,7 +144,8 @@ pub struct Typing {
 }
 
 impl Typing {
-    /// Reads keys. `holds`: a walk ends when its key is released, which the terminal has to report.
+    /// Reads keys. `holds`: a walk begins with a key whose release will be reported, and ends with that, or when the key repeats no
+    /// more.
     #[must_use]
     pub fn new(holds: bool) -> Self {
         Self { holds, ..Self::default() }
@@ -159,19 +164,23 @@ impl Typing {
     /// Takes what a terminal reported at this time.
     pub fn report(&mut self, at: Duration, report: Report) {
         self.settle(at);
+        let is_held = matches!(report, Report::Held(_));
         match report {
-            Report::Key(key) if key.kind == KeyEventKind::Release => {
+            Report::Key(key) | Report::Held(key) if key.kind == KeyEventKind::Release => {
                 self.repeated = None;
-                if self.held.take_if(|held| *held == letter(key.code)).is_some() {
+                if self.held.take_if(|(held, _)| *held == letter(key.code)).is_some() {
                     self.together.fill(None);
                     self.ready.actions.push(Action::Rest);
                 }
             }
-            Report::Key(key) => {
+            Report::Key(key) | Report::Held(key) => {
                 let repeats = self.repeats(at, key);
                 // Whoever holds a key wants what he wanted when he pressed it.
-                let action =
-                    action(key).filter(|action| !repeats || is_step(action) || is_calming(action));
+                let action = action(key)
+                    .filter(|action| !repeats || is_step(action) || is_calming(action))
+                    .filter(|action| {
+                        !(self.holds && !is_held && matches!(action, Action::Walk(_)))
+                    });
                 let is_answer = self.answers(at, key);
                 let is_old = at < self.old_until && action != Some(Action::Quit);
                 if (is_answer || is_old) && !action.as_ref().is_some_and(is_calming) {
@@ -179,7 +188,11 @@ impl Typing {
                     return;
                 }
                 if self.holds && matches!(action, Some(Action::Walk(_))) {
-                    self.held = Some(letter(key.code));
+                    self.held = Some((letter(key.code), at));
+                } else if let Some((held, last)) = &mut self.held
+                    && *held == letter(key.code)
+                {
+                    *last = at;
                 }
                 if let Some(calming) = action.filter(is_calming) {
                     // What was pressed before it is over.
@@ -234,6 +247,9 @@ impl Typing {
     /// Returns what was typed since the last call, as far as that is known by now.
     pub fn take(&mut self, now: Duration) -> Typed {
         self.settle(now);
+        if self.held.take_if(|(_, last)| now.saturating_sub(*last) > HELD).is_some() {
+            self.ready.doubt = Some("the key of the walk repeats no more");
+        }
         std::mem::take(&mut self.ready)
     }
 
@@ -471,10 +487,48 @@ mod tests {
     }
 
     #[test]
+    fn a_walk_that_is_held_ends_when_its_key_is_silent() {
+        let held = |kind| {
+            let key = KeyEvent::new(KeyCode::Char('w'), KeyModifiers::NONE);
+            Report::Held(KeyEvent { kind, ..key })
+        };
+        let mut typing = Typing::new(true);
+        let mut at = 0;
+        let mut typed = |kind: Option<KeyEventKind>, pause| {
+            kind.into_iter().for_each(|kind| typing.report(ms(at), held(kind)));
+            at += pause;
+            let typed = typing.take(ms(at));
+            (typed.actions.len(), typed.doubt.is_some())
+        };
+        // Pressed, and neither repeated nor released.
+        assert_eq!(typed(Some(KeyEventKind::Press), 800), (1, false));
+        assert_eq!(typed(None, 1), (0, true));
+        // What comes then begins nothing.
+        assert_eq!(typed(Some(KeyEventKind::Repeat), 30), (0, false));
+        assert_eq!(typed(Some(KeyEventKind::Release), 30), (0, false));
+        assert_eq!(typed(Some(KeyEventKind::Press), 600), (1, false));
+        for _ in 0..50 {
+            assert_eq!(typed(Some(KeyEventKind::Repeat), 33), (0, false));
+        }
+        assert_eq!(typed(None, 800), (0, true));
+    }
+
+    #[test]
+    fn a_walk_that_is_held_begins_with_a_key_alone_whose_release_is_reported() {
+        for (holds, walks) in [(true, 0), (false, 1)] {
+            let mut typing = Typing::new(holds);
+            typing.report(ms(0), key(KeyCode::Char('w')));
+            assert_eq!(typing.take(ms(10)).actions.len(), walks);
+            typing.report(ms(100), key(KeyCode::Char(' ')));
+            assert_eq!(typing.take(ms(110)).actions, [Action::Stop]);
+        }
+    }
+
+    #[test]
     fn a_walk_that_is_held_ends_when_its_key_is_released() {
         let key = |code, kind| {
             let key = KeyEvent::new(KeyCode::Char(code), KeyModifiers::NONE);
-            Report::Key(KeyEvent { kind, ..key })
+            Report::Held(KeyEvent { kind, ..key })
         };
         let (down, again, up) = (KeyEventKind::Press, KeyEventKind::Repeat, KeyEventKind::Release);
         let [forward, left] = [Mode::Forward, Mode::LeftTurn].map(Action::Walk);

@@ -176,7 +176,11 @@ fn report(sequence: &[u8]) -> Option<Report> {
         _ => {}
     }
     match Event::parse_from(&with_modifiers(sequence)) {
-        Ok(Some(Event::Key(key))) => Some(Report::Key(to_crossterm_key(key))),
+        Ok(Some(Event::Key(key))) => {
+            let by_kitty = matches!(sequence, [ESCAPE, b'[', .., b'u']);
+            let report = if by_kitty { Report::Held } else { Report::Key };
+            Some(report(to_crossterm_key(key)))
+        }
         Ok(Some(Event::FocusLost)) => Some(Report::Unwatched),
         _ => None,
     }
@@ -198,6 +202,10 @@ mod tests {
         Report::Key(KeyEvent::new(code, modifiers))
     }
 
+    fn held(code: KeyCode, modifiers: KeyModifiers) -> Report {
+        Report::Held(KeyEvent::new(code, modifiers))
+    }
+
     /// Sequences and what each reports.
     fn sequences() -> Vec<(&'static str, Option<Report>)> {
         let plain = |code| Some(key(code, KeyModifiers::NONE));
@@ -213,11 +221,11 @@ mod tests {
             ("\u{1b}OA", plain(KeyCode::Up)),
             ("\u{1b}[1;2C", Some(key(KeyCode::Right, KeyModifiers::SHIFT))),
             ("\u{1b}[3~", plain(KeyCode::Delete)),
-            ("\u{1b}[27u", plain(KeyCode::Esc)),
+            ("\u{1b}[27u", Some(held(KeyCode::Esc, KeyModifiers::NONE))),
             // Shift and the space bar, Ctrl and C, in both forms.
-            ("\u{1b}[32;2u", Some(key(KeyCode::Char(' '), KeyModifiers::SHIFT))),
+            ("\u{1b}[32;2u", Some(held(KeyCode::Char(' '), KeyModifiers::SHIFT))),
             ("\u{1b}[27;2;32~", Some(key(KeyCode::Char(' '), KeyModifiers::SHIFT))),
-            ("\u{1b}[99;5u", Some(key(KeyCode::Char('c'), KeyModifiers::CONTROL))),
+            ("\u{1b}[99;5u", Some(held(KeyCode::Char('c'), KeyModifiers::CONTROL))),
             ("\u{1b}[27;5;99~", Some(key(KeyCode::Char('c'), KeyModifiers::CONTROL))),
             ("\u{1b}x", Some(key(KeyCode::Char('x'), KeyModifiers::ALT))),
             ("\u{1b}\u{e9}", Some(key(KeyCode::Char('\u{e9}'), KeyModifiers::ALT))),
