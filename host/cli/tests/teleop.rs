@@ -167,6 +167,25 @@ fn f_and_theta_move_in_steps_and_stay_in_range() {
 }
 
 #[test]
+fn a_key_that_is_held_changes_a_walk_and_is_no_new_wish() {
+    let mut desk = Desk::armed();
+    let up = Action::Frequency(1.0);
+    let step = |desk: &mut Desk| {
+        desk.cockpit.step(up, &mut desk.client, desk.now);
+        desk.run(Duration::from_millis(100));
+        (desk.robot.setpoint.frequency().get(), desk.robot.intent)
+    };
+    assert_eq!(step(&mut desk).0, 0.0, "at rest");
+    desk.press(Action::Walk(Mode::Forward));
+    let wish = desk.robot.intent;
+    assert_eq!(step(&mut desk), (-29.0, wish));
+    desk.press(up);
+    assert_eq!(step(&mut desk), (-27.0, wish.wrapping_add(1)));
+    desk.press(Action::Stop);
+    assert_eq!(step(&mut desk).0, 0.0, "stopped");
+}
+
+#[test]
 fn a_step_of_f_begins_no_walk_and_one_to_zero_ends_it() {
     let mut desk = Desk::armed();
     for step in [1.0, -1.0, 30.0] {

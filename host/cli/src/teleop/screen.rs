@@ -69,7 +69,7 @@ pub fn run(
             cockpit.attend(now);
         }
         if typed.dropped > 0 {
-            let text = format!("{} keys at once are no typing: ignored", typed.dropped);
+            let text = format!("{} keys at once or too late are no typing: ignored", typed.dropped);
             cockpit.note(now, Weight::Warning, &text);
         }
         for action in typed.actions {
@@ -78,6 +78,9 @@ pub fn run(
                 Action::Interrupt => return Ok(Ending::Interrupted),
                 action => cockpit.act(action, client, now),
             }
+        }
+        for step in typed.steps {
+            cockpit.step(step, client, now);
         }
         if let Some(doubt) = typed.doubt {
             cockpit.abandon(doubt, client, now);

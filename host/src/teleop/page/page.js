@@ -55,7 +55,6 @@ function keyed(event) {
   const steps = { ArrowUp: ["frequency", 1, 0.1], ArrowDown: ["frequency", -1, -0.1], ArrowRight: ["direction", 5, 1], ArrowLeft: ["direction", -5, -1] };
   const step = steps[event.key];
   if (step) return { [step[0]]: step[fine ? 2 : 1] };
-  if (event.repeat) return undefined;
   // On a keyboard without Latin letters a key is known by its place.
   const isLatin = /^[ -~]$/.test(event.key), placed = event.key.length === 1 && /^(?:Key|Digit)(.)$/.exec(event.code);
   return KEYS[isLatin ? event.key.toLowerCase() : placed ? placed[1].toLowerCase() : event.key];
@@ -72,6 +71,8 @@ addEventListener("keydown", (event) => {
   const request = keyed(event);
   if (request === undefined) return;
   event.preventDefault();
+  // Whoever holds a key wants what he wanted when he pressed it.
+  if (event.repeat) return;
   act(request, event);
   if (request.walk) hold(event.code);
 });
