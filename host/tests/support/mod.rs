@@ -120,7 +120,7 @@ impl FakeRobot {
                 datagrams.extend(self.report(now, Event::OperatorConnected(OperatorName::OWNER)));
                 datagrams
             }
-            RobotReceived::Command(ToRobot { request, intent, command }) => {
+            RobotReceived::Command(ToRobot { request, intent, command, .. }) => {
                 self.intent = intent;
                 let outcome = self.obey(now, &command);
                 self.commands.push(command);
