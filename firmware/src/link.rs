@@ -8,7 +8,7 @@
 //!   are asked to shake. The fast half itself watches their age ([`Order::heard`]), so that its
 //!   deadlines hold even when this half hangs.
 //! - **Wanted by a person**: rotors that came to rest because commands stayed away turn again only by a setpoint with another
-//!   [`ToRobot::intent`] than the last that was obeyed, of somebody who knew of it ([`ToRobot::rests`]); others are refused
+//!   [`ToRobot::intent`] than the last that was obeyed, of somebody who knew of it ([`ToRobot::halts`]); others are refused
 //!   ([`Refusal::Rested`]), and keep the robot armed.
 //! - **In order**: what changes the robot and was asked before the newest that was obeyed does nothing any more, however it was
 //!   delayed. A stop from outside outlives every `Clear` of somebody who could not know of it.
@@ -98,17 +98,6 @@ fn decisive(settings: &Settings) -> Settings {
     settings
 }
 
-/// Whether something was said to the holder of the session.
-#[derive(Clone, Copy, PartialEq)]
-enum Told {
-    /// There is nothing to say, or it began the session knowing it.
-    Nothing,
-    /// Not yet.
-    Not,
-    /// By telemetry that was sent then.
-    At(Instant),
-}
-
 /// The robot's end of the link.
 pub struct Link {
     session: RobotSession,
@@ -129,12 +118,12 @@ pub struct Link {
     intent: Option<u8>,
     /// The rotors came to rest because commands stayed away, and wait for another intent.
     has_rested: bool,
-    /// How often they did in this session.
-    rests: u8,
+    /// How often the robot halted in this session although its operator had not asked for it.
+    halts: u8,
     /// The largest number of a request of this session that was to change something.
     changed: Option<u32>,
-    /// What the holder of the session knows of the newest stop of somebody else.
-    stop_from_outside: Told,
+    /// The number of the halt that was the newest stop of somebody else; who begins a session later knows of it.
+    stop_from_outside: Option<u8>,
     /// Whether commands arrived too old to count, and have not been steady since.
     is_slow: bool,
     report: Report,
@@ -183,9 +172,9 @@ impl Link {
             ramps_down: false,
             intent: None,
             has_rested: false,
-            rests: 0,
+            halts: 0,
             changed: None,
-            stop_from_outside: Told::Nothing,
+            stop_from_outside: None,
             is_slow: false,
             report,
             steadiness: Steadiness::default(),
@@ -324,7 +313,8 @@ impl Link {
             }
             RobotReceived::Stop(answer, operator) => {
                 self.stop(Some(operator));
-                self.stop_from_outside = Told::Not;
+                self.halts = self.halts.wrapping_add(1);
+                self.stop_from_outside = Some(self.halts);
                 self.events.push(now, Event::StoppedFromOutside(operator));
                 push_newest(&mut self.answers, (from, answer));
             }
@@ -422,7 +412,7 @@ impl Link {
         match (before, self.report.state) {
             (State::Stopping, State::Armed) => {
                 self.has_rested = true;
-                self.rests = self.rests.wrapping_add(1);
+                self.halts = self.halts.wrapping_add(1);
                 self.setpoint = Setpoint::REST;
                 self.order.frequency = Speed::ZERO;
             }
@@ -441,9 +431,9 @@ impl Link {
         self.disarm();
         self.steadiness = Steadiness::default();
         self.is_slow = false;
-        self.rests = 0;
+        self.halts = 0;
         self.changed = None;
-        self.stop_from_outside = Told::Nothing;
+        self.stop_from_outside = None;
         self.tried = None;
         self.replies.clear();
         self.scope.clear();
@@ -494,15 +484,15 @@ impl Link {
     fn obey<S: SettingsStore>(
         &mut self,
         now: Instant,
-        ToRobot { request, intent, rests, command }: ToRobot,
+        ToRobot { request, intent, halts, command }: ToRobot,
         tuning: &mut Tuning<S>,
     ) -> Result<Option<Outcome>, Refusal> {
         match command {
-            Command::Setpoint(setpoint) => self.shake(now, (intent, rests), setpoint)?,
+            Command::Setpoint(setpoint) => self.shake(now, (intent, halts), setpoint)?,
             Command::Arm => self.arm(now, tuning.settings())?,
             Command::Disarm => self.disarm(),
             Command::Stop => self.stop(self.session.operator(now)),
-            Command::Clear => self.clear()?,
+            Command::Clear => self.clear(halts)?,
             Command::Parameter(command) => return self.tune(now, command, tuning).map(Some),
             Command::Trial(trial) => return self.try_out(now, request, trial).map(Some),
             Command::Identify => return Ok(Some(Outcome::Identity(self.identity.clone()))),
@@ -544,7 +534,7 @@ impl Link {
     fn shake(
         &mut self,
         now: Instant,
-        (intent, rests): (u8, u8),
+        (intent, halts): (u8, u8),
         setpoint: Setpoint,
     ) -> Result<(), Refusal> {
         setpoint.check()?;
@@ -553,7 +543,7 @@ impl Link {
         match self.state() {
             // One that only waits for commands goes on when they come back.
             State::Armed | State::Running | State::Stopping if !self.ramps_down => {
-                let knows = !self.has_rested || rests == self.rests;
+                let knows = !self.has_rested || halts == self.halts;
                 let is_wanted = self.intent != Some(intent) && knows;
                 if self.has_rested && !is_wanted && setpoint.frequency() != Hertz::ZERO {
                     return Err(Refusal::Rested);
@@ -670,13 +660,8 @@ impl Link {
 
     /// Asks the fast half to clear. A latched stop is cleared only when the rotors have come to rest, and one from outside only
     /// by somebody who has heard of it.
-    fn clear(&mut self) -> Result<(), Refusal> {
-        let knows = match self.stop_from_outside {
-            Told::Nothing => true,
-            Told::Not => false,
-            Told::At(told) => self.session.moment().is_some_and(|moment| moment >= told),
-        };
-        if !knows {
+    fn clear(&mut self, halts: u8) -> Result<(), Refusal> {
+        if self.stop_from_outside.is_some_and(|stop| halts.wrapping_sub(stop).cast_signed() < 0) {
             return Err(Refusal::Stopped);
         }
         if self.ramps_down {
@@ -787,9 +772,6 @@ impl Link {
 
     fn telemetry(&mut self, now: Instant, operator: OperatorName) -> Telemetry {
         self.order.period = self.order.period.wrapping_add(1);
-        if self.stop_from_outside == Told::Not {
-            self.stop_from_outside = Told::At(now);
-        }
         let link = self.quality(now);
         let report = &self.report;
         let now_alone = [report.direction; 3];
@@ -802,7 +784,7 @@ impl Link {
             first_fault: report.first_fault,
             stopped: report.stopped,
             link_late: report.link_late,
-            rests: self.rests,
+            halts: self.halts,
             setpoint: self.setpoint,
             frequency: report.frequency.into(),
             direction: direction.into(),

@@ -44,7 +44,7 @@ struct Ends {
     tuning: Tuning<NoStore>,
     operator: OperatorSession,
     intent: u8,
-    rests: u8,
+    halts: u8,
     now: Instant,
     report: Report,
     outcomes: Vec<Outcome>,
@@ -90,7 +90,7 @@ impl Ends {
             tuning,
             operator,
             intent: 0,
-            rests: 0,
+            halts: 0,
             now,
             report,
             outcomes,
@@ -157,7 +157,7 @@ impl Ends {
     }
 
     fn seal_as(&mut self, request: u32, command: Command) -> Frame {
-        let message = ToRobot { request, intent: self.intent, rests: self.rests, command };
+        let message = ToRobot { request, intent: self.intent, halts: self.halts, command };
         self.operator.send(self.now, &message).unwrap()
     }
 
@@ -302,7 +302,7 @@ fn rotors_that_came_to_rest_by_silence_turn_again_only_on_another_intent() {
     ends.intent = 1;
     assert_eq!(ends.say(walk()), refused(Refusal::Rested));
     ends.wait(TELEMETRY);
-    (ends.intent, ends.rests) = (2, ends.telemetry.last().unwrap().rests);
+    (ends.intent, ends.halts) = (2, ends.telemetry.last().unwrap().halts);
     for _ in 0..2 {
         assert_eq!(ends.say(walk()), Outcome::Done, "it goes on with what began it");
     }
@@ -387,7 +387,8 @@ fn a_stop_from_outside_is_cleared_by_nobody_who_has_not_heard_of_it() {
     ends.hear(&early);
     assert_eq!(ends.outcomes.pop(), Some(refused(Refusal::Stopped)));
     ends.live(2 * TELEMETRY);
-    assert!(ends.telemetry.last().unwrap().stopped);
+    assert_eq!(ends.say(Command::Clear), refused(Refusal::Stopped), "asked for before");
+    ends.halts = ends.telemetry.last().unwrap().halts;
     assert_eq!(ends.say(Command::Clear), Outcome::Done);
 }
 
@@ -972,7 +973,7 @@ fn a_trial_whose_answer_was_lost_begins_once() {
     assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Trial(bridges));
     assert_eq!(ends.link.order().requests.trial, 1);
     // Another request is another trial.
-    let another = ToRobot { request: 8, intent: 0, rests: 0, command: Command::Trial(TRIAL) };
+    let another = ToRobot { request: 8, intent: 0, halts: 0, command: Command::Trial(TRIAL) };
     let frame = ends.operator.send(ends.now, &another).unwrap();
     ends.hear(&frame);
     assert!(matches!(ends.outcomes.pop(), Some(Outcome::Refused(Refusal::Faulted(_)))));

@@ -97,11 +97,11 @@ pub struct ToRobot {
     pub request: u32,
     /// Counts what a person wants, wrapping: a key press, a touch, the start of a program. Rotors that came to rest because
     /// commands stayed away turn again only by a [`Command::Setpoint`] with another number here than the last that was obeyed, and the present
-    /// `rests`.
+    /// `halts`.
     pub intent: u8,
-    /// The newest [`Telemetry::rests`] that had arrived when the intent was counted: who could not know that the rotors had come
-    /// to rest has not asked for more.
-    pub rests: u8,
+    /// The newest [`Telemetry::halts`] that had arrived when this was asked for; of a setpoint, when its intent was counted. Who
+    /// could not know that the robot had halted has not asked it to go on.
+    pub halts: u8,
     /// The command.
     pub command: Command,
 }

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, Event, EventReport, OperatorName, Outcome, Refusal, Reply, Setpoint, State, Telemetry,
+    Command, EventReport, OperatorName, Outcome, Refusal, Reply, Setpoint, State, Telemetry,
     ToOperator, ToRobot,
 };
 use flix_protocol::session::{
@@ -82,8 +82,8 @@ pub struct Client {
     held: Option<Setpoint>,
     /// Counts what a person wants.
     intent: u8,
-    /// What the robot had last said of its rests when the intent was counted.
-    rests: u8,
+    /// What the robot had last said of its halts when the intent was counted.
+    halts: u8,
     refusal: Option<Refusal>,
     stop: StopState,
     stop_number: u32,
@@ -96,8 +96,6 @@ pub struct Client {
     is_driving: bool,
     statistics: Statistics,
     farewell: Option<Frame>,
-    /// Stops of others that were reported in this session.
-    stops_from_outside: u32,
     updates: VecDeque<Update>,
 }
 
@@ -112,7 +110,7 @@ impl Client {
             has_failed: false,
             held: None,
             intent: 0,
-            rests: 0,
+            halts: 0,
             refusal: None,
             stop: StopState::None,
             stop_number: 0,
@@ -125,7 +123,6 @@ impl Client {
             is_driving: false,
             statistics: Statistics::default(),
             farewell: None,
-            stops_from_outside: 0,
             updates: VecDeque::new(),
         }
     }
@@ -141,7 +138,7 @@ impl Client {
     /// again by nothing else. Otherwise as [`Client::hold`].
     pub fn want(&mut self, now: Instant, setpoint: Setpoint) {
         self.intent = self.intent.wrapping_add(1);
-        self.rests = self.telemetry.map_or(0, |telemetry| telemetry.rests);
+        self.halts = self.halts();
         if self.held == Some(setpoint) {
             self.refusal = None;
             self.keep_alive_at = now;
@@ -198,7 +195,7 @@ impl Client {
         }
         let request = self.number();
         self.pending.push_back(Pending {
-            message: self.message(request, command),
+            message: ToRobot { halts: self.halts(), ..self.message(request, command) },
             is_sent: false,
             send_at: now,
             give_up_at: now + REQUEST_PATIENCE,
@@ -219,11 +216,11 @@ impl Client {
         self.stop_at = now;
     }
 
-    /// Returns how many stops of others the robot has reported. What was asked before one, and would clear it, must not be asked
-    /// again.
+    /// Returns how often the robot has halted in this session although nobody here asked for it, as far as is known. What was
+    /// asked before it did, and would move it or clear a stop, must not be asked again.
     #[must_use]
-    pub const fn stops_from_outside(&self) -> u32 {
-        self.stops_from_outside
+    pub fn halts(&self) -> u8 {
+        self.telemetry.map_or(0, |telemetry| telemetry.halts)
     }
 
     /// Returns whether this client has armed or moved the robot, and the robot has not reported since
@@ -296,14 +293,14 @@ impl Client {
         match received {
             OperatorReceived::Message(ToOperator::Reply(reply)) => self.replied(now, reply),
             OperatorReceived::Message(ToOperator::Telemetry(telemetry)) => {
+                let halts = self.halts();
                 self.telemetry = Some(telemetry);
+                if telemetry.halts != halts && telemetry.stopped {
+                    self.give_up_on_moving(Some(&Refusal::Stopped));
+                }
                 self.updates.push_back(Update::Telemetry(telemetry));
             }
             OperatorReceived::Message(ToOperator::Event(event)) => {
-                if matches!(event.event, Event::StoppedFromOutside(_)) {
-                    self.stops_from_outside += 1;
-                    self.give_up_on_moving(Some(&Refusal::Stopped));
-                }
                 self.updates.push_back(Update::Event(event));
             }
             OperatorReceived::Left => {
@@ -395,7 +392,7 @@ impl Client {
     }
 
     const fn message(&self, request: u32, command: Command) -> ToRobot {
-        ToRobot { request, intent: self.intent, rests: self.rests, command }
+        ToRobot { request, intent: self.intent, halts: self.halts, command }
     }
 
     /// Returns the requests that may be sent now, each with its place: questions, the oldest that changes the robot, and what

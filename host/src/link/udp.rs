@@ -300,12 +300,12 @@ impl Connection {
     }
 
     fn ask_until(&mut self, deadline: Instant, command: &Command) -> Result<Outcome, LinkError> {
-        let stops = self.client.stops_from_outside();
+        let halts = self.client.halts();
         loop {
             match self.ask_once(command.clone()) {
                 Err(LinkError::Refused(refusal)) if passes(&refusal) && self.now() < deadline => {
                     self.wait_for(TRY_AGAIN, |_, _| None::<()>)?;
-                    if self.client.stops_from_outside() != stops {
+                    if self.client.halts() != halts {
                         return Err(self.why_stopped()?);
                     }
                 }
@@ -415,10 +415,10 @@ impl Connection {
     /// As for [`Connection::ask`]; when the cause of a fault is still there.
     pub fn clear(&mut self) -> Result<(), LinkError> {
         let deadline = self.now() + CLEAR_PATIENCE;
-        let stops = self.client.stops_from_outside();
+        let halts = self.client.halts();
         loop {
             // Somebody has stopped the robot since: whoever clears that has to mean it.
-            if self.client.stops_from_outside() != stops {
+            if self.client.halts() != halts {
                 return Err(self.why_stopped()?);
             }
             self.ask(Command::Clear)?;

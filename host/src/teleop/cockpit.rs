@@ -293,9 +293,6 @@ impl Cockpit {
             }
             Update::Event(report) => {
                 use flix_protocol::message::Event;
-                if matches!(report.event, Event::StoppedFromOutside(_)) {
-                    self.insisting = None;
-                }
                 let weight = match report.event {
                     Event::Fault(_) | Event::LinkLost | Event::SettingsDefaulted => Weight::Alarm,
                     Event::Stopped
@@ -541,7 +538,11 @@ impl Cockpit {
     fn heard(&mut self, telemetry: &Telemetry, client: &mut Client, now: Instant) {
         self.heard = now;
         self.link = Link::Connected;
-        self.telemetry = Some(*telemetry);
+        let before = self.telemetry.replace(*telemetry);
+        // Whoever clears a stop, or arms, has to know of it.
+        if before.is_some_and(|before| before.halts != telemetry.halts) {
+            self.insisting = None;
+        }
         self.insisting.take_if(|insisting| now >= insisting.give_up_at);
         match telemetry.state {
             State::Aligning | State::Armed | State::Running if self.is_arming() => {

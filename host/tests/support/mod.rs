@@ -65,6 +65,8 @@ pub struct FakeRobot {
     pub reports_of_late_commands: u32,
     /// Refuses that many requests to arm or to clear, as a robot does while its rotors ramp down.
     pub ramps_down_for: u32,
+    /// Stops of others.
+    halts: u8,
     /// Takes for ever to align its motors.
     pub aligns_for_ever: bool,
     proven_since: Option<Instant>,
@@ -89,6 +91,7 @@ impl FakeRobot {
             fault_when_running: None,
             reports_of_late_commands: 0,
             ramps_down_for: 0,
+            halts: 0,
             aligns_for_ever: false,
             proven_since: None,
             telemetry_at: Instant::START,
@@ -139,6 +142,7 @@ impl FakeRobot {
             RobotReceived::Stop(frame, by) => {
                 self.obey(now, &Command::Stop);
                 self.stopped_by = by;
+                self.halts += 1;
                 self.commands.push(Command::Stop);
                 let mut datagrams = vec![(from, frame.to_vec())];
                 datagrams.extend(self.report(now, Event::StoppedFromOutside(by)));
@@ -323,7 +327,7 @@ impl FakeRobot {
             first_fault: self.faults.iter().next(),
             stopped: self.stopped,
             link_late: false,
-            rests: 0,
+            halts: self.halts,
             setpoint: self.setpoint,
             frequency: self.setpoint.frequency(),
             direction: self.setpoint.direction(),

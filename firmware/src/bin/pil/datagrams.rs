@@ -78,7 +78,7 @@ pub(crate) fn count() -> Option<()> {
     let accept = counter.receive("a good Confirm: a session begins", &confirm);
     let is_connected = operator.receive(NOW, &accept) == OperatorReceived::Connected;
     let mut seal = |request, command| {
-        operator.send(NOW, &ToRobot { request, intent: 0, rests: 0, command }).ok()
+        operator.send(NOW, &ToRobot { request, intent: 0, halts: 0, command }).ok()
     };
     let ping = seal(1, Command::Ping(1))?;
     counter.forge("a forged command", &ping);
