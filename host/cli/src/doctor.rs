@@ -415,13 +415,15 @@ fn judge_datagrams(seen: UdpStatistics, watched: f64) -> Finding {
 fn judge_stream(seen: NatNetStatistics, watched: f64, bodies: &[(String, i32)]) -> Finding {
     let bad = |sentence: String| Finding::bad("poses", Exit::NoAnswer, sentence);
     let names: Vec<_> = bodies.iter().map(|(name, id)| format!("\"{name}\" ({id})")).collect();
-    if let Some(stranger) = seen.stranger.filter(|_| seen.datagrams == 0) {
+    // The server's other answers are no frames.
+    let is_silent = seen.frames + seen.unreadable == 0;
+    if let Some(stranger) = seen.stranger.filter(|_| is_silent) {
         return bad(format!(
             "the server answers, but the frames come from {stranger}: if that is Motive's computer, give it as \
              --natnet-server; if not, somebody forges poses: use a network of its own for the cameras"
         ));
     }
-    if seen.datagrams == 0 {
+    if is_silent {
         return bad("the server answers, but no frame arrives: check that Motive is live and not paused, that its \
                     streaming interface is the card that reaches this computer (not loopback), and that \
                     no firewall blocks UDP port 1511; with several network cards here, name one with --interface"
@@ -442,9 +444,14 @@ fn judge_stream(seen: NatNetStatistics, watched: f64, bodies: &[(String, i32)]) 
     }
     if seen.without_body == seen.frames {
         return bad(format!(
-            "{} frames, none with the robot's rigid body; streamed are {}: choose with --body",
+            "{} frames, none with the robot's rigid body; {}",
             seen.frames,
-            if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+            if names.is_empty() {
+                "none is streamed: make one from the robot's markers in Motive and switch on its streaming"
+                    .to_owned()
+            } else {
+                format!("streamed are {}: choose with --body", names.join(", "))
+            }
         ));
     }
     match judge_poses(seen.untracked, seen.jumps, seen.frames, watched) {
@@ -488,6 +495,14 @@ mod tests {
         ] {
             let finding = judge_stream(statistics, 2.0, &bodies);
             assert!(!finding.ok && finding.sentence.contains(advice), "{finding:?}");
+        }
+        // Its list of bodies alone arrives; frames without any body.
+        let paused = NatNetStatistics { datagrams: 7, ..NatNetStatistics::default() };
+        for (statistics, advice) in
+            [(paused, "paused"), (NatNetStatistics { without_body: 240, ..seen() }, "make one")]
+        {
+            let sentence = judge_stream(statistics, 2.0, &[]).sentence;
+            assert!(sentence.contains(advice) && !sentence.contains("--body"), "{sentence}");
         }
     }
 
