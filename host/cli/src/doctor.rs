@@ -176,15 +176,20 @@ fn movement(connection: &mut Connection) -> Option<Finding> {
     Some(judge_movement(value("command_age")?, value("frequency_ramp")?))
 }
 
+/// Half of the unit in which an age of commands counts, s.
+const HALF_MILLISECOND: f64 = 5e-4;
+
 /// States for how long the rotors turn at most after the last intent to move.
 fn judge_movement(command_age: f32, frequency_ramp: f32) -> Finding {
     let most = f64::from(command_age) + ramp_down(frequency_ramp).as_secs_f64();
+    // Up, so that what is too long reads so; an age counts to the nearest millisecond.
+    let shown = ((most - HALF_MILLISECOND) * 100.0).ceil() / 100.0;
     let sentence = format!(
-        "the rotors rest at most {most:.2} s after your last command, whatever the network does \
+        "the rotors rest at most {shown:.2} s after your last command, whatever the network does \
          (command_age {command_age} s, frequency_ramp {frequency_ramp} Hz/s)"
     );
     let limit = LONGEST_MOVEMENT.as_secs_f64();
-    if most <= limit + 5e-4 {
+    if most <= limit + HALF_MILLISECOND {
         return Finding::good("movement", sentence);
     }
     let advice = if arms_with(command_age, frequency_ramp) {
@@ -563,6 +568,7 @@ mod tests {
             (1.0, 200.0, "1.25 s after"),
             (1.0, 200.0, "command_age 0.6"),
             (0.61, 200.0, "does not arm"),
+            (0.601, 200.0, "0.86 s after"),
             (0.4, 20.0, "frequency_ramp to at least 108"),
         ] {
             let Finding { ok, sentence, .. } = judge_movement(age, ramp);

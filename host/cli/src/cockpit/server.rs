@@ -262,7 +262,9 @@ impl Asked {
 
 impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
-        (StatusCode::FORBIDDEN, format!("{self}\n")).into_response()
+        // Whoever guesses comes anew each time.
+        let close = [(header::CONNECTION, "close")];
+        (StatusCode::FORBIDDEN, close, format!("{self}\n")).into_response()
     }
 }
 
