@@ -78,7 +78,7 @@ pub struct CurrentSense {
     pub microamperes_per_count: u16,
     /// Count at no current, as designed; the true one is measured at rest.
     pub zero_count: i16,
-    /// Counts outside this range are clipped by the amplifier or the converter.
+    /// First and last count that the amplifier and the chip's converter do not clip, but for these two themselves.
     pub valid_counts: (i16, i16),
 }
 

@@ -8,7 +8,10 @@
 //!   are asked to shake. The fast half itself watches their age ([`Order::heard`]), so that its
 //!   deadlines hold even when this half hangs.
 //! - **Wanted by a person**: rotors that came to rest because commands stayed away turn again only by a setpoint with another
-//!   [`ToRobot::intent`] than the last that was obeyed; others are refused ([`Refusal::Rested`]), and keep the robot armed.
+//!   [`ToRobot::intent`] than the last that was obeyed, of somebody who knew of it ([`ToRobot::rests`]); others are refused
+//!   ([`Refusal::Rested`]), and keep the robot armed.
+//! - **In order**: what changes the robot and was asked before the newest that was obeyed does nothing any more, however it was
+//!   delayed. A stop from outside outlives every `Clear` of somebody who could not know of it.
 //! - **Stop**: any operator latches the stop, also without the session, which goes on; its
 //!   operator learns of it by an event.
 //! - **How old**: a command counts only while it is fresh ([`flix_protocol::session`]), up to the
@@ -95,6 +98,17 @@ fn decisive(settings: &Settings) -> Settings {
     settings
 }
 
+/// Whether something was said to the holder of the session.
+#[derive(Clone, Copy, PartialEq)]
+enum Told {
+    /// There is nothing to say, or it began the session knowing it.
+    Nothing,
+    /// Not yet.
+    Not,
+    /// By telemetry that was sent then.
+    At(Instant),
+}
+
 /// The robot's end of the link.
 pub struct Link {
     session: RobotSession,
@@ -115,6 +129,12 @@ pub struct Link {
     intent: Option<u8>,
     /// The rotors came to rest because commands stayed away, and wait for another intent.
     has_rested: bool,
+    /// How often they did in this session.
+    rests: u8,
+    /// The largest number of a request of this session that was to change something.
+    changed: Option<u32>,
+    /// What the holder of the session knows of the newest stop of somebody else.
+    stop_from_outside: Told,
     /// Whether commands arrived too old to count, and have not been steady since.
     is_slow: bool,
     report: Report,
@@ -163,6 +183,9 @@ impl Link {
             ramps_down: false,
             intent: None,
             has_rested: false,
+            rests: 0,
+            changed: None,
+            stop_from_outside: Told::Nothing,
             is_slow: false,
             report,
             steadiness: Steadiness::default(),
@@ -280,18 +303,18 @@ impl Link {
                 }
                 push_newest(&mut self.answers, (from, answer));
             }
-            RobotReceived::Command(ToRobot { request, intent, command }) => {
+            RobotReceived::Command(message) => {
                 self.steadiness.heard(now);
                 self.is_slow &= !self.steadiness.is_proven();
                 if self.order.frequency == Speed::ZERO {
                     self.note_sign_of_life(now);
                 }
-                self.take(now, request, intent, command, tuning);
+                self.take(now, message, tuning);
             }
-            RobotReceived::Late { command: ToRobot { request, intent, command }, age } => {
-                match self.check_late(now, &command, age) {
-                    Ok(()) => self.take(now, request, intent, command, tuning),
-                    Err(refusal) => self.reply(request, Err(refusal)),
+            RobotReceived::Late { command: message, age } => {
+                match self.check_late(now, &message.command, age) {
+                    Ok(()) => self.take(now, message, tuning),
+                    Err(refusal) => self.reply(message.request, Err(refusal)),
                 }
             }
             RobotReceived::Refused { request, refusal } => self.reply(request, Err(refusal)),
@@ -301,6 +324,7 @@ impl Link {
             }
             RobotReceived::Stop(answer, operator) => {
                 self.stop(Some(operator));
+                self.stop_from_outside = Told::Not;
                 self.events.push(now, Event::StoppedFromOutside(operator));
                 push_newest(&mut self.answers, (from, answer));
             }
@@ -398,6 +422,7 @@ impl Link {
         match (before, self.report.state) {
             (State::Stopping, State::Armed) => {
                 self.has_rested = true;
+                self.rests = self.rests.wrapping_add(1);
                 self.setpoint = Setpoint::REST;
                 self.order.frequency = Speed::ZERO;
             }
@@ -416,24 +441,38 @@ impl Link {
         self.disarm();
         self.steadiness = Steadiness::default();
         self.is_slow = false;
+        self.rests = 0;
+        self.changed = None;
+        self.stop_from_outside = Told::Nothing;
         self.tried = None;
         self.replies.clear();
         self.scope.clear();
         self.releases_scope = true;
     }
 
-    /// Obeys a command, and answers it; one to the scope waits until [`Link::consult`].
-    fn take<S: SettingsStore>(
-        &mut self,
-        now: Instant,
-        request: u32,
-        intent: u8,
-        command: Command,
-        tuning: &mut Tuning<S>,
-    ) {
-        if let Some(outcome) = self.obey(now, request, intent, command, tuning).transpose() {
+    /// Obeys a command, and answers it; one to the scope waits until [`Link::consult`]. Nobody waits for an answer to one that
+    /// was overtaken.
+    fn take<S: SettingsStore>(&mut self, now: Instant, message: ToRobot, tuning: &mut Tuning<S>) {
+        let request = message.request;
+        if self.is_overtaken(request, &message.command) {
+            return;
+        }
+        if let Some(outcome) = self.obey(now, message, tuning).transpose() {
             self.reply(request, outcome);
         }
+    }
+
+    /// Returns whether a command would undo what was asked for after it.
+    fn is_overtaken(&mut self, request: u32, command: &Command) -> bool {
+        if command.is_question() || matches!(command, Command::Setpoint(_)) {
+            return false;
+        }
+        let is_old =
+            self.changed.is_some_and(|newest| request.wrapping_sub(newest).cast_signed() < 0);
+        if !is_old {
+            self.changed = Some(request);
+        }
+        is_old && !matches!(command, Command::Stop | Command::Disarm)
     }
 
     /// Returns whether something waits for the scope.
@@ -455,13 +494,11 @@ impl Link {
     fn obey<S: SettingsStore>(
         &mut self,
         now: Instant,
-        request: u32,
-        intent: u8,
-        command: Command,
+        ToRobot { request, intent, rests, command }: ToRobot,
         tuning: &mut Tuning<S>,
     ) -> Result<Option<Outcome>, Refusal> {
         match command {
-            Command::Setpoint(setpoint) => self.shake(now, intent, setpoint)?,
+            Command::Setpoint(setpoint) => self.shake(now, (intent, rests), setpoint)?,
             Command::Arm => self.arm(now, tuning.settings())?,
             Command::Disarm => self.disarm(),
             Command::Stop => self.stop(self.session.operator(now)),
@@ -492,23 +529,10 @@ impl Link {
             self.is_slow = true;
             self.events.push(now, Event::CommandsLate { age_ms, limit_ms });
         }
-        match command {
-            Command::Stop
-            | Command::Disarm
-            | Command::Identify
-            | Command::Crash
-            | Command::Ping(_)
-            | Command::Parameter(
-                ParameterCommand::Get(_) | ParameterCommand::List(_) | ParameterCommand::Check,
-            )
-            | Command::Scope(ScopeCommand::Status | ScopeCommand::Read(_)) => Ok(()),
-            Command::Setpoint(_)
-            | Command::Arm
-            | Command::Trial(_)
-            | Command::Clear
-            | Command::Parameter(_)
-            | Command::Scope(_) => Err(Refusal::Late { age_ms, limit_ms }),
+        if command.is_question() || matches!(command, Command::Stop | Command::Disarm) {
+            return Ok(());
         }
+        Err(Refusal::Late { age_ms, limit_ms })
     }
 
     fn note_sign_of_life(&mut self, now: Instant) {
@@ -517,14 +541,20 @@ impl Link {
     }
 
     /// Obeys a setpoint. One in range is a sign of life even where it cannot be obeyed, as while aligning.
-    fn shake(&mut self, now: Instant, intent: u8, setpoint: Setpoint) -> Result<(), Refusal> {
+    fn shake(
+        &mut self,
+        now: Instant,
+        (intent, rests): (u8, u8),
+        setpoint: Setpoint,
+    ) -> Result<(), Refusal> {
         setpoint.check()?;
         self.note_sign_of_life(now);
         self.check_cleared()?;
         match self.state() {
             // One that only waits for commands goes on when they come back.
             State::Armed | State::Running | State::Stopping if !self.ramps_down => {
-                let is_wanted = self.intent != Some(intent);
+                let knows = !self.has_rested || rests == self.rests;
+                let is_wanted = self.intent != Some(intent) && knows;
                 if self.has_rested && !is_wanted && setpoint.frequency() != Hertz::ZERO {
                     return Err(Refusal::Rested);
                 }
@@ -638,8 +668,17 @@ impl Link {
         self.setpoint = Setpoint::REST;
     }
 
-    /// Asks the fast half to clear. A latched stop is cleared only when the rotors have come to rest.
+    /// Asks the fast half to clear. A latched stop is cleared only when the rotors have come to rest, and one from outside only
+    /// by somebody who has heard of it.
     fn clear(&mut self) -> Result<(), Refusal> {
+        let knows = match self.stop_from_outside {
+            Told::Nothing => true,
+            Told::Not => false,
+            Told::At(told) => self.session.moment().is_some_and(|moment| moment >= told),
+        };
+        if !knows {
+            return Err(Refusal::Stopped);
+        }
         if self.ramps_down {
             return Err(Refusal::State(State::Stopping));
         }
@@ -748,6 +787,9 @@ impl Link {
 
     fn telemetry(&mut self, now: Instant, operator: OperatorName) -> Telemetry {
         self.order.period = self.order.period.wrapping_add(1);
+        if self.stop_from_outside == Told::Not {
+            self.stop_from_outside = Told::At(now);
+        }
         let link = self.quality(now);
         let report = &self.report;
         let now_alone = [report.direction; 3];
@@ -760,6 +802,7 @@ impl Link {
             first_fault: report.first_fault,
             stopped: report.stopped,
             link_late: report.link_late,
+            rests: self.rests,
             setpoint: self.setpoint,
             frequency: report.frequency.into(),
             direction: direction.into(),

@@ -211,6 +211,13 @@ impl Counts {
     pub const fn new(count: i16) -> Self {
         Self(count as i32 * 16)
     }
+
+    /// Returns the current that is so much per count: 2^-16 A, in 2^-21.
+    #[inline(always)]
+    #[must_use]
+    pub(crate) const fn current(self, per_count: i32) -> Current {
+        Current(multiply_high(self.0 << 11, per_count))
+    }
 }
 
 impl RotorAngle {

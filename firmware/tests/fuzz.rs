@@ -143,7 +143,7 @@ fn strangers_never_drive_a_bridge() {
         // Something to repeat: the operator asks, and arms too early.
         for (request, command) in [(1, Command::Identify), (2, Command::Arm), (3, Command::Ping(0))]
         {
-            let message = ToRobot { request, intent: 0, command };
+            let message = ToRobot { request, intent: 0, rests: 0, command };
             let frame = ends.operator.send(ends.now, &message).unwrap();
             ends.sent.push(frame.to_vec());
             ends.hear(&frame);

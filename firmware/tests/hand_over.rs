@@ -115,7 +115,7 @@ impl Halves {
     /// Returns the operator's next datagram.
     fn seal(&mut self, command: Command) -> Frame {
         self.request += 1;
-        let message = ToRobot { request: self.request, intent: 0, command };
+        let message = ToRobot { request: self.request, intent: 0, rests: 0, command };
         self.operator.send(self.now, &message).unwrap()
     }
 

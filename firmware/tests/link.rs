@@ -44,6 +44,7 @@ struct Ends {
     tuning: Tuning<NoStore>,
     operator: OperatorSession,
     intent: u8,
+    rests: u8,
     now: Instant,
     report: Report,
     outcomes: Vec<Outcome>,
@@ -84,7 +85,18 @@ impl Ends {
         let link = Link::new(name, bridges, Some(key()), [2; 32], settings, report);
         let operator = OperatorSession::new(key(), [3; 32], now);
         let (outcomes, events, telemetry) = (Vec::new(), Vec::new(), Vec::new());
-        Self { link, tuning, operator, intent: 0, now, report, outcomes, events, telemetry }
+        Self {
+            link,
+            tuning,
+            operator,
+            intent: 0,
+            rests: 0,
+            now,
+            report,
+            outcomes,
+            events,
+            telemetry,
+        }
     }
 
     fn connected() -> Self {
@@ -141,7 +153,11 @@ impl Ends {
     }
 
     fn seal(&mut self, command: Command) -> Frame {
-        let message = ToRobot { request: 7, intent: self.intent, command };
+        self.seal_as(7, command)
+    }
+
+    fn seal_as(&mut self, request: u32, command: Command) -> Frame {
+        let message = ToRobot { request, intent: self.intent, rests: self.rests, command };
         self.operator.send(self.now, &message).unwrap()
     }
 
@@ -282,7 +298,11 @@ fn rotors_that_came_to_rest_by_silence_turn_again_only_on_another_intent() {
         assert_eq!(ends.link.order().frequency, Speed::ZERO);
         ends.observe(|_| {});
     }
+    // Somebody who did not know yet that they rest.
     ends.intent = 1;
+    assert_eq!(ends.say(walk()), refused(Refusal::Rested));
+    ends.wait(TELEMETRY);
+    (ends.intent, ends.rests) = (2, ends.telemetry.last().unwrap().rests);
     for _ in 0..2 {
         assert_eq!(ends.say(walk()), Outcome::Done, "it goes on with what began it");
     }
@@ -346,6 +366,58 @@ fn a_stop_from_outside_is_answered_with_rest_once_it_is_latched_and_nothing_is_d
             stop.receive(ends.now, &frame).unwrap();
         }
         assert_eq!(stop.status(), status, "{stopped} {state}");
+    }
+}
+
+#[test]
+fn a_stop_from_outside_is_cleared_by_nobody_who_has_not_heard_of_it() {
+    let mut ends = Ends::at(State::Disarmed);
+    ends.live(TELEMETRY);
+    // Sealed before, it arrives after.
+    let early = ends.seal(Command::Clear);
+    let mut stop = StopSession::new(&key(), [4; 32], ends.now);
+    let mut frame = Frame::new();
+    for _ in 0..2 {
+        let asked = stop.poll(ends.now).unwrap();
+        ends.link.receive(ends.now, outsider(), &asked, &mut ends.tuning);
+        ends.link.transmit(ends.now, ends.tuning.settings(), &mut frame);
+        stop.receive(ends.now, &frame).unwrap();
+    }
+    ends.observe(|report| report.stopped = true);
+    ends.hear(&early);
+    assert_eq!(ends.outcomes.pop(), Some(refused(Refusal::Stopped)));
+    ends.live(2 * TELEMETRY);
+    assert!(ends.telemetry.last().unwrap().stopped);
+    assert_eq!(ends.say(Command::Clear), Outcome::Done);
+}
+
+#[test]
+fn what_was_asked_before_the_newest_change_undoes_nothing_however_late_it_comes() {
+    let current = |value| {
+        let name = "current_limit".try_into().unwrap();
+        Command::Parameter(ParameterCommand::Set(name, value))
+    };
+    for (earlier, newer) in [
+        (Command::Arm, Command::Disarm),
+        (Command::Clear, Command::Stop),
+        (current(2.4), current(0.9)),
+    ] {
+        let mut ends = Ends::at(State::Disarmed);
+        let [earlier, newer] =
+            [(8, earlier), (9, newer)].map(|(it, command)| ends.seal_as(it, command));
+        ends.hear(&newer);
+        assert!(ends.outcomes.pop().is_some());
+        let asked = ends.link.order().requests;
+        ends.hear(&earlier);
+        assert_eq!((ends.outcomes.pop(), ends.link.order().requests), (None, asked));
+        assert!(ends.tuning.settings().current_limit < 2.4);
+    }
+    // What lets go is obeyed however old it is.
+    for (number, command) in [(3, Command::Disarm), (2, Command::Stop)] {
+        let mut ends = Ends::at(State::Running);
+        let frame = ends.seal_as(number, command);
+        ends.hear(&frame);
+        assert_eq!(ends.outcomes.pop(), Some(Outcome::Done));
     }
 }
 
@@ -900,7 +972,7 @@ fn a_trial_whose_answer_was_lost_begins_once() {
     assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Trial(bridges));
     assert_eq!(ends.link.order().requests.trial, 1);
     // Another request is another trial.
-    let another = ToRobot { request: 8, intent: 0, command: Command::Trial(TRIAL) };
+    let another = ToRobot { request: 8, intent: 0, rests: 0, command: Command::Trial(TRIAL) };
     let frame = ends.operator.send(ends.now, &another).unwrap();
     ends.hear(&frame);
     assert!(matches!(ends.outcomes.pop(), Some(Outcome::Refused(Refusal::Faulted(_)))));

@@ -191,6 +191,27 @@ fn a_page_that_is_closed_disarms_the_robot() {
 }
 
 #[test]
+fn a_robot_that_is_armed_with_nothing_held_is_disarmed_too_and_once() {
+    for is_closed in [true, false] {
+        let mut room = Room::walking();
+        // Commands came late: it ramped down, and is still armed.
+        room.robot.reports_of_late_commands = 1;
+        room.run(Duration::from_millis(100));
+        assert_eq!(room.client.held(), None);
+        room.robot.state = State::Armed;
+        room.run(Duration::from_millis(100));
+        room.lively.clear();
+        if is_closed {
+            room.pages.close(ANNA, &mut room.cockpit, &mut room.client, room.now);
+        }
+        room.run(2 * REST);
+        assert_eq!(room.robot.state, State::Disarmed, "{is_closed}");
+        let disarms = room.robot.commands.iter().filter(|it| **it == Command::Disarm).count();
+        assert_eq!(disarms, 1, "{is_closed}");
+    }
+}
+
+#[test]
 fn a_second_page_watches_and_may_only_stop() {
     let mut room = Room::walking();
     room.open(BOB);

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use crate::support::{FakeRobot, key, seeded_loss};
 use flix_host::link::{Client, KEEP_ALIVE, StopState, Update};
-use flix_protocol::message::{Command, Outcome, Refusal, Setpoint, State};
-use flix_protocol::session::ConnectError;
+use flix_protocol::message::{Command, Outcome, ParameterCommand, Refusal, Setpoint, State};
+use flix_protocol::session::{ConnectError, StopSession};
 use flix_protocol::units::Instant;
 
 const OPERATOR: &str = "10.0.0.1:5000";
@@ -187,6 +187,68 @@ fn stop_overtakes_what_was_asked_before() {
     world.run(Duration::from_secs(1));
     assert!(!world.robot.commands.contains(&Command::Arm));
     assert!(world.updates.contains(&Update::Unanswered { request: arm }));
+}
+
+#[test]
+fn a_robot_that_was_disarmed_is_not_armed_by_what_was_asked_before() {
+    let mut world = World::connected();
+    let arm = world.client.request(world.now, Command::Arm);
+    world.run(Duration::from_millis(2));
+    // The answer to it is lost.
+    world.is_cut = true;
+    world.run(Duration::from_millis(40));
+    world.is_cut = false;
+    world.client.release();
+    world.client.request(world.now, Command::Disarm);
+    world.run(Duration::from_secs(1));
+    assert_eq!(world.robot.state, State::Disarmed);
+    assert_eq!(world.robot.commands.iter().filter(|it| **it == Command::Arm).count(), 1);
+    assert!(world.updates.contains(&Update::Unanswered { request: arm }));
+}
+
+#[test]
+fn what_changes_the_robot_is_asked_in_turn_whatever_is_lost() {
+    let set = |value| {
+        let name = "current_limit".try_into().unwrap();
+        Command::Parameter(ParameterCommand::Set(name, value))
+    };
+    for seed in 0..50 {
+        let mut world = World::connected();
+        world.lose = Box::new(seeded_loss(seed, 0.4));
+        let [first, question, second] =
+            [set(2.4), Command::Identify, set(0.9)].map(|it| world.client.request(world.now, it));
+        world.run(Duration::from_secs(3));
+        assert!([first, question, second].iter().all(|it| world.answer(*it).is_some()), "{seed}");
+        let sets = world.robot.commands.iter().filter(|it| matches!(it, Command::Parameter(_)));
+        let sets: Vec<_> = sets.cloned().collect();
+        assert!(sets.is_sorted_by_key(|it| *it == set(0.9)), "{seed}: {sets:?}");
+    }
+}
+
+#[test]
+fn nothing_that_was_asked_before_a_stop_from_outside_clears_it() {
+    let mut world = World::armed();
+    world.client.stop(world.now);
+    world.run(Duration::from_millis(50));
+    let clear = world.client.request(world.now, Command::Clear);
+    world.run(Duration::from_millis(2));
+    let mut stop = StopSession::new(&key(), [6; 32], world.now);
+    let outside: SocketAddr = "10.0.0.2:5000".parse().unwrap();
+    for _ in 0..2 {
+        let asked = stop.poll(world.now).unwrap();
+        for (to, datagram) in world.robot.receive(world.now, outside, &asked) {
+            if to == outside {
+                stop.receive(world.now, &datagram).unwrap();
+            } else {
+                world.client.receive(world.now, &datagram);
+            }
+        }
+    }
+    assert_eq!(world.client.stops_from_outside(), 1);
+    world.to_robot.clear();
+    world.run(Duration::from_secs(1));
+    assert_eq!(world.answer(clear), Some(&Outcome::Refused(Refusal::Stopped)));
+    assert!(world.robot.stopped);
 }
 
 #[test]

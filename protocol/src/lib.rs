@@ -45,7 +45,7 @@
 //! }
 //!
 //! let walk = Command::Setpoint(Setpoint::from_numbers(-30.0, 30.0)?);
-//! let command = ToRobot { request: 1, intent: 1, command: walk };
+//! let command = ToRobot { request: 1, intent: 1, rests: 0, command: walk };
 //! let datagram = operator.send(now, &command)?;
 //! assert_eq!(robot.receive(now, operator_address, &datagram), RobotReceived::Command(command));
 //! # Ok::<(), Box<dyn core::error::Error>>(())

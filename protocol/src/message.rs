@@ -72,14 +72,36 @@ pub enum Command {
     Crash,
 }
 
+impl Command {
+    /// Returns whether it only asks: it changes nothing, however often and whenever it arrives.
+    #[must_use]
+    pub const fn is_question(&self) -> bool {
+        matches!(
+            self,
+            Self::Identify
+                | Self::Crash
+                | Self::Ping(_)
+                | Self::Parameter(
+                    ParameterCommand::Get(_) | ParameterCommand::List(_) | ParameterCommand::Check,
+                )
+                | Self::Scope(ScopeCommand::Status | ScopeCommand::Read(_))
+        )
+    }
+}
+
 /// A command with its request number, as sent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ToRobot {
-    /// Chosen by the operator; comes back in the reply.
+    /// Counts up in a session; comes back in the reply. What is asked again keeps its number. A robot obeys nothing that changes
+    /// it and has a smaller number than what it obeyed last, but `Stop` and `Disarm`.
     pub request: u32,
     /// Counts what a person wants, wrapping: a key press, a touch, the start of a program. Rotors that came to rest because
-    /// commands stayed away turn again only by a [`Command::Setpoint`] with another number here than the last that was obeyed.
+    /// commands stayed away turn again only by a [`Command::Setpoint`] with another number here than the last that was obeyed, and the present
+    /// `rests`.
     pub intent: u8,
+    /// The newest [`Telemetry::rests`] that had arrived when the intent was counted: who could not know that the rotors had come
+    /// to rest has not asked for more.
+    pub rests: u8,
     /// The command.
     pub command: Command,
 }
@@ -91,7 +113,7 @@ pub struct ToRobot {
 /// Never panics.
 #[must_use]
 pub fn unreadable(plain: &[u8]) -> Option<(u32, Refusal)> {
-    let ((request, _), rest) = postcard::take_from_bytes::<(u32, u8)>(plain).ok()?;
+    let ((request, ..), rest) = postcard::take_from_bytes::<(u32, u8, u8)>(plain).ok()?;
     let refusal = match postcard::from_bytes(rest) {
         Ok(UncheckedSetpoint::Setpoint(f, _)) if Setpoint::from_numbers(f, 0.0).is_err() => {
             Refusal::frequency()

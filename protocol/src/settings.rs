@@ -31,7 +31,7 @@ macro_rules! settings_table {
                 current_scale: "1", real, 0.1 ..= 10.0, 1.0, "True phase current over what the board's description reads: 0.4 where amplifiers taken for x20 are x50.";
                 battery_scale: "1", real, 0.2 ..= 5.0, 1.0, "True battery voltage over what a divider of 100 over 22 kiloohms gives: by a voltmeter at the battery, or for other resistors.";
                 current_limit: "A", real, 0.1 ..= 20.0, 2.0, "Phase current that is never asked for more of.";
-                over_current: "A", real, 0.2 ..= 30.0, 2.6, "Phase current that trips the over-current fault; below the 3.3 A that 0.01 ohm with a gain of 50 can show.";
+                over_current: "A", real, 0.2 ..= 30.0, 2.6, "Phase current that trips the over-current fault; so does the end of what the board can show: 2.8 A of 0.01 ohm with a gain of 50 on an ESP32, 2.5 A on an ESP32-S3.";
                 alignment_current: "A", real, 0.05 ..= 5.0, 0.8, "Phase current that turns the rotors while aligning.";
                 current_bandwidth: "Hz", real, 50.0 ..= 1500.0, 700.0, "Bandwidth of the current loops.";
                 position_bandwidth: "Hz", real, 1.0 ..= 60.0, 20.0, "Natural frequency of the loops that hold f and theta.";

@@ -353,7 +353,7 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
             LoopTiming { ticks, longest_interval_us, overruns }
         });
     (
-        (instant(), state(), faults(), prop::option::of(fault()), any::<[bool; 3]>()),
+        (instant(), state(), faults(), prop::option::of(fault()), any::<[bool; 3]>(), any::<u8>()),
         (
             any_setpoint(),
             hertz(),
@@ -365,7 +365,7 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
         ([volts(), volts(), volts()], any::<bool>(), any::<f32>(), timing, link),
     )
         .prop_map(|(standing, motion, (voltages, measured, modulation, timing, link))| {
-            let (time, state, faults, first_fault, [stopped, link_late, named]) = standing;
+            let (time, state, faults, first_fault, [stopped, link_late, named], rests) = standing;
             let (setpoint, frequency, direction, direction_range, motors, encoders) = motion;
             let [bus, least, largest] = voltages;
             Telemetry {
@@ -377,6 +377,7 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
                 first_fault,
                 stopped,
                 link_late,
+                rests,
                 setpoint,
                 frequency,
                 direction,
@@ -451,13 +452,14 @@ proptest! {
     fn an_unreadable_setpoint_is_answered_with_the_range_that_it_left(
         request in any::<u32>(),
         intent in any::<u8>(),
+        rests in any::<u8>(),
         f in number(),
         theta in number(),
     ) {
         let mut buffer = [0; 32];
         let length = postcard::to_slice(&request, &mut buffer).unwrap().len();
         let plain =
-            [&buffer[..length], &[intent, 0], &f.to_le_bytes(), &theta.to_le_bytes()].concat();
+            [&buffer[..length], &[intent, rests, 0], &f.to_le_bytes(), &theta.to_le_bytes()].concat();
         let refusal = match postcard::from_bytes::<ToRobot>(&plain) {
             Err(_) => unreadable(&plain),
             Ok(_) => return Ok(()),

@@ -418,7 +418,7 @@ fn telemetry_older_than_what_was_shown_is_stale_but_replies_are_not() {
 
 /// Request 7 for a setpoint of these numbers, whatever they are.
 fn unchecked_setpoint(frequency: f32, direction: f32) -> Vec<u8> {
-    [[7, 0, 0].as_slice(), &frequency.to_le_bytes(), &direction.to_le_bytes()].concat()
+    [[7, 0, 0, 0].as_slice(), &frequency.to_le_bytes(), &direction.to_le_bytes()].concat()
 }
 
 #[test]
@@ -449,7 +449,7 @@ fn numbers_that_are_no_setpoint_are_refused_with_the_range() {
 #[test]
 fn an_unknown_command_is_refused_as_malformed() {
     let mut ends = Ends::connected();
-    let frame = ends.operator.send_bytes(&[7, 99]).unwrap();
+    let frame = ends.operator.send_bytes(&[7, 0, 0, 99]).unwrap();
     let refused = RobotReceived::Refused { request: 7, refusal: Refusal::Malformed };
     assert_eq!(ends.robot_hears(&frame), refused);
 }

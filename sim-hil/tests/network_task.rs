@@ -176,8 +176,12 @@ impl Operator {
             if now().as_micros() >= next {
                 next = now().as_micros() + 20_000;
                 number += 1;
-                let command =
-                    ToRobot { request: number, intent: 0, command: Command::Ping(number) };
+                let command = ToRobot {
+                    request: number,
+                    intent: 0,
+                    rests: 0,
+                    command: Command::Ping(number),
+                };
                 if let Ok(frame) = self.session.send(now(), &command) {
                     self.send(&frame).await;
                 }
@@ -342,7 +346,7 @@ fn an_operator_who_gets_another_network_card_is_answered_there() {
         operator.connect().await;
         operator.ping_for(100).await;
         // From another card, and then the old one again.
-        let command = ToRobot { request: 900, intent: 0, command: Command::Ping(900) };
+        let command = ToRobot { request: 900, intent: 0, rests: 0, command: Command::Ping(900) };
         let sealed = operator.session.send(now(), &command).unwrap();
         let [from, to] = [(OPERATOR, 40_000), (ROBOT, DEFAULT_PORT)];
         let [from, to] = [from, to].map(|(address, port)| SocketAddrV4::new(address, port));

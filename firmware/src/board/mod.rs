@@ -73,6 +73,21 @@ impl Chip {
         }
     }
 
+    /// Returns the lowest and the highest of the millivolts that a calibrated conversion of ADC1 in its widest range
+    /// follows on every chip of this kind. What is stated at these or beyond may be clipped.
+    #[must_use]
+    pub const fn converter_millivolts(self) -> [u16; 2] {
+        match self {
+            // The data sheet measures from 150 mV on: nothing is taken for 142 mV where the chip's fuses hold its reference
+            // alone. All ones are taken for 3,060 mV with the lowest reference, 1,000 mV (ESP-IDF,
+            // `adc_cali_line_fitting.c` of the ESP32).
+            Self::Esp32 => [150, 3_060],
+            // The data sheets measure from 0 to 2,900 and to 3,300 mV.
+            Self::Esp32S3 => [CONVERTER_ERROR_MILLIVOLTS, 2_900],
+            Self::Esp32C6 => [CONVERTER_ERROR_MILLIVOLTS, 3_300 - CONVERTER_ERROR_MILLIVOLTS],
+        }
+    }
+
     /// Returns whether four conversions fit into one tick. Those of the C6 take 40 microseconds each.
     #[must_use]
     pub const fn samples_currents_in_a_tick(self) -> bool {
@@ -204,8 +219,8 @@ pub const fn centred_start(half_period: u16, counts: u32) -> Option<u16> {
 const ADC_FULL_SCALE_MILLIVOLTS: u32 = 3_300;
 /// Largest count of a 12-bit conversion.
 const ADC_LARGEST_COUNT: u32 = 4_095;
-/// Counts nearer to the rails than this are clipped: the ESP32's converter is flat below 0.1 V.
-const ADC_RAIL_COUNTS: i16 = 96;
+/// What a converter that begins at ground, or ends at its supply, may state there instead: assumed.
+const CONVERTER_ERROR_MILLIVOLTS: u16 = 77;
 /// Shunt in series with a phase, milliohms.
 const SHUNT_MILLIOHMS: u32 = 10;
 
@@ -214,15 +229,19 @@ const DIVIDER_UPPER_KILOOHMS: u32 = 100;
 /// The resistor to ground.
 const DIVIDER_LOWER_KILOOHMS: u32 = 22;
 
-/// Describes a sense around half the supply (1.65 V) with an amplifier of the given gain.
-const fn bidirectional_sense(gain: u32) -> CurrentSense {
+/// Describes a sense around half the supply (1.65 V) with an amplifier of the given gain, converted by this chip.
+const fn bidirectional_sense(chip: Chip, gain: u32) -> CurrentSense {
     let nanovolts_per_count = ADC_FULL_SCALE_MILLIVOLTS * 1_000_000 / ADC_LARGEST_COUNT;
     let microamperes_per_count = nanovolts_per_count / (SHUNT_MILLIOHMS * gain);
     assert!(microamperes_per_count <= u16::MAX as u32);
+    let [lowest, highest] = chip.converter_millivolts();
     CurrentSense {
         microamperes_per_count: microamperes_per_count as u16,
         zero_count: (ADC_LARGEST_COUNT as i16).div_euclid(2) + 1,
-        valid_counts: (ADC_RAIL_COUNTS, ADC_LARGEST_COUNT as i16 - ADC_RAIL_COUNTS),
+        valid_counts: (
+            counts_of_millivolts(lowest).cast_signed(),
+            counts_of_millivolts(highest).cast_signed(),
+        ),
     }
 }
 
@@ -301,7 +320,7 @@ pub const MKS_DUAL_FOC_V3_1: Board =
 pub const MKS_DUAL_FOC_V3_3_PLUS: Board = dual_esp32(
     "mks-dual-foc-v3-3-plus",
     "MKS DUAL FOC V3.3 PLUS",
-    Some(bidirectional_sense(50)),
+    Some(bidirectional_sense(Chip::Esp32, 50)),
     None,
     EG2133_DEAD_TIME_NS,
 );
@@ -312,7 +331,7 @@ pub const MKS_DUAL_FOC_V3_3_PLUS: Board = dual_esp32(
 pub const MKS_ESP32_FOC_V1_0: Board = dual_esp32(
     "mks-esp32-foc-v1-0",
     "MKS ESP32 FOC V1.0",
-    Some(bidirectional_sense(20)),
+    Some(bidirectional_sense(Chip::Esp32, 20)),
     None,
     EG2133_DEAD_TIME_NS,
 );
@@ -321,7 +340,7 @@ pub const MKS_ESP32_FOC_V1_0: Board = dual_esp32(
 pub const DENGFOC_V3_01: Board = dual_esp32(
     "dengfoc-v3-01",
     "DengFOC V3.01",
-    Some(bidirectional_sense(50)),
+    Some(bidirectional_sense(Chip::Esp32, 50)),
     Some([22, 12]),
     L6234_DEAD_TIME_NS,
 );
@@ -461,7 +480,7 @@ impl Board {
     #[must_use]
     pub const fn with_current_sense(mut self) -> Self {
         if let Some([top, bottom]) = self.current_option {
-            self.hardware.current_sense = Some(bidirectional_sense(50));
+            self.hardware.current_sense = Some(bidirectional_sense(self.chip, 50));
             self.bridges[0].currents = Some(top);
             self.bridges[1].currents = Some(bottom);
         }

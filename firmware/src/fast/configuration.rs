@@ -41,9 +41,9 @@ pub struct Configuration {
     pub(crate) zero_design: Counts,
     pub(crate) zero_tolerance: Counts,
     pub(crate) sensed: bool,
-    /// Current of a phase that is an over-current: the limit, or the end of the range of amplifier and
-    /// converter where that is nearer.
-    pub(crate) over_current: [Current; 2],
+    /// Current of a phase beyond which it is an over-current, and the counts at which amplifier and converter end.
+    over_current: Current,
+    valid_counts: [Counts; 2],
     pub(crate) alignment_voltage: [Voltage; 2],
     pub(crate) alignment_current: Current,
     /// What the amplifiers show of the alignment current.
@@ -94,17 +94,11 @@ impl Configuration {
         let microamperes = sense.map_or(0.0, |sense| f64::from(sense.microamperes_per_count));
         let amperes_per_count = microamperes * 1e-6 * f64::from(settings.current_scale);
         let counts = |current: f32| scaled(f64::from(current) / amperes_per_count, 4);
-        let valid_counts = sense.map_or((i16::MIN, i16::MAX), |sense| sense.valid_counts);
-        let range = f64::from(valid_counts.1) - f64::from(valid_counts.0);
+        let (lowest, highest) = sense.map_or((i16::MIN, i16::MAX), |sense| sense.valid_counts);
+        let range = f64::from(highest) - f64::from(lowest);
         let zero = sense.map_or(0, |sense| i32::from(sense.zero_count));
-        let reach = (i32::from(valid_counts.1) - zero).min(zero - i32::from(valid_counts.0));
         let gains = [0, 1].map(|motor| {
             [settings.current_gain_a, settings.current_gain_b].map(|gain| f64::from(gain[motor]))
-        });
-        let end = f64::from(reach) * amperes_per_count;
-        let over_current = gains.map(|[a, b]| match sense {
-            Some(_) => Current::from_amperes((end * a.min(b)).min(settings.over_current.into())),
-            None => Current::from_raw(i32::MAX / 4),
         });
         let divider = hardware.bus_microvolts_per_count;
         let bus = divider.map_or(0.0, |scale| f64::from(scale.get()) * 1e-6)
@@ -127,7 +121,8 @@ impl Configuration {
             zero_design: Counts::from_raw(zero * 16),
             zero_tolerance: Counts::from_raw(scaled(ZERO_SHARE * range, 4)),
             sensed: sense.is_some(),
-            over_current,
+            over_current: Current::from_amperes(settings.over_current.into()),
+            valid_counts: [lowest, highest].map(Counts::new),
             alignment_voltage: settings
                 .phase_resistance
                 .map(|resistance| volts(resistance * settings.alignment_current)),
@@ -149,6 +144,23 @@ impl Configuration {
         };
         configuration.apply(configuration.alignment);
         configuration
+    }
+
+    /// Returns the current of a phase beyond which it is an over-current, of each motor whose amplifiers show this at no
+    /// current: the limit or, where that is nearer, what the last count shows at which they do not end.
+    pub(crate) fn over_current(&self, zeros: &[[Counts; 2]; 2]) -> [Current; 2] {
+        if !self.sensed {
+            return [Current::from_raw(i32::MAX / 4); 2];
+        }
+        let [lowest, highest] = self.valid_counts;
+        let reach = |(zero, scale): (&Counts, &i32)| {
+            let counts = (highest - *zero).min(*zero - lowest) - Counts::new(1);
+            counts.current(magnitude(*scale))
+        };
+        [0, 1].map(|motor| {
+            let phases = zeros[motor % 2].iter().zip(&self.current_per_count[motor % 2]);
+            phases.map(reach).fold(self.over_current, Current::min).max(Current::ZERO)
+        })
     }
 
     /// Takes over what an alignment found, but for the eccentricity tables.

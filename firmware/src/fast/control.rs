@@ -78,8 +78,9 @@ pub struct Control {
     bus: Bus,
     bus_voltage: Voltage,
     battery_low: bool,
-    /// What the amplifiers show at no current.
+    /// What the amplifiers show at no current, and the current beyond which a phase is an over-current.
     zeros: [[Counts; 2]; 2],
+    over_current: [Current; 2],
     /// Currents of phases A and B.
     currents: [[Current; 2]; 2],
     wanted: [Rotor<Current>; 2],
@@ -111,6 +112,7 @@ impl Control {
     #[must_use]
     pub fn new(configuration: Configuration) -> Self {
         let rotors = Rotors { angles: [RotorAngle::ZERO; 2], speeds: [Speed::ZERO; 2] };
+        let zeros = [[configuration.zero_design; 2]; 2];
         Self {
             supervisor: Supervisor::new(),
             trackers: [Tracker::new(); 2],
@@ -121,7 +123,8 @@ impl Control {
             bus: Bus::new(configuration.bus_nominal, configuration.dead_share),
             bus_voltage: configuration.bus_nominal,
             battery_low: false,
-            zeros: [[configuration.zero_design; 2]; 2],
+            over_current: configuration.over_current(&zeros),
+            zeros,
             currents: [[Current::ZERO; 2]; 2],
             wanted: [Rotor::default(); 2],
             asked: Speed::ZERO,
@@ -163,6 +166,7 @@ impl Control {
                 tracker.count_otherwise(old, new);
             }
             self.configuration = *configuration;
+            self.take_zeros(self.zeros);
             if configuration.bus_per_count == 0 {
                 self.bus_voltage = configuration.bus_nominal;
             }
@@ -379,18 +383,22 @@ impl Control {
 
     #[inline(always)]
     fn measure_motor(&mut self, motor: usize, [a, b]: [i16; 2]) -> bool {
-        let Configuration { over_current, current_per_count, .. } = &self.configuration;
-        let limit = over_current[motor].raw();
+        let limit = self.over_current[motor].raw();
         let beyond = |current: Current| {
             current.raw().wrapping_add(limit) as u32 > limit.wrapping_mul(2) as u32
         };
-        let amperes =
-            |count: Counts, scale: i32| Current::from_raw(multiply_high(count.raw() << 11, scale));
-        let ([zero_a, zero_b], [scale_a, scale_b]) = (self.zeros[motor], current_per_count[motor]);
-        let a = amperes(Counts::new(a) - zero_a, scale_a);
-        let b = amperes(Counts::new(b) - zero_b, scale_b);
+        let [zero_a, zero_b] = self.zeros[motor];
+        let [scale_a, scale_b] = self.configuration.current_per_count[motor];
+        let a = (Counts::new(a) - zero_a).current(scale_a);
+        let b = (Counts::new(b) - zero_b).current(scale_b);
         self.currents[motor] = [a, b];
         beyond(a) || beyond(b) || beyond(a + b)
+    }
+
+    /// Takes over what the amplifiers show at no current, and so how much more they can show.
+    fn take_zeros(&mut self, zeros: [[Counts; 2]; 2]) {
+        self.zeros = zeros;
+        self.over_current = self.configuration.over_current(&zeros);
     }
 
     /// Adds to what telemetry reports of the interval.
@@ -549,9 +557,10 @@ impl Control {
             Progress::Busy => {}
             Progress::Failed(fault) => self.misaligned = Faults::NONE.with(fault),
             Progress::Done => {
-                self.zeros = aligner.zeros;
-                if aligner.full {
-                    self.configuration.apply(aligner.results());
+                let (zeros, results) = (aligner.zeros, aligner.full.then(|| aligner.results()));
+                self.take_zeros(zeros);
+                if let Some(results) = results {
+                    self.configuration.apply(results);
                     self.configuration.aligned = true;
                     self.activity = Activity::Tabulating(0);
                 } else {
@@ -586,7 +595,11 @@ impl Control {
             let (current, voltage) = run.of_motor(index, currents);
             current_loop.note(current, voltage);
         }
-        self.zeros = run.zeros.unwrap_or(self.zeros);
+        if let Some(zeros) = run.zeros
+            && zeros != self.zeros
+        {
+            self.take_zeros(zeros);
+        }
         match progress {
             Progress::Busy => {}
             Progress::Failed(fault) => self.misaligned = Faults::NONE.with(fault),

@@ -841,7 +841,8 @@ impl Desk {
     fn press_until(&self, key: &str, condition: impl Fn() -> bool) {
         wait_until(|| {
             self.send(key);
-            std::thread::sleep(Duration::from_millis(30));
+            // A key that comes quicker is one that is held, and presses nothing.
+            std::thread::sleep(Duration::from_millis(150));
             condition()
         });
     }
@@ -893,6 +894,7 @@ fn a_wheel_a_paste_and_an_answer_of_the_terminal_move_nothing() {
     desk.press_until("w", || served.robot().state == State::Running);
     desk.wheel(10, true);
     desk.paste("d");
+    std::thread::sleep(Duration::from_millis(20));
     // The walk's own direction is 30 degrees.
     desk.mark(&served, 35.0);
     assert_eq!(served.robot().setpoint.frequency(), Hertz::saturating(-30.0));
@@ -1005,6 +1007,7 @@ fn teleop_stops_the_robot_when_its_terminal_closes() {
     });
     wait_until(|| {
         (&master).write_all(b"\r").unwrap();
+        std::thread::sleep(Duration::from_millis(150));
         served.robot().state == State::Armed
     });
     closing.send(()).unwrap();

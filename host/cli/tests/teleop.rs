@@ -167,6 +167,25 @@ fn f_and_theta_move_in_steps_and_stay_in_range() {
 }
 
 #[test]
+fn a_key_that_is_held_changes_a_walk_and_is_no_new_wish() {
+    let mut desk = Desk::armed();
+    let up = Action::Frequency(1.0);
+    let step = |desk: &mut Desk| {
+        desk.cockpit.step(up, &mut desk.client, desk.now);
+        desk.run(Duration::from_millis(100));
+        (desk.robot.setpoint.frequency().get(), desk.robot.intent)
+    };
+    assert_eq!(step(&mut desk).0, 0.0, "at rest");
+    desk.press(Action::Walk(Mode::Forward));
+    let wish = desk.robot.intent;
+    assert_eq!(step(&mut desk), (-29.0, wish));
+    desk.press(up);
+    assert_eq!(step(&mut desk), (-27.0, wish.wrapping_add(1)));
+    desk.press(Action::Stop);
+    assert_eq!(step(&mut desk).0, 0.0, "stopped");
+}
+
+#[test]
 fn a_step_of_f_begins_no_walk_and_one_to_zero_ends_it() {
     let mut desk = Desk::armed();
     for step in [1.0, -1.0, 30.0] {
@@ -318,6 +337,47 @@ fn a_forward_walk_that_curves_is_reported_and_a_held_heading_turns_it_back() {
     desk.see(50);
     assert_eq!(desk.robot.telemetry(desk.now).setpoint, Mode::RightTurn.setpoint());
     assert!(!curves(&desk));
+}
+
+#[test]
+fn a_heading_is_held_by_no_old_pose_and_ends_with_a_turn() {
+    let mut desk = Desk::armed();
+    desk.see(1);
+    desk.press(Action::HoldHeading);
+    desk.press(Action::Walk(Mode::Forward));
+    desk.see(50);
+    assert_eq!(desk.robot.telemetry(desk.now).setpoint, Mode::RightTurn.setpoint());
+    // Poses stay away while it turns back.
+    for _ in 0..60 {
+        desk.cockpit.watch(&mut desk.client, desk.now);
+        desk.run(Duration::from_millis(10));
+    }
+    assert_eq!(desk.robot.telemetry(desk.now).setpoint, Mode::Forward.setpoint());
+    assert!(desk.cockpit.log.back().unwrap().text.contains("no pose for 0.5 s"));
+    desk.press(Action::Walk(Mode::LeftTurn));
+    desk.see(50);
+    assert_eq!(desk.robot.telemetry(desk.now).setpoint, Mode::LeftTurn.setpoint());
+    assert_eq!(desk.cockpit.floor.as_ref().unwrap().held(), None);
+}
+
+#[test]
+fn a_robot_that_walks_on_its_back_or_in_a_hand_is_stopped() {
+    for (height, roll) in [(0.06, 3.0_f64), (0.3, 0.0)] {
+        let mut desk = Desk::armed();
+        desk.see(1);
+        desk.press(Action::Walk(Mode::Forward));
+        desk.see(20);
+        assert!(!desk.robot.stopped);
+        let mut pose = Pose::planar(PlanarPose::default(), height);
+        let (sin, cos) = (roll / 2.0).sin_cos();
+        (pose.orientation.x, pose.orientation.w) = (sin, cos);
+        for _ in 0..20 {
+            let sample = PoseSample { time: desk.now, pose, valid: true, picture: None };
+            desk.cockpit.see(&sample, &mut desk.client, desk.now);
+            desk.run(Duration::from_millis(10));
+        }
+        assert!(desk.robot.stopped, "{height} m, {roll} rad");
+    }
 }
 
 #[test]

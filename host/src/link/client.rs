@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, EventReport, OperatorName, Outcome, Refusal, Reply, Setpoint, State, Telemetry,
+    Command, Event, EventReport, OperatorName, Outcome, Refusal, Reply, Setpoint, State, Telemetry,
     ToOperator, ToRobot,
 };
 use flix_protocol::session::{
@@ -82,6 +82,8 @@ pub struct Client {
     held: Option<Setpoint>,
     /// Counts what a person wants.
     intent: u8,
+    /// What the robot had last said of its rests when the intent was counted.
+    rests: u8,
     refusal: Option<Refusal>,
     stop: StopState,
     stop_number: u32,
@@ -94,6 +96,8 @@ pub struct Client {
     is_driving: bool,
     statistics: Statistics,
     farewell: Option<Frame>,
+    /// Stops of others that were reported in this session.
+    stops_from_outside: u32,
     updates: VecDeque<Update>,
 }
 
@@ -108,6 +112,7 @@ impl Client {
             has_failed: false,
             held: None,
             intent: 0,
+            rests: 0,
             refusal: None,
             stop: StopState::None,
             stop_number: 0,
@@ -120,6 +125,7 @@ impl Client {
             is_driving: false,
             statistics: Statistics::default(),
             farewell: None,
+            stops_from_outside: 0,
             updates: VecDeque::new(),
         }
     }
@@ -135,6 +141,7 @@ impl Client {
     /// again by nothing else. Otherwise as [`Client::hold`].
     pub fn want(&mut self, now: Instant, setpoint: Setpoint) {
         self.intent = self.intent.wrapping_add(1);
+        self.rests = self.telemetry.map_or(0, |telemetry| telemetry.rests);
         if self.held == Some(setpoint) {
             self.refusal = None;
             self.keep_alive_at = now;
@@ -172,6 +179,9 @@ impl Client {
     /// Sends a command until it is answered, and returns its number. The answer, or that there is
     /// none, comes as an update.
     ///
+    /// What changes the robot is sent one after another, so that nothing that was asked earlier undoes it; [`Command::Disarm`] is
+    /// sent at once, and what would move the robot or clear its stop is given up.
+    ///
     /// Setpoints are better [held](Client::hold), and stops better [repeated](Client::stop). With
     /// [`Command::Arm`] rest is held, unless something else is: an armed robot wants setpoints as
     /// sign of life.
@@ -183,9 +193,12 @@ impl Client {
         if command == Command::Arm && self.held.is_none() && self.stop != StopState::Sending {
             self.hold(now, Setpoint::REST);
         }
+        if command == Command::Disarm {
+            self.give_up_on_moving(None);
+        }
         let request = self.number();
         self.pending.push_back(Pending {
-            message: ToRobot { request, intent: self.intent, command },
+            message: self.message(request, command),
             is_sent: false,
             send_at: now,
             give_up_at: now + REQUEST_PATIENCE,
@@ -204,6 +217,13 @@ impl Client {
             self.stop_number = self.number();
         }
         self.stop_at = now;
+    }
+
+    /// Returns how many stops of others the robot has reported. What was asked before one, and would clear it, must not be asked
+    /// again.
+    #[must_use]
+    pub const fn stops_from_outside(&self) -> u32 {
+        self.stops_from_outside
     }
 
     /// Returns whether this client has armed or moved the robot, and the robot has not reported since
@@ -280,6 +300,10 @@ impl Client {
                 self.updates.push_back(Update::Telemetry(telemetry));
             }
             OperatorReceived::Message(ToOperator::Event(event)) => {
+                if matches!(event.event, Event::StoppedFromOutside(_)) {
+                    self.stops_from_outside += 1;
+                    self.give_up_on_moving(Some(&Refusal::Stopped));
+                }
                 self.updates.push_back(Update::Event(event));
             }
             OperatorReceived::Left => {
@@ -331,7 +355,7 @@ impl Client {
             return [self.session.poll_at(), give_up].into_iter().flatten().min();
         }
         let stop = (self.stop == StopState::Sending).then_some(self.stop_at);
-        let request = self.pending.iter().map(|pending| pending.send_at).min();
+        let request = self.in_turn().map(|(_, pending)| pending.send_at).min();
         let request = request.filter(|_| self.stop != StopState::Sending);
         [Some(self.keep_alive_at), stop, request, give_up, Some(self.heard + SILENCE)]
             .into_iter()
@@ -341,13 +365,13 @@ impl Client {
 
     /// Returns the message that is due, most urgent first.
     fn due(&mut self, now: Instant) -> Option<ToRobot> {
+        let place = self.in_turn().find_map(|(place, it)| (now >= it.send_at).then_some(place));
         if self.stop == StopState::Sending {
             if now >= self.stop_at {
                 self.stop_at = now + STOP_RETRY;
-                let (request, intent) = (self.stop_number, self.intent);
-                return Some(ToRobot { request, intent, command: Command::Stop });
+                return Some(self.message(self.stop_number, Command::Stop));
             }
-        } else if let Some(pending) = self.pending.iter_mut().find(|it| now >= it.send_at) {
+        } else if let Some(pending) = place.and_then(|place| self.pending.get_mut(place)) {
             let number = pending.message.request;
             if pending.is_sent {
                 self.statistics.repeated(number);
@@ -367,7 +391,21 @@ impl Client {
         let request = self.number();
         self.statistics.sent(request, now);
         let command = self.sign_of_life().map_or(Command::Ping(request), Command::Setpoint);
-        Some(ToRobot { request, intent: self.intent, command })
+        Some(self.message(request, command))
+    }
+
+    const fn message(&self, request: u32, command: Command) -> ToRobot {
+        ToRobot { request, intent: self.intent, rests: self.rests, command }
+    }
+
+    /// Returns the requests that may be sent now, each with its place: questions, the oldest that changes the robot, and what
+    /// disarms it.
+    fn in_turn(&self) -> impl Iterator<Item = (usize, &Pending)> {
+        let mut is_first = true;
+        self.pending.iter().enumerate().filter(move |(_, pending)| {
+            let command = &pending.message.command;
+            command.is_question() || std::mem::take(&mut is_first) || *command == Command::Disarm
+        })
     }
 
     /// Returns the held setpoint; rest while the robot ramps down, so that commands are not late.
@@ -468,6 +506,22 @@ impl Client {
         self.release();
         self.abandon_requests();
         self.statistics.abandon();
+    }
+
+    /// Gives up on requests that would move the robot or clear its stop; `refusal` answers them.
+    fn give_up_on_moving(&mut self, refusal: Option<&Refusal>) {
+        let updates = &mut self.updates;
+        self.pending.retain(|pending| {
+            let ToRobot { request, command, .. } = &pending.message;
+            let moves = matches!(command, Command::Arm | Command::Clear | Command::Trial(_));
+            if moves {
+                let request = *request;
+                updates.push_back(refusal.map_or(Update::Unanswered { request }, |refusal| {
+                    Update::Answer { request, outcome: Outcome::Refused(refusal.clone()) }
+                }));
+            }
+            !moves
+        });
     }
 
     fn abandon_requests(&mut self) {

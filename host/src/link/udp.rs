@@ -300,10 +300,14 @@ impl Connection {
     }
 
     fn ask_until(&mut self, deadline: Instant, command: &Command) -> Result<Outcome, LinkError> {
+        let stops = self.client.stops_from_outside();
         loop {
             match self.ask_once(command.clone()) {
                 Err(LinkError::Refused(refusal)) if passes(&refusal) && self.now() < deadline => {
                     self.wait_for(TRY_AGAIN, |_, _| None::<()>)?;
+                    if self.client.stops_from_outside() != stops {
+                        return Err(self.why_stopped()?);
+                    }
                 }
                 outcome => return outcome,
             }
@@ -411,7 +415,12 @@ impl Connection {
     /// As for [`Connection::ask`]; when the cause of a fault is still there.
     pub fn clear(&mut self) -> Result<(), LinkError> {
         let deadline = self.now() + CLEAR_PATIENCE;
+        let stops = self.client.stops_from_outside();
         loop {
+            // Somebody has stopped the robot since: whoever clears that has to mean it.
+            if self.client.stops_from_outside() != stops {
+                return Err(self.why_stopped()?);
+            }
             self.ask(Command::Clear)?;
             let mut last = None;
             let cleared = self.wait_for_telemetry(TELEMETRY_LAG, |telemetry| {

@@ -1,6 +1,7 @@
 //! What an operator can command, by whatever device.
 
-use flix_protocol::message::Setpoint;
+use flix_protocol::message::{MAXIMUM_DIRECTION, MAXIMUM_FREQUENCY, Setpoint};
+use flix_protocol::units::{Degrees, Hertz};
 
 /// A walking mode, with the pair of the paper for it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -79,6 +80,28 @@ pub enum Action {
     Quit,
     /// Stop, then leave.
     Interrupt,
+}
+
+impl Action {
+    /// Returns a setpoint after this step of f, rounded to tenths of a hertz, or of theta, both within their ranges; nothing
+    /// for what is no step.
+    #[must_use]
+    pub fn step(self, from: Setpoint) -> Option<Setpoint> {
+        let (frequency, direction) = match self {
+            Self::Frequency(step) => (step, 0.0),
+            Self::Direction(step) => (0.0, step),
+            _ => return None,
+        };
+        let within = |value: f32, most: f32| value.clamp(-most, most);
+        // Rounding errors of many fine steps do not add up.
+        let frequency = (10.0 * (from.frequency().get() + frequency)).round() / 10.0;
+        let direction = from.direction().get() + direction;
+        Setpoint::new(
+            Hertz::saturating(within(frequency, MAXIMUM_FREQUENCY.get())),
+            Degrees::saturating(within(direction, MAXIMUM_DIRECTION.get())),
+        )
+        .ok()
+    }
 }
 
 /// Step of f, Hz: coarse, and fine with shift.

@@ -16,6 +16,7 @@ use super::scope::{self, Viewer};
 use super::settings::{Answered, Settings};
 use crate::link::explain;
 use crate::link::{Client, PASSING_PATIENCE, Update, line_difference, passes};
+use crate::nav::Footing;
 use crate::pose::PoseSample;
 
 /// Interval between two points of the histories.
@@ -114,6 +115,9 @@ pub struct Cockpit {
     pub scope: Viewer,
     /// Where the robot is, once poses are trusted.
     pub floor: Option<Floor>,
+    /// Whether it stands on its feet while it walks.
+    footing: Footing,
+    is_unseen: bool,
     /// Shaking phase in slow motion, degrees clockwise.
     pub phase: f32,
     start: Instant,
@@ -159,6 +163,8 @@ impl Cockpit {
             settings: Settings::default(),
             scope: Viewer::default(),
             floor: None,
+            footing: Footing::default(),
+            is_unseen: false,
             phase: 0.0,
             start: now,
             heard: now,
@@ -194,8 +200,10 @@ impl Cockpit {
         Some(patience.saturating_sub(now.since(since)))
     }
 
-    /// Lets the robot rest if the operator has shown no sign for too long.
+    /// Lets the robot rest if the operator has shown no sign for too long, and keeps the heading that is held, as long as poses
+    /// show it. Call it some hundred times a second.
     pub fn watch(&mut self, client: &mut Client, now: Instant) {
+        self.steer(client, now);
         if self.left(now) == Some(Duration::ZERO) {
             let patience = self.attention.map_or(0, |attention| attention.patience.as_secs());
             self.abandon(&format!("no key for {patience} s"), client, now);
@@ -252,6 +260,12 @@ impl Cockpit {
                     self.note(now, Weight::Note, mode.name());
                     if let Some(floor) = &mut self.floor {
                         floor.begin(mode == Mode::Forward);
+                        // Whoever turns wants another heading.
+                        if matches!(mode, Mode::LeftTurn | Mode::RightTurn)
+                            && floor.held().is_some()
+                        {
+                            self.hold_heading(now);
+                        }
                     }
                 }
             }
@@ -279,6 +293,9 @@ impl Cockpit {
             }
             Update::Event(report) => {
                 use flix_protocol::message::Event;
+                if matches!(report.event, Event::StoppedFromOutside(_)) {
+                    self.insisting = None;
+                }
                 let weight = match report.event {
                     Event::Fault(_) | Event::LinkLost | Event::SettingsDefaulted => Weight::Alarm,
                     Event::Stopped
@@ -331,14 +348,17 @@ impl Cockpit {
         }
     }
 
-    /// Takes a pose, and keeps the heading that is held.
+    /// Takes a pose: keeps the heading that is held, and stops a robot that walks off its feet.
     pub fn see(&mut self, sample: &PoseSample, client: &mut Client, now: Instant) {
-        Floor::observe(&mut self.floor, sample);
-        let Some(floor) = &mut self.floor else { return };
-        let steered = floor.steer(now, self.wanted);
-        if self.wanted != Setpoint::REST && !self.is_stopping {
-            client.hold(now, steered);
+        if !self.is_walking() {
+            self.footing = Footing::default();
+        } else if let Some(stop) = self.footing.observe(sample) {
+            self.act(Action::Stop, client, now);
+            self.note(now, Weight::Alarm, &stop.to_string());
         }
+        Floor::observe(&mut self.floor, sample);
+        self.steer(client, now);
+        let Some(floor) = &mut self.floor else { return };
         if let Some(turn) = floor.curve() {
             let side = if turn > 0.0 { "left" } else { "right" };
             let angle = turn.to_degrees().abs();
@@ -346,6 +366,24 @@ impl Cockpit {
                 "forward curves to the {side}, {angle:.0} degrees so far: h holds the heading"
             );
             self.note(now, Weight::Note, &text);
+        }
+    }
+
+    /// Commands what keeps the heading that is held; says when poses stay away.
+    fn steer(&mut self, client: &mut Client, now: Instant) {
+        let Some(floor) = &mut self.floor else { return };
+        let steered = floor.steer(now, self.wanted);
+        let is_unseen = floor.is_unseen(now);
+        if self.wanted != Setpoint::REST && !self.is_stopping {
+            client.hold(now, steered);
+        }
+        if std::mem::replace(&mut self.is_unseen, is_unseen) != is_unseen {
+            let (weight, text) = if is_unseen {
+                (Weight::Warning, "no pose for 0.5 s: the map is old, and no heading is held")
+            } else {
+                (Weight::Note, "poses are back")
+            };
+            self.note(now, weight, text);
         }
     }
 

@@ -17,6 +17,8 @@ const STEP: f64 = 0.01;
 const LONGEST: usize = 1000;
 /// A pose older than this is not steered by.
 const POSE_DEADLINE: Duration = Duration::from_millis(100);
+/// Time without a pose after which the robot is where nobody knows.
+const UNSEEN_AFTER: Duration = Duration::from_millis(500);
 /// Error of the heading at which the robot turns back to it, rad (10 degrees).
 const TURNS_AT: f64 = PI / 18.0;
 /// Error of the heading at which it walks on, rad (3 degrees).
@@ -76,6 +78,12 @@ impl Floor {
     /// Holds the present heading, or ends holding it.
     pub fn hold(&mut self, wanted: bool) {
         self.hold = wanted.then_some(Hold { heading: self.pose.heading, is_turning: false });
+    }
+
+    /// Returns whether no pose has been trusted for half a second.
+    #[must_use]
+    pub fn is_unseen(&self, now: Instant) -> bool {
+        now.since(self.time) >= UNSEEN_AFTER
     }
 
     /// Begins to watch a walk for curves, or ends that.

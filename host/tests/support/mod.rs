@@ -54,6 +54,8 @@ pub struct FakeRobot {
     pub stopped_by: OperatorName,
     pub faults: Faults,
     pub setpoint: Setpoint,
+    /// Number of the last wish of a person.
+    pub intent: u8,
     pub parameters: Vec<Parameter>,
     /// All commands that were obeyed or refused, in order.
     pub commands: Vec<Command>,
@@ -81,6 +83,7 @@ impl FakeRobot {
             stopped_by: OperatorName::OWNER,
             faults: Faults::NONE,
             setpoint: Setpoint::REST,
+            intent: 0,
             parameters: parameters(),
             commands: Vec::new(),
             fault_when_running: None,
@@ -117,7 +120,8 @@ impl FakeRobot {
                 datagrams.extend(self.report(now, Event::OperatorConnected(OperatorName::OWNER)));
                 datagrams
             }
-            RobotReceived::Command(ToRobot { request, command, .. }) => {
+            RobotReceived::Command(ToRobot { request, intent, command, .. }) => {
+                self.intent = intent;
                 let outcome = self.obey(now, &command);
                 self.commands.push(command);
                 self.send(now, &ToOperator::Reply(Reply { request, outcome }))
@@ -319,6 +323,7 @@ impl FakeRobot {
             first_fault: self.faults.iter().next(),
             stopped: self.stopped,
             link_late: false,
+            rests: 0,
             setpoint: self.setpoint,
             frequency: self.setpoint.frequency(),
             direction: self.setpoint.direction(),

@@ -38,6 +38,7 @@ pub fn telemetry(seconds: f64) -> Telemetry {
         first_fault: Some(Fault::Stall),
         stopped: false,
         link_late: false,
+        rests: 0,
         stopped_by: None,
         setpoint: forward(),
         frequency: Hertz::saturating(-29.9),

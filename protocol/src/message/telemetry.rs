@@ -105,6 +105,8 @@ pub struct Telemetry {
     pub stopped: bool,
     /// Whether commands are late: the first step of the failsafe ladder.
     pub link_late: bool,
+    /// How often in this session the rotors came to rest because commands stayed away, wrapping.
+    pub rests: u8,
     /// The commanded pair.
     pub setpoint: Setpoint,
     /// Measured f, over the last turn.

@@ -24,7 +24,7 @@ pub(crate) fn key(number: u8) -> Key {
 }
 
 pub(crate) fn command(request: u32, command: Command) -> ToRobot {
-    ToRobot { request, intent: 0, command }
+    ToRobot { request, intent: 0, rests: 0, command }
 }
 
 pub(crate) fn setpoint(frequency: f32, direction: f32) -> Command {
@@ -48,6 +48,7 @@ pub(crate) fn telemetry(time: u64) -> ToOperator {
         first_fault: None,
         stopped: false,
         link_late: false,
+        rests: 0,
         setpoint: Setpoint::REST,
         frequency: Hertz::ZERO,
         direction: Degrees::ZERO,

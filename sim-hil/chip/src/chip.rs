@@ -64,7 +64,7 @@ pub const BOOT_TIME: Duration = Duration::from_millis(300);
 /// Cycles between two looks at the network when nothing else happens.
 const NETWORK_CYCLES: u64 = CYCLES_PER_SECOND / 4_000;
 /// So many functions are named of those that should not be where they are.
-const NAMED_PLACES: usize = 8;
+const NAMED_PLACES: usize = 16;
 /// A run without a single look at interrupts is no longer than this.
 const SLICE_CYCLES: u64 = CYCLES_PER_SECOND / 10_000;
 

@@ -51,6 +51,9 @@ struct Cli {
     /// Measure shorter, and cut power in every 32nd flash operation instead of in each.
     #[arg(long)]
     quick: bool,
+    /// Cut power no more once a robot had neither the old nor the new.
+    #[arg(long)]
+    until_failure: bool,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -191,7 +194,7 @@ fn run(cli: &Cli) -> Result<bool, Error> {
     }
     if cli.runs(Part::Power) {
         let stride = if cli.quick { QUICK_STRIDE } else { 1 };
-        match power::cut_all(&image, encoder, cli.seed, stride, &progress) {
+        match power::cut_all(&image, encoder, cli.seed, stride, cli.until_failure, &progress) {
             Ok(cuts) => {
                 verdict.flash_cuts = Some(cuts.cuts);
                 verdict.flash_lost = Some(cuts.lost);

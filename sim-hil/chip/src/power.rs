@@ -57,6 +57,7 @@ struct Subject<'a> {
     encoder: EncoderKind,
     seed: u64,
     stride: usize,
+    until_failure: bool,
     progress: &'a dyn Fn(&str),
     cuts: Cuts,
 }
@@ -64,6 +65,11 @@ struct Subject<'a> {
 impl Subject<'_> {
     fn start(&self, flash: Flash) -> Rig {
         Rig::with_flash(self.image.clone(), self.encoder, self.seed, flash)
+    }
+
+    /// Whether enough was found out.
+    fn is_over(&self) -> bool {
+        self.until_failure && !self.cuts.failures.is_empty()
     }
 
     /// Does `work` with a robot, then cuts it in the operations of it and looks what is kept.
@@ -97,6 +103,9 @@ impl Subject<'_> {
             let is_write = matches!(operations[number], Operation::Program { .. });
             let shares = if is_write { &WRITTEN[..] } else { &ERASED };
             for share in shares {
+                if self.is_over() {
+                    return Ok(rig.chip.flash().clone());
+                }
                 self.cuts.cuts += 1;
                 let mut flash = before.cut(&operations[..=number], *share);
                 for start in ["first", "second"] {
@@ -157,7 +166,7 @@ impl Subject<'_> {
     }
 }
 
-/// Cuts power in every `stride`-th flash operation. `progress` is given a line before each cut.
+/// Cuts power in every `stride`-th flash operation, or in those until the first failure alone. `progress` is given a line before each cut.
 ///
 /// # Errors
 /// When the robot does not do without cuts what is then cut.
@@ -166,9 +175,11 @@ pub fn cut_all(
     encoder: EncoderKind,
     seed: u64,
     stride: usize,
+    until_failure: bool,
     progress: &dyn Fn(&str),
 ) -> Result<Cuts, RigError> {
-    let mut subject = Subject { image, encoder, seed, stride, progress, cuts: Cuts::default() };
+    let cuts = Cuts::default();
+    let mut subject = Subject { image, encoder, seed, stride, until_failure, progress, cuts };
     let empty = crate::image::programmed_flash();
     let provision = |key: [u8; 32]| {
         move |rig: &mut Rig| {
@@ -190,6 +201,9 @@ pub fn cut_all(
     if is_stored(&renewed, first) || !is_stored(&renewed, second) {
         let sentence = "of the former and the new key flash is to hold the new one alone";
         subject.cuts.failures.push(sentence.to_owned());
+    }
+    if subject.is_over() {
+        return Ok(subject.cuts);
     }
     // A handful.
     subject.stride = 1;

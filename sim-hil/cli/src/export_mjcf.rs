@@ -7,11 +7,8 @@ use std::process::ExitCode;
 use super::Error;
 use super::arguments::ModelArgs;
 use super::output::{complain, write_or_print};
-use flix_sim::model::mjcf::mjcf;
+use flix_sim::model::mjcf::{mjcf, too_long};
 use flix_sim::plant::mechanics::reference_contact;
-
-/// Time constants of contacts below so many steps MuJoCo raises without a word (`refsafe`).
-const MUJOCO_LEAST_STEPS: f64 = 2.0;
 
 /// Write the model as MJCF for MuJoCo
 #[derive(Debug, clap::Args)]
@@ -41,14 +38,8 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.model.load()?;
     let contact = reference_contact(&model);
     let step = 1e-3 * args.step_ms;
-    let shortest = contact.iter().map(|[time, _]| *time).filter(|time| *time > 0.0);
-    let shortest = shortest.fold(f64::INFINITY, f64::min);
-    if shortest < MUJOCO_LEAST_STEPS * step {
-        complain(format_args!(
-            "MuJoCo takes no time constant of a contact shorter than two steps, and this floor's is {:.3} ms: give a --step-ms of at most {:.4}, or it will be another floor",
-            1e3 * shortest,
-            1e3 * shortest / MUJOCO_LEAST_STEPS
-        ));
+    if let Some(sentence) = too_long(step, contact) {
+        complain(sentence);
     }
     let text = mjcf(&model, step, contact);
     write_or_print(args.out.as_deref(), &text)?;

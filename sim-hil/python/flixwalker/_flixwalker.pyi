@@ -32,7 +32,11 @@ class Model:
     def __getitem__(self, path: str) -> Any:
         """Return a field by its path, for example `model["legs.fl.friction"]`. Raises KeyError."""
     def replace(self, fields: dict[str, Any]) -> Model:
-        """Return a model with other values in these fields. Raises KeyError or ValueError."""
+        """Return a model with other values in these fields. Raises KeyError or ValueError.
+
+        ``legs.length_mm``, ``width_mm`` and ``thickness_mm`` set the segments, the standing height and the inertia, not the
+        stiffness: warns when they alone change.
+        """
 
 class Batch:
     position: NDArray[np.float64]

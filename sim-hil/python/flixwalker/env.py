@@ -5,6 +5,7 @@ Every quarter of a second the agent sees where the robot is and how it moved, an
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -57,12 +58,15 @@ class FlixWalkerVectorEnv(VectorEnv):
         1.58)}``. A tuple of paths shares one draw.
     path
         (k, 2) in m, closed; an 8 of half a metre if none is given.
-    seconds
-        Length of an episode, s.
+    seconds, max_episode_steps
+        Length of an episode, s, or in actions, which counts where it is given.
     interval, step
         Time between two actions, and of the integration, s; the first is a whole number of the second.
     threads
         How many; all cores if none is given, one for a single robot.
+    autoreset_mode
+        When a robot whose episode is over begins anew: at the next step, which its action is lost to; at the same step,
+        with the last observation in ``info["final_obs"]``; or by ``reset`` with ``options["reset_mask"]`` alone.
     render_mode
         ``"html"``: `render` returns a page that plays the first robot's episode.
 
@@ -85,6 +89,8 @@ class FlixWalkerVectorEnv(VectorEnv):
         step: float = 1e-4,
         threads: int | None = None,
         render_mode: str | None = None,
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
         if task not in TASKS:
             raise ValueError(f"task is {task!r}: choose one of {', '.join(TASKS)}")
@@ -113,7 +119,13 @@ class FlixWalkerVectorEnv(VectorEnv):
             raise ValueError(f"interval is {interval} s and step {step} s: choose an interval of whole steps")
         self.interval = interval
         self.step_s = step
-        self.limit = max(1, round(seconds / interval))
+        if max_episode_steps is None:
+            max_episode_steps = max(1, round(seconds / interval))
+        if isinstance(max_episode_steps, bool) or operator.index(max_episode_steps) < 1:
+            raise ValueError(f"max_episode_steps is {max_episode_steps}: choose 1 or more")
+        self.limit = max_episode_steps
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.modes = np.array([[f, theta] for _, f, theta in paper_pairs()])
         self.single_action_space: spaces.Space[Any] = (
             spaces.Discrete(len(self.modes))
@@ -155,10 +167,14 @@ class FlixWalkerVectorEnv(VectorEnv):
     def step(
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Shake every robot by its action for one interval; those that were done begin anew instead."""
+        """Shake every robot by its action for one interval; what those do that were done says `autoreset_mode`."""
         if not hasattr(self, "random"):
             raise gymnasium.error.ResetNeeded("step was called before reset: call reset first")
         begin = np.flatnonzero(self.done)
+        if len(begin) and self.autoreset_mode is not AutoresetMode.NEXT_STEP:
+            raise gymnasium.error.ResetNeeded(
+                f"the episodes of {begin.tolist()} are over: call reset with their reset_mask first"
+            )
         self.batch.set_drive(*self._drive(actions))
         position, yaw = self.batch.position.copy(), self.batch.yaw.copy()
         energy, nearest = self.batch.energy.copy(), self.nearest.copy()
@@ -178,13 +194,27 @@ class FlixWalkerVectorEnv(VectorEnv):
             self._begin(begin)
             reward[begin], terminated[begin], truncated[begin] = 0.0, False, False
         self.done = terminated | truncated
-        return self._observe(), reward, terminated, truncated, {"energy_j": self.batch.energy.copy()}
+        info: dict[str, Any] = {"energy_j": self.batch.energy.copy()}
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self.done.any():
+            info |= self._final(info)
+            self._begin(np.flatnonzero(self.done))
+        return self._observe(), reward, terminated, truncated, info
 
     def render(self) -> str | None:
         """Return a page for the browser with the first robot's episode so far."""
         if self.film is None:
             return None
         return self.film.to_html(f"FlixWalker-v0, {self.task}")
+
+    def _final(self, info: dict[str, Any]) -> dict[str, Any]:
+        """Return how the episodes ended that are over, in the form of Gymnasium's own vector environments."""
+        done, seen = self.done.copy(), self._observe()
+        last = np.full(self.num_envs, None, dtype=object)
+        for robot in np.flatnonzero(done):
+            last[robot] = seen[robot]
+        ended = {name: np.where(done, values, 0.0) for name, values in info.items()}
+        ended |= {f"_{name}": done.copy() for name in info}
+        return {"final_obs": last, "_final_obs": done, "final_info": ended, "_final_info": done.copy()}
 
     def _drive(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         actions = np.asarray(actions)

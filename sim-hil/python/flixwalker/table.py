@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     import pandas
     import pyarrow
 
+# What a record begins with (the MCAP specification's magic bytes).
+MCAP = b"\x89MCAP0\r\n"
+
 
 def walk(
     models: Model | Sequence[Model],
@@ -113,6 +116,8 @@ def read_record(path: str | os.PathLike[str]) -> dict[str, pandas.DataFrame]:
     ------
     FileNotFoundError
         If there is no such file.
+    ValueError
+        If it is no record, or is cut short or damaged: ``flix runs repair`` keeps what is whole.
     """
     import pandas
     from mcap.reader import make_reader
@@ -120,9 +125,18 @@ def read_record(path: str | os.PathLike[str]) -> dict[str, pandas.DataFrame]:
     rows: dict[str, list[dict[str, object]]] = {}
     times: dict[str, list[int]] = {}
     with open(path, "rb") as file:
-        for _, channel, message in make_reader(file).iter_messages():
-            rows.setdefault(channel.topic, []).append(json.loads(message.data))
-            times.setdefault(channel.topic, []).append(message.log_time)
+        if file.read(len(MCAP)) != MCAP:
+            raise ValueError(f"{path} is no record: it does not begin as MCAP does")
+        file.seek(0)
+        try:
+            for _, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+                rows.setdefault(channel.topic, []).append(json.loads(message.data))
+                times.setdefault(channel.topic, []).append(message.log_time)
+        # The reader throws whatever bytes that are missing or changed make fail first.
+        except Exception as error:
+            raise ValueError(
+                f"{path} is cut short or damaged ({error}): `flix runs repair {path}` keeps what is whole"
+            ) from error
     begin = min((each[0] for each in times.values()), default=0)
     frames = {}
     for topic, messages in rows.items():

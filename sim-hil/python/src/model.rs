@@ -1,9 +1,11 @@
 //! A robot as data.
 
-use flix_sim::model::mjcf::mjcf;
-use flix_sim::model::{NAMES, RobotModel, random, scattered, stranger};
+use std::ffi::CString;
+
+use flix_sim::model::mjcf::{mjcf, too_long};
+use flix_sim::model::{Legs, NAMES, RobotModel, random, scattered, stranger};
 use flix_sim::plant::mechanics::reference_contact;
-use pyo3::exceptions::{PyKeyError, PyValueError};
+use pyo3::exceptions::{PyKeyError, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use serde_json::Value;
@@ -14,6 +16,16 @@ use crate::refused;
 #[pyclass(frozen, eq, module = "flixwalker", from_py_object)]
 #[derive(Clone, PartialEq)]
 pub struct Model(pub RobotModel);
+
+/// Returns the dimensions of the legs' beams.
+fn beam(legs: &Legs) -> [f64; 3] {
+    [legs.length_mm, legs.width_mm, legs.thickness_mm]
+}
+
+/// Returns how stiff the legs are.
+fn stiffness(legs: &Legs) -> [f64; 2] {
+    [legs.bend_stiffness_n_m_rad, legs.twist_stiffness_n_m_rad]
+}
 
 /// Returns a model's fields as nested values.
 fn tree(model: &RobotModel) -> PyResult<Value> {
@@ -90,26 +102,39 @@ impl Model {
         to_python(py, &tree(&self.0)?)
     }
 
-    fn mjcf(&self, step: f64) -> PyResult<String> {
+    fn mjcf(&self, py: Python<'_>, step: f64) -> PyResult<String> {
         if !(1e-6..=1e-1).contains(&step) {
             return Err(PyValueError::new_err(format!(
                 "step is {step} s: choose 0.000001 to 0.1 s"
             )));
         }
-        Ok(mjcf(&self.0, step, reference_contact(&self.0)))
+        let contact = reference_contact(&self.0);
+        if let Some(sentence) = too_long(step, contact) {
+            let sentence = CString::new(sentence)?;
+            PyErr::warn(py, &py.get_type::<PyUserWarning>(), &sentence, 1)?;
+        }
+        Ok(mjcf(&self.0, step, contact))
     }
 
     fn __getitem__<'py>(&self, py: Python<'py>, path: &str) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, find(&mut tree(&self.0)?, path)?)
     }
 
-    fn replace(&self, fields: &Bound<'_, PyDict>) -> PyResult<Self> {
+    fn replace(&self, py: Python<'_>, fields: &Bound<'_, PyDict>) -> PyResult<Self> {
         let mut tree = tree(&self.0)?;
         for (path, value) in fields {
             *find(&mut tree, path.extract()?)? = from_python(&value)?;
         }
         let model: RobotModel = serde_json::from_value(tree).map_err(refused)?;
         model.check().map_err(refused)?;
+        if let (Some(before), Some(after)) = (&self.0.legs, &model.legs)
+            && beam(before) != beam(after)
+            && stiffness(before) == stiffness(after)
+        {
+            let sentence = c"length_mm, width_mm and thickness_mm of legs set the segments, the height and the inertia, not the stiffness: \
+                             bend_stiffness_n_m_rad and twist_stiffness_n_m_rad stay as they were";
+            PyErr::warn(py, &py.get_type::<PyUserWarning>(), sentence, 1)?;
+        }
         Ok(Self(model))
     }
 

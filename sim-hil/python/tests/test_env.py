@@ -6,6 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
 
 import flixwalker
 from flixwalker.env import TASKS, FlixWalkerVectorEnv
@@ -56,6 +57,41 @@ def test_an_episode_ends_and_the_next_step_begins_another() -> None:
     seen, reward, terminated, truncated, _ = envs.step(np.ones((2, 2)))
     assert not terminated.any() and not truncated.any() and (reward == 0.0).all()
     assert np.abs(seen[:, :2]).max() < 2e-3
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_an_episode_that_is_over_goes_on_as_in_gymnasiums_own_vectors(mode: AutoresetMode) -> None:
+    lengths = {"autoreset_mode": mode, "max_episode_steps": 3}
+    envs = gymnasium.make_vec("FlixWalker-v0", num_envs=2, task="speed", **lengths, **SHORT)
+    assert envs.metadata["autoreset_mode"] is mode
+    envs.reset(seed=1)
+    walk = np.tile([0.9, 0.3], (2, 1))
+    for _ in range(2):
+        *_, truncated, _ = envs.step(walk)
+        assert not truncated.any()
+    seen, reward, _, truncated, info = envs.step(walk)
+    assert truncated.all() and (reward != 0.0).all()
+    if mode is AutoresetMode.SAME_STEP:
+        assert np.abs(seen[:, :2]).max() < 2e-3 < np.abs(np.stack(info["final_obs"])[:, :2]).max()
+        assert (info["final_info"]["energy_j"] > 0.0).all() and info["_final_obs"].all()
+    else:
+        assert np.abs(seen[:, :2]).max() > 2e-3 and "final_obs" not in info
+    if mode is AutoresetMode.DISABLED:
+        with pytest.raises(gymnasium.error.ResetNeeded, match="reset_mask"):
+            envs.step(walk)
+        envs.reset(options={"reset_mask": np.array([True, False])})
+        with pytest.raises(gymnasium.error.ResetNeeded, match=r"\[1\]"):
+            envs.step(walk)
+        envs.reset(options={"reset_mask": np.array([False, True])})
+    _, reward, _, truncated, _ = envs.step(walk)
+    assert not truncated.any()
+    assert (reward == 0.0).all() == (mode is AutoresetMode.NEXT_STEP)
+
+
+@pytest.mark.parametrize("steps", [0, -1, True])
+def test_an_episode_without_a_step_is_refused(steps: int) -> None:
+    with pytest.raises(ValueError, match="max_episode_steps is"):
+        FlixWalkerVectorEnv(1, max_episode_steps=steps)
 
 
 def test_every_episode_draws_a_robot_of_its_own() -> None:

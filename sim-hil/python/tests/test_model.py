@@ -3,6 +3,7 @@
 import pathlib
 import pickle
 import tempfile
+import warnings
 
 import numpy as np
 import pytest
@@ -76,3 +77,20 @@ def test_numbers_survive_to_the_last_bit() -> None:
     for number in np.random.default_rng(1).uniform(0.01, 1.0, 300):
         replaced = Model("W").replace({"contact.rolling_friction_mm": float(number)})
         assert replaced["contact.rolling_friction_mm"] == number
+
+
+def test_a_step_that_changes_the_floor_in_mujoco_is_said() -> None:
+    with pytest.warns(UserWarning, match="it will be another floor"):
+        Model("W").mjcf(2e-3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Model("W").mjcf(1e-4)
+
+
+def test_a_beam_of_another_size_is_as_stiff_as_before_and_that_is_said() -> None:
+    with pytest.warns(UserWarning, match="not the stiffness"):
+        assert Model("W").replace({"legs.thickness_mm": 2.0})["legs.bend_stiffness_n_m_rad"] > 0.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Model("W").replace({"legs.thickness_mm": 2.0, "legs.bend_stiffness_n_m_rad": 0.3})
+        Model("W").replace({"plate.length_mm": 200.0})

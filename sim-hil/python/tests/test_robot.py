@@ -54,7 +54,7 @@ def test_a_record_is_a_data_frame_for_each_topic(tmp_path) -> None:
     mcap = pytest.importorskip("mcap.writer")
     file = tmp_path / "run.mcap"
     with open(file, "wb") as out:
-        writer = mcap.Writer(out)
+        writer = mcap.Writer(out, compression=mcap.CompressionType.NONE)
         writer.start()
         schema = writer.register_schema("pose", "jsonschema", b"{}")
         channel = writer.register_channel("/pose", "json", schema)
@@ -65,6 +65,16 @@ def test_a_record_is_a_data_frame_for_each_topic(tmp_path) -> None:
     assert list(frames) == ["/pose"]
     assert frames["/pose"].index.tolist() == [0.0, 1.0]
     assert frames["/pose"]["pose.x"].tolist() == [5, 6]
+    whole = file.read_bytes()
+    changed = whole.replace(b'"x": 6', b'"x": 9')
+    for damaged in [whole[:-1], whole[: len(whole) // 2], whole[:9], changed]:
+        file.write_bytes(damaged)
+        with pytest.raises(ValueError, match="cut short or damaged .*`flix runs repair"):
+            flixwalker.read_record(file)
+    for other in [b"", b"time,f\n"]:
+        file.write_bytes(other)
+        with pytest.raises(ValueError, match="no record"):
+            flixwalker.read_record(file)
 
 
 def test_a_robot_may_be_used_in_another_thread() -> None:

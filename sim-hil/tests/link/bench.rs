@@ -28,6 +28,7 @@ pub(crate) struct Operator {
     requests: u32,
     /// Counts what the person wants: the caller counts on.
     pub(crate) intent: u8,
+    pub(crate) rests: u8,
     pub(crate) replies: Vec<Reply>,
     pub(crate) events: Vec<EventReport>,
     pub(crate) telemetry: Vec<Telemetry>,
@@ -41,6 +42,7 @@ impl Operator {
             session: OperatorSession::new(key, [number; 32], now),
             requests: 0,
             intent: 0,
+            rests: 0,
             replies: Vec::new(),
             events: Vec::new(),
             telemetry: Vec::new(),
@@ -51,7 +53,8 @@ impl Operator {
     /// The sealed datagram of a command.
     pub(crate) fn seal(&mut self, now: Instant, command: Command) -> Frame {
         self.requests += 1;
-        let message = ToRobot { request: self.requests, intent: self.intent, command };
+        let message =
+            ToRobot { request: self.requests, intent: self.intent, rests: self.rests, command };
         self.session.send(now, &message).unwrap()
     }
 

@@ -318,6 +318,7 @@ impl World {
         for sample in &poses {
             self.cockpit.see(sample, client, now);
         }
+        self.cockpit.watch(client, now);
         self.pages.watch(&mut self.cockpit, client, now);
         self.track(&poses);
     }

@@ -21,6 +21,9 @@ use crate::choice::BOARD;
 use crate::log::log;
 use crate::pins::low;
 
+/// See [`EncoderKind::delay_us`].
+const DELAY_US: u16 = BOARD.encoder.delay_us();
+
 /// A reading, or the lack of one, and when.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sample {
@@ -38,7 +41,7 @@ impl Sample {
         let Some(angle) = self.angle else { return Encoder::Failed };
         let age = now.as_micros().saturating_sub(self.time.as_micros());
         let age_us = u16::try_from(age).unwrap_or(u16::MAX);
-        let age_us = age_us.saturating_add(BOARD.encoder.delay_us());
+        let age_us = age_us.saturating_add(DELAY_US);
         Encoder::Reading(EncoderReading { angle, age_us })
     }
 }

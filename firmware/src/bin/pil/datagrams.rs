@@ -77,8 +77,9 @@ pub(crate) fn count() -> Option<()> {
     counter.forge("a forged Confirm", &confirm);
     let accept = counter.receive("a good Confirm: a session begins", &confirm);
     let is_connected = operator.receive(NOW, &accept) == OperatorReceived::Connected;
-    let mut seal =
-        |request, command| operator.send(NOW, &ToRobot { request, intent: 0, command }).ok();
+    let mut seal = |request, command| {
+        operator.send(NOW, &ToRobot { request, intent: 0, rests: 0, command }).ok()
+    };
     let ping = seal(1, Command::Ping(1))?;
     counter.forge("a forged command", &ping);
     counter.receive("a good command, with its reply", &ping);

@@ -1,12 +1,14 @@
 //! What the fast half promises, on the bench.
 
+use crate::board::{BOARDS, Board, Chip, counts_of_millivolts};
 use crate::fast::configuration::Configuration;
+use crate::fast::control::Control;
 use crate::fast::control::bench::{Bench, HARDWARE};
 use crate::fast::exchange::Order;
 use crate::fast::supervisor::{Conditions, Supervisor};
-use crate::hardware::{Bridge, CurrentSense, EncoderAngle, Hardware};
+use crate::hardware::{Bridge, CurrentSense, Encoder, EncoderAngle, Hardware, Magnet, Sensors};
 use crate::settings::Settings;
-use crate::units::Speed;
+use crate::units::{Counts, Speed};
 use flix_protocol::message::{Fault, Faults, State};
 use flix_protocol::units::Instant;
 
@@ -264,6 +266,47 @@ fn dead_current_amplifiers_are_a_fault() {
 fn amplifiers_at_their_stop_are_an_over_current() {
     let bench = goes_wrong(Fault::OverCurrent, 0.001, |bench| bench.sense_dead = Some(4095));
     assert!(bench.now_us > 0);
+}
+
+/// What amplifiers around half the supply show at no current, mV.
+const MIDDLE: u16 = 1_650;
+
+/// Returns whether a phase at this voltage of its amplifier is an over-current with the highest limit, where no current is
+/// measured to be so many counts off its design.
+fn is_beyond(board: &Board, millivolts: u16, zero_off: i16) -> Option<bool> {
+    let zero = board.hardware.current_sense?.zero_count + zero_off;
+    let settings = Settings { over_current: 30.0, ..Settings::DEFAULT };
+    let mut control = Control::new(Configuration::new(&settings, &board.hardware));
+    control.take_zeros([[Counts::new(zero); 2]; 2]);
+    let count = counts_of_millivolts(millivolts).cast_signed();
+    Some(control.measure_currents(&Sensors {
+        encoders: [Encoder::Failed; 2],
+        magnets: [Magnet::Good; 2],
+        phase_current: Some([[zero, count], [zero; 2]]),
+        bus_voltage: None,
+    }))
+}
+
+#[test]
+fn what_a_chips_converter_clips_is_an_over_current_whatever_the_limit() {
+    for board in BOARDS.map(|board| board.with_current_sense()) {
+        // What calibration makes of no and of all ones (ESP-IDF for the ESP32, the data sheet of the ESP32-S3), and within.
+        let [clipped, measured] = match board.chip {
+            Chip::Esp32 => [[142, 3_060], [160, 3_050]],
+            Chip::Esp32S3 => [[0, 2_900], [90, 2_890]],
+            Chip::Esp32C6 => [[0, 3_300], [90, 3_210]],
+        };
+        for zero_off in [-300, -15, 0, 15, 300] {
+            for millivolts in clipped {
+                let found = is_beyond(&board, millivolts, zero_off);
+                assert_ne!(found, Some(false), "{} {millivolts} mV {zero_off}", board.feature);
+            }
+        }
+        // Of both ends the nearer one is the limit.
+        let nearer = measured.into_iter().min_by_key(|millivolts| MIDDLE.abs_diff(*millivolts));
+        let found = nearer.and_then(|millivolts| is_beyond(&board, millivolts, 0));
+        assert_ne!(found, Some(true), "{}", board.feature);
+    }
 }
 
 #[test]

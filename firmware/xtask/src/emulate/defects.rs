@@ -192,7 +192,7 @@ fn first_failure(program: &Path, image: &Path, part: &str) -> Result<Option<Stri
         command.arg("--other").arg(image);
     }
     let output = command
-        .args(["--quick", "--json", "--part", part])
+        .args(["--quick", "--until-failure", "--json", "--part", part])
         .stderr(std::process::Stdio::inherit())
         .output()
         .map_err(|source| Error::Missing { program: "flix-chip".into(), source })?;

@@ -92,6 +92,7 @@ impl<'a> Drive<'a> {
             self.record(now, |recorder| recorder.pose(&sample));
             self.cockpit.see(&sample, self.connection.operate().0, now);
         }
+        self.cockpit.watch(self.connection.operate().0, now);
         Ok(())
     }
 

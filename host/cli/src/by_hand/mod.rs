@@ -22,7 +22,8 @@ pub struct ByHandArgs {
     robot: RobotArgs,
     #[command(flatten)]
     poses: PoseArgs,
-    /// Walk only while the key or button of a walk is held. `teleop` needs a terminal with kitty's keyboard protocol for it.
+    /// Walk only while the key or button of a walk is held. `teleop` needs a terminal with kitty's keyboard protocol for it, and
+    /// keys that repeat: one that is silent for 0.8 s is held no more.
     #[arg(long)]
     pub hold_to_run: bool,
     /// Record the drive below OUT/runs; so does --foxglove.

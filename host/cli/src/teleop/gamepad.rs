@@ -1,9 +1,10 @@
 //! Driving with a gamepad, by the rules of the cockpit's page (`cockpit/page.js`).
 //!
 //! Stick or arrows walk and turn, the shoulder buttons strafe; B stops, Y clears, Select disarms, Start arms, by their
-//! names on an Xbox gamepad. Of several gamepads any stops, and the one that was touched last drives; one whose layout is not
-//! known stops with every button, and does no more. A gamepad is obeyed only after it was seen neutral, and again after everything that let the
-//! robot rest, so that a stick which is held, or stuck, begins nothing. Stop is always obeyed.
+//! names on an Xbox gamepad. Of several gamepads the one drives whose command changed last, and any of them ends the walk: it
+//! stops, disarms, or lets go of its stick. One whose layout is not known stops with every button, and does no more. A gamepad
+//! is obeyed only after it was seen neutral, and again after everything that let the robot rest, so that a stick which is held, or
+//! stuck, begins nothing, and keeps no other from driving. Stop and disarm are always obeyed.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -47,6 +48,12 @@ impl Reading {
         !(is_pressed || self.other) && self.right.abs().max(self.up.abs()) < DEAD_ZONE
     }
 
+    /// Takes an axis that shows no number for one at rest.
+    fn in_numbers(self) -> Self {
+        let [right, up] = [self.right, self.up].map(|axis| if axis.is_nan() { 0.0 } else { axis });
+        Self { right, up, ..self }
+    }
+
     fn mode(&self) -> Option<Mode> {
         let [ahead, left, right] = self.arrows;
         let is_sideways = self.right.abs() > self.up.abs();
@@ -64,6 +71,8 @@ impl Reading {
 /// The hand on a gamepad: what it commands from one reading to the next.
 #[derive(Debug, Clone, Default)]
 pub struct Hand {
+    /// What the gamepad showed last.
+    seen: Option<Reading>,
     was_neutral: bool,
     pressed: [bool; 4],
     /// What it lets the robot do, and since when.
@@ -78,10 +87,8 @@ impl Hand {
         cockpit: &Cockpit,
         now: Instant,
     ) -> Vec<Action> {
-        let Some(reading) = reading else {
-            self.pressed = Default::default();
-            return self.release();
-        };
+        self.seen = reading.copied();
+        let Some(reading) = reading else { return self.release() };
         let mut actions = self.commands(reading);
         let may_drive = cockpit.telemetry.as_ref().is_some_and(|telemetry| {
             !telemetry.stopped && matches!(telemetry.state, State::Armed | State::Running)
@@ -124,14 +131,8 @@ impl Hand {
         let before = std::mem::replace(&mut self.pressed, reading.commands);
         let is_new = |index: usize| reading.commands[index] && !before[index];
         let new = (0..COMMANDS.len()).filter(|index| is_new(*index)).map(|index| COMMANDS[index]);
-        new.filter(|action| self.was_neutral || *action == Action::Stop).collect()
-    }
-
-    /// Looks at a gamepad that does not drive; returns whether it stops.
-    fn stops(&mut self, reading: &Reading) -> bool {
-        let [stopped, ..] = std::mem::replace(&mut self.pressed, reading.commands);
-        self.was_neutral = reading.is_neutral();
-        reading.commands[0] && !stopped
+        let is_calming = |action: &Action| matches!(action, Action::Stop | Action::Disarm);
+        new.filter(|action| self.was_neutral || is_calming(action)).collect()
     }
 
     fn release(&mut self) -> Vec<Action> {
@@ -155,9 +156,6 @@ pub struct Pad {
 #[derive(Debug, Clone, Default)]
 pub struct Hands {
     hands: BTreeMap<usize, Hand>,
-    driver: Option<usize>,
-    /// What the one that drives showed last.
-    seen: Option<Reading>,
     is_touched: bool,
 }
 
@@ -165,55 +163,33 @@ impl Hands {
     /// Returns what the operator wants now.
     pub fn read(&mut self, pads: &[Pad], cockpit: &Cockpit, now: Instant) -> Vec<Action> {
         let mut actions = Vec::new();
-        let driver = self.choose(pads);
-        if let Some(before) = self.driver.filter(|before| Some(*before) != driver) {
-            actions.extend(self.hands.entry(before).or_default().release());
+        self.is_touched = false;
+        for (id, hand) in &mut self.hands {
+            if !pads.iter().any(|pad| pad.id == *id) {
+                actions.extend(hand.release());
+            }
         }
-        self.driver = driver;
-        let seen = pads.iter().find(|pad| Some(pad.id) == driver).and_then(|pad| pad.reading);
-        let before = std::mem::replace(&mut self.seen, seen);
-        self.is_touched = self.is_held() && before != seen;
         self.hands.retain(|id, _| pads.iter().any(|pad| pad.id == *id));
         for pad in pads {
             let hand = self.hands.entry(pad.id).or_default();
-            match &pad.reading {
-                Some(reading) if driver == Some(pad.id) => {
-                    actions.extend(hand.read(Some(reading), cockpit, now));
-                }
-                reading => {
-                    let any = [pad.is_pressed, false, false, false];
-                    let unknown = Reading { commands: any, ..Reading::default() };
-                    actions.extend(
-                        hand.stops(reading.as_ref().unwrap_or(&unknown)).then_some(Action::Stop),
-                    );
-                }
+            let reading = pad.reading.map(Reading::in_numbers);
+            let before = hand.seen;
+            actions.extend(hand.read(reading.as_ref(), cockpit, now));
+            self.is_touched |= hand.is_held() && hand.seen != before;
+            if reading.is_none() {
+                // Nobody knows which of its buttons stops.
+                let any = [pad.is_pressed, false, false, false];
+                actions.extend(hand.commands(&Reading { commands: any, ..Reading::default() }));
             }
         }
         actions
     }
 
-    /// Returns whether a hand was on the one that lets the robot walk, at the last reading: what it shows has changed. A gamepad
+    /// Returns whether a hand was on one that lets the robot walk, at the last reading: what it shows has changed. A gamepad
     /// whose radio is lost may show for ever what it showed last.
     #[must_use]
     pub const fn is_touched(&self) -> bool {
         self.is_touched
-    }
-
-    fn is_held(&self) -> bool {
-        self.driver.and_then(|id| self.hands.get(&id)).is_some_and(Hand::is_held)
-    }
-
-    /// Returns the gamepad that drives: one that lets the robot walk, until it is let go of; else the one that is touched; else
-    /// the one that did before.
-    fn choose(&self, pads: &[Pad]) -> Option<usize> {
-        let known = || pads.iter().filter_map(|pad| Some((pad.id, pad.reading?)));
-        let is_before = |(id, _): &(usize, Reading)| Some(*id) == self.driver;
-        known()
-            .find(|pad| is_before(pad) && self.is_held())
-            .or_else(|| known().find(|(_, reading)| !reading.is_neutral()))
-            .or_else(|| known().find(is_before))
-            .or_else(|| known().next())
-            .map(|(id, _)| id)
     }
 }
 
@@ -392,11 +368,12 @@ mod tests {
     }
 
     #[test]
-    fn stop_is_obeyed_at_once_and_the_other_buttons_after_neutral() {
+    fn stop_and_disarm_are_obeyed_at_once_and_the_other_buttons_after_neutral() {
         let cockpit = cockpit(State::Disarmed);
         for (index, action) in COMMANDS.into_iter().enumerate() {
             let mut hand = Hand::default();
-            let expected: &[Action] = if action == Action::Stop { &[Action::Stop] } else { &[] };
+            let is_calming = matches!(action, Action::Stop | Action::Disarm);
+            let expected: Vec<_> = is_calming.then_some(action).into_iter().collect();
             assert_eq!(hand.read(Some(&pressed(index)), &cockpit, at(0)), expected);
             hand.read(Some(&Reading::default()), &cockpit, at(10));
             assert_eq!(hand.read(Some(&pressed(index)), &cockpit, at(20)), [action]);
@@ -405,26 +382,53 @@ mod tests {
     }
 
     #[test]
-    fn any_gamepad_stops_and_the_one_that_is_touched_drives() {
+    fn the_gamepad_drives_whose_command_changed_last_and_any_ends_the_walk() {
         let (mut hands, mut cockpit) = (Hands::default(), cockpit(State::Running));
         let still = Reading::default();
+        let left = Reading { right: -1.0, ..still };
         let mut read = |readings: [Option<Reading>; 2], is_walking: bool, time| {
             cockpit.wanted = if is_walking { Mode::Forward.setpoint() } else { Setpoint::REST };
             let pads = [0, 1].map(|id| Pad { id, reading: readings[id], is_pressed: false });
             hands.read(&pads, &cockpit, at(time))
         };
+        let [forward, turn] = [Mode::Forward, Mode::LeftTurn].map(Action::Walk);
         assert_eq!(read([Some(still), Some(still)], false, 0), []);
-        assert_eq!(read([Some(still), Some(AHEAD)], false, 10), [Action::Walk(Mode::Forward)]);
-        // It keeps the robot until it is let go of; the other one stops at any time.
-        assert_eq!(read([Some(AHEAD), Some(AHEAD)], true, 20), []);
-        assert_eq!(read([Some(pressed(0)), Some(AHEAD)], true, 30), [Action::Stop]);
-        assert_eq!(read([Some(pressed(0)), Some(still)], true, 40), [Action::Rest]);
-        // The other one was not neutral a moment ago.
-        assert_eq!(read([Some(AHEAD), Some(still)], false, 50), []);
-        assert_eq!(read([Some(still), Some(still)], false, 60), []);
-        assert_eq!(read([Some(AHEAD), Some(still)], false, 70), [Action::Walk(Mode::Forward)]);
+        assert_eq!(read([Some(still), Some(AHEAD)], false, 10), [forward]);
+        assert_eq!(read([Some(left), Some(AHEAD)], true, 20), [turn]);
+        assert_eq!(read([Some(left), Some(still)], true, 30), [Action::Rest]);
+        // The other one is held, and was not let go of since.
+        assert_eq!(read([Some(left), Some(still)], false, 500), [Action::Rest]);
+        assert_eq!(read([Some(AHEAD), Some(still)], false, 510), []);
+        assert_eq!(read([Some(AHEAD), Some(AHEAD)], false, 520), [forward]);
+        assert_eq!(read([Some(pressed(0)), Some(AHEAD)], true, 530), [Action::Stop]);
+        assert_eq!(read([Some(pressed(2)), Some(AHEAD)], true, 540), [Action::Disarm]);
         // Its layout is known no more.
-        assert_eq!(read([None, Some(still)], true, 80), [Action::Rest]);
+        assert_eq!(read([Some(still), None], true, 550), [Action::Rest]);
+    }
+
+    #[test]
+    fn a_gamepad_that_is_never_neutral_keeps_no_other_from_driving() {
+        let still = Reading::default();
+        for stuck in [
+            Reading { right: 0.4, ..still },
+            Reading { up: f32::NAN, right: f32::NAN, ..still },
+            Reading { other: true, ..still },
+            AHEAD,
+        ] {
+            let (mut hands, cockpit) = (Hands::default(), cockpit(State::Armed));
+            let mut read = |reading, time| {
+                let pads = [stuck, reading];
+                let pads = [0, 1].map(|id| Pad { id, reading: Some(pads[id]), is_pressed: false });
+                (hands.read(&pads, &cockpit, at(time)), hands.is_touched())
+            };
+            assert_eq!(read(still, 0), (vec![], false));
+            assert_eq!(read(AHEAD, 10), (vec![Action::Walk(Mode::Forward)], true), "{stuck:?}");
+            assert_eq!(read(AHEAD, 20), (vec![], false), "{stuck:?}");
+            assert_eq!(read(still, 30), (vec![Action::Rest], false), "{stuck:?}");
+            assert_eq!(read(pressed(0), 40).0, [Action::Stop], "{stuck:?}");
+        }
+        let up = Reading { up: f32::NAN, right: 1.0, ..still }.in_numbers();
+        assert!(up.mode() == Some(Mode::RightTurn) && up == up.in_numbers());
     }
 
     #[test]
@@ -433,9 +437,7 @@ mod tests {
         let pad = |reading| Pad { id: 3, reading: Some(reading), is_pressed: false };
         hands.read(&[pad(Reading::default())], &cockpit, at(0));
         hands.read(&[pad(AHEAD)], &cockpit, at(10));
-        assert!(hands.is_held());
         assert_eq!(hands.read(&[], &cockpit, at(20)), [Action::Rest]);
-        assert!(!hands.is_held());
         // It is back, and still held.
         assert_eq!(hands.read(&[pad(AHEAD)], &cockpit, at(30)), []);
     }

@@ -66,8 +66,16 @@ const APART: Duration = Duration::from_millis(5);
 /// Most keys in one go that may come from a hand: a slow network hands over some together. Even of these none arms, clears or
 /// begins a walk: two letters may be pasted.
 const TOGETHER: usize = 3;
+/// Longest silence of a key that is held: systems wait up to 0.7 s until it repeats, and the terminal may be gone.
+const HELD: Duration = Duration::from_millis(800);
+/// A hand presses a key not faster again; one that comes faster repeats, since it is held.
+const PRESSED_AGAIN: Duration = Duration::from_millis(100);
+/// A key that repeats is held until it was silent for so long: a network may hold some of them back.
+const RELEASED: Duration = Duration::from_millis(500);
 /// Longest pause within an answer of the terminal, which may come in pieces. Its end may be lost.
 const PAUSE: Duration = Duration::from_secs(1);
+/// A program that did not look at its keys for longer stood still: what was typed meanwhile was for what it showed before.
+const STOOD_STILL: Duration = Duration::from_millis(250);
 /// What an answer of the terminal begins with, read as a key with Alt: ECMA-48's control strings DCS, SOS, OSC, PM, APC.
 const STRINGS: [KeyCode; 5] = [
     KeyCode::Char('P'),
@@ -82,8 +90,12 @@ const STRINGS: [KeyCode; 5] = [
 pub enum Report {
     /// A key, or what looks like one.
     Key(KeyEvent),
+    /// A key by kitty's protocol, whose release will be reported as well.
+    Held(KeyEvent),
     /// Nobody looks: the focus is lost, or nobody is attached to tmux or screen.
     Unwatched,
+    /// Text that nobody typed came to its end: pasted, an answer of the terminal, or bytes that are no character.
+    Text,
     /// A sequence has no end: what follows may be a part of it.
     BrokenOff,
     /// It cannot be read any more.
@@ -95,11 +107,13 @@ pub enum Report {
 pub struct Typed {
     /// What the operator wants.
     pub actions: Vec<Action>,
+    /// Steps of f and theta by keys that repeat: they change a walk, and are no new wish of the operator.
+    pub steps: Vec<Action>,
     /// Whether a key was pressed, with an action or without.
     pub is_touched: bool,
     /// Why a robot that walks has to rest, in words.
     pub doubt: Option<&'static str>,
-    /// Keys that came in one go and were dropped.
+    /// Keys that came in one go, or while the program stood still, and were dropped.
     pub dropped: usize,
 }
 
@@ -109,54 +123,88 @@ pub struct Typed {
 pub struct Typing {
     /// Whether the robot walks only while its key is held.
     holds: bool,
-    /// The key of the walk that goes on.
-    held: Option<KeyCode>,
+    /// The key of the walk that goes on, and when it was reported last.
+    held: Option<(KeyCode, Duration)>,
     ready: Typed,
-    /// What the keys that came together last are there for, and when the last of them came.
-    together: Vec<Option<Action>>,
+    /// The key that was pressed last, when, and whether it repeats.
+    repeated: Option<(KeyCode, Duration, bool)>,
+    /// What the keys that came together last are there for, whether they repeat, and when the last of them came.
+    together: Vec<Option<(Action, bool)>>,
     last: Duration,
+    /// Whether text came among them.
+    is_text: bool,
     /// When the last character of an answer of the terminal came that has not ended yet.
     answer: Option<Duration>,
     /// When the last character came of what follows a sequence without its end.
     rest: Option<Duration>,
+    /// When the keys were looked at last.
+    looked: Duration,
+    /// Keys until then are too old. Those of a program that stood still are read shortly after it goes on.
+    old_until: Duration,
 }
 
 impl Typing {
-    /// Reads keys. `holds`: a walk ends when its key is released, which the terminal has to report.
+    /// Reads keys. `holds`: a walk begins with a key whose release will be reported, and ends with that, or when the key repeats no
+    /// more.
     #[must_use]
     pub fn new(holds: bool) -> Self {
         Self { holds, ..Self::default() }
     }
 
+    /// Looks at the keys at this time, before those that wait are reported. They are too old after a time without a look, but
+    /// for what calms or leaves.
+    pub fn look(&mut self, now: Duration) {
+        if now.saturating_sub(self.looked) > STOOD_STILL {
+            self.together.clear();
+            self.old_until = now + STOOD_STILL;
+        }
+        self.looked = now;
+    }
+
     /// Takes what a terminal reported at this time.
     pub fn report(&mut self, at: Duration, report: Report) {
         self.settle(at);
+        let is_held = matches!(report, Report::Held(_));
         match report {
-            Report::Key(key) if key.kind == KeyEventKind::Release => {
-                if self.held.take_if(|held| *held == letter(key.code)).is_some() {
+            Report::Key(key) | Report::Held(key) if key.kind == KeyEventKind::Release => {
+                self.repeated = None;
+                if self.held.take_if(|(held, _)| *held == letter(key.code)).is_some() {
                     self.together.fill(None);
                     self.ready.actions.push(Action::Rest);
                 }
             }
-            Report::Key(key) => {
-                let action = action(key);
+            Report::Key(key) | Report::Held(key) => {
+                let repeats = self.repeats(at, key);
+                // Whoever holds a key wants what he wanted when he pressed it.
+                let action = action(key)
+                    .filter(|action| !repeats || is_step(action) || is_calming(action))
+                    .filter(|action| {
+                        !(self.holds && !is_held && matches!(action, Action::Walk(_)))
+                    });
                 let is_answer = self.answers(at, key);
-                if is_answer && !action.as_ref().is_some_and(is_calming) {
+                let is_old = at < self.old_until && action != Some(Action::Quit);
+                if (is_answer || is_old) && !action.as_ref().is_some_and(is_calming) {
                     self.ready.dropped += 1;
                     return;
                 }
                 if self.holds && matches!(action, Some(Action::Walk(_))) {
-                    self.held = Some(letter(key.code));
+                    self.held = Some((letter(key.code), at));
+                } else if let Some((held, last)) = &mut self.held
+                    && *held == letter(key.code)
+                {
+                    *last = at;
                 }
                 if let Some(calming) = action.filter(is_calming) {
                     // What was pressed before it is over.
                     self.together.fill(None);
                     self.ready.actions.push(calming);
                 }
-                self.together.push(action.filter(|action| !is_calming(action)));
+                let wish = action.filter(|action| !is_calming(action));
+                self.together.push(wish.map(|action| (action, repeats)));
                 self.last = at;
             }
             Report::Unwatched => self.ready.doubt = Some("nobody looks at the terminal"),
+            Report::Text => (self.is_text, self.last) = (true, at),
             Report::BrokenOff => {
                 self.together.fill(None);
                 self.rest = Some(at);
@@ -164,6 +212,18 @@ impl Typing {
             }
             Report::Closed => self.ready.actions.push(Action::Interrupt),
         }
+    }
+
+    /// Returns whether a key comes again because it is held: the terminal says so, or no hand is as fast.
+    fn repeats(&mut self, at: Duration, key: KeyEvent) -> bool {
+        let code = letter(key.code);
+        let is_fast = self.repeated.is_some_and(|(before, last, repeats)| {
+            let longest = if repeats { RELEASED } else { PRESSED_AGAIN };
+            before == code && at.saturating_sub(last) < longest
+        });
+        let repeats = key.kind == KeyEventKind::Repeat || is_fast;
+        self.repeated = Some((code, at, repeats));
+        repeats
     }
 
     /// Returns whether a key is a part of an answer of the terminal to somebody else, or may be one of a sequence without its end.
@@ -187,25 +247,34 @@ impl Typing {
     /// Returns what was typed since the last call, as far as that is known by now.
     pub fn take(&mut self, now: Duration) -> Typed {
         self.settle(now);
+        if self.held.take_if(|(_, last)| now.saturating_sub(*last) > HELD).is_some() {
+            self.ready.doubt = Some("the key of the walk repeats no more");
+        }
         std::mem::take(&mut self.ready)
     }
 
     /// Judges the keys that came together, once nothing followed for long enough.
     fn settle(&mut self, now: Duration) {
-        if self.together.is_empty() || now.saturating_sub(self.last) < APART {
+        if now.saturating_sub(self.last) < APART {
             return;
         }
         let keys = std::mem::take(&mut self.together);
-        if keys.len() > TOGETHER {
+        let is_text = std::mem::take(&mut self.is_text);
+        if is_text || keys.len() > TOGETHER {
             self.ready.dropped += keys.len();
+            return;
+        }
+        if keys.is_empty() {
             return;
         }
         self.ready.is_touched = true;
         let begins =
             |action: &Action| matches!(action, Action::Walk(_) | Action::Arm | Action::Clear);
         let is_alone = keys.len() == 1;
-        for action in keys.into_iter().flatten() {
-            if is_alone || !begins(&action) {
+        for (action, repeats) in keys.into_iter().flatten() {
+            if repeats {
+                self.ready.steps.push(action);
+            } else if is_alone || !begins(&action) {
                 self.ready.actions.push(action);
             } else {
                 self.ready.dropped += 1;
@@ -217,6 +286,11 @@ impl Typing {
 /// Returns whether an action moves nothing, so that it never waits for doubts.
 const fn is_calming(action: &Action) -> bool {
     matches!(action, Action::Stop | Action::Interrupt | Action::Rest | Action::Disarm)
+}
+
+/// Returns whether an action changes f or theta by a step.
+const fn is_step(action: &Action) -> bool {
+    matches!(action, Action::Frequency(_) | Action::Direction(_))
 }
 
 #[cfg(test)]
@@ -254,7 +328,9 @@ mod tests {
         for code in [KeyCode::Up, KeyCode::Up, KeyCode::Enter] {
             typing.report(ms(1), key(code));
         }
-        assert_eq!(typing.take(ms(50)).actions, [Action::Frequency(FREQUENCY_STEPS[0]); 2]);
+        let up = [Action::Frequency(FREQUENCY_STEPS[0])];
+        let typed = typing.take(ms(50));
+        assert_eq!((&typed.actions[..], &typed.steps[..]), (&up[..], &up[..]));
     }
 
     #[test]
@@ -324,13 +400,64 @@ mod tests {
         for count in 0..50 {
             typing.report(ms(20 * count), key(KeyCode::Up));
         }
-        assert_eq!(typing.take(ms(2000)).actions.len(), 50);
+        let typed = typing.take(ms(2000));
+        assert_eq!((typed.actions.len(), typed.steps.len()), (1, 49), "one wish");
         for _ in 0..50 {
             typing.report(ms(5000), key(KeyCode::Up));
         }
         let held_back = typing.take(ms(6000));
         assert_eq!((held_back.actions.len(), held_back.dropped), (0, 50));
         assert!(!held_back.is_touched);
+    }
+
+    #[test]
+    fn only_a_first_press_is_a_wish() {
+        // Held, with a pause of the network in it; and pressed again and again.
+        let held = (0..10).map(|count| 500 + 33 * count).chain([1200, 1233]);
+        let tapped = [3000, 3150, 3300];
+        for code in ['w', 'c', 'h'].map(KeyCode::Char).into_iter().chain([KeyCode::Enter]) {
+            let mut typing = Typing::default();
+            let wishes = |times: Vec<u64>, typing: &mut Typing| -> usize {
+                let mut wishes = 0;
+                for at in times {
+                    typing.report(ms(at), key(code));
+                    let typed = typing.take(ms(at + 10));
+                    assert!(typed.is_touched && typed.steps.is_empty());
+                    wishes += typed.actions.len();
+                }
+                wishes
+            };
+            assert_eq!(wishes(held.clone().collect(), &mut typing), 1, "{code:?}");
+            assert_eq!(wishes(tapped.to_vec(), &mut typing), 3, "{code:?}");
+        }
+        // What calms acts as often as it comes.
+        let typed = type_text(&mut Typing::default(), "sss", ms(33));
+        assert_eq!(typed.actions, [Action::Rest; 3]);
+    }
+
+    #[test]
+    fn keys_of_a_program_that_stood_still_do_nothing_but_calm() {
+        let mut typing = Typing::default();
+        typing.look(ms(200));
+        // Read before it stood still, while, and just after.
+        typing.report(ms(201), key(KeyCode::Char('w')));
+        typing.look(ms(6000));
+        for (at, code) in [
+            (3000, KeyCode::Enter),
+            (5999, KeyCode::Char('w')),
+            (6001, KeyCode::Char('c')),
+            (6003, KeyCode::Backspace),
+        ] {
+            typing.report(ms(at), key(code));
+        }
+        typing.look(ms(6240));
+        let typed = typing.take(ms(6240));
+        assert_eq!((typed.actions, typed.is_touched), (vec![Action::Disarm], true));
+        for (at, code, walks) in [(6249, 'w', 0), (6260, 'a', 1)] {
+            typing.report(ms(at), key(KeyCode::Char(code)));
+            typing.look(ms(at + 5));
+            assert_eq!(typing.take(ms(at + 5)).actions.len(), walks);
+        }
     }
 
     #[test]
@@ -360,16 +487,54 @@ mod tests {
     }
 
     #[test]
+    fn a_walk_that_is_held_ends_when_its_key_is_silent() {
+        let held = |kind| {
+            let key = KeyEvent::new(KeyCode::Char('w'), KeyModifiers::NONE);
+            Report::Held(KeyEvent { kind, ..key })
+        };
+        let mut typing = Typing::new(true);
+        let mut at = 0;
+        let mut typed = |kind: Option<KeyEventKind>, pause| {
+            kind.into_iter().for_each(|kind| typing.report(ms(at), held(kind)));
+            at += pause;
+            let typed = typing.take(ms(at));
+            (typed.actions.len(), typed.doubt.is_some())
+        };
+        // Pressed, and neither repeated nor released.
+        assert_eq!(typed(Some(KeyEventKind::Press), 800), (1, false));
+        assert_eq!(typed(None, 1), (0, true));
+        // What comes then begins nothing.
+        assert_eq!(typed(Some(KeyEventKind::Repeat), 30), (0, false));
+        assert_eq!(typed(Some(KeyEventKind::Release), 30), (0, false));
+        assert_eq!(typed(Some(KeyEventKind::Press), 600), (1, false));
+        for _ in 0..50 {
+            assert_eq!(typed(Some(KeyEventKind::Repeat), 33), (0, false));
+        }
+        assert_eq!(typed(None, 800), (0, true));
+    }
+
+    #[test]
+    fn a_walk_that_is_held_begins_with_a_key_alone_whose_release_is_reported() {
+        for (holds, walks) in [(true, 0), (false, 1)] {
+            let mut typing = Typing::new(holds);
+            typing.report(ms(0), key(KeyCode::Char('w')));
+            assert_eq!(typing.take(ms(10)).actions.len(), walks);
+            typing.report(ms(100), key(KeyCode::Char(' ')));
+            assert_eq!(typing.take(ms(110)).actions, [Action::Stop]);
+        }
+    }
+
+    #[test]
     fn a_walk_that_is_held_ends_when_its_key_is_released() {
         let key = |code, kind| {
             let key = KeyEvent::new(KeyCode::Char(code), KeyModifiers::NONE);
-            Report::Key(KeyEvent { kind, ..key })
+            Report::Held(KeyEvent { kind, ..key })
         };
         let (down, again, up) = (KeyEventKind::Press, KeyEventKind::Repeat, KeyEventKind::Release);
         let [forward, left] = [Mode::Forward, Mode::LeftTurn].map(Action::Walk);
         for (holds, wanted) in [
-            (true, vec![forward, forward, left, Action::Rest, forward, Action::Rest]),
-            (false, vec![forward, forward, left, forward]),
+            (true, vec![forward, left, Action::Rest, forward, Action::Rest]),
+            (false, vec![forward, left, forward]),
         ] {
             let mut typing = Typing::new(holds);
             let mut actions = Vec::new();

@@ -12,8 +12,8 @@ use std::process::{Command, Stdio};
 pub(super) enum Multiplexer {
     /// tmux, with its variable that names the server, and the name of this pane.
     Tmux(OsString, OsString),
-    /// GNU screen, with the places where the socket of this session may be.
-    Screen(Vec<PathBuf>),
+    /// GNU screen, with the places where the socket of this session may be, its name, and the number of this window.
+    Screen(Vec<PathBuf>, OsString, Option<String>),
 }
 
 impl Multiplexer {
@@ -36,7 +36,9 @@ impl Multiplexer {
             .into_iter()
             .chain(shared.iter().map(|folder| Path::new(folder).join(&of_user)));
         let own = variable("HOME").map(|home| Path::new(&home).join(".screen"));
-        Some(Self::Screen(folders.chain(own).map(|folder| folder.join(&session)).collect()))
+        let sockets = folders.chain(own).map(|folder| folder.join(&session)).collect();
+        let window = variable("WINDOW").and_then(|window| window.into_string().ok());
+        Some(Self::Screen(sockets, session, window))
     }
 
     /// Returns whether a terminal is attached that shows this program; nothing where that cannot be known.
@@ -61,11 +63,17 @@ impl Multiplexer {
                 };
                 Some(pane.is_shown && any_of(&clients(), &pane.window, is_watched))
             }
-            Self::Screen(sockets) if terminal.is_none() => {
-                sockets.iter().find_map(|socket| is_executable(socket))
+            Self::Screen(sockets, session, window) if terminal.is_none() => {
+                match sockets.iter().find_map(|socket| is_executable(socket)) {
+                    Some(false) => Some(false),
+                    attached => window
+                        .as_ref()
+                        .and_then(|window| is_shown(&windows(session)?, window))
+                        .or(attached),
+                }
             }
             // It does not say which terminals it is around.
-            Self::Screen(_) => None,
+            Self::Screen(..) => None,
         }
     }
 }
@@ -75,9 +83,9 @@ const MOST_NESTED: u32 = 3;
 /// Most processes above one that are looked at: shells, and what runs them.
 const MOST_ANCESTORS: u32 = 8;
 /// What is asked of tmux: how many terminals are attached to the session, and whether its window is the one that they show;
-/// whether one pane fills the window, and whether this is the active one; the window and the terminal of the pane. Of tmux
-/// 3.1 and later also how many terminals show the window: sessions may share it.
-const PANE: &str = "#{session_attached} #{window_active} #{window_zoomed_flag} #{pane_active} #{window_id} #{pane_tty} \
+/// whether something of tmux has its keys, as its copy mode, and whether they go to this pane of the window; the window and the
+/// terminal of the pane. Of tmux 3.1 and later also how many terminals show the window: sessions may share it.
+const PANE: &str = "#{session_attached} #{window_active} #{pane_in_mode} #{pane_active} #{window_id} #{pane_tty} \
                     #{window_active_clients}";
 /// What is asked about each terminal that is attached: the window that it shows, its process and its name.
 const CLIENT: &str = "#{window_id} #{client_pid} #{client_tty}";
@@ -85,7 +93,7 @@ const CLIENT: &str = "#{window_id} #{client_pid} #{client_tty}";
 /// A pane of tmux.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Pane {
-    /// Whether an attached terminal shows it.
+    /// Whether an attached terminal shows it, and its keys go to it.
     is_shown: bool,
     /// Its window.
     window: String,
@@ -99,7 +107,7 @@ impl Pane {
         let number = |index: usize| words.get(index)?.parse::<u32>().ok();
         let word = |index: usize| words.get(index).map_or_else(String::new, ToString::to_string);
         let (attached, active) = (number(0)? > 0, number(1)? > 0);
-        let is_hidden = number(2) == Some(1) && number(3) == Some(0);
+        let is_hidden = number(2) > Some(0) || number(3) == Some(0);
         let is_shown = number(6).map_or(attached && active, |clients| clients > 0);
         Some(Self { is_shown: is_shown && !is_hidden, window: word(4), terminal: word(5) })
     }
@@ -110,6 +118,24 @@ fn ask(server: &OsString, question: &[&str]) -> Option<String> {
     let mut tmux = Command::new("tmux");
     tmux.args(question).env("TMUX", server).stdin(Stdio::null()).stderr(Stdio::null());
     Some(String::from_utf8_lossy(&tmux.output().ok()?.stdout).into_owned())
+}
+
+/// Returns which windows a session of screen says that it has.
+fn windows(session: &OsString) -> Option<String> {
+    let mut screen = Command::new("screen");
+    screen.arg("-S").arg(session).args(["-Q", "windows"]).stdin(Stdio::null());
+    let answer = screen.stderr(Stdio::null()).output().ok()?;
+    answer.status.success().then(|| String::from_utf8_lossy(&answer.stdout).into_owned())
+}
+
+/// Returns whether a terminal shows one of the windows, as screen lists them: numbers with flags, and titles. `*` is the window
+/// that the terminal shows, of several the first; `&` one that several show.
+fn is_shown(windows: &str, window: &str) -> Option<bool> {
+    let flags = windows.split("  ").find_map(|it| {
+        let (number, _title) = it.split_once(' ')?;
+        number.strip_prefix(window).filter(|flags| !flags.starts_with(|it| char::is_numeric(it)))
+    })?;
+    Some(flags.contains(['*', '&']))
 }
 
 /// Returns whether this is true of any process and terminal that show a window; also where none is known.
@@ -190,10 +216,10 @@ mod tests {
             // Another session shows the same window, or this one shows another.
             ("0 1 0 1 @0 /dev/pts/3 1\n", Some(true)),
             ("1 0 0 1 @0 /dev/pts/3 0\n", Some(false)),
-            // Another pane fills the window; this one does.
-            ("1 1 1 0 @0 /dev/pts/3 1\n", Some(false)),
-            ("1 1 1 1 @0 /dev/pts/3 1\n", Some(true)),
-            ("1 1 0 0 @0 /dev/pts/3 1\n", Some(true)),
+            // Another pane has the keys, or tmux itself, in the older form as well.
+            ("1 1 0 0 @0 /dev/pts/3 1\n", Some(false)),
+            ("1 1 1 1 @0 /dev/pts/3 1\n", Some(false)),
+            ("1 1 2 1 @0 /dev/pts/3 \n", Some(false)),
             ("", None),
             ("can't find pane: %3", None),
         ] {
@@ -245,6 +271,23 @@ mod tests {
     }
 
     #[test]
+    fn a_window_of_screen_is_watched_while_it_is_shown() {
+        for (windows, shown) in [
+            ("0* flix", Some(true)),
+            ("0- flix  1* vi a  b", Some(false)),
+            ("0*& flix  10 bash", Some(true)),
+            ("00* a  10* bash", None),
+            ("0 flix  1 bash", Some(false)),
+            ("0&$ flix", Some(true)),
+            ("", None),
+        ] {
+            assert_eq!(is_shown(windows, "0"), shown, "{windows}");
+        }
+        let screen = within(&[("STY", "1.a"), ("WINDOW", "3")]);
+        assert!(matches!(screen, Some(Multiplexer::Screen(_, _, Some(window))) if window == "3"));
+    }
+
+    #[test]
     #[cfg(unix)]
     fn a_socket_of_screen_is_executable_while_somebody_is_attached() {
         use std::os::unix::fs::PermissionsExt;
@@ -260,7 +303,7 @@ mod tests {
         }
         let elsewhere =
             within(&[("STY", "123.pts-0.desk"), ("USER", "ada"), ("HOME", "/home/ada")]);
-        let Some(Multiplexer::Screen(places)) = elsewhere else { panic!("{elsewhere:?}") };
+        let Some(Multiplexer::Screen(places, ..)) = elsewhere else { panic!("{elsewhere:?}") };
         assert!(places.contains(&"/run/screen/S-ada/123.pts-0.desk".into()), "{places:?}");
     }
 }

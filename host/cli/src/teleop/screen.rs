@@ -69,7 +69,7 @@ pub fn run(
             cockpit.attend(now);
         }
         if typed.dropped > 0 {
-            let text = format!("{} keys at once are no typing: ignored", typed.dropped);
+            let text = format!("{} keys at once or too late are no typing: ignored", typed.dropped);
             cockpit.note(now, Weight::Warning, &text);
         }
         for action in typed.actions {
@@ -79,13 +79,15 @@ pub fn run(
                 action => cockpit.act(action, client, now),
             }
         }
+        for step in typed.steps {
+            cockpit.step(step, client, now);
+        }
         if let Some(doubt) = typed.doubt {
             cockpit.abandon(doubt, client, now);
         }
         for action in gamepads.read(cockpit, now) {
             cockpit.act(action, client, now);
         }
-        cockpit.watch(client, now);
         if drawn.is_none_or(|at| at.elapsed() >= FRAME) {
             drawn = Some(Instant::now());
             cockpit.tick(client, now);

@@ -1,9 +1,10 @@
 //! Splits the bytes of a terminal into keys and everything else.
 //!
-//! A control sequence goes from its introducer to its final byte (ECMA-48, 5.4), pasted text from `CSI 200 ~` to `CSI 201 ~`
-//! (xterm's control sequences, mode 2004). Either may come in pieces, and its end may be lost: whatever has none after
-//! 0.2 s is reported as [broken off](Report::BrokenOff), and its bytes as the keys that they may be, since a space bar may
-//! be among them.
+//! A control sequence goes from its introducer to its final byte (ECMA-48, 5.4), a control string to its terminator (5.6),
+//! pasted text from `CSI 200 ~` to `CSI 201 ~` (xterm's control sequences, mode 2004). Each may come in pieces, and its end may
+//! be lost: whatever has none after 0.2 s is reported as [broken off](Report::BrokenOff), and its bytes as the keys that they
+//! may be, since a space bar may be among them. An introducer may be one byte (5.3), where that byte is no part of a character
+//! in UTF-8.
 
 use std::borrow::Cow;
 use std::time::Duration;
@@ -14,8 +15,11 @@ use terminput_crossterm::to_crossterm_key;
 use super::keyboard::Report;
 
 const ESCAPE: u8 = 0x1b;
+const BELL: u8 = 0x07;
+/// String terminator, as one byte.
+const TERMINATOR: u8 = 0x9c;
 /// What pasted text stands between, after the introducer.
-const PASTE: [&[u8]; 2] = [b"200~", b"\x1b[201~"];
+const PASTE: (&[u8], [&[u8]; 2]) = (b"200~", [b"\x1b[201~", b"\x9b201~"]);
 /// Longest time from the first byte of a sequence to its last.
 const WHOLE: Duration = Duration::from_millis(200);
 /// Time after which an escape begins nothing: it is the key.
@@ -70,12 +74,21 @@ impl Sequences {
     }
 
     fn split(&mut self, at: Duration, reports: &mut Vec<Report>) {
-        while let Some(length) = length(&self.pending) {
+        loop {
+            if let Some(introducer) = self.pending.first().copied().and_then(in_seven_bits) {
+                self.pending.splice(..1, introducer);
+            }
+            let Some(length) = length(&self.pending) else { return };
             let sequence: Vec<u8> = self.pending.drain(..length).collect();
             reports.extend(report(&sequence));
             self.since = at;
         }
     }
+}
+
+/// Returns an introducer or terminator of one byte in its form of two (ECMA-48, 5.3): SS3, DCS, SOS, CSI, ST, OSC, PM, APC.
+fn in_seven_bits(byte: u8) -> Option<[u8; 2]> {
+    matches!(byte, 0x8f | 0x90 | 0x98 | 0x9b..=0x9f).then(|| [ESCAPE, byte - 0x40])
 }
 
 /// Returns the length of the sequence or character that bytes begin with, 1 or more; None if that is not known yet.
@@ -84,6 +97,7 @@ fn length(bytes: &[u8]) -> Option<usize> {
         [] | [ESCAPE] => None,
         [ESCAPE, ESCAPE, ..] => Some(1),
         [ESCAPE, b'[', rest @ ..] => Some(2 + control_sequence(rest)?),
+        [ESCAPE, b'P' | b'X' | b']' | b'^' | b'_', rest @ ..] => Some(2 + control_string(rest)?),
         [ESCAPE, b'O', rest @ ..] => Some(2 + usize::from(rest.first()?.is_ascii_graphic())),
         [ESCAPE, rest @ ..] => Some(1 + character(rest)?),
         bytes => character(bytes),
@@ -92,9 +106,10 @@ fn length(bytes: &[u8]) -> Option<usize> {
 
 /// Returns how many bytes after the introducer belong to a control sequence.
 fn control_sequence(bytes: &[u8]) -> Option<usize> {
-    let [begin, end] = PASTE;
+    let (begin, ends) = PASTE;
     if bytes.starts_with(begin) {
-        return Some(bytes.windows(end.len()).position(|window| window == end)? + end.len());
+        let end = |end: &[u8]| Some(bytes.windows(end.len()).position(|it| it == end)? + end.len());
+        return ends.into_iter().filter_map(end).min();
     }
     match bytes.first()? {
         // A button of the mouse, in the oldest encoding; a function key of Linux' console.
@@ -106,6 +121,20 @@ fn control_sequence(bytes: &[u8]) -> Option<usize> {
             let is_final = (b'@'..=b'~').contains(bytes.get(end)?);
             Some(end + usize::from(is_final))
         }
+    }
+}
+
+/// Returns how many bytes after the introducer belong to a control string. Another sequence ends it.
+fn control_string(bytes: &[u8]) -> Option<usize> {
+    let mut length = 0;
+    loop {
+        length += match bytes.get(length..)? {
+            [ESCAPE, b'\\', ..] => return Some(length + 2),
+            [ESCAPE, _, ..] => return Some(length),
+            [BELL | TERMINATOR, ..] => return Some(length + 1),
+            [ESCAPE] => return None,
+            rest => character(rest)?,
+        };
     }
 }
 
@@ -132,14 +161,26 @@ fn with_modifiers(sequence: &[u8]) -> Cow<'_, [u8]> {
     }
 }
 
-/// Returns what a whole sequence reports: a key or a lost focus. The mouse, pasted text and what is unknown report nothing.
+/// Returns what a whole sequence reports: a key, a lost focus, or text that nobody typed. The mouse, where the cursor is, and
+/// what is unknown report nothing.
 fn report(sequence: &[u8]) -> Option<Report> {
-    let is_mouse = sequence.starts_with(b"\x1b[") && matches!(sequence, [.., b'm'] | [.., b'M']);
-    if is_mouse || sequence.starts_with(b"\x1b[M") {
-        return None;
+    match sequence {
+        [ESCAPE, b'[', b'M', ..] => return None,
+        [ESCAPE, b'[', rest @ ..] if rest.starts_with(PASTE.0) || rest == b"201~" => {
+            return Some(Report::Text);
+        }
+        // With R also F3 and modifiers: nothing is at that key.
+        [ESCAPE, b'[', .., b'm' | b'M' | b'R'] => return None,
+        [ESCAPE, b'P' | b'X' | b']' | b'^' | b'_' | b'\\', ..] => return Some(Report::Text),
+        _ if std::str::from_utf8(sequence).is_err() => return Some(Report::Text),
+        _ => {}
     }
     match Event::parse_from(&with_modifiers(sequence)) {
-        Ok(Some(Event::Key(key))) => Some(Report::Key(to_crossterm_key(key))),
+        Ok(Some(Event::Key(key))) => {
+            let by_kitty = matches!(sequence, [ESCAPE, b'[', .., b'u']);
+            let report = if by_kitty { Report::Held } else { Report::Key };
+            Some(report(to_crossterm_key(key)))
+        }
         Ok(Some(Event::FocusLost)) => Some(Report::Unwatched),
         _ => None,
     }
@@ -161,6 +202,10 @@ mod tests {
         Report::Key(KeyEvent::new(code, modifiers))
     }
 
+    fn held(code: KeyCode, modifiers: KeyModifiers) -> Report {
+        Report::Held(KeyEvent::new(code, modifiers))
+    }
+
     /// Sequences and what each reports.
     fn sequences() -> Vec<(&'static str, Option<Report>)> {
         let plain = |code| Some(key(code, KeyModifiers::NONE));
@@ -176,17 +221,22 @@ mod tests {
             ("\u{1b}OA", plain(KeyCode::Up)),
             ("\u{1b}[1;2C", Some(key(KeyCode::Right, KeyModifiers::SHIFT))),
             ("\u{1b}[3~", plain(KeyCode::Delete)),
-            ("\u{1b}[27u", plain(KeyCode::Esc)),
+            ("\u{1b}[27u", Some(held(KeyCode::Esc, KeyModifiers::NONE))),
             // Shift and the space bar, Ctrl and C, in both forms.
-            ("\u{1b}[32;2u", Some(key(KeyCode::Char(' '), KeyModifiers::SHIFT))),
+            ("\u{1b}[32;2u", Some(held(KeyCode::Char(' '), KeyModifiers::SHIFT))),
             ("\u{1b}[27;2;32~", Some(key(KeyCode::Char(' '), KeyModifiers::SHIFT))),
-            ("\u{1b}[99;5u", Some(key(KeyCode::Char('c'), KeyModifiers::CONTROL))),
+            ("\u{1b}[99;5u", Some(held(KeyCode::Char('c'), KeyModifiers::CONTROL))),
             ("\u{1b}[27;5;99~", Some(key(KeyCode::Char('c'), KeyModifiers::CONTROL))),
             ("\u{1b}x", Some(key(KeyCode::Char('x'), KeyModifiers::ALT))),
             ("\u{1b}\u{e9}", Some(key(KeyCode::Char('\u{e9}'), KeyModifiers::ALT))),
             ("\u{1b}[O", Some(Report::Unwatched)),
             ("\u{1b}[I", None),
-            ("\u{1b}[200~was ist los w\r\u{1b}[A\u{1b}[201~", None),
+            ("\u{1b}[200~was ist los w\r\u{1b}[A\u{1b}[201~", Some(Report::Text)),
+            ("\u{1b}[201~", Some(Report::Text)),
+            // Its name, a colour, and both ends of a string; where the cursor is.
+            ("\u{1b}P>|WezTerm 20240203 w\u{1b}\\", Some(Report::Text)),
+            ("\u{1b}]11;rgb:dcd/dcd/dcd\u{7}", Some(Report::Text)),
+            ("\u{1b}[24;80R", None),
             ("\u{1b}[<64;40;12M", None),
             ("\u{1b}[<0;0;0m", None),
             ("\u{1b}[32;0;0M", None),
@@ -223,6 +273,53 @@ mod tests {
                 .flat_map(|(at, byte)| sequences.take(ms(at), &[byte]))
                 .collect();
             assert_eq!(single, reports, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn an_introducer_of_one_byte_is_read_as_the_one_of_two() {
+        let up = key(KeyCode::Up, KeyModifiers::NONE);
+        let left = key(KeyCode::Left, KeyModifiers::NONE);
+        for (bytes, reports) in [
+            (&b"\x9bA"[..], vec![up]),
+            (b"\x8fD", vec![left]),
+            (b"\x9bO", vec![Report::Unwatched]),
+            (b"\x9b200~w\x9b201~", vec![Report::Text]),
+            (b"\x9d11;rgb:dcd w\x9c", vec![Report::Text]),
+            (b"\x901+r524742 w\x1b\\", vec![Report::Text]),
+            ("\u{1b}]l\u{dc}walk er\u{1b}\\".as_bytes(), vec![Report::Text]),
+        ] {
+            for cut in 0..=bytes.len() {
+                let (begin, end) = bytes.split_at(cut);
+                let mut sequences = Sequences::default();
+                let mut heard = sequences.take(ms(0), begin);
+                heard.extend(sequences.take(ms(40), end));
+                assert_eq!(heard, reports, "{bytes:?} at {cut}");
+            }
+        }
+    }
+
+    #[test]
+    fn keys_that_come_with_text_do_nothing() {
+        for text in [
+            &b"\x1b[200~x\x1b[201~w"[..],
+            b"\x1b[200~x\x1b[201~\r\x1b[201~",
+            b"w\x1b[201~",
+            b"\x1b[201~c",
+            b"\x1b]0;\x1b\\w",
+            b"\xe9w",
+            b"\x1b\xffw",
+            b"\xc0\xafw",
+            b"\xff\x1b[A",
+        ] {
+            let (mut sequences, mut typing) = (Sequences::default(), Typing::default());
+            for report in sequences.take(ms(100), text) {
+                typing.report(ms(100), report);
+            }
+            assert_eq!(typing.take(ms(200)).actions, [], "{text:?}");
+            // What is typed later is.
+            typing.report(ms(300), key(KeyCode::Char('w'), KeyModifiers::NONE));
+            assert!(matches!(typing.take(ms(400)).actions[..], [Action::Walk(_)]), "{text:?}");
         }
     }
 

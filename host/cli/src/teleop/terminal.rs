@@ -87,6 +87,7 @@ impl Screen {
 
     /// Returns what was typed since the last call. Never waits.
     pub(crate) fn typed(&mut self) -> Typed {
+        self.typing.look(self.start.elapsed());
         for (at, heard) in self.heard.try_iter() {
             let at = at.saturating_duration_since(self.start);
             let reports = match heard {

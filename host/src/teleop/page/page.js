@@ -22,7 +22,7 @@ function connect() {
     snapshot = data;
     if (shown) send();
   };
-  connection.onclose = () => { me = snapshot = undefined; shown = 0; pad.neutral = false; wasNeutral.clear(); setTimeout(connect, 1000); };
+  connection.onclose = () => { me = snapshot = undefined; shown = 0; forgetHands(); setTimeout(connect, 1000); };
 }
 const isOld = (event) => performance.now() - event.timeStamp > OLD_INPUT_MS;
 const drives = () => snapshot !== undefined && snapshot.driver === me;
@@ -55,7 +55,6 @@ function keyed(event) {
   const steps = { ArrowUp: ["frequency", 1, 0.1], ArrowDown: ["frequency", -1, -0.1], ArrowRight: ["direction", 5, 1], ArrowLeft: ["direction", -5, -1] };
   const step = steps[event.key];
   if (step) return { [step[0]]: step[fine ? 2 : 1] };
-  if (event.repeat) return undefined;
   // On a keyboard without Latin letters a key is known by its place.
   const isLatin = /^[ -~]$/.test(event.key), placed = event.key.length === 1 && /^(?:Key|Digit)(.)$/.exec(event.code);
   return KEYS[isLatin ? event.key.toLowerCase() : placed ? placed[1].toLowerCase() : event.key];
@@ -72,6 +71,8 @@ addEventListener("keydown", (event) => {
   const request = keyed(event);
   if (request === undefined) return;
   event.preventDefault();
+  // Whoever holds a key wants what he wanted when he pressed it.
+  if (event.repeat) return;
   act(request, event);
   if (request.walk) hold(event.code);
 });
@@ -192,25 +193,28 @@ function showScope({ begin_ms, step_ms, channels }) {
   }));
 }
 
-// ---- gamepads: the one that was touched last drives, and any stops; obeyed after it was seen neutral, and again after
-// everything that lets the robot rest
-const pad = { index: undefined, neutral: false, mode: undefined, since: 0, shown: "", changed: 0 };
+// ---- gamepads: the one drives whose command changed last, and any ends the walk: it stops, disarms, or lets go of its
+// stick. Each is obeyed after it was seen neutral, and again after everything that lets the robot rest; it stops and disarms always
+const hands = new Map();
+function handOn({ index }) {
+  if (!hands.has(index)) hands.set(index, { down: [], neutral: false, mode: undefined, since: 0, shown: "", changed: 0 });
+  return hands.get(index);
+}
+function forgetHands() { for (const hand of hands.values()) Object.assign(hand, { mode: undefined, neutral: false }); }
 const BUTTONS = { 1: "stop", 3: "clear", 8: "disarm", 9: "arm" };
 const DEAD_ZONE = 0.25, DEFLECTED = 0.6, UNTOUCHED_MS = 30000;
-// By gamepad: the buttons that were down when it was seen last; those that were neutral then.
-const held = new Map(), wasNeutral = new Set();
 // A browser may have none, or give none to a page that is not encrypted. One that cannot be read is none: what it drives
 // rests, and the others go on.
 const orNone = (read) => { try { return read(); } catch { return []; } };
-const seen = ({ index, mapping, axes, buttons }) => ({ index, mapping, axes: [...axes], buttons: [...buttons].map(({ pressed }) => ({ pressed })) });
+const seen = ({ index, mapping, axes, buttons }) => ({ index, mapping, axes: [...axes].map((axis) => axis || 0), buttons: [...buttons].map(({ pressed }) => ({ pressed })) });
 const gamepads = () => orNone(() => [...(navigator.getGamepads?.() ?? [])]).flatMap((one) => orNone(() => (one?.connected ? [seen(one)] : [])));
 // Where the layout is not known, nobody knows which button stops: every one does.
 const isKnown = (gamepad) => gamepad.mapping === "standard";
-function newlyPressed(gamepad) {
+function newlyPressed(gamepad, hand) {
   const down = gamepad.buttons.flatMap((button, index) => (button.pressed ? [index] : []));
   // Many a browser shows a gamepad only once a button is pressed.
-  const before = held.get(gamepad.index) ?? [];
-  held.set(gamepad.index, down);
+  const before = hand.down;
+  hand.down = down;
   return down.filter((index) => !before.includes(index));
 }
 function wantedBy(gamepad) {
@@ -224,66 +228,58 @@ function wantedBy(gamepad) {
   return undefined;
 }
 const isNeutral = (gamepad) => gamepad.axes.slice(0, 2).every((axis) => Math.abs(axis) < DEAD_ZONE) && !gamepad.buttons.some((button) => button.pressed);
-function release() {
-  if (pad.mode !== undefined) send("rest");
-  pad.mode = undefined;
-  pad.neutral = false;
+function release(hand) {
+  if (hand.mode !== undefined) send("rest");
+  Object.assign(hand, { mode: undefined, neutral: false });
 }
-function readGamepad(now) {
-  const connected = gamepads();
-  for (const index of held.keys()) if (!connected.some((one) => one.index === index)) held.delete(index);
-  const pressed = new Map(connected.map((one) => [one, newlyPressed(one)]));
-  for (const [one, indexes] of pressed) {
-    if (indexes.some((index) => !isKnown(one) || BUTTONS[index] === "stop")) send("stop");
+function readGamepad(gamepad, now) {
+  const hand = handOn(gamepad), pressed = newlyPressed(gamepad, hand);
+  if (!isKnown(gamepad)) {
+    if (pressed.length) send("stop");
+    release(hand);
+    return "of a layout that is not known: its buttons stop";
   }
-  const known = connected.filter(isKnown);
-  // A gamepad that lets the robot walk keeps it until it is let go of.
-  const touched = known.find((one) => one.index === pad.index && pad.mode !== undefined) ?? known.find((one) => !isNeutral(one));
-  const gamepad = touched ?? known.find((one) => one.index === pad.index) ?? known[0];
-  if (!gamepad) {
-    release();
-    pad.index = undefined;
-    return connected.length ? "of a layout that is not known: its buttons stop" : "none";
-  }
-  if (gamepad.index !== pad.index) {
-    release();
-    pad.index = gamepad.index;
-    // Another one that was at rest a moment ago may drive at once.
-    pad.neutral = wasNeutral.has(gamepad.index);
-  }
-  for (const one of known) isNeutral(one) ? wasNeutral.add(one.index) : wasNeutral.delete(one.index);
-  for (const index of pressed.get(gamepad)) {
-    if (pad.neutral && BUTTONS[index] && BUTTONS[index] !== "stop") send(BUTTONS[index]);
+  for (const command of pressed.map((index) => BUTTONS[index])) {
+    if (command && (hand.neutral || command === "stop" || command === "disarm")) send(command);
   }
   const state = snapshot?.telemetry?.state;
-  if (!drives() || !(state === "armed" || state === "running")) pad.mode = undefined;
+  const isDriven = drives() && (state === "armed" || state === "running");
+  if (!isDriven) hand.mode = undefined;
   // The robot rests although the stick commands: something let it rest.
-  if (pad.mode !== undefined && now - pad.since > SETTLED_MS && !isWanted()) release();
+  if (hand.mode !== undefined && now - hand.since > SETTLED_MS && !isWanted()) release(hand);
   // One whose radio is lost may show for ever what it showed last.
   const shown = JSON.stringify([gamepad.axes, gamepad.buttons]);
-  if (shown !== pad.shown) Object.assign(pad, { shown, changed: now });
-  if (pad.mode !== undefined && now - pad.changed > UNTOUCHED_MS) release();
-  if (isNeutral(gamepad)) pad.neutral = true;
-  if (!pad.neutral) return "let go of stick and buttons first";
+  if (shown !== hand.shown) Object.assign(hand, { shown, changed: now });
+  if (hand.mode !== undefined && now - hand.changed > UNTOUCHED_MS) release(hand);
+  if (isNeutral(gamepad)) hand.neutral = true;
+  if (!hand.neutral) return "let go of stick and buttons first";
   const mode = wantedBy(gamepad);
-  const isDriven = drives() && (state === "armed" || state === "running");
-  if (mode !== pad.mode) {
+  if (mode !== hand.mode) {
     if (mode !== undefined && !isDriven) {
-      pad.neutral = false;
+      hand.neutral = false;
     } else {
       send(mode === undefined ? "rest" : { walk: mode });
-      pad.mode = mode;
-      pad.since = now;
+      Object.assign(hand, { mode, since: now });
     }
   }
   return mode ?? "neutral";
+}
+function readGamepads(now) {
+  const connected = gamepads();
+  for (const [index, hand] of hands) {
+    if (connected.some((one) => one.index === index)) continue;
+    release(hand);
+    hands.delete(index);
+  }
+  const shown = connected.map((one) => readGamepad(one, now));
+  const driver = [...hands.values()].filter(({ mode }) => mode !== undefined).sort((a, b) => b.since - a.since)[0];
+  return driver?.mode ?? (shown.includes("neutral") ? "neutral" : shown[0] ?? "none");
 }
 
 // ---- an operator who looks elsewhere
 function neutral() {
   if (drives() && isWanted()) send("rest");
-  pad.mode = undefined;
-  pad.neutral = false;
+  forgetHands();
 }
 addEventListener("blur", neutral);
 addEventListener("pagehide", neutral);
@@ -475,7 +471,7 @@ function attempt(what, run) {
 let gamepad = "none";
 function draw(now) {
   requestAnimationFrame(draw);
-  attempt("the gamepad", () => { gamepad = readGamepad(now); });
+  attempt("the gamepad", () => { gamepad = readGamepads(now); });
   if (snapshot?.telemetry && history.at(-1)?.stamp !== snapshot.stamp) {
     const { telemetry, wanted, stamp } = snapshot;
     history.push({ stamp, f: telemetry.frequency, theta: telemetry.direction, wanted });

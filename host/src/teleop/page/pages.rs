@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LOST};
-use flix_protocol::message::Setpoint;
+use flix_protocol::message::{Setpoint, State, Telemetry};
 use flix_protocol::units::Instant;
 
 use super::message::{Message, Request};
@@ -38,6 +38,14 @@ struct Driver {
     /// Time of the newest snapshot that it has shown.
     seen: Instant,
     is_silent: bool,
+    /// Silent for so long that the robot was disarmed.
+    is_lost: bool,
+}
+
+impl Driver {
+    const fn new(page: PageId, seen: Instant) -> Self {
+        Self { page, seen, is_silent: false, is_lost: false }
+    }
 }
 
 /// A page said what no page says.
@@ -67,7 +75,7 @@ impl Pages {
     pub fn open(&mut self, page: PageId, now: Instant) {
         self.open.insert(page);
         if self.driver.is_none() {
-            self.driver = Some(Driver { page, seen: now, is_silent: false });
+            self.driver = Some(Driver::new(page, now));
         }
     }
 
@@ -126,7 +134,7 @@ impl Pages {
         let drives = driver.is_some();
         if let Some(driver) = driver.filter(|_| is_fresh) {
             driver.seen = driver.seen.max(seen);
-            driver.is_silent = false;
+            (driver.is_silent, driver.is_lost) = (false, false);
         }
         match message.request {
             None => {}
@@ -140,7 +148,7 @@ impl Pages {
             }
             Some(Request::Drive) if !drives => {
                 rest(cockpit, client, now);
-                self.driver = Some(Driver { page, seen, is_silent: false });
+                self.driver = Some(Driver::new(page, seen));
                 cockpit.note(now, Weight::Note, "another page drives now");
             }
             Some(Request::Drive) => {}
@@ -173,7 +181,8 @@ impl Pages {
                 cockpit.note(now, Weight::Warning, text);
             }
         }
-        if silence > LINK_LOST && client.is_driving() {
+        if silence > LINK_LOST && !driver.is_lost {
+            driver.is_lost = true;
             disarm(cockpit, client, now, "the page that drives is silent: the robot is disarmed");
         }
     }
@@ -185,9 +194,11 @@ fn rest(cockpit: &mut Cockpit, client: &mut Client, now: Instant) {
     }
 }
 
-/// Disarms the robot if it is driven; once, as it lets go of the setpoint.
+/// Disarms the robot unless it is disarmed as far as anybody here knows: it may stay armed by itself with nothing held.
 fn disarm(cockpit: &mut Cockpit, client: &mut Client, now: Instant, why: &str) {
-    if client.is_driving() && client.held().is_some() {
+    let is_idle =
+        |telemetry: &Telemetry| matches!(telemetry.state, State::Disarmed | State::Faulted);
+    if client.is_driving() || !cockpit.telemetry.as_ref().is_none_or(is_idle) {
         cockpit.act(Action::Disarm, client, now);
         cockpit.note(now, Weight::Alarm, why);
     }

@@ -531,9 +531,10 @@ impl Desk {
         self.pads(&format!("[null, window.pad(1, 'standard', window.stick), {pressed}]"))?;
         self.until_text("state", "stopped")?;
         self.arm()?;
-        // The second one drives, once it is touched.
+        // The second one drives, once it is touched; the first has a stick that drifts, and an axis without a number.
         self.stick([0.0, 0.0])?;
-        self.pads("[window.pad(0, 'standard', [0, 0]), window.pad(1, 'standard', window.stick)]")?;
+        let drifting = "window.pad(0, 'standard', [0.4, NaN])";
+        self.pads(&format!("[{drifting}, window.pad(1, 'standard', window.stick)]"))?;
         self.until_text("gamepad", "neutral")?;
         self.walk(|desk| {
             desk.browser.run("window.stick = [0, 0]")?;

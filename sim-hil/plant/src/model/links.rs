@@ -7,7 +7,7 @@ use crate::model::{FootAxis, LEG_SIDE, LEGS, Legs, RobotModel};
 /// A rigid link.
 #[derive(Debug, Clone)]
 pub struct Link {
-    /// Its name: `front_left0`.
+    /// Its name: `fl0`.
     pub name: String,
     /// Index of the link that carries it, which stands before it; none for the body.
     pub parent: Option<usize>,
@@ -35,7 +35,7 @@ pub struct Link {
 /// A hinge.
 #[derive(Debug, Clone)]
 pub struct Hinge {
-    /// Its name: `front_left0_bend`.
+    /// Its name: `fl0_bend`.
     pub name: String,
     /// Its axis in those of the link.
     pub axis: [f64; 3],
@@ -91,7 +91,7 @@ pub fn links(model: &RobotModel) -> Vec<Link> {
 }
 
 /// Least moment of inertia, kg m^2.
-const LEAST_INERTIA: f64 = 1e-12;
+pub(super) const LEAST_INERTIA: f64 = 1e-12;
 
 /// From mm to m, and from g to kg.
 fn metres(millimetres: f64) -> f64 {

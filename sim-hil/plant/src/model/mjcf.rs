@@ -8,6 +8,23 @@ use crate::model::links::{BASE_LINK, Link, links};
 use crate::model::xml::{escape, line, list};
 use crate::model::{Base, LEGS, RobotModel};
 
+/// Time constants of contacts below so many steps MuJoCo raises without a word (`refsafe`).
+const LEAST_STEPS: f64 = 2.0;
+
+/// Returns a sentence about a step, s, with which MuJoCo would give the feet another floor than `contact`, as for [`mjcf`].
+pub fn too_long(step: f64, contact: [[f64; 2]; 4]) -> Option<String> {
+    let times = contact.map(|[time, _]| time).into_iter().filter(|time| *time > 0.0);
+    let shortest = times.fold(f64::INFINITY, f64::min);
+    (shortest < LEAST_STEPS * step).then(|| {
+        format!(
+            "MuJoCo takes no time constant of a contact shorter than two steps, and this floor's is {:.3} ms: choose a step of at most \
+             {:.4} ms, or it will be another floor",
+            1e3 * shortest,
+            1e3 * shortest / LEAST_STEPS
+        )
+    })
+}
+
 /// Writes the model as MJCF with the given step in seconds and each foot's `solref`: time constant in s, damping ratio.
 ///
 /// The model must have passed [`RobotModel::check`].

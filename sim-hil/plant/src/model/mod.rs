@@ -193,7 +193,8 @@ pub struct Shaker {
     pub bell_inertia_g_cm2: f64,
 }
 
-/// What the four legs share.
+/// What the four legs share. The beam's dimensions set the segments, the standing height and the inertia, not the stiffness,
+/// which is a field of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Legs {

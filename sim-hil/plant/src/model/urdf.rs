@@ -2,16 +2,23 @@
 //!
 //! Links, masses, inertias and axes are those of [`links`](super::links). URDF has neither springs in hinges nor a law
 //! of contact: who simulates takes [`mjcf`](super::mjcf). Each segment of a leg turns on two hinges, so between two
-//! segments stands a link without mass, such as `fl0_bend`.
+//! segments stands a link such as `fl0_bend`, of a mass that nothing can feel: simulators refuse one that moves without
+//! any. Joints are named after their hinges, and `_joint`: many programs keep links and joints in one list of names.
 
 use flix_host::pose::Pose;
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 
-use super::links::{Hinge, Link};
+use super::links::{Hinge, LEAST_INERTIA, Link};
 use super::xml::{escape, line, list};
 
 /// Farthest bend or twist that is named as a limit, rad: legs have no stops, but URDF wants a number.
 const HINGE_LIMIT: f64 = std::f64::consts::PI;
+
+/// Mass of a link between two hinges, kg: 1e-9 of the lightest robot's. MuJoCo takes 1e-15 at the least.
+const BETWEEN_MASS: f64 = 1e-10;
+
+/// Least edge of a box that is drawn, m: MuJoCo takes none of size 0.
+const LEAST_EDGE: f64 = 1e-4;
 
 /// Largest torque, N m, and speed, rad/s, that are named: URDF wants these, too.
 const MOST: f64 = 1000.0;
@@ -106,15 +113,12 @@ pub fn urdf(name: &str, links: &[Link]) -> String {
 
 fn write_link(out: &mut String, link: &Link) {
     line(out, 1, &format!("<link name=\"{}\">", link.name));
-    let origin = format!("<origin xyz=\"{}\"/>", list(&link.center));
-    let [x, y, z] = link.inertia;
-    let geometry = format!("<geometry><box size=\"{}\"/></geometry>", list(&link.size));
+    let origin = origin(&link.center);
+    let size = link.size.map(|edge| edge.max(LEAST_EDGE));
+    let geometry = format!("<geometry><box size=\"{}\"/></geometry>", list(&size));
     let colour = list(&link.colour);
     for text in [
-        format!(
-            "<inertial>{origin}<mass value=\"{}\"/><inertia ixx=\"{x}\" ixy=\"0\" ixz=\"0\" iyy=\"{y}\" iyz=\"0\" izz=\"{z}\"/></inertial>",
-            link.mass
-        ),
+        inertial(&link.center, link.mass, link.inertia),
         format!(
             "<visual>{origin}{geometry}<material name=\"{}\"><color rgba=\"{colour}\"/></material></visual>",
             link.name
@@ -128,15 +132,27 @@ fn write_link(out: &mut String, link: &Link) {
     line(out, 1, "</link>");
 }
 
+fn origin(at: &[f64; 3]) -> String {
+    format!("<origin xyz=\"{}\"/>", list(at))
+}
+
+fn inertial(center: &[f64; 3], mass: f64, [x, y, z]: [f64; 3]) -> String {
+    let inertia = format!("ixx=\"{x}\" ixy=\"0\" ixz=\"0\" iyy=\"{y}\" iyz=\"0\" izz=\"{z}\"");
+    format!("<inertial>{}<mass value=\"{mass}\"/><inertia {inertia}/></inertial>", origin(center))
+}
+
 fn write_joint(out: &mut String, frame: &Frame) {
     if frame.is_between {
-        line(out, 1, &format!("<link name=\"{}\"/>", frame.name));
+        line(out, 1, &format!("<link name=\"{}\">", frame.name));
+        line(out, 2, &inertial(&[0.0; 3], BETWEEN_MASS, [LEAST_INERTIA; 3]));
+        line(out, 1, "</link>");
     }
     let (name, kind) = match &frame.hinge {
-        None => (format!("{}_fixed", frame.name), "fixed"),
-        Some(hinge) if hinge.spring.is_some() => (hinge.name.clone(), "revolute"),
-        Some(hinge) => (hinge.name.clone(), "continuous"),
+        None => (&frame.name, "fixed"),
+        Some(hinge) if hinge.spring.is_some() => (&hinge.name, "revolute"),
+        Some(hinge) => (&hinge.name, "continuous"),
     };
+    let name = format!("{name}_joint");
     line(out, 1, &format!("<joint name=\"{name}\" type=\"{kind}\">"));
     let (roll, pitch, yaw) = frame.turned.euler_angles();
     line(out, 2, &format!("<parent link=\"{}\"/>", frame.parent));
@@ -152,4 +168,60 @@ fn write_joint(out: &mut String, frame: &Frame) {
         }
     }
     line(out, 1, "</joint>");
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::model::links::links;
+    use crate::model::{NAMES, RobotModel};
+
+    /// Returns what each element of this name is called, and what stands in it.
+    fn elements<'a>(text: &'a str, element: &'a str) -> impl Iterator<Item = (&'a str, &'a str)> {
+        let close = format!("</{element}>");
+        let open = format!("<{element} name=\"");
+        text.match_indices(&open)
+            .map(|(at, open)| at + open.len())
+            .collect::<Vec<_>>()
+            .into_iter()
+            .map(move |at| {
+                let (name, rest) = text[at..].split_once('"').unwrap();
+                (name, rest.split_once(close.as_str()).unwrap().0)
+            })
+    }
+
+    #[test]
+    fn no_name_stands_for_two_things_and_everything_has_a_mass() {
+        for name in NAMES.into_iter().chain(["random-3", "stranger-5"]) {
+            let model = RobotModel::named(name).unwrap();
+            let text = urdf(name, &links(&model));
+            let mut names = BTreeSet::new();
+            let mut sum = 0.0;
+            for (link, inside) in elements(&text, "link") {
+                assert!(names.insert(link), "{name}: {link} twice");
+                let values = |key: &str| {
+                    let (_, rest) = inside.split_once(&format!("{key}=\"")).unwrap();
+                    rest.split_once('"').unwrap().0.parse::<f64>().unwrap()
+                };
+                let moments = ["ixx", "iyy", "izz"].map(values);
+                assert!(moments.iter().all(|it| *it >= LEAST_INERTIA), "{name}: {link}");
+                sum += values("mass value");
+                let edges = inside.split("size=\"").skip(1).flat_map(|it| {
+                    it.split_once('"')
+                        .unwrap()
+                        .0
+                        .split(' ')
+                        .map(|edge| edge.parse::<f64>().unwrap())
+                });
+                assert!(edges.into_iter().all(|edge| edge > 0.0), "{name}: {link}");
+            }
+            for (joint, _) in elements(&text, "joint") {
+                assert!(names.insert(joint), "{name}: {joint} twice");
+            }
+            let mass: f64 = links(&model).iter().map(|link| link.mass).sum();
+            assert!((sum - mass).abs() < 1e-8 * mass, "{name}: {sum} kg of {mass}");
+        }
+    }
 }

@@ -126,7 +126,7 @@ impl Link {
         if plays && self.random.random::<f64>() < PLAYED {
             self.play();
         }
-        let ping = ToRobot { request: 1, intent: 0, command: Command::Ping(1) };
+        let ping = ToRobot { request: 1, intent: 0, rests: 0, command: Command::Ping(1) };
         let Ok(frame) = self.operator.send(self.now, &ping) else { return false };
         self.to_robot.push(frame.to_vec());
         matches!(self.hear(&frame), RobotReceived::Command(_))

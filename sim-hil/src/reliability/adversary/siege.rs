@@ -267,7 +267,7 @@ impl Siege {
             if now.since(begun) >= CONNECTED_WITHIN {
                 self.fails(operator.status(now) != Status::Connected);
             }
-            let ping = ToRobot { request: 1, intent: 0, command: Command::Ping(1) };
+            let ping = ToRobot { request: 1, intent: 0, rests: 0, command: Command::Ping(1) };
             if let Ok(frame) = operator.send(now, &ping)
                 && matches!(robot.receive(now, from, &frame), RobotReceived::Command(_))
             {
