@@ -275,6 +275,24 @@ fn a_page_that_is_expelled_stops_the_robot() {
 }
 
 #[test]
+fn a_page_that_is_expelled_is_heard_no_more_and_stops_no_robot_again() {
+    let mut room = Room::walking();
+    room.open(BOB);
+    room.pages.expel(ANNA, &mut room.cockpit, &mut room.client, room.now);
+    room.lively.retain(|page| page.0 == BOB);
+    room.ask(ANNA, Request::Drive);
+    assert_eq!(room.pages.driver(), None);
+    room.ask(BOB, Request::Drive);
+    room.act(BOB, Action::Clear);
+    assert!(!room.robot.stopped);
+    // What it had still to say, and the end of its socket.
+    room.act(ANNA, Action::Stop);
+    room.pages.expel(ANNA, &mut room.cockpit, &mut room.client, room.now);
+    room.run(REST);
+    assert!(!room.robot.stopped && room.pages.driver() == Some(BOB));
+}
+
+#[test]
 fn a_snapshot_explains_a_fault_and_states_who_drives() {
     let mut room = Room::new();
     room.act(ANNA, Action::Arm);

@@ -176,15 +176,20 @@ fn movement(connection: &mut Connection) -> Option<Finding> {
     Some(judge_movement(value("command_age")?, value("frequency_ramp")?))
 }
 
+/// Half of the unit in which an age of commands counts, s.
+const HALF_MILLISECOND: f64 = 5e-4;
+
 /// States for how long the rotors turn at most after the last intent to move.
 fn judge_movement(command_age: f32, frequency_ramp: f32) -> Finding {
     let most = f64::from(command_age) + ramp_down(frequency_ramp).as_secs_f64();
+    // Up, so that what is too long reads so; an age counts to the nearest millisecond.
+    let shown = ((most - HALF_MILLISECOND) * 100.0).ceil() / 100.0;
     let sentence = format!(
-        "the rotors rest at most {most:.2} s after your last command, whatever the network does \
+        "the rotors rest at most {shown:.2} s after your last command, whatever the network does \
          (command_age {command_age} s, frequency_ramp {frequency_ramp} Hz/s)"
     );
     let limit = LONGEST_MOVEMENT.as_secs_f64();
-    if most <= limit + 5e-4 {
+    if most <= limit + HALF_MILLISECOND {
         return Finding::good("movement", sentence);
     }
     let advice = if arms_with(command_age, frequency_ramp) {
@@ -415,13 +420,15 @@ fn judge_datagrams(seen: UdpStatistics, watched: f64) -> Finding {
 fn judge_stream(seen: NatNetStatistics, watched: f64, bodies: &[(String, i32)]) -> Finding {
     let bad = |sentence: String| Finding::bad("poses", Exit::NoAnswer, sentence);
     let names: Vec<_> = bodies.iter().map(|(name, id)| format!("\"{name}\" ({id})")).collect();
-    if let Some(stranger) = seen.stranger.filter(|_| seen.datagrams == 0) {
+    // The server's other answers are no frames.
+    let is_silent = seen.frames + seen.unreadable == 0;
+    if let Some(stranger) = seen.stranger.filter(|_| is_silent) {
         return bad(format!(
             "the server answers, but the frames come from {stranger}: if that is Motive's computer, give it as \
              --natnet-server; if not, somebody forges poses: use a network of its own for the cameras"
         ));
     }
-    if seen.datagrams == 0 {
+    if is_silent {
         return bad("the server answers, but no frame arrives: check that Motive is live and not paused, that its \
                     streaming interface is the card that reaches this computer (not loopback), and that \
                     no firewall blocks UDP port 1511; with several network cards here, name one with --interface"
@@ -442,9 +449,14 @@ fn judge_stream(seen: NatNetStatistics, watched: f64, bodies: &[(String, i32)]) 
     }
     if seen.without_body == seen.frames {
         return bad(format!(
-            "{} frames, none with the robot's rigid body; streamed are {}: choose with --body",
+            "{} frames, none with the robot's rigid body; {}",
             seen.frames,
-            if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+            if names.is_empty() {
+                "none is streamed: make one from the robot's markers in Motive and switch on its streaming"
+                    .to_owned()
+            } else {
+                format!("streamed are {}: choose with --body", names.join(", "))
+            }
         ));
     }
     match judge_poses(seen.untracked, seen.jumps, seen.frames, watched) {
@@ -488,6 +500,14 @@ mod tests {
         ] {
             let finding = judge_stream(statistics, 2.0, &bodies);
             assert!(!finding.ok && finding.sentence.contains(advice), "{finding:?}");
+        }
+        // Its list of bodies alone arrives; frames without any body.
+        let paused = NatNetStatistics { datagrams: 7, ..NatNetStatistics::default() };
+        for (statistics, advice) in
+            [(paused, "paused"), (NatNetStatistics { without_body: 240, ..seen() }, "make one")]
+        {
+            let sentence = judge_stream(statistics, 2.0, &[]).sentence;
+            assert!(sentence.contains(advice) && !sentence.contains("--body"), "{sentence}");
         }
     }
 
@@ -563,6 +583,7 @@ mod tests {
             (1.0, 200.0, "1.25 s after"),
             (1.0, 200.0, "command_age 0.6"),
             (0.61, 200.0, "does not arm"),
+            (0.601, 200.0, "0.86 s after"),
             (0.4, 20.0, "frequency_ramp to at least 108"),
         ] {
             let Finding { ok, sentence, .. } = judge_movement(age, ramp);

@@ -484,7 +484,7 @@ fn describe(report: &Report) -> String {
         let is_turn = turns.iter().any(|turn| {
             (turn.frequency().get(), turn.direction().get()) == (frequency_hz, direction_deg)
         });
-        text += &moved.describe(is_turn);
+        text += &moved.describe(is_turn, report.seconds);
     }
     if let Some(file) = &report.record {
         text += &format!("record {}\n", file.display());

@@ -1,5 +1,7 @@
 //! How the robot moved during a drive, where poses are known.
 
+use std::time::Duration;
+
 use flix_protocol::units::Instant;
 use serde::Serialize;
 
@@ -8,6 +10,8 @@ use flix_host::pose::PoseSample;
 
 /// Turn during a walk that is not a turning mode that is called a curve, degrees.
 const CURVE_DEG: f64 = 10.0;
+/// Longest time between two poses of a stream that goes on; of a drive without poses for longer it is said.
+const GAP: Duration = Duration::from_millis(500);
 
 /// How the robot moved, seen from where it stood.
 #[derive(Debug, Clone, Copy)]
@@ -18,6 +22,8 @@ pub(super) struct Walked {
     turned: f64,
     began: Instant,
     ended: Instant,
+    /// Time with poses.
+    seen: Duration,
 }
 
 impl Walked {
@@ -31,7 +37,9 @@ impl Walked {
             turned: 0.0,
             began: time,
             ended: time,
+            seen: Duration::ZERO,
         });
+        it.seen += Some(time.since(it.ended)).filter(|pause| *pause <= GAP).unwrap_or_default();
         it.turned += wrap(pose.heading - it.last.heading);
         (it.last, it.ended) = (pose, time);
     }
@@ -45,6 +53,7 @@ impl Walked {
             forward_m: x * cos + y * sin,
             left_m: y * cos - x * sin,
             turned_deg: self.turned.to_degrees(),
+            seen_s: self.seen.as_secs_f64(),
             yaw_rate_rad_s: if seconds > 0.0 { self.turned / seconds } else { 0.0 },
         }
     }
@@ -57,12 +66,15 @@ pub(super) struct Motion {
     left_m: f64,
     turned_deg: f64,
     yaw_rate_rad_s: f64,
+    /// Time of the drive with poses, s.
+    seen_s: f64,
 }
 
 impl Motion {
-    /// Returns how it moved, and, where it should have gone straight and did not, what to do.
-    pub(super) fn describe(&self, is_turn: bool) -> String {
-        let Self { forward_m, left_m, turned_deg, yaw_rate_rad_s } = self;
+    /// Returns how it moved in a drive of so many seconds, and, where it should have gone straight and did not, or was not seen all
+    /// the time, what to do.
+    pub(super) fn describe(&self, is_turn: bool, seconds: f64) -> String {
+        let Self { forward_m, left_m, turned_deg, yaw_rate_rad_s, seen_s } = self;
         let side = |value: &f64| if *value < 0.0 { "right" } else { "left" };
         let along = if *forward_m < 0.0 { "backward" } else { "forward" };
         let mut text = format!(
@@ -73,6 +85,11 @@ impl Motion {
             turned_deg.abs(),
             side(turned_deg)
         );
+        if seconds - seen_s > GAP.as_secs_f64() {
+            text += &format!(
+                "note: there were poses for {seen_s:.1} of {seconds:.1} s; `flix doctor` with the same --pose finds out why\n"
+            );
+        }
         if !is_turn && turned_deg.abs() > CURVE_DEG {
             text += &format!(
                 "note: it curves at {:.2} rad/s; `flix teleop --pose ...` holds a heading (key h), \
@@ -115,12 +132,14 @@ mod tests {
             assert!((value - expected).abs() < 1e-4, "{motion:?}");
         }
         assert!(
-            motion.describe(false).contains("curves at 2.59 rad/s"),
+            motion.describe(false, 1.5).contains("curves at 2.59 rad/s"),
             "{}",
-            motion.describe(false)
+            motion.describe(false, 1.5)
         );
-        assert!(!motion.describe(true).contains("curves"));
+        assert!(!motion.describe(true, 1.5).contains("curves"));
+        assert!(!motion.describe(true, 2.0).contains("poses for"));
+        assert!(motion.describe(true, 7.0).contains("poses for 1.5 of 7.0 s"));
         let straight = Motion { turned_deg: 9.0, ..motion };
-        assert!(!straight.describe(false).contains("curves"));
+        assert!(!straight.describe(false, 1.5).contains("curves"));
     }
 }

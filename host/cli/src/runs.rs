@@ -9,6 +9,7 @@ use super::{Error, Exit};
 use flix_host::record::{
     Listing, ReadError, Repaired, Run, RunSummary, csv, is_being_written, list, repair,
 };
+use flix_host::system::text::printable;
 use flix_plot::{Figure, record};
 use flix_shell::output::{complain, headings, print, print_json, table_for_terminal};
 
@@ -220,24 +221,27 @@ fn show(run: &Run, as_json: bool) -> Result<(), Error> {
     if as_json {
         return print_json(&description(run));
     }
-    let mut text = format!("{}\n{:>14}  {:.1} s\n", run.file.display(), "duration", run.seconds());
+    // A line end in what a record holds begins no line.
+    let file = run.file.display().to_string();
+    let mut text = format!("{}\n{:>14}  {:.1} s\n", printable(&file), "duration", run.seconds());
     for (topic, rows) in counts(run) {
         text += &format!("{topic:>14}  {rows} rows\n");
     }
     for (name, bytes) in &run.attachments {
-        text += &format!("{:>14}  {name}, {bytes} bytes\n", "attached");
+        text += &format!("{:>14}  {}, {bytes} bytes\n", "attached", printable(name));
     }
     for (group, facts) in &run.facts {
-        text += &format!("\n{group}\n");
+        text += &format!("\n{}\n", printable(group));
         for (name, value) in facts {
-            text += &format!("{name:>24}  {value}\n");
+            text += &format!("{:>24}  {}\n", printable(name), printable(value));
         }
     }
     if !run.events.is_empty() {
         text += "\nevents\n";
     }
     for event in &run.events {
-        text += &format!("{:>12.3} s  {}\n", run.time(&event.timestamp), event.message);
+        let message = printable(&event.message);
+        text += &format!("{:>12.3} s  {message}\n", run.time(&event.timestamp));
     }
     print(&text)
 }

@@ -6,7 +6,8 @@ use std::process::{Command, Output};
 
 use serde_json::{Value, json};
 
-use crate::walked::write_record_of;
+use crate::walked::{at, started, write_record_of};
+use flix_host::record::{Level, Recorder, RunDescription};
 
 /// Floating-point numbers at the ends of what there is.
 const EXTREMES: [f64; 8] =
@@ -197,4 +198,25 @@ fn figures_and_tables_beside_a_record_follow_no_link() {
     }
     assert_eq!(["plot", "export-csv"].map(run).concat(), written);
     assert_eq!(std::fs::read_to_string(victim).unwrap(), "precious");
+}
+
+#[test]
+fn what_a_record_holds_adds_no_line_of_its_own() {
+    let out = tempfile::tempdir().unwrap();
+    let hostile = "all is well\r\nflix: forged".to_owned();
+    let facts = BTreeMap::from([(hostile.clone(), hostile.clone())]);
+    let description = RunDescription {
+        name: "forged".into(),
+        run: facts.clone(),
+        settings: facts.clone(),
+        versions: facts,
+    };
+    let mut recorder = Recorder::create(out.path(), started(), &description).unwrap();
+    recorder.attach(at(0.0), &hostile, "text/plain", b"").unwrap();
+    recorder.log(at(0.0), Level::Warning, &hostile).unwrap();
+    let file = recorder.finish().unwrap();
+    let Output { status, stdout, .. } = flix(&["runs", "show", file.to_str().unwrap()]);
+    let shown = String::from_utf8(stdout).unwrap();
+    assert!(status.success() && shown.contains("all is well??flix: forged"), "{shown}");
+    assert!(!shown.contains("\nflix: forged"), "{shown}");
 }

@@ -331,9 +331,11 @@ pub fn pairs(wanted: &[String]) -> Result<Vec<(String, Setpoint)>, Error> {
     let known = PAPER_PAIRS.map(|(name, ..)| name);
     if let Some(stranger) = wanted.iter().find(|name| !known.contains(&name.as_str())) {
         return Err(Error::usage(format_args!(
-            "there is no mode \"{stranger}\"{}: choose from {}",
-            nearest(stranger, known.into_iter())
-                .map_or_else(String::new, |it| format!(", did you mean \"{it}\"?")),
+            "there is no mode \"{stranger}\"{} from {}",
+            nearest(stranger, known.into_iter()).map_or_else(
+                || ": choose".to_owned(),
+                |it| format!(", did you mean \"{it}\"? Choose")
+            ),
             known.join(", ")
         )));
     }

@@ -96,7 +96,10 @@ pub fn refusal(refusal: &Refusal) -> Option<String> {
         Refusal::Rested => {
             "look that nobody is at the robot, then start again; `flix link-test` shows the link"
         }
-        Refusal::OutOfRange { name, .. } if name == "command_age" => {
+        // What the ramp leaves of the longest movement; the setting's own range ends beyond it.
+        Refusal::OutOfRange { name, maximum, .. }
+            if name == "command_age" && *maximum < LONGEST_MOVEMENT.as_secs_f32() =>
+        {
             return Some(format!(
                 "with an older command and the setting frequency_ramp the rotors could turn for more than {} s after the \
                  last intent to move: `flix parameters set command_age {}`, and move nearer to the access point",
@@ -175,6 +178,15 @@ mod tests {
             let found = refusal(&Refusal::State(state)).unwrap();
             assert!(found.contains(hint), "{state}: {found}");
         }
+    }
+
+    #[test]
+    fn an_age_of_commands_is_explained_where_the_robot_would_not_arm_and_not_outside_its_range() {
+        let hint = |maximum| refusal(&Refusal::out_of_range("command_age", 0.1, maximum));
+        assert!(
+            hint(0.6).is_some_and(|hint| hint.contains("longer") || hint.contains("more than"))
+        );
+        assert_eq!(hint(1.0), None);
     }
 
     #[test]

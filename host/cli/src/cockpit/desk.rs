@@ -30,7 +30,10 @@ pub fn run(
         let (cockpit, client, now) = drive.operate();
         while let Some((page, event)) = server.event()? {
             let is_misused = match event {
-                FromPage::Said(said) => pages.receive(page, said, cockpit, client, now).is_err(),
+                FromPage::Said(said) => {
+                    let received = pages.receive(page, said, cockpit, client, now);
+                    received.inspect_err(|_| server.close(page)).is_err()
+                }
                 FromPage::Misused => true,
                 FromPage::Opened => {
                     pages.open(page, now);

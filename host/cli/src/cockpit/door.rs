@@ -149,6 +149,7 @@ mod tests {
     use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
     use tokio::time::Instant;
 
+    use super::super::guard::Refusal;
     use super::*;
 
     const NEAR: IpAddr = IpAddr::V4(std::net::Ipv4Addr::LOCALHOST);
@@ -162,7 +163,8 @@ mod tests {
                 visitor.welcome();
                 "page"
             };
-            Router::new().route("/", get(page)).with_state(visitor)
+            let wrong = || async { Refusal::Token };
+            Router::new().route("/", get(page)).route("/wrong", get(wrong)).with_state(visitor)
         };
         tokio::spawn(async move { serve(listener, pages).await });
         address
@@ -215,6 +217,16 @@ mod tests {
             open += usize::from(socket.try_read(&mut [0]).is_err());
         }
         assert!(open <= MOST_STRANGERS, "{open} idle sockets are still open");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn whoever_shows_a_wrong_token_is_answered_once_and_closed() {
+        let mut stranger = TcpStream::connect(server().await).await.unwrap();
+        stranger.write_all(&b"GET /wrong HTTP/1.1\r\nHost: a\r\n\r\n".repeat(2)).await.unwrap();
+        let mut answer = String::new();
+        stranger.read_to_string(&mut answer).await.unwrap();
+        assert_eq!(answer.matches("HTTP/1.1 403").count(), 1, "{answer}");
+        assert!(answer.contains("connection: close"), "{answer}");
     }
 
     #[tokio::test(start_paused = true)]

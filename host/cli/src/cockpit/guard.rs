@@ -8,6 +8,9 @@ use std::net::{IpAddr, SocketAddr};
 
 use subtle::ConstantTimeEq as _;
 
+/// The port that a browser takes where an address names none, and then does not state.
+const HTTP: u16 = 80;
+
 /// What keeps strangers out.
 #[derive(Debug, Clone)]
 pub struct Guard {
@@ -70,11 +73,13 @@ impl Guard {
         }
     }
 
-    /// Returns whether this is a host of what is bound: its address with its port; `localhost` for this computer; any
+    /// Returns whether this is a host of what is bound: its address with its port, which browsers leave out where it is
+    /// [`HTTP`]; `localhost` for this computer; any
     /// address, but no name, where all addresses are bound.
     fn serves(&self, host: &str) -> bool {
         let (own, port) = (self.bound.ip(), self.bound.port());
-        if let Some(name) = host.strip_suffix(&format!(":{port}")) {
+        let name = host.strip_suffix(&format!(":{port}"));
+        if let Some(name) = name.or((port == HTTP).then_some(host)) {
             if name.eq_ignore_ascii_case("localhost") {
                 return own.is_loopback() || own.is_unspecified();
             }
@@ -103,6 +108,9 @@ mod tests {
             ("[::1]:13550", "[::1]:13550"),
             ("0.0.0.0:13550", "192.168.1.7:13550"),
             ("192.168.1.7:80", "192.168.1.7:80"),
+            ("127.0.0.1:80", "127.0.0.1"),
+            ("127.0.0.1:80", "localhost"),
+            ("[::1]:80", "[::1]"),
         ] {
             assert_eq!(check(bound, host, Some(&format!("http://{host}"))), Ok(()), "{host}");
         }
@@ -115,6 +123,9 @@ mod tests {
             ("127.0.0.1:13550", "127.0.0.1.evil.example:13550"),
             ("127.0.0.1:13550", "127.0.0.1:80"),
             ("127.0.0.1:13550", "127.0.0.1"),
+            ("127.0.0.1:80", "127.0.0.1:13550"),
+            ("127.0.0.1:80", "evil.example"),
+            ("0.0.0.0:80", "evil.example"),
             ("127.0.0.1:13550", "192.168.1.7:13550"),
             ("0.0.0.0:13550", "evil.example:13550"),
             ("192.168.1.7:13550", "localhost:13550"),

@@ -3,6 +3,7 @@
 //! The loop that drives the robot never waits for a page: pages get the newest snapshot when they can take one, and
 //! what they say waits in a bounded queue.
 
+use std::collections::BTreeSet;
 use std::io;
 use std::net::{IpAddr, SocketAddr, TcpListener, UdpSocket};
 use std::sync::Arc;
@@ -81,6 +82,8 @@ pub struct Server {
     token: String,
     snapshots: watch::Sender<Arc<str>>,
     extras: [watch::Sender<Arc<str>>; EXTRAS.len()],
+    /// Pages that are asked to close, and have not yet.
+    closing: watch::Sender<BTreeSet<PageId>>,
     events: Receiver<(PageId, FromPage)>,
 }
 
@@ -89,6 +92,7 @@ struct Shared {
     guard: Arc<Guard>,
     snapshots: watch::Receiver<Arc<str>>,
     extras: [watch::Receiver<Arc<str>>; EXTRAS.len()],
+    closing: watch::Receiver<BTreeSet<PageId>>,
     events: SyncSender<(PageId, FromPage)>,
     next: Arc<AtomicU32>,
     places: Arc<Semaphore>,
@@ -131,18 +135,20 @@ impl Server {
         let token = guard.token().to_owned();
         let (snapshots, shown) = watch::channel(Arc::from(""));
         let extras = EXTRAS.map(|_| watch::Sender::new(Arc::from("")));
+        let (closing, asked_to_close) = watch::channel(BTreeSet::new());
         let (sender, events) = sync_channel(QUEUE);
         let shared = Shared {
             guard: Arc::new(guard),
             snapshots: shown,
             extras: extras.each_ref().map(watch::Sender::subscribe),
+            closing: asked_to_close,
             events: sender,
             next: Arc::default(),
             places: Arc::new(Semaphore::new(MOST_PAGES)),
             holds_to_run,
         };
         std::thread::Builder::new().name("pages".to_owned()).spawn(move || work(shared))?;
-        Ok(Self { address, token, snapshots, extras, events })
+        Ok(Self { address, token, snapshots, extras, closing, events })
     }
 
     /// Returns the addresses of the page for a browser: the one that is bound, or where every one is, all that other computers
@@ -179,13 +185,27 @@ impl Server {
         self.extras[extra].send_replace(text.into());
     }
 
+    /// Closes a page, whatever it still has to say.
+    pub fn close(&self, page: PageId) {
+        self.closing.send_if_modified(|closing| closing.insert(page));
+    }
+
     /// Returns what has happened at a page, oldest first.
     ///
     /// # Errors
     /// When no page can say anything any more, as the thread that serves them has ended.
     pub fn event(&self) -> Result<Option<(PageId, FromPage)>, Gone> {
         match self.events.try_recv() {
-            Ok(event) => Ok(Some(event)),
+            Ok((page, event)) => {
+                if matches!(event, FromPage::Closed | FromPage::Misused) {
+                    // Which nobody waits for.
+                    self.closing.send_if_modified(|closing| {
+                        closing.remove(&page);
+                        false
+                    });
+                }
+                Ok(Some((page, event)))
+            }
             Err(TryRecvError::Empty) => Ok(None),
             Err(TryRecvError::Disconnected) => Err(Gone),
         }
@@ -262,7 +282,9 @@ impl Asked {
 
 impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
-        (StatusCode::FORBIDDEN, format!("{self}\n")).into_response()
+        // Whoever guesses comes anew each time.
+        let close = [(header::CONNECTION, "close")];
+        (StatusCode::FORBIDDEN, close, format!("{self}\n")).into_response()
     }
 }
 
@@ -359,7 +381,9 @@ async fn talk(id: PageId, socket: WebSocket, shared: &Shared) -> FromPage {
         }
         FromPage::Closed
     };
+    let mut closing = shared.closing.clone();
     tokio::select! {
+        _ = closing.wait_for(|closing| closing.contains(&id)) => FromPage::Closed,
         () = show => FromPage::Closed,
         ended = hear => ended,
     }
@@ -367,6 +391,9 @@ async fn talk(id: PageId, socket: WebSocket, shared: &Shared) -> FromPage {
 
 #[cfg(test)]
 mod tests {
+    use std::io::{Read as _, Write as _};
+    use std::net::TcpStream;
+
     use super::*;
 
     #[test]
@@ -379,6 +406,41 @@ mod tests {
             }
         };
         assert_eq!(event, Err(Gone));
+    }
+
+    /// Waits for what happens next at a page.
+    fn next(server: &Server) -> (PageId, FromPage) {
+        loop {
+            match server.event().unwrap() {
+                Some(event) => return event,
+                None => std::thread::yield_now(),
+            }
+        }
+    }
+
+    #[test]
+    fn a_page_is_closed_on_demand_and_the_others_stay() {
+        let server = Server::start((std::net::Ipv4Addr::LOCALHOST, 0).into(), false).unwrap();
+        let path = format!("/{}/socket", server.token);
+        let open = || {
+            let mut socket = TcpStream::connect(server.address).unwrap();
+            let request = format!(
+                "GET {path} HTTP/1.1\r\nHost: {0}\r\nOrigin: http://{0}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
+                 Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n",
+                server.address
+            );
+            socket.write_all(request.as_bytes()).unwrap();
+            let (page, event) = next(&server);
+            assert_eq!(event, FromPage::Opened);
+            (page, socket)
+        };
+        let ((first, mut one), (_second, other)) = (open(), open());
+        server.close(first);
+        assert_eq!(next(&server), (first, FromPage::Closed));
+        // To its end.
+        one.read_to_end(&mut Vec::new()).unwrap();
+        assert_eq!((server.event(), server.closing.borrow().len()), (Ok(None), 0));
+        drop(other);
     }
 
     fn of(bound: &str, first: Option<&str>, known: &[&str]) -> Vec<String> {

@@ -305,8 +305,8 @@ fn named(connection: &mut Connection, name: &Name, error: LinkError) -> Error {
 /// Returns that there is no such setting, and which may be meant.
 fn no_setting<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
     let meant =
-        nearest(name, known).map_or_else(String::new, |it| format!(", did you mean `{it}`?"));
-    format!("the robot has no setting `{name}`{meant}; `flix parameters list` shows all names")
+        nearest(name, known).map_or_else(|| ";".to_owned(), |it| format!(", did you mean `{it}`?"));
+    format!("the robot has no setting `{name}`{meant} `flix parameters list` shows all names")
 }
 
 /// Adds unit and value to a refusal for the setting's range.

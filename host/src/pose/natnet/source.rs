@@ -115,7 +115,9 @@ pub enum NatNetError {
         reason: String,
     },
     /// A layout that is not known.
-    #[error("{server} streams NatNet {version}; versions from 3.0 are understood: update Motive")]
+    #[error(
+        "{server} streams NatNet {version}; 3.0, 3.1 and all from 4.0 on are understood: update Motive"
+    )]
     Version {
         /// Who.
         server: SocketAddrV4,
@@ -213,17 +215,8 @@ enum Received {
 }
 
 enum Channel {
-    Multicast {
-        stream: DataClient,
-        command: RawCommandClient,
-    },
-    Unicast {
-        socket: RawCommandClient,
-        next_keepalive: Instant,
-        /// What begins the stream.
-        greeting: Vec<u8>,
-        greet_at: Instant,
-    },
+    Multicast { stream: DataClient, command: RawCommandClient },
+    Unicast { socket: RawCommandClient, next_keepalive: Instant },
 }
 
 /// A stream of poses from Motive.
@@ -234,6 +227,9 @@ pub struct NatNetSource {
     bodies: Vec<(String, i32)>,
     body: Option<i32>,
     channel: Channel,
+    /// What begins the stream, and when it is said again.
+    greeting: Vec<u8>,
+    greet_at: Instant,
     buffer: Vec<u8>,
     last: Option<NatNetReading>,
     heard: Option<Instant>,
@@ -265,16 +261,14 @@ impl NatNetSource {
         let Conversation { client, settings } = conversation;
         let socket = |source| NatNetError::Socket { interface: settings.interface, source };
         client.set_nonblocking(true).map_err(socket)?;
+        let greeting = layout.begin(settings.server)?;
         let channel = if info.connection.multicast {
             let group = info.multicast_group();
             let socket = multicast_socket(group, info.connection.data_port, settings.interface)
                 .map_err(socket)?;
             Channel::Multicast { stream: DataClient::from_socket(socket), command: client }
         } else {
-            let greeting = layout.greeting().map_err(|error| not_natnet(settings.server, error))?;
-            let greeting = greeting.as_bytes().to_vec();
-            let [next_keepalive, greet_at] = [Instant::START; 2];
-            Channel::Unicast { socket: client, next_keepalive, greeting, greet_at }
+            Channel::Unicast { socket: client, next_keepalive: Instant::START }
         };
         Ok(Self {
             settings,
@@ -283,6 +277,8 @@ impl NatNetSource {
             bodies,
             body,
             channel,
+            greeting,
+            greet_at: Instant::START,
             buffer: vec![0; MIN_DATA_BUFFER],
             last: None,
             heard: None,
@@ -321,13 +317,22 @@ impl NatNetSource {
         self.statistics
     }
 
+    fn say(&self, what: &[u8]) -> io::Result<()> {
+        let (Channel::Multicast { command, .. } | Channel::Unicast { socket: command, .. }) =
+            &self.channel;
+        transient(command.send(what)).map(drop)
+    }
+
     fn receive(&mut self, now: Instant) -> io::Result<Option<Received>> {
         if self.ask_bodies_at.is_some_and(|at| now >= at) {
             self.ask_bodies_at = Some(now + ASK_AGAIN);
             let question = request_modeldef().map_err(io::Error::other)?;
-            let (Channel::Multicast { command, .. } | Channel::Unicast { socket: command, .. }) =
-                &self.channel;
-            transient(command.send(question.as_bytes()))?;
+            self.say(question.as_bytes())?;
+        }
+        let heard = *self.heard.get_or_insert(now);
+        if now.since(heard) > SILENCE && now >= self.greet_at {
+            self.greet_at = now + ASK_AGAIN;
+            self.say(&self.greeting)?;
         }
         let mut kind: fn(usize) -> Received = Received::Datagram;
         let received = match &mut self.channel {
@@ -340,15 +345,10 @@ impl NatNetSource {
                     None => stream.recv(&mut self.buffer),
                 }
             }
-            Channel::Unicast { socket, next_keepalive, greeting, greet_at } => {
+            Channel::Unicast { socket, next_keepalive } => {
                 if now >= *next_keepalive {
                     *next_keepalive = now + KEEPALIVE;
                     transient(socket.send(&keepalive_datagram()))?;
-                }
-                let heard = *self.heard.get_or_insert(now);
-                if now.since(heard) > SILENCE && now >= *greet_at {
-                    *greet_at = now + ASK_AGAIN;
-                    transient(socket.send(greeting))?;
                 }
                 socket.recv(&mut self.buffer)
             }
@@ -373,6 +373,20 @@ impl NatNetSource {
             self.ask_bodies_at = Some(now);
         }
         self.heard = Some(now);
+    }
+
+    /// Takes who streams, as the server says when it is greeted again: a Motive that started anew may speak another version.
+    fn renew(&mut self, now: Instant, info: ServerInfo) -> Result<(), NatNetError> {
+        let [spoken, before] = [&info, &self.info].map(|info| info.protocol_version);
+        let is_granted = self.layout.is_asked_for && spoken == self.layout.version;
+        if spoken != before && !is_granted {
+            self.layout = Layout::of(&info, self.settings.server)?;
+            self.greeting = self.layout.begin(self.settings.server)?;
+            (self.greet_at, self.ask_bodies_at) = (now, Some(now));
+            self.heard = Some(Instant::START);
+        }
+        self.info = if is_granted { ServerInfo { protocol_version: before, ..info } } else { info };
+        Ok(())
     }
 
     /// Takes the list of bodies as it is now, which Motive also sends unasked. While it leaves open which is the robot, it is
@@ -420,6 +434,10 @@ impl PoseSource for NatNetSource {
                     Ok(model) => self.look_up(now, &model),
                     Err(_) => self.statistics.unreadable += 1,
                 }
+                continue;
+            }
+            if let Ok(info) = ServerInfo::parse(datagram) {
+                self.renew(now, info).map_err(io::Error::other)?;
                 continue;
             }
             match NatNetReading::in_layout(datagram, self.layout, self.body, self.settings.up) {
@@ -533,6 +551,11 @@ impl Layout {
         } else {
             connect_request()
         }
+    }
+
+    fn begin(self, server: SocketAddrV4) -> Result<Vec<u8>, NatNetError> {
+        let greeting = self.greeting().map_err(|error| not_natnet(server, error))?;
+        Ok(greeting.as_bytes().to_vec())
     }
 
     const fn policy(self) -> ParsePolicy {

@@ -266,6 +266,8 @@ struct Motive {
     is_paused: bool,
     /// Frames after which it starts anew.
     restarts_after: Option<i32>,
+    /// The version that it speaks by itself from then on.
+    restarts_as: Option<u8>,
     /// Whether it then knows no client, too.
     forgets_clients: bool,
     /// Its bodies from then on, and whether its frames say that they have changed.
@@ -288,6 +290,7 @@ const MOTIVE: Motive = Motive {
     describes_anew: true,
     is_paused: false,
     restarts_after: None,
+    restarts_as: None,
     forgets_clients: true,
     becomes: None,
     says_so: false,
@@ -388,6 +391,7 @@ impl Motive {
                 let mut heard = [0; 3];
                 let (mut client, mut is_newer, mut number) = (None, self.minor > 1, 0);
                 let (mut bodies, mut flags, mut lives) = (self.bodies, 0, 1);
+                let mut motive = *self;
                 let mut buffer = [0; 1024];
                 while !done.load(Ordering::Relaxed) {
                     if let Ok((length, from)) = socket.recv_from(&mut buffer) {
@@ -406,7 +410,7 @@ impl Motive {
                                 is_newer &=
                                     !(self.grants && buffer[4 + 265..][..2] == [4, 1] && kind == 1);
                                 client = Some(self.multicast.map_or(from, |it| group(it).into()));
-                                socket.send_to(&self.info(), from).unwrap();
+                                socket.send_to(&motive.info(), from).unwrap();
                             }
                         }
                     }
@@ -419,7 +423,8 @@ impl Motive {
                         lives -= 1;
                         heard = [0; 3];
                         client = client.filter(|_| !self.forgets_clients);
-                        (is_newer, number) = (self.minor > 1, number + 1);
+                        motive.minor = self.restarts_as.unwrap_or(self.minor);
+                        (is_newer, number) = (motive.minor > 1, number + 1);
                         bodies = self.becomes.unwrap_or(bodies);
                         flags = if self.says_so { 2 } else { 0 };
                         if let Some(client) = client.filter(|_| self.lists_them) {
@@ -496,6 +501,19 @@ fn a_motive_that_starts_anew_is_asked_again() {
         let motive = Motive { minor, restarts_after: Some(100), ..MOTIVE };
         let (samples, _) = across_a_restart(&motive);
         assert!(samples.iter().all(|it| close(&it.pose, &some_pose())), "4.{minor}");
+    }
+}
+
+#[test]
+fn a_motive_that_starts_anew_in_another_version_is_followed() {
+    for (minor, other, forgets_clients) in
+        [(1, 2, true), (1, 2, false), (2, 1, true), (2, 4, true), (2, 4, false)]
+    {
+        let motive = Motive { minor, restarts_after: Some(100), forgets_clients, ..MOTIVE };
+        let motive = Motive { restarts_as: Some(other), ..motive };
+        let (samples, _) = across_a_restart(&motive);
+        let close = |it: &PoseSample| close(&it.pose, &some_pose());
+        assert!(samples.iter().all(close), "4.{minor} as 4.{other}, {forgets_clients}");
     }
 }
 

@@ -2,10 +2,12 @@
 //!
 //! Whoever has not shown the token is a stranger. A page shows it in its first datagram, so a stranger gets little time
 //! ([`PATIENCE`]), and few may wait at once ([`MOST_STRANGERS`]): one more turns out the one who has waited longest, of those
-//! behind the address that most wait behind. So a page is served while others open sockets without end, behind its own address
-//! too, and the program keeps its descriptors for the robot.
+//! behind the address that most wait behind, in the network that most wait in: whoever has many addresses has them in few
+//! networks, of 256 addresses in IPv4 (/24) and of one link in IPv6 (/64). So a page is served while others open sockets without
+//! end, behind its own address too, and the program keeps its descriptors for the robot. A page's stranger is turned out for those
+//! of another network only if in no network more wait than in its own.
 
-use std::net::IpAddr;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use std::time::Duration;
 
 /// Strangers that wait at once: a browser opens six sockets to a server, and ten may come together.
@@ -42,11 +44,17 @@ impl Hall {
         Some((self.came, turned_out))
     }
 
-    /// Turns out who has waited longest, of the strangers behind the address that most wait behind.
+    /// Turns out who has waited longest, of the strangers behind the address that most wait behind, in the network that most
+    /// wait in.
     pub fn turn_out(&mut self) -> Option<Number> {
-        let behind = |address| self.strangers.iter().filter(|it| it.1 == address).count();
+        let crowd = |(_, address): &(Number, IpAddr)| {
+            let count = |is_near: &dyn Fn(IpAddr) -> bool| {
+                self.strangers.iter().filter(|it| is_near(it.1)).count()
+            };
+            [count(&|it| network(it) == network(*address)), count(&|it| it == *address)]
+        };
         // Of equals the last is the largest; of a reversed list it is the first.
-        let (_, crowded) = *self.strangers.iter().rev().max_by_key(|it| behind(it.1))?;
+        let (_, crowded) = *self.strangers.iter().rev().max_by_key(|it| crowd(it))?;
         let place = self.strangers.iter().position(|it| it.1 == crowded)?;
         Some(self.strangers.remove(place).0)
     }
@@ -79,10 +87,17 @@ impl Hall {
     }
 }
 
+/// Returns the first address of the network that an address belongs to: /24 of IPv4, also where IPv6 writes it, /64 of IPv6.
+fn network(address: IpAddr) -> IpAddr {
+    match address.to_canonical() {
+        IpAddr::V4(address) => Ipv4Addr::from_bits(address.to_bits() >> 8 << 8).into(),
+        IpAddr::V6(address) => Ipv6Addr::from_bits(address.to_bits() >> 64 << 64).into(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::net::Ipv4Addr;
 
     const NEAR: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
     const FAR: IpAddr = IpAddr::V4(Ipv4Addr::new(192, 168, 1, 7));
@@ -100,6 +115,36 @@ mod tests {
         assert_eq!(hall.count(), [MOST_STRANGERS, 0]);
         hall.welcome(far);
         assert!(hall.is_guest(far), "the other address is never turned out");
+    }
+
+    #[test]
+    fn many_addresses_of_one_network_turn_out_nobody_of_another() {
+        for (own, of_network) in [
+            ("192.168.1.7", "10.0.0."),
+            ("2001:db8:0:1::7", "2001:db8:0:2::"),
+            ("::ffff:192.168.1.7", "::ffff:10.0.0."),
+        ] {
+            let mut hall = Hall::default();
+            let own: IpAddr = own.parse().unwrap();
+            let (page, _) = hall.admit(own).unwrap();
+            // What a browser opens beside it.
+            hall.admit(own).unwrap();
+            for number in 1..=250 {
+                let other = format!("{of_network}{number}").parse().unwrap();
+                let (_, turned_out) = hall.admit(other).unwrap();
+                assert!(turned_out != Some(page) && turned_out != Some(page + 1), "{own}");
+            }
+        }
+    }
+
+    #[test]
+    fn one_address_turns_out_nobody_else_of_its_network() {
+        let mut hall = Hall::default();
+        let (page, _) = hall.admit(FAR).unwrap();
+        for _ in 0..3 * MOST_STRANGERS {
+            let (_, turned_out) = hall.admit(Ipv4Addr::new(192, 168, 1, 8).into()).unwrap();
+            assert_ne!(turned_out, Some(page));
+        }
     }
 
     #[test]

@@ -132,11 +132,18 @@ function settingRow({ name, unit, minimum, maximum, default: usual, description 
   Object.assign(input, { type: "number", step: "any", min: short(minimum), max: short(maximum), required: true });
   // Who scrolls the page, or reaches for f, changes no setting.
   input.addEventListener("wheel", (event) => { if (document.activeElement === input) event.preventDefault(); }, { passive: false });
-  input.onkeydown = (event) => { if (event.key === "ArrowUp" || event.key === "ArrowDown") event.preventDefault(); };
+  const restore = () => { if (!("edited" in input.dataset)) input.value = input.dataset.robot; };
+  input.onkeydown = (event) => {
+    if (event.key === "ArrowUp" || event.key === "ArrowDown") event.preventDefault();
+    if (event.key === "Escape") { delete input.dataset.edited; restore(); }
+  };
   input.oninput = () => { input.dataset.edited = ""; };
   input.onchange = (event) => {
     delete input.dataset.edited;
-    if (input.reportValidity()) act({ set: [name, input.valueAsNumber] }, event);
+    if (!input.reportValidity()) return restore();
+    act({ set: [name, input.valueAsNumber] }, event);
+    // What nobody answers was not taken.
+    setTimeout(restore, ASK_AGAIN_MS);
   };
   help.textContent = `${short(minimum)} to ${short(maximum)}, at first ${short(usual)}. ${description ?? ""}`;
   row.append(label, input, Object.assign(document.createElement("span"), { textContent: unit === "1" ? "" : unit }), mark, help);
@@ -147,7 +154,8 @@ function settingRow({ name, unit, minimum, maximum, default: usual, description 
 function showSettings(list) {
   for (const one of list) {
     const input = settingInputs.get(one.name) ?? settingRow(one);
-    if (!("edited" in input.dataset)) input.value = short(one.value);
+    input.dataset.robot = short(one.value);
+    if (!("edited" in input.dataset)) input.value = input.dataset.robot;
     input.parentElement.classList.toggle("changed", one.value !== one.default);
     // On what is assumed a robot does not arm.
     const mark = input.parentElement.querySelector("em");
@@ -365,6 +373,8 @@ const history = [];
 // Nobody reads faster, and a slow computer shows its newest snapshot sooner.
 const WORDS_MS = 80;
 const HISTORY_MS = 20000;
+// A line over a longer time without telemetry would be made up.
+const GAP_MS = 500;
 function chart(id, of, wantedOf, floorRange) {
   const canvas = byId(id), pen = canvas.getContext("2d"), ratio = devicePixelRatio;
   const width = canvas.width = canvas.clientWidth * ratio, height = canvas.height = canvas.clientHeight * ratio;
@@ -374,9 +384,11 @@ function chart(id, of, wantedOf, floorRange) {
   const end = history.at(-1)?.stamp ?? 0;
   const draw = (pick, style, dash) => {
     pen.beginPath();
-    let drawing = false;
+    let drawing = false, before = 0;
     for (const one of history) {
       const value = pick(one);
+      if (one.stamp - before > GAP_MS) drawing = false;
+      before = one.stamp;
       const x = width * (1 - (end - one.stamp) / HISTORY_MS), y = height * (0.5 - (value - middle) / range);
       if (value === undefined) drawing = false;
       else if (drawing) pen.lineTo(x, y);

@@ -93,7 +93,8 @@ impl Pages {
         }
     }
 
-    /// Takes that a page said what no page says: closes it, and stops the robot.
+    /// Takes that a page said what no page says: it is heard no more, and the robot stops. A number that is not open is passed
+    /// over.
     pub fn expel(
         &mut self,
         page: PageId,
@@ -101,12 +102,15 @@ impl Pages {
         client: &mut Client,
         now: Instant,
     ) {
+        if !self.open.contains(&page) {
+            return;
+        }
         cockpit.act(Action::Stop, client, now);
         cockpit.note(now, Weight::Alarm, "a page sent what no page sends: it is closed");
         self.close(page, cockpit, client, now);
     }
 
-    /// Takes a message of a page.
+    /// Takes a message of a page; one of a page that is not open, as it was expelled, is passed over.
     ///
     /// # Errors
     /// When it states to have seen what is not shown yet.
@@ -118,6 +122,9 @@ impl Pages {
         client: &mut Client,
         now: Instant,
     ) -> Result<(), Misuse> {
+        if !self.open.contains(&page) {
+            return Ok(());
+        }
         if message.seen > Self::stamp(now) {
             return Err(Misuse);
         }

@@ -56,6 +56,13 @@ impl Browser {
         self.ask("execute/sync", &json!({ "script": script, "args": [] }))
     }
 
+    /// Shows the page on a telephone's screen of this size, or of its own where both are 0.
+    pub fn resize(&self, width: u32, height: u32) -> Outcome<()> {
+        let screen = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": width > 0 });
+        let command = json!({ "cmd": "Emulation.setDeviceMetricsOverride", "params": screen });
+        self.ask("goog/cdp/execute", &command).map(drop)
+    }
+
     /// Presses and releases a key.
     pub fn press(&self, key: char) -> Outcome<()> {
         let key = |kind: &str| json!({ "type": kind, "value": key });

@@ -131,7 +131,8 @@ fn end(program: &mut Child) -> Outcome<()> {
 }
 
 type Test = (&'static str, fn(&mut Desk) -> Outcome<()>);
-const TESTS: [Test; 10] = [
+const TESTS: [Test; 11] = [
+    ("small_screens_show_values_and_stop_whole", Desk::screens),
     ("the_scope_shows_its_channels", Desk::scope),
     ("settings_are_read_and_changed", Desk::settings),
     ("keys_drive_and_the_space_bar_stops", Desk::keys),
@@ -397,10 +398,13 @@ impl Desk {
         })?;
         self.change("current_limit", 1.75)?;
         self.change("current_limit", 2.0)?;
-        // What is out of range is said by the page, and not sent.
+        // What is out of range is said by the page, and not sent; Escape undoes what is not sent yet.
         let refused = "const input = document.getElementById('setting-current_limit'); input.value = 99;
-                       input.dispatchEvent(new Event('change')); input.blur(); return input.validity.rangeOverflow";
-        if self.browser.run(refused)? != true {
+                       input.dispatchEvent(new Event('change')); const refused = input.value;
+                       input.value = 1.2; input.dispatchEvent(new Event('input'));
+                       input.dispatchEvent(new KeyboardEvent('keydown', { key: 'Escape' })); input.blur();
+                       return [refused, input.value].join()";
+        if self.browser.run(refused)? != "2,2" {
             return Err("99 A is no limit of a current".into());
         }
         self.until_armed()?;
@@ -408,6 +412,33 @@ impl Desk {
             let enabled = "return document.querySelectorAll('.setting input:enabled').length";
             Ok(desk.browser.run(enabled)? == 0)
         })
+    }
+
+    fn screens(&mut self) -> Outcome<()> {
+        self.arm()?;
+        for (width, height) in
+            [(320, 568), (360, 640), (390, 844), (844, 390), (667, 175), (1280, 800)]
+        {
+            self.browser.resize(width, height)?;
+            // What is written longest, measured before it is written anew.
+            let misfits = "const box = (of) => { const it = document.createRange(); it.selectNodeContents(of); return it.getBoundingClientRect(); };
+                 const stop = document.getElementById('stop'), aside = document.querySelector('aside').getBoundingClientRect(), misfits = [];
+                 const shown = stop.getBoundingClientRect(), text = box(stop);
+                 if (shown.bottom > innerHeight || text.top < shown.top || text.bottom > shown.bottom) misfits.push('STOP');
+                 for (const name of ['f', 'theta']) {
+                   const [value, wanted] = [name, `${name}-wanted`].map((id) => document.getElementById(id));
+                   value.textContent = '\u{2212}100.0 deg'; wanted.textContent = 'commanded \u{2212}30.0';
+                   const [a, b] = [value, wanted].map(box), buttons = [...value.parentElement.querySelectorAll('button')].map((it) => it.getBoundingClientRect());
+                   if (a.right > b.left - 3 && a.bottom > b.top + 3) misfits.push(`${name} touches what is commanded`);
+                   if (Math.max(a.right, b.right) > buttons[0].left || buttons[1].right > aside.right) misfits.push(`${name} and its buttons`);
+                 }
+                 return misfits.join(', ')";
+            let misfits = self.browser.run(misfits)?;
+            if misfits != "" {
+                return Err(format!("at {width} x {height}: {misfits}").into());
+            }
+        }
+        self.browser.resize(0, 0)
     }
 
     fn scope(&mut self) -> Outcome<()> {
