@@ -199,6 +199,7 @@ impl Rig {
 
     /// Forgets what was seen so far.
     pub fn watch(&mut self) {
+        self.chip.forget_waits();
         self.seen = Seen::NOTHING;
         self.watch_loop_from_here();
     }

@@ -139,6 +139,10 @@ pub struct Report {
     pub overruns: u64,
     /// Longest time between two rounds, microseconds.
     pub longest_gap_us: f64,
+    /// Longest wait of the fast loop's interrupt, microseconds,
+    pub longest_wait_us: f64,
+    /// and the function that let it in.
+    pub waited_at: String,
     /// Whether the motors coasted after disarming, once the rotors stood.
     pub coasted: bool,
     /// Whether all phases' pins were low then.
@@ -330,5 +334,7 @@ pub fn drive(rig: &mut Rig, times: Times, progress: &dyn Fn(&str)) -> Result<Rep
     report.duties_after_us = rig.seen.duties_after_us;
     report.overruns = rig.seen.missed;
     report.longest_gap_us = rig.seen.longest_gap_us;
+    let (waited, at) = rig.chip.longest_wait();
+    (report.longest_wait_us, report.waited_at) = (waited.as_secs_f64() * 1e6, at);
     Ok(report)
 }
