@@ -559,21 +559,17 @@ impl<O: Outside> Chip<O> {
         self.soc.mcpwm.tick_phase()
     }
 
-    /// Returns the longest wait of the fast loop's interrupt since [`Chip::forget_waits`], and where the program let it in.
+    /// Returns for how many cycles after its tick the fast loop's interrupt waited at most since [`Chip::forget_gaps`], and at
+    /// which address the program let it in.
     #[must_use]
-    pub fn longest_wait(&self) -> (Duration, String) {
-        let (waited, at) = self.longest_wait;
-        (Duration::from_nanos(waited * 25 / 4), self.image.place(at))
+    pub fn longest_wait(&self) -> (u64, u32) {
+        self.longest_wait
     }
 
-    /// Forgets that wait.
-    pub fn forget_waits(&mut self) {
-        self.longest_wait = (0, 0);
-    }
-
-    /// Forgets the longest gap between rounds of the fast loop.
+    /// Forgets the longest gap between rounds of the fast loop, and the longest wait for one.
     pub fn forget_gaps(&mut self) {
         self.soc.mcpwm.longest_gap = 0;
+        self.longest_wait = (0, 0);
     }
 
     /// Bytes of `start..end` in working memory that nothing has written since power-on, counted from the start.
