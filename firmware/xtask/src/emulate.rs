@@ -52,6 +52,15 @@ pub(crate) struct Args {
     /// Run these parts alone: session, network, join, restarts, power, journey, other.
     #[arg(long, value_delimiter = ',', num_args = 1..)]
     part: Vec<String>,
+    /// Assume that a miss of the cache in front of the flash takes so many nanoseconds.
+    #[arg(long, default_value_t = 0)]
+    cache_miss_ns: u64,
+    /// Assume that the radio's library masks all interrupts for so many microseconds with each call.
+    #[arg(long, default_value_t = 0)]
+    radio_lock_us: u64,
+    /// Assume that ROM and boot loader take so many milliseconds from a reset on.
+    #[arg(long, default_value_t = 300)]
+    boot_ms: u64,
     /// Serve the robot to `flix` and other programs of this computer, at most in real time, until Ctrl-C.
     #[arg(long, conflicts_with_all = ["part", "quick", "json"])]
     live: bool,
@@ -109,6 +118,13 @@ pub(crate) fn run(args: &Args) -> Result<(), Error> {
     }
     command.args(args.encoder.iter().flat_map(|encoder| ["--encoder", encoder]));
     command.args(args.part.iter().flat_map(|part| ["--part", part]));
+    for (option, value) in [
+        ("--cache-miss-ns", args.cache_miss_ns),
+        ("--radio-lock-us", args.radio_lock_us),
+        ("--boot-ms", args.boot_ms),
+    ] {
+        command.args([option, &value.to_string()]);
+    }
     command.args(args.live.then_some("--live"));
     command.args(args.quick.then_some("--quick")).args(args.json.then_some("--json"));
     run::run(&mut command)

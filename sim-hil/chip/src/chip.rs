@@ -59,8 +59,29 @@ pub enum Stop {
     Fault(Fault),
 }
 
-/// ROM and boot loader, from reset to the image's first instruction: estimated, on the long side.
-pub const BOOT_TIME: Duration = Duration::from_millis(300);
+/// What silicon takes and the emulated chip does not know: assumptions of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Silicon {
+    /// ROM and boot loader, from reset to the image's first instruction.
+    pub boot: Duration,
+    /// A miss of the cache in front of the flash.
+    pub cache_miss: Duration,
+    /// For so long the radio's closed library masks all interrupts, the fast loop's too, each time that it is called and that it
+    /// calls: its lock clears `mstatus.MIE` (esp-radio, `wifi_int_disable`).
+    pub radio_lock: Duration,
+}
+
+impl Default for Silicon {
+    /// A start that is estimated on the long side; no time for what can be said of no image.
+    fn default() -> Self {
+        Self {
+            boot: Duration::from_millis(300),
+            cache_miss: Duration::ZERO,
+            radio_lock: Duration::ZERO,
+        }
+    }
+}
+
 /// Cycles between two looks at the network when nothing else happens.
 const NETWORK_CYCLES: u64 = CYCLES_PER_SECOND / 4_000;
 /// So many functions are named of those that should not be where they are.
@@ -79,6 +100,7 @@ pub struct Chip<O> {
     image: Image,
     waits: bool,
     next_poll: u64,
+    silicon: Silicon,
     /// Why the chip started last.
     reason: ResetReason,
     /// When the image's first instruction ran last.
@@ -86,6 +108,8 @@ pub struct Chip<O> {
     /// Cycles for which the processor did something since then.
     busy: u64,
     interrupts_at_hand_over: bool,
+    /// Longest wait of the fast loop's interrupt, cycles, and where the program let it in.
+    longest_wait: (u64, u32),
 }
 
 impl<O: Outside> Chip<O> {
@@ -109,10 +133,12 @@ impl<O: Outside> Chip<O> {
             image,
             waits: false,
             next_poll: 0,
+            silicon: Silicon::default(),
             reason: ResetReason::PowerOn,
             started: 0,
             busy: 0,
             interrupts_at_hand_over: false,
+            longest_wait: (0, 0),
         };
         chip.power_on();
         chip
@@ -135,10 +161,11 @@ impl<O: Outside> Chip<O> {
     fn boot(&mut self, reason: ResetReason) {
         self.reason = reason;
         self.rom.reset_reason = reason.code();
-        let now = self.cpu.cycles + cycles(BOOT_TIME);
+        let now = self.cpu.cycles + cycles(self.silicon.boot);
         let tick = std::mem::take(&mut self.cpu.tick);
         self.cpu = Cpu::new(self.image.entry);
         self.cpu.tick = tick.after_reset();
+        self.cpu.charge_misses(cycles(self.silicon.cache_miss));
         self.cpu.cycles = now;
         if self.interrupts_at_hand_over {
             self.cpu.mstatus |= MSTATUS_MIE;
@@ -225,8 +252,13 @@ impl<O: Outside> Chip<O> {
             // Waiting ends, whether the interrupt is taken or not.
             self.waits = false;
             if self.cpu.takes_interrupts() {
+                let is_tick = self.soc.interrupts.is_of(source::MCPWM, line);
+                if is_tick {
+                    let waited = self.cpu.cycles.saturating_sub(self.soc.mcpwm.last_tick);
+                    self.longest_wait = self.longest_wait.max((waited, self.cpu.pc));
+                }
                 self.cpu.interrupt(line);
-                if self.soc.interrupts.is_of(source::MCPWM, line) {
+                if is_tick {
                     self.cpu.tick.begin();
                 }
                 return;
@@ -381,6 +413,13 @@ impl<O: Outside> Chip<O> {
         [flash, radio, tick].map(|at| Some(at?.saturating_sub(self.started)))
     }
 
+    /// Assumes that silicon takes this, and powers on anew.
+    pub fn assume(&mut self, silicon: Silicon) {
+        self.silicon = silicon;
+        self.radio.lock = cycles(silicon.radio_lock);
+        self.power_on();
+    }
+
     /// Charges these times to the radio's library from now on.
     pub fn charge(&mut self, times: Times) {
         self.radio.times = times;
@@ -520,9 +559,17 @@ impl<O: Outside> Chip<O> {
         self.soc.mcpwm.tick_phase()
     }
 
-    /// Forgets the longest gap between rounds of the fast loop.
+    /// Returns for how many cycles after its tick the fast loop's interrupt waited at most since [`Chip::forget_gaps`], and at
+    /// which address the program let it in.
+    #[must_use]
+    pub fn longest_wait(&self) -> (u64, u32) {
+        self.longest_wait
+    }
+
+    /// Forgets the longest gap between rounds of the fast loop, and the longest wait for one.
     pub fn forget_gaps(&mut self) {
         self.soc.mcpwm.longest_gap = 0;
+        self.longest_wait = (0, 0);
     }
 
     /// Bytes of `start..end` in working memory that nothing has written since power-on, counted from the start.

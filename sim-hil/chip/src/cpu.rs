@@ -1,8 +1,9 @@
 //! The processor: RV32IMAC in machine mode with the ESP32-C6's control registers.
 //!
 //! Instructions are decoded once and kept. Time is counted in cycles of the 160 MHz clock; what an instruction takes
-//! is [`cost`]'s. Cache misses are not modelled.
+//! is [`cost`]'s. Misses of the flash's cache take what a run charges for them.
 
+mod cache;
 mod decode;
 mod execute;
 mod tick;
@@ -11,6 +12,8 @@ pub(crate) use decode::Instruction;
 pub(crate) use tick::Tick;
 
 use std::collections::BTreeMap;
+
+use cache::Cache;
 
 use crate::fault::Fault;
 use crate::memory::{FLASH, FLASH_BYTES, Memory, RAM, RAM_BYTES};
@@ -147,6 +150,7 @@ pub(crate) struct Cpu {
     jumps_at: usize,
     /// What the fast loop's tick takes of flash.
     pub(crate) tick: Tick,
+    cache: Cache,
 }
 
 /// How many jumps are remembered.
@@ -173,7 +177,13 @@ impl Cpu {
             jumps: [0; JUMPS],
             jumps_at: 0,
             tick: Tick::default(),
+            cache: Cache::new(0),
         }
+    }
+
+    /// Charges so many cycles for each miss of the flash's cache, which is empty then.
+    pub(crate) fn charge_misses(&mut self, cycles: u64) {
+        self.cache = Cache::new(cycles);
     }
 
     /// Returns whether an interrupt line, enabled in `mie`, would be taken.

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use clap::{Parser, ValueEnum};
 use flix_chip::air::{self, Air};
-use flix_chip::chip::ResetReason;
+use flix_chip::chip::{ResetReason, Silicon};
 use flix_chip::image::{Image, ImageError};
 use flix_chip::join::{self, Join};
 use flix_chip::journey::{Journey, JourneyError, travel};
@@ -48,6 +48,15 @@ struct Cli {
     /// The `flix` that makes the journey [default: that beside this program].
     #[arg(long, value_name = "PROGRAM")]
     flix: Option<PathBuf>,
+    /// Assume that ROM and boot loader take so many milliseconds from a reset to the image's first instruction.
+    #[arg(long, default_value_t = 300)]
+    boot_ms: u64,
+    /// Assume that a miss of the cache in front of the flash takes so many nanoseconds.
+    #[arg(long, default_value_t = 0)]
+    cache_miss_ns: u64,
+    /// Assume that the radio's library masks all interrupts for so many microseconds with each call.
+    #[arg(long, default_value_t = 0)]
+    radio_lock_us: u64,
     /// Measure shorter, and cut power in every 32nd flash operation instead of in each.
     #[arg(long)]
     quick: bool,
@@ -90,6 +99,17 @@ impl Cli {
         let beside = |program: PathBuf| program.with_file_name("flix");
         let own = || std::env::current_exe().map_or_else(|_| "flix".into(), beside);
         self.flix.clone().unwrap_or_else(own)
+    }
+
+    /// Prepares a robot with this image.
+    fn rig(&self, image: Image, encoder: EncoderKind) -> Rig {
+        let mut rig = Rig::new(image, encoder, self.seed);
+        rig.chip.assume(Silicon {
+            boot: Duration::from_millis(self.boot_ms),
+            cache_miss: Duration::from_nanos(self.cache_miss_ns),
+            radio_lock: Duration::from_micros(self.radio_lock_us),
+        });
+        rig
     }
 
     fn times(&self) -> Times {
@@ -167,11 +187,11 @@ fn run(cli: &Cli) -> Result<bool, Error> {
     let image = read(&cli.image)?;
     let encoder = EncoderKind::named(&cli.encoder).unwrap_or(EncoderKind::Mt6701);
     if cli.live {
-        return Err(serve(Rig::new(image, encoder, cli.seed), cli.log).into());
+        return Err(serve(cli.rig(image, encoder), cli.log).into());
     }
     let started = Instant::now();
     let mut verdict = Verdict::default();
-    let mut rig = Rig::new(image.clone(), encoder, cli.seed);
+    let mut rig = cli.rig(image.clone(), encoder);
     if let Err(error) = try_robot(cli, &mut rig, &mut verdict) {
         verdict.failures.push(error.to_string());
     }
@@ -180,7 +200,7 @@ fn run(cli: &Cli) -> Result<bool, Error> {
     }
     verdict.failures.extend(rig.findings());
     if cli.runs(Part::Join) {
-        let mut rig = Rig::new(image.clone(), encoder, cli.seed);
+        let mut rig = cli.rig(image.clone(), encoder);
         match join::try_all(&mut rig, cli.quick, &progress) {
             Ok(mut join) => {
                 verdict.failures.append(&mut join.failures);
@@ -204,7 +224,7 @@ fn run(cli: &Cli) -> Result<bool, Error> {
         }
     }
     if cli.runs(Part::Journey) {
-        let rig = Rig::new(image, encoder, cli.seed);
+        let rig = cli.rig(image, encoder);
         match travel(rig, &cli.flix(), cli.times(), &progress) {
             Ok(mut journey) => {
                 verdict.failures.append(&mut journey.failures);
@@ -215,7 +235,7 @@ fn run(cli: &Cli) -> Result<bool, Error> {
     }
     if let Some(path) = cli.other.as_ref().filter(|_| cli.runs(Part::Other)) {
         progress("the image with other encoders and a battery divider");
-        match try_other(Rig::new(read(path)?, EncoderKind::As5047p, cli.seed)) {
+        match try_other(cli.rig(read(path)?, EncoderKind::As5047p)) {
             Ok((other, failures)) => {
                 verdict.other = Some(other);
                 verdict.failures.extend(failures);
@@ -359,6 +379,10 @@ fn print(verdict: &Verdict, host: Duration) {
             report.pwm_hz, report.shares
         );
         println!("missed ticks: {}; longest gap: {:.0} us", report.overruns, report.longest_gap_us);
+        println!(
+            "longest wait of the loop's interrupt: {:.1} us, let in by {}",
+            report.longest_wait_us, report.waited_at
+        );
         println!(
             "ticks begin {:.2?} us after a PWM period; their duties are set after {:.1?} us",
             report.tick_phase_us, report.duties_after_us

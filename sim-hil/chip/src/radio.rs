@@ -185,6 +185,8 @@ pub(crate) struct Radio {
     keeps_until: Option<u64>,
     /// What everything takes.
     pub(crate) times: Times,
+    /// Cycles for which it masks all interrupts with each call.
+    pub(crate) lock: u64,
     /// Attempts to connect since power-on, and how often it was made anew.
     pub(crate) attempts: u64,
     pub(crate) renewals: u64,
@@ -222,6 +224,7 @@ impl Radio {
             interrupted: None,
             keeps_until: None,
             times: Times::NONE,
+            lock: 0,
             attempts: 0,
             renewals: 0,
             buffers: None,
@@ -239,8 +242,9 @@ impl Radio {
     /// Resets, as with the chip.
     pub(crate) fn reset(&mut self) {
         let functions = std::mem::take(&mut self.functions);
-        let Self { event_receiver, times, attempts, renewals, .. } = *self;
-        let kept = Self { functions, event_receiver, times, attempts, renewals, ..Self::none() };
+        let Self { event_receiver, times, lock, attempts, renewals, .. } = *self;
+        let none = Self::none();
+        let kept = Self { functions, event_receiver, times, lock, attempts, renewals, ..none };
         *self = kept;
     }
 
@@ -363,7 +367,7 @@ impl Radio {
         soc.early.radio.get_or_insert(cpu.cycles);
         let argument = |index: usize| cpu.x[10 + index];
         let beyond = || Trouble::Radio(format!("{name}: an argument beyond memory"));
-        cpu.cycles += CALL_CYCLES;
+        cpu.cycles += CALL_CYCLES + self.lock;
         let mut result = 0;
         match name {
             "esp_wifi_init_internal" => {
@@ -498,6 +502,7 @@ impl Radio {
         let Some(call) = self.calls.pop_front_if(|_| is_free) else { return false };
         self.interrupted = Some(Interrupted { x: cpu.x, pc: cpu.pc, threshold });
         soc.interrupts.set_threshold(OWN_PRIORITY + 1);
+        cpu.cycles += self.lock;
         self.began = cpu.cycles;
         match call {
             Call::Image { function, arguments } => {

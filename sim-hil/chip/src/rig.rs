@@ -93,6 +93,8 @@ pub struct Seen {
     pub missed: u64,
     /// Longest time between two rounds of the fast loop meanwhile, microseconds.
     pub longest_gap_us: f64,
+    /// Longest wait of its interrupt meanwhile, cycles, and the address at which the program let it in.
+    pub longest_wait: (u64, u32),
 }
 
 impl Seen {
@@ -106,6 +108,7 @@ impl Seen {
         early_enables: 0,
         missed: 0,
         longest_gap_us: 0.0,
+        longest_wait: (0, 0),
     };
 }
 
@@ -315,6 +318,7 @@ impl Rig {
         let gap = counters.longest_gap_cycles.max(counters.silence_cycles);
         let gap_us = gap as f64 * 1e6 / CYCLES_PER_SECOND as f64;
         self.seen.longest_gap_us = self.seen.longest_gap_us.max(gap_us);
+        self.seen.longest_wait = self.seen.longest_wait.max(self.chip.longest_wait());
     }
 
     fn watch_phase(&mut self) {

@@ -9,6 +9,7 @@ use flix_sim::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
 use flix_sim::rig::bench::setpoint;
 use serde::Serialize;
 
+use crate::CYCLES_PER_SECOND;
 use crate::rig::{Rig, RigError};
 
 /// The paper's five modes (Table IV), and the reversal that the last one is to the one before: Hz, degrees.
@@ -139,6 +140,10 @@ pub struct Report {
     pub overruns: u64,
     /// Longest time between two rounds, microseconds.
     pub longest_gap_us: f64,
+    /// Longest wait of the fast loop's interrupt while a motor was driven, microseconds,
+    pub longest_wait_us: f64,
+    /// and the function that let it in.
+    pub waited_at: String,
     /// Whether the motors coasted after disarming, once the rotors stood.
     pub coasted: bool,
     /// Whether all phases' pins were low then.
@@ -330,5 +335,8 @@ pub fn drive(rig: &mut Rig, times: Times, progress: &dyn Fn(&str)) -> Result<Rep
     report.duties_after_us = rig.seen.duties_after_us;
     report.overruns = rig.seen.missed;
     report.longest_gap_us = rig.seen.longest_gap_us;
+    let (waited, at) = rig.seen.longest_wait;
+    report.longest_wait_us = waited as f64 * 1e6 / CYCLES_PER_SECOND as f64;
+    report.waited_at = rig.chip.image().place(at);
     Ok(report)
 }

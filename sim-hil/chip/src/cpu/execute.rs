@@ -35,6 +35,7 @@ impl Cpu {
             self.instructions += 1;
             if region == FLASH_REGION {
                 self.tick.access(index);
+                self.cycles += self.cache.read(index);
             }
             match self.execute(bus, instruction) {
                 Ok(()) => {}
@@ -237,6 +238,7 @@ impl Cpu {
             _ => match address.wrapping_sub(FLASH) as usize {
                 offset if offset < FLASH_BYTES => {
                     self.tick.access(offset / 2);
+                    *taken += self.cache.read(offset / 2);
                     (&memory.flash[..], offset)
                 }
                 _ => return self.load_elsewhere(bus, address, size, taken),
