@@ -175,6 +175,7 @@ mod tests {
         frame[14] = 0x45;
         frame[23] = PROTOCOL_UDP;
         frame[36..38].copy_from_slice(&port.to_be_bytes());
+        frame[46..50].copy_from_slice(&[0, 0, 0, 9]);
         frame.extend([KIND, 1, kind]);
         if let Some(server) = server {
             frame.extend([PADDING, SERVER, 4]);
@@ -247,10 +248,25 @@ mod tests {
     }
 
     #[test]
+    fn who_granted_last_refuses() {
+        let mut lease = chosen();
+        assert!(lease.admits(&frame(CLIENT_PORT, ACKNOWLEDGEMENT, Some(OTHER))));
+        assert!(!lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OURS))));
+        assert!(lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
+    }
+
+    #[test]
+    fn a_client_that_begins_anew_has_chosen_nobody() {
+        let mut lease = chosen();
+        assert!(lease.releases(&frame(SERVER_PORT, DISCOVER, None), Moment::from_secs(30)));
+        assert!(lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
+    }
+
+    #[test]
     fn messages_to_other_clients_change_nothing() {
         let to_another = |kind, server| {
             let mut frame = frame(CLIENT_PORT, kind, Some(server));
-            frame[46..50].copy_from_slice(&[1, 2, 3, 4]);
+            frame[46] = 1;
             frame
         };
         let mut lease = chosen();
@@ -281,6 +297,11 @@ mod tests {
             assert!(lease.admits(&refusal[..length]), "{length}");
         }
         assert!(lease.admits(&frame(CLIENT_PORT + 1, REFUSAL, Some(OTHER))));
+        for (at, byte) in [(12, 0x86), (23, 6)] {
+            let mut other = refusal.clone();
+            other[at] = byte;
+            assert!(lease.admits(&other), "{at}");
+        }
         assert!(lease.releases(&frame(CLIENT_PORT, DISCOVER, None), Moment::from_secs(10)));
     }
 }
