@@ -2,18 +2,23 @@
 //!
 //! The client (smoltcp 0.13.1, `dhcpv4`) takes a refusal (DHCPNAK) from any server, also from one that it did not choose
 //! (RFC 2131, section 3.1.5, lets others answer a broadcast request), gives its address up, and begins anew at once, as fast
-//! as the network answers. [`Lease`] looks at its messages, both ways:
+//! as the network answers. Where no server answers, it repeats itself at one rate for ever; a lease that is to be renewed at once
+//! it renews as fast as the network answers. [`Lease`] looks at its messages, both ways, and passes over those to other clients:
 //!
 //! - A refusal of a server that was not chosen (option 54) does not reach it.
-//! - After a refusal that does, it begins anew no sooner than [`RESTART`] after it last began: what it sends before is
-//!   dropped, and it repeats that by itself.
+//! - From one beginning to the next pass at least [`PAUSES`], longer each time until an address is given: what it sends
+//!   before is dropped, and it repeats that by itself.
+//! - Nor does a renewal leave sooner than [`RENEWAL`] after the request before.
 
 use core::net::Ipv4Addr;
 
 use embassy_time::{Duration, Instant as Moment};
 
-/// Least time from one beginning to the next after a refusal.
-const RESTART: Duration = Duration::from_secs(2);
+/// Least time from one beginning to the next, s; the last one from then on. The client repeats itself every 3 s, so that it begins
+/// after 3, 6, 12 and 24 s (RFC 2131, section 4.1, doubles likewise).
+const PAUSES: [u64; 4] = [2, 5, 11, 23];
+/// Least time from a request to a renewal. The client asks again after a minute, or when it may ask any server.
+const RENEWAL: Duration = Duration::from_millis(500);
 
 /// Ports of servers and clients.
 const SERVER_PORT: u16 = 67;
@@ -23,7 +28,8 @@ const ETHERNET_HEADER: usize = 14;
 const UDP_HEADER: usize = 8;
 const ETHERTYPE_IPV4: [u8; 2] = [0x08, 0x00];
 const PROTOCOL_UDP: u8 = 17;
-/// Where a message's options begin, behind their magic number (RFC 2131, figure 1).
+/// Where in a message its exchange's number is, and where its options begin, behind their magic number (RFC 2131, figure 1).
+const TRANSACTION: core::ops::Range<usize> = 4..8;
 const OPTIONS: usize = 240;
 /// Options (RFC 2132): padding, end, kind of message, server.
 const PADDING: u8 = 0;
@@ -48,48 +54,71 @@ pub(crate) struct Lease {
     server: Option<Ipv4Addr>,
     /// When the client last began.
     began: Option<Moment>,
-    /// Whether its request was refused since.
-    is_refused: bool,
+    /// How often it began anew since the link is up, or an address was given.
+    restarts: usize,
+    /// When it last requested.
+    requested: Option<Moment>,
+    /// Number of the exchange in which the client is.
+    transaction: [u8; 4],
+}
+
+/// What is looked at in a message.
+struct Message {
+    kind: u8,
+    server: Option<Ipv4Addr>,
+    transaction: [u8; 4],
 }
 
 impl Lease {
     /// Notes a frame for the client, and returns whether it may see it.
     pub(crate) fn admits(&mut self, frame: &[u8]) -> bool {
-        let Some((kind, server)) = message(frame, CLIENT_PORT) else { return true };
+        let Some(Message { kind, server, transaction }) = message(frame, CLIENT_PORT) else {
+            return true;
+        };
+        // One to another client tells nothing about this one's server.
+        if transaction != self.transaction {
+            return true;
+        }
         match kind {
             ACKNOWLEDGEMENT => {
                 // A request to any server (rebinding) may be granted by another one.
                 self.server = server.or(self.server);
+                self.restarts = 0;
                 true
             }
-            REFUSAL if self.server.is_some() && server != self.server => false,
-            REFUSAL => {
-                self.is_refused = true;
-                true
-            }
+            REFUSAL => self.server.is_none() || server == self.server,
             _ => true,
         }
     }
 
     /// Notes a frame of the client, and returns whether it may leave.
     pub(crate) fn releases(&mut self, frame: &[u8], now: Moment) -> bool {
-        match message(frame, SERVER_PORT) {
-            Some((DISCOVER, _)) => {
-                let is_early =
-                    self.began.is_some_and(|began| now.saturating_duration_since(began) < RESTART);
-                if is_early && self.is_refused {
+        let Some(Message { kind, server, transaction }) = message(frame, SERVER_PORT) else {
+            return true;
+        };
+        let is_within = |since: Option<Moment>, pause: Duration| {
+            since.is_some_and(|since| now.saturating_duration_since(since) < pause)
+        };
+        match kind {
+            DISCOVER => {
+                let pause = PAUSES[self.restarts.min(PAUSES.len() - 1)];
+                if is_within(self.began, Duration::from_secs(pause)) {
                     return false;
                 }
-                (self.server, self.began, self.is_refused) = (None, Some(now), false);
-                true
+                self.restarts += usize::from(self.began.is_some());
+                (self.server, self.began) = (None, Some(now));
             }
-            // A renewal names no server, but the one that was chosen goes on to be it.
-            Some((REQUEST, server)) => {
-                self.server = server.or(self.server);
-                true
+            REQUEST => {
+                // A renewal names no server, but the one that was chosen goes on to be it.
+                if server.is_none() && is_within(self.requested, RENEWAL) {
+                    return false;
+                }
+                (self.server, self.requested) = (server.or(self.server), Some(now));
             }
-            _ => true,
+            _ => {}
         }
+        self.transaction = transaction;
+        true
     }
 }
 
@@ -97,8 +126,8 @@ fn number(bytes: &[u8]) -> Option<u16> {
     <[u8; 2]>::try_from(bytes).ok().map(u16::from_be_bytes)
 }
 
-/// Returns kind and server of a DHCP message in a frame to this port.
-fn message(frame: &[u8], port: u16) -> Option<(u8, Option<Ipv4Addr>)> {
+/// Returns the DHCP message in a frame to this port.
+fn message(frame: &[u8], port: u16) -> Option<Message> {
     let is_ipv4 = frame.get(12..ETHERNET_HEADER)? == ETHERTYPE_IPV4;
     let packet = frame.get(ETHERNET_HEADER..)?;
     if !is_ipv4 || *packet.get(9)? != PROTOCOL_UDP {
@@ -108,7 +137,9 @@ fn message(frame: &[u8], port: u16) -> Option<(u8, Option<Ipv4Addr>)> {
     if number(segment.get(2..4)?)? != port {
         return None;
     }
-    let mut options = segment.get(UDP_HEADER + OPTIONS..)?;
+    let payload = segment.get(UDP_HEADER..)?;
+    let transaction = payload.get(TRANSACTION)?.try_into().ok()?;
+    let mut options = payload.get(OPTIONS..)?;
     let (mut kind, mut server) = (None, None);
     loop {
         options = match options {
@@ -127,7 +158,7 @@ fn message(frame: &[u8], port: u16) -> Option<(u8, Option<Ipv4Addr>)> {
             }
         };
     }
-    Some((kind?, server))
+    Some(Message { kind: kind?, server, transaction })
 }
 
 #[cfg(test)]
@@ -144,6 +175,7 @@ mod tests {
         frame[14] = 0x45;
         frame[23] = PROTOCOL_UDP;
         frame[36..38].copy_from_slice(&port.to_be_bytes());
+        frame[46..50].copy_from_slice(&[0, 0, 0, 9]);
         frame.extend([KIND, 1, kind]);
         if let Some(server) = server {
             frame.extend([PADDING, SERVER, 4]);
@@ -178,14 +210,83 @@ mod tests {
         assert!(lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OURS))));
     }
 
-    #[test]
-    fn beginnings_after_a_refusal_are_paced() {
-        let mut lease = chosen();
+    /// Returns when a client begins that would every millisecond, or where `refused`, once it has requested and was refused, ms.
+    fn beginnings(mut lease: Lease, until_ms: u64, refused: bool) -> Vec<u64> {
         let discover = frame(SERVER_PORT, DISCOVER, None);
+        let begins =
+            |ms: &u64| {
+                let begins = lease.releases(&discover, Moment::from_millis(*ms));
+                if begins && refused {
+                    assert!(lease.releases(
+                        &frame(SERVER_PORT, REQUEST, Some(OURS)),
+                        Moment::from_millis(*ms)
+                    ));
+                    assert!(lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OURS))));
+                }
+                begins
+            };
+        (0..until_ms).filter(begins).collect()
+    }
+
+    #[test]
+    fn beginnings_without_an_address_are_paced() {
+        for refused in [false, true] {
+            let began = beginnings(Lease::default(), 120_000, refused);
+            assert_eq!(began, [0, 2_000, 7_000, 18_000, 41_000, 64_000, 87_000, 110_000]);
+        }
+    }
+
+    #[test]
+    fn an_address_ends_the_pauses() {
+        let mut lease = Lease::default();
+        for s in [0, 2, 7, 18, 41] {
+            assert!(lease.releases(&frame(SERVER_PORT, DISCOVER, None), Moment::from_secs(s)));
+        }
+        assert!(lease.admits(&frame(CLIENT_PORT, ACKNOWLEDGEMENT, Some(OURS))));
+        assert!(!lease.releases(&frame(SERVER_PORT, DISCOVER, None), Moment::from_millis(42_999)));
+        assert!(lease.releases(&frame(SERVER_PORT, DISCOVER, None), Moment::from_secs(43)));
+    }
+
+    #[test]
+    fn who_granted_last_refuses() {
+        let mut lease = chosen();
+        assert!(lease.admits(&frame(CLIENT_PORT, ACKNOWLEDGEMENT, Some(OTHER))));
+        assert!(!lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OURS))));
+        assert!(lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
+    }
+
+    #[test]
+    fn a_client_that_begins_anew_has_chosen_nobody() {
+        let mut lease = chosen();
+        assert!(lease.releases(&frame(SERVER_PORT, DISCOVER, None), Moment::from_secs(30)));
+        assert!(lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
+    }
+
+    #[test]
+    fn messages_to_other_clients_change_nothing() {
+        let to_another = |kind, server| {
+            let mut frame = frame(CLIENT_PORT, kind, Some(server));
+            frame[46] = 1;
+            frame
+        };
+        let mut lease = chosen();
+        assert!(lease.admits(&to_another(ACKNOWLEDGEMENT, OTHER)));
+        assert!(lease.admits(&to_another(REFUSAL, OTHER)));
+        assert!(!lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
         assert!(lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OURS))));
-        assert!(!lease.releases(&discover, Moment::from_millis(10_001)));
-        assert!(!lease.releases(&discover, Moment::from_millis(11_999)));
-        assert!(lease.releases(&discover, Moment::from_millis(12_000)));
+    }
+
+    #[test]
+    fn a_lease_that_is_to_be_renewed_at_once_is_not() {
+        let mut lease = chosen();
+        assert!(lease.admits(&frame(CLIENT_PORT, ACKNOWLEDGEMENT, Some(OURS))));
+        let renewal = frame(SERVER_PORT, REQUEST, None);
+        assert!(!lease.releases(&renewal, Moment::from_millis(10_499)));
+        assert!(lease.releases(&renewal, Moment::from_millis(10_500)));
+        assert!(!lease.releases(&renewal, Moment::from_millis(10_999)));
+        assert!(
+            lease.releases(&frame(SERVER_PORT, REQUEST, Some(OURS)), Moment::from_millis(10_501))
+        );
     }
 
     #[test]
@@ -196,6 +297,11 @@ mod tests {
             assert!(lease.admits(&refusal[..length]), "{length}");
         }
         assert!(lease.admits(&frame(CLIENT_PORT + 1, REFUSAL, Some(OTHER))));
+        for (at, byte) in [(12, 0x86), (23, 6)] {
+            let mut other = refusal.clone();
+            other[at] = byte;
+            assert!(lease.admits(&other), "{at}");
+        }
         assert!(lease.releases(&frame(CLIENT_PORT, DISCOVER, None), Moment::from_secs(10)));
     }
 }

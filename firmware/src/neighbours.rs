@@ -256,6 +256,8 @@ impl<D: Driver> Driver for Guarded<D> {
         let state = self.driver.link_state(cx);
         let is_up = state == LinkState::Up;
         if is_up && !self.is_up {
+            // It may be another network.
+            self.guard.0.borrow_mut().lease = Lease::default();
             // What was held back is sent in the stack's next turn.
             cx.waker().wake_by_ref();
         }

@@ -204,3 +204,9 @@ fn motors_of_a_tenth_of_an_ohm_carry_no_more_than_2_a() {
         assert!(robot.drawn.resistance < 0.12 && robot.passes(), "{robot:?}");
     }
 }
+
+#[test]
+fn a_robot_whose_trial_runs_lose_the_lock_with_one_position_loop_is_found_with_the_other() {
+    let robot = try_stranger(7006).unwrap();
+    assert!(robot.passes(), "{robot:?}");
+}

@@ -7,8 +7,8 @@ use std::rc::Rc;
 
 use embassy_futures::join::join;
 use embassy_futures::select::{Either, select};
-use embassy_net::IpEndpoint;
 use embassy_net::udp::UdpSocket;
+use embassy_net::{Config, IpEndpoint};
 use embassy_time::{Duration, Timer};
 use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::fast::exchange::Exchange;
@@ -100,12 +100,21 @@ struct World {
 
 /// Runs a scenario in virtual time until it is over.
 fn play<Scenario: Future<Output = ()>>(key: Option<Key>, scenario: impl FnOnce(World) -> Scenario) {
+    play_with(network::fixed(ROBOT), key, scenario);
+}
+
+/// The same, with a robot that has its address by this configuration.
+fn play_with<Scenario: Future<Output = ()>>(
+    config: Config,
+    key: Option<Key>,
+    scenario: impl FnOnce(World) -> Scenario,
+) {
     let brain = Rc::new(Brain::new(key));
     let mut station = ChipStation { brain: brain.clone(), exchanged: 0 };
     let world = |network: Network| {
         scenario(World { wire: network.wire.clone(), network, brain: brain.clone() })
     };
-    network::play("daisy", &mut station, || brain.tick(), world);
+    network::play_with(config, "daisy", &mut station, || brain.tick(), world);
 }
 
 fn key() -> Key {
@@ -454,5 +463,26 @@ fn a_robot_answers_with_its_name_when_somebody_looks_for_robots() {
         let (length, _) = socket.recv_from(&mut buffer).await.unwrap();
         let answer = &buffer[..length];
         assert!(answer.windows(5).any(|part| part == b"daisy"), "{answer:?}");
+    });
+}
+
+#[test]
+fn a_robot_without_a_dhcp_server_asks_less_and_less_often_and_at_once_when_the_link_is_back() {
+    play_with(Config::dhcpv4(net::dhcp("daisy")), Some(key()), |world| async move {
+        let asked = Rc::new(RefCell::new(Vec::new()));
+        let seen = asked.clone();
+        world.wire.watch(move |frame| {
+            if matches!(network::ports_and_payload(frame), Some((68, 67, _))) {
+                seen.borrow_mut().push(now().as_micros() / 1_000);
+            }
+        });
+        Timer::after(Duration::from_millis(10_000)).await;
+        world.network.plug(false);
+        Timer::after(Duration::from_millis(100)).await;
+        world.network.plug(true);
+        Timer::after(Duration::from_millis(3_300)).await;
+        let near = |ms: u64| ms / 50 * 50;
+        let asked: Vec<u64> = asked.borrow().iter().map(|ms| near(*ms)).collect();
+        assert_eq!(asked, [0, 3_000, 9_000, 10_100, 13_100]);
     });
 }

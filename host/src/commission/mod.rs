@@ -33,7 +33,7 @@ use flix_protocol::message::{Command, Fault, Faults, Outcome, Setpoint, Telemetr
 
 use self::desk::Desk;
 pub use self::finding::{Finding, Phase, motor_name};
-use self::phases::Phases;
+use self::phases::{Circuit, Phases};
 use self::running::BackEmf;
 use self::trials::First;
 use self::turning::Rotor;
@@ -319,7 +319,7 @@ fn measure<S: Subject>(
         return Err(CommissionError::Found(finding));
     }
     let pairs = f64::from(pole_pairs);
-    let mut flux = rotors.map(|rotor| rotor.flux_linkage);
+    let flux = rotors.map(|rotor| rotor.flux_linkage);
     let mut swings = [None; 2];
     for motor in [0, 1] {
         let most = SWING_CURRENT * shown[motor];
@@ -336,51 +336,41 @@ fn measure<S: Subject>(
 
     step(Step::Aligning);
     let actuation_delay = delay + phases::TICK / 2.0;
-    let mut latency = FIRST_LATENCY;
     desk.set("pole_pairs", pairs)?;
-    desk.set_each("phase_resistance", windings.map(|it| it.circuit.resistance))?;
+    desk.set_each("phase_resistance", resistances)?;
     desk.set_each("phase_inductance", windings.map(|it| 1e3 * it.circuit.inductance))?;
     desk.set_each("current_gain_b", windings.map(|it| 1.0 / it.balance))?;
-    desk.set_each("flux_linkage", flux.map(|it| 1e3 * it))?;
     desk.set("actuation_delay", 1e6 * actuation_delay)?;
-    desk.set("encoder_latency", 1e6 * latency)?;
     desk.set("tracker_bandwidth", CAREFUL[0])?;
     let bus = standing[0].bus.min(standing[1].bus);
-    let resistive = resistances[0].max(resistances[1]) * limit;
-    let is_free = resistive < (PHASE_SHARE - EMF_SHARE) * bus;
-    desk.set("position_bandwidth", if is_free { CAREFUL[1] } else { CALM })?;
     let weaker = 1.5 * pairs * flux[0].min(flux[1]);
     let ramp = (weaker * RAMP_CURRENT / inertia / TAU).clamp(RAMPS.0, RAMPS.1);
     desk.set("frequency_ramp", ramp)?;
     desk.set("current_limit", limit)?;
     let aligning = alignment_current(pairs * flux[0].min(flux[1])).min(limit);
     desk.set("alignment_current", aligning)?;
-    desk.arm(Step::Aligning)?;
-
-    let fastest = flux.map(|flux| EMF_SHARE * bus / (TAU * pairs * flux));
-    let fastest = FASTEST_HZ.min(fastest[0]).min(fastest[1]);
-    let slow = (SLOW_ELECTRICAL_HZ / pairs).min(fastest);
-    for (speed, frequency) in [(Step::Slow, slow), (Step::Fast, fastest)] {
-        step(speed);
-        let mut back_emfs = [[BackEmf::default(); 2]; 2];
-        for (way, frequency) in [frequency, -frequency].into_iter().enumerate() {
-            for (motor, steady) in desk.steady(speed, frequency)?.into_iter().enumerate() {
-                back_emfs[motor][way] = BackEmf::of(&steady, &windings[motor].circuit, pairs);
-            }
+    let runs = Runs {
+        circuits: windings.map(|it| it.circuit),
+        pairs,
+        flux,
+        bus,
+        ramp,
+        measures_bus: bridges.measures_bus,
+    };
+    let resistive = resistances[0].max(resistances[1]) * limit;
+    let is_free = resistive < (PHASE_SHARE - EMF_SHARE) * bus;
+    let [first, second] = if is_free { [CAREFUL[1], CALM] } else { [CALM, CAREFUL[1]] };
+    let Ran { flux, latency, slopes } = match runs.run(desk, first, &mut step) {
+        // Which loop keeps the lock, friction and cogging decide, too.
+        Err(CommissionError::Faulted { step: running, faults })
+            if faults == Faults::NONE.with(Fault::PhaseLockLost) =>
+        {
+            desk.subject.hold(Setpoint::REST);
+            desk.clear(running)?;
+            runs.run(desk, second, &mut step)?
         }
-        let off = back_emfs.map(|both| running::latency(&both).unwrap_or(0.0));
-        latency = (latency + (off[0] + off[1]) / 2.0).clamp(0.0, LONGEST_LATENCY);
-        flux = back_emfs.map(|[one, other]| (one.flux_linkage + other.flux_linkage) / 2.0);
-        desk.disarm(speed, braked_from(&resistances, &flux, pairs).min(fastest))?;
-        desk.set("encoder_latency", 1e6 * latency)?;
-        desk.set_each("flux_linkage", flux.map(|it| 1e3 * it))?;
-        desk.arm(speed)?;
-    }
-
-    step(Step::Ramps);
-    let ends = RAMP_SHARES.map(|share| share * fastest);
-    let slopes = desk.ramps(ends, ramp, bridges.measures_bus)?;
-    desk.disarm(Step::Ramps, braked_from(&resistances, &flux, pairs).min(fastest))?;
+        ran => ran?,
+    };
     let scales = [0, 1].map(|motor| slopes[motor] * 1.5 * pairs * flux[motor] / inertia);
     check_scales(&SCALES, scales, resistances).map_err(CommissionError::Found)?;
     for motor in [0, 1] {
@@ -408,6 +398,73 @@ fn measure<S: Subject>(
     desk.set_back("current_limit")?;
     let changes = Vec::new();
     Ok(Commissioned { motors, pole_pairs, encoder_latency: latency, actuation_delay, changes })
+}
+
+/// Runs of both motors by what was measured of them at rest.
+struct Runs {
+    circuits: [Circuit; 2],
+    pairs: f64,
+    /// Flux linkage, roughly, Wb.
+    flux: [f64; 2],
+    /// Bus voltage, V, and whether it is measured.
+    bus: f64,
+    measures_bus: bool,
+    /// How fast f changes, Hz/s.
+    ramp: f64,
+}
+
+/// What was measured of motors that ran.
+struct Ran {
+    /// Wb.
+    flux: [f64; 2],
+    /// Of the encoders, s.
+    latency: f64,
+    /// Current for each acceleration, A s^2/rad.
+    slopes: [f64; 2],
+}
+
+impl Runs {
+    /// Aligns, runs slowly, fast and by ramps with position loops of this bandwidth, Hz, and disarms.
+    fn run<S: Subject>(
+        &self,
+        desk: &mut Desk<'_, S>,
+        bandwidth: f64,
+        step: &mut impl FnMut(Step),
+    ) -> Result<Ran, CommissionError<S::Error>> {
+        let Self { circuits, pairs, bus, ramp, .. } = *self;
+        let (mut flux, mut latency) = (self.flux, FIRST_LATENCY);
+        let resistances = circuits.map(|it| it.resistance);
+        desk.set("position_bandwidth", bandwidth)?;
+        desk.set("encoder_latency", 1e6 * latency)?;
+        desk.set_each("flux_linkage", flux.map(|it| 1e3 * it))?;
+        desk.arm(Step::Aligning)?;
+
+        let fastest = flux.map(|flux| EMF_SHARE * bus / (TAU * pairs * flux));
+        let fastest = FASTEST_HZ.min(fastest[0]).min(fastest[1]);
+        let slow = (SLOW_ELECTRICAL_HZ / pairs).min(fastest);
+        for (speed, frequency) in [(Step::Slow, slow), (Step::Fast, fastest)] {
+            step(speed);
+            let mut back_emfs = [[BackEmf::default(); 2]; 2];
+            for (way, frequency) in [frequency, -frequency].into_iter().enumerate() {
+                for (motor, steady) in desk.steady(speed, frequency)?.into_iter().enumerate() {
+                    back_emfs[motor][way] = BackEmf::of(&steady, &circuits[motor], pairs);
+                }
+            }
+            let off = back_emfs.map(|both| running::latency(&both).unwrap_or(0.0));
+            latency = (latency + (off[0] + off[1]) / 2.0).clamp(0.0, LONGEST_LATENCY);
+            flux = back_emfs.map(|[one, other]| (one.flux_linkage + other.flux_linkage) / 2.0);
+            desk.disarm(speed, braked_from(&resistances, &flux, pairs).min(fastest))?;
+            desk.set("encoder_latency", 1e6 * latency)?;
+            desk.set_each("flux_linkage", flux.map(|it| 1e3 * it))?;
+            desk.arm(speed)?;
+        }
+
+        step(Step::Ramps);
+        let ends = RAMP_SHARES.map(|share| share * fastest);
+        let slopes = desk.ramps(ends, ramp, self.measures_bus)?;
+        desk.disarm(Step::Ramps, braked_from(&resistances, &flux, pairs).min(fastest))?;
+        Ok(Ran { flux, latency, slopes })
+    }
 }
 
 /// Returns the current that turns a motor of these pole pairs times flux linkage (Wb) safely, A.

@@ -150,13 +150,13 @@ impl<S: Subject> Desk<'_, S> {
                     if faults == Faults::NONE.with(Fault::CurrentSense) => {}
                 Err(error) => return Err(error),
             }
-            self.clear()?;
+            self.clear(Step::Wiring)?;
             self.begin_capture(channels, Trigger::Fault, LOOKED_TICKS)?;
             self.subject.ask(Command::Trial(trial))?;
             // Where a current just about shows, this one may find it.
             for _ in 0..TRIAL_LOOKS {
                 if let Some(columns) = self.captured(LOOKED_TICKS)? {
-                    self.clear()?;
+                    self.clear(Step::Wiring)?;
                     return Ok((columns, None));
                 }
                 self.subject.pause(LOOK)?;
@@ -166,8 +166,8 @@ impl<S: Subject> Desk<'_, S> {
     }
 
     /// Clears a fault that was expected; the robot lets it go once its motors were braked.
-    fn clear(&mut self) -> Done<(), S> {
-        self.await_state(Step::Wiring, State::Faulted, true)?;
+    pub(super) fn clear(&mut self, step: Step) -> Done<(), S> {
+        self.await_state(step, State::Faulted, true)?;
         for _ in 0..LOOKS {
             self.subject.ask(Command::Clear)?;
             self.subject.pause(LOOK)?;
@@ -175,7 +175,7 @@ impl<S: Subject> Desk<'_, S> {
                 return Ok(());
             }
         }
-        Err(CommissionError::Endless(Step::Wiring))
+        Err(CommissionError::Endless(step))
     }
 
     /// Captures a standing field of these motors.
@@ -226,7 +226,7 @@ impl<S: Subject> Desk<'_, S> {
                 Err(CommissionError::Faulted { faults, .. })
                     if !faults.contains(Fault::EncoderLost) =>
                 {
-                    self.clear()?;
+                    self.clear(Step::Wiring)?;
                     tries -= 1;
                     // Where a current just about shows, the next one may find it.
                     if tries == 0 || !faults.contains(Fault::CurrentSense) {
@@ -367,7 +367,7 @@ impl<S: Subject> Desk<'_, S> {
                         && trial.current_ma * 3 / 4 >= LEAST_TRIAL_CURRENT_MA => {}
                 Err(error) => return Err(error),
             }
-            self.clear()?;
+            self.clear(Step::Turning(motor))?;
             trial.current_ma = trial.current_ma * 3 / 4;
         }
     }

@@ -134,14 +134,25 @@ pub fn now() -> Instant {
 pub fn play<Scenario: Future>(
     name: &str,
     station: &mut impl Station,
+    tick: impl FnMut(),
+    scenario: impl FnOnce(Network) -> Scenario,
+) -> Scenario::Output {
+    play_with(fixed(ROBOT), name, station, tick, scenario)
+}
+
+/// The same, with a robot that has its address by this configuration.
+pub fn play_with<Scenario: Future>(
+    robot: Config,
+    name: &str,
+    station: &mut impl Station,
     mut tick: impl FnMut(),
     scenario: impl FnOnce(Network) -> Scenario,
 ) -> Scenario::Output {
     let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
     MockDriver::get().reset();
     let guards = [(); 2].map(|()| &*Box::leak(Box::new(Guard::default())));
-    let (robot, mut robot_runner, robot_card) = stack(ROBOT, 1, guards[0]);
-    let (operator, mut operator_runner, operator_card) = stack(OPERATOR, 2, guards[1]);
+    let (robot, mut robot_runner, robot_card) = stack(robot, 1, guards[0]);
+    let (operator, mut operator_runner, operator_card) = stack(fixed(OPERATOR), 2, guards[1]);
     let (robot_link, robot_rx, robot_tx) = robot_card.split();
     let (operator_link, operator_rx, operator_tx) = operator_card.split();
     let wire = Rc::new(Wire::default());
@@ -189,9 +200,19 @@ pub fn play<Scenario: Future>(
     }
 }
 
+/// Returns the configuration of a stack that has this address.
+#[must_use]
+pub fn fixed(address: Ipv4Addr) -> Config {
+    Config::ipv4_static(StaticConfigV4 {
+        address: Ipv4Cidr::new(address, PREFIX),
+        gateway: Some(ROUTER),
+        dns_servers: Default::default(),
+    })
+}
+
 /// Drivers and stacks live as long as the process: sockets hold on to them.
 fn stack(
-    address: Ipv4Addr,
+    config: Config,
     card: u8,
     guard: &'static Guard,
 ) -> (Stack<'static>, embassy_net::Runner<'static, Driver>, Runner<'static, MTU>) {
@@ -199,11 +220,6 @@ fn stack(
     let hardware = HardwareAddress::Ethernet(hardware(card));
     let (runner, device) = embassy_net_driver_channel::new(state, hardware);
     runner.state_runner().set_link_state(LinkState::Up);
-    let config = Config::ipv4_static(StaticConfigV4 {
-        address: Ipv4Cidr::new(address, PREFIX),
-        gateway: Some(ROUTER),
-        dns_servers: Default::default(),
-    });
     let resources = Box::leak(Box::new(StackResources::<8>::new()));
     let (stack, stack_runner) =
         embassy_net::new(Guarded::new(device, guard), config, resources, u64::from(card));
