@@ -87,7 +87,7 @@
 //!
 //! Stop and Stopped are tagged under a key derived for stops alone. A cookie stops the robot once:
 //! a repeated Stop is answered again and changes nothing, and none counts longer than
-//! [`COOKIE_LIFE`] after its Challenge. The session of whoever drives goes on, and an event states
+//! [`STOP_COOKIE_LIFE`] after its Challenge. The session of whoever drives goes on, and an event states
 //! who stopped the robot. [`StopSession`] repeats what is unanswered every [`STOP_RETRY`].
 //!
 //! # Life of the keys
@@ -188,13 +188,19 @@ pub const OLD_KEYS_LIFE: Duration = LONGEST_COMMAND_AGE;
 pub const COOKIE_EPOCH: Duration = Duration::from_millis(250);
 /// Time for which a cookie is good, at most; one [`COOKIE_EPOCH`] less at least. Ample for a
 /// handshake on the slowest link that can be driven, short for an attacker that delays a Confirm.
-pub const COOKIE_LIFE: Duration = COOKIE_EPOCH.saturating_mul(5);
+pub const COOKIE_LIFE: Duration = COOKIE_EPOCH.saturating_mul(COOKIE_EPOCHS);
+const COOKIE_EPOCHS: u32 = 5;
+/// The same of a cookie of stops, which stops the robot once: a link that is too slow to drive still stops it.
+pub const STOP_COOKIE_LIFE: Duration = COOKIE_EPOCH.saturating_mul(STOP_COOKIE_EPOCHS);
+const STOP_COOKIE_EPOCHS: u32 = 8;
 /// Interval at which the operator repeats an unanswered Hello or Confirm.
 pub const HANDSHAKE_RETRY: Duration = Duration::from_millis(100);
 /// Interval at which a stop outside a session is repeated.
 pub const STOP_RETRY: Duration = Duration::from_millis(20);
-/// Time for which the operator repeats a Confirm or a Stop before it starts over with a new nonce.
+/// Time for which the operator repeats a Confirm before it starts over with a new nonce.
 pub const CONFIRM_PATIENCE: Duration = Duration::from_secs(1);
+/// The same of a Stop, whose link may be too slow to drive.
+pub const STOP_ANSWER_PATIENCE: Duration = Duration::from_millis(1500);
 /// Time after which the operator reports that no robot answered or that the robot is busy.
 /// Longer than [`HOLDER_SILENCE`], so that one attempt can replace an operator that crashed.
 pub const CONNECT_PATIENCE: Duration = Duration::from_secs(3);

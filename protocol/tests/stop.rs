@@ -7,8 +7,8 @@ use crate::ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, key, setpoin
 use flix_protocol::frame::{MAXIMUM_DATAGRAM, PUBLIC_KEY_LENGTH, TAG_LENGTH};
 use flix_protocol::message::{Command, DropReason};
 use flix_protocol::session::{
-    CONFIRM_PATIENCE, CONNECT_PATIENCE, COOKIE_LIFE, ConnectError, Key, OperatorSession,
-    RobotReceived, RobotSession, STOP_RETRY, Status, StopSession, StopStatus,
+    CONNECT_PATIENCE, COOKIE_LIFE, ConnectError, Key, OperatorSession, RobotReceived, RobotSession,
+    STOP_ANSWER_PATIENCE, STOP_COOKIE_LIFE, STOP_RETRY, Status, StopSession, StopStatus,
 };
 use flix_protocol::units::Instant;
 
@@ -165,11 +165,41 @@ fn a_repeated_stop_is_answered_again_and_stops_once() {
 }
 
 #[test]
+fn a_robot_whose_answers_come_more_than_a_second_late_is_stopped() {
+    for half in [300, 600, 700] {
+        let half = Duration::from_millis(half);
+        let mut ends = Ends::connected();
+        let mut stop = stop(ends.now);
+        let (mut out, mut back) =
+            (Vec::<(Instant, Vec<u8>)>::new(), Vec::<(Instant, Vec<u8>)>::new());
+        let begun = ends.now;
+        while stop.status() == StopStatus::Asking {
+            if let Some(datagram) = stop.poll(ends.now) {
+                out.push((ends.now + half, datagram.to_vec()));
+            }
+            for (_, datagram) in out.extract_if(.., |(at, _)| *at <= ends.now) {
+                if let RobotReceived::Answer(answer) | RobotReceived::Stop(answer, _) =
+                    ends.robot.receive(ends.now, SECOND_OPERATOR, &datagram)
+                {
+                    back.push((ends.now + half, answer.to_vec()));
+                }
+            }
+            for (_, datagram) in back.extract_if(.., |(at, _)| *at <= ends.now) {
+                let _ = stop.receive(ends.now, &datagram);
+            }
+            ends.wait(MILLISECOND);
+        }
+        assert_eq!(stop.status(), StopStatus::Latched, "{half:?}");
+        assert!(ends.now.since(begun) <= 4 * half + 20 * MILLISECOND, "{half:?}");
+    }
+}
+
+#[test]
 fn a_stop_that_stays_unanswered_starts_over_with_a_new_nonce() {
     let mut ends = Ends::connected();
     let mut stop = stop(ends.now);
     let lost = challenged(&mut ends.robot, &mut stop, ends.now);
-    ends.wait(CONFIRM_PATIENCE - MILLISECOND);
+    ends.wait(STOP_ANSWER_PATIENCE - MILLISECOND);
     assert_eq!(stop.poll(ends.now).unwrap()[..], lost[..]);
     ends.wait(STOP_RETRY);
     let anew = challenged(&mut ends.robot, &mut stop, ends.now);
@@ -213,9 +243,9 @@ fn a_stop_does_nothing_once_the_cookie_has_lived() {
     let mut ends = Ends::connected();
     let datagram = challenged(&mut ends.robot, &mut stop(ends.now), ends.now);
     obeyed(ends.robot.receive(ends.now, SECOND_OPERATOR, &datagram));
-    ends.wait(COOKIE_LIFE);
+    ends.wait(STOP_COOKIE_LIFE);
     let held_back = challenged(&mut ends.robot, &mut stop(ends.now), ends.now);
-    ends.wait(COOKIE_LIFE);
+    ends.wait(STOP_COOKIE_LIFE);
     for datagram in [datagram, held_back] {
         let received = ends.robot.receive(ends.now, SECOND_OPERATOR, &datagram);
         assert_eq!(received, RobotReceived::Dropped(DropReason::Replayed, None));
@@ -415,5 +445,5 @@ fn a_stop_gets_through_while_others_stop_without_end() {
         }
     }
     assert_eq!(stop.status(), StopStatus::Latched);
-    assert!(ends.now.since(begun) <= CONFIRM_PATIENCE + LIMIT);
+    assert!(ends.now.since(begun) <= STOP_ANSWER_PATIENCE + LIMIT);
 }

@@ -2,13 +2,10 @@
 
 use core::net::{IpAddr, SocketAddr};
 
+use super::COOKIE_EPOCH;
 use super::key::{Entropy, HmacSha256, keyed, same, tag};
-use super::{COOKIE_EPOCH, COOKIE_LIFE};
 use crate::frame::Nonce;
 use crate::units::Instant;
-
-/// Epochs in which a cookie is good.
-const COOKIE_EPOCHS: u64 = (COOKIE_LIFE.as_millis() / COOKIE_EPOCH.as_millis()) as u64;
 
 /// Makes nonces that need not be stored.
 pub(super) struct Cookies(HmacSha256);
@@ -25,17 +22,18 @@ impl Cookies {
     }
 
     /// Returns the beginning of the epoch in which this nonce was made for this peer and this client
-    /// nonce; `None` when it was not, or longer than [`COOKIE_LIFE`] ago. Each nonce is compared in
-    /// constant time.
+    /// nonce; `None` when it was not, or not within so many epochs, the present one among them. Each
+    /// nonce is compared in constant time.
     pub(super) fn moment(
         &self,
         now: Instant,
+        epochs: u32,
         peer: SocketAddr,
         client_nonce: &Nonce,
         robot_nonce: &Nonce,
     ) -> Option<Instant> {
         let present = epoch(now);
-        let epoch = (present.saturating_sub(COOKIE_EPOCHS - 1)..=present)
+        let epoch = (present.saturating_sub(u64::from(epochs) - 1)..=present)
             .rev()
             .find(|&epoch| same(&self.nonce_of(epoch, peer, client_nonce), robot_nonce))?;
         Some(Instant::from_micros(epoch * COOKIE_EPOCH.as_micros() as u64))

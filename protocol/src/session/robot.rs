@@ -10,7 +10,9 @@ use super::cookie::Cookies;
 use super::history::{LONGEST_COMMAND_AGE, SendTimes};
 use super::key::{Entropy, EphemeralKey, Key, SessionKeys, Signer, same};
 use super::operators::{MAXIMUM_OPERATORS, Operator, Operators};
-use super::{HOLDER_SILENCE, SESSION_EXPIRY, SESSION_LIFE, VERSION};
+use super::{
+    COOKIE_EPOCHS, HOLDER_SILENCE, SESSION_EXPIRY, SESSION_LIFE, STOP_COOKIE_EPOCHS, VERSION,
+};
 use crate::failsafe::COMMAND_AGE;
 use crate::frame::{
     self, Datagram, Frame, HandshakeFrame, KeyId, Nonce, PublicKey, Purpose, RefusalReason, Tag,
@@ -388,7 +390,8 @@ impl RobotSession {
             // The Accept was lost: send it again. Nothing starts over.
             return RobotReceived::Answer(holder.accept.clone());
         }
-        let Some(moment) = self.cookies.moment(now, from, client_nonce, robot_nonce) else {
+        let Some(moment) = self.cookies.moment(now, COOKIE_EPOCHS, from, client_nonce, robot_nonce)
+        else {
             return RobotReceived::Dropped(DropReason::Replayed, None);
         };
         if let Some(holder) = self.holder_against(now, from, key_id) {
@@ -437,7 +440,11 @@ impl RobotSession {
         else {
             return RobotReceived::Dropped(DropReason::Forged, None);
         };
-        if self.stop_cookies.moment(now, from, client_nonce, robot_nonce).is_none() {
+        if self
+            .stop_cookies
+            .moment(now, STOP_COOKIE_EPOCHS, from, client_nonce, robot_nonce)
+            .is_none()
+        {
             return RobotReceived::Dropped(DropReason::Replayed, None);
         }
         let tag = |signed: &[u8]| signer.tag(signed, &[client_nonce, robot_nonce]);

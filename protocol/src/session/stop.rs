@@ -2,7 +2,7 @@
 
 use super::connect::{ConnectError, Greeting};
 use super::key::{Entropy, Key, Signer};
-use super::{CONFIRM_PATIENCE, STOP_RETRY, VERSION};
+use super::{STOP_ANSWER_PATIENCE, STOP_RETRY, VERSION};
 use crate::frame::{self, Datagram, HandshakeFrame, KeyId, Nonce, Purpose};
 use crate::message::DropReason;
 use crate::units::Instant;
@@ -85,7 +85,7 @@ impl StopSession {
         if self.poll_at().is_none_or(|due| now < due) {
             return None;
         }
-        if self.challenged.is_some_and(|(_, since)| now.since(since) >= CONFIRM_PATIENCE) {
+        if self.challenged.is_some_and(|(_, since)| now.since(since) >= STOP_ANSWER_PATIENCE) {
             // The cookie is about to become invalid.
             self.challenged = None;
             self.greeting.renew(&mut self.entropy);
