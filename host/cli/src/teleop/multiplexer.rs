@@ -133,7 +133,7 @@ fn windows(session: &OsString) -> Option<String> {
 fn is_shown(windows: &str, window: &str) -> Option<bool> {
     let flags = windows.split("  ").find_map(|it| {
         let (number, _title) = it.split_once(' ')?;
-        number.strip_prefix(window).filter(|flags| !flags.starts_with(|it| char::is_numeric(it)))
+        number.strip_prefix(window).filter(|flags| !flags.starts_with(char::is_numeric))
     })?;
     Some(flags.contains(['*', '&']))
 }
