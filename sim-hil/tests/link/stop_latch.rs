@@ -113,6 +113,8 @@ fn a_stop_from_outside_latches_as_one_in_the_session_and_its_operator_learns_of_
     stop_from_outside(&mut bench);
     assert_eq!(bench.say(Command::Arm), Outcome::Refused(Refusal::Stopped));
     assert!(bench.events().contains(&Event::StoppedFromOutside(OperatorName::OWNER)));
+    assert_eq!(bench.say(Command::Clear), Outcome::Refused(Refusal::Stopped), "who knows of it?");
+    bench.operator.halts = bench.operator.telemetry.last().unwrap().halts;
     assert_eq!(bench.say(Command::Clear), Outcome::Done);
     bench.arm();
     assert_eq!(bench.state(), State::Armed);
