@@ -4,11 +4,10 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use flix_protocol::message::{
-    Command, Identity, MAXIMUM_DIRECTION, MAXIMUM_FREQUENCY, Outcome, ParameterCommand, Refusal,
-    Setpoint, State, Telemetry,
+    Command, Identity, Outcome, ParameterCommand, Refusal, Setpoint, State, Telemetry,
 };
 use flix_protocol::session::ConnectError;
-use flix_protocol::units::{Degrees, Hertz, Instant};
+use flix_protocol::units::{Hertz, Instant};
 
 use super::action::{Action, Mode};
 use super::floor::Floor;
@@ -278,8 +277,23 @@ impl Cockpit {
                 let text = "at rest: begin a walk first, then change f";
                 self.note(now, Weight::Warning, text);
             }
-            Action::Frequency(step) => self.adjust(step, 0.0, client, now),
-            Action::Direction(step) => self.adjust(0.0, step, client, now),
+            Action::Frequency(_) | Action::Direction(_) => {
+                if let Some(setpoint) = action.step(self.wanted) {
+                    self.want(setpoint, client, now);
+                }
+            }
+        }
+    }
+
+    /// Changes a walk by a [step](Action::step) of a key that is held, which is no new wish: rotors that came to rest because
+    /// commands stayed away stay at rest, and at rest no step does anything.
+    pub fn step(&mut self, step: Action, client: &mut Client, now: Instant) {
+        if let Some(setpoint) = step.step(self.wanted)
+            && self.is_walking()
+            && client.held().is_some()
+        {
+            self.wanted = setpoint;
+            client.hold(now, setpoint);
         }
     }
 
@@ -570,17 +584,6 @@ impl Cockpit {
         can_obey
     }
 
-    fn adjust(&mut self, frequency: f32, direction: f32, client: &mut Client, now: Instant) {
-        let limit = |value: f32, most: f32| value.clamp(-most, most);
-        let frequency =
-            limit(tenths(self.wanted.frequency().get() + frequency), MAXIMUM_FREQUENCY.get());
-        let direction = limit(self.wanted.direction().get() + direction, MAXIMUM_DIRECTION.get());
-        let setpoint = Setpoint::new(Hertz::saturating(frequency), Degrees::saturating(direction));
-        if let Ok(setpoint) = setpoint {
-            self.want(setpoint, client, now);
-        }
-    }
-
     fn rest(&mut self) {
         self.wanted = Setpoint::REST;
         if let Some(floor) = &mut self.floor {
@@ -629,9 +632,4 @@ fn near_commanded(telemetry: &Telemetry) -> f32 {
 
 fn is_quick(telemetry: &Telemetry) -> bool {
     telemetry.frequency.get().abs() >= REAL_TIME_BELOW_HZ
-}
-
-/// Rounds to tenths, so that rounding errors of many fine steps do not add up.
-fn tenths(value: f32) -> f32 {
-    (value * 10.0).round() / 10.0
 }

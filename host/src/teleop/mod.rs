@@ -6,7 +6,6 @@
 pub mod action;
 pub mod cockpit;
 pub mod floor;
-mod held;
 pub mod page;
 pub mod scope;
 pub mod settings;
