@@ -393,7 +393,7 @@ fn a_stop_from_outside_is_cleared_by_nobody_who_has_not_heard_of_it() {
 }
 
 #[test]
-fn what_was_asked_before_the_newest_change_undoes_nothing_however_late_it_comes() {
+fn what_was_asked_before_the_newest_change_undoes_nothing_when_it_is_repeated() {
     let current = |value| {
         let name = "current_limit".try_into().unwrap();
         Command::Parameter(ParameterCommand::Set(name, value))
@@ -404,11 +404,12 @@ fn what_was_asked_before_the_newest_change_undoes_nothing_however_late_it_comes(
         (current(2.4), current(0.9)),
     ] {
         let mut ends = Ends::at(State::Disarmed);
-        let [earlier, newer] =
-            [(8, earlier), (9, newer)].map(|(it, command)| ends.seal_as(it, command));
+        let newer = ends.seal_as(9, newer);
         ends.hear(&newer);
         assert!(ends.outcomes.pop().is_some());
         let asked = ends.link.order().requests;
+        // Asked again by a client that repeats everything side by side.
+        let earlier = ends.seal_as(8, earlier);
         ends.hear(&earlier);
         assert_eq!((ends.outcomes.pop(), ends.link.order().requests), (None, asked));
         assert!(ends.tuning.settings().current_limit < 2.4);
