@@ -209,13 +209,15 @@ impl Parts {
             let begin = at.saturating_add(PREFIX + CHUNK_HEADER);
             let again = self.again;
             let mut lost = self.bytes(begin, self.at.saturating_sub(begin).min(LONGEST))?;
-            // No byte is lost twice.
-            self.again = again;
             if found.is_some() || !is_chunk {
+                // No byte is lost twice.
+                self.again = again;
                 return Ok(Some(Part::Damaged(lost)));
             }
             // What is no row, such as the zeros after a loss of power, is looked at by itself.
-            if let Some(length) = end_of_rows(&lost) {
+            if !self.is_exhausted()
+                && let Some(length) = end_of_rows(&lost)
+            {
                 lost.truncate(length);
                 self.at = begin + length as u64;
             }
