@@ -16,7 +16,7 @@ mod present;
 
 #[cfg(not(target_family = "wasm"))]
 pub use present::{
-    PASSING_SOCKET_ERRORS, SIGNALS, create_private, create_private_folder, end_together,
+    PASSING_SOCKET_ERRORS, SIGNALS, create_private, create_private_folder, data_from, end_together,
     exposed_mode, has_keys, shell,
 };
 

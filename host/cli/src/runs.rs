@@ -9,7 +9,7 @@ use super::{Error, Exit};
 use flix_host::record::{
     Listing, ReadError, Repaired, Run, RunSummary, csv, is_being_written, list, repair,
 };
-use flix_host::system::text::printable;
+use flix_host::system::text::{printable, shown};
 use flix_plot::{Figure, record};
 use flix_shell::output::{complain, headings, print, print_json, table_for_terminal};
 
@@ -86,13 +86,15 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     match &args.action {
         Action::List { json } => list_runs(&args.out, *json)?,
         Action::Repair { run } => {
-            let file = find(args, run)?.file;
-            match repair(&file)? {
+            let run = Run::find(&args.out, run)?;
+            let file = &run.file;
+            complain_of(&run, &[run.damage.to_string()]);
+            match repair(file)? {
                 Some(Repaired { rows, original, .. }) => {
-                    complain(format_args!("as it was: {}", original.display()));
-                    print(&format!("completed, {rows} rows: {}\n", file.display()))?;
+                    complain(format_args!("as it was: {}", shown(&original)));
+                    print(&format!("completed, {rows} rows: {}\n", shown(file)))?;
                 }
-                None => print(&format!("is complete: {}\n", file.display()))?,
+                None => print(&format!("is complete: {}\n", shown(file)))?,
             }
         }
         Action::Show { run, json } => show(&find(args, run)?, *json)?,
@@ -102,7 +104,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             if !has_track && !has_timeline {
                 let sentence = format_args!(
                     "{}: there is nothing to plot: the record has no rows of poses, commands or telemetry",
-                    run.file.display()
+                    shown(&run.file)
                 );
                 return Err(Error::new(Exit::Nothing, sentence));
             }
@@ -127,13 +129,21 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     Ok(Exit::Done.into())
 }
 
-/// Finds a run and reads it; says what was left out.
+/// Finds a run and reads it; says what was left out, and whether the record goes on.
 fn find(args: &Args, name: &str) -> Result<Run, Error> {
     let run = Run::find(&args.out, name)?;
-    if !run.damage.is_none() {
-        complain(format_args!("{}: {}", run.file.display(), run.damage));
-    }
+    let end = if run.is_complete { String::new() } else { unfinished(&run) };
+    complain_of(&run, &[run.damage.to_string(), end]);
     Ok(run)
+}
+
+/// Says on one line what is the matter with a record, if anything.
+fn complain_of(run: &Run, sentences: &[String]) {
+    let sentences: Vec<_> =
+        sentences.iter().filter(|it| !it.is_empty()).map(String::as_str).collect();
+    if !sentences.is_empty() {
+        complain(format_args!("{}: {}", shown(&run.file), sentences.join("; ")));
+    }
 }
 
 /// Returns the folder for the output of a run, and the stem of its file names.
@@ -177,7 +187,7 @@ fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
     rows.extend(heads.iter().map(|(run, bytes)| {
         let stem = run.file.file_stem().unwrap_or_default();
         vec![
-            stem.to_string_lossy().into_owned(),
+            shown(stem.as_ref()),
             run.fact("run", "robot").to_owned(),
             format!("{:.1}", *bytes as f64 / 1e3),
             result(run),
@@ -189,7 +199,12 @@ fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
 /// Returns how a run ended, and its figures.
 fn result(run: &Run) -> String {
     if !run.is_complete {
-        return unfinished(run);
+        return match Run::read(&run.file) {
+            _ if is_being_written(&run.file) => "still running".to_owned(),
+            Ok(run) => unfinished(&run),
+            Err(ReadError::Format { reason, .. }) => format!("not a record of a run: {reason}"),
+            Err(error) => error.to_string(),
+        };
     }
     if !run.damage.is_none() {
         return "damaged: `flix runs repair` keeps what is whole".to_owned();
@@ -209,12 +224,16 @@ fn result(run: &Run) -> String {
 
 /// Returns why a record has no end, and what to do.
 fn unfinished(run: &Run) -> String {
-    match Run::read(&run.file) {
-        _ if is_being_written(&run.file) => "still running".to_owned(),
-        Ok(_) => "unfinished: `flix runs repair` completes the record".to_owned(),
-        Err(ReadError::Format { reason, .. }) => format!("not a record of a run: {reason}"),
-        Err(error) => error.to_string(),
-    }
+    let reason = if is_being_written(&run.file) {
+        "still running"
+    } else if !run.has_rows() {
+        "unfinished, and without a row that is whole"
+    } else if run.damage.is_summary_lost {
+        "without its summary: `flix runs repair` writes it"
+    } else {
+        "unfinished: `flix runs repair` completes the record"
+    };
+    reason.to_owned()
 }
 
 fn show(run: &Run, as_json: bool) -> Result<(), Error> {
@@ -222,8 +241,7 @@ fn show(run: &Run, as_json: bool) -> Result<(), Error> {
         return print_json(&description(run));
     }
     // A line end in what a record holds begins no line.
-    let file = run.file.display().to_string();
-    let mut text = format!("{}\n{:>14}  {:.1} s\n", printable(&file), "duration", run.seconds());
+    let mut text = format!("{}\n{:>14}  {:.1} s\n", shown(&run.file), "duration", run.seconds());
     for (topic, rows) in counts(run) {
         text += &format!("{topic:>14}  {rows} rows\n");
     }
@@ -271,6 +289,7 @@ fn description(run: &Run) -> Value {
         "attachments": run.attachments.iter().map(|a| &a.0).collect::<Vec<_>>(),
         "facts": run.facts,
         "rows_left_out": run.damage.rows,
+        "damage": run.damage.to_string(),
         "is_complete": run.is_complete,
         "events": events,
     })

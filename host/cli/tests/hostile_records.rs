@@ -134,7 +134,7 @@ fn lengths_without_measure_end_no_command_with_a_panic() {
 #[test]
 fn a_repair_says_what_is_wrong_and_keeps_the_file_as_it_was() {
     let folder = tempfile::tempdir().unwrap();
-    let file = write_record_of(folder.path(), 6);
+    let file = write_record_of(folder.path(), 30);
     let whole = std::fs::read(&file).unwrap();
     let place = |what: &[u8]| whole.windows(what.len()).position(|it| it == what).unwrap();
     // A setting, which has no check sum of its own; a row; and the end.
@@ -142,19 +142,34 @@ fn a_repair_says_what_is_wrong_and_keeps_the_file_as_it_was() {
     changed[place(b"20ms")] = b'9';
     damaged[place(b"{\"")] = b'[';
     let cut = whole[..whole.len() * 2 / 3].to_vec();
-    for (bytes, words, is_mended) in [
-        (changed, "changed since it was written", false),
-        (damaged, " left out, ", true),
-        (cut, "as it was: ", true),
-    ] {
+    for (bytes, words) in
+        [(changed, "changed since it was written"), (damaged, " left out, "), (cut, "as it was: ")]
+    {
         std::fs::write(&file, &bytes).unwrap();
         let Output { status, stderr, .. } = flix(&["runs", "repair", file.to_str().unwrap()]);
         let said = String::from_utf8_lossy(&stderr);
         assert!(status.success() && said.contains(words), "{words}: {said}");
         let original = file.with_extension("mcap.original");
-        let kept = if is_mended { &original } else { &file };
-        assert_eq!(std::fs::read(kept).unwrap(), bytes, "{words}");
-        let _ = std::fs::remove_file(original);
+        assert_eq!(std::fs::read(&original).unwrap(), bytes, "{words}");
+        std::fs::remove_file(original).unwrap();
+    }
+}
+
+#[test]
+fn every_command_says_on_one_line_that_a_record_has_no_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_record_of(folder.path(), 30);
+    let whole = std::fs::read(&file).unwrap();
+    for (length, words) in
+        [(whole.len() * 2 / 3, ": unfinished: `flix runs repair`"), (whole.len() - 9, ": all rows")]
+    {
+        std::fs::write(&file, &whole[..length]).unwrap();
+        for command in ["show", "plot", "export-csv"] {
+            let Output { status, stderr, .. } = flix(&["runs", command, file.to_str().unwrap()]);
+            let said = String::from_utf8_lossy(&stderr);
+            assert!(status.success() && said.contains(words), "{command}: {said}");
+            assert_eq!(said.lines().count(), 1, "{command}: {said}");
+        }
     }
 }
 

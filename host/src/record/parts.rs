@@ -17,6 +17,8 @@ use crc::{CRC_32_ISO_HDLC, Crc, Digest};
 use mcap::McapResult;
 use mcap::records::{AttachmentHeader, Metadata, Record, op};
 
+use crate::system::data_from;
+
 /// What a file begins and ends with.
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 /// Length of a kind and a length, bytes.
@@ -25,6 +27,10 @@ const PREFIX: u64 = 9;
 const FOOTER: u64 = 20;
 /// Length of what stands before the rows of a chunk that is not compressed, bytes.
 const CHUNK_HEADER: u64 = 40;
+/// Length of what stands before the table of an index, bytes: its kind and length, its channel, the table's length.
+const INDEX_HEADER: u64 = PREFIX + 6;
+/// Length of an index's entry for one row, bytes.
+const INDEX_ENTRY: u64 = 16;
 /// Longest part that is taken for one, bytes: the writer's chunks have some 100 kB.
 const LONGEST: u64 = 256 << 20;
 /// Bytes that are looked through at once for the next part.
@@ -49,6 +55,8 @@ pub(super) enum Part {
     Rows(Vec<u8>),
     /// The last rows of a program that was killed: nothing says that they are whole.
     Rest(Vec<u8>),
+    /// Rows that were there before, byte for byte.
+    Repeated(Vec<u8>),
     /// What cannot be trusted, for [`Directory::read_damaged`].
     Damaged(Vec<u8>),
 }
@@ -80,6 +88,12 @@ pub(super) struct Parts {
     seen: u64,
     /// Bytes that were read again.
     again: u64,
+    /// Where the data ends, as far as it was read.
+    data_end: Option<u64>,
+    /// Whether all that was read since is what stands behind the data.
+    is_behind_data: bool,
+    /// Where chunks of which header begin.
+    chunks: BTreeMap<Vec<u8>, u64>,
     /// Whether it begins or ends as a record does.
     pub(super) is_record: bool,
 }
@@ -102,6 +116,9 @@ impl Parts {
             sum_end: 0,
             seen: 0,
             again: 0,
+            data_end: None,
+            is_behind_data: false,
+            chunks: BTreeMap::new(),
             is_record: true,
         };
         if let Some(summary) = parts.find_summary()? {
@@ -128,6 +145,11 @@ impl Parts {
         self.summary.as_ref()?.rows
     }
 
+    /// Returns whether all of the data was read, and nothing but its summary is missing.
+    pub(super) const fn lost_its_summary(&self) -> bool {
+        self.summary.is_none() && self.is_behind_data
+    }
+
     /// Returns the records of the summary, which name all channels; for [`records`].
     pub(super) fn summary(&self) -> &[u8] {
         self.summary.as_ref().map_or(&[], |summary| &summary.records)
@@ -138,15 +160,19 @@ impl Parts {
     /// # Errors
     /// When the file cannot be read.
     pub(super) fn is_unchanged(&mut self) -> io::Result<Option<bool>> {
-        let Some(end) = self.summary.as_ref().map(|summary| summary.start) else { return Ok(None) };
-        let Some(data) = end.checked_sub(PREFIX + 4) else { return Ok(None) };
+        let data = match &self.summary {
+            Some(summary) => summary.start.checked_sub(PREFIX + 4),
+            None => self.data_end,
+        };
+        let Some(data) = data else { return Ok(None) };
+        self.sum_end = data;
         let stored = self.bytes(data, PREFIX + 4)?;
         let stored = number(&stored, PREFIX as usize, 4);
         if stored == 0 {
             return Ok(None);
         }
         // No part is as long: what is behind a wrong length, or the hole of a file that takes no room.
-        if data.saturating_sub(self.summed) > LONGEST {
+        if self.summary.is_some() && data.saturating_sub(self.summed) > LONGEST {
             return Ok(Some(false));
         }
         // What was not read, such as behind a length that is wrong.
@@ -168,25 +194,50 @@ impl Parts {
             let at = self.at;
             if let Some((part, next)) = self.part(at, with_rows)? {
                 self.at = next;
-                match part {
-                    Some(part) => return Ok(Some(part)),
-                    None => continue,
-                }
+                let Some(part) = part else { continue };
+                self.is_behind_data &= !matches!(part, Part::Rows(_) | Part::Repeated(_));
+                return Ok(Some(part));
             }
             // Its length is wrong, or the file was cut off within it.
-            if let Some(next) = self.find(at + 1)? {
-                self.at = next;
-                let lost = self.bytes(at + PREFIX + CHUNK_HEADER, (next - at).min(LONGEST))?;
+            let found = self.find(at + 1)?;
+            self.at = found.unwrap_or(self.end);
+            let is_cut = found.is_none() && self.is_cut(at)?;
+            let is_chunk = self.byte(at)? == op::CHUNK;
+            if is_cut && !is_chunk {
+                continue;
+            }
+            let begin = at.saturating_add(PREFIX + CHUNK_HEADER);
+            let again = self.again;
+            let mut lost = self.bytes(begin, self.at.saturating_sub(begin).min(LONGEST))?;
+            if found.is_some() || !is_chunk {
+                // No byte is lost twice.
+                self.again = again;
                 return Ok(Some(Part::Damaged(lost)));
             }
-            self.at = self.end;
-            if self.bytes(at, 1)? == [op::CHUNK] {
-                let begin = at + PREFIX + CHUNK_HEADER;
-                let rest = self.bytes(begin, self.end.saturating_sub(begin).min(LONGEST))?;
-                return Ok(Some(Part::Rest(rest)));
+            // What is no row, such as the zeros after a loss of power, is looked at by itself.
+            if !self.is_exhausted()
+                && let Some(length) = end_of_rows(&lost)
+            {
+                lost.truncate(length);
+                self.at = begin + length as u64;
             }
+            return Ok(Some(Part::Rest(lost)));
         }
         Ok(None)
+    }
+
+    /// Returns whether the file ends within this part, with nothing of the data lost but what was not written yet.
+    fn is_cut(&mut self, at: u64) -> io::Result<bool> {
+        if self.is_behind_data {
+            return Ok(true);
+        }
+        let prefix = self.bytes(at, PREFIX)?;
+        let is_kind = prefix.first().is_some_and(|kind| (1..=op::DATA_END).contains(kind));
+        // The bytes of a length that are missing count as 0.
+        let length = prefix.iter().skip(1).rev().fold(0, |sum, digit| sum << 8 | u64::from(*digit));
+        let is_longer =
+            (prefix.len() as u64) < PREFIX || at + PREFIX + length.min(LONGEST) > self.end;
+        Ok(self.summary.is_none() && is_kind && length <= LONGEST && is_longer)
     }
 
     /// Returns the part at this place, if it is one that is wanted, and where the next begins; nothing where its length is
@@ -209,12 +260,17 @@ impl Parts {
         let is_record = parse_record(kind, &body).is_ok();
         let part = match kind {
             op::METADATA | op::ATTACHMENT => described(kind, &body),
+            // The summary of a record that has lost its end.
+            _ if self.is_behind_data => return Ok(Some((None, next))),
             // Rows without a chunk, as others write them.
             op::SCHEMA | op::CHANNEL | op::MESSAGE if is_record => {
                 Some(Part::Rows(self.bytes(at, PREFIX + length)?))
             }
             op::HEADER if is_record && at == MAGIC.len() as u64 => return Ok(Some((None, next))),
-            op::DATA_END if length == 4 => return Ok(Some((None, next))),
+            op::DATA_END if length == 4 => {
+                (self.data_end, self.is_behind_data) = (Some(at), true);
+                return Ok(Some((None, next)));
+            }
             // A channel, then the length of its table.
             op::MESSAGE_INDEX if number(&body, 2, 4) + 6 == length => {
                 return Ok(Some((None, next)));
@@ -263,14 +319,23 @@ impl Parts {
                 }
                 let data = self.bytes(rows, size)?;
                 if sum != 0 && u64::from(CRC.checksum(&data)) == sum {
-                    return Ok(Some((Some(Part::Rows(data)), rows + size)));
+                    let is_first = *self.chunks.entry(header).or_insert(at) == at;
+                    let part = if is_first { Part::Rows(data) } else { Part::Repeated(data) };
+                    return Ok(Some((Some(part), rows + size)));
                 }
                 if sum == 0 && is_stated {
                     return Ok(Some((Some(Part::Rows(data)), rows + size)));
                 }
             }
         }
-        let Some(next) = next else { return Ok(None) };
+        let Some(mut next) = next else { return Ok(None) };
+        // Its indexes count its rows.
+        let most = next.saturating_add(LONGEST).min(self.end);
+        while let Some(length) = index(&self.bytes(next, INDEX_HEADER)?)
+            && next + length <= most
+        {
+            next += length;
+        }
         let data = self.bytes(rows, next.saturating_sub(rows))?;
         Ok(Some((Some(Part::Damaged(data)), next)))
     }
@@ -286,9 +351,16 @@ impl Parts {
             let next = summary.places.partition_point(|place| *place < from);
             return Ok(summary.places.get(next).copied());
         }
-        let (mut at, end) = (from, self.end.min(from.saturating_add(LONGEST)));
-        while at < end {
-            let stretch = self.bytes(at, STRETCH.min(end - at))?;
+        let mut at = from;
+        while at < self.end {
+            let stretch = self.bytes(at, STRETCH.min(self.end - at))?;
+            if stretch.iter().all(|byte| *byte == 0) {
+                let behind = at + stretch.len().max(1) as u64;
+                at = data_from(self.file.get_ref(), behind).unwrap_or(self.end).max(behind);
+                // The system has moved it, too.
+                self.file.seek(SeekFrom::Start(at))?;
+                continue;
+            }
             for (place, kind) in (at..).zip(&stretch) {
                 if self.is_exhausted() {
                     return Ok(None);
@@ -297,7 +369,7 @@ impl Parts {
                     return Ok(Some(place));
                 }
             }
-            at += stretch.len().max(1) as u64;
+            at += stretch.len() as u64;
         }
         Ok(None)
     }
@@ -309,7 +381,7 @@ impl Parts {
         }
         let part = self.part(at, true)?.and_then(|(part, _)| part);
         Ok(match part {
-            Some(Part::Rows(_)) => {
+            Some(Part::Rows(_) | Part::Repeated(_)) => {
                 let sum = self.bytes(at + PREFIX + 24, 4)?;
                 number(&sum, 0, 4) != 0
             }
@@ -429,13 +501,45 @@ fn number(bytes: &[u8], at: usize, count: usize) -> u64 {
 /// Returns kind and body of each record of a part, up to the first that does not fit.
 pub(super) fn records(mut bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
     std::iter::from_fn(move || {
-        let kind = *bytes.first()?;
+        // No kind is 0: zeros are room that was never written.
+        let kind = *bytes.first().filter(|kind| **kind != 0)?;
         let length = usize::try_from(number(bytes.get(..PREFIX as usize)?, 1, 8)).ok()?;
         let body = bytes.get(PREFIX as usize..)?;
         let record = body.get(..length)?;
         bytes = &body[length..];
         Some((kind, record))
     })
+}
+
+/// Returns where the rows of a part end that goes on with something else; nothing where it ends with them, or within one.
+fn end_of_rows(part: &[u8]) -> Option<usize> {
+    let is_row = |kind: u8| matches!(kind, op::SCHEMA | op::CHANNEL | op::MESSAGE);
+    let rows = records(part).take_while(|(kind, _)| is_row(*kind));
+    let length = rows.map(|(_, body)| PREFIX as usize + body.len()).sum();
+    part.get(length).is_some_and(|kind| !is_row(*kind)).then_some(length)
+}
+
+/// Returns the length of the index that begins here, bytes, if it is one: it states the length of its table twice.
+fn index(bytes: &[u8]) -> Option<u64> {
+    let table = number(bytes, INDEX_HEADER as usize - 4, 4);
+    let is_one = bytes.len() as u64 >= INDEX_HEADER
+        && bytes[0] == op::MESSAGE_INDEX
+        && table.is_multiple_of(INDEX_ENTRY)
+        && number(bytes, 1, 8) == INDEX_HEADER - PREFIX + table;
+    is_one.then_some(INDEX_HEADER + table)
+}
+
+/// Returns how many rows the indexes in a damaged part count.
+fn indexed(part: &[u8]) -> u64 {
+    let (mut at, mut rows) = (0, 0);
+    let next = |at: usize| part.get(at..)?.iter().position(|kind| *kind == op::MESSAGE_INDEX);
+    while let Some(skipped) = next(at) {
+        let rest = &part[at + skipped..];
+        let length = index(rest).filter(|length| *length <= rest.len() as u64);
+        rows += length.map_or(0, |length| (length - INDEX_HEADER) / INDEX_ENTRY);
+        at += skipped + length.unwrap_or(1) as usize;
+    }
+    rows
 }
 
 /// A kind of row, as a record describes it.
@@ -503,7 +607,7 @@ impl Directory {
         for (id, schema) in found.schemas {
             self.schemas.entry(id).or_insert(schema);
         }
-        rows
+        rows.max(indexed(part))
     }
 }
 

@@ -13,6 +13,7 @@ use super::message::{
 use super::parts::{Directory, Part, Parts};
 use super::{ENDING, FOLDER};
 use crate::system::file;
+use crate::system::text::{printable, shown};
 
 /// A whole run.
 #[derive(Debug, Clone, Default)]
@@ -52,6 +53,14 @@ pub struct Damage {
     pub parts: usize,
     /// Rows in them, as far as they can be counted.
     pub rows: u64,
+    /// Whether more rows than those may be lost.
+    pub is_least: bool,
+    /// Rows that stand in the file again, and were read once.
+    pub repeated: u64,
+    /// Rows that the summary counts, where that is wrong.
+    pub counted: Option<u64>,
+    /// Whether all rows are there, and what is lost is the summary behind them.
+    pub is_summary_lost: bool,
     /// Whether the check sum over the whole file is wrong although no part is: facts have none of their own.
     pub is_changed: bool,
 }
@@ -66,24 +75,43 @@ impl Damage {
     /// Returns whether anything was left out or may be wrong.
     #[must_use]
     pub const fn is_none(&self) -> bool {
-        !self.is_loss() && !self.is_changed
+        let is_odd = self.is_changed || self.is_summary_lost || self.repeated > 0;
+        !self.is_loss() && !is_odd && self.counted.is_none()
     }
 }
 
 impl fmt::Display for Damage {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let count = |count: u64, what: &str| match count {
+            1 => format!("1 {what}"),
+            count => format!("{count} {what}s"),
+        };
+        let mut sentences = Vec::new();
         if self.is_loss() {
-            let count = |count: u64, what: &str| match count {
-                1 => format!("1 {what}"),
-                count => format!("{count} {what}s"),
+            let rows = match (self.is_least, count(self.rows, "row")) {
+                (true, _) if self.rows == 0 => "rows may have been left out".to_owned(),
+                (true, rows) => format!("at least {rows} left out"),
+                (false, rows) => format!("{rows} left out"),
             };
-            let (rows, parts) = (count(self.rows, "row"), count(self.parts as u64, "part"));
-            write!(formatter, "damaged: {rows} left out, {parts} of the file cannot be trusted")
+            let parts = count(self.parts as u64, "part");
+            sentences.push(format!("damaged: {rows}, {parts} of the file cannot be trusted"));
         } else if self.is_changed {
-            formatter.write_str("changed since it was written: a setting or a result may be wrong")
-        } else {
-            Ok(())
+            let sentence = "changed since it was written: a setting or a result may be wrong";
+            sentences.push(sentence.to_owned());
         }
+        if self.repeated > 0 {
+            let rows = count(self.repeated, "row");
+            sentences.push(format!("{rows} stood in the file again and were read once"));
+        }
+        if let Some(counted) = self.counted {
+            sentences.push(format!("its summary counts {}, which is wrong", count(counted, "row")));
+        }
+        if self.is_summary_lost {
+            let sentence =
+                "all rows are there; the summary behind them, which other programs need, is lost";
+            sentences.push(sentence.to_owned());
+        }
+        formatter.write_str(&sentences.join("; "))
     }
 }
 
@@ -96,13 +124,15 @@ pub struct RunSummary {
     pub bytes: u64,
     /// Time of its first row since 1970, or when the file was written where it has none.
     pub started: Duration,
+    /// Whether it has rows or facts; any other file is never the last run.
+    pub is_run: bool,
 }
 
 /// Why a record could not be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     /// The file could not be read.
-    #[error("cannot read {}: {source}", path.display())]
+    #[error("cannot read {}: {source}", shown(path))]
     File {
         /// The file.
         path: PathBuf,
@@ -110,7 +140,7 @@ pub enum ReadError {
         source: std::io::Error,
     },
     /// Not a record, or damaged.
-    #[error("{} is not a record of a run: {reason}", path.display())]
+    #[error("{} is not a record of a run: {reason}", shown(path))]
     Format {
         /// The file.
         path: PathBuf,
@@ -118,7 +148,11 @@ pub enum ReadError {
         reason: String,
     },
     /// There is no such run.
-    #[error("there is no run \"{name}\" in {}; `flix runs list` shows all", folder.display())]
+    #[error(
+        "there is no run \"{}\" in {}; `flix runs list` shows all",
+        printable(name),
+        shown(folder)
+    )]
     NoSuchRun {
         /// The requested name.
         name: String,
@@ -127,7 +161,10 @@ pub enum ReadError {
     },
     /// Several runs have this in their names.
     #[error(
-        "\"{name}\" is in the names of {count} runs, {first} and {second} among them: write more of the name"
+        "\"{}\" is in the names of {count} runs, {} and {} among them: write more of the name",
+        printable(name),
+        printable(first),
+        printable(second)
     )]
     Ambiguous {
         /// The requested name.
@@ -140,7 +177,7 @@ pub enum ReadError {
         second: String,
     },
     /// There is no run.
-    #[error("there is no run in {} yet", .0.display())]
+    #[error("there is no run in {} yet", shown(.0))]
     NoRuns(PathBuf),
 }
 
@@ -170,7 +207,7 @@ pub fn list(out: &FilePath) -> Result<Listing, ReadError> {
         let path = entry.map_err(failed)?.path();
         if path.extension().is_some_and(|e| e == ENDING) {
             match summary(&path) {
-                Ok((bytes, started)) => found.runs.push(RunSummary { file: path, bytes, started }),
+                Ok(run) => found.runs.push(run),
                 Err(source) => found.skipped.push(ReadError::File { path, source }),
             }
         }
@@ -181,10 +218,10 @@ pub fn list(out: &FilePath) -> Result<Listing, ReadError> {
 }
 
 /// Returns the size of a record, and when its run started.
-fn summary(path: &FilePath) -> std::io::Result<(u64, Duration)> {
+fn summary(path: &FilePath) -> std::io::Result<RunSummary> {
     let metadata = file::open(path)?.metadata()?;
     let mut parts = Parts::open(path)?;
-    let mut first = None;
+    let (mut first, mut is_run) = (None, false);
     while first.is_none() {
         match parts.next(true)? {
             Some(Part::Rows(rows) | Part::Rest(rows)) => {
@@ -192,13 +229,19 @@ fn summary(path: &FilePath) -> std::io::Result<(u64, Duration)> {
                     first.get_or_insert(header.log_time);
                 });
             }
+            Some(Part::Facts(_)) => is_run = true,
             Some(_) => {}
             None => break,
         }
     }
     let written = || metadata.modified().ok()?.duration_since(UNIX_EPOCH).ok();
     let started = first.map(Duration::from_nanos).or_else(written);
-    Ok((metadata.len(), started.unwrap_or_default()))
+    Ok(RunSummary {
+        file: path.to_owned(),
+        bytes: metadata.len(),
+        started: started.unwrap_or_default(),
+        is_run: is_run || first.is_some(),
+    })
 }
 
 impl Run {
@@ -213,7 +256,8 @@ impl Run {
         }
         let runs = list(out)?.runs;
         if name == "last" {
-            let last = runs.last().ok_or_else(|| ReadError::NoRuns(out.join(FOLDER)))?;
+            let last = runs.iter().rfind(|run| run.is_run);
+            let last = last.ok_or_else(|| ReadError::NoRuns(out.join(FOLDER)))?;
             return Self::read(&last.file);
         }
         let stem = |run: &RunSummary| {
@@ -263,6 +307,12 @@ impl Run {
         self.facts.get(group).and_then(|g| g.get(name)).map_or("", String::as_str)
     }
 
+    /// Returns whether any row is whole.
+    #[must_use]
+    pub const fn has_rows(&self) -> bool {
+        self.first.is_some()
+    }
+
     /// Returns the time from the first to the last row, s.
     #[must_use]
     pub fn seconds(&self) -> f64 {
@@ -287,7 +337,7 @@ impl Run {
         self.is_complete = parts.is_complete();
         let mut read = 0;
         while let Some(part) = parts.next(with_rows).map_err(failed(&path))? {
-            let (rows, is_rest) = match part {
+            let rows = match part {
                 Part::Facts(facts) => {
                     self.facts.insert(facts.name, facts.metadata);
                     continue;
@@ -301,8 +351,11 @@ impl Run {
                     self.damage.rows += directory.read_damaged(&part);
                     continue;
                 }
-                Part::Rows(rows) => (rows, false),
-                Part::Rest(rows) => (rows, true),
+                Part::Repeated(rows) => {
+                    directory.read(&rows, |_, _, _| self.damage.repeated += 1);
+                    continue;
+                }
+                Part::Rows(rows) | Part::Rest(rows) => rows,
             };
             directory.read(&rows, |directory, header, data| {
                 let topic = directory.channels.get(&header.channel_id).map(|it| it.topic.as_str());
@@ -311,18 +364,33 @@ impl Run {
                     let time = header.log_time;
                     self.first = Some(self.first.map_or(time, |first| first.min(time)));
                     self.last = self.last.max(time);
-                } else if !is_rest {
+                } else {
                     // One that is no row although its chunk is whole, or whose channel was lost.
                     self.damage.rows += 1;
                 }
             });
         }
         if with_rows {
-            if let Some(rows) = parts.rows() {
-                self.damage.rows = rows.saturating_sub(read);
+            let damage = &mut self.damage;
+            let is_unchanged = match damage.parts {
+                0 => parts.is_unchanged().map_err(failed(&path))?,
+                _ => None,
+            };
+            damage.is_changed = is_unchanged == Some(false);
+            damage.is_least = damage.parts > 0;
+            match parts.rows() {
+                // The data has a check sum of its own, or more rows than those.
+                Some(rows)
+                    if rows < read
+                        || (is_unchanged == Some(true) && rows != read + damage.rows) =>
+                {
+                    damage.counted = Some(rows);
+                }
+                Some(rows) => (damage.rows, damage.is_least) = (rows - read, false),
+                None => {}
             }
-            let is_changed = parts.is_unchanged().map_err(failed(&path))? == Some(false);
-            self.damage.is_changed = is_changed && self.damage.parts == 0;
+            damage.is_summary_lost =
+                !damage.is_loss() && !damage.is_changed && parts.lost_its_summary();
         }
         if self.first.is_some() || !self.facts.is_empty() || !with_rows {
             return Ok(());

@@ -7,13 +7,14 @@ use std::fs::{File, TryLockError};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
-use mcap::records::MessageHeader;
+use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, McapError, McapResult, WriteOptions, Writer};
 
 use super::parts::{Described, Directory, Part, Parts};
 use super::reader::{Damage, ReadError};
 use super::writer::{RecordError, failed};
 use crate::system::file;
+use crate::system::text::shown;
 
 /// Why a record could not be completed. The file is as it was.
 #[derive(Debug, thiserror::Error)]
@@ -22,11 +23,14 @@ pub enum RepairError {
     #[error(transparent)]
     Read(#[from] ReadError),
     /// It is a link.
-    #[error("{} is a link: name the file that it leads to", .0.display())]
+    #[error("{} is a link: name the file that it leads to", shown(.0))]
     Link(PathBuf),
     /// Its run goes on.
-    #[error("{} is still being written: let the run end first", .0.display())]
+    #[error("{} is still being written: let the run end first", shown(.0))]
     Busy(PathBuf),
+    /// None of its rows is whole.
+    #[error("{} has no row that is whole: nothing to complete", shown(.0))]
+    Empty(PathBuf),
     /// The complete record cannot be written.
     #[error(transparent)]
     Write(#[from] RecordError),
@@ -50,12 +54,14 @@ pub struct Repaired {
     pub original: PathBuf,
 }
 
-/// Completes a record from the parts that are whole; `None` when it is complete and not damaged. The file is replaced in one
-/// step; the original stays beside it, with `.original` behind its name. Follows no link, so that nothing outside the record's
+/// Completes a record from the parts that are whole; `None` when it is complete, and neither damaged nor changed. The file is
+/// replaced in one step; the original stays beside it, with `.original` behind its name. The facts `repair` of the new one say
+/// what was wrong. Follows no link, so that nothing outside the record's
 /// folder changes.
 ///
 /// # Errors
-/// When it cannot be read, is not a record, is still being written, or the complete one cannot be written.
+/// When it cannot be read, is not a record, has no row that is whole, is still being written, or the complete one cannot be
+/// written.
 pub fn repair(file: &Path) -> Result<Option<Repaired>, RepairError> {
     if std::fs::symlink_metadata(file).is_ok_and(|it| it.is_symlink()) {
         return Err(RepairError::Link(file.to_owned()));
@@ -65,13 +71,21 @@ pub fn repair(file: &Path) -> Result<Option<Repaired>, RepairError> {
     }
     // Refuses what is no record at all.
     let run = super::Run::read(file)?;
-    if run.is_complete && !run.damage.is_loss() {
+    if run.is_complete && run.damage.is_none() {
         return Ok(None);
     }
+    let mut is_empty = false;
     let repaired = file::replace(file, |target| {
-        let rows = copy(file, target)?;
+        let rows = copy(file, target, run.damage)?;
+        is_empty = rows == 0;
+        if is_empty {
+            return Err(McapError::UnexpectedEof);
+        }
         Ok(Repaired { rows, damage: run.damage, original: keep(file)? })
     });
+    if is_empty {
+        return Err(RepairError::Empty(file.to_owned()));
+    }
     Ok(Some(repaired.map_err(|error| failed(file, error))?))
 }
 
@@ -92,7 +106,7 @@ fn keep(file: &Path) -> std::io::Result<PathBuf> {
     }
 }
 
-fn copy(file: &Path, target: &File) -> McapResult<u64> {
+fn copy(file: &Path, target: &File, damage: Damage) -> McapResult<u64> {
     let options = WriteOptions::new().compression(None);
     let mut writer = options
         .library(concat!("flix ", env!("CARGO_PKG_VERSION")))
@@ -112,6 +126,7 @@ fn copy(file: &Path, target: &File) -> McapResult<u64> {
                 data: Cow::Owned(data),
             })?,
             Part::Damaged(part) => drop(directory.read_damaged(&part)),
+            Part::Repeated(_) => {}
             Part::Rows(part) | Part::Rest(part) => {
                 let mut written = Ok(());
                 directory.read(&part, |directory, header, data| {
@@ -130,6 +145,10 @@ fn copy(file: &Path, target: &File) -> McapResult<u64> {
                 written?;
             }
         }
+    }
+    if !damage.is_none() {
+        let metadata = BTreeMap::from([("damage".to_owned(), damage.to_string())]);
+        writer.write_metadata(&Metadata { name: "repair".to_owned(), metadata })?;
     }
     writer.finish()?;
     writer.into_inner().into_inner().map_err(|error| McapError::Io(error.into_error()))?;

@@ -22,6 +22,7 @@ use crate::link::Update;
 use crate::link::explain;
 use crate::nav::{Path, PlanarPose, Progress};
 use crate::pose::PoseSample;
+use crate::system::text::shown;
 
 /// Facts of a run that are known at its start.
 #[derive(Debug, Clone, Default)]
@@ -51,7 +52,10 @@ pub enum Level {
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// The file could not be written.
-    #[error("cannot write the record {}: {source}; check the folder and the space on its disk", path.display())]
+    #[error(
+        "cannot write the record {}: {source}; check the folder and the space on its disk",
+        shown(path)
+    )]
     File {
         /// The file.
         path: PathBuf,

@@ -2,6 +2,7 @@
 //! move a terminal's cursor, rename its window, or add lines that look like the program's own.
 
 use std::borrow::Cow;
+use std::path::Path;
 
 /// What stands for a character that is not shown; no longer than any of them.
 const HIDDEN: char = '?';
@@ -17,6 +18,12 @@ pub fn printable(text: &str) -> Cow<'_, str> {
 #[must_use]
 pub fn printable_lines(text: &str) -> Cow<'_, str> {
     hide(text, |letter| is_shown(letter) || matches!(letter, '\n' | '\t'))
+}
+
+/// Returns a path as [`printable`] shows a text: a file's name may hold line ends.
+#[must_use]
+pub fn shown(path: &Path) -> String {
+    printable(&path.display().to_string()).into_owned()
 }
 
 fn hide(text: &str, is_shown: fn(char) -> bool) -> Cow<'_, str> {

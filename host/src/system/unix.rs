@@ -97,3 +97,13 @@ pub fn has_keys(longest: Duration) -> bool {
     let longest = Timespec::try_from(longest).ok();
     poll(&mut waiting, longest.as_ref()).is_ok_and(|ready| ready > 0)
 }
+
+/// Returns the next place from `at` on where a file holds anything: a hole takes no room and reads as zeros. Nothing where only a hole
+/// follows; `at` where the file system knows of none. Moves the file's position.
+pub fn data_from(file: &File, at: u64) -> Option<u64> {
+    match rustix::fs::seek(file, rustix::fs::SeekFrom::Data(at)) {
+        Ok(place) => Some(place),
+        Err(Errno::NXIO) => None,
+        Err(_) => Some(at),
+    }
+}

@@ -71,3 +71,8 @@ pub fn end_together(child: &mut Child) {
 pub fn has_keys(_longest: Duration) -> bool {
     true
 }
+
+/// Returns `at`: holes are read as the zeros that they stand for.
+pub fn data_from(_file: &File, at: u64) -> Option<u64> {
+    Some(at)
+}
