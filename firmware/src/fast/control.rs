@@ -33,6 +33,8 @@ use crate::units::{Counts, Current, RotorAngle, Speed, TICK_US, Voltage, multipl
 /// Tick after a multiple of [`DIAGNOSTIC_TICKS`] that adds to the interval: half-way between two diagnoses, and not one of those
 /// in which the shaker is updated.
 const OBSERVED: u32 = 9;
+/// Tick after a multiple of [`DIAGNOSTIC_TICKS`] that works out the range of the amplifiers, where that is new: another such tick.
+const RANGED: u32 = 5;
 /// A tick later than this is late: half as long again, microseconds.
 const LATE_US: u32 = TICK_US + TICK_US / 2;
 /// A gap beyond which references and trackers are of no use any more: 3 ms.
@@ -81,6 +83,8 @@ pub struct Control {
     /// What the amplifiers show at no current, and the current beyond which a phase is an over-current.
     zeros: [[Counts; 2]; 2],
     over_current: [Current; 2],
+    /// The latter is still that of other zeros or settings.
+    is_range_new: bool,
     /// Currents of phases A and B.
     currents: [[Current; 2]; 2],
     wanted: [Rotor<Current>; 2],
@@ -125,6 +129,7 @@ impl Control {
             battery_low: false,
             over_current: configuration.over_current(&zeros),
             zeros,
+            is_range_new: false,
             currents: [[Current::ZERO; 2]; 2],
             wanted: [Rotor::default(); 2],
             asked: Speed::ZERO,
@@ -193,6 +198,8 @@ impl Control {
             self.diagnose(sensors, order, &rotors);
         } else if count % DIAGNOSTIC_TICKS == OBSERVED {
             self.observe(&rotors);
+        } else if self.is_range_new && count % DIAGNOSTIC_TICKS == RANGED {
+            self.take_range();
         }
         let lost = self.trackers[0].lost() || self.trackers[1].lost();
         let mut present = self.present;
@@ -395,10 +402,16 @@ impl Control {
         beyond(a) || beyond(b) || beyond(a + b)
     }
 
-    /// Takes over what the amplifiers show at no current, and so how much more they can show.
-    fn take_zeros(&mut self, zeros: [[Counts; 2]; 2]) {
+    /// Takes over what the amplifiers show at no current, and so how much more they can show: within [`DIAGNOSTIC_TICKS`].
+    const fn take_zeros(&mut self, zeros: [[Counts; 2]; 2]) {
         self.zeros = zeros;
-        self.over_current = self.configuration.over_current(&zeros);
+        self.is_range_new = true;
+    }
+
+    #[cold]
+    fn take_range(&mut self) {
+        self.is_range_new = false;
+        self.over_current = self.configuration.over_current(&self.zeros);
     }
 
     /// Adds to what telemetry reports of the interval.
@@ -557,10 +570,9 @@ impl Control {
             Progress::Busy => {}
             Progress::Failed(fault) => self.misaligned = Faults::NONE.with(fault),
             Progress::Done => {
-                let (zeros, results) = (aligner.zeros, aligner.full.then(|| aligner.results()));
-                self.take_zeros(zeros);
-                if let Some(results) = results {
-                    self.configuration.apply(results);
+                (self.zeros, self.is_range_new) = (aligner.zeros, true);
+                if aligner.full {
+                    self.configuration.apply(aligner.results());
                     self.configuration.aligned = true;
                     self.activity = Activity::Tabulating(0);
                 } else {

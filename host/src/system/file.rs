@@ -6,7 +6,9 @@ use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use crate::system::{create_private, is_pipe};
+#[cfg(not(target_family = "wasm"))]
+use crate::system::create_private;
+use crate::system::is_pipe;
 
 /// Largest text that is read as settings, waypoints, a model or a table, bytes.
 pub const LARGEST_TEXT: u64 = 16 << 20;
@@ -67,6 +69,7 @@ pub fn replace<T, E: From<io::Error>>(
 ///
 /// # Errors
 /// When there is anything of this name already, a link to nothing included, or it cannot be written.
+#[cfg(not(target_family = "wasm"))]
 pub fn write_private(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let is_new = || match fs::symlink_metadata(path) {
         Ok(_) => Err(io::ErrorKind::AlreadyExists.into()),

@@ -278,6 +278,7 @@ fn is_beyond(board: &Board, millivolts: u16, zero_off: i16) -> Option<bool> {
     let settings = Settings { over_current: 30.0, ..Settings::DEFAULT };
     let mut control = Control::new(Configuration::new(&settings, &board.hardware));
     control.take_zeros([[Counts::new(zero); 2]; 2]);
+    control.take_range();
     let count = counts_of_millivolts(millivolts).cast_signed();
     Some(control.measure_currents(&Sensors {
         encoders: [Encoder::Failed; 2],
