@@ -287,6 +287,17 @@ fn a_robot_that_was_lost_comes_back_at_rest() {
 }
 
 impl Desk {
+    /// Walks forward on a curve to the left with a heading that is held, so that the robot is turned back.
+    fn turned_back() -> Self {
+        let mut desk = Self::armed();
+        desk.see(1);
+        desk.press(Action::HoldHeading);
+        desk.press(Action::Walk(Mode::Forward));
+        desk.see(50);
+        assert_eq!(desk.robot.telemetry(desk.now).setpoint, Mode::RightTurn.setpoint());
+        desk
+    }
+
     /// Shows the robot to the cameras on a curve to the left, for so many poses at 100 Hz.
     fn see(&mut self, poses: u32) {
         for index in 0..poses {
@@ -330,23 +341,12 @@ fn a_forward_walk_that_curves_is_reported_and_a_held_heading_turns_it_back() {
         desk.cockpit.log.iter().any(|line| line.text.contains("forward curves to the left"))
     };
     assert!(curves(&desk));
-    let mut desk = Desk::armed();
-    desk.see(1);
-    desk.press(Action::HoldHeading);
-    desk.press(Action::Walk(Mode::Forward));
-    desk.see(50);
-    assert_eq!(desk.robot.telemetry(desk.now).setpoint, Mode::RightTurn.setpoint());
-    assert!(!curves(&desk));
+    assert!(!curves(&Desk::turned_back()));
 }
 
 #[test]
 fn a_heading_is_held_by_no_old_pose_and_ends_with_a_turn() {
-    let mut desk = Desk::armed();
-    desk.see(1);
-    desk.press(Action::HoldHeading);
-    desk.press(Action::Walk(Mode::Forward));
-    desk.see(50);
-    assert_eq!(desk.robot.telemetry(desk.now).setpoint, Mode::RightTurn.setpoint());
+    let mut desk = Desk::turned_back();
     // Poses stay away while it turns back.
     for _ in 0..60 {
         desk.cockpit.watch(&mut desk.client, desk.now);

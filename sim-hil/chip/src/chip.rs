@@ -164,7 +164,8 @@ impl<O: Outside> Chip<O> {
         let now = self.cpu.cycles + cycles(self.silicon.boot);
         let tick = std::mem::take(&mut self.cpu.tick);
         self.cpu = Cpu::new(self.image.entry);
-        self.cpu.tick = tick.after_reset();
+        self.cpu.tick = tick;
+        self.cpu.tick.abandon();
         self.cpu.charge_misses(cycles(self.silicon.cache_miss));
         self.cpu.cycles = now;
         if self.interrupts_at_hand_over {

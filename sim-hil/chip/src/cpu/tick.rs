@@ -33,14 +33,9 @@ impl Tick {
         self.depth = self.depth.saturating_sub(1);
     }
 
-    /// The loop is over: what runs from here on, as after a panic in it, is none of a tick's.
+    /// The loop is over: what runs from here on, as after a panic in it or a reset, is none of a tick's.
     pub(crate) fn abandon(&mut self) {
         self.depth = 0;
-    }
-
-    /// Returns what was counted before a reset, outside of a tick.
-    pub(crate) fn after_reset(self) -> Self {
-        Self { depth: 0, ..self }
     }
 
     /// Notes an access to flash, in a tick or not, by the number of its halfword.
