@@ -110,7 +110,9 @@ impl Guard {
         let mut state = self.0.borrow_mut();
         let senders = state.senders.iter().rev();
         let sender = senders.into_iter().find(|(it, end)| it.address == address && end == mark);
-        let Some(&(sender, _)) = sender else { return };
+        // Forgotten when many came at once that the stack dropped: then it is where it was.
+        let known = state.pinned().filter(|it| it.address == address);
+        let Some(sender) = sender.map(|(it, _)| *it).or(known) else { return };
         if state.pinned.is_none_or(|(pinned, _)| pinned != sender) {
             state.taken = RENEWED_AFTER;
         }

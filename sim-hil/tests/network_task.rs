@@ -330,6 +330,29 @@ fn forged_arp_takes_no_answers_from_the_operator() {
 }
 
 #[test]
+fn datagrams_that_the_stack_drops_make_the_guard_forget_nobody() {
+    play(Some(key()), |world| async move {
+        let mut operator = Operator::new(&world);
+        operator.connect().await;
+        // More of them than senders are remembered, within one turn of the stack; the check sum of their headers is wrong.
+        world.wire.follow(|_| {
+            let dropped = |number: u8| {
+                let from = SocketAddrV4::new(Ipv4Addr::new(10, 0, 0, number), 1);
+                let to = SocketAddrV4::new(ROBOT, DEFAULT_PORT);
+                let mut frame = network::datagram(66, from, to, &[number; 64]);
+                frame[24] ^= 1;
+                frame
+            };
+            let claim = arp(Arp::Reply, 66, OPERATOR, ROBOT);
+            (100..148).map(dropped).chain([claim]).collect()
+        });
+        operator.ping_for(20_000).await;
+        let (answers, telemetry) = (operator.outcomes.len(), operator.telemetry);
+        assert!(answers >= 970 && telemetry >= 950, "{answers} answers, {telemetry} telemetry");
+    });
+}
+
+#[test]
 fn copies_of_an_operators_datagrams_take_no_answers_from_him() {
     play(Some(key()), |world| async move {
         world.wire.copy_from(66);

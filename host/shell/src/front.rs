@@ -5,7 +5,8 @@
 //! accepted elsewhere, and has no hook before its answer. So it listens where nobody looks ([`hidden`]), and the front takes
 //! the viewers: it reads what each asks, refuses whom it must, and passes the bytes of all others on.
 //!
-//! A viewer gets little time to ask, and few may wait at once; one more turns out the one who has waited longest.
+//! A viewer gets little time to ask, and few may wait or look at once. One more turns out the one who has waited longest, or
+//! who has looked longest from the address with the most viewers: whoever opens many and never leaves keeps nobody else out.
 
 use std::io::{self, Read as _, Write as _};
 use std::net::{IpAddr, Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -46,9 +47,6 @@ pub enum Refusal {
     /// It is the page of a site that was not named.
     #[error("403 Forbidden")]
     Origin,
-    /// There are too many.
-    #[error("503 Service Unavailable")]
-    Full,
 }
 
 impl Refusal {
@@ -62,7 +60,6 @@ impl Refusal {
             Self::Origin => {
                 "name the site of this page with --foxglove-origin to show it the stream"
             }
-            Self::Full => "too many viewers are open: close one",
         }
     }
 }
@@ -151,13 +148,68 @@ pub struct Front {
     ends: Arc<AtomicBool>,
 }
 
-/// Those that are here.
+/// Who is here.
+struct Visitor {
+    number: u64,
+    /// `None` once its socket is at its end.
+    address: Option<IpAddr>,
+    socket: TcpStream,
+}
+
+/// Those that are here, the longest first.
 #[derive(Default)]
 struct Hall {
     came: u64,
-    /// Those that have not asked yet, the longest first.
-    waiting: Vec<(u64, TcpStream)>,
-    viewers: usize,
+    /// Those that have not asked yet.
+    waiting: Vec<Visitor>,
+    /// Those that see the stream.
+    viewers: Vec<Visitor>,
+}
+
+impl Hall {
+    /// Takes in one more who has not asked.
+    fn admit(&mut self, socket: TcpStream) -> u64 {
+        if self.waiting.len() >= MOST_WAITING {
+            self.turn_out();
+        }
+        self.came += 1;
+        let address = socket.peer_addr().ok().map(|it| it.ip());
+        self.waiting.push(Visitor { number: self.came, address, socket });
+        self.came
+    }
+
+    /// Makes one a viewer, unless it was turned out while it asked.
+    fn welcome(&mut self, number: u64) -> bool {
+        let Some(place) = self.waiting.iter().position(|it| it.number == number) else {
+            return false;
+        };
+        if self.viewers.len() >= MOST_VIEWERS {
+            let from = |address| self.viewers.iter().filter(|it| it.address == address).count();
+            let most = self.viewers.iter().map(|it| from(it.address)).max();
+            let leaves = self.viewers.iter().position(|it| Some(from(it.address)) == most);
+            leaves.map(|leaves| self.viewers.remove(leaves).leave());
+        }
+        self.viewers.push(self.waiting.remove(place));
+        true
+    }
+
+    /// Turns out the one who has waited longest.
+    fn turn_out(&mut self) {
+        if !self.waiting.is_empty() {
+            self.waiting.remove(0).leave();
+        }
+    }
+
+    fn forget(&mut self, number: u64) {
+        self.waiting.retain(|it| it.number != number);
+        self.viewers.retain(|it| it.number != number);
+    }
+}
+
+impl Visitor {
+    fn leave(self) {
+        let _ = self.socket.shutdown(Shutdown::Both);
+    }
 }
 
 impl Front {
@@ -181,7 +233,7 @@ impl Front {
                 }
                 let Ok(socket) = socket else {
                     // Descriptors are short; one that waits gives his back.
-                    turn_out(&hall);
+                    in_hall(&hall, Hall::turn_out);
                     thread::sleep(Duration::from_millis(10));
                     continue;
                 };
@@ -218,14 +270,6 @@ fn in_hall<T>(hall: &Mutex<Hall>, act: impl FnOnce(&mut Hall) -> T) -> T {
     act(&mut hall.lock().unwrap_or_else(PoisonError::into_inner))
 }
 
-fn turn_out(hall: &Mutex<Hall>) {
-    in_hall(hall, |hall| {
-        if !hall.waiting.is_empty() {
-            let _ = hall.waiting.remove(0).1.shutdown(Shutdown::Both);
-        }
-    });
-}
-
 /// Reads what a viewer asks, and passes it on or refuses it.
 fn visit(
     mut viewer: TcpStream,
@@ -234,36 +278,28 @@ fn visit(
     hall: &Mutex<Hall>,
 ) -> io::Result<()> {
     let other = viewer.try_clone()?;
-    if in_hall(hall, |hall| hall.waiting.len() >= MOST_WAITING) {
-        turn_out(hall);
-    }
-    let number = in_hall(hall, |hall| {
-        hall.came += 1;
-        hall.waiting.push((hall.came, other));
-        hall.came
+    let number = in_hall(hall, |hall| hall.admit(other));
+    let visited = question(&mut viewer).and_then(|question| {
+        let text = std::str::from_utf8(&question).map_err(|_| Refusal::Malformed);
+        match text.and_then(|text| check(text, named)) {
+            Err(refusal) => refuse(viewer, refusal),
+            Ok(()) if in_hall(hall, |hall| hall.welcome(number)) => {
+                pass_on(viewer, library, &question)
+            }
+            Ok(()) => Ok(()),
+        }
     });
-    let question = question(&mut viewer);
-    in_hall(hall, |hall| hall.waiting.retain(|(it, _)| *it != number));
-    let question = question?;
-    let text = std::str::from_utf8(&question).map_err(|_| Refusal::Malformed);
-    let allowed = text.and_then(|text| check(text, named)).and_then(|()| {
-        in_hall(hall, |hall| {
-            let has_room = hall.viewers < MOST_VIEWERS;
-            hall.viewers += usize::from(has_room);
-            has_room.then_some(()).ok_or(Refusal::Full)
-        })
-    });
-    if let Err(refusal) = allowed {
-        let advice = refusal.advice();
-        let length = advice.len() + 1;
-        return write!(
-            viewer,
-            "HTTP/1.1 {refusal}\r\nContent-Type: text/plain\r\nContent-Length: {length}\r\nConnection: close\r\n\r\n{advice}\n"
-        );
-    }
-    let passed = pass_on(viewer, library, &question);
-    in_hall(hall, |hall| hall.viewers -= 1);
-    passed
+    in_hall(hall, |hall| hall.forget(number));
+    visited
+}
+
+fn refuse(mut viewer: TcpStream, refusal: Refusal) -> io::Result<()> {
+    let advice = refusal.advice();
+    let length = advice.len() + 1;
+    write!(
+        viewer,
+        "HTTP/1.1 {refusal}\r\nContent-Type: text/plain\r\nContent-Length: {length}\r\nConnection: close\r\n\r\n{advice}\n"
+    )
 }
 
 /// Reads up to the empty line that ends a question.
@@ -399,5 +435,28 @@ mod tests {
         let mut row = [0; 3];
         viewer.read_exact(&mut row).unwrap();
         assert_eq!((&row, idle.len()), (b"row", 3 * MOST_WAITING));
+    }
+
+    #[test]
+    fn viewers_that_never_leave_keep_out_no_other() {
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        let mut hall = Hall::default();
+        let mut look = |address: [u8; 4]| {
+            let viewer = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+            let number = hall.admit(listener.accept().unwrap().0);
+            hall.waiting.last_mut().unwrap().address = Some(address.into());
+            assert!(hall.welcome(number));
+            viewer.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
+            viewer
+        };
+        let lone = look([10, 0, 0, 2]);
+        let many: Vec<_> = (0..2 * MOST_VIEWERS).map(|_| look([10, 0, 0, 1])).collect();
+        let late = look([10, 0, 0, 3]);
+        let looks_on = |mut viewer: &TcpStream| viewer.read(&mut [0]).is_err();
+        assert!(looks_on(&lone) && looks_on(&late));
+        // Who stays: 15 of them beside the first, 14 beside the late one too, the newest.
+        let stay: Vec<_> = many.iter().map(looks_on).collect();
+        let newest: Vec<_> = (0..many.len()).map(|it| it >= many.len() - 14).collect();
+        assert_eq!(stay, newest);
     }
 }

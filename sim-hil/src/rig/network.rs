@@ -38,7 +38,7 @@ const PREFIX: u8 = 24;
 /// Longest Ethernet frame, bytes.
 const MTU: usize = 1514;
 /// Frames that wait at a card, each way.
-const QUEUE: usize = 32;
+const QUEUE: usize = 64;
 /// Time that passes between two ticks of the robot.
 pub const TICK: Duration = Duration::from_micros(TICK_US as u64);
 /// Turns that all tasks get in each tick: a datagram needs six from end to end.
@@ -49,6 +49,7 @@ static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 type Driver = Guarded<Device<'static, MTU>>;
 type Watcher = Box<dyn FnMut(&[u8])>;
+type Follower = Box<dyn Fn(&[u8]) -> Vec<Vec<u8>>>;
 
 /// What the wire does with frames.
 #[derive(Default)]
@@ -58,8 +59,8 @@ pub struct Wire {
     random: Cell<u32>,
     injected: RefCell<VecDeque<Vec<u8>>>,
     watcher: RefCell<Option<Watcher>>,
-    /// The card of somebody who sends a copy of each of the operator's frames at once.
-    copied_by: Cell<Option<u8>>,
+    /// Somebody who sends frames at once after each of the operator's.
+    follower: RefCell<Option<Follower>>,
 }
 
 impl Wire {
@@ -73,9 +74,14 @@ impl Wire {
         self.injected.borrow_mut().push_back(frame);
     }
 
+    /// Sends to the robot, at once after each frame of the operator, the frames that `follower` makes of it.
+    pub fn follow(&self, follower: impl Fn(&[u8]) -> Vec<Vec<u8>> + 'static) {
+        *self.follower.borrow_mut() = Some(Box::new(follower));
+    }
+
     /// Lets the card of this number send a copy of each frame of the operator, at once, as its own.
     pub fn copy_from(&self, card: u8) {
-        self.copied_by.set(Some(card));
+        self.follow(move |frame| vec![[&frame[..6], &hardware(card), &frame[12..]].concat()]);
     }
 
     /// Shows this watcher each frame that the robot sends.
@@ -176,16 +182,14 @@ pub fn play_with<Scenario: Future>(
             watcher(frame);
         }
     };
-    let copied = |frame: &[u8]| {
-        if let Some(card) = wire.copied_by.get() {
-            let mut copy = frame.to_vec();
-            copy[6..12].copy_from_slice(&hardware(card));
-            wire.inject(copy);
+    let followed = |frame: &[u8]| {
+        if let Some(follower) = &*wire.follower.borrow() {
+            wire.injected.borrow_mut().extend(follower(frame));
         }
     };
     let wires = join3(
         carry(&wire, robot_tx, &operator_rx, watched),
-        carry(&wire, operator_tx, &robot_rx, copied),
+        carry(&wire, operator_tx, &robot_rx, followed),
         intrude(&wire, &robot_rx),
     );
     let stacks = join(robot_runner.run(), operator_runner.run());
