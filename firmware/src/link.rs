@@ -677,11 +677,12 @@ impl Link {
         if self.ramps_down && !is_idle(state) { State::Stopping } else { state }
     }
 
+    /// Refuses what moves while a fault or a stop is latched. A fault is named first: it is what a person has to look for.
     fn check_cleared(&self) -> Result<(), Refusal> {
-        if self.report.stopped || self.order.requests.stop != self.report.obeyed.stop {
-            Err(Refusal::Stopped)
-        } else if self.report.faults != Faults::NONE {
+        if self.report.faults != Faults::NONE {
             Err(Refusal::Faulted(self.report.faults))
+        } else if self.report.stopped || self.order.requests.stop != self.report.obeyed.stop {
+            Err(Refusal::Stopped)
         } else {
             Ok(())
         }

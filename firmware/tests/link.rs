@@ -430,8 +430,11 @@ fn a_stop_and_a_fault_are_named_until_they_are_cleared() {
         let mut ends = Ends::at(State::Disarmed);
         ends.observe(|report| report.stopped = true);
         assert_eq!(ends.say(command.clone()), refused(Refusal::Stopped));
-        ends.observe(|report| (report.stopped, report.faults) = (false, faults));
-        assert_eq!(ends.say(command.clone()), refused(Refusal::Faulted(faults)));
+        // A robot that a program stopped because of the fault has both.
+        for stopped in [true, false] {
+            ends.observe(|report| (report.stopped, report.faults) = (stopped, faults));
+            assert_eq!(ends.say(command.clone()), refused(Refusal::Faulted(faults)));
+        }
     }
 }
 
