@@ -212,6 +212,28 @@ fn a_robot_that_is_armed_with_nothing_held_is_disarmed_too_and_once() {
 }
 
 #[test]
+fn a_robot_is_asked_to_disarm_until_it_is_disarmed_or_armed_anew() {
+    let lost = Duration::from_secs(5);
+    let mut room = Room::walking();
+    room.robot.lost = Some(Command::Disarm);
+    room.lively.clear();
+    room.pages.close(ANNA, &mut room.cockpit, &mut room.client, room.now);
+    room.run(lost);
+    assert_ne!(room.robot.state, State::Disarmed, "nothing told it");
+    room.robot.lost = None;
+    room.run(REST);
+    assert_eq!(room.robot.state, State::Disarmed);
+    // Whoever arms it means that.
+    let mut room = Room::walking();
+    room.robot.lost = Some(Command::Disarm);
+    room.act(ANNA, Action::Disarm);
+    room.act(ANNA, Action::Arm);
+    room.robot.lost = None;
+    room.run(lost);
+    assert_eq!(room.robot.state, State::Armed);
+}
+
+#[test]
 fn a_second_page_watches_and_may_only_stop() {
     let mut room = Room::walking();
     room.open(BOB);

@@ -124,6 +124,8 @@ pub struct Cockpit {
     sampled: Instant,
     animated: Instant,
     insisting: Option<Insisting>,
+    /// What asked the robot to disarm, and is asked again until it is disarmed, or is to be armed.
+    disarming: Option<u32>,
     asked: Vec<u32>,
     attention: Option<Attention>,
 }
@@ -170,6 +172,7 @@ impl Cockpit {
             sampled: now,
             animated: now,
             insisting: None,
+            disarming: None,
             asked: Vec::new(),
             attention: None,
         }
@@ -234,6 +237,9 @@ impl Cockpit {
             .collect();
         self.settings.reconnected(client, now);
         self.scope.give_up();
+        if self.disarming.is_some() {
+            self.disarming = Some(client.request(now, Command::Disarm));
+        }
     }
 
     /// Does an action of the operator, except leaving.
@@ -251,7 +257,7 @@ impl Cockpit {
                 self.rest();
                 self.insisting = None;
                 client.release();
-                client.request(now, Command::Disarm);
+                self.disarming = Some(client.request(now, Command::Disarm));
             }
             Action::Clear => self.insist(Command::Clear, client, now),
             Action::Walk(mode) => {
@@ -328,6 +334,9 @@ impl Cockpit {
                 self.scope.unanswered(*request);
                 if self.insisting.as_ref().is_some_and(|it| it.request == *request) {
                     self.insisting = None;
+                }
+                if self.disarming == Some(*request) {
+                    self.disarming = Some(client.request(now, Command::Disarm));
                 }
             }
             // The state shows it already.
@@ -480,6 +489,7 @@ impl Cockpit {
                 self.note(now, Weight::Warning, "faulted: press c to clear it first");
             }
             _ => {
+                self.disarming = None;
                 self.insist(Command::Arm, client, now);
             }
         }
@@ -558,6 +568,9 @@ impl Cockpit {
             self.insisting = None;
         }
         self.insisting.take_if(|insisting| now >= insisting.give_up_at);
+        if is_idle(telemetry.state) {
+            self.disarming = None;
+        }
         match telemetry.state {
             State::Aligning | State::Armed | State::Running if self.is_arming() => {
                 self.insisting = None;
@@ -628,6 +641,11 @@ fn near_commanded(telemetry: &Telemetry) -> f32 {
     let commanded = telemetry.setpoint.direction().get();
     let difference = f64::from(telemetry.direction.get() - commanded);
     commanded + line_difference(difference) as f32
+}
+
+/// Returns whether the motors are without current.
+pub(super) const fn is_idle(state: State) -> bool {
+    matches!(state, State::Disarmed | State::Faulted)
 }
 
 fn is_quick(telemetry: &Telemetry) -> bool {

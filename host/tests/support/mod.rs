@@ -67,6 +67,8 @@ pub struct FakeRobot {
     pub ramps_down_for: u32,
     /// Stops of others.
     halts: u8,
+    /// A command that is lost on its way, however often it is sent.
+    pub lost: Option<Command>,
     /// Takes for ever to align its motors.
     pub aligns_for_ever: bool,
     proven_since: Option<Instant>,
@@ -92,6 +94,7 @@ impl FakeRobot {
             reports_of_late_commands: 0,
             ramps_down_for: 0,
             halts: 0,
+            lost: None,
             aligns_for_ever: false,
             proven_since: None,
             telemetry_at: Instant::START,
@@ -122,6 +125,11 @@ impl FakeRobot {
                 let mut datagrams = vec![(from, frame.to_vec())];
                 datagrams.extend(self.report(now, Event::OperatorConnected(OperatorName::OWNER)));
                 datagrams
+            }
+            RobotReceived::Command(ToRobot { command, .. })
+                if self.lost.as_ref() == Some(&command) =>
+            {
+                Vec::new()
             }
             RobotReceived::Command(ToRobot { request, intent, command, .. }) => {
                 self.intent = intent;

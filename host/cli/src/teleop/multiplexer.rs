@@ -87,8 +87,9 @@ const MOST_ANCESTORS: u32 = 8;
 /// terminal of the pane. Of tmux 3.1 and later also how many terminals show the window: sessions may share it.
 const PANE: &str = "#{session_attached} #{window_active} #{pane_in_mode} #{pane_active} #{window_id} #{pane_tty} \
                     #{window_active_clients}";
-/// What is asked about each terminal that is attached: the window that it shows, its process and its name.
-const CLIENT: &str = "#{window_id} #{client_pid} #{client_tty}";
+/// What is asked about each terminal that is attached: the window that it shows, its process and its name; of tmux 3.2 and later
+/// also whether it is suspended or locked, so that another program has its keys.
+const CLIENT: &str = "#{window_id} #{client_pid} #{client_tty} #{client_flags}";
 
 /// A pane of tmux.
 #[derive(Debug, Default, PartialEq, Eq)]
@@ -138,14 +139,18 @@ fn is_shown(windows: &str, window: &str) -> Option<bool> {
     Some(flags.contains(['*', '&']))
 }
 
-/// Returns whether this is true of any process and terminal that show a window; also where none is known.
+/// Returns whether this is true of any process and terminal that show a window, and are not suspended; also where none is known.
 fn any_of(clients: &str, window: &str, is_true: impl Fn(&str, &str) -> bool) -> bool {
     let clients = clients.lines().filter_map(|line| {
-        let (shown, client) = line.split_once(' ')?;
-        client.split_once(' ').filter(|_| shown == window)
+        let mut words = line.split_whitespace();
+        words.next().filter(|shown| *shown == window)?;
+        Some((words.next()?, words.next()?, words.next().unwrap_or_default()))
     });
     let mut clients = clients.peekable();
-    clients.peek().is_none() || clients.any(|(process, terminal)| is_true(process, terminal))
+    clients.peek().is_none()
+        || clients.any(|(process, terminal, flags)| {
+            !flags.split(',').any(|flag| flag == "suspended") && is_true(process, terminal)
+        })
 }
 
 /// Returns what another process, or the nearest above it, is inside of; nothing where the system does not say so. Who starts
@@ -234,11 +239,14 @@ mod tests {
 
     #[test]
     fn a_window_is_watched_where_one_of_its_terminals_is() {
-        let clients = "@0 812 /dev/pts/1\n@0 813 /dev/pts/2\n@1 814 /dev/pts/5\n";
+        let clients = "@0 812 /dev/pts/1\n@0 813 /dev/pts/2 attached,UTF-8\n@1 814 /dev/pts/5\n\
+                       @0 815 /dev/pts/6 attached,focused,suspended\n@3 816 /dev/pts/7 suspended";
         for (window, watched, expected) in [
             ("@0", ("812", "/dev/pts/1"), true),
             ("@0", ("813", "/dev/pts/2"), true),
             ("@0", ("814", "/dev/pts/5"), false),
+            ("@0", ("815", "/dev/pts/6"), false),
+            ("@3", ("816", "/dev/pts/7"), false),
             ("@1", ("814", "/dev/pts/5"), true),
             ("@1", ("812", "/dev/pts/1"), false),
             ("@2", ("none", "none"), true),

@@ -8,14 +8,14 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LOST};
-use flix_protocol::message::{Setpoint, State, Telemetry};
+use flix_protocol::message::Setpoint;
 use flix_protocol::units::Instant;
 
 use super::message::{Message, Request};
 use crate::link::Client;
 use crate::teleop::Cockpit;
 use crate::teleop::action::Action;
-use crate::teleop::cockpit::Weight;
+use crate::teleop::cockpit::{Weight, is_idle};
 use crate::teleop::scope::Wish;
 
 /// Age from which a message is no sign of life: the robot's own deadline for commands.
@@ -196,9 +196,7 @@ fn rest(cockpit: &mut Cockpit, client: &mut Client, now: Instant) {
 
 /// Disarms the robot unless it is disarmed as far as anybody here knows: it may stay armed by itself with nothing held.
 fn disarm(cockpit: &mut Cockpit, client: &mut Client, now: Instant, why: &str) {
-    let is_idle =
-        |telemetry: &Telemetry| matches!(telemetry.state, State::Disarmed | State::Faulted);
-    if client.is_driving() || !cockpit.telemetry.as_ref().is_none_or(is_idle) {
+    if client.is_driving() || !cockpit.telemetry.as_ref().is_none_or(|it| is_idle(it.state)) {
         cockpit.act(Action::Disarm, client, now);
         cockpit.note(now, Weight::Alarm, why);
     }
