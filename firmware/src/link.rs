@@ -110,6 +110,8 @@ pub struct Link {
     setpoint: Setpoint,
     /// Who asked first for the stop that is latched, or on its way.
     stopped_by: Option<OperatorName>,
+    /// When somebody asked for it last.
+    stopped_at: Instant,
     /// The request that began the last trial of this operator: repeated, it is answered again and begins no other.
     tried: Option<u32>,
     /// Asked to ramp down and disarm, and not there yet.
@@ -168,6 +170,7 @@ impl Link {
             order: Order::default(),
             setpoint: Setpoint::REST,
             stopped_by: None,
+            stopped_at: Instant::START,
             tried: None,
             ramps_down: false,
             intent: None,
@@ -312,7 +315,7 @@ impl Link {
                 self.events.push(now, Event::OperatorLeft);
             }
             RobotReceived::Stop(answer, operator) => {
-                self.stop(Some(operator));
+                self.stop(now, Some(operator));
                 self.halts = self.halts.wrapping_add(1);
                 self.stop_from_outside = Some(self.halts);
                 self.events.push(now, Event::StoppedFromOutside(operator));
@@ -491,7 +494,7 @@ impl Link {
             Command::Setpoint(setpoint) => self.shake(now, (intent, halts), setpoint)?,
             Command::Arm => self.arm(now, tuning.settings())?,
             Command::Disarm => self.disarm(),
-            Command::Stop => self.stop(self.session.operator(now)),
+            Command::Stop => self.stop(now, self.session.operator(now)),
             Command::Clear => self.clear(halts)?,
             Command::Parameter(command) => return self.tune(now, command, tuning).map(Some),
             Command::Trial(trial) => return self.try_out(now, request, trial).map(Some),
@@ -649,10 +652,11 @@ impl Link {
     }
 
     /// Asks the fast half to stop. Who latched the stop is who asked first.
-    fn stop(&mut self, by: Option<OperatorName>) {
+    fn stop(&mut self, now: Instant, by: Option<OperatorName>) {
         if !self.report.stopped {
             self.stopped_by = by;
         }
+        self.stopped_at = now;
         self.order.requests.stop = self.order.requests.stop.wrapping_add(1);
         self.ramps_down = true;
         self.setpoint = Setpoint::REST;
@@ -799,6 +803,7 @@ impl Link {
             link,
             operator,
             stopped_by: self.stopped_by.filter(|_| report.stopped),
+            stopped_at: report.stopped.then_some(self.stopped_at),
         }
     }
 }

@@ -89,6 +89,21 @@ impl World {
         self.now = self.now + TICK;
     }
 
+    /// Somebody without a session stops the robot.
+    fn stop_from_outside(&mut self) {
+        let mut stop = StopSession::new(&key(), [6; 32], self.now);
+        let outside: SocketAddr = "10.0.0.2:5000".parse().unwrap();
+        for _ in 0..2 {
+            let asked = stop.poll(self.now).unwrap();
+            for (to, datagram) in self.robot.receive(self.now, outside, &asked) {
+                if to == outside {
+                    stop.receive(self.now, &datagram).unwrap();
+                }
+            }
+        }
+        assert!(self.robot.stopped);
+    }
+
     fn answer(&self, wanted: u32) -> Option<&Outcome> {
         self.updates.iter().find_map(|update| match update {
             Update::Answer { request, outcome } if *request == wanted => Some(outcome),
@@ -232,21 +247,36 @@ fn nothing_that_was_asked_before_a_stop_from_outside_clears_it() {
     world.run(Duration::from_millis(50));
     let clear = world.client.request(world.now, Command::Clear);
     world.run(Duration::from_millis(2));
-    let mut stop = StopSession::new(&key(), [6; 32], world.now);
-    let outside: SocketAddr = "10.0.0.2:5000".parse().unwrap();
-    for _ in 0..2 {
-        let asked = stop.poll(world.now).unwrap();
-        for (to, datagram) in world.robot.receive(world.now, outside, &asked) {
-            if to == outside {
-                stop.receive(world.now, &datagram).unwrap();
-            }
-        }
-    }
+    world.stop_from_outside();
     // Even where the event is lost.
     world.to_robot.clear();
     world.run(Duration::from_secs(1));
     assert_eq!(world.answer(clear), Some(&Outcome::Refused(Refusal::Stopped)));
     assert!(world.robot.stopped);
+}
+
+#[test]
+fn what_was_asked_without_a_session_clears_no_stop_that_came_meanwhile() {
+    for is_news in [true, false] {
+        let mut world = World::connected();
+        if !is_news {
+            world.stop_from_outside();
+            world.run(Duration::from_millis(100));
+        }
+        world.is_cut = true;
+        world.run(Duration::from_millis(1_500));
+        let [clear, arm] =
+            [Command::Clear, Command::Arm].map(|it| world.client.request(world.now, it));
+        if is_news {
+            world.stop_from_outside();
+        }
+        world.is_cut = false;
+        world.run(Duration::from_millis(1_500));
+        let refused = Some(&Outcome::Refused(Refusal::Stopped));
+        assert_eq!(world.answer(clear) == refused, is_news);
+        assert_eq!(world.answer(arm) == refused, is_news);
+        assert_eq!(world.robot.stopped, is_news);
+    }
 }
 
 #[test]

@@ -357,6 +357,7 @@ fn running() -> ToOperator {
         },
         operator: operator("anna"),
         stopped_by: Some(operator("bob")),
+        stopped_at: Some(Instant::from_micros(3_000_000)),
     })
 }
 

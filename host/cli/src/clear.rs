@@ -1,6 +1,7 @@
 //! `flix clear`: clears a latched stop, and faults whose cause is gone.
 
 use std::process::ExitCode;
+use std::time::Instant;
 
 use super::robot::RobotArgs;
 use super::{Error, Exit};
@@ -21,9 +22,10 @@ pub struct Args {
 /// # Errors
 /// When the robot cannot be reached, or the cause of a fault is still there.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
+    let asked = Instant::now();
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let mut connection = args.robot.connect(&interrupt)?;
-    waiting("the robot to be ready again", || connection.clear())?;
+    waiting("the robot to be ready again", || connection.clear(asked))?;
     print("ready\n")?;
     Ok(Exit::Done.into())
 }

@@ -676,6 +676,18 @@ fn a_stopped_robot_is_driven_again_only_after_clear() {
 }
 
 #[test]
+fn a_stop_that_came_after_clear_was_typed_stays() {
+    let mut robot = robot();
+    // At this moment, whenever that is.
+    (robot.stopped, robot.stopped_at) =
+        (true, Some(flix_protocol::units::Instant::from_micros(u64::MAX)));
+    let (served, address) = serve(robot);
+    let operator = Operator::new();
+    operator.flix(&["clear", &address]).expect(31, &["owner stopped the robot"]);
+    assert!(served.robot().stopped);
+}
+
+#[test]
 fn a_stopped_robot_walks_again_only_after_clear() {
     let (served, address) = serve(robot());
     let operator = Operator::new();

@@ -92,6 +92,8 @@ pub struct Client {
     next_number: u32,
     keep_alive_at: Instant,
     heard: Instant,
+    /// When the robot last stated whether it is stopped, in any session; before the first, when this client was made.
+    informed: Instant,
     telemetry: Option<Telemetry>,
     is_driving: bool,
     statistics: Statistics,
@@ -119,6 +121,7 @@ impl Client {
             next_number: 0,
             keep_alive_at: now,
             heard: now,
+            informed: now,
             telemetry: None,
             is_driving: false,
             statistics: Statistics::default(),
@@ -293,9 +296,13 @@ impl Client {
         match received {
             OperatorReceived::Message(ToOperator::Reply(reply)) => self.replied(now, reply),
             OperatorReceived::Message(ToOperator::Telemetry(telemetry)) => {
-                let halts = self.halts();
-                self.telemetry = Some(telemetry);
-                if telemetry.halts != halts && telemetry.stopped {
+                let unseen = now.since(self.informed);
+                let is_news = match &self.telemetry {
+                    Some(before) => before.halts != telemetry.halts,
+                    None => telemetry.stopped_for().is_some_and(|it| it < unseen),
+                };
+                (self.telemetry, self.informed) = (Some(telemetry), now);
+                if is_news && telemetry.stopped {
                     self.give_up_on_moving(Some(&Refusal::Stopped));
                 }
                 self.updates.push_back(Update::Telemetry(telemetry));
@@ -396,12 +403,15 @@ impl Client {
     }
 
     /// Returns the requests that may be sent now, each with its place: questions, the oldest that changes the robot, and what
-    /// disarms it.
+    /// disarms it. Nothing is cleared before the robot has said by what it is stopped.
     fn in_turn(&self) -> impl Iterator<Item = (usize, &Pending)> {
         let mut is_first = true;
         self.pending.iter().enumerate().filter(move |(_, pending)| {
             let command = &pending.message.command;
-            command.is_question() || std::mem::take(&mut is_first) || *command == Command::Disarm
+            let is_turn = command.is_question()
+                || std::mem::take(&mut is_first)
+                || *command == Command::Disarm;
+            is_turn && (*command != Command::Clear || self.telemetry.is_some())
         })
     }
 

@@ -409,11 +409,16 @@ impl Connection {
         }
     }
 
-    /// Clears the latched stop and faults.
+    /// Clears the latched stop and faults, for somebody who asked for it then: not a stop that came since.
     ///
     /// # Errors
-    /// As for [`Connection::ask`]; when the cause of a fault is still there.
-    pub fn clear(&mut self) -> Result<(), LinkError> {
+    /// As for [`Connection::ask`]; when somebody else stopped the robot, or the cause of a fault is still there.
+    pub fn clear(&mut self, asked: std::time::Instant) -> Result<(), LinkError> {
+        let telemetry = self.wait_for_telemetry(TELEMETRY_LAG, |_| true)?;
+        let stopped_for = telemetry.and_then(|telemetry| telemetry.stopped_for());
+        if stopped_for.is_some_and(|it| it < asked.elapsed()) {
+            return Err(self.why_stopped()?);
+        }
         let deadline = self.now() + CLEAR_PATIENCE;
         let halts = self.client.halts();
         loop {

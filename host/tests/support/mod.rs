@@ -52,6 +52,8 @@ pub struct FakeRobot {
     pub stopped: bool,
     /// Who is reported to have latched the stop.
     pub stopped_by: OperatorName,
+    /// When it was asked to stop for the last time.
+    pub stopped_at: Option<Instant>,
     pub faults: Faults,
     pub setpoint: Setpoint,
     /// Number of the last wish of a person.
@@ -85,6 +87,7 @@ impl FakeRobot {
             state: State::Disarmed,
             stopped: false,
             stopped_by: OperatorName::OWNER,
+            stopped_at: None,
             faults: Faults::NONE,
             setpoint: Setpoint::REST,
             intent: 0,
@@ -215,7 +218,7 @@ impl FakeRobot {
             Command::Scope(_) => Outcome::Refused(Refusal::NotCaptured),
             Command::Trial(_) => Outcome::Refused(Refusal::NoCurrentSense),
             Command::Stop => {
-                self.stopped = true;
+                (self.stopped, self.stopped_at) = (true, Some(now));
                 self.setpoint = Setpoint::REST;
                 if self.state != State::Faulted {
                     self.state = State::Disarmed;
@@ -359,6 +362,7 @@ impl FakeRobot {
             link: self.session.quality(now),
             operator: self.session.operator(now).unwrap_or(OperatorName::OWNER),
             stopped_by: self.stopped.then_some(self.stopped_by),
+            stopped_at: self.stopped_at.filter(|_| self.stopped),
         }
     }
 }

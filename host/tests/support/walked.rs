@@ -40,6 +40,7 @@ pub fn telemetry(seconds: f64) -> Telemetry {
         link_late: false,
         halts: 0,
         stopped_by: None,
+        stopped_at: None,
         setpoint: forward(),
         frequency: Hertz::saturating(-29.9),
         direction: Degrees::saturating(30.2),

@@ -1,5 +1,7 @@
 //! What the robot reports of itself: telemetry many times a second, and events.
 
+use core::time::Duration;
+
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
@@ -136,6 +138,16 @@ pub struct Telemetry {
     pub operator: OperatorName,
     /// Who latched the stop, while it is.
     pub stopped_by: Option<OperatorName>,
+    /// When the robot was asked to stop for the last time, on its clock, while the stop is latched.
+    pub stopped_at: Option<Instant>,
+}
+
+impl Telemetry {
+    /// Returns how long ago the robot was asked to stop for the last time, where a stop is latched.
+    #[must_use]
+    pub fn stopped_for(&self) -> Option<Duration> {
+        self.stopped_at.map(|at| self.time.since(at))
+    }
 }
 
 /// An event with its number and time. Each is sent once, in order.
