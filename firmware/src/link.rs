@@ -671,6 +671,7 @@ impl Link {
         if self.ramps_down {
             return Err(Refusal::State(State::Stopping));
         }
+        self.stop_from_outside = None;
         self.order.requests.clear = self.order.requests.clear.wrapping_add(1);
         Ok(())
     }

@@ -142,6 +142,7 @@ impl From<LinkError> for Error {
             | LinkError::Back
             | LinkError::Left
             | LinkError::Unanswered
+            | LinkError::StopUnacknowledged
             | LinkError::Refused(Refusal::LinkUnproven | Refusal::Late { .. }) => Exit::NoAnswer,
             LinkError::Connect(ConnectError::Busy(_)) => Exit::Held,
             LinkError::Connect(_) | LinkError::Revoked | LinkError::Refused(Refusal::Malformed) => {

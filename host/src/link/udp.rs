@@ -74,6 +74,11 @@ pub enum LinkError {
     /// No reply to this request, although the session stands.
     #[error("the robot did not answer within {} s: the link loses too much; see `flix link-test`", super::REQUEST_PATIENCE.as_secs())]
     Unanswered,
+    /// The robot proved that it has the key, and has not said that it stopped.
+    #[error(
+        "the robot answers, but has not acknowledged the stop: it may be stopped or not; the link is very slow: ask again"
+    )]
+    StopUnacknowledged,
     /// The robot refused the request.
     #[error("the robot refused: {0}{hint}", hint = hint(.0))]
     Refused(Refusal),
@@ -516,6 +521,9 @@ pub fn stop(address: SocketAddr, keys: &[&Key], interrupt: &Interrupt) -> Result
             }
         }
         if failures == stops.len() {
+            if stops.iter().any(|(_, stop)| stop.is_challenged()) {
+                return Err(LinkError::StopUnacknowledged);
+            }
             return Err(no_session(Some(address), failed));
         }
         if interrupt.is_raised() {

@@ -2,7 +2,7 @@
 
 use super::connect::{ConnectError, Greeting};
 use super::key::{Entropy, Key, Signer};
-use super::{STOP_ANSWER_PATIENCE, STOP_RETRY, VERSION};
+use super::{STOP_ANSWER_PATIENCE, STOP_COOKIE_LIFE, STOP_RETRY, VERSION};
 use crate::frame::{self, Datagram, HandshakeFrame, KeyId, Nonce, Purpose};
 use crate::message::DropReason;
 use crate::units::Instant;
@@ -70,7 +70,7 @@ impl StopSession {
     #[must_use]
     pub fn poll_at(&self) -> Option<Instant> {
         match self.status {
-            StopStatus::Asking => Some(self.greeting.send_at.min(self.greeting.patience_ends_at())),
+            StopStatus::Asking => Some(self.greeting.send_at.min(self.patience_ends_at())),
             StopStatus::Latched => Some(self.greeting.send_at),
             StopStatus::AtRest | StopStatus::Failed(_) => None,
         }
@@ -79,13 +79,16 @@ impl StopSession {
     /// Returns the datagram that is due, if any.
     pub fn poll(&mut self, now: Instant) -> Option<HandshakeFrame> {
         // Anybody can forge a refusal: a stop is tried for as long as if there were none.
-        if self.status == StopStatus::Asking && now >= self.greeting.patience_ends_at() {
+        if self.status == StopStatus::Asking && now >= self.patience_ends_at() {
             self.status = StopStatus::Failed(self.greeting.error());
         }
         if self.poll_at().is_none_or(|due| now < due) {
             return None;
         }
-        if self.challenged.is_some_and(|(_, since)| now.since(since) >= STOP_ANSWER_PATIENCE) {
+        let begins_anew = now < self.greeting.patience_ends_at();
+        if self.challenged.is_some_and(|(_, since)| now.since(since) >= STOP_ANSWER_PATIENCE)
+            && begins_anew
+        {
             // The cookie is about to become invalid.
             self.challenged = None;
             self.greeting.renew(&mut self.entropy);
@@ -102,6 +105,12 @@ impl StopSession {
                 self.handshake.tag(signed, &[])
             }),
         })
+    }
+
+    /// Returns when no answer is waited for any more: as long as the robot may obey, and as its answer may take then.
+    fn patience_ends_at(&self) -> Instant {
+        let patience = self.greeting.patience_ends_at();
+        self.challenged.map_or(patience, |(_, since)| patience.max(since + STOP_COOKIE_LIFE))
     }
 
     /// Receives a datagram from the robot's address.

@@ -6,6 +6,7 @@
 //! In Motive, create the rigid body while the robot faces along Motive's +x, so that the axes of the
 //! body are those of the robot.
 
+mod order;
 mod server;
 mod source;
 

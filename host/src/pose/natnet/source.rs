@@ -22,6 +22,7 @@ use natnet::{
 use socket2::{Domain, Protocol, Socket, Type};
 
 use super::UpAxis;
+use super::order::{Arrival, Order, SHUFFLED};
 use crate::link::transient;
 use crate::pose::continuity::Continuity;
 use crate::pose::{Picture, Pose, PoseError, PoseSample, PoseSource};
@@ -36,8 +37,6 @@ const ASK_AGAIN: Duration = Duration::from_millis(300);
 const SILENCE: Duration = Duration::from_secs(1);
 /// Bit of a frame that says that the list of bodies has changed (NatNet SDK 4.1, `NatNetTypes.h`).
 const LIST_CHANGED: u16 = 0x02;
-/// Frames by which a network may shuffle two of them: one that is farther back is of a stream that began anew.
-const SHUFFLED: i32 = 100;
 /// Shortest wait that is requested from the operating system.
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
 /// Frames in a row that prove the layout that was asked for. A frame of the layout before may still be on its way.
@@ -134,6 +133,17 @@ pub enum NatNetError {
         server: SocketAddrV4,
         /// Names the version.
         version: String,
+    },
+    /// A stream by multicast to an address that is no group.
+    #[error(
+        "{server} streams to {group}, which is no multicast group: set the multicast interface to 239.255.42.99 in Motive's data \
+         streaming, or switch it to unicast"
+    )]
+    NoGroup {
+        /// Who.
+        server: SocketAddrV4,
+        /// Where to.
+        group: Ipv4Addr,
     },
     /// The server was asked for a layout that is known, and streams another.
     #[error(
@@ -232,6 +242,7 @@ pub struct NatNetSource {
     greet_at: Instant,
     buffer: Vec<u8>,
     last: Option<NatNetReading>,
+    order: Order,
     heard: Option<Instant>,
     /// When to ask which bodies there are now; nothing while that is known. Numbers may be of other bodies until then, and
     /// no pose is trusted.
@@ -264,6 +275,9 @@ impl NatNetSource {
         let greeting = layout.begin(settings.server)?;
         let channel = if info.connection.multicast {
             let group = info.multicast_group();
+            if !group.is_multicast() {
+                return Err(NatNetError::NoGroup { server: settings.server, group });
+            }
             let socket = multicast_socket(group, info.connection.data_port, settings.interface)
                 .map_err(socket)?;
             Channel::Multicast { stream: DataClient::from_socket(socket), command: client }
@@ -281,6 +295,7 @@ impl NatNetSource {
             greet_at: Instant::START,
             buffer: vec![0; MIN_DATA_BUFFER],
             last: None,
+            order: Order::default(),
             heard: None,
             ask_bodies_at: None,
             continuity: Continuity::default(),
@@ -399,17 +414,25 @@ impl NatNetSource {
         }
     }
 
-    fn count(&mut self, reading: &NatNetReading) {
-        self.statistics.frames += 1;
-        if let Some(last) = self.last.replace(*reading) {
-            let gap = i64::from(reading.frame) - i64::from(last.frame) - 1;
-            self.statistics.lost += u64::try_from(gap).unwrap_or(0);
+    /// Counts a frame, and returns whether it is newer than all that came before: a network may deliver frames late, or twice.
+    fn count(&mut self, reading: &NatNetReading) -> bool {
+        match self.order.take(reading.frame) {
+            Arrival::Newest { missing } => self.statistics.lost += missing,
+            Arrival::Late => {
+                self.statistics.frames += 1;
+                self.statistics.lost -= 1;
+                return false;
+            }
+            Arrival::Again => return false,
         }
+        self.last = Some(*reading);
+        self.statistics.frames += 1;
         match reading.body {
             None => self.statistics.without_body += 1,
             Some((_, false)) => self.statistics.untracked += 1,
             Some((_, true)) => {}
         }
+        true
     }
 }
 
@@ -443,8 +466,8 @@ impl PoseSource for NatNetSource {
             match NatNetReading::in_layout(datagram, self.layout, self.body, self.settings.up) {
                 Ok(Some(reading)) => {
                     self.doubt(now, &reading);
-                    self.count(&reading);
-                    if let Some((pose, tracked)) = reading.body {
+                    let is_new = self.count(&reading);
+                    if let Some((pose, tracked)) = reading.body.filter(|_| is_new) {
                         let is_steady = tracked && self.continuity.take(now, &pose);
                         let valid = is_steady && self.ask_bodies_at.is_none();
                         self.statistics.jumps = self.continuity.jumps();

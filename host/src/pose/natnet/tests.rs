@@ -228,6 +228,15 @@ fn a_multicast_stream_is_followed_by_two_at_once() {
 }
 
 #[test]
+fn a_multicast_stream_to_no_group_is_explained() {
+    let settings = multicast((Ipv4Addr::UNSPECIFIED, group(78).1));
+    let said = beside_a_server(settings, |server| {
+        NatNetSource::connect(to(server, Body::Only)).err().unwrap().to_string()
+    });
+    assert!(said.contains("0.0.0.0, which is no multicast group"), "{said}");
+}
+
+#[test]
 fn a_wrong_name_is_answered_with_the_names_there_are() {
     let settings = ServerSettings { multicast: None, ..ServerSettings::default() };
     let said = beside_a_server(settings, |server| {
