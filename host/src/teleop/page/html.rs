@@ -1,5 +1,6 @@
 //! The page itself: one document that asks for nothing from elsewhere.
 
+use super::message::LONGEST;
 use super::scene;
 use super::snapshot;
 
@@ -34,7 +35,10 @@ impl Page<'_> {
             .replace("{{world}}", self.world)
             .replace("{{modes}}", &snapshot::modes().to_string())
             .replace("{{scene}}", scene::SCENE)
-            .replace("{{script}}", &format!("const HOLDS = {};\n{SCRIPT}", self.holds_to_run))
+            .replace(
+                "{{script}}",
+                &format!("const HOLDS = {}, LONGEST = {LONGEST};\n{SCRIPT}", self.holds_to_run),
+            )
             .replace("{{connection}}", self.connection)
     }
 }

@@ -5,12 +5,27 @@ const OLD_INPUT_MS = 250;
 // What the robot commands to rest by itself is noticed in this time.
 const SETTLED_MS = 400;
 
+// What fails is said, and ends nothing but itself: the page goes on to show the robot, and stops it.
+let failed;
+function attempt(what, run) {
+  try {
+    run();
+    if (failed === what) failed = undefined;
+  } catch (error) {
+    if (failed !== what) console.error(what, error);
+    failed = what;
+  }
+}
+const last = (list) => list[list.length - 1];
+
 // ---- the connection: every snapshot is answered with the stamp of the newest one that was drawn
 let me, snapshot, shown = 0, connection;
 function send(request) {
-  if (connection.readyState !== WebSocket.OPEN) return;
-  connection.send(JSON.stringify(request === undefined ? { seen: shown } : { seen: shown, do: request }));
+  if (connection?.readyState === WebSocket.OPEN) connection.send(message(request));
 }
+const message = (request) => JSON.stringify(request === undefined ? { seen: shown } : { seen: shown, do: request });
+// A longer one is none of a page.
+const isTooLong = (request) => new TextEncoder().encode(message(request)).length > LONGEST;
 function connect() {
   connection = openConnection();
   connection.onmessage = (event) => {
@@ -33,16 +48,27 @@ function act(request, event) {
 }
 
 // ---- a walk that is held: it ends when what began it, a key or a pointer, is released
-let heldBy;
-function hold(by) { heldBy = HOLDS ? by : undefined; }
+// A key may be released without a word, as from a keyboard whose radio is lost: one that has repeated must go on to.
+const REPEATS_WITHIN_MS = 800;
+let heldBy, repeatedAt;
+function hold(by) { heldBy = HOLDS ? by : undefined; repeatedAt = undefined; }
 function letGo(by) {
   if (heldBy === undefined || (by !== undefined && by !== heldBy)) return;
   heldBy = undefined;
   send("rest");
 }
+function watchHeld() { if (repeatedAt !== undefined && performance.now() - repeatedAt > REPEATS_WITHIN_MS) letGo(); }
 addEventListener("keyup", (event) => letGo(event.code));
+addEventListener("keydown", (event) => {
+  // While this key is down a Mac does not say that another is released.
+  if (event.metaKey || event.key === "Meta") letGo();
+  if (event.repeat && event.code === heldBy) repeatedAt = performance.now();
+});
 for (const kind of ["pointerup", "pointercancel"]) addEventListener(kind, (event) => letGo(event.pointerId));
+// The last button of a mouse to be released is another one.
+addEventListener("pointermove", (event) => { if (!(event.buttons & 1)) letGo(event.pointerId); });
 for (const kind of ["blur", "pagehide"]) addEventListener(kind, () => letGo());
+addEventListener("contextmenu", (event) => { if (!event.defaultPrevented) letGo(); });
 
 // ---- keyboard
 const KEYS = {
@@ -99,7 +125,7 @@ for (const button of document.querySelectorAll("button[data-do]")) {
   // What is held begins when the pointer comes down; by Enter nothing can be held.
   const isHeld = HOLDS && request.walk;
   if (isHeld) {
-    button.onpointerdown = (event) => { act(request, event); hold(event.pointerId); };
+    button.onpointerdown = (event) => { if (event.button === 0) { act(request, event); hold(event.pointerId); } };
     // A finger that stays opens no menu, and one that moves does not scroll.
     button.oncontextmenu = (event) => event.preventDefault();
     button.style.touchAction = "none";
@@ -174,9 +200,12 @@ byId("scope").querySelector("summary").onclick = (event) => { if (event.detail) 
 for (const [id, when] of [["scope-now", "now"], ["scope-fault", "fault"], ["scope-last", "last"]]) {
   byId(id).onclick = (event) => {
     if (event.detail) byId(id).blur();
-    act({ scope: [byId("scope-channels").value, when] }, event);
+    const channels = byId("scope-channels"), request = { scope: [channels.value, when] };
+    channels.setCustomValidity(isTooLong(request) ? "This is longer than the names of eight channels." : "");
+    if (channels.reportValidity()) act(request, event);
   };
 }
+byId("scope-channels").oninput = ({ target }) => target.setCustomValidity("");
 function showScope({ begin_ms, step_ms, channels }) {
   const units = [...new Set(channels.map(({ unit }) => unit))];
   byId("scope-charts").replaceChildren(...units.map((unit) => {
@@ -321,14 +350,17 @@ const product = (a, b) => a.map((row) => [0, 1, 2].map((k) => row[0] * b[0][k] +
 const aboutZ = (angle) => [[Math.cos(angle), -Math.sin(angle), 0], [Math.sin(angle), Math.cos(angle), 0], [0, 0, 1]];
 const radians = (degrees) => degrees * Math.PI / 180;
 
-const dark = matchMedia("(prefers-color-scheme: dark)");
-const view = byId("view");
-const scene = createScene(view, {
-  size: () => [view.clientWidth, view.clientHeight],
-  look: () => (dark.matches ? { grid: ["#232a34", "#3d4754"], edge: "#ffffff30" } : { grid: ["#dde1e7", "#aab3c0"], edge: "#00000026" }),
-});
-scene.camera.distance = 0.62;
-scene.camera.azimuth = -2.2;
+let dark, scene;
+function openScene() {
+  const view = byId("view");
+  dark = matchMedia("(prefers-color-scheme: dark)");
+  scene = createScene(view, {
+    size: () => [view.clientWidth, view.clientHeight],
+    look: () => (dark.matches ? { grid: ["#232a34", "#3d4754"], edge: "#ffffff30" } : { grid: ["#dde1e7", "#aab3c0"], edge: "#00000026" }),
+  });
+  scene.camera.distance = 0.62;
+  scene.camera.azimuth = -2.2;
+}
 const way = [];
 function drawRobot(body, at) {
   const poses = PARTS.map(([, p, turn]) => ({ position: at(p), axes: product(body.axes, rotation(turn)) }));
@@ -344,8 +376,8 @@ function drawScene() {
   const body = { position: [floor?.x ?? 0, floor?.y ?? 0, floor?.height ?? STANDING], axes: rotation(floor?.turn ?? [1, 0, 0, 0]) };
   const at = (p) => place(body, p);
   if (floor) {
-    const last = way.at(-1);
-    if (!last || Math.hypot(last[0] - floor.x, last[1] - floor.y) > 0.01) way.push([floor.x, floor.y, 0.001]);
+    const before = last(way);
+    if (!before || Math.hypot(before[0] - floor.x, before[1] - floor.y) > 0.01) way.push([floor.x, floor.y, 0.001]);
     if (way.length > 2000) way.shift();
     scene.camera.target = [floor.x, floor.y, 0.03];
   }
@@ -381,7 +413,7 @@ function chart(id, of, wantedOf, floorRange) {
   const values = history.flatMap((one) => [of(one), wantedOf(one)]).filter((value) => value !== undefined);
   const middle = (Math.min(...values, 0) + Math.max(...values, 0)) / 2;
   const range = Math.max(floorRange, Math.max(...values, 0) - Math.min(...values, 0)) * 1.15;
-  const end = history.at(-1)?.stamp ?? 0;
+  const end = last(history)?.stamp ?? 0;
   const draw = (pick, style, dash) => {
     pen.beginPath();
     let drawing = false, before = 0;
@@ -469,27 +501,17 @@ function drawWords(gamepad) {
   }
 }
 
-let written = 0, failed;
-// What fails is said, and ends nothing but itself: the page goes on to show the robot, and stops it.
-function attempt(what, run) {
-  try {
-    run();
-    if (failed === what) failed = undefined;
-  } catch (error) {
-    if (failed !== what) console.error(what, error);
-    failed = what;
-  }
-}
-let gamepad = "none";
+let written = 0, gamepad = "none";
 function draw(now) {
   requestAnimationFrame(draw);
+  watchHeld();
   attempt("the gamepad", () => { gamepad = readGamepads(now); });
-  if (snapshot?.telemetry && history.at(-1)?.stamp !== snapshot.stamp) {
+  if (snapshot?.telemetry && last(history)?.stamp !== snapshot.stamp) {
     const { telemetry, wanted, stamp } = snapshot;
     history.push({ stamp, f: telemetry.frequency, theta: telemetry.direction, wanted });
     while (history[0].stamp < stamp - HISTORY_MS) history.shift();
   }
-  attempt("the picture", drawScene);
+  attempt("the picture", () => { if (!scene) openScene(); drawScene(); });
   let isShown = true;
   if (now - written >= WORDS_MS) {
     written = now;

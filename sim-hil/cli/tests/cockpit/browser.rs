@@ -56,6 +56,18 @@ impl Browser {
         self.ask("execute/sync", &json!({ "script": script, "args": [] }))
     }
 
+    /// Runs a script before those of each page that is opened from now on, and returns its name.
+    pub fn before_each_page(&self, script: &str) -> Outcome<Value> {
+        let command = json!({ "cmd": "Page.addScriptToEvaluateOnNewDocument", "params": { "source": script } });
+        Ok(self.ask("goog/cdp/execute", &command)?["identifier"].clone())
+    }
+
+    /// Runs that script no longer.
+    pub fn no_longer_before_each_page(&self, script: &Value) -> Outcome<()> {
+        let command = json!({ "cmd": "Page.removeScriptToEvaluateOnNewDocument", "params": { "identifier": script } });
+        self.ask("goog/cdp/execute", &command).map(drop)
+    }
+
     /// Shows the page on a telephone's screen of this size, or of its own where both are 0.
     pub fn resize(&self, width: u32, height: u32) -> Outcome<()> {
         let screen = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": width > 0 });

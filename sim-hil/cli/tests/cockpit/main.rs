@@ -454,6 +454,15 @@ impl Desk {
                 .iter()
                 .all(|name| text.contains(name)))
         })?;
+        // What is too long for a message is said in the page, and stops nothing.
+        let long = "const field = document.getElementById('scope-channels');
+                    field.value = 'iq,'.repeat(100);
+                    document.getElementById('scope-now').click();
+                    return field.validationMessage";
+        if self.browser.run(long)? == "" {
+            return Err("a field that is too long is taken".into());
+        }
+        self.walk(|desk| desk.browser.press('w'))?;
         self.browser.press('s')?;
         self.until_resting()
     }
@@ -501,7 +510,33 @@ impl Desk {
             hold(self, false)?;
             self.rests_since(left)?;
         }
-        Ok(())
+        // What is released without a word of it: where a Mac has its command key down, by a keyboard that is silent, and while
+        // another button of the mouse is down.
+        let key = |kind: &str, what: &str| {
+            format!(
+                "document.body.dispatchEvent(new KeyboardEvent('{kind}', {{ bubbles: true, {what} }}));"
+            )
+        };
+        let press = key("keydown", "key: 'w', code: 'KeyW'");
+        let repeat = key("keydown", "key: 'w', code: 'KeyW', repeat: true");
+        let command_key = key("keydown", "key: 'Meta', code: 'MetaLeft', metaKey: true");
+        let pointer = |kind: &str, what: &str| {
+            format!(
+                "document.querySelector(\"[data-mode='left turn']\").dispatchEvent(new PointerEvent('{kind}', {{ bubbles: true, pointerId: 7, {what} }}));"
+            )
+        };
+        let down = pointer("pointerdown", "button: 0, buttons: 1");
+        let other_button = pointer("pointermove", "button: 0, buttons: 2");
+        for (begin, silent) in [(press.clone(), command_key), (press, repeat), (down, other_button)]
+        {
+            self.walk(|desk| desk.browser.run(&begin).map(drop))?;
+            self.browser.run(&silent)?;
+            self.until("let go", |desk| desk.seen().map(|seen| seen.frequency.abs() < WALKING_HZ))?;
+            self.until_resting()?;
+        }
+        // Another button than the first begins nothing.
+        self.browser.run(&pointer("pointerdown", "button: 2, buttons: 2"))?;
+        self.stays_at_rest()
     }
 
     /// Checks that nothing moves the robot, which is at rest.
@@ -595,6 +630,19 @@ impl Desk {
     }
 
     fn poor_browser(&mut self) -> Outcome<()> {
+        // What is missing from the beginning takes away what needs it alone.
+        for lacks in [
+            "HTMLCanvasElement.prototype.getContext = () => { throw new Error('blocked'); }",
+            "window.matchMedia = undefined; delete Array.prototype.at",
+        ] {
+            let script = self.browser.before_each_page(lacks)?;
+            self.arm()?;
+            self.walk(|desk| desk.browser.press('w'))?;
+            self.browser.touch("#stop")?;
+            self.until_text("state", "stopped")?;
+            self.until_resting()?;
+            self.browser.no_longer_before_each_page(&script)?;
+        }
         self.arm()?;
         for lacks in ["undefined", "() => { throw new Error('not allowed'); }"] {
             self.browser.run(&format!("navigator.getGamepads = {lacks};"))?;
