@@ -6,6 +6,8 @@
 //!
 //! - Whoever sends a datagram to [`DEFAULT_PORT`] becomes the stack's newest neighbour, at the link-layer address that
 //!   the datagram came from: the answer goes there, and the stack has to ask nobody. Who sends a copy of another's does not.
+//! - While a datagram is answered, its sender is *held*: nothing that others send in its name, nor any ARP packet, leads the
+//!   answer elsewhere.
 //! - The sender of an authentic datagram ([`Guard::confirm`]) is *pinned* for `PINNED`: an ARP packet that places its IP
 //!   address elsewhere is dropped, and it is renewed in the stack before `RENEWED_AFTER` others can displace it.
 //!
@@ -92,6 +94,8 @@ struct State {
     /// Senders of the newest datagrams, newest last.
     senders: Deque<(Neighbour, Mark), SENDERS>,
     pinned: Option<(Neighbour, Moment)>,
+    /// The sender of the datagram that is answered now, and neighbours that the stack took since this one was reported.
+    held: Option<(Neighbour, usize)>,
     /// To be reported to the stack before the next frame.
     due: Option<Neighbour>,
     /// The last that was reported.
@@ -104,30 +108,49 @@ struct State {
 impl Guard {
     /// Pins the sender of this datagram, which is authentic.
     pub fn confirm(&self, from: SocketAddr, datagram: &[u8]) {
-        let (IpAddr::V4(address), Some(mark)) = (from.ip(), datagram.last_chunk::<MARK>()) else {
-            return;
-        };
         let mut state = self.0.borrow_mut();
-        let senders = state.senders.iter().rev();
-        let sender = senders.into_iter().find(|(it, end)| it.address == address && end == mark);
-        // Forgotten when many came at once that the stack dropped: then it is where it was.
-        let known = state.pinned().filter(|it| it.address == address);
-        let Some(sender) = sender.map(|(it, _)| *it).or(known) else { return };
+        let Some(sender) = state.sender(from, datagram) else { return };
         if state.pinned.is_none_or(|(pinned, _)| pinned != sender) {
             state.taken = RENEWED_AFTER;
         }
         state.pinned = Some((sender, Moment::now()));
     }
+
+    /// Holds the sender of this datagram, until [`Guard::release`].
+    pub fn hold(&self, from: SocketAddr, datagram: &[u8]) {
+        let mut state = self.0.borrow_mut();
+        let sender = state.sender(from, datagram).filter(|it| state.pinned() != Some(*it));
+        state.held = sender.map(|sender| (sender, RENEWED_AFTER));
+    }
+
+    /// Lets go of the sender that is held: its answer has left.
+    pub fn release(&self) {
+        self.0.borrow_mut().held = None;
+    }
 }
 
 impl State {
+    /// Returns who sent this datagram.
+    fn sender(&self, from: SocketAddr, datagram: &[u8]) -> Option<Neighbour> {
+        let (IpAddr::V4(address), Some(mark)) = (from.ip(), datagram.last_chunk::<MARK>()) else {
+            return None;
+        };
+        let mut senders = self.senders.iter().rev();
+        let sender = senders.find(|(it, end)| it.address == address && end == mark);
+        // Forgotten when many came at once that the stack dropped: then it is where it was.
+        let known = || self.pinned().filter(|it| it.address == address);
+        sender.map(|(it, _)| *it).or_else(known)
+    }
+
     fn pinned(&self) -> Option<Neighbour> {
         self.pinned.filter(|(_, at)| at.elapsed() < PINNED).map(|(pinned, _)| pinned)
     }
 
     /// Returns whether an IP address is another machine's than this.
-    fn is_pinned_elsewhere(&self, address: Ipv4Addr, hardware: &[u8]) -> bool {
-        self.pinned().is_some_and(|it| it.address == address && it.hardware != hardware)
+    fn is_elsewhere(&self, address: Ipv4Addr, hardware: &[u8]) -> bool {
+        let held = self.held.map(|(held, _)| held);
+        let known = held.filter(|it| it.address == address).or_else(|| self.pinned());
+        known.is_some_and(|it| it.address == address && it.hardware != hardware)
     }
 
     /// Returns whether another machine sent this datagram before, in the name of the same IP address.
@@ -139,7 +162,9 @@ impl State {
 
     /// Returns who is to be reported to the stack now.
     fn report(&self) -> Option<Neighbour> {
-        self.pinned().filter(|_| self.taken >= RENEWED_AFTER).or(self.due)
+        let held = self.held.filter(|(_, taken)| *taken >= RENEWED_AFTER).map(|(held, _)| held);
+        let pinned = || self.pinned().filter(|_| self.taken >= RENEWED_AFTER);
+        held.or_else(pinned).or(self.due)
     }
 
     fn reported(&mut self, neighbour: Neighbour) {
@@ -148,6 +173,9 @@ impl State {
             self.due = None;
         }
         self.taken = if self.pinned() == self.reported { 0 } else { self.taken + 1 };
+        if let Some((held, taken)) = &mut self.held {
+            *taken = if *held == neighbour { 0 } else { *taken + 1 };
+        }
     }
 
     /// Notes what a frame shows, and returns whether the stack may see it.
@@ -155,15 +183,18 @@ impl State {
         match frame.get(12..ETHERNET_HEADER) {
             Some(kind) if kind == ETHERTYPE_ARP => {
                 self.taken += 1;
+                if let Some((_, taken)) = &mut self.held {
+                    *taken += 1;
+                }
                 arp_sender(frame)
-                    .is_some_and(|(address, hardware)| !self.is_pinned_elsewhere(address, hardware))
+                    .is_some_and(|(address, hardware)| !self.is_elsewhere(address, hardware))
             }
             Some(kind) if kind == ETHERTYPE_IPV4 => {
                 if let Some((sender, mark)) = datagram_sender(frame)
                     && !self.is_copy(&sender, &mark)
                 {
                     push_newest(&mut self.senders, (sender, mark));
-                    let is_elsewhere = self.is_pinned_elsewhere(sender.address, &sender.hardware);
+                    let is_elsewhere = self.is_elsewhere(sender.address, &sender.hardware);
                     if !is_elsewhere && self.reported != Some(sender) {
                         self.due = Some(sender);
                     }

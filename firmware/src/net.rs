@@ -93,7 +93,7 @@ pub async fn serve(stack: Stack<'_>, guard: &Guard, name: &str, station: &mut im
     // The session's socket comes first: what arrives goes to the first that listens on a port.
     let mut session = Outlet::open(session, DEFAULT_PORT);
     let mut discovery = Discovery::open(stack, name, discovery);
-    let mut datagram = [0; RECEIVE_LENGTH];
+    let mut buffer = [0; RECEIVE_LENGTH];
     let mut frame = Frame::new();
     loop {
         let due = Timer::after(until_due(station).min(EXCHANGE_INTERVAL));
@@ -101,15 +101,18 @@ pub async fn serve(stack: Stack<'_>, guard: &Guard, name: &str, station: &mut im
             .await;
         station.exchange();
         for _ in 0..BURST {
-            let Some((from, length)) = session.take(&mut datagram) else { break };
-            if station.receive(from, &datagram[..length]) {
-                guard.confirm(from, &datagram[..length]);
+            let Some((from, length)) = session.take(&mut buffer) else { break };
+            let datagram = &buffer[..length];
+            if station.receive(from, datagram) {
+                guard.confirm(from, datagram);
             }
             station.exchange();
+            guard.hold(from, datagram);
             flush(station, stack, &mut session, &mut frame).await;
+            guard.release();
         }
         flush(station, stack, &mut session, &mut frame).await;
-        discovery.serve(&mut datagram);
+        discovery.serve(&mut buffer);
         yield_now().await;
     }
 }

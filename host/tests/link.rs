@@ -19,6 +19,8 @@ struct World {
     latency: Duration,
     lose: Box<dyn FnMut() -> bool>,
     is_cut: bool,
+    /// Datagrams of this length never arrive.
+    lost_length: Option<usize>,
     to_robot: Vec<(Instant, Vec<u8>)>,
     to_client: Vec<(Instant, Vec<u8>)>,
     updates: Vec<Update>,
@@ -34,6 +36,7 @@ impl World {
             latency: Duration::from_millis(5),
             lose: Box::new(|| false),
             is_cut: false,
+            lost_length: None,
             to_robot: Vec::new(),
             to_client: Vec::new(),
             updates: Vec::new(),
@@ -65,7 +68,8 @@ impl World {
     fn step(&mut self) {
         let operator: SocketAddr = OPERATOR.parse().unwrap();
         while let Some(frame) = self.client.transmit(self.now) {
-            if !(self.is_cut || (self.lose)()) {
+            let is_lost = self.lost_length == Some(frame.len());
+            if !(self.is_cut || is_lost || (self.lose)()) {
                 self.to_robot.push((self.now + self.latency, frame.to_vec()));
             }
         }
@@ -253,6 +257,33 @@ fn nothing_that_was_asked_before_a_stop_from_outside_clears_it() {
     world.run(Duration::from_secs(1));
     assert_eq!(world.answer(clear), Some(&Outcome::Refused(Refusal::Stopped)));
     assert!(world.robot.stopped);
+}
+
+#[test]
+fn a_robot_that_is_kept_from_hearing_disarm_hears_no_sign_of_life_either() {
+    let mut world = World::armed();
+    world.client.release();
+    world.client.request(world.now, Command::Disarm);
+    let disarm = world.client.transmit(world.now).unwrap();
+    world.lost_length = Some(disarm.len());
+    world.run(Duration::from_millis(1_500));
+    assert_eq!(world.robot.state, State::Disarmed);
+    assert!(!world.robot.commands.contains(&Command::Disarm));
+}
+
+#[test]
+fn a_stop_after_what_the_robot_stated_last_is_news_however_late_that_came() {
+    let mut world = World::connected();
+    world.latency = Duration::from_millis(400);
+    world.run(Duration::from_secs(1));
+    // Telemetry from before the stop is still under way.
+    world.stop_from_outside();
+    world.lose = Box::new(|| true);
+    world.run(Duration::from_millis(2_000));
+    let clear = world.client.request(world.now, Command::Clear);
+    (world.lose, world.latency) = (Box::new(|| false), Duration::from_millis(5));
+    world.run(Duration::from_millis(1_500));
+    assert_eq!(world.answer(clear), Some(&Outcome::Refused(Refusal::Stopped)));
 }
 
 #[test]

@@ -352,6 +352,32 @@ fn datagrams_that_the_stack_drops_make_the_guard_forget_nobody() {
     });
 }
 
+/// Sends what no robot obeys, in the operator's name, at once behind each of his datagrams.
+fn pretend(world: &World) {
+    world.wire.follow(|frame| {
+        let [from, to] = [(OPERATOR, 40_000), (ROBOT, DEFAULT_PORT)];
+        let [from, to] = [from, to].map(|(address, port)| SocketAddrV4::new(address, port));
+        let junk = |number: u8| {
+            let payload = [&frame[..40], &[number; 24]].concat();
+            network::datagram(66, from, to, &payload)
+        };
+        let mut frames: Vec<_> = (0..4).map(junk).collect();
+        frames.push(arp(Arp::Reply, 66, OPERATOR, ROBOT));
+        frames
+    });
+}
+
+#[test]
+fn what_others_send_in_an_operators_name_keeps_no_answer_from_him() {
+    play(Some(key()), |world| async move {
+        pretend(&world);
+        let mut operator = Operator::new(&world);
+        let patience = Timer::after(Duration::from_millis(300));
+        let connected = select(operator.connect(), patience).await;
+        assert!(matches!(connected, Either::First(_)), "not within 300 ms");
+    });
+}
+
 #[test]
 fn copies_of_an_operators_datagrams_take_no_answers_from_him() {
     play(Some(key()), |world| async move {

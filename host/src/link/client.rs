@@ -94,6 +94,8 @@ pub struct Client {
     heard: Instant,
     /// When the robot last stated whether it is stopped, in any session; before the first, when this client was made.
     informed: Instant,
+    /// The same on the robot's clock: what it states may be long under way.
+    stated: Option<Instant>,
     telemetry: Option<Telemetry>,
     is_driving: bool,
     statistics: Statistics,
@@ -122,6 +124,7 @@ impl Client {
             keep_alive_at: now,
             heard: now,
             informed: now,
+            stated: None,
             telemetry: None,
             is_driving: false,
             statistics: Statistics::default(),
@@ -296,12 +299,12 @@ impl Client {
         match received {
             OperatorReceived::Message(ToOperator::Reply(reply)) => self.replied(now, reply),
             OperatorReceived::Message(ToOperator::Telemetry(telemetry)) => {
-                let unseen = now.since(self.informed);
                 let is_news = match &self.telemetry {
                     Some(before) => before.halts != telemetry.halts,
-                    None => telemetry.stopped_for().is_some_and(|it| it < unseen),
+                    None => self.is_unseen(now, &telemetry),
                 };
                 (self.telemetry, self.informed) = (Some(telemetry), now);
+                self.stated = Some(telemetry.time);
                 if is_news && telemetry.stopped {
                     self.give_up_on_moving(Some(&Refusal::Stopped));
                 }
@@ -318,6 +321,15 @@ impl Client {
             | OperatorReceived::Progress
             | OperatorReceived::Dropped(_) => {}
         }
+    }
+
+    /// Returns whether the robot was asked to stop after it last stated its state. One that has started anew counts its time
+    /// from zero.
+    fn is_unseen(&self, now: Instant, telemetry: &Telemetry) -> bool {
+        let is_younger = |at: Instant| self.stated.is_some_and(|stated| at > stated);
+        let is_after = |ago| ago < now.since(self.informed);
+        telemetry.stopped_at.is_some_and(is_younger)
+            || telemetry.stopped_for().is_some_and(is_after)
     }
 
     /// Returns the next datagram to send, if one is due.
@@ -361,10 +373,8 @@ impl Client {
         let stop = (self.stop == StopState::Sending).then_some(self.stop_at);
         let request = self.in_turn().map(|(_, pending)| pending.send_at).min();
         let request = request.filter(|_| self.stop != StopState::Sending);
-        [Some(self.keep_alive_at), stop, request, give_up, Some(self.heard + SILENCE)]
-            .into_iter()
-            .flatten()
-            .min()
+        let keep_alive = Some(self.keep_alive_at).filter(|_| !self.is_disarming());
+        [keep_alive, stop, request, give_up, Some(self.heard + SILENCE)].into_iter().flatten().min()
     }
 
     /// Returns the message that is due, most urgent first.
@@ -386,7 +396,7 @@ impl Client {
             pending.send_at = now + REQUEST_RETRY;
             return Some(pending.message.clone());
         }
-        if now < self.keep_alive_at {
+        if now < self.keep_alive_at || self.is_disarming() {
             return None;
         }
         // A fixed rate; after a pause it starts anew and does not catch up.
@@ -413,6 +423,11 @@ impl Client {
                 || *command == Command::Disarm;
             is_turn && (*command != Command::Clear || self.telemetry.is_some())
         })
+    }
+
+    /// Returns whether the robot is asked to disarm. Until it answers it gets no sign of life: without any it disarms by itself.
+    fn is_disarming(&self) -> bool {
+        self.pending.iter().any(|it| it.message.command == Command::Disarm)
     }
 
     /// Returns the held setpoint; rest while the robot ramps down, so that commands are not late.

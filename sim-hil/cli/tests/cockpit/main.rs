@@ -458,10 +458,12 @@ impl Desk {
         let long = "const field = document.getElementById('scope-channels');
                     field.value = 'iq,'.repeat(100);
                     document.getElementById('scope-now').click();
+                    field.blur();
                     return field.validationMessage";
         if self.browser.run(long)? == "" {
             return Err("a field that is too long is taken".into());
         }
+        self.until_resting()?;
         self.walk(|desk| desk.browser.press('w'))?;
         self.browser.press('s')?;
         self.until_resting()
