@@ -423,6 +423,20 @@ fn no_stop_counts_twice_however_many_came_between() {
     }
 }
 
+#[test]
+fn one_stop_after_the_other_is_answered_as_often_as_it_is_repeated() {
+    let mut ends = Ends::connected();
+    for number in 0..20 {
+        let mut stop = StopSession::new(&key(1), [number; 32], ends.now);
+        let datagram = challenged(&mut ends.robot, &mut stop, ends.now);
+        obeyed(ends.robot.receive(ends.now, SECOND_OPERATOR, &datagram));
+        ends.wait(STOP_RETRY);
+        let repeated = ends.robot.receive(ends.now, SECOND_OPERATOR, &datagram);
+        assert!(matches!(repeated, RobotReceived::Answer(_)), "{number}: {repeated:?}");
+        ends.wait(Duration::from_millis(400));
+    }
+}
+
 /// Whose cookie is made invalid by the stops of others asks for another.
 #[test]
 fn a_stop_gets_through_while_others_stop_without_end() {

@@ -293,15 +293,20 @@ impl Supervisor {
             self.events.link_late = self.events.link_late.wrapping_add(1);
         }
         let silent = silence >= COMMAND_DEADLINE_US;
-        if (silent || expired) && self.state == State::Running {
+        // Rotors turn while the robot aligns its motors, too.
+        if (silent || expired) && matches!(self.state, State::Running | State::Aligning) {
             let event = if silent {
                 &mut self.events.command_deadline
             } else {
                 &mut self.events.command_age
             };
             *event = event.wrapping_add(1);
-            self.reason = Reason::Deadline;
-            self.enter(State::Stopping);
+            if self.state == State::Running {
+                self.reason = Reason::Deadline;
+                self.enter(State::Stopping);
+            } else {
+                self.enter(State::Disarmed);
+            }
         }
         if silence >= LINK_LOST_US && !self.link_lost {
             self.link_lost = true;

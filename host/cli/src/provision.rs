@@ -301,27 +301,22 @@ fn unsettled_yet(name: &str, offered: &Path) -> Error {
     )
 }
 
-/// Returns the stored key of this name that the robot proves to have; the one that was offered and is not proved is erased then.
+/// Returns the stored key of this name that the robot proves to have: the one that was offered takes the place of the former
+/// one then, or is erased.
 fn proved(name: &str, robot: &SerialRobot, keyring: &Keyring) -> Result<Option<Key>, Error> {
-    if let Some(offered) = settled(name, robot, keyring)? {
-        return Ok(Some(offered));
+    let offered = offered(keyring, name);
+    if let Some(offered) = &offered
+        && robot.proves(offered)?
+    {
+        keyring.settle(name, offered)?;
+        return Ok(Some(offered.clone()));
     }
     let key = keyring.key(name)?;
     if !robot.proves(&key)? {
         return Ok(None);
     }
-    keyring.withdraw(name)?;
+    keyring.withdraw(name, offered.as_ref())?;
     Ok(Some(key))
-}
-
-/// Returns the key that was offered to this robot, if the robot proves to have it: it is in the place of the former one then.
-fn settled(name: &str, robot: &SerialRobot, keyring: &Keyring) -> Result<Option<Key>, Error> {
-    let Some(offered) = offered(keyring, name) else { return Ok(None) };
-    if !robot.proves(&offered)? {
-        return Ok(None);
-    }
-    keyring.settle(name)?;
-    Ok(Some(offered))
 }
 
 /// A key, whether the robot has it already, and whether it replaces one in the keyring.
@@ -384,11 +379,11 @@ impl KeyInHand {
         // A robot that could store the key and not erase the former one refuses, and has it.
         match (ordered, robot.proves(key)) {
             (ordered, Ok(true)) => {
-                keyring.settle(name)?;
+                keyring.settle(name, key)?;
                 Ok(ordered?)
             }
             (Err(error @ SerialError::Refused(_)), Ok(false)) => {
-                keyring.withdraw(name)?;
+                keyring.withdraw(name, Some(key))?;
                 Err(error.into())
             }
             (Ok(()), Ok(false)) => Err(unsettled(name, SerialError::Confused)),

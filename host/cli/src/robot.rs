@@ -2,6 +2,7 @@
 
 use std::net::{IpAddr, SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
+use std::sync::mpsc;
 use std::time::Duration;
 
 use clap::builder::{OsStringValueParser, TypedValueParser};
@@ -98,7 +99,7 @@ impl RobotArgs {
             return Ok((address, known.key));
         };
         if discovery::proves(address, &offered, ANSWER_PATIENCE) {
-            settle(&keyring, &name);
+            settle(&keyring, &name, &offered);
             return Ok((address, offered));
         }
         complain(format_args!("{name} has not answered by its new key{FORMER}"));
@@ -111,12 +112,31 @@ impl RobotArgs {
     /// As for [`RobotArgs::begin`] and [`udp::stop`].
     pub fn stop(&self, interrupt: &Interrupt) -> Result<(), Error> {
         let keyring = Keyring::of_user()?;
-        let (address, known) = self.locate(&keyring, interrupt)?;
+        split_port(&self.robot).map_err(Error::usage)?;
+        let known = self.find_key(&keyring)?;
         let keys: Vec<_> = known.keys().collect();
+        let (proved, others) = mpsc::channel();
+        let address = match self.own_address(&keyring)? {
+            Some(address) => address,
+            None => self.search(&keyring, interrupt, |name| {
+                let (name, interrupt) = (name.to_owned(), interrupt.clone());
+                let keys: Vec<Key> = known.keys().cloned().collect();
+                // It searches on while the first that it has found is asked to stop.
+                std::thread::spawn(move || {
+                    let each = |found: Option<_>| found.is_some_and(|it| proved.send(it).is_err());
+                    let keys: Vec<_> = keys.iter().collect();
+                    let first = discovery::find_each(&name, &keys, &interrupt, each);
+                    // Where nobody proves a key, this one says what is wrong.
+                    let _ = first.map(|first| first.map(|it| proved.send(it)));
+                });
+                others.recv().ok()
+            })?,
+        };
         let at_rest = format_args!("{address} to acknowledge the stop and to come to rest");
-        let by = waiting(at_rest, || udp::stop(address, &keys, interrupt))?;
+        let more = || others.try_recv().ok();
+        let by = waiting(at_rest, || udp::stop(address, &keys, interrupt, more))?;
         match (&known.name, &known.offered) {
-            (Some(name), Some(_)) if by == 0 => settle(&keyring, name),
+            (Some(name), Some(offered)) if by == 0 => settle(&keyring, name, offered),
             (Some(name), Some(_)) => {
                 complain(format_args!("{name} was stopped by its former key{FORMER}"));
             }
@@ -132,7 +152,13 @@ impl RobotArgs {
     ) -> Result<(SocketAddr, Known), Error> {
         split_port(&self.robot).map_err(Error::usage)?;
         let known = self.find_key(keyring)?;
-        Ok((self.find_address(keyring, &known, interrupt)?, known))
+        let address = match self.own_address(keyring)? {
+            Some(address) => address,
+            None => self.search(keyring, interrupt, |name| {
+                discovery::find(name, known.keys(), interrupt).ok().flatten()
+            })?,
+        };
+        Ok((address, known))
     }
 
     /// Returns the key: the named file, else that of the robot's name or address in the keyring.
@@ -161,30 +187,34 @@ impl RobotArgs {
         }
     }
 
-    fn find_address(
-        &self,
-        keyring: &Keyring,
-        known: &Known,
-        interrupt: &Interrupt,
-    ) -> Result<SocketAddr, Error> {
+    /// Returns the address that is given, or known for the name.
+    fn own_address(&self, keyring: &Keyring) -> Result<Option<SocketAddr>, Error> {
         let (host, port) = split_port(&self.robot).map_err(Error::usage)?;
         let port = port.unwrap_or(DEFAULT_PORT);
         if let Ok(address) = host.parse::<IpAddr>() {
-            return Ok(SocketAddr::new(address, port));
+            return Ok(Some(SocketAddr::new(address, port)));
         }
         if let Some(address) = keyring.address(host) {
             let (host, own_port) = split_port(&address).map_err(Error::usage)?;
-            return resolve(host, own_port.unwrap_or(port)).ok_or_else(|| not_found(&self.robot));
+            let address = resolve(host, own_port.unwrap_or(port));
+            return address.map(Some).ok_or_else(|| not_found(&self.robot));
         }
-        if host == SIMULATED_ROBOT {
-            return Ok(SocketAddr::from(([127, 0, 0, 1], port)));
-        }
-        // A provisioned robot announces itself; where multicast does not work, names may.
+        Ok((host == SIMULATED_ROBOT).then(|| SocketAddr::from(([127, 0, 0, 1], port))))
+    }
+
+    /// Finds an address by name: by `discover`, and where multicast does not work, as that of a machine.
+    fn search(
+        &self,
+        keyring: &Keyring,
+        interrupt: &Interrupt,
+        discover: impl FnOnce(&str) -> Option<SocketAddr>,
+    ) -> Result<SocketAddr, Error> {
+        let (host, port) = split_port(&self.robot).map_err(Error::usage)?;
+        let port = port.unwrap_or(DEFAULT_PORT);
+        // A provisioned robot announces itself.
         if keyring.contains(host)
-            && let Ok(Some(address)) =
-                waiting(format_args!("{host} to be found in the network"), || {
-                    discovery::find(host, known.keys(), interrupt)
-                })
+            && let Some(address) =
+                waiting(format_args!("{host} to be found in the network"), || discover(host))
         {
             return Ok(address);
         }
@@ -206,8 +236,8 @@ pub fn offered(keyring: &Keyring, name: &str) -> Option<Key> {
 }
 
 /// Puts the offered key of a robot in the place of the former one; both stay where that fails.
-fn settle(keyring: &Keyring, name: &str) {
-    if let Err(error) = keyring.settle(name) {
+fn settle(keyring: &Keyring, name: &str, offered: &Key) {
+    if let Err(error) = keyring.settle(name, offered) {
         complain(format_args!("both keys of {name} are kept: {error}"));
     }
 }

@@ -92,9 +92,10 @@ fn a_robot_is_stopped_by_all_keys_at_once_and_says_which_it_has() {
     let robot = ServedRobot::steady(FakeRobot::new(Some(key())));
     let (others, own) = ([8, 9].map(|byte| Key::new([byte; 32])), key());
     let interrupt = Interrupt::never();
-    let by = udp::stop(robot.address, &[&others[0], &own, &others[1]], &interrupt).unwrap();
+    let by =
+        udp::stop(robot.address, &[&others[0], &own, &others[1]], &interrupt, || None).unwrap();
     assert!(by == 1 && robot.robot().stopped);
-    let refused = udp::stop(robot.address, &[&others[0], &others[1]], &interrupt);
+    let refused = udp::stop(robot.address, &[&others[0], &others[1]], &interrupt, || None);
     assert!(matches!(refused, Err(LinkError::Connect(ConnectError::WrongKey))), "{refused:?}");
 }
 

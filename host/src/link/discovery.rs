@@ -19,6 +19,10 @@ use crate::system::text::printable;
 pub const FIND_PATIENCE: Duration = Duration::from_millis(2500);
 /// Longest wait for the answer of a simulated robot on this computer.
 const GREETING_PATIENCE: Duration = Duration::from_millis(300);
+/// Time after the first proof in which others may prove the same.
+pub const PROVERS: Duration = Duration::from_millis(300);
+/// How often the way to each is measured then.
+const TRIES: usize = 5;
 /// Interval of the checks for answers and interruption.
 const SLICE: Duration = Duration::from_millis(10);
 /// Most addresses that are greeted in a search, and most datagrams of each that are read in a slice.
@@ -69,9 +73,10 @@ pub fn browse(duration: Duration, interrupt: &Interrupt) -> Result<Vec<Found>, D
     Ok(robots.into_values().collect())
 }
 
-/// Searches for one robot by its name, for at most [`FIND_PATIENCE`], and returns the first address that proves to have
-/// one of these keys. Whoever is in the network can answer for it, and faster; when nobody proves it, the first that answered is
-/// returned, whose handshake says what is wrong.
+/// Searches for one robot by its name, for at most [`FIND_PATIENCE`], and returns the address that proves to have one of these
+/// keys; of several that do within [`PROVERS`], the one that answers soonest: somebody in between is never the quicker way.
+/// Whoever is in the network can answer for it, and faster; when nobody proves it, the first that answered is returned, whose
+/// handshake says what is wrong.
 ///
 /// # Errors
 /// When multicast does not work on this machine.
@@ -81,21 +86,64 @@ pub fn find<'a>(
     interrupt: &Interrupt,
 ) -> Result<Option<SocketAddr>, DiscoveryError> {
     let keys: Vec<_> = keys.collect();
+    let mut proved = Vec::new();
+    let mut since = None;
+    let greeted = find_each(name, &keys, interrupt, |address| {
+        proved.extend(address);
+        since = since.or_else(|| address.map(|_| Instant::now()));
+        since.is_some_and(|since| since.elapsed() > PROVERS)
+    })?;
+    let quickest = match proved[..] {
+        [] => greeted,
+        [only] => Some(only),
+        _ => proved.into_iter().min_by_key(|address| {
+            let trips = (0..TRIES).flat_map(|_| &keys).filter_map(|key| round_trip(*address, key));
+            trips.min().unwrap_or(Duration::MAX)
+        }),
+    };
+    Ok(quickest)
+}
+
+/// Searches for one robot by its name, for at most [`FIND_PATIENCE`], and passes to `each` every address that proves to have one
+/// of these keys, and in between nothing, until it returns true. Returns the first address that answered at all.
+///
+/// # Errors
+/// When multicast does not work on this machine.
+pub fn find_each(
+    name: &str,
+    keys: &[&Key],
+    interrupt: &Interrupt,
+    mut each: impl FnMut(Option<SocketAddr>) -> bool,
+) -> Result<Option<SocketAddr>, DiscoveryError> {
     let mut greeted: Vec<Greeted> = Vec::new();
-    let mut proved = None;
+    let mut first = None;
     listen(FIND_PATIENCE, interrupt, |found| {
         let named = found.filter(|it| it.name.eq_ignore_ascii_case(name));
         for address in named.iter().flat_map(Found::socket_addresses) {
             let is_new = greeted.iter().all(|it| it.address != address);
             if is_new && greeted.len() < MOST_GREETED {
+                first = first.or(Some(address));
                 greeted.extend(keys.iter().filter_map(|key| Greeted::new(address, key)));
             }
         }
-        let proves = |it: &mut Greeted| it.proves().unwrap_or(false).then_some(it.address);
-        proved = greeted.iter_mut().find_map(proves);
-        proved.is_some()
+        let proved = greeted.iter_mut().filter(|it| !it.has_proved).find_map(|it| {
+            it.has_proved = it.proves().unwrap_or(false);
+            it.has_proved.then_some(it.address)
+        });
+        each(proved)
     })?;
-    Ok(proved.or_else(|| greeted.first().map(|it| it.address)))
+    Ok(first)
+}
+
+/// Returns how long a robot at this address takes to prove that it has this key.
+fn round_trip(address: SocketAddr, key: &Key) -> Option<Duration> {
+    let mut greeted = Greeted::new(address, key)?;
+    let asked = Instant::now();
+    greeted.proves().ok()?;
+    // What was asked is waited for.
+    greeted.socket.set_nonblocking(false).ok()?;
+    greeted.socket.set_read_timeout(Some(GREETING_PATIENCE)).ok()?;
+    greeted.proves().ok()?.then(|| asked.elapsed())
 }
 
 /// Looks for a simulated robot with this key on this computer, where multicast seldom reaches.
@@ -134,6 +182,7 @@ struct Greeted {
     socket: UdpSocket,
     greeting: StopSession,
     begin: Instant,
+    has_proved: bool,
 }
 
 impl Greeted {
@@ -144,7 +193,7 @@ impl Greeted {
         let socket = super::udp::socket_to(address).ok()?;
         socket.set_nonblocking(true).ok()?;
         let greeting = StopSession::new(key, entropy, protocol::Instant::START);
-        Some(Self { address, socket, greeting, begin: Instant::now() })
+        Some(Self { address, socket, greeting, begin: Instant::now(), has_proved: false })
     }
 
     /// Greets it when that is due, and returns whether it has answered with its key.

@@ -267,7 +267,7 @@ impl Keyring {
     /// As for [`Keyring::store`]; when an earlier offer is not settled, of which the robot may have the key.
     pub fn offer(&self, name: &str, key: &Key) -> Result<(), KeyError> {
         check_name(name)?;
-        self.create_directory()?;
+        let _alone = self.lock()?;
         write_new(&self.offered_file(name), key)
     }
 
@@ -283,25 +283,43 @@ impl Keyring {
         read(&path).map(Some)
     }
 
-    /// Puts the offered key in the place of the former one: the robot has answered by it.
+    /// Puts this offered key in the place of the former one: the robot has answered by it. Does nothing where another program
+    /// has settled it already, or has offered another one since.
     ///
     /// # Errors
     /// When the file cannot be renamed.
-    pub fn settle(&self, name: &str) -> Result<(), KeyError> {
-        let offered = self.offered_file(name);
-        fs::rename(&offered, self.key_file(name)).map_err(at(&offered))
+    pub fn settle(&self, name: &str, offered: &Key) -> Result<(), KeyError> {
+        let _alone = self.lock()?;
+        let path = self.offered_file(name);
+        match read(&path) {
+            Ok(key) if key == *offered => fs::rename(&path, self.key_file(name)).map_err(at(&path)),
+            _ => Ok(()),
+        }
     }
 
-    /// Erases the offered key, if there is one: the robot did not take it.
+    /// Erases what was offered, if it is this key, or none that can be read: the robot did not take it.
     ///
     /// # Errors
     /// When the file cannot be erased.
-    pub fn withdraw(&self, name: &str) -> Result<(), KeyError> {
-        let offered = self.offered_file(name);
-        match fs::remove_file(&offered) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(at(&offered)(error)),
+    pub fn withdraw(&self, name: &str, offered: Option<&Key>) -> Result<(), KeyError> {
+        let _alone = self.lock()?;
+        let path = self.offered_file(name);
+        if read(&path).is_ok_and(|key| offered != Some(&key)) {
+            return Ok(());
+        }
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(at(&path)(error)),
             _ => Ok(()),
         }
+    }
+
+    /// Keeps other programs from changing keys, until the file is closed. A file system without locks keeps nobody.
+    fn lock(&self) -> Result<File, KeyError> {
+        self.create_directory()?;
+        let path = self.directory.join(".lock");
+        let file = File::options().create(true).append(true).open(&path).map_err(at(&path))?;
+        let _ = file.lock();
+        Ok(file)
     }
 
     /// Returns the path of the key that was offered to this robot, whether it exists or not.
@@ -366,6 +384,26 @@ mod tests {
         let key = generate().unwrap();
         keyring.store("walker-1", &key).unwrap();
         assert_eq!(keyring.key("walker-1").unwrap(), key);
+    }
+
+    #[test]
+    fn a_key_that_was_offered_meanwhile_is_neither_settled_nor_withdrawn() {
+        let (_directory, keyring) = keyring();
+        let [former, proved, newer] = [(); 3].map(|()| generate().unwrap());
+        keyring.store("walker", &former).unwrap();
+        keyring.offer("walker", &newer).unwrap();
+        keyring.settle("walker", &proved).unwrap();
+        keyring.withdraw("walker", Some(&proved)).unwrap();
+        keyring.withdraw("walker", None).unwrap();
+        assert_eq!(keyring.key("walker").unwrap(), former);
+        assert_eq!(keyring.offered("walker").unwrap(), Some(newer.clone()));
+        keyring.settle("walker", &newer).unwrap();
+        assert_eq!(keyring.key("walker").unwrap(), newer);
+        assert_eq!(keyring.offered("walker").unwrap(), None);
+        keyring.settle("walker", &newer).unwrap();
+        keyring.offer("walker", &former).unwrap();
+        keyring.withdraw("walker", Some(&former)).unwrap();
+        assert_eq!(keyring.offered("walker").unwrap(), None);
     }
 
     #[test]
@@ -449,20 +487,19 @@ mod tests {
         let former = generate().unwrap();
         let path = keyring.store("walker", &former).unwrap();
         assert_eq!(keyring.offered("walker").unwrap(), None);
-        keyring.withdraw("walker").unwrap();
         let key = generate().unwrap();
         keyring.offer("walker", &key).unwrap();
         let again = keyring.offer("walker", &generate().unwrap());
         assert!(matches!(again, Err(KeyError::Exists { .. })), "the robot may have the first");
         assert_eq!(keyring.key("walker").unwrap(), former);
         assert_eq!(keyring.offered("walker").unwrap().as_ref(), Some(&key));
-        keyring.settle("walker").unwrap();
+        keyring.settle("walker", &key).unwrap();
         assert_eq!(keyring.key("walker").unwrap(), key);
         assert_eq!(keyring.offered("walker").unwrap(), None);
         assert_eq!(fs::metadata(path).unwrap().permissions().mode() & 0o777, 0o600);
         assert_eq!(keyring.names(), ["walker"]);
         keyring.offer("walker", &former).unwrap();
-        keyring.withdraw("walker").unwrap();
+        keyring.withdraw("walker", Some(&former)).unwrap();
         assert_eq!(keyring.offered("walker").unwrap(), None);
     }
 

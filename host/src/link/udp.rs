@@ -419,8 +419,8 @@ impl Connection {
     /// # Errors
     /// As for [`Connection::ask`]; when somebody else stopped the robot, or the cause of a fault is still there.
     pub fn clear(&mut self, asked: std::time::Instant) -> Result<(), LinkError> {
-        let telemetry = self.wait_for_telemetry(TELEMETRY_LAG, |_| true)?;
-        let stopped_for = telemetry.and_then(|telemetry| telemetry.stopped_for());
+        let telemetry = self.wait_for_telemetry(super::REQUEST_PATIENCE, |_| true)?;
+        let stopped_for = telemetry.ok_or(LinkError::Unanswered)?.stopped_for();
         if stopped_for.is_some_and(|it| it < asked.elapsed()) {
             return Err(self.why_stopped()?);
         }
@@ -490,23 +490,35 @@ impl Drop for Connection {
 }
 
 /// Stops the robot at this address without a session, whoever holds it, and waits until it is at rest. Asks by all of these keys
-/// at once, and returns the place of the one that the robot has answered by.
+/// at once, and also at all addresses that `more` returns meanwhile: one of them may be of somebody who passes on what proves
+/// the key, and not the stop. Returns the place of the key that the robot has answered by.
 ///
 /// # Errors
 /// When no robot answers, it refuses every key, or does not come to rest; when the network fails, or
 /// the program is interrupted.
-pub fn stop(address: SocketAddr, keys: &[&Key], interrupt: &Interrupt) -> Result<usize, LinkError> {
+pub fn stop(
+    address: SocketAddr,
+    keys: &[&Key],
+    interrupt: &Interrupt,
+    mut more: impl FnMut() -> Option<SocketAddr>,
+) -> Result<usize, LinkError> {
     let start = Clock::start();
     let now = || Instant::START + start.elapsed();
-    let ask = |key: &&Key| {
-        Ok::<_, LinkError>((socket_to(address)?, StopSession::new(key, entropy()?, now())))
+    let ask = |address: SocketAddr| {
+        keys.iter()
+            .map(move |key| Ok((socket_to(address)?, StopSession::new(key, entropy()?, now()))))
     };
-    let mut stops = keys.iter().map(ask).collect::<Result<Vec<_>, _>>()?;
+    let mut stops = ask(address).collect::<Result<Vec<_>, LinkError>>()?;
     let mut latched = None;
     let mut datagram = [0; MAXIMUM_DATAGRAM + 1];
     loop {
+        while let Some(other) = more() {
+            // One that cannot be asked keeps nobody from being asked.
+            stops.extend(ask(other).collect::<Result<Vec<_>, LinkError>>().unwrap_or_default());
+        }
         let (mut failed, mut failures) = (ConnectError::NoAnswer, 0);
-        for (by, (socket, stop)) in stops.iter_mut().enumerate() {
+        for (place, (socket, stop)) in stops.iter_mut().enumerate() {
+            let by = place % keys.len();
             while let Some(frame) = stop.poll(now()) {
                 transient(socket.send(&frame))?;
             }
@@ -529,10 +541,11 @@ pub fn stop(address: SocketAddr, keys: &[&Key], interrupt: &Interrupt) -> Result
         if interrupt.is_raised() {
             return Err(LinkError::Interrupted);
         }
+        let sharing = stops.len() as u32;
         for (socket, stop) in &mut stops {
             let due = stop.poll_at().map_or(LONGEST_WAIT, |due| due.since(now()).min(LONGEST_WAIT));
             // They share the wait.
-            socket.set_read_timeout(Some((due / keys.len() as u32).max(SHORTEST_WAIT)))?;
+            socket.set_read_timeout(Some((due / sharing).max(SHORTEST_WAIT)))?;
             if let Some(length) = transient(socket.recv(&mut datagram))? {
                 // One that is dropped is one that a stranger sent, or came twice.
                 let _ = stop.receive(now(), &datagram[..length]);

@@ -11,7 +11,8 @@ use super::history::{LONGEST_COMMAND_AGE, SendTimes};
 use super::key::{Entropy, EphemeralKey, Key, SessionKeys, Signer, same};
 use super::operators::{MAXIMUM_OPERATORS, Operator, Operators};
 use super::{
-    COOKIE_EPOCHS, HOLDER_SILENCE, SESSION_EXPIRY, SESSION_LIFE, STOP_COOKIE_EPOCHS, VERSION,
+    COOKIE_EPOCHS, HOLDER_SILENCE, SESSION_EXPIRY, SESSION_LIFE, STOP_COOKIE_EPOCHS,
+    STOP_COOKIE_LIFE, VERSION,
 };
 use crate::failsafe::COMMAND_AGE;
 use crate::frame::{
@@ -69,8 +70,8 @@ pub struct RobotSession {
     cookies: Cookies,
     /// Of stops: a session that begins meanwhile does not make them invalid.
     stop_cookies: Cookies,
-    /// Cookies of the newest stops: each stops the robot once.
-    stops: Vec<Nonce, STOPS>,
+    /// Cookies of the newest stops, and when each came: each stops the robot once.
+    stops: Vec<(Nonce, Instant), STOPS>,
     is_at_rest: bool,
     holder: Option<Holder>,
     accepted: u32,
@@ -449,11 +450,13 @@ impl RobotSession {
         }
         let tag = |signed: &[u8]| signer.tag(signed, &[client_nonce, robot_nonce]);
         let answer = frame::stopped(self.is_at_rest, tag);
-        if self.stops.iter().any(|known| same(known, robot_nonce)) {
+        if self.stops.iter().any(|(known, _)| same(known, robot_nonce)) {
             return RobotReceived::Answer(answer);
         }
         let name = *name;
-        if self.stops.push(*robot_nonce).is_err() {
+        // A cookie that is good no longer needs not be known.
+        self.stops.retain(|(_, came)| now.since(*came) <= STOP_COOKIE_LIFE);
+        if self.stops.push((*robot_nonce, now)).is_err() {
             // One that is forgotten must not count again: no cookie made until now does.
             self.stops.clear();
             self.stop_cookies = Cookies::new(&mut self.entropy);

@@ -31,6 +31,22 @@ fn the_rotors_ramp_down_after_250_ms_and_not_before() {
 }
 
 #[test]
+fn a_robot_that_aligns_its_motors_lets_go_after_250_ms_and_not_before() {
+    let aligning_for = |silence| {
+        let mut bench = Bench::connected();
+        bench.hold(Command::Ping(0), Duration::from_millis(600));
+        bench.say(Command::Arm);
+        bench.wait(silence + TICK);
+        bench
+    };
+    let before = aligning_for(COMMAND_DEADLINE - TICK).state();
+    let mut after = aligning_for(COMMAND_DEADLINE);
+    assert_eq!([before, after.state()], [State::Aligning, State::Disarmed]);
+    after.wait(Duration::from_millis(300));
+    assert!(after.speed() < 0.5, "{} Hz", after.speed());
+}
+
+#[test]
 fn the_robot_is_disarmed_after_a_second_and_not_before() {
     let disarmed = |silence| {
         let bench = silent_for(silence);
