@@ -311,6 +311,37 @@ fn what_was_asked_without_a_session_clears_no_stop_that_came_meanwhile() {
 }
 
 #[test]
+fn a_robot_that_another_holds_is_stopped_all_the_same() {
+    let mut world = World::connected();
+    world.is_cut = true;
+    world.run(Duration::from_millis(1_500));
+    let other: SocketAddr = "10.0.0.2:5000".parse().unwrap();
+    let mut holder = Client::new(key(), [4; 32], world.now);
+    let mut hold = |world: &mut World, time: Duration| {
+        let end = world.now + time;
+        while world.now < end {
+            world.step();
+            while let Some(frame) = holder.transmit(world.now) {
+                for (to, datagram) in world.robot.receive(world.now, other, &frame) {
+                    if to == other {
+                        holder.receive(world.now, &datagram);
+                    }
+                }
+            }
+        }
+    };
+    hold(&mut world, Duration::from_millis(100));
+    world.is_cut = false;
+    hold(&mut world, Duration::from_secs(4));
+    let busy = |it: &Update| matches!(it, Update::Failed(ConnectError::Busy(_)));
+    assert!(world.updates.iter().any(busy));
+    world.client.stop(world.now);
+    hold(&mut world, Duration::from_millis(100));
+    assert!(world.robot.stopped);
+    assert_eq!(world.client.stop_state(), StopState::Acknowledged);
+}
+
+#[test]
 fn stop_survives_a_lost_session() {
     let mut world = World::armed();
     world.is_cut = true;

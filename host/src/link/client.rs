@@ -9,11 +9,12 @@ use flix_protocol::message::{
 };
 use flix_protocol::session::{
     ConnectError, Key, LinkHealth, OperatorReceived, OperatorSession, SendError, Status,
+    StopSession, StopStatus,
 };
 use flix_protocol::units::Instant;
 
 use super::statistics::Statistics;
-use super::{KEEP_ALIVE, REQUEST_PATIENCE, REQUEST_RETRY, SILENCE, STOP_RETRY};
+use super::{KEEP_ALIVE, REQUEST_PATIENCE, REQUEST_RETRY, SILENCE, STOP_BESIDE_AFTER, STOP_RETRY};
 
 /// An event of the link, for the owner of the client.
 #[derive(Debug, Clone, PartialEq)]
@@ -88,6 +89,10 @@ pub struct Client {
     stop: StopState,
     stop_number: u32,
     stop_at: Instant,
+    /// When it was asked for.
+    stop_since: Instant,
+    /// A stop without a session: while there is none, as another operator holds the robot, or it acknowledges nothing.
+    beside: Option<StopSession>,
     pending: VecDeque<Pending>,
     next_number: u32,
     keep_alive_at: Instant,
@@ -119,6 +124,8 @@ impl Client {
             stop: StopState::None,
             stop_number: 0,
             stop_at: now,
+            stop_since: now,
+            beside: None,
             pending: VecDeque::new(),
             next_number: 0,
             keep_alive_at: now,
@@ -218,6 +225,7 @@ impl Client {
         if self.stop != StopState::Sending {
             self.stop = StopState::Sending;
             self.stop_number = self.number();
+            self.stop_since = now;
         }
         self.stop_at = now;
     }
@@ -291,6 +299,14 @@ impl Client {
 
     /// Receives a datagram from the robot's address.
     pub fn receive(&mut self, now: Instant, datagram: &[u8]) {
+        if let Some(beside) = &mut self.beside
+            && beside.receive(now, datagram).is_ok()
+        {
+            if matches!(beside.status(), StopStatus::Latched | StopStatus::AtRest) {
+                self.acknowledge_stop();
+            }
+            return;
+        }
         let received = self.session.receive(now, datagram);
         if matches!(received, OperatorReceived::Connected | OperatorReceived::Message(_)) {
             self.heard = now;
@@ -339,6 +355,9 @@ impl Client {
             return Some(frame);
         }
         self.give_up_on_silence(now);
+        if let Some(frame) = self.stop_beside(now) {
+            return Some(frame);
+        }
         if let Some(frame) = self.session.poll(now) {
             return Frame::from_slice(&frame).ok();
         }
@@ -360,6 +379,28 @@ impl Client {
         }
     }
 
+    /// Returns the datagram of a stop without a session that is due, where one is needed.
+    fn stop_beside(&mut self, now: Instant) -> Option<Frame> {
+        if self.stop != StopState::Sending || self.beside_at() > now {
+            return None;
+        }
+        let has_failed = |it: &StopSession| matches!(it.status(), StopStatus::Failed(_));
+        if self.beside.as_ref().is_none_or(has_failed) {
+            self.beside = Some(self.session.stop(now));
+        }
+        Frame::from_slice(&self.beside.as_mut()?.poll(now)?).ok()
+    }
+
+    /// Returns when a stop without a session is due.
+    fn beside_at(&self) -> Instant {
+        match &self.beside {
+            // One that has failed is begun anew.
+            Some(beside) => beside.poll_at().unwrap_or(Instant::START),
+            None if self.was_established => self.stop_since + STOP_BESIDE_AFTER,
+            None => self.stop_since,
+        }
+    }
+
     /// Returns when [`Client::transmit`] is due next.
     #[must_use]
     pub fn transmit_at(&self) -> Option<Instant> {
@@ -367,14 +408,18 @@ impl Client {
             return Some(Instant::START);
         }
         let give_up = self.pending.iter().map(|pending| pending.give_up_at).min();
+        let beside = (self.stop == StopState::Sending).then(|| self.beside_at());
         if !self.was_established {
-            return [self.session.poll_at(), give_up].into_iter().flatten().min();
+            return [self.session.poll_at(), give_up, beside].into_iter().flatten().min();
         }
         let stop = (self.stop == StopState::Sending).then_some(self.stop_at);
         let request = self.in_turn().map(|(_, pending)| pending.send_at).min();
         let request = request.filter(|_| self.stop != StopState::Sending);
         let keep_alive = Some(self.keep_alive_at).filter(|_| !self.is_disarming());
-        [keep_alive, stop, request, give_up, Some(self.heard + SILENCE)].into_iter().flatten().min()
+        [keep_alive, stop, beside, request, give_up, Some(self.heard + SILENCE)]
+            .into_iter()
+            .flatten()
+            .min()
     }
 
     /// Returns the message that is due, most urgent first.
@@ -472,7 +517,7 @@ impl Client {
 
     fn acknowledge_stop(&mut self) {
         if self.stop == StopState::Sending {
-            self.stop = StopState::Acknowledged;
+            (self.stop, self.beside) = (StopState::Acknowledged, None);
             self.is_driving = false;
             self.updates.push_back(Update::StopAcknowledged);
         }

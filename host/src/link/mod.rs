@@ -13,7 +13,8 @@
 //!   until answered or [`REQUEST_PATIENCE`] is over. All commands are idempotent. One that was too
 //!   old when it arrived ([`Refusal::Late`]) is repeated at once.
 //! - **Stop** comes before everything: held setpoint and pending requests are dropped, and stop is
-//!   repeated every [`STOP_RETRY`] until the robot acknowledges it, also over reconnections.
+//!   repeated every [`STOP_RETRY`] until the robot acknowledges it, also over reconnections, and without a session
+//!   while there is none: another operator may hold the robot.
 //! - **Silence** of [`SILENCE`] ends the session. The client connects again and drops the held
 //!   setpoint, because a robot that comes back must not start by itself.
 //!
@@ -56,6 +57,8 @@ pub const REQUEST_RETRY: Duration = Duration::from_millis(100);
 pub const REQUEST_PATIENCE: Duration = Duration::from_secs(2);
 /// Interval of stop until it is acknowledged.
 pub const STOP_RETRY: Duration = Duration::from_millis(20);
+/// Time after which a stop that the robot has not acknowledged in the session is also asked for without one.
+pub const STOP_BESIDE_AFTER: Duration = Duration::from_millis(100);
 /// Silence of the robot after which the session ends: the robot, without commands, has disarmed.
 pub const SILENCE: Duration = HOLDER_SILENCE;
 /// Time after which a command without a reply counts as unanswered.

@@ -7,6 +7,7 @@ use heapless::{Deque, Vec};
 use super::channel::{Channel, Plain, SendError};
 use super::connect::{ConnectError, Greeting};
 use super::key::{Entropy, EphemeralKey, Key, SessionKeys, Signer};
+use super::stop::StopSession;
 use super::{
     CONFIRM_PATIENCE, HANDSHAKE_RETRY, HOLDER_SILENCE, SESSION_LIFE, SESSION_RENEWAL, VERSION,
 };
@@ -132,6 +133,12 @@ impl OperatorSession {
             round_trip: None,
             timed: Deque::new(),
         }
+    }
+
+    /// Returns a stop of this robot that needs no session, and leaves this one alone.
+    #[must_use]
+    pub fn stop(&mut self, now: Instant) -> StopSession {
+        StopSession::new(&self.key, *self.entropy.secret(), now)
     }
 
     /// Drops the present session, if any, and begins to connect.
