@@ -68,7 +68,7 @@ pub const ECHO_LENGTH: usize = 8;
 
 /// Zeros in Hello. They make it longer than any answer, and leave it short enough for its tag to
 /// take two rounds of SHA-256.
-const HELLO_RESERVED: usize = 7;
+const HELLO_RESERVED: usize = 6;
 
 /// A random number used once.
 pub type Nonce = [u8; NONCE_LENGTH];
@@ -97,12 +97,15 @@ const VERSION_LENGTH: usize = 2 + 8;
 
 /// Kind and length of each datagram of the handshake, bytes.
 pub const HANDSHAKE_LENGTHS: [(u8, usize); 8] = [
-    (HELLO, HEAD + VERSION_LENGTH + NONCE_LENGTH + 1 + KEY_ID_LENGTH + HELLO_RESERVED + TAG_LENGTH),
+    (
+        HELLO,
+        HEAD + VERSION_LENGTH + NONCE_LENGTH + 1 + KEY_ID_LENGTH + 1 + HELLO_RESERVED + TAG_LENGTH,
+    ),
     (CHALLENGE, HEAD + NONCE_LENGTH + TAG_LENGTH),
     (CONFIRM, HEAD + 2 * NONCE_LENGTH + KEY_ID_LENGTH + PUBLIC_KEY_LENGTH + TAG_LENGTH),
     (ACCEPT, HEAD + 4 + PUBLIC_KEY_LENGTH + TAG_LENGTH),
     (REFUSAL, HEAD + 1 + VERSION_LENGTH + NONCE_LENGTH + TAG_LENGTH),
-    (STOP, HEAD + 2 * NONCE_LENGTH + KEY_ID_LENGTH + TAG_LENGTH),
+    (STOP, HEAD + 2 * NONCE_LENGTH + KEY_ID_LENGTH + 1 + TAG_LENGTH),
     (STOPPED, HEAD + 1 + TAG_LENGTH),
     (HELD, HEAD + NONCE_LENGTH + OPERATOR_NAME_LENGTH + TAG_LENGTH),
 ];
@@ -285,6 +288,7 @@ impl<'a> Datagram<'a> {
                 let client_nonce = fields.take()?;
                 let purpose = Purpose::from_byte(fields.u8()?);
                 let key_id = fields.take()?;
+                let _repetition = fields.u8()?;
                 fields.take::<HELLO_RESERVED>()?;
                 Self::Hello { version, client_nonce, purpose, key_id, signed, tag }
             }
@@ -315,13 +319,13 @@ impl<'a> Datagram<'a> {
                 fields.0 = &[];
                 Self::Sealed { is_renewal, session, counter, header, ciphertext, tag }
             }
-            STOP => Self::Stop {
-                client_nonce: fields.take()?,
-                robot_nonce: fields.take()?,
-                key_id: fields.take()?,
-                signed,
-                tag,
-            },
+            STOP => {
+                let client_nonce = fields.take()?;
+                let robot_nonce = fields.take()?;
+                let key_id = fields.take()?;
+                let _repetition = fields.u8()?;
+                Self::Stop { client_nonce, robot_nonce, key_id, signed, tag }
+            }
             STOPPED => Self::Stopped { at_rest: fields.bool()?, signed, tag },
             HELD => Self::Held {
                 client_nonce: fields.take()?,
@@ -383,16 +387,21 @@ fn handshake(kind: u8, fields: &[&[u8]], sign: impl FnOnce(&[u8]) -> Tag) -> Han
     frame
 }
 
+/// `repetition` lets each Hello differ from the one before, so that nobody's copy of one counts as the next.
 pub(crate) fn hello(
     version: Version,
     client_nonce: &Nonce,
     purpose: Purpose,
     key_id: &KeyId,
+    repetition: u8,
     sign: impl FnOnce(&[u8]) -> Tag,
 ) -> HandshakeFrame {
     let (number, schema_key) = (version.number.to_le_bytes(), version.schema_key.to_le_bytes());
     let rest = [0; HELLO_RESERVED];
-    handshake(HELLO, &[&number, &schema_key, client_nonce, &[purpose as u8], key_id, &rest], sign)
+    let (purpose, repetition) = ([purpose as u8], [repetition]);
+    let fields: [&[u8]; 7] =
+        [&number, &schema_key, client_nonce, &purpose, key_id, &repetition, &rest];
+    handshake(HELLO, &fields, sign)
 }
 
 pub(crate) fn challenge(robot_nonce: &Nonce, sign: impl FnOnce(&[u8]) -> Tag) -> HandshakeFrame {
@@ -431,9 +440,10 @@ pub(crate) fn stop(
     client_nonce: &Nonce,
     robot_nonce: &Nonce,
     key_id: &KeyId,
+    repetition: u8,
     sign: impl FnOnce(&[u8]) -> Tag,
 ) -> HandshakeFrame {
-    handshake(STOP, &[client_nonce, robot_nonce, key_id], sign)
+    handshake(STOP, &[client_nonce, robot_nonce, key_id, &[repetition]], sign)
 }
 
 pub(crate) fn stopped(at_rest: bool, sign: impl FnOnce(&[u8]) -> Tag) -> HandshakeFrame {

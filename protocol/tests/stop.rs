@@ -4,7 +4,7 @@ use core::net::SocketAddr;
 use core::time::Duration;
 
 use crate::ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, key, setpoint};
-use flix_protocol::frame::{MAXIMUM_DATAGRAM, PUBLIC_KEY_LENGTH, TAG_LENGTH};
+use flix_protocol::frame::{MAXIMUM_DATAGRAM, NONCE_LENGTH, PUBLIC_KEY_LENGTH, TAG_LENGTH};
 use flix_protocol::message::{Command, DropReason};
 use flix_protocol::session::{
     CONNECT_PATIENCE, COOKIE_LIFE, ConnectError, Key, OperatorSession, RobotReceived, RobotSession,
@@ -200,10 +200,11 @@ fn a_stop_that_stays_unanswered_starts_over_with_a_new_nonce() {
     let mut stop = stop(ends.now);
     let lost = challenged(&mut ends.robot, &mut stop, ends.now);
     ends.wait(STOP_ANSWER_PATIENCE - MILLISECOND);
-    assert_eq!(stop.poll(ends.now).unwrap()[..], lost[..]);
+    let nonces = 4..4 + 2 * NONCE_LENGTH;
+    assert_eq!(stop.poll(ends.now).unwrap()[nonces.clone()], lost[nonces.clone()]);
     ends.wait(STOP_RETRY);
     let anew = challenged(&mut ends.robot, &mut stop, ends.now);
-    assert_ne!(anew, lost);
+    assert_ne!(anew[nonces.clone()], lost[nonces]);
     obeyed(ends.robot.receive(ends.now, SECOND_OPERATOR, &anew));
 }
 
@@ -279,12 +280,12 @@ fn a_stop_cannot_be_made_from_a_handshake_nor_a_session_from_a_stop() {
     let challenge = answer(robot.receive(now, SECOND_OPERATOR, &hello), hello.len()).unwrap();
     operator.receive(now, &challenge);
     let confirm = operator.poll(now).unwrap();
-    // Confirm has an ephemeral key before its tag, and else what Stop has.
-    let place = stop.len() - TAG_LENGTH;
-    let (fields, key) = confirm[..confirm.len() - TAG_LENGTH].split_at(place);
-    let tag = &confirm[place + PUBLIC_KEY_LENGTH..];
-    let from_stop = [&stop[..place], key, &stop[place..]].concat();
-    let from_confirm = [fields, tag].concat();
+    // Confirm has an ephemeral key before its tag, where Stop counts its repetitions.
+    let place = confirm.len() - TAG_LENGTH - PUBLIC_KEY_LENGTH;
+    let (fields, rest) = confirm.split_at(place);
+    let (key, tag) = rest.split_at(PUBLIC_KEY_LENGTH);
+    let from_stop = [&stop[..place], key, &stop[place + 1..]].concat();
+    let from_confirm = [fields, &stop[place..=place], tag].concat();
     for (kind, mut datagram) in [(confirm[3], from_stop), (stop[3], from_confirm)] {
         datagram[3] = kind;
         let received = robot.receive(now, SECOND_OPERATOR, &datagram);

@@ -379,6 +379,29 @@ fn what_others_send_in_an_operators_name_keeps_no_answer_from_him() {
 }
 
 #[test]
+fn copies_whose_first_the_guard_was_made_to_forget_keep_no_answer_from_an_operator() {
+    play(Some(key()), |world| async move {
+        // The first answer is lost; then strangers send more than the guard remembers, and a copy of what was asked.
+        let first = Cell::new(true);
+        world.wire.follow(move |frame| {
+            let to = SocketAddrV4::new(ROBOT, DEFAULT_PORT);
+            let stranger = |number: u8| {
+                let from = SocketAddrV4::new(Ipv4Addr::new(10, 0, 0, number), 1);
+                network::datagram(66, from, to, &[number; 64])
+            };
+            let copy = [&frame[..6], &network::hardware(66), &frame[12..]].concat();
+            let is_first = frame[12..14] == [0x08, 0x00] && first.replace(false);
+            if is_first { (100..148).map(stranger).chain([copy]).collect() } else { Vec::new() }
+        });
+        world.wire.lose_one_in(2);
+        let mut operator = Operator::new(&world);
+        let patience = Timer::after(Duration::from_millis(900));
+        let connected = select(operator.connect(), patience).await;
+        assert!(matches!(connected, Either::First(_)), "not within 900 ms");
+    });
+}
+
+#[test]
 fn copies_of_an_operators_datagrams_take_no_answers_from_him() {
     play(Some(key()), |world| async move {
         world.wire.copy_from(66);

@@ -21,8 +21,10 @@ pub const FIND_PATIENCE: Duration = Duration::from_millis(2500);
 const GREETING_PATIENCE: Duration = Duration::from_millis(300);
 /// Time after the first proof in which others may prove the same.
 pub const PROVERS: Duration = Duration::from_millis(300);
-/// How often the way to each is measured then.
-const TRIES: usize = 5;
+/// How often it is found out then who answers first.
+const RACES: usize = 5;
+/// Interval of the looks for who that is.
+const LOOK: Duration = Duration::from_micros(200);
 /// Interval of the checks for answers and interruption.
 const SLICE: Duration = Duration::from_millis(10);
 /// Most addresses that are greeted in a search, and most datagrams of each that are read in a slice.
@@ -96,10 +98,11 @@ pub fn find<'a>(
     let quickest = match proved[..] {
         [] => greeted,
         [only] => Some(only),
-        _ => proved.into_iter().min_by_key(|address| {
-            let trips = (0..TRIES).flat_map(|_| &keys).filter_map(|key| round_trip(*address, key));
-            trips.min().unwrap_or(Duration::MAX)
-        }),
+        _ => {
+            let won: Vec<_> = (0..RACES).filter_map(|_| race(&proved, &keys, interrupt)).collect();
+            let wins = |address: &SocketAddr| won.iter().filter(|it| *it == address).count();
+            proved.into_iter().max_by_key(wins)
+        }
     };
     Ok(quickest)
 }
@@ -135,15 +138,22 @@ pub fn find_each(
     Ok(first)
 }
 
-/// Returns how long a robot at this address takes to prove that it has this key.
-fn round_trip(address: SocketAddr, key: &Key) -> Option<Duration> {
-    let mut greeted = Greeted::new(address, key)?;
-    let asked = Instant::now();
-    greeted.proves().ok()?;
-    // What was asked is waited for.
-    greeted.socket.set_nonblocking(false).ok()?;
-    greeted.socket.set_read_timeout(Some(GREETING_PATIENCE)).ok()?;
-    greeted.proves().ok()?.then(|| asked.elapsed())
+/// Greets all of these addresses at once, and returns the one that is the first to prove that it has one of these keys.
+fn race(addresses: &[SocketAddr], keys: &[&Key], interrupt: &Interrupt) -> Option<SocketAddr> {
+    let each = addresses.iter().flat_map(|address| keys.iter().map(|key| (*address, *key)));
+    let mut greeted: Vec<_> =
+        each.filter_map(|(address, key)| Greeted::new(address, key)).collect();
+    let begin = Instant::now();
+    while begin.elapsed() < GREETING_PATIENCE && !interrupt.is_raised() {
+        if let Some(first) = greeted.iter_mut().find_map(|it| {
+            let proves = it.proves().unwrap_or(false);
+            proves.then_some(it.address)
+        }) {
+            return Some(first);
+        }
+        std::thread::sleep(LOOK);
+    }
+    None
 }
 
 /// Looks for a simulated robot with this key on this computer, where multicast seldom reaches.

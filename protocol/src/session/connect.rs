@@ -1,5 +1,7 @@
 //! One attempt of an operator to reach a robot, and why it failed.
 
+use core::time::Duration;
+
 use core::fmt;
 
 use super::key::Entropy;
@@ -80,18 +82,27 @@ pub(super) struct Greeting {
     pub(super) client_nonce: Nonce,
     since: Instant,
     pub(super) send_at: Instant,
+    /// Datagrams that were sent, wrapping: no two in a row are the same.
+    sent: u8,
     /// The newest refusal, and when the first lasting one came.
     pub(super) hint: Option<(ConnectError, Instant)>,
 }
 
 impl Greeting {
     pub(super) fn new(entropy: &mut Entropy, now: Instant) -> Self {
-        Self { client_nonce: entropy.nonce(), since: now, send_at: now, hint: None }
+        Self { client_nonce: entropy.nonce(), since: now, send_at: now, sent: 0, hint: None }
     }
 
     /// Starts over with a new nonce, within the same patience.
     pub(super) fn renew(&mut self, entropy: &mut Entropy) {
         self.client_nonce = entropy.nonce();
+    }
+
+    /// Returns the number of the datagram that is sent now; the next is due after this time.
+    pub(super) fn repetition(&mut self, now: Instant, retry: Duration) -> u8 {
+        self.send_at = now + retry;
+        self.sent = self.sent.wrapping_add(1);
+        self.sent
     }
 
     /// Returns when the attempt is over without an answer.

@@ -208,12 +208,15 @@ impl OperatorSession {
         if now < greeting.send_at {
             return None;
         }
-        greeting.send_at = now + HANDSHAKE_RETRY;
+        let repetition = greeting.repetition(now, HANDSHAKE_RETRY);
         let client_nonce = greeting.client_nonce;
         let tag = |signed: &[u8]| self.signer.tag(signed, &[]);
         Some(match &self.phase {
             Phase::Confirming { opening, .. } => opening.confirm.clone(),
-            _ => frame::hello(VERSION, &client_nonce, Purpose::Drive, &self.key_id, tag),
+            _ => {
+                let (purpose, key_id) = (Purpose::Drive, &self.key_id);
+                frame::hello(VERSION, &client_nonce, purpose, key_id, repetition, tag)
+            }
         })
     }
 

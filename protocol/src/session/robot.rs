@@ -617,7 +617,7 @@ mod tests {
         let sign = |signed: &[u8]| signer.tag(signed, &[]);
         let mut robot = RobotSession::new(Some(key.clone()), [11; 32]);
         for public in SMALL_ORDER {
-            let hello = frame::hello(VERSION, &[5; 16], Purpose::Drive, &key.id(), sign);
+            let hello = frame::hello(VERSION, &[5; 16], Purpose::Drive, &key.id(), 0, sign);
             let RobotReceived::Answer(challenge) = robot.receive(now, from, &hello) else {
                 panic!("a challenge")
             };

@@ -93,17 +93,19 @@ impl StopSession {
             self.challenged = None;
             self.greeting.renew(&mut self.entropy);
         }
-        self.greeting.send_at = now + STOP_RETRY;
+        let repetition = self.greeting.repetition(now, STOP_RETRY);
         let client_nonce = &self.greeting.client_nonce;
         Some(match &self.challenged {
             Some((robot_nonce, _)) => {
-                frame::stop(client_nonce, robot_nonce, &self.key_id, |signed| {
+                frame::stop(client_nonce, robot_nonce, &self.key_id, repetition, |signed| {
                     self.stop.tag(signed, &[])
                 })
             }
-            None => frame::hello(VERSION, client_nonce, Purpose::Stop, &self.key_id, |signed| {
-                self.handshake.tag(signed, &[])
-            }),
+            None => {
+                let tag = |signed: &[u8]| self.handshake.tag(signed, &[]);
+                let (purpose, key_id) = (Purpose::Stop, &self.key_id);
+                frame::hello(VERSION, client_nonce, purpose, key_id, repetition, tag)
+            }
         })
     }
 
