@@ -4,6 +4,7 @@
 pub mod file;
 #[cfg(not(target_family = "wasm"))]
 pub mod interrupt;
+pub mod number;
 pub mod text;
 
 #[cfg(not(target_family = "wasm"))]

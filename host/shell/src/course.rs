@@ -8,7 +8,7 @@ use std::time::Duration;
 use flix_protocol::message::Setpoint;
 
 use crate::Error;
-use crate::number::{parse_within, whole};
+use crate::number::{metres, millimetres, parse_within, whole};
 use crate::output::{complain, read_text};
 use crate::suggestion::nearest;
 use flix_host::nav::{
@@ -38,16 +38,16 @@ pub struct CourseArgs {
     #[arg(long, default_value_t = 2, value_parser = whole::<u32>(1..=1_000_000))]
     pub laps: u32,
     /// Width of the figure eight, m [default: 1.6].
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", value_parser = metres)]
     pub width: Option<f64>,
     /// Height of the figure eight, m [default: 0.8].
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", value_parser = metres)]
     pub height: Option<f64>,
     /// Radius of the circle, m [default: 0.4].
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", value_parser = metres)]
     pub radius: Option<f64>,
     /// Side of the square, m [default: 0.8].
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", value_parser = metres)]
     pub side: Option<f64>,
     /// Position of the middle of the path (of the origin of a file), m.
     #[arg(long, value_name = "X,Y", default_value = "0,0", allow_hyphen_values = true)]
@@ -56,7 +56,7 @@ pub struct CourseArgs {
     #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse_turned)]
     pub turned: f64,
     /// Distance from the path at which the run ends, mm.
-    #[arg(long, value_name = "MM", default_value_t = 400.0)]
+    #[arg(long, value_name = "MM", default_value_t = 400.0, value_parser = millimetres)]
     pub error_limit: f64,
     /// Walk to the path also from outside the fence. A robot inside the fence walks to it anyway.
     #[arg(long)]

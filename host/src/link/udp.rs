@@ -617,13 +617,13 @@ fn is_transient(error: &io::Error) -> bool {
 mod tests {
     use super::*;
 
-    /// As the systems number them: `EPERM`, `ENOMEM`, `ENODEV`, `EINVAL`, `ENETDOWN`, `ENETUNREACH`, `ECONNRESET`, `ENOBUFS`,
+    /// As the systems number them: `EPERM`, `ENOMEM`, `EACCES`, `ENODEV`, `EINVAL`, `ENETDOWN`, `ENETUNREACH`, `ECONNRESET`, `ENOBUFS`,
     /// `ECONNREFUSED`, `EHOSTDOWN`, `EHOSTUNREACH` of Linux; the same of Windows.
     #[cfg(target_os = "linux")]
-    const PASSING: &[i32] = &[1, 12, 19, 22, 100, 101, 104, 105, 111, 112, 113];
+    const PASSING: &[i32] = &[1, 12, 13, 19, 22, 100, 101, 104, 105, 111, 112, 113];
     #[cfg(windows)]
     const PASSING: &[i32] =
-        &[10_022, 10_040, 10_050, 10_051, 10_052, 10_054, 10_055, 10_064, 10_065];
+        &[10_013, 10_022, 10_040, 10_050, 10_051, 10_052, 10_054, 10_055, 10_064, 10_065];
     #[cfg(not(any(target_os = "linux", windows)))]
     const PASSING: &[i32] = &[];
 

@@ -7,6 +7,8 @@ use std::f64::consts::{PI, TAU};
 use std::fmt;
 use std::str::FromStr;
 
+use crate::system::number::in_unit;
+
 /// A point on the floor, m.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Position {
@@ -89,6 +91,11 @@ impl Position {
 /// Farthest coordinate that is taken from people, m: beyond, a number is a slip.
 pub(crate) const FARTHEST: f64 = 1000.0;
 
+/// Reads a coordinate in metres, or with its unit behind it.
+fn coordinate(text: &str) -> Option<f64> {
+    in_unit(text, "m").ok().filter(|number| number.abs() <= FARTHEST)
+}
+
 /// A text was refused as a position.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("\"{0}\" is not a position: write x,y in metres within {FARTHEST}, such as 0.5,-0.2")]
@@ -99,9 +106,8 @@ impl FromStr for Position {
 
     /// Reads `x,y` in metres.
     fn from_str(text: &str) -> Result<Self, NotAPosition> {
-        let number = |part: &str| part.trim().parse::<f64>().ok().filter(|n| n.abs() <= FARTHEST);
         text.split_once(',')
-            .and_then(|(x, y)| Some(Self::new(number(x)?, number(y)?)))
+            .and_then(|(x, y)| Some(Self::new(coordinate(x)?, coordinate(y)?)))
             .ok_or_else(|| NotAPosition(text.to_owned()))
     }
 }
@@ -163,10 +169,7 @@ impl FromStr for Area {
 
     /// Reads `west,south,east,north` in metres.
     fn from_str(text: &str) -> Result<Self, NotAnArea> {
-        let numbers: Option<Vec<f64>> = text
-            .split(',')
-            .map(|part| part.trim().parse().ok().filter(|n: &f64| n.abs() <= FARTHEST))
-            .collect();
+        let numbers: Option<Vec<f64>> = text.split(',').map(coordinate).collect();
         match numbers.as_deref() {
             Some([x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => {
                 Ok(Self { low: Position::new(*x0, *y0), high: Position::new(*x1, *y1) })

@@ -5,6 +5,7 @@
 #[cfg(not(target_family = "wasm"))]
 pub mod files;
 
+use crate::system::number::in_unit;
 use flix_protocol::message::{
     Channel, Quantity, SCOPE_CHANNELS, SCOPE_RATE_HZ, ScopeRows, ScopeStatus, Trigger,
 };
@@ -100,10 +101,10 @@ pub fn trigger(text: &str, channels: &mut Vec<Channel>) -> Result<Trigger, WishE
         (None, Some(parts)) => (false, parts),
         _ => return Err(unknown()),
     };
-    let level: f64 = level.trim().parse().map_err(|_| unknown())?;
     let name = name.trim();
     let channel = *named(name).first().ok_or(WishError::Channel { name: name.to_owned() })?;
     let quantity = channel.quantity();
+    let level = in_unit(level, quantity.unit()).map_err(|_| unknown())?;
     let counts = level / quantity.count();
     if !(f64::from(i16::MIN + 1)..=f64::from(i16::MAX)).contains(&counts) {
         let bound = |count: i16| f64::from(count) * quantity.count();

@@ -42,6 +42,7 @@ pub const PASSING_SOCKET_ERRORS: &[i32] = &[
     Errno::NOMEM.raw_os_error(),
     Errno::HOSTDOWN.raw_os_error(),
     Errno::PERM.raw_os_error(),
+    Errno::ACCESS.raw_os_error(),
 ];
 
 /// Creates a new file that only its owner can read, for writing.

@@ -14,7 +14,7 @@ pub const SIGNALS: &[i32] = &[SIGINT, SIGTERM];
 
 /// What a socket that is in order reports while a network is away or busy, or of a datagram that is longer than any of ours, and
 /// `std` has no name of its own for: `WSAEINVAL`, `WSAEMSGSIZE`, `WSAENETRESET`, `WSAENOBUFS`, `WSAEHOSTDOWN`.
-pub const PASSING_SOCKET_ERRORS: &[i32] = &[10_022, 10_040, 10_052, 10_055, 10_064];
+pub const PASSING_SOCKET_ERRORS: &[i32] = &[10_013, 10_022, 10_040, 10_052, 10_055, 10_064];
 
 /// Returns the time since the first call: the counter behind goes on while the computer is suspended.
 #[must_use]

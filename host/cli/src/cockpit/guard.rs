@@ -77,14 +77,14 @@ impl Guard {
     /// [`HTTP`]; `localhost` for this computer; any
     /// address, but no name, where all addresses are bound.
     fn serves(&self, host: &str) -> bool {
-        let (own, port) = (self.bound.ip(), self.bound.port());
+        let (own, port) = (self.bound.ip().to_canonical(), self.bound.port());
         let name = host.strip_suffix(&format!(":{port}"));
         if let Some(name) = name.or((port == HTTP).then_some(host)) {
             if name.eq_ignore_ascii_case("localhost") {
                 return own.is_loopback() || own.is_unspecified();
             }
             let address = name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>();
-            return address.is_ok_and(|address| own.is_unspecified() || address == own);
+            return address.is_ok_and(|it| own.is_unspecified() || it.to_canonical() == own);
         }
         false
     }

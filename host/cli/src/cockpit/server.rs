@@ -171,7 +171,7 @@ impl Server {
     /// Returns whether other computers can reach it.
     #[must_use]
     pub const fn is_public(&self) -> bool {
-        !self.address.ip().is_loopback()
+        !self.address.ip().to_canonical().is_loopback()
     }
 
     /// Shows a snapshot to all pages.
@@ -234,7 +234,7 @@ fn reachable(
     known: impl Iterator<Item = IpAddr>,
 ) -> Vec<IpAddr> {
     let mut addresses = Vec::new();
-    for address in first.into_iter().chain(known) {
+    for address in first.into_iter().chain(known).map(|it| it.to_canonical()) {
         // Of no use without the name of the card, which no browser takes.
         let is_link_local = matches!(address, IpAddr::V6(it) if it.is_unicast_link_local());
         // What is bound to IPv6 serves both.
@@ -304,9 +304,11 @@ async fn page(
     let holds_to_run = asked.shared.holds_to_run;
     let html = Page { connection: CONNECTION, holds_to_run, ..Page::default() }.to_html(&nonce);
     let host = text_of(&headers, header::HOST).unwrap_or_default();
+    // Older browsers take 'self' for no WebSocket; the grammar has no addresses of IPv6.
+    let socket = if host.starts_with('[') { String::new() } else { format!(" ws://{host}") };
     let policy = format!(
         "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src data:; \
-         connect-src ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+         connect-src 'self'{socket}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     );
     let secure = [
         (header::CONTENT_SECURITY_POLICY, policy.as_str()),

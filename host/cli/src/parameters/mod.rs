@@ -123,8 +123,13 @@ fn value_of(connection: &mut Connection, name: &Name, text: &str) -> Result<f32,
     }
     let found = get(connection, name.clone());
     let parameter = found.map_err(|error| named(connection, name, error))?;
+    let is_switch = (parameter.minimum, parameter.maximum) == (0.0, 1.0);
+    let is_word = !text.contains(|it: char| it.is_ascii_digit());
     in_unit(text, &parameter.unit)
-        .map(|value| value as f32)
+        .and_then(|value| match is_word && !is_switch {
+            true => Err(format!("`{text}` is not a number")),
+            false => Ok(value as f32),
+        })
         .map_err(|why| Error::usage(format_args!("{name}: {why}")))
 }
 

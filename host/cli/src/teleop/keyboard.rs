@@ -109,7 +109,8 @@ pub struct Typed {
     pub actions: Vec<Action>,
     /// Steps of f and theta by keys that repeat: they change a walk, and are no new wish of the operator.
     pub steps: Vec<Action>,
-    /// Whether a key was pressed, with an action or without.
+    /// Whether a key was pressed, with an action or without. One that repeats is no sign that somebody is there, unless it holds
+    /// the walk.
     pub is_touched: bool,
     /// Why a robot that walks has to rest, in words.
     pub doubt: Option<&'static str>,
@@ -130,6 +131,8 @@ pub struct Typing {
     repeated: Option<(KeyCode, Duration, bool)>,
     /// What the keys that came together last are there for, whether they repeat, and when the last of them came.
     together: Vec<Option<(Action, bool)>>,
+    /// Whether any of them shows that somebody is there.
+    is_touched: bool,
     last: Duration,
     /// Whether text came among them.
     is_text: bool,
@@ -199,6 +202,8 @@ impl Typing {
                     self.together.fill(None);
                     self.ready.actions.push(calming);
                 }
+                let is_held_key = self.held.is_some_and(|(held, _)| held == letter(key.code));
+                self.is_touched |= !repeats || is_held_key;
                 let wish = action.filter(|action| !is_calming(action));
                 self.together.push(wish.map(|action| (action, repeats)));
                 self.last = at;
@@ -260,6 +265,7 @@ impl Typing {
         }
         let keys = std::mem::take(&mut self.together);
         let is_text = std::mem::take(&mut self.is_text);
+        let is_touched = std::mem::take(&mut self.is_touched);
         if is_text || keys.len() > TOGETHER {
             self.ready.dropped += keys.len();
             return;
@@ -267,7 +273,7 @@ impl Typing {
         if keys.is_empty() {
             return;
         }
-        self.ready.is_touched = true;
+        self.ready.is_touched |= is_touched;
         let begins =
             |action: &Action| matches!(action, Action::Walk(_) | Action::Arm | Action::Clear);
         let is_alone = keys.len() == 1;
@@ -422,7 +428,12 @@ mod tests {
                 for at in times {
                     typing.report(ms(at), key(code));
                     let typed = typing.take(ms(at + 10));
-                    assert!(typed.is_touched && typed.steps.is_empty());
+                    assert!(typed.steps.is_empty());
+                    assert_eq!(
+                        typed.is_touched,
+                        !typed.actions.is_empty(),
+                        "a stuck key is nobody"
+                    );
                     wishes += typed.actions.len();
                 }
                 wishes

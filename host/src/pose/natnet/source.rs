@@ -225,8 +225,17 @@ enum Received {
 }
 
 enum Channel {
-    Multicast { stream: DataClient, command: RawCommandClient },
-    Unicast { socket: RawCommandClient, next_keepalive: Instant },
+    /// `card` is the socket of the stream, by which the group is joined again.
+    Multicast {
+        stream: DataClient,
+        card: Socket,
+        group: Ipv4Addr,
+        command: RawCommandClient,
+    },
+    Unicast {
+        socket: RawCommandClient,
+        next_keepalive: Instant,
+    },
 }
 
 /// A stream of poses from Motive.
@@ -278,9 +287,16 @@ impl NatNetSource {
             if !group.is_multicast() {
                 return Err(NatNetError::NoGroup { server: settings.server, group });
             }
+            let again = |source| NatNetError::Socket { interface: settings.interface, source };
             let socket = multicast_socket(group, info.connection.data_port, settings.interface)
                 .map_err(socket)?;
-            Channel::Multicast { stream: DataClient::from_socket(socket), command: client }
+            let card = Socket::from(socket.try_clone().map_err(again)?);
+            Channel::Multicast {
+                stream: DataClient::from_socket(socket),
+                card,
+                group,
+                command: client,
+            }
         } else {
             Channel::Unicast { socket: client, next_keepalive: Instant::START }
         };
@@ -338,6 +354,15 @@ impl NatNetSource {
         transient(command.send(what)).map(drop)
     }
 
+    /// Joins the group of a stream by multicast anew: a network card that was away has forgotten it.
+    fn join_again(&self) {
+        if let Channel::Multicast { card, group, .. } = &self.channel {
+            // While the card is away both fail, and are tried again.
+            let _ = card.leave_multicast_v4(group, &self.settings.interface);
+            let _ = card.join_multicast_v4(group, &self.settings.interface);
+        }
+    }
+
     fn receive(&mut self, now: Instant) -> io::Result<Option<Received>> {
         if self.ask_bodies_at.is_some_and(|at| now >= at) {
             self.ask_bodies_at = Some(now + ASK_AGAIN);
@@ -347,11 +372,12 @@ impl NatNetSource {
         let heard = *self.heard.get_or_insert(now);
         if now.since(heard) > SILENCE && now >= self.greet_at {
             self.greet_at = now + ASK_AGAIN;
+            self.join_again();
             self.say(&self.greeting)?;
         }
         let mut kind: fn(usize) -> Received = Received::Datagram;
         let received = match &mut self.channel {
-            Channel::Multicast { stream, command } => {
+            Channel::Multicast { stream, command, .. } => {
                 match transient(command.recv(&mut self.buffer))? {
                     Some(received) => {
                         kind = Received::Answer;

@@ -82,7 +82,7 @@ function keyed(event) {
   const step = steps[event.key];
   if (step) return { [step[0]]: step[fine ? 2 : 1] };
   // On a keyboard without Latin letters a key is known by its place.
-  const isLatin = /^[ -~]$/.test(event.key), placed = event.key.length === 1 && /^(?:Key|Digit)(.)$/.exec(event.code);
+  const isLatin = /^[ -~\p{Script=Latin}]$/u.test(event.key), placed = event.key.length === 1 && /^(?:Key|Digit)(.)$/.exec(event.code);
   return KEYS[isLatin ? event.key.toLowerCase() : placed ? placed[1].toLowerCase() : event.key];
 }
 addEventListener("keydown", (event) => {
@@ -239,7 +239,8 @@ function handOn({ index }) {
 }
 function forgetHands() { for (const hand of hands.values()) Object.assign(hand, { mode: undefined, neutral: false }); }
 const BUTTONS = { 1: "stop", 3: "clear", 8: "disarm", 9: "arm" };
-const DEAD_ZONE = 0.25, DEFLECTED = 0.6, UNTOUCHED_MS = 30000;
+// A stick that commands goes on to until it is well below where it began.
+const DEAD_ZONE = 0.25, DEFLECTED = 0.6, KEPT = 0.4, UNTOUCHED_MS = 30000;
 // A browser may have none, or give none to a page that is not encrypted. One that cannot be read is none: what it drives
 // rests, and the others go on.
 const orNone = (read) => { try { return read(); } catch { return []; } };
@@ -254,14 +255,14 @@ function newlyPressed(gamepad, hand) {
   hand.down = down;
   return down.filter((index) => !before.includes(index));
 }
-function wantedBy(gamepad) {
-  const [x = 0, y = 0] = gamepad.axes;
+function wantedBy(gamepad, before) {
+  const [x = 0, y = 0] = gamepad.axes, from = (mode) => (mode === before ? KEPT : DEFLECTED);
   const down = (index) => gamepad.buttons[index]?.pressed;
   if (down(4)) return "strafe left";
   if (down(5)) return "strafe right";
-  if (down(12) || (-y > DEFLECTED && -y >= Math.abs(x))) return "forward";
-  if (down(14) || (-x > DEFLECTED && Math.abs(x) > Math.abs(y))) return "left turn";
-  if (down(15) || (x > DEFLECTED && Math.abs(x) > Math.abs(y))) return "right turn";
+  if (down(12) || (-y > from("forward") && -y >= Math.abs(x))) return "forward";
+  if (down(14) || (-x > from("left turn") && Math.abs(x) > Math.abs(y))) return "left turn";
+  if (down(15) || (x > from("right turn") && Math.abs(x) > Math.abs(y))) return "right turn";
   return undefined;
 }
 const isNeutral = (gamepad) => gamepad.axes.slice(0, 2).every((axis) => Math.abs(axis) < DEAD_ZONE) && !gamepad.buttons.some((button) => button.pressed);
@@ -290,7 +291,7 @@ function readGamepad(gamepad, now) {
   if (hand.mode !== undefined && now - hand.changed > UNTOUCHED_MS) release(hand);
   if (isNeutral(gamepad)) hand.neutral = true;
   if (!hand.neutral) return "let go of stick and buttons first";
-  const mode = wantedBy(gamepad);
+  const mode = wantedBy(gamepad, hand.mode);
   if (mode !== hand.mode) {
     if (mode !== undefined && !isDriven) {
       hand.neutral = false;
