@@ -1266,7 +1266,8 @@ fn a_value_may_have_its_unit_and_a_name_that_is_nearly_right_is_answered_with_th
     set("frequency_slew", "0.2 kHz/s").expect(2, &["not a number in Hz/s"]);
     set("frequency_slew", "200 Hz/s").expect(0, &[]);
     assert_eq!((value(0), value(1)), (1.75, 200.0));
-    set("loop_gain", "on").expect(0, &[]);
+    set("top_phases_reversed", "on").expect(0, &[]);
+    set("loop_gain", "on").expect(2, &["loop_gain: `on` is not a number"]);
     set("current_limit", "2V").expect(2, &["current_limit: `2V` is not a number in A"]);
     set("current_limit", "on").expect(2, &["current_limit: `on` is not a number in A"]);
     set("current_limit", "much").expect(2, &["`much` is not a number, on or off"]);

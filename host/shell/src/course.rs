@@ -8,7 +8,7 @@ use std::time::Duration;
 use flix_protocol::message::Setpoint;
 
 use crate::Error;
-use crate::number::{metres, millimetres, parse_within, whole};
+use crate::number::{in_unit, parse_within, whole};
 use crate::output::{complain, read_text};
 use crate::suggestion::nearest;
 use flix_host::nav::{
@@ -56,7 +56,7 @@ pub struct CourseArgs {
     #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse_turned)]
     pub turned: f64,
     /// Distance from the path at which the run ends, mm.
-    #[arg(long, value_name = "MM", default_value_t = 400.0, value_parser = millimetres)]
+    #[arg(long, value_name = "MM", default_value_t = 400.0, value_parser = error_limit)]
     pub error_limit: f64,
     /// Walk to the path also from outside the fence. A robot inside the fence walks to it anyway.
     #[arg(long)]
@@ -70,6 +70,14 @@ pub struct CourseArgs {
     /// Controller of your own: a command that reads poses and writes f and theta, as lines of JSON.
     #[arg(long, value_name = "COMMAND", conflicts_with = "controller")]
     pub controller_process: Option<String>,
+}
+
+fn metres(text: &str) -> Result<f64, String> {
+    in_unit(text, "m")
+}
+
+fn error_limit(text: &str) -> Result<f64, String> {
+    in_unit(text, "mm").map_err(|why| format!("the error limit: {why}"))
 }
 
 fn parse_turned(text: &str) -> Result<f64, String> {

@@ -4,22 +4,6 @@ use std::ops::RangeInclusive;
 
 pub use flix_host::system::number::in_unit;
 
-/// Reads a length in m, which may have another unit behind it.
-///
-/// # Errors
-/// When it is none.
-pub fn metres(text: &str) -> Result<f64, String> {
-    in_unit(text, "m")
-}
-
-/// Reads a length in mm, which may have another unit behind it.
-///
-/// # Errors
-/// When it is none.
-pub fn millimetres(text: &str) -> Result<f64, String> {
-    in_unit(text, "mm")
-}
-
 /// Reads a number within limits, in `unit`, which has a space before it and may be written behind the number, as for
 /// [`in_unit`]; `what` it is is for the refusal.
 ///

@@ -375,6 +375,7 @@ fn parameters() -> Vec<Parameter> {
         ("battery_cut_off", "V", 9.6, 6.0, 12.0),
         ("loop_gain", "1", 1.0, 0.1, 10.0),
         ("pole_pairs", "1", 7.0, 1.0, 20.0),
+        ("top_phases_reversed", "1", 0.0, 0.0, 1.0),
     ];
     (0u16..)
         .zip(rows)

@@ -19,6 +19,8 @@ use flix_host::teleop::action::{Action, Mode};
 const DEAD_ZONE: f32 = 0.25;
 /// Deflection of the stick from which it commands, of 1.
 const DEFLECTED: f32 = 0.6;
+/// Deflection below which a stick that commands does so no longer: it may tremble about the one from which it does.
+const KEPT: f32 = 0.4;
 /// What lets the robot rest by itself is noticed in this time.
 const SETTLED: Duration = Duration::from_millis(400);
 
@@ -54,15 +56,21 @@ impl Reading {
         Self { right, up, ..self }
     }
 
-    fn mode(&self) -> Option<Mode> {
+    /// Returns what it commands, after `before`.
+    fn mode(&self, before: Option<Mode>) -> Option<Mode> {
+        let from = |mode| if before == Some(mode) { KEPT } else { DEFLECTED };
         let [ahead, left, right] = self.arrows;
         let is_sideways = self.right.abs() > self.up.abs();
         match self.shoulders {
             [true, _] => Some(Mode::StrafeLeft),
             [_, true] => Some(Mode::StrafeRight),
-            _ if ahead || (!is_sideways && self.up > DEFLECTED) => Some(Mode::Forward),
-            _ if left || (is_sideways && -self.right > DEFLECTED) => Some(Mode::LeftTurn),
-            _ if right || (is_sideways && self.right > DEFLECTED) => Some(Mode::RightTurn),
+            _ if ahead || (!is_sideways && self.up > from(Mode::Forward)) => Some(Mode::Forward),
+            _ if left || (is_sideways && -self.right > from(Mode::LeftTurn)) => {
+                Some(Mode::LeftTurn)
+            }
+            _ if right || (is_sideways && self.right > from(Mode::RightTurn)) => {
+                Some(Mode::RightTurn)
+            }
             _ => None,
         }
     }
@@ -102,8 +110,9 @@ impl Hand {
             actions.extend(self.release());
         }
         self.was_neutral |= reading.is_neutral();
-        let wanted = reading.mode();
-        if !self.was_neutral || wanted == self.drives.map(|(mode, _)| mode) {
+        let driven = self.drives.map(|(mode, _)| mode);
+        let wanted = reading.mode(driven);
+        if !self.was_neutral || wanted == driven {
             return actions;
         }
         match wanted {
@@ -335,7 +344,7 @@ mod tests {
         hand.read(Some(&Reading::default()), &cockpit, at(0));
         hand.read(Some(&AHEAD), &cockpit, at(10));
         cockpit.wanted = Mode::Forward.setpoint();
-        let slack = Reading { up: 0.5, ..AHEAD };
+        let slack = Reading { up: 0.39, ..AHEAD };
         assert_eq!(hand.read(Some(&slack), &cockpit, at(20)), [Action::Rest]);
         assert_eq!(hand.read(Some(&AHEAD), &cockpit, at(30)), [Action::Walk(Mode::Forward)]);
         // It is gone.
@@ -428,7 +437,7 @@ mod tests {
             assert_eq!(read(pressed(0), 40).0, [Action::Stop], "{stuck:?}");
         }
         let up = Reading { up: f32::NAN, right: 1.0, ..still }.in_numbers();
-        assert!(up.mode() == Some(Mode::RightTurn) && up == up.in_numbers());
+        assert!(up.mode(None) == Some(Mode::RightTurn) && up == up.in_numbers());
     }
 
     #[test]
@@ -489,8 +498,14 @@ mod tests {
             (Reading { other: true, ..still }, None),
         ];
         for (reading, mode) in places {
-            assert_eq!(reading.mode(), mode, "{reading:?}");
+            assert_eq!(reading.mode(None), mode, "{reading:?}");
             assert!(!reading.is_neutral());
         }
+        // A stick that trembles keeps what it began.
+        let trembles = Reading { up: 0.5, right: 0.49, ..still };
+        let mode = Some(Mode::Forward);
+        assert_eq!((trembles.mode(None), trembles.mode(mode)), (None, mode));
+        assert_eq!(Reading { up: 0.39, ..still }.mode(mode), None);
+        assert_eq!(Reading { up: -0.7, right: 0.5, ..still }.mode(Some(Mode::RightTurn)), None);
     }
 }

@@ -109,8 +109,8 @@ pub struct Typed {
     pub actions: Vec<Action>,
     /// Steps of f and theta by keys that repeat: they change a walk, and are no new wish of the operator.
     pub steps: Vec<Action>,
-    /// Whether a key was pressed, with an action or without. One that repeats is no sign that somebody is there, unless it holds
-    /// the walk.
+    /// Whether a key was pressed, with an action or without. One that repeats is no sign that somebody is there, unless it is
+    /// that of a walk.
     pub is_touched: bool,
     /// Why a robot that walks has to rest, in words.
     pub doubt: Option<&'static str>,
@@ -178,8 +178,10 @@ impl Typing {
             }
             Report::Key(key) | Report::Held(key) => {
                 let repeats = self.repeats(at, key);
+                let action = action(key);
+                let is_walk = matches!(action, Some(Action::Walk(_)));
                 // Whoever holds a key wants what he wanted when he pressed it.
-                let action = action(key)
+                let action = action
                     .filter(|action| !repeats || is_step(action) || is_calming(action))
                     .filter(|action| {
                         !(self.holds && !is_held && matches!(action, Action::Walk(_)))
@@ -202,8 +204,7 @@ impl Typing {
                     self.together.fill(None);
                     self.ready.actions.push(calming);
                 }
-                let is_held_key = self.held.is_some_and(|(held, _)| held == letter(key.code));
-                self.is_touched |= !repeats || is_held_key;
+                self.is_touched |= !repeats || is_walk;
                 let wish = action.filter(|action| !is_calming(action));
                 self.together.push(wish.map(|action| (action, repeats)));
                 self.last = at;
@@ -429,11 +430,8 @@ mod tests {
                     typing.report(ms(at), key(code));
                     let typed = typing.take(ms(at + 10));
                     assert!(typed.steps.is_empty());
-                    assert_eq!(
-                        typed.is_touched,
-                        !typed.actions.is_empty(),
-                        "a stuck key is nobody"
-                    );
+                    let is_somebody = !typed.actions.is_empty() || code == KeyCode::Char('w');
+                    assert_eq!(typed.is_touched, is_somebody, "a key that is stuck is nobody");
                     wishes += typed.actions.len();
                 }
                 wishes
