@@ -7,7 +7,7 @@
 use flix_host::nav::Twist;
 use serde_json::json;
 
-use super::{Column, Row, Study, Table, Value};
+use super::{Column, Row, Study, Table};
 use flix_sim::experiment::walk::{
     Shaking, Spread, Start, Walk, WalkDrive, WalkError, Walked, walk,
 };
