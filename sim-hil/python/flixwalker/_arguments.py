@@ -33,7 +33,10 @@ def of_kind(name: str, values: Any, kinds: str, what: str) -> np.ndarray:
     if array.dtype.kind == "O" and array.size and all(_is_whole(value) for value in array.flat):
         # Whole numbers that fit no type together, such as seeds of 64 bits beside small ones.
         return array
-    if array.dtype.kind not in kinds and array.size:
+    if array.dtype.kind not in kinds and not array.size:
+        # Of nothing numpy makes floats.
+        return np.zeros(array.shape, dtype=np.float64 if "f" in kinds else np.int64)
+    if array.dtype.kind not in kinds:
         raise ValueError(f"{name} holds {array.ravel().tolist()[0]!r}: give {what}")
     return array
 

@@ -271,14 +271,14 @@ class FlixWalkerVectorEnv(VectorEnv):
                 f"actions have the shape {actions.shape}: give {self.action_space.shape}, one a robot"
             )
         if isinstance(self.single_action_space, spaces.Discrete):
-            chosen = actions.astype(np.int64)
-            if ((chosen < 0) | (chosen >= len(self.modes))).any():
+            if ((actions < 0) | (actions >= len(self.modes))).any():
                 raise ValueError(f"an action is not a mode: choose 0 to {len(self.modes) - 1}")
-            f, theta = self.modes[chosen].T
+            f, theta = self.modes[actions.astype(np.int64)].T
         else:
-            actions = np.clip(actions.astype(np.float64), -1.0, 1.0)
-            if np.isnan(actions).any():
+            actions = actions.astype(np.float64)
+            if not np.isfinite(actions).all():
                 raise ValueError(f"actions hold what is no number: {actions.tolist()}")
+            actions = np.clip(actions, -1.0, 1.0)
             f, theta = FASTEST_HZ * actions[:, 0], 90.0 * actions[:, 1]
         return f, np.radians(theta)
 
