@@ -3,6 +3,8 @@
 //! f changes along a ramp whose slope builds up and whose end is approached exponentially. Theta turns the short way, in twice
 //! theta, which wraps with half a turn. The simulator's ideal drive follows the same references.
 
+use serde::{Deserialize, Serialize};
+
 use crate::settings::Settings;
 use crate::units::{
     RotorAngle, SPEED_PER_HERTZ, Speed, TICK_RATE_HZ, magnitude, multiply_high, within,
@@ -34,7 +36,7 @@ const fn per_second(rate: i64) -> i32 {
 }
 
 /// How steeply the references change.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Ramps {
     /// Steepest change of f, 2^-32 turn per tick^2.
     pub(crate) frequency: i32,
@@ -55,7 +57,7 @@ impl Ramps {
 }
 
 /// The references and their changes. Phase and sum are in 2^-32 turn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Reference {
     pub(crate) phase: u32,
     pub(crate) frequency: Speed,

@@ -4,19 +4,22 @@
 //! A robot's bits do not depend on its neighbours or on the number of threads. In [`Precision::Double`] they are those of a
 //! [`Plant`] alone.
 
+use std::collections::HashMap;
+
 use rayon::iter::{
     IndexedParallelIterator as _, IntoParallelRefIterator as _, IntoParallelRefMutIterator as _,
     ParallelIterator as _,
 };
 use rayon::slice::ParallelSlice as _;
+use serde::{Deserialize, Serialize};
 
 use flix_plant::model::{ModelError, RobotModel};
 use flix_plant::plant::mechanics::lane::{Double, Lane, Single};
-use flix_plant::plant::mechanics::{Block, Pack, Robots};
+use flix_plant::plant::mechanics::{Block, Clock, Kept, Pack, Robots};
 use flix_plant::plant::{BodyState, Diverged, Plant, Wrench};
 
 /// Numbers that a batch computes with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Precision {
     /// 24 bits (`f32`), sixteen robots in a vector of 512 bits: for studies and learning.
     #[default]
@@ -30,8 +33,40 @@ pub enum Precision {
 pub struct Batch {
     blocks: Vec<Box<dyn Robots>>,
     models: Vec<RobotModel>,
+    precision: Precision,
     /// Robots of a block.
     lanes: usize,
+}
+
+/// What a batch is made of anew.
+#[derive(Serialize, Deserialize)]
+struct State {
+    /// What has written it: others may compute other bits.
+    release: String,
+    precision: Precision,
+    clock: Clock,
+    /// As JSON, each once.
+    models: Vec<String>,
+    /// The model of each robot, by its place in `models`, and the robot.
+    robots: Vec<(usize, Kept)>,
+}
+
+const CHECK: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+
+/// Why bytes do not become a batch.
+#[derive(Debug, thiserror::Error)]
+pub enum StateError {
+    /// Something else, or some bytes are others.
+    #[error(
+        "these bytes are no state of a batch, or damaged: keep what get_state returns as it is"
+    )]
+    Damaged,
+    /// Of another release.
+    #[error("this state is of release {0}, and this is {release}: run the batch again", release = env!("CARGO_PKG_VERSION"))]
+    Release(String),
+    /// A model that this release refuses.
+    #[error(transparent)]
+    Model(#[from] ModelError),
 }
 
 impl Batch {
@@ -65,7 +100,59 @@ impl Batch {
         let blocks = models.par_chunks(lanes).zip(plants.par_chunks(lanes));
         let blocks =
             blocks.map(|(models, plants)| create(models, plants)).collect::<Result<_, _>>()?;
-        Ok(Self { blocks, models, lanes })
+        Ok(Self { blocks, models, precision, lanes })
+    }
+
+    /// Returns all that the batch is now, as bytes for [`Batch::restored`]: models, robots and time.
+    ///
+    /// # Panics
+    /// Never: models, robots and times have a form as bytes.
+    #[must_use]
+    pub fn state(&self) -> Vec<u8> {
+        let (mut models, mut places) = (Vec::new(), HashMap::new());
+        let robots = (0..self.len()).map(|robot| {
+            let model =
+                serde_json::to_string(&self.models[robot]).expect("a model has a form in JSON");
+            let place = *places.entry(model).or_insert_with_key(|model| {
+                models.push(model.clone());
+                models.len() - 1
+            });
+            let (block, lane) = self.seat(robot);
+            (place, block.keep(lane))
+        });
+        let robots = robots.collect();
+        let state = State {
+            release: env!("CARGO_PKG_VERSION").to_owned(),
+            precision: self.precision,
+            clock: self.blocks.first().map_or_else(Clock::default, |block| block.clock()),
+            models,
+            robots,
+        };
+        postcard::to_allocvec_crc32(&state, CHECK.digest()).expect("a state has a form as bytes")
+    }
+
+    /// Creates the batch that [`Batch::state`] has kept; it goes on with the same bits.
+    ///
+    /// # Errors
+    /// If the bytes are damaged, of something else, or of another release.
+    pub fn restored(bytes: &[u8]) -> Result<Self, StateError> {
+        let state: State =
+            postcard::from_bytes_crc32(bytes, CHECK.digest()).map_err(|_| StateError::Damaged)?;
+        if state.release != env!("CARGO_PKG_VERSION") {
+            return Err(StateError::Release(state.release));
+        }
+        let models = state.models.iter().map(|model| serde_json::from_str(model));
+        let models =
+            models.collect::<Result<Vec<RobotModel>, _>>().map_err(|_| StateError::Damaged)?;
+        let model = |(place, _): &(usize, Kept)| models.get(*place).cloned();
+        let each = state.robots.iter().map(model).collect::<Option<Vec<_>>>();
+        let mut batch = Self::new(each.ok_or(StateError::Damaged)?, state.precision)?;
+        for (robot, (place, kept)) in state.robots.iter().enumerate() {
+            let (block, lane) = batch.seat_mut(robot);
+            block.restore(lane, &models[*place], kept)?;
+        }
+        batch.blocks.iter_mut().for_each(|block| block.set_clock(state.clock));
+        Ok(batch)
     }
 
     /// Returns the number of robots.

@@ -1,7 +1,7 @@
 //! The promises of the batch.
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
-use flix_batch::{Batch, Precision};
+use flix_batch::{Batch, Precision, StateError};
 use flix_plant::model::{RobotModel, random};
 use flix_plant::plant::{BodyState, Drive, Mechanics, Part, Plant, Wrench};
 
@@ -185,4 +185,43 @@ fn a_model_that_cannot_walk_is_refused() {
     let bench = RobotModel::named("bench-planar").unwrap();
     let error = Batch::new(vec![bench], Precision::Single).unwrap_err();
     assert!(error.to_string().contains("bench-planar has no legs"), "{error}");
+}
+
+#[test]
+fn a_batch_that_was_kept_goes_on_with_the_same_bits() {
+    for precision in [Precision::Single, Precision::Double] {
+        let mut one = batch(&crowd(19), precision);
+        one.change(4, |plant| {
+            plant.set_push(Wrench { force: [1e9, 0.0, 0.0], torque: [0.0; 3] });
+        })
+        .unwrap();
+        one.run(137, STEP);
+        (0..19).step_by(2).for_each(|robot| one.set_drive(robot, -20.0, 1.0));
+        one.run(23, 2.0 * STEP);
+        let mut other = Batch::restored(&one.state()).unwrap();
+        let seen = |batch: &Batch, robot| {
+            (batch.body(robot), batch.motor_work(robot), batch.diverged(robot), batch.time())
+        };
+        for steps in [0, 1, 400, 2000] {
+            for batch in [&mut one, &mut other] {
+                batch.run(steps, STEP);
+                batch.set_drive(3, steps as f64 / 100.0, 0.1);
+            }
+            for robot in 0..19 {
+                assert_eq!(seen(&one, robot), seen(&other, robot), "robot {robot}");
+                assert_eq!(one.model(robot), other.model(robot));
+            }
+        }
+    }
+}
+
+#[test]
+fn bytes_that_were_changed_are_no_batch() {
+    let state = batch(&crowd(3), Precision::Single).state();
+    for at in (0..state.len()).step_by(97) {
+        let mut changed = state.clone();
+        changed[at] ^= 0x10;
+        assert!(matches!(Batch::restored(&changed), Err(StateError::Damaged)), "byte {at}");
+        assert!(matches!(Batch::restored(&state[..at]), Err(StateError::Damaged)), "{at} bytes");
+    }
 }

@@ -39,3 +39,8 @@ else:
         entry_point="flixwalker.env:FlixWalkerEnv",
         vector_entry_point="flixwalker.env:FlixWalkerVectorEnv",
     )
+    _gymnasium.register(
+        id="FlixWalker-v1",
+        entry_point="flixwalker.env:FlixWalkerPathEnv",
+        vector_entry_point="flixwalker.env:FlixWalkerPathVectorEnv",
+    )

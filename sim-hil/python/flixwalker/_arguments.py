@@ -8,15 +8,41 @@ import numpy as np
 
 #: Kinds of arrays that hold numbers (numpy.dtype.kind): whole ones with and without a sign, and fractions.
 WHOLE, NUMBERS = "iu", "iuf"
+#: Threads at most.
+MOST_THREADS = 1024
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+
+
+def of_kind(name: str, values: Any, kinds: str, what: str) -> np.ndarray:
+    """Return an array of any shape whose values are of these kinds (numpy.dtype.kind).
+
+    Raises
+    ------
+    ValueError
+        If they are not, or some are masked.
+    """
+    if np.ma.is_masked(values):
+        raise ValueError(f"{name} has masked values: fill them first")
+    array = np.asarray(values)
+    if array.dtype.kind == "f" and "f" not in kinds and not hasattr(values, "dtype"):
+        # Numpy makes floats of a list in which some whole numbers take 64 bits.
+        array = np.array(values, dtype=object)
+    if array.dtype.kind == "O" and array.size and all(_is_whole(value) for value in array.flat):
+        # Whole numbers that fit no type together, such as seeds of 64 bits beside small ones.
+        return array
+    if array.dtype.kind not in kinds and not array.size:
+        # Of nothing numpy makes floats.
+        return np.zeros(array.shape, dtype=np.float64 if "f" in kinds else np.int64)
+    if array.dtype.kind not in kinds:
+        raise ValueError(f"{name} holds {array.ravel().tolist()[0]!r}: give {what}")
+    return array
 
 
 def _array(name: str, values: Any, kinds: str, what: str) -> np.ndarray:
-    array = np.asarray(values)
-    if array.dtype.kind == "O" and array.size and all(isinstance(value, int) for value in array.flat):
-        # Whole numbers that fit no type together, such as seeds of 64 bits beside small ones.
-        return array
-    if array.dtype.kind not in kinds and array.size:
-        raise ValueError(f"{name} holds {array.ravel().tolist()[0]!r}: give {what}")
+    array = of_kind(name, values, kinds, what)
     if array.ndim > 1:
         raise ValueError(f"{name} has the shape {array.shape}: give one, or a list of them")
     return np.atleast_1d(array)
@@ -27,6 +53,18 @@ def numbers(name: str, values: Any) -> np.ndarray:
     return _array(name, values, NUMBERS, "numbers").astype(np.float64)
 
 
+def table(name: str, values: Any) -> np.ndarray:
+    """Return numbers in any shape as an array."""
+    return np.ascontiguousarray(of_kind(name, values, NUMBERS, "numbers"), dtype=np.float64)
+
+
+def threads(count: Any) -> int | None:
+    """Return how many threads are meant; none means one for each core."""
+    if count is not None and not (_is_whole(count) and 1 <= count <= MOST_THREADS):
+        raise ValueError(f"threads is {count!r}: choose 1 to {MOST_THREADS}, or none for one a core")
+    return count
+
+
 def seeds(values: Any) -> list[int]:
     """Return seeds as whole numbers.
 
@@ -35,7 +73,7 @@ def seeds(values: Any) -> list[int]:
     ValueError
         If one of them is none, or outside 0 to 2**64 - 1.
     """
-    whole = [int(seed) for seed in _array("seeds", np.ravel(np.asarray(values)), WHOLE, "whole numbers")]
+    whole = [int(seed) for seed in of_kind("seeds", values, WHOLE, "whole numbers").flat]
     for seed in whole:
         if not 0 <= seed < 2**64:
             raise ValueError(f"a seed is {seed}: choose whole numbers from 0 to 2**64 - 1")
@@ -54,7 +92,7 @@ def chosen(robots: Any, count: int) -> list[int] | None:
     """
     if robots is None:
         return None
-    given = np.asarray(list(robots) if isinstance(robots, range) else robots)
+    given = of_kind("robots", list(robots) if isinstance(robots, range) else robots, "b" + WHOLE, "whole numbers, or a mask")
     if given.dtype.kind == "b":
         if given.shape != (count,):
             raise ValueError(f"robots is a mask of the shape {given.shape}: give ({count},)")

@@ -47,13 +47,27 @@ class Batch:
     energy: NDArray[np.float64]
     alive: NDArray[np.bool_]
     def __init__(
-        self, models: Sequence[Model], precision: str = "single", threads: int | None = None
+        self,
+        models: Sequence[Model],
+        precision: str = "single",
+        threads: int | None = None,
+        state: bytes | None = None,
     ) -> None: ...
     def __len__(self) -> int: ...
     @property
     def time(self) -> float:
         """Simulated time since the batch was made, s."""
+    @property
+    def threads(self) -> int | None:
+        """How many it was made for; none means all cores."""
     def model(self, robot: int) -> Model: ...
+    def get_state(self) -> bytes:
+        """Return models, robots and time, for `set_state` of this release."""
+    def set_state(self, state: bytes) -> None:
+        """Go on from what `get_state` returned, with the same bits.
+
+        Raises ValueError if it is damaged, of another release, or of another number of robots.
+        """
     def run(self, seconds: float, step: float = 1e-4) -> None:
         """Advance all robots by so many seconds in steps of 1e-6 to 1e-3 s; other Python threads run meanwhile."""
 
@@ -95,6 +109,13 @@ class Robot:
     def drive(self, f_hz: float, theta_deg: float) -> None:
         """Command f (-35 to 35 Hz) and theta (-90 to 90 degrees, right positive) from now on; `run` lets it happen."""
     def run(self, seconds: float) -> None: ...
+    def get_state(self) -> bytes:
+        """Return how the robot was made, what was asked of it since, and when, for `set_state` of this release."""
+    def set_state(self, state: bytes) -> None:
+        """Become the robot of that state, with the same bits: it is powered up and asked the same anew, in as long as that took.
+
+        `copy.deepcopy` and `pickle` do so too. Raises ValueError if it is no such state, or of another release.
+        """
     def setting(self, name: str, value: float | None = None) -> float:
         """Return a setting of the software, as `flix parameters list` names it; set it first if a value is given."""
     @property

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _arguments, _flixwalker
 from ._flixwalker import Model
+
+
+def _restored(kind: type[Batch], state: bytes, threads: int | None) -> Batch:
+    return _flixwalker.Batch.__new__(kind, [], "single", threads, state)
 
 
 class Batch(_flixwalker.Batch):
@@ -38,7 +41,8 @@ class Batch(_flixwalker.Batch):
     alive : (n,) of bool
         False once a robot has moved as none does: reset it. Its other values are those of a moment before.
 
-    The arrays are written in place by `run` and `reset`: copy what you want to keep.
+    The arrays are written in place by `run` and `reset`: copy what you want to keep. A batch that is copied
+    (`copy.deepcopy`) or pickled goes on with the same bits, and so does one after `set_state`.
 
     Raises
     ------
@@ -51,7 +55,10 @@ class Batch(_flixwalker.Batch):
     ) -> Batch:
         if isinstance(models, (Model, str)):
             raise TypeError(f"models is {models!r}: give a list, one a robot, such as [model] * 32")
-        return super().__new__(cls, list(models), precision, threads)
+        return super().__new__(cls, list(models), precision, _arguments.threads(threads))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _restored, (type(self), self.get_state(), self.threads), self.__dict__ or None
 
     def set_drive(
         self, f_hz: ArrayLike, theta_rad: ArrayLike, robots: Iterable[int] | None = None
@@ -104,7 +111,7 @@ class Batch(_flixwalker.Batch):
             _arguments.seeds(seeds),
             _arguments.chosen(robots, len(self)),
             None if models is None else list(models),
-            None if positions is None else np.ascontiguousarray(positions, dtype=np.float64),
+            None if positions is None else _arguments.table("positions", positions),
             None if headings is None else _arguments.numbers("headings", headings),
         )
 

@@ -1,10 +1,11 @@
-"""The robot as a Gymnasium environment: ``FlixWalker-v0``.
+"""The robot as a Gymnasium environment: ``FlixWalker-v0``, and ``FlixWalker-v1`` to follow paths.
 
 Every quarter of a second the agent sees where the robot is and how it moved, and chooses f and theta for the next.
 """
 
 from __future__ import annotations
 
+import copy
 import operator
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -29,6 +30,13 @@ HOME_M = 0.03
 GRAVITY = 9.81
 
 TASKS = ("path", "home", "speed", "transport")
+
+#: FlixWalker-v1: points of the path, how far apart, m, and which of them are seen, m ahead of the nearest.
+SPACING_M, AHEAD_M = 2e-3, (0.025, 0.05, 0.1, 0.15)
+#: Farther off its path an episode ends, m; a robot as fast as this along it earns the most, m/s.
+FARTHEST_M, BRISK_M_S = 0.1, 0.1
+#: The largest values that are seen, of the observation in its order.
+LARGEST = np.array([0.5, 0.5, 5.0, 0.15, 1.0, 1.0, *[0.3] * 8, 1.0, 1.0], dtype=np.float32)
 
 
 def figure_eight(size_m: float = 0.5, points: int = 256) -> np.ndarray:
@@ -75,6 +83,8 @@ class FlixWalkerVectorEnv(VectorEnv):
     """
 
     metadata = {"render_modes": ["html"], "autoreset_mode": AutoresetMode.NEXT_STEP}
+    #: What changes, beside the batch.
+    _LASTING = ("random", "_np_random", "weight", "steps", "done", "nearest", "motion")
 
     def __init__(
         self,
@@ -103,9 +113,11 @@ class FlixWalkerVectorEnv(VectorEnv):
         self.task = task
         self.model = Model(model) if isinstance(model, str) else model
         self.randomize = dict(randomize or {})
-        self.path = figure_eight() if path is None else np.asarray(path, dtype=np.float64)
+        self.path = figure_eight() if path is None else _arguments.table("path", path)
         if self.path.ndim != 2 or self.path.shape[1] != 2 or len(self.path) < 3:
             raise ValueError(f"path has the shape {self.path.shape}: give (k, 2), three points at least")
+        if not np.isfinite(self.path).all():
+            raise ValueError("path holds what is no number")
         for field, (low, high) in self.randomize.items():
             if not low <= high:
                 raise ValueError(f"randomize has {low} to {high} for {field}: give (low, high)")
@@ -115,10 +127,12 @@ class FlixWalkerVectorEnv(VectorEnv):
             self._drawn_at({field: low})
             self._drawn_at({field: high})
         steps = interval / step if step > 0.0 else 0.0
-        if round(steps) < 1 or abs(steps - round(steps)) > 1e-9 * steps:
+        if not 0.5 < steps < np.inf or abs(steps - round(steps)) > 1e-9 * steps:
             raise ValueError(f"interval is {interval} s and step {step} s: choose an interval of whole steps")
         self.interval = interval
         self.step_s = step
+        if not 0.0 < seconds < np.inf:
+            raise ValueError(f"seconds is {seconds}: choose more than 0")
         if max_episode_steps is None:
             max_episode_steps = max(1, round(seconds / interval))
         if isinstance(max_episode_steps, bool) or operator.index(max_episode_steps) < 1:
@@ -147,11 +161,13 @@ class FlixWalkerVectorEnv(VectorEnv):
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Put all robots, or those of ``options["reset_mask"]``, to new starts."""
-        mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs)), dtype=bool)
-        if mask.shape != (self.num_envs,):
-            raise ValueError(f"reset_mask has the shape {mask.shape}: give ({self.num_envs},)")
-        if isinstance(seed, (int, np.integer)):
-            seed = [int(seed) + robot for robot in range(self.num_envs)]
+        mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, dtype=bool)))
+        if mask.shape != (self.num_envs,) or mask.dtype != bool:
+            raise ValueError(
+                f"reset_mask is {mask.dtype} of the shape {mask.shape}: give bool of ({self.num_envs},)"
+            )
+        if seed is not None and np.ndim(seed) == 0:
+            seed = [_arguments.seeds(seed)[0] + robot for robot in range(self.num_envs)]
         if not hasattr(self, "random"):
             self.random = [np.random.default_rng() for _ in range(self.num_envs)]
         if seed is not None:
@@ -184,11 +200,7 @@ class FlixWalkerVectorEnv(VectorEnv):
         turned = _wrapped(self.batch.yaw - yaw)
         self.motion = np.column_stack([*_turned(moved, yaw + 0.5 * turned), turned]) / self.interval
         reward = self._reward(position, nearest, self.batch.energy - energy)
-        fallen = ~self.batch.alive | (_upward(self.batch.orientation) < 0.5)
-        arrived = (self.task == "home") & (
-            np.hypot(*self.batch.position[:, :2].T) < HOME_M
-        )
-        terminated = fallen | arrived
+        terminated = self._ended()
         truncated = ~terminated & (self.steps >= self.limit)
         if len(begin):
             self._begin(begin)
@@ -204,7 +216,42 @@ class FlixWalkerVectorEnv(VectorEnv):
         """Return a page for the browser with the first robot's episode so far."""
         if self.film is None:
             return None
-        return self.film.to_html(f"FlixWalker-v0, {self.task}")
+        return self.film.to_html(f"FlixWalker, {self.task}")
+
+    def get_state(self) -> dict[str, Any]:
+        """Return robots, episodes and random numbers, for `set_state` of an environment that was made alike."""
+        return copy.deepcopy(
+            {name: getattr(self, name) for name in self._LASTING if hasattr(self, name)}
+            | {"batch": self.batch.get_state()}
+        )
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `get_state` returned, with the same bits; what is filmed begins anew."""
+        state = copy.deepcopy(dict(state))
+        self.batch.set_state(state.pop("batch"))
+        vars(self).update(state)
+        self._film()
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A copy films what it does itself.
+        return vars(self) | {"film": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._film()
+
+    def _film(self) -> None:
+        if self.render_mode is None or self.done[0]:
+            self.film = None
+            return
+        reference = self.path.tolist() if self.task == "path" else []
+        self.film = Film(self.batch.model(0), 0.1 * self.interval, reference)
+        self.film.shoot(self.batch, 0)
+
+    def _ended(self) -> np.ndarray:
+        fallen = ~self.batch.alive | (_upward(self.batch.orientation) < 0.5)
+        arrived = (self.task == "home") & (np.hypot(*self.batch.position[:, :2].T) < HOME_M)
+        return fallen | arrived
 
     def _final(self, info: dict[str, Any]) -> dict[str, Any]:
         """Return how the episodes ended that are over, in the form of Gymnasium's own vector environments."""
@@ -217,22 +264,21 @@ class FlixWalkerVectorEnv(VectorEnv):
         return {"final_obs": last, "_final_obs": done, "final_info": ended, "_final_info": done.copy()}
 
     def _drive(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        actions = np.asarray(actions)
+        kinds = _arguments.WHOLE if isinstance(self.single_action_space, spaces.Discrete) else _arguments.NUMBERS
+        actions = _arguments.of_kind("actions", actions, kinds, "whole numbers" if kinds == _arguments.WHOLE else "numbers")
         if actions.shape != self.action_space.shape:
             raise ValueError(
                 f"actions have the shape {actions.shape}: give {self.action_space.shape}, one a robot"
             )
         if isinstance(self.single_action_space, spaces.Discrete):
-            chosen = actions
-            if chosen.dtype.kind not in _arguments.WHOLE:
-                raise ValueError(f"an action is {chosen.ravel().tolist()[0]!r}: give whole numbers")
-            if ((chosen < 0) | (chosen >= len(self.modes))).any():
+            if ((actions < 0) | (actions >= len(self.modes))).any():
                 raise ValueError(f"an action is not a mode: choose 0 to {len(self.modes) - 1}")
-            f, theta = self.modes[chosen].T
+            f, theta = self.modes[actions.astype(np.int64)].T
         else:
-            if actions.dtype.kind not in _arguments.NUMBERS or not np.isfinite(actions).all():
+            actions = actions.astype(np.float64)
+            if not np.isfinite(actions).all():
                 raise ValueError(f"actions hold what is no number: {actions.tolist()}")
-            actions = np.clip(actions.astype(np.float64), -1.0, 1.0)
+            actions = np.clip(actions, -1.0, 1.0)
             f, theta = FASTEST_HZ * actions[:, 0], 90.0 * actions[:, 1]
         return f, np.radians(theta)
 
@@ -269,10 +315,8 @@ class FlixWalkerVectorEnv(VectorEnv):
         self.done[robots] = False
         self.nearest[robots] = 0
         self.motion[robots] = 0.0
-        if self.render_mode is not None and 0 in robots:
-            reference = self.path.tolist() if self.task == "path" else []
-            self.film = Film(self.batch.model(0), 0.1 * self.interval, reference)
-            self.film.shoot(self.batch, 0)
+        if 0 in robots:
+            self._film()
 
     def _drawn(self, random: np.random.Generator) -> Model:
         return self._drawn_at(
@@ -324,9 +368,10 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
     """One robot; parameters, observations and rewards are those of `FlixWalkerVectorEnv`."""
 
     metadata = {"render_modes": ["html"], "render_fps": 40}
+    _kind: type[FlixWalkerVectorEnv] = FlixWalkerVectorEnv
 
     def __init__(self, **parameters: Any) -> None:
-        self.many = FlixWalkerVectorEnv(1, **{"threads": 1, **parameters})
+        self.many = self._kind(1, **{"threads": 1, **parameters})
         self.render_mode = self.many.render_mode
         self.observation_space = self.many.single_observation_space
         self.action_space = self.many.single_action_space
@@ -355,9 +400,101 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
             {"energy_j": float(info["energy_j"][0])},
         )
 
+    def get_state(self) -> dict[str, Any]:
+        """Return robot, episode and random numbers, for `set_state` of an environment that was made alike."""
+        return self.many.get_state() | {"seeds": copy.deepcopy(self._np_random)}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `get_state` returned, with the same bits; what is filmed begins anew."""
+        state = dict(state)
+        self._np_random = copy.deepcopy(state.pop("seeds"))
+        self.many.set_state(state)
+
     def render(self) -> str | None:
         """Return a page for the browser with the episode so far."""
         return self.many.render()
+
+
+class FlixWalkerPathVectorEnv(FlixWalkerVectorEnv):
+    """Many robots at once that follow a path: ``FlixWalker-v1``. Everything observed and every reward has bounds.
+
+    Parameters are those of `FlixWalkerVectorEnv`, without a task.
+
+    Observations (16): speed forward and to the left in m/s and yaw rate in rad/s (means over the last interval); how far the
+    robot is to the left of the path, m; cosine and sine of the path's direction against the heading; the points of the path
+    25, 50, 100 and 150 mm ahead of the nearest, each ahead and to the left of the robot in m; and the action before, as f over
+    35 Hz and theta over 90 degrees.
+
+    Reward: the way along the path over that at 0.1 m/s, at most 1 either way, less the share of 100 mm that the robot is off.
+    Farther off, or fallen, the episode ends with -2.
+    """
+
+    _LASTING = (*FlixWalkerVectorEnv._LASTING, "action")
+
+    def __init__(self, num_envs: int = 1, **parameters: Any) -> None:
+        if "task" in parameters:
+            raise ValueError("FlixWalker-v1 follows a path: its task is not chosen")
+        super().__init__(num_envs, "path", **parameters)
+        self.path = _even(self.path)
+        tangent = np.roll(self.path, -1, axis=0) - np.roll(self.path, 1, axis=0)
+        length = np.hypot(*tangent.T)[:, None]
+        self.tangent = tangent / length
+        self.ahead = np.round(np.array(AHEAD_M) / SPACING_M).astype(np.int64)
+        self.action = np.zeros((num_envs, 2))
+        self.single_observation_space = spaces.Box(-LARGEST, LARGEST, dtype=np.float32)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+
+    def off_path(self) -> np.ndarray:
+        """Return how far each robot is to the left of the path, m."""
+        gap = self.batch.position[:, :2] - self.path[self.nearest]
+        tangent = self.tangent[self.nearest]
+        side = np.sign(tangent[:, 0] * gap[:, 1] - tangent[:, 1] * gap[:, 0])
+        return side * np.hypot(*gap.T)
+
+    def _drive(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        f, theta = super()._drive(actions)
+        self.action = np.column_stack([f / FASTEST_HZ, theta / (0.5 * np.pi)])
+        return f, theta
+
+    def _begin(self, robots: np.ndarray) -> None:
+        super()._begin(robots)
+        self.action[robots] = 0.0
+
+    def _ended(self) -> np.ndarray:
+        return super()._ended() | (np.abs(self.off_path()) > FARTHEST_M)
+
+    def _reward(self, before: np.ndarray, nearest: np.ndarray, energy: np.ndarray) -> np.ndarray:
+        self._follow()
+        count = len(self.path)
+        way = ((self.nearest - nearest + count // 2) % count - count // 2) * SPACING_M
+        share = np.abs(self.off_path()) / FARTHEST_M
+        reward = np.clip(way / (BRISK_M_S * self.interval), -1.0, 1.0) - np.minimum(share, 1.0)
+        return np.where(self._ended(), -2.0, reward)
+
+    def _observe(self) -> np.ndarray:
+        at, yaw = self.batch.position[:, :2], self.batch.yaw
+        points = [
+            part for steps in self.ahead for part in _turned(self.path[(self.nearest + steps) % len(self.path)] - at, yaw)
+        ]
+        tangent = _turned(self.tangent[self.nearest], yaw)
+        seen = np.column_stack([self.motion, self.off_path(), *tangent, *points, self.action])
+        return np.clip(np.nan_to_num(seen), -LARGEST, LARGEST).astype(np.float32)
+
+
+class FlixWalkerPathEnv(FlixWalkerEnv):
+    """One robot; parameters, observations and rewards are those of `FlixWalkerPathVectorEnv`."""
+
+    _kind = FlixWalkerPathVectorEnv
+
+
+def _even(path: np.ndarray) -> np.ndarray:
+    """Return a closed path by points at equal distances, `SPACING_M` or a little off."""
+    ends = np.vstack([path, path[:1]])
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ends, axis=0).T))])
+    if not 0.1 <= way[-1] <= 1e3:
+        raise ValueError(f"path is {way[-1]} m long: choose 0.1 to 1000 m")
+    at = np.linspace(0.0, way[-1], round(way[-1] / SPACING_M), endpoint=False)
+    return np.column_stack([np.interp(at, way, ends[:, axis]) for axis in range(2)])
 
 
 def _mass(model: Model) -> float:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -53,24 +53,26 @@ def walk(
     -------
     dict
         Columns f_hz, theta_deg, seed, then, as means over the walk in the body's axes: forward_m_s, lateral_m_s (left
-        positive), yaw_rad_s (left positive); energy_j of the ideal motors, path_m, cost_of_transport, upright.
+        positive), yaw_rad_s (left positive); energy_j of the ideal motors, path_m, cost_of_transport, upright; and failure:
+        why a robot was refused or moved as none does, else empty. A row that failed is NaN, and the others are whole.
 
     Raises
     ------
     ValueError
-        If a model or a value is refused, or a robot moves as none does.
+        If f, theta, a seed or a time is out of its range.
     """
     given = [models] if isinstance(models, Model) else list(models)
     which, f, theta, seed = np.broadcast_arrays(
         np.arange(len(given)),
-        np.asarray(f_hz, dtype=np.float64),
-        np.asarray(theta_deg, dtype=np.float64),
+        _arguments.table("f_hz", f_hz),
+        _arguments.table("theta_deg", theta_deg),
         np.array(_arguments.seeds(seeds), dtype=np.uint64).reshape(np.shape(seeds)),
     )
     which, f, theta, seed = (np.atleast_1d(column).ravel().copy() for column in (which, f, theta, seed))
     walked = _flixwalker.walk(
-        [given[i] for i in which], f, theta, [int(s) for s in seed], seconds, step, threads
+        [given[i] for i in which], f, theta, [int(s) for s in seed], seconds, step, _arguments.threads(threads)
     )
+    walked["failure"] = np.array(walked["failure"], dtype=np.str_)
     return {"f_hz": f, "theta_deg": theta, "seed": seed, **walked}
 
 
@@ -107,6 +109,31 @@ def read_table(path: str | os.PathLike[str]) -> pyarrow.Table:
     return pyarrow.parquet.read_table(path)
 
 
+def _flat(message: dict[str, object], within: str = "") -> Iterator[tuple[str, object]]:
+    """Return the fields of a message; names of nested ones have dots."""
+    for name, value in message.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{within}{name}.")
+        else:
+            yield within + name, value
+
+
+def _frame(messages: list[dict[str, object]]) -> pandas.DataFrame:
+    """Return a row a message. Whole numbers stay whole where some rows have none."""
+    import pandas
+
+    rows = [dict(_flat(message)) for message in messages]
+    columns: dict[str, Any] = {}
+    for name in dict.fromkeys(name for row in rows for name in row):
+        values = [row.get(name) for row in rows]
+        present = [value for value in values if value is not None]
+        if len(present) < len(values) and present and all(type(value) is int for value in present):
+            # A column of floats ends at 2**53.
+            values = pandas.array(values, dtype="Int64" if max(present) < 2**63 else "UInt64")
+        columns[name] = values
+    return pandas.DataFrame(columns)
+
+
 def read_record(path: str | os.PathLike[str]) -> dict[str, pandas.DataFrame]:
     """Read the record of a run (MCAP) as a data frame for each topic, a row a message. Needs pandas and mcap.
 
@@ -140,7 +167,7 @@ def read_record(path: str | os.PathLike[str]) -> dict[str, pandas.DataFrame]:
     begin = min((each[0] for each in times.values()), default=0)
     frames = {}
     for topic, messages in rows.items():
-        frame = pandas.json_normalize(messages)
+        frame = _frame(messages)
         frame.index = pandas.Index((np.array(times[topic]) - begin) * 1e-9, name="seconds")
         frames[topic] = frame
     return frames

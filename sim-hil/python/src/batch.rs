@@ -12,6 +12,7 @@ use numpy::{
 };
 use pyo3::exceptions::{PyIndexError, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 
 use crate::model::Model;
 use crate::{Pool, locked, refused};
@@ -122,12 +123,13 @@ impl Batch {
 #[pymethods]
 impl Batch {
     #[new]
-    #[pyo3(signature = (models, precision = "single", threads = None))]
+    #[pyo3(signature = (models, precision = "single", threads = None, state = None))]
     fn new(
         py: Python<'_>,
         models: Vec<Model>,
         precision: &str,
         threads: Option<usize>,
+        state: Option<&[u8]>,
     ) -> PyResult<Self> {
         let precision = match precision {
             "single" => Precision::Single,
@@ -138,14 +140,17 @@ impl Batch {
                 )));
             }
         };
-        if models.is_empty() {
+        if models.is_empty() && state.is_none() {
             return Err(PyValueError::new_err("a batch needs one model at least"));
         }
-        let n = models.len();
         let mut pool = Pool::new(threads)?;
         let models = models.into_iter().map(|model| model.0).collect();
-        let engine =
-            py.detach(|| pool.install(|| Engine::new(models, precision)))?.map_err(refused)?;
+        let create = || match state {
+            Some(state) => Engine::restored(state).map_err(|error| error.to_string()),
+            None => Engine::new(models, precision).map_err(|error| error.to_string()),
+        };
+        let engine = py.detach(|| pool.install(create))?.map_err(refused)?;
+        let n = engine.len();
         let rows = |columns| PyArray2::zeros(py, [n, columns], false).unbind();
         let batch = Self {
             engine: Mutex::new(engine),
@@ -164,6 +169,31 @@ impl Batch {
 
     fn __len__(&self, py: Python<'_>) -> usize {
         self.lock(py).len()
+    }
+
+    /// How many threads it was made for.
+    #[getter]
+    fn threads(&self, py: Python<'_>) -> Option<usize> {
+        locked(&self.pool, py).threads
+    }
+
+    fn get_state<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        let engine = self.lock(py);
+        PyBytes::new(py, &py.detach(|| engine.state()))
+    }
+
+    fn set_state(&self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
+        let mut engine = self.lock(py);
+        let restored = py.detach(|| Engine::restored(state)).map_err(refused)?;
+        if restored.len() != engine.len() {
+            return Err(PyValueError::new_err(format!(
+                "this state is of {} robots: this batch has {}",
+                restored.len(),
+                engine.len()
+            )));
+        }
+        *engine = restored;
+        self.show(py, &engine)
     }
 
     #[getter]

@@ -54,7 +54,7 @@ pub fn walk<'py>(
         .collect::<PyResult<Vec<_>>>()?;
     let mut pool = Pool::new(threads)?;
     let mut columns: [Vec<f64>; 6] = Default::default();
-    let mut upright = Vec::new();
+    let (mut upright, mut failures) = (Vec::new(), Vec::new());
     // Few enough at a time that somebody who presses Ctrl-C need not wait.
     for part in many.chunks(TOGETHER * 64) {
         let walked: Vec<_> = py.detach(|| {
@@ -63,19 +63,21 @@ pub fn walk<'py>(
         })?;
         py.check_signals()?;
         for walked in walked {
-            let w = walked.map_err(refused)?;
-            let row = [
-                w.forward_m_s,
-                w.lateral_m_s,
-                w.yaw_rad_s,
-                w.energy_j,
-                w.path_m,
-                w.cost_of_transport,
-            ];
+            let row = walked.as_ref().map_or([f64::NAN; 6], |w| {
+                [
+                    w.forward_m_s,
+                    w.lateral_m_s,
+                    w.yaw_rad_s,
+                    w.energy_j,
+                    w.path_m,
+                    w.cost_of_transport,
+                ]
+            });
             for (column, value) in columns.iter_mut().zip(row) {
                 column.push(value);
             }
-            upright.push(w.upright);
+            upright.push(walked.as_ref().is_ok_and(|w| w.upright));
+            failures.push(walked.err().map_or_else(String::new, |why| why.to_string()));
         }
     }
     let table = PyDict::new(py);
@@ -85,6 +87,7 @@ pub fn walk<'py>(
         table.set_item(name, PyArray1::from_vec(py, column))?;
     }
     table.set_item("upright", PyArray1::from_vec(py, upright))?;
+    table.set_item("failure", failures)?;
     Ok(table)
 }
 

@@ -1,8 +1,11 @@
 """Batches: what a robot does, alone and in company."""
 
+import copy
 import multiprocessing
 import os
+import pickle
 import threading
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -110,6 +113,18 @@ def test_walks_are_those_of_the_studies() -> None:
         walk(MODEL, 500.0, 0.0)
 
 
+def test_a_walk_that_fails_is_a_row_that_says_why_and_the_others_are_whole() -> None:
+    soft = {f"legs.{leg}.friction": 0.9 for leg in ("fl", "fr", "rl", "rr")}
+    good, legless = MODEL.replace(soft), Model("bench-fixed")
+    seeds = [1, 2**63 + 1, 2**53 + 1]
+    table = walk([good, legless, good], 30.0, 20.0, seeds, seconds=0.2)
+    assert table["failure"].tolist()[::2] == ["", ""] and "has no legs" in table["failure"][1]
+    assert np.isnan(table["forward_m_s"][1]) and not table["upright"][1]
+    assert table["seed"].tolist() == seeds and table["seed"].dtype == np.uint64
+    alone = walk(good, 30.0, 20.0, seeds[2], seconds=0.2)
+    assert all(table[name][2] == alone[name][0] for name in table)
+
+
 def test_mobility_is_a_row_a_walk() -> None:
     frame = mobility(MODEL, [-30, 30], [0, 90], [1, 2, 3], seconds=0.05)
     assert len(frame) == 12
@@ -191,3 +206,42 @@ def test_a_batch_runs_in_a_process_that_was_forked() -> None:
     child.join(60)
     assert child.exitcode == 0
     batch.run(0.05)
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("copied", [copy.deepcopy, copy.copy, lambda batch: pickle.loads(pickle.dumps(batch))])
+def test_a_copy_goes_on_with_the_same_bits(precision: str, copied: Callable[[Batch], Batch]) -> None:
+    batch = Batch([MODEL, MODEL.stranger(3), MODEL], precision, threads=1)
+    batch.reset([1, 2, 3])
+    batch.set_drive(30.0, 0.5)
+    batch.run(0.0521)
+    batch.set_drive([-30.0, 10.0, 30.0], 0.1)
+    batch.run(0.0113)
+    other = copied(batch)
+    assert type(other) is Batch and other.threads == 1 and other.time == batch.time
+    before = batch.position.copy()
+    other.run(0.1)
+    assert (batch.position == before).all()
+    batch.run(0.1)
+    for name in ("position", "orientation", "velocity", "angular_velocity", "yaw", "energy", "alive"):
+        assert (getattr(batch, name) == getattr(other, name)).all()
+    assert [other.model(robot) for robot in range(3)] == [batch.model(robot) for robot in range(3)]
+
+
+def test_a_state_is_gone_back_to_and_one_of_something_else_is_refused() -> None:
+    batch = Batch([MODEL] * 2)
+    batch.set_drive(30.0, [0.1, 0.7])
+    batch.run(0.05)
+    state = batch.get_state()
+    batch.run(0.2)
+    first = batch.position.copy()
+    batch.reset([5, 6], models=[MODEL.stranger(1)] * 2)
+    batch.set_state(state)
+    assert batch.time == pytest.approx(0.05)
+    batch.run(0.2)
+    assert (batch.position == first).all() and batch.model(0) == MODEL
+    with pytest.raises(ValueError, match="of 2 robots: this batch has 1"):
+        Batch([MODEL]).set_state(state)
+    for damaged in (b"", state[:-1], state[:50] + b"x" + state[51:]):
+        with pytest.raises(ValueError, match="damaged"):
+            batch.set_state(damaged)

@@ -1,6 +1,9 @@
 """The environment, as Gymnasium's checker and a stranger see it."""
 
+import copy
+import pickle
 import warnings
+from collections.abc import Callable
 
 import gymnasium
 import numpy as np
@@ -9,7 +12,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import flixwalker
-from flixwalker.env import TASKS, FlixWalkerVectorEnv
+from flixwalker.env import TASKS, FlixWalkerPathVectorEnv, FlixWalkerVectorEnv
 
 SHORT = {"seconds": 0.5, "interval": 0.05, "step": 2.5e-4}
 
@@ -178,3 +181,83 @@ def test_a_step_before_a_reset_and_a_factor_of_nothing_are_refused() -> None:
     zero = flixwalker.Model("W").replace({"contact.rolling_friction_mm": 0.0})
     with pytest.raises(ValueError, match="which is 0"):
         FlixWalkerVectorEnv(2, model=zero, randomize={"contact.rolling_friction_mm": (0.5, 1.5)})
+
+
+@pytest.mark.parametrize("render_mode", [None, "html"])
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_of_an_environment_goes_on_with_the_same_bits(
+    copied: Callable[[FlixWalkerVectorEnv], FlixWalkerVectorEnv], render_mode: str | None
+) -> None:
+    drawn = {"legs.fl.friction": (0.5, 1.5)}
+    envs = FlixWalkerVectorEnv(3, "home", randomize=drawn, render_mode=render_mode, **SHORT)
+    copied(envs)
+    envs.reset(seed=1)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (25, 3, 2))
+    for action in actions[:4]:
+        envs.step(action)
+    other, state = copied(envs), envs.get_state()
+
+    def went(envs: FlixWalkerVectorEnv) -> np.ndarray:
+        # Beyond the end of an episode: the next one is drawn alike, too.
+        return np.array([np.column_stack(envs.step(action)[:4]) for action in actions[4:]])
+
+    first = went(envs)
+    assert (went(other) == first).all()
+    envs.set_state(state)
+    assert (went(envs) == first).all()
+
+
+def test_the_state_of_a_single_environment_is_gone_back_to() -> None:
+    env = gymnasium.make("FlixWalker-v0", task="path", **SHORT).unwrapped
+    env.reset(seed=3)
+    action = np.array([0.9, 0.2])
+    env.step(action)
+    state = env.get_state()
+    first, begun = env.step(action), env.reset()[0]
+    env.set_state(state)
+    again = env.step(action)
+    assert (again[0] == first[0]).all() and again[1:] == first[1:]
+    assert (env.reset()[0] == begun).all() and (copy.deepcopy(env).step(action)[0] == env.step(action)[0]).all()
+
+
+@pytest.mark.parametrize("actions", ["pair", "modes"])
+def test_the_checker_has_nothing_to_say_of_paths(actions: str) -> None:
+    env = gymnasium.make("FlixWalker-v1", actions=actions, **SHORT)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".*render.*")
+        check_env(env.unwrapped)
+
+
+def test_on_a_path_what_is_seen_and_earned_has_bounds_and_who_leaves_it_ends() -> None:
+    envs = FlixWalkerPathVectorEnv(8, interval=0.25, step=2.5e-4)
+    seen, _ = envs.reset(seed=1)
+    assert envs.observation_space.contains(seen)
+    # Straight on, whatever the path does.
+    walk, ended = np.tile([0.9, 0.3], (8, 1)).astype(np.float32), np.zeros(8, dtype=bool)
+    for _ in range(40):
+        seen, reward, terminated, _, _ = envs.step(walk)
+        assert envs.observation_space.contains(seen) and (np.abs(reward) <= 2.0).all()
+        off = np.abs(seen[:, 3])
+        assert (reward[terminated] == -2.0).all() and (reward[~terminated] >= -2.0).all()
+        assert (off[terminated] > 0.1).all() and (off[~terminated] <= 0.1).all()
+        ended |= terminated
+    assert ended.sum() >= 6
+
+
+def test_the_path_is_seen_from_the_robot() -> None:
+    corner = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.4], [0.0, 0.4]])
+    envs = FlixWalkerPathVectorEnv(2, path=corner)
+    envs.reset(seed=1)
+    # 30 mm to the left of the first side, facing along it, then across.
+    envs.batch.reset([1, 2], positions=[[0.2, 0.03]] * 2, headings=[0.0, np.pi / 2])
+    envs.nearest[:] = 80
+    envs._follow()
+    along, across = envs._observe()
+    assert along[3:6] == pytest.approx([0.03, 1.0, 0.0], abs=0.01)
+    assert along[6:14] == pytest.approx([0.025, -0.03, 0.05, -0.03, 0.1, -0.03, 0.15, -0.03], abs=0.004)
+    assert across[4:8] == pytest.approx([0.0, -1.0, -0.03, -0.025], abs=0.01)
+    with pytest.raises(ValueError, match="task is not chosen"):
+        FlixWalkerPathVectorEnv(2, task="home")
+    with pytest.raises(ValueError, match="m long"):
+        FlixWalkerPathVectorEnv(2, path=1e-3 * corner)

@@ -1,11 +1,16 @@
 """One robot with firmware and link, and the records of runs."""
 
+import copy
+import pickle
 import threading
 
+import numpy as np
+import pandas
 import pytest
 
 import flixwalker
 from flixwalker import Model, Robot
+from flixwalker.table import _frame
 
 
 def test_an_armed_robot_shakes_as_it_is_driven_and_walks() -> None:
@@ -77,9 +82,42 @@ def test_a_record_is_a_data_frame_for_each_topic(tmp_path) -> None:
             flixwalker.read_record(file)
 
 
+def test_whole_numbers_of_a_record_stay_whole_where_rows_are_missing() -> None:
+    time = 2**60 + 1
+    frame = _frame([{"at": {"ns": time}, "x": 1.5, "n": 1}, {"at": {}, "n": 2}, {"at": {"ns": 3}, "n": 3}])
+    assert frame["at.ns"][0] == time and pandas.isna(frame["at.ns"][1])
+    assert frame["n"].dtype == np.int64 and np.isnan(frame["x"][1])
+
+
 def test_a_robot_may_be_used_in_another_thread() -> None:
     robot = Robot(Model("W"))
     thread = threading.Thread(target=robot.run, args=(0.2,))
     thread.start()
     thread.join()
     assert robot.time == pytest.approx(0.2)
+
+
+def test_a_copy_of_a_robot_goes_on_with_the_same_bits() -> None:
+    robot = Robot(Model("W"), seed=2, heading=0.3, latency=0.02, loss=0.1)
+    robot.setting("frequency_ramp", 150.0)
+    robot.arm()
+    robot.drive(28.0, 20.0)
+    robot.run(0.31234)
+    robot.drive(-30.0, -70.0)
+    robot.run(0.07)
+    state = robot.get_state()
+    copied, sent = copy.deepcopy(robot), pickle.loads(pickle.dumps(robot))
+    other = Robot(Model("A"))
+    other.set_state(state)
+    for each in (robot, copied, sent, other):
+        each.run(0.5)
+
+    def seen(robot: Robot) -> tuple[object, ...]:
+        return robot.time, robot.state, robot.position, robot.yaw, robot.energy
+
+    assert seen(robot) == seen(copied) == seen(sent) == seen(other)
+    for damaged in (b"", state[:-1], state.replace(b"Arm", b"Run")):
+        with pytest.raises(ValueError, match="no state of a robot"):
+            robot.set_state(damaged)
+    with pytest.raises(ValueError, match="of release 9"):
+        robot.set_state(state.replace(b'"release":"0', b'"release":"9'))

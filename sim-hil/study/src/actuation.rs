@@ -37,9 +37,14 @@ impl Actuation {
         frequencies.chain(CYCLES).collect()
     }
 
-    fn moment(&self, cell: usize) -> Result<Row, String> {
+    /// Returns f in Hz, theta in degrees and the phase, 0 to 1, of a cell.
+    fn cell(cell: usize) -> (f64, f64, f64) {
         let (f, theta) = Self::pairs()[cell / PHASES];
-        let phase = (cell % PHASES) as f64 / PHASES as f64;
+        (f, theta, (cell % PHASES) as f64 / PHASES as f64)
+    }
+
+    fn moment(&self, cell: usize) -> Result<Row, String> {
+        let (f, theta, phase) = Self::cell(cell);
         let step = 1.0 / (PHASES as f64 * f.abs());
         let mut plant = Plant::new(&self.model).map_err(|error| error.to_string())?;
         // Wrenches are those of the middle of a step: begin half a step early, where the rotors stand.
@@ -50,7 +55,7 @@ impl Actuation {
         let wrench = plant.shaker_wrench();
         let plane = |v: [f64; 3]| (v[0].hypot(v[1]), (-v[1]).atan2(v[0]).to_degrees());
         let ((force, heading), (torque, axis)) = (plane(wrench.force), plane(wrench.torque));
-        Ok([f, theta, 360.0 * phase, force, heading, torque, axis].map(Into::into).to_vec())
+        Ok([force, heading, torque, axis].map(Into::into).to_vec())
     }
 }
 
@@ -89,7 +94,12 @@ impl Study for Actuation {
         PHASES
     }
 
-    fn compute(&self, cells: &[usize]) -> Result<Vec<Row>, String> {
+    fn asked(&self, cell: usize) -> Row {
+        let (f, theta, phase) = Self::cell(cell);
+        [f, theta, 360.0 * phase].map(Into::into).to_vec()
+    }
+
+    fn compute(&self, cells: &[usize]) -> Vec<Result<Row, String>> {
         cells.iter().map(|cell| self.moment(*cell)).collect()
     }
 }
@@ -104,7 +114,8 @@ mod tests {
     fn turn(f: f64, theta: f64) -> Vec<[f64; 5]> {
         let study = Actuation::new(&RobotModel::named("W").unwrap());
         let cells: Vec<usize> = (0..study.cells()).collect();
-        let rows = study.compute(&cells).unwrap().into_iter().map(|row| {
+        let rows = cells.iter().zip(study.compute(&cells)).map(|(cell, row)| {
+            let row = [study.asked(*cell), row.unwrap()].concat();
             let n: Vec<f64> = row.iter().filter_map(super::super::Value::number).collect();
             ([n[0], n[1]], [n[2], n[3], n[4], n[5], n[6]])
         });

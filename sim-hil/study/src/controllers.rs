@@ -105,8 +105,6 @@ impl Controllers {
         let begun = course.pilot().driving_since().unwrap_or(course.now());
         let progress = course.pilot().helm().progress();
         Ok(vec![
-            controller.to_string().as_str().into(),
-            (seed as f64).into(),
             (progress.error_rms * 1e3).into(),
             course.now().since(begun).as_secs_f64().into(),
             course.energy().into(),
@@ -138,7 +136,7 @@ impl Study for Controllers {
     fn columns(&self) -> Vec<Column> {
         vec![
             Column::text("controller"),
-            Column::number("seed"),
+            Column::whole("seed"),
             Column::number("rms_mm"),
             Column::number("seconds"),
             Column::number("energy_j"),
@@ -151,14 +149,14 @@ impl Study for Controllers {
         self.robots as usize * CONTROLLERS.len()
     }
 
-    fn compute(&self, cells: &[usize]) -> Result<Vec<Row>, String> {
-        cells
-            .iter()
-            .map(|cell| {
-                let (controller, seed) = self.cell(*cell);
-                self.follow(controller, seed)
-            })
-            .collect()
+    fn asked(&self, cell: usize) -> Row {
+        let (controller, seed) = self.cell(cell);
+        vec![controller.to_string().as_str().into(), seed.into()]
+    }
+
+    fn compute(&self, cells: &[usize]) -> Vec<Result<Row, String>> {
+        let each = cells.iter().map(|cell| self.cell(*cell));
+        each.map(|(controller, seed)| self.follow(controller, seed)).collect()
     }
 }
 

@@ -1,15 +1,17 @@
 //! Finished cells, on the disk as soon as they are finished.
 //!
-//! A CSV file: the header names the study and its fingerprint, then `cell` and the columns; each
-//! row is one cell. A row that was cut off by a kill or a full disk is dropped when the file is
-//! opened again, and its cell computed anew.
+//! A CSV file: the header names the study and its fingerprint, then `cell`, the columns and `check`; each row is one cell with its
+//! check sum. A row that was cut off by a kill or a full disk, or changed, is dropped when the file is opened again, and its cell
+//! computed anew. One process at a time has the file.
 
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use super::{Column, Fingerprint, Row, Value};
+use sha2::{Digest, Sha256};
+
+use super::{Column, Fingerprint, Kind, Row, Value};
 
 /// Why finished cells could not be kept or found.
 #[derive(Debug, thiserror::Error)]
@@ -21,6 +23,15 @@ pub enum JournalError {
         path: PathBuf,
         /// What the system said.
         source: io::Error,
+    },
+    /// Another process has it.
+    #[error(
+        "another process writes {}: wait until it has ended, or choose another folder with --out",
+        path.display()
+    )]
+    Busy {
+        /// The journal.
+        path: PathBuf,
     },
     /// The file belongs to another study, other parameters or another version.
     #[error(
@@ -41,6 +52,7 @@ pub enum JournalError {
 #[derive(Debug)]
 pub(super) struct Journal {
     path: PathBuf,
+    fingerprint: Fingerprint,
     file: File,
 }
 
@@ -59,23 +71,39 @@ impl Journal {
             .read(true)
             .write(true)
             .create(true)
-            .truncate(restart)
+            .truncate(false)
             .open(path)
             .map_err(failed)?;
-        let mut text = String::new();
-        io::Read::read_to_string(&mut file, &mut text).map_err(failed)?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                return Err(JournalError::Busy { path: path.to_owned() });
+            }
+            // Where a network's folder has no locks, the check sums have to do.
+            Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => {}
+            Err(TryLockError::Error(error)) => return Err(failed(error)),
+        }
+        if restart {
+            file.set_len(0).map_err(failed)?;
+        }
+        // Whatever damage made of it: rows are checked one by one.
+        let mut bytes = Vec::new();
+        io::Read::read_to_end(&mut file, &mut bytes).map_err(failed)?;
+        let whole = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |last| last + 1);
+        let text = String::from_utf8_lossy(&bytes);
 
         let names: Vec<&str> = columns.iter().map(|column| column.name.as_str()).collect();
         let title = format!("# {study} {fingerprint}");
-        let header = format!("{title}\ncell,{}\n", names.join(","));
+        let header = format!("{title}\ncell,{},check\n", names.join(","));
+        let journal = |file| Self { path: path.to_owned(), fingerprint: fingerprint.clone(), file };
         if !text.starts_with(&header) {
             let found = text.lines().next().unwrap_or_default();
-            if header.starts_with(text.as_str()) {
+            if header.starts_with(&*text) {
                 // New, or cut off within its header.
                 file.set_len(0).map_err(failed)?;
                 file.seek(SeekFrom::Start(0)).map_err(failed)?;
                 file.write_all(header.as_bytes()).map_err(failed)?;
-                return Ok((Self { path: path.to_owned(), file }, BTreeMap::new()));
+                return Ok((journal(file), BTreeMap::new()));
             }
             return Err(JournalError::Other {
                 path: path.to_owned(),
@@ -83,16 +111,16 @@ impl Journal {
                 expected: title.trim_start_matches("# ").to_owned(),
             });
         }
-        let whole = text.rfind('\n').map_or(0, |last| last + 1);
         let rows = csv::ReaderBuilder::new()
             .has_headers(false)
-            .from_reader(&text.as_bytes()[header.len()..whole])
+            .flexible(true)
+            .from_reader(&text.as_bytes()[header.len()..])
             .records()
-            .filter_map(|record| parse(&record.ok()?, columns))
+            .filter_map(|record| parse(&record.ok()?, columns, fingerprint))
             .collect();
         file.set_len(whole as u64).map_err(failed)?;
         file.seek(SeekFrom::End(0)).map_err(failed)?;
-        Ok((Self { path: path.to_owned(), file }, rows))
+        Ok((journal(file), rows))
     }
 
     /// Writes these cells through to the disk.
@@ -100,11 +128,13 @@ impl Journal {
         let mut writer = csv::Writer::from_writer(Vec::new());
         let failed = |source| JournalError::File { path: self.path.clone(), source };
         for (cell, row) in rows {
-            let fields =
-                std::iter::once(cell.to_string()).chain(row.iter().map(|value| match value {
-                    Value::Number(number) => number.to_string(),
-                    Value::Text(text) => text.clone(),
-                }));
+            let values = row.iter().map(|value| match value {
+                Value::Number(number) => number.to_string(),
+                Value::Whole(whole) => whole.to_string(),
+                Value::Text(text) => text.clone(),
+            });
+            let mut fields: Vec<String> = std::iter::once(cell.to_string()).chain(values).collect();
+            fields.push(check(&self.fingerprint, fields.iter().map(String::as_str)));
             writer.write_record(fields).map_err(|error| failed(error.into()))?;
         }
         let bytes = writer.into_inner().map_err(|error| failed(error.into_error()))?;
@@ -112,8 +142,25 @@ impl Journal {
     }
 }
 
-fn parse(record: &csv::StringRecord, columns: &[Column]) -> Option<(usize, Row)> {
-    if record.len() != columns.len() + 1 {
+/// Returns the check sum of a row: 16 hexadecimal digits.
+fn check<'a>(fingerprint: &Fingerprint, fields: impl Iterator<Item = &'a str>) -> String {
+    let mut digest = Sha256::new_with_prefix(fingerprint.to_string());
+    for field in fields {
+        digest.update((field.len() as u64).to_le_bytes());
+        digest.update(field);
+    }
+    digest.finalize().iter().take(8).map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn parse(
+    record: &csv::StringRecord,
+    columns: &[Column],
+    fingerprint: &Fingerprint,
+) -> Option<(usize, Row)> {
+    let fields = columns.len() + 1;
+    if record.len() != fields + 1
+        || record.get(fields)? != check(fingerprint, record.iter().take(fields))
+    {
         return None;
     }
     let cell = record.get(0)?.parse().ok()?;
@@ -121,11 +168,11 @@ fn parse(record: &csv::StringRecord, columns: &[Column]) -> Option<(usize, Row)>
         .iter()
         .zip(record.iter().skip(1))
         .map(|(column, field)| {
-            if column.text {
-                Some(Value::from(field))
-            } else {
-                field.parse().ok().map(Value::Number)
-            }
+            Some(match column.kind {
+                Kind::Number => Value::Number(field.parse().ok()?),
+                Kind::Whole => Value::Whole(field.parse().ok()?),
+                Kind::Text => Value::from(field),
+            })
         })
         .collect();
     Some((cell, row?))

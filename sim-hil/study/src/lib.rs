@@ -5,6 +5,7 @@
 //! cells of its [`Shard`], skips those that an earlier, interrupted run already finished, computes
 //! the others on all cores with a progress bar, writes each batch to the journal as it ends, and at
 //! last writes one Parquet file. [`merge`] joins the Parquet files of shards into that of the whole.
+//! A cell that fails is a row, too: NaN, and why in the column `failure`; [`Table::succeeded`] leaves those out.
 //!
 //! ```text
 //! cells of the study -> those of the shard -> those not in cells.csv -> computed -> cells.csv
@@ -55,19 +56,35 @@ use journal::Journal;
 pub struct Column {
     /// Name with its unit, for example `forward_m_s`.
     pub name: String,
-    /// Whether the values are text; numbers otherwise.
-    pub text: bool,
+    /// What its values are.
+    pub kind: Kind,
+}
+
+/// What the values of a column are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Kind {
+    /// Numbers.
+    Number,
+    /// Whole numbers from 0 to 2^64 - 1.
+    Whole,
+    /// Words.
+    Text,
 }
 
 impl Column {
     /// Creates a column of numbers.
     pub fn number(name: impl Into<String>) -> Self {
-        Self { name: name.into(), text: false }
+        Self { name: name.into(), kind: Kind::Number }
+    }
+
+    /// Creates a column of whole numbers, which are kept to the last digit.
+    pub fn whole(name: impl Into<String>) -> Self {
+        Self { name: name.into(), kind: Kind::Whole }
     }
 
     /// Creates a column of words.
     pub fn text(name: impl Into<String>) -> Self {
-        Self { name: name.into(), text: true }
+        Self { name: name.into(), kind: Kind::Text }
     }
 }
 
@@ -76,6 +93,8 @@ impl Column {
 pub enum Value {
     /// For a column of numbers.
     Number(f64),
+    /// For a column of whole numbers.
+    Whole(u64),
     /// For a column of words.
     Text(String),
 }
@@ -86,6 +105,12 @@ impl From<f64> for Value {
     }
 }
 
+impl From<u64> for Value {
+    fn from(whole: u64) -> Self {
+        Self::Whole(whole)
+    }
+}
+
 impl From<&str> for Value {
     fn from(text: &str) -> Self {
         Self::Text(text.to_owned())
@@ -93,12 +118,22 @@ impl From<&str> for Value {
 }
 
 impl Value {
-    /// Returns the number, if it is one.
+    /// Returns the number, if it is one; a whole one beyond 2^53 is rounded.
     #[must_use]
     pub const fn number(&self) -> Option<f64> {
         match self {
             Self::Number(number) => Some(*number),
+            Self::Whole(whole) => Some(*whole as f64),
             Self::Text(_) => None,
+        }
+    }
+
+    /// Returns the whole number, if it is one.
+    #[must_use]
+    pub const fn whole(&self) -> Option<u64> {
+        match self {
+            Self::Whole(whole) => Some(*whole),
+            Self::Number(_) | Self::Text(_) => None,
         }
     }
 
@@ -106,7 +141,7 @@ impl Value {
     #[must_use]
     pub fn as_text(&self) -> Option<&str> {
         match self {
-            Self::Number(_) => None,
+            Self::Number(_) | Self::Whole(_) => None,
             Self::Text(text) => Some(text),
         }
     }
@@ -136,8 +171,11 @@ pub trait Study: Sync {
     /// Everything that results depend on and that the caller can change, models included.
     fn parameters(&self) -> serde_json::Value;
 
-    /// The columns of the table.
+    /// The columns of the table: what a cell asks, then what was found.
     fn columns(&self) -> Vec<Column>;
+
+    /// Returns what a cell asks: the first values of its row.
+    fn asked(&self, cell: usize) -> Row;
 
     /// How many cells there are.
     fn cells(&self) -> usize;
@@ -147,23 +185,46 @@ pub trait Study: Sync {
         1
     }
 
-    /// Computes these cells, one row each, in order. Must not depend on which cells come together.
-    ///
-    /// # Errors
-    /// With what went wrong, as a sentence.
-    fn compute(&self, cells: &[usize]) -> Result<Vec<Row>, String>;
+    /// Computes these cells in order: what was found in each, or what went wrong, as a sentence. Must not depend on which cells
+    /// come together.
+    fn compute(&self, cells: &[usize]) -> Vec<Result<Row, String>>;
 
     /// The hash of name, parameters, columns and program version.
     fn fingerprint(&self) -> Fingerprint {
         let identity = serde_json::json!({
             "study": self.name(),
             "parameters": self.parameters(),
-            "columns": self.columns(),
+            "columns": all_columns(self.columns()),
             "version": env!("CARGO_PKG_VERSION"),
         });
         let digest = Sha256::digest(identity.to_string().as_bytes());
         Fingerprint(digest.iter().take(8).map(|byte| format!("{byte:02x}")).collect())
     }
+}
+
+/// Name of the last column of every table: why a simulation failed; empty where it did not.
+const FAILURE: &str = "failure";
+
+/// Returns the columns of a study's table.
+fn all_columns(mut columns: Vec<Column>) -> Vec<Column> {
+    columns.push(Column::text(FAILURE));
+    columns
+}
+
+/// Returns the row of a cell.
+fn row_of(columns: &[Column], asked: Row, found: Result<Row, String>) -> Row {
+    let (found, failure) = match found {
+        Ok(found) => (found, String::new()),
+        Err(failure) => {
+            let nothing = |column: &Column| match column.kind {
+                Kind::Number => Value::Number(f64::NAN),
+                Kind::Whole => Value::Whole(0),
+                Kind::Text => Value::Text(String::new()),
+            };
+            (columns[asked.len()..columns.len() - 1].iter().map(nothing).collect(), failure)
+        }
+    };
+    asked.into_iter().chain(found).chain([Value::Text(failure)]).collect()
 }
 
 /// Where and how to run a study.
@@ -188,14 +249,6 @@ pub enum StudyError {
     /// The table failed.
     #[error(transparent)]
     Table(#[from] TableError),
-    /// A cell could not be computed.
-    #[error("a cell of the study failed: {sentence}; the {finished} finished cells are kept")]
-    Cell {
-        /// What went wrong.
-        sentence: String,
-        /// Cells that are safe.
-        finished: usize,
-    },
     /// Somebody asked to end.
     #[error(
         "interrupted with {finished} of {cells} cells finished; run the same command again to go on"
@@ -215,14 +268,14 @@ impl Options {
     }
 }
 
-/// Computes what is missing and returns the whole table of the shard, rows in order of cells.
+/// Computes what is missing and returns the whole table of the shard, rows in order of cells, those of failed cells too.
 ///
 /// # Errors
 /// See [`StudyError`]; finished cells are on the disk whatever happens, and the same call goes on
 /// from there.
 pub fn run(study: &dyn Study, options: &Options) -> Result<Table, StudyError> {
     let fingerprint = study.fingerprint();
-    let columns = study.columns();
+    let columns = all_columns(study.columns());
     let cells: Vec<usize> =
         (0..study.cells()).filter(|cell| options.shard.contains(*cell)).collect();
     let journal_path = options.path("cells", "csv");
@@ -245,10 +298,10 @@ pub fn run(study: &dyn Study, options: &Options) -> Result<Table, StudyError> {
             if options.interrupt.is_raised() {
                 return Ok(Vec::new());
             }
-            let rows = study
-                .compute(batch)
-                .map_err(|sentence| StudyError::Cell { sentence, finished: 0 })?;
-            let rows: Vec<(usize, Row)> = batch.iter().copied().zip(rows).collect();
+            let found = batch.iter().zip(study.compute(batch));
+            let rows: Vec<(usize, Row)> = found
+                .map(|(cell, found)| (*cell, row_of(&columns, study.asked(*cell), found)))
+                .collect();
             journal.lock().unwrap_or_else(std::sync::PoisonError::into_inner).append(&rows)?;
             bar.inc(batch.len() as u64);
             Ok(rows)
@@ -263,10 +316,7 @@ pub fn run(study: &dyn Study, options: &Options) -> Result<Table, StudyError> {
         }
     }
     match failure {
-        Some(StudyError::Cell { sentence, .. }) => {
-            return Err(StudyError::Cell { sentence, finished: rows.len() });
-        }
-        Some(other) => return Err(other),
+        Some(failure) => return Err(failure),
         None if rows.len() < cells.len() => {
             return Err(StudyError::Interrupted { finished: rows.len(), cells: cells.len() });
         }

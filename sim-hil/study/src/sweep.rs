@@ -7,7 +7,7 @@
 use flix_host::nav::Twist;
 use serde_json::json;
 
-use super::{Column, Row, Study, Table, Value};
+use super::{Column, Row, Study, Table};
 use flix_sim::experiment::walk::{
     Shaking, Spread, Start, Walk, WalkDrive, WalkError, Walked, walk,
 };
@@ -207,7 +207,7 @@ impl Study for Sweep {
             Column::text("variant"),
             Column::number("f_hz"),
             Column::number("theta_deg"),
-            Column::number("seed"),
+            Column::whole("seed"),
             Column::number("forward_m_s"),
             Column::number("lateral_m_s"),
             Column::number("yaw_rad_s"),
@@ -227,16 +227,20 @@ impl Study for Sweep {
         }
     }
 
-    fn compute(&self, cells: &[usize]) -> Result<Vec<Row>, String> {
-        let many = cells.iter().map(|cell| self.prepare(*cell)).collect::<Result<Vec<_>, _>>()?;
-        let rows = cells.iter().zip(self.walk(&many)).map(|(cell, walked)| {
+    fn asked(&self, cell: usize) -> Row {
+        let (variant, f, theta, seed) = self.cell(cell);
+        vec![variant.name.as_str().into(), f.into(), theta.into(), seed.into()]
+    }
+
+    fn compute(&self, cells: &[usize]) -> Vec<Result<Row, String>> {
+        let prepared: Vec<_> = cells.iter().map(|cell| self.prepare(*cell)).collect();
+        let many: Vec<_> = prepared.iter().flatten().cloned().collect();
+        let mut walks = self.walk(&many).into_iter();
+        let rows = cells.iter().zip(prepared).map(|(cell, prepared)| {
+            prepared?;
+            let walked = walks.next().ok_or("it was not walked")?;
             let walked = walked.map_err(|error| self.failed(*cell, &error))?;
-            let (variant, f, theta, seed) = self.cell(*cell);
             Ok(vec![
-                Value::Text(variant.name.clone()),
-                f.into(),
-                theta.into(),
-                (seed as f64).into(),
                 walked.forward_m_s.into(),
                 walked.lateral_m_s.into(),
                 walked.yaw_rad_s.into(),
@@ -253,7 +257,7 @@ mod tests {
     use flix_host::system::interrupt::Interrupt;
 
     use super::*;
-    use crate::{Options, merge, run};
+    use crate::{Options, Shard, Table, merge, run};
 
     fn short(seeds: u64) -> Sweep {
         let model = RobotModel::named("W").unwrap();
@@ -317,18 +321,55 @@ mod tests {
     #[test]
     fn walks_of_a_pair_are_told_apart_by_their_seeds() {
         let sweep = short(2);
-        let rows = sweep.compute(&[0, 1, 2]).unwrap();
-        let seed = |row: &Row| row[3].number();
-        assert_eq!((seed(&rows[0]), seed(&rows[1])), (Some(5.0), Some(6.0)));
-        assert_ne!(rows[0][4..], rows[1][4..]);
-        assert_eq!(rows[2][1].number(), Some(-30.0));
+        let rows = sweep.compute(&[0, 1]);
+        let seed = |cell| sweep.asked(cell)[3].whole();
+        assert_eq!((seed(0), seed(1)), (Some(5), Some(6)));
+        assert_ne!(rows[0], rows[1]);
+        assert_eq!(sweep.asked(2)[1].number(), Some(-30.0));
+    }
+
+    #[test]
+    fn a_walk_that_fails_is_a_row_that_says_why_and_the_others_are_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let options = || Options {
+            folder: folder.path().to_owned(),
+            shard: Shard::WHOLE,
+            restart: false,
+            interrupt: Interrupt::never(),
+        };
+        // Faster than anything shakes; a model that has no legs.
+        let bench = RobotModel::named("bench-fixed").unwrap();
+        let mut bad = Sweep { first_seed: u64::MAX - 1, ..short(1) };
+        bad.variants.push(Variant { name: "bench".to_owned(), model: bench });
+        bad.pairs.insert(1, (1000.0, 0.0));
+        let table = run(&bad, &options()).unwrap();
+        let (whole, failures) = table.succeeded();
+        assert_eq!((table.rows.len(), whole.rows.len(), failures.len()), (6, 2, 4));
+        assert!(failures[0].contains("1000 Hz") && failures[1].contains("legs"), "{failures:?}");
+        assert!(table.numbers("forward_m_s")[1].is_nan() && table.numbers("f_hz")[1] == 1000.0);
+        assert!(whole.numbers("forward_m_s").iter().all(|speed| speed.is_finite()));
+        let good = run(
+            &Sweep { first_seed: u64::MAX - 1, ..short(1) },
+            &Options { folder: folder.path().join("good"), ..options() },
+        )
+        .unwrap();
+        let rows = |table: &Table| table.rows.values().cloned().collect::<Vec<_>>();
+        assert_eq!(rows(&good), rows(&whole));
+        // As it was written, and on the next run.
+        let text = format!("{table:?}");
+        assert_eq!(
+            format!("{:?}", Table::read(&folder.path().join("results.parquet")).unwrap()),
+            text
+        );
+        assert_eq!(format!("{:?}", run(&bad, &options()).unwrap()), text);
+        assert!(text.contains("Whole(18446744073709551614)"));
     }
 
     #[test]
     fn the_mirrored_reading_negates_f_and_theta() {
         let (text, equations) = (short(1), Sweep { mirrored: true, ..short(1) });
         let swapped = Sweep { pairs: vec![(-30.0, 0.0), (30.0, -90.0)], ..short(1) };
-        let speeds = |sweep: &Sweep| sweep.compute(&[1]).unwrap()[0][4..].to_vec();
+        let speeds = |sweep: &Sweep| sweep.compute(&[1]).remove(0).unwrap();
         assert_eq!(speeds(&equations), speeds(&swapped));
         assert_ne!(speeds(&equations), speeds(&text));
     }

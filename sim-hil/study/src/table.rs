@@ -17,7 +17,7 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::record::Field;
 use parquet::schema::types::Type;
 
-use super::{Column, Fingerprint, Row, Shard, Value, write_whole};
+use super::{Column, FAILURE, Fingerprint, Kind, Row, Shard, Value, write_whole};
 
 /// Rows of a study, or of one shard of it, with what they belong to.
 #[derive(Debug, Clone, PartialEq)]
@@ -107,19 +107,30 @@ impl Table {
     /// Values of one column of numbers, in order of cells; empty when there is no such column.
     #[must_use]
     pub fn numbers(&self, name: &str) -> Vec<f64> {
-        let index = self.columns.iter().position(|column| column.name == name && !column.text);
-        index.map_or_else(Vec::new, |index| {
-            self.rows.values().filter_map(|row| row.get(index)?.number()).collect()
-        })
+        self.values(name, Value::number)
+    }
+
+    /// Picks the values of a column, in order of cells; none when there is no such column.
+    fn values<'a, T>(&'a self, name: &str, pick: impl Fn(&'a Value) -> Option<T>) -> Vec<T> {
+        let index = self.columns.iter().position(|column| column.name == name);
+        let values = self.rows.values().filter_map(|row| row.get(index?));
+        values.filter_map(pick).collect()
+    }
+
+    /// Returns the rows of the simulations that did not fail, and why the others did, in order of cells.
+    #[must_use]
+    pub fn succeeded(&self) -> (Self, Vec<String>) {
+        let mut table = self.clone();
+        let mut failures = self.texts(FAILURE).into_iter();
+        table.rows.retain(|_, _| failures.next().is_none_or(str::is_empty));
+        let why = self.texts(FAILURE).into_iter().filter(|failure| !failure.is_empty());
+        (table, why.map(str::to_owned).collect())
     }
 
     /// Words of one column of text, in order of cells; empty when there is no such column.
     #[must_use]
     pub fn texts(&self, name: &str) -> Vec<&str> {
-        let index = self.columns.iter().position(|column| column.name == name && column.text);
-        index.map_or_else(Vec::new, |index| {
-            self.rows.values().filter_map(|row| row.get(index)?.as_text()).collect()
-        })
+        self.values(name, Value::as_text)
     }
 
     /// Writes the table. It appears whole or not at all.
@@ -141,11 +152,11 @@ impl Table {
                 .build()?,
         )];
         for column in &self.columns {
-            let builder = if column.text {
-                Type::primitive_type_builder(&column.name, Physical::BYTE_ARRAY)
-                    .with_converted_type(ConvertedType::UTF8)
-            } else {
-                Type::primitive_type_builder(&column.name, Physical::DOUBLE)
+            let of = |physical| Type::primitive_type_builder(&column.name, physical);
+            let builder = match column.kind {
+                Kind::Number => of(Physical::DOUBLE),
+                Kind::Whole => of(Physical::INT64).with_converted_type(ConvertedType::UINT_64),
+                Kind::Text => of(Physical::BYTE_ARRAY).with_converted_type(ConvertedType::UTF8),
             };
             fields.push(Arc::new(builder.with_repetition(Repetition::REQUIRED).build()?));
         }
@@ -170,13 +181,21 @@ impl Table {
         }
         for column in &self.columns {
             let Some(mut out) = group.next_column()? else { break };
-            if column.text {
-                let words: Vec<ByteArray> =
-                    self.texts(&column.name).into_iter().map(ByteArray::from).collect();
-                out.typed::<ByteArrayType>().write_batch(&words, None, None)?;
-            } else {
-                let numbers = self.numbers(&column.name);
-                out.typed::<DoubleType>().write_batch(&numbers, None, None)?;
+            match column.kind {
+                Kind::Number => {
+                    let numbers = self.numbers(&column.name);
+                    out.typed::<DoubleType>().write_batch(&numbers, None, None)?;
+                }
+                Kind::Whole => {
+                    let whole = self.values(&column.name, Value::whole);
+                    let whole: Vec<i64> = whole.into_iter().map(u64::cast_signed).collect();
+                    out.typed::<Int64Type>().write_batch(&whole, None, None)?;
+                }
+                Kind::Text => {
+                    let words: Vec<ByteArray> =
+                        self.texts(&column.name).into_iter().map(ByteArray::from).collect();
+                    out.typed::<ByteArrayType>().write_batch(&words, None, None)?;
+                }
             }
             out.close()?;
         }
@@ -210,7 +229,11 @@ impl Table {
             .skip(1)
             .map(|column| Column {
                 name: column.name().to_owned(),
-                text: column.physical_type() == Physical::BYTE_ARRAY,
+                kind: match column.physical_type() {
+                    Physical::BYTE_ARRAY => Kind::Text,
+                    Physical::INT64 => Kind::Whole,
+                    _ => Kind::Number,
+                },
             })
             .collect();
         let mut rows = BTreeMap::new();
@@ -222,6 +245,7 @@ impl Table {
                 match field {
                     Field::Long(number) if index == 0 => cell = usize::try_from(*number).ok(),
                     Field::Double(number) => row.push(Value::Number(*number)),
+                    Field::ULong(whole) => row.push(Value::Whole(*whole)),
                     Field::Str(text) => row.push(Value::Text(text.clone())),
                     _ => return Err(stranger("a table of numbers and words")),
                 }

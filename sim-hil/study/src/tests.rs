@@ -35,7 +35,7 @@ impl Study for Squares {
         serde_json::json!({ "scale": self.scale })
     }
     fn columns(&self) -> Vec<Column> {
-        vec![Column::text("parity"), Column::number("square")]
+        vec![Column::whole("root"), Column::text("parity"), Column::number("square")]
     }
     fn cells(&self) -> usize {
         self.cells
@@ -43,17 +43,18 @@ impl Study for Squares {
     fn batch(&self) -> usize {
         3
     }
-    fn compute(&self, cells: &[usize]) -> Result<Vec<Row>, String> {
+    fn asked(&self, cell: usize) -> Row {
+        vec![(u64::MAX - cell as u64).into()]
+    }
+    fn compute(&self, cells: &[usize]) -> Vec<Result<Row, String>> {
         if self.computed.fetch_add(cells.len(), Ordering::SeqCst) >= self.interrupt_after {
             self.interrupt.raise();
         }
-        Ok(cells
-            .iter()
-            .map(|&cell| {
-                let parity = if cell % 2 == 0 { "even, \"so\"" } else { "odd" };
-                vec![parity.into(), (self.scale * (cell * cell) as f64 / 3.0).into()]
-            })
-            .collect())
+        let each = cells.iter().map(|&cell| {
+            let parity = if cell % 2 == 0 { "even, \"so\"" } else { "odd" };
+            Ok(vec![parity.into(), (self.scale * (cell * cell) as f64 / 3.0).into()])
+        });
+        each.collect()
     }
 }
 
@@ -151,4 +152,45 @@ fn a_file_of_something_else_is_refused() {
 fn slices_are_counted_from_one() {
     assert!("0/2".parse::<Shard>().is_err() && "3/2".parse::<Shard>().is_err());
     assert!("x".parse::<Shard>().is_err() && "2/2".parse::<Shard>().is_ok());
+}
+
+#[test]
+fn a_second_process_in_the_folder_is_refused_and_changes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = run(&Squares::new(5), &options(folder.path(), "1/1")).unwrap();
+    let path = folder.path().join("cells.csv");
+    let other = std::fs::File::open(&path).unwrap();
+    other.lock().unwrap();
+    for restart in [false, true] {
+        let refused = run(&Squares::new(5), &Options { restart, ..options(folder.path(), "1/1") });
+        assert!(matches!(refused, Err(StudyError::Journal(JournalError::Busy { .. }))));
+    }
+    drop(other);
+    let again = Squares::new(5);
+    assert_eq!(run(&again, &options(folder.path(), "1/1")).unwrap(), whole);
+    assert_eq!(again.computed.into_inner(), 0);
+}
+
+#[test]
+fn rows_that_were_changed_joined_or_torn_are_computed_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = run(&Squares::new(9), &options(folder.path(), "1/1")).unwrap();
+    let path = folder.path().join("cells.csv");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    let (head, rows) = lines.split_at(2);
+    let digit = |row: &str| row.replacen("0.333", "0.334", 1).replacen("1.333", "1.334", 1);
+    let tear = |row: &str| format!("{}{row}", &row[..row.len() / 2]);
+    let other_cell = |row: &str| format!("9{row}").replacen("98,", "7,", 1);
+    let quoted = |row: &str| format!("\"{row}");
+    let damages: [&dyn Fn(&str) -> String; 4] = [&digit, &tear, &other_cell, &quoted];
+    for damage in damages {
+        for at in [1, 2, 8] {
+            let mut rows: Vec<String> = rows.iter().map(|row| (*row).to_owned()).collect();
+            rows[at] = damage(&rows[at]);
+            let damaged = [head.join("\n"), rows.join("\n")].join("\n") + "\n";
+            std::fs::write(&path, [damaged.as_bytes(), b"\xff\xfe\n"].concat()).unwrap();
+            assert_eq!(run(&Squares::new(9), &options(folder.path(), "1/1")).unwrap(), whole);
+        }
+    }
 }

@@ -9,7 +9,7 @@ use flix_shell::number::{parse_within, whole};
 use flix_shell::output::print_json;
 use serde::Serialize;
 
-use super::listen;
+use super::{judged, listen};
 use crate::Error;
 use crate::arguments::{ModelArgs, parse_step, parse_time};
 use crate::output::{print, progress, row, table};
@@ -310,7 +310,7 @@ fn judge(
                 1e3 * step,
                 100.0 * scatter
             );
-            let cells = cells(&table);
+            let cells = cells(&judged(&table)?);
             let own = |goal: &Goal| {
                 cells.iter().find(|cell| (cell.f_hz, cell.theta_deg) == goal.pair()).cloned()
             };

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use super::show;
+use super::{judged, show};
 use crate::Error;
 
 /// Join the results of all slices of a study and draw its figures
@@ -29,6 +29,6 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let beside = args.files.first().and_then(|file| file.parent()).map(PathBuf::from);
     let folder = args.out.clone().or(beside).unwrap_or_default();
     table.write(&folder.join("results.parquet"))?;
-    show(&table, &folder)?;
+    show(&judged(&table)?, &folder)?;
     Ok(ExitCode::SUCCESS)
 }

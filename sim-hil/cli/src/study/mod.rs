@@ -22,7 +22,7 @@ use flix_shell::number::{parse_within, whole};
 
 use super::Error;
 use super::arguments::{PaperModelArgs, parse_step, parse_time};
-use super::output::print;
+use super::output::{complain, print};
 use flix_sim::experiment::walk::{Shaking, WalkDrive, require_walker};
 use flix_sim::model::RobotModel;
 use flix_sim::rig::bench::{DIRECTIONS, FREQUENCIES};
@@ -83,6 +83,24 @@ fn run_command(command: &Command) -> Result<ExitCode, Error> {
     }
 }
 
+/// Returns the rows of a study's table that can be judged, and says which simulations failed.
+///
+/// # Errors
+/// When all of them failed.
+fn judged(table: &Table) -> Result<Table, Error> {
+    let (succeeded, failures) = table.succeeded();
+    let Some(first) = failures.first() else { return Ok(succeeded) };
+    let (failed, all) = (failures.len(), table.rows.len());
+    if failed == all {
+        return Err(Error::refused(format!("all {all} simulations failed, the first: {first}")));
+    }
+    complain(format!(
+        "{failed} of {all} simulations failed and are left out of figures and verdicts; the table says why in its column failure. \
+         The first: {first}"
+    ));
+    Ok(succeeded)
+}
+
 /// Draws the figures of a table and prints where everything is.
 fn show(table: &Table, folder: &Path) -> Result<(), Error> {
     print(&format!("{} rows  {}\n", table.rows.len(), folder.join("results.parquet").display()))?;
@@ -136,7 +154,7 @@ impl RunArgs {
         };
         let table = flix_study::run(study, &options)?;
         if self.shard == Shard::WHOLE {
-            return Ok(Some(table));
+            return judged(&table).map(Some);
         }
         print(&format!(
             "slice {} of {} is in {}; when all are there: flix-sim study merge {}/results-*.parquet\n",

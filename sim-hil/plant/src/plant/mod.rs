@@ -5,6 +5,8 @@
 pub mod electronics;
 pub mod mechanics;
 
+use serde::{Deserialize, Serialize};
+
 pub use mechanics::{BodyState, Drive, Energy, FREEDOMS, LegView, Linear, Plant, Wrench};
 
 /// The moving part as the electrical part sees it.
@@ -26,7 +28,7 @@ pub trait Mechanics {
 }
 
 /// A step whose result is no motion of a robot.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[error(
     "the simulation diverged at {time:.4} s in {part}: take a smaller step or a less extreme model"
 )]
@@ -38,7 +40,7 @@ pub struct Diverged {
 }
 
 /// A part of the robot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Part {
     /// The plate and all that is fixed to it.
     Body,

@@ -2,12 +2,14 @@
 
 use core::f64::consts::TAU;
 
+use serde::{Deserialize, Serialize};
+
 use super::body::{BodyState, Wrench};
 use super::build::{self, PlainState};
 use super::course::Course;
 use super::lane::Lane;
 use super::leg::LegStep;
-use super::pack::Pack;
+use super::pack::{Numbers as _, Pack};
 use super::robot::{Drive, Plant, aimed, phase, stray};
 use super::system::{BaseJoint, Constants, Rotor, Several, advance};
 use crate::model::{ModelError, RobotModel};
@@ -17,7 +19,7 @@ use crate::plant::{Diverged, Part};
 const FOLD: usize = 50;
 
 /// What a robot has beside its lane.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Seat {
     /// f in Hz and theta in rad, as asked.
     drive: [f64; 2],
@@ -60,6 +62,24 @@ impl Seat {
     }
 }
 
+/// All that a robot of a block is at a time, beside its model.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Kept {
+    state: Vec<f64>,
+    seat: Seat,
+}
+
+/// How long a block has run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Clock {
+    /// Until steps of this length began, s.
+    began: f64,
+    /// Their number.
+    taken: usize,
+    /// Their length, s.
+    step: f64,
+}
+
 /// Robots in the lanes of a block, whatever its numbers.
 pub trait Robots: Send + Sync + core::fmt::Debug {
     /// Puts another robot into a lane, as it stands, moves and is shaken; 0 Hz if it has no ideal drive.
@@ -83,6 +103,18 @@ pub trait Robots: Send + Sync + core::fmt::Debug {
     fn body(&self, lane: usize) -> BodyState;
     /// Returns the energy that the ideal drive has put into a robot, J.
     fn motor_work(&self, lane: usize) -> f64;
+    /// Returns all that a robot is now.
+    fn keep(&self, lane: usize) -> Kept;
+    /// Puts a robot of this model into a lane as it was when it was kept, by a block of the same numbers; it goes on with the
+    /// same bits.
+    ///
+    /// # Errors
+    /// If the model is refused or cannot walk.
+    fn restore(&mut self, lane: usize, model: &RobotModel, kept: &Kept) -> Result<(), ModelError>;
+    /// Returns the block's clock.
+    fn clock(&self) -> Clock;
+    /// Sets the block's clock.
+    fn set_clock(&mut self, clock: Clock);
     /// Returns a robot as a plant of its own, for everything that a plant can tell.
     ///
     /// # Errors
@@ -100,10 +132,7 @@ pub struct Block<B> {
     sane: B,
     steps: B,
     seats: Vec<Seat>,
-    /// Until steps of this length began, s; their number and length.
-    began: f64,
-    taken: usize,
-    step: f64,
+    clock: Clock,
     arch: pulp::Arch,
 }
 
@@ -181,13 +210,29 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
             sane: B::splat(1.0),
             steps: B::splat(0.0),
             seats: vec![seat; B::LANES],
-            began: 0.0,
-            taken: 0,
-            step: 0.0,
+            clock: Clock::default(),
             arch: pulp::Arch::new(),
         };
         (0..B::LANES).for_each(|lane| block.fold_lane(lane));
         Ok(block)
+    }
+
+    /// Makes a lane that of another model.
+    fn set_model(&mut self, lane: usize, model: &RobotModel) -> Result<(), ModelError> {
+        model.check_walker()?;
+        let plain = build::constants(model);
+        let c = &mut self.constants;
+        c.inertia.set(lane, &plain.inertia);
+        c.rotor_mass.set(lane, &plain.rotor_mass);
+        c.rotor_arm.set(lane, &plain.rotor_arm);
+        c.bell_inertia.set(lane, &plain.bell_inertia);
+        c.rotor_height.set(lane, &plain.rotor_height);
+        c.shaker_height.set(lane, &plain.shaker_height);
+        c.gravity.set(lane, &plain.gravity);
+        if let (Some(legs), Some(own)) = (&mut c.legs, &plain.legs) {
+            legs.set(lane, own);
+        }
+        Ok(())
     }
 
     /// Returns how many steps can be taken at once: up to the next fold of a robot, one where the rotors of a robot change speed.
@@ -216,10 +261,10 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
                 self.state.rotors.get(lane)
             };
             seat.follows = !course.is_steady();
-            self.state.rotors.set(lane, &course.followed(rotors, self.step));
+            self.state.rotors.set(lane, &course.followed(rotors, self.clock.step));
             if seat.follows {
                 let [to, _] = course.now();
-                seat.phase -= 0.5 * TAU * self.step * (from + to);
+                seat.phase -= 0.5 * TAU * self.clock.step * (from + to);
             } else {
                 seat.phase_steps += steps;
             }
@@ -232,7 +277,7 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
             self.note_strays();
         }
         self.steps = B::splat(0.0);
-        self.taken += steps;
+        self.clock.taken += steps;
         for lane in 0..B::LANES {
             let seat = &mut self.seats[lane];
             seat.unfolded += steps;
@@ -241,7 +286,7 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
             }
             seat.unfolded = 0;
             if B::SHORT && !seat.follows {
-                seat.catch_up(self.step);
+                seat.catch_up(self.clock.step);
                 self.state.rotors.set(lane, &seat.aimed());
             }
             self.fold_lane(lane);
@@ -284,7 +329,7 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
             let speeds = s.rotors.get(lane).map(|rotor| rotor.speed);
             // What strayed for a moment only was the body.
             let part = stray(&s.velocity.get(lane), speeds, bent).unwrap_or(Part::Body);
-            let time = time + self.step * (self.steps.get(lane) + 1.0);
+            let time = time + self.clock.step * (self.steps.get(lane) + 1.0);
             seat.diverged = Some(Diverged { time, part });
         }
     }
@@ -307,19 +352,7 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
 
 impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Robots for Block<B> {
     fn place(&mut self, lane: usize, model: &RobotModel, plant: &Plant) -> Result<(), ModelError> {
-        model.check_walker()?;
-        let plain = build::constants(model);
-        let c = &mut self.constants;
-        c.inertia.set(lane, &plain.inertia);
-        c.rotor_mass.set(lane, &plain.rotor_mass);
-        c.rotor_arm.set(lane, &plain.rotor_arm);
-        c.bell_inertia.set(lane, &plain.bell_inertia);
-        c.rotor_height.set(lane, &plain.rotor_height);
-        c.shaker_height.set(lane, &plain.shaker_height);
-        c.gravity.set(lane, &plain.gravity);
-        if let (Some(legs), Some(own)) = (&mut c.legs, &plain.legs) {
-            legs.set(lane, own);
-        }
+        self.set_model(lane, model)?;
         let (state, seat) = seated(plant);
         self.seats[lane] = seat;
         self.state.set(lane, &state);
@@ -334,7 +367,7 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Robots for Block<B> {
         if let Some(mut course) = seat.course {
             course.ask(frequency_hz, theta_rad);
             if !course.is_steady() && !seat.follows {
-                seat.catch_up(self.step);
+                seat.catch_up(self.clock.step);
             }
             seat.course = Some(course);
             return;
@@ -349,10 +382,10 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Robots for Block<B> {
         self.state.push.set(lane, &push.spatial());
     }
     fn run(&mut self, steps: usize, step: f64) {
-        if step != self.step {
-            let before = self.step;
+        if step != self.clock.step {
+            let before = self.clock.step;
             self.seats.iter_mut().for_each(|seat| seat.catch_up(before));
-            (self.began, self.taken, self.step) = (self.time(), 0, step);
+            self.clock = Clock { began: self.time(), taken: 0, step };
         }
         let arch = self.arch;
         let mut left = steps;
@@ -365,7 +398,7 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Robots for Block<B> {
         }
     }
     fn time(&self) -> f64 {
-        self.began + self.taken as f64 * self.step
+        self.clock.began + self.clock.taken as f64 * self.clock.step
     }
     fn diverged(&self, lane: usize) -> Option<Diverged> {
         self.seats[lane].diverged
@@ -375,6 +408,27 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Robots for Block<B> {
     }
     fn motor_work(&self, lane: usize) -> f64 {
         self.sane(lane).1
+    }
+    fn keep(&self, lane: usize) -> Kept {
+        let mut state = Vec::new();
+        self.state.get(lane).each(&mut |number| state.push(*number));
+        Kept { state, seat: self.seats[lane] }
+    }
+    fn restore(&mut self, lane: usize, model: &RobotModel, kept: &Kept) -> Result<(), ModelError> {
+        self.set_model(lane, model)?;
+        let (mut state, mut numbers) = (self.state.get(lane), kept.state.iter());
+        state.each(&mut |number| *number = numbers.next().copied().unwrap_or(f64::NAN));
+        self.state.set(lane, &state);
+        self.seats[lane] = kept.seat;
+        self.sane.set(lane, if kept.seat.diverged.is_some() { &-1.0 } else { &1.0 });
+        self.steps.set(lane, &0.0);
+        Ok(())
+    }
+    fn clock(&self) -> Clock {
+        self.clock
+    }
+    fn set_clock(&mut self, clock: Clock) {
+        self.clock = clock;
     }
     fn plant(&self, lane: usize, model: &RobotModel) -> Result<Plant, ModelError> {
         let mut plant = Plant::new(model)?;

@@ -1,6 +1,7 @@
 //! What acts on the body, and how it moves.
 
 use flix_host::pose::Quaternion;
+use serde::{Deserialize, Serialize};
 
 use super::spatial::{Spatial, Vec3};
 
@@ -20,7 +21,7 @@ impl Wrench {
 }
 
 /// Pose and velocity of the body's origin.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BodyState {
     /// World position, m.
     pub position: [f64; 3],

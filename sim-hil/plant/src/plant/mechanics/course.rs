@@ -5,6 +5,7 @@ use core::f64::consts::TAU;
 use flix_firmware::fast::reference::{Ramps, Reference, UPDATE_S};
 use flix_firmware::settings::Settings;
 use flix_firmware::units::{RotorAngle, Speed};
+use serde::{Deserialize, Serialize};
 
 use super::system::Rotor;
 
@@ -13,7 +14,7 @@ const HAIR: f64 = 1e-9;
 
 /// What an ideal drive follows: the references of the robot's software with its default ramps, between whose updates speeds
 /// change evenly.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Course {
     frequency_hz: f64,
     target: (Speed, RotorAngle),

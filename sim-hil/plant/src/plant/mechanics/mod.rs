@@ -40,7 +40,7 @@ mod pack;
 mod robot;
 mod system;
 
-pub use block::{Block, Robots};
+pub use block::{Block, Clock, Kept, Robots};
 pub use body::{BodyState, Wrench};
 pub use build::reference_contact;
 pub use cords::Cords;

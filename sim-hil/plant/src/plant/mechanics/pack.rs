@@ -17,6 +17,24 @@ pub trait Pack {
     fn get(&self, lane: usize) -> Self::Single;
 }
 
+/// Something made of numbers.
+pub(super) trait Numbers {
+    /// Visits each of them, always in the same order.
+    fn each(&mut self, visit: &mut impl FnMut(&mut f64));
+}
+
+impl Numbers for f64 {
+    fn each(&mut self, visit: &mut impl FnMut(&mut f64)) {
+        visit(self);
+    }
+}
+
+impl<T: Numbers, const N: usize> Numbers for [T; N] {
+    fn each(&mut self, visit: &mut impl FnMut(&mut f64)) {
+        self.iter_mut().for_each(|part| part.each(visit));
+    }
+}
+
 macro_rules! pack_number {
     ($($lane:ty),+) => {$(
         impl Pack for $lane {
@@ -62,6 +80,12 @@ macro_rules! pack_struct {
             }
             fn get(&self, lane: usize) -> Self::Single {
                 $name { $($field: self.$field.get(lane)),+ }
+            }
+        }
+
+        impl Numbers for $name<f64> {
+            fn each(&mut self, visit: &mut impl FnMut(&mut f64)) {
+                $(self.$field.each(visit);)+
             }
         }
     )+};
