@@ -447,7 +447,8 @@ impl Control {
         };
         let misaligned = core::mem::take(&mut self.misaligned);
         self.present = self.monitor.faults(misaligned, &observation);
-        let held_back = self.reference().is_some_and(|it| it.held_back(order.frequency));
+        let rotating = Speed::from_raw(self.frequency >> FREQUENCY_FILTER_SHIFT);
+        let held_back = self.reference().is_some_and(|it| it.held_back(order.frequency, rotating));
         if self.monitor.becomes_limited(held_back) {
             let events = &mut self.supervisor.events;
             events.frequency_limited = events.frequency_limited.wrapping_add(1);

@@ -294,9 +294,11 @@ impl Shaker {
         self.limited
     }
 
-    /// Returns whether f is held below what is asked because the motors are at their limits.
-    pub(crate) const fn held_back(&self, target: Speed) -> bool {
-        let (reached, asked) = (magnitude(self.reference.frequency.raw()), magnitude(target.raw()));
+    /// Returns whether f, of the reference or that of the rotors over a turn, is held below what is asked because the motors are at
+    /// their limits.
+    pub(crate) const fn held_back(&self, target: Speed, rotors: Speed) -> bool {
+        let [wanted, have] = [magnitude(self.reference.frequency.raw()), magnitude(rotors.raw())];
+        let (reached, asked) = (if have < wanted { have } else { wanted }, magnitude(target.raw()));
         self.headroom < HELD_BACK && asked - reached > UNREACHED
     }
 
@@ -372,11 +374,11 @@ impl Shaker {
         }
     }
 
-    /// Ramps upwards give way when the motors are at their limits: the headroom falls within a
+    /// Ramps upwards give way when the motors are at their limits or the rotors slip: the headroom falls within a
     /// millisecond and comes back within 50.
     #[inline(always)]
     fn follow_headroom(&mut self) {
-        if self.limited {
+        if self.limited || self.slipping() {
             self.headroom -= self.headroom >> 2;
         } else {
             self.headroom += (FULL_HEADROOM - self.headroom) >> 5;

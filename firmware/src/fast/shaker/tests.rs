@@ -135,9 +135,15 @@ fn f_is_held_back_where_it_stays_away_from_what_is_asked_with_less_than_all_of_t
         let unreached = Speed::from_centihertz(10).raw();
         for (headroom, limited) in [(30_720, false), (30_719, true), (0, true)] {
             shaker.headroom = headroom;
-            assert_eq!(shaker.held_back(asked(unreached + 1)), limited, "{headroom}");
-            assert!(!shaker.held_back(asked(unreached)), "{headroom}");
-            assert!(!shaker.held_back(asked(-hertz(20.0).raw())), "{headroom}");
+            let there = shaker.reference.frequency;
+            for rotors in [there, asked(unreached), -asked(unreached)] {
+                assert_eq!(shaker.held_back(asked(unreached + 1), rotors), limited, "{headroom}");
+                assert!(!shaker.held_back(asked(unreached), rotors), "{headroom}");
+                assert!(!shaker.held_back(asked(-hertz(20.0).raw()), rotors), "{headroom}");
+            }
+            // Rotors that are slower than the reference, which is where it should be.
+            assert_eq!(shaker.held_back(there, asked(-unreached - 1)), limited, "{headroom}");
+            assert!(!shaker.held_back(there, asked(-unreached)), "{headroom}");
         }
     }
 }
