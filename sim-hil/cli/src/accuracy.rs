@@ -11,8 +11,9 @@ use flix_sim::reliability::accuracy::{
     ACROSS_LIMIT, Accuracy, DIRECTION_LIMIT_DEG, FORCE_LIMIT_DEG, FREQUENCY_LIMIT_HZ, HoldResult,
     RUNS, SETTLE_LIMIT_S, measure,
 };
-use flix_sim::reliability::commissioned::{self, Promises};
+use flix_sim::reliability::commissioned;
 use flix_sim::rig::bench::{BASES, Subject};
+use flix_study::headroom::{CEILING_SHARE, HEADROOM_V, Headroom, judge};
 
 /// Measure how well f and theta are held over their whole range
 #[derive(Debug, clap::Args)]
@@ -27,7 +28,7 @@ pub struct Args {
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     seed: u64,
     /// Draw so many robots about the assumed one, with current sense (commissioned) and without (measured by hand), and count
-    /// those that keep every promise, or say why not; 100 take seven minutes
+    /// those that keep every promise, or say why not, beside what an ideal drive could hold; 100 take seven minutes
     #[arg(long, value_name = "COUNT", value_parser = whole::<usize>(1..=100_000), conflicts_with_all = ["model", "seed"])]
     robots: Option<usize>,
     /// Seed of the first of these robots; the others follow
@@ -45,7 +46,8 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if let Some(robots) = args.robots {
         let bar = progress(2 * robots as u64, "commissioning and measuring");
-        let measured = commissioned::measure(robots, args.first_seed, || bar.inc(1));
+        let measured =
+            commissioned::measure(robots, args.first_seed, || bar.inc(1)).and_then(judge);
         bar.finish_and_clear();
         return print_verdict(measured, |it| it.pass, args.json, text_of_all);
     }
@@ -57,35 +59,52 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     print_verdict(measured, |it| it.pass, args.json, |accuracy| text(accuracy, args.seed))
 }
 
-fn text_of_all(promises: &Promises) -> String {
-    let kinds =
-        [("with current sense", &promises.current_sense), ("voltage mode", &promises.voltage_mode)];
+fn text_of_all(headroom: &Headroom) -> String {
+    let boards = &headroom.boards;
+    let kinds = [("with current sense", &boards.sense), ("voltage mode", &boards.voltage)];
     let mut rows = vec![headings(
-        "board|held|limited, said so|fault, right name|wrong name|silent|above 2 A|current (A)",
+        "board|held|of these possible|possible|limited, said so|too low|fault, right name|wrong name|silent|above 2 A|current (A)",
     )];
     rows.extend(kinds.map(|(kind, it)| {
         row![
             kind,
             it.held,
+            it.possible_held,
+            it.possible,
             it.limited,
+            it.below_ceiling,
             it.named,
             it.misnamed,
             it.silent,
-            it.beyond_current,
+            it.above_limit,
             format!("{:.2}", it.largest_current_a),
         ]
     }));
-    let mut broken = vec![headings("board|seed|base|asked|kept|why")];
-    for (kind, count) in kinds {
-        for robot in &count.each {
-            broken.extend(
-                robot.broken.iter().map(|run| {
-                    row![kind, robot.seed, run.base, run.asked, words(&run.kept), run.why]
-                }),
-            );
+    let mut broken = vec![headings("board|seed|headroom (V)|ceiling (Hz)|base|asked|kept|why")];
+    for (kind, board) in kinds {
+        for robot in &board.each {
+            let bound =
+                [robot.bound.headroom_v, robot.bound.ceiling_hz].map(|it| format!("{it:.2}"));
+            broken.extend(robot.broken.iter().map(|run| {
+                let [left, ceiling] = &bound;
+                row![
+                    kind,
+                    robot.seed,
+                    left,
+                    ceiling,
+                    run.base,
+                    run.asked,
+                    words(&run.kept),
+                    run.why
+                ]
+            }));
         }
     }
-    format!("{}\n{}", table(&rows), table(&broken))
+    format!(
+        "{}\nPossible: an ideal drive has more than {HEADROOM_V} V left at 35 Hz. Too low: f below {CEILING_SHARE} of what it reaches.\n\n{}",
+        table(&rows),
+        table(&broken)
+    )
 }
 
 fn text(accuracy: &Accuracy, seed: u64) -> String {

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::accuracy::{HoldResult, STEPS, Step, StepResult, hold_directions, step_of};
-use super::commission::CURRENT_LIMIT_A;
+pub use super::commission::CURRENT_LIMIT_A;
 use super::stranger::{Ammeter, Watched, bench_model, known, rotor_inertia};
 use crate::model::RobotModel;
 use crate::plant::electronics::Electronics;
@@ -86,6 +86,10 @@ pub struct Run {
     pub base: Base,
     /// What was asked.
     pub asked: String,
+    /// f that was asked, or the larger one of a step, without its sign, Hz.
+    pub asked_hz: f64,
+    /// Least f that was held instead, Hz; none of a step.
+    pub reached_hz: Option<f64>,
     /// See [`Kept`].
     pub kept: Kept,
     /// What was out of its limits, and what the robot said.
@@ -127,7 +131,9 @@ pub struct Count {
 }
 
 impl Count {
-    fn of(each: Vec<Robot>) -> Self {
+    /// Counts these.
+    #[must_use]
+    pub fn of(each: Vec<Robot>) -> Self {
         let count = |kept| each.iter().filter(|it| it.kept == kept).count();
         let currents = || each.iter().map(|it| it.largest_current_a);
         Self {
@@ -141,10 +147,6 @@ impl Count {
             each,
         }
     }
-
-    const fn passes(&self) -> bool {
-        self.misnamed == 0 && self.silent == 0 && self.beyond_current == 0
-    }
 }
 
 /// How many robots kept their promises.
@@ -156,8 +158,6 @@ pub struct Promises {
     pub current_sense: Count,
     /// Boards that do not; measured by hand.
     pub voltage_mode: Count,
-    /// Whether all held their promises or said why not, and no phase carried too much.
-    pub pass: bool,
 }
 
 /// Draws so many robots from this seed on, each with and without current sense. `done` is called after each.
@@ -179,8 +179,7 @@ pub fn measure(
         Ok::<_, BenchError>(Count::of(each.collect::<Result<_, _>>()?))
     };
     let (current_sense, voltage_mode) = (count(true)?, count(false)?);
-    let pass = current_sense.passes() && voltage_mode.passes();
-    Ok(Promises { robots, current_sense, voltage_mode, pass })
+    Ok(Promises { robots, current_sense, voltage_mode })
 }
 
 /// Commissions one robot and asks for everything that it promises.
@@ -212,6 +211,8 @@ pub fn try_robot(seed: u64, measures_current: bool) -> Result<Robot, BenchError>
         Err(error) => broken.push(Run {
             base: Base::Fixed,
             asked: "commissioning".to_owned(),
+            asked_hz: 0.0,
+            reached_hz: None,
             kept: Kept::Misnamed,
             why: error.to_string(),
         }),
@@ -254,6 +255,14 @@ enum Asked {
 }
 
 impl Asked {
+    /// Returns the largest f of it, Hz.
+    fn frequency(self) -> f64 {
+        match self {
+            Self::Hold(frequency) => frequency.abs(),
+            Self::Step(Step { from, to, .. }) => from.0.abs().max(to.0.abs()),
+        }
+    }
+
     fn all() -> impl Iterator<Item = Self> {
         FREQUENCIES.map(Self::Hold).into_iter().chain(STEPS.map(Self::Step))
     }
@@ -301,10 +310,10 @@ fn try_run(
             (step.name.to_owned(), step_of(&mut operation, base, step).map(|it| bad_step(&it)))
         }
     };
-    let (mut why, direction_rms_deg) = match outcome {
+    let (mut why, direction_rms_deg, short_hz) = match outcome {
         Ok(None) => return Ok(None),
         Ok(Some(why)) => why,
-        Err(BenchError::Operation(error)) => (error.to_string(), 0.0),
+        Err(BenchError::Operation(error)) => (error.to_string(), 0.0, None),
         Err(error) => return Err(error),
     };
     // What went wrong last is told a little later.
@@ -331,29 +340,33 @@ fn try_run(
         None if is_limited && direction_rms_deg <= LIMITED_DIRECTION_DEG => Kept::Limited,
         None => Kept::Silent,
     };
-    Ok(Some(Run { base, asked: name, kept, why }))
+    let asked_hz = asked.frequency();
+    let reached_hz = short_hz.map(|short: f64| asked_hz - short);
+    Ok(Some(Run { base, asked: name, asked_hz, reached_hz, kept, why }))
 }
 
-/// Returns what was wrong with holds, and the largest error of theta, degrees.
-fn worst_hold(held: &[HoldResult]) -> Option<(String, f64)> {
+/// What was wrong with a run, the largest error of theta, degrees, and that of an f that was held, Hz.
+type Wrong = (String, f64, Option<f64>);
+
+/// Returns what was wrong with holds.
+fn worst_hold(held: &[HoldResult]) -> Option<Wrong> {
     let broken = || held.iter().filter(|it| !it.passes());
     let most = |of: fn(&HoldResult) -> f64| broken().map(|it| of(it).abs()).fold(0.0, f64::max);
-    let theta = most(|it| it.theta_rms_deg);
+    let (f, theta) = (most(|it| it.f_rms_hz), most(|it| it.theta_rms_deg));
     broken().next().map(|_| {
         let why = format!(
-            "f {:.3} Hz, theta {theta:.2} deg, force {:.2} deg, across {:.1} %",
-            most(|it| it.f_rms_hz),
+            "f {f:.3} Hz, theta {theta:.2} deg, force {:.2} deg, across {:.1} %",
             most(|it| it.force_error_deg),
             100.0 * most(|it| it.across_axis)
         );
-        (why, theta)
+        (why, theta, Some(f))
     })
 }
 
 /// Returns what was wrong with a step.
-fn bad_step(step: &StepResult) -> Option<(String, f64)> {
+fn bad_step(step: &StepResult) -> Option<Wrong> {
     let settled = step.settle_s.map_or_else(|| "never".to_owned(), |s| format!("{s:.3} s"));
     let (peak, limit) = (step.peak_current_a, step.current_limit_a);
     let why = format!("settled {settled}, {peak:.3} A of {limit:.3} A");
-    (!step.passes()).then_some((why, 0.0))
+    (!step.passes()).then_some((why, 0.0, None))
 }

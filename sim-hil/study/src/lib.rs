@@ -22,6 +22,7 @@ pub mod controllers;
 pub mod experience;
 pub mod figure;
 pub mod front;
+pub mod headroom;
 mod journal;
 pub mod leg;
 pub mod measured;
