@@ -1330,7 +1330,7 @@ fn all_settings_are_listed() {
     let json =
         Operator::new().flix(&["parameters", "list", &address, "--json"]).expect(0, &[]).json();
     let names: Vec<_> = json.as_array().unwrap().iter().map(|it| &it["name"]).collect();
-    assert_eq!(names.len(), 6);
+    assert_eq!(names.len(), 7);
     assert_eq!(names[5], "pole_pairs");
 }
 
