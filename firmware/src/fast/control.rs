@@ -37,8 +37,6 @@ const OBSERVED: u32 = 9;
 const RANGED: u32 = 5;
 /// A tick later than this is late: half as long again, microseconds.
 const LATE_US: u32 = TICK_US + TICK_US / 2;
-/// Currents beyond this are taken for this, 32 A: more than any over-current limit.
-const LARGEST_CURRENT: Current = Current::from_raw(32 << 16);
 /// A gap beyond which references and trackers are of no use any more: 3 ms.
 const LONGEST_GAP_US: u32 = 3_000;
 /// Late ticks within [`LATE_FORGIVEN_TICKS`] each that are a fault.
@@ -401,12 +399,7 @@ impl Control {
         let a = (Counts::new(a) - zero_a).current(scale_a);
         let b = (Counts::new(b) - zero_b).current(scale_b);
         self.currents[motor] = [a, b];
-        if beyond(a) || beyond(b) || beyond(a + b) {
-            core::hint::cold_path();
-            self.currents[motor] = [a, b].map(|current| current.within(LARGEST_CURRENT));
-            return true;
-        }
-        false
+        beyond(a) || beyond(b) || beyond(a + b)
     }
 
     /// Takes over what the amplifiers show at no current, and so how much more they can show: within [`DIAGNOSTIC_TICKS`].
@@ -447,8 +440,7 @@ impl Control {
         };
         let misaligned = core::mem::take(&mut self.misaligned);
         self.present = self.monitor.faults(misaligned, &observation);
-        let rotating = Speed::from_raw(self.frequency >> FREQUENCY_FILTER_SHIFT);
-        let held_back = self.reference().is_some_and(|it| it.held_back(order.frequency, rotating));
+        let held_back = self.reference().is_some_and(|it| it.held_back(order.frequency));
         if self.monitor.becomes_limited(held_back) {
             let events = &mut self.supervisor.events;
             events.frequency_limited = events.frequency_limited.wrapping_add(1);
