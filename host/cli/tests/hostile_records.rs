@@ -195,6 +195,40 @@ fn a_record_that_cannot_be_read_hides_no_other_from_the_list() {
     assert!(stderr.contains("mcap decompress") && stderr.contains("skipped"), "{stderr}");
 }
 
+/// Asks `flix runs` in a folder; returns whether all went well, and both of what it says.
+fn ask(folder: &Path, words: &[&str]) -> (bool, String, String) {
+    let flix = env!("CARGO_BIN_EXE_flix");
+    let Output { status, stdout, stderr } =
+        Command::new(flix).arg("runs").args(words).current_dir(folder).output().unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
+    (status.success(), text(stdout), text(stderr))
+}
+
+#[test]
+fn last_is_a_word_and_a_folder_no_record() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_record_of(&folder.path().join("out"), 6);
+    let stem = file.file_stem().unwrap().to_str().unwrap();
+    // As `runs export-csv RUN --to RUN` leaves one.
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir(at(stem)).unwrap();
+    std::fs::create_dir(at("last")).unwrap();
+    let judge = |name: &str| {
+        let (is_well, shown, said) = ask(folder.path(), &["show", name]);
+        assert!(is_well && shown.contains(stem) && said.is_empty(), "{name}: {shown}{said}");
+    };
+    judge(stem);
+    judge("last");
+    std::fs::remove_dir(at("last")).unwrap();
+    std::fs::write(at("last"), "no record").unwrap();
+    judge("last");
+    // Whoever means the file writes so; a folder that no run is named as is said to be one.
+    for (name, words) in [("./last", "not a record"), ("out", "it is a directory")] {
+        let (is_well, _, said) = ask(folder.path(), &["show", name]);
+        assert!(!is_well && said.contains(words), "{name}: {said}");
+    }
+}
+
 #[test]
 fn figures_and_tables_beside_a_record_follow_no_link() {
     let out = tempfile::tempdir().unwrap();

@@ -15,6 +15,9 @@ use super::{ENDING, FOLDER};
 use crate::system::file;
 use crate::system::text::{printable, shown};
 
+/// The word for the last run.
+const LAST: &str = "last";
+
 /// A whole run.
 #[derive(Debug, Clone, Default)]
 pub struct Run {
@@ -245,17 +248,17 @@ fn summary(path: &FilePath) -> std::io::Result<RunSummary> {
 }
 
 impl Run {
-    /// Finds a run by `last`, by a part of its name, or by its path, and reads it.
+    /// Finds a run by `last`, which is the word whatever file has that name, by its path, or by a part of its name, and reads it.
     ///
     /// # Errors
     /// When there is none, or it cannot be read.
     pub fn find(out: &FilePath, name: &str) -> Result<Self, ReadError> {
         let direct = FilePath::new(name);
-        if direct.exists() {
+        if name != LAST && direct.is_file() {
             return Self::read(direct);
         }
         let runs = list(out)?.runs;
-        if name == "last" {
+        if name == LAST {
             let last = runs.iter().rfind(|run| run.is_run);
             let last = last.ok_or_else(|| ReadError::NoRuns(out.join(FOLDER)))?;
             return Self::read(&last.file);
@@ -268,6 +271,8 @@ impl Run {
         let exact = found.iter().find(|run| stem(run) == name);
         match (exact, found.as_slice()) {
             (Some(run), _) | (None, [run]) => Self::read(&run.file),
+            // Says what it is, where it is no file.
+            (None, []) if direct.exists() => Self::read(direct),
             (None, []) => {
                 Err(ReadError::NoSuchRun { name: name.to_owned(), folder: out.join(FOLDER) })
             }
