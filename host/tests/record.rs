@@ -124,7 +124,7 @@ fn entries_that_are_no_files_are_named_and_no_runs() {
     std::os::unix::fs::symlink(at("nothing"), at("9-link.mcap")).unwrap();
     let found = list(out.path()).unwrap();
     assert_eq!(found.runs.iter().map(|it| &it.file).collect::<Vec<_>>(), [&run]);
-    let mut skipped: Vec<_> = found.skipped.iter().map(ToString::to_string).collect();
+    let mut skipped: Vec<_> = found.skipped.iter().map(|it| it.1.to_string()).collect();
     skipped.sort();
     for (sentence, words) in
         skipped.iter().zip(["folder.mcap: it is a directory", "No such file", "it is a pipe"])

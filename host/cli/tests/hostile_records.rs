@@ -230,6 +230,41 @@ fn last_is_a_word_and_a_folder_no_record() {
 }
 
 #[test]
+fn a_record_that_the_list_skips_is_named_with_its_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_record_of(&folder.path().join("out"), 6);
+    let whole = std::fs::read(&file).unwrap();
+    let stem = file.file_stem().unwrap().to_str().unwrap();
+    // In the place of the rows, some that began at this time, and that another program has compressed.
+    let compress = |nanos: u64| {
+        let header = [&nanos.to_le_bytes()[..], &[0; 20], &4_u32.to_le_bytes(), b"zstd", &[0; 8]];
+        let chunk = [&[mcap::records::op::CHUNK][..], &44_u64.to_le_bytes(), &header.concat()];
+        let bytes = [&whole[..8], &chunk.concat(), &whole[8..]].concat();
+        std::fs::write(file.with_file_name("packed.mcap"), bytes).unwrap();
+    };
+    let began = started().duration_since(std::time::UNIX_EPOCH).unwrap().as_nanos() as u64;
+    compress(began + 1_000_000_000);
+    for command in ["show", "repair", "plot", "export-csv"] {
+        for name in ["packed", "pack"] {
+            let (is_well, _, said) = ask(folder.path(), &[command, name]);
+            assert!(!is_well && said.contains("mcap decompress"), "{command} {name}: {said}");
+        }
+        // The last that can be read, and that it is not the newest.
+        let (is_well, _, said) = ask(folder.path(), &[command, "last"]);
+        assert!(is_well && said.contains("mcap decompress"), "{command}: {said}");
+        let (_, shown, _) = ask(folder.path(), &["show", "last"]);
+        assert!(shown.contains(stem), "{command}: {shown}");
+    }
+    // An older one is not the last.
+    compress(began - 1_000_000_000);
+    let (is_well, _, said) = ask(folder.path(), &["show", "last"]);
+    assert!(is_well && said.is_empty(), "{said}");
+    std::fs::remove_file(&file).unwrap();
+    let (is_well, _, said) = ask(folder.path(), &["show", "last"]);
+    assert!(!is_well && said.contains("mcap decompress"), "{said}");
+}
+
+#[test]
 fn figures_and_tables_beside_a_record_follow_no_link() {
     let out = tempfile::tempdir().unwrap();
     let record = write_record_of(out.path(), 6);

@@ -94,6 +94,8 @@ pub(super) struct Parts {
     is_behind_data: bool,
     /// Where chunks of which header begin.
     chunks: BTreeMap<Vec<u8>, u64>,
+    /// When the rows began that other programs have compressed, ns since 1970.
+    pub(super) compressed: Option<u64>,
     /// Whether it begins or ends as a record does.
     pub(super) is_record: bool,
 }
@@ -119,6 +121,7 @@ impl Parts {
             data_end: None,
             is_behind_data: false,
             chunks: BTreeMap::new(),
+            compressed: None,
             is_record: true,
         };
         if let Some(summary) = parts.find_summary()? {
@@ -294,6 +297,7 @@ impl Parts {
             if number(&header, 28, 4) == name.len() as u64
                 && header.get(32..).is_some_and(|rest| rest.starts_with(name.as_bytes()))
             {
+                self.compressed = Some(number(&header, 0, 8));
                 let sentence = format!(
                     "other programs have compressed it ({name}): `mcap decompress` writes it without"
                 );

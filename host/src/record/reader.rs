@@ -12,7 +12,6 @@ use super::message::{
 };
 use super::parts::{Directory, Part, Parts};
 use super::{ENDING, FOLDER};
-use crate::system::file;
 use crate::system::text::{printable, shown};
 
 /// The word for the last run.
@@ -45,6 +44,8 @@ pub struct Run {
     pub unknown: usize,
     /// What of the file could not be trusted and was left out.
     pub damage: Damage,
+    /// Why newer records were left out, where this was found as the last run.
+    pub newer: Vec<String>,
     first: Option<u64>,
     last: u64,
 }
@@ -125,9 +126,9 @@ pub struct RunSummary {
     pub file: PathBuf,
     /// Size, bytes.
     pub bytes: u64,
-    /// Time of its first row since 1970, or when the file was written where it has none.
+    /// Time of its first row since 1970, or when the file was written where that is not known.
     pub started: Duration,
-    /// Whether it has rows or facts; any other file is never the last run.
+    /// Whether it has rows or facts, or may have, where the file cannot be read; anything else is never the last run.
     pub is_run: bool,
 }
 
@@ -174,9 +175,9 @@ pub enum ReadError {
         name: String,
         /// How many there are.
         count: usize,
-        /// The oldest of them.
+        /// One of them.
         first: String,
-        /// The next of them.
+        /// Another of them.
         second: String,
     },
     /// There is no run.
@@ -189,8 +190,8 @@ pub enum ReadError {
 pub struct Listing {
     /// All runs, the oldest first.
     pub runs: Vec<RunSummary>,
-    /// Why entries that are named as runs were left out: folders, pipes, files that cannot be read.
-    pub skipped: Vec<ReadError>,
+    /// Entries that are named as runs, and why they were left out: folders, pipes, files that cannot be read.
+    pub skipped: Vec<(RunSummary, ReadError)>,
 }
 
 /// Returns the runs below an output folder.
@@ -210,8 +211,8 @@ pub fn list(out: &FilePath) -> Result<Listing, ReadError> {
         let path = entry.map_err(failed)?.path();
         if path.extension().is_some_and(|e| e == ENDING) {
             match summary(&path) {
-                Ok(run) => found.runs.push(run),
-                Err(source) => found.skipped.push(ReadError::File { path, source }),
+                (run, Ok(())) => found.runs.push(run),
+                (run, Err(source)) => found.skipped.push((run, ReadError::File { path, source })),
             }
         }
     }
@@ -220,31 +221,42 @@ pub fn list(out: &FilePath) -> Result<Listing, ReadError> {
     Ok(found)
 }
 
-/// Returns the size of a record, and when its run started.
-fn summary(path: &FilePath) -> std::io::Result<RunSummary> {
-    let metadata = file::open(path)?.metadata()?;
-    let mut parts = Parts::open(path)?;
+/// Returns the size of a record, and when its run started; of one that cannot be read, as far as that is known, and why.
+fn summary(path: &FilePath) -> (RunSummary, std::io::Result<()>) {
+    let metadata = std::fs::metadata(path).ok();
     let (mut first, mut is_run) = (None, false);
+    let read = look(path, &mut first, &mut is_run);
+    let written = || metadata.as_ref()?.modified().ok()?.duration_since(UNIX_EPOCH).ok();
+    let is_unread = read.is_err() && metadata.as_ref().is_some_and(std::fs::Metadata::is_file);
+    let run = RunSummary {
+        file: path.to_owned(),
+        bytes: metadata.as_ref().map_or(0, std::fs::Metadata::len),
+        started: first.map(Duration::from_nanos).or_else(written).unwrap_or_default(),
+        is_run: is_run || first.is_some() || is_unread,
+    };
+    (run, read)
+}
+
+/// Looks for the time of a record's first row, ns since 1970, and whether it has facts.
+fn look(path: &FilePath, first: &mut Option<u64>, is_run: &mut bool) -> std::io::Result<()> {
+    let mut parts = Parts::open(path)?;
     while first.is_none() {
-        match parts.next(true)? {
-            Some(Part::Rows(rows) | Part::Rest(rows)) => {
+        match parts.next(true) {
+            Ok(Some(Part::Rows(rows) | Part::Rest(rows))) => {
                 Directory::default().read(&rows, |_, header, _| {
                     first.get_or_insert(header.log_time);
                 });
             }
-            Some(Part::Facts(_)) => is_run = true,
-            Some(_) => {}
-            None => break,
+            Ok(Some(Part::Facts(_))) => *is_run = true,
+            Ok(Some(_)) => {}
+            Ok(None) => break,
+            Err(error) => {
+                *first = parts.compressed;
+                return Err(error);
+            }
         }
     }
-    let written = || metadata.modified().ok()?.duration_since(UNIX_EPOCH).ok();
-    let started = first.map(Duration::from_nanos).or_else(written);
-    Ok(RunSummary {
-        file: path.to_owned(),
-        bytes: metadata.len(),
-        started: started.unwrap_or_default(),
-        is_run: is_run || first.is_some(),
-    })
+    Ok(())
 }
 
 impl Run {
@@ -257,17 +269,18 @@ impl Run {
         if name != LAST && direct.is_file() {
             return Self::read(direct);
         }
-        let runs = list(out)?.runs;
+        let Listing { runs, skipped } = list(out)?;
         if name == LAST {
-            let last = runs.iter().rfind(|run| run.is_run);
-            let last = last.ok_or_else(|| ReadError::NoRuns(out.join(FOLDER)))?;
-            return Self::read(&last.file);
+            return Self::find_last(runs, skipped)?
+                .ok_or_else(|| ReadError::NoRuns(out.join(FOLDER)));
         }
         let stem = |run: &RunSummary| {
             run.file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
         };
+        // Those that were skipped say why, once they are read.
+        let all = runs.iter().chain(skipped.iter().map(|(run, _)| run));
         let found: Vec<_> =
-            runs.iter().filter(|run| !name.is_empty() && stem(run).contains(name)).collect();
+            all.filter(|run| !name.is_empty() && stem(run).contains(name)).collect();
         let exact = found.iter().find(|run| stem(run) == name);
         match (exact, found.as_slice()) {
             (Some(run), _) | (None, [run]) => Self::read(&run.file),
@@ -283,6 +296,24 @@ impl Run {
                 second: stem(second),
             }),
         }
+    }
+
+    /// Reads the newest run that can be read, with the reasons of newer ones; nothing where there is none.
+    fn find_last(
+        runs: Vec<RunSummary>,
+        skipped: Vec<(RunSummary, ReadError)>,
+    ) -> Result<Option<Self>, ReadError> {
+        let last = runs.into_iter().rfind(|run| run.is_run);
+        let started = last.as_ref().map(|run| run.started);
+        let newer =
+            skipped.into_iter().filter(|(run, _)| run.is_run && Some(run.started) > started);
+        let Some(last) = last else {
+            let newest = newer.max_by_key(|(run, _)| run.started);
+            return newest.map_or(Ok(None), |(_, reason)| Err(reason));
+        };
+        let mut run = Self::read(&last.file)?;
+        run.newer = newer.map(|(_, reason)| reason.to_string()).collect();
+        Ok(Some(run))
     }
 
     /// Reads a record, also one without its end because the program was killed. Of one that is damaged it reads the parts
