@@ -402,20 +402,76 @@ fn rows_that_stand_twice_and_counts_that_are_wrong_are_said() {
         assert!(run.damage.repeated > 10, "{}", run.damage);
         assert_eq!(repair(&file).unwrap().unwrap().rows, all as u64);
     }
-    let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
     let statistics = parts(&whole).into_iter().find(|part| part.0 == 11).unwrap().1;
     for counted in [0, all as u64 - 1, all as u64 + 1, 1 << 40] {
         let mut bytes = whole.clone();
         bytes[statistics + 9..statistics + 17].copy_from_slice(&counted.to_le_bytes());
-        let sum = bytes.len() - 12;
-        let right = crc.checksum(&bytes[end + 13..sum]).to_le_bytes();
-        bytes[sum..sum + 4].copy_from_slice(&right);
+        sum_up(&mut bytes, end + 13);
         std::fs::write(&file, &bytes).unwrap();
         let run = Run::read(&file).unwrap();
         assert!(run.is_complete && run.damage.rows == 0, "{}", run.damage);
         assert_eq!(run.damage.counted, Some(counted), "{}", run.damage);
         repair(&file).unwrap().unwrap();
         assert!(Run::read(&file).unwrap().damage.is_none());
+    }
+}
+
+/// Has a record's summary begin at this place, with the check sum that is right for that.
+fn sum_up(bytes: &mut [u8], start: usize) {
+    let (begins, sum) = (bytes.len() - 28, bytes.len() - 12);
+    bytes[begins..begins + 8].copy_from_slice(&(start as u64).to_le_bytes());
+    let right = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&bytes[start..sum]);
+    bytes[sum..sum + 4].copy_from_slice(&right.to_le_bytes());
+}
+
+#[test]
+fn a_summary_that_begins_elsewhere_hides_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, whole, all) = whole(folder.path());
+    let (begins, end) = chunks(&whole);
+    let behind = |place: usize| parts(&whole).into_iter().find(|part| part.1 > place).unwrap().1;
+    let (results, later) = (behind(*begins.last().unwrap()), behind(end + 13));
+    for start in [begins[2], results, end, end + 1, later] {
+        let mut bytes = whole.clone();
+        sum_up(&mut bytes, start);
+        let mut unsummed = bytes.clone();
+        let sum = unsummed.len() - 12;
+        unsummed[sum..sum + 4].fill(0);
+        for bytes in [bytes, unsummed] {
+            std::fs::write(&file, &bytes).unwrap();
+            let run = Run::read(&file).unwrap();
+            assert_eq!((count(&run), run.damage.parts), (all, 0), "{start}: {}", run.damage);
+            assert_eq!(run.fact("results", "path_error_rms_mm"), "7.1", "{start}");
+            assert!(run.damage.to_string().contains("all rows are there"), "{start}");
+            assert_eq!(repair(&file).unwrap().unwrap().rows, all as u64, "{start}");
+            assert!(Run::read(&file).unwrap().damage.is_none());
+        }
+    }
+}
+
+#[test]
+fn an_index_that_does_not_lead_to_its_part_has_the_summary_written_anew() {
+    use mcap::records::op;
+    let folder = tempfile::tempdir().unwrap();
+    let (file, whole, all) = whole(folder.path());
+    let (begins, end) = chunks(&whole);
+    let index = |of: u8| parts(&whole).into_iter().rfind(|part| part.0 == of).unwrap().1 + 9;
+    let chunk = index(op::CHUNK_INDEX);
+    let places =
+        [chunk + 16, chunk + 24, index(op::ATTACHMENT_INDEX), index(op::METADATA_INDEX) + 8];
+    for place in places {
+        for wrong in [0, begins[3] as u64, begins[3] as u64 + 1, u64::MAX] {
+            let mut bytes = whole.clone();
+            bytes[place..place + 8].copy_from_slice(&wrong.to_le_bytes());
+            sum_up(&mut bytes, end + 13);
+            std::fs::write(&file, &bytes).unwrap();
+            let run = Run::read(&file).unwrap();
+            assert_eq!((count(&run), run.damage.parts), (all, 0), "{place}: {}", run.damage);
+            assert!(run.damage.to_string().contains("all rows are there"), "{place}: {wrong}");
+            assert!(!Run::read_head(&file).unwrap().damage.is_none(), "{place}: {wrong}");
+            assert_eq!(repair(&file).unwrap().unwrap().rows, all as u64);
+            assert!(Run::read(&file).unwrap().damage.is_none());
+        }
     }
 }
 

@@ -218,7 +218,11 @@ fn result(run: &Run) -> String {
         };
     }
     if !run.damage.is_none() {
-        return "damaged: `flix runs repair` keeps what is whole".to_owned();
+        let words = match run.damage.is_summary_lost {
+            true => "its summary is wrong: `flix runs repair` writes it",
+            false => "damaged: `flix runs repair` keeps what is whole",
+        };
+        return words.to_owned();
     }
     let fact = |name| run.fact("results", name);
     let figures =

@@ -63,7 +63,7 @@ pub struct Damage {
     pub repeated: u64,
     /// Rows that the summary counts, where that is wrong.
     pub counted: Option<u64>,
-    /// Whether all rows are there, and what is lost is the summary behind them.
+    /// Whether all rows are there, and what is lost, or leads to no parts, is the summary behind them.
     pub is_summary_lost: bool,
     /// Whether the check sum over the whole file is wrong although no part is: facts have none of their own.
     pub is_changed: bool,
@@ -111,8 +111,7 @@ impl fmt::Display for Damage {
             sentences.push(format!("its summary counts {}, which is wrong", count(counted, "row")));
         }
         if self.is_summary_lost {
-            let sentence =
-                "all rows are there; the summary behind them, which other programs need, is lost";
+            let sentence = "all rows are there; the summary behind them, which other programs need, is lost or wrong";
             sentences.push(sentence.to_owned());
         }
         formatter.write_str(&sentences.join("; "))
@@ -425,9 +424,10 @@ impl Run {
                 Some(rows) => (damage.rows, damage.is_least) = (rows - read, false),
                 None => {}
             }
-            damage.is_summary_lost =
-                !damage.is_loss() && !damage.is_changed && parts.lost_its_summary();
         }
+        let damage = &mut self.damage;
+        damage.is_summary_lost =
+            !damage.is_loss() && !damage.is_changed && parts.lost_its_summary();
         if self.first.is_some() || !self.facts.is_empty() || !with_rows {
             return Ok(());
         }
