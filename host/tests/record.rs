@@ -476,6 +476,28 @@ fn an_index_that_does_not_lead_to_its_part_has_the_summary_written_anew() {
 }
 
 #[test]
+fn the_head_of_an_unfinished_record_says_what_it_lacks_without_its_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, whole, all) = whole(folder.path());
+    let (begins, end) = chunks(&whole);
+    let again = [&whole[..end + 13], &whole[begins[0]..begins[1]]].concat();
+    for (bytes, has_rows, is_summary_lost) in [
+        (&whole[..begins[4] + 500], true, false),
+        (&whole[..end], true, false),
+        (&whole[..end + 13], true, true),
+        (&whole[..whole.len() - 1], true, true),
+        (&whole[..begins[0]], false, false),
+        (&again, true, false),
+    ] {
+        std::fs::write(&file, bytes).unwrap();
+        let head = Run::read_head(&file).unwrap();
+        assert!(count(&head) < all / 3, "{} rows", count(&head));
+        let said = (head.is_complete, head.has_rows(), head.damage.is_summary_lost);
+        assert_eq!(said, (false, has_rows, is_summary_lost), "{} bytes", bytes.len());
+    }
+}
+
+#[test]
 fn a_file_that_is_no_record_is_never_the_last_run_and_its_name_adds_no_line() {
     let out = tempfile::tempdir().unwrap();
     let run = write_record(out.path());

@@ -210,11 +210,14 @@ fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
 /// Returns how a run ended, and its figures.
 fn result(run: &Run) -> String {
     if !run.is_complete {
-        return match Run::read(&run.file) {
-            _ if is_being_written(&run.file) => "still running".to_owned(),
-            Ok(run) => unfinished(&run),
-            Err(ReadError::Format { reason, .. }) => format!("not a record of a run: {reason}"),
-            Err(error) => error.to_string(),
+        let has_any = run.has_rows() || !run.facts.is_empty() || is_being_written(&run.file);
+        return match (!has_any).then(|| Run::read(&run.file)) {
+            Some(Err(ReadError::Format { reason, .. })) => {
+                format!("not a record of a run: {reason}")
+            }
+            Some(Err(error)) => error.to_string(),
+            Some(Ok(run)) => unfinished(&run),
+            None => unfinished(run),
         };
     }
     if !run.damage.is_none() {

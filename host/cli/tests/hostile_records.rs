@@ -265,6 +265,45 @@ fn a_record_that_the_list_skips_is_named_with_its_reason() {
 }
 
 #[test]
+#[cfg(target_os = "linux")]
+fn the_list_takes_no_memory_for_the_rows_of_an_unfinished_record() {
+    use std::io::Write as _;
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_record_of(&folder.path().join("out"), 400);
+    let whole = std::fs::read(&file).unwrap();
+    let next = |at: &usize| {
+        let length = whole.get(at + 1..at + 9)?.try_into().unwrap();
+        Some(at + 9 + u64::from_le_bytes(length) as usize)
+    };
+    let is_data = |at: &usize| whole[*at] != mcap::records::op::DATA_END;
+    let places: Vec<_> = std::iter::successors(Some(8), next).take_while(is_data).collect();
+    let chunks: Vec<_> =
+        places.iter().copied().filter(|at| whole[*at] == mcap::records::op::CHUNK).collect();
+    let (first, end) = (chunks[0], next(places.last().unwrap()).unwrap());
+    let mut target = std::io::BufWriter::new(std::fs::File::create(&file).unwrap());
+    target.write_all(&whole[..first]).unwrap();
+    // 120 MB of rows.
+    for turn in 0..(120 << 20) / (end - first) as u64 {
+        let mut rows = whole[first..end].to_vec();
+        // Another time in each header: what stands there again is no row.
+        for chunk in &chunks {
+            rows[chunk - first + 9..][..8].copy_from_slice(&turn.to_le_bytes());
+        }
+        target.write_all(&rows).unwrap();
+    }
+    target.into_inner().unwrap();
+    let limited = "ulimit -v 80000; exec \"$0\" runs list";
+    let Output { status, stdout, stderr } = Command::new("sh")
+        .args(["-c", limited, env!("CARGO_BIN_EXE_flix")])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    let (shown, said) = (String::from_utf8_lossy(&stdout), String::from_utf8_lossy(&stderr));
+    let word = "unfinished: `flix runs repair` completes";
+    assert!(status.success() && shown.contains(word), "{status}: {shown}{said}");
+}
+
+#[test]
 fn figures_and_tables_beside_a_record_follow_no_link() {
     let out = tempfile::tempdir().unwrap();
     let record = write_record_of(out.path(), 6);

@@ -323,6 +323,7 @@ impl Parts {
         }
         let rows = at + PREFIX + CHUNK_HEADER;
         if let (false, Some(next)) = (with_rows, next) {
+            self.is_behind_data = false;
             return Ok(Some((None, next)));
         }
         if header.len() == CHUNK_HEADER as usize && number(&header, 28, 4) == 0 {

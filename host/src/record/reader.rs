@@ -326,7 +326,8 @@ impl Run {
         Ok(run)
     }
 
-    /// Reads the facts of a record and the names of its attachments, without its rows.
+    /// Reads the facts of a record and the names of its attachments, without its rows: of one without its end those that stand
+    /// beside the first that is whole.
     ///
     /// # Errors
     /// When the file cannot be read.
@@ -371,7 +372,9 @@ impl Run {
         directory.read(parts.summary(), |_, _, _| ());
         self.is_complete = parts.is_complete();
         let mut read = 0;
-        while let Some(part) = parts.next(with_rows).map_err(failed(&path))? {
+        // Whether any row is whole says the first.
+        let wants = |run: &Self| with_rows || (!run.is_complete && !run.has_rows());
+        while let Some(part) = parts.next(wants(self)).map_err(failed(&path))? {
             let rows = match part {
                 Part::Facts(facts) => {
                     self.facts.insert(facts.name, facts.metadata);
@@ -390,7 +393,8 @@ impl Run {
                     directory.read(&rows, |_, _, _| self.damage.repeated += 1);
                     continue;
                 }
-                Part::Rows(rows) | Part::Rest(rows) => rows,
+                Part::Rows(rows) | Part::Rest(rows) if wants(self) => rows,
+                Part::Rows(_) | Part::Rest(_) => continue,
             };
             directory.read(&rows, |directory, header, data| {
                 let topic = directory.channels.get(&header.channel_id).map(|it| it.topic.as_str());
