@@ -476,6 +476,45 @@ fn an_index_that_does_not_lead_to_its_part_has_the_summary_written_anew() {
 }
 
 #[test]
+fn an_attached_file_and_facts_that_are_left_out_are_said() {
+    use mcap::records::op;
+    let folder = tempfile::tempdir().unwrap();
+    let (file, whole, all) = whole(folder.path());
+    let end = chunks(&whole).1;
+    let first = |of: u8| parts(&whole).into_iter().find(|part| part.0 == of).unwrap();
+    let (_, attached, behind) = first(op::ATTACHMENT);
+    let facts = first(op::METADATA).1;
+    // A bit of its content, its kind and its length; the length of the name of facts, their kind and their length.
+    for (place, words) in [
+        (behind - 6, "damaged: 1 attached file left out, 1 part"),
+        (attached, "damaged: 1 attached file left out, 1 part"),
+        (attached + 2, "damaged: 1 attached file left out, 1 part"),
+        (facts + 12, "damaged: 1 group of facts left out, 1 part"),
+        (facts, "damaged: 1 group of facts left out, 1 part"),
+        (facts + 2, "damaged: 1 group of facts left out, 1 part"),
+    ] {
+        let mut bytes = whole.clone();
+        bytes[place] ^= 0x40;
+        std::fs::write(&file, &bytes).unwrap();
+        let run = Run::read(&file).unwrap();
+        assert!(run.damage.to_string().starts_with(words), "{place}: {}", run.damage);
+        assert_eq!(count(&run), all, "{place}");
+        // Without its end, its kind is known by itself alone.
+        if place != attached && place != facts {
+            std::fs::write(&file, &bytes[..end]).unwrap();
+            let run = Run::read(&file).unwrap();
+            let what = words.split(' ').skip(2).take(2).collect::<Vec<_>>().join(" ");
+            assert!(run.damage.to_string().contains(&what), "{place}: {}", run.damage);
+            assert_eq!(count(&run), all, "{place}");
+        }
+        std::fs::write(&file, &bytes).unwrap();
+        assert_eq!(repair(&file).unwrap().unwrap().rows, all as u64);
+        let again = Run::read(&file).unwrap();
+        assert!(again.damage.is_none() && again.fact("repair", "damage").starts_with(words));
+    }
+}
+
+#[test]
 fn the_head_of_an_unfinished_record_says_what_it_lacks_without_its_rows() {
     let folder = tempfile::tempdir().unwrap();
     let (file, whole, all) = whole(folder.path());

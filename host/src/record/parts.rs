@@ -59,8 +59,9 @@ pub(super) enum Part {
     Rest(Vec<u8>),
     /// Rows that were there before, byte for byte.
     Repeated(Vec<u8>),
-    /// What cannot be trusted, for [`Directory::read_damaged`].
-    Damaged(Vec<u8>),
+    /// What cannot be trusted: its kind, as the summary lists it or as it says itself, and what may be rows, for
+    /// [`Directory::read_damaged`].
+    Damaged(u8, Vec<u8>),
 }
 
 /// What stands behind the data of a record that is complete.
@@ -214,7 +215,17 @@ impl Parts {
                 if self.summary.is_some() && is_listed(kind) {
                     self.places.push((at, kind, next - at));
                 }
-                let Some(part) = part else { continue };
+                let part = match part {
+                    Some(Part::Damaged(kind, rows)) => {
+                        // Its length may lead over others.
+                        if self.summary.is_some() {
+                            self.at = self.find(at + 1)?.map_or(next, |place| place.min(next));
+                        }
+                        Part::Damaged(self.listed(at, kind), rows)
+                    }
+                    Some(part) => part,
+                    None => continue,
+                };
                 self.is_behind_data &= !matches!(part, Part::Rows(_) | Part::Repeated(_));
                 return Ok(Some(part));
             }
@@ -232,7 +243,7 @@ impl Parts {
             if found.is_some() || !is_chunk {
                 // No byte is lost twice.
                 self.again = again;
-                return Ok(Some(Part::Damaged(lost)));
+                return Ok(Some(Part::Damaged(self.listed(at, kind), lost)));
             }
             // What is no row, such as the zeros after a loss of power, is looked at by itself.
             if !self.is_exhausted()
@@ -244,6 +255,12 @@ impl Parts {
             return Ok(Some(Part::Rest(lost)));
         }
         Ok(None)
+    }
+
+    /// Returns the kind of the part that the summary lists at this place, or the other one.
+    fn listed(&self, at: u64, other: u8) -> u8 {
+        let places = self.summary.as_ref().map_or(&[][..], |summary| &summary.places);
+        places.binary_search_by_key(&at, |place| place.0).map_or(other, |found| places[found].1)
     }
 
     /// Returns whether the file ends within this part, with nothing of the data lost but what was not written yet.
@@ -297,9 +314,11 @@ impl Parts {
             }
             _ => None,
         };
-        // Its kind is wrong, or what it holds; it may have been a chunk.
-        let damaged =
-            || Part::Damaged(body.get(CHUNK_HEADER as usize..).unwrap_or_default().to_vec());
+        // Its kind is wrong, or what it holds; it may have been a chunk, unless it says what else it is.
+        let damaged = || {
+            let rows = body.get(CHUNK_HEADER as usize..).filter(|_| !is_listed(kind));
+            Part::Damaged(kind, rows.unwrap_or_default().to_vec())
+        };
         Ok(Some((Some(part.unwrap_or_else(damaged)), next)))
     }
 
@@ -359,12 +378,14 @@ impl Parts {
             next += length;
         }
         let data = self.bytes(rows, next.saturating_sub(rows))?;
-        Ok(Some((Some(Part::Damaged(data)), next)))
+        Ok(Some((Some(Part::Damaged(op::CHUNK, data)), next)))
     }
 
     /// Returns whether a part can begin here, or the data ends.
     fn can_be_next(&mut self, at: u64) -> io::Result<bool> {
-        Ok(at == self.end || (at < self.end && (1..=op::DATA_END).contains(&self.byte(at)?)))
+        let is_kind = |kind: u8| (1..=op::DATA_END).contains(&kind);
+        Ok(at == self.end
+            || (at < self.end && (is_kind(self.listed(at, 0)) || is_kind(self.byte(at)?))))
     }
 
     /// Looks for the next part that is whole, from a place on.
@@ -702,7 +723,7 @@ mod tests {
             let (mut read, mut found) = (0, 0);
             while let Some(part) = parts.next(true).unwrap() {
                 found += 1;
-                if let Part::Rows(rows) | Part::Rest(rows) | Part::Damaged(rows) = part {
+                if let Part::Rows(rows) | Part::Rest(rows) | Part::Damaged(_, rows) = part {
                     read += rows.len();
                 }
             }

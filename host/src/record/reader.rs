@@ -5,6 +5,7 @@ use std::fmt;
 use std::path::{Path as FilePath, PathBuf};
 use std::time::{Duration, UNIX_EPOCH};
 
+use mcap::records::op;
 use serde::Deserialize;
 
 use super::message::{
@@ -57,6 +58,10 @@ pub struct Damage {
     pub parts: usize,
     /// Rows in them, as far as they can be counted.
     pub rows: u64,
+    /// Attached files among them.
+    pub attachments: usize,
+    /// Groups of facts among them.
+    pub facts: usize,
     /// Whether more rows than those may be lost.
     pub is_least: bool,
     /// Rows that stand in the file again, and were read once.
@@ -92,13 +97,29 @@ impl fmt::Display for Damage {
         };
         let mut sentences = Vec::new();
         if self.is_loss() {
-            let rows = match (self.is_least, count(self.rows, "row")) {
-                (true, _) if self.rows == 0 => "rows may have been left out".to_owned(),
-                (true, rows) => format!("at least {rows} left out"),
-                (false, rows) => format!("{rows} left out"),
+            let mut left_out = Vec::new();
+            if self.rows > 0 {
+                let least = if self.is_least { "at least " } else { "" };
+                left_out.push(least.to_owned() + &count(self.rows, "row"));
+            }
+            if self.attachments > 0 {
+                left_out.push(count(self.attachments as u64, "attached file"));
+            }
+            if self.facts > 0 {
+                left_out.push(count(self.facts as u64, "group") + " of facts");
+            }
+            let lost = match (self.rows, self.is_least) {
+                (0, true) => "rows may have been left out, ",
+                (0, false) if left_out.is_empty() => "0 rows left out, ",
+                _ => "",
             };
+            let mut left_out = left_out.join(", ");
+            if !left_out.is_empty() {
+                left_out += " left out, ";
+            }
             let parts = count(self.parts as u64, "part");
-            sentences.push(format!("damaged: {rows}, {parts} of the file cannot be trusted"));
+            sentences
+                .push(format!("damaged: {left_out}{lost}{parts} of the file cannot be trusted"));
         } else if self.is_changed {
             let sentence = "changed since it was written: a setting or a result may be wrong";
             sentences.push(sentence.to_owned());
@@ -384,8 +405,12 @@ impl Run {
                     self.attachments.push((header.name, data.len()));
                     continue;
                 }
-                Part::Damaged(part) => {
+                Part::Damaged(kind, part) => {
                     self.damage.parts += 1;
+                    self.damage.attachments += usize::from(kind == op::ATTACHMENT);
+                    self.damage.facts += usize::from(kind == op::METADATA);
+                    let is_other = matches!(kind, op::ATTACHMENT | op::METADATA);
+                    self.damage.is_least |= !is_other || !part.is_empty();
                     self.damage.rows += directory.read_damaged(&part);
                     continue;
                 }
@@ -416,7 +441,6 @@ impl Run {
                 _ => None,
             };
             damage.is_changed = is_unchanged == Some(false);
-            damage.is_least = damage.parts > 0;
             match parts.rows() {
                 // The data has a check sum of its own, or more rows than those.
                 Some(rows)
