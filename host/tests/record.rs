@@ -457,8 +457,9 @@ fn an_index_that_does_not_lead_to_its_part_has_the_summary_written_anew() {
     let (begins, end) = chunks(&whole);
     let index = |of: u8| parts(&whole).into_iter().rfind(|part| part.0 == of).unwrap().1 + 9;
     let chunk = index(op::CHUNK_INDEX);
-    let places =
-        [chunk + 16, chunk + 24, index(op::ATTACHMENT_INDEX), index(op::METADATA_INDEX) + 8];
+    let [attachment, facts] = [index(op::ATTACHMENT_INDEX), index(op::METADATA_INDEX) + 8];
+    // And the length of a channel's name, without which other readers read no summary.
+    let places = [chunk + 16, chunk + 24, attachment, facts, index(op::CHANNEL) + 4];
     for place in places {
         for wrong in [0, begins[3] as u64, begins[3] as u64 + 1, u64::MAX] {
             let mut bytes = whole.clone();

@@ -581,7 +581,8 @@ fn is_summary(bytes: &[u8]) -> bool {
     let mut length = 0;
     records(bytes).all(|(kind, body)| {
         length += PREFIX as usize + body.len();
-        !is_listed(kind)
+        parse_record(kind, body).is_ok()
+            && !is_listed(kind)
             && !matches!(
                 kind,
                 op::HEADER | op::FOOTER | op::MESSAGE | op::MESSAGE_INDEX | op::DATA_END
