@@ -124,7 +124,7 @@ fn entries_that_are_no_files_are_named_and_no_runs() {
     std::os::unix::fs::symlink(at("nothing"), at("9-link.mcap")).unwrap();
     let found = list(out.path()).unwrap();
     assert_eq!(found.runs.iter().map(|it| &it.file).collect::<Vec<_>>(), [&run]);
-    let mut skipped: Vec<_> = found.skipped.iter().map(ToString::to_string).collect();
+    let mut skipped: Vec<_> = found.skipped.iter().map(|it| it.1.to_string()).collect();
     skipped.sort();
     for (sentence, words) in
         skipped.iter().zip(["folder.mcap: it is a directory", "No such file", "it is a pipe"])
@@ -402,20 +402,138 @@ fn rows_that_stand_twice_and_counts_that_are_wrong_are_said() {
         assert!(run.damage.repeated > 10, "{}", run.damage);
         assert_eq!(repair(&file).unwrap().unwrap().rows, all as u64);
     }
-    let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
     let statistics = parts(&whole).into_iter().find(|part| part.0 == 11).unwrap().1;
     for counted in [0, all as u64 - 1, all as u64 + 1, 1 << 40] {
         let mut bytes = whole.clone();
         bytes[statistics + 9..statistics + 17].copy_from_slice(&counted.to_le_bytes());
-        let sum = bytes.len() - 12;
-        let right = crc.checksum(&bytes[end + 13..sum]).to_le_bytes();
-        bytes[sum..sum + 4].copy_from_slice(&right);
+        sum_up(&mut bytes, end + 13);
         std::fs::write(&file, &bytes).unwrap();
         let run = Run::read(&file).unwrap();
         assert!(run.is_complete && run.damage.rows == 0, "{}", run.damage);
         assert_eq!(run.damage.counted, Some(counted), "{}", run.damage);
         repair(&file).unwrap().unwrap();
         assert!(Run::read(&file).unwrap().damage.is_none());
+    }
+}
+
+/// Has a record's summary begin at this place, with the check sum that is right for that.
+fn sum_up(bytes: &mut [u8], start: usize) {
+    let (begins, sum) = (bytes.len() - 28, bytes.len() - 12);
+    bytes[begins..begins + 8].copy_from_slice(&(start as u64).to_le_bytes());
+    let right = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&bytes[start..sum]);
+    bytes[sum..sum + 4].copy_from_slice(&right.to_le_bytes());
+}
+
+#[test]
+fn a_summary_that_begins_elsewhere_hides_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, whole, all) = whole(folder.path());
+    let (begins, end) = chunks(&whole);
+    let behind = |place: usize| parts(&whole).into_iter().find(|part| part.1 > place).unwrap().1;
+    let (results, later) = (behind(*begins.last().unwrap()), behind(end + 13));
+    for start in [begins[2], results, end, end + 1, later] {
+        let mut bytes = whole.clone();
+        sum_up(&mut bytes, start);
+        let mut unsummed = bytes.clone();
+        let sum = unsummed.len() - 12;
+        unsummed[sum..sum + 4].fill(0);
+        for bytes in [bytes, unsummed] {
+            std::fs::write(&file, &bytes).unwrap();
+            let run = Run::read(&file).unwrap();
+            assert_eq!((count(&run), run.damage.parts), (all, 0), "{start}: {}", run.damage);
+            assert_eq!(run.fact("results", "path_error_rms_mm"), "7.1", "{start}");
+            assert!(run.damage.to_string().contains("all rows are there"), "{start}");
+            assert_eq!(repair(&file).unwrap().unwrap().rows, all as u64, "{start}");
+            assert!(Run::read(&file).unwrap().damage.is_none());
+        }
+    }
+}
+
+#[test]
+fn an_index_that_does_not_lead_to_its_part_has_the_summary_written_anew() {
+    use mcap::records::op;
+    let folder = tempfile::tempdir().unwrap();
+    let (file, whole, all) = whole(folder.path());
+    let (begins, end) = chunks(&whole);
+    let index = |of: u8| parts(&whole).into_iter().rfind(|part| part.0 == of).unwrap().1 + 9;
+    let chunk = index(op::CHUNK_INDEX);
+    let [attachment, facts] = [index(op::ATTACHMENT_INDEX), index(op::METADATA_INDEX) + 8];
+    // And the length of a channel's name, without which other readers read no summary.
+    let places = [chunk + 16, chunk + 24, attachment, facts, index(op::CHANNEL) + 4];
+    for place in places {
+        for wrong in [0, begins[3] as u64, begins[3] as u64 + 1, u64::MAX] {
+            let mut bytes = whole.clone();
+            bytes[place..place + 8].copy_from_slice(&wrong.to_le_bytes());
+            sum_up(&mut bytes, end + 13);
+            std::fs::write(&file, &bytes).unwrap();
+            let run = Run::read(&file).unwrap();
+            assert_eq!((count(&run), run.damage.parts), (all, 0), "{place}: {}", run.damage);
+            assert!(run.damage.to_string().contains("all rows are there"), "{place}: {wrong}");
+            assert!(!Run::read_head(&file).unwrap().damage.is_none(), "{place}: {wrong}");
+            assert_eq!(repair(&file).unwrap().unwrap().rows, all as u64);
+            assert!(Run::read(&file).unwrap().damage.is_none());
+        }
+    }
+}
+
+#[test]
+fn an_attached_file_and_facts_that_are_left_out_are_said() {
+    use mcap::records::op;
+    let folder = tempfile::tempdir().unwrap();
+    let (file, whole, all) = whole(folder.path());
+    let end = chunks(&whole).1;
+    let first = |of: u8| parts(&whole).into_iter().find(|part| part.0 == of).unwrap();
+    let (_, attached, behind) = first(op::ATTACHMENT);
+    let facts = first(op::METADATA).1;
+    // A bit of its content, its kind and its length; the length of the name of facts, their kind and their length.
+    for (place, words) in [
+        (behind - 6, "damaged: 1 attached file left out, 1 part"),
+        (attached, "damaged: 1 attached file left out, 1 part"),
+        (attached + 2, "damaged: 1 attached file left out, 1 part"),
+        (facts + 12, "damaged: 1 group of facts left out, 1 part"),
+        (facts, "damaged: 1 group of facts left out, 1 part"),
+        (facts + 2, "damaged: 1 group of facts left out, 1 part"),
+    ] {
+        let mut bytes = whole.clone();
+        bytes[place] ^= 0x40;
+        std::fs::write(&file, &bytes).unwrap();
+        let run = Run::read(&file).unwrap();
+        assert!(run.damage.to_string().starts_with(words), "{place}: {}", run.damage);
+        assert_eq!(count(&run), all, "{place}");
+        // Without its end, its kind is known by itself alone.
+        if place != attached && place != facts {
+            std::fs::write(&file, &bytes[..end]).unwrap();
+            let run = Run::read(&file).unwrap();
+            let what = words.split(' ').skip(2).take(2).collect::<Vec<_>>().join(" ");
+            assert!(run.damage.to_string().contains(&what), "{place}: {}", run.damage);
+            assert_eq!(count(&run), all, "{place}");
+        }
+        std::fs::write(&file, &bytes).unwrap();
+        assert_eq!(repair(&file).unwrap().unwrap().rows, all as u64);
+        let again = Run::read(&file).unwrap();
+        assert!(again.damage.is_none() && again.fact("repair", "damage").starts_with(words));
+    }
+}
+
+#[test]
+fn the_head_of_an_unfinished_record_says_what_it_lacks_without_its_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, whole, all) = whole(folder.path());
+    let (begins, end) = chunks(&whole);
+    let again = [&whole[..end + 13], &whole[begins[0]..begins[1]]].concat();
+    for (bytes, has_rows, is_summary_lost) in [
+        (&whole[..begins[4] + 500], true, false),
+        (&whole[..end], true, false),
+        (&whole[..end + 13], true, true),
+        (&whole[..whole.len() - 1], true, true),
+        (&whole[..begins[0]], false, false),
+        (&again, true, false),
+    ] {
+        std::fs::write(&file, bytes).unwrap();
+        let head = Run::read_head(&file).unwrap();
+        assert!(count(&head) < all / 3, "{} rows", count(&head));
+        let said = (head.is_complete, head.has_rows(), head.damage.is_summary_lost);
+        assert_eq!(said, (false, has_rows, is_summary_lost), "{} bytes", bytes.len());
     }
 }
 

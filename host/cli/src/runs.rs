@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     match &args.action {
         Action::List { json } => list_runs(&args.out, *json)?,
         Action::Repair { run } => {
-            let run = Run::find(&args.out, run)?;
+            let run = find_run(args, run)?;
             let file = &run.file;
             complain_of(&run, &[run.damage.to_string()]);
             match repair(file)? {
@@ -131,9 +131,18 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 
 /// Finds a run and reads it; says what was left out, and whether the record goes on.
 fn find(args: &Args, name: &str) -> Result<Run, Error> {
-    let run = Run::find(&args.out, name)?;
+    let run = find_run(args, name)?;
     let end = if run.is_complete { String::new() } else { unfinished(&run) };
     complain_of(&run, &[run.damage.to_string(), end]);
+    Ok(run)
+}
+
+/// Finds a run and reads it; says which newer ones were left out.
+fn find_run(args: &Args, name: &str) -> Result<Run, Error> {
+    let run = Run::find(&args.out, name)?;
+    for reason in &run.newer {
+        complain(format_args!("{reason}: newer than {}, and skipped", shown(&run.file)));
+    }
     Ok(run)
 }
 
@@ -158,7 +167,9 @@ fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
     let Listing { runs, skipped } = list(out)?;
     let mut heads = Vec::new();
     let head_of = |run: RunSummary| Ok((Run::read_head(&run.file)?, run.bytes));
-    for head in skipped.into_iter().map(Err).chain(runs.into_iter().map(head_of)) {
+    for head in
+        skipped.into_iter().map(|(_, reason)| Err(reason)).chain(runs.into_iter().map(head_of))
+    {
         match head {
             Ok(head) => heads.push(head),
             Err(reason) => complain(format_args!("{reason}: skipped")),
@@ -199,15 +210,22 @@ fn list_runs(out: &std::path::Path, as_json: bool) -> Result<(), Error> {
 /// Returns how a run ended, and its figures.
 fn result(run: &Run) -> String {
     if !run.is_complete {
-        return match Run::read(&run.file) {
-            _ if is_being_written(&run.file) => "still running".to_owned(),
-            Ok(run) => unfinished(&run),
-            Err(ReadError::Format { reason, .. }) => format!("not a record of a run: {reason}"),
-            Err(error) => error.to_string(),
+        let has_any = run.has_rows() || !run.facts.is_empty() || is_being_written(&run.file);
+        return match (!has_any).then(|| Run::read(&run.file)) {
+            Some(Err(ReadError::Format { reason, .. })) => {
+                format!("not a record of a run: {reason}")
+            }
+            Some(Err(error)) => error.to_string(),
+            Some(Ok(run)) => unfinished(&run),
+            None => unfinished(run),
         };
     }
     if !run.damage.is_none() {
-        return "damaged: `flix runs repair` keeps what is whole".to_owned();
+        let words = match run.damage.is_summary_lost {
+            true => "its summary is wrong: `flix runs repair` writes it",
+            false => "damaged: `flix runs repair` keeps what is whole",
+        };
+        return words.to_owned();
     }
     let fact = |name| run.fact("results", name);
     let figures =

@@ -195,6 +195,114 @@ fn a_record_that_cannot_be_read_hides_no_other_from_the_list() {
     assert!(stderr.contains("mcap decompress") && stderr.contains("skipped"), "{stderr}");
 }
 
+/// Asks `flix runs` in a folder; returns whether all went well, and both of what it says.
+fn ask(folder: &Path, words: &[&str]) -> (bool, String, String) {
+    let flix = env!("CARGO_BIN_EXE_flix");
+    let Output { status, stdout, stderr } =
+        Command::new(flix).arg("runs").args(words).current_dir(folder).output().unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
+    (status.success(), text(stdout), text(stderr))
+}
+
+#[test]
+fn last_is_a_word_and_a_folder_no_record() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_record_of(&folder.path().join("out"), 6);
+    let stem = file.file_stem().unwrap().to_str().unwrap();
+    // As `runs export-csv RUN --to RUN` leaves one.
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir(at(stem)).unwrap();
+    std::fs::create_dir(at("last")).unwrap();
+    let judge = |name: &str| {
+        let (is_well, shown, said) = ask(folder.path(), &["show", name]);
+        assert!(is_well && shown.contains(stem) && said.is_empty(), "{name}: {shown}{said}");
+    };
+    judge(stem);
+    judge("last");
+    std::fs::remove_dir(at("last")).unwrap();
+    std::fs::write(at("last"), "no record").unwrap();
+    judge("last");
+    // Whoever means the file writes so; a folder that no run is named as is said to be one.
+    for (name, words) in [("./last", "not a record"), ("out", "it is a directory")] {
+        let (is_well, _, said) = ask(folder.path(), &["show", name]);
+        assert!(!is_well && said.contains(words), "{name}: {said}");
+    }
+}
+
+#[test]
+fn a_record_that_the_list_skips_is_named_with_its_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_record_of(&folder.path().join("out"), 6);
+    let whole = std::fs::read(&file).unwrap();
+    let stem = file.file_stem().unwrap().to_str().unwrap();
+    // In the place of the rows, some that began at this time, and that another program has compressed.
+    let compress = |nanos: u64| {
+        let header = [&nanos.to_le_bytes()[..], &[0; 20], &4_u32.to_le_bytes(), b"zstd", &[0; 8]];
+        let chunk = [&[mcap::records::op::CHUNK][..], &44_u64.to_le_bytes(), &header.concat()];
+        let bytes = [&whole[..8], &chunk.concat(), &whole[8..]].concat();
+        std::fs::write(file.with_file_name("packed.mcap"), bytes).unwrap();
+    };
+    let began = started().duration_since(std::time::UNIX_EPOCH).unwrap().as_nanos() as u64;
+    compress(began + 1_000_000_000);
+    for command in ["show", "repair", "plot", "export-csv"] {
+        for name in ["packed", "pack"] {
+            let (is_well, _, said) = ask(folder.path(), &[command, name]);
+            assert!(!is_well && said.contains("mcap decompress"), "{command} {name}: {said}");
+        }
+        // The last that can be read, and that it is not the newest.
+        let (is_well, _, said) = ask(folder.path(), &[command, "last"]);
+        assert!(is_well && said.contains("mcap decompress"), "{command}: {said}");
+        let (_, shown, _) = ask(folder.path(), &["show", "last"]);
+        assert!(shown.contains(stem), "{command}: {shown}");
+    }
+    // An older one is not the last.
+    compress(began - 1_000_000_000);
+    let (is_well, _, said) = ask(folder.path(), &["show", "last"]);
+    assert!(is_well && said.is_empty(), "{said}");
+    std::fs::remove_file(&file).unwrap();
+    let (is_well, _, said) = ask(folder.path(), &["show", "last"]);
+    assert!(!is_well && said.contains("mcap decompress"), "{said}");
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn the_list_takes_no_memory_for_the_rows_of_an_unfinished_record() {
+    use std::io::Write as _;
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_record_of(&folder.path().join("out"), 400);
+    let whole = std::fs::read(&file).unwrap();
+    let next = |at: &usize| {
+        let length = whole.get(at + 1..at + 9)?.try_into().unwrap();
+        Some(at + 9 + u64::from_le_bytes(length) as usize)
+    };
+    let is_data = |at: &usize| whole[*at] != mcap::records::op::DATA_END;
+    let places: Vec<_> = std::iter::successors(Some(8), next).take_while(is_data).collect();
+    let chunks: Vec<_> =
+        places.iter().copied().filter(|at| whole[*at] == mcap::records::op::CHUNK).collect();
+    let (first, end) = (chunks[0], next(places.last().unwrap()).unwrap());
+    let mut target = std::io::BufWriter::new(std::fs::File::create(&file).unwrap());
+    target.write_all(&whole[..first]).unwrap();
+    // 120 MB of rows.
+    for turn in 0..(120 << 20) / (end - first) as u64 {
+        let mut rows = whole[first..end].to_vec();
+        // Another time in each header: what stands there again is no row.
+        for chunk in &chunks {
+            rows[chunk - first + 9..][..8].copy_from_slice(&turn.to_le_bytes());
+        }
+        target.write_all(&rows).unwrap();
+    }
+    target.into_inner().unwrap();
+    let limited = "ulimit -v 80000; exec \"$0\" runs list";
+    let Output { status, stdout, stderr } = Command::new("sh")
+        .args(["-c", limited, env!("CARGO_BIN_EXE_flix")])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    let (shown, said) = (String::from_utf8_lossy(&stdout), String::from_utf8_lossy(&stderr));
+    let word = "unfinished: `flix runs repair` completes";
+    assert!(status.success() && shown.contains(word), "{status}: {shown}{said}");
+}
+
 #[test]
 fn figures_and_tables_beside_a_record_follow_no_link() {
     let out = tempfile::tempdir().unwrap();

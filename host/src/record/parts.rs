@@ -31,6 +31,8 @@ const CHUNK_HEADER: u64 = 40;
 const INDEX_HEADER: u64 = PREFIX + 6;
 /// Length of an index's entry for one row, bytes.
 const INDEX_ENTRY: u64 = 16;
+/// Length of the end of data with its check sum, bytes.
+const DATA_END: u64 = PREFIX + 4;
 /// Longest part that is taken for one, bytes: the writer's chunks have some 100 kB.
 const LONGEST: u64 = 256 << 20;
 /// Bytes that are looked through at once for the next part.
@@ -38,7 +40,7 @@ const STRETCH: u64 = 64 << 10;
 /// How often lengths that contradict each other may have the whole file read again, of one that is shorter than [`LONGEST`]; then
 /// lost parts are looked for no more.
 const MOST_AGAIN: u64 = 64;
-/// Most bytes of the first eight that may be damaged.
+/// Most bytes of the first eight, and of the nine before the check sum at the end of data, that may be damaged.
 const MOST_WRONG: usize = 2;
 /// Longest name of facts, bytes.
 const LONGEST_NAME: usize = 256;
@@ -57,8 +59,9 @@ pub(super) enum Part {
     Rest(Vec<u8>),
     /// Rows that were there before, byte for byte.
     Repeated(Vec<u8>),
-    /// What cannot be trusted, for [`Directory::read_damaged`].
-    Damaged(Vec<u8>),
+    /// What cannot be trusted: its kind, as the summary lists it or as it says itself, and what may be rows, for
+    /// [`Directory::read_damaged`].
+    Damaged(u8, Vec<u8>),
 }
 
 /// What stands behind the data of a record that is complete.
@@ -69,9 +72,12 @@ struct Summary {
     records: Vec<u8>,
     /// Rows of the whole record.
     rows: Option<u64>,
-    /// Where parts begin, in order.
-    places: Vec<u64>,
+    /// Where the parts that it lists are, in order.
+    places: Vec<Place>,
 }
+
+/// Where a part begins, its kind, and how long it is, bytes.
+type Place = (u64, u8, u64);
 
 /// Reads a record part by part.
 pub(super) struct Parts {
@@ -92,8 +98,12 @@ pub(super) struct Parts {
     data_end: Option<u64>,
     /// Whether all that was read since is what stands behind the data.
     is_behind_data: bool,
+    /// Where the parts are that a summary lists, as far as they were read.
+    places: Vec<Place>,
     /// Where chunks of which header begin.
     chunks: BTreeMap<Vec<u8>, u64>,
+    /// When the rows began that other programs have compressed, ns since 1970.
+    pub(super) compressed: Option<u64>,
     /// Whether it begins or ends as a record does.
     pub(super) is_record: bool,
 }
@@ -118,12 +128,14 @@ impl Parts {
             again: 0,
             data_end: None,
             is_behind_data: false,
+            places: Vec::new(),
             chunks: BTreeMap::new(),
+            compressed: None,
             is_record: true,
         };
         if let Some(summary) = parts.find_summary()? {
             parts.end = summary.start;
-            parts.sum_end = summary.start.saturating_sub(PREFIX + 4);
+            parts.sum_end = summary.start.saturating_sub(DATA_END);
             parts.summary = Some(summary);
         } else {
             // Any other file is not looked through.
@@ -145,9 +157,14 @@ impl Parts {
         self.summary.as_ref()?.rows
     }
 
-    /// Returns whether all of the data was read, and nothing but its summary is missing.
-    pub(super) const fn lost_its_summary(&self) -> bool {
-        self.summary.is_none() && self.is_behind_data
+    /// Returns whether all of the data was read, and nothing is missing but its summary, or that leads elsewhere.
+    pub(super) fn lost_its_summary(&self) -> bool {
+        let Some(summary) = &self.summary else { return self.is_behind_data };
+        // A summary may list no parts of a kind.
+        let is_listed = |kind: u8| summary.places.iter().any(|place| place.1 == kind);
+        let kinds = [op::CHUNK, op::METADATA, op::ATTACHMENT].map(|kind| (kind, is_listed(kind)));
+        let read = self.places.iter().filter(|place| kinds.contains(&(place.1, true)));
+        !summary.places.iter().eq(read)
     }
 
     /// Returns the records of the summary, which name all channels; for [`records`].
@@ -161,12 +178,12 @@ impl Parts {
     /// When the file cannot be read.
     pub(super) fn is_unchanged(&mut self) -> io::Result<Option<bool>> {
         let data = match &self.summary {
-            Some(summary) => summary.start.checked_sub(PREFIX + 4),
+            Some(summary) => summary.start.checked_sub(DATA_END),
             None => self.data_end,
         };
         let Some(data) = data else { return Ok(None) };
         self.sum_end = data;
-        let stored = self.bytes(data, PREFIX + 4)?;
+        let stored = self.bytes(data, DATA_END)?;
         let stored = number(&stored, PREFIX as usize, 4);
         if stored == 0 {
             return Ok(None);
@@ -192,9 +209,23 @@ impl Parts {
     pub(super) fn next(&mut self, with_rows: bool) -> io::Result<Option<Part>> {
         while self.at < self.end {
             let at = self.at;
+            let kind = self.byte(at)?;
             if let Some((part, next)) = self.part(at, with_rows)? {
                 self.at = next;
-                let Some(part) = part else { continue };
+                if self.summary.is_some() && is_listed(kind) {
+                    self.places.push((at, kind, next - at));
+                }
+                let part = match part {
+                    Some(Part::Damaged(kind, rows)) => {
+                        // Its length may lead over others.
+                        if self.summary.is_some() {
+                            self.at = self.find(at + 1)?.map_or(next, |place| place.min(next));
+                        }
+                        Part::Damaged(self.listed(at, kind), rows)
+                    }
+                    Some(part) => part,
+                    None => continue,
+                };
                 self.is_behind_data &= !matches!(part, Part::Rows(_) | Part::Repeated(_));
                 return Ok(Some(part));
             }
@@ -202,7 +233,7 @@ impl Parts {
             let found = self.find(at + 1)?;
             self.at = found.unwrap_or(self.end);
             let is_cut = found.is_none() && self.is_cut(at)?;
-            let is_chunk = self.byte(at)? == op::CHUNK;
+            let is_chunk = kind == op::CHUNK;
             if is_cut && !is_chunk {
                 continue;
             }
@@ -212,7 +243,7 @@ impl Parts {
             if found.is_some() || !is_chunk {
                 // No byte is lost twice.
                 self.again = again;
-                return Ok(Some(Part::Damaged(lost)));
+                return Ok(Some(Part::Damaged(self.listed(at, kind), lost)));
             }
             // What is no row, such as the zeros after a loss of power, is looked at by itself.
             if !self.is_exhausted()
@@ -224,6 +255,12 @@ impl Parts {
             return Ok(Some(Part::Rest(lost)));
         }
         Ok(None)
+    }
+
+    /// Returns the kind of the part that the summary lists at this place, or the other one.
+    fn listed(&self, at: u64, other: u8) -> u8 {
+        let places = self.summary.as_ref().map_or(&[][..], |summary| &summary.places);
+        places.binary_search_by_key(&at, |place| place.0).map_or(other, |found| places[found].1)
     }
 
     /// Returns whether the file ends within this part, with nothing of the data lost but what was not written yet.
@@ -277,9 +314,11 @@ impl Parts {
             }
             _ => None,
         };
-        // Its kind is wrong, or what it holds; it may have been a chunk.
-        let damaged =
-            || Part::Damaged(body.get(CHUNK_HEADER as usize..).unwrap_or_default().to_vec());
+        // Its kind is wrong, or what it holds; it may have been a chunk, unless it says what else it is.
+        let damaged = || {
+            let rows = body.get(CHUNK_HEADER as usize..).filter(|_| !is_listed(kind));
+            Part::Damaged(kind, rows.unwrap_or_default().to_vec())
+        };
         Ok(Some((Some(part.unwrap_or_else(damaged)), next)))
     }
 
@@ -294,6 +333,7 @@ impl Parts {
             if number(&header, 28, 4) == name.len() as u64
                 && header.get(32..).is_some_and(|rest| rest.starts_with(name.as_bytes()))
             {
+                self.compressed = Some(number(&header, 0, 8));
                 let sentence = format!(
                     "other programs have compressed it ({name}): `mcap decompress` writes it without"
                 );
@@ -302,6 +342,7 @@ impl Parts {
         }
         let rows = at + PREFIX + CHUNK_HEADER;
         if let (false, Some(next)) = (with_rows, next) {
+            self.is_behind_data = false;
             return Ok(Some((None, next)));
         }
         if header.len() == CHUNK_HEADER as usize && number(&header, 28, 4) == 0 {
@@ -337,19 +378,21 @@ impl Parts {
             next += length;
         }
         let data = self.bytes(rows, next.saturating_sub(rows))?;
-        Ok(Some((Some(Part::Damaged(data)), next)))
+        Ok(Some((Some(Part::Damaged(op::CHUNK, data)), next)))
     }
 
     /// Returns whether a part can begin here, or the data ends.
     fn can_be_next(&mut self, at: u64) -> io::Result<bool> {
-        Ok(at == self.end || (at < self.end && (1..=op::DATA_END).contains(&self.byte(at)?)))
+        let is_kind = |kind: u8| (1..=op::DATA_END).contains(&kind);
+        Ok(at == self.end
+            || (at < self.end && (is_kind(self.listed(at, 0)) || is_kind(self.byte(at)?))))
     }
 
     /// Looks for the next part that is whole, from a place on.
     fn find(&mut self, from: u64) -> io::Result<Option<u64>> {
         if let Some(summary) = &self.summary {
-            let next = summary.places.partition_point(|place| *place < from);
-            return Ok(summary.places.get(next).copied());
+            let next = summary.places.partition_point(|place| place.0 < from);
+            return Ok(summary.places.get(next).map(|place| place.0));
         }
         let mut at = from;
         while at < self.end {
@@ -376,7 +419,7 @@ impl Parts {
 
     /// Returns whether a part of this kind begins here, by more than its length.
     fn is_whole(&mut self, at: u64, kind: u8) -> io::Result<bool> {
-        if kind != op::CHUNK && kind != op::METADATA && kind != op::ATTACHMENT {
+        if !is_listed(kind) {
             return Ok(false);
         }
         let part = self.part(at, true)?.and_then(|(part, _)| part);
@@ -410,18 +453,35 @@ impl Parts {
             return Ok(None);
         }
         all.truncate((footer - start) as usize);
+        if !self.is_behind_end(start)? || !is_summary(&all) {
+            return Ok(None);
+        }
         let (mut rows, mut places) = (None, Vec::new());
         for (kind, body) in records(&all) {
             match parse_record(kind, body) {
                 Ok(Record::Statistics(statistics)) => rows = Some(statistics.message_count),
-                Ok(Record::ChunkIndex(index)) => places.push(index.chunk_start_offset),
-                Ok(Record::MetadataIndex(index)) => places.push(index.offset),
-                Ok(Record::AttachmentIndex(index)) => places.push(index.offset),
+                Ok(Record::ChunkIndex(index)) => {
+                    places.push((index.chunk_start_offset, op::CHUNK, index.chunk_length));
+                }
+                Ok(Record::MetadataIndex(index)) => {
+                    places.push((index.offset, op::METADATA, index.length));
+                }
+                Ok(Record::AttachmentIndex(index)) => {
+                    places.push((index.offset, op::ATTACHMENT, index.length));
+                }
                 _ => {}
             }
         }
         places.sort_unstable();
         Ok(Some(Summary { start, records: all, rows, places }))
+    }
+
+    /// Returns whether the data ends right before this place, by most bytes of what says so.
+    fn is_behind_end(&mut self, at: u64) -> io::Result<bool> {
+        let Some(begin) = at.checked_sub(DATA_END) else { return Ok(false) };
+        let end = self.bytes(begin, PREFIX)?;
+        let right = [op::DATA_END, 4, 0, 0, 0, 0, 0, 0, 0];
+        Ok(right.iter().zip(&end).filter(|(one, other)| one != other).count() <= MOST_WRONG)
     }
 
     fn byte(&mut self, at: u64) -> io::Result<u8> {
@@ -509,6 +569,25 @@ pub(super) fn records(mut bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
         bytes = &body[length..];
         Some((kind, record))
     })
+}
+
+/// Returns whether a summary lists parts of this kind.
+const fn is_listed(kind: u8) -> bool {
+    matches!(kind, op::CHUNK | op::METADATA | op::ATTACHMENT)
+}
+
+/// Returns whether these are records of a summary from the first byte to the last, and none that stands in the data alone.
+fn is_summary(bytes: &[u8]) -> bool {
+    let mut length = 0;
+    records(bytes).all(|(kind, body)| {
+        length += PREFIX as usize + body.len();
+        parse_record(kind, body).is_ok()
+            && !is_listed(kind)
+            && !matches!(
+                kind,
+                op::HEADER | op::FOOTER | op::MESSAGE | op::MESSAGE_INDEX | op::DATA_END
+            )
+    }) && length == bytes.len()
 }
 
 /// Returns where the rows of a part end that goes on with something else; nothing where it ends with them, or within one.
@@ -645,7 +724,7 @@ mod tests {
             let (mut read, mut found) = (0, 0);
             while let Some(part) = parts.next(true).unwrap() {
                 found += 1;
-                if let Part::Rows(rows) | Part::Rest(rows) | Part::Damaged(rows) = part {
+                if let Part::Rows(rows) | Part::Rest(rows) | Part::Damaged(_, rows) = part {
                     read += rows.len();
                 }
             }
@@ -662,7 +741,8 @@ mod tests {
         end.extend(4_u64.to_le_bytes());
         end.extend(7_u32.to_le_bytes());
         let start = hole + end.len() as u64;
-        end.extend([0xff; 9]);
+        // A record of a kind that is nobody's, and empty.
+        end.extend([0xff, 0, 0, 0, 0, 0, 0, 0, 0]);
         end.push(op::FOOTER);
         end.extend(FOOTER.to_le_bytes());
         end.extend(start.to_le_bytes());

@@ -5,6 +5,7 @@ use std::fmt;
 use std::path::{Path as FilePath, PathBuf};
 use std::time::{Duration, UNIX_EPOCH};
 
+use mcap::records::op;
 use serde::Deserialize;
 
 use super::message::{
@@ -12,8 +13,10 @@ use super::message::{
 };
 use super::parts::{Directory, Part, Parts};
 use super::{ENDING, FOLDER};
-use crate::system::file;
 use crate::system::text::{printable, shown};
+
+/// The word for the last run.
+const LAST: &str = "last";
 
 /// A whole run.
 #[derive(Debug, Clone, Default)]
@@ -42,6 +45,8 @@ pub struct Run {
     pub unknown: usize,
     /// What of the file could not be trusted and was left out.
     pub damage: Damage,
+    /// Why newer records were left out, where this was found as the last run.
+    pub newer: Vec<String>,
     first: Option<u64>,
     last: u64,
 }
@@ -53,13 +58,17 @@ pub struct Damage {
     pub parts: usize,
     /// Rows in them, as far as they can be counted.
     pub rows: u64,
+    /// Attached files among them.
+    pub attachments: usize,
+    /// Groups of facts among them.
+    pub facts: usize,
     /// Whether more rows than those may be lost.
     pub is_least: bool,
     /// Rows that stand in the file again, and were read once.
     pub repeated: u64,
     /// Rows that the summary counts, where that is wrong.
     pub counted: Option<u64>,
-    /// Whether all rows are there, and what is lost is the summary behind them.
+    /// Whether all rows are there, and what is lost, or leads to no parts, is the summary behind them.
     pub is_summary_lost: bool,
     /// Whether the check sum over the whole file is wrong although no part is: facts have none of their own.
     pub is_changed: bool,
@@ -88,13 +97,29 @@ impl fmt::Display for Damage {
         };
         let mut sentences = Vec::new();
         if self.is_loss() {
-            let rows = match (self.is_least, count(self.rows, "row")) {
-                (true, _) if self.rows == 0 => "rows may have been left out".to_owned(),
-                (true, rows) => format!("at least {rows} left out"),
-                (false, rows) => format!("{rows} left out"),
+            let mut left_out = Vec::new();
+            if self.rows > 0 {
+                let least = if self.is_least { "at least " } else { "" };
+                left_out.push(least.to_owned() + &count(self.rows, "row"));
+            }
+            if self.attachments > 0 {
+                left_out.push(count(self.attachments as u64, "attached file"));
+            }
+            if self.facts > 0 {
+                left_out.push(count(self.facts as u64, "group") + " of facts");
+            }
+            let lost = match (self.rows, self.is_least) {
+                (0, true) => "rows may have been left out, ",
+                (0, false) if left_out.is_empty() => "0 rows left out, ",
+                _ => "",
             };
+            let mut left_out = left_out.join(", ");
+            if !left_out.is_empty() {
+                left_out += " left out, ";
+            }
             let parts = count(self.parts as u64, "part");
-            sentences.push(format!("damaged: {rows}, {parts} of the file cannot be trusted"));
+            sentences
+                .push(format!("damaged: {left_out}{lost}{parts} of the file cannot be trusted"));
         } else if self.is_changed {
             let sentence = "changed since it was written: a setting or a result may be wrong";
             sentences.push(sentence.to_owned());
@@ -107,8 +132,7 @@ impl fmt::Display for Damage {
             sentences.push(format!("its summary counts {}, which is wrong", count(counted, "row")));
         }
         if self.is_summary_lost {
-            let sentence =
-                "all rows are there; the summary behind them, which other programs need, is lost";
+            let sentence = "all rows are there; the summary behind them, which other programs need, is lost or wrong";
             sentences.push(sentence.to_owned());
         }
         formatter.write_str(&sentences.join("; "))
@@ -122,9 +146,9 @@ pub struct RunSummary {
     pub file: PathBuf,
     /// Size, bytes.
     pub bytes: u64,
-    /// Time of its first row since 1970, or when the file was written where it has none.
+    /// Time of its first row since 1970, or when the file was written where that is not known.
     pub started: Duration,
-    /// Whether it has rows or facts; any other file is never the last run.
+    /// Whether it has rows or facts, or may have, where the file cannot be read; anything else is never the last run.
     pub is_run: bool,
 }
 
@@ -171,9 +195,9 @@ pub enum ReadError {
         name: String,
         /// How many there are.
         count: usize,
-        /// The oldest of them.
+        /// One of them.
         first: String,
-        /// The next of them.
+        /// Another of them.
         second: String,
     },
     /// There is no run.
@@ -186,8 +210,8 @@ pub enum ReadError {
 pub struct Listing {
     /// All runs, the oldest first.
     pub runs: Vec<RunSummary>,
-    /// Why entries that are named as runs were left out: folders, pipes, files that cannot be read.
-    pub skipped: Vec<ReadError>,
+    /// Entries that are named as runs, and why they were left out: folders, pipes, files that cannot be read.
+    pub skipped: Vec<(RunSummary, ReadError)>,
 }
 
 /// Returns the runs below an output folder.
@@ -207,8 +231,8 @@ pub fn list(out: &FilePath) -> Result<Listing, ReadError> {
         let path = entry.map_err(failed)?.path();
         if path.extension().is_some_and(|e| e == ENDING) {
             match summary(&path) {
-                Ok(run) => found.runs.push(run),
-                Err(source) => found.skipped.push(ReadError::File { path, source }),
+                (run, Ok(())) => found.runs.push(run),
+                (run, Err(source)) => found.skipped.push((run, ReadError::File { path, source })),
             }
         }
     }
@@ -217,57 +241,71 @@ pub fn list(out: &FilePath) -> Result<Listing, ReadError> {
     Ok(found)
 }
 
-/// Returns the size of a record, and when its run started.
-fn summary(path: &FilePath) -> std::io::Result<RunSummary> {
-    let metadata = file::open(path)?.metadata()?;
-    let mut parts = Parts::open(path)?;
+/// Returns the size of a record, and when its run started; of one that cannot be read, as far as that is known, and why.
+fn summary(path: &FilePath) -> (RunSummary, std::io::Result<()>) {
+    let metadata = std::fs::metadata(path).ok();
     let (mut first, mut is_run) = (None, false);
+    let read = look(path, &mut first, &mut is_run);
+    let written = || metadata.as_ref()?.modified().ok()?.duration_since(UNIX_EPOCH).ok();
+    let is_unread = read.is_err() && metadata.as_ref().is_some_and(std::fs::Metadata::is_file);
+    let run = RunSummary {
+        file: path.to_owned(),
+        bytes: metadata.as_ref().map_or(0, std::fs::Metadata::len),
+        started: first.map(Duration::from_nanos).or_else(written).unwrap_or_default(),
+        is_run: is_run || first.is_some() || is_unread,
+    };
+    (run, read)
+}
+
+/// Looks for the time of a record's first row, ns since 1970, and whether it has facts.
+fn look(path: &FilePath, first: &mut Option<u64>, is_run: &mut bool) -> std::io::Result<()> {
+    let mut parts = Parts::open(path)?;
     while first.is_none() {
-        match parts.next(true)? {
-            Some(Part::Rows(rows) | Part::Rest(rows)) => {
+        match parts.next(true) {
+            Ok(Some(Part::Rows(rows) | Part::Rest(rows))) => {
                 Directory::default().read(&rows, |_, header, _| {
                     first.get_or_insert(header.log_time);
                 });
             }
-            Some(Part::Facts(_)) => is_run = true,
-            Some(_) => {}
-            None => break,
+            Ok(Some(Part::Facts(_))) => *is_run = true,
+            Ok(Some(_)) => {}
+            Ok(None) => break,
+            Err(error) => {
+                *first = parts.compressed;
+                return Err(error);
+            }
         }
     }
-    let written = || metadata.modified().ok()?.duration_since(UNIX_EPOCH).ok();
-    let started = first.map(Duration::from_nanos).or_else(written);
-    Ok(RunSummary {
-        file: path.to_owned(),
-        bytes: metadata.len(),
-        started: started.unwrap_or_default(),
-        is_run: is_run || first.is_some(),
-    })
+    Ok(())
 }
 
 impl Run {
-    /// Finds a run by `last`, by a part of its name, or by its path, and reads it.
+    /// Finds a run by `last`, which is the word whatever file has that name, by its path, or by a part of its name, and reads it.
     ///
     /// # Errors
     /// When there is none, or it cannot be read.
     pub fn find(out: &FilePath, name: &str) -> Result<Self, ReadError> {
         let direct = FilePath::new(name);
-        if direct.exists() {
+        if name != LAST && direct.is_file() {
             return Self::read(direct);
         }
-        let runs = list(out)?.runs;
-        if name == "last" {
-            let last = runs.iter().rfind(|run| run.is_run);
-            let last = last.ok_or_else(|| ReadError::NoRuns(out.join(FOLDER)))?;
-            return Self::read(&last.file);
+        let Listing { runs, skipped } = list(out)?;
+        if name == LAST {
+            return Self::find_last(runs, skipped)?
+                .ok_or_else(|| ReadError::NoRuns(out.join(FOLDER)));
         }
         let stem = |run: &RunSummary| {
             run.file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
         };
+        // Those that were skipped say why, once they are read.
+        let all = runs.iter().chain(skipped.iter().map(|(run, _)| run));
         let found: Vec<_> =
-            runs.iter().filter(|run| !name.is_empty() && stem(run).contains(name)).collect();
+            all.filter(|run| !name.is_empty() && stem(run).contains(name)).collect();
         let exact = found.iter().find(|run| stem(run) == name);
         match (exact, found.as_slice()) {
             (Some(run), _) | (None, [run]) => Self::read(&run.file),
+            // Says what it is, where it is no file.
+            (None, []) if direct.exists() => Self::read(direct),
             (None, []) => {
                 Err(ReadError::NoSuchRun { name: name.to_owned(), folder: out.join(FOLDER) })
             }
@@ -278,6 +316,24 @@ impl Run {
                 second: stem(second),
             }),
         }
+    }
+
+    /// Reads the newest run that can be read, with the reasons of newer ones; nothing where there is none.
+    fn find_last(
+        runs: Vec<RunSummary>,
+        skipped: Vec<(RunSummary, ReadError)>,
+    ) -> Result<Option<Self>, ReadError> {
+        let last = runs.into_iter().rfind(|run| run.is_run);
+        let started = last.as_ref().map(|run| run.started);
+        let newer =
+            skipped.into_iter().filter(|(run, _)| run.is_run && Some(run.started) > started);
+        let Some(last) = last else {
+            let newest = newer.max_by_key(|(run, _)| run.started);
+            return newest.map_or(Ok(None), |(_, reason)| Err(reason));
+        };
+        let mut run = Self::read(&last.file)?;
+        run.newer = newer.map(|(_, reason)| reason.to_string()).collect();
+        Ok(Some(run))
     }
 
     /// Reads a record, also one without its end because the program was killed. Of one that is damaged it reads the parts
@@ -291,7 +347,8 @@ impl Run {
         Ok(run)
     }
 
-    /// Reads the facts of a record and the names of its attachments, without its rows.
+    /// Reads the facts of a record and the names of its attachments, without its rows: of one without its end those that stand
+    /// beside the first that is whole.
     ///
     /// # Errors
     /// When the file cannot be read.
@@ -336,7 +393,9 @@ impl Run {
         directory.read(parts.summary(), |_, _, _| ());
         self.is_complete = parts.is_complete();
         let mut read = 0;
-        while let Some(part) = parts.next(with_rows).map_err(failed(&path))? {
+        // Whether any row is whole says the first.
+        let wants = |run: &Self| with_rows || (!run.is_complete && !run.has_rows());
+        while let Some(part) = parts.next(wants(self)).map_err(failed(&path))? {
             let rows = match part {
                 Part::Facts(facts) => {
                     self.facts.insert(facts.name, facts.metadata);
@@ -346,8 +405,12 @@ impl Run {
                     self.attachments.push((header.name, data.len()));
                     continue;
                 }
-                Part::Damaged(part) => {
+                Part::Damaged(kind, part) => {
                     self.damage.parts += 1;
+                    self.damage.attachments += usize::from(kind == op::ATTACHMENT);
+                    self.damage.facts += usize::from(kind == op::METADATA);
+                    let is_other = matches!(kind, op::ATTACHMENT | op::METADATA);
+                    self.damage.is_least |= !is_other || !part.is_empty();
                     self.damage.rows += directory.read_damaged(&part);
                     continue;
                 }
@@ -355,7 +418,8 @@ impl Run {
                     directory.read(&rows, |_, _, _| self.damage.repeated += 1);
                     continue;
                 }
-                Part::Rows(rows) | Part::Rest(rows) => rows,
+                Part::Rows(rows) | Part::Rest(rows) if wants(self) => rows,
+                Part::Rows(_) | Part::Rest(_) => continue,
             };
             directory.read(&rows, |directory, header, data| {
                 let topic = directory.channels.get(&header.channel_id).map(|it| it.topic.as_str());
@@ -377,7 +441,6 @@ impl Run {
                 _ => None,
             };
             damage.is_changed = is_unchanged == Some(false);
-            damage.is_least = damage.parts > 0;
             match parts.rows() {
                 // The data has a check sum of its own, or more rows than those.
                 Some(rows)
@@ -389,9 +452,10 @@ impl Run {
                 Some(rows) => (damage.rows, damage.is_least) = (rows - read, false),
                 None => {}
             }
-            damage.is_summary_lost =
-                !damage.is_loss() && !damage.is_changed && parts.lost_its_summary();
         }
+        let damage = &mut self.damage;
+        damage.is_summary_lost =
+            !damage.is_loss() && !damage.is_changed && parts.lost_its_summary();
         if self.first.is_some() || !self.facts.is_empty() || !with_rows {
             return Ok(());
         }

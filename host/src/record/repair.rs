@@ -125,7 +125,7 @@ fn copy(file: &Path, target: &File, damage: Damage) -> McapResult<u64> {
                 media_type: header.media_type,
                 data: Cow::Owned(data),
             })?,
-            Part::Damaged(part) => drop(directory.read_damaged(&part)),
+            Part::Damaged(_, part) => drop(directory.read_damaged(&part)),
             Part::Repeated(_) => {}
             Part::Rows(part) | Part::Rest(part) => {
                 let mut written = Ok(());
