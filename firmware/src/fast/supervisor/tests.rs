@@ -153,12 +153,7 @@ fn each_step_of_the_ladder_comes_at_its_deadline_and_not_a_microsecond_before() 
             [State::Armed, State::Stopping],
             [late, EventCounters { link_lost: 1, ..late }],
         ),
-        (
-            Desk::aligning(),
-            LINK_LOST,
-            [State::Aligning, State::Disarmed],
-            [late, EventCounters { link_lost: 1, ..late }],
-        ),
+        (Desk::aligning(), COMMAND_DEADLINE, [State::Aligning, State::Disarmed], [late, silent]),
     ] {
         let mut desk = from.clone();
         desk.after(deadline - MICROSECOND);
