@@ -44,7 +44,7 @@ use heapless::{Deque, Vec};
 
 use crate::alignment::Alignment;
 use crate::blackbox::{BlackBox, RUN_BYTES};
-use crate::fast::exchange::{Order, Report, Requests};
+use crate::fast::exchange::{EventCounters, Order, Report, Requests};
 use crate::fast::margin;
 use crate::hardware::{Hardware, SettingsStore};
 use crate::scope::{Memory, Scope};
@@ -404,15 +404,20 @@ impl Link {
         if matches!(report.state, State::Disarmed | State::Aligning | State::Faulted) {
             self.setpoint = Setpoint::REST;
         }
-        self.note_rest(last.state);
+        let silences = |of: &EventCounters| [of.command_deadline, of.command_age];
+        self.note_rest(last.state, silences(&report.events) != silences(&last.events));
         if self.is_at_rest() {
             self.ramps_down = false;
         }
     }
 
-    /// Notes that the rotors came to rest although nobody asked for it. Signs of life of any kind keep them armed then.
-    fn note_rest(&mut self, before: State) {
+    /// Notes that the rotors came to rest although nobody asked for it. Signs of life of any kind keep them armed then, unless
+    /// they turned to be aligned.
+    fn note_rest(&mut self, before: State, by_silence: bool) {
         match (before, self.report.state) {
+            (State::Aligning, State::Disarmed) if by_silence => {
+                self.halts = self.halts.wrapping_add(1);
+            }
             (State::Stopping, State::Armed) => {
                 self.has_rested = true;
                 self.halts = self.halts.wrapping_add(1);

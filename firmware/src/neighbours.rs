@@ -113,13 +113,18 @@ impl Guard {
         if state.pinned.is_none_or(|(pinned, _)| pinned != sender) {
             state.taken = RENEWED_AFTER;
         }
+        state.forget_due(sender);
         state.pinned = Some((sender, Moment::now()));
     }
 
-    /// Holds the sender of this datagram, until [`Guard::release`].
+    /// Holds the sender of this datagram, until [`Guard::release`]; nobody in the place of one who is pinned.
     pub fn hold(&self, from: SocketAddr, datagram: &[u8]) {
         let mut state = self.0.borrow_mut();
-        let sender = state.sender(from, datagram).filter(|it| state.pinned() != Some(*it));
+        let is_free = |it: &Neighbour| state.pinned().is_none_or(|pin| pin.address != it.address);
+        let sender = state.sender(from, datagram).filter(is_free);
+        if let Some(sender) = sender {
+            state.forget_due(sender);
+        }
         state.held = sender.map(|sender| (sender, RENEWED_AFTER));
     }
 
@@ -140,6 +145,11 @@ impl State {
         // Forgotten when many came at once that the stack dropped: then it is where it was.
         let known = || self.pinned().filter(|it| it.address == address);
         sender.map(|(it, _)| *it).or_else(known)
+    }
+
+    /// Reports nobody else in the place of this neighbour.
+    fn forget_due(&mut self, neighbour: Neighbour) {
+        self.due.take_if(|it| it.address == neighbour.address && *it != neighbour);
     }
 
     fn pinned(&self) -> Option<Neighbour> {

@@ -319,6 +319,22 @@ fn rotors_that_came_to_rest_by_silence_turn_again_only_on_another_intent() {
 }
 
 #[test]
+fn motors_that_were_let_go_in_silence_while_they_were_aligned_count_as_a_halt() {
+    for by_silence in [true, false] {
+        let mut ends = Ends::at(State::Aligning);
+        ends.live(TELEMETRY);
+        let before = ends.telemetry.last().unwrap().halts;
+        ends.observe(|report| {
+            report.state = State::Disarmed;
+            report.events.command_deadline += u8::from(by_silence);
+        });
+        ends.live(2 * TELEMETRY);
+        let after = ends.telemetry.last().unwrap().halts;
+        assert_eq!(after.wrapping_sub(before), u8::from(by_silence));
+    }
+}
+
+#[test]
 fn a_robot_that_was_asked_to_ramp_down_takes_no_setpoint_until_it_did() {
     for command in [Command::Disarm, Command::Stop] {
         let mut ends = Ends::at(State::Running);

@@ -83,12 +83,14 @@ fn swapped_encoders_are_named_and_the_settings_stay_as_they_were() {
     assert_eq!(settings(&robot), before);
 }
 
-/// A robot whose operator falls silent some time after a step has begun.
+/// A robot whose operator falls silent some time after a step has begun, or for a while in trials.
 struct Leaving<'a> {
     robot: &'a mut Watched,
     leaves: &'a Cell<bool>,
     /// Commands that still go out.
     left: u32,
+    /// Whether the next trial is one of these.
+    is_lost: &'a mut dyn FnMut() -> bool,
 }
 
 impl Leaving<'_> {
@@ -108,7 +110,14 @@ impl Subject for Leaving<'_> {
 
     fn ask(&mut self, command: Command) -> Result<Outcome, OperationError> {
         self.goes_on()?;
-        self.robot.ask(command)
+        let is_trial = matches!(command, Command::Trial(_));
+        let outcome = self.robot.ask(command)?;
+        if is_trial && (self.is_lost)() {
+            self.robot.operation.operators[0].is_gone = true;
+            self.robot.pause(Duration::from_millis(300))?;
+            self.robot.operation.operators[0].is_gone = false;
+        }
+        Ok(outcome)
     }
 
     fn pause(&mut self, duration: Duration) -> Result<(), OperationError> {
@@ -140,7 +149,8 @@ fn an_operator_who_falls_silent_at_any_step_leaves_rotors_at_rest() {
     for last in Step::ALL {
         let mut robot = Watched::power_up(stranger(3), 3).unwrap();
         let leaves = Cell::new(false);
-        let mut leaving = Leaving { robot: &mut robot, leaves: &leaves, left: 20 };
+        let mut leaving =
+            Leaving { robot: &mut robot, leaves: &leaves, left: 20, is_lost: &mut || false };
         let found = commission(&mut leaving, &Known::default(), |step| {
             leaves.set(leaves.get() || step == last);
         });
@@ -152,6 +162,25 @@ fn an_operator_who_falls_silent_at_any_step_leaves_rotors_at_rest() {
         assert!(truth.largest_current() < 0.01, "{last}");
         assert!(robot.largest_current.get() < CURRENT_LIMIT_A, "{last}");
     }
+}
+
+#[test]
+fn a_trial_that_broke_off_in_silence_is_done_again_and_never_taken_for_a_motor() {
+    let lossy = |is_lost: &mut dyn FnMut() -> bool| {
+        let mut robot = Watched::power_up(stranger(3), 3).unwrap();
+        let leaves = Cell::new(false);
+        let mut lossy = Leaving { robot: &mut robot, leaves: &leaves, left: 1, is_lost };
+        commission(&mut lossy, &Known::default(), |_| {})
+    };
+    let mut trials = 0;
+    let mut every_third = || {
+        trials += 1;
+        trials % 3 == 1
+    };
+    lossy(&mut every_third).unwrap();
+    assert!(trials > 9);
+    let silent = lossy(&mut || true);
+    assert!(matches!(silent, Err(CommissionError::Silent(Step::Wiring))), "{silent:?}");
 }
 
 /// Commissions a robot whose amplifiers show another current than flows. Returns what is found, and the largest current, A.

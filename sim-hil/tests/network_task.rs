@@ -379,6 +379,25 @@ fn what_others_send_in_an_operators_name_keeps_no_answer_from_him() {
 }
 
 #[test]
+fn what_is_answered_to_others_in_an_operators_name_takes_no_telemetry_from_him() {
+    play(Some(key()), |world| async move {
+        let mut operator = Operator::new(&world);
+        operator.connect().await;
+        operator.ping_for(100).await;
+        // A Hello with another key is refused: that is an answer, too.
+        let stranger = OperatorSession::new(Key::new([4; 32]), [4; 32], now()).poll(now()).unwrap();
+        let [from, to] = [(OPERATOR, 40_000), (ROBOT, DEFAULT_PORT)];
+        let [from, to] = [from, to].map(|(address, port)| SocketAddrV4::new(address, port));
+        world.wire.follow(move |_| vec![network::datagram(66, from, to, &stranger)]);
+        operator.outcomes.clear();
+        operator.telemetry = 0;
+        operator.ping_for(2_000).await;
+        let (answers, telemetry) = (operator.outcomes.len(), operator.telemetry);
+        assert!(answers >= 97 && telemetry >= 95, "{answers} answers, {telemetry} telemetry");
+    });
+}
+
+#[test]
 fn copies_whose_first_the_guard_was_made_to_forget_keep_no_answer_from_an_operator() {
     play(Some(key()), |world| async move {
         // The first answer is lost; then strangers send more than the guard remembers, and a copy of what was asked.

@@ -112,6 +112,7 @@ fn sentence(error: CommissionError<LinkError>) -> Error {
              two wires), flux_linkage, pole_pairs, encoder_latency",
         ),
         CommissionError::Robot(error) => error.into(),
+        silent @ CommissionError::Silent(_) => Error::new(Exit::NoAnswer, silent),
         other => Error::new(Exit::RobotFault, other),
     }
 }

@@ -178,11 +178,11 @@ impl RobotArgs {
                 .filter(|name| keyring.contains(name))
         };
         match name {
-            Some(name) => Ok(Known {
-                key: keyring.key(&name)?,
-                offered: offered(keyring, &name),
-                name: Some(name),
-            }),
+            Some(name) => {
+                // In this order: one that is settled meanwhile is the key then.
+                let offered = offered(keyring, &name);
+                Ok(Known { key: keyring.key(&name)?, offered, name: Some(name) })
+            }
             None => Err(KeyError::Unknown { robot: self.robot.clone(), names: keyring.names() }),
         }
     }

@@ -1,7 +1,7 @@
 //! A run in real time: link, poses, record and progress around a [`Pilot`].
 
 use std::collections::BTreeMap;
-use std::net::{IpAddr, Ipv4Addr, SocketAddrV4};
+use std::net::{IpAddr, Ipv4Addr, SocketAddrV4, ToSocketAddrs as _};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::{Duration, SystemTime};
@@ -113,14 +113,26 @@ fn body(text: &str) -> Result<Body, std::convert::Infallible> {
 }
 
 fn server(text: &str) -> Result<SocketAddrV4, String> {
-    if let Ok(address) = text.parse::<SocketAddrV4>() {
-        return Ok(address);
+    let (host, port) = match text.split_once(':') {
+        Some((host, port)) => (host, port.parse().ok()),
+        None => (text, Some(COMMAND_PORT)),
+    };
+    // What is all numbers is no name, though some systems make an address of "1.2.3".
+    let is_name = !host.chars().all(|it| it.is_ascii_digit() || it == '.');
+    let resolved = || -> Option<Ipv4Addr> {
+        (host, COMMAND_PORT).to_socket_addrs().ok()?.find_map(|it| match it.ip() {
+            IpAddr::V4(ip) => Some(ip),
+            IpAddr::V6(_) => None,
+        })
+    };
+    let ip = host.parse::<Ipv4Addr>().ok().or_else(|| resolved().filter(|_| is_name));
+    let is_one = |ip: &Ipv4Addr| !(ip.is_multicast() || ip.is_broadcast() || ip.is_unspecified());
+    match (ip.filter(is_one), port.filter(|port| *port != 0)) {
+        (Some(ip), Some(port)) => Ok(SocketAddrV4::new(ip, port)),
+        _ => Err(format!(
+            "\"{text}\" is no computer with an IPv4 address: write 192.168.1.5, 192.168.1.5:{COMMAND_PORT} or its name"
+        )),
     }
-    text.parse::<Ipv4Addr>().map(|ip| SocketAddrV4::new(ip, COMMAND_PORT)).map_err(|_| {
-        format!(
-            "\"{text}\" is not an IPv4 address: write 192.168.1.5 or 192.168.1.5:{COMMAND_PORT}"
-        )
-    })
 }
 
 impl PoseArgs {

@@ -6,7 +6,7 @@
 //! the viewers: it reads what each asks, refuses whom it must, and passes the bytes of all others on.
 //!
 //! A viewer gets little time to ask, and few may wait or look at once. One more turns out the one who has waited longest, or
-//! who has looked longest from the address with the most viewers: whoever opens many and never leaves keeps nobody else out.
+//! who has looked longest from the address with the most viewers, in the network (/24 of IPv4, /64 of IPv6) with the most: whoever opens many and never leaves keeps nobody else out.
 
 use std::io::{self, Read as _, Write as _};
 use std::net::{IpAddr, Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -14,6 +14,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
+
+use flix_host::teleop::page::hall::network;
 
 /// Pages that show streams: Foxglove's own and Lichtblick's.
 const VIEWERS: [&str; 4] = [
@@ -184,9 +186,14 @@ impl Hall {
             return false;
         };
         if self.viewers.len() >= MOST_VIEWERS {
-            let from = |address| self.viewers.iter().filter(|it| it.address == address).count();
-            let most = self.viewers.iter().map(|it| from(it.address)).max();
-            let leaves = self.viewers.iter().position(|it| Some(from(it.address)) == most);
+            let near = |it: &Visitor| it.address.map(network);
+            let crowd = |one: &Visitor| {
+                let count =
+                    |is: &dyn Fn(&Visitor) -> bool| self.viewers.iter().filter(|it| is(it)).count();
+                [count(&|it| near(it) == near(one)), count(&|it| it.address == one.address)]
+            };
+            let most = self.viewers.iter().map(crowd).max();
+            let leaves = self.viewers.iter().position(|it| Some(crowd(it)) == most);
             leaves.map(|leaves| self.viewers.remove(leaves).leave());
         }
         self.viewers.push(self.waiting.remove(place));
@@ -449,9 +456,10 @@ mod tests {
             viewer.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
             viewer
         };
-        let lone = look([10, 0, 0, 2]);
-        let many: Vec<_> = (0..2 * MOST_VIEWERS).map(|_| look([10, 0, 0, 1])).collect();
-        let late = look([10, 0, 0, 3]);
+        let lone = look([10, 0, 2, 1]);
+        let many: Vec<_> =
+            (0..2 * MOST_VIEWERS).map(|number| look([10, 0, 1, number as u8])).collect();
+        let late = look([10, 0, 3, 1]);
         let looks_on = |mut viewer: &TcpStream| viewer.read(&mut [0]).is_err();
         assert!(looks_on(&lone) && looks_on(&late));
         // Who stays: 15 of them beside the first, 14 beside the late one too, the newest.

@@ -186,11 +186,30 @@ impl<'a, S: Subject> Desk<'a, S> {
 
     /// Waits until the capture is complete, and fetches its first rows, at most so many.
     pub(super) fn capture(&mut self, step: Step, rows: u16) -> Done<Columns, S> {
+        let halts = self.halts();
+        self.capture_since(step, rows, halts)
+    }
+
+    /// Returns how often the robot has halted, as it states.
+    pub(super) fn halts(&mut self) -> Option<u8> {
+        self.subject.telemetry().map(|it| it.halts)
+    }
+
+    /// The same, of a robot that had halted so often when the step began: another halt ends it.
+    pub(super) fn capture_since(
+        &mut self,
+        step: Step,
+        rows: u16,
+        halts: Option<u8>,
+    ) -> Done<Columns, S> {
         for _ in 0..LOOKS {
             if let Some(columns) = self.captured(rows)? {
                 return Ok(columns);
             }
             self.check(step)?;
+            if self.halts() != halts {
+                return Err(CommissionError::Silent(step));
+            }
             self.subject.pause(LOOK)?;
         }
         Err(CommissionError::Endless(step))

@@ -93,6 +93,9 @@ pub enum CommissionError<E> {
     /// The robot did not do what a step takes.
     #[error("{0} came to no end")]
     Endless(Step),
+    /// Commands stayed away in the middle of a step, again and again.
+    #[error("{0} broke off, because commands came too late: see `flix link-test`")]
+    Silent(Step),
     /// The answer was of another kind.
     #[error("the robot answered something else than was asked; is its firmware of this version?")]
     OtherAnswer,

@@ -38,6 +38,8 @@ const TURNING_TICKS: u16 = 3_300;
 /// Ticks between jumps of the field that a rotor swings after, and in all.
 const SWING_TICKS: u16 = 600;
 const SWING_ROWS: u16 = 2_700;
+/// How often a trial is begun whose commands stay away.
+const MOST_TRIALS: u32 = 3;
 /// Most that a rotor which follows its field is off, root mean square, electrical degrees.
 const LARGEST_SLIP_DEG: f64 = 60.0;
 /// The other motor's encoder sees a rotor turn when it turns farther, degrees.
@@ -57,7 +59,7 @@ pub(super) struct First {
 }
 
 impl<S: Subject> Desk<'_, S> {
-    /// Does a trial and captures its pattern.
+    /// Does a trial and captures its pattern; again where commands stayed away meanwhile, so that the robot let go.
     fn try_out(
         &mut self,
         step: Step,
@@ -65,11 +67,31 @@ impl<S: Subject> Desk<'_, S> {
         channels: &[Channel],
         rows: u16,
     ) -> Done<(Columns, Bridges), S> {
+        for _ in 0..MOST_TRIALS {
+            let before = self.halts();
+            match self.try_once(step, trial, channels, rows, before) {
+                // Also one that let go before its pattern began, which is never captured.
+                Err(CommissionError::Silent(_)) => {}
+                Ok(_) if self.halts() != before => {}
+                ended => return ended,
+            }
+        }
+        Err(CommissionError::Silent(step))
+    }
+
+    fn try_once(
+        &mut self,
+        step: Step,
+        trial: Trial,
+        channels: &[Channel],
+        rows: u16,
+        halts: Option<u8>,
+    ) -> Done<(Columns, Bridges), S> {
         self.begin_capture(channels, Trigger::Pattern, 0)?;
         let Outcome::Trial(bridges) = self.subject.ask(Command::Trial(trial))? else {
             return Err(CommissionError::OtherAnswer);
         };
-        let columns = self.capture(step, rows)?;
+        let columns = self.capture_since(step, rows, halts)?;
         self.await_state(step, State::Disarmed, false)?;
         Ok((columns, bridges))
     }

@@ -14,7 +14,10 @@ use flix_protocol::session::{
 use flix_protocol::units::Instant;
 
 use super::statistics::Statistics;
-use super::{KEEP_ALIVE, REQUEST_PATIENCE, REQUEST_RETRY, SILENCE, STOP_BESIDE_AFTER, STOP_RETRY};
+use super::{
+    DISARMED_AFTER, KEEP_ALIVE, REQUEST_PATIENCE, REQUEST_RETRY, SILENCE, STOP_BESIDE_AFTER,
+    STOP_RETRY,
+};
 
 /// An event of the link, for the owner of the client.
 #[derive(Debug, Clone, PartialEq)]
@@ -99,7 +102,9 @@ pub struct Client {
     heard: Instant,
     /// When the robot last stated whether it is stopped, in any session; before the first, when this client was made.
     informed: Instant,
-    /// The same on the robot's clock: what it states may be long under way.
+    /// When the last session ended.
+    ended: Instant,
+    /// The same as `informed` on the robot's clock: what it states may be long under way.
     stated: Option<Instant>,
     telemetry: Option<Telemetry>,
     is_driving: bool,
@@ -131,6 +136,7 @@ impl Client {
             keep_alive_at: now,
             heard: now,
             informed: now,
+            ended: now,
             stated: None,
             telemetry: None,
             is_driving: false,
@@ -253,7 +259,7 @@ impl Client {
     /// Closes the session, so that the next operator need not wait.
     pub fn leave(&mut self) {
         self.farewell = self.session.goodbye().ok();
-        self.session_ended();
+        self.session_ended(self.heard);
     }
 
     /// Returns the state of the connection.
@@ -315,6 +321,12 @@ impl Client {
         match received {
             OperatorReceived::Message(ToOperator::Reply(reply)) => self.replied(now, reply),
             OperatorReceived::Message(ToOperator::Telemetry(telemetry)) => {
+                let moves =
+                    |it: &Pending| matches!(it.message.command, Command::Arm | Command::Trial(_));
+                let is_idle = matches!(telemetry.state, State::Disarmed | State::Faulted);
+                if self.telemetry.is_none() && is_idle && !self.pending.iter().any(moves) {
+                    self.is_driving = false;
+                }
                 let is_news = match &self.telemetry {
                     Some(before) => before.halts != telemetry.halts,
                     None => self.is_unseen(now, &telemetry),
@@ -330,7 +342,7 @@ impl Client {
                 self.updates.push_back(Update::Event(event));
             }
             OperatorReceived::Left => {
-                self.session_ended();
+                self.session_ended(now);
                 self.updates.push_back(Update::Left);
             }
             OperatorReceived::Connected
@@ -355,6 +367,10 @@ impl Client {
             return Some(frame);
         }
         self.give_up_on_silence(now);
+        if !self.was_established && now.since(self.ended) > DISARMED_AFTER {
+            // It has disarmed by itself, and whoever drives it now is somebody else.
+            self.is_driving = false;
+        }
         if let Some(frame) = self.stop_beside(now) {
             return Some(frame);
         }
@@ -371,7 +387,7 @@ impl Client {
             Ok(frame) => Some(frame),
             // Every command fits a datagram (a test of the protocol), so only this is left.
             Err(SendError::NoSession | SendError::TooLong | SendError::Exhausted) => {
-                self.session_ended();
+                self.session_ended(now);
                 self.updates.push_back(Update::Lost);
                 self.session.connect(now);
                 None
@@ -461,11 +477,14 @@ impl Client {
     /// disarms it. Nothing is cleared before the robot has said by what it is stopped.
     fn in_turn(&self) -> impl Iterator<Item = (usize, &Pending)> {
         let mut is_first = true;
+        let is_disarming = self.is_disarming();
         self.pending.iter().enumerate().filter(move |(_, pending)| {
             let command = &pending.message.command;
-            let is_turn = command.is_question()
-                || std::mem::take(&mut is_first)
-                || *command == Command::Disarm;
+            // A question is a sign of life, too.
+            if is_disarming {
+                return *command == Command::Disarm;
+            }
+            let is_turn = command.is_question() || std::mem::take(&mut is_first);
             is_turn && (*command != Command::Clear || self.telemetry.is_some())
         })
     }
@@ -536,6 +555,10 @@ impl Client {
             && !self.has_failed
         {
             self.has_failed = true;
+            if matches!(error, ConnectError::Busy(_)) {
+                // Another operator has taken it: it was disarmed before.
+                self.is_driving = false;
+            }
             self.updates.push_back(Update::Failed(error));
             self.abandon_requests();
         }
@@ -544,7 +567,7 @@ impl Client {
     fn give_up_on_silence(&mut self, now: Instant) {
         if self.was_established && now.since(self.heard) >= SILENCE {
             self.updates.push_back(Update::Lost);
-            self.session_ended();
+            self.session_ended(now);
             self.session.connect(now);
         }
     }
@@ -566,7 +589,8 @@ impl Client {
         });
     }
 
-    fn session_ended(&mut self) {
+    fn session_ended(&mut self, now: Instant) {
+        self.ended = now;
         self.was_established = false;
         self.has_failed = false;
         self.telemetry = None;

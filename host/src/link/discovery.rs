@@ -12,6 +12,7 @@ use flix_protocol::{DEFAULT_PORT, SERVICE_TYPE};
 use mdns_sd::{ResolvedService, ServiceDaemon, ServiceEvent};
 
 use super::transient;
+use super::udp::ANSWERS_AT_ONCE;
 use crate::system::interrupt::Interrupt;
 use crate::system::text::printable;
 
@@ -27,10 +28,8 @@ const RACES: usize = 5;
 const LOOK: Duration = Duration::from_micros(200);
 /// Interval of the checks for answers and interruption.
 const SLICE: Duration = Duration::from_millis(10);
-/// Most addresses that are greeted in a search, and most datagrams of each that are read in a slice.
+/// Most addresses that are greeted in a search.
 const MOST_GREETED: usize = 200;
-/// See [`MOST_GREETED`].
-const ANSWERS_AT_ONCE: u32 = 64;
 
 /// A robot that was found.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
@@ -99,7 +98,14 @@ pub fn find<'a>(
         [] => greeted,
         [only] => Some(only),
         _ => {
-            let won: Vec<_> = (0..RACES).filter_map(|_| race(&proved, &keys, interrupt)).collect();
+            let mut runners = proved.clone();
+            let won = (0..RACES).filter_map(|_| {
+                // None begins each time.
+                let count = runners.len();
+                runners.rotate_left(count.div_ceil(RACES) % count);
+                race(&runners, &keys, interrupt)
+            });
+            let won: Vec<_> = won.collect();
             let wins = |address: &SocketAddr| won.iter().filter(|it| *it == address).count();
             proved.into_iter().max_by_key(wins)
         }
@@ -129,11 +135,13 @@ pub fn find_each(
                 greeted.extend(keys.iter().filter_map(|key| Greeted::new(address, key)));
             }
         }
-        let proved = greeted.iter_mut().filter(|it| !it.has_proved).find_map(|it| {
+        let proved = greeted.iter_mut().filter(|it| !it.has_proved).filter_map(|it| {
             it.has_proved = it.proves().unwrap_or(false);
             it.has_proved.then_some(it.address)
         });
-        each(proved)
+        // All before the next look, whatever `each` says of the first.
+        let proved: Vec<_> = proved.map(Some).chain([None]).collect();
+        proved.into_iter().filter(|it| each(*it)).count() > 0
     })?;
     Ok(first)
 }

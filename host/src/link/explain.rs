@@ -137,14 +137,14 @@ pub fn event(event: &Event) -> String {
         Event::OperatorLeft => "the operator left".to_owned(),
         Event::LinkLate => "commands are late".to_owned(),
         Event::CommandDeadline => {
-            format!("no commands for {} ms: ramping down", COMMAND_DEADLINE.as_millis())
+            format!("no commands for {} ms: the rotors come to rest", COMMAND_DEADLINE.as_millis())
         }
         Event::LinkLost => format!("no commands for {} s: disarmed", LINK_LOST.as_secs()),
         Event::CommandsLate { age_ms, limit_ms } => {
             Refusal::Late { age_ms: *age_ms, limit_ms: *limit_ms }.to_string()
         }
         Event::StoppedFromOutside(by) => format!("stopped by {by}, until cleared"),
-        Event::CommandAge => "the newest command is too old: ramping down".to_owned(),
+        Event::CommandAge => "the newest command is too old: the rotors come to rest".to_owned(),
         Event::SettingsSaved => "settings saved".to_owned(),
         Event::SettingsDefaulted => {
             "stored settings could not be used: these have their defaults, which are assumed"
@@ -191,7 +191,10 @@ mod tests {
 
     #[test]
     fn the_steps_of_the_failsafe_ladder_name_their_times() {
-        assert_eq!(event(&Event::CommandDeadline), "no commands for 250 ms: ramping down");
+        assert_eq!(
+            event(&Event::CommandDeadline),
+            "no commands for 250 ms: the rotors come to rest"
+        );
         assert_eq!(event(&Event::LinkLost), "no commands for 1 s: disarmed");
     }
 }

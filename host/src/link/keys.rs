@@ -8,9 +8,10 @@
 //!
 //! A file that other users can read is refused, as ssh does.
 
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use flix_protocol::provision;
 use flix_protocol::session::{self, Key};
@@ -29,6 +30,11 @@ pub const KEY_FILE_VARIABLE: &str = "FLIX_KEY_FILE";
 /// Longest file that is read as a key file, bytes: a wrong path (a film, a device) must not be read
 /// whole.
 const LONGEST_KEY_FILE: u64 = 4096;
+
+/// Longest wait for another program that changes keys; it takes some milliseconds.
+const LOCK_PATIENCE: Duration = Duration::from_secs(1);
+/// Interval of the attempts.
+const LOCK_RETRY: Duration = Duration::from_millis(5);
 
 /// Why a key could not be made, read or stored.
 #[derive(Debug, thiserror::Error)]
@@ -289,8 +295,11 @@ impl Keyring {
     /// # Errors
     /// When the file cannot be renamed.
     pub fn settle(&self, name: &str, offered: &Key) -> Result<(), KeyError> {
-        let _alone = self.lock()?;
         let path = self.offered_file(name);
+        if !path.exists() {
+            return Ok(());
+        }
+        let _alone = self.lock()?;
         match read(&path) {
             Ok(key) if key == *offered => fs::rename(&path, self.key_file(name)).map_err(at(&path)),
             _ => Ok(()),
@@ -302,8 +311,11 @@ impl Keyring {
     /// # Errors
     /// When the file cannot be erased.
     pub fn withdraw(&self, name: &str, offered: Option<&Key>) -> Result<(), KeyError> {
-        let _alone = self.lock()?;
         let path = self.offered_file(name);
+        if !path.exists() {
+            return Ok(());
+        }
+        let _alone = self.lock()?;
         if read(&path).is_ok_and(|key| offered != Some(&key)) {
             return Ok(());
         }
@@ -313,12 +325,18 @@ impl Keyring {
         }
     }
 
-    /// Keeps other programs from changing keys, until the file is closed. A file system without locks keeps nobody.
+    /// Keeps other programs from changing keys, until the file is closed. A file system without locks keeps nobody, and one that
+    /// holds the lock for long, as it was suspended, is waited for no longer.
     fn lock(&self) -> Result<File, KeyError> {
         self.create_directory()?;
         let path = self.directory.join(".lock");
         let file = File::options().create(true).append(true).open(&path).map_err(at(&path))?;
-        let _ = file.lock();
+        let begun = Instant::now();
+        while matches!(file.try_lock(), Err(TryLockError::WouldBlock))
+            && begun.elapsed() < LOCK_PATIENCE
+        {
+            std::thread::sleep(LOCK_RETRY);
+        }
         Ok(file)
     }
 

@@ -57,6 +57,8 @@ pub const REQUEST_RETRY: Duration = Duration::from_millis(100);
 pub const REQUEST_PATIENCE: Duration = Duration::from_secs(2);
 /// Interval of stop until it is acknowledged.
 pub const STOP_RETRY: Duration = Duration::from_millis(20);
+/// Time after the end of a session in which a robot has disarmed by itself: a second of silence, and the ramp.
+pub const DISARMED_AFTER: Duration = Duration::from_secs(2);
 /// Time after which a stop that the robot has not acknowledged in the session is also asked for without one.
 pub const STOP_BESIDE_AFTER: Duration = Duration::from_millis(100);
 /// Silence of the robot after which the session ends: the robot, without commands, has disarmed.

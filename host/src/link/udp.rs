@@ -39,6 +39,8 @@ pub(crate) const LAPSED: &str = "the robot stopped by itself: commands came too 
 pub const REVOKED_PATIENCE: Duration = HINT_PATIENCE.saturating_add(Duration::from_millis(500));
 /// Longest wait for a datagram between two checks for interruption.
 const LONGEST_WAIT: Duration = Duration::from_millis(20);
+/// Datagrams of one socket that are read at once while others have to be read, too.
+pub(super) const ANSWERS_AT_ONCE: u32 = 64;
 /// Shortest timeout that is requested from the operating system.
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
 
@@ -310,7 +312,8 @@ impl Connection {
             match self.ask_once(command.clone()) {
                 Err(LinkError::Refused(refusal)) if passes(&refusal) && self.now() < deadline => {
                     self.wait_for(TRY_AGAIN, |_, _| None::<()>)?;
-                    if self.client.halts() != halts {
+                    let is_stopped = self.client.telemetry().is_some_and(|it| it.stopped);
+                    if self.client.halts() != halts && is_stopped {
                         return Err(self.why_stopped()?);
                     }
                 }
@@ -369,6 +372,23 @@ impl Connection {
     /// As for [`Connection::ask`]; when a fault is latched.
     pub fn arm(&mut self) -> Result<(), LinkError> {
         let deadline = self.now() + ARM_PATIENCE;
+        loop {
+            let halts = self.client.halts();
+            match self.try_to_arm(deadline) {
+                // Commands stayed away while the motors were aligned, which is over.
+                Err(LinkError::State { actual: State::Disarmed, .. })
+                    if self.client.halts() != halts =>
+                {
+                    if self.now() >= deadline {
+                        return Err(LinkError::Lapsed);
+                    }
+                }
+                ended => return ended,
+            }
+        }
+    }
+
+    fn try_to_arm(&mut self, deadline: Instant) -> Result<(), LinkError> {
         self.ask_until(deadline, &Command::Arm)?;
         let asked = Clock::start();
         let mut actual = State::Disarmed;
@@ -419,13 +439,16 @@ impl Connection {
     /// # Errors
     /// As for [`Connection::ask`]; when somebody else stopped the robot, or the cause of a fault is still there.
     pub fn clear(&mut self, asked: std::time::Instant) -> Result<(), LinkError> {
-        let telemetry = self.wait_for_telemetry(super::REQUEST_PATIENCE, |_| true)?;
-        let stopped_for = telemetry.ok_or(LinkError::Unanswered)?.stopped_for();
-        if stopped_for.is_some_and(|it| it < asked.elapsed()) {
-            return Err(self.why_stopped()?);
-        }
+        // What was longest under way makes a stop look younger: of several, one that shows it older decides.
+        let is_known = |it: &Telemetry| it.stopped_for().is_none_or(|ago| ago >= asked.elapsed());
+        let first = self.wait_for_telemetry(super::REQUEST_PATIENCE, |_| true)?;
+        let first = first.ok_or(LinkError::Unanswered)?;
+        let judged = match is_known(&first) {
+            true => Some(first),
+            false => self.wait_for_telemetry(TELEMETRY_LAG, is_known)?,
+        };
+        let Some(Telemetry { halts, .. }) = judged else { return Err(self.why_stopped()?) };
         let deadline = self.now() + CLEAR_PATIENCE;
-        let halts = self.client.halts();
         loop {
             // Somebody has stopped the robot since: whoever clears that has to mean it.
             if self.client.halts() != halts {
@@ -505,8 +528,11 @@ pub fn stop(
     let start = Clock::start();
     let now = || Instant::START + start.elapsed();
     let ask = |address: SocketAddr| {
-        keys.iter()
-            .map(move |key| Ok((socket_to(address)?, StopSession::new(key, entropy()?, now()))))
+        keys.iter().map(move |key| {
+            let socket = socket_to(address)?;
+            socket.set_nonblocking(true)?;
+            Ok((socket, StopSession::new(key, entropy()?, now())))
+        })
     };
     let mut stops = ask(address).collect::<Result<Vec<_>, LinkError>>()?;
     let mut latched = None;
@@ -516,11 +542,16 @@ pub fn stop(
             // One that cannot be asked keeps nobody from being asked.
             stops.extend(ask(other).collect::<Result<Vec<_>, LinkError>>().unwrap_or_default());
         }
+        // Where others are asked, too, what is wrong with one way ends nothing.
+        let is_alone = stops.len() == keys.len();
         let (mut failed, mut failures) = (ConnectError::NoAnswer, 0);
         for (place, (socket, stop)) in stops.iter_mut().enumerate() {
             let by = place % keys.len();
             while let Some(frame) = stop.poll(now()) {
-                transient(socket.send(&frame))?;
+                let sent = transient(socket.send(&frame));
+                if is_alone {
+                    sent?;
+                }
             }
             match stop.status() {
                 StopStatus::AtRest => return Ok(by),
@@ -541,16 +572,18 @@ pub fn stop(
         if interrupt.is_raised() {
             return Err(LinkError::Interrupted);
         }
-        let sharing = stops.len() as u32;
         for (socket, stop) in &mut stops {
-            let due = stop.poll_at().map_or(LONGEST_WAIT, |due| due.since(now()).min(LONGEST_WAIT));
-            // They share the wait.
-            socket.set_read_timeout(Some((due / sharing).max(SHORTEST_WAIT)))?;
-            if let Some(length) = transient(socket.recv(&mut datagram))? {
+            for _ in 0..ANSWERS_AT_ONCE {
+                let received = match transient(socket.recv(&mut datagram)) {
+                    Err(error) if is_alone => return Err(error.into()),
+                    received => received.ok().flatten(),
+                };
+                let Some(length) = received else { break };
                 // One that is dropped is one that a stranger sent, or came twice.
                 let _ = stop.receive(now(), &datagram[..length]);
             }
         }
+        std::thread::sleep(SHORTEST_WAIT);
     }
 }
 

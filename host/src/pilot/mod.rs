@@ -31,6 +31,8 @@ pub const READY_PATIENCE: Duration = Duration::from_secs(20);
 pub const END_PATIENCE: Duration = Duration::from_secs(3);
 /// Interval at which arming is requested again while the link is not proven.
 const ARM_RETRY: Duration = Duration::from_millis(100);
+/// How often a robot is armed again that let go of its motors because commands stayed away while it aligned them.
+const MOST_ARMINGS: u32 = 3;
 /// Interval of the navigation rows in the record.
 const RECORD_PERIOD: Duration = Duration::from_millis(50);
 /// Shaking frequency below which a robot is at rest, Hz.
@@ -152,9 +154,10 @@ enum Phase {
     Waiting {
         until: Instant,
     },
-    /// Armed, it aligns its motors; asked for that at this time.
+    /// Armed, it aligns its motors; asked for that at this time, when it had halted so often.
     Readying {
         asked: Instant,
+        halts: u8,
     },
     Driving,
     /// Comes to rest after a successful end.
@@ -203,6 +206,8 @@ pub struct Pilot<H> {
     recorded: Option<Instant>,
     commanded: Option<(Setpoint, String)>,
     driving_since: Option<Instant>,
+    /// How often it was armed again.
+    armings: u32,
 }
 
 impl<H: Helm> Pilot<H> {
@@ -223,6 +228,7 @@ impl<H: Helm> Pilot<H> {
             recorded: None,
             commanded: None,
             driving_since: None,
+            armings: 0,
         }
     }
 
@@ -412,7 +418,19 @@ impl<H: Helm> Pilot<H> {
             {
                 self.fail(now, client, Ending::StoppedBy(by));
             }
-            (Phase::Readying { asked }, State::Disarmed) if now.since(*asked) > TELEMETRY_LAG => {
+            // Commands stayed away while the motors were aligned, which is over.
+            (Phase::Readying { halts, .. }, State::Disarmed)
+                if *halts != telemetry.halts && self.armings < MOST_ARMINGS =>
+            {
+                self.armings += 1;
+                self.ask(now, client, Command::Arm);
+            }
+            (Phase::Readying { halts, .. }, State::Disarmed) if *halts != telemetry.halts => {
+                self.fail(now, client, Ending::Lapsed);
+            }
+            (Phase::Readying { asked, .. }, State::Disarmed)
+                if now.since(*asked) > TELEMETRY_LAG =>
+            {
                 self.fail(now, client, Ending::NotReady(telemetry.state));
             }
             (Phase::Readying { .. }, State::Armed | State::Running) => {
@@ -449,7 +467,7 @@ impl<H: Helm> Pilot<H> {
                     stopper.map_or_else(|| Ending::Refused(refusal.clone()), Ending::StoppedBy);
                 self.fail(now, client, ending);
             }
-            _ => self.phase = Phase::Readying { asked: now },
+            _ => self.phase = Phase::Readying { asked: now, halts: client.halts() },
         }
     }
 

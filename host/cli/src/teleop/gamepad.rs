@@ -21,6 +21,8 @@ const DEAD_ZONE: f32 = 0.25;
 const DEFLECTED: f32 = 0.6;
 /// Deflection below which a stick that commands does so no longer: it may tremble about the one from which it does.
 const KEPT: f32 = 0.4;
+/// By how much the other axis has to lead before it commands.
+const LEAD: f32 = 0.1;
 /// What lets the robot rest by itself is noticed in this time.
 const SETTLED: Duration = Duration::from_millis(400);
 
@@ -60,7 +62,13 @@ impl Reading {
     fn mode(&self, before: Option<Mode>) -> Option<Mode> {
         let from = |mode| if before == Some(mode) { KEPT } else { DEFLECTED };
         let [ahead, left, right] = self.arrows;
-        let is_sideways = self.right.abs() > self.up.abs();
+        // The axis that leads goes on to until the other leads by so much.
+        let lead = match before {
+            Some(Mode::Forward) => LEAD,
+            Some(Mode::LeftTurn | Mode::RightTurn) => -LEAD,
+            _ => 0.0,
+        };
+        let is_sideways = self.right.abs() > self.up.abs() + lead;
         match self.shoulders {
             [true, _] => Some(Mode::StrafeLeft),
             [_, true] => Some(Mode::StrafeRight),

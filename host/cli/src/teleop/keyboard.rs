@@ -74,6 +74,8 @@ const PRESSED_AGAIN: Duration = Duration::from_millis(100);
 const RELEASED: Duration = Duration::from_millis(500);
 /// Longest pause within an answer of the terminal, which may come in pieces. Its end may be lost.
 const PAUSE: Duration = Duration::from_secs(1);
+/// The same within pasted text, which a slow network may hold up.
+const PASTE_PAUSE: Duration = Duration::from_secs(5);
 /// A program that did not look at its keys for longer stood still: what was typed meanwhile was for what it showed before.
 const STOOD_STILL: Duration = Duration::from_millis(250);
 /// What an answer of the terminal begins with, read as a key with Alt: ECMA-48's control strings DCS, SOS, OSC, PM, APC.
@@ -96,8 +98,11 @@ pub enum Report {
     Unwatched,
     /// Text that nobody typed came to its end: pasted, an answer of the terminal, or bytes that are no character.
     Text,
-    /// A sequence has no end: what follows may be a part of it.
-    BrokenOff,
+    /// A sequence has no end: what follows may be a part of it. Pasted text may be long under way.
+    BrokenOff {
+        /// Whether it was one.
+        is_paste: bool,
+    },
     /// It cannot be read any more.
     Closed,
 }
@@ -138,8 +143,8 @@ pub struct Typing {
     is_text: bool,
     /// When the last character of an answer of the terminal came that has not ended yet.
     answer: Option<Duration>,
-    /// When the last character came of what follows a sequence without its end.
-    rest: Option<Duration>,
+    /// When the last character came of what follows a sequence without its end, and the pause that ends that.
+    rest: Option<(Duration, Duration)>,
     /// When the keys were looked at last.
     looked: Duration,
     /// Keys until then are too old. Those of a program that stood still are read shortly after it goes on.
@@ -210,10 +215,10 @@ impl Typing {
                 self.last = at;
             }
             Report::Unwatched => self.ready.doubt = Some("nobody looks at the terminal"),
-            Report::Text => (self.is_text, self.last) = (true, at),
-            Report::BrokenOff => {
+            Report::Text => (self.is_text, self.last, self.rest) = (true, at, None),
+            Report::BrokenOff { is_paste } => {
                 self.together.fill(None);
-                self.rest = Some(at);
+                self.rest = Some((at, if is_paste { PASTE_PAUSE } else { PAUSE }));
                 self.ready.doubt = Some("the terminal broke off within a sequence");
             }
             Report::Closed => self.ready.actions.push(Action::Interrupt),
@@ -236,9 +241,9 @@ impl Typing {
     fn answers(&mut self, at: Duration, key: KeyEvent) -> bool {
         let with = |modifier| key.modifiers.contains(modifier);
         let begins = with(KeyModifiers::ALT) && STRINGS.contains(&key.code);
-        let goes_on_since =
-            |last: Option<Duration>| last.is_some_and(|last| at.saturating_sub(last) < PAUSE);
-        let (goes_on, is_rest) = (goes_on_since(self.answer), goes_on_since(self.rest));
+        let goes_on_since = |last: Duration, pause| at.saturating_sub(last) < pause;
+        let goes_on = self.answer.is_some_and(|last| goes_on_since(last, PAUSE));
+        let rest = self.rest.filter(|(last, pause)| goes_on_since(*last, *pause));
         let ends = match key.code {
             KeyCode::Esc => true,
             KeyCode::Char('\\') => with(KeyModifiers::ALT),
@@ -246,8 +251,8 @@ impl Typing {
             _ => false,
         };
         self.answer = (begins || (goes_on && !ends)).then_some(at);
-        self.rest = is_rest.then_some(at);
-        begins || goes_on || is_rest
+        self.rest = rest.map(|(_, pause)| (at, pause));
+        begins || goes_on || rest.is_some()
     }
 
     /// Returns what was typed since the last call, as far as that is known by now.

@@ -66,7 +66,9 @@ impl Sequences {
             self.pending.clear();
             reports.extend(report(&[ESCAPE]));
         } else {
-            reports.push(Report::BrokenOff);
+            let is_paste =
+                self.pending.strip_prefix(b"\x1b[").is_some_and(|it| it.starts_with(PASTE.0));
+            reports.push(Report::BrokenOff { is_paste });
             self.pending.remove(0);
             self.split(now, &mut reports);
         }
@@ -190,7 +192,7 @@ fn report(sequence: &[u8]) -> Option<Report> {
 mod tests {
     use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
-    use super::super::keyboard::Typing;
+    use super::super::keyboard::{Typed, Typing};
     use super::*;
     use flix_host::teleop::action::Action;
 
@@ -358,8 +360,46 @@ mod tests {
                     assert!(!walks || begun_is_whole, "{begun:?}: {actions:?}");
                 }
                 assert_eq!(typed(400, b" ").actions, [Action::Stop], "{begun:?}");
-                // Silence is an end, too.
-                assert!(matches!(typed(1500, b"w").actions[..], [Action::Walk(_)]), "{begun:?}");
+                // Silence is an end, too, and so is the end of pasted text.
+                let is_paste = begun.starts_with(b"\x1b[200~") && !begun_is_whole;
+                let walks = |typed: Typed| matches!(typed.actions[..], [Action::Walk(_)]);
+                assert_eq!(walks(typed(1500, b"w")), !is_paste, "{begun:?}");
+                typed(2600, b"\x1b[201~");
+                assert!(walks(typed(2700, b"a")), "{begun:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn pasted_text_that_was_held_up_is_over_after_a_long_silence() {
+        let (mut sequences, mut typing) = (Sequences::default(), Typing::default());
+        let mut typed = |at, bytes: &[u8]| {
+            let settled = sequences.settle(ms(at));
+            for report in settled.into_iter().chain(sequences.take(ms(at), bytes)) {
+                typing.report(ms(at), report);
+            }
+            let actions = typing.take(ms(at + 6)).actions;
+            actions.iter().filter(|action| matches!(action, Action::Walk(_))).count()
+        };
+        assert_eq!((typed(0, b"\x1b[200~hello"), typed(200, b"")), (0, 0));
+        assert_eq!((typed(4000, b"w"), typed(8900, b"w"), typed(14_000, b"w")), (0, 0, 1));
+        assert_eq!(typed(14_500, b"a"), 1);
+    }
+
+    #[test]
+    fn a_sequence_that_broke_off_stays_no_typing_while_keys_go_on() {
+        for begun in ["\u{1b}[<0;1", "\u{1b}O"] {
+            for at in [1_199, 1_200] {
+                let (mut sequences, mut typing) = (Sequences::default(), Typing::default());
+                sequences.take(ms(0), begun.as_bytes());
+                for report in sequences.settle(ms(200)) {
+                    typing.report(ms(200), report);
+                }
+                typing.take(ms(206));
+                for report in sequences.take(ms(at), b"w") {
+                    typing.report(ms(at), report);
+                }
+                assert_eq!(typing.take(ms(at + 6)).actions.len(), usize::from(at >= 1_200));
             }
         }
     }

@@ -88,7 +88,8 @@ impl Hall {
 }
 
 /// Returns the first address of the network that an address belongs to: /24 of IPv4, also where IPv6 writes it, /64 of IPv6.
-fn network(address: IpAddr) -> IpAddr {
+#[must_use]
+pub fn network(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V4(address) => Ipv4Addr::from_bits(address.to_bits() >> 8 << 8).into(),
         IpAddr::V6(address) => Ipv6Addr::from_bits(address.to_bits() >> 64 << 64).into(),

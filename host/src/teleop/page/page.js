@@ -49,26 +49,33 @@ function act(request, event) {
 
 // ---- a walk that is held: it ends when what began it, a key or a pointer, is released
 // A key may be released without a word, as from a keyboard whose radio is lost: one that has repeated must go on to.
-const REPEATS_WITHIN_MS = 800;
-let heldBy, repeatedAt;
-function hold(by) { heldBy = HOLDS ? by : undefined; repeatedAt = undefined; }
+const REPEATS_WITHIN_MS = 800, SLOWEST_REPEATS_MS = 2500;
+let heldBy, repeatedAt, patience;
+function hold(by) { heldBy = HOLDS ? by : undefined; repeatedAt = undefined; patience = REPEATS_WITHIN_MS; }
 function letGo(by) {
   if (heldBy === undefined || (by !== undefined && by !== heldBy)) return;
   heldBy = undefined;
   send("rest");
 }
-function watchHeld() { if (repeatedAt !== undefined && performance.now() - repeatedAt > REPEATS_WITHIN_MS) letGo(); }
+function watchHeld() { if (repeatedAt !== undefined && performance.now() - repeatedAt > patience) letGo(); }
 addEventListener("keyup", (event) => letGo(event.code));
 addEventListener("keydown", (event) => {
   // While this key is down a Mac does not say that another is released.
   if (event.metaKey || event.key === "Meta") letGo();
-  if (event.repeat && event.code === heldBy) repeatedAt = performance.now();
+  const now = performance.now();
+  // Slow repeats take longer; and while another key is down, this one repeats no more.
+  if (event.code !== heldBy) repeatedAt = undefined;
+  else if (event.repeat) {
+    if (repeatedAt !== undefined) patience = Math.min(Math.max(patience, 2 * (now - repeatedAt)), SLOWEST_REPEATS_MS);
+    repeatedAt = now;
+  }
 });
 for (const kind of ["pointerup", "pointercancel"]) addEventListener(kind, (event) => letGo(event.pointerId));
 // The last button of a mouse to be released is another one.
 addEventListener("pointermove", (event) => { if (!(event.buttons & 1)) letGo(event.pointerId); });
 for (const kind of ["blur", "pagehide"]) addEventListener(kind, () => letGo());
-addEventListener("contextmenu", (event) => { if (!event.defaultPrevented) letGo(); });
+// A menu takes the keys; another finger that stays opens one, too.
+addEventListener("contextmenu", (event) => { if (!event.defaultPrevented) letGo(typeof heldBy === "string" ? heldBy : event.pointerId ?? -1); });
 
 // ---- keyboard
 const KEYS = {
@@ -82,8 +89,8 @@ function keyed(event) {
   const step = steps[event.key];
   if (step) return { [step[0]]: step[fine ? 2 : 1] };
   // On a keyboard without Latin letters a key is known by its place.
-  const isLatin = /^[ -~\p{Script=Latin}]$/u.test(event.key), placed = event.key.length === 1 && /^(?:Key|Digit)(.)$/.exec(event.code);
-  return KEYS[isLatin ? event.key.toLowerCase() : placed ? placed[1].toLowerCase() : event.key];
+  const isOther = /^[\p{L}\p{M}\p{Nd}]$/u.test(event.key) && !/^[0-9\p{Script=Latin}]$/u.test(event.key), placed = isOther && /^(?:Key|Digit)(.)$/.exec(event.code);
+  return KEYS[placed ? placed[1].toLowerCase() : event.key.length === 1 ? event.key.toLowerCase() : event.key];
 }
 addEventListener("keydown", (event) => {
   if (event.code === "Space" || event.key === " ") {
@@ -240,7 +247,7 @@ function handOn({ index }) {
 function forgetHands() { for (const hand of hands.values()) Object.assign(hand, { mode: undefined, neutral: false }); }
 const BUTTONS = { 1: "stop", 3: "clear", 8: "disarm", 9: "arm" };
 // A stick that commands goes on to until it is well below where it began.
-const DEAD_ZONE = 0.25, DEFLECTED = 0.6, KEPT = 0.4, UNTOUCHED_MS = 30000;
+const DEAD_ZONE = 0.25, DEFLECTED = 0.6, KEPT = 0.4, LEAD = 0.1, UNTOUCHED_MS = 30000;
 // A browser may have none, or give none to a page that is not encrypted. One that cannot be read is none: what it drives
 // rests, and the others go on.
 const orNone = (read) => { try { return read(); } catch { return []; } };
@@ -257,12 +264,15 @@ function newlyPressed(gamepad, hand) {
 }
 function wantedBy(gamepad, before) {
   const [x = 0, y = 0] = gamepad.axes, from = (mode) => (mode === before ? KEPT : DEFLECTED);
+  // The axis that leads goes on to until the other leads by so much.
+  const lead = { forward: LEAD, "left turn": -LEAD, "right turn": -LEAD }[before] ?? 0;
+  const isAhead = -y + lead >= Math.abs(x), isSideways = Math.abs(x) > Math.abs(y) + lead;
   const down = (index) => gamepad.buttons[index]?.pressed;
   if (down(4)) return "strafe left";
   if (down(5)) return "strafe right";
-  if (down(12) || (-y > from("forward") && -y >= Math.abs(x))) return "forward";
-  if (down(14) || (-x > from("left turn") && Math.abs(x) > Math.abs(y))) return "left turn";
-  if (down(15) || (x > from("right turn") && Math.abs(x) > Math.abs(y))) return "right turn";
+  if (down(12) || (-y > from("forward") && isAhead)) return "forward";
+  if (down(14) || (-x > from("left turn") && isSideways)) return "left turn";
+  if (down(15) || (x > from("right turn") && isSideways)) return "right turn";
   return undefined;
 }
 const isNeutral = (gamepad) => gamepad.axes.slice(0, 2).every((axis) => Math.abs(axis) < DEAD_ZONE) && !gamepad.buttons.some((button) => button.pressed);
