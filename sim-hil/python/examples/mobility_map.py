@@ -17,9 +17,9 @@ theta_deg = np.arange(-90, 91, 15)
 walks = flixwalker.mobility(
     flixwalker.Model("W"), f_hz, theta_deg, range(SEEDS), seconds=2.0, step=2.5e-4
 )
-means = walks.groupby(["theta_deg", "f_hz"]).mean()
-
 columns = {"forward_m_s": "forward, m/s", "lateral_m_s": "to the left, m/s", "yaw_rad_s": "turn to the left, rad/s"}
+means = walks.groupby(["theta_deg", "f_hz"])[list(columns)].mean()
+
 figure, axes = plt.subplots(1, 3, figsize=(13, 4), layout="constrained")
 for ax, (column, title) in zip(axes, columns.items(), strict=True):
     table = means[column].unstack()
