@@ -336,15 +336,12 @@ fn datagrams_that_the_stack_drops_make_the_guard_forget_nobody() {
         operator.connect().await;
         // More of them than senders are remembered, within one turn of the stack; the check sum of their headers is wrong.
         world.wire.follow(|_| {
-            let dropped = |number: u8| {
-                let from = SocketAddrV4::new(Ipv4Addr::new(10, 0, 0, number), 1);
-                let to = SocketAddrV4::new(ROBOT, DEFAULT_PORT);
-                let mut frame = network::datagram(66, from, to, &[number; 64]);
+            let dropped = |mut frame: Vec<u8>| {
                 frame[24] ^= 1;
                 frame
             };
             let claim = arp(Arp::Reply, 66, OPERATOR, ROBOT);
-            (100..148).map(dropped).chain([claim]).collect()
+            strangers().map(dropped).chain([claim]).collect()
         });
         operator.ping_for(20_000).await;
         let (answers, telemetry) = (operator.outcomes.len(), operator.telemetry);
@@ -352,15 +349,25 @@ fn datagrams_that_the_stack_drops_make_the_guard_forget_nobody() {
     });
 }
 
+/// Returns the frame of a datagram that a card sends in the operator's name.
+fn named_operator(card: u8, payload: &[u8]) -> Vec<u8> {
+    let [from, to] = [(OPERATOR, 40_000), (ROBOT, DEFAULT_PORT)];
+    let [from, to] = [from, to].map(|(address, port)| SocketAddrV4::new(address, port));
+    network::datagram(card, from, to, payload)
+}
+
+/// Returns the frames of 48 strangers, each with a datagram of its own: more than the guard remembers.
+fn strangers() -> impl Iterator<Item = Vec<u8>> {
+    (100..148).map(|number: u8| {
+        let from = SocketAddrV4::new(Ipv4Addr::new(10, 0, 0, number), 1);
+        network::datagram(66, from, SocketAddrV4::new(ROBOT, DEFAULT_PORT), &[number; 64])
+    })
+}
+
 /// Sends what no robot obeys, in the operator's name, at once behind each of his datagrams.
 fn pretend(world: &World) {
     world.wire.follow(|frame| {
-        let [from, to] = [(OPERATOR, 40_000), (ROBOT, DEFAULT_PORT)];
-        let [from, to] = [from, to].map(|(address, port)| SocketAddrV4::new(address, port));
-        let junk = |number: u8| {
-            let payload = [&frame[..40], &[number; 24]].concat();
-            network::datagram(66, from, to, &payload)
-        };
+        let junk = |number: u8| named_operator(66, &[&frame[..40], &[number; 24]].concat());
         let mut frames: Vec<_> = (0..4).map(junk).collect();
         frames.push(arp(Arp::Reply, 66, OPERATOR, ROBOT));
         frames
@@ -386,9 +393,7 @@ fn what_is_answered_to_others_in_an_operators_name_takes_no_telemetry_from_him()
         operator.ping_for(100).await;
         // A Hello with another key is refused: that is an answer, too.
         let stranger = OperatorSession::new(Key::new([4; 32]), [4; 32], now()).poll(now()).unwrap();
-        let [from, to] = [(OPERATOR, 40_000), (ROBOT, DEFAULT_PORT)];
-        let [from, to] = [from, to].map(|(address, port)| SocketAddrV4::new(address, port));
-        world.wire.follow(move |_| vec![network::datagram(66, from, to, &stranger)]);
+        world.wire.follow(move |_| vec![named_operator(66, &stranger)]);
         operator.outcomes.clear();
         operator.telemetry = 0;
         operator.ping_for(2_000).await;
@@ -403,14 +408,9 @@ fn copies_whose_first_the_guard_was_made_to_forget_keep_no_answer_from_an_operat
         // The first answer is lost; then strangers send more than the guard remembers, and a copy of what was asked.
         let first = Cell::new(true);
         world.wire.follow(move |frame| {
-            let to = SocketAddrV4::new(ROBOT, DEFAULT_PORT);
-            let stranger = |number: u8| {
-                let from = SocketAddrV4::new(Ipv4Addr::new(10, 0, 0, number), 1);
-                network::datagram(66, from, to, &[number; 64])
-            };
             let copy = [&frame[..6], &network::hardware(66), &frame[12..]].concat();
             let is_first = frame[12..14] == [0x08, 0x00] && first.replace(false);
-            if is_first { (100..148).map(stranger).chain([copy]).collect() } else { Vec::new() }
+            if is_first { strangers().chain([copy]).collect() } else { Vec::new() }
         });
         world.wire.lose_one_in(2);
         let mut operator = Operator::new(&world);
@@ -448,9 +448,7 @@ fn an_operator_who_gets_another_network_card_is_answered_there() {
         // From another card, and then the old one again.
         let command = ToRobot { request: 900, intent: 0, halts: 0, command: Command::Ping(900) };
         let sealed = operator.session.send(now(), &command).unwrap();
-        let [from, to] = [(OPERATOR, 40_000), (ROBOT, DEFAULT_PORT)];
-        let [from, to] = [from, to].map(|(address, port)| SocketAddrV4::new(address, port));
-        world.wire.inject(network::datagram(3, from, to, &sealed));
+        world.wire.inject(named_operator(3, &sealed));
         Timer::after(Duration::from_millis(1)).await;
         operator.outcomes.clear();
         operator.ping_for(500).await;

@@ -6,7 +6,8 @@
 //! the viewers: it reads what each asks, refuses whom it must, and passes the bytes of all others on.
 //!
 //! A viewer gets little time to ask, and few may wait or look at once. One more turns out the one who has waited longest, or
-//! who has looked longest from the address with the most viewers, in the network (/24 of IPv4, /64 of IPv6) with the most: whoever opens many and never leaves keeps nobody else out.
+//! who has looked longest from the address with the most viewers, in the network (/24 of IPv4, /64 of IPv6) with the most:
+//! whoever opens many and never leaves keeps nobody else out.
 
 use std::io::{self, Read as _, Write as _};
 use std::net::{IpAddr, Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};

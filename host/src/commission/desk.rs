@@ -190,11 +190,6 @@ impl<'a, S: Subject> Desk<'a, S> {
         self.capture_since(step, rows, halts)
     }
 
-    /// Returns how often the robot has halted, as it states.
-    pub(super) fn halts(&mut self) -> Option<u8> {
-        self.subject.telemetry().map(|it| it.halts)
-    }
-
     /// The same, of a robot that had halted so often when the step began: another halt ends it.
     pub(super) fn capture_since(
         &mut self,
@@ -213,6 +208,11 @@ impl<'a, S: Subject> Desk<'a, S> {
             self.subject.pause(LOOK)?;
         }
         Err(CommissionError::Endless(step))
+    }
+
+    /// Returns how often the robot has halted, as it states.
+    pub(super) fn halts(&mut self) -> Option<u8> {
+        self.subject.telemetry().map(|it| it.halts)
     }
 
     /// Fetches the capture if it is complete.

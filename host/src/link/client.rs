@@ -16,7 +16,7 @@ use flix_protocol::units::Instant;
 use super::statistics::Statistics;
 use super::{
     DISARMED_AFTER, KEEP_ALIVE, REQUEST_PATIENCE, REQUEST_RETRY, SILENCE, STOP_BESIDE_AFTER,
-    STOP_RETRY,
+    STOP_RETRY, is_idle,
 };
 
 /// An event of the link, for the owner of the client.
@@ -323,8 +323,10 @@ impl Client {
             OperatorReceived::Message(ToOperator::Telemetry(telemetry)) => {
                 let moves =
                     |it: &Pending| matches!(it.message.command, Command::Arm | Command::Trial(_));
-                let is_idle = matches!(telemetry.state, State::Disarmed | State::Faulted);
-                if self.telemetry.is_none() && is_idle && !self.pending.iter().any(moves) {
+                if self.telemetry.is_none()
+                    && is_idle(telemetry.state)
+                    && !self.pending.iter().any(moves)
+                {
                     self.is_driving = false;
                 }
                 let is_news = match &self.telemetry {

@@ -14,7 +14,7 @@ use super::floor::Floor;
 use super::scope::{self, Viewer};
 use super::settings::{Answered, Settings};
 use crate::link::explain;
-use crate::link::{Client, PASSING_PATIENCE, Update, line_difference, passes};
+use crate::link::{Client, PASSING_PATIENCE, Update, is_idle, line_difference, passes};
 use crate::nav::Footing;
 use crate::pose::PoseSample;
 
@@ -641,11 +641,6 @@ fn near_commanded(telemetry: &Telemetry) -> f32 {
     let commanded = telemetry.setpoint.direction().get();
     let difference = f64::from(telemetry.direction.get() - commanded);
     commanded + line_difference(difference) as f32
-}
-
-/// Returns whether the motors are without current.
-pub(super) const fn is_idle(state: State) -> bool {
-    matches!(state, State::Disarmed | State::Faulted)
 }
 
 fn is_quick(telemetry: &Telemetry) -> bool {

@@ -12,10 +12,10 @@ use flix_protocol::message::Setpoint;
 use flix_protocol::units::Instant;
 
 use super::message::{Message, Request};
-use crate::link::Client;
+use crate::link::{Client, is_idle};
 use crate::teleop::Cockpit;
 use crate::teleop::action::Action;
-use crate::teleop::cockpit::{Weight, is_idle};
+use crate::teleop::cockpit::Weight;
 use crate::teleop::scope::Wish;
 
 /// Age from which a message is no sign of life: the robot's own deadline for commands.
