@@ -260,6 +260,16 @@ fn nothing_that_was_asked_before_a_stop_from_outside_clears_it() {
 }
 
 #[test]
+fn who_knows_of_a_stop_from_outside_clears_it() {
+    let mut world = World::connected();
+    world.stop_from_outside();
+    world.run(Duration::from_millis(100));
+    let clear = world.client.request(world.now, Command::Clear);
+    world.run(Duration::from_millis(100));
+    assert_eq!(world.answer(clear), Some(&Outcome::Done));
+}
+
+#[test]
 fn a_robot_that_is_kept_from_hearing_disarm_hears_no_sign_of_life_either() {
     let mut world = World::armed();
     world.client.release();

@@ -67,7 +67,7 @@ pub struct FakeRobot {
     pub reports_of_late_commands: u32,
     /// Refuses that many requests to arm or to clear, as a robot does while its rotors ramp down.
     pub ramps_down_for: u32,
-    /// Stops of others.
+    /// Stops of others in this session.
     halts: u8,
     /// A command that is lost on its way, however often it is sent.
     pub lost: Option<Command>,
@@ -124,7 +124,7 @@ impl FakeRobot {
                 vec![(from, frame.to_vec())]
             }
             RobotReceived::Connected(frame) => {
-                self.proven_since = Some(now);
+                (self.proven_since, self.halts) = (Some(now), 0);
                 let mut datagrams = vec![(from, frame.to_vec())];
                 datagrams.extend(self.report(now, Event::OperatorConnected(OperatorName::OWNER)));
                 datagrams
@@ -134,9 +134,13 @@ impl FakeRobot {
             {
                 Vec::new()
             }
-            RobotReceived::Command(ToRobot { request, intent, command, .. }) => {
+            RobotReceived::Command(ToRobot { request, intent, halts, command }) => {
                 self.intent = intent;
-                let outcome = self.obey(now, &command);
+                let outcome = match command {
+                    // Asked for by somebody who has not heard of the last stop.
+                    Command::Clear if halts != self.halts => Outcome::Refused(Refusal::Stopped),
+                    _ => self.obey(now, &command),
+                };
                 self.commands.push(command);
                 self.send(now, &ToOperator::Reply(Reply { request, outcome }))
             }
