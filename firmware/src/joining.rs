@@ -16,8 +16,6 @@ use core::time::Duration;
 use flix_protocol::message::State;
 use flix_protocol::network_key::is_key;
 
-use crate::link::is_idle;
-
 /// Wait after the first failed try; doubled after each further one.
 pub const SHORTEST_WAIT: Duration = Duration::from_millis(500);
 /// Never longer than this: a robot that comes back into range connects soon.
@@ -131,14 +129,14 @@ impl Joining {
 /// Returns whether the robot may try to connect: while it does, no task may run for a while.
 #[must_use]
 pub const fn may_try(state: State) -> bool {
-    is_idle(state)
+    state.is_idle()
 }
 
 /// Returns whether the chip may restart, which lets the motors coast for a moment. `cable_silent` is the time since the last
 /// byte came in over the serial cable, if one did.
 #[must_use]
 pub fn may_restart(state: State, cable_silent: Option<Duration>) -> bool {
-    is_idle(state) && cable_silent.is_none_or(|silent| silent >= CABLE_IN_USE)
+    state.is_idle() && cable_silent.is_none_or(|silent| silent >= CABLE_IN_USE)
 }
 
 #[cfg(test)]

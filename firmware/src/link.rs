@@ -644,7 +644,7 @@ impl Link {
     fn is_at_rest(&self) -> bool {
         let (asked, obeyed) = (self.order.requests, self.report.obeyed);
         let moves = |it: Requests| [it.arm, it.disarm, it.stop, it.trial];
-        moves(asked) == moves(obeyed) && is_idle(self.report.state)
+        moves(asked) == moves(obeyed) && self.report.state.is_idle()
     }
 
     /// Asks the fast half to disarm. A robot at rest has nothing to ramp down: it can be armed at once again.
@@ -684,7 +684,7 @@ impl Link {
     /// Returns the state as reported, but a robot that was just asked to ramp down does so already.
     fn state(&self) -> State {
         let state = self.report.state;
-        if self.ramps_down && !is_idle(state) { State::Stopping } else { state }
+        if self.ramps_down && !state.is_idle() { State::Stopping } else { state }
     }
 
     /// Refuses what moves while a fault or a stop is latched. A fault is named first: it is what a person has to look for.
@@ -754,7 +754,7 @@ impl Link {
         let (asked, obeyed) = (&self.order.requests, &self.report.obeyed);
         let begins = asked.arm != obeyed.arm || asked.trial != obeyed.trial;
         match self.report.state {
-            state if !is_idle(state) => Err(Refusal::State(state)),
+            state if !state.is_idle() => Err(Refusal::State(state)),
             _ if begins => Err(Refusal::State(State::Aligning)),
             _ => Ok(()),
         }
@@ -833,11 +833,6 @@ pub fn bridges(hardware: &Hardware) -> Option<Bridges> {
         pwm_frequency_hz: hardware.pwm_frequency_hz,
         measures_bus: hardware.bus_microvolts_per_count.is_some(),
     })
-}
-
-/// Returns whether the motors are not driven.
-pub(crate) const fn is_idle(state: State) -> bool {
-    matches!(state, State::Disarmed | State::Faulted)
 }
 
 fn command_age(settings: &Settings) -> Duration {

@@ -17,7 +17,7 @@ use heapless::Vec;
 use zeroize::Zeroizing;
 
 use crate::hardware::{Hardware, SettingsStore};
-use crate::link::{identity, is_idle};
+use crate::link::identity;
 use crate::robot::UNNAMED;
 use crate::stored::{self, LoadError, SaveError};
 
@@ -156,7 +156,7 @@ impl<S: SettingsStore> Provisioner<S> {
             return refuse(error.into());
         }
         let owned = Some((provisioning, operators));
-        if is_idle(state) && self.loaded.is_ok() && self.owned == owned {
+        if state.is_idle() && self.loaded.is_ok() && self.owned == owned {
             // A repeated request: the answer to the first was lost, or power went before it.
             let erased = self.finish_erasure();
             return respond(&done_or_storage(erased));
@@ -176,7 +176,7 @@ impl<S: SettingsStore> Provisioner<S> {
     /// Stores first, and changes only when that worked. What is there already is stored anew: a key that is to go may lie
     /// in flash though the robot does not know it, because power went while it was given.
     fn change(&mut self, owned: Option<Owned>, state: State) -> Option<Response> {
-        if !is_idle(state) {
+        if !state.is_idle() {
             return refuse(ProvisionRefusal::Driving);
         }
         if owned.as_ref().is_some_and(|owned| !is_usable(owned)) {

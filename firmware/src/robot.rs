@@ -27,7 +27,7 @@ use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
 use crate::fast::exchange::{Access, Exchange, Order, Report};
 use crate::hardware::{Actuation, Hardware, Sensors, SettingsStore};
-use crate::link::{Link, bridges, identity, is_idle};
+use crate::link::{Link, bridges, identity};
 use crate::scope::Sample;
 use crate::settings::{Settings, Tuning};
 use crate::stored::LoadError;
@@ -261,7 +261,7 @@ impl<S: SettingsStore> SlowHalf<S> {
             self.alignments = report.alignments;
             self.tuning.learn(report.alignment);
         }
-        if is_idle(report.state) && self.tuning.save_learnt() == Ok(true) {
+        if report.state.is_idle() && self.tuning.save_learnt() == Ok(true) {
             self.link.add_event(report.time, Event::SettingsSaved);
         }
         learnt

@@ -260,13 +260,44 @@ fn nothing_that_was_asked_before_a_stop_from_outside_clears_it() {
 }
 
 #[test]
-fn who_knows_of_a_stop_from_outside_clears_it() {
+fn who_knows_of_a_stop_clears_it() {
     let mut world = World::connected();
-    world.stop_from_outside();
-    world.run(Duration::from_millis(100));
-    let clear = world.client.request(world.now, Command::Clear);
-    world.run(Duration::from_millis(100));
-    assert_eq!(world.answer(clear), Some(&Outcome::Done));
+    for stop in [|it: &mut World| it.client.stop(it.now), World::stop_from_outside] {
+        stop(&mut world);
+        world.run(Duration::from_millis(100));
+        let clear = world.client.request(world.now, Command::Clear);
+        world.run(Duration::from_millis(100));
+        assert_eq!(world.answer(clear), Some(&Outcome::Done));
+    }
+}
+
+#[test]
+fn who_asked_to_arm_is_driving_until_the_robot_has_answered() {
+    let mut world = World::new();
+    while !world.client.is_connected(world.now) {
+        world.step();
+    }
+    let arm = world.client.request(world.now, Command::Arm);
+    // Also where the first telemetry states the robot as it was before.
+    while world.client.telemetry().is_none() || world.answer(arm).is_none() {
+        world.step();
+        assert!(world.client.is_driving());
+    }
+}
+
+#[test]
+fn after_an_outage_a_robot_at_rest_is_driven_no_more() {
+    for (state, is_driven) in [(State::Disarmed, false), (State::Armed, true)] {
+        let mut world = World::armed();
+        world.is_cut = true;
+        world.run(Duration::from_millis(1_100));
+        world.is_cut = false;
+        while world.client.telemetry().is_none() {
+            world.robot.state = state;
+            world.step();
+        }
+        assert_eq!(world.client.is_driving(), is_driven);
+    }
 }
 
 #[test]

@@ -16,7 +16,7 @@ use flix_protocol::units::Instant;
 use super::statistics::Statistics;
 use super::{
     DISARMED_AFTER, KEEP_ALIVE, REQUEST_PATIENCE, REQUEST_RETRY, SILENCE, STOP_BESIDE_AFTER,
-    STOP_RETRY, is_idle,
+    STOP_RETRY,
 };
 
 /// An event of the link, for the owner of the client.
@@ -324,7 +324,7 @@ impl Client {
                 let moves =
                     |it: &Pending| matches!(it.message.command, Command::Arm | Command::Trial(_));
                 if self.telemetry.is_none()
-                    && is_idle(telemetry.state)
+                    && telemetry.state.is_idle()
                     && !self.pending.iter().any(moves)
                 {
                     self.is_driving = false;

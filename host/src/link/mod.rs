@@ -70,11 +70,6 @@ pub const ANSWER_TIME: Duration = Duration::from_secs(1);
 /// rest, the link proven.
 pub const PASSING_PATIENCE: Duration = Duration::from_secs(3);
 
-/// Returns whether the motors are not driven.
-pub(crate) const fn is_idle(state: State) -> bool {
-    matches!(state, State::Disarmed | State::Faulted)
-}
-
 /// Returns whether a refusal passes by itself, so that the same request succeeds some time later.
 #[must_use]
 pub const fn passes(refusal: &Refusal) -> bool {

@@ -426,7 +426,7 @@ impl Connection {
         let mut actual = State::Stopping;
         let disarmed = self.wait_for_telemetry(DISARM_PATIENCE, |telemetry| {
             actual = telemetry.state;
-            super::is_idle(telemetry.state)
+            telemetry.state.is_idle()
         })?;
         match disarmed {
             Some(_) => Ok(()),

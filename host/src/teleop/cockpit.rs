@@ -14,7 +14,7 @@ use super::floor::Floor;
 use super::scope::{self, Viewer};
 use super::settings::{Answered, Settings};
 use crate::link::explain;
-use crate::link::{Client, PASSING_PATIENCE, Update, is_idle, line_difference, passes};
+use crate::link::{Client, PASSING_PATIENCE, Update, line_difference, passes};
 use crate::nav::Footing;
 use crate::pose::PoseSample;
 
@@ -568,7 +568,7 @@ impl Cockpit {
             self.insisting = None;
         }
         self.insisting.take_if(|insisting| now >= insisting.give_up_at);
-        if is_idle(telemetry.state) {
+        if telemetry.state.is_idle() {
             self.disarming = None;
         }
         match telemetry.state {

@@ -29,6 +29,14 @@ pub enum State {
     Faulted,
 }
 
+impl State {
+    /// Returns whether the motors are not driven.
+    #[must_use]
+    pub const fn is_idle(self) -> bool {
+        matches!(self, Self::Disarmed | Self::Faulted)
+    }
+}
+
 names!(State {
     Disarmed: "disarmed",
     Aligning: "aligning",

@@ -12,7 +12,7 @@ use flix_protocol::message::Setpoint;
 use flix_protocol::units::Instant;
 
 use super::message::{Message, Request};
-use crate::link::{Client, is_idle};
+use crate::link::Client;
 use crate::teleop::Cockpit;
 use crate::teleop::action::Action;
 use crate::teleop::cockpit::Weight;
@@ -196,7 +196,7 @@ fn rest(cockpit: &mut Cockpit, client: &mut Client, now: Instant) {
 
 /// Disarms the robot unless it is disarmed as far as anybody here knows: it may stay armed by itself with nothing held.
 fn disarm(cockpit: &mut Cockpit, client: &mut Client, now: Instant, why: &str) {
-    if client.is_driving() || !cockpit.telemetry.as_ref().is_none_or(|it| is_idle(it.state)) {
+    if client.is_driving() || !cockpit.telemetry.as_ref().is_none_or(|it| it.state.is_idle()) {
         cockpit.act(Action::Disarm, client, now);
         cockpit.note(now, Weight::Alarm, why);
     }
