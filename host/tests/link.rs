@@ -3,7 +3,7 @@ use std::net::SocketAddr;
 use std::time::Duration;
 
 use crate::support::{FakeRobot, key, seeded_loss};
-use flix_host::link::{Client, KEEP_ALIVE, StopState, Update};
+use flix_host::link::{Client, DISARMED_AFTER, KEEP_ALIVE, SILENCE, StopState, Update};
 use flix_protocol::message::{Command, Outcome, ParameterCommand, Refusal, Setpoint, State};
 use flix_protocol::session::{ConnectError, StopSession};
 use flix_protocol::units::Instant;
@@ -283,6 +283,18 @@ fn who_asked_to_arm_is_driving_until_the_robot_has_answered() {
         world.step();
         assert!(world.client.is_driving());
     }
+}
+
+#[test]
+fn a_robot_that_stays_away_has_disarmed_by_itself() {
+    let mut world = World::armed();
+    world.run(Duration::from_secs(3));
+    assert!(world.client.is_driving());
+    world.is_cut = true;
+    world.run(SILENCE + DISARMED_AFTER - Duration::from_millis(100));
+    assert!(world.client.is_driving());
+    world.run(Duration::from_millis(200));
+    assert!(!world.client.is_driving());
 }
 
 #[test]

@@ -5,9 +5,8 @@
 //! accepted elsewhere, and has no hook before its answer. So it listens where nobody looks ([`hidden`]), and the front takes
 //! the viewers: it reads what each asks, refuses whom it must, and passes the bytes of all others on.
 //!
-//! A viewer gets little time to ask, and few may wait or look at once. One more turns out the one who has waited longest, or
-//! who has looked longest from the address with the most viewers, in the network (/24 of IPv4, /64 of IPv6) with the most:
-//! whoever opens many and never leaves keeps nobody else out.
+//! A viewer gets little time to ask, and few may wait or look at once. One more turns out the one who has waited or looked
+//! longest in the [most crowded](most_crowded) place: whoever opens many and never leaves keeps nobody else out.
 
 use std::io::{self, Read as _, Write as _};
 use std::net::{IpAddr, Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -16,7 +15,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use flix_host::teleop::page::hall::network;
+use flix_host::teleop::page::hall::most_crowded;
 
 /// Pages that show streams: Foxglove's own and Lichtblick's.
 const VIEWERS: [&str; 4] = [
@@ -154,8 +153,7 @@ pub struct Front {
 /// Who is here.
 struct Visitor {
     number: u64,
-    /// `None` once its socket is at its end.
-    address: Option<IpAddr>,
+    address: IpAddr,
     socket: TcpStream,
 }
 
@@ -176,7 +174,8 @@ impl Hall {
             self.turn_out();
         }
         self.came += 1;
-        let address = socket.peer_addr().ok().map(|it| it.ip());
+        // None once its socket is at its end.
+        let address = socket.peer_addr().map_or(Ipv4Addr::UNSPECIFIED.into(), |it| it.ip());
         self.waiting.push(Visitor { number: self.came, address, socket });
         self.came
     }
@@ -186,26 +185,17 @@ impl Hall {
         let Some(place) = self.waiting.iter().position(|it| it.number == number) else {
             return false;
         };
+        let viewer = self.waiting.remove(place);
         if self.viewers.len() >= MOST_VIEWERS {
-            let near = |it: &Visitor| it.address.map(network);
-            let crowd = |one: &Visitor| {
-                let count =
-                    |is: &dyn Fn(&Visitor) -> bool| self.viewers.iter().filter(|it| is(it)).count();
-                [count(&|it| near(it) == near(one)), count(&|it| it.address == one.address)]
-            };
-            let most = self.viewers.iter().map(crowd).max();
-            let leaves = self.viewers.iter().position(|it| Some(crowd(it)) == most);
-            leaves.map(|leaves| self.viewers.remove(leaves).leave());
+            turn_out(&mut self.viewers);
         }
-        self.viewers.push(self.waiting.remove(place));
+        self.viewers.push(viewer);
         true
     }
 
-    /// Turns out the one who has waited longest.
+    /// Turns out one who waits.
     fn turn_out(&mut self) {
-        if !self.waiting.is_empty() {
-            self.waiting.remove(0).leave();
-        }
+        turn_out(&mut self.waiting);
     }
 
     fn forget(&mut self, number: u64) {
@@ -214,9 +204,11 @@ impl Hall {
     }
 }
 
-impl Visitor {
-    fn leave(self) {
-        let _ = self.socket.shutdown(Shutdown::Both);
+/// Turns out the first in the most crowded place.
+fn turn_out(visitors: &mut Vec<Visitor>) {
+    let addresses: Vec<_> = visitors.iter().map(|it| it.address).collect();
+    if let Some(place) = most_crowded(&addresses) {
+        let _ = visitors.remove(place).socket.shutdown(Shutdown::Both);
     }
 }
 
@@ -452,7 +444,7 @@ mod tests {
         let mut look = |address: [u8; 4]| {
             let viewer = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
             let number = hall.admit(listener.accept().unwrap().0);
-            hall.waiting.last_mut().unwrap().address = Some(address.into());
+            hall.waiting.last_mut().unwrap().address = address.into();
             assert!(hall.welcome(number));
             viewer.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
             viewer

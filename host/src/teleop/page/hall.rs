@@ -44,19 +44,10 @@ impl Hall {
         Some((self.came, turned_out))
     }
 
-    /// Turns out who has waited longest, of the strangers behind the address that most wait behind, in the network that most
-    /// wait in.
+    /// Turns out who has waited longest in the [most crowded](most_crowded) place.
     pub fn turn_out(&mut self) -> Option<Number> {
-        let crowd = |(_, address): &(Number, IpAddr)| {
-            let count = |is_near: &dyn Fn(IpAddr) -> bool| {
-                self.strangers.iter().filter(|it| is_near(it.1)).count()
-            };
-            [count(&|it| network(it) == network(*address)), count(&|it| it == *address)]
-        };
-        // Of equals the last is the largest; of a reversed list it is the first.
-        let (_, crowded) = *self.strangers.iter().rev().max_by_key(|it| crowd(it))?;
-        let place = self.strangers.iter().position(|it| it.1 == crowded)?;
-        Some(self.strangers.remove(place).0)
+        let addresses: Vec<_> = self.strangers.iter().map(|it| it.1).collect();
+        Some(self.strangers.remove(most_crowded(&addresses)?).0)
     }
 
     /// Takes that a stranger has shown the token: nobody turns him out any more.
@@ -87,9 +78,20 @@ impl Hall {
     }
 }
 
-/// Returns the first address of the network that an address belongs to: /24 of IPv4, also where IPv6 writes it, /64 of IPv6.
+/// Returns the first place in the list of those behind the address that most are behind, in the network that most are in.
 #[must_use]
-pub fn network(address: IpAddr) -> IpAddr {
+pub fn most_crowded(addresses: &[IpAddr]) -> Option<usize> {
+    let crowd = |place: &usize| {
+        let address = addresses[*place];
+        let count = |is: &dyn Fn(IpAddr) -> bool| addresses.iter().filter(|it| is(**it)).count();
+        [count(&|it| network(it) == network(address)), count(&|it| it == address)]
+    };
+    // Of equals the last is the largest; of a reversed list it is the first.
+    (0..addresses.len()).rev().max_by_key(crowd)
+}
+
+/// Returns the first address of the network that an address belongs to: /24 of IPv4, also where IPv6 writes it, /64 of IPv6.
+fn network(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V4(address) => Ipv4Addr::from_bits(address.to_bits() >> 8 << 8).into(),
         IpAddr::V6(address) => Ipv6Addr::from_bits(address.to_bits() >> 64 << 64).into(),
