@@ -511,22 +511,36 @@ fn nobody_there_is_reported_as_no_answer() {
 }
 
 #[test]
-fn transmit_at_never_lets_a_due_datagram_wait() {
+fn transmit_at_lets_no_due_datagram_wait_and_wakes_nobody_for_nothing() {
     let mut world = World::armed();
     world.lose = Box::new(seeded_loss(5, 0.2));
     world.client.hold(world.now, setpoint(-30.0, 30.0));
-    for step in 0..3000 {
-        if step == 700 {
-            world.client.request(world.now, Command::Identify);
-        }
-        if step == 1500 {
-            world.client.stop(world.now);
+    for step in 0..6000 {
+        let (now, client) = (world.now, &mut world.client);
+        match step {
+            700 => drop(client.request(now, Command::Identify)),
+            1000 => {
+                client.request(now, Command::Arm);
+                client.stop(now);
+            }
+            // The robot hears neither, and the session ends.
+            1500 => world.is_cut = true,
+            1600 => drop(client.request(now, Command::Disarm)),
+            1800 => client.stop(now),
+            4000 => world.is_cut = false,
+            _ => {}
         }
         let due = world.client.transmit_at();
         if let Some(frame) = world.client.transmit(world.now) {
             assert!(due.is_some_and(|at| at <= world.now), "step {step}: {due:?}");
-            world.to_robot.push((world.now + world.latency, frame.to_vec()));
+            if !world.is_cut {
+                world.to_robot.push((world.now + world.latency, frame.to_vec()));
+            }
+            while world.client.transmit(world.now).is_some() {}
         }
+        let next = world.client.transmit_at();
+        assert!(next.is_none_or(|at| at > world.now), "step {step}: {next:?}");
         world.step();
     }
+    assert!(world.robot.stopped && world.client.stop_state() == StopState::Acknowledged);
 }
