@@ -48,27 +48,29 @@ function act(request, event) {
 }
 
 // ---- a walk that is held: it ends when what began it, a key or a pointer, is released
-// A key may be released without a word, as from a keyboard whose radio is lost: one that has repeated must go on to.
+// A key may be released without a word, as from a keyboard whose radio is lost: it has to repeat, or another one that is pressed
+// meanwhile, in whose place it repeats no more.
 const REPEATS_WITHIN_MS = 800, SLOWEST_REPEATS_MS = 2500;
-let heldBy, repeatedAt, patience;
-function hold(by) { heldBy = HOLDS ? by : undefined; repeatedAt = undefined; patience = REPEATS_WITHIN_MS; }
+let heldBy, heardAt, repeats, patience;
+function hear(isRepeat) {
+  const now = performance.now();
+  if (!isRepeat) patience = SLOWEST_REPEATS_MS;
+  else if (repeats) patience = Math.min(Math.max(repeats > 1 ? patience : REPEATS_WITHIN_MS, 2 * (now - heardAt)), SLOWEST_REPEATS_MS);
+  repeats = isRepeat ? repeats + 1 : 0;
+  heardAt = now;
+}
+function hold(by) { heldBy = HOLDS ? by : undefined; hear(false); }
 function letGo(by) {
   if (heldBy === undefined || (by !== undefined && by !== heldBy)) return;
   heldBy = undefined;
   send("rest");
 }
-function watchHeld() { if (repeatedAt !== undefined && performance.now() - repeatedAt > patience) letGo(); }
-addEventListener("keyup", (event) => letGo(event.code));
+function watchHeld() { if (typeof heldBy === "string" && performance.now() - heardAt > patience) letGo(); }
+addEventListener("keyup", (event) => { hear(false); letGo(event.code); });
 addEventListener("keydown", (event) => {
   // While this key is down a Mac does not say that another is released.
   if (event.metaKey || event.key === "Meta") letGo();
-  const now = performance.now();
-  // Slow repeats take longer; and while another key is down, this one repeats no more.
-  if (event.code !== heldBy) repeatedAt = undefined;
-  else if (event.repeat) {
-    if (repeatedAt !== undefined) patience = Math.min(Math.max(patience, 2 * (now - repeatedAt)), SLOWEST_REPEATS_MS);
-    repeatedAt = now;
-  }
+  hear(event.repeat && event.code === heldBy);
 });
 for (const kind of ["pointerup", "pointercancel"]) addEventListener(kind, (event) => letGo(event.pointerId));
 // The last button of a mouse to be released is another one.

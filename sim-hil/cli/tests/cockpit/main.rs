@@ -521,6 +521,8 @@ impl Desk {
         };
         let press = key("keydown", "key: 'w', code: 'KeyW'");
         let repeat = key("keydown", "key: 'w', code: 'KeyW', repeat: true");
+        // In its place the first one repeats no more.
+        let other_key = key("keydown", "key: 'ArrowRight', code: 'ArrowRight'");
         let command_key = key("keydown", "key: 'Meta', code: 'MetaLeft', metaKey: true");
         let pointer = |kind: &str, what: &str| {
             format!(
@@ -529,8 +531,12 @@ impl Desk {
         };
         let down = pointer("pointerdown", "button: 0, buttons: 1");
         let other_button = pointer("pointermove", "button: 0, buttons: 2");
-        for (begin, silent) in [(press.clone(), command_key), (press, repeat), (down, other_button)]
-        {
+        for (begin, silent) in [
+            (press.clone(), command_key),
+            (press.clone(), repeat.repeat(3)),
+            (press, repeat + &other_key),
+            (down, other_button),
+        ] {
             self.walk(|desk| desk.browser.run(&begin).map(drop))?;
             self.browser.run(&silent)?;
             self.until("let go", |desk| desk.seen().map(|seen| seen.frequency.abs() < WALKING_HZ))?;
