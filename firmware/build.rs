@@ -38,14 +38,16 @@ fn write_script(name: &str, text: &str) {
     println!("cargo::rustc-link-search={}", std::path::Path::new(&out).display());
 }
 
-/// esp-hal brings the scripts, and includes one of ours. The Xtensa linker is a C compiler that would add its own start.
+/// esp-hal brings the scripts, and includes two of ours. The Xtensa linker is a C compiler that would add its own start.
 fn link(chip: &str) {
-    // Which the emulator checks, of the ESP32-C6.
-    let in_memory = match chip {
-        "esp32c6" => include_str!("src/bin/flix-robot/in_memory.x"),
+    let code = include_str!("src/bin/flix-robot/in_memory.x");
+    // An ESP32 has no room for more beside the radio's code, and its stack.
+    let more = match chip {
+        "esp32c6" => include_str!("src/bin/flix-robot/more_in_memory.x"),
         _ => "",
     };
-    write_script("rwtext_hook.x", in_memory);
+    write_script("rwtext_hook.x", &format!("{code}{more}"));
+    write_script("rwdata_hook.x", include_str!("src/bin/flix-robot/constants_in_memory.x"));
     println!("cargo::rustc-link-arg-bin=flix-robot=-Tlinkall.x");
     if chip != "esp32c6" {
         println!("cargo::rustc-link-arg-bin=flix-robot=-nostartfiles");

@@ -11,6 +11,7 @@ mod circles;
 mod clone;
 mod emulate;
 mod image;
+mod in_memory;
 mod lanes;
 mod marked;
 mod measure;

@@ -242,6 +242,7 @@ fn set_compiler(command: &mut Command, rustc: &Path, core: Core) {
 /// Builds a chip's firmware and gives the path of its ELF file.
 pub(crate) fn build(chip: Chip, options: &Options) -> Result<PathBuf, Error> {
     let elf = binary(chip, Core::Lx6, "flix-robot", &options.features(chip))?;
+    println!("{}", crate::in_memory::check(&run::read(&elf)?)?);
     println!("{}", elf.display());
     Ok(elf)
 }
