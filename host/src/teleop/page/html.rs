@@ -18,8 +18,9 @@ pub struct Page<'a> {
     /// What follows the gauges, as HTML.
     pub world: &'a str,
     /// How the page reaches its robot: JavaScript that defines `openConnection`, which returns an object such as a
-    /// WebSocket; `NO_CONNECTION`, what is said without one; and `drawWorld`, which returns whether it has drawn the
-    /// robot.
+    /// WebSocket; `SILENT_MS` and `GIVE_UP_MS`, how long it may bring nothing until the page shows nothing, and opens another;
+    /// `NO_CONNECTION` and `STOP_UNHEARD`, what is said without one, the second to who has asked for a stop; and `drawWorld`,
+    /// which returns whether it has drawn the robot.
     pub connection: &'a str,
     /// Whether a walk ends when its key or button is released.
     pub holds_to_run: bool,

@@ -19,25 +19,44 @@ function attempt(what, run) {
 const last = (list) => list[list.length - 1];
 
 // ---- the connection: every snapshot is answered with the stamp of the newest one that was drawn
-let me, snapshot, shown = 0, connection;
+// A connection may stand and bring nothing: what was shown last is not how the robot is now, and another one is opened.
+let me, snapshot, shown = 0, connection, arrivedAt;
+// Whether nobody has said that the stop, which was asked for here, has arrived.
+let isStopUnheard = false;
 function send(request) {
+  isStopUnheard ||= request === "stop";
   if (connection?.readyState === WebSocket.OPEN) connection.send(message(request));
 }
 const message = (request) => JSON.stringify(request === undefined ? { seen: shown } : { seen: shown, do: request });
 // A longer one is none of a page.
 const isTooLong = (request) => new TextEncoder().encode(message(request)).length > LONGEST;
 function connect() {
-  connection = openConnection();
-  connection.onmessage = (event) => {
+  const own = connection = openConnection();
+  arrivedAt = performance.now();
+  own.onmessage = (event) => {
     const data = JSON.parse(event.data);
-    if ("you" in data) { me = data.you; if (byId("settings").open) send("settings"); return; }
+    if ("you" in data) { me = data.you; if (isStopUnheard) send("stop"); if (byId("settings").open) send("settings"); return; }
     if (data.settings) showSettings(data.settings);
     if (data.scope) showScope(data.scope);
     if (!("stamp" in data)) return;
     snapshot = data;
+    arrivedAt = performance.now();
+    if (snapshot.stopping || snapshot.telemetry?.stopped) isStopUnheard = false;
     if (shown) send();
   };
-  connection.onclose = () => { me = snapshot = undefined; shown = 0; forgetHands(); setTimeout(connect, 1000); };
+  own.onclose = () => {
+    if (own !== connection) return;
+    connection = me = undefined;
+    shown = 0;
+    showNothing();
+    setTimeout(connect, 1000);
+  };
+}
+function showNothing() { snapshot = undefined; forgetHands(); letGo(); }
+function watchConnection() {
+  const silent = performance.now() - arrivedAt;
+  if (snapshot && silent > SILENT_MS) showNothing();
+  if (connection && silent > GIVE_UP_MS) { const old = connection; old.onclose(); old.close(); }
 }
 const isOld = (event) => performance.now() - event.timeStamp > OLD_INPUT_MS;
 const drives = () => snapshot !== undefined && snapshot.driver === me;
@@ -451,7 +470,7 @@ const write = (id, text) => { const element = byId(id); if (element.textContent 
 // ---- words
 function banner() {
   const telemetry = snapshot?.telemetry;
-  if (!snapshot) return [NO_CONNECTION, false];
+  if (!snapshot) return [isStopUnheard ? STOP_UNHEARD : NO_CONNECTION, false];
   if (snapshot.link.state === "failed") return [snapshot.link.text, false];
   if (telemetry?.faults.length) return [`${telemetry.faults.map((fault) => `${fault.name}: ${fault.help}`).join(". ")}. Then press Clear.`, false];
   if (snapshot.stopping) return ["Stop is sent, and not acknowledged yet.", false];
@@ -517,6 +536,7 @@ function drawWords(gamepad) {
 let written = 0, gamepad = "none";
 function draw(now) {
   requestAnimationFrame(draw);
+  watchConnection();
   watchHeld();
   attempt("the gamepad", () => { gamepad = readGamepads(now); });
   if (snapshot?.telemetry && last(history)?.stamp !== snapshot.stamp) {

@@ -118,7 +118,7 @@ fn with_a_robot() -> Outcome<()> {
         end(&mut program)?;
         tried
     };
-    let tried = cockpit(&[], &TESTS).and_then(|()| cockpit(&["--hold-to-run"], &HELD));
+    let tried = cockpit(&[], TESTS).and_then(|()| cockpit(&["--hold-to-run"], &HELD));
     interrupt.raise();
     server.join().map_err(|_| "the robot panicked")??;
     tried
@@ -131,7 +131,7 @@ fn end(program: &mut Child) -> Outcome<()> {
 }
 
 type Test = (&'static str, fn(&mut Desk) -> Outcome<()>);
-const TESTS: [Test; 11] = [
+const TESTS: &[Test] = &[
     ("small_screens_show_values_and_stop_whole", Desk::screens),
     ("the_scope_shows_its_channels", Desk::scope),
     ("settings_are_read_and_changed", Desk::settings),
@@ -141,6 +141,8 @@ const TESTS: [Test; 11] = [
     ("any_gamepad_stops_and_the_one_touched_drives", Desk::gamepads),
     ("a_page_outlives_what_its_browser_lacks", Desk::poor_browser),
     ("a_page_that_freezes_leaves_the_robot_at_rest", Desk::freeze),
+    #[cfg(unix)]
+    ("a_page_without_an_answer_says_so_and_stops_as_soon_as_it_can", Desk::silent_program),
     ("of_two_pages_one_drives_and_both_stop", Desk::two_pages),
     ("a_page_that_dies_leaves_the_robot_at_rest", Desk::dies),
 ];
@@ -171,7 +173,7 @@ fn try_pages(
         println!("skipped the pages: no chromedriver; install `chromium` and `chromium-driver`");
         return Ok(());
     };
-    let mut desk = Desk { browser, seen, url };
+    let mut desk = Desk { browser, seen, url, program };
     for (name, test) in tests {
         let verdict = test(&mut desk);
         println!("test {name} ... {}", if verdict.is_ok() { "ok" } else { "FAILED" });
@@ -256,6 +258,15 @@ fn leave_descriptors(_: u32) -> Outcome<()> {
     Ok(())
 }
 
+/// Lets a program hang, or go on.
+#[cfg(unix)]
+fn hang(program: u32, hangs: bool) -> Outcome<()> {
+    use rustix::process::{Pid, Signal, kill_process};
+    let program = Pid::from_raw(program.try_into()?).ok_or("no program")?;
+    kill_process(program, if hangs { Signal::STOP } else { Signal::CONT })?;
+    Ok(())
+}
+
 /// Returns the status of the answer to a request for a page or a WebSocket.
 fn status(to: &str, path: &str, host: &str, origin: Option<&str>) -> Outcome<u16> {
     let mut stream = TcpStream::connect(to)?;
@@ -275,6 +286,7 @@ struct Desk {
     browser: Browser,
     seen: Arc<Mutex<Seen>>,
     url: String,
+    program: u32,
 }
 
 impl Desk {
@@ -717,6 +729,28 @@ impl Desk {
         self.until_armed()?;
         self.until_text("gamepad", "let go of stick and buttons first")?;
         self.stays_at_rest()
+    }
+
+    #[cfg(unix)]
+    fn silent_program(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        let left = self.seen()?.now;
+        hang(self.program, true)?;
+        let says = |text: &'static str| {
+            self.until(text, |desk| {
+                let said = "return document.getElementById('banner-text').textContent";
+                Ok(desk.browser.run(said)?.as_str().is_some_and(|said| said.starts_with(text)))
+            })
+        };
+        let silent = says("No connection")
+            .and_then(|()| self.browser.touch("#stop"))
+            .and_then(|()| says("STOP may not have arrived"))
+            .and_then(|()| self.until_text("f", "–"));
+        hang(self.program, false)?;
+        silent?;
+        self.rests_since(left)?;
+        self.until_text("state", "stopped")
     }
 
     fn two_pages(&mut self) -> Outcome<()> {
