@@ -17,8 +17,8 @@ mod present;
 
 #[cfg(not(target_family = "wasm"))]
 pub use present::{
-    PASSING_SOCKET_ERRORS, SIGNALS, create_private, create_private_folder, data_from, end_together,
-    exposed_mode, has_keys, shell,
+    ERRORS, PASSING_SOCKET_ERRORS, SIGNALS, create_private, create_private_folder, data_from,
+    end_together, exposed_mode, has_keys, shell,
 };
 
 /// Measures time, that of a suspended computer too, which [`std::time::Instant`] leaves out on most systems: the robot and the

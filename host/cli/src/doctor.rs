@@ -413,6 +413,12 @@ fn judge_datagrams(seen: UdpStatistics, watched: f64) -> Finding {
     }
     match judge_poses(seen.untracked, seen.jumps, seen.poses, watched) {
         Ok(rate) => Finding::good("poses", format_args!("{rate:.0} per second, all tracked")),
+        Err(_) if seen.late > seen.poses => bad(format!(
+            "{} of {} datagrams state a time that is not after the one before: state each picture's own, in seconds with their \
+             fraction, or none",
+            seen.late,
+            seen.late + seen.poses
+        )),
         Err(sentence) => bad(sentence),
     }
 }

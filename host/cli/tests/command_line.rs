@@ -517,8 +517,7 @@ fn track_on_a_full_disk(operator: &Operator, address: &str, cameras: &Cameras) -
     let modes = operator.home.path().join("modes.toml");
     std::fs::write(&modes, MODES).unwrap();
     let mut shell = Command::new("bash");
-    // Without the signal, the write itself fails.
-    shell.args(["-c", "trap '' XFSZ; ulimit -f 512; exec \"$@\"", "bash"]);
+    shell.args(["-c", "ulimit -f 512; exec \"$@\"", "bash"]);
     shell.arg(env!("CARGO_BIN_EXE_flix")).args(["track", address, "circle", "--natnet-server"]);
     shell.arg(&cameras.address).arg("--modes").arg(&modes).arg("--key").arg(&operator.key);
     shell.arg("--out").arg(operator.home.path()).env("HOME", operator.home.path());
@@ -565,17 +564,12 @@ fn a_drive_whose_record_fails_reports_its_figures_all_the_same() {
     let (served, address) = serve(robot());
     let operator = Operator::new();
     let mut long = Command::new("bash");
-    long.args([
-        "-c",
-        "trap '' XFSZ; ulimit -f 64; exec \"$@\"",
-        "bash",
-        env!("CARGO_BIN_EXE_flix"),
-    ])
-    .args(["drive", &address, "--frequency", "-30", "--direction", "30", "--for", "10s"])
-    .args(["--json", "--key"])
-    .arg(&operator.key)
-    .current_dir(operator.home.path())
-    .env("HOME", operator.home.path());
+    long.args(["-c", "ulimit -f 64; exec \"$@\"", "bash", env!("CARGO_BIN_EXE_flix")])
+        .args(["drive", &address, "--frequency", "-30", "--direction", "30", "--for", "10s"])
+        .args(["--json", "--key"])
+        .arg(&operator.key)
+        .current_dir(operator.home.path())
+        .env("HOME", operator.home.path());
     let ended = Ended(long.output().unwrap());
     assert_eq!(ended.code(), 2, "{}", ended.stderr());
     assert!(ended.stderr().contains("cannot write the record"), "{}", ended.stderr());
@@ -961,6 +955,31 @@ fn a_sequence_without_its_end_lets_the_robot_rest_and_the_space_bar_stop() {
         desk.child.kill().unwrap();
         desk.child.wait().unwrap();
     }
+}
+
+#[test]
+fn who_drives_by_hand_learns_at_the_end_that_the_record_could_not_be_written() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let mut command = Command::new("bash");
+    let errors = operator.home.path().join("errors");
+    command
+        .args(["-c", "ulimit -f 64; exec \"$@\" 2>errors", "bash", env!("CARGO_BIN_EXE_flix")])
+        .args(["teleop", &address, "--record", "--key"])
+        .arg(&operator.key)
+        .current_dir(operator.home.path())
+        .env("HOME", operator.home.path());
+    let mut desk = Desk::new(command);
+    desk.walk(&served);
+    let runs = operator.home.path().join("out/runs");
+    wait_until(|| {
+        let files = std::fs::read_dir(&runs).unwrap();
+        files.flatten().any(|file| file.metadata().unwrap().len() == 64 << 10)
+    });
+    desk.send("\u{1b}");
+    assert_eq!(desk.child.wait().unwrap().code(), Some(2));
+    let said = std::fs::read_to_string(errors).unwrap();
+    assert!(said.contains("cannot write the record"), "{said}");
 }
 
 #[test]

@@ -29,6 +29,8 @@ use super::{Picture, Pose, PoseError, PoseSample, PoseSource, Quaternion, Vector
 
 /// Silence of a sender after which another one is taken, and of all others after which it is trusted again.
 const SENDER_PATIENCE: Duration = Duration::from_secs(2);
+/// Time by which a network may shuffle poses: a tracker whose clock goes back by more began anew.
+const SHUFFLED: Duration = Duration::from_secs(1);
 /// Longest datagram, bytes; longer ones are cut and therefore unreadable.
 const LONGEST: usize = 512;
 /// Most datagrams that one call of `poll` reads, so that a flood of them cannot keep the caller from its other work.
@@ -43,6 +45,8 @@ pub struct UdpStatistics {
     pub untracked: u64,
     /// Datagrams of the sender that are no pose.
     pub unreadable: u64,
+    /// Datagrams whose time is not after that of one before them: late, or twice, or of a tracker that stands still.
+    pub late: u64,
     /// Poses out of reach of the pose before them.
     pub jumps: u64,
     /// Datagrams of other senders; they were dropped.
@@ -59,6 +63,8 @@ pub struct UdpSource {
     sender: Option<(SocketAddr, Instant)>,
     /// When a second sender was heard last.
     doubted: Option<Instant>,
+    /// When the newest pose was taken, on the tracker's clock.
+    newest: Option<Instant>,
     continuity: Continuity,
     statistics: UdpStatistics,
 }
@@ -77,6 +83,7 @@ impl UdpSource {
             tracker,
             sender: None,
             doubted: None,
+            newest: None,
             continuity: Continuity::default(),
             statistics: UdpStatistics::default(),
         })
@@ -94,6 +101,19 @@ impl UdpSource {
     #[must_use]
     pub fn statistics(&self) -> UdpStatistics {
         self.statistics
+    }
+
+    /// Returns whether a picture was taken after all before it, or by a tracker that began anew.
+    fn is_new(&mut self, picture: Option<Picture>) -> bool {
+        let Some(Picture { exposed, .. }) = picture else { return true };
+        let is_new =
+            self.newest.is_none_or(|newest| exposed > newest || newest.since(exposed) > SHUFFLED);
+        if is_new {
+            self.newest = Some(exposed);
+        } else {
+            self.statistics.late += 1;
+        }
+        is_new
     }
 
     fn is_sender(&mut self, from: SocketAddr, now: Instant) -> bool {
@@ -125,6 +145,7 @@ impl PoseSource for UdpSource {
             }
             match parse(&buffer[..length]) {
                 None => self.statistics.unreadable += 1,
+                Some((_, _, picture)) if !self.is_new(picture) => {}
                 Some((pose, tracked, picture)) => {
                     self.statistics.poses += 1;
                     self.statistics.untracked += u64::from(!tracked);
@@ -232,7 +253,7 @@ mod tests {
     ) -> Option<PoseSample> {
         let count = |source: &UdpSource| {
             let seen = source.statistics();
-            seen.poses + seen.unreadable + seen.strangers
+            seen.poses + seen.unreadable + seen.strangers + seen.late
         };
         let before = count(source);
         from.send(text.as_bytes()).unwrap();
@@ -257,6 +278,21 @@ mod tests {
         assert_eq!(source.poll(at(0)).unwrap(), None);
         source.socket.connect(tracker.local_addr().unwrap()).unwrap();
         assert!(deliver(&mut source, &tracker, "0 0 0.06 0 0 0", at(1)).is_some());
+    }
+
+    #[test]
+    fn a_pose_that_was_taken_before_the_newest_or_comes_again_is_none() {
+        let (mut source, [tracker, _]) = wired();
+        let mut seen = |time: f64, now| {
+            let text = format!(r#"{{"x":0,"y":0,"yaw":0,"time":{time}}}"#);
+            deliver(&mut source, &tracker, &text, at(now)).is_some()
+        };
+        assert!(seen(100.0, 0) && seen(100.02, 20));
+        assert!(!seen(100.01, 30) && !seen(100.02, 40), "late, and of a tracker that stands still");
+        assert!(seen(100.03, 50));
+        // A tracker that began anew.
+        assert!(seen(3.0, 60) && seen(3.01, 70) && !seen(3.01, 80));
+        assert_eq!((source.statistics().poses, source.statistics().late), (5, 3));
     }
 
     #[test]

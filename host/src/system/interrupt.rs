@@ -6,7 +6,7 @@ use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::system::SIGNALS;
+use crate::system::{ERRORS, SIGNALS};
 
 /// A request to end this program.
 #[derive(Debug, Clone)]
@@ -22,6 +22,9 @@ impl Interrupt {
         let raised = Arc::new(AtomicBool::new(false));
         for signal in SIGNALS {
             signal_hook::flag::register(*signal, Arc::clone(&raised))?;
+        }
+        for signal in ERRORS {
+            signal_hook::flag::register(*signal, Arc::default())?;
         }
         Ok(Self(raised))
     }

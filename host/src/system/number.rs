@@ -1,12 +1,13 @@
 //! Numbers with units, as people write them.
 
 /// Prefixes of units, and what each multiplies by.
-const PREFIXES: [(&str, f64); 7] = [
+const PREFIXES: [(&str, f64); 8] = [
     ("", 1.0),
     ("u", 1e-6),
     ("\u{b5}", 1e-6),
     ("\u{3bc}", 1e-6),
     ("m", 1e-3),
+    ("c", 1e-2),
     ("k", 1e3),
     ("M", 1e6),
 ];
@@ -32,7 +33,11 @@ const POSITIONS: [(&str, f64); 6] =
 /// When it is no finite number, or in another unit.
 pub fn in_unit(text: &str, unit: &str) -> Result<f64, String> {
     let trimmed = text.trim();
-    let number = |text: &str| text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
+    // The sign that tables and pages print is another than that of the keyboard.
+    let number = |text: &str| {
+        let text = text.trim().replace('\u{2212}', "-");
+        text.parse::<f64>().ok().filter(|number| number.is_finite())
+    };
     let position = || POSITIONS.iter().find(|it| it.0.eq_ignore_ascii_case(trimmed));
     let scaled = || {
         // From behind: 1e3 is longer than 1.
@@ -104,6 +109,8 @@ mod tests {
             ("1000\u{3bc}H", "mH", 1.0),
             ("1000\u{b5}H", "mH", 1.0),
             ("0.03 m", "mm", 30.0),
+            ("30cm", "m", 0.3),
+            ("\u{2212}30 Hz", "Hz", -30.0),
             ("30deg", "degrees", 30.0),
             ("30 degrees", "degrees", 30.0),
             ("on", "1", 1.0),

@@ -12,10 +12,13 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use rustix::process::{Pid, Signal, getpgrp, kill_process_group};
 use rustix::time::{ClockId, clock_gettime};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGXFSZ};
 
 /// Signals that ask a program to end.
 pub const SIGNALS: &[i32] = &[SIGINT, SIGTERM, SIGHUP, SIGQUIT];
+
+/// Signals that end a program where an error says the same: of a file that is to be longer than it may (`ulimit -f`).
+pub const ERRORS: &[i32] = &[SIGXFSZ];
 
 /// The clock that goes on while the computer is suspended: on macOS the monotonic one does.
 #[cfg(any(target_os = "linux", target_os = "android"))]

@@ -12,6 +12,9 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 /// Signals that ask a program to end.
 pub const SIGNALS: &[i32] = &[SIGINT, SIGTERM];
 
+/// Signals that end a program where an error says the same.
+pub const ERRORS: &[i32] = &[];
+
 /// What a socket that is in order reports while a network is away or busy, or of a datagram that is longer than any of ours, and
 /// `std` has no name of its own for: `WSAEINVAL`, `WSAEMSGSIZE`, `WSAENETRESET`, `WSAENOBUFS`, `WSAEHOSTDOWN`.
 pub const PASSING_SOCKET_ERRORS: &[i32] = &[10_013, 10_022, 10_040, 10_052, 10_055, 10_064];

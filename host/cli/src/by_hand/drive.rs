@@ -50,6 +50,8 @@ pub struct Extras {
     pub poses: Option<Poses>,
     /// Record of the drive. Once it cannot be written any more, driving goes on without it.
     pub recorder: Option<Recorder>,
+    /// Why it cannot.
+    pub unrecorded: Option<RecordError>,
 }
 
 /// A drive by hand over an open connection.
@@ -111,6 +113,7 @@ impl<'a> Drive<'a> {
             self.extras.recorder = None;
             let text = format!("{error}; driving goes on unrecorded");
             self.cockpit.note(now, Weight::Alarm, &text);
+            self.extras.unrecorded = Some(error);
         }
     }
 }

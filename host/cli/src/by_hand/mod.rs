@@ -69,6 +69,9 @@ impl ByHandArgs {
         let results = BTreeMap::from([("ending".to_owned(), ending)]);
         let record = extras.recorder.map(|recorder| recorder.conclude(results)).transpose();
         ended?;
+        if let Some(error) = extras.unrecorded {
+            return Err(error.into());
+        }
         if let Some(file) = record? {
             print(&format!("record {}\n", file.display()))?;
         }

@@ -3,6 +3,10 @@
 /// Frames by which a network may shuffle two of them: one that is farther back is of a stream that began anew.
 pub(super) const SHUFFLED: i32 = 100;
 
+/// Frames before the newest in a row, each sent after the one before it, after which a stream began anew: a recording that is
+/// played again and again. No network shuffles so many.
+const ANEW: u32 = 10;
+
 /// When a frame came.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Arrival {
@@ -20,6 +24,8 @@ pub(super) struct Order {
     newest: Option<i32>,
     /// Bit n: the frame whose number is less than the newest by n has come, or is not missed.
     seen: u128,
+    /// The last frame, where it was before the newest, and how many of those came in a row in the order in which they were sent.
+    behind: Option<(i32, u32)>,
 }
 
 impl Order {
@@ -27,26 +33,35 @@ impl Order {
     pub(super) fn take(&mut self, frame: i32) -> Arrival {
         let ahead = self.newest.map(|newest| i64::from(frame) - i64::from(newest));
         let missing = match ahead {
-            Some(behind) if (-i64::from(SHUFFLED)..=0).contains(&behind) => {
+            Some(behind)
+                if (-i64::from(SHUFFLED)..=0).contains(&behind) && !self.is_anew(frame) =>
+            {
                 let place = 1 << behind.unsigned_abs();
                 let is_new = self.seen & place == 0;
                 self.seen |= place;
                 return if is_new { Arrival::Late } else { Arrival::Again };
             }
-            Some(ahead @ 1..) => {
+            Some(ahead) if ahead > 0 => {
                 let shift = u32::try_from(ahead).unwrap_or(u32::MAX);
                 self.seen = self.seen.checked_shl(shift).unwrap_or(0);
                 ahead.unsigned_abs() - 1
             }
-            // A stream that begins: none before it is missed.
+            // A stream that begins, at first or anew: none before it is missed.
             _ => {
                 self.seen = u128::MAX;
                 0
             }
         };
         self.seen |= 1;
-        self.newest = Some(frame);
+        (self.newest, self.behind) = (Some(frame), None);
         Arrival::Newest { missing }
+    }
+
+    /// Takes a frame before the newest, and returns whether the stream began anew.
+    fn is_anew(&mut self, frame: i32) -> bool {
+        let row = self.behind.map_or(0, |(last, row)| if frame > last { row + 1 } else { 0 });
+        self.behind = Some((frame, row));
+        row >= ANEW
     }
 }
 
@@ -83,6 +98,14 @@ mod tests {
         let (newest, lost, again) = counted(&twice);
         assert!(newest.is_sorted_by(|one, next| one < next), "{newest:?}");
         assert_eq!((lost, again), (2, frames.len()));
+    }
+
+    #[test]
+    fn a_recording_that_is_played_again_and_again_goes_on() {
+        let round: Vec<i32> = (1000..1080).collect();
+        let (newest, lost, _) = counted(&round.repeat(5));
+        assert_eq!(lost, 0);
+        assert!(newest.len() > 5 * (80 - 12), "{} of 400", newest.len());
     }
 
     #[test]

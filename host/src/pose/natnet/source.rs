@@ -224,18 +224,30 @@ enum Received {
     Foreign,
 }
 
-enum Channel {
-    /// `card` is the socket of the stream, by which the group is joined again.
-    Multicast {
-        stream: DataClient,
-        card: Socket,
-        group: Ipv4Addr,
-        command: RawCommandClient,
-    },
-    Unicast {
-        socket: RawCommandClient,
-        next_keepalive: Instant,
-    },
+/// A stream to a group.
+struct Multicast {
+    stream: DataClient,
+    /// Its socket, by which the group is joined again.
+    card: Socket,
+    group: Ipv4Addr,
+    port: u16,
+}
+
+impl Multicast {
+    /// Opens the stream that the server announces; `None` for one to this computer alone.
+    fn open(info: &ServerInfo, settings: &NatNetSettings) -> Result<Option<Self>, NatNetError> {
+        if !info.connection.multicast {
+            return Ok(None);
+        }
+        let (group, port) = (info.multicast_group(), info.connection.data_port);
+        if !group.is_multicast() {
+            return Err(NatNetError::NoGroup { server: settings.server, group });
+        }
+        let failed = |source| NatNetError::Socket { interface: settings.interface, source };
+        let socket = multicast_socket(group, port, settings.interface).map_err(failed)?;
+        let card = Socket::from(socket.try_clone().map_err(failed)?);
+        Ok(Some(Self { stream: DataClient::from_socket(socket), card, group, port }))
+    }
 }
 
 /// A stream of poses from Motive.
@@ -245,7 +257,10 @@ pub struct NatNetSource {
     layout: Layout,
     bodies: Vec<(String, i32)>,
     body: Option<i32>,
-    channel: Channel,
+    command: RawCommandClient,
+    /// Where frames come; without it by `command`.
+    multicast: Option<Multicast>,
+    next_keepalive: Instant,
     /// What begins the stream, and when it is said again.
     greeting: Vec<u8>,
     greet_at: Instant,
@@ -282,31 +297,16 @@ impl NatNetSource {
         let socket = |source| NatNetError::Socket { interface: settings.interface, source };
         client.set_nonblocking(true).map_err(socket)?;
         let greeting = layout.begin(settings.server)?;
-        let channel = if info.connection.multicast {
-            let group = info.multicast_group();
-            if !group.is_multicast() {
-                return Err(NatNetError::NoGroup { server: settings.server, group });
-            }
-            let again = |source| NatNetError::Socket { interface: settings.interface, source };
-            let socket = multicast_socket(group, info.connection.data_port, settings.interface)
-                .map_err(socket)?;
-            let card = Socket::from(socket.try_clone().map_err(again)?);
-            Channel::Multicast {
-                stream: DataClient::from_socket(socket),
-                card,
-                group,
-                command: client,
-            }
-        } else {
-            Channel::Unicast { socket: client, next_keepalive: Instant::START }
-        };
+        let multicast = Multicast::open(&info, &settings)?;
         Ok(Self {
             settings,
             info,
             layout,
             bodies,
             body,
-            channel,
+            command: client,
+            multicast,
+            next_keepalive: Instant::START,
             greeting,
             greet_at: Instant::START,
             buffer: vec![0; MIN_DATA_BUFFER],
@@ -349,14 +349,12 @@ impl NatNetSource {
     }
 
     fn say(&self, what: &[u8]) -> io::Result<()> {
-        let (Channel::Multicast { command, .. } | Channel::Unicast { socket: command, .. }) =
-            &self.channel;
-        transient(command.send(what)).map(drop)
+        transient(self.command.send(what)).map(drop)
     }
 
     /// Joins the group of a stream by multicast anew: a network card that was away has forgotten it.
     fn join_again(&self) {
-        if let Channel::Multicast { card, group, .. } = &self.channel {
+        if let Some(Multicast { card, group, .. }) = &self.multicast {
             // While the card is away both fail, and are tried again.
             let _ = card.leave_multicast_v4(group, &self.settings.interface);
             let _ = card.join_multicast_v4(group, &self.settings.interface);
@@ -376,22 +374,21 @@ impl NatNetSource {
             self.say(&self.greeting)?;
         }
         let mut kind: fn(usize) -> Received = Received::Datagram;
-        let received = match &mut self.channel {
-            Channel::Multicast { stream, command, .. } => {
-                match transient(command.recv(&mut self.buffer))? {
-                    Some(received) => {
-                        kind = Received::Answer;
-                        Ok(received)
-                    }
-                    None => stream.recv(&mut self.buffer),
+        let received = match &mut self.multicast {
+            Some(Multicast { stream, .. }) => match transient(self.command.recv(&mut self.buffer))?
+            {
+                Some(received) => {
+                    kind = Received::Answer;
+                    Ok(received)
                 }
-            }
-            Channel::Unicast { socket, next_keepalive } => {
-                if now >= *next_keepalive {
-                    *next_keepalive = now + KEEPALIVE;
-                    transient(socket.send(&keepalive_datagram()))?;
+                None => stream.recv(&mut self.buffer),
+            },
+            None => {
+                if now >= self.next_keepalive {
+                    self.next_keepalive = now + KEEPALIVE;
+                    transient(self.command.send(&keepalive_datagram()))?;
                 }
-                socket.recv(&mut self.buffer)
+                self.command.recv(&mut self.buffer)
             }
         };
         let Some((length, from)) = transient(received)? else { return Ok(None) };
@@ -416,7 +413,8 @@ impl NatNetSource {
         self.heard = Some(now);
     }
 
-    /// Takes who streams, as the server says when it is greeted again: a Motive that started anew may speak another version.
+    /// Takes who streams, as the server says when it is greeted again: a Motive that started anew may speak another version, or
+    /// stream another way.
     fn renew(&mut self, now: Instant, info: ServerInfo) -> Result<(), NatNetError> {
         let [spoken, before] = [&info, &self.info].map(|info| info.protocol_version);
         let is_granted = self.layout.is_asked_for && spoken == self.layout.version;
@@ -425,6 +423,11 @@ impl NatNetSource {
             self.greeting = self.layout.begin(self.settings.server)?;
             (self.greet_at, self.ask_bodies_at) = (now, Some(now));
             self.heard = Some(Instant::START);
+        }
+        let group =
+            info.connection.multicast.then(|| (info.multicast_group(), info.connection.data_port));
+        if group != self.multicast.as_ref().map(|it| (it.group, it.port)) {
+            self.multicast = Multicast::open(&info, &self.settings)?;
         }
         self.info = if is_granted { ServerInfo { protocol_version: before, ..info } } else { info };
         Ok(())
@@ -511,9 +514,9 @@ impl PoseSource for NatNetSource {
 
 impl Drop for NatNetSource {
     fn drop(&mut self) {
-        if let Channel::Unicast { socket, .. } = &self.channel {
+        if self.multicast.is_none() {
             // A courtesy: a server that does not hear it forgets us anyway.
-            let _ = socket.send(&disconnect_datagram());
+            let _ = self.command.send(&disconnect_datagram());
         }
     }
 }

@@ -1,7 +1,7 @@
 const byId = (id) => document.getElementById(id);
 const modes = JSON.parse(byId("mode-table").textContent);
-// An input that waited longer, in a page that hung, is not what its operator wants now. Stop is always sent.
-const OLD_INPUT_MS = 250;
+// An input that waited longer, in a page that hung, is not what its operator wants now. What calms is always sent.
+const OLD_INPUT_MS = 250, CALMING = ["stop", "rest", "disarm"];
 // What the robot commands to rest by itself is noticed in this time.
 const SETTLED_MS = 400;
 
@@ -58,11 +58,15 @@ function watchConnection() {
   if (snapshot && silent > SILENT_MS) showNothing();
   if (connection && silent > GIVE_UP_MS) { const old = connection; old.onclose(); old.close(); }
 }
-const isOld = (event) => performance.now() - event.timeStamp > OLD_INPUT_MS;
+// What is said for a while beside the robot's own log.
+const REMARKED_MS = 10000;
+let remark;
+function say(text) { remark = { text, at: performance.now() }; }
 const drives = () => snapshot !== undefined && snapshot.driver === me;
 const isWanted = () => snapshot !== undefined && snapshot.wanted[0] !== 0;
 function act(request, event) {
-  if (request !== "stop" && event && isOld(event)) return;
+  const age = event ? performance.now() - event.timeStamp : 0;
+  if (age > OLD_INPUT_MS && !CALMING.includes(request)) return say(`an input came ${(age / 1000).toFixed(1)} s late and was passed over`);
   send(request);
 }
 
@@ -272,9 +276,10 @@ const DEAD_ZONE = 0.25, DEFLECTED = 0.6, KEPT = 0.4, LEAD = 0.1, UNTOUCHED_MS = 
 // A browser may have none, or give none to a page that is not encrypted. One that cannot be read is none: what it drives
 // rests, and the others go on.
 const orNone = (read) => { try { return read(); } catch { return []; } };
-const seen = ({ index, mapping, axes, buttons }) => ({ index, mapping, axes: [...axes].map((axis) => axis || 0), buttons: [...buttons].map(({ pressed }) => ({ pressed })) });
-const gamepads = () => orNone(() => [...(navigator.getGamepads?.() ?? [])]).flatMap((one) => orNone(() => (one?.connected ? [seen(one)] : [])));
-// Where the layout is not known, nobody knows which button stops: every one does.
+const seen = ({ index, id, mapping, axes, buttons }) => ({ index, id, mapping, axes: [...axes].map((axis) => axis || 0), buttons: [...buttons].map(({ pressed }) => ({ pressed })) });
+const gamepads = () => orNone(() => [...(navigator.getGamepads?.() ?? [])]).flatMap((one) => orNone(() => (one?.connected ? [seen(one)] : []))).filter((one) => isKnown(one) || one.axes.length > 1);
+// Where the layout is not known, nobody knows which button stops: every one does. A keyboard or a tablet that is listed has no
+// stick, and is none.
 const isKnown = (gamepad) => gamepad.mapping === "standard";
 function newlyPressed(gamepad, hand) {
   const down = gamepad.buttons.flatMap((button, index) => (button.pressed ? [index] : []));
@@ -304,7 +309,7 @@ function release(hand) {
 function readGamepad(gamepad, now) {
   const hand = handOn(gamepad), pressed = newlyPressed(gamepad, hand);
   if (!isKnown(gamepad)) {
-    if (pressed.length) send("stop");
+    if (pressed.length) { send("stop"); say(`a button of ${gamepad.id || "a gamepad"} stops`); }
     release(hand);
     return "of a layout that is not known: its buttons stop";
   }
@@ -519,7 +524,7 @@ function drawWords(gamepad) {
   write("battery", telemetry ? (telemetry.battery === null ? "not measured" : `${figure(telemetry.battery, 1)} V`) : "–");
   write("quality", link?.round_trip_ms != null ? `${figure(link.round_trip_ms, 1)} ms, ${figure(100 * link.loss, 0)} % lost` : "–");
   write("gamepad", gamepad);
-  write("note", [failed && `${failed} failed in this browser`, snapshot && !snapshot.floor && "no poses: drawn where it stands (--pose)", snapshot?.slow_motion && "rotors 30 times slower", snapshot?.pages > 1 && `${snapshot.pages} pages open`].filter(Boolean).join(" · "));
+  write("note", [failed && `${failed} failed in this browser`, remark && performance.now() - remark.at < REMARKED_MS && remark.text, snapshot && !snapshot.floor && "no poses: drawn where it stands (--pose)", snapshot?.slow_motion && "rotors 30 times slower", snapshot?.pages > 1 && `${snapshot.pages} pages open`].filter(Boolean).join(" · "));
   const log = snapshot?.log ?? [];
   const lines = log.map((line) => `${line.at.toFixed(1)} s  ${line.text}`).reverse();
   if (byId("log").dataset.lines !== lines.join("\n")) {
