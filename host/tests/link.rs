@@ -364,6 +364,44 @@ fn what_was_asked_without_a_session_clears_no_stop_that_came_meanwhile() {
 }
 
 #[test]
+fn what_was_asked_before_the_first_session_clears_no_stop_that_came_meanwhile() {
+    for is_news in [true, false] {
+        let mut world = World::new();
+        if !is_news {
+            world.stop_from_outside();
+            world.run(Duration::from_millis(100));
+            world.client = Client::new(key(), [8; 32], world.now);
+        }
+        world.is_cut = true;
+        world.run(Duration::from_millis(300));
+        let clear = world.client.request(world.now, Command::Clear);
+        if is_news {
+            world.stop_from_outside();
+        }
+        world.is_cut = false;
+        world.run(Duration::from_millis(1_500));
+        assert_eq!(world.robot.stopped, is_news);
+        assert_eq!(world.answer(clear) == Some(&Outcome::Done), !is_news);
+    }
+}
+
+#[test]
+fn a_person_who_wants_the_same_again_is_heard_at_once_and_a_program_that_holds_it_is_not() {
+    let mut world = World::armed();
+    let walk = setpoint(-30.0, 30.0);
+    for _ in 0..3 {
+        let intent = world.robot.intent;
+        world.client.hold(world.now, walk);
+        world.run(Duration::from_millis(100));
+        assert_eq!(world.robot.intent, intent);
+        world.client.want(world.now, walk);
+        world.run(2 * world.latency + TICK);
+        assert_eq!(world.robot.intent, intent.wrapping_add(1));
+    }
+    assert_eq!(world.client.held(), Some(walk));
+}
+
+#[test]
 fn a_robot_that_another_holds_is_stopped_all_the_same() {
     let mut world = World::connected();
     world.is_cut = true;

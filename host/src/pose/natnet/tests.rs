@@ -277,6 +277,8 @@ struct Motive {
     restarts_after: Option<i32>,
     /// The version that it speaks by itself from then on.
     restarts_as: Option<u8>,
+    /// The number of its group from then on, or none.
+    restarts_to: Option<Option<u8>>,
     /// Whether it then knows no client, too.
     forgets_clients: bool,
     /// Its bodies from then on, and whether its frames say that they have changed.
@@ -300,6 +302,7 @@ const MOTIVE: Motive = Motive {
     is_paused: false,
     restarts_after: None,
     restarts_as: None,
+    restarts_to: None,
     forgets_clients: true,
     becomes: None,
     says_so: false,
@@ -418,7 +421,7 @@ impl Motive {
                             } else {
                                 is_newer &=
                                     !(self.grants && buffer[4 + 265..][..2] == [4, 1] && kind == 1);
-                                client = Some(self.multicast.map_or(from, |it| group(it).into()));
+                                client = Some(motive.multicast.map_or(from, |it| group(it).into()));
                                 socket.send_to(&motive.info(), from).unwrap();
                             }
                         }
@@ -433,6 +436,7 @@ impl Motive {
                         heard = [0; 3];
                         client = client.filter(|_| !self.forgets_clients);
                         motive.minor = self.restarts_as.unwrap_or(self.minor);
+                        motive.multicast = self.restarts_to.unwrap_or(self.multicast);
                         (is_newer, number) = (motive.minor > 1, number + 1);
                         bodies = self.becomes.unwrap_or(bodies);
                         flags = if self.says_so { 2 } else { 0 };
@@ -525,6 +529,22 @@ fn a_motive_that_starts_anew_in_another_version_is_followed() {
     // Side by side: each waits in real time.
     std::thread::scope(|scope| {
         for case in [(1, 2, true), (1, 2, false), (2, 1, true), (2, 4, true), (2, 4, false)] {
+            scope.spawn(move || follow(case));
+        }
+    });
+}
+
+#[test]
+fn a_motive_that_starts_anew_and_streams_another_way_is_followed() {
+    let follow = |(multicast, other)| {
+        let motive = Motive { multicast, restarts_to: Some(other), minor: 1, ..MOTIVE };
+        let (samples, _) = across_a_restart(&Motive { restarts_after: Some(100), ..motive });
+        let close = |it: &PoseSample| close(&it.pose, &some_pose());
+        assert!(samples.iter().all(close), "{multicast:?} to {other:?}");
+    };
+    // Side by side: each waits in real time.
+    std::thread::scope(|scope| {
+        for case in [(None, Some(82)), (Some(83), None), (Some(84), Some(85))] {
             scope.spawn(move || follow(case));
         }
     });
