@@ -2,6 +2,7 @@
 //! addresses in each function's code, as no core runs the whole image.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::ops::Range;
 
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
@@ -77,8 +78,8 @@ impl<'a> Image<'a> {
                     Named::Literal(place) => self.word(place),
                 };
                 let Some(target) = target.filter(|it| self.stays(*it)) else { continue };
-                if !callers.contains_key(&target) {
-                    callers.insert(target, function.name);
+                if let Entry::Vacant(caller) = callers.entry(target) {
+                    caller.insert(function.name);
                     left.push(target);
                 }
             }
