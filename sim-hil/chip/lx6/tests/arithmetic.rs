@@ -75,11 +75,12 @@ fn value() -> impl Strategy<Value = u32> {
 
 proptest! {
     #[test]
-    fn what_two_registers_give_is_what_the_manual_says(s in value(), t in value(), index in 0..FORMULAS.len()) {
-        let (op1, op2, formula) = FORMULAS[index];
-        let is_division = op1 == 2 && op2 >= 12;
-        let t = if is_division { t.max(1) } else { t };
-        prop_assert_eq!(result(s, t, rrr(op1, op2, R, S, T), 3), formula(s, t), "op1 {} op2 {}", op1, op2);
+    fn what_two_registers_give_is_what_the_manual_says(s in value(), t in value()) {
+        for (op1, op2, formula) in FORMULAS {
+            let is_division = op1 == 2 && op2 >= 12;
+            let t = if is_division { t.max(1) } else { t };
+            prop_assert_eq!(result(s, t, rrr(op1, op2, R, S, T), 3), formula(s, t), "op1 {} op2 {}", op1, op2);
+        }
     }
 
     #[test]
