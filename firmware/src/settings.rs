@@ -196,7 +196,7 @@ pub enum SetError {
     /// NaN, infinite or outside what is accepted now.
     #[error("{name} must be from {minimum} to {maximum}")]
     OutOfRange {
-        /// Which setting.
+        /// The setting.
         name: &'static str,
         /// Smallest value accepted now.
         minimum: f32,
@@ -206,7 +206,7 @@ pub enum SetError {
     /// Between two whole numbers.
     #[error("{name} must be a whole number")]
     NotWhole {
-        /// Which setting.
+        /// The setting.
         name: &'static str,
     },
 }

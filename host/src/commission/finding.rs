@@ -148,7 +148,7 @@ pub enum Finding {
     AmplifierElsewhere {
         /// Of which motor.
         motor: usize,
-        /// Which amplifier.
+        /// The amplifier.
         amplifier: Phase,
         /// What it shows.
         phase: Phase,

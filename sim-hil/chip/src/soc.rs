@@ -527,7 +527,7 @@ impl<O: Outside> Soc<O> {
     }
 }
 
-/// Which watchdog.
+/// The watchdog.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Watchdog {
     TimerGroup(usize),

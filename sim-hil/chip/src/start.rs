@@ -49,7 +49,7 @@ pub struct Start {
 pub struct Step {
     /// When.
     pub us: f64,
-    /// Which pin.
+    /// The pin.
     pub pin: u32,
     /// What it is for.
     pub role: Role,

@@ -112,7 +112,7 @@ pub struct Cell {
 /// The whole matrix.
 #[derive(Debug, Clone, Serialize)]
 pub struct Matrix {
-    /// Which robot.
+    /// The robot.
     pub seed: u64,
     /// All cells.
     pub cells: Vec<Cell>,

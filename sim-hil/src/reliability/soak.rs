@@ -81,7 +81,7 @@ const LONGEST_SCENARIO: Duration = Duration::from_secs(7_200);
 /// Verdict of a soak test.
 #[derive(Debug, Clone, Serialize)]
 pub struct Verdict {
-    /// Which robots.
+    /// The robots.
     pub seed: u64,
     /// Virtual time of all robots together.
     pub virtual_hours: f64,

@@ -63,7 +63,7 @@ pub struct Effort {
 /// Verdict of an attack.
 #[derive(Debug, Clone, Serialize)]
 pub struct Verdict {
-    /// Which robots.
+    /// The robots.
     pub seed: u64,
     /// Made up by the attacker.
     pub datagrams: u64,

@@ -44,7 +44,7 @@ pub struct Unknown {
     least: f64,
     /// What one in the model's field is in the unit of the name.
     unit: f64,
-    /// Which leg.
+    /// The leg.
     leg: usize,
     place: fn(&mut RobotModel, usize) -> Option<&mut f64>,
 }
