@@ -1,6 +1,6 @@
 const openConnection = () => new WebSocket(`ws://${location.host}${location.pathname}socket`);
 // `flix cockpit` sends a picture 20 times a second; how long it may stay away.
 const SILENT_MS = 1000, GIVE_UP_MS = 5000;
-const STOP_UNHEARD = "STOP may not have arrived: `flix stop` stops the robot, too, or its switch.";
+const STOP_UNHEARD = "STOP may not have arrived. Stop the robot with `flix stop`, or at its switch.";
 const NO_CONNECTION = "No connection to `flix cockpit`. If it was started again, open the address that it has printed last.";
 const drawWorld = () => false;
