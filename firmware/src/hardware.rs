@@ -92,6 +92,8 @@ pub struct Hardware {
     pub current_sense: Option<CurrentSense>,
     /// Microvolts of the bus per count of the divider; `None` where the board has no divider.
     pub bus_microvolts_per_count: Option<NonZeroU16>,
+    /// Count of the divider that the chip's converter states for every higher bus, too.
+    pub bus_largest_count: u16,
     /// Time in each PWM period in which neither switch of a phase conducts, nanoseconds.
     pub dead_time_ns: u16,
     /// PWM frequency, hertz.

@@ -70,6 +70,7 @@ const IDEAL_BOARD: Hardware = Hardware {
         valid_counts: (0, 4095),
     }),
     bus_microvolts_per_count: NonZeroU16::new(4000),
+    bus_largest_count: 4095,
     dead_time_ns: 0,
     pwm_frequency_hz: 20_000,
     can_coast: true,

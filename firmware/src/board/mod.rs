@@ -265,6 +265,7 @@ const fn hardware(
         name,
         current_sense,
         bus_microvolts_per_count: None,
+        bus_largest_count: ADC_LARGEST_COUNT as u16,
         dead_time_ns,
         pwm_frequency_hz: PWM_FREQUENCY_HZ,
         can_coast,
@@ -467,6 +468,8 @@ impl Board {
     pub const fn with_battery_divider(mut self) -> Self {
         self.divider = Some(self.divider_option);
         self.hardware.bus_microvolts_per_count = NonZeroU16::new(DIVIDER_MICROVOLTS_PER_COUNT);
+        let [_, highest] = self.chip.converter_millivolts();
+        self.hardware.bus_largest_count = counts_of_millivolts(highest);
         if self.divider_option.replaces_current_sense {
             self.hardware.current_sense = None;
             self.bridges[0].currents = None;
@@ -651,6 +654,17 @@ mod tests {
     fn a_full_three_cell_battery_stays_in_the_linear_range() {
         let full = 12_600_000 / u32::from(DIVIDER_MICROVOLTS_PER_COUNT);
         assert!((2_000..3_100).contains(&full), "{full} counts");
+    }
+
+    #[test]
+    fn the_largest_count_of_the_battery_is_that_of_the_chips_converter() {
+        for (chip, largest) in
+            [(Chip::Esp32, 3_797), (Chip::Esp32S3, 3_598), (Chip::Esp32C6, 3_999)]
+        {
+            for board in BOARDS.iter().filter(|board| board.chip == chip) {
+                assert_eq!(board.with_battery_divider().hardware.bus_largest_count, largest);
+            }
+        }
     }
 
     #[test]

@@ -134,7 +134,11 @@ impl Configuration {
             bus_nominal: volts(settings.nominal_voltage),
             battery_low: volts(settings.battery_low),
             under_voltage: volts(settings.under_voltage),
-            over_voltage: volts(settings.over_voltage),
+            // A bus that the converter does not tell from a higher one is too high, whatever the limit.
+            over_voltage: volts(settings.over_voltage).min(match divider {
+                Some(_) => Voltage::from_volts(bus * (f64::from(hardware.bus_largest_count) - 1.0)),
+                None => volts(settings.over_voltage),
+            }),
             largest_residual: Voltage::from_volts(
                 RESIDUAL_SHARE * f64::from(settings.nominal_voltage),
             ),

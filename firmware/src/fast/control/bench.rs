@@ -24,6 +24,7 @@ pub(crate) const HARDWARE: Hardware = Hardware {
         valid_counts: (8, 4087),
     }),
     bus_microvolts_per_count: NonZeroU16::new(4_000),
+    bus_largest_count: 4_095,
     dead_time_ns: 500,
     pwm_frequency_hz: 25_000,
     can_coast: true,
@@ -232,7 +233,7 @@ impl Bench {
             magnets: Default::default(),
             encoders,
             phase_current: Some(counts),
-            bus_voltage: Some((self.bus / 4e-3) as u16),
+            bus_voltage: Some(((self.bus / 4e-3) as u16).min(HARDWARE.bus_largest_count)),
         }
     }
 

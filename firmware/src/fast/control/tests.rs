@@ -232,6 +232,22 @@ fn a_bus_above_its_limit_is_over_voltage() {
 }
 
 #[test]
+fn a_bus_that_the_converter_does_not_tell_from_a_higher_one_is_over_voltage_whatever_the_limit() {
+    for battery_scale in [0.95, 1.0, 1.05] {
+        let settings = Settings { over_voltage: 40.0, battery_scale, ..Settings::DEFAULT };
+        for (bus, is_told) in [(16.2, true), (16.4, false), (40.0, false)] {
+            let mut bench = Bench::with(FREE, settings.clone(), HARDWARE);
+            bench.bus = bus;
+            bench.run(0.1);
+            bench.order.requests.arm += 1;
+            bench.run(0.1);
+            let is_high = bench.control.report().faults.contains(Fault::OverVoltage);
+            assert_eq!(is_high, !is_told, "{bus} V, {battery_scale}");
+        }
+    }
+}
+
+#[test]
 fn a_blocked_rotor_stalls_or_loses_its_lock() {
     let mut bench = running(FREE, 30.0, 0.0);
     bench.motors[0].blocked = true;

@@ -21,6 +21,7 @@ use super::{ModelError, exactly};
 pub const SIMULATED_BOARD: Hardware = Hardware {
     name: "simulated DengFOC V3.01",
     bus_microvolts_per_count: NonZeroU16::new(4_464),
+    bus_largest_count: DENGFOC_V3_01.with_battery_divider().hardware.bus_largest_count,
     ..DENGFOC_V3_01.hardware
 };
 
@@ -244,6 +245,7 @@ impl Electrical {
                 ..amplifiers
             }),
             bus_microvolts_per_count: NonZeroU16::new(sense.bus_uv_per_count),
+            bus_largest_count: SIMULATED_BOARD.bus_largest_count,
             dead_time_ns: inverter.dead_time_ns,
             pwm_frequency_hz: inverter.pwm_frequency_hz,
             can_coast: inverter.can_coast,

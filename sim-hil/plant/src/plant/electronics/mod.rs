@@ -145,7 +145,7 @@ impl Electronics {
         let bus_sensor = parameters
             .hardware
             .bus_microvolts_per_count
-            .map(|step| BusSensor::built(step, &mut random));
+            .map(|step| BusSensor::built(step, parameters.hardware.bus_largest_count, &mut random));
         let mut electronics = Self {
             inverter: InverterParameters::of(&parameters.hardware),
             bus_decay: BusDecay::new(&parameters.battery, SUB_STEP),

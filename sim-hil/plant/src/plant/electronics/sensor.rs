@@ -216,6 +216,7 @@ impl CurrentSensor {
 #[derive(Debug, Clone)]
 pub struct BusSensor {
     counts_per_volt: f64,
+    largest: u16,
     noise: f64,
 }
 
@@ -227,17 +228,19 @@ const BUS_GAIN_ERROR: f64 = 0.01;
 impl BusSensor {
     /// Creates a divider as chance has it.
     #[must_use]
-    pub fn built(microvolts_per_count: NonZeroU16, random: &mut impl Rng) -> Self {
+    pub fn built(microvolts_per_count: NonZeroU16, largest: u16, random: &mut impl Rng) -> Self {
         let gain = 1.0 + BUS_GAIN_ERROR * (2.0 * random.random::<f64>() - 1.0);
         Self {
             counts_per_volt: gain * 1e6 / f64::from(microvolts_per_count.get()),
+            largest,
             noise: BUS_NOISE,
         }
     }
 
     /// Counts at this bus voltage.
     pub fn read(&self, volts: f64, random: &mut impl Rng) -> u16 {
-        (self.counts_per_volt * volts + self.noise * gaussian(random)).round() as u16
+        let counts = (self.counts_per_volt * volts + self.noise * gaussian(random)).round() as u16;
+        counts.min(self.largest)
     }
 }
 
