@@ -41,6 +41,6 @@ else:
     )
     _gymnasium.register(
         id="FlixWalker-v1",
-        entry_point="flixwalker.env:FlixWalkerPathEnv",
-        vector_entry_point="flixwalker.env:FlixWalkerPathVectorEnv",
+        entry_point="flixwalker.env:newest",
+        vector_entry_point="flixwalker.env:newest_vector",
     )

@@ -1,4 +1,4 @@
-"""The robot as a Gymnasium environment: ``FlixWalker-v0``, and ``FlixWalker-v1`` to follow paths.
+"""The robot as a Gymnasium environment: ``FlixWalker-v1``, and ``FlixWalker-v0``, in which less of a path is seen.
 
 Every quarter of a second the agent sees where the robot is and how it moved, and chooses f and theta for the next.
 """
@@ -416,7 +416,8 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
 
 
 class FlixWalkerPathVectorEnv(FlixWalkerVectorEnv):
-    """Many robots at once that follow a path: ``FlixWalker-v1``. Everything observed and every reward has bounds.
+    """Many robots at once that follow a path: ``FlixWalker-v1``, unless another task is chosen. Everything observed and every
+    reward has bounds.
 
     Parameters are those of `FlixWalkerVectorEnv`, without a task.
 
@@ -433,7 +434,7 @@ class FlixWalkerPathVectorEnv(FlixWalkerVectorEnv):
 
     def __init__(self, num_envs: int = 1, **parameters: Any) -> None:
         if "task" in parameters:
-            raise ValueError("FlixWalker-v1 follows a path: its task is not chosen")
+            raise ValueError("this environment follows a path: choose tasks by FlixWalker-v1")
         super().__init__(num_envs, "path", **parameters)
         self.path = _even(self.path)
         tangent = np.roll(self.path, -1, axis=0) - np.roll(self.path, 1, axis=0)
@@ -485,6 +486,18 @@ class FlixWalkerPathEnv(FlixWalkerEnv):
     """One robot; parameters, observations and rewards are those of `FlixWalkerPathVectorEnv`."""
 
     _kind = FlixWalkerPathVectorEnv
+
+
+def newest(task: str = "path", **parameters: Any) -> FlixWalkerEnv:
+    """Return ``FlixWalker-v1``: a `FlixWalkerPathEnv`, or a `FlixWalkerEnv` with another task than ``"path"``."""
+    return FlixWalkerPathEnv(**parameters) if task == "path" else FlixWalkerEnv(task=task, **parameters)
+
+
+def newest_vector(num_envs: int = 1, task: str = "path", **parameters: Any) -> FlixWalkerVectorEnv:
+    """Return what `newest` does for many robots at once."""
+    if task == "path":
+        return FlixWalkerPathVectorEnv(num_envs, **parameters)
+    return FlixWalkerVectorEnv(num_envs, task, **parameters)
 
 
 def _even(path: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 //! Thousands of robots, read and commanded as arrays.
 
 use std::sync::{Mutex, MutexGuard};
+use std::time::{Duration, Instant};
 
 use flix_sim::batch::{Batch as Engine, Precision};
 use flix_sim::experiment::walk::Start;
@@ -15,7 +16,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::model::Model;
-use crate::{Pool, locked, refused};
+use crate::{Pool, interruptible, locked, refused};
 
 /// Creates robots that stand still at the origin, shaken at 0 Hz.
 #[pyclass(frozen, subclass, module = "flixwalker")]
@@ -145,11 +146,16 @@ impl Batch {
         }
         let mut pool = Pool::new(threads)?;
         let models = models.into_iter().map(|model| model.0).collect();
-        let create = || match state {
-            Some(state) => Engine::restored(state).map_err(|error| error.to_string()),
-            None => Engine::new(models, precision).map_err(|error| error.to_string()),
-        };
-        let engine = py.detach(|| pool.install(create))?.map_err(refused)?;
+        let state = state.map(<[u8]>::to_vec);
+        let (pool, engine) = interruptible(py, move |_| {
+            let create = || match state {
+                Some(state) => Engine::restored(&state).map_err(|error| error.to_string()),
+                None => Engine::new(models, precision).map_err(|error| error.to_string()),
+            };
+            let engine = pool.install(create);
+            (pool, engine)
+        })?;
+        let engine = engine?.map_err(refused)?;
         let n = engine.len();
         let rows = |columns| PyArray2::zeros(py, [n, columns], false).unbind();
         let batch = Self {
@@ -245,7 +251,11 @@ impl Batch {
         }
         let headings =
             headings.map(|headings| each(&headings, robots.len(), "headings")).transpose()?;
+        let mut plants = Vec::new();
         for (i, robot) in robots.iter().enumerate() {
+            if i % LOOK == 0 {
+                py.check_signals()?;
+            }
             let model = match &models {
                 Some(models) => models[i].0.clone(),
                 None => engine.model(*robot).clone(),
@@ -257,7 +267,11 @@ impl Batch {
                 let at = positions.as_array();
                 plant.displace([at[[i, 0]], at[[i, 1]], 0.0], 0.0);
             }
-            engine.place(*robot, model, &plant).map_err(refused)?;
+            plants.push((*robot, model, plant));
+        }
+        // From here on nobody interrupts: all robots begin anew, or none.
+        for (robot, model, plant) in plants {
+            engine.place(robot, model, &plant).map_err(refused)?;
         }
         self.show(py, &engine)
     }
@@ -302,17 +316,23 @@ impl Batch {
             let warning = c"with steps beyond 0.00025 s walks are off by more than 1 %, by 10 % at 0.001 s: choose 0.0001 s";
             PyErr::warn(py, &py.get_type::<PyUserWarning>(), warning, 1)?;
         }
-        // A tenth of a second or so of each robot, then a look at who wants to interrupt.
-        const SLICE: usize = 1000;
-        let mut left = steps;
-        while left > 0 {
-            let now = left.min(SLICE);
+        let mut slice = (SLICE / self.lock(py).len()).clamp(1, LONGEST_SLICE);
+        let (mut left, mut interrupted) = (steps, Ok(()));
+        while left > 0 && interrupted.is_ok() {
+            let (now, began) = (left.min(slice), Instant::now());
             let (engine, pool) = (&mut *self.lock(py), &mut *locked(&self.pool, py));
             py.detach(|| pool.install(|| engine.run(now, step)))?;
-            py.check_signals()?;
+            interrupted = py.check_signals();
             left -= now;
+            slice = match began.elapsed() {
+                short if short < PATIENCE / 2 => 2 * slice,
+                long if long > PATIENCE => (slice / 2).max(1),
+                _ => slice,
+            };
         }
-        self.show(py, &self.lock(py))
+        // The arrays show how far it came.
+        self.show(py, &self.lock(py))?;
+        interrupted
     }
 
     fn __repr__(&self, py: Python<'_>) -> String {
@@ -320,6 +340,14 @@ impl Batch {
         format!("Batch of {} robots at {:.4} s", engine.len(), engine.time())
     }
 }
+
+/// Time between two looks at who wants to interrupt.
+const PATIENCE: Duration = Duration::from_millis(200);
+/// Steps of all robots together before the first look, and of each at most.
+const SLICE: usize = 50_000;
+const LONGEST_SLICE: usize = 1000;
+/// Robots that begin anew between two such looks.
+const LOOK: usize = 256;
 
 /// Longest step with which walks are within 1 % (`sim-hil/docs/convergence.md`), s.
 const LONGEST_SURE_STEP: f64 = 2.5e-4;

@@ -7,7 +7,12 @@ mod model;
 mod robot;
 mod walk;
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::panic::resume_unwind;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::Duration;
 
 use pyo3::prelude::*;
 use pyo3::sync::MutexExt as _;
@@ -58,6 +63,38 @@ impl Drop for Pool {
     fn drop(&mut self) {
         if self.process != std::process::id() {
             std::mem::forget(self.pool.take());
+        }
+    }
+}
+
+/// Works without the interpreter on a thread of its own, while this one looks at who wants to interrupt. `work` may ask what
+/// it is given whether anybody still waits: what it makes after that is dropped.
+fn interruptible<T: Send + 'static>(
+    py: Python<'_>,
+    work: impl FnOnce(&(dyn Fn() -> bool + Sync)) -> T + Send + 'static,
+) -> PyResult<T> {
+    /// Between two looks.
+    const LOOK: Duration = Duration::from_millis(50);
+    let (goes_on, (sender, receiver)) = (Arc::new(AtomicBool::new(true)), mpsc::channel());
+    let receiver = Mutex::new(receiver);
+    let asked = Arc::clone(&goes_on);
+    let worker = thread::spawn(move || {
+        // Nobody takes what nobody waits for.
+        let _ = sender.send(work(&|| asked.load(Ordering::Relaxed)));
+    });
+    let next = || receiver.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(LOOK);
+    loop {
+        match py.detach(next) {
+            Ok(worked) => return Ok(worked),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => {
+                let Err(panic) = worker.join() else { unreachable!("it sends what it made") };
+                resume_unwind(panic)
+            }
+        }
+        if let Err(interrupted) = py.check_signals() {
+            goes_on.store(false, Ordering::Relaxed);
+            return Err(interrupted);
         }
     }
 }

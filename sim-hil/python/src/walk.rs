@@ -2,7 +2,7 @@
 
 use flix_host::nav::PAPER_PAIRS;
 use flix_sim::experiment::walk::{Shaking, Start};
-use flix_sim::experiment::walks::{OneOfMany, TOGETHER, walks};
+use flix_sim::experiment::walks::{OneOfMany, TOGETHER, walks_while};
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -11,7 +11,7 @@ use rayon::iter::ParallelIterator as _;
 use rayon::slice::ParallelSlice as _;
 
 use crate::model::Model;
-use crate::{Pool, refused};
+use crate::{Pool, interruptible, refused};
 
 /// Walks each robot for a while and returns a column for each quantity.
 #[pyfunction]
@@ -55,30 +55,19 @@ pub fn walk<'py>(
     let mut pool = Pool::new(threads)?;
     let mut columns: [Vec<f64>; 6] = Default::default();
     let (mut upright, mut failures) = (Vec::new(), Vec::new());
-    // Few enough at a time that somebody who presses Ctrl-C need not wait.
-    for part in many.chunks(TOGETHER * 64) {
-        let walked: Vec<_> = py.detach(|| {
-            let each = || part.par_chunks(TOGETHER).flat_map(|many| walks(many, seconds, step));
-            pool.install(|| each().collect())
-        })?;
-        py.check_signals()?;
-        for walked in walked {
-            let row = walked.as_ref().map_or([f64::NAN; 6], |w| {
-                [
-                    w.forward_m_s,
-                    w.lateral_m_s,
-                    w.yaw_rad_s,
-                    w.energy_j,
-                    w.path_m,
-                    w.cost_of_transport,
-                ]
-            });
-            for (column, value) in columns.iter_mut().zip(row) {
-                column.push(value);
-            }
-            upright.push(walked.as_ref().is_ok_and(|w| w.upright));
-            failures.push(walked.err().map_or_else(String::new, |why| why.to_string()));
+    let walked: Vec<_> = interruptible(py, move |goes_on| {
+        let walk = |many: &[_]| walks_while(many, seconds, step, goes_on).unwrap_or_default();
+        pool.install(|| many.par_chunks(TOGETHER).flat_map(walk).collect())
+    })??;
+    for walked in walked {
+        let row = walked.as_ref().map_or([f64::NAN; 6], |w| {
+            [w.forward_m_s, w.lateral_m_s, w.yaw_rad_s, w.energy_j, w.path_m, w.cost_of_transport]
+        });
+        for (column, value) in columns.iter_mut().zip(row) {
+            column.push(value);
         }
+        upright.push(walked.as_ref().is_ok_and(|w| w.upright));
+        failures.push(walked.err().map_or_else(String::new, |why| why.to_string()));
     }
     let table = PyDict::new(py);
     let names =

@@ -229,6 +229,18 @@ def test_the_checker_has_nothing_to_say_of_paths(actions: str) -> None:
         check_env(env.unwrapped)
 
 
+@pytest.mark.parametrize("task", [None, *TASKS])
+def test_the_newest_version_has_every_task_and_nothing_to_warn_of(task: str | None) -> None:
+    chosen = {} if task is None else {"task": task}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gymnasium.make("FlixWalker-v1", **chosen, **SHORT).unwrapped
+        envs = gymnasium.make_vec("FlixWalker-v1", num_envs=2, **chosen, **SHORT).unwrapped
+    assert envs.task == env.many.task == (task or "path")
+    assert isinstance(envs, FlixWalkerPathVectorEnv) == (envs.task == "path")
+    assert type(env.many) is type(envs)
+
+
 def test_on_a_path_what_is_seen_and_earned_has_bounds_and_who_leaves_it_ends() -> None:
     envs = FlixWalkerPathVectorEnv(8, interval=0.25, step=2.5e-4)
     seen, _ = envs.reset(seed=1)
@@ -257,7 +269,7 @@ def test_the_path_is_seen_from_the_robot() -> None:
     assert along[3:6] == pytest.approx([0.03, 1.0, 0.0], abs=0.01)
     assert along[6:14] == pytest.approx([0.025, -0.03, 0.05, -0.03, 0.1, -0.03, 0.15, -0.03], abs=0.004)
     assert across[4:8] == pytest.approx([0.0, -1.0, -0.03, -0.025], abs=0.01)
-    with pytest.raises(ValueError, match="task is not chosen"):
+    with pytest.raises(ValueError, match="choose tasks by FlixWalker-v1"):
         FlixWalkerPathVectorEnv(2, task="home")
     with pytest.raises(ValueError, match="m long"):
         FlixWalkerPathVectorEnv(2, path=1e-3 * corner)

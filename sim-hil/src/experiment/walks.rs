@@ -27,6 +27,16 @@ pub struct OneOfMany {
 /// others. Runs on the calling thread alone when there are no more than [`TOGETHER`].
 #[must_use]
 pub fn walks(many: &[OneOfMany], seconds: f64, step: f64) -> Vec<Result<Walked, WalkError>> {
+    walks_while(many, seconds, step, || true).unwrap_or_default()
+}
+
+/// Walks as [`walks`] does, but only while `goes_on`, which is asked every millisecond of the walks; none when it did not.
+pub fn walks_while(
+    many: &[OneOfMany],
+    seconds: f64,
+    step: f64,
+    goes_on: impl Fn() -> bool,
+) -> Option<Vec<Result<Walked, WalkError>>> {
     let mut results: Vec<Option<Result<Walked, WalkError>>> = many.iter().map(|_| None).collect();
     let mut walking = Vec::new();
     for (index, one) in many.iter().enumerate() {
@@ -48,6 +58,9 @@ pub fn walks(many: &[OneOfMany], seconds: f64, step: f64) -> Vec<Result<Walked, 
     let look = ((LOOK / step).round() as usize).max(1);
     let mut done = 0;
     while done < steps {
+        if !goes_on() {
+            return None;
+        }
         let now = look.min(steps - done);
         batch.run(now, step);
         for (robot, odometer) in odometers.iter_mut().enumerate() {
@@ -61,7 +74,7 @@ pub fn walks(many: &[OneOfMany], seconds: f64, step: f64) -> Vec<Result<Walked, 
             None => Ok(odometer.finish(&batch.body(robot), batch.motor_work(robot))),
         });
     }
-    results.into_iter().flatten().collect()
+    Some(results.into_iter().flatten().collect())
 }
 
 /// Walks each from a heading of its own, at f (Hz) and theta (degrees), and returns the mean motions; none for a walk
