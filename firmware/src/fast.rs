@@ -14,6 +14,8 @@
 mod aligner;
 pub mod configuration;
 pub mod control;
+#[cfg(test)]
+mod ends;
 pub mod exchange;
 pub mod foc;
 pub mod interval;

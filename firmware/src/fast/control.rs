@@ -37,6 +37,8 @@ const OBSERVED: u32 = 9;
 const RANGED: u32 = 5;
 /// A tick later than this is late: half as long again, microseconds.
 const LATE_US: u32 = TICK_US + TICK_US / 2;
+/// Currents beyond this are taken for this, 32 A: more than any over-current limit.
+const LARGEST_CURRENT: Current = Current::from_raw(32 << 16);
 /// A gap beyond which references and trackers are of no use any more: 3 ms.
 const LONGEST_GAP_US: u32 = 3_000;
 /// Late ticks within [`LATE_FORGIVEN_TICKS`] each that are a fault.
@@ -399,7 +401,12 @@ impl Control {
         let a = (Counts::new(a) - zero_a).current(scale_a);
         let b = (Counts::new(b) - zero_b).current(scale_b);
         self.currents[motor] = [a, b];
-        beyond(a) || beyond(b) || beyond(a + b)
+        if beyond(a) || beyond(b) || beyond(a + b) {
+            core::hint::cold_path();
+            self.currents[motor] = [a, b].map(|current| current.within(LARGEST_CURRENT));
+            return true;
+        }
+        false
     }
 
     /// Takes over what the amplifiers show at no current, and so how much more they can show: within [`DIAGNOSTIC_TICKS`].

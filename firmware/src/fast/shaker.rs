@@ -41,12 +41,14 @@
 mod tests;
 
 use crate::fast::reference::{FULL_HEADROOM, Ramps, Reference, STEP};
-use crate::units::{Current, RotorAngle, Speed, cosine_sine, magnitude, multiply_high, within};
+use crate::units::{
+    Current, RotorAngle, Speed, cosine_sine, magnitude, multiply_high, shifted, within,
+};
 
 /// Largest error of a coordinate that is acted on: 1/16 turn.
 const LARGEST_ERROR: i32 = 1 << 28;
-/// Largest error of a coordinate's speed that is acted on: 19.5 Hz.
-const LARGEST_SPEED_ERROR: i32 = 1 << 23;
+/// Largest error of a coordinate's speed that is acted on: just below 19.5 Hz, of which 2^8 fit.
+const LARGEST_SPEED_ERROR: i32 = (1 << 23) - 1;
 /// Largest error that the periodic part adapts to: 1/128 turn.
 const LARGEST_ADAPTED_ERROR: i32 = 1 << 25;
 /// The phase reference waits for rotors that lag by more than this: 1/8 turn of the difference.
@@ -82,8 +84,10 @@ pub(crate) struct ShakerModel {
     pub(crate) derivative: i32,
     /// `ki` per tick^3, 2^-48.
     pub(crate) integral: i32,
-    /// `J / (2 K_t)` of top and bottom: 2^-16 A per (2^-40 turn per tick^2), in 2^-32.
+    /// `J / (2 K_t)` of top and bottom: 2^-16 A per (2^-40 turn per tick^2) times 2^`acceleration_shift`, in 2^-32.
     pub(crate) current_per_acceleration: [i32; 2],
+    /// As far as the largest acceleration goes up in 31 bits, so that heavy rotors of weak motors fit too.
+    pub(crate) acceleration_shift: u32,
     /// Largest sum of magnitudes of `u`, 2^-40 turn per tick^2.
     pub(crate) largest_acceleration: i32,
     /// Largest current.
@@ -141,8 +145,8 @@ impl Complex {
         // w = 2 pi h f in rad per tick, 2^-31: f pi h, since f is in 2^-32 turn.
         let omega = multiply_high(frequency.raw(), PI).wrapping_mul(harmonic) << 3;
         Self {
-            real: (model.proportional >> 2).wrapping_sub(multiply_high(omega, omega) << 8),
-            imaginary: multiply_high(omega, model.derivative) << 7,
+            real: (model.proportional >> 2).wrapping_sub(shifted(multiply_high(omega, omega), 8)),
+            imaginary: shifted(multiply_high(omega, model.derivative), 7),
         }
     }
 
@@ -355,8 +359,9 @@ impl Shaker {
         // Half of STRIDE ticks of acceleration: from 2^-40 to 2^-32.
         let [sum_change, difference_change] = [acceleration_sum, acceleration_difference]
             .map(|acceleration| (acceleration * (STEP / 2)) >> 8);
-        let current = |acceleration, gain| {
-            Current::from_raw(multiply_high(acceleration, gain)).within(model.current_limit)
+        let current = |acceleration: i32, gain| {
+            let scaled = shifted(acceleration, model.acceleration_shift);
+            Current::from_raw(multiply_high(scaled, gain)).within(model.current_limit)
         };
         Demand {
             currents: [current(sum + difference, top_gain), current(sum - difference, bottom_gain)],
@@ -408,7 +413,7 @@ impl Shaker {
     fn periodic(&self, first: Complex, second: Complex) -> (i32, i32) {
         let [sum_first, sum_second] = self.sum_coordinate.amplitudes;
         let [difference_first, difference_second] = self.difference_coordinate.amplitudes;
-        let driven_back = multiply_high(difference_second.value(second) << 6, self.square);
+        let driven_back = multiply_high(shifted(difference_second.value(second), 6), self.square);
         (
             sum_first.value(first) + sum_second.value(second),
             difference_first.value(first) + driven_back,
@@ -446,7 +451,7 @@ impl Shaker {
             .map(|harmonic| Complex::inverse_response(model, self.reference.frequency, harmonic));
         // f / 35 Hz in 2^-14.
         let ratio =
-            multiply_high(self.reference.frequency.raw().wrapping_shl(6), INVERSE_NORMAL_FREQUENCY);
+            multiply_high(shifted(self.reference.frequency.raw(), 6), INVERSE_NORMAL_FREQUENCY);
         let square = ratio.wrapping_mul(ratio);
         self.square = square >> 2;
         self.inverse_square =
@@ -463,5 +468,6 @@ impl Shaker {
 const fn feedback(model: &ShakerModel, error: i32, speed_error: i32) -> i32 {
     let error = within(error, LARGEST_ERROR);
     let speed_error = within(speed_error, LARGEST_SPEED_ERROR);
-    multiply_high(error, model.proportional) + multiply_high(speed_error << 8, model.derivative)
+    multiply_high(error, model.proportional)
+        + multiply_high(shifted(speed_error, 8), model.derivative)
 }

@@ -73,6 +73,12 @@ impl Rig {
         rig
     }
 
+    /// Returns current over acceleration of a motor.
+    fn gain(&self, motor: usize) -> f64 {
+        let gain = f64::from(self.model.current_per_acceleration[motor]) / TURN;
+        gain * f64::from(1_u32 << self.model.acceleration_shift)
+    }
+
     fn rotors(&self) -> Rotors {
         Rotors {
             angles: self.angles.map(|angle| RotorAngle::from_raw(angle.rem_euclid(TURN) as u32)),
@@ -93,8 +99,7 @@ impl Rig {
                 if normal > 0.0 { (now / f64::from(hertz(normal).raw())).powi(2) } else { 1.0 };
             let along = |[c, s]: [f64; 2]| scale * (c * cosine + s * sine);
             for (motor, sign) in [(0, 1.0), (1, -1.0)] {
-                let gain = f64::from(self.model.current_per_acceleration[motor]);
-                let driven = f64::from(self.demand.currents[motor].raw()) * TURN / gain;
+                let driven = f64::from(self.demand.currents[motor].raw()) / self.gain(motor);
                 let coordinate = along(sum) + sign * along(difference);
                 self.speeds[motor] += (driven + coordinate) / 2.0 / 256.0;
                 self.angles[motor] += self.speeds[motor];
@@ -133,6 +138,23 @@ fn f_is_held_back_where_it_stays_away_from_what_is_asked_with_less_than_all_of_t
             assert_eq!(shaker.held_back(asked(unreached + 1)), limited, "{headroom}");
             assert!(!shaker.held_back(asked(unreached)), "{headroom}");
             assert!(!shaker.held_back(asked(-hertz(20.0).raw())), "{headroom}");
+        }
+    }
+}
+
+#[test]
+fn the_feedback_pushes_the_way_that_double_precision_does_at_every_error() {
+    for settings in crate::fast::ends::settings() {
+        let model = Configuration::new(&settings, &HARDWARE).shaker;
+        for error in [0, 1 << 27, LARGEST_ERROR, i32::MAX, i32::MIN, -LARGEST_ERROR] {
+            for speed in [0, 1 << 22, (1 << 23) - 1, 1 << 23, 1 << 24, i32::MAX, i32::MIN] {
+                let bounded = |value: i32, bound: i32| i128::from(value.clamp(-bound, bound));
+                let want = (bounded(error, 1 << 28) * i128::from(model.proportional)
+                    + bounded(speed, 1 << 23) * 256 * i128::from(model.derivative))
+                    >> 32;
+                let off = (i128::from(feedback(&model, error, speed)) - want).abs();
+                assert!(off <= 2 + i128::from(model.derivative >> 22), "{off}: {error}, {speed}");
+            }
         }
     }
 }
@@ -422,10 +444,8 @@ fn theta_gets_three_quarters_of_what_the_motors_can_and_f_the_rest() {
             rig.speeds[motor] = -(signum(sum) + sign * signum(difference)) * speed;
         }
         rig.update(Speed::ZERO, None);
-        let [top, bottom] = [0, 1].map(|motor| {
-            f64::from(rig.demand.currents[motor].raw()) * TURN
-                / f64::from(rig.model.current_per_acceleration[motor])
-        });
+        let [top, bottom] =
+            [0, 1].map(|motor| f64::from(rig.demand.currents[motor].raw()) / rig.gain(motor));
         let bound = f64::from(rig.model.largest_acceleration);
         let share = |acceleration: f64| (acceleration / 2.0 / bound * 100.0).round();
         (share(top + bottom), share(top - bottom), rig.shaker.limited())
