@@ -18,6 +18,7 @@ pub mod control;
 mod ends;
 pub mod exchange;
 pub mod foc;
+mod headroom;
 pub mod interval;
 pub mod margin;
 mod monitor;

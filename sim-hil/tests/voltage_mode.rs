@@ -93,8 +93,9 @@ fn a_weak_battery_limits_f_with_an_event_and_theta_is_held() {
             assert!(seen.theta_rms_deg < 3.0, "{base}, seed {seed}: {seen:?}");
             assert!(seen.f_hz > 20.0 && seen.f_hz < ASKED - 0.5, "{base}, seed {seed}: {seen:?}");
             assert!(seen.is_told(), "{base}, seed {seed}: {seen:?}");
-            // A share of the 1.5 A that walk: nothing has wound up.
-            assert!(seen.d.iter().all(|d| d.abs() < 0.15), "{base}, seed {seed}: {seen:?}");
+            // As much against the magnets as weakening may, and else a share of the 1.5 A that walk: nothing has wound up.
+            let d_range = -1.2..0.15;
+            assert!(seen.d.iter().all(|d| d_range.contains(d)), "{base}, seed {seed}: {seen:?}");
             assert!(seen.largest < 2.0, "{base}, seed {seed}: {seen:?}");
         }
     }

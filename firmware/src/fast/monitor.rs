@@ -43,8 +43,8 @@ const RESIDUAL_TICKS: u32 = 100;
 const OPEN_PHASE_TICKS: u32 = 1_000;
 /// A phase is open when its peak is below this share of the largest, 2^-3.
 const OPEN_PHASE_SHIFT: u32 = 3;
-/// Peaks below this are not judged: 0.15 A.
-const SIGNIFICANT_CURRENT: Current = Current::from_raw(9_830);
+/// Peaks below this are not judged: 0.05 A.
+const SIGNIFICANT_CURRENT: Current = Current::from_raw(3_277);
 /// Peaks fade within 2^5 diagnoses, 50 ms, several electrical turns.
 const PEAK_SHIFT: u32 = 5;
 /// Heat that currents which come and go may make in both motors where the rotors are to rest: 0.4 W, 2^-16 W. Holding a

@@ -72,6 +72,8 @@ pub struct CurrentLoop {
     current: Rotor<Current>,
     voltage: Rotor<Voltage>,
     limited: bool,
+    /// Whether it was since somebody asked.
+    has_been_limited: bool,
     /// What of the last tick's wish was not met.
     error: Rotor<Current>,
     /// What the limit gave beyond what was wanted, where it held.
@@ -115,6 +117,11 @@ impl CurrentLoop {
     #[must_use]
     pub const fn limited(&self) -> bool {
         self.limited
+    }
+
+    /// Returns whether the voltage limit held in any tick since the last call.
+    pub(crate) const fn take_limited(&mut self) -> bool {
+        core::mem::replace(&mut self.has_been_limited, false)
     }
 
     /// Takes what another drive measures and asks for, to be reported.
@@ -200,6 +207,7 @@ impl CurrentLoop {
         core::hint::cold_path();
         let given = circle(wanted, bus);
         self.limited = given != wanted;
+        self.has_been_limited |= self.limited;
         if input.phases.is_none() {
             return self.settle(wanted, given, model, bus, input.speed);
         }
@@ -234,13 +242,13 @@ impl CurrentLoop {
 
 /// Returns the voltage of a current below 128 A through this, V/A in 2^-24.
 #[inline(always)]
-const fn volts(current: Current, gain: i32) -> Voltage {
+pub(crate) const fn volts(current: Current, gain: i32) -> Voltage {
     Voltage::from_raw(multiply_high(shifted(current.raw(), 8), gain))
 }
 
 /// Returns the voltage across a reactance, ohm in 2^-[`REACTANCE_BITS`], that carries a current below 128 A.
 #[inline(always)]
-const fn across(current: Current, reactance: i32) -> Voltage {
+pub(crate) const fn across(current: Current, reactance: i32) -> Voltage {
     Voltage::from_raw(shifted(volts(current, reactance).raw(), 24 - REACTANCE_BITS))
 }
 
@@ -398,6 +406,26 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn a_limit_that_held_in_any_tick_is_said_once() {
+        let mut current_loop = CurrentLoop::default();
+        let model = Configuration::current_loop(&Settings::DEFAULT, &DENGFOC_V3_01.hardware, 0);
+        let bus = Bus::new(Voltage::from_volts(12.0), 0);
+        let update = |current_loop: &mut CurrentLoop, q: f64| {
+            let wanted = Rotor { d: Current::ZERO, q: Current::from_amperes(q) };
+            let still = ElectricalSpeed::ZERO;
+            let phases = Some([Current::ZERO; 2]);
+            let angle = ElectricalAngle::ZERO;
+            current_loop.update(&model, &bus, &Input { phases, angle, speed: still, wanted });
+        };
+        update(&mut current_loop, 5.0);
+        assert!(current_loop.limited());
+        update(&mut current_loop, 0.0);
+        assert!(!current_loop.limited());
+        assert!(current_loop.take_limited());
+        assert!(!current_loop.take_limited());
     }
 
     #[test]
