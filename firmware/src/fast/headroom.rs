@@ -295,12 +295,16 @@ mod tests {
             Bus::new(Voltage::from_volts(self.bus), 0)
         }
 
-        /// Returns the voltage over what there is.
-        fn share(&self, hertz: f64, d: f64, q: f64) -> f64 {
+        /// Returns the voltage of both axes, V.
+        fn voltage(&self, hertz: f64, d: f64, q: f64) -> [f64; 2] {
             let speed = TAU * hertz * f64::from(POLE_PAIRS);
             let reactance = speed * self.henry;
-            let v_d = self.ohm * d - reactance * q;
-            let v_q = self.ohm * q + reactance * d + speed * self.weber;
+            [self.ohm * d - reactance * q, self.ohm * q + reactance * d + speed * self.weber]
+        }
+
+        /// Returns the voltage over what there is.
+        fn share(&self, hertz: f64, d: f64, q: f64) -> f64 {
+            let [v_d, v_q] = self.voltage(hertz, d, q);
             v_d.hypot(v_q) / (0.6 * self.bus)
         }
 
@@ -343,6 +347,8 @@ mod tests {
             for _ in 0..(seconds * 1e4 / f64::from(LOOK_TICKS)) as u32 {
                 for motor in [0, 1] {
                     let wanted = Rotor { d: headroom.direct_current(motor, q, limit), q };
+                    let [v_d, v_q] =
+                        self.voltage(hertz, amperes(wanted.d), self.load).map(Voltage::from_volts);
                     let look = Look {
                         model: &model,
                         bus: &bus,
@@ -354,8 +360,8 @@ mod tests {
                         limited: false,
                         lags: false,
                         asked: Speed::ZERO,
-                        current: Rotor::default(),
-                        voltage: Rotor::default(),
+                        current: wanted,
+                        voltage: Rotor { d: v_d, q: v_q },
                         ripple: (ripple * 4_294_967_296.0) as i32,
                         limit,
                     };

@@ -77,6 +77,8 @@ pub(crate) const LARGEST_ACCELERATION: i32 = 1 << 27;
 const SCHEDULE_UPDATES: u8 = 4;
 /// Rate of adaptation, in every eighth tick: errors of a harmonic decay in 0.1 s.
 const ADAPTATION_RATE: i32 = 32;
+/// Amplitudes fade by 2^-6 of themselves in each update at a limit.
+const FADING_SHIFT: u32 = 6;
 /// With less headroom than this, the motors are at their limits at least once a turn: 15/16, which come back within 40 ms.
 const HELD_BACK: i32 = FULL_HEADROOM - FULL_HEADROOM / 16;
 /// f is not reached when it is off by more than this: 0.1 Hz.
@@ -172,6 +174,12 @@ impl Complex {
         multiply_high(self.real, harmonic.real)
             .wrapping_sub(multiply_high(self.imaginary, harmonic.imaginary))
             >> 7
+    }
+
+    /// Leaves 63/64 of it.
+    const fn fade(&mut self) {
+        self.real -= self.real >> FADING_SHIFT;
+        self.imaginary -= self.imaginary >> FADING_SHIFT;
     }
 
     /// Adapts an amplitude to an error.
@@ -349,7 +357,9 @@ impl Shaker {
         let [top_gain, bottom_gain] = model.current_per_acceleration;
         [(sum + difference, top_gain), (sum - difference, bottom_gain)].map(
             |(acceleration, gain)| {
-                Current::from_raw(multiply_high(acceleration, gain)).within(model.current_limit)
+                let acceleration = within(acceleration, model.largest_acceleration);
+                let scaled = shifted(acceleration, model.acceleration_shift);
+                Current::from_raw(multiply_high(scaled, gain)).within(model.current_limit)
             },
         )
     }
@@ -418,9 +428,7 @@ impl Shaker {
         let sum = within(u_sum, bound - (bound >> 2));
         let difference = within(u_difference, bound - magnitude(sum));
         self.limited = voltage_limited | (sum != u_sum) | (difference != u_difference);
-        if !self.limited {
-            self.adapt(model, first, second);
-        }
+        self.adapt(model, first, second);
         let [top_gain, bottom_gain] = model.current_per_acceleration;
         // Half of STRIDE ticks of acceleration: from 2^-40 to 2^-32.
         let [sum_change, difference_change] =
@@ -496,21 +504,33 @@ impl Shaker {
         }
     }
 
-    /// Adapts the integrals in every update, the two harmonics in turn.
+    /// Adapts the integrals in every update, the two harmonics in turn. At a limit only the ripple, which takes no current, adapts:
+    /// what is learnt from part of a turn is wrong, so that the other harmonics fade, within 25 ms of limits, and the integrals stay.
     #[inline(always)]
     fn adapt(&mut self, model: &ShakerModel, first: Complex, second: Complex) {
         let (sum_error, difference_error) = (self.sum_error, self.difference_error);
         let sum = &mut self.sum_coordinate;
         let difference = &mut self.difference_coordinate;
-        sum.integrate(model, sum_error);
-        difference.integrate(model, difference_error);
+        if self.limited {
+            core::hint::cold_path();
+            let [sum_first, sum_second] = &mut sum.amplitudes;
+            for amplitude in [sum_first, sum_second, &mut difference.amplitudes[0]] {
+                amplitude.fade();
+            }
+        } else {
+            sum.integrate(model, sum_error);
+            difference.integrate(model, difference_error);
+        }
         if self.inverse_square == 0 {
             return;
         }
-        let sum_error = within(sum_error, LARGEST_ADAPTED_ERROR);
+        let sum_error = if self.limited { 0 } else { within(sum_error, LARGEST_ADAPTED_ERROR) };
         let difference_error = within(difference_error, LARGEST_ADAPTED_ERROR);
         let [first_response, second_response] = self.inverse_responses;
         if self.countdown & 1 == 0 {
+            if self.limited {
+                return;
+            }
             let gradient = first_response.gradient(first);
             sum.amplitudes[0].adapt(sum_error, gradient, ADAPTATION_RATE);
             difference.amplitudes[0].adapt(difference_error, gradient, ADAPTATION_RATE);
