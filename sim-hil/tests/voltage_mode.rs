@@ -16,8 +16,9 @@ use flix_sim::rig::robot::{Flash, RobotParameters, SimulatedRobot};
 /// Asked for, Hz: the most there is.
 const ASKED: f64 = 35.0;
 const DIRECTION_DEG: f64 = 20.0;
-/// Cells of a battery that does not reach it, and of one that does.
+/// Cells of a battery that does not reach it when it is next to empty, and of one that does.
 const WEAK: u32 = 2;
+const NEXT_TO_EMPTY: f64 = 0.02;
 const STRONG: u32 = 3;
 
 /// What was seen of a robot that was asked for all there is.
@@ -47,6 +48,9 @@ fn asked(base: Base, cells: u32, seed: u64) -> Result<Seen, BenchError> {
     let electrical = &mut model.electrical;
     electrical.sense.current = false;
     electrical.pack.cells = cells;
+    if cells == WEAK {
+        [electrical.pack.charge_at_least, electrical.pack.charge_at_most] = [NEXT_TO_EMPTY; 2];
+    }
     // The warning and the fault of an empty battery are for three cells.
     electrical.settings.insert("battery_low".to_owned(), 4.5);
     electrical.settings.insert("under_voltage".to_owned(), 4.2);
