@@ -345,7 +345,7 @@ impl Shaker {
     pub(crate) fn ripple_share(&self) -> i32 {
         let Complex { real, imaginary } = self.difference_coordinate.amplitudes[1];
         let [real, imaginary] = [real, imaginary].map(|it| magnitude(it) >> 8);
-        let amplitude = real.max(imaginary) + (3 * real.min(imaginary) >> 3);
+        let amplitude = real.max(imaginary) + ((3 * real.min(imaginary)) >> 3);
         // w angle times twice its speed, over twice that speed: 2 pi for turns.
         (-displacement(amplitude) * 25) >> 2
     }
