@@ -172,10 +172,10 @@ impl Headroom {
         self.ceiling = (self.ceiling + change.clamp(-FALLS, RISES)).clamp(LOWEST, HIGHEST);
     }
 
-    /// Lowers the ceiling to an f that has given way.
+    /// Lowers the ceiling to an f that has given way, from half of it on: below it, rotors are on their way up or round.
     pub(crate) const fn give_way(&mut self, frequency: Speed) {
         let reached = magnitude(frequency.raw());
-        if reached < self.ceiling && reached > LOWEST {
+        if reached < self.ceiling && reached > self.ceiling / 2 {
             self.ceiling = reached;
         }
     }
@@ -485,6 +485,7 @@ mod tests {
             headroom.give_way(Speed::from_centihertz(sign * 2_500));
             assert!((hertz(&headroom) - 25.0).abs() < 0.01);
             headroom.give_way(Speed::from_centihertz(sign * 3_000));
+            headroom.give_way(Speed::from_centihertz(sign * 1_240));
             assert!((hertz(&headroom) - 25.0).abs() < 0.01);
             motor.look(&mut headroom, 0.2, 10.0, 0.0);
             assert!((hertz(&headroom) - 29.0).abs() < 0.1, "{}", hertz(&headroom));
