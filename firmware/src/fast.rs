@@ -14,8 +14,11 @@
 mod aligner;
 pub mod configuration;
 pub mod control;
+#[cfg(test)]
+mod ends;
 pub mod exchange;
 pub mod foc;
+mod headroom;
 pub mod interval;
 pub mod margin;
 mod monitor;

@@ -327,6 +327,26 @@ pub(crate) const fn multiply_high(a: i32, b: i32) -> i32 {
     ((a as i64 * b as i64) >> 32) as i32
 }
 
+/// Returns `value` times `2^bits`, which fits: shifts are seen by no overflow check, so that builds with assertions look here.
+#[inline(always)]
+pub(crate) const fn shifted(value: i32, bits: u32) -> i32 {
+    debug_assert!((value << bits) >> bits == value, "a shift takes bits away");
+    value << bits
+}
+
+/// Returns the product in 2^-`bits` of it, rounded down and saturated: where the range matters more than the instructions.
+#[inline]
+pub(crate) const fn product(a: i32, b: i32, bits: u32) -> i32 {
+    let product = (a as i64 * b as i64) >> bits;
+    if product > i32::MAX as i64 {
+        i32::MAX
+    } else if product < i32::MIN as i64 {
+        i32::MIN
+    } else {
+        product as i32
+    }
+}
+
 /// Returns `value` within `bound` of zero; `bound` is not negative. Most values are, so that is the
 /// short way through.
 #[inline(always)]

@@ -8,8 +8,9 @@ use flix_protocol::message::{
     ScopeStatus, State, Trigger,
 };
 use flix_protocol::units::{Degrees, Hertz};
+use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
-use flix_sim::rig::bench::{Base, bench, setpoint};
+use flix_sim::rig::bench::{Base, Subject, bench, setpoint};
 use flix_sim::rig::operation::Operation;
 use flix_sim::rig::robot::Truth;
 
@@ -75,11 +76,13 @@ fn a_lost_phase_lock_is_kept_as_it_happened() {
         Channel::ThetaError,
         Channel::Bus,
     ];
-    let mut operation = bench(Base::Free, 5).unwrap();
+    let mut model = RobotModel::named("W").unwrap();
+    model.electrical.motor.viscous_friction_un_m_s_rad = 20.0;
+    let mut operation = Subject { model: Some(model), seed: 5 }.on(Base::Free).unwrap();
     operation.arm().unwrap();
     operation.ask(Command::Disarm).unwrap();
     operation.await_state(&[State::Disarmed]).unwrap();
-    // Motors that may take next to nothing do not follow.
+    // Motors that may take next to nothing do not follow through thick oil.
     set(&mut operation, "alignment_current", 0.1);
     set(&mut operation, "current_limit", 0.11);
     ask(&mut operation, ScopeCommand::Begin(plan(&channels, Trigger::Fault, 1_400)));

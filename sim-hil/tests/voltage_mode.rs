@@ -16,8 +16,9 @@ use flix_sim::rig::robot::{Flash, RobotParameters, SimulatedRobot};
 /// Asked for, Hz: the most there is.
 const ASKED: f64 = 35.0;
 const DIRECTION_DEG: f64 = 20.0;
-/// Cells of a battery that does not reach it, and of one that does.
+/// Cells of a battery that does not reach it when it is next to empty, and of one that does.
 const WEAK: u32 = 2;
+const NEXT_TO_EMPTY: f64 = 0.02;
 const STRONG: u32 = 3;
 
 /// What was seen of a robot that was asked for all there is.
@@ -47,6 +48,9 @@ fn asked(base: Base, cells: u32, seed: u64) -> Result<Seen, BenchError> {
     let electrical = &mut model.electrical;
     electrical.sense.current = false;
     electrical.pack.cells = cells;
+    if cells == WEAK {
+        [electrical.pack.charge_at_least, electrical.pack.charge_at_most] = [NEXT_TO_EMPTY; 2];
+    }
     // The warning and the fault of an empty battery are for three cells.
     electrical.settings.insert("battery_low".to_owned(), 4.5);
     electrical.settings.insert("under_voltage".to_owned(), 4.2);
@@ -93,8 +97,9 @@ fn a_weak_battery_limits_f_with_an_event_and_theta_is_held() {
             assert!(seen.theta_rms_deg < 3.0, "{base}, seed {seed}: {seen:?}");
             assert!(seen.f_hz > 20.0 && seen.f_hz < ASKED - 0.5, "{base}, seed {seed}: {seen:?}");
             assert!(seen.is_told(), "{base}, seed {seed}: {seen:?}");
-            // A share of the 1.5 A that walk: nothing has wound up.
-            assert!(seen.d.iter().all(|d| d.abs() < 0.15), "{base}, seed {seed}: {seen:?}");
+            // As much against the magnets as weakening may, and else a share of the 1.5 A that walk: nothing has wound up.
+            let d_range = -1.2..0.15;
+            assert!(seen.d.iter().all(|d| d_range.contains(d)), "{base}, seed {seed}: {seen:?}");
             assert!(seen.largest < 2.0, "{base}, seed {seed}: {seen:?}");
         }
     }

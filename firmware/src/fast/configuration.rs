@@ -5,11 +5,11 @@ use core::f64::consts::TAU;
 
 use crate::alignment::Alignment;
 use crate::fast::foc::burning;
-use crate::fast::foc::current::Model;
+use crate::fast::foc::current::{DELAY_BITS, Model, PROPORTIONAL_BITS, REACTANCE_BITS};
 use crate::fast::foc::modulation::dead_time_slope;
 use crate::fast::reference::Ramps;
 use crate::fast::shaker::{LARGEST_ACCELERATION, ShakerModel};
-use crate::fast::tracker::{EncoderModel, TABLE_LENGTH};
+use crate::fast::tracker::{ANGLE_GAIN_BITS, EncoderModel, TABLE_LENGTH};
 use crate::hardware::Hardware;
 use crate::settings::Settings;
 use crate::units::{
@@ -60,7 +60,7 @@ pub struct Configuration {
     pub(crate) dead_share: i32,
     pub(crate) over_speed: Speed,
     /// By how much a current changes the speed of its rotor from one diagnosis to the next: 2^-32 turn per tick for 2^-16 A,
-    /// in 2^-24.
+    /// in 2^-16.
     pub(crate) speed_per_current: [i32; 2],
 }
 
@@ -108,7 +108,7 @@ impl Configuration {
             motors: [0, 1].map(|motor| Self::current_loop(settings, hardware, motor)),
             burning_per_speed: [0, 1].map(|motor| match divider {
                 Some(_) => 0,
-                None => scaled(burning_per_speed(settings, motor), 16),
+                None => scaled(burning_per_speed(settings, motor), burning::PER_SPEED_BITS),
             }),
             encoders: [0, 1].map(|motor| encoder(settings, motor)),
             alignment: [0, 1].map(|motor| settings.alignment(motor)),
@@ -224,13 +224,13 @@ pub(crate) fn regulator(settings: &Settings, motor: usize) -> Model {
     // Electrical radians per second in one 2^-32 turn per tick, times 2^32.
     let speed = TAU * RATE;
     Model {
-        proportional: scaled(inductance * bandwidth, 24),
+        proportional: scaled(inductance * bandwidth, PROPORTIONAL_BITS),
         integral: scaled(resistance * bandwidth / RATE, 24),
         resistance: scaled(resistance, 24),
         conductance: scaled(1.0 / resistance.max(LEAST_RESISTANCE), 24),
-        reactance: scaled(speed * inductance, 22),
+        reactance: scaled(speed * inductance, REACTANCE_BITS),
         back_emf: scaled(speed * flux_linkage(settings, motor), 16),
-        lead: scaled(TAU * f64::from(settings.actuation_delay) * 1e-6 * RATE, 28),
+        delay: scaled(f64::from(settings.actuation_delay) * 1e-6 * RATE, DELAY_BITS),
         dead_time: 0,
     }
 }
@@ -274,23 +274,29 @@ fn current_per_acceleration(settings: &Settings, motor: usize) -> f64 {
 fn speed_per_current(settings: &Settings, motor: usize) -> i32 {
     let ticks = f64::from(DIAGNOSTIC_TICKS);
     // From 2^-16 A to 2^-32 turn.
-    scaled(ticks / current_per_acceleration(settings, motor).max(1e-3), 24 + 16)
+    scaled(ticks / current_per_acceleration(settings, motor).max(1e-3), 16 + 16)
 }
 
 /// Returns the loops that hold f and theta.
 pub(crate) fn position_loop(settings: &Settings) -> ShakerModel {
     let natural = TAU * f64::from(settings.position_bandwidth) / RATE;
     let limit = f64::from(settings.current_limit) * CURRENT_MARGIN;
-    // 2^-16 A per 2^-40 turn per tick^2, and a half because each motor takes half of either.
-    let gains =
-        [0, 1].map(|motor| scaled(current_per_acceleration(settings, motor) / 2.0, 8).max(1));
-    let largest = gains.map(|gain| scaled(limit / f64::from(gain), 48));
+    // A half because each motor takes half of either.
+    let gains = [0, 1].map(|motor| current_per_acceleration(settings, motor) / 2.0);
+    let largest =
+        scaled(limit / gains[0].max(gains[1]).max(1e-6), 40).clamp(1, LARGEST_ACCELERATION);
+    // As far as the largest may go up; the gains go down as far.
+    let acceleration_shift = largest.leading_zeros() - 1;
+    // From 2^-40 turn to 2^-16 A.
+    let per_acceleration =
+        |gain: f64| scaled(gain / f64::from(1_u32 << acceleration_shift), 16 + 32 - 40).max(1);
     ShakerModel {
         proportional: scaled(natural * natural, 40),
         derivative: scaled(2.0 * natural, 32),
         integral: scaled(INTEGRAL_SHARE * 2.0 * natural * natural * natural, 48),
-        current_per_acceleration: gains,
-        largest_acceleration: largest[0].min(largest[1]).min(LARGEST_ACCELERATION),
+        current_per_acceleration: gains.map(per_acceleration),
+        acceleration_shift,
+        largest_acceleration: largest,
         current_limit: Current::from_amperes(limit),
         ramps: Ramps::of(settings),
     }
@@ -316,7 +322,7 @@ pub(crate) fn tracker(settings: &Settings, motor: usize) -> EncoderModel {
         direction_sign: if settings.encoder_clockwise[motor] != 0.0 { 1 } else { -1 },
         zero: RotorAngle::from_degrees(settings.encoder_zero[motor]),
         latency_us: settings.encoder_latency as i32,
-        angle_gain: scaled(damping, 32),
+        angle_gain: scaled(damping, ANGLE_GAIN_BITS),
         speed_gain: scaled(natural * natural, 32),
         eccentricity: [0; TABLE_LENGTH],
     }

@@ -19,6 +19,7 @@ use crate::fast::foc::burning::direct_current;
 use crate::fast::foc::current::{CurrentLoop, Input};
 use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::Rotor;
+use crate::fast::headroom::{Headroom, LOOK_TICKS, Look};
 use crate::fast::interval::Interval;
 use crate::fast::monitor::{Monitor, Observation};
 use crate::fast::reference::STRIDE;
@@ -35,8 +36,13 @@ use crate::units::{Counts, Current, RotorAngle, Speed, TICK_US, Voltage, multipl
 const OBSERVED: u32 = 9;
 /// Tick after a multiple of [`DIAGNOSTIC_TICKS`] that works out the range of the amplifiers, where that is new: another such tick.
 const RANGED: u32 = 5;
+/// Ticks after a multiple of [`LOOK_TICKS`] that look at the voltage headroom of a motor: two more such ticks.
+const LOOKED_AT_TOP: u32 = 7;
+const LOOKED_AT_BOTTOM: u32 = 15;
 /// A tick later than this is late: half as long again, microseconds.
 const LATE_US: u32 = TICK_US + TICK_US / 2;
+/// Currents beyond this are taken for this, 32 A: more than any over-current limit.
+const LARGEST_CURRENT: Current = Current::from_raw(32 << 16);
 /// A gap beyond which references and trackers are of no use any more: 3 ms.
 const LONGEST_GAP_US: u32 = 3_000;
 /// Late ticks within [`LATE_FORGIVEN_TICKS`] each that are a fault.
@@ -88,6 +94,7 @@ pub struct Control {
     /// Currents of phases A and B.
     currents: [[Current; 2]; 2],
     wanted: [Rotor<Current>; 2],
+    headroom: Headroom,
     /// f that the shaker is asked for.
     asked: Speed,
     monitor: Monitor,
@@ -132,6 +139,7 @@ impl Control {
             is_range_new: false,
             currents: [[Current::ZERO; 2]; 2],
             wanted: [Rotor::default(); 2],
+            headroom: Headroom::new(),
             asked: Speed::ZERO,
             monitor: Monitor::default(),
             present: Faults::NONE,
@@ -399,7 +407,12 @@ impl Control {
         let a = (Counts::new(a) - zero_a).current(scale_a);
         let b = (Counts::new(b) - zero_b).current(scale_b);
         self.currents[motor] = [a, b];
-        beyond(a) || beyond(b) || beyond(a + b)
+        if beyond(a) || beyond(b) || beyond(a + b) {
+            core::hint::cold_path();
+            self.currents[motor] = [a, b].map(|current| current.within(LARGEST_CURRENT));
+            return true;
+        }
+        false
     }
 
     /// Takes over what the amplifiers show at no current, and so how much more they can show: within [`DIAGNOSTIC_TICKS`].
@@ -440,7 +453,10 @@ impl Control {
         };
         let misaligned = core::mem::take(&mut self.misaligned);
         self.present = self.monitor.faults(misaligned, &observation);
-        let held_back = self.reference().is_some_and(|it| it.held_back(order.frequency));
+        let rotating = Speed::from_raw(self.frequency >> FREQUENCY_FILTER_SHIFT);
+        let held_back = self.reference().is_some_and(|it| {
+            it.held_back(order.frequency, rotating) || self.headroom.limits(self.asked)
+        });
         if self.monitor.becomes_limited(held_back) {
             let events = &mut self.supervisor.events;
             events.frequency_limited = events.frequency_limited.wrapping_add(1);
@@ -482,9 +498,16 @@ impl Control {
         if !matches!(self.activity, Activity::Shaking) {
             self.begin_shaking(rotors);
         }
+        match self.timing.ticks as u32 % LOOK_TICKS {
+            LOOKED_AT_TOP => self.look(0, rotors),
+            LOOKED_AT_BOTTOM => self.look(1, rotors),
+            _ => {}
+        }
         if outer {
             self.asked = target.frequency;
-            let limited = self.loops[0].limited() | self.loops[1].limited();
+            let frequency = self.headroom.clamp(target.frequency);
+            let target = &Target { frequency, direction: target.direction };
+            let limited = self.loops[0].take_limited() | self.loops[1].take_limited();
             let demand = self.shaker.update(&self.configuration.shaker, rotors, target, limited);
             let [top, bottom] = demand.currents;
             self.wanted = [
@@ -509,7 +532,40 @@ impl Control {
         self.loops = [CurrentLoop::default(); 2];
         self.shaker = Shaker::at_rest(rotors);
         self.wanted = [Rotor::default(); 2];
+        self.headroom = Headroom::new();
         self.monitor.restart();
+    }
+
+    /// Looks at the voltage headroom of a motor.
+    #[inline(never)]
+    fn look(&mut self, index: usize, rotors: &Rotors) {
+        let configuration = &self.configuration;
+        let steady = self.shaker.is_steady(&configuration.shaker);
+        if steady && (self.shaker.gives_way() || self.shaker.slipping()) {
+            self.headroom.give_way(self.shaker.frequency());
+        }
+        let load = self.shaker.load(&configuration.shaker)[index];
+        let backwards = rotors.speeds[index].raw() < 0;
+        let load = if backwards { -load } else { load };
+        self.headroom.look(
+            index,
+            &Look {
+                model: &configuration.motors[index],
+                bus: &self.bus,
+                pole_pairs: configuration.pole_pairs as i32,
+                speed: configuration.electrical_speed(index, rotors.speeds[index]),
+                wanted: self.wanted[index],
+                load: load.max(Current::ZERO),
+                steady,
+                limited: self.shaker.limited(),
+                lags: self.shaker.lags(),
+                asked: self.asked,
+                current: self.loops[index].current(),
+                voltage: self.loops[index].voltage(),
+                ripple: self.shaker.ripple_share(),
+                limit: configuration.shaker.current_limit,
+            },
+        );
     }
 
     /// Returns the current of a motor that makes this clockwise torque, and burns what the rotors lose
@@ -519,11 +575,13 @@ impl Control {
         let configuration = &self.configuration;
         let q = configuration.clockwise(index, clockwise);
         let per_speed = configuration.burning_per_speed[index];
+        let limit = configuration.shaker.current_limit;
+        let weakening = self.headroom.direct_current(index, q, limit);
         if per_speed == 0 || !self.shaker.slowing() {
-            return Rotor { d: Current::ZERO, q };
+            return Rotor { d: weakening, q };
         }
         let speed = configuration.electrical_speed(index, speed);
-        Rotor { d: direct_current(per_speed, speed, q, configuration.shaker.current_limit), q }
+        Rotor { d: direct_current(per_speed, speed, q, limit).min(weakening), q }
     }
 
     /// Drives one motor: from its wanted current to its bridge.

@@ -5,8 +5,9 @@
 
 use crate::units::{Current, RotorAngle, Voltage};
 
-/// Most values of an interval: sums of so many fit, and telemetry comes once a second or more often.
-const MOST: i32 = 1_000;
+/// Most values of an interval: sums of so many fit up to 40 V and 40 A, and telemetry comes once a second or more often, after
+/// 625.
+const MOST: i32 = 800;
 /// Bits of an angle that its sum leaves out: what is left is 2^-22 turns.
 const ANGLE_SHIFT: u32 = 10;
 
@@ -122,6 +123,17 @@ mod tests {
         assert!(close(mean, -0.3) && close(least, -0.4) && close(largest, -0.2));
         assert_eq!(interval.bus().unwrap(), [Voltage::from_volts(11.0); 3]);
         assert_eq!(Interval::default().theta(), None);
+    }
+
+    #[test]
+    fn a_long_interval_of_the_largest_values_keeps_its_means() {
+        let mut interval = Interval::default();
+        let (current, bus) = (Current::from_amperes(-30.0), Voltage::from_volts(40.0));
+        for _ in 0..2_000 {
+            interval.add(RotorAngle::ZERO, [current, -current], bus);
+        }
+        assert_eq!(interval.bus().unwrap(), [bus; 3]);
+        assert_eq!(interval.current(0).unwrap(), [current; 3]);
     }
 
     #[test]

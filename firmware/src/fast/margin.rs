@@ -27,10 +27,10 @@ use flix_protocol::message::Refusal;
 
 use crate::board::EncoderKind;
 use crate::fast::configuration::{braking, position_loop, regulator, tracker};
-use crate::fast::foc::current::Model;
+use crate::fast::foc::current::{Model, PROPORTIONAL_BITS};
 use crate::fast::reference::STRIDE;
 use crate::fast::shaker::ShakerModel;
-use crate::fast::tracker::EncoderModel;
+use crate::fast::tracker::{ANGLE_GAIN_BITS, EncoderModel};
 use crate::settings::Settings;
 use crate::units::TICK_US;
 
@@ -143,19 +143,19 @@ struct Loop {
 
 impl Loop {
     fn new(settings: &Settings, measures_current: bool, motor: usize) -> Self {
-        let per = |value: i32, bits: i32| value as f32 * two_to(-bits);
+        let per = |value: i32, bits: u32| value as f32 * two_to(-(bits as i32));
         let ShakerModel { proportional, derivative, integral, .. } = position_loop(settings);
         let EncoderModel { angle_gain, speed_gain, latency_us, .. } = tracker(settings, motor);
         let Model { proportional: current, integral: sum, resistance, .. } =
             regulator(settings, motor);
-        let regulator = if measures_current { [current, sum] } else { [0; 2] };
+        let regulator = [per(current, PROPORTIONAL_BITS), per(sum, 24)];
         let kp = per(proportional, 40);
         Self {
             natural: root(kp),
             position: [kp, per(derivative, 32), per(integral, 48)],
-            tracker: [per(angle_gain, 32), per(speed_gain, 32)],
+            tracker: [per(angle_gain, ANGLE_GAIN_BITS), per(speed_gain, 32)],
             forward: latency_us as f32 / TICK_US as f32 + READING_AGE,
-            regulator: regulator.map(|gain| per(gain, 24)),
+            regulator: if measures_current { regulator } else { [0.0; 2] },
             resistance: per(resistance, 24),
             inductance: settings.phase_inductance[motor % 2] * 1e-3 * 1e6 / TICK_US as f32,
             actuation: (settings.actuation_delay / TICK_US as f32).max(LEAST_ACTUATION),

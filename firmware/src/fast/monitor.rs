@@ -10,7 +10,7 @@ use crate::fast::configuration::{Configuration, DIAGNOSTIC_TICKS};
 use crate::fast::foc::current::CurrentLoop;
 use crate::fast::shaker::Shaker;
 use crate::fast::tracker::Tracker;
-use crate::units::{Current, Speed, TURN_PER_DEGREE, Voltage, magnitude, multiply_high, within};
+use crate::units::{Current, Speed, TURN_PER_DEGREE, Voltage, magnitude, product, within};
 
 /// Consecutive samples above the limit that are an over-current: one alone may be a spike.
 const OVER_CURRENT_TICKS: u32 = 2;
@@ -43,8 +43,8 @@ const RESIDUAL_TICKS: u32 = 100;
 const OPEN_PHASE_TICKS: u32 = 1_000;
 /// A phase is open when its peak is below this share of the largest, 2^-3.
 const OPEN_PHASE_SHIFT: u32 = 3;
-/// Peaks below this are not judged: 0.15 A.
-const SIGNIFICANT_CURRENT: Current = Current::from_raw(9_830);
+/// Peaks below this are not judged: 0.05 A.
+const SIGNIFICANT_CURRENT: Current = Current::from_raw(3_277);
 /// Peaks fade within 2^5 diagnoses, 50 ms, several electrical turns.
 const PEAK_SHIFT: u32 = 5;
 /// Heat that currents which come and go may make in both motors where the rotors are to rest: 0.4 W, 2^-16 W. Holding a
@@ -61,6 +61,8 @@ const LARGEST_SHIVER_CURRENT: i32 = 8 << 16;
 /// In voltage mode, a change of the sum of both speeds that currents should have made and the rotors did not: 6 Hz. With a battery
 /// too weak for f it stays below 6 Hz wherever theta is off by as much as here; with a strong one below 3 Hz.
 const LARGEST_UNANSWERED: i32 = Speed::from_centihertz(600).raw();
+/// What is missing of one change counts up to this: 156 Hz.
+const LARGEST_MISSING: i32 = 1 << 26;
 /// It is forgotten within 2^4 diagnoses: 26 ms.
 const UNANSWERED_SHIFT: u32 = 4;
 /// It counts where twice theta is off by more than this: 2.2 degrees of theta.
@@ -139,7 +141,8 @@ impl Unanswered {
     const fn add(&mut self, expected: i32, sum: i32) {
         let came = sum.wrapping_sub(self.last);
         self.last = sum;
-        self.speed += expected.wrapping_sub(came) - (self.speed >> UNANSWERED_SHIFT);
+        let missing = within(expected.saturating_sub(came), LARGEST_MISSING);
+        self.speed += missing - (self.speed >> UNANSWERED_SHIFT);
     }
 }
 
@@ -266,7 +269,7 @@ impl Monitor {
         }
         let [top, bottom] = [0, 1].map(|motor: usize| {
             let q = configuration.clockwise(motor, loops[motor % 2].current().q);
-            multiply_high(q.raw() << 8, configuration.speed_per_current[motor % 2])
+            product(q.raw(), configuration.speed_per_current[motor % 2], 16)
         });
         let sum = trackers[0].speed().raw().wrapping_add(trackers[1].speed().raw());
         self.unanswered.add(top.saturating_add(bottom), sum);
@@ -546,7 +549,7 @@ mod tests {
         // One that is twice as easy to turn is no other.
         scene.configuration.speed_per_current[1] *= 2;
         let least =
-            f64::from(scene.configuration.speed_per_current[motor]) / f64::from(1_u32 << 24);
+            f64::from(scene.configuration.speed_per_current[motor]) / f64::from(1_u32 << 16);
         let amount = Current::from_raw((f64::from(adds) / least).round() as i32);
         let q = scene.configuration.clockwise(motor, amount);
         scene.loops[motor].note(Rotor { d: Current::ZERO, q }, Rotor::default());

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::settings::Settings;
 use crate::units::{
-    RotorAngle, SPEED_PER_HERTZ, Speed, TICK_RATE_HZ, magnitude, multiply_high, within,
+    RotorAngle, SPEED_PER_HERTZ, Speed, TICK_RATE_HZ, magnitude, multiply_high, shifted, within,
 };
 
 /// Ticks between two updates: the position loops are fifty times slower than the current loops.
@@ -138,7 +138,7 @@ impl Reference {
             self.frequency = Speed::from_raw(frequency.wrapping_add(self.frequency_slope * STEP));
         }
         self.phase = moved(self.phase, self.frequency, STRIDE);
-        self.frequency_slope << 9
+        shifted(self.frequency_slope, 9)
     }
 
     /// Moves theta on, the short way; returns the acceleration of the sum, 2^-40.
@@ -153,7 +153,7 @@ impl Reference {
         let change = within(wanted - self.sum_speed.raw(), (steepest + 1) * STEP);
         self.sum_speed = self.sum_speed + Speed::from_raw(change);
         self.sum = moved(self.sum, self.sum_speed, STRIDE);
-        change << 6
+        shifted(change, 6)
     }
 }
 

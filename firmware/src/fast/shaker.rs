@@ -26,7 +26,7 @@
 //! The *periodic* part makes up for what the shaking drives back into the rotors. A base of mass M
 //! moves by `a = -(2 m l w^2 / M) cos(phase)`, which turns the rotors with a torque
 //! `(m l w)^2 / M sin(2 phase)`; gravity on a tilted base, and a body that rocks, add a part at
-//! `phase`. Base and legs vary, so the feed-forward of both parts adapts in both coordinates. The complex amplitude
+//! `phase`. Base and legs vary, so the amplitudes of both parts adapt in both coordinates. The complex amplitude
 //! `A` of each harmonic `h` grows by
 //!
 //! ```text
@@ -34,19 +34,28 @@
 //! ```
 //!
 //! where `D` is the inverse of the closed loop's response from torque to error: at every speed the
-//! error of that harmonic decays at the rate `mu`. The second harmonic of the difference scales
-//! with `w^2` as the equation above says, so that it stays right while f changes.
+//! error of that harmonic decays at the rate `mu`.
+//!
+//! All of them are made up for but the second harmonic of the difference, `a (w/w0)^2`. It takes half an ampere at 35 Hz to make up
+//! for, and neither f, the mean of a turn, nor theta, the sum, depends on it. So the reference of the difference follows what the
+//! rotors do by themselves, whatever f is: the error, its speed and the acceleration of
+//!
+//! ```text
+//! n'' = a (w/w0)^2 exp(j 2 phase),    n' = j 2 w n,    n = -a / (4 w0^2) exp(j 2 phase)
+//! ```
 
 #[cfg(test)]
 mod tests;
 
 use crate::fast::reference::{FULL_HEADROOM, Ramps, Reference, STEP};
-use crate::units::{Current, RotorAngle, Speed, cosine_sine, magnitude, multiply_high, within};
+use crate::units::{
+    Current, RotorAngle, Speed, cosine_sine, magnitude, multiply_high, shifted, within,
+};
 
 /// Largest error of a coordinate that is acted on: 1/16 turn.
 const LARGEST_ERROR: i32 = 1 << 28;
-/// Largest error of a coordinate's speed that is acted on: 19.5 Hz.
-const LARGEST_SPEED_ERROR: i32 = 1 << 23;
+/// Largest error of a coordinate's speed that is acted on: just below 19.5 Hz, of which 2^8 fit.
+const LARGEST_SPEED_ERROR: i32 = (1 << 23) - 1;
 /// Largest error that the periodic part adapts to: 1/128 turn.
 const LARGEST_ADAPTED_ERROR: i32 = 1 << 25;
 /// The phase reference waits for rotors that lag by more than this: 1/8 turn of the difference.
@@ -68,6 +77,8 @@ pub(crate) const LARGEST_ACCELERATION: i32 = 1 << 27;
 const SCHEDULE_UPDATES: u8 = 4;
 /// Rate of adaptation, in every eighth tick: errors of a harmonic decay in 0.1 s.
 const ADAPTATION_RATE: i32 = 32;
+/// Amplitudes fade by 2^-6 of themselves in each update at a limit.
+const FADING_SHIFT: u32 = 6;
 /// With less headroom than this, the motors are at their limits at least once a turn: 15/16, which come back within 40 ms.
 const HELD_BACK: i32 = FULL_HEADROOM - FULL_HEADROOM / 16;
 /// f is not reached when it is off by more than this: 0.1 Hz.
@@ -82,8 +93,10 @@ pub(crate) struct ShakerModel {
     pub(crate) derivative: i32,
     /// `ki` per tick^3, 2^-48.
     pub(crate) integral: i32,
-    /// `J / (2 K_t)` of top and bottom: 2^-16 A per (2^-40 turn per tick^2), in 2^-32.
+    /// `J / (2 K_t)` of top and bottom: 2^-16 A per (2^-40 turn per tick^2) times 2^`acceleration_shift`, in 2^-32.
     pub(crate) current_per_acceleration: [i32; 2],
+    /// As far as the largest acceleration goes up in 31 bits, so that heavy rotors of weak motors fit too.
+    pub(crate) acceleration_shift: u32,
     /// Largest sum of magnitudes of `u`, 2^-40 turn per tick^2.
     pub(crate) largest_acceleration: i32,
     /// Largest current.
@@ -136,13 +149,10 @@ impl Complex {
 
     /// Returns the inverse response at a harmonic of f.
     fn inverse_response(model: &ShakerModel, frequency: Speed, harmonic: i32) -> Self {
-        /// pi in 2^-29.
-        const PI: i32 = 1_686_629_713;
-        // w = 2 pi h f in rad per tick, 2^-31: f pi h, since f is in 2^-32 turn.
-        let omega = multiply_high(frequency.raw(), PI).wrapping_mul(harmonic) << 3;
+        let omega = angular(frequency, harmonic);
         Self {
-            real: (model.proportional >> 2).wrapping_sub(multiply_high(omega, omega) << 8),
-            imaginary: multiply_high(omega, model.derivative) << 7,
+            real: (model.proportional >> 2).wrapping_sub(shifted(multiply_high(omega, omega), 8)),
+            imaginary: shifted(multiply_high(omega, model.derivative), 7),
         }
     }
 
@@ -164,6 +174,12 @@ impl Complex {
         multiply_high(self.real, harmonic.real)
             .wrapping_sub(multiply_high(self.imaginary, harmonic.imaginary))
             >> 7
+    }
+
+    /// Leaves 63/64 of it.
+    const fn fade(&mut self) {
+        self.real -= self.real >> FADING_SHIFT;
+        self.imaginary -= self.imaginary >> FADING_SHIFT;
     }
 
     /// Adapts an amplitude to an error.
@@ -207,6 +223,15 @@ impl Rotors {
     }
 }
 
+/// The ripple of the difference that the body drives back: of its error, 2^-32 turn, of that error's speed, and its
+/// acceleration, 2^-40.
+#[derive(Debug, Clone, Copy)]
+struct Ripple {
+    lag: i32,
+    speed: i32,
+    acceleration: i32,
+}
+
 /// What the shaker is asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Target {
@@ -235,9 +260,13 @@ pub(crate) struct Shaker {
     /// `(f / 35 Hz)^2` in 2^-26, and the rate of adaptation over it; zero when f is too low.
     square: i32,
     inverse_square: i32,
+    /// Twice the speed of the phase, rad per tick in 2^-31.
+    twice_angular: i32,
     headroom: i32,
     countdown: u8,
     limited: bool,
+    voltage_limited: bool,
+    slipping: bool,
     sum_error: i32,
     difference_error: i32,
 }
@@ -252,9 +281,12 @@ impl Shaker {
             inverse_responses: [Complex::default(); 2],
             square: 0,
             inverse_square: 0,
+            twice_angular: 0,
             headroom: FULL_HEADROOM,
             countdown: 0,
             limited: false,
+            voltage_limited: false,
+            slipping: false,
             sum_error: 0,
             difference_error: 0,
         }
@@ -282,7 +314,7 @@ impl Shaker {
 
     /// Returns whether the rotors lag so far behind that the phase reference waits for them.
     pub(crate) const fn slipping(&self) -> bool {
-        magnitude(self.difference_error) >= LARGEST_LAG
+        self.slipping
     }
 
     /// Returns whether current or voltage were at their limits in the last tick.
@@ -290,9 +322,53 @@ impl Shaker {
         self.limited
     }
 
-    /// Returns whether f is held below what is asked because the motors are at their limits.
-    pub(crate) const fn held_back(&self, target: Speed) -> bool {
-        let (reached, asked) = (magnitude(self.reference.frequency.raw()), magnitude(target.raw()));
+    /// Returns whether f gives way to theta.
+    pub(crate) const fn gives_way(&self) -> bool {
+        self.voltage_limited && magnitude(self.sum_error) > YIELDING_SUM_ERROR
+    }
+
+    /// Returns whether the rotors stay behind for want of current or voltage: f by more than 3 degrees of twice the phase, theta by
+    /// more than a quarter of that.
+    pub(crate) const fn lags(&self) -> bool {
+        let ahead = self.difference_error;
+        let behind = if self.reference.frequency.raw() < 0 { ahead.wrapping_neg() } else { ahead };
+        self.limited
+            && (behind > YIELDING_SUM_ERROR || magnitude(self.sum_error) > YIELDING_SUM_ERROR / 2)
+    }
+
+    /// Returns whether f changes by less than an eighth of its steepest ramp.
+    pub(crate) const fn is_steady(&self, model: &ShakerModel) -> bool {
+        magnitude(self.reference.frequency_slope) < model.ramps.frequency >> 3
+    }
+
+    /// Returns by which share the rotors' speeds come and go with what the body drives back, 2^-32; at most 7 % too much.
+    pub(crate) fn ripple_share(&self) -> i32 {
+        let Complex { real, imaginary } = self.difference_coordinate.amplitudes[1];
+        let [real, imaginary] = [real, imaginary].map(|it| magnitude(it) >> 8);
+        let amplitude = real.max(imaginary) + ((3 * real.min(imaginary)) >> 3);
+        // w angle times twice its speed, over twice that speed: 2 pi for turns.
+        (-displacement(amplitude) * 25) >> 2
+    }
+
+    /// Returns the clockwise currents of top and bottom motor that keep the rotors turning as they do: what has been integrated.
+    pub(crate) fn load(&self, model: &ShakerModel) -> [Current; 2] {
+        let [sum, difference] =
+            [self.sum_coordinate, self.difference_coordinate].map(|it| it.integral >> 8);
+        let [top_gain, bottom_gain] = model.current_per_acceleration;
+        [(sum + difference, top_gain), (sum - difference, bottom_gain)].map(
+            |(acceleration, gain)| {
+                let acceleration = within(acceleration, model.largest_acceleration);
+                let scaled = shifted(acceleration, model.acceleration_shift);
+                Current::from_raw(multiply_high(scaled, gain)).within(model.current_limit)
+            },
+        )
+    }
+
+    /// Returns whether f, of the reference or that of the rotors over a turn, is held below what is asked because the motors are at
+    /// their limits.
+    pub(crate) const fn held_back(&self, target: Speed, rotors: Speed) -> bool {
+        let [wanted, have] = [magnitude(self.reference.frequency.raw()), magnitude(rotors.raw())];
+        let (reached, asked) = (if have < wanted { have } else { wanted }, magnitude(target.raw()));
         self.headroom < HELD_BACK && asked - reached > UNREACHED
     }
 
@@ -302,7 +378,7 @@ impl Shaker {
     }
 
     /// Does one update, due every [`STRIDE`] ticks. `voltage_limited`: either motor got less voltage
-    /// than it wanted. Never panics.
+    /// than it wanted in a tick since the last. Never panics.
     #[inline]
     pub(crate) fn update(
         &mut self,
@@ -312,7 +388,8 @@ impl Shaker {
         voltage_limited: bool,
     ) -> Demand {
         self.follow_headroom();
-        if voltage_limited {
+        self.voltage_limited = voltage_limited;
+        if self.gives_way() {
             self.give_way();
         }
         let (ramps, headroom) = (&model.ramps, self.headroom);
@@ -334,6 +411,9 @@ impl Shaker {
         let first = Complex::harmonic(self.reference.phase);
         let second = first.doubled();
         let (periodic_sum, periodic_difference) = self.periodic(first, second);
+        let ripple = self.ripple(second);
+        self.difference_error = self.difference_error.wrapping_sub(ripple.lag);
+        let difference_speed_error = difference_speed_error.wrapping_sub(ripple.speed);
         let u_sum = acceleration_sum
             + feedback(model, self.sum_error, sum_speed_error)
             + (self.sum_coordinate.integral >> 8)
@@ -348,15 +428,15 @@ impl Shaker {
         let sum = within(u_sum, bound - (bound >> 2));
         let difference = within(u_difference, bound - magnitude(sum));
         self.limited = voltage_limited | (sum != u_sum) | (difference != u_difference);
-        if !self.limited {
-            self.adapt(model, first, second);
-        }
+        self.adapt(model, first, second);
         let [top_gain, bottom_gain] = model.current_per_acceleration;
         // Half of STRIDE ticks of acceleration: from 2^-40 to 2^-32.
-        let [sum_change, difference_change] = [acceleration_sum, acceleration_difference]
-            .map(|acceleration| (acceleration * (STEP / 2)) >> 8);
-        let current = |acceleration, gain| {
-            Current::from_raw(multiply_high(acceleration, gain)).within(model.current_limit)
+        let [sum_change, difference_change] =
+            [acceleration_sum, acceleration_difference - ripple.acceleration]
+                .map(|acceleration| (acceleration * (STEP / 2)) >> 8);
+        let current = |acceleration: i32, gain| {
+            let scaled = shifted(acceleration, model.acceleration_shift);
+            Current::from_raw(multiply_high(scaled, gain)).within(model.current_limit)
         };
         Demand {
             currents: [current(sum + difference, top_gain), current(sum - difference, bottom_gain)],
@@ -367,11 +447,11 @@ impl Shaker {
         }
     }
 
-    /// Ramps upwards give way when the motors are at their limits: the headroom falls within a
+    /// Ramps upwards give way when the motors are at their limits or the rotors slip: the headroom falls within a
     /// millisecond and comes back within 50.
     #[inline(always)]
     fn follow_headroom(&mut self) {
-        if self.limited {
+        if self.limited || self.slipping {
             self.headroom -= self.headroom >> 2;
         } else {
             self.headroom += (FULL_HEADROOM - self.headroom) >> 5;
@@ -382,10 +462,8 @@ impl Shaker {
     /// theta is right again.
     #[cold]
     fn give_way(&mut self) {
-        if magnitude(self.sum_error) > YIELDING_SUM_ERROR {
-            self.reference.frequency = self.reference.frequency
-                - Speed::from_raw(self.reference.frequency.raw() >> GIVING_WAY_SHIFT);
-        }
+        self.reference.frequency = self.reference.frequency
+            - Speed::from_raw(self.reference.frequency.raw() >> GIVING_WAY_SHIFT);
     }
 
     /// Returns the error of the difference; beyond [`LARGEST_LAG`] the reference gives way, and f
@@ -394,7 +472,8 @@ impl Shaker {
     fn wait_for(&mut self, rotors: &Rotors) -> i32 {
         let error = self.reference.phase.wrapping_mul(2).wrapping_sub(rotors.difference()) as i32;
         let held = within(error, LARGEST_LAG);
-        if held != error {
+        self.slipping = held != error;
+        if self.slipping {
             self.reference.phase =
                 self.reference.phase.wrapping_sub((error.wrapping_sub(held) / 2) as u32);
             let excess = self.reference.frequency.raw() - rotors.frequency().raw();
@@ -407,29 +486,51 @@ impl Shaker {
     #[inline(always)]
     fn periodic(&self, first: Complex, second: Complex) -> (i32, i32) {
         let [sum_first, sum_second] = self.sum_coordinate.amplitudes;
-        let [difference_first, difference_second] = self.difference_coordinate.amplitudes;
-        let driven_back = multiply_high(difference_second.value(second) << 6, self.square);
-        (
-            sum_first.value(first) + sum_second.value(second),
-            difference_first.value(first) + driven_back,
-        )
+        let difference_first = self.difference_coordinate.amplitudes[0];
+        (sum_first.value(first) + sum_second.value(second), difference_first.value(first))
     }
 
-    /// Adapts the integrals in every update, the two harmonics in turn.
+    /// Returns how the rotors ripple where what the body drives back, `a (f/f0)^2` at twice the phase, is not made up for:
+    /// `y'' = -a (f/f0)^2 exp(j 2 phase)`, an error of `-a / (4 w0^2)` at every f.
+    #[inline(always)]
+    fn ripple(&self, second: Complex) -> Ripple {
+        let amplitude = self.difference_coordinate.amplitudes[1];
+        let quarter = Complex { real: second.imaginary.wrapping_neg(), imaginary: second.real };
+        let value = amplitude.value(second);
+        Ripple {
+            lag: displacement(value),
+            speed: multiply_high(displacement(amplitude.value(quarter)), self.twice_angular) << 1,
+            acceleration: multiply_high(shifted(value, 6), self.square),
+        }
+    }
+
+    /// Adapts the integrals in every update, the two harmonics in turn. At a limit only the ripple, which takes no current, adapts:
+    /// what is learnt from part of a turn is wrong, so that the other harmonics fade, within 25 ms of limits, and the integrals stay.
     #[inline(always)]
     fn adapt(&mut self, model: &ShakerModel, first: Complex, second: Complex) {
         let (sum_error, difference_error) = (self.sum_error, self.difference_error);
         let sum = &mut self.sum_coordinate;
         let difference = &mut self.difference_coordinate;
-        sum.integrate(model, sum_error);
-        difference.integrate(model, difference_error);
+        if self.limited {
+            core::hint::cold_path();
+            let [sum_first, sum_second] = &mut sum.amplitudes;
+            for amplitude in [sum_first, sum_second, &mut difference.amplitudes[0]] {
+                amplitude.fade();
+            }
+        } else {
+            sum.integrate(model, sum_error);
+            difference.integrate(model, difference_error);
+        }
         if self.inverse_square == 0 {
             return;
         }
-        let sum_error = within(sum_error, LARGEST_ADAPTED_ERROR);
+        let sum_error = if self.limited { 0 } else { within(sum_error, LARGEST_ADAPTED_ERROR) };
         let difference_error = within(difference_error, LARGEST_ADAPTED_ERROR);
         let [first_response, second_response] = self.inverse_responses;
         if self.countdown & 1 == 0 {
+            if self.limited {
+                return;
+            }
             let gradient = first_response.gradient(first);
             sum.amplitudes[0].adapt(sum_error, gradient, ADAPTATION_RATE);
             difference.amplitudes[0].adapt(difference_error, gradient, ADAPTATION_RATE);
@@ -444,9 +545,10 @@ impl Shaker {
     fn schedule(&mut self, model: &ShakerModel) {
         self.inverse_responses = [1, 2]
             .map(|harmonic| Complex::inverse_response(model, self.reference.frequency, harmonic));
+        self.twice_angular = angular(self.reference.frequency, 2);
         // f / 35 Hz in 2^-14.
         let ratio =
-            multiply_high(self.reference.frequency.raw().wrapping_shl(6), INVERSE_NORMAL_FREQUENCY);
+            multiply_high(shifted(self.reference.frequency.raw(), 6), INVERSE_NORMAL_FREQUENCY);
         let square = ratio.wrapping_mul(ratio);
         self.square = square >> 2;
         self.inverse_square =
@@ -458,10 +560,26 @@ impl Shaker {
     }
 }
 
+/// Returns `2 pi h f`, rad per tick in 2^-31.
+const fn angular(frequency: Speed, harmonic: i32) -> i32 {
+    /// pi in 2^-29.
+    const PI: i32 = 1_686_629_713;
+    // f pi h, since f is in 2^-32 turn.
+    multiply_high(frequency.raw(), PI).wrapping_mul(harmonic) << 3
+}
+
+/// Returns the error of twice the phase, 2^-32 turn, from what is driven back at [`INVERSE_NORMAL_FREQUENCY`], 2^-40.
+const fn displacement(driven_back: i32) -> i32 {
+    /// 2^-8 / (4 w0^2), w0 = 2 pi 35 / 10000, in 2^-26.
+    const PER_ACCELERATION: i32 = 135_513_936;
+    -multiply_high(shifted(driven_back, 6), PER_ACCELERATION)
+}
+
 /// Returns `kp e + kd e'`, 2^-40.
 #[inline(always)]
 const fn feedback(model: &ShakerModel, error: i32, speed_error: i32) -> i32 {
     let error = within(error, LARGEST_ERROR);
     let speed_error = within(speed_error, LARGEST_SPEED_ERROR);
-    multiply_high(error, model.proportional) + multiply_high(speed_error << 8, model.derivative)
+    multiply_high(error, model.proportional)
+        + multiply_high(shifted(speed_error, 8), model.derivative)
 }

@@ -7,20 +7,26 @@
 //! limit holds, the current is the one that the model says is left, and d is decoupled from that one.
 
 use crate::fast::foc::modulation::Bus;
-use crate::fast::foc::transform::{
-    Direction, Rotor, clarke, inverse_clarke, inverse_park, park, turn_ahead,
-};
+use crate::fast::foc::transform::{Direction, Rotor, clarke, inverse_clarke, inverse_park, park};
 use crate::units::{
-    Current, Duty, ElectricalAngle, ElectricalSpeed, Voltage, multiply_high, within,
+    Current, Duty, ElectricalAngle, ElectricalSpeed, Voltage, multiply_high, product, shifted,
+    within,
 };
 
 /// How quickly a held voltage limit pulls the integrators back: a quarter of the excess a tick.
 const BACK_CALCULATION_SHIFT: u32 = 2;
 
+/// Fixed point of `Model::proportional`: 1,500 Hz and 20 mH make 188 V/A.
+pub const PROPORTIONAL_BITS: u32 = 23;
+/// Fixed point of [`Model::reactance`]: 20 mH make 1,257 ohm.
+pub const REACTANCE_BITS: u32 = 20;
+/// Fixed point of [`Model::delay`]: 500 us are 5 ticks.
+pub const DELAY_BITS: u32 = 28;
+
 /// One motor as its current loop sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Model {
-    /// Proportional gain, V/A in 2^-24.
+    /// Proportional gain, V/A in 2^-[`PROPORTIONAL_BITS`].
     pub proportional: i32,
     /// Integral gain, V/A per tick in 2^-24.
     pub integral: i32,
@@ -28,20 +34,28 @@ pub struct Model {
     pub resistance: i32,
     /// One over the phase resistance, S in 2^-24.
     pub conductance: i32,
-    /// Phase inductance times electrical speed: ohm in 2^-22 per (2^-32 turn per tick) in 2^-32.
+    /// Phase inductance times electrical speed: ohm per (turn per tick), in 2^-[`REACTANCE_BITS`].
     pub reactance: i32,
     /// Flux linkage times electrical speed: 2^-16 V per (2^-32 turn per tick), in 2^-32.
     pub back_emf: i32,
-    /// Electrical turn during the actuation delay: 2^-28 rad per (2^-32 turn per tick), in 2^-32.
-    pub lead: i32,
+    /// From the samples of a tick to the middle of the interval in which its duties act, ticks in 2^-[`DELAY_BITS`].
+    pub delay: i32,
     /// What dead time takes of a small current, V/A in 2^-24.
     pub dead_time: i32,
+}
+
+impl Model {
+    /// Returns the proportional part for an error below 128 A.
+    #[inline(always)]
+    const fn proportional(&self, error: Current) -> Voltage {
+        Voltage::from_raw(shifted(volts(error, self.proportional).raw(), 24 - PROPORTIONAL_BITS))
+    }
 }
 
 /// What the loop works from in one tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Input {
-    /// Currents of phases A and B into the motor; `None` for voltage mode.
+    /// Currents of phases A and B into the motor, below 32 A; `None` for voltage mode.
     pub phases: Option<[Current; 2]>,
     /// Electrical angle at the moment of the samples.
     pub angle: ElectricalAngle,
@@ -58,6 +72,8 @@ pub struct CurrentLoop {
     current: Rotor<Current>,
     voltage: Rotor<Voltage>,
     limited: bool,
+    /// Whether it was since somebody asked.
+    has_been_limited: bool,
     /// What of the last tick's wish was not met.
     error: Rotor<Current>,
     /// What the limit gave beyond what was wanted, where it held.
@@ -81,16 +97,12 @@ impl CurrentLoop {
     /// model in a steady state, whether or not the limit holds, and where no current is measured.
     #[must_use]
     pub fn residual(&self, model: &Model, speed: ElectricalSpeed) -> Rotor<Voltage> {
-        let volts = |current: Current, shift: u32, gain: i32| {
-            Voltage::from_raw(multiply_high(current.raw().wrapping_shl(shift), gain))
-        };
-        let gain = model.resistance.saturating_add(model.proportional);
+        let Rotor { d, q } = self.error;
+        let missing = |error| volts(error, model.resistance) + model.proportional(error);
         // d was decoupled from the q current that was wanted, not from the one that flows.
-        let coupling = volts(self.error.q, 10, multiply_high(speed.raw(), model.reactance));
-        let held = Rotor {
-            d: self.integral.d + volts(self.error.d, 8, gain) - coupling,
-            q: self.integral.q + volts(self.error.q, 8, gain),
-        };
+        let coupling = across(q, multiply_high(speed.raw(), model.reactance));
+        let held =
+            Rotor { d: self.integral.d + missing(d) - coupling, q: self.integral.q + missing(q) };
         if self.limited {
             return Rotor { d: held.d + self.excess.d, q: held.q + self.excess.q };
         }
@@ -105,6 +117,11 @@ impl CurrentLoop {
     #[must_use]
     pub const fn limited(&self) -> bool {
         self.limited
+    }
+
+    /// Returns whether the voltage limit held in any tick since the last call.
+    pub(crate) const fn take_limited(&mut self) -> bool {
+        core::mem::replace(&mut self.has_been_limited, false)
     }
 
     /// Takes what another drive measures and asks for, to be reported.
@@ -128,15 +145,14 @@ impl CurrentLoop {
         let voltage = self.limit(wanted, model, bus, input);
         self.voltage = voltage;
         if input.phases.is_some() {
-            let step = |error: Current| {
-                Voltage::from_raw(multiply_high(error.raw().wrapping_shl(8), model.integral))
-            };
-            self.integral.d = self.integral.d + step(error.d);
-            self.integral.q = self.integral.q + step(error.q);
+            self.integral.d = self.integral.d + volts(error.d, model.integral);
+            self.integral.q = self.integral.q + volts(error.q, model.integral);
         }
 
-        let lead = multiply_high(input.speed.raw(), model.lead) << 4;
-        let [a, b, c] = inverse_clarke(inverse_park(turn_ahead(voltage, lead), direction));
+        // What is beyond a turn goes, as in every angle.
+        let lead = multiply_high(input.speed.raw(), model.delay) << (32 - DELAY_BITS);
+        let ahead = Direction::from(input.angle.turned(lead));
+        let [a, b, c] = inverse_clarke(inverse_park(voltage, ahead));
         let [i_a, i_b, i_c] = phases;
         bus.duties([
             a + bus.dead_time_compensation(model.dead_time, i_a),
@@ -155,22 +171,16 @@ impl CurrentLoop {
         error: Rotor<Current>,
     ) -> Rotor<Voltage> {
         let (speed, wanted) = (input.speed.raw(), input.wanted);
-        let volts = |current: i32, shift: u32, gain: i32| {
-            Voltage::from_raw(multiply_high(current.wrapping_shl(shift), gain))
-        };
         // d couples to q by what is wanted and q to d by what is: that d is most often zero.
         let reactance = multiply_high(speed, model.reactance);
-        let coupling_d = volts(wanted.q.raw(), 10, reactance);
-        let coupling_q = volts(current.d.raw(), 10, reactance);
-        let resistive = |current: Current| volts(current.raw(), 8, model.resistance);
-        let back_emf = volts(speed, 0, model.back_emf);
-        let proportional = |error: Current| volts(error.raw(), 8, model.proportional);
+        let back_emf = Voltage::from_raw(multiply_high(speed, model.back_emf));
         Rotor {
-            d: proportional(error.d) + self.integral.d + resistive(wanted.d) - coupling_d,
-            q: proportional(error.q)
+            d: model.proportional(error.d) + self.integral.d + volts(wanted.d, model.resistance)
+                - across(wanted.q, reactance),
+            q: model.proportional(error.q)
                 + self.integral.q
-                + resistive(wanted.q)
-                + coupling_q
+                + volts(wanted.q, model.resistance)
+                + across(current.d, reactance)
                 + back_emf,
         }
     }
@@ -197,6 +207,7 @@ impl CurrentLoop {
         core::hint::cold_path();
         let given = circle(wanted, bus);
         self.limited = given != wanted;
+        self.has_been_limited |= self.limited;
         if input.phases.is_none() {
             return self.settle(wanted, given, model, bus, input.speed);
         }
@@ -220,19 +231,32 @@ impl CurrentLoop {
         speed: ElectricalSpeed,
     ) -> Rotor<Voltage> {
         let missing = (wanted.q - given.q).raw();
-        let lost = multiply_high(missing.wrapping_shl(8), model.conductance);
-        self.current.q = self.current.q - Current::from_raw(lost);
+        let lost = product(missing, model.conductance, 24);
+        self.current.q = Current::from_raw(self.current.q.raw().saturating_sub(lost));
         let reactance = multiply_high(speed.raw(), model.reactance);
-        let coupling = Voltage::from_raw(multiply_high(lost.wrapping_shl(10), reactance));
-        circle(Rotor { d: wanted.d + coupling, q: given.q }, bus)
+        let coupling = product(lost, reactance, REACTANCE_BITS);
+        let d = Voltage::from_raw(wanted.d.raw().saturating_add(coupling));
+        circle(Rotor { d, q: given.q }, bus)
     }
+}
+
+/// Returns the voltage of a current below 128 A through this, V/A in 2^-24.
+#[inline(always)]
+pub(crate) const fn volts(current: Current, gain: i32) -> Voltage {
+    Voltage::from_raw(multiply_high(shifted(current.raw(), 8), gain))
+}
+
+/// Returns the voltage across a reactance, ohm in 2^-[`REACTANCE_BITS`], that carries a current below 128 A.
+#[inline(always)]
+pub(crate) const fn across(current: Current, reactance: i32) -> Voltage {
+    Voltage::from_raw(shifted(volts(current, reactance).raw(), 24 - REACTANCE_BITS))
 }
 
 /// Returns d within half of the limit, q within what that leaves.
 const fn circle(wanted: Rotor<Voltage>, bus: &Bus) -> Rotor<Voltage> {
     let d = wanted.d.within(bus.limit_d);
     // sqrt(1 - y) = 1 - y/2 - y^2/8 - y^3/16, wrong by at most 2e-4 for y up to 1/4; in 2^-15.
-    let share = multiply_high(d.raw() << 8, bus.reciprocal_limit);
+    let share = multiply_high(shifted(d.raw(), 8), bus.reciprocal_limit);
     let y = share.wrapping_mul(share) >> 15;
     let y_squared = y.wrapping_mul(y) >> 15;
     let y_cubed = y_squared.wrapping_mul(y) >> 15;
@@ -245,7 +269,10 @@ const fn circle(wanted: Rotor<Voltage>, bus: &Bus) -> Rotor<Voltage> {
 mod tests {
     use super::*;
     use crate::board::DENGFOC_V3_01;
+    use core::f64::consts::TAU;
+
     use crate::fast::configuration::Configuration;
+    use crate::fast::ends;
     use crate::settings::Settings;
 
     /// A speed whose back-EMF leaves next to nothing of the bus below: 35 Hz with 7 pole pairs.
@@ -265,6 +292,140 @@ mod tests {
             current_loop.update(&model, &bus, &input(phases));
         }
         current_loop
+    }
+
+    /// The fastest field of a motor with these pole pairs that its tracker follows: 75 Hz.
+    fn fastest(settings: &Settings) -> i32 {
+        75 * 429_497 * settings.pole_pairs as i32
+    }
+
+    #[test]
+    fn the_voltage_asked_for_is_that_of_double_precision_at_the_ends_of_all_settings() {
+        let amperes = |current: f64| Current::from_amperes(current);
+        for settings in ends::settings() {
+            let model = Configuration::current_loop(&settings, &DENGFOC_V3_01.hardware, 0);
+            let resistance = f64::from(settings.phase_resistance[0]);
+            let inductance = 1e-3 * f64::from(settings.phase_inductance[0]);
+            let flux = 1e-3 * f64::from(settings.flux_linkage[0]);
+            let gain = inductance * f64::from(settings.current_bandwidth) * TAU;
+            let limit = f64::from(settings.current_limit);
+            for case in 0..32 {
+                let end = |bit: u32| if case >> bit & 1 == 0 { 1.0 } else { -1.0 };
+                let speed = fastest(&settings) / 2 * (1 + end(0) as i32) - fastest(&settings) / 2;
+                let omega = f64::from(speed) / 4_294_967_296.0 * TAU * 1e4;
+                let wanted = [limit * end(1), limit * end(2)];
+                let [d, q] = [30.0 * end(3), 30.0 * end(4)];
+                let current = Rotor { d: amperes(d), q: amperes(q) };
+                let error = Rotor { d: amperes(wanted[0] - d), q: amperes(wanted[1] - q) };
+                let input = Input {
+                    phases: None,
+                    angle: ElectricalAngle::ZERO,
+                    speed: ElectricalSpeed::from_raw(speed),
+                    wanted: Rotor { d: amperes(wanted[0]), q: amperes(wanted[1]) },
+                };
+                let have = CurrentLoop::default().demand(&model, &input, current, error);
+                let want = [
+                    gain * (wanted[0] - d) + resistance * wanted[0]
+                        - omega * inductance * wanted[1],
+                    gain * (wanted[1] - q)
+                        + resistance * wanted[1]
+                        + omega * (inductance * d + flux),
+                ];
+                let size =
+                    gain * 60.0 + resistance * 20.0 + omega.abs() * (inductance * 30.0 + flux);
+                for (have, want) in [have.d, have.q].iter().zip(want) {
+                    let off = (f64::from(have.raw()) / 65_536.0 - want).abs();
+                    assert!(off < 1e-3 * size + 1e-3, "{have:?} for {want} V: {settings:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_voltage_leads_by_the_actuation_delay_however_far_the_field_turns_meanwhile() {
+        for (actuation_delay, pole_pairs) in
+            [(50.0, 7.0), (125.0, 7.0), (500.0, 14.0), (500.0, 32.0)]
+        {
+            let settings = Settings {
+                actuation_delay,
+                pole_pairs,
+                flux_linkage: [0.2; 2],
+                phase_inductance: [0.005; 2],
+                ..Settings::DEFAULT
+            };
+            let model = Configuration::current_loop(&settings, &DENGFOC_V3_01.hardware, 0);
+            let bus = Bus::new(Voltage::from_volts(12.0), 0);
+            for speed in [fastest(&settings), -fastest(&settings), fastest(&settings) / 3] {
+                let input = Input {
+                    phases: Some([Current::ZERO; 2]),
+                    angle: ElectricalAngle::ZERO,
+                    speed: ElectricalSpeed::from_raw(speed),
+                    wanted: Rotor::default(),
+                };
+                let duties = CurrentLoop::default().update(&model, &bus, &input);
+                let [a, b, c] = duties.map(|duty| f64::from(duty.raw()) / 65_536.0 * 12.0);
+                let (alpha, beta) = ((2.0 * a - b - c) / 3.0, (b - c) / 3_f64.sqrt());
+                let turns = f64::from(speed) / 4_294_967_296.0;
+                // The back-EMF stands along q, a quarter turn ahead of the field.
+                let want = turns * f64::from(actuation_delay) / 100.0 + 0.25 * turns.signum();
+                let off = (beta.atan2(alpha) / TAU - want).rem_euclid(1.0);
+                let off = off.min(1.0 - off);
+                assert!(off < 3e-4, "{actuation_delay} us, {pole_pairs}, {turns}: {off} turns");
+            }
+        }
+    }
+
+    #[test]
+    fn the_current_that_a_limited_voltage_leaves_never_wraps() {
+        let bus = Bus::new(Voltage::from_volts(11.1), 0);
+        for settings in ends::settings() {
+            let model = Configuration::current_loop(&settings, &DENGFOC_V3_01.hardware, 0);
+            for (sign, turning) in [(1.0, 1), (1.0, -1), (-1.0, 1), (-1.0, -1)] {
+                let wanted = Rotor {
+                    d: Current::ZERO,
+                    q: Current::from_amperes(sign * f64::from(settings.current_limit)),
+                };
+                let input = Input {
+                    phases: None,
+                    angle: ElectricalAngle::ZERO,
+                    speed: ElectricalSpeed::from_raw(turning * fastest(&settings)),
+                    wanted,
+                };
+                let mut current_loop = CurrentLoop::default();
+                let asked = current_loop.demand(&model, &input, wanted, Rotor::default()).q;
+                current_loop.update(&model, &bus, &input);
+                let missing = asked
+                    - circle(current_loop.demand(&model, &input, wanted, Rotor::default()), &bus).q;
+                let lost =
+                    f64::from(missing.raw()) / f64::from(settings.phase_resistance[0].max(0.02));
+                let want = f64::from(wanted.q.raw()) - lost;
+                let have = f64::from(current_loop.current().q.raw());
+                assert!(
+                    (have - want).abs() < 1e-3 * want.abs() + 4.0,
+                    "{have} for {want}: {settings:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_limit_that_held_in_any_tick_is_said_once() {
+        let mut current_loop = CurrentLoop::default();
+        let model = Configuration::current_loop(&Settings::DEFAULT, &DENGFOC_V3_01.hardware, 0);
+        let bus = Bus::new(Voltage::from_volts(12.0), 0);
+        let update = |current_loop: &mut CurrentLoop, q: f64| {
+            let wanted = Rotor { d: Current::ZERO, q: Current::from_amperes(q) };
+            let still = ElectricalSpeed::ZERO;
+            let phases = Some([Current::ZERO; 2]);
+            let angle = ElectricalAngle::ZERO;
+            current_loop.update(&model, &bus, &Input { phases, angle, speed: still, wanted });
+        };
+        update(&mut current_loop, 5.0);
+        assert!(current_loop.limited());
+        update(&mut current_loop, 0.0);
+        assert!(!current_loop.limited());
+        assert!(current_loop.take_limited());
+        assert!(!current_loop.take_limited());
     }
 
     #[test]

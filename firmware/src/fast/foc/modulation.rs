@@ -1,6 +1,6 @@
 //! Space-vector modulation with an over-modulation limit and dead-time compensation.
 
-use crate::units::{Current, Duty, Voltage, multiply_high};
+use crate::units::{Current, Duty, Voltage, multiply_high, shifted};
 
 /// Largest phase voltage asked for, as a share of the bus, in 2^-16: 0.6.
 ///
@@ -74,7 +74,7 @@ impl Bus {
     pub const fn dead_time_compensation(&self, slope: i32, current: Current) -> Voltage {
         // Most often beyond the bend, either way: no branch.
         let most = self.dead_voltage.raw();
-        let volts = multiply_high(current.raw().wrapping_shl(8), slope);
+        let volts = multiply_high(shifted(current.raw(), 8), slope);
         let bent = if volts < -most { -most } else { volts };
         Voltage::from_raw(if bent > most { most } else { bent })
     }
