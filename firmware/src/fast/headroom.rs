@@ -186,7 +186,7 @@ impl Headroom {
 fn room(q: Current, limit: Current) -> Current {
     let limit = limit.raw();
     let chord = ((limit - q.magnitude().raw()) >> 3) * 19;
-    Current::from_raw(chord.clamp(0, (limit >> 4) * 11))
+    Current::from_raw(chord.min((limit >> 4) * 11).max(0))
 }
 
 /// Returns the weakening that d has voltage for, up to half of what there is, beside what q takes of it.
