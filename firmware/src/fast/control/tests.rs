@@ -278,7 +278,7 @@ fn a_bus_that_the_converter_does_not_tell_from_a_higher_one_is_over_voltage_what
     for battery_scale in [0.95, 1.0, 1.05] {
         let settings = Settings { over_voltage: 40.0, battery_scale, ..Settings::DEFAULT };
         for (bus, is_told) in [(16.2, true), (16.4, false), (40.0, false)] {
-            let mut bench = Bench::with(FREE, settings.clone(), HARDWARE);
+            let mut bench = Bench::with(FREE, settings, HARDWARE);
             bench.bus = bus;
             bench.run(0.1);
             bench.order.requests.arm += 1;
