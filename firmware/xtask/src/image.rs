@@ -36,7 +36,7 @@ const ESP32C6: Memory = Memory {
 /// seen. RAM: technical reference manual, "System and Memory":
 /// of SRAM 2 and 1 what data uses, of SRAM 0 what is no cache.
 const ESP32: Memory = Memory {
-    ceilings: Ceilings { flash: 1100 * 1024, memory: 240 * 1024 },
+    ceilings: Ceilings { flash: 1100 * 1024, memory: 288 * 1024 },
     ranges: &[0x3ffa_e000..0x4000_0000, 0x4008_0000..0x400a_0000],
 };
 
