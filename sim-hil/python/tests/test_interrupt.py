@@ -44,6 +44,14 @@ LONG = {
 }
 
 
+@pytest.fixture(autouse=True)
+def _keyboard():
+    # A program that a shell started in the background ignores Ctrl-C.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize("what", LONG)
 def test_ctrl_c_ends_every_long_call_within_a_second_of_computing(what: str) -> None:
     make, call = LONG[what]
