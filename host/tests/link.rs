@@ -3,7 +3,9 @@ use std::net::SocketAddr;
 use std::time::Duration;
 
 use crate::support::{FakeRobot, key, seeded_loss};
-use flix_host::link::{Client, DISARMED_AFTER, KEEP_ALIVE, SILENCE, StopState, Update};
+use flix_host::link::{
+    Client, DISARMED_AFTER, KEEP_ALIVE, SILENCE, STOP_BESIDE_AFTER, StopState, Update,
+};
 use flix_protocol::message::{Command, Outcome, ParameterCommand, Refusal, Setpoint, State};
 use flix_protocol::session::{ConnectError, StopSession};
 use flix_protocol::units::Instant;
@@ -430,6 +432,24 @@ fn a_robot_that_another_holds_is_stopped_all_the_same() {
     hold(&mut world, Duration::from_millis(100));
     assert!(world.robot.stopped);
     assert_eq!(world.client.stop_state(), StopState::Acknowledged);
+}
+
+#[test]
+fn a_stop_is_asked_for_beside_the_session_only_after_a_while() {
+    let mut world = World::armed();
+    world.is_cut = true;
+    world.client.stop(world.now);
+    let begin = world.now;
+    let greeting = StopSession::new(&key(), [6; 32], world.now).poll(world.now).unwrap().len();
+    let mut lengths = std::collections::BTreeSet::new();
+    for (time, greets) in [(STOP_BESIDE_AFTER, false), (2 * STOP_BESIDE_AFTER, true)] {
+        while world.now.since(begin) < time {
+            lengths
+                .extend(std::iter::from_fn(|| world.client.transmit(world.now)).map(|it| it.len()));
+            world.step();
+        }
+        assert_eq!(lengths.contains(&greeting), greets, "{greeting} {lengths:?}");
+    }
 }
 
 #[test]
