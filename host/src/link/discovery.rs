@@ -94,23 +94,24 @@ pub fn find<'a>(
         since = since.or_else(|| address.map(|_| Instant::now()));
         since.is_some_and(|since| since.elapsed() > PROVERS)
     })?;
-    let quickest = match proved[..] {
-        [] => greeted,
-        [only] => Some(only),
-        _ => {
-            let mut runners = proved.clone();
-            let won = (0..RACES).filter_map(|_| {
-                // None begins each time.
-                let count = runners.len();
-                runners.rotate_left(count.div_ceil(RACES) % count);
-                race(&runners, &keys, interrupt)
-            });
-            let won: Vec<_> = won.collect();
-            let wins = |address: &SocketAddr| won.iter().filter(|it| *it == address).count();
-            proved.into_iter().max_by_key(wins)
-        }
-    };
-    Ok(quickest)
+    Ok(quickest(&proved, &keys, interrupt).or(greeted))
+}
+
+/// Returns the address that answers soonest of those that have proved a key.
+fn quickest(proved: &[SocketAddr], keys: &[&Key], interrupt: &Interrupt) -> Option<SocketAddr> {
+    if let [only] = proved {
+        return Some(*only);
+    }
+    let mut runners = proved.to_vec();
+    let won = (0..RACES).filter_map(|_| {
+        // None begins each time.
+        let count = runners.len().max(1);
+        runners.rotate_left(count.div_ceil(RACES) % count);
+        race(&runners, keys, interrupt)
+    });
+    let won: Vec<_> = won.collect();
+    let wins = |address: &SocketAddr| won.iter().filter(|it| *it == address).count();
+    proved.iter().copied().max_by_key(wins)
 }
 
 /// Searches for one robot by its name, for at most [`FIND_PATIENCE`], and passes to `each` every address that proves to have one
@@ -124,26 +125,41 @@ pub fn find_each(
     interrupt: &Interrupt,
     mut each: impl FnMut(Option<SocketAddr>) -> bool,
 ) -> Result<Option<SocketAddr>, DiscoveryError> {
-    let mut greeted: Vec<Greeted> = Vec::new();
-    let mut first = None;
+    let mut search = Search { name, keys, greeted: Vec::new(), first: None };
     listen(FIND_PATIENCE, interrupt, |found| {
-        let named = found.filter(|it| it.name.eq_ignore_ascii_case(name));
+        let proved = search.take(found);
+        // All before the next look, whatever `each` says of the first.
+        proved.into_iter().map(Some).chain([None]).filter(|it| each(*it)).count() > 0
+    })?;
+    Ok(search.first)
+}
+
+/// A search for the robots of a name.
+struct Search<'a> {
+    name: &'a str,
+    keys: &'a [&'a Key],
+    greeted: Vec<Greeted>,
+    /// The first address that answered at all.
+    first: Option<SocketAddr>,
+}
+
+impl Search<'_> {
+    /// Takes what was found, if anything, greets it where it has the name, and returns who has proved a key since the last call.
+    fn take(&mut self, found: Option<Found>) -> Vec<SocketAddr> {
+        let named = found.filter(|it| it.name.eq_ignore_ascii_case(self.name));
         for address in named.iter().flat_map(Found::socket_addresses) {
-            let is_new = greeted.iter().all(|it| it.address != address);
-            if is_new && greeted.len() < MOST_GREETED {
-                first = first.or(Some(address));
-                greeted.extend(keys.iter().filter_map(|key| Greeted::new(address, key)));
+            let is_new = self.greeted.iter().all(|it| it.address != address);
+            if is_new && self.greeted.len() < MOST_GREETED {
+                self.first = self.first.or(Some(address));
+                self.greeted.extend(self.keys.iter().filter_map(|key| Greeted::new(address, key)));
             }
         }
-        let proved = greeted.iter_mut().filter(|it| !it.has_proved).filter_map(|it| {
+        let proved = self.greeted.iter_mut().filter(|it| !it.has_proved).filter_map(|it| {
             it.has_proved = it.proves().unwrap_or(false);
             it.has_proved.then_some(it.address)
         });
-        // All before the next look, whatever `each` says of the first.
-        let proved: Vec<_> = proved.map(Some).chain([None]).collect();
-        proved.into_iter().filter(|it| each(*it)).count() > 0
-    })?;
-    Ok(first)
+        proved.collect()
+    }
 }
 
 /// Greets all of these addresses at once, and returns the one that is the first to prove that it has one of these keys.
@@ -270,5 +286,119 @@ fn found(service: &ResolvedService) -> Found {
             .map(|property| (property.key(), property.val_str()))
             .map(|(key, value)| (printable(key).into_owned(), printable(value).into_owned()))
             .collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use flix_protocol::session::{RobotReceived, RobotSession};
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    fn key(number: u8) -> Key {
+        Key::new([number; 32])
+    }
+
+    /// Answers greetings as a robot with this key, after this time.
+    fn robot(socket: &UdpSocket, number: u8, late: Duration, done: &AtomicBool) {
+        let mut session = RobotSession::new(Some(key(number)), [number; 32]);
+        let begin = Instant::now();
+        let mut datagram = [0; MAXIMUM_DATAGRAM];
+        socket.set_read_timeout(Some(Duration::from_millis(5))).unwrap();
+        while !done.load(Ordering::Relaxed) {
+            let Ok((length, from)) = socket.recv_from(&mut datagram) else { continue };
+            let now = protocol::Instant::START + begin.elapsed();
+            if let RobotReceived::Answer(frame) | RobotReceived::Dropped(_, Some(frame)) =
+                session.receive(now, from, &datagram[..length])
+            {
+                std::thread::sleep(late);
+                socket.send_to(&frame, from).unwrap();
+            }
+        }
+    }
+
+    /// Calls with the addresses of robots that have these keys and answer so late.
+    fn beside<const N: usize>(robots: [(u8, u64); N], act: impl FnOnce([SocketAddr; N])) {
+        /// Ends the robots, also when a test fails.
+        struct AtEnd<'a>(&'a AtomicBool);
+        impl Drop for AtEnd<'_> {
+            fn drop(&mut self) {
+                self.0.store(true, Ordering::Relaxed);
+            }
+        }
+        let sockets = robots.map(|_| UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap());
+        let done = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            for (socket, (number, late)) in sockets.iter().zip(robots) {
+                let done = &done;
+                scope.spawn(move || robot(socket, number, Duration::from_millis(late), done));
+            }
+            let _end = AtEnd(&done);
+            act(std::array::from_fn(|it| sockets[it].local_addr().unwrap()));
+        });
+    }
+
+    fn found(name: &str, address: SocketAddr) -> Found {
+        let (addresses, port) = (vec![address.ip()], address.port());
+        Found { name: name.to_owned(), addresses, port, properties: BTreeMap::new() }
+    }
+
+    #[test]
+    fn of_all_that_bear_the_name_those_are_found_that_prove_one_of_the_keys_each_once() {
+        beside([(9, 0), (1, 0), (2, 0), (1, 0)], |[stranger, one, two, other_name]| {
+            let keys = [1, 2].map(key);
+            let keys: Vec<_> = keys.iter().collect();
+            let mut search =
+                Search { name: "walker", keys: &keys, greeted: Vec::new(), first: None };
+            let mut proved = Vec::new();
+            for (name, address) in [
+                ("Walker", stranger),
+                ("walker", one),
+                ("walker", one),
+                ("WALKER", two),
+                ("other", other_name),
+            ] {
+                proved.extend(search.take(Some(found(name, address))));
+            }
+            let begin = Instant::now();
+            // A while longer: nobody proves twice.
+            while proved.len() < 2 || begin.elapsed() < Duration::from_millis(300) {
+                assert!(begin.elapsed() < Duration::from_secs(10), "{proved:?}");
+                proved.extend(search.take(None));
+                std::thread::sleep(LOOK);
+            }
+            proved.sort();
+            let mut both = [one, two];
+            both.sort();
+            assert_eq!(proved, both);
+            assert_eq!(search.first, Some(stranger));
+        });
+    }
+
+    #[test]
+    fn no_more_are_greeted_than_may_be() {
+        let keys = [key(1)];
+        let keys: Vec<_> = keys.iter().collect();
+        let mut search = Search { name: "walker", keys: &keys, greeted: Vec::new(), first: None };
+        for port in 0..250 {
+            search.take(Some(found("walker", SocketAddr::from(([127, 0, 0, 1], 20_000 + port)))));
+        }
+        assert_eq!(search.greeted.len(), MOST_GREETED);
+    }
+
+    #[test]
+    fn of_those_that_prove_a_key_the_one_is_taken_that_answers_soonest() {
+        beside([(1, 60), (1, 0), (1, 60), (9, 0)], |[slow, quick, slower, stranger]| {
+            let (key, never) = (key(1), Interrupt::never());
+            for proved in [vec![slow, quick, slower], vec![quick, slow], vec![slow, slower, quick]]
+            {
+                assert_eq!(quickest(&proved, &[&key], &never), Some(quick));
+            }
+            assert_eq!(quickest(&[slow], &[&key], &never), Some(slow));
+            assert_eq!(quickest(&[], &[&key], &never), None);
+            assert_eq!(race(&[stranger], &[&key], &never), None);
+            assert!(proves(quick, &key, Duration::from_secs(5)));
+            assert!(!proves(stranger, &key, Duration::from_millis(100)));
+        });
     }
 }
