@@ -403,6 +403,26 @@ mod tests {
         }
     }
 
+    /// A motor at rest, of which nothing is asked.
+    fn standing<'a>(model: &'a Model, bus: &'a Bus, pole_pairs: i32, limit: Current) -> Look<'a> {
+        Look {
+            model,
+            bus,
+            pole_pairs,
+            speed: ElectricalSpeed::ZERO,
+            wanted: Rotor::default(),
+            load: Current::ZERO,
+            steady: true,
+            limited: false,
+            lags: false,
+            asked: Speed::ZERO,
+            current: Rotor::default(),
+            voltage: Rotor::default(),
+            ripple: 0,
+            limit,
+        }
+    }
+
     #[test]
     fn the_motor_that_has_less_voltage_to_spare_sets_the_ceiling() {
         let strong = Motor { ohm: 2.5, henry: 1e-3, weber: 3e-3, bus: 8.0, load: 0.05 };
@@ -414,22 +434,9 @@ mod tests {
             for _ in 0..1_000 {
                 for index in [0, 1] {
                     let motor = if index == weaker { weak } else { strong };
-                    let look = Look {
-                        model: &motor.model(),
-                        bus: &bus,
-                        pole_pairs: POLE_PAIRS,
-                        speed: ElectricalSpeed::ZERO,
-                        wanted: Rotor::default(),
-                        load: Current::from_amperes(motor.load),
-                        steady: true,
-                        limited: false,
-                        lags: false,
-                        asked: Speed::ZERO,
-                        current: Rotor::default(),
-                        voltage: Rotor::default(),
-                        ripple: 0,
-                        limit,
-                    };
+                    let model = motor.model();
+                    let load = Current::from_amperes(motor.load);
+                    let look = Look { load, ..standing(&model, &bus, POLE_PAIRS, limit) };
                     headroom.look(index, &look);
                 }
             }
@@ -569,20 +576,11 @@ mod tests {
                     let wanted = Rotor { d: headroom.direct_current(0, q, limit), q };
                     let speed = (75.0 * 429_496.729_6 * f64::from(pole_pairs) * sign) as i32;
                     let look = Look {
-                        model: &model,
-                        bus: &bus,
-                        pole_pairs,
                         speed: ElectricalSpeed::from_raw(speed),
                         wanted,
                         load: q.magnitude(),
-                        steady: true,
-                        limited: false,
-                        lags: false,
-                        asked: Speed::ZERO,
-                        current: Rotor::default(),
-                        voltage: Rotor::default(),
                         ripple: 1 << 27,
-                        limit,
+                        ..standing(&model, &bus, pole_pairs, limit)
                     };
                     headroom.look(0, &look);
                     assert!((LOWEST..=HIGHEST).contains(&headroom.ceiling));

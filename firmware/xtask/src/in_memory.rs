@@ -137,7 +137,7 @@ fn named(mut address: u32, mut code: &[u8]) -> Vec<Named> {
             }
         }
         code = code.get(length..).unwrap_or_default();
-        address = address.wrapping_add(if length == 3 { 3 } else { 2 });
+        address = address.wrapping_add(length as u32);
     }
     found
 }
