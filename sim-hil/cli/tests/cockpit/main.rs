@@ -38,6 +38,16 @@ const WALKING_HZ: f64 = 29.0;
 const TRY_AGAIN: Duration = Duration::from_secs(3);
 /// Wall time after which something hangs.
 const PATIENCE: Duration = Duration::from_secs(180);
+/// Notes what the page does first: say that it has no connection, or give up the one that it has.
+const NOTE_WHAT_IS_DONE: &str = "
+    const { prototype } = WebSocket, close = prototype.close;
+    window.done = [];
+    prototype.close = function () { window.done.push('gives up'); close.call(this); };
+    const banner = document.getElementById('banner-text');
+    new MutationObserver(() => {
+      if (banner.textContent.startsWith('No connection')) window.done.push('says so');
+    }).observe(banner, { childList: true, characterData: true, subtree: true });
+";
 /// Pause between two looks at a condition.
 const LOOK: Duration = Duration::from_millis(5);
 /// Descriptors that the program is left with: some 20 are its own.
@@ -736,6 +746,7 @@ impl Desk {
         self.arm()?;
         self.walk(|desk| desk.browser.press('w'))?;
         let left = self.seen()?.now;
+        self.browser.run(NOTE_WHAT_IS_DONE)?;
         hang(self.program, true)?;
         let says = |text: &'static str| {
             self.until(text, |desk| {
@@ -746,7 +757,11 @@ impl Desk {
         let silent = says("No connection")
             .and_then(|()| self.browser.touch("#stop"))
             .and_then(|()| says("STOP may not have arrived"))
-            .and_then(|()| self.until_text("f", "–"));
+            .and_then(|()| self.until_text("f", "–"))
+            .and_then(|()| {
+                let first = |desk: &Self| desk.browser.run("return window.done.slice(0, 2).join()");
+                self.until("says so, then gives up", |desk| Ok(first(desk)? == "says so,gives up"))
+            });
         hang(self.program, false)?;
         silent?;
         self.rests_since(left)?;
