@@ -959,27 +959,30 @@ fn a_sequence_without_its_end_lets_the_robot_rest_and_the_space_bar_stop() {
 
 #[test]
 fn who_drives_by_hand_learns_at_the_end_that_the_record_could_not_be_written() {
-    let (served, address) = serve(robot());
-    let operator = Operator::new();
-    let mut command = Command::new("bash");
-    let errors = operator.home.path().join("errors");
-    command
-        .args(["-c", "ulimit -f 64; exec \"$@\" 2>errors", "bash", env!("CARGO_BIN_EXE_flix")])
-        .args(["teleop", &address, "--record", "--key"])
-        .arg(&operator.key)
-        .current_dir(operator.home.path())
-        .env("HOME", operator.home.path());
-    let mut desk = Desk::new(command);
-    desk.walk(&served);
-    let runs = operator.home.path().join("out/runs");
-    wait_until(|| {
-        let files = std::fs::read_dir(&runs).unwrap();
-        files.flatten().any(|file| file.metadata().unwrap().len() == 64 << 10)
-    });
-    desk.send("\u{1b}");
-    assert_eq!(desk.child.wait().unwrap().code(), Some(2));
-    let said = std::fs::read_to_string(errors).unwrap();
-    assert!(said.contains("cannot write the record"), "{said}");
+    // By its key, and by Ctrl-C in a walk.
+    for (end, code) in [("\u{1b}", 2), ("\u{3}", 40)] {
+        let (served, address) = serve(robot());
+        let operator = Operator::new();
+        let mut command = Command::new("bash");
+        let errors = operator.home.path().join("errors");
+        command
+            .args(["-c", "ulimit -f 64; exec \"$@\" 2>errors", "bash", env!("CARGO_BIN_EXE_flix")])
+            .args(["teleop", &address, "--record", "--key"])
+            .arg(&operator.key)
+            .current_dir(operator.home.path())
+            .env("HOME", operator.home.path());
+        let mut desk = Desk::new(command);
+        desk.walk(&served);
+        let runs = operator.home.path().join("out/runs");
+        wait_until(|| {
+            let files = std::fs::read_dir(&runs).unwrap();
+            files.flatten().any(|file| file.metadata().unwrap().len() == 64 << 10)
+        });
+        desk.send(end);
+        assert_eq!(desk.child.wait().unwrap().code(), Some(code));
+        let said = std::fs::read_to_string(errors).unwrap();
+        assert!(said.contains("cannot write the record"), "{said}");
+    }
 }
 
 #[test]

@@ -131,6 +131,31 @@ fn lengths_without_measure_end_no_command_with_a_panic() {
     }
 }
 
+#[cfg(unix)]
+#[test]
+fn where_files_may_not_be_long_a_copy_ends_with_a_sentence_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let record = write_record_of(folder.path(), 2000);
+    let whole = std::fs::read(&record).unwrap();
+    std::fs::write(&record, &whole[..whole.len() - 100]).unwrap();
+    let (tables, file) = (folder.path().join("tables"), record.to_str().unwrap());
+    for words in [
+        ["runs", "repair", file].as_slice(),
+        &["runs", "export-csv", file, "--to", tables.to_str().unwrap()],
+        &["runs", "plot", file, "--to", tables.to_str().unwrap()],
+    ] {
+        let limited = ["-c", "ulimit -f 4; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_flix")];
+        let output = Command::new("bash").args(limited).args(words).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{words:?}: {said}");
+        assert!(said.contains("File too large"), "{words:?}: {said}");
+    }
+    let folders = [folder.path(), &tables].map(|folder| std::fs::read_dir(folder).unwrap());
+    let left: Vec<_> = folders.into_iter().flatten().map(|it| it.unwrap().file_name()).collect();
+    assert!(left.iter().all(|name| !name.to_string_lossy().ends_with(".part")), "{left:?}");
+    assert_eq!(std::fs::read(&record).unwrap().len(), whole.len() - 100);
+}
+
 #[test]
 fn a_repair_says_what_is_wrong_and_keeps_the_file_as_it_was() {
     let folder = tempfile::tempdir().unwrap();

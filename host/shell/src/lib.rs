@@ -38,6 +38,7 @@ use flix_host::nav::ModeTableError;
 use flix_host::pose::PoseError;
 use flix_host::pose::natnet::NatNetError;
 use flix_host::record::{ReadError, RecordError, RepairError};
+use flix_host::system::interrupt::Interrupt;
 use flix_protocol::message::{Refusal, State};
 use flix_protocol::session::ConnectError;
 
@@ -258,11 +259,13 @@ pub fn numbers_may_be_negative(command: clap::Command) -> clap::Command {
         .mut_subcommands(numbers_may_be_negative)
 }
 
-/// Parses the command line of a program. Prints help, the version, or what is wrong.
+/// Parses the command line of a program, first thing in it. Prints help, the version, or what is wrong.
 ///
 /// # Errors
 /// With the exit code of a program that ends with that.
 pub fn parse<C: FromArgMatches>(description: clap::Command) -> Result<C, ExitCode> {
+    // Where it is refused a signal ends the program, as it ends others.
+    let _ = Interrupt::let_writes_fail();
     let name = description.get_name().to_owned();
     let parsed = description.try_get_matches().and_then(|matches| C::from_arg_matches(&matches));
     parsed.map_err(|error| match error.print() {

@@ -63,11 +63,21 @@ pub enum RecordError {
         source: std::io::Error,
     },
     /// The MCAP writer failed.
-    #[error("cannot write the record: {0}")]
+    #[error("cannot write the record: {}", cause(.0))]
     Format(#[from] mcap::McapError),
     /// A row has no JSON form, because a value is not a number.
     #[error("cannot write the record: {0}")]
     Row(#[from] serde_json::Error),
+}
+
+/// Says what a disk said, without the way on which it was said.
+fn cause(error: &mcap::McapError) -> String {
+    match error {
+        mcap::McapError::Io(error) => {
+            format!("{error}; check the folder and the space on its disk")
+        }
+        error => error.to_string(),
+    }
 }
 
 const POSE: usize = 0;
@@ -177,7 +187,12 @@ impl Recorder {
         std::fs::create_dir_all(&folder)
             .map_err(|source| RecordError::File { path: folder.clone(), source })?;
         let (path, file) = new_file(&folder, started, &description.name)?;
-        Self::begin(path, file, started, description)
+        let begun = Self::begin(path.clone(), file, started, description);
+        if begun.is_err() {
+            // Nobody could read it.
+            let _ = std::fs::remove_file(path);
+        }
+        begun
     }
 
     fn begin(

@@ -23,10 +23,18 @@ impl Interrupt {
         for signal in SIGNALS {
             signal_hook::flag::register(*signal, Arc::clone(&raised))?;
         }
+        Ok(Self(raised))
+    }
+
+    /// Lets a write fail from now on that a limit on the length of files forbids, where it would end the program.
+    ///
+    /// # Errors
+    /// When the operating system refuses the handlers.
+    pub fn let_writes_fail() -> io::Result<()> {
         for signal in ERRORS {
             signal_hook::flag::register(*signal, Arc::default())?;
         }
-        Ok(Self(raised))
+        Ok(())
     }
 
     /// Creates a flag that no signal raises, for tests and for loops within loops.

@@ -108,6 +108,8 @@ pub struct Cockpit {
     pub history: VecDeque<Sample>,
     /// Log, oldest first.
     pub log: VecDeque<Line>,
+    /// Whether the record has ended before the drive.
+    pub is_unrecorded: bool,
     /// The robot's settings, once a screen has asked for them.
     pub settings: Settings,
     /// What the robot's scope has captured for a screen.
@@ -161,6 +163,7 @@ impl Cockpit {
             current_limit: ASSUMED_CURRENT_LIMIT,
             history: VecDeque::new(),
             log: VecDeque::new(),
+            is_unrecorded: false,
             settings: Settings::default(),
             scope: Viewer::default(),
             floor: None,

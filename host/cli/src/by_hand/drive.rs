@@ -113,6 +113,7 @@ impl<'a> Drive<'a> {
             self.extras.recorder = None;
             let text = format!("{error}; driving goes on unrecorded");
             self.cockpit.note(now, Weight::Alarm, &text);
+            self.cockpit.is_unrecorded = true;
             self.extras.unrecorded = Some(error);
         }
     }

@@ -68,14 +68,19 @@ impl ByHandArgs {
         let ending = ended.as_ref().map_or_else(ToString::to_string, |()| "finished".to_owned());
         let results = BTreeMap::from([("ending".to_owned(), ending)]);
         let record = extras.recorder.map(|recorder| recorder.conclude(results)).transpose();
-        ended?;
-        if let Some(error) = extras.unrecorded {
-            return Err(error.into());
+        let record = extras.unrecorded.map_or(record, Err);
+        match (ended, record) {
+            (Err(ended), Err(record)) => {
+                Err(Error { sentence: format!("{ended}; {record}"), ..ended })
+            }
+            (ended, record) => {
+                ended?;
+                if let Some(file) = record? {
+                    print(&format!("record {}\n", file.display()))?;
+                }
+                Ok(Exit::Done.into())
+            }
         }
-        if let Some(file) = record? {
-            print(&format!("record {}\n", file.display()))?;
-        }
-        Ok(Exit::Done.into())
     }
 }
 

@@ -38,9 +38,11 @@ const MOST_PAGES: usize = 16;
 const LONGEST_READ: usize = 4096;
 /// Messages of pages that wait: a second of all pages. A page whose message finds no place is closed.
 const QUEUE: usize = 1024;
-/// Time in which a page takes a snapshot; one that is out of reach, as a phone is beyond its radio, takes none and gives its
-/// place back.
+/// Time in which a page takes and answers a snapshot; one that is out of reach, as a phone is beyond its radio, does neither and
+/// gives its place back.
 const LONGEST_SEND: Duration = Duration::from_secs(10);
+/// Snapshots on the way to a page and back at once.
+const UNANSWERED: u64 = 4;
 
 /// What happens at the pages.
 #[derive(Debug, Clone, PartialEq)]
@@ -347,7 +349,8 @@ async fn socket(
     )
 }
 
-/// Talks with a page until it is closed; returns how it ended.
+/// Talks with a page until it is closed; returns how it ended. A page answers each snapshot: where [`UNANSWERED`] are under way
+/// the next one waits, so that what a slow connection shows is late by no more than these.
 async fn talk(id: PageId, socket: WebSocket, shared: &Shared) -> FromPage {
     let (mut to_page, mut from_page) = socket.split();
     let (mut snapshots, mut extras) = (shared.snapshots.clone(), shared.extras.clone());
@@ -355,31 +358,45 @@ async fn talk(id: PageId, socket: WebSocket, shared: &Shared) -> FromPage {
         extra.mark_changed();
     }
     let [mut settings, mut scope] = extras;
+    let (answered, mut answers) = watch::channel(0_u64);
     let show = async {
+        let mut sent = 0;
         let mut text = snapshot::hello(id);
         while let Ok(Ok(())) = timeout(LONGEST_SEND, to_page.send(Frame::text(text))).await {
-            let newest = tokio::select! {
-                changed = settings.changed() => changed.map(|()| settings.borrow_and_update().to_string()),
-                changed = scope.changed() => changed.map(|()| scope.borrow_and_update().to_string()),
-                changed = snapshots.changed() => changed.map(|()| snapshots.borrow_and_update().to_string()),
+            let picture = async {
+                let is_heard = answers.wait_for(|answered| *answered + UNANSWERED > sent);
+                timeout(LONGEST_SEND, is_heard).await.ok()?.ok()?;
+                snapshots.changed().await.ok()
             };
-            let Ok(newest) = newest else { break };
+            let newest = tokio::select! {
+                changed = settings.changed() => changed.ok().map(|()| settings.borrow_and_update().to_string()),
+                changed = scope.changed() => changed.ok().map(|()| scope.borrow_and_update().to_string()),
+                changed = picture => changed.map(|()| {
+                    sent += 1;
+                    snapshots.borrow_and_update().to_string()
+                }),
+            };
+            let Some(newest) = newest else { break };
             text = newest;
         }
     };
     let hear = async {
         while let Some(frame) = from_page.next().await {
             let said = match frame {
-                Ok(Frame::Text(text)) => Message::parse(&text).map(FromPage::Said),
+                Ok(Frame::Text(text)) => Message::parse(&text),
                 Ok(Frame::Ping(_) | Frame::Pong(_)) => continue,
                 Ok(Frame::Close(_)) => break,
                 Ok(Frame::Binary(_)) => None,
                 // A connection that breaks is a page that is closed.
                 Err(_) => break,
             };
-            let Some(Ok(())) = said.map(|said| shared.events.try_send((id, said))) else {
+            let Some(said) = said else { return FromPage::Misused };
+            if said.request.is_none() {
+                answered.send_modify(|answered| *answered += 1);
+            }
+            if shared.events.try_send((id, FromPage::Said(said))).is_err() {
                 return FromPage::Misused;
-            };
+            }
         }
         FromPage::Closed
     };
@@ -393,7 +410,7 @@ async fn talk(id: PageId, socket: WebSocket, shared: &Shared) -> FromPage {
 
 #[cfg(test)]
 mod tests {
-    use std::io::{Read as _, Write as _};
+    use std::io::{BufRead as _, BufReader, Read as _, Write as _};
     use std::net::TcpStream;
 
     use super::*;
@@ -420,23 +437,59 @@ mod tests {
         }
     }
 
+    fn serve() -> Server {
+        Server::start((std::net::Ipv4Addr::LOCALHOST, 0).into(), false).unwrap()
+    }
+
+    fn open(server: &Server) -> (PageId, TcpStream) {
+        let mut socket = TcpStream::connect(server.address).unwrap();
+        let request = format!(
+            "GET /{1}/socket HTTP/1.1\r\nHost: {0}\r\nOrigin: http://{0}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
+             Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n",
+            server.address, server.token
+        );
+        socket.write_all(request.as_bytes()).unwrap();
+        let (page, event) = next(server);
+        assert_eq!(event, FromPage::Opened);
+        (page, socket)
+    }
+
+    #[test]
+    fn a_page_that_answers_no_picture_gets_no_more_and_then_the_newest() {
+        let server = serve();
+        let (page, mut socket) = open(&server);
+        let mut heard = BufReader::new(socket.try_clone().unwrap());
+        // What begins the connection, then frames: their kind, their length below 126, their text.
+        let mut line = String::new();
+        while heard.read_line(&mut line).unwrap() > 2 {
+            line.clear();
+        }
+        let mut text = || {
+            let mut head = [0; 2];
+            heard.read_exact(&mut head).unwrap();
+            let mut text = vec![0; head[1].into()];
+            heard.read_exact(&mut text).unwrap();
+            String::from_utf8(text).unwrap()
+        };
+        assert_eq!(text(), snapshot::hello(page));
+        for picture in 1..=UNANSWERED {
+            server.show(picture.to_string());
+            assert_eq!(text(), picture.to_string());
+        }
+        for picture in ["late", "newest"] {
+            server.show(picture.to_owned());
+            std::thread::yield_now();
+        }
+        // Masked by zeros.
+        let answer = br#"{"seen":0}"#;
+        socket.write_all(&[&[0x81, 0x80 | 10, 0, 0, 0, 0], answer.as_slice()].concat()).unwrap();
+        assert_eq!(text(), "newest");
+    }
+
     #[test]
     fn a_page_is_closed_on_demand_and_the_others_stay() {
-        let server = Server::start((std::net::Ipv4Addr::LOCALHOST, 0).into(), false).unwrap();
-        let path = format!("/{}/socket", server.token);
-        let open = || {
-            let mut socket = TcpStream::connect(server.address).unwrap();
-            let request = format!(
-                "GET {path} HTTP/1.1\r\nHost: {0}\r\nOrigin: http://{0}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
-                 Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n",
-                server.address
-            );
-            socket.write_all(request.as_bytes()).unwrap();
-            let (page, event) = next(&server);
-            assert_eq!(event, FromPage::Opened);
-            (page, socket)
-        };
-        let ((first, mut one), (_second, other)) = (open(), open());
+        let server = serve();
+        let ((first, mut one), (_second, other)) = (open(&server), open(&server));
         server.close(first);
         assert_eq!(next(&server), (first, FromPage::Closed));
         // To its end.

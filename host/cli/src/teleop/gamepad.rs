@@ -96,6 +96,14 @@ pub struct Hand {
 }
 
 impl Hand {
+    /// Returns what the operator, who looks elsewhere, wants now: what is pressed is meant for what he looks at.
+    fn unwatched(&mut self, reading: Option<&Reading>) -> Vec<Action> {
+        self.seen = reading.copied();
+        let mut actions = self.release();
+        actions.extend(reading.into_iter().flat_map(|it| self.commands(it)));
+        actions
+    }
+
     /// Returns what the operator wants now. `None`: there is no gamepad, or it is gone.
     pub fn read(
         &mut self,
@@ -177,8 +185,14 @@ pub struct Hands {
 }
 
 impl Hands {
-    /// Returns what the operator wants now.
-    pub fn read(&mut self, pads: &[Pad], cockpit: &Cockpit, now: Instant) -> Vec<Action> {
+    /// Returns what the operator wants now. Of one who looks elsewhere (`is_watched`) they only stop and disarm.
+    pub fn read(
+        &mut self,
+        pads: &[Pad],
+        is_watched: bool,
+        cockpit: &Cockpit,
+        now: Instant,
+    ) -> Vec<Action> {
         let mut actions = Vec::new();
         self.is_touched = false;
         for (id, hand) in &mut self.hands {
@@ -191,7 +205,11 @@ impl Hands {
             let hand = self.hands.entry(pad.id).or_default();
             let reading = pad.reading.map(Reading::in_numbers);
             let before = hand.seen;
-            actions.extend(hand.read(reading.as_ref(), cockpit, now));
+            actions.extend(if is_watched {
+                hand.read(reading.as_ref(), cockpit, now)
+            } else {
+                hand.unwatched(reading.as_ref())
+            });
             self.is_touched |= hand.is_held() && hand.seen != before;
             if reading.is_none() {
                 // Nobody knows which of its buttons stops.
@@ -242,9 +260,9 @@ mod device {
         }
 
         /// Returns what the operator wants now.
-        pub fn read(&mut self, cockpit: &Cockpit, now: Instant) -> Vec<Action> {
+        pub fn read(&mut self, is_watched: bool, cockpit: &Cockpit, now: Instant) -> Vec<Action> {
             let pads = self.gilrs.as_mut().map(pads).unwrap_or_default();
-            self.hands.read(&pads, cockpit, now)
+            self.hands.read(&pads, is_watched, cockpit, now)
         }
     }
 
@@ -296,7 +314,7 @@ mod without {
         }
 
         /// Returns nothing.
-        pub fn read(&mut self, _: &Cockpit, _: Instant) -> Vec<Action> {
+        pub fn read(&mut self, _: bool, _: &Cockpit, _: Instant) -> Vec<Action> {
             Vec::new()
         }
     }
@@ -406,7 +424,7 @@ mod tests {
         let mut read = |readings: [Option<Reading>; 2], is_walking: bool, time| {
             cockpit.wanted = if is_walking { Mode::Forward.setpoint() } else { Setpoint::REST };
             let pads = [0, 1].map(|id| Pad { id, reading: readings[id], is_pressed: false });
-            hands.read(&pads, &cockpit, at(time))
+            hands.read(&pads, true, &cockpit, at(time))
         };
         let [forward, turn] = [Mode::Forward, Mode::LeftTurn].map(Action::Walk);
         assert_eq!(read([Some(still), Some(still)], false, 0), []);
@@ -436,7 +454,7 @@ mod tests {
             let mut read = |reading, time| {
                 let pads = [stuck, reading];
                 let pads = [0, 1].map(|id| Pad { id, reading: Some(pads[id]), is_pressed: false });
-                (hands.read(&pads, &cockpit, at(time)), hands.is_touched())
+                (hands.read(&pads, true, &cockpit, at(time)), hands.is_touched())
             };
             assert_eq!(read(still, 0), (vec![], false));
             assert_eq!(read(AHEAD, 10), (vec![Action::Walk(Mode::Forward)], true), "{stuck:?}");
@@ -452,11 +470,35 @@ mod tests {
     fn a_gamepad_that_is_unplugged_while_it_drives_lets_the_robot_rest() {
         let (mut hands, cockpit) = (Hands::default(), cockpit(State::Running));
         let pad = |reading| Pad { id: 3, reading: Some(reading), is_pressed: false };
-        hands.read(&[pad(Reading::default())], &cockpit, at(0));
-        hands.read(&[pad(AHEAD)], &cockpit, at(10));
-        assert_eq!(hands.read(&[], &cockpit, at(20)), [Action::Rest]);
+        hands.read(&[pad(Reading::default())], true, &cockpit, at(0));
+        hands.read(&[pad(AHEAD)], true, &cockpit, at(10));
+        assert_eq!(hands.read(&[], true, &cockpit, at(20)), [Action::Rest]);
         // It is back, and still held.
-        assert_eq!(hands.read(&[pad(AHEAD)], &cockpit, at(30)), []);
+        assert_eq!(hands.read(&[pad(AHEAD)], true, &cockpit, at(30)), []);
+    }
+
+    #[test]
+    fn without_the_focus_gamepads_only_stop_and_disarm() {
+        let (mut hands, cockpit) = (Hands::default(), cockpit(State::Running));
+        let mut read = |reading, is_watched, time| {
+            let pad = Pad { id: 0, reading: Some(reading), is_pressed: false };
+            hands.read(&[pad], is_watched, &cockpit, at(time))
+        };
+        let walk = [Action::Walk(Mode::Forward)];
+        read(Reading::default(), true, 0);
+        assert_eq!(read(AHEAD, true, 10), walk);
+        assert_eq!(read(AHEAD, false, 20), [Action::Rest]);
+        for (index, expected) in
+            [[Action::Stop].as_slice(), &[], &[Action::Disarm], &[]].iter().enumerate()
+        {
+            assert_eq!(read(Reading::default(), false, 30), []);
+            assert_eq!(read(pressed(index), false, 40), *expected);
+        }
+        // What was held meanwhile begins nothing when the focus is back.
+        assert_eq!(read(AHEAD, false, 50), []);
+        assert_eq!(read(AHEAD, true, 60), []);
+        assert_eq!(read(Reading::default(), true, 70), []);
+        assert_eq!(read(AHEAD, true, 80), walk);
     }
 
     #[test]
@@ -466,6 +508,7 @@ mod tests {
         let mut is_touched = |reading, time| {
             hands.read(
                 &[Pad { id: 0, reading: Some(reading), is_pressed: false }],
+                true,
                 &cockpit,
                 at(time),
             );
@@ -481,8 +524,9 @@ mod tests {
     #[test]
     fn a_gamepad_of_an_unknown_layout_stops_with_every_button_once() {
         let (mut hands, cockpit) = (Hands::default(), cockpit(State::Running));
-        let mut read =
-            |is_pressed| hands.read(&[Pad { id: 0, reading: None, is_pressed }], &cockpit, at(0));
+        let mut read = |is_pressed| {
+            hands.read(&[Pad { id: 0, reading: None, is_pressed }], true, &cockpit, at(0))
+        };
         assert_eq!(read(false), []);
         assert_eq!(read(true), [Action::Stop]);
         assert_eq!(read(true), []);

@@ -96,6 +96,8 @@ pub enum Report {
     Held(KeyEvent),
     /// Nobody looks: the focus is lost, or nobody is attached to tmux or screen.
     Unwatched,
+    /// The focus is here again.
+    Watched,
     /// Text that nobody typed came to its end: pasted, an answer of the terminal, or bytes that are no character.
     Text,
     /// A sequence has no end: what follows may be a part of it. Pasted text may be long under way.
@@ -117,6 +119,8 @@ pub struct Typed {
     /// Whether a key was pressed, with an action or without. One that repeats is no sign that somebody is there, unless it is
     /// that of a walk.
     pub is_touched: bool,
+    /// Whether nobody looks: the focus was lost, and neither a key nor the focus came since.
+    pub is_unwatched: bool,
     /// Why a robot that walks has to rest, in words.
     pub doubt: Option<&'static str>,
     /// Keys that came in one go, or while the program stood still, and were dropped.
@@ -131,6 +135,8 @@ pub struct Typing {
     holds: bool,
     /// The key of the walk that goes on, and when it was reported last.
     held: Option<(KeyCode, Duration)>,
+    /// Whether the focus was lost, and neither a key nor the focus came since.
+    is_unwatched: bool,
     ready: Typed,
     /// The key that was pressed last, when, and whether it repeats.
     repeated: Option<(KeyCode, Duration, bool)>,
@@ -214,7 +220,11 @@ impl Typing {
                 self.together.push(wish.map(|action| (action, repeats)));
                 self.last = at;
             }
-            Report::Unwatched => self.ready.doubt = Some("nobody looks at the terminal"),
+            Report::Unwatched => {
+                self.is_unwatched = true;
+                self.ready.doubt = Some("nobody looks at the terminal");
+            }
+            Report::Watched => self.is_unwatched = false,
             Report::Text => (self.is_text, self.last, self.rest) = (true, at, None),
             Report::BrokenOff { is_paste } => {
                 self.together.fill(None);
@@ -261,7 +271,8 @@ impl Typing {
         if self.held.take_if(|(_, last)| now.saturating_sub(*last) > HELD).is_some() {
             self.ready.doubt = Some("the key of the walk repeats no more");
         }
-        std::mem::take(&mut self.ready)
+        self.is_unwatched &= !self.ready.is_touched;
+        Typed { is_unwatched: self.is_unwatched, ..std::mem::take(&mut self.ready) }
     }
 
     /// Judges the keys that came together, once nothing followed for long enough.
@@ -323,6 +334,21 @@ mod tests {
             typing.report(ms(100) + apart * index, key(KeyCode::Char(character)));
         }
         typing.take(ms(100) + apart * u32::try_from(text.len()).unwrap_or(0) + APART)
+    }
+
+    #[test]
+    fn nobody_looks_from_a_lost_focus_until_it_comes_back_or_a_key_is_typed() {
+        let mut typing = Typing::default();
+        let is_unwatched = |typing: &mut Typing, at, report| {
+            typing.report(ms(at), report);
+            typing.take(ms(at) + APART).is_unwatched
+        };
+        assert!(!is_unwatched(&mut typing, 100, Report::Watched));
+        assert!(is_unwatched(&mut typing, 200, Report::Unwatched));
+        assert!(is_unwatched(&mut typing, 300, Report::Text));
+        assert!(!is_unwatched(&mut typing, 400, Report::Watched));
+        assert!(is_unwatched(&mut typing, 500, Report::Unwatched));
+        assert!(!is_unwatched(&mut typing, 600, key(KeyCode::Char('x'))));
     }
 
     #[test]

@@ -85,7 +85,7 @@ pub fn run(
         if let Some(doubt) = typed.doubt {
             cockpit.abandon(doubt, client, now);
         }
-        for action in gamepads.read(cockpit, now) {
+        for action in gamepads.read(!typed.is_unwatched, cockpit, now) {
             cockpit.act(action, client, now);
         }
         if drawn.is_none_or(|at| at.elapsed() >= FRAME) {

@@ -184,6 +184,7 @@ fn report(sequence: &[u8]) -> Option<Report> {
             Some(report(to_crossterm_key(key)))
         }
         Ok(Some(Event::FocusLost)) => Some(Report::Unwatched),
+        Ok(Some(Event::FocusGained)) => Some(Report::Watched),
         _ => None,
     }
 }
@@ -232,7 +233,7 @@ mod tests {
             ("\u{1b}x", Some(key(KeyCode::Char('x'), KeyModifiers::ALT))),
             ("\u{1b}\u{e9}", Some(key(KeyCode::Char('\u{e9}'), KeyModifiers::ALT))),
             ("\u{1b}[O", Some(Report::Unwatched)),
-            ("\u{1b}[I", None),
+            ("\u{1b}[I", Some(Report::Watched)),
             ("\u{1b}[200~was ist los w\r\u{1b}[A\u{1b}[201~", Some(Report::Text)),
             ("\u{1b}[201~", Some(Report::Text)),
             // Its name, a colour, and both ends of a string; where the cursor is.

@@ -224,6 +224,7 @@ fn read() -> io::Result<Option<Heard>> {
     Ok(match read()? {
         Event::Key(key) => Some(Heard::Report(Report::Key(key))),
         Event::FocusLost => Some(Heard::Report(Report::Unwatched)),
+        Event::FocusGained => Some(Heard::Report(Report::Watched)),
         _ => None,
     })
 }

@@ -11,6 +11,11 @@
 //! of the newest snapshot that the page has shown. So the age of a message is known without a common clock, also when
 //! browser or proxy held it back: its operator has seen nothing newer. A message that is older than
 //! [`SIGN_OF_LIFE`](pages::SIGN_OF_LIFE) is no sign of life and moves nothing; stop, rest and disarm are always done.
+//!
+//! A page answers each snapshot with a message of its own that asks for nothing, and is sent no more while some are unanswered: a
+//! slow connection shows fewer pictures, and none that is old. What is old all the same says so. A stop has arrived when
+//! a snapshot states that all stops of this page were heard; until then the page says that it may not have, and asks again by
+//! another connection.
 
 pub mod hall;
 pub mod html;

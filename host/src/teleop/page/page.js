@@ -20,43 +20,61 @@ const last = (list) => list[list.length - 1];
 
 // ---- the connection: every snapshot is answered with the stamp of the newest one that was drawn
 // A connection may stand and bring nothing: what was shown last is not how the robot is now, and another one is opened.
-let me, snapshot, shown = 0, connection, arrivedAt;
-// Whether nobody has said that the stop, which was asked for here, has arrived.
-let isStopUnheard = false;
+let me, snapshot, shown = 0, connection, openedAt, arrivedAt;
+// Since when a stop is asked for that nobody has said to have heard, and how many were sent by this connection. Where there is none
+// every comparison with its time is false.
+let unheardSince, stopsSent;
+const STOP_ANSWER_MS = 500, STOP_GIVE_UP_MS = 1500;
+// How much later than the fastest of this connection a picture has come. Clocks part by less than DRIFT of their time.
+const DRIFT = 0.0005;
+let least, late = 0;
+function measure(stamp, now) {
+  const behind = now - stamp;
+  least = least === undefined ? behind : Math.min(behind, least + DRIFT * (now - arrivedAt));
+  late = behind - least;
+}
 function send(request) {
-  isStopUnheard ||= request === "stop";
-  if (connection?.readyState === WebSocket.OPEN) connection.send(message(request));
+  const isStop = request === "stop";
+  if (isStop) unheardSince ??= performance.now();
+  if (connection?.readyState !== WebSocket.OPEN) return;
+  connection.send(message(request));
+  if (isStop) stopsSent += 1;
 }
 const message = (request) => JSON.stringify(request === undefined ? { seen: shown } : { seen: shown, do: request });
 // A longer one is none of a page.
 const isTooLong = (request) => new TextEncoder().encode(message(request)).length > LONGEST;
 function connect() {
   const own = connection = openConnection();
-  arrivedAt = performance.now();
+  openedAt = arrivedAt = performance.now();
+  stopsSent = 0;
+  least = undefined;
   own.onmessage = (event) => {
     const data = JSON.parse(event.data);
-    if ("you" in data) { me = data.you; if (isStopUnheard) send("stop"); if (byId("settings").open) send("settings"); return; }
+    if ("you" in data) { me = data.you; if (unheardSince !== undefined) send("stop"); if (byId("settings").open) send("settings"); return; }
     if (data.settings) showSettings(data.settings);
     if (data.scope) showScope(data.scope);
     if (!("stamp" in data)) return;
     snapshot = data;
-    arrivedAt = performance.now();
-    if (snapshot.stopping || snapshot.telemetry?.stopped) isStopUnheard = false;
-    if (shown) send();
+    const now = performance.now();
+    measure(data.stamp, now);
+    arrivedAt = now;
+    if (stopsSent && data.stops[me] >= stopsSent) unheardSince = undefined;
+    send();
   };
   own.onclose = () => {
     if (own !== connection) return;
     connection = me = undefined;
     shown = 0;
     showNothing();
-    setTimeout(connect, 1000);
+    setTimeout(connect, unheardSince === undefined ? 1000 : 100);
   };
 }
 function showNothing() { snapshot = undefined; forgetHands(); letGo(); }
 function watchConnection() {
-  const silent = performance.now() - arrivedAt;
+  const now = performance.now(), silent = now - arrivedAt;
   if (snapshot && silent > SILENT_MS) showNothing();
-  if (connection && silent > GIVE_UP_MS) { const old = connection; old.onclose(); old.close(); }
+  const isDeaf = now - Math.max(unheardSince, openedAt) > STOP_GIVE_UP_MS;
+  if (connection && (silent > GIVE_UP_MS || isDeaf)) { const old = connection; old.onclose(); old.close(); }
 }
 // What is said for a while beside the robot's own log.
 const REMARKED_MS = 10000;
@@ -308,14 +326,18 @@ function release(hand) {
 }
 function readGamepad(gamepad, now) {
   const hand = handOn(gamepad), pressed = newlyPressed(gamepad, hand);
+  // What is pressed is meant for what the operator looks at.
+  const isWatched = document.hasFocus();
   if (!isKnown(gamepad)) {
     if (pressed.length) { send("stop"); say(`a button of ${gamepad.id || "a gamepad"} stops`); }
     release(hand);
     return "of a layout that is not known: its buttons stop";
   }
+  if (!isWatched) release(hand);
   for (const command of pressed.map((index) => BUTTONS[index])) {
     if (command && (hand.neutral || command === "stop" || command === "disarm")) send(command);
   }
+  if (!isWatched) return "without the focus: it stops, and disarms";
   const state = snapshot?.telemetry?.state;
   const isDriven = drives() && (state === "armed" || state === "running");
   if (!isDriven) hand.mode = undefined;
@@ -475,7 +497,10 @@ const write = (id, text) => { const element = byId(id); if (element.textContent 
 // ---- words
 function banner() {
   const telemetry = snapshot?.telemetry;
-  if (!snapshot) return [isStopUnheard ? STOP_UNHEARD : NO_CONNECTION, false];
+  const unheard = performance.now() - unheardSince;
+  if (unheard > STOP_ANSWER_MS || (!snapshot && unheard >= 0)) return [STOP_UNHEARD, false];
+  if (!snapshot) return [NO_CONNECTION, false];
+  if (late > SILENT_MS) return [`The connection is slow: this was ${figure(late / 1000, 0)} s ago.`, false];
   if (snapshot.link.state === "failed") return [snapshot.link.text, false];
   if (telemetry?.faults.length) return [`${telemetry.faults.map((fault) => `${fault.name}: ${fault.help}`).join(". ")}. Then press Clear.`, false];
   if (snapshot.stopping) return ["Stop is sent, and not acknowledged yet.", false];
@@ -524,7 +549,7 @@ function drawWords(gamepad) {
   write("battery", telemetry ? (telemetry.battery === null ? "not measured" : `${figure(telemetry.battery, 1)} V`) : "–");
   write("quality", link?.round_trip_ms != null ? `${figure(link.round_trip_ms, 1)} ms, ${figure(100 * link.loss, 0)} % lost` : "–");
   write("gamepad", gamepad);
-  write("note", [failed && `${failed} failed in this browser`, remark && performance.now() - remark.at < REMARKED_MS && remark.text, snapshot && !snapshot.floor && "no poses: drawn where it stands (--pose)", snapshot?.slow_motion && "rotors 30 times slower", snapshot?.pages > 1 && `${snapshot.pages} pages open`].filter(Boolean).join(" · "));
+  write("note", [failed && `${failed} failed in this browser`, remark && performance.now() - remark.at < REMARKED_MS && remark.text, snapshot?.is_unrecorded && "not recorded any more", snapshot && !snapshot.floor && "no poses: drawn where it stands (--pose)", snapshot?.slow_motion && "rotors 30 times slower", snapshot?.pages > 1 && `${snapshot.pages} pages open`].filter(Boolean).join(" · "));
   const log = snapshot?.log ?? [];
   const lines = log.map((line) => `${line.at.toFixed(1)} s  ${line.text}`).reverse();
   if (byId("log").dataset.lines !== lines.join("\n")) {

@@ -4,7 +4,7 @@
 //! [`LINK_LOST`] it is disarmed, as the robot itself does with a silent link. What it did is not taken up
 //! again: the operator commands anew.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LOST};
@@ -27,7 +27,8 @@ pub type PageId = u32;
 /// The open pages.
 #[derive(Debug, Clone, Default)]
 pub struct Pages {
-    open: BTreeSet<PageId>,
+    /// How many stops were heard of each.
+    open: BTreeMap<PageId, u32>,
     driver: Option<Driver>,
 }
 
@@ -71,9 +72,14 @@ impl Pages {
         self.open.len()
     }
 
+    /// Returns the pages that have asked for a stop, and how many stops were heard of each since it was opened.
+    pub fn stops(&self) -> impl Iterator<Item = (PageId, u32)> {
+        self.open.iter().map(|(page, stops)| (*page, *stops)).filter(|(_, stops)| *stops > 0)
+    }
+
     /// Takes a page that was opened; it drives if no other does.
     pub fn open(&mut self, page: PageId, now: Instant) {
-        self.open.insert(page);
+        self.open.insert(page, 0);
         if self.driver.is_none() {
             self.driver = Some(Driver::new(page, now));
         }
@@ -102,7 +108,7 @@ impl Pages {
         client: &mut Client,
         now: Instant,
     ) {
-        if !self.open.contains(&page) {
+        if !self.open.contains_key(&page) {
             return;
         }
         cockpit.act(Action::Stop, client, now);
@@ -122,9 +128,7 @@ impl Pages {
         client: &mut Client,
         now: Instant,
     ) -> Result<(), Misuse> {
-        if !self.open.contains(&page) {
-            return Ok(());
-        }
+        let Some(stops) = self.open.get_mut(&page) else { return Ok(()) };
         if message.seen > Self::stamp(now) {
             return Err(Misuse);
         }
@@ -138,7 +142,10 @@ impl Pages {
         }
         match message.request {
             None => {}
-            Some(Request::Act(Action::Stop)) => cockpit.act(Action::Stop, client, now),
+            Some(Request::Act(Action::Stop)) => {
+                *stops = stops.saturating_add(1);
+                cockpit.act(Action::Stop, client, now);
+            }
             Some(Request::Act(action @ (Action::Rest | Action::Disarm))) if drives => {
                 cockpit.act(action, client, now);
             }

@@ -153,6 +153,7 @@ const TESTS: &[Test] = &[
     ("a_page_that_freezes_leaves_the_robot_at_rest", Desk::freeze),
     #[cfg(unix)]
     ("a_page_without_an_answer_says_so_and_stops_as_soon_as_it_can", Desk::silent_program),
+    ("a_stop_that_is_lost_is_said_and_sent_again_whatever_is_shown", Desk::lost_stop),
     ("of_two_pages_one_drives_and_both_stop", Desk::two_pages),
     ("a_page_that_dies_leaves_the_robot_at_rest", Desk::dies),
 ];
@@ -603,7 +604,15 @@ impl Desk {
         self.stays_at_rest()?;
         self.walk(|desk| desk.push_from_neutral([0.0, -1.0]))?;
         self.stick([0.0, 0.0])?;
-        self.until_resting()
+        self.until_resting()?;
+        // What is pushed for another window.
+        self.browser.run("document.hasFocus = () => false")?;
+        self.until_text("gamepad", "without the focus: it stops, and disarms")?;
+        self.stick([0.0, -1.0])?;
+        self.stays_at_rest()?;
+        self.browser.run("delete document.hasFocus")?;
+        self.until_text("gamepad", "let go of stick and buttons first")?;
+        self.stays_at_rest()
     }
 
     /// Shows these gamepads, an expression of `stick`, `pad` and `buttons`.
@@ -742,21 +751,50 @@ impl Desk {
     }
 
     #[cfg(unix)]
+    /// A connection may lose what the page sends, and bring pictures all the while.
+    fn lost_stop(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        // The second time it is stopped already, as an old picture may show.
+        for _ in 0..2 {
+            self.browser.run(
+                "const { prototype } = WebSocket, send = prototype.send;
+                 let first;
+                 prototype.send = function (text) {
+                   const isStop = text.includes('stop');
+                   if (isStop) first ??= this;
+                   if (!isStop || first !== this) send.call(this, text);
+                 };",
+            )?;
+            self.browser.touch("#stop")?;
+            self.until_banner("STOP may not have arrived")?;
+            self.until_banner("Stopped by")?;
+            self.until_resting()?;
+        }
+        // So long ago was what a page shows now.
+        self.browser.run(
+            "const now = performance.now.bind(performance); performance.now = () => now() + 3000;",
+        )?;
+        self.until_banner("The connection is slow: this was 3 s ago.")
+    }
+
+    fn until_banner(&self, text: &str) -> Outcome<()> {
+        let said = "return document.getElementById('banner-text').textContent";
+        self.until(text, |desk| {
+            Ok(desk.browser.run(said)?.as_str().is_some_and(|said| said.starts_with(text)))
+        })
+    }
+
     fn silent_program(&mut self) -> Outcome<()> {
         self.arm()?;
         self.walk(|desk| desk.browser.press('w'))?;
         let left = self.seen()?.now;
         self.browser.run(NOTE_WHAT_IS_DONE)?;
         hang(self.program, true)?;
-        let says = |text: &'static str| {
-            self.until(text, |desk| {
-                let said = "return document.getElementById('banner-text').textContent";
-                Ok(desk.browser.run(said)?.as_str().is_some_and(|said| said.starts_with(text)))
-            })
-        };
-        let silent = says("No connection")
+        let silent = self
+            .until_banner("No connection")
             .and_then(|()| self.browser.touch("#stop"))
-            .and_then(|()| says("STOP may not have arrived"))
+            .and_then(|()| self.until_banner("STOP may not have arrived"))
             .and_then(|()| self.until_text("f", "–"))
             .and_then(|()| {
                 let first = |desk: &Self| desk.browser.run("return window.done.slice(0, 2).join()");

@@ -35,22 +35,23 @@ impl Page {
         Ok(Self { socket, seen: 0 })
     }
 
-    /// Asks for something; for nothing, it is a sign of life.
+    /// Asks for something; for nothing, it answers a snapshot.
     pub fn say(&mut self, request: impl Serialize) -> Outcome<()> {
         let message = json!({ "seen": self.seen, "do": request });
         Ok(self.socket.send(Message::text(message.to_string()))?)
     }
 
-    /// Takes the next message; returns it where it is a snapshot.
+    /// Takes the next message; answers and returns it where it is a snapshot.
     pub fn snapshot(&mut self) -> Outcome<Option<Value>> {
         let Message::Text(text) = self.socket.read()? else { return Ok(None) };
         let snapshot: Value = serde_json::from_str(&text)?;
         let Some(seen) = snapshot["stamp"].as_u64() else { return Ok(None) };
         self.seen = seen;
+        self.say(Value::Null)?;
         Ok(Some(snapshot))
     }
 
-    /// Answers snapshots, and asks for this again, until the robot's state is this; `stopped` is a stop that is latched.
+    /// Asks for this with each snapshot, until the robot's state is this; `stopped` is a stop that is latched.
     pub fn until(&mut self, request: &str, state: &str) -> Outcome<()> {
         let begun = Instant::now();
         loop {
