@@ -410,7 +410,7 @@ async fn talk(id: PageId, socket: WebSocket, shared: &Shared) -> FromPage {
 
 #[cfg(test)]
 mod tests {
-    use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+    use std::io::{Read as _, Write as _};
     use std::net::TcpStream;
 
     use super::*;
@@ -454,36 +454,47 @@ mod tests {
         (page, socket)
     }
 
-    #[test]
-    fn a_page_that_answers_no_picture_gets_no_more_and_then_the_newest() {
-        let server = serve();
-        let (page, mut socket) = open(&server);
-        let mut heard = BufReader::new(socket.try_clone().unwrap());
-        // What begins the connection, then frames: their kind, their length below 126, their text.
-        let mut line = String::new();
-        while heard.read_line(&mut line).unwrap() > 2 {
-            line.clear();
-        }
-        let mut text = || {
-            let mut head = [0; 2];
-            heard.read_exact(&mut head).unwrap();
-            let mut text = vec![0; head[1].into()];
-            heard.read_exact(&mut text).unwrap();
-            String::from_utf8(text).unwrap()
-        };
-        assert_eq!(text(), snapshot::hello(page));
-        for picture in 1..=UNANSWERED {
-            server.show(picture.to_string());
-            assert_eq!(text(), picture.to_string());
-        }
-        for picture in ["late", "newest"] {
-            server.show(picture.to_owned());
-            std::thread::yield_now();
-        }
+    /// Returns the text of the next frame: its kind, its length below 126, its text.
+    fn text(socket: &mut TcpStream) -> String {
+        let mut head = [0; 2];
+        socket.read_exact(&mut head).unwrap();
+        let mut text = vec![0; head[1].into()];
+        socket.read_exact(&mut text).unwrap();
+        String::from_utf8(text).unwrap()
+    }
+
+    fn answer(socket: &mut TcpStream) {
         // Masked by zeros.
         let answer = br#"{"seen":0}"#;
         socket.write_all(&[&[0x81, 0x80 | 10, 0, 0, 0, 0], answer.as_slice()].concat()).unwrap();
-        assert_eq!(text(), "newest");
+    }
+
+    #[test]
+    fn a_page_that_answers_no_picture_gets_no_more_and_then_the_newest() {
+        let server = serve();
+        let mut pages = [open(&server), open(&server)];
+        for (page, socket) in &mut pages {
+            // What begins the connection ends with an empty line.
+            let (mut last, mut byte) = ([0; 4], [0]);
+            while last != *b"\r\n\r\n" {
+                socket.read_exact(&mut byte).unwrap();
+                last = [last[1], last[2], last[3], byte[0]];
+            }
+            assert_eq!(text(socket), snapshot::hello(*page));
+        }
+        let [(_, slow), (_, quick)] = &mut pages;
+        for picture in 1..=UNANSWERED {
+            server.show(picture.to_string());
+            assert_eq!([&mut *slow, quick].map(text), [picture.to_string(), picture.to_string()]);
+            answer(quick);
+        }
+        for picture in ["late", "newest"] {
+            server.show(picture.to_owned());
+            assert_eq!(text(quick), picture);
+            answer(quick);
+        }
+        answer(slow);
+        assert_eq!(text(slow), "newest");
     }
 
     #[test]
