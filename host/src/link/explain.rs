@@ -178,6 +178,8 @@ mod tests {
             let found = refusal(&Refusal::State(state)).unwrap();
             assert!(found.contains(hint), "{state}: {found}");
         }
+        let rested = refusal(&Refusal::Rested);
+        assert!(rested.is_some_and(|hint| hint.contains("nobody is at the robot")));
     }
 
     #[test]
