@@ -16,10 +16,11 @@ use super::walk::PoseArgs;
 use super::{Error, Exit};
 use flix_host::link::explain;
 use flix_host::link::udp::{Connection, LinkError};
+use flix_host::nav::Stop;
 use flix_host::pose::any::Poses;
 use flix_host::pose::natnet::NatNetStatistics;
 use flix_host::pose::udp::UdpStatistics;
-use flix_host::pose::{PoseError, PoseSample, PoseSource};
+use flix_host::pose::{LATE, PoseError, PoseSample, PoseSource};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
 use flix_shell::output::{print, print_json, waiting};
@@ -354,6 +355,10 @@ fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
         Poses::NatNet(source) => judge_stream(source.statistics(), watched, source.bodies()),
         Poses::Udp(source) => judge_datagrams(source.statistics(), watched),
     });
+    let late = newest.and_then(|sample| sample.picture).map(|picture| picture.late);
+    if let Some(late) = late.filter(|late| *late > LATE) {
+        findings.push(Finding::bad("pose", Exit::NoAnswer, Stop::PosesLate { late }));
+    }
     if let Some(sample) = newest.filter(|s| s.valid) {
         let floor = sample.pose.on_the_floor();
         // Rounded to what is shown; nothing has no sign.
@@ -370,7 +375,13 @@ fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
 }
 
 /// What every source of poses counts alike.
-fn judge_poses(untracked: u64, jumps: u64, count: u64, watched: f64) -> Result<f64, String> {
+fn judge_poses(
+    untracked: u64,
+    jumps: u64,
+    spread: Duration,
+    count: u64,
+    watched: f64,
+) -> Result<String, String> {
     if untracked > 0 {
         return Err(format!(
             "the cameras lost the robot in {untracked} of {count} frames: clean or add markers, check occlusion"
@@ -388,7 +399,11 @@ fn judge_poses(untracked: u64, jumps: u64, count: u64, watched: f64) -> Result<f
             "{rate:.0} poses per second are too few: let the tracker send 100 or more"
         ));
     }
-    Ok(rate)
+    let delays = match spread.as_millis() {
+        0 => String::new(),
+        spread => format!(", delays differ by up to {spread} ms"),
+    };
+    Ok(format!("{rate:.0} per second, all tracked{delays}"))
 }
 
 fn judge_datagrams(seen: UdpStatistics, watched: f64) -> Finding {
@@ -411,10 +426,10 @@ fn judge_datagrams(seen: UdpStatistics, watched: f64) -> Finding {
             seen.unreadable
         ));
     }
-    match judge_poses(seen.untracked, seen.jumps, seen.poses, watched) {
-        Ok(rate) => Finding::good("poses", format_args!("{rate:.0} per second, all tracked")),
+    match judge_poses(seen.untracked, seen.jumps, seen.spread, seen.poses, watched) {
+        Ok(praise) => Finding::good("poses", praise),
         Err(_) if seen.late > seen.poses => bad(format!(
-            "{} of {} datagrams state a time that is not after the one before: state each picture's own, in seconds with their \
+            "{} of {} datagrams state a time that is not after the one before, or far ahead: state each picture's own, in seconds with their \
              fraction, or none",
             seen.late,
             seen.late + seen.poses
@@ -465,11 +480,8 @@ fn judge_stream(seen: NatNetStatistics, watched: f64, bodies: &[(String, i32)]) 
             }
         ));
     }
-    match judge_poses(seen.untracked, seen.jumps, seen.frames, watched) {
-        Ok(rate) => Finding::good(
-            "poses",
-            format_args!("{rate:.0} per second, all tracked, {} lost", seen.lost),
-        ),
+    match judge_poses(seen.untracked, seen.jumps, seen.spread, seen.frames, watched) {
+        Ok(praise) => Finding::good("poses", format_args!("{praise}, {} lost", seen.lost)),
         Err(sentence) => bad(sentence),
     }
 }
@@ -485,6 +497,13 @@ mod tests {
     #[test]
     fn a_good_stream_is_found_good() {
         assert!(judge_stream(seen(), 2.0, &[]).ok);
+    }
+
+    #[test]
+    fn delays_that_differ_are_shown() {
+        let seen = NatNetStatistics { spread: Duration::from_micros(12_700), ..seen() };
+        let sentence = judge_stream(seen, 2.0, &[]).sentence;
+        assert_eq!(sentence, "120 per second, all tracked, delays differ by up to 12 ms, 0 lost");
     }
 
     #[test]

@@ -319,7 +319,7 @@ impl Helm for Air {
         self.newest = Some((sample.time, place.position()));
         self.start.get_or_insert(place.position());
         match sample.picture {
-            Some(Picture { exposed, sent }) => {
+            Some(Picture { exposed, sent, .. }) => {
                 self.cameras.take(sample.time, sent);
                 if self.phase == Phase::Recording {
                     self.seen.push(Seen { arrived: sample.time, exposed, pose: sample.pose });

@@ -219,6 +219,8 @@ fn mean_and_deviation(numbers: impl Iterator<Item = f64>) -> Option<(f64, f64)> 
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use flix_protocol::units::Instant;
 
     use super::*;
@@ -234,7 +236,7 @@ mod tests {
             let exposed = Instant::from_micros(5_000_000 + index * 1_000_000 / rate);
             let pose =
                 Pose::planar(PlanarPose::default(), STANDS + course(index as f64 / rate as f64));
-            let picture = Some(Picture { exposed, sent: exposed });
+            let picture = Some(Picture { exposed, sent: exposed, late: Duration::ZERO });
             drops.observe(&PoseSample { time: exposed, pose, valid: true, picture })
         });
         verdicts.collect()

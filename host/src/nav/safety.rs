@@ -3,6 +3,7 @@
 use std::fmt;
 use std::time::Duration;
 
+use crate::pose::LATE;
 use crate::pose::geometry::{Area, Position};
 
 /// Why a run ended early. The robot is at rest then.
@@ -12,6 +13,11 @@ pub enum Stop {
     PoseLost {
         /// Time since the last one.
         waited: Duration,
+    },
+    /// Poses come, too late to be trusted, for as long as the run waits.
+    PosesLate {
+        /// By how much later than the fastest one.
+        late: Duration,
     },
     /// The poses stand still although the robot is commanded to walk.
     NotMoving {
@@ -62,6 +68,17 @@ pub enum Stop {
     Experiment(String),
 }
 
+impl Stop {
+    /// Returns why poses are missing where the newest came by so much later than the fastest one.
+    #[must_use]
+    pub(crate) fn of_poses_that_come(self, late: Duration) -> Self {
+        match self {
+            Self::PoseLost { .. } if late > LATE => Self::PosesLate { late },
+            other => other,
+        }
+    }
+}
+
 impl fmt::Display for Stop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -69,6 +86,12 @@ impl fmt::Display for Stop {
                 f,
                 "no trusted pose for {:.1} s: is the robot in view of the cameras? run `flix doctor`",
                 waited.as_secs_f64()
+            ),
+            Self::PosesLate { late } => write!(
+                f,
+                "poses come {:.1} s late: is the network of the cameras or the computer that sends them busy? give them a \
+                 network of their own, by cable",
+                late.as_secs_f64()
             ),
             Self::NotMoving { walked } => write!(
                 f,
@@ -111,5 +134,20 @@ impl fmt::Display for Stop {
             ),
             Self::Controller(sentence) | Self::Experiment(sentence) => f.write_str(sentence),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn poses_that_come_late_are_reported_with_their_delay() {
+        let lost = Stop::PoseLost { waited: Duration::from_secs(5) };
+        let late = lost.clone().of_poses_that_come(Duration::from_millis(1998)).to_string();
+        assert!(late.starts_with("poses come 2.0 s late"), "{late}");
+        assert_eq!(lost.clone().of_poses_that_come(LATE), lost);
+        let blocked = Stop::NotMoving { walked: Duration::from_secs(3) };
+        assert_eq!(blocked.clone().of_poses_that_come(LATE * 2), blocked);
     }
 }

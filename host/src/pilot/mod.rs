@@ -22,7 +22,7 @@ use crate::link::{Client, StopState, Update, passes};
 use crate::nav::{
     Decision, Footing, Identification, Navigator, PlanarPose, Progress, Resting, Stop,
 };
-use crate::pose::PoseSample;
+use crate::pose::{LATE, PoseSample};
 use crate::record::{Level, RecordError, Recorder};
 
 /// Longest time for preparation: link and alignment of the motors.
@@ -195,6 +195,8 @@ impl Recorded {
 pub struct Pilot<H> {
     helm: H,
     footing: Footing,
+    /// By how much the newest pose came later than the fastest one.
+    late: Duration,
     names: Vec<String>,
     phase: Phase,
     since: Option<Instant>,
@@ -217,6 +219,7 @@ impl<H: Helm> Pilot<H> {
         Self {
             helm,
             footing: Footing::default(),
+            late: Duration::ZERO,
             names,
             phase: Phase::Connecting,
             since: None,
@@ -314,6 +317,7 @@ impl<H: Helm> Pilot<H> {
         for sample in poses {
             off_its_feet = self.footing.observe(sample).or(off_its_feet);
             self.helm.observe(sample);
+            self.late = sample.picture.map_or(Duration::ZERO, |picture| picture.late);
             self.record(|recorder| recorder.pose(sample));
         }
         if let Some(stop) = off_its_feet.filter(|_| self.phase == Phase::Driving) {
@@ -481,6 +485,9 @@ impl<H: Helm> Pilot<H> {
             }
             Decision::Rest(reason) => {
                 let name = match reason {
+                    Resting::NoPoseYet | Resting::PoseTooOld if self.late > LATE => {
+                        "rest: the poses come late"
+                    }
                     Resting::NoPoseYet => "rest: no pose yet",
                     Resting::PoseTooOld => "rest: the pose is too old",
                     Resting::Arrived => "rest",
@@ -492,7 +499,10 @@ impl<H: Helm> Pilot<H> {
                 self.command(now, client, Setpoint::REST, "rest: finished".to_owned());
                 self.enter(now, Phase::Resting);
             }
-            Decision::Stopped(stop) => self.fail(now, client, Ending::Stopped(stop)),
+            Decision::Stopped(stop) => {
+                let stop = stop.of_poses_that_come(self.late);
+                self.fail(now, client, Ending::Stopped(stop));
+            }
         }
     }
 

@@ -7,11 +7,17 @@
 #[cfg(not(target_family = "wasm"))]
 pub mod any;
 pub mod continuity;
+#[cfg(not(target_family = "wasm"))]
+mod delay;
 pub mod geometry;
 #[cfg(not(target_family = "wasm"))]
 pub mod natnet;
 #[cfg(not(target_family = "wasm"))]
+mod order;
+#[cfg(not(target_family = "wasm"))]
 pub mod udp;
+
+use std::time::Duration;
 
 use flix_protocol::units::Instant;
 use serde::{Deserialize, Serialize};
@@ -20,6 +26,9 @@ use crate::pose::geometry::{FARTHEST, PlanarPose, wrap};
 
 /// A body that is tilted by more is on its side or back, rad.
 pub(crate) const MOST_TILT: f64 = core::f64::consts::FRAC_PI_3;
+/// A pose that comes by more than this later than the fastest one is not trusted: twice the age at which a pose is too old to
+/// steer by.
+pub const LATE: Duration = Duration::from_millis(200);
 /// Height of the markers of a robot on the floor, m: its plate is 0.06 m above its soles.
 const HEIGHTS: std::ops::RangeInclusive<f64> = 0.01..=0.3;
 
@@ -77,6 +86,8 @@ pub struct Picture {
     pub exposed: Instant,
     /// When the pose was sent; where the source does not state it, as `exposed`.
     pub sent: Instant,
+    /// By how much later than the fastest one it came; see [`LATE`].
+    pub late: Duration,
 }
 
 impl PoseSample {

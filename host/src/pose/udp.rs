@@ -25,12 +25,12 @@ use serde::Deserialize;
 use crate::link::transient;
 
 use super::continuity::Continuity;
-use super::{Picture, Pose, PoseError, PoseSample, PoseSource, Quaternion, Vector};
+use super::delay::Delay;
+use super::order::{Arrival, Order, Stamp};
+use super::{LATE, Picture, Pose, PoseError, PoseSample, PoseSource, Quaternion, Vector};
 
 /// Silence of a sender after which another one is taken, and of all others after which it is trusted again.
 const SENDER_PATIENCE: Duration = Duration::from_secs(2);
-/// Time by which a network may shuffle poses: a tracker whose clock goes back by more began anew.
-const SHUFFLED: Duration = Duration::from_secs(1);
 /// Longest datagram, bytes; longer ones are cut and therefore unreadable.
 const LONGEST: usize = 512;
 /// Most datagrams that one call of `poll` reads, so that a flood of them cannot keep the caller from its other work.
@@ -45,8 +45,11 @@ pub struct UdpStatistics {
     pub untracked: u64,
     /// Datagrams of the sender that are no pose.
     pub unreadable: u64,
-    /// Datagrams whose time is not after that of one before them: late, or twice, or of a tracker that stands still.
+    /// Datagrams whose time is not after that of one before them, or far ahead: late, or twice, of a tracker that stands still,
+    /// or not in seconds.
     pub late: u64,
+    /// Most by which a pose came later than the fastest one.
+    pub spread: Duration,
     /// Poses out of reach of the pose before them.
     pub jumps: u64,
     /// Datagrams of other senders; they were dropped.
@@ -63,8 +66,8 @@ pub struct UdpSource {
     sender: Option<(SocketAddr, Instant)>,
     /// When a second sender was heard last.
     doubted: Option<Instant>,
-    /// When the newest pose was taken, on the tracker's clock.
-    newest: Option<Instant>,
+    order: Order,
+    delay: Delay,
     continuity: Continuity,
     statistics: UdpStatistics,
 }
@@ -83,7 +86,8 @@ impl UdpSource {
             tracker,
             sender: None,
             doubted: None,
-            newest: None,
+            order: Order::default(),
+            delay: Delay::default(),
             continuity: Continuity::default(),
             statistics: UdpStatistics::default(),
         })
@@ -103,17 +107,37 @@ impl UdpSource {
         self.statistics
     }
 
-    /// Returns whether a picture was taken after all before it, or by a tracker that began anew.
-    fn is_new(&mut self, picture: Option<Picture>) -> bool {
-        let Some(Picture { exposed, .. }) = picture else { return true };
-        let is_new =
-            self.newest.is_none_or(|newest| exposed > newest || newest.since(exposed) > SHUFFLED);
-        if is_new {
-            self.newest = Some(exposed);
-        } else {
-            self.statistics.late += 1;
+    /// Returns how late a pose came whose picture was taken then; `None` when it is not newer than all before it.
+    fn late(&mut self, now: Instant, exposed: Instant) -> Option<Duration> {
+        match self.order.take(now, Stamp::Time(exposed)) {
+            Arrival::Next => {}
+            Arrival::Anew => self.delay = Delay::default(),
+            Arrival::OutOfOrder => {
+                self.statistics.late += 1;
+                return None;
+            }
         }
-        is_new
+        let late = self.delay.take(now, exposed);
+        self.statistics.spread = self.statistics.spread.max(late);
+        Some(late)
+    }
+
+    /// Judges a pose that came now; `None` when it is not newer than all before it.
+    fn judge(&mut self, now: Instant, (pose, tracked, taken): Reading) -> Option<PoseSample> {
+        let picture = match taken {
+            None => None,
+            Some(exposed) => {
+                let late = self.late(now, exposed)?;
+                Some(Picture { exposed, sent: exposed, late })
+            }
+        };
+        self.statistics.poses += 1;
+        self.statistics.untracked += u64::from(!tracked);
+        let is_alone = self.doubted.is_none_or(|last| now.since(last) > SENDER_PATIENCE);
+        let is_late = picture.is_some_and(|it| it.late > LATE);
+        let valid = tracked && self.continuity.take(now, &pose) && is_alone && !is_late;
+        self.statistics.jumps = self.continuity.jumps();
+        Some(PoseSample { time: now, pose, valid, picture })
     }
 
     fn is_sender(&mut self, from: SocketAddr, now: Instant) -> bool {
@@ -145,15 +169,10 @@ impl PoseSource for UdpSource {
             }
             match parse(&buffer[..length]) {
                 None => self.statistics.unreadable += 1,
-                Some((_, _, picture)) if !self.is_new(picture) => {}
-                Some((pose, tracked, picture)) => {
-                    self.statistics.poses += 1;
-                    self.statistics.untracked += u64::from(!tracked);
-                    let is_alone =
-                        self.doubted.is_none_or(|last| now.since(last) > SENDER_PATIENCE);
-                    let valid = tracked && self.continuity.take(now, &pose) && is_alone;
-                    self.statistics.jumps = self.continuity.jumps();
-                    return Ok(Some(PoseSample { time: now, pose, valid, picture }));
+                Some(reading) => {
+                    if let Some(sample) = self.judge(now, reading) {
+                        return Ok(Some(sample));
+                    }
                 }
             }
         }
@@ -185,8 +204,11 @@ const fn trusted() -> bool {
 /// Latest time that is taken from a tracker, s: all later ones, and none of this century, are slips.
 const LATEST: f64 = 1e11;
 
-/// Returns the pose of a datagram, whether the tracker trusts it, and when it was taken; `None` when it is no pose.
-fn parse(datagram: &[u8]) -> Option<(Pose, bool, Option<Picture>)> {
+/// A pose, whether the tracker trusts it, and when it was taken on the tracker's clock, if it states that.
+type Reading = (Pose, bool, Option<Instant>);
+
+/// Returns what a datagram states; `None` when it is no pose.
+fn parse(datagram: &[u8]) -> Option<Reading> {
     let text = std::str::from_utf8(datagram).ok().filter(|text| text.len() <= LONGEST)?.trim();
     let Named { x, y, z, roll, pitch, yaw, valid, time } = if text.starts_with('{') {
         serde_json::from_str(text).ok()?
@@ -206,11 +228,8 @@ fn parse(datagram: &[u8]) -> Option<(Pose, bool, Option<Picture>)> {
     if !pose.is_sound() || !time.as_ref().is_none_or(is_time) {
         return None;
     }
-    let picture = time.map(|seconds| {
-        let taken = Instant::from_micros((seconds * 1e6) as u64);
-        Picture { exposed: taken, sent: taken }
-    });
-    Some((pose, valid, picture))
+    let taken = time.map(|seconds| Instant::from_micros((seconds * 1e6) as u64));
+    Some((pose, valid, taken))
 }
 
 /// Returns the rotation by `roll` about x, then `pitch` about y, then `yaw` about z, rad, all about fixed axes.
@@ -291,8 +310,50 @@ mod tests {
         assert!(!seen(100.01, 30) && !seen(100.02, 40), "late, and of a tracker that stands still");
         assert!(seen(100.03, 50));
         // A tracker that began anew.
-        assert!(seen(3.0, 60) && seen(3.01, 70) && !seen(3.01, 80));
-        assert_eq!((source.statistics().poses, source.statistics().late), (5, 3));
+        let anew = (0..30).filter(|n| seen(3.0 + 0.01 * *n as f64, 60 + n * 10)).count();
+        assert!(anew == 20 && !seen(3.0 + 0.01 * 29.0, 360));
+        assert_eq!((source.statistics().poses, source.statistics().late), (23, 13));
+    }
+
+    /// The samples of pictures that come and were taken then, ms, in one place, and what was counted.
+    fn samples(pictures: impl IntoIterator<Item = (u64, u64)>) -> (Vec<PoseSample>, UdpStatistics) {
+        let (mut source, [tracker, _]) = wired();
+        let samples = pictures.into_iter().filter_map(|(now, taken)| {
+            let text = format!(r#"{{"x":0,"y":0,"yaw":0,"time":{}}}"#, taken as f64 * 1e-3);
+            deliver(&mut source, &tracker, &text, at(now))
+        });
+        (samples.collect(), source.statistics())
+    }
+
+    #[test]
+    fn poses_that_come_later_and_later_are_not_trusted_though_none_is_lost() {
+        let lag = |t: u64| t.saturating_sub(8000).min(2000);
+        let (samples, seen) = samples((0..2000).map(|n| n * 10).map(|t| (t + lag(t), 777 + t)));
+        assert_eq!((samples.len(), seen.late), (2000, 0));
+        assert!(samples[100..820].iter().all(|it| it.valid));
+        assert!(samples[821..].iter().all(|it| !it.valid));
+    }
+
+    #[test]
+    fn an_echo_is_no_pose() {
+        let echo = |n: u64| n.checked_sub(120).map(|n| n * 10);
+        let pictures = (0..500).flat_map(|n| [Some(n * 10), echo(n)].map(move |it| (n * 10, it)));
+        let (samples, seen) = samples(pictures.filter_map(|(now, it)| Some((now, it?))));
+        assert_eq!((samples.len(), seen.late), (500, 380));
+    }
+
+    #[test]
+    fn a_tracker_that_repeats_two_pictures_has_no_pose() {
+        let (samples, _) = samples((0..500).map(|n| (n * 10, 1000 + 1500 * (n % 2))));
+        assert_eq!(samples.len(), 2);
+    }
+
+    #[test]
+    fn a_time_far_ahead_costs_one_pose() {
+        let slip = |n: u64| if n % 100 == 50 { 900 } else { 0 };
+        let (samples, seen) = samples((0..500).map(|n| (n * 10, n * 10 + slip(n))));
+        assert_eq!((samples.len(), seen.late), (495, 5));
+        assert!(samples[100..].iter().all(|it| it.valid));
     }
 
     #[test]
@@ -356,7 +417,7 @@ mod tests {
 
     #[test]
     fn a_tracker_may_state_when_the_picture_was_taken() {
-        let taken = |text: &str| parse(text.as_bytes()).unwrap().2.map(|it| it.exposed);
+        let taken = |text: &str| parse(text.as_bytes()).unwrap().2;
         assert_eq!(taken(r#"{"x":1,"y":2,"yaw":0,"time":12.5}"#), Some(at(12_500)));
         assert_eq!(taken(r#"{"x":1,"y":2,"yaw":0}"#), None);
     }

@@ -316,7 +316,7 @@ pub fn serve(
                 robot.tick()?;
             }
             if let Some(cameras) = &mut cameras {
-                cameras.show(&robot).map_err(ServeError::Network)?;
+                cameras.show(&robot, clock.put_off).map_err(ServeError::Network)?;
             }
             send_due(&mut robot, socket, &mut frame);
         }
@@ -346,7 +346,8 @@ impl Cameras {
         Ok(Self { server, cameras: MotionCapture::new(args.seed), period, next: Instant::START })
     }
 
-    fn show(&mut self, robot: &SimulatedRobot<Plant>) -> io::Result<()> {
+    /// Shows the robot by a clock of their own, which goes on while the robot's is put off.
+    fn show(&mut self, robot: &SimulatedRobot<Plant>, put_off: Duration) -> io::Result<()> {
         let now = robot.now();
         self.server.serve(now)?;
         if now < self.next {
@@ -354,7 +355,7 @@ impl Cameras {
         }
         self.next = now + self.period;
         let pose = self.cameras.measure(robot);
-        self.server.stream(now.as_micros() as f64 * 1e-6, Some(&pose))
+        self.server.stream((now + put_off).as_micros() as f64 * 1e-6, Some(&pose))
     }
 }
 

@@ -59,7 +59,7 @@ impl MotionCapture {
     pub fn look(&mut self, now: Instant, robot: &SimulatedRobot<Plant>) {
         let pose = self.measure(robot);
         // The time of the sample is that of the exposure already.
-        let picture = Some(Picture { exposed: now, sent: now });
+        let picture = Some(Picture { exposed: now, sent: now, late: Duration::ZERO });
         let sample = PoseSample { time: now, pose, valid: !self.covered, picture };
         self.under_way.push_back((now + POSE_DELAY, sample));
     }

@@ -6,7 +6,8 @@
 //! In Motive, create the rigid body while the robot faces along Motive's +x, so that the axes of the
 //! body are those of the robot.
 
-mod order;
+mod frames;
+mod missing;
 mod server;
 mod source;
 

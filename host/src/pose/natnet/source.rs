@@ -22,10 +22,9 @@ use natnet::{
 use socket2::{Domain, Protocol, Socket, Type};
 
 use super::UpAxis;
-use super::order::{Arrival, Order, SHUFFLED};
+use super::frames::{Frames, Judged};
 use crate::link::transient;
-use crate::pose::continuity::Continuity;
-use crate::pose::{Picture, Pose, PoseError, PoseSample, PoseSource};
+use crate::pose::{Pose, PoseError, PoseSample, PoseSource};
 use crate::system::text::printable;
 
 /// A unicast server forgets a client that is silent for longer; NatNet's own samples send this
@@ -195,6 +194,8 @@ pub struct NatNetStatistics {
     pub lost: u64,
     /// Poses out of reach of the pose before them.
     pub jumps: u64,
+    /// Most by which a frame came later than the fastest one.
+    pub spread: Duration,
     /// Datagrams from other addresses than the server's; they were dropped.
     pub strangers: u64,
     /// Address of the last of these.
@@ -265,14 +266,11 @@ pub struct NatNetSource {
     greeting: Vec<u8>,
     greet_at: Instant,
     buffer: Vec<u8>,
-    last: Option<NatNetReading>,
-    order: Order,
+    frames: Frames,
     heard: Option<Instant>,
     /// When to ask which bodies there are now; nothing while that is known. Numbers may be of other bodies until then, and
     /// no pose is trusted.
     ask_bodies_at: Option<Instant>,
-    continuity: Continuity,
-    statistics: NatNetStatistics,
 }
 
 impl NatNetSource {
@@ -310,12 +308,9 @@ impl NatNetSource {
             greeting,
             greet_at: Instant::START,
             buffer: vec![0; MIN_DATA_BUFFER],
-            last: None,
-            order: Order::default(),
+            frames: Frames::default(),
             heard: None,
             ask_bodies_at: None,
-            continuity: Continuity::default(),
-            statistics: NatNetStatistics::default(),
         })
     }
 
@@ -345,7 +340,7 @@ impl NatNetSource {
     /// Returns what was received so far.
     #[must_use]
     pub fn statistics(&self) -> NatNetStatistics {
-        self.statistics
+        self.frames.statistics
     }
 
     fn say(&self, what: &[u8]) -> io::Result<()> {
@@ -395,18 +390,14 @@ impl NatNetSource {
         if from.ip() == *self.settings.server.ip() {
             return Ok(Some(kind(length)));
         }
-        self.statistics.strangers += 1;
-        self.statistics.stranger = Some(from.ip());
+        self.frames.statistics.strangers += 1;
+        self.frames.statistics.stranger = Some(from.ip());
         Ok(Some(Received::Foreign))
     }
 
-    /// Doubts the numbers of the bodies after a frame that says so, and after one of a stream that began anew.
-    fn doubt(&mut self, now: Instant, reading: &NatNetReading) {
+    /// Doubts the numbers of the bodies after a frame that gives reason to, and after silence.
+    fn doubt(&mut self, now: Instant, is_doubtful: bool) {
         let is_after_silence = self.heard.is_some_and(|heard| now.since(heard) > SILENCE);
-        let is_doubtful = self.last.as_ref().map_or(reading.is_list_changed, |last| {
-            (reading.is_list_changed && !last.is_list_changed)
-                || reading.frame < last.frame.saturating_sub(SHUFFLED)
-        });
         if is_after_silence || is_doubtful {
             self.ask_bodies_at = Some(now);
         }
@@ -442,27 +433,6 @@ impl NatNetSource {
             Err(_) => self.ask_bodies_at = self.ask_bodies_at.or(Some(now)),
         }
     }
-
-    /// Counts a frame, and returns whether it is newer than all that came before: a network may deliver frames late, or twice.
-    fn count(&mut self, reading: &NatNetReading) -> bool {
-        match self.order.take(reading.frame) {
-            Arrival::Newest { missing } => self.statistics.lost += missing,
-            Arrival::Late => {
-                self.statistics.frames += 1;
-                self.statistics.lost -= 1;
-                return false;
-            }
-            Arrival::Again => return false,
-        }
-        self.last = Some(*reading);
-        self.statistics.frames += 1;
-        match reading.body {
-            None => self.statistics.without_body += 1,
-            Some((_, false)) => self.statistics.untracked += 1,
-            Some((_, true)) => {}
-        }
-        true
-    }
 }
 
 impl PoseSource for NatNetSource {
@@ -473,7 +443,7 @@ impl PoseSource for NatNetSource {
                 Some(Received::Foreign) => continue,
                 Some(Received::Answer(length)) => length,
                 Some(Received::Datagram(length)) => {
-                    self.statistics.datagrams += 1;
+                    self.frames.statistics.datagrams += 1;
                     length
                 }
             };
@@ -484,7 +454,7 @@ impl PoseSource for NatNetSource {
                 let Layout { version, .. } = self.layout;
                 match ModelDef::parse_with_policy(datagram, version, self.layout.policy()) {
                     Ok(model) => self.look_up(now, &model),
-                    Err(_) => self.statistics.unreadable += 1,
+                    Err(_) => self.frames.statistics.unreadable += 1,
                 }
                 continue;
             }
@@ -494,18 +464,16 @@ impl PoseSource for NatNetSource {
             }
             match NatNetReading::in_layout(datagram, self.layout, self.body, self.settings.up) {
                 Ok(Some(reading)) => {
-                    self.doubt(now, &reading);
-                    let is_new = self.count(&reading);
-                    if let Some((pose, tracked)) = reading.body.filter(|_| is_new) {
-                        let is_steady = tracked && self.continuity.take(now, &pose);
-                        let valid = is_steady && self.ask_bodies_at.is_none();
-                        self.statistics.jumps = self.continuity.jumps();
-                        let picture = picture(reading.ticks, self.info.high_res_clock_frequency);
-                        return Ok(Some(PoseSample { time: now, pose, valid, picture }));
+                    let frequency = self.info.high_res_clock_frequency;
+                    let Judged { sample, is_doubtful } = self.frames.take(now, &reading, frequency);
+                    self.doubt(now, is_doubtful);
+                    if let Some(sample) = sample {
+                        let valid = sample.valid && self.ask_bodies_at.is_none();
+                        return Ok(Some(PoseSample { valid, ..sample }));
                     }
                 }
                 Ok(None) => {}
-                Err(_) => self.statistics.unreadable += 1,
+                Err(_) => self.frames.statistics.unreadable += 1,
             }
         }
         Ok(None)
@@ -559,17 +527,6 @@ impl NatNetReading {
         let is_list_changed = frame.params & LIST_CHANGED != 0;
         Ok(Some(Self { frame: frame.frame_number, body, ticks, is_list_changed }))
     }
-}
-
-/// Returns when a picture was taken and sent, of ticks of a clock that makes so many a second; `None` where they are
-/// not stated.
-fn picture(ticks: [u64; 2], frequency: u64) -> Option<Picture> {
-    let [exposed, sent] = ticks.map(|ticks| {
-        let micros = u128::from(ticks) * 1_000_000 / u128::from(frequency.max(1));
-        Instant::from_micros(u64::try_from(micros).unwrap_or(u64::MAX))
-    });
-    let is_stated = frequency > 0 && ticks[0] > 0;
-    is_stated.then(|| Picture { exposed, sent: sent.max(exposed) })
 }
 
 /// What the datagrams of a stream look like.
