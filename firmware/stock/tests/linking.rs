@@ -169,9 +169,9 @@ fn a_word_is_its_symbol_its_addend_and_what_stands_in_it() {
 
 #[test]
 fn differences_and_long_calls_stay_as_they_are() {
-    // Differences of 8, 16 and 32 bits of three kinds (GNU binutils, `include/elf/xtensa.h`), and a long call.
+    // Differences of 8, 16 and 32 bits of three kinds (GNU binutils, `include/elf/xtensa.h`), a long call, and nothing.
     let mut code = Section::code(".text.a");
-    for kind in (17..=19).chain(57..=62).chain([EXPANSION]) {
+    for kind in (17..=19).chain(57..=62).chain([EXPANSION, 0]) {
         code = code.with(&[kind, 2, 3, 4], kind, "start", 4);
     }
     let expected = code.bytes.clone();
