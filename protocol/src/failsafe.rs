@@ -62,8 +62,8 @@ pub const BATTERY_LOW_VOLTS: f32 = 9.9;
 /// Returns whether a robot arms with these settings `command_age`, s, counted in whole milliseconds, and `frequency_ramp`, Hz/s.
 #[must_use]
 pub fn arms_with(command_age: f32, frequency_ramp: f32) -> bool {
-    let age_ms = (command_age * 1e3 + 0.5) as u128;
-    age_ms <= longest_command_age(frequency_ramp).as_millis()
+    let age = Duration::from_millis((command_age * 1e3 + 0.5) as u64);
+    age <= longest_command_age(frequency_ramp)
 }
 
 #[cfg(test)]
@@ -82,6 +82,9 @@ mod tests {
             for (beyond, arms) in [(-100.0, true), (0.0, true), (0.4, true), (0.6, false)] {
                 assert_eq!(arms_with((age_ms as f32 + beyond) / 1e3, ramp), arms, "{beyond} ms");
             }
+        }
+        for (age, arms) in [(f32::INFINITY, false), (f32::MAX, false), (-1.0, true)] {
+            assert_eq!(arms_with(age, 200.0), arms, "{age} s");
         }
         assert_eq!(ramp_down(0.0), ramp_down(1.0));
         assert_eq!(ramp_down(1.0), Duration::from_millis(700));

@@ -78,10 +78,10 @@ impl Chip {
     #[must_use]
     pub const fn converter_millivolts(self) -> [u16; 2] {
         match self {
-            // The data sheet measures from 150 mV on: nothing is taken for 142 mV where the chip's fuses hold its reference
-            // alone. All ones are taken for 3,060 mV with the lowest reference, 1,000 mV (ESP-IDF,
-            // `adc_cali_line_fitting.c` of the ESP32).
-            Self::Esp32 => [150, 3_060],
+            // Nothing is taken for up to 200 mV, by what the fuses may say of two points, and for 142 where they hold the reference
+            // alone. All ones are taken for 3,056 mV with the lowest reference of the fuses, 995 mV (ESP-IDF,
+            // `adc_cali_line_fitting.c` of the ESP32). The data sheet measures from 150 mV on.
+            Self::Esp32 => [200, 3_056],
             // The data sheets measure from 0 to 2,900 and to 3,300 mV.
             Self::Esp32S3 => [CONVERTER_ERROR_MILLIVOLTS, 2_900],
             Self::Esp32C6 => [CONVERTER_ERROR_MILLIVOLTS, 3_300 - CONVERTER_ERROR_MILLIVOLTS],
@@ -659,12 +659,33 @@ mod tests {
     #[test]
     fn the_largest_count_of_the_battery_is_that_of_the_chips_converter() {
         for (chip, largest) in
-            [(Chip::Esp32, 3_797), (Chip::Esp32S3, 3_598), (Chip::Esp32C6, 3_999)]
+            [(Chip::Esp32, 3_792), (Chip::Esp32S3, 3_598), (Chip::Esp32C6, 3_999)]
         {
             for board in BOARDS.iter().filter(|board| board.chip == chip) {
                 assert_eq!(board.with_battery_divider().hardware.bus_largest_count, largest);
             }
         }
+    }
+
+    #[test]
+    fn no_fuses_of_an_esp32_make_what_is_clipped_look_measured() {
+        // Source: ESP-IDF, `adc_cali_line_fitting.c` of the ESP32, converter 1, 11 dB. A reference is 1,100 mV and 15 steps of
+        // 7 more or fewer; the two points are 278 and 3,265 and 63 and 255 steps of 4. Millivolts of all ones: between the last
+        // cells of its two tables, of references of 1,000 and 1,200 mV.
+        let of_ones = |reference: i32| {
+            let cell = |low: i32, high: i32| low * (1_200 - reference) + high * (reference - 1_000);
+            (cell(3_030, 3_184) + 63 * cell(3_060, 3_209) + 6_400) / 12_800
+        };
+        let of_nothing = |low: i32, high: i32| {
+            let span = high - low;
+            850 - (700 * high + span / 2) / span + 54
+        };
+        let ones = (-15..=15).map(|step| of_ones(1_100 + 7 * step)).min();
+        let lows = (-63..=63).map(|step| 278 + 4 * step);
+        let both = lows.flat_map(|low| (-255..=255).map(move |step| (low, 3_265 + 4 * step)));
+        let nothing = both.map(|(low, high)| of_nothing(low, high)).max();
+        let range = Chip::Esp32.converter_millivolts().map(i32::from);
+        assert_eq!([nothing, ones], range.map(Some));
     }
 
     #[test]

@@ -9,12 +9,15 @@
 
 use crate::elf::{self, Elf, Relocation, Section};
 use crate::fault::{EXPANSION, Fault, INSTRUCTION, WORD};
+use crate::instruction::is_whole;
 
 /// The processors' numbers (System V ABI, `e_machine`).
 pub(crate) const XTENSA: u16 = 94;
 const RISCV: u16 = 243;
 /// Kind of no relocation.
 pub(crate) const NONE: u8 = 0;
+/// Addend of a relocation that is to be left alone; one of an instruction comes out without its symbol, too, where that is lost.
+pub(crate) const LEFT_ALONE: u32 = 0x7466_656c;
 /// Kinds of what tells a linker that shortens code how code hung together, besides [`EXPANSION`]: differences of addresses, which are
 /// right as they are where nothing is shortened.
 const DIFFERENCES: [std::ops::RangeInclusive<u8>; 2] = [17..=19, 57..=62];
@@ -86,11 +89,15 @@ fn relocations(elf: &mut Elf<'_>, section: Section) -> Result<(), Fault> {
     let place = elf.section(section.info)?;
     for relocation in elf.relocations(section)? {
         let disguised = match relocation.kind {
-            NONE => continue,
             WORD => word(elf, place, relocation)?,
+            INSTRUCTION if relocation.symbol == 0 => return Err(Fault::Untargeted),
+            // What lies behind the section's end is another one's.
+            INSTRUCTION if !is_whole(elf.contents(place, relocation.place)?) => {
+                return Err(Fault::Truncated);
+            }
             INSTRUCTION => Relocation { kind: NONE, ..relocation },
-            kind if kind == EXPANSION || DIFFERENCES.iter().any(|range| range.contains(&kind)) => {
-                Relocation { kind: NONE, symbol: 0, ..relocation }
+            kind if is_left_alone(kind) => {
+                Relocation { kind: NONE, symbol: 0, addend: LEFT_ALONE, ..relocation }
             }
             kind => return Err(Fault::Relocation(kind)),
         };
@@ -99,12 +106,14 @@ fn relocations(elf: &mut Elf<'_>, section: Section) -> Result<(), Fault> {
     Ok(())
 }
 
+/// Returns whether what a relocation of this kind is of is right as it is.
+fn is_left_alone(kind: u8) -> bool {
+    [NONE, EXPANSION].contains(&kind) || DIFFERENCES.iter().any(|range| range.contains(&kind))
+}
+
 /// Adds what stands in a word to its relocation's addend: for Xtensa it counts, for RISC-V it is overwritten.
 fn word(elf: &mut Elf<'_>, place: Section, relocation: Relocation) -> Result<Relocation, Fault> {
-    if place.kind == elf::WITHOUT_CONTENTS {
-        return Err(Fault::Truncated);
-    }
-    let contents = elf.at(place.offset + relocation.place as usize)?;
+    let contents = elf.contents(place, relocation.place)?;
     let contents = u32::from_le_bytes(*contents.first_chunk().ok_or(Fault::Truncated)?);
     Ok(Relocation { addend: relocation.addend.wrapping_add(contents), ..relocation })
 }

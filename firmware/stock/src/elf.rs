@@ -16,14 +16,15 @@ const SECTION_COUNT: usize = 48;
 const SECTION_NAMES: usize = 50;
 /// Where a section header states the section's flags.
 const SECTION_FLAGS: usize = 8;
-/// Size of a relocation with an addend, and of a symbol.
+/// Size of a section header, of a relocation with an addend, and of a symbol.
+const SECTION: usize = 40;
 const RELOCATION: usize = 12;
 const SYMBOL: usize = 16;
 
 /// Kinds of sections.
 pub(crate) const SYMBOLS: u32 = 2;
 pub(crate) const WITH_ADDENDS: u32 = 4;
-pub(crate) const WITHOUT_CONTENTS: u32 = 8;
+const WITHOUT_CONTENTS: u32 = 8;
 pub(crate) const WITHOUT_ADDENDS: u32 = 9;
 /// Flags of sections: in memory when the program runs; left out by the linker.
 pub(crate) const ALLOCATED: u32 = 2;
@@ -102,6 +103,9 @@ impl<'a> Elf<'a> {
             0 if first != 0 => index(bytes, first + 20)?,
             count => usize::from(count),
         };
+        if count > 0 && size != SECTION {
+            return Err(Fault::Truncated);
+        }
         let section = |number: usize| {
             let header = first + number * size;
             Ok(Section {
@@ -197,9 +201,12 @@ impl<'a> Elf<'a> {
         std::str::from_utf8(self.text(names + symbol.name as usize)).map_err(|_| Fault::Truncated)
     }
 
-    /// Returns the bytes of the file from an offset on.
-    pub(crate) fn at(&mut self, offset: usize) -> Result<&mut [u8], Fault> {
-        self.bytes.get_mut(offset..).ok_or(Fault::Truncated)
+    /// Returns the bytes of a section from an offset in it to its end.
+    pub(crate) fn contents(&mut self, section: Section, from: u32) -> Result<&mut [u8], Fault> {
+        let end = section.offset + section.size;
+        let has_contents = section.kind != WITHOUT_CONTENTS;
+        let bytes = self.bytes.get_mut(section.offset + from as usize..end);
+        bytes.filter(|_| has_contents).ok_or(Fault::Truncated)
     }
 
     /// Returns a text that ends with a zero.

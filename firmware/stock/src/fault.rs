@@ -16,6 +16,8 @@ pub enum Fault {
     Foreign,
     /// Relocations without addends.
     WithoutAddends,
+    /// A relocation of an instruction that names no symbol.
+    Untargeted,
     /// A relocation of another kind than Xtensa objects were seen to have.
     Relocation(u8),
 }
@@ -28,6 +30,9 @@ impl fmt::Display for Fault {
             Self::WithoutAddends => {
                 formatter.write_str("relocations without addends, which no Xtensa object has")
             }
+            Self::Untargeted => formatter.write_str(
+                "a relocation of an instruction that names no symbol, or one in a section that is discarded",
+            ),
             Self::Relocation(kind) => write!(
                 formatter,
                 "a relocation of kind {kind}, and what is known is a word ({WORD}), an instruction ({INSTRUCTION}), \

@@ -112,11 +112,16 @@ impl Kind {
             _ => place.wrapping_add(4),
         }
     }
+}
 
-    /// Returns how many bytes an instruction takes.
-    fn length(self) -> usize {
-        if self == Self::NarrowBranch { 2 } else { 3 }
-    }
+/// Returns how many bytes an instruction takes that begins with this one.
+fn length(first: u8) -> usize {
+    if first & 0xf < 8 { 3 } else { 2 }
+}
+
+/// Returns whether these bytes hold a whole instruction at their beginning.
+pub(crate) fn is_whole(bytes: &[u8]) -> bool {
+    bytes.first().is_some_and(|first| bytes.len() >= length(*first))
 }
 
 /// Writes the target's address into the instruction that these bytes begin with, which will run at `place`.
@@ -140,8 +145,10 @@ pub fn fill(bytes: &mut [u8], place: u32, target: u32) -> Result<Kind, Misfit> {
         _ => value << shift,
     };
     let filled = instruction & kept | field & !kept;
-    let length = kind.length();
-    let room = bytes.get_mut(..length).ok_or(Misfit::Unknown { instruction })?;
-    room.copy_from_slice(&filled.to_le_bytes()[..length]);
+    if !is_whole(bytes) {
+        return Err(Misfit::Unknown { instruction });
+    }
+    let length = length(bytes[0]);
+    bytes[..length].copy_from_slice(&filled.to_le_bytes()[..length]);
     Ok(kind)
 }

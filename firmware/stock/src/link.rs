@@ -18,8 +18,8 @@ const OPTIONS: [&str; 6] = ["-flavor", "gnu", "-m", "elf32lriscv", "--emit-reloc
 const FOR_COMPILERS: &str = "-nostartfiles";
 /// Flags of an Xtensa program: with GNU's and Espressif's notes on its instructions (`EF_XTENSA_XT_INSN | EF_XTENSA_XT_LIT`).
 const FLAGS: u32 = 0x300;
-/// End of the names of the compiler's library's functions for 128 bits.
-const WIDE: &str = "ti3";
+/// What names of the compiler's library's functions for 128 bits begin with, besides those that [`is_wide`] knows by their end.
+const WIDE: [&str; 4] = ["floatti", "floatunti", "rust_u128", "rust_i128"];
 /// Symbols that rustc defines beside all crates, by the end of their names, and what they are the same as. Only the compiler
 /// proper generates them.
 const SHIMS: [(&str, Shim); 2] = [
@@ -51,6 +51,8 @@ pub enum Error {
     Usage(&'static str),
     /// Instructions that cannot name their targets: the places and the targets.
     Misfits(Vec<(u32, u32, Misfit)>),
+    /// Symbols that instructions name and nothing defines.
+    Undefined(BTreeSet<String>),
     /// Functions that are known to be compiled wrongly.
     Wide(BTreeSet<String>),
 }
@@ -68,16 +70,21 @@ impl fmt::Display for Error {
                     write!(formatter, "\n  at {place:#010x} for {target:#010x}: {misfit}")
                 })
             }
+            Self::Undefined(names) => write!(formatter, "undefined: {}", listed(names)),
             Self::Wide(names) => write!(
                 formatter,
                 "arithmetic of 128 bits is linked ({}), which this compiler gets wrong: use 64 bits",
-                names.iter().map(String::as_str).collect::<Vec<_>>().join(", ")
+                listed(names)
             ),
         }
     }
 }
 
 impl std::error::Error for Error {}
+
+fn listed(names: &BTreeSet<String>) -> String {
+    names.iter().map(String::as_str).collect::<Vec<_>>().join(", ")
+}
 
 /// How many instructions of each kind were filled in.
 pub type Filled = BTreeMap<Kind, usize>;
@@ -135,8 +142,18 @@ fn unfolded(arguments: &[String]) -> Result<Vec<String>, Error> {
     let [folded] = arguments else { return Ok(arguments.to_vec()) };
     let Some(path) = folded.strip_prefix('@') else { return Ok(arguments.to_vec()) };
     let text = fs::read_to_string(path).map_err(|error| Error::File(path.into(), error))?;
-    let lines = text.lines().map(|line| line.trim().trim_matches('"').replace(r"\\", r"\"));
+    let lines = text.lines().map(|line| unescaped(line.trim().trim_matches('"')));
     Ok(lines.filter(|line| !line.is_empty()).collect())
+}
+
+/// Returns the text with each character that stands behind a backslash in place of both.
+fn unescaped(text: &str) -> String {
+    let mut characters = text.chars();
+    let next = || match characters.next()? {
+        '\\' => characters.next(),
+        character => Some(character),
+    };
+    std::iter::from_fn(next).collect()
 }
 
 /// Copies of objects and archives, disguised, in a folder that goes with this.
@@ -238,32 +255,51 @@ fn finish(file: &mut [u8], output: &Path) -> Result<Filled, Error> {
     if !wide.is_empty() {
         return Err(Error::Wide(wide));
     }
-    let mut misfits = Vec::new();
-    let filled = fill(&mut elf, &mut misfits).map_err(fault)?;
+    let mut unfilled = Unfilled::default();
+    let filled = fill(&mut elf, &mut unfilled).map_err(fault)?;
     elf.set_machine(disguise::XTENSA, FLAGS).map_err(fault)?;
-    if misfits.is_empty() { Ok(filled) } else { Err(Error::Misfits(misfits)) }
+    match unfilled {
+        Unfilled { undefined, .. } if !undefined.is_empty() => Err(Error::Undefined(undefined)),
+        Unfilled { misfits, .. } if !misfits.is_empty() => Err(Error::Misfits(misfits)),
+        _ => Ok(filled),
+    }
 }
 
-fn fill(elf: &mut Elf<'_>, misfits: &mut Vec<(u32, u32, Misfit)>) -> Result<Filled, Fault> {
+/// What cannot be filled in: instructions, and symbols that nothing defines.
+#[derive(Default)]
+struct Unfilled {
+    misfits: Vec<(u32, u32, Misfit)>,
+    undefined: BTreeSet<String>,
+}
+
+fn fill(elf: &mut Elf<'_>, unfilled: &mut Unfilled) -> Result<Filled, Fault> {
     let mut filled = Filled::new();
     for section in elf.sections().into_iter().filter(|section| section.kind == elf::WITH_ADDENDS) {
         let code = elf.section(section.info)?;
         if code.flags & elf::ALLOCATED == 0 {
             continue;
         }
-        let symbols = elf.symbols(elf.section(section.link)?)?;
+        let table = elf.section(section.link)?;
+        let symbols = elf.symbols(table)?;
         for relocation in elf.relocations(section)? {
-            // None at all, which names no symbol; and words, which are filled in.
-            if relocation.kind != disguise::NONE || relocation.symbol == 0 {
+            let is_left = relocation.symbol == 0 && relocation.addend == disguise::LEFT_ALONE;
+            // Words are filled in.
+            if relocation.kind != disguise::NONE || is_left {
                 continue;
             }
-            let symbol = symbols.get(relocation.symbol).ok_or(Fault::Truncated)?;
+            let symbol = match relocation.symbol {
+                0 => return Err(Fault::Untargeted),
+                number => *symbols.get(number).ok_or(Fault::Truncated)?,
+            };
+            if symbol.section == 0 {
+                unfilled.undefined.insert(elf.symbol_name(table, symbol)?.to_owned());
+                continue;
+            }
             let target = symbol.value.wrapping_add(relocation.addend);
             let offset = relocation.place.checked_sub(code.address).ok_or(Fault::Truncated)?;
-            let bytes = elf.at(code.offset + offset as usize)?;
-            match instruction::fill(bytes, relocation.place, target) {
+            match instruction::fill(elf.contents(code, offset)?, relocation.place, target) {
                 Ok(kind) => *filled.entry(kind).or_default() += 1,
-                Err(misfit) => misfits.push((relocation.place, target, misfit)),
+                Err(misfit) => unfilled.misfits.push((relocation.place, target, misfit)),
             }
             let kind = fault::INSTRUCTION;
             elf.set_relocation(elf::Relocation { kind, ..relocation })?;
@@ -272,13 +308,23 @@ fn fill(elf: &mut Elf<'_>, misfits: &mut Vec<(u32, u32, Misfit)>) -> Result<Fill
     Ok(filled)
 }
 
+/// Returns whether a function of the compiler's library takes or gives 128 bits: its name ends with `ti` and the number of its
+/// operands, converts from or to `ti`, or is rustc's own.
+fn is_wide(name: &str) -> bool {
+    let Some(name) = name.strip_prefix("__") else { return false };
+    let operation = name.trim_end_matches(|last: char| last.is_ascii_digit());
+    let is_counted = operation.len() < name.len() && operation.ends_with("ti");
+    let is_made = name.starts_with("fix") && name.ends_with("ti");
+    is_counted || is_made || WIDE.iter().any(|begin| name.starts_with(begin))
+}
+
 /// Returns the functions for 128 bits that are linked.
 fn wide(elf: &Elf<'_>) -> Result<BTreeSet<String>, Fault> {
     let mut wide = BTreeSet::new();
     for section in elf.sections().into_iter().filter(|section| section.kind == elf::SYMBOLS) {
         for symbol in elf.symbols(section)?.into_iter().filter(|symbol| symbol.section != 0) {
             let name = elf.symbol_name(section, symbol)?;
-            if name.ends_with(WIDE) {
+            if is_wide(name) {
                 wide.insert(name.to_owned());
             }
         }

@@ -206,16 +206,47 @@ fn a_target_between_words_is_refused_where_words_are_counted() {
 #[test]
 fn what_names_no_address_is_refused() {
     // `entry a1, 32`, `retw.n`, `movi.n a2, 1`, `add a2, a3, a4`, `l32i a2, a3, 0`, nothing.
-    let others: [&[u8]; 6] = [
+    let others: [&[u8]; 8] = [
         &[0x36, 0x41, 0],
         &[0x1d, 0xf0],
         &[0x0c, 0x12],
         &[0x40, 0x23, 0x80],
         &[0x22, 0x23, 0],
+        // `call0` and `beqz.n`, cut.
+        &[0x05, 0],
+        &[0x8c],
         &[],
     ];
     for bytes in others {
         let refused = fill(&mut bytes.to_vec(), PLACE, PLACE + 8).unwrap_err();
         assert!(matches!(refused, Misfit::Unknown { .. }), "{bytes:x?}: {refused}");
+    }
+}
+
+/// Bits that instructions which name an address have in common, and what stands in them (chapter 7, opcode maps).
+const MAP: [(u32, u32); 12] = [
+    // `l32r`, `call`, `j`, `beqz` and the like, those with a constant, `bltui` and `bgeui`.
+    (0xf, 0x1),
+    (0xf, 0x5),
+    (0x3f, 0x06),
+    (0x3f, 0x16),
+    (0x3f, 0x26),
+    (0xbf, 0xb6),
+    // `bf` and `bt`, the loops, those that compare two registers or a bit, narrow ones.
+    (0xe0ff, 0x0076),
+    (0xf0ff, 0x8076),
+    (0xf0ff, 0x9076),
+    (0xf0ff, 0xa076),
+    (0xf, 0x7),
+    (0x8f, 0x8c),
+];
+
+#[test]
+fn of_all_words_those_of_the_manuals_map_are_filled_in_and_no_others() {
+    for word in 0..=u32::from(u16::MAX) {
+        let mut bytes = [word.to_le_bytes()[0], word.to_le_bytes()[1], 0];
+        let target = if word & 0xf == 1 { PLACE - 64 } else { PLACE + 8 };
+        let is_listed = MAP.iter().any(|(mask, bits)| word & mask == *bits);
+        assert_eq!(fill(&mut bytes, PLACE, target).is_ok(), is_listed, "{word:#06x}");
     }
 }

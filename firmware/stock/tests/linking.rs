@@ -9,7 +9,9 @@ use flix_xtensa::instruction::Kind;
 use flix_xtensa::link::{Error, Filled, link};
 
 use crate::instructions;
-use crate::objects::{DIFFERENCE, EXPANSION, INSTRUCTION, Object, Section, WORD, archive};
+use crate::objects::{
+    EXPANSION, GLOBAL, INSTRUCTION, LOCAL, Object, SECTION, Section, WORD, archive,
+};
 
 /// Where the script of these tests puts code and data.
 const CODE: u32 = 0x400d_0000;
@@ -167,14 +169,14 @@ fn a_word_is_its_symbol_its_addend_and_what_stands_in_it() {
 
 #[test]
 fn differences_and_long_calls_stay_as_they_are() {
-    let code = Section::code(".text.a").with(&[1, 2, 3, 4], DIFFERENCE, "start", 4).with(
-        &[5, 6, 7],
-        EXPANSION,
-        "start",
-        0,
-    );
+    // Differences of 8, 16 and 32 bits of three kinds (GNU binutils, `include/elf/xtensa.h`), a long call, and nothing.
+    let mut code = Section::code(".text.a");
+    for kind in (17..=19).chain(57..=62).chain([EXPANSION, 0]) {
+        code = code.with(&[kind, 2, 3, 4], kind, "start", 4);
+    }
+    let expected = code.bytes.clone();
     let (filled, program) = Bench::new().link_object(&program(code, vec![], &[])).unwrap();
-    assert_eq!(program.at(CODE)[..7], [1, 2, 3, 4, 5, 6, 7]);
+    assert_eq!(program.at(CODE)[..expected.len()], expected);
     assert_eq!(filled, Filled::new());
 }
 
@@ -242,6 +244,12 @@ fn arguments_may_stand_in_a_file() {
     bench.put("arguments", format!("\"-T{script}\"\n-o\n\"{output}\"\n{object}\n"));
     let filled = link(&lld(), &[format!("@{}", bench.path("arguments"))]).unwrap();
     assert_eq!(filled, [(Kind::Jump, 1)].into());
+    // As rustc writes a space: behind a backslash.
+    bench.put("an object.o", std::fs::read(&object).unwrap());
+    let spaced = bench.path("an object.o").replace('\\', r"\\").replace(' ', r"\ ");
+    bench.put("arguments", format!("-T{script}\n-o\n{output}\n{spaced}\n"));
+    let filled = link(&lld(), &[format!("@{}", bench.path("arguments"))]).unwrap();
+    assert_eq!(filled, [(Kind::Jump, 1)].into());
 }
 
 #[test]
@@ -285,9 +293,94 @@ fn arithmetic_of_128_bits_is_refused_where_it_is_linked_and_only_there() {
 }
 
 #[test]
+fn every_function_for_128_bits_is_refused_whatever_it_does_with_them() {
+    // Names of the compiler's library (compiler-rt, `lib/builtins/README.txt`), without those of 64 bits beside them.
+    let wide = ["__multi3", "__muloti4", "__udivmodti4", "__clzti2", "__fixunsdfti", "__fixsfti"];
+    let wide = wide.iter().chain(&["__floattidf", "__floatuntisf", "__rust_u128_mulo"]);
+    let narrow = ["__muldi3", "__udivmoddi4", "__fixunsdfdi", "__floatundisf", "__rust_begin"];
+    let bench = Bench::new();
+    let outcome = |name: &'static str| {
+        let code = Section::code(".text.a").with(&[0x25, 0, 0], INSTRUCTION, name, 0).plain(&[0]);
+        let called = Section::code(".text.b").plain(&[0; 4]);
+        bench.link_object(&program(code, vec![called], &[(name, ".text.b", 0)]))
+    };
+    for name in wide {
+        assert!(
+            matches!(outcome(name), Err(Error::Wide(names)) if names.contains(*name)),
+            "{name}"
+        );
+    }
+    narrow.iter().for_each(|name| assert!(outcome(name).is_ok(), "{name}"));
+}
+
+#[test]
+fn what_is_called_and_defined_nowhere_is_named() {
+    let code = Section::code(".text.a").with(&[0x25, 0, 0], INSTRUCTION, "nowhere", 0).plain(&[0]);
+    let bench = Bench::new();
+    let refused = bench.link_object(&program(code, vec![], &[])).unwrap_err().to_string();
+    assert!(refused.contains("undefined: nowhere"), "{refused}");
+    assert!(!Path::new(&bench.path("program")).exists());
+}
+
+#[test]
+fn an_instruction_whose_target_is_lost_is_refused() {
+    // Without a symbol; and of a symbol in a section that the script throws away.
+    let without = Section::code(".text.a").with(&[0x06, 0, 0], INSTRUCTION, "", CODE as i32);
+    let refused = disguise(&mut program(without, vec![], &[]).bytes());
+    assert_eq!(refused, Err(Fault::Untargeted));
+    let bench = Bench::new();
+    bench.put("script.x", SCRIPT.replace(".data :", "/DISCARD/ : { *(.gone) } .data :"));
+    for defined in [GLOBAL, LOCAL, SECTION] {
+        let code = Section::code(".text.a").with(&[0x06, 0, 0], INSTRUCTION, "gone", 0);
+        let gone = Section::code(".gone").plain(&[0; 4]);
+        let object = Object { defined, ..program(code, vec![gone], &[("gone", ".gone", 0)]) };
+        bench.put("object.o", object.bytes());
+        let outcome = bench.link(&[&bench.path("object.o")]);
+        assert!(outcome.is_err(), "{defined}: {outcome:?}");
+    }
+}
+
+#[test]
+fn nothing_is_written_behind_the_end_of_a_section() {
+    for bytes in [&[0x25, 0, 0][..], &[0x8c, 0x03]] {
+        for kept in 0..bytes.len() {
+            // Cut: the rest of the instruction would be the next section's.
+            let mut code = Section::code(".text.a").with(bytes, INSTRUCTION, "start", 0);
+            code.bytes.truncate(kept);
+            let refused = disguise(&mut program(code, vec![], &[]).bytes());
+            assert_eq!(refused, Err(Fault::Truncated), "{kept} of {bytes:x?}");
+        }
+    }
+    let mut data = Section::data(".data.x").with(&[0; 4], WORD, "start", 0);
+    data.bytes.truncate(3);
+    // And memory that is zeroed when the program starts.
+    let zeroed = Section { is_zeroed: true, ..Section::data(".bss.x") };
+    let zeroed = zeroed.with(&[0; 4], WORD, "start", 0);
+    for section in [data, zeroed] {
+        let code = Section::code(".text.a").plain(&[0; 4]);
+        assert_eq!(disguise(&mut program(code, vec![section], &[]).bytes()), Err(Fault::Truncated));
+    }
+}
+
+#[test]
+fn one_member_twice_and_a_weak_symbol_give_what_a_linker_gives() {
+    let called = |byte: u8| {
+        let code = Section::code(".text.b").plain(&[byte; 4]);
+        Object::new(vec![code], &[("called", ".text.b", 0)]).bytes()
+    };
+    let call = Section::code(".text.a").with(&[0x25, 0, 0], INSTRUCTION, "called", 0).plain(&[0]);
+    let bench = Bench::new();
+    bench.put("start.o", program(call, vec![], &[]).bytes());
+    bench.put("twice.a", archive(&[("one.o", called(1)), ("one.o", called(2))]));
+    let (_, program) = bench.link(&[&bench.path("start.o"), &bench.path("twice.a")]).unwrap();
+    let target = (instructions::OTHERS[3].target)(program.at(CODE), CODE);
+    assert_eq!(program.at(target)[..4], [1; 4]);
+}
+
+#[test]
 fn an_unknown_relocation_and_one_without_an_addend_are_refused() {
     let code = |kind| Section::code(".text.a").with(&[0; 4], kind, "start", 0);
-    for kind in [2, 8, 12, 21, 56, 63] {
+    for kind in [2, 10, 12, 16, 21, 56, 63] {
         let mut object = program(code(kind), vec![], &[]).bytes();
         assert_eq!(disguise(&mut object), Err(Fault::Relocation(kind)));
     }
@@ -304,6 +397,29 @@ fn objects_for_other_processors_and_other_files_stay_as_they_are() {
         disguise(&mut disguised).unwrap();
         assert_eq!(disguised, file);
     }
+}
+
+#[test]
+fn what_only_a_shortening_linker_needs_is_left_out() {
+    // A note as assemblers write it, in no memory, and one of Espressif's libraries.
+    let notes = [".xt.prop", ".xtensa.info"];
+    let code = Section::code(".text.a").plain(&[0; 4]);
+    let sections =
+        notes.map(|name| Section { is_note: true, ..Section::data(name) }.plain(b"note"));
+    let (_, program) = Bench::new().link_object(&program(code, sections.into(), &[])).unwrap();
+    for name in notes {
+        assert!(!program.0.windows(name.len()).any(|window| window == name.as_bytes()), "{name}");
+    }
+}
+
+#[test]
+fn headers_of_another_size_are_refused() {
+    // Of none: four billions of them would lie in one place.
+    let mut object = program(Section::code(".text.a").plain(&[0; 4]), vec![], &[]).bytes();
+    object[46..50].copy_from_slice(&[0; 4]);
+    let first = object[32] as usize | (object[33] as usize) << 8;
+    object[first + 20..first + 24].copy_from_slice(&[0xff; 4]);
+    assert_eq!(disguise(&mut object), Err(Fault::Truncated));
 }
 
 #[test]

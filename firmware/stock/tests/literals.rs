@@ -128,6 +128,32 @@ user:
 }
 
 #[test]
+fn literals_wait_for_code_over_variables() {
+    for section in [".data", ".bss"] {
+        let text = format!(
+            "\t.literal .LCPI0_0, table\n\t{section}\ntable:\n\t.byte 0\n\t.text\nuser:\n\tl32r a8, .LCPI0_0\n"
+        );
+        let found = places(&text);
+        assert!(found.contains(&(".LCPI0_0 table".to_owned(), ".literal".to_owned())), "{found:?}");
+    }
+}
+
+#[test]
+fn a_remark_is_no_function_and_a_section_named_as_code_is_code() {
+    let text = "\t.section .text.first,\"ax\",@progbits
+first:
+\t.literal .LCPI1_0, far
+\t// what follows:
+\t.section .text.second
+second:
+\tl32r a8, .LCPI1_0
+";
+    let expected =
+        [("first", ".text.first"), (".LCPI1_0 far", ".literal.second"), ("second", ".text.second")];
+    assert_eq!(places(text), pairs(&expected));
+}
+
+#[test]
 fn everything_else_stays_as_it_is() {
     let text = "\t.file \"x\"\n\t.text\nname:\n\tentry a1, 32\n\tretw.n\n\t.section .data,\"aw\",@progbits\nword:\n\t.word 7\n";
     let kept: Vec<&str> = moved(text).leak().lines().filter(|line| text.contains(line)).collect();

@@ -3,8 +3,12 @@
 /// Numbers of GNU binutils, `include/elf/xtensa.h`.
 pub const WORD: u8 = 1;
 pub const EXPANSION: u8 = 11;
-pub const DIFFERENCE: u8 = 19;
 pub const INSTRUCTION: u8 = 20;
+
+/// What a symbol is (System V ABI, `st_info`): global; local; a section.
+pub const GLOBAL: u8 = 0x10;
+pub const LOCAL: u8 = 0;
+pub const SECTION: u8 = 3;
 
 pub struct Relocation {
     pub place: u32,
@@ -17,6 +21,10 @@ pub struct Relocation {
 pub struct Section {
     pub name: &'static str,
     pub is_code: bool,
+    /// Whether it has no contents, but a size.
+    pub is_zeroed: bool,
+    /// Whether it is in no memory.
+    pub is_note: bool,
     pub bytes: Vec<u8>,
     pub relocations: Vec<Relocation>,
 }
@@ -43,11 +51,12 @@ impl Section {
     }
 }
 
-/// Sections, and symbols: each a name, the section that defines it, and the offset there.
-#[derive(Default)]
+/// Sections, and symbols: each a name, the section that defines it, and the offset there. A relocation may name no symbol.
 pub struct Object {
     pub sections: Vec<Section>,
     pub symbols: Vec<(&'static str, &'static str, u32)>,
+    /// What all symbols are that are defined.
+    pub defined: u8,
     /// Whether relocations are written without their addends.
     pub is_without_addends: bool,
 }
@@ -73,14 +82,15 @@ impl Names {
 
 impl Object {
     pub fn new(sections: Vec<Section>, symbols: &[(&'static str, &'static str, u32)]) -> Self {
-        Self { sections, symbols: symbols.to_vec(), is_without_addends: false }
+        Self { sections, symbols: symbols.to_vec(), defined: GLOBAL, is_without_addends: false }
     }
 
     /// Returns all symbols: those defined, then those that relocations name besides.
     fn all_symbols(&self) -> Vec<(&'static str, &'static str, u32)> {
         let mut all = self.symbols.clone();
         for relocation in self.sections.iter().flat_map(|section| &section.relocations) {
-            if !all.iter().any(|(name, ..)| *name == relocation.symbol) {
+            let is_listed = all.iter().any(|(name, ..)| *name == relocation.symbol);
+            if !relocation.symbol.is_empty() && !is_listed {
                 all.push((relocation.symbol, "", 0));
             }
         }
@@ -89,16 +99,23 @@ impl Object {
 
     pub fn bytes(&self) -> Vec<u8> {
         let symbols = self.all_symbols();
-        let index =
-            |name: &str| 1 + symbols.iter().position(|(one, ..)| *one == name).unwrap() as u32;
+        let index = |name: &str| match name {
+            "" => 0,
+            _ => 1 + symbols.iter().position(|(one, ..)| *one == name).unwrap() as u32,
+        };
         let (mut names, mut strings) = (Names::default(), Names::default());
         let count = self.sections.len() as u32;
         // Name, kind, flags, contents, link, information, alignment, size of an entry.
         let mut headers: Vec<([u32; 3], Vec<u8>, [u32; 4])> = vec![([0; 3], Vec::new(), [0; 4])];
         for section in &self.sections {
-            let flags = if section.is_code { 6 } else { 3 };
+            let flags = match section {
+                Section { is_note: true, .. } => 0,
+                Section { is_code: true, .. } => 6,
+                _ => 3,
+            };
+            let kind = if section.is_zeroed { 8 } else { 1 };
             headers.push((
-                [names.add(section.name), 1, flags],
+                [names.add(section.name), kind, flags],
                 section.bytes.clone(),
                 [0, 0, 4, 0],
             ));
@@ -124,10 +141,17 @@ impl Object {
         for (name, section, value) in &symbols {
             let place =
                 self.sections.iter().position(|one| one.name == *section).map_or(0, |at| at + 1);
-            // Global, of no kind.
-            contents.extend(words(&[strings.add(name), *value, 0, 0x10 | (place as u32) << 16]));
+            let kind = if place == 0 { GLOBAL } else { self.defined };
+            let information = u32::from(kind) | (place as u32) << 16;
+            contents.extend(words(&[strings.add(name), *value, 0, information]));
         }
-        headers.push(([names.add(".symtab"), 2, 0], contents, [table_of_symbols + 1, 1, 4, 16]));
+        // Behind those that are not global.
+        let first = if self.defined == GLOBAL { 1 } else { 1 + self.symbols.len() as u32 };
+        headers.push((
+            [names.add(".symtab"), 2, 0],
+            contents,
+            [table_of_symbols + 1, first, 4, 16],
+        ));
         headers.push(([names.add(".strtab"), 3, 0], strings.0, [0, 0, 1, 0]));
         let own = names.add(".shstrtab");
         headers.push(([own, 3, 0], names.0, [0, 0, 1, 0]));

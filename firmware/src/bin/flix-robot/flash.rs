@@ -8,6 +8,7 @@ use esp_bootloader_esp_idf::partitions::{
 };
 use esp_storage::FlashStorage;
 
+use crate::chip::parking;
 use crate::{fast, watchdog};
 
 /// Key of the robot's settings.
@@ -59,13 +60,13 @@ impl NorFlash for Flash {
         for sector in (from..to).step_by(Self::ERASE_SIZE) {
             watchdog::feed();
             fast::with_patient_watchdog(|| {
-                NorFlash::erase(&mut self.0, sector, sector + Self::ERASE_SIZE as u32)
+                parking(|| NorFlash::erase(&mut self.0, sector, sector + Self::ERASE_SIZE as u32))
             })?;
         }
         Ok(())
     }
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
-        NorFlash::write(&mut self.0, offset, bytes)
+        parking(|| NorFlash::write(&mut self.0, offset, bytes))
     }
 }

@@ -14,6 +14,8 @@ fn a_load_is_waited_for_by_what_needs_it_alone() {
     let load = || rri8(2, 2, 4, 5, 0);
     for (program, cycles) in [
         (vec![load(), add(6, 5, 5)], cost::LOAD_USE),
+        (vec![load(), add(6, 5, 7)], cost::LOAD_USE),
+        (vec![load(), add(6, 7, 5)], cost::LOAD_USE),
         (vec![load(), nop(), add(6, 5, 5)], cost::LOAD_USE - 1),
         (vec![load(), nop(), nop(), add(6, 5, 5)], 0),
         (vec![load(), add(6, 7, 7)], 0),

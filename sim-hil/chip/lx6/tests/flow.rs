@@ -51,6 +51,19 @@ fn a_branch_to_a_loops_end_leaves_it() {
 }
 
 #[test]
+fn a_loop_goes_round_behind_a_branch_that_is_not_taken_and_ends_behind_one_that_is() {
+    // The branch is the last instruction of the loop; it leaves when the count reaches its register, over an instruction.
+    let body = [addi(3, 3, 1), rri8(7, 1, 3, 5, 2)];
+    for (limit, times, behind) in [(4, 4, 0), (20, 10, 1)] {
+        let start = vec![movi(4, 10), movi(5, limit), looping(8, 4, 6)];
+        let program = [clear_exception(), start, body.to_vec(), vec![movi(6, 1)]].concat();
+        let core = after(&[], &program);
+        let left = core.special(special::LCOUNT);
+        assert_eq!((core.get(3), core.get(6), left), (times, behind, Some(10 - times)));
+    }
+}
+
+#[test]
 fn branches_that_compare_are_taken_when_the_manual_says() {
     type Condition = fn(u32, u32) -> bool;
     let conditions: [(u32, Condition); 12] = [
@@ -100,20 +113,22 @@ fn memory_is_read_as_it_was_written_signed_and_unsigned() {
         rri8(2, 1, 4, 6, 3),
         rri8(2, 9, 4, 7, 3),
         rri8(2, 0, 4, 8, 7),
+        rri8(2, 4, 4, 5, 3),
+        rri8(2, 2, 4, 10, 0),
         rri8(2, 4, 4, 5, 0),
         rri8(2, 5, 4, 5, 1),
         rri8(2, 2, 4, 9, 0),
     ];
     let core = after(&[(4, DATA), (5, 0x8765_4321)], &program);
     assert_eq!(
-        [6, 7, 8, 9].map(|register| core.get(register)),
-        [0x8765, 0xffff_8765, 0x87, 0x4321_0021]
+        [6, 7, 8, 9, 10].map(|register| core.get(register)),
+        [0x8765, 0xffff_8765, 0x87, 0x4321_0021, 0x2100_0000]
     );
 }
 
 #[test]
 fn comparing_and_storing_in_one_stores_only_what_was_expected() {
-    let program = [special(special::SCOMPARE1, 6), rri8(2, 14, 4, 5, 0), rri8(2, 2, 4, 7, 0)];
+    let program = [special(special::SCOMPARE1, 6), rri8(2, 14, 4, 5, 3), rri8(2, 2, 4, 7, 3)];
     for (expected, left) in [(0, 9), (1, 0)] {
         let core = after(&[(4, DATA), (5, 9), (6, expected)], &program);
         assert_eq!([5, 7].map(|register| core.get(register)), [0, left]);
@@ -126,6 +141,9 @@ fn what_is_not_emulated_ends_the_run_with_its_place() {
         ("floating point", rrr(10, 0, 3, 4, 5), Trouble::Instruction(0x0a_3450)),
         ("multiply and add", rri8(4, 0, 0, 0, 0x34), Trouble::Instruction(0x34_0004)),
         ("a load beside a word", rri8(2, 2, 4, 3, 0), Trouble::Memory(DATA + 1)),
+        ("a load beside a half", rri8(2, 1, 4, 3, 0), Trouble::Memory(DATA + 1)),
+        ("a signed load beside a half", rri8(2, 9, 4, 3, 0), Trouble::Memory(DATA + 1)),
+        ("a store beside a half", rri8(2, 5, 4, 3, 0), Trouble::Memory(DATA + 1)),
         ("a store into code", rri8(2, 6, 5, 3, 0), Trouble::Memory(super::CODE)),
         ("a division by zero", rrr(2, 12, 3, 4, 6), Trouble::Division),
         (

@@ -5,6 +5,7 @@ mod arithmetic;
 mod beside;
 mod cycles;
 mod flow;
+mod formats;
 mod windows;
 
 use flix_lx6::memory::Memory;

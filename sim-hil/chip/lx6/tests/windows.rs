@@ -6,6 +6,8 @@ use flix_lx6::processor::{Clock, Core, REGISTERS, Trouble};
 
 /// Where the handlers are.
 const VECTORS: u32 = 0x400;
+/// Where the recursive program is: beyond 1 GiB, as the ESP32's. The upper two bits of an address are the caller's.
+const FAR: u32 = 0x6000_1000;
 /// Distance from one to the next.
 const SPACING: usize = 0x40;
 
@@ -83,7 +85,7 @@ fn program(groups: u32, depth: i32) -> Vec<u8> {
 
 fn machine(groups: u32, depth: i32, registers: usize) -> (Core, Memory) {
     let mut memory = Memory::of(vec![
-        (super::CODE, program(groups, depth), true),
+        (FAR, program(groups, depth), true),
         (VECTORS, vectors(), true),
         (DATA, vec![0; super::DATA_BYTES], false),
     ]);
@@ -125,4 +127,64 @@ fn a_return_without_a_frame_is_refused() {
         Trouble::Windows,
         "entry in an exception"
     );
+}
+
+#[test]
+fn frames_that_the_manual_leaves_undefined_are_refused() {
+    let special = |number: u32, t| rrr(3, 1, number >> 4, number & 15, t);
+    let retw = || vec![0x1d, 0xf0];
+    let entry = |s: u32| wide(4 << 12 | s << 8 | 0x36);
+    // PS with windows, and in an exception besides; a0; the instruction.
+    for (state, link, instruction) in [
+        (1 << 18, 0, retw()),
+        (1 << 18 | 16, 1 << 30, retw()),
+        (0, 1 << 30, retw()),
+        (1 << 18, 2 << 30, retw()),
+        (1 << 18, 0, entry(4)),
+        (1 << 18 | 16, 0, entry(1)),
+        (0, 0, entry(1)),
+    ] {
+        // The caller is one group behind.
+        let program = [special(73, 5), special(230, 6), instruction, simcall()];
+        let (mut core, mut memory) = super::machine(&program);
+        for (register, value) in [(0, link), (5, 1 << 15 | 1), (6, state)] {
+            core.set(register, value);
+        }
+        let refused = run(&mut core, &mut memory).map_err(|fault| fault.trouble);
+        assert_eq!(refused, Err(Trouble::Windows), "{state:#x} and {link:#x}");
+    }
+}
+
+#[test]
+fn a_call_leaves_how_far_it_turns_above_where_it_comes_from() {
+    for turn in 1..=3 {
+        for call in [wide(turn << 4 | 5 | 1 << 6), wide(2 << 8 | (12 + turn) << 4)] {
+            let code = [call, vec![0xff; 5], simcall()].concat();
+            let mut memory = Memory::of(vec![(FAR, code, true)]);
+            let mut core = Core::new(FAR, REGISTERS, Clock::CYCLES);
+            core.set(2, FAR + 8);
+            run(&mut core, &mut memory).expect("it is called");
+            assert_eq!(core.get(turn as u8 * 4), turn << 30 | 0x2000_1003, "{turn}");
+            let state = core.special(flix_lx6::processor::special::PS);
+            assert_eq!(state.map(|bits| bits >> 16 & 3), Some(turn));
+        }
+    }
+}
+
+#[test]
+fn a_window_turns_by_hand_and_a_stack_pointer_moves_above_a_caller_that_is_in_registers_alone() {
+    let special = |number: u32, t| rrr(3, 1, number >> 4, number & 15, t);
+    let turned = super::after(&[(4, 7)], &[rrr(0, 4, 8, 0, 1), movi(1, 3), rrr(0, 4, 8, 0, 15)]);
+    assert_eq!((turned.get(4), turned.get(5)), (7, 3));
+    // `movsp`: the caller one, two or three groups behind, and none.
+    for (frames, is_moved) in [(1 << 15, true), (1 << 14, true), (1 << 13, true), (1 << 12, false)]
+    {
+        let program = [special(73, 4), rrr(0, 0, 1, 5, 3), simcall()];
+        let (mut core, mut memory) = super::machine(&program);
+        core.set(4, frames | 1);
+        core.set(5, 9);
+        let outcome = run(&mut core, &mut memory).map_err(|fault| fault.trouble);
+        let expected = if is_moved { Ok(()) } else { Err(Trouble::Alloca) };
+        assert_eq!((outcome, core.get(3) == 9), (expected, is_moved), "{frames:#x}");
+    }
 }

@@ -259,6 +259,12 @@ pub(crate) fn share_with_other_core(flash: FlashStorage<'static>) -> FlashStorag
     flash.multicore_auto_park()
 }
 
+/// Does what parks the other core, which holds no lock of both then: parked with one, it would keep it until it runs again, and
+/// an interrupt of this core, many of which wait behind a change of flash, would wait for it for ever.
+pub(crate) fn parking<R>(work: impl FnOnce() -> R) -> R {
+    critical_section::with(|_| work())
+}
+
 /// The units that encoders can be on, and their pins.
 pub(crate) struct EncoderUnits {
     /// Pins of those that the board has.
@@ -290,8 +296,13 @@ fn i2c(
     unit: impl esp_hal::i2c::master::Instance + 'static,
     pins: I2cPins<AnyPin<'static>>,
 ) -> Option<I2c<'static, Blocking>> {
-    let bus = I2c::new(unit, i2c_config(I2C_CLOCK)).ok()?;
-    Some(bus.with_sda(pins.sda).with_scl(pins.scl))
+    match I2c::new(unit, i2c_config(I2C_CLOCK)) {
+        Ok(bus) => Some(bus.with_sda(pins.sda).with_scl(pins.scl)),
+        Err(error) => {
+            log!("encoders: a bus cannot be set up: {error:?}");
+            None
+        }
+    }
 }
 
 fn i2c_config(clock: Rate) -> Config {

@@ -178,6 +178,11 @@ pub(crate) fn share_with_other_core(flash: FlashStorage<'static>) -> FlashStorag
     flash
 }
 
+/// Does it: no other core is parked.
+pub(crate) fn parking<R>(work: impl FnOnce() -> R) -> R {
+    work()
+}
+
 /// Every revision will do.
 pub(crate) const fn unsuitable() -> Option<&'static str> {
     None

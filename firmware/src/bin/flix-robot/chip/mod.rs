@@ -21,6 +21,6 @@ use {esp32c6 as chosen, esp32c6 as cores};
 
 pub(crate) use chosen::{reset_on_brown_out, unsuitable};
 pub(crate) use cores::{
-    Electronics, calls, enable_interrupts, share_out, share_with_other_core, start_fast_loop,
-    unused_stack,
+    Electronics, calls, enable_interrupts, parking, share_out, share_with_other_core,
+    start_fast_loop, unused_stack,
 };
