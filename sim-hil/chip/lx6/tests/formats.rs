@@ -125,7 +125,7 @@ fn a_literal_is_the_word_so_far_before_the_next_multiple_of_four() {
     for before in [vec![], [nop(), movi(9, 0)].concat(), nop(), movi(9, 0)] {
         let place = CODE + (start.len() + before.len()) as u32;
         for (literal, value) in [CODE + 4, CODE + 8].into_iter().zip(words) {
-            let back = ((place + 3) / 4 * 4 - literal) / 4;
+            let back = (4 * place.div_ceil(4) - literal) / 4;
             let load = wide((0x1_0000 - back) << 8 | 3 << 4 | 1);
             let core = after(&[], &[start.clone(), before.clone(), load]);
             assert_eq!(core.get(3), value, "at {place:#x}");
