@@ -62,6 +62,16 @@ impl Continuity {
         time.since(self.steady_since) >= STEADY_TIME
     }
 
+    /// Compares a pose that is not taken, as one is known whose picture was taken this much later or earlier: a true one that
+    /// is late is within its reach, and one of a second stream is a jump.
+    pub fn compare(&mut self, time: Instant, pose: &Pose, apart: Duration) {
+        let seconds = apart.as_secs_f64();
+        if self.last.is_some_and(|(_, last)| !is_within_reach(&last, pose, seconds)) {
+            self.jumps += 1;
+            self.steady_since = time;
+        }
+    }
+
     /// Returns the number of poses that were out of reach of the pose before them.
     #[must_use]
     pub const fn jumps(&self) -> u64 {

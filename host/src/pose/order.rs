@@ -93,6 +93,16 @@ impl Order {
         if is_next { Arrival::Next } else { Arrival::Anew }
     }
 
+    /// Returns the time between a picture and the newest, where both state theirs.
+    pub(super) fn apart(&self, stamp: Stamp) -> Option<Duration> {
+        match (self.newest?.1, stamp) {
+            (Stamp::Time(newest), Stamp::Time(time)) => {
+                Some(newest.since(time).max(time.since(newest)))
+            }
+            _ => None,
+        }
+    }
+
     /// Takes a picture out of order, and returns whether the stream began anew.
     fn is_anew(&mut self, now: Instant, stamp: Stamp) -> bool {
         let row = match self.row {

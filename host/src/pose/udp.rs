@@ -7,7 +7,8 @@
 //!
 //! Metres and radians, in the world frame ENU; the body's axes are forward, left, up (REP 103); yaw is counter-clockwise,
 //! and turned first, then pitch, then roll. `"valid": false` marks a pose that the tracker does not trust. `"time": 12.345`
-//! is when its picture was taken, seconds on any clock of the tracker's.
+//! is when its picture was taken, seconds on any clock of the tracker's: with it a pose that comes out of order is none, and
+//! one that comes late ([`LATE`]) is not trusted.
 //!
 //! Datagrams are not authenticated: those of the first sender alone are taken, until it is silent for
 //! `SENDER_PATIENCE`, and a stream that jumps is not trusted ([`crate::pose::continuity`]). Nobody knows which of two
@@ -108,12 +109,17 @@ impl UdpSource {
     }
 
     /// Returns how late a pose came whose picture was taken then; `None` when it is not newer than all before it.
-    fn late(&mut self, now: Instant, exposed: Instant) -> Option<Duration> {
-        match self.order.take(now, Stamp::Time(exposed)) {
+    fn late(&mut self, now: Instant, exposed: Instant, seen: Option<&Pose>) -> Option<Duration> {
+        let stamp = Stamp::Time(exposed);
+        match self.order.take(now, stamp) {
             Arrival::Next => {}
             Arrival::Anew => self.delay = Delay::default(),
             Arrival::OutOfOrder => {
                 self.statistics.late += 1;
+                if let Some((pose, apart)) = seen.zip(self.order.apart(stamp)) {
+                    self.continuity.compare(now, pose, apart);
+                    self.statistics.jumps = self.continuity.jumps();
+                }
                 return None;
             }
         }
@@ -127,7 +133,7 @@ impl UdpSource {
         let picture = match taken {
             None => None,
             Some(exposed) => {
-                let late = self.late(now, exposed)?;
+                let late = self.late(now, exposed, tracked.then_some(&pose))?;
                 Some(Picture { exposed, sent: exposed, late })
             }
         };

@@ -44,6 +44,11 @@ impl Frames {
             let was_missed = u64::from(self.missing.take_late(reading.frame));
             self.statistics.frames += was_missed;
             self.statistics.lost -= was_missed;
+            let pose = reading.body.filter(|(_, tracked)| *tracked);
+            if let Some(((pose, _), apart)) = pose.zip(self.order.apart(stamp)) {
+                self.continuity.compare(now, &pose, apart);
+                self.statistics.jumps = self.continuity.jumps();
+            }
             return Judged { sample: None, is_doubtful: has_changed };
         }
         let before = self.newest.replace(*reading);
@@ -141,6 +146,19 @@ mod tests {
         let (late, seen) = samples(late);
         // The first come before there is one that they could be missed after.
         assert_eq!((late.len(), seen.frames, seen.lost), (360, 500 - 14, 0));
+    }
+
+    #[test]
+    fn a_second_stream_that_is_a_little_ahead_is_not_trusted() {
+        let elsewhere = Pose::planar(PlanarPose { x: 0.5, y: 0.0, heading: 0.0 }, 0.06);
+        let forged = |n: u64| NatNetReading {
+            body: Some((elsewhere, true)),
+            ..frame(n as i32 + 5, n * 10 + 50)
+        };
+        let (samples, seen) = samples(
+            (0..500).flat_map(|n| [frame(n as i32, n * 10), forged(n)].map(|it| (n * 10, it))),
+        );
+        assert!(samples.iter().all(|it| !it.valid) && seen.jumps > 400, "{seen:?}");
     }
 
     #[test]
