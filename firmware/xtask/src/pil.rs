@@ -24,6 +24,8 @@ const CLOCK_HZ: f64 = 160e6;
 /// Datagrams a second whose share of the chip is printed.
 const FLOODS: [f64; 2] = [1_000.0, 10_000.0];
 
+/// QEMU's core where none is named.
+const FIRST_CORE: &str = "dc233c";
 /// Our own core, and the program that it is.
 const OWN: &str = "lx6";
 const OWN_PROGRAM: &str = "flix-lx6";
@@ -52,12 +54,13 @@ pub(crate) struct Args {
     /// The chip: the ESP32-C6's processor, or, built by the stock compiler as an experiment, an Xtensa core near the ESP32's.
     #[arg(long, default_value = "esp32c6")]
     chip: Chip,
-    /// The core that stands in for the ESP32's: one of QEMU's, or our own, which counts the cycles of an LX6.
-    #[arg(long, default_value = "dc233c", value_parser = ["dc233c", "de233_fpu", OWN])]
-    core: String,
+    /// The core that stands in for the ESP32's: one of QEMU's, dc233c where none is named, or our own, which counts the cycles
+    /// of an LX6.
+    #[arg(long, value_parser = [FIRST_CORE, "de233_fpu", OWN])]
+    core: Option<String>,
     /// Execute the image on QEMU's core and on our own until both have done so many instructions of the fast loop, and compare all
     /// registers after each of these.
-    #[arg(long, value_name = "INSTRUCTIONS", conflicts_with = "json")]
+    #[arg(long, value_name = "INSTRUCTIONS", conflicts_with = "json", value_parser = clap::value_parser!(u64).range(1..))]
     beside: Option<u64>,
     /// Print one JSON object.
     #[arg(long)]
@@ -87,6 +90,12 @@ enum Counted {
 impl Processor {
     fn of(args: &Args) -> Result<Self, Error> {
         let words = |text: &str| text.split(' ').map(str::to_owned).collect();
+        let core = args.core.as_deref().unwrap_or(FIRST_CORE);
+        if args.core.is_some() && args.chip != Chip::Esp32 {
+            return Err(Error::Sentence(format!(
+                "--core {core} stands in for the ESP32's: name --chip esp32, too"
+            )));
+        }
         match args.chip {
             Chip::Esp32c6 => Ok(Self {
                 chip: args.chip,
@@ -99,7 +108,7 @@ impl Processor {
                 counted: Counted::Instructions,
                 is_the_chips: true,
             }),
-            Chip::Esp32 if args.core == OWN => Ok(Self {
+            Chip::Esp32 if core == OWN => Ok(Self {
                 chip: args.chip,
                 title: "Xtensa LX6, our own core".into(),
                 program: own_core(),
@@ -111,11 +120,10 @@ impl Processor {
             // The image counts on the shift. Longer than an instruction takes, so that the clock runs in whole counts.
             Chip::Esp32 => Ok(Self {
                 chip: args.chip,
-                title: format!("Xtensa, QEMU's {}", args.core),
+                title: format!("Xtensa, QEMU's {core}"),
                 program: "qemu-system-xtensa".into(),
                 arguments: words(&format!(
-                    "-M sim -m 64 -cpu {} -display none -serial none -monitor none -semihosting -icount shift=10,sleep=off -kernel",
-                    args.core
+                    "-M sim -m 64 -cpu {core} -display none -serial none -monitor none -semihosting -icount shift=10,sleep=off -kernel"
                 )),
                 core: Core::Emulated,
                 counted: Counted::Instructions,
@@ -361,7 +369,7 @@ impl Replay {
 /// Builds what is missing, records, replays, compares, counts.
 pub(crate) fn run(args: &Args) -> Result<(), Error> {
     let processor = Processor::of(args)?;
-    if args.beside.is_some() && (args.chip != Chip::Esp32 || args.core == OWN) {
+    if args.beside.is_some() && (args.chip != Chip::Esp32 || processor.program == own_core()) {
         return Err(Error::Sentence(
             "--beside compares one of QEMU's Xtensa cores with our own: --chip esp32".into(),
         ));
@@ -428,12 +436,12 @@ mod tests {
         running median 1600 p99 1800 worst 2800 ticks 50000\n\
         foc median 2400 p99 2500 worst 2600 ticks 60000\n";
 
-    fn processor_with(chip: Chip, core: &str) -> Processor {
-        Processor::of(&Args { chip, core: core.into(), beside: None, json: false }).unwrap()
+    fn processor_with(chip: Chip, core: Option<&str>) -> Result<Processor, Error> {
+        Processor::of(&Args { chip, core: core.map(str::to_owned), beside: None, json: false })
     }
 
     fn processor(chip: Chip) -> Processor {
-        processor_with(chip, "dc233c")
+        processor_with(chip, None).unwrap()
     }
 
     fn report_of(chip: Chip, output: &str) -> Result<(), Error> {
@@ -508,11 +516,19 @@ mod tests {
 
     #[test]
     fn our_own_core_counts_cycles_and_is_built_for_as_the_chip_is() {
-        let processor = processor_with(Chip::Esp32, OWN);
+        let processor = processor_with(Chip::Esp32, Some(OWN)).unwrap();
         assert_eq!(processor.core, Core::Lx6);
         let json = serde_json::json!(Replay::read(&processor, GOOD).unwrap());
         assert_eq!(json["cycles"]["running"]["median"], 1600);
         assert_eq!((json.get("instructions"), &json["differences"]), (None, &0.into()));
+    }
+
+    #[test]
+    fn a_core_of_another_chip_is_refused() {
+        for chip in [Chip::Esp32c6, Chip::Esp32s3] {
+            let refused = processor_with(chip, Some(OWN)).err().map(|error| error.to_string());
+            assert!(refused.is_some_and(|sentence| sentence.contains("--chip esp32")), "{chip:?}");
+        }
     }
 
     #[test]
