@@ -11,6 +11,7 @@ use flix_host::teleop::page::pages::{Misuse, PageId, Pages, SIGN_OF_LIFE};
 use flix_host::teleop::page::snapshot::snapshot;
 use flix_protocol::message::{Command, Fault, Setpoint, State};
 use flix_protocol::units::Instant;
+use serde_json::json;
 
 /// Interval of a page's signs of life.
 const FRAME: Duration = Duration::from_millis(33);
@@ -65,7 +66,7 @@ impl Room {
     /// Says something that was decided this long ago.
     fn say(&mut self, page: PageId, request: Option<Request>, age: Duration) -> Result<(), Misuse> {
         let seen = Pages::stamp(self.now) - age.as_millis() as u64;
-        let message = Message { seen, request };
+        let message = Message { seen, request, press: None };
         self.pages.receive(page, message, &mut self.cockpit, &mut self.client, self.now)
     }
 
@@ -248,6 +249,27 @@ fn a_second_page_watches_and_may_only_stop() {
 }
 
 #[test]
+fn a_press_that_is_said_again_stops_once_and_is_stated_as_heard() {
+    let mut room = Room::walking();
+    room.open(BOB);
+    let mut press = |room: &mut Room, page, press| {
+        let request = Some(Request::Act(Action::Stop));
+        let message = Message { seen: Pages::stamp(room.now), request, press: Some(press) };
+        room.pages.receive(page, message, &mut room.cockpit, &mut room.client, room.now).unwrap();
+        room.run(REST);
+        let heard = snapshot(&room.cockpit, &room.pages, room.now)["presses"].clone();
+        (room.robot.stopped, heard)
+    };
+    assert_eq!(press(&mut room, BOB, 7), (true, json!([7])));
+    room.act(ANNA, Action::Clear);
+    // By another connection, as nobody had told it.
+    room.pages.close(BOB, &mut room.cockpit, &mut room.client, room.now);
+    room.open(BOB + 1);
+    assert_eq!(press(&mut room, BOB + 1, 7), (false, json!([7])));
+    assert_eq!(press(&mut room, BOB + 1, 8), (true, json!([7, 8])));
+}
+
+#[test]
 fn a_watching_page_is_no_sign_of_life_of_the_one_that_drives() {
     let mut room = Room::walking();
     room.open(BOB);
@@ -281,7 +303,7 @@ fn a_page_that_watches_does_not_begin_to_drive_when_the_other_is_closed() {
 #[test]
 fn a_page_that_has_seen_the_future_is_not_believed() {
     let mut room = Room::walking();
-    let message = Message { seen: Pages::stamp(room.now) + 1, request: None };
+    let message = Message { seen: Pages::stamp(room.now) + 1, request: None, press: None };
     let received = room.pages.receive(ANNA, message, &mut room.cockpit, &mut room.client, room.now);
     assert_eq!(received, Err(Misuse));
 }

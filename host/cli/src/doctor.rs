@@ -358,6 +358,10 @@ fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
     let late = newest.and_then(|sample| sample.picture).map(|picture| picture.late);
     if let Some(late) = late.filter(|late| *late > LATE) {
         findings.push(Finding::bad("pose", Exit::NoAnswer, Stop::PosesLate { late }));
+    } else if newest.is_some_and(|sample| !sample.valid) && findings.iter().all(|it| it.ok) {
+        let text =
+            "not trusted: poses have to come without pauses, 100 a second, and not in bursts";
+        findings.push(Finding::bad("pose", Exit::NoAnswer, text));
     }
     if let Some(sample) = newest.filter(|s| s.valid) {
         let floor = sample.pose.on_the_floor();

@@ -90,7 +90,7 @@ impl fmt::Display for Stop {
             Self::PosesLate { late } => write!(
                 f,
                 "poses come {:.1} s late: is the network of the cameras or the computer that sends them busy? give them a \
-                 network of their own, by cable",
+                 network of their own, by cable; or was the tracker's clock set, or does it run slow?",
                 late.as_secs_f64()
             ),
             Self::NotMoving { walked } => write!(

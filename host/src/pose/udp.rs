@@ -153,6 +153,10 @@ impl UdpSource {
                 .sender
                 .is_none_or(|(sender, last)| sender == from || now.since(last) > SENDER_PATIENCE);
         if is_sender {
+            if self.sender.is_some_and(|(sender, _)| sender != from) {
+                // Its clock is another one.
+                (self.order, self.delay) = (Order::default(), Delay::default());
+            }
             self.sender = Some((from, now));
         } else {
             self.statistics.strangers += 1;

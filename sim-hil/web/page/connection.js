@@ -1,7 +1,7 @@
 // ---- the robot in this page: a worker that looks like the WebSocket of a cockpit
 const NO_CONNECTION = "The robot is starting.", STOP_UNHEARD = NO_CONNECTION;
 // It is as slow as this computer is.
-const SILENT_MS = Infinity, GIVE_UP_MS = Infinity;
+const SILENT_MS = Infinity, GIVE_UP_MS = Infinity, DEAF_MS = Infinity;
 const packed = "{{module}}";
 const workerSource = URL.createObjectURL(new Blob([{{worker}}], { type: "text/javascript" }));
 const unpacked = new Response(new Blob([Uint8Array.from(atob(packed), (c) => c.charCodeAt(0))]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();

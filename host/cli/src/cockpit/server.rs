@@ -368,9 +368,11 @@ async fn talk(id: PageId, socket: WebSocket, shared: &Shared) -> FromPage {
                 timeout(LONGEST_SEND, is_heard).await.ok()?.ok()?;
                 snapshots.changed().await.ok()
             };
+            // What is long comes after pictures that state whether a stop was heard with which the page has begun.
+            let has_begun = sent > 2 * UNANSWERED;
             let newest = tokio::select! {
-                changed = settings.changed() => changed.ok().map(|()| settings.borrow_and_update().to_string()),
-                changed = scope.changed() => changed.ok().map(|()| scope.borrow_and_update().to_string()),
+                changed = settings.changed(), if has_begun => changed.ok().map(|()| settings.borrow_and_update().to_string()),
+                changed = scope.changed(), if has_begun => changed.ok().map(|()| scope.borrow_and_update().to_string()),
                 changed = picture => changed.map(|()| {
                     sent += 1;
                     snapshots.borrow_and_update().to_string()

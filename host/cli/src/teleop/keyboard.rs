@@ -221,7 +221,9 @@ impl Typing {
                 self.last = at;
             }
             Report::Unwatched => {
+                // A key of before is no sign that somebody looks now.
                 self.is_unwatched = true;
+                (self.is_touched, self.ready.is_touched) = (false, false);
                 self.ready.doubt = Some("nobody looks at the terminal");
             }
             Report::Watched => self.is_unwatched = false,
@@ -349,6 +351,8 @@ mod tests {
         assert!(!is_unwatched(&mut typing, 400, Report::Watched));
         assert!(is_unwatched(&mut typing, 500, Report::Unwatched));
         assert!(!is_unwatched(&mut typing, 600, key(KeyCode::Char('x'))));
+        typing.report(ms(700), key(KeyCode::Char('x')));
+        assert!(is_unwatched(&mut typing, 701, Report::Unwatched));
     }
 
     #[test]

@@ -19,6 +19,7 @@ pub struct Page<'a> {
     pub world: &'a str,
     /// How the page reaches its robot: JavaScript that defines `openConnection`, which returns an object such as a
     /// WebSocket; `SILENT_MS` and `GIVE_UP_MS`, how long it may bring nothing until the page shows nothing, and opens another;
+    /// `DEAF_MS`, how long it may leave a STOP unanswered until another is tried;
     /// `NO_CONNECTION` and `STOP_UNHEARD`, what is said without one, the second to who has asked for a stop; and `drawWorld`,
     /// which returns whether it has drawn the robot.
     pub connection: &'a str,

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! {"seen":1200}                            sees the snapshot of that stamp, ms
+//! {"seen":1200,"do":"stop","press":7}      stops; said once more, it is the same press of a button
 //! {"seen":1200,"do":"arm"}                 stop, arm, disarm, clear, rest, hold_heading, drive
 //! {"seen":1200,"do":{"walk":"left turn"}}  a mode by its name
 //! {"seen":1200,"do":{"frequency":-1}}      changes f by so much, Hz; `direction`: theta, degrees
@@ -25,6 +26,8 @@ pub struct Message {
     pub seen: u64,
     /// What its operator wants.
     pub request: Option<Request>,
+    /// Number of the press that asks for it, chosen by the page.
+    pub press: Option<u32>,
 }
 
 /// What an operator wants.
@@ -50,6 +53,7 @@ struct Line {
     seen: u64,
     #[serde(rename = "do")]
     request: Option<Word>,
+    press: Option<u32>,
 }
 
 #[derive(Deserialize)]
@@ -77,7 +81,7 @@ impl Message {
     pub fn parse(text: &str) -> Option<Self> {
         let line: Line = serde_json::from_str(text).ok().filter(|_| text.len() <= LONGEST)?;
         let request = line.request.map(|word| request(&word).ok_or(())).transpose().ok()?;
-        Some(Self { seen: line.seen, request })
+        Some(Self { seen: line.seen, request, press: line.press })
     }
 }
 
@@ -114,13 +118,16 @@ mod tests {
         for mode in Mode::ALL {
             let text = format!(r#"{{"seen":7,"do":{{"walk":"{}"}}}}"#, mode.name());
             let request = Some(Request::Act(Action::Walk(mode)));
-            assert_eq!(Message::parse(&text), Some(Message { seen: 7, request }));
+            assert_eq!(Message::parse(&text), Some(Message { seen: 7, request, press: None }));
         }
     }
 
     #[test]
     fn a_message_without_a_wish_is_a_sign_of_life() {
-        assert_eq!(Message::parse(r#"{"seen":0}"#), Some(Message { seen: 0, request: None }));
+        assert_eq!(
+            Message::parse(r#"{"seen":0}"#),
+            Some(Message { seen: 0, request: None, press: None })
+        );
     }
 
     #[test]

@@ -14,8 +14,7 @@
 //!
 //! A page answers each snapshot with a message of its own that asks for nothing, and is sent no more while some are unanswered: a
 //! slow connection shows fewer pictures, and none that is old. What is old all the same says so. A stop has arrived when
-//! a snapshot states that all stops of this page were heard; until then the page says that it may not have, and asks again by
-//! another connection.
+//! a snapshot states its press; until then the page says that it may not have, and asks again by another connection.
 
 pub mod hall;
 pub mod html;

@@ -20,11 +20,11 @@ const last = (list) => list[list.length - 1];
 
 // ---- the connection: every snapshot is answered with the stamp of the newest one that was drawn
 // A connection may stand and bring nothing: what was shown last is not how the robot is now, and another one is opened.
-let me, snapshot, shown = 0, connection, openedAt, arrivedAt;
-// Since when a stop is asked for that nobody has said to have heard, and how many were sent by this connection. Where there is none
-// every comparison with its time is false.
-let unheardSince, stopsSent;
-const STOP_ANSWER_MS = 500, STOP_GIVE_UP_MS = 1500;
+let me, snapshot, shown = 0, connection, arrivedAt, watchedAt = 0;
+// The newest press of STOP, since when nobody has said to have heard one, since when it is sent by this connection, and how long
+// that may take until another one is tried. Where there is none every comparison with its time is false.
+let press, unheardSince, sentSince, deafMs = DEAF_MS;
+const STOP_ANSWER_MS = 500;
 // How much later than the fastest of this connection a picture has come. Clocks part by less than DRIFT of their time.
 const DRIFT = 0.0005;
 let least, late = 0;
@@ -34,23 +34,29 @@ function measure(stamp, now) {
   late = behind - least;
 }
 function send(request) {
-  const isStop = request === "stop";
-  if (isStop) unheardSince ??= performance.now();
-  if (connection?.readyState !== WebSocket.OPEN) return;
-  connection.send(message(request));
-  if (isStop) stopsSent += 1;
+  if (request === "stop") {
+    press = Math.floor(Math.random() * 2 ** 32);
+    unheardSince ??= performance.now();
+    return sendStop();
+  }
+  if (connection?.readyState === WebSocket.OPEN) connection.send(message(request));
 }
-const message = (request) => JSON.stringify(request === undefined ? { seen: shown } : { seen: shown, do: request });
+function sendStop() {
+  if (connection?.readyState !== WebSocket.OPEN) return;
+  connection.send(message("stop", press));
+  sentSince ??= performance.now();
+}
+const message = (request, press) => JSON.stringify({ seen: shown, do: request, press });
 // A longer one is none of a page.
 const isTooLong = (request) => new TextEncoder().encode(message(request)).length > LONGEST;
 function connect() {
   const own = connection = openConnection();
-  openedAt = arrivedAt = performance.now();
-  stopsSent = 0;
+  arrivedAt = performance.now();
+  sentSince = undefined;
   least = undefined;
   own.onmessage = (event) => {
     const data = JSON.parse(event.data);
-    if ("you" in data) { me = data.you; if (unheardSince !== undefined) send("stop"); if (byId("settings").open) send("settings"); return; }
+    if ("you" in data) { me = data.you; if (unheardSince !== undefined) sendStop(); if (byId("settings").open) send("settings"); return; }
     if (data.settings) showSettings(data.settings);
     if (data.scope) showScope(data.scope);
     if (!("stamp" in data)) return;
@@ -58,7 +64,7 @@ function connect() {
     const now = performance.now();
     measure(data.stamp, now);
     arrivedAt = now;
-    if (stopsSent && data.stops[me] >= stopsSent) unheardSince = undefined;
+    if (data.presses.includes(press)) [unheardSince, sentSince, deafMs] = [undefined, undefined, DEAF_MS];
     send();
   };
   own.onclose = () => {
@@ -71,10 +77,17 @@ function connect() {
 }
 function showNothing() { snapshot = undefined; forgetHands(); letGo(); }
 function watchConnection() {
-  const now = performance.now(), silent = now - arrivedAt;
+  const now = performance.now(), silent = now - arrivedAt, hasStood = now - watchedAt > SILENT_MS;
+  watchedAt = now;
+  // What came while the page stood still is taken first.
+  if (hasStood) return;
   if (snapshot && silent > SILENT_MS) showNothing();
-  const isDeaf = now - Math.max(unheardSince, openedAt) > STOP_GIVE_UP_MS;
-  if (connection && (silent > GIVE_UP_MS || isDeaf)) { const old = connection; old.onclose(); old.close(); }
+  const isDeaf = now - sentSince > deafMs;
+  if (!connection || (silent <= GIVE_UP_MS && !isDeaf)) return;
+  if (isDeaf) deafMs *= 2;
+  const old = connection;
+  old.onclose();
+  old.close();
 }
 // What is said for a while beside the robot's own log.
 const REMARKED_MS = 10000;
@@ -500,10 +513,10 @@ function banner() {
   const unheard = performance.now() - unheardSince;
   if (unheard > STOP_ANSWER_MS || (!snapshot && unheard >= 0)) return [STOP_UNHEARD, false];
   if (!snapshot) return [NO_CONNECTION, false];
+  if (snapshot.stopping) return [`Stop is sent, and not acknowledged yet. ${snapshot.link.state === "failed" ? `Stop the robot at its switch: ${snapshot.link.text}` : ""}`.trim(), false];
   if (late > SILENT_MS) return [`The connection is slow: this was ${figure(late / 1000, 0)} s ago.`, false];
   if (snapshot.link.state === "failed") return [snapshot.link.text, false];
   if (telemetry?.faults.length) return [`${telemetry.faults.map((fault) => `${fault.name}: ${fault.help}`).join(". ")}. Then press Clear.`, false];
-  if (snapshot.stopping) return ["Stop is sent, and not acknowledged yet.", false];
   if (telemetry?.stopped) return [`Stopped${telemetry.stopped_by ? ` by ${telemetry.stopped_by}` : ""}. Clear makes the robot ready again.`, false];
   if (!drives()) return ["This page watches. Its STOP stops the robot; to drive, take over.", true];
   return [];

@@ -4,7 +4,7 @@
 //! [`LINK_LOST`] it is disarmed, as the robot itself does with a silent link. What it did is not taken up
 //! again: the operator commands anew.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
 
 use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LOST};
@@ -21,14 +21,18 @@ use crate::teleop::scope::Wish;
 /// Age from which a message is no sign of life: the robot's own deadline for commands.
 pub const SIGN_OF_LIFE: Duration = COMMAND_DEADLINE;
 
+/// Presses of STOP that are remembered.
+const PRESSES: usize = 16;
+
 /// Number of a page, never used again.
 pub type PageId = u32;
 
 /// The open pages.
 #[derive(Debug, Clone, Default)]
 pub struct Pages {
-    /// How many stops were heard of each.
-    open: BTreeMap<PageId, u32>,
+    open: BTreeSet<PageId>,
+    /// The newest presses by which pages have asked for a stop.
+    presses: VecDeque<u32>,
     driver: Option<Driver>,
 }
 
@@ -72,14 +76,15 @@ impl Pages {
         self.open.len()
     }
 
-    /// Returns the pages that have asked for a stop, and how many stops were heard of each since it was opened.
-    pub fn stops(&self) -> impl Iterator<Item = (PageId, u32)> {
-        self.open.iter().map(|(page, stops)| (*page, *stops)).filter(|(_, stops)| *stops > 0)
+    /// Returns the newest presses by which pages have asked for a stop: these were heard.
+    #[must_use]
+    pub const fn presses(&self) -> &VecDeque<u32> {
+        &self.presses
     }
 
     /// Takes a page that was opened; it drives if no other does.
     pub fn open(&mut self, page: PageId, now: Instant) {
-        self.open.insert(page, 0);
+        self.open.insert(page);
         if self.driver.is_none() {
             self.driver = Some(Driver::new(page, now));
         }
@@ -108,7 +113,7 @@ impl Pages {
         client: &mut Client,
         now: Instant,
     ) {
-        if !self.open.contains_key(&page) {
+        if !self.open.contains(&page) {
             return;
         }
         cockpit.act(Action::Stop, client, now);
@@ -128,7 +133,9 @@ impl Pages {
         client: &mut Client,
         now: Instant,
     ) -> Result<(), Misuse> {
-        let Some(stops) = self.open.get_mut(&page) else { return Ok(()) };
+        if !self.open.contains(&page) {
+            return Ok(());
+        }
         if message.seen > Self::stamp(now) {
             return Err(Misuse);
         }
@@ -142,9 +149,13 @@ impl Pages {
         }
         match message.request {
             None => {}
+            // Who asks again, since nobody has said that it was heard, stops nothing that was cleared meanwhile.
             Some(Request::Act(Action::Stop)) => {
-                *stops = stops.saturating_add(1);
-                cockpit.act(Action::Stop, client, now);
+                if message.press.is_none_or(|press| !self.presses.contains(&press)) {
+                    cockpit.act(Action::Stop, client, now);
+                    self.presses.extend(message.press);
+                    self.presses.drain(..self.presses.len().saturating_sub(PRESSES));
+                }
             }
             Some(Request::Act(action @ (Action::Rest | Action::Disarm))) if drives => {
                 cockpit.act(action, client, now);

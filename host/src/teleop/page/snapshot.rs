@@ -2,7 +2,7 @@
 
 use flix_protocol::message::{Channel, SCOPE_RATE_HZ, State, Telemetry};
 use flix_protocol::units::Instant;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use super::pages::Pages;
 use crate::link::explain;
@@ -89,8 +89,6 @@ pub fn snapshot(cockpit: &Cockpit, pages: &Pages, now: Instant) -> Value {
         .into_iter()
         .rev()
         .collect();
-    let stops: Map<_, Value> =
-        pages.stops().map(|(page, stops)| (page.to_string(), stops.into())).collect();
     json!({
         "stamp": Pages::stamp(now),
         "driver": pages.driver(),
@@ -99,7 +97,7 @@ pub fn snapshot(cockpit: &Cockpit, pages: &Pages, now: Instant) -> Value {
         "link": link(cockpit),
         "wanted": [cockpit.wanted.frequency().get(), cockpit.wanted.direction().get()],
         "stopping": cockpit.is_stopping,
-        "stops": stops,
+        "presses": pages.presses(),
         "is_unrecorded": cockpit.is_unrecorded,
         "current_limit": cockpit.current_limit,
         "rotors": cockpit.shown_rotors(),
