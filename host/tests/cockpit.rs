@@ -252,7 +252,7 @@ fn a_second_page_watches_and_may_only_stop() {
 fn a_press_that_is_said_again_stops_once_and_is_stated_as_heard() {
     let mut room = Room::walking();
     room.open(BOB);
-    let mut press = |room: &mut Room, page, press| {
+    let press = |room: &mut Room, page, press| {
         let request = Some(Request::Act(Action::Stop));
         let message = Message { seen: Pages::stamp(room.now), request, press: Some(press) };
         room.pages.receive(page, message, &mut room.cockpit, &mut room.client, room.now).unwrap();

@@ -425,6 +425,14 @@ mod tests {
     }
 
     #[test]
+    fn an_offer_that_cannot_be_erased_is_an_error_and_none_is_none() {
+        let (_directory, keyring) = keyring();
+        assert!(keyring.withdraw("walker", None).is_ok());
+        fs::create_dir_all(keyring.offered_file("walker")).unwrap();
+        assert!(keyring.withdraw("walker", None).is_err());
+    }
+
+    #[test]
     fn two_generated_keys_differ() {
         assert_ne!(generate().unwrap(), generate().unwrap());
     }

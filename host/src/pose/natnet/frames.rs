@@ -1,13 +1,53 @@
 //! What the frames of a stream are worth: their order, their delay, and whether their poses can be believed.
 
+use std::net::IpAddr;
+use std::time::Duration;
+
 use flix_protocol::units::Instant;
 
 use super::missing::Missing;
-use super::{NatNetReading, NatNetStatistics};
 use crate::pose::continuity::Continuity;
 use crate::pose::delay::Delay;
 use crate::pose::order::{Arrival, Order, Stamp};
-use crate::pose::{LATE, Picture, PoseSample};
+use crate::pose::{LATE, Picture, Pose, PoseSample};
+
+/// What was received so far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct NatNetStatistics {
+    /// Datagrams of any kind from the server.
+    pub datagrams: u64,
+    /// Frames among them.
+    pub frames: u64,
+    /// Datagrams that could not be read.
+    pub unreadable: u64,
+    /// Frames without the robot's body.
+    pub without_body: u64,
+    /// Frames whose body was not tracked.
+    pub untracked: u64,
+    /// Frames that never came, by the gaps in their numbers.
+    pub lost: u64,
+    /// Poses out of reach of the pose before them.
+    pub jumps: u64,
+    /// Most by which a frame came later than the fastest one.
+    pub spread: Duration,
+    /// Datagrams from other addresses than the server's; they were dropped.
+    pub strangers: u64,
+    /// Address of the last of these.
+    pub stranger: Option<IpAddr>,
+}
+
+/// What one datagram reported.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NatNetReading {
+    /// Number of the frame.
+    pub frame: i32,
+    /// The robot's pose and whether it is tracked; `None`: the frame has no such body.
+    pub body: Option<(Pose, bool)>,
+    /// When the cameras were exposed, and when the frame was sent, in ticks of the server's clock; 0: not stated.
+    pub ticks: [u64; 2],
+    /// Whether the server says that its list of bodies has changed.
+    pub is_list_changed: bool,
+}
 
 /// The frames of a stream.
 #[derive(Debug, Default)]

@@ -11,10 +11,9 @@ mod missing;
 mod server;
 mod source;
 
+pub use frames::{NatNetReading, NatNetStatistics};
 pub use server::{NatNetServer, ServerSettings};
-pub use source::{
-    Body, NatNetError, NatNetReading, NatNetSettings, NatNetSource, NatNetStatistics,
-};
+pub use source::{Body, NatNetError, NatNetSettings, NatNetSource};
 
 use std::fmt;
 use std::net::Ipv4Addr;

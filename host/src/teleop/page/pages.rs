@@ -147,15 +147,15 @@ impl Pages {
             driver.seen = driver.seen.max(seen);
             (driver.is_silent, driver.is_lost) = (false, false);
         }
+        let was_heard = message.press.is_some_and(|press| self.presses.contains(&press));
         match message.request {
             None => {}
             // Who asks again, since nobody has said that it was heard, stops nothing that was cleared meanwhile.
+            Some(Request::Act(Action::Stop)) if was_heard => {}
             Some(Request::Act(Action::Stop)) => {
-                if message.press.is_none_or(|press| !self.presses.contains(&press)) {
-                    cockpit.act(Action::Stop, client, now);
-                    self.presses.extend(message.press);
-                    self.presses.drain(..self.presses.len().saturating_sub(PRESSES));
-                }
+                cockpit.act(Action::Stop, client, now);
+                self.presses.extend(message.press);
+                self.presses.drain(..self.presses.len().saturating_sub(PRESSES));
             }
             Some(Request::Act(action @ (Action::Rest | Action::Disarm))) if drives => {
                 cockpit.act(action, client, now);
