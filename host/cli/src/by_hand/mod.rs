@@ -69,18 +69,14 @@ impl ByHandArgs {
         let results = BTreeMap::from([("ending".to_owned(), ending)]);
         let record = extras.recorder.map(|recorder| recorder.conclude(results)).transpose();
         let record = extras.unrecorded.map_or(record, Err);
-        match (ended, record) {
-            (Err(ended), Err(record)) => {
-                Err(Error { sentence: format!("{ended}; {record}"), ..ended })
-            }
-            (ended, record) => {
-                ended?;
-                if let Some(file) = record? {
-                    print(&format!("record {}\n", file.display()))?;
-                }
-                Ok(Exit::Done.into())
-            }
+        if let (Err(ended), Err(record)) = (&ended, &record) {
+            return Err(Error::new(ended.exit, format_args!("{ended}; {record}")));
         }
+        ended?;
+        if let Some(file) = record? {
+            print(&format!("record {}\n", file.display()))?;
+        }
+        Ok(Exit::Done.into())
     }
 }
 

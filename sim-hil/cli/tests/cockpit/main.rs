@@ -39,6 +39,7 @@ const TRY_AGAIN: Duration = Duration::from_secs(3);
 /// Wall time after which something hangs.
 const PATIENCE: Duration = Duration::from_secs(180);
 /// Notes what the page does first: say that it has no connection, or give up the one that it has.
+#[cfg(unix)]
 const NOTE_WHAT_IS_DONE: &str = "
     const { prototype } = WebSocket, close = prototype.close;
     window.done = [];
@@ -414,7 +415,15 @@ impl Desk {
 
     fn settings(&mut self) -> Outcome<()> {
         self.browser.go(&self.url)?;
-        self.browser.touch("#settings summary")?;
+        // What is shown first moves the page under a finger.
+        self.until("open settings", |desk| {
+            let is_open = "return document.getElementById('settings').open";
+            let was_open = desk.browser.run(is_open)? == true;
+            if !was_open {
+                desk.browser.touch("#settings summary")?;
+            }
+            Ok(was_open)
+        })?;
         self.until("settings", |desk| {
             let rows = "return document.querySelectorAll('.setting input:enabled').length";
             Ok(desk.browser.run(rows)?.as_u64() > Some(40))
@@ -750,7 +759,6 @@ impl Desk {
         self.stays_at_rest()
     }
 
-    #[cfg(unix)]
     /// A connection may lose what the page sends, and bring pictures all the while.
     fn lost_stop(&mut self) -> Outcome<()> {
         self.arm()?;
@@ -785,6 +793,7 @@ impl Desk {
         })
     }
 
+    #[cfg(unix)]
     fn silent_program(&mut self) -> Outcome<()> {
         self.arm()?;
         self.walk(|desk| desk.browser.press('w'))?;
