@@ -273,7 +273,7 @@ impl Keyring {
     /// As for [`Keyring::store`]; when an earlier offer is not settled, of which the robot may have the key.
     pub fn offer(&self, name: &str, key: &Key) -> Result<(), KeyError> {
         check_name(name)?;
-        let _alone = self.lock()?;
+        let _alone = self.lock(LOCK_PATIENCE)?;
         write_new(&self.offered_file(name), key)
     }
 
@@ -299,7 +299,7 @@ impl Keyring {
         if !path.exists() {
             return Ok(());
         }
-        let _alone = self.lock()?;
+        let _alone = self.lock(LOCK_PATIENCE)?;
         match read(&path) {
             Ok(key) if key == *offered => fs::rename(&path, self.key_file(name)).map_err(at(&path)),
             _ => Ok(()),
@@ -315,7 +315,7 @@ impl Keyring {
         if !path.exists() {
             return Ok(());
         }
-        let _alone = self.lock()?;
+        let _alone = self.lock(LOCK_PATIENCE)?;
         if read(&path).is_ok_and(|key| offered != Some(&key)) {
             return Ok(());
         }
@@ -327,13 +327,13 @@ impl Keyring {
 
     /// Keeps other programs from changing keys, until the file is closed. A file system without locks keeps nobody, and one that
     /// holds the lock for long, as it was suspended, is waited for no longer.
-    fn lock(&self) -> Result<File, KeyError> {
+    fn lock(&self, patience: Duration) -> Result<File, KeyError> {
         self.create_directory()?;
         let path = self.directory.join(".lock");
         let file = File::options().create(true).append(true).open(&path).map_err(at(&path))?;
         let begun = Instant::now();
         while matches!(file.try_lock(), Err(TryLockError::WouldBlock))
-            && begun.elapsed() < LOCK_PATIENCE
+            && begun.elapsed() < patience
         {
             std::thread::sleep(LOCK_RETRY);
         }
@@ -430,6 +430,23 @@ mod tests {
         assert!(keyring.withdraw("walker", None).is_ok());
         fs::create_dir_all(keyring.offered_file("walker")).unwrap();
         assert!(keyring.withdraw("walker", None).is_err());
+    }
+
+    #[test]
+    fn a_change_waits_for_that_of_another_program_and_not_for_ever() {
+        let (_directory, keyring) = keyring();
+        let held = keyring.lock(LOCK_PATIENCE).unwrap();
+        keyring.lock(Duration::ZERO).unwrap();
+        let (tell, told) = std::sync::mpsc::channel();
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                keyring.lock(Duration::MAX).unwrap();
+                tell.send(()).unwrap();
+            });
+            assert!(told.recv_timeout(4 * LOCK_RETRY).is_err(), "locked twice");
+            drop(held);
+        });
+        told.recv().unwrap();
     }
 
     #[test]

@@ -4,15 +4,22 @@
 //! it. Both clocks differ by an unknown time, and so the delay is known only from its least value: what is late from the very
 //! start, or from a step of the tracker's clock on, cannot be seen. The least value creeps up by [`DRIFT`], as clocks drift
 //! apart: a stream that stays late by 2 s is believed again after an hour.
+//!
+//! A stream that goes on with older pictures comes from a tracker whose clock was set back, or over another network that is
+//! slower. Up to [`HELD`] it counts as late, for nobody can tell.
 
 use std::time::Duration;
 
 use flix_protocol::units::Instant;
 
+use super::order::Arrival;
+
 /// Time in which two clocks drift apart by a second: at 500 ppm, the most by which a system sets its clock slowly.
 const DRIFT: u32 = 2000;
-/// A tracker's clock that goes back by more was set.
+/// Where what was sent later was exposed earlier by more, it is a recording, or the tracker's clock was set.
 const STEP: Duration = Duration::from_millis(100);
+/// Longest time for which a network keeps pictures back.
+const HELD: Duration = Duration::from_secs(5);
 
 /// Judges how late each pose of a stream comes. Takes constant memory; never panics.
 #[derive(Debug, Clone, Default)]
@@ -25,8 +32,9 @@ pub(super) struct Delay {
 impl Delay {
     /// Takes a pose that came now, of a picture that was taken then on the tracker's clock. Returns by how much later it came
     /// than the fastest one.
-    pub(super) fn take(&mut self, now: Instant, exposed: Instant) -> Duration {
-        let is_set = self.last.is_some_and(|last| last.since(exposed) > STEP);
+    pub(super) fn take(&mut self, now: Instant, exposed: Instant, arrival: Arrival) -> Duration {
+        let most = if arrival == Arrival::Anew { HELD } else { STEP };
+        let is_set = self.last.is_some_and(|last| last.since(exposed) > most);
         self.last = Some(exposed);
         let delay = i128::from(now.as_micros()) - i128::from(exposed.as_micros());
         let least = self.least.filter(|_| !is_set).map(|(at, least)| {
@@ -57,7 +65,7 @@ mod tests {
     /// The delays of pictures that come and were taken then, ms on each clock.
     fn delays(pictures: impl IntoIterator<Item = (f64, f64)>) -> Vec<Duration> {
         let mut delay = Delay::default();
-        pictures.into_iter().map(|(now, exposed)| delay.take(at(now), at(exposed))).collect()
+        pictures.into_iter().map(|(now, exposed)| delay.take(at(now), at(exposed), Arrival::Next)).collect()
     }
 
     fn hundredths(seconds: u32) -> impl Iterator<Item = f64> {
@@ -95,10 +103,21 @@ mod tests {
     }
 
     #[test]
+    fn a_stream_that_goes_on_with_older_pictures_is_late_unless_they_are_far_older() {
+        for (back, late) in [(300.0, 400.0), (4900.0, 5000.0), (5100.0, 0.0), (1e7, 0.0)] {
+            let mut delay = Delay::default();
+            delay.take(at(0.0), at(2e7), Arrival::Next);
+            let found = delay.take(at(100.0), at(2e7 - back), Arrival::Anew);
+            assert_eq!(found.as_secs_f64() * 1e3, late, "{back} ms");
+        }
+    }
+
+    #[test]
     fn a_queue_that_is_read_at_once_is_late_but_for_its_end() {
         let mut delay = Delay::default();
-        delay.take(at(0.0), at(0.0));
-        let found: Vec<_> = hundredths(2).map(|t| delay.take(at(2000.0), at(t + 10.0))).collect();
+        delay.take(at(0.0), at(0.0), Arrival::Next);
+        let mut take = |t: f64| delay.take(at(2000.0), at(t + 10.0), Arrival::Next);
+        let found: Vec<_> = hundredths(2).map(&mut take).collect();
         assert!(found[0] > LATE && found[178] > LATE && found[199].is_zero(), "{found:?}");
     }
 
@@ -108,9 +127,10 @@ mod tests {
         let mut delay = Delay::default();
         for now in ends {
             for exposed in ends {
-                delay.take(now, exposed);
+                delay.take(now, exposed, Arrival::Next);
+                delay.take(now, exposed, Arrival::Anew);
             }
         }
-        assert_eq!(delay.take(ends[1], ends[1]), Duration::ZERO);
+        assert_eq!(delay.take(ends[1], ends[1], Arrival::Next), Duration::ZERO);
     }
 }

@@ -15,6 +15,8 @@ pub mod natnet;
 #[cfg(not(target_family = "wasm"))]
 mod order;
 #[cfg(not(target_family = "wasm"))]
+mod stream;
+#[cfg(not(target_family = "wasm"))]
 pub mod udp;
 
 use std::time::Duration;

@@ -25,10 +25,9 @@ use serde::Deserialize;
 
 use crate::link::transient;
 
-use super::continuity::Continuity;
-use super::delay::Delay;
-use super::order::{Arrival, Order, Stamp};
-use super::{LATE, Picture, Pose, PoseError, PoseSample, PoseSource, Quaternion, Vector};
+use super::order::Stamp;
+use super::stream::Stream;
+use super::{Picture, Pose, PoseError, PoseSample, PoseSource, Quaternion, Vector};
 
 /// Silence of a sender after which another one is taken, and of all others after which it is trusted again.
 const SENDER_PATIENCE: Duration = Duration::from_secs(2);
@@ -67,9 +66,7 @@ pub struct UdpSource {
     sender: Option<(SocketAddr, Instant)>,
     /// When a second sender was heard last.
     doubted: Option<Instant>,
-    order: Order,
-    delay: Delay,
-    continuity: Continuity,
+    stream: Stream,
     statistics: UdpStatistics,
 }
 
@@ -87,9 +84,7 @@ impl UdpSource {
             tracker,
             sender: None,
             doubted: None,
-            order: Order::default(),
-            delay: Delay::default(),
-            continuity: Continuity::default(),
+            stream: Stream::default(),
             statistics: UdpStatistics::default(),
         })
     }
@@ -108,42 +103,22 @@ impl UdpSource {
         self.statistics
     }
 
-    /// Returns how late a pose came whose picture was taken then; `None` when it is not newer than all before it.
-    fn late(&mut self, now: Instant, exposed: Instant, seen: Option<&Pose>) -> Option<Duration> {
-        let stamp = Stamp::Time(exposed);
-        match self.order.take(now, stamp) {
-            Arrival::Next => {}
-            Arrival::Anew => self.delay = Delay::default(),
-            Arrival::OutOfOrder => {
-                self.statistics.late += 1;
-                if let Some((pose, apart)) = seen.zip(self.order.apart(stamp)) {
-                    self.continuity.compare(now, pose, apart);
-                    self.statistics.jumps = self.continuity.jumps();
-                }
-                return None;
-            }
-        }
-        let late = self.delay.take(now, exposed);
-        self.statistics.spread = self.statistics.spread.max(late);
-        Some(late)
-    }
-
     /// Judges a pose that came now; `None` when it is not newer than all before it.
     fn judge(&mut self, now: Instant, (pose, tracked, taken): Reading) -> Option<PoseSample> {
-        let picture = match taken {
-            None => None,
-            Some(exposed) => {
-                let late = self.late(now, exposed, tracked.then_some(&pose))?;
-                Some(Picture { exposed, sent: exposed, late })
-            }
-        };
-        self.statistics.poses += 1;
-        self.statistics.untracked += u64::from(!tracked);
+        let seen = tracked.then_some(&pose);
+        let newer = self.stream.take(now, taken.map(Stamp::Time), taken, seen);
         let is_alone = self.doubted.is_none_or(|last| now.since(last) > SENDER_PATIENCE);
-        let is_late = picture.is_some_and(|it| it.late > LATE);
-        let valid = tracked && self.continuity.take(now, &pose) && is_alone && !is_late;
-        self.statistics.jumps = self.continuity.jumps();
-        Some(PoseSample { time: now, pose, valid, picture })
+        let statistics = &mut self.statistics;
+        statistics.jumps = self.stream.jumps();
+        statistics.spread = self.stream.spread();
+        let Some(newer) = newer else {
+            statistics.late += 1;
+            return None;
+        };
+        statistics.poses += 1;
+        statistics.untracked += u64::from(!tracked);
+        let picture = taken.map(|exposed| Picture { exposed, sent: exposed, late: newer.late });
+        Some(PoseSample { time: now, pose, valid: newer.is_trusted && is_alone, picture })
     }
 
     fn is_sender(&mut self, from: SocketAddr, now: Instant) -> bool {
@@ -154,8 +129,7 @@ impl UdpSource {
                 .is_none_or(|(sender, last)| sender == from || now.since(last) > SENDER_PATIENCE);
         if is_sender {
             if self.sender.is_some_and(|(sender, _)| sender != from) {
-                // Its clock is another one.
-                (self.order, self.delay) = (Order::default(), Delay::default());
+                self.stream.forget_times();
             }
             self.sender = Some((from, now));
         } else {
@@ -342,6 +316,21 @@ mod tests {
         assert_eq!((samples.len(), seen.late), (2000, 0));
         assert!(samples[100..820].iter().all(|it| it.valid));
         assert!(samples[821..].iter().all(|it| !it.valid));
+    }
+
+    #[test]
+    fn poses_of_a_path_that_is_slower_and_of_a_clock_that_is_set_back_are_not_trusted() {
+        for pace in [10, 20, 33] {
+            for slower in [230, 500, 4000] {
+                // The faster path breaks after 5 s; by clocks alone it is the same as one that is set back.
+                let taken = |n: u64| 10_000 + n * pace - if n * pace < 5000 { 0 } else { slower };
+                let (samples, _) = samples((0..10_000 / pace).map(|n| (n * pace, taken(n))));
+                let before = 5000 / pace as usize;
+                assert!(samples.len() > before + 50, "{pace} {slower}");
+                assert!(samples[before - 10].valid);
+                assert!(samples[before + 10..].iter().all(|it| !it.valid), "{pace} {slower}");
+            }
+        }
     }
 
     #[test]

@@ -45,8 +45,7 @@ const fn phase<const IS_A: bool>() -> PwmPinConfig<IS_A> {
     )
 }
 
-/// The timer whose period is the PWM's. The PWM's clock runs as long as a timer or an operator is kept: the last to go
-/// gates it.
+/// The timer whose period is the PWM's.
 pub(crate) type Carrier = Timer<0, MCPWM0<'static>>;
 
 /// Both bridges off: enables and phases are outputs, low.
@@ -108,6 +107,7 @@ pub(crate) fn acknowledge() {
 
 /// Both bridges.
 pub(crate) struct Motors {
+    /// The timer of the tick. The PWM's clock runs as long as a timer or an operator is kept: the last to go gates it.
     tick: Timer<1, MCPWM0<'static>>,
     top: ThreePhase<true>,
     bottom: ThreePhase<false>,

@@ -6,10 +6,9 @@ use std::time::Duration;
 use flix_protocol::units::Instant;
 
 use super::missing::Missing;
-use crate::pose::continuity::Continuity;
-use crate::pose::delay::Delay;
-use crate::pose::order::{Arrival, Order, Stamp};
-use crate::pose::{LATE, Picture, Pose, PoseSample};
+use crate::pose::order::Stamp;
+use crate::pose::stream::Stream;
+use crate::pose::{Picture, Pose, PoseSample};
 
 /// What was received so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -53,10 +52,8 @@ pub struct NatNetReading {
 #[derive(Debug, Default)]
 pub(super) struct Frames {
     newest: Option<NatNetReading>,
-    order: Order,
+    stream: Stream,
     missing: Missing,
-    delay: Delay,
-    continuity: Continuity,
     pub(super) statistics: NatNetStatistics,
 }
 
@@ -77,46 +74,40 @@ impl Frames {
         let [exposed, sent] = reading.ticks.map(|ticks| time(ticks, frequency));
         // The server sends a recording, too, now: its numbers begin anew, and the time at which it sends goes on.
         let stamp = sent.map_or(Stamp::Number(reading.frame), Stamp::Time);
+        let seen = reading.body.as_ref().filter(|(_, tracked)| *tracked).map(|(pose, _)| pose);
         // A recording that is paused is sent again and again.
-        let stands_still = self.newest.is_some_and(|newest| newest.frame == reading.frame);
-        let arrival = if stands_still { Arrival::OutOfOrder } else { self.order.take(now, stamp) };
-        if arrival == Arrival::OutOfOrder {
+        let newer = if self.newest.is_some_and(|newest| newest.frame == reading.frame) {
+            self.stream.pass(now, Some(stamp), seen);
+            None
+        } else {
+            self.stream.take(now, Some(stamp), exposed.or(sent), seen)
+        };
+        let statistics = &mut self.statistics;
+        statistics.jumps = self.stream.jumps();
+        statistics.spread = self.stream.spread();
+        let Some(newer) = newer else {
             let was_missed = u64::from(self.missing.take_late(reading.frame));
-            self.statistics.frames += was_missed;
-            self.statistics.lost -= was_missed;
-            let pose = reading.body.filter(|(_, tracked)| *tracked);
-            if let Some(((pose, _), apart)) = pose.zip(self.order.apart(stamp)) {
-                self.continuity.compare(now, &pose, apart);
-                self.statistics.jumps = self.continuity.jumps();
-            }
+            statistics.frames += was_missed;
+            statistics.lost -= was_missed;
             return Judged { sample: None, is_doubtful: has_changed };
-        }
+        };
         let before = self.newest.replace(*reading);
         let is_back = before.is_some_and(|before| reading.frame < before.frame);
-        if arrival == Arrival::Anew {
-            self.delay = Delay::default();
-        }
-        self.statistics.frames += 1;
-        self.statistics.lost += self.missing.take(reading.frame);
+        statistics.frames += 1;
+        statistics.lost += self.missing.take(reading.frame);
         match reading.body {
-            None => self.statistics.without_body += 1,
-            Some((_, false)) => self.statistics.untracked += 1,
+            None => statistics.without_body += 1,
+            Some((_, false)) => statistics.untracked += 1,
             Some((_, true)) => {}
         }
-        let late = exposed.or(sent).map(|time| self.delay.take(now, time)).unwrap_or_default();
-        self.statistics.spread = self.statistics.spread.max(late);
         let picture = exposed.map(|exposed| Picture {
             exposed,
             sent: sent.unwrap_or(exposed).max(exposed),
-            late,
+            late: newer.late,
         });
-        let sample = reading.body.map(|(pose, tracked)| {
-            let valid = tracked && self.continuity.take(now, &pose) && late <= LATE;
-            PoseSample { time: now, pose, valid, picture }
-        });
-        self.statistics.jumps = self.continuity.jumps();
-        let is_doubtful = has_changed || is_back || arrival == Arrival::Anew;
-        Judged { sample, is_doubtful }
+        let valid = newer.is_trusted;
+        let sample = reading.body.map(|(pose, _)| PoseSample { time: now, pose, valid, picture });
+        Judged { sample, is_doubtful: has_changed || is_back || newer.is_anew }
     }
 }
 

@@ -16,7 +16,7 @@ use flix_firmware::board::counts_of_millivolts;
 use flix_protocol::message::ProgramCounters;
 
 use super::parts::Parts;
-use crate::bridge::{self, Carrier, Motors, Quiet};
+use crate::bridge::{self, Motors, Quiet};
 use crate::choice::BOARD;
 use crate::encoders::Encoders;
 use crate::pins::{self, Pins};
@@ -80,7 +80,6 @@ pub(crate) struct Electronics {
     /// Both bridges.
     pub(crate) motors: Motors,
     battery: Option<Battery>,
-    _carrier: Carrier,
 }
 
 impl Electronics {
@@ -89,9 +88,9 @@ impl Electronics {
         bridges: Quiet,
         (converter, divider): (ADC1<'static>, GPIO0<'static>),
     ) -> Self {
-        let (motors, carrier) = bridge::start(unit, bridges, undivided_pwm_clock);
+        let (motors, _carrier) = bridge::start(unit, bridges, undivided_pwm_clock);
         let battery = BOARD.divider.map(|_| Battery::new(converter, divider));
-        Self { motors, battery, _carrier: carrier }
+        Self { motors, battery }
     }
 
     /// Returns nothing: voltage mode.
