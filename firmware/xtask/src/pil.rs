@@ -275,25 +275,24 @@ impl Replay {
         let differences =
             output.lines().find_map(|line| line.strip_prefix("differences ")?.trim().parse().ok());
         let [all, running, foc] = ["tick", "running", "foc"].map(|name| counts(output, name));
+        let Processor { chip, title, counted, is_the_chips, .. } = processor;
         match (differences, all, running, foc) {
-            (Some(differences), Some(all), Some(running), Some(foc)) if all.ticks > 0 => Ok(Self {
-                chip: processor.chip.name(),
-                processor: processor.title.clone(),
-                ticks: all.ticks,
-                differences,
-                instructions: (processor.counted == Counted::Instructions).then_some(Ticks {
-                    all,
-                    running,
-                    foc,
-                }),
-                cycles: (processor.counted == Counted::Cycles).then_some(Ticks {
-                    all,
-                    running,
-                    foc,
-                }),
-                datagrams: datagrams(output),
-                is_the_chips: processor.is_the_chips,
-            }),
+            // The peer is called once a tick: another number is that of memory that was overwritten.
+            (Some(differences), Some(all), Some(running), Some(foc))
+                if all.ticks > 0 && foc.ticks == all.ticks =>
+            {
+                let ticks = Ticks { all, running, foc };
+                Ok(Self {
+                    chip: chip.name(),
+                    processor: title.clone(),
+                    ticks: all.ticks,
+                    differences,
+                    instructions: (*counted == Counted::Instructions).then_some(ticks),
+                    cycles: (*counted == Counted::Cycles).then_some(ticks),
+                    datagrams: datagrams(output),
+                    is_the_chips: *is_the_chips,
+                })
+            }
             _ => Err(Error::Sentence(format!("the image did not finish; it said:\n{output}"))),
         }
     }
@@ -512,6 +511,7 @@ mod tests {
         assert!(report("differences 0\n").is_err());
         assert!(report("panic: here\n").is_err());
         assert!(report(&GOOD.replace("worst 2900 ticks 60000", "worst 2900 ticks 0")).is_err());
+        assert!(report(&GOOD.replace("worst 2600 ticks 60000", "worst 2600 ticks 70000")).is_err());
     }
 
     #[test]

@@ -332,8 +332,7 @@ impl Keyring {
         let path = self.directory.join(".lock");
         let file = File::options().create(true).append(true).open(&path).map_err(at(&path))?;
         let begun = Instant::now();
-        while matches!(file.try_lock(), Err(TryLockError::WouldBlock))
-            && begun.elapsed() < patience
+        while matches!(file.try_lock(), Err(TryLockError::WouldBlock)) && begun.elapsed() < patience
         {
             std::thread::sleep(LOCK_RETRY);
         }

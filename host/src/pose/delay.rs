@@ -65,7 +65,10 @@ mod tests {
     /// The delays of pictures that come and were taken then, ms on each clock.
     fn delays(pictures: impl IntoIterator<Item = (f64, f64)>) -> Vec<Duration> {
         let mut delay = Delay::default();
-        pictures.into_iter().map(|(now, exposed)| delay.take(at(now), at(exposed), Arrival::Next)).collect()
+        pictures
+            .into_iter()
+            .map(|(now, exposed)| delay.take(at(now), at(exposed), Arrival::Next))
+            .collect()
     }
 
     fn hundredths(seconds: u32) -> impl Iterator<Item = f64> {
