@@ -673,3 +673,24 @@ fn the_longest_messages_fit_a_datagram() {
     let frame = ends.operator.send(ends.now, &longest).expect("it fits");
     assert_eq!(ends.robot_hears(&frame), RobotReceived::Command(longest));
 }
+
+#[test]
+fn a_question_is_what_reads_and_nothing_else() {
+    let questions: Vec<_> =
+        commands().iter().filter(|it| it.is_question()).map(command_name).collect();
+    let reading =
+        ["parameter-get", "parameter-list", "parameter-check", "identify", "ping", "scope-status"];
+    assert_eq!(questions, [&reading[..], &["scope-read", "crash"]].concat());
+}
+
+#[test]
+fn telemetry_tells_whether_motors_are_driven_and_for_how_long_a_stop_is_latched() {
+    let ToOperator::Telemetry(mut stated) = telemetry(5_000_000) else { panic!() };
+    assert_eq!(stated.stopped_for(), None);
+    stated.stopped_at = Some(Instant::from_micros(4_800_000));
+    assert_eq!(stated.stopped_for(), Some(std::time::Duration::from_millis(200)));
+    let idle = |states: &[State]| states.iter().map(|it| it.is_idle()).collect::<Vec<_>>();
+    assert_eq!(idle(&[State::Disarmed, State::Faulted]), [true; 2]);
+    let driven = [State::Aligning, State::Armed, State::Running, State::Stopping];
+    assert_eq!(idle(&driven), [false; 4]);
+}
