@@ -544,7 +544,8 @@ fn a_file_that_is_no_record_is_never_the_last_run_and_its_name_adds_no_line() {
     let stray = out.path().join(FOLDER).join("new\nline.mcap");
     std::fs::write(&stray, "no record").unwrap();
     assert_eq!(list(out.path()).unwrap().runs.len(), 2);
-    assert_eq!(Run::find(out.path(), "last").unwrap().file, run);
+    let last = Run::find(out.path(), "last").unwrap();
+    assert_eq!((last.file, last.newer.len()), (run.clone(), 1));
     let refusal = Run::read(&stray).unwrap_err().to_string();
     assert!(refusal.contains("new?line.mcap") && !refusal.contains('\n'), "{refusal}");
     std::fs::remove_file(run).unwrap();

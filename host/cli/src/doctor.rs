@@ -426,7 +426,7 @@ fn judge_datagrams(seen: UdpStatistics, watched: f64) -> Finding {
     if seen.unreadable > 0 {
         return bad(format!(
             "{} datagrams are no pose: write six numbers, x y z roll pitch yaw in metres and radians, or \
-             {{\"x\": 0.5, \"y\": 0.2, \"yaw\": 1.57}}",
+             {{\"x\": 0.5, \"y\": 0.2, \"yaw\": 1.57}} with at least these three, and no others than z, roll, pitch, valid and time",
             seen.unreadable
         ));
     }

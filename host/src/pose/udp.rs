@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! 0.51 -0.20 0.06 0 0 1.57                        x y z roll pitch yaw, with blanks or commas between
-//! {"x": 0.51, "y": -0.20, "yaw": 1.57}            the same by name; what is not named is 0
+//! {"x": 0.51, "y": -0.20, "yaw": 1.57}            the same by name; z, roll and pitch may be left out, and are 0
 //! ```
 //!
 //! Metres and radians, in the world frame ENU; the body's axes are forward, left, up (REP 103); yaw is counter-clockwise,

@@ -318,21 +318,25 @@ impl Run {
         }
     }
 
-    /// Reads the newest run that can be read, with the reasons of newer ones; nothing where there is none.
+    /// Reads the newest run that can be read, with the reasons of what is newer; nothing where there is none.
     fn find_last(
         runs: Vec<RunSummary>,
         skipped: Vec<(RunSummary, ReadError)>,
     ) -> Result<Option<Self>, ReadError> {
-        let last = runs.into_iter().rfind(|run| run.is_run);
+        let (mut runs, others): (Vec<_>, Vec<_>) = runs.into_iter().partition(|run| run.is_run);
+        let last = runs.pop();
         let started = last.as_ref().map(|run| run.started);
-        let newer =
-            skipped.into_iter().filter(|(run, _)| run.is_run && Some(run.started) > started);
+        let is_newer = |run: &RunSummary| Some(run.started) > started;
+        let newer = skipped.into_iter().filter(|(run, _)| run.is_run && is_newer(run));
         let Some(last) = last else {
             let newest = newer.max_by_key(|(run, _)| run.started);
             return newest.map_or(Ok(None), |(_, reason)| Err(reason));
         };
         let mut run = Self::read(&last.file)?;
-        run.newer = newer.map(|(_, reason)| reason.to_string()).collect();
+        let no_runs = others.into_iter().filter(is_newer);
+        let reasons = no_runs.filter_map(|other| Self::read(&other.file).err());
+        run.newer =
+            newer.map(|(_, reason)| reason).chain(reasons).map(|it| it.to_string()).collect();
         Ok(Some(run))
     }
 

@@ -510,11 +510,13 @@ const write = (id, text) => { const element = byId(id); if (element.textContent 
 // ---- words
 function banner() {
   const telemetry = snapshot?.telemetry;
-  const unheard = performance.now() - unheardSince;
-  if (unheard > STOP_ANSWER_MS || (!snapshot && unheard >= 0)) return [STOP_UNHEARD, false];
-  if (!snapshot) return [NO_CONNECTION, false];
+  const now = performance.now(), unheard = now - unheardSince;
+  const isSlow = late > SILENT_MS && connection?.readyState === WebSocket.OPEN;
+  const slow = !isSlow ? "" : `The connection is slow: ${snapshot ? `this was ${figure(late / 1000, 0)} s ago` : `nothing has come for ${figure((now - arrivedAt) / 1000, 0)} s`}.`;
+  if (unheard > STOP_ANSWER_MS || (!snapshot && unheard >= 0)) return [`${STOP_UNHEARD} ${slow}`.trim(), false];
+  if (!snapshot) return [slow || NO_CONNECTION, false];
   if (snapshot.stopping) return [`Stop is sent, and not acknowledged yet. ${snapshot.link.state === "failed" ? `Stop the robot at its switch: ${snapshot.link.text}` : ""}`.trim(), false];
-  if (late > SILENT_MS) return [`The connection is slow: this was ${figure(late / 1000, 0)} s ago.`, false];
+  if (slow) return [slow, false];
   if (snapshot.link.state === "failed") return [snapshot.link.text, false];
   if (telemetry?.faults.length) return [`${telemetry.faults.map((fault) => `${fault.name}: ${fault.help}`).join(". ")}. Then press Clear.`, false];
   if (telemetry?.stopped) return [`Stopped${telemetry.stopped_by ? ` by ${telemetry.stopped_by}` : ""}. Clear makes the robot ready again.`, false];

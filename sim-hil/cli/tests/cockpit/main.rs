@@ -783,7 +783,10 @@ impl Desk {
         self.browser.run(
             "const now = performance.now.bind(performance); performance.now = () => now() + 3000;",
         )?;
-        self.until_banner("The connection is slow: this was 3 s ago.")
+        self.until_banner("The connection is slow: this was 3 s ago.")?;
+        // Without answers nothing more comes, though the connection stands.
+        self.browser.run("WebSocket.prototype.send = () => {};")?;
+        self.until_banner("The connection is slow: nothing has come for")
     }
 
     fn until_banner(&self, text: &str) -> Outcome<()> {
