@@ -8,7 +8,7 @@
 //! Metres and radians, in the world frame ENU; the body's axes are forward, left, up (REP 103); yaw is counter-clockwise,
 //! and turned first, then pitch, then roll. `"valid": false` marks a pose that the tracker does not trust. `"time": 12.345`
 //! is when its picture was taken, seconds on any clock of the tracker's: with it a pose that comes out of order is none, and
-//! one that comes late ([`LATE`]) is not trusted.
+//! one that comes late ([`LATE`](super::LATE)) is not trusted.
 //!
 //! Datagrams are not authenticated: those of the first sender alone are taken, until it is silent for
 //! `SENDER_PATIENCE`, and a stream that jumps is not trusted ([`crate::pose::continuity`]). Nobody knows which of two
