@@ -293,7 +293,9 @@ impl Replay {
                     is_the_chips: *is_the_chips,
                 })
             }
-            _ => Err(Error::Sentence(format!("the image did not finish; it said:\n{output}"))),
+            _ => Err(Error::Sentence(format!(
+                "the image did not finish, or overwrote what it counted; it said:\n{output}"
+            ))),
         }
     }
 

@@ -15,7 +15,6 @@ pub(super) struct Stream {
     order: Order,
     delay: Delay,
     continuity: Continuity,
-    spread: Duration,
 }
 
 /// A picture that is newer than all before it.
@@ -45,7 +44,6 @@ impl Stream {
             return None;
         }
         let late = exposed.map(|time| self.delay.take(now, time, arrival)).unwrap_or_default();
-        self.spread = self.spread.max(late);
         let is_steady = pose.is_some_and(|pose| self.continuity.take(now, pose));
         let is_anew = arrival == Arrival::Anew;
         Some(Newer { is_anew, late, is_trusted: is_steady && late <= LATE })
@@ -66,10 +64,5 @@ impl Stream {
     /// Returns the number of poses that were out of reach of the pose before them.
     pub(super) const fn jumps(&self) -> u64 {
         self.continuity.jumps()
-    }
-
-    /// Returns the most by which a picture came later than the fastest one.
-    pub(super) const fn spread(&self) -> Duration {
-        self.spread
     }
 }

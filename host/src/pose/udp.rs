@@ -110,11 +110,11 @@ impl UdpSource {
         let is_alone = self.doubted.is_none_or(|last| now.since(last) > SENDER_PATIENCE);
         let statistics = &mut self.statistics;
         statistics.jumps = self.stream.jumps();
-        statistics.spread = self.stream.spread();
         let Some(newer) = newer else {
             statistics.late += 1;
             return None;
         };
+        statistics.spread = statistics.spread.max(newer.late);
         statistics.poses += 1;
         statistics.untracked += u64::from(!tracked);
         let picture = taken.map(|exposed| Picture { exposed, sent: exposed, late: newer.late });

@@ -256,8 +256,7 @@ impl Desk<'_> {
             rustix::process::Signal::INT,
         );
         self.end("drive, then Ctrl-C".to_owned(), child, INTERRUPTED)?;
-        self.clear()?;
-        Ok(())
+        self.clear()
     }
 
     fn start_driving(&mut self, (f_hz, theta_deg): (f64, f64)) -> Result<Child, JourneyError> {
@@ -294,8 +293,7 @@ impl Desk<'_> {
         self.end("drive, which another program stops".to_owned(), child, ROBOT_STOPPED)?;
         let status = self.flix(&["status", ROBOT, "--json"], DONE)?;
         self.expect(status["stopped"] == true, "status after a stop", &status);
-        self.clear()?;
-        Ok(())
+        self.clear()
     }
 
     /// Clears a stop, after a look at the robot.

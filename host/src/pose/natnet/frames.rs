@@ -84,7 +84,6 @@ impl Frames {
         };
         let statistics = &mut self.statistics;
         statistics.jumps = self.stream.jumps();
-        statistics.spread = self.stream.spread();
         let Some(newer) = newer else {
             let was_missed = u64::from(self.missing.take_late(reading.frame));
             statistics.frames += was_missed;
@@ -93,6 +92,7 @@ impl Frames {
         };
         let before = self.newest.replace(*reading);
         let is_back = before.is_some_and(|before| reading.frame < before.frame);
+        statistics.spread = statistics.spread.max(newer.late);
         statistics.frames += 1;
         statistics.lost += self.missing.take(reading.frame);
         match reading.body {

@@ -511,8 +511,8 @@ const write = (id, text) => { const element = byId(id); if (element.textContent 
 function banner() {
   const telemetry = snapshot?.telemetry;
   const now = performance.now(), unheard = now - unheardSince;
-  const isSlow = late > SILENT_MS && connection?.readyState === WebSocket.OPEN;
-  const slow = !isSlow ? "" : `The connection is slow: ${snapshot ? `this was ${figure(late / 1000, 0)} s ago` : `nothing has come for ${figure((now - arrivedAt) / 1000, 0)} s`}.`;
+  const since = snapshot ? `this was ${figure(late / 1000, 0)} s ago` : `nothing has come for ${figure((now - arrivedAt) / 1000, 0)} s`;
+  const slow = late > SILENT_MS && connection?.readyState === WebSocket.OPEN ? `The connection is slow: ${since}.` : "";
   if (unheard > STOP_ANSWER_MS || (!snapshot && unheard >= 0)) return [`${STOP_UNHEARD} ${slow}`.trim(), false];
   if (!snapshot) return [slow || NO_CONNECTION, false];
   if (snapshot.stopping) return [`Stop is sent, and not acknowledged yet. ${snapshot.link.state === "failed" ? `Stop the robot at its switch: ${snapshot.link.text}` : ""}`.trim(), false];
