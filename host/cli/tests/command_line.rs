@@ -429,11 +429,21 @@ fn everybody_learns_who_stopped_the_robot() {
 }
 
 #[test]
-fn a_drive_whose_robot_restarts_states_the_stop_that_it_latched() {
+fn a_drive_whose_robot_restarts_says_so_and_stops_what_still_moves_alone() {
     let (served, _) = serve(robot());
     let operator = Operator::new();
     let child = long_drive(&operator, &served);
     served.robot().restart();
+    let ended = Ended(child.wait_with_output().unwrap());
+    assert!(!ended.expect(10, &["restarted", "flix status"]).stderr().contains("flix clear"));
+    assert!(!served.robot().stopped);
+    // One that still brakes what it found spinning.
+    let child = long_drive(&operator, &served);
+    {
+        let mut robot = served.robot();
+        robot.restart();
+        robot.state = State::Stopping;
+    }
     let ended = Ended(child.wait_with_output().unwrap());
     ended.expect(10, &["restarted", "has acknowledged a stop", "flix clear"]);
     assert!(served.robot().stopped);

@@ -262,14 +262,15 @@ impl Connection {
         no_session(self.socket.peer_addr().ok(), error)
     }
 
-    /// Returns why the session is lost: a robot that is there refuses a key that was revoked.
+    /// Returns why the session is lost: a robot that is there refuses a key that was revoked, or answers again. Of one that
+    /// answers its state is awaited, too: it decides whether the robot is still driven.
     fn why_lost(&mut self) -> LinkError {
         let deadline = self.now() + REVOKED_PATIENCE;
         while self.now() < deadline {
             while let Some(update) = self.client.update() {
                 match update {
                     Update::Failed(ConnectError::WrongKey) => return LinkError::Revoked,
-                    Update::Connected => return LinkError::Back,
+                    Update::Telemetry(_) => return LinkError::Back,
                     _ => {}
                 }
             }
