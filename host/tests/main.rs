@@ -6,5 +6,6 @@ mod support;
 mod walked;
 
 mod cockpit;
+mod connection;
 mod link;
 mod record;

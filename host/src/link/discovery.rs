@@ -67,7 +67,7 @@ pub struct DiscoveryError(#[from] mdns_sd::Error);
 /// When multicast does not work on this machine.
 pub fn browse(duration: Duration, interrupt: &Interrupt) -> Result<Vec<Found>, DiscoveryError> {
     let mut robots = BTreeMap::new();
-    listen(duration, interrupt, |found| {
+    listen(duration, interrupt, &mut |found| {
         robots.extend(found.map(|found| (found.name.clone(), found)));
         false
     })?;
@@ -87,14 +87,25 @@ pub fn find<'a>(
     interrupt: &Interrupt,
 ) -> Result<Option<SocketAddr>, DiscoveryError> {
     let keys: Vec<_> = keys.collect();
+    let listen = |enough: &mut Enough| listen(FIND_PATIENCE, interrupt, enough);
+    find_among(listen, name, &keys, interrupt)
+}
+
+/// As [`find`], among those that something else than the network's multicast names.
+fn find_among(
+    listen: impl FnOnce(&mut Enough) -> Result<(), DiscoveryError>,
+    name: &str,
+    keys: &[&Key],
+    interrupt: &Interrupt,
+) -> Result<Option<SocketAddr>, DiscoveryError> {
     let mut proved = Vec::new();
     let mut since = None;
-    let greeted = find_each(name, &keys, interrupt, |address| {
+    let greeted = each_among(listen, name, keys, |address| {
         proved.extend(address);
         since = since.or_else(|| address.map(|_| Instant::now()));
         since.is_some_and(|since| since.elapsed() > PROVERS)
     })?;
-    Ok(quickest(&proved, &keys, interrupt).or(greeted))
+    Ok(quickest(&proved, keys, interrupt).or(greeted))
 }
 
 /// Returns the address that answers soonest of those that have proved a key.
@@ -123,10 +134,19 @@ pub fn find_each(
     name: &str,
     keys: &[&Key],
     interrupt: &Interrupt,
+    each: impl FnMut(Option<SocketAddr>) -> bool,
+) -> Result<Option<SocketAddr>, DiscoveryError> {
+    each_among(|enough: &mut Enough| listen(FIND_PATIENCE, interrupt, enough), name, keys, each)
+}
+
+fn each_among(
+    listen: impl FnOnce(&mut Enough) -> Result<(), DiscoveryError>,
+    name: &str,
+    keys: &[&Key],
     mut each: impl FnMut(Option<SocketAddr>) -> bool,
 ) -> Result<Option<SocketAddr>, DiscoveryError> {
     let mut search = Search { name, keys, greeted: Vec::new(), first: None };
-    listen(FIND_PATIENCE, interrupt, |found| {
+    listen(&mut |found| {
         let proved = search.take(found);
         // All before the next look, whatever `each` says of the first.
         proved.into_iter().map(Some).chain([None]).filter(|it| each(*it)).count() > 0
@@ -249,11 +269,14 @@ impl Greeted {
     }
 }
 
+/// Takes what was found, if anything, and returns whether that is enough.
+type Enough<'a> = dyn FnMut(Option<Found>) -> bool + 'a;
+
 /// Passes every robot found, and in between nothing, to `enough`, until it returns true or the time is over.
 fn listen(
     duration: Duration,
     interrupt: &Interrupt,
-    mut enough: impl FnMut(Option<Found>) -> bool,
+    enough: &mut Enough,
 ) -> Result<(), DiscoveryError> {
     let daemon = ServiceDaemon::new()?;
     let events = daemon.browse(SERVICE_TYPE)?;
@@ -372,6 +395,66 @@ mod tests {
             both.sort();
             assert_eq!(proved, both);
             assert_eq!(search.first, Some(stranger));
+        });
+    }
+
+    /// Names these robots again and again until that is enough; returns whether it was within some seconds.
+    fn named(found: &[Found], enough: &mut Enough) -> bool {
+        let begin = Instant::now();
+        while begin.elapsed() < Duration::from_secs(10) {
+            if found.iter().cloned().map(Some).chain([None]).any(&mut *enough) {
+                return true;
+            }
+            std::thread::sleep(LOOK);
+        }
+        false
+    }
+
+    #[test]
+    fn the_quickest_of_those_that_prove_a_key_in_time_is_found_and_else_whoever_answered() {
+        beside([(9, 0), (1, 150), (1, 0), (2, 0)], |[stranger, slow, quick, other]| {
+            let (key, never) = (key(1), Interrupt::never());
+            let robots = [stranger, slow, quick, other].map(|it| found("walker", it));
+            let begin = Instant::now();
+            let all = |enough: &mut Enough| {
+                assert!(named(&robots, enough), "it is waited for others for ever");
+                Ok(())
+            };
+            assert_eq!(find_among(all, "walker", &[&key], &never).unwrap(), Some(quick));
+            assert!(begin.elapsed() > PROVERS, "slower ones have no chance");
+            let strangers = |enough: &mut Enough| {
+                // So that there is time to prove a key.
+                for _ in 0..50 {
+                    assert!(!enough(Some(robots[0].clone())));
+                    std::thread::sleep(LOOK);
+                }
+                Ok(())
+            };
+            let answered = find_among(strangers, "walker", &[&key], &never).unwrap();
+            assert_eq!(answered, Some(stranger));
+            assert_eq!(find_among(|_| Ok(()), "walker", &[&key], &never).unwrap(), None);
+        });
+    }
+
+    #[test]
+    fn each_that_proves_a_key_is_passed_on_until_that_is_enough() {
+        beside([(1, 0), (1, 0), (9, 0), (9, 0)], |[one, two, ..]| {
+            let key = key(1);
+            let robots = [one, two].map(|it| found("walker", it));
+            let mut passed = Vec::new();
+            let listen = |enough: &mut Enough| {
+                assert!(named(&robots, enough), "passed on is enough");
+                Ok(())
+            };
+            let each = |address: Option<SocketAddr>| {
+                passed.extend(address);
+                passed.len() == 2
+            };
+            assert_eq!(each_among(listen, "walker", &[&key], each).unwrap(), Some(one));
+            passed.sort();
+            let mut both = [one, two];
+            both.sort();
+            assert_eq!(passed, both);
         });
     }
 

@@ -73,6 +73,8 @@ pub struct FakeRobot {
     pub lost: Option<Command>,
     /// Takes for ever to align its motors.
     pub aligns_for_ever: bool,
+    /// Disarms once instead of aligning its motors: halted by commands that stayed away, or for no such reason.
+    pub lapses: Option<bool>,
     proven_since: Option<Instant>,
     telemetry_at: Instant,
     events: u32,
@@ -99,6 +101,7 @@ impl FakeRobot {
             halts: 0,
             lost: None,
             aligns_for_ever: false,
+            lapses: None,
             proven_since: None,
             telemetry_at: Instant::START,
             events: 0,
@@ -109,6 +112,11 @@ impl FakeRobot {
     pub fn restart(&mut self) {
         let robot = Self::new(Some(key()));
         *self = Self { session: RobotSession::new(Some(key()), [4; 32]), ..robot };
+    }
+
+    /// Is stopped by its owner's other program.
+    pub fn stop_from_outside(&mut self) {
+        (self.stopped, self.halts) = (true, self.halts + 1);
     }
 
     /// Knows another key alone from now on.
@@ -264,7 +272,14 @@ impl FakeRobot {
         } else if self.proven_since.is_none_or(|since| now.since(since) < LINK_PROOF) {
             Outcome::Refused(Refusal::LinkUnproven)
         } else {
-            self.state = if self.aligns_for_ever { State::Aligning } else { State::Armed };
+            self.state = match self.lapses.take() {
+                Some(is_halted) => {
+                    self.halts += u8::from(is_halted);
+                    State::Disarmed
+                }
+                None if self.aligns_for_ever => State::Aligning,
+                None => State::Armed,
+            };
             Outcome::Done
         }
     }

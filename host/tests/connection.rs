@@ -1,0 +1,60 @@
+//! What an operator's program asks of a robot in real time, and how that ends.
+
+use flix_host::link::udp::{Connection, LinkError};
+use flix_host::system::interrupt::Interrupt;
+use flix_protocol::message::{Command, OperatorName, Outcome, State};
+
+use crate::support::{FakeRobot, ServedRobot, key};
+
+/// Serves a robot, and connects to it.
+fn connect(change: impl FnOnce(&mut FakeRobot)) -> (ServedRobot, Connection) {
+    let mut robot = FakeRobot::new(Some(key()));
+    change(&mut robot);
+    let served = ServedRobot::steady(robot);
+    let mut connection = Connection::open(served.address, key(), Interrupt::never()).unwrap();
+    connection.wait_until_connected().unwrap();
+    (served, connection)
+}
+
+#[test]
+fn a_robot_whose_commands_stayed_away_while_it_aligned_its_motors_is_armed_again() {
+    let (served, mut connection) = connect(|robot| robot.lapses = Some(true));
+    connection.arm().unwrap();
+    assert_eq!(served.robot().state, State::Armed);
+    assert_eq!(served.robot().lapses, None);
+}
+
+#[test]
+fn a_robot_that_disarms_by_itself_while_it_aligns_its_motors_is_not_armed_again() {
+    let (served, mut connection) = connect(|robot| robot.lapses = Some(false));
+    let ended = connection.arm();
+    let disarmed = LinkError::State { wanted: State::Armed, actual: State::Disarmed };
+    assert_eq!(ended.map_err(|error| error.to_string()), Err(disarmed.to_string()));
+    assert_eq!(served.robot().state, State::Disarmed);
+}
+
+#[test]
+fn who_knows_of_a_stop_waits_until_it_can_be_cleared() {
+    let (served, mut connection) =
+        connect(|robot| (robot.stopped, robot.ramps_down_for) = (true, 3));
+    assert_eq!(connection.ask(Command::Clear).unwrap(), Outcome::Done);
+    assert!(!served.robot().stopped);
+}
+
+#[test]
+fn a_stop_that_comes_while_another_cannot_be_cleared_yet_is_not_cleared() {
+    let (served, mut connection) =
+        connect(|robot| (robot.stopped, robot.ramps_down_for) = (true, 3));
+    let stopped = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while served.robot().ramps_down_for > 2 {
+                std::thread::yield_now();
+            }
+            served.robot().stop_from_outside();
+        });
+        connection.ask(Command::Clear)
+    });
+    let by = LinkError::StoppedBy(OperatorName::OWNER).to_string();
+    assert_eq!(stopped.map_err(|error| error.to_string()), Err(by));
+    assert!(served.robot().stopped);
+}
