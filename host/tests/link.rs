@@ -293,9 +293,21 @@ fn a_robot_that_stays_away_has_disarmed_by_itself() {
     world.run(Duration::from_secs(3));
     assert!(world.client.is_driving());
     world.is_cut = true;
+    while !world.updates.contains(&Update::Lost) {
+        world.step();
+    }
+    world.run(DISARMED_AFTER);
+    assert!(world.client.is_driving());
+    world.step();
+    assert!(!world.client.is_driving());
+}
+
+#[test]
+fn who_wakes_late_learns_that_a_robot_has_disarmed_by_itself() {
+    let mut world = World::armed();
+    world.is_cut = true;
     world.run(SILENCE + DISARMED_AFTER - Duration::from_millis(100));
     assert!(world.client.is_driving());
-    // Who wakes late learns it, too.
     world.now = world.now + Duration::from_millis(200);
     world.step();
     assert!(!world.client.is_driving());
@@ -345,11 +357,16 @@ fn a_stop_after_what_the_robot_stated_last_is_news_however_late_that_came() {
 
 #[test]
 fn what_was_asked_without_a_session_clears_no_stop_that_came_meanwhile() {
-    for is_news in [true, false] {
+    // Of the times between two pieces of telemetry one has it stated at the very time of the stop.
+    for (is_news, after) in [true, false].into_iter().flat_map(|it| (0..20).map(move |ms| (it, ms)))
+    {
         let mut world = World::connected();
+        world.run(Duration::from_millis(after));
         if !is_news {
             world.stop_from_outside();
-            world.run(Duration::from_millis(100));
+            while world.client.telemetry().is_none_or(|it| !it.stopped) {
+                world.step();
+            }
         }
         world.is_cut = true;
         world.run(Duration::from_millis(1_500));
