@@ -433,6 +433,15 @@ fn what_was_asked_before_the_newest_change_undoes_nothing_when_it_is_repeated() 
         assert_eq!((ends.outcomes.pop(), ends.link.order().requests), (None, asked));
         assert!(ends.tuning.settings().current_limit < 2.4);
     }
+    // A question overtakes nothing, and is not overtaken.
+    for (earlier, newer) in [(current(0.9), Command::Ping(9)), (Command::Ping(8), current(0.9))] {
+        let mut ends = Ends::at(State::Disarmed);
+        for (number, command) in [(9, newer), (8, earlier)] {
+            let frame = ends.seal_as(number, command);
+            ends.hear(&frame);
+            assert!(ends.outcomes.pop().is_some());
+        }
+    }
     // What lets go is obeyed however old it is.
     for (number, command) in [(3, Command::Disarm), (2, Command::Stop)] {
         let mut ends = Ends::at(State::Running);
