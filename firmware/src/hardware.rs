@@ -7,6 +7,8 @@ use core::num::NonZeroU16;
 
 use serde::{Deserialize, Serialize};
 
+use crate::settings::Settings;
+
 pub use crate::units::{Duty, EncoderAngle, TICK, TICK_RATE_HZ, TICK_US};
 pub use flix_protocol::message::Magnet;
 
@@ -98,8 +100,28 @@ pub struct Hardware {
     pub dead_time_ns: u16,
     /// PWM frequency, hertz.
     pub pwm_frequency_hz: u32,
+    /// From the samples of a tick to the middle of the interval in which its duties act, microseconds: what the setting
+    /// `actuation_delay` is where it is zero. See [`Hardware::actuation_delay`].
+    pub actuation_delay_us: u16,
     /// Whether a bridge that is off lets the motor coast (else it brakes it).
     pub can_coast: bool,
+}
+
+impl Hardware {
+    /// Returns the actuation delay of a board whose PWM runs at this frequency, Hz, with each tick at a trough of its carrier and
+    /// duties taken over at its peaks: those of a tick act from the second peak on, for as long as a tick. Microseconds.
+    #[must_use]
+    pub const fn actuation_delay(pwm_frequency_hz: u32) -> u16 {
+        (1_500_000 / pwm_frequency_hz + TICK_US / 2) as u16
+    }
+
+    /// Returns these settings with the board's own figure where they leave it to the board.
+    #[must_use]
+    pub fn complete(&self, settings: &Settings) -> Settings {
+        let own = f32::from(self.actuation_delay_us);
+        let actuation_delay = Some(settings.actuation_delay).filter(|us| *us > 0.0).unwrap_or(own);
+        Settings { actuation_delay, ..*settings }
+    }
 }
 
 /// Where settings survive power-off: a flash partition, a file, an array.

@@ -67,10 +67,11 @@ struct Judged {
 }
 
 impl Judged {
-    fn of(settings: &Settings, measures_current: bool) -> Self {
+    fn of(settings: &Settings, hardware: &Hardware) -> Self {
         let settings = decisive(settings);
-        let verdict =
-            judge_command_age(&settings).and_then(|()| margin::judge(&settings, measures_current));
+        let measures_current = hardware.current_sense.is_some();
+        let verdict = judge_command_age(&settings)
+            .and_then(|()| margin::judge(&hardware.complete(&settings), measures_current));
         Self { settings, verdict }
     }
 
@@ -104,7 +105,7 @@ pub struct Link {
     identity: Identity,
     black_box: BlackBox,
     /// What a trial is told of the bridges; `None` where the board measures no currents.
-    bridges: Option<Bridges>,
+    hardware: Hardware,
     signal_dbm: Option<i8>,
     order: Order,
     setpoint: Setpoint,
@@ -151,7 +152,7 @@ impl Link {
     #[must_use]
     pub fn new(
         identity: Identity,
-        bridges: Option<Bridges>,
+        hardware: &Hardware,
         operators: impl Into<Operators>,
         entropy: [u8; 32],
         settings: &Settings,
@@ -165,7 +166,7 @@ impl Link {
             session,
             black_box: BlackBox::new(&identity.version),
             identity,
-            bridges,
+            hardware: *hardware,
             signal_dbm: None,
             order: Order::default(),
             setpoint: Setpoint::REST,
@@ -188,7 +189,7 @@ impl Link {
             events,
             magnets: Default::default(),
             telemetry_due: report.time,
-            judged: Judged::of(settings, bridges.is_some()),
+            judged: Judged::of(settings, hardware),
         }
     }
 
@@ -591,13 +592,13 @@ impl Link {
     /// Returns what is to be said of settings. Changed ones are judged before anything waits for it.
     fn judge(&mut self, settings: &Settings) -> &Result<(), Refusal> {
         if !self.judged.is_of(settings) {
-            self.judged = Judged::of(settings, self.measures_current());
+            self.judged = Judged::of(settings, &self.hardware);
         }
         &self.judged.verdict
     }
 
     const fn measures_current(&self) -> bool {
-        self.bridges.is_some()
+        self.hardware.current_sense.is_some()
     }
 
     fn refuse_assumed(&self, name: &str) -> Refusal {
@@ -612,7 +613,7 @@ impl Link {
     /// Asks the fast half for a trial.
     fn try_out(&mut self, now: Instant, request: u32, trial: Trial) -> Result<Outcome, Refusal> {
         trial.check()?;
-        let bridges = self.bridges.ok_or(Refusal::NoCurrentSense)?;
+        let bridges = bridges(&self.hardware).ok_or(Refusal::NoCurrentSense)?;
         if self.tried == Some(request) {
             return Ok(Outcome::Trial(bridges));
         }
@@ -919,11 +920,12 @@ fn motor(report: &Report, index: usize) -> MotorTelemetry {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::board::DENGFOC_V3_01;
 
     /// To judge takes a time in which nothing is received: what no loop depends on must not cause it.
     #[test]
     fn neither_marks_nor_an_alignment_make_settings_be_judged_anew() {
-        let judged = Judged::of(&Settings::DEFAULT, true);
+        let judged = Judged::of(&Settings::DEFAULT, &DENGFOC_V3_01.hardware);
         let mut settings = Settings::DEFAULT;
         assert_eq!(settings.accept(true), Ok(()));
         assert_ne!(settings, Settings::DEFAULT);

@@ -27,7 +27,7 @@ use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
 use crate::fast::exchange::{Access, Exchange, Order, Report};
 use crate::hardware::{Actuation, Hardware, Sensors, SettingsStore};
-use crate::link::{Link, bridges, identity};
+use crate::link::{Link, identity};
 use crate::scope::Sample;
 use crate::settings::{Settings, Tuning};
 use crate::stored::LoadError;
@@ -160,7 +160,7 @@ pub fn halves<S: SettingsStore>(
     let mut control = Control::new(Configuration::new(tuning.settings(), &hardware));
     let identity = identity(name, &hardware);
     let (settings, report) = (tuning.settings(), control.report());
-    let mut link = Link::new(identity, bridges(&hardware), operators, entropy, settings, report);
+    let mut link = Link::new(identity, &hardware, operators, entropy, settings, report);
     if let Err(error) = tuning.loaded() {
         link.add_event(control.report().time, Event::SettingsDefaulted);
         // Of values that are out of range the others are in force, and these are assumed.

@@ -1,5 +1,6 @@
 //! The current loop, in integers, against the same loop in double precision.
 
+use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::fast::foc::current::{CurrentLoop, Input};
 use flix_firmware::settings::Settings;
 use std::f64::consts::TAU;
@@ -13,7 +14,7 @@ struct Reference {
 
 impl Reference {
     fn update(&mut self, input: &Input) -> [f64; 3] {
-        let settings = Settings::DEFAULT;
+        let settings = DENGFOC_V3_01.hardware.complete(&Settings::DEFAULT);
         let resistance = f64::from(settings.phase_resistance[0]);
         let inductance = f64::from(settings.phase_inductance[0]) * 1e-3;
         let flux = f64::from(settings.flux_linkage[0]) * 1e-3;

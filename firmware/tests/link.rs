@@ -81,8 +81,7 @@ impl Ends {
         let report = Robot::new(hardware, "ends", None, [1; 32], NoStore).report();
         let (tuning, now) = (Tuning::new(NoStore), Instant::from_micros(1_000));
         let name = identity("ends", &hardware);
-        let (settings, bridges) = (tuning.settings(), bridges(&hardware));
-        let link = Link::new(name, bridges, Some(key()), [2; 32], settings, report);
+        let link = Link::new(name, &hardware, Some(key()), [2; 32], tuning.settings(), report);
         let operator = OperatorSession::new(key(), [3; 32], now);
         let (outcomes, events, telemetry) = (Vec::new(), Vec::new(), Vec::new());
         Self {

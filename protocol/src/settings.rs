@@ -39,7 +39,7 @@ macro_rules! settings_table {
                 frequency_ramp: "Hz/s", real, 1.0 ..= 1000.0, 200.0, "Steepest change of f.";
                 direction_ramp: "deg/s", real, 10.0 ..= 10000.0, 900.0, "Fastest change of theta.";
                 encoder_latency: "us", real, 0.0 ..= 3000.0, 0.0, "How much older a fresh encoder reading is than it says.";
-                actuation_delay: "us", real, 0.0 ..= 500.0, 50.0, "From the current sample of a tick to the middle of the interval in which its duties act.";
+                actuation_delay: "us", real, 0.0 ..= 500.0, 0.0, "From the current sample of a tick to the middle of the interval in which its duties act; 0 takes the board's own, which is 125.";
                 nominal_voltage: "V", real, 5.0 ..= 30.0, 11.1, "Bus voltage taken where the board cannot measure it: 3.7 V a cell.";
                 battery_low: "V", real, 4.0 ..= 30.0, $crate::failsafe::BATTERY_LOW_VOLTS, "Bus voltage below which the battery is reported low: 3.3 V a cell.";
                 under_voltage: "V", real, 4.0 ..= 30.0, 9.0, "Bus voltage that trips the under-voltage fault: 3.0 V a cell.";

@@ -268,6 +268,7 @@ const fn hardware(
         bus_largest_count: ADC_LARGEST_COUNT as u16,
         dead_time_ns,
         pwm_frequency_hz: PWM_FREQUENCY_HZ,
+        actuation_delay_us: Hardware::actuation_delay(PWM_FREQUENCY_HZ),
         can_coast,
     }
 }

@@ -23,8 +23,8 @@ use crate::{CYCLES_PER_SECOND, Transfer, Wave};
 
 /// Cycles of the chip in a step of the plant.
 pub const STEP_CYCLES: u64 = CYCLES_PER_SECOND / TICK_RATE_HZ as u64;
-/// The simulator delays duties by a PWM period; here the pins already have that delay, so none is left.
-const NO_DELAY_HZ: u32 = 10_000_000;
+/// The simulator has duties act when the board states; here the pins already have that delay, so none is left.
+const NO_DELAY_US: u16 = (STEP_CYCLES / 2 * 1_000_000 / CYCLES_PER_SECOND) as u16;
 /// Share of the battery's voltage at the divider's pin: 22 kiloohms of 122.
 const DIVIDER: f64 = 22.0 / 122.0;
 /// Fastest clocks that the encoders follow (MT6701 data sheet rev. 1.8, SSI; AS5047P data sheet v1-08, table 12).
@@ -37,7 +37,7 @@ const DISTURBED_EVERY: u64 = 4_999;
 const ENCODER_MODE: u8 = 1;
 
 /// Pins of the board that matter to the plant.
-const BOARD: &Board = &GENERIC_ESP32C6;
+pub(crate) const BOARD: &Board = &GENERIC_ESP32C6;
 
 /// Battery, bridges, motors, rotors and encoders.
 pub struct Robot {
@@ -69,7 +69,7 @@ impl Robot {
     #[must_use]
     pub fn new(kind: EncoderKind, seed: u64) -> Self {
         let model = RobotModel::named("W").and_then(|model| Plant::new(&model));
-        let hardware = Hardware { pwm_frequency_hz: NO_DELAY_HZ, ..BOARD.hardware };
+        let hardware = Hardware { actuation_delay_us: NO_DELAY_US, ..BOARD.hardware };
         let parameters =
             ElectronicsParameters { encoder: MT6701, ..ElectronicsParameters::on(hardware) };
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);

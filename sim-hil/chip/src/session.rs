@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use flix_firmware::hardware::Magnet;
+use flix_firmware::hardware::{Magnet, TICK_US};
 use flix_protocol::message::{Command, State};
 use flix_sim::experiment::metrics::HoldMeter;
 use flix_sim::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use crate::CYCLES_PER_SECOND;
 use crate::rig::{Rig, RigError};
+use crate::robot::BOARD;
 
 /// The paper's five modes (Table IV), and the reversal that the last one is to the one before: Hz, degrees.
 pub const MODES: [(&str, f64, f64); 5] = [
@@ -29,6 +30,9 @@ pub const LONGEST_GAP_US: f64 = 120.0;
 pub const TICK_PHASE_US: f64 = 0.5;
 /// The outputs take duties over at the counter's peaks: each tick's have to be set between the same two, microseconds.
 pub const TAKEN_OVER_US: [f64; 2] = [0.5e6 / PWM_HZ, 1.5e6 / PWM_HZ];
+// So they act when the board states.
+const _: () =
+    assert!(TAKEN_OVER_US[1] + TICK_US as f64 / 2.0 == BOARD.hardware.actuation_delay_us as f64);
 /// After disarming the rotors, braked, stand by then.
 const REST: Duration = Duration::from_millis(500);
 /// The light's pattern repeats after this time; of a disarmed robot's it is on for one step of sixteen.
@@ -38,9 +42,9 @@ const LIT_DISARMED: f64 = 1.0 / 16.0;
 const LIGHT_TOLERANCE: f64 = 0.01;
 /// The battery's voltage, by a divider without an error, is stated within this share.
 const BATTERY_TOLERANCE: f64 = 0.01;
-/// Largest mean direct current of both motors, A. Voltages lag the rotors by what `actuation_delay` leaves out, 75 us by
-/// default, which at 30 Hz is 0.16 A; an angle that is older than stated by a tick adds as much again.
-const LARGEST_DIRECT_CURRENT_A: f64 = 0.24;
+/// Largest mean direct current of both motors, A. At 30 Hz voltages that act a tick later than stated make 0.21 A, and so does an
+/// angle that is older by a tick.
+const LARGEST_DIRECT_CURRENT_A: f64 = 0.12;
 /// A robot's telemetry shows what its encoders say of their magnets within this time.
 const MAGNET_PATIENCE: Duration = Duration::from_millis(300);
 /// The mean share of every phase's pin lies this near to a half.

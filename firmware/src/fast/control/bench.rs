@@ -27,6 +27,7 @@ pub(crate) const HARDWARE: Hardware = Hardware {
     bus_largest_count: 4_095,
     dead_time_ns: 500,
     pwm_frequency_hz: 25_000,
+    actuation_delay_us: Hardware::actuation_delay(25_000),
     can_coast: true,
 };
 

@@ -248,6 +248,7 @@ impl Electrical {
             bus_largest_count: SIMULATED_BOARD.bus_largest_count,
             dead_time_ns: inverter.dead_time_ns,
             pwm_frequency_hz: inverter.pwm_frequency_hz,
+            actuation_delay_us: Hardware::actuation_delay(inverter.pwm_frequency_hz),
             can_coast: inverter.can_coast,
         };
         if board == SIMULATED_BOARD { board } else { Hardware { name: OWN_BOARD, ..board } }

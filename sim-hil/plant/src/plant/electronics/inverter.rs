@@ -6,7 +6,7 @@
 //! A coasting bridge feeds what current there is back to the bus through its diodes, until it is
 //! spent or the motor's back EMF no longer exceeds the bus.
 
-use flix_firmware::hardware::{Bridge, Duty, Hardware};
+use flix_firmware::hardware::{Bridge, Duty, Hardware, TICK_US};
 
 use super::motor::{Motor, Sweep, Terminal};
 
@@ -20,22 +20,21 @@ pub struct InverterParameters {
     pub dead_time: f64,
     /// PWM frequency, Hz.
     pub pwm_frequency: f64,
-    /// From the tick's samples to the first edge that its duties shape, s: computation and the wait
-    /// for the next PWM period.
+    /// From the tick's samples to the time from which its duties act, s.
     pub latency: f64,
     /// Whether an unpowered bridge lets the motor coast; else all low sides are on.
     pub can_coast: bool,
 }
 
 impl InverterParameters {
-    /// Creates the bridge of this board: duties take effect with the next PWM period.
+    /// Creates the bridge of this board: duties act as it states.
     #[must_use]
     pub fn of(hardware: &Hardware) -> Self {
         let pwm_frequency = f64::from(hardware.pwm_frequency_hz);
         Self {
             dead_time: f64::from(hardware.dead_time_ns) * 1e-9,
             pwm_frequency,
-            latency: 1.0 / pwm_frequency,
+            latency: f64::from(hardware.actuation_delay_us) * 1e-6 - f64::from(TICK_US) * 0.5e-6,
             can_coast: hardware.can_coast,
         }
     }
