@@ -6,7 +6,7 @@ use crate::support::{FakeRobot, key};
 use flix_cli::teleop::view;
 use flix_host::link::Client;
 use flix_host::nav::PlanarPose;
-use flix_host::pose::{Pose, PoseSample};
+use flix_host::pose::{Picture, Pose, PoseSample};
 use flix_host::teleop::Cockpit;
 use flix_host::teleop::action::{Action, Mode};
 use flix_host::teleop::cockpit::Sample;
@@ -303,15 +303,21 @@ impl Desk {
         for index in 0..poses {
             let heading = 0.01 * f64::from(index);
             let pose = PlanarPose { x: heading.sin(), y: 1.0 - heading.cos(), heading };
-            let sample = PoseSample {
-                time: self.now,
-                pose: Pose::planar(pose, 0.06),
-                valid: true,
-                picture: None,
-            };
-            self.cockpit.see(&sample, &mut self.client, self.now);
-            self.run(Duration::from_millis(10));
+            self.see_as(pose, None);
         }
+    }
+
+    /// Sees a pose, which the source does not trust where it comes late.
+    fn see_as(&mut self, pose: PlanarPose, late: Option<Duration>) {
+        let (exposed, sent) = (self.now, self.now);
+        let sample = PoseSample {
+            time: self.now,
+            pose: Pose::planar(pose, 0.06),
+            valid: late.is_none(),
+            picture: late.map(|late| Picture { exposed, sent, late }),
+        };
+        self.cockpit.see(&sample, &mut self.client, self.now);
+        self.run(Duration::from_millis(10));
     }
 }
 
@@ -342,6 +348,21 @@ fn a_forward_walk_that_curves_is_reported_and_a_held_heading_turns_it_back() {
     };
     assert!(curves(&desk));
     assert!(!curves(&Desk::turned_back()));
+}
+
+#[test]
+fn poses_that_come_late_are_called_late_and_not_missing() {
+    let mut desk = Desk::armed();
+    desk.see(10);
+    let (pose, late) =
+        (PlanarPose { x: 0.0, y: 0.0, heading: 0.0 }, Some(Duration::from_millis(1_900)));
+    for _ in 0..60 {
+        desk.see_as(pose, late);
+    }
+    let log = |desk: &Desk| desk.cockpit.log.back().unwrap().text.clone();
+    assert!(log(&desk).contains("poses come 1.9 s late"), "{}", log(&desk));
+    desk.see_as(pose, None);
+    assert_eq!(log(&desk), "poses are back");
 }
 
 #[test]

@@ -317,7 +317,7 @@ impl<H: Helm> Pilot<H> {
         for sample in poses {
             off_its_feet = self.footing.observe(sample).or(off_its_feet);
             self.helm.observe(sample);
-            self.late = sample.picture.map_or(Duration::ZERO, |picture| picture.late);
+            self.late = sample.late();
             self.record(|recorder| recorder.pose(sample));
         }
         if let Some(stop) = off_its_feet.filter(|_| self.phase == Phase::Driving) {

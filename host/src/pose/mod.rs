@@ -98,6 +98,12 @@ impl PoseSample {
     pub fn trusted(&self) -> Option<PlanarPose> {
         (self.valid && self.pose.is_sound()).then(|| self.pose.on_the_floor())
     }
+
+    /// Returns by how much later than the fastest one it came; zero where its source does not state when pictures are taken.
+    #[must_use]
+    pub fn late(&self) -> Duration {
+        self.picture.map_or(Duration::ZERO, |picture| picture.late)
+    }
 }
 
 /// A source of poses.

@@ -16,7 +16,7 @@ use super::settings::{Answered, Settings};
 use crate::link::explain;
 use crate::link::{Client, PASSING_PATIENCE, Update, line_difference, passes};
 use crate::nav::Footing;
-use crate::pose::PoseSample;
+use crate::pose::{LATE, PoseSample};
 
 /// Interval between two points of the histories.
 pub const HISTORY_INTERVAL: Duration = Duration::from_millis(200);
@@ -119,6 +119,8 @@ pub struct Cockpit {
     /// Whether it stands on its feet while it walks.
     footing: Footing,
     is_unseen: bool,
+    /// By how much the newest pose came late.
+    late: Duration,
     /// Shaking phase in slow motion, degrees clockwise.
     pub phase: f32,
     start: Instant,
@@ -169,6 +171,7 @@ impl Cockpit {
             floor: None,
             footing: Footing::default(),
             is_unseen: false,
+            late: Duration::ZERO,
             phase: 0.0,
             start: now,
             heard: now,
@@ -379,6 +382,7 @@ impl Cockpit {
             self.act(Action::Stop, client, now);
             self.note(now, Weight::Alarm, &stop.to_string());
         }
+        self.late = sample.late();
         Floor::observe(&mut self.floor, sample);
         self.steer(client, now);
         let Some(floor) = &mut self.floor else { return };
@@ -401,12 +405,18 @@ impl Cockpit {
             client.hold(now, steered);
         }
         if std::mem::replace(&mut self.is_unseen, is_unseen) != is_unseen {
-            let (weight, text) = if is_unseen {
-                (Weight::Warning, "no pose for 0.5 s: the map is old, and no heading is held")
-            } else {
-                (Weight::Note, "poses are back")
+            let (weight, text) = match self.late {
+                _ if !is_unseen => (Weight::Note, "poses are back".to_owned()),
+                late => {
+                    let cause = if late > LATE {
+                        format!("poses come {:.1} s late", late.as_secs_f64())
+                    } else {
+                        "no pose for 0.5 s".to_owned()
+                    };
+                    (Weight::Warning, format!("{cause}: the map is old, and no heading is held"))
+                }
             };
-            self.note(now, weight, text);
+            self.note(now, weight, &text);
         }
     }
 
