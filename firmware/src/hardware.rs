@@ -7,8 +7,6 @@ use core::num::NonZeroU16;
 
 use serde::{Deserialize, Serialize};
 
-use crate::settings::Settings;
-
 pub use crate::units::{Duty, EncoderAngle, TICK, TICK_RATE_HZ, TICK_US};
 pub use flix_protocol::message::Magnet;
 
@@ -113,14 +111,6 @@ impl Hardware {
     #[must_use]
     pub const fn actuation_delay(pwm_frequency_hz: u32) -> u16 {
         (1_500_000 / pwm_frequency_hz + TICK_US / 2) as u16
-    }
-
-    /// Returns these settings with the board's own figure where they leave it to the board.
-    #[must_use]
-    pub fn complete(&self, settings: &Settings) -> Settings {
-        let own = f32::from(self.actuation_delay_us);
-        let actuation_delay = Some(settings.actuation_delay).filter(|us| *us > 0.0).unwrap_or(own);
-        Settings { actuation_delay, ..*settings }
     }
 }
 

@@ -71,7 +71,7 @@ impl Judged {
         let settings = decisive(settings);
         let measures_current = hardware.current_sense.is_some();
         let verdict = judge_command_age(&settings)
-            .and_then(|()| margin::judge(&hardware.complete(&settings), measures_current));
+            .and_then(|()| margin::judge(&settings.on(hardware), measures_current));
         Self { settings, verdict }
     }
 

@@ -23,7 +23,7 @@ use flix_protocol::message::{Mark, Parameter, Refusal};
 use heapless::{String, Vec};
 
 use crate::alignment::{Alignment, Frame};
-use crate::hardware::SettingsStore;
+use crate::hardware::{Hardware, SettingsStore};
 use crate::stored::{self, LoadError, SaveError};
 use crate::units::{ElectricalAngle, RotorAngle, TURN_PER_DEGREE};
 
@@ -356,6 +356,15 @@ impl Settings {
             }
         }
         Ok(())
+    }
+
+    /// Returns the same with the board's own figures where these leave it to the board: an `actuation_delay` of zero.
+    #[must_use]
+    pub fn on(mut self, hardware: &Hardware) -> Self {
+        if self.actuation_delay <= 0.0 {
+            self.actuation_delay = hardware.actuation_delay_us.into();
+        }
+        self
     }
 
     /// Returns these settings, the values of the motors entered as they are.

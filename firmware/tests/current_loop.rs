@@ -14,7 +14,7 @@ struct Reference {
 
 impl Reference {
     fn update(&mut self, input: &Input) -> [f64; 3] {
-        let settings = DENGFOC_V3_01.hardware.complete(&Settings::DEFAULT);
+        let settings = Settings::DEFAULT.on(&DENGFOC_V3_01.hardware);
         let resistance = f64::from(settings.phase_resistance[0]);
         let inductance = f64::from(settings.phase_inductance[0]) * 1e-3;
         let flux = f64::from(settings.flux_linkage[0]) * 1e-3;

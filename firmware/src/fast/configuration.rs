@@ -89,7 +89,7 @@ impl Configuration {
     /// NaN becomes zero. Never panics.
     #[must_use]
     pub fn new(settings: &Settings, hardware: &Hardware) -> Self {
-        let settings = &hardware.complete(settings);
+        let settings = &settings.on(hardware);
         let volts = |value: f32| Voltage::from_volts(value.into());
         let sense = hardware.current_sense;
         let microamperes = sense.map_or(0.0, |sense| f64::from(sense.microamperes_per_count));
@@ -188,7 +188,7 @@ impl Configuration {
         let pwm_frequency = f64::from(hardware.pwm_frequency_hz);
         Model {
             dead_time: scaled(dead_time_slope(dead_share(hardware), inductance, pwm_frequency), 24),
-            ..regulator(&hardware.complete(settings), motor)
+            ..regulator(&settings.on(hardware), motor)
         }
     }
 

@@ -78,7 +78,7 @@ fn gains(settings: &Settings, hardware: &Hardware) -> Vec<Gain> {
             "delay",
             motor.delay,
             DELAY_BITS as i32,
-            f64::from(hardware.complete(settings).actuation_delay) * 1e-6 * rate
+            f64::from(settings.on(hardware).actuation_delay) * 1e-6 * rate
         ),
         (
             "angle_gain",
