@@ -67,7 +67,7 @@ pub struct DiscoveryError(#[from] mdns_sd::Error);
 /// When multicast does not work on this machine.
 pub fn browse(duration: Duration, interrupt: &Interrupt) -> Result<Vec<Found>, DiscoveryError> {
     let mut robots = BTreeMap::new();
-    listen(duration, interrupt, &mut |found| {
+    listen(duration, interrupt, |found| {
         robots.extend(found.map(|found| (found.name.clone(), found)));
         false
     })?;
@@ -276,7 +276,7 @@ type Enough<'a> = dyn FnMut(Option<Found>) -> bool + 'a;
 fn listen(
     duration: Duration,
     interrupt: &Interrupt,
-    enough: &mut Enough,
+    mut enough: impl FnMut(Option<Found>) -> bool,
 ) -> Result<(), DiscoveryError> {
     let daemon = ServiceDaemon::new()?;
     let events = daemon.browse(SERVICE_TYPE)?;
