@@ -6,8 +6,9 @@
 //! A coasting bridge feeds what current there is back to the bus through its diodes, until it is
 //! spent or the motor's back EMF no longer exceeds the bus.
 
-use flix_firmware::hardware::{Bridge, Duty, Hardware, TICK_US};
+use flix_firmware::hardware::{Bridge, Duty, Hardware};
 
+use super::TICK;
 use super::motor::{Motor, Sweep, Terminal};
 
 /// Voltage across a conducting body diode, V (silicon, at a few hundred milliamperes).
@@ -34,7 +35,7 @@ impl InverterParameters {
         Self {
             dead_time: f64::from(hardware.dead_time_ns) * 1e-9,
             pwm_frequency,
-            latency: f64::from(hardware.actuation_delay_us) * 1e-6 - f64::from(TICK_US) * 0.5e-6,
+            latency: f64::from(hardware.actuation_delay_us) * 1e-6 - TICK / 2.0,
             can_coast: hardware.can_coast,
         }
     }

@@ -94,8 +94,10 @@ struct Chain {
     decay: Decay,
     encoder: Encoder,
     current_sensor: Option<CurrentSensor>,
-    /// Order of the bridge in the tick before.
+    /// Order that is in force.
     bridge: Bridge,
+    /// Order of the tick before: in force only later than a tick after its samples where the carrier is slow.
+    before: Bridge,
 }
 
 /// Where energy went since the start, J.
@@ -239,13 +241,14 @@ impl Electronics {
             self.chains[index].motor.sweep(angle[index], speed[index], SUB_STEP)
         });
         let late = (self.inverter.latency / SUB_STEP).round() as usize;
+        let (ticks, late) = (late / SUB_STEPS, late % SUB_STEPS);
         let mut torque = [0.0; 2];
         for sub_step in 0..SUB_STEPS {
             let bus = self.battery.bus_voltage();
             let mut drawn = 0.0;
             for (index, chain) in self.chains.iter_mut().enumerate() {
                 if sub_step == late {
-                    chain.bridge = actuation.bridges[index];
+                    chain.bridge = if ticks == 0 { actuation.bridges[index] } else { chain.before };
                 }
                 let (mean_torque, charge) =
                     chain.run(&self.inverter, bus, &sweeps[index], &mut self.ledger);
@@ -255,10 +258,8 @@ impl Electronics {
             }
             self.battery.draw(drawn, &self.bus_decay);
         }
-        if late >= SUB_STEPS {
-            for (chain, bridge) in self.chains.iter_mut().zip(actuation.bridges) {
-                chain.bridge = bridge;
-            }
+        for (chain, bridge) in self.chains.iter_mut().zip(actuation.bridges) {
+            chain.before = bridge;
         }
         torque
     }
@@ -346,6 +347,7 @@ impl Chain {
                 .current_sense
                 .map(|sense| CurrentSensor::built(sense, parameters.amplifier, inverted, random)),
             bridge: Bridge::Off,
+            before: Bridge::Off,
         }
     }
 

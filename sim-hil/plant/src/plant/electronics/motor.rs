@@ -137,10 +137,16 @@ impl Motor {
         self.uneven = Some(factors.map(|(r, l)| (r * resistance, l * inductance)));
     }
 
-    /// Currents of phases A, B, C, positive into the motor, A. Their sum is zero.
+    /// Currents of phases A, B, C, positive into the motor, A. Their sum is zero, and a broken wire carries nothing.
     #[must_use]
     pub fn phase_currents(&self) -> [f64; 3] {
-        from_alpha_beta(self.current)
+        let mut currents = from_alpha_beta(self.current);
+        for (current, open) in currents.iter_mut().zip(self.open) {
+            if open {
+                *current = 0.0;
+            }
+        }
+        currents
     }
 
     /// Currents in the rotor's frame (d, q) at this rotor angle, A.
