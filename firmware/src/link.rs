@@ -104,7 +104,7 @@ pub struct Link {
     session: RobotSession,
     identity: Identity,
     black_box: BlackBox,
-    /// What a trial is told of the bridges; `None` where the board measures no currents.
+    /// What carries it.
     hardware: Hardware,
     signal_dbm: Option<i8>,
     order: Order,

@@ -89,7 +89,6 @@ impl Configuration {
     /// NaN becomes zero. Never panics.
     #[must_use]
     pub fn new(settings: &Settings, hardware: &Hardware) -> Self {
-        let settings = &settings.on(hardware);
         let volts = |value: f32| Voltage::from_volts(value.into());
         let sense = hardware.current_sense;
         let microamperes = sense.map_or(0.0, |sense| f64::from(sense.microamperes_per_count));

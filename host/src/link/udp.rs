@@ -266,10 +266,12 @@ impl Connection {
     /// answers its state is awaited, too: it decides whether the robot is still driven.
     fn why_lost(&mut self) -> LinkError {
         let deadline = self.now() + REVOKED_PATIENCE;
+        let mut why = LinkError::Silent;
         while self.now() < deadline {
             while let Some(update) = self.client.update() {
                 match update {
                     Update::Failed(ConnectError::WrongKey) => return LinkError::Revoked,
+                    Update::Connected => why = LinkError::Back,
                     Update::Telemetry(_) => return LinkError::Back,
                     _ => {}
                 }
@@ -278,7 +280,7 @@ impl Connection {
                 break;
             }
         }
-        LinkError::Silent
+        why
     }
 
     /// Waits until the session is open, as long as the session tries

@@ -405,18 +405,16 @@ impl Cockpit {
             client.hold(now, steered);
         }
         if std::mem::replace(&mut self.is_unseen, is_unseen) != is_unseen {
-            let (weight, text) = match self.late {
-                _ if !is_unseen => (Weight::Note, "poses are back".to_owned()),
-                late => {
-                    let cause = if late > LATE {
-                        format!("poses come {:.1} s late", late.as_secs_f64())
-                    } else {
-                        "no pose for 0.5 s".to_owned()
-                    };
-                    (Weight::Warning, format!("{cause}: the map is old, and no heading is held"))
-                }
+            if !is_unseen {
+                return self.note(now, Weight::Note, "poses are back");
+            }
+            let cause = if self.late > LATE {
+                format!("poses come {:.1} s late", self.late.as_secs_f64())
+            } else {
+                "no pose for 0.5 s".to_owned()
             };
-            self.note(now, weight, &text);
+            let text = format!("{cause}: the map is old, and no heading is held");
+            self.note(now, Weight::Warning, &text);
         }
     }
 
