@@ -1,7 +1,9 @@
 //! `flix-sim accuracy`: the figures that the robot promises, measured.
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 
+use flix_plot::Figure as _;
 use flix_shell::number::whole;
 
 use super::Error;
@@ -13,12 +15,13 @@ use flix_sim::reliability::accuracy::{
 };
 use flix_sim::reliability::commissioned;
 use flix_sim::rig::bench::{BASES, Subject};
+use flix_study::figure::over_charge;
 use flix_study::headroom::{CEILING_SHARE, HEADROOM_V, Headroom, judge};
 
 /// Measure how well f and theta are held over their whole range
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  flix-sim accuracy\n  flix-sim accuracy --seed 7 --json\n  flix-sim accuracy --model my-robot.toml\n  flix-sim accuracy --robots 20 --first-seed 100 --json"
+    after_help = "Examples:\n  flix-sim accuracy\n  flix-sim accuracy --seed 7 --json\n  flix-sim accuracy --model my-robot.toml\n  flix-sim accuracy --robots 20 --first-seed 100 --json\n  flix-sim accuracy --robots 200 --out out/accuracy"
 )]
 pub struct Args {
     /// Model whose body, shaker and electrical part are put on the bench: a TOML file or a name [default: the bench]
@@ -34,6 +37,9 @@ pub struct Args {
     /// Seed of the first of these robots; the others follow
     #[arg(long, value_name = "SEED", default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX), requires = "robots")]
     first_seed: u64,
+    /// Folder for headroom.svg and headroom.png: how many of these robots hold everything, over the charge of their batteries
+    #[arg(long, value_name = "DIR", requires = "robots")]
+    out: Option<PathBuf>,
     /// Print JSON only
     #[arg(long)]
     json: bool,
@@ -42,13 +48,16 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// When the model is refused, or a robot could not be brought to run.
+/// When the model is refused, a robot could not be brought to run, or the figure not be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if let Some(robots) = args.robots {
         let bar = progress(2 * robots as u64, "commissioning and measuring");
         let measured =
             commissioned::measure(robots, args.first_seed, || bar.inc(1)).and_then(judge);
         bar.finish_and_clear();
+        if let (Some(folder), Ok(measured)) = (&args.out, &measured) {
+            over_charge(measured).write(folder, "headroom")?;
+        }
         return print_verdict(measured, |it| it.pass, args.json, text_of_all);
     }
     let model = args.model.as_deref().map(RobotModel::named).transpose()?;

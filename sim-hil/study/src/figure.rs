@@ -6,10 +6,12 @@ use flix_host::nav::Twist;
 use flix_plot::{
     Chart, Colour, Figure, HeatMap, HeatMaps, Panel, PlotError, Series, Stroke, Written, colour,
 };
+use flix_sim::reliability::commissioned::Kept;
 
 use super::Table;
 use super::actuation::CYCLES;
 use super::front::{Gait, front, gaits};
+use super::headroom::{Board, Boards, HEADROOM_V, Headroom, Judged};
 use super::measured::Measured;
 use super::modes::{Component, PaperMode, paper_modes};
 use super::selection::{Candidate, robustness};
@@ -66,6 +68,46 @@ pub fn draw(table: &Table, folder: &Path) -> Result<Vec<Written>, PlotError> {
         }
         _ => Ok(Vec::new()),
     }
+}
+
+/// Draws how many robots could hold everything, and do, over the charge of their batteries.
+#[must_use]
+pub fn over_charge(headroom: &Headroom) -> Chart {
+    let Boards { sense, voltage } = &headroom.boards;
+    // Of each tenth of charge that has robots, in percent at its middle.
+    let share = |board: &Board, of: fn(&Judged) -> bool| -> Vec<(f64, f64)> {
+        (0..10)
+            .filter_map(|tenth| {
+                let range = f64::from(tenth) / 10.0..f64::from(tenth + 1) / 10.0;
+                let robots: Vec<_> =
+                    board.each.iter().filter(|it| range.contains(&it.charge)).collect();
+                let counted = robots.iter().filter(|it| of(it)).count();
+                let middle = 50.0 * (range.start + range.end);
+                (!robots.is_empty()).then(|| (middle, 100.0 * counted as f64 / robots.len() as f64))
+            })
+            .collect()
+    };
+    let held = |it: &Judged| it.kept == Kept::Held;
+    let possible = share(sense, |it| it.bound.headroom_v > HEADROOM_V);
+    let panel = Panel::new("robots (%)")
+        .range(0.0, 100.0)
+        .series(Series::line("possible", possible).colour(colour::MUTED).width(5.0))
+        .series(
+            Series::line("held, current sense", share(sense, held))
+                .stroke(Stroke::Marked)
+                .colour(colour::BLUE),
+        )
+        .series(
+            Series::line("held, voltage mode", share(voltage, held))
+                .stroke(Stroke::Marked)
+                .colour(colour::ORANGE),
+        );
+    Chart::new("Robots that hold f and theta up to 35 Hz", "charge of the battery (%)")
+        .subtitle(format!(
+            "{} robots drawn about the assumed one; possible: an ideal drive has more than {HEADROOM_V} V left",
+            headroom.robots
+        ))
+        .panel(panel)
 }
 
 /// Returns the sorted values of an axis, each once.

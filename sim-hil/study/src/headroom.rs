@@ -155,6 +155,8 @@ pub fn bound(model: &RobotModel, base: Base, seed: u64) -> Result<Bound, BenchEr
 pub struct Judged {
     /// Its seed.
     pub seed: u64,
+    /// Of its battery, a share.
+    pub charge: f64,
     /// The lesser of its bounds on the two bases.
     pub bound: Bound,
     /// See [`Kept`].
@@ -211,6 +213,7 @@ impl Board {
             };
             Ok(Judged {
                 seed: robot.seed,
+                charge: model.electrical.pack.charge_at_least,
                 bound: Bound {
                     headroom_v: least(|it| it.headroom_v),
                     ceiling_hz: least(|it| it.ceiling_hz),
