@@ -505,6 +505,7 @@ impl Link {
             Command::Parameter(command) => return self.tune(now, command, tuning).map(Some),
             Command::Trial(trial) => return self.try_out(now, request, trial).map(Some),
             Command::Identify => return Ok(Some(Outcome::Identity(self.identity.clone()))),
+            Command::Bridges => return Ok(Some(Outcome::Bridges(bridges(&self.hardware)))),
             Command::Crash => return Ok(Some(Outcome::Crash(self.black_box.crash().cloned()))),
             Command::Ping(number) => return Ok(Some(Outcome::Pong(number))),
             Command::Scope(command) => {
@@ -613,16 +614,19 @@ impl Link {
     /// Asks the fast half for a trial.
     fn try_out(&mut self, now: Instant, request: u32, trial: Trial) -> Result<Outcome, Refusal> {
         trial.check()?;
-        let bridges = bridges(&self.hardware).ok_or(Refusal::NoCurrentSense)?;
+        if !self.measures_current() {
+            return Err(Refusal::NoCurrentSense);
+        }
+        let bridges = Outcome::Bridges(bridges(&self.hardware));
         if self.tried == Some(request) {
-            return Ok(Outcome::Trial(bridges));
+            return Ok(bridges);
         }
         self.check_cleared()?;
         self.prepare_to_drive(now)?;
         self.tried = Some(request);
         self.order.trial = Some(trial);
         self.order.requests.trial = self.order.requests.trial.wrapping_add(1);
-        Ok(Outcome::Trial(bridges))
+        Ok(bridges)
     }
 
     /// Accepts that motors are driven which were not: only those of a disarmed robot, over a steady link.
@@ -826,14 +830,15 @@ pub fn identity(name: &str, hardware: &Hardware) -> Identity {
     }
 }
 
-/// Returns what a trial is told of the board's bridges; `None` where it measures no currents.
+/// Returns what the robot answers of the board's bridges.
 #[must_use]
-pub fn bridges(hardware: &Hardware) -> Option<Bridges> {
-    hardware.current_sense.map(|_| Bridges {
+pub const fn bridges(hardware: &Hardware) -> Bridges {
+    Bridges {
         dead_time_ns: hardware.dead_time_ns,
         pwm_frequency_hz: hardware.pwm_frequency_hz,
         measures_bus: hardware.bus_microvolts_per_count.is_some(),
-    })
+        measures_current: hardware.current_sense.is_some(),
+    }
 }
 
 fn command_age(settings: &Settings) -> Duration {

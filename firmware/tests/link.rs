@@ -218,6 +218,7 @@ fn each_state_accepts_what_its_rotors_may_do_and_refuses_the_rest_with_its_name(
         (Command::Parameter(ParameterCommand::Check), &STATES, none),
         (Command::Ping(5), &STATES, none),
         (Command::Crash, &STATES, none),
+        (Command::Bridges, &STATES, none),
     ] {
         for state in STATES {
             let mut ends = Ends::at(state);
@@ -528,6 +529,7 @@ fn what_comes_too_late_is_refused_with_its_age_but_for_stopping_and_reading() {
         (Command::Disarm, true),
         (Command::Identify, true),
         (Command::Crash, true),
+        (Command::Bridges, true),
         (Command::Ping(3), true),
         (Command::Parameter(read), true),
         (Command::Parameter(ParameterCommand::List(0)), true),
@@ -969,8 +971,8 @@ const TRIAL: Trial = Trial {
 #[test]
 fn a_trial_is_for_a_disarmed_robot_over_a_steady_link() {
     let mut ends = Ends::proven();
-    let bridges = bridges(&DENGFOC_V3_01.hardware).unwrap();
-    assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Trial(bridges));
+    let bridges = bridges(&DENGFOC_V3_01.hardware);
+    assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Bridges(bridges));
     let order = *ends.link.order();
     assert_eq!((order.trial, order.requests.trial), (Some(TRIAL), 1));
     for state in [State::Aligning, State::Armed, State::Running, State::Stopping, State::Faulted] {
@@ -992,16 +994,16 @@ fn a_trial_is_for_a_disarmed_robot_over_a_steady_link() {
 #[test]
 fn a_trial_whose_answer_was_lost_begins_once() {
     let mut ends = Ends::proven();
-    let bridges = bridges(&DENGFOC_V3_01.hardware).unwrap();
-    assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Trial(bridges));
+    let bridges = bridges(&DENGFOC_V3_01.hardware);
+    assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Bridges(bridges));
     ends.observe(|report| report.state = State::Aligning);
     // The same request again, as it comes over the link: answered, whatever became of it.
-    assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Trial(bridges));
+    assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Bridges(bridges));
     ends.observe(|report| {
         report.state = State::Faulted;
         report.faults = Faults::NONE.with(Fault::CurrentSense);
     });
-    assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Trial(bridges));
+    assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Bridges(bridges));
     assert_eq!(ends.link.order().requests.trial, 1);
     // Another request is another trial.
     let another = ToRobot { request: 8, intent: 0, halts: 0, command: Command::Trial(TRIAL) };

@@ -70,6 +70,8 @@ pub enum Command {
     Trial(Trial),
     /// Report what was kept of the last accident.
     Crash,
+    /// Report what the board's description says of its bridges.
+    Bridges,
 }
 
 impl Command {
@@ -80,6 +82,7 @@ impl Command {
             self,
             Self::Identify
                 | Self::Crash
+                | Self::Bridges
                 | Self::Ping(_)
                 | Self::Parameter(
                     ParameterCommand::Get(_) | ParameterCommand::List(_) | ParameterCommand::Check,
@@ -181,8 +184,8 @@ pub enum Outcome {
     Scope(ScopeStatus),
     /// Rows of the scope.
     ScopeRows(ScopeRows),
-    /// The trial begins, on these bridges.
-    Trial(Bridges),
+    /// The board's bridges; of a trial, which begins.
+    Bridges(Bridges),
     /// What was kept of the last accident; `None`: there was none since power came.
     Crash(Option<CrashReport>),
 }

@@ -53,6 +53,7 @@ fn command_name(command: &Command) -> &'static str {
         Command::Trial(Trial { pattern: Pattern::Turn(_), .. }) => "trial-turn",
         Command::Trial(Trial { pattern: Pattern::Swing(_), .. }) => "trial-swing",
         Command::Crash => "crash",
+        Command::Bridges => "bridges",
     }
 }
 const TURN: Trial = Trial {
@@ -62,7 +63,7 @@ const TURN: Trial = Trial {
     pattern: Pattern::Turn(-79),
     ticks: 4_000,
 };
-const COMMANDS: usize = 22;
+const COMMANDS: usize = 23;
 
 fn commands() -> Vec<Command> {
     vec![
@@ -95,6 +96,7 @@ fn commands() -> Vec<Command> {
         Command::Trial(TURN),
         Command::Trial(Trial { pattern: Pattern::Swing(600), ..TURN }),
         Command::Crash,
+        Command::Bridges,
     ]
 }
 
@@ -168,7 +170,7 @@ fn outcome_name(outcome: &Outcome) -> String {
         Outcome::Pong(_) => "pong".into(),
         Outcome::Scope(_) => "scope".into(),
         Outcome::ScopeRows(_) => "scope-rows".into(),
-        Outcome::Trial(_) => "trial".into(),
+        Outcome::Bridges(_) => "bridges".into(),
         Outcome::Crash(None) => "no-crash".into(),
         Outcome::Crash(Some(_)) => "crash".into(),
     }
@@ -211,7 +213,12 @@ fn outcomes() -> Vec<Outcome> {
             first: 28,
             values: [0x34, 0x12, 0xFF, 0xFF].into_iter().collect(),
         }),
-        Outcome::Trial(Bridges { dead_time_ns: 300, pwm_frequency_hz: 20_000, measures_bus: true }),
+        Outcome::Bridges(Bridges {
+            dead_time_ns: 300,
+            pwm_frequency_hz: 20_000,
+            measures_bus: true,
+            measures_current: false,
+        }),
         Outcome::Crash(None),
         Outcome::Crash(Some(crash())),
     ];
@@ -680,7 +687,7 @@ fn a_question_is_what_reads_and_nothing_else() {
         commands().iter().filter(|it| it.is_question()).map(command_name).collect();
     let reading =
         ["parameter-get", "parameter-list", "parameter-check", "identify", "ping", "scope-status"];
-    assert_eq!(questions, [&reading[..], &["scope-read", "crash"]].concat());
+    assert_eq!(questions, [&reading[..], &["scope-read", "crash", "bridges"]].concat());
 }
 
 #[test]

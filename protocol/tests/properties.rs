@@ -124,6 +124,7 @@ fn any_command() -> impl Strategy<Value = Command> {
             Command::Clear,
             Command::Identify,
             Command::Crash,
+            Command::Bridges,
             Command::Parameter(ParameterCommand::Save),
             Command::Parameter(ParameterCommand::Reset),
             Command::Parameter(ParameterCommand::Put(Name::new(), 1.0, Mark::Assumed)),

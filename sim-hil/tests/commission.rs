@@ -5,8 +5,13 @@ use std::time::Duration;
 
 use flix_firmware::hardware::Sensors;
 use flix_firmware::settings::{MOTOR_VALUES, Settings};
-use flix_host::commission::{CommissionError, Finding, Known, Step, Subject, commission};
-use flix_protocol::message::{Command, Mark, Outcome, Setpoint, Telemetry};
+use flix_host::commission::voltage_mode::find_latency;
+use flix_host::commission::{
+    CommissionError, Finding, Known, Step, Subject, commission, motor_name,
+};
+use flix_protocol::message::{
+    Command, Fault, Mark, Outcome, ParameterCommand, Setpoint, Telemetry,
+};
 use flix_protocol::units::Instant;
 use flix_sim::model::SIMULATED_BOARD;
 use flix_sim::reliability::commission::{CURRENT_LIMIT_A, measure, try_stranger};
@@ -18,7 +23,8 @@ use flix_sim::rig::wiring_fault::{Miswired, WiringFault};
 /// Commissions the stranger of this seed, as it is and with each wiring fault.
 fn finds_itself_and_its_faults(seed: u64) {
     let measured = measure(1, seed, || {}).unwrap();
-    assert_eq!(measured.refused_without_current_sense, 1);
+    let late = &measured.voltage_mode;
+    assert!(late.found == 1 && late.refused_assumed == 1, "{late:?}");
     let wiring = &measured.wiring_faults;
     assert!(wiring.kinds.len() > 22 && wiring.tried == wiring.kinds.len());
     assert!(wiring.missed.is_empty(), "{:?}", wiring.missed);
@@ -81,6 +87,70 @@ fn swapped_encoders_are_named_and_the_settings_stay_as_they_were() {
     let Err(CommissionError::Found(finding)) = found else { panic!("{found:?}") };
     assert_eq!(finding, Finding::EncodersSwapped(0));
     assert_eq!(settings(&robot), before);
+}
+
+/// Returns a robot without current sense whose motors were entered as they are, but for pole pairs times this.
+fn entered(seed: u64, times: f64) -> Watched {
+    let mut model = stranger(seed);
+    model.electrical.sense.current = false;
+    let (inertia, pairs) = (rotor_inertia(&model.shaker), model.electrical.motor.pole_pairs);
+    let mut robot = Watched::power_up(model, seed).unwrap();
+    let mut values = vec![
+        ("pole_pairs".to_owned(), times * f64::from(pairs)),
+        ("rotor_inertia".to_owned(), 1e7 * inertia),
+    ];
+    for motor in [0, 1] {
+        let truth = *robot.operation.robot.electronics().motor(motor).parameters();
+        values.extend(
+            [
+                ("phase_resistance", truth.resistance),
+                ("phase_inductance", 1e3 * truth.inductance),
+                ("flux_linkage", 1e3 * truth.flux_linkage),
+            ]
+            .map(|(name, value)| (format!("{}_{name}", motor_name(motor)), value)),
+        );
+    }
+    for (name, value) in values {
+        let put = ParameterCommand::Set(name.as_str().try_into().unwrap(), value as f32);
+        robot.operation.ask(Command::Parameter(put)).unwrap();
+    }
+    robot
+}
+
+#[test]
+fn a_robot_without_current_sense_knows_how_late_its_encoders_are_and_what_that_rests_on() {
+    let mut robot = entered(4, 1.0);
+    let before = settings(&robot);
+    let found = find_latency(&mut robot, &Known::default(), |_| {}).unwrap();
+    let late = stranger(4).electrical.encoder.late_us;
+    assert!((1e6 * found.encoder_latency - late).abs() < 30.0, "{found:?} of {late} us");
+    assert_eq!(found.rests_on.len(), 7);
+    let after = settings(&robot);
+    assert!((f64::from(after.encoder_latency) - 1e6 * found.encoder_latency).abs() < 0.1);
+    // Neither the turned angle nor what bounded the runs stays.
+    let kept = |settings: &Settings| {
+        let Settings { frequency_ramp, current_limit, alignment_current, .. } = *settings;
+        (frequency_ramp, current_limit, alignment_current, settings.flux_linkage)
+    };
+    assert_eq!(kept(&after), kept(&before));
+    assert_eq!(after.aligned, [1.0; 2]);
+    assert!(!found.changes.iter().any(|(name, ..)| name.ends_with("electrical_offset")));
+}
+
+#[test]
+fn pole_pairs_entered_wrongly_end_a_search_for_latency_and_leave_the_settings_as_they_were() {
+    let mut robot = entered(9004, 2.0);
+    let before = settings(&robot);
+    let found = find_latency(&mut robot, &Known::default(), |_| {});
+    let Err(CommissionError::Faulted { faults, .. }) = &found else { panic!("{found:?}") };
+    assert!(faults.contains(Fault::Alignment), "{found:?}");
+    let after = settings(&robot);
+    let kept = |settings: &Settings| {
+        (settings.encoder_latency, settings.position_bandwidth, settings.tracker_bandwidth)
+    };
+    assert_eq!(kept(&after), kept(&before));
+    assert_eq!(after.frequency_ramp, before.frequency_ramp);
+    assert!(robot.largest_current.get() <= CURRENT_LIMIT_A);
 }
 
 /// A robot whose operator falls silent some time after a step has begun, or for a while in trials.

@@ -3,13 +3,14 @@
 use std::fmt::Write;
 use std::process::ExitCode;
 
-use flix_protocol::message::{Command, ParameterCommand, Refusal};
+use flix_protocol::message::{Command, ParameterCommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::drive::{give_up, stop};
 use super::robot::RobotArgs;
 use super::{Error, Exit};
+use flix_host::commission::voltage_mode::{self, Latency, bridges, find_latency};
 use flix_host::commission::{CommissionError, Commissioned, Known, Motor, Step, commission};
 use flix_host::link::udp::LinkError;
 use flix_host::system::interrupt::Interrupt;
@@ -22,7 +23,11 @@ use flix_shell::output::{headings, print, print_json, table};
 /// Nothing of a motor is assumed: a voltage grows from nothing until a current flows, at most 1.5 A as the amplifiers show it. Then
 /// the rotors turn, first slowly, at last at up to 26 Hz: put the robot on its feet or a stand, with room around its
 /// rotors. It takes a minute and a half. What is wired, mounted or made wrongly is named, and the settings stay as they were. Both
-/// motors must be of one kind. Boards that measure no phase currents refuse. Ctrl-C stops the robot.
+/// motors must be of one kind. Ctrl-C stops the robot.
+///
+/// On a board that measures no phase currents the motors are measured by hand and entered with `flix parameters set`: pole_pairs,
+/// phase_resistance and phase_inductance (of one phase: half of what is measured between two wires), flux_linkage. It then finds
+/// how late the encoders are, and says what that rests on.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -58,8 +63,15 @@ fn inertia(text: &str) -> Result<f64, String> {
 #[derive(Debug, Serialize)]
 struct Report {
     #[serde(flatten)]
-    found: Commissioned,
+    found: Found,
     saved: bool,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum Found {
+    Measured(Commissioned),
+    InVoltageMode(Latency),
 }
 
 /// Runs the command.
@@ -74,11 +86,19 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let style = ProgressStyle::with_template("{bar:40} {pos} of {len}: {msg}");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     let known = Known { rotor_inertia: args.inertia.map(|it| 1e-7 * it), battery: args.battery };
-    let found = commission(&mut connection, &known, |step| {
-        let place = Step::ALL.iter().position(|it| *it == step).unwrap_or(0);
-        bar.set_position(place as u64);
+    let show = |steps: &[Step], step: Step| {
+        bar.set_length(steps.len() as u64);
+        bar.set_position(steps.iter().position(|it| *it == step).unwrap_or(0) as u64);
         bar.set_message(step.to_string());
-    });
+    };
+    let found = match bridges(&mut connection) {
+        Ok(bridges) if bridges.measures_current => {
+            commission(&mut connection, &known, |step| show(&Step::ALL, step)).map(Found::Measured)
+        }
+        Ok(_) => find_latency(&mut connection, &known, |step| show(&voltage_mode::STEPS, step))
+            .map(Found::InVoltageMode),
+        Err(error) => Err(error),
+    };
     bar.finish_and_clear();
     let found = match found {
         Ok(found) => found,
@@ -105,11 +125,13 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 
 fn sentence(error: CommissionError<LinkError>) -> Error {
     match error {
-        CommissionError::Robot(LinkError::Refused(Refusal::NoCurrentSense)) => Error::new(
+        CommissionError::Assumed { name } => Error::new(
             Exit::NotNow,
-            "the board measures no phase currents, so that nothing would bound them: measure the motors by hand and enter \
-             them with `flix parameters set`: phase_resistance and phase_inductance (of one phase: half of what is measured between \
-             two wires), flux_linkage, pole_pairs, encoder_latency",
+            format!(
+                "the board measures no phase currents, so that nothing but the values of the motors bounds them, and {name} is \
+                 assumed: measure the motors by hand and enter them with `flix parameters set`: pole_pairs, phase_resistance and \
+                 phase_inductance (of one phase: half of what is measured between two wires), flux_linkage"
+            ),
         ),
         CommissionError::Robot(error) => error.into(),
         silent @ CommissionError::Silent(_) => Error::new(Exit::NoAnswer, silent),
@@ -117,7 +139,34 @@ fn sentence(error: CommissionError<LinkError>) -> Error {
     }
 }
 
-fn describe(found: &Commissioned, saved: bool) -> String {
+fn describe(found: &Found, saved: bool) -> String {
+    let (mut text, changes) = match found {
+        Found::Measured(found) => (measured(found), &found.changes),
+        Found::InVoltageMode(found) => (in_voltage_mode(found), &found.changes),
+    };
+    let mut rows = vec![headings("setting|before|now")];
+    let value = |value: &f32| value.to_string();
+    rows.extend(
+        changes.iter().map(|(name, before, now)| vec![name.clone(), value(before), value(now)]),
+    );
+    let _ = write!(text, "\n{}", table(&rows));
+    text += if saved {
+        "\nStored.\n"
+    } else {
+        "\nIn force until power-off; `flix parameters save` stores them.\n"
+    };
+    text
+}
+
+fn in_voltage_mode(found: &Latency) -> String {
+    format!(
+        "Encoders {:.0} us late. This rests on values that were entered: {}.\n",
+        1e6 * found.encoder_latency,
+        found.rests_on.join(", ")
+    )
+}
+
+fn measured(found: &Commissioned) -> String {
     let line = |name: &str, unit: &str, of: &dyn Fn(&Motor) -> String| {
         let [top, bottom] = found.motors.each_ref().map(of);
         vec![name.to_owned(), top, bottom, unit.to_owned()]
@@ -139,19 +188,5 @@ fn describe(found: &Commissioned, saved: bool) -> String {
         1e6 * found.encoder_latency,
         1e6 * found.actuation_delay
     );
-    let mut rows = vec![headings("setting|before|now")];
-    let value = |value: &f32| value.to_string();
-    rows.extend(
-        found
-            .changes
-            .iter()
-            .map(|(name, before, now)| vec![name.clone(), value(before), value(now)]),
-    );
-    let _ = write!(text, "\n{}", table(&rows));
-    text += if saved {
-        "\nStored.\n"
-    } else {
-        "\nIn force until power-off; `flix parameters save` stores them.\n"
-    };
     text
 }

@@ -79,6 +79,11 @@ impl<'a, S: Subject> Desk<'a, S> {
         self.read(name).map(|parameter| parameter.value.into())
     }
 
+    /// Returns a setting and how it is known.
+    pub(super) fn marked(&mut self, name: &str) -> Done<(f64, Option<Mark>), S> {
+        self.read(name).map(|parameter| (parameter.value.into(), parameter.mark))
+    }
+
     fn read(&mut self, name: &str) -> Done<Parameter, S> {
         let name = name.try_into().map_err(|_| CommissionError::OtherAnswer)?;
         match self.subject.ask(Command::Parameter(ParameterCommand::Get(name)))? {
@@ -134,6 +139,14 @@ impl<'a, S: Subject> Desk<'a, S> {
                 self.set("battery_scale", scale * battery / f64::from(shown))
             }
             None => self.set("nominal_voltage", battery),
+        }
+    }
+
+    /// Returns the bus voltage as the robot takes it, V.
+    pub(super) fn bus(&mut self) -> Done<f64, S> {
+        match self.subject.telemetry().and_then(|telemetry| telemetry.bus_voltage) {
+            Some(shown) => Ok(shown.get().into()),
+            None => self.setting("nominal_voltage"),
         }
     }
 
@@ -265,6 +278,34 @@ impl<'a, S: Subject> Desk<'a, S> {
     pub(super) fn steady(&mut self, step: Step, frequency: f64) -> Done<[Steady; 2], S> {
         self.hold(frequency);
         self.subject.pause(SETTLING)?;
+        self.means(step)
+    }
+
+    /// The same over so many captures, of a robot whose ramp takes so long.
+    pub(super) fn long_steady(
+        &mut self,
+        step: Step,
+        frequency: f64,
+        ramp: Duration,
+        captures: usize,
+    ) -> Done<[Steady; 2], S> {
+        self.hold(frequency);
+        self.subject.pause(ramp)?;
+        self.check(step)?;
+        self.subject.pause(SETTLING)?;
+        let all: Vec<[Steady; 2]> =
+            (0..captures).map(|_| self.means(step)).collect::<Result<_, _>>()?;
+        Ok([0, 1].map(|motor| {
+            let mean = |of: fn(&Steady) -> f64| {
+                all.iter().map(|it| of(&it[motor])).sum::<f64>() / captures as f64
+            };
+            let voltage = [mean(|it| it.voltage[0]), mean(|it| it.voltage[1])];
+            Steady { speed: mean(|it| it.speed), current: mean(|it| it.current), voltage }
+        }))
+    }
+
+    /// Returns the means of both motors, now.
+    pub(super) fn means(&mut self, step: Step) -> Done<[Steady; 2], S> {
         let channels = [
             Channel::TopSpeed,
             Channel::TopCurrentQ,

@@ -236,6 +236,24 @@ pub enum Finding {
         /// What they show over what flows.
         scale: f64,
     },
+    /// What was entered does not make the voltage that it takes.
+    #[error(
+        "the voltage of the {} motor is none that its entered resistance, inductance, flux linkage and pole pairs take: measure \
+         them again",
+        motor_name(*.0)
+    )]
+    OtherMotor(usize),
+    /// Both encoders are of one kind.
+    #[error(
+        "the top encoder seems to be {top_us:.0} us late and the bottom one {bottom_us:.0} us: measure resistance and inductance of \
+         both motors again, or are the encoders of two kinds?"
+    )]
+    EncodersDiffer {
+        /// Of the top encoder, us.
+        top_us: f64,
+        /// Of the bottom one, us.
+        bottom_us: f64,
+    },
     /// Both motors take another current than they should to speed up.
     #[error(
         "both motors seem to carry {scale:.2} times the current that their inertia takes: is this the image of this board, and \

@@ -23,7 +23,9 @@ pub mod phases;
 pub mod running;
 pub mod swing;
 mod trials;
+pub mod turned;
 pub mod turning;
+pub mod voltage_mode;
 pub mod wiring;
 
 use std::f64::consts::TAU;
@@ -96,6 +98,12 @@ pub enum CommissionError<E> {
     /// Commands stayed away in the middle of a step, again and again.
     #[error("{0} broke off, because commands came too late: see `flix link-test`")]
     Silent(Step),
+    /// Currents would rest on a value that nobody entered.
+    #[error("{name} is assumed: measure it, and enter it with `flix parameters set`")]
+    Assumed {
+        /// Of the setting.
+        name: String,
+    },
     /// The answer was of another kind.
     #[error("the robot answered something else than was asked; is its firmware of this version?")]
     OtherAnswer,

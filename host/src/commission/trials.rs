@@ -88,7 +88,7 @@ impl<S: Subject> Desk<'_, S> {
         halts: Option<u8>,
     ) -> Done<(Columns, Bridges), S> {
         self.begin_capture(channels, Trigger::Pattern, 0)?;
-        let Outcome::Trial(bridges) = self.subject.ask(Command::Trial(trial))? else {
+        let Outcome::Bridges(bridges) = self.subject.ask(Command::Trial(trial))? else {
             return Err(CommissionError::OtherAnswer);
         };
         let columns = self.capture_since(step, rows, halts)?;

@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use flix_protocol::message::{
-    Command, CrashReport, Event, EventReport, Fault, Faults, Identity, LoopTiming, Mark,
+    Bridges, Command, CrashReport, Event, EventReport, Fault, Faults, Identity, LoopTiming, Mark,
     MotorTelemetry, OperatorName, Outcome, Parameter, ParameterCommand, Refusal, Reply,
     ResetReason, Setpoint, State, Telemetry, ToOperator, ToRobot,
 };
@@ -39,6 +39,14 @@ const TELEMETRY_INTERVAL: Duration = Duration::from_millis(20);
 const LINK_PROOF: Duration = Duration::from_millis(500);
 const COMMAND_DEADLINE: Duration = Duration::from_millis(250);
 const DISARM: Duration = Duration::from_secs(1);
+
+/// Bridges of a board that measures no phase currents.
+const BRIDGES: Bridges = Bridges {
+    dead_time_ns: 300,
+    pwm_frequency_hz: 20_000,
+    measures_bus: true,
+    measures_current: false,
+};
 
 /// Datagrams with where they go.
 pub type Datagrams = Vec<(SocketAddr, Vec<u8>)>;
@@ -229,6 +237,7 @@ impl FakeRobot {
         match command {
             Command::Scope(_) => Outcome::Refused(Refusal::NotCaptured),
             Command::Trial(_) => Outcome::Refused(Refusal::NoCurrentSense),
+            Command::Bridges => Outcome::Bridges(BRIDGES),
             Command::Stop => {
                 (self.stopped, self.stopped_at) = (true, Some(now));
                 self.setpoint = Setpoint::REST;

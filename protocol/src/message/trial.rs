@@ -115,6 +115,8 @@ pub struct Bridges {
     pub pwm_frequency_hz: u32,
     /// Whether the bus voltage is measured; else the setting `nominal_voltage` is taken for it.
     pub measures_bus: bool,
+    /// Whether phase currents are measured; else there are no trials, and motors are driven by voltages.
+    pub measures_current: bool,
 }
 
 #[cfg(test)]

@@ -7,15 +7,16 @@ use flix_shell::number::whole;
 use super::Error;
 use super::output::{headings, mark, print_verdict, progress, row, table};
 use flix_sim::reliability::commission::{
-    CURRENT_LIMIT_A, Commissioning, LATENCY_LIMIT_US, Trialled, VALUE_LIMIT, measure,
+    CURRENT_LIMIT_A, Commissioning, LATENCY_LIMIT_US, Late, Trialled, VALUE_LIMIT, measure,
 };
 
 /// Let robots with unknown motors find their own values, and check these
 ///
 /// Each robot is drawn: phase resistance 0.1 to 10 ohm, inductance 20 uH to 5 mH, flux linkage 0.5 to 10 mWb, 4 to 14 pole
 /// pairs, encoders up to 2.5 ms late, current amplifiers wrong by up to 20 %, with and without a battery divider. It is
-/// commissioned over its link as `flix commission` does it; the same robot on a board without current sense must refuse,
-/// and with each of 23 wiring faults it must name the fault with its motor and phase. 100 robots take three minutes.
+/// commissioned over its link as `flix commission` does it; on a board without current sense it must refuse until the
+/// motors are entered, to 3 %, and then find how late its encoders are; with each of 23 wiring faults it must name the fault with its
+/// motor and phase. 100 robots take four minutes.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  flix-sim commission\n  flix-sim commission --seeds 100 --first-seed 7000 --json"
@@ -56,6 +57,11 @@ fn text(all: &Commissioning) -> String {
         "exact",
         format!("{CURRENT_LIMIT_A:.2}"),
     ]);
+    let mut late = vec![headings("without current sense|latency (us)|current (A)|time (s)")];
+    late.extend(all.voltage_mode.each.iter().map(late_line));
+    late.push(
+        row!["limit", format!("{LATENCY_LIMIT_US:.0}"), format!("{CURRENT_LIMIT_A:.2}"), "",],
+    );
     let wiring = &all.wiring_faults;
     let mut faults = vec![headings("wiring fault|tried|named")];
     let line = |(kind, [tried, named]): (&&str, &[usize; 2])| {
@@ -65,13 +71,15 @@ fn text(all: &Commissioning) -> String {
     let missed =
         wiring.missed.iter().map(|one| format!("seed {}, {}: {}\n", one.seed, one.kind, one.said));
     format!(
-        "Largest error of the two motors of each robot, against the plant:\n\n{}\n{} of {} robots found within the limits; \
-         {} of them refused without current sense.\n\n{}\n{} of {} wiring faults named, with motor and phase; at most \
+        "Largest error of the two motors of each robot, against the plant:\n\n{}\n{} of {} robots found within the limits.\n\n\
+         {}\n{} of {} robots without current sense found within the limits.\n\n{}\n{} of {} wiring faults named, with motor and phase; at most \
          {:.2} A\n{}",
         table(&rows),
         all.found,
         all.robots,
-        all.refused_without_current_sense,
+        table(&late),
+        all.voltage_mode.found,
+        all.robots,
         table(&faults),
         wiring.named,
         wiring.tried,
@@ -107,6 +115,16 @@ fn line(robot: &Trialled) -> Vec<String> {
             mark(false),
         ],
     }
+}
+
+fn late_line(robot: &Late) -> Vec<String> {
+    let (current, time) =
+        (format!("{:.2}", robot.largest_current_a), format!("{:.1}", robot.seconds));
+    let found = match robot.error_us {
+        Some(error) => format!("{error:.0}"),
+        None => robot.failure.clone().unwrap_or_default(),
+    };
+    row![robot.seed, found, current, time, mark(robot.passes())]
 }
 
 fn percent(share: f64) -> String {

@@ -3,17 +3,17 @@
 //! A stranger's motors are of one size and wound differently, as gimbal motors are: turns of the winding change R and L with
 //! their square and the flux linkage in proportion, about the assumed motor's.
 
+use flix_host::commission::voltage_mode::find_latency;
 use flix_host::commission::{CommissionError, Commissioned, Known};
-use flix_protocol::message::Refusal;
+use flix_protocol::message::{Command, ParameterCommand};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::stranger::{Watched, known, stranger};
+use super::stranger::{Watched, known, measured_by_hand, stranger};
 use super::wiring::{Wiring, search};
 use crate::model::RobotModel;
 use crate::plant::electronics::motor::MotorParameters;
 use crate::rig::bench::BenchError;
-use crate::rig::operation::OperationError;
 
 /// Largest relative error of resistance, inductance and flux linkage.
 pub const VALUE_LIMIT: f64 = 0.03;
@@ -136,8 +136,8 @@ pub struct Commissioning {
     pub largest_current_a: f64,
     /// Longest time, s.
     pub longest_s: f64,
-    /// The same robots without current sense that refused to be measured; all must.
-    pub refused_without_current_sense: usize,
+    /// The same robots without current sense.
+    pub voltage_mode: VoltageMode,
     /// The same robots with each wiring fault.
     pub wiring_faults: Wiring,
     /// One after the other.
@@ -160,14 +160,21 @@ pub fn measure(
         .par_iter()
         .map(|seed| {
             let trialled = try_stranger(*seed)?;
-            let refused = is_refused_without_sense(*seed)?;
+            let late = try_in_voltage_mode(*seed)?;
             let searched = search(*seed)?;
             done();
-            Ok((trialled, refused, searched))
+            Ok((trialled, late, searched))
         })
         .collect::<Result<Vec<_>, BenchError>>()?;
-    let refused_without_current_sense = each.iter().filter(|it| it.1).count();
-    let (each, searched): (Vec<Trialled>, Vec<_>) = each.into_iter().map(|it| (it.0, it.2)).unzip();
+    let mut late = Vec::new();
+    let (each, searched): (Vec<Trialled>, Vec<_>) = each
+        .into_iter()
+        .map(|(trialled, one, searched)| {
+            late.push(one);
+            (trialled, searched)
+        })
+        .unzip();
+    let voltage_mode = VoltageMode::of(late);
     let wiring_faults = Wiring::of(searched.into_iter().flatten().collect());
     let ended = each.iter().filter_map(|it| it.errors);
     let largest = |of: fn(&Trialled) -> f64| each.iter().map(of).fold(0.0, f64::max);
@@ -178,11 +185,11 @@ pub fn measure(
         worst: ended.reduce(Errors::worse).unwrap_or_default(),
         largest_current_a: largest(|it| it.largest_current_a).max(wiring_faults.largest_current_a),
         longest_s: largest(|it| it.seconds),
-        refused_without_current_sense,
         pass: found == robots
-            && refused_without_current_sense == robots
+            && voltage_mode.found == robots
             && wiring_faults.named == wiring_faults.tried
             && wiring_faults.largest_current_a <= CURRENT_LIMIT_A,
+        voltage_mode,
         wiring_faults,
         each,
     })
@@ -212,13 +219,96 @@ pub fn try_stranger(seed: u64) -> Result<Trialled, BenchError> {
     })
 }
 
-/// Returns whether the same stranger on a board without current sense refuses to be measured and no current ever flows.
-fn is_refused_without_sense(seed: u64) -> Result<bool, BenchError> {
+/// The latency of one robot's encoders, found on a board without current sense.
+#[derive(Debug, Clone, Serialize)]
+pub struct Late {
+    /// Its seed.
+    pub seed: u64,
+    /// What was drawn.
+    pub drawn: Drawn,
+    /// Error of the latency, us; nothing where something went wrong.
+    pub error_us: Option<f64>,
+    /// What went wrong.
+    pub failure: Option<String>,
+    /// Whether it refused while values were assumed, and no current flowed.
+    pub refused_assumed: bool,
+    /// Largest phase current from power-up on, A.
+    pub largest_current_a: f64,
+    /// How long it took, s.
+    pub seconds: f64,
+}
+
+impl Late {
+    /// Returns whether the latency was found within the limit, no phase carried too much, and nothing moved before values were entered.
+    #[must_use]
+    pub fn passes(&self) -> bool {
+        self.refused_assumed
+            && self.largest_current_a <= CURRENT_LIMIT_A
+            && self.error_us.is_some_and(|error| error <= LATENCY_LIMIT_US)
+    }
+}
+
+/// Robots without current sense.
+#[derive(Debug, Clone, Serialize)]
+pub struct VoltageMode {
+    /// Those whose latency was found within the limit.
+    pub found: usize,
+    /// Largest error of those that came to an end, us.
+    pub worst_us: f64,
+    /// Largest phase current, A.
+    pub largest_current_a: f64,
+    /// Longest time, s.
+    pub longest_s: f64,
+    /// Those that refused while values were assumed; all must.
+    pub refused_assumed: usize,
+    /// One after the other.
+    pub each: Vec<Late>,
+}
+
+impl VoltageMode {
+    fn of(each: Vec<Late>) -> Self {
+        let largest = |of: fn(&Late) -> f64| each.iter().map(of).fold(0.0, f64::max);
+        Self {
+            found: each.iter().filter(|it| it.passes()).count(),
+            worst_us: largest(|it| it.error_us.unwrap_or_default()),
+            largest_current_a: largest(|it| it.largest_current_a),
+            longest_s: largest(|it| it.seconds),
+            refused_assumed: each.iter().filter(|it| it.refused_assumed).count(),
+            each,
+        }
+    }
+}
+
+/// Finds the latency of the same stranger on a board without current sense, its motors measured by hand.
+///
+/// # Errors
+/// When it cannot be built.
+pub fn try_in_voltage_mode(seed: u64) -> Result<Late, BenchError> {
     let mut model = stranger(seed);
     model.electrical.sense.current = false;
-    let mut watched = Watched::power_up(model, seed)?;
-    let found = watched.commission(&Known::default());
-    let refusal = OperationError::Refused(Refusal::NoCurrentSense);
-    let is_refused = matches!(found, Err(CommissionError::Robot(error)) if error == refusal);
-    Ok(is_refused && watched.largest_current.get() == 0.0)
+    let drawn = Drawn::of(&model);
+    let mut watched = Watched::power_up(model.clone(), seed)?;
+    let refused = find_latency(&mut watched, &Known::default(), |_| {});
+    let refused_assumed = matches!(refused, Err(CommissionError::Assumed { .. }))
+        && watched.largest_current.get() == 0.0;
+    let mut entered = measured_by_hand(&watched, &model, seed);
+    entered.remove("encoder_latency");
+    entered.insert("pole_pairs".to_owned(), drawn.pole_pairs.into());
+    for (name, value) in entered {
+        let name = name.as_str().try_into().unwrap_or_default();
+        watched.operation.ask(Command::Parameter(ParameterCommand::Set(name, value as f32)))?;
+    }
+    let known = known(&model.shaker, seed, &watched);
+    let start = watched.operation.now();
+    let found = find_latency(&mut watched, &known, |_| {});
+    let ended = found.as_ref().ok();
+    Ok(Late {
+        seed,
+        drawn,
+        error_us: ended.map(|it| (1e6 * it.encoder_latency - drawn.latency_us).abs()),
+        failure: found.err().map(|error| error.to_string()),
+        refused_assumed,
+        largest_current_a: watched.largest_current.get(),
+        seconds: watched.operation.now().since(start).as_secs_f64(),
+    })
 }

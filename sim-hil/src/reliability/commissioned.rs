@@ -8,7 +8,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use flix_host::commission::motor_name;
 use flix_host::link::Update;
 use flix_protocol::message::{Event, Fault};
 use flix_protocol::units::Instant;
@@ -19,16 +18,12 @@ use serde::Serialize;
 
 use super::accuracy::{HoldResult, STEPS, Step, StepResult, hold_directions, step_of};
 pub use super::commission::CURRENT_LIMIT_A;
-use super::stranger::{Ammeter, Watched, bench_model, known, rotor_inertia};
+use super::stranger::{Ammeter, Watched, bench_model, known, measured_by_hand};
+pub use super::stranger::{BY_HAND, LATE_BY_HAND_US};
 use crate::model::RobotModel;
 use crate::plant::electronics::Electronics;
 use crate::rig::bench::{BASES, Base, BenchError, FREQUENCIES, Subject};
 use crate::rig::robot::Disturbance;
-
-/// By how much values measured by hand are off, as a share.
-pub const BY_HAND: f64 = 0.03;
-/// By how much their latency is, us.
-pub const LATE_BY_HAND_US: f64 = 50.0;
 
 /// theta of a robot whose f is limited: largest root mean square error, degrees.
 pub const LIMITED_DIRECTION_DEG: f64 = 3.0;
@@ -219,30 +214,6 @@ pub fn try_robot(seed: u64, measures_current: bool) -> Result<Robot, BenchError>
     }
     let kept = broken.iter().map(|it| it.kept).max().unwrap_or(Kept::Held);
     Ok(Robot { seed, kept, broken, largest_current_a: ammeter.get() })
-}
-
-/// Returns the settings that somebody enters who has measured the motors of this robot by hand, and knows the rotors' inertia and
-/// how late the encoders are.
-fn measured_by_hand(watched: &Watched, model: &RobotModel, seed: u64) -> BTreeMap<String, f64> {
-    let mut source = Xoshiro256PlusPlus::seed_from_u64(seed.rotate_left(32));
-    let mut error = || 2.0 * source.random::<f64>() - 1.0;
-    let mut settings = BTreeMap::new();
-    for motor in [0, 1] {
-        let truth = watched.operation.robot.electronics().motor(motor).parameters();
-        let values = [
-            ("phase_resistance", truth.resistance),
-            ("phase_inductance", 1e3 * truth.inductance),
-            ("flux_linkage", 1e3 * truth.flux_linkage),
-        ];
-        for (name, value) in values {
-            let name = format!("{}_{name}", motor_name(motor));
-            settings.insert(name, value * (1.0 + BY_HAND * error()));
-        }
-    }
-    let late = model.electrical.encoder.late_us + LATE_BY_HAND_US * error();
-    settings.insert("encoder_latency".to_owned(), late.max(0.0));
-    settings.insert("rotor_inertia".to_owned(), 1e7 * rotor_inertia(&model.shaker));
-    settings
 }
 
 /// What is asked of a robot in one run.

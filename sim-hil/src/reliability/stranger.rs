@@ -1,11 +1,12 @@
 //! A robot whose motors nobody knows, and its owner.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use flix_host::commission::{
-    CommissionError, Commissioned, Known, Subject as Commissionable, commission,
+    CommissionError, Commissioned, Known, Subject as Commissionable, commission, motor_name,
 };
 use flix_protocol::message::{Command, Outcome, ParameterCommand, Setpoint, State, Telemetry};
 use flix_protocol::units::Instant;
@@ -22,6 +23,11 @@ use crate::rig::wiring_fault::Miswired;
 
 /// How well a voltmeter reads, as a share.
 const VOLTMETER_ERROR: f64 = 0.005;
+
+/// By how much values measured by hand are off, as a share.
+pub const BY_HAND: f64 = 0.03;
+/// By how much their latency is, us.
+pub const LATE_BY_HAND_US: f64 = 50.0;
 
 /// Draws a robot with unknown motors, encoders and amplifiers, the same for the same seed.
 ///
@@ -77,6 +83,34 @@ pub(super) fn known(shaker: &Shaker, seed: u64, watched: &Watched) -> Known {
 #[must_use]
 pub const fn rotor_inertia(shaker: &Shaker) -> f64 {
     1e-9 * shaker.mass_g * shaker.arm_mm * shaker.arm_mm + 1e-7 * shaker.bell_inertia_g_cm2
+}
+
+/// Returns the settings that somebody enters who has measured the motors of this robot by hand, and knows the rotors' inertia and
+/// how late the encoders are.
+pub(super) fn measured_by_hand(
+    watched: &Watched,
+    model: &RobotModel,
+    seed: u64,
+) -> BTreeMap<String, f64> {
+    let mut source = Xoshiro256PlusPlus::seed_from_u64(seed.rotate_left(32));
+    let mut error = || 2.0 * source.random::<f64>() - 1.0;
+    let mut settings = BTreeMap::new();
+    for motor in [0, 1] {
+        let truth = watched.operation.robot.electronics().motor(motor).parameters();
+        let values = [
+            ("phase_resistance", truth.resistance),
+            ("phase_inductance", 1e3 * truth.inductance),
+            ("flux_linkage", 1e3 * truth.flux_linkage),
+        ];
+        for (name, value) in values {
+            let name = format!("{}_{name}", motor_name(motor));
+            settings.insert(name, value * (1.0 + BY_HAND * error()));
+        }
+    }
+    let late = model.electrical.encoder.late_us + LATE_BY_HAND_US * error();
+    settings.insert("encoder_latency".to_owned(), late.max(0.0));
+    settings.insert("rotor_inertia".to_owned(), 1e7 * rotor_inertia(&model.shaker));
+    settings
 }
 
 /// Holds the largest current that any phase of a robot carried, A. It disturbs nothing; clones share the reading.
