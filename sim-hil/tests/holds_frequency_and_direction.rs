@@ -4,6 +4,8 @@
 use flix_sim::model::RobotModel;
 use flix_sim::plant::electronics::sensor::as5600;
 use flix_sim::reliability::accuracy::hold_all_directions;
+use flix_sim::reliability::commissioned::draw;
+use flix_sim::reliability::stranger::{Watched, measured_by_hand};
 use flix_sim::rig::bench::{BASES, Base, FREQUENCIES, Subject};
 use rayon::prelude::*;
 
@@ -32,6 +34,18 @@ fn holds_the_fastest_and_slowest_pairs_of_other_robots_too() {
     for seed in [7, 42] {
         let subject = Subject::of_seed(seed);
         assert_eq!(failures(&subject, &[Base::Free], &[-35.0, 10.0]), Vec::<String>::new());
+    }
+}
+
+#[test]
+fn robots_whose_torque_acts_late_do_not_swing_beside_a_harmonic_of_f() {
+    for (seed, measures_current) in [(64_057, false), (64_037, false), (64_035, true)] {
+        let mut model = draw(seed, measures_current);
+        let watched = Watched::power_up(model.clone(), seed).unwrap();
+        let entered = measured_by_hand(&watched, &model, seed);
+        model.electrical.settings.extend(entered);
+        let subject = Subject { model: Some(model), seed };
+        assert_eq!(failures(&subject, &[Base::Free], &[35.0]), Vec::<String>::new());
     }
 }
 

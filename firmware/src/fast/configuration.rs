@@ -7,8 +7,8 @@ use crate::alignment::Alignment;
 use crate::fast::foc::burning;
 use crate::fast::foc::current::{DELAY_BITS, Model, PROPORTIONAL_BITS, REACTANCE_BITS};
 use crate::fast::foc::modulation::dead_time_slope;
-use crate::fast::reference::Ramps;
-use crate::fast::shaker::{LARGEST_ACCELERATION, ShakerModel};
+use crate::fast::reference::{Ramps, STRIDE};
+use crate::fast::shaker::{LAG_BITS, LARGEST_ACCELERATION, ShakerModel};
 use crate::fast::tracker::{ANGLE_GAIN_BITS, EncoderModel, TABLE_LENGTH};
 use crate::hardware::Hardware;
 use crate::settings::Settings;
@@ -70,6 +70,8 @@ const TRACKER_DAMPING: f64 = 0.9;
 const INTEGRAL_SHARE: f64 = 0.06;
 /// References stay below the current limit by this factor, so that overshoot stays below it too.
 const CURRENT_MARGIN: f64 = 0.85;
+/// Longest time from a demand to its torque that is counted, ticks.
+const LARGEST_LAG: f64 = 15.0;
 /// A motor's voltage may differ from its model by this share of the nominal bus: 10 % of flux and
 /// resistance explain 0.1 of it.
 const RESIDUAL_SHARE: f64 = 0.3;
@@ -104,7 +106,10 @@ impl Configuration {
         let bus = divider.map_or(0.0, |scale| f64::from(scale.get()) * 1e-6)
             * f64::from(settings.battery_scale);
         let mut configuration = Self {
-            shaker: position_loop(settings),
+            shaker: ShakerModel {
+                lag: lag(&settings.on(hardware), sense.is_some()),
+                ..position_loop(settings)
+            },
             motors: [0, 1].map(|motor| Self::current_loop(settings, hardware, motor)),
             burning_per_speed: [0, 1].map(|motor| match divider {
                 Some(_) => 0,
@@ -277,7 +282,22 @@ fn speed_per_current(settings: &Settings, motor: usize) -> i32 {
     scaled(ticks / current_per_acceleration(settings, motor).max(1e-3), 16 + 16)
 }
 
-/// Returns the loops that hold f and theta.
+/// Returns how long after a demand its torque acts: half a stride, what the bridges take, and the current loop's own time or, in
+/// voltage mode, the motors'.
+fn lag(settings: &Settings, measures_current: bool) -> i32 {
+    let inductances = settings.phase_inductance.map(|it| f64::from(it * MILLI));
+    let own = |motor: usize| {
+        inductances[motor] / f64::from(settings.phase_resistance[motor]).max(LEAST_RESISTANCE)
+    };
+    let response = match measures_current {
+        true => 1.0 / (TAU * f64::from(settings.current_bandwidth).max(1.0)),
+        false => own(0).min(own(1)),
+    };
+    let seconds = f64::from(settings.actuation_delay) * 1e-6 + response;
+    scaled((f64::from(STRIDE) / 2.0 + RATE * seconds).min(LARGEST_LAG), LAG_BITS)
+}
+
+/// Returns the loops that hold f and theta, but for their lag.
 pub(crate) fn position_loop(settings: &Settings) -> ShakerModel {
     let natural = TAU * f64::from(settings.position_bandwidth) / RATE;
     let limit = f64::from(settings.current_limit) * CURRENT_MARGIN;
@@ -295,6 +315,7 @@ pub(crate) fn position_loop(settings: &Settings) -> ShakerModel {
         derivative: scaled(2.0 * natural, 32),
         integral: scaled(INTEGRAL_SHARE * 2.0 * natural * natural * natural, 48),
         current_per_acceleration: gains.map(per_acceleration),
+        lag: 0,
         acceleration_shift,
         largest_acceleration: largest,
         current_limit: Current::from_amperes(limit),

@@ -87,11 +87,8 @@ pub const fn rotor_inertia(shaker: &Shaker) -> f64 {
 
 /// Returns the settings that somebody enters who has measured the motors of this robot by hand, and knows the rotors' inertia and
 /// how late the encoders are.
-pub(super) fn measured_by_hand(
-    watched: &Watched,
-    model: &RobotModel,
-    seed: u64,
-) -> BTreeMap<String, f64> {
+#[must_use]
+pub fn measured_by_hand(watched: &Watched, model: &RobotModel, seed: u64) -> BTreeMap<String, f64> {
     let mut source = Xoshiro256PlusPlus::seed_from_u64(seed.rotate_left(32));
     let mut error = || 2.0 * source.random::<f64>() - 1.0;
     let mut settings = BTreeMap::new();

@@ -6,6 +6,7 @@ use super::*;
 use crate::fast::configuration::Configuration;
 use crate::fast::control::bench::HARDWARE;
 use crate::fast::reference::{SLOPE_UPDATES, STANDING, STRIDE, moved};
+use crate::hardware::Hardware;
 use crate::settings::Settings;
 
 const TURN: f64 = 4_294_967_296.0;
@@ -129,6 +130,54 @@ impl Rig {
     fn f(&self) -> f64 {
         f64::from(self.shaker.reference.frequency.raw()) / f64::from(hertz(1.0).raw())
     }
+}
+
+#[test]
+fn the_inverse_response_is_that_of_double_precision_with_a_torque_that_acts_late() {
+    for settings in crate::fast::ends::settings() {
+        let model = Configuration::new(&settings, &HARDWARE).shaker;
+        for lag in [0.0, 5.5, 14.9] {
+            let model = ShakerModel { lag: (lag * f64::from(1 << LAG_BITS)) as i32, ..model };
+            for (frequency, harmonic) in
+                [(5.0, 1), (-20.0, 1), (35.0, 1), (12.0, 2), (35.0, 2), (-39.0, 2)]
+            {
+                let omega = TAU * frequency * f64::from(harmonic) / 1e4;
+                let proportional = f64::from(model.proportional) / 2_f64.powi(40);
+                let derivative = f64::from(model.derivative) / 2_f64.powi(32);
+                let (sine, cosine) = (omega * lag).sin_cos();
+                let want = [
+                    proportional - omega * omega * cosine,
+                    omega * derivative - omega * omega * sine,
+                ];
+                let have = Complex::inverse_response(&model, hertz(frequency), harmonic);
+                for (have, want) in [have.real, have.imaginary].into_iter().zip(want) {
+                    let off = (f64::from(have) / 2_f64.powi(38) - want).abs();
+                    assert!(off < 1e-5 + 1e-3 * omega * omega, "{off} at {frequency} Hz, {lag}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_demand_acts_later_by_half_a_stride_the_bridges_and_the_current_loop_or_the_motors() {
+    let ticks = |settings: &Settings, hardware: &Hardware| {
+        let lag = Configuration::new(settings, hardware).shaker.lag;
+        f64::from(lag) / f64::from(1 << LAG_BITS)
+    };
+    let settings = Settings {
+        actuation_delay: 125.0,
+        current_bandwidth: 500.0,
+        phase_resistance: [2.0, 4.0],
+        phase_inductance: [2.0, 2.0],
+        ..Settings::DEFAULT
+    };
+    let by_voltage = Hardware { current_sense: None, ..HARDWARE };
+    let of_loop = 1e4 / (TAU * 500.0);
+    assert!((ticks(&settings, &HARDWARE) - (2.0 + 1.25 + of_loop)).abs() < 1e-6);
+    assert!((ticks(&settings, &by_voltage) - (2.0 + 1.25 + 5.0)).abs() < 1e-5);
+    let slow = Settings { phase_inductance: [20.0; 2], ..settings };
+    assert!((ticks(&slow, &by_voltage) - 15.0).abs() < 1e-6);
 }
 
 #[test]
