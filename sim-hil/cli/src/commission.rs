@@ -16,7 +16,7 @@ use flix_sim::reliability::commission::{
 /// pairs, encoders up to 2.5 ms late, current amplifiers wrong by up to 20 %, with and without a battery divider. It is
 /// commissioned over its link as `flix commission` does it; on a board without current sense it must refuse until the
 /// motors are entered, to 3 %, and then find how late its encoders are; with each of 23 wiring faults it must name the fault with its
-/// motor and phase. 100 robots take four minutes.
+/// motor and phase. 100 robots take eight minutes.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  flix-sim commission\n  flix-sim commission --seeds 100 --first-seed 7000 --json"
