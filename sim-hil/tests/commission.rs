@@ -6,16 +6,14 @@ use std::time::Duration;
 use flix_firmware::hardware::Sensors;
 use flix_firmware::settings::{MOTOR_VALUES, Settings};
 use flix_host::commission::voltage_mode::find_latency;
-use flix_host::commission::{
-    CommissionError, Finding, Known, Step, Subject, commission, motor_name,
-};
+use flix_host::commission::{CommissionError, Finding, Known, Step, Subject, commission};
 use flix_protocol::message::{
     Command, Fault, Mark, Outcome, ParameterCommand, Setpoint, Telemetry,
 };
 use flix_protocol::units::Instant;
 use flix_sim::model::SIMULATED_BOARD;
 use flix_sim::reliability::commission::{CURRENT_LIMIT_A, measure, try_stranger};
-use flix_sim::reliability::stranger::{Watched, rotor_inertia, stranger};
+use flix_sim::reliability::stranger::{Watched, motor_values, rotor_inertia, stranger};
 use flix_sim::rig::operation::OperationError;
 use flix_sim::rig::robot::Disturbance;
 use flix_sim::rig::wiring_fault::{Miswired, WiringFault};
@@ -99,17 +97,7 @@ fn entered(seed: u64, times: f64) -> Watched {
         ("pole_pairs".to_owned(), times * f64::from(pairs)),
         ("rotor_inertia".to_owned(), 1e7 * inertia),
     ];
-    for motor in [0, 1] {
-        let truth = *robot.operation.robot.electronics().motor(motor).parameters();
-        values.extend(
-            [
-                ("phase_resistance", truth.resistance),
-                ("phase_inductance", 1e3 * truth.inductance),
-                ("flux_linkage", 1e3 * truth.flux_linkage),
-            ]
-            .map(|(name, value)| (format!("{}_{name}", motor_name(motor)), value)),
-        );
-    }
+    values.extend(motor_values(&robot));
     for (name, value) in values {
         let put = ParameterCommand::Set(name.as_str().try_into().unwrap(), value as f32);
         robot.operation.ask(Command::Parameter(put)).unwrap();

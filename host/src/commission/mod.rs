@@ -369,19 +369,10 @@ fn measure<S: Subject>(
         measures_bus: bridges.measures_bus,
     };
     let resistive = resistances[0].max(resistances[1]) * limit;
-    let is_free = resistive < (PHASE_SHARE - EMF_SHARE) * bus;
-    let [first, second] = if is_free { [CAREFUL[1], CALM] } else { [CALM, CAREFUL[1]] };
-    let Ran { flux, latency, slopes } = match runs.run(desk, first, &mut step) {
-        // Which loop keeps the lock, friction and cogging decide, too.
-        Err(CommissionError::Faulted { step: running, faults })
-            if faults == Faults::NONE.with(Fault::PhaseLockLost) =>
-        {
-            desk.subject.hold(Setpoint::REST);
-            desk.clear(running)?;
-            runs.run(desk, second, &mut step)?
-        }
-        ran => ran?,
-    };
+    let Ran { flux, latency, slopes } =
+        with_either_loop(desk, resistive, bus, |desk, bandwidth| {
+            runs.run(desk, bandwidth, &mut step)
+        })?;
     let scales = [0, 1].map(|motor| slopes[motor] * 1.5 * pairs * flux[motor] / inertia);
     check_scales(&SCALES, scales, resistances).map_err(CommissionError::Found)?;
     for motor in [0, 1] {
@@ -409,6 +400,29 @@ fn measure<S: Subject>(
     desk.set_back("current_limit")?;
     let changes = Vec::new();
     Ok(Commissioned { motors, pole_pairs, encoder_latency: latency, actuation_delay, changes })
+}
+
+/// Runs with the position loop, of this bandwidth in Hz, that suits motors of this resistive voltage on this bus, V; where the phase
+/// lock is lost, again with the other one.
+fn with_either_loop<S: Subject, T>(
+    desk: &mut Desk<'_, S>,
+    resistive: f64,
+    bus: f64,
+    mut run: impl FnMut(&mut Desk<'_, S>, f64) -> Result<T, CommissionError<S::Error>>,
+) -> Result<T, CommissionError<S::Error>> {
+    let is_free = resistive < (PHASE_SHARE - EMF_SHARE) * bus;
+    let [first, second] = if is_free { [CAREFUL[1], CALM] } else { [CALM, CAREFUL[1]] };
+    match run(desk, first) {
+        // Which loop keeps the lock, friction and cogging decide, too.
+        Err(CommissionError::Faulted { step, faults })
+            if faults == Faults::NONE.with(Fault::PhaseLockLost) =>
+        {
+            desk.subject.hold(Setpoint::REST);
+            desk.clear(step)?;
+            run(desk, second)
+        }
+        ran => ran,
+    }
 }
 
 /// Runs of both motors by what was measured of them at rest.

@@ -3,14 +3,14 @@
 use std::f64::consts::TAU;
 use std::time::Duration;
 
-use flix_protocol::message::{Bridges, Command, Fault, Faults, Mark, Outcome, Setpoint};
+use flix_protocol::message::{Bridges, Command, Mark, Outcome};
 
 use super::desk::{Desk, Done};
 use super::turned::{self, Entered, Turned};
 use super::{
-    CALM, CAREFUL, CURRENT_LIMIT, CommissionError, EMF_SHARE, FASTEST_HZ, FIRST_LATENCY, Finding,
-    Known, LONGEST_LATENCY, PHASE_SHARE, QUICK, RAMP_CURRENT, RAMPS, SLOW_ELECTRICAL_HZ, Step,
-    Subject, alignment_current, braked_from, motor_name, position_bandwidth,
+    CAREFUL, CURRENT_LIMIT, CommissionError, EMF_SHARE, FASTEST_HZ, FIRST_LATENCY, Finding, Known,
+    LONGEST_LATENCY, QUICK, RAMP_CURRENT, RAMPS, SLOW_ELECTRICAL_HZ, Step, Subject,
+    alignment_current, braked_from, motor_name, position_bandwidth, with_either_loop,
 };
 
 /// Fastest electrical frequency, Hz: beyond it a turned voltage swings the rotors.
@@ -102,19 +102,10 @@ fn find<S: Subject>(
     desk.set("current_limit", CURRENT_LIMIT)?;
     desk.set("alignment_current", alignment_current(weaker))?;
     let resistive = motors[0].resistance.max(motors[1].resistance) * CURRENT_LIMIT;
-    let is_free = resistive < (PHASE_SHARE - EMF_SHARE) * bus;
-    let [first, second] = if is_free { [CAREFUL[1], CALM] } else { [CALM, CAREFUL[1]] };
     let runs = Runs { motors, pairs, bus, bridges, ramp };
-    let encoder_latency = match runs.run(desk, first, &mut step) {
-        Err(CommissionError::Faulted { step: running, faults })
-            if faults == Faults::NONE.with(Fault::PhaseLockLost) =>
-        {
-            desk.subject.hold(Setpoint::REST);
-            desk.clear(running)?;
-            runs.run(desk, second, &mut step)?
-        }
-        ran => ran?,
-    };
+    let encoder_latency = with_either_loop(desk, resistive, bus, |desk, bandwidth| {
+        runs.run(desk, bandwidth, &mut step)
+    })?;
     desk.set("tracker_bandwidth", QUICK[0])?;
     desk.set("position_bandwidth", position_bandwidth(encoder_latency))?;
     for name in ["frequency_ramp", "current_limit", "alignment_current"] {

@@ -85,6 +85,20 @@ pub const fn rotor_inertia(shaker: &Shaker) -> f64 {
     1e-9 * shaker.mass_g * shaker.arm_mm * shaker.arm_mm + 1e-7 * shaker.bell_inertia_g_cm2
 }
 
+/// Returns resistance, inductance and flux linkage of both motors as they are, each as its setting.
+pub fn motor_values(watched: &Watched) -> impl Iterator<Item = (String, f64)> {
+    let electronics = watched.operation.robot.electronics();
+    [0, 1].into_iter().flat_map(move |motor| {
+        let truth = electronics.motor(motor).parameters();
+        [
+            ("phase_resistance", truth.resistance),
+            ("phase_inductance", 1e3 * truth.inductance),
+            ("flux_linkage", 1e3 * truth.flux_linkage),
+        ]
+        .map(|(name, value)| (format!("{}_{name}", motor_name(motor)), value))
+    })
+}
+
 /// Returns the settings that somebody enters who has measured the motors of this robot by hand, and knows the rotors' inertia and
 /// how late the encoders are.
 #[must_use]
@@ -92,17 +106,8 @@ pub fn measured_by_hand(watched: &Watched, model: &RobotModel, seed: u64) -> BTr
     let mut source = Xoshiro256PlusPlus::seed_from_u64(seed.rotate_left(32));
     let mut error = || 2.0 * source.random::<f64>() - 1.0;
     let mut settings = BTreeMap::new();
-    for motor in [0, 1] {
-        let truth = watched.operation.robot.electronics().motor(motor).parameters();
-        let values = [
-            ("phase_resistance", truth.resistance),
-            ("phase_inductance", 1e3 * truth.inductance),
-            ("flux_linkage", 1e3 * truth.flux_linkage),
-        ];
-        for (name, value) in values {
-            let name = format!("{}_{name}", motor_name(motor));
-            settings.insert(name, value * (1.0 + BY_HAND * error()));
-        }
+    for (name, value) in motor_values(watched) {
+        settings.insert(name, value * (1.0 + BY_HAND * error()));
     }
     let late = model.electrical.encoder.late_us + LATE_BY_HAND_US * error();
     settings.insert("encoder_latency".to_owned(), late.max(0.0));
