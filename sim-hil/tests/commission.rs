@@ -1,19 +1,21 @@
 //! A robot whose motors nobody knows finds their values, harms none of them, and is left as it was when it cannot.
 
 use std::cell::Cell;
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use flix_firmware::hardware::Sensors;
 use flix_firmware::settings::{MOTOR_VALUES, Settings};
 use flix_host::commission::voltage_mode::find_latency;
 use flix_host::commission::{CommissionError, Finding, Known, Step, Subject, commission};
-use flix_protocol::message::{
-    Command, Fault, Mark, Outcome, ParameterCommand, Setpoint, Telemetry,
-};
+use flix_protocol::message::{Command, Fault, Mark, Outcome, Refusal, Setpoint, Telemetry};
 use flix_protocol::units::Instant;
 use flix_sim::model::SIMULATED_BOARD;
 use flix_sim::reliability::commission::{CURRENT_LIMIT_A, measure, try_stranger};
-use flix_sim::reliability::stranger::{Watched, motor_values, rotor_inertia, stranger};
+use flix_sim::reliability::commissioned::draw;
+use flix_sim::reliability::stranger::{
+    Watched, measured_by_hand, motor_values, rotor_inertia, stranger,
+};
 use flix_sim::rig::operation::OperationError;
 use flix_sim::rig::robot::Disturbance;
 use flix_sim::rig::wiring_fault::{Miswired, WiringFault};
@@ -93,15 +95,10 @@ fn entered(seed: u64, times: f64) -> Watched {
     model.electrical.sense.current = false;
     let (inertia, pairs) = (rotor_inertia(&model.shaker), model.electrical.motor.pole_pairs);
     let mut robot = Watched::power_up(model, seed).unwrap();
-    let mut values = vec![
-        ("pole_pairs".to_owned(), times * f64::from(pairs)),
-        ("rotor_inertia".to_owned(), 1e7 * inertia),
-    ];
-    values.extend(motor_values(&robot));
-    for (name, value) in values {
-        let put = ParameterCommand::Set(name.as_str().try_into().unwrap(), value as f32);
-        robot.operation.ask(Command::Parameter(put)).unwrap();
-    }
+    let mut values: BTreeMap<_, _> = motor_values(&robot).collect();
+    values.insert("pole_pairs".to_owned(), times * f64::from(pairs));
+    values.insert("rotor_inertia".to_owned(), 1e7 * inertia);
+    robot.enter(values).unwrap();
     robot
 }
 
@@ -123,6 +120,19 @@ fn a_robot_without_current_sense_knows_how_late_its_encoders_are_and_what_that_r
     assert_eq!(kept(&after), kept(&before));
     assert_eq!(after.aligned, [1.0; 2]);
     assert!(!found.changes.iter().any(|(name, ..)| name.ends_with("electrical_offset")));
+}
+
+#[test]
+fn a_robot_whose_latency_was_found_can_be_armed_with_what_that_left() {
+    let seed = 110_012;
+    let model = draw(seed, false);
+    let mut robot = Watched::power_up(model.clone(), seed).unwrap();
+    let mut entered = measured_by_hand(&robot, &model, seed);
+    entered.remove("encoder_latency");
+    robot.enter(entered).unwrap();
+    find_latency(&mut robot, &Known::default(), |_| {}).unwrap();
+    assert_eq!(settings(&robot).position_bandwidth, 19.0);
+    robot.operation.arm().unwrap();
 }
 
 #[test]
@@ -199,6 +209,10 @@ impl Subject for Leaving<'_> {
 
     fn hold(&mut self, setpoint: Setpoint) {
         self.robot.hold(setpoint);
+    }
+
+    fn refusal(error: &OperationError) -> Option<&Refusal> {
+        Watched::refusal(error)
     }
 }
 

@@ -41,8 +41,21 @@ fn holds_the_fastest_and_slowest_pairs_of_other_robots_too() {
 fn robots_whose_torque_acts_late_do_not_swing_beside_a_harmonic_of_f() {
     for (seed, measures_current) in [(64_057, false), (64_037, false), (64_035, true)] {
         let mut model = draw(seed, measures_current);
-        let watched = Watched::power_up(model.clone(), seed).unwrap();
-        let entered = measured_by_hand(&watched, &model, seed);
+        let mut watched = Watched::power_up(model.clone(), seed).unwrap();
+        let entered = watched.enter(measured_by_hand(&watched, &model, seed)).unwrap();
+        model.electrical.settings.extend(entered);
+        let subject = Subject { model: Some(model), seed };
+        assert_eq!(failures(&subject, &[Base::Free], &[35.0]), Vec::<String>::new());
+    }
+}
+
+#[test]
+fn robots_that_ask_for_a_slower_position_loop_hold_with_it() {
+    for seed in [92_017, 110_012] {
+        let mut model = draw(seed, false);
+        let mut watched = Watched::power_up(model.clone(), seed).unwrap();
+        let entered = watched.enter(measured_by_hand(&watched, &model, seed)).unwrap();
+        assert!(entered["position_bandwidth"] < 20.0, "{entered:?}");
         model.electrical.settings.extend(entered);
         let subject = Subject { model: Some(model), seed };
         assert_eq!(failures(&subject, &[Base::Free], &[35.0]), Vec::<String>::new());

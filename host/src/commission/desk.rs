@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use flix_protocol::message::{
-    Channel, Command, Mark, Outcome, Parameter, ParameterCommand, ScopeCommand, ScopePlan,
+    Channel, Command, Mark, Outcome, Parameter, ParameterCommand, Refusal, ScopeCommand, ScopePlan,
     ScopeState, Setpoint, State, Trigger,
 };
 
@@ -27,6 +27,7 @@ const RAMP_SECONDS: f64 = 0.2;
 const BEFORE_RAMP: Duration = Duration::from_millis(80);
 /// Rows of the capture before and after a ramp: 80 and 150 ms.
 const STEADY_ROWS: [usize; 2] = [800, 1_500];
+const POSITION_BANDWIDTH: &str = "position_bandwidth";
 /// Ramps up and down.
 const RAMPS: usize = 6;
 pub(super) type Done<T, S> = Result<T, CommissionError<<S as Subject>::Error>>;
@@ -117,6 +118,24 @@ impl<'a, S: Subject> Desk<'a, S> {
             self.set(&format!("{}_{name}", motor_name(motor)), value)?;
         }
         Ok(())
+    }
+
+    /// Gives the position loops this bandwidth, Hz, or the largest that the robot calls stable beside its other settings.
+    pub(super) fn set_position_bandwidth(&mut self, bandwidth: f64) -> Done<(), S> {
+        self.set(POSITION_BANDWIDTH, bandwidth)?;
+        let Err(error) = self.subject.ask(Command::Parameter(ParameterCommand::Check)) else {
+            return Ok(());
+        };
+        match S::refusal(&error) {
+            Some(Refusal::UnstablePosition { position_bandwidth_instead: instead, .. })
+                if *instead > 0.0 =>
+            {
+                self.set(POSITION_BANDWIDTH, (*instead).into())
+            }
+            // What else it refuses is said when it is armed.
+            Some(_) => Ok(()),
+            None => Err(error.into()),
+        }
     }
 
     /// Gives a setting the value that it had.

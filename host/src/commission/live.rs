@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use flix_protocol::message::{Command, Outcome, Setpoint, Telemetry};
+use flix_protocol::message::{Command, Outcome, Refusal, Setpoint, Telemetry};
 
 use super::Subject;
 use crate::link::udp::{Connection, LinkError};
@@ -33,5 +33,12 @@ impl Subject for Connection {
     fn hold(&mut self, setpoint: Setpoint) {
         let (client, now) = self.operate();
         client.hold(now, setpoint);
+    }
+
+    fn refusal(error: &LinkError) -> Option<&Refusal> {
+        match error {
+            LinkError::Refused(refusal) => Some(refusal),
+            _ => None,
+        }
     }
 }

@@ -31,7 +31,7 @@ pub mod wiring;
 use std::f64::consts::TAU;
 use std::time::Duration;
 
-use flix_protocol::message::{Command, Fault, Faults, Outcome, Setpoint, Telemetry};
+use flix_protocol::message::{Command, Fault, Faults, Outcome, Refusal, Setpoint, Telemetry};
 
 use self::desk::Desk;
 pub use self::finding::{Finding, Phase, motor_name};
@@ -76,6 +76,9 @@ pub trait Subject {
 
     /// Commands the robot to shake so until something else is commanded.
     fn hold(&mut self, setpoint: Setpoint);
+
+    /// Returns the refusal that this error tells of.
+    fn refusal(error: &Self::Error) -> Option<&Refusal>;
 }
 
 /// Commissioning came to no end.
@@ -395,7 +398,7 @@ fn measure<S: Subject>(
     desk.set_each("current_gain_a", motors.map(|it| it.current_gains[0]))?;
     desk.set_each("current_gain_b", motors.map(|it| it.current_gains[1]))?;
     desk.set("tracker_bandwidth", QUICK[0])?;
-    desk.set("position_bandwidth", position_bandwidth(latency))?;
+    desk.set_position_bandwidth(position_bandwidth(latency))?;
     desk.set_back("frequency_ramp")?;
     desk.set_back("current_limit")?;
     let changes = Vec::new();

@@ -107,7 +107,7 @@ fn find<S: Subject>(
         runs.run(desk, bandwidth, &mut step)
     })?;
     desk.set("tracker_bandwidth", QUICK[0])?;
-    desk.set("position_bandwidth", position_bandwidth(encoder_latency))?;
+    desk.set_position_bandwidth(position_bandwidth(encoder_latency))?;
     for name in ["frequency_ramp", "current_limit", "alignment_current"] {
         desk.set_back(name)?;
     }

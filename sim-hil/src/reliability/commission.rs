@@ -5,7 +5,6 @@
 
 use flix_host::commission::voltage_mode::find_latency;
 use flix_host::commission::{CommissionError, Commissioned, Known};
-use flix_protocol::message::{Command, ParameterCommand};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -293,11 +292,7 @@ pub fn try_in_voltage_mode(seed: u64) -> Result<Late, BenchError> {
         && watched.largest_current.get() == 0.0;
     let mut entered = measured_by_hand(&watched, &model, seed);
     entered.remove("encoder_latency");
-    entered.insert("pole_pairs".to_owned(), drawn.pole_pairs.into());
-    for (name, value) in entered {
-        let name = name.as_str().try_into().unwrap_or_default();
-        watched.operation.ask(Command::Parameter(ParameterCommand::Set(name, value as f32)))?;
-    }
+    watched.enter(entered)?;
     let known = known(&model.shaker, seed, &watched);
     let start = watched.operation.now();
     let found = find_latency(&mut watched, &known, |_| {});

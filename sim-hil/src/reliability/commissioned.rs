@@ -191,7 +191,7 @@ pub fn try_robot(seed: u64, measures_current: bool) -> Result<Robot, BenchError>
         let now = |(name, _, now): (String, f32, f32)| (name, f64::from(now));
         watched.commission(&known).map(|found| found.changes.into_iter().map(now).collect())
     } else {
-        Ok(measured_by_hand(&watched, &model, seed))
+        Ok(watched.enter(measured_by_hand(&watched, &model, seed))?)
     };
     match settings {
         Ok(settings) => {

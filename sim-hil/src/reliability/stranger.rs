@@ -8,7 +8,9 @@ use std::time::Duration;
 use flix_host::commission::{
     CommissionError, Commissioned, Known, Subject as Commissionable, commission, motor_name,
 };
-use flix_protocol::message::{Command, Outcome, ParameterCommand, Setpoint, State, Telemetry};
+use flix_protocol::message::{
+    Command, Outcome, ParameterCommand, Refusal, Setpoint, State, Telemetry,
+};
 use flix_protocol::units::Instant;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -112,6 +114,7 @@ pub fn measured_by_hand(watched: &Watched, model: &RobotModel, seed: u64) -> BTr
     let late = model.electrical.encoder.late_us + LATE_BY_HAND_US * error();
     settings.insert("encoder_latency".to_owned(), late.max(0.0));
     settings.insert("rotor_inertia".to_owned(), 1e7 * rotor_inertia(&model.shaker));
+    settings.insert("pole_pairs".to_owned(), model.electrical.motor.pole_pairs.into());
     settings
 }
 
@@ -186,6 +189,36 @@ impl Watched {
     ) -> Result<Commissioned, CommissionError<OperationError>> {
         commission(self, known, |_| {})
     }
+
+    /// Enters settings as a person does, who then lowers the bandwidth of the position loops where the robot asks for it. Returns
+    /// all that was entered.
+    ///
+    /// # Errors
+    /// When the robot does not answer.
+    pub fn enter(
+        &mut self,
+        mut settings: BTreeMap<String, f64>,
+    ) -> Result<BTreeMap<String, f64>, OperationError> {
+        for (name, value) in &settings {
+            self.set(name, *value)?;
+        }
+        if let Outcome::Refused(Refusal::UnstablePosition {
+            position_bandwidth_instead: instead,
+            ..
+        }) = self.operation.ask(Command::Parameter(ParameterCommand::Check))?
+        {
+            let name = "position_bandwidth";
+            self.set(name, instead.into())?;
+            settings.insert(name.to_owned(), instead.into());
+        }
+        Ok(settings)
+    }
+
+    fn set(&mut self, name: &str, value: f64) -> Result<(), OperationError> {
+        let name = name.try_into().map_err(|_| OperationError::OtherAnswer)?;
+        self.ask(Command::Parameter(ParameterCommand::Set(name, value as f32)))?;
+        Ok(())
+    }
 }
 
 impl Commissionable for Watched {
@@ -226,5 +259,12 @@ impl Commissionable for Watched {
 
     fn hold(&mut self, setpoint: Setpoint) {
         self.operation.hold(setpoint);
+    }
+
+    fn refusal(error: &OperationError) -> Option<&Refusal> {
+        match error {
+            OperationError::Refused(refusal) => Some(refusal),
+            _ => None,
+        }
     }
 }

@@ -1,14 +1,13 @@
 //! Images with one defect each: every one has to be caught on the emulated chip.
 //!
-//! A copy of the firmware is edited and built in a folder of its own, so that no image with a defect lies where images are
-//! flashed from, and nothing but the firmware is built again. It is linked without optimization across packages, in a tenth
-//! of the time. What that costs the fast loop is made up for by the compiler's highest level: at the level of the real image
-//! its duties would be set 54 to 75 us after the tick, at the very end of the 25 to 75 us that one PWM period takes over, where
-//! the real image needs 35 to 47 us. The image without a defect, built likewise, has to pass.
+//! Copies of the firmware, one for each processor, are edited and built in folders of their own, so that no image with a defect
+//! lies where images are flashed from, and nothing but the firmware is built again. They are linked without optimization across
+//! packages, in a tenth of the time. What that costs the fast loop is made up for by the compiler's highest level: at the level
+//! of the real image its duties would be set 54 to 75 us after the tick, at the very end of the 25 to 75 us that one PWM period
+//! takes over, where the real image needs 35 to 47 us. The image without a defect, built likewise, has to pass.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::sync_channel;
 use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
@@ -95,14 +94,14 @@ pub(super) fn run(args: &Args) -> Result<(), Error> {
         return Err(Error::Sentence(format!("no defect is named {:?}", args.named)));
     }
     let program = super::program(args)?;
-    let copy = Copy::new()?;
+    let copies = Copy::all()?;
     let parts: BTreeSet<String> = defects.iter().map(|defect| defect.part.clone()).collect();
     let sound: Vec<Trial> = parts
         .into_iter()
         .map(|part| Trial { name: "without a defect".into(), part, edits: Vec::new() })
         .collect();
     if let Some(Outcome { caught_by: Some(failure), .. }) =
-        try_all(&copy, &program, sound)?.into_iter().find(|outcome| outcome.caught_by.is_some())
+        try_all(&copies, &program, sound).into_iter().find(|outcome| outcome.caught_by.is_some())
     {
         return Err(Error::Sentence(format!("without a defect: {failure}")));
     }
@@ -110,7 +109,7 @@ pub(super) fn run(args: &Args) -> Result<(), Error> {
         .into_iter()
         .map(|Defect { name, part, edit }| Trial { name, part, edits: edit })
         .collect();
-    let outcomes = try_all(&copy, &program, trials)?;
+    let outcomes = try_all(&copies, &program, trials);
     let caught = outcomes.iter().filter(|outcome| outcome.caught_by.is_some()).count();
     let tried = outcomes.len();
     let pass = caught == tried;
@@ -133,30 +132,24 @@ struct Trial {
     edits: Vec<Edit>,
 }
 
-/// Builds one image after the other, and runs those that are built beside that, as many at once as there are processors.
-fn try_all(copy: &Copy, program: &Path, trials: Vec<Trial>) -> Result<Vec<Outcome>, Error> {
-    let runners = std::thread::available_parallelism().map_or(1, usize::from);
-    let (send, receive) = sync_channel::<(usize, Trial, Result<PathBuf, Error>)>(runners);
-    let receive = Mutex::new(receive);
-    let next = || receive.lock().unwrap_or_else(PoisonError::into_inner).recv();
-    let run_built = || {
+/// Builds and runs images, one after the other in each copy.
+fn try_all(copies: &[Copy], program: &Path, trials: Vec<Trial>) -> Vec<Outcome> {
+    let trials = Mutex::new(trials.into_iter().enumerate());
+    let next = || trials.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let try_in = |copy: &Copy| {
         let mut outcomes = Vec::new();
-        while let Ok((number, trial, built)) = next() {
-            let found = built.and_then(|image| {
-                let found = first_failure(program, &image, &trial.part);
-                // One of 10 MiB each.
-                let _ = std::fs::remove_file(&image);
-                found
-            });
+        while let Some((number, Trial { name, part, edits })) = next() {
+            let found = copy
+                .with(&edits, || copy.build(&part))
+                .and_then(|image| first_failure(program, &image, &part));
             let caught_by = match found {
                 Ok(caught_by) => caught_by,
                 // What does not build, or what the emulator does not understand, is not caught.
                 Err(error) => {
-                    eprintln!("{}: {error}", trial.name);
+                    eprintln!("{name}: {error}");
                     None
                 }
             };
-            let Trial { name, part, edits } = trial;
             match (&caught_by, edits.is_empty()) {
                 (None, true) => eprintln!("{name} ({part}): pass"),
                 (None, false) => eprintln!("{name}: NOT CAUGHT"),
@@ -167,21 +160,12 @@ fn try_all(copy: &Copy, program: &Path, trials: Vec<Trial>) -> Result<Vec<Outcom
         outcomes
     };
     let mut outcomes = std::thread::scope(|scope| {
-        let runners: Vec<_> = (0..runners).map(|_| scope.spawn(run_built)).collect();
-        for (number, trial) in trials.into_iter().enumerate() {
-            let built = copy
-                .with(&trial.edits, || copy.build(&trial.part))
-                .and_then(|image| copy.keep(&image, number));
-            if send.send((number, trial, built)).is_err() {
-                break;
-            }
-        }
-        drop(send);
-        let ended = runners.into_iter().filter_map(|runner| runner.join().ok());
+        let workers: Vec<_> = copies.iter().map(|copy| scope.spawn(move || try_in(copy))).collect();
+        let ended = workers.into_iter().filter_map(|worker| worker.join().ok());
         ended.flatten().collect::<Vec<_>>()
     });
     outcomes.sort_by_key(|(number, _)| *number);
-    Ok(outcomes.into_iter().map(|(_, outcome)| outcome).collect())
+    outcomes.into_iter().map(|(_, outcome)| outcome).collect()
 }
 
 /// What the emulator finds first in a part of its short run; `None` when the image passes.
@@ -205,15 +189,24 @@ fn first_failure(program: &Path, image: &Path, part: &str) -> Result<Option<Stri
 /// The folders of the workspace's packages.
 const PACKAGES: [&str; 4] = ["protocol", "firmware", "host", "sim-hil"];
 
-/// The copy of the workspace.
+/// Most copies: each builds the firmware's dependencies once.
+const COPIES: usize = 4;
+
+/// A copy of the workspace.
 struct Copy {
     source: PathBuf,
     target: PathBuf,
 }
 
 impl Copy {
-    fn new() -> Result<Self, Error> {
-        let folder = root().join(run::target_directory()).join("defects");
+    /// Returns one for each processor.
+    fn all() -> Result<Vec<Self>, Error> {
+        let processors = std::thread::available_parallelism().map_or(1, usize::from);
+        (0..processors.min(COPIES)).map(Self::new).collect()
+    }
+
+    fn new(number: usize) -> Result<Self, Error> {
+        let folder = root().join(run::target_directory()).join("defects").join(number.to_string());
         let copy = Self { source: folder.join("source"), target: folder.join("target") };
         let file = |path: &Path, source| Error::File { path: path.to_path_buf(), source };
         match std::fs::remove_dir_all(&copy.source) {
@@ -237,16 +230,9 @@ impl Copy {
             ("CARGO_PROFILE_CHIP_LTO", "off"),
             ("CARGO_PROFILE_CHIP_CODEGEN_UNITS", "16"),
             ("CARGO_PROFILE_CHIP_OPT_LEVEL", "3"),
+            ("CARGO_PROFILE_CHIP_DEBUG", "false"),
         ];
         toolchain::build_copy(Chip::Esp32c6, &options, &self.source, &self.target, &settings)
-    }
-
-    /// Keeps an image beside those that are built next.
-    fn keep(&self, image: &Path, number: usize) -> Result<PathBuf, Error> {
-        let kept = self.target.join(format!("image-{number}"));
-        let file = |source| Error::File { path: kept.clone(), source };
-        std::fs::copy(image, &kept).map_err(file)?;
-        Ok(kept)
     }
 
     /// Does `work` while these edits are made.
