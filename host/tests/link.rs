@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::support::{FakeRobot, key, seeded_loss};
 use flix_host::link::{
-    Client, DISARMED_AFTER, KEEP_ALIVE, SILENCE, STOP_BESIDE_AFTER, StopState, Update,
+    Client, DISARMED_AFTER, KEEP_ALIVE, SILENCE, STOP_BESIDE_AFTER, StopState, TRY_AGAIN, Update,
 };
 use flix_protocol::message::{Command, Outcome, ParameterCommand, Refusal, Setpoint, State};
 use flix_protocol::session::{ConnectError, StopSession};
@@ -225,6 +225,60 @@ fn a_robot_that_was_disarmed_is_not_armed_by_what_was_asked_before() {
     assert_eq!(world.robot.state, State::Disarmed);
     assert_eq!(world.robot.commands.iter().filter(|it| **it == Command::Arm).count(), 1);
     assert!(world.updates.contains(&Update::Unanswered { request: arm }));
+}
+
+/// Counts how often the robot was asked to arm.
+fn armings(world: &World) -> usize {
+    world.robot.commands.iter().filter(|it| **it == Command::Arm).count()
+}
+
+#[test]
+fn what_is_insisted_on_is_asked_again_while_the_robot_refuses_for_what_passes() {
+    let mut world = World::connected();
+    world.robot.ramps_down_for = 3;
+    let arm = world.client.insist(world.now, Command::Arm, Duration::from_secs(1));
+    world.run(Duration::from_millis(50));
+    assert_eq!(armings(&world), 1);
+    assert_eq!(world.answer(arm), None);
+    world.run(4 * TRY_AGAIN);
+    assert_eq!(armings(&world), 4);
+    assert_eq!(world.answer(arm), Some(&Outcome::Done));
+    assert_eq!(world.robot.state, State::Armed);
+}
+
+#[test]
+fn what_is_insisted_on_is_refused_once_patience_is_over_and_at_once_for_what_stays() {
+    let patience = Duration::from_millis(250);
+    let mut world = World::connected();
+    world.robot.ramps_down_for = 100;
+    let arm = world.client.insist(world.now, Command::Arm, patience);
+    world.run(2 * patience);
+    let stopping = Outcome::Refused(Refusal::State(State::Stopping));
+    assert_eq!((armings(&world), world.answer(arm)), (4, Some(&stopping)));
+    // What is asked once is answered once.
+    let arm = world.client.request(world.now, Command::Arm);
+    world.run(Duration::from_millis(50));
+    assert_eq!((armings(&world), world.answer(arm)), (5, Some(&stopping)));
+
+    world.robot.ramps_down_for = 0;
+    world.stop_from_outside();
+    world.run(Duration::from_millis(50));
+    let arm = world.client.insist(world.now, Command::Arm, patience);
+    world.run(Duration::from_millis(50));
+    assert_eq!(world.answer(arm), Some(&Outcome::Refused(Refusal::Stopped)));
+}
+
+#[test]
+fn what_is_given_up_is_asked_no_more() {
+    let mut world = World::connected();
+    world.robot.ramps_down_for = 100;
+    let [arm, question] = [Command::Arm, Command::Identify]
+        .map(|it| world.client.insist(world.now, it, Duration::from_secs(1)));
+    world.run(Duration::from_millis(50));
+    world.client.give_up(arm);
+    world.run(Duration::from_millis(500));
+    assert_eq!((armings(&world), world.answer(arm)), (1, None));
+    assert!(world.answer(question).is_some());
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The client without a clock or a socket.
 
 use std::collections::VecDeque;
+use std::time::Duration;
 
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
@@ -16,7 +17,7 @@ use flix_protocol::units::Instant;
 use super::statistics::Statistics;
 use super::{
     DISARMED_AFTER, KEEP_ALIVE, REQUEST_PATIENCE, REQUEST_RETRY, SILENCE, STOP_BESIDE_AFTER,
-    STOP_RETRY,
+    STOP_RETRY, TRY_AGAIN, passes,
 };
 
 /// An event of the link, for the owner of the client.
@@ -71,8 +72,29 @@ struct Pending {
     is_sent: bool,
     send_at: Instant,
     give_up_at: Instant,
-    /// The newest answer, when it was that the link is slow: asked again with a newer echo.
-    late: Option<Refusal>,
+    /// Until when it is asked again where the robot refuses it for a state that passes.
+    insists_until: Instant,
+    /// The newest answer, when it is asked again in spite of it.
+    refusal: Option<Refusal>,
+}
+
+impl Pending {
+    /// Returns whether it is asked again although the robot refused it; `is_told`: by whom it is stopped.
+    fn asks_again(&mut self, now: Instant, refusal: &Refusal, is_told: bool) -> bool {
+        if matches!(refusal, Refusal::Late { .. }) && now < self.give_up_at {
+            // With a newer echo.
+            self.send_at = now;
+        } else if (passes(refusal) || *refusal == Refusal::Stopped && !is_told)
+            && now < self.insists_until
+        {
+            (self.send_at, self.is_sent) = (now + TRY_AGAIN, false);
+            self.give_up_at = self.send_at + REQUEST_PATIENCE;
+        } else {
+            return false;
+        }
+        self.refusal = Some(refusal.clone());
+        true
+    }
 }
 
 /// The operator's end of the link.
@@ -202,6 +224,12 @@ impl Client {
     /// [`Command::Arm`] rest is held, unless something else is: an armed robot wants setpoints as
     /// sign of life.
     pub fn request(&mut self, now: Instant, command: Command) -> u32 {
+        self.insist(now, command, Duration::ZERO)
+    }
+
+    /// The same, and asks again every [`TRY_AGAIN`] while the robot refuses for a state that [passes](super::passes), for
+    /// at most `patience`. A stop of which the robot has not said yet by whom it is passes, too.
+    pub fn insist(&mut self, now: Instant, command: Command, patience: Duration) -> u32 {
         if matches!(command, Command::Clear) && self.stop == StopState::Acknowledged {
             self.stop = StopState::None;
         }
@@ -218,9 +246,15 @@ impl Client {
             is_sent: false,
             send_at: now,
             give_up_at: now + REQUEST_PATIENCE,
-            late: None,
+            insists_until: now + patience,
+            refusal: None,
         });
         request
+    }
+
+    /// Asks no more for this.
+    pub fn give_up(&mut self, request: u32) {
+        self.pending.retain(|pending| pending.message.request != request);
     }
 
     /// Stops the robot: drops held setpoint and pending requests, and repeats stop until it is
@@ -512,12 +546,11 @@ impl Client {
         } else if let Some(place) =
             self.pending.iter().position(|pending| pending.message.request == request)
         {
-            if let (Outcome::Refused(refusal @ Refusal::Late { .. }), Some(pending)) =
+            let is_told = self.telemetry.is_some();
+            if let (Outcome::Refused(refusal), Some(pending)) =
                 (&outcome, self.pending.get_mut(place))
-                && now < pending.give_up_at
+                && pending.asks_again(now, refusal, is_told)
             {
-                pending.late = Some(refusal.clone());
-                pending.send_at = now;
                 return;
             }
             let disarm = |pending: Pending| pending.message.command == Command::Disarm;
@@ -580,7 +613,7 @@ impl Client {
             let is_alive = now < pending.give_up_at;
             if !is_alive {
                 let request = pending.message.request;
-                updates.push_back(match &pending.late {
+                updates.push_back(match &pending.refusal {
                     Some(refusal) => {
                         Update::Answer { request, outcome: Outcome::Refused(refusal.clone()) }
                     }

@@ -66,6 +66,8 @@ pub const SILENCE: Duration = HOLDER_SILENCE;
 /// Time after which a command without a reply counts as unanswered.
 pub const ANSWER_TIME: Duration = Duration::from_secs(1);
 
+/// Interval at which a request that was refused because of a state that passes is repeated.
+pub const TRY_AGAIN: Duration = Duration::from_millis(100);
 /// Longest time in which a state that passes by itself ends: the motors are aligned, the rotors at
 /// rest, the link proven.
 pub const PASSING_PATIENCE: Duration = Duration::from_secs(3);

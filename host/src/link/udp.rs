@@ -11,7 +11,7 @@ use flix_protocol::message::{
 use flix_protocol::session::{ConnectError, HINT_PATIENCE, Key, StopSession, StopStatus};
 use flix_protocol::units::Instant;
 
-use super::{Client, PASSING_PATIENCE, StopState, Update, passes};
+use super::{Client, PASSING_PATIENCE, StopState, Update};
 use crate::link::explain;
 use crate::system::interrupt::Interrupt;
 use crate::system::{Clock, PASSING_SOCKET_ERRORS};
@@ -27,8 +27,6 @@ pub const ARM_PATIENCE: Duration = Duration::from_secs(20);
 pub const DISARM_PATIENCE: Duration = Duration::from_secs(2);
 /// Time for which clearing is repeated: faults brake for half a second before they can be cleared.
 pub const CLEAR_PATIENCE: Duration = Duration::from_secs(3);
-/// Interval at which a request that was refused because of such a state is repeated.
-const TRY_AGAIN: Duration = Duration::from_millis(100);
 /// Time after a reply from which telemetry shows the state after the command.
 pub const TELEMETRY_LAG: Duration = Duration::from_millis(500);
 /// What a robot that disarmed while it was driven means.
@@ -305,30 +303,14 @@ impl Connection {
     /// # Errors
     /// As for [`Connection::wait_for`]; when the robot refuses or does not answer.
     pub fn ask(&mut self, command: Command) -> Result<Outcome, LinkError> {
-        let deadline = self.now() + PASSING_PATIENCE;
-        self.ask_until(deadline, &command)
+        self.insist(command, PASSING_PATIENCE)
     }
 
-    fn ask_until(&mut self, deadline: Instant, command: &Command) -> Result<Outcome, LinkError> {
-        let halts = self.client.halts();
-        loop {
-            match self.ask_once(command.clone()) {
-                Err(LinkError::Refused(refusal)) if passes(&refusal) && self.now() < deadline => {
-                    self.wait_for(TRY_AGAIN, |_, _| None::<()>)?;
-                    let is_stopped = self.client.telemetry().is_some_and(|it| it.stopped);
-                    if self.client.halts() != halts && is_stopped {
-                        return Err(self.why_stopped()?);
-                    }
-                }
-                outcome => return outcome,
-            }
-        }
-    }
-
-    fn ask_once(&mut self, command: Command) -> Result<Outcome, LinkError> {
+    fn insist(&mut self, command: Command, patience: Duration) -> Result<Outcome, LinkError> {
         let (client, now) = self.operate();
-        let request = client.request(now, command);
-        let outcome = self.wait_for(2 * super::REQUEST_PATIENCE, |_, update| match update {
+        let request = client.insist(now, command, patience);
+        let longest = patience + 2 * super::REQUEST_PATIENCE;
+        let outcome = self.wait_for(longest, |_, update| match update {
             Update::Answer { request: answered, outcome } if *answered == request => {
                 Some(Some(outcome.clone()))
             }
@@ -392,7 +374,7 @@ impl Connection {
     }
 
     fn try_to_arm(&mut self, deadline: Instant) -> Result<(), LinkError> {
-        self.ask_until(deadline, &Command::Arm)?;
+        self.insist(Command::Arm, deadline.since(self.now()))?;
         let asked = Clock::start();
         let mut actual = State::Disarmed;
         let patience = deadline.since(self.now());

@@ -18,7 +18,7 @@ use flix_protocol::session::ConnectError;
 use flix_protocol::units::Instant;
 
 use crate::link::udp::{LAPSED, REVOKED_PATIENCE, TELEMETRY_LAG};
-use crate::link::{Client, StopState, Update, passes};
+use crate::link::{Client, StopState, TRY_AGAIN, Update, passes};
 use crate::nav::{
     Decision, Footing, Identification, Navigator, PlanarPose, Progress, Resting, Stop,
 };
@@ -29,8 +29,6 @@ use crate::record::{Level, RecordError, Recorder};
 pub const READY_PATIENCE: Duration = Duration::from_secs(20);
 /// Longest time for coming to rest and disarming at the end.
 pub const END_PATIENCE: Duration = Duration::from_secs(3);
-/// Interval at which arming is requested again while the link is not proven.
-const ARM_RETRY: Duration = Duration::from_millis(100);
 /// How often a robot is armed again that let go of its motors because commands stayed away while it aligned them.
 const MOST_ARMINGS: u32 = 3;
 /// Interval of the navigation rows in the record.
@@ -463,7 +461,7 @@ impl<H: Helm> Pilot<H> {
                 if passes(refusal)
                     || (*refusal == Refusal::Stopped && client.telemetry().is_none()) =>
             {
-                self.phase = Phase::Waiting { until: now + ARM_RETRY };
+                self.phase = Phase::Waiting { until: now + TRY_AGAIN };
             }
             Outcome::Refused(refusal) => {
                 let stopper = client.stopped_by().filter(|_| *refusal == Refusal::Stopped);

@@ -14,7 +14,7 @@ use super::floor::Floor;
 use super::scope::{self, Viewer};
 use super::settings::{Answered, Settings};
 use crate::link::explain;
-use crate::link::{Client, PASSING_PATIENCE, Update, line_difference, passes};
+use crate::link::{Client, PASSING_PATIENCE, Update, line_difference};
 use crate::nav::Footing;
 use crate::pose::{LATE, PoseSample};
 
@@ -141,10 +141,10 @@ struct Attention {
     since: Instant,
 }
 
-/// A request that is repeated while the robot refuses it because of a state that passes.
-#[derive(Debug, Clone)]
+/// A request to arm or to clear, and until when telemetry may show that it was obeyed.
+#[derive(Debug, Clone, Copy)]
 struct Insisting {
-    command: Command,
+    arms: bool,
     request: u32,
     give_up_at: Instant,
 }
@@ -506,14 +506,14 @@ impl Cockpit {
         }
     }
 
-    /// Sends a request that is repeated while the robot refuses it because of a state that passes.
     fn insist(&mut self, command: Command, client: &mut Client, now: Instant) {
-        let request = client.request(now, command.clone());
-        self.insisting = Some(Insisting { command, request, give_up_at: now + PASSING_PATIENCE });
+        let arms = command == Command::Arm;
+        let request = client.insist(now, command, PASSING_PATIENCE);
+        self.insisting = Some(Insisting { arms, request, give_up_at: now + PASSING_PATIENCE });
     }
 
     fn is_arming(&self) -> bool {
-        self.insisting.as_ref().is_some_and(|insisting| insisting.command == Command::Arm)
+        self.insisting.is_some_and(|insisting| insisting.arms)
     }
 
     fn answered(&mut self, request: u32, outcome: &Outcome, client: &mut Client, now: Instant) {
@@ -537,14 +537,7 @@ impl Cockpit {
                 self.current_limit = parameter.value;
             }
             Outcome::Refused(refusal) => {
-                if let Some(again) =
-                    insisting.as_ref().filter(|it| passes(refusal) && now < it.give_up_at)
-                {
-                    let request = client.request(now, again.command.clone());
-                    self.insisting = Some(Insisting { request, ..again.clone() });
-                    return;
-                }
-                if insisting.is_some_and(|it| it.command == Command::Arm) {
+                if insisting.is_some_and(|it| it.arms) {
                     self.rest();
                     client.release();
                 }
@@ -575,8 +568,10 @@ impl Cockpit {
         self.link = Link::Connected;
         let before = self.telemetry.replace(*telemetry);
         // Whoever clears a stop, or arms, has to know of it.
-        if before.is_some_and(|before| before.halts != telemetry.halts) {
-            self.insisting = None;
+        if before.is_some_and(|before| before.halts != telemetry.halts)
+            && let Some(Insisting { request, .. }) = self.insisting.take()
+        {
+            client.give_up(request);
         }
         self.insisting.take_if(|insisting| now >= insisting.give_up_at);
         if telemetry.state.is_idle() {
