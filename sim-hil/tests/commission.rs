@@ -8,9 +8,11 @@ use flix_firmware::hardware::Sensors;
 use flix_firmware::settings::{MOTOR_VALUES, Settings};
 use flix_host::commission::voltage_mode::find_latency;
 use flix_host::commission::{CommissionError, Finding, Known, Step, Subject, commission};
-use flix_protocol::message::{Command, Fault, Mark, Outcome, Refusal, Setpoint, Telemetry};
+use flix_protocol::message::{
+    Command, Fault, Mark, Outcome, ParameterCommand, Refusal, Setpoint, Telemetry,
+};
 use flix_protocol::units::Instant;
-use flix_sim::model::SIMULATED_BOARD;
+use flix_sim::model::{Electrical, SIMULATED_BOARD};
 use flix_sim::reliability::commission::{CURRENT_LIMIT_A, measure, try_stranger};
 use flix_sim::reliability::commissioned::draw;
 use flix_sim::reliability::stranger::{
@@ -133,6 +135,115 @@ fn a_robot_whose_latency_was_found_can_be_armed_with_what_that_left() {
     find_latency(&mut robot, &Known::default(), |_| {}).unwrap();
     assert_eq!(settings(&robot).position_bandwidth, 19.0);
     robot.operation.arm().unwrap();
+}
+
+/// Returns a robot of this kind without current sense, and its settings as they are but for R, L and flux linkage times these.
+fn of_corner(seed: u64, change: impl FnOnce(&mut Electrical), times: [f64; 3]) -> Watched {
+    let mut model = stranger(seed);
+    change(&mut model.electrical);
+    model.electrical.sense.current = false;
+    let inertia = rotor_inertia(&model.shaker);
+    let pairs = model.electrical.motor.pole_pairs;
+    let mut robot = Watched::power_up(model, seed).unwrap();
+    let mut values: BTreeMap<_, _> = motor_values(&robot).collect();
+    for (name, value) in &mut values {
+        let kinds = ["resistance", "inductance", "linkage"];
+        let kind = kinds.iter().position(|kind| name.ends_with(kind)).unwrap();
+        *value *= times[kind];
+    }
+    values.insert("pole_pairs".to_owned(), pairs.into());
+    values.insert("rotor_inertia".to_owned(), 1e7 * inertia);
+    robot.enter(values).unwrap();
+    robot
+}
+
+#[test]
+fn weak_windings_without_current_sense_carry_no_more_than_2_a_whatever_is_unknown() {
+    for (pairs, late_us, times) in
+        [(14, 0.0, [0.95, 1.05, 1.05]), (4, 0.0, [0.95, 0.95, 1.05]), (14, 2_500.0, [1.0; 3])]
+    {
+        let weak = |electrical: &mut Electrical| {
+            let motor = &mut electrical.motor;
+            motor.phase_resistance_ohm = 0.1;
+            motor.phase_inductance_mh = 0.08;
+            motor.flux_linkage_mwb = 0.9;
+            (motor.pole_pairs, motor.cogging_periods) = (pairs, 12 * pairs);
+            motor.cogging_torque_mn_m /= 1.5;
+            motor.coulomb_friction_mn_m /= 1.5;
+            electrical.encoder.late_us = late_us;
+            // Nobody knows what the bus takes back, nor how full the battery is.
+            electrical.sense.bus_uv_per_count = 0;
+            (electrical.pack.charge_at_least, electrical.pack.charge_at_most) = (1.0, 1.0);
+        };
+        let mut robot = of_corner(1, weak, times);
+        for battery in [None, Some(robot.operation.robot.truth().bus_voltage)] {
+            let found =
+                find_latency(&mut robot, &Known { rotor_inertia: None, battery }, |_| {}).unwrap();
+            assert!((1e6 * found.encoder_latency - late_us).abs() < 100.0, "{found:?}");
+            let mut changed = found.changes.iter().map(|(name, ..)| name.as_str());
+            let known = ["nominal_voltage", "position_bandwidth", "encoder_latency"];
+            assert!(changed.all(|name| known.contains(&name)), "{found:?}");
+            let largest = robot.largest_current.get();
+            assert!(largest <= CURRENT_LIMIT_A, "{pairs} pairs: {largest} A");
+        }
+    }
+}
+
+/// Sets these, each after the other.
+fn set(robot: &mut Watched, settings: &[(&str, f32)]) {
+    for (name, value) in settings {
+        let put = ParameterCommand::Set((*name).try_into().unwrap(), *value);
+        let outcome = robot.operation.ask(Command::Parameter(put)).unwrap();
+        assert!(matches!(outcome, Outcome::Parameter(_)), "{name}: {outcome:?}");
+    }
+}
+
+#[test]
+fn an_owner_who_allows_less_current_than_commissioning_takes_is_asked_first() {
+    for senses in [false, true] {
+        let mut robot =
+            if senses { Watched::power_up(stranger(3), 3).unwrap() } else { entered(4, 1.0) };
+        set(&mut robot, &[("alignment_current", 0.3), ("current_limit", 0.5)]);
+        let before = settings(&robot);
+        let error = match senses {
+            true => commission(&mut robot, &Known::default(), |_| {}).map(drop),
+            false => find_latency(&mut robot, &Known::default(), |_| {}).map(drop),
+        };
+        assert!(
+            matches!(error, Err(CommissionError::Limited { limit }) if limit == 0.5),
+            "{error:?}"
+        );
+        assert_eq!(settings(&robot), before);
+        assert_eq!(robot.largest_current.get(), 0.0);
+    }
+}
+
+#[test]
+fn settings_of_an_owner_that_fit_each_other_are_put_back_after_commissioning() {
+    for senses in [false, true] {
+        let mut robot =
+            if senses { Watched::power_up(stranger(3), 3).unwrap() } else { entered(4, 1.0) };
+        let own = [("current_limit", 1.6), ("alignment_current", 1.5), ("command_age", 0.6)];
+        set(&mut robot, &own);
+        let before = settings(&robot);
+        match senses {
+            true => drop(commission(&mut robot, &Known::default(), |_| {}).unwrap()),
+            false => drop(find_latency(&mut robot, &Known::default(), |_| {}).unwrap()),
+        }
+        let after = settings(&robot);
+        let kept = |it: &Settings| (it.current_limit, it.command_age, it.frequency_ramp);
+        assert_eq!(kept(&after), kept(&before));
+        // A robot that measures itself knows better what turns its rotors.
+        assert!(senses || after.alignment_current == before.alignment_current);
+    }
+}
+
+#[test]
+fn a_delay_that_was_entered_is_named_as_what_a_latency_rests_on() {
+    let mut robot = entered(4, 1.0);
+    set(&mut robot, &[("actuation_delay", 125.0)]);
+    let found = find_latency(&mut robot, &Known::default(), |_| {}).unwrap();
+    assert!(found.rests_on.iter().any(|name| name == "actuation_delay"), "{found:?}");
 }
 
 #[test]

@@ -135,6 +135,7 @@ fn sentence(error: CommissionError<LinkError>) -> Error {
         ),
         CommissionError::Robot(error) => error.into(),
         silent @ CommissionError::Silent(_) => Error::new(Exit::NoAnswer, silent),
+        limited @ CommissionError::Limited { .. } => Error::new(Exit::NotNow, limited),
         other => Error::new(Exit::RobotFault, other),
     }
 }

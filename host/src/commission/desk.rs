@@ -2,13 +2,14 @@
 
 use std::time::Duration;
 
+use flix_protocol::failsafe::longest_command_age;
 use flix_protocol::message::{
-    Channel, Command, Mark, Outcome, Parameter, ParameterCommand, Refusal, ScopeCommand, ScopePlan,
-    ScopeState, Setpoint, State, Trigger,
+    Channel, Command, Fault, Mark, Outcome, Parameter, ParameterCommand, Refusal, ScopeCommand,
+    ScopePlan, ScopeState, Setpoint, State, Trigger,
 };
 
 use super::running::{self, Change, Steady};
-use super::{CommissionError, Finding, Step, Subject, motor_name};
+use super::{CURRENT_LIMIT, CommissionError, Finding, Step, Subject, motor_name};
 use crate::scope::Capture;
 
 /// How far the divider may be off a voltmeter.
@@ -54,15 +55,16 @@ impl<'a, S: Subject> Desk<'a, S> {
         Self { subject, changed: Vec::new(), is_aligned: false }
     }
 
-    /// Returns the settings that are not what they were.
+    /// Returns the settings that are not what they were; whether it is aligned a robot sets itself.
     pub(super) fn changes(&self) -> Vec<(String, f32, f32)> {
-        let differing = self.changed.iter().filter(|it| it.before != it.now);
+        let differs = |it: &&Changed| it.before != it.now && !it.name.ends_with("_aligned");
+        let differing = self.changed.iter().filter(differs);
         differing.map(|it| (it.name.clone(), it.before, it.now)).collect()
     }
 
     /// Disarms, and puts all settings back, the newest first; what the robot refuses stays. An alignment of before does not
     /// come back once there was a new one.
-    pub(super) fn restore(&mut self) {
+    fn restore(&mut self) {
         let _ = self.subject.disarm();
         for Changed { name, before, mark, .. } in
             core::mem::take(&mut self.changed).into_iter().rev()
@@ -74,6 +76,43 @@ impl<'a, S: Subject> Desk<'a, S> {
             let _ = self.write(&name, before, Mark::Measured);
             let _ = mark.map(|mark| self.write(&name, before, mark));
         }
+    }
+
+    /// Returns what was found; on an error puts all settings back first.
+    pub(super) fn conclude<T>(&mut self, found: Done<T, S>) -> Done<T, S> {
+        if found.is_err() {
+            self.restore();
+        }
+        match found {
+            Err(CommissionError::Faulted { faults, .. }) if faults.contains(Fault::EncoderLost) => {
+                Err(CommissionError::Found(Finding::EncoderLost))
+            }
+            found => found,
+        }
+    }
+
+    /// Checks that the robot has no fault, and may be given the current that commissioning takes.
+    pub(super) fn begin(&mut self) -> Done<(), S> {
+        self.check(Step::Wiring)?;
+        let limit = self.setting("current_limit")?;
+        if limit < CURRENT_LIMIT { Err(CommissionError::Limited { limit }) } else { Ok(()) }
+    }
+
+    /// Bounds ramps, Hz/s, the current of alignment, and all current, A. The slower a ramp, the younger must commands be.
+    pub(super) fn bound(&mut self, ramp: f64, aligning: f64, limit: f64) -> Done<(), S> {
+        let age = self.setting("command_age")?;
+        self.set("command_age", age.min(longest_command_age(ramp as f32).as_secs_f64()))?;
+        self.set("frequency_ramp", ramp)?;
+        // At most the limit, before and after.
+        self.set("alignment_current", aligning)?;
+        self.set("current_limit", limit)
+    }
+
+    /// Ends the bounds, but for that of alignment.
+    pub(super) fn unbound(&mut self) -> Done<(), S> {
+        ["frequency_ramp", "command_age", "current_limit"]
+            .into_iter()
+            .try_for_each(|name| self.set_back(name))
     }
 
     pub(super) fn setting(&mut self, name: &str) -> Done<f64, S> {

@@ -101,6 +101,15 @@ pub enum CommissionError<E> {
     /// Commands stayed away in the middle of a step, again and again.
     #[error("{0} broke off, because commands came too late: see `flix link-test`")]
     Silent(Step),
+    /// The robot may be given less current than this takes.
+    #[error(
+        "current_limit is {limit} A, and commissioning takes up to {CURRENT_LIMIT} A: raise it with `flix parameters set`, or \
+         enter the values of the motors by hand"
+    )]
+    Limited {
+        /// Setting, A.
+        limit: f64,
+    },
     /// Currents would rest on a value that nobody entered.
     #[error("{name} is assumed: measure it, and enter it with `flix parameters set`")]
     Assumed {
@@ -259,16 +268,7 @@ pub fn commission<S: Subject>(
 ) -> Result<Commissioned, CommissionError<S::Error>> {
     let mut desk = Desk::new(subject);
     let found = measure(&mut desk, known, step);
-    if found.is_err() {
-        desk.restore();
-    }
-    match found {
-        Ok(found) => Ok(Commissioned { changes: desk.changes(), ..found }),
-        Err(CommissionError::Faulted { faults, .. }) if faults.contains(Fault::EncoderLost) => {
-            Err(CommissionError::Found(Finding::EncoderLost))
-        }
-        Err(error) => Err(error),
-    }
+    desk.conclude(found).map(|found| Commissioned { changes: desk.changes(), ..found })
 }
 
 fn measure<S: Subject>(
@@ -277,7 +277,7 @@ fn measure<S: Subject>(
     mut step: impl FnMut(Step),
 ) -> Result<Commissioned, CommissionError<S::Error>> {
     step(Step::Wiring);
-    desk.check(Step::Wiring)?;
+    desk.begin()?;
     if let Some(inertia) = known.rotor_inertia {
         desk.set("rotor_inertia", 1e7 * inertia)?;
     }
@@ -359,10 +359,8 @@ fn measure<S: Subject>(
     let bus = standing[0].bus.min(standing[1].bus);
     let weaker = 1.5 * pairs * flux[0].min(flux[1]);
     let ramp = (weaker * RAMP_CURRENT / inertia / TAU).clamp(RAMPS.0, RAMPS.1);
-    desk.set("frequency_ramp", ramp)?;
-    desk.set("current_limit", limit)?;
     let aligning = alignment_current(pairs * flux[0].min(flux[1])).min(limit);
-    desk.set("alignment_current", aligning)?;
+    desk.bound(ramp, aligning, limit)?;
     let runs = Runs {
         circuits: windings.map(|it| it.circuit),
         pairs,
@@ -399,8 +397,7 @@ fn measure<S: Subject>(
     desk.set_each("current_gain_b", motors.map(|it| it.current_gains[1]))?;
     desk.set("tracker_bandwidth", QUICK[0])?;
     desk.set_position_bandwidth(position_bandwidth(latency))?;
-    desk.set_back("frequency_ramp")?;
-    desk.set_back("current_limit")?;
+    desk.unbound()?;
     let changes = Vec::new();
     Ok(Commissioned { motors, pole_pairs, encoder_latency: latency, actuation_delay, changes })
 }

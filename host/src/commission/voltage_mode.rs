@@ -8,7 +8,7 @@ use flix_protocol::message::{Bridges, Command, Mark, Outcome};
 use super::desk::{Desk, Done};
 use super::turned::{self, Entered, Turned};
 use super::{
-    CAREFUL, CURRENT_LIMIT, CommissionError, EMF_SHARE, FASTEST_HZ, FIRST_LATENCY, Finding, Known,
+    CAREFUL, CommissionError, EMF_SHARE, FASTEST_HZ, FIRST_LATENCY, Finding, Known,
     LONGEST_LATENCY, QUICK, RAMP_CURRENT, RAMPS, SLOW_ELECTRICAL_HZ, Step, Subject,
     alignment_current, braked_from, motor_name, position_bandwidth, with_either_loop,
 };
@@ -18,9 +18,14 @@ const FASTEST_ELECTRICAL_HZ: f64 = 80.0;
 /// Steepest ramp, Hz/s, and captures over which a mean is taken.
 const STEEPEST: f64 = 40.0;
 const CAPTURES: usize = 3;
-/// Furthest that a voltage is turned, rad, and the most d current that this may drive, A.
+/// Furthest that a voltage is turned, rad.
 const LARGEST_TURN: f64 = 0.3;
+/// Nothing but these bounds the current, A: what the loops ask for, of which 0.85 may flow against the magnets while f falls, what
+/// the turned voltage drives beside it, and what a latency drives that is as far from the one believed first as encoders have it.
+/// They are 1.9 A together.
+const HELD_CURRENT: f64 = 1.3;
 const TURNED_CURRENT: f64 = 0.4;
+const MISTAKEN_CURRENT: f64 = 0.35;
 /// Most that voltages may be off a motor as it was entered, as a share of its back-EMF at the fastest.
 const LARGEST_MISFIT: f64 = 0.1;
 /// By how much both encoders' latencies, of one kind, may differ, s.
@@ -68,10 +73,7 @@ pub fn find_latency<S: Subject>(
     let bridges = bridges(subject)?;
     let mut desk = Desk::new(subject);
     let found = find(&mut desk, &bridges, known, step);
-    if found.is_err() {
-        desk.restore();
-    }
-    found.map(|found| Latency { changes: desk.changes(), ..found })
+    desk.conclude(found).map(|found| Latency { changes: desk.changes(), ..found })
 }
 
 fn find<S: Subject>(
@@ -81,10 +83,14 @@ fn find<S: Subject>(
     mut step: impl FnMut(Step),
 ) -> Result<Latency, CommissionError<S::Error>> {
     step(Step::Wiring);
-    desk.check(Step::Wiring)?;
+    desk.begin()?;
     let mut rests_on = Vec::new();
     let pairs = entered(desk, "pole_pairs", &mut rests_on)?;
     let motors = [entered_motor(desk, 0, &mut rests_on)?, entered_motor(desk, 1, &mut rests_on)?];
+    // Zero is the board's own.
+    if desk.setting("actuation_delay")? > 0.0 {
+        rests_on.push("actuation_delay".to_owned());
+    }
     if let Some(inertia) = known.rotor_inertia {
         desk.set("rotor_inertia", 1e7 * inertia)?;
     }
@@ -98,19 +104,16 @@ fn find<S: Subject>(
     let weaker = pairs * motors[0].flux_linkage.min(motors[1].flux_linkage);
     let ramp = (1.5 * weaker * RAMP_CURRENT / inertia / TAU).clamp(RAMPS.0, STEEPEST);
     desk.set("tracker_bandwidth", CAREFUL[0])?;
-    desk.set("frequency_ramp", ramp)?;
-    desk.set("current_limit", CURRENT_LIMIT)?;
-    desk.set("alignment_current", alignment_current(weaker))?;
-    let resistive = motors[0].resistance.max(motors[1].resistance) * CURRENT_LIMIT;
+    desk.bound(ramp, alignment_current(weaker), HELD_CURRENT)?;
+    let resistive = motors[0].resistance.max(motors[1].resistance) * HELD_CURRENT;
     let runs = Runs { motors, pairs, bus, bridges, ramp };
     let encoder_latency = with_either_loop(desk, resistive, bus, |desk, bandwidth| {
         runs.run(desk, bandwidth, &mut step)
     })?;
     desk.set("tracker_bandwidth", QUICK[0])?;
     desk.set_position_bandwidth(position_bandwidth(encoder_latency))?;
-    for name in ["frequency_ramp", "current_limit", "alignment_current"] {
-        desk.set_back(name)?;
-    }
+    desk.unbound()?;
+    desk.set_back("alignment_current")?;
     Ok(Latency { encoder_latency, rests_on, changes: Vec::new() })
 }
 
@@ -181,7 +184,8 @@ impl Runs<'_> {
         let fastest =
             (FASTEST_ELECTRICAL_HZ / pairs).min(FASTEST_HZ).min(fastest[0]).min(fastest[1]);
         let braked_from = braked_from(&resistances, &flux, pairs).min(fastest);
-        let slow = (SLOW_ELECTRICAL_HZ / pairs).min(fastest / 2.0);
+        let slow = motors.iter().map(careful_electrical).fold(SLOW_ELECTRICAL_HZ, f64::min);
+        let slow = (slow / pairs).min(fastest / 2.0);
         desk.disarm(Step::Aligning, braked_from)?;
 
         let mut seen: [Vec<Turned>; 2] = Default::default();
@@ -235,6 +239,13 @@ impl Runs<'_> {
         desk.set_each("electrical_offset", offsets)?;
         Ok(latency)
     }
+}
+
+/// Returns the electrical frequency, Hz, at which a latency that nobody knows drives [`MISTAKEN_CURRENT`]: it turns the back-EMF by
+/// its angle, over the resistance.
+fn careful_electrical(motor: &Entered) -> f64 {
+    let mistake = LONGEST_LATENCY - FIRST_LATENCY;
+    (MISTAKEN_CURRENT * motor.resistance / (motor.flux_linkage * mistake)).sqrt() / TAU
 }
 
 /// Returns an angle within half a turn, degrees.
