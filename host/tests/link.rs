@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use crate::support::{FakeRobot, key, seeded_loss};
 use flix_host::link::{
-    Client, DISARMED_AFTER, KEEP_ALIVE, SILENCE, STOP_BESIDE_AFTER, StopState, TRY_AGAIN, Update,
+    Client, DISARMED_AFTER, KEEP_ALIVE, REQUEST_PATIENCE, SILENCE, STOP_BESIDE_AFTER, StopState,
+    TRY_AGAIN, Update,
 };
 use flix_protocol::message::{Command, Outcome, ParameterCommand, Refusal, Setpoint, State};
 use flix_protocol::session::{ConnectError, StopSession};
@@ -279,6 +280,18 @@ fn what_is_given_up_is_asked_no_more() {
     world.run(Duration::from_millis(500));
     assert_eq!((armings(&world), world.answer(arm)), (1, None));
     assert!(world.answer(question).is_some());
+}
+
+#[test]
+fn what_is_never_answered_is_given_up_while_the_session_stands() {
+    let mut world = World::connected();
+    world.robot.lost = Some(Command::Identify);
+    let question = world.client.request(world.now, Command::Identify);
+    world.run(REQUEST_PATIENCE - Duration::from_millis(50));
+    assert!(!world.updates.contains(&Update::Unanswered { request: question }));
+    world.run(Duration::from_millis(100));
+    assert!(world.updates.contains(&Update::Unanswered { request: question }));
+    assert!(world.client.is_connected(world.now));
 }
 
 #[test]

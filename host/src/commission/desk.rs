@@ -29,8 +29,12 @@ const BEFORE_RAMP: Duration = Duration::from_millis(80);
 /// Rows of the capture before and after a ramp: 80 and 150 ms.
 const STEADY_ROWS: [usize; 2] = [800, 1_500];
 const POSITION_BANDWIDTH: &str = "position_bandwidth";
-/// Ramps up and down.
-const RAMPS: usize = 6;
+/// Ramps that count, up and down, and the most there are.
+const RAMPS: f64 = 6.0;
+const MOST_RAMPS: f64 = 36.0;
+/// Current times time of a ramp, A s, from which on friction and noise are little beside it. A motor that makes much torque of little
+/// current takes less, and more ramps.
+const FULL_IMPULSE: f64 = 8e-3;
 pub(super) type Done<T, S> = Result<T, CommissionError<<S as Subject>::Error>>;
 
 /// A robot, and what was changed about it.
@@ -383,11 +387,13 @@ impl<'a, S: Subject> Desk<'a, S> {
     }
 
     /// Returns the current that each motor takes for an acceleration, A s^2/rad, from ramps between two frequencies (Hz) at so
-    /// many Hz/s. Where the bus is not measured only those up count: on the way down d currents burn what the rotors lose.
+    /// many Hz/s. Where the bus is not measured only those up count: on the way down d currents burn what the rotors lose. A motor
+    /// takes `per_hertz`, A s, for each hertz, or more.
     pub(super) fn ramps(
         &mut self,
         [slow, fast]: [f64; 2],
         ramp: f64,
+        per_hertz: f64,
         measures_bus: bool,
     ) -> Done<[f64; 2], S> {
         let channels = [
@@ -411,7 +417,10 @@ impl<'a, S: Subject> Desk<'a, S> {
             self.begin_capture(&channels, Trigger::Now, 0)?;
             add([usize::MAX, 0], &self.capture(Step::Ramps, u16::MAX)?);
         }
-        for count in 0..RAMPS {
+        let impulse = per_hertz * (fast - slow);
+        let counting = (RAMPS * FULL_IMPULSE / impulse).clamp(RAMPS, MOST_RAMPS);
+        let ramps = if measures_bus { counting } else { (2.0 * counting).min(MOST_RAMPS) } as usize;
+        for count in 0..ramps {
             self.begin_capture(&channels, Trigger::Now, 0)?;
             self.subject.pause(BEFORE_RAMP)?;
             self.hold(if count % 2 == 0 { fast } else { slow });

@@ -313,7 +313,10 @@ fn measure<S: Subject>(
     let uneven = wiring.each_ref().map(wiring::uneven);
 
     step(Step::Phases);
-    let (standing, bridges) = desk.stand(Step::Phases, [true; 2], trials::standing_ma(shown))?;
+    let field = trials::standing_ma(shown);
+    let (mut standing, bridges) = desk.stand(Step::Phases, [true; 2], field)?;
+    let (again, _) = desk.stand(Step::Phases, [true; 2], field)?;
+    standing.iter_mut().zip(again).for_each(|(standing, again)| standing.extend(again));
     let winding = |motor: usize, scale: f64| {
         let found = phases::measure(&standing[motor], &bridges, scale);
         check_winding(motor, found.map(|it| it.of_uneven(uneven[motor])))
@@ -366,6 +369,7 @@ fn measure<S: Subject>(
         pairs,
         flux,
         bus,
+        inertia,
         ramp,
         measures_bus: bridges.measures_bus,
     };
@@ -434,6 +438,8 @@ struct Runs {
     /// Bus voltage, V, and whether it is measured.
     bus: f64,
     measures_bus: bool,
+    /// Of each rotor, kg m^2.
+    inertia: f64,
     /// How fast f changes, Hz/s.
     ramp: f64,
 }
@@ -486,7 +492,8 @@ impl Runs {
 
         step(Step::Ramps);
         let ends = RAMP_SHARES.map(|share| share * fastest);
-        let slopes = desk.ramps(ends, ramp, self.measures_bus)?;
+        let per_hertz = TAU * self.inertia / (1.5 * pairs * flux[0].max(flux[1]));
+        let slopes = desk.ramps(ends, ramp, per_hertz, self.measures_bus)?;
         desk.disarm(Step::Ramps, braked_from(&resistances, &flux, pairs).min(fastest))?;
         Ok(Ran { flux, latency, slopes })
     }

@@ -26,8 +26,10 @@ const LEFT_OUT: usize = 4;
 const DEAD_TIME_SPREAD: f64 = 0.05;
 /// What dead time may take where the board states none, V.
 const UNKNOWN_DEAD_TIME: f64 = 0.05;
-/// How far the delay of the bridges may be off what is believed beforehand, that duties act from the next PWM period on, s: a
-/// conversion may be early or late by so much. Less cannot be separated from the inductance.
+/// PWM periods from samples until duties act: a robot sets them in the first, and its bridges take them over in the middle of the second.
+const ACTS_AFTER: f64 = 1.5;
+/// How far the delay of the bridges may be off that, s: a conversion may be early or late by so much. Less cannot be separated from the
+/// inductance.
 const DELAY_SPREAD: f64 = 10e-6;
 /// How far samples may lie off the middle of the PWM period, s: one conversion, or two.
 const ASIDE: f64 = 5e-6;
@@ -60,6 +62,20 @@ pub struct Standing {
     pub bus: f64,
     /// Ticks for which the voltage is half, and whole.
     pub interval: usize,
+}
+
+impl Standing {
+    /// Adds another capture of the same field.
+    pub fn extend(&mut self, other: Self) {
+        let period = 2 * self.interval;
+        let add = |column: &mut Vec<f64>, other: Vec<f64>| {
+            column.truncate(column.len() / period * period);
+            column.extend(other.into_iter().skip(LEFT_OUT * period));
+        };
+        add(&mut self.voltage, other.voltage);
+        self.currents.iter_mut().zip(other.currents).for_each(|(one, other)| add(one, other));
+        self.bus = (self.bus + other.bus) / 2.0;
+    }
 }
 
 /// What was found.
@@ -184,7 +200,7 @@ pub fn measure(standing: &Standing, bridges: &Bridges, scale: f64) -> Option<Pha
             .map(|(solved, shown)| (solved - shown) / DIFFERENCE)
             .collect();
         all.push((circuit.dead_voltage - stated) / spread);
-        all.push((circuit.delay - 1.0 / frequency) / DELAY_SPREAD);
+        all.push((circuit.delay - ACTS_AFTER / frequency) / DELAY_SPREAD);
         all
     };
     let best = [0.1e-3, 0.4e-3, 1.5e-3]

@@ -662,3 +662,40 @@ impl Client {
         self.next_number
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOW: Instant = Instant::from_micros(1_000_000);
+
+    /// Returns whether this refusal, after so long, leads to the same request, and after how long from then.
+    fn asked_again(refusal: &Refusal, after: Duration, is_told: bool) -> Option<Duration> {
+        let (request, command) = (1, Command::Arm);
+        let mut pending = Pending {
+            message: ToRobot { request, intent: 0, halts: 0, command },
+            is_sent: true,
+            send_at: NOW + REQUEST_RETRY,
+            give_up_at: NOW + REQUEST_PATIENCE,
+            insists_until: NOW + 2 * REQUEST_PATIENCE,
+            refusal: None,
+        };
+        let now = NOW + after;
+        pending.asks_again(now, refusal, is_told).then(|| pending.send_at.since(now))
+    }
+
+    #[test]
+    fn a_refusal_that_passes_leads_to_the_same_request_until_patience_is_over() {
+        let moment = Duration::from_micros(1);
+        let late = Refusal::Late { age_ms: 400, limit_ms: 300 };
+        assert_eq!(asked_again(&late, REQUEST_PATIENCE - moment, true), Some(Duration::ZERO));
+        assert_eq!(asked_again(&late, REQUEST_PATIENCE, true), None);
+        let insists = 2 * REQUEST_PATIENCE;
+        for (refusal, is_told) in [(Refusal::LinkUnproven, true), (Refusal::Stopped, false)] {
+            assert_eq!(asked_again(&refusal, insists - moment, is_told), Some(TRY_AGAIN));
+            assert_eq!(asked_again(&refusal, insists, is_told), None);
+        }
+        assert_eq!(asked_again(&Refusal::Stopped, moment, true), None);
+        assert_eq!(asked_again(&Refusal::Malformed, moment, false), None);
+    }
+}
