@@ -223,7 +223,9 @@ fn settings_of_an_owner_that_fit_each_other_are_put_back_after_commissioning() {
     for senses in [false, true] {
         let mut robot =
             if senses { Watched::power_up(stranger(3), 3).unwrap() } else { entered(4, 1.0) };
-        let own = [("current_limit", 1.6), ("alignment_current", 1.5), ("command_age", 0.6)];
+        // One has just enough current.
+        let [limit, aligning] = if senses { [1.4, 1.0] } else { [1.6, 1.5] };
+        let own = [("current_limit", limit), ("alignment_current", aligning), ("command_age", 0.6)];
         set(&mut robot, &own);
         let before = settings(&robot);
         match senses {

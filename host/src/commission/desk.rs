@@ -99,7 +99,12 @@ impl<'a, S: Subject> Desk<'a, S> {
     pub(super) fn begin(&mut self) -> Done<(), S> {
         self.check(Step::Wiring)?;
         let limit = self.setting("current_limit")?;
-        if limit < CURRENT_LIMIT { Err(CommissionError::Limited { limit }) } else { Ok(()) }
+        // As the robot has it, rounded.
+        if limit < f64::from(CURRENT_LIMIT as f32) {
+            Err(CommissionError::Limited { limit })
+        } else {
+            Ok(())
+        }
     }
 
     /// Bounds ramps, Hz/s, the current of alignment, and all current, A. The slower a ramp, the younger must commands be.

@@ -103,7 +103,7 @@ pub enum CommissionError<E> {
     Silent(Step),
     /// The robot may be given less current than this takes.
     #[error(
-        "current_limit is {limit} A, and commissioning takes up to {CURRENT_LIMIT} A: raise it with `flix parameters set`, or \
+        "current_limit is {limit:.3} A, and commissioning takes up to {CURRENT_LIMIT} A: raise it with `flix parameters set`, or \
          enter the values of the motors by hand"
     )]
     Limited {
