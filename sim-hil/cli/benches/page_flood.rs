@@ -34,15 +34,16 @@ fn main() {
     let mut sockets: Vec<TcpStream> = Vec::new();
     let mut times: Vec<Duration> = Vec::new();
     for _ in 0..STOPS {
-        // Those that were turned out come again; every second one says something, slowly.
+        // Those that were turned out come again.
         sockets.clear();
-        for number in 0..SOCKETS {
-            let mut socket = TcpStream::connect(host).expect("a socket");
-            if number % 2 == 0 {
-                let _ = socket.write_all(b"GET / HTTP/1.1\r\nHost: a");
+        std::thread::scope(|scope| {
+            let strangers = scope.spawn(|| strangers(host));
+            // A page that answers nothing would be closed after a while.
+            while !strangers.is_finished() {
+                driver.snapshot().expect("a page that is served");
             }
-            sockets.push(socket);
-        }
+            sockets = strangers.join().expect("sockets");
+        });
         let asked = Instant::now();
         driver.say("stop").expect("the cockpit listens");
         driver.until("stop", "stopped").expect("a stop");
@@ -63,6 +64,19 @@ fn main() {
         1e3 * opened.as_secs_f64(),
     );
     assert!(longest <= LIMIT, "a stop took longer than {LIMIT:?}");
+}
+
+/// Opens the sockets of strangers; every second one says something, slowly.
+fn strangers(host: &str) -> Vec<TcpStream> {
+    (0..SOCKETS)
+        .map(|number| {
+            let mut socket = TcpStream::connect(host).expect("a socket");
+            if number % 2 == 0 {
+                let _ = socket.write_all(b"GET / HTTP/1.1\r\nHost: a");
+            }
+            socket
+        })
+        .collect()
 }
 
 /// Lets this process have as many descriptors as it may.
