@@ -235,6 +235,21 @@ fn a_robot_is_asked_to_disarm_until_it_is_disarmed_or_armed_anew() {
 }
 
 #[test]
+fn a_robot_that_halted_meanwhile_is_not_armed_by_enter_however_often_it_was_pressed_before() {
+    let mut room = Room::new();
+    room.robot.ramps_down_for = 100;
+    for _ in 0..2 {
+        room.act(ANNA, Action::Arm);
+        room.run(Duration::from_millis(50));
+    }
+    room.robot.halt();
+    room.run(Duration::from_millis(50));
+    room.robot.ramps_down_for = 0;
+    room.run(Duration::from_secs(4));
+    assert_eq!(room.robot.state, State::Disarmed);
+}
+
+#[test]
 fn a_second_page_watches_and_may_only_stop() {
     let mut room = Room::walking();
     room.open(BOB);

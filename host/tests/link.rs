@@ -276,7 +276,7 @@ fn what_is_given_up_is_asked_no_more() {
     let [arm, question] = [Command::Arm, Command::Identify]
         .map(|it| world.client.insist(world.now, it, Duration::from_secs(1)));
     world.run(Duration::from_millis(50));
-    world.client.give_up(arm);
+    world.client.give_up_on_moving(None);
     world.run(Duration::from_millis(500));
     assert_eq!((armings(&world), world.answer(arm)), (1, None));
     assert!(world.answer(question).is_some());

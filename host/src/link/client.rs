@@ -252,11 +252,6 @@ impl Client {
         request
     }
 
-    /// Asks no more for this.
-    pub fn give_up(&mut self, request: u32) {
-        self.pending.retain(|pending| pending.message.request != request);
-    }
-
     /// Stops the robot: drops held setpoint and pending requests, and repeats stop until it is
     /// acknowledged.
     pub fn stop(&mut self, now: Instant) {
@@ -635,7 +630,7 @@ impl Client {
     }
 
     /// Gives up on requests that would move the robot or clear its stop; `refusal` answers them.
-    fn give_up_on_moving(&mut self, refusal: Option<&Refusal>) {
+    pub fn give_up_on_moving(&mut self, refusal: Option<&Refusal>) {
         let updates = &mut self.updates;
         self.pending.retain(|pending| {
             let ToRobot { request, command, .. } = &pending.message;

@@ -568,10 +568,9 @@ impl Cockpit {
         self.link = Link::Connected;
         let before = self.telemetry.replace(*telemetry);
         // Whoever clears a stop, or arms, has to know of it.
-        if before.is_some_and(|before| before.halts != telemetry.halts)
-            && let Some(Insisting { request, .. }) = self.insisting.take()
-        {
-            client.give_up(request);
+        if before.is_some_and(|before| before.halts != telemetry.halts) {
+            self.insisting = None;
+            client.give_up_on_moving(None);
         }
         self.insisting.take_if(|insisting| now >= insisting.give_up_at);
         if telemetry.state.is_idle() {

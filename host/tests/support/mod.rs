@@ -127,6 +127,11 @@ impl FakeRobot {
         (self.stopped, self.halts) = (true, self.halts + 1);
     }
 
+    /// Halts by itself, as after commands that stayed away.
+    pub fn halt(&mut self) {
+        self.halts += 1;
+    }
+
     /// Knows another key alone from now on.
     pub fn revoke(&mut self) {
         self.session.set_operators(Some(Key::new([8; 32])));
