@@ -26,7 +26,7 @@
 //! - a model file to a physics step: `model` (TOML, checked) -> `plant::mechanics::build` (constants and state) ->
 //!   `plant::mechanics::system` (one implicit step of all legs at once);
 //! - a pose to a command: `rig::motion_capture` (cameras) -> `experiment::course` -> `flix_host::pilot` (navigation) ->
-//!   `rig::operation` (client and network) -> `rig::robot` (the firmware, on its plant).
+//!   `rig::operation` (client and network) -> `rig::simulated` (the firmware, on its plant).
 //!
 //! # Example
 //!

@@ -19,7 +19,7 @@ use flix_sim::reliability::stranger::{
     Watched, measured_by_hand, motor_values, rotor_inertia, stranger,
 };
 use flix_sim::rig::operation::OperationError;
-use flix_sim::rig::robot::Disturbance;
+use flix_sim::rig::simulated::Disturbance;
 use flix_sim::rig::wiring_fault::{Miswired, WiringFault};
 
 /// Commissions the stranger of this seed, as it is and with each wiring fault.

@@ -24,7 +24,7 @@ use flix_protocol::session::{
 };
 use flix_protocol::units::Instant;
 use flix_sim::rig::network::{self, Arp, Network, OPERATOR, ROBOT, TICK, Wire, arp, now};
-use flix_sim::rig::robot::Flash;
+use flix_sim::rig::simulated::Flash;
 
 /// The robot's two halves, with the fast one's ticks counted.
 struct Brain {

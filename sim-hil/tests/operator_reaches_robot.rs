@@ -11,7 +11,7 @@ use flix_sim::rig::bench::setpoint;
 use flix_sim::rig::channel::ChannelParameters;
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
 use flix_sim::rig::operation::Operation;
-use flix_sim::rig::robot::{Processor, RobotParameters, SimulatedRobot};
+use flix_sim::rig::simulated::{Processor, RobotParameters, SimulatedRobot};
 
 fn operation(network: ChannelParameters) -> Operation<Plant> {
     let model = RobotModel::named("bench-fixed").expect("a shipped model");

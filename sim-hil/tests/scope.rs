@@ -12,7 +12,7 @@ use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
 use flix_sim::rig::bench::{Base, Subject, bench, setpoint};
 use flix_sim::rig::operation::Operation;
-use flix_sim::rig::robot::Truth;
+use flix_sim::rig::simulated::Truth;
 
 const TICK_US: u64 = 100;
 

@@ -11,7 +11,7 @@ use flix_sim::plant::Plant;
 use flix_sim::rig::bench::{BASES, Base, BenchError, Subject, bench_key, setpoint};
 use flix_sim::rig::channel::ChannelParameters;
 use flix_sim::rig::operation::Operation;
-use flix_sim::rig::robot::{Flash, RobotParameters, SimulatedRobot};
+use flix_sim::rig::simulated::{Flash, RobotParameters, SimulatedRobot};
 
 /// Asked for, Hz: the most there is.
 const ASKED: f64 = 35.0;

@@ -8,7 +8,7 @@ use flix_sim::plant::{Mechanics, Plant};
 use flix_sim::rig::bench::setpoint;
 use flix_sim::rig::channel::ChannelParameters;
 use flix_sim::rig::operation::Operation;
-use flix_sim::rig::robot::{RobotParameters, SimulatedRobot};
+use flix_sim::rig::simulated::{RobotParameters, SimulatedRobot};
 
 #[test]
 fn what_the_battery_gives_goes_into_copper_friction_legs_and_floor_within_a_hundredth() {

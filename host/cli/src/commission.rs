@@ -7,8 +7,8 @@ use flix_protocol::message::{Command, ParameterCommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
+use super::address::RobotArgs;
 use super::drive::{give_up, stop};
-use super::robot::RobotArgs;
 use super::{Error, Exit};
 use flix_host::commission::voltage_mode::{self, Latency, bridges, find_latency};
 use flix_host::commission::{CommissionError, Commissioned, Known, Motor, Step, commission};

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use flix_protocol::message::{BuildId, Command, CrashReport, FaultSummary, MotorCurrents, Outcome};
 use serde::Serialize;
 
-use super::robot::RobotArgs;
+use super::address::RobotArgs;
 use super::{Error, Exit};
 use crate::symbols::{Frame, LARGEST_ELF, Symbols};
 use flix_host::link::explain;

@@ -11,7 +11,7 @@ use flix_protocol::message::{
 };
 use flix_protocol::units::Instant;
 
-use super::robot::RobotArgs;
+use super::address::RobotArgs;
 use super::walk::PoseArgs;
 use super::{Error, Exit};
 use flix_host::link::explain;

@@ -10,8 +10,8 @@ use flix_protocol::message::{Refusal, Setpoint, State, Telemetry};
 use flix_protocol::units::{self, Degrees, Hertz, OutOfRange};
 use serde::Serialize;
 
+use super::address::RobotArgs;
 use super::moved::{Motion, Walked};
-use super::robot::RobotArgs;
 use super::walk::{HeightCheck, PoseArgs, record};
 use super::{Error, Exit};
 use flix_host::link::udp::{Connection, FAREWELL_PATIENCE, LinkError, STOP_PATIENCE, faulted};

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use super::robot::RobotArgs;
+use super::address::RobotArgs;
 use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
 use super::{Error, Exit};
 use flix_host::nav::{Navigator, Position, Task};

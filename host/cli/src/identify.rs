@@ -8,9 +8,9 @@ use flix_protocol::failsafe::BATTERY_LOW_VOLTS;
 use flix_protocol::message::Setpoint;
 use flix_protocol::units::{Degrees, Hertz};
 
+use super::address::RobotArgs;
 use super::drive;
 use super::experiment::Experimenter;
-use super::robot::RobotArgs;
 use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
 use super::{Error, Exit};
 use flix_host::experiment::grid::{self, Grid};

@@ -3,6 +3,7 @@
 //!
 //! A failure has an exit code ([`Exit::ALL`]) and one sentence on stderr that says what to do. With `--json`, stdout carries JSON only.
 
+pub mod address;
 pub mod by_hand;
 pub mod clear;
 pub mod cockpit;
@@ -21,7 +22,6 @@ pub mod man;
 mod moved;
 pub mod parameters;
 pub mod provision;
-pub mod robot;
 pub mod runs;
 pub mod scope;
 pub mod status;

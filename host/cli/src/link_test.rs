@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::robot::RobotArgs;
+use super::address::RobotArgs;
 use super::{Error, Exit};
 use flix_host::link::udp::{Connection, LinkError};
 use flix_host::link::{ANSWER_TIME, KEEP_ALIVE};

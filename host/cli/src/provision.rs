@@ -13,7 +13,7 @@ use flix_protocol::provision::{
 use flix_protocol::session::{Key, Operator};
 use zeroize::Zeroizing;
 
-use super::robot::offered;
+use super::address::offered;
 use super::{Error, Exit};
 use flix_host::link::keys::{self, Keyring};
 use flix_host::link::serial::{SerialError, SerialRobot};

@@ -11,8 +11,8 @@ use flix_protocol::message::{
 use serde::Serialize;
 use serde_json::{Map, Value};
 
+use super::address::RobotArgs;
 use super::crash;
-use super::robot::RobotArgs;
 use super::{Error, Exit};
 use flix_host::link::Client;
 use flix_host::link::explain;

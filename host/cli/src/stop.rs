@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use super::robot::RobotArgs;
+use super::address::RobotArgs;
 use super::{Error, Exit};
 use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::print;

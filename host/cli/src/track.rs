@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use super::robot::RobotArgs;
+use super::address::RobotArgs;
 use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
 use super::{Error, Exit};
 use flix_host::nav::Task;

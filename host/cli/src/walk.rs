@@ -10,7 +10,7 @@ use flix_protocol::message::{Command, Outcome, Refusal, State};
 use flix_protocol::units::Instant;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::robot::RobotArgs;
+use super::address::RobotArgs;
 use super::status::TELEMETRY_PATIENCE;
 use super::{Error, Exit};
 use flix_host::link::udp::{Connection, LinkError};

@@ -14,7 +14,7 @@ use flix_protocol::provision::{
 use flix_protocol::session::{ConnectError, Key, Operator};
 use flix_protocol::units::Instant;
 use flix_sim::plant::Diverged;
-use flix_sim::rig::robot::Truth;
+use flix_sim::rig::simulated::Truth;
 
 use crate::CYCLES_PER_SECOND;
 use crate::chip::{Chip, ResetReason, Stop};
@@ -23,8 +23,8 @@ use crate::flash::Flash;
 use crate::flood::Flood;
 use crate::image::{Image, programmed_flash};
 use crate::network::{ACCESS_POINTS, Datagram, NAME, PASSPHRASE};
+use crate::pins::{Robot, STEP_CYCLES};
 use crate::radio::Times;
-use crate::robot::{Robot, STEP_CYCLES};
 
 /// How long an operator waits for an answer, for arming (which may align first), for a restart.
 pub const PATIENCE: Duration = Duration::from_secs(20);

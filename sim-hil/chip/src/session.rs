@@ -10,8 +10,8 @@ use flix_sim::rig::bench::setpoint;
 use serde::Serialize;
 
 use crate::CYCLES_PER_SECOND;
+use crate::pins::BOARD;
 use crate::rig::{Rig, RigError};
-use crate::robot::BOARD;
 
 /// The paper's five modes (Table IV), and the reversal that the last one is to the one before: Hz, degrees.
 pub const MODES: [(&str, f64, f64); 5] = [

@@ -9,7 +9,7 @@ use crate::CYCLES_PER_SECOND;
 use crate::chip::Chip;
 use crate::cycles;
 use crate::early::Line;
-use crate::robot::Robot;
+use crate::pins::Robot;
 
 /// All of it is done so soon after the image's first instruction: the HAL sets up the clocks in 1.4 ms, and flash and radio
 /// come later.

@@ -14,7 +14,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use super::Error;
 use super::output::print;
 use flix_sim::plant::Plant;
-use flix_sim::rig::robot::SimulatedRobot;
+use flix_sim::rig::simulated::SimulatedRobot;
 
 /// From one status line to the next.
 const STATUS_INTERVAL: Duration = Duration::from_millis(250);
@@ -188,7 +188,7 @@ mod tests {
 
     use super::*;
     use flix_sim::model::RobotModel;
-    use flix_sim::rig::robot::RobotParameters;
+    use flix_sim::rig::simulated::RobotParameters;
 
     #[test]
     fn a_robot_is_dropped_where_it_stood_from_a_height_that_can_be_measured() {

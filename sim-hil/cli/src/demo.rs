@@ -19,7 +19,7 @@ use flix_sim::reliability::accuracy::{
 };
 use flix_sim::rig::bench::{Base, bench, setpoint};
 use flix_sim::rig::operation::Operation;
-use flix_sim::rig::robot::Truth;
+use flix_sim::rig::simulated::Truth;
 
 /// Shake through the paper's five walking modes and a reversal, then walk a figure eight
 #[derive(Debug, Clone, clap::Args)]

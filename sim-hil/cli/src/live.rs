@@ -12,7 +12,7 @@ use flix_sim::model::RobotModel;
 use flix_sim::model::links::links;
 use flix_sim::model::urdf::urdf;
 use flix_sim::plant::Plant;
-use flix_sim::rig::robot::SimulatedRobot;
+use flix_sim::rig::simulated::SimulatedRobot;
 use flix_sim::view::FrameView;
 
 use crate::Error;

@@ -28,7 +28,7 @@ use flix_sim::experiment::walk::require_walker;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
 use flix_sim::rig::motion_capture::MotionCapture;
-use flix_sim::rig::robot::{Flash, RobotParameters, SimulatedRobot};
+use flix_sim::rig::simulated::{Flash, RobotParameters, SimulatedRobot};
 
 /// Serve a simulated robot on the network, in real time
 #[derive(Debug, clap::Args)]

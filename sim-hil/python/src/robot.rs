@@ -11,7 +11,7 @@ use flix_sim::plant::Plant;
 use flix_sim::rig::bench::{bench_key, setpoint};
 use flix_sim::rig::channel::ChannelParameters;
 use flix_sim::rig::operation::Operation;
-use flix_sim::rig::robot::{RobotParameters, SimulatedRobot};
+use flix_sim::rig::simulated::{RobotParameters, SimulatedRobot};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;

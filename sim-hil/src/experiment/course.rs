@@ -16,7 +16,7 @@ use crate::plant::{Diverged, Plant};
 use crate::rig::channel::ChannelParameters;
 use crate::rig::motion_capture::{MotionCapture, POSE_PERIOD};
 use crate::rig::operation::Operation;
-use crate::rig::robot::{RobotParameters, SimulatedRobot};
+use crate::rig::simulated::{RobotParameters, SimulatedRobot};
 
 /// What a run is made of, besides who drives.
 #[derive(Debug, Clone)]

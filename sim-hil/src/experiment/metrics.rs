@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 
 use flix_protocol::message::Setpoint;
 
-use crate::rig::robot::Truth;
+use crate::rig::simulated::Truth;
 
 /// Figures of a held setpoint.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -12,7 +12,7 @@ use crate::plant::{BodyState, Plant};
 use crate::rig::bench::{bench_key, setpoint};
 use crate::rig::channel::ChannelParameters;
 use crate::rig::operation::Operation;
-use crate::rig::robot::{RobotParameters, SimulatedRobot};
+use crate::rig::simulated::{RobotParameters, SimulatedRobot};
 
 /// Commands of a drawn sequence, before it rests.
 const COMMANDS: usize = 6;

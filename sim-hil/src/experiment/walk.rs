@@ -20,7 +20,7 @@ use crate::plant::{BodyState, Diverged, Drive, Mechanics, Plant};
 use crate::rig::bench::setpoint;
 use crate::rig::channel::ChannelParameters;
 use crate::rig::operation::{Operation, OperationError};
-use crate::rig::robot::{RobotParameters, SimulatedRobot};
+use crate::rig::simulated::{RobotParameters, SimulatedRobot};
 
 /// Default step, s: the firmware's own 10 kHz tick.
 pub const DEFAULT_STEP: f64 = 1e-4;

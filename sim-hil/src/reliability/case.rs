@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::rig::channel::{Bursts, ChannelParameters};
 use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault};
-use crate::rig::robot::Processor;
+use crate::rig::simulated::Processor;
 
 /// What goes wrong.
 #[derive(Debug, Clone, Copy, PartialEq)]

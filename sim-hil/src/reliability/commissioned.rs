@@ -23,7 +23,7 @@ pub use super::stranger::{BY_HAND, LATE_BY_HAND_US};
 use crate::model::RobotModel;
 use crate::plant::electronics::Electronics;
 use crate::rig::bench::{BASES, Base, BenchError, FREQUENCIES, Subject};
-use crate::rig::robot::Disturbance;
+use crate::rig::simulated::Disturbance;
 
 /// theta of a robot whose f is limited: largest root mean square error, degrees.
 pub const LIMITED_DIRECTION_DEG: f64 = 3.0;

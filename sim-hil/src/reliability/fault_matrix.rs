@@ -22,7 +22,7 @@ use crate::rig::bench::{BASES, Base, BenchError, bench_of_board, learnt, setpoin
 use crate::rig::channel::ChannelParameters;
 use crate::rig::hardware_fault::{HardwareFault, Injected};
 use crate::rig::operation::Operation;
-use crate::rig::robot::SimulatedRobot;
+use crate::rig::simulated::SimulatedRobot;
 
 /// The five pairs (f in Hz, theta in degrees) of the paper's Table IV.
 pub const MODES: [(f64, f64); 5] =

@@ -26,7 +26,7 @@ use crate::rig::bench::{BASES, BenchError, bench_knowing, learnt, setpoint};
 use crate::rig::channel::{Bursts, ChannelParameters};
 use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault, Injected};
 use crate::rig::operation::{Operation, Operator};
-use crate::rig::robot::{Processor, Truth};
+use crate::rig::simulated::{Processor, Truth};
 
 /// What must hold in every tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -757,7 +757,7 @@ mod tests {
     use flix_firmware::hardware::Actuation;
 
     use super::*;
-    use crate::rig::robot::Disturbance;
+    use crate::rig::simulated::Disturbance;
 
     #[test]
     fn two_robots_come_through_a_minute_of_trouble() {

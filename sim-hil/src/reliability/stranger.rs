@@ -20,7 +20,7 @@ use crate::plant::Plant;
 use crate::plant::electronics::Electronics;
 use crate::rig::bench::{Base, BenchError, Subject};
 use crate::rig::operation::{Operation, OperationError, PATIENCE};
-use crate::rig::robot::Disturbance;
+use crate::rig::simulated::Disturbance;
 use crate::rig::wiring_fault::Miswired;
 
 /// How well a voltmeter reads, as a share.

@@ -9,7 +9,7 @@ use crate::model::{ModelError, RobotModel};
 use crate::plant::Plant;
 use crate::rig::channel::ChannelParameters;
 use crate::rig::operation::{Operation, OperationError};
-use crate::rig::robot::{RobotParameters, SimulatedRobot};
+use crate::rig::simulated::{RobotParameters, SimulatedRobot};
 
 /// Frequencies of the grid of walks, Hz. The paper gives its limits alone (section III-B: -35 to 35 Hz); the steps between
 /// them are a choice that holds every pair of tables III and IV.

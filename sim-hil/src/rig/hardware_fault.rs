@@ -11,7 +11,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::plant::electronics::Electronics;
-use crate::rig::robot::{Disturbance, Processor};
+use crate::rig::simulated::{Disturbance, Processor};
 
 /// Time that the boot loader and the start of the software take. Assumed: what an ESP32 takes from flash.
 pub const BOOT_TIME: Duration = Duration::from_millis(300);

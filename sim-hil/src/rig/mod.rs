@@ -10,5 +10,5 @@ pub mod motion_capture;
 #[cfg(not(target_family = "wasm"))]
 pub mod network;
 pub mod operation;
-pub mod robot;
+pub mod simulated;
 pub mod wiring_fault;

@@ -14,7 +14,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::plant::Plant;
 use crate::plant::mechanics::multiply;
-use crate::rig::robot::SimulatedRobot;
+use crate::rig::simulated::SimulatedRobot;
 
 /// From one camera frame to the next: OptiTrack at 100 Hz.
 pub const POSE_PERIOD: Duration = Duration::from_millis(10);

@@ -18,7 +18,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::plant::{Diverged, Mechanics};
 use crate::rig::channel::{Channel, ChannelParameters};
-use crate::rig::robot::{SimulatedRobot, Truth};
+use crate::rig::simulated::{SimulatedRobot, Truth};
 
 /// How long an operator waits for what he asked: connecting, arming (which may align first), answers.
 pub const PATIENCE: Duration = Duration::from_secs(20);

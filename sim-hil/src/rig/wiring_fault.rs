@@ -7,7 +7,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::plant::electronics::Electronics;
-use crate::rig::robot::Disturbance;
+use crate::rig::simulated::Disturbance;
 
 /// What is wrong. Motors are 0 top and 1 bottom, phases 0 to 2, amplifiers 0 (phase A) and 1 (phase B).
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -10,11 +10,11 @@
 
 mod film;
 mod frames;
-mod robot;
+mod shapes;
 
 pub use film::Film;
 pub use frames::FrameView;
-pub use robot::RobotView;
+pub use shapes::RobotView;
 
 use std::path::{Path, PathBuf};
 

@@ -17,7 +17,7 @@ use flix_sim::experiment::course::{Conditions, Course};
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
 use flix_sim::rig::motion_capture::MotionCapture;
-use flix_sim::rig::robot::{RobotParameters, SimulatedRobot};
+use flix_sim::rig::simulated::{RobotParameters, SimulatedRobot};
 use flix_study::sysid::fit::Experiment;
 use flix_study::sysid::unknowns::Kind;
 use flix_study::sysid::{Data, identify, synthetic};

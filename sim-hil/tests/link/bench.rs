@@ -13,7 +13,7 @@ use flix_protocol::session::{Key, OperatorReceived, OperatorSession};
 use flix_protocol::units::Instant;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
-use flix_sim::rig::robot::{Flash, RobotParameters, SimulatedRobot};
+use flix_sim::rig::simulated::{Flash, RobotParameters, SimulatedRobot};
 
 pub(crate) use flix_firmware::hardware::TICK;
 /// How often the operators here repeat themselves.

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use flix_firmware::settings::Settings;
 use flix_protocol::message::{Command, Name, Outcome, ParameterCommand, Refusal, State};
-use flix_sim::rig::robot::Flash;
+use flix_sim::rig::simulated::Flash;
 
 use super::bench::{Bench, setpoint};
 

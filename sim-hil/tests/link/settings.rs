@@ -6,7 +6,7 @@ use flix_firmware::settings::{self, MOTOR_VALUES, Settings};
 use flix_protocol::message::{
     Command, Event, Fault, Name, Outcome, ParameterCommand, Refusal, State,
 };
-use flix_sim::rig::robot::Flash;
+use flix_sim::rig::simulated::Flash;
 
 use super::bench::Bench;
 

@@ -22,7 +22,7 @@ use flix_sim::rig::hardware_fault::Injected;
 use flix_sim::rig::mode_table::shipped_table;
 use flix_sim::rig::motion_capture::{MotionCapture, POSE_PERIOD};
 use flix_sim::rig::operation::{Operation, OperationError};
-use flix_sim::rig::robot::{RobotParameters, SimulatedRobot, Truth};
+use flix_sim::rig::simulated::{RobotParameters, SimulatedRobot, Truth};
 use flix_sim::view::RobotView;
 use serde::Deserialize;
 use serde_json::{Value, json};

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use self::drive::{Drive, DriveError, Ending, Extras};
-use super::robot::RobotArgs;
+use super::address::RobotArgs;
 use super::walk::{PoseArgs, record};
 use super::{Error, Exit};
 use flix_host::pose::any::Poses;

@@ -8,7 +8,7 @@ use flix_protocol::message::Setpoint;
 
 use super::{Experimenter, Pair};
 use crate::Error;
-use crate::robot::RobotArgs;
+use crate::address::RobotArgs;
 use crate::walk::{PoseArgs, RecordArgs, Walk};
 use flix_host::experiment::Sheet;
 use flix_host::experiment::air::{Air, AirSettings, COLUMNS, SHAKES, SLOWEST};

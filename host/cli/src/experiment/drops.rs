@@ -8,7 +8,7 @@ use flix_protocol::units::Instant;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Report, comment};
-use crate::robot::RobotArgs;
+use crate::address::RobotArgs;
 use crate::walk::PoseArgs;
 use crate::{Error, Exit};
 use flix_host::experiment::Sheet;

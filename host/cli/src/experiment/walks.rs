@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::{Experimenter, Pair};
 use crate::Error;
-use crate::robot::RobotArgs;
+use crate::address::RobotArgs;
 use crate::walk::{PoseArgs, RecordArgs, Walk};
 use flix_host::experiment::Sheet;
 use flix_host::experiment::walks::COLUMNS;

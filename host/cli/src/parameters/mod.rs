@@ -9,7 +9,7 @@ use clap::Subcommand;
 use flix_protocol::message::{Command, Mark, Name, Outcome, Parameter, ParameterCommand, Refusal};
 use flix_protocol::settings::description;
 
-use super::robot::{RobotArgs, key_file};
+use super::address::{RobotArgs, key_file};
 use super::{Error, Exit};
 use file::Change;
 use flix_host::link::keys::KEY_FILE_VARIABLE;

@@ -16,8 +16,8 @@ use indicatif::ProgressBar;
 use ratatui::Frame;
 use serde::Serialize;
 
+use super::address::RobotArgs;
 use super::drive::{direction, frequency, give_up, stop};
-use super::robot::RobotArgs;
 use super::{Error, Exit};
 use crate::teleop::terminal::{Screen, is_closed};
 use flix_host::link::udp::{Connection, LinkError, faulted};

@@ -17,7 +17,7 @@ use flix_protocol::session::Key;
 use flix_protocol::units::Instant;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
-use flix_sim::rig::robot::{Disturbance, RobotParameters, SimulatedRobot};
+use flix_sim::rig::simulated::{Disturbance, RobotParameters, SimulatedRobot};
 use flix_sim_cli::serve::serve;
 
 /// Commands that are timed.

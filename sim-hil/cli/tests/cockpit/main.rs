@@ -22,7 +22,7 @@ use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
 use flix_sim::reliability::fault_matrix::REST_HZ;
 use flix_sim::rig::bench::{Base, learnt};
-use flix_sim::rig::robot::{RobotParameters, SimulatedRobot};
+use flix_sim::rig::simulated::{RobotParameters, SimulatedRobot};
 use flix_sim_cli::serve::serve;
 use page::Page;
 

@@ -21,7 +21,7 @@ use crate::rig::bench::{Base, BenchError, bench_knowing, setpoint};
 use crate::rig::channel::ChannelParameters;
 use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault, Injected};
 use crate::rig::operation::{Operation, Towards};
-use crate::rig::robot::Processor;
+use crate::rig::simulated::Processor;
 
 /// How the last stretch of a scenario begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -28,7 +28,7 @@ use crate::rig::bench::{Base, BenchError, bench_knowing, setpoint};
 use crate::rig::channel::{ChannelParameters, Release};
 use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault, Injected};
 use crate::rig::operation::{Operation, Towards};
-use crate::rig::robot::Processor;
+use crate::rig::simulated::Processor;
 
 /// Longest movement after the operator's last intent to move, s: the command age and the ramp down from 35 Hz.
 pub const MOVEMENT_LIMIT_S: f64 = LONGEST_MOVEMENT.as_millis() as f64 / 1e3;

@@ -33,7 +33,7 @@ use crate::plant::{Diverged, Plant};
 use crate::reliability::fault_matrix::REST_HZ;
 use crate::rig::bench::{Base, BenchError, bench_key, bench_knowing, setpoint};
 use crate::rig::network::{self, Arp, Network, OPERATOR, ROBOT, ROUTER, TICK, Wire, arp, now};
-use crate::rig::robot::SimulatedRobot;
+use crate::rig::simulated::SimulatedRobot;
 
 /// Frames a second: more than the neighbours that a stack knows, and a flood.
 const PACES: [u64; 2] = [14, 1_000];

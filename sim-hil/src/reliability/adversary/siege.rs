@@ -24,7 +24,7 @@ use super::forgery::{NETWORK, TICKS_PER_MS};
 use super::kind::{Kind, SIEGES};
 use crate::reliability::fault_matrix::REST_HZ;
 use crate::rig::bench::{Base, BenchError, bench_key, bench_knowing, setpoint};
-use crate::rig::robot::Flash;
+use crate::rig::simulated::Flash;
 
 const OPERATOR: ([u8; 4], u16) = ([192, 0, 2, 10], 40_000);
 const MILLISECOND: Duration = Duration::from_millis(1);

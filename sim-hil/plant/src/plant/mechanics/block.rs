@@ -10,7 +10,7 @@ use super::course::Course;
 use super::lane::Lane;
 use super::leg::LegStep;
 use super::pack::{Numbers as _, Pack};
-use super::robot::{Drive, Plant, aimed, phase, stray};
+use super::plant::{Drive, Plant, aimed, phase, stray};
 use super::system::{BaseJoint, Constants, Rotor, Several, advance};
 use crate::model::{ModelError, RobotModel};
 use crate::plant::{Diverged, Part};

@@ -2,7 +2,7 @@
 
 use super::body::Wrench;
 use super::pack::Pack;
-use super::robot::Plant;
+use super::plant::Plant;
 use super::spatial::{Spatial, Vec3};
 use crate::plant::{Diverged, Mechanics};
 

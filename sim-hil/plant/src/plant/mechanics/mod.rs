@@ -37,7 +37,7 @@ mod course;
 mod leg;
 mod linear;
 mod pack;
-mod robot;
+mod plant;
 mod system;
 
 pub use block::{Block, Clock, Kept, Robots};
@@ -46,5 +46,5 @@ pub use build::reference_contact;
 pub use cords::Cords;
 pub use linear::{FREEDOMS, Linear};
 pub use pack::Pack;
-pub use robot::{Drive, Energy, LegView, Plant};
+pub use plant::{Drive, Energy, LegView, Plant};
 pub use system::{multiply, rotation};

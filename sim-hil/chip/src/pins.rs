@@ -14,7 +14,7 @@ use flix_sim::plant::electronics::sensor::{Encoder, MT6701};
 use flix_sim::plant::electronics::{Electronics, ElectronicsParameters};
 use flix_sim::plant::mechanics::Plant;
 use flix_sim::plant::{Diverged, Mechanics};
-use flix_sim::rig::robot::Truth;
+use flix_sim::rig::simulated::Truth;
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
