@@ -9,9 +9,9 @@
 //!   deadlines hold even when this half hangs.
 //! - **Wanted by a person**: rotors that came to rest because commands stayed away turn again only by a setpoint with another
 //!   [`ToRobot::intent`] than the last that was obeyed, of somebody who knew of it ([`ToRobot::halts`]); others are refused
-//!   ([`Refusal::Rested`]), and keep the robot armed.
+//!   ([`Refusal::Rested`]), and keep the robot armed. A robot that has halted is armed again only by somebody who knew of that.
 //! - **In order**: what changes the robot and was asked before the newest that was obeyed does nothing any more, however it was
-//!   delayed. A stop from outside outlives every `Clear` of somebody who could not know of it.
+//!   delayed. A fault, and a stop from outside, outlive every `Clear` of somebody who could not know of them.
 //! - **Stop**: any operator latches the stop, also without the session, which goes on; its
 //!   operator learns of it by an event.
 //! - **How old**: a command counts only while it is fresh ([`flix_protocol::session`]), up to the
@@ -127,6 +127,8 @@ pub struct Link {
     changed: Option<u32>,
     /// The number of the halt that was the newest stop of somebody else; who begins a session later knows of it.
     stop_from_outside: Option<u8>,
+    /// That of the halt by the newest fault, likewise.
+    fault: Option<u8>,
     /// Whether commands arrived too old to count, and have not been steady since.
     is_slow: bool,
     report: Report,
@@ -179,6 +181,7 @@ impl Link {
             halts: 0,
             changed: None,
             stop_from_outside: None,
+            fault: None,
             is_slow: false,
             report,
             steadiness: Steadiness::default(),
@@ -317,8 +320,7 @@ impl Link {
             }
             RobotReceived::Stop(answer, operator) => {
                 self.stop(now, Some(operator));
-                self.halts = self.halts.wrapping_add(1);
-                self.stop_from_outside = Some(self.halts);
+                self.stop_from_outside = Some(self.halt());
                 self.events.push(now, Event::StoppedFromOutside(operator));
                 push_newest(&mut self.answers, (from, answer));
             }
@@ -405,11 +407,23 @@ impl Link {
         if matches!(report.state, State::Disarmed | State::Aligning | State::Faulted) {
             self.setpoint = Setpoint::REST;
         }
+        if report.faults.iter().any(|fault| !last.faults.contains(fault)) {
+            self.fault = Some(self.halt());
+        }
+        if new.link_lost != old.link_lost && !last.state.is_idle() && !self.ramps_down {
+            self.halt();
+        }
         let silences = |of: &EventCounters| [of.command_deadline, of.command_age];
-        self.note_rest(last.state, silences(&report.events) != silences(&last.events));
+        self.note_rest(last.state, silences(new) != silences(old));
         if self.is_at_rest() {
             self.ramps_down = false;
         }
+    }
+
+    /// Counts a halt that the operator has not asked for, and returns its number.
+    const fn halt(&mut self) -> u8 {
+        self.halts = self.halts.wrapping_add(1);
+        self.halts
     }
 
     /// Notes that the rotors came to rest although nobody asked for it. Signs of life of any kind keep them armed then, unless
@@ -417,11 +431,11 @@ impl Link {
     fn note_rest(&mut self, before: State, by_silence: bool) {
         match (before, self.report.state) {
             (State::Aligning, State::Disarmed) if by_silence => {
-                self.halts = self.halts.wrapping_add(1);
+                self.halt();
             }
             (State::Stopping, State::Armed) => {
                 self.has_rested = true;
-                self.halts = self.halts.wrapping_add(1);
+                self.halt();
                 self.setpoint = Setpoint::REST;
                 self.order.frequency = Speed::ZERO;
             }
@@ -442,7 +456,7 @@ impl Link {
         self.is_slow = false;
         self.halts = 0;
         self.changed = None;
-        self.stop_from_outside = None;
+        (self.stop_from_outside, self.fault) = (None, None);
         self.tried = None;
         self.replies.clear();
         self.scope.clear();
@@ -498,7 +512,7 @@ impl Link {
     ) -> Result<Option<Outcome>, Refusal> {
         match command {
             Command::Setpoint(setpoint) => self.shake(now, (intent, halts), setpoint)?,
-            Command::Arm => self.arm(now, tuning.settings())?,
+            Command::Arm => self.arm(now, halts, tuning.settings())?,
             Command::Disarm => self.disarm(),
             Command::Stop => self.stop(now, self.session.operator(now)),
             Command::Clear => self.clear(halts)?,
@@ -568,11 +582,14 @@ impl Link {
         }
     }
 
-    /// Asks the fast half to arm; does nothing while it is armed.
-    fn arm(&mut self, now: Instant, settings: &Settings) -> Result<(), Refusal> {
+    /// Asks the fast half to arm; does nothing while it is armed. Who has not heard of the last halt has asked before it.
+    fn arm(&mut self, now: Instant, halts: u8, settings: &Settings) -> Result<(), Refusal> {
         self.check_cleared()?;
         if matches!(self.state(), State::Aligning | State::Armed | State::Running) {
             return Ok(());
+        }
+        if halts != self.halts {
+            return Err(Refusal::Rested);
         }
         self.check_settings(settings)?;
         self.prepare_to_drive(now)?;
@@ -672,16 +689,21 @@ impl Link {
         self.setpoint = Setpoint::REST;
     }
 
-    /// Asks the fast half to clear. A latched stop is cleared only when the rotors have come to rest, and one from outside only
-    /// by somebody who has heard of it.
+    /// Asks the fast half to clear. A latched stop is cleared only when the rotors have come to rest, and one from outside, as a
+    /// fault, only by somebody who has heard of it.
     fn clear(&mut self, halts: u8) -> Result<(), Refusal> {
-        if self.stop_from_outside.is_some_and(|stop| halts.wrapping_sub(stop).cast_signed() < 0) {
+        let is_unheard =
+            |halt: Option<u8>| halt.is_some_and(|it| halts.wrapping_sub(it).cast_signed() < 0);
+        if is_unheard(self.fault) {
+            return Err(Refusal::Faulted(self.report.faults));
+        }
+        if is_unheard(self.stop_from_outside) {
             return Err(Refusal::Stopped);
         }
         if self.ramps_down {
             return Err(Refusal::State(State::Stopping));
         }
-        self.stop_from_outside = None;
+        (self.stop_from_outside, self.fault) = (None, None);
         self.order.requests.clear = self.order.requests.clear.wrapping_add(1);
         Ok(())
     }

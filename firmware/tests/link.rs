@@ -160,6 +160,12 @@ impl Ends {
         self.operator.send(self.now, &message).unwrap()
     }
 
+    /// Whatever the operator asks for from now on, he knows of all halts.
+    fn hear_of_halts(&mut self) {
+        self.live(TELEMETRY);
+        self.halts = self.telemetry.last().unwrap().halts;
+    }
+
     fn say(&mut self, command: Command) -> Outcome {
         let frame = self.seal(command);
         self.hear(&frame);
@@ -313,6 +319,7 @@ fn rotors_that_came_to_rest_by_silence_turn_again_only_on_another_intent() {
         ends.observe(|report| report.state = state);
     }
     ends.live(PROVING_TIME);
+    ends.hear_of_halts();
     assert_eq!(ends.say(Command::Arm), Outcome::Done);
     ends.observe(|report| report.state = State::Armed);
     assert_eq!(ends.say(walk()), Outcome::Done);
@@ -404,11 +411,77 @@ fn a_stop_from_outside_is_cleared_by_nobody_who_has_not_heard_of_it() {
     assert_eq!(ends.outcomes.pop(), Some(refused(Refusal::Stopped)));
     ends.live(2 * TELEMETRY);
     assert_eq!(ends.say(Command::Clear), refused(Refusal::Stopped), "asked for before");
-    ends.halts = ends.telemetry.last().unwrap().halts;
+    ends.hear_of_halts();
     assert_eq!(ends.say(Command::Clear), Outcome::Done);
     // A stop that was cleared holds up no clear of later ones, however often the rotors came to rest since.
     ends.halts = ends.halts.wrapping_add(i8::MAX as u8 + 2);
     assert_eq!(ends.say(Command::Clear), Outcome::Done);
+}
+
+#[test]
+fn a_robot_that_halted_is_armed_by_nobody_who_has_not_heard_of_it() {
+    let lost: fn(&mut Report) = |report| report.events.link_lost += 1;
+    let rested: fn(&mut Report) = |report| report.state = State::Stopping;
+    for (from, halt) in [
+        (State::Armed, lost),
+        (State::Running, lost),
+        (State::Stopping, lost),
+        (State::Running, rested),
+    ] {
+        let mut ends = Ends::at(from);
+        ends.observe(halt);
+        for state in [State::Armed, State::Disarmed] {
+            ends.observe(|report| report.state = state);
+        }
+        ends.live(PROVING_TIME);
+        assert_eq!(ends.say(Command::Arm), refused(Refusal::Rested), "{from}");
+        ends.hear_of_halts();
+        assert_eq!(ends.say(Command::Arm), Outcome::Done, "{from}");
+        // Repeated, it is answered again, whatever its operator knew: it is armed.
+        ends.observe(|report| report.state = State::Armed);
+        ends.halts = ends.halts.wrapping_sub(1);
+        assert_eq!(ends.say(Command::Arm), Outcome::Done, "{from}");
+    }
+}
+
+#[test]
+fn a_robot_that_its_operator_disarmed_has_not_halted_by_itself() {
+    for command in [Command::Disarm, Command::Stop] {
+        let mut ends = Ends::at(State::Running);
+        ends.say(command);
+        ends.observe(|report| report.events.link_lost += 1);
+        ends.observe(|report| report.state = State::Disarmed);
+        // Nor has one that was at rest.
+        ends.observe(|report| report.events.link_lost += 1);
+        ends.live(TELEMETRY);
+        assert_eq!(ends.telemetry.last().unwrap().halts, 0);
+    }
+}
+
+#[test]
+fn a_fault_is_cleared_by_nobody_who_has_not_heard_of_it() {
+    let mut ends = Ends::at(State::Armed);
+    let fail = |ends: &mut Ends, fault| {
+        ends.observe(|report| {
+            report.state = State::Faulted;
+            report.faults = report.faults.with(fault);
+        });
+    };
+    let early = ends.seal(Command::Clear);
+    fail(&mut ends, Fault::Stall);
+    ends.hear(&early);
+    let stall = Faults::NONE.with(Fault::Stall);
+    assert_eq!(ends.outcomes.pop(), Some(refused(Refusal::Faulted(stall))));
+    ends.hear_of_halts();
+    fail(&mut ends, Fault::OverCurrent);
+    let both = stall.with(Fault::OverCurrent);
+    assert_eq!(ends.say(Command::Clear), refused(Refusal::Faulted(both)), "another one since");
+    ends.hear_of_halts();
+    ends.observe(|_| {});
+    assert_eq!(ends.say(Command::Clear), Outcome::Done);
+    ends.observe(|report| (report.state, report.faults) = (State::Disarmed, Faults::NONE));
+    ends.live(PROVING_TIME);
+    assert_eq!(ends.say(Command::Arm), Outcome::Done, "its operator knew of both");
 }
 
 #[test]

@@ -456,3 +456,132 @@ fn a_snapshot_counts_the_open_pages() {
     room.pages.close(BOB, &mut room.cockpit, &mut room.client, room.now);
     assert_eq!(count(&room), 1);
 }
+
+#[test]
+fn a_robot_that_disarmed_by_itself_is_not_armed_again_by_the_same_enter() {
+    let mut room = Room::new();
+    room.robot.lost_answer = Some(Command::Arm);
+    room.act(ANNA, Action::Arm);
+    assert_eq!(room.robot.state, State::Armed);
+    room.robot.is_deaf = true;
+    room.run(Duration::from_millis(1_300));
+    assert_eq!(room.cockpit.telemetry.unwrap().state, State::Disarmed);
+    (room.robot.is_deaf, room.robot.lost_answer) = (false, None);
+    room.run(Duration::from_secs(3));
+    assert_eq!(room.robot.state, State::Disarmed);
+}
+
+#[test]
+fn a_robot_that_disarmed_by_itself_is_not_armed_again_by_a_second_enter_from_before() {
+    let mut room = Room::new();
+    room.act(ANNA, Action::Arm);
+    assert_eq!(room.robot.state, State::Armed);
+    room.robot.is_deaf = true;
+    room.act(ANNA, Action::Arm);
+    room.run(Duration::from_millis(1_200));
+    assert_eq!(room.cockpit.telemetry.unwrap().state, State::Disarmed);
+    room.robot.is_deaf = false;
+    room.run(Duration::from_secs(3));
+    assert_eq!(room.robot.state, State::Disarmed);
+}
+
+#[test]
+fn enter_is_dead_when_its_patience_is_over() {
+    let mut room = Room::new();
+    room.robot.ramps_down_for = 1000;
+    room.act(ANNA, Action::Arm);
+    room.run(Duration::from_millis(2_850));
+    room.robot.ramps_down_for = 0;
+    room.robot.lost = Some(Command::Arm);
+    room.run(Duration::from_millis(1_500));
+    room.robot.lost = None;
+    room.run(Duration::from_secs(1));
+    assert_eq!(room.robot.state, State::Disarmed, "armed 4.5 s after Enter: {}", room.log());
+}
+
+#[test]
+fn enter_that_ended_without_an_answer_is_said() {
+    let mut room = Room::new();
+    room.robot.lost = Some(Command::Arm);
+    room.act(ANNA, Action::Arm);
+    let before = room.log();
+    room.run(Duration::from_secs(6));
+    assert_ne!(room.log(), before);
+}
+
+#[test]
+fn enter_that_is_given_up_for_a_halt_is_said() {
+    let mut room = Room::new();
+    room.robot.ramps_down_for = 100;
+    room.act(ANNA, Action::Arm);
+    let before = room.log();
+    room.robot.halt();
+    room.run(Duration::from_secs(6));
+    assert_ne!(room.log(), before);
+}
+
+#[test]
+fn who_takes_over_takes_no_arming_over() {
+    let mut room = Room::new();
+    room.open(BOB);
+    room.robot.ramps_down_for = 10;
+    room.act(ANNA, Action::Arm);
+    room.ask(BOB, Request::Drive);
+    assert_eq!(room.pages.driver(), Some(BOB));
+    room.run(Duration::from_secs(3));
+    assert_eq!(room.robot.state, State::Disarmed);
+}
+
+#[test]
+fn a_page_that_is_closed_clears_nothing_any_more() {
+    for closes in [true, false] {
+        let mut room = Room::walking();
+        room.act(ANNA, Action::Stop);
+        room.robot.ramps_down_for = 20;
+        room.act(ANNA, Action::Clear);
+        room.lively.clear();
+        if closes {
+            room.pages.close(ANNA, &mut room.cockpit, &mut room.client, room.now);
+        }
+        room.run(Duration::from_secs(3));
+        assert!(room.robot.stopped, "{closes}");
+    }
+}
+
+#[test]
+fn enter_in_a_new_session_is_not_given_up_for_halts_of_the_last() {
+    for halts in 0..2 {
+        let mut room = Room::new();
+        (0..halts).for_each(|_| room.robot.halt());
+        room.run(Duration::from_millis(100));
+        room.robot.restart();
+        room.robot.is_deaf = true;
+        room.run(Duration::from_millis(1_200));
+        room.act(ANNA, Action::Arm);
+        room.robot.is_deaf = false;
+        room.run(Duration::from_secs(3));
+        assert_eq!(room.robot.state, State::Armed, "{halts}: {}", room.log());
+    }
+}
+
+#[test]
+fn arm_clear_arm_then_disarm_or_stop_leaves_it_disarmed() {
+    for last in [Action::Disarm, Action::Stop, Action::Quit] {
+        for ramps in [0, 1, 3, 10, 40] {
+            let mut room = Room::new();
+            room.robot.ramps_down_for = ramps;
+            for action in [Action::Arm, Action::Clear, Action::Arm, last] {
+                room.say(ANNA, Some(Request::Act(action)), Duration::ZERO).unwrap();
+                room.run(Duration::from_millis(20));
+            }
+            room.run(Duration::from_millis(50));
+            let armings = room.robot.commands.iter().filter(|it| **it == Command::Arm).count();
+            room.robot.ramps_down_for = 0;
+            room.act(ANNA, Action::Clear);
+            room.run(Duration::from_secs(6));
+            assert_eq!(room.robot.state, State::Disarmed, "{last:?} {ramps}");
+            let after = room.robot.commands.iter().filter(|it| **it == Command::Arm).count();
+            assert_eq!(after, armings, "{last:?} {ramps}");
+        }
+    }
+}

@@ -2,7 +2,7 @@
 
 use flix_host::link::udp::{Connection, LinkError};
 use flix_host::system::interrupt::Interrupt;
-use flix_protocol::message::{Command, OperatorName, Outcome, State};
+use flix_protocol::message::{Command, Fault, OperatorName, Outcome, State};
 
 use crate::support::{FakeRobot, ServedRobot, key};
 
@@ -57,4 +57,54 @@ fn a_stop_that_comes_while_another_cannot_be_cleared_yet_is_not_cleared() {
     let by = LinkError::StoppedBy(OperatorName::OWNER).to_string();
     assert_eq!(stopped.map_err(|error| error.to_string()), Err(by));
     assert!(served.robot().stopped);
+}
+
+#[test]
+fn who_clears_a_stop_clears_no_fault_that_came_since() {
+    let (served, mut connection) = connect(|robot| robot.stopped = true);
+    let ended = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !served.robot().commands.contains(&Command::Clear) {
+                std::thread::yield_now();
+            }
+            // As of a robot that latched it while it ramped down: a first clear ends the stop alone.
+            served.robot().fail(Fault::Stall);
+        });
+        connection.clear(std::time::Instant::now())
+    });
+    assert!(matches!(ended, Err(LinkError::Faulted { .. })), "{ended:?}");
+    assert!(!served.robot().faults.is_empty());
+}
+
+#[test]
+fn who_is_interrupted_while_arming_insists_leaves_the_robot_stopped() {
+    let (served, mut connection) = connect(|robot| robot.ramps_down_for = 1000);
+    let (client, now) = connection.operate();
+    client.insist(now, Command::Arm, std::time::Duration::from_secs(20));
+    let _ = connection.wait_for(std::time::Duration::from_millis(200), |_, _| None::<()>);
+    drop(connection);
+    served.robot().ramps_down_for = 0;
+    std::thread::sleep(std::time::Duration::from_millis(500));
+    let robot = served.robot();
+    assert_eq!((robot.state, robot.stopped), (State::Disarmed, true));
+    drop(robot);
+}
+
+#[test]
+fn what_was_refused_to_the_end_names_the_refusal() {
+    let (served, mut connection) = connect(|robot| robot.ramps_down_for = 1000);
+    let ended = connection.ask(Command::Arm);
+    assert!(matches!(ended, Err(LinkError::Refused(_))), "{ended:?}");
+    // Refused first, then not answered any more.
+    served.robot().ramps_down_for = 3;
+    let ended = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while served.robot().ramps_down_for > 1 {
+                std::thread::yield_now();
+            }
+            served.robot().lost = Some(Command::Arm);
+        });
+        connection.ask(Command::Arm)
+    });
+    assert!(matches!(ended, Err(LinkError::Refused(_))), "{ended:?}");
 }

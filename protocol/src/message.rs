@@ -103,7 +103,8 @@ pub struct ToRobot {
     /// `halts`.
     pub intent: u8,
     /// The newest [`Telemetry::halts`] that had arrived when this was asked for; of a setpoint, when its intent was counted. Who
-    /// could not know that the robot had halted has not asked it to go on.
+    /// could not know that the robot had halted has not asked it to go on: neither to move, nor to arm, nor to clear a fault or a
+    /// stop of somebody else.
     pub halts: u8,
     /// The command.
     pub command: Command,

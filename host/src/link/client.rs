@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, EventReport, OperatorName, Outcome, Refusal, Reply, Setpoint, State, Telemetry,
-    ToOperator, ToRobot,
+    Command, EventReport, Faults, OperatorName, Outcome, Refusal, Reply, Setpoint, State,
+    Telemetry, ToOperator, ToRobot,
 };
 use flix_protocol::session::{
     ConnectError, Key, LinkHealth, OperatorReceived, OperatorSession, SendError, Status,
@@ -16,9 +16,12 @@ use flix_protocol::units::Instant;
 
 use super::statistics::Statistics;
 use super::{
-    DISARMED_AFTER, KEEP_ALIVE, REQUEST_PATIENCE, REQUEST_RETRY, SILENCE, STOP_BESIDE_AFTER,
-    STOP_RETRY, TRY_AGAIN, passes,
+    DISARMED_AFTER, KEEP_ALIVE, LAST_ANSWER, REQUEST_PATIENCE, REQUEST_RETRY, SILENCE,
+    STOP_BESIDE_AFTER, STOP_RETRY, TRY_AGAIN, passes,
 };
+
+/// Numbers of requests that are remembered: more than are asked while an answer is under way.
+const NUMBERS: usize = 64;
 
 /// An event of the link, for the owner of the client.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,31 +72,58 @@ pub enum StopState {
 #[derive(Debug, Clone)]
 struct Pending {
     message: ToRobot,
-    is_sent: bool,
+    /// Copies that were sent and not answered; those that were lost, too.
+    unanswered: u32,
     send_at: Instant,
+    /// From then on no copy is sent.
+    send_until: Instant,
     give_up_at: Instant,
     /// Until when it is asked again where the robot refuses it for a state that passes.
     insists_until: Instant,
-    /// The newest answer, when it is asked again in spite of it.
+    /// While it waits for its turn it is given up then.
+    waits_until: Instant,
+    /// The newest answer, when that does not end it.
     refusal: Option<Refusal>,
 }
 
 impl Pending {
-    /// Returns whether it is asked again although the robot refused it; `is_told`: by whom it is stopped.
-    fn asks_again(&mut self, now: Instant, refusal: &Refusal, is_told: bool) -> bool {
+    /// Returns whether it goes on although the robot refused it; `is_told`: by whom it is stopped.
+    fn outlives(&mut self, now: Instant, refusal: &Refusal, is_told: bool) -> bool {
+        let passes = passes(refusal) || *refusal == Refusal::Stopped && !is_told;
         if matches!(refusal, Refusal::Late { .. }) && now < self.give_up_at {
             // With a newer echo.
-            self.send_at = now;
-        } else if (passes(refusal) || *refusal == Refusal::Stopped && !is_told)
-            && now < self.insists_until
-        {
-            (self.send_at, self.is_sent) = (now + TRY_AGAIN, false);
-            self.give_up_at = self.send_at + REQUEST_PATIENCE;
+            self.send_next(now);
+        } else if passes && now + TRY_AGAIN < self.insists_until {
+            self.send_until = self.insists_until;
+            self.give_up_at =
+                (now + TRY_AGAIN + REQUEST_PATIENCE).min(self.insists_until + LAST_ANSWER);
+            self.send_next(now + TRY_AGAIN);
+        } else if passes && self.moves() && self.unanswered > 0 && now < self.give_up_at {
+            // Another copy may be under way and come when that has passed.
+            self.send_until = now;
+            self.give_up_at = self.give_up_at.min(now + LAST_ANSWER);
+            self.send_next(now);
         } else {
             return false;
         }
         self.refusal = Some(refusal.clone());
         true
+    }
+
+    /// Plans the next copy, unless it would be one too many.
+    fn send_next(&mut self, at: Instant) {
+        self.send_at = if at < self.send_until { at } else { self.give_up_at };
+    }
+
+    /// Lets its time begin when its turn comes. Nobody waits longer for a robot that begins to move.
+    fn wait(&mut self, now: Instant) {
+        self.give_up_at = (now + REQUEST_PATIENCE).min(self.waits_until);
+        self.send_until = self.give_up_at;
+    }
+
+    /// Returns whether it would move the robot or clear its stop.
+    const fn moves(&self) -> bool {
+        matches!(self.message.command, Command::Arm | Command::Clear | Command::Trial(_))
     }
 }
 
@@ -119,6 +149,8 @@ pub struct Client {
     /// A stop without a session: while there is none, as another operator holds the robot, or it acknowledges nothing.
     beside: Option<StopSession>,
     pending: VecDeque<Pending>,
+    /// The numbers of the newest requests: an answer to one that has ended is none to a setpoint.
+    asked: VecDeque<u32>,
     next_number: u32,
     keep_alive_at: Instant,
     heard: Instant,
@@ -154,6 +186,7 @@ impl Client {
             stop_since: now,
             beside: None,
             pending: VecDeque::new(),
+            asked: VecDeque::new(),
             next_number: 0,
             keep_alive_at: now,
             heard: now,
@@ -228,7 +261,8 @@ impl Client {
     }
 
     /// The same, and asks again every [`TRY_AGAIN`] while the robot refuses for a state that [passes](super::passes), for
-    /// at most `patience`. A stop of which the robot has not said yet by whom it is passes, too.
+    /// at most `patience`. A stop of which the robot has not said yet by whom it is passes, too. What was asked for before the
+    /// robot [halted](Client::halts) is given up.
     pub fn insist(&mut self, now: Instant, command: Command, patience: Duration) -> u32 {
         if matches!(command, Command::Clear) && self.stop == StopState::Acknowledged {
             self.stop = StopState::None;
@@ -241,14 +275,24 @@ impl Client {
             self.give_up_on_moving(None);
         }
         let request = self.number();
-        self.pending.push_back(Pending {
+        if self.asked.len() == NUMBERS {
+            self.asked.pop_front();
+        }
+        self.asked.push_back(request);
+        let mut pending = Pending {
             message: ToRobot { halts: self.halts(), ..self.message(request, command) },
-            is_sent: false,
+            unanswered: 0,
             send_at: now,
+            send_until: now + REQUEST_PATIENCE,
             give_up_at: now + REQUEST_PATIENCE,
             insists_until: now + patience,
+            waits_until: now + Duration::MAX,
             refusal: None,
-        });
+        };
+        if pending.moves() {
+            pending.waits_until = now + patience.max(REQUEST_PATIENCE);
+        }
+        self.pending.push_back(pending);
         request
     }
 
@@ -266,7 +310,7 @@ impl Client {
     }
 
     /// Returns how often the robot has halted in this session although nobody here asked for it, as far as is known. What was
-    /// asked before it did, and would move it or clear a stop, must not be asked again.
+    /// asked before it did, and would move it or clear a stop, is given up.
     #[must_use]
     pub fn halts(&self) -> u8 {
         self.telemetry.map_or(0, |telemetry| telemetry.halts)
@@ -350,13 +394,8 @@ impl Client {
         match received {
             OperatorReceived::Message(ToOperator::Reply(reply)) => self.replied(now, reply),
             OperatorReceived::Message(ToOperator::Telemetry(telemetry)) => {
-                let moves =
-                    |it: &Pending| matches!(it.message.command, Command::Arm | Command::Trial(_));
-                if self.telemetry.is_none()
-                    && telemetry.state.is_idle()
-                    && !self.pending.iter().any(moves)
-                {
-                    self.is_driving = false;
+                if self.telemetry.is_none() && telemetry.state.is_idle() {
+                    self.is_driving = self.is_to_move();
                 }
                 let is_news = match &self.telemetry {
                     Some(before) => before.halts != telemetry.halts,
@@ -364,8 +403,13 @@ impl Client {
                 };
                 (self.telemetry, self.informed) = (Some(telemetry), now);
                 self.stated = Some(telemetry.time);
-                if is_news && telemetry.stopped {
-                    self.give_up_on_moving(Some(&Refusal::Stopped));
+                if is_news {
+                    let refusal = match telemetry {
+                        Telemetry { stopped: true, .. } => Refusal::Stopped,
+                        Telemetry { faults: Faults::NONE, .. } => Refusal::Rested,
+                        Telemetry { faults, .. } => Refusal::Faulted(faults),
+                    };
+                    self.give_up_on_moving(Some(&refusal));
                 }
                 self.updates.push_back(Update::Telemetry(telemetry));
             }
@@ -479,13 +523,13 @@ impl Client {
             }
         } else if let Some(pending) = place.and_then(|place| self.pending.get_mut(place)) {
             let number = pending.message.request;
-            if pending.is_sent {
-                self.statistics.repeated(number);
-            } else {
+            if pending.unanswered == 0 && pending.refusal.is_none() {
                 self.statistics.sent(number, now);
+            } else {
+                self.statistics.repeated(number);
             }
-            pending.is_sent = true;
-            pending.send_at = now + REQUEST_RETRY;
+            pending.unanswered = pending.unanswered.saturating_add(1);
+            pending.send_next(now + REQUEST_RETRY);
             return Some(pending.message.clone());
         }
         if now < self.keep_alive_at || self.is_disarming() {
@@ -542,19 +586,22 @@ impl Client {
             self.pending.iter().position(|pending| pending.message.request == request)
         {
             let is_told = self.telemetry.is_some();
-            if let (Outcome::Refused(refusal), Some(pending)) =
-                (&outcome, self.pending.get_mut(place))
-                && pending.asks_again(now, refusal, is_told)
-            {
-                return;
+            if let Some(pending) = self.pending.get_mut(place) {
+                pending.unanswered = pending.unanswered.saturating_sub(1);
+                if let Outcome::Refused(refusal) = &outcome
+                    && pending.outlives(now, refusal, is_told)
+                {
+                    return;
+                }
             }
             let disarm = |pending: Pending| pending.message.command == Command::Disarm;
             if self.pending.remove(place).is_some_and(disarm) && outcome == Outcome::Done {
-                self.is_driving = false;
+                self.is_driving = self.is_to_move();
             }
             self.updates.push_back(Update::Answer { request, outcome });
         } else if let (Outcome::Refused(refusal), Some(held)) = (outcome, self.held)
             && held != Setpoint::REST
+            && !self.asked.contains(&request)
             // A late setpoint is followed by newer ones; the robot's event reports the slow link.
             && !matches!(refusal, Refusal::Late { .. })
             && self.refusal.as_ref() != Some(&refusal)
@@ -567,7 +614,7 @@ impl Client {
     fn acknowledge_stop(&mut self) {
         if self.stop == StopState::Sending {
             (self.stop, self.beside) = (StopState::Acknowledged, None);
-            self.is_driving = false;
+            self.is_driving = self.is_to_move();
             self.updates.push_back(Update::StopAcknowledged);
         }
     }
@@ -602,7 +649,16 @@ impl Client {
         }
     }
 
+    /// Returns whether something is asked for that moves the robot.
+    fn is_to_move(&self) -> bool {
+        let moves = |it: &Pending| matches!(it.message.command, Command::Arm | Command::Trial(_));
+        self.pending.iter().any(moves)
+    }
+
     fn give_up_on_requests(&mut self, now: Instant) {
+        let places: Vec<usize> = self.in_turn().map(|(place, _)| place).collect();
+        let waiting = self.pending.iter_mut().enumerate().filter(|(it, _)| !places.contains(it));
+        waiting.for_each(|(_, pending)| pending.wait(now));
         let updates = &mut self.updates;
         self.pending.retain(|pending| {
             let is_alive = now < pending.give_up_at;
@@ -633,10 +689,9 @@ impl Client {
     pub fn give_up_on_moving(&mut self, refusal: Option<&Refusal>) {
         let updates = &mut self.updates;
         self.pending.retain(|pending| {
-            let ToRobot { request, command, .. } = &pending.message;
-            let moves = matches!(command, Command::Arm | Command::Clear | Command::Trial(_));
+            let moves = pending.moves();
             if moves {
-                let request = *request;
+                let request = pending.message.request;
                 updates.push_back(refusal.map_or(Update::Unanswered { request }, |refusal| {
                     Update::Answer { request, outcome: Outcome::Refused(refusal.clone()) }
                 }));
@@ -664,33 +719,51 @@ mod tests {
 
     const NOW: Instant = Instant::from_micros(1_000_000);
 
-    /// Returns whether this refusal, after so long, leads to the same request, and after how long from then.
-    fn asked_again(refusal: &Refusal, after: Duration, is_told: bool) -> Option<Duration> {
-        let (request, command) = (1, Command::Arm);
+    /// Returns after how long a request of twice the usual patience is asked again that is refused so after so long, while so
+    /// many other copies are under way; and how long it then goes on, at most.
+    fn goes_on(
+        refusal: &Refusal,
+        after: Duration,
+        is_told: bool,
+        unanswered: u32,
+    ) -> Option<[Duration; 2]> {
+        let message = ToRobot { request: 1, intent: 0, halts: 0, command: Command::Arm };
         let mut pending = Pending {
-            message: ToRobot { request, intent: 0, halts: 0, command },
-            is_sent: true,
+            message,
+            unanswered,
             send_at: NOW + REQUEST_RETRY,
-            give_up_at: NOW + REQUEST_PATIENCE,
+            send_until: NOW + REQUEST_PATIENCE,
+            give_up_at: NOW + 3 * REQUEST_PATIENCE,
             insists_until: NOW + 2 * REQUEST_PATIENCE,
+            waits_until: NOW + 2 * REQUEST_PATIENCE,
             refusal: None,
         };
         let now = NOW + after;
-        pending.asks_again(now, refusal, is_told).then(|| pending.send_at.since(now))
+        pending
+            .outlives(now, refusal, is_told)
+            .then(|| [pending.send_at, pending.give_up_at].map(|at| at.since(now)))
     }
 
     #[test]
     fn a_refusal_that_passes_leads_to_the_same_request_until_patience_is_over() {
         let moment = Duration::from_micros(1);
         let late = Refusal::Late { age_ms: 400, limit_ms: 300 };
-        assert_eq!(asked_again(&late, REQUEST_PATIENCE - moment, true), Some(Duration::ZERO));
-        assert_eq!(asked_again(&late, REQUEST_PATIENCE, true), None);
-        let insists = 2 * REQUEST_PATIENCE;
+        let [again, left] = goes_on(&late, REQUEST_PATIENCE - moment, true, 0).unwrap();
+        assert_eq!((again, left), (Duration::ZERO, 2 * REQUEST_PATIENCE + moment));
+        let [again, left] = goes_on(&late, REQUEST_PATIENCE, true, 0).unwrap();
+        assert_eq!(again, left, "no other copy");
+        assert_eq!(goes_on(&late, 3 * REQUEST_PATIENCE, true, 0), None);
+        let last = 2 * REQUEST_PATIENCE - TRY_AGAIN;
         for (refusal, is_told) in [(Refusal::LinkUnproven, true), (Refusal::Stopped, false)] {
-            assert_eq!(asked_again(&refusal, insists - moment, is_told), Some(TRY_AGAIN));
-            assert_eq!(asked_again(&refusal, insists, is_told), None);
+            let first = goes_on(&refusal, Duration::ZERO, is_told, 0);
+            assert_eq!(first, Some([TRY_AGAIN, TRY_AGAIN + REQUEST_PATIENCE]));
+            let latest = goes_on(&refusal, last - moment, is_told, 0);
+            assert_eq!(latest, Some([TRY_AGAIN, TRY_AGAIN + moment + LAST_ANSWER]));
+            assert_eq!(goes_on(&refusal, last, is_told, 0), None);
+            // An answer to another copy is awaited, and no further one sent.
+            assert_eq!(goes_on(&refusal, last, is_told, 1), Some([LAST_ANSWER; 2]));
         }
-        assert_eq!(asked_again(&Refusal::Stopped, moment, true), None);
-        assert_eq!(asked_again(&Refusal::Malformed, moment, false), None);
+        assert_eq!(goes_on(&Refusal::Stopped, moment, true, 0), None);
+        assert_eq!(goes_on(&Refusal::Malformed, moment, false, 1), None);
     }
 }

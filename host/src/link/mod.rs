@@ -11,7 +11,8 @@
 //!   four datagrams to spare.
 //! - **Requests** (arm, parameters, ...) carry a number and are repeated every [`REQUEST_RETRY`]
 //!   until answered or [`REQUEST_PATIENCE`] is over. All commands are idempotent. One that was too
-//!   old when it arrived ([`Refusal::Late`]) is repeated at once.
+//!   old when it arrived ([`Refusal::Late`]) is repeated at once. What would move the robot or clear it, and was asked before the
+//!   robot halted by itself, is given up: the robot refuses it, too.
 //! - **Stop** comes before everything: held setpoint and pending requests are dropped, and stop is
 //!   repeated every [`STOP_RETRY`] until the robot acknowledges it, also over reconnections, and without a session
 //!   while there is none: another operator may hold the robot.
@@ -68,6 +69,8 @@ pub const ANSWER_TIME: Duration = Duration::from_secs(1);
 
 /// Interval at which a request that was refused because of a state that passes is repeated.
 pub const TRY_AGAIN: Duration = Duration::from_millis(100);
+/// Time for which the answer to the last copy of such a request is awaited: a robot does not obey older ones.
+pub const LAST_ANSWER: Duration = Duration::from_millis(500);
 /// Longest time in which a state that passes by itself ends: the motors are aligned, the rotors at
 /// rest, the link proven.
 pub const PASSING_PATIENCE: Duration = Duration::from_secs(3);

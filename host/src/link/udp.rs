@@ -361,9 +361,10 @@ impl Connection {
             let halts = self.client.halts();
             match self.try_to_arm(deadline) {
                 // Commands stayed away while the motors were aligned, which is over.
-                Err(LinkError::State { actual: State::Disarmed, .. })
-                    if self.client.halts() != halts =>
-                {
+                Err(
+                    LinkError::State { actual: State::Disarmed, .. }
+                    | LinkError::Refused(Refusal::Rested),
+                ) if self.client.halts() != halts => {
                     if self.now() >= deadline {
                         return Err(LinkError::Lapsed);
                     }
@@ -432,11 +433,16 @@ impl Connection {
             true => Some(first),
             false => self.wait_for_telemetry(TELEMETRY_LAG, is_known)?,
         };
-        let Some(Telemetry { halts, .. }) = judged else { return Err(self.why_stopped()?) };
+        let Some(Telemetry { halts, faults, .. }) = judged else {
+            return Err(self.why_stopped()?);
+        };
         let deadline = self.now() + CLEAR_PATIENCE;
         loop {
-            // Somebody has stopped the robot since: whoever clears that has to mean it.
-            if self.client.halts() != halts {
+            // Whoever clears a stop of somebody else, or another fault, that came since has to mean it.
+            if let Some(newest) = self.client.telemetry().filter(|it| it.halts != halts) {
+                if newest.faults != faults {
+                    return Err(faulted(newest));
+                }
                 return Err(self.why_stopped()?);
             }
             self.ask(Command::Clear)?;

@@ -128,6 +128,8 @@ pub struct Cockpit {
     sampled: Instant,
     animated: Instant,
     insisting: Option<Insisting>,
+    /// The halts of the robot in this session, as it last stated them.
+    halts: Option<u8>,
     /// What asked the robot to disarm, and is asked again until it is disarmed, or is to be armed.
     disarming: Option<u32>,
     asked: Vec<u32>,
@@ -178,6 +180,7 @@ impl Cockpit {
             sampled: now,
             animated: now,
             insisting: None,
+            halts: None,
             disarming: None,
             asked: Vec::new(),
             attention: None,
@@ -338,8 +341,9 @@ impl Cockpit {
             Update::Unanswered { request } => {
                 self.settings.unanswered(*request);
                 self.scope.unanswered(*request);
-                if self.insisting.as_ref().is_some_and(|it| it.request == *request) {
-                    self.insisting = None;
+                if self.insisting.take_if(|it| it.request == *request).is_some() {
+                    let text = "not done: the robot did not answer; try again";
+                    self.note(now, Weight::Warning, text);
                 }
                 if self.disarming == Some(*request) {
                     self.disarming = Some(client.request(now, Command::Disarm));
@@ -512,6 +516,12 @@ impl Cockpit {
         self.insisting = Some(Insisting { arms, request, give_up_at: now + PASSING_PATIENCE });
     }
 
+    /// Gives up on what was asked for and not done yet, if it would arm or clear the robot.
+    pub fn give_up(&mut self, client: &mut Client) {
+        self.insisting = None;
+        client.give_up_on_moving(None);
+    }
+
     fn is_arming(&self) -> bool {
         self.insisting.is_some_and(|insisting| insisting.arms)
     }
@@ -566,11 +576,10 @@ impl Cockpit {
     fn heard(&mut self, telemetry: &Telemetry, client: &mut Client, now: Instant) {
         self.heard = now;
         self.link = Link::Connected;
-        let before = self.telemetry.replace(*telemetry);
-        // Whoever clears a stop, or arms, has to know of it.
-        if before.is_some_and(|before| before.halts != telemetry.halts) {
+        self.telemetry = Some(*telemetry);
+        // A robot that halted does not get there any more.
+        if self.halts.replace(telemetry.halts).is_some_and(|before| before != telemetry.halts) {
             self.insisting = None;
-            client.give_up_on_moving(None);
         }
         self.insisting.take_if(|insisting| now >= insisting.give_up_at);
         if telemetry.state.is_idle() {
@@ -611,7 +620,7 @@ impl Cockpit {
 
     fn lost(&mut self, text: &str, now: Instant) {
         self.rest();
-        self.insisting = None;
+        (self.insisting, self.halts) = (None, None);
         self.link = Link::Connecting;
         self.note(now, Weight::Alarm, text);
     }

@@ -75,10 +75,14 @@ pub struct FakeRobot {
     pub reports_of_late_commands: u32,
     /// Refuses that many requests to arm or to clear, as a robot does while its rotors ramp down.
     pub ramps_down_for: u32,
-    /// Stops of others in this session.
+    /// How often it halted in this session although nobody there asked for it.
     halts: u8,
     /// A command that is lost on its way, however often it is sent.
     pub lost: Option<Command>,
+    /// A command whose answers are lost on their way.
+    pub lost_answer: Option<Command>,
+    /// Hears nothing, and is still heard.
+    pub is_deaf: bool,
     /// Takes for ever to align its motors.
     pub aligns_for_ever: bool,
     /// Disarms once instead of aligning its motors: halted by commands that stayed away, or for no such reason.
@@ -108,6 +112,8 @@ impl FakeRobot {
             ramps_down_for: 0,
             halts: 0,
             lost: None,
+            lost_answer: None,
+            is_deaf: false,
             aligns_for_ever: false,
             lapses: None,
             proven_since: None,
@@ -132,6 +138,14 @@ impl FakeRobot {
         self.halts += 1;
     }
 
+    /// Latches a fault.
+    pub fn fail(&mut self, fault: Fault) {
+        self.faults = self.faults.with(fault);
+        self.state = State::Faulted;
+        self.setpoint = Setpoint::REST;
+        self.halt();
+    }
+
     /// Knows another key alone from now on.
     pub fn revoke(&mut self) {
         self.session.set_operators(Some(Key::new([8; 32])));
@@ -139,6 +153,9 @@ impl FakeRobot {
     }
 
     pub fn receive(&mut self, now: Instant, from: SocketAddr, datagram: &[u8]) -> Datagrams {
+        if self.is_deaf {
+            return Vec::new();
+        }
         self.session.set_at_rest(self.stopped);
         match self.session.receive(now, from, datagram) {
             RobotReceived::Answer(frame) | RobotReceived::Dropped(_, Some(frame)) => {
@@ -158,11 +175,22 @@ impl FakeRobot {
             RobotReceived::Command(ToRobot { request, intent, halts, command }) => {
                 self.intent = intent;
                 let outcome = match command {
-                    // Asked for by somebody who has not heard of the last stop.
-                    Command::Clear if halts != self.halts => Outcome::Refused(Refusal::Stopped),
+                    // Asked for by somebody who has not heard of the last halt.
+                    Command::Clear if halts != self.halts && self.stopped => {
+                        Outcome::Refused(Refusal::Stopped)
+                    }
+                    Command::Clear if halts != self.halts => {
+                        Outcome::Refused(Refusal::Faulted(self.faults))
+                    }
+                    Command::Arm if halts != self.halts && self.state.is_idle() => {
+                        Outcome::Refused(Refusal::Rested)
+                    }
                     _ => self.obey(now, &command),
                 };
-                self.commands.push(command);
+                self.commands.push(command.clone());
+                if self.lost_answer.as_ref() == Some(&command) {
+                    return Vec::new();
+                }
                 self.send(now, &ToOperator::Reply(Reply { request, outcome }))
             }
             RobotReceived::Late { command: ToRobot { request, .. }, age } => {
@@ -200,12 +228,11 @@ impl FakeRobot {
         }
         if silence > DISARM && self.state == State::Armed {
             self.state = State::Disarmed;
+            self.halt();
         }
         let mut datagrams = Vec::new();
         if let (Some(fault), State::Running) = (self.fault_when_running, self.state) {
-            self.faults = self.faults.with(fault);
-            self.state = State::Faulted;
-            self.setpoint = Setpoint::REST;
+            self.fail(fault);
             datagrams.extend(self.report(now, Event::Fault(fault)));
         }
         if now >= self.telemetry_at {

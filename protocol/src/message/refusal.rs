@@ -147,9 +147,9 @@ pub enum Refusal {
         /// Setting, microseconds.
         actuation_delay: f32,
     },
-    /// The rotors came to rest because commands stayed away, and nobody has asked for movement since.
+    /// The robot halted by itself, and nobody has asked for movement since.
     #[error(
-        "the rotors came to rest while no command came, and turn again only when a person asks for it"
+        "the robot halted by itself, for a fault or because no command came, and moves again only when a person asks for it"
     )]
     Rested,
 }

@@ -116,7 +116,7 @@ pub struct Telemetry {
     /// Whether commands are late: the first step of the failsafe ladder.
     pub link_late: bool,
     /// How often in this session the robot halted although its operator had not asked for it, wrapping: because commands stayed
-    /// away, also while it aligned its motors or tried one, or because somebody else stopped it.
+    /// away, also while it aligned its motors or tried one, for a fault, or because somebody else stopped it.
     pub halts: u8,
     /// The commanded pair.
     pub setpoint: Setpoint,

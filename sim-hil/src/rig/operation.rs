@@ -334,7 +334,7 @@ impl<M: Mechanics> Operation<M> {
         loop {
             match self.ask(Command::Arm)? {
                 Outcome::Done => break,
-                Outcome::Refused(Refusal::LinkUnproven) if self.now() < end => {
+                Outcome::Refused(Refusal::LinkUnproven | Refusal::Rested) if self.now() < end => {
                     self.run(Duration::from_millis(50), |_| {})?;
                 }
                 Outcome::Refused(refusal) => return Err(OperationError::Refused(refusal)),

@@ -166,6 +166,7 @@ impl Pages {
             }
             Some(Request::Drive) if !drives => {
                 rest(cockpit, client, now);
+                cockpit.give_up(client);
                 self.driver = Some(Driver::new(page, seen));
                 cockpit.note(now, Weight::Note, "another page drives now");
             }
@@ -212,8 +213,10 @@ fn rest(cockpit: &mut Cockpit, client: &mut Client, now: Instant) {
     }
 }
 
-/// Disarms the robot unless it is disarmed as far as anybody here knows: it may stay armed by itself with nothing held.
+/// Disarms the robot unless it is disarmed as far as anybody here knows: it may stay armed by itself with nothing held. What
+/// was asked for and not done yet ends.
 fn disarm(cockpit: &mut Cockpit, client: &mut Client, now: Instant, why: &str) {
+    cockpit.give_up(client);
     if client.is_driving() || !cockpit.telemetry.as_ref().is_none_or(|it| it.state.is_idle()) {
         cockpit.act(Action::Disarm, client, now);
         cockpit.note(now, Weight::Alarm, why);
