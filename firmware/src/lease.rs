@@ -58,8 +58,9 @@ pub(crate) struct Lease {
     restarts: usize,
     /// When it last requested.
     requested: Option<Moment>,
-    /// Number of the exchange in which the client is.
+    /// Number of the exchange in which the client is, on the wire and as the client counts it.
     transaction: [u8; 4],
+    own: [u8; 4],
 }
 
 /// What is looked at in a message.
@@ -71,7 +72,7 @@ struct Message {
 
 impl Lease {
     /// Notes a frame for the client, and returns whether it may see it.
-    pub(crate) fn admits(&mut self, frame: &[u8]) -> bool {
+    pub(crate) fn admits(&mut self, frame: &mut [u8]) -> bool {
         let Some(Message { kind, server, transaction }) = message(frame, CLIENT_PORT) else {
             return true;
         };
@@ -79,6 +80,7 @@ impl Lease {
         if transaction != self.transaction {
             return true;
         }
+        renumber(frame, self.own);
         match kind {
             ACKNOWLEDGEMENT => {
                 // A request to any server (rebinding) may be granted by another one.
@@ -92,13 +94,16 @@ impl Lease {
     }
 
     /// Notes a frame of the client, and returns whether it may leave.
-    pub(crate) fn releases(&mut self, frame: &[u8], now: Moment) -> bool {
+    pub(crate) fn releases(&mut self, frame: &mut [u8], now: Moment) -> bool {
         let Some(Message { kind, server, transaction }) = message(frame, SERVER_PORT) else {
             return true;
         };
         let is_within = |since: Option<Moment>, pause: Duration| {
             since.is_some_and(|since| now.saturating_duration_since(since) < pause)
         };
+        self.own = transaction;
+        // A beginning that is repeated keeps its number: its first one may be answered late.
+        let mut is_new = kind != REQUEST || server.is_none();
         match kind {
             DISCOVER => {
                 let pause = PAUSES[self.restarts.min(PAUSES.len() - 1)];
@@ -106,6 +111,7 @@ impl Lease {
                     return false;
                 }
                 self.restarts += usize::from(self.began.is_some());
+                is_new = self.server.is_some() || self.began.is_none();
                 (self.server, self.began) = (None, Some(now));
             }
             REQUEST => {
@@ -117,8 +123,24 @@ impl Lease {
             }
             _ => {}
         }
-        self.transaction = transaction;
+        if is_new {
+            self.transaction = transaction;
+        }
+        renumber(frame, self.transaction);
         true
+    }
+}
+
+/// Gives a message another number, and no check sum (RFC 768 allows that).
+fn renumber(frame: &mut [u8], transaction: [u8; 4]) {
+    let header = frame.get(ETHERNET_HEADER).map_or(0, |it| usize::from(it & 0x0f) * 4);
+    let Some(segment) = frame.get_mut(ETHERNET_HEADER + header..) else { return };
+    let Some((head, payload)) = segment.split_at_mut_checked(UDP_HEADER) else { return };
+    if let Some(number) = payload.get_mut(TRANSACTION)
+        && *number != transaction
+    {
+        number.copy_from_slice(&transaction);
+        head[6..].fill(0);
     }
 }
 
@@ -188,43 +210,42 @@ mod tests {
     fn chosen() -> Lease {
         let mut lease = Lease::default();
         let at = Moment::from_secs(10);
-        assert!(lease.releases(&frame(SERVER_PORT, DISCOVER, None), at));
-        assert!(lease.releases(&frame(SERVER_PORT, REQUEST, Some(OURS)), at));
+        assert!(lease.releases(&mut frame(SERVER_PORT, DISCOVER, None), at));
+        assert!(lease.releases(&mut frame(SERVER_PORT, REQUEST, Some(OURS)), at));
         lease
     }
 
     #[test]
     fn only_the_chosen_server_refuses() {
         let mut lease = chosen();
-        assert!(!lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
-        assert!(!lease.admits(&frame(CLIENT_PORT, REFUSAL, None)));
-        assert!(lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OURS))));
+        assert!(!lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
+        assert!(!lease.admits(&mut frame(CLIENT_PORT, REFUSAL, None)));
+        assert!(lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OURS))));
     }
 
     #[test]
     fn a_renewal_is_refused_by_the_server_of_the_lease_alone() {
         let mut lease = chosen();
-        assert!(lease.admits(&frame(CLIENT_PORT, ACKNOWLEDGEMENT, Some(OURS))));
-        assert!(lease.releases(&frame(SERVER_PORT, REQUEST, None), Moment::from_secs(99)));
-        assert!(!lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
-        assert!(lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OURS))));
+        assert!(lease.admits(&mut frame(CLIENT_PORT, ACKNOWLEDGEMENT, Some(OURS))));
+        assert!(lease.releases(&mut frame(SERVER_PORT, REQUEST, None), Moment::from_secs(99)));
+        assert!(!lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
+        assert!(lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OURS))));
     }
 
     /// Returns when a client begins that would every millisecond, or where `refused`, once it has requested and was refused, ms.
     fn beginnings(mut lease: Lease, until_ms: u64, refused: bool) -> Vec<u64> {
         let discover = frame(SERVER_PORT, DISCOVER, None);
-        let begins =
-            |ms: &u64| {
-                let begins = lease.releases(&discover, Moment::from_millis(*ms));
-                if begins && refused {
-                    assert!(lease.releases(
-                        &frame(SERVER_PORT, REQUEST, Some(OURS)),
-                        Moment::from_millis(*ms)
-                    ));
-                    assert!(lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OURS))));
-                }
-                begins
-            };
+        let begins = |ms: &u64| {
+            let begins = lease.releases(&mut discover.clone(), Moment::from_millis(*ms));
+            if begins && refused {
+                assert!(lease.releases(
+                    &mut frame(SERVER_PORT, REQUEST, Some(OURS)),
+                    Moment::from_millis(*ms)
+                ));
+                assert!(lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OURS))));
+            }
+            begins
+        };
         (0..until_ms).filter(begins).collect()
     }
 
@@ -240,26 +261,28 @@ mod tests {
     fn an_address_ends_the_pauses() {
         let mut lease = Lease::default();
         for s in [0, 2, 7, 18, 41] {
-            assert!(lease.releases(&frame(SERVER_PORT, DISCOVER, None), Moment::from_secs(s)));
+            assert!(lease.releases(&mut frame(SERVER_PORT, DISCOVER, None), Moment::from_secs(s)));
         }
-        assert!(lease.admits(&frame(CLIENT_PORT, ACKNOWLEDGEMENT, Some(OURS))));
-        assert!(!lease.releases(&frame(SERVER_PORT, DISCOVER, None), Moment::from_millis(42_999)));
-        assert!(lease.releases(&frame(SERVER_PORT, DISCOVER, None), Moment::from_secs(43)));
+        assert!(lease.admits(&mut frame(CLIENT_PORT, ACKNOWLEDGEMENT, Some(OURS))));
+        assert!(
+            !lease.releases(&mut frame(SERVER_PORT, DISCOVER, None), Moment::from_millis(42_999))
+        );
+        assert!(lease.releases(&mut frame(SERVER_PORT, DISCOVER, None), Moment::from_secs(43)));
     }
 
     #[test]
     fn who_granted_last_refuses() {
         let mut lease = chosen();
-        assert!(lease.admits(&frame(CLIENT_PORT, ACKNOWLEDGEMENT, Some(OTHER))));
-        assert!(!lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OURS))));
-        assert!(lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
+        assert!(lease.admits(&mut frame(CLIENT_PORT, ACKNOWLEDGEMENT, Some(OTHER))));
+        assert!(!lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OURS))));
+        assert!(lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
     }
 
     #[test]
     fn a_client_that_begins_anew_has_chosen_nobody() {
         let mut lease = chosen();
-        assert!(lease.releases(&frame(SERVER_PORT, DISCOVER, None), Moment::from_secs(30)));
-        assert!(lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
+        assert!(lease.releases(&mut frame(SERVER_PORT, DISCOVER, None), Moment::from_secs(30)));
+        assert!(lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
     }
 
     #[test]
@@ -270,22 +293,25 @@ mod tests {
             frame
         };
         let mut lease = chosen();
-        assert!(lease.admits(&to_another(ACKNOWLEDGEMENT, OTHER)));
-        assert!(lease.admits(&to_another(REFUSAL, OTHER)));
-        assert!(!lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
-        assert!(lease.admits(&frame(CLIENT_PORT, REFUSAL, Some(OURS))));
+        assert!(lease.admits(&mut to_another(ACKNOWLEDGEMENT, OTHER)));
+        assert!(lease.admits(&mut to_another(REFUSAL, OTHER)));
+        assert!(!lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
+        assert!(lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OURS))));
     }
 
     #[test]
     fn a_lease_that_is_to_be_renewed_at_once_is_not() {
         let mut lease = chosen();
-        assert!(lease.admits(&frame(CLIENT_PORT, ACKNOWLEDGEMENT, Some(OURS))));
+        assert!(lease.admits(&mut frame(CLIENT_PORT, ACKNOWLEDGEMENT, Some(OURS))));
         let renewal = frame(SERVER_PORT, REQUEST, None);
-        assert!(!lease.releases(&renewal, Moment::from_millis(10_499)));
-        assert!(lease.releases(&renewal, Moment::from_millis(10_500)));
-        assert!(!lease.releases(&renewal, Moment::from_millis(10_999)));
+        assert!(!lease.releases(&mut renewal.clone(), Moment::from_millis(10_499)));
+        assert!(lease.releases(&mut renewal.clone(), Moment::from_millis(10_500)));
+        assert!(!lease.releases(&mut renewal.clone(), Moment::from_millis(10_999)));
         assert!(
-            lease.releases(&frame(SERVER_PORT, REQUEST, Some(OURS)), Moment::from_millis(10_501))
+            lease.releases(
+                &mut frame(SERVER_PORT, REQUEST, Some(OURS)),
+                Moment::from_millis(10_501)
+            )
         );
     }
 
@@ -294,14 +320,14 @@ mod tests {
         let mut lease = chosen();
         let refusal = frame(CLIENT_PORT, REFUSAL, Some(OTHER));
         for length in 0..refusal.len() - 8 {
-            assert!(lease.admits(&refusal[..length]), "{length}");
+            assert!(lease.admits(&mut refusal[..length].to_vec()), "{length}");
         }
-        assert!(lease.admits(&frame(CLIENT_PORT + 1, REFUSAL, Some(OTHER))));
+        assert!(lease.admits(&mut frame(CLIENT_PORT + 1, REFUSAL, Some(OTHER))));
         for (at, byte) in [(12, 0x86), (23, 6)] {
             let mut other = refusal.clone();
             other[at] = byte;
-            assert!(lease.admits(&other), "{at}");
+            assert!(lease.admits(&mut other), "{at}");
         }
-        assert!(lease.releases(&frame(CLIENT_PORT, DISCOVER, None), Moment::from_secs(10)));
+        assert!(lease.releases(&mut frame(CLIENT_PORT, DISCOVER, None), Moment::from_secs(10)));
     }
 }

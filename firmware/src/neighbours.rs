@@ -189,7 +189,7 @@ impl State {
     }
 
     /// Notes what a frame shows, and returns whether the stack may see it.
-    fn admits(&mut self, frame: &[u8]) -> bool {
+    fn admits(&mut self, frame: &mut [u8]) -> bool {
         match frame.get(12..ETHERNET_HEADER) {
             Some(kind) if kind == ETHERTYPE_ARP => {
                 self.taken += 1;

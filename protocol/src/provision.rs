@@ -108,8 +108,10 @@ pub enum ProvisioningError {
         "a network's password is {SHORTEST_PASSWORD} to {LONGEST_PHRASE} bytes long, or a key of {PASSWORD_LENGTH} hexadecimal digits, or empty for an open network"
     )]
     Password,
-    /// A fixed address with more than 32 bits of network.
-    #[error("an address has a network part of 0 to 32 bits")]
+    /// A fixed address that no host has, or more than 32 bits of network.
+    #[error(
+        "a fixed address is one that a host can have (not 0.x, 127.x, multicast, or the first or last of its network), with a network part of 0 to 32 bits, and its gateway is another one"
+    )]
     Address,
 }
 
@@ -124,6 +126,20 @@ const LONGEST_LABEL: usize = NAME_LENGTH - 1;
 #[must_use]
 pub fn is_name(name: &str) -> bool {
     name.len() <= LONGEST_LABEL && is_label(name.as_bytes())
+}
+
+impl FixedAddress {
+    /// Returns whether a host can have this address. The stack panics on some that none can have.
+    fn is_host(&self) -> bool {
+        // Bits of the host; networks of one and two have no address of their own (RFC 3021).
+        let hosts = u32::MAX.checked_shr(self.prefix_length.into()).unwrap_or(0);
+        let own = u32::from_be_bytes(self.address) & hosts;
+        let is_one = |address: [u8; 4]| !matches!(address[0], 0 | 127 | 224..);
+        self.prefix_length <= 32
+            && is_one(self.address)
+            && (hosts < 2 || (own != 0 && own != hosts))
+            && self.gateway.is_none_or(|gateway| is_one(gateway) && gateway != self.address)
+    }
 }
 
 impl Provisioning {
@@ -165,7 +181,7 @@ impl Provisioning {
             return Err(ProvisioningError::Password);
         }
         match self.address {
-            Some(address) if address.prefix_length > 32 => Err(ProvisioningError::Address),
+            Some(address) if !address.is_host() => Err(ProvisioningError::Address),
             _ => Ok(()),
         }
     }
@@ -348,8 +364,8 @@ mod tests {
     use crate::session::Key;
 
     fn longest() -> Provisioning {
-        let address =
-            FixedAddress { address: [255; 4], prefix_length: 24, gateway: Some([255; 4]) };
+        let (address, gateway) = ([192, 168, 255, 254], Some([192, 168, 255, 253]));
+        let address = FixedAddress { address, prefix_length: 24, gateway };
         let (name, network, password) = ["n".repeat(31), "w".repeat(32), "a".repeat(64)].into();
         Provisioning::new(&name, &network, &password, Some(address)).unwrap()
     }
@@ -448,5 +464,52 @@ mod tests {
             assert_eq!(refused("walker", "lab", password), ProvisioningError::Password);
         }
         assert!(Provisioning::new("walker", "open", "", None).is_ok());
+    }
+
+    #[test]
+    fn a_fixed_address_is_one_that_a_host_can_have() {
+        let check = |address, prefix_length, gateway| {
+            let address = FixedAddress { address, prefix_length, gateway };
+            Provisioning::new("n", "w", "", Some(address)).map(|_| ())
+        };
+        let (own, other) = ([10, 0, 0, 7], [10, 0, 0, 254]);
+        for (address, prefix_length, gateway) in [
+            (own, 24, None),
+            (own, 24, Some(other)),
+            (own, 32, Some(other)),
+            (own, 31, None),
+            (own, 0, None),
+            ([10, 0, 0, 255], 16, None),
+            ([10, 0, 1, 0], 16, None),
+            ([10, 0, 0, 255], 31, None),
+            ([223, 255, 255, 254], 24, None),
+        ] {
+            assert_eq!(
+                check(address, prefix_length, gateway),
+                Ok(()),
+                "{address:?}/{prefix_length}"
+            );
+        }
+        for (address, prefix_length, gateway) in [
+            (own, 33, None),
+            (own, 24, Some(own)),
+            (own, 24, Some([0; 4])),
+            (own, 24, Some([255; 4])),
+            ([0; 4], 24, None),
+            ([0, 0, 0, 7], 24, None),
+            ([127, 0, 0, 1], 8, None),
+            ([224, 0, 0, 251], 4, None),
+            ([255; 4], 24, None),
+            ([255; 4], 32, None),
+            ([10, 0, 0, 255], 24, None),
+            ([10, 0, 0, 0], 24, None),
+        ] {
+            let refused = Err(ProvisioningError::Address);
+            assert_eq!(
+                check(address, prefix_length, gateway),
+                refused,
+                "{address:?}/{prefix_length}"
+            );
+        }
     }
 }

@@ -137,12 +137,13 @@ impl Configuration {
             ),
             bus_per_count: scaled(bus * 65_536.0, 18),
             bus_nominal: volts(settings.nominal_voltage),
-            battery_low: volts(settings.battery_low),
-            under_voltage: volts(settings.under_voltage),
+            // One that nobody measures is as it was entered, neither low nor high.
+            battery_low: divider.map_or(Voltage::ZERO, |_| volts(settings.battery_low)),
+            under_voltage: divider.map_or(Voltage::ZERO, |_| volts(settings.under_voltage)),
             // A bus that the converter does not tell from a higher one is too high, whatever the limit.
-            over_voltage: volts(settings.over_voltage).min(match divider {
-                Some(_) => Voltage::from_volts(bus * (f64::from(hardware.bus_largest_count) - 1.0)),
-                None => volts(settings.over_voltage),
+            over_voltage: divider.map_or(Voltage::from_raw(i32::MAX), |_| {
+                let largest = bus * (f64::from(hardware.bus_largest_count) - 1.0);
+                volts(settings.over_voltage).min(Voltage::from_volts(largest))
             }),
             largest_residual: Voltage::from_volts(
                 RESIDUAL_SHARE * f64::from(settings.nominal_voltage),

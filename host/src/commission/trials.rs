@@ -2,7 +2,7 @@
 
 use flix_protocol::message::{
     Bridges, Channel, Command, Fault, Faults, LEAST_TRIAL_CURRENT_MA, LONGEST_PATTERN_TICKS,
-    MOST_TRIAL_CURRENT_MA, Outcome, Pattern, State, Trial, Trigger,
+    MOST_TRIAL_CURRENT_MA, Outcome, Pattern, Refusal, State, Trial, Trigger,
 };
 
 use super::desk::{Columns, Desk, Done, LOOK, LOOKS};
@@ -88,9 +88,15 @@ impl<S: Subject> Desk<'_, S> {
         halts: Option<u8>,
     ) -> Done<(Columns, Bridges), S> {
         self.begin_capture(channels, Trigger::Pattern, 0)?;
-        let Outcome::Bridges(bridges) = self.subject.ask(Command::Trial(trial))? else {
-            return Err(CommissionError::OtherAnswer);
-        };
+        let tried = self.subject.ask(Command::Trial(trial));
+        if let Err(error) = &tried {
+            // What ends a trial at once is heard of before its answer.
+            self.check(step)?;
+            if S::refusal(error) == Some(&Refusal::Rested) {
+                return Err(CommissionError::Silent(step));
+            }
+        }
+        let Outcome::Bridges(bridges) = tried? else { return Err(CommissionError::OtherAnswer) };
         let columns = self.capture_since(step, rows, halts)?;
         self.await_state(step, State::Disarmed, false)?;
         Ok((columns, bridges))

@@ -1,13 +1,17 @@
 //! What the fast half promises, on the bench.
 
-use crate::board::{BOARDS, Board, Chip, counts_of_millivolts};
+use core::time::Duration;
+
+use crate::board::{BOARDS, Board, Chip, GENERIC_ESP32C6, counts_of_millivolts};
 use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
 use crate::fast::control::bench::{Bench, HARDWARE};
 use crate::fast::exchange::Order;
 use crate::fast::foc::current::CurrentLoop;
 use crate::fast::supervisor::{Conditions, Supervisor};
-use crate::hardware::{Bridge, CurrentSense, Encoder, EncoderAngle, Hardware, Magnet, Sensors};
+use crate::hardware::{
+    Bridge, CurrentSense, Encoder, EncoderAngle, EncoderReading, Hardware, Magnet, Sensors,
+};
 use crate::settings::Settings;
 use crate::units::{Counts, Speed};
 use flix_protocol::message::{Fault, Faults, State};
@@ -365,6 +369,32 @@ fn what_a_chips_converter_clips_is_an_over_current_whatever_the_limit() {
         let nearer = measured.into_iter().min_by_key(|millivolts| MIDDLE.abs_diff(*millivolts));
         let found = nearer.and_then(|millivolts| is_beyond(&board, millivolts, 0));
         assert_ne!(found, Some(true), "{}", board.feature);
+    }
+}
+
+#[test]
+fn a_bus_that_nobody_measures_is_neither_too_low_nor_too_high() {
+    // Two cells and four.
+    for nominal_voltage in [7.4, 14.8] {
+        let settings = Settings { nominal_voltage, ..Settings::DEFAULT };
+        let mut control = Control::new(Configuration::new(&settings, &GENERIC_ESP32C6.hardware));
+        let reading = Encoder::Reading(EncoderReading { angle: EncoderAngle::ZERO, age_us: 0 });
+        let sensors = Sensors {
+            encoders: [reading; 2],
+            magnets: [Magnet::Good; 2],
+            phase_current: None,
+            bus_voltage: None,
+        };
+        let mut order = Order::default();
+        for tick in 0..3_000 {
+            let now = Instant::from_micros(100 * tick);
+            order.hear(now, now + Duration::from_secs(1));
+            order.requests.arm = u8::from(tick > 100);
+            control.tick(now, &sensors, &order);
+        }
+        let report = control.report();
+        assert_eq!((report.faults, report.events.battery_low), (Faults::NONE, 0));
+        assert_ne!(report.state, State::Disarmed, "it was armed");
     }
 }
 
