@@ -30,9 +30,10 @@ const PLAUSIBLE: i32 = 1 << 27;
 /// A reading further from the prediction is believed, but counted, 2^-32 turn: 1/128 turn, 2.8 degrees. Noise, what is left
 /// of the eccentricity and the steepest ramps stay below a fifth of it.
 const NOTICED: i32 = 1 << 25;
-/// From this speed on, two readings in a row are never the same unless the encoder is stuck: 10 Hz are
-/// four steps of a 12-bit encoder a tick.
+/// From this speed on a reading that is the same as the one before is none: 10 Hz are four steps of a 12-bit encoder a tick.
 const MOVING: Speed = Speed::from_centihertz(1_000);
+/// Ticks for which that is no trouble: an AS5600 that is read in every tick has a new angle every 150 us.
+const SAMPLING_TICKS: u16 = 2;
 /// Ticks without a believable reading after which the encoder is lost: 3 ms.
 pub(crate) const LOST_AFTER_TICKS: u16 = 30;
 /// Ticks after a first reading in which every reading is believed: 20 ms.
@@ -239,6 +240,10 @@ impl Tracker {
         if repeated || within(error, NOTICED) != error {
             core::hint::cold_path();
             let is_settled = self.settling == 0;
+            if repeated && self.silence < SAMPLING_TICKS {
+                self.miss();
+                return;
+            }
             if repeated || (plausible != error && is_settled) {
                 self.drop();
                 return;
@@ -333,5 +338,29 @@ mod tests {
             let left = (tracker.speed() - speed).magnitude().raw();
             assert!(left < speed.raw() / 200, "{late_us} us late: {left} of {speed:?}");
         }
+    }
+
+    /// Returns how many readings are dropped in a second of those that a rotor at 20 Hz gives in every tick, new ones after so
+    /// long.
+    fn dropped(sampling_us: u64) -> u32 {
+        let model = Configuration::new(&Settings::DEFAULT, &GENERIC_ESP32C6.hardware).encoders[0];
+        let mut tracker = Tracker::new();
+        for tick in 0..10_000 {
+            let sampled_us = tick * u64::from(TICK_US) / sampling_us * sampling_us;
+            // 20 Hz are 4,096 steps in 50 ms.
+            let count = (sampled_us * 4_096 / 50_000) as u32 % 4_096;
+            let age_us = (tick * u64::from(TICK_US) - sampled_us) as u16;
+            let angle = EncoderAngle::from_count(count, 12);
+            tracker.update(&model, Encoder::Reading(EncoderReading { angle, age_us }));
+        }
+        assert!(!tracker.lost());
+        tracker.counted().0
+    }
+
+    #[test]
+    fn an_encoder_that_is_read_more_often_than_it_samples_is_not_in_trouble_and_one_that_sticks_is()
+    {
+        assert_eq!([100, 147, 150, 300].map(dropped), [0; 4]);
+        assert!(dropped(500) > 1_000, "{}", dropped(500));
     }
 }
