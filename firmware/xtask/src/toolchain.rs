@@ -100,10 +100,24 @@ fn with_sources(command: &mut Command) -> Result<PathBuf, Error> {
     ))
 }
 
+/// Returns options that name dependencies in an image without the folders of this computer: it is as large wherever it is
+/// built, and 5 KiB smaller.
+fn without_folders() -> Option<[String; 2]> {
+    let home = std::env::var_os("CARGO_HOME").map(PathBuf::from);
+    let home = home.or_else(|| Some(std::env::home_dir()?.join(".cargo")))?;
+    let registries = std::fs::read_dir(home.join("registry/src")).ok()?.flatten();
+    let flags: Vec<String> = registries
+        .map(|registry| format!("'--remap-path-prefix={}/='", registry.path().display()))
+        .collect();
+    let flags = format!("target.'cfg(target_os = \"none\")'.rustflags=[{}]", flags.join(", "));
+    Some(["--config".into(), flags])
+}
+
 /// Prepares a cargo command that builds for RISC-V. The caller adds package and features.
 pub(crate) fn riscv(subcommand: &str) -> Result<Command, Error> {
     let mut command = cargo();
     command.args([subcommand, "--profile", PROFILE, "--target", RISCV_TARGET]);
+    command.args(without_folders().into_iter().flatten());
     if stock_has_riscv() {
         return Ok(command);
     }
@@ -132,6 +146,7 @@ fn xtensa(chip: Chip, subcommand: &str) -> Option<Command> {
         let mut command = run::command("rustup");
         command.args(["run", ESP_TOOLCHAIN, "cargo", subcommand, "--profile", PROFILE]);
         command.args(["-Zbuild-std=core,alloc", "--target", chip.target()]);
+        command.args(without_folders().into_iter().flatten());
         // Chosen by the outer cargo for the outer compiler.
         command.env_remove("RUSTC").env_remove("RUSTUP_TOOLCHAIN").env_remove("CARGO");
         command

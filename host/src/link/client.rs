@@ -98,7 +98,7 @@ impl Pending {
             self.give_up_at =
                 (now + TRY_AGAIN + REQUEST_PATIENCE).min(self.insists_until + LAST_ANSWER);
             self.send_next(now + TRY_AGAIN);
-        } else if passes && self.moves() && self.unanswered > 0 && now < self.give_up_at {
+        } else if passes && self.moves() && self.unanswered > 0 {
             // Another copy may be under way and come when that has passed.
             self.send_until = now;
             self.give_up_at = self.give_up_at.min(now + LAST_ANSWER);

@@ -456,11 +456,6 @@ impl<H: Helm> Pilot<H> {
             return;
         }
         match outcome {
-            // As after a halt while it aligned its motors.
-            Outcome::Refused(Refusal::Rested) if self.armings < MOST_ARMINGS => {
-                self.armings += 1;
-                self.ask(now, client, Command::Arm);
-            }
             // Who stopped it comes with telemetry.
             Outcome::Refused(refusal)
                 if passes(refusal)
