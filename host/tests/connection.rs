@@ -59,21 +59,32 @@ fn a_stop_that_comes_while_another_cannot_be_cleared_yet_is_not_cleared() {
     assert!(served.robot().stopped);
 }
 
-#[test]
-fn who_clears_a_stop_clears_no_fault_that_came_since() {
-    let (served, mut connection) = connect(|robot| robot.stopped = true);
-    let ended = std::thread::scope(|scope| {
-        scope.spawn(|| {
-            while !served.robot().commands.contains(&Command::Clear) {
-                std::thread::yield_now();
-            }
-            // As of a robot that latched it while it ramped down: a first clear ends the stop alone.
-            served.robot().fail(Fault::Stall);
-        });
-        connection.clear(std::time::Instant::now())
+/// What becomes of a robot with this trouble when its operator clears it, and something else comes at once.
+fn cleared(
+    trouble: fn(&mut FakeRobot),
+    comes: fn(&mut FakeRobot),
+) -> (ServedRobot, Result<(), LinkError>) {
+    let (served, mut connection) = connect(|robot| {
+        trouble(robot);
+        robot.after_clearing = Some(comes);
     });
+    let ended = connection.clear(std::time::Instant::now());
+    (served, ended)
+}
+
+#[test]
+fn who_clears_clears_no_fault_and_no_stop_that_came_since() {
+    let stop: fn(&mut FakeRobot) = |robot| robot.stopped = true;
+    let stall: fn(&mut FakeRobot) = |robot| robot.fail(Fault::Stall);
+    let (served, ended) = cleared(stop, stall);
     assert!(matches!(ended, Err(LinkError::Faulted { .. })), "{ended:?}");
     assert!(!served.robot().faults.is_empty());
+    let (served, ended) = cleared(stall, stall);
+    assert!(matches!(ended, Err(LinkError::Faulted { .. })), "the same again: {ended:?}");
+    assert!(!served.robot().faults.is_empty());
+    let (served, ended) = cleared(stall, FakeRobot::stop_from_outside);
+    assert!(matches!(ended, Err(LinkError::StoppedBy(_))), "{ended:?}");
+    assert!(served.robot().stopped);
 }
 
 #[test]

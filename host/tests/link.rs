@@ -749,8 +749,11 @@ fn a_second_answer_to_a_request_is_none_to_the_setpoint() {
     world.client.want(world.now, setpoint(-30.0, 30.0));
     world.latency = Duration::from_millis(75);
     world.run(Duration::from_millis(500));
-    world.client.request(world.now, too_large());
-    world.run(Duration::from_millis(500));
+    for _ in 0..3 {
+        world.client.request(world.now, too_large());
+    }
+    world.client.request(world.now, Command::Identify);
+    world.run(Duration::from_secs(1));
     let is_refused = |it: &Update| matches!(it, Update::SetpointRefused(_));
     assert!(!world.updates.iter().any(is_refused), "{:?}", world.updates);
 }

@@ -440,10 +440,13 @@ impl Connection {
         loop {
             // Whoever clears a stop of somebody else, or another fault, that came since has to mean it.
             if let Some(newest) = self.client.telemetry().filter(|it| it.halts != halts) {
-                if newest.faults != faults {
+                let is_another = newest.faults.iter().any(|fault| !faults.contains(fault));
+                if is_another || !(newest.stopped || newest.faults.is_empty()) {
                     return Err(faulted(newest));
                 }
-                return Err(self.why_stopped()?);
+                if newest.stopped {
+                    return Err(self.why_stopped()?);
+                }
             }
             self.ask(Command::Clear)?;
             let mut last = None;

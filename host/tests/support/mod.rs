@@ -77,6 +77,8 @@ pub struct FakeRobot {
     pub ramps_down_for: u32,
     /// How often it halted in this session although nobody there asked for it.
     halts: u8,
+    /// Comes over it once it is cleared.
+    pub after_clearing: Option<fn(&mut Self)>,
     /// A command that is lost on its way, however often it is sent.
     pub lost: Option<Command>,
     /// A command whose answers are lost on their way.
@@ -111,6 +113,7 @@ impl FakeRobot {
             reports_of_late_commands: 0,
             ramps_down_for: 0,
             halts: 0,
+            after_clearing: None,
             lost: None,
             lost_answer: None,
             is_deaf: false,
@@ -283,6 +286,9 @@ impl FakeRobot {
                 self.faults = Faults::NONE;
                 if self.state == State::Faulted {
                     self.state = State::Disarmed;
+                }
+                if let Some(comes) = self.after_clearing.take() {
+                    comes(self);
                 }
                 Outcome::Done
             }
