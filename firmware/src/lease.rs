@@ -257,6 +257,44 @@ mod tests {
         }
     }
 
+    /// Returns the number of a message on the wire, or as the client gets it.
+    fn numbered(mut frame: Vec<u8>, own: u8, pass: impl FnOnce(&mut [u8]) -> bool) -> Option<u8> {
+        frame[49] = own;
+        // A check sum.
+        frame[41] = 1;
+        let is_passed = pass(&mut frame);
+        assert_eq!(frame[41] == 1, frame[49] == own, "a check sum of other bytes");
+        is_passed.then_some(frame[49])
+    }
+
+    #[test]
+    fn a_beginning_that_is_repeated_keeps_its_number_and_an_answer_to_it_finds_the_client() {
+        let mut lease = Lease::default();
+        let says = |lease: &mut Lease, kind, server, own, s| {
+            let out = frame(SERVER_PORT, kind, server);
+            numbered(out, own, |it| lease.releases(it, Moment::from_secs(s)))
+        };
+        let hears = |lease: &mut Lease, kind, number| {
+            numbered(frame(CLIENT_PORT, kind, Some(OURS)), number, |it| lease.admits(it))
+        };
+        const OFFER: u8 = 2;
+        assert_eq!(says(&mut lease, DISCOVER, None, 1, 10), Some(1));
+        assert_eq!(says(&mut lease, DISCOVER, None, 2, 13), Some(1));
+        // One too early does not leave, but the client goes by it.
+        assert_eq!(says(&mut lease, DISCOVER, None, 3, 14), None);
+        assert_eq!(hears(&mut lease, OFFER, 1), Some(3));
+        assert_eq!(hears(&mut lease, OFFER, 7), Some(7), "to somebody else");
+        assert_eq!(says(&mut lease, REQUEST, Some(OURS), 3, 15), Some(1));
+        assert_eq!(hears(&mut lease, ACKNOWLEDGEMENT, 1), Some(3));
+        // A renewal, and a new beginning, are others.
+        assert_eq!(says(&mut lease, REQUEST, None, 4, 99), Some(4));
+        assert_eq!(hears(&mut lease, ACKNOWLEDGEMENT, 4), Some(4));
+        assert_eq!(says(&mut lease, DISCOVER, None, 5, 200), Some(5));
+        assert_eq!(says(&mut lease, DISCOVER, None, 6, 206), Some(5));
+        const DECLINE: u8 = 4;
+        assert_eq!(says(&mut lease, DECLINE, Some(OURS), 8, 207), Some(8));
+    }
+
     #[test]
     fn an_address_ends_the_pauses() {
         let mut lease = Lease::default();

@@ -714,6 +714,11 @@ fn who_disarms_and_arms_at_once_is_driving() {
     let mut world = World::armed();
     world.client.release();
     world.client.request(world.now, Command::Disarm);
+    world.run(Duration::from_secs(1));
+    assert!(!world.client.is_driving());
+    let mut world = World::armed();
+    world.client.release();
+    world.client.request(world.now, Command::Disarm);
     world.client.insist(world.now, Command::Arm, Duration::from_secs(3));
     world.run(Duration::from_secs(1));
     assert_eq!(world.robot.state, State::Armed);
