@@ -585,3 +585,28 @@ fn arm_clear_arm_then_disarm_or_stop_leaves_it_disarmed() {
         }
     }
 }
+
+#[test]
+fn rest_is_held_while_a_robot_is_being_armed_and_not_once_it_refused() {
+    let mut room = Room::new();
+    room.robot.ramps_down_for = 1000;
+    room.act(ANNA, Action::Arm);
+    room.run(Duration::from_secs(2));
+    assert_eq!(room.client.held(), Some(Setpoint::REST));
+    room.run(Duration::from_secs(2));
+    assert_eq!(room.client.held(), None);
+    // Nothing of the kind for a robot that is cleared.
+    room.robot.fail(Fault::Stall);
+    room.run(Duration::from_millis(100));
+    room.act(ANNA, Action::Clear);
+    assert_eq!(room.client.held(), None);
+}
+
+#[test]
+fn a_walk_ends_with_its_session() {
+    let mut room = Room::walking();
+    room.robot.restart();
+    room.run(Duration::from_secs(2));
+    assert_eq!((room.cockpit.wanted, room.robot.setpoint), (Setpoint::REST, Setpoint::REST));
+    assert!(room.log().contains("fell silent"), "{}", room.log());
+}
