@@ -764,6 +764,24 @@ fn a_second_answer_to_a_request_is_none_to_the_setpoint() {
 }
 
 #[test]
+fn what_is_asked_more_than_once_tells_nothing_of_the_link() {
+    let mut world = World::connected();
+    world.latency = Duration::from_millis(75);
+    world.run(Duration::from_secs(1));
+    world.robot.ramps_down_for = 5;
+    world.client.request(world.now, Command::Identify);
+    world.client.insist(world.now, Command::Arm, Duration::from_secs(3));
+    world.run(Duration::from_secs(4));
+    let statistics = world.client.statistics();
+    // Since the latency changed; before, it was 2 ms each way.
+    let of_now = statistics.round_trip_quantile(0.5).unwrap();
+    assert!(of_now >= 2 * world.latency, "{of_now:?}");
+    let odd = (1..100).map(|it| statistics.round_trip_quantile(f64::from(it) / 100.0).unwrap());
+    let odd: Vec<_> = odd.filter(|it| (20..140).contains(&it.as_millis())).collect();
+    assert_eq!((odd, statistics.unanswered()), (Vec::new(), 0));
+}
+
+#[test]
 fn a_client_alone_arms_no_robot_that_halted_meanwhile() {
     let mut world = World::connected();
     world.robot.ramps_down_for = 100;
