@@ -321,6 +321,8 @@ impl Link {
             RobotReceived::Stop(answer, operator) => {
                 self.stop(now, Some(operator));
                 self.stop_from_outside = Some(self.halt());
+                // Who knows of this knows of the fault before.
+                self.fault = self.fault.and(self.stop_from_outside);
                 self.events.push(now, Event::StoppedFromOutside(operator));
                 push_newest(&mut self.answers, (from, answer));
             }
@@ -517,7 +519,7 @@ impl Link {
             Command::Stop => self.stop(now, self.session.operator(now)),
             Command::Clear => self.clear(halts)?,
             Command::Parameter(command) => return self.tune(now, command, tuning).map(Some),
-            Command::Trial(trial) => return self.try_out(now, request, trial).map(Some),
+            Command::Trial(trial) => return self.try_out(now, (request, halts), trial).map(Some),
             Command::Identify => return Ok(Some(Outcome::Identity(self.identity.clone()))),
             Command::Bridges => return Ok(Some(Outcome::Bridges(bridges(&self.hardware)))),
             Command::Crash => return Ok(Some(Outcome::Crash(self.black_box.crash().cloned()))),
@@ -582,15 +584,18 @@ impl Link {
         }
     }
 
-    /// Asks the fast half to arm; does nothing while it is armed. Who has not heard of the last halt has asked before it.
+    /// Refuses what moves for somebody who has not heard of the last halt: he has asked before it.
+    const fn check_heard(&self, halts: u8) -> Result<(), Refusal> {
+        if halts == self.halts { Ok(()) } else { Err(Refusal::Rested) }
+    }
+
+    /// Asks the fast half to arm; does nothing while it is armed.
     fn arm(&mut self, now: Instant, halts: u8, settings: &Settings) -> Result<(), Refusal> {
         self.check_cleared()?;
         if matches!(self.state(), State::Aligning | State::Armed | State::Running) {
             return Ok(());
         }
-        if halts != self.halts {
-            return Err(Refusal::Rested);
-        }
+        self.check_heard(halts)?;
         self.check_settings(settings)?;
         self.prepare_to_drive(now)?;
         self.order.requests.arm = self.order.requests.arm.wrapping_add(1);
@@ -629,7 +634,12 @@ impl Link {
     }
 
     /// Asks the fast half for a trial.
-    fn try_out(&mut self, now: Instant, request: u32, trial: Trial) -> Result<Outcome, Refusal> {
+    fn try_out(
+        &mut self,
+        now: Instant,
+        (request, halts): (u32, u8),
+        trial: Trial,
+    ) -> Result<Outcome, Refusal> {
         trial.check()?;
         if !self.measures_current() {
             return Err(Refusal::NoCurrentSense);
@@ -639,6 +649,7 @@ impl Link {
             return Ok(bridges);
         }
         self.check_cleared()?;
+        self.check_heard(halts)?;
         self.prepare_to_drive(now)?;
         self.tried = Some(request);
         self.order.trial = Some(trial);

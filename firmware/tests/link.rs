@@ -1084,3 +1084,90 @@ fn a_trial_whose_answer_was_lost_begins_once() {
     ends.hear(&frame);
     assert!(matches!(ends.outcomes.pop(), Some(Outcome::Refused(Refusal::Faulted(_)))));
 }
+
+#[test]
+fn a_fault_can_be_cleared_however_often_somebody_stopped_the_robot_since() {
+    let mut ends = Ends::at(State::Armed);
+    ends.observe(|report| {
+        report.state = State::Faulted;
+        report.faults = report.faults.with(Fault::Stall);
+    });
+    for count in 0..130u8 {
+        let mut stop = StopSession::new(&key(), [count; 32], ends.now);
+        let mut frame = Frame::new();
+        for _ in 0..2 {
+            let asked = stop.poll(ends.now).unwrap();
+            ends.link.receive(ends.now, outsider(), &asked, &mut ends.tuning);
+            ends.link.transmit(ends.now, ends.tuning.settings(), &mut frame);
+            let _ = stop.receive(ends.now, &frame);
+        }
+        ends.observe(|report| report.stopped = true);
+        ends.live(TELEMETRY);
+    }
+    ends.hear_of_halts();
+    assert!(ends.halts > 128, "{}", ends.halts);
+    ends.observe(|_| {});
+    assert_eq!(ends.say(Command::Clear), Outcome::Done, "its operator knows of all halts");
+}
+
+#[test]
+fn a_trial_moves_no_robot_whose_halt_its_operator_has_not_heard_of() {
+    let mut ends = Ends::at(State::Aligning);
+    ends.live(TELEMETRY);
+    ends.observe(|report| {
+        report.state = State::Disarmed;
+        report.events.command_deadline += 1;
+    });
+    ends.live(PROVING_TIME);
+    assert_eq!(ends.say(Command::Arm), refused(Refusal::Rested));
+    assert_eq!(ends.say(Command::Trial(TRIAL)), refused(Refusal::Rested));
+    assert_eq!(ends.link.order().requests.trial, 0);
+}
+
+#[test]
+fn a_fault_at_power_on_is_cleared() {
+    // Before anybody is connected, between two sessions, and after the session began.
+    for connects_at in 0..3 {
+        let mut ends = Ends::unconnected();
+        let fail = |ends: &mut Ends| {
+            ends.observe(|report| {
+                report.state = State::Faulted;
+                report.faults = report.faults.with(Fault::Stall);
+            })
+        };
+        if connects_at == 0 {
+            fail(&mut ends);
+        }
+        ends.connect();
+        if connects_at == 1 {
+            fail(&mut ends);
+        }
+        ends.live(PROVING_TIME);
+        if connects_at == 2 {
+            fail(&mut ends);
+        }
+        ends.hear_of_halts();
+        assert_eq!(ends.say(Command::Clear), Outcome::Done, "{connects_at}");
+        ends.observe(|report| (report.state, report.faults) = (State::Disarmed, Faults::NONE));
+        ends.live(PROVING_TIME);
+        assert_eq!(ends.say(Command::Arm), Outcome::Done, "{connects_at}");
+    }
+}
+
+#[test]
+fn a_session_that_begins_while_the_robot_ramps_down_arms_afterwards() {
+    for state in [State::Aligning, State::Armed, State::Running, State::Stopping] {
+        let mut ends = Ends::at(state);
+        ends.wait(Duration::from_secs(2));
+        ends.operator = OperatorSession::new(key(), [5; 32], ends.now);
+        ends.halts = 0;
+        ends.connect();
+        ends.observe(|report| report.events.link_lost += 1);
+        if state != State::Aligning {
+            ends.observe(|report| report.state = State::Stopping);
+        }
+        ends.observe(|report| report.state = State::Disarmed);
+        ends.live(PROVING_TIME + LINK_LATE);
+        assert_eq!(ends.say(Command::Arm), Outcome::Done, "{state}");
+    }
+}

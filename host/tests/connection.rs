@@ -2,7 +2,7 @@
 
 use flix_host::link::udp::{Connection, LinkError};
 use flix_host::system::interrupt::Interrupt;
-use flix_protocol::message::{Command, Fault, OperatorName, Outcome, State};
+use flix_protocol::message::{Command, Fault, OperatorName, Outcome, Refusal, State};
 
 use crate::support::{FakeRobot, ServedRobot, key};
 
@@ -118,4 +118,35 @@ fn what_was_refused_to_the_end_names_the_refusal() {
         connection.ask(Command::Arm)
     });
     assert!(matches!(ended, Err(LinkError::Refused(_))), "{ended:?}");
+}
+
+#[test]
+fn who_clears_a_stop_is_told_of_the_fault_that_came_meanwhile() {
+    let (served, mut connection) = connect(|robot| {
+        (robot.stopped, robot.ramps_down_for) = (true, 8);
+    });
+    let ended = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while served.robot().ramps_down_for > 5 {
+                std::thread::yield_now();
+            }
+            served.robot().fail(Fault::Stall);
+        });
+        connection.clear(std::time::Instant::now())
+    });
+    let is_fault =
+        matches!(ended, Err(LinkError::Faulted { .. } | LinkError::Refused(Refusal::Faulted(_))));
+    assert!(is_fault, "{:?}", ended.map_err(|it| it.to_string()));
+}
+
+#[test]
+fn who_arms_before_the_last_halt_is_heard_of_arms_once_it_is() {
+    let (served, mut connection) = connect(|_| {});
+    let _ = connection.wait_for(std::time::Duration::from_millis(700), |_, _| None::<()>);
+    for turn in 0..5 {
+        served.robot().halt();
+        let ended = connection.arm();
+        assert!(ended.is_ok(), "{turn}: {:?}", ended.map_err(|it| it.to_string()));
+        connection.disarm().unwrap();
+    }
 }

@@ -7,6 +7,9 @@ use flix_host::link::{
     Client, DISARMED_AFTER, KEEP_ALIVE, REQUEST_PATIENCE, SILENCE, STOP_BESIDE_AFTER, StopState,
     TRY_AGAIN, Update,
 };
+use flix_host::nav::Decision;
+use flix_host::pilot::{Ending, Helm, Pilot};
+use flix_host::pose::PoseSample;
 use flix_protocol::message::{Command, Fault, Outcome, ParameterCommand, Refusal, Setpoint, State};
 use flix_protocol::session::{ConnectError, StopSession};
 use flix_protocol::units::Instant;
@@ -69,6 +72,16 @@ impl World {
     }
 
     fn step(&mut self) {
+        self.exchange();
+        while let Some(update) = self.client.update() {
+            if !matches!(update, Update::Telemetry(_)) {
+                self.updates.push(update);
+            }
+        }
+    }
+
+    /// Sends and receives for a moment; what the client learns is left to somebody else.
+    fn exchange(&mut self) {
         let operator: SocketAddr = OPERATOR.parse().unwrap();
         while let Some(frame) = self.client.transmit(self.now) {
             let is_lost = self.lost_length == Some(frame.len());
@@ -87,11 +100,6 @@ impl World {
         }
         for datagram in arrived(&mut self.to_client, self.now) {
             self.client.receive(self.now, &datagram);
-        }
-        while let Some(update) = self.client.update() {
-            if !matches!(update, Update::Telemetry(_)) {
-                self.updates.push(update);
-            }
         }
         self.now = self.now + TICK;
     }
@@ -818,7 +826,7 @@ impl Dice {
 
 #[test]
 fn every_request_ends_once_and_a_stopped_robot_is_armed_by_nothing_older() {
-    for seed in 0..300 {
+    for seed in 0..60 {
         let mut dice = Dice(seed);
         let mut world = World::connected();
         world.lose = Box::new(seeded_loss(seed, [0.0, 0.2, 0.5][dice.roll(3) as usize]));
@@ -896,4 +904,205 @@ fn a_stop_is_not_delayed_by_what_insists() {
     world.client.stop(world.now);
     world.run(world.latency + 2 * TICK);
     assert!(world.robot.stopped);
+}
+
+/// Has nothing to do.
+struct Rests;
+
+impl Helm for Rests {
+    fn observe(&mut self, _: &PoseSample) {}
+    fn decide(&mut self, _: Instant) -> Decision {
+        Decision::Finished
+    }
+}
+
+/// Both ways are cut for 300 ms just when a robot begins to align its motors: it lets go of them, and was never driven.
+fn ends_after_an_outage(answer_is_lost: bool) -> Ending {
+    let mut world = World::connected();
+    let mut pilot = Pilot::new(Rests, Vec::new(), None);
+    world.robot.aligns_for_ever = true;
+    let mut ended = None;
+    let mut cut_until = None;
+    for _ in 0..40_000 {
+        if world.robot.state == State::Aligning && cut_until.is_none() {
+            // As the real one: without commands for 250 ms it disarms, and counts that.
+            world.is_cut = true;
+            if answer_is_lost {
+                world.to_client.clear();
+            }
+            cut_until = Some(world.now + Duration::from_millis(300));
+        }
+        if cut_until.is_some_and(|at| world.now + Duration::from_millis(50) == at) {
+            world.robot.state = State::Disarmed;
+            world.robot.aligns_for_ever = false;
+            world.robot.halt();
+        }
+        if cut_until.is_some_and(|at| world.now >= at) {
+            world.is_cut = false;
+        }
+        world.exchange();
+        ended = pilot.step(world.now, &mut world.client, &[]);
+        if ended.is_some() {
+            break;
+        }
+    }
+    ended.unwrap()
+}
+
+#[test]
+fn a_pilot_arms_again_a_robot_that_let_go_while_it_aligned_whose_answer_came() {
+    assert_eq!(ends_after_an_outage(false), Ending::Finished);
+}
+
+#[test]
+fn a_pilot_arms_again_a_robot_that_let_go_while_it_aligned_whose_answer_was_lost() {
+    assert_eq!(ends_after_an_outage(true), Ending::Finished);
+}
+
+#[test]
+fn older_telemetry_that_was_overtaken_is_no_halt() {
+    let mut world = World::connected();
+    // A datagram with telemetry from before the fault is delayed.
+    let until = world.now + Duration::from_millis(30);
+    let mut delayed = Vec::new();
+    while world.now < until {
+        world.step();
+        if delayed.is_empty() && !world.to_client.is_empty() {
+            let at = |it: &mut (Instant, Vec<u8>)| it.1.len() > 90;
+            delayed.extend(world.to_client.extract_if(.., |it| at(it)).map(|(_, it)| it));
+        }
+    }
+    assert!(!delayed.is_empty());
+    world.robot.fail(Fault::Stall);
+    world.run(Duration::from_millis(60));
+    assert_eq!(world.client.halts(), 1);
+    world.robot.ramps_down_for = 2;
+    let clear = world.client.insist(world.now, Command::Clear, Duration::from_secs(3));
+    world.run(Duration::from_millis(20));
+    for datagram in delayed {
+        world.client.receive(world.now, &datagram);
+    }
+    world.run(Duration::from_secs(1));
+    assert_eq!(world.answer(clear), Some(&Outcome::Done), "{:?}", world.updates);
+}
+
+#[test]
+fn what_a_halt_ended_names_the_fault_that_came_and_not_the_stop_that_was_known() {
+    let mut world = World::connected();
+    world.client.stop(world.now);
+    world.run(Duration::from_millis(100));
+    world.robot.ramps_down_for = 100;
+    let clear = world.client.insist(world.now, Command::Clear, Duration::from_secs(3));
+    world.run(Duration::from_millis(100));
+    world.robot.fail(Fault::Stall);
+    world.run(Duration::from_millis(200));
+    let answer = world.answer(clear);
+    assert!(matches!(answer, Some(Outcome::Refused(Refusal::Faulted(_)))), "{answer:?}");
+}
+
+#[test]
+fn nothing_that_insists_is_sent_long_after_its_patience() {
+    let mut world = World::connected();
+    world.robot.lost = Some(set_current());
+    let patience = Duration::from_millis(1_900);
+    let set = world.client.insist(world.now, set_current(), patience);
+    world.run(Duration::from_millis(1_800));
+    world.robot.lost = Some(Command::Disarm);
+    let before = world.robot.commands.iter().filter(|it| **it == set_current()).count();
+    world.client.request(world.now, Command::Disarm);
+    world.run(Duration::from_millis(700));
+    world.robot.lost = None;
+    world.run(Duration::from_secs(3));
+    let after = world.robot.commands.iter().filter(|it| **it == set_current()).count();
+    assert_eq!(before, after, "{:?} {set}", world.updates);
+}
+
+#[test]
+fn nothing_wakes_for_ever_nothing_moves_late_and_everything_ends() {
+    for seed in 0..60 {
+        let mut dice = Dice(seed);
+        let mut world = World::connected();
+        let loss = [0.0, 0.3, 0.6][dice.roll(3) as usize];
+        world.lose = Box::new(seeded_loss(seed, loss));
+        world.latency = Duration::from_millis([2, 40, 120][dice.roll(3) as usize]);
+        let mut asked = Vec::new();
+        let mut dead_at = world.now;
+        let mut seen = armings(&world);
+        let mut stop_by = None;
+        for _ in 0..4000 {
+            if dice.roll(150) == 0 {
+                world.robot.ramps_down_for = dice.roll(8) as u32;
+                let patience = Duration::from_millis([0, 100, 3000][dice.roll(3) as usize]);
+                match dice.roll(9) {
+                    0 | 1 => {
+                        asked.push(world.client.insist(world.now, Command::Arm, patience));
+                        dead_at = dead_at.max(world.now + patience.max(REQUEST_PATIENCE));
+                    }
+                    2 => asked.push(world.client.insist(world.now, Command::Clear, patience)),
+                    3 => asked.push(world.client.request(world.now, set_current())),
+                    4 => {
+                        asked.push(world.client.request(world.now, Command::Disarm));
+                        let by = world.now + world.latency + 2 * TICK;
+                        let all = world.robot.commands.iter().filter(|it| **it == Command::Disarm);
+                        let is_sent =
+                            loss == 0.0 && world.client.stop_state() != StopState::Sending;
+                        stop_by = is_sent.then_some((by, all.count(), Command::Disarm));
+                    }
+                    5 => world.robot.halt(),
+                    6 => world.robot.fail(Fault::Stall),
+                    7 => asked.push(world.client.request(world.now, Command::Identify)),
+                    _ => {
+                        world.client.stop(world.now);
+                        let by = world.now + world.latency + 2 * TICK;
+                        let stops = world.robot.commands.iter().filter(|it| **it == Command::Stop);
+                        stop_by = (loss == 0.0).then_some((by, stops.count(), Command::Stop));
+                    }
+                }
+            }
+            if let Some((_, before, command)) = stop_by.take_if(|it| world.now > it.0) {
+                let now = world.robot.commands.iter().filter(|it| **it == command).count();
+                assert!(now > before, "seed {seed}: {command:?} is delayed");
+            }
+            world.step();
+            if armings(&world) != seen {
+                seen = armings(&world);
+                assert!(world.now <= dead_at + world.latency + 2 * TICK, "seed {seed}: late");
+            }
+            let after = world.now;
+            let mut many = 0;
+            for _ in 0..2 {
+                while world.client.transmit(after).is_some() {
+                    many += 1;
+                    assert!(many < 50, "seed {seed}: sends for ever");
+                }
+            }
+            let at = world.client.transmit_at();
+            assert!(at.is_none_or(|at| at > after), "seed {seed}: {at:?} at {after:?}");
+        }
+        world.lose = Box::new(|| false);
+        world.run(Duration::from_secs(30));
+        for request in asked {
+            let ends = world.updates.iter().filter(|it| match it {
+                Update::Answer { request: it, .. } | Update::Unanswered { request: it } => {
+                    *it == request
+                }
+                _ => false,
+            });
+            assert_eq!(ends.count(), 1, "seed {seed}, request {request}");
+        }
+    }
+}
+
+#[test]
+fn what_a_disarm_overtook_does_not_keep_the_robot_from_being_armed() {
+    let mut world = World::connected();
+    world.robot.ramps_down_for = 100;
+    world.client.insist(world.now, Command::Arm, Duration::from_secs(3));
+    let set = world.client.request(world.now, set_current());
+    world.run(Duration::from_millis(50));
+    world.robot.ramps_down_for = 0;
+    world.client.request(world.now, Command::Disarm);
+    world.client.request(world.now, Command::Arm);
+    world.run(Duration::from_secs(4));
+    assert_eq!(world.robot.state, State::Armed, "{set}: {:?}", world.updates);
 }

@@ -93,6 +93,8 @@ impl<S: Subject> Desk<'_, S> {
             // What ends a trial at once is heard of before its answer.
             self.check(step)?;
             if S::refusal(error) == Some(&Refusal::Rested) {
+                // Of which it tells with its next telemetry.
+                self.subject.pause(LOOK)?;
                 return Err(CommissionError::Silent(step));
             }
         }
@@ -180,7 +182,13 @@ impl<S: Subject> Desk<'_, S> {
             }
             self.clear(Step::Wiring)?;
             self.begin_capture(channels, Trigger::Fault, LOOKED_TICKS)?;
-            self.subject.ask(Command::Trial(trial))?;
+            match self.subject.ask(Command::Trial(trial)) {
+                // It gave up before its answer came.
+                Err(error) if matches!(S::refusal(&error), Some(Refusal::Faulted(_))) => {}
+                tried => {
+                    tried?;
+                }
+            }
             // Where a current just about shows, this one may find it.
             for _ in 0..TRIAL_LOOKS {
                 if let Some(columns) = self.captured(LOOKED_TICKS)? {

@@ -272,7 +272,10 @@ impl Client {
             self.hold(now, Setpoint::REST);
         }
         if command == Command::Disarm {
-            self.give_up_on_moving(None);
+            // The robot passes over what is older than this, and answers none of it.
+            self.give_up(None, |it| {
+                !it.message.command.is_question() && it.message.command != Command::Disarm
+            });
         }
         let request = self.number();
         if self.asked.len() == NUMBERS {
@@ -401,10 +404,13 @@ impl Client {
                     Some(before) => before.halts != telemetry.halts,
                     None => self.is_unseen(now, &telemetry),
                 };
+                let known = self.telemetry.map_or(Faults::NONE, |it| it.faults);
+                let has_failed = telemetry.faults.iter().any(|it| !known.contains(it));
                 (self.telemetry, self.informed) = (Some(telemetry), now);
                 self.stated = Some(telemetry.time);
                 if is_news {
                     let refusal = match telemetry {
+                        Telemetry { faults, .. } if has_failed => Refusal::Faulted(faults),
                         Telemetry { stopped: true, .. } => Refusal::Stopped,
                         Telemetry { faults: Faults::NONE, .. } => Refusal::Rested,
                         Telemetry { faults, .. } => Refusal::Faulted(faults),
@@ -687,24 +693,25 @@ impl Client {
 
     /// Gives up on requests that would move the robot or clear its stop; `refusal` answers them.
     pub fn give_up_on_moving(&mut self, refusal: Option<&Refusal>) {
+        self.give_up(refusal, Pending::moves);
+    }
+
+    fn give_up(&mut self, refusal: Option<&Refusal>, ends: impl Fn(&Pending) -> bool) {
         let updates = &mut self.updates;
         self.pending.retain(|pending| {
-            let moves = pending.moves();
-            if moves {
+            let ends = ends(pending);
+            if ends {
                 let request = pending.message.request;
                 updates.push_back(refusal.map_or(Update::Unanswered { request }, |refusal| {
                     Update::Answer { request, outcome: Outcome::Refused(refusal.clone()) }
                 }));
             }
-            !moves
+            !ends
         });
     }
 
     fn abandon_requests(&mut self) {
-        let updates = &mut self.updates;
-        for pending in self.pending.drain(..) {
-            updates.push_back(Update::Unanswered { request: pending.message.request });
-        }
+        self.give_up(None, |_| true);
     }
 
     fn number(&mut self) -> u32 {

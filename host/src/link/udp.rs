@@ -359,7 +359,12 @@ impl Connection {
         let deadline = self.now() + ARM_PATIENCE;
         loop {
             let halts = self.client.halts();
-            match self.try_to_arm(deadline) {
+            let ended = self.try_to_arm(deadline);
+            if matches!(ended, Err(LinkError::Refused(Refusal::Rested))) {
+                // The robot answers sooner than it tells of its halt.
+                self.wait_for_telemetry(TELEMETRY_LAG, |it| it.halts != halts)?;
+            }
+            match ended {
                 // Commands stayed away while the motors were aligned, which is over.
                 Err(
                     LinkError::State { actual: State::Disarmed, .. }

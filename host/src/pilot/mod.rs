@@ -463,6 +463,11 @@ impl<H: Helm> Pilot<H> {
             {
                 self.phase = Phase::Waiting { until: now + TRY_AGAIN };
             }
+            // As when it let go of its motors while it aligned them.
+            Outcome::Refused(Refusal::Rested) if self.armings < MOST_ARMINGS => {
+                self.armings += 1;
+                self.phase = Phase::Waiting { until: now + TRY_AGAIN };
+            }
             Outcome::Refused(refusal) => {
                 let stopper = client.stopped_by().filter(|_| *refusal == Refusal::Stopped);
                 let ending =

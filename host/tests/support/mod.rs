@@ -77,6 +77,8 @@ pub struct FakeRobot {
     pub ramps_down_for: u32,
     /// How often it halted in this session although nobody there asked for it.
     halts: u8,
+    /// The largest number of a request that was to change something, as a robot keeps it.
+    changed: Option<u32>,
     /// Comes over it once it is cleared.
     pub after_clearing: Option<fn(&mut Self)>,
     /// A command that is lost on its way, however often it is sent.
@@ -113,6 +115,7 @@ impl FakeRobot {
             reports_of_late_commands: 0,
             ramps_down_for: 0,
             halts: 0,
+            changed: None,
             after_clearing: None,
             lost: None,
             lost_answer: None,
@@ -165,7 +168,7 @@ impl FakeRobot {
                 vec![(from, frame.to_vec())]
             }
             RobotReceived::Connected(frame) => {
-                (self.proven_since, self.halts) = (Some(now), 0);
+                (self.proven_since, self.halts, self.changed) = (Some(now), 0, None);
                 let mut datagrams = vec![(from, frame.to_vec())];
                 datagrams.extend(self.report(now, Event::OperatorConnected(OperatorName::OWNER)));
                 datagrams
@@ -175,7 +178,23 @@ impl FakeRobot {
             {
                 Vec::new()
             }
+            // As a robot does: what was asked before the newest change does nothing, and is not answered.
+            RobotReceived::Command(ToRobot { request, command, .. })
+                if !command.is_question()
+                    && !matches!(
+                        command,
+                        Command::Setpoint(_) | Command::Stop | Command::Disarm
+                    )
+                    && self
+                        .changed
+                        .is_some_and(|it| request.wrapping_sub(it).cast_signed() < 0) =>
+            {
+                Vec::new()
+            }
             RobotReceived::Command(ToRobot { request, intent, halts, command }) => {
+                if !command.is_question() && !matches!(command, Command::Setpoint(_)) {
+                    self.changed = Some(self.changed.map_or(request, |it| it.max(request)));
+                }
                 self.intent = intent;
                 let outcome = match command {
                     // Asked for by somebody who has not heard of the last halt.
