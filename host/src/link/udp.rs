@@ -438,15 +438,12 @@ impl Connection {
             true => Some(first),
             false => self.wait_for_telemetry(TELEMETRY_LAG, is_known)?,
         };
-        let Some(Telemetry { halts, faults, .. }) = judged else {
-            return Err(self.why_stopped()?);
-        };
+        let Some(Telemetry { halts, .. }) = judged else { return Err(self.why_stopped()?) };
         let deadline = self.now() + CLEAR_PATIENCE;
         loop {
             // Whoever clears a stop of somebody else, or another fault, that came since has to mean it.
             if let Some(newest) = self.client.telemetry().filter(|it| it.halts != halts) {
-                let is_another = newest.faults.iter().any(|fault| !faults.contains(fault));
-                if is_another || !(newest.stopped || newest.faults.is_empty()) {
+                if !newest.faults.is_empty() {
                     return Err(faulted(newest));
                 }
                 if newest.stopped {
