@@ -1,8 +1,11 @@
 //! What an operator's program asks of a robot in real time, and how that ends.
 
-use flix_host::link::udp::{Connection, LinkError};
+use std::net::UdpSocket;
+
+use flix_host::link::udp::{Connection, LinkError, stop};
 use flix_host::system::interrupt::Interrupt;
 use flix_protocol::message::{Command, Fault, OperatorName, Outcome, Refusal, State};
+use flix_protocol::session::Key;
 
 use crate::support::{FakeRobot, ServedRobot, key};
 
@@ -149,4 +152,18 @@ fn who_arms_before_the_last_halt_is_heard_of_arms_once_it_is() {
         assert!(ended.is_ok(), "{turn}: {:?}", ended.map_err(|it| it.to_string()));
         connection.disarm().unwrap();
     }
+}
+
+#[test]
+fn a_stop_at_the_last_of_several_addresses_names_the_key_that_it_was_proved_by() {
+    // The first two are of somebody who says nothing.
+    let mute = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
+    let served = ServedRobot::steady(FakeRobot::new(Some(key())));
+    let mut more = vec![served.address, mute[1].local_addr().unwrap()];
+    let (own, others) = (key(), [8, 9].map(|it| Key::new([it; 32])));
+    let keys = [&others[0], &own, &others[1]];
+    let first = mute[0].local_addr().unwrap();
+    let by = stop(first, &keys, &Interrupt::never(), || more.pop());
+    assert_eq!(by.map_err(|error| error.to_string()), Ok(1));
+    assert!(served.robot().stopped);
 }
