@@ -78,8 +78,8 @@ struct Pending {
     /// From then on no copy is sent.
     send_until: Instant,
     give_up_at: Instant,
-    /// Until when it is asked again where the robot refuses it for a state that passes.
-    insists_until: Instant,
+    /// Until when it is asked again where the robot refuses it for a state that passes; `None` where its owner does that.
+    insists_until: Option<Instant>,
     /// While it waits for its turn it is given up then.
     waits_until: Instant,
     /// The newest answer, when that does not end it.
@@ -90,15 +90,15 @@ impl Pending {
     /// Returns whether it goes on although the robot refused it; `is_told`: by whom it is stopped.
     fn outlives(&mut self, now: Instant, refusal: &Refusal, is_told: bool) -> bool {
         let passes = passes(refusal) || *refusal == Refusal::Stopped && !is_told;
+        let insists_until = self.insists_until.filter(|_| passes);
         if matches!(refusal, Refusal::Late { .. }) && now < self.give_up_at {
             // With a newer echo.
             self.send_next(now);
-        } else if passes && now + TRY_AGAIN < self.insists_until {
-            self.send_until = self.insists_until;
-            self.give_up_at =
-                (now + TRY_AGAIN + REQUEST_PATIENCE).min(self.insists_until + LAST_ANSWER);
+        } else if let Some(until) = insists_until.filter(|until| now + TRY_AGAIN < *until) {
+            self.send_until = until;
+            self.give_up_at = (now + TRY_AGAIN + REQUEST_PATIENCE).min(until + LAST_ANSWER);
             self.send_next(now + TRY_AGAIN);
-        } else if passes && self.moves() && self.unanswered > 0 {
+        } else if insists_until.is_some() && self.moves() && self.unanswered > 0 {
             // Another copy may be under way and come when that has passed.
             self.send_until = now;
             self.give_up_at = self.give_up_at.min(now + LAST_ANSWER);
@@ -288,7 +288,7 @@ impl Client {
             send_at: now,
             send_until: now + REQUEST_PATIENCE,
             give_up_at: now + REQUEST_PATIENCE,
-            insists_until: now + patience,
+            insists_until: (!patience.is_zero()).then(|| now + patience),
             waits_until: now + Duration::MAX,
             refusal: None,
         };
@@ -741,7 +741,7 @@ mod tests {
             send_at: NOW + REQUEST_RETRY,
             send_until: NOW + REQUEST_PATIENCE,
             give_up_at: NOW + 3 * REQUEST_PATIENCE,
-            insists_until: NOW + 2 * REQUEST_PATIENCE,
+            insists_until: Some(NOW + 2 * REQUEST_PATIENCE),
             waits_until: NOW + 2 * REQUEST_PATIENCE,
             refusal: None,
         };
