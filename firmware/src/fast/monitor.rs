@@ -365,7 +365,8 @@ mod tests {
 
         /// With f settled, twice theta off by `sum_error`, and the motors at their limits or not.
         fn with(frequency: Speed, sum_error: i32, limited: bool) -> Self {
-            let configuration = Configuration::new(&Settings::DEFAULT, &DENGFOC_V3_01.hardware);
+            let hardware = DENGFOC_V3_01.with_battery_divider().hardware;
+            let configuration = Configuration::new(&Settings::DEFAULT, &hardware);
             let rotors = |phase: u32, ahead: i32, speed: Speed| Rotors {
                 angles: [phase.wrapping_add(ahead as u32), phase.wrapping_neg()]
                     .map(RotorAngle::from_raw),
