@@ -110,7 +110,7 @@ pub enum ProvisioningError {
     Password,
     /// A fixed address that no host has, or more than 32 bits of network.
     #[error(
-        "a fixed address is one that a host can have (not 0.x, 127.x, multicast, or the first or last of its network), with a network part of 0 to 32 bits, and its gateway is another one"
+        "a fixed address is one that a host can have (not 0.x, multicast, or the first or last of its network), with a network part of 0 to 32 bits, and its gateway is another one"
     )]
     Address,
 }
@@ -134,7 +134,7 @@ impl FixedAddress {
         // Bits of the host; networks of one and two have no address of their own (RFC 3021).
         let hosts = u32::MAX.checked_shr(self.prefix_length.into()).unwrap_or(0);
         let own = u32::from_be_bytes(self.address) & hosts;
-        let is_one = |address: [u8; 4]| !matches!(address[0], 0 | 127 | 224..);
+        let is_one = |address: [u8; 4]| !matches!(address[0], 0 | 224..);
         self.prefix_length <= 32
             && is_one(self.address)
             && (hosts < 2 || (own != 0 && own != hosts))
@@ -483,6 +483,8 @@ mod tests {
             ([10, 0, 1, 0], 16, None),
             ([10, 0, 0, 255], 31, None),
             ([223, 255, 255, 254], 24, None),
+            // Of an emulated robot on this computer.
+            ([127, 0, 0, 7], 24, None),
         ] {
             assert_eq!(
                 check(address, prefix_length, gateway),
@@ -497,7 +499,6 @@ mod tests {
             (own, 24, Some([255; 4])),
             ([0; 4], 24, None),
             ([0, 0, 0, 7], 24, None),
-            ([127, 0, 0, 1], 8, None),
             ([224, 0, 0, 251], 4, None),
             ([255; 4], 24, None),
             ([255; 4], 32, None),
