@@ -238,7 +238,12 @@ fn a_robot_that_was_disarmed_is_not_armed_by_what_was_asked_before() {
 
 /// Counts how often the robot was asked to arm.
 fn armings(world: &World) -> usize {
-    world.robot.commands.iter().filter(|it| **it == Command::Arm).count()
+    count(world, &Command::Arm)
+}
+
+/// How often the robot got this command.
+fn count(world: &World, command: &Command) -> usize {
+    world.robot.commands.iter().filter(|it| *it == command).count()
 }
 
 #[test]
@@ -815,6 +820,19 @@ fn a_repeated_clear_clears_no_fault_that_came_after_it() {
     assert!(!world.robot.faults.is_empty());
 }
 
+/// Every request has had one end, an answer or none.
+fn assert_each_ended_once(world: &World, asked: &[u32], seed: u64) {
+    for request in asked {
+        let ends = world.updates.iter().filter(|it| match it {
+            Update::Answer { request: it, .. } | Update::Unanswered { request: it } => {
+                it == request
+            }
+            _ => false,
+        });
+        assert_eq!(ends.count(), 1, "seed {seed}, request {request}");
+    }
+}
+
 /// A generator of numbers, enough for a test.
 struct Dice(u64);
 impl Dice {
@@ -867,15 +885,7 @@ fn every_request_ends_once_and_a_stopped_robot_is_armed_by_nothing_older() {
         world.lose = Box::new(|| false);
         world.run(Duration::from_secs(20));
         assert!(before.is_none_or(|it| it == armings(&world)), "seed {seed}");
-        for request in asked {
-            let ends = world.updates.iter().filter(|it| match it {
-                Update::Answer { request: it, .. } | Update::Unanswered { request: it } => {
-                    *it == request
-                }
-                _ => false,
-            });
-            assert_eq!(ends.count(), 1, "seed {seed}, request {request}");
-        }
+        assert_each_ended_once(&world, &asked, seed);
     }
 }
 
@@ -1008,13 +1018,12 @@ fn nothing_that_insists_is_sent_long_after_its_patience() {
     let set = world.client.insist(world.now, set_current(), patience);
     world.run(Duration::from_millis(1_800));
     world.robot.lost = Some(Command::Disarm);
-    let before = world.robot.commands.iter().filter(|it| **it == set_current()).count();
+    let before = count(&world, &set_current());
     world.client.request(world.now, Command::Disarm);
     world.run(Duration::from_millis(700));
     world.robot.lost = None;
     world.run(Duration::from_secs(3));
-    let after = world.robot.commands.iter().filter(|it| **it == set_current()).count();
-    assert_eq!(before, after, "{:?} {set}", world.updates);
+    assert_eq!(before, count(&world, &set_current()), "{:?} {set}", world.updates);
 }
 
 #[test]
@@ -1043,10 +1052,10 @@ fn nothing_wakes_for_ever_nothing_moves_late_and_everything_ends() {
                     4 => {
                         asked.push(world.client.request(world.now, Command::Disarm));
                         let by = world.now + world.latency + 2 * TICK;
-                        let all = world.robot.commands.iter().filter(|it| **it == Command::Disarm);
+                        let before = count(&world, &Command::Disarm);
                         let is_sent =
                             loss == 0.0 && world.client.stop_state() != StopState::Sending;
-                        stop_by = is_sent.then_some((by, all.count(), Command::Disarm));
+                        stop_by = is_sent.then_some((by, before, Command::Disarm));
                     }
                     5 => world.robot.halt(),
                     6 => world.robot.fail(Fault::Stall),
@@ -1054,14 +1063,13 @@ fn nothing_wakes_for_ever_nothing_moves_late_and_everything_ends() {
                     _ => {
                         world.client.stop(world.now);
                         let by = world.now + world.latency + 2 * TICK;
-                        let stops = world.robot.commands.iter().filter(|it| **it == Command::Stop);
-                        stop_by = (loss == 0.0).then_some((by, stops.count(), Command::Stop));
+                        let before = count(&world, &Command::Stop);
+                        stop_by = (loss == 0.0).then_some((by, before, Command::Stop));
                     }
                 }
             }
             if let Some((_, before, command)) = stop_by.take_if(|it| world.now > it.0) {
-                let now = world.robot.commands.iter().filter(|it| **it == command).count();
-                assert!(now > before, "seed {seed}: {command:?} is delayed");
+                assert!(count(&world, &command) > before, "seed {seed}: {command:?} is delayed");
             }
             world.step();
             if armings(&world) != seen {
@@ -1081,15 +1089,7 @@ fn nothing_wakes_for_ever_nothing_moves_late_and_everything_ends() {
         }
         world.lose = Box::new(|| false);
         world.run(Duration::from_secs(30));
-        for request in asked {
-            let ends = world.updates.iter().filter(|it| match it {
-                Update::Answer { request: it, .. } | Update::Unanswered { request: it } => {
-                    *it == request
-                }
-                _ => false,
-            });
-            assert_eq!(ends.count(), 1, "seed {seed}, request {request}");
-        }
+        assert_each_ended_once(&world, &asked, seed);
     }
 }
 
