@@ -18,10 +18,10 @@ const OPERATOR: &str = "10.0.0.1:5000";
 const TICK: Duration = Duration::from_millis(1);
 
 /// Operator and robot, with a network between them that is late and loses.
-struct World {
-    now: Instant,
-    client: Client,
-    robot: FakeRobot,
+pub struct World {
+    pub now: Instant,
+    pub client: Client,
+    pub robot: FakeRobot,
     latency: Duration,
     lose: Box<dyn FnMut() -> bool>,
     is_cut: bool,
@@ -49,7 +49,7 @@ impl World {
         }
     }
 
-    fn connected() -> Self {
+    pub fn connected() -> Self {
         let mut world = Self::new();
         world.run(Duration::from_millis(600));
         assert!(world.client.is_connected(world.now));
@@ -81,7 +81,7 @@ impl World {
     }
 
     /// Sends and receives for a moment; what the client learns is left to somebody else.
-    fn exchange(&mut self) {
+    pub fn exchange(&mut self) {
         let operator: SocketAddr = OPERATOR.parse().unwrap();
         while let Some(frame) = self.client.transmit(self.now) {
             let is_lost = self.lost_length == Some(frame.len());

@@ -5,6 +5,7 @@ mod support;
 #[path = "support/walked.rs"]
 mod walked;
 
+mod arming;
 mod cockpit;
 mod connection;
 mod link;

@@ -219,7 +219,7 @@ impl RobotArgs {
             return Ok(address);
         }
         if interrupt.is_raised() {
-            return Err(flix_host::link::udp::LinkError::Interrupted.into());
+            return Err(flix_host::link::LinkError::Interrupted.into());
         }
         resolve(host, port)
             .or_else(|| resolve(&format!("{host}.local"), port))

@@ -12,7 +12,7 @@ use super::drive::{give_up, stop};
 use super::{Error, Exit};
 use flix_host::commission::voltage_mode::{self, Latency, bridges, find_latency};
 use flix_host::commission::{CommissionError, Commissioned, Known, Motor, Step, commission};
-use flix_host::link::udp::LinkError;
+use flix_host::link::LinkError;
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::fixed;
 use flix_shell::number::parse_within;

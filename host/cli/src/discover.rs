@@ -4,9 +4,9 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use super::{Error, Exit};
+use flix_host::link::LinkError;
 use flix_host::link::discovery::{self, Found};
 use flix_host::link::keys::{Keyring, SIMULATED_ROBOT};
-use flix_host::link::udp::LinkError;
 use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::{headings, print, print_json, table, waiting};
 use flix_shell::time::positive_duration;

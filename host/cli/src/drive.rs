@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use flix_protocol::message::{Refusal, Setpoint, State, Telemetry};
+use flix_protocol::message::{Setpoint, Telemetry};
 use flix_protocol::units::{self, Degrees, Hertz, OutOfRange};
 use serde::Serialize;
 
@@ -14,7 +14,8 @@ use super::address::RobotArgs;
 use super::moved::{Motion, Walked};
 use super::walk::{HeightCheck, PoseArgs, record};
 use super::{Error, Exit};
-use flix_host::link::udp::{Connection, FAREWELL_PATIENCE, LinkError, STOP_PATIENCE, faulted};
+use flix_host::link::LinkError;
+use flix_host::link::udp::{Connection, FAREWELL_PATIENCE, STOP_PATIENCE};
 use flix_host::link::{Update, errors, is_reached};
 use flix_host::pose::PoseSource;
 use flix_host::pose::any::Poses;
@@ -225,7 +226,6 @@ fn drive(
     let began = now;
     let bar = progress(duration);
     let start = Clock::start();
-    let mut has_run = false;
     // Poses that waited for the arming show no drive.
     log.look(now);
     log.walked = None;
@@ -234,29 +234,10 @@ fn drive(
         let trouble = connection.wait_for(left.min(SLICE), |_, update| {
             let now = began + start.elapsed();
             log.write(|recorder| recorder.update(now, update));
-            match update {
-                // Telemetry states who stopped the robot.
-                Update::SetpointRefused(Refusal::Stopped) => None,
-                Update::SetpointRefused(Refusal::State(State::Disarmed)) => Some(LinkError::Lapsed),
-                Update::SetpointRefused(refusal) => Some(LinkError::Refused(refusal.clone())),
-                Update::Telemetry(telemetry) => {
-                    log.held.add(start.elapsed(), telemetry);
-                    let is_running = matches!(telemetry.state, State::Running | State::Armed);
-                    has_run |= is_running;
-                    if let Some(by) = telemetry.stopped_by {
-                        return Some(LinkError::StoppedBy(by));
-                    }
-                    match telemetry.state {
-                        State::Faulted => Some(faulted(telemetry)),
-                        // Commands stayed away or came late, as on a busy computer: the robot runs on with the
-                        // next that comes in time, and disarms where none does.
-                        State::Stopping => None,
-                        _ if has_run && !is_running => Some(LinkError::Lapsed),
-                        _ => None,
-                    }
-                }
-                _ => None,
+            if let Update::Telemetry(telemetry) = update {
+                log.held.add(start.elapsed(), telemetry);
             }
+            LinkError::while_driven(update)
         })?;
         if let Some(error) = trouble {
             return Err(error);

@@ -1,19 +1,21 @@
 //! A run in real time: link, poses, record and progress around a [`Pilot`].
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::net::{IpAddr, Ipv4Addr, SocketAddrV4, ToSocketAddrs as _};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::{Duration, SystemTime};
 
-use flix_protocol::message::{Command, Outcome, Refusal, State};
+use flix_protocol::message::{Command, Outcome, Refusal};
 use flix_protocol::units::Instant;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::address::RobotArgs;
 use super::status::TELEMETRY_PATIENCE;
 use super::{Error, Exit};
-use flix_host::link::udp::{Connection, LinkError};
+use flix_host::link::LinkError;
+use flix_host::link::udp::Connection;
 use flix_host::pilot::{Ending, Helm, Pilot};
 use flix_host::pose::any::Poses;
 use flix_host::pose::natnet::{Body, COMMAND_PORT, NatNetSettings, NatNetSource, UpAxis};
@@ -375,32 +377,23 @@ pub fn record(
 pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
     let exit = match ending {
         Ending::Finished => return Ok(()),
+        Ending::Robot(error) => Error::from(error.clone()).exit,
         Ending::Interrupted => Exit::Interrupted,
-        Ending::NoSession(error) => return Err(LinkError::Connect(*error).into()),
-        Ending::Lost => Exit::NoAnswer,
-        Ending::Revoked => Exit::Refused,
         Ending::NotRecorded(_) => Exit::Usage,
-        Ending::Refused(Refusal::Rested) | Ending::Lapsed => Exit::Rested,
-        Ending::Refused(refusal) => return Err(LinkError::Refused(refusal.clone()).into()),
-        Ending::Faulted(_) | Ending::NotReady(State::Faulted) => Exit::RobotFault,
-        Ending::StoppedBy(_) => Exit::Stopped,
-        Ending::Stopped(_) | Ending::OutOfTime(_) | Ending::NotReady(_) => Exit::NotNow,
+        Ending::Stopped(_) | Ending::OutOfTime(_) => Exit::NotNow,
     };
-    let mut sentence = match record {
-        Some(file) => format!("{ending} (record: {})", file.display()),
-        None => ending.to_string(),
+    let mut sentence = ending.to_string();
+    if let Some(file) = record {
+        let _ = write!(sentence, " (record: {})", file.display());
+    }
+    // The run stopped a robot that it could still ask; what names the command already is not repeated.
+    let is_stopped = match ending {
+        Ending::Robot(error) => matches!(
+            error,
+            LinkError::State { .. } | LinkError::Lapsed | LinkError::Refused(Refusal::Rested)
+        ),
+        _ => true,
     };
-    let is_stopped = matches!(
-        ending,
-        Ending::Stopped(_)
-            | Ending::StoppedBy(_)
-            | Ending::Interrupted
-            | Ending::OutOfTime(_)
-            | Ending::NotReady(_)
-            | Ending::Lapsed
-            | Ending::Refused(Refusal::Rested)
-            | Ending::NotRecorded(_)
-    );
     if is_stopped {
         sentence.push_str("; `flix clear` makes the robot ready again");
     }

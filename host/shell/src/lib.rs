@@ -31,9 +31,9 @@ use std::process::ExitCode;
 
 use clap::FromArgMatches;
 use flix_host::experiment::SheetError;
+use flix_host::link::LinkError;
 use flix_host::link::keys::KeyError;
 use flix_host::link::serial::SerialError;
-use flix_host::link::udp::LinkError;
 use flix_host::nav::ModeTableError;
 use flix_host::pose::PoseError;
 use flix_host::pose::natnet::NatNetError;

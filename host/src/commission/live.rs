@@ -5,7 +5,8 @@ use std::time::Duration;
 use flix_protocol::message::{Command, Outcome, Refusal, Setpoint, Telemetry};
 
 use super::Subject;
-use crate::link::udp::{Connection, LinkError};
+use crate::link::LinkError;
+use crate::link::udp::Connection;
 
 impl Subject for Connection {
     type Error = LinkError;

@@ -25,9 +25,11 @@
 //! of commands sent once (Karn's rule: for a repeated one it is unknown which was answered).
 //! *Unanswered*: no reply within [`ANSWER_TIME`]; either direction may have lost it.
 
+mod arming;
 mod client;
 #[cfg(not(target_family = "wasm"))]
 pub mod discovery;
+mod error;
 pub mod explain;
 #[cfg(not(target_family = "wasm"))]
 pub mod keys;
@@ -38,7 +40,9 @@ pub mod statistics;
 #[cfg(not(target_family = "wasm"))]
 pub mod udp;
 
+pub use arming::Arming;
 pub use client::{Client, StopState, Update};
+pub use error::LinkError;
 pub use reached::{errors, is_reached, line_difference};
 #[cfg(not(target_family = "wasm"))]
 pub use udp::transient;
@@ -46,7 +50,7 @@ pub use udp::transient;
 use std::time::Duration;
 
 use flix_protocol::message::{Refusal, State};
-use flix_protocol::session::HOLDER_SILENCE;
+use flix_protocol::session::{HINT_PATIENCE, HOLDER_SILENCE};
 
 /// Interval of the setpoint or ping: a fifth of the robot's first deadline of 100 ms.
 pub const KEEP_ALIVE: Duration = Duration::from_millis(20);
@@ -74,6 +78,14 @@ pub const LAST_ANSWER: Duration = Duration::from_millis(500);
 /// Longest time in which a state that passes by itself ends: the motors are aligned, the rotors at
 /// rest, the link proven.
 pub const PASSING_PATIENCE: Duration = Duration::from_secs(3);
+
+/// Longest time in which a robot proves its link and aligns its motors.
+pub const ARM_PATIENCE: Duration = Duration::from_secs(20);
+/// Time after a reply from which telemetry shows the state after the command.
+pub const TELEMETRY_LAG: Duration = Duration::from_millis(500);
+/// Time for which a robot that fell silent is asked whether it refuses this key now: a refusal counts when no better
+/// answer has come for [`HINT_PATIENCE`].
+pub const REVOKED_PATIENCE: Duration = HINT_PATIENCE.saturating_add(Duration::from_millis(500));
 
 /// Returns whether a refusal passes by itself, so that the same request succeeds some time later.
 #[must_use]

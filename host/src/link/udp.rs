@@ -5,14 +5,14 @@ use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::time::Duration;
 
 use flix_protocol::frame::MAXIMUM_DATAGRAM;
-use flix_protocol::message::{
-    Command, Fault, Faults, OperatorName, Outcome, Refusal, State, Telemetry,
-};
-use flix_protocol::session::{ConnectError, HINT_PATIENCE, Key, StopSession, StopStatus};
+use flix_protocol::message::{Command, Outcome, Refusal, State, Telemetry};
+use flix_protocol::session::{ConnectError, Key, StopSession, StopStatus};
 use flix_protocol::units::Instant;
 
-use super::{Client, PASSING_PATIENCE, StopState, Update};
-use crate::link::explain;
+use super::{
+    ARM_PATIENCE, Arming, Client, LinkError, PASSING_PATIENCE, REVOKED_PATIENCE, StopState,
+    TELEMETRY_LAG, Update,
+};
 use crate::system::interrupt::Interrupt;
 use crate::system::{Clock, PASSING_SOCKET_ERRORS};
 
@@ -21,112 +21,16 @@ use crate::system::{Clock, PASSING_SOCKET_ERRORS};
 pub const FAREWELL_PATIENCE: Duration = Duration::from_millis(500);
 /// Time for which a program that is interrupted repeats stop.
 pub const STOP_PATIENCE: Duration = Duration::from_secs(2);
-/// Longest time in which a robot proves its link and aligns its motors.
-pub const ARM_PATIENCE: Duration = Duration::from_secs(20);
 /// Twice the longest time in which a robot ramps down.
 pub const DISARM_PATIENCE: Duration = Duration::from_secs(2);
 /// Time for which clearing is repeated: faults brake for half a second before they can be cleared.
 pub const CLEAR_PATIENCE: Duration = Duration::from_secs(3);
-/// Time after a reply from which telemetry shows the state after the command.
-pub const TELEMETRY_LAG: Duration = Duration::from_millis(500);
-/// What a robot that disarmed while it was driven means.
-pub(crate) const LAPSED: &str = "the robot stopped by itself: commands came too late, or not at all; \
-                                 `flix link-test` measures the link";
-/// Time for which a robot that fell silent is asked whether it refuses this key now: a refusal counts when no better
-/// answer has come for [`HINT_PATIENCE`].
-pub const REVOKED_PATIENCE: Duration = HINT_PATIENCE.saturating_add(Duration::from_millis(500));
 /// Longest wait for a datagram between two checks for interruption.
 const LONGEST_WAIT: Duration = Duration::from_millis(20);
 /// Datagrams of one socket that are read at once while others have to be read, too.
 pub(super) const ANSWERS_AT_ONCE: u32 = 64;
 /// Shortest timeout that is requested from the operating system.
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
-
-/// Why a request to the robot failed.
-#[derive(Debug, thiserror::Error)]
-pub enum LinkError {
-    /// The network failed.
-    #[error("the network failed: {0}")]
-    Network(#[from] io::Error),
-    /// The operating system gave no randomness for the handshake.
-    #[error("the operating system gave no random numbers for the handshake: {0}")]
-    Random(#[from] getrandom::Error),
-    /// There is no session.
-    #[error("{0}")]
-    Connect(ConnectError),
-    /// There is no session with a robot of this computer: only a simulated one is there.
-    #[error(
-        "the robot does not answer at {0}, which is this computer: start `flix-sim serve` here, or name your robot"
-    )]
-    NoneHere(SocketAddr),
-    /// The robot fell silent.
-    #[error("the robot fell silent: it stops by itself; check its battery and the network")]
-    Silent,
-    /// The robot fell silent, and answers again.
-    #[error(
-        "the robot was silent for a second, or restarted, or this computer stood still; it answers again: see its battery \
-         with `flix status`"
-    )]
-    Back,
-    /// The robot closed the session.
-    #[error("the robot ended the session: it restarts, or got another key")]
-    Left,
-    /// No reply to this request, although the session stands.
-    #[error("the robot did not answer within {} s: the link loses too much; see `flix link-test`", super::REQUEST_PATIENCE.as_secs())]
-    Unanswered,
-    /// The robot proved that it has the key, and has not said that it stopped.
-    #[error(
-        "the robot answers, but has not acknowledged the stop: it may be stopped or not; the link is very slow: ask again"
-    )]
-    StopUnacknowledged,
-    /// The robot refused the request.
-    #[error("the robot refused: {0}{hint}", hint = hint(.0))]
-    Refused(Refusal),
-    /// The robot has a fault.
-    #[error("the robot has a fault: {}; `flix clear` clears it once its cause is gone", describe(*.first, *.all))]
-    Faulted {
-        /// The first fault: the cause of the rest.
-        first: Option<Fault>,
-        /// All latched faults.
-        all: Faults,
-    },
-    /// The robot did not reach the requested state, or left it by itself.
-    #[error("the robot is {actual} where it should be {wanted}: see `flix status`")]
-    State {
-        /// The requested state.
-        wanted: State,
-        /// The present state.
-        actual: State,
-    },
-    /// The robot disarmed while it was driven, as it does without commands in time.
-    #[error("{}", LAPSED)]
-    Lapsed,
-    /// A stop is latched, which this operator asked for.
-    #[error("{0} stopped the robot; `flix clear` makes it ready again")]
-    StoppedBy(OperatorName),
-    /// The robot does not know this key any more.
-    #[error(
-        "your key was revoked: the robot stops by itself; have a key added at its cable (`flix provision --help`)"
-    )]
-    Revoked,
-    /// The robot does not clear the latched stop.
-    #[error("the stop is still latched: the rotors have not come to rest; see `flix status`")]
-    StillStopped,
-    /// A signal arrived.
-    #[error("interrupted")]
-    Interrupted,
-}
-
-fn hint(refusal: &Refusal) -> String {
-    explain::refusal(refusal).map_or_else(String::new, |hint| format!("; {hint}"))
-}
-
-fn describe(first: Option<Fault>, all: Faults) -> String {
-    let Some(first) = first.or_else(|| all.iter().next()) else { return all.to_string() };
-    let others = all.without(first);
-    let and = if others.is_empty() { String::new() } else { format!(", then {others}") };
-    format!("{first} ({}){and}", explain::fault(first))
-}
 
 /// A robot on the network.
 ///
@@ -303,13 +207,9 @@ impl Connection {
     /// # Errors
     /// As for [`Connection::wait_for`]; when the robot refuses or does not answer.
     pub fn ask(&mut self, command: Command) -> Result<Outcome, LinkError> {
-        self.insist(command, PASSING_PATIENCE)
-    }
-
-    fn insist(&mut self, command: Command, patience: Duration) -> Result<Outcome, LinkError> {
         let (client, now) = self.operate();
-        let request = client.insist(now, command, patience);
-        let longest = patience + 2 * super::REQUEST_PATIENCE;
+        let request = client.insist(now, command, PASSING_PATIENCE);
+        let longest = PASSING_PATIENCE + 2 * super::REQUEST_PATIENCE;
         let outcome = self.wait_for(longest, |_, update| match update {
             Update::Answer { request: answered, outcome } if *answered == request => {
                 Some(Some(outcome.clone()))
@@ -356,54 +256,18 @@ impl Connection {
     /// # Errors
     /// As for [`Connection::ask`]; when a fault is latched.
     pub fn arm(&mut self) -> Result<(), LinkError> {
-        let deadline = self.now() + ARM_PATIENCE;
+        let (client, now) = self.operate();
+        let mut arming = Arming::begin(now, client, now + ARM_PATIENCE);
         loop {
-            let halts = self.client.halts();
-            let ended = self.try_to_arm(deadline);
-            if matches!(ended, Err(LinkError::Refused(Refusal::Rested))) {
-                // The robot answers sooner than it tells of its halt.
-                self.wait_for_telemetry(TELEMETRY_LAG, |it| it.halts != halts)?;
+            let now = self.now();
+            let ended =
+                self.wait_for(LONGEST_WAIT, |client, update| arming.observe(now, client, update))?;
+            let (client, now) = self.operate();
+            match ended.or_else(|| arming.poll(now, client).map(Err)) {
+                Some(Err(LinkError::Refused(Refusal::Stopped))) => return Err(self.why_stopped()?),
+                Some(ended) => return ended,
+                None => {}
             }
-            match ended {
-                // Commands stayed away while the motors were aligned, which is over.
-                Err(
-                    LinkError::State { actual: State::Disarmed, .. }
-                    | LinkError::Refused(Refusal::Rested),
-                ) if self.client.halts() != halts => {
-                    if self.now() >= deadline {
-                        return Err(LinkError::Lapsed);
-                    }
-                }
-                ended => return ended,
-            }
-        }
-    }
-
-    fn try_to_arm(&mut self, deadline: Instant) -> Result<(), LinkError> {
-        self.insist(Command::Arm, deadline.since(self.now()))?;
-        let asked = Clock::start();
-        let mut actual = State::Disarmed;
-        let patience = deadline.since(self.now());
-        let ended = self.wait_for(patience, |_, update| {
-            let Update::Telemetry(telemetry) = update else { return None };
-            actual = telemetry.state;
-            if let Some(by) = telemetry.stopped_by {
-                return Some(Err(LinkError::StoppedBy(by)));
-            }
-            match telemetry.state {
-                State::Armed | State::Running => Some(Ok(())),
-                State::Faulted => Some(Err(faulted(telemetry))),
-                // Telemetry from before the reply, at first.
-                State::Disarmed if asked.elapsed() < TELEMETRY_LAG => None,
-                State::Disarmed => {
-                    Some(Err(LinkError::State { wanted: State::Armed, actual: telemetry.state }))
-                }
-                State::Aligning | State::Stopping => None,
-            }
-        })?;
-        match ended {
-            Some(result) => result,
-            None => Err(LinkError::State { wanted: State::Armed, actual }),
         }
     }
 
@@ -444,7 +308,7 @@ impl Connection {
             // Whoever clears a stop of somebody else, or another fault, that came since has to mean it.
             if let Some(newest) = self.client.telemetry().filter(|it| it.halts != halts) {
                 if !newest.faults.is_empty() {
-                    return Err(faulted(newest));
+                    return Err(LinkError::faulted(newest));
                 }
                 if newest.stopped {
                     return Err(self.why_stopped()?);
@@ -460,7 +324,7 @@ impl Connection {
                 _ if cleared.is_some() => return Ok(()),
                 _ if self.now() < deadline => {}
                 Some(telemetry) if !telemetry.faults.is_empty() => {
-                    return Err(faulted(&telemetry));
+                    return Err(LinkError::faulted(&telemetry));
                 }
                 _ => return Err(LinkError::StillStopped),
             }
@@ -615,12 +479,6 @@ pub fn transient<T>(result: io::Result<T>) -> io::Result<Option<T>> {
         Err(error) if is_transient(&error) => Ok(None),
         Err(error) => Err(error),
     }
-}
-
-/// Returns the faults that telemetry reports, as an error.
-#[must_use]
-pub const fn faulted(telemetry: &Telemetry) -> LinkError {
-    LinkError::Faulted { first: telemetry.first_fault, all: telemetry.faults }
 }
 
 /// Returns whether the error passes: nothing arrived in time, no program listens there yet, or the network is away.

@@ -11,26 +11,19 @@ use std::fmt;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use flix_protocol::message::{
-    Command, Faults, OperatorName, Outcome, Refusal, Setpoint, State, Telemetry,
-};
+use flix_protocol::message::{Command, Setpoint, State, Telemetry};
 use flix_protocol::session::ConnectError;
 use flix_protocol::units::Instant;
 
-use crate::link::udp::{LAPSED, REVOKED_PATIENCE, TELEMETRY_LAG};
-use crate::link::{Client, StopState, TRY_AGAIN, Update, passes};
+use crate::link::{ARM_PATIENCE, Arming, Client, LinkError, REVOKED_PATIENCE, StopState, Update};
 use crate::nav::{
     Decision, Footing, Identification, Navigator, PlanarPose, Progress, Resting, Stop,
 };
 use crate::pose::{LATE, PoseSample};
 use crate::record::{Level, RecordError, Recorder};
 
-/// Longest time for preparation: link and alignment of the motors.
-pub const READY_PATIENCE: Duration = Duration::from_secs(20);
 /// Longest time for coming to rest and disarming at the end.
 pub const END_PATIENCE: Duration = Duration::from_secs(3);
-/// How often a robot is armed again that let go of its motors because commands stayed away while it aligned them.
-const MOST_ARMINGS: u32 = 3;
 /// Interval of the navigation rows in the record.
 const RECORD_PERIOD: Duration = Duration::from_millis(50);
 /// Shaking frequency below which a robot is at rest, Hz.
@@ -95,22 +88,8 @@ pub enum Ending {
     Interrupted,
     /// The run took longer than it may.
     OutOfTime(Duration),
-    /// There was no session.
-    NoSession(ConnectError),
-    /// The robot fell silent or closed the session.
-    Lost,
-    /// The robot does not know this key any more.
-    Revoked,
-    /// This operator stopped the robot.
-    StoppedBy(OperatorName),
-    /// The robot refused a command.
-    Refused(Refusal),
-    /// The robot has a fault.
-    Faulted(Faults),
-    /// The robot did not become ready.
-    NotReady(State),
-    /// The robot stopped by itself: commands came too late, or not at all.
-    Lapsed,
+    /// The robot did not do what it was asked, or could not be asked.
+    Robot(LinkError),
     /// The run could not be recorded any more: what was said about it.
     NotRecorded(String),
 }
@@ -126,16 +105,7 @@ impl fmt::Display for Ending {
                 "not done within {} s; the robot was stopped: allow more with --patience",
                 patience.as_secs_f64()
             ),
-            Self::NoSession(error) => write!(f, "{error}"),
-            Self::Lost => f.write_str(
-                "the robot fell silent and stops by itself: check its battery and the network",
-            ),
-            Self::Revoked => f.write_str("your key was revoked; the robot stops by itself"),
-            Self::StoppedBy(by) => write!(f, "{by} stopped the robot"),
-            Self::Refused(refusal) => write!(f, "the robot refused: {refusal}"),
-            Self::Faulted(faults) => write!(f, "the robot has a fault: {faults}"),
-            Self::NotReady(state) => write!(f, "the robot is {state} and cannot be driven"),
-            Self::Lapsed => f.write_str(LAPSED),
+            Self::Robot(error) => write!(f, "{error}"),
             Self::NotRecorded(trouble) => write!(f, "{trouble}; the robot was stopped"),
         }
     }
@@ -144,19 +114,7 @@ impl fmt::Display for Ending {
 #[derive(Debug, Clone, PartialEq)]
 enum Phase {
     Connecting,
-    /// Waits for the answer to a request before the next arming.
-    Asking {
-        request: u32,
-    },
-    /// Waits until arming is requested again.
-    Waiting {
-        until: Instant,
-    },
-    /// Armed, it aligns its motors; asked for that at this time, when it had halted so often.
-    Readying {
-        asked: Instant,
-        halts: u8,
-    },
+    Arming(Arming),
     Driving,
     /// Comes to rest after a successful end.
     Resting,
@@ -206,8 +164,6 @@ pub struct Pilot<H> {
     recorded: Option<Instant>,
     commanded: Option<(Setpoint, String)>,
     driving_since: Option<Instant>,
-    /// How often it was armed again.
-    armings: u32,
 }
 
 impl<H: Helm> Pilot<H> {
@@ -229,7 +185,6 @@ impl<H: Helm> Pilot<H> {
             recorded: None,
             commanded: None,
             driving_since: None,
-            armings: 0,
         }
     }
 
@@ -293,7 +248,10 @@ impl<H: Helm> Pilot<H> {
         let Some(recorder) = self.recorder.take() else {
             return (self.helm, Recorded { file: None, error: None });
         };
-        let is_refused = matches!(self.ending, Some(Ending::Refused(_) | Ending::NoSession(_)));
+        let is_refused = matches!(
+            self.ending,
+            Some(Ending::Robot(LinkError::Refused(_) | LinkError::Connect(_)))
+        );
         if is_refused && self.driving_since.is_none() {
             recorder.discard();
             return (self.helm, Recorded { file: None, error: None });
@@ -322,7 +280,7 @@ impl<H: Helm> Pilot<H> {
             self.fail(now, client, Ending::Stopped(stop));
         }
         while let Some(update) = client.update() {
-            self.take(now, client, update);
+            self.take(now, client, &update);
         }
         if let Some(error) = self.record_error.as_ref().filter(|_| !self.drives_unrecorded)
             && self.ending.is_none()
@@ -331,30 +289,31 @@ impl<H: Helm> Pilot<H> {
             self.fail(now, client, ending);
         }
         let begun = *self.since.get_or_insert(now);
-        match &self.phase {
+        match &mut self.phase {
             // The session may stand since before the run.
-            Phase::Connecting if client.is_connected(now) => self.ask(now, client, Command::Arm),
-            Phase::Waiting { until } if now >= *until => self.ask(now, client, Command::Arm),
+            Phase::Connecting if client.is_connected(now) => {
+                let arming = Arming::begin(now, client, begun + ARM_PATIENCE);
+                self.phase = Phase::Arming(arming);
+            }
+            Phase::Connecting if now.since(begun) > ARM_PATIENCE => {
+                self.fail(now, client, Ending::Robot(LinkError::Connect(ConnectError::NoAnswer)));
+            }
+            Phase::Arming(arming) => {
+                if let Some(error) = arming.poll(now, client) {
+                    self.fail(now, client, Ending::Robot(error));
+                }
+            }
             Phase::Driving => self.drive(now, client),
             Phase::Resting => self.rest(now, client, begun),
             Phase::Disarming { .. } if now.since(begun) > END_PATIENCE => {
                 self.fail_silently(now, client);
             }
-            Phase::Lost if now.since(begun) > REVOKED_PATIENCE => self.lose(Ending::Lost),
+            Phase::Lost if now.since(begun) > REVOKED_PATIENCE => self.lose(LinkError::Silent),
             Phase::Stopping => {
                 let acknowledged = client.stop_state() == StopState::Acknowledged;
                 if acknowledged || now.since(begun) > END_PATIENCE {
                     self.phase = Phase::Over;
                 }
-            }
-            Phase::Connecting
-            | Phase::Asking { .. }
-            | Phase::Waiting { .. }
-            | Phase::Readying { .. }
-                if now.since(begun) > READY_PATIENCE =>
-            {
-                let state = client.telemetry().map_or(State::Disarmed, |t| t.state);
-                self.fail(now, client, Ending::NotReady(state));
             }
             _ => {}
         }
@@ -366,116 +325,65 @@ impl<H: Helm> Pilot<H> {
         self.since = Some(now);
     }
 
-    /// Sends a request of the preparation, whose phases share one patience.
-    fn ask(&mut self, now: Instant, client: &mut Client, command: Command) {
-        self.phase = Phase::Asking { request: client.request(now, command) };
-    }
-
-    fn take(&mut self, now: Instant, client: &mut Client, update: Update) {
+    fn take(&mut self, now: Instant, client: &mut Client, update: &Update) {
         match update {
-            Update::Telemetry(telemetry) => self.hear(now, client, &telemetry),
-            Update::Event(report) => self.record(|recorder| recorder.event(now, &report)),
+            Update::Telemetry(telemetry) => self.hear(now, client, telemetry),
+            Update::Event(report) => self.record(|recorder| recorder.event(now, report)),
             Update::Failed(ConnectError::WrongKey) if self.phase == Phase::Lost => {
-                self.lose(Ending::Revoked);
+                self.lose(LinkError::Revoked);
             }
-            Update::Failed(error) => self.lose(Ending::NoSession(error)),
+            Update::Failed(error) => self.lose(LinkError::Connect(*error)),
             Update::Lost => self.enter(now, Phase::Lost),
-            Update::Left => self.lose(Ending::Lost),
-            Update::Connected if self.phase == Phase::Lost => self.lose(Ending::Lost),
-            Update::Answer { request, outcome } => self.answered(now, client, request, &outcome),
-            // Telemetry states who stopped the robot.
-            Update::SetpointRefused(Refusal::Stopped) => {}
-            Update::SetpointRefused(Refusal::State(State::Disarmed))
-                if self.phase == Phase::Driving =>
-            {
-                self.fail(now, client, Ending::Lapsed);
-            }
-            Update::SetpointRefused(refusal) if self.phase == Phase::Driving => {
-                self.fail(now, client, Ending::Refused(refusal));
-            }
-            Update::Unanswered { request } => match self.phase {
-                Phase::Asking { request: asked } if asked == request => {
-                    self.ask(now, client, Command::Arm);
-                }
-                Phase::Disarming { request: asked } if asked == request => {
-                    self.fail_silently(now, client);
-                }
-                _ => {}
+            Update::Left => self.lose(LinkError::Left),
+            Update::Connected if self.phase == Phase::Lost => self.lose(LinkError::Back),
+            _ => {}
+        }
+        match (&mut self.phase, update) {
+            (Phase::Arming(arming), update) => match arming.observe(now, client, update) {
+                Some(Ok(())) => self.begin_driving(now, client),
+                Some(Err(error)) => self.fail(now, client, Ending::Robot(error)),
+                None => {}
             },
+            (Phase::Driving, update) => {
+                if let Some(error) = LinkError::while_driven(update) {
+                    self.fail(now, client, Ending::Robot(error));
+                }
+            }
+            // Whether it holds rest or has let go of its motors.
+            (Phase::Resting, Update::Telemetry(_)) => {
+                let error = LinkError::while_driven(update);
+                if let Some(error) = error.filter(|error| *error != LinkError::Lapsed) {
+                    self.fail(now, client, Ending::Robot(error));
+                }
+            }
+            (Phase::Disarming { request }, Update::Unanswered { request: ended })
+                if request == ended =>
+            {
+                self.fail_silently(now, client);
+            }
+            (Phase::Disarming { .. }, Update::Telemetry(telemetry))
+                if telemetry.state == State::Disarmed =>
+            {
+                self.phase = Phase::Over;
+            }
             _ => {}
         }
     }
 
-    fn hear(&mut self, now: Instant, client: &mut Client, telemetry: &Telemetry) {
+    fn hear(&mut self, now: Instant, client: &Client, telemetry: &Telemetry) {
         self.record(|recorder| recorder.telemetry(now, telemetry));
         let way = client.statistics().shortest_round_trip().unwrap_or_default() / 2;
         let since_start = now.since(Instant::START);
         self.helm.hear(telemetry, Instant::START + since_start.saturating_sub(way));
-        match (&self.phase, telemetry.state) {
-            (Phase::Readying { .. } | Phase::Driving | Phase::Resting, State::Faulted) => {
-                self.fail(now, client, Ending::Faulted(telemetry.faults));
-            }
-            (Phase::Readying { .. } | Phase::Driving | Phase::Resting, _)
-                if let Some(by) = telemetry.stopped_by =>
-            {
-                self.fail(now, client, Ending::StoppedBy(by));
-            }
-            // Commands stayed away while the motors were aligned, which is over.
-            (Phase::Readying { halts, .. }, State::Disarmed)
-                if *halts != telemetry.halts && self.armings < MOST_ARMINGS =>
-            {
-                self.armings += 1;
-                self.ask(now, client, Command::Arm);
-            }
-            (Phase::Readying { halts, .. }, State::Disarmed) if *halts != telemetry.halts => {
-                self.fail(now, client, Ending::Lapsed);
-            }
-            (Phase::Readying { asked, .. }, State::Disarmed)
-                if now.since(*asked) > TELEMETRY_LAG =>
-            {
-                self.fail(now, client, Ending::NotReady(telemetry.state));
-            }
-            (Phase::Readying { .. }, State::Armed | State::Running) => {
-                let measured = client.statistics().round_trip_quantile(0.5).map(|trip| trip / 2);
-                if let Some(latency) = self.latency.or(measured) {
-                    self.helm.set_latency(latency);
-                }
-                self.driving_since = Some(now);
-                self.enter(now, Phase::Driving);
-            }
-            // Without a stop or a fault, its deadlines for commands are all that disarm it.
-            (Phase::Driving, State::Disarmed) => self.fail(now, client, Ending::Lapsed),
-            (Phase::Disarming { .. }, State::Disarmed) => self.phase = Phase::Over,
-            _ => {}
-        }
     }
 
-    fn answered(&mut self, now: Instant, client: &mut Client, request: u32, outcome: &Outcome) {
-        let Phase::Asking { request: asked } = self.phase else { return };
-        if asked != request {
-            return;
+    fn begin_driving(&mut self, now: Instant, client: &Client) {
+        let measured = client.statistics().round_trip_quantile(0.5).map(|trip| trip / 2);
+        if let Some(latency) = self.latency.or(measured) {
+            self.helm.set_latency(latency);
         }
-        match outcome {
-            // Who stopped it comes with telemetry.
-            Outcome::Refused(refusal)
-                if passes(refusal)
-                    || (*refusal == Refusal::Stopped && client.telemetry().is_none()) =>
-            {
-                self.phase = Phase::Waiting { until: now + TRY_AGAIN };
-            }
-            // As when it let go of its motors while it aligned them.
-            Outcome::Refused(Refusal::Rested) if self.armings < MOST_ARMINGS => {
-                self.armings += 1;
-                self.phase = Phase::Waiting { until: now + TRY_AGAIN };
-            }
-            Outcome::Refused(refusal) => {
-                let stopper = client.stopped_by().filter(|_| *refusal == Refusal::Stopped);
-                let ending =
-                    stopper.map_or_else(|| Ending::Refused(refusal.clone()), Ending::StoppedBy);
-                self.fail(now, client, ending);
-            }
-            _ => self.phase = Phase::Readying { asked: now, halts: client.halts() },
-        }
+        self.driving_since = Some(now);
+        self.enter(now, Phase::Driving);
     }
 
     fn drive(&mut self, now: Instant, client: &mut Client) {
@@ -553,8 +461,8 @@ impl<H: Helm> Pilot<H> {
     }
 
     /// Ends without a stop, because the link is gone: the robot's own deadline stops it.
-    fn lose(&mut self, ending: Ending) {
-        self.ending.get_or_insert(ending);
+    fn lose(&mut self, error: LinkError) {
+        self.ending.get_or_insert(Ending::Robot(error));
         self.phase = Phase::Over;
     }
 

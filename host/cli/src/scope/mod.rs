@@ -8,8 +8,8 @@ use std::process::ExitCode;
 use std::time::{Duration, SystemTime};
 
 use flix_protocol::message::{
-    Command, Outcome, Refusal, SCOPE_RATE_HZ, ScopeCommand, ScopePlan, ScopeState, ScopeStatus,
-    Setpoint, State, Trigger,
+    Command, Outcome, SCOPE_RATE_HZ, ScopeCommand, ScopePlan, ScopeState, ScopeStatus, Setpoint,
+    State, Trigger,
 };
 use flix_protocol::units::{Degrees, Hertz};
 use indicatif::ProgressBar;
@@ -20,7 +20,8 @@ use super::address::RobotArgs;
 use super::drive::{direction, frequency, give_up, stop};
 use super::{Error, Exit};
 use crate::teleop::terminal::{Screen, is_closed};
-use flix_host::link::udp::{Connection, LinkError, faulted};
+use flix_host::link::LinkError;
+use flix_host::link::udp::Connection;
 use flix_host::link::{Update, is_reached};
 use flix_host::record::dated;
 use flix_host::scope::{Capture, Extent, channels, files, trigger};
@@ -276,7 +277,7 @@ impl Driven {
         }
         let held = connection.wait_for(SETTLING, |_, update| match update {
             Update::Telemetry(telemetry) if telemetry.state == State::Faulted => {
-                Some(Err(faulted(telemetry)))
+                Some(Err(LinkError::faulted(telemetry)))
             }
             Update::Telemetry(telemetry) if is_reached(telemetry, &setpoint) => Some(Ok(())),
             _ => None,
@@ -288,22 +289,8 @@ impl Driven {
     /// Returns why the robot is driven no more, unless that is what is waited for.
     fn check(&self, update: &Update) -> Option<LinkError> {
         self.setpoint?;
-        match update {
-            Update::Telemetry(telemetry)
-                if self.awaits_fault && telemetry.state == State::Faulted =>
-            {
-                None
-            }
-            Update::Telemetry(telemetry) => match (telemetry.stopped_by, telemetry.state) {
-                (Some(by), _) => Some(LinkError::StoppedBy(by)),
-                (None, State::Faulted) => Some(faulted(telemetry)),
-                (None, State::Disarmed) => Some(LinkError::Lapsed),
-                _ => None,
-            },
-            Update::SetpointRefused(Refusal::Stopped | Refusal::Faulted(_)) => None,
-            Update::SetpointRefused(refusal) => Some(LinkError::Refused(refusal.clone())),
-            _ => None,
-        }
+        LinkError::while_driven(update)
+            .filter(|error| !(self.awaits_fault && matches!(error, LinkError::Faulted { .. })))
     }
 
     /// Disarms; a robot with the fault that was waited for is disarmed.
