@@ -31,8 +31,10 @@ const QUICK_SHIFT: u32 = 3;
 const SLOW_SHIFT: u32 = 6;
 /// Where the growth waits for a current to show: 0.15 V, which drive 1.5 A through 0.1 ohm, and 15 mA through 10 ohm.
 const LOOK_VOLTAGE: Voltage = Voltage::from_raw(9_830);
-/// Ticks for which it waits: 51 ms.
+/// Ticks after which it looks for one, 51 ms, and those after which it gives up, 0.41 s: as long as a rotor swings to the field its
+/// back-EMF may take this little voltage, so that no current flows.
 const LOOK_TICKS: u32 = 1 << 9;
+const LONGEST_LOOK_TICKS: u32 = 8 * LOOK_TICKS;
 /// The least current that shows: 5 mA, five times the noise of the average.
 const SHOWS: Current = Current::from_raw(328);
 /// Ticks in which the current is held before the pattern: 0.5 s, for the rotor to swing out.
@@ -75,8 +77,10 @@ struct Motor {
     /// Averages of the currents of phases A and B: quick, and slow in 2^-[`SLOW_SHIFT`].
     quick: [i32; 2],
     slow: [i32; 2],
-    /// Ticks since the growth began to wait; `None` before.
-    looked: Option<u32>,
+    /// Ticks for which the growth has waited.
+    looked: u32,
+    /// Whether a current has shown then.
+    shows: bool,
     /// Whether the growth is over.
     is_grown: bool,
     beyond: u8,
@@ -184,7 +188,10 @@ impl TrialRun {
         }
         let most = most_voltage(observation.bus);
         let mut all_are_grown = true;
-        for (motor, currents) in self.motors.iter_mut().zip(observation.currents) {
+        let driven = self.driven();
+        for ((motor, currents), driven) in
+            self.motors.iter_mut().zip(observation.currents).zip(driven)
+        {
             motor.average(*currents);
             if motor.is_grown {
                 continue;
@@ -192,20 +199,17 @@ impl TrialRun {
             all_are_grown = false;
             if motor.is_full(self.wanted) || motor.voltage >= most {
                 motor.is_grown = true;
-            } else if motor.voltage < LOOK_VOLTAGE
-                || motor.looked.is_some_and(|it| it >= LOOK_TICKS)
-            {
+            } else if motor.voltage < LOOK_VOLTAGE || motor.shows {
                 let step = (motor.voltage.raw() >> GROWTH_SHIFT) + 1;
                 motor.voltage = motor.voltage + Voltage::from_raw(step);
             } else {
-                motor.looked = Some(motor.looked.unwrap_or(0) + 1);
-            }
-        }
-        let driven = self.driven();
-        for (motor, driven) in self.motors.iter().zip(driven) {
-            let slow = largest(motor.slow.map(|slow| Current::from_raw(slow >> SLOW_SHIFT)));
-            if driven && motor.looked == Some(LOOK_TICKS) && slow < SHOWS {
-                return Progress::Failed(Fault::CurrentSense);
+                motor.looked += 1;
+                if motor.looked.is_multiple_of(LOOK_TICKS) {
+                    motor.shows = !driven || motor.carries();
+                    if !motor.shows && motor.looked >= LONGEST_LOOK_TICKS {
+                        return Progress::Failed(Fault::CurrentSense);
+                    }
+                }
             }
         }
         if all_are_grown {
@@ -301,6 +305,11 @@ impl Motor {
         // 2^-16 V times 2^-16 A, of which the upper half is in V A.
         let power = multiply_high(self.voltage.raw() << 8, current.raw() << 8);
         current >= wanted || power >= MOST_POWER
+    }
+
+    /// Returns whether a current shows.
+    fn carries(&self) -> bool {
+        largest(self.slow.map(|slow| Current::from_raw(slow >> SLOW_SHIFT))) >= SHOWS
     }
 
     fn average(&mut self, currents: [Current; 2]) {

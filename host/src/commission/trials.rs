@@ -16,7 +16,7 @@ use super::{CommissionError, Finding, Step, Subject, phases};
 const WIRING_CURRENT_MA: u16 = 300;
 /// Ticks that the scope keeps of it: 0.1 s.
 const WIRING_TICKS: u16 = 1_000;
-/// Ticks before the end of a trial that found no current: the robot looks for one for 51 ms.
+/// Ticks before the end of a trial that found no current: the robot looks for one for 0.41 s.
 const LOOKED_TICKS: u16 = 400;
 /// Looks after which a trial of the wiring is over: 2.4 s; and how often it is done again.
 const TRIAL_LOOKS: usize = 120;

@@ -105,6 +105,24 @@ fn without_a_current_that_shows_the_voltage_stays_harmless() {
 }
 
 #[test]
+fn a_rotor_that_swings_to_the_field_hides_the_current_for_a_while() {
+    // Its back-EMF takes the voltage at which a current must show, wherever it stands.
+    for turns in 1..14 {
+        let mut bench = Bench::new(None);
+        for motor in &mut bench.motors {
+            (motor.resistance, motor.inductance, motor.flux) = (8.2, 2.5e-3, 10e-3);
+            (motor.coulomb, motor.cogging) = (0.05e-3, 0.0);
+            motor.angle += core::f64::consts::TAU * f64::from(turns) / 98.0;
+        }
+        bench.run(0.05);
+        bench.order.trial = Some(Trial { current_ma: 300, ..HALVE });
+        bench.order.requests.trial += 1;
+        bench.until(State::Aligning);
+        to_pattern(&mut bench);
+    }
+}
+
+#[test]
 fn a_current_that_comes_at_once_ends_the_trial() {
     let mut bench = at_trial(2.5, 1e-3, HALVE);
     to_pattern(&mut bench);
