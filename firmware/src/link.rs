@@ -833,6 +833,7 @@ impl Link {
             first_fault: report.first_fault,
             stopped: report.stopped,
             link_late: report.link_late,
+            frequency_limited: report.frequency_limited,
             halts: self.halts,
             setpoint: self.setpoint,
             frequency: report.frequency.into(),

@@ -330,6 +330,7 @@ fn running() -> ToOperator {
         first_fault: Some(Fault::Stall),
         stopped: true,
         link_late: false,
+        frequency_limited: true,
         halts: 35,
         setpoint: Setpoint::new(Hertz::new(-30.0).unwrap(), Degrees::new(60.0).unwrap()).unwrap(),
         frequency: Hertz::new(-29.75).unwrap(),

@@ -354,7 +354,7 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
             LoopTiming { ticks, longest_interval_us, overruns }
         });
     (
-        (instant(), state(), faults(), prop::option::of(fault()), any::<[bool; 3]>(), any::<u8>()),
+        (instant(), state(), faults(), prop::option::of(fault()), any::<[bool; 4]>(), any::<u8>()),
         (
             any_setpoint(),
             hertz(),
@@ -366,7 +366,14 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
         ([volts(), volts(), volts()], any::<bool>(), any::<f32>(), timing, link),
     )
         .prop_map(|(standing, motion, (voltages, measured, modulation, timing, link))| {
-            let (time, state, faults, first_fault, [stopped, link_late, named], halts) = standing;
+            let (
+                time,
+                state,
+                faults,
+                first_fault,
+                [stopped, link_late, frequency_limited, named],
+                halts,
+            ) = standing;
             let (setpoint, frequency, direction, direction_range, motors, encoders) = motion;
             let [bus, least, largest] = voltages;
             Telemetry {
@@ -379,6 +386,7 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
                 first_fault,
                 stopped,
                 link_late,
+                frequency_limited,
                 halts,
                 setpoint,
                 frequency,

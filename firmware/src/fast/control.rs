@@ -262,6 +262,7 @@ impl Control {
             first_fault: self.supervisor.first_fault,
             stopped: self.supervisor.stopped,
             link_late: self.supervisor.link_late,
+            frequency_limited: self.monitor.frequency_limited(),
             obeyed: self.supervisor.obeyed,
             frequency: Speed::from_raw(self.frequency >> FREQUENCY_FILTER_SHIFT),
             direction: rotors.direction(),
@@ -457,7 +458,7 @@ impl Control {
         let held_back = self.reference().is_some_and(|it| {
             it.held_back(order.frequency, rotating) || self.headroom.limits(self.asked)
         });
-        if self.monitor.becomes_limited(held_back) {
+        if self.monitor.becomes_limited(held_back, (order.frequency, order.direction)) {
             let events = &mut self.supervisor.events;
             events.frequency_limited = events.frequency_limited.wrapping_add(1);
         }

@@ -133,6 +133,8 @@ pub struct Report {
     pub stopped: bool,
     /// Whether commands are late.
     pub link_late: bool,
+    /// Whether voltage or current hold f below what is asked for.
+    pub frequency_limited: bool,
     /// What was obeyed last: requests that differ are still on their way.
     pub obeyed: Requests,
     /// f as measured, averaged over some turns.

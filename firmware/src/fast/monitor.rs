@@ -10,7 +10,9 @@ use crate::fast::configuration::{Configuration, DIAGNOSTIC_TICKS};
 use crate::fast::foc::current::CurrentLoop;
 use crate::fast::shaker::Shaker;
 use crate::fast::tracker::Tracker;
-use crate::units::{Current, Speed, TURN_PER_DEGREE, Voltage, magnitude, product, within};
+use crate::units::{
+    Current, RotorAngle, Speed, TURN_PER_DEGREE, Voltage, magnitude, product, within,
+};
 
 /// Consecutive samples above the limit that are an over-current: one alone may be a spike.
 const OVER_CURRENT_TICKS: u32 = 2;
@@ -37,6 +39,9 @@ const DROOP_TICKS: u32 = 10_000;
 const LARGEST_DROOP: Speed = Speed::from_centihertz(1_000);
 /// Ticks for which f must be held back to be called limited, too long for a step to settle in half a second: 0.3 s.
 const HELD_BACK_TICKS: u32 = 3_000;
+/// Ticks after which an f is expected to be reached, 1 s, and those for which one that is held back then is lost: 50 ms.
+const REACHED_TICKS: u32 = 10_000;
+const LOST_TICKS: u32 = 500;
 /// Ticks for which a motor may differ from its model: 10 ms.
 const RESIDUAL_TICKS: u32 = 100;
 /// Ticks for which a phase must carry next to nothing while the others do: 0.1 s.
@@ -78,11 +83,20 @@ impl Debounce {
     /// Counts an observation and returns whether `limit` is reached.
     #[inline(always)]
     const fn count(&mut self, wrong: bool, limit: u32) -> bool {
-        if wrong {
-            self.0 += (self.0 < limit) as u32;
+        self.weigh(if wrong { 1 } else { 0 }, limit)
+    }
+
+    /// Counts an observation so many times, one of nothing wrong by 0.
+    #[inline(always)]
+    const fn weigh(&mut self, wrong: u32, limit: u32) -> bool {
+        let sum = self.0 + wrong;
+        self.0 = if wrong == 0 {
+            sum.saturating_sub(1)
+        } else if sum < limit {
+            sum
         } else {
-            self.0 = self.0.saturating_sub(1);
-        }
+            limit
+        };
         self.0 >= limit
     }
 
@@ -179,6 +193,9 @@ pub(crate) struct Monitor {
     droop: Debounce,
     held_back: Debounce,
     frequency_limited: bool,
+    /// What is asked for, and for how many diagnoses it has been.
+    asked: (Speed, RotorAngle),
+    asked_for: u32,
     residual: Debounce,
     open_phase: [Debounce; 2],
     shiver: Debounce,
@@ -196,13 +213,23 @@ impl Monitor {
         *self = Self { over_current: self.over_current, ..Self::default() };
     }
 
-    /// Takes a diagnosis of whether f is held back; returns whether it has just become limited. It ends
-    /// where it has not been held back for as long.
-    pub(crate) const fn becomes_limited(&mut self, held_back: bool) -> bool {
-        let limited = self.held_back.diagnose(held_back, HELD_BACK_TICKS);
+    /// Takes a diagnosis of whether f is held back while this f and this theta are asked for; returns whether it has just become
+    /// limited. It ends where it has not been held back for as long.
+    pub(crate) fn becomes_limited(&mut self, held_back: bool, asked: (Speed, RotorAngle)) -> bool {
+        let is_new = asked != core::mem::replace(&mut self.asked, asked);
+        self.asked_for = if is_new { 0 } else { self.asked_for.saturating_add(1) };
+        let is_reached = self.asked_for >= REACHED_TICKS / DIAGNOSTIC_TICKS;
+        let weight = if is_reached { HELD_BACK_TICKS / LOST_TICKS } else { 1 };
+        let weight = if held_back { weight } else { 0 };
+        let limited = self.held_back.weigh(weight, HELD_BACK_TICKS / DIAGNOSTIC_TICKS);
         let becomes = limited && !self.frequency_limited;
         self.frequency_limited = limited || (self.frequency_limited && self.held_back.0 != 0);
         becomes
+    }
+
+    /// Returns whether f is limited.
+    pub(crate) const fn frequency_limited(&self) -> bool {
+        self.frequency_limited
     }
 
     /// Counts a tick in which a phase carried too much, or not; returns whether that is a fault.
@@ -613,10 +640,17 @@ mod tests {
     }
 
     #[test]
-    fn f_that_is_held_back_for_a_second_is_said_once_until_it_was_free_for_as_long() {
+    fn f_that_is_held_back_for_a_while_is_said_once_until_it_was_free_for_as_long() {
         let mut monitor = Monitor::default();
+        let (mut turns, mut theta) = (0, 0);
+        // Whoever asks for another theta now and again has reached nothing.
         let mut said = |held_back: bool, ticks: u32| {
-            (0..ticks).filter(|_| monitor.becomes_limited(held_back)).count()
+            let asked = |_| {
+                turns += 1;
+                theta += u32::from(turns % 500 == 0);
+                monitor.becomes_limited(held_back, (Speed::ZERO, RotorAngle::from_raw(theta)))
+            };
+            (0..ticks).map(asked).filter(|becomes| *becomes).count()
         };
         const LOOKS: u32 = HELD_BACK_TICKS / DIAGNOSTIC_TICKS;
         assert_eq!(said(true, LOOKS - 1), 0);
@@ -625,6 +659,26 @@ mod tests {
         assert_eq!(said(false, LOOKS / 10) + said(true, 2 * LOOKS), 0);
         assert_eq!(said(false, 2 * LOOKS), 0);
         assert_eq!(said(true, 2 * LOOKS), 1);
+    }
+
+    #[test]
+    fn f_that_was_reached_is_lost_sooner_unless_another_is_asked_for() {
+        const LOOKS: u32 = LOST_TICKS / DIAGNOSTIC_TICKS;
+        let reached = || {
+            let mut monitor = Monitor::default();
+            for _ in 0..REACHED_TICKS / DIAGNOSTIC_TICKS {
+                assert!(!monitor.becomes_limited(false, (Speed::ZERO, RotorAngle::ZERO)));
+            }
+            monitor
+        };
+        let lost = |monitor: &mut Monitor, asked| {
+            (1..=HELD_BACK_TICKS).find(|_| monitor.becomes_limited(true, asked)).unwrap()
+        };
+        let soon = lost(&mut reached(), (Speed::ZERO, RotorAngle::ZERO));
+        assert!((LOOKS..LOOKS + 2).contains(&soon), "{soon}");
+        let all = HELD_BACK_TICKS / DIAGNOSTIC_TICKS;
+        assert_eq!(lost(&mut reached(), (Speed::from_raw(1), RotorAngle::ZERO)), all);
+        assert_eq!(lost(&mut reached(), (Speed::ZERO, RotorAngle::from_raw(1))), all);
     }
 
     #[test]

@@ -68,6 +68,7 @@ pub struct Status {
     stopped: bool,
     stopped_by: Option<String>,
     link_late: bool,
+    frequency_limited: bool,
     faults: Vec<Explained>,
     first_fault: Option<String>,
     commanded: Shaking,
@@ -198,6 +199,7 @@ impl Status {
             stopped: telemetry.stopped,
             stopped_by: telemetry.stopped_by.map(|by| by.to_string()),
             link_late: telemetry.link_late,
+            frequency_limited: telemetry.frequency_limited,
             faults: telemetry.faults.iter().map(Explained::from).collect(),
             first_fault: telemetry.first_fault.map(|fault| fault.to_string()),
             commanded: telemetry.setpoint.into(),
@@ -296,7 +298,8 @@ fn describe(status: &Status, name: &str) -> String {
         None => String::new(),
     };
     let late = if status.link_late { ", commands are late" } else { "" };
-    row("state", format!("{}{stopped}{late}", status.state));
+    let limited = if status.frequency_limited { ", voltage or current limits f" } else { "" };
+    row("state", format!("{}{stopped}{late}{limited}", status.state));
     match &status.first_fault {
         None => row("faults", "none".to_owned()),
         Some(first) => {

@@ -162,6 +162,9 @@ pub struct TelemetryRow {
     pub stopped: bool,
     /// Whether commands are late.
     pub link_late: bool,
+    /// Whether voltage or current hold f below what is asked for. None in records older than this column.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frequency_limited: Option<bool>,
     /// Commanded f, Hz.
     pub commanded_frequency_hz: f64,
     /// Commanded theta, degrees.
@@ -313,6 +316,7 @@ impl TelemetryRow {
             first_fault: telemetry.first_fault.map(|fault| fault.to_string()),
             stopped: telemetry.stopped,
             link_late: telemetry.link_late,
+            frequency_limited: Some(telemetry.frequency_limited),
             commanded_frequency_hz: telemetry.setpoint.frequency().get().into(),
             commanded_direction_deg: telemetry.setpoint.direction().get().into(),
             frequency_hz: telemetry.frequency.get().into(),

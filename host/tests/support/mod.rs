@@ -423,6 +423,7 @@ impl FakeRobot {
             first_fault: self.faults.iter().next(),
             stopped: self.stopped,
             link_late: false,
+            frequency_limited: false,
             halts: self.halts,
             setpoint: self.setpoint,
             frequency: self.setpoint.frequency(),

@@ -38,6 +38,7 @@ pub fn telemetry(seconds: f64) -> Telemetry {
         first_fault: Some(Fault::Stall),
         stopped: false,
         link_late: false,
+        frequency_limited: false,
         halts: 0,
         stopped_by: None,
         stopped_at: None,

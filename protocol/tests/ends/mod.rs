@@ -48,6 +48,7 @@ pub(crate) fn telemetry(time: u64) -> ToOperator {
         first_fault: None,
         stopped: false,
         link_late: false,
+        frequency_limited: false,
         halts: 0,
         setpoint: Setpoint::REST,
         frequency: Hertz::ZERO,

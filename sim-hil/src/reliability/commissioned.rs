@@ -291,9 +291,11 @@ fn try_run(
     operation.run(SAYING, |_| {})?;
     let mut is_limited = false;
     while let Some(update) = operation.client().update() {
-        if let Update::Event(report) = update {
-            is_limited |= matches!(report.event, Event::FrequencyLimited(_));
-        }
+        is_limited |= match update {
+            Update::Event(report) => matches!(report.event, Event::FrequencyLimited(_)),
+            Update::Telemetry(telemetry) => telemetry.frequency_limited,
+            _ => false,
+        };
     }
     let settings = operation.robot.software().settings();
     let kept = match operation.robot.report().first_fault {

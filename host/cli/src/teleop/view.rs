@@ -229,6 +229,9 @@ fn trouble_lines(cockpit: &Cockpit) -> Vec<Line<'static>> {
     if telemetry.link_late {
         lines.push(Line::from("commands reach the robot late").fg(Color::Yellow));
     }
+    if telemetry.frequency_limited {
+        lines.push(Line::from("voltage or current limits f").fg(Color::Yellow));
+    }
     lines
 }
 

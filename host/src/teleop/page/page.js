@@ -554,7 +554,7 @@ function drawWords(gamepad) {
   write("settings-note", settingInputs.size ? (isIdle ? "Changes hold until power-off, unless saved." : "Disarm to change settings.") : "");
   write("f", telemetry ? `${figure(telemetry.frequency, 1)} Hz` : "–");
   write("theta", telemetry && turns(telemetry.frequency) ? `${figure(telemetry.direction, 0)} deg` : "–");
-  write("f-wanted", telemetry ? `commanded ${figure(f, 1)}` : "");
+  write("f-wanted", telemetry ? `commanded ${figure(f, 1)}${telemetry.limited ? ", limited" : ""}` : "");
   write("theta-wanted", telemetry ? `commanded ${figure(theta, 0)}` : "");
   ["top", "bottom"].forEach((id, index) => {
     byId(id).max = snapshot?.current_limit ?? 3;

@@ -148,6 +148,7 @@ fn telemetry(telemetry: &Telemetry) -> Value {
         "state": key,
         "text": explain::state(telemetry.state),
         "stopped": telemetry.stopped,
+        "limited": telemetry.frequency_limited,
         "stopped_by": telemetry.stopped_by.map(|by| by.to_string()),
         "faults": faults,
         "frequency": sample.frequency,
