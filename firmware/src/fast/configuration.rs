@@ -106,10 +106,7 @@ impl Configuration {
         let bus = divider.map_or(0.0, |scale| f64::from(scale.get()) * 1e-6)
             * f64::from(settings.battery_scale);
         let mut configuration = Self {
-            shaker: ShakerModel {
-                lag: lag(&settings.on(hardware), sense.is_some()),
-                ..position_loop(settings)
-            },
+            shaker: ShakerModel { lag: lag(&settings.on(hardware)), ..position_loop(settings) },
             motors: [0, 1].map(|motor| Self::current_loop(settings, hardware, motor)),
             burning_per_speed: [0, 1].map(|motor| match divider {
                 Some(_) => 0,
@@ -234,11 +231,21 @@ pub(crate) fn regulator(settings: &Settings, motor: usize) -> Model {
         integral: scaled(resistance * bandwidth / RATE, 24),
         resistance: scaled(resistance, 24),
         conductance: scaled(1.0 / resistance.max(LEAST_RESISTANCE), 24),
+        admittance: scaled(admittance(resistance, inductance), 24),
         reactance: scaled(speed * inductance, REACTANCE_BITS),
         back_emf: scaled(speed * flux_linkage(settings, motor), 16),
         delay: scaled(f64::from(settings.actuation_delay) * 1e-6 * RATE, DELAY_BITS),
         dead_time: 0,
     }
+}
+
+/// Returns what a volt adds to the current of a winding in a tick, `(1 - exp(-x)) / R` with `x = R T / L`, by the series of
+/// `exp(x)`: right to 0.1 % up to x = 1, and in the end one over R.
+fn admittance(resistance: f64, inductance: f64) -> f64 {
+    let x = resistance / (RATE * inductance);
+    let numerator =
+        1.0 + x / 2.0 * (1.0 + x / 3.0 * (1.0 + x / 4.0 * (1.0 + x / 5.0 * (1.0 + x / 6.0))));
+    numerator / (RATE * inductance * (1.0 + x * numerator))
 }
 
 /// Returns by which share of its speed a shorted motor of this inertia slows down in a tick, at first.
@@ -283,17 +290,9 @@ fn speed_per_current(settings: &Settings, motor: usize) -> i32 {
     scaled(ticks / current_per_acceleration(settings, motor).max(1e-3), 16 + 16)
 }
 
-/// Returns how long after a demand its torque acts: half a stride, what the bridges take, and the current loop's own time or, in
-/// voltage mode, the motors'.
-fn lag(settings: &Settings, measures_current: bool) -> i32 {
-    let inductances = settings.phase_inductance.map(|it| f64::from(it * MILLI));
-    let own = |motor: usize| {
-        inductances[motor] / f64::from(settings.phase_resistance[motor]).max(LEAST_RESISTANCE)
-    };
-    let response = match measures_current {
-        true => 1.0 / (TAU * f64::from(settings.current_bandwidth).max(1.0)),
-        false => own(0).min(own(1)),
-    };
+/// Returns how long after a demand its torque acts: half a stride, what the bridges take, and the current loop's own time.
+fn lag(settings: &Settings) -> i32 {
+    let response = 1.0 / (TAU * f64::from(settings.current_bandwidth).max(1.0));
     let seconds = f64::from(settings.actuation_delay) * 1e-6 + response;
     scaled((f64::from(STRIDE) / 2.0 + RATE * seconds).min(LARGEST_LAG), LAG_BITS)
 }

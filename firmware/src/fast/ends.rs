@@ -72,6 +72,12 @@ fn gains(settings: &Settings, hardware: &Hardware) -> Vec<Gain> {
         ("integral", motor.integral, 24, resistance * current / rate),
         ("resistance", motor.resistance, 24, resistance),
         ("conductance", motor.conductance, 24, 1.0 / resistance),
+        (
+            "admittance",
+            motor.admittance,
+            24,
+            (1.0 - (-resistance / rate / inductance).exp()) / resistance
+        ),
         ("reactance", motor.reactance, REACTANCE_BITS as i32, TAU * rate * inductance),
         ("back_emf", motor.back_emf, 16, TAU * rate * flux),
         (

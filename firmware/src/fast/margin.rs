@@ -12,7 +12,8 @@
 //!   C              (kp a + kd v + ki a / s) e: the law of the shaker on what the tracker says
 //!   H              speed that the tracker says over the true one: v e / s
 //!   zoh            one demand lasts for a stride of ticks
-//!   T              current over wanted current: (PI + R) D_c / Z, Z = R + s L + PI D_c; PI = 0 in voltage mode
+//!   T              current over wanted current: (PI + R) D_c / Z, Z = R + s L + PI D_c; in voltage mode, where the model is
+//!                  what PI sees, at once and without an integral, (P + R) D_c / (R + s L + P), and Z = R + s L
 //!   b              3/2 p^2 flux^2 / (R J): how fast a shorted motor brakes
 //! current loop     L = PI D_c / (R + s L)
 //! ```
@@ -130,8 +131,9 @@ struct Loop {
     tracker: [f32; 2],
     /// By how much it brings a reading forward.
     forward: f32,
-    /// Gains of the current loop: of the current, and of its sum; zero in voltage mode.
+    /// Gains of the current loop: of the current, and of its sum, which is zero in voltage mode.
     regulator: [f32; 2],
+    measures_current: bool,
     resistance: f32,
     /// Inductance, V a tick per A.
     inductance: f32,
@@ -155,7 +157,8 @@ impl Loop {
             position: [kp, per(derivative, 32), per(integral, 48)],
             tracker: [per(angle_gain, ANGLE_GAIN_BITS), per(speed_gain, 32)],
             forward: latency_us as f32 / TICK_US as f32 + READING_AGE,
-            regulator: if measures_current { regulator } else { [0.0; 2] },
+            regulator: if measures_current { regulator } else { [regulator[0], 0.0] },
+            measures_current,
             resistance: per(resistance, 24),
             inductance: settings.phase_inductance[motor % 2] * 1e-3 * 1e6 / TICK_US as f32,
             actuation: (settings.actuation_delay / TICK_US as f32).max(LEAST_ACTUATION),
@@ -189,9 +192,11 @@ impl Loop {
         let s = Complex { re: 0.0, im: phi };
         let [speed, angle] = self.tracked(phi);
         let acts = delay(phi * self.actuation);
-        let regulated = self.pi(phi) * acts;
-        let impedance = self.winding(phi) + regulated;
-        let current = (regulated + acts * self.resistance) / impedance;
+        let (regulated, winding) = (self.pi(phi), self.winding(phi));
+        // What shows in the current is regulated away, later; what the model says is there at once.
+        let impedance = if self.measures_current { winding + regulated * acts } else { winding };
+        let follows = if self.measures_current { impedance } else { winding + regulated };
+        let current = (regulated + Complex::ONE * self.resistance) * acts / follows;
         let [kp, kd, ki] = self.position;
         let law = angle * kp + speed * kd + angle * ki / s;
         let stride = STRIDE as f32;

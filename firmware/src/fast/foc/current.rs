@@ -2,15 +2,14 @@
 //! resistance, speed coupling and back-EMF, a voltage limit that d may take at most half of, and
 //! integrators that are pulled back when the limit holds (back-calculation).
 //!
-//! Without a current sense the same code runs in voltage mode: the reference is taken for the
-//! measurement, so that only the feed-forward remains, and there is no integral. Where the voltage
-//! limit holds, the current is the one that the model says is left, and d is decoupled from that one.
+//! Without a current sense the same code runs in voltage mode: the current that the model says flows is taken for the
+//! measurement, and there is no integral. So a motor follows its reference as quickly as with a sense, however slow its
+//! winding, and where the voltage limit holds d is decoupled from the current that is left.
 
 use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::{Direction, Rotor, clarke, inverse_clarke, inverse_park, park};
 use crate::units::{
-    Current, Duty, ElectricalAngle, ElectricalSpeed, Voltage, multiply_high, product, shifted,
-    within,
+    Current, Duty, ElectricalAngle, ElectricalSpeed, Voltage, multiply_high, shifted, within,
 };
 
 /// How quickly a held voltage limit pulls the integrators back: a quarter of the excess a tick.
@@ -34,6 +33,8 @@ pub struct Model {
     pub resistance: i32,
     /// One over the phase resistance, S in 2^-24.
     pub conductance: i32,
+    /// What a volt adds to the current in a tick, S in 2^-24.
+    pub admittance: i32,
     /// Phase inductance times electrical speed: ohm per (turn per tick), in 2^-[`REACTANCE_BITS`].
     pub reactance: i32,
     /// Flux linkage times electrical speed: 2^-16 V per (2^-32 turn per tick), in 2^-32.
@@ -49,6 +50,16 @@ impl Model {
     #[inline(always)]
     const fn proportional(&self, error: Current) -> Voltage {
         Voltage::from_raw(shifted(volts(error, self.proportional).raw(), 24 - PROPORTIONAL_BITS))
+    }
+
+    /// Returns a current a tick later, by the voltage for its error and what the limit gave beyond that.
+    #[inline(always)]
+    const fn next(&self, current: Current, error: Current, excess: Voltage) -> Current {
+        let [across, proportional] = [volts(error, self.resistance), self.proportional(error)];
+        // 64 V are more than any bus has, and 32 A more than any bridge.
+        let voltage = within(across.raw() + proportional.raw() + excess.raw(), 1 << 22);
+        let change = multiply_high(shifted(voltage, 8), self.admittance);
+        Current::from_raw(within(current.raw() + change, 32 << 16))
     }
 }
 
@@ -136,17 +147,20 @@ impl CurrentLoop {
         let direction = Direction::from(input.angle);
         let (current, phases) = match input.phases {
             Some([a, b]) => (park(clarke(a, b), direction), [a, b, -(a + b)]),
-            None => (input.wanted, inverse_clarke(inverse_park(input.wanted, direction))),
+            None => (self.current, inverse_clarke(inverse_park(self.current, direction))),
         };
         self.current = current;
         let error = Rotor { d: input.wanted.d - current.d, q: input.wanted.q - current.q };
-        self.error = error;
         let wanted = self.demand(model, input, current, error);
-        let voltage = self.limit(wanted, model, bus, input);
+        let voltage = self.limit(wanted, bus, input);
         self.voltage = voltage;
         if input.phases.is_some() {
+            self.error = error;
             self.integral.d = self.integral.d + volts(error.d, model.integral);
             self.integral.q = self.integral.q + volts(error.q, model.integral);
+        } else {
+            self.current.d = model.next(current.d, error.d, voltage.d - wanted.d);
+            self.current.q = model.next(current.q, error.q, voltage.q - wanted.q);
         }
 
         // What is beyond a turn goes, as in every angle.
@@ -171,12 +185,13 @@ impl CurrentLoop {
         error: Rotor<Current>,
     ) -> Rotor<Voltage> {
         let (speed, wanted) = (input.speed.raw(), input.wanted);
-        // d couples to q by what is wanted and q to d by what is: that d is most often zero.
+        // d couples to q by what is wanted, where that is not known better, and q to d by what is: that d is most often zero.
+        let coupled = if input.phases.is_some() { wanted.q } else { current.q };
         let reactance = multiply_high(speed, model.reactance);
         let back_emf = Voltage::from_raw(multiply_high(speed, model.back_emf));
         Rotor {
             d: model.proportional(error.d) + self.integral.d + volts(wanted.d, model.resistance)
-                - across(wanted.q, reactance),
+                - across(coupled, reactance),
             q: model.proportional(error.q)
                 + self.integral.q
                 + volts(wanted.q, model.resistance)
@@ -189,13 +204,7 @@ impl CurrentLoop {
     /// the limit, q the rest, `sqrt(limit^2 - d^2)`. Where currents are measured, what was wanted beyond
     /// it is taken back from the integrals within a few ticks, so that they stay bounded.
     #[inline(always)]
-    fn limit(
-        &mut self,
-        wanted: Rotor<Voltage>,
-        model: &Model,
-        bus: &Bus,
-        input: &Input,
-    ) -> Rotor<Voltage> {
+    fn limit(&mut self, wanted: Rotor<Voltage>, bus: &Bus, input: &Input) -> Rotor<Voltage> {
         // Most often neither is near its limit: d within a quarter leaves q at least 0.968.
         let near = |value: Voltage, bound: i32| {
             value.raw().wrapping_add(bound) as u32 <= (bound as u32).wrapping_mul(2)
@@ -209,7 +218,7 @@ impl CurrentLoop {
         self.limited = given != wanted;
         self.has_been_limited |= self.limited;
         if input.phases.is_none() {
-            return self.settle(wanted, given, model, bus, input.speed);
+            return given;
         }
         let excess = Rotor { d: given.d - wanted.d, q: given.q - wanted.q };
         self.excess = excess;
@@ -217,26 +226,6 @@ impl CurrentLoop {
         self.integral.d = self.integral.d + share(excess.d);
         self.integral.q = self.integral.q + share(excess.q);
         given
-    }
-
-    /// Notes the q current that the model says a limited voltage leaves, and returns that voltage with d
-    /// decoupled from what is left rather than from what was wanted: d carries no current for it.
-    #[cold]
-    fn settle(
-        &mut self,
-        wanted: Rotor<Voltage>,
-        given: Rotor<Voltage>,
-        model: &Model,
-        bus: &Bus,
-        speed: ElectricalSpeed,
-    ) -> Rotor<Voltage> {
-        let missing = (wanted.q - given.q).raw();
-        let lost = product(missing, model.conductance, 24);
-        self.current.q = Current::from_raw(self.current.q.raw().saturating_sub(lost));
-        let reactance = multiply_high(speed.raw(), model.reactance);
-        let coupling = product(lost, reactance, REACTANCE_BITS);
-        let d = Voltage::from_raw(wanted.d.raw().saturating_add(coupling));
-        circle(Rotor { d, q: given.q }, bus)
     }
 }
 
@@ -318,7 +307,7 @@ mod tests {
                 let current = Rotor { d: amperes(d), q: amperes(q) };
                 let error = Rotor { d: amperes(wanted[0] - d), q: amperes(wanted[1] - q) };
                 let input = Input {
-                    phases: None,
+                    phases: Some([Current::ZERO; 2]),
                     angle: ElectricalAngle::ZERO,
                     speed: ElectricalSpeed::from_raw(speed),
                     wanted: Rotor { d: amperes(wanted[0]), q: amperes(wanted[1]) },
@@ -376,36 +365,69 @@ mod tests {
     }
 
     #[test]
-    fn the_current_that_a_limited_voltage_leaves_never_wraps() {
+    fn in_voltage_mode_the_current_is_that_of_the_voltage_that_is_given_at_the_ends_of_all_settings()
+     {
         let bus = Bus::new(Voltage::from_volts(11.1), 0);
+        let volts = |voltage: Voltage| f64::from(voltage.raw()) / 65_536.0;
+        let amperes = |current: Current| f64::from(current.raw()) / 65_536.0;
         for settings in ends::settings() {
             let model = Configuration::current_loop(&settings, &DENGFOC_V3_01.hardware, 0);
-            for (sign, turning) in [(1.0, 1), (1.0, -1), (-1.0, 1), (-1.0, -1)] {
-                let wanted = Rotor {
-                    d: Current::ZERO,
-                    q: Current::from_amperes(sign * f64::from(settings.current_limit)),
-                };
+            let resistance = f64::from(settings.phase_resistance[0]);
+            let inductance = 1e-3 * f64::from(settings.phase_inductance[0]);
+            let flux = 1e-3 * f64::from(settings.flux_linkage[0]);
+            let kept = (-resistance * 1e-4 / inductance).exp();
+            for (sign, turning) in [(1.0, 1), (1.0, -1), (-1.0, 1), (-1.0, 0)] {
+                let q = Current::from_amperes(sign * f64::from(settings.current_limit));
+                let speed = turning * fastest(&settings);
                 let input = Input {
                     phases: None,
                     angle: ElectricalAngle::ZERO,
-                    speed: ElectricalSpeed::from_raw(turning * fastest(&settings)),
-                    wanted,
+                    speed: ElectricalSpeed::from_raw(speed),
+                    wanted: Rotor { d: Current::ZERO, q },
                 };
+                let omega = f64::from(speed) / 4_294_967_296.0 * TAU * 1e4;
                 let mut current_loop = CurrentLoop::default();
-                let asked = current_loop.demand(&model, &input, wanted, Rotor::default()).q;
-                current_loop.update(&model, &bus, &input);
-                let missing = asked
-                    - circle(current_loop.demand(&model, &input, wanted, Rotor::default()), &bus).q;
-                let lost =
-                    f64::from(missing.raw()) / f64::from(settings.phase_resistance[0].max(0.02));
-                let want = f64::from(wanted.q.raw()) - lost;
-                let have = f64::from(current_loop.current().q.raw());
-                assert!(
-                    (have - want).abs() < 1e-3 * want.abs() + 4.0,
-                    "{have} for {want}: {settings:?}"
-                );
+                for tick in 0..20 {
+                    let [d, q] = [current_loop.current().d, current_loop.current().q].map(amperes);
+                    current_loop.update(&model, &bus, &input);
+                    let Rotor { d: v_d, q: v_q } = current_loop.voltage();
+                    let driving = [
+                        volts(v_d) + omega * inductance * q,
+                        volts(v_q) - omega * (inductance * d + flux),
+                    ];
+                    let have = [current_loop.current().d, current_loop.current().q].map(amperes);
+                    for ((now, driving), have) in [d, q].into_iter().zip(driving).zip(have) {
+                        let changed = driving - resistance * now;
+                        let want = now + (1.0 - kept) * changed / resistance;
+                        // A voltage is right to some 2^-16 V. What impossible speeds would drive is bounded.
+                        let off = (have - want).abs();
+                        assert!(
+                            off < 2e-3 * want.abs() + 1e-4 / resistance + 1e-3
+                                || changed.abs() > 63.0
+                                || have.abs() == 32.0,
+                            "tick {tick}: {have} for {want}: {settings:?}"
+                        );
+                    }
+                }
             }
         }
+    }
+
+    #[test]
+    fn in_voltage_mode_a_motor_follows_its_reference_however_slow_its_winding_is() {
+        let settings = Settings { phase_inductance: [10.0; 2], ..Settings::DEFAULT };
+        let model = Configuration::current_loop(&settings, &DENGFOC_V3_01.hardware, 0);
+        let bus = Bus::new(Voltage::from_volts(24.0), 0);
+        let wanted = Rotor { d: Current::ZERO, q: Current::from_amperes(0.1) };
+        let (mut current_loop, mut flows) = (CurrentLoop::default(), 0.0);
+        for _ in 0..10 {
+            let (angle, speed) = (ElectricalAngle::ZERO, ElectricalSpeed::ZERO);
+            current_loop.update(&model, &bus, &Input { phases: None, angle, speed, wanted });
+            let volts = f64::from(current_loop.voltage().q.raw()) / 65_536.0;
+            flows += (volts - f64::from(settings.phase_resistance[0]) * flows) / 10e-3 * 1e-4;
+        }
+        // Within a millisecond, of a winding that takes four.
+        assert!((0.095..0.105).contains(&flows), "{flows} A");
     }
 
     #[test]
