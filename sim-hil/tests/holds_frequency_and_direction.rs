@@ -50,15 +50,15 @@ fn robots_whose_torque_acts_late_do_not_swing_beside_a_harmonic_of_f() {
 }
 
 #[test]
-fn robots_that_ask_for_a_slower_position_loop_hold_with_it() {
-    for seed in [92_017, 110_012] {
+fn without_current_sense_robots_of_slow_windings_and_late_encoders_hold_with_the_usual_loops() {
+    for (seed, frequency) in [(92_017, 35.0), (110_012, 35.0), (91_121, -10.0)] {
         let mut model = draw(seed, false);
         let mut watched = Watched::power_up(model.clone(), seed).unwrap();
         let entered = watched.enter(measured_by_hand(&watched, &model, seed)).unwrap();
-        assert!(entered["position_bandwidth"] < 20.0, "{entered:?}");
+        assert!(!entered.contains_key("position_bandwidth"), "{entered:?}");
         model.electrical.settings.extend(entered);
         let subject = Subject { model: Some(model), seed };
-        assert_eq!(failures(&subject, &[Base::Free], &[35.0]), Vec::<String>::new());
+        assert_eq!(failures(&subject, &[Base::Free], &[frequency]), Vec::<String>::new());
     }
 }
 

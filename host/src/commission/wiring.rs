@@ -32,6 +32,9 @@ const NOISE: f64 = 0.013;
 const FAINT: f64 = 0.02;
 /// Largest ratio of the resistances of two phases of a good motor.
 const LARGEST_RATIO: f64 = 1.25;
+/// The same where some fields showed no current that the robot goes on with: they were looked at with less voltage, of which dead
+/// time takes more.
+const LARGEST_FAINT_RATIO: f64 = 2.0;
 /// Phases whose resistances differ by less than this are alike: what dead time and noise make of a good motor.
 const ALIKE: f64 = 1.04;
 /// Largest ratio of the gains of two amplifiers that are each within 20 %, and some more.
@@ -261,7 +264,9 @@ impl Motor<'_> {
         order.sort_by(|one, other| star[*one].total_cmp(&star[*other]));
         let [low, middle, high] = order;
         let (above, below) = (star[high] / star[middle], star[low] / star[middle]);
-        if star[high] / star[low] < LARGEST_RATIO {
+        let found = self.stood.iter().filter(|it| it.circuit.is_some()).count();
+        let largest = if found % 3 == 0 { LARGEST_RATIO } else { LARGEST_FAINT_RATIO };
+        if star[high] / star[low] < largest {
             return Ok(());
         }
         if above * below < 1.0 {
@@ -345,6 +350,24 @@ mod tests {
         }
         let expected = Err(Finding::NotConnected(1));
         assert_eq!(judge(&[good, star([OPEN; 3], [1.0; 2])]), expected);
+    }
+
+    #[test]
+    fn what_was_looked_at_with_less_voltage_compares_less_well() {
+        let good = star([2.0; 3], [1.0; 2]);
+        let judged = |ratio: f64, found: usize| {
+            let mut stood = star([2.0 * ratio, 2.0, 2.0], [1.0; 2]);
+            for stood in &mut stood[..found] {
+                stood.circuit = Some(Circuit::default());
+            }
+            judge(&[stood, good]).is_ok()
+        };
+        for found in [0, 3] {
+            assert!(judged(1.2, found) && !judged(1.3, found), "{found}");
+        }
+        for found in [1, 2] {
+            assert!(judged(1.9, found) && !judged(2.1, found), "{found}");
+        }
     }
 
     #[test]
