@@ -14,10 +14,7 @@ use flix_protocol::message::{
 use flix_protocol::units::Instant;
 use flix_sim::model::{Electrical, SIMULATED_BOARD};
 use flix_sim::reliability::commission::{CURRENT_LIMIT_A, measure, try_stranger};
-use flix_sim::reliability::commissioned::draw;
-use flix_sim::reliability::stranger::{
-    Watched, measured_by_hand, motor_values, rotor_inertia, stranger,
-};
+use flix_sim::reliability::stranger::{Watched, motor_values, rotor_inertia, stranger};
 use flix_sim::rig::operation::OperationError;
 use flix_sim::rig::simulated::Disturbance;
 use flix_sim::rig::wiring_fault::{Miswired, WiringFault};
