@@ -84,20 +84,6 @@ pub enum LinkError {
     Interrupted,
 }
 
-#[cfg(not(target_family = "wasm"))]
-impl From<std::io::Error> for LinkError {
-    fn from(error: std::io::Error) -> Self {
-        Self::Network(error.to_string())
-    }
-}
-
-#[cfg(not(target_family = "wasm"))]
-impl From<getrandom::Error> for LinkError {
-    fn from(error: getrandom::Error) -> Self {
-        Self::Random(error.to_string())
-    }
-}
-
 impl LinkError {
     /// Returns the faults that telemetry reports, as an error.
     #[must_use]

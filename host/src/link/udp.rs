@@ -32,6 +32,18 @@ pub(super) const ANSWERS_AT_ONCE: u32 = 64;
 /// Shortest timeout that is requested from the operating system.
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
 
+impl From<io::Error> for LinkError {
+    fn from(error: io::Error) -> Self {
+        Self::Network(error.to_string())
+    }
+}
+
+impl From<getrandom::Error> for LinkError {
+    fn from(error: getrandom::Error) -> Self {
+        Self::Random(error.to_string())
+    }
+}
+
 /// A robot on the network.
 ///
 /// When it is dropped while it drives the robot, also by an error or a panic, it first stops the

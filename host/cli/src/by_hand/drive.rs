@@ -5,9 +5,8 @@ use std::time::Duration;
 use flix_protocol::message::Setpoint;
 use flix_protocol::units::Instant;
 
-use flix_host::link::Client;
-use flix_host::link::LinkError;
 use flix_host::link::udp::Connection;
+use flix_host::link::{Client, LinkError};
 use flix_host::pose::any::Poses;
 use flix_host::pose::{PoseError, PoseSource};
 use flix_host::record::{RecordError, Recorder};
