@@ -31,6 +31,11 @@ use crate::hardware::{Actuation, Bridge, Magnet, Sensors};
 use crate::scope::{Sample, row};
 use crate::units::{Counts, Current, RotorAngle, Speed, TICK_US, Voltage, multiply_high};
 
+/// Tick after a multiple of [`DIAGNOSTIC_TICKS`] that diagnoses.
+pub(crate) const DIAGNOSED: u32 = 1;
+/// Tick after a multiple of [`DIAGNOSTIC_TICKS`] that looks for peaks of the currents once more: an even one. Boards convert a phase
+/// before and after the middle of the PWM period in turn, and what pulses add to its current changes its sign.
+pub(crate) const PEAKED: u32 = 10;
 /// Tick after a multiple of [`DIAGNOSTIC_TICKS`] that adds to the interval: half-way between two diagnoses, and not one of those
 /// in which the shaker is updated.
 const OBSERVED: u32 = 9;
@@ -202,10 +207,12 @@ impl Control {
         let excess = self.measure_currents(sensors);
         let rotors = self.rotors();
         let count = self.timing.ticks as u32;
-        if count % DIAGNOSTIC_TICKS == 1 {
+        if count % DIAGNOSTIC_TICKS == DIAGNOSED {
             self.diagnose(sensors, order, &rotors);
         } else if count % DIAGNOSTIC_TICKS == OBSERVED {
             self.observe(&rotors);
+        } else if count % DIAGNOSTIC_TICKS == PEAKED {
+            self.monitor.take_peaks(&self.currents);
         } else if self.is_range_new && count % DIAGNOSTIC_TICKS == RANGED {
             self.take_range();
         }

@@ -238,6 +238,15 @@ impl Monitor {
         self.over_current.count(excess, OVER_CURRENT_TICKS)
     }
 
+    /// Takes the currents of phases A and B, top and bottom, for their peaks: in the diagnosis, and once more between two.
+    pub(crate) fn take_peaks(&mut self, currents: &[[Current; 2]; 2]) {
+        for (peaks, [a, b]) in self.peaks.iter_mut().zip(*currents) {
+            for (peak, current) in peaks.iter_mut().zip([a, b, a + b]) {
+                *peak = (*peak).max(current.magnitude());
+            }
+        }
+    }
+
     /// Adds the faults whose cause is there now, but for those that every tick looks for.
     pub(crate) fn faults(&mut self, faults: Faults, observation: &Observation<'_>) -> Faults {
         let Observation { configuration, bus_voltage, trackers, .. } = *observation;
@@ -327,15 +336,12 @@ impl Monitor {
 
     /// Returns whether a phase carries next to nothing while its motor turns and the others carry.
     fn open_phase(&mut self, currents: &[[Current; 2]; 2], going_on: bool) -> bool {
+        for peak in self.peaks.as_flattened_mut() {
+            *peak = *peak - Current::from_raw(peak.raw() >> PEAK_SHIFT);
+        }
+        self.take_peaks(currents);
         let mut found = false;
-        for ((peaks, debounce), [a, b]) in
-            self.peaks.iter_mut().zip(&mut self.open_phase).zip(*currents)
-        {
-            for (peak, current) in peaks.iter_mut().zip([a, b, a + b]) {
-                let faded = *peak - Current::from_raw(peak.raw() >> PEAK_SHIFT);
-                *peak = faded.max(current.magnitude());
-            }
-            let [a, b, c] = *peaks;
+        for ([a, b, c], debounce) in self.peaks.into_iter().zip(&mut self.open_phase) {
             let (least, most) = (a.min(b).min(c), a.max(b).max(c));
             let open = going_on
                 && most > SIGNIFICANT_CURRENT
@@ -356,15 +362,18 @@ fn is_held(observation: &Observation<'_>) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use super::*;
     use crate::board::DENGFOC_V3_01;
+    use crate::fast::control::{DIAGNOSED, PEAKED};
     use crate::fast::foc::current::Input;
     use crate::fast::foc::modulation::Bus;
     use crate::fast::foc::transform::Rotor;
     use crate::fast::reference::STRIDE;
     use crate::fast::shaker::{Rotors, Target};
     use crate::settings::Settings;
-    use crate::units::{ElectricalAngle, ElectricalSpeed, RotorAngle};
+    use crate::units::{ElectricalAngle, ElectricalSpeed, RotorAngle, TICK_RATE_HZ};
 
     /// More diagnoses than any fault takes.
     const LONG: u32 = 1_000;
@@ -636,6 +645,30 @@ mod tests {
             // Its peak fades to an eighth in 66 diagnoses; from then on as above.
             let (count, fault) = fading.unwrap();
             assert!((115..=135).contains(&count) && fault == Fault::Alignment, "{count} {fault}");
+        }
+    }
+
+    #[test]
+    fn no_phase_is_open_whose_current_turns_however_fast() {
+        // 1 A; from 6 Hz of 4 pole pairs to 35 Hz of 20.
+        let carries = |tick: f64, hertz: f64, begin: f64| {
+            [0.0, TAU / 3.0].map(|behind| {
+                let angle = TAU * hertz * tick / f64::from(TICK_RATE_HZ);
+                Current::from_amperes((begin + angle - behind).sin())
+            })
+        };
+        let mut scene = Scene::new(MOVING);
+        for hertz in (24..=700).map(f64::from).chain([312.5, 625.0]) {
+            for begin in [0.0, TAU / 12.0, TAU / 6.0] {
+                let mut monitor = Monitor::default();
+                for count in 0..3 * OPEN_PHASE_TICKS / DIAGNOSTIC_TICKS {
+                    let tick = f64::from(count * DIAGNOSTIC_TICKS);
+                    scene.currents = [carries(tick, hertz, begin); 2];
+                    assert_eq!(scene.look(&mut monitor), Faults::NONE, "{hertz} Hz");
+                    let between = tick + f64::from(PEAKED - DIAGNOSED);
+                    monitor.take_peaks(&[carries(between, hertz, begin); 2]);
+                }
+            }
         }
     }
 

@@ -93,6 +93,12 @@ impl Motor {
         [alpha, half - alpha / 2.0, -half - alpha / 2.0]
     }
 
+    /// Returns the back-EMF of phases A and B.
+    fn back_emf(&self) -> [f64; 2] {
+        let omega = if self.reversed { -7.0 } else { 7.0 } * self.speed;
+        [0.0, TAU / 3.0].map(|behind| -omega * self.flux * (self.electrical() - behind).sin())
+    }
+
     /// Returns the torque on the rotor, clockwise.
     fn electric(&mut self, bridge: Bridge, bus: f64, dt: f64) -> f64 {
         let electrical = self.electrical();
@@ -144,6 +150,8 @@ pub(crate) struct Bench {
     pub(crate) encoders_swapped: bool,
     /// Counts added to what both motors' phase A shows.
     pub(crate) sense_offset: i16,
+    /// How long before the middle of a PWM period one phase is converted, and the other as long after it, in turn; s.
+    pub(crate) aside: f64,
     /// What the amplifiers show instead, all four.
     pub(crate) sense_dead: Option<i16>,
     pub(crate) last: Actuation,
@@ -176,6 +184,7 @@ impl Bench {
             keep_alive: true,
             encoders_swapped: false,
             sense_offset: 0,
+            aside: 0.0,
             sense_dead: None,
             last: Actuation::OFF,
             base_damping: 2.0,
@@ -218,9 +227,13 @@ impl Bench {
                     Encoder::Reading(EncoderReading { angle, age_us: self.encoder_age_us });
             }
             let phases = self.motors[index].phases();
-            for phase in 0..2 {
-                let noise = self.noise(0.005);
-                counts[index][phase] = (2060.0 + (phases[phase] + noise) / 1.611e-3).round() as i16;
+            let back_emf = self.motors[index].back_emf();
+            let in_turn = if (self.now_us / 100).is_multiple_of(2) { 1.0 } else { -1.0 };
+            for (phase, side) in [in_turn, -in_turn].into_iter().enumerate() {
+                // In the middle all phases are low.
+                let falls = back_emf[phase] / self.motors[index].inductance;
+                let shown = phases[phase] + side * self.aside * falls + self.noise(0.005);
+                counts[index][phase] = (2060.0 + shown / 1.611e-3).round() as i16;
             }
             counts[index][0] += self.sense_offset;
             if let Some(dead) = self.sense_dead {

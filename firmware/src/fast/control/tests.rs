@@ -728,6 +728,29 @@ fn a_phase_that_opens_while_running_stops_the_rotors() {
 }
 
 #[test]
+fn conversions_beside_the_middle_of_the_pwm_period_hide_no_phase() {
+    // Of an inductance so small that pulses move the current by as much as flows.
+    const MILLIHENRY: f32 = 0.1;
+    for (inverted, frequency) in [(1.0, 15.0), (-1.0, 15.0), (1.0, 30.0), (-1.0, 30.0)] {
+        let settings = Settings { phase_inductance: [MILLIHENRY; 2], ..Settings::DEFAULT };
+        let mut bench = Bench::with(None, settings, HARDWARE);
+        for motor in &mut bench.motors {
+            motor.inductance = 1e-3 * f64::from(MILLIHENRY);
+            motor.coulomb = 4e-3;
+        }
+        bench.arm();
+        bench.command(frequency, 0.0);
+        bench.run(0.5);
+        for microseconds in 1..10 {
+            bench.aside = inverted * 1e-6 * f64::from(microseconds);
+            bench.run(0.3);
+            let faults = bench.control.report().faults;
+            assert_eq!(faults, Faults::NONE, "{frequency} Hz, {inverted} x {microseconds} us");
+        }
+    }
+}
+
+#[test]
 fn survives_an_offset_of_the_current_sense() {
     let mut bench = running(FREE, 30.0, 30.0);
     bench.sense_offset = 60;
