@@ -1,5 +1,6 @@
 //! `flix doctor`: finds what is wrong with a set-up, and reports it in sentences.
 
+use std::f64::consts::TAU;
 use std::process::ExitCode;
 use std::time::{Duration, Instant as Clock};
 
@@ -7,13 +8,14 @@ use flix_protocol::failsafe::{
     BATTERY_LOW_VOLTS, LONGEST_MOVEMENT, SLOWEST_RAMP, arms_with, longest_command_age, ramp_down,
 };
 use flix_protocol::message::{
-    Command, Magnet, Outcome, ParameterCommand, ResetReason, State, Telemetry,
+    Command, MAXIMUM_FREQUENCY, Magnet, Outcome, ParameterCommand, ResetReason, State, Telemetry,
 };
 use flix_protocol::units::Instant;
 
 use super::address::RobotArgs;
 use super::walk::PoseArgs;
 use super::{Error, Exit};
+use flix_host::commission::motor_name;
 use flix_host::link::LinkError;
 use flix_host::link::explain;
 use flix_host::link::udp::Connection;
@@ -123,6 +125,7 @@ fn look_at_robot(robot: &RobotArgs, interrupt: &Interrupt) -> Vec<Finding> {
     };
     let mut findings = identity(&mut connection);
     findings.extend(movement(&mut connection));
+    findings.extend(brakes(&mut connection));
     let begin = Clock::now();
     let first = connection.client().telemetry().copied();
     let watched = waiting("two seconds of telemetry", || watch(&mut connection, interrupt));
@@ -165,17 +168,43 @@ fn identity(connection: &mut Connection) -> Vec<Finding> {
     vec![Finding::good("robot", sentence), judge_reset(&identity.reset)]
 }
 
+/// Asks for a setting; a robot of another kind has no such one.
+fn setting(connection: &mut Connection, name: &str) -> Option<f32> {
+    let get = ParameterCommand::Get(name.try_into().ok()?);
+    match connection.ask(Command::Parameter(get)) {
+        Ok(Outcome::Parameter(parameter)) => Some(parameter.value),
+        _ => None,
+    }
+}
+
 /// Asks for the settings by which the rotors come to rest.
 fn movement(connection: &mut Connection) -> Option<Finding> {
-    let mut value = |name: &str| {
-        let get = ParameterCommand::Get(name.try_into().ok()?);
-        match connection.ask(Command::Parameter(get)) {
-            Ok(Outcome::Parameter(parameter)) => Some(parameter.value),
-            // A robot of another kind has no such setting.
-            _ => None,
-        }
-    };
+    let mut value = |name: &str| setting(connection, name);
     Some(judge_movement(value("command_age")?, value("frequency_ramp")?))
+}
+
+/// Asks for the motors' settings, and states what a fault drives through them.
+fn brakes(connection: &mut Connection) -> Option<Finding> {
+    let mut value = |name: &str| setting(connection, name);
+    let pole_pairs = value("pole_pairs")?;
+    let mut most = 0.0_f64;
+    for motor in [0, 1].map(motor_name) {
+        let mut value = |name: &str| value(&format!("{motor}_{name}"));
+        let (resistance, inductance) = (value("phase_resistance")?, value("phase_inductance")?);
+        let flux = value("flux_linkage")?;
+        most = most.max(braking_current(resistance, inductance, flux, pole_pairs));
+    }
+    let sentence = format_args!(
+        "a fault at {MAXIMUM_FREQUENCY} shorts the motors: {most:.1} A for a moment; choose bridges that bear it"
+    );
+    Some(Finding::good("brakes", sentence))
+}
+
+/// Returns the current of a phase that is shorted at the fastest f, A: of ohm, mH and mWb.
+fn braking_current(resistance: f32, inductance: f32, flux: f32, pole_pairs: f32) -> f64 {
+    let [resistance, inductance, flux] = [resistance, inductance, flux].map(f64::from);
+    let speed = TAU * f64::from(MAXIMUM_FREQUENCY.get()) * f64::from(pole_pairs);
+    1e-3 * speed * flux / resistance.hypot(1e-3 * speed * inductance)
 }
 
 /// Half of the unit in which an age of commands counts, s.
@@ -625,6 +654,12 @@ mod tests {
             let Finding { ok, sentence, .. } = judge_movement(age, ramp);
             assert!(ok && sentence.contains(word), "{sentence}");
         }
+    }
+
+    #[test]
+    fn shorted_motors_carry_their_back_emf_over_their_impedance() {
+        assert!((braking_current(2.5, 1.0, 3.0, 7.0) - 1.573).abs() < 1e-3);
+        assert!((braking_current(0.15, 0.04, 1.0, 12.0) - 14.388).abs() < 1e-3);
     }
 
     #[test]
