@@ -133,8 +133,7 @@ impl Lease {
 
 /// Gives a message another number, and no check sum (RFC 768 allows that).
 fn renumber(frame: &mut [u8], transaction: [u8; 4]) {
-    let header = frame.get(ETHERNET_HEADER).map_or(0, |it| usize::from(it & 0x0f) * 4);
-    let Some(segment) = frame.get_mut(ETHERNET_HEADER + header..) else { return };
+    let Some(segment) = segment(frame).and_then(|it| frame.get_mut(it)) else { return };
     let Some((head, payload)) = segment.split_at_mut_checked(UDP_HEADER) else { return };
     if let Some(number) = payload.get_mut(TRANSACTION)
         && *number != transaction
@@ -144,6 +143,12 @@ fn renumber(frame: &mut [u8], transaction: [u8; 4]) {
     }
 }
 
+/// Returns where the UDP header and what follows it are in an IPv4 frame.
+fn segment(frame: &[u8]) -> Option<core::ops::RangeFrom<usize>> {
+    let words = frame.get(ETHERNET_HEADER)? & 0x0f;
+    Some(ETHERNET_HEADER + usize::from(words) * 4..)
+}
+
 fn number(bytes: &[u8]) -> Option<u16> {
     <[u8; 2]>::try_from(bytes).ok().map(u16::from_be_bytes)
 }
@@ -151,11 +156,10 @@ fn number(bytes: &[u8]) -> Option<u16> {
 /// Returns the DHCP message in a frame to this port.
 fn message(frame: &[u8], port: u16) -> Option<Message> {
     let is_ipv4 = frame.get(12..ETHERNET_HEADER)? == ETHERTYPE_IPV4;
-    let packet = frame.get(ETHERNET_HEADER..)?;
-    if !is_ipv4 || *packet.get(9)? != PROTOCOL_UDP {
+    if !is_ipv4 || *frame.get(ETHERNET_HEADER + 9)? != PROTOCOL_UDP {
         return None;
     }
-    let segment = packet.get(usize::from(packet.first()? & 0x0f) * 4..)?;
+    let segment = frame.get(segment(frame)?)?;
     if number(segment.get(2..4)?)? != port {
         return None;
     }
