@@ -41,6 +41,8 @@ pub(crate) const PEAKED: u32 = 10;
 const OBSERVED: u32 = 9;
 /// Tick after a multiple of [`DIAGNOSTIC_TICKS`] that works out the range of the amplifiers, where that is new: another such tick.
 const RANGED: u32 = 5;
+/// The current that burns what the rotors lose grows by this share of the limit with each update of the shaker, 2^-3: within 3 ms.
+const BURNING_SHIFT: u32 = 3;
 /// Ticks after a multiple of [`LOOK_TICKS`] that look at the voltage headroom of a motor: two more such ticks.
 const LOOKED_AT_TOP: u32 = 7;
 const LOOKED_AT_BOTTOM: u32 = 15;
@@ -589,7 +591,10 @@ impl Control {
             return Rotor { d: weakening, q };
         }
         let speed = configuration.electrical_speed(index, speed);
-        Rotor { d: direct_current(per_speed, speed, q, limit).min(weakening), q }
+        let burning = direct_current(per_speed, speed, q, limit);
+        // A step of all of it would overshoot by half.
+        let begins = self.wanted[index].d - Current::from_raw(limit.raw() >> BURNING_SHIFT);
+        Rotor { d: burning.max(begins).min(weakening), q }
     }
 
     /// Drives one motor: from its wanted current to its bridge.

@@ -30,7 +30,8 @@ pub const LIMITED_DIRECTION_DEG: f64 = 3.0;
 /// Within which a robot says what is wrong.
 const SAYING: Duration = Duration::from_millis(500);
 
-/// Draws a robot about the assumed one, the same for the same seed, with or without current sense.
+/// Draws a robot about the assumed one, the same for the same seed, with or without current sense; half of the boards have no
+/// battery divider.
 #[must_use]
 pub fn draw(seed: u64, measures_current: bool) -> RobotModel {
     let mut source = Xoshiro256PlusPlus::seed_from_u64(seed);
@@ -55,6 +56,9 @@ pub fn draw(seed: u64, measures_current: bool) -> RobotModel {
     let charge = 0.1 + 0.9 * share();
     (electrical.pack.charge_at_least, electrical.pack.charge_at_most) = (charge, charge);
     electrical.sense.current = measures_current;
+    if share() < 0.5 {
+        electrical.sense.bus_uv_per_count = 0;
+    }
     model
 }
 
