@@ -33,9 +33,9 @@ use crate::units::{Counts, Current, RotorAngle, Speed, TICK_US, Voltage, multipl
 
 /// Tick after a multiple of [`DIAGNOSTIC_TICKS`] that diagnoses.
 pub(crate) const DIAGNOSED: u32 = 1;
-/// Tick after a multiple of [`DIAGNOSTIC_TICKS`] that looks for peaks of the currents once more: an even one. Boards convert a phase
+/// Tick after a multiple of [`DIAGNOSTIC_TICKS`] that looks at the magnitudes of the currents once more: an even one. Boards convert a phase
 /// before and after the middle of the PWM period in turn, and what pulses add to its current changes its sign.
-pub(crate) const PEAKED: u32 = 10;
+pub(crate) const MEASURED: u32 = 10;
 /// Tick after a multiple of [`DIAGNOSTIC_TICKS`] that adds to the interval: half-way between two diagnoses, and not one of those
 /// in which the shaker is updated.
 const OBSERVED: u32 = 9;
@@ -213,8 +213,8 @@ impl Control {
             self.diagnose(sensors, order, &rotors);
         } else if count % DIAGNOSTIC_TICKS == OBSERVED {
             self.observe(&rotors);
-        } else if count % DIAGNOSTIC_TICKS == PEAKED {
-            self.monitor.take_peaks(&self.currents);
+        } else if count % DIAGNOSTIC_TICKS == MEASURED {
+            self.monitor.take_magnitudes(&self.currents);
         } else if self.is_range_new && count % DIAGNOSTIC_TICKS == RANGED {
             self.take_range();
         }
@@ -465,7 +465,8 @@ impl Control {
         self.present = self.monitor.faults(misaligned, &observation);
         let rotating = Speed::from_raw(self.frequency >> FREQUENCY_FILTER_SHIFT);
         let held_back = self.reference().is_some_and(|it| {
-            it.held_back(order.frequency, rotating) || self.headroom.limits(self.asked)
+            let ramps = &self.configuration.shaker.ramps;
+            it.held_back(ramps, order.frequency, rotating) || self.headroom.limits(self.asked)
         });
         if self.monitor.becomes_limited(held_back, (order.frequency, order.direction)) {
             let events = &mut self.supervisor.events;

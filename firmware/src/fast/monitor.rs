@@ -46,12 +46,12 @@ const LOST_TICKS: u32 = 500;
 const RESIDUAL_TICKS: u32 = 100;
 /// Ticks for which a phase must carry next to nothing while the others do: 0.1 s.
 const OPEN_PHASE_TICKS: u32 = 1_000;
-/// A phase is open when its peak is below this share of the largest, 2^-3.
+/// A phase is open when its mean magnitude is below this share of the largest, 2^-3.
 const OPEN_PHASE_SHIFT: u32 = 3;
-/// Peaks below this are not judged: 0.05 A.
-const SIGNIFICANT_CURRENT: Current = Current::from_raw(3_277);
-/// Peaks fade within 2^5 diagnoses, 50 ms, several electrical turns.
-const PEAK_SHIFT: u32 = 5;
+/// Mean magnitudes below this are not judged: 0.032 A, of a current of 0.05 A.
+const SIGNIFICANT_CURRENT: Current = Current::from_raw(2_086);
+/// They are those of 2^6 looks, two in a diagnosis: 51 ms, several electrical turns.
+const MEAN_SHIFT: u32 = 6;
 /// Heat that currents which come and go may make in both motors where the rotors are to rest: 0.4 W, 2^-16 W. Holding a
 /// mass against gravity takes a current that stays; a robot that is carried about, less than 0.1 W.
 const LARGEST_SHIVER: i64 = 26_214;
@@ -70,6 +70,8 @@ const LARGEST_UNANSWERED: i32 = Speed::from_centihertz(600).raw();
 const LARGEST_MISSING: i32 = 1 << 26;
 /// It is forgotten within 2^4 diagnoses: 26 ms.
 const UNANSWERED_SHIFT: u32 = 4;
+/// Flux linkages that were entered are wrong by a twentieth: by so much of what would flow through shorted windings the model is, too.
+const WRONG_FLUX: i32 = 20;
 /// It counts where twice theta is off by more than this: 2.2 degrees of theta.
 const UNANSWERED_SUM_ERROR: i32 = (4.4 * TURN_PER_DEGREE) as i32;
 /// Ticks for which it must be there: 6.4 ms.
@@ -83,19 +85,17 @@ impl Debounce {
     /// Counts an observation and returns whether `limit` is reached.
     #[inline(always)]
     const fn count(&mut self, wrong: bool, limit: u32) -> bool {
-        self.weigh(if wrong { 1 } else { 0 }, limit)
+        self.weigh(wrong, 1, limit)
     }
 
-    /// Counts an observation so many times, one of nothing wrong by 0.
+    /// Counts an observation so many times.
     #[inline(always)]
-    const fn weigh(&mut self, wrong: u32, limit: u32) -> bool {
-        let sum = self.0 + wrong;
-        self.0 = if wrong == 0 {
-            sum.saturating_sub(1)
-        } else if sum < limit {
-            sum
-        } else {
-            limit
+    const fn weigh(&mut self, wrong: bool, times: u32, limit: u32) -> bool {
+        let sum = self.0 + times;
+        self.0 = match wrong {
+            false => self.0.saturating_sub(times),
+            true if sum < limit => sum,
+            true => limit,
         };
         self.0 >= limit
     }
@@ -203,8 +203,8 @@ pub(crate) struct Monitor {
     unanswered_for_long: Debounce,
     /// Top, bottom.
     shivers: [Shiver; 2],
-    /// Fading peaks of the phase currents.
-    peaks: [[Current; 3]; 2],
+    /// Mean magnitudes of the phase currents, in 2^-[`MEAN_SHIFT`].
+    magnitudes: [[i32; 3]; 2],
 }
 
 impl Monitor {
@@ -214,14 +214,14 @@ impl Monitor {
     }
 
     /// Takes a diagnosis of whether f is held back while this f and this theta are asked for; returns whether it has just become
-    /// limited. It ends where it has not been held back for as long.
+    /// limited: f comes and goes within a turn, so that it is in most of them. It ends where it has not been for as long.
     pub(crate) fn becomes_limited(&mut self, held_back: bool, asked: (Speed, RotorAngle)) -> bool {
         let is_new = asked != core::mem::replace(&mut self.asked, asked);
         self.asked_for = if is_new { 0 } else { self.asked_for.saturating_add(1) };
         let is_reached = self.asked_for >= REACHED_TICKS / DIAGNOSTIC_TICKS;
-        let weight = if is_reached { HELD_BACK_TICKS / LOST_TICKS } else { 1 };
-        let weight = if held_back { weight } else { 0 };
-        let limited = self.held_back.weigh(weight, HELD_BACK_TICKS / DIAGNOSTIC_TICKS);
+        let is_lost = is_reached && !self.frequency_limited;
+        let times = if is_lost { HELD_BACK_TICKS / LOST_TICKS } else { 1 };
+        let limited = self.held_back.weigh(held_back, times, HELD_BACK_TICKS / DIAGNOSTIC_TICKS);
         let becomes = limited && !self.frequency_limited;
         self.frequency_limited = limited || (self.frequency_limited && self.held_back.0 != 0);
         becomes
@@ -238,11 +238,11 @@ impl Monitor {
         self.over_current.count(excess, OVER_CURRENT_TICKS)
     }
 
-    /// Takes the currents of phases A and B, top and bottom, for their peaks: in the diagnosis, and once more between two.
-    pub(crate) fn take_peaks(&mut self, currents: &[[Current; 2]; 2]) {
-        for (peaks, [a, b]) in self.peaks.iter_mut().zip(*currents) {
-            for (peak, current) in peaks.iter_mut().zip([a, b, a + b]) {
-                *peak = (*peak).max(current.magnitude());
+    /// Takes the currents of phases A and B, top and bottom, for their mean magnitudes: in the diagnosis, and once more between two.
+    pub(crate) fn take_magnitudes(&mut self, currents: &[[Current; 2]; 2]) {
+        for (means, [a, b]) in self.magnitudes.iter_mut().zip(*currents) {
+            for (mean, current) in means.iter_mut().zip([a, b, a + b]) {
+                *mean += current.magnitude().raw() - (*mean >> MEAN_SHIFT);
             }
         }
     }
@@ -303,13 +303,22 @@ impl Monitor {
         if configuration.sensed {
             return false;
         }
-        let [top, bottom] = [0, 1].map(|motor: usize| {
+        let (mut expected, mut doubt) = (0_i32, 0_i32);
+        for (motor, tracker) in trackers.iter().enumerate() {
+            let adds = |current: Current| {
+                product(current.raw(), configuration.speed_per_current[motor % 2], 16)
+            };
             let q = configuration.clockwise(motor, loops[motor % 2].current().q);
-            product(q.raw(), configuration.speed_per_current[motor % 2], 16)
-        });
+            expected = expected.saturating_add(adds(q));
+            let speed = configuration.electrical_speed(motor, tracker.speed());
+            let shorted = configuration.motors[motor % 2].shorted(speed);
+            doubt = doubt.saturating_add(magnitude(adds(shorted)) / WRONG_FLUX);
+        }
         let sum = trackers[0].speed().raw().wrapping_add(trackers[1].speed().raw());
-        self.unanswered.add(top.saturating_add(bottom), sum);
-        let is_large = magnitude(self.unanswered.speed) > LARGEST_UNANSWERED
+        self.unanswered.add(expected, sum);
+        let largest =
+            LARGEST_UNANSWERED.saturating_add(doubt.saturating_mul(1 << UNANSWERED_SHIFT));
+        let is_large = magnitude(self.unanswered.speed) > largest
             && magnitude(shaker.sum_error()) > UNANSWERED_SUM_ERROR;
         self.unanswered_for_long.diagnose(is_large && turn, UNANSWERED_TICKS)
     }
@@ -336,16 +345,13 @@ impl Monitor {
 
     /// Returns whether a phase carries next to nothing while its motor turns and the others carry.
     fn open_phase(&mut self, currents: &[[Current; 2]; 2], going_on: bool) -> bool {
-        for peak in self.peaks.as_flattened_mut() {
-            *peak = *peak - Current::from_raw(peak.raw() >> PEAK_SHIFT);
-        }
-        self.take_peaks(currents);
+        self.take_magnitudes(currents);
         let mut found = false;
-        for ([a, b, c], debounce) in self.peaks.into_iter().zip(&mut self.open_phase) {
+        for ([a, b, c], debounce) in self.magnitudes.into_iter().zip(&mut self.open_phase) {
             let (least, most) = (a.min(b).min(c), a.max(b).max(c));
             let open = going_on
-                && most > SIGNIFICANT_CURRENT
-                && least.raw() < most.raw() >> OPEN_PHASE_SHIFT;
+                && most > SIGNIFICANT_CURRENT.raw() << MEAN_SHIFT
+                && least < most >> OPEN_PHASE_SHIFT;
             found |= debounce.diagnose(open, OPEN_PHASE_TICKS);
         }
         found
@@ -366,7 +372,7 @@ mod tests {
 
     use super::*;
     use crate::board::DENGFOC_V3_01;
-    use crate::fast::control::{DIAGNOSED, PEAKED};
+    use crate::fast::control::{DIAGNOSED, MEASURED};
     use crate::fast::foc::current::Input;
     use crate::fast::foc::modulation::Bus;
     use crate::fast::foc::transform::Rotor;
@@ -585,6 +591,8 @@ mod tests {
         scene.configuration.sensed = false;
         // One that is twice as easy to turn is no other.
         scene.configuration.speed_per_current[1] *= 2;
+        // Of flux linkages that leave no doubt.
+        scene.configuration.motors.iter_mut().for_each(|model| model.back_emf = 0);
         let least =
             f64::from(scene.configuration.speed_per_current[motor]) / f64::from(1_u32 << 16);
         let amount = Current::from_raw((f64::from(adds) / least).round() as i32);
@@ -617,34 +625,65 @@ mod tests {
     }
 
     #[test]
-    fn a_phase_is_open_when_it_carries_next_to_nothing_while_others_carry() {
-        let amperes = Current::from_amperes;
-        let carries = |motor: usize, frequency, [a, b]: [Current; 2]| {
-            but(&Scene::new(frequency), |scene| scene.currents[motor] = [a, b])
-        };
-        let (one, step) = (Current::from_raw(1), SIGNIFICANT_CURRENT);
-        let most = Current::from_raw(1 << 16);
-        let share = Current::from_raw(most.raw() >> OPEN_PHASE_SHIFT);
-        for motor in [0, 1] {
-            let carries = |frequency, currents| carries(motor, frequency, currents);
-            for (fine, wrong) in [
-                ([Current::ZERO, step], [Current::ZERO, step + one]),
-                ([step, Current::ZERO], [step + one, Current::ZERO]),
-                ([step, -step], [step + one, -step - one]),
-                ([share, -most], [share - one, -most]),
-            ] {
-                let (fine, wrong) = (carries(MOVING, fine), carries(MOVING, wrong));
-                assert_limit(&fine, &wrong, Fault::Alignment, OPEN_PHASE_TICKS);
+    fn without_current_sense_what_flux_linkages_that_are_a_twentieth_wrong_make_of_the_currents_is_no_lost_lock()
+     {
+        let error = 2 * RotorAngle::from_degrees(5.0).raw() as i32;
+        let found_by = |percent: i32| {
+            let mut scene = Scene::with(MOVING, error, false);
+            scene.configuration.sensed = false;
+            // 0.3 ohm at 30 Hz.
+            scene.configuration.motors.iter_mut().for_each(|model| model.conductance *= 8);
+            scene.speeds = [Speed::from_hertz(30.0), Speed::from_hertz(-30.0)];
+            for motor in [0, 1] {
+                let speed = scene.configuration.electrical_speed(motor, scene.speeds[motor]);
+                let shorted = scene.configuration.motors[motor].shorted(speed);
+                let q = Current::from_raw(shorted.magnitude().raw() / 100 * percent);
+                // Both of the same sign are what the sum shows.
+                let q = scene.configuration.clockwise(motor, q);
+                scene.loops[motor].note(Rotor { d: Current::ZERO, q }, Rotor::default());
             }
-            let open = [Current::ZERO, most];
-            let (slow, wrong) = (carries(GOING_ON, open), carries(MOVING, open));
-            assert_limit(&slow, &wrong, Fault::Alignment, OPEN_PHASE_TICKS);
+            scene.found_by(&mut Monitor::default())
+        };
+        assert_eq!(found_by(5), None);
+        assert_eq!(found_by(6), None);
+        let (_, fault) = found_by(12).unwrap();
+        assert_eq!(fault, Fault::PhaseLockLost);
+    }
+
+    #[test]
+    fn a_phase_is_open_when_it_carries_next_to_nothing_while_others_carry() {
+        let scene = |motor: usize, frequency, currents: [f64; 2]| {
+            let currents = currents.map(Current::from_amperes);
+            but(&Scene::new(frequency), |scene| scene.currents[motor] = currents)
+        };
+        /// Which diagnosis is the first to find it, with a look between each two.
+        fn found_by(scene: &Scene, monitor: &mut Monitor) -> Option<u32> {
+            (1..=LONG).find(|_| {
+                monitor.take_magnitudes(&scene.currents);
+                scene.look(monitor).contains(Fault::Alignment)
+            })
+        }
+        let least = OPEN_PHASE_TICKS / DIAGNOSTIC_TICKS;
+        for motor in [0, 1] {
+            let carries = |frequency, currents| scene(motor, frequency, currents);
+            for (fine, wrong) in [
+                ([0.0, 0.031], [0.0, 0.033]),
+                ([0.031, 0.0], [0.033, 0.0]),
+                ([0.031, -0.031], [0.033, -0.033]),
+                ([0.126, -1.0], [0.124, -1.0]),
+            ] {
+                let [fine, wrong] =
+                    [fine, wrong].map(|it| found_by(&carries(MOVING, it), &mut Monitor::default()));
+                assert!(fine.is_none() && wrong.is_some_and(|count| count >= least), "{wrong:?}");
+            }
+            let open = carries(MOVING, [0.0, 1.0]);
+            let slow = carries(GOING_ON, [0.0, 1.0]);
+            assert_eq!(found_by(&slow, &mut Monitor::default()), None);
             let mut monitor = Monitor::default();
-            carries(MOVING, [amperes(1.0), amperes(-0.5)]).look(&mut monitor);
-            let fading = carries(MOVING, [Current::ZERO, amperes(1.0)]).found_by(&mut monitor);
-            // Its peak fades to an eighth in 66 diagnoses; from then on as above.
-            let (count, fault) = fading.unwrap();
-            assert!((115..=135).contains(&count) && fault == Fault::Alignment, "{count} {fault}");
+            assert_eq!(found_by(&carries(MOVING, [1.0, -0.5]), &mut monitor), None);
+            // It fades to an eighth in 66 diagnoses; from then on as above.
+            let count = found_by(&open, &mut monitor).unwrap();
+            assert!((115..=135).contains(&count), "{count}");
         }
     }
 
@@ -665,10 +704,23 @@ mod tests {
                     let tick = f64::from(count * DIAGNOSTIC_TICKS);
                     scene.currents = [carries(tick, hertz, begin); 2];
                     assert_eq!(scene.look(&mut monitor), Faults::NONE, "{hertz} Hz");
-                    let between = tick + f64::from(PEAKED - DIAGNOSED);
-                    monitor.take_peaks(&[carries(between, hertz, begin); 2]);
+                    let between = tick + f64::from(MEASURED - DIAGNOSED);
+                    monitor.take_magnitudes(&[carries(between, hertz, begin); 2]);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn f_that_comes_and_goes_within_a_turn_is_limited_where_it_is_low_most_of_the_time() {
+        for (low, expected) in [(2, 0), (3, 1)] {
+            let mut monitor = Monitor::default();
+            let begin = (Speed::ZERO, RotorAngle::ZERO);
+            let said = (0..10 * REACHED_TICKS / DIAGNOSTIC_TICKS)
+                .filter(|turn| monitor.becomes_limited(turn % 5 < low, begin))
+                .count();
+            assert_eq!(said, expected);
+            assert_eq!(monitor.frequency_limited(), expected == 1);
         }
     }
 

@@ -382,8 +382,11 @@ impl Shaker {
     }
 
     /// Returns whether f, of the reference or that of the rotors over a turn, is held below what is asked because the motors are at
-    /// their limits.
-    pub(crate) const fn held_back(&self, target: Speed, rotors: Speed) -> bool {
+    /// their limits: while it ramps at half of its rate or more, it is on its way.
+    pub(crate) const fn held_back(&self, ramps: &Ramps, target: Speed, rotors: Speed) -> bool {
+        if magnitude(self.reference.frequency_slope) > ramps.frequency / 2 {
+            return false;
+        }
         let [wanted, have] = [magnitude(self.reference.frequency.raw()), magnitude(rotors.raw())];
         let (reached, asked) = (if have < wanted { have } else { wanted }, magnitude(target.raw()));
         self.headroom < HELD_BACK && asked - reached > UNREACHED

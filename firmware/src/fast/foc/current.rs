@@ -52,6 +52,12 @@ impl Model {
         Voltage::from_raw(shifted(volts(error, self.proportional).raw(), 24 - PROPORTIONAL_BITS))
     }
 
+    /// Returns what the back-EMF would drive through the resistance alone at this electrical speed.
+    pub(crate) const fn shorted(&self, speed: ElectricalSpeed) -> Current {
+        let back_emf = multiply_high(speed.raw(), self.back_emf);
+        Current::from_raw(multiply_high(shifted(back_emf, 8), self.conductance))
+    }
+
     /// Returns a current a tick later, by the voltage for its error and what the limit gave beyond that.
     #[inline(always)]
     const fn next(&self, current: Current, error: Current, excess: Voltage) -> Current {

@@ -178,7 +178,8 @@ fn a_demand_acts_later_by_half_a_stride_the_bridges_and_the_current_loop() {
 
 #[test]
 fn f_is_held_back_where_it_stays_away_from_what_is_asked_with_less_than_all_of_the_headroom() {
-    let mut shaker = Rig::at_rest().shaker;
+    let Rig { mut shaker, model, .. } = Rig::at_rest();
+    let ramps = &model.ramps;
     for sign in [1, -1] {
         shaker.reference.frequency = Speed::from_raw(sign * hertz(30.0).raw());
         let asked = |beyond: i32| Speed::from_raw(shaker.reference.frequency.raw() + sign * beyond);
@@ -187,13 +188,29 @@ fn f_is_held_back_where_it_stays_away_from_what_is_asked_with_less_than_all_of_t
             shaker.headroom = headroom;
             let there = shaker.reference.frequency;
             for rotors in [there, asked(unreached), -asked(unreached)] {
-                assert_eq!(shaker.held_back(asked(unreached + 1), rotors), limited, "{headroom}");
-                assert!(!shaker.held_back(asked(unreached), rotors), "{headroom}");
-                assert!(!shaker.held_back(asked(-hertz(20.0).raw()), rotors), "{headroom}");
+                assert_eq!(
+                    shaker.held_back(ramps, asked(unreached + 1), rotors),
+                    limited,
+                    "{headroom}"
+                );
+                assert!(!shaker.held_back(ramps, asked(unreached), rotors), "{headroom}");
+                assert!(!shaker.held_back(ramps, asked(-hertz(20.0).raw()), rotors), "{headroom}");
             }
             // Rotors that are slower than the reference, which is where it should be.
-            assert_eq!(shaker.held_back(there, asked(-unreached - 1)), limited, "{headroom}");
-            assert!(!shaker.held_back(there, asked(-unreached)), "{headroom}");
+            assert_eq!(
+                shaker.held_back(ramps, there, asked(-unreached - 1)),
+                limited,
+                "{headroom}"
+            );
+            assert!(!shaker.held_back(ramps, there, asked(-unreached)), "{headroom}");
+            for (share, on_its_way) in
+                [(ramps.frequency / 2, false), (ramps.frequency / 2 + 1, true)]
+            {
+                shaker.reference.frequency_slope = -sign * share;
+                let held_back = shaker.held_back(ramps, asked(unreached + 1), there);
+                assert_eq!(held_back, limited && !on_its_way, "{headroom}");
+            }
+            shaker.reference.frequency_slope = 0;
         }
     }
 }
