@@ -9,7 +9,7 @@ use flix_sim::model::{RobotModel, SIMULATED_BOARD};
 use flix_sim::plant::{Plant, Wrench};
 use flix_sim::reliability::commission::CURRENT_LIMIT_A;
 use flix_sim::reliability::fault_matrix::MODES;
-use flix_sim::reliability::stranger::{self, Watched, stranger};
+use flix_sim::reliability::stranger::{self, Watched, measured_by_hand, stranger};
 use flix_sim::rig::bench::{BASES, Base, Subject, setpoint};
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
 use flix_sim::rig::operation::Operation;
@@ -145,6 +145,23 @@ fn a_rotor_that_is_held_of_a_sudden_is_a_stall() {
 #[test]
 fn without_current_sense_a_rotor_that_is_held_of_a_sudden_is_a_stall() {
     held_is_a_stall(false);
+}
+
+#[test]
+fn a_reversal_that_takes_motors_longer_than_their_ramp_is_no_fault() {
+    for seed in [7_600_018, 7_600_163, 7_600_192] {
+        let model = stranger(seed);
+        let mut watched = Watched::power_up(model.clone(), seed).unwrap();
+        watched.enter(measured_by_hand(&watched, &model, seed)).unwrap();
+        watched.operation.arm().unwrap();
+        for f in [20.0, -20.0] {
+            watched.operation.hold(setpoint(f, 0.0).unwrap());
+            watched.operation.run(Duration::from_secs(2), |_| {}).unwrap();
+            assert_eq!(watched.operation.robot.report().faults, Faults::NONE, "{seed}: {f} Hz");
+            let reached = watched.operation.robot.truth().frequency();
+            assert!((reached - f).abs() < 0.2, "{seed}: {reached} of {f} Hz");
+        }
+    }
 }
 
 #[test]

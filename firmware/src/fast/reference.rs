@@ -86,7 +86,7 @@ impl Reference {
 
     /// Does one update, due every [`UPDATE_S`], of motors with voltage to spare.
     pub fn approach(&mut self, ramps: &Ramps, frequency: Speed, direction: RotorAngle) {
-        self.ramp_frequency(ramps, FULL_HEADROOM, frequency.raw());
+        self.ramp_frequency(ramps, FULL_HEADROOM, FULL_HEADROOM, frequency.raw());
         self.ramp_direction(ramps, Some(direction));
     }
 
@@ -119,19 +119,25 @@ impl Reference {
         self.sum = moved(self.sum, self.sum_speed, ticks);
     }
 
-    /// Moves f and phase on; returns the acceleration of the difference, 2^-40.
+    /// Moves f and phase on, upwards with this headroom and downwards with this grip; returns the acceleration of the difference,
+    /// 2^-40.
     #[inline(always)]
-    pub(crate) fn ramp_frequency(&mut self, ramps: &Ramps, headroom: i32, target: i32) -> i32 {
+    pub(crate) fn ramp_frequency(
+        &mut self,
+        ramps: &Ramps,
+        headroom: i32,
+        grip: i32,
+        target: i32,
+    ) -> i32 {
         let frequency = self.frequency.raw();
         let gap = target.wrapping_sub(frequency);
         if magnitude(gap) < SAME_FREQUENCY {
             self.frequency = Speed::from_raw(target);
             self.frequency_slope = 0;
         } else {
-            // Slowing down takes less voltage than going on: it needs no headroom.
+            // Slowing down takes less voltage than going on: it needs no headroom, but motors that can brake so fast.
             let slows = (gap ^ frequency) < 0;
-            let headroom = if slows { FULL_HEADROOM } else { headroom };
-            let steepest = (ramps.frequency * headroom) >> 15;
+            let steepest = (ramps.frequency * if slows { grip } else { headroom }) >> 15;
             let slope = within(multiply_high(gap, per_second(FREQUENCY_APPROACH)), steepest);
             let change = slope - self.frequency_slope;
             self.frequency_slope += within(change, ramps.frequency / SLOPE_UPDATES);

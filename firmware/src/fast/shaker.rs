@@ -280,6 +280,8 @@ pub(crate) struct Shaker {
     /// Twice the speed of the phase, rad per tick in 2^-31.
     twice_angular: i32,
     headroom: i32,
+    /// The same of ramps downwards.
+    grip: i32,
     countdown: u8,
     limited: bool,
     voltage_limited: bool,
@@ -300,6 +302,7 @@ impl Shaker {
             inverse_square: 0,
             twice_angular: 0,
             headroom: FULL_HEADROOM,
+            grip: FULL_HEADROOM,
             countdown: 0,
             limited: false,
             voltage_limited: false,
@@ -412,9 +415,9 @@ impl Shaker {
         if self.gives_way() {
             self.give_way();
         }
-        let (ramps, headroom) = (&model.ramps, self.headroom);
+        let (ramps, target_frequency) = (&model.ramps, target.frequency.raw());
         let acceleration_difference =
-            self.reference.ramp_frequency(ramps, headroom, target.frequency.raw());
+            self.reference.ramp_frequency(ramps, self.headroom, self.grip, target_frequency);
         let acceleration_sum = self.reference.ramp_direction(ramps, target.direction);
         match self.countdown {
             0 => self.schedule(model),
@@ -469,14 +472,15 @@ impl Shaker {
         }
     }
 
-    /// Ramps upwards give way when the motors are at their limits or the rotors slip: the headroom falls within a
+    /// Ramps upwards give way when the motors are at their limits, and all ramps when the rotors slip: the headroom falls within a
     /// millisecond and comes back within 50.
     #[inline(always)]
     fn follow_headroom(&mut self) {
-        if self.limited || self.slipping {
-            self.headroom -= self.headroom >> 2;
-        } else {
-            self.headroom += (FULL_HEADROOM - self.headroom) >> 5;
+        for (headroom, gives_way) in
+            [(&mut self.headroom, self.limited || self.slipping), (&mut self.grip, self.slipping)]
+        {
+            *headroom +=
+                if gives_way { -(*headroom >> 2) } else { (FULL_HEADROOM - *headroom) >> 5 };
         }
     }
 
