@@ -101,8 +101,8 @@ pub fn motor_values(watched: &Watched) -> impl Iterator<Item = (String, f64)> {
     })
 }
 
-/// Returns the settings that somebody enters who has measured the motors of this robot by hand, and knows the rotors' inertia and
-/// how late the encoders are.
+/// Returns the settings that somebody enters who has measured the motors of this robot by hand, and the battery where the board does
+/// not, and knows the rotors' inertia and how late the encoders are.
 #[must_use]
 pub fn measured_by_hand(watched: &Watched, model: &RobotModel, seed: u64) -> BTreeMap<String, f64> {
     let mut source = Xoshiro256PlusPlus::seed_from_u64(seed.rotate_left(32));
@@ -115,6 +115,10 @@ pub fn measured_by_hand(watched: &Watched, model: &RobotModel, seed: u64) -> BTr
     settings.insert("encoder_latency".to_owned(), late.max(0.0));
     settings.insert("rotor_inertia".to_owned(), 1e7 * rotor_inertia(&model.shaker));
     settings.insert("pole_pairs".to_owned(), model.electrical.motor.pole_pairs.into());
+    if model.electrical.sense.bus_uv_per_count == 0 {
+        let battery = watched.operation.robot.truth().bus_voltage;
+        settings.insert("nominal_voltage".to_owned(), battery * (1.0 + VOLTMETER_ERROR * error()));
+    }
     settings
 }
 
