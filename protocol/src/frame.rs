@@ -165,7 +165,7 @@ pub enum Datagram<'a> {
         client_nonce: Nonce,
         /// What it asks for; `None`: known to another version only.
         purpose: Option<Purpose>,
-        /// Which of the robot's keys it has.
+        /// The one of the robot's keys that it has.
         key_id: KeyId,
         /// All bytes that the tag covers.
         signed: &'a [u8],

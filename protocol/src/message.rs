@@ -191,7 +191,7 @@ pub enum Outcome {
     Crash(Option<CrashReport>),
 }
 
-/// Which robot this is, which firmware it runs, and since what.
+/// The robot's name, its firmware, and what it last started after.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Identity {
     /// Chosen when the robot was provisioned.

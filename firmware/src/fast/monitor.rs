@@ -458,7 +458,7 @@ mod tests {
             monitor.faults(Faults::NONE, &observation)
         }
 
-        /// Which diagnosis is the first to find something, and what.
+        /// Returns the first diagnosis that finds something, and what.
         fn found_by(&self, monitor: &mut Monitor) -> Option<(u32, Fault)> {
             (1..=LONG).find_map(|count| {
                 let fault = self.look(monitor).iter().next();
@@ -656,7 +656,7 @@ mod tests {
             let currents = currents.map(Current::from_amperes);
             but(&Scene::new(frequency), |scene| scene.currents[motor] = currents)
         };
-        /// Which diagnosis is the first to find it, with a look between each two.
+        /// Returns the first diagnosis that finds it, with a look between each two.
         fn found_by(scene: &Scene, monitor: &mut Monitor) -> Option<u32> {
             (1..=LONG).find(|_| {
                 monitor.take_magnitudes(&scene.currents);

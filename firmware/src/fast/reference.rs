@@ -119,14 +119,14 @@ impl Reference {
         self.sum = moved(self.sum, self.sum_speed, ticks);
     }
 
-    /// Moves f and phase on, upwards with this headroom and downwards with this grip; returns the acceleration of the difference,
+    /// Moves f and phase on, upwards and downwards with so much headroom; returns the acceleration of the difference,
     /// 2^-40.
     #[inline(always)]
     pub(crate) fn ramp_frequency(
         &mut self,
         ramps: &Ramps,
         headroom: i32,
-        grip: i32,
+        headroom_down: i32,
         target: i32,
     ) -> i32 {
         let frequency = self.frequency.raw();
@@ -137,7 +137,7 @@ impl Reference {
         } else {
             // Slowing down takes less voltage than going on: it needs no headroom, but motors that can brake so fast.
             let slows = (gap ^ frequency) < 0;
-            let steepest = (ramps.frequency * if slows { grip } else { headroom }) >> 15;
+            let steepest = (ramps.frequency * if slows { headroom_down } else { headroom }) >> 15;
             let slope = within(multiply_high(gap, per_second(FREQUENCY_APPROACH)), steepest);
             let change = slope - self.frequency_slope;
             self.frequency_slope += within(change, ramps.frequency / SLOPE_UPDATES);

@@ -281,7 +281,7 @@ pub(crate) struct Shaker {
     twice_angular: i32,
     headroom: i32,
     /// The same of ramps downwards.
-    grip: i32,
+    headroom_down: i32,
     countdown: u8,
     limited: bool,
     voltage_limited: bool,
@@ -302,7 +302,7 @@ impl Shaker {
             inverse_square: 0,
             twice_angular: 0,
             headroom: FULL_HEADROOM,
-            grip: FULL_HEADROOM,
+            headroom_down: FULL_HEADROOM,
             countdown: 0,
             limited: false,
             voltage_limited: false,
@@ -416,8 +416,12 @@ impl Shaker {
             self.give_way();
         }
         let (ramps, target_frequency) = (&model.ramps, target.frequency.raw());
-        let acceleration_difference =
-            self.reference.ramp_frequency(ramps, self.headroom, self.grip, target_frequency);
+        let acceleration_difference = self.reference.ramp_frequency(
+            ramps,
+            self.headroom,
+            self.headroom_down,
+            target_frequency,
+        );
         let acceleration_sum = self.reference.ramp_direction(ramps, target.direction);
         match self.countdown {
             0 => self.schedule(model),
@@ -476,9 +480,10 @@ impl Shaker {
     /// millisecond and comes back within 50.
     #[inline(always)]
     fn follow_headroom(&mut self) {
-        for (headroom, gives_way) in
-            [(&mut self.headroom, self.limited || self.slipping), (&mut self.grip, self.slipping)]
-        {
+        for (headroom, gives_way) in [
+            (&mut self.headroom, self.limited || self.slipping),
+            (&mut self.headroom_down, self.slipping),
+        ] {
             *headroom +=
                 if gives_way { -(*headroom >> 2) } else { (FULL_HEADROOM - *headroom) >> 5 };
         }

@@ -28,7 +28,7 @@ struct Module {
     passed_on: BTreeMap<String, Place>,
 }
 
-/// Which module of a folder needs which, and one path that says so.
+/// A module of a folder, another that it needs, and one path that says so.
 type Needs = BTreeMap<String, BTreeMap<String, String>>;
 
 impl House {

@@ -55,7 +55,7 @@ struct Row {
     behind: u32,
 }
 
-/// Which pictures of a stream have come. Takes constant memory; never panics.
+/// The pictures of a stream, and whether each has come. Takes constant memory; never panics.
 #[derive(Debug, Default)]
 pub(super) struct Order {
     /// The newest, and when it came.

@@ -127,7 +127,7 @@ pub struct Cockpit {
     heard: Instant,
     sampled: Instant,
     animated: Instant,
-    insisting: Option<Insisting>,
+    waiting: Option<Waiting>,
     /// The halts of the robot in this session, as it last stated them.
     halts: Option<u8>,
     /// What asked the robot to disarm, and is asked again until it is disarmed, or is to be armed.
@@ -145,7 +145,7 @@ struct Attention {
 
 /// A request to arm or to clear, and until when telemetry may show that it was obeyed.
 #[derive(Debug, Clone, Copy)]
-struct Insisting {
+struct Waiting {
     arms: bool,
     request: u32,
     give_up_at: Instant,
@@ -179,7 +179,7 @@ impl Cockpit {
             heard: now,
             sampled: now,
             animated: now,
-            insisting: None,
+            waiting: None,
             halts: None,
             disarming: None,
             asked: Vec::new(),
@@ -264,7 +264,7 @@ impl Cockpit {
             Action::Arm => self.arm(client, now),
             Action::Disarm | Action::Quit => {
                 self.rest();
-                self.insisting = None;
+                self.waiting = None;
                 client.release();
                 self.disarming = Some(client.request(now, Command::Disarm));
             }
@@ -341,7 +341,7 @@ impl Cockpit {
             Update::Unanswered { request } => {
                 self.settings.unanswered(*request);
                 self.scope.unanswered(*request);
-                if self.insisting.take_if(|it| it.request == *request).is_some() {
+                if self.waiting.take_if(|it| it.request == *request).is_some() {
                     let text = "not done: the robot did not answer; try again";
                     self.note(now, Weight::Warning, text);
                 }
@@ -513,21 +513,21 @@ impl Cockpit {
     fn insist(&mut self, command: Command, client: &mut Client, now: Instant) {
         let arms = command == Command::Arm;
         let request = client.insist(now, command, PASSING_PATIENCE);
-        self.insisting = Some(Insisting { arms, request, give_up_at: now + PASSING_PATIENCE });
+        self.waiting = Some(Waiting { arms, request, give_up_at: now + PASSING_PATIENCE });
     }
 
     /// Gives up on what was asked for and not done yet, if it would arm or clear the robot.
     pub fn give_up(&mut self, client: &mut Client) {
-        self.insisting = None;
+        self.waiting = None;
         client.give_up_on_moving(None);
     }
 
     fn is_arming(&self) -> bool {
-        self.insisting.is_some_and(|insisting| insisting.arms)
+        self.waiting.is_some_and(|waiting| waiting.arms)
     }
 
     fn answered(&mut self, request: u32, outcome: &Outcome, client: &mut Client, now: Instant) {
-        let insisting = self.insisting.take_if(|insisting| insisting.request == request);
+        let waiting = self.waiting.take_if(|waiting| waiting.request == request);
         let about = self.settings.answered(request, outcome, client, now);
         match self.scope.answered(request, outcome, client, now) {
             Some(scope::Answered::Capture) => {
@@ -547,7 +547,7 @@ impl Cockpit {
                 self.current_limit = parameter.value;
             }
             Outcome::Refused(refusal) => {
-                if insisting.is_some_and(|it| it.arms) {
+                if waiting.is_some_and(|it| it.arms) {
                     self.rest();
                     client.release();
                 }
@@ -569,7 +569,7 @@ impl Cockpit {
                 self.note(now, Weight::Note, "the settings are saved");
             }
             // Telemetry ends arming: the newest may be from before the answer.
-            _ => self.insisting = insisting.or(self.insisting.take()),
+            _ => self.waiting = waiting.or(self.waiting.take()),
         }
     }
 
@@ -579,15 +579,15 @@ impl Cockpit {
         self.telemetry = Some(*telemetry);
         // A robot that halted does not get there any more.
         if self.halts.replace(telemetry.halts).is_some_and(|before| before != telemetry.halts) {
-            self.insisting = None;
+            self.waiting = None;
         }
-        self.insisting.take_if(|insisting| now >= insisting.give_up_at);
+        self.waiting.take_if(|waiting| now >= waiting.give_up_at);
         if telemetry.state.is_idle() {
             self.disarming = None;
         }
         match telemetry.state {
             State::Aligning | State::Armed | State::Running if self.is_arming() => {
-                self.insisting = None;
+                self.waiting = None;
             }
             // A robot that disarmed by itself must not start again from an earlier setpoint.
             State::Disarmed | State::Stopping | State::Faulted if !self.is_arming() => {
@@ -620,7 +620,7 @@ impl Cockpit {
 
     fn lost(&mut self, text: &str, now: Instant) {
         self.rest();
-        (self.insisting, self.halts) = (None, None);
+        (self.waiting, self.halts) = (None, None);
         self.link = Link::Connecting;
         self.note(now, Weight::Alarm, text);
     }

@@ -19,7 +19,7 @@ pub type PanicMessage = String<PANIC_MESSAGE_LENGTH>;
 /// Addresses in the robot's program, innermost call first.
 pub type ProgramCounters = Vec<u32, PROGRAM_COUNTERS>;
 
-/// Which build of the firmware: the first 8 bytes of the SHA-256 of its ELF file.
+/// A build of the firmware: the first 8 bytes of the SHA-256 of its ELF file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, Schema)]
 pub struct BuildId(pub [u8; 8]);
 

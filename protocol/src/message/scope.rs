@@ -258,7 +258,7 @@ pub struct ScopeStatus {
     pub state: ScopeState,
     /// Rows there are.
     pub rows: u16,
-    /// Which of them is that of the trigger, once it has come.
+    /// The row of the trigger among them, once it has come.
     pub trigger_row: u16,
     /// When it came, microseconds since the robot started.
     pub trigger_time_us: u64,

@@ -217,7 +217,7 @@ fn is_stored(flash: &Flash, key: [u8; 32]) -> bool {
     flash.cells()[STORE].windows(key.len()).any(|bytes| bytes == key)
 }
 
-/// Which key the robot has, by its proof over the serial port.
+/// The key that the robot has, by its proof over the serial port.
 fn key_of(rig: &mut Rig, old: Option<[u8; 32]>, new: [u8; 32]) -> Result<Kept, RigError> {
     let Answer::Identity { has_key, .. } = rig.ask_serial(&Request::Identify)? else {
         return Err(RigError::OtherAnswer);
@@ -272,7 +272,7 @@ fn value_of(rig: &mut Rig) -> Result<f64, RigError> {
     rig.setting(SETTING.0)
 }
 
-/// Which value the setting has.
+/// The value that the setting has.
 fn setting_of(rig: &mut Rig) -> Result<Kept, RigError> {
     let (_, new) = SETTING;
     let value = value_of(rig)?;

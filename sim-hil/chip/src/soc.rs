@@ -69,7 +69,7 @@ pub struct Finding {
     pub pc: u32,
 }
 
-/// Which model a block has.
+/// The model of a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Model {
     Clocks,
@@ -166,7 +166,7 @@ pub(crate) struct Soc<O> {
     /// When something next happens by itself, in cycles.
     pub(crate) next_event: u64,
     pub(crate) findings: BTreeMap<String, Finding>,
-    /// Which block lies at each step of the peripherals' addresses.
+    /// The block that lies at each step of the peripherals' addresses.
     map: Vec<Option<(&'static Block, Model)>>,
 }
 

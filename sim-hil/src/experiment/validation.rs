@@ -18,7 +18,7 @@ pub struct Options {
     pub frequencies_hz: Vec<f64>,
     /// Direction of the shaker, degrees.
     pub direction_deg: f64,
-    /// Which leg is loaded, in the order of [`LEGS`].
+    /// The leg that is loaded, in the order of [`LEGS`].
     pub leg: usize,
     /// Force on its tip, N.
     pub force: [f64; 3],

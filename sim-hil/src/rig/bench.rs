@@ -77,7 +77,7 @@ pub fn setpoint(frequency_hz: f64, direction_deg: f64) -> Result<Setpoint, OutOf
     Setpoint::from_numbers(frequency_hz as f32, direction_deg as f32)
 }
 
-/// Which robot stands on a bench.
+/// The robot that stands on a bench.
 #[derive(Debug, Clone)]
 pub struct Subject {
     /// Body, shaker and electrical part; none is the shipped bench.

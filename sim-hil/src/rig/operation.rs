@@ -49,7 +49,7 @@ pub enum OperationError {
     OtherAnswer,
 }
 
-/// Which way a datagram goes.
+/// The way that a datagram goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Towards {
     /// To the robot.

@@ -233,7 +233,7 @@ fn row_of(columns: &[Column], asked: Row, found: Result<Row, String>) -> Row {
 pub struct Options {
     /// Folder for everything that the study writes; made when missing.
     pub folder: PathBuf,
-    /// Which of the cells to compute.
+    /// The cells to compute.
     pub shard: Shard,
     /// Forget what an earlier run left in the folder.
     pub restart: bool,

@@ -26,7 +26,7 @@ pub const LEAST_SPEED: f64 = 0.05;
 /// Largest share of the own component that a minimal one may have.
 pub const MINIMAL: f64 = 0.5;
 
-/// Which pairs are too slow to be chosen.
+/// The pairs that are too slow to be chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Exclusion {
     /// Those whose own component is slow.

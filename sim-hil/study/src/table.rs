@@ -26,7 +26,7 @@ pub struct Table {
     pub study: String,
     /// What the results depend on.
     pub fingerprint: Fingerprint,
-    /// Which cells are in it.
+    /// The cells that are in it.
     pub shard: Shard,
     /// Cells of the whole study.
     pub cells: usize,

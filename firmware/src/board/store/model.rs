@@ -52,7 +52,7 @@ pub(super) struct Flash {
     pub(super) protection: [Protection; SECTORS],
     /// Bits that never change.
     pub(super) stuck: Vec<u8>,
-    /// Which reads from now on fail, counted from 0.
+    /// The reads from now on that fail, counted from 0.
     pub(super) failing_read: Option<usize>,
     /// Reads fail for ever from `failing_read` on, rather than once.
     pub(super) fails_for_ever: bool,

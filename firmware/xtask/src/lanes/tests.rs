@@ -499,7 +499,7 @@ fn the_table_of_the_page_is_that_of_the_list() {
     assert!(is_renewed, "{} has another table: `cargo xtask lanes --table` renews it", list.page);
 }
 
-/// Which lanes of the list depend on a file, by other means than theirs: the lock file for what needs what, folders with a
+/// The lanes of the list that depend on a file, by other means than theirs: the lock file for what needs what, folders with a
 /// manifest for what belongs to whom, git for patterns.
 struct Witness {
     list: toml::Table,

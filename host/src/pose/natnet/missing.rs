@@ -1,6 +1,6 @@
 //! Frames that have not come, by their numbers.
 
-/// Which of the last frames have come.
+/// The last frames, and whether each has come.
 #[derive(Debug, Default)]
 pub(super) struct Missing {
     newest: Option<i32>,

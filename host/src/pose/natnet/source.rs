@@ -46,7 +46,7 @@ const NEWEST: Version = Version::V4_1;
 /// 128,000 a second at 500 calls a second.
 const DATAGRAMS_AT_ONCE: u32 = 256;
 
-/// Which rigid body is the robot.
+/// The rigid body that is the robot.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Body {
     /// The only one that is streamed.
@@ -76,7 +76,7 @@ pub struct NatNetSettings {
     /// The address of the network card that reaches it; unspecified leaves the choice to the
     /// system.
     pub interface: Ipv4Addr,
-    /// Which rigid body is the robot.
+    /// The rigid body that is the robot.
     pub body: Body,
     /// Motive's up axis.
     pub up: UpAxis,
@@ -92,7 +92,7 @@ pub enum NatNetError {
         "cannot open a socket on {interface}: {source}; is this the address of a network card here?"
     )]
     Socket {
-        /// Which card was asked for.
+        /// The card that was asked for.
         interface: Ipv4Addr,
         /// What the system said.
         source: io::Error,
@@ -153,7 +153,7 @@ pub enum NatNetError {
     NotGranted {
         /// Who.
         server: SocketAddrV4,
-        /// Which version it speaks.
+        /// The version that it speaks.
         version: String,
         /// What did not fit.
         reason: String,

@@ -13,7 +13,7 @@ pub(crate) struct Tick {
     depth: u32,
     /// Instructions and data of flash.
     pub(crate) accesses: u64,
-    /// Which halfwords these were.
+    /// The halfwords that these were.
     touched: Vec<u64>,
 }
 

@@ -290,7 +290,7 @@ pub struct Foot {
     pub height_mm: f64,
     /// Mass, g, 0 (a bare beam) to 200. Estimated for PLA (3).
     pub mass_g: f64,
-    /// Which way the long side points when the robot stands. Open in the paper.
+    /// The way that the long side points when the robot stands. Open in the paper.
     pub axis: FootAxis,
 }
 

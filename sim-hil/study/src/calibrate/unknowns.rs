@@ -24,11 +24,11 @@ pub struct Unknown {
     read: Read,
     /// Changes a model.
     write: Write,
-    /// Which leg, for what legs have of their own.
+    /// The leg, for what legs have of their own.
     leg: usize,
 }
 
-/// Which numbers a calibration fits.
+/// The numbers that a calibration fits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Fit {
     /// What the paper leaves open, and friction, stiffness and damping, left and right alike.

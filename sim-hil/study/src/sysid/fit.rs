@@ -50,7 +50,7 @@ pub trait Experiment: Sync + Send {
     fn measured(&self) -> &[f64];
     /// Guesses of the noise of each kind of reading.
     fn noise(&self) -> Vec<f64>;
-    /// Which kind of reading one is, as an index of [`Experiment::noise`].
+    /// The kind of a reading, as an index of [`Experiment::noise`].
     fn kind_of(&self, reading: usize) -> usize;
 }
 
@@ -116,7 +116,7 @@ pub struct Fitted {
     pub noise: Vec<f64>,
     /// What it was guessed to be.
     pub guess: Vec<f64>,
-    /// Which kind each is.
+    /// The kind of each.
     pub kinds: Vec<usize>,
 }
 

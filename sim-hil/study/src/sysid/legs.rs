@@ -60,7 +60,7 @@ const STEP: f64 = 5e-4;
 /// Bend and torque tests.
 #[derive(Debug, Clone)]
 pub struct Legs {
-    /// Which leg, under which load, N and N m.
+    /// The leg, and its load, N and N m.
     loads: Vec<(usize, [f64; 6])>,
     measured: Vec<f64>,
 }

@@ -130,7 +130,7 @@ impl Data {
         }
     }
 
-    /// Which of [`EXPERIMENTS`] there are.
+    /// Those of [`EXPERIMENTS`] that there are.
     #[must_use]
     pub fn given(&self) -> [bool; 6] {
         [

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use flix_sim::model::{LEGS, Leg, Load, RobotModel};
 
-/// Which experiments an unknown shows in.
+/// The experiments that an unknown shows in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
