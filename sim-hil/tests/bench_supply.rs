@@ -9,9 +9,10 @@ use flix_sim::plant::Plant;
 use flix_sim::reliability::commission::CURRENT_LIMIT_A;
 use flix_sim::reliability::commissioned::draw;
 use flix_sim::reliability::stranger::{Watched, measured_by_hand, stranger};
-use flix_sim::rig::bench::{Base, BenchError, Subject, setpoint};
+use flix_sim::rig::bench::{BASES, Base, BenchError, Subject, setpoint};
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
 use flix_sim::rig::operation::Operation;
+use flix_sim::rig::simulated::Truth;
 
 /// Largest bus voltage, as a share of what the supply is set to.
 const LARGEST_RISE: f64 = 1.05;
@@ -34,11 +35,12 @@ enum End {
     Stop,
     Disarm,
     Fault,
+    Jam,
     LostLink,
 }
 
-const ENDS: [End; 6] =
-    [End::Rest, End::Reversal, End::Stop, End::Disarm, End::Fault, End::LostLink];
+const ENDS: [End; 7] =
+    [End::Rest, End::Reversal, End::Stop, End::Disarm, End::Fault, End::Jam, End::LostLink];
 
 /// A robot on a stand.
 #[derive(Debug, Clone, Copy)]
@@ -107,9 +109,12 @@ fn end(setup: Setup, end: End) -> Result<Seen, BenchError> {
         }
         End::Stop => drop(operation.client().request(now, Command::Stop)),
         End::Disarm => drop(operation.client().request(now, Command::Disarm)),
-        End::Fault => {
-            let fault = Injected::new(HardwareFault::EncoderLost(0), now, now + SETTLING, 1);
-            operation.robot.disturb(fault);
+        End::Fault | End::Jam => {
+            let fault = match end {
+                End::Fault => HardwareFault::EncoderLost(0),
+                _ => HardwareFault::Jammed(0, 1.0),
+            };
+            operation.robot.disturb(Injected::new(fault, now, now + SETTLING, 1));
         }
         End::LostLink => operation.operators[0].is_gone = true,
     }
@@ -143,7 +148,7 @@ fn no_way_to_come_to_rest_lifts_the_bus_of_a_bench_supply() {
 fn theta_is_held_while_f_falls_unless_a_fault_brakes() {
     for measures_current in [true, false] {
         let setup = Setup { measures_current, ..Setup::ON_BENCH_SUPPLY };
-        for what in ENDS.into_iter().filter(|what| *what != End::Fault) {
+        for what in ENDS.into_iter().filter(|it| !matches!(it, End::Fault | End::Jam)) {
             let seen = end(setup, what).unwrap();
             assert!(
                 seen.direction_error_deg < LARGEST_DIRECTION_ERROR_DEG,
@@ -181,4 +186,35 @@ fn a_battery_on_a_board_that_measures_its_bus_takes_back_what_the_rotors_give() 
     let setup = Setup { measures_bus: true, on_battery: true, ..Setup::ON_BENCH_SUPPLY };
     let seen = end(setup, End::Rest).unwrap();
     assert!(seen.given < -0.1, "{seen:?}");
+}
+
+#[test]
+fn f_at_the_limit_of_a_weak_supply_does_not_hunt_nor_lift_it() {
+    // A tenth of a volt too little for 35 Hz, or as much to spare.
+    for (seed, measures_current) in
+        [(960_113, true), (960_113, false), (960_049, true), (940_038, true)]
+    {
+        let mut model = draw(seed, measures_current);
+        model.electrical.sense.bus_uv_per_count = 0;
+        model.electrical.pack.takes_charge = false;
+        let watched = Watched::power_up(model.clone(), seed).unwrap();
+        model.electrical.settings.extend(measured_by_hand(&watched, &model, seed));
+        for base in BASES {
+            let subject = Subject { model: Some(model.clone()), seed };
+            let mut operation = subject.on(base).unwrap();
+            operation.arm().unwrap();
+            operation.hold(setpoint(35.0, 0.0).unwrap());
+            operation.run(Duration::from_secs(2), |_| {}).unwrap();
+            let set = operation.robot.electronics().battery().open_circuit_voltage();
+            let (mut highest, mut sum, mut count) = (0.0_f64, 0.0, 0.0);
+            let look = |truth: &Truth| {
+                highest = highest.max(truth.bus_voltage);
+                sum += truth.frequency();
+                count += 1.0;
+            };
+            operation.run(Duration::from_secs(4), look).unwrap();
+            let (rise, f) = (highest / set, sum / count);
+            assert!(rise < LARGEST_RISE && f > 33.9, "{seed}, {base}: {rise}, {f} Hz");
+        }
+    }
 }

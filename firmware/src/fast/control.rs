@@ -588,7 +588,9 @@ impl Control {
         let per_speed = configuration.burning_per_speed[index];
         let limit = configuration.shaker.current_limit;
         let weakening = self.headroom.direct_current(index, q, limit);
-        if per_speed == 0 || !self.shaker.slowing() {
+        // At the ceiling f comes and goes by little, and what burns would take the voltage that it lacks.
+        let burns = self.shaker.slowing() && !self.headroom.limits(self.asked);
+        if per_speed == 0 || !burns {
             return Rotor { d: weakening, q };
         }
         let speed = configuration.electrical_speed(index, speed);
