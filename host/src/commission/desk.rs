@@ -31,7 +31,7 @@ const STEADY_ROWS: [usize; 2] = [800, 1_500];
 const POSITION_BANDWIDTH: &str = "position_bandwidth";
 /// Ramps that count, up and down, and the most there are.
 const RAMPS: f64 = 6.0;
-const MOST_RAMPS: f64 = 36.0;
+const MOST_RAMPS: f64 = 72.0;
 /// Current times time of a ramp, A s, from which on friction and noise are little beside it. A motor that makes much torque of little
 /// current takes less, and more ramps.
 const FULL_IMPULSE: f64 = 8e-3;
@@ -423,8 +423,9 @@ impl<'a, S: Subject> Desk<'a, S> {
             add([usize::MAX, 0], &self.capture(Step::Ramps, u16::MAX)?);
         }
         let impulse = per_hertz * (fast - slow);
-        let counting = (RAMPS * FULL_IMPULSE / impulse).clamp(RAMPS, MOST_RAMPS);
-        let ramps = if measures_bus { counting } else { (2.0 * counting).min(MOST_RAMPS) } as usize;
+        let counting = (RAMPS * FULL_IMPULSE / impulse).clamp(RAMPS, MOST_RAMPS / 2.0);
+        // Half of them count where the bus is not measured, and what they show scatters more.
+        let ramps = if measures_bus { counting } else { (6.0 * counting).min(MOST_RAMPS) } as usize;
         for count in 0..ramps {
             self.begin_capture(&channels, Trigger::Now, 0)?;
             self.subject.pause(BEFORE_RAMP)?;
