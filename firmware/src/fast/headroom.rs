@@ -19,9 +19,7 @@
 use crate::fast::foc::current::{Model, REACTANCE_BITS, across, volts};
 use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::Rotor;
-use crate::units::{
-    Current, ElectricalSpeed, Speed, Voltage, magnitude, multiply_high, shifted, within,
-};
+use crate::units::{Current, ElectricalSpeed, Speed, Voltage, magnitude, multiply_high, within};
 
 /// Ticks from one look at a motor to the next.
 pub(crate) const LOOK_TICKS: u32 = 16;
@@ -194,7 +192,7 @@ fn direct(model: &Model, bus: &Bus, speed: ElectricalSpeed, load: Current) -> Cu
     let reactance = multiply_high(magnitude(speed.raw()), model.reactance);
     let coupling = across(load, reactance).raw();
     let room = (bus.limit_d.raw() - (bus.limit_d.raw() >> 4) - coupling).max(0);
-    Current::from_raw(multiply_high(shifted(room, 8), model.conductance))
+    model.through(Voltage::from_raw(room))
 }
 
 /// Returns the `i_w` at which a motor takes the least voltage, up to 256 A. It takes a division.

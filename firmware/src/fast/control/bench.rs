@@ -88,24 +88,23 @@ impl Motor {
 
     /// Returns phase currents A, B, C.
     pub(crate) fn phases(&self) -> [f64; 3] {
-        let [alpha, beta] = self.current;
-        let half = beta * 3_f64.sqrt() / 2.0;
-        [alpha, half - alpha / 2.0, -half - alpha / 2.0]
+        phases_of(self.current)
     }
 
-    /// Returns the back-EMF of phases A and B.
+    /// Returns the back-EMF, alpha and beta.
     fn back_emf(&self) -> [f64; 2] {
-        let omega = if self.reversed { -7.0 } else { 7.0 } * self.speed;
-        [0.0, TAU / 3.0].map(|behind| -omega * self.flux * (self.electrical() - behind).sin())
+        let sign = if self.reversed { -1.0 } else { 1.0 };
+        let omega = sign * 7.0 * self.speed;
+        let (sine, cosine) = self.electrical().sin_cos();
+        [-omega * self.flux * sine, omega * self.flux * cosine]
     }
 
     /// Returns the torque on the rotor, clockwise.
     fn electric(&mut self, bridge: Bridge, bus: f64, dt: f64) -> f64 {
         let electrical = self.electrical();
         let sign = if self.reversed { -1.0 } else { 1.0 };
-        let omega = sign * 7.0 * self.speed;
         let (sine, cosine) = electrical.sin_cos();
-        let emf = [-omega * self.flux * sine, omega * self.flux * cosine];
+        let emf = self.back_emf();
         match bridge {
             Bridge::Off => {
                 let decay = (1.0 - dt / 0.5e-4).max(0.0);
@@ -132,6 +131,12 @@ impl Motor {
         let i_q = -self.current[0] * sine + self.current[1] * cosine;
         1.5 * 7.0 * self.flux * i_q * sign
     }
+}
+
+/// Returns phases A, B, C of alpha and beta.
+fn phases_of([alpha, beta]: [f64; 2]) -> [f64; 3] {
+    let half = beta * 3_f64.sqrt() / 2.0;
+    [alpha, half - alpha / 2.0, -half - alpha / 2.0]
 }
 
 pub(crate) struct Bench {
@@ -227,7 +232,7 @@ impl Bench {
                     Encoder::Reading(EncoderReading { angle, age_us: self.encoder_age_us });
             }
             let phases = self.motors[index].phases();
-            let back_emf = self.motors[index].back_emf();
+            let back_emf = phases_of(self.motors[index].back_emf());
             let in_turn = if (self.now_us / 100).is_multiple_of(2) { 1.0 } else { -1.0 };
             for (phase, side) in [in_turn, -in_turn].into_iter().enumerate() {
                 // In the middle all phases are low.

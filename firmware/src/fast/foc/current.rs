@@ -52,10 +52,14 @@ impl Model {
         Voltage::from_raw(shifted(volts(error, self.proportional).raw(), 24 - PROPORTIONAL_BITS))
     }
 
+    /// Returns what a voltage below 128 V drives through the resistance alone.
+    pub(crate) const fn through(&self, voltage: Voltage) -> Current {
+        Current::from_raw(multiply_high(shifted(voltage.raw(), 8), self.conductance))
+    }
+
     /// Returns what the back-EMF would drive through the resistance alone at this electrical speed.
     pub(crate) const fn shorted(&self, speed: ElectricalSpeed) -> Current {
-        let back_emf = multiply_high(speed.raw(), self.back_emf);
-        Current::from_raw(multiply_high(shifted(back_emf, 8), self.conductance))
+        self.through(Voltage::from_raw(multiply_high(speed.raw(), self.back_emf)))
     }
 
     /// Returns a current a tick later, by the voltage for its error and what the limit gave beyond that.
