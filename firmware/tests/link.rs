@@ -685,8 +685,8 @@ fn a_robot_arms_with_no_age_of_commands_that_lets_rotors_turn_longer_than_promis
         (200.0, 0.6, None),
         (1_000.0, 0.74, None),
         (1_000.0, 0.75, Some(0.74)),
-        (20.0, 0.41, Some(0.4)),
-        (20.0, 0.4, None),
+        (20.0, 0.46, Some(0.45)),
+        (20.0, 0.45, None),
         (200.0, 0.1, None),
     ] {
         let mut ends = Ends::proven();

@@ -19,36 +19,31 @@ pub const COMMAND_DEADLINE: Duration = Duration::from_millis(250);
 pub const COMMAND_AGE: Duration = Duration::from_millis(400);
 /// [`COMMAND_AGE`] in seconds, as the robot's setting has it.
 pub const COMMAND_AGE_SECONDS: f32 = COMMAND_AGE.as_millis() as f32 / 1e3;
-/// Longest time for which a rotor turns after its operator's last intent to move, unless ramps are set slower than
-/// [`SLOWEST_RAMP`].
+/// Longest time for which a rotor turns after its operator's last intent to move.
 pub const LONGEST_MOVEMENT: Duration = Duration::from_millis(850);
 /// Time of a ramp down beside its steepest part: its slope builds up, and rest is approached exponentially. Measured on the
 /// simulated robot, from 35 Hz.
 const RAMP_ENDS_MS: u32 = 75;
 /// Ramps down that take longer end by braking.
 const LONGEST_RAMP_MS: u32 = 400;
-/// Time in which a shorted motor brakes from 35 Hz.
-const BRAKES_MS: u32 = 300;
 /// Fastest shaking, mHz.
 const FASTEST_MHZ: f32 = 35_000.0;
-/// Slowest ramp, Hz/s, by which rotors stand [`LONGEST_MOVEMENT`] after the last intent at the default [`COMMAND_AGE`].
-/// Slower ones, as commissioning has for a minute, brake in the end: 1.1 s.
+/// Slowest ramp, Hz/s, by which rotors come to rest that are to stop, because commands stay away or somebody asks for it,
+/// whatever the setting `frequency_ramp` is: just before they would brake.
 pub const SLOWEST_RAMP: f32 = FASTEST_MHZ / (LONGEST_RAMP_MS - RAMP_ENDS_MS) as f32;
 
-/// Returns the longest time in which rotors come to rest that ramp down by this setting `frequency_ramp`, Hz/s.
+/// Returns the longest time in which rotors come to rest that are to stop, by the setting `frequency_ramp`, Hz/s.
 #[must_use]
 pub fn ramp_down(frequency_ramp: f32) -> Duration {
-    let ramp_ms = (FASTEST_MHZ / frequency_ramp) as u32;
-    let within = ramp_ms.saturating_add(RAMP_ENDS_MS);
-    let ends_ms = if within <= LONGEST_RAMP_MS { within } else { LONGEST_RAMP_MS + BRAKES_MS };
-    Duration::from_millis(ends_ms.into())
+    let ramp_ms = (FASTEST_MHZ / frequency_ramp.max(SLOWEST_RAMP)) as u32;
+    Duration::from_millis((ramp_ms + RAMP_ENDS_MS).into())
 }
 
 /// Returns the longest age of commands that a robot arms with whose setting `frequency_ramp` is this, Hz/s: what the ramp down
-/// leaves of [`LONGEST_MOVEMENT`], and never less than the default.
+/// leaves of [`LONGEST_MOVEMENT`].
 #[must_use]
 pub fn longest_command_age(frequency_ramp: f32) -> Duration {
-    LONGEST_MOVEMENT.saturating_sub(ramp_down(frequency_ramp)).max(COMMAND_AGE)
+    LONGEST_MOVEMENT.saturating_sub(ramp_down(frequency_ramp))
 }
 
 /// Silence after which the motors are disarmed: as in PX4's offboard mode.
@@ -73,11 +68,11 @@ mod tests {
     #[test]
     fn the_age_of_commands_and_the_ramp_down_are_the_longest_movement_together() {
         for (ramp, age_ms) in
-            [(200.0, 600), (1_000.0, 740), (150.0, 542), (108.0, 451), (107.0, 400)]
+            [(200.0, 600), (1_000.0, 740), (150.0, 542), (108.0, 451), (107.0, 450), (1.0, 450)]
         {
             let age = longest_command_age(ramp);
             assert_eq!(age.as_millis(), age_ms, "{ramp} Hz/s");
-            assert_eq!(age + ramp_down(ramp) <= LONGEST_MOVEMENT, ramp >= SLOWEST_RAMP, "{ramp}");
+            assert_eq!(age + ramp_down(ramp), LONGEST_MOVEMENT, "{ramp}");
             // In whole milliseconds, to the nearest.
             for (beyond, arms) in [(-100.0, true), (0.0, true), (0.4, true), (0.6, false)] {
                 assert_eq!(arms_with((age_ms as f32 + beyond) / 1e3, ramp), arms, "{beyond} ms");
@@ -86,7 +81,8 @@ mod tests {
         for (age, arms) in [(f32::INFINITY, false), (f32::MAX, false), (-1.0, true)] {
             assert_eq!(arms_with(age, 200.0), arms, "{age} s");
         }
-        assert_eq!(ramp_down(0.0), ramp_down(1.0));
-        assert_eq!(ramp_down(1.0), Duration::from_millis(700));
+        for ramp in [0.0, 1.0, f32::NAN] {
+            assert_eq!(ramp_down(ramp), Duration::from_millis(LONGEST_RAMP_MS.into()), "{ramp}");
+        }
     }
 }

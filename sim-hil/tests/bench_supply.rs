@@ -146,8 +146,10 @@ fn no_way_to_come_to_rest_lifts_the_bus_of_a_bench_supply() {
 
 #[test]
 fn theta_is_held_while_f_falls_unless_a_fault_brakes() {
-    for measures_current in [true, false] {
-        let setup = Setup { measures_current, ..Setup::ON_BENCH_SUPPLY };
+    for (measures_current, ramp) in
+        [(true, STEEPEST), (false, STEEPEST), (true, 20.0), (false, 20.0)]
+    {
+        let setup = Setup { measures_current, ramp, ..Setup::ON_BENCH_SUPPLY };
         for what in ENDS.into_iter().filter(|it| !matches!(it, End::Fault | End::Jam)) {
             let seen = end(setup, what).unwrap();
             assert!(
@@ -155,6 +157,57 @@ fn theta_is_held_while_f_falls_unless_a_fault_brakes() {
                 "{setup:?}, {what:?}: {seen:?}"
             );
         }
+    }
+}
+
+/// Shakes a robot without a battery divider, with motors of this flux linkage (mWb) and resistance (ohm), on a nearly empty supply that
+/// takes nothing back, at these f for so long each; returns how far the bus rose and the faults.
+fn shaken(
+    measures_current: bool,
+    (flux, resistance): (f64, f64),
+    settings: &[(&str, f64)],
+    course: &[(f64, u64)],
+) -> (f64, Faults) {
+    let mut model = RobotModel::named("W").unwrap();
+    let electrical = &mut model.electrical;
+    electrical.pack.takes_charge = false;
+    [electrical.pack.charge_at_least, electrical.pack.charge_at_most] = [0.1; 2];
+    electrical.sense.current = measures_current;
+    electrical.sense.bus_uv_per_count = 0;
+    electrical.motor.flux_linkage_mwb = flux;
+    electrical.motor.phase_resistance_ohm = resistance;
+    let watched = Watched::power_up(model.clone(), 1).unwrap();
+    let entered = settings.iter().map(|(name, value)| ((*name).to_owned(), *value));
+    let by_hand = measured_by_hand(&watched, &model, 1);
+    model.electrical.settings.extend(by_hand.into_iter().chain(entered));
+    let mut operation = Subject { model: Some(model), seed: 1 }.on(Base::Fixed).unwrap();
+    operation.arm().unwrap();
+    let set = operation.robot.electronics().battery().open_circuit_voltage();
+    let mut highest = 0.0_f64;
+    for (f, seconds) in course {
+        operation.hold(setpoint(*f, DIRECTION_DEG).unwrap());
+        let look = |truth: &Truth| highest = highest.max(truth.bus_voltage);
+        operation.run(Duration::from_secs(*seconds), look).unwrap();
+    }
+    (highest / set, operation.robot.report().faults)
+}
+
+#[test]
+fn a_reversal_of_motors_that_do_not_reach_what_is_asked_lifts_no_supply() {
+    for measures_current in [true, false] {
+        for motor in [(5.0, 5.0), (6.0, 4.0), (5.0, 2.5)] {
+            let seen = shaken(measures_current, motor, &[], &[(35.0, 3), (-35.0, 2)]);
+            assert!(seen.0 < LARGEST_RISE && seen.1 == Faults::NONE, "{motor:?}: {seen:?}");
+        }
+    }
+}
+
+#[test]
+fn a_slow_reversal_of_motors_at_their_limits_is_no_lost_lock() {
+    for measures_current in [true, false] {
+        let ramp = [("frequency_ramp", 5.0)];
+        let seen = shaken(measures_current, (4.2, 5.0), &ramp, &[(35.0, 12), (-35.0, 12)]);
+        assert!(seen.0 < LARGEST_RISE && seen.1 == Faults::NONE, "{seen:?}");
     }
 }
 

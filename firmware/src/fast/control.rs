@@ -389,7 +389,8 @@ impl Control {
             return false;
         }
         self.timing.overruns = self.timing.overruns.saturating_add(1);
-        self.lateness = self.lateness.saturating_add(LATE_FORGIVEN_TICKS);
+        // What is beyond the limit would take as long to be forgiven.
+        self.lateness = (self.lateness + LATE_FORGIVEN_TICKS).min(LATE_LIMIT * LATE_FORGIVEN_TICKS);
         let missed = (interval.saturating_add(TICK_US / 2) / TICK_US).saturating_sub(1);
         for tracker in &mut self.trackers {
             tracker.skip(missed);
@@ -459,7 +460,7 @@ impl Control {
             loops: &self.loops,
             shaking: matches!(self.activity, Activity::Shaking),
             shaker: &self.shaker,
-            target: self.asked,
+            target: self.headroom.clamp(self.asked),
         };
         let misaligned = core::mem::take(&mut self.misaligned);
         self.present = self.monitor.faults(misaligned, &observation);
@@ -588,8 +589,9 @@ impl Control {
         let per_speed = configuration.burning_per_speed[index];
         let limit = configuration.shaker.current_limit;
         let weakening = self.headroom.direct_current(index, q, limit);
-        // At the ceiling f comes and goes by little, and what burns would take the voltage that it lacks.
-        let burns = self.shaker.slowing() && !self.headroom.limits(self.asked);
+        // At the ceiling f comes and goes by little, and what burns would take the voltage that it lacks; a reversal leaves it.
+        let reverses = self.asked.raw() ^ self.shaker.frequency().raw() < 0;
+        let burns = self.shaker.slowing() && (reverses || !self.headroom.limits(self.asked));
         if per_speed == 0 || !burns {
             return Rotor { d: weakening, q };
         }

@@ -279,9 +279,10 @@ impl Monitor {
         }
         let unlocked = shaker.slipping() || magnitude(shaker.sum_error()) > LARGEST_SUM_ERROR;
         let droop = (target - shaker.frequency()).magnitude();
+        let ramps = shaker.ramps(&configuration.shaker.ramps);
         // What is stuck is about to be a stall.
         let lost = self.unlocked.diagnose(unlocked && !stuck, UNLOCKED_TICKS)
-            | self.droop.diagnose(pressed && droop > LARGEST_DROOP, DROOP_TICKS)
+            | self.droop.diagnose(pressed && droop > LARGEST_DROOP && !ramps, DROOP_TICKS)
             | self.unanswered(observation, going_on && !held);
         let off = loops.iter().enumerate().any(|(motor, current_loop)| {
             let speed = configuration.electrical_speed(motor, trackers[motor % 2].speed());
@@ -407,6 +408,11 @@ mod tests {
 
         /// With f settled, twice theta off by `sum_error`, and the motors at their limits or not.
         fn with(frequency: Speed, sum_error: i32, limited: bool) -> Self {
+            Self::after(1_000, frequency, sum_error, limited)
+        }
+
+        /// The same, so many updates after f was asked for at rest.
+        fn after(updates: u32, frequency: Speed, sum_error: i32, limited: bool) -> Self {
             let hardware = DENGFOC_V3_01.with_battery_divider().hardware;
             let configuration = Configuration::new(&Settings::DEFAULT, &hardware);
             let rotors = |phase: u32, ahead: i32, speed: Speed| Rotors {
@@ -417,7 +423,7 @@ mod tests {
             let mut shaker = Shaker::at_rest(&rotors(0, 0, Speed::ZERO));
             let target = Target { frequency, direction: None };
             let mut phase = 0_u32;
-            for update in (0..1_000).rev() {
+            for update in (0..updates).rev() {
                 let step = (shaker.frequency().raw() as u32).wrapping_mul(STRIDE);
                 phase = phase.wrapping_add(step);
                 let is_last = update == 0;
@@ -582,6 +588,13 @@ mod tests {
             assert_limit(&fine, &wrong, Fault::PhaseLockLost, DROOP_TICKS);
             assert_limit(&droop(&Scene::new(MOVING), 1), &wrong, Fault::PhaseLockLost, DROOP_TICKS);
         }
+    }
+
+    #[test]
+    fn f_that_ramps_slowly_is_on_its_way_with_the_motors_at_their_limits_too() {
+        let mut scene = Scene::after(40, MOVING, 0, true);
+        scene.target = scene.target + LARGEST_DROOP + ONE;
+        assert_eq!(scene.found_by(&mut Monitor::default()), None);
     }
 
     /// When a monitor finds that the rotors do not answer, in diagnoses: without current sense, with theta off by 5 degrees, q

@@ -3,6 +3,7 @@
 //! f changes along a ramp whose slope builds up and whose end is approached exponentially. Theta turns the short way, in twice
 //! theta, which wraps with half a turn. The simulator's ideal drive follows the same references.
 
+use flix_protocol::failsafe::SLOWEST_RAMP;
 use serde::{Deserialize, Serialize};
 
 use crate::settings::Settings;
@@ -48,11 +49,17 @@ impl Ramps {
     /// Returns the ramps that settings ask for.
     #[must_use]
     pub fn of(settings: &Settings) -> Self {
-        let frequency = settings.frequency_ramp * SPEED_PER_HERTZ / TICK_RATE_HZ as f32;
         Self {
-            frequency: (frequency as i32).clamp(64, 60_000),
+            frequency: per_tick(settings.frequency_ramp).clamp(64, 60_000),
             sum: Speed::from_hertz(2.0 * settings.direction_ramp / 360.0),
         }
+    }
+
+    /// Returns the ramps by which rotors come to rest that are to stop: not so slow that they would have to brake.
+    pub(crate) const fn stopping(self) -> Self {
+        const SLOWEST: i32 = per_tick(SLOWEST_RAMP);
+        let frequency = if self.frequency < SLOWEST { SLOWEST } else { self.frequency };
+        Self { frequency, ..self }
     }
 }
 
@@ -161,6 +168,11 @@ impl Reference {
         self.sum = moved(self.sum, self.sum_speed, STRIDE);
         shifted(change, 6)
     }
+}
+
+/// Converts Hz/s to 2^-32 turn per tick^2.
+const fn per_tick(ramp: f32) -> i32 {
+    (ramp * SPEED_PER_HERTZ / TICK_RATE_HZ as f32) as i32
 }
 
 /// Returns an angle, 2^-32 turn, after so many ticks at this speed.

@@ -254,7 +254,7 @@ struct Ripple {
 pub(crate) struct Target {
     /// f.
     pub(crate) frequency: Speed,
-    /// theta; `None` keeps what it is.
+    /// theta; `None` keeps what it is, and stops by ramps that are steep enough for it.
     pub(crate) direction: Option<RotorAngle>,
 }
 
@@ -387,12 +387,17 @@ impl Shaker {
     /// Returns whether f, of the reference or that of the rotors over a turn, is held below what is asked because the motors are at
     /// their limits: while it ramps at half of its rate or more, it is on its way.
     pub(crate) const fn held_back(&self, ramps: &Ramps, target: Speed, rotors: Speed) -> bool {
-        if magnitude(self.reference.frequency_slope) > ramps.frequency / 2 {
+        if self.ramps(ramps) {
             return false;
         }
         let [wanted, have] = [magnitude(self.reference.frequency.raw()), magnitude(rotors.raw())];
         let (reached, asked) = (if have < wanted { have } else { wanted }, magnitude(target.raw()));
         self.headroom < HELD_BACK && asked - reached > UNREACHED
+    }
+
+    /// Returns whether f ramps, at half of its rate or more: it is on its way.
+    pub(crate) const fn ramps(&self, ramps: &Ramps) -> bool {
+        magnitude(self.reference.frequency_slope) > ramps.frequency / 2
     }
 
     /// Moves the references on by ticks that the loop missed.
@@ -415,7 +420,9 @@ impl Shaker {
         if self.gives_way() {
             self.give_way();
         }
-        let (ramps, target_frequency) = (&model.ramps, target.frequency.raw());
+        let stops = target.direction.is_none();
+        let ramps = &if stops { model.ramps.stopping() } else { model.ramps };
+        let target_frequency = target.frequency.raw();
         let acceleration_difference = self.reference.ramp_frequency(
             ramps,
             self.headroom,

@@ -68,7 +68,7 @@ pub(crate) enum Drive {
     Align,
     /// Do the trial that was asked for.
     Try,
-    /// Follow this f; `false`: keep theta as it is.
+    /// Follow this f; `false`: stop, and keep theta as it is.
     Shake(Speed, bool),
 }
 
@@ -362,7 +362,9 @@ impl Supervisor {
     }
 
     fn stop(&mut self, order: &Order, conditions: &Conditions) -> Drive {
-        let back = self.reason == Reason::Deadline && !self.link_late;
+        // Rotors that brake are not under control any more.
+        let ramps = self.ticks <= LONGEST_RAMP_TICKS;
+        let back = self.reason == Reason::Deadline && !self.link_late && ramps;
         if back {
             self.enter(State::Running);
         } else if conditions.at_rest {

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant as Clock};
 
 use flix_protocol::failsafe::{
-    BATTERY_LOW_VOLTS, LONGEST_MOVEMENT, SLOWEST_RAMP, arms_with, longest_command_age, ramp_down,
+    BATTERY_LOW_VOLTS, LONGEST_MOVEMENT, longest_command_age, ramp_down,
 };
 use flix_protocol::message::{
     Command, MAXIMUM_FREQUENCY, Magnet, Outcome, ParameterCommand, ResetReason, State, Telemetry,
@@ -223,13 +223,10 @@ fn judge_movement(command_age: f32, frequency_ramp: f32) -> Finding {
     if most <= limit + HALF_MILLISECOND {
         return Finding::good("movement", sentence);
     }
-    let advice = if arms_with(command_age, frequency_ramp) {
-        format!("set frequency_ramp to at least {SLOWEST_RAMP:.0}")
-    } else {
-        let longest = longest_command_age(frequency_ramp).as_secs_f64();
-        format!("the robot does not arm: `flix parameters set command_age {longest}`")
-    };
-    let sentence = format_args!("{sentence}, more than {limit} s: {advice}");
+    let longest = longest_command_age(frequency_ramp).as_secs_f64();
+    let sentence = format_args!(
+        "{sentence}, more than {limit} s: the robot does not arm: `flix parameters set command_age {longest}`"
+    );
     Finding::bad("movement", Exit::NotNow, sentence)
 }
 
@@ -643,14 +640,17 @@ mod tests {
             (1.0, 200.0, "command_age 0.6"),
             (0.61, 200.0, "does not arm"),
             (0.601, 200.0, "0.86 s after"),
-            (0.4, 20.0, "frequency_ramp to at least 108"),
+            (0.46, 20.0, "command_age 0.45"),
         ] {
             let Finding { ok, sentence, .. } = judge_movement(age, ramp);
             assert!(!ok && sentence.contains(word), "{sentence}");
         }
-        for (age, ramp, word) in
-            [(0.4, 200.0, "0.65 s"), (0.6, 200.0, "0.85 s"), (0.1, 1e3, "0.21 s")]
-        {
+        for (age, ramp, word) in [
+            (0.4, 200.0, "0.65 s"),
+            (0.6, 200.0, "0.85 s"),
+            (0.1, 1e3, "0.21 s"),
+            (0.4, 5.0, "0.80 s"),
+        ] {
             let Finding { ok, sentence, .. } = judge_movement(age, ramp);
             assert!(ok && sentence.contains(word), "{sentence}");
         }

@@ -415,6 +415,19 @@ fn a_single_late_tick_is_forgiven() {
 }
 
 #[test]
+fn ticks_that_were_late_before_arming_are_forgiven_within_a_tenth_of_a_second() {
+    let mut bench = Bench::new(FREE);
+    for _ in 0..2_000 {
+        bench.now_us += 100;
+        bench.run(1e-4);
+    }
+    bench.arm();
+    bench.now_us += 100;
+    bench.run(0.1);
+    assert_eq!(bench.control.report().state, State::Armed);
+}
+
+#[test]
 fn a_tick_is_late_once_it_is_half_an_interval_behind() {
     for (behind, overruns) in [(49, 0), (50, 0), (51, 1)] {
         let mut bench = Bench::new(FREE);

@@ -205,6 +205,21 @@ fn a_run_goes_on_when_commands_come_back_unless_the_robot_disarms_already() {
 }
 
 #[test]
+fn commands_that_come_back_while_the_rotors_brake_wait_until_they_stand() {
+    let mut desk = Desk::running();
+    desk.after(COMMAND_DEADLINE);
+    for _ in 0..LONGEST_RAMP_TICKS {
+        assert_eq!(desk.after(COMMAND_DEADLINE), REST);
+    }
+    for _ in 0..10 {
+        assert_eq!((desk.tick(), desk.state()), (Drive::Brake, State::Stopping));
+    }
+    desk.at_rest = true;
+    desk.tick();
+    assert_eq!(desk.state(), State::Armed);
+}
+
+#[test]
 fn a_link_that_comes_back_and_is_lost_again_disarms_again() {
     let mut desk = Desk::armed();
     desk.after(LINK_LOST);

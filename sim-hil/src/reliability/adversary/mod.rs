@@ -336,12 +336,12 @@ mod tests {
         assert!(verdict.on_link_amplification > 0.0, "{verdict:?}");
     }
 
-    /// The age of commands and the ramp down are what bounds the movement: a robot that ramps down slowly moves on for longer.
+    /// The age of commands and the ramp down are what bounds the movement: a robot that brakes too weakly moves on for longer.
     #[test]
-    fn a_robot_that_ramps_down_slowly_does_not_pass() {
+    fn a_robot_that_brakes_weakly_does_not_pass() {
         let mut operation = bench(Base::Free, 3).unwrap();
         operation.connect().unwrap();
-        let set = ParameterCommand::Set("frequency_ramp".try_into().unwrap(), 20.0);
+        let set = ParameterCommand::Set("current_limit".try_into().unwrap(), 0.25);
         operation.ask(Command::Parameter(set)).unwrap();
         operation.ask(Command::Parameter(ParameterCommand::Save)).unwrap();
         let flash = operation.robot.parameters().flash.content();
