@@ -15,6 +15,7 @@ use flix_protocol::units::Instant;
 use flix_sim::model::{Electrical, SIMULATED_BOARD};
 use flix_sim::reliability::commission::{CURRENT_LIMIT_A, measure, try_stranger};
 use flix_sim::reliability::stranger::{Watched, motor_values, rotor_inertia, stranger};
+use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
 use flix_sim::rig::operation::OperationError;
 use flix_sim::rig::simulated::Disturbance;
 use flix_sim::rig::wiring_fault::{Miswired, WiringFault};
@@ -99,6 +100,34 @@ fn entered(seed: u64, times: f64) -> Watched {
     values.insert("rotor_inertia".to_owned(), 1e7 * inertia);
     robot.enter(values).unwrap();
     robot
+}
+
+/// What the ramps take is friction and inertia: friction that changes among them would be taken for inertia.
+#[test]
+fn a_rotor_that_begins_to_rub_while_it_is_measured_is_named_and_the_settings_stay_as_they_were() {
+    let mut model = stranger(9_201);
+    model.electrical.sense.bus_uv_per_count = 0;
+    for (held, after, seconds) in [(0.004, 85, 200), (0.002, 85, 200), (0.004, 70, 1)] {
+        let mut robot = Watched::power_up(model.clone(), 9_201).unwrap();
+        let battery = Some(robot.operation.robot.electronics().battery().open_circuit_voltage());
+        let from = robot.operation.now() + Duration::from_secs(after);
+        let rubs = HardwareFault::Jammed(0, held);
+        robot.operation.robot.disturb(Injected::new(
+            rubs,
+            from,
+            from + Duration::from_secs(seconds),
+            1,
+        ));
+        let before = settings(&robot);
+        let known = Known { rotor_inertia: Some(rotor_inertia(&model.shaker)), battery };
+        let found = commission(&mut robot, &known, |_| {});
+        let Err(CommissionError::Found(finding)) = found else { panic!("{found:?}") };
+        assert!(matches!(finding, Finding::Uneven { motor: 0, .. }), "{finding:?}");
+        let after = settings(&robot);
+        let kept =
+            |it: &Settings| (it.marks, it.phase_resistance, it.frequency_ramp, it.current_limit);
+        assert_eq!(kept(&after), kept(&before));
+    }
 }
 
 #[test]

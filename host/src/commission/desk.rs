@@ -32,6 +32,8 @@ const POSITION_BANDWIDTH: &str = "position_bandwidth";
 /// Ramps that count, up and down, and the most there are.
 const RAMPS: f64 = 6.0;
 const MOST_RAMPS: f64 = 72.0;
+/// Largest difference of the current that speeds a rotor up between both halves of the ramps, as a share.
+const LARGEST_UNEVENNESS: f64 = 0.04;
 /// Current times time of a ramp, A s, from which on friction and noise are little beside it. A motor that makes much torque of little
 /// current takes less, and more ramps.
 const FULL_IMPULSE: f64 = 8e-3;
@@ -435,7 +437,20 @@ impl<'a, S: Subject> Desk<'a, S> {
                 add(STEADY_ROWS, &columns);
             }
         }
-        Ok(changes.map(|all| running::current_per_acceleration(&all).unwrap_or(0.0)))
+        let mut slopes = [0.0; 2];
+        for (motor, changes) in changes.iter().enumerate() {
+            let slope =
+                |changes: &[Change]| running::current_per_acceleration(changes).unwrap_or(0.0);
+            slopes[motor] = slope(changes);
+            let (friction, ramps) = changes.split_at(2);
+            let (early, late) = ramps.split_at(ramps.len() / 2);
+            let [early, late] = [early, late].map(|half| slope(&[friction, half].concat()));
+            let more = late / early - 1.0;
+            if more.abs() > LARGEST_UNEVENNESS {
+                return Err(CommissionError::Found(Finding::Uneven { motor, more }));
+            }
+        }
+        Ok(slopes)
     }
 }
 

@@ -225,6 +225,18 @@ pub enum Finding {
         /// Of the inertia.
         share: f64,
     },
+    /// What the ramps of both halves take differs.
+    #[error(
+        "the {} rotor took another current to speed up in the end than in the beginning ({:+.0} %): does something rub on it now and then, \
+         or does the battery run down? Mend it, and start again",
+        motor_name(*motor), 100.0 * more
+    )]
+    Uneven {
+        /// Names the motor: 0 is the top one.
+        motor: usize,
+        /// In the second half, as a share of the first.
+        more: f64,
+    },
     /// Those of one motor show another current than flows.
     #[error(
         "both current amplifiers of the {} motor show {scale:.2} times the current that flows: are its shunts others than the \
