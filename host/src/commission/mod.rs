@@ -77,7 +77,7 @@ pub trait Subject {
     /// Commands the robot to shake so until something else is commanded.
     fn hold(&mut self, setpoint: Setpoint);
 
-    /// Returns the refusal that this error tells of.
+    /// Returns the refusal that this error reports.
     fn refusal(error: &Self::Error) -> Option<&Refusal>;
 }
 

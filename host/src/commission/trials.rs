@@ -59,7 +59,7 @@ pub(super) struct First {
 }
 
 impl<S: Subject> Desk<'_, S> {
-    /// Does a trial and captures its pattern; again where commands stayed away meanwhile, so that the robot let go.
+    /// Does a trial and captures its pattern; again where commands stayed away meanwhile, so that the motors coasted.
     fn try_out(
         &mut self,
         step: Step,
@@ -70,7 +70,7 @@ impl<S: Subject> Desk<'_, S> {
         for _ in 0..MOST_TRIALS {
             let before = self.halts();
             match self.try_once(step, trial, channels, rows, before) {
-                // Also one that let go before its pattern began, which is never captured.
+                // Also one that coasted before its pattern began, which is never captured.
                 Err(CommissionError::Silent(_)) => {}
                 Ok(_) if self.halts() != before => {}
                 ended => return ended,
@@ -93,7 +93,7 @@ impl<S: Subject> Desk<'_, S> {
             // What ends a trial at once is heard of before its answer.
             self.check(step)?;
             if S::refusal(error) == Some(&Refusal::Rested) {
-                // Of which it tells with its next telemetry.
+                // Which it states with its next telemetry.
                 self.subject.pause(LOOK)?;
                 return Err(CommissionError::Silent(step));
             }

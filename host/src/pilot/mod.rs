@@ -349,7 +349,7 @@ impl<H: Helm> Pilot<H> {
                     self.fail(now, client, Ending::Robot(error));
                 }
             }
-            // Whether it holds rest or has let go of its motors.
+            // Whether it holds rest or its motors coast.
             (Phase::Resting, Update::Telemetry(_)) => {
                 let error = LinkError::while_driven(update);
                 if let Some(error) = error.filter(|error| *error != LinkError::Lapsed) {

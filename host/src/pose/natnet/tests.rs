@@ -477,11 +477,11 @@ fn a_newer_motive_is_asked_for_what_is_understood() {
 fn a_motive_that_ignores_the_wish_is_not_followed() {
     let said = Motive { minor: 3, grants: false, ..MOTIVE }.refuses(Body::Only);
     assert!(said.contains("speaks NatNet 4.3") && said.contains("asked for 4.1"), "{said}");
-    // Where the descriptions are alike, the frames tell.
+    // Where the descriptions are alike, the frames decide.
     let motive = Motive { grants: false, describes_anew: false, ..MOTIVE };
     let said = motive.refuses(Body::Only);
     assert!(said.contains("speaks NatNet 4.2") && said.contains("asked for 4.1"), "{said}");
-    // Where no frames come, the descriptions tell.
+    // Where no frames come, the descriptions decide.
     let said = Motive { grants: false, is_paused: true, ..MOTIVE }.refuses(Body::Only);
     assert!(said.contains("speaks NatNet 4.2") && said.contains("asked for 4.1"), "{said}");
 }

@@ -132,7 +132,7 @@ impl RunArgs {
     #[must_use]
     pub fn folder(&self, study: &dyn Study) -> PathBuf {
         self.out.clone().unwrap_or_else(|| {
-            // The hash tells apart what the label does not.
+            // The hash distinguishes what the label does not.
             let hash = study.fingerprint().to_string();
             let label = study.label().replace(|c: char| !c.is_alphanumeric() && c != '.', "-");
             PathBuf::from("out/study")

@@ -122,7 +122,7 @@ pub fn remarks(found: &Identified) -> Vec<String> {
         let worst = it.noise.iter().zip(&it.guess).map(|(n, g)| n / g).fold(0.0, f64::max);
         if worst > NOISY {
             all.push(format!(
-                "{}.csv scatters {worst:.0} times as much as good sensors do: it tells little. Check units, axes and the plan.",
+                "{}.csv scatters {worst:.0} times as much as good sensors do: it shows little. Check units, axes and the plan.",
                 it.name
             ));
         }
@@ -180,7 +180,7 @@ pub fn html(found: &Identified, folder: &str) -> String {
         intervals(found).svg(),
     );
     section(
-        "What each experiment told",
+        "What each experiment showed",
         "Standard deviation of a value of each kind, as a share of what the plan leaves open.",
         html_table(&stages(found)),
     );

@@ -359,7 +359,7 @@ pub struct Verdict {
 
 /// Limits of a verdict: coverage, median error of stiffness and friction as a share and of the centre in mm, ratio.
 pub const COVERAGE: core::ops::RangeInclusive<f64> = 0.90..=0.99;
-/// Robots from which on coverage and held-out walks are judged: fewer do not tell 95 % from 99 %.
+/// Robots from which on coverage and held-out walks are judged: fewer do not separate 95 % from 99 %.
 pub const ENOUGH: usize = 100;
 /// Largest median error of stiffness and friction, as a share.
 pub const MEDIAN_SHARE: f64 = 0.03;
