@@ -607,6 +607,6 @@ fn a_walk_ends_with_its_session() {
     let mut room = Room::walking();
     room.robot.restart();
     room.run(Duration::from_secs(2));
-    assert_eq!((room.cockpit.wanted, room.robot.setpoint), (Setpoint::REST, Setpoint::REST));
+    assert_eq!((room.cockpit.setpoint, room.robot.setpoint), (Setpoint::REST, Setpoint::REST));
     assert!(room.log().contains("fell silent"), "{}", room.log());
 }
