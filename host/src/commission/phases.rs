@@ -220,3 +220,11 @@ pub fn measure(standing: &Standing, bridges: &Bridges, scale: f64) -> Option<Pha
     let uneven = [1.0; 3];
     Some(Phases { circuit, inverted: sign < 0.0, balance, uneven, misfit, current: whole })
 }
+
+/// Most that the current of a winding differs from its circuit's, as a share.
+const LARGEST_MISFIT: f64 = 0.05;
+
+/// Returns whether this is a winding: its current fits one circuit, and its phases are alike.
+pub(super) fn is_winding(found: &Phases) -> bool {
+    found.misfit < LARGEST_MISFIT && (0.5..2.0).contains(&found.balance)
+}

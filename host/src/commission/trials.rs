@@ -6,11 +6,13 @@ use flix_protocol::message::{
 };
 
 use super::desk::{Columns, Desk, Done, LOOK, LOOKS};
+use super::finding::Finding;
+use super::phases;
 use super::phases::{Circuit, Phases, Standing};
+use super::subject::{CommissionError, Step, Subject};
 use super::swing::Swing;
 use super::turning::{self, Rotor, Turning};
 use super::wiring::{ANGLES, Resting, Stood};
-use super::{CommissionError, Finding, Step, Subject, phases};
 
 /// Current that shows how a motor is wired, mA: where an amplifier is dead, twice as much may flow.
 const WIRING_CURRENT_MA: u16 = 300;
@@ -281,7 +283,7 @@ impl<S: Subject> Desk<'_, S> {
     fn scale_at(&mut self, motor: usize, current_ma: u16, inertia: f64) -> Done<First, S> {
         let driven = [motor == 0, motor == 1];
         let (standing, bridges) = self.stand(Step::Wiring, driven, current_ma)?;
-        let found = phases::measure(&standing[motor], &bridges, 1.0).filter(super::is_winding);
+        let found = phases::measure(&standing[motor], &bridges, 1.0).filter(phases::is_winding);
         let shown = First { shows: true, ..First::default() };
         let Some(phases) = found else { return Ok(shown) };
         let still = First { circuit: Some(phases.circuit), ..shown };

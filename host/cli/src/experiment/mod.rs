@@ -16,13 +16,13 @@ use serde::Serialize;
 
 use super::drive;
 use super::walk::{RecordArgs, Walk, unrecorded, verdict};
-use super::{Error, Exit};
 use flix_host::experiment::walks::{SHORTEST, rows};
 use flix_host::experiment::{Sheet, SheetError};
 use flix_host::nav::Identification;
 use flix_host::pilot::{Ending, Helm, Pilot, Recorded};
 use flix_host::record::in_calendar;
 use flix_shell::output::{complain, optional_path_as_text, path_as_text, print, print_json};
+use flix_shell::{Error, Exit};
 
 /// Record experiments with motion capture, from which `flix-sim study sysid` identifies a robot.
 ///

@@ -10,7 +10,6 @@ use flix_protocol::message::{Command, Mark, Name, Outcome, Parameter, ParameterC
 use flix_protocol::settings::description;
 
 use super::address::{RobotArgs, key_file};
-use super::{Error, Exit};
 use file::Change;
 use flix_host::link::LinkError;
 use flix_host::link::keys::KEY_FILE_VARIABLE;
@@ -20,6 +19,7 @@ use flix_host::teleop::settings::Described;
 use flix_shell::number::in_unit;
 use flix_shell::output::{complain, headings, print, print_json, read_text, table, write_text};
 use flix_shell::suggestion::nearest;
+use flix_shell::{Error, Exit};
 
 /// Read, change and store the settings of the robot.
 #[derive(Debug, clap::Args)]

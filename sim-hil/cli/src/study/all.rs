@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use clap::Parser;
 
-use crate::Error;
 use crate::arguments::PaperModelArgs;
+use crate::error::Error;
 use crate::output::print;
 
 /// Run every study

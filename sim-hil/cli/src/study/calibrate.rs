@@ -10,8 +10,8 @@ use flix_shell::output::print_json;
 use serde::Serialize;
 
 use super::{judged, listen};
-use crate::Error;
 use crate::arguments::{ModelArgs, parse_step, parse_time};
+use crate::error::Error;
 use crate::output::{print, progress, row, table};
 use flix_sim::experiment::walk::WalkDrive;
 use flix_sim::model::RobotModel;

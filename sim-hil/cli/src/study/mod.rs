@@ -20,9 +20,9 @@ use flix_host::system::interrupt::Interrupt;
 use flix_protocol::message::MAXIMUM_FREQUENCY;
 use flix_shell::number::{parse_within, whole};
 
-use super::Error;
 use super::arguments::{PaperModelArgs, parse_step, parse_time};
 use super::output::{complain, print};
+use crate::error::Error;
 use flix_sim::experiment::walk::{Shaking, WalkDrive, require_walker};
 use flix_sim::model::RobotModel;
 use flix_sim::rig::bench::{DIRECTIONS, FREQUENCIES};

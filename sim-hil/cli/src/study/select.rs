@@ -9,7 +9,7 @@ use flix_plot::Figure;
 use serde::Serialize;
 
 use super::{SweepArgs, sensitivity};
-use crate::Error;
+use crate::error::Error;
 
 use crate::output::{headings, print, print_figures, row, table};
 use flix_sim::experiment::walk::Spread;

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use super::{SweepArgs, show};
-use crate::Error;
+use crate::error::Error;
 use flix_sim::model::RobotModel;
 use flix_study::sensitivity::{Change, variants};
 use flix_study::sweep::Sweep;

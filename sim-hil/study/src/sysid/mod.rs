@@ -22,6 +22,7 @@ pub mod drops;
 pub mod ensemble;
 pub mod fit;
 pub mod legs;
+mod planned;
 pub mod report;
 pub mod scales;
 pub mod synthetic;
@@ -378,10 +379,10 @@ fn proposals(
 ) -> Result<Vec<Proposal>, SysidError> {
     let (base, unknowns) = robot;
     let planned: [Box<dyn Experiment>; 4] = [
-        Box::new(synthetic::planned_scales()),
-        Box::new(synthetic::planned_legs()),
+        Box::new(planned::planned_scales()),
+        Box::new(planned::planned_legs()),
         Box::new(air::Air::planned(&air::USUAL)),
-        Box::new(synthetic::planned_drag()),
+        Box::new(planned::planned_drag()),
     ];
     let given = data.given();
     let proposal = |index: usize, next: &Posterior| {

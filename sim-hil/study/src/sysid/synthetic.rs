@@ -12,6 +12,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
 
 use super::fit::{Experiment, GAIN};
+use super::planned::{drag_rows, leg_rows, planned_drag, planned_legs, planned_scales};
 use super::unknowns::Kind;
 use super::{Data, Identified, SysidError, air, centre_of_mass, drag, drops, identify, legs};
 use super::{scales, truth, walks};
@@ -19,39 +20,6 @@ use crate::write_whole;
 use flix_sim::experiment::probe::ProbeError;
 use flix_sim::experiment::walk::{ideal_motion, require_walker};
 use flix_sim::model::{Load, RobotModel};
-
-/// Returns weighings that nobody has made yet.
-#[must_use]
-pub fn planned_scales() -> scales::Scales {
-    let rows = scales::USUAL.map(|[roll, pitch]| [roll, pitch, 0.0, 0.0, 0.0, 0.0]);
-    scales::Scales::new(&rows)
-}
-
-/// Returns tests of all legs that nobody has made yet.
-#[must_use]
-pub fn planned_legs() -> legs::Legs {
-    legs::Legs::new(&leg_rows())
-}
-
-fn leg_rows() -> Vec<Vec<f64>> {
-    let row = |leg: usize, load: &[f64; 6]| [&[leg as f64], load.as_slice(), &[0.0; 6]].concat();
-    (0..4).flat_map(|leg| legs::USUAL.iter().map(move |load| row(leg, load))).collect()
-}
-
-/// Returns drags of all feet that nobody has made yet.
-#[must_use]
-pub fn planned_drag() -> drag::Drag {
-    drag::Drag::new(&drag_rows())
-}
-
-fn drag_rows() -> Vec<[f64; 4]> {
-    let (directions, loads) = drag::USUAL;
-    let rows = (0..4).flat_map(|leg| {
-        let each = loads.into_iter().flat_map(move |load| directions.map(|d| (d, load)));
-        each.map(move |(direction, load)| [leg as f64, direction, load, 0.0])
-    });
-    rows.collect()
-}
 
 /// Everything random of one robot and its laboratory.
 struct Chance(Xoshiro256PlusPlus);

@@ -1,7 +1,7 @@
 //! Single robots into lanes and out again.
 
 use super::lane::{Double, Lane, Quad, Single};
-use super::leg::{Foot, ContactLaw, LegModel, LegState};
+use super::leg::{ContactLaw, Foot, LegModel, LegState};
 use super::spatial::{Mat3, RigidInertia, Spatial, Sym3, Vec3};
 use super::system::{Rotor, Several};
 
