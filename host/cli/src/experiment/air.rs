@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use flix_protocol::message::Setpoint;
 
-use super::{Experimenter, Pair};
+use super::experimenter::{Experimenter, Pair};
 use crate::address::RobotArgs;
 use crate::walk::{PoseArgs, RecordArgs, Walk};
 use flix_host::experiment::Sheet;

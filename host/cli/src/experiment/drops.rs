@@ -7,7 +7,7 @@ use std::time::Duration;
 use flix_protocol::units::Instant;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{Report, comment};
+use super::experimenter::{Report, comment};
 use crate::address::RobotArgs;
 use crate::walk::PoseArgs;
 use flix_host::experiment::Sheet;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use super::{Experimenter, Pair};
+use super::experimenter::{Experimenter, Pair};
 use crate::address::RobotArgs;
 use crate::walk::{PoseArgs, RecordArgs, Walk};
 use flix_host::experiment::Sheet;

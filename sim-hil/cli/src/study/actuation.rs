@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use super::{RunArgs, show};
+use super::options::{RunArgs, show};
 use crate::arguments::ModelArgs;
 use crate::error::Error;
 use flix_study::actuation::Actuation;

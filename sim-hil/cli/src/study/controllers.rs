@@ -8,7 +8,7 @@ use flix_shell::course::load_experience;
 use flix_shell::number::whole;
 use serde::Serialize;
 
-use super::{RunArgs, show};
+use super::options::{RunArgs, show};
 use crate::arguments::ModelArgs;
 use crate::error::Error;
 use crate::output::print;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use super::{judged, show};
+use super::options::{judged, show};
 use crate::error::Error;
 
 /// Join the results of all slices of a study and draw its figures

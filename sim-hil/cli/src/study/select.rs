@@ -8,7 +8,8 @@ use flix_host::nav::ModeTableError;
 use flix_plot::Figure;
 use serde::Serialize;
 
-use super::{SweepArgs, sensitivity};
+use super::options::SweepArgs;
+use super::sensitivity;
 use crate::error::Error;
 
 use crate::output::{headings, print, print_figures, row, table};

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use super::{SweepArgs, show};
+use super::options::{SweepArgs, show};
 use crate::error::Error;
 use flix_sim::model::RobotModel;
 use flix_study::sensitivity::{Change, variants};
