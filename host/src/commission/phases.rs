@@ -99,7 +99,7 @@ impl Phases {
     /// Returns what it is where the resistances of phases A, B and C are these, over their mean: the field along A met A and what
     /// B and C make together, and drew unlike currents out of those.
     #[must_use]
-    pub fn of_uneven(self, uneven: [f64; 3]) -> Self {
+    pub(crate) fn of_uneven(self, uneven: [f64; 3]) -> Self {
         let [a, b, c] = uneven;
         let along = (a + b * c / (b + c)) / 1.5;
         let resistance = self.circuit.resistance / along;

@@ -23,7 +23,7 @@ use crate::pose::{LATE, PoseSample};
 use crate::record::{Level, RecordError, Recorder};
 
 /// Longest time for coming to rest and disarming at the end.
-pub const END_PATIENCE: Duration = Duration::from_secs(3);
+pub(crate) const END_PATIENCE: Duration = Duration::from_secs(3);
 /// Interval of the navigation rows in the record.
 const RECORD_PERIOD: Duration = Duration::from_millis(50);
 /// Shaking frequency below which a robot is at rest, Hz.

@@ -19,9 +19,9 @@ use crate::nav::Footing;
 use crate::pose::{LATE, PoseSample};
 
 /// Interval between two points of the histories.
-pub const HISTORY_INTERVAL: Duration = Duration::from_millis(200);
+pub(crate) const HISTORY_INTERVAL: Duration = Duration::from_millis(200);
 /// Points in a history: more than a terminal is wide.
-pub const HISTORY_LENGTH: usize = 400;
+pub(crate) const HISTORY_LENGTH: usize = 400;
 /// Lines in the log.
 const LOG_LENGTH: usize = 200;
 /// Factor by which the rotors are shown slower than they turn: 30 Hz as one turn per second.

@@ -82,7 +82,7 @@ impl Floor {
 
     /// Returns whether no pose has been trusted for half a second.
     #[must_use]
-    pub fn is_unseen(&self, now: Instant) -> bool {
+    pub(crate) fn is_unseen(&self, now: Instant) -> bool {
         now.since(self.time) >= UNSEEN_AFTER
     }
 

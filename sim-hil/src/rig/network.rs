@@ -42,7 +42,7 @@ const QUEUE: usize = 64;
 /// Time that passes between two ticks of the robot.
 pub const TICK: Duration = Duration::from_micros(TICK_US as u64);
 /// Turns that all tasks get in each tick: a datagram needs six from end to end.
-pub const TURNS: usize = 12;
+pub(crate) const TURNS: usize = 12;
 
 /// Virtual time is one for the whole process.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
@@ -290,7 +290,7 @@ pub fn arp(operation: Arp, card: u8, claimed: Ipv4Addr, asked: Ipv4Addr) -> Vec<
 }
 
 /// Bytes of a frame before the payload of its datagram: Ethernet, IPv4 and UDP.
-pub const DATAGRAM_HEADER: usize = 14 + 20 + 8;
+pub(crate) const DATAGRAM_HEADER: usize = 14 + 20 + 8;
 
 /// Returns the frame of a datagram from this card to the robot.
 #[must_use]

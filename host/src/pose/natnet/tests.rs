@@ -10,6 +10,7 @@ use natnet::{PlannedBody, SyntheticServer, Version};
 use super::*;
 use crate::pose::geometry::PlanarPose;
 use crate::pose::{PoseSample, PoseSource};
+use crate::system::AtEnd;
 
 const LAYOUTS: [Version; 4] = [
     Version::new(3, 0, 0, 0),
@@ -314,15 +315,6 @@ const MOTIVE: Motive = Motive {
     bodies: &[("flix-walker", 3)],
 };
 
-/// Ends a server, also when its client panics.
-struct AtEnd<'a>(&'a AtomicBool);
-
-impl Drop for AtEnd<'_> {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
-}
-
 fn packet(id: u16, payload: &[u8]) -> Vec<u8> {
     [&id.to_le_bytes()[..], &(payload.len() as u16).to_le_bytes(), payload].concat()
 }
@@ -448,6 +440,7 @@ impl Motive {
                     }
                 }
             });
+            // Ends the server, also when its client panics.
             let _end = AtEnd(&done);
             client(address)
         })

@@ -337,7 +337,7 @@ fn estimates(unknowns: &[Unknown], posterior: &Posterior) -> Vec<Estimate> {
 ///
 /// # Errors
 /// When the model is refused.
-pub fn centre_of_mass(model: &RobotModel) -> Result<[f64; 3], ModelError> {
+pub(crate) fn centre_of_mass(model: &RobotModel) -> Result<[f64; 3], ModelError> {
     let plant = Plant::new(model)?;
     let (_, centre, _) = plant.mass_properties();
     Ok(core::array::from_fn(|i| 1e3 * (centre[i] - plant.body().position[i])))

@@ -241,7 +241,7 @@ fn walk(
 }
 
 /// Kinds of value that are scored.
-pub const SCORED: [&str; 4] = ["stiffness", "damping", "friction", "centre"];
+pub(crate) const SCORED: [&str; 4] = ["stiffness", "damping", "friction", "centre"];
 
 /// How well one hidden robot was identified.
 #[derive(Debug, Clone, Default)]
