@@ -54,25 +54,25 @@ use journal::Journal;
 
 /// Many independent cells.
 pub trait Study: Sync {
-    /// For files and people, for example `mobility`.
+    /// Returns the name for files and people, for example `mobility`.
     fn name(&self) -> &'static str;
 
-    /// What is in the results, in a few words for the name of a folder: the model at least.
+    /// Returns what is in the results, in a few words for the name of a folder: the model at least.
     fn label(&self) -> String;
 
-    /// Everything that results depend on and that the caller can change, models included.
+    /// Returns everything that results depend on and that the caller can change, models included.
     fn parameters(&self) -> serde_json::Value;
 
-    /// The columns of the table: what a cell asks, then what was found.
+    /// Returns the columns of the table: what a cell asks, then what was found.
     fn columns(&self) -> Vec<Column>;
 
     /// Returns what a cell asks: the first values of its row.
     fn asked(&self, cell: usize) -> Row;
 
-    /// How many cells there are.
+    /// Returns how many cells there are.
     fn cells(&self) -> usize;
 
-    /// How many cells are best computed together.
+    /// Returns how many cells are best computed together.
     fn batch(&self) -> usize {
         1
     }
@@ -81,7 +81,7 @@ pub trait Study: Sync {
     /// come together.
     fn compute(&self, cells: &[usize]) -> Vec<Result<Row, String>>;
 
-    /// The hash of name, parameters, columns and program version.
+    /// Returns the hash of name, parameters, columns and program version.
     fn fingerprint(&self) -> Fingerprint {
         let identity = serde_json::json!({
             "study": self.name(),
@@ -154,7 +154,7 @@ pub enum StudyError {
 }
 
 impl Options {
-    /// Name of the folder's files for this shard.
+    /// Returns the name of the folder's files for this shard.
     fn path(&self, stem: &str, extension: &str) -> PathBuf {
         self.folder.join(format!("{stem}{}.{extension}", self.shard.suffix()))
     }

@@ -131,7 +131,7 @@ impl Data {
         }
     }
 
-    /// Those of [`EXPERIMENTS`] that there are.
+    /// Returns which of [`EXPERIMENTS`] there are.
     #[must_use]
     pub fn given(&self) -> [bool; 6] {
         [

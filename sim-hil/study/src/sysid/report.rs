@@ -20,7 +20,7 @@ macro_rules! row {
     ($($cell:expr),* $(,)?) => { vec![$($cell.to_string()),*] };
 }
 
-/// Every value with its interval.
+/// Returns every value with its interval.
 #[must_use]
 pub fn values(found: &Identified) -> Rows {
     let mut rows = vec![row!["", "plan", "identified", "from", "to (95 %)"]];
@@ -31,7 +31,7 @@ pub fn values(found: &Identified) -> Rows {
     rows
 }
 
-/// What each experiment left of the plan's uncertainty.
+/// Returns what each experiment left of the plan's uncertainty.
 #[must_use]
 pub fn stages(found: &Identified) -> Rows {
     let mut rows = vec![head("left after")];
@@ -43,7 +43,7 @@ pub fn stages(found: &Identified) -> Rows {
     rows
 }
 
-/// What further experiments would bring, those that bring nothing left out.
+/// Returns what further experiments would bring, those that bring nothing left out.
 #[must_use]
 pub fn proposals(found: &Identified) -> Rows {
     let mut rows = vec![head("one more")];
@@ -152,7 +152,7 @@ impl Estimate {
     }
 }
 
-/// What is said at the head of the model's file: every value with its interval.
+/// Returns the head of the model's file: every value with its interval.
 #[must_use]
 pub fn origin(found: &Identified, plan: &str, folder: &str) -> String {
     format!(

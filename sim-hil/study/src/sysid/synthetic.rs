@@ -240,9 +240,6 @@ fn walk(
     rows
 }
 
-/// Kinds of value that are scored.
-pub(crate) const SCORED: [&str; 4] = ["stiffness", "damping", "friction", "centre"];
-
 /// How well one hidden robot was identified.
 #[derive(Debug, Clone, Default)]
 pub struct Score {
